@@ -31,19 +31,7 @@ from pointit.schemas import (
     SelectionEvent,
     TrackedObjects,
     UserPose,
-)
-from pointit.schemas.topics import (
-    ANCHOR,
-    CURSOR,
-    FEEDBACK,
-    GOAL,
-    HOVER,
-    IMU,
-    INTERACTION,
-    LOCALIZATION,
-    OBJECTS,
-    POSE,
-    SELECTION_EVENTS,
+    topics,
 )
 from pointit.services.user_sim import service as user_sim
 from pointit.services.user_sim.person import Person
@@ -182,17 +170,17 @@ async def _play(plan: Scenario, choices: Choices, duration_s: float) -> Outcome:
             (goal, math.inf if meant_m is None else math.dist(goal.position_m[:2], meant_m[:2]))
         )
 
-    bus.subscribe(OBJECTS, on_objects)
-    bus.subscribe(SELECTION_EVENTS, lambda event, _name: outcome.events.append(event))
-    bus.subscribe(HOVER, lambda hover, _name: outcome.on_hover(hover, plan.target_kinds), USER)
-    bus.subscribe(CURSOR, lambda cursor, _name: outcome.cursors.append(cursor), USER)
-    bus.subscribe(INTERACTION, on_interaction, USER)
-    bus.subscribe(LOCALIZATION, lambda news, _name: outcome.progress.append(news), USER)
-    bus.subscribe(ANCHOR, lambda anchor, _name: outcome.anchors.append(anchor), USER)
-    bus.subscribe(FEEDBACK, lambda cue, _name: outcome.cues.append(cue), USER)
-    bus.subscribe(GOAL, on_goal, USER)
-    bus.subscribe(POSE, on_pose, USER)
-    bus.subscribe(IMU, on_imu, USER)
+    bus.subscribe(topics.OBJECTS, on_objects)
+    bus.subscribe(topics.SELECTION_EVENTS, lambda event, _name: outcome.events.append(event))
+    bus.subscribe(topics.HOVER, lambda hover, _name: outcome.on_hover(hover, plan.target_kinds), USER)
+    bus.subscribe(topics.CURSOR, lambda cursor, _name: outcome.cursors.append(cursor), USER)
+    bus.subscribe(topics.INTERACTION, on_interaction, USER)
+    bus.subscribe(topics.LOCALIZATION, lambda news, _name: outcome.progress.append(news), USER)
+    bus.subscribe(topics.ANCHOR, lambda anchor, _name: outcome.anchors.append(anchor), USER)
+    bus.subscribe(topics.FEEDBACK, lambda cue, _name: outcome.cues.append(cue), USER)
+    bus.subscribe(topics.GOAL, on_goal, USER)
+    bus.subscribe(topics.POSE, on_pose, USER)
+    bus.subscribe(topics.IMU, on_imu, USER)
     outcome.monitor = Monitor(Score(plan.target_kinds), clock)
     outcome.monitor.attach(bus)
     with watched_people(people):

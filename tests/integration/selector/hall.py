@@ -18,17 +18,7 @@ from pointit.schemas import (
     SelectionEvent,
     TrackedObject,
     TrackedObjects,
-)
-from pointit.schemas.topics import (
-    CLAIM,
-    CURSOR,
-    HEALTH,
-    HOVER,
-    OBJECTS,
-    SELECTION,
-    SELECTION_EVENTS,
-    SERVICE_ALIVE,
-    USER_ALIVE,
+    topics,
 )
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.service import Selector
@@ -57,14 +47,14 @@ class Person:
         self.selections: list[Selection] = []
         self.warnings: tuple[str, ...] = ()
         self.services: set[str] = set()
-        self._cursors = bus.publisher(CURSOR, name)
-        bus.subscribe(CLAIM, lambda claim, _user: self.claims.append(claim), name)
-        bus.subscribe(HOVER, lambda hover, _user: self.hovers.append(hover), name)
-        bus.subscribe(SELECTION_EVENTS, lambda event, _name: self.events.append(event))
-        bus.subscribe(SELECTION, lambda selection, _name: self.selections.append(selection))
-        bus.subscribe(HEALTH, self._on_health, f"selector.{name}")
-        bus.watch(SERVICE_ALIVE, self._on_service)
-        bus.announce(USER_ALIVE, name)
+        self._cursors = bus.publisher(topics.CURSOR, name)
+        bus.subscribe(topics.CLAIM, lambda claim, _user: self.claims.append(claim), name)
+        bus.subscribe(topics.HOVER, lambda hover, _user: self.hovers.append(hover), name)
+        bus.subscribe(topics.SELECTION_EVENTS, lambda event, _name: self.events.append(event))
+        bus.subscribe(topics.SELECTION, lambda selection, _name: self.selections.append(selection))
+        bus.subscribe(topics.HEALTH, self._on_health, f"selector.{name}")
+        bus.watch(topics.SERVICE_ALIVE, self._on_service)
+        bus.announce(topics.USER_ALIVE, name)
 
     @property
     def toggles(self) -> list[Claim]:
@@ -107,9 +97,9 @@ class Hall:
         self.events: list[SelectionEvent] = []
         self.tasks: list[asyncio.Task[None]] = []
         self.selections: list[Selection] = []
-        site.subscribe(SELECTION_EVENTS, lambda event, _name: self.events.append(event))
-        site.subscribe(SELECTION, lambda selection, _name: self.selections.append(selection))
-        self._objects = site.publisher(OBJECTS, "conveyor")
+        site.subscribe(topics.SELECTION_EVENTS, lambda event, _name: self.events.append(event))
+        site.subscribe(topics.SELECTION, lambda selection, _name: self.selections.append(selection))
+        self._objects = site.publisher(topics.OBJECTS, "conveyor")
         self.selector = self.start(site)
         for person in people:
             self.start(person.bus, person.name)

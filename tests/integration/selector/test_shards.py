@@ -24,14 +24,6 @@ async def hall(monkeypatch: pytest.MonkeyPatch) -> AsyncGenerator[Hall]:
         yield running
 
 
-async def test_two_hosts_that_dwell_on_one_package_get_one_owner(hall: Hall) -> None:
-    hall.point()
-    await until(lambda: bool(hall.anna.toggles and hall.ben.toggles), what="both to dwell")
-    await hall.settled()
-    hall.check()
-    assert sorted(event.event for event in hall.events) == ["refused", "selected"]
-
-
 @pytest.mark.parametrize("is_frozen", [False, True])
 async def test_a_router_that_dies_between_claim_and_decision_loses_no_event(
     hall: Hall, *, is_frozen: bool

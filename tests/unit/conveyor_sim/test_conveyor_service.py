@@ -3,6 +3,7 @@
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from pointit.runtime.bus.service_bus import ServiceBus
@@ -11,30 +12,24 @@ from pointit.runtime.service.service import Context
 from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import (
     AddPackage,
-    Belt,
     BeltLink,
     Environment,
     ResetConveyor,
     SelectedObject,
     Selection,
+    SetFeeding,
     SetSpeed,
     Strip,
+    TrackedObjects,
+    topics,
 )
-from pointit.schemas.topics import (
-    ADD_PACKAGE,
-    CONVEYOR_STATE,
-    MAP,
-    OBJECTS,
-    RESET_CONVEYOR,
-    SELECTION,
-    SELECTION_EVENTS,
-    SET_SPEED,
-)
-from pointit.services.conveyor_sim.config import ConveyorSimConfig, FeederConfig
+from pointit.services.conveyor_sim.config import ConveyorSimConfig, FeederConfig, TrackingConfig
+from pointit.services.conveyor_sim.plant import Plant
 from pointit.services.conveyor_sim.service import ConveyorSim
+from pointit.services.conveyor_sim.tracking import Tracker
 from pointit.services.registry import process
-from tests.support.bench import START_NS, ManualClock, in_virtual_time, memory_bench, until
-from tests.unit.conveyor_sim.rooms import belt, room
+from tests.support.bench import ManualClock, in_virtual_time, memory_bench, until
+from tests.unit.conveyor_sim.rooms import S, belt, lanes, plant, room
 
 LAB = Environment(
     stamp_ns=1,
@@ -54,12 +49,12 @@ def config(**changes: object) -> ConveyorSimConfig:
 async def test_objects_move_on_the_strips_of_the_map() -> None:
     clock = VirtualClock()
     async with memory_bench(clock) as bench:
-        lists, states = bench.collect(OBJECTS), bench.collect(CONVEYOR_STATE)
+        lists, states = bench.collect(topics.OBJECTS), bench.collect(topics.CONVEYOR_STATE)
         bench.start(ConveyorSim, config(feeder={"sequence": ["red", "green"], "interval_s": 1.0}))
         await until(lambda: bool(states))
         assert (states[0].speed_mps, states[0].fed) == (0.5, 0)
         assert lists == []
-        bench.put(MAP, LAB)
+        bench.put(topics.MAP, LAB)
         await until(lambda: bool(states) and states[-1].fed >= 3)
         for message in lists:
             for tracked in message.objects:
@@ -82,15 +77,16 @@ async def test_objects_move_on_the_strips_of_the_map() -> None:
 async def test_departure_event_names_the_selecting_user() -> None:
     clock = VirtualClock()
     async with memory_bench(clock) as bench:
-        lists, events = bench.collect(OBJECTS), bench.collect(SELECTION_EVENTS)
-        states = bench.collect(CONVEYOR_STATE)
+        lists, events = bench.collect(topics.OBJECTS), bench.collect(topics.SELECTION_EVENTS)
+        states = bench.collect(topics.CONVEYOR_STATE)
         feeder = FeederConfig(sequence=("red", "green"), interval_s=0.5, count=2)
         bench.start(ConveyorSim, config(speed_mps=2.0, feeder=feeder.model_dump()))
-        bench.put(MAP, LAB)
+        bench.put(topics.MAP, LAB)
         await until(lambda: bool(lists) and bool(lists[-1].objects))
         first = lists[-1].objects[0].id
         bench.put(
-            SELECTION, Selection(stamp_ns=1, objects=(SelectedObject(id=first, user="anna", since_ns=1),))
+            topics.SELECTION,
+            Selection(stamp_ns=1, objects=(SelectedObject(id=first, user="anna", since_ns=1),)),
         )
         await until(lambda: len(events) == 2)
         assert [(e.event, e.kind, e.user) for e in events] == [("left", "red", "anna"), ("left", "green", "")]
@@ -102,32 +98,35 @@ async def test_departure_event_names_the_selecting_user() -> None:
 async def test_requests_are_done_or_refused_in_a_sentence() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
-        lists, states = bench.collect(OBJECTS), bench.collect(CONVEYOR_STATE)
+        lists, states = bench.collect(topics.OBJECTS), bench.collect(topics.CONVEYOR_STATE)
         bench.start(ConveyorSim, config(feeder={"sequence": []}))
         await bench.settle()
         for early in (
-            bench.bus.call(ADD_PACKAGE, AddPackage(kind="red")),
-            bench.bus.call(SET_SPEED, SetSpeed(speed_mps=1.0)),
-            bench.bus.call(RESET_CONVEYOR, ResetConveyor()),
+            bench.bus.call(topics.ADD_PACKAGE, AddPackage(kind="red")),
+            bench.bus.call(topics.SET_SPEED, SetSpeed(speed_mps=1.0)),
+            bench.bus.call(topics.RESET_CONVEYOR, ResetConveyor()),
+            bench.bus.call(topics.SET_FEEDING, SetFeeding(feeding=False)),
         ):
             with pytest.raises(RefusedError, match="is pui running"):
                 await early
-        bench.put(MAP, LAB)
+        bench.put(topics.MAP, LAB)
         await bench.settle()
-        added = await bench.bus.call(ADD_PACKAGE, AddPackage(kind="red", lane="1"))
+        added = await bench.bus.call(topics.ADD_PACKAGE, AddPackage(kind="red", lane="1"))
         await bench.settle()
         assert [(o.id, o.kind, o.surface_id) for o in lists[-1].objects] == [(added.object_id, "red", "1")]
         with pytest.raises(RefusedError, match="no room"):
-            await bench.bus.call(ADD_PACKAGE, AddPackage(kind="red", lane="1"))
+            await bench.bus.call(topics.ADD_PACKAGE, AddPackage(kind="red", lane="1"))
         with pytest.raises(RefusedError, match="there are 0, 1"):
-            await bench.bus.call(ADD_PACKAGE, AddPackage(kind="red", lane="x"))
+            await bench.bus.call(topics.ADD_PACKAGE, AddPackage(kind="red", lane="x"))
         clock.advance(0.5)
-        await bench.bus.call(SET_SPEED, SetSpeed(speed_mps=-1.0))  # from here on, not from the last report
+        await bench.bus.call(
+            topics.SET_SPEED, SetSpeed(speed_mps=-1.0)
+        )  # from here on, not from the last report
         await bench.settle()
         assert lists[-1].objects[0].surface_position_m == pytest.approx(0.25)
         assert lists[-1].objects[0].surface_speed_mps == -1.0
         assert states[-1].speed_mps == -1.0
-        done = await bench.bus.call(RESET_CONVEYOR, ResetConveyor())
+        done = await bench.bus.call(topics.RESET_CONVEYOR, ResetConveyor())
         await bench.settle()
         assert done.message.startswith("1 ")
         assert lists[-1].objects == ()
@@ -145,12 +144,12 @@ FORK = room(
 async def test_selected_packages_go_to_their_bay_and_what_is_too_late_is_refused() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
-        lists, events = bench.collect(OBJECTS), bench.collect(SELECTION_EVENTS)
-        states = bench.collect(CONVEYOR_STATE)
+        lists, events = bench.collect(topics.OBJECTS), bench.collect(topics.SELECTION_EVENTS)
+        states = bench.collect(topics.CONVEYOR_STATE)
         bench.start(ConveyorSim, config(surface="belt", feeder={"sequence": []}))
-        bench.put(MAP, FORK)
+        bench.put(topics.MAP, FORK)
         await until(lambda: bool(lists))
-        names = [(await bench.bus.call(ADD_PACKAGE, AddPackage(kind="red"))).object_id]
+        names = [(await bench.bus.call(topics.ADD_PACKAGE, AddPackage(kind="red"))).object_id]
 
         async def pass_time(seconds: int) -> None:
             for _ in range(2 * seconds):
@@ -158,10 +157,10 @@ async def test_selected_packages_go_to_their_bay_and_what_is_too_late_is_refused
                 await until(lambda: lists[-1].stamp_ns == clock.now_ns())
 
         await pass_time(2)
-        names.append((await bench.bus.call(ADD_PACKAGE, AddPackage(kind="red"))).object_id)
+        names.append((await bench.bus.call(topics.ADD_PACKAGE, AddPackage(kind="red"))).object_id)
         await pass_time(5)
         chosen = tuple(SelectedObject(id=name, user="anna", since_ns=1) for name in names)
-        bench.put(SELECTION, Selection(stamp_ns=1, objects=chosen))
+        bench.put(topics.SELECTION, Selection(stamp_ns=1, objects=chosen))
         await until(lambda: len(events) == 1)
         assert (events[0].event, events[0].object_id, events[0].user) == ("refused", names[0], "anna")
         assert {tracked.id: tracked.bay for tracked in lists[-1].objects} == {names[0]: "3", names[1]: "1"}
@@ -180,17 +179,17 @@ async def test_selected_packages_go_to_their_bay_and_what_is_too_late_is_refused
 async def test_belts_get_speeds_of_their_own() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
-        states = bench.collect(CONVEYOR_STATE)
+        states = bench.collect(topics.CONVEYOR_STATE)
         bench.start(ConveyorSim, config(surface="belt"))
-        bench.put(MAP, FORK)
+        bench.put(topics.MAP, FORK)
         await bench.settle()
-        done = await bench.bus.call(SET_SPEED, SetSpeed(speed_mps=1.5, belts=("side",)))
+        done = await bench.bus.call(topics.SET_SPEED, SetSpeed(speed_mps=1.5, belts=("side",)))
         assert done.message == "side runs at 1.5 m/s"
         await until(lambda: bool(states[-1].belts))
         assert [(one.id, one.speed_mps) for one in states[-1].belts] == [("side", 1.5)]
         assert states[-1].speed_mps == 0.5
         with pytest.raises(RefusedError, match=r"no belt or lane 'x'; there are main, side"):
-            await bench.bus.call(SET_SPEED, SetSpeed(speed_mps=1.5, belts=("x",)))
+            await bench.bus.call(topics.SET_SPEED, SetSpeed(speed_mps=1.5, belts=("x",)))
 
 
 @in_virtual_time
@@ -199,10 +198,10 @@ async def test_reports_have_the_configured_faults() -> None:
     async with memory_bench(clock) as bench:
         ages_s: list[float] = []
         bench.bus.subscribe(
-            OBJECTS, lambda message, _: ages_s.append((clock.now_ns() - message.stamp_ns) / 1e9)
+            topics.OBJECTS, lambda message, _: ages_s.append((clock.now_ns() - message.stamp_ns) / 1e9)
         )
         bench.start(ConveyorSim, config(surface="belt", tracking={"latency_s": 0.3}))
-        bench.put(MAP, FORK)
+        bench.put(topics.MAP, FORK)
         await until(lambda: len(ages_s) >= 5)
         assert min(ages_s) >= 0.3
 
@@ -217,19 +216,19 @@ async def test_a_schedule_that_is_no_good_is_refused_before_anything_starts(tmp_
 async def test_same_map_changes_nothing_and_another_map_restarts_the_plant() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
-        lists = bench.collect(OBJECTS)
+        lists = bench.collect(topics.OBJECTS)
         bench.start(ConveyorSim, config(feeder={"interval_s": 100.0}))
-        bench.put(MAP, LAB)
+        bench.put(topics.MAP, LAB)
         await until(lambda: bool(lists) and bool(lists[-1].objects))
         first = lists[-1].objects[0].id
         clock.advance(0.1)
-        bench.put(MAP, Environment(stamp_ns=2, name="again", strips=LAB.strips))
+        bench.put(topics.MAP, Environment(stamp_ns=2, name="again", strips=LAB.strips))
         await bench.settle()
         seen = len(lists)
         await until(lambda: len(lists) > seen)
         assert lists[-1].objects[0].id == first
         clock.advance(0.1)
-        bench.put(MAP, Environment(stamp_ns=3, name="half", strips=LAB.strips[1:]))
+        bench.put(topics.MAP, Environment(stamp_ns=3, name="half", strips=LAB.strips[1:]))
         await until(lambda: lists[-1].objects[0].id != first)
         assert lists[-1].objects[0].surface_id == "1"
 
@@ -241,7 +240,7 @@ async def test_health_says_when_the_map_lacks_the_lanes() -> None:
         service = ConveyorSim(
             config(lanes=["1", "7"], feeder={"initial": 99}), Context(bus=view, clock=clock)
         )
-        bench.put(MAP, LAB)
+        bench.put(topics.MAP, LAB)
         await bench.settle()
         assert view.report().warnings == (
             (
@@ -250,7 +249,7 @@ async def test_health_says_when_the_map_lacks_the_lanes() -> None:
             ),
         )
         more = Strip(id="7", line_m=((0.0, 0.0, 0.0), (3.0, 0.0, 0.0)), pixels=10)
-        bench.put(MAP, Environment(stamp_ns=2, name="lab", strips=(*LAB.strips, more)))
+        bench.put(topics.MAP, Environment(stamp_ns=2, name="lab", strips=(*LAB.strips, more)))
         await bench.settle()
         (warning,) = view.report().warnings
         assert warning.startswith("feeder.initial: 99 configured, ")
@@ -265,9 +264,9 @@ async def test_health_says_when_the_map_lacks_the_lanes() -> None:
 async def test_a_machine_that_slept_does_not_make_the_objects_jump() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
-        lists, events = bench.collect(OBJECTS), bench.collect(SELECTION_EVENTS)
+        lists, events = bench.collect(topics.OBJECTS), bench.collect(topics.SELECTION_EVENTS)
         bench.start(ConveyorSim, config(feeder={"count": 1}))
-        bench.put(MAP, LAB)
+        bench.put(topics.MAP, LAB)
         await until(lambda: bool(lists) and bool(lists[-1].objects))
         clock.advance(3600.0)
         await until(lambda: lists[-1].stamp_ns == clock.now_ns())
@@ -275,16 +274,64 @@ async def test_a_machine_that_slept_does_not_make_the_objects_jump() -> None:
         assert events == []
 
 
-async def first_id(start_ns: int) -> str:
-    belt = Belt(id="a", line_m=((0.0, 0.0, 0.0), (9.0, 0.0, 0.0)))
-    async with memory_bench(ManualClock(start_ns)) as bench:
-        lists = bench.collect(OBJECTS)
-        bench.start(ConveyorSim, config(surface="belt", resume_within_s=0.0))
-        bench.put(MAP, Environment(stamp_ns=1, name="hall", belts=(belt,)))
-        await until(lambda: bool(lists) and bool(lists[-1].objects))
-        assert lists[-1].objects[0].surface == "belt"
-        return lists[-1].objects[0].id
+PERIOD_NS = S // 25
 
 
-async def test_belts_are_lanes_too_and_ids_differ_after_a_restart() -> None:
-    assert await first_id(START_NS) != await first_id(START_NS + 2_000_000)
+def pairs(
+    seconds: float, **faults: float
+) -> tuple[Plant, list[tuple[TrackedObjects, TrackedObjects | None]]]:
+    belts = plant(lanes(20.0), feeder={"interval_s": 1.0})
+    tracker = Tracker(TrackingConfig(**faults), belts.network.lines, seed=1)
+    belts.step(30 * S)
+    seen: list[tuple[TrackedObjects, TrackedObjects | None]] = []
+    for step in range(round(seconds * 25)):
+        now_ns = 30 * S + step * PERIOD_NS
+        belts.step(now_ns)
+        exact = belts.tracked(now_ns)
+        seen.append((exact, tracker.report(exact)))
+    return belts, seen
+
+
+def test_tracker_without_faults_reports_exact_objects() -> None:
+    _, seen = pairs(2.0)
+    assert all(exact is report for exact, report in seen)
+
+
+def test_noise_is_along_the_belt_and_as_large_as_asked_for() -> None:
+    _, seen = pairs(20.0, noise_m=0.05)
+    errors_m: list[float] = []
+    for exact, report in seen:
+        assert report is not None
+        for a, b in zip(exact.objects, report.objects, strict=True):
+            errors_m.append(b.surface_position_m - a.surface_position_m)
+            assert b.position_m[0] - a.position_m[0] == pytest.approx(errors_m[-1])
+            assert b.position_m[1:] == a.position_m[1:]
+    assert np.std(errors_m) == pytest.approx(0.05, rel=0.05)
+    assert np.mean(errors_m) == pytest.approx(0.0, abs=0.005)
+
+
+def test_packages_are_missed_one_by_one() -> None:
+    _, seen = pairs(20.0, missed_share=0.2)
+    exact = sum(len(a.objects) for a, _ in seen)
+    reported = sum(len(b.objects) for _, b in seen if b is not None)
+    assert reported / exact == pytest.approx(0.8, abs=0.02)
+    assert len({len(b.objects) for _, b in seen if b is not None}) > 3
+
+
+def test_reports_are_lost_in_bursts() -> None:
+    tracker = Tracker(TrackingConfig(dropout_share=0.1, dropout_s=0.4), {}, seed=1)
+    reports = [tracker.report(TrackedObjects(stamp_ns=step * PERIOD_NS)) for step in range(50_000)]
+    lost = np.array([report is None for report in reports])
+    assert lost.mean() == pytest.approx(0.1, abs=0.02)
+    bursts = np.count_nonzero(lost[1:] & ~lost[:-1])
+    assert lost.sum() / 25 / bursts == pytest.approx(0.4, rel=0.2)
+
+
+def test_late_reports_say_when_it_was_so() -> None:
+    _, seen = pairs(4.0, latency_s=0.2)
+    truth = {exact.stamp_ns: exact for exact, _ in seen}
+    late = [(exact.stamp_ns, report) for exact, report in seen if report is not None]
+    assert len(late) == len(seen) - 5
+    for now_ns, report in late:
+        assert now_ns - report.stamp_ns == 5 * PERIOD_NS
+        assert report == truth[report.stamp_ns]

@@ -84,15 +84,6 @@ def test_feeding_waits_for_room_and_not_an_interval_more() -> None:
     assert places(belts) == pytest.approx([0.0, 0.3, 0.6, 0.9])
 
 
-def test_nothing_is_fed_onto_a_standing_object() -> None:
-    belts = conveyor(10.0, speed_mps=0.0, interval_s=1.0)
-    belts.step(50 * S)
-    assert belts.fed == 1
-    belts.set_speed(0.3)
-    belts.step(51 * S)
-    assert belts.fed == 2
-
-
 @example([1.4, 1.4])  # four intervals to the nanosecond, but for the rounding of sums
 @given(st.lists(st.floats(0.001, 3.0), min_size=1, max_size=30))
 def test_places_depend_on_the_time_not_on_the_steps(steps_s: list[float]) -> None:

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pointit.runtime.errors import RefusedError
 from pointit.schemas import AddPackage, ConveyorState, Environment, ResetConveyor, SetFeeding, SetSpeed
 from pointit.schemas.topics import (
     ADD_PACKAGE,
@@ -121,26 +120,6 @@ def test_a_package_that_waited_for_room_is_one_package_after_the_rest() -> None:
     assert belts.fed == 2
 
 
-def test_packages_can_be_added_while_feeders_rest() -> None:
-    belts = plant(FORK, feeder={"sequence": ["red"], "interval_s": 1.0})
-    belts.set_feeding(is_on=False)
-    name = belts.add("blue", "main", 0.3)
-    belts.step(5 * S)
-    assert [(tracked.id, tracked.kind) for tracked in belts.tracked(0).objects] == [(name, "blue")]
-
-
-def test_a_reset_leaves_resting_feeders_at_rest_and_the_conveyor_empty() -> None:
-    belts = plant(lanes(9.0), feeder={"initial": 3, "interval_s": 1.0, "sequence": ["x", "y", "z"]})
-    belts.step(round(1.5 * S))
-    belts.set_feeding(is_on=False)
-    belts.reset()
-    belts.step(20 * S)
-    assert (belts.fed, belts.size, belts.is_feeding) == (0, 0, False)
-    belts.set_feeding(is_on=True)
-    belts.step(20 * S)
-    assert [tracked.kind for tracked in belts.tracked(0).objects] == ["x"], "it starts again"
-
-
 def test_a_schedules_steps_go_on_and_none_feeds_against_the_switch_or_by_it(tmp_path: Path) -> None:
     path = tmp_path / "feeders.yaml"
     path.write_text(STEPS)
@@ -224,14 +203,6 @@ async def test_the_request_lets_feeders_rest_until_it_lets_them_give_again() -> 
         await one.go(3)
         assert one.states[-1].feeding
         assert one.states[-1].fed == 4
-
-
-async def test_the_request_is_refused_while_there_is_no_conveyor() -> None:
-    async with memory_bench(ManualClock()) as bench:
-        bench.start(ConveyorSim, config())
-        await bench.settle()
-        with pytest.raises(RefusedError, match="is pui running"):
-            await bench.bus.call(SET_FEEDING, SetFeeding(feeding=False))
 
 
 async def test_feeders_rest_on_after_a_restart_and_with_another_map() -> None:

@@ -4,38 +4,26 @@ from collections.abc import Sequence
 
 from pointit.geometry.vector import Vec3
 from pointit.runtime.virtual_time import START_NS
-from pointit.schemas import NS_PER_S, Cursor, Environment, Goal, Interaction, RobotState, Steering, UserPose
+from pointit.schemas import NS_PER_S, Goal, Steering
 from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.robot_driver import Command, RobotReport
 from pointit.services.robot.robot_pilot import RobotPilot
 from pointit.services.robot.robot_safety import PermittedSetPoint, StopReason
-from tests.unit.robot.flight import ROBOT, ROOM, cursor_at
+from pointit.services.robot.safety.safety import Safety
+from tests.unit.robot.flight import ROBOT, ROOM, cursor_at, goal_at
 
 
-class Permits:
+class Permits(Safety):
     """Permits everything but what a test forbids."""
 
     def __init__(self) -> None:
+        super().__init__(RobotConfig(), ROBOT)
         self.stop_reason: StopReason | None = None
         self.place_problem = ""
         self.person_problem = ""
 
-    def on_map(self, environment: Environment) -> None: ...
-
-    def on_pose(self, user: str, pose: UserPose) -> None: ...
-
-    def on_presence(self, user: str, present: bool) -> None: ...  # noqa: FBT001 - as the bus says it
-
-    def on_interaction(self, user: str, interaction: Interaction) -> None: ...
-
-    def on_cursor(self, user: str, cursor: Cursor) -> None: ...
-
-    def on_robot(self, name: str, state: RobotState) -> None: ...
-
-    def on_report(self, report: RobotReport, now_ns: int) -> str:  # noqa: ARG002 - the protocol's signature
+    def on_report(self, report: RobotReport, now_ns: int) -> str:  # noqa: ARG002
         return ""
-
-    def on_link_lost(self, reason: str) -> None: ...
 
     def take_problem(self, user: str, now_ns: int) -> str:  # noqa: ARG002
         return self.person_problem
@@ -94,17 +82,7 @@ class Desk:
         self.pilot.on_cursor(user, cursor_at(place_m, self.now_ns))
 
     def send(self, user: str, place_m: Vec3, *via_m: Vec3, robot: str = "", age_s: float = 0.0) -> Goal:
-        goal = Goal(
-            stamp_ns=self.now_ns - round(age_s * NS_PER_S),
-            position_m=place_m,
-            via_m=via_m,
-            yaw_rad=0.0,
-            age_s=0.0,
-            position_sigma_m=0.1,
-            clearance_m=3.0,
-            proposed_ns=0,
-            confirmed_by="press",
-            robot=robot,
-        )
+        stamp_ns = self.now_ns - round(age_s * NS_PER_S)
+        goal = goal_at(place_m, *via_m, stamp_ns=stamp_ns, robot=robot)
         self.pilot.on_goal(user, goal, self.now_ns)
         return goal

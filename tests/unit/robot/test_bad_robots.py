@@ -3,16 +3,14 @@
 import asyncio
 import itertools
 import math
-from dataclasses import replace
 
 import pytest
 
 from pointit.schemas import RobotState, Steering
 from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.robot_driver import Follow, FollowPath, OrderStatus, ReportItem, RobotReport, Stop
-from tests.unit.robot.faulty_driver import FaultyDriver, use_faulty_driver
-from tests.unit.robot.flight import ROBOT, Pilotage, fly
-from tests.unit.robot.test_robot_stops import at_full_speed, moved, speed_mps
+from tests.unit.robot.flight import ROBOT, FaultyDriver, Pilotage, flown
+from tests.unit.robot.test_robot_stops import at_full_speed, late, moved, speed_mps
 
 GROUND = RobotConfig(kind="ground", aim_sigma_deg=0.5)
 FLYER = RobotConfig(kind="quadrotor", aim_sigma_deg=0.5)
@@ -29,11 +27,9 @@ def is_one_sentence(text: str) -> bool:
 
 async def driving(pilotage: Pilotage, drivers: list[FaultyDriver]) -> FaultyDriver:
     """Let anna send a ground robot to a place; return its driver once it moves."""
-    pilotage.arrive("anna")
-    pilotage.point("anna", PLACE)
+    pilotage.arrive("anna", PLACE)
     await pilotage.until(lambda state: state.phase == "idle")
-    pilotage.steer("anna", GOALS)
-    await pilotage.until(lambda state: state.user == "anna")
+    await pilotage.take_for_goals("anna")
     pilotage.send("anna", PLACE)
     await pilotage.until(lambda state: state.phase == "moving" and math.hypot(*state.velocity_mps) > 0.5)
     return drivers[0]
@@ -58,204 +54,169 @@ async def stands(pilotage: Pilotage, driver: FaultyDriver) -> RobotState:
     return pilotage.state
 
 
-def test_a_robot_that_vanishes_and_returns_moves_only_when_it_is_taken_again(
-    monkeypatch: pytest.MonkeyPatch,
+@flown(GROUND)
+async def test_a_robot_that_vanishes_and_returns_moves_only_when_it_is_taken_again(
+    pilotage: Pilotage, drivers: list[FaultyDriver]
 ) -> None:
-    drivers = use_faulty_driver(monkeypatch)
-
-    async def flight(pilotage: Pilotage) -> None:
-        driver = await driving(pilotage, drivers)
-        driver.change = lambda _item: ()
-        lost = await pilotage.until(lambda state: state.phase == "lost")
-        assert lost.user == ""
-        assert is_one_sentence(lost.reason)
-        driver.change = lambda item: (item,)
-        state = await stands(pilotage, driver)
-        assert (state.phase, state.user) == ("idle", "")
-        await name_anew(pilotage, GOALS)
-        await pilotage.until(lambda state: state.user == "anna")
-        assert (await stands(pilotage, driver)).phase == "idle", "the old goal is over"
-        pilotage.send("anna", PLACE)
-        await pilotage.until(lambda state: math.dist(state.position_m, PLACE) < 0.1)
-
-    fly(flight, GROUND)
+    driver = await driving(pilotage, drivers)
+    driver.change = lambda _item: ()
+    lost = await pilotage.until(lambda state: state.phase == "lost")
+    assert lost.user == ""
+    assert is_one_sentence(lost.reason)
+    driver.change = lambda item: (item,)
+    state = await stands(pilotage, driver)
+    assert (state.phase, state.user) == ("idle", "")
+    await name_anew(pilotage, GOALS)
+    await pilotage.until(lambda state: state.user == "anna")
+    assert (await stands(pilotage, driver)).phase == "idle", "the old goal is over"
+    pilotage.send("anna", PLACE)
+    await pilotage.until(lambda state: math.dist(state.position_m, PLACE) < 0.1)
 
 
-def test_two_robots_that_report_under_one_name_do_not_move(monkeypatch: pytest.MonkeyPatch) -> None:
-    drivers = use_faulty_driver(monkeypatch)
-
-    async def flight(pilotage: Pilotage) -> None:
-        driver = await at_full_speed(pilotage, drivers)
-        turns = itertools.cycle((0.0, 4.0))
-        driver.change = lambda item: (moved(item, next(turns)),)
-        state = await stands(pilotage, driver)
-        assert (state.phase, state.user) == ("stopped", "")
-        assert "no other robot has its name" in state.reason
-        assert is_one_sentence(state.reason)
-        await name_anew(pilotage, FOLLOW)
-        assert (await stands(pilotage, driver)).user == "", "it cannot be taken meanwhile"
-
-    fly(flight, FLYER)
-
-
-def test_a_robot_that_refuses_orders_says_why_and_keeps_its_person(monkeypatch: pytest.MonkeyPatch) -> None:
-    drivers = use_faulty_driver(monkeypatch)
-
-    async def flight(pilotage: Pilotage) -> None:
-        driver = await driving(pilotage, drivers)
-        order = driver.commands[-1].order
-        driver.is_deaf = True
-        driver.say(OrderStatus(order, "failed", "a wheel is stuck"))
-        state = await pilotage.until(lambda state: "a wheel is stuck" in state.reason)
-        assert is_one_sentence(state.reason)
-        assert state.user == "anna"
-        before = len(driver.commands)
-        await asyncio.sleep(2.0)
-        assert not any(isinstance(each, FollowPath) for each in driver.commands[before:]), "not sent again"
-
-    fly(flight, GROUND)
-
-
-def test_what_is_said_late_or_twice_of_an_earlier_order_changes_nothing(
-    monkeypatch: pytest.MonkeyPatch,
+@flown(FLYER)
+async def test_two_robots_that_report_under_one_name_do_not_move(
+    pilotage: Pilotage, drivers: list[FaultyDriver]
 ) -> None:
-    drivers = use_faulty_driver(monkeypatch)
-
-    async def flight(pilotage: Pilotage) -> None:
-        driver = await driving(pilotage, drivers)
-        first = driver.commands[-1].order
-        pilotage.send("anna", (1.0, 3.0, 0.0))
-        pilotage.point("anna", (1.0, 3.0, 0.0))
-        await pilotage.until(lambda state: state.target_m == (1.0, 3.0, 0.0))
-        for state in ("done", "done", "refused", "cancelled", "active"):
-            driver.say(OrderStatus(first, state))
-        driver.say(OrderStatus(10**9, "done"))
-        await pilotage.until(lambda state: math.dist(state.position_m, (1.0, 3.0, 0.0)) < 0.1)
-        assert pilotage.state.reason == ""
-
-    fly(flight, GROUND)
+    driver = await at_full_speed(pilotage, drivers)
+    turns = itertools.cycle((0.0, 4.0))
+    driver.change = lambda item: (moved(item, next(turns)),)
+    state = await stands(pilotage, driver)
+    assert (state.phase, state.user) == ("stopped", "")
+    assert "no other robot has its name" in state.reason
+    assert is_one_sentence(state.reason)
+    await name_anew(pilotage, FOLLOW)
+    assert (await stands(pilotage, driver)).user == "", "it cannot be taken meanwhile"
 
 
-def test_an_order_cancelled_in_the_middle_leaves_the_robot_where_it_is(
-    monkeypatch: pytest.MonkeyPatch,
+@flown(GROUND)
+async def test_a_robot_that_refuses_orders_says_why_and_keeps_its_person(
+    pilotage: Pilotage, drivers: list[FaultyDriver]
 ) -> None:
-    drivers = use_faulty_driver(monkeypatch)
-
-    async def flight(pilotage: Pilotage) -> None:
-        driver = await driving(pilotage, drivers)
-        order = driver.commands[-1].order
-        driver.command(Stop(order + 1))  # somebody else's, at the robot itself
-        driver.say(OrderStatus(order, "cancelled", "the emergency stop was pressed"))
-        state = await stands(pilotage, driver)
-        assert "the emergency stop was pressed" in state.reason
-        assert is_one_sentence(state.reason)
-        assert state.target_m is None
-        assert math.dist(state.position_m, PLACE) > 0.3
-
-    fly(flight, GROUND)
+    driver = await driving(pilotage, drivers)
+    order = driver.commands[-1].order
+    driver.is_deaf = True
+    driver.say(OrderStatus(order, "failed", "a wheel is stuck"))
+    state = await pilotage.until(lambda state: "a wheel is stuck" in state.reason)
+    assert is_one_sentence(state.reason)
+    assert state.user == "anna"
+    before = len(driver.commands)
+    await asyncio.sleep(2.0)
+    assert not any(isinstance(each, FollowPath) for each in driver.commands[before:]), "not sent again"
 
 
-def test_reports_twice_out_of_order_or_old_do_not_disturb(monkeypatch: pytest.MonkeyPatch) -> None:
-    drivers = use_faulty_driver(monkeypatch)
+@flown(GROUND)
+async def test_what_is_said_late_or_twice_of_an_earlier_order_changes_nothing(
+    pilotage: Pilotage, drivers: list[FaultyDriver]
+) -> None:
+    driver = await driving(pilotage, drivers)
+    first = driver.commands[-1].order
+    pilotage.send("anna", (1.0, 3.0, 0.0))
+    pilotage.point("anna", (1.0, 3.0, 0.0))
+    await pilotage.until(lambda state: state.target_m == (1.0, 3.0, 0.0))
+    for state in ("done", "done", "refused", "cancelled", "active"):
+        driver.say(OrderStatus(first, state))
+    driver.say(OrderStatus(10**9, "done"))
+    await pilotage.until(lambda state: math.dist(state.position_m, (1.0, 3.0, 0.0)) < 0.1)
+    assert pilotage.state.reason == ""
 
-    async def flight(pilotage: Pilotage) -> None:
-        driver = await driving(pilotage, drivers)
-        old: list[ReportItem] = []
 
-        def repeat(item: ReportItem) -> list[ReportItem]:
-            if not isinstance(item, RobotReport):
-                return [item]
-            old.append(item)
-            return [item, item, old[max(0, len(old) - 20)]]
+@flown(GROUND)
+async def test_an_order_cancelled_in_the_middle_leaves_the_robot_where_it_is(
+    pilotage: Pilotage, drivers: list[FaultyDriver]
+) -> None:
+    driver = await driving(pilotage, drivers)
+    order = driver.commands[-1].order
+    driver.command(Stop(order + 1))  # somebody else's, at the robot itself
+    driver.say(OrderStatus(order, "cancelled", "the emergency stop was pressed"))
+    state = await stands(pilotage, driver)
+    assert "the emergency stop was pressed" in state.reason
+    assert is_one_sentence(state.reason)
+    assert state.target_m is None
+    assert math.dist(state.position_m, PLACE) > 0.3
 
-        driver.change = repeat
-        await pilotage.until(lambda state: math.dist(state.position_m, PLACE) < 0.1)
-        assert pilotage.state.user == "anna"
 
-    fly(flight, GROUND)
+@flown(GROUND)
+async def test_reports_twice_out_of_order_or_old_do_not_disturb(
+    pilotage: Pilotage, drivers: list[FaultyDriver]
+) -> None:
+    driver = await driving(pilotage, drivers)
+    old: list[ReportItem] = []
+
+    def repeat(item: ReportItem) -> list[ReportItem]:
+        if not isinstance(item, RobotReport):
+            return [item]
+        old.append(item)
+        return [item, item, old[max(0, len(old) - 20)]]
+
+    driver.change = repeat
+    await pilotage.until(lambda state: math.dist(state.position_m, PLACE) < 0.1)
+    assert pilotage.state.user == "anna"
 
 
 @pytest.mark.parametrize("ahead_s", [-3600.0, 3600.0])
-def test_a_robot_with_another_time_is_not_steered(ahead_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    drivers = use_faulty_driver(monkeypatch)
-
-    async def flight(pilotage: Pilotage) -> None:
-        pilotage.arrive("anna")
-        pilotage.point("anna", PLACE)
-        await pilotage.until(lambda state: state.phase == "landed")
-        drivers[0].change = lambda item: (
-            replace(item, stamp_ns=item.stamp_ns + round(ahead_s * 1e9))
-            if isinstance(item, RobotReport)
-            else item,
-        )
-        await asyncio.sleep(2.0)
-        pilotage.steer("anna", FOLLOW)
-        state = await stands(pilotage, drivers[0])
-        assert state.user == ""
-        assert is_one_sentence(state.reason)
-        assert all(isinstance(each, Stop) for each in drivers[0].commands)
-
-    fly(flight, FLYER)
-
-
-def test_a_robot_that_hears_nothing_gets_no_new_targets_after_its_person_left(
-    monkeypatch: pytest.MonkeyPatch,
+@flown(FLYER)
+async def test_a_robot_with_another_time_is_not_steered(
+    pilotage: Pilotage, drivers: list[FaultyDriver], ahead_s: float
 ) -> None:
-    drivers = use_faulty_driver(monkeypatch)
-
-    async def flight(pilotage: Pilotage) -> None:
-        driver = await at_full_speed(pilotage, drivers)
-        driver.is_deaf = True
-        pilotage.leave("anna")
-        before = len(driver.commands)
-        await asyncio.sleep(3.0)
-        assert isinstance(driver.commands[-1], Stop)
-        assert not any(isinstance(each, Follow) for each in driver.commands[before:])
-
-    fly(flight, FLYER)
+    pilotage.arrive("anna", PLACE)
+    await pilotage.until(lambda state: state.phase == "landed")
+    drivers[0].change = lambda item: (late(item, -ahead_s),)
+    await asyncio.sleep(2.0)
+    pilotage.steer("anna", FOLLOW)
+    state = await stands(pilotage, drivers[0])
+    assert state.user == ""
+    assert is_one_sentence(state.reason)
+    assert all(isinstance(each, Stop) for each in drivers[0].commands)
 
 
-def test_a_robot_that_drives_on_is_told_again_and_again_to_stop(monkeypatch: pytest.MonkeyPatch) -> None:
-    drivers = use_faulty_driver(monkeypatch)
-
-    async def flight(pilotage: Pilotage) -> None:
-        driver = await driving(pilotage, drivers)
-        driver.is_deaf = True
-        gone_m, speed = 0.0, 1.0
-
-        def drives_on(item: ReportItem) -> list[ReportItem]:
-            nonlocal gone_m
-            gone_m += 0.01 * speed
-            return [moved(item, gone_m)]
-
-        driver.change = drives_on
-        pilotage.leave("anna")
-        before = len(driver.commands)
-        state = await pilotage.until(lambda state: "emergency stop" in state.reason)
-        assert is_one_sentence(state.reason)
-        await asyncio.sleep(5.0)
-        assert 4 <= len(driver.commands[before:]) <= 8
-        assert all(isinstance(each, Stop) for each in driver.commands[before:])
-        speed = 0.0
-        await pilotage.until(lambda state: state.reason == "")
-
-    fly(flight, GROUND)
-
-
-def test_a_goal_is_given_up_when_the_persons_arm_is_silent_for_a_second(
-    monkeypatch: pytest.MonkeyPatch,
+@flown(FLYER)
+async def test_a_robot_that_hears_nothing_gets_no_new_targets_after_its_person_left(
+    pilotage: Pilotage, drivers: list[FaultyDriver]
 ) -> None:
-    drivers = use_faulty_driver(monkeypatch)
+    driver = await at_full_speed(pilotage, drivers)
+    driver.is_deaf = True
+    pilotage.leave("anna")
+    before = len(driver.commands)
+    await asyncio.sleep(3.0)
+    assert isinstance(driver.commands[-1], Stop)
+    assert not any(isinstance(each, Follow) for each in driver.commands[before:])
 
-    async def flight(pilotage: Pilotage) -> None:
-        driver = await driving(pilotage, drivers)
-        pilotage.point("anna", None)
-        await asyncio.sleep(0.8)
-        assert not isinstance(driver.commands[-1], Stop)
-        await asyncio.sleep(0.4)
-        assert isinstance(driver.commands[-1], Stop)
-        pilotage.point("anna", PLACE)
-        state = await stands(pilotage, driver)
-        assert (state.user, state.target_m) == ("anna", None)
 
-    fly(flight, GROUND.model_copy(update={"max_speed_mps": 0.6}))
+@flown(GROUND)
+async def test_a_robot_that_drives_on_is_told_again_and_again_to_stop(
+    pilotage: Pilotage, drivers: list[FaultyDriver]
+) -> None:
+    driver = await driving(pilotage, drivers)
+    driver.is_deaf = True
+    gone_m, speed = 0.0, 1.0
+
+    def drives_on(item: ReportItem) -> list[ReportItem]:
+        nonlocal gone_m
+        gone_m += 0.01 * speed
+        return [moved(item, gone_m)]
+
+    driver.change = drives_on
+    pilotage.leave("anna")
+    before = len(driver.commands)
+    state = await pilotage.until(lambda state: "emergency stop" in state.reason)
+    assert is_one_sentence(state.reason)
+    await asyncio.sleep(5.0)
+    assert 4 <= len(driver.commands[before:]) <= 8
+    assert all(isinstance(each, Stop) for each in driver.commands[before:])
+    speed = 0.0
+    await pilotage.until(lambda state: state.reason == "")
+
+
+@flown(GROUND.model_copy(update={"max_speed_mps": 0.6}))
+async def test_a_goal_is_given_up_when_the_persons_arm_is_silent_for_a_second(
+    pilotage: Pilotage, drivers: list[FaultyDriver]
+) -> None:
+    driver = await driving(pilotage, drivers)
+    pilotage.point("anna", None)
+    await asyncio.sleep(0.8)
+    assert not isinstance(driver.commands[-1], Stop)
+    await asyncio.sleep(0.4)
+    assert isinstance(driver.commands[-1], Stop)
+    pilotage.point("anna", PLACE)
+    state = await stands(pilotage, driver)
+    assert (state.user, state.target_m) == ("anna", None)

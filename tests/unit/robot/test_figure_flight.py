@@ -2,152 +2,139 @@
 
 import asyncio
 import math
+from collections.abc import Sequence
 
+import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from pointit.geometry.vector import Vec3
 from pointit.schemas import Localization, Steering, UserPose
-from pointit.schemas.topics import LOCALIZATION, POSE, SERVICE_ALIVE
+from pointit.schemas.topics import LOCALIZATION, SERVICE_ALIVE
+from pointit.services.robot import followed_figure
 from pointit.services.robot.config import FigureConfig, RobotConfig
 from pointit.services.robot.current_order import CurrentOrder
 from pointit.services.robot.figure_flight import NO_FIGURE, FigureFlight
+from pointit.services.robot.followed_figure import AssumedPerson, best_figure, figures, position_sigmas_m
 from pointit.services.robot.robot_driver import RobotReport
-from tests.unit.robot.flight import ROBOT, Pilotage, fly
+from tests.unit.robot.flight import ROBOT, Pilotage, flown
+from tests.unit.robot.permits import Permits
 
 SAMPLING = Localization(stamp_ns=0, phase="sampling", target_id=ROBOT)
 SOLVED = SAMPLING.model_copy(update={"phase": "solved"})
 STANDS = RobotReport(stamp_ns=0, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0)
 QUADROTOR = RobotConfig(kind="quadrotor", figure=FigureConfig(people_m=((2.5, 0.0, 0.0),)))
+GROUND = QUADROTOR.model_copy(update={"kind": "ground"})
 
 
-def begin(pilotage: Pilotage, ago_s: float = 0.0) -> None:
-    """Say that anna is localized by the robot, since `ago_s`."""
+def begin(pilotage: Pilotage, ago_s: float = 0.0, user: str = "anna", **changes: object) -> None:
+    """Say that a person is localized by the robot, since `ago_s`."""
     since_ns = pilotage.bench.clock.now_ns() - round(ago_s * 1e9)
-    pilotage.bench.put(LOCALIZATION, SAMPLING.model_copy(update={"since_ns": since_ns}), "anna")
+    sampling = SAMPLING.model_copy(update={"since_ns": since_ns, **changes})
+    pilotage.bench.put(LOCALIZATION, sampling, user)
 
 
-def test_a_quadrotor_takes_off_flies_figures_and_lands_when_the_person_is_found() -> None:
-    async def flight(pilotage: Pilotage) -> None:
-        await pilotage.until(lambda state: state.phase == "landed")
-        begin(pilotage)
-        await pilotage.until(lambda state: state.phase == "taking_off" and state.user == "")
-        await pilotage.until(lambda state: state.phase == "moving")
-        away = await pilotage.until(lambda state: math.hypot(*state.position_m[:2]) > 0.4)
-        assert away.position_m[2] > 0.3
-        await pilotage.until(lambda state: math.hypot(*state.position_m[:2]) < 0.2, 30.0)
-        await pilotage.until(lambda state: math.hypot(*state.position_m[:2]) > 0.4, 30.0)
-        assert all(math.dist(state.position_m[:2], (2.5, 0.0)) > 1.2 for state in pilotage.states)
-        pilotage.bench.put(LOCALIZATION, SOLVED, "anna")
-        await pilotage.until(lambda state: state.phase == "landing")
-        await pilotage.until(lambda state: state.phase == "landed")
-
-    fly(flight, QUADROTOR)
-
-
-def test_a_ground_robot_drives_a_figure_and_stops() -> None:
-    async def drive(pilotage: Pilotage) -> None:
-        await pilotage.until(lambda state: state.phase == "idle")
-        begin(pilotage)
-        await pilotage.until(lambda state: state.phase == "moving")
-        await pilotage.until(lambda state: math.hypot(*state.position_m) > 0.4)
-        pilotage.bench.put(LOCALIZATION, SOLVED, "anna")
-        stopped = await pilotage.until(lambda state: state.phase == "idle")
-        assert stopped.position_m[2] == pytest.approx(0.0)
-
-    fly(drive, QUADROTOR.model_copy(update={"kind": "ground"}))
+@flown(QUADROTOR)
+async def test_a_quadrotor_takes_off_flies_figures_and_lands_when_the_person_is_found(
+    pilotage: Pilotage,
+) -> None:
+    await pilotage.until(lambda state: state.phase == "landed")
+    begin(pilotage)
+    await pilotage.until(lambda state: state.phase == "taking_off" and state.user == "")
+    await pilotage.until(lambda state: state.phase == "moving")
+    away = await pilotage.until(lambda state: math.hypot(*state.position_m[:2]) > 0.4)
+    assert away.position_m[2] > 0.3
+    await pilotage.until(lambda state: math.hypot(*state.position_m[:2]) < 0.2, 30.0)
+    await pilotage.until(lambda state: math.hypot(*state.position_m[:2]) > 0.4, 30.0)
+    assert all(math.dist(state.position_m[:2], (2.5, 0.0)) > 1.2 for state in pilotage.states)
+    pilotage.bench.put(LOCALIZATION, SOLVED, "anna")
+    await pilotage.until(lambda state: state.phase == "landing")
+    await pilotage.until(lambda state: state.phase == "landed")
 
 
-def test_nobody_else_s_localization_moves_it_and_who_steers_it_keeps_it() -> None:
-    async def flight(pilotage: Pilotage) -> None:
-        await pilotage.until(lambda state: state.phase == "landed")
-        for other in (
-            {"target_id": "led_1"},
-            {"purpose": "anchor"},
-            {"ahead": ("ben",)},
-            {"phase": "refused"},
-        ):
-            pilotage.bench.put(
-                LOCALIZATION,
-                SAMPLING.model_copy(update={"since_ns": pilotage.bench.clock.now_ns(), **other}),
-                "anna",
-            )
-            await asyncio.sleep(0.5)
-            assert pilotage.state.phase == "landed"
-        pilotage.arrive("ben")
-        pilotage.point("ben", (0.5, 0.0, 0.0))
-        pilotage.steer("ben", Steering(stamp_ns=0, robot=ROBOT, mode="follow"))
-        await pilotage.until(lambda state: state.user == "ben")
-        begin(pilotage)
-        await asyncio.sleep(8.0)
-        assert math.dist(pilotage.state.position_m, (0.5, 0.0, 0.2)) < 0.15
-
-    fly(flight, QUADROTOR)
+@flown(GROUND)
+async def test_a_ground_robot_drives_a_figure_and_stops(pilotage: Pilotage) -> None:
+    await pilotage.until(lambda state: state.phase == "idle")
+    begin(pilotage)
+    await pilotage.until(lambda state: state.phase == "moving")
+    await pilotage.until(lambda state: math.hypot(*state.position_m) > 0.4)
+    pilotage.bench.put(LOCALIZATION, SOLVED, "anna")
+    stopped = await pilotage.until(lambda state: state.phase == "idle")
+    assert stopped.position_m[2] == pytest.approx(0.0)
 
 
-def test_a_quadrotor_takes_off_for_a_figure_only_with_room_above_it() -> None:
-    async def flight(pilotage: Pilotage) -> None:
-        await pilotage.until(lambda state: state.phase == "landed")
-        now_ns = pilotage.bench.clock.now_ns()
-        bob = UserPose(stamp_ns=now_ns, position_m=(0.3, 0.0, 0.0), yaw_rad=0.0)
-        pilotage.arrive("bob")
-        pilotage.bench.put(POSE, bob, "bob")
-        begin(pilotage)
-        await pilotage.until(lambda state: "too near to bob" in state.reason)
-        await asyncio.sleep(3.0)
-        assert {state.phase for state in pilotage.states} <= {"lost", "landed"}
-
-    fly(flight, QUADROTOR)
-
-
-def test_a_figure_ends_with_the_localizer_and_an_old_localization_begins_none() -> None:
-    async def drive(pilotage: Pilotage) -> None:
-        await pilotage.until(lambda state: state.phase == "idle")
-        begin(pilotage, ago_s=200.0)
-        await asyncio.sleep(3.0)
-        assert pilotage.state.phase == "idle"
-        localizer = pilotage.bench.bus.announce(SERVICE_ALIVE, "localizer.anna")
-        begin(pilotage)
-        await pilotage.until(lambda state: state.phase == "moving")
-        localizer.close()
-        await pilotage.until(lambda state: state.phase == "idle")
-        await asyncio.sleep(3.0)
-        assert pilotage.state.phase == "idle"
-
-    fly(drive, QUADROTOR.model_copy(update={"kind": "ground"}))
+@flown(QUADROTOR)
+async def test_nobody_else_s_localization_moves_it_and_who_steers_it_keeps_it(pilotage: Pilotage) -> None:
+    await pilotage.until(lambda state: state.phase == "landed")
+    for other in ({"target_id": "led_1"}, {"purpose": "anchor"}, {"ahead": ("ben",)}, {"phase": "refused"}):
+        pilotage.bench.put(
+            LOCALIZATION,
+            SAMPLING.model_copy(update={"since_ns": pilotage.bench.clock.now_ns(), **other}),
+            "anna",
+        )
+        await asyncio.sleep(0.5)
+        assert pilotage.state.phase == "landed"
+    pilotage.arrive("ben", (0.5, 0.0, 0.0))
+    pilotage.steer("ben", Steering(stamp_ns=0, robot=ROBOT, mode="follow"))
+    await pilotage.until(lambda state: state.user == "ben")
+    begin(pilotage)
+    await asyncio.sleep(8.0)
+    assert math.dist(pilotage.state.position_m, (0.5, 0.0, 0.2)) < 0.15
 
 
-def test_a_robot_without_room_says_so_and_stays() -> None:
-    async def drive(pilotage: Pilotage) -> None:
-        await pilotage.until(lambda state: state.phase == "idle")
-        begin(pilotage)
-        await pilotage.until(lambda state: state.reason == NO_FIGURE)
-        assert pilotage.state.phase == "idle"
-        pilotage.bench.put(LOCALIZATION, SOLVED, "anna")
-        await pilotage.until(lambda state: state.reason == "")
-
-    near = FigureConfig(people_m=((0.9, 0.0, 0.0),))
-    fly(drive, RobotConfig(kind="ground", figure=near))
+@flown(QUADROTOR)
+async def test_a_quadrotor_takes_off_for_a_figure_only_with_room_above_it(pilotage: Pilotage) -> None:
+    await pilotage.until(lambda state: state.phase == "landed")
+    pilotage.arrive("bob")
+    pilotage.pose("bob", (0.3, 0.0, 0.0))
+    begin(pilotage)
+    await pilotage.until(lambda state: "too near to bob" in state.reason)
+    await asyncio.sleep(3.0)
+    assert {state.phase for state in pilotage.states} <= {"lost", "landed"}
 
 
-def test_who_is_found_gets_the_robot_only_when_nobody_else_follows_it() -> None:
-    async def drive(pilotage: Pilotage) -> None:
-        await pilotage.until(lambda state: state.phase == "idle")
-        begin(pilotage)
-        since_ns = pilotage.bench.clock.now_ns()
-        ben = SAMPLING.model_copy(update={"since_ns": since_ns})
-        pilotage.bench.put(LOCALIZATION, ben, "ben")
-        await pilotage.until(lambda state: state.phase == "moving")
-        pilotage.bench.put(LOCALIZATION, SOLVED, "anna")
-        pilotage.arrive("anna")
-        pilotage.point("anna", (0.5, 0.0, 0.0))
-        pilotage.steer("anna", Steering(stamp_ns=0, robot=ROBOT, mode="goals"))
-        barred = await pilotage.until(lambda state: "until ben is found" in state.reason)
-        assert (barred.user, barred.phase) == ("", "moving")
-        await asyncio.sleep(1.0)
-        pilotage.bench.put(LOCALIZATION, SOLVED, "ben")
-        pilotage.steer("anna", Steering(stamp_ns=0, robot=ROBOT, mode="goals"))
-        await pilotage.until(lambda state: state.user == "anna")
+@flown(GROUND)
+async def test_a_figure_ends_with_the_localizer_and_an_old_localization_begins_none(
+    pilotage: Pilotage,
+) -> None:
+    await pilotage.until(lambda state: state.phase == "idle")
+    begin(pilotage, ago_s=200.0)
+    await asyncio.sleep(3.0)
+    assert pilotage.state.phase == "idle"
+    localizer = pilotage.bench.bus.announce(SERVICE_ALIVE, "localizer.anna")
+    begin(pilotage)
+    await pilotage.until(lambda state: state.phase == "moving")
+    localizer.close()
+    await pilotage.until(lambda state: state.phase == "idle")
+    await asyncio.sleep(3.0)
+    assert pilotage.state.phase == "idle"
 
-    fly(drive, QUADROTOR.model_copy(update={"kind": "ground"}))
+
+@flown(RobotConfig(kind="ground", figure=FigureConfig(people_m=((0.9, 0.0, 0.0),))))
+async def test_a_robot_without_room_says_so_and_stays(pilotage: Pilotage) -> None:
+    await pilotage.until(lambda state: state.phase == "idle")
+    begin(pilotage)
+    await pilotage.until(lambda state: state.reason == NO_FIGURE)
+    assert pilotage.state.phase == "idle"
+    pilotage.bench.put(LOCALIZATION, SOLVED, "anna")
+    await pilotage.until(lambda state: state.reason == "")
+
+
+@flown(GROUND)
+async def test_who_is_found_gets_the_robot_only_when_nobody_else_follows_it(pilotage: Pilotage) -> None:
+    await pilotage.until(lambda state: state.phase == "idle")
+    begin(pilotage)
+    begin(pilotage, user="ben")
+    await pilotage.until(lambda state: state.phase == "moving")
+    pilotage.bench.put(LOCALIZATION, SOLVED, "anna")
+    pilotage.arrive("anna", (0.5, 0.0, 0.0))
+    pilotage.steer("anna", Steering(stamp_ns=0, robot=ROBOT, mode="goals"))
+    barred = await pilotage.until(lambda state: "until ben is found" in state.reason)
+    assert (barred.user, barred.phase) == ("", "moving")
+    await asyncio.sleep(1.0)
+    pilotage.bench.put(LOCALIZATION, SOLVED, "ben")
+    await pilotage.take_for_goals("anna")
 
 
 def test_a_figure_is_for_the_places_of_those_who_are_not_found_yet() -> None:
@@ -161,21 +148,108 @@ def test_a_figure_is_for_the_places_of_those_who_are_not_found_yet() -> None:
 
 
 def test_a_robot_that_was_stopped_is_free_for_who_was_found_though_others_wait() -> None:
-    flight = FigureFlight(QUADROTOR.model_copy(update={"kind": "ground"}), ROBOT)
+    flight = FigureFlight(GROUND, ROBOT)
     flight.on_localization("ben", SAMPLING)
-    assert flight.command(STANDS, CurrentOrder(), lambda _: "", lambda _: 1.0, 0) is not None
+    assert flight.command(STANDS, CurrentOrder(), Permits(), 0) is not None
     assert "until ben is found" in flight.take_problem("anna", 0)
     flight.forget()  # it stays stopped until somebody takes it
     assert flight.take_problem("anna", 0) == ""
 
 
 def test_a_less_informative_figure_is_flown_where_people_and_fences_leave_room_for_it_only() -> None:
-    flight = FigureFlight(QUADROTOR.model_copy(update={"kind": "ground"}), ROBOT)
+    flight = FigureFlight(GROUND, ROBOT)
     flight.on_localization("ben", SAMPLING)
+    safety = Permits()
     tried: list[object] = []
 
-    def barred(points: object) -> str:
-        tried.append(points)
+    def barred(points_m: Sequence[Vec3]) -> str:
+        tried.append(points_m)
         return "fence" if len(tried) < 14 else ""
 
-    assert flight.command(STANDS, CurrentOrder(), barred, lambda _: 1.0, 0) is not None
+    safety.way_problem = barred  # type: ignore[method-assign]
+    assert flight.command(STANDS, CurrentOrder(), safety, 0) is not None
+
+
+AWAY: Vec3 = (2.5, 0.5, 1.2)
+PERSON = AssumedPerson((0.0, 0.0, 0.0), 1.5)
+
+
+def sigma_m(points: np.ndarray) -> float:
+    return float(position_sigmas_m(points[None], np.array([PERSON.place_m]))[0, 0])
+
+
+@pytest.mark.parametrize("start", [AWAY, (2.5, 0.5, 0.0)])
+def test_the_best_figure_tells_more_than_a_circle_and_a_line_of_the_same_length(start: Vec3) -> None:
+    best = figures(start, [PERSON], length_m=5.0, is_flying=start[2] > 0.0)[0]
+    turned = np.linspace(0.0, math.tau, 25)
+    radius_m = 5.0 / math.tau
+    away = np.array(start) + np.stack(
+        [radius_m * (1.0 - np.cos(turned)), radius_m * np.sin(turned), 0.0 * turned], axis=1
+    )
+    across = np.array(start) + np.stack([0.0 * turned, 1.25 * np.sin(turned), 0.0 * turned], axis=1)
+    assert best.sigma_m < 0.8 * sigma_m(away)
+    assert best.sigma_m < 0.8 * sigma_m(across)
+    assert best.sigma_m < 0.3
+
+
+@given(st.floats(1.6, 5.0), st.floats(-math.pi, math.pi), st.floats(1.0, 6.0), st.sampled_from([0.0, 1.2]))
+@settings(max_examples=20, deadline=None)
+def test_figures_are_closed_as_long_as_asked_and_away_from_people(
+    reach_m: float, way_rad: float, length_m: float, height_m: float
+) -> None:
+    start = (reach_m * math.cos(way_rad), reach_m * math.sin(way_rad), height_m)
+    found = figures(start, [PERSON], length_m=length_m, is_flying=height_m > 0.0)
+    assert found == sorted(found, key=lambda figure: figure.sigma_m)
+    for each in found:
+        points = np.array(each.points_m)
+        assert points[0] == pytest.approx(start)
+        assert points[-1] == pytest.approx(start, abs=1e-6)
+        assert np.linalg.norm(np.diff(points, axis=0), axis=1).sum() == pytest.approx(length_m, rel=0.01)
+        assert np.hypot(points[:, 0], points[:, 1]).min() >= 1.5
+        assert height_m > 0.0 or (points[:, 2] == 0.0).all()
+
+
+@pytest.mark.parametrize("start", [AWAY, (2.5, 0.5, 0.0)])
+def test_an_unknown_latency_costs_little_on_the_best_figure_and_much_on_a_circle(
+    monkeypatch: pytest.MonkeyPatch, start: Vec3
+) -> None:
+    """The tracker is late, at constant speed: a circle turns the pose by it, and no residual tells."""
+    best = even(np.array(figures(start, [PERSON], length_m=4.0, is_flying=start[2] > 0.0)[0].points_m))
+    turned = np.linspace(0.0, math.tau, 101)
+    circle = np.array(start) + 4.0 / math.tau * np.stack(
+        [1.0 - np.cos(turned), np.sin(turned), 0.0 * turned], axis=1
+    )
+    sigmas_m: list[tuple[float, float]] = []
+    for late_s in (0.001, 0.5):
+        monkeypatch.setattr(followed_figure, "PRIOR", np.append(followed_figure.PRIOR[:4], late_s**-2))
+        sigmas_m.append((sigma_m(best), sigma_m(circle)))
+    (best_m, circle_m), (best_late_m, circle_late_m) = sigmas_m
+    assert best_late_m < 2.0 * best_m
+    assert circle_late_m > 4.0 * circle_m
+
+
+def even(points: np.ndarray) -> np.ndarray:
+    """Return 101 points at equal distances along `points` (n x 3)."""
+    passed_m = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+    wanted_m = np.arange(101) * float(passed_m[-1]) / 100.0
+    return np.stack([np.interp(wanted_m, passed_m, points[:, axis]) for axis in range(3)], axis=1)
+
+
+def test_what_a_robot_at_rest_shows_is_not_enough() -> None:
+    assert sigma_m(np.tile(AWAY, (25, 1))) > 5.0
+
+
+def test_the_choice_does_not_depend_on_where_the_room_lies() -> None:
+    moved = (1000.0, -500.0, 0.0)
+    here = figures(AWAY, [PERSON], length_m=4.0, is_flying=True)[0]
+    start = (AWAY[0] + moved[0], AWAY[1] + moved[1], AWAY[2])
+    there = figures(start, [AssumedPerson(moved, 1.5)], length_m=4.0, is_flying=True)[0]
+    assert there.sigma_m == pytest.approx(here.sigma_m, rel=1e-3)
+
+
+def test_the_best_permitted_figure_is_taken_and_none_if_there_is_none() -> None:
+    ranked = figures(AWAY, [PERSON], length_m=4.0, is_flying=True)
+    found = best_figure(ranked, lambda points: points != ranked[0].points_m)
+    assert found is ranked[1]
+    assert best_figure(ranked, lambda _points: False) is None
+    assert figures((0.5, 0.0, 1.2), [PERSON], length_m=4.0, is_flying=True) == []

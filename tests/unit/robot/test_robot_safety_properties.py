@@ -19,7 +19,7 @@ from pointit.schemas.environment import Fence
 from pointit.schemas.topics import MAP
 from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.robot_driver import RobotReport
-from tests.unit.robot.flight import CURSOR_S, ROBOT, ROOM, Pilotage, fly
+from tests.unit.robot.flight import CURSOR_S, ROBOT, ROOM, Pilotage, flown
 from tests.unit.robot.steered_robot import TICK, Steered
 
 Event = Literal["point", "nothing", "no cursor", "no report", "nan", "jump", "rest", "unsure", "far"]
@@ -199,7 +199,12 @@ def test_a_robot_that_is_led_about_a_corner_neither_slides_over_it_nor_stops_and
     radius_m = 0.25
     box = Fence(id="box", kind="keep_out", outline_m=((4.0, 1.0), (4.6, 1.0), (4.6, 2.2), (4.0, 2.2)))
     gaps_m: list[float] = []
+    config = RobotConfig(
+        start_m=(3.6, 1.0, 0.0), start_yaw_deg=start_yaw_deg, radius_m=radius_m, max_speed_mps=max_speed_mps,
+        max_acceleration_mps2=max_acceleration_mps2, max_cursor_sigma_m=5.0, keep_out_m=0.1,
+    )  # fmt: skip
 
+    @flown(config)
     async def lead(pilotage: Pilotage) -> None:
         pilotage.bench.put(MAP, ROOM.model_copy(update={"fences": (box,)}))
         pilotage.arrive("anna")
@@ -215,16 +220,7 @@ def test_a_robot_that_is_led_about_a_corner_neither_slides_over_it_nor_stops_and
         phases = [state.phase for state in pilotage.states]
         assert sum(before != after for before, after in pairwise(phases)) <= 10
 
-    config = RobotConfig(
-        start_m=(3.6, 1.0, 0.0),
-        start_yaw_deg=start_yaw_deg,
-        radius_m=radius_m,
-        max_speed_mps=max_speed_mps,
-        max_acceleration_mps2=max_acceleration_mps2,
-        max_cursor_sigma_m=5.0,
-        keep_out_m=0.1,
-    )
-    fly(lead, config)
+    lead()
     assert min(gaps_m) > 0.0
 
 

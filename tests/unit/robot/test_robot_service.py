@@ -2,139 +2,91 @@
 
 import asyncio
 import math
+from collections.abc import Callable
+from typing import Any
 from unittest import mock
 
+import pytest
+from click.testing import CliRunner
+
+from pointit.bridges.agv_tracker.service import AgvTracker
+from pointit.cli.robots.robot import find_robots, rows, stop, stop_robots
 from pointit.runtime.config.config import Config
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.service.service import AnyService, Launch, check_launches
 from pointit.runtime.virtual_time import VirtualClock
-from pointit.schemas import Steering, StopRobot
+from pointit.schemas import RobotPlan, Steering
 from pointit.schemas.environment import Frame
-from pointit.schemas.topics import HEALTH, MAP, STOP_ROBOT
+from pointit.schemas.topics import HEALTH, MAP, ROBOT_PLAN
 from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.robot_driver import ROBOTS, Command, Report, RobotPlugin, RobotReport
-from tests.unit.robot.flight import ROBOT, ROOM, Pilotage, fly
+from pointit.services.robot.service import Robot
+from pointit.services.robot_replay.service import RobotReplay
+from tests.unit.robot.flight import ROBOT, ROOM, Pilotage, flown
 
 FOLLOW = Steering(stamp_ns=0, robot=ROBOT, mode="follow")
 NOTHING = Steering(stamp_ns=0)
 
 
-def test_a_quadrotor_takes_off_hovers_where_its_person_points_and_lands_where_pointed() -> None:
-    async def flight(pilotage: Pilotage) -> None:
-        pilotage.arrive("anna")
-        landed = await pilotage.until(lambda state: state.phase == "landed")
-        assert (landed.kind, landed.user, landed.reason) == ("quadrotor", "", "")
-        pilotage.point("anna", (0.5, 1.0, 0.0))
-        pilotage.steer("anna", FOLLOW)
-        await pilotage.until(lambda state: state.phase == "taking_off" and state.user == "anna")
-        await asyncio.sleep(10.0)
-        hovering = pilotage.state
-        assert (hovering.phase, hovering.reason) == ("idle", "")
-        assert math.dist(hovering.position_m, (0.5, 1.0, 0.2)) < 0.1
-        landing = FOLLOW.model_copy(update={"mode": "land", "target_m": (0.2, -1.0, 0.0)})
-        pilotage.steer("anna", landing)
-        await pilotage.until(lambda state: state.phase == "landing")
-        down = await pilotage.until(lambda state: state.phase == "landed")
-        assert math.dist(down.position_m, (0.2, -1.0, 0.0)) < 0.1
-        assert down.user == ""
-        pilotage.states.clear()
-        await asyncio.sleep(2.0)
-        assert {state.phase for state in pilotage.states} == {"landed"}
-        seen = pilotage.objects[-1].objects[0]
-        assert (seen.id, seen.kind, seen.position_m) == (ROBOT, "robot", pilotage.state.position_m)
-
-    fly(flight)
-
-
-def test_anybody_stops_it_in_flight_and_it_hovers_until_somebody_takes_it_anew() -> None:
-    async def flight(pilotage: Pilotage) -> None:
-        pilotage.arrive("anna")
-        pilotage.point("anna", (0.5, 1.0, 0.0))
-        pilotage.steer("anna", FOLLOW)
-        await pilotage.until(lambda state: state.phase == "moving")
-        done = await pilotage.bench.bus.call(STOP_ROBOT, StopRobot(reason="too near"), ROBOT)
-        assert ROBOT in done.message
-        stopped = await pilotage.until(lambda state: state.phase == "stopped")
-        assert (stopped.user, "(too near)" in stopped.reason) == ("", True)
-        await asyncio.sleep(1.0)
-        first = pilotage.state.position_m
-        await asyncio.sleep(5.0)
-        assert math.dist(first, pilotage.state.position_m) < 0.1
-        pilotage.steer("anna", NOTHING)
-        await asyncio.sleep(0.1)
-        pilotage.steer("anna", FOLLOW)
-        again = await pilotage.until(lambda state: state.phase == "moving")
-        assert (again.user, again.reason) == ("anna", "")
-
-    fly(flight)
+@flown()
+async def test_a_quadrotor_takes_off_hovers_where_its_person_points_and_lands_where_pointed(
+    pilotage: Pilotage,
+) -> None:
+    pilotage.arrive("anna")
+    landed = await pilotage.until(lambda state: state.phase == "landed")
+    assert (landed.kind, landed.user, landed.reason) == ("quadrotor", "", "")
+    pilotage.point("anna", (0.5, 1.0, 0.0))
+    pilotage.steer("anna", FOLLOW)
+    await pilotage.until(lambda state: state.phase == "taking_off" and state.user == "anna")
+    await asyncio.sleep(10.0)
+    hovering = pilotage.state
+    assert (hovering.phase, hovering.reason) == ("idle", "")
+    assert math.dist(hovering.position_m, (0.5, 1.0, 0.2)) < 0.1
+    landing = FOLLOW.model_copy(update={"mode": "land", "target_m": (0.2, -1.0, 0.0)})
+    pilotage.steer("anna", landing)
+    await pilotage.until(lambda state: state.phase == "landing")
+    down = await pilotage.until(lambda state: state.phase == "landed")
+    assert math.dist(down.position_m, (0.2, -1.0, 0.0)) < 0.1
+    assert down.user == ""
+    pilotage.states.clear()
+    await asyncio.sleep(2.0)
+    assert {state.phase for state in pilotage.states} == {"landed"}
+    seen = pilotage.objects[-1].objects[0]
+    assert (seen.id, seen.kind, seen.position_m) == (ROBOT, "robot", pilotage.state.position_m)
 
 
-def test_a_ground_robot_drives_along_way_points_to_its_goal() -> None:
-    async def drive(pilotage: Pilotage) -> None:
-        pilotage.arrive("anna")
-        pilotage.point("anna", (0.5, 1.0, 0.0))
-        pilotage.steer("anna", Steering(stamp_ns=0, robot=ROBOT, mode="goals"))
-        await pilotage.until(lambda state: state.user == "anna")
-        pilotage.send("anna", (0.5, 1.0, 0.0), (-0.5, 1.0, 0.0))
-        moving = await pilotage.until(lambda state: state.phase == "moving")
-        assert moving.target_m == (0.5, 1.0, 0.0)
-        await asyncio.sleep(0.3)
-        assert pilotage.plans[-1].line_m[1:] == ((-0.5, 1.0, 0.0), (0.5, 1.0, 0.0))
-        there = await pilotage.until(lambda state: state.phase == "idle")
-        assert math.dist(there.position_m, (0.5, 1.0, 0.0)) < 0.15
-        assert (there.user, there.goal_ns) == ("anna", 0)
-        await asyncio.sleep(0.3)
-        assert pilotage.plans[-1].line_m == ()
-
-    fly(drive, RobotConfig(kind="ground"))
+@flown(RobotConfig(kind="ground"))
+async def test_a_ground_robot_drives_along_way_points_to_its_goal(pilotage: Pilotage) -> None:
+    pilotage.arrive("anna", (0.5, 1.0, 0.0))
+    await pilotage.take_for_goals("anna")
+    pilotage.send("anna", (0.5, 1.0, 0.0), (-0.5, 1.0, 0.0))
+    moving = await pilotage.until(lambda state: state.phase == "moving")
+    assert moving.target_m == (0.5, 1.0, 0.0)
+    await asyncio.sleep(0.3)
+    assert pilotage.plans[-1].line_m[1:] == ((-0.5, 1.0, 0.0), (0.5, 1.0, 0.0))
+    there = await pilotage.until(lambda state: state.phase == "idle")
+    assert math.dist(there.position_m, (0.5, 1.0, 0.0)) < 0.15
+    assert (there.user, there.goal_ns) == ("anna", 0)
+    await asyncio.sleep(0.3)
+    assert pilotage.plans[-1].line_m == ()
 
 
-def test_a_frame_of_the_map_is_between_the_driver_and_the_room() -> None:
+@flown(RobotConfig(kind="ground", frame="dock"))
+async def test_a_frame_of_the_map_is_between_the_driver_and_the_room(pilotage: Pilotage) -> None:
     yaw = 1.2
-    frame = Frame(
-        id="dock",
-        position_m=(0.5, -0.2, 0.0),
-        orientation_xyzw=(0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)),
-    )
-
-    async def drive(pilotage: Pilotage) -> None:
-        await pilotage.until(lambda state: "no frame 'dock'" in state.reason)
-        pilotage.bench.put(MAP, ROOM.model_copy(update={"frames": (frame,), "stamp_ns": 2}))
-        pilotage.arrive("anna")
-        pilotage.point("anna", (0.5, 1.0, 0.0))
-        idle = await pilotage.until(lambda state: state.phase == "idle")
-        assert idle.position_m == (0.5, -0.2, 0.0)
-        assert math.isclose(idle.yaw_rad, yaw)
-        pilotage.steer("anna", Steering(stamp_ns=0, robot=ROBOT, mode="goals"))
-        await pilotage.until(lambda state: state.user == "anna")
-        pilotage.send("anna", (0.5, 1.0, 0.0))
-        await pilotage.until(lambda state: state.phase == "moving")
-        there = await pilotage.until(lambda state: state.phase == "idle")
-        assert math.dist(there.position_m, (0.5, 1.0, 0.0)) < 0.15
-
-    fly(drive, RobotConfig(kind="ground", frame="dock"))
-
-
-def test_a_silent_robot_s_start_and_poses_of_no_numbers_are_converted_from_its_frame() -> None:
-    frame = Frame(id="dock", position_m=(0.5, -0.2, 0.0), orientation_xyzw=(0.0, 0.0, 0.0, 1.0))
-
-    class Endless(Raises):
-        async def run(self, report: Report) -> None:
-            while True:
-                await asyncio.sleep(0.1)
-                report(RobotReport(VirtualClock().now_ns(), (0.0, 0.0, 0.0), math.inf))
-
-    async def life(pilotage: Pilotage) -> None:
-        health = pilotage.bench.collect(HEALTH, f"robot.{ROBOT}")
-        pilotage.bench.put(MAP, ROOM.model_copy(update={"frames": (frame,), "stamp_ns": 2}))
-        lost = await pilotage.until(lambda state: state.position_m == (1.5, -0.2, 0.0))
-        assert lost.phase == "lost"
-        await asyncio.sleep(3.0)
-        said = " ".join(warning for each in health for warning in each.warnings)
-        assert "no number" in said
-        assert "ValueError" not in said
-
-    plugin = RobotPlugin(summary="", config=Config, make=Endless)
-    with mock.patch.object(ROBOTS, "get", return_value=plugin):
-        fly(life, RobotConfig(kind="ground", frame="dock", start_m=(1.0, 0.0, 0.0)))
+    turned = (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
+    frame = Frame(id="dock", position_m=(0.5, -0.2, 0.0), orientation_xyzw=turned)
+    await pilotage.until(lambda state: "no frame 'dock'" in state.reason)
+    pilotage.bench.put(MAP, ROOM.model_copy(update={"frames": (frame,), "stamp_ns": 2}))
+    pilotage.arrive("anna", (0.5, 1.0, 0.0))
+    idle = await pilotage.until(lambda state: state.phase == "idle")
+    assert idle.position_m == (0.5, -0.2, 0.0)
+    assert math.isclose(idle.yaw_rad, yaw)
+    await pilotage.take_for_goals("anna")
+    pilotage.send("anna", (0.5, 1.0, 0.0))
+    await pilotage.until(lambda state: state.phase == "moving")
+    there = await pilotage.until(lambda state: state.phase == "idle")
+    assert math.dist(there.position_m, (0.5, 1.0, 0.0)) < 0.15
 
 
 class Raises:
@@ -153,19 +105,114 @@ class Raises:
         raise KeyError(type(command).__name__)
 
 
-def test_a_driver_that_raises_is_named_and_started_again_and_the_service_goes_on() -> None:
-    plugin = RobotPlugin(summary="", config=Config, make=Raises)
+def driven_by(make: type[Raises]) -> Callable[[Callable[[], None]], Callable[[], None]]:
+    """Patch all drivers of robots with `make`."""
+    plugin = RobotPlugin(summary="", config=Config, make=make)
+    return mock.patch.object(ROBOTS, "get", mock.Mock(return_value=plugin))
 
-    async def life(pilotage: Pilotage) -> None:
-        health = pilotage.bench.collect(HEALTH, f"robot.{ROBOT}")
-        await pilotage.until(lambda state: state.phase == "landed")
-        lost = await pilotage.until(lambda state: state.phase == "lost")
-        assert lost.reason == "the driver of the robot has ended; it is started again"
-        assert pilotage.objects[-1].objects == ()
-        await pilotage.until(lambda state: state.phase == "landed")
-        said = " ".join(warning for each in health for warning in each.warnings)
-        assert "LookupError: the robot speaks another language" in said
-        assert "command failed (KeyError: 'Stop')" in said
 
-    with mock.patch.object(ROBOTS, "get", return_value=plugin):
-        fly(life)
+class Endless(Raises):
+    async def run(self, report: Report) -> None:
+        while True:
+            await asyncio.sleep(0.1)
+            report(RobotReport(VirtualClock().now_ns(), (0.0, 0.0, 0.0), math.inf))
+
+
+@driven_by(Endless)
+@flown(RobotConfig(kind="ground", frame="dock", start_m=(1.0, 0.0, 0.0)))
+async def test_a_silent_robot_s_start_and_poses_of_no_numbers_are_converted_from_its_frame(
+    pilotage: Pilotage,
+) -> None:
+    frame = Frame(id="dock", position_m=(0.5, -0.2, 0.0), orientation_xyzw=(0.0, 0.0, 0.0, 1.0))
+    health = pilotage.bench.collect(HEALTH, f"robot.{ROBOT}")
+    pilotage.bench.put(MAP, ROOM.model_copy(update={"frames": (frame,), "stamp_ns": 2}))
+    lost = await pilotage.until(lambda state: state.position_m == (1.5, -0.2, 0.0))
+    assert lost.phase == "lost"
+    await asyncio.sleep(3.0)
+    said = " ".join(warning for each in health for warning in each.warnings)
+    assert "no number" in said
+    assert "ValueError" not in said
+
+
+@driven_by(Raises)
+@flown()
+async def test_a_driver_that_raises_is_named_and_started_again_and_the_service_goes_on(
+    pilotage: Pilotage,
+) -> None:
+    health = pilotage.bench.collect(HEALTH, f"robot.{ROBOT}")
+    await pilotage.until(lambda state: state.phase == "landed")
+    lost = await pilotage.until(lambda state: state.phase == "lost")
+    assert lost.reason == "the driver of the robot has ended; it is started again"
+    assert pilotage.objects[-1].objects == ()
+    await pilotage.until(lambda state: state.phase == "landed")
+    said = " ".join(warning for each in health for warning in each.warnings)
+    assert "LookupError: the robot speaks another language" in said
+    assert "command failed (KeyError: 'Stop')" in said
+
+
+@flown()
+async def test_a_robot_is_found_and_stopped_and_an_absent_one_is_said(pilotage: Pilotage) -> None:
+    await pilotage.until(lambda state: state.phase == "landed")
+    bus = pilotage.bench.bus
+    (row,) = rows(await find_robots(bus))
+    assert (row["robot"], row["kind"], row["phase"], row["user"]) == (ROBOT, "quadrotor", "landed", "")
+    assert (row["x_m"], row["reason"]) == (0.0, "")
+    problems = await stop_robots(bus, [ROBOT, "nobody"], "a child runs there")
+    assert list(problems) == ["nobody"]
+    stopped = await pilotage.until(lambda state: bool(state.reason))
+    assert "(a child runs there)" in stopped.reason
+
+
+@flown()
+async def test_a_robot_whose_process_was_killed_is_listed_as_lost(pilotage: Pilotage) -> None:
+    await pilotage.until(lambda state: state.phase == "landed")
+    pilotage.bench.put(ROBOT_PLAN, RobotPlan(stamp_ns=1), "cart")  # as the keeper has it
+    there, gone = sorted(rows(await find_robots(pilotage.bench.bus)), key=lambda row: row["phase"] == "lost")
+    assert there["robot"] == ROBOT
+    assert (gone["robot"], gone["phase"], gone["x_m"]) == ("cart", "lost", None)
+    assert "process has ended" in str(gone["reason"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "name the robots to stop, or give --all"),
+        ([ROBOT, "--all"], "give either the robots to stop or --all, not both"),
+    ],
+    ids=["none", "both"],
+)
+def test_robots_to_stop_are_named_or_all(arguments: list[str], message: str) -> None:
+    result = CliRunner().invoke(stop, arguments)
+    assert result.exit_code == 2
+    assert message in result.output
+
+
+AGV = {"broker": "hub", "manufacturer": "acme", "serial_number": "7"}
+
+
+@pytest.mark.parametrize(
+    ("service", "parameters", "problem"),
+    [
+        (Robot, {"driver": "vda5050"}, "robot.one: broker: is missing"),
+        (Robot, {"driver": "vda5050", "vda5050": {"broker": "hub"}}, "robot.one: manufacturer: is missing"),
+        (
+            Robot,
+            {"driver": "ros2", "ros2": {"backend": {"endpoint": "hub"}}},
+            "robot.one: backend.endpoint: ",
+        ),
+        (AgvTracker, {}, "agv-tracker.one: broker: is missing"),
+        (AgvTracker, {"broker": "hub", "username": "me", "password_file": "/none"}, "password_file: /none"),
+        (RobotReplay, {}, "robot-replay.one: recording: is missing"),
+    ],
+)
+def test_wrong_parameters_are_refused_before_the_service_starts(
+    service: type[AnyService], parameters: dict[str, Any], problem: str
+) -> None:
+    config = service.CONFIG.model_validate(parameters)
+    with pytest.raises(ConfigError, match=problem):
+        check_launches([Launch(service=service, config=config, name="one")])
+
+
+@pytest.mark.parametrize("parameters", [{}, {"driver": "vda5050", "vda5050": AGV}, {"driver": "ros2"}])
+def test_parameters_that_may_work_are_accepted(parameters: dict[str, Any]) -> None:
+    check_launches([Launch(service=Robot, config=Robot.CONFIG.model_validate(parameters), name="one")])

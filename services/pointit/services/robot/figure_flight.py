@@ -1,7 +1,6 @@
 """The figure of a robot that nobody steers, while a person is localized by following it. Pure."""
 
 import math
-from collections.abc import Callable, Sequence
 
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Localization, UserPose
@@ -9,6 +8,7 @@ from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.current_order import CurrentOrder
 from pointit.services.robot.followed_figure import AssumedPerson, best_figure, figures
 from pointit.services.robot.robot_driver import Command, FollowPath, Land, RobotReport, Stop, TakeOff
+from pointit.services.robot.safety.safety import Safety
 
 AROUND_M = 2.5
 """Distance from the robot at which a person stands of whom nothing is known."""
@@ -45,7 +45,6 @@ class FigureFlight:
         """Reason for which there is no figure, or `""`."""
 
     def _waiting(self, now_ns: int) -> list[str]:
-        """Return the people who are localized by this robot."""
         longest_ns = LONGEST_S * NS_PER_S
         return [user for user, since_ns in self.followers.items() if abs(now_ns - since_ns) < longest_ns]
 
@@ -79,22 +78,9 @@ class FigureFlight:
         self.problem = ""
 
     def command(
-        self,
-        report: RobotReport,
-        order: CurrentOrder,
-        way_problem: Callable[[Sequence[Vec3]], str],
-        speed_limit_mps: Callable[[Sequence[Vec3]], float],
-        now_ns: int,
+        self, report: RobotReport, order: CurrentOrder, safety: Safety, now_ns: int
     ) -> Command | None:
-        """Return the command to a robot that nobody steers, or None.
-
-        Args:
-            report: its last one.
-            order: what it carries out.
-            way_problem: returns the reason not to go along points, or `""`.
-            speed_limit_mps: returns the greatest speed along points.
-            now_ns: the time.
-        """
+        """Return the command to a robot that nobody steers, by its last report and its order, or None."""
         is_wanted = bool(self._waiting(now_ns))
         if not is_wanted and isinstance(order.command, FollowPath | TakeOff):
             return self._interrupt(order)
@@ -107,27 +93,23 @@ class FigureFlight:
         if self._config.kind == "quadrotor" and not report.is_flying:
             x, y, z = report.position_m
             height_m = self._config.figure.height_m
-            self.problem = way_problem(((x, y, z + height_m),))
+            self.problem = safety.way_problem(((x, y, z + height_m),))
             if self.problem:
                 return None
             self._is_begun = True
             return TakeOff(order.next(), height_m)
+        people = self.people(report.position_m, is_flying=report.is_flying)
         length_m = self._config.max_speed_mps * self._config.figure.duration_s
-        ranked = figures(
-            report.position_m,
-            self.people(report.position_m, is_flying=report.is_flying),
-            length_m=length_m,
-            is_flying=self._config.kind == "quadrotor",
-        )
-        chosen = best_figure(ranked, lambda points: not way_problem(points))
+        flies = self._config.kind == "quadrotor"
+        ranked = figures(report.position_m, people, length_m=length_m, is_flying=flies)
+        chosen = best_figure(ranked, lambda points: not safety.way_problem(points))
         if chosen is None:
             self.problem = NO_FIGURE
             return None
         self._is_begun, self.problem = True, ""
-        return FollowPath(order.next(), chosen.points_m[1:], None, speed_limit_mps(chosen.points_m))
+        return FollowPath(order.next(), chosen.points_m[1:], None, safety.speed_limit_mps(chosen.points_m))
 
     def _interrupt(self, order: CurrentOrder) -> Command | None:
-        """Return the command that stops the figure."""
         self.problem = ""
         self._tried_ns = None
         return Stop(order.next()) if self._is_begun else None

@@ -22,7 +22,8 @@ from pointit.services.robot.robot_driver import (
     Stop,
     TakeOff,
 )
-from pointit.services.robot.robot_safety import RobotSafety, StopReason
+from pointit.services.robot.robot_safety import StopReason
+from pointit.services.robot.safety.safety import Safety
 from pointit.services.robot.steering.errand import Errand
 from pointit.services.robot.steering.table import HOLDS, Stage, hold_of, stage_of, verdict_of
 
@@ -37,7 +38,7 @@ NEAR_M = 0.1
 class RobotPilot:
     """Turns what people want of a robot into commands to its driver, as far as safety permits."""
 
-    def __init__(self, config: RobotConfig, name: str, safety: RobotSafety) -> None:
+    def __init__(self, config: RobotConfig, name: str, safety: Safety) -> None:
         """Start without any report. The robot is told to stop when it reports first."""
         self._config = config
         self._name = name
@@ -219,10 +220,7 @@ class RobotPilot:
 
     def _figure_command(self, report: RobotReport, now_ns: int) -> Command | None:
         """Return the command to the robot, which nobody steers, for a person who is localized by it."""
-        safety = self._safety
-        command = self._figure.command(
-            report, self._order, safety.way_problem, safety.speed_limit_mps, now_ns
-        )
+        command = self._figure.command(report, self._order, self._safety, now_ns)
         if isinstance(command, Stop):
             self._order.drop()
         elif command is not None:
@@ -263,7 +261,6 @@ class RobotPilot:
             self._stop = None
 
     def _free(self) -> None:
-        """Take it from who steers it."""
         self._owners.free()
         self._end_steering()
 

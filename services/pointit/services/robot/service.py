@@ -16,30 +16,14 @@ from pointit.schemas import (
     Environment,
     Goal,
     Interaction,
-    Localization,
     RobotState,
     Steering,
     StopRobot,
-    UserPose,
+    topics,
 )
 from pointit.schemas.environment import Frame
-from pointit.schemas.topics import (
-    CURSOR,
-    GOAL,
-    INTERACTION,
-    LOCALIZATION,
-    MAP,
-    OBJECTS,
-    POSE,
-    ROBOT_PLAN,
-    ROBOT_STATE,
-    SERVICE_ALIVE,
-    STEERING,
-    STOP_ROBOT,
-    USER_ALIVE,
-)
 from pointit.services.robot.config import RobotConfig
-from pointit.services.robot.driver_frame import in_frame, in_world, report_fault
+from pointit.services.robot.driver_frame import in_frame, report_fault, report_in_world
 from pointit.services.robot.robot_driver import (
     ROBOTS,
     Command,
@@ -86,20 +70,20 @@ class Robot(Service[RobotConfig]):
         """False once the driver has run: then a new one is made for the next run."""
         self._frame: Frame | None = None
         """Frame of the driver's places, or None if that is {W} or not known yet."""
-        self._states = self.bus.publisher(ROBOT_STATE, self._robot)
-        self._plans = self.bus.publisher(ROBOT_PLAN, self._robot)
-        self._objects = self.bus.publisher(OBJECTS, f"{self.NAME}.{self._robot}")
-        self.bus.serve(STOP_ROBOT, self._stop, self._robot)
-        self.bus.watch(USER_ALIVE, self._on_presence)
-        self.bus.watch(SERVICE_ALIVE, self._on_service)
-        self.bus.subscribe(MAP, self._on_map)
-        self.bus.subscribe(POSE, self._on_pose)
-        self.bus.subscribe(INTERACTION, self._on_interaction)
-        self.bus.subscribe(CURSOR, self._on_cursor)
-        self.bus.subscribe(STEERING, self._on_steering)
-        self.bus.subscribe(GOAL, self._on_goal)
-        self.bus.subscribe(ROBOT_STATE, self._on_robot)
-        self.bus.subscribe(LOCALIZATION, self._on_localization)
+        self._states = self.bus.publisher(topics.ROBOT_STATE, self._robot)
+        self._plans = self.bus.publisher(topics.ROBOT_PLAN, self._robot)
+        self._objects = self.bus.publisher(topics.OBJECTS, f"{self.NAME}.{self._robot}")
+        self.bus.serve(topics.STOP_ROBOT, self._stop, self._robot)
+        self.bus.watch(topics.USER_ALIVE, self._on_presence)
+        self.bus.watch(topics.SERVICE_ALIVE, self._on_service)
+        self.bus.subscribe(topics.MAP, self._on_map)
+        self.bus.subscribe(topics.POSE, lambda pose, user: self._pilot.on_pose(user, pose))
+        self.bus.subscribe(topics.INTERACTION, self._on_interaction)
+        self.bus.subscribe(topics.CURSOR, self._on_cursor)
+        self.bus.subscribe(topics.STEERING, self._on_steering)
+        self.bus.subscribe(topics.GOAL, self._on_goal)
+        self.bus.subscribe(topics.ROBOT_STATE, self._on_robot)
+        self.bus.subscribe(topics.LOCALIZATION, lambda news, user: self._pilot.on_localization(user, news))
 
     @classmethod
     def validate_config(cls, config: RobotConfig) -> None:
@@ -148,16 +132,15 @@ class Robot(Service[RobotConfig]):
     def _report(self, item: ReportItem) -> None:
         now_ns = self.clock.now_ns()
         if self._frame is not None:
-            if not (isinstance(item, RobotReport) and report_fault(item)):  # the pilot refuses it
-                item = in_world(item, self._frame)
+            if isinstance(item, RobotReport) and not report_fault(item):  # else the pilot refuses it
+                item = report_in_world(item, self._frame)
         elif self.config.frame:
             item = LinkLost(
                 f"the map has no frame {self.config.frame!r} yet, in which the robot tells its place"
             )
         self.bus.warn("report", self._pilot.on_item(item, now_ns))
         self.bus.warn("link", item.reason if isinstance(item, LinkLost) else "")
-        if (objects := self._messages.objects(now_ns)) is not None:
-            self._objects.put(objects)
+        self._put_objects(now_ns)
 
     def _step(self, now_ns: int) -> None:
         command = self._pilot.step(now_ns)
@@ -167,13 +150,15 @@ class Robot(Service[RobotConfig]):
             self._states.put(state)
         if (plan := self._messages.plan(now_ns)) is not None:
             self._plans.put(plan)
+        self._put_objects(now_ns)
+
+    def _put_objects(self, now_ns: int) -> None:
         if (objects := self._messages.objects(now_ns)) is not None:
             self._objects.put(objects)
 
     def _tell(self, command: Command) -> None:
-        if self._frame is not None:
-            command = in_frame(command, self._frame)
-        self._guard.call("command", lambda: self._driver.command(command))
+        told = command if self._frame is None else in_frame(command, self._frame)
+        self._guard.call("command", lambda: self._driver.command(told))
 
     def _on_map(self, environment: Environment, _name: str) -> None:
         self._pilot.on_map(environment)
@@ -198,9 +183,6 @@ class Robot(Service[RobotConfig]):
         if instance.startswith(LOCALIZER) and not present:
             self._pilot.on_localizer_end(instance.removeprefix(LOCALIZER))
 
-    def _on_pose(self, pose: UserPose, user: str) -> None:
-        self._pilot.on_pose(user, pose)
-
     def _on_interaction(self, interaction: Interaction, user: str) -> None:
         self._safety.on_interaction(user, interaction)
         if user == self._pilot.user:
@@ -219,9 +201,6 @@ class Robot(Service[RobotConfig]):
         now_ns = self.clock.now_ns()
         self._pilot.on_goal(user, goal, now_ns)
         self._step(now_ns)
-
-    def _on_localization(self, news: Localization, user: str) -> None:
-        self._pilot.on_localization(user, news)
 
     def _on_robot(self, state: RobotState, robot: str) -> None:
         if robot != self._robot:

@@ -129,40 +129,34 @@ class Arbiter:
             now_ns: time from which a reservation counts, ns. An event has the stamp of its claim.
             refused: reason for which it is refused anyway, or `""`.
         """
-        object_id = claim.object_id
+        object_id, at_ns, cause = claim.object_id, claim.stamp_ns, claim.cause
         action, taken_by = self._ownership.action(user, object_id, now_ns)
         if claim.wish == "reserve":
             if action in CHANGES and not refused:
                 self._is_news |= self._reservations.reserve(object_id, user, now_ns)
             return []
-        if self._is_decided(user, claim.stamp_ns):
+        if self._is_decided(user, at_ns):
             return []
         tracked = self._positions.objects.get(object_id)
         kind = "" if tracked is None else tracked.kind
         if taken_by and not self._ownership.is_selected(object_id):
             taken = f"{kind or 'object'} is being selected by {taken_by}; wait or choose another one"
             refused = refused or taken
-        if self._tells_method and claim.cause == "dwell" and self._is_twice(user, claim):
+        if self._tells_method and cause == "dwell" and self._is_twice(user, claim):
             refused = refused or f"{kind or 'object'} was changed by you just now: leave it, then point again"
         if refused:
             record = self._ledger.refuse(
-                object_id,
-                kind,
-                user,
-                claim.stamp_ns,
-                cause=claim.cause,
-                confidence=claim.confidence,
-                reason=refused,
+                object_id, kind, user, at_ns, cause=cause, confidence=claim.confidence, reason=refused
             )
         else:
             record = self._ledger.toggle(
-                object_id, kind, user, claim.stamp_ns, cause=claim.cause, confidence=claim.confidence
+                object_id, kind, user, at_ns, cause=cause, confidence=claim.confidence
             )
             if record.event != "refused":
                 self._reservations.free(object_id)
-                if claim.cause == "dwell":
-                    self._dwelt[user] = object_id, claim.stamp_ns
-        return self._publish(user, [record], claim.stamp_ns)
+                if cause == "dwell":
+                    self._dwelt[user] = object_id, at_ns
+        return self._publish(user, [record], at_ns)
 
     def _is_decided(self, user: str, stamp_ns: int) -> bool:
         """Return True if the claim was decided before. Remember it."""
@@ -299,7 +293,6 @@ class Arbiter:
         return [Output("", self.selection(now_ns))] if left else []
 
     def _publish(self, user: str, records: Sequence[Record], now_ns: int) -> list[Output]:
-        """Return the messages for `records`, the selection first."""
         outputs: list[Output] = []
         if any(record.event != "refused" for record in records):
             outputs.append(Output("", self.selection(now_ns)))

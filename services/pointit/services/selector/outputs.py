@@ -6,6 +6,8 @@ from typing import Literal, NamedTuple
 from pointit.schemas import Claim, Feedback, Hover, Selection, SelectionEvent
 from pointit.schemas.base import Count, Fraction, Ns
 
+Event = Literal["selected", "deselected", "refused", "left"]
+
 Cause = Literal["", "dwell", "button", "undo", "clear", "release"]
 """Cause of a change: the person's action."""
 
@@ -44,7 +46,7 @@ class Record(NamedTuple):
     """An event of an object, for the audit. The events of one object determine if it is selected."""
 
     stamp_ns: Ns
-    event: Literal["selected", "deselected", "refused", "left"]
+    event: Event
     object_id: str
     kind: str = ""
     user: str = ""

@@ -69,7 +69,6 @@ class SelectionEngine(Arbiter):
         return super().tick(now_ns)
 
     def _decide(self, pointed: list[Output]) -> list[Output]:
-        """Return `pointed` with what is decided in place of claims."""
         outputs: list[Output] = []
         for output in pointed:
             message = output.message

@@ -136,7 +136,6 @@ class ShardEngine:
         return outputs
 
     def _send(self, pointed: list[Output], now_ns: int) -> list[Output]:
-        """Return the messages of `pointed` to publish."""
         outputs: list[Output] = []
         for user, message in pointed:
             if not isinstance(message, Claim):

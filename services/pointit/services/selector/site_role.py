@@ -19,17 +19,7 @@ from pointit.schemas import (
     SetMethod,
     SetMethodReply,
     UndoSelection,
-)
-from pointit.schemas.topics import (
-    CLAIM,
-    CLEAR_SELECTION,
-    CONVEYOR_STATE,
-    READ_HISTORY,
-    RELEASE_OBJECT,
-    SELECTION,
-    SELECTION_EVENTS,
-    SET_METHOD,
-    UNDO_SELECTION,
+    topics,
 )
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.methods.method import MakeMethod, is_by_angle, is_ours
@@ -65,8 +55,8 @@ class SiteRole:
         self._is_kept = kept.enabled
         self._bus, self._clock, self._put, self._use = bus, clock, put, use
         self.engine = SelectionEngine(config, self._journal.add, make)
-        self._selections = bus.publisher(SELECTION)
-        self._events = bus.publisher(SELECTION_EVENTS)
+        self._selections = bus.publisher(topics.SELECTION)
+        self._events = bus.publisher(topics.SELECTION_EVENTS)
 
     def begin(self) -> None:
         """Restore what was selected before a restart, republish possibly unpublished events, and serve."""
@@ -81,17 +71,17 @@ class SiteRole:
             if event is not None:
                 self._put([Output("", event)])
         self._maintain_journal(now_ns)
-        self._bus.serve(CLEAR_SELECTION, self._clear)
-        self._bus.serve(UNDO_SELECTION, self._undo)
-        self._bus.serve(RELEASE_OBJECT, self._release)
-        self._bus.serve(SET_METHOD, self._set_method)
-        self._bus.serve(READ_HISTORY, History(self._journal.path if self._is_kept else None).answer)
+        self._bus.serve(topics.CLEAR_SELECTION, self._clear)
+        self._bus.serve(topics.UNDO_SELECTION, self._undo)
+        self._bus.serve(topics.RELEASE_OBJECT, self._release)
+        self._bus.serve(topics.SET_METHOD, self._set_method)
+        self._bus.serve(topics.READ_HISTORY, History(self._journal.path if self._is_kept else None).answer)
 
     def subscribe(self) -> None:
         """Subscribe to departures, refusals of the conveyor and claims of shards."""
-        self._bus.subscribe(CONVEYOR_STATE, self._on_conveyor)
-        self._bus.subscribe(SELECTION_EVENTS, self._on_event)
-        self._bus.subscribe(CLAIM, self._on_claim)
+        self._bus.subscribe(topics.CONVEYOR_STATE, self._on_conveyor)
+        self._bus.subscribe(topics.SELECTION_EVENTS, self._on_event)
+        self._bus.subscribe(topics.CLAIM, self._on_claim)
 
     def commit(self) -> None:
         """Write events to the journal, before they are published."""

@@ -7,26 +7,19 @@ import numpy as np
 
 from pointit.runtime.clock import ticks
 from pointit.runtime.service.service import Context, Scope, Service
-from pointit.schemas import NS_PER_S, WRIST_PATIENCE_S, Message, WristSample
-from pointit.schemas.topics import (
-    BUTTON,
-    FEEDBACK,
-    IMU,
-    LAMP_COLOR,
-    MAP,
-    OBJECTS,
-    PROFILE,
-    ROBOT_STATE,
-    STRIPS_FRAME,
-    WRIST,
-    Topic,
-)
+from pointit.schemas import NS_PER_S, WRIST_PATIENCE_S, Message, WristSample, topics
 from pointit.services.user_sim.config import UserSimConfig
 from pointit.services.user_sim.person import Person
 
-IN_THE_ROOM: tuple[Topic[Any], ...] = (MAP, OBJECTS, ROBOT_STATE, STRIPS_FRAME, LAMP_COLOR)
+IN_THE_ROOM: tuple[topics.Topic[Any], ...] = (
+    topics.MAP,
+    topics.OBJECTS,
+    topics.ROBOT_STATE,
+    topics.STRIPS_FRAME,
+    topics.LAMP_COLOR,
+)
 """Topics that all people in the room perceive."""
-OWN: tuple[Topic[Any], ...] = (FEEDBACK, PROFILE)
+OWN: tuple[topics.Topic[Any], ...] = (topics.FEEDBACK, topics.PROFILE)
 """Topics that only this person perceives, and their own profile."""
 
 
@@ -48,13 +41,13 @@ class UserSim(Service[UserSimConfig]):
         self._page_ns: int | None = None
         """Time of the last sample from the page that moves the wrist, ns."""
         self._has_yielded = False
-        self._imu = self.bus.publisher(IMU, self.user)
-        self._button = self.bus.publisher(BUTTON, self.user)
+        self._imu = self.bus.publisher(topics.IMU, self.user)
+        self._button = self.bus.publisher(topics.BUTTON, self.user)
         for shared in IN_THE_ROOM:
             self.bus.subscribe(shared, self._see)
         for own in OWN:
             self.bus.subscribe(own, self._see, self.user)
-        self.bus.subscribe(WRIST, self._on_wrist, self.user)
+        self.bus.subscribe(topics.WRIST, self._on_wrist, self.user)
 
     async def run(self) -> None:
         """Step at the band's rate until cancelled."""

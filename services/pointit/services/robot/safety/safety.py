@@ -228,12 +228,10 @@ class Safety:
         return f"{which} is {short_m:.1f} m too near to {blocker.name}: choose one farther away"
 
     def _place_m(self) -> Vec3:
-        """Return its last known place."""
         report = self._reports.newest
         return self._config.start_m if report is None else report.position_m
 
     def _region(self) -> Region:
-        """Return where it may be now."""
         config, report = self._config, self._reports.newest
         sigma_m = 0.0 if report is None else report.position_sigma_m or 0.0
         others = (self._cylinder(name, state) for name, state in self._others.items())

@@ -7,7 +7,7 @@ from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.current_order import CurrentOrder
 from pointit.services.robot.ownership import Ownership
 from pointit.services.robot.robot_driver import Command, Follow, FollowPath, Land, RobotReport, Stop, TakeOff
-from pointit.services.robot.robot_safety import RobotSafety
+from pointit.services.robot.safety.safety import Safety
 from pointit.services.robot.steering.table import ACTIONS, Stage
 
 ANSWER_S = 3.0
@@ -30,9 +30,7 @@ MAX_STEP_M = 0.3
 class Errand:
     """Makes the commands of the table of actions, as far as safety permits."""
 
-    def __init__(
-        self, config: RobotConfig, safety: RobotSafety, owners: Ownership, order: CurrentOrder
-    ) -> None:
+    def __init__(self, config: RobotConfig, safety: Safety, owners: Ownership, order: CurrentOrder) -> None:
         """Start with nothing to do."""
         self._config = config
         self._safety = safety

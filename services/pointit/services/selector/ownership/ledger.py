@@ -4,13 +4,21 @@ import dataclasses
 from collections import deque
 from collections.abc import Callable, Container, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import TypedDict, Unpack
 
 from pointit.schemas import SelectedObject
-from pointit.services.selector.outputs import Cause, Owned, Record
+from pointit.services.selector.outputs import Cause, Event, Owned, Record
 
 MAX_RELEASED = 100
 """Limit of deselected objects whose last owner is remembered."""
+
+
+class Why(TypedDict, total=False):
+    """Fields of a record that tell why."""
+
+    cause: Cause
+    confidence: float | None
+    reason: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,13 +66,9 @@ class Ledger:
         """Return the selected objects, the oldest first."""
         return tuple(
             SelectedObject(
-                id=object_id,
-                user=entry.user,
-                since_ns=entry.since_ns,
-                kind=entry.kind,
-                confidence=entry.confidence,
+                id=name, user=one.user, since_ns=one.since_ns, kind=one.kind, confidence=one.confidence
             )
-            for object_id, entry in self._entries.items()
+            for name, one in self._entries.items()
         )
 
     def blocking_owner(self, object_id: str, user: str, now_ns: int) -> str:
@@ -101,20 +105,19 @@ class Ledger:
         owner = self.blocking_owner(object_id, user, now_ns)
         if entry is not None and owner:
             reason = f"{entry.kind or 'object'} is selected by {owner}; only {owner} can deselect it"
-            return self.refuse(
-                object_id, kind, user, now_ns, cause=cause, reason=reason, confidence=confidence
-            )
-        if reason := self._too_late(object_id, now_ns):
+        else:
+            reason = self._too_late(object_id, now_ns)
+        if reason:
             return self.refuse(
                 object_id, kind, user, now_ns, cause=cause, reason=reason, confidence=confidence
             )
         if entry is None:
             after = Owned(user, kind, now_ns, confidence)
-            record = self._select(object_id, after, user, now_ns, cause)
+            record = self._select(object_id, after, user, now_ns, cause=cause)
             self._remember(user, [_Change(object_id, None, after)])
             return record
         self._remember(user, [_Change(object_id, entry, None)])
-        return self._deselect(object_id, user, now_ns, cause, confidence=confidence)
+        return self._deselect(object_id, user, now_ns, cause=cause, confidence=confidence)
 
     def clear(self, user: str, now_ns: int) -> list[Record]:
         """Deselect all objects of `user` as one step. Those for which it is too late are refused."""
@@ -126,7 +129,7 @@ class Ledger:
         return [
             self.refuse(object_id, entry.kind, user, now_ns, cause="clear", reason=reasons[object_id])
             if reasons[object_id]
-            else self._deselect(object_id, user, now_ns, "clear")
+            else self._deselect(object_id, user, now_ns, cause="clear")
             for object_id, entry in own.items()
         ]
 
@@ -142,11 +145,11 @@ class Ledger:
         reason = "" if take_over else self._too_late(object_id, now_ns)
         if reason:
             return [self.refuse(object_id, before.kind, user, now_ns, cause="release", reason=reason)]
-        records = [self._deselect(object_id, user, now_ns, "release")]
+        records = [self._deselect(object_id, user, now_ns, cause="release")]
         changes = [_Change(object_id, before, None)]
         if take_over:
             after = Owned(user, before.kind, now_ns)
-            records.append(self._select(object_id, after, user, now_ns, "release"))
+            records.append(self._select(object_id, after, user, now_ns, cause="release"))
             changes.append(_Change(object_id, None, after))
         self._remember(user, changes)
         return records
@@ -178,8 +181,7 @@ class Ledger:
         """Close the entries of `object_ids`, which left at `now_ns`."""
         left = [(object_id, self._entries.pop(object_id)) for object_id in object_ids]
         return [
-            _record("left", object_id, entry, user=entry.user, now_ns=now_ns, reason=reason)
-            for object_id, entry in left
+            _record("left", object_id, entry, entry.user, now_ns, reason=reason) for object_id, entry in left
         ]
 
     def correct(self, object_id: str, now_ns: int, reason: str) -> Record | None:
@@ -191,40 +193,19 @@ class Ledger:
         if entry is not None:
             if entry.since_ns >= now_ns:
                 return None
-            record = self._deselect(object_id, entry.user, now_ns, "", reason=reason)
+            record = self._deselect(object_id, entry.user, now_ns, cause="", reason=reason)
             del self._released[object_id]
             return record
         released, released_ns = self._released.get(object_id, (None, 0))
         if released is None or released_ns > now_ns:
             return None
         owned = dataclasses.replace(released, since_ns=now_ns)
-        return self._select(object_id, owned, owned.user, now_ns, "", reason=reason)
+        return self._select(object_id, owned, owned.user, now_ns, cause="", reason=reason)
 
-    def refuse(
-        self,
-        object_id: str,
-        kind: str,
-        user: str,
-        now_ns: int,
-        *,
-        cause: Cause,
-        reason: str,
-        confidence: float | None = None,
-    ) -> Record:
+    def refuse(self, object_id: str, kind: str, user: str, now_ns: int, **why: Unpack[Why]) -> Record:
         """Return the record of an action that is refused for `reason`. Changes nothing."""
-        entry = self._entries.get(object_id)
-        return Record(
-            stamp_ns=now_ns,
-            event="refused",
-            object_id=object_id,
-            kind=kind if entry is None else entry.kind,
-            user=user,
-            owner="" if entry is None else entry.user,
-            since_ns=0 if entry is None else entry.since_ns,
-            cause=cause,
-            confidence=confidence,
-            reason=reason,
-        )
+        entry = self._entries.get(object_id) or Owned("", kind, 0)
+        return _record("refused", object_id, entry, user, now_ns, **why)
 
     def _still(self, change: _Change, present: Container[str]) -> bool:
         entry = self._entries.get(change.object_id)
@@ -234,8 +215,8 @@ class Ledger:
 
     def _take_back(self, change: _Change, user: str, now_ns: int) -> Record:
         if change.before is None:
-            return self._deselect(change.object_id, user, now_ns, "undo")
-        return self._select(change.object_id, change.before, user, now_ns, "undo")
+            return self._deselect(change.object_id, user, now_ns, cause="undo")
+        return self._select(change.object_id, change.before, user, now_ns, cause="undo")
 
     def _lost_step(self, change: _Change, user: str, now_ns: int, present: Container[str]) -> Record:
         entry = self._entries.get(change.object_id)
@@ -253,72 +234,22 @@ class Ledger:
     def _remember(self, user: str, step: list[_Change]) -> None:
         self._steps.setdefault(user, deque(maxlen=self._undo_steps)).append(step)
 
-    def _select(
-        self, object_id: str, entry: Owned, user: str, now_ns: int, cause: Cause, *, reason: str = ""
-    ) -> Record:
+    def _select(self, object_id: str, entry: Owned, user: str, now_ns: int, **why: Unpack[Why]) -> Record:
         self._entries[object_id] = entry
         self._released.pop(object_id, None)
-        return _record(
-            "selected",
-            object_id,
-            entry,
-            user=user,
-            now_ns=now_ns,
-            cause=cause,
-            confidence=entry.confidence,
-            reason=reason,
-        )
+        why["confidence"] = entry.confidence
+        return _record("selected", object_id, entry, user, now_ns, **why)
 
-    def _deselect(
-        self,
-        object_id: str,
-        user: str,
-        now_ns: int,
-        cause: Cause,
-        *,
-        confidence: float | None = None,
-        reason: str = "",
-    ) -> Record:
+    def _deselect(self, object_id: str, user: str, now_ns: int, **why: Unpack[Why]) -> Record:
         entry = self._entries.pop(object_id)
         self._released[object_id] = entry, now_ns
         if len(self._released) > MAX_RELEASED:
             del self._released[next(iter(self._released))]
-        return _record(
-            "deselected",
-            object_id,
-            entry,
-            user=user,
-            now_ns=now_ns,
-            cause=cause,
-            confidence=confidence,
-            reason=reason,
-        )
+        return _record("deselected", object_id, entry, user, now_ns, **why)
 
 
-def _record(
-    event: Literal["selected", "deselected", "left"],
-    object_id: str,
-    entry: Owned,
-    *,
-    user: str,
-    now_ns: int,
-    cause: Cause = "",
-    confidence: float | None = None,
-    reason: str = "",
-) -> Record:
-    """Return the record of `event` for `entry`."""
-    return Record(
-        stamp_ns=now_ns,
-        event=event,
-        object_id=object_id,
-        kind=entry.kind,
-        user=user,
-        owner=entry.user,
-        since_ns=entry.since_ns,
-        cause=cause,
-        confidence=confidence,
-        reason=reason,
-    )
+def _record(event: Event, object_id: str, entry: Owned, user: str, now_ns: int, **why: Unpack[Why]) -> Record:
+    return Record(now_ns, event, object_id, entry.kind, user, entry.user, entry.since_ns, **why)
 
 
 def _keeps_way(change: _Change, step: list[_Change]) -> bool:

@@ -14,19 +14,7 @@ from pointit.runtime.host.store import Store
 from pointit.schemas import NS_PER_S
 from pointit.schemas.base import Count, Ns
 from pointit.services.selector.outputs import Owned, Record
-from pointit.services.selector.store.journal_table import (
-    BYTES,
-    DECIDED,
-    FILE,
-    INSERT,
-    LAYOUT,
-    OPEN,
-    PRUNE,
-    PRUNE_TO,
-    SHRINK,
-    UNPUBLISHED,
-    record_of,
-)
+from pointit.services.selector.store import journal_table as table
 
 NS_PER_DAY = 86_400 * NS_PER_S
 MAX_PENDING = 4096
@@ -69,7 +57,7 @@ class Journal:
             restore_within_s: selections are dropped if the last sign of life is older.
             max_mb: the oldest refusals, then other old events are deleted beyond this size of the file.
         """
-        self._store = Store(folder / FILE, LAYOUT)
+        self._store = Store(folder / table.FILE, table.LAYOUT)
         self._keep_ns = int(keep_days * NS_PER_DAY)
         self._within_ns = int(restore_within_s * NS_PER_S)
         self._max_bytes = int(max_mb * 1e6)
@@ -125,7 +113,7 @@ class Journal:
         events = int(db.execute("SELECT COALESCE(MAX(seq), 0) FROM events").fetchone()[0])
         if not 0 <= events <= MAX_EVENTS:
             raise ValueError("the number of events is damaged")
-        opened = [record_of(row) for row in db.execute(OPEN)]
+        opened = [table.record_of(row) for row in db.execute(table.OPEN)]
         self._published = self._published_on_disk = told
         if abs(now_ns - alive_ns) > self._within_ns:
             self._published = events  # too old to be news
@@ -136,19 +124,17 @@ class Journal:
             record.object_id: Owned(record.owner, record.kind, record.since_ns, record.confidence)
             for record in opened
         }
-        unpublished = [record_of(row) for row in db.execute(UNPUBLISHED, (told,))]
-        last = db.execute(DECIDED, (MAX_DECIDED,)).fetchall()[::-1]
+        unpublished = [table.record_of(row) for row in db.execute(table.UNPUBLISHED, (told,))]
+        last = db.execute(table.DECIDED, (MAX_DECIDED,)).fetchall()[::-1]
         decided = [(user.decode(errors="replace"), stamp_ns) for user, stamp_ns in last]
         return JournalContents(entries=entries, events=events, unpublished=unpublished, decided=decided)
 
     def _write(self, now_ns: int) -> None:
-        """Write the pending records, the last published number and the time."""
-
         def write(db: sqlite3.Connection) -> None:
-            db.executemany(INSERT, self._pending)
-            if self._pending and db.execute(BYTES).fetchone()[0] > self._max_bytes:
+            db.executemany(table.INSERT, self._pending)
+            if self._pending and db.execute(table.BYTES).fetchone()[0] > self._max_bytes:
                 rows = PRUNED_AT_ONCE + 2 * len(self._pending)
-                for shrink in SHRINK:
+                for shrink in table.SHRINK:
                     rows -= db.execute(shrink, (rows,)).rowcount
             db.execute("UPDATE life SET told = ?, alive_ns = ?", (self._published, now_ns))
             if self._is_sign_due(now_ns):
@@ -162,11 +148,11 @@ class Journal:
 
     def _prune(self, db: sqlite3.Connection, now_ns: int) -> None:
         """Delete old events among the next few rows: all at once would take too long."""
-        end = db.execute(PRUNE_TO, (self._pruned, PRUNED_AT_ONCE)).fetchone()[0]
+        end = db.execute(table.PRUNE_TO, (self._pruned, PRUNED_AT_ONCE)).fetchone()[0]
         if end is None:
             self._pruned = 0  # restart at the first row
             return
-        db.execute(PRUNE, (self._pruned, end, now_ns - self._keep_ns))
+        db.execute(table.PRUNE, (self._pruned, end, now_ns - self._keep_ns))
         self._pruned = end
 
 

@@ -3,7 +3,6 @@
 import math
 import zlib
 from itertools import chain
-from typing import Protocol
 
 import numpy as np
 from pydantic import Field
@@ -32,25 +31,8 @@ class SimConfig(Config):
     max_jerk_mps3: float = Field(15.0, gt=0, le=1000, description="quadrotor: limit of its jerk, m/s³")
 
 
-class SimulatedRobot(Protocol):
-    """The motion of a robot in steps of `STEP_S`."""
-
-    @property
-    def is_done(self) -> bool:
-        """Return True if the last command is complete."""
-        ...
-
-    def command(self, command: Command) -> str:
-        """Carry out `command` instead of the one before. Return why it is refused, or `""`."""
-        ...
-
-    def step(self) -> None:
-        """Advance by `STEP_S`."""
-        ...
-
-    def report(self, stamp_ns: int) -> RobotReport:
-        """Return its pose at `stamp_ns`."""
-        ...
+SimulatedRobot = SimulatedGroundRobot | SimulatedQuadrotor
+"""The motion of a robot in steps of `STEP_S`."""
 
 
 def make_simulated_robot(config: SimConfig, spec: RobotSpec) -> SimulatedRobot:

@@ -110,20 +110,13 @@ class Agv:
     def on_message(self, topic: str, payload: object, now_s: float) -> None:
         """Take a message of the broker. What does not fit is dropped, and said in health."""
         name = topic.rpartition("/")[2]
-        message = (
-            parse(Connection, payload)
-            if name == "connection"
-            else parse(State, payload)
-            if name == "state"
-            else parse(Visualization, payload)
+        kinds: dict[str, type[Connection | Visualization]] = {"connection": Connection, "state": State}
+        message = parse(kinds.get(name, Visualization), payload)
+        problem = (
+            f"{topic}: a message is not one of VDA 5050 {self._config.version} and is dropped; correct "
+            "`version`, or update the AGV"
         )
-        self._around.health.warn(
-            name,
-            ""
-            if message
-            else f"{topic}: a message is not one of VDA 5050 {self._config.version} and is "
-            "dropped; correct `version`, or update the AGV",
-        )
+        self._around.health.warn(name, "" if message else problem)
         if isinstance(message, Connection):
             self._on_connection(message)
         elif message is not None and name in self._headers:
@@ -188,12 +181,9 @@ class Agv:
             for check in self._headers.values():
                 check.forget()  # it may have been restarted
             return
-        told = (
-            "the AGV is switched off"
-            if connection.connection_state == "OFFLINE"
-            else "the AGV has lost its connection"
-        )
-        self._disconnect(f"{told} ({connection.connection_state}): switch it on, or look at its network")
+        state = connection.connection_state
+        told = "the AGV is switched off" if state == "OFFLINE" else "the AGV has lost its connection"
+        self._disconnect(f"{told} ({state}): switch it on, or look at its network")
 
     def _on_pose(self, message: Visualization) -> None:
         position = message.agv_position
@@ -266,13 +256,9 @@ def _problem(command: Command) -> str:
     """Return an error message if an AGV cannot carry out `command`, else `""`."""
     if isinstance(command, TakeOff | Land):
         return "an AGV drives and cannot fly: steer it as a ground robot (`kind: ground`)"
-    places = (
-        command.points_m
-        if isinstance(command, FollowPath)
-        else (command.position_m,)
-        if isinstance(command, Follow)
-        else ()
-    )
+    places = command.points_m if isinstance(command, FollowPath) else ()
+    if isinstance(command, Follow):
+        places = (command.position_m,)
     is_place = all(abs(value) <= FARTHEST_M for place in places for value in place)  # also if it is a number
     if not is_place or (isinstance(command, FollowPath) and not places):
         return "there is no such place"

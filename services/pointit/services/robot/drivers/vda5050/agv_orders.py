@@ -46,7 +46,6 @@ class _Sent:
 
     @property
     def last(self) -> Node:
-        """Return the last released node."""
         return self.order.nodes[-1]
 
 
@@ -225,12 +224,8 @@ class AgvOrders:
         nodes = self._nodes_behind(sent.last, NODES_AHEAD - ahead)
         if not nodes:
             return None
-        return replace(
-            sent.order,
-            update_id=sent.order.update_id + 1,
-            nodes=(sent.last, *nodes),
-            max_speed_mps=self._speed_mps,
-        )
+        update_id = sent.order.update_id + 1
+        return Order(sent.order.order_id, update_id, (sent.last, *nodes), self._speed_mps)
 
     def _nodes_behind(self, node: Node, number: int) -> tuple[Node, ...]:
         nodes: list[Node] = []
@@ -340,7 +335,6 @@ class AgvOrders:
         self._route.replace([])
 
     def _cancel(self) -> None:
-        """Ask for a cancellation, which is sent until it is answered."""
         if not self._is_cancelling:
             self._is_cancelling = True
             self._cancel_ids.clear()

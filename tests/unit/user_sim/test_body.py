@@ -1,4 +1,4 @@
-"""Motion of the arm: bell-shaped reaches of human duration onto moving aims, human noise."""
+"""The body: reaches and noise of the arm, the IMU on its wrist, feet that shift."""
 
 import math
 
@@ -8,10 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.geometry import rotation, vector
+from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
 from pointit.services.user_sim.body.arm import Arm, PosturalNoise, minimum_jerk_to_rest
-from pointit.services.user_sim.config import ArmConfig
+from pointit.services.user_sim.body.standing_position import StandingPosition
+from pointit.services.user_sim.body.wristband import Wristband
+from pointit.services.user_sim.config import ArmConfig, WristbandConfig
 from pointit.sim.aim import Aim
+from tests.unit.user_sim.life import PRECISE, ROOM, Life
 
 STILL = ArmConfig(hold_yaw_sd_deg=0.0, hold_pitch_sd_deg=0.0, tremor_rms_deg=0.0, reach_spread=0.0)
 
@@ -137,3 +141,122 @@ def test_tremor_lies_between_6_and_12_hz() -> None:
     frequencies = np.fft.rfftfreq(len(samples), 0.01)
     inside = power[(frequencies > 5.9) & (frequencies < 12.1)].sum() / power.sum()
     assert inside > 0.95
+
+
+IDEAL = WristbandConfig(yaw_rate_bias_sd_degps=0.0, yaw_rate_walk_sd_degps=0.0, noise_sd_deg=0.0)
+PERIOD_NS = NS_PER_S // 50
+
+
+def band(config: WristbandConfig, yaw_rad: float = 0.0, seed: int = 1) -> Wristband:
+    return Wristband(yaw_rad, config, np.random.default_rng(seed))
+
+
+def test_orientation_is_given_in_the_persons_frame() -> None:
+    # an arm that points along the IMU's yaw origin, azimuth 1 rad in the room, reads yaw 0
+    sample = band(IDEAL, yaw_rad=1.0).sample(5, rotation.from_azimuth_elevation(1.0, 0.3))
+    assert sample is not None
+    arm = rotation.rotate(sample.orientation_xyzw, (1.0, 0.0, 0.0))
+    assert vector.azimuth(arm) == pytest.approx(0.0)
+    assert vector.elevation(arm) == pytest.approx(0.3)
+    assert sample.stamp_ns == 5
+
+
+def test_drift_turns_the_yaw_alone() -> None:
+    drifting = IDEAL.model_copy(update={"yaw_rate_bias_sd_degps": 0.25})
+    finals: list[float] = []
+    for seed in range(200):
+        wrist = band(drifting, seed=seed)
+        wrist.sample(0, rotation.IDENTITY)
+        sample = wrist.sample(60 * NS_PER_S, rotation.IDENTITY)
+        assert sample is not None
+        arm = rotation.rotate(sample.orientation_xyzw, (1.0, 0.0, 0.0))
+        assert vector.elevation(arm) == pytest.approx(0.0)
+        finals.append(math.degrees(vector.azimuth(arm)))
+    assert np.std(finals) == pytest.approx(15.0, rel=0.15)
+
+
+@pytest.mark.parametrize("given_degpmin", [-30.0, 0.0, 24.0])
+def test_a_given_drift_is_this_bands_own(given_degpmin: float) -> None:
+    real = WristbandConfig(yaw_rate_bias_sd_degps=0.25, yaw_drift_degpmin=given_degpmin)
+    exact = real.model_copy(update={"yaw_rate_walk_sd_degps": 0.0})
+    for seed in range(3):
+        wrist = band(exact, seed=seed)
+        wrist.sample(0, rotation.IDENTITY)
+        wrist.sample(60 * NS_PER_S, rotation.IDENTITY)
+        assert math.degrees(wrist.drift_rad) == pytest.approx(given_degpmin)
+    walking = [band(real, seed=seed) for seed in range(20)]
+    for wrist in walking:
+        for second in range(61):
+            wrist.sample(second * NS_PER_S, rotation.IDENTITY)
+    drifts = np.degrees([wrist.drift_rad for wrist in walking])
+    assert drifts.std() > 0.1  # the rate still wanders
+    assert drifts.mean() == pytest.approx(given_degpmin, abs=1.0)
+
+
+def test_noise_has_the_given_size() -> None:
+    noisy = IDEAL.model_copy(update={"noise_sd_deg": 0.03})
+    wrist = band(noisy)
+    samples = [wrist.sample(i * PERIOD_NS, rotation.IDENTITY) for i in range(5000)]
+    vectors = 2.0 * np.array([s.orientation_xyzw[:3] for s in samples if s is not None])
+    assert np.degrees(vectors.std(axis=0)) == pytest.approx([0.03] * 3, rel=0.1)
+
+
+def test_silence_comes_in_bursts_of_the_given_share() -> None:
+    lossy = IDEAL.model_copy(update={"dropout_share": 0.05, "dropout_burst_s": 0.15})
+    wrist = band(lossy)
+    lost = np.array([wrist.sample(i * PERIOD_NS, rotation.IDENTITY) is None for i in range(50_000)])
+    assert lost.mean() == pytest.approx(0.05, rel=0.2)
+    bursts = int((np.diff(lost.astype(int)) == 1).sum())
+    assert lost.sum() / bursts * 0.02 == pytest.approx(0.15, rel=0.3)
+
+
+def test_lost_samples_leave_a_gap_in_seq_and_the_device_has_its_own_time() -> None:
+    lossy = IDEAL.model_copy(update={"dropout_share": 0.3, "clock_skew_ppm": 100.0})
+    wrist = band(lossy)
+    samples = [wrist.sample(i * PERIOD_NS, rotation.IDENTITY) for i in range(500)]
+    kept = [s for s in samples if s is not None]
+    assert [s.seq for s in kept] == [i + 1 for i, s in enumerate(samples) if s is not None]
+    first, last = kept[0], kept[-1]
+    assert first.device_time_ns is not None
+    assert last.device_time_ns is not None
+    ratio = (last.device_time_ns - first.device_time_ns) / (last.stamp_ns - first.stamp_ns)
+    assert ratio == pytest.approx(1.0001, abs=1e-8)
+
+
+PLACE: Vec3 = (2.0, 0.5, 0.1)
+
+
+def walk(
+    sd_m: float, every_s: float, duration_s: float = 2000.0
+) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+    feet = StandingPosition(PLACE, sd_m, every_s, np.random.default_rng(1))
+    return np.array([feet.at(7 + i * PERIOD_NS) for i in range(round(duration_s * 50))])
+
+
+def test_by_default_they_stay() -> None:
+    assert np.ptp(walk(0.0, 5.0, 100.0), axis=0).max() == 0.0
+    assert PRECISE.stance_shift_sd_m == 0.0
+
+
+def test_they_stand_about_the_place_with_the_given_spread_and_step_as_often_as_said() -> None:
+    spots = walk(0.05, 4.0)
+    assert spots[0] == pytest.approx(PLACE)
+    assert spots.mean(axis=0) == pytest.approx(PLACE, abs=0.01)
+    assert spots[:, :2].std(axis=0) == pytest.approx([0.05, 0.05], rel=0.2)
+    assert np.ptp(spots[:, 2]) == 0.0
+    moves = np.abs(np.diff(spots[:, 0])) > 1e-9
+    begins = int((np.diff(moves.astype(int)) == 1).sum())
+    assert begins == pytest.approx(2000.0 / 5.0, rel=0.15)  # 4 s and the second that a step takes
+
+
+def test_no_step_is_a_jump() -> None:
+    assert np.abs(np.diff(walk(0.05, 4.0), axis=0)).max() < 0.05 * 4 * 2 / 50 * 2
+
+
+def test_the_person_points_from_where_they_stand() -> None:
+    life = Life(PRECISE.model_copy(update={"stance_shift_sd_m": 0.3, "stance_shift_every_s": 2.0}))
+    life.state("localizing")
+    life.cue("target", target="led_2")
+    life.run(3.0)
+    errors = [life.error_rad(life.run(0.5), ROOM.lamps[1].position_m) for _ in range(40)]
+    assert np.degrees(np.ptp(errors)) > 1.0  # `life` reckons from the place itself

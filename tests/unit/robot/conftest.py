@@ -1,0 +1,23 @@
+"""Robots whose connection can be broken in every way, in the real service."""
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from pointit.services.robot.drivers.sim.sim_driver import SIM
+from pointit.services.robot.robot_driver import ROBOTS
+from tests.unit.robot.flight import FaultyDriver
+
+
+@pytest.fixture
+def drivers(monkeypatch: pytest.MonkeyPatch) -> list[FaultyDriver]:
+    """Replace the driver sim. Return the drivers that are made from now on."""
+    made: list[FaultyDriver] = []
+
+    def make(*args: Any) -> FaultyDriver:
+        made.append(FaultyDriver(*args))
+        return made[-1]
+
+    monkeypatch.setattr(ROBOTS, "get", lambda _name: replace(SIM, make=make))  # pyright: ignore[reportUnknownLambdaType]
+    return made

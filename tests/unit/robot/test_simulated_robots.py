@@ -1,0 +1,332 @@
+"""Simulated robots keep their limits, arrive, and carry out the newest command."""
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.strategies import SearchStrategy
+
+from pointit.geometry import vector
+from pointit.geometry.vector import Vec3
+from pointit.services.robot.drivers.sim.ground_robot import (
+    AHEAD_RAD,
+    FACING_RAD,
+    THERE_M,
+    TURN_RADPS,
+    TURN_RADPS2,
+    SimulatedGroundRobot,
+)
+from pointit.services.robot.drivers.sim.motion_limits import STEP_S, MotionLimits
+from pointit.services.robot.drivers.sim.ordered_robot import SimulatedRobot
+from pointit.services.robot.drivers.sim.quadrotor import (
+    WANDER_LIMIT,
+    WANDER_SD_M,
+    SimulatedQuadrotor,
+    SmoothMotion,
+)
+from pointit.services.robot.robot_driver import Command, Follow, FollowPath, Land, Stop, TakeOff
+
+coordinates = st.floats(-4.0, 4.0, allow_subnormal=False)
+places = st.tuples(coordinates, coordinates, st.floats(0.0, 2.0, allow_subnormal=False))
+yaws = st.none() | st.floats(-7.0, 7.0)
+commands: SearchStrategy[Command] = st.one_of(
+    st.builds(Follow, st.just(0), places, yaws),
+    st.builds(
+        FollowPath,
+        st.just(0),
+        st.lists(places, min_size=1, max_size=4).map(tuple),
+        yaws,
+        st.none() | st.floats(0.1, 3.0),
+    ),
+    st.builds(TakeOff, st.just(0), st.floats(0.1, 2.0)),
+    st.builds(Land, st.just(0), st.none() | places),
+    st.builds(Stop, st.just(0)),
+)
+courses = st.lists(st.tuples(commands, st.integers(1, 150)), min_size=1, max_size=12)
+"""Commands, each with the number of steps until the next."""
+
+
+@dataclass(frozen=True)
+class Pose:
+    """A pose of a course."""
+
+    position_m: Vec3
+    yaw_rad: float
+
+
+def drive(robot: SimulatedRobot, course: Iterable[tuple[Command, int]]) -> list[Pose]:
+    """Return the poses of `robot` after each step of `course`."""
+    poses: list[Pose] = []
+    for command, steps in course:
+        robot.command(command)
+        for _ in range(steps):
+            poses.append(pose_of(robot))
+            robot.step()
+    return poses
+
+
+def settle(robot: SimulatedRobot, command: Command, *, limit_s: float = 60.0) -> float:
+    """Return the time that `robot` needs for `command`, s."""
+    assert robot.command(command) == ""
+    for step in range(round(limit_s / STEP_S)):
+        if robot.is_done:
+            return step * STEP_S
+        robot.step()
+    raise AssertionError(f"{command} is not done within {limit_s} s, at {robot.report(0)}")
+
+
+def pose_of(robot: SimulatedRobot) -> Pose:
+    """Return the current pose of `robot`."""
+    report = robot.report(0)
+    return Pose(report.position_m, report.yaw_rad)
+
+
+def rates(values: Sequence[Vec3]) -> list[Vec3]:
+    """Return the changes of `values` per second."""
+    return [vector.scale(vector.subtract(after, before), 1.0 / STEP_S) for before, after in pairwise(values)]
+
+
+def longest(values: Sequence[Vec3]) -> float:
+    """Return the largest norm of `values`."""
+    return max(map(vector.norm, values), default=0.0)
+
+
+def horizontal(a: Vec3, b: Vec3) -> float:
+    """Return the horizontal distance between `a` and `b`."""
+    return vector.norm((a[0] - b[0], a[1] - b[1], 0.0))
+
+
+LIMITS = MotionLimits(max_speed_mps=1.5, max_acceleration_mps2=2.0, max_jerk_mps3=15.0)
+GROUND_LIMITS = MotionLimits(max_speed_mps=0.8, max_acceleration_mps2=1.0, max_jerk_mps3=15.0)
+MARGIN = 1.0 + 1e-6
+WANDER_M = WANDER_LIMIT * vector.norm(WANDER_SD_M)
+
+
+def quadrotor(seed: int = 0) -> SimulatedQuadrotor:
+    return SimulatedQuadrotor((0.0, 0.0, 0.0), 0.0, LIMITS, np.random.default_rng(seed))
+
+
+def flying(height_m: float = 1.0) -> SimulatedQuadrotor:
+    robot = quadrotor()
+    settle(robot, TakeOff(1, height_m))
+    return robot
+
+
+def ground_robot() -> SimulatedGroundRobot:
+    return SimulatedGroundRobot((0.0, 0.0, 0.0), 0.0, GROUND_LIMITS)
+
+
+@given(courses)
+def test_speed_acceleration_and_jerk_stay_within_limits_at_any_command(
+    course: list[tuple[Command, int]],
+) -> None:
+    positions = [pose.position_m for pose in drive(quadrotor(), [(TakeOff(0, 0.5), 60), *course])]
+    speeds = rates(positions)
+    accelerations = rates(speeds)
+    assert longest(speeds) <= LIMITS.max_speed_mps * MARGIN
+    assert longest(accelerations) <= LIMITS.max_acceleration_mps2 * MARGIN
+    assert longest(rates(accelerations)) <= LIMITS.max_jerk_mps3 * MARGIN
+    assert min(z for _, _, z in positions) >= -1e-9, "beneath the ground"
+
+
+@given(courses, places)
+def test_a_place_is_reached_after_any_commands(course: list[tuple[Command, int]], place: vector.Vec3) -> None:
+    robot = quadrotor()
+    drive(robot, course)
+    if not robot.is_flying:
+        settle(robot, TakeOff(1, 0.5))
+    settle(robot, FollowPath(2, (place,)))
+    for step in range(200):
+        robot.step()
+        assert step < 100 or vector.norm(vector.subtract(pose_of(robot).position_m, place)) <= WANDER_M + 0.02
+
+
+@given(courses, st.none() | st.tuples(coordinates, coordinates, st.floats(0.0, 1.0)))
+def test_it_lands_on_the_place_after_any_commands(
+    course: list[tuple[Command, int]], place: vector.Vec3 | None
+) -> None:
+    robot = quadrotor()
+    drive(robot, [*course, (TakeOff(0, 0.5), 1)])
+    settle(robot, Land(1, place))
+    landed = pose_of(robot)
+    assert not robot.is_flying
+    if place is not None:
+        assert horizontal(landed.position_m, place) <= WANDER_M + 1e-6
+    robot.step()
+    assert pose_of(robot) == landed
+
+
+def test_it_flies_to_the_place_of_its_landing_no_faster_than_told() -> None:
+    robot = flying()
+    robot.command(Land(1, (2.0, 0.0, 0.0), 0.4))
+    fastest_mps = 0.0
+    for _ in range(2000):
+        robot.step()
+        fastest_mps = max(fastest_mps, vector.norm(robot.report(0).velocity_mps))
+    assert not robot.is_flying
+    assert 0.35 < fastest_mps < 0.45
+
+
+@given(courses)
+def test_a_stop_brakes_to_a_hover_within_the_stated_time(course: list[tuple[Command, int]]) -> None:
+    robot = flying()
+    drive(robot, course)
+    if not robot.is_flying:
+        return
+    speed = vector.norm(robot.report(0).velocity_mps)
+    braking_s = LIMITS.max_speed_mps / LIMITS.max_acceleration_mps2
+    jerk_s = 2.0 * LIMITS.max_acceleration_mps2 / LIMITS.max_jerk_mps3
+    before = pose_of(robot).position_m
+    took_s = settle(robot, Stop(1))
+    assert took_s <= braking_s + jerk_s + 2 * STEP_S
+    way_m = vector.norm(vector.subtract(pose_of(robot).position_m, before))
+    assert way_m <= LIMITS.max_speed_mps * (braking_s / 2.0 + jerk_s) + 0.05, f"from {speed:.2f} m/s"
+    here = pose_of(robot).position_m
+    for _ in range(200):
+        robot.step()
+        assert vector.norm(vector.subtract(pose_of(robot).position_m, here)) <= 2.0 * WANDER_M + 0.02
+
+
+@given(
+    st.lists(st.tuples(st.tuples(*[st.floats(0.0, 3.0)] * 3), st.integers(1, 150)), min_size=2, max_size=10)
+)
+def test_set_points_within_a_box_lead_it_out_by_centimetres_at_most(
+    targets: list[tuple[vector.Vec3, int]],
+) -> None:
+    motion = SmoothMotion((1.5, 1.5, 1.5), LIMITS)
+    for target_m, steps in targets:
+        for _ in range(steps):
+            motion.step(target_m)
+            assert all(-0.05 <= along_m <= 3.05 for along_m in motion.position_m)
+
+
+@given(commands)
+def test_on_the_ground_it_flies_nowhere_before_it_has_taken_off(command: Command) -> None:
+    robot = quadrotor()
+    refused = robot.command(command)
+    for _ in range(50):
+        robot.step()
+    if isinstance(command, (Follow, FollowPath)):
+        assert "take off" in refused
+    if not isinstance(command, TakeOff):
+        assert pose_of(robot).position_m == (0.0, 0.0, 0.0)
+
+
+def test_it_hovers_with_the_wander_of_a_small_quadrotor() -> None:
+    robot = flying()
+    at = [pose.position_m for pose in drive(robot, [(Follow(2, (1.0, 1.0, 1.0)), 8000)])][1000:]
+    sd_m = np.std(np.array(at), axis=0)
+    assert 0.005 < sd_m[0] < 0.02
+    assert 0.005 < sd_m[1] < 0.02
+    assert 0.002 < sd_m[2] < 0.012
+
+
+def test_the_same_seed_flies_the_same_way_and_another_does_not() -> None:
+    course: list[tuple[Command, int]] = [(TakeOff(0, 0.5), 300), (Follow(1, (1.0, 2.0, 0.7)), 300)]
+    assert drive(quadrotor(1), course) == drive(quadrotor(1), course)
+    assert drive(quadrotor(1), course) != drive(quadrotor(2), course)
+
+
+def test_it_follows_a_moving_set_point_with_less_than_half_a_metre_of_lag() -> None:
+    robot = flying()
+    gaps_m: list[float] = []
+    for step in range(600):
+        angle = 0.5 * step * STEP_S
+        target = (math.cos(angle), math.sin(angle), 1.0)
+        robot.command(Follow(step, target))
+        robot.step()
+        gaps_m.append(vector.norm(vector.subtract(pose_of(robot).position_m, target)))
+    assert max(gaps_m[300:]) < 0.5
+
+
+def test_the_same_landing_ordered_again_and_again_still_ends() -> None:
+    robot = flying()
+    for _ in range(200):
+        robot.command(Land(1, (1.0, 0.0, 0.0)))
+        for _ in range(10):
+            robot.step()
+    assert not robot.is_flying
+
+
+@pytest.mark.parametrize(("make", "height_m", "most_m"), [(flying, 1.0, 0.2), (ground_robot, 0.0, 0.12)])
+def test_a_path_is_followed_along_its_corners(
+    make: Callable[[], SimulatedRobot], height_m: float, most_m: float
+) -> None:
+    robot = make()
+    corners = ((2.0, 0.0, height_m), (2.0, 2.0, height_m), (0.0, 2.0, height_m))
+    robot.command(FollowPath(1, corners))
+    apart_m = dict.fromkeys(corners, math.inf)
+    while not robot.is_done:
+        robot.step()
+        for corner in corners:
+            distance_m = vector.norm(vector.subtract(pose_of(robot).position_m, corner))
+            apart_m[corner] = min(apart_m[corner], distance_m)
+    assert max(apart_m.values()) < most_m
+
+
+@given(courses)
+def test_speed_acceleration_and_turn_rate_stay_within_limits_at_any_command(
+    course: list[tuple[Command, int]],
+) -> None:
+    poses = drive(ground_robot(), course)
+    speeds = [horizontal(after.position_m, before.position_m) / STEP_S for before, after in pairwise(poses)]
+    turns = [vector.wrap(after.yaw_rad - before.yaw_rad) / STEP_S for before, after in pairwise(poses)]
+    assert max(speeds, default=0.0) <= GROUND_LIMITS.max_speed_mps * MARGIN
+    for before, after in pairwise(speeds):
+        assert abs(after - before) / STEP_S <= GROUND_LIMITS.max_acceleration_mps2 * MARGIN
+    assert max(map(abs, turns), default=0.0) <= TURN_RADPS * MARGIN
+    for before, after in pairwise(turns):
+        assert abs(after - before) / STEP_S <= TURN_RADPS2 * MARGIN
+    assert {pose.position_m[2] for pose in poses} == {0.0}
+
+
+@given(courses)
+def test_it_moves_forwards_only_and_never_sideways(course: list[tuple[Command, int]]) -> None:
+    for before, after in pairwise(drive(ground_robot(), course)):
+        step = vector.subtract(after.position_m, before.position_m)
+        if vector.norm(step) > 1e-9:
+            turn = abs(vector.wrap(after.yaw_rad - before.yaw_rad))
+            assert abs(vector.wrap(vector.azimuth(step) - before.yaw_rad)) <= turn + 1e-6
+
+
+@given(courses, st.lists(places, min_size=1, max_size=5).map(tuple), yaws)
+def test_the_end_of_a_path_is_reached_after_any_commands_facing_as_ordered(
+    course: list[tuple[Command, int]], points: tuple[vector.Vec3, ...], yaw_rad: float | None
+) -> None:
+    robot = ground_robot()
+    drive(robot, course)
+    settle(robot, FollowPath(1, points, yaw_rad), limit_s=120.0)
+    pose = pose_of(robot)
+    assert horizontal(pose.position_m, points[-1]) <= THERE_M + 1e-9
+    if yaw_rad is not None:
+        assert abs(vector.wrap(pose.yaw_rad - yaw_rad)) <= FACING_RAD
+    for _ in range(100):
+        robot.step()
+    assert pose_of(robot) == pose
+
+
+@given(courses)
+def test_a_stop_brakes_within_the_stated_time_and_way(course: list[tuple[Command, int]]) -> None:
+    robot = ground_robot()
+    drive(robot, course)
+    before = pose_of(robot).position_m
+    braking_s = GROUND_LIMITS.max_speed_mps / GROUND_LIMITS.max_acceleration_mps2
+    turning_s = TURN_RADPS / TURN_RADPS2
+    assert settle(robot, Stop(1)) <= max(braking_s, turning_s) + 2 * STEP_S
+    stopped = pose_of(robot)
+    assert horizontal(stopped.position_m, before) <= GROUND_LIMITS.max_speed_mps * braking_s / 2.0 + 0.01
+    for _ in range(50):
+        robot.step()
+    assert pose_of(robot) == stopped
+
+
+def test_it_turns_in_place_towards_a_target_behind_it() -> None:
+    poses = drive(ground_robot(), [(Follow(1, (-2.0, 0.0, 0.0)), 300)])
+    turning = [pose for pose in poses if abs(vector.wrap(pose.yaw_rad - math.pi)) > AHEAD_RAD]
+    assert 0 < len(turning) < len(poses)
+    assert {pose.position_m for pose in turning} == {(0.0, 0.0, 0.0)}

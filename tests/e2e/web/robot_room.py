@@ -26,25 +26,11 @@ from pointit.schemas import (
     TrackedObjects,
     UserPose,
     UserProfile,
+    topics,
 )
 from pointit.schemas.environment import Fence
 from pointit.schemas.pointing import Candidate
 from pointit.schemas.requests import Done
-from pointit.schemas.topics import (
-    CURSOR,
-    INTERACTION,
-    MAP,
-    OBJECTS,
-    POSE,
-    PROFILE,
-    ROBOT_PLAN,
-    ROBOT_STATE,
-    SERVICE_ALIVE,
-    STEERING,
-    STOP_ROBOT,
-    USER_ALIVE,
-    Topic,
-)
 from tests.support.bench import Bench, memory_bench
 
 M = TypeVar("M", bound=Message)
@@ -103,7 +89,7 @@ class RobotRoom:
     stopped: list[tuple[str, str]] = field(default_factory=list[tuple[str, str]])
     """Robots that were asked to stop, and why."""
 
-    def put(self, topic: Topic[M], message: M, name: str = "") -> None:
+    def put(self, topic: topics.Topic[M], message: M, name: str = "") -> None:
         """Publish `message`, stamped now."""
         self.bench.put(topic, message.model_copy(update={"stamp_ns": self.bench.clock.now_ns()}), name)
 
@@ -111,24 +97,24 @@ class RobotRoom:
         """Announce everybody, and publish what does not change."""
         bus = self.bench.bus
         for user in COLORS:
-            bus.announce(USER_ALIVE, user)
+            bus.announce(topics.USER_ALIVE, user)
         for instance in (f"robot.{name}" for name in self.states):
-            bus.announce(SERVICE_ALIVE, instance)
-        bus.serve(STOP_ROBOT, self._stop)
-        self.put(MAP, ROOM)
+            bus.announce(topics.SERVICE_ALIVE, instance)
+        bus.serve(topics.STOP_ROBOT, self._stop)
+        self.put(topics.MAP, ROOM)
         for user, color in COLORS.items():
             profile = UserProfile(
                 stamp_ns=1, cursor_color=color, pattern="solid" if user == "anna" else "dashed"
             )
-            self.put(PROFILE, profile, user)
-            self.put(POSE, UserPose(stamp_ns=1, position_m=PLACES[user], yaw_rad=math.pi / 2), user)
-            self.put(INTERACTION, Interaction(stamp_ns=1, state="pointing"), user)
-        self.put(STEERING, Steering(stamp_ns=1, robot="quad", mode="follow"), "anna")
+            self.put(topics.PROFILE, profile, user)
+            self.put(topics.POSE, UserPose(stamp_ns=1, position_m=PLACES[user], yaw_rad=math.pi / 2), user)
+            self.put(topics.INTERACTION, Interaction(stamp_ns=1, state="pointing"), user)
+        self.put(topics.STEERING, Steering(stamp_ns=1, robot="quad", mode="follow"), "anna")
         waypoints = ((2.0, 1.2, 0.0), (2.9, 1.9, 0.0))
         meant = (Candidate(object_id="cart", probability=0.93), Candidate(object_id="quad", probability=0.07))
-        self.put(STEERING, Steering(stamp_ns=1, waypoints_m=waypoints, candidates=meant), "ben")
+        self.put(topics.STEERING, Steering(stamp_ns=1, waypoints_m=waypoints, candidates=meant), "ben")
         way = ((0.8, 0.6, 0.6), (1.2, 1.2, 0.2))
-        self.put(ROBOT_PLAN, RobotPlan(stamp_ns=1, line_m=way, user="anna"), "quad")
+        self.put(topics.ROBOT_PLAN, RobotPlan(stamp_ns=1, line_m=way, user="anna"), "quad")
 
     async def _stop(self, query: StopRobot, name: str) -> Done:
         self.stopped.append((name, query.reason))
@@ -139,7 +125,7 @@ class RobotRoom:
             "reason": f"{query.reason}: point at it to take it",
         }
         self.states[name] = self.states[name].model_copy(update=update)
-        self.put(ROBOT_PLAN, RobotPlan(stamp_ns=1), name)
+        self.put(topics.ROBOT_PLAN, RobotPlan(stamp_ns=1), name)
         self.tell()
         return Done()
 
@@ -153,11 +139,11 @@ class RobotRoom:
             cursor = Cursor(
                 stamp_ns=1, solid="plane", surface_id="floor", point_m=aim, origin_m=eyes, direction=ray
             )
-            self.put(CURSOR, cursor, user)
+            self.put(topics.CURSOR, cursor, user)
         for name, state in self.states.items():
-            self.put(ROBOT_STATE, state, name)
+            self.put(topics.ROBOT_STATE, state, name)
             seen = TrackedObject(id=name, kind="robot", position_m=state.position_m)
-            self.put(OBJECTS, TrackedObjects(stamp_ns=1, objects=(seen,)), f"robot.{name}")
+            self.put(topics.OBJECTS, TrackedObjects(stamp_ns=1, objects=(seen,)), f"robot.{name}")
 
     async def go_on(self) -> None:
         """Tell the state at a steady rate."""

@@ -24,19 +24,9 @@ from pointit.schemas import (
     Health,
     ImuSample,
     KeyHealth,
+    topics,
 )
 from pointit.schemas.catalogue.example import example
-from pointit.schemas.topics import (
-    CLOCK,
-    CONFIGURATION,
-    DEPLOYMENT,
-    HEALTH,
-    IMU,
-    MAP,
-    SERVICE_ALIVE,
-    Delivery,
-    Topic,
-)
 from tests.support.buses import site_of
 
 RECORDING = Path(__file__).parents[2] / "replay" / "recordings" / "lamps.mcap"
@@ -57,9 +47,9 @@ async def test_a_site_gets_the_messages_and_the_time_of_the_recording() -> None:
     ticks: list[ClockTick] = []
     maps: list[Environment] = []
     async with site_of("zenoh-peer") as site:
-        site.b.subscribe(IMU, lambda sample, _user: samples.append(sample))
-        site.b.subscribe(CLOCK, lambda tick, _name: ticks.append(tick))
-        site.b.subscribe(MAP, lambda room, _name: maps.append(room))
+        site.b.subscribe(topics.IMU, lambda sample, _user: samples.append(sample))
+        site.b.subscribe(topics.CLOCK, lambda tick, _name: ticks.append(tick))
+        site.b.subscribe(topics.MAP, lambda room, _name: maps.append(room))
         await site.settle()
         with Recording.open(RECORDING) as recording:
             began_ns, ended_ns = recording.began_ns, recording.ended_ns
@@ -75,7 +65,7 @@ async def test_a_site_gets_the_messages_and_the_time_of_the_recording() -> None:
 
 async def test_a_site_that_runs_the_same_services_is_refused() -> None:
     async with site_of("zenoh-peer") as site:
-        site.b.announce(SERVICE_ALIVE, "pui")
+        site.b.announce(topics.SERVICE_ALIVE, "pui")
         await site.settle()
         with Recording.open(RECORDING) as recording:
             plan = plan_replay(recording, "edge")
@@ -93,11 +83,11 @@ def recording_with_observers(path: Path) -> Path:
         for name in ("recorder", "web", "user-sim.anna"):
             said = Configuration(stamp_ns=first_ns, service=name, instance=name)
             began += [
-                entry(first_ns, CONFIGURATION, name, said),
-                entry(first_ns, SERVICE_ALIVE, name, True),
-                entry(first_ns, HEALTH, name, example(Health)),
+                entry(first_ns, topics.CONFIGURATION, name, said),
+                entry(first_ns, topics.SERVICE_ALIVE, name, True),
+                entry(first_ns, topics.HEALTH, name, example(Health)),
             ]
-        began.append(entry(first_ns, DEPLOYMENT, "run.lab", example(Deployment)))
+        began.append(entry(first_ns, topics.DEPLOYMENT, "run.lab", example(Deployment)))
         with path.open("wb") as file:
             writer = RecordingWriter(file, source.head)
             for each in (*began, *entries):
@@ -120,7 +110,7 @@ class Compared(Ignored):
             self._add(entry)
 
     def _add(self, entry: Entry) -> None:
-        if isinstance(entry.row, Topic) and entry.row.delivery is Delivery.STATE:
+        if isinstance(entry.row, topics.Topic) and entry.row.delivery is topics.Delivery.STATE:
             self.states.add(entry.key)
 
 
@@ -138,7 +128,7 @@ def test_what_services_skip_is_said_and_states_of_the_start_are_not_compared(
         bus, service = MemoryBus(exchange), MemoryBus(exchange)
         asyncio.get_running_loop().call_later(
             0.9,
-            lambda: service.publisher(HEALTH, "pointing.anna").put(
+            lambda: service.publisher(topics.HEALTH, "pointing.anna").put(
                 example(Health).model_copy(update={"keys": keys})
             ),
         )
@@ -164,20 +154,20 @@ def test_a_site_keeps_its_own_page_and_recorder_and_gets_no_recorded_ones(tmp_pa
     async def play() -> None:
         exchange = LocalBroker()
         bus, onlooker = MemoryBus(exchange), MemoryBus(exchange)
-        for topic in (HEALTH, CONFIGURATION, DEPLOYMENT):
+        for topic in (topics.HEALTH, topics.CONFIGURATION, topics.DEPLOYMENT):
             subscribe(onlooker, topic, came.setdefault(topic.key, set()))
-        announced = came.setdefault(SERVICE_ALIVE.key, set())
-        onlooker.announce(SERVICE_ALIVE, "web")
-        onlooker.watch(SERVICE_ALIVE, lambda name, _present: announced.add(name))
+        announced = came.setdefault(topics.SERVICE_ALIVE.key, set())
+        onlooker.announce(topics.SERVICE_ALIVE, "web")
+        onlooker.watch(topics.SERVICE_ALIVE, lambda name, _present: announced.add(name))
         with Recording.open(path) as recording:
             await play_live(plan_replay(recording, "edge"), bus, Ignored(), 1.0)
         await bus.close()
         await onlooker.close()
 
     run_virtually(play())
-    assert {"web", "recorder"} & came[SERVICE_ALIVE.key] == {"web"}
-    for key in (SERVICE_ALIVE.key, HEALTH.key, CONFIGURATION.key):
+    assert {"web", "recorder"} & came[topics.SERVICE_ALIVE.key] == {"web"}
+    for key in (topics.SERVICE_ALIVE.key, topics.HEALTH.key, topics.CONFIGURATION.key):
         assert {"pui", "user-sim.anna"} <= came[key], key
-    for key in (HEALTH.key, CONFIGURATION.key):
+    for key in (topics.HEALTH.key, topics.CONFIGURATION.key):
         assert not {"web", "recorder"} & came[key], key
-    assert not came[DEPLOYMENT.key]
+    assert not came[topics.DEPLOYMENT.key]

@@ -240,7 +240,6 @@ class Web(Service[WebConfig]):
         self._on(topic, message, name)
 
     def _attend(self, message: Message, name: str) -> None:
-        """Pass a message to wrists, phones and pages."""
         if isinstance(message, Deployment):
             self._changed()
         elif isinstance(message, SelectionEvent):
@@ -288,7 +287,6 @@ class Web(Service[WebConfig]):
             self._pages.tell_status()
 
     def _changed(self) -> None:
-        """Update the status of pages, and the movement of wrists."""
         self._motion.wake()
         self._pages.status_changed()
 

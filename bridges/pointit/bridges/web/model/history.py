@@ -32,7 +32,6 @@ class Past:
     """Adds events to a hub that it has not received itself."""
 
     def __init__(self, bus: ServiceBus, clock: Clock, hub: LatestValueCache) -> None:
-        """Create it without querying."""
         self._bus = bus
         self._clock = clock
         self._hub = hub

@@ -16,7 +16,6 @@ class People:
     """Publishes buttons and wrists of people who are present."""
 
     def __init__(self, bus: ServiceBus, clock: Clock) -> None:
-        """Create it without people."""
         self._bus = bus
         self._clock = clock
         self._writers: dict[str, tuple[Publisher[ButtonEvent], Publisher[WristSample]]] = {}

@@ -64,7 +64,6 @@ class Trackers:
     """Times of the trackers' last messages."""
 
     def __init__(self) -> None:
-        """Begin without trackers."""
         self._heard_s: dict[str, float] = {}
 
     def heard(self, tracker: str, now_s: float) -> None:

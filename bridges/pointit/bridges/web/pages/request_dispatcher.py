@@ -48,19 +48,6 @@ class RequestDispatcher:
         present: Callable[[], Collection[str]],
         changed: Callable[[], None],
     ) -> None:
-        """Store the parts that requests act on.
-
-        Args:
-            bus: for requests.
-            people: people present.
-            wrists: control of wrists.
-            pairing: paired phones.
-            phones: connections to phones.
-            lan: access from the local network.
-            doors: access control.
-            present: returns the instances that are present.
-            changed: called when the status of pages has changed.
-        """
         self._bus = bus
         self._people = people
         self._wrists = wrists

@@ -20,7 +20,6 @@ class SlowLink:
     """Compares the stamps of other machines' reports with their arrival times."""
 
     def __init__(self, host: str) -> None:
-        """Set the name of this machine."""
         self._watch = ClockSkewMonitor(host, WINDOW_S)
 
     def hear(self, health: Health, arrived_ns: int, now_s: float) -> None:

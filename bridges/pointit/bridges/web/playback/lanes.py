@@ -53,7 +53,6 @@ class Lanes:
     """Collects the items of the lanes from entries."""
 
     def __init__(self) -> None:
-        """Begin without items."""
         self._items: dict[LaneKey, deque[Item]] = {}
         self._open: dict[tuple[LaneKind, str, str], tuple[int, str]] = {}
         """Start and text of intervals without an end yet, by kind, user and instance."""

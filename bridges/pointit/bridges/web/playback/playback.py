@@ -23,7 +23,6 @@ class Playback:
     """Position of one page in the past, and the model of the site at that position."""
 
     def __init__(self, past: Past, now_s: float) -> None:
-        """Pause at the beginning of `past`."""
         self._past = past
         self.model = SiteModel(OWN, 0.0)
         self.speed = 1.0

@@ -71,7 +71,6 @@ class Recent:
     """Keeps the messages that pages were shown in the last `window_s`."""
 
     def __init__(self, site: str, window_s: float = WINDOW_S) -> None:
-        """Begin empty."""
         self._site = site
         self._window_ns = round(window_s * NS_PER_S)
         self._newest: dict[Key, Moment] = {}
@@ -157,7 +156,6 @@ class RecentPast:
     """Snapshot of the last minutes as the source of playbacks."""
 
     def __init__(self, site: str, chunks: list[_Chunk], timeline: Timeline, ended_ns: int) -> None:
-        """Store it."""
         self.site = site
         self.began_ns, self.ended_ns, self.read_ns = timeline.began_ns, ended_ns, ended_ns
         self._chunks = chunks

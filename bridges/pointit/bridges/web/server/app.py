@@ -108,7 +108,6 @@ class _Page:
         return file_response(request, self._bundle, request.path_params["name"])
 
     async def _slow_down(self, asked: RequestInfo) -> None:
-        """Wait if the address has guessed too often."""
         if self._doors.is_rate_limited(asked.address, time.monotonic()):
             await asyncio.sleep(REFUSAL_S)
 

@@ -235,7 +235,6 @@ class Listener:
                 await asyncio.sleep(0)
 
     def _hang_up(self, client: socket.socket) -> None:
-        """Close a connection that has no protocol."""
         if self._silent.pop(client, None) is not None:
             asyncio.get_running_loop().remove_reader(client)
         self._at_the_door.discard(client)
@@ -296,12 +295,10 @@ class Listener:
 
 
 def _of_most(addresses: Mapping[Any, str]) -> list[Any]:
-    """Return the keys with the address that most have, in order."""
     most = Counter(addresses.values()).most_common(1)
     return [one for one, address in addresses.items() if address == most[0][0]]
 
 
 def _is_busy(connection: Any) -> bool:
-    """Return True if a request of the connection is being answered."""
     cycle = connection.cycle
     return cycle is not None and not cycle.response_complete

@@ -28,7 +28,6 @@ class SecurityMiddleware:
     """Rejects requests made by other sites or under foreign names, and adds headers to all responses."""
 
     def __init__(self, app: ASGIApp, doors: Access) -> None:
-        """Wrap `app`."""
         self._app = app
         self._doors = doors
 

@@ -10,7 +10,6 @@ class PersonMessages:
     """Passes messages on, by their type."""
 
     def __init__(self, people: People, wrists: WristControl, phones: Phones) -> None:
-        """Pass messages to these."""
         self._people = people
         self._wrists = wrists
         self._phones = phones

@@ -85,8 +85,6 @@ DEVICES = {
         "playback/file_past.py",
         "playback/past_page.py",
         "playback/server.py",
-        "wrists/wrist_motion.py",
-        "wrists/found_wrists.py",
     },
     "ros2": {
         "graph/backends.py",

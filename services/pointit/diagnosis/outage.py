@@ -49,4 +49,4 @@ def fold_outage(findings: Sequence[Finding], seen: Observation) -> list[Finding]
 
 
 def _finding(sentence: str, remedy: str) -> Finding:
-    return Finding(severity="error", code="unreachable", service="", sentence=sentence, remedy=remedy)
+    return Finding("error", "unreachable", "", sentence, remedy)

@@ -38,13 +38,8 @@ def stale_inputs(seen: Observation) -> Iterator[Finding]:
             else:
                 remedy = _look_at(seen, writers[0])
             age = "never came" if key.age_s is None else f"is {key.age_s:.1f} s old"
-            yield Finding(
-                severity="error",
-                code="stale",
-                service=instance,
-                sentence=f"its input {topic.key} {age}, though {' and '.join(writers)} should write it",
-                remedy=remedy,
-            )
+            sentence = f"its input {topic.key} {age}, though {' and '.join(writers)} should write it"
+            yield Finding("error", "stale", instance, sentence, remedy)
 
 
 def _is_read(seen: Observation, instance: str, topic: AnyTopic, writer: str) -> bool:

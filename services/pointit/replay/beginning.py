@@ -81,16 +81,7 @@ class Beginning:
         for entry in self.retained.values():
             pose = entry.body
             if isinstance(pose, UserPose) and pose.method != "external" and any(pose.covariance):
-                yield (
-                    entry.name,
-                    SetPose(
-                        position_m=pose.position_m,
-                        yaw_rad=pose.yaw_rad,
-                        method=pose.method,
-                        covariance=pose.covariance,
-                        elevation_bias_rad=pose.elevation_bias_rad,
-                    ),
-                )
+                yield entry.name, SetPose.model_validate(pose, from_attributes=True)
 
 
 def read_beginning(entries: Iterable[Entry], began_ns: int) -> Beginning:

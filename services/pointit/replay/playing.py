@@ -10,11 +10,10 @@ from typing import Protocol
 from pointit.recording.entries import AnyRow, Entry
 from pointit.replay.beginning import GATHERING_NS, Beginning, read_beginning
 from pointit.replay.clock import RecordingClock
-from pointit.replay.collector import Collector
+from pointit.replay.collector import Collector, Skipped
 from pointit.replay.edge import Edge, RecordedRequests
 from pointit.replay.levels import Level, ReplayError, Split, is_about_site
 from pointit.replay.replayed_services import ReplayedServices, scratch_folder
-from pointit.replay.skipped import Skipped
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus

@@ -82,7 +82,6 @@ class Deployments:
     """Deployments that were started and not ended: vanished ones are missing."""
 
     def __init__(self, own: str) -> None:
-        """Begin without deployments; `own` is the owning service, which may outlive its deployment."""
         self._own = own
         self._scenario = ""
         """The scenario that runs, or the last one."""

@@ -85,13 +85,7 @@ class SiteObservation:
         return Status(
             services=tuple(self._services(seen))[:MAX_LINES],
             findings=tuple(
-                FindingLine(
-                    severity=finding.severity,
-                    service=finding.service,
-                    sentence=finding.sentence,
-                    remedy=finding.remedy,
-                    follows=finding.follows,
-                )
+                FindingLine.model_validate(finding, from_attributes=True)
                 for finding in diagnose(seen, lambda finding: self._is_sure(finding, now_s))
             )[:MAX_LINES],
             people=tuple(people),

@@ -94,14 +94,9 @@ class Recent:
                 self._lanes.add(at_ns, each.row, each.name, each.entry().body)
 
     def add(self, at_ns: int, row: Row, name: str, body: Message | bool, payload: bytes) -> None:  # noqa: FBT001
-        """Add a message or a change of presence of now.
+        """Add a message or a change of presence that came at `at_ns`, site time.
 
-        Args:
-            at_ns: when it came, site time.
-            row: its row of the topic table.
-            name: what stands for the placeholder.
-            body: the message, or whether somebody is present now.
-            payload: the message as on the bus; of a presence, not empty if it has begun.
+        `payload` is the message as on the bus; of a presence, it is not empty if that has begun.
         """
         if at_ns < self._last_ns - STEP_NS:
             self._begin(at_ns)

@@ -165,9 +165,7 @@ class Listener:
     def cut_lingering(self) -> None:
         """Cut idle connections; to be called about once a second.
 
-        Those are connections that were to be closed by the last call and do not read, and those that were
-        quiet for
-        `QUIET_S`.
+        Those were to be closed by the last call and do not read, or were quiet for `QUIET_S`.
         """
         now_s = asyncio.get_running_loop().time()
         for client in [each for each, (_, since_s) in self._silent.items() if now_s - since_s > QUIET_S]:
@@ -260,9 +258,7 @@ class Listener:
     async def _let_in(self, accepted: socket.socket, address: str) -> None:
         self._at_the_door.discard(accepted)
         loop = asyncio.get_running_loop()
-        with contextlib.suppress(
-            OSError
-        ):  # the client has gone, speaks no TLS or is too slow: the connection is closed
+        with contextlib.suppress(OSError):  # gone, without TLS or too slow: the connection is closed
             _, connection = await loop.connect_accepted_socket(
                 self._make_connection,
                 accepted,

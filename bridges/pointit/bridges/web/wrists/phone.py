@@ -215,7 +215,6 @@ class Phones:
 
 
 def _cookie(connection: HTTPConnection) -> str:
-    """Return the cookie's name: browsers keep those of all ports of a host together."""
     port = connection.url.port
     return f"pointit-wrist-{port}" if port else "pointit-wrist"
 

@@ -72,7 +72,6 @@ DEVICES = {
         "server/app.py",
         "server/certificate.py",
         "server/download.py",
-        "server/security_middleware.py",
         "server/lan.py",
         "server/link_file.py",
         "pages/open_pages.py",

@@ -233,7 +233,6 @@ class Site:
             buffer.close(error)
 
     def _close(self) -> None:
-        """End all iterators and trackers."""
         for tracker in list(self._trackers):
             if not self._bus.is_closed:
                 tracker.close()

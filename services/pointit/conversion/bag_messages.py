@@ -48,7 +48,7 @@ class UnusableError(Exception):
     """A message cannot be taken; in a sentence, why."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Route:
     """A topic of the ROS toolkit."""
 
@@ -97,15 +97,13 @@ class BagMessages:
         turned = _sound(checks.quaternion(value.pose.orientation, what))
         way = vector.normalized(rotation.rotate(turned, AHEAD))
         stamp_ns = _stamp_ns(value.header, time_ns)
-        yield self._say(
-            time_ns, topics.RAY, user, PointingRay(stamp_ns=stamp_ns, origin_m=origin_m, direction=way)
-        )
+        message = PointingRay(stamp_ns=stamp_ns, origin_m=origin_m, direction=way)
+        yield self._say(time_ns, topics.RAY, user, message)
 
     def mocap(self, value: Any, user: str, time_ns: int) -> Taken:
         """Convert a geometry_msgs/PoseStamped of motion capture: the truth."""
-        yield self._pose(
-            value.pose.position, value.pose.orientation, value.header, user, time_ns, method="external"
-        )
+        at, turned = value.pose.position, value.pose.orientation
+        yield self._pose(at, turned, value.header, user, time_ns, method="external")
 
     def tf(self, value: Any, _: str, time_ns: int) -> Taken:
         """Convert a tf2_msgs/TFMessage: the frames of people, by whatever they were found."""
@@ -154,9 +152,8 @@ class BagMessages:
                     surface_speed_mps=speed_mps,
                 )
             )
-        yield self._say(
-            time_ns, topics.OBJECTS, TRACKER, TrackedObjects(stamp_ns=stamp_ns, objects=tuple(made))
-        )
+        message = TrackedObjects(stamp_ns=stamp_ns, objects=tuple(made))
+        yield self._say(time_ns, topics.OBJECTS, TRACKER, message)
 
     def selected(self, value: Any, _: str, time_ns: int) -> Taken:
         """Convert a conveyor_msgs/PackageUIDList: what changed. It does not say who selected."""
@@ -184,9 +181,8 @@ class BagMessages:
             else:
                 cursor = Cursor(stamp_ns=time_ns)
             yield self._say(time_ns, topics.CURSOR, user, cursor)
-            yield self._say(
-                time_ns, topics.HOVER, user, Hover(stamp_ns=time_ns, object_id=over[0] if over else "")
-            )
+            hover = Hover(stamp_ns=time_ns, object_id=over[0] if over else "")
+            yield self._say(time_ns, topics.HOVER, user, hover)
 
     def _pose(self, at: Any, turned: Any, header: Any, user: str, time_ns: int, *, method: str) -> Entry:
         what = f"the pose of {user}"
@@ -212,20 +208,16 @@ class BagMessages:
 
 
 ROUTES = (
-    Route(
-        name="/{user}/metawear_ros/rotation",
-        type="geometry_msgs/msg/QuaternionStamped",
-        take=BagMessages.rotation,
-    ),
-    Route(name="/{user}/metawear_ros/button", type="std_msgs/msg/Bool", take=BagMessages.button),
-    Route(name="/{user}/pointing_ray", type="geometry_msgs/msg/PoseStamped", take=BagMessages.ray),
-    Route(name="/{user}/mocap_pose", type="geometry_msgs/msg/PoseStamped", take=BagMessages.mocap),
-    Route(name="/{user}/state_transition", type="conveyor_msgs/msg/State", take=BagMessages.state),
-    Route(name="/tf", type="tf2_msgs/msg/TFMessage", take=BagMessages.tf),
-    Route(name="/tf_static", type="tf2_msgs/msg/TFMessage", take=BagMessages.tf),
-    Route(name="/packages", type="conveyor_msgs/msg/PackageList", take=BagMessages.packages, needs_map=True),
-    Route(name="/pointers", type="conveyor_msgs/msg/PointerList", take=BagMessages.pointers, needs_map=True),
-    Route(name="/selected_packages", type="conveyor_msgs/msg/PackageUIDList", take=BagMessages.selected),
+    Route("/{user}/metawear_ros/rotation", "geometry_msgs/msg/QuaternionStamped", BagMessages.rotation),
+    Route("/{user}/metawear_ros/button", "std_msgs/msg/Bool", BagMessages.button),
+    Route("/{user}/pointing_ray", "geometry_msgs/msg/PoseStamped", BagMessages.ray),
+    Route("/{user}/mocap_pose", "geometry_msgs/msg/PoseStamped", BagMessages.mocap),
+    Route("/{user}/state_transition", "conveyor_msgs/msg/State", BagMessages.state),
+    Route("/tf", "tf2_msgs/msg/TFMessage", BagMessages.tf),
+    Route("/tf_static", "tf2_msgs/msg/TFMessage", BagMessages.tf),
+    Route("/packages", "conveyor_msgs/msg/PackageList", BagMessages.packages, needs_map=True),
+    Route("/pointers", "conveyor_msgs/msg/PointerList", BagMessages.pointers, needs_map=True),
+    Route("/selected_packages", "conveyor_msgs/msg/PackageUIDList", BagMessages.selected),
 )
 """Topics of the ROS toolkit that a recording has a place for."""
 

@@ -50,14 +50,9 @@ class Beginning:
                 yield row, entry.name, body
 
     def restore(self, site: str, folder: Path) -> Path | None:
-        """Write what services read from disk into the state directory in use, and the map into `folder`.
+        """Write what the services of `site` read from disk into the state directory in use.
 
-        Args:
-            site: name of the site in which the services will run.
-            folder: an empty folder.
-
-        Returns:
-            The path of the map, or None to use the configured one.
+        Return the path of the map, written into `folder`, or None to use the configured one.
         """
         for entry in self.retained.values():
             if isinstance(entry.body, UserProfile) and entry.body.offset is not None:
@@ -104,7 +99,6 @@ def read_beginning(entries: Iterable[Entry], began_ns: int) -> Beginning:
 
 
 def _restore_selection(selection: Selection, site: str, now_ns: int) -> None:
-    """Write a journal in which the objects of `selection` are selected, and everything was published."""
     journal = Journal(site_folder(site, "selector"))
     journal.begin(now_ns)
     for number, each in enumerate(selection.objects, 1):

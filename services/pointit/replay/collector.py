@@ -4,8 +4,7 @@ import logging
 from collections.abc import Callable
 from typing import Any
 
-from pointit.recording.entries import Entry
-from pointit.recording.exchanges import entry_of
+from pointit.recording.entries import Entry, entry_of
 from pointit.runtime.bus.contract import AnyTopic, Bus
 from pointit.runtime.clock import Clock
 from pointit.schemas import Health, Message, ServedRequest
@@ -16,7 +15,6 @@ class Collector:
     """Hands all messages, answered requests and changes of presence on a bus to a function, each of them."""
 
     def __init__(self, bus: Bus, clock: Clock, take: Callable[[Entry], None]) -> None:
-        """Collect from now on, with the times of `clock`."""
         self._clock = clock
         self._take = take
         self._declared = [

@@ -157,15 +157,7 @@ def _is_state(key: str) -> bool:
 
 
 async def play(plan: Plan, buses: Buses, clock: RecordingClock, folder: Path, listener: Listener) -> None:
-    """Play a recording from its beginning to its end.
-
-    Args:
-        plan: the recording.
-        buses: where its edge writes, its services run and the result is read.
-        clock: starts at its beginning.
-        folder: an empty folder, where services keep what they store.
-        listener: takes the result.
-    """
+    """Play a recording from its beginning to its end; services store in `folder`, which is empty."""
     try:
         with using_state_directory(folder / "state"):
             async with asyncio.TaskGroup() as group:
@@ -227,7 +219,6 @@ class _Player:
             raise self._failure
 
     async def _put_retained(self, services: ReplayedServices) -> None:
-        """Put the states of the beginning and start its services."""
         for topic, name, message in self._beginning.states(self._split, recomputed=False):
             if not self._is_left_out(topic, name):
                 self._edge.put(topic, name, message)

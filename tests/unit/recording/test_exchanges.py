@@ -3,7 +3,7 @@
 import pytest
 
 from pointit.recording.entries import Exchange
-from pointit.recording.exchanges import entry_of
+from pointit.recording.entries import entry_of
 from pointit.schemas import Query, ServedRequest, SetBrightness, SetPose, UndoSelection
 from pointit.schemas.topics import SET_BRIGHTNESS, SET_POSE, UNDO_SELECTION
 

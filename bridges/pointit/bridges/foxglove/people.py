@@ -142,7 +142,6 @@ def _pointing(user: str, cursor: Cursor, rgb: Rgb, now_ns: int) -> list[NamedEnt
 
 
 def _goal(user: str, goal: Goal, rgb: Rgb, now_ns: int) -> NamedEntity:
-    """Return an arrow at the position and along the heading that a robot is sent to."""
     foot = vector.add(goal.position_m, (0.0, 0.0, GOAL_ABOVE_M))
     arrow = shapes.arrow(foot, vector.scale(vector.direction(goal.yaw_rad, 0.0), GOAL_M), rgb, width_m=0.05)
     label = shapes.label(f"goal of {user}", vector.add(foot, (0.0, 0.0, 0.4)), rgb)

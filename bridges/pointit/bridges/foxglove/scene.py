@@ -47,8 +47,6 @@ T = TypeVar("T")
 
 @dataclass(slots=True)
 class _Heard(Generic[T]):
-    """A message and its arrival time (monotonic, s)."""
-
     at_s: float
     message: T
 
@@ -188,9 +186,7 @@ class Scene:
         gone = sorted(self._names.get(part, set()) - names)
         self._names[part] = names
         kind = SceneEntityDeletionType.MatchingId
-        if (
-            part == "room"
-        ):  # without a lifetime: a viewer that missed a deletion must not keep it
+        if part == "room":  # without a lifetime: a viewer that missed a deletion must not keep it
             gone, kind = [""], SceneEntityDeletionType.All
         at = shapes.timestamp(now_ns)
         return SceneUpdate(

@@ -38,13 +38,7 @@ OF_PEOPLE = tuple(
 def keys_of_service(
     instance: str, present: Collection[str], names: Callable[[Topic[Any]], list[str]]
 ) -> Iterator[Key]:
-    """Yield the keys that are invalid after `instance` has left.
-
-    Args:
-        instance: the service that left.
-        present: services still present.
-        names: returns the known names of a topic.
-    """
+    """Yield the keys that are invalid after `instance` has left; `names` returns those of a topic."""
     yield HEALTH, instance
     service, _ = split_instance(instance)
     for topic in WITH_WRITER:

@@ -119,7 +119,6 @@ class Lanes:
         )
 
     def _settle(self, at_ns: int) -> None:
-        """Add the services that left some time before `at_ns`."""
         while self._gone and at_ns - self._gone[0][0] > GRACE_NS:
             gone_ns, instance = self._gone.popleft()
             user = person_of(instance)

@@ -109,7 +109,6 @@ class PastPage:
                         await self._woken.wait()
 
     def _do(self) -> None:
-        """Apply the stored control, and send the page its position."""
         wanted, self._wanted = self._wanted, Play()
         playback, now_s = self._playback, self._now_s()
         if wanted.at_s is not None:

@@ -98,7 +98,6 @@ class Playback:
         self._at_ns, self._since_s = at_ns, now_s
 
     def _play_until(self, at_ns: int) -> int:
-        """Apply entries until `at_ns`, and return the position that was reached."""
         for _ in range(MAX_AT_ONCE):
             if self._next is None or self._next.time_ns > at_ns:
                 return at_ns

@@ -62,7 +62,6 @@ class Downloads:
             self._writing.cancel()
 
     async def _write(self) -> tuple[str, bytes]:
-        """Return the name and the bytes of a recording, written in a thread."""
         now_ns = self._clock.now_ns()
         output = io.BytesIO()
         past = self._recent.past(now_ns)

@@ -100,8 +100,6 @@ def most_connections() -> int:
 
 @dataclass(slots=True)
 class _Visit:
-    """State of a connection."""
-
     address: str
     """IP address of the client."""
     cycle: object = None

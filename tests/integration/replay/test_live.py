@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from pointit import schemas
 from pointit.recording.entries import Entry, entry
 from pointit.recording.reader import Recording
 from pointit.recording.writer import RecordingWriter
@@ -15,17 +16,7 @@ from pointit.runtime.bus.contract import AnyTopic
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.virtual_time import run_virtually
-from pointit.schemas import (
-    NS_PER_S,
-    ClockTick,
-    Configuration,
-    Deployment,
-    Environment,
-    Health,
-    ImuSample,
-    KeyHealth,
-    topics,
-)
+from pointit.schemas import topics
 from pointit.schemas.catalogue.example import example
 from tests.support.buses import site_of
 
@@ -43,9 +34,9 @@ class Ignored:
 
 
 async def test_a_site_gets_the_messages_and_the_time_of_the_recording() -> None:
-    samples: list[ImuSample] = []
-    ticks: list[ClockTick] = []
-    maps: list[Environment] = []
+    samples: list[schemas.ImuSample] = []
+    ticks: list[schemas.ClockTick] = []
+    maps: list[schemas.Environment] = []
     async with site_of("zenoh-peer") as site:
         site.b.subscribe(topics.IMU, lambda sample, _user: samples.append(sample))
         site.b.subscribe(topics.CLOCK, lambda tick, _name: ticks.append(tick))
@@ -78,16 +69,16 @@ def recording_with_observers(path: Path) -> Path:
     """Write the first second of a recording of a site with a page, a recorder and a simulated person."""
     with Recording.open(RECORDING) as source:
         first_ns = source.began_ns
-        entries = [each for each in source.entries() if each.time_ns < first_ns + NS_PER_S]
+        entries = [each for each in source.entries() if each.time_ns < first_ns + schemas.NS_PER_S]
         began: list[Entry] = []
         for name in ("recorder", "web", "user-sim.anna"):
-            said = Configuration(stamp_ns=first_ns, service=name, instance=name)
+            said = schemas.Configuration(stamp_ns=first_ns, service=name, instance=name)
             began += [
                 entry(first_ns, topics.CONFIGURATION, name, said),
                 entry(first_ns, topics.SERVICE_ALIVE, name, True),
-                entry(first_ns, topics.HEALTH, name, example(Health)),
+                entry(first_ns, topics.HEALTH, name, example(schemas.Health)),
             ]
-        began.append(entry(first_ns, topics.DEPLOYMENT, "run.lab", example(Deployment)))
+        began.append(entry(first_ns, topics.DEPLOYMENT, "run.lab", example(schemas.Deployment)))
         with path.open("wb") as file:
             writer = RecordingWriter(file, source.head)
             for each in (*began, *entries):
@@ -119,8 +110,8 @@ def test_what_services_skip_is_said_and_states_of_the_start_are_not_compared(
 ) -> None:
     path, compared = recording_with_observers(tmp_path / "run.mcap"), Compared()
     keys = (
-        KeyHealth(key="users/anna/imu", direction="in", rate_hz=50.0, dropped=4, lost=3),
-        KeyHealth(key="users/anna/ray", direction="out", rate_hz=50.0, dropped=9),
+        schemas.KeyHealth(key="users/anna/imu", direction="in", rate_hz=50.0, dropped=4, lost=3),
+        schemas.KeyHealth(key="users/anna/ray", direction="out", rate_hz=50.0, dropped=9),
     )
 
     async def play() -> None:
@@ -129,7 +120,7 @@ def test_what_services_skip_is_said_and_states_of_the_start_are_not_compared(
         asyncio.get_running_loop().call_later(
             0.9,
             lambda: service.publisher(topics.HEALTH, "pointing.anna").put(
-                example(Health).model_copy(update={"keys": keys})
+                example(schemas.Health).model_copy(update={"keys": keys})
             ),
         )
         with Recording.open(path) as recording:

@@ -18,13 +18,11 @@ from websockets.typing import Origin
 from pointit.bridges.web import service
 from pointit.bridges.web.pages.page_session import ASKS_BURST, MAX_MALFORMED
 from pointit.bridges.web.server import listener
-from pointit.bridges.web.wire import IN_FLIGHT
 from pointit.schemas import Cursor, StripsFrame
 from pointit.schemas.environment import StripFrame
 from pointit.schemas.topics import CURSOR, HEALTH, STRIPS_FRAME, UNDO_SELECTION
 from tests.integration.web.pages import Page, Server, built, serving
 from tests.support.bench import START_NS, Bench, memory_bench, until
-from tests.support.buses import free_port
 from tests.support.pace import within
 
 __all__ = ["built"]
@@ -58,21 +56,6 @@ async def raw_page(server: Server) -> socket.socket:
     ]
     await loop.sock_sendall(client, ("\r\n".join(lines) + "\r\n\r\n").encode())
     return client
-
-
-async def test_a_page_that_does_not_acknowledge_gets_three_batches_and_then_the_newest() -> None:
-    async with memory_bench() as bench, serving(bench) as server, server.page(acknowledges=False) as page:
-        for count in range(40):
-            light(bench, count)
-            await asyncio.sleep(0.02)
-        await until(lambda: len(page.batches) == IN_FLIGHT)
-        statuses = page.statuses
-        await until(lambda: page.statuses > statuses, what="it is still told the status")
-        assert len(page.batches) == IN_FLIGHT
-        light(bench, 99)
-        await page.say(kind="ack", n=IN_FLIGHT)
-        await until(lambda: page.states[STRIPS_FRAME.key, ""]["seq"] == 99)
-        assert len(page.batches) == IN_FLIGHT + 1
 
 
 async def shows(page: Page, count: int) -> None:
@@ -177,20 +160,6 @@ async def test_a_server_that_ends_closes_its_pages_at_once() -> None:
                     pass
             assert page.close_code == 1012
         stalled.close()
-
-
-async def test_a_page_finds_the_server_that_has_come_back() -> None:
-    port = free_port()
-    async with memory_bench() as bench:
-        async with serving(bench, port=port) as server, server.page() as page:
-            cookie = await server.cookie()
-            assert page.hello is not None
-        async with serving(bench, port=port) as server:
-            bench.put(CURSOR, Cursor(stamp_ns=START_NS), "anna")
-            async with connect(
-                f"ws://{server.host}/ws", origin=Origin(server.url), additional_headers={"Cookie": cookie}
-            ) as socket_again:
-                assert json.loads(await socket_again.recv())["kind"] == "hello"
 
 
 async def test_what_is_no_message_is_counted_and_told_and_then_the_page_is_closed(

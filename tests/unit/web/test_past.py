@@ -11,41 +11,25 @@ import msgpack
 import pytest
 from mcap.reader import make_reader
 
-from pointit.bridges.foxglove.service import LAYOUT
+from pointit import schemas
 from pointit.bridges.web.model.history import AHEAD_NS, BACK_NS, Past
 from pointit.bridges.web.pages.latest_values import HISTORY, LatestValueCache
 from pointit.bridges.web.playback.recent import Recent
 from pointit.bridges.web.server.download import file_name, write_recording
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.errors import RefusedError
-from pointit.schemas import (
-    NS_PER_S,
-    Cursor,
-    Environment,
-    Feedback,
-    Health,
-    Message,
-    ReadHistory,
-    ReadHistoryReply,
-    Selection,
-    SelectionEvent,
-    StripFrame,
-    StripsFrame,
-    UserPose,
-    encode,
-    topics,
-)
+from pointit.schemas import topics
 from tests.support.bench import START_NS, Bench, ManualClock, memory_bench
 
-START = 1_700_000_000 * NS_PER_S
+START = 1_700_000_000 * schemas.NS_PER_S
 
 
 def at(seconds: float) -> int:
-    return START + round(seconds * NS_PER_S)
+    return START + round(seconds * schemas.NS_PER_S)
 
 
-def add(recent: Recent, topic: topics.Topic[Any], message: Message, name: str = "") -> None:
-    recent.add(message.stamp_ns, topic, name, message, encode(message))
+def add(recent: Recent, topic: topics.Topic[Any], message: schemas.Message, name: str = "") -> None:
+    recent.add(message.stamp_ns, topic, name, message, schemas.encode(message))
 
 
 def read(recent: Recent, now_ns: int, since_ns: int = 0) -> list[tuple[str, str, int, dict[str, Any]]]:
@@ -67,21 +51,23 @@ def read(recent: Recent, now_ns: int, since_ns: int = 0) -> list[tuple[str, str,
     return found
 
 
-def cursor(seconds: float, seq: int = 0) -> Cursor:
-    return Cursor(stamp_ns=at(seconds), seq=seq, surface="belt", surface_id="b", point_m=(1.0, 2.0, 3.0))
+def cursor(seconds: float, seq: int = 0) -> schemas.Cursor:
+    return schemas.Cursor(
+        stamp_ns=at(seconds), seq=seq, surface="belt", surface_id="b", point_m=(1.0, 2.0, 3.0)
+    )
 
 
 def test_what_is_written_is_read_back_with_its_topic_time_and_fields() -> None:
     minute = Recent("lab")
     add(minute, topics.CURSOR, cursor(1.0), "anna")
-    add(minute, topics.FEEDBACK, Feedback(stamp_ns=at(2.0), cue="selected", chime="tick"), "anna")
+    add(minute, topics.FEEDBACK, schemas.Feedback(stamp_ns=at(2.0), cue="selected", chime="tick"), "anna")
     add(
         minute,
         topics.STRIPS_FRAME,
-        StripsFrame(stamp_ns=at(3.0), strips=(StripFrame(id="s", rgb=b"\xff\xfe\x00"),)),
+        schemas.StripsFrame(stamp_ns=at(3.0), strips=(schemas.StripFrame(id="s", rgb=b"\xff\xfe\x00"),)),
     )
     first, second, third = read(minute, at(4.0))
-    assert first[:3] == ("/users/anna/cursor", Cursor.schema_name(), at(1.0))
+    assert first[:3] == ("/users/anna/cursor", schemas.Cursor.schema_name(), at(1.0))
     assert first[3]["point_m"] == [1.0, 2.0, 3.0]
     assert first[3]["stamp_ns"] == at(1.0)
     assert first[3]["origin_m"] is None
@@ -94,9 +80,14 @@ def test_states_from_before_the_window_are_there_from_its_beginning() -> None:
     minute.add(at(0.0), topics.USER_ALIVE, "anna", True, b"1")
     minute.add(at(0.0), topics.USER_ALIVE, "ben", True, b"1")
     minute.add(at(0.5), topics.USER_ALIVE, "ben", False, b"")
-    add(minute, topics.MAP, Environment(stamp_ns=at(0.0), name="old"))
-    add(minute, topics.MAP, Environment(stamp_ns=at(1.0), name="lab"))
-    add(minute, topics.POSE, UserPose(stamp_ns=at(2.0), position_m=(1.0, 0.0, 0.0), yaw_rad=0.0), "anna")
+    add(minute, topics.MAP, schemas.Environment(stamp_ns=at(0.0), name="old"))
+    add(minute, topics.MAP, schemas.Environment(stamp_ns=at(1.0), name="lab"))
+    add(
+        minute,
+        topics.POSE,
+        schemas.UserPose(stamp_ns=at(2.0), position_m=(1.0, 0.0, 0.0), yaw_rad=0.0),
+        "anna",
+    )
     add(minute, topics.CURSOR, cursor(3.0), "anna")
     for second in range(20, 31):
         add(minute, topics.CURSOR, cursor(float(second)), "anna")
@@ -114,50 +105,6 @@ def test_states_from_before_the_window_are_there_from_its_beginning() -> None:
     assert "/users/anna/pose" not in {topic for topic, _, _, _ in read(minute, at(33.0), since_ns=at(32.0))}
 
 
-def test_what_is_old_is_left_out_even_when_nothing_comes() -> None:
-    minute = Recent("lab")
-    add(minute, topics.CURSOR, cursor(1.0), "anna")
-    add(minute, topics.MAP, Environment(stamp_ns=at(1.0), name="lab"))
-    assert [topic for topic, _, _, _ in read(minute, at(60.0), since_ns=at(50.0))] == ["/map"]
-    assert read(Recent("lab"), at(0.0)) == []
-
-
-def test_when_memory_is_short_states_are_there_from_the_beginning(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pointit.bridges.web.playback.recent.MAX_BYTES", 2000)
-    minute = Recent("lab")
-    add(minute, topics.MAP, Environment(stamp_ns=at(0.0), name="lab"))
-    for k in range(500):
-        add(minute, topics.CURSOR, cursor(0.1 * k, k), "anna")
-    found = read(minute, at(50.0))
-    assert found[0][0] == "/map"
-    assert [fields["seq"] for _, _, _, fields in found[1:]] == list(range(501 - len(found), 500))
-    assert 20 <= len(found) < 400
-
-
-def test_layouts_made_for_live_viewers_fit_a_recording() -> None:
-    """The panels of `layout.json` that read topics name them as they are recorded."""
-    minute = Recent("lab")
-    for user in ("anna", "ben"):
-        add(minute, topics.CURSOR, cursor(1.0), user)
-    add(minute, topics.SELECTION, Selection(stamp_ns=at(1.0)))
-    for service in ("pui", "selector", "led-driver", "conveyor-sim", "pointing.anna"):
-        add(
-            minute, topics.HEALTH, Health(stamp_ns=at(1.0), service=service, instance=service, pid=1), service
-        )
-    recorded = {topic for topic, _, _, _ in read(minute, at(2.0))}
-    assert {"/users/anna/cursor", "/users/ben/cursor", "/health/pointing/anna"} <= recorded
-    panels = json.loads(LAYOUT.read_text(encoding="utf-8"))["configById"]
-    plotted = {
-        path["value"].split('"')[1]
-        for name, panel in panels.items()
-        if name.startswith("Plot!")
-        for path in panel["paths"]
-    }
-    assert len(plotted) == 4
-    shown = {panel["topicPath"] for name, panel in panels.items() if name.startswith("RawMessages!")}
-    assert plotted | shown <= recorded
-
-
 def test_the_files_name_says_of_where_and_when_it_is() -> None:
     assert file_name("lab", START) == "pointit-lab-1700000000.mcap"
 
@@ -165,8 +112,8 @@ def test_the_files_name_says_of_where_and_when_it_is() -> None:
 S = 1_000_000_000
 
 
-def event(number: int, stamp_ns: int, reason: str = "") -> SelectionEvent:
-    return SelectionEvent(
+def event(number: int, stamp_ns: int, reason: str = "") -> schemas.SelectionEvent:
+    return schemas.SelectionEvent(
         stamp_ns=stamp_ns, seq=number, event="selected", object_id=f"red-{number}", reason=reason
     )
 
@@ -178,9 +125,9 @@ class Looker:
         self.hub = LatestValueCache()
         self.past = Past(ServiceBus(bench.bus, bench.clock, "web", "web", ""), bench.clock, self.hub)
 
-    def hears(self, *events: SelectionEvent) -> None:
+    def hears(self, *events: schemas.SelectionEvent) -> None:
         for each in events:
-            self.hub.put(topics.SELECTION_EVENTS, "", encode(each), stamp_ns=each.stamp_ns)
+            self.hub.put(topics.SELECTION_EVENTS, "", schemas.encode(each), stamp_ns=each.stamp_ns)
             self.past.hear(each)
 
     def shows(self) -> list[tuple[str, int]]:
@@ -193,13 +140,13 @@ class Looker:
         return [number for _, number in self.shows()]
 
 
-def keeps(bench: Bench, events: Sequence[SelectionEvent]) -> list[ReadHistory]:
+def keeps(bench: Bench, events: Sequence[schemas.SelectionEvent]) -> list[schemas.ReadHistory]:
     """Be a selector whose journal has `events`; return a list that grows with what is asked."""
-    queries: list[ReadHistory] = []
+    queries: list[schemas.ReadHistory] = []
 
-    async def answer(query: ReadHistory, _name: str) -> ReadHistoryReply:
+    async def answer(query: schemas.ReadHistory, _name: str) -> schemas.ReadHistoryReply:
         queries.append(query)
-        return ReadHistoryReply(events=tuple(events))
+        return schemas.ReadHistoryReply(events=tuple(events))
 
     bench.bus.serve(topics.READ_HISTORY, answer)
     return queries
@@ -212,7 +159,7 @@ async def test_a_server_that_comes_late_shows_what_the_selector_kept() -> None:
         looker = Looker(bench)
         await looker.past.ask()
         assert looker.shown_numbers() == [1, 2]
-        assert queries == [ReadHistory(last=HISTORY, since_ns=START_NS - BACK_NS)]
+        assert queries == [schemas.ReadHistory(last=HISTORY, since_ns=START_NS - BACK_NS)]
 
 
 async def test_what_was_heard_too_is_shown_once_and_all_of_it_in_order() -> None:
@@ -223,8 +170,8 @@ async def test_what_was_heard_too_is_shown_once_and_all_of_it_in_order() -> None
         looker = Looker(bench)
         heard_again = event(2, START_NS + 2 * S, "told again after a restart of the selector")
         looker.hears(heard_again, kept[2])
-        cue = Feedback(stamp_ns=START_NS + 3 * S + 1, seq=77, cue="selected")
-        looker.hub.put(topics.FEEDBACK, "anna", encode(cue), stamp_ns=cue.stamp_ns)
+        cue = schemas.Feedback(stamp_ns=START_NS + 3 * S + 1, seq=77, cue="selected")
+        looker.hub.put(topics.FEEDBACK, "anna", schemas.encode(cue), stamp_ns=cue.stamp_ns)
         looker.hears(kept[5])  # 4 and 5 were lost on the way
         feed = looker.hub.open(60.0)  # a page that is there has been told what was heard
         assert feed.take(0.0) is not None
@@ -266,7 +213,7 @@ async def test_without_an_answer_all_stays_as_it_is_and_one_line_says_so(
         await looker.past.ask()
         assert caplog.messages == [], "a selector that is not there yet is asked when it comes"
 
-        async def refuse(_query: ReadHistory, _name: str) -> ReadHistoryReply:
+        async def refuse(_query: schemas.ReadHistory, _name: str) -> schemas.ReadHistoryReply:
             raise RefusedError("this selector keeps no journal")
 
         bench.bus.serve(topics.READ_HISTORY, refuse)

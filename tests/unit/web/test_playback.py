@@ -36,7 +36,6 @@ from pointit.schemas import (
 from pointit.schemas.system import RUN
 from tests.support.recorded import write_recording
 
-MS = 1_000_000
 LENGTH_S = 20.0
 BEN_LEAVES_S = 12.0
 
@@ -188,18 +187,6 @@ def test_a_seek_sends_a_page_the_differences_and_no_events(past: Past) -> None:
     assert (batch.events, batch.dropped) == ((), 0)
 
 
-def test_events_come_as_they_are_played(past: Past) -> None:
-    playback = Playback(past, 0.0)
-    playback.seek(at(9.0), 0.0)
-    feed = playback.model.hub.open(60.0)
-    playback.play(0.0, is_playing=True)
-    playback.advance(0.4)
-    assert (feed.take(0.4) or pytest.fail("nothing was sent")).events == ()
-    playback.advance(0.6)
-    events = (feed.take(1.0) or pytest.fail("nothing was sent")).events
-    assert [news[0] for news in events] == ["selection/events"]
-
-
 def test_the_position_follows_the_clock_at_every_speed_and_stays_at_the_end(past: Past) -> None:
     playback = Playback(past, 0.0)
     playback.play(100.0, is_playing=True, speed=0.5)
@@ -264,17 +251,6 @@ def test_lanes_tell_states_selections_refusals_misses_and_warnings_but_not_the_e
 def test_what_pages_are_not_shown_is_not_read(in_file: FilePast, entries: list[Entry]) -> None:
     assert topics.IMU.key not in {each.row.key for each in in_file.states_at(at(10.0))}
     assert len(list(in_file.entries(at(-1.0)))) == len(entries)
-
-
-def test_few_checkpoints_lead_to_the_same_states(
-    in_file: FilePast, path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("pointit.bridges.web.playback.file_past.MAX_CHECKPOINTS", 3)
-    with Recording.open(path) as recording:
-        few = FilePast(recording, "few")
-        asyncio.run(few.read())
-        for seconds in (0.0, 3.3, 10.0, 19.0):
-            assert few.states_at(at(seconds)) == in_file.states_at(at(seconds))
 
 
 @pytest.mark.parametrize("most", [3, 4])

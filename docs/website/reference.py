@@ -11,8 +11,8 @@ import pointit
 from pointit import errors
 from pointit.api import requests
 from pointit.api.feed import Feed
-from pointit.api.lamp import Lamp
 from pointit.api.latest import Latest, Newest
+from pointit.api.requests import Lamp
 from pointit.api.tracker import Tracker
 from pointit.cli.main import front
 from pointit.launch.plan.scenario import read_scenario, scenario_names

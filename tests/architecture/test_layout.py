@@ -72,7 +72,6 @@ DEVICES = {
         "server/app.py",
         "server/certificate.py",
         "server/download.py",
-        "server/security_middleware.py",
         "server/lan.py",
         "server/link_file.py",
         "pages/open_pages.py",
@@ -85,8 +84,6 @@ DEVICES = {
         "playback/file_past.py",
         "playback/past_page.py",
         "playback/server.py",
-        "wrists/wrist_motion.py",
-        "wrists/found_wrists.py",
     },
     "ros2": {
         "graph/backends.py",

@@ -15,9 +15,9 @@ from typing import Any
 import pointit
 from pointit import errors, plugins, testing
 from pointit.api.feed import Feed
-from pointit.api.lamp import Lamp
 from pointit.api.latest import Latest, Newest
 from pointit.api.loop_thread import LoopThread
+from pointit.api.requests import Lamp
 from pointit.api.run import Run
 from pointit.api.site import Site
 from pointit.api.sync_site import SyncFeed, SyncLatest, SyncNewest, SyncSite, SyncTracker

@@ -84,7 +84,6 @@ async def _join(
 
 
 def _link(connect: Sequence[str], site: str, folder: str | Path | None) -> Link:
-    """Return the link to `site`, with what its credentials answer unless it is given."""
     folder = folder or os.environ.get(VARIABLE)
     if not folder:
         return Link(site=site or DEFAULT_SITE, connect=tuple(connect) or (DEFAULT_ENDPOINT,))

@@ -84,7 +84,6 @@ class Newest(Mapping[str, M], Generic[M]):
         raise NoMessageError(f"nothing came on {key} within {patience_s:g} s; see `pointit doctor`")
 
     def _receive(self, name: str) -> Subscription:
-        """Return the subscription by which `name` comes."""
         self._check_open()
         self._topic.at(name)
         which = (self._bus.is_restricted and name) or ANY

@@ -16,7 +16,6 @@ class LoopThread:
     """Runs coroutines for other threads. Its virtual time passes only while one of them waits."""
 
     def __init__(self, *, virtual: bool = False) -> None:
-        """Start the thread."""
         self._virtual = virtual
         self._calls: set[concurrent.futures.Future[Any]] = set()
         self._loop: asyncio.AbstractEventLoop

@@ -51,8 +51,6 @@ async def press(
 
 
 class _Person:
-    """Follows one person's interaction."""
-
     def __init__(self, bus: Bus, user: str, declared: contextlib.ExitStack) -> None:
         self.supervisor = instance_of("supervisor", user)
         self._user = user

@@ -172,7 +172,6 @@ def _failures_named() -> Generator[None]:
 
 
 def _failure(error: BaseException) -> PointItError:
-    """Return the error of a site of which a service has failed."""
     cause = first_cause(error)
     if isinstance(cause, PointItError):
         return cause

@@ -10,10 +10,10 @@ from typing import Any, Literal, Self, TypeVar
 
 from pointit.api import requests
 from pointit.api.feed import Feed, PresentNames, ReceiveBuffer
-from pointit.api.lamp import Lamp
 from pointit.api.latest import Latest
 from pointit.api.loop_thread import closed_error
 from pointit.api.press import press
+from pointit.api.requests import Lamp
 from pointit.api.tracker import Tracker
 from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S, Closable, Subscription
 from pointit.runtime.bus.memory_bus import MemoryBus
@@ -233,7 +233,6 @@ class Site:
             buffer.close(error)
 
     def _close(self) -> None:
-        """End all iterators and trackers."""
         for tracker in list(self._trackers):
             if not self._bus.is_closed:
                 tracker.close()

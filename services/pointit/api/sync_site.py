@@ -15,9 +15,9 @@ from typing import Any, Concatenate, Generic, ParamSpec, Self, TypeVar, overload
 
 from pointit.api import requests
 from pointit.api.feed import Feed
-from pointit.api.lamp import Lamp
 from pointit.api.latest import PATIENCE_S, Latest, Newest
 from pointit.api.loop_thread import LoopThread
+from pointit.api.requests import Lamp
 from pointit.api.site import Site
 from pointit.api.tracker import Tracker
 from pointit.schemas import (

@@ -68,17 +68,15 @@ class SelectionRow(SchemaModel):
     ended_by: Annotated[
         Literal["deselected", "left", "dispatched", "recording"],
         Field(description="what ended it; recording: it was still selected at the end"),
-    ]
-    ended_s: Annotated[float | None, Field(description="when, since the recording began")]
-    ended_user: Annotated[str, Field(description="who deselected it")]
-    kept_s: Annotated[float | None, Field(description="ended_s less selected_s")]
-    bay: Annotated[str, Field(description="where it went, if it was dispatched")]
+    ] = "recording"
+    ended_s: Annotated[float | None, Field(description="when, since the recording began")] = None
+    ended_user: Annotated[str, Field(description="who deselected it")] = ""
+    kept_s: Annotated[float | None, Field(description="ended_s less selected_s")] = None
+    bay: Annotated[str, Field(description="where it went, if it was dispatched")] = ""
 
 
 @dataclass
 class _OpenAct:
-    """An act that may go on."""
-
     object_id: str
     kind: str
     begin_ns: int
@@ -209,11 +207,6 @@ class ActDetector:
             confidence=event.confidence,
             range_m=None if act is None else act.range_m,
             miss_rad=None if act is None else act.miss_rad,
-            ended_by="recording",
-            ended_s=None,
-            ended_user="",
-            kept_s=None,
-            bay="",
         )
 
     def _close_selection(self, event: SelectionEvent) -> None:

@@ -26,20 +26,9 @@ from pointit.schemas import (
     TrackedObject,
     TrackedObjects,
     UserPose,
+    topics,
 )
 from pointit.schemas.pointing import SurfaceKind
-from pointit.schemas.topics import (
-    BUTTON,
-    CURSOR,
-    HOVER,
-    IMU,
-    INTERACTION,
-    OBJECTS,
-    POSE,
-    RAY,
-    SELECTION_EVENTS,
-    Topic,
-)
 
 TRACKER = "conveyor"
 WORLD = "world"
@@ -59,7 +48,7 @@ class UnusableError(Exception):
     """A message cannot be taken; in a sentence, why."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Route:
     """A topic of the ROS toolkit."""
 
@@ -93,12 +82,12 @@ class BagMessages:
         """Convert a geometry_msgs/QuaternionStamped of an arm."""
         turned = _sound(checks.quaternion(value.quaternion, f"the arm of {user}"))
         stamp_ns = _stamp_ns(value.header, time_ns)
-        yield self._say(time_ns, IMU, user, ImuSample(stamp_ns=stamp_ns, orientation_xyzw=turned))
+        yield self._say(time_ns, topics.IMU, user, ImuSample(stamp_ns=stamp_ns, orientation_xyzw=turned))
 
     def button(self, value: Any, user: str, time_ns: int) -> Taken:
         """Convert a std_msgs/Bool: pressed when it becomes true."""
         if value.data and user not in self._down:
-            yield self._say(time_ns, BUTTON, user, ButtonEvent(stamp_ns=time_ns, source="ros2"))
+            yield self._say(time_ns, topics.BUTTON, user, ButtonEvent(stamp_ns=time_ns, source="ros2"))
         (self._down.add if value.data else self._down.discard)(user)
 
     def ray(self, value: Any, user: str, time_ns: int) -> Taken:
@@ -108,13 +97,13 @@ class BagMessages:
         turned = _sound(checks.quaternion(value.pose.orientation, what))
         way = vector.normalized(rotation.rotate(turned, AHEAD))
         stamp_ns = _stamp_ns(value.header, time_ns)
-        yield self._say(time_ns, RAY, user, PointingRay(stamp_ns=stamp_ns, origin_m=origin_m, direction=way))
+        message = PointingRay(stamp_ns=stamp_ns, origin_m=origin_m, direction=way)
+        yield self._say(time_ns, topics.RAY, user, message)
 
     def mocap(self, value: Any, user: str, time_ns: int) -> Taken:
         """Convert a geometry_msgs/PoseStamped of motion capture: the truth."""
-        yield self._pose(
-            value.pose.position, value.pose.orientation, value.header, user, time_ns, method="external"
-        )
+        at, turned = value.pose.position, value.pose.orientation
+        yield self._pose(at, turned, value.header, user, time_ns, method="external")
 
     def tf(self, value: Any, _: str, time_ns: int) -> Taken:
         """Convert a tf2_msgs/TFMessage: the frames of people, by whatever they were found."""
@@ -133,7 +122,7 @@ class BagMessages:
         if state is None:
             raise UnusableError(f"the state {checks.named(value.state)} is unknown")
         message = Interaction.model_validate({"stamp_ns": time_ns, "state": state})
-        yield self._say(time_ns, INTERACTION, user, message)
+        yield self._say(time_ns, topics.INTERACTION, user, message)
 
     def packages(self, value: Any, _: str, time_ns: int) -> Taken:
         """Convert a conveyor_msgs/PackageList."""
@@ -163,7 +152,8 @@ class BagMessages:
                     surface_speed_mps=speed_mps,
                 )
             )
-        yield self._say(time_ns, OBJECTS, TRACKER, TrackedObjects(stamp_ns=stamp_ns, objects=tuple(made)))
+        message = TrackedObjects(stamp_ns=stamp_ns, objects=tuple(made))
+        yield self._say(time_ns, topics.OBJECTS, TRACKER, message)
 
     def selected(self, value: Any, _: str, time_ns: int) -> Taken:
         """Convert a conveyor_msgs/PackageUIDList: what changed. It does not say who selected."""
@@ -171,7 +161,7 @@ class BagMessages:
         for uid in sorted(now ^ self._selected):
             event = "selected" if uid in now else "deselected"
             said = {"stamp_ns": time_ns, "event": event, "object_id": str(uid)}
-            yield self._say(time_ns, SELECTION_EVENTS, "", SelectionEvent.model_validate(said))
+            yield self._say(time_ns, topics.SELECTION_EVENTS, "", SelectionEvent.model_validate(said))
         self._selected = now
 
     def pointers(self, value: Any, _: str, time_ns: int) -> Taken:
@@ -190,15 +180,16 @@ class BagMessages:
                 )
             else:
                 cursor = Cursor(stamp_ns=time_ns)
-            yield self._say(time_ns, CURSOR, user, cursor)
-            yield self._say(time_ns, HOVER, user, Hover(stamp_ns=time_ns, object_id=over[0] if over else ""))
+            yield self._say(time_ns, topics.CURSOR, user, cursor)
+            hover = Hover(stamp_ns=time_ns, object_id=over[0] if over else "")
+            yield self._say(time_ns, topics.HOVER, user, hover)
 
     def _pose(self, at: Any, turned: Any, header: Any, user: str, time_ns: int, *, method: str) -> Entry:
         what = f"the pose of {user}"
         position_m = _sound(checks.place(at, what))
         yaw_rad = _sound(checks.heading(_sound(checks.quaternion(turned, what)), what))
         said = {"stamp_ns": _stamp_ns(header, time_ns), "position_m": position_m, "yaw_rad": yaw_rad}
-        return self._say(time_ns, POSE, user, UserPose.model_validate({**said, "method": method}))
+        return self._say(time_ns, topics.POSE, user, UserPose.model_validate({**said, "method": method}))
 
     def _along(self, place: Any) -> tuple[SurfaceKind, str, Polyline, float]:
         found = self._lines.get(place.name)
@@ -210,27 +201,23 @@ class BagMessages:
             raise UnusableError(f"the place {share:g} on {place.name} is not between 0 and 1")
         return kind, name, line, min(max(share, 0.0), 1.0) * line.length_m
 
-    def _say(self, time_ns: int, row: Topic[Any], name: str, message: Message) -> Entry:
+    def _say(self, time_ns: int, row: topics.Topic[Any], name: str, message: Message) -> Entry:
         key = (row.key, name)
         count = self._counts[key] = self._counts.get(key, 0) + 1
         return entry(time_ns, row, name, message.model_copy(update={"seq": count}))
 
 
 ROUTES = (
-    Route(
-        name="/{user}/metawear_ros/rotation",
-        type="geometry_msgs/msg/QuaternionStamped",
-        take=BagMessages.rotation,
-    ),
-    Route(name="/{user}/metawear_ros/button", type="std_msgs/msg/Bool", take=BagMessages.button),
-    Route(name="/{user}/pointing_ray", type="geometry_msgs/msg/PoseStamped", take=BagMessages.ray),
-    Route(name="/{user}/mocap_pose", type="geometry_msgs/msg/PoseStamped", take=BagMessages.mocap),
-    Route(name="/{user}/state_transition", type="conveyor_msgs/msg/State", take=BagMessages.state),
-    Route(name="/tf", type="tf2_msgs/msg/TFMessage", take=BagMessages.tf),
-    Route(name="/tf_static", type="tf2_msgs/msg/TFMessage", take=BagMessages.tf),
-    Route(name="/packages", type="conveyor_msgs/msg/PackageList", take=BagMessages.packages, needs_map=True),
-    Route(name="/pointers", type="conveyor_msgs/msg/PointerList", take=BagMessages.pointers, needs_map=True),
-    Route(name="/selected_packages", type="conveyor_msgs/msg/PackageUIDList", take=BagMessages.selected),
+    Route("/{user}/metawear_ros/rotation", "geometry_msgs/msg/QuaternionStamped", BagMessages.rotation),
+    Route("/{user}/metawear_ros/button", "std_msgs/msg/Bool", BagMessages.button),
+    Route("/{user}/pointing_ray", "geometry_msgs/msg/PoseStamped", BagMessages.ray),
+    Route("/{user}/mocap_pose", "geometry_msgs/msg/PoseStamped", BagMessages.mocap),
+    Route("/{user}/state_transition", "conveyor_msgs/msg/State", BagMessages.state),
+    Route("/tf", "tf2_msgs/msg/TFMessage", BagMessages.tf),
+    Route("/tf_static", "tf2_msgs/msg/TFMessage", BagMessages.tf),
+    Route("/packages", "conveyor_msgs/msg/PackageList", BagMessages.packages, needs_map=True),
+    Route("/pointers", "conveyor_msgs/msg/PointerList", BagMessages.pointers, needs_map=True),
+    Route("/selected_packages", "conveyor_msgs/msg/PackageUIDList", BagMessages.selected),
 )
 """Topics of the ROS toolkit that a recording has a place for."""
 

@@ -116,7 +116,6 @@ def _columns(name: str, annotation: Any, about: str, get: Callable[[Any], Any]) 
 
 
 def _titles(name: str, unit: str, count: int) -> list[tuple[str, str]]:
-    """Return names and units of the components of the field `name`."""
     if name.endswith("covariance"):
         return [(f"{name}_{pair}_{part}", text) for pair, part, text in COVARIANCE]
     base, suffix = (name.rpartition("_")[0], f"_{name.rpartition('_')[2]}") if unit else (name, "")
@@ -131,7 +130,6 @@ def _titles(name: str, unit: str, count: int) -> list[tuple[str, str]]:
 
 
 def _plain(annotation: Any) -> Any:
-    """Return the type inside `Annotated` and `... | None`."""
     while True:
         origin = get_origin(annotation)
         if origin is Annotated:
@@ -175,15 +173,10 @@ class Tables:
     """
 
     def __init__(self, folder: Path, names: Collection[str], *, overwrite: bool) -> None:
-        """Create `folder` if it does not exist.
-
-        Args:
-            folder: gets the tables.
-            names: all files that there may be. Those of an earlier export are removed in the end.
-            overwrite: whether there may be any.
+        """Create `folder` if need be. Of `names`, those of an earlier export are removed in the end.
 
         Raises:
-            ConfigError: If it cannot be created, or has such files and they may not be overwritten.
+            ConfigError: If it cannot be created, or has such files and not `overwrite`.
         """
         self._folder = folder
         self._names = {DICTIONARY, *names}
@@ -216,7 +209,6 @@ class Tables:
         self.rows[name] += 1
 
     def __enter__(self) -> Self:
-        """Return itself."""
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:

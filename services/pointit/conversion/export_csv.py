@@ -10,47 +10,35 @@ from pointit.conversion.acts import Act, ActDetector, SelectionRow
 from pointit.conversion.columns import Column, Tables, columns_of, text
 from pointit.recording.entries import Entry, Exchange
 from pointit.runtime.errors import ConfigError
-from pointit.schemas import NS_PER_S, Cursor, Hover, Message, SelectionEvent, TrackedObject, TrackedObjects
-from pointit.schemas.topics import (
-    ANCHOR,
-    BUTTON,
-    CONVEYOR_STATE,
-    CURSOR,
-    FEEDBACK,
-    GOAL,
-    HOVER,
-    IMU,
-    INTERACTION,
-    LAMP_COLOR,
-    LOCALIZATION,
-    OBJECTS,
-    POSE,
-    PROFILE,
-    RAY,
-    SELECTION_EVENTS,
-    WRIST,
-    Request,
-    Topic,
+from pointit.schemas import (
+    NS_PER_S,
+    Cursor,
+    Hover,
+    Message,
+    SelectionEvent,
+    TrackedObject,
+    TrackedObjects,
+    topics,
 )
 
 FILES = {
-    IMU.key: "imu.csv",
-    WRIST.key: "wrists.csv",
-    BUTTON.key: "buttons.csv",
-    RAY.key: "rays.csv",
-    POSE.key: "poses.csv",
-    PROFILE.key: "profiles.csv",
-    LOCALIZATION.key: "localizations.csv",
-    ANCHOR.key: "anchors.csv",
-    CURSOR.key: "cursors.csv",
-    HOVER.key: "hovers.csv",
-    INTERACTION.key: "interactions.csv",
-    FEEDBACK.key: "cues.csv",
-    GOAL.key: "goals.csv",
-    OBJECTS.key: "objects.csv",
-    SELECTION_EVENTS.key: "events.csv",
-    LAMP_COLOR.key: "lamps.csv",
-    CONVEYOR_STATE.key: "conveyor.csv",
+    topics.IMU.key: "imu.csv",
+    topics.WRIST.key: "wrists.csv",
+    topics.BUTTON.key: "buttons.csv",
+    topics.RAY.key: "rays.csv",
+    topics.POSE.key: "poses.csv",
+    topics.PROFILE.key: "profiles.csv",
+    topics.LOCALIZATION.key: "localizations.csv",
+    topics.ANCHOR.key: "anchors.csv",
+    topics.CURSOR.key: "cursors.csv",
+    topics.HOVER.key: "hovers.csv",
+    topics.INTERACTION.key: "interactions.csv",
+    topics.FEEDBACK.key: "cues.csv",
+    topics.GOAL.key: "goals.csv",
+    topics.OBJECTS.key: "objects.csv",
+    topics.SELECTION_EVENTS.key: "events.csv",
+    topics.LAMP_COLOR.key: "lamps.csv",
+    topics.CONVEYOR_STATE.key: "conveyor.csv",
 }
 """Tables of the streams, by the topic's key. Other topics, such as pixels and health, are no tables."""
 
@@ -119,9 +107,9 @@ class _Export:
 
     def add(self, entry: Entry) -> None:
         row, body = entry.row, entry.body
-        if isinstance(row, Request) and isinstance(body, Exchange):
+        if isinstance(row, topics.Request) and isinstance(body, Exchange):
             self._request(entry.key, body)
-        elif isinstance(row, Topic) and isinstance(body, Message):
+        elif isinstance(row, topics.Topic) and isinstance(body, Message):
             if row.key in FILES:
                 self._message(row, entry.name, body)
                 self._follow(entry.name, body)
@@ -132,7 +120,7 @@ class _Export:
         self._detector.end()
         self._write_deeds()
 
-    def _message(self, row: Topic[Any], name: str, message: Message) -> None:
+    def _message(self, row: topics.Topic[Any], name: str, message: Message) -> None:
         columns = self._columns.get(row.key)
         if columns is None:
             columns = self._columns[row.key] = _columns(row)
@@ -199,7 +187,7 @@ _REQUEST_COLUMNS = (
 )
 
 
-def _columns(row: Topic[Any]) -> list[Column]:
+def _columns(row: topics.Topic[Any]) -> list[Column]:
     """Return the columns of a topic's table: time, what the placeholder stands for, the message's fields."""
     first = list(_TIME)
     if row.placeholder:

@@ -32,16 +32,7 @@ SUFFIXES = (".db3", ".mcap")
 METADATA = "metadata.yaml"
 """File in the folder of a bag."""
 
-_UNREADABLE = (
-    ReaderError,
-    OSError,
-    apsw.Error,
-    struct.error,
-    ValueError,
-    KeyError,
-    TypeError,
-    AssertionError,
-)
+UNREADABLE = (ReaderError, OSError, apsw.Error, struct.error, ValueError, KeyError, TypeError, AssertionError)
 
 
 @dataclass
@@ -65,14 +56,10 @@ class Bag:
         try:
             with Reader(self.path) as reader:
                 if self.room is not None:
-                    yield entry(
-                        reader.start_time,
-                        MAP,
-                        "",
-                        self.room.model_copy(update={"stamp_ns": reader.start_time}),
-                    )
+                    began_ns = reader.start_time
+                    yield entry(began_ns, MAP, "", self.room.model_copy(update={"stamp_ns": began_ns}))
                 yield from self._read(reader)
-        except _UNREADABLE as error:
+        except UNREADABLE as error:
             raise ConfigError(f"{self.path}: cannot be read as a ROS 2 bag ({error})") from error
 
     def _read(self, reader: Reader) -> Iterator[Entry]:
@@ -98,7 +85,6 @@ class Bag:
                 self.taken[connection.topic] += 1
 
     def _route(self, types: Types, connection: Any) -> tuple[str, Route | None, str]:
-        """Return the reason why a topic is left out, or its route and the person in its name."""
         for route in ROUTES:
             head, opening, tail = route.name.partition("{user}")
             name: str = connection.topic

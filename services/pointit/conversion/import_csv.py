@@ -174,9 +174,7 @@ def _robot(motion: Motion) -> Iterator[Entry]:
 
 
 def _head(motion: Motion, heads_m: Array, user: str) -> Iterator[Entry]:
-    for count, (time_ns, (x, y, z)) in enumerate(
-        zip(_times_ns(motion), heads_m.tolist(), strict=True), start=1
-    ):
+    for count, (time_ns, (x, y, z)) in enumerate(zip(_times_ns(motion), heads_m.tolist(), strict=True), 1):
         person = TrackedObject(id=user, kind=PERSON, position_m=(x, y, z))
         yield entry(time_ns, OBJECTS, TRACKER, TrackedObjects(stamp_ns=time_ns, seq=count, objects=(person,)))
 

@@ -2,11 +2,12 @@
 
 from collections.abc import Callable, Iterator, Sequence
 
-from pointit.diagnosis.observation import Finding, Observation, Report
+from pointit.diagnosis.observation import Finding, Observation, Report, Severity
 from pointit.diagnosis.outage import fold_outage
 from pointit.diagnosis.staleness import stale_inputs
 from pointit.diagnosis.writers import start_command
 from pointit.runtime.bus.timeliness import LONGEST_HOST, REMEDY, ClockSkewMonitor
+from pointit.runtime.config.similar_names import did_you_mean
 from pointit.schemas import Health
 from pointit.schemas.system import split_instance
 from pointit.schemas.text import one_line
@@ -25,7 +26,6 @@ from pointit.services.registry import person_of
 
 SLOW_S = 0.1
 """Latency from capture to output, 99th percentile, above which pointing feels detached from the hand, s."""
-
 UNCERTAIN = "uncertain"
 """Word in the localizer's own warnings about the pose."""
 
@@ -46,65 +46,39 @@ def is_healthy(findings: Sequence[Finding]) -> bool:
 def _presence(seen: Observation) -> Iterator[Finding]:
     expected = seen.expected
     if seen.denied:
-        yield Finding(severity="error", code="denied", service="", sentence=seen.denied, remedy="")
+        yield Finding("error", "denied", "", seen.denied, "")
     elif not seen.present and not expected and seen.other_sites:
         are = "a site is" if len(seen.other_sites) == 1 else "sites are"
-        yield Finding(
-            severity="error",
-            code="empty",
-            service="",
-            sentence=f"no service runs on this site, but {are} there: {', '.join(seen.other_sites)}",
-            remedy=f"name the right one: --site {seen.other_sites[0]}",
-        )
+        sentence = f"no service runs on this site, but {are} there: {', '.join(seen.other_sites)}"
+        yield Finding("error", "empty", "", sentence, f"name the right one: --site {seen.other_sites[0]}")
     elif not seen.present and not expected:
-        yield Finding(
-            severity="error",
-            code="empty",
-            service="",
-            sentence="the router answers, but no service runs on this site",
-            remedy="start with `pointit run`, or name the right site with --site, or its address with "
-            "--connect (of a run with --ros2: tcp/127.0.0.1:7448)",
+        remedy = (
+            "start with `pointit run`, or name the right site with --site, or its address with --connect (of "
+            "a run with --ros2: tcp/127.0.0.1:7448)"
         )
+        yield Finding("error", "empty", "", "the router answers, but no service runs on this site", remedy)
     elif not expected and all(map(_is_router, seen.present)):
-        yield Finding(
-            severity="error",
-            code="empty",
-            service="",
-            sentence="nothing but the router runs on this site yet",
-            remedy="start what all people share with `pointit run --site-only --credentials "
-            "FOLDER/identities/supervisor`, then each person with `pointit person add NAME "
-            "--credentials NAME`",
+        remedy = (
+            "start what all people share with `pointit run --site-only --credentials FOLDER/identities/"
+            "supervisor`, then each person with `pointit person add NAME --credentials NAME`"
         )
+        yield Finding("error", "empty", "", "nothing but the router runs on this site yet", remedy)
     for instance, remedy in expected.items():
         if instance not in seen.present:
-            yield Finding(
-                severity="error",
-                code="absent",
-                service=instance,
-                sentence="should run and does not",
-                remedy=remedy,
-            )
+            yield Finding("error", "absent", instance, "should run and does not", remedy)
     for instance in seen.left - seen.present - expected.keys():
-        yield Finding(
-            severity="warning",
-            code="left",
-            service=instance,
-            sentence="was present and has left: ended, killed, stopped or cut off",
-            remedy=_restart(instance, seen.options),
+        sentence = "was present and has left: ended, killed, stopped or cut off"
+        yield Finding("warning", "left", instance, sentence, _restart(instance, seen.options))
+    for instance in filter(seen.is_silent, seen.present):
+        health = seen.newest(instance)
+        silence_s = seen.silence_s(instance)
+        sentence = (
+            f"is present but has not reported for {silence_s:.0f} s: is it stopped, overloaded or cut off?"
         )
-    for instance in seen.present:
-        if seen.is_silent(instance):
-            health = seen.newest(instance)
-            process = f"process {health.pid}" if health else "its process"
-            yield Finding(
-                severity="error",
-                code="silent",
-                service=instance,
-                sentence=f"is present but has not reported for {seen.silence_s(instance):.0f} s: "
-                "is it stopped, overloaded or cut off?",
-                remedy=f"look at {process} (stopped: `kill -CONT`); else "
-                + expected.get(instance, _restart(instance, seen.options)),
-            )
+        again = expected.get(instance, _restart(instance, seen.options))
+        process = f"process {health.pid}" if health else "its process"
+        remedy = f"look at {process} (stopped: `kill -CONT`); else {again}"
+        yield Finding("error", "silent", instance, sentence, remedy)
 
 
 def _reports(seen: Observation) -> Iterator[Finding]:
@@ -116,31 +90,22 @@ def _reports(seen: Observation) -> Iterator[Finding]:
         yield from _counters(instance, reports[0].health, health)
         yield from _certainty(instance, health)
         for sentence in map(one_line, health.warnings):
-            yield Finding(
-                severity="warning",
-                code="warning",
-                service=instance,
-                sentence=f"says: “{sentence}”" if person_of(instance) else sentence,
-                remedy="" if _says_what_to_do(sentence) else "look at its log, which has details",
-            )
+            remedy = "" if _says_what_to_do(sentence) else "look at its log, which has details"
+            told = f"says: “{sentence}”" if person_of(instance) else sentence
+            yield Finding("warning", "warning", instance, told, remedy)
         if health.status == "degraded" and not health.warnings:
-            yield Finding(
-                severity="warning",
-                code="degraded",
-                service=instance,
-                sentence="reports itself as degraded without a reason",
-                remedy="look at its log",
-            )
+            sentence = "reports itself as degraded without a reason"
+            yield Finding("warning", "degraded", instance, sentence, "look at its log")
         if health.latency is not None and health.latency.p99_s > SLOW_S:
-            yield Finding(
-                severity="warning",
-                code="slow",
-                service=instance,
-                sentence=f"its output is {health.latency.p99_s * 1e3:.0f} ms behind the person "
-                f"(99th percentile; {SLOW_S * 1e3:.0f} ms is too much)",
-                remedy="is the machine overloaded, are two machines' clocks apart, or has a link to LEDs "
-                "more pixels than it carries?",
+            sentence = (
+                f"its output is {health.latency.p99_s * 1e3:.0f} ms behind the person "
+                f"(99th percentile; {SLOW_S * 1e3:.0f} ms is too much)"
             )
+            remedy = (
+                "is the machine overloaded, are two machines' clocks apart, or has a link to LEDs "
+                "more pixels than it carries?"
+            )
+            yield Finding("warning", "slow", instance, sentence, remedy)
 
 
 def _says_what_to_do(warning: str) -> bool:
@@ -157,13 +122,8 @@ def _twice(seen: Observation, instance: str, reports: Sequence[Report]) -> Itera
     }
     if len(ages_s) > 1 and min(ages_s.values()) > watched_s:
         pids = " and ".join(f"{pid} on {one_line(host, LONGEST_HOST) or '?'}" for host, pid in sorted(ages_s))
-        yield Finding(
-            severity="error",
-            code="twice",
-            service=instance,
-            sentence=f"runs more than once: processes {pids}",
-            remedy="end all but one, or give each person their own --user",
-        )
+        remedy = "end all but one, or give each person their own --user"
+        yield Finding("error", "twice", instance, f"runs more than once: processes {pids}", remedy)
 
 
 def _counters(instance: str, first: Health, last: Health) -> Iterator[Finding]:
@@ -172,33 +132,15 @@ def _counters(instance: str, first: Health, last: Health) -> Iterator[Finding]:
     for key in last.keys:
         old = before.get((key.key, key.direction), key)
         pattern = one_line(key.key)
-        counts = [
-            (
-                key.invalid,
-                old.invalid,
-                f"messages on {pattern} were invalid, and were dropped",
-                "a writer of another version? `pointit --version` on both machines",
-            ),
-            (
-                key.lost,
-                old.lost,
-                f"events on {pattern} never arrived",
-                "the network loses more than can be fetched again: look at the link between the machines",
-            ),
-        ]
-        if any(
-            row.key == pattern and row.delivery is Delivery.EVENT for row in TOPICS
-        ):  # for others only the newest counts
-            counts.append(
-                (
-                    key.dropped,
-                    old.dropped,
-                    f"events on {pattern} were dropped: it reads too slowly",
-                    "is its machine overloaded?",
-                )
-            )
-        for now, then, sentence, remedy in counts:
-            yield from _counter(instance, now, then, sentence, remedy)
+        invalid = f"messages on {pattern} were invalid, and were dropped"
+        other_version = "a writer of another version? `pointit --version` on both machines"
+        yield from _counter(instance, key.invalid, old.invalid, invalid, other_version)
+        lost = "the network loses more than can be fetched again: look at the link between the machines"
+        yield from _counter(instance, key.lost, old.lost, f"events on {pattern} never arrived", lost)
+        # for other topics only the newest counts
+        if any(row.key == pattern and row.delivery is Delivery.EVENT for row in TOPICS):
+            dropped = f"events on {pattern} were dropped: it reads too slowly"
+            yield from _counter(instance, key.dropped, old.dropped, dropped, "is its machine overloaded?")
     yield from _counter(
         instance, last.errors, first.errors, "of its handlers' calls failed", "its log has the traceback"
     )
@@ -211,45 +153,30 @@ def _certainty(instance: str, health: Health) -> Iterator[Finding]:
     if any(UNCERTAIN in sentence for sentence in health.warnings):
         return  # it reports this itself, with a remedy
     who = split_instance(instance)[1] or "NAME"
+    point = f"have them point at one lamp: `pointit person anchor {who}`, or press the button twice"
     if where_m is not None and where_m > UNSURE_M:
-        yield Finding(
-            severity="warning",
-            code="unsure",
-            service=instance,
-            sentence=f"the person's position is uncertain by {where_m:.2f} m (1 sigma, limit {UNSURE_M:g} m)",
-            remedy=f"let them localize again: hold the button, or `pointit person press {who} "
-            "--gesture hold`; point at more lamps with --targets",
+        sentence = f"the person's position is uncertain by {where_m:.2f} m (1 sigma, limit {UNSURE_M:g} m)"
+        remedy = (
+            f"let them localize again: hold the button, or `pointit person press {who} --gesture hold`; "
+            "point at more lamps with --targets"
         )
+        yield Finding("warning", "unsure", instance, sentence, remedy)
     elif yaw_deg is not None and yaw_deg > UNSURE_DEG:
-        yield Finding(
-            severity="warning",
-            code="unsure",
-            service=instance,
-            sentence=f"the person's yaw is uncertain by {yaw_deg:.1f}° (1 sigma, limit {UNSURE_DEG:g}°)"
-            + ("" if age_s is None else f", the last anchor is {age_s:.0f} s old"),
-            remedy=f"have them point at one lamp: `pointit person anchor {who}`, or press the button twice",
-        )
+        sentence = f"the person's yaw is uncertain by {yaw_deg:.1f}° (1 sigma, limit {UNSURE_DEG:g}°)"
+        sentence += "" if age_s is None else f", the last anchor is {age_s:.0f} s old"
+        yield Finding("warning", "unsure", instance, sentence, point)
     elif age_s is not None and age_s > OLD_ANCHOR_S and (yaw_deg is None or yaw_deg > SURE_DEG):
-        yield Finding(
-            severity="warning",
-            code="old-anchor",
-            service=instance,
-            sentence=f"the last anchor is {age_s / 60:.0f} min old, and the IMU's yaw drifts",
-            remedy=f"have them point at one lamp: `pointit person anchor {who}`, or press the button twice",
-        )
+        sentence = f"the last anchor is {age_s / 60:.0f} min old, and the IMU's yaw drifts"
+        yield Finding("warning", "old-anchor", instance, sentence, point)
 
 
 def _counter(instance: str, now: int, then: int, sentence: str, remedy: str) -> Iterator[Finding]:
     if not now:
         return
-    growing = now > then
-    yield Finding(
-        severity="error" if growing else "note",
-        code="failing" if growing else "failed",
-        service=instance,
-        sentence=f"{now} {sentence}" + (", and the number grows" if growing else ", not any more"),
-        remedy=remedy,
-    )
+    if now > then:
+        yield Finding("error", "failing", instance, f"{now} {sentence}, and the number grows", remedy)
+    else:
+        yield Finding("note", "failed", instance, f"{now} {sentence}, not any more", remedy)
 
 
 def _restart(instance: str, options: str) -> str:
@@ -276,10 +203,25 @@ def find_clock_skew(seen: Observation) -> Iterator[Finding]:
     said = " ".join(keeper.warnings) if keeper is not None else ""
     for skew in watch.skews(seen.now_s):
         if f"the clock of machine {skew.host} " not in said:
-            yield Finding(
-                severity="error" if skew.exceeds_limit else "warning",
-                code="clock",
-                service="",
-                sentence=skew.sentence(seen.host),
-                remedy=REMEDY,
-            )
+            severity: Severity = "error" if skew.exceeds_limit else "warning"
+            yield Finding(severity, "clock", "", skew.sentence(seen.host), REMEDY)
+
+
+def is_about(instance: str, name: str) -> bool:
+    """Return True if `name` is the instance, its service or its person."""
+    return name in (instance, *split_instance(instance))
+
+
+def filter_findings(findings: Sequence[Finding], seen: Observation, name: str) -> list[Finding]:
+    """Return the findings about `name`, or one that nothing of that name runs or should run.
+
+    Without the right to view the site, all findings are returned.
+    """
+    if seen.denied:
+        return list(findings)
+    instances = {*seen.present, *seen.left, *seen.expected}
+    if not any(is_about(instance, name) for instance in instances):
+        there = sorted({part for instance in instances for part in split_instance(instance) if part})
+        remedy = did_you_mean(name, there) or "start it, or see without --only what does"
+        return [Finding("error", "absent", name, "does not run here", remedy)]
+    return [each for each in findings if each.code == "unreachable" or is_about(each.service, name)]

@@ -31,7 +31,7 @@ Code = Literal[
 ]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Finding:
     """One problem, or (a note) a former problem."""
 

@@ -10,13 +10,7 @@ GONE = ("absent", "left", "silent")
 
 
 def unreachable(connect: Sequence[str], *, is_refused: bool, is_secured: bool) -> Finding:
-    """Return the finding of an observer that cannot join.
-
-    Args:
-        connect: addresses that were tried.
-        is_refused: nothing listens there. Else somebody may, who does not answer.
-        is_secured: the observer has credentials.
-    """
+    """Return the finding of an observer that cannot join; `is_refused`: nothing listens at `connect`."""
     where = ", ".join(connect)
     if not is_refused:
         return _finding(
@@ -49,4 +43,4 @@ def fold_outage(findings: Sequence[Finding], seen: Observation) -> list[Finding]
 
 
 def _finding(sentence: str, remedy: str) -> Finding:
-    return Finding(severity="error", code="unreachable", service="", sentence=sentence, remedy=remedy)
+    return Finding("error", "unreachable", "", sentence, remedy)

@@ -38,13 +38,8 @@ def stale_inputs(seen: Observation) -> Iterator[Finding]:
             else:
                 remedy = _look_at(seen, writers[0])
             age = "never came" if key.age_s is None else f"is {key.age_s:.1f} s old"
-            yield Finding(
-                severity="error",
-                code="stale",
-                service=instance,
-                sentence=f"its input {topic.key} {age}, though {' and '.join(writers)} should write it",
-                remedy=remedy,
-            )
+            sentence = f"its input {topic.key} {age}, though {' and '.join(writers)} should write it"
+            yield Finding("error", "stale", instance, sentence, remedy)
 
 
 def _is_read(seen: Observation, instance: str, topic: AnyTopic, writer: str) -> bool:
@@ -68,7 +63,6 @@ def _is_read(seen: Observation, instance: str, topic: AnyTopic, writer: str) -> 
 
 
 def _served(shards: frozenset[str], service: str) -> set[str]:
-    """Return the people whom shards of `service` serve."""
     return {person for name, person in map(split_instance, shards) if name == service}
 
 
@@ -88,7 +82,6 @@ def _is_old(key: KeyHealth | None, topic: AnyTopic, seen: Observation, uptime_s:
 
 
 def _written(seen: Observation, topic: AnyTopic, writers: Sequence[str]) -> bool:
-    """Return True if one of `writers` reports a recent write of `topic`."""
     for writer in writers:
         health = seen.newest(writer)
         for other, key in _rated(health, "out"):

@@ -47,7 +47,6 @@ class Channels:
         self._counts: Counter[int] = Counter()
 
     def __getitem__(self, number: int) -> Channel:
-        """Return the channel of a known row."""
         return self._known[number]
 
     def add(self, opcode: int, content: bytes) -> None:

@@ -7,13 +7,14 @@ from typing import Annotated, Any, Generic, NamedTuple, TypeVar
 from pydantic import Field
 
 from pointit.runtime.errors import ConfigError
-from pointit.schemas import Message, Query, Reply, SchemaModel
+from pointit.schemas import Message, Query, Reply, SchemaError, SchemaModel, ServedRequest
 from pointit.schemas.base import Ns
+from pointit.schemas.catalogue.json_channel import from_json
+from pointit.schemas.system import split_instance
 from pointit.schemas.topics import PRESENCES, REQUESTS, TOPICS, Presence, Request, Topic, check_name
 
 Q = TypeVar("Q", bound=Query)
 R = TypeVar("R", bound=Reply)
-
 AnyRow = Topic[Any] | Request[Any, Any] | Presence
 """A row of the topic table."""
 
@@ -103,3 +104,31 @@ def schema_name(row: AnyRow) -> str:
     if isinstance(row, Request):
         return f"{row.query.schema_name()}+{row.reply.schema_name()}"
     return "PresenceChange.v1"
+
+
+def entry_of(served: ServedRequest, instance: str, now_ns: int) -> Entry | None:
+    """Return the entry of a request that `instance` says it answered, or None if it is not valid.
+
+    It is not if its row is unknown here, or if requests of this kind are answered by other services, or by the
+    service of another person.
+    """
+    found = find_row("request", served.request)
+    if found is None:
+        return None
+    row, name = found
+    if not isinstance(row, Request) or not _may_answer(instance, row, name):
+        return None
+    kind: Any = body_kind(row)
+    try:
+        query = from_json(row.query, served.query.encode(), newer=True)
+        reply = from_json(row.reply, served.reply.encode(), newer=True) if served.reply else None
+    except SchemaError:
+        return None
+    body = kind(stamp_ns=served.stamp_ns, query=query, reply=reply, refusal=served.refusal)
+    return entry(now_ns, row, name, body)
+
+
+def _may_answer(instance: str, row: Request[Any, Any], name: str) -> bool:
+    service, which = split_instance(instance)
+    is_own = row.placeholder not in ("user", service) or which in ("", name)
+    return service == row.server and is_own

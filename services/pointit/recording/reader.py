@@ -32,7 +32,6 @@ class Recording:
     """A recording on disk. Opening it scans the file once, and so does each call of `entries`."""
 
     def __init__(self, path: Path, file: IO[bytes]) -> None:
-        """Scan `file`; `open` is the usual way."""
         self._path = path
         self._file = file
         self._channels = Channels()
@@ -172,7 +171,6 @@ class Recording:
                     yield found
 
     def _entry(self, number: int, time_ns: int, content: bytes) -> Entry | None:
-        """Return the entry of a message, or None if it is not valid."""
         channel = self._channels[number]
         try:
             body: Any = from_json(channel.kind, content, newer=channel.is_newer)
@@ -231,7 +229,6 @@ class Recording:
                 raise RecordingError(f"{self._path} cannot be read: {error}") from error
 
     def _search(self, place: Place) -> None:
-        """Note the channels, the number of messages and the times in the chunk at `place`."""
         data, records = self._unpack(place)
         counts: Counter[int] = Counter()
         began_ns, ended_ns = 2**64, -1

@@ -30,7 +30,6 @@ class RecordingWriter:
     """
 
     def __init__(self, output: IO[bytes], head: Head) -> None:
-        """Write the head."""
         self._output = output
         self._writer = Writer(output, compression=CompressionType.ZSTD)
         self._writer.start(profile="", library=f"pointit {head.version}".strip())

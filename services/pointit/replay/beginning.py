@@ -50,14 +50,9 @@ class Beginning:
                 yield row, entry.name, body
 
     def restore(self, site: str, folder: Path) -> Path | None:
-        """Write what services read from disk into the state directory in use, and the map into `folder`.
+        """Write what the services of `site` read from disk into the state directory in use.
 
-        Args:
-            site: name of the site in which the services will run.
-            folder: an empty folder.
-
-        Returns:
-            The path of the map, or None to use the configured one.
+        Return the path of the map, written into `folder`, or None to use the configured one.
         """
         for entry in self.retained.values():
             if isinstance(entry.body, UserProfile) and entry.body.offset is not None:
@@ -81,16 +76,7 @@ class Beginning:
         for entry in self.retained.values():
             pose = entry.body
             if isinstance(pose, UserPose) and pose.method != "external" and any(pose.covariance):
-                yield (
-                    entry.name,
-                    SetPose(
-                        position_m=pose.position_m,
-                        yaw_rad=pose.yaw_rad,
-                        method=pose.method,
-                        covariance=pose.covariance,
-                        elevation_bias_rad=pose.elevation_bias_rad,
-                    ),
-                )
+                yield entry.name, SetPose.model_validate(pose, from_attributes=True)
 
 
 def read_beginning(entries: Iterable[Entry], began_ns: int) -> Beginning:
@@ -113,7 +99,6 @@ def read_beginning(entries: Iterable[Entry], began_ns: int) -> Beginning:
 
 
 def _restore_selection(selection: Selection, site: str, now_ns: int) -> None:
-    """Write a journal in which the objects of `selection` are selected, and everything was published."""
     journal = Journal(site_folder(site, "selector"))
     journal.begin(now_ns)
     for number, each in enumerate(selection.objects, 1):

@@ -1,13 +1,13 @@
-"""Messages, requests and presences on a bus, as the entries of a recording."""
+"""What is read of a bus during a replay: entries of a recording, and messages that services skip."""
 
+import logging
 from collections.abc import Callable
 from typing import Any
 
-from pointit.recording.entries import Entry
-from pointit.recording.exchanges import entry_of
+from pointit.recording.entries import Entry, entry_of
 from pointit.runtime.bus.contract import AnyTopic, Bus
 from pointit.runtime.clock import Clock
-from pointit.schemas import Message, ServedRequest
+from pointit.schemas import Health, Message, ServedRequest
 from pointit.schemas.topics import PRESENCES, SERVED, TOPICS, Presence
 
 
@@ -15,7 +15,6 @@ class Collector:
     """Hands all messages, answered requests and changes of presence on a bus to a function, each of them."""
 
     def __init__(self, bus: Bus, clock: Clock, take: Callable[[Entry], None]) -> None:
-        """Collect from now on, with the times of `clock`."""
         self._clock = clock
         self._take = take
         self._declared = [
@@ -50,3 +49,31 @@ class Collector:
             self._take(Entry(self._clock.now_ns(), presence.at(name), presence, name, present))
 
         return on_change
+
+
+log = logging.getLogger(__name__)
+
+
+class Skipped:
+    """Numbers of messages that services have not got, or skipped for newer ones, as their health tells."""
+
+    def __init__(self) -> None:
+        self._counts: dict[tuple[str, str], int] = {}
+        """By instance and key."""
+
+    def add(self, instance: str, health: Health) -> None:
+        """Take a report, whose numbers count from the start of the service."""
+        for key in health.keys:
+            if key.direction == "in":
+                self._counts[instance, key.key] = key.dropped + key.lost
+
+    def log(self) -> None:
+        """Log a warning if there are any."""
+        if total := sum(self._counts.values()):
+            keys = ", ".join(sorted({key for (_, key), count in self._counts.items() if count}))
+            log.warning(
+                "services skipped %d messages (%s), as this machine is too slow: replay at a lower --speed, "
+                "or without --live",
+                total,
+                keys,
+            )

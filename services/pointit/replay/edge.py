@@ -61,7 +61,6 @@ class RecordedRequests:
     """
 
     def __init__(self, bus: Bus, clock: RecordingClock, group: asyncio.TaskGroup) -> None:
-        """Ask on `bus`, in tasks of `group`."""
         self._bus = bus
         self._clock = clock
         self._group = group

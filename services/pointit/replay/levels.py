@@ -5,27 +5,8 @@ from typing import Any, Literal, assert_never
 
 from pointit.recording.entries import AnyRow, Entry
 from pointit.runtime.errors import PointItError
-from pointit.schemas import Feedback, SelectionEvent, UserPose
+from pointit.schemas import Feedback, SelectionEvent, UserPose, topics
 from pointit.schemas.system import instance_of, split_instance
-from pointit.schemas.topics import (
-    ACCOUNTS,
-    CANCEL_LOCALIZATION,
-    CONFIGURATION,
-    DEPLOYMENT,
-    FEEDBACK,
-    HEALTH,
-    POINT_ANCHOR,
-    POSE,
-    SELECTION_EVENTS,
-    SERVED,
-    SERVICE_ALIVE,
-    SET_POSE,
-    SHARD_ALIVE,
-    START_LOCALIZATION,
-    Presence,
-    Request,
-    Topic,
-)
 
 Level = Literal["edge", "rays", "cursors"]
 """Inputs taken from the recording: those of devices and other systems, or also rays, or also cursors."""
@@ -43,11 +24,11 @@ OF_TRACKERS = ("left", "dispatched")
 OF_SELECTOR = ("selected", "deselected")
 """Cues that only the selector gives."""
 
-CALLED_BY_SERVICES: tuple[Request[Any, Any], ...] = (
-    START_LOCALIZATION,
-    CANCEL_LOCALIZATION,
-    POINT_ANCHOR,
-    SET_POSE,
+CALLED_BY_SERVICES: tuple[topics.Request[Any, Any], ...] = (
+    topics.START_LOCALIZATION,
+    topics.CANCEL_LOCALIZATION,
+    topics.POINT_ANCHOR,
+    topics.SET_POSE,
 )
 """Requests of the supervisor. People and other programs may send them, too."""
 
@@ -62,9 +43,9 @@ class ReplayError(PointItError):
 
 def is_about_site(row: AnyRow, name: str) -> bool:
     """Return True if `row` tells of `name` who runs or watches a site, not what happens there."""
-    if row in (SERVICE_ALIVE, *ACCOUNTS):
+    if row in (topics.SERVICE_ALIVE, *topics.ACCOUNTS):
         return split_instance(name)[0] in OBSERVERS
-    return row is DEPLOYMENT
+    return row is topics.DEPLOYMENT
 
 
 class Split:
@@ -90,25 +71,25 @@ class Split:
         """Return True if a service that runs again writes what `entry` says."""
         row, body = entry.row, entry.body
         match row:
-            case Presence():
-                if row is SHARD_ALIVE:
+            case topics.Presence():
+                if row is topics.SHARD_ALIVE:
                     return self.runs(*split_instance(entry.name))
-                return row is SERVICE_ALIVE and entry.name in self.instances
-            case Request():
+                return row is topics.SERVICE_ALIVE and entry.name in self.instances
+            case topics.Request():
                 return self.runs(row.server, entry.name)
-            case Topic():
+            case topics.Topic():
                 pass
             case _:
                 assert_never(row)
-        if row in (CONFIGURATION, HEALTH, SERVED):
+        if row in (topics.CONFIGURATION, topics.HEALTH, topics.SERVED):
             return entry.name in self.instances
-        if row is SELECTION_EVENTS and isinstance(body, SelectionEvent) and body.event in OF_TRACKERS:
+        if row is topics.SELECTION_EVENTS and isinstance(body, SelectionEvent) and body.event in OF_TRACKERS:
             return False
-        if row is POSE and isinstance(body, UserPose) and body.method == "external":
+        if row is topics.POSE and isinstance(body, UserPose) and body.method == "external":
             return False
-        if row is FEEDBACK and isinstance(body, Feedback) and body.cue in OF_SELECTOR:
+        if row is topics.FEEDBACK and isinstance(body, Feedback) and body.cue in OF_SELECTOR:
             return self.runs("selector", "")
-        if row is FEEDBACK:
+        if row is topics.FEEDBACK:
             return self.runs("supervisor", entry.name)
         return any(self.runs(writer, entry.name) for writer in row.writers)
 

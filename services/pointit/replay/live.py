@@ -31,14 +31,7 @@ def recorded_outputs(source: Source) -> list[str]:
 
 
 async def play_live(plan: Plan, bus: Bus, listener: Listener, speed: float, *, lights: bool = False) -> None:
-    """Play a recording on a site, and publish its time there.
-
-    Args:
-        plan: the recording.
-        bus: of the site.
-        listener: takes the result.
-        speed: how much faster it is played than it was recorded.
-        lights: drive the outputs of the recorded led-driver.
+    """Play a recording on the site of `bus`, and publish its time there.
 
     Raises:
         ReplayError: Services of the recording run on the site already, or cannot be replayed.

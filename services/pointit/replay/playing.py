@@ -10,11 +10,10 @@ from typing import Protocol
 from pointit.recording.entries import AnyRow, Entry
 from pointit.replay.beginning import GATHERING_NS, Beginning, read_beginning
 from pointit.replay.clock import RecordingClock
-from pointit.replay.collector import Collector
+from pointit.replay.collector import Collector, Skipped
 from pointit.replay.edge import Edge, RecordedRequests
 from pointit.replay.levels import Level, ReplayError, Split, is_about_site
 from pointit.replay.replayed_services import ReplayedServices, scratch_folder
-from pointit.replay.skipped import Skipped
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
@@ -158,15 +157,7 @@ def _is_state(key: str) -> bool:
 
 
 async def play(plan: Plan, buses: Buses, clock: RecordingClock, folder: Path, listener: Listener) -> None:
-    """Play a recording from its beginning to its end.
-
-    Args:
-        plan: the recording.
-        buses: where its edge writes, its services run and the result is read.
-        clock: starts at its beginning.
-        folder: an empty folder, where services keep what they store.
-        listener: takes the result.
-    """
+    """Play a recording from its beginning to its end; services store in `folder`, which is empty."""
     try:
         with using_state_directory(folder / "state"):
             async with asyncio.TaskGroup() as group:
@@ -228,7 +219,6 @@ class _Player:
             raise self._failure
 
     async def _put_retained(self, services: ReplayedServices) -> None:
-        """Put the states of the beginning and start its services."""
         for topic, name, message in self._beginning.states(self._split, recomputed=False):
             if not self._is_left_out(topic, name):
                 self._edge.put(topic, name, message)

@@ -28,14 +28,7 @@ class ReplayedServices:
     def __init__(
         self, bus: Bus, clock: Clock, group: asyncio.TaskGroup, changed: dict[str, dict[str, Any]]
     ) -> None:
-        """Run none yet.
-
-        Args:
-            bus: what they write on and read from.
-            clock: their clock.
-            group: where their tasks run. A service that fails ends it.
-            changed: parameters that replace recorded ones, by service.
-        """
+        """Run none yet; a service that fails ends `group`. By service, `changed` replaces parameters."""
         self._bus = bus
         self._clock = clock
         self._group = group

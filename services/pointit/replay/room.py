@@ -32,9 +32,6 @@ def write_room(room: Environment, folder: Path) -> Path | None:
 def check_map(name: str) -> None:
     """Check the map in the recorded parameters of pui, which is used if `write_room` can write none.
 
-    Args:
-        name: a shipped map, or a path relative to the current folder.
-
     Raises:
         ReplayError: It is neither shipped nor a file in the current folder or below: a recording may come
             from anybody, and must not have other files opened.

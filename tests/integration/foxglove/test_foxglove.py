@@ -9,6 +9,7 @@ import click
 import pytest
 import pytest_asyncio
 
+from pointit import schemas
 from pointit.bridges.foxglove import service as bridge
 from pointit.bridges.foxglove.config import FoxgloveConfig
 from pointit.bridges.foxglove.service import FAST, SERVICE
@@ -19,41 +20,18 @@ from pointit.runtime.errors import ListenError
 from pointit.runtime.service import service
 from pointit.runtime.service.process import service_command
 from pointit.runtime.service.service import Launch, run_service
-from pointit.schemas import (
-    Belt,
-    Cursor,
-    Environment,
-    Feedback,
-    Health,
-    Selection,
-    Strip,
-    StripsFrame,
-    TrackedObject,
-    TrackedObjects,
-    UserPose,
-)
+from pointit.schemas import topics
 from pointit.schemas.environment import StripFrame
-from pointit.schemas.topics import (
-    CURSOR,
-    FEEDBACK,
-    HEALTH,
-    MAP,
-    OBJECTS,
-    POSE,
-    SELECTION,
-    STRIPS_FRAME,
-    USER_ALIVE,
-)
 from tests.integration.foxglove.viewer import viewer
 from tests.support.bench import Bench, until
 from tests.support.buses import free_port
 from tests.support.pace import within
 
-MAP_MESSAGE = Environment(
+MAP_MESSAGE = schemas.Environment(
     stamp_ns=1,
     name="lab",
-    belts=(Belt(id="b", line_m=((0, 0, 1), (4, 0, 1))),),
-    strips=(Strip(id="s", line_m=((0, 0, 0), (1, 0, 0)), pixels=10),),
+    belts=(schemas.Belt(id="b", line_m=((0, 0, 1), (4, 0, 1))),),
+    strips=(schemas.Strip(id="s", line_m=((0, 0, 0), (1, 0, 0)), pixels=10),),
 )
 SCENE = ("/scene/room", "/scene/pixels", "/scene/objects", "/scene/people", "/tf", "/log")
 
@@ -88,8 +66,8 @@ async def site() -> AsyncIterator[Site]:
         await made.bus.close()
 
 
-def cursor(seq: int) -> Cursor:
-    return Cursor(
+def cursor(seq: int) -> schemas.Cursor:
+    return schemas.Cursor(
         stamp_ns=time.time_ns(),
         seq=seq,
         origin_m=(0, 0, 1.6),
@@ -104,12 +82,17 @@ async def test_a_viewer_sees_the_scene_and_every_topic(site: Site) -> None:
     await site.start()
     async with viewer(site.address, everything=True) as one:
         await until(lambda: "/scene/people" in one.channels)
-        site.bench.put(MAP, MAP_MESSAGE)
-        site.bench.put(POSE, UserPose(stamp_ns=1, position_m=(1, 2, 0), yaw_rad=0), "anna")
-        site.bench.put(STRIPS_FRAME, StripsFrame(stamp_ns=1, strips=(StripFrame(id="s", rgb=b"\xff" * 30),)))
-        package = TrackedObject(id="7", kind="red", position_m=(1, 0, 1), surface="belt", surface_id="b")
-        site.bench.put(OBJECTS, TrackedObjects(stamp_ns=1, objects=(package,)), "plant")
-        site.bench.put(CURSOR, cursor(3), "anna")
+        site.bench.put(topics.MAP, MAP_MESSAGE)
+        site.bench.put(topics.POSE, schemas.UserPose(stamp_ns=1, position_m=(1, 2, 0), yaw_rad=0), "anna")
+        site.bench.put(
+            topics.STRIPS_FRAME,
+            schemas.StripsFrame(stamp_ns=1, strips=(StripFrame(id="s", rgb=b"\xff" * 30),)),
+        )
+        package = schemas.TrackedObject(
+            id="7", kind="red", position_m=(1, 0, 1), surface="belt", surface_id="b"
+        )
+        site.bench.put(topics.OBJECTS, schemas.TrackedObjects(stamp_ns=1, objects=(package,)), "plant")
+        site.bench.put(topics.CURSOR, cursor(3), "anna")
         await until(lambda: "belt b" in one.entities("room"))
         await until(lambda: {"person anna", "ray anna", "cursor anna"} <= set(one.entities("people")))
         await until(lambda: "plant 7" in one.entities("objects"))
@@ -119,7 +102,7 @@ async def test_a_viewer_sees_the_scene_and_every_topic(site: Site) -> None:
         await until(lambda: any(each["transforms"] for each in one.all("/tf")[-1:]))
         await until(lambda: bool(one.all("/users/anna/cursor")))
         assert one.all("/users/anna/cursor")[0]["miss_rad"] == pytest.approx(0.03)
-        assert one.channels["/users/anna/cursor"]["schemaName"] == Cursor.schema_name()
+        assert one.channels["/users/anna/cursor"]["schemaName"] == schemas.Cursor.schema_name()
         assert one.channels["/users/anna/cursor"]["schemaEncoding"] == "jsonschema"
         await until(lambda: bool(one.all("/health/foxglove")), what="its own health, for plots")
         log_ns, _ = one.frames["/users/anna/cursor"][0]
@@ -127,8 +110,8 @@ async def test_a_viewer_sees_the_scene_and_every_topic(site: Site) -> None:
 
 
 async def test_who_comes_late_sees_what_stands_still(site: Site) -> None:
-    site.bench.put(MAP, MAP_MESSAGE)
-    site.bench.put(SELECTION, Selection(stamp_ns=1))
+    site.bench.put(topics.MAP, MAP_MESSAGE)
+    site.bench.put(topics.SELECTION, schemas.Selection(stamp_ns=1))
     await site.start()
     async with viewer(site.address, "/scene/room") as early:
         await until(lambda: "belt b" in early.entities("room"))
@@ -142,13 +125,15 @@ async def test_who_comes_late_sees_what_stands_still(site: Site) -> None:
 
 async def test_events_come_all_and_the_log_begins_with_what_was(site: Site) -> None:
     await site.start()
-    site.bench.put(FEEDBACK, Feedback(stamp_ns=1, cue="started", text="before"), "anna")
+    site.bench.put(topics.FEEDBACK, schemas.Feedback(stamp_ns=1, cue="started", text="before"), "anna")
     await site.bench.settle()
     async with viewer(site.address, "/log", "/users/anna/feedback") as one:
         await until(lambda: any("before" in line["message"] for line in one.all("/log")))
         await asyncio.sleep(0)
         for number in range(20):
-            site.bench.put(FEEDBACK, Feedback(stamp_ns=1, cue="selected", text=f"no {number}"), "anna")
+            site.bench.put(
+                topics.FEEDBACK, schemas.Feedback(stamp_ns=1, cue="selected", text=f"no {number}"), "anna"
+            )
         await until(lambda: len(one.all("/users/anna/feedback")) == 20)
         await until(lambda: sum("no " in line["message"] for line in one.all("/log")) == 20)
 
@@ -156,17 +141,17 @@ async def test_events_come_all_and_the_log_begins_with_what_was(site: Site) -> N
 async def test_a_flood_is_thinned_to_the_rate_and_the_newest_arrives(site: Site) -> None:
     await site.start(rate_hz=20.0)
     async with viewer(site.address, "/users/anna/cursor", "/scene/people") as one:
-        site.bench.put(CURSOR, cursor(0), "anna")
+        site.bench.put(topics.CURSOR, cursor(0), "anna")
         await until(lambda: bool(one.all("/users/anna/cursor")))
-        topics = ("/users/anna/cursor", "/scene/people")
-        before = {topic: len(one.all(topic)) for topic in topics}
+        shown = ("/users/anna/cursor", "/scene/people")
+        before = {topic: len(one.all(topic)) for topic in shown}
         began_s = time.monotonic()
         for number in range(1, 200):
-            site.bench.put(CURSOR, cursor(number), "anna")
+            site.bench.put(topics.CURSOR, cursor(number), "anna")
             await asyncio.sleep(0.002)
         await until(lambda: one.all("/users/anna/cursor")[-1]["seq"] == 199)
         most = (time.monotonic() - began_s) * 20.0 + 2
-        for topic in topics:
+        for topic in shown:
             assert len(one.all(topic)) - before[topic] <= most
 
 
@@ -182,12 +167,12 @@ async def test_nothing_is_read_that_takes_time_while_nobody_looks_on(
     await until(lambda: read() == 0, what="the bridge rests")
     async with viewer(site.address, *SCENE) as one:
         await until(lambda: read() == len(FAST), what="it wakes for a viewer")
-        site.bench.put(CURSOR, cursor(1), "anna")
+        site.bench.put(topics.CURSOR, cursor(1), "anna")
         await until(lambda: "cursor anna" in one.entities("people"))
         await asyncio.sleep(0.3)
         assert read() == len(FAST), "it rests while somebody looks on"
     await until(lambda: read() == 0, what="it rests again")
-    presence = site.bus.announce(USER_ALIVE, "bert")
+    presence = site.bus.announce(topics.USER_ALIVE, "bert")
     await until(lambda: read() == len(FAST), what="it learns the keys of who comes")
     presence.close()
 
@@ -196,32 +181,32 @@ async def test_rays_vanish_when_nobody_says_more(site: Site, monkeypatch: pytest
     monkeypatch.setattr(service, "HEALTH_PERIOD_S", 60.0)  # not even a service about itself
     await site.start(forget_s=0.2)
     async with viewer(site.address, "/scene/people") as one:
-        site.bench.put(CURSOR, cursor(1), "anna")
+        site.bench.put(topics.CURSOR, cursor(1), "anna")
         await until(lambda: "ray anna" in one.ever("people"))
         await until(lambda: not one.entities("people"))
 
 
 async def test_who_leaves_takes_their_channels_along(site: Site) -> None:
     await site.start()
-    presence = site.bus.announce(USER_ALIVE, "anna")
+    presence = site.bus.announce(topics.USER_ALIVE, "anna")
     async with viewer(site.address, "/scene/people", "/users/anna/cursor") as one:
-        site.bench.put(POSE, UserPose(stamp_ns=1, position_m=(1, 2, 0), yaw_rad=0), "anna")
-        site.bench.put(CURSOR, cursor(1), "anna")
+        site.bench.put(topics.POSE, schemas.UserPose(stamp_ns=1, position_m=(1, 2, 0), yaw_rad=0), "anna")
+        site.bench.put(topics.CURSOR, cursor(1), "anna")
         await until(lambda: "person anna" in one.entities("people") and bool(one.all("/users/anna/cursor")))
         presence.close()
         await until(lambda: not one.entities("people"))
         await until(lambda: {"/users/anna/cursor", "/users/anna/pose"} <= one.gone)
-        site.bench.put(CURSOR, cursor(2), "anna")
+        site.bench.put(topics.CURSOR, cursor(2), "anna")
         await until(lambda: len(one.all("/users/anna/cursor")) == 2, what="who comes back is seen again")
 
 
 async def test_a_map_that_cannot_be_drawn_is_told_in_health(site: Site) -> None:
-    seen: list[Health] = site.bench.collect(HEALTH)
+    seen: list[schemas.Health] = site.bench.collect(topics.HEALTH)
     await site.start()
-    dot = Belt(id="dot", line_m=((1, 1, 1), (1, 1, 1)))
-    site.bench.put(MAP, MAP_MESSAGE.model_copy(update={"belts": (dot,)}))
+    dot = schemas.Belt(id="dot", line_m=((1, 1, 1), (1, 1, 1)))
+    site.bench.put(topics.MAP, MAP_MESSAGE.model_copy(update={"belts": (dot,)}))
     await until(lambda: any("'dot' cannot be drawn" in w for each in seen for w in each.warnings))
-    site.bench.put(MAP, MAP_MESSAGE)
+    site.bench.put(topics.MAP, MAP_MESSAGE)
     await until(lambda: not seen[-1].warnings)
 
 
@@ -234,7 +219,7 @@ async def test_viewers_cannot_do_anything(site: Site) -> None:
         channel = {"id": 1, "topic": "/button", "encoding": "json", "schemaName": "", "schema": ""}
         await one.send({"op": "advertise", "channels": [channel]})
         await one.send({"op": "nonsense"})
-        site.bench.put(MAP, MAP_MESSAGE)
+        site.bench.put(topics.MAP, MAP_MESSAGE)
         await until(lambda: "belt b" in one.entities("room"), what="it goes on")
 
 
@@ -253,7 +238,7 @@ async def test_a_taken_port_is_one_sentence(site: Site) -> None:
 
 async def test_it_ends_at_once_with_a_viewer_connected_and_the_port_is_free() -> None:
     site = Site()
-    site.bench.put(MAP, MAP_MESSAGE)
+    site.bench.put(topics.MAP, MAP_MESSAGE)
     await site.start()
     async with viewer(site.address, *SCENE) as one:
         await until(lambda: "belt b" in one.entities("room"))

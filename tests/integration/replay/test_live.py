@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from pointit import schemas
 from pointit.recording.entries import Entry, entry
 from pointit.recording.reader import Recording
 from pointit.recording.writer import RecordingWriter
@@ -15,28 +16,8 @@ from pointit.runtime.bus.contract import AnyTopic
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.virtual_time import run_virtually
-from pointit.schemas import (
-    NS_PER_S,
-    ClockTick,
-    Configuration,
-    Deployment,
-    Environment,
-    Health,
-    ImuSample,
-    KeyHealth,
-)
+from pointit.schemas import topics
 from pointit.schemas.catalogue.example import example
-from pointit.schemas.topics import (
-    CLOCK,
-    CONFIGURATION,
-    DEPLOYMENT,
-    HEALTH,
-    IMU,
-    MAP,
-    SERVICE_ALIVE,
-    Delivery,
-    Topic,
-)
 from tests.support.buses import site_of
 
 RECORDING = Path(__file__).parents[2] / "replay" / "recordings" / "lamps.mcap"
@@ -53,13 +34,13 @@ class Ignored:
 
 
 async def test_a_site_gets_the_messages_and_the_time_of_the_recording() -> None:
-    samples: list[ImuSample] = []
-    ticks: list[ClockTick] = []
-    maps: list[Environment] = []
+    samples: list[schemas.ImuSample] = []
+    ticks: list[schemas.ClockTick] = []
+    maps: list[schemas.Environment] = []
     async with site_of("zenoh-peer") as site:
-        site.b.subscribe(IMU, lambda sample, _user: samples.append(sample))
-        site.b.subscribe(CLOCK, lambda tick, _name: ticks.append(tick))
-        site.b.subscribe(MAP, lambda room, _name: maps.append(room))
+        site.b.subscribe(topics.IMU, lambda sample, _user: samples.append(sample))
+        site.b.subscribe(topics.CLOCK, lambda tick, _name: ticks.append(tick))
+        site.b.subscribe(topics.MAP, lambda room, _name: maps.append(room))
         await site.settle()
         with Recording.open(RECORDING) as recording:
             began_ns, ended_ns = recording.began_ns, recording.ended_ns
@@ -75,7 +56,7 @@ async def test_a_site_gets_the_messages_and_the_time_of_the_recording() -> None:
 
 async def test_a_site_that_runs_the_same_services_is_refused() -> None:
     async with site_of("zenoh-peer") as site:
-        site.b.announce(SERVICE_ALIVE, "pui")
+        site.b.announce(topics.SERVICE_ALIVE, "pui")
         await site.settle()
         with Recording.open(RECORDING) as recording:
             plan = plan_replay(recording, "edge")
@@ -88,16 +69,16 @@ def recording_with_observers(path: Path) -> Path:
     """Write the first second of a recording of a site with a page, a recorder and a simulated person."""
     with Recording.open(RECORDING) as source:
         first_ns = source.began_ns
-        entries = [each for each in source.entries() if each.time_ns < first_ns + NS_PER_S]
+        entries = [each for each in source.entries() if each.time_ns < first_ns + schemas.NS_PER_S]
         began: list[Entry] = []
         for name in ("recorder", "web", "user-sim.anna"):
-            said = Configuration(stamp_ns=first_ns, service=name, instance=name)
+            said = schemas.Configuration(stamp_ns=first_ns, service=name, instance=name)
             began += [
-                entry(first_ns, CONFIGURATION, name, said),
-                entry(first_ns, SERVICE_ALIVE, name, True),
-                entry(first_ns, HEALTH, name, example(Health)),
+                entry(first_ns, topics.CONFIGURATION, name, said),
+                entry(first_ns, topics.SERVICE_ALIVE, name, True),
+                entry(first_ns, topics.HEALTH, name, example(schemas.Health)),
             ]
-        began.append(entry(first_ns, DEPLOYMENT, "run.lab", example(Deployment)))
+        began.append(entry(first_ns, topics.DEPLOYMENT, "run.lab", example(schemas.Deployment)))
         with path.open("wb") as file:
             writer = RecordingWriter(file, source.head)
             for each in (*began, *entries):
@@ -120,7 +101,7 @@ class Compared(Ignored):
             self._add(entry)
 
     def _add(self, entry: Entry) -> None:
-        if isinstance(entry.row, Topic) and entry.row.delivery is Delivery.STATE:
+        if isinstance(entry.row, topics.Topic) and entry.row.delivery is topics.Delivery.STATE:
             self.states.add(entry.key)
 
 
@@ -129,8 +110,8 @@ def test_what_services_skip_is_said_and_states_of_the_start_are_not_compared(
 ) -> None:
     path, compared = recording_with_observers(tmp_path / "run.mcap"), Compared()
     keys = (
-        KeyHealth(key="users/anna/imu", direction="in", rate_hz=50.0, dropped=4, lost=3),
-        KeyHealth(key="users/anna/ray", direction="out", rate_hz=50.0, dropped=9),
+        schemas.KeyHealth(key="users/anna/imu", direction="in", rate_hz=50.0, dropped=4, lost=3),
+        schemas.KeyHealth(key="users/anna/ray", direction="out", rate_hz=50.0, dropped=9),
     )
 
     async def play() -> None:
@@ -138,8 +119,8 @@ def test_what_services_skip_is_said_and_states_of_the_start_are_not_compared(
         bus, service = MemoryBus(exchange), MemoryBus(exchange)
         asyncio.get_running_loop().call_later(
             0.9,
-            lambda: service.publisher(HEALTH, "pointing.anna").put(
-                example(Health).model_copy(update={"keys": keys})
+            lambda: service.publisher(topics.HEALTH, "pointing.anna").put(
+                example(schemas.Health).model_copy(update={"keys": keys})
             ),
         )
         with Recording.open(path) as recording:
@@ -164,20 +145,20 @@ def test_a_site_keeps_its_own_page_and_recorder_and_gets_no_recorded_ones(tmp_pa
     async def play() -> None:
         exchange = LocalBroker()
         bus, onlooker = MemoryBus(exchange), MemoryBus(exchange)
-        for topic in (HEALTH, CONFIGURATION, DEPLOYMENT):
+        for topic in (topics.HEALTH, topics.CONFIGURATION, topics.DEPLOYMENT):
             subscribe(onlooker, topic, came.setdefault(topic.key, set()))
-        announced = came.setdefault(SERVICE_ALIVE.key, set())
-        onlooker.announce(SERVICE_ALIVE, "web")
-        onlooker.watch(SERVICE_ALIVE, lambda name, _present: announced.add(name))
+        announced = came.setdefault(topics.SERVICE_ALIVE.key, set())
+        onlooker.announce(topics.SERVICE_ALIVE, "web")
+        onlooker.watch(topics.SERVICE_ALIVE, lambda name, _present: announced.add(name))
         with Recording.open(path) as recording:
             await play_live(plan_replay(recording, "edge"), bus, Ignored(), 1.0)
         await bus.close()
         await onlooker.close()
 
     run_virtually(play())
-    assert {"web", "recorder"} & came[SERVICE_ALIVE.key] == {"web"}
-    for key in (SERVICE_ALIVE.key, HEALTH.key, CONFIGURATION.key):
+    assert {"web", "recorder"} & came[topics.SERVICE_ALIVE.key] == {"web"}
+    for key in (topics.SERVICE_ALIVE.key, topics.HEALTH.key, topics.CONFIGURATION.key):
         assert {"pui", "user-sim.anna"} <= came[key], key
-    for key in (HEALTH.key, CONFIGURATION.key):
+    for key in (topics.HEALTH.key, topics.CONFIGURATION.key):
         assert not {"web", "recorder"} & came[key], key
-    assert not came[DEPLOYMENT.key]
+    assert not came[topics.DEPLOYMENT.key]

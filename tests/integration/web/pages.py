@@ -5,18 +5,15 @@ import contextlib
 import json
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
-from pathlib import Path
 from typing import Any
 
 import httpx
 import msgpack
-import pytest
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.typing import Origin
 
 from pointit.bridges.web import service
 from pointit.bridges.web.config import WebConfig
-from pointit.bridges.web.server.bundle import Bundle
 from pointit.runtime.service.service import Launch, run_service
 from tests.support.bench import Bench, until
 from tests.support.buses import free_port
@@ -163,15 +160,3 @@ async def _listening(port: int, life: asyncio.Task[None]) -> None:
             return
         await asyncio.sleep(0.002)
     life.result()
-
-
-@pytest.fixture
-def built(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Have a page to serve."""
-    folder = tmp_path / "static"
-    folder.mkdir()
-    (folder / "index.html").write_text(INDEX)
-    (folder / "app.js").write_text("export {};")
-    (tmp_path / "secret.txt").write_text("secret")
-    (folder / "link.txt").symlink_to(tmp_path / "secret.txt")
-    monkeypatch.setattr(service, "Bundle", lambda: Bundle(folder))

@@ -1,7 +1,6 @@
 """A phone is paired by an operator's page and moves an arm: real sockets, real services, a bus in memory."""
 
 import asyncio
-import io
 import itertools
 import json
 import math
@@ -12,39 +11,23 @@ from typing import Any
 import httpx
 import pytest
 import websockets
-from mcap.reader import make_reader
 from websockets.asyncio.client import ClientConnection
 
-from pointit.bridges.web.config import WebConfig
-from pointit.bridges.web.service import Web
+from pointit import schemas
 from pointit.bridges.web.wire import UNPAIRED
 from pointit.bridges.web.wrists import wrist_control
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
-from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import WallClock
-from pointit.runtime.service.service import Context
-from pointit.schemas import (
-    Belt,
-    ButtonEvent,
-    Environment,
-    Feedback,
-    ImuSample,
-    PointingRay,
-    UserPose,
-    UserProfile,
-    WristSample,
-)
-from pointit.schemas.topics import BUTTON, FEEDBACK, IMU, MAP, POSE, PROFILE, RAY, USER_ALIVE, WRIST
+from pointit.schemas.topics import BUTTON, FEEDBACK, IMU, MAP, POSE, PROFILE, USER_ALIVE, WRIST
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.service import ImuBridge
-from pointit.services.pointing.service import Pointing
+from tests.integration.web.pages import Page, serving
 from tests.support.bench import Bench, memory_bench, until
 from tests.unit.web.phone_bench import trust
 
 ANNA = "anna"
-TOKEN = "operator-of-the-test"  # noqa: S105 - of no real site
-BELT = Belt(id="b", line_m=((4.0, 1.0, 1.0), (4.0, 3.0, 1.0)))
+BELT = schemas.Belt(id="b", line_m=((4.0, 1.0, 1.0), (4.0, 3.0, 1.0)))
 YAW_RAD = 0.4
 """{H} in {W}."""
 
@@ -58,91 +41,36 @@ def _phones_may_be_held_up(monkeypatch: pytest.MonkeyPatch) -> None:
 class Room:
     """A site with one person, a page of an operator, and what is on the bus."""
 
-    def __init__(self, bench: Bench, port: int, socket: ClientConnection) -> None:
+    def __init__(self, bench: Bench, page: Page) -> None:
         self.bench = bench
-        self.port = port
-        self.socket = socket
-        self.wrists: list[WristSample] = bench.collect(WRIST, ANNA)
-        self.imu: list[ImuSample] = bench.collect(IMU, ANNA)
-        self.rays: list[PointingRay] = bench.collect(RAY, ANNA)
-        self.presses: list[ButtonEvent] = bench.collect(BUTTON, ANNA)
-        self.status: dict[str, Any] = {}
-        self._answers: dict[int, dict[str, Any]] = {}
-        self._count = 0
-
-    async def listen(self) -> None:
-        """Take what the operator's page is sent."""
-        async for data in self.socket:
-            if isinstance(data, bytes):
-                continue
-            part = json.loads(data)
-            if part["kind"] == "status":
-                self.status = part
-            elif part["kind"] == "answer":
-                self._answers[part["id"]] = part
+        self.page = page
+        self.wrists = bench.collect(WRIST, ANNA)
+        self.imu = bench.collect(IMU, ANNA)
+        self.presses = bench.collect(BUTTON, ANNA)
 
     async def ask(self, deed: str, **query: Any) -> dict[str, Any]:
-        """Ask as the operator; return the answer."""
-        self._count += 1
-        number = self._count
-        name = "" if deed == "open_lan" else ANNA
-        ask = {"kind": "ask", "id": number, "deed": deed, "name": name, "query": query}
-        await self.socket.send(json.dumps(ask))
-        await until(lambda: number in self._answers, what=f"an answer to {deed}")
-        return self._answers[number]
-
-    async def aim(self, x: float, y: float, z: float) -> None:
-        """Point there with the mouse."""
-        await self.socket.send(json.dumps({"kind": "aim", "user": ANNA, "at_m": [x, y, z]}))
+        return await self.page.ask(deed=deed, name="" if deed == "open_lan" else ANNA, query=query)
 
     @property
     def person(self) -> dict[str, Any]:
-        """Return the person's line on the operator's page."""
-        people = {line["user"]: line for line in self.status.get("people", [])}
-        found: dict[str, Any] = people.get(ANNA, {})
-        return found
+        return self.page.person(ANNA)
 
 
 @asynccontextmanager
 async def room() -> AsyncGenerator[Room]:
     clock = WallClock()
     async with memory_bench(clock) as bench:
-        bus = ServiceBus(bench.bus, clock, "web", "web")
-        config = WebConfig(port=0, lan_port=0, lan_address="127.0.0.1", operator_token=TOKEN)
-        web = Web(config, Context(bus=bus, clock=clock))
-        running = asyncio.create_task(web.run())
         bench.bus.announce(USER_ALIVE, ANNA)
         bench.start(ImuBridge, ImuBridgeConfig(source="page"), ANNA)
-        bench.start(Pointing, user=ANNA)
-        bench.put(MAP, Environment(stamp_ns=clock.now_ns(), name="hall", belts=(BELT,)))
-        bench.put(PROFILE, UserProfile(stamp_ns=clock.now_ns()), ANNA)
-        pose = UserPose(stamp_ns=clock.now_ns(), position_m=(0.0, 2.0, 0.0), yaw_rad=YAW_RAD)
+        bench.put(MAP, schemas.Environment(stamp_ns=clock.now_ns(), name="hall", belts=(BELT,)))
+        bench.put(PROFILE, schemas.UserProfile(stamp_ns=clock.now_ns()), ANNA)
+        pose = schemas.UserPose(stamp_ns=clock.now_ns(), position_m=(0.0, 2.0, 0.0), yaw_rad=YAW_RAD)
         bench.put(POSE, pose, ANNA)
-        origin = f"http://127.0.0.1:{web.port}"
-        try:
-            async with httpx.AsyncClient(base_url=origin) as browser:
-                entered = await browser.get(f"/?token={TOKEN}")
-                assert entered.status_code == 303, entered.text
-                cookies = "; ".join(f"{name}={value}" for name, value in browser.cookies.items())
-            socket = await websockets.connect(
-                f"ws://127.0.0.1:{web.port}/ws",
-                origin=websockets.Origin(origin),
-                additional_headers={"Cookie": cookies},
-                proxy=None,
-            )
-            async with socket:
-                site = Room(bench, web.port, socket)
-                listening = asyncio.create_task(site.listen())
-                try:
-                    await until(lambda: bool(site.person), what="the person is shown")
-                    yield site
-                finally:
-                    listening.cancel()
-                    await asyncio.gather(listening, return_exceptions=True)
-        finally:
-            running.cancel()
-            await asyncio.gather(running, return_exceptions=True)
-            await bus.close()
+        lan = {"lan_port": 0, "lan_address": "127.0.0.1"}
+        async with serving(bench, **lan) as server, server.page() as page:
+            site = Room(bench, page)
+            await until(lambda: bool(site.person), what="the person is shown")
+            yield site
 
 
 @asynccontextmanager
@@ -175,7 +103,7 @@ def held(azimuth_rad: float, elevation_rad: float = 0.0) -> Quaternion:
     return rotation.multiply(arm, rotation.from_yaw(-math.pi / 2))
 
 
-def azimuth(sample: ImuSample) -> float:
+def azimuth(sample: schemas.ImuSample) -> float:
     return vector.azimuth(rotation.rotate(sample.orientation_xyzw, (1.0, 0.0, 0.0)))
 
 
@@ -185,29 +113,6 @@ async def heard(socket: ClientConnection, kind: str) -> dict[str, Any]:
             part: dict[str, Any] = json.loads(await socket.recv())
             if part["kind"] == kind:
                 return part
-
-
-async def test_the_mouse_moves_the_arm_so_that_the_ray_meets_the_place() -> None:
-    async with room() as site:
-        answer = await site.ask("take")
-        assert answer["error"] == ""
-        await until(lambda: site.person["is_mine"] and site.person["moved_by"] == "mouse")
-        target = (4.0, 2.5, 1.0)
-        await site.aim(*target)
-
-        def meets() -> bool:
-            if not site.rays:
-                return False
-            ray = site.rays[-1]
-            start = vector.add((0.0, 2.0, 0.0), vector.rotate_z(ray.origin_m, YAW_RAD))
-            along = vector.rotate_z(ray.raw_direction or ray.direction, YAW_RAD)
-            return vector.angle_between(along, vector.subtract(target, start)) < 1e-6
-
-        await until(meets, what="the ray meets the place")
-        before = len(site.wrists)
-        await until(lambda: len(site.wrists) > before + 10, what="an arm that is held goes on sending")
-        assert (await site.ask("give"))["error"] == ""
-        await until(lambda: site.person["moved_by"] == "own")
 
 
 async def test_a_phone_is_paired_and_moves_the_arm() -> None:
@@ -223,7 +128,7 @@ async def test_a_phone_is_paired_and_moves_the_arm() -> None:
         await socket.send(json.dumps({"kind": "ask", "id": 1, "deed": "press"}))
         await until(lambda: bool(site.presses))
         assert (await heard(socket, "answer"))["error"] == ""
-        feedback = Feedback(stamp_ns=1, cue="selected", chime="tick", haptic_ms=(30,))
+        feedback = schemas.Feedback(stamp_ns=1, cue="selected", chime="tick", haptic_ms=(30,))
         site.bench.put(FEEDBACK, feedback, ANNA)
         cue = await heard(socket, "cue")
         while not cue["chime"]:
@@ -300,30 +205,3 @@ async def test_a_phone_is_unpaired() -> None:
         assert socket.close_code == UNPAIRED
         await until(lambda: site.person["phone"] == "" and site.person["moved_by"] == "own")
         assert "no phone is paired" in (await site.ask("pair", off=True))["error"]
-
-
-async def test_nothing_is_paired_while_the_local_network_is_closed() -> None:
-    async with room() as site:
-        assert "open it to the local network first" in (await site.ask("pair"))["error"]
-        opened = (await site.ask("open_lan"))["reply"]
-        assert opened["url"].startswith("https://127.0.0.1:")
-        offer = (await site.ask("pair"))["reply"]
-        assert offer["fingerprint"] == opened["fingerprint"]
-        assert offer["url"].startswith(opened["url"])
-        assert offer["qr_svg"].startswith("<svg")
-        await until(lambda: site.status["lan_url"] == opened["url"])
-
-
-async def test_the_last_minute_is_downloaded_as_a_recording() -> None:
-    async with room() as site:
-        origin = f"http://127.0.0.1:{site.port}"
-        async with httpx.AsyncClient(base_url=origin) as browser:
-            assert (await browser.get("/recording.mcap")).status_code == 403
-            await browser.get(f"/?token={TOKEN}")
-            response = await browser.get("/recording.mcap")
-        assert response.status_code == 200
-        assert ".mcap" in response.headers["content-disposition"]
-        topics = {
-            channel.topic for _, channel, _ in make_reader(io.BytesIO(response.content)).iter_messages()
-        }
-        assert {"/map", "/users/anna/profile", "/users/anna/pose"} <= topics

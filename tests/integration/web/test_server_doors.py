@@ -14,16 +14,12 @@ from pointit.bridges.web.service import Web
 from pointit.bridges.web.wire import Role
 from pointit.runtime.errors import ConfigError, ListenError
 from pointit.schemas.topics import STOP_ROBOT
-from tests.integration.web.pages import INDEX, OPERATOR, VIEWER, Server, built, serve, serving
-from tests.support.bench import memory_bench
+from tests.integration.web.pages import INDEX, OPERATOR, VIEWER, Server, serve, serving
+from tests.support.bench import Bench, memory_bench
 from tests.support.links import link_in
-
-__all__ = ["built"]
 
 CLIENTS = ("httpx", "httpcore", "websockets.client")
 """Loggers of the tests' own side."""
-
-pytestmark = pytest.mark.usefixtures("built")
 
 
 async def refused(server: Server, path: str = "/ws", **headers: str) -> int:
@@ -36,18 +32,17 @@ async def refused(server: Server, path: str = "/ws", **headers: str) -> int:
     return response.status_code
 
 
-async def test_a_link_lets_one_in_and_its_token_vanishes() -> None:
-    async with memory_bench() as bench, serving(bench) as server, server.client() as client:
-        link = await client.get("/", params={"token": OPERATOR})
-        assert link.status_code == 303
-        assert link.headers["location"] == "/"
-        assert link.headers["cache-control"] == "no-store"
-        cookie = link.headers["set-cookie"]
-        assert "HttpOnly" in cookie
-        assert "SameSite=Strict" in cookie
-        assert OPERATOR not in cookie
-        page = await client.get("/")
-        assert page.text == INDEX
+async def test_a_link_lets_one_in_and_its_token_vanishes(client: httpx.AsyncClient) -> None:
+    link = await client.get("/", params={"token": OPERATOR})
+    assert link.status_code == 303
+    assert link.headers["location"] == "/"
+    assert link.headers["cache-control"] == "no-store"
+    cookie = link.headers["set-cookie"]
+    assert "HttpOnly" in cookie
+    assert "SameSite=Strict" in cookie
+    assert OPERATOR not in cookie
+    page = await client.get("/")
+    assert page.text == INDEX
 
 
 @pytest.mark.parametrize("query", [{}, {"token": ""}, {"token": "wrong"}])
@@ -59,38 +54,35 @@ async def test_without_the_token_there_is_a_sentence_that_helps(query: dict[str,
         assert "set-cookie" not in answer.headers
 
 
-async def test_who_comes_from_another_site_is_led_on_without_a_redirection() -> None:
-    async with memory_bench() as bench, serving(bench) as server:
-        headers = {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Dest": "document"}
-        async with server.client(**headers) as client:
-            link = await client.get("/", params={"token": OPERATOR})
-            assert link.status_code == 200
-            assert 'content="0;url=/"' in link.text
-            assert "set-cookie" in link.headers
+async def test_who_comes_from_another_site_is_led_on_without_a_redirection(server: Server) -> None:
+    headers = {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Dest": "document"}
+    async with server.client(**headers) as client:
+        link = await client.get("/", params={"token": OPERATOR})
+        assert link.status_code == 200
+        assert 'content="0;url=/"' in link.text
+        assert "set-cookie" in link.headers
 
 
-async def test_who_guesses_waits_and_who_has_the_link_does_not() -> None:
-    async with memory_bench() as bench, serving(bench) as server, server.client() as client:
-        codes = [
-            (await client.get("/", params={"token": f"guess {guess}"})).status_code
-            for guess in range(access.MAX_GUESSES + 1)
-        ]
-        assert codes[0] == 403
-        assert codes[-1] == 429
-        assert (await client.get("/", params={"token": OPERATOR})).status_code == 303
+async def test_who_guesses_waits_and_who_has_the_link_does_not(client: httpx.AsyncClient) -> None:
+    codes = [
+        (await client.get("/", params={"token": f"guess {guess}"})).status_code
+        for guess in range(access.MAX_GUESSES + 1)
+    ]
+    assert codes[0] == 403
+    assert codes[-1] == 429
+    assert (await client.get("/", params={"token": OPERATOR})).status_code == 303
 
 
 @pytest.mark.parametrize(
     "path", ["/", "/?token=operator-token", "/static/app.js", "/phone", "/no", "/recording.mcap"]
 )
-async def test_everything_has_the_headers(path: str) -> None:
-    async with memory_bench() as bench, serving(bench) as server, server.client() as client:
-        headers = (await client.get(path)).headers
-        for name, value in access.headers(
-            access.RequestInfo(scheme="http", host=server.host, address="")
-        ).items():
-            assert headers[name] == value, name
-        assert "server" not in headers
+async def test_everything_has_the_headers(server: Server, client: httpx.AsyncClient, path: str) -> None:
+    headers = (await client.get(path)).headers
+    for name, value in access.headers(
+        access.RequestInfo(scheme="http", host=server.host, address="")
+    ).items():
+        assert headers[name] == value, name
+    assert "server" not in headers
 
 
 @pytest.mark.parametrize("host", ["evil.example", "evil.example:80", "192.168.1.7"])
@@ -102,17 +94,16 @@ async def test_a_foreign_name_bound_to_this_address_sees_nothing(host: str) -> N
             assert "set-cookie" not in answer.headers
 
 
-async def test_a_websocket_wants_cookie_and_own_origin() -> None:
-    async with memory_bench() as bench, serving(bench) as server:
-        cookie = await server.cookie()
-        assert await refused(server, Cookie=cookie, Origin="https://evil.example") == 403
-        assert await refused(server, Cookie=cookie, Origin="http://127.0.0.1:1") == 403
-        assert await refused(server, Cookie=cookie) == 403
-        assert await refused(server, Origin=server.url) == 403
-        assert await refused(server, Cookie=cookie[:-4] + "0000", Origin=server.url) == 403
-        assert await refused(server, f"/ws?token={OPERATOR}", Origin=server.url) == 403
-        async with server.page():
-            pass
+async def test_a_websocket_wants_cookie_and_own_origin(server: Server) -> None:
+    cookie = await server.cookie()
+    assert await refused(server, Cookie=cookie, Origin="https://evil.example") == 403
+    assert await refused(server, Cookie=cookie, Origin="http://127.0.0.1:1") == 403
+    assert await refused(server, Cookie=cookie) == 403
+    assert await refused(server, Origin=server.url) == 403
+    assert await refused(server, Cookie=cookie[:-4] + "0000", Origin=server.url) == 403
+    assert await refused(server, f"/ws?token={OPERATOR}", Origin=server.url) == 403
+    async with server.page():
+        pass
 
 
 @pytest.mark.parametrize("origin", ["", "https://evil.example", "null"])
@@ -140,21 +131,20 @@ async def test_the_hello_says_what_one_may(token: str, role: Role) -> None:
         assert page.hello["site"] == "memory"
 
 
-async def test_files_are_sent_once_and_compressed() -> None:
-    async with memory_bench() as bench, serving(bench) as server, server.client() as client:
-        script = await client.get("/static/app.js")
-        assert script.text == "export {};"
-        assert script.headers["content-type"] == "text/javascript; charset=utf-8"
-        assert script.headers["cache-control"] == "no-cache"
-        again = await client.get("/static/app.js", headers={"If-None-Match": script.headers["etag"]})
-        assert again.status_code == 304
-        assert again.content == b""
-        index = await client.get("/static/index.html", headers={"Accept-Encoding": "gzip"})
-        assert index.headers["content-encoding"] == "gzip"
-        assert index.text == INDEX
-        plain = await client.get("/static/index.html", headers={"Accept-Encoding": "identity"})
-        assert "content-encoding" not in plain.headers
-        assert plain.text == INDEX
+async def test_files_are_sent_once_and_compressed(client: httpx.AsyncClient) -> None:
+    script = await client.get("/static/app.js")
+    assert script.text == "export {};"
+    assert script.headers["content-type"] == "text/javascript; charset=utf-8"
+    assert script.headers["cache-control"] == "no-cache"
+    again = await client.get("/static/app.js", headers={"If-None-Match": script.headers["etag"]})
+    assert again.status_code == 304
+    assert again.content == b""
+    index = await client.get("/static/index.html", headers={"Accept-Encoding": "gzip"})
+    assert index.headers["content-encoding"] == "gzip"
+    assert index.text == INDEX
+    plain = await client.get("/static/index.html", headers={"Accept-Encoding": "identity"})
+    assert "content-encoding" not in plain.headers
+    assert plain.text == INDEX
 
 
 @pytest.mark.parametrize(
@@ -170,24 +160,22 @@ async def test_files_are_sent_once_and_compressed() -> None:
         "/static/%00",
     ],
 )
-async def test_nothing_beside_the_bundle_is_served(path: str) -> None:
-    async with memory_bench() as bench, serving(bench) as server:
-        reader, writer = await asyncio.open_connection(*server.host.split(":"))
-        writer.write(f"GET {path} HTTP/1.1\r\nHost: {server.host}\r\nConnection: close\r\n\r\n".encode())
-        async with asyncio.timeout(30.0):
-            answer = await reader.read()
-        writer.close()
-        await writer.wait_closed()
-        assert answer.startswith(b"HTTP/1.1 404")
-        assert b"secret" not in answer.replace(path.encode(), b"")
+async def test_nothing_beside_the_bundle_is_served(server: Server, path: str) -> None:
+    reader, writer = await asyncio.open_connection(*server.host.split(":"))
+    writer.write(f"GET {path} HTTP/1.1\r\nHost: {server.host}\r\nConnection: close\r\n\r\n".encode())
+    async with asyncio.timeout(30.0):
+        answer = await reader.read()
+    writer.close()
+    await writer.wait_closed()
+    assert answer.startswith(b"HTTP/1.1 404")
+    assert b"secret" not in answer.replace(path.encode(), b"")
 
 
-async def test_a_taken_port_is_said_in_a_sentence() -> None:
-    async with memory_bench() as bench, serving(bench) as server:
-        port = int(server.host.rpartition(":")[2])
-        with pytest.raises(ListenError, match=rf"port {port} of 127\.0\.0\.1 .*--port"):
-            async with asyncio.timeout(60.0):
-                await serve(bench, port)
+async def test_a_taken_port_is_said_in_a_sentence(bench: Bench, server: Server) -> None:
+    port = int(server.host.rpartition(":")[2])
+    with pytest.raises(ListenError, match=rf"port {port} of 127\.0\.0\.1 .*--port"):
+        async with asyncio.timeout(60.0):
+            await serve(bench, port)
 
 
 @pytest.mark.parametrize(

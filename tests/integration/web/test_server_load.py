@@ -18,18 +18,12 @@ from websockets.typing import Origin
 from pointit.bridges.web import service
 from pointit.bridges.web.pages.page_session import ASKS_BURST, MAX_MALFORMED
 from pointit.bridges.web.server import listener
-from pointit.bridges.web.wire import IN_FLIGHT
 from pointit.schemas import Cursor, StripsFrame
 from pointit.schemas.environment import StripFrame
 from pointit.schemas.topics import CURSOR, HEALTH, STRIPS_FRAME, UNDO_SELECTION
-from tests.integration.web.pages import Page, Server, built, serving
+from tests.integration.web.pages import Page, Server, serving
 from tests.support.bench import START_NS, Bench, memory_bench, until
-from tests.support.buses import free_port
 from tests.support.pace import within
-
-__all__ = ["built"]
-
-pytestmark = pytest.mark.usefixtures("built")
 
 
 def light(bench: Bench, count: int) -> None:
@@ -58,21 +52,6 @@ async def raw_page(server: Server) -> socket.socket:
     ]
     await loop.sock_sendall(client, ("\r\n".join(lines) + "\r\n\r\n").encode())
     return client
-
-
-async def test_a_page_that_does_not_acknowledge_gets_three_batches_and_then_the_newest() -> None:
-    async with memory_bench() as bench, serving(bench) as server, server.page(acknowledges=False) as page:
-        for count in range(40):
-            light(bench, count)
-            await asyncio.sleep(0.02)
-        await until(lambda: len(page.batches) == IN_FLIGHT)
-        statuses = page.statuses
-        await until(lambda: page.statuses > statuses, what="it is still told the status")
-        assert len(page.batches) == IN_FLIGHT
-        light(bench, 99)
-        await page.say(kind="ack", n=IN_FLIGHT)
-        await until(lambda: page.states[STRIPS_FRAME.key, ""]["seq"] == 99)
-        assert len(page.batches) == IN_FLIGHT + 1
 
 
 async def shows(page: Page, count: int) -> None:
@@ -131,17 +110,16 @@ async def test_fifty_pages_are_served() -> None:
         leave.set()
 
 
-async def test_a_page_that_asks_too_much_is_refused_and_is_told_on() -> None:
-    async with memory_bench() as bench, serving(bench) as server, server.page() as page:
-        count = int(ASKS_BURST) + 20
-        for number in range(count):
-            await page.say(kind="ask", id=number, key="no/such")
-        await until(lambda: len(page.answers) == count)
-        errors = [answer["error"] for answer in page.answers.values()]
-        assert sum("too many requests" in error for error in errors) >= 10
-        assert sum("pages cannot ask" in error for error in errors) >= ASKS_BURST
-        bench.put(CURSOR, Cursor(stamp_ns=START_NS), "anna")
-        await until(lambda: (CURSOR.key, "anna") in page.states)
+async def test_a_page_that_asks_too_much_is_refused_and_is_told_on(bench: Bench, page: Page) -> None:
+    count = int(ASKS_BURST) + 20
+    for number in range(count):
+        await page.say(kind="ask", id=number, key="no/such")
+    await until(lambda: len(page.answers) == count)
+    errors = [answer["error"] for answer in page.answers.values()]
+    assert sum("too many requests" in error for error in errors) >= 10
+    assert sum("pages cannot ask" in error for error in errors) >= ASKS_BURST
+    bench.put(CURSOR, Cursor(stamp_ns=START_NS), "anna")
+    await until(lambda: (CURSOR.key, "anna") in page.states)
 
 
 def connected(server: Server) -> int:
@@ -152,45 +130,30 @@ def connected(server: Server) -> int:
 
 
 @pytest.mark.usefixtures("tight")
-async def test_a_server_that_ends_closes_its_pages_at_once() -> None:
-    async with memory_bench() as bench:
-        loop = asyncio.get_running_loop()
-        async with serving(bench) as server:
-            cookie = await server.cookie()
-            sockets = [
-                await connect(
-                    f"ws://{server.host}/ws", origin=Origin(server.url), additional_headers={"Cookie": cookie}
-                )
-                for _ in range(3)
-            ]
-            stalled = await raw_page(server)
-            for count in range(10):
-                light(bench, count)
-                await asyncio.sleep(0.01)
-            await until(lambda: connected(server) >= 4, what="all to be connected")
-            began_s = loop.time()
-        assert within(loop.time() - began_s, 3.0)
-        await until(lambda: connected(server) == 0, what="every connection to end, read or not")
-        for page in sockets:
-            with contextlib.suppress(ConnectionClosed):
-                async for _ in page:
-                    pass
-            assert page.close_code == 1012
-        stalled.close()
-
-
-async def test_a_page_finds_the_server_that_has_come_back() -> None:
-    port = free_port()
-    async with memory_bench() as bench:
-        async with serving(bench, port=port) as server, server.page() as page:
-            cookie = await server.cookie()
-            assert page.hello is not None
-        async with serving(bench, port=port) as server:
-            bench.put(CURSOR, Cursor(stamp_ns=START_NS), "anna")
-            async with connect(
+async def test_a_server_that_ends_closes_its_pages_at_once(bench: Bench) -> None:
+    loop = asyncio.get_running_loop()
+    async with serving(bench) as server:
+        cookie = await server.cookie()
+        sockets = [
+            await connect(
                 f"ws://{server.host}/ws", origin=Origin(server.url), additional_headers={"Cookie": cookie}
-            ) as socket_again:
-                assert json.loads(await socket_again.recv())["kind"] == "hello"
+            )
+            for _ in range(3)
+        ]
+        stalled = await raw_page(server)
+        for count in range(10):
+            light(bench, count)
+            await asyncio.sleep(0.01)
+        await until(lambda: connected(server) >= 4, what="all to be connected")
+        began_s = loop.time()
+    assert within(loop.time() - began_s, 3.0)
+    await until(lambda: connected(server) == 0, what="every connection to end, read or not")
+    for page in sockets:
+        with contextlib.suppress(ConnectionClosed):
+            async for _ in page:
+                pass
+        assert page.close_code == 1012
+    stalled.close()
 
 
 async def test_what_is_no_message_is_counted_and_told_and_then_the_page_is_closed(

@@ -10,12 +10,8 @@ from pointit.bridges.web.metrics.site_metrics import SiteMetrics
 from pointit.bridges.web.server import access, exposure_check
 from pointit.runtime.errors import ConfigError, ListenError
 from pointit.schemas.topics import SERVICE_ALIVE
-from tests.integration.web.pages import OPERATOR, VIEWER, built, serving
+from tests.integration.web.pages import OPERATOR, VIEWER, Server, serving
 from tests.support.bench import memory_bench
-
-__all__ = ["built"]
-
-pytestmark = pytest.mark.usefixtures("built")
 
 
 def bearer(token: str) -> dict[str, str]:
@@ -36,10 +32,9 @@ async def test_the_page_shows_metrics_to_who_has_a_token(token: str) -> None:
         assert 'pointit_site_info{site="' in answer.text
 
 
-async def test_the_cookie_of_a_page_shows_metrics_too() -> None:
-    async with memory_bench() as bench, serving(bench) as server, server.client() as client:
-        answer = await client.get(PATH, headers={"Cookie": await server.cookie(VIEWER)})
-        assert answer.status_code == 200
+async def test_the_cookie_of_a_page_shows_metrics_too(server: Server, client: httpx.AsyncClient) -> None:
+    answer = await client.get(PATH, headers={"Cookie": await server.cookie(VIEWER)})
+    assert answer.status_code == 200
 
 
 @pytest.mark.parametrize("headers", [{}, bearer("wrong"), {"Authorization": f"Basic {VIEWER}"}])

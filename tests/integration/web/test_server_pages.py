@@ -9,54 +9,19 @@ from typing import IO, Any
 import pytest
 from mcap.reader import make_reader
 
+from pointit import schemas
 from pointit.bridges.web.pages import request_dispatcher as answers
 from pointit.bridges.web.playback.recent import RecentPast
 from pointit.bridges.web.server import download
 from pointit.bridges.web.wrists import pairing
 from pointit.runtime.errors import RefusedError
-from pointit.schemas import (
-    Cursor,
-    Deployment,
-    Done,
-    Environment,
-    ExpectedService,
-    Feedback,
-    Health,
-    Interaction,
-    Query,
-    SetSpeed,
-    SetYawOrigin,
-    StripsFrame,
-    TrackedObjects,
-)
+from pointit.schemas import topics
 from pointit.schemas.catalogue.json_channel import channel_name
-from pointit.schemas.topics import (
-    BUTTON,
-    CURSOR,
-    DEPLOYMENT,
-    FEEDBACK,
-    HEALTH,
-    INTERACTION,
-    MAP,
-    OBJECTS,
-    SELECTION_EVENTS,
-    SERVICE_ALIVE,
-    SET_SPEED,
-    SET_YAW_ORIGIN,
-    STRIPS_FRAME,
-    UNDO_SELECTION,
-    USER_ALIVE,
-    WRIST,
-)
 from pointit.services.selector.service import Selector
-from tests.integration.web.pages import VIEWER, Page, Server, built, serving
+from tests.integration.web.pages import VIEWER, Page, Server, serving
 from tests.support.bench import START_NS, Bench, ManualClock, memory_bench, until
 from tests.support.pace import within
 from tests.unit.selector.test_selector_service import stay
-
-__all__ = ["built"]
-
-pytestmark = pytest.mark.usefixtures("built")
 
 NOW: dict[str, Any] = {"stamp_ns": START_NS}
 
@@ -69,28 +34,27 @@ async def unknown(page: Page, key: str, name: str = "") -> None:
     await until(lambda: (key, name) not in page.states, what=f"that {key} of {name} is gone")
 
 
-async def test_a_page_is_told_what_is_true_and_what_happens() -> None:
-    async with memory_bench() as bench, serving(bench) as server:
-        bench.put(MAP, Environment(**NOW, name="lab"))
-        bench.put(CURSOR, Cursor(**NOW, miss_m=1.0), "anna")
-        async with server.page(VIEWER) as page:
-            await known(page, MAP.key)
-            await known(page, CURSOR.key, "anna")
-            bench.put(CURSOR, Cursor(**NOW, miss_m=2.0), "anna")
-            bench.put(FEEDBACK, Feedback(**NOW, cue="selected"), "anna")
-            bench.put(STRIPS_FRAME, StripsFrame(**NOW, strips=()))
-            await until(lambda: page.states[CURSOR.key, "anna"]["miss_m"] == 2.0)
-            await until(lambda: [event[:2] for event in page.events] == [(FEEDBACK.key, "anna")])
-            await known(page, STRIPS_FRAME.key)
-            await known(page, HEALTH.key, "web")
-            assert page.batches == list(range(1, len(page.batches) + 1))
+async def test_a_page_is_told_what_is_true_and_what_happens(bench: Bench, server: Server) -> None:
+    bench.put(topics.MAP, schemas.Environment(**NOW, name="lab"))
+    bench.put(topics.CURSOR, schemas.Cursor(**NOW, miss_m=1.0), "anna")
+    async with server.page(VIEWER) as page:
+        await known(page, topics.MAP.key)
+        await known(page, topics.CURSOR.key, "anna")
+        bench.put(topics.CURSOR, schemas.Cursor(**NOW, miss_m=2.0), "anna")
+        bench.put(topics.FEEDBACK, schemas.Feedback(**NOW, cue="selected"), "anna")
+        bench.put(topics.STRIPS_FRAME, schemas.StripsFrame(**NOW, strips=()))
+        await until(lambda: page.states[topics.CURSOR.key, "anna"]["miss_m"] == 2.0)
+        await until(lambda: [event[:2] for event in page.events] == [(topics.FEEDBACK.key, "anna")])
+        await known(page, topics.STRIPS_FRAME.key)
+        await known(page, topics.HEALTH.key, "web")
+        assert page.batches == list(range(1, len(page.batches) + 1))
 
 
 async def told_of_before(server: Server) -> list[tuple[str, str]]:
     """Open a page; return the selection events of its first batch."""
     async with server.page() as page:
         await until(lambda: bool(page.batches))
-        told = [event for key, _, event in page.events if key == SELECTION_EVENTS.key]
+        told = [event for key, _, event in page.events if key == topics.SELECTION_EVENTS.key]
     return [(event["user"], event["object_id"]) for event in told]
 
 
@@ -115,136 +79,134 @@ async def test_a_server_that_comes_after_the_events_has_them_from_the_selectors_
 
 async def test_a_frame_of_light_is_sent_at_once() -> None:
     async with memory_bench() as bench, serving(bench, rate_hz=0.1) as server, server.page() as page:
-        await known(page, HEALTH.key, "web")
+        await known(page, topics.HEALTH.key, "web")
         loop = asyncio.get_running_loop()
-        bench.put(STRIPS_FRAME, StripsFrame(**NOW, strips=()))
+        bench.put(topics.STRIPS_FRAME, schemas.StripsFrame(**NOW, strips=()))
         began_s = loop.time()
-        await known(page, STRIPS_FRAME.key)
+        await known(page, topics.STRIPS_FRAME.key)
         assert within(loop.time() - began_s, 3.0), "it waits for what was sent just before"
 
 
 def lag(bench: Bench, page: Page, late_s: float) -> str:
     """Have a report of another machine come that late; return what the page server says of it."""
     stamp_ns = time.time_ns() - round(late_s * 1e9)
-    bench.put(HEALTH, Health(stamp_ns=stamp_ns, service="pui", instance="pui", pid=1, host="plant"), "pui")
-    warnings: list[str] = page.states.get((HEALTH.key, "web"), {}).get("warnings", [])
+    bench.put(
+        topics.HEALTH,
+        schemas.Health(stamp_ns=stamp_ns, service="pui", instance="pui", pid=1, host="plant"),
+        "pui",
+    )
+    warnings: list[str] = page.states.get((topics.HEALTH.key, "web"), {}).get("warnings", [])
     return "".join(warning for warning in warnings if "machine plant sends" in warning)
 
 
-async def test_that_what_is_shown_is_long_past_is_told() -> None:
-    async with memory_bench() as bench, serving(bench) as server, server.page() as page:
-        await until(lambda: "4.0 s late" in lag(bench, page, 4.0), 20.0, "the page to speak of it")
-        await until(lambda: not lag(bench, page, 0.0), 20.0, "the page to speak of it no more")
+async def test_that_what_is_shown_is_long_past_is_told(bench: Bench, page: Page) -> None:
+    await until(lambda: "4.0 s late" in lag(bench, page, 4.0), 20.0, "the page to speak of it")
+    await until(lambda: not lag(bench, page, 0.0), 20.0, "the page to speak of it no more")
 
 
-async def test_who_leaves_is_no_ghost() -> None:
-    async with memory_bench() as bench, serving(bench) as server, server.page() as page:
-        token = bench.bus.announce(USER_ALIVE, "anna")
-        bench.put(CURSOR, Cursor(**NOW), "anna")
-        await known(page, CURSOR.key, "anna")
-        await until(lambda: bool(page.person("anna")))
+async def test_who_leaves_is_no_ghost(bench: Bench, server: Server, page: Page) -> None:
+    token = bench.bus.announce(topics.USER_ALIVE, "anna")
+    bench.put(topics.CURSOR, schemas.Cursor(**NOW), "anna")
+    await known(page, topics.CURSOR.key, "anna")
+    await until(lambda: bool(page.person("anna")))
+    token.close()
+    await unknown(page, topics.CURSOR.key, "anna")
+    await until(lambda: not page.person("anna"))
+    async with server.page() as late:
+        await until(lambda: bool(late.batches))
+        assert (topics.CURSOR.key, "anna") not in late.states
+
+
+async def test_a_scenario_that_gives_way_leaves_nothing_but_its_walls(bench: Bench, page: Page) -> None:
+    tokens = [bench.bus.announce(topics.SERVICE_ALIVE, name) for name in ("pui", "conveyor-sim")]
+    services = (schemas.ExpectedService(service="conveyor-sim"),)
+    first = schemas.Deployment(**NOW, name="scenario_4", scenario="scenario_4", services=services)
+    bench.put(topics.DEPLOYMENT, first, "run.scenario_4")
+    bench.put(topics.MAP, schemas.Environment(**NOW, name="old"))
+    bench.put(topics.CURSOR, schemas.Cursor(**NOW), "anna")
+    bench.put(topics.OBJECTS, schemas.TrackedObjects(**NOW), "conveyor")
+    for key, name in (
+        (topics.CURSOR.key, "anna"),
+        (topics.OBJECTS.key, "conveyor"),
+        (topics.DEPLOYMENT.key, "run.scenario_4"),
+    ):
+        await known(page, key, name)
+    for token in tokens:
         token.close()
-        await unknown(page, CURSOR.key, "anna")
-        await until(lambda: not page.person("anna"))
-        async with server.page() as late:
-            await until(lambda: bool(late.batches))
-            assert (CURSOR.key, "anna") not in late.states
+    await unknown(page, topics.CURSOR.key, "anna")
+    bench.put(
+        topics.DEPLOYMENT,
+        first.model_copy(update={"name": "scenario_3", "scenario": "scenario_3"}),
+        "run.scenario_3",
+    )
+    await unknown(page, topics.DEPLOYMENT.key, "run.scenario_4")
+    await known(page, topics.DEPLOYMENT.key, "run.scenario_3")
+    await unknown(page, topics.OBJECTS.key, "conveyor")  # its tracker is silent
+    assert (topics.MAP.key, "") in page.states
 
 
-async def test_a_scenario_that_gives_way_leaves_nothing_but_its_walls() -> None:
-    async with memory_bench() as bench, serving(bench) as server, server.page() as page:
-        tokens = [bench.bus.announce(SERVICE_ALIVE, name) for name in ("pui", "conveyor-sim")]
-        services = (ExpectedService(service="conveyor-sim"),)
-        first = Deployment(**NOW, name="scenario_4", scenario="scenario_4", services=services)
-        bench.put(DEPLOYMENT, first, "run.scenario_4")
-        bench.put(MAP, Environment(**NOW, name="old"))
-        bench.put(CURSOR, Cursor(**NOW), "anna")
-        bench.put(OBJECTS, TrackedObjects(**NOW), "conveyor")
-        for key, name in (
-            (CURSOR.key, "anna"),
-            (OBJECTS.key, "conveyor"),
-            (DEPLOYMENT.key, "run.scenario_4"),
-        ):
-            await known(page, key, name)
-        for token in tokens:
-            token.close()
-        await unknown(page, CURSOR.key, "anna")
-        bench.put(
-            DEPLOYMENT,
-            first.model_copy(update={"name": "scenario_3", "scenario": "scenario_3"}),
-            "run.scenario_3",
-        )
-        await unknown(page, DEPLOYMENT.key, "run.scenario_4")
-        await known(page, DEPLOYMENT.key, "run.scenario_3")
-        await unknown(page, OBJECTS.key, "conveyor")  # its tracker is silent
-        assert (MAP.key, "") in page.states
+async def test_a_request_is_answered_by_its_server(bench: Bench, page: Page) -> None:
+    asked: list[schemas.Query] = []
+
+    async def set_speed(query: schemas.SetSpeed, _name: str) -> schemas.Done:
+        asked.append(query)
+        if query.speed_mps > 1.0:
+            raise RefusedError("that is too fast")
+        return schemas.Done(message="it runs")
+
+    bench.bus.serve(topics.SET_SPEED, set_speed)
+    done = await page.ask(key=topics.SET_SPEED.key, query={"speed_mps": 1, "belts": ["a"]})
+    assert done["reply"] == {"message": "it runs"}
+    assert done["error"] == ""
+    assert asked == [schemas.SetSpeed(speed_mps=1.0, belts=("a",))]
+    refused = await page.ask(key=topics.SET_SPEED.key, query={"speed_mps": 2})
+    assert refused["reply"] is None
+    assert refused["error"] == "that is too fast"
+    wrong = await page.ask(key=topics.SET_SPEED.key, query={"speed_mps": 99})
+    assert "speed_mps" in wrong["error"]
+    assert len(asked) == 2
+    nobody = await page.ask(key=topics.UNDO_SELECTION.key, name="anna")
+    assert "selector does not answer" in nobody["error"]
 
 
-async def test_a_request_is_answered_by_its_server() -> None:
-    async with memory_bench() as bench, serving(bench) as server, server.page() as page:
-        asked: list[Query] = []
-
-        async def set_speed(query: SetSpeed, _name: str) -> Done:
-            asked.append(query)
-            if query.speed_mps > 1.0:
-                raise RefusedError("that is too fast")
-            return Done(message="it runs")
-
-        bench.bus.serve(SET_SPEED, set_speed)
-        done = await page.ask(key=SET_SPEED.key, query={"speed_mps": 1, "belts": ["a"]})
-        assert done["reply"] == {"message": "it runs"}
-        assert done["error"] == ""
-        assert asked == [SetSpeed(speed_mps=1.0, belts=("a",))]
-        refused = await page.ask(key=SET_SPEED.key, query={"speed_mps": 2})
-        assert refused["reply"] is None
-        assert refused["error"] == "that is too fast"
-        wrong = await page.ask(key=SET_SPEED.key, query={"speed_mps": 99})
-        assert "speed_mps" in wrong["error"]
-        assert len(asked) == 2
-        nobody = await page.ask(key=UNDO_SELECTION.key, name="anna")
-        assert "selector does not answer" in nobody["error"]
+async def test_a_viewer_is_answered_and_nothing_is_done(bench: Bench, server: Server) -> None:
+    bench.bus.announce(topics.USER_ALIVE, "anna")
+    bench.bus.announce(topics.SERVICE_ALIVE, "imu-bridge.anna")
+    presses, samples = bench.collect(topics.BUTTON), bench.collect(topics.WRIST)
+    async with server.page(VIEWER) as page:
+        for wish in ({"deed": "press"}, {"deed": "take"}, {"key": topics.UNDO_SELECTION.key}):
+            answer = await page.ask(**wish, name="anna")
+            assert "only looks on" in answer["error"]
+        await page.say(kind="aim", user="anna", at_m=[1, 2, 3])
+        await page.ask(key="no/such")
+    assert presses == []
+    assert samples == []
 
 
-async def test_a_viewer_is_answered_and_nothing_is_done() -> None:
-    async with memory_bench() as bench, serving(bench) as server:
-        bench.bus.announce(USER_ALIVE, "anna")
-        bench.bus.announce(SERVICE_ALIVE, "imu-bridge.anna")
-        presses, samples = bench.collect(BUTTON), bench.collect(WRIST)
-        async with server.page(VIEWER) as page:
-            for wish in ({"deed": "press"}, {"deed": "take"}, {"key": UNDO_SELECTION.key}):
-                answer = await page.ask(**wish, name="anna")
-                assert "only looks on" in answer["error"]
-            await page.say(kind="aim", user="anna", at_m=[1, 2, 3])
-            await page.ask(key="no/such")
-        assert presses == []
-        assert samples == []
-
-
-async def test_the_button_is_pressed() -> None:
-    async with memory_bench() as bench, serving(bench) as server, server.page() as page:
-        presses = bench.collect(BUTTON, "anna")
-        assert "anna is not there" in (await page.ask(deed="press", name="anna"))["error"]
-        bench.bus.announce(USER_ALIVE, "anna")
-        await until(lambda: bool(page.person("anna")))
-        for gesture in ("press", "hold"):
-            assert not (await page.ask(deed="press", name="anna", query={"gesture": gesture}))["error"]
-        await until(lambda: len(presses) == 2)
-        assert [(press.gesture, press.source) for press in presses] == [("press", "page"), ("hold", "page")]
-        assert presses[0].seq != presses[1].seq
+async def test_the_button_is_pressed(bench: Bench, page: Page) -> None:
+    presses = bench.collect(topics.BUTTON, "anna")
+    assert "anna is not there" in (await page.ask(deed="press", name="anna"))["error"]
+    bench.bus.announce(topics.USER_ALIVE, "anna")
+    await until(lambda: bool(page.person("anna")))
+    for gesture in ("press", "hold"):
+        assert not (await page.ask(deed="press", name="anna", query={"gesture": gesture}))["error"]
+    await until(lambda: len(presses) == 2)
+    assert [(press.gesture, press.source) for press in presses] == [("press", "page"), ("hold", "page")]
+    assert presses[0].seq != presses[1].seq
 
 
 def person(bench: Bench, state: str = "pointing") -> None:
     """Have anna there, with what a page needs to move her arm."""
-    bench.bus.announce(USER_ALIVE, "anna")
-    bench.bus.announce(SERVICE_ALIVE, "imu-bridge.anna")
-    bench.put(INTERACTION, Interaction.model_validate({**NOW, "state": state}), "anna")
+    bench.bus.announce(topics.USER_ALIVE, "anna")
+    bench.bus.announce(topics.SERVICE_ALIVE, "imu-bridge.anna")
+    bench.put(topics.INTERACTION, schemas.Interaction.model_validate({**NOW, "state": state}), "anna")
 
 
 async def test_the_mouse_moves_the_arm_until_it_is_given_back() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench, serving(bench) as server, server.page() as page:
         person(bench)
-        samples = bench.collect(WRIST, "anna")
+        samples = bench.collect(topics.WRIST, "anna")
         await until(lambda: bool(page.person("anna")))
         assert not (await page.ask(deed="take", name="anna"))["error"]
         await until(lambda: page.person("anna")["is_mine"])
@@ -266,7 +228,7 @@ async def test_the_mouse_moves_the_arm_until_it_is_given_back() -> None:
 @pytest.mark.parametrize(("state", "presses"), [("idle", 1), ("pointing", 0), ("localizing", 0)])
 async def test_who_is_idle_begins_to_point_when_taken(state: str, presses: int) -> None:
     async with memory_bench() as bench, serving(bench) as server, server.page() as page:
-        pressed = bench.collect(BUTTON, "anna")
+        pressed = bench.collect(topics.BUTTON, "anna")
         person(bench, state)
         await until(lambda: bool(page.person("anna")))
         await page.ask(deed="take", name="anna")
@@ -274,11 +236,10 @@ async def test_who_is_idle_begins_to_point_when_taken(state: str, presses: int) 
         assert len(pressed) == presses
 
 
-async def test_without_an_imu_bridge_nothing_is_taken() -> None:
-    async with memory_bench() as bench, serving(bench) as server, server.page() as page:
-        bench.bus.announce(USER_ALIVE, "anna")
-        await until(lambda: bool(page.person("anna")))
-        assert "imu-bridge --user anna" in (await page.ask(deed="take", name="anna"))["error"]
+async def test_without_an_imu_bridge_nothing_is_taken(bench: Bench, page: Page) -> None:
+    bench.bus.announce(topics.USER_ALIVE, "anna")
+    await until(lambda: bool(page.person("anna")))
+    assert "imu-bridge --user anna" in (await page.ask(deed="take", name="anna"))["error"]
 
 
 async def test_the_last_who_takes_has_it_and_the_other_is_told() -> None:
@@ -304,21 +265,6 @@ async def test_who_closes_the_page_lets_go() -> None:
         await until(lambda: other.person("anna")["moved_by"] == "own")
 
 
-async def test_the_middle_of_the_room_is_ahead() -> None:
-    async with memory_bench() as bench, serving(bench) as server, server.page() as page:
-        yaws: list[float] = []
-
-        async def set_origin(query: SetYawOrigin, user: str) -> Done:
-            yaws.append(query.yaw_rad)
-            return Done(message=f"{user} is set")
-
-        bench.bus.serve(SET_YAW_ORIGIN, set_origin)
-        person(bench)
-        await until(lambda: bool(page.person("anna")))
-        assert (await page.ask(deed="centre", name="anna"))["reply"]["message"] == "anna is set"
-        assert len(yaws) == 1
-
-
 async def test_a_phone_is_paired_over_the_local_network_only(monkeypatch: pytest.MonkeyPatch) -> None:
     drawn_by: list[bool] = []
 
@@ -342,38 +288,37 @@ async def test_a_phone_is_paired_over_the_local_network_only(monkeypatch: pytest
         offer = (await page.ask(deed="pair", name="anna"))["reply"]
         assert offer["url"].startswith(opened["reply"]["url"] + "/phone?token=")
         assert offer["qr_svg"].startswith("<svg")
+        assert offer["fingerprint"] == opened["reply"]["fingerprint"]
         assert drawn_by == [False]
         await until(lambda: "waiting" in page.person("anna")["phone"])
 
 
-async def test_the_figures_are_told_in_health() -> None:
-    async with memory_bench() as bench, serving(bench) as server:
-        reports = bench.collect(HEALTH, "web")
+async def test_the_figures_are_told_in_health(bench: Bench, server: Server) -> None:
+    reports = bench.collect(topics.HEALTH, "web")
 
-        def figure(name: str) -> float | None:
-            figures = reports[-1].figures if reports else ()
-            return next((figure.value for figure in figures if figure.name == name), None)
+    def figure(name: str) -> float | None:
+        figures = reports[-1].figures if reports else ()
+        return next((figure.value for figure in figures if figure.name == name), None)
 
-        async with server.page(), server.page():
-            await until(lambda: figure("viewers") == 2.0)
-            await until(lambda: figure("capture to page p95") == 12.5)
-            await until(lambda: (figure("batches") or 0.0) > 0.0)
-            assert figure("events dropped") == 0.0
-        await until(lambda: figure("viewers") == 0.0)
+    async with server.page(), server.page():
+        await until(lambda: figure("viewers") == 2.0)
+        await until(lambda: figure("capture to page p95") == 12.5)
+        await until(lambda: (figure("batches") or 0.0) > 0.0)
+        assert figure("events dropped") == 0.0
+    await until(lambda: figure("viewers") == 0.0)
 
 
-async def test_the_last_minute_is_a_file_for_operators() -> None:
-    async with memory_bench() as bench, serving(bench) as server:
-        bench.put(CURSOR, Cursor(**NOW), "anna")
-        await bench.settle()
-        async with server.client(Cookie=await server.cookie()) as client:
-            answer = await client.get("/recording.mcap")
-        assert answer.status_code == 200
-        assert "attachment" in answer.headers["content-disposition"]
-        topics = {channel.topic for _, channel, _ in make_reader(io.BytesIO(answer.content)).iter_messages()}
-        assert channel_name(CURSOR.at("anna")) in topics
-        async with server.client(Cookie=await server.cookie(VIEWER)) as client:
-            assert (await client.get("/recording.mcap")).status_code == 403
+async def test_the_last_minute_is_a_file_for_operators(bench: Bench, server: Server) -> None:
+    bench.put(topics.CURSOR, schemas.Cursor(**NOW), "anna")
+    await bench.settle()
+    async with server.client(Cookie=await server.cookie()) as client:
+        answer = await client.get("/recording.mcap")
+    assert answer.status_code == 200
+    assert "attachment" in answer.headers["content-disposition"]
+    found = {channel.topic for _, channel, _ in make_reader(io.BytesIO(answer.content)).iter_messages()}
+    assert channel_name(topics.CURSOR.at("anna")) in found
+    async with server.client(Cookie=await server.cookie(VIEWER)) as client:
+        assert (await client.get("/recording.mcap")).status_code == 403
 
 
 async def test_who_asks_while_it_is_written_gets_the_same_recording(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -388,7 +333,7 @@ async def test_who_asks_while_it_is_written_gets_the_same_recording(monkeypatch:
     monkeypatch.setattr(download, "write_recording", counted)
     async with memory_bench() as bench, serving(bench) as server:
         for n in range(2000):
-            bench.put(CURSOR, Cursor(stamp_ns=START_NS, seq=n), "anna")
+            bench.put(topics.CURSOR, schemas.Cursor(stamp_ns=START_NS, seq=n), "anna")
         await bench.settle()
         async with server.client(Cookie=await server.cookie()) as client:
             answers = await asyncio.gather(*(client.get("/recording.mcap") for _ in range(10)))

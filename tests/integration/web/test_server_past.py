@@ -8,12 +8,8 @@ from pointit.bridges.web.playback.past_page import CANNOT_BE_CHANGED
 from pointit.bridges.web.server.app import PAST
 from pointit.schemas import Cursor, Environment, SelectionEvent
 from pointit.schemas.topics import CURSOR, MAP, SELECTION_EVENTS
-from tests.integration.web.pages import VIEWER, built, serving
+from tests.integration.web.pages import VIEWER, Server, serving
 from tests.support.bench import START_NS, Bench, ManualClock, memory_bench, until
-
-__all__ = ["built"]
-
-pytestmark = pytest.mark.usefixtures("built")
 
 
 def now(bench: Bench) -> dict[str, Any]:
@@ -60,20 +56,19 @@ async def test_a_page_goes_back_in_time_while_another_one_stays_live() -> None:
         assert clock.now_ns() > START_NS
 
 
-async def test_the_past_cannot_be_changed_and_the_present_not_played() -> None:
-    async with memory_bench() as bench, serving(bench) as server:
-        async with server.page(path=PAST) as page:
-            for wish in ({"deed": "press", "name": "anna"}, {"key": "conveyor/reset"}):
-                answer = await page.ask(**wish)
-                assert (answer["reply"], answer["error"]) == (None, CANNOT_BE_CHANGED)
-            await page.say(kind="aim", user="anna", at_m=[0.0, 0.0, 0.0])
-            assert (await page.ask(deed="press", name="anna"))["error"] == CANNOT_BE_CHANGED
-        async with server.page() as live:
-            await live.say(kind="play", is_playing=False)
-            await until(
-                lambda: any("shows the present" in each["sentence"] for each in live.status["findings"]),
-                what="that health tells of it",
-            )
+async def test_the_past_cannot_be_changed_and_the_present_not_played(server: Server) -> None:
+    async with server.page(path=PAST) as page:
+        for wish in ({"deed": "press", "name": "anna"}, {"key": "conveyor/reset"}):
+            answer = await page.ask(**wish)
+            assert (answer["reply"], answer["error"]) == (None, CANNOT_BE_CHANGED)
+        await page.say(kind="aim", user="anna", at_m=[0.0, 0.0, 0.0])
+        assert (await page.ask(deed="press", name="anna"))["error"] == CANNOT_BE_CHANGED
+    async with server.page() as live:
+        await live.say(kind="play", is_playing=False)
+        await until(
+            lambda: any("shows the present" in each["sentence"] for each in live.status["findings"]),
+            what="that health tells of it",
+        )
 
 
 async def test_pages_of_the_past_count_as_pages() -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from pointit import schemas
 from pointit.cli.main import command
 from pointit.conversion.columns import columns_of
 from pointit.conversion.export_csv import FILES, export_csv
@@ -15,31 +16,7 @@ from pointit.recording import container
 from pointit.recording.entries import Entry, Exchange
 from pointit.recording.reader import Recording
 from pointit.runtime.errors import ConfigError
-from pointit.schemas import (
-    Done,
-    Feedback,
-    Hover,
-    ImuSample,
-    Localization,
-    SelectionEvent,
-    SetSpeed,
-    StripsFrame,
-    TrackedObject,
-    TrackedObjects,
-    UserPose,
-)
-from pointit.schemas.topics import (
-    HOVER,
-    IMU,
-    LOCALIZATION,
-    OBJECTS,
-    POSE,
-    SELECTION_EVENTS,
-    SET_SPEED,
-    STRIPS_FRAME,
-    TOPICS,
-    USER_ALIVE,
-)
+from pointit.schemas import topics
 from tests.unit.conversion.session import BEGAN_NS, at, said, write
 
 LEVEL = (0.0, 0.0, 0.0, 1.0)
@@ -51,19 +28,26 @@ def table(path: Path) -> list[dict[str, str]]:
 
 
 def session() -> list[Entry]:
-    boxes = tuple(TrackedObject(id=name, kind="red", position_m=(1.0, 2.0, 0.5)) for name in ("a", "b"))
-    chosen = SelectionEvent(stamp_ns=at(1.5), event="selected", object_id="a", user="anna", cause="dwell")
-    speed = Exchange[SetSpeed, Done](
-        stamp_ns=at(2.0), query=SetSpeed(speed_mps=0.5), reply=Done(message="it runs")
+    boxes = tuple(
+        schemas.TrackedObject(id=name, kind="red", position_m=(1.0, 2.0, 0.5)) for name in ("a", "b")
+    )
+    chosen = schemas.SelectionEvent(
+        stamp_ns=at(1.5), event="selected", object_id="a", user="anna", cause="dwell"
+    )
+    speed = Exchange[schemas.SetSpeed, schemas.Done](
+        stamp_ns=at(2.0), query=schemas.SetSpeed(speed_mps=0.5), reply=schemas.Done(message="it runs")
     )
     return [
-        said(0.0, USER_ALIVE, "anna", True),
-        said(0.5, IMU, "anna", ImuSample(stamp_ns=at(0.4), seq=3, orientation_xyzw=LEVEL)),
-        said(1.0, OBJECTS, "conveyor", TrackedObjects(stamp_ns=at(1.0), objects=boxes)),
-        *(said(each, HOVER, "anna", Hover(stamp_ns=at(each), object_id="a")) for each in (1.0, 1.25, 1.5)),
-        said(1.5, SELECTION_EVENTS, "", chosen),
-        said(1.6, STRIPS_FRAME, "", StripsFrame(stamp_ns=at(1.6), strips=(), light_s=0.0)),
-        said(2.0, SET_SPEED, "", speed),
+        said(0.0, topics.USER_ALIVE, "anna", True),
+        said(0.5, topics.IMU, "anna", schemas.ImuSample(stamp_ns=at(0.4), seq=3, orientation_xyzw=LEVEL)),
+        said(1.0, topics.OBJECTS, "conveyor", schemas.TrackedObjects(stamp_ns=at(1.0), objects=boxes)),
+        *(
+            said(each, topics.HOVER, "anna", schemas.Hover(stamp_ns=at(each), object_id="a"))
+            for each in (1.0, 1.25, 1.5)
+        ),
+        said(1.5, topics.SELECTION_EVENTS, "", chosen),
+        said(1.6, topics.STRIPS_FRAME, "", schemas.StripsFrame(stamp_ns=at(1.6), strips=(), light_s=0.0)),
+        said(2.0, topics.SET_SPEED, "", speed),
     ]
 
 
@@ -110,8 +94,8 @@ def test_the_dictionary_describes_every_column(tmp_path: Path) -> None:
 
 
 def test_the_rotation_of_a_cue_is_named_and_an_empty_cell_is_called_so(tmp_path: Path) -> None:
-    columns = {column.name: column for column in columns_of(Feedback)}
-    cue = Feedback(stamp_ns=1, cue="target", turn_rad=(0.25, -0.5))
+    columns = {column.name: column for column in columns_of(schemas.Feedback)}
+    cue = schemas.Feedback(stamp_ns=1, cue="target", turn_rad=(0.25, -0.5))
     assert (columns["turn_right_rad"].get(cue), columns["turn_up_rad"].get(cue)) == (0.25, -0.5)
     assert "turn_0_rad" not in columns
     export_csv(session(), BEGAN_NS, tmp_path)
@@ -119,20 +103,20 @@ def test_the_rotation_of_a_cue_is_named_and_an_empty_cell_is_called_so(tmp_path:
 
 
 def test_columns_of_a_table_have_different_names() -> None:
-    for topic in TOPICS:
+    for topic in topics.TOPICS:
         names = [column.name for column in columns_of(topic.message)]
         assert len(names) == len(set(names)), topic.key
-    assert set(FILES) <= {topic.key for topic in TOPICS}
+    assert set(FILES) <= {topic.key for topic in topics.TOPICS}
 
 
 def test_a_covariance_has_a_named_column_for_each_entry(tmp_path: Path) -> None:
-    pose = UserPose(
+    pose = schemas.UserPose(
         stamp_ns=at(0.0),
         position_m=(1.0, 2.0, 0.0),
         yaw_rad=0.5,
         covariance=(1.0, 2.0, 3.0, 2.0, 5.0, 6.0, 3.0, 6.0, 9.0),
     )
-    export_csv([said(0.0, POSE, "anna", pose)], BEGAN_NS, tmp_path)
+    export_csv([said(0.0, topics.POSE, "anna", pose)], BEGAN_NS, tmp_path)
     (row,) = table(tmp_path / "poses.csv")
     assert (row["covariance_x_yaw_m_rad"], row["covariance_y_y_m2"], row["covariance_yaw_yaw_rad2"]) == (
         "3.0",
@@ -142,15 +126,15 @@ def test_a_covariance_has_a_named_column_for_each_entry(tmp_path: Path) -> None:
 
 
 def test_a_list_is_one_cell_of_json(tmp_path: Path) -> None:
-    message = Localization(stamp_ns=at(0.0), phase="sampling", ahead=("ben", "carl"))
-    export_csv([said(0.0, LOCALIZATION, "anna", message)], BEGAN_NS, tmp_path)
+    message = schemas.Localization(stamp_ns=at(0.0), phase="sampling", ahead=("ben", "carl"))
+    export_csv([said(0.0, topics.LOCALIZATION, "anna", message)], BEGAN_NS, tmp_path)
     (row,) = table(tmp_path / "localizations.csv")
     assert row["ahead"] == '["ben","carl"]'
 
 
 def test_no_text_of_a_recording_is_a_formula_of_a_spreadsheet(tmp_path: Path) -> None:
-    bad = SelectionEvent(stamp_ns=at(0.0), event="refused", object_id='=HYPERLINK("x")', user="@anna")
-    export_csv([said(0.0, SELECTION_EVENTS, "", bad)], BEGAN_NS, tmp_path)
+    bad = schemas.SelectionEvent(stamp_ns=at(0.0), event="refused", object_id='=HYPERLINK("x")', user="@anna")
+    export_csv([said(0.0, topics.SELECTION_EVENTS, "", bad)], BEGAN_NS, tmp_path)
     (row,) = table(tmp_path / "events.csv")
     assert (row["object_id"], row["user"]) == ('\'=HYPERLINK("x")', "'@anna")
 

@@ -9,23 +9,11 @@ import pytest
 from click.testing import CliRunner, Result
 from rosbags.rosbag2 import StoragePlugin, Writer
 
+from pointit import schemas
 from pointit.bridges.ros2.types.types import Types
 from pointit.cli.main import command
 from pointit.geometry.vector import Vec3
 from pointit.recording.reader import Recording
-from pointit.schemas import (
-    NS_PER_S,
-    ButtonEvent,
-    Cursor,
-    Hover,
-    ImuSample,
-    Interaction,
-    Message,
-    PointingRay,
-    SelectionEvent,
-    TrackedObjects,
-    UserPose,
-)
 from tests.unit.conversion.session import at
 
 TYPES = Types("jazzy")
@@ -45,7 +33,7 @@ def make(kind: str, /, **fields: Any) -> Any:
 
 
 def stamped(time_s: float, frame: str = "") -> Any:
-    seconds, rest = divmod(at(time_s), NS_PER_S)
+    seconds, rest = divmod(at(time_s), schemas.NS_PER_S)
     stamp = make("builtin_interfaces/msg/Time", sec=seconds, nanosec=rest)
     return make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
@@ -149,7 +137,7 @@ def imported(source: Path, *options: str) -> dict[str, list[Any]]:
     found: dict[str, list[Any]] = {}
     with Recording.open(source.parent / "session.mcap") as recording:
         for entry in recording.entries():
-            assert isinstance(entry.body, Message)
+            assert isinstance(entry.body, schemas.Message)
             found.setdefault(entry.key, []).append(entry.body)
         assert recording.invalid == 0
     return found
@@ -191,20 +179,22 @@ def test_a_person_of_a_bag(tmp_path: Path, storage: StoragePlugin) -> None:
         *(f"users/user1/{name}" for name in ("imu", "button", "ray", "pose", "interaction"))
     }
     assert found["users/user1/imu"] == [
-        ImuSample(stamp_ns=at(0.99), seq=1, orientation_xyzw=(0.0, 0.0, 0.0, 1.0))
+        schemas.ImuSample(stamp_ns=at(0.99), seq=1, orientation_xyzw=(0.0, 0.0, 0.0, 1.0))
     ]
     assert [event.stamp_ns for event in found["users/user1/button"]] == [at(1.1), at(1.4)]
-    assert all(isinstance(event, ButtonEvent) for event in found["users/user1/button"])
+    assert all(isinstance(event, schemas.ButtonEvent) for event in found["users/user1/button"])
     (ray,) = found["users/user1/ray"]
-    assert isinstance(ray, PointingRay)
+    assert isinstance(ray, schemas.PointingRay)
     assert ray.origin_m == (0.0, 0.0, 1.6)
     assert ray.direction == pytest.approx((-1.0, 0.0, 0.0))
     measured, told = found["users/user1/pose"]
-    assert isinstance(told, UserPose)
+    assert isinstance(told, schemas.UserPose)
     assert (measured.method, measured.position_m, measured.yaw_rad) == ("external", (1.0, 2.0, 0.0), 0.0)
     assert (told.method, told.position_m) == ("fixed", (1.0, 2.0, 0.0))
     assert abs(told.yaw_rad) == pytest.approx(np.pi)
-    assert found["users/user1/interaction"] == [Interaction(stamp_ns=at(1.9), seq=1, state="localizing")]
+    assert found["users/user1/interaction"] == [
+        schemas.Interaction(stamp_ns=at(1.9), seq=1, state="localizing")
+    ]
 
 
 def test_packages_and_pointers_get_their_places_by_the_map(tmp_path: Path, room: Path) -> None:
@@ -225,19 +215,19 @@ def test_packages_and_pointers_get_their_places_by_the_map(tmp_path: Path, room:
     )
     assert found["map"][0].stamp_ns == at(1.0)
     first, second = found["objects/conveyor"]
-    assert isinstance(first, TrackedObjects)
+    assert isinstance(first, schemas.TrackedObjects)
     (item,) = first.objects
     assert (item.id, item.kind, item.surface, item.surface_id) == ("7", "red", "belt", "b1")
     assert (item.position_m, item.surface_position_m) == ((1.0, 0.0, 1.0), 1.0)
     assert second.objects[0].surface_speed_mps == pytest.approx(1.0)
     assert (second.objects[1].surface, second.objects[1].position_m) == ("strip", (0.0, 3.0, 1.0))
     met, missed = found["users/user1/cursor"]
-    assert isinstance(met, Cursor)
+    assert isinstance(met, schemas.Cursor)
     assert (met.surface, met.point_m, missed.surface) == ("belt", (2.0, 0.0, 1.0), "none")
     assert [hover.object_id for hover in found["users/user1/hover"]] == ["7", ""]
-    assert all(isinstance(hover, Hover) for hover in found["users/user1/hover"])
+    assert all(isinstance(hover, schemas.Hover) for hover in found["users/user1/hover"])
     events = found["selection/events"]
-    assert all(isinstance(event, SelectionEvent) for event in events)
+    assert all(isinstance(event, schemas.SelectionEvent) for event in events)
     assert [(event.event, event.object_id) for event in events] == [
         ("selected", "7"),
         ("deselected", "7"),

@@ -1,7 +1,6 @@
 """Findings about one service or person only."""
 
-from pointit.diagnosis.diagnose import diagnose
-from pointit.diagnosis.finding_filter import filter_findings, is_about
+from pointit.diagnosis.diagnose import diagnose, filter_findings, is_about
 from pointit.diagnosis.observation import Finding, Observation
 
 

@@ -2,8 +2,7 @@
 
 from collections.abc import Sequence
 
-from pointit.diagnosis.diagnose import diagnose, is_healthy
-from pointit.diagnosis.finding_filter import filter_findings
+from pointit.diagnosis.diagnose import diagnose, filter_findings, is_healthy
 from pointit.diagnosis.observation import Finding, Observation
 from pointit.runtime.link.link import ROUTER_LOST
 from pointit.schemas import ExpectedService

@@ -5,41 +5,24 @@ from typing import Any
 
 import pytest
 
+from pointit import schemas
 from pointit.bridges.foxglove.scene import PARTS, Part, Scene
 from pointit.geometry import vector
-from pointit.schemas import (
-    Belt,
-    ConveyorState,
-    Cursor,
-    Environment,
-    Goal,
-    Hover,
-    Lamp,
-    LampColor,
-    Message,
-    Selection,
-    Strip,
-    StripsFrame,
-    TrackedObject,
-    TrackedObjects,
-    UserPose,
-    UserProfile,
-)
 from pointit.schemas.environment import Bay, BayCount, StripFrame
 from pointit.schemas.selection import ReservedObject, SelectedObject
 from tests.integration.foxglove.protobuf import read
 
 RED = (255, 0, 0)
 ANNA = (0, 255, 0)
-MAP = Environment(
+MAP = schemas.Environment(
     stamp_ns=1,
     name="lab",
-    lamps=(Lamp(id="1", position_m=(1, 1, 1)),),
-    belts=(Belt(id="b", line_m=((0, 0, 1), (0, 4, 1)), width_m=0.5),),
-    strips=(Strip(id="s", line_m=((0, 0, 0), (1, 0, 0)), pixels=3),),
+    lamps=(schemas.Lamp(id="1", position_m=(1, 1, 1)),),
+    belts=(schemas.Belt(id="b", line_m=((0, 0, 1), (0, 4, 1)), width_m=0.5),),
+    strips=(schemas.Strip(id="s", line_m=((0, 0, 0), (1, 0, 0)), pixels=3),),
     bays=(Bay(id="3", belt="b"), Bay(id="4", belt="nowhere")),
 )
-PACKAGE = TrackedObject(
+PACKAGE = schemas.TrackedObject(
     id="7",
     kind="red",
     position_m=(0, 1, 1),
@@ -51,11 +34,11 @@ PACKAGE = TrackedObject(
 )
 
 
-def objects(*items: TrackedObject) -> TrackedObjects:
-    return TrackedObjects(stamp_ns=1, objects=items)
+def objects(*items: schemas.TrackedObject) -> schemas.TrackedObjects:
+    return schemas.TrackedObjects(stamp_ns=1, objects=items)
 
 
-def scene(*heard: tuple[Message, str]) -> Scene:
+def scene(*heard: tuple[schemas.Message, str]) -> Scene:
     made = Scene({"red": RED}, 1.0)
     made.take(MAP, "", 0.0)
     for message, name in heard:
@@ -85,9 +68,14 @@ def test_a_package_stands_on_its_belt_along_it() -> None:
 def test_who_has_a_package_is_its_outline_and_its_words() -> None:
     made = scene(
         (objects(PACKAGE), "plant"),
-        (UserProfile(stamp_ns=1, cursor_color=ANNA), "anna"),
-        (Selection(stamp_ns=1, objects=(SelectedObject(id="7", user="anna", since_ns=1, kind="red"),)), ""),
-        (Hover(stamp_ns=1, object_id="7", progress=0.25, action="deselect"), "bert"),
+        (schemas.UserProfile(stamp_ns=1, cursor_color=ANNA), "anna"),
+        (
+            schemas.Selection(
+                stamp_ns=1, objects=(SelectedObject(id="7", user="anna", since_ns=1, kind="red"),)
+            ),
+            "",
+        ),
+        (schemas.Hover(stamp_ns=1, object_id="7", progress=0.25, action="deselect"), "bert"),
     )
     (entity,) = shown(made, "objects").values()
     owner, hover = entity["lines"]
@@ -107,14 +95,14 @@ def edge_lengths(line: dict[str, Any]) -> list[float]:
 
 
 def test_a_reserved_package_says_so() -> None:
-    reserved = Selection(stamp_ns=1, reserved=(ReservedObject(id="7", user="anna", until_ns=9),))
+    reserved = schemas.Selection(stamp_ns=1, reserved=(ReservedObject(id="7", user="anna", until_ns=9),))
     (entity,) = shown(scene((objects(PACKAGE), "plant"), (reserved, "")), "objects").values()
     assert facts(entity)["reserved by"] == "anna"
     assert len(entity["lines"]) == 1
 
 
 def test_a_robot_is_a_ball_with_its_way_and_its_name() -> None:
-    robot = TrackedObject(id="r1", kind="robot", position_m=(1, 2, 3), velocity_mps=(0, 0, 2.0))
+    robot = schemas.TrackedObject(id="r1", kind="robot", position_m=(1, 2, 3), velocity_mps=(0, 0, 2.0))
     (entity,) = shown(scene((objects(robot), "tracker")), "objects").values()
     assert entity["spheres"][0]["pose"]["position"] == {"x": 1, "y": 2, "z": 3}
     arrow = entity["arrows"][0]
@@ -145,8 +133,12 @@ def test_what_has_left_is_taken_away() -> None:
 
 
 def test_silence_takes_away_rays_and_objects() -> None:
-    cursor = Cursor(stamp_ns=1, origin_m=(0, 0, 1), direction=(1, 0, 0), point_m=(1, 0, 1), range_m=1.0)
-    made = scene((objects(PACKAGE), "plant"), (cursor, "anna"), (Hover(stamp_ns=1, object_id="7"), "anna"))
+    cursor = schemas.Cursor(
+        stamp_ns=1, origin_m=(0, 0, 1), direction=(1, 0, 0), point_m=(1, 0, 1), range_m=1.0
+    )
+    made = scene(
+        (objects(PACKAGE), "plant"), (cursor, "anna"), (schemas.Hover(stamp_ns=1, object_id="7"), "anna")
+    )
     assert made.is_moving
     for part in PARTS:
         made.draw(part, 5)
@@ -160,7 +152,7 @@ def test_silence_takes_away_rays_and_objects() -> None:
 
 def test_a_person_who_leaves_is_taken_away_and_others_stay() -> None:
     made = scene(
-        *[(UserPose(stamp_ns=1, position_m=(1, 2, 0), yaw_rad=0), name) for name in ("anna", "bert")]
+        *[(schemas.UserPose(stamp_ns=1, position_m=(1, 2, 0), yaw_rad=0), name) for name in ("anna", "bert")]
     )
     made.draw("people", 5)
     made.leave("anna")
@@ -175,7 +167,7 @@ def test_a_new_map_replaces_the_old_one() -> None:
     for part in PARTS:
         made.draw(part, 5)
     assert not made.changed
-    made.take(Environment(stamp_ns=2, name="empty"), "", 0.0)
+    made.take(schemas.Environment(stamp_ns=2, name="empty"), "", 0.0)
     assert made.changed >= {"room", "pixels", "lamps", "bays", "objects"}
     room = read(made.draw("room", 6))
     assert room["deletions"][0]["type"] == 1
@@ -190,7 +182,7 @@ def test_lamps_show_their_colour_and_their_name() -> None:
     assert lamp["texts"][0]["text"] == "1"
     dark = lamp["spheres"][0]["color"]
     assert dark["r"] == dark["g"] == dark["b"] < 0.25
-    made.take(LampColor(stamp_ns=1, color=(255, 200, 0)), "1", 0.0)
+    made.take(schemas.LampColor(stamp_ns=1, color=(255, 200, 0)), "1", 0.0)
     assert made.changed >= {"lamps"}
     assert shown(made, "lamps")["lamp 1"]["spheres"][0]["color"]["r"] == 1.0
 
@@ -198,7 +190,7 @@ def test_lamps_show_their_colour_and_their_name() -> None:
 def test_pixels_show_the_newest_frame() -> None:
     made = scene()
     for value in (200, 100):
-        frame = StripsFrame(stamp_ns=1, strips=(StripFrame(id="s", rgb=bytes((value,) * 9)),))
+        frame = schemas.StripsFrame(stamp_ns=1, strips=(StripFrame(id="s", rgb=bytes((value,) * 9)),))
         made.take(frame, "", 0.0)
         assert made.changed >= {"pixels"}
         assert bytes((value, value, value, 255)) in read(made.draw("pixels", 6))["data"]
@@ -206,14 +198,14 @@ def test_pixels_show_the_newest_frame() -> None:
 
 def test_bays_tell_what_came_out() -> None:
     counts = (BayCount(bay="3", kind="red", count=4, selected=3), BayCount(bay="9", kind="red", count=1))
-    made = scene((ConveyorState(stamp_ns=1, speed_mps=0.5, bays=counts), ""))
+    made = scene((schemas.ConveyorState(stamp_ns=1, speed_mps=0.5, bays=counts), ""))
     (entity,) = shown(made, "bays").values()
     assert entity["texts"][0]["text"] == "bay 3\nred: 4 (3 selected)"
     assert entity["texts"][0]["pose"]["position"] == pytest.approx({"y": 4.0, "z": 1.4})
 
 
 def test_a_goal_is_an_arrow_that_the_robot_looks_along() -> None:
-    goal = Goal(
+    goal = schemas.Goal(
         stamp_ns=1,
         position_m=(3.0, 2.0, 0.0),
         yaw_rad=math.pi / 2,
@@ -223,7 +215,7 @@ def test_a_goal_is_an_arrow_that_the_robot_looks_along() -> None:
         proposed_ns=0,
         confirmed_by="again",
     )
-    made = scene((UserProfile(stamp_ns=1, cursor_color=ANNA), "anna"))
+    made = scene((schemas.UserProfile(stamp_ns=1, cursor_color=ANNA), "anna"))
     made.draw("people", 4)
     made.take(goal, "anna", 1.0)
     assert made.changed >= {"people"}

@@ -11,6 +11,7 @@ from typing import IO, Any, Self
 
 import pytest
 
+from pointit import schemas
 from pointit.bridges.web.config import Place, WebConfig
 from pointit.recording import container
 from pointit.recording.entries import Entry, body_kind
@@ -24,35 +25,8 @@ from pointit.runtime.clock import WallClock
 from pointit.runtime.config.config import published_parameters
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.service.service import Launch, run_service
-from pointit.schemas import (
-    Configuration,
-    Cursor,
-    Deployment,
-    ExpectedService,
-    Feedback,
-    Health,
-    ImuSample,
-    SetBrightness,
-    StripFrame,
-    StripsFrame,
-    UserProfile,
-)
+from pointit.schemas import topics
 from pointit.schemas.catalogue.example import example
-from pointit.schemas.topics import (
-    BUTTON,
-    CONFIGURATION,
-    CURSOR,
-    DEPLOYMENT,
-    FEEDBACK,
-    HEALTH,
-    IMU,
-    LAMP_COLOR,
-    PROFILE,
-    SERVICE_ALIVE,
-    SET_BRIGHTNESS,
-    STRIPS_FRAME,
-    USER_ALIVE,
-)
 from pointit.services.recorder.config import RecorderConfig
 from pointit.services.recorder.service import Recorder
 from tests.support.bench import until
@@ -69,15 +43,15 @@ class Site:
         self.path = path
         self.exchange = LocalBroker()
         self.bus = MemoryBus(self.exchange)
-        self.health: list[Health] = []
-        self.bus.subscribe(HEALTH, lambda message, _name: self.health.append(message), "recorder")
+        self.health: list[schemas.Health] = []
+        self.bus.subscribe(topics.HEALTH, lambda message, _name: self.health.append(message), "recorder")
 
     @asynccontextmanager
     async def recorded(self, **parameters: Any) -> AsyncGenerator[None]:
         own = MemoryBus(self.exchange)
         config = RecorderConfig(file=str(self.path), **parameters)
         task = asyncio.create_task(run_service(Launch(service=Recorder, config=config), own, WallClock()))
-        await until(lambda: "recorder" in self.exchange.present.get(SERVICE_ALIVE.key, {}))
+        await until(lambda: "recorder" in self.exchange.present.get(topics.SERVICE_ALIVE.key, {}))
         try:
             yield
         finally:
@@ -102,64 +76,64 @@ async def site(tmp_path: Path) -> AsyncIterator[Site]:
     await site.bus.close()
 
 
-def sample(number: int) -> ImuSample:
-    return ImuSample(stamp_ns=1000 + number, seq=number, orientation_xyzw=LEVEL)
+def sample(number: int) -> schemas.ImuSample:
+    return schemas.ImuSample(stamp_ns=1000 + number, seq=number, orientation_xyzw=LEVEL)
 
 
 async def test_every_message_is_recorded_also_those_that_others_would_skip(site: Site) -> None:
     messages = [sample(number) for number in (*range(200), 150)]  # the last is out of order
     async with site.recorded():
-        publisher = site.bus.publisher(IMU, "anna")
+        publisher = site.bus.publisher(topics.IMU, "anna")
         for message in messages:
             publisher.put(message)
         await asyncio.sleep(0)
-    assert site.bodies(IMU.at("anna")) == messages
+    assert site.bodies(topics.IMU.at("anna")) == messages
 
 
 async def test_states_from_before_are_at_the_beginning(site: Site) -> None:
-    profile = UserProfile(stamp_ns=1, seq=1)
-    site.bus.publisher(PROFILE, "anna").put(profile)
+    profile = schemas.UserProfile(stamp_ns=1, seq=1)
+    site.bus.publisher(topics.PROFILE, "anna").put(profile)
     async with site.recorded():
         await asyncio.sleep(0)
-    assert site.bodies(PROFILE.at("anna")) == [profile]
-    assert [body.service for body in site.bodies(CONFIGURATION.at("recorder"))] == ["recorder"]
+    assert site.bodies(topics.PROFILE.at("anna")) == [profile]
+    assert [body.service for body in site.bodies(topics.CONFIGURATION.at("recorder"))] == ["recorder"]
 
 
 async def test_requests_are_recorded_with_reply_or_refusal(site: Site) -> None:
-    async def serve(query: SetBrightness, _name: str) -> Any:
+    async def serve(query: schemas.SetBrightness, _name: str) -> Any:
         if query.brightness < 0.5:
             raise RefusedError("too dark")
-        return SET_BRIGHTNESS.reply(message="dimmed")
+        return topics.SET_BRIGHTNESS.reply(message="dimmed")
 
     server = ServiceBus(site.bus, WallClock(), "led-driver", "led-driver")
     async with site.recorded():
-        server.serve(SET_BRIGHTNESS, serve)
-        await site.bus.call(SET_BRIGHTNESS, SetBrightness(brightness=0.75))
+        server.serve(topics.SET_BRIGHTNESS, serve)
+        await site.bus.call(topics.SET_BRIGHTNESS, schemas.SetBrightness(brightness=0.75))
         with pytest.raises(RefusedError):
-            await site.bus.call(SET_BRIGHTNESS, SetBrightness(brightness=0.25))
+            await site.bus.call(topics.SET_BRIGHTNESS, schemas.SetBrightness(brightness=0.25))
         await asyncio.sleep(0)
     done, refused = site.bodies("leds/brightness")
-    kind: Any = body_kind(SET_BRIGHTNESS)
-    reply = SET_BRIGHTNESS.reply(message="dimmed")
-    assert done == kind(stamp_ns=done.stamp_ns, query=SetBrightness(brightness=0.75), reply=reply)
+    kind: Any = body_kind(topics.SET_BRIGHTNESS)
+    reply = topics.SET_BRIGHTNESS.reply(message="dimmed")
+    assert done == kind(stamp_ns=done.stamp_ns, query=schemas.SetBrightness(brightness=0.75), reply=reply)
     assert refused == kind(
-        stamp_ns=refused.stamp_ns, query=SetBrightness(brightness=0.25), refusal="too dark"
+        stamp_ns=refused.stamp_ns, query=schemas.SetBrightness(brightness=0.25), refusal="too dark"
     )
 
 
 async def test_presence_is_recorded_as_it_changes(site: Site) -> None:
-    before = site.bus.announce(USER_ALIVE, "anna")
+    before = site.bus.announce(topics.USER_ALIVE, "anna")
     async with site.recorded():
         await asyncio.sleep(0)
         before.close()
         await asyncio.sleep(0)
-    assert site.bodies(USER_ALIVE.at("anna")) == [True, False]
+    assert site.bodies(topics.USER_ALIVE.at("anna")) == [True, False]
 
 
 async def test_topics_are_left_out_on_request(site: Site) -> None:
     async with site.recorded(without=("imu",)):
-        site.bus.publisher(IMU, "anna").put(sample(1))
-        site.bus.publisher(BUTTON, "anna").put(example(BUTTON.message))
+        site.bus.publisher(topics.IMU, "anna").put(sample(1))
+        site.bus.publisher(topics.BUTTON, "anna").put(example(topics.BUTTON.message))
         await asyncio.sleep(0)
     keys = {each.key for each in site.read()}
     assert "users/anna/button" in keys
@@ -171,16 +145,18 @@ async def test_topics_are_left_out_on_request(site: Site) -> None:
 async def test_pseudonyms_stand_for_people_everywhere(site: Site) -> None:
     async with site.recorded(pseudonyms=True):
         for user in ("anna", "anna-lena", "user"):
-            site.bus.announce(USER_ALIVE, user)
+            site.bus.announce(topics.USER_ALIVE, user)
         await asyncio.sleep(0)
-        feedback = Feedback(stamp_ns=1, cue="selected", chime="tick", text="anna: give it to anna-lena, user")
-        site.bus.publisher(FEEDBACK, "anna").put(feedback)
-        report = Health(stamp_ns=1, service="pointing", instance="pointing.anna", user="anna", pid=1)
-        site.bus.publisher(HEALTH, "pointing.anna").put(report)
+        feedback = schemas.Feedback(
+            stamp_ns=1, cue="selected", chime="tick", text="anna: give it to anna-lena, user"
+        )
+        site.bus.publisher(topics.FEEDBACK, "anna").put(feedback)
+        report = schemas.Health(stamp_ns=1, service="pointing", instance="pointing.anna", user="anna", pid=1)
+        site.bus.publisher(topics.HEALTH, "pointing.anna").put(report)
         await asyncio.sleep(0)
-    numbers = {each.name for each in site.read() if each.row is USER_ALIVE}
+    numbers = {each.name for each in site.read() if each.row is topics.USER_ALIVE}
     assert numbers == {"person-1", "person-2", "person-3"}
-    (said,) = (each for each in site.read() if each.row is FEEDBACK)
+    (said,) = (each for each in site.read() if each.row is topics.FEEDBACK)
     assert (said.name, said.body) == (
         "person-1",
         feedback.model_copy(update={"text": "person-1: give it to person-2, person-3"}),
@@ -193,25 +169,27 @@ async def test_pseudonyms_stand_for_people_everywhere(site: Site) -> None:
 
 async def test_names_are_nowhere_in_the_file_also_if_they_are_learnt_late(site: Site) -> None:
     command = ("pointit", "service", "pointing", "--user", "anna")
-    expected = ExpectedService(service="pointing", user="anna", command=command)
+    expected = schemas.ExpectedService(service="pointing", user="anna", command=command)
     web = WebConfig(places={"Chris": Place(position_m=(1.0, 0.0, 0.0))})
     parameters = published_parameters(web)
     async with site.recorded(pseudonyms=True):
-        told = Health(
+        told = schemas.Health(
             stamp_ns=1, service="web", instance="web", pid=1, host="Anna-laptop", warnings=("ben_2",)
         )
-        site.bus.publisher(HEALTH, "web").put(told)
-        run = Deployment(stamp_ns=1, name="scenario_1", services=(expected,))
-        site.bus.publisher(DEPLOYMENT, "run.1").put(run)
-        configuration = Configuration(stamp_ns=1, service="web", instance="web", parameters=parameters)
-        site.bus.publisher(CONFIGURATION, "web").put(configuration)
-        site.bus.publisher(DEPLOYMENT, "ben").put(Deployment(stamp_ns=1, name="ben"))
+        site.bus.publisher(topics.HEALTH, "web").put(told)
+        run = schemas.Deployment(stamp_ns=1, name="scenario_1", services=(expected,))
+        site.bus.publisher(topics.DEPLOYMENT, "run.1").put(run)
+        configuration = schemas.Configuration(
+            stamp_ns=1, service="web", instance="web", parameters=parameters
+        )
+        site.bus.publisher(topics.CONFIGURATION, "web").put(configuration)
+        site.bus.publisher(topics.DEPLOYMENT, "ben").put(schemas.Deployment(stamp_ns=1, name="ben"))
         await asyncio.sleep(0)
     content = unpacked(site.path).lower()
     assert b"person-1-laptop" in content
     for name in (b"anna", b"ben", b"chris"):
         assert name not in content
-    (replaced,) = site.bodies(CONFIGURATION.at("web"))
+    (replaced,) = site.bodies(topics.CONFIGURATION.at("web"))
     (place,) = WebConfig.model_validate_json(replaced.parameters).places.items()
     assert place[0].startswith("person-")
     assert place[1] == web.places["Chris"]
@@ -219,22 +197,22 @@ async def test_names_are_nowhere_in_the_file_also_if_they_are_learnt_late(site: 
 
 async def test_names_that_are_numbers_or_words_of_messages_cost_no_message(site: Site) -> None:
     names = ("1", "0", "red", "selected", "true", "stamp_ns")
-    feedback = Feedback(stamp_ns=1, cue="selected", chime="tick", text="1 has 0.1 m, led_1")
+    feedback = schemas.Feedback(stamp_ns=1, cue="selected", chime="tick", text="1 has 0.1 m, led_1")
     async with site.recorded(pseudonyms=True):
         for user in names:
-            site.bus.announce(USER_ALIVE, user)
-        publisher = site.bus.publisher(CURSOR, "1")
+            site.bus.announce(topics.USER_ALIVE, user)
+        publisher = site.bus.publisher(topics.CURSOR, "1")
         for number in range(100):
-            publisher.put(Cursor(stamp_ns=number, seq=number, miss_rad=0.1))
-        site.bus.publisher(FEEDBACK, "1").put(feedback)
-        site.bus.publisher(LAMP_COLOR, "led_1").put(example(LAMP_COLOR.message))
+            publisher.put(schemas.Cursor(stamp_ns=number, seq=number, miss_rad=0.1))
+        site.bus.publisher(topics.FEEDBACK, "1").put(feedback)
+        site.bus.publisher(topics.LAMP_COLOR, "led_1").put(example(topics.LAMP_COLOR.message))
         await asyncio.sleep(0)
-    cursors = [each.body for each in site.read() if each.row is CURSOR]
-    assert cursors == [Cursor(stamp_ns=number, seq=number, miss_rad=0.1) for number in range(100)]
-    (said,) = (each for each in site.read() if each.row is FEEDBACK)
+    cursors = [each.body for each in site.read() if each.row is topics.CURSOR]
+    assert cursors == [schemas.Cursor(stamp_ns=number, seq=number, miss_rad=0.1) for number in range(100)]
+    (said,) = (each for each in site.read() if each.row is topics.FEEDBACK)
     one = said.name
     assert said.body == feedback.model_copy(update={"text": f"{one} has 0.1 m, led_1"})
-    assert site.bodies(LAMP_COLOR.at("led_1")) == [example(LAMP_COLOR.message)]
+    assert site.bodies(topics.LAMP_COLOR.at("led_1")) == [example(topics.LAMP_COLOR.message)]
 
 
 def unpacked(path: Path) -> bytes:
@@ -267,10 +245,10 @@ async def test_a_site_on_which_nothing_runs_is_said_before_and_after_its_service
     monkeypatch.setattr(Recorder, "IS_COMMAND", True)
     before, after = "no service runs on site memory: ", "no service runs on site memory any more: "
     async with site.recorded():
-        site.bus.announce(SERVICE_ALIVE, "router")
+        site.bus.announce(topics.SERVICE_ALIVE, "router")
         await until(lambda: before in caplog.text)
-        service = site.bus.announce(SERVICE_ALIVE, "pui")
-        await until(lambda: "pui" in site.exchange.present.get(SERVICE_ALIVE.key, {}))
+        service = site.bus.announce(topics.SERVICE_ALIVE, "pui")
+        await until(lambda: "pui" in site.exchange.present.get(topics.SERVICE_ALIVE.key, {}))
         await asyncio.sleep(0.1)
         assert after not in caplog.text
         service.close()
@@ -320,22 +298,22 @@ async def test_full_disk_is_said_and_what_is_there_is_readable(
 
     monkeypatch.setattr(Path, "open", full)
     async with site.recorded():
-        publisher = site.bus.publisher(STRIPS_FRAME)
+        publisher = site.bus.publisher(topics.STRIPS_FRAME)
         noise, number = random.Random(1), 0
 
         def is_told() -> bool:
             nonlocal number
             if number < len(site.health):
                 number += 1
-                strip = StripFrame(id="s", rgb=noise.randbytes(3000))
-                publisher.put(StripsFrame(stamp_ns=number, seq=number, strips=(strip,)))
+                strip = schemas.StripFrame(id="s", rgb=noise.randbytes(3000))
+                publisher.put(schemas.StripsFrame(stamp_ns=number, seq=number, strips=(strip,)))
             return any("No space left" in each for report in site.health for each in report.warnings)
 
         await until(is_told)
     assert "No space left on device; nothing more is recorded" in caplog.text
     with Recording.open(site.path) as recording:
-        frames = [each.body for each in recording.entries() if each.row is STRIPS_FRAME]
-        assert [frame.seq for frame in frames if isinstance(frame, StripsFrame)] == [
+        frames = [each.body for each in recording.entries() if each.row is topics.STRIPS_FRAME]
+        assert [frame.seq for frame in frames if isinstance(frame, schemas.StripsFrame)] == [
             *range(1, len(frames) + 1)
         ]
         assert frames
@@ -350,7 +328,7 @@ async def test_health_tells_how_many_messages_are_left_out_and_why(
     added = RecordingWriter.add
 
     def add(self: RecordingWriter, entry: Entry) -> None:
-        if entry.row is BUTTON:
+        if entry.row is topics.BUTTON:
             raise RuntimeError("a fault")
         added(self, entry)
 
@@ -358,7 +336,7 @@ async def test_health_tells_how_many_messages_are_left_out_and_why(
     sentence = "2 messages are not in the recording: a fault of PointIt, see the log"
     async with site.recorded():
         for _ in range(2):
-            site.bus.publisher(BUTTON, "anna").put(example(BUTTON.message))
+            site.bus.publisher(topics.BUTTON, "anna").put(example(topics.BUTTON.message))
         await until(lambda: any(sentence in report.warnings for report in site.health))
 
 
@@ -379,8 +357,8 @@ async def test_movements_of_one_person_only_are_recorded_for_an_identity_that_ma
 ) -> None:
     async with site.recorded(person="anna"):
         for user in ("anna", "ben"):
-            site.bus.publisher(IMU, user).put(sample(1))
-            site.bus.publisher(BUTTON, user).put(example(BUTTON.message))
+            site.bus.publisher(topics.IMU, user).put(sample(1))
+            site.bus.publisher(topics.BUTTON, user).put(example(topics.BUTTON.message))
         await asyncio.sleep(0)
     keys = {each.key for each in site.read()}
     assert {"users/anna/imu", "users/anna/button", "users/ben/button"} <= keys

@@ -2,8 +2,7 @@
 
 import pytest
 
-from pointit.recording.entries import Exchange
-from pointit.recording.exchanges import entry_of
+from pointit.recording.entries import Exchange, entry_of
 from pointit.schemas import Query, ServedRequest, SetBrightness, SetPose, UndoSelection
 from pointit.schemas.topics import SET_BRIGHTNESS, SET_POSE, UNDO_SELECTION
 

@@ -6,17 +6,7 @@ import pytest
 
 from pointit.recording.entries import AnyRow, entry
 from pointit.replay.levels import Level, ReplayError, Split
-from pointit.schemas import Feedback, ImuSample, PointingRay, SelectionEvent, UserPose
-from pointit.schemas.topics import (
-    FEEDBACK,
-    IMU,
-    POSE,
-    RAY,
-    SELECTION_EVENTS,
-    SERVICE_ALIVE,
-    SHARD_ALIVE,
-    USER_ALIVE,
-)
+from pointit.schemas import Feedback, ImuSample, PointingRay, SelectionEvent, UserPose, topics
 
 ALL = (
     "pui",
@@ -44,21 +34,21 @@ def event(kind: Any) -> SelectionEvent:
 @pytest.mark.parametrize(
     ("row", "name", "body", "levels"),
     [
-        (IMU, "anna", SAMPLE, ""),
-        (RAY, "anna", A_RAY, "edge"),
-        (RAY, "ben", A_RAY, ""),
-        (POSE, "anna", pose(), "edge"),
-        (POSE, "anna", pose(method="external"), ""),
-        (SELECTION_EVENTS, "", event("selected"), "edge rays cursors"),
-        (SELECTION_EVENTS, "", event("left"), ""),
-        (SELECTION_EVENTS, "", event("dispatched"), ""),
-        (FEEDBACK, "anna", Feedback(stamp_ns=1, cue="started"), "edge rays"),
-        (FEEDBACK, "anna", Feedback(stamp_ns=1, cue="selected"), "edge rays cursors"),
-        (SERVICE_ALIVE, "pointing.anna", True, "edge"),
-        (SERVICE_ALIVE, "user-sim.anna", True, ""),
-        (SHARD_ALIVE, "pui.anna", True, "edge rays"),
-        (SHARD_ALIVE, "selector.ben", True, "edge rays cursors"),
-        (USER_ALIVE, "anna", True, ""),
+        (topics.IMU, "anna", SAMPLE, ""),
+        (topics.RAY, "anna", A_RAY, "edge"),
+        (topics.RAY, "ben", A_RAY, ""),
+        (topics.POSE, "anna", pose(), "edge"),
+        (topics.POSE, "anna", pose(method="external"), ""),
+        (topics.SELECTION_EVENTS, "", event("selected"), "edge rays cursors"),
+        (topics.SELECTION_EVENTS, "", event("left"), ""),
+        (topics.SELECTION_EVENTS, "", event("dispatched"), ""),
+        (topics.FEEDBACK, "anna", Feedback(stamp_ns=1, cue="started"), "edge rays"),
+        (topics.FEEDBACK, "anna", Feedback(stamp_ns=1, cue="selected"), "edge rays cursors"),
+        (topics.SERVICE_ALIVE, "pointing.anna", True, "edge"),
+        (topics.SERVICE_ALIVE, "user-sim.anna", True, ""),
+        (topics.SHARD_ALIVE, "pui.anna", True, "edge rays"),
+        (topics.SHARD_ALIVE, "selector.ben", True, "edge rays cursors"),
+        (topics.USER_ALIVE, "anna", True, ""),
     ],
 )
 def test_an_entry_is_recomputed_where_its_writer_runs_again(

@@ -5,9 +5,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.bridges.web.pages.latest_values import HISTORY, MAX_GONE, LatestValueCache
+from pointit.bridges.web.pages.open_pages import LATENCIES_S, Latencies
+from pointit.bridges.web.pages.rate_limit import TokenBucket
 from pointit.bridges.web.wire import IN_FLIGHT
 from pointit.schemas import pack
-from pointit.schemas.topics import CURSOR, FEEDBACK, HOVER, MAP, POSE, SELECTION_EVENTS, STRIPS_FRAME
+from pointit.schemas.topics import CURSOR, FEEDBACK, HOVER, MAP, SELECTION_EVENTS, STRIPS_FRAME
 
 FAST_HZ = 1e6
 
@@ -46,18 +48,6 @@ def test_a_batch_travels_as_the_wire_says() -> None:
     assert batch is not None
     expected = [1, 5, 2.0, [["users/{user}/cursor", "anna", b"\x81"]], [["selection/events", "", b"\x82"]], 0]
     assert batch.packed(5, 2.0) == pack(expected)
-
-
-def test_states_between_are_missed_and_events_are_not() -> None:
-    hub = LatestValueCache()
-    feed = hub.open(60.0)
-    for value in (b"1", b"2", b"3"):
-        hub.put(CURSOR, "anna", value)
-        hub.put(FEEDBACK, "anna", value)
-    batch = feed.take(0.0)
-    assert batch is not None
-    assert [payload for _, _, payload in batch.states] == [b"3"]
-    assert [payload for _, _, payload in batch.events] == [b"1", b"2", b"3"]
 
 
 def test_a_page_is_sent_no_more_than_its_rate() -> None:
@@ -123,34 +113,6 @@ def test_an_acknowledgement_counts_for_all_before_and_none_that_cannot_be_counts
     assert feed.in_flight == 0
 
 
-def test_what_is_gone_is_told_once_to_those_who_knew_it() -> None:
-    hub = LatestValueCache()
-    early = hub.open(FAST_HZ)
-    hub.put(CURSOR, "anna", b"1")
-    early.take(0.0)
-    assert hub.forget(CURSOR, "anna")
-    assert not hub.forget(CURSOR, "anna")
-    assert not hub.forget(CURSOR, "nobody")
-    assert hub.names(CURSOR) == []
-    late = hub.open(FAST_HZ)
-    gone = early.take(1.0)
-    assert gone is not None
-    assert gone.states == (("users/{user}/cursor", "anna", None),)
-    assert late.take(1.0) is None
-
-
-def test_who_comes_back_is_shown_again() -> None:
-    hub = LatestValueCache()
-    feed = hub.open(FAST_HZ)
-    hub.put(POSE, "anna", b"1")
-    feed.take(0.0)
-    hub.forget(POSE, "anna")
-    hub.put(POSE, "anna", b"2")
-    batch = feed.take(1.0)
-    assert batch is not None
-    assert batch.states == (("users/{user}/pose", "anna", b"2"),)
-
-
 def test_what_is_gone_is_not_kept_for_ever() -> None:
     hub = LatestValueCache(max_keys=MAX_GONE + 10)
     feed = hub.open(FAST_HZ)
@@ -172,18 +134,6 @@ def test_a_stalled_page_does_not_keep_others_from_new_keys_for_ever() -> None:
     hub.forget(CURSOR, "b")
     hub.close(feed)
     assert hub.put(CURSOR, "d", b"1")
-
-
-def test_events_beyond_the_ring_are_counted() -> None:
-    hub = LatestValueCache(max_events=4)
-    feed = hub.open(FAST_HZ)
-    for number in range(10):
-        hub.put(FEEDBACK, "anna", bytes([number]))
-    batch = feed.take(0.0)
-    assert batch is not None
-    assert [payload for _, _, payload in batch.events] == [bytes([number]) for number in (6, 7, 8, 9)]
-    assert batch.dropped == 6
-    assert feed.dropped == 6
 
 
 RING = 5
@@ -280,6 +230,7 @@ class Story:
             seen = self.events[page.first_event :]
             assert page.events == [event for event in seen if event in page.events], "out of order, or twice"
             assert len(page.events) + page.dropped == len(seen)
+            assert page.feed.dropped == page.dropped
             assert page.feed.wait_s(self.now_s) is None
 
 
@@ -294,3 +245,44 @@ def test_in_whatever_order_things_happen_pages_end_with_what_is_true(
         for page in story.pages:
             assert page.feed.in_flight == page.sent - page.acked <= IN_FLIGHT
     story.end()
+
+
+def test_a_bucket_lets_a_burst_pass_and_then_its_rate() -> None:
+    bucket = TokenBucket(20.0, 40.0)
+    assert sum(bucket.take(5.0) for _ in range(100)) == 40
+    assert bucket.wait_s(5.0) == pytest.approx(1 / 20)
+    assert sum(bucket.take(5.0 + k / 1000) for k in range(1, 1001)) == 20
+
+
+@given(st.lists(st.floats(0, 10), max_size=200), st.floats(0.5, 50), st.integers(1, 50))
+def test_no_more_passes_than_rate_and_burst_allow(times: list[float], rate_hz: float, burst: int) -> None:
+    bucket = TokenBucket(rate_hz, float(burst))
+    passed = sum(bucket.take(now_s) for now_s in sorted(times))
+    assert passed <= burst + 10.0 * rate_hz + 1e-6
+    assert passed >= min(len(times), burst)
+
+
+def test_waiting_as_long_as_told_is_enough() -> None:
+    bucket = TokenBucket(7.0, 1.0)
+    now_s = 0.0
+    for _ in range(100):
+        now_s += bucket.wait_s(now_s) + 1e-9
+        assert bucket.take(now_s)
+
+
+def test_a_clock_that_goes_back_gives_nothing() -> None:
+    bucket = TokenBucket(10.0, 1.0)
+    assert bucket.take(100.0)
+    assert not bucket.take(0.0)
+    assert not bucket.take(100.0)
+
+
+def test_the_quantile_is_one_of_the_values_and_forgets() -> None:
+    latencies = Latencies()
+    assert latencies.p95_ms(0.0) is None
+    for value in range(1, 101):
+        latencies.add(float(value), 1.0)
+    assert latencies.p95_ms(1.0) == 95.0
+    latencies.add(7.0, 2.0)
+    assert latencies.p95_ms(1.5 + LATENCIES_S) == 7.0
+    assert latencies.p95_ms(3.0 + LATENCIES_S) is None

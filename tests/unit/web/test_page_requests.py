@@ -1,11 +1,16 @@
 """Requests of pages: permission and validation."""
 
+import json
+import re
+from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import TypeAdapter, ValidationError
 
+from pointit.bridges.web import wire
 from pointit.bridges.web.pages.page_requests import (
     DEEDS,
     OPERATORS,
@@ -18,8 +23,8 @@ from pointit.bridges.web.pages.page_requests import (
 )
 from pointit.bridges.web.wire import Ask, Deed, Role
 from pointit.runtime.errors import PointItError, RefusedError
-from pointit.schemas import SchemaError, SetSpeed, StopRobot
-from pointit.schemas.topics import SET_MOUNTING, SET_OFFSET, SET_POSE, SET_SPEED, STOP_ROBOT, UNDO_SELECTION
+from pointit.schemas import SchemaError, SetSpeed, StopRobot, topics
+from pointit.services.shown_topics import SHOWN
 
 
 def ask(key: str = "", *, deed: Deed | None = None, name: str = "", **query: Any) -> Ask:
@@ -27,17 +32,17 @@ def ask(key: str = "", *, deed: Deed | None = None, name: str = "", **query: Any
 
 
 def test_a_request_goes_to_its_server_as_the_table_says() -> None:
-    call = parse_request(ask(SET_SPEED.key, speed_mps=1, belts=["a", "b"]), "operator")
-    assert call == Call(request=SET_SPEED, query=SetSpeed(speed_mps=1.0, belts=("a", "b")), name="")
+    call = parse_request(ask(topics.SET_SPEED.key, speed_mps=1, belts=["a", "b"]), "operator")
+    assert call == Call(request=topics.SET_SPEED, query=SetSpeed(speed_mps=1.0, belts=("a", "b")), name="")
 
 
 def test_a_request_about_a_person_names_them() -> None:
-    call = parse_request(ask(UNDO_SELECTION.key, name="anna"), "operator")
+    call = parse_request(ask(topics.UNDO_SELECTION.key, name="anna"), "operator")
     assert isinstance(call, Call)
     assert call.name == "anna"
 
 
-@pytest.mark.parametrize("row", [SET_POSE, SET_MOUNTING, SET_OFFSET])
+@pytest.mark.parametrize("row", [topics.SET_POSE, topics.SET_MOUNTING, topics.SET_OFFSET])
 def test_what_calibration_sets_pages_cannot(row: Any) -> None:
     with pytest.raises(RefusedError, match="pages cannot ask for"):
         parse_request(ask(row.key, name="anna"), "operator")
@@ -45,13 +50,15 @@ def test_what_calibration_sets_pages_cannot(row: Any) -> None:
 
 def test_everybody_who_sees_a_robot_may_stop_it() -> None:
     for role in ("operator", "viewer"):
-        call = parse_request(ask(STOP_ROBOT.key, name="quad", reason="too near"), role)
-        assert call == Call(request=STOP_ROBOT, query=StopRobot(reason="too near"), name="quad")
+        call = parse_request(ask(topics.STOP_ROBOT.key, name="quad", reason="too near"), role)
+        assert call == Call(request=topics.STOP_ROBOT, query=StopRobot(reason="too near"), name="quad")
 
 
-@pytest.mark.parametrize("row", [pytest.param(row, id=row.key) for row in OPERATORS if row is not STOP_ROBOT])
+@pytest.mark.parametrize(
+    "row", [pytest.param(row, id=row.key) for row in OPERATORS if row is not topics.STOP_ROBOT]
+)
 def test_a_viewer_may_ask_for_nothing_else(row: Any) -> None:
-    assert REQUESTS["viewer"] == (STOP_ROBOT,)
+    assert REQUESTS["viewer"] == (topics.STOP_ROBOT,)
     with pytest.raises(RefusedError, match="only looks on"):
         parse_request(ask(row.key, name="anna" if row.placeholder else ""), "viewer")
 
@@ -72,18 +79,18 @@ def test_a_phone_pairs_no_phones() -> None:
 @pytest.mark.parametrize(
     ("wrong", "sentence"),
     [
-        (ask(SET_SPEED.key, speed_mps=99), "speed_mps"),
-        (ask(SET_SPEED.key, speed_mps="1"), "speed_mps"),
-        (ask(SET_SPEED.key, speed_mps=1, faster=True), "faster"),
-        (ask(SET_SPEED.key), "speed_mps"),
-        (ask(SET_SPEED.key, name="anna", speed_mps=1), "takes no name"),
+        (ask(topics.SET_SPEED.key, speed_mps=99), "speed_mps"),
+        (ask(topics.SET_SPEED.key, speed_mps="1"), "speed_mps"),
+        (ask(topics.SET_SPEED.key, speed_mps=1, faster=True), "faster"),
+        (ask(topics.SET_SPEED.key), "speed_mps"),
+        (ask(topics.SET_SPEED.key, name="anna", speed_mps=1), "takes no name"),
         (ask("no/such"), "pages cannot ask for 'no/such'"),
         (ask(), "pages cannot ask for ''"),
         (ask(deed="press", name="anna", gesture="kick"), "gesture"),
         (ask(deed="tremor", name="anna", rms_deg=50), "rms_deg"),
         (ask(deed="tremor", name="anna"), "rms_deg"),
         (ask(deed="take", name="anna", by="force"), "by"),
-        (ask(SET_SPEED.key, deed="press", name="anna"), "one thing at a time"),
+        (ask(topics.SET_SPEED.key, deed="press", name="anna"), "one thing at a time"),
     ],
 )
 def test_what_makes_no_sense_is_refused_in_a_sentence(wrong: Ask, sentence: str) -> None:
@@ -94,7 +101,7 @@ def test_what_makes_no_sense_is_refused_in_a_sentence(wrong: Ask, sentence: str)
 @pytest.mark.parametrize("name", ["", "*", "../x", "a/b", "-x", "a" * 65])
 def test_a_name_must_be_one(name: str) -> None:
     with pytest.raises(SchemaError):
-        parse_request(ask(UNDO_SELECTION.key, name=name[:64] if len(name) < 65 else ""), "operator")
+        parse_request(ask(topics.UNDO_SELECTION.key, name=name[:64] if len(name) < 65 else ""), "operator")
     with pytest.raises((SchemaError, RefusedError)):
         parse_request(ask(deed="press", name=name[:64] if len(name) < 65 else "*"), "operator")
 
@@ -136,3 +143,68 @@ def test_whatever_is_asked_is_understood_or_refused(
         assert isinstance(meant.query, meant.request.query)
     else:
         assert meant.deed in DEEDS[role]
+
+
+CLIENT = Path(wire.__file__).with_name("client") / "wire.json"
+RECEIVED: TypeAdapter[wire.Ack | wire.Ask | wire.AimAt | wire.Play | wire.Turn] = TypeAdapter(wire.Received)
+
+
+@pytest.mark.skipif(not CLIENT.parent.is_dir(), reason="the client's sources are not installed")
+def test_the_clients_schema_is_the_models() -> None:
+    assert json.loads(CLIENT.read_text(encoding="utf-8")) == json.loads(json.dumps(wire.json_schema())), (
+        "run scripts/page and commit what it writes"
+    )
+
+
+@pytest.mark.skipif(not CLIENT.parent.is_dir(), reason="the client's sources are not installed")
+def test_the_client_takes_every_topic_that_it_is_sent() -> None:
+    text = CLIENT.with_name("src").joinpath("site", "apply.ts").read_text(encoding="utf-8")
+    unseen = re.search(r"type Unseen =(.*?);", text, re.DOTALL)  # tsc sees to all others
+    assert unseen
+    assert set(re.findall(r'"(.+?)"', unseen[1])) == {topic.key for topic in set(topics.TOPICS) - set(SHOWN)}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"kind":"ack","n":1}',
+        '{"kind":"ack","n":9007199254740992,"latency_ms":12.5}',
+        '{"kind":"ask","id":0,"deed":"press","name":"anna"}',
+        '{"kind":"ask","id":0,"key":"conveyor/set_speed","query":{"speed_mps":1}}',
+        '{"kind":"aim","user":"anna","at_m":[1,2.5,0]}',
+        '{"kind":"play","at_s":1.5,"is_playing":false}',
+        '{"kind":"play","speed":0.25,"step":-1}',
+        '{"kind":"turn","q":[0,0,0,1],"t_ms":12.5}',
+        '{"kind":"turn","q":[0,0,0,1],"t_ms":9e12}',
+    ],
+)
+def test_what_pages_say_is_understood(text: str) -> None:
+    assert RECEIVED.validate_json(text).kind in text
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "null",
+        "[]",
+        "{}",
+        '{"kind":"hello"}',
+        '{"kind":"ack","n":-1}',
+        '{"kind":"ack","n":1,"latency_ms":NaN}',
+        '{"kind":"ack","n":1,"latency_ms":-1}',
+        '{"kind":"ack","n":1,"more":1}',
+        '{"kind":"aim","user":"anna","at_m":[1,2]}',
+        '{"kind":"aim","user":"anna","at_m":[1,2,1e300]}',
+        '{"kind":"aim","user":"a/b","at_m":[1,2,3]}',
+        '{"kind":"turn","q":[0,0,0,2],"t_ms":0}',
+        '{"kind":"turn","q":[0,0,0,1],"t_ms":1e13}',
+        '{"kind":"ask","id":1,"deed":"explode"}',
+        '{"kind":"play","speed":16}',
+        '{"kind":"play","at_s":-1}',
+        '{"kind":"play","step":2}',
+    ],
+)
+def test_what_is_none_of_it_is_not(text: str) -> None:
+    with pytest.raises(ValidationError):
+        RECEIVED.validate_json(text)

@@ -31,26 +31,11 @@ from pointit.schemas import (
     TrackedObject,
     TrackedObjects,
     UserPose,
+    topics,
 )
 from pointit.schemas.system import RUN
-from pointit.schemas.topics import (
-    DEPLOYMENT,
-    HEALTH,
-    HOVER,
-    IMU,
-    INTERACTION,
-    MAP,
-    OBJECTS,
-    POSE,
-    SELECTION_EVENTS,
-    SERVICE_ALIVE,
-    USER_ALIVE,
-    Presence,
-    Topic,
-)
 from tests.support.recorded import write_recording
 
-MS = 1_000_000
 LENGTH_S = 20.0
 BEN_LEAVES_S = 12.0
 
@@ -59,7 +44,7 @@ def at(seconds: float) -> int:
     return START_NS + round(seconds * NS_PER_S)
 
 
-def said(seconds: float, row: Topic[Any] | Presence, name: str, body: Body) -> Entry:
+def said(seconds: float, row: topics.Topic[Any] | topics.Presence, name: str, body: Body) -> Entry:
     return entry(at(seconds), row, name, body)
 
 
@@ -90,32 +75,34 @@ def entries() -> list[Entry]:
         target_kinds=("red",),
     )
     found = [
-        said(0.0, SERVICE_ALIVE, "selector", True),
-        said(0.0, USER_ALIVE, "anna", True),
-        said(0.0, USER_ALIVE, "ben", True),
-        said(0.0, MAP, "", Environment(stamp_ns=at(0), name="lab")),
-        said(0.0, DEPLOYMENT, f"{RUN}1", deployment),
-        said(0.0, POSE, "ben", pose(0.0, 5.0)),
-        said(1.0, INTERACTION, "anna", Interaction(stamp_ns=at(1), state="pointing")),
-        said(9.5, SELECTION_EVENTS, "", event(9.5, "selected")),
-        said(10.5, SELECTION_EVENTS, "", event(10.5, "selected", kind="blue")),
-        said(11.0, SELECTION_EVENTS, "", event(11.0, "refused")),
-        said(BEN_LEAVES_S, USER_ALIVE, "ben", False),
-        said(0.0, SERVICE_ALIVE, "pui", True),
-        said(15.0, SERVICE_ALIVE, "pui", False),
-        said(13.0, SELECTION_EVENTS, "", event(13.0, "left", user="")),
-        said(13.5, SELECTION_EVENTS, "", event(13.5, "dispatched", user="")),
+        said(0.0, topics.SERVICE_ALIVE, "selector", True),
+        said(0.0, topics.USER_ALIVE, "anna", True),
+        said(0.0, topics.USER_ALIVE, "ben", True),
+        said(0.0, topics.MAP, "", Environment(stamp_ns=at(0), name="lab")),
+        said(0.0, topics.DEPLOYMENT, f"{RUN}1", deployment),
+        said(0.0, topics.POSE, "ben", pose(0.0, 5.0)),
+        said(1.0, topics.INTERACTION, "anna", Interaction(stamp_ns=at(1), state="pointing")),
+        said(9.5, topics.SELECTION_EVENTS, "", event(9.5, "selected")),
+        said(10.5, topics.SELECTION_EVENTS, "", event(10.5, "selected", kind="blue")),
+        said(11.0, topics.SELECTION_EVENTS, "", event(11.0, "refused")),
+        said(BEN_LEAVES_S, topics.USER_ALIVE, "ben", False),
+        said(0.0, topics.SERVICE_ALIVE, "pui", True),
+        said(15.0, topics.SERVICE_ALIVE, "pui", False),
+        said(13.0, topics.SELECTION_EVENTS, "", event(13.0, "left", user="")),
+        said(13.5, topics.SELECTION_EVENTS, "", event(13.5, "dispatched", user="")),
     ]
     for tick in range(round(LENGTH_S * 10)):
         now_s = 0.05 + tick / 10
-        found.append(said(now_s, POSE, "anna", pose(now_s, now_s)))
+        found.append(said(now_s, topics.POSE, "anna", pose(now_s, now_s)))
         over = "run-7" if 8.0 <= now_s <= 9.5 else ""
-        found.append(said(now_s, HOVER, "anna", Hover(stamp_ns=at(now_s), object_id=over)))
-        found.append(said(now_s, OBJECTS, "belt", TrackedObjects(stamp_ns=at(now_s), objects=(thing,))))
+        found.append(said(now_s, topics.HOVER, "anna", Hover(stamp_ns=at(now_s), object_id=over)))
+        found.append(
+            said(now_s, topics.OBJECTS, "belt", TrackedObjects(stamp_ns=at(now_s), objects=(thing,)))
+        )
         if not tick % 10:
             warnings = (f"{tick} messages lost",) if 5.0 <= now_s <= 8.0 else ()
-            found.append(said(now_s, HEALTH, "selector", health(now_s, *warnings)))
-    found.append(said(LENGTH_S, SERVICE_ALIVE, "selector", False))
+            found.append(said(now_s, topics.HEALTH, "selector", health(now_s, *warnings)))
+    found.append(said(LENGTH_S, topics.SERVICE_ALIVE, "selector", False))
     return sorted(found, key=lambda each: each.time_ns)
 
 
@@ -140,11 +127,11 @@ def kept(entries: list[Entry], window_s: float = 600.0) -> Recent:
     model = SiteModel("web", 0.0, recent)
     for each in entries:
         at_s = each.time_ns / NS_PER_S
-        if isinstance(each.row, Topic) and isinstance(each.body, Message):
+        if isinstance(each.row, topics.Topic) and isinstance(each.body, Message):
             assert model.take(each.row, each.name, each.body, each.time_ns, at_s)
-        elif isinstance(each.row, Presence) and isinstance(each.body, bool):
+        elif isinstance(each.row, topics.Presence) and isinstance(each.body, bool):
             recent.add(each.time_ns, each.row, each.name, each.body, moment(each).payload)
-            if each.row is SERVICE_ALIVE:
+            if each.row is topics.SERVICE_ALIVE:
                 model.set_service(each.name, each.body, at_s)
             elif not each.body:
                 model.on_person_left(each.name)
@@ -198,18 +185,6 @@ def test_a_seek_sends_a_page_the_differences_and_no_events(past: Past) -> None:
         ("health/{service}", "selector"): True,
     }
     assert (batch.events, batch.dropped) == ((), 0)
-
-
-def test_events_come_as_they_are_played(past: Past) -> None:
-    playback = Playback(past, 0.0)
-    playback.seek(at(9.0), 0.0)
-    feed = playback.model.hub.open(60.0)
-    playback.play(0.0, is_playing=True)
-    playback.advance(0.4)
-    assert (feed.take(0.4) or pytest.fail("nothing was sent")).events == ()
-    playback.advance(0.6)
-    events = (feed.take(1.0) or pytest.fail("nothing was sent")).events
-    assert [news[0] for news in events] == ["selection/events"]
 
 
 def test_the_position_follows_the_clock_at_every_speed_and_stays_at_the_end(past: Past) -> None:
@@ -274,19 +249,8 @@ def test_lanes_tell_states_selections_refusals_misses_and_warnings_but_not_the_e
 
 
 def test_what_pages_are_not_shown_is_not_read(in_file: FilePast, entries: list[Entry]) -> None:
-    assert IMU.key not in {each.row.key for each in in_file.states_at(at(10.0))}
+    assert topics.IMU.key not in {each.row.key for each in in_file.states_at(at(10.0))}
     assert len(list(in_file.entries(at(-1.0)))) == len(entries)
-
-
-def test_few_checkpoints_lead_to_the_same_states(
-    in_file: FilePast, path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("pointit.bridges.web.playback.file_past.MAX_CHECKPOINTS", 3)
-    with Recording.open(path) as recording:
-        few = FilePast(recording, "few")
-        asyncio.run(few.read())
-        for seconds in (0.0, 3.3, 10.0, 19.0):
-            assert few.states_at(at(seconds)) == in_file.states_at(at(seconds))
 
 
 @pytest.mark.parametrize("most", [3, 4])
@@ -295,7 +259,7 @@ def test_states_that_change_once_are_kept_when_checkpoints_are_dropped(
 ) -> None:
     monkeypatch.setattr("pointit.bridges.web.playback.file_past.MAX_CHECKPOINTS", most)
     seconds = range(60)
-    write_recording(tmp_path / "long.mcap", [said(n, POSE, f"user{n}", pose(n, 1.0)) for n in seconds])
+    write_recording(tmp_path / "long.mcap", [said(n, topics.POSE, f"user{n}", pose(n, 1.0)) for n in seconds])
     with Recording.open(tmp_path / "long.mcap") as recording:
         past = FilePast(recording, "long")
         asyncio.run(past.read())
@@ -326,12 +290,12 @@ def test_of_a_running_site_memory_is_bounded(entries: list[Entry], monkeypatch: 
 def test_a_clock_that_is_set_back_begins_a_new_past(entries: list[Entry]) -> None:
     recent = kept(entries)
     early = at(-1000.0)
-    recent.add(early, USER_ALIVE, "carl", True, b"1")
+    recent.add(early, topics.USER_ALIVE, "carl", True, b"1")
     past = recent.past(early + 5 * NS_PER_S)
     assert past.began_ns == early
     states = past.states_at(past.ended_ns)
-    assert [each.name for each in states if each.row is USER_ALIVE] == ["anna", "carl"]
-    assert [each.name for each in states if each.row is POSE] == ["anna"]
+    assert [each.name for each in states if each.row is topics.USER_ALIVE] == ["anna", "carl"]
+    assert [each.name for each in states if each.row is topics.POSE] == ["anna"]
     lanes = {(lane.kind, lane.user): lane.items for lane in past.timeline().lanes}
     assert lanes == {("interaction", "anna"): ((0.0, 5.0, "pointing"),), ("interaction", "carl"): ()}
 
@@ -339,8 +303,10 @@ def test_a_clock_that_is_set_back_begins_a_new_past(entries: list[Entry]) -> Non
 def test_lanes_of_invented_people_are_bounded() -> None:
     lanes = Lanes()
     for number in range(2000):
-        lanes.add(at(number / 100), USER_ALIVE, f"user{number}", True)
-        lanes.add(at(number / 100), INTERACTION, f"user{number}", Interaction(stamp_ns=1, state="pointing"))
+        lanes.add(at(number / 100), topics.USER_ALIVE, f"user{number}", True)
+        lanes.add(
+            at(number / 100), topics.INTERACTION, f"user{number}", Interaction(stamp_ns=1, state="pointing")
+        )
     assert len(lanes.lanes(at(0), at(20.0))) <= 512
 
 
@@ -348,15 +314,17 @@ def visitors(number: int, stay_s: float) -> Iterator[Entry]:
     """Yield `number` people, one after the other, who point, hover, select and leave."""
     for index in range(number):
         name, now_s = f"visitor{index}", index * stay_s
-        yield said(now_s, USER_ALIVE, name, True)
-        yield said(now_s, SERVICE_ALIVE, f"pointing.{name}", True)
-        yield said(now_s + 1.0, HEALTH, f"pointing.{name}", health(now_s + 1.0, "hot", user=name))
-        yield said(now_s + 1.0, INTERACTION, name, Interaction(stamp_ns=at(now_s + 1), state="pointing"))
-        yield said(now_s + 2.0, HOVER, name, Hover(stamp_ns=at(now_s + 2.0), object_id="run-7"))
-        yield said(now_s + 3.0, SELECTION_EVENTS, "", event(now_s + 3.0, "selected", user=name))
-        yield said(now_s + 3.0, SELECTION_EVENTS, "", event(now_s + 3.0, "refused", user=name))
-        yield said(now_s + stay_s, SERVICE_ALIVE, f"pointing.{name}", False)
-        yield said(now_s + stay_s, USER_ALIVE, name, False)
+        yield said(now_s, topics.USER_ALIVE, name, True)
+        yield said(now_s, topics.SERVICE_ALIVE, f"pointing.{name}", True)
+        yield said(now_s + 1.0, topics.HEALTH, f"pointing.{name}", health(now_s + 1.0, "hot", user=name))
+        yield said(
+            now_s + 1.0, topics.INTERACTION, name, Interaction(stamp_ns=at(now_s + 1), state="pointing")
+        )
+        yield said(now_s + 2.0, topics.HOVER, name, Hover(stamp_ns=at(now_s + 2.0), object_id="run-7"))
+        yield said(now_s + 3.0, topics.SELECTION_EVENTS, "", event(now_s + 3.0, "selected", user=name))
+        yield said(now_s + 3.0, topics.SELECTION_EVENTS, "", event(now_s + 3.0, "refused", user=name))
+        yield said(now_s + stay_s, topics.SERVICE_ALIVE, f"pointing.{name}", False)
+        yield said(now_s + stay_s, topics.USER_ALIVE, name, False)
 
 
 def test_of_a_running_site_the_last_visitor_has_lanes_and_those_before_the_window_have_none() -> None:
@@ -381,7 +349,7 @@ def test_of_a_running_site_a_burst_is_compressed_in_small_pieces(monkeypatch: py
     monkeypatch.setattr("zlib.compress", counted)
     recent = Recent("lab")
     for number in range(100):
-        recent.add(at(number / 100), MAP, "", Environment(stamp_ns=1, name="lab"), b"x" * 50_000)
+        recent.add(at(number / 100), topics.MAP, "", Environment(stamp_ns=1, name="lab"), b"x" * 50_000)
     recent.past(at(1.0))
     assert sum(sizes) == 5_000_000
     assert max(sizes) <= 600_000
@@ -395,6 +363,6 @@ def test_of_a_running_site_the_last_of_many_visitors_is_shown(monkeypatch: pytes
     playback.seek(at(number * stay_s - 1.0), 0.0)
     assert [person.user for person in playback.status().people] == [f"visitor{number - 1}"]
     states = {(key, name) for key, name, _ in shown(playback)}
-    assert states == {(row.key, f"visitor{number - 1}") for row in (INTERACTION, HOVER)} | {
-        (HEALTH.key, f"pointing.visitor{number - 1}")
+    assert states == {(row.key, f"visitor{number - 1}") for row in (topics.INTERACTION, topics.HOVER)} | {
+        (topics.HEALTH.key, f"pointing.visitor{number - 1}")
     }

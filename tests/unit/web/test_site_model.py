@@ -1,22 +1,336 @@
-"""State of the site, bounded even against invented names."""
+"""Status of the site for the page."""
+
+from collections.abc import Sequence
+from typing import Any
 
 import pytest
 
 from pointit.bridges.web.model import site_model as module
 from pointit.bridges.web.model.site_model import SiteModel
+from pointit.bridges.web.model.stale_keys import (
+    MISSED_S,
+    WITH_WRITER,
+    Deployments,
+    Trackers,
+    keys_of_person,
+    keys_of_service,
+)
+from pointit.bridges.web.model.stale_keys import SILENT_S as TRACKER_SILENT_S
+from pointit.bridges.web.model.status import GRACE_S, KEPT_S, LEFT_S, SiteObservation
 from pointit.bridges.web.pages.latest_values import LatestValueCache
 from pointit.bridges.web.playback.recent import Recent
+from pointit.bridges.web.wire import PersonLine, Status
+from pointit.runtime.link.outage import SILENT_S
 from pointit.schemas import (
     Deployment,
     Environment,
     ExpectedService,
+    Health,
+    KeyHealth,
     Lamp,
     LampColor,
     SelectionEvent,
     UserPose,
 )
 from pointit.schemas.system import RUN
-from pointit.schemas.topics import DEPLOYMENT, LAMP_COLOR, MAP, POSE, SELECTION_EVENTS
+from pointit.schemas.topics import (
+    CONVEYOR_STATE,
+    CURSOR,
+    DEPLOYMENT,
+    FEEDBACK,
+    HEALTH,
+    HOVER,
+    INTERACTION,
+    LAMP_COLOR,
+    LOCALIZATION,
+    MAP,
+    OBJECTS,
+    POSE,
+    PROFILE,
+    ROBOT_PLAN,
+    ROBOT_STATE,
+    SELECTION,
+    SELECTION_EVENTS,
+    STEERING,
+    STRIPS_FRAME,
+    Topic,
+)
+
+DEPLOYED = {
+    "run.s": Deployment(
+        stamp_ns=0,
+        name="s",
+        services=(ExpectedService(service="pui", command=("pointit", "service", "pui")),),
+    )
+}
+
+
+def health(**fields: object) -> Health:
+    known: dict[str, object] = {"stamp_ns": 0, "service": "pui", "instance": "pui", "pid": 1}
+    return Health.model_validate({**known, **fields})
+
+
+def told(sight: SiteObservation, now_s: float, deployments: dict[str, Deployment] | None = None) -> Status:
+    return sight.status(deployments or {}, [], now_s)
+
+
+def codes(status: Status) -> list[tuple[str, str]]:
+    return [(finding.severity, finding.service) for finding in status.findings]
+
+
+@pytest.fixture
+def sight() -> SiteObservation:
+    sight = SiteObservation(0.0)
+    sight.set_present("web", True, 0.0)
+    sight.report("web", health(service="web", instance="web"), 0.0)
+    return sight
+
+
+def heard(sight: SiteObservation, instance: str, now_s: float, **fields: object) -> None:
+    sight.report(instance, health(service=instance.partition(".")[0], instance=instance, **fields), now_s)
+
+
+def test_services_come_and_go_with_since_when(sight: SiteObservation) -> None:
+    sight.set_present("pui", True, 1.0)
+    lines = {line.instance: line for line in told(sight, 3.0).services}
+    assert lines["pui"].present
+    assert lines["pui"].since_s == 2.0
+    sight.set_present("pui", False, 5.0)
+    lines = {line.instance: line for line in told(sight, 6.5).services}
+    assert not lines["pui"].present
+    assert lines["pui"].since_s == 1.5
+
+
+def test_who_has_left_long_ago_and_is_not_expected_is_forgotten(sight: SiteObservation) -> None:
+    sight.set_present("pui", True, 1.0)
+    sight.set_present("pui", False, 2.0)
+    told(sight, 2.0 + LEFT_S + 1.0)
+    heard(sight, "web", 2.0 + LEFT_S + 1.9)
+    status = told(sight, 2.0 + LEFT_S + 2.0)
+    assert [line.instance for line in status.services] == ["web"]
+    assert status.findings == ()
+
+
+def test_who_left_with_the_scenario_before_is_not_missed(sight: SiteObservation) -> None:
+    def missed(now_s: float) -> list[str]:
+        heard(sight, "web", now_s)
+        status = told(sight, now_s)
+        assert {line.instance for line in status.services} >= {name for _, name in codes(status)}
+        return [name for _, name in codes(status)]
+
+    for instance in ("selector", "pui"):
+        sight.set_present(instance, True, 9.0)
+        sight.set_present(instance, False, 10.0)
+    assert missed(10.1) == ["pui", "selector"]
+    sight.reset(10.2)
+    assert missed(10.3) == []
+    for began_s, left_s in ((10.4, 11.0), (13.0, 14.0)):  # one that was late, and one of the new scenario
+        sight.set_present("led-driver", True, began_s)
+        sight.set_present("led-driver", False, left_s)
+        assert missed(left_s + 0.1) == ([] if left_s == 11.0 else ["led-driver"])
+
+
+def test_who_is_expected_is_missed_for_ever(sight: SiteObservation) -> None:
+    sight.set_present("pui", True, 1.0)
+    sight.set_present("pui", False, 2.0)
+    for now_s in (2.0 + LEFT_S + 1.0, 2.0 + 10 * LEFT_S):
+        heard(sight, "web", now_s)
+        status = told(sight, now_s, DEPLOYED)
+        (line,) = [line for line in status.services if line.instance == "pui"]
+        assert line.since_s == now_s - 2.0
+        assert codes(status) == [("error", "pui")]
+        assert "pointit service run pui" in status.findings[0].remedy
+
+
+def test_who_may_be_starting_is_not_missed_yet(sight: SiteObservation) -> None:
+    assert told(sight, 1.0, DEPLOYED).findings == ()
+    heard(sight, "web", 1.0 + GRACE_S)
+    assert codes(told(sight, 1.0 + GRACE_S, DEPLOYED)) == [("error", "pui")]
+
+
+def test_who_has_just_come_is_not_silent(sight: SiteObservation) -> None:
+    sight.set_present("pui", True, 100.0)
+    heard(sight, "web", 100.0)
+    assert told(sight, 100.0 + SILENT_S).findings == ()
+    heard(sight, "web", 101.0 + SILENT_S)
+    status = told(sight, 101.0 + SILENT_S)
+    assert codes(status) == [("error", "pui")]
+
+
+def test_what_grows_is_an_error_and_what_grew_long_ago_is_a_note(sight: SiteObservation) -> None:
+    sight.set_present("pui", True, 0.0)
+
+    def invalid(count: int) -> tuple[KeyHealth, ...]:
+        return (KeyHealth(key="map", direction="in", rate_hz=0.0, invalid=count),)
+
+    heard(sight, "pui", 1.0, keys=invalid(0))
+    heard(sight, "pui", 2.0, keys=invalid(3))
+    heard(sight, "web", 2.0)
+    assert codes(told(sight, 2.0)) == [("error", "pui")]
+    for second in range(3, 4 + int(KEPT_S)):
+        heard(sight, "pui", float(second), keys=invalid(3))
+        heard(sight, "web", float(second))
+    assert codes(told(sight, 3.0 + KEPT_S)) == [("note", "pui")]
+
+
+def test_a_service_that_was_started_again_does_not_run_twice(sight: SiteObservation) -> None:
+    sight.set_present("pui", True, 50.0)
+    heard(sight, "pui", 50.0, pid=1, uptime_s=49.0)
+    sight.set_present("pui", False, 51.0)
+    sight.set_present("pui", True, 52.0)
+    heard(sight, "pui", 53.0, pid=2, uptime_s=1.0)
+    heard(sight, "web", 53.0)
+    assert told(sight, 53.0).findings == ()
+
+
+def test_two_that_have_one_name_are_found(sight: SiteObservation) -> None:
+    sight.set_present("pui", True, 0.0)
+    for second in range(40, 50):
+        heard(sight, "pui", float(second), pid=1, uptime_s=45.0)
+        heard(sight, "pui", second + 0.5, pid=2, uptime_s=30.0)
+        heard(sight, "web", float(second))
+    assert codes(told(sight, 50.0)) == [("error", "pui")]
+
+
+def test_warnings_come_with_remedies(sight: SiteObservation) -> None:
+    sight.set_present("pui", True, 0.0)
+    heard(sight, "pui", 1.0, status="degraded", warnings=("it is dark",))
+    heard(sight, "web", 1.0)
+    (finding,) = told(sight, 1.0).findings
+    assert finding.sentence == "it is dark"
+    assert finding.remedy
+
+
+def test_reports_of_who_is_not_there_are_not_kept(sight: SiteObservation) -> None:
+    for number in range(100):
+        heard(sight, f"ghost{number}", 1.0)
+    assert sight._reports.keys() == {"web"}
+
+
+def test_the_rest_is_told_as_it_is(sight: SiteObservation) -> None:
+    people = [PersonLine(user="anna", moved_by="mouse", is_mine=True)]
+    status = sight.status({}, people, 0.0, viewers=3, lan_url="https://10.0.0.7:8443", speed=2.0)
+    assert status.people == tuple(people)
+    assert status.viewers == 3
+    assert status.lan_url == "https://10.0.0.7:8443"
+
+
+def gone(instance: str, present: Sequence[str], known: dict[Topic[Any], list[str]]) -> set[tuple[str, str]]:
+    return {
+        (topic.key, name) for topic, name in keys_of_service(instance, present, lambda t: known.get(t, []))
+    }
+
+
+def test_what_has_lost_its_writer_goes() -> None:
+    known: dict[Topic[Any], list[str]] = {CURSOR: ["anna", "ben"], MAP: [""], SELECTION: [""]}
+    assert gone("pui", ["selector"], known) == {
+        (CURSOR.key, "anna"),
+        (CURSOR.key, "ben"),
+        (HEALTH.key, "pui"),
+    }
+
+
+def test_what_another_still_writes_stays() -> None:
+    known: dict[Topic[Any], list[str]] = {LAMP_COLOR: ["l1"]}
+    assert gone("led-driver", ["led-driver"], known) == {(HEALTH.key, "led-driver")}  # its successor
+    assert (LAMP_COLOR.key, "l1") in gone("led-driver", ["pui"], known)
+
+
+def test_one_persons_service_takes_nothing_of_others() -> None:
+    known: dict[Topic[Any], list[str]] = {INTERACTION: ["anna", "ben"], LOCALIZATION: ["anna"]}
+    present = ["supervisor.ben", "localizer.anna"]
+    assert gone("supervisor.anna", present, known) == {
+        (INTERACTION.key, "anna"),
+        (HEALTH.key, "supervisor.anna"),
+    }
+
+
+def test_one_robot_takes_nothing_of_others() -> None:
+    known: dict[Topic[Any], list[str]] = {ROBOT_STATE: ["quad", "cart"], ROBOT_PLAN: ["quad"]}
+    assert gone("robot.quad", ["robot.cart", "goal.anna"], known) == {
+        (ROBOT_STATE.key, "quad"),
+        (ROBOT_PLAN.key, "quad"),
+        (HEALTH.key, "robot.quad"),
+    }
+
+
+def test_what_outsiders_may_write_does_not_go_with_a_service() -> None:
+    assert not {MAP, OBJECTS, POSE, PROFILE, DEPLOYMENT} & set(WITH_WRITER)
+    assert {CURSOR, HOVER, STRIPS_FRAME, CONVEYOR_STATE, SELECTION} <= set(WITH_WRITER)
+
+
+def test_all_that_is_a_persons_goes_with_them() -> None:
+    gone_with_anna = {topic for topic, user in keys_of_person("anna") if user == "anna"}
+    assert gone_with_anna == {PROFILE, POSE, LOCALIZATION, CURSOR, HOVER, INTERACTION, STEERING}
+    assert FEEDBACK not in gone_with_anna, "what happened, happened"
+
+
+def test_a_silent_tracker_is_gone_once() -> None:
+    trackers = Trackers()
+    trackers.heard("conveyor", 0.0)
+    trackers.heard("robot", 2.0)
+    assert trackers.silent(TRACKER_SILENT_S) == []
+    assert trackers.silent(TRACKER_SILENT_S + 0.1) == [(OBJECTS, "conveyor")]
+    assert trackers.silent(TRACKER_SILENT_S + 0.2) == []
+
+
+def deployment(*instances: str, scenario: str = "") -> Deployment:
+    services = tuple(
+        ExpectedService(service=service, user=user)
+        for service, _, user in (instance.partition(".") for instance in instances)
+    )
+    return Deployment(stamp_ns=0, name="x", services=services, scenario=scenario)
+
+
+def test_what_has_vanished_is_missed_for_a_day() -> None:
+    deployments = Deployments("web")
+    assert deployments.put("anna", deployment("pointing.anna", "supervisor.anna"), 0.0) == []
+    assert deployments.over({"pui", "supervisor.anna"}, 100.0) == []
+    assert deployments.over({"pui"}, 99.0 + MISSED_S) == []
+    assert set(deployments.known) == {"anna"}
+    assert deployments.over({"pui"}, 100.0 + MISSED_S) == [(DEPLOYMENT, "anna")]
+    assert deployments.known == {}
+    assert deployments.over(set(), 101.0 + MISSED_S) == []
+
+
+def test_what_was_ended_on_purpose_is_over_at_once() -> None:
+    deployments = Deployments("web")
+    deployments.put("anna", deployment("pointing.anna"), 0.0)
+    assert deployments.put("anna", deployment(), 1.0) == [(DEPLOYMENT, "anna")]
+    assert deployments.known == {}
+    assert deployments.put("ben", deployment(), 1.0) == [(DEPLOYMENT, "ben")], "a page that came since"
+    assert deployments.over(set(), 2.0 + MISSED_S) == []
+
+
+def test_the_page_itself_keeps_no_deployment() -> None:
+    deployments = Deployments("web")
+    deployments.put("scenario_4", deployment("pui", "web"), 0.0)
+    assert deployments.over({"web"}, MISSED_S) == [(DEPLOYMENT, "scenario_4")]
+
+
+def test_one_scenario_replaces_another_and_no_persons_part() -> None:
+    deployments = Deployments("web")
+    deployments.put("scenario_3", deployment("pui", scenario="scenario_3"), 0.0)
+    deployments.put("anna", deployment("pointing.anna"), 0.0)
+    replaced = deployments.put("scenario_4", deployment("pui", scenario="scenario_4"), 0.0)
+    assert replaced == [(DEPLOYMENT, "scenario_3")]
+    assert set(deployments.known) == {"anna", "scenario_4"}
+    assert deployments.put("scenario_4", deployment("pui", scenario="scenario_4"), 0.0) == []
+
+
+def test_another_scenario_is_told_from_the_same_again() -> None:
+    def scenario(name: str) -> Deployment:
+        return deployment("pui", scenario=name)
+
+    deployments = Deployments("web")
+    assert not deployments.is_another(scenario("scenario_4"))
+    deployments.put("run", scenario("scenario_4"), 0.0)
+    assert not deployments.is_another(scenario("scenario_4"))
+    assert not deployments.is_another(scenario(""))  # one person's part
+    assert deployments.is_another(scenario("scenario_1"))
+    deployments.put("run", deployment(), 1.0)
+    assert deployments.is_another(scenario("scenario_1")), "it ended before the other began"
+
 
 PUI = ExpectedService(service="pui")
 

@@ -5,20 +5,21 @@ import math
 
 import pytest
 
+from pointit import schemas
 from pointit.bridges.web.config import Place, WebConfig
+from pointit.bridges.web.model.assumed_pose import AssumedPose, choose_pose, middle, places
 from pointit.bridges.web.wire import AimAt, Turn
 from pointit.bridges.web.wrists.wrist_control import WristControl
 from pointit.geometry import rotation, vector
-from pointit.schemas import NS_PER_S, Belt, Environment, Localization, UserPose, UserProfile, WristSample
 from pointit.services.pointing.arm_ray import ArmRay
 
-START = 1_700_000_000 * NS_PER_S
-TICK = NS_PER_S // 60
+START = 1_700_000_000 * schemas.NS_PER_S
+TICK = schemas.NS_PER_S // 60
 UP = (0.0, 0.0, 0.0, 1.0)
 
 
 def at(seconds: float) -> int:
-    return START + round(seconds * NS_PER_S)
+    return START + round(seconds * schemas.NS_PER_S)
 
 
 def turn(t_ms: float = 5.0, session: int = 0, q: tuple[float, float, float, float] = UP) -> Turn:
@@ -34,7 +35,7 @@ def aim(wrists: WristControl, page: str, *, user: str = "anna") -> bool:
     return wrists.aim(page, AimAt(user=user, at_m=(4.0, 2.0, 1.0)))
 
 
-def only(samples: list[tuple[str, WristSample]], user: str = "anna") -> WristSample:
+def only(samples: list[tuple[str, schemas.WristSample]], user: str = "anna") -> schemas.WristSample:
     assert [name for name, _ in samples] == [user]
     return samples[0][1]
 
@@ -50,9 +51,9 @@ def test_an_arm_that_is_held_sends_at_every_step_moved_or_not(wrists: WristContr
 
 
 def test_the_arm_meets_the_mouse_from_where_the_pose_says_the_person_is(wrists: WristControl) -> None:
-    profile = UserProfile(stamp_ns=0, hand="left")
+    profile = schemas.UserProfile(stamp_ns=0, hand="left")
     wrists.profile("anna", profile)
-    wrists.pose("anna", UserPose(stamp_ns=0, position_m=(-1.0, 2.0, 0.0), yaw_rad=1.0))
+    wrists.pose("anna", schemas.UserPose(stamp_ns=0, position_m=(-1.0, 2.0, 0.0), yaw_rad=1.0))
     wrists.acquire("anna", "page1", "mouse")
     aim(wrists, "page1")
     ray = ArmRay.from_profile(profile).ray(only(wrists.step(START)).orientation_xyzw)
@@ -67,10 +68,10 @@ def test_while_localizing_the_arm_is_where_the_person_truly_stands(wrists: Wrist
     wrists.acquire("anna", "page1", "mouse")
     aim(wrists, "page1")
     before = only(wrists.step(at(0.0))).orientation_xyzw
-    wrists.localization("anna", Localization(stamp_ns=0, phase="sampling"))
-    wrists.pose("anna", UserPose(stamp_ns=0, position_m=(9.0, 9.0, 0.0), yaw_rad=0.0))
+    wrists.localization("anna", schemas.Localization(stamp_ns=0, phase="sampling"))
+    wrists.pose("anna", schemas.UserPose(stamp_ns=0, position_m=(9.0, 9.0, 0.0), yaw_rad=0.0))
     assert only(wrists.step(at(1.0))).orientation_xyzw == before
-    wrists.localization("anna", Localization(stamp_ns=0, phase="solved"))
+    wrists.localization("anna", schemas.Localization(stamp_ns=0, phase="solved"))
     assert only(wrists.step(at(2.0))).orientation_xyzw != before
 
 
@@ -130,7 +131,7 @@ def test_a_still_phone_is_said_to_be_still_at_least_five_times_a_second(wrists: 
         sent += [sample.stamp_ns for _, sample in wrists.step(START + k * TICK)]
     gaps = [b - a for a, b in itertools.pairwise(sent)]
     assert 4 <= len(gaps) <= 6
-    assert max(gaps) <= 0.2 * NS_PER_S
+    assert max(gaps) <= 0.2 * schemas.NS_PER_S
 
 
 def test_a_silent_phone_lets_go_and_has_it_again_when_it_comes_back(wrists: WristControl) -> None:
@@ -206,9 +207,9 @@ def test_a_phone_that_takes_before_it_says_anything_has_no_sample_yet(wrists: Wr
 
 
 def test_ahead_is_the_middle_of_the_map_as_seen_from_the_pose(wrists: WristControl) -> None:
-    belt = Belt(id="b", line_m=((5.0, -1.0, 1.0), (5.0, 1.0, 1.0)))
-    wrists.room(Environment(stamp_ns=0, name="hall", belts=(belt,)))
-    wrists.pose("anna", UserPose(stamp_ns=0, position_m=(5.0, -3.0, 0.0), yaw_rad=0.5))
+    belt = schemas.Belt(id="b", line_m=((5.0, -1.0, 1.0), (5.0, 1.0, 1.0)))
+    wrists.room(schemas.Environment(stamp_ns=0, name="hall", belts=(belt,)))
+    wrists.pose("anna", schemas.UserPose(stamp_ns=0, position_m=(5.0, -3.0, 0.0), yaw_rad=0.5))
     assert wrists.ahead("anna") == pytest.approx(math.pi / 2 - 0.5)
 
 
@@ -216,6 +217,89 @@ def test_a_map_that_comes_late_moves_who_has_no_place(wrists: WristControl) -> N
     wrists.acquire("ben", "page1", "mouse")
     aim(wrists, "page1", user="ben")
     before = only(wrists.step(at(0.0)), "ben").orientation_xyzw
-    belt = Belt(id="b", line_m=((-3.0, 8.0, 1.0), (3.0, 8.0, 1.0)))
-    wrists.room(Environment(stamp_ns=0, name="hall", belts=(belt,)))
+    belt = schemas.Belt(id="b", line_m=((-3.0, 8.0, 1.0), (3.0, 8.0, 1.0)))
+    wrists.room(schemas.Environment(stamp_ns=0, name="hall", belts=(belt,)))
     assert only(wrists.step(at(1.0)), "ben").orientation_xyzw != before
+
+
+def pose(x: float, yaw: float = 0.0) -> schemas.UserPose:
+    return schemas.UserPose(stamp_ns=1, position_m=(x, 0.0, 0.0), yaw_rad=yaw)
+
+
+def progress(phase: str, purpose: str = "pose") -> schemas.Localization:
+    return schemas.Localization.model_validate({"stamp_ns": 1, "phase": phase, "purpose": purpose})
+
+
+def lamps(*positions: tuple[float, float, float]) -> schemas.Environment:
+    return schemas.Environment(
+        stamp_ns=0,
+        name="room",
+        lamps=tuple(schemas.Lamp(id=f"l{k}", position_m=p) for k, p in enumerate(positions)),
+    )
+
+
+def test_the_newest_pose_counts_then_the_configured_place_then_the_room() -> None:
+    standing = AssumedPose(Place(position_m=(1.0, 2.0, 0.0), yaw_deg=90.0))
+    assert standing.at[0] == (1.0, 2.0, 0.0)
+    assert standing.at[1] == pytest.approx(math.pi / 2)
+    assert standing.assumed == standing.at
+    standing.pose(pose(3.0))
+    assert standing.assumed is None
+    standing.pose(pose(4.0, 0.5))
+    assert standing.at == ((4.0, 0.0, 0.0), 0.5)
+    unknown = AssumedPose()
+    assert unknown.assumed is None
+    unknown.room(((7.0, 7.0, 0.0), 1.0))
+    assert unknown.at == ((7.0, 7.0, 0.0), 1.0)
+
+
+def test_while_a_localization_samples_the_truth_is_where_it_began() -> None:
+    standing = AssumedPose()
+    standing.pose(pose(1.0))
+    standing.localization(progress("sampling"))
+    standing.pose(pose(2.0))
+    standing.localization(progress("sampling"))
+    assert standing.at[0][0] == 1.0
+    standing.localization(progress("solved"))
+    assert standing.at[0][0] == 2.0
+
+
+def test_an_anchor_is_pointed_at_as_the_pose_says() -> None:
+    standing = AssumedPose()
+    standing.localization(progress("sampling", "anchor"))
+    standing.pose(pose(2.0))
+    assert standing.at[0][0] == 2.0
+
+
+def test_in_a_wide_room_one_stands_in_its_middle() -> None:
+    room = lamps((4.0, 0.0, 1.0), (-4.0, 0.0, 1.0), (0.0, 4.0, 2.0), (0.0, -4.0, 1.0))
+    (x, y, z), _ = choose_pose(room)
+    assert (x, y, z) == (0.0, 0.0, 0.0)
+    assert middle(room) == (0.0, 0.0, 1.5)
+
+
+def test_at_a_belt_one_stands_two_metres_beside_it_and_faces_it() -> None:
+    room = schemas.Environment(
+        stamp_ns=0, name="hall", belts=(schemas.Belt(id="b", line_m=((-3.0, 0.0, 1.0), (3.0, 0.0, 1.0))),)
+    )
+    (x, y, _), yaw_rad = choose_pose(room)
+    assert 2.0 <= abs(y) < 2.6
+    assert abs(x) < 1.0
+    to_middle = math.atan2(-y, -x)
+    assert yaw_rad == pytest.approx(to_middle)
+
+
+def test_in_a_narrow_room_nobody_stands_outside() -> None:
+    (x, y, _), _ = choose_pose(lamps((1.5, 0.0, 1.0), (-1.5, 0.0, 1.0), (0.0, 1.5, 2.0), (0.0, -1.5, 1.0)))
+    assert math.hypot(x, y) < 0.5
+
+
+def test_an_empty_or_endless_room_has_a_place_too() -> None:
+    floor = schemas.Environment(
+        stamp_ns=0,
+        name="floor",
+        planes=(schemas.Plane(id="floor", center_m=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0)),),
+    )
+    assert len(places(floor)) == 0
+    assert choose_pose(floor) == ((0.0, 0.0, 0.0), 0.0)
+    assert middle(floor)[0] > 0.0

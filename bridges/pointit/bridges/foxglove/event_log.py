@@ -28,15 +28,12 @@ class Line:
 
     def log(self) -> Log:
         """Return it as a Foxglove message."""
-        return Log(
-            timestamp=shapes.timestamp(self.at_ns), level=self.level, message=self.text, name=self.source
-        )
+        at = shapes.timestamp(self.at_ns)
+        return Log(timestamp=at, level=self.level, message=self.text, name=self.source)
 
 
 @dataclass(slots=True)
 class _Account:
-    """Values of a service's last report."""
-
     warnings: dict[str, str]
     """By text without numbers, which may change every second."""
     errors: int

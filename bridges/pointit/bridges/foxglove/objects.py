@@ -2,8 +2,9 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
-from foxglove.messages import ArrowPrimitive, CubePrimitive, LinePrimitive, TextPrimitive
+from foxglove.messages import CubePrimitive, LinePrimitive, TextPrimitive
 
 from pointit.bridges.foxglove import shapes
 from pointit.bridges.foxglove.room import Lines
@@ -57,8 +58,6 @@ class ObjectOwnership:
 
 @dataclass(frozen=True, slots=True)
 class _Box:
-    """Bounding box of an object."""
-
     center_m: Vec3
     size_m: Vec3
     turned: rotation.Quaternion
@@ -72,7 +71,6 @@ class ObjectRenderer:
     """Draws objects on the lines of a map."""
 
     def __init__(self, lines: Lines, kind_colors: Mapping[str, Rgb]) -> None:
-        """Keep the lines that objects move on, and the colours of kinds; others are grey."""
         self._lines = lines
         self._kind_colors = kind_colors
 
@@ -104,27 +102,17 @@ class ObjectRenderer:
             center = vector.add(item.position_m, (0.0, 0.0, rise_m))
         box = _Box(center, size_m, turned)
         lines, texts = self._claimed(item, claims, colors, box, facts)
+        drawn: dict[str, Any] = {"lines": lines, "texts": texts}
         if line is not None:
-            alpha = 1.0 if item.id in claims.owners else 0.85
-            cube = CubePrimitive(
-                pose=shapes.pose(center, turned), size=shapes.size(*size_m), color=shapes.color(rgb, alpha)
-            )
-            return shapes.entity(
-                name, now_ns, lifetime_s=LIFETIME_S, facts=facts, cubes=[cube], lines=lines, texts=texts
-            )
-        arrows: list[ArrowPrimitive] = []
-        if vector.norm(item.velocity_mps) > MOVES_MPS:
-            arrows.append(shapes.arrow(center, item.velocity_mps, rgb))
-        return shapes.entity(
-            name,
-            now_ns,
-            lifetime_s=LIFETIME_S,
-            facts=facts,
-            spheres=[shapes.sphere(center, size_m[0], rgb)],
-            arrows=arrows,
-            lines=lines,
-            texts=texts or [shapes.label(item.id, box.above_m)],
-        )
+            color = shapes.color(rgb, 1.0 if item.id in claims.owners else 0.85)
+            pose, size = shapes.pose(center, turned), shapes.size(*size_m)
+            drawn["cubes"] = [CubePrimitive(pose=pose, size=size, color=color)]
+        else:
+            drawn["spheres"] = [shapes.sphere(center, size_m[0], rgb)]
+            drawn["texts"] = texts or [shapes.label(item.id, box.above_m)]
+            if vector.norm(item.velocity_mps) > MOVES_MPS:
+                drawn["arrows"] = [shapes.arrow(center, item.velocity_mps, rgb)]
+        return shapes.entity(name, now_ns, lifetime_s=LIFETIME_S, facts=facts, **drawn)
 
     def _box(self, item: TrackedObject) -> tuple[Polyline | None, Vec3]:
         """Return the object's line, or None if it is on none, and its length, width and height."""
@@ -168,9 +156,6 @@ class ObjectRenderer:
         for number, (rgb, pixels) in enumerate(outlines):
             grown_m = 0.02 + 0.03 * number  # one around the other
             around = vector.add(box.size_m, (grown_m, grown_m, grown_m))
-            lines.append(
-                shapes.line(
-                    shapes.box_edges(box.center_m, around, box.turned), rgb, kind="list", pixels=pixels
-                )
-            )
+            edges = shapes.box_edges(box.center_m, around, box.turned)
+            lines.append(shapes.line(edges, rgb, kind="list", pixels=pixels))
         return lines, [shapes.label("\n".join(words), box.above_m)] if words else []

@@ -101,11 +101,8 @@ def entities(user: str, person: Person, now_ns: int) -> list[NamedEntity]:
 def _body(user: str, person: Person, pose: UserPose, now_ns: int) -> NamedEntity:
     profile, rgb = person.profile, person.color
     stance = Stance(profile.body, profile.hand, pose.position_m, ray_model=profile.ray_model)
-    limbs = [
-        shapes.cylinder(
-            pose.position_m, profile.body.footprint_to_neck_m, TORSO_M, rgb, alpha=0.75, waist=0.6
-        )
-    ]
+    neck_m = profile.body.footprint_to_neck_m
+    limbs = [shapes.cylinder(pose.position_m, neck_m, TORSO_M, rgb, alpha=0.75, waist=0.6)]
     cursor = person.cursor
     if cursor is not None and cursor.origin_m is not None and cursor.direction is not None:
         met = vector.add(cursor.origin_m, vector.scale(cursor.direction, cursor.range_m or FREE_RAY_M))
@@ -130,43 +127,23 @@ def _pointing(user: str, cursor: Cursor, rgb: Rgb, now_ns: int) -> list[NamedEnt
     point_m: Vec3 | None = cursor.point_m
     if cursor.origin_m is not None and cursor.direction is not None:
         way = vector.scale(cursor.direction, FREE_RAY_M if point_m is None else max(cursor.range_m, 0.1))
-        found.append(
-            shapes.entity(
-                f"ray {user}",
-                now_ns,
-                lifetime_s=LIFETIME_S,
-                facts={"user": user},
-                arrows=[
-                    shapes.arrow(
-                        cursor.origin_m, way, rgb, width_m=RAY_M, alpha=0.3 if point_m is None else 0.8
-                    )
-                ],
-            )
-        )
+        alpha = 0.3 if point_m is None else 0.8
+        ray = shapes.arrow(cursor.origin_m, way, rgb, width_m=RAY_M, alpha=alpha)
+        facts = {"user": user}
+        found.append(shapes.entity(f"ray {user}", now_ns, lifetime_s=LIFETIME_S, facts=facts, arrows=[ray]))
     if point_m is not None:
         on = cursor.solid or cursor.surface
         facts = {"user": user, "on": f"{on} {cursor.surface_id}", "miss_m": f"{cursor.miss_m:.3f}"}
+        ball = shapes.sphere(point_m, CURSOR_M, rgb)
         found.append(
-            shapes.entity(
-                f"cursor {user}",
-                now_ns,
-                lifetime_s=LIFETIME_S,
-                facts=facts,
-                spheres=[shapes.sphere(point_m, CURSOR_M, rgb)],
-            )
+            shapes.entity(f"cursor {user}", now_ns, lifetime_s=LIFETIME_S, facts=facts, spheres=[ball])
         )
     return found
 
 
 def _goal(user: str, goal: Goal, rgb: Rgb, now_ns: int) -> NamedEntity:
-    """Return an arrow at the position and along the heading that a robot is sent to."""
     foot = vector.add(goal.position_m, (0.0, 0.0, GOAL_ABOVE_M))
-    return shapes.entity(
-        f"goal {user}",
-        now_ns,
-        facts={"user": user, "on": goal.surface_id, "sigma_m": f"{goal.position_sigma_m:.3f}"},
-        arrows=[
-            shapes.arrow(foot, vector.scale(vector.direction(goal.yaw_rad, 0.0), GOAL_M), rgb, width_m=0.05)
-        ],
-        texts=[shapes.label(f"goal of {user}", vector.add(foot, (0.0, 0.0, 0.4)), rgb)],
-    )
+    arrow = shapes.arrow(foot, vector.scale(vector.direction(goal.yaw_rad, 0.0), GOAL_M), rgb, width_m=0.05)
+    label = shapes.label(f"goal of {user}", vector.add(foot, (0.0, 0.0, 0.4)), rgb)
+    facts = {"user": user, "on": goal.surface_id, "sigma_m": f"{goal.position_sigma_m:.3f}"}
+    return shapes.entity(f"goal {user}", now_ns, facts=facts, arrows=[arrow], texts=[label])

@@ -27,7 +27,6 @@ class Pixels:
     """Positions of all pixels: pixel i of n is in the middle of the i-th of n equal parts of its strip."""
 
     def __init__(self, strips: Mapping[str, tuple[Polyline, Strip]]) -> None:
-        """Compute the positions of the pixels of `strips`, lines by name."""
         self.count = sum(strip.pixels for _, strip in strips.values())
         self._slices: dict[str, slice] = {}
         self._points = np.zeros(self.count, dtype=_LAYOUT)

@@ -43,12 +43,8 @@ def robot(
         lines.append(_ring(state.target_m, radius_m, rgb))
     front = vector.scale(vector.direction(state.yaw_rad, 0.0), 1.5 * radius_m)
     words = [name, " ".join(filter(None, (state.user, state.phase.replace("_", " "))))]
-    facts = {
-        "robot": name,
-        "steered by": state.user or "nobody",
-        "phase": state.phase,
-        "reason": state.reason,
-    }
+    facts = {"robot": name, "steered by": state.user or "nobody", "phase": state.phase}
+    facts["reason"] = state.reason
     if state.battery is not None:
         facts["battery"] = f"{state.battery:.0%}"
     return shapes.entity(
@@ -88,10 +84,8 @@ def _body(state: RobotState) -> list[CylinderPrimitive]:
         for corner in np.radians([45.0, 135.0, 225.0, 315.0]).tolist()
     ]
     arms = [shapes.cylinder_between(rotors[i], rotors[i + 2], 0.12 * radius_m, BODY) for i in (0, 1)]
-    return [
-        *arms,
-        *(shapes.cylinder(rotor, 0.1 * radius_m, 0.7 * radius_m, BODY, alpha=0.8) for rotor in rotors),
-    ]
+    disc_m = (0.1 * radius_m, 0.7 * radius_m)
+    return arms + [shapes.cylinder(rotor, *disc_m, BODY, alpha=0.8) for rotor in rotors]
 
 
 def _circle(center_m: Vec3, radius_m: float) -> list[list[float]]:

@@ -1,5 +1,6 @@
-"""Static parts of the room: belts as ribbons, strips as lines, solids, poles of lamps, fences of robots."""
+"""Entities that change seldom: belts, strips, solids, poles, fences; colours of lamps, counts at bays."""
 
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -10,23 +11,20 @@ from pointit.bridges.foxglove.shapes import NamedEntity, Places
 from pointit.geometry import rotation, vector
 from pointit.geometry.plane import plane_axes
 from pointit.geometry.polyline import Polyline
-from pointit.schemas import Belt, Environment, Strip
+from pointit.schemas import Belt, ConveyorState, Environment, Lamp, LampColor, Strip
 from pointit.schemas.base import Rgb
 from pointit.schemas.environment import Cloud, Fence, Plane
 
 ENDLESS_M = 20.0
 """Drawn size of an infinite plane."""
-
 SHARPEST = 0.35
 """Cosine of half a bend's angle below which a ribbon's corner is cut."""
-
 POLE_M = 0.03
 BELT: Rgb = (70, 74, 84)
 RIM: Rgb = (150, 155, 165)
 SOLID: Rgb = (140, 150, 170)
 GLASS = 0.35
 """Opacity of solids, so that objects behind them are visible."""
-
 FENCES: dict[str, Rgb] = {"keep_in": (71, 209, 168), "keep_out": (255, 144, 136)}
 """Colours of fences by kind, as in the page (`looks.ts`)."""
 FENCE_M = 2.0
@@ -97,11 +95,8 @@ def room(environment: Environment, lines: Lines, now_ns: int) -> list[NamedEntit
         entities.append(shapes.entity("strips", now_ns, lines=drawn))
     for box in environment.boxes:
         turned = rotation.from_yaw(box.yaw_rad)
-        cube = CubePrimitive(
-            pose=shapes.pose(box.center_m, turned),
-            size=shapes.size(*box.size_m),
-            color=shapes.color(SOLID, GLASS),
-        )
+        pose, size = shapes.pose(box.center_m, turned), shapes.size(*box.size_m)
+        cube = CubePrimitive(pose=pose, size=size, color=shapes.color(SOLID, GLASS))
         edges = shapes.line(shapes.box_edges(box.center_m, box.size_m, turned), RIM, kind="list", pixels=1.0)
         entities.append(made("box", box.id, cubes=[cube], lines=[edges]))
     entities += [made("plane", plane.id, **_plane(plane)) for plane in environment.planes]
@@ -137,15 +132,10 @@ def _belt(line: Polyline, belt: Belt) -> dict[str, object]:
 def _plane(plane: Plane) -> dict[str, object]:
     u, v = plane_axes(plane.normal)
     wide_m, high_m = plane.size_m or (ENDLESS_M, ENDLESS_M)
-    corners = np.array(
-        [
-            vector.add(
-                plane.center_m,
-                vector.add(vector.scale(u, a * wide_m / 2.0), vector.scale(v, b * high_m / 2.0)),
-            )
-            for a, b in ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
-        ]
-    )
+    across, up = vector.scale(u, wide_m / 2.0), vector.scale(v, high_m / 2.0)
+    signs = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
+    offsets = [vector.add(vector.scale(across, a), vector.scale(up, b)) for a, b in signs]
+    corners = np.array([vector.add(plane.center_m, offset) for offset in offsets])
     return {
         "triangles": [shapes.surface(corners, (0, 1, 2, 0, 2, 3), SOLID, GLASS)],
         "lines": [shapes.line(corners.tolist(), RIM, kind="loop", pixels=1.0)],
@@ -171,12 +161,47 @@ def _fence(fence: Fence) -> dict[str, object]:
     lines = [shapes.line(places[:count].tolist(), rgb, kind="loop")]
     if fence.high_m is not None:
         lines.append(shapes.line(places[count:].tolist(), rgb, kind="loop"))
-    lines.append(
-        shapes.line(
-            places[[end for at in range(count) for end in (at, at + count)]].tolist(), rgb, kind="list"
-        )
-    )
+    posts = places[[end for at in range(count) for end in (at, at + count)]]
+    lines.append(shapes.line(posts.tolist(), rgb, kind="list"))
     if fence.kind == "keep_in":
         return {"lines": lines}
     triangles = [i for a, b in sides for i in (a, b, b + count, a, b + count, a + count)]
     return {"lines": lines, "triangles": [shapes.surface(places, triangles, rgb, 0.25)]}
+
+
+LAMP_M = 0.09
+OFF = 45
+"""Minimum grey of a lamp that is off."""
+ABOVE_M = 0.2
+
+
+def lamps(all_lamps: Iterable[Lamp], colors: Mapping[str, LampColor], now_ns: int) -> list[NamedEntity]:
+    """Return a labelled ball per lamp in its commanded colour."""
+    entities: list[NamedEntity] = []
+    for lamp in all_lamps:
+        told = colors.get(lamp.id)
+        r, g, b = (0, 0, 0) if told is None else told.color
+        facts = {"kind": "lamp", "id": lamp.id, "color": f"{r} {g} {b}"}
+        x, y, z = lamp.position_m
+        ball = shapes.sphere((x, y, z), LAMP_M, (max(r, OFF), max(g, OFF), max(b, OFF)))
+        label = shapes.label(lamp.id, (x, y, z + ABOVE_M))
+        entities.append(shapes.entity(f"lamp {lamp.id}", now_ns, facts=facts, spheres=[ball], texts=[label]))
+    return entities
+
+
+def bays(
+    environment: Environment, lines: Lines, state: ConveyorState | None, now_ns: int
+) -> list[NamedEntity]:
+    """Return a label at the end of each bay's belt: its name, and a line per kind that came out there."""
+    entities: list[NamedEntity] = []
+    for bay in environment.bays:
+        if bay.belt not in lines.belts:
+            continue
+        line = lines.belts[bay.belt][0]
+        x, y, z = line.point_at(line.length_m)
+        counts = [count for count in (() if state is None else state.bays) if count.bay == bay.id]
+        rows = [f"{count.kind}: {count.count} ({count.selected} selected)" for count in counts]
+        label = shapes.label("\n".join((f"bay {bay.id}", *rows)), (x, y, z + 2.0 * ABOVE_M))
+        facts = {"kind": "bay", "id": bay.id, "belt": bay.belt}
+        entities.append(shapes.entity(f"bay {bay.id}", now_ns, facts=facts, texts=[label]))
+    return entities

@@ -12,11 +12,11 @@ from foxglove.messages import (
     SceneUpdate,
 )
 
-from pointit.bridges.foxglove import indicators, people, robots, shapes
+from pointit.bridges.foxglove import people, robots, shapes
 from pointit.bridges.foxglove.objects import ObjectOwnership, ObjectRenderer
 from pointit.bridges.foxglove.people import Person
 from pointit.bridges.foxglove.pixels import Pixels
-from pointit.bridges.foxglove.room import Lines, room
+from pointit.bridges.foxglove.room import Lines, bays, lamps, room
 from pointit.bridges.foxglove.shapes import NamedEntity
 from pointit.schemas import (
     ConveyorState,
@@ -47,8 +47,6 @@ T = TypeVar("T")
 
 @dataclass(slots=True)
 class _Heard(Generic[T]):
-    """A message and its arrival time (monotonic, s)."""
-
     at_s: float
     message: T
 
@@ -69,22 +67,22 @@ class Scene:
         self._plans: dict[str, RobotPlan] = {}
         self._steering: dict[str, Steering] = {}
         self._colors: dict[str, LampColor] = {}
-        self._selection: Selection | None = None
-        self._conveyor: ConveyorState | None = None
+        self._selection: dict[str, Selection] = {}
+        self._conveyor: dict[str, ConveyorState] = {}
         self._frame: StripsFrame | None = None
         self._is_lit = False
         self._names: dict[Part, set[str]] = {}
         self._set_room(Environment(stamp_ns=0, name=""))
         self._takers: dict[type[Message], Callable[[Any, str, float], None]] = {
-            Environment: self._on_map,
+            Environment: lambda message, _name, _now_s: self._set_room(message),
             StripsFrame: self._on_frame,
-            LampColor: self._on_lamp,
-            ConveyorState: self._on_conveyor,
+            LampColor: self._keep(self._colors, "lamps"),
+            ConveyorState: self._keep(self._conveyor, "bays"),
             TrackedObjects: self._on_objects,
             RobotState: self._on_robot,
-            RobotPlan: self._on_plan,
-            Steering: self._on_steering,
-            Selection: self._on_selection,
+            RobotPlan: self._keep(self._plans, "robots"),
+            Steering: self._keep(self._steering, "robots"),
+            Selection: self._keep(self._selection, "objects"),
             UserProfile: self._on_profile,
             UserPose: self._on_pose,
             Cursor: self._on_cursor,
@@ -150,20 +148,16 @@ class Scene:
         if part == "room":
             return room(self._map, self._lines, now_ns)
         if part == "lamps":
-            return indicators.lamps(self._map.lamps, self._colors, now_ns)
+            return lamps(self._map.lamps, self._colors, now_ns)
         if part == "bays":
-            return indicators.bays(self._map, self._lines, self._conveyor, now_ns)
+            return bays(self._map, self._lines, self._conveyor.get(""), now_ns)
         if part == "people":
-            return [
-                each
-                for user, person in self._people.items()
-                for each in people.entities(user, person, now_ns)
-            ]
+            return [each for item in self._people.items() for each in people.entities(*item, now_ns)]
         colors = {user: person.color for user, person in self._people.items()}
         if part == "robots":
             return self._drawn_robots(colors, now_ns)
         hovers = {user: heard.message for user, heard in self._hovers.items()}
-        claims = ObjectOwnership.of(self._selection, hovers)
+        claims = ObjectOwnership.of(self._selection.get(""), hovers)
         return [
             each
             for tracker, heard in self._objects.items()
@@ -192,9 +186,7 @@ class Scene:
         gone = sorted(self._names.get(part, set()) - names)
         self._names[part] = names
         kind = SceneEntityDeletionType.MatchingId
-        if (
-            part == "room"
-        ):  # sent seldom and without a lifetime: a viewer that missed a deletion must not keep the entity
+        if part == "room":  # without a lifetime: a viewer that missed a deletion must not keep it
             gone, kind = [""], SceneEntityDeletionType.All
         at = shapes.timestamp(now_ns)
         return SceneUpdate(
@@ -210,21 +202,19 @@ class Scene:
         self._is_lit = False
         self.changed |= {"room", "pixels", "lamps", "bays", "objects"}
 
-    def _on_map(self, environment: Environment, _name: str, _now_s: float) -> None:
-        self._set_room(environment)
+    def _keep(self, newest: dict[str, T], part: Part) -> Callable[[T, str, float], None]:
+        """Return what keeps a message by its name, and has `part` drawn again."""
+
+        def keep(message: T, name: str, _now_s: float) -> None:
+            newest[name] = message
+            self.changed.add(part)
+
+        return keep
 
     def _on_frame(self, frame: StripsFrame, _name: str, _now_s: float) -> None:
         self._frame = frame
         self._is_lit = False
         self.changed.add("pixels")
-
-    def _on_lamp(self, color: LampColor, lamp: str, _now_s: float) -> None:
-        self._colors[lamp] = color
-        self.changed.add("lamps")
-
-    def _on_conveyor(self, state: ConveyorState, _name: str, _now_s: float) -> None:
-        self._conveyor = state
-        self.changed.add("bays")
 
     def _on_objects(self, objects: TrackedObjects, tracker: str, now_s: float) -> None:
         self._objects[tracker] = _Heard(now_s, objects)
@@ -235,18 +225,6 @@ class Scene:
             self.changed.add("objects")
         self._robots[name] = _Heard(now_s, state)
         self.changed.add("robots")
-
-    def _on_plan(self, plan: RobotPlan, name: str, _now_s: float) -> None:
-        self._plans[name] = plan
-        self.changed.add("robots")
-
-    def _on_steering(self, steering: Steering, user: str, _now_s: float) -> None:
-        self._steering[user] = steering
-        self.changed.add("robots")
-
-    def _on_selection(self, selection: Selection, _name: str, _now_s: float) -> None:
-        self._selection = selection
-        self.changed.add("objects")
 
     def _on_hover(self, hover: Hover, user: str, now_s: float) -> None:
         before = self._hovers.get(user)

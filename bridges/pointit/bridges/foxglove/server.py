@@ -79,7 +79,6 @@ class Server:
     """Channels and a read-only server: it offers no capability to clients."""
 
     def __init__(self, hand_over: HandOver, tell: SubscriptionCallback) -> None:
-        """Create the server without listening; `tell` as in `Viewers`."""
         self.viewers = Viewers(hand_over, tell)
         self._context = foxglove.Context()
         self._server: WebSocketServer | None = None

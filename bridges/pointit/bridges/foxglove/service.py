@@ -47,8 +47,6 @@ EVERYWHERE = ("0.0.0.0", "::")  # noqa: S104 - told apart
 
 @dataclass(slots=True)
 class _Mirrored:
-    """The newest message of one key for viewers."""
-
     channel: Channel
     plain: JsonChannel
     topic: Topic[Any]
@@ -66,7 +64,6 @@ class Foxglove(Service[FoxgloveConfig]):
     TIME_MAY_STEP: ClassVar[bool] = True
 
     def __init__(self, config: FoxgloveConfig, context: Context) -> None:
-        """Subscribe to the site's topics; viewers are accepted by `run`."""
         super().__init__(config, context)
         self._scene = Scene(config.kind_colors, config.forget_s)
         self._event_log = EventLog()
@@ -130,7 +127,7 @@ class Foxglove(Service[FoxgloveConfig]):
     def _on_message(self, topic: Topic[Any], message: Message, name: str) -> None:
         self._scene.take(message, name, self._loop.time())
         if isinstance(message, Environment):
-            self._update_map_warning()
+            self.bus.warn("map", "; ".join(self._scene.problems[:3]))
         self._send_log(self._event_log.take(message, name, self.clock.now_ns()))
         self._mirror(topic, message, name)
         self._schedule_frame()
@@ -155,9 +152,6 @@ class Foxglove(Service[FoxgloveConfig]):
         if mirrored.channel.has_sinks():
             mirrored.channel.log(mirrored.plain.to_json(mirrored.message), log_time=self.clock.now_ns())
 
-    def _update_map_warning(self) -> None:
-        self.bus.warn("map", "; ".join(self._scene.problems[:3]))
-
     def _send_log(self, lines: Sequence[Line]) -> None:
         if self._server.viewers.of(LOG):
             for line in lines:
@@ -169,12 +163,10 @@ class Foxglove(Service[FoxgloveConfig]):
             return
         self._scene.leave(user)
         self._event_log.leave(user)
-        for key in [
-            key
-            for key, each in self._mirrored.items()
-            if each.topic.placeholder == "user" and each.name == user
-        ]:
-            self._mirrored.pop(key).channel.close()
+        for key, each in list(self._mirrored.items()):
+            if each.topic.placeholder == "user" and each.name == user:
+                del self._mirrored[key]
+                each.channel.close()
         self._schedule_frame()
 
     def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature

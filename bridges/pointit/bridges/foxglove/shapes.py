@@ -110,9 +110,8 @@ def surface(places_m: Places, indices: Sequence[int], rgb: Rgb, alpha: float = 1
 
 def sphere(center_m: Vec3, diameter_m: float, rgb: Rgb, alpha: float = 1.0) -> SpherePrimitive:
     """Return a sphere."""
-    return SpherePrimitive(
-        pose=pose(center_m), size=size(diameter_m, diameter_m, diameter_m), color=color(rgb, alpha)
-    )
+    extents = size(diameter_m, diameter_m, diameter_m)
+    return SpherePrimitive(pose=pose(center_m), size=extents, color=color(rgb, alpha))
 
 
 def cylinder(

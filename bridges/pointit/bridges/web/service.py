@@ -13,7 +13,7 @@ from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.metrics.door import metrics_route
 from pointit.bridges.web.metrics.site_metrics import READS, SiteMetrics
 from pointit.bridges.web.model.history import Past
-from pointit.bridges.web.model.people import People
+from pointit.bridges.web.model.people import People, WristMotion
 from pointit.bridges.web.model.site_model import SiteModel
 from pointit.bridges.web.pages.latest_values import MAX_KEYS
 from pointit.bridges.web.pages.open_pages import Pages
@@ -32,16 +32,25 @@ from pointit.bridges.web.server.link_file import announced_link
 from pointit.bridges.web.server.listener import Listener, bind, url
 from pointit.bridges.web.wire import MAX_TOLD, Ack, AimAt, Answer, Ask, Play, Role, Status
 from pointit.bridges.web.wrists.pairing import Pairing
-from pointit.bridges.web.wrists.person_messages import PersonMessages
 from pointit.bridges.web.wrists.phone import Phones
 from pointit.bridges.web.wrists.phone_connection import PhoneHost
 from pointit.bridges.web.wrists.wrist_control import WristControl
-from pointit.bridges.web.wrists.wrist_motion import WristMotion
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import RefusedError
 from pointit.runtime.host.release import pointit_version
 from pointit.runtime.service.service import Context, Scope, Service
-from pointit.schemas import Deployment, Health, Message, SelectionEvent
+from pointit.schemas import (
+    Deployment,
+    Environment,
+    Feedback,
+    Health,
+    Interaction,
+    Localization,
+    Message,
+    SelectionEvent,
+    UserPose,
+    UserProfile,
+)
 from pointit.schemas.topics import SERVICE_ALIVE, STRIPS_FRAME, USER_ALIVE, Topic
 from pointit.services.shown_topics import SHOWN
 
@@ -83,7 +92,11 @@ class Web(Service[WebConfig]):
         self._pairing = Pairing()
         self._people = People(self.bus, self.clock)
         self._motion = WristMotion(
-            self._wrists, self._people, self.clock, rate_hz=config.wrist_rate_hz, ended=self._changed
+            wrists=self._wrists,
+            people=self._people,
+            clock=self.clock,
+            rate_hz=config.wrist_rate_hz,
+            ended=self._changed,
         )
         self._pages = Pages(
             self._belief.hub,
@@ -99,19 +112,18 @@ class Web(Service[WebConfig]):
             wrists=self._wrists,
             now_ns=self.clock.now_ns,
             send=self._people.move,
-            answer=self._answer_phone,
+            answer=lambda page, ask: self._answers.answer(page, "wrist", ask),
             changed=self._changed,
             warnings=self.bus,
             version=version,
             site=self.bus.site,
         )
         self._phones = Phones(host, self._pairing, bundle)
-        self._person_messages = PersonMessages(self._people, self._wrists, self._phones)
         routes = [*self._phones.routes, metrics_route(self._metrics, doors)]
         app = application(doors, bundle, self._open, self._downloads.answer, routes)
         self._lan = Lan(config, self.bus.site, app)
         self._answers = RequestDispatcher(
-            self.bus,
+            bus=self.bus,
             people=self._people,
             wrists=self._wrists,
             pairing=self._pairing,
@@ -210,9 +222,6 @@ class Web(Service[WebConfig]):
         if self._wrists.close(page):
             self._changed()
 
-    async def _answer_phone(self, page: str, ask: Ask) -> Answer:
-        return await self._answers.answer(page, "wrist", ask)
-
     def _status(self, page: str) -> Status:
         now_s = self._now_s()
         return self._belief.status(
@@ -240,15 +249,29 @@ class Web(Service[WebConfig]):
         self._on(topic, message, name)
 
     def _attend(self, message: Message, name: str) -> None:
-        """Pass a message to wrists, phones and pages."""
-        if isinstance(message, Deployment):
-            self._changed()
-        elif isinstance(message, SelectionEvent):
-            self._past.hear(message)
-        elif isinstance(message, Health):
-            self._link.hear(message, self._wall.now_ns(), self._now_s())
-        else:
-            self._person_messages.take(name, message)
+        match message:
+            case Deployment():
+                self._changed()
+            case SelectionEvent():
+                self._past.hear(message)
+            case Health():
+                self._link.hear(message, self._wall.now_ns(), self._now_s())
+            case Environment():
+                self._wrists.room(message)
+            case UserProfile():
+                self._wrists.profile(name, message)
+            case UserPose():
+                self._wrists.pose(name, message)
+            case Localization():
+                self._wrists.localization(name, message)
+                self._phones.localization(name, message)
+            case Interaction():
+                self._people.states[name] = message.state
+                self._phones.interaction(name, message)
+            case Feedback():
+                self._phones.feedback(name, message)
+            case _:
+                pass
 
     def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         self._belief.set_service(instance, present, self._now_s())
@@ -288,7 +311,6 @@ class Web(Service[WebConfig]):
             self._pages.tell_status()
 
     def _changed(self) -> None:
-        """Update the status of pages, and the movement of wrists."""
         self._motion.wake()
         self._pages.status_changed()
 

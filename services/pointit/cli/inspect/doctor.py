@@ -24,8 +24,7 @@ from pointit.cli.common.site_link import (
     site_options,
 )
 from pointit.cli.site.identities_table import expiring, section, visible_rows
-from pointit.diagnosis.diagnose import diagnose, is_healthy
-from pointit.diagnosis.finding_filter import filter_findings, is_about
+from pointit.diagnosis.diagnose import diagnose, filter_findings, is_about, is_healthy
 from pointit.diagnosis.observation import Finding, Observation, Report
 from pointit.diagnosis.outage import unreachable
 from pointit.runtime.errors import ConnectError

@@ -172,7 +172,6 @@ class Comparison:
     """Pairs the messages of a recording and of its replay by key and stamp."""
 
     def __init__(self, *, time_tolerance_s: float = TIME_TOLERANCE_S) -> None:
-        """Begin with none; times may differ by `time_tolerance_s`."""
         self._time_tolerance_s = time_tolerance_s
         self._topics: dict[str, _Topic] = {}
         self._looked_ns = 0

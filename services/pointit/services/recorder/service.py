@@ -152,7 +152,6 @@ class Recorder(Service[RecorderConfig]):
         self._sink.add(Arrival(self.clock.now_ns(), presence, name, present))
 
     def _hear(self, name: str) -> bool:
-        """Return True, and note it, if `name` is something of the site."""
         is_of_site = not name.startswith(NOT_OF_SITE)
         self.has_heard = self.has_heard or is_of_site
         return is_of_site

@@ -10,8 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
-from pointit.recording.entries import AnyRow, Entry
-from pointit.recording.exchanges import entry_of
+from pointit.recording.entries import AnyRow, Entry, entry_of
 from pointit.recording.head import Head
 from pointit.recording.reader import Recording
 from pointit.runtime.bus.contract import Undecoded
@@ -67,11 +66,6 @@ class Sink:
     def __init__(self, path: Path, head: Head, pseudonyms: Pseudonyms | None = None) -> None:
         """Create the file, or one with a number if there is one, and start the thread.
 
-        Args:
-            path: the file.
-            head: facts about the recording.
-            pseudonyms: what to replace names with, or None to keep them. Used in the thread.
-
         Raises:
             ConfigError: If it cannot be written.
         """
@@ -120,7 +114,6 @@ class Sink:
             self._end(f"{self.path}: the disk hangs; what it has taken is readable")
 
     def _work(self) -> None:
-        """Write what arrives until the end. In the thread."""
         try:
             with self._files:
                 self._write_all()
@@ -135,7 +128,6 @@ class Sink:
             )
 
     def _end(self, problem: str) -> None:
-        """Take nothing more, and count what waited."""
         with self._lock:
             self.problem = problem
             self.left_out[ENDED] += len(self._waiting) + len(self._held)
@@ -196,7 +188,6 @@ class Sink:
             return None
 
     def _entry(self, arrival: Arrival) -> Entry | None:
-        """Return the entry of `arrival`, or None if it is not valid."""
         time_ns, row, name, body = arrival
         entry: Entry | None = None
         try:

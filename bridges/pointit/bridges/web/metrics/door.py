@@ -12,9 +12,8 @@ from starlette.routing import Route
 
 from pointit.bridges.web.server import exposure_check
 from pointit.bridges.web.server.access import Access, new_token
-from pointit.bridges.web.server.app import REFUSAL_S
+from pointit.bridges.web.server.app import REFUSAL_S, SecurityMiddleware, asked_of
 from pointit.bridges.web.server.listener import Listener, bind
-from pointit.bridges.web.server.security_middleware import SecurityMiddleware, asked_of
 from pointit.runtime.errors import ConfigError
 
 PATH = "/metrics"

@@ -43,7 +43,6 @@ class SiteMetrics(Collector):
     """Metrics of one site. Not thread-safe: messages and scrapes in the same event loop."""
 
     def __init__(self, site: str, version: str) -> None:
-        """Begin without services. `version` is that of PointIt."""
         self._about = {"site": site, "version": version}
         self._present: set[str] = set()
         self._users: set[str] = set()
@@ -247,7 +246,6 @@ def _counter(name: str, about: str, labels: Sequence[str], rows: Rows) -> Counte
 
 
 def _kind(instance: str) -> str:
-    """Return the kind of the service `instance`, or `OTHER` if it is none of `KINDS`."""
     service, _ = split_instance(instance)
     kind = ROUTER if service.startswith(f"{ROUTER}-") else service
     return kind if kind in KINDS else OTHER

@@ -40,7 +40,6 @@ class Totals:
     """Sums the counters of services over their instances and restarts."""
 
     def __init__(self) -> None:
-        """Begin at 0."""
         self.values: defaultdict[Labels, float] = defaultdict(float)
         self._last: OrderedDict[str, tuple[Health, dict[Labels, float]]] = OrderedDict()
 
@@ -77,7 +76,6 @@ class Totals:
 
 
 def _keys(health: Health) -> list[KeyHealth]:
-    """Return the traffic of a report, with `OTHER` for unknown topics."""
     return [
         key if key.key in KNOWN_KEYS else key.model_copy(update={"key": OTHER})
         for key in health.keys[:MAX_TOPICS]
@@ -85,7 +83,6 @@ def _keys(health: Health) -> list[KeyHealth]:
 
 
 def _counts(service: str, health: Health, keys: Iterable[KeyHealth]) -> Iterator[tuple[Labels, float]]:
-    """Yield the counters of a report since the start of its service."""
     yield Labels("errors", service), health.errors
     discarded: Counter[Labels] = Counter()
     for key in keys:
@@ -102,7 +99,6 @@ class Durations:
     """Counts durations, by service."""
 
     def __init__(self) -> None:
-        """Begin with none."""
         self._counts: dict[str, list[int]] = {}
         self._sums_s: defaultdict[str, float] = defaultdict(float)
 

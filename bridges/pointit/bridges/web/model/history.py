@@ -32,7 +32,6 @@ class Past:
     """Adds events to a hub that it has not received itself."""
 
     def __init__(self, bus: ServiceBus, clock: Clock, hub: LatestValueCache) -> None:
-        """Create it without querying."""
         self._bus = bus
         self._clock = clock
         self._hub = hub
@@ -60,12 +59,6 @@ class Past:
 
     async def ask(self) -> None:
         """Query once. Without a reply the hub stays as it is."""
-        try:
-            await self._ask()
-        finally:
-            self.is_asked.set()
-
-    async def _ask(self) -> None:
         self._is_wanted.clear()
         now_ns = self._clock.now_ns()
         query = ReadHistory(last=HISTORY, since_ns=max(0, now_ns - BACK_NS))
@@ -78,6 +71,8 @@ class Past:
                 log.info("pages do not show what happened before they came: %s", error)
             self._has_warned = True
             return
+        finally:
+            self.is_asked.set()
         heard = set(self._heard)
         self._hub.recall(
             (event.stamp_ns, (SELECTION_EVENTS.key, "", encode(event)))

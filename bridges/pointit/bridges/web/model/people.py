@@ -1,7 +1,11 @@
 """People present, and what this server publishes for them: button presses and wrist samples."""
 
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Literal
 
+from pointit.bridges.web.wrists.wrist_control import WristControl
 from pointit.runtime.bus.contract import Publisher
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import Clock
@@ -16,7 +20,6 @@ class People:
     """Publishes buttons and wrists of people who are present."""
 
     def __init__(self, bus: ServiceBus, clock: Clock) -> None:
-        """Create it without people."""
         self._bus = bus
         self._clock = clock
         self._writers: dict[str, tuple[Publisher[ButtonEvent], Publisher[WristSample]]] = {}
@@ -62,3 +65,38 @@ class People:
         writers = self._writers.get(user)
         if writers is not None:
             writers[1].put(sample)
+
+
+@dataclass(kw_only=True)
+class WristMotion:
+    """Publishes samples of wrists; rests while no page holds one."""
+
+    wrists: WristControl
+    people: People
+    clock: Clock
+    rate_hz: float
+    """Samples a second of wall time."""
+    ended: Callable[[], None]
+    """Called when no page holds a wrist any more."""
+    _moving: asyncio.Event = field(default_factory=asyncio.Event)
+
+    def wake(self) -> None:
+        """Start if a page holds a wrist."""
+        if self._is_needed:
+            self._moving.set()
+
+    async def run(self) -> None:
+        """Move until cancelled, by wall time."""
+        while True:
+            await self._moving.wait()
+            samples = self.wrists.step(self.clock.now_ns(), self.clock.speed)
+            for user, sample in samples:
+                self.people.move(user, sample)
+            if not self._is_needed:
+                self._moving.clear()
+                self.ended()
+            await asyncio.sleep(1.0 / self.rate_hz)
+
+    @property
+    def _is_needed(self) -> bool:
+        return any(self.wrists.holder(user)[0] for user in self.people.names)

@@ -20,13 +20,7 @@ class SiteModel:
     """Updates the state from the bus and removes what is no longer valid."""
 
     def __init__(self, own: str, now_s: float, recent: Recent | None = None) -> None:
-        """Begin with an empty state.
-
-        Args:
-            own: the service that owns the model; its deployment may end before it.
-            now_s: now.
-            recent: keeps the messages that are stored.
-        """
+        """`own`: the owning service, which may outlive its deployment; `recent` keeps the stored messages."""
         self.hub = LatestValueCache()
         self._recent = recent
         self._sight = SiteObservation(now_s)

@@ -38,13 +38,7 @@ OF_PEOPLE = tuple(
 def keys_of_service(
     instance: str, present: Collection[str], names: Callable[[Topic[Any]], list[str]]
 ) -> Iterator[Key]:
-    """Yield the keys that are invalid after `instance` has left.
-
-    Args:
-        instance: the service that left.
-        present: services still present.
-        names: returns the known names of a topic.
-    """
+    """Yield the keys that are invalid after `instance` has left; `names` returns those of a topic."""
     yield HEALTH, instance
     service, _ = split_instance(instance)
     for topic in WITH_WRITER:
@@ -64,7 +58,6 @@ class Trackers:
     """Times of the trackers' last messages."""
 
     def __init__(self) -> None:
-        """Begin without trackers."""
         self._heard_s: dict[str, float] = {}
 
     def heard(self, tracker: str, now_s: float) -> None:
@@ -83,7 +76,6 @@ class Deployments:
     """Deployments that were started and not ended: vanished ones are missing."""
 
     def __init__(self, own: str) -> None:
-        """Begin without deployments; `own` is the owning service, which may outlive its deployment."""
         self._own = own
         self._scenario = ""
         """The scenario that runs, or the last one."""

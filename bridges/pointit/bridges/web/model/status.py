@@ -30,7 +30,6 @@ class SiteObservation:
     """Observations of the site's services; times are seconds of any monotonic clock."""
 
     def __init__(self, now_s: float) -> None:
-        """Begin to observe."""
         self._began_s = now_s
         self._since_s: dict[str, float] = {}
         """Start of presence, by present service."""
@@ -86,13 +85,7 @@ class SiteObservation:
         return Status(
             services=tuple(self._services(seen))[:MAX_LINES],
             findings=tuple(
-                FindingLine(
-                    severity=finding.severity,
-                    service=finding.service,
-                    sentence=finding.sentence,
-                    remedy=finding.remedy,
-                    follows=finding.follows,
-                )
+                FindingLine.model_validate(finding, from_attributes=True)
                 for finding in diagnose(seen, lambda finding: self._is_sure(finding, now_s))
             )[:MAX_LINES],
             people=tuple(people),
@@ -128,7 +121,6 @@ class SiteObservation:
         ]
 
     def _is_sure(self, finding: Finding, now_s: float) -> bool:
-        """Return True if `finding` has lasted long enough to be shown."""
         name = finding.service
         if finding.code == "absent":
             return now_s - self._left_s.get(name, self._missed_s.get(name, now_s)) >= GRACE_S

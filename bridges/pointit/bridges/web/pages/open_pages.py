@@ -44,16 +44,6 @@ class Pages:
         most: int,
         version: str,
     ) -> None:
-        """Create it without pages.
-
-        Args:
-            hub: the values to show.
-            bus: for metrics and warnings.
-            status: returns the status for the page of this name; called page by page.
-            rate_hz: maximum rate of batches to a page.
-            most: maximum number of pages.
-            version: of PointIt.
-        """
         self._hub = hub
         self._bus = bus
         self._status = status
@@ -74,7 +64,6 @@ class Pages:
         bus.set_metric("viewers", 0.0)
 
     def __len__(self) -> int:
-        """Return the number of open pages, with those that look at the past."""
         return len(self._sessions) + self._elsewhere
 
     async def open(self, socket: WebSocket, role: Role, host: Host, closed: Callable[[str], None]) -> None:
@@ -186,7 +175,6 @@ class Latencies:
     """Latencies that pages report, from the capture at a wrist to the frame that shows it."""
 
     def __init__(self) -> None:
-        """Begin without latencies."""
         self._heard: deque[tuple[float, float]] = deque(maxlen=MAX_LATENCIES)
 
     def add(self, latency_ms: float, now_s: float) -> None:

@@ -24,54 +24,33 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pointit.bridges.web.wire import Ask, Deed, Hello, Role
 from pointit.bridges.web.wrists.wrist_control import MAX_TREMOR_DEG
 from pointit.runtime.errors import RefusedError
-from pointit.schemas import Query, summarize_validation_error
-from pointit.schemas.topics import (
-    ADD_PACKAGE,
-    CANCEL_LOCALIZATION,
-    CLEAR_SELECTION,
-    POINT_ANCHOR,
-    RELEASE_OBJECT,
-    RESET_CONVEYOR,
-    RUN_SCENARIO,
-    SET_BRIGHTNESS,
-    SET_FEEDING,
-    SET_HEADING,
-    SET_METHOD,
-    SET_SPEED,
-    SET_TOLERANCE,
-    SET_YAW_ORIGIN,
-    START_LOCALIZATION,
-    STOP_ROBOT,
-    UNDO_SELECTION,
-    Request,
-    check_name,
-)
+from pointit.schemas import Query, summarize_validation_error, topics
 
-OPERATORS: tuple[Request[Any, Any], ...] = (
-    ADD_PACKAGE,
-    SET_SPEED,
-    SET_FEEDING,
-    RESET_CONVEYOR,
-    START_LOCALIZATION,
-    CANCEL_LOCALIZATION,
-    SET_HEADING,
-    POINT_ANCHOR,
-    CLEAR_SELECTION,
-    UNDO_SELECTION,
-    RELEASE_OBJECT,
-    SET_METHOD,
-    SET_TOLERANCE,
-    RUN_SCENARIO,
-    SET_BRIGHTNESS,
-    SET_YAW_ORIGIN,
-    STOP_ROBOT,
+OPERATORS: tuple[topics.Request[Any, Any], ...] = (
+    topics.ADD_PACKAGE,
+    topics.SET_SPEED,
+    topics.SET_FEEDING,
+    topics.RESET_CONVEYOR,
+    topics.START_LOCALIZATION,
+    topics.CANCEL_LOCALIZATION,
+    topics.SET_HEADING,
+    topics.POINT_ANCHOR,
+    topics.CLEAR_SELECTION,
+    topics.UNDO_SELECTION,
+    topics.RELEASE_OBJECT,
+    topics.SET_METHOD,
+    topics.SET_TOLERANCE,
+    topics.RUN_SCENARIO,
+    topics.SET_BRIGHTNESS,
+    topics.SET_YAW_ORIGIN,
+    topics.STOP_ROBOT,
 )
 """Service requests open to operators. Poses and sensor mountings are left to calibration."""
 
-REQUESTS: dict[Role, tuple[Request[Any, Any], ...]] = {
+REQUESTS: dict[Role, tuple[topics.Request[Any, Any], ...]] = {
     "operator": OPERATORS,
-    "viewer": (STOP_ROBOT,),
-    "wrist": (START_LOCALIZATION, CANCEL_LOCALIZATION),
+    "viewer": (topics.STOP_ROBOT,),
+    "wrist": (topics.START_LOCALIZATION, topics.CANCEL_LOCALIZATION),
 }
 """Requests by role. Everybody who sees a robot may stop it."""
 
@@ -84,7 +63,7 @@ DEEDS: dict[Role, tuple[Deed, ...]] = {
 SITE_DEEDS: tuple[Deed, ...] = ("open_lan", "find_wrists")
 """Deeds that are about no person."""
 
-TIMEOUTS_S = {RUN_SCENARIO.key: 15.0}
+TIMEOUTS_S = {topics.RUN_SCENARIO.key: 15.0}
 """Timeouts (s) of replies that take longer than usual."""
 
 ONLY_LOOKS_ON = "this page only looks on; open it by the operator's link to control"
@@ -123,7 +102,7 @@ EXTRAS: dict[Deed, type[_Extras]] = {"press": Press, "tremor": Tremor, "pair": P
 class Call:
     """A request of the table for its server."""
 
-    request: Request[Any, Any]
+    request: topics.Request[Any, Any]
     query: Query
     name: str
 
@@ -164,7 +143,7 @@ def parse_request(ask: Ask, role: Role) -> Call | PageAction:
     if request not in REQUESTS[role]:
         raise RefusedError(ONLY_LOOKS_ON if role == "viewer" else f"a phone cannot ask for {ask.key!r}")
     if request.placeholder:
-        check_name(ask.name, request.placeholder)
+        topics.check_name(ask.name, request.placeholder)
     elif ask.name:
         raise RefusedError(f"{request.key} takes no name, got {ask.name!r}")
     try:
@@ -180,7 +159,7 @@ def _parse_deed(ask: Ask, deed: Deed, role: Role) -> PageAction:
     if ask.key:
         raise RefusedError(f"one thing at a time: {ask.key!r} or {deed!r}")
     if deed not in SITE_DEEDS:
-        check_name(ask.name, "user")
+        topics.check_name(ask.name, "user")
     try:
         extras = EXTRAS.get(deed, Plain).model_validate_json(json.dumps(ask.query))
     except (ValidationError, ValueError, RecursionError) as error:
@@ -192,5 +171,5 @@ def _reason(error: Exception) -> str:
     return summarize_validation_error(error) if isinstance(error, ValidationError) else str(error)
 
 
-def _listed(rows: tuple[Request[Any, Any], ...]) -> str:
+def _listed(rows: tuple[topics.Request[Any, Any], ...]) -> str:
     return ", ".join(row.key for row in rows)

@@ -83,7 +83,6 @@ class PageSession:
     """One page, from its websocket's opening to its end."""
 
     def __init__(self, page: str, role: Role, socket: WebSocket, feed: PageFeed, host: Host) -> None:
-        """Create the session; `page` is its name among pages."""
         self.page = page
         self.role: Role = role
         self.feed = feed
@@ -162,7 +161,6 @@ class PageSession:
             self._wake_later()
 
     def _wake_later(self) -> None:
-        """Wake when the page may be sent what it may not be sent yet."""
         wait_s = self.feed.wait_s(self._loop.time())
         if wait_s is not None:
             self._wake_timer.start(wait_s)
@@ -222,7 +220,6 @@ class PageSession:
             self._forward_aim()
 
     def _forward_aim(self) -> None:
-        """Forward the newest aim, now or as soon as the rate allows."""
         aim, now_s = self._aim, self._loop.time()
         if aim is None:
             return

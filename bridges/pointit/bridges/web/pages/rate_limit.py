@@ -7,7 +7,6 @@ class TokenBucket:
     """Token bucket: `rate_hz` a second in the long run, `burst` at once."""
 
     def __init__(self, rate_hz: float, burst: float) -> None:
-        """Begin full."""
         self._rate_hz = rate_hz
         self._burst = burst
         self._level = burst

@@ -3,6 +3,7 @@
 import asyncio
 import time
 from collections.abc import Callable, Collection
+from dataclasses import dataclass, field
 from typing import Any, cast
 
 from pointit.bridges.web.model.people import People
@@ -18,12 +19,12 @@ from pointit.bridges.web.pages.page_requests import (
 from pointit.bridges.web.server.access import Access
 from pointit.bridges.web.server.lan import Lan
 from pointit.bridges.web.wire import Answer, Ask, Role
-from pointit.bridges.web.wrists.found_wrists import find_wrists
 from pointit.bridges.web.wrists.pairing import Pairing, offer
 from pointit.bridges.web.wrists.phone import Phones
 from pointit.bridges.web.wrists.wrist_control import Hold, WristControl
 from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S, Bus
 from pointit.runtime.errors import RefusedError
+from pointit.runtime.host.threads import in_daemon_thread
 from pointit.schemas import SetYawOrigin
 from pointit.schemas.system import instance_of
 from pointit.schemas.topics import SET_YAW_ORIGIN
@@ -31,47 +32,28 @@ from pointit.schemas.topics import SET_YAW_ORIGIN
 IMU_BRIDGE = "imu-bridge"
 """Service that turns messages of a mouse or phone into wrist samples."""
 
+SEARCH_S = 3.0
+"""Time of a search for wrists within reach, s."""
+MAX_WRISTS = 50
 
+
+@dataclass(kw_only=True)
 class RequestDispatcher:
     """Handles requests of pages and phones."""
 
-    def __init__(
-        self,
-        bus: Bus,
-        *,
-        people: People,
-        wrists: WristControl,
-        pairing: Pairing,
-        phones: Phones,
-        lan: Lan,
-        doors: Access,
-        present: Callable[[], Collection[str]],
-        changed: Callable[[], None],
-    ) -> None:
-        """Store the parts that requests act on.
-
-        Args:
-            bus: for requests.
-            people: people present.
-            wrists: control of wrists.
-            pairing: paired phones.
-            phones: connections to phones.
-            lan: access from the local network.
-            doors: access control.
-            present: returns the instances that are present.
-            changed: called when the status of pages has changed.
-        """
-        self._bus = bus
-        self._people = people
-        self._wrists = wrists
-        self._pairing = pairing
-        self._phones = phones
-        self._lan = lan
-        self._doors = doors
-        self._present = present
-        self._changed = changed
-        self._drawing = asyncio.Lock()
-        self._searching = asyncio.Lock()
+    bus: Bus
+    people: People
+    wrists: WristControl
+    pairing: Pairing
+    phones: Phones
+    lan: Lan
+    doors: Access
+    present: Callable[[], Collection[str]]
+    """Returns the instances that are present."""
+    changed: Callable[[], None]
+    """Called when the status of pages has changed."""
+    drawing: asyncio.Lock = field(default_factory=asyncio.Lock)
+    searching: asyncio.Lock = field(default_factory=asyncio.Lock)
 
     async def answer(self, page: str, role: Role, ask: Ask) -> Answer:
         """Handle a request.
@@ -89,19 +71,19 @@ class RequestDispatcher:
         Raises:
             RefusedError: If it fails.
         """
-        url = await self._lan.open()
-        self._doors.know_hosts([self._lan.address])
-        self._changed()
+        url = await self.lan.open()
+        self.doors.know_hosts([self.lan.address])
+        self.changed()
         return {
             "url": url,
-            "fingerprint": self._lan.fingerprint,
-            "message": f"the local network finds the page at {url} {self._lan.note}".rstrip(),
+            "fingerprint": self.lan.fingerprint,
+            "message": f"the local network finds the page at {url} {self.lan.note}".rstrip(),
         }
 
     async def _call(self, call: Call) -> dict[str, Any]:
         request = call.request
         patience_s = TIMEOUTS_S.get(request.key, REQUEST_TIMEOUT_S)
-        reply = await self._bus.call(request, call.query, call.name, timeout_s=patience_s)
+        reply = await self.bus.call(request, call.query, call.name, timeout_s=patience_s)
         return cast("dict[str, Any]", reply.model_dump(mode="json"))
 
     async def _do(self, wish: PageAction, page: str, role: Role) -> dict[str, Any]:
@@ -109,12 +91,12 @@ class RequestDispatcher:
         if wish.deed == "open_lan":
             return await self.open_lan()
         if wish.deed == "find_wrists":
-            async with self._searching:
-                return await find_wrists()
-        self._people.check(user)
+            async with self.searching:
+                return await _find_wrists()
+        self.people.check(user)
         if wish.deed == "press":
             assert isinstance(wish.extras, Press)  # noqa: S101 - so says `asks`
-            self._people.press(user, wish.extras.gesture)
+            self.people.press(user, wish.extras.gesture)
             return {"message": f"{user}'s button was pressed"}
         if wish.deed == "take":
             return self._take(user, page, "phone" if role == "wrist" else "mouse")
@@ -122,7 +104,7 @@ class RequestDispatcher:
             return self._give(user, page, role)
         if wish.deed == "tremor":
             assert isinstance(wish.extras, Tremor)  # noqa: S101 - so says `asks`
-            if not self._wrists.set_tremor(user, page, wish.extras.rms_deg):
+            if not self.wrists.set_tremor(user, page, wish.extras.rms_deg):
                 raise RefusedError(f"this page does not move {user}'s arm: take it first")
             return {"message": f"{user}'s arm trembles by {wish.extras.rms_deg:g}° rms"}
         if wish.deed == "pair":
@@ -131,54 +113,71 @@ class RequestDispatcher:
         return await self._centre(user)
 
     def _take(self, user: str, page: str, by: Hold) -> dict[str, Any]:
-        if instance_of(IMU_BRIDGE, user) not in self._present():
+        if instance_of(IMU_BRIDGE, user) not in self.present():
             raise RefusedError(
                 f"no service turns the page's messages into wrist samples: start it with "
                 f"`pointit service run {IMU_BRIDGE} --user {user} --source page`"
             )
-        loser = self._wrists.acquire(user, page, by)
+        loser = self.wrists.acquire(user, page, by)
         self._tell_loser(user, loser, page)
-        if self._people.states.get(user) == "idle":
-            self._people.press(user)
-        self._changed()
+        if self.people.states.get(user) == "idle":
+            self.people.press(user)
+        self.changed()
         return {"message": f"{user}'s arm follows this {by}"}
 
     def _give(self, user: str, page: str, role: Role) -> dict[str, Any]:
         if role == "wrist":
-            self._wrists.release_from(user, page)
+            self.wrists.release_from(user, page)
         else:
-            self._tell_loser(user, self._wrists.release(user), page, is_own=True)
-        self._changed()
+            self._tell_loser(user, self.wrists.release(user), page, is_own=True)
+        self.changed()
         return {"message": f"{user}'s arm is their own again"}
 
     async def _pair(self, user: str) -> dict[str, Any]:
-        if not self._lan.url:
+        if not self.lan.url:
             raise RefusedError("phones cannot find this page yet: open it to the local network first")
-        token, replaced = self._pairing.pair(user, self._now_s())
-        await self._phones.cut(replaced)
-        self._changed()
-        url = f"{self._lan.url}/phone?token={token}"
-        async with self._drawing:  # takes 20 ms, which repeated requests must not take from other pages
-            return await asyncio.to_thread(offer, url, self._lan.fingerprint)
+        token, replaced = self.pairing.pair(user, time.monotonic())
+        await self.phones.cut(replaced)
+        self.changed()
+        url = f"{self.lan.url}/phone?token={token}"
+        async with self.drawing:  # takes 20 ms, which repeated requests must not take from other pages
+            return await asyncio.to_thread(offer, url, self.lan.fingerprint)
 
     async def _unpair(self, user: str) -> dict[str, Any]:
-        page = self._pairing.unpair(user)
+        page = self.pairing.unpair(user)
         if not page:
             raise RefusedError(f"no phone is paired with {user}")
-        await self._phones.cut(page)
-        self._changed()
+        await self.phones.cut(page)
+        self.changed()
         return {"message": f"{user}'s phone is unpaired"}
 
     async def _centre(self, user: str) -> dict[str, Any]:
-        query = SetYawOrigin(yaw_rad=self._wrists.ahead(user))
-        reply = await self._bus.call(SET_YAW_ORIGIN, query, user)
-        self._phones.centred(user)
+        query = SetYawOrigin(yaw_rad=self.wrists.ahead(user))
+        reply = await self.bus.call(SET_YAW_ORIGIN, query, user)
+        self.phones.centred(user)
         return reply.model_dump(mode="json")
 
     def _tell_loser(self, user: str, loser: str, page: str, *, is_own: bool = False) -> None:
         """Notify a phone from which `page` has taken the wrist of `user`. Pages see it in their status."""
-        if loser and loser != page and loser == self._pairing.paired(user, self._now_s()):
-            self._phones.lost(user, is_own=is_own)
+        if loser and loser != page and loser == self.pairing.paired(user, time.monotonic()):
+            self.phones.lost(user, is_own=is_own)
 
-    def _now_s(self) -> float:
-        return time.monotonic()
+
+async def _find_wrists() -> dict[str, Any]:
+    # only here: they load what services load, and a page of a site elsewhere may never search
+    from pointit.plugins import GROUPS  # noqa: PLC0415
+    from pointit.plugins.device_search import search, words  # noqa: PLC0415
+
+    def searched() -> dict[str, Any]:
+        results = search({"imu-source": GROUPS["imu-source"]}, SEARCH_S, lambda _done: None)
+        wrists = [
+            {"use": f"--imu {words(result, found)}", "label": found.label}
+            for result in results
+            for found in result.found
+        ]
+        return {
+            "wrists": wrists[:MAX_WRISTS],
+            "problems": [f"{result.name}: {result.problem}" for result in results if result.problem],
+        }
+
+    return await in_daemon_thread(searched, "search for wrists")

@@ -4,8 +4,6 @@ The site's time does not reveal it, since that comes over the same link. Health 
 clocks of their machines.
 """
 
-from collections.abc import Iterator
-
 from pointit.runtime.bus.timeliness import ClockSkewMonitor
 from pointit.schemas import Health
 
@@ -20,7 +18,6 @@ class SlowLink:
     """Compares the stamps of other machines' reports with their arrival times."""
 
     def __init__(self, host: str) -> None:
-        """Set the name of this machine."""
         self._watch = ClockSkewMonitor(host, WINDOW_S)
 
     def hear(self, health: Health, arrived_ns: int, now_s: float) -> None:
@@ -30,13 +27,10 @@ class SlowLink:
 
     def sentence(self, now_s: float) -> str:
         """Return a warning with its remedy, or `""` if there is no delay."""
-        return "; ".join(self._sentences(now_s))
-
-    def _sentences(self, now_s: float) -> Iterator[str]:
-        for skew in self._watch.skews(now_s):
-            if skew.ahead_s <= -LAG_S:
-                yield (
-                    f"what machine {skew.host} sends comes to {self._watch.here} {-skew.ahead_s:.1f} s late, "
-                    "and the page shows what was then: the link between the two is too slow or too full, "
-                    "unless their clocks are apart"
-                )
+        return "; ".join(
+            f"what machine {skew.host} sends comes to {self._watch.here} {-skew.ahead_s:.1f} s late, and the "
+            "page shows what was then: the link between the two is too slow or too full, unless their clocks "
+            "are apart"
+            for skew in self._watch.skews(now_s)
+            if skew.ahead_s <= -LAG_S
+        )

@@ -29,7 +29,6 @@ class FilePast:
     """A recording file as the source of playbacks."""
 
     def __init__(self, recording: Recording, title: str) -> None:
-        """Store `recording` without reading it. `title` is shown in the page."""
         self._recording = recording
         self._title = title
         self.site = recording.head.site

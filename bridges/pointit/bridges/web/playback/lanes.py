@@ -53,7 +53,6 @@ class Lanes:
     """Collects the items of the lanes from entries."""
 
     def __init__(self) -> None:
-        """Begin without items."""
         self._items: dict[LaneKey, deque[Item]] = {}
         self._open: dict[tuple[LaneKind, str, str], tuple[int, str]] = {}
         """Start and text of intervals without an end yet, by kind, user and instance."""
@@ -120,7 +119,6 @@ class Lanes:
         )
 
     def _settle(self, at_ns: int) -> None:
-        """Add the services that left some time before `at_ns`."""
         while self._gone and at_ns - self._gone[0][0] > GRACE_NS:
             gone_ns, instance = self._gone.popleft()
             user = person_of(instance)

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+from dataclasses import dataclass
 
 from starlette.websockets import WebSocket
 
@@ -32,14 +33,7 @@ class PastPage:
     """Serves one page until it leaves."""
 
     def __init__(self, socket: WebSocket, past: Past, *, version: str, start_s: float = 0.0) -> None:
-        """Prepare it.
-
-        Args:
-            socket: not yet accepted.
-            past: source of the playback.
-            version: of PointIt.
-            start_s: first position, s from the beginning.
-        """
+        """Prepare it for `socket`, not yet accepted; `start_s`: first position, s from the beginning."""
         self._past = past
         self._now_s = asyncio.get_running_loop().time
         self._playback = Playback(past, self._now_s())
@@ -115,7 +109,6 @@ class PastPage:
                         await self._woken.wait()
 
     def _do(self) -> None:
-        """Apply the stored control, and send the page its position."""
         wanted, self._wanted = self._wanted, Play()
         playback, now_s = self._playback, self._now_s()
         if wanted.at_s is not None:
@@ -138,26 +131,25 @@ class PastPage:
         self._session.tell_status(self._playback.status().model_dump_json())
 
 
+@dataclass
 class Visits:
     """Opens pages with a playback of `recent`."""
 
-    def __init__(self, recent: Recent, pages: Pages, clock: Clock, version: str) -> None:
-        """Store the parts; `version` is PointIt's."""
-        self._recent = recent
-        self._pages = pages
-        self._clock = clock
-        self._version = version
+    recent: Recent
+    pages: Pages
+    clock: Clock
+    version: str
 
     def remember(self, row: Presence, name: str, present: bool) -> None:  # noqa: FBT001 - as on the bus
         """Keep a change of presence."""
-        self._recent.add(self._clock.now_ns(), row, name, present, b"1" if present else b"")
+        self.recent.add(self.clock.now_ns(), row, name, present, b"1" if present else b"")
 
     async def open(self, socket: WebSocket) -> None:
         """Serve a page until it leaves, unless there are too many pages."""
-        if self._pages.is_full:
-            await self._pages.refuse(socket)
+        if self.pages.is_full:
+            await self.pages.refuse(socket)
             return
-        past = self._recent.past(self._clock.now_ns())
+        past = self.recent.past(self.clock.now_ns())
         start_s = max(past.timeline().length_s - JUST_S, 0.0)
-        with self._pages.elsewhere():
-            await PastPage(socket, past, version=self._version, start_s=start_s).run()
+        with self.pages.elsewhere():
+            await PastPage(socket, past, version=self.version, start_s=start_s).run()

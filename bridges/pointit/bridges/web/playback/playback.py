@@ -23,7 +23,6 @@ class Playback:
     """Position of one page in the past, and the model of the site at that position."""
 
     def __init__(self, past: Past, now_s: float) -> None:
-        """Pause at the beginning of `past`."""
         self._past = past
         self.model = SiteModel(OWN, 0.0)
         self.speed = 1.0
@@ -99,7 +98,6 @@ class Playback:
         self._at_ns, self._since_s = at_ns, now_s
 
     def _play_until(self, at_ns: int) -> int:
-        """Apply entries until `at_ns`, and return the position that was reached."""
         for _ in range(MAX_AT_ONCE):
             if self._next is None or self._next.time_ns > at_ns:
                 return at_ns

@@ -71,7 +71,6 @@ class Recent:
     """Keeps the messages that pages were shown in the last `window_s`."""
 
     def __init__(self, site: str, window_s: float = WINDOW_S) -> None:
-        """Begin empty."""
         self._site = site
         self._window_ns = round(window_s * NS_PER_S)
         self._newest: dict[Key, Moment] = {}
@@ -95,14 +94,9 @@ class Recent:
                 self._lanes.add(at_ns, each.row, each.name, each.entry().body)
 
     def add(self, at_ns: int, row: Row, name: str, body: Message | bool, payload: bytes) -> None:  # noqa: FBT001
-        """Add a message or a change of presence of now.
+        """Add a message or a change of presence that came at `at_ns`, site time.
 
-        Args:
-            at_ns: when it came, site time.
-            row: its row of the topic table.
-            name: what stands for the placeholder.
-            body: the message, or whether somebody is present now.
-            payload: the message as on the bus; of a presence, not empty if it has begun.
+        `payload` is the message as on the bus; of a presence, it is not empty if that has begun.
         """
         if at_ns < self._last_ns - STEP_NS:
             self._begin(at_ns)
@@ -157,7 +151,6 @@ class RecentPast:
     """Snapshot of the last minutes as the source of playbacks."""
 
     def __init__(self, site: str, chunks: list[_Chunk], timeline: Timeline, ended_ns: int) -> None:
-        """Store it."""
         self.site = site
         self.began_ns, self.ended_ns, self.read_ns = timeline.began_ns, ended_ns, ended_ns
         self._chunks = chunks

@@ -25,11 +25,7 @@ class RecordingServer:
     """Serves a recording at one address. Each page has its own position."""
 
     def __init__(self, past: FilePast, config: WebConfig) -> None:
-        """Bind the port.
-
-        Args:
-            past: the recording.
-            config: address, and both tokens.
+        """Bind the port of `config`, which has both tokens.
 
         Raises:
             ConfigError: If the page would be open to everyone.

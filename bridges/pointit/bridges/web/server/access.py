@@ -57,12 +57,6 @@ class Access:
     """The tokens, and wrong guesses by address."""
 
     def __init__(self, operator: str, viewer: str) -> None:
-        """Use these tokens.
-
-        Args:
-            operator: token for control.
-            viewer: token for viewing only.
-        """
         self._secrets: tuple[tuple[str, Role], ...] = (
             (cookie_value(operator), "operator"),
             (cookie_value(viewer), "viewer"),
@@ -112,7 +106,6 @@ class Access:
         return len(guesses) >= MAX_GUESSES
 
     def _judged(self, secret: str, address: str, now_s: float) -> Role | None:
-        """Return the role of `secret`, in constant time, and count wrong secrets."""
         given = secret.encode(errors="replace")
         roles: list[Role] = [
             role for known, role in self._secrets if hmac.compare_digest(given, known.encode())

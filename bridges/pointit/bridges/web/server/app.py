@@ -1,27 +1,27 @@
-"""Paths of the page's listeners: the ASGI application."""
+"""The ASGI application of the listeners: paths, and checks of hosts, origins and sizes of requests."""
 
 import asyncio
+import logging
 import time
 from collections.abc import Awaitable, Callable, Sequence
 
 from starlette.applications import Starlette
-from starlette.requests import Request
+from starlette.datastructures import Headers
+from starlette.requests import HTTPConnection, Request
 from starlette.responses import HTMLResponse, PlainTextResponse, RedirectResponse, Response
 from starlette.routing import BaseRoute, Route, WebSocketRoute
-from starlette.types import ASGIApp
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket
 
 from pointit.bridges.web.server import access
 from pointit.bridges.web.server.access import Access, RequestInfo
 from pointit.bridges.web.server.bundle import Bundle, file_response, refusal
-from pointit.bridges.web.server.security_middleware import SecurityMiddleware, asked_of
-from pointit.bridges.web.wire import Role
+from pointit.bridges.web.wire import OWN_FAULT, Role
 
 ONWARDS = """<!doctype html><html lang="en"><meta charset="utf-8"><title>PointIt</title>
 <meta http-equiv="refresh" content="0;url=/"><p><a href="/">Go on to the page</a></p></html>
 """
 """Served to visitors who follow a link of another site: a redirection would not send the strict cookie."""
-
 NOT_ADMITTED = (
     "Open the link that PointIt printed where it was started, or the file that its log names; "
     "the link ends in ?token=... and lets you in."
@@ -29,10 +29,8 @@ NOT_ADMITTED = (
 BARRED = "Too many wrong links were opened from your address. Open the right one, which always lets you in."
 REFUSAL_S = 1.0
 """Delay (s) of a refusal for an address that has guessed too often."""
-
 PAST = "/ws/past"
 """Path of the websocket of pages that play the last minutes."""
-
 OpenPage = Callable[[WebSocket, Role], Awaitable[None]]
 Download = Callable[[Request], Awaitable[Response]]
 
@@ -40,14 +38,9 @@ Download = Callable[[Request], Awaitable[Response]]
 def application(
     doors: Access, bundle: Bundle, open_page: OpenPage, download: Download, others: Sequence[BaseRoute] = ()
 ) -> ASGIApp:
-    """Return the application.
+    """Return the application; `open_page` serves a websocket, not yet accepted, until it ends.
 
-    Args:
-        doors: access control.
-        bundle: the built page.
-        open_page: serves a page's websocket, not yet accepted, until it ends.
-        download: answers operators with the recording.
-        others: further routes, which check access themselves.
+    Routes of `others` check access themselves.
     """
     page = _Page(doors, bundle, open_page, download)
     return SecurityMiddleware(
@@ -66,8 +59,6 @@ def application(
 
 
 class _Page:
-    """The routes of the page itself."""
-
     def __init__(self, doors: Access, bundle: Bundle, open_page: OpenPage, download: Download) -> None:
         self._doors = doors
         self._bundle = bundle
@@ -108,7 +99,6 @@ class _Page:
         return file_response(request, self._bundle, request.path_params["name"])
 
     async def _slow_down(self, asked: RequestInfo) -> None:
-        """Wait if the address has guessed too often."""
         if self._doors.is_rate_limited(asked.address, time.monotonic()):
             await asyncio.sleep(REFUSAL_S)
 
@@ -117,3 +107,88 @@ class _Page:
         if self._doors.is_rate_limited(asked.address, now_s):
             return refusal(429, "Not now", BARRED)
         return refusal(403, "This page needs a link", NOT_ADMITTED)
+
+
+log = logging.getLogger(__name__)
+MAX_BODY = 64 * 1024
+"""Maximum size of a posted body."""
+
+
+def asked_of(connection: HTTPConnection) -> RequestInfo:
+    """Return the fields of a request that matter for access; see `SecurityMiddleware`."""
+    asked: RequestInfo = connection.scope["pointit.asked"]
+    return asked
+
+
+class SecurityMiddleware:
+    """Rejects requests made by other sites or under foreign names, and adds headers to all responses."""
+
+    def __init__(self, app: ASGIApp, doors: Access) -> None:
+        self._app = app
+        self._doors = doors
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one request or websocket."""
+        if scope["type"] not in ("http", "websocket"):
+            return
+        asked = _asked(scope)
+        scope["pointit.asked"] = asked
+        answered = False
+
+        async def telling(message: Message) -> None:
+            nonlocal answered
+            if message["type"] in ("http.response.start", "websocket.http.response.start"):
+                answered = True
+                own = {name.lower() for name, _ in message.get("headers", ())}
+                more = [
+                    (name.lower().encode(), value.encode()) for name, value in access.headers(asked).items()
+                ]
+                message["headers"] = [*message.get("headers", ()), *(h for h in more if h[0] not in own)]
+            elif message["type"] in ("websocket.accept", "websocket.close"):
+                answered = True
+            await send(message)
+
+        response = self._objection(scope, asked)
+        try:
+            if response is None:
+                await self._app(scope, receive, telling)
+            elif scope["type"] == "http":
+                await response(scope, receive, telling)
+            else:
+                await WebSocket(scope, receive, telling).send_denial_response(response)
+        except OSError:
+            pass  # the client has gone
+        except Exception:
+            log.exception("%s failed", scope["path"])
+            if not answered and scope["type"] == "http":
+                await PlainTextResponse(OWN_FAULT, 500)(scope, receive, telling)
+
+    def _objection(self, scope: Scope, asked: RequestInfo) -> Response | None:
+        if not self._doors.is_known_host(asked.host):
+            return PlainTextResponse(
+                "this is not an address of the page; open the link that PointIt has printed", 403
+            )
+        is_posted = scope["type"] == "http" and scope["method"] not in ("GET", "HEAD")
+        if (scope["type"] == "websocket" or is_posted) and not self._doors.is_own_origin(asked):
+            return PlainTextResponse("only a page of this server may do that", 403)
+        if is_posted:
+            length = Headers(scope=scope).get("content-length", "")
+            if not length.isdecimal() or len(length) > 9 or int(length) > MAX_BODY:
+                return PlainTextResponse(f"at most {MAX_BODY} bytes are accepted, with a Content-Length", 413)
+        return None
+
+
+def _asked(scope: Scope) -> RequestInfo:
+    connection = HTTPConnection(scope)
+    headers = connection.headers
+    scheme, _, credentials = headers.get("authorization", "").partition(" ")
+    return RequestInfo(
+        scheme="https" if scope["scheme"] in ("https", "wss") else "http",
+        host=headers.get("host", ""),
+        address=connection.client.host if connection.client else "",
+        origin=headers.get("origin", ""),
+        site=headers.get("sec-fetch-site", ""),
+        destination=headers.get("sec-fetch-dest", ""),
+        cookies=connection.cookies,
+        bearer=credentials.strip() if scheme.lower() == "bearer" else "",
+    )

@@ -59,7 +59,6 @@ class Bundle:
     """Files of one folder and its subfolders."""
 
     def __init__(self, folder: Path = STATIC) -> None:
-        """Begin with an empty cache."""
         self._folder = folder
         self._files: dict[str, File] = {}
 

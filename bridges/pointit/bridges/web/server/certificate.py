@@ -49,13 +49,8 @@ class Certificate:
 def obtain(folder: Path, addresses: Sequence[str], host: str, now: dt.datetime) -> Certificate:
     """Return the certificate stored in `folder`, or make and store a new one.
 
-    The stored one is used while it names all `addresses` and this host and is valid for a week.
-
-    Args:
-        folder: where it is stored; need not exist.
-        addresses: of this machine, IPv4 or IPv6, as text.
-        host: this machine's name, without domain.
-        now: with a time zone.
+    The stored one is used while it names all `addresses` and this `host`, without domain, and is valid for a
+    week from `now`, which has a time zone.
 
     Raises:
         ConfigError: If it cannot be stored; names the file.

@@ -43,7 +43,6 @@ class Downloads:
     """Writes recordings on request, one at a time."""
 
     def __init__(self, recent: Recent, window_s: float, clock: Clock) -> None:
-        """Store the source of messages. `window_s` is the length of a recording."""
         self._recent = recent
         self._window_ns = round(window_s * NS_PER_S)
         self._clock = clock
@@ -63,7 +62,6 @@ class Downloads:
             self._writing.cancel()
 
     async def _write(self) -> tuple[str, bytes]:
-        """Return the name and the bytes of a recording, written in a thread."""
         now_ns = self._clock.now_ns()
         output = io.BytesIO()
         past = self._recent.past(now_ns)

@@ -50,5 +50,4 @@ def is_loopback(host: str) -> bool:
 
 
 def _is_contained() -> bool:
-    """Return True if this process is reachable only through a container's engine or from containers."""
     return bool(os.environ.get(CONTAINER)) or any(mark.exists() for mark in CONTAINER_MARKS)

@@ -61,7 +61,6 @@ class Lan:
         *,
         addresses: Callable[[], list[str]] = found_addresses,
     ) -> None:
-        """Create it closed; `app` is the same as on the loopback address."""
         self._config = config
         self._folder = site_folder(site, "web")
         self._app = app

@@ -100,8 +100,6 @@ def most_connections() -> int:
 
 @dataclass(slots=True)
 class _Visit:
-    """State of a connection."""
-
     address: str
     """IP address of the client."""
     cycle: object = None
@@ -165,9 +163,7 @@ class Listener:
     def cut_lingering(self) -> None:
         """Cut idle connections; to be called about once a second.
 
-        Those are connections that were to be closed by the last call and do not read, and those that were
-        quiet for
-        `QUIET_S`.
+        Those were to be closed by the last call and do not read, or were quiet for `QUIET_S`.
         """
         now_s = asyncio.get_running_loop().time()
         for client in [each for each, (_, since_s) in self._silent.items() if now_s - since_s > QUIET_S]:
@@ -235,7 +231,6 @@ class Listener:
                 await asyncio.sleep(0)
 
     def _hang_up(self, client: socket.socket) -> None:
-        """Close a connection that has no protocol."""
         if self._silent.pop(client, None) is not None:
             asyncio.get_running_loop().remove_reader(client)
         self._at_the_door.discard(client)
@@ -261,9 +256,7 @@ class Listener:
     async def _let_in(self, accepted: socket.socket, address: str) -> None:
         self._at_the_door.discard(accepted)
         loop = asyncio.get_running_loop()
-        with contextlib.suppress(
-            OSError
-        ):  # the client has gone, speaks no TLS or is too slow: the connection is closed
+        with contextlib.suppress(OSError):  # gone, without TLS or too slow: the connection is closed
             _, connection = await loop.connect_accepted_socket(
                 self._make_connection,
                 accepted,
@@ -296,12 +289,10 @@ class Listener:
 
 
 def _of_most(addresses: Mapping[Any, str]) -> list[Any]:
-    """Return the keys with the address that most have, in order."""
     most = Counter(addresses.values()).most_common(1)
     return [one for one, address in addresses.items() if address == most[0][0]]
 
 
 def _is_busy(connection: Any) -> bool:
-    """Return True if a request of the connection is being answered."""
     cycle = connection.cycle
     return cycle is not None and not cycle.response_complete

@@ -33,7 +33,6 @@ class Pairing:
     """Paired phones; times are of any monotonic clock, s."""
 
     def __init__(self) -> None:
-        """Begin without phones."""
         self._phones: dict[str, Phone] = {}
         self._count = 0
 

@@ -48,7 +48,6 @@ class Phones:
     """Serves every paired phone."""
 
     def __init__(self, host: PhoneHost, pairing: Pairing, bundle: Bundle) -> None:
-        """Begin without phones; `bundle` has the page, `phone.html`."""
         self._host = host
         self._pairing = pairing
         self._bundle = bundle
@@ -192,7 +191,6 @@ class Phones:
             self._host.send(phone.user, sample)
 
     def _greet(self, line: PhoneConnection) -> None:
-        """Send the greeting and the current state to a phone that has just connected."""
         line.clear()
         host = self._host
         line.put(greeting("wrist", version=host.version, site=host.site, user=line.phone.user))
@@ -217,7 +215,6 @@ class Phones:
 
 
 def _cookie(connection: HTTPConnection) -> str:
-    """Return the cookie's name: browsers keep those of all ports of a host together."""
     port = connection.url.port
     return f"pointit-wrist-{port}" if port else "pointit-wrist"
 

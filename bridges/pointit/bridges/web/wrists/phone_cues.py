@@ -16,7 +16,6 @@ class Cues:
     """One person's cues, and the current state for a phone that connects later."""
 
     def __init__(self) -> None:
-        """Begin without a state."""
         self._current = Cue()
         self._told: tuple[str, str, str] = ("idle", "", "")
 
@@ -64,6 +63,5 @@ class Cues:
         return changed
 
     def _change(self, **fields: Any) -> Cue | None:
-        """Return the state with `fields` changed, or None if they are unchanged."""
         before, self._current = self._current, self._current.model_copy(update=fields)
         return None if self._current == before else self._current

@@ -27,8 +27,6 @@ Hold = Literal["mouse", "phone"]
 
 @dataclass(slots=True)
 class _Phone:
-    """Last messages of a phone."""
-
     heard_ns: int
     turn: Turn
     session: int
@@ -36,8 +34,6 @@ class _Phone:
 
 @dataclass(slots=True)
 class _Person:
-    """Control of one person's wrist."""
-
     standing: AssumedPose
     arm: MouseArm
     page: str = ""
@@ -60,7 +56,6 @@ class WristControl:
     """
 
     def __init__(self, config: WebConfig) -> None:
-        """Begin without people."""
         self._config = config
         self._people: dict[str, _Person] = {}
         self._stand = choose_pose(Environment(stamp_ns=0, name=""))

@@ -36,8 +36,16 @@ class Room:
 PRODUCT = "services/pointit/"
 BRIDGES = "bridges/pointit/bridges/"
 ROOMS = {
+    "devices": Room(
+        ("lab/pointit_lab/devices",),
+        ("tests/devices",),
+        (
+            *(f"tests/unit/{name}" for name in ("imu_bridge", "led_driver", "robot", "testing_kit")),
+            "tests/wheel",
+        ),
+    ),
     "lab": Room(
-        ("lab",),
+        tuple(f"lab/pointit_lab/{name}" for name in ("benchmarks", "cli", "evaluation", "loadtest")),
         ("tests/lab",),
         (
             *("tests/docs", "tests/wheel", "tests/unit/geometry/test_one_euro_figures.py"),

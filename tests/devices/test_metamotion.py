@@ -16,8 +16,8 @@ from pointit.services.imu_bridge.ble.ble_source import SHORT_S
 from pointit.services.imu_bridge.ble.discovery import discover_ble
 from pointit.services.imu_bridge.ble.metamotion import METAMOTION, MetaMotion
 from pointit.services.imu_bridge.reading import Battery, Disconnected, Press, Reading, Reconnected, Signal
-from pointit.testing.devices.wrists.metamotion import SimulatedMetaMotion
 from pointit.testing.imu.harness import is_near
+from pointit_lab.devices.wrists.metamotion import SimulatedMetaMotion
 from tests.devices.ble_session import POSTURE, Session, require_selection, worn
 from tests.devices.bumble_radio import BumbleClient, air
 from tests.devices.bumble_wrist import BumbleWrist

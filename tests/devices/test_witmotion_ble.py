@@ -8,7 +8,7 @@ from pointit.geometry import rotation
 from pointit.runtime.virtual_time import run_virtually
 from pointit.services.imu_bridge.ble.witmotion_ble import WITMOTION_BLE
 from pointit.services.imu_bridge.reading import Battery, RawReading
-from pointit.testing.devices.wrists.witmotion import SimulatedWitMotion
+from pointit_lab.devices.wrists.witmotion import SimulatedWitMotion
 from tests.devices.ble_session import POSTURE, require_selection, worn
 
 

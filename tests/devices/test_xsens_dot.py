@@ -5,8 +5,8 @@ import itertools
 from pointit.runtime.virtual_time import run_virtually
 from pointit.services.imu_bridge.ble.xsens_dot import XSENS_DOT
 from pointit.services.imu_bridge.reading import Battery, Reading, Reconnected
-from pointit.testing.devices.wrists.xsens_dot import SimulatedXsensDot
 from pointit.testing.imu.harness import is_near
+from pointit_lab.devices.wrists.xsens_dot import SimulatedXsensDot
 from tests.devices.ble_session import POSTURE, require_selection, worn
 
 RATE_HZ = 60.0

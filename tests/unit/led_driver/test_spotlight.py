@@ -28,7 +28,7 @@ from pointit.services.led_driver.output.spotlight.config import SpotlightConfig
 from pointit.services.led_driver.output.spotlight.head import HOME, Angles, Limits, Mounting, moved
 from pointit.services.led_driver.output.spotlight.spotlight import Spotlight
 from pointit.testing import UdpDevice
-from pointit.testing.shipped.led import e131_frames
+from pointit_lab.devices.harnesses.led import e131_frames
 from tests.support.bench import until
 from tests.unit.led_driver.test_network_output import Told
 

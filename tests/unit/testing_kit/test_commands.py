@@ -96,6 +96,12 @@ def test_plugin_without_a_fake_device_is_told_how_to_get_one(
     assert "add an entry point 'my-bare-wrist' of the group pointit.fake_devices" in row["problem"]
 
 
+def test_without_the_laboratory_it_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(check, "find_spec", lambda _module: None)
+    with pytest.raises(ConfigError, match=r"^led-output spotlight .* pointit-lab, which is not installed"):
+        invoke(check.command, "spotlight")
+
+
 def test_harness_that_raises_is_named() -> None:
     def fail() -> None:
         raise ZeroDivisionError

@@ -20,8 +20,8 @@ from pointit.services.imu_bridge.ble import radio
 from pointit.services.imu_bridge.ble.button import DOUBLE_S, HOLD_S, ButtonGestures
 from pointit.services.imu_bridge.ble.metamotion import METAMOTION
 from pointit.services.imu_bridge.ble.radio import VIRTUAL_RADIOS, Radio, describe_error, scanning
-from pointit.testing.devices.ble import BleDevice, parameters
-from pointit.testing.devices.wrists.metamotion import SimulatedMetaMotion
+from pointit_lab.devices.ble import BleDevice, parameters
+from pointit_lab.devices.wrists.metamotion import SimulatedMetaMotion
 
 Reason = BleakBluetoothNotAvailableReason
 

@@ -8,7 +8,7 @@ from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
 from pointit.services.imu_bridge.reading import Reading
 from pointit.services.imu_bridge.serial.bno085 import Bno085Framer
-from pointit.testing.devices.serial_formats import bno085_orientation, bno085_packet
+from pointit_lab.devices.serial_formats import bno085_orientation, bno085_packet
 
 DATA_SHEET = bytes.fromhex("AA AA DE 01 00 92 FF 25 08 8D FE EC FF D1 03 00 00 00 E7")
 """Index 222, yaw 0.01°, pitch -1.10°, roll 20.85°, acceleration -371, -20, 977 mg."""

@@ -18,8 +18,8 @@ from pointit.services.imu_bridge.serial.text_line import LONGEST_LINE, TextFrame
 from pointit.services.imu_bridge.serial.witmotion import LENGTH as WITMOTION_LENGTH
 from pointit.services.imu_bridge.serial.witmotion import WitMotionFramer
 from pointit.services.imu_bridge.serial.ximu3 import LONGEST, Ximu3Framer
-from pointit.testing.devices.serial_formats import bno085_orientation, witmotion_quaternion, ximu3_quaternion
 from pointit.testing.templates.imu_source.fake import encode as text
+from pointit_lab.devices.serial_formats import bno085_orientation, witmotion_quaternion, ximu3_quaternion
 
 POSTURE = rotation.from_azimuth_elevation(0.7, -0.3)
 

@@ -3,7 +3,7 @@
 import pytest
 
 from pointit.testing import ImuHarness, checks, run_checks
-from pointit.testing.shipped.imu import BNO085_HARNESS, SERIAL_XIMU3_HARNESS, WITMOTION_HARNESS
+from pointit_lab.devices.harnesses.imu import BNO085_HARNESS, SERIAL_XIMU3_HARNESS, WITMOTION_HARNESS
 
 ABOUT_DATA = {"delivers", "bad_bytes", "not_finite", "not_unit"}
 """Checks that depend on the format; `pointit plugin check` makes all of them with lines of text."""

@@ -27,7 +27,7 @@ from pointit.services.imu_bridge.serial import source as serial_source
 from pointit.services.imu_bridge.serial.config import SerialConfig
 from pointit.services.imu_bridge.serial.ports import discover, set_speed
 from pointit.services.imu_bridge.serial.source import SerialSource
-from pointit.testing.devices.serial_formats import (
+from pointit_lab.devices.serial_formats import (
     bno085_orientation,
     witmotion_packet,
     witmotion_quaternion,

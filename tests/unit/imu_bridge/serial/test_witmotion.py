@@ -11,7 +11,7 @@ from pointit.services.imu_bridge.arm_frame import from_roll_pitch_yaw
 from pointit.services.imu_bridge.reading import RawReading, Reading
 from pointit.services.imu_bridge.serial import witmotion
 from pointit.services.imu_bridge.serial.witmotion import WitMotionFramer
-from pointit.testing.devices.serial_formats import witmotion_packet, witmotion_quaternion
+from pointit_lab.devices.serial_formats import witmotion_packet, witmotion_quaternion
 
 GOLDEN = bytes.fromhex("55 59 82 5a 00 00 00 00 82 5a 66")
 """w = z = 0.7071, checked against the vendor's decoder."""

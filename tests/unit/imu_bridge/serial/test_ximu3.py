@@ -9,7 +9,7 @@ from pointit.geometry import rotation
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.reading import Battery, Item, Press, RawReading, Reading, Signal
 from pointit.services.imu_bridge.serial.ximu3 import LONGEST, Ximu3Framer
-from pointit.testing.devices.serial_formats import ximu3_binary, ximu3_text
+from pointit_lab.devices.serial_formats import ximu3_binary, ximu3_text
 
 MANUAL = {
     "Q binary": bytes.fromhex("D1 40420F0000000000 0000803F 00000000 00000000 00000000 0A"),

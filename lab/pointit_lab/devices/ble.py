@@ -5,7 +5,7 @@ from typing import Any
 
 from pointit.services.imu_bridge.ble.radio import VIRTUAL_RADIOS, Radio
 from pointit.testing.devices.device import FakeDevice
-from pointit.testing.devices.wrists.wrist import Peripheral, SimulatedWrist
+from pointit_lab.devices.wrists.wrist import Peripheral, SimulatedWrist
 
 _numbers = itertools.count(1)
 
@@ -47,7 +47,7 @@ class BleDevice(FakeDevice):
         VIRTUAL_RADIOS.pop(self.adapter, None)
 
     def _radio(self) -> Radio:
-        from pointit.testing.devices.ble_backend import backends  # noqa: PLC0415 - needs an extra
+        from pointit_lab.devices.ble_backend import backends  # noqa: PLC0415 - needs an extra
 
         scanner, client = backends(self.peripheral)
         return Radio(scanner=scanner, client=client)

@@ -3,7 +3,7 @@
 from pointit.services.robot.drivers.sim.sim_driver import SIM
 from pointit.services.robot.drivers.vda5050.driver import VDA5050
 from pointit.testing import RobotHarness
-from pointit.testing.devices.agv_broker import AgvBrokerDevice
+from pointit_lab.devices.agv_broker import AgvBrokerDevice
 
 SIM_HARNESS = RobotHarness(plugin=SIM, kind="quadrotor", virtual_time=True)
 VDA5050_HARNESS = RobotHarness(

@@ -12,7 +12,7 @@ from bleak.backends.scanner import AdvertisementData, AdvertisementDataCallback,
 from bleak.backends.service import BleakGATTService, BleakGATTServiceCollection
 from bleak.exc import BleakError
 
-from pointit.testing.devices.wrists.wrist import Peripheral
+from pointit_lab.devices.wrists.wrist import Peripheral
 
 RSSI_DBM = -60
 MTU = 247

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from pointit.geometry.rotation import inverse, multiply, rotate
 from pointit.plugins import Quaternion
-from pointit.testing.devices.wrists.wrist import Property, Sent, SimulatedWrist
+from pointit_lab.devices.wrists.wrist import Property, Sent, SimulatedWrist
 
 _NOTIFY = "0000ffe4-0000-1000-8000-00805f9a34fb"
 _WRITE = "0000ffe9-0000-1000-8000-00805f9a34fb"

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import ClassVar, Literal
 
 from pointit.plugins import Quaternion
-from pointit.testing.devices.wrists.wrist import Property, Sent, SimulatedWrist
+from pointit_lab.devices.wrists.wrist import Property, Sent, SimulatedWrist
 
 _COMMAND = "326a9001-85cb-9195-d9dd-464cfbbae75a"
 _NOTIFY = "326a9006-85cb-9195-d9dd-464cfbbae75a"

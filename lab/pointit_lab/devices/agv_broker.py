@@ -6,7 +6,7 @@ import json
 import math
 from typing import Any
 
-from pointit.testing.devices.mqtt_broker import MqttBrokerDevice, Published
+from pointit_lab.devices.mqtt_broker import MqttBrokerDevice, Published
 
 TICK_S = 0.05
 

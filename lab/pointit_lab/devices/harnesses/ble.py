@@ -3,11 +3,11 @@
 from pointit.services.imu_bridge.ble.metamotion import METAMOTION
 from pointit.services.imu_bridge.ble.witmotion_ble import WITMOTION_BLE
 from pointit.services.imu_bridge.ble.xsens_dot import XSENS_DOT
-from pointit.testing.devices.ble import BleDevice, parameters
-from pointit.testing.devices.wrists.metamotion import SimulatedMetaMotion
-from pointit.testing.devices.wrists.witmotion import SimulatedWitMotion
-from pointit.testing.devices.wrists.xsens_dot import SimulatedXsensDot
 from pointit.testing.imu import ImuHarness
+from pointit_lab.devices.ble import BleDevice, parameters
+from pointit_lab.devices.wrists.metamotion import SimulatedMetaMotion
+from pointit_lab.devices.wrists.witmotion import SimulatedWitMotion
+from pointit_lab.devices.wrists.xsens_dot import SimulatedXsensDot
 
 METAMOTION_HARNESS = ImuHarness(
     plugin=METAMOTION,

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from pointit.plugins import Quaternion
-from pointit.testing.devices.wrists.wrist import Property, Sent, SimulatedWrist
+from pointit_lab.devices.wrists.wrist import Property, Sent, SimulatedWrist
 
 _CONTROL = "15172001-4947-11e9-8646-d663bd873d93"
 _SHORT_PAYLOAD = "15172004-4947-11e9-8646-d663bd873d93"

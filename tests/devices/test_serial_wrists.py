@@ -15,9 +15,7 @@ import pointit
 from pointit.geometry.rotation import Quaternion
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.serial.ximu3 import Ximu3Framer
-from pointit.testing.devices.device import FakeDevice
-from pointit.testing.devices.pty import PtyDevice
-from pointit.testing.devices.udp import UdpDevice
+from pointit.testing.devices import FakeDevice, PtyDevice, UdpDevice
 from pointit.testing.templates.imu_source.fake import encode as text_line
 from pointit_lab.devices.serial_formats import (
     bno085_orientation,

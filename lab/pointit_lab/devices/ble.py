@@ -4,7 +4,7 @@ import itertools
 from typing import Any
 
 from pointit.services.imu_bridge.ble.radio import VIRTUAL_RADIOS, Radio
-from pointit.testing.devices.device import FakeDevice
+from pointit.testing.devices import FakeDevice
 from pointit_lab.devices.wrists.wrist import Peripheral, SimulatedWrist
 
 _numbers = itertools.count(1)

@@ -5,7 +5,7 @@ import contextlib
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from pointit.testing.devices.tcp import TcpDevice
+from pointit.testing.devices import TcpDevice
 
 CONNECT, PUBLISH, SUBSCRIBE, PING = 1, 3, 8, 12
 """Kinds of packets: the upper four bits of the first byte."""

@@ -8,8 +8,7 @@ from pointit.services.imu_bridge.replay_source import REPLAY
 from pointit.services.imu_bridge.serial.source import SERIAL
 from pointit.services.imu_bridge.simulated import SIMULATED
 from pointit.services.imu_bridge.sources import PAGE
-from pointit.testing.devices.device import FakeDevice
-from pointit.testing.devices.pty import PtyDevice
+from pointit.testing.devices import FakeDevice, PtyDevice
 from pointit.testing.imu import ImuHarness
 from pointit.testing.templates.imu_source.fake import encode
 from pointit_lab.devices.serial_formats import bno085_orientation, witmotion_quaternion, ximu3_quaternion

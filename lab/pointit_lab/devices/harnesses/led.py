@@ -11,8 +11,7 @@ from pointit.services.led_driver.output.serial_port import adalight_protocol
 from pointit.services.led_driver.output.serial_port.adalight import ADALIGHT
 from pointit.services.led_driver.output.serial_port.expander import EXPANDER
 from pointit.services.led_driver.output.serial_port.upxl_protocol import DRAW_ALL, MAGIC, SET_CHANNEL_WS2812
-from pointit.testing.devices.pty import PtyDevice
-from pointit.testing.devices.udp import UdpDevice
+from pointit.testing.devices import PtyDevice, UdpDevice
 from pointit.testing.led import LedHarness
 from pointit.testing.led.harness import DARK, PIXELS, STRIPS, lamp_id
 from pointit_lab.devices.mqtt_broker import MqttBrokerDevice, published

@@ -9,7 +9,7 @@ from pointit.services.imu_bridge.network.osc import OSC
 from pointit.services.imu_bridge.network.slimevr import SLIMEVR
 from pointit.services.imu_bridge.network.udp import UDP
 from pointit.services.imu_bridge.network.ximu3 import XIMU3
-from pointit.testing.devices.udp import UdpDevice
+from pointit.testing.devices import UdpDevice
 from pointit.testing.imu import ImuHarness
 from pointit_lab.devices.serial_formats import ximu3_quaternion
 

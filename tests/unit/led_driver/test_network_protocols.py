@@ -21,7 +21,7 @@ from pointit.services.led_driver.output.dmx.artnet import ArtnetStream, broadcas
 from pointit.services.led_driver.output.dmx.e131 import E131Config, E131Stream
 from pointit.services.led_driver.output.dmx.stream import pixels_wire
 from pointit.services.led_driver.output.pixel_map import map_pixels
-from pointit.services.led_driver.segment import Segment
+from pointit.services.led_driver.outputs import Segment
 from tests.support.sacn_packets import read_packet
 
 CID = uuid.UUID("00112233-4455-6677-8899-aabbccddeeff")

@@ -19,7 +19,7 @@ from pointit.services.led_driver import outputs
 from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.guarded_output import GuardedOutput
 from pointit.services.led_driver.output import datagram_sender
-from pointit.services.led_driver.output.serial_port.expander_config import ExpanderConfig
+from pointit.services.led_driver.output.serial_port.config import ExpanderConfig
 from pointit.services.led_driver.outputs import LedOutput, OutputConfig, make_outputs
 from pointit.services.led_driver.service import LedDriver
 from pointit.testing import UdpDevice

@@ -80,7 +80,7 @@ def passing(stamp_ns: int, position_m: float, strip_id: str = "a") -> Cursor:
 def test_who_points_past_is_shown_the_nearest_pixel_dim_and_blinking(strip_id: str) -> None:
     lights = LightState(FAST)
     lights.on_map(MAP_MESSAGE)
-    lights.on_profile("anna", UserProfile(stamp_ns=0, cursor_color=(200, 100, 0)))
+    lights.content.set_profile("anna", UserProfile(stamp_ns=0, cursor_color=(200, 100, 0)))
     seen: list[dict[int, tuple[int, ...]]] = []
     for step in range(200):
         now_ns = step * NS_PER_S // 100
@@ -101,13 +101,13 @@ def test_a_frame_is_asked_for_when_the_pixel_changes_and_when_it_blinks() -> Non
     timeout_ns = now_ns + int(FAST.cursor_timeout_s * NS_PER_S)
     assert lights.on_cursor("anna", passing(now_ns, 1.01), now_ns)
     lights.frame(now_ns)
-    assert lights.next_change_ns() == 3 * NS_PER_S + NS_PER_S // 2
+    assert lights.content.next_change_ns() == 3 * NS_PER_S + NS_PER_S // 2
     assert not lights.on_cursor("anna", passing(now_ns, 1.09), now_ns)  # the same pixel
     assert lights.on_cursor("anna", passing(now_ns, 1.11), now_ns)
     assert lights.on_cursor("anna", passing(now_ns, 1.11, "b"), now_ns)
     assert lights.on_cursor("anna", passing(now_ns, 1.11, "of another map"), now_ns)  # none
     lights.frame(now_ns)
-    assert lights.next_change_ns() == timeout_ns
+    assert lights.content.next_change_ns() == timeout_ns
     assert not lights.on_cursor("anna", passing(now_ns, 1.5, "of another map"), now_ns)
 
 

@@ -8,8 +8,7 @@ from pydantic import ValidationError
 from pointit.schemas import Strip, StripFrame, StripsFrame
 from pointit.services.led_driver.output.pixel_map import PixelMap, map_pixels
 from pointit.services.led_driver.output.power import Power
-from pointit.services.led_driver.outputs import OutputConfig
-from pointit.services.led_driver.segment import Segment
+from pointit.services.led_driver.outputs import OutputConfig, Segment
 
 STRIPS = tuple(
     Strip(id=name, line_m=((0, 0, 0), (1, 0, 0)), pixels=pixels) for name, pixels in (("a", 3), ("b", 2))

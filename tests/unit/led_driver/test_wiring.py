@@ -12,9 +12,8 @@ from pydantic import ValidationError
 from pointit.maps.file import load_map_and_clouds
 from pointit.schemas import Strip, StripFrame, StripsFrame
 from pointit.services.led_driver.output.serial_port import upxl_protocol
+from pointit.services.led_driver.output.serial_port.config import ChannelConfig, ExpanderConfig, wire_time_s
 from pointit.services.led_driver.output.serial_port.expander import ExpanderFrame
-from pointit.services.led_driver.output.serial_port.expander_config import ChannelConfig, ExpanderConfig
-from pointit.services.led_driver.output.serial_port.serial_config import wire_time_s
 from pointit.services.led_driver.output.serial_port.wiring import frame_bytes, map_channels, too_slow
 
 

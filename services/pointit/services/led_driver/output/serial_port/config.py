@@ -1,16 +1,35 @@
-"""Parameters of a serial LED expander."""
+"""Parameters of controllers on a serial port, and the duration of bytes on its wire."""
 
 from typing import Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
 from pointit.runtime.config.config import Config
-from pointit.services.led_driver.output.serial_port.serial_config import SerialOutputConfig
-from pointit.services.led_driver.segment import Segment, validated_order
+from pointit.services.led_driver.outputs import OutputConfig, Segment, validated_order
 
 CHANNELS = 64
-
 Board = Literal["v1", "v2", "v3"]
+MAX_BAUD = 4_000_000
+BITS_PER_BYTE = 10
+"""Bits on the wire, with start and stop bit."""
+
+
+class SerialOutputConfig(OutputConfig):
+    """A controller on a serial port."""
+
+    port: str = Field(
+        "",
+        description="path or name of the controller's port; /dev/serial/by-id/... survives plugging in again",
+    )
+    baud: int = Field(115200, gt=0, le=MAX_BAUD, description="bits per second")
+    wanted_rate_hz: float = Field(
+        25.0, gt=0, le=1000, description="frames per second below which a warning says what fits"
+    )
+
+
+def wire_time_s(size_bytes: int, baud: int) -> float:
+    """Return the time until the last of `size_bytes` has left a wire of `baud` bits per second."""
+    return size_bytes * BITS_PER_BYTE / baud
 
 
 class ChannelConfig(Config):

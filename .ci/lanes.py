@@ -36,7 +36,16 @@ class Room:
 PRODUCT = "services/pointit/"
 BRIDGES = "bridges/pointit/bridges/"
 ROOMS = {
-    "lab": Room(("lab",), ("tests/lab",), ("tests/docs", "tests/wheel")),
+    "devices": Room(
+        ("lab/pointit_lab/devices",),
+        ("tests/devices",),
+        (*(f"tests/unit/{name}" for name in ("imu_bridge", "led_driver", "robot", "testing_kit")), "tests/wheel"),
+    ),
+    "lab": Room(
+        tuple(f"lab/pointit_lab/{name}" for name in ("benchmarks", "cli", "evaluation", "loadtest")),
+        ("tests/lab",),
+        ("tests/docs", "tests/wheel"),
+    ),
     "foxglove": Room(
         (f"{BRIDGES}foxglove",),
         ("tests/unit/foxglove", "tests/integration/foxglove"),

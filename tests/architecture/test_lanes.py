@@ -28,7 +28,8 @@ def lanes() -> ModuleType:
 @pytest.mark.parametrize(
     ("changed", "why", "runs", "leaves"),
     [
-        (["lab/pointit_lab/x.py"], "lab", "tests/lab", "tests/unit/web"),
+        (["lab/pointit_lab/cli/x.py"], "lab", "tests/lab", "tests/unit/imu_bridge"),
+        (["lab/pointit_lab/devices/ble.py"], "devices", "tests/unit/imu_bridge", "tests/lab"),
         (["tests/lab/cli/test_x.py", "CHANGELOG.md"], "lab", "tests/docs", "tests/unit/web"),
         (["bridges/pointit/bridges/web/page.py"], "page", "tests/e2e/web", "tests/unit/ros2"),
         (["services/pointit/services/robot/a.py", "services/pointit/services/goal/b.py"], "robots",
@@ -58,8 +59,9 @@ def test_a_change_in_one_room_runs_its_lane(
         ["pyproject.toml"],
         [".ci/run"],
         ["tests/conftest.py"],
-        ["tests/support/pace.py", "lab/a.py"],
-        ["lab/a.py", "bridges/pointit/bridges/web/page.py"],
+        ["tests/support/pace.py", "lab/pointit_lab/cli/a.py"],
+        ["lab/pointit_lab/cli/a.py", "bridges/pointit/bridges/web/page.py"],
+        ["lab/pyproject.toml"],
         ["laboratory/a.py"],
         ["docs/index.md", "services/pointit/geometry/vector.py"],
     ],
@@ -115,26 +117,26 @@ def test_what_has_changed_is_compared_with_what_has_landed(
     lanes: ModuleType, monkeypatch: pytest.MonkeyPatch, clone: Path
 ) -> None:
     assert run(lanes, monkeypatch, clone) == ("everything",)
-    commit(clone, "lab/a.py", "tests/lab/cli/test_a.py")
+    commit(clone, "lab/pointit_lab/cli/a.py", "tests/lab/cli/test_a.py")
     assert run(lanes, monkeypatch, clone) == ("lab", "tests/lab")
-    commit(clone, "lab/b.py")
+    commit(clone, "lab/pointit_lab/cli/b.py")
     assert run(lanes, monkeypatch, clone, "HEAD^") == ("lab", "tests/lab")
     assert run(lanes, monkeypatch, clone, "nonsense") == ("everything",)
     (clone / "new.py").write_text("")
     assert run(lanes, monkeypatch, clone) == ("everything",)
     (clone / "new.py").unlink()
-    git(clone, "mv", "services/a.py", "lab/c.py")
+    git(clone, "mv", "services/a.py", "lab/pointit_lab/cli/c.py")
     assert run(lanes, monkeypatch, clone) == ("everything",)  # moved out of another room
     git(clone, "reset", "--quiet", "--hard")
     for _ in range(5):
-        commit(clone, "lab/b.py")
+        commit(clone, "lab/pointit_lab/cli/b.py")
     assert run(lanes, monkeypatch, clone) == ("everything",)  # the tenth commit
 
 
 def test_of_a_clone_without_history_or_origin_everything_runs(
     lanes: ModuleType, monkeypatch: pytest.MonkeyPatch, clone: Path, tmp_path: Path
 ) -> None:
-    commit(clone, "lab/a.py")
+    commit(clone, "lab/pointit_lab/cli/a.py")
     git(tmp_path, "clone", "--quiet", "--depth", "1", f"file://{clone}", "shallow")
     assert run(lanes, monkeypatch, tmp_path / "shallow", "HEAD") == ("everything",)
     git(clone, "remote", "remove", "origin")
@@ -154,7 +156,7 @@ def test_a_lane_has_every_test_that_imports_its_room(lanes: ModuleType) -> None:
     """Tests that only name the room in a command are among those of whole runs."""
     files = tuple(sorted((ROOT / "tests").rglob("*.py")))
     for name, room in lanes.ROOMS.items():
-        paths = [re.sub(r"^lab$", "pointit_lab", each) for each in room.sources]
+        paths = [each.removeprefix("lab/") for each in room.sources]
         modules = [re.sub(r"^\w+/(?=pointit)", "", each).replace("/", ".") for each in paths]
         runs = (*room.tests, *room.others, *lanes.ALWAYS, "tests/support")
         left_out = {

@@ -53,7 +53,6 @@ DEVICES = {
         "output/dmx/e131.py",
         "output/serial_port/expander.py",
         "output/mqtt/mqtt_output.py",
-        "output/mqtt/search.py",
         "output/network_output.py",
         "output/output_health.py",
         "output/serial_port/serial_output.py",

@@ -14,7 +14,7 @@ from pointit.plugins import ImuSource, Surroundings
 from pointit.runtime.virtual_time import VirtualClock
 from pointit.services.imu_bridge.ble.ble_source import BleSource
 from pointit.services.imu_bridge.reading import Item
-from pointit.testing.devices.wrists.wrist import SimulatedWrist
+from pointit_lab.devices.wrists.wrist import SimulatedWrist
 from tests.devices.bumble_radio import air
 from tests.devices.bumble_wrist import BumbleWrist
 from tests.devices.red_segments import Follower

@@ -27,7 +27,7 @@ from bumble.hci import Address
 from bumble.link import LocalLink
 
 from pointit.services.imu_bridge.ble.radio import VIRTUAL_RADIOS, Radio
-from pointit.testing.devices.wrists.wrist import SimulatedWrist
+from pointit_lab.devices.wrists.wrist import SimulatedWrist
 from tests.devices.bumble_wrist import BumbleWrist, numbers, virtual_device
 
 NAMES: dict[gatt.Characteristic.Properties, CharacteristicPropertyName] = {

@@ -14,7 +14,7 @@ from bumble.link import LocalLink
 from bumble.transport.common import AsyncPipeSink
 
 from pointit.plugins import Quaternion
-from pointit.testing.devices.wrists.wrist import SimulatedWrist
+from pointit_lab.devices.wrists.wrist import SimulatedWrist
 
 PROPERTIES: dict[str, gatt.Characteristic.Properties] = {
     "read": gatt.Characteristic.Properties.READ,

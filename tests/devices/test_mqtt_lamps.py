@@ -22,8 +22,7 @@ from pointit.runtime.mqtt.broker import connected
 from pointit.schemas import Lamp
 from pointit.services.led_driver.output.mqtt import mqtt_output
 from pointit.services.led_driver.output.mqtt.mqtt_config import MqttConfig
-from pointit.services.led_driver.output.mqtt.mqtt_output import MqttLamps
-from pointit.services.led_driver.output.mqtt.search import find_lamps_on
+from pointit.services.led_driver.output.mqtt.mqtt_output import MqttLamps, find_lamps_on
 from pointit.services.led_driver.output.output_health import OutputHealth
 from pointit.testing.trial import TrialHealth
 from tests.examples.running import running

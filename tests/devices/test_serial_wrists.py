@@ -15,17 +15,15 @@ import pointit
 from pointit.geometry.rotation import Quaternion
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.serial.ximu3 import Ximu3Framer
-from pointit.testing.devices.device import FakeDevice
-from pointit.testing.devices.pty import PtyDevice
-from pointit.testing.devices.serial_formats import (
+from pointit.testing.devices import FakeDevice, PtyDevice, UdpDevice
+from pointit.testing.templates.imu_source.fake import encode as text_line
+from pointit_lab.devices.serial_formats import (
     bno085_orientation,
     witmotion_quaternion,
     ximu3_binary,
     ximu3_quaternion,
     ximu3_text,
 )
-from pointit.testing.devices.udp import UdpDevice
-from pointit.testing.templates.imu_source.fake import encode as text_line
 from tests.devices.red_segments import Follower, repeated
 from tests.support.bench import until
 

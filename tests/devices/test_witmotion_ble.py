@@ -8,39 +8,36 @@ from pointit.geometry import rotation
 from pointit.runtime.virtual_time import run_virtually
 from pointit.services.imu_bridge.ble.witmotion_ble import WITMOTION_BLE
 from pointit.services.imu_bridge.reading import Battery, RawReading
-from pointit.testing.devices.wrists.witmotion import SimulatedWitMotion
+from pointit_lab.devices.wrists.witmotion import SimulatedWitMotion
 from tests.devices.ble_session import POSTURE, require_selection, worn
+from tests.support.bench import in_virtual_time
 
 
-def test_sensor_is_set_to_its_rate_and_delivers_rates_accelerations_and_battery() -> None:
-    async def main() -> None:
-        sensor = SimulatedWitMotion()
-        async with worn(WITMOTION_BLE, sensor, rate_hz=100, parameters={"rate_hz": 100}) as session:
-            await session.until(lambda: len(session.of(RawReading)) >= 200)
-            assert sensor.rate_code == 9
-            up = rotation.rotate(rotation.inverse(POSTURE), (0.0, 0.0, 9.80665))
-            assert session.of(RawReading)[-1].acceleration_mps2 == pytest.approx(up, abs=0.01)
-            assert session.of(RawReading)[-1].angular_velocity_radps == (0.0, 0.0, 0.0)
-            (battery,) = session.of(Battery)
-            assert battery.volts == 3.93
-            assert battery.level == pytest.approx(0.75)
-
-    run_virtually(main())
+@in_virtual_time
+async def test_sensor_is_set_to_its_rate_and_delivers_rates_accelerations_and_battery() -> None:
+    sensor = SimulatedWitMotion()
+    async with worn(WITMOTION_BLE, sensor, rate_hz=100, parameters={"rate_hz": 100}) as session:
+        await session.until(lambda: len(session.of(RawReading)) >= 200)
+        assert sensor.rate_code == 9
+        up = rotation.rotate(rotation.inverse(POSTURE), (0.0, 0.0, 9.80665))
+        assert session.of(RawReading)[-1].acceleration_mps2 == pytest.approx(up, abs=0.01)
+        assert session.of(RawReading)[-1].angular_velocity_radps == (0.0, 0.0, 0.0)
+        (battery,) = session.of(Battery)
+        assert battery.volts == 3.93
+        assert battery.level == pytest.approx(0.75)
 
 
-def test_angular_velocity_is_in_radians_per_second_about_the_axes_of_the_sensor() -> None:
-    async def main() -> None:
-        async with worn(WITMOTION_BLE, SimulatedWitMotion(), rate_hz=1) as session:
-            await session.until(lambda: bool(session.of(RawReading)))
-            frame = bytes.fromhex("5561" + "000000000000" + "001000000000" + "000000000000")
-            await session.wrist.send(session.wrist.wrist.stream, frame[:7])
-            await session.wrist.send(session.wrist.wrist.stream, frame[7:] + frame)
-            await session.until(lambda: len(session.of(RawReading)) >= 3)
-            turned = [each for each in session.of(RawReading) if any(each.angular_velocity_radps)]
-            assert len(turned) == 2
-            assert turned[0].angular_velocity_radps == pytest.approx((math.radians(250.0), 0.0, 0.0))
-
-    run_virtually(main())
+@in_virtual_time
+async def test_angular_velocity_is_in_radians_per_second_about_the_axes_of_the_sensor() -> None:
+    async with worn(WITMOTION_BLE, SimulatedWitMotion(), rate_hz=1) as session:
+        await session.until(lambda: bool(session.of(RawReading)))
+        frame = bytes.fromhex("5561" + "000000000000" + "001000000000" + "000000000000")
+        await session.wrist.send(session.wrist.wrist.stream, frame[:7])
+        await session.wrist.send(session.wrist.wrist.stream, frame[7:] + frame)
+        await session.until(lambda: len(session.of(RawReading)) >= 3)
+        turned = [each for each in session.of(RawReading) if any(each.angular_velocity_radps)]
+        assert len(turned) == 2
+        assert turned[0].angular_velocity_radps == pytest.approx((math.radians(250.0), 0.0, 0.0))
 
 
 def test_person_with_a_witmotion_sensor_selects_red_segments() -> None:

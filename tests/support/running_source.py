@@ -13,10 +13,11 @@ from tests.support.buses import free_udp_port
 
 
 class Health(NullHealth):
-    """Health whose present warnings can be read."""
+    """Health whose present warnings and metrics can be read."""
 
     def __init__(self) -> None:
         self.warnings: dict[str, str] = {}
+        self.metrics: dict[str, float] = {}
 
     def warn(self, topic: str, sentence: str) -> None:
         self.warnings.pop(topic, None)
@@ -25,6 +26,12 @@ class Health(NullHealth):
 
     def clear(self, topic: str) -> None:
         self.warnings.pop(topic, None)
+
+    def set_metric(self, name: str, value: float | None, unit: str = "") -> None:
+        del unit
+        self.metrics.pop(name, None)
+        if value is not None:
+            self.metrics[name] = value
 
 
 @dataclass

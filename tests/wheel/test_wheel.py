@@ -140,6 +140,11 @@ async def test_laboratory_adds_its_commands_when_it_is_installed_beside(
     assert refused.err == (
         f"Error: `pointit evaluate` is a command of pointit-lab, which is not installed; run `{remedy}`\n"
     )
+    ended = await commands.run([str(plain), "plugin", "check", "hold"]).end()
+    assert "11 of 11 promises are kept" in ended.out
+    refused = await commands.run([str(plain), "plugin", "check", "simulated"]).end()
+    assert (refused.code, refused.out) == (2, "")
+    assert f"with a device of pointit-lab, which is not installed; run `{remedy}`" in refused.err
     python = plain.with_name("python")
     run(UV, "pip", "install", "--quiet", "--python", python, *LOCK, laboratory, cwd=plain.parent)
     try:
@@ -149,6 +154,8 @@ async def test_laboratory_adds_its_commands_when_it_is_installed_beside(
         ended = await commands.run([str(plain), "evaluate", "selection", *one]).end()
         assert ended.code == 0, ended.err
         assert "gauge" in ended.out
+        ended = await commands.run([str(plain), "plugin", "check", "simulated"]).end()
+        assert ended.code == 0, ended.out
     finally:
         run(UV, "pip", "uninstall", "--quiet", "--python", python, "pointit-lab", cwd=plain.parent)
 

@@ -125,13 +125,15 @@ def frame_rows(room: Environment) -> list[dict[str, Any]]:
     ]
     lights = LightState(LedDriverConfig())
     lights.on_map(room)
-    lights.on_objects("conveyor", TrackedObjects(stamp_ns=NOW_NS, objects=tuple(objects)), NOW_NS)
+    lights.content.set_objects("conveyor", TrackedObjects(stamp_ns=NOW_NS, objects=tuple(objects)), NOW_NS)
     selected = SelectedObject(id="p5", user=USERS[0], since_ns=NOW_NS)
-    lights.on_selection(Selection(stamp_ns=NOW_NS, objects=(selected,)))
+    lights.content.set_selection(Selection(stamp_ns=NOW_NS, objects=(selected,)))
     layout = Layout(room.strips, room.belts)
     on = [objects[number] for number in range(len(USERS))]
     for user, color, item in zip(USERS, COLORS, on, strict=True):
-        lights.on_profile(user, UserProfile(stamp_ns=NOW_NS, cursor_color=color, cursor_width_m=WIDTH_M))
+        lights.content.set_profile(
+            user, UserProfile(stamp_ns=NOW_NS, cursor_color=color, cursor_width_m=WIDTH_M)
+        )
         cursor = Cursor(
             stamp_ns=NOW_NS,
             surface=item.surface,
@@ -144,7 +146,7 @@ def frame_rows(room: Environment) -> list[dict[str, Any]]:
     marks = [(layout.line(item.surface, item.surface_id) or 0, item.surface_position_m) for item in on]
 
     def ours(now_ns: int) -> None:
-        lights.on_hover(USERS[0], hover, NOW_NS)  # a hover comes with every cursor
+        lights.content.set_hover(USERS[0], hover, NOW_NS)  # a hover comes with every cursor
         lights.frame(now_ns)
 
     def paper(now_ns: int) -> None:
@@ -194,7 +196,7 @@ async def _row(pixels: int, count: int, kind: str, changes: str) -> dict[str, An
         lights = LightState(LedDriverConfig(objects_timeout_s=60.0))
         lights.on_map(room)
         if changes == "all strips":
-            lights.on_objects("tracker", _packages(ids), NOW_NS)
+            lights.content.set_objects("tracker", _packages(ids), NOW_NS)
         for output in outputs:
             output.set_map(room)
         tasks = [asyncio.create_task(output.run()) for output in outputs]

@@ -82,9 +82,8 @@ from pointit.services.imu_bridge.reading import (
     Source,
 )
 from pointit.services.imu_bridge.sources import SOURCES, ImuSource
-from pointit.services.led_driver.outputs import OUTPUTS, LedOutput, OutputConfig
+from pointit.services.led_driver.outputs import OUTPUTS, LedOutput, OutputConfig, Segment
 from pointit.services.led_driver.roles import AnyOutput, BeamOutput, LampOutput, Output
-from pointit.services.led_driver.segment import Segment
 from pointit.services.robot.robot_driver import (
     ROBOTS,
     Command,

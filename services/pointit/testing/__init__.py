@@ -20,10 +20,7 @@ found by `pointit plugin check NAME`, too.
 from typing import Any
 
 from pointit.testing.check import Check, CheckFailedError, Harness, Suite, run_checks
-from pointit.testing.devices.device import FakeDevice
-from pointit.testing.devices.pty import PtyDevice
-from pointit.testing.devices.tcp import TcpDevice
-from pointit.testing.devices.udp import UdpDevice
+from pointit.testing.devices import FakeDevice, PtyDevice, TcpDevice, UdpDevice
 from pointit.testing.imu import IMU_SUITE, ImuHarness
 from pointit.testing.led import LED_SUITE, LedHarness
 from pointit.testing.methods import METHOD_SUITE, MethodHarness

@@ -16,7 +16,7 @@ from pointit.plugins import Surroundings
 from pointit.runtime.service.plugin_guard import first_cause
 from pointit.runtime.virtual_time import START_NS
 from pointit.testing.check import CheckFailedError, Harness, P
-from pointit.testing.devices.device import FakeDevice
+from pointit.testing.devices import FakeDevice
 
 T = TypeVar("T", bound="Trial")
 

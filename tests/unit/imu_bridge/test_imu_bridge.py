@@ -18,11 +18,13 @@ from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.service.service import Context
 from pointit.runtime.virtual_time import VirtualClock
-from pointit.schemas import Health, ImuSample, SetYawOrigin
-from pointit.schemas.topics import BUTTON, HEALTH, IMU, SET_YAW_ORIGIN
+from pointit.schemas import NS_PER_S, Health, ImuSample, SetMounting, SetYawOrigin
+from pointit.schemas.topics import BUTTON, HEALTH, IMU, SET_MOUNTING, SET_YAW_ORIGIN
+from pointit.services.imu_bridge.arm_frame import WRAP_NS, YawEpoch
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.reading import Item, Reading
 from pointit.services.imu_bridge.replay_source import ReplayConfig, ReplaySource
+from pointit.services.imu_bridge.serial import detection
 from pointit.services.imu_bridge.serial.config import SerialConfig
 from pointit.services.imu_bridge.service import ImuBridge
 from pointit.services.imu_bridge.simulated import SimulatedConfig, SimulatedDevice
@@ -196,24 +198,25 @@ async def test_a_replay_may_loop_and_skips_what_is_past(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("config", "words"),
+    ("values", "said"),
     [
-        (ImuBridgeConfig(source="replay"), "replay.recording"),
-        (
-            ImuBridgeConfig.model_validate(
-                {"source": "replay", "replay": ReplayConfig(recording="/absent.csv")}
-            ),
-            "/absent.csv",
-        ),
+        ({"source": "replay"}, "replay.recording: is missing"),
+        ({"source": "replay", "replay": {"recording": "/absent.csv"}}, "/absent.csv"),
     ],
 )
-async def test_a_wrong_configuration_is_said_at_the_start(config: ImuBridgeConfig, words: str) -> None:
-    bus = MemoryBus(LocalBroker())
-    clock = WallClock()
+async def test_source_without_its_settings_is_refused(values: dict[str, object], said: str) -> None:
+    config, clock, bus = ImuBridgeConfig.model_validate(values), WallClock(), MemoryBus(LocalBroker())
+    with pytest.raises(ConfigError, match=said):
+        ImuBridge.validate_config(config)
     view = ServiceBus(bus, clock, "imu-bridge", "imu-bridge.anna", "anna")
-    with pytest.raises(ConfigError, match=words):
+    with pytest.raises(ConfigError, match=said):
         ImuBridge(config, Context(bus=view, clock=clock, user="anna"))
     await bus.close()
+
+
+def test_source_that_may_be_there_later_is_accepted() -> None:
+    ImuBridge.validate_config(ImuBridgeConfig())
+    ImuBridge.validate_config(serial_config(Path("/dev/absent")))
 
 
 def test_a_mounting_that_is_no_rotation_is_refused() -> None:
@@ -307,3 +310,86 @@ async def test_serial_source_stops_within_two_seconds(tmp_path: Path) -> None:
                 await asyncio.sleep(0.3)
                 began_s = loop.time()
             assert within(loop.time() - began_s, 2.0)
+
+
+S = NS_PER_S
+
+
+def test_a_device_time_that_falls_is_a_restart_and_disorder_is_none() -> None:
+    epoch = YawEpoch()
+    assert epoch.read(100 * S) == 100 * S
+    assert epoch.read(100 * S - S // 2) == 100 * S - S // 2
+    assert epoch.read(101 * S) == 101 * S
+    assert epoch.count == 0
+    assert epoch.read(2 * S) == 2 * S
+    assert epoch.count == 1
+    epoch.read(3 * S)
+    epoch.read(None)
+    assert epoch.count == 1
+
+
+def test_a_clock_of_32_bits_that_wraps_goes_on() -> None:
+    epoch = YawEpoch()
+    before = epoch.read(WRAP_NS - S // 10)
+    after = epoch.read(S // 10)
+    assert before is not None
+    assert after == before + S // 5
+    assert epoch.count == 0
+    epoch.read(100 * S)
+    assert epoch.read(S) == S  # this one is a restart
+    assert epoch.count == 1
+
+
+def test_the_first_connection_is_none_and_each_later_one_is() -> None:
+    epoch = YawEpoch()
+    epoch.reconnected()
+    assert epoch.count == 0
+    epoch.read(5 * S)
+    epoch.reconnected()
+    epoch.read(1 * S)  # it was restarted meanwhile: that is one change, not two
+    assert epoch.count == 1
+
+
+@pytest.mark.usefixtures("own_state")
+async def test_requests_that_turn_the_yaw_raise_it_and_others_do_not() -> None:
+    async with memory_bench(WallClock()) as bench:
+        samples = bench.collect(IMU, "anna")
+        still = SimulatedConfig(azimuth_amplitude_deg=0, elevation_amplitude_deg=0)
+        bench.start(ImuBridge, ImuBridgeConfig.model_validate({"simulated": still}), user="anna")
+        await until(lambda: bool(samples), what="a sample")
+        assert samples[-1].yaw_epoch == 0
+        await bench.bus.call(SET_YAW_ORIGIN, SetYawOrigin(yaw_rad=0.5), "anna")
+        await until(lambda: samples[-1].yaw_epoch == 1, what="a new origin")
+        asking = SetMounting(sensor_from_arm_xyzw=rotation.IDENTITY, is_relative=True)
+        await bench.bus.call(SET_MOUNTING, asking, "anna")
+        turned = SetMounting(sensor_from_arm_xyzw=rotation.from_yaw(0.3))
+        await bench.bus.call(SET_MOUNTING, turned, "anna")
+        await until(lambda: samples[-1].yaw_epoch > 1, what="a new mounting")
+        assert {sample.yaw_epoch for sample in samples} == {0, 1, 2}
+
+
+async def test_a_serial_device_that_comes_back_or_is_restarted_raises_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with memory_bench(WallClock()) as bench:
+        samples = bench.collect(IMU)
+        with pty_device(tmp_path / "imu") as device:
+            config = ImuBridgeConfig.model_validate(
+                {"source": "serial", "serial": SerialConfig(port=str(device.path))}
+            )
+            bench.start(ImuBridge, config, user="anna")
+            await send_until(device, b"9000000,1,0,0,0\n", lambda: bool(samples), what="a sample")
+            assert samples[0].yaw_epoch == 0
+            device.send(b"2000000,1,0,0,0\n")
+            await until(lambda: samples[-1].yaw_epoch == 1, what="a restart")
+            monkeypatch.setattr(detection, "SILENT_S", 0.3)
+            await send_until(
+                device, b"0.8,0,0,0.6\n", lambda: samples[-1].device_time_ns is None, what="a turn"
+            )
+            await asyncio.sleep(0.5)
+            await send_until(device, b"1,0,0,0\n", lambda: samples[-1].yaw_epoch == 2, what="a start")
+            device.unplug()
+            device.plug()
+            await send_until(
+                device, b"9000000,1,0,0,0\n", lambda: samples[-1].yaw_epoch == 3, what="a reconnection"
+            )

@@ -68,11 +68,13 @@ class Stage:
         self.now_ns = NOW_NS
 
     def put(self, *items: TrackedObject) -> "Stage":
-        self.lights.on_objects("conveyor", TrackedObjects(stamp_ns=self.now_ns, objects=items), self.now_ns)
+        self.lights.content.set_objects(
+            "conveyor", TrackedObjects(stamp_ns=self.now_ns, objects=items), self.now_ns
+        )
         return self
 
     def profile(self, user: str, color: Color = WHITE, width_m: float = 0.3, **more: Any) -> "Stage":
-        self.lights.on_profile(
+        self.lights.content.set_profile(
             user, UserProfile(stamp_ns=0, cursor_color=color, cursor_width_m=width_m, **more)
         )
         return self
@@ -85,13 +87,13 @@ class Stage:
         return self
 
     def hover(self, user: str, progress: float = 0.0, **more: Any) -> "Stage":
-        self.lights.on_hover(
+        self.lights.content.set_hover(
             user, Hover(stamp_ns=self.now_ns, object_id="p", progress=progress, **more), self.now_ns
         )
         return self
 
     def select(self, owner: str = "", reserver: str = "") -> "Stage":
-        self.lights.on_selection(
+        self.lights.content.set_selection(
             Selection(
                 stamp_ns=0,
                 objects=(SelectedObject(id="p", user=owner, since_ns=0),) if owner else (),

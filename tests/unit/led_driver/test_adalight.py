@@ -18,16 +18,7 @@ from pointit.services.led_driver.output.serial_port.adalight import (
 )
 from pointit.testing import PtyDevice
 from tests.support.bench import until
-
-
-class Told(NullHealth):
-    """Keeps warnings."""
-
-    def __init__(self) -> None:
-        self.warnings: dict[str, str] = {}
-
-    def warn(self, topic: str, sentence: str) -> None:
-        self.warnings[topic] = sentence
+from tests.support.running_source import Health
 
 
 @pytest.mark.parametrize(
@@ -46,14 +37,14 @@ def test_count_and_check_byte_are_those_of_the_pixels(pixels: int) -> None:
 
 
 def warning(pixels: int, **fields: object) -> str:
-    told = Told()
+    told = Health()
     output = AdalightOutput(AdalightConfig.model_validate({"port": "x", **fields}), told)
     strips = [
         Strip(id=f"{first}", line_m=((0, 0, 0), (1, 0, 0)), pixels=min(4096, pixels - first))
         for first in range(0, pixels, 4096)
     ]
     output.set_strips(strips)
-    return told.warnings["wiring x"]
+    return told.warnings.get("wiring x", "")
 
 
 def test_rate_that_the_wire_does_not_carry_is_told_with_what_fits() -> None:

@@ -22,9 +22,8 @@ from pointit.runtime.service.service import Context
 from pointit.schemas import Environment, Strip
 from pointit.schemas.topics import CURSOR, HEALTH, MAP
 from pointit.services.led_driver.config import LedDriverConfig
+from pointit.services.led_driver.output.serial_port.config import ExpanderConfig, wire_time_s
 from pointit.services.led_driver.output.serial_port.expander import ExpanderFrame, ExpanderOutput
-from pointit.services.led_driver.output.serial_port.expander_config import ExpanderConfig
-from pointit.services.led_driver.output.serial_port.serial_config import wire_time_s
 from pointit.services.led_driver.output.serial_port.serial_output import KEEP_ALIVE_S
 from pointit.services.led_driver.outputs import FRAME_RATE
 from pointit.services.led_driver.service import LedDriver

@@ -10,9 +10,11 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from pointit.geometry.colormap import colormap
-from pointit.schemas import NS_PER_S, Cursor, Environment, Feedback, Lamp, LampMiss, Localization
+from pointit.schemas import NS_PER_S, Cursor, Environment, Feedback, Lamp, LampLeases, LampMiss, Localization
+from pointit.schemas.codec import decode, encode
 from pointit.services.led_driver.config import LampsConfig, LedDriverConfig, StateLampConfig
 from pointit.services.led_driver.light_state import LightState
+from pointit.services.led_driver.picture.lamp_queue import MAX_PEOPLE, LampQueue
 from pointit.services.led_driver.picture.lamps import DARK, TARGET, FlashGuard
 from tests.unit.led_driver.stage import NOW_NS, Color
 
@@ -54,10 +56,10 @@ def cue(color: Color | None) -> Feedback:
 
 def test_lamps_are_coloured_by_the_angle_to_the_ray() -> None:
     shining = lights()
-    assert not shining.lamps_follow_people
+    assert not shining.lamps.follow_people
     shining.on_cursor("anna", cursor(a=0.0, b=15.0, c=99.0), NOW_NS)
-    assert shining.lamps_follow_people
-    assert shining.lamp_colors(NOW_NS) == {
+    assert shining.lamps.follow_people
+    assert shining.lamps.colors(NOW_NS) == {
         "a": VIRIDIS.rgb(1.0), "b": VIRIDIS.rgb(0.5), "c": VIRIDIS.rgb(0.0)
     }  # fmt: skip
 
@@ -66,48 +68,48 @@ def test_of_several_people_the_nearest_ray_counts_and_lamps_no_longer_near_are_f
     shining = lights()
     shining.on_cursor("anna", cursor(a=15.0, b=0.0), NOW_NS)
     shining.on_cursor("ben", cursor(a=0.0), NOW_NS)
-    assert shining.lamp_colors(NOW_NS) == {"a": VIRIDIS.rgb(1.0), "b": VIRIDIS.rgb(1.0)}
+    assert shining.lamps.colors(NOW_NS) == {"a": VIRIDIS.rgb(1.0), "b": VIRIDIS.rgb(1.0)}
     shining.on_cursor("anna", cursor(), NOW_NS)
-    assert shining.lamp_colors(NOW_NS)["b"] == VIRIDIS.rgb(0.0)
+    assert shining.lamps.colors(NOW_NS)["b"] == VIRIDIS.rgb(0.0)
 
 
 def test_lamps_are_dark_when_nobody_points_any_more_and_say_when() -> None:
     shining = lights()
     shining.on_cursor("anna", cursor(a=0.0), NOW_NS)
-    shining.lamp_colors(NOW_NS)
-    end_ns = shining.next_lamp_change_ns(NOW_NS)
+    shining.lamps.colors(NOW_NS)
+    end_ns = shining.lamps.next_change_ns(NOW_NS)
     assert end_ns == NOW_NS + 500 * MS
-    assert shining.lamp_colors(end_ns) == {"a": DARK}
-    assert shining.next_lamp_change_ns(end_ns) is None
+    assert shining.lamps.colors(end_ns) == {"a": DARK}
+    assert shining.lamps.next_change_ns(end_ns) is None
 
 
 def test_a_new_map_leaves_no_lamp_lit() -> None:
     shining = lights()
     shining.on_cursor("anna", cursor(a=0.0, b=0.0), NOW_NS)
-    assert shining.lamp_colors(NOW_NS) == {"a": VIRIDIS.rgb(1.0), "b": VIRIDIS.rgb(1.0)}
+    assert shining.lamps.colors(NOW_NS) == {"a": VIRIDIS.rgb(1.0), "b": VIRIDIS.rgb(1.0)}
     shining.on_map(room("b"))
-    assert shining.lamp_colors(NOW_NS) == {"a": DARK, "b": VIRIDIS.rgb(1.0)}
-    end_ns = shining.next_lamp_change_ns(NOW_NS)
+    assert shining.lamps.colors(NOW_NS) == {"a": DARK, "b": VIRIDIS.rgb(1.0)}
+    end_ns = shining.lamps.next_change_ns(NOW_NS)
     assert end_ns is not None
-    assert shining.lamp_colors(end_ns) == {"a": DARK, "b": DARK}
+    assert shining.lamps.colors(end_ns) == {"a": DARK, "b": DARK}
     shining.on_cursor("anna", cursor(a=0.0), end_ns)
-    assert shining.lamp_colors(end_ns)["a"] == VIRIDIS.rgb(1.0)  # it is there after all
+    assert shining.lamps.colors(end_ns)["a"] == VIRIDIS.rgb(1.0)  # it is there after all
 
 
 def test_while_anybody_localizes_only_their_targets_are_lit() -> None:
     shining = lights(lamps="abc")
-    assert set(shining.lamp_colors(NOW_NS).values()) == {DARK}  # what another instance left lit
+    assert set(shining.lamps.colors(NOW_NS).values()) == {DARK}  # what another instance left lit
     shining.on_cursor("anna", cursor(a=0.0), NOW_NS)
-    shining.on_localization("ben", localization(lamps="ab", ahead=("cleo",)), NOW_NS)  # waits
-    assert shining.lamp_colors(NOW_NS) == {"a": VIRIDIS.rgb(1.0), "b": DARK, "c": DARK}
-    shining.on_localization("ben", localization("a", "ab"), NOW_NS)
-    shining.on_localization("cleo", localization("c", "c"), NOW_NS)
-    assert shining.lamp_colors(NOW_NS) == {"a": TARGET, "b": DARK, "c": TARGET}
-    shining.on_localization("ben", localization("b", "ab"), NOW_NS)
-    shining.on_localization("cleo", ENDED, NOW_NS)
-    assert shining.lamp_colors(NOW_NS) == {"a": DARK, "b": TARGET, "c": DARK}
-    shining.on_absence("ben")
-    assert shining.lamp_colors(NOW_NS) == {"a": VIRIDIS.rgb(1.0), "b": DARK, "c": DARK}
+    shining.lamps.queue.on_localization("ben", localization(lamps="ab", ahead=("cleo",)), NOW_NS)  # waits
+    assert shining.lamps.colors(NOW_NS) == {"a": VIRIDIS.rgb(1.0), "b": DARK, "c": DARK}
+    shining.lamps.queue.on_localization("ben", localization("a", "ab"), NOW_NS)
+    shining.lamps.queue.on_localization("cleo", localization("c", "c"), NOW_NS)
+    assert shining.lamps.colors(NOW_NS) == {"a": TARGET, "b": DARK, "c": TARGET}
+    shining.lamps.queue.on_localization("ben", localization("b", "ab"), NOW_NS)
+    shining.lamps.queue.on_localization("cleo", ENDED, NOW_NS)
+    assert shining.lamps.colors(NOW_NS) == {"a": DARK, "b": TARGET, "c": DARK}
+    shining.lamps.queue.leave("ben")
+    assert shining.lamps.colors(NOW_NS) == {"a": VIRIDIS.rgb(1.0), "b": DARK, "c": DARK}
 
 
 @pytest.mark.parametrize(("by_lamps", "silence_s"), [(True, 3.0), (False, 60.0)])
@@ -116,43 +118,45 @@ def test_who_crashed_while_localizing_does_not_keep_the_lamps_for_ever(
 ) -> None:
     """Silence: by lamps people say each second that they go on. A robot may stand still for long."""
     shining = lights(lamps="ab")
-    shining.on_localization("ben", localization("b", "b") if by_lamps else localization("robot"), NOW_NS)
+    shining.lamps.queue.on_localization(
+        "ben", localization("b", "b") if by_lamps else localization("robot"), NOW_NS
+    )
     later_ns = NOW_NS + round(silence_s * NS_PER_S)
-    assert shining.next_lamp_change_ns(NOW_NS) == later_ns
+    assert shining.lamps.next_change_ns(NOW_NS) == later_ns
     shining.on_cursor("anna", cursor(a=0.0), later_ns - MS)
-    assert shining.lamp_colors(later_ns - MS)["a"] == DARK
-    assert shining.lamp_colors(later_ns) == {"a": VIRIDIS.rgb(1.0), "b": DARK}
+    assert shining.lamps.colors(later_ns - MS)["a"] == DARK
+    assert shining.lamps.colors(later_ns) == {"a": VIRIDIS.rgb(1.0), "b": DARK}
 
 
 def test_the_state_lamp_tells_idle_pointing_and_localizing() -> None:
     shining = lights("state")
-    assert shining.lamp_colors(NOW_NS) == {"state": IDLE}
+    assert shining.lamps.colors(NOW_NS) == {"state": IDLE}
     shining.on_cursor("anna", cursor(), NOW_NS)
-    assert shining.lamp_colors(NOW_NS) == {"state": POINTING}
-    shining.on_localization("ben", localization("robot"), NOW_NS)
-    blues = [shining.lamp_colors(NOW_NS + k * 50 * MS)["state"][2] for k in range(40)]
+    assert shining.lamps.colors(NOW_NS) == {"state": POINTING}
+    shining.lamps.queue.on_localization("ben", localization("robot"), NOW_NS)
+    blues = [shining.lamps.colors(NOW_NS + k * 50 * MS)["state"][2] for k in range(40)]
     rises = [k for k in range(1, 39) if blues[k - 1] < blues[k] >= blues[k + 1]]
     assert len(rises) == 2  # in two seconds
     assert max(blues) == 255
     assert min(blues) > 0
-    shining.on_localization("ben", localization("state", ["state"]), NOW_NS + 3 * NS_PER_S)
-    assert shining.lamp_colors(NOW_NS + 3 * NS_PER_S) == {"state": TARGET}
+    shining.lamps.queue.on_localization("ben", localization("state", ["state"]), NOW_NS + 3 * NS_PER_S)
+    assert shining.lamps.colors(NOW_NS + 3 * NS_PER_S) == {"state": TARGET}
 
 
 def test_cues_flash_one_after_the_other() -> None:
     shining = lights("state", flash_s=0.4)
-    shining.lamp_colors(NOW_NS)
-    shining.on_feedback(cue((0, 255, 0)))
-    shining.on_feedback(cue(None))
-    assert shining.lamp_colors(NOW_NS) == {"state": (0, 255, 0)}
-    shining.on_feedback(cue((255, 0, 0)))
-    assert shining.lamp_colors(NOW_NS + 399 * MS) == {"state": (0, 255, 0)}
-    assert shining.next_lamp_change_ns(NOW_NS + 399 * MS) == NOW_NS + 400 * MS
-    assert shining.lamp_colors(NOW_NS + 400 * MS) == {"state": IDLE}
-    assert shining.next_lamp_change_ns(NOW_NS + 400 * MS) == NOW_NS + 800 * MS
-    assert shining.lamp_colors(NOW_NS + 800 * MS) == {"state": (255, 0, 0)}
-    assert shining.lamp_colors(NOW_NS + 1200 * MS) == {"state": IDLE}
-    assert shining.next_lamp_change_ns(NOW_NS + 1200 * MS) is None
+    shining.lamps.colors(NOW_NS)
+    shining.lamps.on_feedback(cue((0, 255, 0)))
+    shining.lamps.on_feedback(cue(None))
+    assert shining.lamps.colors(NOW_NS) == {"state": (0, 255, 0)}
+    shining.lamps.on_feedback(cue((255, 0, 0)))
+    assert shining.lamps.colors(NOW_NS + 399 * MS) == {"state": (0, 255, 0)}
+    assert shining.lamps.next_change_ns(NOW_NS + 399 * MS) == NOW_NS + 400 * MS
+    assert shining.lamps.colors(NOW_NS + 400 * MS) == {"state": IDLE}
+    assert shining.lamps.next_change_ns(NOW_NS + 400 * MS) == NOW_NS + 800 * MS
+    assert shining.lamps.colors(NOW_NS + 800 * MS) == {"state": (255, 0, 0)}
+    assert shining.lamps.colors(NOW_NS + 1200 * MS) == {"state": IDLE}
+    assert shining.lamps.next_change_ns(NOW_NS + 1200 * MS) is None
 
 
 def test_pulses_faster_than_twice_a_second_and_unknown_colormaps_are_refused() -> None:
@@ -227,45 +231,148 @@ def test_whatever_happens_the_state_lamp_flashes_three_times_a_second_at_most(
     for wait_ms, what in happenings:
         for _ in range(wait_ms // 50 + 1):
             now_ns += 50 * MS
-            shown.append((now_ns, shining.lamp_colors(now_ns)["state"]))
+            shown.append((now_ns, shining.lamps.colors(now_ns)["state"]))
         match what:
             case "cue":
-                shining.on_feedback(cue((255, 255, 255)))
+                shining.lamps.on_feedback(cue((255, 255, 255)))
             case "cursor":
                 shining.on_cursor("anna", cursor(), now_ns)
             case "lost":
                 now_ns += 600 * MS
             case "start":
-                shining.on_localization("anna", localization("robot"), now_ns)
+                shining.lamps.queue.on_localization("anna", localization("robot"), now_ns)
             case _:
-                shining.on_localization("anna", ENDED, now_ns)
+                shining.lamps.queue.on_localization("anna", ENDED, now_ns)
     for signal in range(4):
         assert flashes_in_a_second([(at_ns, signals(color)[signal]) for at_ns, color in shown]) <= 3
 
 
 def test_a_lamp_shows_what_it_is_set_to_except_while_people_localize() -> None:
     shining = lights(lamps="ab")
-    shining.set_lamp("a", (255, 136, 0))
-    assert shining.lamp_colors(NOW_NS) == {"a": (255, 136, 0), "b": DARK}
+    shining.lamps.set_color("a", (255, 136, 0))
+    assert shining.lamps.colors(NOW_NS) == {"a": (255, 136, 0), "b": DARK}
     shining.on_cursor("anna", cursor(a=0.0, b=0.0), NOW_NS)
     later_ns = NOW_NS + NS_PER_S
-    assert shining.lamp_colors(later_ns)["a"] == (255, 136, 0)
-    shining.on_localization("anna", localization("b", "ab"), later_ns)
-    assert shining.lamp_colors(later_ns + NS_PER_S)["a"] == DARK
-    assert shining.lamp_colors(later_ns + NS_PER_S)["b"] == TARGET
-    shining.on_localization("anna", ENDED, later_ns + NS_PER_S)
-    assert shining.lamp_colors(later_ns + 2 * NS_PER_S)["a"] == (255, 136, 0)
-    shining.set_lamp("a", None)
-    assert shining.lamp_colors(later_ns + 3 * NS_PER_S)["a"] == DARK
+    assert shining.lamps.colors(later_ns)["a"] == (255, 136, 0)
+    shining.lamps.queue.on_localization("anna", localization("b", "ab"), later_ns)
+    assert shining.lamps.colors(later_ns + NS_PER_S)["a"] == DARK
+    assert shining.lamps.colors(later_ns + NS_PER_S)["b"] == TARGET
+    shining.lamps.queue.on_localization("anna", ENDED, later_ns + NS_PER_S)
+    assert shining.lamps.colors(later_ns + 2 * NS_PER_S)["a"] == (255, 136, 0)
+    shining.lamps.set_color("a", None)
+    assert shining.lamps.colors(later_ns + 3 * NS_PER_S)["a"] == DARK
 
 
 def test_a_lamp_that_is_not_in_the_map_or_shows_the_state_cannot_be_set() -> None:
     shining = lights(state_lamp="s", lamps="ab")
     with pytest.raises(ValueError, match="there is no lamp 'z'; there are a, b"):
-        shining.set_lamp("z", (1, 2, 3))
+        shining.lamps.set_color("z", (1, 2, 3))
     with pytest.raises(ValueError, match="lamp s shows the state of the site; choose another one"):
-        shining.set_lamp("s", (1, 2, 3))
-    shining.set_lamp("b", (1, 2, 3))
+        shining.lamps.set_color("s", (1, 2, 3))
+    shining.lamps.set_color("b", (1, 2, 3))
     shining.on_map(room("a"))
     shining.on_map(room("ab"))
-    assert shining.lamp_colors(NOW_NS + NS_PER_S)["b"] == DARK
+    assert shining.lamps.colors(NOW_NS + NS_PER_S)["b"] == DARK
+
+
+S = NS_PER_S
+LEFT, RIGHT, BOTH = ("led_0", "led_1"), ("led_1", "led_2"), ("led_0", "led_1", "led_2")
+
+
+def news(
+    since_ns: int, lamps: tuple[str, ...] = LEFT, *, phase: str = "sampling", ahead: tuple[str, ...] = ()
+) -> Localization:
+    points = phase == "sampling" and not ahead and bool(lamps)
+    return Localization.model_validate(
+        {
+            "stamp_ns": 1,
+            "phase": phase,
+            "target_id": lamps[0] if points else "",
+            "since_ns": since_ns,
+            "ahead": ahead,
+            "lamps": lamps,
+        }
+    )
+
+
+def order(queue: LampQueue) -> dict[str, tuple[str, ...]]:
+    return {lease.user: lease.ahead for lease in queue.service().leases}
+
+
+def test_the_earliest_request_is_served_and_all_others_of_its_lamps_wait_in_order() -> None:
+    queue = LampQueue(60 * S)
+    for user, since_ns in (("zoe", 20), ("ben", 10), ("anna", 20)):
+        queue.on_localization(user, news(since_ns), S)
+    assert order(queue) == {"ben": (), "anna": ("ben",), "zoe": ("ben", "anna")}
+    assert queue.service().targets == {"led_0"}
+    queue.on_localization("ben", news(10, phase="solved"), S)
+    for user in ("anna", "zoe"):  # have not heard yet that ben has ended
+        queue.on_localization(user, news(20, ahead=("ben",)), S)
+    assert order(queue) == {"anna": (), "zoe": ("anna",)}
+    assert queue.service().targets == set()
+    queue.on_localization("anna", news(20), S)
+    assert queue.service().targets == {"led_0"}
+
+
+def test_person_who_points_is_not_interrupted_by_a_machine_whose_clock_is_behind() -> None:
+    queue = LampQueue(60 * S)
+    queue.on_localization("anna", news(20), S)
+    queue.on_localization("ben", news(5, ahead=("anna",)), S)
+    assert order(queue) == {"anna": (), "ben": ("anna",)}
+    assert queue.service().targets == {"led_0"}
+
+
+def test_leases_of_a_large_room_can_be_read() -> None:
+    queue, lamps = LampQueue(60 * S), tuple(f"lamp_{index:04}" for index in range(500))
+    for index in range(MAX_PEOPLE):
+        queue.on_localization(f"person_{index:02}", news(index, lamps), S)
+    leases = LampLeases(stamp_ns=1, leases=queue.service().leases)
+    assert decode(LampLeases, encode(leases)) == leases
+
+
+def test_people_with_different_lamps_are_served_side_by_side() -> None:
+    queue = LampQueue(60 * S)
+    for user, lamps in (("anna", ("led_8", "led_9")), ("ben", LEFT), ("carl", ("led_2",)), ("dora", RIGHT)):
+        queue.on_localization(user, news(7, lamps), S)
+    assert order(queue) == {"anna": (), "ben": (), "carl": (), "dora": ("ben", "carl")}
+    assert queue.service().targets == {"led_8", "led_0", "led_2"}
+
+
+@pytest.mark.parametrize("after_s", [3.0, -5.0], ids=["silent for too long", "the clock was set back"])
+def test_silent_people_leave_the_queue(after_s: float) -> None:
+    queue = LampQueue(60 * S)
+    queue.on_localization("anna", news(7), 10 * S)
+    queue.on_localization("robin", news(7, ()), 10 * S)  # follows a robot, and says nothing while it stands
+    assert queue.next_expiry_ns() == 13 * S
+    queue.expire(13 * S - 1)
+    assert order(queue) == {"anna": ()}
+    queue.expire(10 * S + round(after_s * S))
+    assert order(queue) == {}
+    assert queue.is_in_use == (after_s > 0)
+    queue.expire(70 * S)
+    assert not queue.is_in_use
+    assert queue.next_expiry_ns() is None
+
+
+def test_people_who_leave_free_their_lamps() -> None:
+    queue = LampQueue(60 * S)
+    queue.on_localization("anna", news(7), S)
+    queue.on_localization("ben", news(8, ahead=("anna",)), S)
+    queue.leave("anna")
+    queue.leave("anna")
+    assert order(queue) == {"ben": ()}
+
+
+def test_a_lamp_that_another_version_lights_itself_is_left_to_it() -> None:
+    queue = LampQueue(60 * S)
+    queue.on_localization("anna", news(7, ()).model_copy(update={"target_id": "led_0"}), S)
+    assert queue.service().targets == set()
+
+
+def test_people_without_number_are_not_all_remembered() -> None:
+    queue = LampQueue(60 * S)
+    for number in range(2 * MAX_PEOPLE):
+        queue.on_localization("anna", news(7), S)
+        queue.on_localization(f"u{number}", news(number + 8), S)
+    assert len(order(queue)) == MAX_PEOPLE
+    assert "anna" in order(queue)

@@ -18,7 +18,7 @@ from pointit.services.led_driver.output.spotlight.config import SpotlightConfig
 from pointit.services.led_driver.output.spotlight.head import HOME, Angles, ManualAim, Mounting
 from pointit.services.led_driver.output.spotlight.pose_fit import FittedPose, fit_pose
 from pointit.testing import UdpDevice
-from pointit.testing.shipped.led import e131_frames
+from pointit_lab.devices.harnesses.led import e131_frames
 from tests.support.bench import until
 
 LAMPS = {"a": (0.0, 0.0, 0.5), "b": (4.0, 0.3, 1.0), "c": (3.5, 3.0, 0.0), "d": (0.4, 3.2, 2.0)}

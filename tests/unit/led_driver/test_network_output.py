@@ -17,33 +17,11 @@ from pointit.services.led_driver.output.pixel_map import PixelMap
 from pointit.services.led_driver.outputs import OutputConfig
 from pointit.testing import UdpDevice
 from tests.support.bench import until
+from tests.support.running_source import Health
 
 pytestmark = pytest.mark.wall_time
 
 STRIP = Strip(id="a", line_m=((0, 0, 0), (1, 0, 0)), pixels=2)
-
-
-class Told:
-    """Takes warnings and metrics."""
-
-    def __init__(self) -> None:
-        self.warnings: dict[str, str] = {}
-        self.metrics: dict[str, float | None] = {}
-
-    def warn(self, topic: str, sentence: str) -> None:
-        if sentence:
-            self.warnings[topic] = sentence
-        else:
-            self.clear(topic)
-
-    def clear(self, topic: str) -> None:
-        self.warnings.pop(topic, None)
-
-    def set_metric(self, name: str, value: float | None, unit: str = "") -> None:  # noqa: ARG002 - as the bus
-        self.metrics[name] = value
-
-    def reached(self, latency_s: float) -> None:
-        assert latency_s >= 0.0
 
 
 def plain(pixels: bytes, _map: PixelMap, number: int) -> list[Datagram]:
@@ -56,7 +34,7 @@ def frame(value: int) -> StripsFrame:
 
 @asynccontextmanager
 async def running(
-    port: int, told: Told, host: str = "127.0.0.1", rate_hz: float = 1000.0
+    port: int, told: Health, host: str = "127.0.0.1", rate_hz: float = 1000.0
 ) -> AsyncGenerator[NetworkOutput]:
     output = NetworkOutput(
         OutputConfig(gamma=1.0),
@@ -83,7 +61,7 @@ async def receiver() -> AsyncGenerator[UdpDevice]:
 
 async def test_frame_arrives_is_resent_and_ends_dark(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(datagram_sender, "KEEP_ALIVE_S", 0.01)
-    told = Told()
+    told = Health()
     async with receiver() as device:
         async with running(device.port, told) as output:
             output.show(frame(7), 0.01)
@@ -100,7 +78,7 @@ async def test_frame_arrives_is_resent_and_ends_dark(monkeypatch: pytest.MonkeyP
 async def test_changed_frame_is_resent_soon_since_datagrams_get_lost(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(datagram_sender, "REPEAT_S", 0.01)
     monkeypatch.setattr(datagram_sender, "KEEP_ALIVE_S", 1000.0)
-    async with receiver() as device, running(device.port, Told()) as output:
+    async with receiver() as device, running(device.port, Health()) as output:
         for value in (7, 8):
             output.show(frame(value))
             await until(functools.partial(shows_thrice, device, value))
@@ -109,7 +87,7 @@ async def test_changed_frame_is_resent_soon_since_datagrams_get_lost(monkeypatch
 
 
 async def test_newest_frame_replaces_those_that_the_rate_does_not_allow() -> None:
-    async with receiver() as device, running(device.port, Told(), rate_hz=20.0) as output:
+    async with receiver() as device, running(device.port, Health(), rate_hz=20.0) as output:
         output.show(frame(255))
         await until(lambda: bool(device.datagrams))
         for value in range(1, 255):
@@ -120,7 +98,7 @@ async def test_newest_frame_replaces_those_that_the_rate_does_not_allow() -> Non
 
 
 async def test_refused_frames_are_named_and_arrive_when_the_light_is_back() -> None:
-    told, device = Told(), UdpDevice()
+    told, device = Health(), UdpDevice()
     async with running(device.port, told) as output:
         device.close()  # nobody listens
         output.show(frame(1))
@@ -133,7 +111,7 @@ async def test_refused_frames_are_named_and_arrive_when_the_light_is_back() -> N
 
 
 async def test_pixels_that_a_new_map_lacks_become_dark() -> None:
-    async with receiver() as device, running(device.port, Told()) as output:
+    async with receiver() as device, running(device.port, Health()) as output:
         output.show(frame(7))
         await until(lambda: last_is(device, 7))
         output.set_strips([STRIP.model_copy(update={"pixels": 1})])
@@ -145,7 +123,7 @@ async def test_pixels_that_a_new_map_lacks_become_dark() -> None:
 
 async def test_same_map_again_does_not_blink(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(datagram_sender, "KEEP_ALIVE_S", 0.01)
-    async with receiver() as device, running(device.port, Told()) as output:
+    async with receiver() as device, running(device.port, Health()) as output:
         output.show(frame(7))
         await until(lambda: last_is(device, 7))
         lit, count = len(device.datagrams), len(device.datagrams) + 3
@@ -156,7 +134,7 @@ async def test_same_map_again_does_not_blink(monkeypatch: pytest.MonkeyPatch) ->
 
 async def test_light_that_is_back_while_a_retry_waits_ends_dark(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(datagram_sender, "RETRY_S", 1000.0)
-    told, device = Told(), UdpDevice()
+    told, device = Health(), UdpDevice()
     async with running(device.port, told) as output:
         output.show(frame(1))
         device.close()  # nobody listens
@@ -171,7 +149,7 @@ async def test_refusal_of_an_earlier_frame_does_not_keep_the_light_on(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(datagram_sender, "REPEAT_S", 1000.0)
-    told, device = Told(), UdpDevice()
+    told, device = Health(), UdpDevice()
     device.close()  # nobody listens
     async with running(device.port, told):
         await until(lambda: "network rate 127.0.0.1" in told.metrics)
@@ -199,10 +177,10 @@ async def test_light_that_cannot_be_found_delays_no_other(monkeypatch: pytest.Mo
         raise socket.gaierror(socket.EAI_NONAME, "no such name")
 
     monkeypatch.setattr(socket, "getaddrinfo", resolve)
-    told = Told()
+    told = Health()
     async with (
         receiver() as device,
-        running(device.port, Told()) as other,
+        running(device.port, Health()) as other,
         running(4048, told, host="kitchen.local") as lost,
     ):
         await asked.wait()
@@ -215,7 +193,7 @@ async def test_light_that_cannot_be_found_delays_no_other(monkeypatch: pytest.Mo
 
 
 async def test_segments_that_do_not_fit_the_map_are_named() -> None:
-    told = Told()
+    told = Health()
     config = OutputConfig.model_validate({"segments": [{"strip": "b"}]})
     output = NetworkOutput(
         config, Destination(host="127.0.0.1", port=1), Wire(encode=plain, max_rate_hz=1.0), told, "127.0.0.1"

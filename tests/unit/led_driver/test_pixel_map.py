@@ -7,8 +7,8 @@ from pydantic import ValidationError
 
 from pointit.schemas import Strip, StripFrame, StripsFrame
 from pointit.services.led_driver.output.pixel_map import PixelMap, map_pixels
-from pointit.services.led_driver.outputs import OutputConfig
-from pointit.services.led_driver.segment import Segment
+from pointit.services.led_driver.output.power import Power
+from pointit.services.led_driver.outputs import OutputConfig, Segment
 
 STRIPS = tuple(
     Strip(id=name, line_m=((0, 0, 0), (1, 0, 0)), pixels=pixels) for name, pixels in (("a", 3), ("b", 2))
@@ -164,3 +164,39 @@ def test_universe_of_an_output_without_universes_is_named() -> None:
     pixel_map, problems = map_pixels([Segment(strip="b", universe=7, offset=1)], STRIPS)
     assert problems == ["the output has no universes: remove `universe: 7`"]
     assert pixel_map.output_bytes(FRAME) == bytes((0, 0, 0, 10, 20, 30, 40, 50, 60))
+
+
+def test_with_gamma_1_and_no_limit_bytes_are_sent_as_they_are() -> None:
+    sent, load = Power(OutputConfig(gamma=1.0)).send(bytes(range(255)))
+    assert sent == bytes(range(255))
+    assert not load.limited
+
+
+def test_gamma_makes_the_middle_darker_and_keeps_both_ends() -> None:
+    sent, _ = Power(OutputConfig()).send(bytes((0, 128, 255)))
+    assert list(sent) == [0, 56, 255]  # 255 · (128 / 255)^2.2 = 55.98
+
+
+def test_the_current_is_that_of_the_bytes_that_are_sent() -> None:
+    power = Power(OutputConfig(current_per_pixel_ma=60.0))
+    _, load = power.send(b"\xff" * 30 + b"\xff\x00\x00" * 10)
+    assert load.wanted_a == load.drawn_a == pytest.approx(10 * 0.06 + 10 * 0.02)
+
+
+@given(st.binary(max_size=360), st.floats(0.01, 2.0), st.floats(1.0, 3.0))
+def test_no_frame_ever_draws_more_than_the_limit(pixels: bytes, limit_a: float, gamma: float) -> None:
+    power = Power(OutputConfig(max_current_a=limit_a, gamma=gamma))
+    sent, load = power.send(pixels)
+    drawn_a = sum(sent) / 765 * 0.06
+    assert drawn_a <= limit_a + 1e-9
+    assert load.drawn_a == pytest.approx(drawn_a)
+    free, unlimited = Power(OutputConfig(gamma=gamma)).send(pixels)
+    assert load.wanted_a == pytest.approx(unlimited.drawn_a)
+    if unlimited.drawn_a <= limit_a:
+        assert sent == free
+        assert not load.limited
+    else:  # all is scaled alike, rounded down
+        scale = limit_a / unlimited.drawn_a
+        for ours, theirs in zip(sent, free, strict=True):
+            assert ours <= theirs * scale + 1e-6
+            assert ours > theirs * scale - 1 - 1e-6

@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+import random
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 from typing import Any
@@ -12,7 +13,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from pointit.geometry import vector
+from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
 from pointit.runtime.service.surroundings import NullHealth
 from pointit.schemas import Cursor
@@ -26,16 +27,16 @@ from pointit.services.led_driver.output.spotlight.beam import (
 )
 from pointit.services.led_driver.output.spotlight.config import SpotlightConfig
 from pointit.services.led_driver.output.spotlight.head import HOME, Angles, Limits, Mounting, moved
+from pointit.services.led_driver.output.spotlight.pose_fit import FittedPose, fit_pose
 from pointit.services.led_driver.output.spotlight.spotlight import Spotlight
 from pointit.testing import UdpDevice
-from pointit.testing.shipped.led import e131_frames
+from pointit_lab.devices.harnesses.led import e131_frames
 from tests.support.bench import until
-from tests.unit.led_driver.test_network_output import Told
+from tests.support.running_source import Health
 
 RED, BLUE = (255, 0, 0), (0, 0, 255)
 WIDE = Limits(math.radians(540), math.radians(270), math.radians(180), math.radians(90))
 HANGING = Mounting.from_degrees((0.0, 0.0, 3.0), 0.0, 0.0, 180.0)
-
 metres = st.floats(-10, 10)
 degrees = st.floats(-180, 180)
 mountings = st.builds(Mounting.from_degrees, st.tuples(metres, metres, metres), degrees, degrees, degrees)
@@ -230,9 +231,90 @@ async def test_head_stays_dark_where_it_is_when_its_stream_is_terminated(device:
 
 
 async def test_cursor_out_of_reach_is_named_until_it_is_back() -> None:
-    told = Told()
+    told = Health()
     spotlight = Spotlight(SpotlightConfig(host="head"), told)
     spotlight.show_cursor("ann", cursor((0.0, 0.0, 9.0)), RED)
     assert "cursor of ann" in told.warnings["reach head"]
     spotlight.show_cursor("ann", cursor((1.0, 0.0, 0.0)), RED)
     assert not told.warnings
+
+
+LAMPS = ((0.0, 0.0, 0.5), (4.0, 0.3, 1.0), (3.5, 3.0, 0.0), (0.4, 3.2, 2.0))
+SEEDS = range(20)
+
+
+def mounting(chance: random.Random) -> Mounting:
+    """Return a fixture about two metres around the room's middle, which stands, hangs or is on a wall."""
+    place = (chance.uniform(0, 4), chance.uniform(0, 4), chance.uniform(1.0, 4.0))
+    base = chance.choice((0.0, 90.0, 180.0))
+    return Mounting.from_degrees(
+        place, chance.uniform(-180, 180), chance.uniform(-15, 15), base + chance.uniform(-15, 15)
+    )
+
+
+def pointed(
+    truth: Mounting, places: tuple[Vec3, ...], chance: random.Random, noise_rad: float
+) -> list[Angles]:
+    unlimited = Limits(math.radians(540), math.tau, 1.0, 1.0)
+    found = [truth.angles(place, HOME, unlimited) for place in places]
+    assert None not in found
+    return [
+        Angles(each.pan_rad + chance.gauss(0, noise_rad), each.tilt_rad + chance.gauss(0, noise_rad))
+        for each in found
+        if each is not None
+    ]
+
+
+def fitted(fit: FittedPose) -> Mounting:
+    return Mounting.from_degrees(fit.position_m, fit.yaw_deg, fit.pitch_deg, fit.roll_deg)
+
+
+def turn_rad(a: Mounting, b: Mounting) -> float:
+    w = rotation.multiply(rotation.inverse(a.world_from_fixture), b.world_from_fixture)[3]
+    return 2.0 * math.acos(min(abs(w), 1.0))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_pose_is_found_from_four_places_pointed_at_to_a_fifth_of_a_degree(seed: int) -> None:
+    chance = random.Random(seed)
+    truth = mounting(chance)
+    fit = fit_pose(pointed(truth, LAMPS, chance, math.radians(0.2)), LAMPS)
+    assert (fit.is_unique, fit.is_mirrored) == (True, False)
+    assert fit.error_rad < math.radians(0.6)
+    found = fitted(fit)
+    assert math.dist(found.position_m, truth.position_m) < 0.15
+    assert turn_rad(found, truth) < math.radians(3.0)
+    for place in ((2.0, 2.0, 0.0), (1.0, 3.0, 1.0)):  # where nobody pointed
+        way = vector.subtract(place, truth.position_m)
+        angles = found.angles(place, HOME, Limits(math.radians(540), math.tau, 1.0, 1.0))
+        assert angles is not None
+        assert vector.angle_between(truth.beam(angles), way) * vector.norm(way) < 0.05
+
+
+@pytest.mark.parametrize("seed", SEEDS[:6])
+def test_three_places_give_the_pose_or_say_that_another_fits(seed: int) -> None:
+    chance = random.Random(seed)
+    truth = mounting(chance)
+    fit = fit_pose(pointed(truth, LAMPS[:3], chance, 0.0), LAMPS[:3])
+    assert fit.error_rad < 1e-4
+    assert not fit.is_unique or math.dist(fit.position_m, truth.position_m) < 0.01
+
+
+def test_pan_that_turns_the_other_way_is_recognised() -> None:
+    chance = random.Random(4)
+    truth = mounting(chance)
+    fit = fit_pose([each.mirrored() for each in pointed(truth, LAMPS, chance, 0.0)], LAMPS)
+    assert fit.is_mirrored
+    assert math.dist(fit.position_m, truth.position_m) < 0.01
+
+
+def test_wrong_place_shows_in_the_error() -> None:
+    chance = random.Random(1)
+    angles = pointed(mounting(chance), LAMPS, chance, 0.0)
+    wrong = (*LAMPS[:3], (2.0, 5.0, 0.0))
+    assert fit_pose(angles, wrong).error_rad > math.radians(2.0)
+
+
+def test_two_places_are_too_few() -> None:
+    with pytest.raises(ValueError, match="3 needed"):
+        fit_pose([HOME, HOME], LAMPS[:2])

@@ -16,11 +16,11 @@ from pointit.plugins import (
     Surroundings,
     TakeOff,
 )
-from pointit.services.robot.drivers.sim.sim_driver import SimDriver
-from pointit.testing.shipped.robots import SIM_HARNESS
+from pointit.services.robot.drivers.sim.sim_driver import SIM, SimDriver
+from pointit.testing import RobotHarness
 from tests.unit.testing_kit.faults import CaughtBy
 
-caught_by = CaughtBy(SIM_HARNESS)
+caught_by = CaughtBy(RobotHarness(plugin=SIM, kind="quadrotor", virtual_time=True))
 
 
 class _Changed(SimDriver):

@@ -2,20 +2,26 @@
 
 import contextlib
 import json
+import socket
 import subprocess
 import sys
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
+from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import click
 import pytest
 from click.testing import CliRunner, Result
 
 from pointit.cli.plugins import check, new
+from pointit.plugins import GROUPS, Config
 from pointit.runtime.errors import ConfigError
-from pointit.testing import run_checks
+from pointit.testing import Harness, checks, run_checks
 from pointit.testing.check import Check
+from pointit.testing.installed import installed_harness
 from tests.support import strangers
 
 
@@ -96,6 +102,12 @@ def test_plugin_without_a_fake_device_is_told_how_to_get_one(
     assert "add an entry point 'my-bare-wrist' of the group pointit.fake_devices" in row["problem"]
 
 
+def test_without_the_laboratory_it_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(check, "find_spec", lambda _module: None)
+    with pytest.raises(ConfigError, match=r"^led-output spotlight .* pointit-lab, which is not installed"):
+        invoke(check.command, "spotlight")
+
+
 def test_harness_that_raises_is_named() -> None:
     def fail() -> None:
         raise ZeroDivisionError
@@ -108,7 +120,7 @@ def test_harness_that_raises_is_named() -> None:
     ("kind", "some"), [("imu-source", "delivers or parameters"), ("service", "works or parameters")]
 )
 def test_tests_of_a_new_package_pass_as_written(kind: str, some: str, tmp_path: Path) -> None:
-    # all of its promises are checked in test_shipped.py
+    # all of its promises are checked below
     package = written(kind, "my-part", tmp_path)
     ended = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-k", some],
@@ -146,3 +158,46 @@ def test_present_files_are_not_overwritten(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(ConfigError, match="is there already"):
         invoke(new.command, "imu-source", "my-wrist", "--folder", str(tmp_path))
+
+
+WITHOUT_STRIPS = {"spotlight"}
+"""LED outputs without strips and lamps, which are what the kit checks."""
+ELSEWHERE = {"ros2"}
+"""Robot drivers whose promises are checked beside their other tests: the kit must not import bridges."""
+OURS = [
+    pytest.param(installed_harness(name, group.get(name)), id=f"{kind} {name}", marks=pytest.mark.slow)
+    for kind, group in GROUPS.items()
+    for name in group.names
+    if group.package(name) == "pointit" and name not in WITHOUT_STRIPS | ELSEWHERE
+]
+TEMPLATES = [
+    pytest.param(import_module(f"{new.TEMPLATES}.{template}.fake").DEVICE, id=template)
+    for template, *_ in new.KINDS.values()
+]
+
+
+@contextlib.contextmanager
+def usual_port_taken(config: type[Config]) -> Generator[None]:
+    """Have the port that a plug-in with these parameters uses unless told otherwise."""
+    field = config.model_fields.get("port")
+    port = field.default if field is not None and isinstance(field.default, int) else 0
+    with socket.socket() as stream, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as datagrams:
+        for taken in (stream, datagrams):
+            with contextlib.suppress(OSError):  # somebody else has it, which is as good
+                taken.bind(("", port))
+        stream.listen()
+        yield
+
+
+def test_fake_device_of_another_plugin_of_that_name_is_not_used() -> None:
+    serial = GROUPS["imu-source"].get("serial")
+    assert installed_harness("serial", replace(serial)) is None
+
+
+@pytest.mark.parametrize("harness", [*OURS, *TEMPLATES])
+def test_plugin_keeps_all_promises_beside_a_run_that_has_its_usual_port(harness: Harness[Any] | None) -> None:
+    assert harness is not None, "declare its fake device in pyproject.toml"
+    with usual_port_taken(harness.plugin.config):
+        found = dict(run_checks(checks(harness)))
+    assert len(found) >= 7
+    assert not [problem for problem in found.values() if problem]

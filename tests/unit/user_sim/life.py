@@ -88,7 +88,7 @@ class Life:
         tracked = TrackedObjects(stamp_ns=self.now_ns, objects=things)
         self.person.see(self.now_ns, tracked)
         if self.lights is not None:
-            self.lights.on_objects("t", tracked, self.now_ns)
+            self.lights.content.set_objects("t", tracked, self.now_ns)
 
     def run(self, duration_s: float) -> ImuSample:
         """Live on; return the last sample."""
@@ -111,7 +111,7 @@ class Life:
         known = profile or UserProfile(stamp_ns=0)
         self.lights = LightState(LedDriverConfig())
         self.lights.on_map(ROOM)
-        self.lights.on_profile("anna", known)
+        self.lights.content.set_profile("anna", known)
         self.person.see(self.now_ns, known)
         self.off_rad = off_rad
         self.pui = PersonCursor(Surfaces(ROOM, ["strip"]))

@@ -65,7 +65,7 @@ class Bench:
 
     def know(self, user: str, profile: UserProfile) -> None:
         self.people[user] = profile
-        self.lights.on_profile(user, profile)
+        self.lights.content.set_profile(user, profile)
 
     def point(self, user: str, kind: Kind, line: str, along_m: float) -> None:
         lines = {("strip", strip.id): strip.line_m for strip in self.room.strips}
@@ -86,11 +86,11 @@ class Bench:
                 surface_position_m=along_m,
             )
         )
-        self.lights.on_objects("t", TrackedObjects(stamp_ns=0, objects=tuple(self.things)), 0)
+        self.lights.content.set_objects("t", TrackedObjects(stamp_ns=0, objects=tuple(self.things)), 0)
 
     def choose(self, **owners: str) -> None:
         objects = tuple(SelectedObject(id=name, user=user, since_ns=0) for name, user in owners.items())
-        self.lights.on_selection(Selection(stamp_ns=0, objects=objects))
+        self.lights.content.set_selection(Selection(stamp_ns=0, objects=objects))
 
     def open(self) -> None:
         frame = self.lights.frame(0)
@@ -180,7 +180,7 @@ def test_a_white_cursor_on_a_thing_with_white_ends(*, off_m: float, is_selected:
     bench.put("a", "red", "strip", "0", 2.0)
     bench.put("b", "red", "strip", "1", 1.0)
     bench.choose(**({"a": "anna", "b": "anna"} if is_selected else {"b": "anna"}))
-    bench.lights.on_hover("anna", Hover(stamp_ns=0, object_id="a", progress=0.3), 0)
+    bench.lights.content.set_hover("anna", Hover(stamp_ns=0, object_id="a", progress=0.3), 0)
     bench.point("anna", "strip", "0", 2.0 + off_m)
     seen = bench.look()
     assert seen is not None
@@ -268,7 +268,9 @@ def test_how_things_look_tells_what_they_are(
     for name in ("free", "mine", "theirs", "held"):
         assert not bench.looks(name).marked
     bench.choose(mine="anna", theirs="ben")
-    bench.lights.on_hover("ben", Hover(stamp_ns=0, object_id="held", progress=0.2, action="select"), 0)
+    bench.lights.content.set_hover(
+        "ben", Hover(stamp_ns=0, object_id="held", progress=0.2, action="select"), 0
+    )
     bench.point("ben", surface, line, 3.0)
     assert not bench.looks("free").marked
     mine, theirs, held = (bench.looks(name) for name in ("mine", "theirs", "held"))
@@ -290,7 +292,7 @@ def test_what_somebody_is_about_to_have_is_marked() -> None:
     bench.put("a", "red", "strip", "0", 2.0)
     bench.looks("a")
     reserved = (ReservedObject(id="a", user="ben", until_ns=10**9),)
-    bench.lights.on_selection(Selection(stamp_ns=0, reserved=reserved))
+    bench.lights.content.set_selection(Selection(stamp_ns=0, reserved=reserved))
     looks = bench.looks("a")
     assert (looks.marked, looks.foreign, looks.full) == (True, True, False)
 
@@ -301,7 +303,7 @@ def test_a_gauge_half_full_is_not_taken_for_selected() -> None:
     bench.looks("a")
     for progress in (0.2, 0.5, 0.6):
         hover = Hover(stamp_ns=0, object_id="a", progress=progress, action="select")
-        bench.lights.on_hover("anna", hover, 0)
+        bench.lights.content.set_hover("anna", hover, 0)
         looks = bench.looks("a")
         assert looks.own
         assert looks.hidden or not looks.full

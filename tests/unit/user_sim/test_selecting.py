@@ -43,9 +43,9 @@ def choice(life: Life, duration_s: float = 1.0) -> str:
 
 def select(life: Life, **owners: str) -> None:
     assert life.lights is not None
-    life.lights.on_profile("ben", UserProfile(stamp_ns=0, cursor_color=PINK))
+    life.lights.content.set_profile("ben", UserProfile(stamp_ns=0, cursor_color=PINK))
     objects = tuple(SelectedObject(id=name, user=user, since_ns=0) for name, user in owners.items())
-    life.lights.on_selection(Selection(stamp_ns=0, objects=objects))
+    life.lights.content.set_selection(Selection(stamp_ns=0, objects=objects))
 
 
 def test_the_red_object_that_leaves_first_is_chosen_but_not_one_beyond_reach() -> None:
@@ -125,12 +125,12 @@ def test_what_somebody_else_is_about_to_have_is_left_to_them_until_they_let_go()
     assert choice(life) == "object r"
     assert life.lights is not None
     lights: LightState = life.lights
-    lights.on_profile("ben", UserProfile(stamp_ns=0, cursor_color=PINK))
+    lights.content.set_profile("ben", UserProfile(stamp_ns=0, cursor_color=PINK))
 
     def ben_holds() -> None:
         life.objects(thing("r", "red", 1.0))
         hover = Hover(stamp_ns=life.now_ns, object_id="r", progress=0.1, action="select")
-        lights.on_hover("ben", hover, life.now_ns)
+        lights.content.set_hover("ben", hover, life.now_ns)
 
     life.before_step = ben_holds
     assert choice(life, 2.0) == "rest"

@@ -133,7 +133,7 @@ class World:
             present.person.see(START_NS, environment, "")
             present.person.see(START_NS, present.profile, present.name)
             present.person.see(START_NS, Feedback(stamp_ns=START_NS, cue="started"), present.name)
-            self._lights.on_profile(present.name, present.profile)
+            self._lights.content.set_profile(present.name, present.profile)
             self._selecting.set_present(present.name, True, START_NS)
 
     def step(self) -> list[SelectionEvent]:
@@ -147,7 +147,7 @@ class World:
             for thing in objects.objects:
                 self.entered_ns.setdefault(thing.id, now_ns)
             self._route(self._selecting.on_objects(TRACKER, objects), events)
-            self._lights.on_objects(TRACKER, objects, now_ns)
+            self._lights.content.set_objects(TRACKER, objects, now_ns)
             for present in self._people:
                 present.person.see(now_ns, objects, TRACKER)
         for present in self._people:
@@ -187,9 +187,9 @@ class World:
             message = output.message
             match message:
                 case Hover():
-                    self._lights.on_hover(output.user, message, now_ns)
+                    self._lights.content.set_hover(output.user, message, now_ns)
                 case Selection():
-                    self._lights.on_selection(message)
+                    self._lights.content.set_selection(message)
                     owners = {chosen.id: chosen.user for chosen in message.objects}
                     events += self._movers.select(owners, now_ns) or []
                 case SelectionEvent():
@@ -197,7 +197,7 @@ class World:
                 case Claim():
                     pass  # of shards only
                 case Feedback():
-                    self._lights.on_feedback(message)
+                    self._lights.lamps.on_feedback(message)
                     present = self._names.get(output.user)
                     if present is not None:
                         present.person.see(now_ns, message, output.user)

@@ -3,14 +3,17 @@
 import logging
 from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib.util import find_spec
 
 import click
 
+from pointit.cli.common.installed_commands import LAB
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import json_option, print_json
 from pointit.plugins import GROUPS, ConfigError, Plugin
 from pointit.runtime.config.installed import OURS
 from pointit.runtime.config.similar_names import nearest
+from pointit.runtime.host.extras import remedy
 from pointit.testing import checks, run_checks
 from pointit.testing.check import CheckFailedError
 from pointit.testing.common import require_parameters
@@ -34,10 +37,11 @@ class CheckResult:
 def command(*, name: str | None, as_json: bool) -> None:
     """Check that plug-ins keep the promises of their kind: NAME, or all of other packages.
 
-    Devices are simulated: a package declares how by an entry point of the group pointit.fake_devices. It
-    takes some seconds a plug-in. The exit code is 1 if a promise is broken.
+    Devices are simulated: a package declares how by an entry point of the group pointit.fake_devices; those
+    of PointIt's own plug-ins are in the laboratory. It takes some seconds a plug-in. The exit code is 1 if a
+    promise is broken.
 
-    Example: pointit plugin check serial
+    Example: pointit plugin check hold
     """
     results: list[CheckResult] = []
     logging.disable()  # devices come and go on purpose
@@ -74,7 +78,7 @@ def chosen(name: str | None) -> list[tuple[str, str]]:
         return found
     if name is None:
         raise UnknownNameError(
-            "no other package has plug-ins; check one of ours, `pointit plugin check serial`"
+            "no other package has plug-ins; check one of ours, `pointit plugin check hold`"
         )
     raise UnknownNameError(
         f"no plug-in {name!r} is installed; {nearest(name, [each for _, each in everyone])}"
@@ -82,7 +86,11 @@ def chosen(name: str | None) -> list[tuple[str, str]]:
 
 
 def examined(kind: str, name: str) -> Iterator[CheckResult]:
-    """Yield the results of the checks of a plug-in."""
+    """Yield the results of the checks of a plug-in.
+
+    Raises:
+        ConfigError: If it is one of ours, and the laboratory, which has their devices, is not installed.
+    """
     title = f"{kind} {name}"
     try:
         plugin: Plugin = GROUPS[kind].get(name)
@@ -94,6 +102,10 @@ def examined(kind: str, name: str) -> Iterator[CheckResult]:
         for check, problem in run_checks(checks(harness)):
             yield CheckResult(title, check.name, check.promise, problem)
         return
+    if GROUPS[kind].package(name) in OURS and find_spec(LAB.replace("-", "_")) is None:
+        raise ConfigError(
+            f"{title} is checked with a device of {LAB}, which is not installed; run {remedy('lab')}"
+        )
     try:
         require_parameters(plugin)
     except CheckFailedError as error:

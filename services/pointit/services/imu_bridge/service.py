@@ -162,7 +162,6 @@ class ImuBridge(Service[ImuBridgeConfig]):
         )
 
     def _show_wrist(self) -> None:
-        """Update the metrics and warnings of the device, once a second."""
         self._report_timer.start(REPORT_S)
         for name, value, unit in self._wrist.report(self._time_s()):
             self.bus.set_metric(name, value, unit)
@@ -206,14 +205,12 @@ class ImuBridge(Service[ImuBridgeConfig]):
             (self._others.add if present else self._others.discard)(name)
 
     def _on_release(self) -> None:
-        """Update health after the page has released the wrist, or check again later."""
         if self._has_page:
             self._release_timer.start(WRIST_PATIENCE_S)
         else:
             self._report(None)
 
     def _report(self, sample: WristSample | None) -> None:
-        """Show the device that moves the wrist in Health. None clears it."""
         moved_by = "" if sample is None else DEVICE_NAMES[sample.device]
         if moved_by != self._moved_by:
             what = f"{moved_by} moves" if moved_by else f"{self._moved_by} has released"
@@ -283,7 +280,6 @@ class ImuBridge(Service[ImuBridgeConfig]):
             return None
 
     async def _keep(self, kept: StoredMountings) -> str:
-        """Save or delete the stored mountings. Return the problem, or `""`."""
         try:
             if kept.by_source:
                 await asyncio.to_thread(self._state.write, kept)

@@ -1,6 +1,6 @@
 """Guard of an output of any role."""
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
 
 from pointit.runtime.service.plugin_guard import PluginGuard
 from pointit.schemas import Cursor, Environment, StripsFrame
@@ -120,8 +120,3 @@ class GuardedOutput:
                 self.show_lamp(lamp_id, color)
         self._is_new = False
         await self._output.run()
-
-
-def cursor_followers(outputs: Sequence[GuardedOutput]) -> list[GuardedOutput]:
-    """Return those of `outputs` that have a beam."""
-    return [output for output in outputs if output.follows_cursors]

@@ -47,7 +47,7 @@ from pointit.schemas.topics import (
     USER_ALIVE,
 )
 from pointit.services.led_driver.config import LedDriverConfig
-from pointit.services.led_driver.guarded_output import GuardedOutput, cursor_followers
+from pointit.services.led_driver.guarded_output import GuardedOutput
 from pointit.services.led_driver.light_state import LightState
 from pointit.services.led_driver.outputs import make_outputs
 from pointit.services.led_driver.pacing import FrameLimiter
@@ -93,7 +93,7 @@ class LedDriver(Service[LedDriverConfig]):
         self._outputs = make_outputs(config.outputs, self.surroundings, self.bus)
         self._changed: list[GuardedOutput] = []
         """Outputs to which the last frame was sent that changed any."""
-        self._beams = cursor_followers(self._outputs)
+        self._beams = [output for output in self._outputs if output.follows_cursors]
         self._beamed = set[str]()
         """People whose cursors are on beams."""
         self._frames = self.bus.publisher(STRIPS_FRAME, timed=not self._outputs)
@@ -144,7 +144,7 @@ class LedDriver(Service[LedDriverConfig]):
 
     def _on_profile(self, profile: UserProfile, user: str) -> None:
         try:
-            self._lights.on_profile(user, profile)
+            self._lights.content.set_profile(user, profile)
         except UnknownColormapError as error:
             self.bus.warn(f"profile {user}", f"profile of {user}: {error}; the cursor's colour is shown")
         else:
@@ -152,15 +152,15 @@ class LedDriver(Service[LedDriverConfig]):
         self._wish()
 
     def _on_selection(self, selection: Selection, _name: str) -> None:
-        self._lights.on_selection(selection)
+        self._lights.content.set_selection(selection)
         self._wish()
 
     def _on_objects(self, objects: TrackedObjects, tracker: str) -> None:
-        self._lights.on_objects(tracker, objects, self.clock.now_ns())
+        self._lights.content.set_objects(tracker, objects, self.clock.now_ns())
         self._wish()
 
     def _on_hover(self, hover: Hover, user: str) -> None:
-        self._lights.on_hover(user, hover, self.clock.now_ns())
+        self._lights.content.set_hover(user, hover, self.clock.now_ns())
         self._wish()
 
     def _on_cursor(self, cursor: Cursor, user: str) -> None:
@@ -174,17 +174,17 @@ class LedDriver(Service[LedDriverConfig]):
             self._watch_expiry(self.clock.now_ns())
 
     def _show_on_beams(self, user: str, cursor: Cursor | None) -> None:
-        color = self._lights.cursor_color(user)
+        color = self._lights.content.cursor_color(user)
         for output in self._beams:
             output.show_cursor(user, cursor, color)
 
     def _on_localization(self, localization: Localization, user: str) -> None:
-        self._lights.on_localization(user, localization, self.clock.now_ns())
+        self._lights.lamps.queue.on_localization(user, localization, self.clock.now_ns())
         self._arbitrate()
 
     def _on_person(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         if not present:
-            self._lights.on_absence(user)
+            self._lights.lamps.queue.leave(user)
             self._arbitrate()
 
     def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
@@ -192,7 +192,7 @@ class LedDriver(Service[LedDriverConfig]):
             self._on_person(instance.removeprefix(LOCALIZER), present)
 
     def _on_feedback(self, feedback: Feedback, _user: str) -> None:
-        self._lights.on_feedback(feedback)
+        self._lights.lamps.on_feedback(feedback)
         self._wish_lamps()
 
     async def _set_brightness(self, query: SetBrightness, _name: str) -> Done:
@@ -207,13 +207,13 @@ class LedDriver(Service[LedDriverConfig]):
 
     async def _set_lamp(self, query: SetLamp, lamp_id: str) -> Done:
         try:
-            self._lights.set_lamp(lamp_id, query.color)
+            self._lights.lamps.set_color(lamp_id, query.color)
         except ValueError as error:
             raise RefusedError(str(error)) from error
         self._look_at_lamps_in(0.0)
         if query.color is None:
             return Done(message=f"lamp {lamp_id} is given back")
-        people = [lease.user for lease in self._lights.lamp_service().leases if not lease.ahead]
+        people = [lease.user for lease in self._lights.lamps.queue.service().leases if not lease.ahead]
         later = f" once {', '.join(people)} need no lamps any more" if people else ""
         return Done(message=f"lamp {lamp_id} shows #{bytes(query.color).hex()}{later}")
 
@@ -240,21 +240,19 @@ class LedDriver(Service[LedDriverConfig]):
         age_s = (now_ns - frame.stamp_ns) / NS_PER_S / self.clock.speed
         # all are shown; the latency of others is that of a frame long ago
         self._changed = [output for output in self._outputs if output.show(frame, age_s)] or self._changed
-        for user in self._beamed - self._lights.people_with_cursors:
+        for user in self._beamed - self._lights.content.people_with_cursors:
             self._beamed.remove(user)
             self._show_on_beams(user, None)
         self._watch_expiry(now_ns)
 
     def _arbitrate(self) -> None:
-        """Publish changed leases and light changed targets, at once."""
-        if self._lights.lamp_service() != self._served:
+        if self._lights.lamps.queue.service() != self._served:
             self._shine()
         else:
             self._wish_lamps()
 
     def _wish_lamps(self) -> None:
-        """Schedule an update of the lamps, soon."""
-        if self._lights.lamps_follow_people:
+        if self._lights.lamps.follow_people:
             self._look_at_lamps_in(0.0)
 
     def _look_at_lamps_in(self, wait_s: float) -> None:
@@ -269,7 +267,6 @@ class LedDriver(Service[LedDriverConfig]):
         self._lamp_timer = self.bus.call_later(max(at_s - loop.time(), 0.0), self._shine)
 
     def _shine(self) -> None:
-        """Publish the changed colours of lamps."""
         if self._lamp_timer is not None:
             self._lamp_timer.cancel()
             self._lamp_timer = None
@@ -277,13 +274,13 @@ class LedDriver(Service[LedDriverConfig]):
             return
         self._lamps_s = asyncio.get_running_loop().time()
         now_ns = self.clock.now_ns()
-        self._light(self._lights.lamp_colors(now_ns))
-        before, self._served = self._served, self._lights.lamp_service()
+        self._light(self._lights.lamps.colors(now_ns))
+        before, self._served = self._served, self._lights.lamps.queue.service()
         if before.leases != self._served.leases:
             self._lease_seq += 1
             news = LampLeases(stamp_ns=now_ns, seq=self._lease_seq, leases=self._served.leases)
             self._leases.put(news)
-        change_ns = self._lights.next_lamp_change_ns(now_ns)
+        change_ns = self._lights.lamps.next_change_ns(now_ns)
         if change_ns is not None:
             self._look_at_lamps_in((change_ns - now_ns) / NS_PER_S / self.clock.speed)
 
@@ -304,7 +301,7 @@ class LedDriver(Service[LedDriverConfig]):
 
     def _watch_expiry(self, now_ns: int) -> None:
         """Schedule a frame for the next expiry or blink. There is one timer, which checks again."""
-        end_ns = self._lights.next_change_ns()
+        end_ns = self._lights.content.next_change_ns()
         if end_ns is None:
             return
         wait_s = (end_ns - now_ns) / NS_PER_S / self.clock.speed
@@ -317,7 +314,7 @@ class LedDriver(Service[LedDriverConfig]):
     def _expire(self) -> None:
         self._expiry_timer = None
         now_ns = self.clock.now_ns()
-        end_ns = self._lights.next_change_ns()
+        end_ns = self._lights.content.next_change_ns()
         if end_ns is not None and end_ns <= now_ns:
             self._wish()
         else:

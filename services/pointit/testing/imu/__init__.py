@@ -1,6 +1,6 @@
 """Checks of IMU sources."""
 
-from pointit.testing.imu import imu_reconnection, load, readings
-from pointit.testing.imu.harness import IMU_SUITE, ImuHarness
+from pointit.testing.imu.checks import IMU_SUITE
+from pointit.testing.imu.harness import ImuHarness
 
-__all__ = ["IMU_SUITE", "ImuHarness", "imu_reconnection", "load", "readings"]
+__all__ = ["IMU_SUITE", "ImuHarness"]

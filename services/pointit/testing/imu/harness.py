@@ -10,7 +10,7 @@ from typing import Any
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 from pointit.plugins import ImuSource, Item, RawReading, Reading, Reconnected, Source
-from pointit.testing.check import Suite, called
+from pointit.testing.check import called
 from pointit.testing.trial import DeviceHarness, Trial
 
 POSTURE: Quaternion = rotation.from_azimuth_elevation(0.7, -0.3)
@@ -35,9 +35,6 @@ class ImuHarness(DeviceHarness[ImuSource]):
     def trial(self) -> "ImuTrial":
         """Return a trial of the source, which has not begun."""
         return ImuTrial(self)
-
-
-IMU_SUITE: Suite[ImuHarness] = Suite()
 
 
 def sends(harness: ImuHarness) -> bool:

@@ -1,6 +1,6 @@
 """Checks of LED outputs."""
 
-from pointit.testing.led import frames, led_reconnection
-from pointit.testing.led.harness import LED_SUITE, LedHarness
+from pointit.testing.led.checks import LED_SUITE
+from pointit.testing.led.harness import LedHarness
 
-__all__ = ["LED_SUITE", "LedHarness", "frames", "led_reconnection"]
+__all__ = ["LED_SUITE", "LedHarness"]

@@ -7,7 +7,7 @@ from typing import Any
 
 from pointit.plugins import LampOutput, LedOutput, Output
 from pointit.schemas import Lamp, Strip, StripFrame, StripsFrame
-from pointit.testing.check import CheckFailedError, Suite, called
+from pointit.testing.check import CheckFailedError, called
 from pointit.testing.trial import DeviceHarness, Trial
 
 STRIPS = (
@@ -18,8 +18,6 @@ STRIPS = (
 PIXELS = sum(strip.pixels for strip in STRIPS)
 
 DARK = bytes(3 * PIXELS)
-
-LED_SUITE: "Suite[LedHarness]" = Suite()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,6 +1,6 @@
 """Checks of drivers of robots."""
 
-from pointit.testing.robot import orders, robot_reconnection
-from pointit.testing.robot.harness import ROBOT_SUITE, RobotHarness
+from pointit.testing.robot.checks import ROBOT_SUITE
+from pointit.testing.robot.harness import RobotHarness
 
-__all__ = ["ROBOT_SUITE", "RobotHarness", "orders", "robot_reconnection"]
+__all__ = ["ROBOT_SUITE", "RobotHarness"]

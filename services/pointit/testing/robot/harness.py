@@ -20,13 +20,11 @@ from pointit.plugins import (
     TakeOff,
 )
 from pointit.schemas import RobotKind
-from pointit.testing.check import CheckFailedError, Suite, called
+from pointit.testing.check import CheckFailedError, called
 from pointit.testing.trial import DeviceHarness, Trial
 
 STILL_MPS = 0.05
 """A slower robot stands, m/s."""
-
-ROBOT_SUITE: "Suite[RobotHarness]" = Suite()
 
 
 @dataclass(frozen=True, kw_only=True)

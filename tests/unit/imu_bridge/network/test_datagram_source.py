@@ -15,8 +15,8 @@ from pointit.services.imu_bridge.network.osc import OSC
 from pointit.services.imu_bridge.network.sender_choice import SenderChoice
 from pointit.services.imu_bridge.network.udp import UDP
 from pointit.services.imu_bridge.network.ximu3 import XIMU3
-from pointit.testing.devices.serial_formats import ximu3_quaternion
-from pointit.testing.shipped.network import osc_quaternion
+from pointit_lab.devices.harnesses.network import osc_quaternion
+from pointit_lab.devices.serial_formats import ximu3_quaternion
 from tests.support.bench import until
 from tests.support.running_source import Phone, Running, phone_at, running
 

@@ -10,8 +10,8 @@ from pointit.services.imu_bridge.network import ximu3
 from pointit.services.imu_bridge.network.contents import DatagramError
 from pointit.services.imu_bridge.network.ximu3 import XIMU3, Ximu3Decoder, announced
 from pointit.services.imu_bridge.reading import Battery, Reading
-from pointit.testing.devices.serial_formats import ximu3_binary, ximu3_text
-from pointit.testing.devices.udp import UdpDevice
+from pointit.testing.devices import UdpDevice
+from pointit_lab.devices.serial_formats import ximu3_binary, ximu3_text
 from tests.support.bench import until
 from tests.support.buses import free_udp_port
 from tests.support.running_source import phone_at, running

@@ -18,8 +18,10 @@ from pointit.services.imu_bridge.serial.text_line import LONGEST_LINE, TextFrame
 from pointit.services.imu_bridge.serial.witmotion import LENGTH as WITMOTION_LENGTH
 from pointit.services.imu_bridge.serial.witmotion import WitMotionFramer
 from pointit.services.imu_bridge.serial.ximu3 import LONGEST, Ximu3Framer
-from pointit.testing.devices.serial_formats import bno085_orientation, witmotion_quaternion, ximu3_quaternion
+from pointit.testing import ImuHarness, checks, run_checks
 from pointit.testing.templates.imu_source.fake import encode as text
+from pointit_lab.devices.harnesses.imu import BNO085_HARNESS, SERIAL_XIMU3_HARNESS, WITMOTION_HARNESS
+from pointit_lab.devices.serial_formats import bno085_orientation, witmotion_quaternion, ximu3_quaternion
 
 POSTURE = rotation.from_azimuth_elevation(0.7, -0.3)
 
@@ -156,3 +158,16 @@ def test_a_format_is_not_mistaken_for_another_behind_garbage(kind: Kind, garbage
     detection.feed(stream, 0, 0.0)
     assert detection.found is not None
     assert KINDS[detection.found.format] is kind
+
+
+ABOUT_DATA = {"delivers", "bad_bytes", "not_finite", "not_unit"}
+"""Checks that depend on the format; `pointit plugin check` makes all of them with lines of text."""
+
+
+@pytest.mark.parametrize(
+    "harness", [WITMOTION_HARNESS, BNO085_HARNESS, SERIAL_XIMU3_HARNESS], ids=["witmotion", "bno085", "ximu3"]
+)
+def test_source_keeps_its_promises_about_data(harness: ImuHarness) -> None:
+    chosen = [check for check in checks(harness) if check.name in ABOUT_DATA]
+    assert len(chosen) == len(ABOUT_DATA)
+    assert [problem for _, problem in run_checks(chosen) if problem] == []

@@ -9,7 +9,7 @@ from pointit.geometry import rotation
 from pointit.services.imu_bridge.reading import Item, Reading, Reconnected
 from pointit.services.imu_bridge.serial.config import Format, SerialConfig
 from pointit.services.imu_bridge.serial.detection import Detection
-from pointit.testing.devices.serial_formats import bno085_orientation, witmotion_packet, witmotion_quaternion
+from pointit_lab.devices.serial_formats import bno085_orientation, witmotion_packet, witmotion_quaternion
 
 LISTENING_S = 0.1
 """Time for which a port is listened to when nothing comes, s."""

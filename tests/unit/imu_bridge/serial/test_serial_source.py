@@ -27,7 +27,7 @@ from pointit.services.imu_bridge.serial import source as serial_source
 from pointit.services.imu_bridge.serial.config import SerialConfig
 from pointit.services.imu_bridge.serial.ports import discover, set_speed
 from pointit.services.imu_bridge.serial.source import SerialSource
-from pointit.testing.devices.serial_formats import (
+from pointit_lab.devices.serial_formats import (
     bno085_orientation,
     witmotion_packet,
     witmotion_quaternion,
@@ -35,36 +35,12 @@ from pointit.testing.devices.serial_formats import (
 )
 from tests.support.bench import until
 from tests.support.pty_device import PtyDevice, pty_device
+from tests.support.running_source import Health
 
 pytestmark = pytest.mark.wall_time
 
 POSTURE = rotation.from_azimuth_elevation(0.7, -0.3)
 LINE = b"1,0,0,0\n"
-
-
-class Health:
-    """Health that remembers warnings and metrics."""
-
-    def __init__(self) -> None:
-        self.warnings: dict[str, str] = {}
-        self.metrics: dict[str, float] = {}
-
-    def warn(self, topic: str, sentence: str) -> None:
-        self.warnings.pop(topic, None)
-        if sentence:
-            self.warnings[topic] = sentence
-
-    def clear(self, topic: str) -> None:
-        self.warnings.pop(topic, None)
-
-    def set_metric(self, name: str, value: float | None, unit: str = "") -> None:
-        del unit
-        self.metrics.pop(name, None)
-        if value is not None:
-            self.metrics[name] = value
-
-    def reached(self, latency_s: float) -> None:
-        raise AssertionError(latency_s)
 
 
 class Run:

@@ -14,8 +14,8 @@ from pointit.services.robot.drivers.vda5050.agv import Agv
 from pointit.services.robot.drivers.vda5050.driver import Vda5050Driver
 from pointit.services.robot.drivers.vda5050.vda5050_config import Vda5050Config
 from pointit.services.robot.robot_driver import FollowPath, ReportItem, RobotReport
-from pointit.testing.devices.agv_broker import VirtualAgv
 from pointit.testing.trial import TrialHealth
+from pointit_lab.devices.agv_broker import VirtualAgv
 from tests.support.bench import ManualClock, until
 from tests.unit.robot.vda5050.agv_bench import SPEC
 

@@ -127,7 +127,6 @@ class BleSource:
             await asyncio.sleep(wait_s)
 
     async def _find(self) -> Advertisement:
-        """Scan until the wrist is heard, for ever."""
         while True:
             heard: dict[str, Advertisement] = {}
             found: asyncio.Future[Advertisement] = asyncio.get_running_loop().create_future()
@@ -215,7 +214,6 @@ class BleSource:
                     await client.disconnect()
 
     def _open(self, *, keeps_yaw: bool) -> None:
-        """Begin to deliver what comes."""
         self._is_open = self._was_open = True
         self._deliver(Reconnected(keeps_yaw=keeps_yaw))
 
@@ -265,7 +263,6 @@ class BleSource:
 
     @property
     def _silence(self) -> str:
-        """Return the kind of silence as an adjective."""
         return "silent" if self._useless < MANY else f"without readings in {self._useless} notifications"
 
     def _on_data(self, characteristic: str, _sender: object, data: bytearray) -> None:
@@ -288,7 +285,6 @@ class BleSource:
         self._deliver(Press(self._clock.now_ns(), gesture))
 
     async def _play(self, connection: Connection) -> None:
-        """Play the newest cue, and end an older one."""
         while True:
             await self._cue_came.wait()
             self._cue_came.clear()

@@ -121,7 +121,6 @@ class DatagramSource(PortSource):
             self._pass_on(item)
 
     def _step(self, now_s: float) -> None:
-        """Notice that the sender fell silent, and tell what is wrong."""
         used = self._senders.used
         host = "" if used is None else used[0]
         if self._read_s is not None and now_s - self._read_s > LOST_S:

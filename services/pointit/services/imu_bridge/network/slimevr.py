@@ -182,7 +182,6 @@ class SlimevrSource(PortSource):
                 self._pass_on(item)
 
     def _item(self, packet: protocol.Packet, used: Tracker, stamp_ns: int, now_s: float) -> Item | None:
-        """Return the reading or event of a packet, or None if it is about the tracker."""
         match packet:
             case protocol.Rotation(sensor, orientation_xyzw):
                 self._sensors.add(sensor)
@@ -199,7 +198,6 @@ class SlimevrSource(PortSource):
                 return None
 
     def _answer(self, packet: protocol.Packet, used: Tracker, now_s: float) -> None:
-        """Answer a packet about the tracker, and tell what is wrong with it."""
         match packet:
             case protocol.SensorInfo(sensor, status):
                 self._send(protocol.sensor_answer(packet), used)

@@ -178,7 +178,6 @@ def vibration(duration_s: float, amplitude: float = 1.0) -> bytes:
 
 
 def _bundled(kind: int, payload: bytes) -> Iterator[tuple[int, bytes]]:
-    """Return kind and payload of each packet of a datagram."""
     if kind not in (BUNDLE, SHORT_BUNDLE):
         yield kind, payload
         return

@@ -151,7 +151,6 @@ class Trackers:
         return True
 
     def _may_be_used(self, tracker: Tracker, now_s: float) -> bool:
-        """Return True if `tracker` is the one to use, or may take the place of the one that was."""
         if self._wanted and not tracker.is_named(self._wanted):
             return False
         mac = tracker.handshake.mac

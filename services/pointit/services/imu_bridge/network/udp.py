@@ -105,7 +105,6 @@ class UdpDecoder(Decoder):
         return Reading(stamp_ns, orientation(four, "xyzw"), _time_ns(content))
 
     def _android(self, content: Mapping[str, Any], values: list[float], stamp_ns: int) -> Item | None:
-        """Return the reading of one of Android's sensors, as SensaGram sends it."""
         time_ns = _time_ns(content)
         kind = str(content.get("type", "rotation_vector")).removeprefix(_ANDROID)
         if kind in _ORIENTATIONS:
@@ -152,7 +151,6 @@ def _numbers(values: Sequence[Any]) -> list[float]:
 
 
 def _time_ns(content: Mapping[str, Any]) -> int | None:
-    """Return the device's time, if it states one in ns."""
     time_ns = content.get("timestamp")
     return time_ns if isinstance(time_ns, int) and 0 <= time_ns < 2**62 else None
 

@@ -75,7 +75,6 @@ class SerialSource:
             await self._use_port()
 
     async def _use_port(self) -> None:
-        """Read the port; if it was found by a search, until it is lost."""
         self._lost.clear()
         baud = self._config.baud or self._detection.baud
         self._thread = SerialThread(PortSettings(port=self._name, baud=baud), self._read, self._on_change)
@@ -175,7 +174,6 @@ class SerialSource:
             self._port = None
 
     def _tell(self, found: Found | None) -> None:
-        """Report the recognized format and speed, in the log and in health."""
         if found is not None and found != self._first:
             log.info("%s: %s", self._name, found)
         self._first = found or self._first
@@ -209,7 +207,6 @@ class SerialSource:
         self._health.warn("silent", message)
 
     def _watch_bad(self, framer: Framer, now_s: float) -> None:
-        """Count unreadable data, and report it and its end."""
         if framer.bad:
             self.bad_lines += framer.bad
             framer.bad = 0
@@ -230,7 +227,6 @@ class SerialSource:
 
 
 def _choice(heard: list[Answer], answers: list[Answer]) -> str:
-    """Return the reason why no port was chosen, and the remedy."""
     if heard:
         example = f"--imu serial:{heard[0].path}"
         return f"{len(heard)} serial ports answer: {several(heard)}; name one, as in {example}"

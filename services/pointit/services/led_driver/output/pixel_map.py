@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pointit.schemas import Strip, StripsFrame
-from pointit.services.led_driver.segment import Segment
+from pointit.services.led_driver.outputs import Segment
 
 Indices = NDArray[np.intp]
 

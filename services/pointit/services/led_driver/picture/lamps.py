@@ -123,7 +123,6 @@ class Lamps:
         self._guards |= {lamp_id: FlashGuard() for lamp_id in ids if lamp_id not in self._guards}
 
     def _by_angle(self, lamp_id: str) -> Rgb:
-        """Return the colour for the nearest ray."""
         misses_rad = [
             lamp.miss_rad
             for _, cursor in self._cursors.values()

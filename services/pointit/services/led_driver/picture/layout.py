@@ -194,7 +194,6 @@ def _expanded(first: Indices, end: Indices) -> tuple[Indices, Indices]:
 
 
 def _own_run(strip: Strip, first: int) -> tuple[_Run, Array]:
-    """Return a strip's pixels along its own line, and their positions."""
     line = Polyline(strip.line_m)
     numbers: Array = np.arange(strip.pixels + 1, dtype=np.float64)
     bounds_m: Array = numbers / (strip.pixels / line.length_m)
@@ -209,7 +208,6 @@ def _own_run(strip: Strip, first: int) -> tuple[_Run, Array]:
 
 
 def _runs_beside(line: Polyline, reach_m: float, strips: list[tuple[_Run, Array]]) -> Iterator[_Run]:
-    """Yield the pixels of each strip that lie beside `line`, if there are any."""
     low_m, high_m = line.vertices_m.min(axis=0) - reach_m, line.vertices_m.max(axis=0) + reach_m
     for run, places_m in strips:
         near = np.flatnonzero(np.all((places_m >= low_m) & (places_m <= high_m), axis=1))

@@ -200,7 +200,6 @@ class Renderer:
 
 
 def _whole(pixels: Array) -> Indices:
-    """Return the number of whole pixels."""
     return np.minimum(np.maximum(pixels + _ROUNDING, 0.0), _MANY).astype(np.intp)
 
 

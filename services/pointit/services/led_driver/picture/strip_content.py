@@ -267,7 +267,6 @@ class StripContent:
 
 
 def _forget(heard: dict[str, tuple[int, T]], now_ns: int, timeout_ns: int) -> bool:
-    """Drop expired entries. Return True if there were any."""
     count = len(heard)
     for name, (at, _) in list(heard.items()):
         if now_ns - at >= timeout_ns:

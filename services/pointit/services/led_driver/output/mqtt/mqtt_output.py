@@ -7,21 +7,24 @@ from collections.abc import Sequence
 from contextlib import AbstractAsyncContextManager
 from typing import TYPE_CHECKING
 
+from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.mqtt.broker import client_options, connected, describe_error, require_client, uncancelled
+from pointit.runtime.mqtt.broker_config import PORT
+from pointit.runtime.mqtt.broker_search import find_on_brokers
 from pointit.runtime.service.shutdown import first_cause
-from pointit.runtime.service.surroundings import Surroundings
 from pointit.schemas import Lamp
 from pointit.schemas.base import Rgb
 from pointit.services.led_driver.output.mqtt import light_protocol
 from pointit.services.led_driver.output.mqtt.lamp_commands import DARK, LampCommands
+from pointit.services.led_driver.output.mqtt.light_protocol import TOPICS, AnnouncedLight, announced_lights
 from pointit.services.led_driver.output.mqtt.mqtt_config import MqttConfig
-from pointit.services.led_driver.output.mqtt.search import find_lamps
 from pointit.services.led_driver.output.output_health import OutputHealth
 from pointit.services.led_driver.outputs import LedOutput
 
 if TYPE_CHECKING:
     import aiomqtt
+
 
 RETRY_S = 1.0
 """Wait after an error, s."""
@@ -30,6 +33,8 @@ ACK_S = 5.0
 OFF_S = 0.4
 """Maximum time for the commands that switch the lamps off at the end, s."""
 ONLINE, OFFLINE = b"online", b"offline"
+MAX_LAMPS = 500
+"""Limit of lamps on one broker."""
 
 
 class MqttLamps:
@@ -88,7 +93,6 @@ class MqttLamps:
             await asyncio.sleep(RETRY_S)
 
     async def _serve(self) -> None:
-        """Connect, and send until the connection is lost."""
         status = self._config.status_topic
         async with self._connected(0, status, OFFLINE, retain=True) as client:
             self._health.clear("broker")
@@ -168,7 +172,6 @@ class MqttLamps:
             )
 
     async def _subscribe(self, client: "aiomqtt.Client") -> None:
-        """Subscribe to the availability of new lamps."""
         wanted = {topic for lamp_id in self._lamps for topic in self._config.availability_topics(lamp_id)}
         if new := sorted(wanted - self._subscribed):
             await uncancelled(client.subscribe([(topic, 1) for topic in new]))
@@ -195,7 +198,6 @@ class MqttLamps:
         )
 
     async def _end(self, client: "aiomqtt.Client") -> None:
-        """Switch off the lamps that are lit."""
         from aiomqtt import MqttError  # noqa: PLC0415 - an extra
 
         # without a connection, the broker publishes the last will
@@ -207,19 +209,52 @@ class MqttLamps:
                 await self._tell_status(client, OFFLINE)
 
 
-def make_lamps(config: MqttConfig, around: Surroundings) -> MqttLamps:
-    """Return an output of `config`, which opens nothing yet.
+async def find_lamps(seconds: float) -> Sequence[FoundDevice]:
+    """Return the lamps on the broker of this machine and on brokers that announce themselves (`_mqtt._tcp`).
 
     Raises:
-        ConfigError: As `MqttLamps`.
+        ConfigError: If the extra `mqtt` is not installed.
     """
-    return MqttLamps(config, OutputHealth(around.health, config.broker))
+    require_client("lamps by MQTT")
+    return await find_on_brokers(find_lamps_on, seconds)
+
+
+async def find_lamps_on(host: str, port: int, seconds: float) -> list[FoundDevice]:
+    """Return the lamps on one broker, and the broker itself if it shows none; nothing if there is none."""
+    from aiomqtt import MqttError  # noqa: PLC0415 - an extra
+
+    lights: dict[str, AnnouncedLight] = {}
+    address = host if port == PORT else f"{host}:{port}"
+    reached = False
+    try:
+        # TimeoutError, at the end of the search, is an OSError
+        async with asyncio.timeout(seconds), connected({"hostname": host, "port": port}) as client:
+            reached = True
+            await client.subscribe([(topic, 0) for topic in TOPICS])
+            async for message in client.messages:
+                for light in announced_lights(str(message.topic), message.payload):
+                    if len(lights) < MAX_LAMPS:
+                        lights.setdefault(light.topic, light)
+    except MqttError as error:
+        if not reached and "uthor" in str(error):
+            return [FoundDevice(address, "MQTT broker that asks for a user name", {"broker": address})]
+    except OSError:
+        pass
+    if not lights:
+        return [FoundDevice(address, "MQTT broker on which no lamp announces itself")] if reached else []
+    return [_found(address, light) for light in lights.values()]
+
+
+def _found(address: str, light: AnnouncedLight) -> FoundDevice:
+    kind = "lamp with colour" if light.has_color else "lamp without colour"
+    details = {"broker": address, "topic": light.topic, "availability": light.availability}
+    return FoundDevice(address, f"{light.name}: {kind}, topic {light.topic}", {"name": light.name, **details})
 
 
 MQTT = LedOutput(
     summary="single lamps: smart lights by MQTT (Zigbee2MQTT, Home Assistant)",
     config=MqttConfig,
-    make=make_lamps,
+    make=lambda config, around: MqttLamps(config, OutputHealth(around.health, config.broker)),
     argument="broker",
     example="HOST",
     discover=find_lamps,

@@ -12,7 +12,7 @@ from pointit.schemas import Strip, StripsFrame
 from pointit.services.led_driver.output.pixel_map import map_pixels
 from pointit.services.led_driver.output.power import Power
 from pointit.services.led_driver.output.serial_port import adalight_protocol
-from pointit.services.led_driver.output.serial_port.serial_config import (
+from pointit.services.led_driver.output.serial_port.config import (
     BITS_PER_BYTE,
     MAX_BAUD,
     SerialOutputConfig,

@@ -10,7 +10,7 @@ from pointit.runtime.service.surroundings import HealthSink
 from pointit.schemas import Strip, StripsFrame
 from pointit.services.led_driver.output.power import Power
 from pointit.services.led_driver.output.serial_port import upxl_protocol
-from pointit.services.led_driver.output.serial_port.expander_config import ExpanderConfig
+from pointit.services.led_driver.output.serial_port.config import ExpanderConfig
 from pointit.services.led_driver.output.serial_port.serial_output import SerialFrame, SerialOutput
 from pointit.services.led_driver.output.serial_port.wiring import map_channels, too_slow
 from pointit.services.led_driver.outputs import LedOutput

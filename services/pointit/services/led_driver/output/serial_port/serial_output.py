@@ -12,7 +12,7 @@ import serial
 from pointit.runtime.host.serial_port import PortSettings, SerialThread
 from pointit.runtime.service.surroundings import HealthSink
 from pointit.services.led_driver.output.output_health import OutputHealth
-from pointit.services.led_driver.output.serial_port.serial_config import SerialOutputConfig, wire_time_s
+from pointit.services.led_driver.output.serial_port.config import SerialOutputConfig, wire_time_s
 from pointit.services.led_driver.outputs import FRAME_RATE
 
 KEEP_ALIVE_S = 1.0
@@ -110,7 +110,6 @@ class SerialOutput:
             self._health.clear("port")
 
     def _write(self, port: serial.Serial, stopping: threading.Event) -> None:
-        """Send the newest frame whenever wire and board are ready. Runs in the port's thread."""
         shown: SerialFrame | None = None
         sent_s = 0.0
         while True:

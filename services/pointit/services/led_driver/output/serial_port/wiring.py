@@ -6,9 +6,13 @@ from dataclasses import dataclass
 from pointit.schemas import Strip
 from pointit.services.led_driver.output.pixel_map import PixelMap, map_pixels
 from pointit.services.led_driver.output.serial_port import upxl_protocol
-from pointit.services.led_driver.output.serial_port.expander_config import CHANNELS, ExpanderConfig
-from pointit.services.led_driver.output.serial_port.serial_config import BITS_PER_BYTE, wire_time_s
-from pointit.services.led_driver.segment import Segment
+from pointit.services.led_driver.output.serial_port.config import (
+    BITS_PER_BYTE,
+    CHANNELS,
+    ExpanderConfig,
+    wire_time_s,
+)
+from pointit.services.led_driver.outputs import Segment
 
 CHANNEL_PIXELS = 1 << 20
 """Pixels of a channel as far as the pixel map knows: none of its segments reaches into the next channel."""
@@ -64,7 +68,6 @@ def map_channels(config: ExpanderConfig, strips: Sequence[Strip]) -> tuple[Wirin
 
 
 def _segments(config: ExpanderConfig, strips: Sequence[Strip]) -> tuple[list[Segment], list[str]]:
-    """Return the configured segments, or those that stand for `channels` or the map's order."""
     if config.segments:
         return list(config.segments), []
     if not config.channels:

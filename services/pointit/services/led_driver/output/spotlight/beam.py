@@ -111,7 +111,6 @@ class Fixture:
             slots[self._config.address + number - 2] = value
 
     def _linear(self, color: Rgb) -> Rgb:
-        """Return the values that look like `color`."""
         red, green, blue = (round(FULL * (value / FULL) ** self._config.gamma) for value in color)
         return (red, green, blue)
 

@@ -97,14 +97,12 @@ class _Fit:
 
 
 def _fits(angles: Sequence[Angles], places_m: Sequence[Vec3]) -> list[_Fit]:
-    """Return the local minima, the best first."""
     beams = np.array([direction(each) for each in angles])
     places = np.array(places_m, dtype=np.float64)
     return sorted((_refined(start, beams, places) for start in _starts()), key=lambda fit: fit.error_rad)
 
 
 def _starts() -> list[Rotation]:
-    """Return rotations of which one is near to any."""
     standing = [Rotation.from_euler("z", yaw, degrees=True) for yaw in range(0, 360, 90)]
     leaning = [
         Rotation.from_euler("x", 180.0, degrees=True),

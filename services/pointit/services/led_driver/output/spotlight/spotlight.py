@@ -87,7 +87,6 @@ class Spotlight:
             group.create_task(self._follow())
 
     async def _follow(self) -> None:
-        """Send each position of the head on its way."""
         loop = asyncio.get_running_loop()
         while True:
             self._changed.clear()

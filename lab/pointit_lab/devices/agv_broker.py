@@ -1,0 +1,179 @@
+"""A fake MQTT broker at which one virtual AGV by VDA 5050 reports, and drives as it is told."""
+
+import asyncio
+import itertools
+import json
+import math
+from typing import Any
+
+from pointit_lab.devices.mqtt_broker import MqttBrokerDevice, Published
+
+TICK_S = 0.05
+
+SPEED_MPS = 1.0
+
+TOPICS = "uagv/v2/acme/7"
+
+HEADER = {"timestamp": "2026-01-01T00:00:00.00Z", "manufacturer": "acme", "serialNumber": "7"}
+
+
+class AgvBrokerDevice(MqttBrokerDevice):
+    """A broker with the AGV 7 of acme, which stands at the origin."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.agv = VirtualAgv()
+        self._driving: asyncio.Task[None] | None = None
+
+    async def plug(self) -> None:
+        """Listen, and let the AGV drive."""
+        await super().plug()
+        self._driving = asyncio.create_task(self._drive())
+
+    async def unplug(self) -> None:
+        """Close all connections; the AGV halts."""
+        if self._driving is not None:
+            self._driving.cancel()
+            await asyncio.wait({self._driving})
+            self._driving = None
+        await super().unplug()
+
+    def take(self, message: Published) -> None:
+        """Pass a message on to the AGV."""
+        self.agv.receive(message.topic, message.payload)
+
+    async def _drive(self) -> None:
+        while True:
+            self.agv.drive(SPEED_MPS * TICK_S)
+            if self.agv.has_changed:
+                await self.publish(f"{TOPICS}/state", self.agv.state())
+            await self.publish(f"{TOPICS}/visualization", self.agv.visualization())
+            await asyncio.sleep(TICK_S)
+
+
+class VirtualAgv:
+    """Obeys one master control, as an AGV that can stop between nodes."""
+
+    def __init__(self, place: tuple[float, float] = (0.0, 0.0), *, version: str = "2.0.0") -> None:
+        """Stand at `place`, m."""
+        self.place = place
+        self.base: list[dict[str, Any]] = []
+        """Nodes that it has still to reach."""
+        self.extra: dict[str, Any] = {}
+        """Fields of its state that replace its own, such as `operatingMode`."""
+        self.has_changed = False
+        """True if it has to send its state."""
+        self.farthest_base_m = 0.0
+        """Greatest length of the way that was released at any time, m."""
+        self._version = version
+        self._sent = 0
+        self._order: tuple[str, int] = ("", 0)
+        self._last_node: tuple[str, int] = ("", 0)
+        self._actions: list[dict[str, str]] = []
+        self._errors: list[dict[str, Any]] = []
+
+    def receive(self, topic: str, payload: str | bytes) -> None:
+        """Take a message of its master."""
+        message = json.loads(payload)
+        if topic.endswith("/instantActions"):
+            for action in message["instantActions" if self._version[0] == "1" else "actions"]:
+                self._act(action)
+        elif topic.endswith("/order"):
+            self._take(message)
+        self.has_changed = True
+
+    def drive(self, distance_m: float) -> None:
+        """Drive along the nodes, `distance_m` at most."""
+        while self.base and distance_m > 0.0:
+            node = self.base[0]
+            to = (node["nodePosition"]["x"], node["nodePosition"]["y"])
+            away_m = math.dist(self.place, to)
+            if away_m > distance_m:
+                part = distance_m / away_m
+                self.place = (
+                    self.place[0] + part * (to[0] - self.place[0]),
+                    self.place[1] + part * (to[1] - self.place[1]),
+                )
+                return
+            distance_m -= away_m
+            self.place = to
+            self._last_node = (node["nodeId"], node["sequenceId"])
+            del self.base[0]
+            self.has_changed = True
+
+    def state(self) -> bytes:
+        """Return its state."""
+        self.has_changed = False
+        order_id, update_id = self._order
+        node_id, sequence_id = self._last_node
+        return self._message(
+            {
+                "orderId": order_id,
+                "orderUpdateId": update_id,
+                "lastNodeId": node_id,
+                "lastNodeSequenceId": sequence_id,
+                "nodeStates": [
+                    {"nodeId": node["nodeId"], "sequenceId": node["sequenceId"], "released": True}
+                    for node in self.base
+                ],
+                "edgeStates": [],
+                "agvPosition": self._position(),
+                "driving": bool(self.base),
+                "actionStates": self._actions,
+                "batteryState": {"batteryCharge": 80.0, "charging": False},
+                "operatingMode": "AUTOMATIC",
+                "errors": self._errors,
+                "safetyState": {"eStop": "NONE", "fieldViolation": False},
+                **self.extra,
+            }
+        )
+
+    def visualization(self) -> bytes:
+        """Return its pose."""
+        return self._message({"agvPosition": self._position()})
+
+    def connection(self, state: str) -> bytes:
+        """Return a message that says `state`, such as ONLINE."""
+        return self._message({"connectionState": state})
+
+    def _take(self, order: dict[str, Any]) -> None:
+        ids = (order["orderId"], order["orderUpdateId"])
+        if ids == self._order:
+            return
+        first, *others = order["nodes"]
+        start = (first["nodePosition"]["x"], first["nodePosition"]["y"])
+        end = self.base[-1]["nodeId"] if self.base else self._last_node[0]
+        is_update = ids[0] == self._order[0]
+        if first["nodeId"] != end if is_update or self.base else math.dist(start, self.place) > 0.5:
+            references = [
+                {"referenceKey": "orderId", "referenceValue": ids[0]},
+                {"referenceKey": "orderUpdateId", "referenceValue": str(ids[1])},
+            ]
+            kind = "orderUpdateError" if is_update else "noRouteError"
+            self._errors = [{"errorType": kind, "errorLevel": "WARNING", "errorReferences": references}]
+            return
+        self._errors = []
+        self._order = ids
+        if not (is_update or self.base):
+            self._last_node = (first["nodeId"], first["sequenceId"])
+        self.base += others
+        points = [self.place, *((n["nodePosition"]["x"], n["nodePosition"]["y"]) for n in self.base)]
+        base_m = sum(math.dist(a, b) for a, b in itertools.pairwise(points))
+        self.farthest_base_m = max(self.farthest_base_m, base_m)
+
+    def _act(self, action: dict[str, Any]) -> None:
+        if action["actionType"] == "cancelOrder":
+            if not self.base:
+                references = [{"referenceKey": "actionId", "referenceValue": action["actionId"]}]
+                self._errors = [{"errorType": "noOrderToCancel", "errorReferences": references}]
+                return
+            self.base = []
+        self._actions = [*self._actions[-9:], {"actionId": action["actionId"], "actionStatus": "FINISHED"}]
+
+    def _position(self) -> dict[str, Any]:
+        x, y = self.place
+        return {"x": x, "y": y, "theta": 0.0, "mapId": "hall", "positionInitialized": True}
+
+    def _message(self, body: dict[str, Any]) -> bytes:
+        self._sent += 1
+        return json.dumps({"headerId": self._sent, "version": self._version, **HEADER, **body}).encode()

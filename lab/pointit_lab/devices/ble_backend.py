@@ -1,0 +1,180 @@
+"""Backends of bleak for a device in memory. Imported where bleak is installed."""
+
+import asyncio
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+from bleak.args import SizedBuffer
+from bleak.backends.characteristic import BleakGATTCharacteristic
+from bleak.backends.client import BaseBleakClient
+from bleak.backends.descriptor import BleakGATTDescriptor
+from bleak.backends.scanner import AdvertisementData, AdvertisementDataCallback, BaseBleakScanner
+from bleak.backends.service import BleakGATTService, BleakGATTServiceCollection
+from bleak.exc import BleakError
+
+from pointit_lab.devices.wrists.wrist import Peripheral
+
+RSSI_DBM = -60
+MTU = 247
+
+
+class MemoryScanner(BaseBleakScanner):
+    """Hears one device if it is there and not connected."""
+
+    device: ClassVar[Peripheral]
+
+    def __init__(
+        self,
+        detection_callback: AdvertisementDataCallback | None,
+        service_uuids: list[str] | None,
+        _scanning_mode: str,
+        **_options: Any,
+    ) -> None:
+        super().__init__(detection_callback, service_uuids)
+
+    async def start(self) -> None:
+        """Begin to hear."""
+        self.seen_devices = {}
+        self.device.listeners.add(self)
+        asyncio.get_running_loop().call_soon(self.hear)
+
+    async def stop(self) -> None:
+        """Hear no longer."""
+        self.device.listeners.discard(self)
+
+    def hear(self) -> None:
+        """Hear the device, if it advertises."""
+        device = self.device
+        if self not in device.listeners or not device.is_there or device.link is not None:
+            return
+        data = AdvertisementData(
+            local_name=device.wrist.name,
+            manufacturer_data={},
+            service_data={},
+            service_uuids=[device.wrist.service],
+            tx_power=None,
+            rssi=RSSI_DBM,
+            platform_data=(),
+        )
+        key = device.address
+        self.call_detection_callbacks(
+            self.create_or_update_device(key, key, device.wrist.name, device, data), data
+        )
+
+
+class MemoryClient(BaseBleakClient):
+    """A connection to one device."""
+
+    device: ClassVar[Peripheral]
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        options.pop("services", None)
+        super().__init__(*arguments, **options)
+        self._callbacks: dict[str, Callable[[bytearray], None]] = {}
+
+    @property
+    def mtu_size(self) -> int:
+        """Return the size of a packet."""
+        return MTU
+
+    @property
+    def is_connected(self) -> bool:
+        """Return True while it is connected."""
+        return self.device.link is self
+
+    async def connect(self, pair: bool, **_options: Any) -> None:  # noqa: FBT001 - bleak's signature
+        """Connect."""
+        del pair
+        if not self.device.is_there or self.device.link is not None:
+            raise BleakError("not within reach")
+        self.services = _services(self.device)
+        self.device.link = self
+        self.device.received.clear()
+        self.device.wrist.connected()
+
+    async def disconnect(self) -> None:
+        """Disconnect. The device advertises again."""
+        if self.is_connected:
+            self.device.link = None
+
+    async def pair(self, *_arguments: Any, **_options: Any) -> None:
+        """Do nothing."""
+
+    async def unpair(self) -> None:
+        """Do nothing."""
+
+    async def read_gatt_char(
+        self, characteristic: BleakGATTCharacteristic, *, use_cached: bool = False, **_options: Any
+    ) -> bytearray:
+        """Return a value."""
+        del use_cached
+        self._require_connection()
+        return bytearray(self.device.wrist.values[characteristic.uuid])
+
+    async def read_gatt_descriptor(
+        self, descriptor: BleakGATTDescriptor, *, use_cached: bool = False, **_options: Any
+    ) -> bytearray:
+        """Raise: there are none."""
+        raise NotImplementedError
+
+    async def write_gatt_char(
+        self,
+        characteristic: BleakGATTCharacteristic,
+        data: SizedBuffer,
+        response: bool,  # noqa: FBT001
+    ) -> None:
+        """Write, and deliver the answers in the next turn of the loop."""
+        del response
+        self._require_connection()
+        written = bytes(data)
+        self.device.received.extend(written)
+        for answer in self.device.wrist.write(characteristic.uuid, written):
+            asyncio.get_running_loop().call_soon(self.notify, *answer)
+
+    async def write_gatt_descriptor(self, descriptor: BleakGATTDescriptor, data: SizedBuffer) -> None:
+        """Raise: there are none."""
+        raise NotImplementedError
+
+    async def start_notify(
+        self, characteristic: BleakGATTCharacteristic, callback: Callable[[bytearray], None], **_options: Any
+    ) -> None:
+        """Pass on notifications of a characteristic."""
+        self._require_connection()
+        self._callbacks[characteristic.uuid] = callback
+
+    async def stop_notify(self, characteristic: BleakGATTCharacteristic) -> None:
+        """Pass them on no longer."""
+        self._callbacks.pop(characteristic.uuid, None)
+
+    def notify(self, characteristic: str, data: bytes) -> None:
+        """Pass on what the device sends."""
+        if self.is_connected and (callback := self._callbacks.get(characteristic)) is not None:
+            callback(bytearray(data))
+
+    def lose(self) -> None:
+        """Tell that the connection is lost."""
+        if self._disconnected_callback is not None:
+            self._disconnected_callback()
+
+    def _require_connection(self) -> None:
+        if not self.is_connected:
+            raise BleakError("Not connected")
+
+
+def backends(device: Peripheral) -> tuple[type[MemoryScanner], type[MemoryClient]]:
+    """Return the backends of an adapter that reaches `device` alone."""
+    return (
+        type("OneScanner", (MemoryScanner,), {"device": device}),
+        type("OneClient", (MemoryClient,), {"device": device}),
+    )
+
+
+def _services(device: Peripheral) -> BleakGATTServiceCollection:
+    found = BleakGATTServiceCollection()
+    service = BleakGATTService(None, 1, device.wrist.service)
+    found.add_service(service)
+    for handle, (uuid, properties) in enumerate(device.wrist.characteristics.items(), 2):
+        found.add_characteristic(
+            BleakGATTCharacteristic(None, handle, uuid, [*properties], lambda: MTU - 3, service)
+        )
+    return found

@@ -1,0 +1,140 @@
+"""Harnesses of the LED outputs that come with PointIt, declared like those of any package."""
+
+import json
+import zlib
+
+from pointit.services.led_driver.output.ddp import DDP
+from pointit.services.led_driver.output.dmx.artnet import ARTNET
+from pointit.services.led_driver.output.dmx.e131 import E131
+from pointit.services.led_driver.output.mqtt.mqtt_output import MQTT
+from pointit.services.led_driver.output.serial_port import adalight_protocol
+from pointit.services.led_driver.output.serial_port.adalight import ADALIGHT
+from pointit.services.led_driver.output.serial_port.expander import EXPANDER
+from pointit.services.led_driver.output.serial_port.upxl_protocol import DRAW_ALL, MAGIC, SET_CHANNEL_WS2812
+from pointit.testing.devices import PtyDevice, UdpDevice
+from pointit.testing.led import LedHarness
+from pointit.testing.led.harness import DARK, PIXELS, STRIPS, lamp_id
+from pointit_lab.devices.mqtt_broker import MqttBrokerDevice, published
+
+CRC_BYTES = 4
+DDP_HEADER_BYTES = 10
+PIXELS_AT = 6
+"""Offset of the pixels behind `MAGIC`, bytes."""
+
+E131_HEAD = bytes.fromhex("00100000") + b"ASC-E1.17"
+E131_OPTIONS_AT, E131_ENDED = 112, 0x40
+E131_SLOTS_AT = 126
+
+ARTNET_HEAD = b"Art-Net\0\x00\x50"
+ARTNET_SLOTS_AT = 18
+
+
+def e131_frames(received: bytes) -> list[bytes]:
+    """Return the slots of each packet of E1.31 that does not just say that the stream has ended."""
+    packets = [E131_HEAD + part for part in received.split(E131_HEAD)[1:]]
+    return [packet[E131_SLOTS_AT:] for packet in packets if not packet[E131_OPTIONS_AT] & E131_ENDED]
+
+
+def artnet_frames(received: bytes) -> list[bytes]:
+    """Return the slots of each ArtDmx packet, without the one that makes their number even."""
+    packets = [ARTNET_HEAD + part for part in received.split(ARTNET_HEAD)[1:]]
+    return [packet[ARTNET_SLOTS_AT:][: 3 * PIXELS] for packet in packets]
+
+
+def expander_frames(received: bytes) -> list[bytes]:
+    """Return the frames that an expander has drawn: its channels at each draw command."""
+    drawn: list[bytes] = []
+    channels: dict[int, bytes] = {}
+    for part in received.split(MAGIC)[1:]:
+        whole, check = part[:-CRC_BYTES], part[-CRC_BYTES:]
+        if zlib.crc32(MAGIC + whole) != int.from_bytes(check, "little"):
+            continue
+        if whole[1] == SET_CHANNEL_WS2812:
+            channels[whole[0]] = whole[PIXELS_AT:]  # red, green, blue: the board sorts them
+        elif whole[1] == DRAW_ALL:
+            drawn.append(b"".join(channels[number] for number in sorted(channels)))
+    return drawn
+
+
+def lamp_pictures(received: bytes) -> list[bytes]:
+    """Return the colours of all lamps after each command of Zigbee2MQTT."""
+    topics = [
+        f"zigbee2mqtt/{lamp_id(strip.id, pixel)}/set" for strip in STRIPS for pixel in range(strip.pixels)
+    ]
+    colors = dict.fromkeys(topics, bytes(3))
+    pictures: list[bytes] = []
+    for message in published(received):
+        if message.topic in colors:
+            light = json.loads(message.payload)
+            colors[message.topic] = bytes(light["color"].values()) if light["state"] == "ON" else bytes(3)
+            pictures.append(b"".join(colors.values()))
+    return pictures
+
+
+EXPANDER_HARNESS = LedHarness(
+    plugin=EXPANDER,
+    device=PtyDevice,
+    parameters=lambda device: {"port": str(device.path)},
+    decode=expander_frames,
+)
+
+
+def adalight_frames(received: bytes) -> list[bytes]:
+    """Return the frames that an Adalight controller has received whole."""
+    drawn: list[bytes] = []
+    while (start := received.find(adalight_protocol.MAGIC)) >= 0:
+        received = received[start + adalight_protocol.HEADER_BYTES :]
+        # the harness's pixels are 0 and 255, so that they contain no magic
+        frame, _, _ = received.partition(adalight_protocol.MAGIC)
+        drawn.append(frame)
+    return [frame for frame in drawn if len(frame) == len(DARK)]
+
+
+def ddp_frames(received: bytes) -> list[bytes]:
+    """Return the frames that a DDP controller has received, one packet each."""
+    frames: list[bytes] = []
+    while received:
+        end = DDP_HEADER_BYTES + int.from_bytes(received[DDP_HEADER_BYTES - 2 : DDP_HEADER_BYTES], "big")
+        frames.append(received[DDP_HEADER_BYTES:end])
+        received = received[end:]
+    return frames
+
+
+ADALIGHT_HARNESS = LedHarness(
+    plugin=ADALIGHT,
+    device=PtyDevice,
+    parameters=lambda device: {"port": str(device.path)},
+    decode=adalight_frames,
+)
+DDP_HARNESS = LedHarness(
+    plugin=DDP,
+    device=UdpDevice,
+    parameters=lambda device: {"host": device.host, "port": device.port},
+    decode=ddp_frames,
+    wrong_parameters=({"host": ""}, {"host": "wled.local", "port": 0}),
+)
+E131_HARNESS = LedHarness(
+    plugin=E131,
+    device=UdpDevice,
+    parameters=lambda device: {"host": device.host, "port": device.port},
+    decode=e131_frames,
+    wrong_parameters=({"universe": 0}, {"host": "multicast"}, {"host": "multicast", "interface": "eth0"}),
+)
+ARTNET_HARNESS = LedHarness(
+    plugin=ARTNET,
+    device=UdpDevice,
+    parameters=lambda device: {"host": device.host, "port": device.port},
+    decode=artnet_frames,
+    wrong_parameters=({"universe": 32768},),
+)
+MQTT_HARNESS = LedHarness(
+    plugin=MQTT,
+    device=MqttBrokerDevice,
+    parameters=lambda device: {
+        "broker": f"{device.host}:{device.port}",
+        "lamp_rate_hz": 100.0,
+        "max_rate_hz": 1000.0,
+    },
+    decode=lamp_pictures,
+    wrong_parameters=({"broker": ""}, {"broker": "hub", "password_file": "missing"}, {"topic": "lamps/set"}),
+)

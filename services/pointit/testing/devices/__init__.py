@@ -1,1 +1,0 @@
-"""Fake devices: what the author of a plug-in tests against, in place of hardware."""

@@ -1,0 +1,286 @@
+"""What is known of a device: rate, gaps, silence, battery, and its clock."""
+
+from collections.abc import Iterable
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pointit.schemas import NS_PER_S
+from pointit.services.imu_bridge.wrist.device_clock import MAX_AGE_NS, DeviceClock, slope_below
+from pointit.services.imu_bridge.wrist.monitor import FROZEN_S, STORM, Values, WristMonitor
+
+STEP = 1e-4
+
+
+def monitor() -> WristMonitor:
+    monitor = WristMonitor("anna's wrist (fake)", silence_s=3.0)
+    monitor.on_connected(0.0)
+    return monitor
+
+
+def send(wrist: WristMonitor, times_s: Iterable[float], values: Values | None = None) -> None:
+    """Send readings, with a report after each second; other values each time unless they are given."""
+    for number, time_s in enumerate(times_s):
+        wrist.on_reading(values or (number * STEP, 0.0, 0.0, 1.0), time_s)
+        if number % 50 == 49:
+            list(wrist.report(time_s))
+
+
+def at_50_hz(first_s: float, last_s: float) -> list[float]:
+    return [first_s + number / 50 for number in range(round(50 * (last_s - first_s)))]
+
+
+def figures(wrist: WristMonitor, now_s: float) -> dict[str, float | None]:
+    return {name: value for name, value, _unit in wrist.report(now_s)}
+
+
+def said(wrist: WristMonitor, now_s: float, *, is_explained: bool = False) -> list[str]:
+    return [text for _topic, text in wrist.warnings(now_s, is_explained=is_explained) if text]
+
+
+def test_rate_and_gaps_are_counted() -> None:
+    wrist = monitor()
+    send(wrist, at_50_hz(0.0, 10.0))
+    send(wrist, at_50_hz(10.25, 20.25))
+    found = figures(wrist, 20.25)
+    assert found["rate"] == pytest.approx(50.0, rel=0.03)
+    assert found["gaps"] == 1
+    assert found["latest gap"] == pytest.approx(270)
+    assert not said(wrist, 20.25)
+    send(wrist, at_50_hz(20.25, 90.0))
+    assert figures(wrist, 90.0)["gaps"] == 0
+
+
+def test_pauses_of_a_slow_device_are_no_gaps() -> None:
+    wrist = monitor()
+    for second in range(20):
+        for number in range(5):
+            wrist.on_reading((second + number * STEP, 0.0, 0.0, 1.0), second + number / 5)
+        list(wrist.report(second + 0.9))
+    assert figures(wrist, 20.0)["gaps"] == 0
+
+
+def test_connected_device_that_sends_nothing_is_silent_and_a_lost_one_is_not() -> None:
+    wrist = monitor()
+    send(wrist, at_50_hz(0.0, 5.0))
+    list(wrist.report(7.0))
+    assert not said(wrist, 7.5)
+    list(wrist.report(8.5))
+    (text,) = said(wrist, 8.5)
+    assert text.startswith("anna's wrist (fake) is connected, but has sent nothing for 4 s: ")
+    assert not said(wrist, 8.5, is_explained=True)
+    wrist.on_disconnected("it is out of reach")
+    assert said(wrist, 9.0) == ["it is out of reach"]
+    wrist.on_connected(10.0)
+    assert not said(wrist, 10.5)
+
+
+def test_silence_is_not_judged_after_this_machine_has_stalled() -> None:
+    wrist = monitor()
+    send(wrist, at_50_hz(0.0, 5.0))
+    list(wrist.report(5.0))
+    list(wrist.report(15.0))
+    assert not said(wrist, 15.0)
+    list(wrist.report(16.0))
+    assert len(said(wrist, 16.0)) == 1
+
+
+def test_same_orientation_for_long_is_a_table_or_a_frozen_device() -> None:
+    wrist = monitor()
+    send(wrist, at_50_hz(0.0, 5.0))
+    send(wrist, at_50_hz(5.0, 5.0 + FROZEN_S - 0.5), (0.0, 0.0, 0.0, 1.0))
+    assert not said(wrist, 9.5)
+    send(wrist, at_50_hz(9.5, 12.0), (0.0, 0.0, 0.0, 1.0))
+    assert [text.partition(":")[0] for text in said(wrist, 12.0)] == [
+        "anna's wrist (fake) has sent the same orientation for 7 s"
+    ]
+    send(wrist, at_50_hz(12.0, 13.0))
+    assert not said(wrist, 13.0)
+
+
+def test_device_with_two_decimals_is_not_taken_for_frozen() -> None:
+    wrist = monitor()
+    for number, time_s in enumerate(at_50_hz(0.0, 20.0)):
+        wrist.on_reading((0.01 * (number // 400), 0.0, 0.0, 1.0), time_s)
+        if number % 50 == 0:
+            list(wrist.report(time_s))
+            assert not said(wrist, time_s)
+
+
+def test_raw_values_that_never_change_are_of_a_frozen_device() -> None:
+    wrist = monitor()
+    send(wrist, at_50_hz(0.0, 7.0), (0.0, 0.0, 0.0, 0.0, 0.0, 9.81))
+    assert len(said(wrist, 7.0)) == 1
+
+
+def test_connections_again_and_again_are_named() -> None:
+    wrist = monitor()
+    for number in range(STORM):
+        wrist.on_connected(100.0 + number / 10)
+    assert [text.partition(":")[0] for text in said(wrist, 101.0)] == [
+        "anna's wrist (fake) was connected 5 times within 10 s"
+    ]
+    assert not said(wrist, 120.0, is_explained=True)
+
+
+def test_low_battery_is_a_warning() -> None:
+    wrist = monitor()
+    wrist.battery = 0.5
+    assert figures(wrist, 1.0)["battery"] == 50
+    assert not said(wrist, 1.0)
+    wrist.battery = 0.07
+    assert said(wrist, 1.0) == ["the battery of anna's wrist (fake) is at 7%: charge it"]
+
+
+MS = NS_PER_S // 1000
+HOST_NS = 1_700_000_000 * NS_PER_S
+SEEDS = 20
+Link = tuple[list[int], list[int], list[int]]
+"""True captures, device times and arrivals, ns."""
+
+
+def radio(seed: int, *, drift: float = 3e-5, interval_s: float = 0.015, seconds: int = 40) -> Link:
+    """Return 100 samples a second through a radio with connection events, some of which are lost."""
+    random = np.random.default_rng(seed)
+    captured_s = np.arange(0.0, seconds, 0.01) + random.uniform(0.0, 0.01)
+    events_s = np.arange(0.0, seconds + 5.0, interval_s)
+    is_good = random.random(len(events_s)) > 0.1
+    for start in np.nonzero(random.random(len(events_s)) < 0.01)[0]:  # bursts of loss
+        is_good[start : start + int(random.exponential(0.08) / interval_s) + 1] = False
+    good_s = events_s[is_good]
+    sent_s = good_s[np.searchsorted(good_s, captured_s + 0.0015)]
+    busy_s = (random.random(len(sent_s)) < 0.01) * random.exponential(0.01, len(sent_s))
+    arrived_s = np.maximum.accumulate(sent_s + 0.001 + random.exponential(0.0005, len(sent_s)) + busy_s)
+    device_s = captured_s * (1.0 + drift) + random.uniform(0.0, 1000.0)
+    return (
+        [HOST_NS + round(each * 1e9) for each in captured_s.tolist()],
+        [round(each * 1e6) * 1000 for each in device_s.tolist()],
+        [HOST_NS + round(each * 1e9) for each in arrived_s.tolist()],
+    )
+
+
+def spread_ms(stamps_ns: list[int], captured_ns: list[int]) -> float:
+    """Return the standard deviation of the errors of stamps, after the first 5 s, ms."""
+    errors = np.array(stamps_ns[500:]) - np.array(captured_ns[500:])
+    return float(errors.std()) / MS
+
+
+@pytest.mark.parametrize(
+    ("drift", "interval_s", "limit_ms"), [(3e-5, 0.015, 1.0), (-1e-4, 0.045, 2.0), (5e-3, 0.015, 2.0)]
+)
+def test_jitter_of_a_radio_is_removed(drift: float, interval_s: float, limit_ms: float) -> None:
+    before: list[float] = []
+    after: list[float] = []
+    drifts: list[float] = []
+    for seed in range(SEEDS):
+        captured_ns, device_ns, arrived_ns = radio(seed, drift=drift, interval_s=interval_s)
+        clock = DeviceClock()
+        stamps_ns = [clock.capture_ns(*each) for each in zip(device_ns, arrived_ns, strict=True)]
+        assert clock.jumps == 0
+        before.append(spread_ms(arrived_ns, captured_ns))
+        after.append(spread_ms(stamps_ns, captured_ns))
+        drifts.append(clock.drift)
+    assert min(before) > 5.0
+    assert max(after) < limit_ms
+    assert np.mean(drifts) == pytest.approx(drift, abs=2e-5 + 0.02 * abs(drift))
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(-3 * NS_PER_S, 3 * NS_PER_S), st.integers(0, 3 * NS_PER_S)),
+        min_size=1,
+        max_size=60,
+    )
+)
+def test_stamps_are_never_in_the_future_nor_decreasing_nor_old(steps: list[tuple[int, int]]) -> None:
+    clock = DeviceClock()
+    device_ns, arrival_ns, before_ns = 0, HOST_NS, 0
+    for device_step_ns, arrival_step_ns in steps:
+        device_ns += device_step_ns
+        arrival_ns += arrival_step_ns
+        stamp_ns = clock.capture_ns(device_ns, arrival_ns)
+        assert arrival_ns - MAX_AGE_NS <= stamp_ns <= arrival_ns
+        assert stamp_ns >= before_ns
+        before_ns = stamp_ns
+
+
+def fed(clock: DeviceClock, device_ns: int, arrival_ns: int, seconds: float) -> tuple[int, int]:
+    """Feed 100 samples a second without jitter. Return the next device time and arrival."""
+    for _ in range(round(100 * seconds)):
+        stamp_ns = clock.capture_ns(device_ns, arrival_ns)
+        assert stamp_ns <= arrival_ns
+        device_ns, arrival_ns = device_ns + 10 * MS, arrival_ns + 10 * MS
+    return device_ns, arrival_ns
+
+
+@pytest.mark.parametrize("step_s", [-30.0, -1.0, 1.0, 30.0])
+def test_clock_that_is_set_is_recognized_and_followed(step_s: float) -> None:
+    clock = DeviceClock()
+    device_ns, arrival_ns = fed(clock, 7 * NS_PER_S, HOST_NS, 20.0)
+    device_ns, arrival_ns = fed(clock, device_ns + round(step_s * NS_PER_S), arrival_ns, 5.0)
+    assert clock.jumps == 1
+    assert clock.jump_s == pytest.approx(step_s, abs=0.1)
+    assert clock.capture_ns(device_ns, arrival_ns) == pytest.approx(arrival_ns, abs=5 * MS)
+
+
+def oldest_ms(clock: DeviceClock, device_ns: int, arrival_ns: int, seconds: float) -> float:
+    """Feed 100 samples a second, which arrive at once. Return the largest age of their stamps, ms."""
+    ages_ns = [
+        arrival_ns + passed_ns - clock.capture_ns(device_ns + passed_ns, arrival_ns + passed_ns)
+        for passed_ns in range(0, round(seconds * NS_PER_S), 10 * MS)
+    ]
+    return max(ages_ns) / MS
+
+
+@pytest.mark.parametrize(("step_s", "jumps"), [(-0.45, 1), (-0.2, 1), (0.2, 0), (0.45, 0)])
+def test_small_step_of_a_clock_is_followed_within_a_second(step_s: float, jumps: int) -> None:
+    clock = DeviceClock()
+    device_ns, arrival_ns = fed(clock, 7 * NS_PER_S, HOST_NS, 60.0)
+    device_ns, arrival_ns = fed(clock, device_ns + round(step_s * NS_PER_S), arrival_ns, 1.1)
+    assert oldest_ms(clock, device_ns, arrival_ns, 60.0) < 5.0
+    assert clock.jumps == jumps  # a step ahead may be a link that was slow until then
+
+
+@pytest.mark.parametrize("ahead_s", [0.2, 0.45, 3.0])
+def test_one_device_time_that_is_ahead_is_ignored(ahead_s: float) -> None:
+    clock = DeviceClock()
+    device_ns, arrival_ns = fed(clock, 7 * NS_PER_S, HOST_NS, 60.5)
+    assert clock.capture_ns(device_ns + round(ahead_s * NS_PER_S), arrival_ns) == arrival_ns
+    assert oldest_ms(clock, device_ns + 10 * MS, arrival_ns + 10 * MS, 60.0) < 5.0
+    assert clock.jumps == 0
+
+
+def test_link_that_stalls_is_no_jump() -> None:
+    clock = DeviceClock()
+    device_ns, arrival_ns = fed(clock, 0, HOST_NS, 20.0)
+    for number in range(150):  # all that the device has sent meanwhile
+        clock.capture_ns(device_ns + number * 10 * MS, arrival_ns + 1500 * MS)
+    fed(clock, device_ns + 1500 * MS, arrival_ns + 1500 * MS, 5.0)
+    assert clock.jumps == 0
+
+
+@pytest.mark.parametrize("speed", [0.0, 1e-3, 1000.0])
+def test_clock_of_another_unit_or_that_stands_still_is_not_used(speed: float) -> None:
+    clock = DeviceClock()
+    for number in range(2000):
+        clock.capture_ns(round(number * 10 * MS * speed), HOST_NS + number * 10 * MS)
+    assert not clock.is_used
+    arrival_ns = HOST_NS + 20 * NS_PER_S
+    assert clock.capture_ns(round(20 * NS_PER_S * speed), arrival_ns) == arrival_ns
+
+
+def test_clock_that_runs_again_is_used_again() -> None:
+    clock = DeviceClock()
+    for number in range(1200):
+        clock.capture_ns(5, HOST_NS + number * 10 * MS)
+    assert not clock.is_used
+    fed(clock, 5, HOST_NS + 12 * NS_PER_S, 60.0)
+    assert clock.is_used
+
+
+def test_slope_is_that_of_the_hull_below_the_points() -> None:
+    points = [(0, 5.0), (10, 1.0), (20, 9.0), (30, 3.0), (40, 8.0)]
+    assert slope_below(points) == pytest.approx(2.0 / 20)
+    assert slope_below([(0, 1.0)]) == 0.0

@@ -1,0 +1,302 @@
+"""Messages of smart lights, whatever a broker may deliver, and commands at rates that bulbs take."""
+
+import itertools
+import json
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from pointit.schemas.base import Rgb
+from pointit.services.led_driver.output.mqtt.lamp_commands import DARK, LampCommands
+from pointit.services.led_driver.output.mqtt.light_protocol import (
+    TOPICS,
+    AnnouncedLight,
+    announced_lights,
+    availability,
+    command,
+)
+from pointit.services.led_driver.output.mqtt.mqtt_config import MqttConfig
+
+ZIGBEE = """[
+  {"ieee_address": "0x00", "type": "Coordinator", "friendly_name": "Coordinator", "definition": null},
+  {"friendly_name": "kitchen/desk", "definition": {"model": "9290022166", "exposes": [
+    {"type": "light", "features": [
+      {"type": "binary", "name": "state"}, {"type": "numeric", "name": "brightness", "value_max": 254},
+      {"type": "composite", "name": "color_xy", "features": [{"name": "x"}, {"name": "y"}]}]},
+    {"type": "numeric", "name": "linkquality"}]}},
+  {"friendly_name": "bulb", "definition": {"exposes": [{"type": "light", "features": [{"name": "state"}]}]}},
+  {"friendly_name": "plug", "definition": {"exposes": [{"type": "switch", "features": [{"name": "state"}]}]}}
+]"""
+ESPHOME = """{"schema": "json", "brightness": true, "sup_clrm": ["rgb"], "name": "", "dev": {"name": "Strip"},
+  "cmd_t": "strip/light/main/command", "avty_t": "strip/status", "uniq_id": "ESPlightmain"}"""
+BASE = """{"~": "home/lamp", "schema": "json", "command_topic": "~/set", "name": "Lamp",
+  "availability": [{"topic": "bridge"}, {"t": "~/status"}]}"""
+DEVICE = """{"dev": {"name": "Panel"}, "cmps": {
+  "a": {"p": "light", "schema": "json", "cmd_t": "panel/set", "supported_color_modes": ["hs"]},
+  "b": {"p": "sensor", "stat_t": "panel/state"}, "c": {"p": "light", "cmd_t": "panel/plain"}}}"""
+
+
+@pytest.mark.parametrize(
+    ("color", "expected"),
+    [
+        ((0, 0, 0), {"state": "OFF"}),
+        ((255, 255, 255), {"state": "ON", "brightness": 254, "color": {"r": 255, "g": 255, "b": 255}}),
+        ((64, 32, 0), {"state": "ON", "brightness": 64, "color": {"r": 255, "g": 128, "b": 0}}),
+        ((0, 0, 1), {"state": "ON", "brightness": 1, "color": {"r": 0, "g": 0, "b": 255}}),
+    ],
+)
+def test_a_colour_is_a_hue_at_full_value_and_a_brightness(color: Rgb, expected: dict[str, Any]) -> None:
+    assert json.loads(command(color)) == expected
+
+
+@given(st.tuples(*[st.integers(0, 255)] * 3).filter(any))
+def test_hue_times_brightness_is_the_colour(color: Rgb) -> None:
+    message = json.loads(command(color))
+    assert 1 <= message["brightness"] <= 254
+    shown = [message["color"][key] * message["brightness"] / 254 for key in "rgb"]
+    assert shown == pytest.approx(color, abs=1.1)
+
+
+@pytest.mark.parametrize(
+    ("payload", "expected"),
+    [
+        (b"online", True),
+        (b"offline", False),
+        (b'{"state":"online"}', True),
+        (b'{"state": "offline", "since": 1}', False),
+        (b'"offline"', False),
+        (b"", None),
+        (b"[]", None),
+        (b'{"state": {}}', None),
+        (b"ON", None),
+        (b"\xff", None),
+        (b"[" * 100_000, None),
+        (None, None),
+        (1, None),
+    ],
+)
+def test_availability_is_read_in_both_forms_and_nothing_else(payload: object, expected: object) -> None:
+    assert availability(payload) is expected
+
+
+@pytest.mark.parametrize(
+    ("topic", "payload", "expected"),
+    [
+        (
+            TOPICS[0],
+            ZIGBEE,
+            [
+                AnnouncedLight(
+                    "kitchen/desk",
+                    "zigbee2mqtt/kitchen/desk/set",
+                    "zigbee2mqtt/kitchen/desk/availability",
+                    True,
+                ),
+                AnnouncedLight(
+                    "bulb", "zigbee2mqtt/bulb/set", "zigbee2mqtt/bulb/availability", has_color=False
+                ),
+            ],
+        ),
+        (
+            "homeassistant/light/strip/main/config",
+            ESPHOME,
+            [AnnouncedLight("Strip", "strip/light/main/command", "strip/status", has_color=True)],
+        ),
+        (
+            "homeassistant/light/lamp/config",
+            BASE,
+            [AnnouncedLight("Lamp", "home/lamp/set", "home/lamp/status", has_color=False)],
+        ),
+        (
+            "homeassistant/device/panel/config",
+            DEVICE,
+            [AnnouncedLight("Panel", "panel/set", "", has_color=True)],
+        ),
+        ("homeassistant/light/lamp/state", BASE, []),
+        ("homeassistant/light/lamp/config", "", []),
+    ],
+)
+def test_lights_that_take_json_are_found_in_announcements(
+    topic: str, payload: str, expected: list[AnnouncedLight]
+) -> None:
+    assert announced_lights(topic, payload.encode()) == expected
+
+
+KEYS = ("schema", "cmd_t", "command_topic", "~", "dev", "device", "name", "cmps", "p", "avty", "availability")
+WORDS = st.sampled_from(
+    (*KEYS, "exposes", "definition", "friendly_name", "features", "type", "light", "json")
+)
+ANY_JSON = st.recursive(
+    st.none() | st.booleans() | st.floats() | WORDS | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(WORDS, inner, max_size=6),
+    max_leaves=20,
+)
+ANY_TOPIC = st.sampled_from((TOPICS[0], "homeassistant/light/a/config", "homeassistant/device/a/config", "x"))
+
+
+@given(ANY_TOPIC, ANY_JSON.map(lambda value: json.dumps(value).encode()) | st.binary(max_size=50))
+def test_no_announcement_raises(topic: str, payload: bytes) -> None:
+    for light in announced_lights(topic, payload):
+        assert light.topic
+        assert light.name
+    availability(payload)
+
+
+def test_topics_are_those_of_zigbee2mqtt_or_as_configured() -> None:
+    config = MqttConfig(broker="hub:1884")
+    assert config.address() == ("hub", 1884)
+    assert MqttConfig(broker="hub", tls=True).address() == ("hub", 8883)
+    assert config.command_topic("desk") == "zigbee2mqtt/desk/set"
+    assert config.availability_topics("desk") == ("zigbee2mqtt/desk/availability", "zigbee2mqtt/bridge/state")
+    own = MqttConfig.model_validate(
+        {"topic": "house/{lamp}/cmd", "lamps": {"a": {}, "b": {"topic": "x/set", "availability": "x/up"}}}
+    )
+    assert [own.command_topic(lamp_id) for lamp_id in "abc"] == ["house/a/cmd", "x/set", ""]
+    assert [own.availability_topics(lamp_id) for lamp_id in "abc"] == [(), ("x/up",), ()]
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"broker": "http://hub"},
+        {"broker": "hub:port"},
+        {"broker": ":1883"},
+        {"topic": "zigbee2mqtt/all/set"},
+        {"topic": "zigbee2mqtt/#/{lamp}"},
+        {"lamps": {"a": {"topic": "x"}, "b": {"topic": "x"}}},
+        {"lamps": {"a": {"availability": "+"}}},
+        {"lamp_rate_hz": 0},
+    ],
+)
+def test_parameters_that_cannot_work_are_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(ValidationError):
+        MqttConfig.model_validate({"broker": "hub", **wrong})
+
+
+RED: Rgb = (255, 0, 0)
+GREEN: Rgb = (0, 255, 0)
+LAMPS = ("a", "b", "c")
+
+
+def commands(lamp_rate_hz: float = 5.0, max_rate_hz: float = 1000.0) -> LampCommands:
+    made = LampCommands(lamp_rate_hz, max_rate_hz)
+    made.set_lamps(LAMPS)
+    return made
+
+
+def drain(sender: LampCommands, now_s: float, until_s: float) -> list[tuple[float, str, Rgb]]:
+    """Take all commands that are due until `until_s`, as a sender that waits as told."""
+    taken: list[tuple[float, str, Rgb]] = []
+    while True:
+        while (command := sender.take(now_s)) is not None:
+            taken.append((now_s, *command))
+        wait_s = sender.wait_s(now_s)
+        if wait_s is None or now_s + wait_s > until_s:
+            return taken
+        now_s += max(wait_s, 1e-6)  # a timer is never early
+
+
+def test_a_lamp_gets_its_newest_colour_once() -> None:
+    sender = commands()
+    assert sender.wait_s(0.0) is None
+    for color in (GREEN, DARK, RED):
+        sender.show("a", color)
+    assert drain(sender, 0.0, 10.0) == [(0.0, "a", RED)]
+    sender.show("a", RED)
+    assert sender.wait_s(10.0) is None
+
+
+def test_a_lamp_gets_no_more_commands_than_it_takes() -> None:
+    sender = commands(lamp_rate_hz=5.0)
+    times: list[float] = []
+    for step in range(200):  # 2 s
+        sender.show("a", (step, 0, 0))
+        times += [now_s for now_s, _, _ in drain(sender, step / 100, step / 100)]
+    assert 9 <= len(times) <= 10
+    assert all(after - before >= 0.2 - 1e-9 for before, after in itertools.pairwise(times))
+    assert [color for _, _, color in drain(sender, 2.0, 3.0)] == [(199, 0, 0)]
+
+
+def test_all_lamps_share_a_rate_and_none_waits_for_another() -> None:
+    sender = commands(lamp_rate_hz=5.0, max_rate_hz=10.0)
+    got: dict[str, int] = dict.fromkeys(LAMPS, 0)
+    for step in range(300):
+        for lamp_id in LAMPS:
+            sender.show(lamp_id, (step % 256, 1, 0))
+        for _, lamp_id, _ in drain(sender, step / 100, step / 100):
+            got[lamp_id] += 1
+    assert 28 <= sum(got.values()) <= 31
+    assert max(got.values()) - min(got.values()) <= 1
+
+
+def test_lamps_that_go_off_come_first() -> None:
+    sender = commands()
+    sender.show("b", RED)
+    assert drain(sender, 0.0, 0.0)
+    sender.show("a", GREEN)
+    sender.show("b", DARK)
+    assert [lamp for _, lamp, _ in drain(sender, 1.0, 1.1)] == ["b", "a"]
+    assert list(sender.lit) == ["a"]
+
+
+def test_an_offline_lamp_gets_nothing_until_it_is_back_and_then_its_colour() -> None:
+    sender = commands()
+    sender.show("a", RED)
+    assert drain(sender, 0.0, 0.0)
+    sender.set_offline(["a"])
+    sender.show("a", GREEN)
+    sender.show("b", RED)
+    assert [lamp for _, lamp, _ in drain(sender, 1.0, 2.0)] == ["b"]
+    sender.show("a", RED)  # as before; the bulb may have lost it
+    sender.set_offline([])
+    assert drain(sender, 3.0, 3.0) == [(3.0, "a", RED)]
+
+
+def test_a_lit_lamp_that_leaves_the_map_goes_off() -> None:
+    sender = commands()
+    sender.show("a", RED)
+    sender.show("b", DARK)
+    assert len(drain(sender, 0.0, 1.0)) == 2
+    sender.set_lamps(["c"])
+    assert drain(sender, 1.0, 2.0) == [(1.0, "a", DARK)]
+    sender.show("a", RED)
+    assert sender.wait_s(2.0) is None
+
+
+def test_after_a_new_connection_all_colours_are_sent_again() -> None:
+    sender = commands()
+    sender.show("a", RED)
+    sender.show("b", DARK)
+    assert len(drain(sender, 0.0, 1.0)) == 2
+    sender.resend()
+    assert {lamp for _, lamp, _ in drain(sender, 1.0, 2.0)} == {"a", "b"}
+
+
+SHOW = st.tuples(st.sampled_from((*LAMPS, "gone")), st.tuples(*[st.sampled_from((0, 9, 255))] * 3))
+
+
+@given(st.lists(st.tuples(st.floats(0.0, 0.5), SHOW), max_size=60))
+def test_whatever_is_shown_each_lamp_ends_with_its_newest_colour_within_the_rates(
+    shows: list[tuple[float, tuple[str, Rgb]]],
+) -> None:
+    sender = commands(lamp_rate_hz=5.0, max_rate_hz=20.0)
+    now_s = 0.0
+    wanted: dict[str, Rgb] = {}
+    sent: list[tuple[float, str, Rgb]] = []
+    for wait_s, (lamp_id, color) in shows:
+        now_s += wait_s
+        sender.show(lamp_id, color)
+        if lamp_id in LAMPS:
+            wanted[lamp_id] = color
+        sent += drain(sender, now_s, now_s)
+    sent += drain(sender, now_s, now_s + 100.0)
+    assert {lamp_id: color for _, lamp_id, color in sent} == wanted
+    times = [at_s for at_s, _, _ in sent]
+    assert all(after - before >= 0.05 - 1e-9 for before, after in itertools.pairwise(times))
+    for lamp_id in LAMPS:
+        own = [at_s for at_s, lamp, _ in sent if lamp == lamp_id]
+        assert all(after - before >= 0.2 - 1e-9 for before, after in itertools.pairwise(own))
+    assert set(sender.lit) == {lamp_id for lamp_id, color in wanted.items() if color != DARK}

@@ -7,8 +7,6 @@ HEAD = ("fault", "noticed", "by", "recovered", "lost", "memory")
 
 @dataclass(frozen=True, kw_only=True)
 class Fault:
-    """One row: a fault of a running site, and its effect."""
-
     name: str
     noticed_s: float | None
     """From the fault until an operator could know, s. None if there is nothing to notice."""
@@ -24,16 +22,12 @@ class Fault:
 
 @dataclass
 class Account:
-    """Grows while the suite runs."""
-
     rows: list[Fault] = field(default_factory=list[Fault])
 
     def add(self, fault: Fault) -> None:
-        """Put a row down; it is printed when the suite ends."""
         self.rows.append(fault)
 
     def lines(self) -> list[str]:
-        """Return the table as Markdown, one line a row."""
         cells = [HEAD, *(_cells(row) for row in self.rows)]
         widths = [max(len(row[column]) for row in cells) for column in range(len(HEAD))]
         printed = [_line(row, widths) for row in cells]

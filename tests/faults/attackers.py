@@ -78,11 +78,9 @@ class Besieged:
 
     @property
     def refused_since(self) -> float:
-        """Return the number of refusals since the attack began."""
         return self.refused - self._refused
 
     def shown(self, instance: str = ROUTER) -> str:
-        """Return the problems of a service as shown by doctor and the page."""
         return "\n".join(finding.sentence for finding in self.seen.findings(instance))
 
     async def is_told(
@@ -112,7 +110,6 @@ class Besieged:
         return noticed_s
 
     async def unharmed(self) -> None:
-        """Fail unless cursors, services and selections go on as before."""
         await self.seen.flows()
         await self.seen.agrees(self.site)
 
@@ -127,11 +124,9 @@ class Besieged:
         return max(after - before for before, after in itertools.pairwise([self.began_ns, *came_ns])) / 1e9
 
     def growth_mb(self) -> float:
-        """Return by how much the process that grew most has grown, MB."""
         return Memory.now(self.memory.of).growth_mb(self.memory)
 
     def row(self, account: Account, name: str, noticed_s: float | None, by: str, lost: str = "") -> None:
-        """Put the attack into the table."""
         by_password = self.site.folder.state().password
         account.add(
             Fault(
@@ -150,7 +145,6 @@ class Besieged:
 
 @contextlib.asynccontextmanager
 async def besieged(site: Site) -> AsyncGenerator[Besieged]:
-    """Yield the site, in which all goes well."""
     async with witness(site) as seen:
         await seen.begins(site)
         await seen.hears(ROUTER)
@@ -170,13 +164,11 @@ async def new_rules(site: Site) -> AsyncGenerator[None]:
 
 @contextlib.contextmanager
 def member(site: Site, name: str) -> Generator[Member]:
-    """Yield an attacker with an identity of the site."""
     with Member(site.folder, name) as somebody:
         yield somebody
 
 
 def attack(evil: Member, keys: Sequence[str], payload: bytes = MARK) -> None:
-    """Write `payload` to each of `keys`."""
     for key in keys:
         evil.session.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK)
 
@@ -197,7 +189,6 @@ def overhearing(who: Member, *keys: str) -> Generator[list[str]]:
 
 
 def name_of(row: object, user: str) -> str:
-    """Return the value for the placeholder of a key."""
     placeholder = getattr(row, "placeholder", "")
     return {"": "", "user": user, "service": f"pointing.{user}"}.get(placeholder, "thing")
 
@@ -208,7 +199,6 @@ def keys_of(user: str) -> tuple[str, ...]:
 
 
 def request_keys_of(user: str) -> tuple[str, ...]:
-    """Return every request's key for `user`."""
     return tuple(request.at(name_of(request, user)) for request in REQUESTS)
 
 

@@ -9,8 +9,6 @@ import psutil
 
 @dataclass(frozen=True)
 class Memory:
-    """Memory use of processes, bytes."""
-
     of: Mapping[int, int]
 
     @staticmethod
@@ -22,7 +20,6 @@ class Memory:
         return Memory(found)
 
     def growth_mb(self, since: "Memory") -> float:
-        """Return by how much the process that grew most has grown, MB."""
         return (
             max((self.of[pid] - before for pid, before in since.of.items() if pid in self.of), default=0)
             / 1e6

@@ -72,7 +72,6 @@ class Central:
             command.kill()
 
     async def fresh(self) -> None:
-        """Wait until cursors come."""
         self.came_s.clear()
         await until(lambda: all(len(self.came_s[person]) > RAY_HZ / 2 for person in PEOPLE), what="cursors")
 
@@ -95,7 +94,6 @@ class Central:
 
 
 async def point(bus: ZenohBus, name: str) -> None:
-    """Sweep over the strip."""
     bus.announce(USER_ALIVE, name)
     bus.publisher(POSE, name).put(UserPose(stamp_ns=time.time_ns(), position_m=(1.5, 1.0, 0.0), yaw_rad=0.0))
     rays = bus.publisher(RAY, name)

@@ -57,7 +57,6 @@ async def test_a_flood_harms_nobody_and_is_named(site: Site, account: Account, w
 
 
 def flood_rate_hz(printed: str) -> float:
-    """Return the rate that the attacker has reached."""
     count, _, rest = printed.strip().splitlines()[-1].partition(" in ")
     return int(count) / float(rest.removesuffix(" s"))
 

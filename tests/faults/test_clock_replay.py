@@ -36,8 +36,6 @@ class Recorded:
 
 
 class Recorder:
-    """Records the messages of one person, and of shared topics."""
-
     def __init__(self, member: Member) -> None:
         self.taken: list[Recorded] = []
         take = Callback(self._take, indirect=False)
@@ -48,7 +46,6 @@ class Recorder:
         self.taken.append(Recorded(time.monotonic(), key, payload, sample.encoding))
 
     def end(self, last_s: float) -> list[Recorded]:
-        """Stop recording and return the messages of the `last_s`."""
         for each in self._hears:
             each.undeclare()
         since_s = time.monotonic() - last_s
@@ -56,7 +53,6 @@ class Recorder:
 
 
 def known(recorded: list[Recorded]) -> set[tuple[int, int]]:
-    """Return stamps and numbers of the rays and cursors."""
     kinds: dict[str, type[PointingRay | Cursor]] = {RAY.at("user1"): PointingRay, CURSOR.at("user1"): Cursor}
     messages = [
         decode(kinds[each.key], each.payload, kinds[each.key].schema_name())
@@ -67,7 +63,6 @@ def known(recorded: list[Recorded]) -> set[tuple[int, int]]:
 
 
 async def play(member: Member, recorded: list[Recorded]) -> None:
-    """Put it all again, as fast as it came."""
     began_s = time.monotonic()
     for each in recorded:
         await asyncio.sleep(max(0.0, each.at_s - recorded[0].at_s - (time.monotonic() - began_s)))

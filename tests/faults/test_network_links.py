@@ -53,8 +53,6 @@ def both(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Both]:
 
 @dataclass
 class Outcome:
-    """The effect of a fault."""
-
     noticed_s: float | None
     by: str
     recovered_s: float

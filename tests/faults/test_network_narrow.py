@@ -126,7 +126,6 @@ async def test_a_page_behind_a_narrow_link_says_so(plant: Plant, account: Accoun
 
 
 async def _kbit(plant: Plant, host: Host, for_s: float) -> float:
-    """Return the rate to the host."""
     before, began_s = plant.network.sent_bytes(host), time.monotonic()
     await asyncio.sleep(for_s)
     return (plant.network.sent_bytes(host) - before) * 8e-3 / (time.monotonic() - began_s)

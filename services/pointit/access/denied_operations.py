@@ -260,7 +260,6 @@ class DeniedOperations:
 
 
 def _connection(written: str) -> str:
-    """Return the connection from the end of a line."""
     return re.split(r"\W", written.partition(WRITES)[0])[-1]
 
 

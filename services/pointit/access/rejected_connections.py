@@ -98,7 +98,6 @@ class RejectedConnections:
 
 
 def _claimed(line: str) -> str:
-    """Return the claimed name of a newcomer, without the number of the password, or `""`."""
     found = CLAIMS.search(line)
     if found is None:
         return ""

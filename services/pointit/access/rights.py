@@ -206,7 +206,6 @@ def _any(row: Topic[Any] | Request[Any, Any]) -> str:
 
 
 def _anywhere(groups: Iterable[Iterable[Topic[Any] | Request[Any, Any]]]) -> tuple[str, ...]:
-    """Return the keys of all rows for every name."""
     return _sorted(row.at(_any(row)) for rows in groups for row in rows)
 
 

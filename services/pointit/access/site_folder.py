@@ -244,7 +244,6 @@ class SiteFolder:
         return state
 
     def _carry(self, state: SiteState, name: str, identity: Identity, issued: "IssuedCertificate") -> None:
-        """Write the folder of one identity."""
         folder = self.identity_folder(name)
         _save(folder / CA, _read(self.path / "authority" / CA), mode=0o644)
         if identity.role == "router" or not state.password:

@@ -49,7 +49,6 @@ def process(*arguments: str) -> Generator[subprocess.Popen[str]]:
 
 
 def line_with(child: subprocess.Popen[str], what: str) -> str:
-    """Return the first line of standard error that holds `what`."""
     assert child.stderr is not None
     for line in child.stderr:
         if what in line:

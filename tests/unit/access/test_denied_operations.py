@@ -106,7 +106,6 @@ def test_who_writes_too_often_is_told() -> None:
 
 
 def slowed(connection: str, key: str = "users/anna/claim", flow: str = "from") -> str:
-    """Return the line on a message that Zenoh drops as too frequent."""
     head = HEAD.replace("access_control", "downsampling")
     dropped = f"Message dropped by the downsampling interceptor: Push(pointit/lab/{key})"
     return f"{head}{dropped} {flow}:south:0:client/{connection}:1"

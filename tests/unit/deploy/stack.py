@@ -24,7 +24,6 @@ def substituted(text: str, variables: dict[str, str]) -> str:
 
 
 def compose(name: str, **variables: str) -> dict[str, Any]:
-    """Return a compose file with its variables replaced."""
     text = (DEPLOY / name).read_text(encoding="utf-8")
     body = "\n".join(line for line in text.splitlines() if not line.lstrip().startswith("#"))
     read: dict[str, Any] = yaml.safe_load(substituted(body, variables))

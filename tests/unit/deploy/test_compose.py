@@ -34,7 +34,6 @@ COMMANDS = [
 
 
 def mounted(row: dict[str, Any]) -> dict[str, str]:
-    """Return the volumes of a container, where by what."""
     return {volume.split(":")[0]: volume.split(":", 1)[1] for volume in row.get("volumes", [])}
 
 

@@ -26,7 +26,6 @@ def instance_of(path: Path) -> str:
 
 
 def settings(path: Path) -> dict[str, list[str]]:
-    """Return the values of each setting of a unit."""
     found: dict[str, list[str]] = {}
     instance = instance_of(path).partition("@")[2].partition(".")[0]
     for line in path.read_text(encoding="utf-8").splitlines():

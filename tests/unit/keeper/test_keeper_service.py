@@ -46,8 +46,6 @@ def _at_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 
 class Room:
-    """A site whose keeper can be started and ended."""
-
     def __init__(self) -> None:
         self.exchange = LocalBroker()
         self.bus = MemoryBus(self.exchange)
@@ -62,7 +60,6 @@ class Room:
         await until(lambda: bool(self.exchange.keepings))
 
     async def end(self) -> None:
-        """End the keeper, if it runs."""
         if self._keeper is not None and self._keepers_bus is not None:
             self._keeper.cancel()
             await asyncio.wait({self._keeper})
@@ -77,7 +74,6 @@ class Room:
         await writing.close()
 
     def health(self) -> list[Health]:
-        """Return the list to which all reports are added."""
         reports: list[Health] = []
         self.bus.subscribe(HEALTH, lambda message, _name: reports.append(message))
         return reports

@@ -24,7 +24,6 @@ from pointit.services.registry import PROCESSES
 
 
 def config_of(launches: Sequence[Launch], name: str) -> dict[str, Any]:
-    """Return the parameters of the service `name`."""
     (launch,) = (launch for launch in launches if launch.instance.split(".")[0] == name)
     values: dict[str, Any] = launch.config.model_dump()
     return values

@@ -14,7 +14,8 @@ from pointit.runtime.bus import site_clock
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.bus.site_clock import SiteClock, publish_time
-from pointit.runtime.clock import MAX_SLEW_S, SimulatedClock, SteadyClock, WallClock, sleep, ticks
+from pointit.runtime.clock import MAX_SLEW_S, SimulatedClock, SteadyClock, Timer, WallClock, sleep, ticks
+from pointit.runtime.virtual_time import run_virtually
 from pointit.schemas import NS_PER_S, ClockTick
 from pointit.schemas.topics import CLOCK
 from tests.support.bench import ManualClock, until
@@ -323,3 +324,41 @@ async def test_a_tick_of_a_machine_whose_clock_is_far_behind_is_not_taken_for_ol
     bus.publisher(CLOCK).put(ClockTick(stamp_ns=0, sim_ns=5 * NS_PER_S, speed=100.0))
     await handled()
     assert follower.now_ns() <= (5 + 10 * 100) * NS_PER_S
+
+
+def test_of_several_starts_the_earliest_end_counts_once() -> None:
+    async def ends_s(*waits_s: float) -> list[float]:
+        loop = asyncio.get_running_loop()
+        began_s = loop.time()
+        ends: list[float] = []
+        timer = Timer(loop.call_later, lambda: ends.append(round(loop.time() - began_s, 6)))
+        for wait_s in waits_s:
+            timer.start(wait_s)
+        assert timer.is_running
+        await asyncio.sleep(10.0)
+        assert not timer.is_running
+        return ends
+
+    assert run_virtually(ends_s(3.0, 1.0, 2.0)) == [1.0]
+    assert run_virtually(ends_s(0.0)) == [0.0]
+
+
+def test_a_timer_can_be_started_by_its_callback_and_cancelled() -> None:
+    async def count() -> int:
+        ends: list[float] = []
+        loop = asyncio.get_running_loop()
+
+        def on_end() -> None:
+            ends.append(loop.time())
+            timer.start(1.0)
+
+        timer = Timer(loop.call_later, on_end)
+        timer.start(1.0)
+        await asyncio.sleep(3.5)
+        timer.cancel()
+        timer.cancel()
+        assert not timer.is_running
+        await asyncio.sleep(3.0)
+        return len(ends)
+
+    assert run_virtually(count()) == 3

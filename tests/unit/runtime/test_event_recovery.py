@@ -74,8 +74,6 @@ class Writer:
 
 @dataclass
 class Reader:
-    """Samples and losses reported to one reader."""
-
     arrears: EventRecovery
     writer: Writer
     got: list[int]

@@ -48,7 +48,6 @@ def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 async def reported(bus: MemoryBus, claiming: asyncio.Task[None]) -> None:
-    """Publish the report of process 17 until it is received."""
     while not claiming.done():
         bus.publisher(HEALTH, "pointing.anna").put(report(17, 5.0))
         await asyncio.sleep(0.01)

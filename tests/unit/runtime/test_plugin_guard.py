@@ -25,8 +25,6 @@ pytestmark = pytest.mark.wall_time
 
 
 class Sink:
-    """Warnings that are shown."""
-
     def __init__(self) -> None:
         self.shown: dict[str, str] = {}
         self.last = ""

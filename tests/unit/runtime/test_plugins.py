@@ -138,8 +138,6 @@ def test_plugin_with_the_name_of_a_parameter_is_refused() -> None:
 
 
 class Listening:
-    """Has part plug-ins."""
-
     NAME = "listening"
     SCOPE = "site"
     SEVERAL = False

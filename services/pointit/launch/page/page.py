@@ -167,7 +167,6 @@ def _probe(host: str, port: int) -> int:
 
 
 def _shown(host: str) -> str:
-    """Return `host` as written in a URL that is opened on this machine."""
     if host in EVERYWHERE:
         return "127.0.0.1"
     return f"[{host}]" if ":" in host else host

@@ -38,8 +38,6 @@ class Tokens:
 
 
 class _Kept(BaseModel):
-    """Contents of the file."""
-
     model_config = ConfigDict(strict=True, extra="forbid")
 
     operator: str = Field(min_length=22, max_length=64, pattern=r"^[\w-]+$")

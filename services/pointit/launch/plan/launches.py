@@ -309,11 +309,6 @@ def _row(instance: str, where: str) -> Process:
 
 
 def _choose(option: str, text: str, group: PluginGroup[Any]) -> tuple[str, dict[str, Any]]:
-    """Return the plug-in's name and parameters that `text` chooses.
-
-    Raises:
-        ConfigError: If it is not installed, or the value is missing or too much. Names the option.
-    """
     try:
         return group.choose(text)
     except ConfigError as error:
@@ -321,7 +316,6 @@ def _choose(option: str, text: str, group: PluginGroup[Any]) -> tuple[str, dict[
 
 
 def _chosen(option: str, text: str, group: PluginGroup[Any], parameter: str) -> dict[str, Any]:
-    """Return the parameters of a service, one of which names its plug-in, that `text` chooses."""
     name, parameters = _choose(option, text, group)
     return {parameter: name, **({name: parameters} if parameters else {})}
 

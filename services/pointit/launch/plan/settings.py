@@ -110,7 +110,6 @@ def _split(setting: str) -> tuple[str, list[str], str]:
 
 
 def _is_parameter(service: str, name: str) -> bool:
-    """Return True if `name` is that of a parameter or section of `service`, not of one of several."""
     config = registry.process(service).config()
     return name in config.model_fields or (
         issubclass(config, PluginConfig) and name in config.plugins().names

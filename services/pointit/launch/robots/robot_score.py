@@ -120,7 +120,6 @@ class RobotsScore:
         return math.inf if sent_m is None else math.dist(position_m[:2], sent_m[:2])
 
     def _crossed(self, position_m: Vec3) -> frozenset[str]:
-        """Return the fences on whose wrong side a place is."""
         return frozenset(
             fence.id for fence in self._fences if self._is_in(fence, position_m) != (fence.kind == "keep_in")
         )

@@ -24,29 +24,10 @@ from pointit.schemas import (
     StripsFrame,
     UserPose,
     UserProfile,
+    topics,
 )
 from pointit.schemas.base import Rgb
 from pointit.schemas.text import one_line
-from pointit.schemas.topics import (
-    ANCHOR,
-    ANY,
-    CURSOR,
-    FEEDBACK,
-    HEALTH,
-    HOVER,
-    INTERACTION,
-    LAMP_COLOR,
-    LOCALIZATION,
-    MAP,
-    OBJECTS,
-    POSE,
-    PROFILE,
-    SELECTION,
-    SELECTION_EVENTS,
-    SERVICE_ALIVE,
-    STRIPS_FRAME,
-    USER_ALIVE,
-)
 from pointit.services.led_driver.outputs import FRAME_RATE
 from pointit.services.registry import RECORDER
 
@@ -109,25 +90,25 @@ class Monitor:
 
     def attach(self, bus: Bus) -> None:
         """Subscribe on `bus`; where one person is shown, to no one else's cursors and the like."""
-        whose = self.person or ANY
+        whose = self.person or topics.ANY
         self._listening += [
-            bus.subscribe(MAP, self._on_map),
-            bus.subscribe(OBJECTS, lambda message, tracker: self.score.on_objects(tracker, message)),
-            bus.subscribe(SELECTION_EVENTS, self._on_event),
-            bus.subscribe(SELECTION, lambda state, _name: self.score.on_selection(state)),
-            bus.subscribe(INTERACTION, self._on_interaction, whose),
-            bus.subscribe(POSE, self._on_pose, whose),
-            bus.subscribe(LOCALIZATION, self._on_localization, whose),
-            bus.subscribe(ANCHOR, self._on_anchor, whose),
-            bus.subscribe(FEEDBACK, self._on_feedback, whose),
-            bus.subscribe(PROFILE, self._on_profile, whose),
-            bus.subscribe(HOVER, self._on_hover, whose),
-            bus.subscribe(LAMP_COLOR, self._on_lamp),
-            bus.subscribe(HEALTH, self._on_health),
-            bus.subscribe(CURSOR, self._on_cursor, whose),
-            bus.subscribe(STRIPS_FRAME, self._on_frame),
-            bus.watch(USER_ALIVE, self._on_user),
-            bus.watch(SERVICE_ALIVE, self._on_service),
+            bus.subscribe(topics.MAP, self._on_map),
+            bus.subscribe(topics.OBJECTS, lambda message, tracker: self.score.on_objects(tracker, message)),
+            bus.subscribe(topics.SELECTION_EVENTS, self._on_event),
+            bus.subscribe(topics.SELECTION, lambda state, _name: self.score.on_selection(state)),
+            bus.subscribe(topics.INTERACTION, self._on_interaction, whose),
+            bus.subscribe(topics.POSE, self._on_pose, whose),
+            bus.subscribe(topics.LOCALIZATION, self._on_localization, whose),
+            bus.subscribe(topics.ANCHOR, self._on_anchor, whose),
+            bus.subscribe(topics.FEEDBACK, self._on_feedback, whose),
+            bus.subscribe(topics.PROFILE, self._on_profile, whose),
+            bus.subscribe(topics.HOVER, self._on_hover, whose),
+            bus.subscribe(topics.LAMP_COLOR, self._on_lamp),
+            bus.subscribe(topics.HEALTH, self._on_health),
+            bus.subscribe(topics.CURSOR, self._on_cursor, whose),
+            bus.subscribe(topics.STRIPS_FRAME, self._on_frame),
+            bus.watch(topics.USER_ALIVE, self._on_user),
+            bus.watch(topics.SERVICE_ALIVE, self._on_service),
         ]
         for watcher in self.watchers:
             self._listening += watcher.attach(bus, self._news_of)

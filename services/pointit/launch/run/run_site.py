@@ -177,11 +177,6 @@ class ScenarioRequests:
 
 
 async def _plan(query: RunScenario, now: Plan) -> Plan:
-    """Return the plan of the request, made and checked in a thread because maps are slow to read.
-
-    Raises:
-        ConfigError: If there is none.
-    """
     if now.another is None:
         raise ConfigError(
             f"{now.name} runs without people of its own (--site-only): it cannot change the scenario"

@@ -49,7 +49,6 @@ class _Companion:
         await group.begin()
 
     def check(self) -> None:
-        """Report its end."""
         try:
             if self.group is not None:
                 self.group.check()
@@ -232,7 +231,6 @@ class RunningScenario:
         self._on_beside(each.beside)
 
     def _post(self) -> None:
-        """Publish the deployment."""
         groups = (self._cast, *(each.group for each in self._companions))
         self._notice.post(self.plan, [line for group in groups for line in _lines(group)])
 
@@ -259,7 +257,6 @@ def _lines(cast: ServiceGroup | None) -> list[Line]:
 
 
 def _sentence(error: BaseException) -> str:
-    """Return the message of an error, or of the first one in a group."""
     while isinstance(error, BaseExceptionGroup):
         error = cast("BaseExceptionGroup[BaseException]", error).exceptions[0]
     return str(error) or type(error).__name__

@@ -234,7 +234,6 @@ class Mailbox:
                     self._count_error(error)
 
     def _count_error(self, error: Exception) -> None:
-        """Count and log what a handler has raised; health shows the count."""
         self.traffic.errors += 1
         if self._may_log(f"error {id(self)}"):
             count = self.traffic.errors

@@ -159,7 +159,6 @@ class MemoryBus(Participant):
     async def _wait_for(
         self, reply: "asyncio.Task[R]", request: Request[Q, R], key: str, timeout_s: float
     ) -> R:
-        """Return the result of `reply`, unless the time or the bus ends before."""
         await asyncio.wait({reply, self._closed}, timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED)
         if self._closed.done():
             raise BusClosedError(f"{key} was not answered: the bus is closed")

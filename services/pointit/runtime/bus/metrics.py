@@ -80,7 +80,6 @@ class _Complaint:
         self._grown_s = -math.inf
 
     def holds(self, count: int, now_s: float) -> bool:
-        """Return True if `count` has grown now or within `REFUSED_SHOWN_S`."""
         if count > self._count:
             self._count, self._grown_s = count, now_s
         return now_s - self._grown_s <= REFUSED_SHOWN_S

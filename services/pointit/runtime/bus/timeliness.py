@@ -97,8 +97,6 @@ REMEDY = "synchronize both by NTP: `timedatectl set-ntp true`, or chrony on a si
 
 @dataclass(slots=True)
 class _Pace:
-    """Lateness of the messages of one name."""
-
     quickest_s: float
     in_time_s: float
     """Arrival of the last message in time, s (monotonic)."""
@@ -158,8 +156,6 @@ class LateMessageFilter:
 
 @dataclass(slots=True)
 class _Newest:
-    """The newest message of one name."""
-
     stamp_ns: int
     came_s: float
     """Arrival, s (monotonic)."""

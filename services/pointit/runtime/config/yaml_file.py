@@ -45,7 +45,6 @@ def check_nesting_depth(text: str) -> None:
 
 
 def _int(loader: Any, node: yaml.ScalarNode) -> int:
-    """Return a whole number that can be shown."""
     if len(node.value) > MAX_YAML_INT:
         raise yaml.MarkedYAMLError(
             problem=f"a number has more than {MAX_YAML_INT} digits", problem_mark=node.start_mark

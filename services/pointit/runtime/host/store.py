@@ -170,7 +170,6 @@ class Store:
 
     @property
     def _aside(self) -> str:
-        """Return the first characters of a set-aside file's name. The Unix time, ns, follows."""
         return f"{self.path.stem}.corrupt-"
 
     def _note_set_aside(self, now_ns: int) -> None:

@@ -211,7 +211,6 @@ def _context(credentials: Credentials) -> ssl.SSLContext:
 
 
 def _handshake_problem(error: ssl.SSLError, endpoint: str, credentials: Credentials) -> str:
-    """Return a message on the reason why a handshake failed, mostly a certificate."""
     if isinstance(error, ssl.SSLCertVerificationError):
         return _distrust(error, endpoint, credentials)
     name = credentials.link.name

@@ -227,7 +227,6 @@ def _peer(address: str) -> tuple[str, int] | None:
 
 
 def _endpoints(config: zenoh.Config, key: str) -> list[str]:
-    """Return addresses, which Zenoh may hold for each mode."""
     found: list[str] | dict[str, list[str]] = json.loads(config.get_json(key))
     return found.get("router", []) if isinstance(found, dict) else found
 

@@ -78,8 +78,6 @@ def _list(names: Collection[str]) -> str:
 
 
 class _Looking:
-    """Collects the present instances that report."""
-
     def __init__(self, names: set[str]) -> None:
         self.done = asyncio.Event()
         self.left = set(names)

@@ -139,7 +139,6 @@ class PeopleShare:
             split.follow(names)
 
     def _share(self) -> None:
-        """Read in the default instance what the others do not serve."""
         if self._elsewhere and ANY in self._names:
             for user in filter(_is_person, self._heard()):
                 self._here.add(user)
@@ -149,7 +148,6 @@ class PeopleShare:
             self._bus.set_metric(figure, len(people) if self._elsewhere else None)
 
     def _heard(self) -> set[str]:
-        """Return the people whose streams were heard within `FORGET_S`."""
         return {user for split in self._splits for user in split.heard(FORGET_S)}
 
     def _on_user(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
@@ -167,7 +165,6 @@ class PeopleShare:
             self._bus.call_later(FORGET_S, lambda: self._forget(user))
 
     def _forget(self, user: str) -> None:
-        """Forget `user`, unless they are present or were heard in the meantime."""
         self._leaving.discard(user)
         if user in self._heard():
             self._forget_later(user)

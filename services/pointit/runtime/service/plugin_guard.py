@@ -76,7 +76,6 @@ class PluginGuard:
             task.result()
 
     async def _cancel(self, task: asyncio.Task[None]) -> None:
-        """Cancel `task`, and abandon it if it does not end in time."""
         task.cancel()
         if (await asyncio.wait({task}, timeout=END_PATIENCE_S))[1]:
             abandoned.add(task)

@@ -142,7 +142,6 @@ def _command(
     config: type[Config],
     callback: Callable[..., int],
 ) -> click.Command:
-    """Return the command of a service, which calls `callback` with every option."""
     parameters: list[click.Parameter] = [
         click.Option(
             ["--config"], type=click.Path(path_type=Path), help="YAML file with parameters of this service"
@@ -274,5 +273,4 @@ def _parameter(path: tuple[str, ...]) -> str:
 
 
 def _path(parameter: str) -> tuple[str, ...]:
-    """Return the inverse of `_parameter`, or `()` for other options."""
     return tuple(parameter.removeprefix(SETS).split("__")) if parameter.startswith(SETS) else ()

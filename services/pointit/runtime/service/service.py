@@ -248,7 +248,6 @@ async def _run_once(
 
 
 def _configuration(launch: Launch, now_ns: int) -> Configuration:
-    """Return the parameters of a service for who records the site."""
     return Configuration(
         stamp_ns=now_ns,
         service=launch.service.NAME,

@@ -227,7 +227,6 @@ def _sentence(credentials: Credentials, verb: str, keys: list[str]) -> str:
 
 
 def _person(key: str) -> str:
-    """Return the person whose key it is, or `""` for other keys."""
     topic = topic_of(key)
     rows = REQUESTS if topic is None else (topic,)
     names = {row.name_in(key) for row in rows if row.placeholder == "user"} - {"", ANY}

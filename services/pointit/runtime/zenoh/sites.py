@@ -36,7 +36,6 @@ async def sites_at(link: Link) -> tuple[str, ...]:
 
 
 def _is_name(text: str) -> bool:
-    """Return True if `text`, which anybody can have written, is the name of a site."""
     try:
         check_name(text, "site")
     except KeyNameError:

@@ -141,7 +141,6 @@ class ZenohBus(MemoryBus):
         return self._read(topic, TapMailbox(topic, handler, self.dispatcher), name, kept=True)
 
     def _read(self, topic: AnyTopic, mailbox: Mailbox, name: str, *, kept: bool) -> Subscription:
-        """Fill `mailbox` with what arrives, and with what is kept."""
         self._want("reads", topic.at(name))
         subscription = ZenohSubscription(
             self, self.session, topic, mailbox, name, inlets=self._inlets, places=self._places

@@ -207,7 +207,6 @@ class LifeCycle:
 
     @property
     def _before_attempt(self) -> Literal["idle", "pointing"]:
-        """Return `pointing` if the person points, or did before the attempt."""
         stage = self._stage if self._attempt is None else self._attempt.before
         return "pointing" if stage == "pointing" else "idle"
 
@@ -247,7 +246,6 @@ class LifeCycle:
         return []
 
     def _tell(self, outcome: Cue | Literal[""], now_ns: int, news: Localization | None) -> list[Output]:
-        """Return the state, if changed, and the cues."""
         attempt, cue = self._attempt, self._publisher.cue
         if attempt is None:
             rest: Cue = "refused" if outcome == "refused" else "stopped"
@@ -262,7 +260,6 @@ class LifeCycle:
         return [*shown, *cues]
 
     def _show(self, now_ns: int) -> list[Interaction]:
-        """Return the state and the next step of the person, if changed."""
         ahead = () if self._attempt is None else self._attempt.ahead
         is_unsure = self._stage == "pointing" and self._is_unsure
         return self._publisher.show(

@@ -1,5 +1,3 @@
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
-# (the stubs of zenoh leave return types out)
 """Attackers of a secured site, and the warnings to its operator.
 
 As a program, `python -m tests.faults.attackers SITE-FOLDER NAME RATE KEYS…` floods keys under an identity.
@@ -16,15 +14,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import pytest
 import zenoh
 from zenoh.handlers import Callback
 
 from pointit.access.site_folder import SiteFolder
+from pointit.runtime.link.link import Link
 from pointit.runtime.router.router_health import SERVICE
+from pointit.runtime.zenoh.session import configuration
 from pointit.schemas import ButtonEvent, Claim, Cursor, Message, encode
 from pointit.schemas.topics import BUTTON, CLAIM, CURSOR, REQUESTS, TOPICS, Topic, topic_of
-from tests.faults.account import Account, Fault
-from tests.faults.memory import Memory
+from tests.faults.account import Account, Memory
 from tests.faults.site import PEOPLE, Site
 from tests.faults.witness import Witness, witness
 from tests.integration.access.secured import Member
@@ -129,14 +129,12 @@ class Besieged:
     def row(self, account: Account, name: str, noticed_s: float | None, by: str, lost: str = "") -> None:
         by_password = self.site.folder.state().password
         account.add(
-            Fault(
-                name=f"{name} (site by passwords)" if by_password else name,
-                noticed_s=noticed_s,
-                by=by,
-                recovered_s=None,
-                lost=lost or self.seen.lost_in_words(self.began_ns),
-                memory_mb=self.growth_mb(),
-            )
+            f"{name} (site by passwords)" if by_password else name,
+            noticed_s,
+            by,
+            None,
+            lost or self.seen.lost_in_words(self.began_ns),
+            memory_mb=self.growth_mb(),
         )
 
     def _on_cursor(self, cursor: Cursor, user: str) -> None:
@@ -244,3 +242,27 @@ def _payload(key: str) -> bytes:
 
 if __name__ == "__main__":
     flood(SiteFolder(Path(sys.argv[1])), sys.argv[2], float(sys.argv[3]), sys.argv[4:])
+
+
+KNOCK_MS = 300
+"""Duration of one attempt that the router reports. Accepted ones succeed within 10 ms."""
+SHUT_MS = 2000
+"""Duration of an attempt whose rejection shows only by its failure."""
+
+
+def is_not_let_in(config: zenoh.Config, for_ms: int = KNOCK_MS) -> None:
+    """Try to connect with `config`, whose patience is changed. Fail if that succeeds.
+
+    It also fails on a machine that is too slow, so check the router's report too, or use `keeps_out`.
+    """
+    config.insert_json5("connect/timeout_ms", str(for_ms))
+    with pytest.raises(zenoh.ZError):
+        zenoh.open(config)
+
+
+def keeps_out(who: Link, rightful: Link) -> None:
+    """Fail if `who` can connect, or if the `rightful` cannot in the same time."""
+    config = configuration(rightful)
+    config.insert_json5("connect/timeout_ms", str(SHUT_MS))
+    zenoh.open(config).close()
+    is_not_let_in(configuration(who), SHUT_MS)

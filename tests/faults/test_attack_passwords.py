@@ -22,8 +22,17 @@ from pointit.runtime.zenoh.session import configuration
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas.topics import CURSOR, IMU, POSE, RAY, SET_METHOD, USER_ALIVE
 from tests.faults.account import Account
-from tests.faults.attackers import PATIENCE_S, ROUTER, attack, besieged, keys_of, member, new_rules
-from tests.faults.door import is_not_let_in, keeps_out
+from tests.faults.attackers import (
+    PATIENCE_S,
+    ROUTER,
+    attack,
+    besieged,
+    is_not_let_in,
+    keeps_out,
+    keys_of,
+    member,
+    new_rules,
+)
 from tests.faults.pretender import pretending
 from tests.faults.site import Site
 from tests.integration.access.secured import Member, credentials_of, link_of, make_site, now, routed, wait

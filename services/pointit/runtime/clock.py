@@ -11,7 +11,6 @@ from pointit.schemas import NS_PER_S, ClockTick
 
 LOOK_AGAIN_S = 1.0
 """Wall time after which a deadline is checked again, s, since the clock's speed may change."""
-
 MAX_SLEW_S = 10.0
 """Largest step back that is slewed, s of the clock. After a larger one, services step with it, or restart."""
 

@@ -35,9 +35,8 @@ from pointit.schemas.topics import (
     Topic,
 )
 from pointit.services.keeper.config import KeeperConfig
-from pointit.services.keeper.ownership import retained
 from pointit.services.keeper.record import KeptState, Record
-from pointit.services.keeper.retained_states import RetainedStates
+from pointit.services.keeper.retained_states import RetainedStates, retained
 
 NOW_NS = 1_000 * NS_PER_S
 

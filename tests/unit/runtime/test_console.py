@@ -14,8 +14,7 @@ from pointit.cli.display.view import draw
 from pointit.launch.run.monitor import Monitor
 from pointit.launch.run.score import Score
 from pointit.runtime.clock import WallClock
-from pointit.runtime.service.console import PlainConsole
-from pointit.runtime.service.logs import setup_logging
+from pointit.runtime.service.logs import PlainConsole, setup_logging
 from pointit.schemas import Cursor
 from pointit.schemas.text import one_line, plain
 

@@ -39,7 +39,7 @@ from pointit.bridges.web.wrists.wrist_control import WristControl
 from pointit.bridges.web.wrists.wrist_motion import WristMotion
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import RefusedError
-from pointit.runtime.host.release import pointit_version
+from pointit.runtime.host.extras import pointit_version
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import Deployment, Health, Message, SelectionEvent
 from pointit.schemas.topics import SERVICE_ALIVE, STRIPS_FRAME, USER_ALIVE, Topic

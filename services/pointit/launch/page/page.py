@@ -25,13 +25,10 @@ log = logging.getLogger(__name__)
 
 REMEDY = f"the page needs {remedy(registry.process(PAGE).extra)}"
 """Advice if the extra is not installed."""
-
 PORT = 8090
 LAN_PORT = 8443
-
 PORTS_TO_TRY = 10
 """Consecutive ports to try, from the default one, if none was requested."""
-
 EVERYWHERE = frozenset({"", "0.0.0.0", "::"})  # noqa: S104 - told apart, not listened at
 
 

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
-from pointit.runtime.config.config import Layers
-from pointit.runtime.config.environment import environment_prefix
+from pointit.runtime.config.config import Layers, environment_prefix
 from pointit.runtime.config.plugins import PluginConfig
 from pointit.runtime.config.similar_names import nearest
 from pointit.runtime.config.yaml_file import read_yaml

@@ -23,7 +23,6 @@ from pointit.schemas import (
     SelectionEvent,
     StripsFrame,
     UserPose,
-    UserProfile,
     topics,
 )
 from pointit.schemas.base import Rgb
@@ -101,9 +100,11 @@ class Monitor:
             bus.subscribe(topics.LOCALIZATION, self._on_localization, whose),
             bus.subscribe(topics.ANCHOR, self._on_anchor, whose),
             bus.subscribe(topics.FEEDBACK, self._on_feedback, whose),
-            bus.subscribe(topics.PROFILE, self._on_profile, whose),
-            bus.subscribe(topics.HOVER, self._on_hover, whose),
-            bus.subscribe(topics.LAMP_COLOR, self._on_lamp),
+            bus.subscribe(
+                topics.PROFILE, lambda profile, user: self.colors.update({user: profile.cursor_color}), whose
+            ),
+            bus.subscribe(topics.HOVER, lambda hover, user: self.hovers.update({user: hover}), whose),
+            bus.subscribe(topics.LAMP_COLOR, lambda lamp, name: self.lamps.update({name: lamp})),
             bus.subscribe(topics.HEALTH, self._on_health),
             bus.subscribe(topics.CURSOR, self._on_cursor, whose),
             bus.subscribe(topics.STRIPS_FRAME, self._on_frame),
@@ -156,16 +157,8 @@ class Monitor:
 
     def _on_user(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         if not present:  # none of their services runs any more, so their last state is outdated
-            for newest in (
-                self.cursors,
-                self.hovers,
-                self.interactions,
-                self.poses,
-                self.localizations,
-                self.refusals,
-                self.cues,
-                self.colors,
-            ):
+            states = (self.cursors, self.hovers, self.interactions, self.poses, self.localizations)
+            for newest in (*states, self.refusals, self.cues, self.colors):
                 newest.pop(user, None)
             for instance in [name for name, health in self.health.items() if health.user == user]:
                 del self.health[instance], self.heard_s[instance]
@@ -246,15 +239,6 @@ class Monitor:
     def _try_again(self, user: str) -> None:
         self.refusals.pop(user, None)
         self.cues.pop(user, None)
-
-    def _on_profile(self, profile: UserProfile, user: str) -> None:
-        self.colors[user] = profile.cursor_color
-
-    def _on_hover(self, hover: Hover, user: str) -> None:
-        self.hovers[user] = hover
-
-    def _on_lamp(self, lamp: LampColor, name: str) -> None:
-        self.lamps[name] = lamp
 
     def _on_health(self, health: Health, instance: str) -> None:
         self.heard_s[instance] = time.monotonic()

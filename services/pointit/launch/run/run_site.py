@@ -28,10 +28,8 @@ log = logging.getLogger(__name__)
 
 PORTS_TO_TRY = 10
 """Consecutive ports from the default one that `run` tries."""
-
 CLOCK_PATIENCE_S = 0.5
 """Timeout for the clock of a joined site; a site without `run` has none."""
-
 LISTEN_S = 0.3
 """Time to listen; retained state arrives at once."""
 

@@ -8,9 +8,8 @@ from collections.abc import Callable, Sequence
 from typing import cast
 
 from pointit.launch.parts import WATCHERS
-from pointit.launch.plan.beside import Beside
-from pointit.launch.plan.plan import Plan
-from pointit.launch.run.deployment_publisher import DeploymentPublisher, Line
+from pointit.launch.plan.plan import Beside, Plan
+from pointit.launch.run.deployment_publisher import DeploymentPublisher
 from pointit.launch.run.monitor import Monitor
 from pointit.launch.run.score import Score
 from pointit.launch.run.service_group import ServiceGroup
@@ -27,7 +26,6 @@ log = logging.getLogger(__name__)
 
 PRESENCE_PATIENCE_S = 0.3
 """Time to listen for services that are already present."""
-
 GONE_S = UNDECLARE_S + 0.05
 """Time after which late subscribers receive no retained state of ended services any more."""
 
@@ -232,7 +230,9 @@ class RunningScenario:
 
     def _post(self) -> None:
         groups = (self._cast, *(each.group for each in self._companions))
-        self._notice.post(self.plan, [line for group in groups for line in _lines(group)])
+        there = [group for group in groups if group is not None]
+        lines = [line for cast in there for line in zip(cast.launches, cast.commands(), strict=True)]
+        self._notice.post(self.plan, lines)
 
 
 async def _until_present(bus: Bus, beside: Beside) -> None:
@@ -250,10 +250,6 @@ async def _until_present(bus: Bus, beside: Beside) -> None:
                 await there.wait()
     finally:
         watching.close()
-
-
-def _lines(cast: ServiceGroup | None) -> list[Line]:
-    return [] if cast is None else list(zip(cast.launches, cast.commands(), strict=True))
 
 
 def _sentence(error: BaseException) -> str:

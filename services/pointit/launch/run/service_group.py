@@ -26,10 +26,8 @@ log = logging.getLogger(__name__)
 
 SECRET = re.compile(r"(token[^=]*=).*", re.DOTALL)
 """An assignment with a secret value."""
-
 STOP_PATIENCE_S = 1.2
 """Time children get to end before they are killed."""
-
 LAST_WORDS = 2000
 """Bytes at the end of a child's log that are searched for its last error."""
 

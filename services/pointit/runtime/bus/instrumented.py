@@ -15,10 +15,8 @@ from pointit.schemas.topics import Delivery, Request
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Query)
 R = TypeVar("R", bound=Reply)
-
 MAX_REPLY = ServedRequest.max_bytes // 8
 """Most characters of a reply that are published: each has up to four bytes."""
-
 MAX_REFUSAL = 4096
 
 log = logging.getLogger(__name__)

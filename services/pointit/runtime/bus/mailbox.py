@@ -21,7 +21,6 @@ log = logging.getLogger(__name__)
 
 MAX_ROUNDS = 16
 """Hops of a chain handled in one wake-up before other tasks of the loop get their turn."""
-
 LOG_PERIOD_S = 1.0
 """At most one log line per topic and kind of trouble in this time; one per handler that fails."""
 

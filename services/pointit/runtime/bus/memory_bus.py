@@ -37,7 +37,6 @@ from pointit.schemas.topics import ANY, Presence, Request, Topic
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Query)
 R = TypeVar("R", bound=Reply)
-
 CLOSE_PATIENCE_S = 1.0
 """Time (s) that closing waits for cancelled servers."""
 

@@ -16,7 +16,6 @@ from pointit.schemas.system import DURATION_BOUNDS_S
 
 REFUSED_SHOWN_S = 5.0
 """So long it is said that messages were no news, or came too late, after the last of them."""
-
 SAMPLES = 4096
 """Quantiles are of at least so many of the newest times between two reports, or of all."""
 

@@ -29,8 +29,6 @@ _WANTED = {
     "tuple": "write a list such as [a, b]",
 }
 """Advice by pydantic's error type, or by its first word (`int_parsing`, `int_type`)."""
-
-
 DESCRIBED = "described"
 """Error type of pydantic whose message is already written for people."""
 

@@ -19,7 +19,6 @@ log = logging.getLogger(__name__)
 RETRY_FIRST_S = 0.2
 RETRY_MOST_S = 2.0
 """Waits between tries to open a port: doubled from the first to the most, for ever."""
-
 END_WITHIN_S = 0.5
 """Time to wait for the end of a port's thread."""
 

@@ -36,10 +36,8 @@ A router that gave up sooner would end for everybody."""
 PORT_RETRY_S = 0.05
 REOPEN_PATIENCE_S = 11.0
 """Time to wait for a session's end before the next one begins. Zenoh takes 10 s at most."""
-
 RELATIVE = re.compile(r"(?<=_file=)(?![/\\]|[A-Za-z]:)")
 """Addresses that name a file by a path relative to the configuration's folder."""
-
 PEER = re.compile(r"tls/\[?([^]#?]+?)]?:(\d+)(?:[#?]|$)")
 """Address and port of who is connected by TLS."""
 

@@ -13,7 +13,6 @@ import zenoh
 
 CHUNK_BYTES = 256 * 1024
 STDOUT = 1
-
 MOST_LINES = 20_000
 """Lines that are taken in a second, and so many again that hold a mark; further ones are left out. Zenoh
 waits until its log is read, and with it everybody whose messages it carries."""

@@ -21,7 +21,6 @@ from pointit.schemas.topics import ANY, SHARD_ALIVE, USER_ALIVE, Delivery, Reque
 
 FORGET_S = 120.0
 """Silence after which the default instance no longer reads a person who is not present, s."""
-
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Query)
 R = TypeVar("R", bound=Reply)

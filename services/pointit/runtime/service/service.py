@@ -14,7 +14,7 @@ from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import MAX_SLEW_S, Clock, SteadyClock
 from pointit.runtime.config.config import Config, published_parameters
 from pointit.runtime.errors import BusClosedError, ConfigError
-from pointit.runtime.host.release import pointit_version
+from pointit.runtime.host.extras import pointit_version
 from pointit.runtime.host.state_file import plugin_folder
 from pointit.runtime.service.instance_takeover import TakeoverMonitor
 from pointit.runtime.service.people_share import check_people

@@ -17,13 +17,12 @@ from zenoh.handlers import Callback
 
 from pointit.runtime.errors import PointItError
 from pointit.runtime.link.credentials import Credentials
-from pointit.runtime.link.permissions import JOIN, ROOM, VERBS
+from pointit.runtime.link.link import JOIN, ROOM, VERBS
 from pointit.schemas.topics import ANY, REQUESTS, topic_of
 
 log = logging.getLogger(__name__)
 
 WORDS = {"writes": "write", "reads": "read", "serves": "answer", "asks": "ask"}
-
 SETTLE_S = 0.25
 """Rights declared within this time are tested together."""
 WAITS_S = (0.05, 0.1, 0.2, 0.4, 0.8)

@@ -24,7 +24,6 @@ from pointit.schemas import SchemaError
 log = logging.getLogger(__name__)
 
 T = TypeVar("T")
-
 MAX_WAITING = 512
 """Length of one queue, twice what one request answers at a time. Further items are rejected."""
 SLICE_S = 0.001

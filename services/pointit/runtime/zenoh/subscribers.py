@@ -24,7 +24,6 @@ from pointit.schemas.topics import Delivery
 MAX_USERS = 256
 MAX_NAMES = 4096
 """Limit for all placeholders but users: lamps, service instances."""
-
 SILENT_S = 60.0
 """A name that was not heard for so long gives way to a new one."""
 

@@ -46,8 +46,6 @@ from pointit.schemas.topics import ACCOUNTS, ANY, LAMP_COLOR, MAP, Delivery, Pre
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Query)
 R = TypeVar("R", bound=Reply)
-
-
 LIST_S = 1.0
 """Time limit of listing who is present. It takes ms."""
 

@@ -159,9 +159,7 @@ async def check(site: Central, account: Account, key: str, rate_hz: float) -> No
     assert flooded_s <= max(LONGEST_S, 2.0 * quiet_s), f"{key} at {rate_hz} Hz; without it {quiet_s:.2f} s"
 
 
-async def test_an_insider_on_a_busy_machine_takes_nobodys_cursor_and_is_named(
-    tmp_path: Path, account: Account
-) -> None:
+async def test_an_insider_takes_nobodys_cursor_and_is_named(tmp_path: Path, account: Account) -> None:
     async with central_site(tmp_path) as site:
         for topic in (CLAIM, CURSOR, BUTTON):
             await check(site, account, topic.key.replace("{user}", "{}"), 4900)

@@ -60,9 +60,7 @@ def flood_rate_hz(printed: str) -> float:
 
 
 @pytest.mark.parametrize("names", [("dashboard1", "operator")], ids=["two dashboards"])
-async def test_a_reader_that_stands_still_holds_nobody_up(
-    site: Site, account: Account, names: tuple[str, ...]
-) -> None:
+async def test_a_stopped_reader_holds_nobody_up(site: Site, account: Account, names: tuple[str, ...]) -> None:
     async with besieged(site) as attacked:
         readers = [site.start("topic", "hz", "--all", name=name) for name in names]
         for reader in readers:
@@ -95,7 +93,7 @@ LARGE_GROWTH_MB = 150.0
         ("anna", "may not write ", "ask "),
     ],
 )
-async def test_ten_megabytes_go_no_further_than_the_router(
+async def test_ten_megabytes_go_nowhere(
     site: Site, account: Account, name: str, writes: str, asks: str
 ) -> None:
     keys, requests, large = keys_of(VICTIM), request_keys_of(VICTIM), bytes(LARGE)

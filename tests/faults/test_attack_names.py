@@ -93,9 +93,7 @@ async def test_history_is_written_and_read_by_whom_it_belongs_to(either_site: Si
         attacked.row(account, "another's history, written, answered for, read (`@adv`)", noticed_s, BY)
 
 
-async def test_who_answers_or_is_present_as_another_is_refused_and_named(
-    either_site: Site, account: Account
-) -> None:
+async def test_who_answers_or_is_present_as_another_is_named(either_site: Site, account: Account) -> None:
     requests = [SET_BRIGHTNESS.at(), SET_METHOD.at(), SET_POSE.at(VICTIM)]
     names = [
         USER_ALIVE.at(VICTIM),

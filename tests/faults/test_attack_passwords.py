@@ -179,7 +179,7 @@ async def test_a_right_password_opens_nobody_elses_door(password_site: Site, acc
         attacked.row(account, "a right password and others' keys; twice at a time", noticed_s, BY)
 
 
-async def test_an_old_password_is_worth_nothing_and_told_of(
+async def test_an_old_password_is_refused_and_told_of(
     password_site: Site, account: Account, tmp_path: Path
 ) -> None:
     folder = password_site.folder

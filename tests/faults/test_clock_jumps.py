@@ -78,9 +78,7 @@ async def moved(site: Site, seen: Witness, clock: MachineClock) -> None:
 
 @pytest.mark.parametrize("ahead_s", [30.0, -30.0])
 @pytest.mark.long
-async def test_of_the_conveyors_and_selectors_machine(
-    site: Site, account: Account, tmp_path: Path, ahead_s: float
-) -> None:
+async def test_of_the_conveyors_machine(site: Site, account: Account, tmp_path: Path, ahead_s: float) -> None:
     machine = f"plc{ahead_s:+.0f}"
     clock = MachineClock(tmp_path / "plc", machine)
     async with witness(site) as seen:

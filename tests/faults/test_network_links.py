@@ -168,9 +168,7 @@ async def test_a_cut_link(both: Both, account: Account) -> None:
         pytest.param("half open: nothing gets to the host", {"up": False}, marks=pytest.mark.long),
     ],
 )
-async def test_a_link_that_swallows_everything(
-    both: Both, account: Account, name: str, ways: dict[str, bool]
-) -> None:
+async def test_a_link_that_drops_all(both: Both, account: Account, name: str, ways: dict[str, bool]) -> None:
     """An unreachable person is not present, however full the buffers of the dead connections are."""
     async with both.plant.view() as view:
         trial = Trial(both, view)

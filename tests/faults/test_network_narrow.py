@@ -40,9 +40,7 @@ def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Plant]:
     ("who", "how"),
     [("operator", "by TLS"), pytest.param("dashboard1", "by QUIC, thinned to 20 Hz", marks=pytest.mark.long)],
 )
-async def test_who_looks_on_over_a_narrow_link_harms_nobody(
-    plant: Plant, account: Account, who: str, how: str
-) -> None:
+async def test_a_narrow_link_harms_nobody_else(plant: Plant, account: Account, who: str, how: str) -> None:
     wire, c = plant.network, plant.network.hosts["c"]
     spectator = plant.spectator(c, who)
     async with plant.view() as view:

@@ -24,9 +24,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 @pytest.mark.parametrize(
     "instance", [*OFTEN, *(pytest.param(name, marks=pytest.mark.long) for name in SELDOM)]
 )
-async def test_a_killed_service_is_noticed_and_starts_again(
-    site: Site, account: Account, instance: str
-) -> None:
+async def test_a_killed_service_is_noticed_and_restarts(site: Site, account: Account, instance: str) -> None:
     async with witness(site) as seen:
         await seen.begins(site)
         await seen.sees_selected(1)

@@ -27,9 +27,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 @pytest.mark.parametrize(
     "instance", [*OFTEN, *(pytest.param(name, marks=pytest.mark.long) for name in SELDOM), "router"]
 )
-async def test_a_stopped_process_goes_on_with_what_is_new(
-    site: Site, account: Account, instance: str
-) -> None:
+async def test_a_stopped_process_goes_on_with_the_new(site: Site, account: Account, instance: str) -> None:
     async with witness(site) as seen:
         await seen.begins(site)
         await seen.sees_selected(1)

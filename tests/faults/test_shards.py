@@ -12,7 +12,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 
 @pytest.mark.parametrize("is_frozen", [False, True], ids=["killed", "stopped and killed"])
-async def test_a_router_that_dies_while_two_hosts_dwell_on_one_package(
+async def test_a_router_dies_while_two_hosts_dwell_on_one_package(
     account: Account, *, is_frozen: bool
 ) -> None:
     async with running_hall() as hall:

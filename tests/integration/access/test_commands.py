@@ -33,9 +33,7 @@ async def test_a_service_under_a_wrong_name_says_so_and_goes_on(site: SiteFolder
     assert (await service.stop()).code == 0
 
 
-async def test_a_person_is_not_added_under_the_name_of_a_shard_of_others(
-    site: SiteFolder, commands: Commands
-) -> None:
+async def test_a_person_is_not_added_under_a_shards_name(site: SiteFolder, commands: Commands) -> None:
     bus = await ZenohBus.open(link_of(site, "services"), patience_s=PATIENCE_S)
     try:
         bus.announce(SERVICE_ALIVE, "pui.hall")
@@ -79,9 +77,7 @@ async def test_what_does_not_fit_the_credentials_is_one_sentence(
     assert sentence in ended.sentence
 
 
-async def test_who_may_not_press_somebodys_button_is_told_so_in_one_error(
-    site: SiteFolder, commands: Commands
-) -> None:
+async def test_who_may_not_press_a_button_is_told_in_one_error(site: SiteFolder, commands: Commands) -> None:
     ended = await commands.pointit(
         "person", "press", "anna", "--credentials", str(site.identity_folder("operator"))
     )
@@ -103,7 +99,7 @@ async def test_who_may_not_read_movements_cannot_trace_them(site: SiteFolder, co
 @pytest.mark.parametrize(
     ("name", "role"), [("guest1", "user"), ("services", "services"), ("operator", "operator")]
 )
-async def test_who_may_not_be_that_person_is_told_before_anything_starts(
+async def test_who_may_not_be_that_person_is_told(
     name: str, role: str, site: SiteFolder, commands: Commands
 ) -> None:
     ended = await commands.pointit("person", "add", "anna", "--credentials", str(site.identity_folder(name)))
@@ -196,9 +192,7 @@ async def test_identity_records_what_it_may_read_and_says_what_it_may_not(
     assert {"users/anna/cursor", "users/ben/cursor"} <= recorded
 
 
-async def test_identity_that_cannot_be_seen_does_not_record(
-    site: SiteFolder, commands: Commands, tmp_path: Path
-) -> None:
+async def test_unseen_identity_does_not_record(site: SiteFolder, commands: Commands, tmp_path: Path) -> None:
     folder = f"{site.identity_folder('operator')}"
     ended = await commands.pointit("record", f"{tmp_path / 'session.mcap'}", "--credentials", folder)
     assert ended.code != 0

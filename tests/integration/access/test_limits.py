@@ -176,9 +176,7 @@ async def test_no_event_of_a_burst_is_lost_nor_is_the_newest_state(folder: SiteF
         await services.close()
 
 
-def test_connections_beyond_the_limit_of_an_identity_are_cut_and_the_identity_is_named(
-    folder: SiteFolder,
-) -> None:
+def test_connections_beyond_the_limit_of_an_identity_are_cut_and_named(folder: SiteFolder) -> None:
     more = 8
     with RouterProgram("--site-folder", str(folder.path)) as router, ExitStack() as stack:
         site = [stack.enter_context(Member(folder, "services")) for _ in range(MAX_CONNECTIONS + more)]

@@ -196,9 +196,7 @@ def test_what_is_remembered_of_people_is_for_them_and_operators(members: dict[st
     assert not {READ_MEMORY.at(ANY), ERASE_MEMORY.at(ANY)} & set(rights_of("ros2", "ros2").asks)
 
 
-def test_objects_of_others_are_taken_over_by_operators_and_the_supervisor_only(
-    members: dict[str, Member],
-) -> None:
+def test_objects_of_others_are_taken_over_by_who_operates_only(members: dict[str, Member]) -> None:
     keys = [RELEASE_OBJECT.at(name) for name in PEOPLE]
     with members["supervisor"].serving(*keys):
         members["supervisor"].settle(members["operator"])

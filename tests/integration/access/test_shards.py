@@ -147,9 +147,7 @@ async def buses(
         await mine.close()
 
 
-async def test_what_an_onlooker_tells_of_itself_stays_in_its_process(
-    buses: tuple[str, ZenohBus, ZenohBus],
-) -> None:
+async def test_what_an_onlooker_tells_stays_in_its_process(buses: tuple[str, ZenohBus, ZenohBus]) -> None:
     role, mine, other = buses
     here, there = news_of(mine), news_of(other)
     marks: list[str] = []

@@ -191,7 +191,7 @@ ending.run_until_shutdown(work())
 
 
 @pytest.mark.parametrize(("crowding", "within_s"), [(0.2, 0.5), (2.0, 1.0)])
-def test_a_task_that_does_not_end_is_cut_off_and_named_later_on_a_crowded_machine(
+def test_a_task_that_does_not_end_is_cut_off_later_on_a_crowded_machine(
     crowding: float, within_s: float
 ) -> None:
     with process("-c", STUBBORN, str(crowding)) as child:

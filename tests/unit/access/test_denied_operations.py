@@ -316,9 +316,7 @@ def test_a_flood_is_one_sentence_and_forgotten() -> None:
         "pointit.access.rejected_connections.RejectedConnections.pop_summary",
     ],
 )
-def test_what_is_taken_while_it_is_told_is_told_the_next_time(
-    during: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_comes_while_it_is_told_is_told_next_time(during: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The log is read in a thread of its own."""
     refused = DeniedOperations()
     attempt = f"{HEAD}{ANNA} is unauthorized to Put (ingress) on pointit/lab/map"

@@ -130,7 +130,7 @@ IMPOSSIBLE: list[tuple[Callable[[SiteFolder], object], str]] = [
 
 
 @pytest.mark.parametrize(("do", "sentence"), IMPOSSIBLE)
-def test_what_cannot_be_done_changes_nothing(
+def test_the_impossible_changes_nothing(
     do: Callable[[SiteFolder], object], sentence: str, tmp_path: Path
 ) -> None:
     site = site_of(tmp_path)

@@ -188,9 +188,7 @@ async def test_a_run_that_is_over_leaves_wall_time(wall: Wall, bus: MemoryBus) -
     assert (follower.speed, follower.now_ns()) == (10.0, source.now_ns())
 
 
-async def test_time_is_published_at_once_and_periodically(
-    monkeypatch: pytest.MonkeyPatch, bus: MemoryBus
-) -> None:
+async def test_time_is_published_at_once_and_again(monkeypatch: pytest.MonkeyPatch, bus: MemoryBus) -> None:
     monkeypatch.setattr(site_clock, "TICK_PERIOD_S", 0.01)
     told: list[int] = []
     bus.subscribe(CLOCK, lambda tick, _name: told.append(tick.sim_ns))
@@ -302,9 +300,7 @@ async def test_ticks_do_not_drift_when_sleep_takes_too_long(monkeypatch: pytest.
     assert came[1:] == [round(0.1 * index + 0.003, 9) for index in range(1, 50)]
 
 
-async def test_missed_ticks_are_skipped_and_the_rest_stay_on_the_grid(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+async def test_missed_ticks_are_skipped_and_others_stay_on_the_grid(monkeypatch: pytest.MonkeyPatch) -> None:
     loop = StepLoop(monkeypatch)
     came = await take(ticks(ManualClock(), 10), loop, [0.0, 0.55, 0.0, 0.0, 0.0])
     # the work after the second tick (at 0.1) ends at 0.65: one late tick at once, then 0.7, 0.8
@@ -316,9 +312,7 @@ async def test_ticks_follow_the_speed(monkeypatch: pytest.MonkeyPatch) -> None:
     assert await take(ticks(FastClock(), 10), loop, [0.0] * 4) == [0.0, 0.002, 0.004, 0.006]
 
 
-async def test_a_tick_of_a_machine_whose_clock_is_far_behind_is_not_taken_for_old(
-    wall: Wall, bus: MemoryBus
-) -> None:
+async def test_a_tick_of_a_clock_far_behind_is_not_taken_for_old(wall: Wall, bus: MemoryBus) -> None:
     del wall
     follower = SiteClock(bus)
     bus.publisher(CLOCK).put(ClockTick(stamp_ns=0, sim_ns=5 * NS_PER_S, speed=100.0))

@@ -83,9 +83,7 @@ async def test_rates_and_ages(bench: Bench, now_s: list[float]) -> None:
     assert (health.service, health.instance, health.user) == ("pointing", "pointing.anna", "anna")
 
 
-async def test_the_age_of_tapped_messages_is_measured_by_the_same_clock(
-    bench: Bench, now_s: list[float]
-) -> None:
+async def test_age_of_tapped_messages_is_by_the_same_clock(bench: Bench, now_s: list[float]) -> None:
     bench.view.tap(IMU, lambda _message, _name: None)
     bench.bus.publisher(IMU, "anna").put(ImuSample(stamp_ns=1, orientation_xyzw=LEVEL))
     now_s[0] += 0.5
@@ -275,9 +273,7 @@ async def test_plugin_reaches_neither_the_bus_nor_what_others_show(bench: Bench)
     assert {figure.name for figure in health.figures} == {"drift", "drift of other", "battery"}
 
 
-async def test_closing_takes_everything_back_in_reverse_and_presence_last(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_closing_is_in_reverse_and_presence_last(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     closed: list[str] = []
     made = {
         "announce": Order("presence", closed),
@@ -350,9 +346,7 @@ async def test_a_played_recording_is_left_out_and_reported(bench: Bench, now_s: 
     assert not bench.view.report().warnings
 
 
-async def test_messages_too_late_to_act_on_are_left_out_and_reported(
-    bench: Bench, now_s: list[float]
-) -> None:
+async def test_messages_too_late_to_act_on_are_dropped_and_reported(bench: Bench, now_s: list[float]) -> None:
     acts: list[int] = []
     looks: list[int] = []
 

@@ -218,9 +218,7 @@ def test_plugin_that_cannot_be_made_is_a_mistake_of_the_configuration(guard: Plu
         guard.made(lambda: make(ConfigError("no port")))
 
 
-def test_a_loop_that_closes_during_a_stall_ends_the_watch_quietly(
-    sink: Sink, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_loop_closed_during_a_stall_ends_the_watch(sink: Sink, caplog: pytest.LogCaptureFixture) -> None:
     loop = asyncio.new_event_loop()
     watch = stall_watch.StallWatch(loop)
     sinks = weakref.WeakKeyDictionary[WarningSink, str]()

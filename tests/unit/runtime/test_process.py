@@ -84,7 +84,7 @@ def raising(error: BaseException) -> click.Command:
         (click.ClickException("failed"), 1),
     ],
 )
-def test_errors_are_a_sentence_and_a_code(
+def test_errors_are_sentence_and_code(
     error: Exception, code: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert ended(raising(error)) == code
@@ -204,7 +204,7 @@ def test_files_variables_and_options_in_this_order(tmp_path: Path, monkeypatch: 
         (["--site", "*"], "site '*': use 1 to 64 letters"),
     ],
 )
-def test_a_wrong_argument_ends_with_code_2_and_a_message(
+def test_a_wrong_argument_is_named(
     arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert ended(service_command(Sample), "--user", "anna", *arguments) == 2
@@ -248,7 +248,7 @@ def test_a_configuration_error_is_reported_before_connecting(capsys: pytest.Capt
         ("tcp/127.0.0.1", "is no address"),
     ],
 )
-def test_an_invalid_port_ends_with_code_2(
+def test_an_invalid_port_is_named(
     option: str, address: str, said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert ended(service_command(Sample), "--user", "anna", option, address) == 2

@@ -180,18 +180,6 @@ async def test_a_sample_is_decoded_once_for_all_readers_of_the_process(
     assert sinks[1].of("anna") == [1, 2]
 
 
-async def test_readers_of_one_name_and_of_all_get_their_messages(
-    bus: ZenohBus, stranger: zenoh.Session
-) -> None:
-    one, every = Sink(), Sink()
-    bus.subscribe(IMU, one, "anna")
-    bus.subscribe(IMU, every)
-    for seq, user in enumerate(("ben", "anna")):
-        stranger.put(SITE + IMU.at(user), encode(imu(seq)))
-    await until(lambda: sorted(every.seen) == [("anna", 1), ("ben", 0)])
-    await until(lambda: one.seen == [("anna", 1)])
-
-
 async def test_readers_of_one_key_complain_in_one_line(
     bus: ZenohBus, stranger: zenoh.Session, caplog: pytest.LogCaptureFixture
 ) -> None:

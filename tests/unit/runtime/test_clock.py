@@ -244,13 +244,6 @@ def test_a_clock_that_may_step_slews_as_the_others_and_steps_where_they_restart(
         assert stepping.now_ns() == steady.now_ns() > clock.now_ns()
 
 
-def test_a_step_forward_passes_a_steady_clock() -> None:
-    clock = ManualClock()
-    steady = SteadyClock(clock)
-    clock.advance(3600.0)
-    assert steady.now_ns() == clock.now_ns()
-
-
 class FastClock(ManualClock):
     speed = 50.0
 

@@ -60,12 +60,6 @@ class Needy(Config):
     path: Path = Field(description="where it is")
 
 
-def built(**sources: object) -> Sample:
-    layers = Layers()
-    layers.add(sources, "file.yaml")
-    return layers.build(Sample)
-
-
 def test_later_sources_win_field_by_field() -> None:
     layers = Layers()
     assert layers.build(Sample) == Sample()
@@ -140,18 +134,9 @@ def test_an_error_names_the_source_that_took_precedence() -> None:
         layers.build(Sample)
     layers.add_text(("arm", "length_m"), "1", "--arm.length-m")
     assert layers.build(Sample).arm == Arm(length_m=1, side="left")
-
-
-def test_an_unknown_variable_is_a_mistake() -> None:
-    layers = Layers()
     layers.add_environment({"POINTIT_X__COUNTT": "3"}, "POINTIT_X__")
-    with pytest.raises(
-        ConfigError, match="variable POINTIT_X__COUNTT: no parameter countt; did you mean count\\?"
-    ):
+    with pytest.raises(ConfigError, match=r"variable POINTIT_X__COUNTT: no parameter countt; did you mean c"):
         layers.build(Sample)
-
-
-def test_a_required_field_that_is_absent() -> None:
     with pytest.raises(ConfigError, match="path: is missing"):
         Layers().build(Needy)
 
@@ -226,6 +211,8 @@ def test_yaml_files(tmp_path: Path) -> None:
     assert layers.build(Sample) == Sample(count=4, arm=Arm(side="left"))
     file.write_text("# nothing\n", encoding="utf-8")
     assert read_yaml(file) == {}
+    file.write_text("a: &a [*a]\n")  # it may hold itself
+    assert list(read_yaml(file)) == ["a"]
 
 
 @pytest.mark.parametrize(
@@ -272,12 +259,6 @@ def test_merged_keys_may_be_overridden(tmp_path: Path) -> None:
         "c": {"x": 1, "y": 4},
         "1": "two",
     }
-
-
-def test_an_anchor_may_hold_itself(tmp_path: Path) -> None:
-    file = tmp_path / "loop.yaml"
-    file.write_text("a: &a [*a]\n")
-    assert list(read_yaml(file)) == ["a"]
 
 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:

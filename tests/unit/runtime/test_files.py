@@ -39,10 +39,9 @@ def test_it_is_its_owners_alone_with_all_new_folders_unless_said_otherwise(tmp_p
 
 def test_a_path_from_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    write_atomically(Path("x"), b"here")
-    write_atomically(Path("a/x"), b"below")
-    assert (tmp_path / "x").read_bytes() == b"here"
-    assert (tmp_path / "a/x").read_bytes() == b"below"
+    for name in ("x", "a/x"):
+        write_atomically(Path(name), name.encode())
+        assert (tmp_path / name).read_bytes() == name.encode()
 
 
 def test_error_names_the_file_and_leaves_it_as_it_was(tmp_path: Path) -> None:

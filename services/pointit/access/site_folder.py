@@ -171,10 +171,7 @@ class SiteFolder:
         return self._end(name, "removed")
 
     def router_site(self, uplinks: tuple[str, ...] = ()) -> RouterSite:
-        """Return the configuration of the site for a router on this machine.
-
-        Args:
-            uplinks: addresses of other routers of the site to connect to.
+        """Return the configuration of the site for a router on this machine, which connects to `uplinks`.
 
         Raises:
             ConfigError: As for `state`.

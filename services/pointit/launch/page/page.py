@@ -185,13 +185,7 @@ def kept_link(site: str, *urls: str) -> Generator[Path | None]:
 
 
 def where(url: str, path: Path | None, stream: TextIO | None = None) -> str:
-    """Return the text to print for the page at `url`: on a terminal its link, in a log the link's file.
-
-    Args:
-        url: with its token.
-        path: file with the link.
-        stream: output of the text. None: standard error.
-    """
+    """Return the text to print for the page at `url`: on a terminal its link, in a log its file, `path`."""
     if (stream or sys.stderr).isatty():
         return url
     return without_token(url) + ("" if path is None else f" (its link is in {path})")

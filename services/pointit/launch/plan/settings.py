@@ -29,11 +29,8 @@ class Settings:
 def layers_of(instance: str, below: Mapping[str, Mapping[str, Any]], chosen: Settings) -> Layers:
     """Return the parameters of a service: `below`, by source, then files, variables and `--set`.
 
-    Args:
-        instance: the service, such as `pui`, or one of several on a site, such as `robot.quad`, which gets
-            the parameters of `robot`, too, and its own last.
-        below: parameters by source.
-        chosen: what the command line says.
+    One of several services on a site, such as `robot.quad`, gets the parameters of `robot`, too, and its own
+    last.
 
     Raises:
         ConfigError: a file or setting is wrong.
@@ -56,12 +53,7 @@ def layers_of(instance: str, below: Mapping[str, Mapping[str, Any]], chosen: Set
 
 
 def check_settings(running: Collection[Launch], chosen: Settings, *others: str) -> None:
-    """Check that every `--set` has an effect.
-
-    Args:
-        running: what is started.
-        chosen: what the command line says.
-        *others: further services that are started.
+    """Check that every `--set` has an effect on what is `running`, or on `others` that are started.
 
     Raises:
         ConfigError: If one is for a service that is not started.

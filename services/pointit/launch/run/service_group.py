@@ -46,12 +46,8 @@ class ServiceGroup:
     ) -> None:
         """Start nothing yet.
 
-        Args:
-            launches: the services.
-            bus: theirs, if they run in this process.
-            clock: of all.
-            processes: the link that services in processes of their own join. None: they run in this process.
-            on_end: called when services of this process end unexpectedly.
+        `processes`: the link that services in processes of their own join. None: they run in this process,
+        and `on_end` is called when they end unexpectedly.
         """
         self.launches = launches
         self._bus = bus

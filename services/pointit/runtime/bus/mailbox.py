@@ -111,15 +111,10 @@ class Mailbox:
         kept: bool = True,
         every: bool = False,
     ) -> None:
-        """Make a buffer for `topic`.
+        """Make a buffer for `topic`, whose messages `handler` takes in the loop of `dispatcher`.
 
-        Args:
-            topic: of which messages are offered.
-            handler: takes them, in the loop.
-            dispatcher: of the loop.
-            unpack: turns foreign items into messages, in the loop.
-            kept: take what was kept of a state whose writer may be gone.
-            every: queue what is not an event like one, rather than keep the newest.
+        `unpack` turns foreign items into messages, in the loop. `kept`: take what was kept of a state whose
+        writer may be gone. `every`: queue what is not an event like one, rather than keep the newest.
         """
         self.topic = topic
         self.traffic = SubscriptionStats()

@@ -129,11 +129,8 @@ class SerialThread:
     ) -> None:
         """Prepare; nothing is opened yet.
 
-        Args:
-            settings: the port.
-            work: its use, in the thread.
-            on_change: called in the loop, with the reason if the port is down, or with `""` when it is up.
-            wake: called when `work` is asked to end, for a `work` that waits for something else.
+        `on_change` is called in the loop, with the reason if the port is down, or with `""` when it is up;
+        `wake` when `work` is asked to end, for a `work` that waits for something else.
         """
         self._settings = settings
         self._work = work

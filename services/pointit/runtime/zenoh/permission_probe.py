@@ -46,14 +46,7 @@ class PermissionProbe:
     def __init__(
         self, session: zenoh.Session, credentials: Credentials, second: Second, is_up: Callable[[], bool]
     ) -> None:
-        """Test the rights of `session`.
-
-        Args:
-            session: which writes.
-            credentials: of both sessions.
-            second: opens and closes the session that listens.
-            is_up: whether there is a router; without one nothing is known.
-        """
+        """Test the rights of `session`, which writes; the `second` listens. Without router nothing is known."""
         self._session = session
         self._credentials = credentials
         self._second = second

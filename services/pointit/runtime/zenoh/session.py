@@ -68,12 +68,8 @@ async def open_first(
 
     `zenoh.open` ignores signals while it blocks, so it should have a short time-out, and is tried again.
 
-    Args:
-        configs: tried one after another.
-        endpoints: to which the session connects or where it listens.
-        problem_of: returns the error to raise if no more attempts are made, or raises it to make none.
-        patience_s: how long to try, None for ever.
-        on_wait: called once, before the second round of attempts.
+    It connects to `endpoints`, or listens there. `problem_of` returns the error to raise if no more attempts
+    are made, or raises it to make none. `on_wait` is called once, before the second round of attempts.
 
     Raises:
         BusError: that of `problem_of`; a `ListenError` after the first round.

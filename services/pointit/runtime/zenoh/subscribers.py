@@ -56,13 +56,7 @@ class NameLimiter:
     """
 
     def __init__(self, placeholder: str, name_in: Callable[[str], str], places: Places) -> None:
-        """Take what stands for `placeholder`.
-
-        Args:
-            placeholder: of the topic's key.
-            name_in: reads the name from a key; raises `SchemaError`.
-            places: names that are taken however many others there are.
-        """
+        """Take what stands for `placeholder`; `name_in` reads it from a key, or raises `SchemaError`."""
         self._places = places
         self._what = placeholder or "name"
         self._limit = max_names_for(placeholder)

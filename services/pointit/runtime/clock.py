@@ -119,7 +119,7 @@ async def ticks(clock: Clock, rate_hz: float) -> AsyncIterator[int]:
 
 
 async def wait_until(clock: Clock, deadline_ns: int | None, changed: asyncio.Event) -> None:
-    """Wait until `changed` is set, `clock` shows `deadline_ns` (None: never), or `LOOK_AGAIN_S` have passed."""
+    """Wait until `changed` is set, `clock` shows `deadline_ns` (None: never), or `LOOK_AGAIN_S` are over."""
     left_s = None if deadline_ns is None else (deadline_ns - clock.now_ns()) / NS_PER_S / clock.speed
     with contextlib.suppress(TimeoutError):
         async with asyncio.timeout(None if left_s is None else min(max(0.0, left_s), LOOK_AGAIN_S)):

@@ -77,9 +77,9 @@ class RunningScenario:
     ) -> None:
         """Create it; starts nothing yet.
 
-        `link`: for services in processes of their own. `tell` shows messages to the operator, `news` gets event
-        lines if there is no view. `on_end` is called when services end unexpectedly, `on_beside` when what was
-        started in the background has begun.
+        `link`: for services in processes of their own. `tell` shows messages to the operator, `news` gets
+        event lines if there is no view. `on_end` is called when services end unexpectedly, `on_beside` when
+        what was started in the background has begun.
         """
         self.plan = plan
         self.bus = bus

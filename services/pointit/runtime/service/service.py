@@ -18,8 +18,7 @@ from pointit.runtime.host.extras import pointit_version
 from pointit.runtime.host.state_file import plugin_folder
 from pointit.runtime.service.instance_takeover import TakeoverMonitor
 from pointit.runtime.service.people_share import check_people
-from pointit.runtime.service.plugin_guard import PluginGuard, describe, first_cause
-from pointit.runtime.service.stall_watch import watch_for_stalls
+from pointit.runtime.service.plugin_guard import PluginGuard, describe, first_cause, watch_for_stalls
 from pointit.runtime.service.surroundings import NullHealth, PluginHealth, Surroundings
 from pointit.schemas import Configuration, Environment, Health
 from pointit.schemas.system import check_user, instance_of

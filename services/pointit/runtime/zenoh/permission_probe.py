@@ -46,7 +46,7 @@ class PermissionProbe:
     def __init__(
         self, session: zenoh.Session, credentials: Credentials, second: Second, is_up: Callable[[], bool]
     ) -> None:
-        """Test the rights of `session`, which writes; the `second` listens. Without router nothing is known."""
+        """Test the rights of `session`, which writes; the `second` listens. Without router all is unknown."""
         self._session = session
         self._credentials = credentials
         self._second = second

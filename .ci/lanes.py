@@ -102,7 +102,7 @@ OF_DOCUMENTS = (
     *("tests/docs", "tests/architecture", "tests/contract"),
     *("tests/unit/maps/test_map_check.py", "tests/unit/robot/test_robot_stops.py"),
     *("tests/unit/ros2/test_routes.py", "tests/unit/ros2/test_map_parameters.py"),
-    *("tests/unit/supervisor/test_transitions.py", "tests/lab/evaluation/test_honesty_gate.py"),
+    *("tests/unit/supervisor/test_life_cycle.py", "tests/lab/evaluation/test_honesty_gate.py"),
 )
 """What reads the pages."""
 

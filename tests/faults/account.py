@@ -1,48 +1,46 @@
-"""The effect of each fault: the table that the suite prints at the end."""
+"""The effect of each fault, the table that the suite prints at the end; memory of processes."""
 
+import contextlib
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+
+import psutil
 
 HEAD = ("fault", "noticed", "by", "recovered", "lost", "memory")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Fault:
-    """One row: a fault of a running site, and its effect."""
-
-    name: str
-    noticed_s: float | None
-    """From the fault until an operator could know, s. None if there is nothing to notice."""
-    by: str
-    """Source of the report: `doctor: absent`, `router: denied` …"""
-    recovered_s: float | None
-    """From the fault's end until all was as before, s. None if nothing had stopped."""
-    lost: str
-    """Lost messages: `nothing`, `12 cursors, no event` …"""
-    memory_mb: float | None = None
-    """Growth of the process that grew most, MB."""
-
-
 @dataclass
 class Account:
-    """Grows while the suite runs."""
+    rows: list[tuple[str, ...]] = field(default_factory=list[tuple[str, ...]])
 
-    rows: list[Fault] = field(default_factory=list[Fault])
+    def add(
+        self,
+        name: str,
+        noticed_s: float | None,
+        by: str,
+        recovered_s: float | None,
+        lost: str,
+        *,
+        memory_mb: float | None = None,
+    ) -> None:
+        """Put down a fault of a running site and its effect.
 
-    def add(self, fault: Fault) -> None:
-        """Put a row down; it is printed when the suite ends."""
-        self.rows.append(fault)
+        Args:
+            name: of the fault.
+            noticed_s: from the fault until an operator could know. None if there is nothing to notice.
+            by: source of the report: `doctor: absent`, `router: denied` …
+            recovered_s: from the fault's end until all was as before. None if nothing had stopped.
+            lost: lost messages: `nothing`, `12 cursors, no event` …
+            memory_mb: growth of the process that grew most.
+        """
+        memory = "" if memory_mb is None else f"{memory_mb:+.0f} MB"
+        self.rows.append((name, _seconds(noticed_s), by, _seconds(recovered_s), lost, memory))
 
     def lines(self) -> list[str]:
-        """Return the table as Markdown, one line a row."""
-        cells = [HEAD, *(_cells(row) for row in self.rows)]
-        widths = [max(len(row[column]) for row in cells) for column in range(len(HEAD))]
-        printed = [_line(row, widths) for row in cells]
-        return [printed[0], _line(tuple("-" * width for width in widths), widths), *printed[1:]]
-
-
-def _cells(row: Fault) -> tuple[str, ...]:
-    memory = "" if row.memory_mb is None else f"{row.memory_mb:+.0f} MB"
-    return (row.name, _seconds(row.noticed_s), row.by, _seconds(row.recovered_s), row.lost, memory)
+        """Return the table as Markdown."""
+        widths = [max(map(len, column)) for column in zip(HEAD, *self.rows, strict=True)]
+        rule = tuple("-" * width for width in widths)
+        return [_line(row, widths) for row in (HEAD, rule, *self.rows)]
 
 
 def _seconds(duration_s: float | None) -> str:
@@ -51,3 +49,22 @@ def _seconds(duration_s: float | None) -> str:
 
 def _line(cells: tuple[str, ...], widths: list[int]) -> str:
     return "| " + " | ".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True)) + " |"
+
+
+@dataclass(frozen=True)
+class Memory:
+    of: Mapping[int, int]
+
+    @staticmethod
+    def now(pids: Iterable[int]) -> "Memory":
+        found: dict[int, int] = {}
+        for pid in pids:
+            with contextlib.suppress(psutil.NoSuchProcess):
+                found[pid] = psutil.Process(pid).memory_info().rss
+        return Memory(found)
+
+    def growth_mb(self, since: "Memory") -> float:
+        return (
+            max((self.of[pid] - before for pid, before in since.of.items() if pid in self.of), default=0)
+            / 1e6
+        )

@@ -1,5 +1,3 @@
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
-# (the stubs of zenoh leave return types out)
 """Attackers of a secured site, and the warnings to its operator.
 
 As a program, `python -m tests.faults.attackers SITE-FOLDER NAME RATE KEYS…` floods keys under an identity.
@@ -16,15 +14,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import pytest
 import zenoh
 from zenoh.handlers import Callback
 
 from pointit.access.site_folder import SiteFolder
+from pointit.runtime.link.link import Link
 from pointit.runtime.router.router_health import SERVICE
+from pointit.runtime.zenoh.session import configuration
 from pointit.schemas import ButtonEvent, Claim, Cursor, Message, encode
 from pointit.schemas.topics import BUTTON, CLAIM, CURSOR, REQUESTS, TOPICS, Topic, topic_of
-from tests.faults.account import Account, Fault
-from tests.faults.memory import Memory
+from tests.faults.account import Account, Memory
 from tests.faults.site import PEOPLE, Site
 from tests.faults.witness import Witness, witness
 from tests.integration.access.secured import Member
@@ -78,11 +78,9 @@ class Besieged:
 
     @property
     def refused_since(self) -> float:
-        """Return the number of refusals since the attack began."""
         return self.refused - self._refused
 
     def shown(self, instance: str = ROUTER) -> str:
-        """Return the problems of a service as shown by doctor and the page."""
         return "\n".join(finding.sentence for finding in self.seen.findings(instance))
 
     async def is_told(
@@ -112,7 +110,6 @@ class Besieged:
         return noticed_s
 
     async def unharmed(self) -> None:
-        """Fail unless cursors, services and selections go on as before."""
         await self.seen.flows()
         await self.seen.agrees(self.site)
 
@@ -127,21 +124,17 @@ class Besieged:
         return max(after - before for before, after in itertools.pairwise([self.began_ns, *came_ns])) / 1e9
 
     def growth_mb(self) -> float:
-        """Return by how much the process that grew most has grown, MB."""
         return Memory.now(self.memory.of).growth_mb(self.memory)
 
     def row(self, account: Account, name: str, noticed_s: float | None, by: str, lost: str = "") -> None:
-        """Put the attack into the table."""
         by_password = self.site.folder.state().password
         account.add(
-            Fault(
-                name=f"{name} (site by passwords)" if by_password else name,
-                noticed_s=noticed_s,
-                by=by,
-                recovered_s=None,
-                lost=lost or self.seen.lost_in_words(self.began_ns),
-                memory_mb=self.growth_mb(),
-            )
+            f"{name} (site by passwords)" if by_password else name,
+            noticed_s,
+            by,
+            None,
+            lost or self.seen.lost_in_words(self.began_ns),
+            memory_mb=self.growth_mb(),
         )
 
     def _on_cursor(self, cursor: Cursor, user: str) -> None:
@@ -150,7 +143,6 @@ class Besieged:
 
 @contextlib.asynccontextmanager
 async def besieged(site: Site) -> AsyncGenerator[Besieged]:
-    """Yield the site, in which all goes well."""
     async with witness(site) as seen:
         await seen.begins(site)
         await seen.hears(ROUTER)
@@ -170,13 +162,11 @@ async def new_rules(site: Site) -> AsyncGenerator[None]:
 
 @contextlib.contextmanager
 def member(site: Site, name: str) -> Generator[Member]:
-    """Yield an attacker with an identity of the site."""
     with Member(site.folder, name) as somebody:
         yield somebody
 
 
 def attack(evil: Member, keys: Sequence[str], payload: bytes = MARK) -> None:
-    """Write `payload` to each of `keys`."""
     for key in keys:
         evil.session.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK)
 
@@ -197,7 +187,6 @@ def overhearing(who: Member, *keys: str) -> Generator[list[str]]:
 
 
 def name_of(row: object, user: str) -> str:
-    """Return the value for the placeholder of a key."""
     placeholder = getattr(row, "placeholder", "")
     return {"": "", "user": user, "service": f"pointing.{user}"}.get(placeholder, "thing")
 
@@ -208,7 +197,6 @@ def keys_of(user: str) -> tuple[str, ...]:
 
 
 def request_keys_of(user: str) -> tuple[str, ...]:
-    """Return every request's key for `user`."""
     return tuple(request.at(name_of(request, user)) for request in REQUESTS)
 
 
@@ -254,3 +242,27 @@ def _payload(key: str) -> bytes:
 
 if __name__ == "__main__":
     flood(SiteFolder(Path(sys.argv[1])), sys.argv[2], float(sys.argv[3]), sys.argv[4:])
+
+
+KNOCK_MS = 300
+"""Duration of one attempt that the router reports. Accepted ones succeed within 10 ms."""
+SHUT_MS = 2000
+"""Duration of an attempt whose rejection shows only by its failure."""
+
+
+def is_not_let_in(config: zenoh.Config, for_ms: int = KNOCK_MS) -> None:
+    """Try to connect with `config`, whose patience is changed. Fail if that succeeds.
+
+    It also fails on a machine that is too slow, so check the router's report too, or use `keeps_out`.
+    """
+    config.insert_json5("connect/timeout_ms", str(for_ms))
+    with pytest.raises(zenoh.ZError):
+        zenoh.open(config)
+
+
+def keeps_out(who: Link, rightful: Link) -> None:
+    """Fail if `who` can connect, or if the `rightful` cannot in the same time."""
+    config = configuration(rightful)
+    config.insert_json5("connect/timeout_ms", str(SHUT_MS))
+    zenoh.open(config).close()
+    is_not_let_in(configuration(who), SHUT_MS)

@@ -37,13 +37,11 @@ class MachineClock:
         """Lead of this machine's own clock."""
 
     def set(self, ahead_s: float) -> None:
-        """Set its lead over the wall clock, from now on."""
         self.ahead_s = ahead_s
         self._offset[:] = struct.pack("q", round(ahead_s * 1e9))
 
     @property
     def environment(self) -> Mapping[str, str]:
-        """Return the variables that make a process use it."""
         paths = [str(self._folder), os.environ.get("PYTHONPATH", "")]
         return {
             "PYTHONPATH": os.pathsep.join(path for path in paths if path),

@@ -25,7 +25,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture
 def account(pytestconfig: pytest.Config) -> Account:
-    """Return the table of this run."""
     return pytestconfig.stash.setdefault(_ACCOUNT, Account())
 
 
@@ -47,7 +46,6 @@ def password_site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
     params=["site", pytest.param("password_site", marks=pytest.mark.long)], ids=["certificates", "passwords"]
 )
 def either_site(request: pytest.FixtureRequest) -> Site:
-    """Return each kind of site in turn."""
     found: Site = request.getfixturevalue(request.param)
     return found
 
@@ -64,7 +62,6 @@ def _running(path: Path, *, password: bool = False) -> Generator[Site]:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
-    """Print the effect of every fault."""
     account = config.stash.get(_ACCOUNT, None)
     if account is not None and account.rows:
         terminalreporter.section("faults")

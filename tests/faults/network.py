@@ -51,7 +51,6 @@ def lacking() -> str:
 
 
 def network_or_skip() -> None:
-    """Skip the test where there can be no network."""
     if lacking():
         pytest.skip(lacking())
 
@@ -67,7 +66,6 @@ class Host:
 
     @property
     def socket(self) -> str:
-        """Return the device by which the wire reaches it."""
         return f"to-{self.name}"
 
     def arguments(self, *command: str) -> list[str]:
@@ -78,7 +76,6 @@ class Host:
         return ["ip", "netns", "exec", self.namespace, *named, *command]
 
     def pointit(self, commands: Commands, *arguments: str, environment: Mapping[str, str]) -> Command:
-        """Start `pointit …` there."""
         program = [sys.executable, "-m", "pointit.cli"]
         return commands.run(self.arguments(*program, *without_page(arguments)), environment)
 
@@ -93,7 +90,6 @@ class Network:
 
     @property
     def wire(self) -> str:
-        """Return the namespace between the hosts."""
         return f"{PREFIX}{os.getpid()}-{WIRE}"
 
     def join(self, name: str, *, here: bool = False) -> Host:
@@ -138,7 +134,6 @@ class Network:
         self._ip("link", "set", "dev", host.socket, "down")
 
     def mend(self, host: Host) -> None:
-        """Put it in again."""
         self._ip("link", "set", "dev", host.socket, "up")
 
     def lose(self, host: Host, percent: int, *, up: bool = True, down: bool = True) -> None:
@@ -172,7 +167,6 @@ class Network:
         _run("ip", "-n", host.namespace, "route", "add", *there)
 
     def clear(self) -> None:
-        """Make the wire as good as new."""
         with contextlib.suppress(RuntimeError):
             self._nft("delete table inet faults")
         for host in self.hosts.values():
@@ -188,12 +182,10 @@ class Network:
         self._delays.clear()
 
     def sent_bytes(self, host: Host) -> int:
-        """Return the number of bytes sent to the host so far."""
         file = f"/sys/class/net/{host.socket}/statistics/tx_bytes"
         return int(_run("ip", "netns", "exec", self.wire, "cat", file))
 
     def open(self) -> None:
-        """Lay the wire."""
         _run("ip", "netns", "add", self.wire)
         self._settings(self.wire)
 

@@ -19,14 +19,12 @@ LONGEST = 65536
 
 
 def device(name: str) -> int:
-    """Make a tun device; return its file."""
     file = os.open("/dev/net/tun", os.O_RDWR | os.O_NONBLOCK)
     fcntl.ioctl(file, TUNSETIFF, struct.pack("16sH22x", name.encode(), IFF_TUN_NO_PI))
     return file
 
 
 def main() -> None:
-    """Carry packets over."""
     near, far = device(sys.argv[1]), device(sys.argv[2])
     least_s, most_s = float(sys.argv[3]), float(sys.argv[4])
     print("ready", flush=True)  # noqa: T201 - for the parent process

@@ -24,8 +24,6 @@ HERE, THERE = "ben", "anna"
 
 
 class Spectator:
-    """An observer at another host."""
-
     def __init__(self, command: Command) -> None:
         self.command = command
 
@@ -47,7 +45,6 @@ class Spectator:
 
 
 def python(program: str, *arguments: str) -> list[str]:
-    """Return the command that runs one of our own programs."""
     return [sys.executable, "-m", f"tests.faults.{program}", *arguments]
 
 
@@ -67,7 +64,6 @@ class Plant:
     there: Command = field(init=False)
 
     async def begin(self) -> None:
-        """Start everything."""
         self.a, self.b = self.network.join("a", here=True), self.network.join("b")
         self.folder = self.path / SITE
         made = ["--folder", str(self.folder), "--users", f"{HERE},{THERE}", "--host", self.a.address]
@@ -80,11 +76,9 @@ class Plant:
         self.there = self.start(self.b, "user", THERE, "--no-view", "--place", "2", name=THERE)
 
     def start(self, host: Host, *arguments: str, name: str) -> Command:
-        """Start `pointit …` at a host, as the identity `name`."""
         return host.pointit(self.commands, *arguments, environment=self.environment(host, name))
 
     def spectator(self, host: Host, name: str) -> Spectator:
-        """Start an observer there."""
         program = python("network_spectator", str(self.folder / "identities" / name))
         return Spectator(self.commands.run(host.arguments(*program), self.environment(host, "")))
 
@@ -94,15 +88,12 @@ class Plant:
 
     @property
     def processes(self) -> dict[str, Command]:
-        """Return all that must go on, by name."""
         return {"router": self.router, "services": self.run, HERE: self.here, THERE: self.there}
 
     def memory_mb(self) -> dict[str, float]:
-        """Return the memory of each process, by name."""
         return {name: _memory_mb(command) for name, command in self.processes.items()}
 
     def ended(self) -> list[str]:
-        """Return the names of processes that have ended."""
         return [name for name, command in self.processes.items() if not command.is_running]
 
     async def doctor(self) -> list[str]:

@@ -23,7 +23,6 @@ TOPICS: tuple[Topic[Any], ...] = (CURSOR, OBJECTS, SELECTION, SELECTION_EVENTS, 
 
 
 def show(topic: str, message: Message, name: str) -> None:
-    """Print a message with its arrival time."""
     line = {"topic": topic, "name": name, "stamp": message.stamp_ns, "came": time.time_ns()}
     if isinstance(message, SelectionEvent):
         line["told"] = told(message)
@@ -32,7 +31,6 @@ def show(topic: str, message: Message, name: str) -> None:
 
 
 async def main() -> None:
-    """Look on."""
     credentials = read_credentials(Path(sys.argv[1]), dt.datetime.now(dt.UTC))
     link = Link(site=credentials.link.site, connect=credentials.link.endpoints, credentials=credentials)
     bus = await ZenohBus.open(link, patience_s=20.0)

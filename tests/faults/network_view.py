@@ -24,8 +24,6 @@ REPORTS_S = 8.0
 
 @dataclass(frozen=True)
 class Seen:
-    """A cursor as it came at host A."""
-
     user: str
     age_s: float
     came_s: float
@@ -34,8 +32,6 @@ class Seen:
 
 @dataclass
 class View:
-    """The view from host A."""
-
     bus: ZenohBus
     cursors: list[Seen] = field(default_factory=list[Seen])
     events: list[str] = field(default_factory=list[str])
@@ -62,7 +58,6 @@ class View:
         self._teller.put(event)
 
     def findings(self) -> list[Finding]:
-        """Return the findings that `doctor` would report now."""
         now_s = time.monotonic()
         lately = {
             instance: [report for report in reports if report.received_s > now_s - REPORTS_S] or reports[-1:]
@@ -80,7 +75,6 @@ class View:
         return [finding for finding in diagnose(seen) if finding.severity != "note"]
 
     def ages_s(self, user: str, since_s: float = 0.0, until_s: float = math.inf) -> list[float]:
-        """Return the ages at arrival of the cursors of `user` between two times."""
         return [
             each.age_s for each in self.cursors if each.user == user and since_s <= each.came_s <= until_s
         ]
@@ -95,7 +89,6 @@ class View:
 
     @property
     def present(self) -> frozenset[str]:
-        """Return the services that are there."""
         return frozenset(self._present)
 
     async def flows(self, *users: str) -> None:
@@ -136,11 +129,9 @@ class View:
 
 
 def told(event: SelectionEvent) -> str:
-    """Return a text that identifies an event."""
     return f"{event.seq} {event.event} {event.object_id} {event.user}"
 
 
 def quantile_s(values_s: Sequence[float], share: float) -> float:
-    """Return the nearest-rank quantile."""
     ordered = sorted(values_s)
     return ordered[max(0, math.ceil(share * len(ordered)) - 1)]

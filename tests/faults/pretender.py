@@ -15,8 +15,6 @@ PATIENCE_S = 5.0
 
 @dataclass
 class Pretender:
-    """Events at its port."""
-
     port: int
     trusted: list[bytes] = field(default_factory=list[bytes])
     """First message of each client that trusted it."""

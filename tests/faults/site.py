@@ -97,7 +97,6 @@ class Site:
         return endpoint_of(self.folder)
 
     def environment(self, name: str = "supervisor") -> Mapping[str, str]:
-        """Return the variables by which a command joins this site as `name`."""
         identity = str(self.folder.identity_folder(name))
         return {"POINTIT_STATE": str(self.state), "POINTIT_CREDENTIALS": identity}
 
@@ -109,7 +108,6 @@ class Site:
         return self.router
 
     async def begin(self) -> None:
-        """Start all services, unless that was done."""
         if self.run is not None:
             return
         await self.router.says("router listens")
@@ -121,7 +119,6 @@ class Site:
         )
 
     def start(self, *arguments: str, name: str = "supervisor") -> Command:
-        """Start `pointit …` as the identity `name`."""
         return self.commands.start(*arguments, environment=self.environment(name))
 
     def says_lost(self) -> int:
@@ -130,7 +127,6 @@ class Site:
         return sum("is lost; trying again" in line for line in self.run.logged())
 
     def command(self, instance: str) -> str:
-        """Return the command that starts a service again, as logged by the run when it ended first."""
         if instance not in self._commands:
             assert self.run is not None
             said = f"{instance} was ended"
@@ -139,14 +135,12 @@ class Site:
         return self._commands[instance]
 
     def restart(self, instance: str, more: Mapping[str, str] | None = None) -> Command:
-        """Start a service again, with `more` in its environment."""
         command = shlex.split(self.command(instance))
         environment = {**self.environment(), **(more or {})}
         again = self.again[instance] = self.commands.run(command, environment)
         return again
 
     async def doctor(self, *arguments: str) -> dict[str, Any]:
-        """Return doctor's report."""
         command = self.start("doctor", "--json", *arguments)
         report: dict[str, Any] = json.loads((await command.end()).out)
         return report
@@ -163,7 +157,6 @@ class Site:
 
     @property
     def journal(self) -> Path:
-        """The selector's."""
         return self.state / SITE / "selector" / FILE
 
     def told(self) -> list[tuple[int, str, str]]:

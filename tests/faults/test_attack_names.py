@@ -1,7 +1,12 @@
-"""An identity of the site that writes, answers, is present and reads as another person."""
+"""An identity that writes, answers, is present and reads as another; what a router tells of itself."""
+
+import asyncio
+import json
 
 import pytest
+import zenoh
 
+from pointit.runtime.zenoh.session import configuration
 from pointit.schemas.topics import (
     ANY,
     CURSOR,
@@ -21,10 +26,10 @@ from pointit.schemas.topics import (
 from tests.faults.account import Account
 from tests.faults.attackers import ROUTER, attack, besieged, keys_of, member, overhearing
 from tests.faults.site import Site
+from tests.integration.access.secured import link_of
 from tests.support.bench import until
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
-
 EVIL = "anna"
 """May write below her own keys, and read what all may."""
 VICTIM = "user1"
@@ -88,9 +93,7 @@ async def test_history_is_written_and_read_by_whom_it_belongs_to(either_site: Si
         attacked.row(account, "another's history, written, answered for, read (`@adv`)", noticed_s, BY)
 
 
-async def test_who_answers_or_is_present_as_another_is_refused_and_named(
-    either_site: Site, account: Account
-) -> None:
+async def test_who_answers_or_is_present_as_another_is_named(either_site: Site, account: Account) -> None:
     requests = [SET_BRIGHTNESS.at(), SET_METHOD.at(), SET_POSE.at(VICTIM)]
     names = [
         USER_ALIVE.at(VICTIM),
@@ -128,3 +131,51 @@ async def test_who_reads_how_others_move_is_refused_and_named(either_site: Site,
                 assert evil.answered(*private) == set()
         await attacked.unharmed()
         attacked.row(account, "others' imu, wrist and ray, read by a person and a dashboard", noticed_s, BY)
+
+
+ADMIN = ("@/**", "@/*/router", "@/*/router/**", "@/*/session/**", "**/@/**")
+
+
+async def test_the_admin_space_is_closed_and_who_tries_is_named(either_site: Site, account: Account) -> None:
+    """Without our client's prefix of every key, as an attacker would ask."""
+    config = configuration(link_of(either_site.folder, "anna"))
+    config.insert_json5("namespace", "null")
+    async with besieged(either_site) as attacked:
+        with member(either_site, "anna") as evil, zenoh.open(config) as bare:
+            attacked.begin()
+            attack(evil, ["@/*/router/config/access_control"])
+            bare.put("@/*/router/config/access_control/enabled", b"false")
+            assert evil.answered(*ADMIN) == set()
+            for key in (*ADMIN, "**"):
+                replies = bare.get(key, timeout=3.0, allowed_destination=zenoh.Locality.REMOTE)
+                assert [reply for reply in replies if reply.ok is not None] == [], key
+            noticed_s = await attacked.is_told("plant/anna may not ", "ask ")
+        await attacked.unharmed()
+        attacked.row(account, "admin space asked and written", noticed_s, "doctor: router; its log")
+
+
+async def test_neither_scouting_nor_gossip_find_anybody(either_site: Site, account: Account) -> None:
+    """A stranger's scouting, and a person's session that joins as a peer and takes all gossip there is."""
+    config = zenoh.Config()
+    config.insert_json5("scouting/multicast/enabled", "true")
+    peer = configuration(link_of(either_site.folder, "anna"))
+    for key, value in {
+        "mode": "peer",
+        "scouting/gossip/enabled": True,
+        "scouting/gossip/multihop": True,
+        "scouting/multicast/enabled": True,
+    }.items():
+        peer.insert_json5(key, json.dumps(value))
+    port = str(either_site.folder.state().port)
+    async with besieged(either_site) as attacked:
+        attacked.begin()
+        scout = zenoh.scout(what="router|peer|client", config=config)
+        with zenoh.open(peer) as evil:
+            await asyncio.sleep(2.0)  # scouts ask once a second
+            found = [hello for hello in iter(scout.try_recv, None) if port in str(hello.locators)]
+            assert found == []
+            assert len(list(evil.info.peers_zid())) == 0
+            assert len(list(evil.info.routers_zid())) <= 1
+        scout.stop()
+        await attacked.unharmed()
+        attacked.row(account, "scouting, gossip as a peer", None, "nothing answers")

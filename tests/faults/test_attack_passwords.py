@@ -22,8 +22,17 @@ from pointit.runtime.zenoh.session import configuration
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas.topics import CURSOR, IMU, POSE, RAY, SET_METHOD, USER_ALIVE
 from tests.faults.account import Account
-from tests.faults.attackers import PATIENCE_S, ROUTER, attack, besieged, keys_of, member, new_rules
-from tests.faults.door import is_not_let_in, keeps_out
+from tests.faults.attackers import (
+    PATIENCE_S,
+    ROUTER,
+    attack,
+    besieged,
+    is_not_let_in,
+    keeps_out,
+    keys_of,
+    member,
+    new_rules,
+)
 from tests.faults.pretender import pretending
 from tests.faults.site import Site
 from tests.integration.access.secured import Member, credentials_of, link_of, make_site, now, routed, wait
@@ -170,7 +179,7 @@ async def test_a_right_password_opens_nobody_elses_door(password_site: Site, acc
         attacked.row(account, "a right password and others' keys; twice at a time", noticed_s, BY)
 
 
-async def test_an_old_password_is_worth_nothing_and_told_of(
+async def test_an_old_password_is_refused_and_told_of(
     password_site: Site, account: Account, tmp_path: Path
 ) -> None:
     folder = password_site.folder

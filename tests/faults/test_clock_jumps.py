@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.faults.account import Account, Fault
+from tests.faults.account import Account
 from tests.faults.clock import MachineClock
 from tests.faults.site import NOTICED_S, Site
 from tests.faults.witness import Witness, witness
@@ -48,13 +48,11 @@ async def test_of_a_persons_machine(site: Site, account: Account, tmp_path: Path
             recovered_s = time.monotonic() - right_s
             await seen.agrees(site)
             account.add(
-                Fault(
-                    name=f"clock of a person's machine {ahead_s:+.0f} s, and back",
-                    noticed_s=noticed_s,
-                    by="doctor, keeper: clock of machine",
-                    recovered_s=recovered_s,
-                    lost=seen.lost_in_words(jump_ns, but="anna"),
-                )
+                f"clock of a person's machine {ahead_s:+.0f} s, and back",
+                noticed_s,
+                "doctor, keeper: clock of machine",
+                recovered_s,
+                seen.lost_in_words(jump_ns, but="anna"),
             )
             assert within(recovered_s, BACK_S)
             if ahead_s < 0:
@@ -80,9 +78,7 @@ async def moved(site: Site, seen: Witness, clock: MachineClock) -> None:
 
 @pytest.mark.parametrize("ahead_s", [30.0, -30.0])
 @pytest.mark.long
-async def test_of_the_conveyors_and_selectors_machine(
-    site: Site, account: Account, tmp_path: Path, ahead_s: float
-) -> None:
+async def test_of_the_conveyors_machine(site: Site, account: Account, tmp_path: Path, ahead_s: float) -> None:
     machine = f"plc{ahead_s:+.0f}"
     clock = MachineClock(tmp_path / "plc", machine)
     async with witness(site) as seen:
@@ -108,12 +104,10 @@ async def test_of_the_conveyors_and_selectors_machine(
         await seen.agrees(site)
         seen.is_undisturbed(before)
         account.add(
-            Fault(
-                name=f"clock of selector's and conveyor's machine {ahead_s:+.0f} s, and back",
-                noticed_s=noticed_s,
-                by="doctor, keeper: clock of machine",
-                recovered_s=flows_s,
-                lost=f"{seen.lost_in_words(jump_ns)}; selects again after {recovered_s:.1f} s",
-            )
+            f"clock of selector's and conveyor's machine {ahead_s:+.0f} s, and back",
+            noticed_s,
+            "doctor, keeper: clock of machine",
+            flows_s,
+            f"{seen.lost_in_words(jump_ns)}; selects again after {recovered_s:.1f} s",
         )
         assert within(flows_s, BACK_S)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from tests.faults.account import Account, Fault
+from tests.faults.account import Account
 from tests.faults.network import ALL
 from tests.faults.network_site import HERE, THERE, Plant, Spectator, running
 from tests.faults.network_view import FRESH_S, PATIENCE_S, View, quantile_s
@@ -53,8 +53,6 @@ def both(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Both]:
 
 @dataclass
 class Outcome:
-    """The effect of a fault."""
-
     noticed_s: float | None
     by: str
     recovered_s: float
@@ -65,19 +63,13 @@ class Outcome:
     events_s: float
     """From the fault's end until all of them were known at host B."""
 
-    def row(self, name: str, lost: str = "") -> Fault:
+    def row(self, account: Account, name: str, lost: str = "") -> None:
         latency = f"{self.events} events, none lost, all known after {self.events_s:.1f} s"
         if self.during_s:
             p50, p99 = (quantile_s(self.during_s, share) * 1e3 for share in (0.5, 0.99))
             latency += f"; wrist to cursor p50 {p50:.0f} ms, p99 {p99:.0f} ms"
-        return Fault(
-            name=name,
-            noticed_s=self.noticed_s,
-            by=self.by,
-            recovered_s=self.recovered_s,
-            lost="; ".join(each for each in (lost, latency) if each),
-            memory_mb=self.memory_mb,
-        )
+        told = "; ".join(each for each in (lost, latency) if each)
+        account.add(name, self.noticed_s, self.by, self.recovered_s, told, memory_mb=self.memory_mb)
 
 
 class Trial:
@@ -164,7 +156,7 @@ async def test_a_cut_link(both: Both, account: Account) -> None:
     assert outcome.noticed_s is not None
     assert within(outcome.noticed_s, NOTICED_S)
     outcome.during_s.clear()
-    account.add(outcome.row("link of a host cut for 5 s", "the host's cursors meanwhile"))
+    outcome.row(account, "link of a host cut for 5 s", "the host's cursors meanwhile")
 
 
 @pytest.mark.slow
@@ -176,9 +168,7 @@ async def test_a_cut_link(both: Both, account: Account) -> None:
         pytest.param("half open: nothing gets to the host", {"up": False}, marks=pytest.mark.long),
     ],
 )
-async def test_a_link_that_swallows_everything(
-    both: Both, account: Account, name: str, ways: dict[str, bool]
-) -> None:
+async def test_a_link_that_drops_all(both: Both, account: Account, name: str, ways: dict[str, bool]) -> None:
     """An unreachable person is not present, however full the buffers of the dead connections are."""
     async with both.plant.view() as view:
         trial = Trial(both, view)
@@ -189,7 +179,7 @@ async def test_a_link_that_swallows_everything(
     assert within(outcome.noticed_s, NOTICED_S)
     assert any("router at" in line and "is back" in line for line in both.plant.there.logged())
     outcome.during_s.clear()
-    account.add(outcome.row(name, "the host's cursors meanwhile"))
+    outcome.row(account, name, "the host's cursors meanwhile")
 
 
 @pytest.mark.slow
@@ -198,7 +188,7 @@ async def test_a_link_that_loses_much(both: Both, account: Account) -> None:
         trial = Trial(both, view)
         outcome = await trial.suffer(lambda: trial.wire.lose(trial.b, 20), 12.0, BAD)
     assert outcome.noticed_s is not None
-    account.add(outcome.row("20 % of packets lost, both ways", f"{_missing(outcome, 12.0)} of cursors"))
+    outcome.row(account, "20 % of packets lost, both ways", f"{_missing(outcome, 12.0)} of cursors")
 
 
 @pytest.mark.slow
@@ -208,7 +198,7 @@ async def test_a_link_that_loses_little(both: Both, account: Account) -> None:
         trial = Trial(both, view)
         outcome = await trial.suffer(lambda: trial.wire.lose(trial.b, 1), 15.0, BAD)
     assert within(quantile_s(outcome.during_s, 0.5), FRESH_S)
-    account.add(outcome.row("1 % of packets lost, both ways", f"{_missing(outcome, 15.0)} of cursors"))
+    outcome.row(account, "1 % of packets lost, both ways", f"{_missing(outcome, 15.0)} of cursors")
 
 
 @pytest.mark.slow
@@ -218,7 +208,7 @@ async def test_a_link_that_delays(both: Both, account: Account) -> None:
         trial = Trial(both, view)
         outcome = await trial.suffer(lambda: trial.wire.delay(trial.b, 0.0, 0.1), 15.0, BAD)
     assert within(quantile_s(outcome.during_s, 0.5), FRESH_S)
-    account.add(outcome.row("50 ms delay, ±50 ms jitter, both ways", f"{_missing(outcome, 15.0)} of cursors"))
+    outcome.row(account, "50 ms delay, ±50 ms jitter, both ways", f"{_missing(outcome, 15.0)} of cursors")
 
 
 def _missing(outcome: Outcome, lasted_s: float) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from pointit.schemas.topics import CURSOR
-from tests.faults.account import Account, Fault
+from tests.faults.account import Account
 from tests.faults.network import Host
 from tests.faults.network_site import HERE, THERE, Plant, Spectator, running
 from tests.faults.network_view import FRESH_S, PATIENCE_S, quantile_s
@@ -40,9 +40,7 @@ def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Plant]:
     ("who", "how"),
     [("operator", "by TLS"), pytest.param("dashboard1", "by QUIC, thinned to 20 Hz", marks=pytest.mark.long)],
 )
-async def test_who_looks_on_over_a_narrow_link_harms_nobody(
-    plant: Plant, account: Account, who: str, how: str
-) -> None:
+async def test_a_narrow_link_harms_nobody_else(plant: Plant, account: Account, who: str, how: str) -> None:
     wire, c = plant.network, plant.network.hosts["c"]
     spectator = plant.spectator(c, who)
     async with plant.view() as view:
@@ -74,15 +72,15 @@ async def test_who_looks_on_over_a_narrow_link_harms_nobody(
         others = quantile_s(view.ages_s(THERE, began_s), 0.99)
     spectator.command.kill()
     account.add(
-        Fault(
-            name=f"{KBIT} kbit/s to who looks on {how}; {wide:.0f} wanted",
-            noticed_s=None,
-            by="",
-            recovered_s=recovered_s,
-            lost=f"cursors there {quantile_s(late_s, 0.5):.1f} s late, {max(late_s):.1f} s at most after "
-            f"{NARROW_S:.0f} s; others' p99 {others * 1e3:.0f} ms",
-            memory_mb=grown,
-        )
+        f"{KBIT} kbit/s to who looks on {how}; {wide:.0f} wanted",
+        None,
+        "",
+        recovered_s,
+        (
+            f"cursors there {quantile_s(late_s, 0.5):.1f} s late, {max(late_s):.1f} s at most after "
+            f"{NARROW_S:.0f} s; others' p99 {others * 1e3:.0f} ms"
+        ),
+        memory_mb=grown,
     )
 
 
@@ -114,19 +112,16 @@ async def test_a_page_behind_a_narrow_link_says_so(plant: Plant, account: Accoun
         ended_s = time.monotonic()
         await until(lambda: not late(), RECOVERED_S, "the page to be well")
     account.add(
-        Fault(
-            name=f"{KBIT} kbit/s to a page",
-            noticed_s=noticed_s,
-            by="doctor, page: what a machine sends comes late",
-            recovered_s=time.monotonic() - ended_s,
-            lost="".join(sentence.partition(",")[0] for sentence in said),
-        )
+        f"{KBIT} kbit/s to a page",
+        noticed_s,
+        "doctor, page: what a machine sends comes late",
+        time.monotonic() - ended_s,
+        "".join(sentence.partition(",")[0] for sentence in said),
     )
     page.kill()
 
 
 async def _kbit(plant: Plant, host: Host, for_s: float) -> float:
-    """Return the rate to the host."""
     before, began_s = plant.network.sent_bytes(host), time.monotonic()
     await asyncio.sleep(for_s)
     return (plant.network.sent_bytes(host) - before) * 8e-3 / (time.monotonic() - began_s)

@@ -6,8 +6,7 @@ import time
 
 import pytest
 
-from tests.faults.account import Account, Fault
-from tests.faults.memory import Memory
+from tests.faults.account import Account, Memory
 from tests.faults.site import NOTICED_S, SHARED, Site
 from tests.faults.witness import witness
 from tests.support.bench import until
@@ -25,9 +24,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 @pytest.mark.parametrize(
     "instance", [*OFTEN, *(pytest.param(name, marks=pytest.mark.long) for name in SELDOM)]
 )
-async def test_a_killed_service_is_noticed_and_starts_again(
-    site: Site, account: Account, instance: str
-) -> None:
+async def test_a_killed_service_is_noticed_and_restarts(site: Site, account: Account, instance: str) -> None:
     async with witness(site) as seen:
         await seen.begins(site)
         await seen.sees_selected(1)
@@ -55,16 +52,9 @@ async def test_a_killed_service_is_noticed_and_starts_again(
         await seen.agrees(site)
         growth_mb = Memory.now(memory.of).growth_mb(memory)
         assert growth_mb < GROWTH_MB
-        account.add(
-            Fault(
-                name=f"kill -9 {instance}",
-                noticed_s=noticed_s,
-                by="doctor: absent; the run's log",
-                recovered_s=recovered_s,
-                lost=seen.lost_in_words(killed_ns),
-                memory_mb=growth_mb,
-            )
-        )
+        lost = seen.lost_in_words(killed_ns)
+        by = "doctor: absent; the run's log"
+        account.add(f"kill -9 {instance}", noticed_s, by, recovered_s, lost, memory_mb=growth_mb)
 
 
 async def test_a_killed_router_is_noticed_and_comes_back(site: Site, account: Account) -> None:
@@ -91,15 +81,9 @@ async def test_a_killed_router_is_noticed_and_comes_back(site: Site, account: Ac
         await seen.agrees(site)
         growth_mb = Memory.now(memory.of).growth_mb(memory)
         assert growth_mb < GROWTH_MB
+        by = "log of each; doctor: unreachable"
         account.add(
-            Fault(
-                name="kill -9 router",
-                noticed_s=noticed_s,
-                by="log of each; doctor: unreachable",
-                recovered_s=recovered_s,
-                lost=seen.lost_in_words(killed_ns),
-                memory_mb=growth_mb,
-            )
+            "kill -9 router", noticed_s, by, recovered_s, seen.lost_in_words(killed_ns), memory_mb=growth_mb
         )
 
 

@@ -6,8 +6,7 @@ import time
 
 import pytest
 
-from tests.faults.account import Account, Fault
-from tests.faults.memory import Memory
+from tests.faults.account import Account, Memory
 from tests.faults.site import INSTANCES, NOTICED_S, Site
 from tests.faults.witness import witness
 from tests.support.bench import until
@@ -28,9 +27,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 @pytest.mark.parametrize(
     "instance", [*OFTEN, *(pytest.param(name, marks=pytest.mark.long) for name in SELDOM), "router"]
 )
-async def test_a_stopped_process_goes_on_with_what_is_new(
-    site: Site, account: Account, instance: str
-) -> None:
+async def test_a_stopped_process_goes_on_with_the_new(site: Site, account: Account, instance: str) -> None:
     async with witness(site) as seen:
         await seen.begins(site)
         await seen.sees_selected(1)
@@ -61,14 +58,12 @@ async def test_a_stopped_process_goes_on_with_what_is_new(
         stale = seen.stale(woken_ns)
         growth_mb = max(growth_mb, Memory.now(pids.values()).growth_mb(memory))
         account.add(
-            Fault(
-                name=f"SIGSTOP {instance}",
-                noticed_s=noticed_s,
-                by="log of each: router lost" if instance == "router" else "doctor: silent, absent",
-                recovered_s=recovered_s,
-                lost=f"{seen.lost_in_words(stopped_ns)}; {stale} stale cursors after it",
-                memory_mb=growth_mb,
-            )
+            f"SIGSTOP {instance}",
+            noticed_s,
+            "log of each: router lost" if instance == "router" else "doctor: silent, absent",
+            recovered_s,
+            f"{seen.lost_in_words(stopped_ns)}; {stale} stale cursors after it",
+            memory_mb=growth_mb,
         )
         assert stale < MOST_STALE
         assert growth_mb < GROWTH_MB

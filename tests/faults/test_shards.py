@@ -5,14 +5,14 @@ import time
 import pytest
 
 from pointit.services.selector.shard_engine import NO_ARBITER
-from tests.faults.account import Account, Fault
+from tests.faults.account import Account
 from tests.integration.selector.hall import running_hall
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 
 @pytest.mark.parametrize("is_frozen", [False, True], ids=["killed", "stopped and killed"])
-async def test_a_router_that_dies_while_two_hosts_dwell_on_one_package(
+async def test_a_router_dies_while_two_hosts_dwell_on_one_package(
     account: Account, *, is_frozen: bool
 ) -> None:
     async with running_hall() as hall:
@@ -33,11 +33,9 @@ async def test_a_router_that_dies_while_two_hosts_dwell_on_one_package(
         recovered_s = time.monotonic() - began_s
         hall.check()
         account.add(
-            Fault(
-                name=f"kill -9 router{' that was stopped' if is_frozen else ''}, two hosts claim one package",
-                noticed_s=noticed_s,
-                by="health of both shards",
-                recovered_s=recovered_s,
-                lost="nothing: an owner at most, an event each",
-            )
+            f"kill -9 router{' that was stopped' if is_frozen else ''}, two hosts claim one package",
+            noticed_s,
+            "health of both shards",
+            recovered_s,
+            "nothing: an owner at most, an event each",
         )

@@ -10,8 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.faults.account import Account, Fault
-from tests.faults.memory import Memory
+from tests.faults.account import Account, Memory
 from tests.faults.site import NOTICED_S, Site
 from tests.faults.witness import Witness, witness
 from tests.support.bench import until
@@ -83,14 +82,12 @@ async def test_selecting_goes_on_and_nothing_is_lost(small: Site, account: Accou
         growth_mb = Memory.now(memory.of).growth_mb(memory)
         assert growth_mb < GROWTH_MB
         account.add(
-            Fault(
-                name="disk full",
-                noticed_s=noticed_s,
-                by="health of selector, conveyor, keeper",
-                recovered_s=recovered_s,
-                lost=seen.lost_in_words(full_ns),
-                memory_mb=growth_mb,
-            )
+            "disk full",
+            noticed_s,
+            "health of selector, conveyor, keeper",
+            recovered_s,
+            seen.lost_in_words(full_ns),
+            memory_mb=growth_mb,
         )
         await until(
             lambda: not any(complains(seen, name) for name in seen.health), BACK_S, "all to be content"
@@ -124,11 +121,9 @@ async def test_a_selector_that_begins_on_a_full_disk_says_so(small: Site, accoun
         room_s = time.monotonic()
         await until(lambda: not complains(seen, "selector"), BACK_S, "the selector to be content")
         account.add(
-            Fault(
-                name="selector killed while the disk is full",
-                noticed_s=noticed_s,
-                by="its health, before and after",
-                recovered_s=time.monotonic() - room_s,
-                lost=f"{untold} events of the audit, in memory only as health had said",
-            )
+            "selector killed while the disk is full",
+            noticed_s,
+            "its health, before and after",
+            time.monotonic() - room_s,
+            f"{untold} events of the audit, in memory only as health had said",
         )

@@ -25,8 +25,6 @@ SELECTORS = ("selected", "deselected", "refused")
 
 @dataclass
 class Witness(Onlooker):
-    """Sees everything, with the supervisor's credentials."""
-
     events: list[SelectionEvent] = field(default_factory=list[SelectionEvent])
     selections: list[Selection] = field(default_factory=list[Selection])
     samples: dict[str, list[ImuSample]] = field(default_factory=lambda: defaultdict(list))
@@ -90,7 +88,6 @@ class Witness(Onlooker):
 
     @property
     def selected(self) -> dict[str, str]:
-        """Return the selected objects with their owners."""
         return {thing.id: thing.user for thing in self.selections[-1].objects} if self.selections else {}
 
     async def begins(self, site: Site) -> None:

@@ -30,14 +30,12 @@ SLOWED = 2.0
 its maximum rate: what waited on a link that stalled comes at once, too."""
 ID_LENGTH = 32
 """Maximum number of characters of a connection's name."""
-
 OWN = "\x1b["
 """First characters of each of Zenoh's own lines."""
 PLAIN = "\x1b[0m "
 """Characters after the coloured part of a line, before its message."""
 MAX_KEY = 100
 """Maximum number of characters of a key that are kept and shown."""
-
 COLOR = re.compile(r"\x1b\[[0-9;]*m")
 THREAD = "ThreadId("
 DECIDED = re.compile(
@@ -260,7 +258,6 @@ class DeniedOperations:
 
 
 def _connection(written: str) -> str:
-    """Return the connection from the end of a line."""
     return re.split(r"\W", written.partition(WRITES)[0])[-1]
 
 

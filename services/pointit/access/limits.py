@@ -75,14 +75,7 @@ class Limits:
         rates_hz: Mapping[str, float],
         now_s: float,
     ) -> tuple[list[Connection], dict[str, str]]:
-        """Return the connections to cut, and a message by identity.
-
-        Args:
-            connections: current connections.
-            roles: roles by identity.
-            rates_hz: messages per second since the last check, by identity.
-            now_s: time of a monotonic clock.
-        """
+        """Return the connections to cut, and a message by identity; roles and rates are by identity, too."""
         there = {(each.session, each.address): each for each in connections}
         self._seen = {key: there[key] for key in (*self._seen, *there) if key in there}
         by_identity: dict[str, list[Connection]] = {}

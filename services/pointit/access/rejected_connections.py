@@ -15,12 +15,10 @@ FILTER = (
 """Log filter that Zenoh needs for this: a few lines for each connection."""
 TARGET = "\x1b[2mzenoh_transport::"
 """Text after the thread in lines of Zenoh's own handshake, none of which contains keys of messages."""
-
 MAX_SHOWN = 3
 MAX_REASONS = 1000
 """Limit of distinct reasons at a time, as newcomers choose their names."""
 MAX_NAME = 100
-
 THREAD = r"(?:\S+ )?ThreadId\(\d+\) "
 BEGINS = rf"^\S+ +\w+ +{THREAD}"
 """Start of a line: time, level, thread. Zenoh's text follows its target, where a stranger's words may be."""
@@ -30,7 +28,6 @@ HANDSHAKE = re.compile(
 PLAIN_TCP = "received corrupt message of type InvalidContentType"
 """TLS's message if a first message was not TLS."""
 WITHOUT = "came without credentials, by plain TCP instead of TLS"
-
 ACCEPTS = rf"{BEGINS}zenoh_transport::unicast::establishment::accept: "
 KNOCKS = re.compile(rf"{ACCEPTS}Establishment Accept (?:Init|Open)Syn: \S+ => \w+/(\S+):\d+\. Received: ")
 MAX_CLAIMED = 300
@@ -98,7 +95,6 @@ class RejectedConnections:
 
 
 def _claimed(line: str) -> str:
-    """Return the claimed name of a newcomer, without the number of the password, or `""`."""
     found = CLAIMS.search(line)
     if found is None:
         return ""

@@ -39,25 +39,18 @@ Role = Literal["user", "services", "web", "ros2", "dashboard", "operator", "supe
 viewer; a viewer who may send requests; unlimited; another router of the site."""
 
 ROLES: tuple[Role, ...] = get_args(Role)
-
 INTERNAL: tuple[Topic[Any], ...] = (CONFIGURATION, SERVED)
 """Topics for who operates the site."""
-
 PRIVATE: tuple[Topic[Any], ...] = (IMU, WRIST, RAY)
 """Topics that viewers and other people never get: a person's movements."""
-
 RECALLED: tuple[Request[Any, Any], ...] = (READ_HISTORY,)
 """Requests open to all roles: they change nothing, and repeat what all may read."""
-
 OF_PEOPLE: tuple[Request[Any, Any], ...] = (READ_MEMORY, ERASE_MEMORY)
 """Requests of the person and operators only: what is remembered of people. No bridge offers them."""
-
 OF_OPERATORS: tuple[Request[Any, Any], ...] = (RELEASE_OBJECT,)
 """Requests of operators, the page's too, and the supervisor only: they take from others what is theirs."""
-
 FOR_ALL = (*RECALLED, STOP_ROBOT)
 """Requests of all roles: who sees a robot may stop it."""
-
 ALL = "**"
 
 
@@ -201,13 +194,8 @@ def _is_personal(row: Topic[Any] | Request[Any, Any]) -> bool:
     return row.placeholder == "user"
 
 
-def _any(row: Topic[Any] | Request[Any, Any]) -> str:
-    return ANY if row.placeholder else ""
-
-
 def _anywhere(groups: Iterable[Iterable[Topic[Any] | Request[Any, Any]]]) -> tuple[str, ...]:
-    """Return the keys of all rows for every name."""
-    return _sorted(row.at(_any(row)) for rows in groups for row in rows)
+    return _sorted(row.at(ANY if row.placeholder else "") for rows in groups for row in rows)
 
 
 def _sorted(keys: Iterable[str]) -> tuple[str, ...]:

@@ -184,11 +184,8 @@ def _listeners(routed: RouterSite, addresses: Sequence[str]) -> list[str]:
     if not routed.password:
         server += f";root_ca_certificate_file={files}ca.pem;enable_mtls=true"
     links = (("tls", ""), ("quic", ONE_STREAM)) if routed.dashboard_rate_hz else (("tls", ""),)
-    return [
-        f"{protocol}/{_bracketed(address)}:{routed.port}{metadata}#{server}"
-        for protocol, metadata in links
-        for address in addresses
-    ]
+    hosts = [f"[{each}]" if ":" in each and not each.startswith("[") else each for each in addresses]
+    return [f"{kind}/{host}:{routed.port}{metadata}#{server}" for kind, metadata in links for host in hosts]
 
 
 def _client(routed: RouterSite) -> str:
@@ -197,10 +194,6 @@ def _client(routed: RouterSite) -> str:
         f"root_ca_certificate_file={files}ca.pem;connect_certificate_file={files}cert.pem"
         f";connect_private_key_file={files}key.pem;enable_mtls=true"
     )
-
-
-def _bracketed(address: str) -> str:
-    return f"[{address}]" if ":" in address and not address.startswith("[") else address
 
 
 def _limits(site: str) -> list[dict[str, Any]]:

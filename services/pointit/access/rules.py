@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from pointit.access.rights import ALL, Rights
-from pointit.runtime.link.permissions import ROOM, VERBS
+from pointit.runtime.link.link import ROOM, VERBS
 
 Rule = dict[str, Any]
 """An entry of Zenoh's `access_control.rules`."""

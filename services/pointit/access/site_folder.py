@@ -171,10 +171,7 @@ class SiteFolder:
         return self._end(name, "removed")
 
     def router_site(self, uplinks: tuple[str, ...] = ()) -> RouterSite:
-        """Return the configuration of the site for a router on this machine.
-
-        Args:
-            uplinks: addresses of other routers of the site to connect to.
+        """Return the configuration of the site for a router on this machine, which connects to `uplinks`.
 
         Raises:
             ConfigError: As for `state`.
@@ -244,7 +241,6 @@ class SiteFolder:
         return state
 
     def _carry(self, state: SiteState, name: str, identity: Identity, issued: "IssuedCertificate") -> None:
-        """Write the folder of one identity."""
         folder = self.identity_folder(name)
         _save(folder / CA, _read(self.path / "authority" / CA), mode=0o644)
         if identity.role == "router" or not state.password:

@@ -85,13 +85,14 @@ class SiteState(Config):
     def link_file(self, name: str) -> LinkFile:
         """Return the link file of the identity `name`, which is not the router."""
         identity = self.identities[name]
+        hosts = [f"[{host}]" if ":" in host else host for host in self.hosts]
         protocol = "quic" if identity.role == "dashboard" and self.dashboard_rate_hz else "tls"
         return LinkFile(
             site=self.site,
             name=name,
             role=identity.role,
             generation=identity.generation,
-            endpoints=tuple(f"{protocol}/{_bracketed(host)}:{self.port}" for host in self.hosts),
+            endpoints=tuple(f"{protocol}/{host}:{self.port}" for host in hosts),
             password=self.password,
             valid_from=identity.valid_from,
             valid_until=identity.valid_until,
@@ -107,7 +108,3 @@ class SiteState(Config):
                 for generation in range(max(newest - MAX_FORMER, 0) + 1, newest + 1)
             ]
         return found
-
-
-def _bracketed(host: str) -> str:
-    return f"[{host}]" if ":" in host else host

@@ -16,7 +16,7 @@ from pointit.geometry import vector
 from pointit.recording.entries import Entry, entry
 from pointit.runtime.config.config import Config
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.release import pointit_version
+from pointit.runtime.host.extras import pointit_version
 from pointit.schemas import (
     NS_PER_S,
     Configuration,

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import ClassVar
 
-from pointit.launch.plan.beside import Beside
 from pointit.launch.plan.extras import load
+from pointit.launch.plan.plan import Beside
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import AnyService, Launch
 from pointit.services import registry

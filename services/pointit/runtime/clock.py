@@ -11,7 +11,6 @@ from pointit.schemas import NS_PER_S, ClockTick
 
 LOOK_AGAIN_S = 1.0
 """Wall time after which a deadline is checked again, s, since the clock's speed may change."""
-
 MAX_SLEW_S = 10.0
 """Largest step back that is slewed, s of the clock. After a larger one, services step with it, or restart."""
 
@@ -120,13 +119,7 @@ async def ticks(clock: Clock, rate_hz: float) -> AsyncIterator[int]:
 
 
 async def wait_until(clock: Clock, deadline_ns: int | None, changed: asyncio.Event) -> None:
-    """Wait until `changed` is set, or `clock` shows `deadline_ns`, or `LOOK_AGAIN_S` have passed.
-
-    Args:
-        clock: the service's clock.
-        deadline_ns: time on `clock`, ns. None: wait for `changed` alone.
-        changed: set when the deadline may have changed.
-    """
+    """Wait until `changed` is set, `clock` shows `deadline_ns` (None: never), or `LOOK_AGAIN_S` are over."""
     left_s = None if deadline_ns is None else (deadline_ns - clock.now_ns()) / NS_PER_S / clock.speed
     with contextlib.suppress(TimeoutError):
         async with asyncio.timeout(None if left_s is None else min(max(0.0, left_s), LOOK_AGAIN_S)):
@@ -141,12 +134,7 @@ class Timer:
         call_later: Callable[[float, Callable[[], None]], asyncio.TimerHandle],
         callback: Callable[[], None],
     ) -> None:
-        """Create without starting.
-
-        Args:
-            call_later: schedules a call after some seconds: `ServiceBus.call_later` or the loop's.
-            callback: called at the end, when the timer may be started again.
-        """
+        """Create without starting; `call_later` is that of `ServiceBus` or of the loop."""
         self._call_later = call_later
         self._callback = callback
         self._handle: asyncio.TimerHandle | None = None

@@ -229,9 +229,7 @@ def test_the_router_tells_who_is_refused_what(tmp_path: Path) -> None:
         assert f"write {IMU.at('anna')}" not in router.said
 
 
-async def test_the_operator_sees_who_was_refused_what_and_nobody_can_say_so_but_the_router(
-    tmp_path: Path,
-) -> None:
+async def test_the_operator_sees_who_was_refused_what_and_by_the_router_alone(tmp_path: Path) -> None:
     folder = make_site(tmp_path / "lab")
     seen: dict[str, Health] = {}
     present: set[str] = set()

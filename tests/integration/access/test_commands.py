@@ -1,5 +1,6 @@
 """Commands with --credentials, in processes of their own."""
 
+import asyncio
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -7,9 +8,13 @@ from pathlib import Path
 import pytest
 
 from pointit.access.site_folder import SiteFolder
+from pointit.recording.reader import Recording
+from pointit.runtime.link.credentials import read_credentials
+from pointit.runtime.link.link import Link
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
-from pointit.schemas.topics import SERVICE_ALIVE
-from tests.integration.access.secured import NAMES, PATIENCE_S, link_of, make_site, routed
+from pointit.schemas import Cursor, ImuSample
+from pointit.schemas.topics import CURSOR, IMU, SERVICE_ALIVE
+from tests.integration.access.secured import NAMES, PATIENCE_S, link_of, make_site, now, routed
 from tests.support.commands import Commands
 
 
@@ -28,9 +33,7 @@ async def test_a_service_under_a_wrong_name_says_so_and_goes_on(site: SiteFolder
     assert (await service.stop()).code == 0
 
 
-async def test_a_person_is_not_added_under_the_name_of_a_shard_of_others(
-    site: SiteFolder, commands: Commands
-) -> None:
+async def test_a_person_is_not_added_under_a_shards_name(site: SiteFolder, commands: Commands) -> None:
     bus = await ZenohBus.open(link_of(site, "services"), patience_s=PATIENCE_S)
     try:
         bus.announce(SERVICE_ALIVE, "pui.hall")
@@ -74,9 +77,7 @@ async def test_what_does_not_fit_the_credentials_is_one_sentence(
     assert sentence in ended.sentence
 
 
-async def test_who_may_not_press_somebodys_button_is_told_so_in_one_error(
-    site: SiteFolder, commands: Commands
-) -> None:
+async def test_who_may_not_press_a_button_is_told_in_one_error(site: SiteFolder, commands: Commands) -> None:
     ended = await commands.pointit(
         "person", "press", "anna", "--credentials", str(site.identity_folder("operator"))
     )
@@ -98,7 +99,7 @@ async def test_who_may_not_read_movements_cannot_trace_them(site: SiteFolder, co
 @pytest.mark.parametrize(
     ("name", "role"), [("guest1", "user"), ("services", "services"), ("operator", "operator")]
 )
-async def test_who_may_not_be_that_person_is_told_before_anything_starts(
+async def test_who_may_not_be_that_person_is_told(
     name: str, role: str, site: SiteFolder, commands: Commands
 ) -> None:
     ended = await commands.pointit("person", "add", "anna", "--credentials", str(site.identity_folder(name)))
@@ -139,3 +140,60 @@ async def test_doctor_tells_until_when_certificates_last(site: SiteFolder, comma
 async def test_doctor_of_an_open_site_tells_of_no_certificates(endpoint: str, commands: Commands) -> None:
     ended = await commands.pointit("doctor", "--timeout", "0", "--json", "--connect", endpoint)
     assert json.loads(ended.out)["identities"] == []
+
+
+FEED_S = 0.05
+
+
+async def feed(bus: ZenohBus) -> None:
+    """Put what two people's services would."""
+    samples = [bus.publisher(IMU, user) for user in ("anna", "ben")]
+    cursors = [bus.publisher(CURSOR, user) for user in ("anna", "ben")]
+    number = 0
+    while True:
+        number += 1
+        for sample in samples:
+            sample.put(ImuSample(stamp_ns=number, seq=number, orientation_xyzw=(0.0, 0.0, 0.0, 1.0)))
+        for cursor in cursors:
+            cursor.put(Cursor(stamp_ns=number, seq=number))
+        await asyncio.sleep(FEED_S)
+
+
+@pytest.mark.parametrize(
+    ("identity", "movements", "denied"),
+    [
+        ("supervisor", {"users/anna/imu", "users/ben/imu"}, ""),
+        ("anna", {"users/anna/imu"}, "this identity (anna) may not read"),
+    ],
+)
+async def test_identity_records_what_it_may_read_and_says_what_it_may_not(
+    *, identity: str, movements: set[str], denied: str, site: SiteFolder, commands: Commands, tmp_path: Path
+) -> None:
+    credentials = read_credentials(site.identity_folder("supervisor"), now())
+    link = Link(site="lab", connect=credentials.link.endpoints, credentials=credentials)
+    bus = await ZenohBus.open(link)
+    feeding = asyncio.create_task(feed(bus))
+    seen: list[tuple[str, bool]] = []
+    bus.watch(SERVICE_ALIVE, lambda name, present: seen.append((name, present)))
+    path = tmp_path / "session.mcap"
+    folder = f"{site.identity_folder(identity)}"
+    try:
+        ended = await commands.pointit("record", f"{path}", "--credentials", folder, "--duration", "5")
+    finally:
+        feeding.cancel()
+        await bus.close()
+    assert ended.code == 0
+    assert ("recorder", True) in seen
+    assert ("not everything is recorded" in ended.err) is bool(denied)
+    assert denied in ended.err
+    with Recording.open(path) as recording:
+        recorded = set(recording.counts)
+    assert {key for key in recorded if key.endswith("/imu")} == movements
+    assert {"users/anna/cursor", "users/ben/cursor"} <= recorded
+
+
+async def test_unseen_identity_does_not_record(site: SiteFolder, commands: Commands, tmp_path: Path) -> None:
+    folder = f"{site.identity_folder('operator')}"
+    ended = await commands.pointit("record", f"{tmp_path / 'session.mcap'}", "--credentials", folder)
+    assert ended.code != 0
+    assert "nobody would see it record" in ended.err

@@ -116,7 +116,7 @@ async def test_a_person_works_with_the_services(buses: dict[str, ZenohBus]) -> N
     assert [bus.problem for bus in (anna, services, dashboard, operator)] == [""] * 4
 
 
-async def test_a_late_joiner_gets_the_state_of_a_living_writer(
+async def test_a_late_joiner_gets_a_living_writers_state(
     site: SiteFolder, buses: dict[str, ZenohBus]
 ) -> None:
     buses["anna"].publisher(INTERACTION, "anna").put(Interaction(stamp_ns=7, state="idle"))
@@ -129,7 +129,7 @@ async def test_a_late_joiner_gets_the_state_of_a_living_writer(
         await late.close()
 
 
-async def test_who_may_not_write_says_so(
+async def test_who_may_not_write_says_it(
     buses: dict[str, ZenohBus], caplog: pytest.LogCaptureFixture
 ) -> None:
     guest = buses["guest1"]
@@ -180,9 +180,7 @@ async def test_a_foreign_certificate_is_refused_by_the_router(site: SiteFolder, 
     assert "of another authority" in await refused(link)
 
 
-async def test_an_expired_certificate_is_refused_here_and_at_the_router(
-    site: SiteFolder, tmp_path: Path
-) -> None:
+async def test_an_expired_certificate_is_refused_here_and_there(site: SiteFolder, tmp_path: Path) -> None:
     copy = SiteFolder(tmp_path / "copy")
     shutil.copytree(site.path, copy.path)
     copy.renew(["anna"], now() - dt.timedelta(days=31))  # it lasts 30 days
@@ -313,7 +311,7 @@ async def test_a_dashboards_questions_do_not_overtake_the_keys_they_are_about(tm
             await bus.close()
 
 
-async def test_states_whose_writers_are_gone_are_kept_for_whoever_may_read_them(
+async def test_kept_states_are_for_whoever_may_read_them(
     site: SiteFolder, buses: dict[str, ZenohBus]
 ) -> None:
     def recall(topic: AnyTopic) -> list[tuple[str, Message]]:

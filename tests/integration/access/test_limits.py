@@ -1,9 +1,12 @@
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
-# (the stubs of zenoh leave return types out)
 """Limits of one identity at a router: number of connections, and delays that it causes for others."""
 
+import asyncio
+import contextlib
 import functools
 import itertools
+import json
+import socket
+import sys
 import threading
 import time
 from collections.abc import Generator
@@ -15,7 +18,10 @@ import zenoh
 from zenoh.handlers import Callback
 
 from pointit.access.limits import KEPT_HZ, LATEST_HZ, MAX_CONNECTIONS
+from pointit.access.router_configuration import configuration
 from pointit.access.site_folder import SiteFolder
+from pointit.runtime.host.tcp_timeouts import LINGER, tcp_sockets
+from pointit.runtime.router.router import Router
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import ButtonEvent, UserPose
 from pointit.schemas.topics import BUTTON, CURSOR, POSE, RAY
@@ -23,7 +29,6 @@ from tests.integration.access.secured import Member, RouterProgram, link_of, mak
 from tests.support.bench import until
 
 pytestmark = pytest.mark.timeout(120)
-
 STALL_S = 4.0
 """A router that waits for a reader does so for 5 s, over and over."""
 WRITERS = 4
@@ -171,9 +176,7 @@ async def test_no_event_of_a_burst_is_lost_nor_is_the_newest_state(folder: SiteF
         await services.close()
 
 
-def test_connections_beyond_the_limit_of_an_identity_are_cut_and_the_identity_is_named(
-    folder: SiteFolder,
-) -> None:
+def test_connections_beyond_the_limit_of_an_identity_are_cut_and_named(folder: SiteFolder) -> None:
     more = 8
     with RouterProgram("--site-folder", str(folder.path)) as router, ExitStack() as stack:
         site = [stack.enter_context(Member(folder, "services")) for _ in range(MAX_CONNECTIONS + more)]
@@ -187,8 +190,6 @@ def test_connections_beyond_the_limit_of_an_identity_are_cut_and_the_identity_is
 
 
 class Ends:
-    """Counts the ends of a member's connection."""
-
     def __init__(self, member: Member) -> None:
         self.count = 0
         self._listener = member.session.info.declare_transport_events_listener(
@@ -197,3 +198,33 @@ class Ends:
 
     def _on_event(self, event: zenoh.TransportEvent) -> None:
         self.count += event.kind == zenoh.SampleKind.DELETE
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere nobody finds the sockets of Zenoh")
+async def test_no_connection_that_was_accepted_lingers(tmp_path: Path) -> None:
+    folder = make_site(tmp_path / "lab", password=True)
+    port = folder.state().port
+    router = Router(lambda: json.dumps(configuration([folder.router_site()], ["127.0.0.1"])), Path(), [])
+
+    def lingering() -> list[bool]:
+        found: list[bool] = []
+        for each in tcp_sockets():
+            with contextlib.suppress(OSError):  # closed meanwhile
+                if each.getsockname()[1] == port and not _listens(each):
+                    value = each.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, LINGER.size)
+                    found.append(bool(LINGER.unpack(value)[0]))
+        return found
+
+    await router.open()
+    following = asyncio.create_task(router.reload_on_change(), name="router")
+    try:
+        with Member(folder, "anna"):
+            assert lingering() == [True], "Zenoh does as it did: else nothing of this is needed"
+            await until(lambda: lingering() == [False], what="the router to let go")
+    finally:
+        following.cancel()
+        await router.close()
+
+
+def _listens(found: socket.socket) -> bool:
+    return bool(found.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN))

@@ -6,7 +6,6 @@ from typing import Any
 
 import pytest
 
-from pointit.access.rights import rights_of
 from pointit.access.site_folder import SiteFolder
 from pointit.schemas.topics import (
     ACCOUNTS,
@@ -185,26 +184,6 @@ def test_requests_are_answered_for_whom_they_may_be(members: dict[str, Member]) 
                 )
             }
             assert members[me].answered(*keys) == expected, me
-
-
-def test_what_is_remembered_of_people_is_for_them_and_operators(members: dict[str, Member]) -> None:
-    keys = [READ_MEMORY.at("anna"), ERASE_MEMORY.at("anna")]
-    with members["supervisor"].serving(*keys):
-        members["supervisor"].settle(members["operator"])
-        told = {me for me in LIMITED if members[me].answered(*keys)}
-    assert told == {me for me in LIMITED if me == "anna" or NAMES[me] == "operator"}
-    assert not {READ_MEMORY.at(ANY), ERASE_MEMORY.at(ANY)} & set(rights_of("ros2", "ros2").asks)
-
-
-def test_objects_of_others_are_taken_over_by_operators_and_the_supervisor_only(
-    members: dict[str, Member],
-) -> None:
-    keys = [RELEASE_OBJECT.at(name) for name in PEOPLE]
-    with members["supervisor"].serving(*keys):
-        members["supervisor"].settle(members["operator"])
-        told = {me for me in LIMITED if members[me].answered(*keys)}
-    assert told == {"operator", "web"}
-    assert RELEASE_OBJECT.at(ANY) not in rights_of("ros2", "ros2").asks
 
 
 def may_serve(me: str, row: Request[Any, Any], name: str) -> bool:

@@ -95,7 +95,6 @@ class Site:
             await bus.close()
 
     async def found(self, topics: Sequence[Topic[Any]]) -> None:
-        """Join late, and wait for every one of `topics`."""
         wanted = {topic.key for topic in topics}
         async with self._joined(topics) as seen:
             await until(lambda: wanted <= seen.keys(), what=f"{wanted}; there are only {seen.keys()}")

@@ -33,8 +33,6 @@ class BadLink:
 
     @contextlib.asynccontextmanager
     async def endpoint(self) -> AsyncGenerator[str]:
-        """Yield where to connect to."""
-
         def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
             self._serving.add(asyncio.create_task(self._serve(reader, writer)))
 

@@ -51,9 +51,7 @@ async def two() -> AsyncIterator[Two]:
             await a.close()
 
 
-async def test_it_is_said_once_down_and_once_up_and_shown_meanwhile(
-    two: Two, caplog: pytest.LogCaptureFixture
-) -> None:
+async def test_it_is_said_once_each_and_shown_meanwhile(two: Two, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO)
     third = await ZenohBus.open(Link(connect=(two.router.endpoint,)))
     await settled(two.a, two.b, third)

@@ -34,8 +34,6 @@ class MeteredLink:
 
     @contextlib.asynccontextmanager
     async def endpoint(self) -> AsyncGenerator[str]:
-        """Yield where to connect to."""
-
         def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
             self._serving.add(asyncio.create_task(self._serve(reader, writer)))
 
@@ -68,8 +66,6 @@ class MeteredLink:
 
 
 class Wrists:
-    """The rays of people, and the cursors that come of them."""
-
     def __init__(self, bus: ZenohBus) -> None:
         self._bus = bus
         self._rays = {user: bus.publisher(RAY, user) for user in PEOPLE}

@@ -11,8 +11,7 @@ from unittest import mock
 from pointit.geometry.vector import Vec3
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
 from pointit.launch.plan.scenario import Scenario, read_scenario
-from pointit.launch.robots.robot_score import RobotsScore
-from pointit.launch.robots.robot_watcher import RobotWatcher
+from pointit.launch.robots.robot_watcher import RobotsScore, RobotWatcher
 from pointit.launch.run.monitor import Monitor
 from pointit.launch.run.score import Score
 from pointit.runtime.bus.local_broker import LocalBroker

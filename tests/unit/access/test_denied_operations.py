@@ -33,50 +33,71 @@ def sentences(*lines: str) -> list[str]:
     return list(refused.take_sentences(1.0).values())
 
 
-def test_attempts_are_counted_by_identity_and_key() -> None:
-    assert sentences(
-        f"{ANNA} is unauthorized to Put (ingress) on pointit/lab/users/ben/imu",
-        "Using cached result: 12ab is unauthorized to Put (ingress) on pointit/lab/users/ben/imu",
-        "Using cached result: 12ab is unauthorized to Declare Subscriber (ingress) on pointit/lab/objects/*",
-        "Using cached result: 12ab is authorized to Put (ingress) on pointit/lab/users/anna/imu",
-    ) == ["lab/anna may not write users/ben/imu (2 times), read objects/*: refused"]
+AGAIN = "Using cached result: 12ab is"
+LATE = "(ingress) on pointit/lab/users/ben/pose/@adv/pub/1/2/_"
+WORKED_OUT = [f"{ANNA} is unauthorized to Put (ingress) on pointit/lab/map"] * KINDS
+WORKS_OUT = ["ACL (ingress): caching permissions for `pointit/lab/map` ...", *WORKED_OUT]
 
 
-def test_who_takes_the_name_of_anothers_connection_is_named_themselves() -> None:
-    attempt = "Using cached result: 12ab is unauthorized to Put (ingress) on pointit/lab/map"
-    mallory = ANNA.replace("lab/anna", "lab/mallory")
-    assert sentences(
-        f"{ANNA} is authorized to Put (ingress) on pointit/lab/users/anna/imu",
-        f"{mallory} is authorized to Put (ingress) on pointit/lab/users/mallory/imu",
-        attempt,
-    ) == ["lab/mallory may not write map: refused"]
-
-
-def test_what_is_worked_out_beforehand_is_no_attempt() -> None:
-    worked_out = [f"{ANNA} is unauthorized to Put (ingress) on pointit/lab/map"] * KINDS
-    attempt = f"{ANNA} is unauthorized to Query (ingress) on pointit/lab/leds/brightness"
-    lines = ["ACL (ingress): caching permissions for `pointit/lab/map` ...", *worked_out]
-    assert sentences(*lines) == []
-    assert sentences(*lines, attempt) == ["lab/anna may not ask leds/brightness: refused"]
-
-
-def test_undeclaring_and_what_goes_out_are_no_attempts() -> None:
-    assert (
-        sentences(
-            f"{ANNA} is unauthorized to Undeclare Subscriber (ingress) on pointit/lab/users/ben/imu",
-            f"{ANNA} is unauthorized to Put (egress) on pointit/lab/users/ben/imu",
-        )
-        == []
-    )
-
-
-def test_what_is_kept_for_late_joiners_is_of_its_key() -> None:
-    late = "(ingress) on pointit/lab/users/ben/pose/@adv/pub/1/2/_"
-    assert sentences(
-        f"{ANNA} is unauthorized to Put {late}",
-        f"{ANNA} is unauthorized to Declare/Undeclare Queryable {late}",
-        f"{ANNA} is unauthorized to Liveliness Query {late}",
-    ) == ["lab/anna may not write users/ben/pose (2 times), read users/ben/pose: refused"]
+@pytest.mark.parametrize(
+    ("lines", "told"),
+    [
+        pytest.param(
+            [
+                f"{ANNA} is unauthorized to Put (ingress) on pointit/lab/users/ben/imu",
+                f"{AGAIN} unauthorized to Put (ingress) on pointit/lab/users/ben/imu",
+                f"{AGAIN} unauthorized to Declare Subscriber (ingress) on pointit/lab/objects/*",
+                f"{AGAIN} authorized to Put (ingress) on pointit/lab/users/anna/imu",
+            ],
+            ["lab/anna may not write users/ben/imu (2 times), read objects/*: refused"],
+            id="attempts are counted by identity and key",
+        ),
+        pytest.param(
+            [
+                f"{ANNA} is authorized to Put (ingress) on pointit/lab/users/anna/imu",
+                f"{ANNA.replace('lab/anna', 'lab/mallory')} is authorized to Put (ingress) on pointit/lab/x",
+                f"{AGAIN} unauthorized to Put (ingress) on pointit/lab/map",
+            ],
+            ["lab/mallory may not write map: refused"],
+            id="who takes the name of another's connection is named themselves",
+        ),
+        pytest.param(WORKS_OUT, [], id="what is worked out beforehand is no attempt"),
+        pytest.param(
+            [*WORKS_OUT, f"{ANNA} is unauthorized to Query (ingress) on pointit/lab/leds/brightness"],
+            ["lab/anna may not ask leds/brightness: refused"],
+            id="what follows is one",
+        ),
+        pytest.param(
+            [
+                f"{ANNA} is unauthorized to Undeclare Subscriber (ingress) on pointit/lab/users/ben/imu",
+                f"{ANNA} is unauthorized to Put (egress) on pointit/lab/users/ben/imu",
+            ],
+            [],
+            id="undeclaring and what goes out are no attempts",
+        ),
+        pytest.param(
+            [
+                f"{ANNA} is unauthorized to Put {LATE}",
+                f"{ANNA} is unauthorized to Declare/Undeclare Queryable {LATE}",
+                f"{ANNA} is unauthorized to Liveliness Query {LATE}",
+            ],
+            ["lab/anna may not write users/ben/pose (2 times), read users/ben/pose: refused"],
+            id="what is kept for late joiners is of its key",
+        ),
+        pytest.param(
+            [f"{ANNA} is unauthorized to Put (ingress) on pointit/lab/\u202e{'x' * 5000}"],
+            [f"lab/anna may not write ?{'x' * (MAX_KEY - 1)}…: refused"],
+            id="a key of any length and script is shown short",
+        ),
+        pytest.param(
+            [f"{ANNA} is unauthorized to Put (ingress) on pointit/lab/users/ben/imu/@may/anna/writes"],
+            ["lab/anna may not write users/ben/imu: refused"],
+            id="a self-test is told by its key",
+        ),
+    ],
+)
+def test_attempts(lines: list[str], told: list[str]) -> None:
+    assert sentences(*lines) == told
 
 
 def test_what_is_let_in_and_dropped_is_too_long() -> None:
@@ -106,7 +127,6 @@ def test_who_writes_too_often_is_told() -> None:
 
 
 def slowed(connection: str, key: str = "users/anna/claim", flow: str = "from") -> str:
-    """Return the line on a message that Zenoh drops as too frequent."""
     head = HEAD.replace("access_control", "downsampling")
     dropped = f"Message dropped by the downsampling interceptor: Push(pointit/lab/{key})"
     return f"{head}{dropped} {flow}:south:0:client/{connection}:1"
@@ -163,17 +183,6 @@ def test_a_key_cannot_lay_the_blame_on_somebody_else() -> None:
     refused.take(f"{HEAD}{attempt} is authorized to Put (ingress) on pointit/lab/b")
     refused.take(f"{HEAD}Using cached result: 12ab is unauthorized to Put (ingress) on c {forged}")
     assert refused.take_sentences(1.0) == {"lab/anna": "lab/anna may not write a, c: refused"}
-
-
-def test_a_key_of_any_length_and_script_is_shown_short() -> None:
-    (told,) = sentences(f"{ANNA} is unauthorized to Put (ingress) on pointit/lab/\u202e{'x' * 5000}")
-    assert told == f"lab/anna may not write ?{'x' * (MAX_KEY - 1)}…: refused"
-
-
-def test_a_self_test_is_told_by_its_key() -> None:
-    assert sentences(
-        f"{ANNA} is unauthorized to Put (ingress) on pointit/lab/users/ben/imu/@may/anna/writes"
-    ) == ["lab/anna may not write users/ben/imu: refused"]
 
 
 def test_handshakes_that_fail_are_told() -> None:
@@ -317,9 +326,7 @@ def test_a_flood_is_one_sentence_and_forgotten() -> None:
         "pointit.access.rejected_connections.RejectedConnections.pop_summary",
     ],
 )
-def test_what_is_taken_while_it_is_told_is_told_the_next_time(
-    during: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_comes_while_it_is_told_is_told_next_time(during: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The log is read in a thread of its own."""
     refused = DeniedOperations()
     attempt = f"{HEAD}{ANNA} is unauthorized to Put (ingress) on pointit/lab/map"

@@ -64,17 +64,12 @@ def test_connections_by_quic_are_named_with_what_ends_them_and_not_said_to_be_cu
         dataclasses.replace(each, address=each.address.replace("tls/", "quic/"))
         for each in connections("lab/dashboard1", 2)
     ]
-    cut, told = limits.excess(own, roles, {}, 0.0)
-    assert not cut
-    assert told["lab/dashboard1"].endswith(
-        "cannot be cut (QUIC): revoke it: `pointit site revoke dashboard1`"
-    )
-    cut, told = limits.excess(own, roles, {"lab/dashboard1": MAX_HZ + BURST}, 1.0)
-    assert not cut
-    assert "messages a second" in told["lab/dashboard1"]
-    assert told["lab/dashboard1"].endswith(
-        "cannot be cut (QUIC): revoke it: `pointit site revoke dashboard1`"
-    )
+    for now_s, rates in enumerate(({}, {"lab/dashboard1": MAX_HZ + BURST})):
+        cut, told = limits.excess(own, roles, rates, float(now_s))
+        assert not cut
+        remedy = "cannot be cut (QUIC): revoke it: `pointit site revoke dashboard1`"
+        assert told["lab/dashboard1"].endswith(remedy)
+        assert ("messages a second" in told["lab/dashboard1"]) == bool(rates)
 
 
 def test_flood_is_cut_off_for_a_while_and_only_that_identity() -> None:
@@ -112,11 +107,8 @@ def test_flood_counts_by_rate_and_time(rate_hz: float, cut_after: int) -> None:
 
 def test_flood_that_pauses_for_a_second_is_cut_off() -> None:
     limits, own = Limits(), connections("lab/anna", 1)
-    rates = [0.0 if now_s % 4 == 3 else MAX_HZ + BURST / 4 for now_s in range(20)]
-    assert any(
-        limits.excess(own, ROLES, {"lab/anna": rate} if rate else {}, float(now_s))[0]
-        for now_s, rate in enumerate(rates)
-    )
+    rates = [{} if now_s % 4 == 3 else {"lab/anna": MAX_HZ + BURST / 4} for now_s in range(20)]
+    assert any(limits.excess(own, ROLES, rate, float(now_s))[0] for now_s, rate in enumerate(rates))
 
 
 def test_rate_of_a_key_follows_from_its_delivery() -> None:
@@ -135,6 +127,40 @@ def test_reader_that_takes_nothing_is_named_and_a_slow_one_is_not() -> None:
         assert bool(told) == (look == PATIENCE - 1)
     assert "reads nothing" in told["lab/anna"]
     assert "from tls/10.0.0.7:40000, 4000 kB wait" in told["lab/anna"]
-    assert limits.stuck({stuck: MIN_UNREAD - 1}) == {}
     for _ in range(2 * PATIENCE):
         assert limits.stuck({stuck: MIN_UNREAD - 1}) == {}
+    looks = [limits.stuck({stuck: MIN_UNREAD}) for _ in range(PATIENCE)]
+    assert [list(each) for each in looks] == [[]] * (PATIENCE - 1) + [["lab/anna"]]
+
+
+ANNA = Connection(identity="lab/anna", session="a1", address="tls/10.0.0.7:40000")
+ONE_ROLE = {"lab/anna": "user"}
+
+
+def look(limits: Limits, now_s: float, rate_hz: float = 0.0) -> bool:
+    """Look once. Return True if the connection is cut."""
+    cut, told = limits.excess([ANNA], ONE_ROLE, {"lab/anna": rate_hz}, now_s)
+    assert (cut, list(told)) in (([], []), ([ANNA], ["lab/anna"]))
+    return bool(cut)
+
+
+@pytest.mark.parametrize("change", [-1, 1])
+def test_backlog_that_grows_or_shrinks_is_of_a_slow_reader(change: int) -> None:
+    limits = Limits()
+    assert not any(limits.stuck({ANNA: 4_000_000 + change * number}) for number in range(4 * PATIENCE))
+
+
+def test_looks_at_which_a_backlog_stands_still_count_in_a_row() -> None:
+    limits = Limits()
+    waits = (900_000, 900_000, 800_000, 800_000, 900_000, 900_000)
+    assert not any(limits.stuck({ANNA: each}) for each in waits)
+    assert list(limits.stuck({ANNA: 900_000})) == ["lab/anna"]
+
+
+def test_identity_that_flooded_is_let_in_again_when_it_has_ended_to() -> None:
+    limits = Limits()
+    assert look(limits, 0.0, MAX_HZ + 10 * BURST)
+    for second in range(1, int(HOLD_S)):
+        assert look(limits, float(second))
+    for second in range(int(HOLD_S), 200):
+        assert not look(limits, float(second), MAX_HZ / 2.0)

@@ -8,26 +8,12 @@ import zenoh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.access.rights import ROLES, Rights, Role, rights_of
+from pointit.access.rights import ALL, ROLES, Rights, Role, rights_of
 from pointit.access.router_configuration import Member, RouterSite, common_name, configuration, to_json5
 from pointit.access.rules import MESSAGES, all_key_expressions, rules_of
 from pointit.runtime.errors import ConfigError
-from pointit.schemas.topics import (
-    ANY,
-    HEALTH,
-    IMU,
-    INTERACTION,
-    PROFILE,
-    RAY,
-    READ_HISTORY,
-    REQUESTS,
-    ROBOT_STATE,
-    SERVICE_ALIVE,
-    STEERING,
-    STOP_ROBOT,
-    TOPICS,
-    USER_ALIVE,
-)
+from pointit.schemas import topics
+from pointit.schemas.topics import DEPLOYMENT, READ_HISTORY, SELECTION_EVENTS
 
 NAMES = st.from_regex(r"[A-Za-z0-9_][A-Za-z0-9_.\-]{0,20}", fullmatch=True)
 
@@ -53,7 +39,7 @@ def routed(site: str = "lab", port: int = 7447, **more: Any) -> RouterSite:
 @given(me=NAMES, other=NAMES)
 def test_nobody_writes_below_another_name(me: str, other: str) -> None:
     rules = rules_of("lab", me, rights_of("user", me))
-    for topic in TOPICS:
+    for topic in topics.TOPICS:
         if topic.placeholder != "user":
             continue
         key = f"pointit/lab/{topic.at(other)}"
@@ -105,44 +91,40 @@ def test_what_a_right_grants_can_be_tested(role: Role) -> None:
 def test_dashboards_write_and_answer_nothing_and_ask_for_what_was_shown_only() -> None:
     rights = rights_of("dashboard", "dashboard1")
     assert (rights.writes, rights.serves, rights.keeps, rights.announces) == ((), (), (), ())
-    assert rights.asks == (STOP_ROBOT.at(ANY), READ_HISTORY.at())
+    assert rights.asks == (topics.STOP_ROBOT.at(topics.ANY), topics.READ_HISTORY.at())
     assert not any(key.endswith(("/imu", "/wrist", "/ray")) for key in rights.reads)
 
 
 def test_a_person_steers_in_their_own_name_only_and_anybody_stops_any_robot() -> None:
     rules = rules_of("lab", "anna", rights_of("user", "anna"))
     for row, name, is_allowed in (
-        (STEERING, "anna", True),
-        (STEERING, "ben", False),
-        (ROBOT_STATE, "quad", False),
-        (ROBOT_STATE, "anna", False),
+        (topics.STEERING, "anna", True),
+        (topics.STEERING, "ben", False),
+        (topics.ROBOT_STATE, "quad", False),
+        (topics.ROBOT_STATE, "anna", False),
     ):
         assert permits(rules, "put", "ingress", f"pointit/lab/{row.at(name)}") is is_allowed
     for role in ROLES:
-        asks = f"pointit/lab/{STOP_ROBOT.at('quad')}"
+        asks = f"pointit/lab/{topics.STOP_ROBOT.at('quad')}"
         assert permits(rules_of("lab", "one", rights_of(role, "one")), "query", "ingress", asks), role
 
 
-def test_robots_report_and_are_present_under_names_of_their_own() -> None:
-    rules = rules_of("lab", "services", rights_of("services", "services"))
-    assert permits(rules, "put", "ingress", f"pointit/lab/{ROBOT_STATE.at('quad')}")
-    for message, row in (("put", HEALTH), ("liveliness_token", SERVICE_ALIVE)):
-        allowed = [
-            name
-            for name in ("robot", "robot.quad", "robots", "keeper.quad", "pointing.quad")
-            if permits(rules, message, "ingress", f"pointit/lab/{row.at(name)}")
-        ]
-        assert allowed == ["robot", "robot.quad"]
+SEVERAL = ("web", "web.2", "web.11", "webcam", "pui", "foxglove", "pointing.web", "pointing.web.2", "anna")
 
 
-def test_each_of_several_pages_reports_and_is_present_under_its_own_name_and_no_other() -> None:
-    rules = rules_of("lab", "web", rights_of("web", "web"))
-    names = ("web", "web.2", "web.11", "webcam", "pui", "foxglove", "pointing.web", "pointing.web.2", "anna")
-    for message, row in (("put", HEALTH), ("liveliness_token", SERVICE_ALIVE)):
-        allowed = {
-            name for name in names if permits(rules, message, "ingress", f"pointit/lab/{row.at(name)}")
-        }
-        assert allowed == {"web", "web.2", "web.11"}
+@pytest.mark.parametrize(
+    ("role", "names", "allowed"),
+    [("services", ("robot.quad", "robot", "robots", "keeper.quad", "pointing.quad"), 2), ("web", SEVERAL, 3)],
+)
+def test_each_of_several_reports_and_is_present_under_names_of_its_own(
+    role: Role, names: tuple[str, ...], allowed: int
+) -> None:
+    rules = rules_of("lab", role, rights_of(role, role))
+    for message, row in (("put", topics.HEALTH), ("liveliness_token", topics.SERVICE_ALIVE)):
+        may = [name for name in names if permits(rules, message, "ingress", f"pointit/lab/{row.at(name)}")]
+        assert may == list(names[:allowed])
+    state = f"pointit/lab/{topics.ROBOT_STATE.at('quad')}"
+    assert permits(rules, "put", "ingress", state) is (role == "services")
 
 
 @given(me=NAMES, other=NAMES, role=st.sampled_from(ROLES))
@@ -151,8 +133,8 @@ def test_nobody_reports_or_is_present_as_another_persons_service(me: str, other:
         return
     rules = rules_of("lab", me, rights_of(role, me))
     for service in ("pointing", "imu-bridge"):
-        assert not permits(rules, "put", "ingress", f"pointit/lab/{HEALTH.at(f'{service}.{other}')}")
-        alive = SERVICE_ALIVE.at(f"{service}.{other}")
+        assert not permits(rules, "put", "ingress", f"pointit/lab/{topics.HEALTH.at(f'{service}.{other}')}")
+        alive = topics.SERVICE_ALIVE.at(f"{service}.{other}")
         assert not permits(rules, "liveliness_token", "ingress", f"pointit/lab/{alive}")
 
 
@@ -161,12 +143,14 @@ def test_the_bridge_to_ros_stands_for_people_and_no_other_bridge_does(name: str)
     def may(role: Role, message: str, key: str) -> bool:
         return permits(rules_of("lab", role, rights_of(role, role)), message, "ingress", f"pointit/lab/{key}")
 
-    for topic in (RAY, INTERACTION, PROFILE):
+    for topic in (topics.RAY, topics.INTERACTION, topics.PROFILE):
         assert may("ros2", "put", topic.at(name))
         assert not may("web", "put", topic.at(name))
-    assert may("ros2", "liveliness_token", USER_ALIVE.at(name))
-    assert not may("web", "liveliness_token", USER_ALIVE.at(name))
-    assert not may("ros2", "liveliness_token", SERVICE_ALIVE.at(f"supervisor.{name}"))
+    assert may("ros2", "liveliness_token", topics.USER_ALIVE.at(name))
+    assert not may("web", "liveliness_token", topics.USER_ALIVE.at(name))
+    assert not may("ros2", "liveliness_token", topics.SERVICE_ALIVE.at(f"supervisor.{name}"))
+    of_people_and_operators = (topics.READ_MEMORY, topics.ERASE_MEMORY, topics.RELEASE_OBJECT)
+    assert not {row.at(topics.ANY) for row in of_people_and_operators} & set(rights_of("ros2", "ros2").asks)
 
 
 def test_a_supervisor_may_do_everything_on_the_site_and_nothing_in_the_admin_space() -> None:
@@ -209,11 +193,11 @@ def test_every_row_of_the_tables_has_a_limit() -> None:
         ]
         return min(found)
 
-    for topic in TOPICS:
+    for topic in topics.TOPICS:
         name = "anna" if topic.placeholder else ""
         assert limit("put", f"pointit/lab/{topic.at(name)}") == topic.message.max_bytes
         assert limit("reply", f"pointit/lab/{topic.at(name)}") == topic.message.max_bytes
-    for request in REQUESTS:
+    for request in topics.REQUESTS:
         name = "anna" if request.placeholder else ""
         assert limit("query", f"pointit/lab/{request.at(name)}") == request.query.max_bytes
     assert limit("put", "pointit/lab/anything/at/all") == 1024 * 1024
@@ -242,7 +226,11 @@ def test_each_key_that_a_person_may_write_but_samples_and_rays_has_a_rate_of_its
         for member in routed().members
         if member.role == "user"
         for key in rights_of("user", member.name).writes
-        if key not in (IMU.at(member.name), RAY.at(member.name))  # of a late batch, the newest is wanted
+        if key
+        not in (
+            topics.IMU.at(member.name),
+            topics.RAY.at(member.name),
+        )  # of a late batch, the newest is wanted
     }
     assert not any("*" in key for key in rates_hz), "keys of one rule would share its rate"
     assert rates_hz["pointit/lab/users/anna/claim"] < rates_hz["pointit/lab/users/anna/cursor"]
@@ -284,7 +272,7 @@ def test_sites_that_cannot_share_a_router(sites: list[RouterSite], sentence: str
 
 def test_a_right_that_is_missing_is_no_rule() -> None:
     rules = rules_of("lab", "x", Rights(watches=()))
-    assert not any(permits(rules, "query", "ingress", f"pointit/lab/{IMU.at('x')}") for _ in rules)
+    assert not any(permits(rules, "query", "ingress", f"pointit/lab/{topics.IMU.at('x')}") for _ in rules)
     assert all("users" not in key for rule in rules for key in rule["key_exprs"])
 
 
@@ -295,3 +283,16 @@ def test_who_has_no_rights_any_more_has_a_rule_that_lets_nothing_in() -> None:
     (policy,) = (each for each in made["policies"] if subject["id"] in each["subjects"])
     (rule,) = (each for each in made["rules"] if each["id"] in policy["rules"])
     assert (rule["flows"], rule["key_exprs"]) == (["egress"], ["pointit/lab/nothing"])
+
+
+def test_person_whose_name_begins_like_a_runs_tells_no_deployment() -> None:
+    assert DEPLOYMENT.at("anna") in rights_of("user", "anna").writes
+    assert not [key for key in rights_of("user", "run.scenario_4").writes if key.startswith("deployment/")]
+
+
+@pytest.mark.parametrize("role", ROLES)
+def test_who_reads_selection_events_may_ask_for_those_of_before(role: Role) -> None:
+    rights = rights_of(role, "anna")
+    reads, asks = ({ALL, row.at()} for row in (SELECTION_EVENTS, READ_HISTORY))
+    assert reads & set(rights.reads)
+    assert asks & set(rights.asks)

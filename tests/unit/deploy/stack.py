@@ -4,7 +4,10 @@ import re
 from pathlib import Path
 from typing import Any
 
+import click
 import yaml
+
+from pointit.cli.main import front
 
 DEPLOY = Path(__file__).parents[3] / "deploy"
 VARIABLE = re.compile(r"\$\{(\w+)(?::([-?])([^}]*))?\}")
@@ -24,8 +27,18 @@ def substituted(text: str, variables: dict[str, str]) -> str:
 
 
 def compose(name: str, **variables: str) -> dict[str, Any]:
-    """Return a compose file with its variables replaced."""
     text = (DEPLOY / name).read_text(encoding="utf-8")
     body = "\n".join(line for line in text.splitlines() if not line.lstrip().startswith("#"))
     read: dict[str, Any] = yaml.safe_load(substituted(body, variables))
     return read
+
+
+def parse(words: list[str]) -> None:
+    """Have `pointit` take a command line, without running it."""
+    group: Any = front()
+    while isinstance(group, click.Group):
+        found = group.get_command(click.Context(group), words[0])
+        assert found is not None, words[0]
+        group, words = found, words[1:]
+    with group.make_context(group.name, list(words)):
+        pass

@@ -27,7 +27,6 @@ def families() -> set[str]:
 
 
 def expressions() -> list[str]:
-    """Return every expression of the dashboard and the rules."""
     board: dict[str, Any] = json.loads((FOLDER / "dashboard.json").read_text(encoding="utf-8"))
     rules: dict[str, Any] = yaml.safe_load(RULES.read_text(encoding="utf-8"))
     return [

@@ -46,8 +46,6 @@ def _at_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 
 class Room:
-    """A site whose keeper can be started and ended."""
-
     def __init__(self) -> None:
         self.exchange = LocalBroker()
         self.bus = MemoryBus(self.exchange)
@@ -62,7 +60,6 @@ class Room:
         await until(lambda: bool(self.exchange.keepings))
 
     async def end(self) -> None:
-        """End the keeper, if it runs."""
         if self._keeper is not None and self._keepers_bus is not None:
             self._keeper.cancel()
             await asyncio.wait({self._keeper})
@@ -77,7 +74,6 @@ class Room:
         await writing.close()
 
     def health(self) -> list[Health]:
-        """Return the list to which all reports are added."""
         reports: list[Health] = []
         self.bus.subscribe(HEALTH, lambda message, _name: reports.append(message))
         return reports
@@ -100,9 +96,7 @@ async def room() -> AsyncIterator[Room]:
     await made.bus.close()
 
 
-async def test_late_subscriber_gets_the_state_of_a_service_of_another_package(
-    room: Room, tmp_path: Path
-) -> None:
+async def test_late_subscriber_gets_states_of_services_of_other_packages(room: Room, tmp_path: Path) -> None:
     with strangers.installed(tmp_path, "strangers_states", MODULE, services="noted = strangers_states:NOTED"):
         await room.start()
         note = topic_of("noted/note")
@@ -157,9 +151,7 @@ async def test_it_writes_while_it_runs(room: Room, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [b"", b"\xc1", b"\x80", b"\xff" * 1000])
-async def test_damaged_file_is_a_warning_and_is_overwritten(
-    room: Room, tmp_path: Path, content: bytes
-) -> None:
+async def test_damaged_file_is_warned_of_and_overwritten(room: Room, tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "memory" / "keeper" / "states.msgpack"
     path.parent.mkdir(parents=True)
     path.write_bytes(content)
@@ -192,7 +184,7 @@ async def test_full_keeper_warns(room: Room) -> None:
     assert SETTLE_S > 0
 
 
-async def test_skewed_clock_of_a_machine_is_a_warning_until_it_is_right(
+async def test_skewed_clock_is_a_warning_until_it_is_right(
     room: Room, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     quick = functools.partial(ClockSkewMonitor, window_s=0.3)

@@ -24,7 +24,6 @@ from pointit.services.registry import PROCESSES
 
 
 def config_of(launches: Sequence[Launch], name: str) -> dict[str, Any]:
-    """Return the parameters of the service `name`."""
     (launch,) = (launch for launch in launches if launch.instance.split(".")[0] == name)
     values: dict[str, Any] = launch.config.model_dump()
     return values
@@ -144,7 +143,7 @@ def test_localize_tells_nobody_where_people_stand() -> None:
         ("page", "page", None, None),
     ],
 )
-def test_a_device_takes_the_place_of_the_simulated_person(
+def test_a_device_replaces_the_simulation(
     device: str, source: str, section: str | None, field: str | None
 ) -> None:
     scenario = read_scenario("scenario_3")

@@ -247,13 +247,6 @@ def test_frames_of_unknown_captures_and_cursors_on_nothing_do_not_count() -> Non
     assert latency.quantiles_ms() == {"p50": None, "p99": None}
 
 
-def test_simulated_time_is_turned_into_the_walls() -> None:
-    latency = Latency()
-    latency.on_cursor(cursor(100))
-    latency.on_frame(frame(100), 140 * MS, 4.0)
-    assert latency.quantiles_ms()["p50"] == pytest.approx(10, rel=0.003)
-
-
 def test_latency_includes_the_wire_at_the_walls_speed() -> None:
     latency = Latency()
     latency.on_cursor(cursor(100))

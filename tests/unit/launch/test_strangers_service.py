@@ -21,22 +21,8 @@ from pointit.runtime.config.config import Config
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service import plugin_guard
 from pointit.runtime.service.service import Launch, Service, check_launches, run_services
-from pointit.schemas import SelectionEvent
-from pointit.schemas.topics import (
-    ANY,
-    HEALTH,
-    IMU,
-    LAMP_COLOR,
-    MAP,
-    POSE,
-    REQUESTS,
-    SELECTION_EVENTS,
-    SET_SPEED,
-    STOP_ROBOT,
-    TOPICS,
-    Delivery,
-    Topic,
-)
+from pointit.schemas import SelectionEvent, topics
+from pointit.schemas.topics import Delivery, Topic
 from pointit.services import registry
 from pointit.services.service_plugin import ServicePlugin
 from tests.support import strangers
@@ -237,14 +223,20 @@ def test_key_of_a_row_of_the_tables_is_refused() -> None:
         (made("pointing.anna"), "its NAME 'pointing.anna' must be of letters"),
         (made("a b"), "its NAME 'a b' must be of letters"),
         (made("evil", "all"), "SCOPE of Made must be 'site' or 'user'"),
-        (made("evil", "user", writes=(MAP,)), "its SCOPE is 'user', so its key map must contain {user}"),
-        (made("evil", "user", writes=(LAMP_COLOR,)), "its key leds/{led}/color must contain {user}"),
+        (
+            made("evil", "user", writes=(topics.MAP,)),
+            "its SCOPE is 'user', so its key map must contain {user}",
+        ),
+        (made("evil", "user", writes=(topics.LAMP_COLOR,)), "its key leds/{led}/color must contain {user}"),
         (made("evil", "user", writes=(own("evil/a"),)), "its key evil/a must contain {user}"),
-        (made("evil", writes=(IMU,)), "cannot write users/{user}/imu of all people: its SCOPE must be"),
-        (made("evil", writes=(HEALTH,)), "it cannot write health/{service}"),
+        (
+            made("evil", writes=(topics.IMU,)),
+            "cannot write users/{user}/imu of all people: its SCOPE must be",
+        ),
+        (made("evil", writes=(topics.HEALTH,)), "it cannot write health/{service}"),
         (made("evil", writes=(own("lamp/a", "lamp"),)), "it cannot write lamp/a, whose writers are lamp"),
         (
-            made("evil", serves=(SET_SPEED,)),
+            made("evil", serves=(topics.SET_SPEED,)),
             "it cannot answer conveyor/set_speed, whose server is conveyor-sim",
         ),
     ],
@@ -258,16 +250,16 @@ def test_personal_service_gets_rights_at_its_persons_name_only() -> None:
     rights = rights_of("user", "anna")
     assert {"personal/anna/count", "users/anna/pose", "health/personal.anna"} <= set(rights.writes)
     assert {"localizer/anna/set_pose", "conveyor/set_speed"} <= set(rights.asks)
-    anyones = {STOP_ROBOT.at(ANY)}
+    anyones = {topics.STOP_ROBOT.at(topics.ANY)}
     assert not any("*" in key for key in {*rights.writes, *rights.serves, *rights.asks} - anyones)
-    assert "personal.anna can write it and runs" in silence_reason(POSE, "anna", {"personal.anna"})
+    assert "personal.anna can write it and runs" in silence_reason(topics.POSE, "anna", {"personal.anna"})
 
 
 def test_its_rows_are_in_the_tables_and_give_it_its_rights() -> None:
-    before = len(TOPICS), len(REQUESTS)
+    before = len(topics.TOPICS), len(topics.REQUESTS)
     rights = rights_of("services", "supervisor")
-    assert (len(TOPICS), len(REQUESTS)) == (before[0] + 2, before[1] + 1)
-    assert {"counter/*", HEALTH.at("counter")} <= set(rights.writes)
+    assert (len(topics.TOPICS), len(topics.REQUESTS)) == (before[0] + 2, before[1] + 1)
+    assert {"counter/*", topics.HEALTH.at("counter")} <= set(rights.writes)
     assert "counter/reset" in rights.serves
     assert "conveyor/set_speed" in rights.asks
     assert "counter/*" in rights_of("dashboard", "screen").reads
@@ -300,8 +292,8 @@ async def test_service_that_fails_is_named_and_restarted_and_ends_nothing_else(
     seen: list[int] = []
     warnings: list[str] = []
     bus.subscribe(counts, lambda count, _name: seen.append(count.selected))
-    bus.subscribe(HEALTH, lambda health, _name: warnings.extend(health.warnings), "counter")
-    events = bus.publisher(SELECTION_EVENTS)
+    bus.subscribe(topics.HEALTH, lambda health, _name: warnings.extend(health.warnings), "counter")
+    events = bus.publisher(topics.SELECTION_EVENTS)
     work = asyncio.create_task(run_services([launch], bus, WallClock()))
 
     def select(_round: Any = None) -> bool:

@@ -78,9 +78,7 @@ async def test_they_live_and_end_with_the_block_and_leave_nothing() -> None:
     assert not group.folder.exists()
 
 
-async def test_a_child_that_dies_is_reported_with_the_command_that_starts_it_again(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
+async def test_a_child_that_dies_is_reported_with_its_command(caplog: pytest.LogCaptureFixture) -> None:
     group = processes()
     async with group:
         children(group)["selector"].send_signal(signal.SIGKILL)

@@ -28,8 +28,6 @@ class DimmerConfig(Config):
 
 
 class Dimmer(Service[DimmerConfig]):
-    """Accepts half brightness only."""
-
     NAME: ClassVar[str] = "dimmer"
     SCOPE: ClassVar[Scope] = "site"
     CONFIG = DimmerConfig

@@ -14,7 +14,8 @@ from pointit.runtime.bus import site_clock
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.bus.site_clock import SiteClock, publish_time
-from pointit.runtime.clock import MAX_SLEW_S, SimulatedClock, SteadyClock, WallClock, sleep, ticks
+from pointit.runtime.clock import MAX_SLEW_S, SimulatedClock, SteadyClock, Timer, WallClock, sleep, ticks
+from pointit.runtime.virtual_time import run_virtually
 from pointit.schemas import NS_PER_S, ClockTick
 from pointit.schemas.topics import CLOCK
 from tests.support.bench import ManualClock, until
@@ -187,9 +188,7 @@ async def test_a_run_that_is_over_leaves_wall_time(wall: Wall, bus: MemoryBus) -
     assert (follower.speed, follower.now_ns()) == (10.0, source.now_ns())
 
 
-async def test_time_is_published_at_once_and_periodically(
-    monkeypatch: pytest.MonkeyPatch, bus: MemoryBus
-) -> None:
+async def test_time_is_published_at_once_and_again(monkeypatch: pytest.MonkeyPatch, bus: MemoryBus) -> None:
     monkeypatch.setattr(site_clock, "TICK_PERIOD_S", 0.01)
     told: list[int] = []
     bus.subscribe(CLOCK, lambda tick, _name: told.append(tick.sim_ns))
@@ -245,13 +244,6 @@ def test_a_clock_that_may_step_slews_as_the_others_and_steps_where_they_restart(
         assert stepping.now_ns() == steady.now_ns() > clock.now_ns()
 
 
-def test_a_step_forward_passes_a_steady_clock() -> None:
-    clock = ManualClock()
-    steady = SteadyClock(clock)
-    clock.advance(3600.0)
-    assert steady.now_ns() == clock.now_ns()
-
-
 class FastClock(ManualClock):
     speed = 50.0
 
@@ -301,9 +293,7 @@ async def test_ticks_do_not_drift_when_sleep_takes_too_long(monkeypatch: pytest.
     assert came[1:] == [round(0.1 * index + 0.003, 9) for index in range(1, 50)]
 
 
-async def test_missed_ticks_are_skipped_and_the_rest_stay_on_the_grid(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+async def test_missed_ticks_are_skipped_and_others_stay_on_the_grid(monkeypatch: pytest.MonkeyPatch) -> None:
     loop = StepLoop(monkeypatch)
     came = await take(ticks(ManualClock(), 10), loop, [0.0, 0.55, 0.0, 0.0, 0.0])
     # the work after the second tick (at 0.1) ends at 0.65: one late tick at once, then 0.7, 0.8
@@ -315,11 +305,47 @@ async def test_ticks_follow_the_speed(monkeypatch: pytest.MonkeyPatch) -> None:
     assert await take(ticks(FastClock(), 10), loop, [0.0] * 4) == [0.0, 0.002, 0.004, 0.006]
 
 
-async def test_a_tick_of_a_machine_whose_clock_is_far_behind_is_not_taken_for_old(
-    wall: Wall, bus: MemoryBus
-) -> None:
+async def test_a_tick_of_a_clock_far_behind_is_not_taken_for_old(wall: Wall, bus: MemoryBus) -> None:
     del wall
     follower = SiteClock(bus)
     bus.publisher(CLOCK).put(ClockTick(stamp_ns=0, sim_ns=5 * NS_PER_S, speed=100.0))
     await handled()
     assert follower.now_ns() <= (5 + 10 * 100) * NS_PER_S
+
+
+def test_of_several_starts_the_earliest_end_counts_once() -> None:
+    async def ends_s(*waits_s: float) -> list[float]:
+        loop = asyncio.get_running_loop()
+        began_s = loop.time()
+        ends: list[float] = []
+        timer = Timer(loop.call_later, lambda: ends.append(round(loop.time() - began_s, 6)))
+        for wait_s in waits_s:
+            timer.start(wait_s)
+        assert timer.is_running
+        await asyncio.sleep(10.0)
+        assert not timer.is_running
+        return ends
+
+    assert run_virtually(ends_s(3.0, 1.0, 2.0)) == [1.0]
+    assert run_virtually(ends_s(0.0)) == [0.0]
+
+
+def test_a_timer_can_be_started_by_its_callback_and_cancelled() -> None:
+    async def count() -> int:
+        ends: list[float] = []
+        loop = asyncio.get_running_loop()
+
+        def on_end() -> None:
+            ends.append(loop.time())
+            timer.start(1.0)
+
+        timer = Timer(loop.call_later, on_end)
+        timer.start(1.0)
+        await asyncio.sleep(3.5)
+        timer.cancel()
+        timer.cancel()
+        assert not timer.is_running
+        await asyncio.sleep(3.0)
+        return len(ends)
+
+    assert run_virtually(count()) == 3

@@ -1,8 +1,10 @@
 """Foreign text on a terminal is plain text: no command, no markup, no log line of ours."""
 
 import io
+import json
 import logging
 import re
+import sys
 from collections.abc import Iterator
 
 import pytest
@@ -14,8 +16,7 @@ from pointit.cli.display.view import draw
 from pointit.launch.run.monitor import Monitor
 from pointit.launch.run.score import Score
 from pointit.runtime.clock import WallClock
-from pointit.runtime.service.console import PlainConsole
-from pointit.runtime.service.logs import setup_logging
+from pointit.runtime.service.logs import PlainConsole, setup_logging
 from pointit.schemas import Cursor
 from pointit.schemas.text import one_line, plain
 
@@ -79,10 +80,36 @@ def test_view_shows_names_of_surfaces_as_they_are() -> None:
 
 
 @pytest.mark.usefixtures("root")
-def test_log_on_a_terminal_is_plain(console: PlainConsole) -> None:
-    setup_logging("info", console)
-    logging.getLogger("pointit.test").warning("%s says %s", "anna", EVIL)
-    assert f"anna says {TAME}" in written(console)
+def test_log_on_a_terminal_is_plain_and_coloured_by_us_alone(console: PlainConsole) -> None:
+    setup_logging("warning", console)
+    log = logging.getLogger("pointit.test")
+    log.warning("%s says %s", "anna", EVIL)
+    log.warning("[not markup] %d", 3)
+    log.info("not wanted")
+    text = written(console)
+    assert f"anna says {TAME}" in text
+    assert "WARNING  [not markup] 3" in text
+    assert console.file.getvalue() != text  # type: ignore[attr-defined]
+    assert "not wanted" not in text
+    with pytest.raises(json.JSONDecodeError):
+        json.loads(text)
+
+
+@pytest.mark.usefixtures("root")
+def test_json_lines_without_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    stream = io.StringIO()
+    monkeypatch.setattr(sys, "stderr", stream)
+    setup_logging("info")
+    log = logging.getLogger("pointit.test")
+    log.debug("not wanted")
+    log.info('ä "quoted"\nline of %s', "anna")
+    log.error("it failed", exc_info=ValueError("broken"))
+    first, second = [json.loads(line) for line in stream.getvalue().splitlines()]
+    assert first["message"] == 'ä "quoted"\nline of anna'
+    assert (first["level"], first["logger"]) == ("info", "pointit.test")
+    assert first["time"].endswith("+00:00")
+    assert "traceback" not in first
+    assert second["traceback"].endswith("ValueError: broken")
 
 
 def test_said_line_stays_one_line(capsys: pytest.CaptureFixture[str]) -> None:

@@ -74,8 +74,6 @@ class Writer:
 
 @dataclass
 class Reader:
-    """Samples and losses reported to one reader."""
-
     arrears: EventRecovery
     writer: Writer
     got: list[int]
@@ -124,43 +122,35 @@ async def test_a_second_gap_is_closed_with_the_first(reader: Reader) -> None:
     reader.writer.kept = range(20)
     reader.hear(1, 3, 6)
     await until(lambda: len(reader.got) == 6)
-    assert reader.got == [1, 2, 3, 4, 5, 6]
-    assert not reader.lost
+    assert (reader.got, reader.lost) == ([1, 2, 3, 4, 5, 6], [])
 
 
-async def test_samples_evicted_by_the_writer_count_as_lost_at_once(reader: Reader) -> None:
-    reader.writer.kept = range(4, 20)
-    reader.hear(1, 6)
+@pytest.mark.parametrize(
+    ("kept", "last", "got", "asked"),
+    [(range(4, 20), 6, [1, 4, 5, 6], 1), (range(0), 4, [1, 4], 6)],
+    ids=["evicted by its writer: lost at once", "of a writer that never answers: given up"],
+)
+async def test_what_does_not_come_is_lost(
+    reader: Reader, kept: range, last: int, got: list[int], asked: int
+) -> None:
+    reader.writer.kept = kept
+    reader.hear(1, last)
     await until(lambda: bool(reader.lost))
-    assert reader.lost == [2]
-    assert reader.got == [1, 4, 5, 6]
-    assert len(reader.writer.asked) == 1
-
-
-async def test_a_writer_that_never_answers_is_given_up(reader: Reader) -> None:
-    reader.hear(1, 4)
-    await until(lambda: bool(reader.lost))
-    assert reader.lost == [2]
-    assert reader.got == [1, 4]
-    assert len(reader.writer.asked) == 6
+    assert (reader.lost, reader.got, len(reader.writer.asked)) == ([2], got, asked)
 
 
 async def test_samples_that_come_late_by_themselves_close_their_gap(reader: Reader) -> None:
     reader.hear(1, 4, 2, 3)
     await until(lambda: len(reader.got) == 4)
-    assert reader.got == [1, 2, 3, 4]
     reader.hear(5)
-    assert reader.got[-1] == 5
-    assert not reader.lost
-    assert not reader.writer.asked
+    assert (reader.got, reader.lost, reader.writer.asked) == ([1, 2, 3, 4, 5], [], [])
 
 
 async def test_a_session_that_cannot_ask_is_asked_again(reader: Reader) -> None:
     reader.writer.kept, reader.writer.unable = range(20), 2
     reader.hear(1, 3)
     await until(lambda: len(reader.got) == 3)
-    assert reader.got == [1, 2, 3]
-    assert not reader.lost
+    assert (reader.got, reader.lost) == ([1, 2, 3], [])
 
 
 async def test_only_so_many_are_held(reader: Reader, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -48,7 +48,6 @@ def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 async def reported(bus: MemoryBus, claiming: asyncio.Task[None]) -> None:
-    """Publish the report of process 17 until it is received."""
     while not claiming.done():
         bus.publisher(HEALTH, "pointing.anna").put(report(17, 5.0))
         await asyncio.sleep(0.01)
@@ -78,7 +77,7 @@ class TestClaim:
         with pytest.raises(ConfigError, match="do as you like"):
             await claiming
 
-    async def test_an_instance_that_leaves_meanwhile_frees_the_name(
+    async def test_an_instance_that_leaves_frees_the_name(
         self, bus: MemoryBus, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         monkeypatch.setattr(instance_takeover, "SILENT_S", 600.0)
@@ -122,7 +121,7 @@ class TestSuccession:
 
     @pytest.mark.parametrize("late_s", [0.0, 2.0, 20.0])
     @pytest.mark.parametrize("older", ["a", "b"])
-    async def test_exactly_one_of_two_instances_ends_however_long_messages_take(
+    async def test_of_two_instances_one_ends_at_any_delay(
         self, bus: MemoryBus, older: str, late_s: float
     ) -> None:
         """One began 101 s ago, the other 100 s; each hears what the other has said `late_s` ago."""

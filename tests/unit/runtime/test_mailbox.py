@@ -3,7 +3,7 @@
 import asyncio
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 
@@ -16,6 +16,14 @@ from tests.support.bench import until
 pytestmark = pytest.mark.wall_time
 
 THREADS = 4
+
+
+def run_threads(work: Callable[[int], None]) -> list[threading.Thread]:
+    """Start `work` in threads, each with its number."""
+    threads = [threading.Thread(target=work, args=(index,)) for index in range(THREADS)]
+    for thread in threads:
+        thread.start()
+    return threads
 
 
 @pytest.fixture
@@ -38,19 +46,16 @@ async def test_events_of_many_threads_all_come_each_thread_in_order() -> None:
     each = 5000
     events = [press(seq) for seq in range(each)]
 
-    def offer(name: str) -> None:
+    def offer(index: int) -> None:
         for event in events:
-            mailbox.offer(name, event)
+            mailbox.offer(f"t{index}", event)
 
-    threads = [threading.Thread(target=offer, args=(f"t{index}",)) for index in range(THREADS)]
-    for thread in threads:
-        thread.start()
+    threads = run_threads(offer)
     traffic = mailbox.traffic
     await until(lambda: len(seen) + traffic.dropped >= THREADS * each, 30)
     for thread in threads:
         thread.join()
-    assert traffic.received == THREADS * each
-    assert len(seen) + traffic.dropped == THREADS * each
+    assert traffic.received == len(seen) + traffic.dropped == THREADS * each
     for index in range(THREADS):
         mine = [seq for name, seq in seen if name == f"t{index}"]
         assert mine == sorted(set(mine))
@@ -76,9 +81,7 @@ async def test_the_newest_of_many_threads_comes_last_and_no_wake_up_is_missed() 
             for turn in range(THREADS):
                 mailboxes[(index + turn) % THREADS].offer(f"t{index}", sample)
 
-    threads = [threading.Thread(target=offer, args=(index,)) for index in range(THREADS)]
-    for thread in threads:
-        thread.start()
+    threads = run_threads(offer)
     while any(thread.is_alive() for thread in threads):  # noqa: ASYNC110 - foreign threads set no event
         await asyncio.sleep(0.01)
     await until(lambda: newest == {f"t{index}": each - 1 for index in range(THREADS)})
@@ -89,31 +92,24 @@ async def test_the_newest_of_many_threads_comes_last_and_no_wake_up_is_missed() 
 
 @pytest.mark.usefixtures("restless")
 async def test_nothing_is_handled_after_close_whatever_threads_still_offer() -> None:
-    count = 0
-
-    def handle(_message: Message, _name: str) -> None:
-        nonlocal count
-        count += 1
-
-    mailbox = Mailbox(BUTTON, handle, Dispatcher())
+    handled: list[int] = []
+    mailbox = Mailbox(BUTTON, lambda message, _name: handled.append(message.seq), Dispatcher())
     stop = threading.Event()
 
-    def offer() -> None:
+    def offer(_index: int) -> None:
         while not stop.is_set():
             mailbox.offer("anna", press(0))
 
-    threads = [threading.Thread(target=offer) for _ in range(THREADS)]
-    for thread in threads:
-        thread.start()
-    await until(lambda: count > 100)
+    threads = run_threads(offer)
+    await until(lambda: len(handled) > 100)
     mailbox.close()
-    at_close = count
+    at_close = len(handled)
     await asyncio.sleep(0.05)
     stop.set()
     for thread in threads:
         thread.join()
     await asyncio.sleep(0)
-    assert count == at_close
+    assert len(handled) == at_close
     assert len(mailbox._queue) <= EVENT_CAPACITY
 
 

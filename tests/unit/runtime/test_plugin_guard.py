@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.service import plugin_guard, stall_watch
+from pointit.runtime.service import plugin_guard
 from pointit.runtime.service.plugin_guard import PluginGuard
 from pointit.runtime.service.surroundings import WarningSink
 from pointit.services.imu_bridge.sources import SOURCES
@@ -25,8 +25,6 @@ pytestmark = pytest.mark.wall_time
 
 
 class Sink:
-    """Warnings that are shown."""
-
     def __init__(self) -> None:
         self.shown: dict[str, str] = {}
         self.last = ""
@@ -136,11 +134,11 @@ def test_plugin_that_does_not_end_when_cancelled_is_abandoned_and_does_not_hold_
 async def test_plugin_that_blocks_the_loop_is_named_with_the_line_for_a_while(
     tmp_path: Path, sink: Sink, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(stall_watch, "STALL_S", 0.05)
-    monkeypatch.setattr(stall_watch, "PERIOD_S", 0.001)
-    monkeypatch.setattr(stall_watch, "SHOWN_S", 0.01)
+    monkeypatch.setattr(plugin_guard, "STALL_S", 0.05)
+    monkeypatch.setattr(plugin_guard, "PERIOD_S", 0.001)
+    monkeypatch.setattr(plugin_guard, "SHOWN_S", 0.01)
     plugin_guard.guard_of(SOURCES, "serial", sink)
-    assert asyncio.get_running_loop() not in stall_watch._watches, "ours are not watched"
+    assert asyncio.get_running_loop() not in plugin_guard._watches, "ours are not watched"
     other = Sink()
     entries = "blocking = strangers_blocking:BLOCKING"
     source = """
@@ -172,7 +170,7 @@ def find_culprit_in(block: Callable[[Callable[[], object]], None]) -> tuple[str,
     found: list[tuple[str, str] | None] = []
 
     def look() -> bool:
-        found.append(stall_watch.find_culprit(sys._getframe(), {"strangers_blocking"}))
+        found.append(plugin_guard.find_culprit(sys._getframe(), {"strangers_blocking"}))
         return True
 
     block(look)
@@ -220,11 +218,9 @@ def test_plugin_that_cannot_be_made_is_a_mistake_of_the_configuration(guard: Plu
         guard.made(lambda: make(ConfigError("no port")))
 
 
-def test_a_loop_that_closes_during_a_stall_ends_the_watch_quietly(
-    sink: Sink, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_loop_closed_during_a_stall_ends_the_watch(sink: Sink, caplog: pytest.LogCaptureFixture) -> None:
     loop = asyncio.new_event_loop()
-    watch = stall_watch.StallWatch(loop)
+    watch = plugin_guard.StallWatch(loop)
     sinks = weakref.WeakKeyDictionary[WarningSink, str]()
     sinks[sink] = "part 'mine'"
     watch._packages = {"tests": sinks}

@@ -84,7 +84,7 @@ def test_plugin_with_an_optional_argument_may_stand_alone() -> None:
         ("mine:", "write mine:HOST"),
     ],
 )
-def test_plugin_that_cannot_be_used_is_refused_in_one_sentence(
+def test_unusable_plugin_is_refused_in_one_sentence(
     parts: PluginGroup[Plugin], text: str, sentence: str
 ) -> None:
     with pytest.raises(ConfigError, match=sentence):
@@ -98,9 +98,7 @@ def install(name: str, entry: str, folder: Path) -> None:
     (info / "entry_points.txt").write_text(f"[pointit.test_parts]\n{entry}\n")
 
 
-def test_name_that_two_packages_use_is_refused_and_no_other(
-    parts: PluginGroup[Plugin], tmp_path: Path
-) -> None:
+def test_name_that_two_packages_use_is_refused_alone(parts: PluginGroup[Plugin], tmp_path: Path) -> None:
     install("others", "number = others:NUMBER", tmp_path)
     with pytest.raises(ConfigError, match="is in two packages: uninstall others or strangers-parts"):
         parts.get("number")
@@ -138,8 +136,6 @@ def test_plugin_with_the_name_of_a_parameter_is_refused() -> None:
 
 
 class Listening:
-    """Has part plug-ins."""
-
     NAME = "listening"
     SCOPE = "site"
     SEVERAL = False

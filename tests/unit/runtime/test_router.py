@@ -1,6 +1,7 @@
 """A router that is given up while it opens."""
 
 import asyncio
+import os
 import threading
 from pathlib import Path
 
@@ -8,16 +9,14 @@ import pytest
 
 from pointit.runtime.router import router
 from pointit.runtime.router.router import Router
+from pointit.runtime.router.router_log import MOST_LINES, _read
 from tests.support.bench import until
 
 pytestmark = pytest.mark.wall_time
-
 PATIENCE_S = 20.0
 
 
 class Session:
-    """A stand-in for a Zenoh session."""
-
     def __init__(self) -> None:
         self.is_closed = False
 
@@ -67,3 +66,30 @@ async def test_a_session_that_opens_after_cancellation_is_closed(monkeypatch: py
     release.set()
     await until(lambda: session.is_closed)
     await routing.close()
+
+
+MARK = b"unauthorized"
+
+
+def read(lines: list[bytes]) -> list[str]:
+    """Return the lines accepted of `lines`, which arrive at once."""
+    source, sink = os.pipe()
+    taken: list[str] = []
+    thread = threading.Thread(target=_read, args=(source, taken.append, (MARK,)))
+    thread.start()
+    with os.fdopen(sink, "wb") as pipe:
+        pipe.write(b"".join(line + b"\n" for line in lines))
+    thread.join(60)
+    assert not thread.is_alive()
+    return taken
+
+
+def test_every_line_is_taken_where_there_are_few() -> None:
+    assert read([b"one", b"two \xff", b""]) == ["one", "two \N{REPLACEMENT CHARACTER}", ""]
+
+
+def test_of_too_many_lines_those_with_a_mark_are_taken_and_others_are_left_out() -> None:
+    count = 20 * MOST_LINES
+    taken = read([*[b"x"] * count, b"anna is unauthorized", *[b"x"] * count])
+    assert "anna is unauthorized" in taken
+    assert len(taken) < count

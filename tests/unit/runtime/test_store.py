@@ -133,9 +133,7 @@ def change(statement: str) -> Callable[[Path], None]:
         change("ALTER TABLE words RENAME COLUMN word TO wor"),
     ],
 )
-def test_damaged_file_is_set_aside_and_reported_for_a_day(
-    store: Store, damage: Callable[[Path], None]
-) -> None:
+def test_damaged_file_is_set_aside_and_told_for_a_day(store: Store, damage: Callable[[Path], None]) -> None:
     store.open(NOW, read)
     write(store, *(f"word {index}" * 10 for index in range(400)))
     store.close()

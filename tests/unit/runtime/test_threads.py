@@ -51,13 +51,18 @@ def test_the_loop_ends_while_the_work_goes_on() -> None:
     assert dropped == [4]
 
 
-async def test_a_result_that_comes_too_late_is_discarded_while_the_loop_runs() -> None:
+async def waiting(name: str) -> tuple[threading.Event, list[bool], asyncio.Task[bool]]:
+    """Begin work that ends when it is released; return that event, what is discarded, and its task."""
     release = threading.Event()
     dropped: list[bool] = []
-    task = asyncio.create_task(
-        in_daemon_thread(lambda: release.wait(PATIENCE_S), "late", discard=dropped.append)
-    )
+    work = in_daemon_thread(lambda: release.wait(PATIENCE_S), name, discard=dropped.append)
+    task = asyncio.create_task(work)
     await asyncio.sleep(0)
+    return release, dropped, task
+
+
+async def test_a_result_that_comes_too_late_is_discarded_while_the_loop_runs() -> None:
+    release, dropped, task = await waiting("late")
     task.cancel()
     await asyncio.gather(task, return_exceptions=True)
     assert not dropped
@@ -67,12 +72,7 @@ async def test_a_result_that_comes_too_late_is_discarded_while_the_loop_runs() -
 
 @pytest.mark.parametrize("turns", [0, 1], ids=["before the loop knows", "before the task wakes"])
 async def test_a_result_that_comes_with_the_cancelling_is_discarded(turns: int) -> None:
-    release = threading.Event()
-    dropped: list[bool] = []
-    task = asyncio.create_task(
-        in_daemon_thread(lambda: release.wait(PATIENCE_S), "raced", discard=dropped.append)
-    )
-    await asyncio.sleep(0)
+    release, dropped, task = await waiting("raced")
     [thread] = [each for each in threading.enumerate() if each.name == "raced"]
     release.set()
     thread.join(PATIENCE_S)  # the loop is held up: it comes to know of both at once
@@ -119,16 +119,15 @@ sys.exit(4)
 """
 
 
+def ends(program: str, within_s: float) -> tuple[int, str, str]:
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=within_s)
+    return done.returncode, done.stdout, done.stderr
+
+
 @pytest.mark.parametrize(("first", "code"), [("asyncio.run(main())", 3), ("", 4)])
 def test_a_program_leaves_at_once_what_still_runs(first: str, code: int) -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", LEAVING.format(first=first)],
-        check=False,
-        capture_output=True,
-        text=True,
-        timeout=EXIT_PATIENCE_S,
-    )
-    assert (done.returncode, done.stdout, done.stderr) == (code, "said", "")
+    assert ends(LEAVING.format(first=first), EXIT_PATIENCE_S) == (code, "said", "")
 
 
 WAITING = """
@@ -151,7 +150,4 @@ asyncio.run(main())
 
 
 def test_any_other_process_waits_for_it_at_its_exit() -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", WAITING], check=False, capture_output=True, text=True, timeout=PATIENCE_S
-    )
-    assert (done.returncode, done.stdout, done.stderr) == (0, "done\n", "")
+    assert ends(WAITING, PATIENCE_S) == (0, "done\n", "")

@@ -15,29 +15,24 @@ Gesture = Literal["press", "double", "hold"]
 
 
 def life_cycle(**fields: object) -> LifeCycle:
-    """Return a life cycle with these parameters of the supervisor."""
     return LifeCycle(SupervisorConfig.model_validate(fields))
 
 
 def sample(now_s: float, late_s: float = 0.0) -> tuple[ImuSample, int]:
-    """Return a sample of a wrist and the time at which it is heard."""
     now_ns = round(now_s * S)
     return ImuSample(stamp_ns=now_ns - round(late_s * S), orientation_xyzw=IDENTITY), now_ns
 
 
 def press(now_s: float, gesture: Gesture = "press") -> tuple[ButtonEvent, int]:
-    """Return a gesture and its time."""
     now_ns = round(now_s * S)
     return ButtonEvent(stamp_ns=now_ns, gesture=gesture), now_ns
 
 
 def pose(now_s: float = 0.0) -> tuple[UserPose, int]:
-    """Return a pose and its time."""
     return UserPose(stamp_ns=round(now_s * S), position_m=(0.0, 0.0, 0.0), yaw_rad=0.0), round(now_s * S)
 
 
 def news(now_s: float, phase: Phase, **more: object) -> tuple[Localization, int]:
-    """Return the progress of a localization and its time."""
     now_ns = round(now_s * S)
     return Localization.model_validate({"stamp_ns": now_ns, "phase": phase, **more}), now_ns
 
@@ -59,5 +54,4 @@ def told(outputs: Sequence[Output]) -> list[str]:
 
 
 def shown(outputs: Sequence[Output]) -> Interaction:
-    """Return the interaction among `outputs`."""
     return next(output for output in outputs if isinstance(output, Interaction))

@@ -58,9 +58,7 @@ def anchoring(cycle: LifeCycle) -> LifeCycle:
         ("cancelled", "stopped", user_messages.ANCHOR_CANCELLED),
     ],
 )
-def test_it_goes_back_where_it_was_whatever_comes_of_it(
-    back: str, phase: Phase, cue: str, reason: str
-) -> None:
+def test_it_goes_back_where_it_was_whatever_happens(back: str, phase: Phase, cue: str, reason: str) -> None:
     cycle = anchoring(pointing() if back == "pointing" else resting())
     said = reason if phase == "refused" else ""
     outputs = cycle.localization(*news(13, phase, reason=said, since_ns=10 * S))

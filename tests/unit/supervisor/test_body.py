@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from pointit.runtime.config.config import Layers
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import BodyMeasures
-from pointit.services.supervisor.body import DEFAULT_STATURE_M, measures
-from pointit.services.supervisor.config import SupervisorConfig
+from pointit.services.supervisor.config import DEFAULT_STATURE_M, SupervisorConfig, measures
 from pointit.services.supervisor.service import profile
 
 

@@ -19,17 +19,7 @@ from pointit.schemas import (
     Localization,
     StartLocalization,
     UserPose,
-)
-from pointit.schemas.topics import (
-    BUTTON,
-    CANCEL_LOCALIZATION,
-    FEEDBACK,
-    IMU,
-    INTERACTION,
-    LOCALIZATION,
-    POSE,
-    PROFILE,
-    START_LOCALIZATION,
+    topics,
 )
 from pointit.services.registry import process
 from pointit.services.supervisor.config import SupervisorConfig
@@ -45,8 +35,8 @@ class PlayedLocalizer:
     def __init__(self, bench: Bench, refusal: str = "") -> None:
         self.asked: list[str] = []
         self._refusal = refusal
-        bench.bus.serve(START_LOCALIZATION, self._start, ANNA)
-        bench.bus.serve(CANCEL_LOCALIZATION, self._cancel, ANNA)
+        bench.bus.serve(topics.START_LOCALIZATION, self._start, ANNA)
+        bench.bus.serve(topics.CANCEL_LOCALIZATION, self._cancel, ANNA)
 
     async def _start(self, query: StartLocalization, _user: str) -> Done:
         self.asked.append(f"start {query.method or ''}".strip())
@@ -60,11 +50,11 @@ class PlayedLocalizer:
 
 
 def press(bench: Bench) -> None:
-    bench.put(BUTTON, ButtonEvent(stamp_ns=bench.clock.now_ns()), ANNA)
+    bench.put(topics.BUTTON, ButtonEvent(stamp_ns=bench.clock.now_ns()), ANNA)
 
 
 def put_pose(bench: Bench) -> None:
-    bench.put(POSE, UserPose(stamp_ns=bench.clock.now_ns(), position_m=(0, 0, 0), yaw_rad=0), ANNA)
+    bench.put(topics.POSE, UserPose(stamp_ns=bench.clock.now_ns(), position_m=(0, 0, 0), yaw_rad=0), ANNA)
 
 
 def states(interactions: list[Interaction]) -> list[str]:
@@ -78,7 +68,7 @@ async def test_the_profile_and_the_first_state_are_there_for_who_joins_late() ->
     async with memory_bench() as bench:
         bench.start(Supervisor, config, user=ANNA)
         await bench.settle()
-        profiles, interactions = bench.collect(PROFILE, ANNA), bench.collect(INTERACTION, ANNA)
+        profiles, interactions = bench.collect(topics.PROFILE, ANNA), bench.collect(topics.INTERACTION, ANNA)
         await bench.settle()
         assert [(p.hand, p.cursor_color, p.body.footprint_to_neck_m) for p in profiles] == [
             ("left", (0, 255, 0), 1.5)
@@ -89,7 +79,7 @@ async def test_the_profile_and_the_first_state_are_there_for_who_joins_late() ->
 async def test_from_the_button_through_localizing_to_pointing_and_back() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
-        interactions, cues = bench.collect(INTERACTION, ANNA), bench.collect(FEEDBACK, ANNA)
+        interactions, cues = bench.collect(topics.INTERACTION, ANNA), bench.collect(topics.FEEDBACK, ANNA)
         localizer = PlayedLocalizer(bench)
         bench.start(
             Supervisor, SupervisorConfig(localize=True, localization_method="static_targets"), user=ANNA
@@ -102,7 +92,7 @@ async def test_from_the_button_through_localizing_to_pointing_and_back() -> None
         for phase, target in (("sampling", "led_0"), ("solved", "")):
             clock.advance(1.0)
             bench.put(
-                LOCALIZATION,
+                topics.LOCALIZATION,
                 Localization.model_validate(
                     {"stamp_ns": clock.now_ns(), "phase": phase, "target_id": target}
                 ),
@@ -121,21 +111,21 @@ async def test_from_the_button_through_localizing_to_pointing_and_back() -> None
 
 async def test_the_localizers_refusal_and_its_absence_are_passed_on() -> None:
     async with memory_bench(ManualClock()) as bench:
-        interactions = bench.collect(INTERACTION, ANNA)
+        interactions = bench.collect(topics.INTERACTION, ANNA)
         bench.start(Supervisor, SupervisorConfig(localize=True), user=ANNA)
         await bench.settle()
         press(bench)
         await until(lambda: "does not answer" in interactions[-1].reason)
         assert interactions[-1].state == "idle"
         PlayedLocalizer(bench, refusal="map 'lab' has one lamp, two are needed")
-        bench.put(BUTTON, ButtonEvent(stamp_ns=bench.clock.now_ns(), seq=2), ANNA)
+        bench.put(topics.BUTTON, ButtonEvent(stamp_ns=bench.clock.now_ns(), seq=2), ANNA)
         await until(lambda: interactions[-1].reason == "map 'lab' has one lamp, two are needed")
         assert interactions[-1].state == "idle"
 
 
 async def test_cancelling_while_the_start_is_on_its_way_leaves_no_localizer_running() -> None:
     async with memory_bench(ManualClock()) as bench:
-        interactions = bench.collect(INTERACTION, ANNA)
+        interactions = bench.collect(topics.INTERACTION, ANNA)
         asked: list[str] = []
         answer = asyncio.Event()
 
@@ -148,16 +138,16 @@ async def test_cancelling_while_the_start_is_on_its_way_leaves_no_localizer_runn
             asked.append("cancel")
             return Done()
 
-        bench.bus.serve(START_LOCALIZATION, start, ANNA)
-        bench.bus.serve(CANCEL_LOCALIZATION, cancel, ANNA)
+        bench.bus.serve(topics.START_LOCALIZATION, start, ANNA)
+        bench.bus.serve(topics.CANCEL_LOCALIZATION, cancel, ANNA)
         bench.start(Supervisor, SupervisorConfig(localize=True), user=ANNA)
         await bench.settle()
         press(bench)
         await until(lambda: asked == ["start"])
-        bench.put(BUTTON, ButtonEvent(stamp_ns=bench.clock.now_ns(), gesture="double"), ANNA)
+        bench.put(topics.BUTTON, ButtonEvent(stamp_ns=bench.clock.now_ns(), gesture="double"), ANNA)
         await until(lambda: interactions[-1].state == "idle")
         for seq in (3, 4):  # thought better of twice more, before the localizer answers at all
-            bench.put(BUTTON, ButtonEvent(stamp_ns=bench.clock.now_ns(), seq=seq), ANNA)
+            bench.put(topics.BUTTON, ButtonEvent(stamp_ns=bench.clock.now_ns(), seq=seq), ANNA)
         await bench.settle()
         answer.set()
         await until(lambda: asked == ["start", "cancel", "cancel", "cancel"])
@@ -168,7 +158,7 @@ async def test_cancelling_while_the_start_is_on_its_way_leaves_no_localizer_runn
 async def test_a_wrist_that_falls_silent_ends_the_interaction(*, localize: bool) -> None:
     clock = VirtualClock()
     async with memory_bench(clock) as bench:
-        interactions = bench.collect(INTERACTION, ANNA)
+        interactions = bench.collect(topics.INTERACTION, ANNA)
         localizer = PlayedLocalizer(bench)
         bench.start(Supervisor, SupervisorConfig(localize=localize, imu_timeout_s=5.0), user=ANNA)
         if not localize:
@@ -178,7 +168,7 @@ async def test_a_wrist_that_falls_silent_ends_the_interaction(*, localize: bool)
         last_ns = 0
         for _ in range(12):  # 6 s of samples: more than the time-out
             last_ns = clock.now_ns()
-            bench.put(IMU, ImuSample(stamp_ns=last_ns, orientation_xyzw=IDENTITY), ANNA)
+            bench.put(topics.IMU, ImuSample(stamp_ns=last_ns, orientation_xyzw=IDENTITY), ANNA)
             await asyncio.sleep(0.5 / clock.speed)
         assert interactions[-1].state == ("localizing" if localize else "pointing")
         await until(lambda: interactions[-1].state == "idle")
@@ -192,12 +182,12 @@ async def test_a_wrist_that_falls_silent_ends_the_interaction(*, localize: bool)
 async def test_samples_alone_begin_and_begin_again_where_there_is_no_button() -> None:
     clock = VirtualClock()
     async with memory_bench(clock) as bench:
-        interactions = bench.collect(INTERACTION, ANNA)
+        interactions = bench.collect(topics.INTERACTION, ANNA)
         bench.start(Supervisor, SupervisorConfig(autostart=True, imu_timeout_s=2.0), user=ANNA)
         put_pose(bench)
         await bench.settle()
         for begun in (1, 2):
-            bench.put(IMU, ImuSample(stamp_ns=clock.now_ns(), orientation_xyzw=IDENTITY), ANNA)
+            bench.put(topics.IMU, ImuSample(stamp_ns=clock.now_ns(), orientation_xyzw=IDENTITY), ANNA)
             await until(lambda: states(interactions).count("pointing") == begun)  # noqa: B023 - awaited here
             await until(lambda: interactions[-1].state == "idle")
 
@@ -206,7 +196,7 @@ async def test_samples_alone_begin_and_begin_again_where_there_is_no_button() ->
 async def test_localizing_that_never_ends_is_ended() -> None:
     clock = VirtualClock()
     async with memory_bench(clock) as bench:
-        interactions = bench.collect(INTERACTION, ANNA)
+        interactions = bench.collect(topics.INTERACTION, ANNA)
         localizer = PlayedLocalizer(bench)
         config = SupervisorConfig(localize=True, localization_timeout_s=8.0, imu_timeout_s=600.0)
         bench.start(Supervisor, config, user=ANNA)
@@ -222,7 +212,7 @@ async def test_localizing_that_never_ends_is_ended() -> None:
 async def test_it_reads_and_writes_what_its_row_says_and_only_its_persons() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
-        interactions = bench.collect(INTERACTION)
+        interactions = bench.collect(topics.INTERACTION)
         view = ServiceBus(bench.bus, clock, "supervisor", "supervisor.anna", ANNA)
         service = Supervisor(SupervisorConfig(), Context(bus=view, clock=clock, user=ANNA))
         row = process("supervisor")
@@ -233,7 +223,7 @@ async def test_it_reads_and_writes_what_its_row_says_and_only_its_persons() -> N
         put_pose(bench)
         await bench.settle()
         before = len(interactions)
-        bench.put(BUTTON, ButtonEvent(stamp_ns=clock.now_ns()), "ben")
+        bench.put(topics.BUTTON, ButtonEvent(stamp_ns=clock.now_ns()), "ben")
         await bench.settle()
         assert len(interactions) == before
         press(bench)

@@ -37,7 +37,7 @@ from pointit.bridges.web.wrists.phone_connection import PhoneHost
 from pointit.bridges.web.wrists.wrist_control import WristControl
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import RefusedError
-from pointit.runtime.host.release import pointit_version
+from pointit.runtime.host.extras import pointit_version
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import (
     Deployment,

@@ -4,8 +4,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pointit.launch.plan.beside import Beside
 from pointit.launch.plan.launches import Choices
+from pointit.launch.plan.plan import Beside
 from pointit.launch.plan.scenario import Scenario
 
 

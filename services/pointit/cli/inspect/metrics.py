@@ -8,7 +8,7 @@ import click
 from pointit.cli.common.site_link import join_site, quiet, site_options
 from pointit.launch.page.page import is_available, page_unavailable_error
 from pointit.runtime.bus.contract import Bus
-from pointit.runtime.host.release import pointit_version
+from pointit.runtime.host.extras import pointit_version
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
 from pointit.schemas import Message
 from pointit.schemas.topics import SERVICE_ALIVE, USER_ALIVE

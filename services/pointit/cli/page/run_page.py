@@ -21,8 +21,8 @@ from pointit.launch.page.page import (
     where,
 )
 from pointit.launch.page.page_tokens import kept_tokens
-from pointit.launch.plan.beside import Beside
 from pointit.launch.plan.launches import PAGE, Choices
+from pointit.launch.plan.plan import Beside
 from pointit.launch.plan.scenario import Scenario
 from pointit.launch.plan.scenario_catalog import places
 from pointit.runtime.bus.contract import Bus

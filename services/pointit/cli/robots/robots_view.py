@@ -9,8 +9,7 @@ from rich.text import Text
 
 from pointit.cli.display.display_part import DisplayPart
 from pointit.cli.display.people_view import ROOMY_WIDTH, color_of
-from pointit.launch.robots.robot_score import score_lines
-from pointit.launch.robots.robot_watcher import RobotWatcher
+from pointit.launch.robots.robot_watcher import RobotWatcher, score_lines
 from pointit.launch.run.monitor import Monitor
 from pointit.schemas import RobotState
 

@@ -14,16 +14,14 @@ from pointit.cli.display.screen import on_screen
 from pointit.cli.display.summary import write_summary
 from pointit.cli.display.view import figures
 from pointit.cli.parts import DISPLAY_PARTS
-from pointit.launch.plan.beside import Beside
-from pointit.launch.plan.plan import Plan
+from pointit.launch.plan.plan import Beside, Plan
 from pointit.launch.plan.startup_notices import kept_mountings, kept_offsets
 from pointit.launch.run.run_site import Onlookers, ScenarioRequests, adapt_to_site, clock_of, open_bus
 from pointit.launch.run.running_scenario import RunningScenario
 from pointit.runtime.bus.site_clock import publish_time
 from pointit.runtime.clock import Clock, SimulatedClock, WallClock
 from pointit.runtime.host.optional_rooms import present
-from pointit.runtime.service.console import PlainConsole
-from pointit.runtime.service.logs import setup_logging
+from pointit.runtime.service.logs import PlainConsole, setup_logging
 from pointit.runtime.service.service import check_launches
 from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus

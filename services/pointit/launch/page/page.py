@@ -25,13 +25,10 @@ log = logging.getLogger(__name__)
 
 REMEDY = f"the page needs {remedy(registry.process(PAGE).extra)}"
 """Advice if the extra is not installed."""
-
 PORT = 8090
 LAN_PORT = 8443
-
 PORTS_TO_TRY = 10
 """Consecutive ports to try, from the default one, if none was requested."""
-
 EVERYWHERE = frozenset({"", "0.0.0.0", "::"})  # noqa: S104 - told apart, not listened at
 
 
@@ -167,7 +164,6 @@ def _probe(host: str, port: int) -> int:
 
 
 def _shown(host: str) -> str:
-    """Return `host` as written in a URL that is opened on this machine."""
     if host in EVERYWHERE:
         return "127.0.0.1"
     return f"[{host}]" if ":" in host else host
@@ -189,13 +185,7 @@ def kept_link(site: str, *urls: str) -> Generator[Path | None]:
 
 
 def where(url: str, path: Path | None, stream: TextIO | None = None) -> str:
-    """Return the text to print for the page at `url`: on a terminal its link, in a log the link's file.
-
-    Args:
-        url: with its token.
-        path: file with the link.
-        stream: output of the text. None: standard error.
-    """
+    """Return the text to print for the page at `url`: on a terminal its link, in a log its file, `path`."""
     if (stream or sys.stderr).isatty():
         return url
     return without_token(url) + ("" if path is None else f" (its link is in {path})")

@@ -16,11 +16,8 @@ from pointit.runtime.host.state_file import site_folder
 
 TOKEN_BYTES = 18
 """Length of a token: 144 bits, and the URL fits a line of 80 columns."""
-
 FILE = "tokens.json"
-
 MAX_BYTES = 4096
-
 OTHERS = 0o077
 """Mode bits of a file for its group and others."""
 
@@ -38,8 +35,6 @@ class Tokens:
 
 
 class _Kept(BaseModel):
-    """Contents of the file."""
-
     model_config = ConfigDict(strict=True, extra="forbid")
 
     operator: str = Field(min_length=22, max_length=64, pattern=r"^[\w-]+$")

@@ -23,10 +23,8 @@ from pointit.services.selector.selection_methods import METHODS
 
 ROS2 = "ros2"
 """The process of the ROS 2 bridge: starts if the run requests it or the scenario names it."""
-
 PAGE = "web"
 """The process of the page: belongs to a run, so it is not among a scenario's services."""
-
 SWEEP = {"elevation_deg": 2.0, "elevation_amplitude_deg": 5.0}
 """Simulated device: the arm is nearly level, so that it points at objects at table or belt height."""
 
@@ -39,7 +37,6 @@ CURSOR_COLORS = (
     (0, 158, 115),
 )
 """Cursor colours by person index: white, then hues that colour-blind people can distinguish (Okabe, Ito)."""
-
 PATTERNS = ("solid", "dashed", "striped", "dotted", "hollow", "tailed")
 """Patterns of selected objects by person index: a second cue beside the colour."""
 
@@ -48,18 +45,13 @@ OF_TWO_LAMPS: dict[str, Any] = {
     "drift": {"max_yaw_sigma_deg": 35.0},
 }
 """With two lamps, as in the paper, poses are uncertain but still accepted."""
-
-
 FOLLOWING: dict[str, Any] = {"method": "moving_target", "window_s": 10.0, "give_up_s": 60.0}
 """Localization by a robot: people follow it with the arm, s."""
-
 AIM_SHARE = 0.9
 """Share of the uncertainty of a goal that the pose may cause: the aim adds to it."""
-
 LAMPS = "lamps"
 LOCALIZATIONS = re.compile(r"lamps|robot(:.*)?")
 """Ways to localize people by pointing: at lamps, or by following a robot, which may be named."""
-
 ROBOT = "robot"
 """The process of a robot, `robot.NAME` in scenarios."""
 
@@ -309,11 +301,6 @@ def _row(instance: str, where: str) -> Process:
 
 
 def _choose(option: str, text: str, group: PluginGroup[Any]) -> tuple[str, dict[str, Any]]:
-    """Return the plug-in's name and parameters that `text` chooses.
-
-    Raises:
-        ConfigError: If it is not installed, or the value is missing or too much. Names the option.
-    """
     try:
         return group.choose(text)
     except ConfigError as error:
@@ -321,7 +308,6 @@ def _choose(option: str, text: str, group: PluginGroup[Any]) -> tuple[str, dict[
 
 
 def _chosen(option: str, text: str, group: PluginGroup[Any], parameter: str) -> dict[str, Any]:
-    """Return the parameters of a service, one of which names its plug-in, that `text` chooses."""
     name, parameters = _choose(option, text, group)
     return {parameter: name, **({name: parameters} if parameters else {})}
 

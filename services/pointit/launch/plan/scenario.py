@@ -14,13 +14,11 @@ from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import KeyNameError
 from pointit.schemas.topics import check_name
-from pointit.services.supervisor.body import measures
+from pointit.services.supervisor.config import measures
 
 SHIPPED = resources.files("pointit.launch") / "scenarios"
-
 LONGEST_NAME = 60
 """Characters of a scenario's name: 64 fit into the key of its run, with `schemas.system.RUN` before it."""
-
 USUAL = "scenario_4"
 """Default scenario, also the source of a person's parameters if the site runs no shipped one."""
 

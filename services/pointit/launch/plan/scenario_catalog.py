@@ -111,7 +111,6 @@ class ScenarioCatalog:
         return True
 
     def _fitting(self, scenario: Scenario, *, localize: bool) -> Choices:
-        """Return the choices that apply to `scenario`."""
         choices = self.choices
         poses = choices.poses if _room(scenario) == self.room else ()
         if localize:  # the poses of people with a device are found by pointing
@@ -133,7 +132,6 @@ class ScenarioCatalog:
         )
 
     def _ignored(self, scenario: Scenario) -> Iterator[str]:
-        """Yield a message for each choice that does not fit."""
         choices, there = self.choices, _services(scenario)
         said = [(f"--set {setting}", service_of(setting)) for setting in choices.settings]
         said += [(f"--method {choices.method}", "selector")] if choices.method else []

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
-from pointit.runtime.config.config import Layers
-from pointit.runtime.config.environment import environment_prefix
+from pointit.runtime.config.config import Layers, environment_prefix
 from pointit.runtime.config.plugins import PluginConfig
 from pointit.runtime.config.similar_names import nearest
 from pointit.runtime.config.yaml_file import read_yaml
@@ -30,11 +29,8 @@ class Settings:
 def layers_of(instance: str, below: Mapping[str, Mapping[str, Any]], chosen: Settings) -> Layers:
     """Return the parameters of a service: `below`, by source, then files, variables and `--set`.
 
-    Args:
-        instance: the service, such as `pui`, or one of several on a site, such as `robot.quad`, which gets
-            the parameters of `robot`, too, and its own last.
-        below: parameters by source.
-        chosen: what the command line says.
+    One of several services on a site, such as `robot.quad`, gets the parameters of `robot`, too, and its own
+    last.
 
     Raises:
         ConfigError: a file or setting is wrong.
@@ -57,12 +53,7 @@ def layers_of(instance: str, below: Mapping[str, Mapping[str, Any]], chosen: Set
 
 
 def check_settings(running: Collection[Launch], chosen: Settings, *others: str) -> None:
-    """Check that every `--set` has an effect.
-
-    Args:
-        running: what is started.
-        chosen: what the command line says.
-        *others: further services that are started.
+    """Check that every `--set` has an effect on what is `running`, or on `others` that are started.
 
     Raises:
         ConfigError: If one is for a service that is not started.
@@ -110,7 +101,6 @@ def _split(setting: str) -> tuple[str, list[str], str]:
 
 
 def _is_parameter(service: str, name: str) -> bool:
-    """Return True if `name` is that of a parameter or section of `service`, not of one of several."""
     config = registry.process(service).config()
     return name in config.model_fields or (
         issubclass(config, PluginConfig) and name in config.plugins().names

@@ -16,10 +16,7 @@ from pointit.services.supervisor.offset_messages import OFFSET_PURPOSE, minute, 
 def assumed_places(launches: Sequence[Launch], choices: Choices, first: int = 0) -> Iterator[str]:
     """Yield a message for each person with a device whose place was not given.
 
-    Args:
-        launches: the services; people in the order of `choices`.
-        choices: command line options about the people.
-        first: index in `choices` of the first person.
+    People are in the order of `choices`, in which the first of them has the index `first`.
     """
     simulated = {launch.user for launch in launches if launch.service.NAME == "user-sim"}
     users = list(dict.fromkeys(launch.user for launch in launches if launch.user))

@@ -23,30 +23,10 @@ from pointit.schemas import (
     SelectionEvent,
     StripsFrame,
     UserPose,
-    UserProfile,
+    topics,
 )
 from pointit.schemas.base import Rgb
 from pointit.schemas.text import one_line
-from pointit.schemas.topics import (
-    ANCHOR,
-    ANY,
-    CURSOR,
-    FEEDBACK,
-    HEALTH,
-    HOVER,
-    INTERACTION,
-    LAMP_COLOR,
-    LOCALIZATION,
-    MAP,
-    OBJECTS,
-    POSE,
-    PROFILE,
-    SELECTION,
-    SELECTION_EVENTS,
-    SERVICE_ALIVE,
-    STRIPS_FRAME,
-    USER_ALIVE,
-)
 from pointit.services.led_driver.outputs import FRAME_RATE
 from pointit.services.registry import RECORDER
 
@@ -109,25 +89,27 @@ class Monitor:
 
     def attach(self, bus: Bus) -> None:
         """Subscribe on `bus`; where one person is shown, to no one else's cursors and the like."""
-        whose = self.person or ANY
+        whose = self.person or topics.ANY
         self._listening += [
-            bus.subscribe(MAP, self._on_map),
-            bus.subscribe(OBJECTS, lambda message, tracker: self.score.on_objects(tracker, message)),
-            bus.subscribe(SELECTION_EVENTS, self._on_event),
-            bus.subscribe(SELECTION, lambda state, _name: self.score.on_selection(state)),
-            bus.subscribe(INTERACTION, self._on_interaction, whose),
-            bus.subscribe(POSE, self._on_pose, whose),
-            bus.subscribe(LOCALIZATION, self._on_localization, whose),
-            bus.subscribe(ANCHOR, self._on_anchor, whose),
-            bus.subscribe(FEEDBACK, self._on_feedback, whose),
-            bus.subscribe(PROFILE, self._on_profile, whose),
-            bus.subscribe(HOVER, self._on_hover, whose),
-            bus.subscribe(LAMP_COLOR, self._on_lamp),
-            bus.subscribe(HEALTH, self._on_health),
-            bus.subscribe(CURSOR, self._on_cursor, whose),
-            bus.subscribe(STRIPS_FRAME, self._on_frame),
-            bus.watch(USER_ALIVE, self._on_user),
-            bus.watch(SERVICE_ALIVE, self._on_service),
+            bus.subscribe(topics.MAP, self._on_map),
+            bus.subscribe(topics.OBJECTS, lambda message, tracker: self.score.on_objects(tracker, message)),
+            bus.subscribe(topics.SELECTION_EVENTS, self._on_event),
+            bus.subscribe(topics.SELECTION, lambda state, _name: self.score.on_selection(state)),
+            bus.subscribe(topics.INTERACTION, self._on_interaction, whose),
+            bus.subscribe(topics.POSE, self._on_pose, whose),
+            bus.subscribe(topics.LOCALIZATION, self._on_localization, whose),
+            bus.subscribe(topics.ANCHOR, self._on_anchor, whose),
+            bus.subscribe(topics.FEEDBACK, self._on_feedback, whose),
+            bus.subscribe(
+                topics.PROFILE, lambda profile, user: self.colors.update({user: profile.cursor_color}), whose
+            ),
+            bus.subscribe(topics.HOVER, lambda hover, user: self.hovers.update({user: hover}), whose),
+            bus.subscribe(topics.LAMP_COLOR, lambda lamp, name: self.lamps.update({name: lamp})),
+            bus.subscribe(topics.HEALTH, self._on_health),
+            bus.subscribe(topics.CURSOR, self._on_cursor, whose),
+            bus.subscribe(topics.STRIPS_FRAME, self._on_frame),
+            bus.watch(topics.USER_ALIVE, self._on_user),
+            bus.watch(topics.SERVICE_ALIVE, self._on_service),
         ]
         for watcher in self.watchers:
             self._listening += watcher.attach(bus, self._news_of)
@@ -175,16 +157,8 @@ class Monitor:
 
     def _on_user(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         if not present:  # none of their services runs any more, so their last state is outdated
-            for newest in (
-                self.cursors,
-                self.hovers,
-                self.interactions,
-                self.poses,
-                self.localizations,
-                self.refusals,
-                self.cues,
-                self.colors,
-            ):
+            states = (self.cursors, self.hovers, self.interactions, self.poses, self.localizations)
+            for newest in (*states, self.refusals, self.cues, self.colors):
                 newest.pop(user, None)
             for instance in [name for name, health in self.health.items() if health.user == user]:
                 del self.health[instance], self.heard_s[instance]
@@ -265,15 +239,6 @@ class Monitor:
     def _try_again(self, user: str) -> None:
         self.refusals.pop(user, None)
         self.cues.pop(user, None)
-
-    def _on_profile(self, profile: UserProfile, user: str) -> None:
-        self.colors[user] = profile.cursor_color
-
-    def _on_hover(self, hover: Hover, user: str) -> None:
-        self.hovers[user] = hover
-
-    def _on_lamp(self, lamp: LampColor, name: str) -> None:
-        self.lamps[name] = lamp
 
     def _on_health(self, health: Health, instance: str) -> None:
         self.heard_s[instance] = time.monotonic()

@@ -28,10 +28,8 @@ log = logging.getLogger(__name__)
 
 PORTS_TO_TRY = 10
 """Consecutive ports from the default one that `run` tries."""
-
 CLOCK_PATIENCE_S = 0.5
 """Timeout for the clock of a joined site; a site without `run` has none."""
-
 LISTEN_S = 0.3
 """Time to listen; retained state arrives at once."""
 
@@ -177,11 +175,6 @@ class ScenarioRequests:
 
 
 async def _plan(query: RunScenario, now: Plan) -> Plan:
-    """Return the plan of the request, made and checked in a thread because maps are slow to read.
-
-    Raises:
-        ConfigError: If there is none.
-    """
     if now.another is None:
         raise ConfigError(
             f"{now.name} runs without people of its own (--site-only): it cannot change the scenario"

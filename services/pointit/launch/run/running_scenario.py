@@ -8,9 +8,8 @@ from collections.abc import Callable, Sequence
 from typing import cast
 
 from pointit.launch.parts import WATCHERS
-from pointit.launch.plan.beside import Beside
-from pointit.launch.plan.plan import Plan
-from pointit.launch.run.deployment_publisher import DeploymentPublisher, Line
+from pointit.launch.plan.plan import Beside, Plan
+from pointit.launch.run.deployment_publisher import DeploymentPublisher
 from pointit.launch.run.monitor import Monitor
 from pointit.launch.run.score import Score
 from pointit.launch.run.service_group import ServiceGroup
@@ -27,7 +26,6 @@ log = logging.getLogger(__name__)
 
 PRESENCE_PATIENCE_S = 0.3
 """Time to listen for services that are already present."""
-
 GONE_S = UNDECLARE_S + 0.05
 """Time after which late subscribers receive no retained state of ended services any more."""
 
@@ -49,7 +47,6 @@ class _Companion:
         await group.begin()
 
     def check(self) -> None:
-        """Report its end."""
         try:
             if self.group is not None:
                 self.group.check()
@@ -80,15 +77,9 @@ class RunningScenario:
     ) -> None:
         """Create it; starts nothing yet.
 
-        Args:
-            plan: the first plan to run.
-            bus: bus of the run.
-            link: of `bus`, for services in processes of their own.
-            clock: clock of all services.
-            tell: shows messages to the operator.
-            news: receives event lines, if there is no view.
-            on_end: called when services end unexpectedly.
-            on_beside: called when what was started in the background has begun.
+        `link`: for services in processes of their own. `tell` shows messages to the operator, `news` gets
+        event lines if there is no view. `on_end` is called when services end unexpectedly, `on_beside` when
+        what was started in the background has begun.
         """
         self.plan = plan
         self.bus = bus
@@ -232,9 +223,10 @@ class RunningScenario:
         self._on_beside(each.beside)
 
     def _post(self) -> None:
-        """Publish the deployment."""
         groups = (self._cast, *(each.group for each in self._companions))
-        self._notice.post(self.plan, [line for group in groups for line in _lines(group)])
+        there = [group for group in groups if group is not None]
+        lines = [line for cast in there for line in zip(cast.launches, cast.commands(), strict=True)]
+        self._notice.post(self.plan, lines)
 
 
 async def _until_present(bus: Bus, beside: Beside) -> None:
@@ -254,12 +246,7 @@ async def _until_present(bus: Bus, beside: Beside) -> None:
         watching.close()
 
 
-def _lines(cast: ServiceGroup | None) -> list[Line]:
-    return [] if cast is None else list(zip(cast.launches, cast.commands(), strict=True))
-
-
 def _sentence(error: BaseException) -> str:
-    """Return the message of an error, or of the first one in a group."""
     while isinstance(error, BaseExceptionGroup):
         error = cast("BaseExceptionGroup[BaseException]", error).exceptions[0]
     return str(error) or type(error).__name__

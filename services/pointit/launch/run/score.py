@@ -12,19 +12,14 @@ from pointit.schemas import NS_PER_S, Cursor, Selection, SelectionEvent, StripsF
 
 UNKNOWN = "object"
 """Kind of an object that no tracker has listed."""
-
 MAX_OBJECTS = 10_000
 """Objects stored individually. Beyond that, the oldest are only counted."""
-
 MAX_TRACKERS = 64
 """Trackers stored. Beyond that, the one that has been silent longest is dropped."""
-
 RECENT = 64
 """Recent cursors kept to match a frame with its capture."""
-
 STEP = 1.005
 """Ratio of neighbouring histogram bins, which bounds the memory of long runs."""
-
 MIN_S = 1e-6
 
 

@@ -26,10 +26,8 @@ log = logging.getLogger(__name__)
 
 SECRET = re.compile(r"(token[^=]*=).*", re.DOTALL)
 """An assignment with a secret value."""
-
 STOP_PATIENCE_S = 1.2
 """Time children get to end before they are killed."""
-
 LAST_WORDS = 2000
 """Bytes at the end of a child's log that are searched for its last error."""
 
@@ -48,12 +46,8 @@ class ServiceGroup:
     ) -> None:
         """Start nothing yet.
 
-        Args:
-            launches: the services.
-            bus: theirs, if they run in this process.
-            clock: of all.
-            processes: the link that services in processes of their own join. None: they run in this process.
-            on_end: called when services of this process end unexpectedly.
+        `processes`: the link that services in processes of their own join. None: they run in this process,
+        and `on_end` is called when they end unexpectedly.
         """
         self.launches = launches
         self._bus = bus

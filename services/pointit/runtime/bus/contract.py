@@ -15,10 +15,8 @@ M = TypeVar("M", bound=Message)
 M_contra = TypeVar("M_contra", bound=Message, contravariant=True)
 Q = TypeVar("Q", bound=Query)
 R = TypeVar("R", bound=Reply)
-
 EVENT_CAPACITY = 1024
 """Events a reader may lag behind before the oldest are dropped, counted and reported."""
-
 REQUEST_TIMEOUT_S = 2.0
 """Time (s) that a caller waits for a reply by default."""
 
@@ -74,7 +72,6 @@ Recall = Callable[[AnyTopic], Iterable[tuple[str, Message]]]
 
 MAX_IN_FLIGHT = 256
 """Answers that one server works on at a time; further callers are refused at once."""
-
 UNDECLARE_S = 0.25
 """Time (s) for which a retired writer is still known elsewhere, unless its session is closed before."""
 

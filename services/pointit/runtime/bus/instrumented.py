@@ -15,10 +15,8 @@ from pointit.schemas.topics import Delivery, Request
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Query)
 R = TypeVar("R", bound=Reply)
-
 MAX_REPLY = ServedRequest.max_bytes // 8
 """Most characters of a reply that are published: each has up to four bytes."""
-
 MAX_REFUSAL = 4096
 
 log = logging.getLogger(__name__)
@@ -64,16 +62,10 @@ def instrument_handler(
     counts: ReaderCounts,
     in_order: bool = True,
 ) -> Handler[M]:
-    """Return `handler` for one subscriber, behind filters, with messages counted and calls timed.
+    """Return `handler` for one subscriber, behind its filters, with messages counted and calls timed (s).
 
-    Args:
-        handler: receives messages that are in order and in time.
-        meter: counts messages, also the dropped ones.
-        steps: collects the duration of each call of `handler`, s.
-        clock: the clock that stamps messages.
-        drops_late: returns True for messages that are dropped if late. None if late ones are accepted.
-        counts: has the filters of this subscriber.
-        in_order: drop messages of a stream that are older than its newest.
+    `drops_late` returns True for messages that are dropped if late, None accepts them all; `in_order` drops
+    messages of a stream that are older than its newest.
     """
     order = counts.order if in_order and meter.topic in STREAMS else None
     lateness = None if drops_late is None else counts.lateness

@@ -21,7 +21,6 @@ log = logging.getLogger(__name__)
 
 MAX_ROUNDS = 16
 """Hops of a chain handled in one wake-up before other tasks of the loop get their turn."""
-
 LOG_PERIOD_S = 1.0
 """At most one log line per topic and kind of trouble in this time; one per handler that fails."""
 
@@ -112,15 +111,10 @@ class Mailbox:
         kept: bool = True,
         every: bool = False,
     ) -> None:
-        """Make a buffer for `topic`.
+        """Make a buffer for `topic`, whose messages `handler` takes in the loop of `dispatcher`.
 
-        Args:
-            topic: of which messages are offered.
-            handler: takes them, in the loop.
-            dispatcher: of the loop.
-            unpack: turns foreign items into messages, in the loop.
-            kept: take what was kept of a state whose writer may be gone.
-            every: queue what is not an event like one, rather than keep the newest.
+        `unpack` turns foreign items into messages, in the loop. `kept`: take what was kept of a state whose
+        writer may be gone. `every`: queue what is not an event like one, rather than keep the newest.
         """
         self.topic = topic
         self.traffic = SubscriptionStats()
@@ -234,7 +228,6 @@ class Mailbox:
                     self._count_error(error)
 
     def _count_error(self, error: Exception) -> None:
-        """Count and log what a handler has raised; health shows the count."""
         self.traffic.errors += 1
         if self._may_log(f"error {id(self)}"):
             count = self.traffic.errors

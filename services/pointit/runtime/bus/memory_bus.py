@@ -37,7 +37,6 @@ from pointit.schemas.topics import ANY, Presence, Request, Topic
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Query)
 R = TypeVar("R", bound=Reply)
-
 CLOSE_PATIENCE_S = 1.0
 """Time (s) that closing waits for cancelled servers."""
 
@@ -159,7 +158,6 @@ class MemoryBus(Participant):
     async def _wait_for(
         self, reply: "asyncio.Task[R]", request: Request[Q, R], key: str, timeout_s: float
     ) -> R:
-        """Return the result of `reply`, unless the time or the bus ends before."""
         await asyncio.wait({reply, self._closed}, timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED)
         if self._closed.done():
             raise BusClosedError(f"{key} was not answered: the bus is closed")

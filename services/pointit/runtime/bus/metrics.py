@@ -16,7 +16,6 @@ from pointit.schemas.system import DURATION_BOUNDS_S
 
 REFUSED_SHOWN_S = 5.0
 """So long it is said that messages were no news, or came too late, after the last of them."""
-
 SAMPLES = 4096
 """Quantiles are of at least so many of the newest times between two reports, or of all."""
 
@@ -80,7 +79,6 @@ class _Complaint:
         self._grown_s = -math.inf
 
     def holds(self, count: int, now_s: float) -> bool:
-        """Return True if `count` has grown now or within `REFUSED_SHOWN_S`."""
         if count > self._count:
             self._count, self._grown_s = count, now_s
         return now_s - self._grown_s <= REFUSED_SHOWN_S

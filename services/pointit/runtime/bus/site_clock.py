@@ -10,10 +10,8 @@ from pointit.schemas.topics import CLOCK
 
 TICK_PERIOD_S = 1.0
 """Period of published simulated time, in wall-clock seconds."""
-
 MAX_AHEAD_S = 2.0
 """A follower ahead by more, in seconds of the wall, has followed another run; one by less is slowed down."""
-
 SILENT_NS = 10 * NS_PER_S
 """After this long without a tick from a regular source, the site has no simulated time any more."""
 

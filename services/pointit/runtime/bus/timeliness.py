@@ -31,10 +31,8 @@ MAX_AHEAD_NS = NS_PER_S
 
 OLD_NS = NS_PER_S // 2
 """Messages older than the newest by more (ns) are out of order. Younger ones are merely late."""
-
 STRAY_NS = 2 * NS_PER_S
 """A message ahead of the newest by more (ns) does not become the newest: its clock may have jumped."""
-
 SILENT_S = 1.0
 """If no message has followed the newest for this long (s), the clock was set or the writer changed."""
 
@@ -42,22 +40,16 @@ SILENT_S = 1.0
 
 LATE_S = 0.3
 """Maximum delay relative to the fastest recent message, s. Later messages are dropped."""
-
 STEADY_S = 1.5
 """A delay that is constant for this long (s) is accepted."""
-
 SPREAD_S = 0.2
 """Maximum spread of delays that counts as constant, s."""
-
 FORGOTTEN_S = 20.0
 """The reference delay is reset if every message was late for this long (s)."""
-
 FOLLOWS = 0.05
 """Rate at which the reference delay grows, s/s, to follow clocks that drift and are slewed."""
-
 GAP_S = 0.1
 """Maximum silence that contributes to that growth, s."""
-
 STALL_S = 0.5
 """After a silence this long (s), the measurement of a constant delay starts again."""
 
@@ -65,40 +57,29 @@ STALL_S = 0.5
 
 APART_S = 0.05
 """Skew from which latencies between machines mean little, s."""
-
 REFUSED_S = 1.0
 """Skew from which samples are refused as too old or from the future, s."""
-
 WINDOW_S = 20.0
 """Time for which the fastest report counts, s. After it a clock that was set right is believed."""
-
 LEAST_AHEAD = 2
 """Number of reports needed to call a clock ahead."""
-
 LEAST_BEHIND = 8
 """Number of reports needed to call a clock behind, unless they are steady."""
-
 LEAST_STEADY = 3
 LEAST_REFUSED = 2
 """Number of steady reports needed to call a clock behind, and if they say more than `REFUSED_S`."""
-
 STEADY = 0.25
 """Reports are steady if half of them differ from the fastest by less than this share of its delay. Delays
 under load are not."""
-
 MAX_HOSTS = 256
 """Maximum number of machines, which bounds memory."""
-
 LONGEST_HOST = 64
 """Maximum characters of a machine's name that are compared and shown, since strangers may write it."""
-
 REMEDY = "synchronize both by NTP: `timedatectl set-ntp true`, or chrony on a site without internet"
 
 
 @dataclass(slots=True)
 class _Pace:
-    """Lateness of the messages of one name."""
-
     quickest_s: float
     in_time_s: float
     """Arrival of the last message in time, s (monotonic)."""
@@ -158,8 +139,6 @@ class LateMessageFilter:
 
 @dataclass(slots=True)
 class _Newest:
-    """The newest message of one name."""
-
     stamp_ns: int
     came_s: float
     """Arrival, s (monotonic)."""

@@ -8,7 +8,6 @@ from pointit.runtime.errors import ConfigError
 
 OURS = ("pointit", "pointit-lab")
 """This project's packages, whose names no other can take."""
-
 P = TypeVar("P")
 
 

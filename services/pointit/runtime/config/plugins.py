@@ -159,7 +159,6 @@ class PluginConfig(Config, extra="allow"):
 
     @classmethod
     def _is_shadowed(cls, name: str) -> bool:
-        """Return True if `name`, of another package's plug-in, is that of a parameter of the service."""
         plugins = cls.plugins()
         return name in cls.model_fields and name in plugins.names and plugins.package(name) not in OURS
 

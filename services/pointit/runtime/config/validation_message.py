@@ -29,8 +29,6 @@ _WANTED = {
     "tuple": "write a list such as [a, b]",
 }
 """Advice by pydantic's error type, or by its first word (`int_parsing`, `int_type`)."""
-
-
 DESCRIBED = "described"
 """Error type of pydantic whose message is already written for people."""
 
@@ -113,7 +111,6 @@ def _wanted(detail: ErrorDetails, kind: type[BaseModel]) -> str:
 
 
 def _model_at(kind: type[BaseModel], loc: Sequence[int | str]) -> type[BaseModel] | None:
-    """Return the model at `loc` in a `kind`, or None if it cannot be determined."""
     here: Any = kind
     for part in loc:
         here = _inner(here, part)
@@ -136,7 +133,6 @@ def _inner(annotation: Any, part: int | str) -> Any:
 
 
 def _plain(annotation: Any) -> Any:
-    """Return `annotation` without `Annotated` and without `| None`."""
     origin = typing.get_origin(annotation)
     if origin is typing.Annotated:
         return _plain(typing.get_args(annotation)[0])

@@ -9,7 +9,6 @@ import yaml
 from pointit.runtime.errors import ConfigError
 
 MAX_YAML_DEPTH = 100
-
 MAX_YAML_INT = 1000
 """Characters of a whole number: Python does not show those with some thousands of digits."""
 
@@ -17,10 +16,8 @@ Loader: Any = type("Loader", (getattr(yaml, "CSafeLoader", yaml.SafeLoader),), {
 """The one in C where PyYAML has it, a large map in a second instead of ten; with whole numbers as here."""
 
 MERGE = "tag:yaml.org,2002:merge"
-
 MAX_YAML_UNFOLDED = 200_000
 """Values that stand in a file only as aliases; to check so many takes a second."""
-
 MAX_YAML_BYTES = 4 * 1024 * 1024
 """Size limit of a file. The C loader takes some seconds for it."""
 
@@ -45,7 +42,6 @@ def check_nesting_depth(text: str) -> None:
 
 
 def _int(loader: Any, node: yaml.ScalarNode) -> int:
-    """Return a whole number that can be shown."""
     if len(node.value) > MAX_YAML_INT:
         raise yaml.MarkedYAMLError(
             problem=f"a number has more than {MAX_YAML_INT} digits", problem_mark=node.start_mark

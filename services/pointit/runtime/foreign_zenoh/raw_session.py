@@ -1,5 +1,3 @@
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
-# (the stubs of zenoh leave return types out)
 """A session on a foreign Zenoh network, with keys unchanged, raw bytes and attachments.
 
 All input passes from Zenoh's threads through bounded queues to the loop that opened the session. No call
@@ -8,22 +6,94 @@ in the loop waits for a reader elsewhere.
 
 import logging
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
 
 import zenoh
 
 from pointit.runtime.bus.contract import Closable
 from pointit.runtime.bus.mailbox import Dispatcher
-from pointit.runtime.errors import BusClosedError, BusError, ConnectError, ListenError
+from pointit.runtime.errors import BusClosedError, BusError, ConfigError, ConnectError, ListenError
 from pointit.runtime.foreign_zenoh.pubsub import PlainTraffic, RawPublisher, RawSample, RawSubscriber
 from pointit.runtime.foreign_zenoh.queries import IncomingQuery, RawQuerier, RawQueryable
-from pointit.runtime.foreign_zenoh.session_config import RawLink, plain_configuration
+from pointit.runtime.link.link import ENDPOINT
 from pointit.runtime.zenoh.connections import Connections
 from pointit.runtime.zenoh.declarations import Declaration
 from pointit.runtime.zenoh.liveliness import LivelinessSubscriber
-from pointit.runtime.zenoh.session import close_session, is_in_use
+from pointit.runtime.zenoh.session import close_session, config_of, is_in_use
 from pointit.runtime.zenoh.session import open_first as open_session
 
 log = logging.getLogger(__name__)
+
+
+Mode = Literal["peer", "client", "router"]
+CONNECT_TIMEOUT_MS = 1000
+"""Duration of one attempt at most. Closing a session waits for the current attempt."""
+SCOUTING_DELAY_MS = 500
+"""Time that a peer waits for other peers when it opens."""
+QUERY_TIMEOUT_MS = 600_000
+"""Lifetime of forwarded queries. Our own have deadlines of their own."""
+SEND_BATCHES = 16
+"""Batches of 64 KB that wait for a slower link before messages are dropped."""
+MAX_MESSAGE_BYTES = 16 * 1024 * 1024
+"""Size limit of reassembled messages, unless we route for others."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RawLink:
+    """The way to join: connect as a peer or a client, or be the router that others connect to."""
+
+    endpoint: str
+    """Address to connect to, or of a router: to listen on."""
+    mode: Mode = "peer"
+    remedy: str = ""
+    """Advice if nothing answers there, for people."""
+
+
+def plain_configuration(link: RawLink) -> zenoh.Config:
+    """Return Zenoh's configuration for `link`.
+
+    Raises:
+        ConfigError: the endpoint is not one.
+    """
+    if not ENDPOINT.fullmatch(link.endpoint):
+        raise ConfigError(f"{link.endpoint!r} is no address; write one like tcp/127.0.0.1:7447")
+    is_router = link.mode == "router"
+    settings: dict[str, Any] = {
+        "mode": link.mode,
+        "connect/endpoints": [] if is_router else [link.endpoint],
+        "connect/retry": {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 1.5},
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": True,
+        # Peers announce themselves only to the router. Of two peers one connects to the other.
+        "scouting/gossip/target": {"router": ["router", "peer"], "peer": ["router"]},
+        "scouting/gossip/autoconnect": {"router": [], "peer": ["router", "peer"]},
+        "scouting/gossip/autoconnect_strategy": {"peer": {"to_router": "always", "to_peer": "greater-zid"}},
+        "timestamping/enabled": True,  # without which nothing is kept for readers that come late
+        "queries_default_timeout": QUERY_TIMEOUT_MS,
+        "transport/shared_memory/enabled": False,
+        "transport/unicast/open_timeout": CONNECT_TIMEOUT_MS,
+        # a peer that does not read makes us drop, not wait
+        "transport/link/tx/queue/congestion_control/drop": {
+            "wait_before_drop": 0,
+            "max_wait_before_drop_fragments": 0,
+        },
+        "transport/link/tx/queue/size/data": SEND_BATCHES,
+    }
+    if is_router:
+        settings |= {"listen/endpoints": [link.endpoint], "scouting/delay": 0}
+    else:
+        settings["transport/link/rx/max_message_size"] = MAX_MESSAGE_BYTES
+    if link.mode == "peer":
+        settings |= {
+            "listen/endpoints": ["tcp/127.0.0.1:0"],
+            "connect/timeout_ms": -1,  # with the next line: opens at once, and goes on trying
+            "connect/exit_on_failure": False,
+            "scouting/delay": SCOUTING_DELAY_MS,
+        }
+    elif link.mode == "client":
+        settings |= {"connect/timeout_ms": CONNECT_TIMEOUT_MS, "listen/endpoints": []}
+    return config_of(settings)
 
 
 async def open_raw_session(

@@ -58,7 +58,6 @@ def write_atomically(path: Path, content: bytes, *, mode: int = 0o600, durable: 
 
 
 def _settle(folder: Path) -> None:
-    """Wait until the names in `folder` are on the disk."""
     if sys.platform == "win32":  # it opens no folders
         return
     handle = os.open(folder, os.O_RDONLY)

@@ -1,5 +1,7 @@
 """The command that installs an extra, optional dependencies, of PointIt."""
 
+import functools
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 CHECKOUT = Path(__file__).parents[4]
@@ -11,3 +13,12 @@ def remedy(extra: str) -> str:
     if (CHECKOUT / "scripts" / "setup").is_file():
         return f"`scripts/setup {extra}` in the folder of PointIt"
     return f"`pip install 'pointit[{extra}]'`"
+
+
+@functools.cache
+def pointit_version() -> str:
+    """Return the version of PointIt, or `""` if its sources run without being installed."""
+    try:
+        return version("pointit")
+    except PackageNotFoundError:
+        return ""

@@ -19,7 +19,6 @@ log = logging.getLogger(__name__)
 RETRY_FIRST_S = 0.2
 RETRY_MOST_S = 2.0
 """Waits between tries to open a port: doubled from the first to the most, for ever."""
-
 END_WITHIN_S = 0.5
 """Time to wait for the end of a port's thread."""
 
@@ -130,11 +129,8 @@ class SerialThread:
     ) -> None:
         """Prepare; nothing is opened yet.
 
-        Args:
-            settings: the port.
-            work: its use, in the thread.
-            on_change: called in the loop, with the reason if the port is down, or with `""` when it is up.
-            wake: called when `work` is asked to end, for a `work` that waits for something else.
+        `on_change` is called in the loop, with the reason if the port is down, or with `""` when it is up;
+        `wake` when `work` is asked to end, for a `work` that waits for something else.
         """
         self._settings = settings
         self._work = work

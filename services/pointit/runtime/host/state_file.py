@@ -16,10 +16,8 @@ from pointit.schemas import summarize_validation_error
 from pointit.schemas.topics import check_name
 
 T = TypeVar("T", bound=BaseModel)
-
 VARIABLE = "POINTIT_STATE"
 """Names another state directory."""
-
 MAX_BYTES = 64 * 1024
 
 

@@ -14,10 +14,8 @@ from typing import Any, TypeVar
 from pointit.schemas import NS_PER_S
 
 T = TypeVar("T")
-
 LOCK = "writer.lock"
 """Name of the lock beside the file. A lock on the file itself would block its readers."""
-
 BUSY_S = 0.05
 """Timeout of a writer for another process's lock, s."""
 READ_BUSY_S = 2.0
@@ -170,7 +168,6 @@ class Store:
 
     @property
     def _aside(self) -> str:
-        """Return the first characters of a set-aside file's name. The Unix time, ns, follows."""
         return f"{self.path.stem}.corrupt-"
 
     def _note_set_aside(self, now_ns: int) -> None:

@@ -19,7 +19,6 @@ from concurrent.futures import Future, InvalidStateError
 from typing import NoReturn, TypeVar
 
 T = TypeVar("T")
-
 EXIT_PATIENCE_S = 15.0
 """Time that the exit of another process waits for each thread. Zenoh takes 10 s at most."""
 

@@ -21,13 +21,11 @@ from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.atomic_file import read_limited
 
 VARIABLE = "POINTIT_CREDENTIALS"
-
 CA = "ca.pem"
 CERTIFICATE = "cert.pem"
 KEY = "key.pem"
 LINK = "link.json"
 PASSWORD = "password"  # noqa: S105 - the name of the file
-
 MAX_BYTES = 64 * 1024
 ONLOOKERS = ("dashboard", "operator")
 """Roles that may write nothing of their own, not even that they are there."""
@@ -35,9 +33,7 @@ SOON = dt.timedelta(days=30)
 """Credentials that end sooner are warned of."""
 HANDSHAKE_S = 1.0
 """Time limit of each step when probing for the reason of a refusal."""
-
 SECURE = re.compile(r"(?:tls|quic)/(?:\[(?P<ipv6>[^\]]+)\]|(?P<host>[^/:]+)):(?P<port>\d+)")
-
 PASSWORD_FORM = re.compile(rb"[A-Za-z0-9_-]+")
 """Characters of a password."""
 
@@ -211,7 +207,6 @@ def _context(credentials: Credentials) -> ssl.SSLContext:
 
 
 def _handshake_problem(error: ssl.SSLError, endpoint: str, credentials: Credentials) -> str:
-    """Return a message on the reason why a handshake failed, mostly a certificate."""
     if isinstance(error, ssl.SSLCertVerificationError):
         return _distrust(error, endpoint, credentials)
     name = credentials.link.name

@@ -9,19 +9,14 @@ from pointit.runtime.link.credentials import Credentials
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 """The address where `pointit run` listens and every other command connects, on this machine only."""
-
 DEFAULT_SITE = "lab"
-
 ENDPOINT = re.compile(
     r"(tcp|udp|tls|quic|ws)/(\[[\w:.%]+\]|[^/:\s]+):(?P<port>\d{1,5})([?#]\S*)?|(serial|unixsock-stream|unixpipe|vsock)/\S+"
 )
 """Addresses that Zenoh accepts: host and port, or those of other protocols (`serial//dev/ttyUSB0`)."""
-
 MAX_PORT = 65535
-
 ROUTER_LOST = "router at {where} lost {ago_s:.0f} s ago; trying again"
 """Sentence in the health of every service of a process that has lost its router."""
-
 LEASE_MS = 3000
 """A peer that is silent this long is taken for gone: a stopped process is noticed within 5 s."""
 
@@ -65,3 +60,11 @@ def ports_of(endpoints: Sequence[str]) -> set[int]:
     """Return the ports of addresses that have one."""
     found = (ENDPOINT.fullmatch(endpoint.partition("#")[0]) for endpoint in endpoints)
     return {int(address["port"]) for address in found if address and address["port"]}
+
+
+ROOM = "@may"
+"""The part of a key that stands before the identity and the permission under test."""
+VERBS = ("writes", "reads", "serves", "asks")
+"""The permissions."""
+JOIN = "joins"
+"""Permission to join, granted below `ROOM` to every identity with any right."""

@@ -8,7 +8,6 @@ from pointit.runtime.link.link import ROUTER_LOST
 
 SILENT_S = 3.0
 """Time without a report at which a present service is stopped, or too busy to report, s."""
-
 MANY = 4
 """Minimum number of services that are gone together. Of fewer, each is named with its own remedy."""
 
@@ -16,7 +15,6 @@ AGAIN = (
     "is its process stopped (`kill -CONT PID`), or its machine off or cut off? Else start it again where it "
     "ran, with `pointit run` or `pointit router`; the services come back by themselves"
 )
-
 LOST = re.compile(re.escape(ROUTER_LOST.partition("{where}")[0]) + r"(?P<where>.+?) lost \d+ s ago")
 """A service's warning that it has lost the router."""
 

@@ -36,10 +36,8 @@ A router that gave up sooner would end for everybody."""
 PORT_RETRY_S = 0.05
 REOPEN_PATIENCE_S = 11.0
 """Time to wait for a session's end before the next one begins. Zenoh takes 10 s at most."""
-
 RELATIVE = re.compile(r"(?<=_file=)(?![/\\]|[A-Za-z]:)")
 """Addresses that name a file by a path relative to the configuration's folder."""
-
 PEER = re.compile(r"tls/\[?([^]#?]+?)]?:(\d+)(?:[#?]|$)")
 """Address and port of who is connected by TLS."""
 
@@ -87,10 +85,8 @@ class Router:
     def __init__(self, make: Callable[[], str], folder: Path, files: Sequence[Path]) -> None:
         """Prepare. Nothing is opened yet.
 
-        Args:
-            make: returns the configuration as it should be now, JSON5; raises `ConfigError`.
-            folder: from where the configuration names files.
-            files: what it is made from, and what it names: a change of these reopens the router.
+        `make` returns the configuration as it should be now, JSON5, or raises `ConfigError`. It names
+        files as seen from `folder`. A change of `files` reopens the router.
         """
         self._make = make
         self._folder = folder
@@ -124,13 +120,7 @@ class Router:
     def report(
         self, of_site: Callable[[str], Sequence[str]], refused: int, sessions: Mapping[str, int]
     ) -> None:
-        """Tell each site how the router is, once a second.
-
-        Args:
-            of_site: returns what is wrong at a site, in sentences.
-            refused: how many attempts were refused so far.
-            sessions: number of connections by site.
-        """
+        """Tell each site, once a second, what is wrong, attempts refused so far, and connections by site."""
         for site, account in self._accounts.items():
             account.report(of_site(site), refused, sessions.get(site, 0))
 
@@ -227,7 +217,6 @@ def _peer(address: str) -> tuple[str, int] | None:
 
 
 def _endpoints(config: zenoh.Config, key: str) -> list[str]:
-    """Return addresses, which Zenoh may hold for each mode."""
     found: list[str] | dict[str, list[str]] = json.loads(config.get_json(key))
     return found.get("router", []) if isinstance(found, dict) else found
 

@@ -25,10 +25,7 @@ class RouterHealthPublisher:
     def __init__(self, session: zenoh.Session, site: str, *, joins_another: bool) -> None:
         """Be present at `site`, as long as `session` is open.
 
-        Args:
-            session: of the router.
-            site: for which it routes.
-            joins_another: it is one of several routers of the site, which are told apart by their machines.
+        `joins_another`: it is one of several routers of the site, which are told apart by their machines.
         """
         host = NO_NAME.sub("-", socket.gethostname())[:LONGEST_HOST]
         self._instance = f"{SERVICE}-{host}" if joins_another else SERVICE

@@ -13,7 +13,6 @@ import zenoh
 
 CHUNK_BYTES = 256 * 1024
 STDOUT = 1
-
 MOST_LINES = 20_000
 """Lines that are taken in a second, and so many again that hold a mark; further ones are left out. Zenoh
 waits until its log is read, and with it everybody whose messages it carries."""
@@ -26,12 +25,8 @@ def captured_log(wanted: str, take: Callable[[str], None], marks: Sequence[bytes
     In colours, whatever NO_COLOR says: the rest of a key that holds a line break is told by having none.
 
     For a process of its own and once in it: Zenoh's log cannot be set up again. Nothing happens where the
-    person has set RUST_LOG, who wants to see the log as it is.
-
-    Args:
-        wanted: as in RUST_LOG.
-        take: called in another thread; must not raise.
-        marks: what stands in lines that matter more than others.
+    person has set RUST_LOG, who wants to see the log as it is. `wanted` is as in RUST_LOG, `take` must not
+    raise, and `marks` stand in lines that matter more than others.
     """
     if "RUST_LOG" in os.environ:
         zenoh.try_init_log_from_env()

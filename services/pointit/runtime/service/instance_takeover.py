@@ -24,13 +24,10 @@ log = logging.getLogger(__name__)
 
 LISTEN_S = 0.3
 """Time to wait for the names already present."""
-
 SILENT_S = LEASE_MS / 1000 + 1.5
 """A present instance without Health for this long (s) counts as dead."""
-
 LOG_AFTER_S = 1.0
 """Longer waits are logged."""
-
 ADVICE = "choose another name, or end the other one first"
 
 
@@ -48,7 +45,10 @@ async def claim_names(bus: Bus, presence: Presence, names: Collection[str], advi
     looking = _Looking(wanted)
     watching = bus.watch(presence, looking.on_presence)
     subscription = bus.subscribe(HEALTH, looking.on_health)
-    log_timer = asyncio.get_running_loop().call_later(LOG_AFTER_S, _log_wait, wanted, bus.site)
+    waits = "%s: on site %s already, but silent; waiting %.0f s at most"
+    log_timer = asyncio.get_running_loop().call_later(
+        LOG_AFTER_S, log.info, waits, _list(wanted), bus.site, SILENT_S
+    )
     try:
         async with asyncio.timeout(SILENT_S):
             await looking.done.wait()
@@ -69,17 +69,11 @@ async def claim_names(bus: Bus, presence: Presence, names: Collection[str], advi
         raise ConfigError(f"{_list(looking.holders)}: already on site {bus.site}; {advice}: {where}")
 
 
-def _log_wait(names: set[str], site: str) -> None:
-    log.info("%s: on site %s already, but silent; waiting %.0f s at most", _list(names), site, SILENT_S)
-
-
 def _list(names: Collection[str]) -> str:
     return ", ".join(sorted(names))
 
 
 class _Looking:
-    """Collects the present instances that report."""
-
     def __init__(self, names: set[str]) -> None:
         self.done = asyncio.Event()
         self.left = set(names)

@@ -21,7 +21,6 @@ from pointit.schemas.topics import ANY, SHARD_ALIVE, USER_ALIVE, Delivery, Reque
 
 FORGET_S = 120.0
 """Silence after which the default instance no longer reads a person who is not present, s."""
-
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Query)
 R = TypeVar("R", bound=Reply)
@@ -139,7 +138,6 @@ class PeopleShare:
             split.follow(names)
 
     def _share(self) -> None:
-        """Read in the default instance what the others do not serve."""
         if self._elsewhere and ANY in self._names:
             for user in filter(_is_person, self._heard()):
                 self._here.add(user)
@@ -149,7 +147,6 @@ class PeopleShare:
             self._bus.set_metric(figure, len(people) if self._elsewhere else None)
 
     def _heard(self) -> set[str]:
-        """Return the people whose streams were heard within `FORGET_S`."""
         return {user for split in self._splits for user in split.heard(FORGET_S)}
 
     def _on_user(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
@@ -167,7 +164,6 @@ class PeopleShare:
             self._bus.call_later(FORGET_S, lambda: self._forget(user))
 
     def _forget(self, user: str) -> None:
-        """Forget `user`, unless they are present or were heard in the meantime."""
         self._leaving.discard(user)
         if user in self._heard():
             self._forget_later(user)

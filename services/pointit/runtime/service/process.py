@@ -12,8 +12,7 @@ import click
 
 from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.clock import Clock, WallClock
-from pointit.runtime.config.config import Config, Layers
-from pointit.runtime.config.environment import check_spelling, environment_prefix
+from pointit.runtime.config.config import Config, Layers, check_spelling, environment_prefix
 from pointit.runtime.config.parameters import iter_parameters
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError, PointItError
@@ -142,7 +141,6 @@ def _command(
     config: type[Config],
     callback: Callable[..., int],
 ) -> click.Command:
-    """Return the command of a service, which calls `callback` with every option."""
     parameters: list[click.Parameter] = [
         click.Option(
             ["--config"], type=click.Path(path_type=Path), help="YAML file with parameters of this service"
@@ -197,7 +195,7 @@ class _ServiceCommand(click.Command):
         """Return all options."""
         options: list[click.Parameter] = [
             click.Option(
-                [_parameter(leaf.path), leaf.option],
+                [SETS + "__".join(leaf.path), leaf.option],
                 metavar=f"<{leaf.type_name}>",
                 help=f"{leaf.field.description or ''}  [default: {leaf.default}]",
             )
@@ -259,20 +257,13 @@ async def _claim(bus: ZenohBus, launch: Launch) -> None:
 
 
 async def _clock(bus: ZenohBus, patience_s: float | None) -> Clock:
-    return WallClock() if patience_s is None else await _site_clock(bus, patience_s)
-
-
-async def _site_clock(bus: ZenohBus, patience_s: float) -> Clock:
+    if patience_s is None:
+        return WallClock()
     clock = SiteClock(bus)
     if not await clock.wait_for_tick(patience_s) and patience_s > CLOCK_PATIENCE_S:
         log.warning("this site publishes no simulated time; it is wall time until it does")
     return clock
 
 
-def _parameter(path: tuple[str, ...]) -> str:
-    return SETS + "__".join(path)
-
-
 def _path(parameter: str) -> tuple[str, ...]:
-    """Return the inverse of `_parameter`, or `()` for other options."""
     return tuple(parameter.removeprefix(SETS).split("__")) if parameter.startswith(SETS) else ()

@@ -14,12 +14,11 @@ from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import MAX_SLEW_S, Clock, SteadyClock
 from pointit.runtime.config.config import Config, published_parameters
 from pointit.runtime.errors import BusClosedError, ConfigError
-from pointit.runtime.host.release import pointit_version
+from pointit.runtime.host.extras import pointit_version
 from pointit.runtime.host.state_file import plugin_folder
 from pointit.runtime.service.instance_takeover import TakeoverMonitor
 from pointit.runtime.service.people_share import check_people
-from pointit.runtime.service.plugin_guard import PluginGuard, describe, first_cause
-from pointit.runtime.service.stall_watch import watch_for_stalls
+from pointit.runtime.service.plugin_guard import PluginGuard, describe, first_cause, watch_for_stalls
 from pointit.runtime.service.surroundings import NullHealth, PluginHealth, Surroundings
 from pointit.schemas import Configuration, Environment, Health
 from pointit.schemas.system import check_user, instance_of
@@ -248,7 +247,6 @@ async def _run_once(
 
 
 def _configuration(launch: Launch, now_ns: int) -> Configuration:
-    """Return the parameters of a service for who records the site."""
     return Configuration(
         stamp_ns=now_ns,
         service=launch.service.NAME,

@@ -110,7 +110,6 @@ def crowding() -> float:
 
 @contextlib.contextmanager
 def _signals(loop: asyncio.AbstractEventLoop, ask: Callable[[], None]) -> Generator[None]:
-    """Make SIGINT and SIGTERM call `ask` in the loop."""
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         for number in before:

@@ -27,12 +27,9 @@ class Connections:
     def __init__(
         self, session: zenoh.Session, endpoints: Sequence[str], on_change: Callable[[], None]
     ) -> None:
-        """Call `on_change` in the loop for each connection there is now, and after each change.
+        """Call `on_change` in the loop for each connection of `session` there is now, and after each change.
 
-        Args:
-            session: whose connections.
-            endpoints: to which it connects, or where it listens.
-            on_change: called after `routers` has changed.
+        `endpoints`: to which it connects, or where it listens.
         """
         self.routers: dict[str, bool] = {}
         """Connected sessions by id: True for a router."""

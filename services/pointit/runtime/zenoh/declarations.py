@@ -47,14 +47,7 @@ def declare_publisher(
     """Return a `zenoh.Publisher` of `key`, or with a cache a `zenoh.ext.AdvancedPublisher`.
 
     BLOCK would let one stuck reader stop this process for seconds. What DROP loses is fetched again from the
-    cache, if there is one.
-
-    Args:
-        session: publishes.
-        key: what.
-        cache: how many messages to keep for readers that come late or were cut off.
-        missed: how readers notice that they lost the last message of the cache.
-        options: what else both kinds take.
+    `cache` of so many messages, if there is one. `missed`: how readers notice that they lost the last of it.
     """
     options |= {
         "congestion_control": zenoh.CongestionControl.DROP,
@@ -92,13 +85,8 @@ def declare_caching_subscriber(
 ) -> Declared:
     """Call `on_sample` for what is put to `key` and deleted from it, and for what publishers have cached.
 
-    Args:
-        session: subscribes.
-        key: what.
-        on_sample: called on Zenoh's threads.
-        history: how many messages of each publisher to fetch, 0 for none.
-        recovers: fetch messages that were lost on the way.
-        is_announced: publishers can detect this subscriber.
+    `history`: how many messages of each publisher to fetch. `recovers`: fetch what was lost on the way.
+    `is_announced`: publishers can detect this subscriber.
     """
     zid = session.info.zid()
 

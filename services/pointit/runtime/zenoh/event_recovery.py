@@ -53,11 +53,8 @@ class EventRecovery:
     ) -> None:
         """Begin with nothing heard; must be called in the loop.
 
-        Args:
-            bus: asks in tasks that end with it.
-            session: asks.
-            hand_on: gets each sample; called in the loop or on Zenoh's threads, one at a time.
-            lose: is told how many never came.
+        `hand_on` gets each sample, in the loop or on Zenoh's threads, one at a time. `lose` is told how many
+        never came.
         """
         self._bus = bus
         self._session = session

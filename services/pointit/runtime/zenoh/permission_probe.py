@@ -17,13 +17,12 @@ from zenoh.handlers import Callback
 
 from pointit.runtime.errors import PointItError
 from pointit.runtime.link.credentials import Credentials
-from pointit.runtime.link.permissions import JOIN, ROOM, VERBS
+from pointit.runtime.link.link import JOIN, ROOM, VERBS
 from pointit.schemas.topics import ANY, REQUESTS, topic_of
 
 log = logging.getLogger(__name__)
 
 WORDS = {"writes": "write", "reads": "read", "serves": "answer", "asks": "ask"}
-
 SETTLE_S = 0.25
 """Rights declared within this time are tested together."""
 WAITS_S = (0.05, 0.1, 0.2, 0.4, 0.8)
@@ -49,14 +48,7 @@ class PermissionProbe:
     def __init__(
         self, session: zenoh.Session, credentials: Credentials, second: Second, is_up: Callable[[], bool]
     ) -> None:
-        """Test the rights of `session`.
-
-        Args:
-            session: which writes.
-            credentials: of both sessions.
-            second: opens and closes the session that listens.
-            is_up: whether there is a router; without one nothing is known.
-        """
+        """Test the rights of `session`, which writes; the `second` listens. Without router all is unknown."""
         self._session = session
         self._credentials = credentials
         self._second = second
@@ -233,7 +225,6 @@ def _sentence(credentials: Credentials, verb: str, keys: list[str]) -> str:
 
 
 def _person(key: str) -> str:
-    """Return the person whose key it is, or `""` for other keys."""
     topic = topic_of(key)
     rows = REQUESTS if topic is None else (topic,)
     names = {row.name_in(key) for row in rows if row.placeholder == "user"} - {"", ANY}

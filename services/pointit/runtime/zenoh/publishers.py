@@ -18,10 +18,8 @@ from pointit.schemas import Message, encode
 from pointit.schemas.topics import Delivery, Topic
 
 M = TypeVar("M", bound=Message)
-
 EVENT_CACHE = 500
 """Events a writer keeps for readers that were cut off."""
-
 HEARTBEAT_S = 0.2
 """Period of sequence numbers published by a writer of states and events. Bounds the time to recover."""
 

@@ -24,7 +24,6 @@ from pointit.schemas import SchemaError
 log = logging.getLogger(__name__)
 
 T = TypeVar("T")
-
 MAX_WAITING = 512
 """Length of one queue, twice what one request answers at a time. Further items are rejected."""
 SLICE_S = 0.001
@@ -39,10 +38,7 @@ async def query_replies(
 ) -> list[zenoh.Reply]:
     """Return all that others answer, as it comes; a task that is cancelled waits for nothing more.
 
-    Args:
-        session: asks; its `liveliness()` for tokens.
-        selector: what for.
-        asked: what else its `get` takes.
+    `session`: its `liveliness()` for tokens. `asked`: what else its `get` takes.
     """
     loop = asyncio.get_running_loop()
     done = asyncio.Event()
@@ -67,11 +63,7 @@ async def query_samples(
 ) -> list[zenoh.Sample]:
     """Return all samples with which others answer, in order of arrival, and nothing if Zenoh cannot ask.
 
-    Args:
-        session: asks.
-        selector: what for.
-        timeout_s: who answers later is not waited for.
-        under_any_key: answers may be about other keys than the one that is asked for.
+    `under_any_key`: answers may be about other keys than the one that is asked for.
     """
     try:
         replies = await query_replies(
@@ -131,13 +123,7 @@ class BoundedWorkQueue(Generic[T]):
     """Takes items on any thread and works on them in the loop that it was made in, one after another."""
 
     def __init__(self, key: str, work: Callable[[T], Iterable[object]], turned_away: OverflowCounter) -> None:
-        """Begin empty.
-
-        Args:
-            key: what the items ask for, for people.
-            work: handles an item in small steps, one each time the iterator goes on; runs in the loop.
-            turned_away: counts what found no room.
-        """
+        """Begin empty. `work` runs in the loop, in small steps, one each time the iterator goes on."""
         self._key = key
         self._work = work
         self._turned_away = turned_away
@@ -210,14 +196,8 @@ class QueuedQueryable:
     ) -> None:
         """Declare; must be called in the loop.
 
-        Args:
-            session: answers.
-            key: what is asked for.
-            work: runs in the loop; handles a query in small steps, or drops it.
-            overflows: counts queries that found no room.
-            about: `key` for people.
-            busy: the refusal of queries that found no room.
-            check: raises `SchemaError` to refuse a query at once, on Zenoh's threads.
+        `work` handles a query in small steps, in the loop, or drops it. `about` is `key` for people, `busy`
+        the refusal where there is no room. `check` raises `SchemaError` to refuse a query on Zenoh's threads.
         """
         self._work = work
         self._busy = busy

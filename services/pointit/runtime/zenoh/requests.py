@@ -19,7 +19,6 @@ from pointit.schemas.topics import Request
 
 Q = TypeVar("Q", bound=Query)
 R = TypeVar("R", bound=Reply)
-
 EMPTY_RETRY_S = (0.01, 0.03, 0.1, 0.3)
 """Waits between tries when nobody answered: a server that was just declared may not be known yet."""
 

@@ -26,10 +26,8 @@ from pointit.schemas.topics import ANY, KEEPER_ALIVE
 TIMEOUT_S = 2.0
 AT_ONCE = 32
 """Questions on their way at a time."""
-
 EMPTY_RETRY_S = (0.05, 0.2, 0.7)
 """Waits before what was not answered is asked again: who has just come may not be known everywhere."""
-
 BUSY = "the keeper is busy with too many other questions; ask later"
 
 

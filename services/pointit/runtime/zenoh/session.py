@@ -27,19 +27,15 @@ CONNECT_TIMEOUT_MS = 1000
 """Duration limit of an attempt to open. Later attempts to reach a lost router take up to 10 s: with less, the
 attempts that clients have given up would keep a router that stood still busy for good, which turns away ten a
 second (github.com/eclipse-zenoh/zenoh/issues/2685)."""
-
 SOON_S = 5.0
 """Shorter attempts to open are not logged."""
-
 SYSTEM_REASON = re.compile(r"([^:\[\]\s][^:\[\]]*) \(os error \d+\)")
 IN_USE = re.compile(r"\(os error (48|98|10048)\)")
 """Numbers by which macOS, Linux and Windows report that an address is in use."""
-
 OPEN_RETRY_S = 0.5
 CLOSE_PATIENCE_S = 1.0
 """Time to wait for the closing of a session. It takes some ms, but with a lost router as long as the current
 attempt to reach it."""
-
 RUNTIME = "(rx: (worker_threads: 1))"
 """One thread receives, not two: each message would wake both, and both need Python's lock."""
 
@@ -72,12 +68,8 @@ async def open_first(
 
     `zenoh.open` ignores signals while it blocks, so it should have a short time-out, and is tried again.
 
-    Args:
-        configs: tried one after another.
-        endpoints: to which the session connects or where it listens.
-        problem_of: returns the error to raise if no more attempts are made, or raises it to make none.
-        patience_s: how long to try, None for ever.
-        on_wait: called once, before the second round of attempts.
+    It connects to `endpoints`, or listens there. `problem_of` returns the error to raise if no more attempts
+    are made, or raises it to make none. `on_wait` is called once, before the second round of attempts.
 
     Raises:
         BusError: that of `problem_of`; a `ListenError` after the first round.

@@ -7,8 +7,8 @@ import zenoh
 from pointit.runtime.link.link import Link
 from pointit.runtime.zenoh.queries import query_replies
 from pointit.runtime.zenoh.session import close_session, configuration, open_cancellable
-from pointit.schemas.errors import KeyNameError
-from pointit.schemas.topics import ANY, SERVICE_ALIVE, check_name
+from pointit.schemas.table_types import NAME
+from pointit.schemas.topics import ANY, SERVICE_ALIVE
 
 ASK_S = 1.0
 MOST = 20
@@ -32,13 +32,4 @@ async def sites_at(link: Link) -> tuple[str, ...]:
     finally:
         await close_session(session)
     found = {str(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None}
-    return tuple(sorted(name for name in found if _is_name(name)))[:MOST]
-
-
-def _is_name(text: str) -> bool:
-    """Return True if `text`, which anybody can have written, is the name of a site."""
-    try:
-        check_name(text, "site")
-    except KeyNameError:
-        return False
-    return True
+    return tuple(sorted(filter(NAME.match, found)))[:MOST]  # anybody can have written them

@@ -24,7 +24,6 @@ from pointit.schemas.topics import Delivery
 MAX_USERS = 256
 MAX_NAMES = 4096
 """Limit for all placeholders but users: lamps, service instances."""
-
 SILENT_S = 60.0
 """A name that was not heard for so long gives way to a new one."""
 
@@ -57,13 +56,7 @@ class NameLimiter:
     """
 
     def __init__(self, placeholder: str, name_in: Callable[[str], str], places: Places) -> None:
-        """Take what stands for `placeholder`.
-
-        Args:
-            placeholder: of the topic's key.
-            name_in: reads the name from a key; raises `SchemaError`.
-            places: names that are taken however many others there are.
-        """
+        """Take what stands for `placeholder`; `name_in` reads it from a key, or raises `SchemaError`."""
         self._places = places
         self._what = placeholder or "name"
         self._limit = max_names_for(placeholder)

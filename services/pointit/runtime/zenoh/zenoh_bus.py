@@ -46,8 +46,6 @@ from pointit.schemas.topics import ACCOUNTS, ANY, LAMP_COLOR, MAP, Delivery, Pre
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Query)
 R = TypeVar("R", bound=Reply)
-
-
 LIST_S = 1.0
 """Time limit of listing who is present. It takes ms."""
 
@@ -141,7 +139,6 @@ class ZenohBus(MemoryBus):
         return self._read(topic, TapMailbox(topic, handler, self.dispatcher), name, kept=True)
 
     def _read(self, topic: AnyTopic, mailbox: Mailbox, name: str, *, kept: bool) -> Subscription:
-        """Fill `mailbox` with what arrives, and with what is kept."""
         self._want("reads", topic.at(name))
         subscription = ZenohSubscription(
             self, self.session, topic, mailbox, name, inlets=self._inlets, places=self._places

@@ -8,18 +8,51 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from pointit.schemas import NS_PER_S, Deployment, Environment, Message, SchemaError, decode, encode
-from pointit.schemas.topics import DEPLOYMENT, LAMP_COLOR, Topic
-from pointit.services.keeper.config import KeeperConfig
-from pointit.services.keeper.ownership import (
-    dies_with_writer,
-    has_owner,
-    is_personal,
-    is_shared,
-    is_superseded,
-    retained,
+from pointit.schemas import (
+    NS_PER_S,
+    Deployment,
+    Environment,
+    Localization,
+    Message,
+    SchemaError,
+    UserPose,
+    decode,
+    encode,
 )
+from pointit.schemas.topics import (
+    CLOCK,
+    CONFIGURATION,
+    DEPLOYMENT,
+    LAMP_COLOR,
+    LAMP_LEASES,
+    TOPICS,
+    Delivery,
+    Topic,
+)
+from pointit.services.keeper.config import KeeperConfig
 from pointit.services.keeper.record import KeptState, Record
+
+NOT_RETAINED: tuple[Topic[Any], ...] = (CLOCK, LAMP_LEASES, CONFIGURATION)
+"""States that end with their writers."""
+
+
+def retained() -> tuple[Topic[Any], ...]:
+    """Return the topics of retained states, with those that services of other packages have added."""
+    return tuple(topic for topic in TOPICS if topic.delivery is Delivery.STATE and topic not in NOT_RETAINED)
+
+
+def dies_with_writer(message: Message) -> bool:
+    """Return True if `message` must not outlive its writer."""
+    if isinstance(message, UserPose):
+        return message.method == "external"
+    if isinstance(message, Deployment):
+        return not message.services
+    return isinstance(message, Localization) and message.phase == "sampling"
+
+
+def is_personal(topic: Topic[Any]) -> bool:
+    """Return True if `topic` belongs to a person and is not handed out while they are absent."""
+    return topic.placeholder == "user"
 
 
 @dataclass(slots=True)
@@ -63,7 +96,9 @@ class RetainedStates:
         if isinstance(message, Deployment):
             message = message.believed(name)
             for where, value in list(self._values.items()):
-                if is_superseded(value.message, message):
+                earlier = value.message
+                # a site runs one scenario at a time; people come and go independently
+                if isinstance(earlier, Deployment) and earlier.scenario and message.scenario:
                     self._drop(where)
         if not dies_with_writer(message):
             self._put(topic, name, message, encode(message), now_ns)
@@ -145,7 +180,8 @@ class RetainedStates:
     def _is_evictable(self, _key: str, name: str, value: _Value) -> bool:
         if value.topic is LAMP_COLOR:
             return name not in self._lamps
-        return not is_shared(value.topic) and not self._is_owned(name, value)
+        may_be_left = is_personal(value.topic) or value.topic is DEPLOYMENT
+        return may_be_left and not self._is_owned(name, value)
 
     def _drop(self, where: tuple[str, str]) -> None:
         value = self._values.pop(where, None)
@@ -154,4 +190,11 @@ class RetainedStates:
             self.changes += 1
 
     def _is_owned(self, name: str, value: _Value) -> bool:
-        return has_owner(value.topic, name, value.message, self._users, self._instances)
+        if is_personal(value.topic):
+            return name in self._users
+        if isinstance(value.message, Deployment):
+            return any(
+                (f"{service.service}.{service.user}" if service.user else service.service) in self._instances
+                for service in value.message.services
+            )
+        return any(instance.partition(".")[0] in value.topic.writers for instance in self._instances)

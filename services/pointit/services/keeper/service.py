@@ -16,14 +16,12 @@ from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S, Health, Message
 from pointit.schemas.topics import HEALTH, SERVICE_ALIVE, USER_ALIVE
 from pointit.services.keeper.config import KeeperConfig
-from pointit.services.keeper.ownership import retained
 from pointit.services.keeper.record import FILE, read, write
-from pointit.services.keeper.retained_states import RetainedStates
+from pointit.services.keeper.retained_states import RetainedStates, retained
 from pointit.services.service_plugin import add_all_rows
 
 SETTLE_S = 0.5
 """Wall time after the start until presence and living writers' states are known, and queries are answered."""
-
 EXPIRE_S = 1.0
 """Period of checks for expired states."""
 
@@ -74,7 +72,10 @@ class Keeper(Service[KeeperConfig]):
                     group.create_task(self._write(), name="keeper writes")
         finally:
             if self.config.file.enabled and self._retained.changes != self._written:
-                self._try_to_write()
+                try:
+                    write(self._path, self._retained.record(self.clock.now_ns()))
+                except ConfigError as error:
+                    self._on_write_error(error)
 
     def _on_user(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         self._retained.set_user(user, self.clock.now_ns(), present=present)
@@ -130,12 +131,6 @@ class Keeper(Service[KeeperConfig]):
                     self._written = changes
                     self.bus.clear("file")
             await asyncio.sleep(self.config.file.write_every_s)
-
-    def _try_to_write(self) -> None:
-        try:
-            write(self._path, self._retained.record(self.clock.now_ns()))
-        except ConfigError as error:
-            self._on_write_error(error)
 
     def _on_write_error(self, error: ConfigError) -> None:
         self.bus.warn("file", f"states would not outlive a restart of the keeper: {error}")

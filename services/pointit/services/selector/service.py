@@ -7,8 +7,8 @@ from pointit.runtime.bus.contract import Publisher
 from pointit.runtime.clock import sleep
 from pointit.runtime.host.state_file import site_folder
 from pointit.runtime.service.people_share import PeopleShare
+from pointit.runtime.service.plugin_guard import watch_for_stalls
 from pointit.runtime.service.service import Context, Scope, Service
-from pointit.runtime.service.stall_watch import watch_for_stalls
 from pointit.schemas import ButtonEvent, Cursor, Environment, Feedback, Hover, TrackedObjects
 from pointit.schemas.topics import BUTTON, CURSOR, FEEDBACK, HOVER, MAP, OBJECTS, USER_ALIVE
 from pointit.services.selector.config import SelectorConfig

@@ -49,7 +49,8 @@ class LifeCycle:
         self._readiness = Readiness(config)
         self._before = InteractionResume()
         self._publisher = InteractionPublisher()
-        self._button: ButtonEvent | None = None
+        self._pressed: tuple[int, int, str, str] | None = None
+        """Stamp, number, source and gesture of the last press."""
         self._pose_ns: int | None = None
         """Stamp of the newest pose, ns. None: no pose is known."""
         self._is_unsure = False
@@ -89,14 +90,15 @@ class LifeCycle:
 
     def resume_from(self, before: Interaction, now_ns: int) -> None:
         """Set the last state of an earlier supervisor. It may continue if the localizer is the same."""
-        if self._stage == "idle" and self._button is None:
+        if self._stage == "idle" and self._pressed is None:
             self._before.take(before, now_ns)
 
     def button(self, event: ButtonEvent, now_ns: int) -> list[Output]:
         """Process a gesture."""
-        if self._button is not None and _is_same(event, self._button):
+        pressed = (event.stamp_ns, event.seq, event.source, event.gesture)
+        if pressed == self._pressed:
             return []
-        self._button = event
+        self._pressed = pressed
         self._before.forget()
         return self._on(event.gesture, now_ns)
 
@@ -207,7 +209,6 @@ class LifeCycle:
 
     @property
     def _before_attempt(self) -> Literal["idle", "pointing"]:
-        """Return `pointing` if the person points, or did before the attempt."""
         stage = self._stage if self._attempt is None else self._attempt.before
         return "pointing" if stage == "pointing" else "idle"
 
@@ -247,7 +248,6 @@ class LifeCycle:
         return []
 
     def _tell(self, outcome: Cue | Literal[""], now_ns: int, news: Localization | None) -> list[Output]:
-        """Return the state, if changed, and the cues."""
         attempt, cue = self._attempt, self._publisher.cue
         if attempt is None:
             rest: Cue = "refused" if outcome == "refused" else "stopped"
@@ -262,7 +262,6 @@ class LifeCycle:
         return [*shown, *cues]
 
     def _show(self, now_ns: int) -> list[Interaction]:
-        """Return the state and the next step of the person, if changed."""
         ahead = () if self._attempt is None else self._attempt.ahead
         is_unsure = self._stage == "pointing" and self._is_unsure
         return self._publisher.show(
@@ -286,7 +285,3 @@ class LifeCycle:
     def _pointing(self) -> str:
         is_end = self._config.press_while_pointing == "ends"
         return user_messages.POINT if is_end else user_messages.POINT_AND_CONFIRM
-
-
-def _is_same(a: ButtonEvent, b: ButtonEvent) -> bool:
-    return (a.stamp_ns, a.seq, a.source, a.gesture) == (b.stamp_ns, b.seq, b.source, b.gesture)

@@ -7,8 +7,6 @@ from pointit.schemas import NS_PER_S, PointingOffset
 
 OFFSET_PURPOSE = "offset"
 """Name of the file of a person's pointing offset."""
-
-
 MAX_RAD = math.radians(45.0)
 """Limit of the mean error of a person's pointing."""
 

@@ -7,7 +7,6 @@ from pointit.services.supervisor.config import SupervisorConfig
 
 LAST_WORD_PURPOSE = "interaction"
 """Name of the file of a person's last interaction."""
-
 GRACE_NS = 2 * NS_PER_S
 """Time within which a requested localization begins, ns."""
 

@@ -24,21 +24,7 @@ from pointit.schemas import (
     StartLocalization,
     UserPose,
     UserProfile,
-)
-from pointit.schemas.topics import (
-    BUTTON,
-    CANCEL_LOCALIZATION,
-    FEEDBACK,
-    IMU,
-    INTERACTION,
-    LOCALIZATION,
-    POINT_ANCHOR,
-    POSE,
-    PROFILE,
-    SERVICE_ALIVE,
-    SET_OFFSET,
-    SET_POSE,
-    START_LOCALIZATION,
+    topics,
 )
 from pointit.services.supervisor.config import ProfileConfig, SupervisorConfig
 from pointit.services.supervisor.life_cycle import Cancel, LifeCycle, Output, Start
@@ -66,23 +52,23 @@ class Supervisor(Service[SupervisorConfig]):
         self._offset = self._read_offset()
         self._setting = asyncio.Lock()
         self._profile_seq = 0
-        self._profiles = self.bus.publisher(PROFILE, self.user)
-        self._interactions = self.bus.publisher(INTERACTION, self.user)
-        self._feedback = self.bus.publisher(FEEDBACK, self.user)
+        self._profiles = self.bus.publisher(topics.PROFILE, self.user)
+        self._interactions = self.bus.publisher(topics.INTERACTION, self.user)
+        self._feedback = self.bus.publisher(topics.FEEDBACK, self.user)
         self._put_profile()
         self._began_ns = self.clock.now_ns()
         self._stored_last = StateFile(Interaction, self.user, LAST_WORD_PURPOSE)
         self._last: Interaction | None = None
         self._has_last = asyncio.Event()
         self._restore_last()
-        self.bus.subscribe(INTERACTION, self._on_interaction, self.user)
+        self.bus.subscribe(topics.INTERACTION, self._on_interaction, self.user)
         self._do(self._cycle.begin(self._began_ns))
-        self.bus.subscribe(POSE, self._on_pose, self.user)
-        self.bus.subscribe(LOCALIZATION, self._on_localization, self.user)
-        self.bus.subscribe(IMU, self._on_imu, self.user)
-        self.bus.subscribe(BUTTON, self._on_button, self.user)
-        self.bus.watch(SERVICE_ALIVE, self._on_presence)
-        self.bus.serve(SET_OFFSET, self._set_offset, self.user)
+        self.bus.subscribe(topics.POSE, self._on_pose, self.user)
+        self.bus.subscribe(topics.LOCALIZATION, self._on_localization, self.user)
+        self.bus.subscribe(topics.IMU, self._on_imu, self.user)
+        self.bus.subscribe(topics.BUTTON, self._on_button, self.user)
+        self.bus.watch(topics.SERVICE_ALIVE, self._on_presence)
+        self.bus.serve(topics.SET_OFFSET, self._set_offset, self.user)
 
     async def run(self) -> None:
         """Send requests to the localizer one by one, watch the deadlines, and store the last interaction."""
@@ -123,7 +109,6 @@ class Supervisor(Service[SupervisorConfig]):
             self._cycle.resume_from(before, self._began_ns)
 
     async def _store_last(self) -> None:
-        """Store the last interaction for the next start of the supervisor."""
         while True:
             await self._has_last.wait()
             self._has_last.clear()
@@ -137,7 +122,7 @@ class Supervisor(Service[SupervisorConfig]):
                 self.bus.clear("last word")
 
     def _on_presence(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
-        if instance == f"{START_LOCALIZATION.server}.{self.user}":
+        if instance == f"{topics.START_LOCALIZATION.server}.{self.user}":
             self._restorer.localizer(self.clock.now_ns(), is_present=present)
             self._moved.set()
 
@@ -176,9 +161,9 @@ class Supervisor(Service[SupervisorConfig]):
         query = StartLocalization(method=self.config.localization_method)
         try:
             if request.is_anchor:
-                await self.bus.call(POINT_ANCHOR, PointAnchor(), self.user)
+                await self.bus.call(topics.POINT_ANCHOR, PointAnchor(), self.user)
             else:
-                await self.bus.call(START_LOCALIZATION, query, self.user)
+                await self.bus.call(topics.START_LOCALIZATION, query, self.user)
         except RequestError as error:
             self._do(self._cycle.on_start_failed(request.run, str(error), self.clock.now_ns()))
         else:
@@ -186,14 +171,14 @@ class Supervisor(Service[SupervisorConfig]):
 
     async def _cancel(self) -> None:
         try:
-            await self.bus.call(CANCEL_LOCALIZATION, CancelLocalization(), self.user)
+            await self.bus.call(topics.CANCEL_LOCALIZATION, CancelLocalization(), self.user)
         except RequestError as error:  # not localizing or absent: nothing to cancel
             log.debug("%s", error)
         self._cycle.on_cancel_reply(self.clock.now_ns())
 
     async def _restore_pose(self, place: SetPose) -> None:
         try:
-            await self.bus.call(SET_POSE, place, self.user)
+            await self.bus.call(topics.SET_POSE, place, self.user)
         except RequestError as error:
             self.bus.warn("place", f"the restarted localizer did not accept the person's pose: {error}")
             self._restorer.on_rejected(self.clock.now_ns())
@@ -227,7 +212,6 @@ class Supervisor(Service[SupervisorConfig]):
         )
 
     async def _store_offset(self) -> str:
-        """Store or erase the offset. Return the problem, or `""`."""
         try:
             if self._offset is None:
                 await asyncio.to_thread(self._offsets.erase)

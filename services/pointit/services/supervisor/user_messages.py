@@ -16,7 +16,6 @@ POSE_ASKED_FOR = "You were asked to point at a target, so that your place is fou
 POSE_CANCELLED = "Pointing at the target was called off."
 POSE_LOST = "The localizer began something else; ask again to have your place found."
 AGAIN = "The localizer was restarted, localizing starts again."
-
 NO_POSE_TO_ANCHOR = "Your place in the room is not known, so there is nothing to set right."
 ANCHOR_ASKED = "You asked to have your pose set right."
 ANCHOR_ASKED_FOR = "You were asked to point at a lamp, so that your pose is set right."
@@ -24,9 +23,7 @@ ANCHORED = "Your pose is set right."
 ANCHOR_REFUSED = "Your pose could not be set right; hold the arm straight and still, and try again."
 ANCHOR_CANCELLED = "Pointing at the lamp was called off; your pose is as before."
 ANCHOR_LOST = "The localizer began something else; your pose is as before, ask again to have it set right."
-
 ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth")
-
 WAIT = "Wait for the target to point at; press the button to cancel."
 POINT = "Point with your arm straight; press the button to stop."
 POINT_AND_CONFIRM = "Point with your arm straight and press the button to confirm; hold it to stop."

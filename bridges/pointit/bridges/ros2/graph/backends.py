@@ -15,8 +15,7 @@ from pointit.bridges.ros2.over_zenoh.backend import ZenohBackend
 from pointit.bridges.ros2.over_zenoh.rmw_zenoh import RmwZenoh
 from pointit.bridges.ros2.over_zenoh.token import BRIDGE, ENCLAVE
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.foreign_zenoh.raw_session import open_raw_session
-from pointit.runtime.foreign_zenoh.session_config import RawLink
+from pointit.runtime.foreign_zenoh.raw_session import RawLink, open_raw_session
 from pointit.runtime.link.link import ENDPOINT, MAX_PORT
 from pointit.runtime.service.surroundings import WarningSink
 

@@ -15,7 +15,7 @@ from pointit.bridges.web.server.app import application
 from pointit.bridges.web.server.bundle import Bundle, refusal
 from pointit.bridges.web.server.listener import Listener, bind
 from pointit.bridges.web.wire import Role
-from pointit.runtime.host.release import pointit_version
+from pointit.runtime.host.extras import pointit_version
 
 TICK_S = 1.0
 """Interval of checks for idle connections."""

@@ -1,4 +1,4 @@
-"""Settings that a joining person adopts from the site."""
+"""What a joining person adopts from the site, and for how long a page counts as having viewers."""
 
 import asyncio
 
@@ -6,11 +6,12 @@ import pytest
 
 from pointit.launch.plan.launches import CURSOR_COLORS
 from pointit.launch.plan.scenario import USUAL
-from pointit.launch.run.run_site import LISTEN_S, check_names, free_place, surroundings
+from pointit.launch.run.run_site import LISTEN_S, Onlookers, check_names, free_place, surroundings
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import ConfigError
-from pointit.schemas import Deployment, UserProfile
+from pointit.runtime.link.outage import SILENT_S
+from pointit.schemas import Deployment, Figure, Health, UserProfile
 from pointit.schemas.topics import DEPLOYMENT, PROFILE, SERVICE_ALIVE, SHARD_ALIVE
 
 
@@ -70,3 +71,25 @@ async def test_a_shard_that_is_about_to_serve_its_person_is_waited_for() -> None
 def test_more_people_than_colours_find_a_place_too() -> None:
     assert free_place(CURSOR_COLORS) == len(CURSOR_COLORS) + 1
     assert free_place([(1, 2, 3)]) == 1
+
+
+def health(viewers: float | None, service: str = "web") -> Health:
+    figures = () if viewers is None else (Figure(name="viewers", value=viewers),)
+    return Health(stamp_ns=1, service=service, instance=f"{service}.2", pid=1, figures=figures)
+
+
+def test_who_has_a_page_open_looks_on_until_it_was_not_heard_for_a_while() -> None:
+    onlookers = Onlookers()
+    assert not onlookers.are_there(0.0)
+    assert onlookers.on_health(health(2.0), 10.0)
+    assert onlookers.are_there(10.0 + SILENT_S - 0.1)
+    assert not onlookers.on_health(health(0.0), 11.0)  # closed, or only reloaded
+    assert onlookers.are_there(10.0 + SILENT_S - 0.1)
+    assert not onlookers.are_there(10.0 + SILENT_S)
+
+
+def test_nobody_looks_on_where_nobody_says_so() -> None:
+    onlookers = Onlookers()
+    for said in (health(0.0), health(None), health(3.0, "selector")):
+        assert not onlookers.on_health(said, 10.0)
+        assert not onlookers.are_there(10.0)

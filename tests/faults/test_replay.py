@@ -1,6 +1,4 @@
-# pyright: reportUnknownMemberType=false
-# (the stubs of zenoh leave return types out)
-"""Old bus messages are put there again by an authorized writer: no reader takes them for new."""
+"""Old messages are put again, by who may write them and by others: no reader takes them for new."""
 
 import asyncio
 import time
@@ -11,8 +9,9 @@ import zenoh
 from zenoh.handlers import Callback
 
 from pointit.schemas import Cursor, PointingRay, decode
-from pointit.schemas.topics import ANY, CURSOR, IMU, OBJECTS, RAY, SELECTION_EVENTS
-from tests.faults.account import Account, Fault
+from pointit.schemas.topics import ANY, BUTTON, CURSOR, IMU, INTERACTION, OBJECTS, POSE, RAY, SELECTION_EVENTS
+from tests.faults.account import Account
+from tests.faults.attackers import besieged, member
 from tests.faults.site import FLOWS_S, NOTICED_S, Site
 from tests.faults.witness import Witness, witness
 from tests.integration.access.secured import Member
@@ -23,7 +22,6 @@ LATER_S = 3.0
 MOST_TAKEN = 0.02
 """Share of the replay: on a machine so busy that for a second nothing new comes, some passes."""
 READERS = ("pointing.user1", "pui", "selector", "led-driver")
-
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 
@@ -36,8 +34,6 @@ class Recorded:
 
 
 class Recorder:
-    """Records the messages of one person, and of shared topics."""
-
     def __init__(self, member: Member) -> None:
         self.taken: list[Recorded] = []
         take = Callback(self._take, indirect=False)
@@ -48,7 +44,6 @@ class Recorder:
         self.taken.append(Recorded(time.monotonic(), key, payload, sample.encoding))
 
     def end(self, last_s: float) -> list[Recorded]:
-        """Stop recording and return the messages of the `last_s`."""
         for each in self._hears:
             each.undeclare()
         since_s = time.monotonic() - last_s
@@ -56,7 +51,6 @@ class Recorder:
 
 
 def known(recorded: list[Recorded]) -> set[tuple[int, int]]:
-    """Return stamps and numbers of the rays and cursors."""
     kinds: dict[str, type[PointingRay | Cursor]] = {RAY.at("user1"): PointingRay, CURSOR.at("user1"): Cursor}
     messages = [
         decode(kinds[each.key], each.payload, kinds[each.key].schema_name())
@@ -67,7 +61,6 @@ def known(recorded: list[Recorded]) -> set[tuple[int, int]]:
 
 
 async def play(member: Member, recorded: list[Recorded]) -> None:
-    """Put it all again, as fast as it came."""
     began_s = time.monotonic()
     for each in recorded:
         await asyncio.sleep(max(0.0, each.at_s - recorded[0].at_s - (time.monotonic() - began_s)))
@@ -116,11 +109,63 @@ async def test_nobody_takes_a_recording_for_new(site: Site, account: Account) ->
         seen.is_undisturbed(before)
         await until(lambda: not any(complains(seen, each) for each in READERS), FLOWS_S, "all to be well")
         account.add(
-            Fault(
-                name=f"replay of {len(recorded)} samples, rays, cursors, objects, events",
-                noticed_s=noticed_s,
-                by="health of who reads them: older than before",
-                recovered_s=time.monotonic() - ended_s,
-                lost=seen.lost_in_words(played_ns) + f"; {len(taken)} taken for new",
-            )
+            f"replay of {len(recorded)} samples, rays, cursors, objects, events",
+            noticed_s,
+            "health of who reads them: older than before",
+            time.monotonic() - ended_s,
+            seen.lost_in_words(played_ns) + f"; {len(taken)} taken for new",
         )
+
+
+VICTIM = "user1"
+OLD_S = 2.0
+"""Samples of this age are too old."""
+FOR_S = 3.0
+KEYS = tuple(topic.at(VICTIM) for topic in (IMU, RAY, POSE, INTERACTION, BUTTON))
+
+
+async def captured(by: Member) -> list[zenoh.Sample]:
+    """Return the messages under the victim's keys within a second. They are old then."""
+    samples: list[zenoh.Sample] = []
+    hears = [by.session.declare_subscriber(key, Callback(samples.append, indirect=False)) for key in KEYS]
+    await asyncio.sleep(1.0)
+    for each in hears:
+        each.undeclare()
+    await asyncio.sleep(OLD_S)
+    return samples
+
+
+def say(by: Member, samples: list[zenoh.Sample]) -> None:
+    for sample in samples:
+        by.session.put(
+            sample.key_expr,
+            sample.payload,
+            encoding=sample.encoding,
+            congestion_control=zenoh.CongestionControl.BLOCK,
+        )
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param("supervisor", marks=pytest.mark.long), "anna"],  # the former is in test_clock_replay, too
+)
+async def test_old_samples_move_nobodys_cursor(site: Site, account: Account, name: str) -> None:
+    async with besieged(site) as attacked:
+        with member(site, "supervisor") as spy, member(site, name) as evil:
+            samples = await captured(spy)
+            assert len(samples) > 10
+            attacked.begin()
+            if name == "supervisor":  # may write all that; a reader distinguishes old from new
+                words, instance = "were older than those before them", "pui"
+            else:
+                words, instance = f"plant/{name} may not write ", "router"
+            noticed_s = await attacked.is_told(words, instance=instance, again=lambda: say(evil, samples))
+            ended_s = time.monotonic() + FOR_S
+            while time.monotonic() < ended_s:
+                say(evil, samples)
+                await asyncio.sleep(0.1)
+        assert attacked.seen.stale(attacked.began_ns, OLD_S) == 0
+        await attacked.unharmed()
+        who = "their own writer" if name == "supervisor" else "another person"
+        by = f"doctor: {instance}"
+        attacked.row(account, f"old samples said again by {who}", noticed_s, by)

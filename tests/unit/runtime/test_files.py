@@ -1,13 +1,16 @@
-"""Files that are replaced: all or nothing, for their owner, and on the disk where that was asked for."""
+"""Files that are replaced: all or nothing, for their owner, on the disk if asked; states of one person."""
 
 import os
 import stat
 from pathlib import Path
 
 import pytest
+from pydantic import BaseModel
 
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.atomic_file import read_limited, write_atomically
+from pointit.runtime.host.state_file import MAX_BYTES, StateFile, state_directory
+from pointit.schemas import KeyNameError
 
 
 def names(folder: Path) -> list[str]:
@@ -36,10 +39,9 @@ def test_it_is_its_owners_alone_with_all_new_folders_unless_said_otherwise(tmp_p
 
 def test_a_path_from_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    write_atomically(Path("x"), b"here")
-    write_atomically(Path("a/x"), b"below")
-    assert (tmp_path / "x").read_bytes() == b"here"
-    assert (tmp_path / "a/x").read_bytes() == b"below"
+    for name in ("x", "a/x"):
+        write_atomically(Path(name), name.encode())
+        assert (tmp_path / name).read_bytes() == name.encode()
 
 
 def test_error_names_the_file_and_leaves_it_as_it_was(tmp_path: Path) -> None:
@@ -80,3 +82,41 @@ def test_only_what_must_last_waits_for_the_disk(tmp_path: Path, monkeypatch: pyt
     assert waited == []
     write_atomically(tmp_path / "x", b"", durable=True)
     assert waited == ([False] if os.name == "nt" else [False, True])  # the file, then its name
+
+
+class Shoe(BaseModel):
+    size: int
+
+
+def test_a_stored_value_is_read_again_by_the_same_person_only_until_it_is_erased(own_state: Path) -> None:
+    file = StateFile(Shoe, "anna", "shoe")
+    assert file.read() is None
+    assert not file.erase()
+    for size in (40, 41):
+        file.write(Shoe(size=size))
+    assert StateFile(Shoe, "anna", "shoe").read() == Shoe(size=41)
+    assert StateFile(Shoe, "berta", "shoe").read() is None
+    assert own_state in file.path.parents
+    assert stat.S_IMODE(file.path.stat().st_mode) == 0o600
+    assert file.erase()
+    assert file.read() is None
+
+
+@pytest.mark.parametrize("text", ["", "{", '{"size": "big"}', "[1]", "x" * (MAX_BYTES + 2)])
+def test_a_spoilt_file_is_named(text: str) -> None:
+    file = StateFile(Shoe, "anna", "shoe")
+    file.write(Shoe(size=40))
+    file.path.write_text(text)
+    with pytest.raises(ConfigError, match=r"shoe\.json: .*move it away"):
+        file.read()
+
+
+def test_a_name_cannot_lead_elsewhere() -> None:
+    with pytest.raises(KeyNameError):
+        StateFile(Shoe, "../anna", "shoe")
+
+
+def test_the_system_has_a_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("POINTIT_STATE")
+    assert state_directory().is_absolute()
+    assert "pointit" in state_directory().parts

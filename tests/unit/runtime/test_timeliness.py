@@ -1,0 +1,246 @@
+"""What comes out of order or late is refused, a clock that was set is believed, and skew is reported."""
+
+import random
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pointit.runtime.bus.timeliness import (
+    APART_S,
+    FORGOTTEN_S,
+    LATE_S,
+    SILENT_S,
+    STEADY_S,
+    WINDOW_S,
+    ClockSkew,
+    ClockSkewMonitor,
+    LateMessageFilter,
+    OutOfOrderFilter,
+)
+from pointit.schemas import NS_PER_S
+
+S = NS_PER_S
+PERIOD_S = 0.02
+
+
+def play(
+    order: OutOfOrderFilter, stamps_s: list[float], began_s: float = 0.0, name: str = "anna"
+) -> list[bool]:
+    """Offer messages that come every 20 ms; return which are news."""
+    times = [began_s + number * PERIOD_S for number in range(len(stamps_s))]
+    return [
+        order.accepts(name, round(stamp_s * S), now_s) for stamp_s, now_s in zip(stamps_s, times, strict=True)
+    ]
+
+
+def test_a_recording_played_beside_a_live_stream_is_refused_and_counted() -> None:
+    order = OutOfOrderFilter()
+    lives = [100.0 + number * PERIOD_S for number in range(50)]
+    both = [stamp_s for live_s in lives for stamp_s in (live_s, live_s - 5.0)]
+    assert play(order, both) == [True, False] * 50
+    assert order.refused == 50
+
+
+@pytest.mark.parametrize("back_s", [0.6, 5.0, 3600.0])
+def test_a_clock_that_was_set_back_is_believed_after_a_moment(back_s: float) -> None:
+    order = OutOfOrderFilter()
+    assert all(play(order, [100.0 + number * PERIOD_S for number in range(50)]))
+    later = play(order, [101.0 - back_s + number * PERIOD_S for number in range(100)], began_s=1.0)
+    refused = later.index(True)
+    assert refused * PERIOD_S <= SILENT_S + 2 * PERIOD_S
+    assert all(later[refused:])
+    assert order.refused == refused
+
+
+def test_strays_from_the_future_do_not_block_later_messages() -> None:
+    order = OutOfOrderFilter()
+    stamps_s = [stamp_s for number in range(100) for stamp_s in (100.0 + number * PERIOD_S, 9999.0)]
+    assert all(play(order, stamps_s))
+
+
+def test_a_clock_that_was_set_forward_is_believed_and_what_was_before_is_old() -> None:
+    order = OutOfOrderFilter()
+    stamps_s = [
+        *(100.0 + number * PERIOD_S for number in range(10)),
+        *(200.0 + n * PERIOD_S for n in range(70)),
+    ]
+    assert all(play(order, stamps_s))
+    assert not order.accepts("anna", 100 * S, len(stamps_s) * PERIOD_S)
+
+
+def test_slightly_late_messages_are_passed_on() -> None:
+    order = OutOfOrderFilter()
+    assert play(order, [100.0, 99.8, 100.02, 100.02]) == [True] * 4
+    assert order.refused == 0
+
+
+def test_each_name_has_its_own_order() -> None:
+    order = OutOfOrderFilter()
+    assert order.accepts("anna", 100 * S, 0.0)
+    assert order.accepts("ben", 1 * S, 0.0)
+    assert not order.accepts("anna", 1 * S, 0.1)
+
+
+def link(
+    lateness: LateMessageFilter, delays_s: list[float], began_s: float = 0.0, ahead_s: float = 0.0
+) -> list[float]:
+    """Send every 20 ms over a link that keeps the order. Return the send times of accepted messages.
+
+    Args:
+        lateness: of the reader.
+        delays_s: of each message by itself. None arrives before earlier ones.
+        began_s: time of the first message.
+        ahead_s: lead of the writer's clock.
+    """
+    taken: list[float] = []
+    comes_s = began_s
+    for number, delay_s in enumerate(delays_s):
+        said_s = began_s + number * PERIOD_S
+        comes_s = max(comes_s, said_s + delay_s)
+        if lateness.accepts("anna", comes_s - said_s - ahead_s, comes_s):
+            taken.append(said_s)
+    return taken
+
+
+@pytest.mark.parametrize("held_s", [0.6, 3.0, 8.0])
+@pytest.mark.parametrize("ahead_s", [0.0, 0.7, -5.0])
+def test_delayed_messages_are_refused_whatever_the_clocks_say(held_s: float, ahead_s: float) -> None:
+    lateness = LateMessageFilter()
+    delays_s = [0.01] * 100 + [held_s] + [0.01] * 1000
+    taken = link(lateness, delays_s, ahead_s=ahead_s)
+    stalled_s = 100 * PERIOD_S
+    held = [said_s for said_s in taken if stalled_s <= said_s < stalled_s + held_s - LATE_S - 2 * PERIOD_S]
+    assert held == []
+    assert len(taken) == len(delays_s) - lateness.refused
+    assert lateness.refused == pytest.approx((held_s - LATE_S) / PERIOD_S, abs=3)
+    assert lateness.by_s == pytest.approx(LATE_S, abs=2 * PERIOD_S)
+
+
+def test_repeated_delays_are_never_mistaken_for_a_slow_clock() -> None:
+    lateness = LateMessageFilter()
+    stalls = [delay_s for _ in range(20) for delay_s in [2.0] + [0.01] * 120]
+    taken = link(lateness, [0.01] * 50 + stalls)
+    assert lateness.refused > 20 * 80
+    assert len(taken) > 20 * 20
+    late = LateMessageFilter()
+    assert late.accepts("anna", 0.01, 0.0)
+    bursts = [(burst * 1.6, 1.0 + number * PERIOD_S) for burst in range(1, 10) for number in range(3)]
+    assert not any(late.accepts("anna", age_s, now_s) for now_s, age_s in bursts)
+
+
+def test_a_backlog_that_comes_bit_by_bit_is_refused_to_its_end() -> None:
+    lateness = LateMessageFilter()
+    link(lateness, [0.01] * 100)
+    came = [(5.0 + n * 0.015, 3.0 - n * 0.005) for n in range(700)]  # a third more than is said meanwhile
+    taken = [age_s for now_s, age_s in came if lateness.accepts("anna", age_s, now_s)]
+    assert max(taken) < LATE_S + 0.02
+
+
+@pytest.mark.parametrize("back_s", [0.5, 5.0, 3600.0])
+def test_a_clock_that_was_set_back_and_a_link_that_became_slow_are_believed(back_s: float) -> None:
+    lateness = LateMessageFilter()
+    link(lateness, [0.01] * 100)
+    taken = link(lateness, [0.01 + 0.05 * (n % 3) for n in range(200)], began_s=2.0, ahead_s=-back_s)
+    assert taken[0] == pytest.approx(2.0 + STEADY_S, abs=0.1)
+    assert len(taken) == pytest.approx((4.0 - STEADY_S) / PERIOD_S, abs=5)
+
+
+def test_a_clock_that_was_ahead_and_is_set_right_is_believed() -> None:
+    lateness = LateMessageFilter()
+    link(lateness, [0.01] * 100, ahead_s=5.0)
+    assert link(lateness, [0.01] * 200, began_s=2.0)[0] <= 2.0 + STEADY_S + 0.1
+
+
+def test_clocks_that_run_apart_are_followed() -> None:
+    lateness = LateMessageFilter()
+    assert all(lateness.accepts("anna", n * PERIOD_S * 0.04, n * PERIOD_S) for n in range(3000))
+
+
+def test_delays_of_a_busy_machine_are_in_time() -> None:
+    lateness = LateMessageFilter()
+    assert len(link(lateness, [0.25 if n % 50 == 0 else 0.001 for n in range(1000)])) == 1000
+
+
+def test_a_long_silence_resets_each_name_separately() -> None:
+    lateness = LateMessageFilter()
+    assert lateness.accepts("anna", 0.0, 0.0)
+    assert lateness.accepts("ben", 9.0, 0.0)
+    assert not lateness.accepts("anna", 9.0, FORGOTTEN_S - 1.0)
+    assert lateness.accepts("anna", 9.0, FORGOTTEN_S + 1.0)
+    assert lateness.refused == 1
+
+
+START_NS = 1_700_000_000 * 10**9
+
+
+def watched(skews_s: dict[str, float], delays_s: dict[str, list[float]]) -> list[ClockSkew]:
+    """Return the skews found for machines with these clock offsets and report delays."""
+    watch = ClockSkewMonitor("here")
+    for host, delays in delays_s.items():
+        for second, delay_s in enumerate(delays):
+            sent_ns = START_NS + second * 10**9
+            stamp_ns = sent_ns + int(skews_s.get(host, 0.0) * 1e9)
+            watch.on_report(host, stamp_ns, sent_ns + int(delay_s * 1e9), second + delay_s)
+    return list(watch.skews(max(len(delays) for delays in delays_s.values())))
+
+
+@pytest.mark.parametrize("skew_s", [0.06, 0.3, 1.5, 3600.0, -0.06, -0.3, -1.5, -3600.0])
+def test_clock_skew_is_reported_with_machine_and_amount(skew_s: float) -> None:
+    found = watched({"there": skew_s}, {"here": [0.001] * 10, "there": [0.002] * 10, "fine": [0.002] * 10})
+    assert [skew.host for skew in found] == ["there"]
+    assert found[0].ahead_s == pytest.approx(skew_s, abs=0.003)
+    assert found[0].exceeds_limit == (abs(skew_s) >= 1.0)
+
+
+@pytest.mark.parametrize("skew_s", [0.04, -0.04])
+def test_a_little_apart_is_nothing(skew_s: float) -> None:
+    assert not watched({"there": skew_s}, {"there": [0.002] * 10})
+
+
+@given(seed=st.integers(0, 10_000), count=st.integers(1, 20), skew_s=st.floats(-0.045, 0.04))
+def test_variable_delay_is_not_reported_as_clock_skew(seed: int, count: int, skew_s: float) -> None:
+    """Delays of up to a second, of which now and then one is small: as of processes that wait for a core."""
+    chance = random.Random(seed)
+    delays = [chance.choice([0.002, chance.uniform(0.0, 1.0), chance.expovariate(3.0)]) for _ in range(count)]
+    delays[chance.randrange(count)] = 0.002
+    assert not watched({"there": skew_s}, {"there": delays})
+
+
+def test_what_delays_all_is_this_machines_own_load() -> None:
+    assert not watched({}, {"here": [0.4] * 10, "there": [0.42] * 10})
+
+
+def test_few_and_uneven_reports_prove_nothing_yet() -> None:
+    assert not watched({}, {"there": [0.08]})
+    assert not watched({}, {"there": [0.08, 0.3]})
+    assert not watched({}, {"there": [0.08, 0.3, 0.2, 0.15]})
+    assert watched({"there": -0.5}, {"there": [0.02, 0.1, 0.05]}), "steady for what they are"
+
+
+def test_a_clock_that_was_set_right_is_believed() -> None:
+    watch = ClockSkewMonitor("here")
+    for second in range(5):
+        watch.on_report("there", START_NS + 10**9, START_NS, float(second))
+    assert list(watch.skews(5.0))
+    for second in range(5, 5 + int(WINDOW_S)):
+        watch.on_report("there", START_NS, START_NS + 10**6, float(second))
+    assert not list(watch.skews(5.0 + WINDOW_S))
+    assert not list(watch.skews(1000.0))
+
+
+def test_hosts_are_bounded() -> None:
+    watch = ClockSkewMonitor("here")
+    for number in range(10_000):
+        watch.on_report(f"made-up-{number}", START_NS, START_NS, number / 1000)
+    assert len(watch._late) <= 256
+
+
+def test_the_sentence_names_machine_amount_and_consequence() -> None:
+    little = ClockSkew(host="pi", ahead_s=-0.08).sentence("desk")
+    assert "machine pi is 80 ms behind the clock of desk" in little
+    assert "latency" in little
+    much = ClockSkew(host="pi", ahead_s=1.5).sentence("desk")
+    assert "machine pi is 1.5 s ahead of the clock of desk" in much
+    assert "refused" in much
+    assert APART_S < 1

@@ -87,7 +87,7 @@ ROOMS = {
             *("tests/integration/ros2", "tests/integration/scenario/steered_robots.py"),
             "tests/integration/scenario/test_send_a_robot.py",
             "tests/integration/api/test_found_by_following.py",
-            *("tests/lab/evaluation/test_robot_evaluation.py", "tests/lab/evaluation/test_robot_flights.py"),
+            "tests/lab/evaluation/test_robot_evaluation.py",
             "tests/lab/cli/test_evaluate_robots.py",
             "tests/e2e/web/test_robots.py",
         ),

@@ -32,7 +32,7 @@ FOLDERS = (
 GENERATED = {"__pycache__", "node_modules", "static"}
 EXEMPT = (
     "schemas/catalogue/messages/",  # versions of messages are kept as they were
-    "tests/unit/cli/test_old_spellings.py",
+    "tests/unit/cli/test_main.py",
     "tests/architecture/test_command_spellings.py",
 )
 

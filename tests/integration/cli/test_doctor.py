@@ -188,3 +188,18 @@ async def test_ctrl_c_before_the_answer_is_no_answer(site: Site) -> None:
         code, took_s = await interrupt(process)
         assert code == 130
         assert took_s < 5
+
+
+async def test_what_else_is_wrong_does_not_count(site: Site) -> None:
+    async with pointing_process(site):
+        expect(site, ExpectedService(service="pui"), name="run.another")
+        assert (await site.pointit("doctor")).code == 1
+        ended = await content(site, "--only", "anna")
+        assert [service["instance"] for service in json.loads(ended.out)["services"]] == ["pointing.anna"]
+
+
+async def test_what_does_not_run_is_not_well(site: Site) -> None:
+    async with pointing_process(site):
+        ended = await site.pointit("doctor", "--only", "selector", "--json")
+    assert ended.code == 1
+    assert findings(ended) == [("absent", "selector")]

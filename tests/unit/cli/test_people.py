@@ -1,14 +1,36 @@
-"""A button pressed from the command line, with a real supervisor on the memory bus."""
+"""A button pressed from the command line, and anchors that are given up."""
+
+import asyncio
+from typing import Literal
 
 import pytest
 
 from pointit.api.press import press
+from pointit.cli.people.anchoring import Anchoring
 from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.errors import NoAnswerError
-from pointit.schemas import ButtonEvent, Feedback, Interaction, UserPose
-from pointit.schemas.topics import BUTTON, FEEDBACK, INTERACTION, POSE, SERVICE_ALIVE
+from pointit.schemas import (
+    ButtonEvent,
+    CancelLocalization,
+    Done,
+    Feedback,
+    Interaction,
+    Localization,
+    PointAnchor,
+    UserPose,
+)
+from pointit.schemas.topics import (
+    BUTTON,
+    CANCEL_LOCALIZATION,
+    FEEDBACK,
+    INTERACTION,
+    LOCALIZATION,
+    POINT_ANCHOR,
+    POSE,
+    SERVICE_ALIVE,
+)
 from pointit.services.supervisor.service import Supervisor
-from tests.support.bench import Bench, memory_bench
+from tests.support.bench import Bench, memory_bench, until
 
 ANNA = "anna"
 
@@ -79,3 +101,30 @@ async def test_a_supervisor_that_hangs_is_one_sentence() -> None:
         for gesture in ("press", "double"):
             with pytest.raises(NoAnswerError, match=r"supervisor\.anna did not answer within 0\.05 s"):
                 await press(bench.bus, SiteClock(bench.bus), ANNA, gesture, patience_s=0.05)
+
+
+@pytest.mark.parametrize(("phase", "called_off"), [("idle", ["cancel"]), ("sampling", [])])
+async def test_who_gives_up_before_the_answer_leaves_no_lamp_lit(
+    phase: Literal["idle", "sampling"], called_off: list[str]
+) -> None:
+    asked: list[str] = []
+
+    async def point(_query: PointAnchor, _user: str) -> Done:
+        asked.append("anchor")
+        await asyncio.Event().wait()
+        return Done()
+
+    async def cancel(_query: CancelLocalization, _user: str) -> Done:
+        asked.append("cancel")
+        return Done()
+
+    async with memory_bench() as bench:
+        bench.bus.serve(POINT_ANCHOR, point, ANNA)
+        bench.bus.serve(CANCEL_LOCALIZATION, cancel, ANNA)
+        bench.put(LOCALIZATION, Localization(stamp_ns=1, phase=phase, since_ns=1), ANNA)
+        pointing = asyncio.create_task(Anchoring(bench.bus, ANNA).point("led_1", 5.0, lambda _text: None))
+        await until(lambda: asked == ["anchor"])
+        pointing.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await pointing
+    assert asked == ["anchor", *called_off]

@@ -1,16 +1,116 @@
-"""Command-line options for people reach profile, localizer and simulation alike."""
+"""Options of `run` and `person add`, and what they start."""
 
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import click
 import pytest
 from click.testing import CliRunner
 
-from pointit.cli.run.run_options import PERSON_OPTIONS, pose
-from pointit.launch.plan.launches import Choices, user_launches
+from pointit.cli.common.panels import PanelCommand
+from pointit.cli.run import run as run_command
+from pointit.cli.run import run_options
+from pointit.cli.run.run_options import OPTIONAL, PERSON_OPTIONS, choices_of, pose, shared_options
+from pointit.launch.plan.launches import Choices, robot_of, user_launches
+from pointit.launch.plan.plan import Plan
 from pointit.launch.plan.scenario import Pose, read_scenario
+from pointit.launch.plan.scenario_catalog import scenario_launches
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch
+
+SCENARIO = """
+about: robots
+places: [{position_m: [3.0, 0.4, 0.0], yaw_deg: 20.0}]
+site:
+  pui: {map: lab}
+  robot.quad: {kind: quadrotor}
+  robot.rover: {}
+user: {pointing: {}, localizer: {}, supervisor: {}, user-sim: {}}
+"""
+
+
+@click.command(cls=PanelCommand, panels={}, optional=OPTIONAL)
+@click.argument("scenario", default="usual")
+@shared_options
+def command(scenario: str, **options: object) -> None:
+    """Print what the options mean."""
+    choices = choices_of(options)
+    click.echo(f"{scenario} {choices.localize} {choices.robot}")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "meaning"),
+    [
+        ([], "usual False None"),
+        (["--localize"], "usual True None"),
+        (["--localize", "mine.yaml"], "mine.yaml True None"),
+        (["mine.yaml", "--localize"], "mine.yaml True None"),
+        (["--localize", "--seed", "3"], "usual True None"),
+        (["--localize", "lamps", "mine.yaml"], "mine.yaml True None"),
+        (["--localize", "robot"], "usual True "),
+        (["--localize=robot:rover", "mine.yaml"], "mine.yaml True rover"),
+        (["mine.yaml", "--localize", "robot:rover"], "mine.yaml True rover"),
+        (["--", "--localize"], "--localize False None"),
+    ],
+)
+def test_the_value_may_be_left_out(arguments: list[str], meaning: str) -> None:
+    result = CliRunner().invoke(command, arguments)
+    assert result.output.splitlines()[-1] == meaning, result.output
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["--localize=stars"], ["mine.yaml", "--localize", "stars"], ["--localize", "stars", "mine.yaml"]],
+    ids=" ".join,
+)
+def test_another_value_is_refused(arguments: list[str]) -> None:
+    result = CliRunner().invoke(command, arguments)
+    assert result.exit_code == 2
+    assert "'stars' is no way to localize; write lamps, robot or robot:NAME" in result.output
+
+
+def test_an_argument_too_many_is_named_when_localize_has_its_value() -> None:
+    result = CliRunner().invoke(command, ["mine.yaml", "--localize", "lamps", "stars"])
+    assert result.exit_code == 2
+    assert "unexpected extra argument (stars)" in result.output
+
+
+@pytest.fixture
+def scenario(tmp_path: Path) -> str:
+    path = tmp_path / "robots.yaml"
+    path.write_text(SCENARIO, encoding="utf-8")
+    return str(path)
+
+
+def test_the_person_follows_the_robot_and_the_robot_knows_about_where_they_stand(scenario: str) -> None:
+    for value, robot in (("robot", "quad"), ("robot:rover", "rover")):
+        choices = Choices(localize=True, robot=robot_of(value))
+        planned = scenario_launches(read_scenario(scenario), choices, 1)
+        configs = {launch.instance: launch.config.model_dump() for launch in planned}
+        localizer = configs["localizer.user1"]
+        assert (localizer["method"], localizer["robot_id"], localizer["window_s"]) == (
+            "moving_target",
+            robot,
+            10.0,
+        )
+        assert configs["supervisor.user1"]["localization_method"] == "moving_target"
+        assert configs[f"robot.{robot}"]["figure"]["people_m"] == ((3.0, 0.4, 0.0),)
+        assert configs["user-sim.user1"]["yaw_deg"] is None
+
+
+@pytest.mark.parametrize(
+    ("choices", "message"),
+    [
+        (Choices(localize=True, robot="arm"), "--localize robot:arm: .* no such robot; it has quad, rover"),
+        (Choices(localize=True, robot="", targets=3), "--targets 3: --localize robot has no lamps"),
+    ],
+)
+def test_what_cannot_be_is_refused(scenario: str, choices: Choices, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        scenario_launches(read_scenario(scenario), choices, 1)
+    with pytest.raises(ConfigError, match=r"--localize robot: .* has no robot"):
+        scenario_launches(read_scenario("scenario_1"), Choices(localize=True, robot=""), 1)
 
 
 def person(choices: Choices, index: int = 0, scenario: str = "scenario_2") -> dict[str, dict[str, Any]]:
@@ -137,3 +237,50 @@ def test_set_wins_over_every_option() -> None:
 
 def test_pose_may_lie_as_far_as_a_map_may() -> None:
     assert pose("450000,-5000.5") == Pose(x_m=450_000.0, y_m=-5000.5)
+
+
+SECURED = SimpleNamespace(link=SimpleNamespace(endpoints=("tls/hall:7450",)))
+
+
+@pytest.fixture
+def plans(monkeypatch: pytest.MonkeyPatch) -> list[Plan]:
+    """Return the plans of runs, none of which begins."""
+    plans: list[Plan] = []
+
+    def execute(plan: Plan, _log_level: str) -> int:
+        plans.append(plan)
+        return 0
+
+    monkeypatch.setattr(run_command, "execute", execute)
+    return plans
+
+
+@pytest.mark.parametrize(
+    ("credentials", "arguments", "connect"),
+    [
+        (None, [], ()),
+        (None, ["--connect", "tcp/hall:7450"], ("tcp/hall:7450",)),
+        (SECURED, [], ("tls/hall:7450",)),
+    ],
+)
+def test_where_a_run_listens_is_told_if_it_does(
+    credentials: object,
+    arguments: list[str],
+    connect: tuple[str, ...],
+    plans: list[Plan],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for module in (run_command, run_options):
+        monkeypatch.setattr(module, "given_credentials", lambda: credentials)
+    result = CliRunner().invoke(run_command.run, ["--ros2", "--no-web", *arguments])
+    assert result.exception is None, result.output
+    assert plans[0].link.connect == connect
+    assert plans[0].link.listen == (() if connect else (run_options.BESIDE_ROS,))
+    assert any(f"--connect {run_options.BESIDE_ROS}" in note for note in plans[0].notes) == (not connect)
+
+
+@pytest.mark.parametrize(("arguments", "count"), [(["--users", "0"], 1), (["--site-only"], 1), ([], 0)])
+def test_run_without_people_says_how_to_add_one(arguments: list[str], count: int, plans: list[Plan]) -> None:
+    result = CliRunner().invoke(run_command.run, ["--no-web", *arguments])
+    assert result.exception is None, result.output
+    assert sum("pointit person add" in note for note in plans[0].notes) == count

@@ -89,8 +89,7 @@ def unknown_scripts(text: str) -> set[str]:
 def test_links_paths_and_scripts_exist(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
     assert missing_links(text, path) == []
-    assert missing_paths(text) == []
-    assert unknown_scripts(text) == set()
+    assert (missing_paths(text), unknown_scripts(text)) == ([], set())
 
 
 def test_missing_files_and_scripts_are_found() -> None:

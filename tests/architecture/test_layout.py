@@ -175,8 +175,7 @@ def test_every_service_has_the_four_files_and_a_core(row: Process) -> None:
 def test_every_service_is_what_its_row_says(row: Process) -> None:
     service = row.load()
     assert issubclass(service, Service)
-    assert row.name == service.NAME
-    assert row.scope == service.SCOPE
+    assert (row.name, row.scope) == (service.NAME, service.SCOPE)
     assert issubclass(service.CONFIG, Config)
     assert row.config() is service.CONFIG
 

@@ -51,8 +51,7 @@ def test_the_demo_installs_once_and_runs_scenario_4(machine: Machine) -> None:
     assert machine.calls == ["pointit run scenario_4 --duration 20"]
     with (machine.root / "pyproject.toml").open("a") as file:
         file.write("# changed\n")
-    assert machine.run("demo").returncode == 0
-    assert machine.calls[1:] == [install, "pointit run scenario_4"]
+    assert (machine.run("demo").returncode, machine.calls[1:]) == (0, [install, "pointit run scenario_4"])
 
 
 @pytest.mark.parametrize(
@@ -124,8 +123,7 @@ def test_an_extra_goes_into_the_venv_with_uv_and_without(machine: Machine, *, uv
     )
     assert machine.calls[-1] == f"{pip} -e {machine.root}[ros2,plot]"
     machine.run("setup", "ros2", "plot")
-    assert machine.calls == []
-    assert machine.run("setup", "web", "lab").returncode == 0
+    assert (machine.calls, machine.run("setup", "web", "lab").returncode) == ([], 0)
     assert machine.calls[-1] == f"{pip} -e {machine.root}[web,lab] -e {machine.root}/lab"
     assert machine.run("setup", "dev").returncode == 0
     assert machine.calls[-1] == f"{pip} -e {machine.root}[dev] -e {machine.root}/lab"
@@ -143,8 +141,7 @@ def test_an_extra_that_does_not_exist_is_refused(machine: Machine) -> None:
 def test_debian_without_its_venv_package_is_told_what_to_install(machine: Machine) -> None:
     machine.add("python3", PYTHON)
     done = machine.run("demo", NO_VENV="The virtual environment was not created: ensurepip is not available.")
-    assert done.returncode == 1
-    assert done.stderr.count("\n") == 1
+    assert (done.returncode, done.stderr.count("\n")) == (1, 1)
     assert "apt install python3-venv" in done.stderr
     assert not (machine.root / ".venv").exists()
 
@@ -155,8 +152,7 @@ def test_a_failed_installation_shows_why_and_is_tried_again(machine: Machine) ->
     assert done.returncode == 1
     assert done.stderr.startswith("no route to the index\n")
     assert "could not be installed" in done.stderr
-    assert machine.run("demo").returncode == 0
-    assert machine.calls[-1] == "pointit run scenario_4"
+    assert (machine.run("demo").returncode, machine.calls[-1]) == (0, "pointit run scenario_4")
 
 
 def test_a_slow_installation_says_what_it_does(machine: Machine) -> None:
@@ -184,8 +180,7 @@ def test_check_goes_on_after_a_failure_and_names_what_failed(machine: Machine) -
         tool.chmod(0o755)
     (machine.root / "scripts" / "page").write_text("#!/bin/sh\n", encoding="utf-8")  # has tests of its own
     done = machine.run("check")
-    assert done.returncode == 1
-    assert done.stderr == "failed: mypy,pyright\n"
+    assert (done.returncode, done.stderr) == (1, "failed: mypy,pyright\n")
     assert [line.split()[0] for line in done.stdout.splitlines() if line.startswith(("ok", "FAILED"))] == [
         *("ok", "ok", "FAILED", "FAILED", "ok", "ok", "ok", "ok")
     ]

@@ -19,16 +19,7 @@ import psutil
 
 from pointit.runtime.link.link import Link
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
-from pointit.schemas import Cursor, Health, Interaction, Message, StripsFrame, TrackedObjects
-from pointit.schemas.topics import (
-    CURSOR,
-    HEALTH,
-    INTERACTION,
-    OBJECTS,
-    SERVICE_ALIVE,
-    STRIPS_FRAME,
-    USER_ALIVE,
-)
+from pointit.schemas import Cursor, Health, Interaction, Message, StripsFrame, TrackedObjects, topics
 from tests.support.bench import until
 from tests.support.forked import ForkedProcess
 from tests.support.pace import Patience
@@ -213,13 +204,13 @@ class Onlooker:
     frames: list[StripsFrame] = field(default_factory=list[StripsFrame])
 
     def look(self) -> None:
-        self.bus.watch(SERVICE_ALIVE, lambda name, here: _change(self.present, name, here=here))
-        self.bus.watch(USER_ALIVE, lambda name, here: _change(self.people, name, here=here))
-        self.bus.subscribe(HEALTH, self._on_health)
-        self.bus.subscribe(CURSOR, lambda message, user: self.cursors[user].append(message))
-        self.bus.subscribe(INTERACTION, lambda message, user: self.interactions[user].append(message))
-        self.bus.subscribe(OBJECTS, lambda message, _name: self.objects.append(message))
-        self.bus.subscribe(STRIPS_FRAME, lambda message, _name: self.frames.append(message))
+        self.bus.watch(topics.SERVICE_ALIVE, lambda name, here: _change(self.present, name, here=here))
+        self.bus.watch(topics.USER_ALIVE, lambda name, here: _change(self.people, name, here=here))
+        self.bus.subscribe(topics.HEALTH, self._on_health)
+        self.bus.subscribe(topics.CURSOR, lambda message, user: self.cursors[user].append(message))
+        self.bus.subscribe(topics.INTERACTION, lambda message, user: self.interactions[user].append(message))
+        self.bus.subscribe(topics.OBJECTS, lambda message, _name: self.objects.append(message))
+        self.bus.subscribe(topics.STRIPS_FRAME, lambda message, _name: self.frames.append(message))
 
     def _on_health(self, health: Health, instance: str) -> None:
         self.health[instance] = health

@@ -114,8 +114,7 @@ async def test_another_scenario_takes_its_place(
     assert within(ended.took_s, END_S)
     assert "Traceback" not in ended.err
     summary = summary_of(ended)
-    assert summary["scenario"] == "scenario_2"
-    assert len(summary["services"]) == 14
+    assert (summary["scenario"], len(summary["services"])) == ("scenario_2", 14)
 
 
 async def test_a_run_goes_on_while_a_page_is_open(commands: Commands, endpoint: str, tmp_path: Path) -> None:

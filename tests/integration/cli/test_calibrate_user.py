@@ -348,8 +348,7 @@ async def test_lamps_that_somebody_else_has_are_waited_for_once(
     others.put(Localization(stamp_ns=1, phase="sampling", target_id="led_0", target_count=2, since_ns=1))
     localizer.refuses = "ben is being localized with these lamps; try again when they are done"
     ended = await site.pointit("person", "calibrate", "user", ANNA, "--timeout", "1")
-    assert ended.code == 1
-    assert ended.err.count("; waiting for up to 1 s") == 1
+    assert (ended.code, ended.err.count("; waiting for up to 1 s")) == (1, 1)
     assert "nothing was changed: ben is being localized with these lamps" in ended.err
     assert len(localizer.asked) == 2
     others.put(Localization(stamp_ns=2, phase="solved", since_ns=1))

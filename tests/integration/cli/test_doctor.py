@@ -71,8 +71,7 @@ async def test_all_is_well(site: Site) -> None:
         text = await content(site, is_json=False)
         assert text.out.rstrip().endswith("all is well: 1 service runs")
         (row,) = (line for line in text.out.splitlines() if line.split()[:1] == ["pointing"])
-        assert row.split()[1:3] == ["anna", str(process.pid)]
-        assert row.split()[-1] == "ok"
+        assert (row.split()[1:3], row.split()[-1]) == (["anna", str(process.pid)], "ok")
 
 
 async def test_an_expected_service_that_is_absent(site: Site) -> None:
@@ -93,8 +92,7 @@ async def test_a_killed_service_is_noticed_within_five_seconds_and_its_restart_h
         process.kill()
         ended = await site.pointit("doctor", "--json")
         assert within(ended.took_s, NOTICED_S + delay_s)
-        assert ended.code == 1
-        assert findings(ended) == [("absent", "pointing.anna")]
+        assert (ended.code, findings(ended)) == (1, [("absent", "pointing.anna")])
     async with site.python(*POINTING):
         await site.arrived("pointing.anna")
         ended = await content(site)
@@ -201,5 +199,4 @@ async def test_what_else_is_wrong_does_not_count(site: Site) -> None:
 async def test_what_does_not_run_is_not_well(site: Site) -> None:
     async with pointing_process(site):
         ended = await site.pointit("doctor", "--only", "selector", "--json")
-    assert ended.code == 1
-    assert findings(ended) == [("absent", "selector")]
+    assert (ended.code, findings(ended)) == (1, [("absent", "selector")])

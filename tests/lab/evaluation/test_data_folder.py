@@ -144,8 +144,7 @@ def test_lines_are_those_of_the_file(tmp_path: Path) -> None:
     table = read_table(
         write(tmp_path, 'subject,x\n\n\n"a",1\nb,2\n\na,3,\n'), numbers=["x"], texts=["subject"]
     )
-    assert table.lines == [4, 5, 7]
-    assert table.rows_by("subject") == {("a",): [0, 2], ("b",): [1]}
+    assert (table.lines, table.rows_by("subject")) == ([4, 5, 7], {("a",): [0, 2], ("b",): [1]})
     part = table.only([0, 2])
     assert (part.lines, part.texts["subject"], len(part)) == ([4, 7], ["a", "a"], 2)
     np.testing.assert_array_equal(part.numbers["x"], [1.0, 3.0])

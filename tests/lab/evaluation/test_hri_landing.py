@@ -35,8 +35,7 @@ def write(folder: Path, *moves: dict[str, object], rows: str = "") -> Path:
 
 def test_error_time_and_detour_count_from_the_steering_to_the_landing(tmp_path: Path) -> None:
     (move,) = read_moves(write(tmp_path))
-    assert move.error_m == pytest.approx(0.1)
-    assert move.time_s == pytest.approx(8.0)
+    assert (move.error_m, move.time_s) == (pytest.approx(0.1), pytest.approx(8.0))
     assert move.detour == pytest.approx((2.0**0.5 + (1.0 + 0.9**2) ** 0.5) / 2.0)
 
 

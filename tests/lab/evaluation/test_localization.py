@@ -65,13 +65,11 @@ def test_a_row_sums_up_what_was_accepted() -> None:
     assert only.position_m is not None
     assert only.position_m.median == pytest.approx(0.4)
     assert only.yaw_deg is not None
-    assert only.yaw_deg.median == pytest.approx(2.0)
-    assert only.share_above_1m == pytest.approx(1 / 4)
+    assert (only.yaw_deg.median, only.share_above_1m) == (pytest.approx(2.0), pytest.approx(1 / 4))
     assert only.misled == pytest.approx(1 / 4)
     assert only.every_m is not None
     assert only.every_m.median == pytest.approx(0.4)  # the refused one had no pose at all
-    assert only.within_2_sigma == pytest.approx(2 / 4)
-    assert only.yaw_within_2_sigma == pytest.approx(3 / 4)
+    assert (only.within_2_sigma, only.yaw_within_2_sigma) == (pytest.approx(2 / 4), pytest.approx(3 / 4))
     assert only.bound_m == pytest.approx(0.25)
     assert only.solve_ms is not None
     assert only.solve_ms.median == 3.0
@@ -83,8 +81,7 @@ def test_what_is_refused_counts_among_all() -> None:
     assert (only.n, only.refused) == (2, 1)
     assert only.position_m is not None
     assert only.every_m is not None
-    assert only.position_m.median == pytest.approx(0.2)
-    assert only.every_m.median == pytest.approx(1.6)
+    assert (only.position_m.median, only.every_m.median) == (pytest.approx(0.2), pytest.approx(1.6))
 
 
 def at(start_s: float, window_s: int, error_m: float, *, taken: bool) -> Outcome:
@@ -179,9 +176,7 @@ def rows(tmp_path_factory: pytest.TempPathFactory) -> list[Row]:
     ticks: list[tuple[int, int]] = []
     trials = read_trials(folder).trials
     found = localization_rows(trials, baselines=True, jobs=2, tick=lambda done, of: ticks.append((done, of)))
-    assert ticks[0] == (0, len(trials))
-    assert ticks[-1] == (len(trials), len(trials))
-    assert ticks == sorted(ticks)
+    assert (ticks[0], ticks[-1], ticks) == ((0, len(trials)), (len(trials), len(trials)), sorted(ticks))
     return found
 
 
@@ -190,8 +185,7 @@ def test_each_solver_has_its_row(rows: list[Row]) -> None:
     assert {row.subject for row in rows} == {"all", "user9"}
     assert {row.condition for row in rows} == {"1 s", "2 s", "3 s", "5 s", "8 s"}  # too short for `UNTIL`
     taken = {row.condition: row.taken for row in rows if row.solver == OURS and row.subject == "all"}
-    assert taken["8 s"] == 1.0
-    assert taken["1 s"] == 0.0
+    assert (taken["8 s"], taken["1 s"]) == (1.0, 0.0)
     assert all(row.taken is None for row in rows if row.solver != OURS)
 
 

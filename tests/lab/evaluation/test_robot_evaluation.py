@@ -9,32 +9,27 @@ import pytest
 from pointit.services.localizer.estimation.estimator import Pointings
 from pointit_lab.evaluation.localization.trial import Trial
 from pointit_lab.evaluation.robots import flight as flight_module
+from pointit_lab.evaluation.robots import following
 from pointit_lab.evaluation.robots.flight import FlightScore, fly
 from pointit_lab.evaluation.robots.flight_row import Quantiles, flight_row
 from pointit_lab.evaluation.robots.flight_setup import CONDITIONS, EYES_M, RANGE_M, FlightCondition, flight_of
-from pointit_lab.evaluation.robots.following import (
-    CIRCLE,
-    FIGURE,
-    LINE,
-    intervals,
-    recorded_rows,
-    simulated_rows,
-)
 from pointit_lab.evaluation.robots.identification import rates, recorded_results, share
 from pointit_lab.evaluation.robots.robots import flight_rows
 from pointit_lab.evaluation.robots.simulated_follower import RATE_HZ, SimulatedFollower
 
 
 def test_people_who_follow_the_figure_are_found_better_than_by_a_circle_or_a_line() -> None:
-    rows = simulated_rows(range(20))
+    rows = following.simulated_rows(range(20))
     for kind in ("ground", "quadrotor"):
         of = {row.solver: row for row in rows if row.subject == "all" and row.condition == f"5 s, {kind}"}
         medians = {name: row.position_m.median for name, row in of.items() if row.position_m is not None}
-        assert medians[FIGURE] < min(0.8 * medians[CIRCLE], medians[LINE])
-        assert medians[FIGURE] < 0.5
-        assert (of[FIGURE].within_2_sigma or 0.0) >= 0.9
+        assert medians[following.FIGURE] < min(0.8 * medians[following.CIRCLE], medians[following.LINE])
+        assert medians[following.FIGURE] < 0.5
+        assert (of[following.FIGURE].within_2_sigma or 0.0) >= 0.9
     (against_circle,) = [
-        each for each in intervals(rows) if (each.condition, each.solver) == ("5 s, ground", CIRCLE)
+        each
+        for each in following.intervals(rows)
+        if (each.condition, each.solver) == ("5 s, ground", following.CIRCLE)
     ]
     assert against_circle.ratio is not None
     assert against_circle.ratio.low > 1.0
@@ -76,7 +71,7 @@ def test_a_recorded_robot_is_told_from_that_of_another_person() -> None:
 
 
 def test_recorded_people_are_scored_person_by_person() -> None:
-    rows = recorded_rows([recorded(name, way, 5.0) for name, way in (("anna", 0.3), ("ben", 1.6))])
+    rows = following.recorded_rows([recorded(name, way, 5.0) for name, way in (("anna", 0.3), ("ben", 1.6))])
     assert [row.subject for row in rows] == ["all", "anna", "ben"]
     assert all(row.position_m is not None and row.position_m.median < 1.0 for row in rows)
 
@@ -166,5 +161,4 @@ def test_rows_come_by_condition_and_progress_is_told() -> None:
         IN_THE_AIR[1:], people=2, seed=5, jobs=1, tick=lambda done, total: told.append((done, total))
     )
     assert [(row.condition, row.n, row.people) for row in rows] == [("cylinder", 2, 2), ("sphere", 2, 2)]
-    assert told[0] == (0, 4)
-    assert told[-1] == (4, 4)
+    assert (told[0], told[-1]) == ((0, 4), (4, 4))

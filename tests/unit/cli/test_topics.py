@@ -15,22 +15,7 @@ from pointit.cli.common.output import print_table
 from pointit.cli.common.topic_names import Wanted, resolve, resolve_all
 from pointit.cli.inspect.call import build, requests
 from pointit.cli.main import command
-from pointit.schemas import ImuSample, SetFeeding, SetPose, SetSpeed
-from pointit.schemas.topics import (
-    CURSOR,
-    HEALTH,
-    IMU,
-    MAP,
-    OBJECTS,
-    PRESENCES,
-    REQUESTS,
-    SELECTION,
-    SELECTION_EVENTS,
-    SET_FEEDING,
-    SET_POSE,
-    SET_SPEED,
-    TOPICS,
-)
+from pointit.schemas import ImuSample, SetFeeding, SetPose, SetSpeed, topics
 from pointit.services.registry import PROCESSES
 
 
@@ -47,7 +32,7 @@ def records(*arguments: str) -> dict[str, list[dict[str, Any]]]:
 
 def test_topics_shows_every_row_on_one_line() -> None:
     lines = invoke("topic", "list").splitlines()
-    for topic in TOPICS:
+    for topic in topics.TOPICS:
         (line,) = (line for line in lines if line.split()[:1] == [topic.key])
         assert topic.message.schema_name() in line
         assert f" {topic.delivery.value} " in line
@@ -59,18 +44,18 @@ def test_topics_shows_every_row_on_one_line() -> None:
 def test_topics_as_json() -> None:
     tables = records("topic", "list")
     assert list(tables) == ["topics", "requests", "presence"]
-    assert [row["key"] for row in tables["topics"]] == [topic.key for topic in TOPICS]
+    assert [row["key"] for row in tables["topics"]] == [topic.key for topic in topics.TOPICS]
     assert tables["topics"][0] == {
-        "key": TOPICS[0].key,
+        "key": topics.TOPICS[0].key,
         "message": f"ImuSample.v{ImuSample.version}",
         "delivery": "latest",
         "rate_hz": 50,
-        "writers": list(TOPICS[0].writers),
-        "about": TOPICS[0].about,
+        "writers": list(topics.TOPICS[0].writers),
+        "about": topics.TOPICS[0].about,
     }
-    assert [row["key"] for row in tables["requests"]] == [request.key for request in REQUESTS]
-    assert [row["server"] for row in tables["requests"]] == [request.server for request in REQUESTS]
-    assert [row["key"] for row in tables["presence"]] == [presence.key for presence in PRESENCES]
+    assert [row["key"] for row in tables["requests"]] == [request.key for request in topics.REQUESTS]
+    assert [row["server"] for row in tables["requests"]] == [request.server for request in topics.REQUESTS]
+    assert [row["key"] for row in tables["presence"]] == [presence.key for presence in topics.PRESENCES]
 
 
 def test_list_shows_what_each_service_reads_writes_and_serves() -> None:
@@ -78,9 +63,7 @@ def test_list_shows_what_each_service_reads_writes_and_serves() -> None:
     assert list(rows) == [row.name for row in PROCESSES]
     for row in PROCESSES:
         shown = rows[row.name]
-        assert shown["scope"] == row.scope
-        assert shown["about"] == row.about
-        assert shown["extra"] == row.extra
+        assert (shown["scope"], shown["about"], shown["extra"]) == (row.scope, row.about, row.extra)
         assert shown["reads"] == [topic.key for topic in row.reads]
         assert shown["writes"] == [topic.key for topic in row.writes]
         assert shown["serves"] == [request.key for request in row.serves]
@@ -96,8 +79,7 @@ def test_a_noun_lists_what_list_shows_of_it(noun: str) -> None:
 
 def test_an_unknown_section_is_a_mistake() -> None:
     result = CliRunner().invoke(command, ["list", "service"])
-    assert result.exit_code == 2
-    assert result.output == "Error: no section 'service'; did you mean services?\n"
+    assert (result.exit_code, result.output) == (2, "Error: no section 'service'; did you mean services?\n")
 
 
 @pytest.mark.parametrize("width", ["40", "200"])
@@ -110,15 +92,15 @@ def test_a_narrow_terminal_loses_no_text(monkeypatch: pytest.MonkeyPatch, width:
 @pytest.mark.parametrize(
     ("typed", "wanted"),
     [
-        ("users/anna/imu", [(IMU, "anna")]),
-        ("/users/anna/imu/", [(IMU, "anna")]),
-        ("users/*/cursor", [(CURSOR, "*")]),
-        ("users/{user}/cursor", [(CURSOR, "*")]),
-        ("map", [(MAP, "")]),
-        ("*", [(MAP, ""), (SELECTION, "")]),
-        ("objects/*", [(OBJECTS, "*")]),
-        ("selection/**", [(SELECTION, ""), (SELECTION_EVENTS, "")]),
-        ("health/pointing.anna", [(HEALTH, "pointing.anna")]),
+        ("users/anna/imu", [(topics.IMU, "anna")]),
+        ("/users/anna/imu/", [(topics.IMU, "anna")]),
+        ("users/*/cursor", [(topics.CURSOR, "*")]),
+        ("users/{user}/cursor", [(topics.CURSOR, "*")]),
+        ("map", [(topics.MAP, "")]),
+        ("*", [(topics.MAP, ""), (topics.SELECTION, "")]),
+        ("objects/*", [(topics.OBJECTS, "*")]),
+        ("selection/**", [(topics.SELECTION, ""), (topics.SELECTION_EVENTS, "")]),
+        ("health/pointing.anna", [(topics.HEALTH, "pointing.anna")]),
     ],
 )
 def test_keys_stand_for_rows_and_names(typed: str, wanted: list[Wanted]) -> None:
@@ -128,20 +110,20 @@ def test_keys_stand_for_rows_and_names(typed: str, wanted: list[Wanted]) -> None
 def test_all_of_one_person() -> None:
     found = resolve("users/anna/*")
     assert {name for _, name in found} == {"anna"}
-    assert [topic for topic, _ in found] == [topic for topic in TOPICS if topic.placeholder == "user"]
+    assert [topic for topic, _ in found] == [topic for topic in topics.TOPICS if topic.placeholder == "user"]
 
 
 def test_everything_is_every_row() -> None:
-    assert [topic for topic, _ in resolve("**")] == list(TOPICS)
+    assert [topic for topic, _ in resolve("**")] == list(topics.TOPICS)
 
 
 def test_doubles_count_once() -> None:
-    assert resolve_all(["map", "users/*/imu", "map"]) == [(MAP, ""), (IMU, "*")]
+    assert resolve_all(["map", "users/*/imu", "map"]) == [(topics.MAP, ""), (topics.IMU, "*")]
 
 
-@given(st.sampled_from(TOPICS), st.from_regex(r"[A-Za-z0-9_][A-Za-z0-9_.\-]{0,20}", fullmatch=True))
+@given(st.sampled_from(topics.TOPICS), st.from_regex(r"[A-Za-z0-9_][A-Za-z0-9_.\-]{0,20}", fullmatch=True))
 def test_every_key_of_the_table_is_found_by_itself(topic: object, name: str) -> None:
-    row = next(other for other in TOPICS if other is topic)
+    row = next(other for other in topics.TOPICS if other is topic)
     wanted = name if row.placeholder else ""
     assert resolve(row.at(wanted)) == [(row, wanted)]
 
@@ -171,21 +153,23 @@ def test_unknown_keys_get_one_sentence(typed: str, said: str) -> None:
     "typed", ["part_e,part_f", "[part_e, part_f]", "part_e, part_f", "['part_e', part_f]"]
 )
 def test_a_list_needs_no_brackets(typed: str) -> None:
-    query = build(SET_SPEED, ["speed_mps=0.2", f"belts={typed}"])
+    query = build(topics.SET_SPEED, ["speed_mps=0.2", f"belts={typed}"])
     assert query == SetSpeed(speed_mps=0.2, belts=("part_e", "part_f"))
 
 
 def test_one_name_is_a_list_of_one() -> None:
-    assert build(SET_SPEED, ["speed_mps=1", "belts=part_e"]) == SetSpeed(speed_mps=1.0, belts=("part_e",))
+    assert build(topics.SET_SPEED, ["speed_mps=1", "belts=part_e"]) == SetSpeed(
+        speed_mps=1.0, belts=("part_e",)
+    )
 
 
 def test_numbers_too() -> None:
-    assert build(SET_POSE, ["position_m=1,2,0"]) == SetPose(position_m=(1.0, 2.0, 0.0))
+    assert build(topics.SET_POSE, ["position_m=1,2,0"]) == SetPose(position_m=(1.0, 2.0, 0.0))
 
 
 @pytest.mark.parametrize(("typed", "feeding"), [("false", False), ("off", False), ("on", True)])
 def test_a_switch_is_typed_as_people_say_it(typed: str, *, feeding: bool) -> None:
-    assert build(SET_FEEDING, [f"feeding={typed}"]) == SetFeeding(feeding=feeding)
+    assert build(topics.SET_FEEDING, [f"feeding={typed}"]) == SetFeeding(feeding=feeding)
 
 
 def test_no_key_or_field_is_broken_at_eighty_columns() -> None:

@@ -26,16 +26,7 @@ from pointit.schemas import (
     Passed,
     RobotState,
     UserPose,
-)
-from pointit.schemas.topics import (
-    ANCHOR,
-    FEEDBACK,
-    INTERACTION,
-    LOCALIZATION,
-    POSE,
-    ROBOT_STATE,
-    SERVICE_ALIVE,
-    USER_ALIVE,
+    topics,
 )
 from pointit.services.imu_bridge.wrist.monitor import BATTERY, GAPS, RATE, SIGNAL
 from pointit.services.localizer.certainty import UNSURE_DEG, UNSURE_M
@@ -229,10 +220,10 @@ async def followed() -> tuple[MemoryBus, Monitor]:
 
 async def test_refusals_stay_until_the_next_attempt() -> None:
     bus, monitor = await followed()
-    token = bus.announce(USER_ALIVE, "anna")
-    localizations, cues = bus.publisher(LOCALIZATION, "anna"), bus.publisher(FEEDBACK, "anna")
-    interactions = bus.publisher(INTERACTION, "anna")
-    bus.publisher(POSE, "anna").put(pose())
+    token = bus.announce(topics.USER_ALIVE, "anna")
+    localizations, cues = bus.publisher(topics.LOCALIZATION, "anna"), bus.publisher(topics.FEEDBACK, "anna")
+    interactions = bus.publisher(topics.INTERACTION, "anna")
+    bus.publisher(topics.POSE, "anna").put(pose())
     localizations.put(news("refused", reason=REASON))
     await until(lambda: monitor.refusal("anna") == REASON and "anna" in monitor.poses)
     localizations.put(news("idle"))
@@ -265,7 +256,7 @@ async def test_refusals_stay_until_the_next_attempt() -> None:
 
 async def test_anchors_are_news() -> None:
     bus, monitor = await followed()
-    anchors = bus.publisher(ANCHOR, "anna")
+    anchors = bus.publisher(topics.ANCHOR, "anna")
     anchor = Anchor(
         stamp_ns=1,
         target_id="led_1",
@@ -283,7 +274,7 @@ async def test_anchors_are_news() -> None:
     ]
     monitor.person = "ben"
     anchors.put(anchor)
-    bus.publisher(POSE, "anna").put(pose())
+    bus.publisher(topics.POSE, "anna").put(pose())
     await until(lambda: "anna" in monitor.poses)
     assert len(monitor.events) == 2
     assert "anna" not in monitor.found
@@ -380,9 +371,9 @@ async def test_a_robot_is_shown_as_long_as_its_service_runs() -> None:
     bus, other = MemoryBus(exchange), MemoryBus(exchange)
     monitor, robots = watched()
     monitor.attach(bus)
-    presence = other.announce(SERVICE_ALIVE, "robot.quad")
+    presence = other.announce(topics.SERVICE_ALIVE, "robot.quad")
     for name in ("quad", "cart"):
-        other.publisher(ROBOT_STATE, name).put(robot(user="anna"))
+        other.publisher(topics.ROBOT_STATE, name).put(robot(user="anna"))
     await until(lambda: set(robots.states) == {"quad", "cart"})
     presence.close()
     await until(lambda: set(robots.states) == {"cart"})

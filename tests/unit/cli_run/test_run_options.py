@@ -155,8 +155,7 @@ def test_people_stand_where_they_are_told_in_turn_and_the_rest_where_the_scenari
     for index, (place, yaw_deg) in enumerate([((1.0, -2.0, 0.0), 30.0), ((0.5, 0.0, 0.0), 0.0)]):
         services = person(choices, index)
         for name in ("localizer", "user-sim"):
-            assert services[name]["position_m"] == place
-            assert services[name]["yaw_deg"] == yaw_deg
+            assert (services[name]["position_m"], services[name]["yaw_deg"]) == (place, yaw_deg)
         assert services["localizer"]["method"] == "fixed"
     third = read_scenario("scenario_2").places[2]
     assert person(choices, 2)["localizer"]["position_m"] == third.position_m
@@ -199,11 +198,9 @@ def test_targets_go_to_the_localizer() -> None:
 
 def test_the_default_person_stays_and_the_localized_one_is_as_people_are() -> None:
     plain, localized = person(Choices())["user-sim"], person(Choices(localize=True))["user-sim"]
-    assert plain["wristband"]["yaw_rate_bias_sd_degps"] == 0.05
-    assert plain["anchor_when_off_deg"] == 0.0
+    assert (plain["wristband"]["yaw_rate_bias_sd_degps"], plain["anchor_when_off_deg"]) == (0.05, 0.0)
     assert localized["wristband"]["yaw_rate_bias_sd_degps"] == 0.25
-    assert localized["anchor_when_off_deg"] == 10.0
-    assert localized["aim"] == plain["aim"]
+    assert (localized["anchor_when_off_deg"], localized["aim"]) == (10.0, plain["aim"])
 
 
 def test_hand_and_stature_are_the_profiles_and_the_bodys() -> None:
@@ -225,8 +222,7 @@ def test_set_wins_over_every_option() -> None:
         "localizer.position_m=[9, 9, 0]",
     )
     services = person(Choices(localize=True, hand="left", settings=settings))
-    assert services["user-sim"]["yaw_deg"] == 5.0
-    assert services["user-sim"]["body"]["hand"] == "right"
+    assert (services["user-sim"]["yaw_deg"], services["user-sim"]["body"]["hand"]) == (5.0, "right")
     assert services["supervisor"]["profile"]["hand"] == "left"
     assert services["user-sim"]["wristband"]["yaw_drift_degpmin"] == 15.0
     assert services["user-sim"]["wristband"]["yaw_rate_bias_sd_degps"] == 0.25

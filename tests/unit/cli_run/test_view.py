@@ -39,19 +39,7 @@ from pointit.schemas import (
     TrackedObject,
     TrackedObjects,
     UserPose,
-)
-from pointit.schemas.topics import (
-    CURSOR,
-    HEALTH,
-    HOVER,
-    INTERACTION,
-    LAMP_COLOR,
-    MAP,
-    OBJECTS,
-    SELECTION_EVENTS,
-    SERVICE_ALIVE,
-    STRIPS_FRAME,
-    USER_ALIVE,
+    topics,
 )
 from tests.support.bench import until
 from tests.unit.cli_run.drawn import BLUE, DARK, FRAME, RED, cursor, frame, monitor_of, shown, strip
@@ -84,7 +72,7 @@ async def test_mark_shows_that_the_site_is_recorded() -> None:
     bus, monitor = MemoryBus(), monitor_of()
     monitor.attach(bus)
     assert "recording" not in shown(monitor)[0]
-    recorder = bus.announce(SERVICE_ALIVE, "recorder")
+    recorder = bus.announce(topics.SERVICE_ALIVE, "recorder")
     await until(lambda: "● recording" in shown(monitor)[0])
     recorder.close()
     await until(lambda: "recording" not in shown(monitor)[0])
@@ -95,17 +83,14 @@ def test_two_pixels_stand_in_a_cell_from_the_start_of_the_line_to_its_end() -> N
     monitor = monitor_of(strip())
     monitor.frame = frame([RED, BLUE] + [DARK] * 38)
     drawn = cells(monitor)
-    assert len(drawn) == 20
-    assert drawn[0] == (RED, BLUE)
-    assert set(drawn[1:]) == {(DARK, DARK)}
+    assert (len(drawn), drawn[0], set(drawn[1:])) == (20, (RED, BLUE), {(DARK, DARK)})
 
 
 def test_a_strip_that_runs_backwards_is_drawn_forwards() -> None:
     monitor = monitor_of(strip(direction=-1))
     monitor.frame = frame([RED, BLUE] + [DARK] * 38)
     drawn = cells(monitor)
-    assert drawn[-1] == (BLUE, RED)
-    assert set(drawn[:-1]) == {(DARK, DARK)}
+    assert (drawn[-1], set(drawn[:-1])) == ((BLUE, RED), {(DARK, DARK)})
     assert pixels_along(monitor.frame, strip(direction=-1))[-1] == RED
 
 
@@ -218,8 +203,8 @@ def test_it_stands_still_while_cursors_come_and_go() -> None:
 
 def health(instance: str, *warnings: str, rate_hz: float = 50.0, user: str = "") -> Health:
     keys = (
-        KeyHealth(key=CURSOR.key, direction="out", rate_hz=rate_hz),
-        KeyHealth(key=STRIPS_FRAME.key, direction="in", rate_hz=7.0),
+        KeyHealth(key=topics.CURSOR.key, direction="out", rate_hz=rate_hz),
+        KeyHealth(key=topics.STRIPS_FRAME.key, direction="in", rate_hz=7.0),
     )
     return Health(
         stamp_ns=1, service=instance, instance=instance, user=user, pid=1, keys=keys, warnings=warnings
@@ -230,27 +215,27 @@ async def test_it_follows_the_bus(monkeypatch: pytest.MonkeyPatch) -> None:
     bus = MemoryBus(LocalBroker())
     monitor = monitor_of()
     monitor.attach(bus)
-    token = bus.announce(USER_ALIVE, "anna")
-    bus.publisher(MAP).put(Environment(stamp_ns=1, name="test", strips=(strip(),)))
+    token = bus.announce(topics.USER_ALIVE, "anna")
+    bus.publisher(topics.MAP).put(Environment(stamp_ns=1, name="test", strips=(strip(),)))
     thing = TrackedObject(id="x-1", kind="red", position_m=(0.0, 0.0, 0.0))
-    bus.publisher(OBJECTS, "conveyor").put(TrackedObjects(stamp_ns=1, objects=(thing,)))
-    bus.publisher(LAMP_COLOR, "led_0").put(LampColor(stamp_ns=1, color=(255, 255, 0)))
+    bus.publisher(topics.OBJECTS, "conveyor").put(TrackedObjects(stamp_ns=1, objects=(thing,)))
+    bus.publisher(topics.LAMP_COLOR, "led_0").put(LampColor(stamp_ns=1, color=(255, 255, 0)))
     stamp_ns = time.time_ns()
-    bus.publisher(CURSOR, "anna").put(
+    bus.publisher(topics.CURSOR, "anna").put(
         Cursor(stamp_ns=stamp_ns, surface="strip", surface_id="0", position_m=1.0)
     )
-    bus.publisher(HOVER, "anna").put(Hover(stamp_ns=1, object_id="x-1", progress=1.0))
-    bus.publisher(HEALTH, "pui").put(health("pui"))
-    bus.publisher(HEALTH, "pointing.anna").put(health("pointing.anna", "ill", user="anna"))
+    bus.publisher(topics.HOVER, "anna").put(Hover(stamp_ns=1, object_id="x-1", progress=1.0))
+    bus.publisher(topics.HEALTH, "pui").put(health("pui"))
+    bus.publisher(topics.HEALTH, "pointing.anna").put(health("pointing.anna", "ill", user="anna"))
     await until(lambda: monitor.cursor_count == 1 and len(monitor.health) == 2)
-    bus.publisher(STRIPS_FRAME).put(StripsFrame(stamp_ns=stamp_ns, strips=()))
-    interactions = bus.publisher(INTERACTION, "anna")
+    bus.publisher(topics.STRIPS_FRAME).put(StripsFrame(stamp_ns=stamp_ns, strips=()))
+    interactions = bus.publisher(topics.INTERACTION, "anna")
     interactions.put(Interaction(stamp_ns=1, state="idle", reason="Silent."))
     await until(lambda: monitor.frame_count == 1 and "anna" in monitor.interactions)
     interactions.put(Interaction(stamp_ns=2, state="idle", reason="Silent."))  # the same again is no event
     await until(lambda: monitor.interactions["anna"].stamp_ns == 2)
     interactions.put(Interaction(stamp_ns=3, state="pointing", reason="Asked."))
-    events = bus.publisher(SELECTION_EVENTS)
+    events = bus.publisher(topics.SELECTION_EVENTS)
     events.put(SelectionEvent(stamp_ns=1, event="selected", object_id="x-1", user="anna"))
     events.put(SelectionEvent(stamp_ns=2, event="refused", object_id="x-1", user="ben", reason="anna's"))
     await until(lambda: len(monitor.events) == 4)
@@ -283,7 +268,7 @@ async def test_rate_of_each_controller_is_shown_and_averaged() -> None:
     bus = MemoryBus(LocalBroker())
     monitor = monitor_of()
     monitor.attach(bus)
-    reports = bus.publisher(HEALTH, "led-driver")
+    reports = bus.publisher(topics.HEALTH, "led-driver")
     for rate_hz in (8.0, 10.0):
         monitor.health.clear()
         rate = Figure(name="frame rate /dev/leds", value=rate_hz, unit="Hz")

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import settings
 
 from tests.architecture.sources import ROOT
+from tests.support import there
 
 SCRIPT = ROOT / "scripts/house"
 
@@ -20,9 +21,8 @@ SCRIPT = ROOT / "scripts/house"
 def house() -> ModuleType:
     spec = importlib.util.spec_from_loader("house", SourceFileLoader("house", str(SCRIPT)))
     assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    there(spec.loader).exec_module(module)
     return module
 
 
@@ -96,5 +96,4 @@ def test_only_listed_reasons_are_taken(tmp_path: Path) -> None:
 
 
 def test_no_property_is_judged_by_how_fast_this_machine_is() -> None:
-    assert settings.default is not None
-    assert settings.default.deadline is None
+    assert there(settings.default).deadline is None

@@ -12,6 +12,7 @@ import pytest
 
 from tests.architecture import sources
 from tests.architecture.sources import ROOT, importers, shown
+from tests.support import there
 
 SCRIPT = ROOT / ".ci/lanes.py"
 
@@ -20,9 +21,8 @@ SCRIPT = ROOT / ".ci/lanes.py"
 def lanes() -> ModuleType:
     spec = importlib.util.spec_from_file_location("lanes", SCRIPT)
     assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    there(spec.loader).exec_module(module)
     return module
 
 

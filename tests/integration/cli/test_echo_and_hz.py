@@ -12,6 +12,7 @@ import yaml
 from pointit.schemas import Environment, PointingRay, Strip, UserProfile
 from pointit.schemas.topics import MAP, PROFILE, RAY
 from pointit.services.pointing.service import Pointing
+from tests.support import there
 from tests.support.bench import until
 from tests.support.cli_site import Site, interrupt, next_line
 
@@ -68,8 +69,7 @@ async def test_echo_does_not_nag_about_what_comes_on_change(site: Site) -> None:
         assert (await next_line(process.stdout)).startswith("users/anna/profile: {")
         await asyncio.sleep(2.5)  # longer than its patience
         await interrupt(process)
-        assert process.stderr is not None
-        assert await process.stderr.read() == b""
+        assert await there(process.stderr).read() == b""
 
 
 async def test_a_reader_that_has_enough_ends_echo_quietly(site: Site) -> None:
@@ -99,8 +99,7 @@ async def test_ctrl_c_ends_it_at_once(site: Site, arguments: tuple[str, ...]) ->
         code, took_s = await interrupt(process)
         assert code == 0
         assert took_s < 5
-        assert process.stderr is not None
-        noted = (await process.stderr.read()).decode().splitlines()
+        noted = (await there(process.stderr).read()).decode().splitlines()
         assert [line for line in noted if "rates are too low" not in line] == [], (
             "a busy machine leaves some out"
         )

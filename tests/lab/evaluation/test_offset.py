@@ -18,6 +18,7 @@ from pointit_lab.evaluation.localization.priors import MEMORY, PEOPLE, known_row
 from pointit_lab.evaluation.localization.trial import FollowRecording, Trial
 from pointit_lab.evaluation.pointing.offset import offset_rows
 from pointit_lab.evaluation.recordings.row import ALL, Row
+from tests.support import there
 from tests.support.data import data_file
 from tests.support.published_recordings import Stand, write_motion
 from tests.unit.localizer.person import EYES_M, Person, pointings
@@ -66,8 +67,7 @@ def one(rows: list[Row], condition: str, solver: str, subject: str = ALL, name: 
 
 
 def pitch_deg(row: Row) -> float:
-    assert row.pitch_deg is not None
-    return row.pitch_deg.rms
+    return there(row.pitch_deg).rms
 
 
 def test_the_reader_finds_the_eyes_and_turns_the_axes(tmp_path: Path) -> None:
@@ -100,8 +100,7 @@ def test_a_constant_error_is_gone_but_for_the_prior(tmp_path: Path) -> None:
     left = pitch_deg(one(rows, "1 anchor, hand seen", "pitch"))
     assert left == pytest.approx(BIAS_DEG / 17.0, abs=1e-3)
     ladder = one(rows, "8 anchors, nothing seen", "ladder", "b")
-    assert ladder.angle_deg is not None
-    assert ladder.angle_deg.rms < 0.1
+    assert there(ladder.angle_deg).rms < 0.1
     assert (ladder.within_2_sigma, ladder.refused) == (1.0, 0)
     assert pitch_deg(one(rows, "1 anchor, hand seen", "bound")) == pytest.approx(0.0, abs=1e-3)
     assert not any("cursor" in row.condition for row in rows)
@@ -145,9 +144,7 @@ def test_recorded_people() -> None:
     assert pitch_deg(one(rows, "1 anchor, hand seen", "pitch")) < 1.0
     ladder = one(rows, "8 anchors, hand seen", "ladder")
     before = one(rows, "no anchor, hand seen", "none")
-    assert ladder.angle_deg is not None
-    assert before.angle_deg is not None
-    assert ladder.angle_deg.rms < 0.33 * before.angle_deg.rms
+    assert there(ladder.angle_deg).rms < 0.33 * there(before.angle_deg).rms
     for anchors in ("1 anchor", "2 anchors", "4 anchors", "8 anchors"):
         for seen, solver in product(("hand seen", "nothing seen"), ("pitch", "ladder")):
             within = one(rows, f"{anchors}, {seen}", solver).within_2_sigma
@@ -190,8 +187,7 @@ def median_m(rows: list[Row], solver: str) -> float:
     (row,) = (
         row for row in rows if (row.solver, row.subject) == (solver, "a") and row.condition.startswith("1 s")
     )
-    assert row.position_m is not None
-    return row.position_m.median
+    return there(row.position_m).median
 
 
 def test_the_memory_of_another_recording_makes_short_windows_better() -> None:

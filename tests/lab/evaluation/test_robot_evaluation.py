@@ -16,6 +16,7 @@ from pointit_lab.evaluation.robots.flight_setup import CONDITIONS, EYES_M, RANGE
 from pointit_lab.evaluation.robots.identification import rates, recorded_results, share
 from pointit_lab.evaluation.robots.robots import flight_rows
 from pointit_lab.evaluation.robots.simulated_follower import RATE_HZ, SimulatedFollower
+from tests.support import there
 
 
 def test_people_who_follow_the_figure_are_found_better_than_by_a_circle_or_a_line() -> None:
@@ -31,8 +32,7 @@ def test_people_who_follow_the_figure_are_found_better_than_by_a_circle_or_a_lin
         for each in following.intervals(rows)
         if (each.condition, each.solver) == ("5 s, ground", following.CIRCLE)
     ]
-    assert against_circle.ratio is not None
-    assert against_circle.ratio.low > 1.0
+    assert there(against_circle.ratio).low > 1.0
 
 
 def recorded(subject: str, way_rad: float, seconds: float) -> Trial:
@@ -140,8 +140,7 @@ def test_rows_have_the_medians_of_those_that_ended_and_count_the_others() -> Non
     scores = [FlightScore(simulated_s=9.0, error_m=0.1 * number, time_s=1.0) for number in range(1, 6)]
     row = flight_row(LANDINGS[0], [*scores, FlightScore(simulated_s=60.0)])
     assert (row.n, row.failed) == (6, 1)
-    assert row.error_m is not None
-    assert row.error_m.median == pytest.approx(0.3)
+    assert there(row.error_m).median == pytest.approx(0.3)
     assert row.taking_s is None
 
 

@@ -18,9 +18,11 @@ def test_a_regular_stream() -> None:
     for k in range(51):
         meter.add(100 + k * 0.04, 30)
     rate = meter.take(102.02, 2.02)
-    assert (rate.key, rate.nominal_hz, rate.messages, rate.rate_hz) == ("objects", 25, 51, pytest.approx(25))
-    assert (rate.period_min_s, rate.period_max_s) == (pytest.approx(0.04), pytest.approx(0.04))
-    assert (rate.jitter_s, rate.bytes_per_s) == (pytest.approx(0, abs=1e-6), pytest.approx(51 * 30 / 2.02))
+    assert (rate.key, rate.nominal_hz, rate.messages) == ("objects", 25, 51)
+    assert rate.rate_hz == pytest.approx(25)
+    assert (rate.period_min_s, rate.period_max_s) == pytest.approx((0.04, 0.04))
+    assert rate.jitter_s == pytest.approx(0, abs=1e-6)
+    assert rate.bytes_per_s == pytest.approx(51 * 30 / 2.02)
 
 
 def test_one_message_has_no_rate() -> None:
@@ -45,7 +47,8 @@ def test_the_period_across_two_windows_counts_in_the_second() -> None:
     meter.take(1.5, 1.5)
     meter.add(3.0, 1)
     rate = meter.take(3.0, 1.5)
-    assert (rate.messages, rate.period_max_s) == (1, pytest.approx(2.0))
+    assert rate.messages == 1
+    assert rate.period_max_s == pytest.approx(2.0)
 
 
 @given(st.lists(st.floats(1e-3, 10), min_size=1, max_size=50))
@@ -87,7 +90,7 @@ def test_rates_ages_and_objects_are_measured() -> None:
     tracking = measured()
     camera, robot = tracking.trackers
     assert (camera.tracker, camera.objects, camera.latency_sigma_s) == ("camera", 2, 0.03)
-    assert (camera.rate_hz, camera.age_s) == (pytest.approx(10.0), pytest.approx(0.1))
+    assert (camera.rate_hz, camera.age_s) == pytest.approx((10.0, 0.1))
     assert camera.age_p95_s == pytest.approx(0.5)
     assert robot.age_s == pytest.approx(0.0)
     cup, mug, _ = tracking.objects

@@ -30,6 +30,7 @@ from pointit.schemas import (
 )
 from pointit.services.imu_bridge.wrist.monitor import BATTERY, GAPS, RATE, SIGNAL
 from pointit.services.localizer.certainty import UNSURE_DEG, UNSURE_M
+from tests.support import there
 from tests.support.bench import until
 from tests.unit.cli_run.drawn import FRAME, cursor, monitor_of, shown, strip
 
@@ -177,9 +178,7 @@ def test_a_refusal_is_red_and_said_once() -> None:
     assert text.count(REASON) == 1
     assert f"eve: refused: {REASON}" in text
     (segment,) = styled(monitor, "refused: ", 200)
-    assert segment.style is not None
-    assert segment.style.color is not None
-    assert segment.style.color.name == "red"
+    assert there(there(segment.style).color).name == "red"
 
 
 @pytest.mark.parametrize("width", [40, 55, 56, 71, 72, 80, 120])

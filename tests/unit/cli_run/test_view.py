@@ -41,6 +41,7 @@ from pointit.schemas import (
     UserPose,
     topics,
 )
+from tests.support import there
 from tests.support.bench import until
 from tests.unit.cli_run.drawn import BLUE, DARK, FRAME, RED, cursor, frame, monitor_of, shown, strip
 
@@ -55,10 +56,7 @@ def cells(monitor: Monitor, name: str = "0", width: int = 100) -> list[tuple[obj
 
 
 def _colours(segment: Segment) -> tuple[object, object]:
-    assert segment.style is not None
-    assert segment.style.color is not None
-    assert segment.style.bgcolor is not None
-    return segment.style.color.triplet, segment.style.bgcolor.triplet
+    return there(there(segment.style).color).triplet, there(there(segment.style).bgcolor).triplet
 
 
 def marks(monitor: Monitor, name: str = "0", width: int = 100) -> str:

@@ -18,16 +18,8 @@ DOCUMENTS = (
     *sorted((ROOT / "docs").rglob("*.md")),
 )
 TOP = (
-    "schemas/",
-    "services/",
-    "bridges/",
-    "tests/",
-    "lab/",
-    "docs/",
-    "examples/",
-    "scripts/",
-    "deploy/",
-    "requirements/",
+    *("schemas/", "services/", "bridges/", "tests/", "lab/", "docs/", "examples/", "scripts/"),
+    *("deploy/", "requirements/"),
 )
 GENERATED = {ROOT / "docs" / page for page in PAGES}
 MADE_BY_READERS = {"deploy/.env", "fake.py", "src/my_wrist/__init__.py", "src/my_wrist/fake.py"}

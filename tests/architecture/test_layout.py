@@ -115,13 +115,9 @@ DEVICES = {
 }
 """Modules beside `service.py` that wait for devices or time, or write files; no cores."""
 HARMLESS = (
-    "pointit.runtime.config",
-    "pointit.runtime.errors",
-    "pointit.runtime.bus.timeliness",
-    "pointit.runtime.host.extras",
-    "pointit.runtime.host.store",
-    "pointit.runtime.link",
-    "pointit.runtime.mqtt.broker_config",
+    *("pointit.runtime.config", "pointit.runtime.errors", "pointit.runtime.bus.timeliness"),
+    *("pointit.runtime.host.extras", "pointit.runtime.host.store"),
+    *("pointit.runtime.link", "pointit.runtime.mqtt.broker_config"),
 )
 """Parts of the runtime that cores may import: they know no bus, no clock and no loop."""
 LONGEST = 400
@@ -280,12 +276,8 @@ def test_keys_stand_in_the_topic_table_only() -> None:
     [
         *("users/anna/imu", "users/", "pointit/lab/users/anna/ray", "@/users/*/imu", "selection/events"),
         *(
-            "leds/brightness",
-            "leds/1/color",
-            "strips/frame",
-            "conveyor/state",
-            "conveyor/reset",
-            "health/pui",
+            *("leds/brightness", "leds/1/color", "strips/frame", "conveyor/state"),
+            *("conveyor/reset", "health/pui"),
         ),
         *("deployment/x", "alive/services/", "alive/users/anna", "localizer/anna/start", "selector/x/clear"),
         *("imu/anna/set_yaw_origin", "see users/{user}/imu"),
@@ -298,14 +290,8 @@ def test_keys_are_recognized(text: str) -> None:
 @pytest.mark.parametrize(
     "text",
     [
-        "map",
-        "objects",
-        "strips and/or frames",
-        "/imu",
-        "on users/ or off",
-        "maps/lab.yaml",
-        "superusers/x",
-        "1/leds",
+        *("map", "objects", "strips and/or frames", "/imu", "on users/ or off", "maps/lab.yaml"),
+        *("superusers/x", "1/leds"),
     ],
 )
 def test_everyday_text_is_no_key(text: str) -> None:

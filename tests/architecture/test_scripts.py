@@ -209,22 +209,8 @@ def test_ci_installs_what_tests_need_and_says_what_is_missing(machine: Machine, 
     machine.add("id", "#!/bin/sh\necho 0\n")
     machine.add("apt-get", '#!/bin/sh\necho "apt-get $*" >> "$CALLS"; echo "E: no net"; exit 100\n')
     needed = [
-        "ip",
-        "tc",
-        "nft",
-        "unshare",
-        "sysctl",
-        "script",
-        "podman",
-        "podman-compose",
-        "runc",
-        "catatonit",
-        "debootstrap",
-        "mosquitto",
-        "olad",
-        "prometheus",
-        "promtool",
-        "systemd-analyze",
+        *("ip", "tc", "nft", "unshare", "sysctl", "script", "podman", "podman-compose", "runc"),
+        *("catatonit", "debootstrap", "mosquitto", "olad", "prometheus", "promtool", "systemd-analyze"),
     ]
     for tool in (*needed, "google-chrome") if there else ():
         machine.add(tool, "#!/bin/sh\n")

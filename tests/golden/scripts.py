@@ -16,15 +16,10 @@ ROOM = Path(__file__).with_name("room.yaml").read_text("utf-8")
 """A strip with a bend, partly behind opaque things, before a wall."""
 
 OFFSET = schemas.PointingOffset(
-    rung="polynomial",
-    azimuth=(0.02, 0.05, -0.02, 0.01, 0.03, 0.0),
-    elevation=(-0.06, 0.02, 0.04, -0.03, 0.01, 0.02),
-    reference_rad=0.4,
-    azimuth_range_rad=(-0.5, 0.6),
-    elevation_range_rad=(-0.6, 0.1),
-    sigma_rad=0.02,
-    anchors=6,
-)
+    rung="polynomial", azimuth=(0.02, 0.05, -0.02, 0.01, 0.03, 0.0),
+    elevation=(-0.06, 0.02, 0.04, -0.03, 0.01, 0.02), reference_rad=0.4, azimuth_range_rad=(-0.5, 0.6),
+    elevation_range_rad=(-0.6, 0.1), sigma_rad=0.02, anchors=6,
+)  # fmt: skip
 
 
 class _Desk:
@@ -187,15 +182,9 @@ async def tracks(bus: MemoryBus) -> None:
                 seq=tick,
                 objects=(
                     schemas.TrackedObject(
-                        id="red on strip",
-                        kind="red",
-                        position_m=(4.8, along_m - 1.4, 0.95),
-                        velocity_mps=(0.0, 0.15, 0.0),
-                        length_m=0.3,
-                        surface="strip",
-                        surface_id="0",
-                        surface_position_m=along_m,
-                        surface_speed_mps=0.15,
+                        id="red on strip", kind="red", position_m=(4.8, along_m - 1.4, 0.95),
+                        velocity_mps=(0.0, 0.15, 0.0), length_m=0.3, surface="strip", surface_id="0",
+                        surface_position_m=along_m, surface_speed_mps=0.15,
                     ),
                     schemas.TrackedObject(
                         id="red in air",
@@ -209,7 +198,7 @@ async def tracks(bus: MemoryBus) -> None:
                     ),
                 ),
             )
-        )
+        )  # fmt: skip
 
 
 async def walks_by(bus: MemoryBus) -> None:

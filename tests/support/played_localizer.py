@@ -80,21 +80,12 @@ class PlayedLocalizer:
             vector.azimuth(way) - self.true_yaw_rad, vector.elevation(way) - self.too_low_rad
         )
         return schemas.Anchor(
-            stamp_ns=time.time_ns(),
-            target_id=lamp,
-            target_m=self.lamps[lamp],
-            origin_m=EYES,
-            raw_direction=direction,
-            direction=direction,
-            spread_rad=math.radians(9.0 if reason else 0.3),
-            samples=100,
-            position_m=self.position_m,
-            yaw_rad=self.yaw_rad,
-            azimuth_error_rad=self.true_yaw_rad - self.yaw_rad,
-            elevation_error_rad=self.too_low_rad,
-            accepted=not reason,
-            reason=reason,
-        )
+            stamp_ns=time.time_ns(), target_id=lamp, target_m=self.lamps[lamp], origin_m=EYES,
+            raw_direction=direction, direction=direction, spread_rad=math.radians(9.0 if reason else 0.3),
+            samples=100, position_m=self.position_m, yaw_rad=self.yaw_rad,
+            azimuth_error_rad=self.true_yaw_rad - self.yaw_rad, elevation_error_rad=self.too_low_rad,
+            accepted=not reason, reason=reason,
+        )  # fmt: skip
 
     async def _cancel(self, _query: schemas.CancelLocalization, _user: str) -> schemas.Done:
         self.asked.append("cancel")

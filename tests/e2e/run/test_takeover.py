@@ -196,14 +196,8 @@ async def test_when_only_the_shards_fail_the_site_serves_the_person(
 
 
 SERVICES = (
-    "pui",
-    "selector",
-    "led-driver",
-    "conveyor-sim",
-    "pointing.user1",
-    "localizer.user1",
-    "supervisor.user1",
-    "user-sim.user1",
+    *("pui", "selector", "led-driver", "conveyor-sim", "pointing.user1", "localizer.user1"),
+    *("supervisor.user1", "user-sim.user1"),
 )
 NOTICED_S = 5.0
 
@@ -259,15 +253,10 @@ def is_alive(process: psutil.Process) -> bool:
 
 async def test_a_child_that_cannot_begin_is_named_with_its_reason(commands: Commands, endpoint: str) -> None:
     run = commands.start(
-        "run",
-        "scenario_3",
-        "--processes",
-        "--no-view",
-        "--set",
+        "run", "scenario_3", "--processes", "--no-view", "--set",
         "led-driver.outputs=[{kind: expander, port: /nowhere}, {kind: expander, port: /nowhere}]",
-        "--listen",
-        endpoint,
-    )
+        "--listen", endpoint,
+    )  # fmt: skip
     await run.says("start it again with")
     (sentence,) = (line for line in run.logged() if "start it again with" in line)
     assert sentence.startswith("led-driver ended with exit code 2: outputs.1.port: /nowhere is used by two")

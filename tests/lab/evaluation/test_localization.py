@@ -30,16 +30,11 @@ def outcome(
     bound_m: float = math.nan,
 ) -> Outcome:
     return Outcome(
-        key=Key(set="s", subject=subject, condition=condition),
-        solver=solver,
-        solve_ms=3.0,
-        refused=refused,
-        position_m=math.nan if refused else error_m,
-        yaw_deg=math.nan if refused else yaw_deg,
-        position_sigma_m=math.nan if refused else sigma_m,
-        yaw_sigma_deg=math.nan if refused else 1.5,
-        bound_m=bound_m,
-    )
+        key=Key(set="s", subject=subject, condition=condition), solver=solver, solve_ms=3.0,
+        refused=refused, position_m=math.nan if refused else error_m,
+        yaw_deg=math.nan if refused else yaw_deg, position_sigma_m=math.nan if refused else sigma_m,
+        yaw_sigma_deg=math.nan if refused else 1.5, bound_m=bound_m,
+    )  # fmt: skip
 
 
 def silent(done: int, of: int) -> None:

@@ -50,15 +50,10 @@ def recorded(subject: str, way_rad: float, seconds: float) -> Trial:
     rays[times_s < 1.0] = rays[times_s >= 1.0][0]
     origins = np.tile([0.0, 0.0, person.eyes_m], (len(times_s), 1))
     return Trial(
-        set="set",
-        subject=subject,
-        condition=f"{seconds:g} s",
-        pointings=Pointings(times_s, origins, rays, course(times_s + 10.0)),
-        eye_height_m=person.eyes_m,
-        x_m=0.0,
-        y_m=0.0,
-        yaw_rad=0.0,
-    )
+        set="set", subject=subject, condition=f"{seconds:g} s",
+        pointings=Pointings(times_s, origins, rays, course(times_s + 10.0)), eye_height_m=person.eyes_m,
+        x_m=0.0, y_m=0.0, yaw_rad=0.0,
+    )  # fmt: skip
 
 
 def test_a_recorded_robot_is_told_from_that_of_another_person() -> None:

@@ -165,15 +165,9 @@ def test_the_search_stops_at_the_most() -> None:
 
 def load(layout: Any, *connect: str) -> Load:
     return Load(
-        rate_hz=100.0,
-        duration_s=1.0,
-        layout=layout,
-        shards=2,
-        router=None,
-        secured=False,
-        site="lab",
+        rate_hz=100.0, duration_s=1.0, layout=layout, shards=2, router=None, secured=False, site="lab",
         connect=connect,
-    )
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("connect", [(), ("tcp/127.0.0.1:1",)])

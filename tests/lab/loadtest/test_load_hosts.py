@@ -94,11 +94,7 @@ async def test_zenohd_routes_by_the_same_configuration(commands: Commands, tmp_p
     ended = await commands.pointit(
         "load",
         *SHORT,
-        "--hosts",
-        "2",
-        "--router",
-        "zenohd",
-        "--secured",
+        *("--hosts", "2", "--router", "zenohd", "--secured"),
         environment=_zenohd(tmp_path / "bin"),
     )
     assert "2 secured routers (zenohd)" in row_of(ended)["layout"]

@@ -21,19 +21,11 @@ def result(hosts: int, users: int) -> LoadResult:
     ]
     routers = [Usage(name="router host 1", cpu=0.01 + 0.001 * users, memory_mb=20.0)]
     return LoadResult(
-        users=users,
-        hosts=hosts,
-        rate_hz=100.0,
-        duration_s=1.0,
-        layout="",
-        sent=users * 100,
-        pointed=users * 100,
-        hovered=0,
-        light_s=[0.001],
-        cursor_s=[0.001],
+        users=users, hosts=hosts, rate_hz=100.0, duration_s=1.0, layout="", sent=users * 100,
+        pointed=users * 100, hovered=0, light_s=[0.001], cursor_s=[0.001],
         processes=[Usage(name="site", cpu=0.03 + 0.005 * users, memory_mb=80.0), *people, *routers],
         load_average=0.0,
-    )
+    )  # fmt: skip
 
 
 def error_of(slope: Slope) -> float:
@@ -139,15 +131,9 @@ def test_a_single_measurement_has_no_rows() -> None:
 
 def test_a_link_shows_kinds_above_zero() -> None:
     link = LinkUsage(
-        name="host 2 > host 1",
-        up_bytes_hz=1500.0,
-        up_packets_hz=9.6,
-        down_bytes_hz=0.0,
-        down_packets_hz=0.0,
-        up_hz={"Cursor": 200.4, "Health": 0.2},
-        down_hz={},
-        counted_s=2.0,
-    )
+        name="host 2 > host 1", up_bytes_hz=1500.0, up_packets_hz=9.6, down_bytes_hz=0.0,
+        down_packets_hz=0.0, up_hz={"Cursor": 200.4, "Health": 0.2}, down_hz={}, counted_s=2.0,
+    )  # fmt: skip
     assert link.row() == {
         "link": "host 2 > host 1",
         "up_kB_per_s": 1.5,
@@ -166,19 +152,9 @@ def test_cost_of_a_sample_counts_all_processes() -> None:
 
 def load(*, central: bool) -> Load:
     return Load(
-        rate_hz=100.0,
-        duration_s=1.0,
-        layout="one",
-        shards=1,
-        router="pointit",
-        secured=False,
-        site="lab",
-        connect=(),
-        hosts=2,
-        routers=3,
-        fan=2,
-        central=central,
-    )
+        rate_hz=100.0, duration_s=1.0, layout="one", shards=1, router="pointit", secured=False, site="lab",
+        connect=(), hosts=2, routers=3, fan=2, central=central,
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("hosts", [1, 2, 5, 8])

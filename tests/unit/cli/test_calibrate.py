@@ -38,15 +38,9 @@ def anchor(index: int, time_s: float, yaw_rad: float, true_yaw_rad: float, low_r
     way = vector.subtract(lamp, vector.add(AT, EYES))
     ray = vector.direction(vector.azimuth(way) - true_yaw_rad, vector.elevation(way) - low_rad)
     return Anchor(
-        stamp_ns=round(time_s * S),
-        target_id=f"led_{index % len(LAMPS)}",
-        target_m=lamp,
-        origin_m=EYES,
-        raw_direction=ray,
-        direction=ray,
-        position_m=AT,
-        yaw_rad=yaw_rad,
-    )
+        stamp_ns=round(time_s * S), target_id=f"led_{index % len(LAMPS)}", target_m=lamp, origin_m=EYES,
+        raw_direction=ray, direction=ray, position_m=AT, yaw_rad=yaw_rad,
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("count", [1, 3, 4, 7])
@@ -221,15 +215,10 @@ def test_an_anchor_in_one_sentence() -> None:
 
 def test_a_seat_in_words() -> None:
     found = mounting.Mounting(
-        arm_from_true=(0.0, 0.0, 0.0, 1.0),
-        about_arm_rad=math.radians(-92.0),
-        off_axis_rad=math.radians(5.0),
-        forward_before_rad=math.radians(-3.0),
-        up_before_rad=math.radians(-4.0),
-        forward_after_rad=-1e-9,
-        up_after_rad=0.0,
-        heading_change_rad=0.0,
-    )
+        arm_from_true=(0.0, 0.0, 0.0, 1.0), about_arm_rad=math.radians(-92.0),
+        off_axis_rad=math.radians(5.0), forward_before_rad=math.radians(-3.0),
+        up_before_rad=math.radians(-4.0), forward_after_rad=-1e-9, up_after_rad=0.0, heading_change_rad=0.0,
+    )  # fmt: skip
     seat, errors = format_result(found)
     assert "turned by 92° about the arm (counter-clockwise, seen from the elbow)" in seat
     assert "axis of the arm is 5° off" in seat

@@ -54,6 +54,11 @@ class Ended:
         assert found, self.err
         return sentence.strip()
 
+    def checked(self, code: int | None) -> "Ended":
+        """Fail unless it has ended with `code`, if that is given. Return it."""
+        assert code in (None, self.code), f"{self.code}: {self.err}"
+        return self
+
 
 class Command:
     """A running command. Its output goes to files, so that it never waits for a reader."""
@@ -119,17 +124,17 @@ class Command:
         await until(lambda: said() or not self.is_running, PATIENCE_S, f"{what!r} in {self.err}")
         assert said(), f"it ended with {self.process.returncode} without saying {what!r}: {self.err}"
 
-    async def end(self, patience_s: float = PATIENCE_S) -> Ended:
-        """Wait until it ends by itself."""
+    async def end(self, patience_s: float = PATIENCE_S, *, code: int | None = None) -> Ended:
+        """Wait until it ends by itself, with `code` if that is given."""
         await until(lambda: not self.is_running, patience_s, f"its end; it says {self.err[-2000:]}")
-        return self._ended(self._began_s)
+        return self._ended(self._began_s).checked(code)
 
-    async def stop(self, number: int = signal.SIGINT) -> Ended:
-        """Send SIGINT as Ctrl-C does, or another signal, and wait for the end."""
+    async def stop(self, number: int = signal.SIGINT, *, code: int | None = None) -> Ended:
+        """Send SIGINT as Ctrl-C does, or another signal, and wait for the end, with `code` if that is given."""
         began_s = time.monotonic()
         self.process.send_signal(number)
         await until(lambda: not self.is_running, PATIENCE_S, f"its end; it says {self.err[-2000:]}")
-        return self._ended(began_s)
+        return self._ended(began_s).checked(code)
 
     def family(self) -> list[psutil.Process]:
         """Return it and all that it has started."""
@@ -172,9 +177,11 @@ class Commands:
         """Start any command."""
         return self._start(arguments, environment, is_forked=False)
 
-    async def pointit(self, *arguments: str, environment: Mapping[str, str] | None = None) -> Ended:
-        """Run `pointit …` to its end."""
-        return await self.start(*arguments, environment=environment).end()
+    async def pointit(
+        self, *arguments: str, environment: Mapping[str, str] | None = None, code: int | None = None
+    ) -> Ended:
+        """Run `pointit …` to its end, with `code` if that is given."""
+        return await self.start(*arguments, environment=environment).end(code=code)
 
     def _start(
         self, arguments: Sequence[str], environment: Mapping[str, str] | None, *, is_forked: bool

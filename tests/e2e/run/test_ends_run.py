@@ -120,8 +120,7 @@ async def test_ctrl_c_while_modules_load_is_silent(commands: Commands, endpoint:
         run.kill()  # this test was held up until the modules were loaded
         run = commands.start_program(*RUN, "--listen", endpoint)
     run.process.send_signal(signal.SIGINT)
-    ended = await run.stop(signal.SIGCONT)
-    assert ended.code == -signal.SIGINT
+    ended = await run.stop(signal.SIGCONT, code=-signal.SIGINT)
     assert (ended.out, ended.err) == ("", "")
 
 
@@ -269,8 +268,7 @@ async def test_a_taken_address(commands: Commands) -> None:
 async def test_nobody_is_there_to_join(commands: Commands, endpoint: str, arguments: tuple[str, ...]) -> None:
     command = commands.start(*arguments, "--connect", endpoint)
     await command.says(f"nobody answers at {endpoint} yet; trying again until somebody does")
-    ended = await command.stop(signal.SIGINT)
-    assert ended.code == 0
+    ended = await command.stop(signal.SIGINT, code=0)
     assert within(ended.took_s, 4.0)
     assert "Traceback" not in ended.err
     assert ended.out == ""  # nothing has run

@@ -35,12 +35,10 @@ async def test_a_name_stands_for_one_person(commands: Commands, endpoint: str) -
     commands.start("run", "scenario_2", "--no-view", "--listen", endpoint)
     async with onlooker(endpoint) as seen:
         await seen.sees_cursors("user1")
-        ended = await commands.pointit("person", "add", "user1", "--connect", endpoint)
-        assert ended.code == 2
+        ended = await commands.pointit("person", "add", "user1", "--connect", endpoint, code=2)
         assert ended.sentence.startswith("user1: already on site lab; choose another name")
         seen.bus.announce(SERVICE_ALIVE, "pui.hall")
-        ended = await commands.pointit("person", "add", "hall", "--connect", endpoint)
-        assert ended.code == 2
+        ended = await commands.pointit("person", "add", "hall", "--connect", endpoint, code=2)
         assert ended.sentence.startswith("hall: pui.hall on site lab is a shard that serves nobody")
         await seen.sees_cursors("user1")
 

@@ -51,8 +51,7 @@ async def test_the_simulated_person_selects_every_red_segment_and_no_other(
         *("--summary", str(path)),
         *listen(),
     )
-    ended = await run.end(120)
-    assert ended.code == 0, ended.err
+    ended = await run.end(120, code=0)
     assert "Traceback" not in ended.err
     summary = json.loads(path.read_text())
     assert_flawless(summary)
@@ -72,8 +71,7 @@ async def test_a_cursor_moves_over_both_strips(commands: Commands) -> None:
     async with onlooker(endpoint) as seen:
         await until(lambda: seen.surfaces("user1") == {"0", "1"}, 40, "cursors on both strips")
         await seen.sees_more(seen.frames, "frames")
-    ended = await run.stop()
-    assert ended.code == 0
+    ended = await run.stop(code=0)
     summary = summary_of(ended)
     assert summary["scenario"] == "scenario_2"
     assert set(summary["services"]) == {"pui", "led-driver", "keeper"} | person("user1")
@@ -83,8 +81,7 @@ async def test_a_cursor_moves_over_both_strips(commands: Commands) -> None:
 
 async def test_the_person_meets_the_lamps(commands: Commands) -> None:
     arguments = ("run", "scenario_1", "--speed", "4", "--duration", "48", "--no-view", "--json")
-    ended = await commands.pointit(*arguments, *listen())
-    assert ended.code == 0, ended.err
+    ended = await commands.pointit(*arguments, *listen(), code=0)
     met = summary_of(ended)["lamps_missed_by_deg"]
     assert len(met) == 4
     assert max(met.values()) < 12.0  # they point without a cursor
@@ -93,8 +90,7 @@ async def test_the_person_meets_the_lamps(commands: Commands) -> None:
 async def test_a_short_run_ends_by_itself_and_is_recorded_whole(commands: Commands, tmp_path: Path) -> None:
     path = tmp_path / "session.mcap"
     options = ("--duration", "8", "--no-view", "--json", "--record", str(path))
-    ended = await commands.pointit("run", "scenario_2", *options, *listen())
-    assert ended.code == 0, ended.err
+    ended = await commands.pointit("run", "scenario_2", *options, *listen(), code=0)
     summary = summary_of(ended)
     assert 8.0 <= summary["duration_s"] + 0.1 < 12.0
     assert ended.took_s > 8
@@ -125,19 +121,16 @@ async def test_localizing_two_people_and_the_other_ways_to_run(commands: Command
     mine = commands.start("run", str(own), "--speed", "4", "--no-view", "--json", *listen())
     async with onlooker(endpoint) as seen:
         await seen.sees_cursors("user1", "user2")
-    ended = await localizing.end()
-    assert ended.code == 0, ended.err
+    ended = await localizing.end(code=0)
     summary = summary_of(ended)
     assert summary["selected"] > 0
     assert summary["wrong"] == 0
-    ended = await two.end()
-    assert ended.code == 0, ended.err
+    ended = await two.end(code=0)
     summary = summary_of(ended)
     assert set(summary["services"]) == SITE | person("user1", "user2")
     assert summary["selected"] > 0
     assert summary["wrong"] == 0
-    ended = await mine.end()
-    assert ended.code == 0, ended.err
+    ended = await mine.end(code=0)
     assert summary_of(ended)["scenario"] == "mine"
     assert 20.0 <= summary_of(ended)["duration_s"] + 0.1 < 28.0
 
@@ -159,8 +152,7 @@ async def test_processes_select_as_well_and_follow_the_simulated_clock(commands:
         passed_s = time.monotonic() - began_s
         assert 1.4 < (seen.objects[-1].stamp_ns - first_ns) / 1e9 / passed_s < 3.0
         await until(lambda: any(each.event == "selected" for each in events), 60, "a selection")
-    ended = await run.stop()
-    assert ended.code == 0, ended.err
+    ended = await run.stop(code=0)
     assert "Traceback" not in ended.err
     summary = summary_of(ended)
     assert summary["speed"] == 2
@@ -172,7 +164,15 @@ async def test_processes_select_as_well_and_follow_the_simulated_clock(commands:
 
 async def test_no_cursor_is_a_failure(commands: Commands) -> None:
     ended = await commands.pointit(
-        "run", "scenario_2", "--duration", "2", "--set", "user-sim.behaviour=rest", "--no-view", *listen()
+        "run",
+        "scenario_2",
+        "--duration",
+        "2",
+        "--set",
+        "user-sim.behaviour=rest",
+        "--no-view",
+        *listen(),
+        code=1,
     )
     assert ended.code == 1
     assert "no cursor ever appeared" in ended.err
@@ -184,9 +184,8 @@ async def test_a_device_that_is_not_there_is_why_no_cursor_appeared(
 ) -> None:
     port = tmp_path / "ttyUSB0"
     ended = await commands.pointit(
-        "run", "scenario_1", "--duration", "3", "--imu", f"serial:{port}", "--no-view", *listen()
+        "run", "scenario_1", "--duration", "3", "--imu", f"serial:{port}", "--no-view", *listen(), code=1
     )
-    assert ended.code == 1
     (verdict,) = (line for line in ended.err.splitlines() if "no cursor ever appeared; " in line)
     assert f"imu-bridge.user1: {port} is not there: plug the device in; ports found: " in verdict
 
@@ -194,8 +193,7 @@ async def test_a_device_that_is_not_there_is_why_no_cursor_appeared(
 async def test_what_was_missed_is_told_and_is_no_failure_of_the_run(commands: Commands) -> None:
     """A person who holds too short: the run did its job, and the summary gives the result."""
     arguments = ("--duration", "80", "--speed", "8", "--set", "selector.window_s=10", "--no-view", "--json")
-    ended = await commands.pointit("run", "scenario_3", *arguments, *listen())
-    assert ended.code == 0, ended.err
+    ended = await commands.pointit("run", "scenario_3", *arguments, *listen(), code=0)
     summary = summary_of(ended)
     assert summary["selected"] == 0
     assert summary["missed"] + summary["pending"] > 0
@@ -217,8 +215,7 @@ async def test_a_person_of_unknown_place_is_found_by_three_lamps(commands: Comma
         seen.bus.subscribe(POSE, lambda pose, _user: poses.append(pose))
         await until(lambda: "static_targets" in {pose.method for pose in poses}, 40, "a pose")
         await seen.sees_cursors("user1")
-    ended = await run.stop()
-    assert ended.code == 0, ended.err
+    ended = await run.stop(code=0)
     assert {news.target_index for news in progress if news.phase == "sampling"} >= {2}
     assert max(news.target_count for news in progress) == 3
     found = next(pose for pose in poses if pose.method == "static_targets")
@@ -285,9 +282,8 @@ async def test_red_packages_leave_at_bay_1_and_the_others_at_bay_3(
     commands: Commands, own_state: Path
 ) -> None:
     ended = await commands.pointit(
-        *("run", "scenario_4", "--speed", "3", "--duration", "75", "--no-view", "--json"), *listen()
+        *("run", "scenario_4", "--speed", "3", "--duration", "75", "--no-view", "--json"), *listen(), code=0
     )
-    assert ended.code == 0, ended.err
     assert "Traceback" not in ended.err
     summary = summary_of(ended)
     bays = {bay: Counter[str](kinds) for bay, kinds in summary["dispatched"].items()}
@@ -337,8 +333,7 @@ async def test_selector_and_conveyor_may_be_killed_and_nothing_is_lost_or_told_t
             lambda: set(books.kinds) == {*books.there, *books.dispatched()},
             what="each package to be on the belts or to have come out",
         )
-    ended = await run.stop()
-    assert ended.code == 0, ended.err
+    await run.stop(code=0)
 
     bays = books.dispatched()
     assert all(len(at) == 1 for at in bays.values()), bays

@@ -62,14 +62,12 @@ async def test_a_stopped_process_loses_its_name_and_ends_when_it_wakes(
         new = commands.start(*join)
         await is_run_by(seen, new)
         freeze(old, signal.SIGCONT)
-        ended = await old.end()
-        assert ended.code == 0, "as when it is asked to end"
+        ended = await old.end(code=0)
         assert "has taken over the name, having begun later" in ended.err
         assert f"process {new.process.pid}" in ended.err
         assert new.is_running
         await is_run_by(seen, new)
-        refused = await commands.pointit(*join)
-        assert refused.code == 2
+        refused = await commands.pointit(*join, code=2)
         assert f"process {new.process.pid} on " in refused.sentence
 
 
@@ -267,6 +265,5 @@ async def test_a_child_that_cannot_begin_is_named_with_its_reason(commands: Comm
     assert ("absent", "led-driver") in {
         (item["code"], item["service"]) for item in reported(ended)["findings"]
     }
-    ended = await run.stop()
-    assert ended.code == 0
+    ended = await run.stop(code=0)
     assert "Traceback" not in ended.err

@@ -77,8 +77,7 @@ async def test_all_is_well(site: Site) -> None:
 async def test_an_expected_service_that_is_absent(site: Site) -> None:
     site.start(Pointing, "anna")
     expect(site, ExpectedService(service="pui", command=(sys.executable, "-m", "pui of mine")))
-    ended = await site.pointit("doctor")
-    assert ended.code == 1
+    ended = await site.pointit("doctor", code=1)
     assert "error: pui: should run and does not" in ended.out
     assert re.search(
         r"start it again: pointit service run pui --connect tcp/127\.0\.0\.1:\d+ \(the log of", ended.out
@@ -161,8 +160,7 @@ async def test_bytes_that_are_no_message(site: Site) -> None:
 
 async def test_nothing_runs_there(site: Site) -> None:
     await site.stop()
-    ended = await site.pointit("doctor", "--timeout", "0.1")
-    assert ended.code == 1
+    ended = await site.pointit("doctor", "--timeout", "0.1", code=1)
     assert f"nothing runs at {site.endpoint}" in ended.out
     assert "`pointit run`" in ended.out
     assert ended.err in ("", f"looking for site lab at {site.endpoint} …\n")

@@ -44,8 +44,7 @@ async def test_echo_of_one_person_is_theirs_alone(site: Site) -> None:
 
 async def test_echo_shows_a_state_that_was_put_before(site: Site) -> None:
     site.bus.publisher(MAP).put(ROOM)
-    ended = await site.pointit("topic", "echo", "map", "--count", "1", "--json")
-    assert ended.code == 0
+    ended = await site.pointit("topic", "echo", "map", "--count", "1", "--json", code=0)
     assert json.loads(ended.out) == {"key": "map", **json.loads(ROOM.model_dump_json())}
 
 
@@ -107,15 +106,13 @@ async def test_ctrl_c_ends_it_at_once(site: Site, arguments: tuple[str, ...]) ->
 
 async def test_nobody_answers(site: Site) -> None:
     await site.stop()
-    ended = await site.pointit("topic", "echo", "map")
-    assert ended.code == 1
+    ended = await site.pointit("topic", "echo", "map", code=1)
     assert ended.err.startswith(f"looking for site lab at {site.endpoint} …\nError: nobody answers at ")
     assert (ended.err.count("\n"), ended.out) == (2, "")
 
 
 async def test_a_wrong_key_does_not_even_connect(site: Site) -> None:
-    ended = await site.pointit("topic", "echo", "users/anna/imuu")
-    assert ended.code == 2
+    ended = await site.pointit("topic", "echo", "users/anna/imuu", code=2)
     assert "did you mean users/anna/imu" in ended.err
     assert ended.err.count("\n") == 1
     assert (await site.pointit("topic", "hz")).code == 2
@@ -124,9 +121,8 @@ async def test_a_wrong_key_does_not_even_connect(site: Site) -> None:
 async def test_other_sites_are_not_heard(site: Site) -> None:
     site.feed_imu("anna")
     ended = await site.pointit(
-        "topic", "hz", "users/anna/imu", "--window", "0.5", "--json", "--site", "elsewhere"
+        "topic", "hz", "users/anna/imu", "--window", "0.5", "--json", "--site", "elsewhere", code=1
     )
-    assert ended.code == 1
     assert json.loads(ended.out)["keys"][0]["messages"] == 0
 
 
@@ -152,7 +148,6 @@ async def test_hz_of_all_shows_what_came(site: Site) -> None:
     site.feed_imu("anna")
     site.start(Pointing, "anna")
     await until(lambda: bool(rays), what="rays")
-    ended = await site.pointit("topic", "hz", "--all", "--window", "4")
-    assert ended.code == 0
+    ended = await site.pointit("topic", "hz", "--all", "--window", "4", code=0)
     keys = [line.split()[0] for line in ended.out.splitlines() if "/" in line and "rate hz" not in line]
     assert keys == ["configuration/pointing.anna", "health/pointing.anna", "users/anna/imu", "users/anna/ray"]

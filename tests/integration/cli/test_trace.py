@@ -113,8 +113,7 @@ async def test_tables_are_for_people(site: Site) -> None:
 async def test_a_person_who_is_not_there_is_one_sentence(site: Site) -> None:
     site.start(Pointing, "anna")
     await site.arrived("pointing.anna")
-    ended = await site.pointit("trace", "ana")
-    assert ended.code == 1
+    ended = await site.pointit("trace", "ana", code=1)
     assert "no sample of ana came within 3 s: no writer is present" in ended.sentence
     assert "did you mean anna" in ended.sentence
     ended = await site.pointit("trace", "users/anna")

@@ -62,14 +62,12 @@ async def test_people_join_a_running_site(commands: Commands, endpoint: str) -> 
 
 
 async def test_who_joins_a_running_site_does_not_secure_it(commands: Commands, endpoint: str) -> None:
-    ended = await commands.pointit("load", *SHORT, "--secured", "--connect", endpoint)
-    assert ended.code == 2
+    ended = await commands.pointit("load", *SHORT, "--secured", "--connect", endpoint, code=2)
     assert ended.sentence.startswith("--secured makes a site of its own; leave it out with --connect")
 
 
 async def test_nobody_there_is_said_in_a_sentence(commands: Commands, endpoint: str) -> None:
-    ended = await commands.pointit("load", *SHORT, "--connect", endpoint)
-    assert ended.code == 1
+    ended = await commands.pointit("load", *SHORT, "--connect", endpoint, code=1)
     assert "nobody answers" in ended.sentence
 
 

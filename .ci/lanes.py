@@ -88,10 +88,7 @@ ROOMS = {
             *("tests/integration/ros2", "tests/integration/scenario/steered_robots.py"),
             "tests/integration/scenario/test_send_a_robot.py",
             "tests/integration/api/test_found_by_following.py",
-            *(
-                f"tests/lab/evaluation/test_robot_{what}.py"
-                for what in ("evaluation", "flights", "identification")
-            ),
+            *(f"tests/lab/evaluation/test_robot_{what}.py" for what in ("evaluation", "identification")),
             "tests/lab/cli/test_evaluate_robots.py",
             "tests/e2e/web/test_robots.py",
         ),

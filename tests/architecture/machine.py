@@ -7,22 +7,8 @@ from pathlib import Path
 from tests.architecture.sources import ROOT
 
 TOOLS = (
-    "bash",
-    "env",
-    "dirname",
-    "cksum",
-    "cat",
-    "rm",
-    "mktemp",
-    "sleep",
-    "grep",
-    "find",
-    "tail",
-    "chmod",
-    "mkdir",
-    "sed",
-    "tr",
-    "date",
+    *("bash", "env", "dirname", "cksum", "cat", "rm", "mktemp", "sleep", "grep", "find", "tail"),
+    *("chmod", "mkdir", "sed", "tr", "date"),
 )
 
 PYTHON = """#!/bin/sh

@@ -40,8 +40,13 @@ def all_modules() -> tuple[Path, ...]:
 
 
 @cache
+def text(path: Path) -> str:
+    return path.read_text(encoding="utf-8")
+
+
+@cache
 def tree(path: Path) -> ast.Module:
-    return ast.parse(path.read_text(encoding="utf-8"), str(path))
+    return ast.parse(text(path), str(path))
 
 
 def shown(path: Path, node: ast.expr | ast.stmt | None = None) -> str:
@@ -52,10 +57,11 @@ def shown(path: Path, node: ast.expr | ast.stmt | None = None) -> str:
 
 def importers(module: str, paths: tuple[Path, ...]) -> Iterator[str]:
     """Places that import `module` or something of it, in whatever form and at whatever depth."""
+    forms = (module, f"from {module.rpartition('.')[0]} import")
     for path in paths:
-        for name, node in _imports(path):
-            if name == module or name.startswith(f"{module}."):
-                yield shown(path, node)
+        if any(form in text(path) for form in forms):  # parsing every module takes seconds
+            found = (node for name, node in _imports(path) if f"{name}.".startswith(f"{module}."))
+            yield from dict.fromkeys(shown(path, node) for node in found)
 
 
 @cache
@@ -65,7 +71,7 @@ def _imports(path: Path) -> tuple[tuple[str, ast.stmt | ast.expr], ...]:
         if isinstance(node, ast.Import):
             found += [(alias.name, node) for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and not node.level:
-            found.append((node.module or "", node))
+            found += [(f"{node.module}.{alias.name}", node) for alias in node.names]
         elif isinstance(node, ast.Call) and _is_dynamic_import(node):
             found += [(str(each.value), node) for each in node.args[:1] if isinstance(each, ast.Constant)]
     return tuple(found)

@@ -1,6 +1,8 @@
 """The table of extras names those of pyproject.toml with their libraries, messages how to install them."""
 
 import re
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -8,7 +10,8 @@ import pytest
 from packaging.requirements import Requirement
 
 from pointit.runtime.host import extras
-from tests.architecture.sources import ROOT
+from pointit.services.registry import PROCESSES
+from tests.architecture.sources import ROOT, shipped
 
 PAGE = ROOT / "docs" / "reference" / "extras.md"
 FOR_WORK_ON_POINTIT = {"dev", "docs", "test"}
@@ -34,8 +37,7 @@ def test_examples_name_extras_and_the_version_that_there_are() -> None:
 def test_remedy_is_the_script_in_a_checkout_and_pip_elsewhere(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    assert extras.CHECKOUT == ROOT
-    assert extras.remedy("web") == "`scripts/setup web` in the folder of PointIt"
+    assert (extras.CHECKOUT, extras.remedy("web")) == (ROOT, "`scripts/setup web` in the folder of PointIt")
     monkeypatch.setattr(extras, "CHECKOUT", tmp_path)
     assert extras.remedy("web") == "`pip install 'pointit[web]'`"
 
@@ -50,3 +52,38 @@ def test_extras_are_installed_in_one_way_where_people_read() -> None:
         assert not re.search(r"pip install\b.*\bpointit\b|pointit\[", text), path
         named.update(re.findall(r"scripts/setup (\w+)", text))
     assert named <= set(EXTRAS)
+
+
+HARMLESS = ("access", "diagnosis", "geometry", "plugins", "schemas", "sim")
+"""Rooms with modules that are all loaded."""
+
+
+def modules() -> list[str]:
+    """Modules of the harmless rooms and of every service, except those that start a process."""
+    rooms = ["pointit_lab.evaluation", *(f"pointit.{room}" for room in HARMLESS)]
+    rooms += [row.package for row in PROCESSES if row.room == "services"]
+    names: list[str] = []
+    for path in shipped():
+        parts = path.relative_to(ROOT).with_suffix("").parts[1:]
+        name = ".".join(parts).removesuffix(".__init__")
+        if parts[-1] != "__main__" and any(name == room or name.startswith(f"{room}.") for room in rooms):
+            names.append(name)
+    return names
+
+
+def test_what_decides_loads_no_zenoh() -> None:
+    names = ["pointit.runtime.service.service", *modules()]
+    assert {
+        "pointit_lab.evaluation.localization.localization",
+        "pointit.services.selector.selection_engine",
+    } <= set(names)
+    script = (
+        "import importlib, sys\n"
+        "for name in sys.stdin.read().split():\n"
+        "    importlib.import_module(name)\n"
+        "    if 'zenoh' in sys.modules: sys.exit(f'{name} loads zenoh')\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], input="\n".join(names), capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr

@@ -10,7 +10,9 @@ from types import ModuleType
 
 import pytest
 
+from tests.architecture import sources
 from tests.architecture.sources import ROOT, importers, shown
+from tests.support import there
 
 SCRIPT = ROOT / ".ci/lanes.py"
 
@@ -19,9 +21,8 @@ SCRIPT = ROOT / ".ci/lanes.py"
 def lanes() -> ModuleType:
     spec = importlib.util.spec_from_file_location("lanes", SCRIPT)
     assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    there(spec.loader).exec_module(module)
     return module
 
 
@@ -166,6 +167,15 @@ def test_a_lane_has_every_test_that_imports_its_room(lanes: ModuleType) -> None:
             if not lanes.is_in(place.partition(":")[0], runs)
         }
         assert not left_out, f".ci/lanes.py: the lane {name} needs them"
+
+
+def test_every_form_of_an_import_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sources, "ROOT", tmp_path)
+    forms = ("import a.b", "import a.b.c", "from a import x, b", "from a.b import c, d", "__import__('a.b')")
+    others = ("import a", "from a import c", "import a.bc", "from b.a import b")
+    path = tmp_path / "x.py"
+    path.write_text("\n".join((*forms, *others)))
+    assert list(importers("a.b", (path,))) == [f"x.py:{line}" for line in range(1, len(forms) + 1)]
 
 
 READS_PAGES = re.compile(r"""["/]docs["/]|README\.md|CHANGELOG\.md""")

@@ -1,6 +1,8 @@
 """The rules of the house that no type checker sees: rooms, tables, keys, doors."""
 
 import ast
+import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +11,9 @@ import pytest
 import pointit
 from pointit.runtime.config.config import Config
 from pointit.runtime.service.service import Service
-from pointit.schemas.topics import REQUESTS, TOPICS, Topic
+from pointit.schemas.topics import PRESENCES, REQUESTS, TOPICS, Topic
 from pointit.services.registry import PROCESSES, Process
-from tests.architecture import keys, sources
+from tests.architecture import sources
 from tests.architecture.sources import ROOT, shown
 
 HOMES = {"services": ROOT / "services/pointit/services", "bridges": ROOT / "bridges/pointit/bridges"}
@@ -19,7 +21,6 @@ HOMES = {"services": ROOT / "services/pointit/services", "bridges": ROOT / "brid
 FOUR_FILES = {"__init__.py", "__main__.py", "config.py", "service.py"}
 OUTSIDERS = {"cli", "external", "every service"}
 """Writers that are no row of the process table."""
-
 DEVICES = {
     "imu-bridge": {
         "ble/discovery.py",
@@ -109,20 +110,13 @@ DEVICES = {
     },
 }
 """Modules beside `service.py` that wait for devices or time, or write files; no cores."""
-
 HARMLESS = (
-    "pointit.runtime.config",
-    "pointit.runtime.errors",
-    "pointit.runtime.bus.timeliness",
-    "pointit.runtime.host.extras",
-    "pointit.runtime.host.store",
-    "pointit.runtime.link",
-    "pointit.runtime.mqtt.broker_config",
+    *("pointit.runtime.config", "pointit.runtime.errors", "pointit.runtime.bus.timeliness"),
+    *("pointit.runtime.host.extras", "pointit.runtime.host.store"),
+    *("pointit.runtime.link", "pointit.runtime.mqtt.broker_config"),
 )
 """Parts of the runtime that cores may import: they know no bus, no clock and no loop."""
-
 LONGEST = 400
-
 NAMES = {row.name for row in PROCESSES}
 rows = pytest.mark.parametrize("row", [pytest.param(row, id=row.name) for row in PROCESSES])
 topics = pytest.mark.parametrize("topic", [pytest.param(topic, id=topic.key) for topic in TOPICS])
@@ -173,8 +167,7 @@ def test_every_service_has_the_four_files_and_a_core(row: Process) -> None:
 def test_every_service_is_what_its_row_says(row: Process) -> None:
     service = row.load()
     assert issubclass(service, Service)
-    assert row.name == service.NAME
-    assert row.scope == service.SCOPE
+    assert (row.name, row.scope) == (service.NAME, service.SCOPE)
     assert issubclass(service.CONFIG, Config)
     assert row.config() is service.CONFIG
 
@@ -260,7 +253,7 @@ def test_services_do_not_import_the_registry_or_each_other() -> None:
 
 
 def test_keys_stand_in_the_topic_table_only() -> None:
-    find = keys.finder(keys.patterns())
+    find = finder(patterns())
     tables = {
         ROOT / "schemas/pointit/schemas" / name for name in ("topics.py", "request_table.py", "robots.py")
     }
@@ -279,36 +272,26 @@ def test_keys_stand_in_the_topic_table_only() -> None:
     [
         *("users/anna/imu", "users/", "pointit/lab/users/anna/ray", "@/users/*/imu", "selection/events"),
         *(
-            "leds/brightness",
-            "leds/1/color",
-            "strips/frame",
-            "conveyor/state",
-            "conveyor/reset",
-            "health/pui",
+            *("leds/brightness", "leds/1/color", "strips/frame", "conveyor/state"),
+            *("conveyor/reset", "health/pui"),
         ),
         *("deployment/x", "alive/services/", "alive/users/anna", "localizer/anna/start", "selector/x/clear"),
         *("imu/anna/set_yaw_origin", "see users/{user}/imu"),
     ],
 )
 def test_keys_are_recognized(text: str) -> None:
-    assert keys.finder(keys.patterns()).search(text)
+    assert finder(patterns()).search(text)
 
 
 @pytest.mark.parametrize(
     "text",
     [
-        "map",
-        "objects",
-        "strips and/or frames",
-        "/imu",
-        "on users/ or off",
-        "maps/lab.yaml",
-        "superusers/x",
-        "1/leds",
+        *("map", "objects", "strips and/or frames", "/imu", "on users/ or off", "maps/lab.yaml"),
+        *("superusers/x", "1/leds"),
     ],
 )
 def test_everyday_text_is_no_key(text: str) -> None:
-    assert not keys.finder(keys.patterns()).search(text)
+    assert not finder(patterns()).search(text)
 
 
 def test_every_module_is_short_and_says_what_it_is() -> None:
@@ -316,3 +299,23 @@ def test_every_module_is_short_and_says_what_it_is() -> None:
     long = [f"{shown(path)} has {count} lines" for path, count in lines.items() if count > LONGEST]
     assert not long, "split by idea"
     assert not [shown(path) for path in lines if not ast.get_docstring(sources.tree(path))], "no docstring"
+
+
+def patterns() -> list[str]:
+    """Return the part of each key that identifies it in other text: all, or the part before the placeholder.
+
+    Keys of one word (`map`, `objects`) are everyday words and cannot be identified.
+    """
+    heads = {row.key.partition("{")[0] for row in (*TOPICS, *REQUESTS, *PRESENCES)}
+    return sorted(head for head in heads if "/" in head)
+
+
+def finder(wanted: Iterable[str]) -> re.Pattern[str]:
+    """Matches a key wherever it begins: at the start, or after anything but a word, dot or dash.
+
+    The part before a placeholder must be followed by a name, `{`, `*`, or the end of an f-string's piece.
+    """
+    alternatives = "|".join(
+        re.escape(each) + (r"(?=[\w{*$]|\Z)" if each.endswith("/") else r"(?![\w-])") for each in wanted
+    )
+    return re.compile(rf"(?<![\w.\-])(?:{alternatives})")

@@ -1,7 +1,11 @@
 """The scripts on incomplete machines. Stand-ins for Python and uv record their calls."""
 
+import json
 import os
+import re
+import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -47,8 +51,7 @@ def test_the_demo_installs_once_and_runs_scenario_4(machine: Machine) -> None:
     assert machine.calls == ["pointit run scenario_4 --duration 20"]
     with (machine.root / "pyproject.toml").open("a") as file:
         file.write("# changed\n")
-    assert machine.run("demo").returncode == 0
-    assert machine.calls[1:] == [install, "pointit run scenario_4"]
+    assert (machine.run("demo").returncode, machine.calls[1:]) == (0, [install, "pointit run scenario_4"])
 
 
 @pytest.mark.parametrize(
@@ -120,8 +123,7 @@ def test_an_extra_goes_into_the_venv_with_uv_and_without(machine: Machine, *, uv
     )
     assert machine.calls[-1] == f"{pip} -e {machine.root}[ros2,plot]"
     machine.run("setup", "ros2", "plot")
-    assert machine.calls == []
-    assert machine.run("setup", "web", "lab").returncode == 0
+    assert (machine.calls, machine.run("setup", "web", "lab").returncode) == ([], 0)
     assert machine.calls[-1] == f"{pip} -e {machine.root}[web,lab] -e {machine.root}/lab"
     assert machine.run("setup", "dev").returncode == 0
     assert machine.calls[-1] == f"{pip} -e {machine.root}[dev] -e {machine.root}/lab"
@@ -139,8 +141,7 @@ def test_an_extra_that_does_not_exist_is_refused(machine: Machine) -> None:
 def test_debian_without_its_venv_package_is_told_what_to_install(machine: Machine) -> None:
     machine.add("python3", PYTHON)
     done = machine.run("demo", NO_VENV="The virtual environment was not created: ensurepip is not available.")
-    assert done.returncode == 1
-    assert done.stderr.count("\n") == 1
+    assert (done.returncode, done.stderr.count("\n")) == (1, 1)
     assert "apt install python3-venv" in done.stderr
     assert not (machine.root / ".venv").exists()
 
@@ -151,8 +152,7 @@ def test_a_failed_installation_shows_why_and_is_tried_again(machine: Machine) ->
     assert done.returncode == 1
     assert done.stderr.startswith("no route to the index\n")
     assert "could not be installed" in done.stderr
-    assert machine.run("demo").returncode == 0
-    assert machine.calls[-1] == "pointit run scenario_4"
+    assert (machine.run("demo").returncode, machine.calls[-1]) == (0, "pointit run scenario_4")
 
 
 def test_a_slow_installation_says_what_it_does(machine: Machine) -> None:
@@ -180,8 +180,7 @@ def test_check_goes_on_after_a_failure_and_names_what_failed(machine: Machine) -
         tool.chmod(0o755)
     (machine.root / "scripts" / "page").write_text("#!/bin/sh\n", encoding="utf-8")  # has tests of its own
     done = machine.run("check")
-    assert done.returncode == 1
-    assert done.stderr == "failed: mypy,pyright\n"
+    assert (done.returncode, done.stderr) == (1, "failed: mypy,pyright\n")
     assert [line.split()[0] for line in done.stdout.splitlines() if line.startswith(("ok", "FAILED"))] == [
         *("ok", "ok", "FAILED", "FAILED", "ok", "ok", "ok", "ok")
     ]
@@ -199,3 +198,152 @@ def test_all_scripts_are_executable_and_parse() -> None:
         else:
             assert subprocess.run(["bash", "-n", script], check=False).returncode == 0  # noqa: S607 - any bash
         assert script.suffix in (".py", ".sh") or os.access(script, os.X_OK), f"{script} is not executable"
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_ci_installs_what_tests_need_and_says_what_is_missing(machine: Machine, *, there: bool) -> None:
+    shutil.copytree(ROOT / ".ci", machine.root / ".ci")
+    for script in ("../.ci/versions", "../.ci/containers", "setup", "check", "docs", "test", "mutants"):
+        path = machine.root / "scripts" / script
+        path.write_text(f'#!/bin/sh\necho "{path.name} $LOCKED $*" >> "$CALLS"\n', encoding="utf-8")
+    machine.add("id", "#!/bin/sh\necho 0\n")
+    machine.add("apt-get", '#!/bin/sh\necho "apt-get $*" >> "$CALLS"; echo "E: no net"; exit 100\n')
+    needed = [
+        *("ip", "tc", "nft", "unshare", "sysctl", "script", "podman", "podman-compose", "runc"),
+        *("catatonit", "debootstrap", "mosquitto", "olad", "prometheus", "promtool", "systemd-analyze"),
+    ]
+    for tool in (*needed, "google-chrome") if there else ():
+        machine.add(tool, "#!/bin/sh\n")
+    done = machine.run("../.ci/run")
+    assert done.returncode == 0  # without it tests are skipped, for reasons that are not listed
+    assert done.stdout.endswith("\nUNSTABLE: 0\n")
+    assert ("apt-get update" in machine.calls) == (not there)
+    told = f"*** missing on this machine: chromium {' '.join(needed)} ***"
+    assert done.stderr.count(told) == (0 if there else 2)  # before the tests and after them
+    assert ("E: no net" in done.stderr) == (not there)
+    began = {call.partition(" ")[0] for call in machine.calls}
+    assert began >= {"versions", "containers", "setup", "check", "docs", "mutants"}
+    tests = [call for call in machine.calls if call.startswith("test ")]
+    given = [ROOT / word for call in tests for word in call.split() if word.startswith("tests/")]
+    given.append(ROOT / "tests/docs")  # by scripts/docs
+    files = [*(ROOT / "tests").rglob("test_*.py")]
+    assert len(files) > 100
+    left_out = [file for file in files if not any(file.is_relative_to(folder) for folder in given)]
+    assert not left_out, "every test is run"
+    assert all("-p tests.support.strict_skips" in call for call in tests)
+    assert all(call.split()[1] == "1" for call in machine.calls if not call.startswith("apt-get"))
+
+
+@pytest.mark.parametrize(
+    ("tests", "runs"),
+    [
+        (
+            ["tests/unit/web", "tests/golden", "tests/e2e/web"],
+            ["tests/e2e/web", "tests/unit/web tests/golden"],
+        ),
+        (["tests/docs", "tests/unit/maps"], ["docs", "tests/unit/maps"]),
+        (["tests/interop/ros2", "tests/lab"], ["containers", "tests/interop/ros2", "tests/lab"]),
+    ],
+    ids=["room", "documents", "containers"],
+)
+def test_ci_runs_the_tests_of_a_lane_and_the_gates_alone(
+    machine: Machine, tests: list[str], runs: list[str]
+) -> None:
+    shutil.copytree(ROOT / ".ci", machine.root / ".ci")
+    told = "\n".join(["page: nothing else has changed", *tests])
+    (machine.root / ".ci" / "lanes.py").write_text(f"print({told!r})\n", encoding="utf-8")
+    for script in ("../.ci/versions", "../.ci/containers", "setup", "check", "docs", "mutants", "test"):
+        path = machine.root / "scripts" / script
+        path.write_text(f'#!/bin/sh\necho "{path.name} $*" >> "$CALLS"\n', encoding="utf-8")
+    (machine.root / ".venv" / "bin").mkdir(parents=True)
+    (machine.root / ".venv" / "bin" / "python").symlink_to(sys.executable)
+    machine.add("id", "#!/bin/sh\necho 1\n")
+    done = machine.run("../.ci/run")
+    assert done.returncode == 0, done.stderr
+    assert "=== page: nothing else has changed ===" in done.stdout
+    ran = [
+        " ".join(word for word in call.split() if word.startswith("tests/")) or call for call in machine.calls
+    ]
+    assert sorted(call.strip() for call in ran) == sorted(["setup dev", "check", *runs])
+
+
+SOME_FAIL = """#!/bin/sh
+for each in "$@"; do
+    case "$each" in cache_dir=*) cache="${each#cache_dir=}" ;; esac
+done
+echo "test $each" >> "$CALLS"
+case "$each" in
+    tests/faults) echo "it broke"
+        if [ -n "$FAILED" ]; then mkdir -p "$cache/v/cache"; echo "$FAILED" > "$cache/v/cache/lastfailed"; fi
+        exit 1 ;;
+    tests/faults/*.py) exit "$ALONE" ;;
+esac
+"""
+ONE, TWO = "tests/faults/test_a.py::test_b[c d]", "tests/faults/test_e.py::test_b"
+
+
+@pytest.mark.parametrize(
+    ("failed", "alone", "status"),
+    [
+        ([ONE], 0, 0),
+        ([ONE, f"{ONE}2", TWO], 0, 0),
+        ([ONE, TWO], 1, 1),
+        ([f"{ONE}{number}" for number in range(4)], 0, 1),
+        ([], 0, 1),
+    ],
+    ids=["unstable", "unstable files", "broken", "too many", "no test but the job"],
+)
+def test_ci_runs_the_files_of_a_few_tests_that_failed_once_more(
+    machine: Machine, failed: list[str], alone: int, status: int
+) -> None:
+    shutil.copytree(ROOT / ".ci", machine.root / ".ci")
+    for script in ("../.ci/versions", "../.ci/containers", "setup", "check", "docs", "mutants"):
+        (machine.root / "scripts" / script).write_text("#!/bin/sh\n", encoding="utf-8")
+    (machine.root / "scripts" / "test").write_text(SOME_FAIL, encoding="utf-8")
+    (machine.root / ".venv" / "bin").mkdir(parents=True)
+    (machine.root / ".venv" / "bin" / "python").symlink_to(sys.executable)
+    machine.add("id", "#!/bin/sh\necho 1\n")
+    listed = json.dumps(dict.fromkeys(failed, True)) if failed else ""
+    done = machine.run("../.ci/run", FAILED=listed, ALONE=str(alone))
+    assert done.returncode == status
+    assert "it broke" in done.stdout
+    files = {each.partition("::")[0] for each in failed} if len(failed) < 4 else set[str]()
+    assert [call for call in machine.calls if ".py" in call] == [f"test {file}" for file in sorted(files)]
+    told = re.findall(r"UNSTABLE: (.*) failed beside others, its file passed alone; mend it", done.stdout)
+    assert told == (failed if status == 0 else [])
+    assert done.stdout.endswith(f"\nUNSTABLE: {len(told)}\n")
+    assert ("4 tests failed, too many to run again" in done.stdout) == (len(failed) == 4)
+
+
+PODMAN = """#!/bin/sh
+echo "podman $*" >> "$CALLS"
+case "$1 $2" in
+    "image exists") case " $THERE " in *" $3 "*) exit 0 ;; esac; exit 1 ;;
+    "pull --quiet") exit "$PULLED" ;;
+    "import --change") cat > /dev/null ;;
+esac
+"""
+MADE_BASE = "localhost/pointit-base:ci"
+
+
+@pytest.mark.parametrize(
+    ("there", "pulled", "is_made"),
+    [("official", 1, False), ("", 0, False), ("", 1, True), ("made", 1, False)],
+)
+def test_an_image_that_ci_makes_is_not_named_as_the_official_one(
+    machine: Machine, there: str, pulled: int, *, is_made: bool
+) -> None:
+    shutil.copytree(ROOT / ".ci", machine.root / ".ci")
+    shutil.copytree(ROOT / "deploy", machine.root / "deploy")
+    machine.add("podman", PODMAN)
+    machine.add("debootstrap", '#!/bin/sh\nmkdir -p "$4/etc/ssl/certs"\n')
+    machine.add("cp", "#!/bin/sh\n")
+    machine.add("tar", "#!/bin/sh\n")
+    machine.add("timeout", '#!/bin/sh\nshift\n"$@"\n')
+    official = "".join(re.findall(r"^ARG BASE=(.*)$", (ROOT / "deploy/Dockerfile").read_text(), re.MULTILINE))
+    known = {"official": official, "made": MADE_BASE}.get(there, "")
+    done = machine.run("../.ci/containers", THERE=known, PULLED=str(pulled))
+    assert done.returncode == 0, done.stderr
+    imports = [call for call in machine.calls if call.startswith("podman import")]
+    assert [call.split()[-1] for call in imports] == ([MADE_BASE] if is_made else [])
+    assert f'MADE_BASE = "{MADE_BASE}"' in (ROOT / "tests/containers/conftest.py").read_text()

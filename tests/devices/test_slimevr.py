@@ -19,7 +19,7 @@ from pointit.services.imu_bridge.network.udp_server import ANY_HOST
 from tests.devices.red_segments import first_selected
 from tests.support.bench import until
 from tests.support.buses import free_udp_port
-from tests.support.npm_program import fetched
+from tests.support.environments import fetched
 from tests.support.running_source import running
 
 TRACKER = Path(__file__).with_name("slimevr_tracker")

@@ -73,16 +73,10 @@ def blocks(page: Path, text: str) -> list[Block]:
             raise ValueError(f"{page}:{line}: `{token.info}`: unknown words, see scripts/docs --help")
         said = {name: value or "" for name, value in match.groupdict().items()}
         block = Block(
-            page=page,
-            line=line,
-            language=said["language"],
-            code=token.content,
-            title=said["title"],
-            terminal=said["terminal"],
-            exit=said["exit"],
-            no_run=said["no_run"],
+            page=page, line=line, language=said["language"], code=token.content, title=said["title"],
+            terminal=said["terminal"], exit=said["exit"], no_run=said["no_run"],
             numbers=bool(said["numbers"]),
-        )
+        )  # fmt: skip
         if follows_code and block.language == "text":
             found[-1] = dataclasses.replace(found[-1], output=block)
             follows_code = False

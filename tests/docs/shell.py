@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tests.docs.blocks import ROOT, Block, difference
+from tests.support import there
 from tests.support.pace import Patience
 
 PATIENCE_S = 60.0
@@ -180,10 +181,9 @@ async def shell(folder: Path) -> AsyncGenerator[Shell]:
             env=environment,
         )
     try:
-        assert bash.stdin is not None
-        bash.stdin.write(f"set -m; ip link set lo up; ip address add {ADDRESS}/32 dev lo\n".encode())
+        there(bash.stdin).write(f"set -m; ip link set lo up; ip address add {ADDRESS}/32 dev lo\n".encode())
         yield Shell(bash, notes)
-        bash.stdin.close()
+        there(bash.stdin).close()
         async with asyncio.timeout(PATIENCE_S):
             await bash.wait()
     finally:

@@ -71,11 +71,12 @@ class Site:
         """Start `pointit …`."""
         return self.python("-m", "pointit.cli", *arguments)
 
-    async def pointit(self, *arguments: str) -> Ended:
-        """Run `pointit …` to its end."""
+    async def pointit(self, *arguments: str, code: int | None = None) -> Ended:
+        """Run `pointit …` to its end, with `code` if that is given."""
         began_s = time.monotonic()
-        code, out, err = await asyncio.to_thread(run, [*arguments, "--connect", self.endpoint], PATIENCE_S)
-        return Ended(code=code, out=out, err=err, took_s=time.monotonic() - began_s)
+        ended = await asyncio.to_thread(run, [*arguments, "--connect", self.endpoint], PATIENCE_S)
+        took_s = time.monotonic() - began_s
+        return Ended(code=ended[0], out=ended[1], err=ended[2], took_s=took_s).checked(code)
 
     async def arrived(self, instance: str) -> None:
         await until(lambda: instance in self.present, PATIENCE_S, f"{instance} is present")

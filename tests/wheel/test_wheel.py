@@ -102,16 +102,14 @@ def test_wheel_has_every_file_of_the_product_and_no_other(wheel: Path) -> None:
 
 
 async def test_scenario_runs_without_the_page_and_names_the_extra(plain: Path, commands: Commands) -> None:
-    ended = await commands.run([str(plain), "run", "scenario_3", "--duration", "5"]).end()
-    assert ended.code == 0, ended.err
+    ended = await commands.run([str(plain), "run", "scenario_3", "--duration", "5"]).end(code=0)
     assert "scenario_3 ran" in ended.out
     assert "There was no page: the page needs `pip install 'pointit[web]'`." in ended.out
 
 
 async def test_commands_find_what_they_read(plain: Path, commands: Commands) -> None:
     async def says(*arguments: str, code: int = 0) -> str:
-        ended = await commands.run([str(plain), *arguments]).end()
-        assert ended.code == code, ended.err
+        ended = await commands.run([str(plain), *arguments]).end(code=code)
         return ended.out + ended.err
 
     assert "conveyor" in await says("map", "list")
@@ -151,8 +149,7 @@ async def test_laboratory_adds_its_commands_when_it_is_installed_beside(
         ended = await commands.run([str(plain), "--help"]).end()
         assert "evaluate" in ended.out
         one = ("--bench", "belts_lab", "--method", "gauge", "--trials", "1")
-        ended = await commands.run([str(plain), "evaluate", "selection", *one]).end()
-        assert ended.code == 0, ended.err
+        ended = await commands.run([str(plain), "evaluate", "selection", *one]).end(code=0)
         assert "gauge" in ended.out
         ended = await commands.run([str(plain), "plugin", "check", "simulated"]).end()
         assert ended.code == 0, ended.out
@@ -168,8 +165,7 @@ async def test_uvx_runs_the_wheel_and_serves_the_page(wheel: Path, commands: Com
     _, page = await entered(link_in(command.err + command.out))
     assert page.status_code == 200
     assert "text/html" in page.headers["content-type"]
-    ended = await command.stop()
-    assert ended.code == 0, ended.err
+    ended = await command.stop(code=0)
     assert "scenario_3 ran" in ended.out
 
 

@@ -3,6 +3,13 @@
 from pointit.cli.common.installed_commands import LAB, of_package
 from pointit.cli.common.lazy import Entry, command, noun
 
+
+def ours(name: str, about: str, place: str) -> Entry:
+    """Return a command of this package; `place` is its module, and `:attribute` unless that is `command`."""
+    module, _, attribute = place.partition(":")
+    return command(name, about, f"pointit.cli.{module}:{attribute or 'command'}")
+
+
 TOPIC = """See the messages of a running site, their rates, and what each topic carries.
 
 Example: pointit topic list && pointit topic hz --all
@@ -79,222 +86,122 @@ LEDS = """Test LED strips and how they are connected, and find where a moving he
 Example: pointit leds test scenario_3 --leds ddp:wled-kitchen.local
 """
 
-_ROUTER = command("router", "run a router that joins several machines", "pointit.cli.site.router:command")
+_ROUTER = ours("router", "run a router that joins several machines", "site.router")
 
 COMMANDS: dict[str, tuple[Entry, ...]] = {
     "Start": (
-        command(
-            "run", "start a scenario: its services, simulated people, a live view", "pointit.cli.run.run:run"
-        ),
-        command(
-            "dashboard",
-            "open the page of a site that runs elsewhere, in the browser",
-            "pointit.cli.page.dashboard:command",
-        ),
-        command("list", "list scenarios, maps, plug-ins and services", "pointit.cli.run.list:command"),
+        ours("run", "start a scenario: its services, simulated people, a live view", "run.run:run"),
+        ours("dashboard", "open the page of a site that runs elsewhere, in the browser", "page.dashboard"),
+        ours("list", "list scenarios, maps, plug-ins and services", "run.list"),
     ),
     "On a running site": (
-        command(
-            "doctor",
-            "show what runs, what is stale, what is wrong and what to do",
-            "pointit.cli.inspect.doctor:command",
-        ),
+        ours("doctor", "show what runs, what is stale, what is wrong and what to do", "inspect.doctor"),
         noun(
             "topic",
             "see messages, their rates and their fields",
             TOPIC,
-            (
-                command(
-                    "list",
-                    "show the topic table: keys, messages, rates, writers",
-                    "pointit.cli.inspect.topics:command",
-                ),
-                command("echo", "print messages as they arrive", "pointit.cli.inspect.echo:command"),
-                command("hz", "measure rates against the nominal ones", "pointit.cli.inspect.hz:command"),
-                command(
-                    "schema",
-                    "show the fields of a message; write or check the catalogue",
-                    "pointit.cli.inspect.schema:command",
-                ),
-            ),
+            ours("list", "show the topic table: keys, messages, rates, writers", "inspect.topics"),
+            ours("echo", "print messages as they arrive", "inspect.echo"),
+            ours("hz", "measure rates against the nominal ones", "inspect.hz"),
+            ours("schema", "show the fields of a message; write or check the catalogue", "inspect.schema"),
         ),
-        command(
-            "track",
-            "show trackers and objects: rates, latency, positions",
-            "pointit.cli.inspect.track:command",
-        ),
-        command(
-            "trace",
-            "time a person's samples from capture to light, hop by hop",
-            "pointit.cli.inspect.trace:command",
-        ),
+        ours("track", "show trackers and objects: rates, latency, positions", "inspect.track"),
+        ours("trace", "time a person's samples from capture to light, hop by hop", "inspect.trace"),
         noun(
             "person",
             "add a person, correct their pose, press their button",
             PERSON,
-            (
-                command("add", "add one person's services to a running site", "pointit.cli.run.user:command"),
-                command("pose", "show or set a person's pose", "pointit.cli.people.pose:command"),
-                command(
-                    "anchor",
-                    "point at one lamp to correct a person's pose",
-                    "pointit.cli.people.anchor:command",
+            ours("add", "add one person's services to a running site", "run.user"),
+            ours("pose", "show or set a person's pose", "people.pose"),
+            ours("anchor", "point at one lamp to correct a person's pose", "people.anchor"),
+            noun(
+                "calibrate",
+                "measure a sensor's mounting, or a person's pointing offset",
+                CALIBRATE,
+                ours(
+                    "mounting",
+                    "mounting of the sensor on the arm: two poses, arm level ahead and straight up",
+                    "people.calibrate_mounting",
                 ),
-                noun(
-                    "calibrate",
-                    "measure a sensor's mounting, or a person's pointing offset",
-                    CALIBRATE,
-                    (
-                        command(
-                            "mounting",
-                            "mounting of the sensor on the arm: two poses, arm level ahead and straight up",
-                            "pointit.cli.people.calibrate_mounting:command",
-                        ),
-                        command(
-                            "user",
-                            "pointing offset of the person: pointing at lamps without a cursor",
-                            "pointit.cli.people.calibrate_user:command",
-                        ),
-                    ),
+                ours(
+                    "user",
+                    "pointing offset of the person: pointing at lamps without a cursor",
+                    "people.calibrate_user",
                 ),
-                command(
-                    "memory",
-                    "show or erase what localizations found of a person's pointing",
-                    "pointit.cli.people.memory:command",
-                ),
-                command("press", "press a person's button from here", "pointit.cli.people.press:command"),
             ),
+            ours("memory", "show or erase what localizations found of a person's pointing", "people.memory"),
+            ours("press", "press a person's button from here", "people.press"),
         ),
         noun(
             "robot",
             "list robots: where they are, who steers them; stop them",
             ROBOT,
-            (
-                command(
-                    "list",
-                    "show where each robot is, who steers it, and why it stands",
-                    "pointit.cli.robots.robot:list_robots",
-                ),
-                command("stop", "stop one robot, some, or all", "pointit.cli.robots.robot:stop"),
+            ours(
+                "list",
+                "show where each robot is, who steers it, and why it stands",
+                "robots.robot:list_robots",
             ),
+            ours("stop", "stop one robot, some, or all", "robots.robot:stop"),
         ),
         noun(
             "service",
             "list services, run one, send a request to one",
             SERVICE,
-            (
-                command(
-                    "list",
-                    "list the services, and what they read and write",
-                    "pointit.cli.run.list:list_services",
-                ),
-                command(
-                    "run",
-                    "run one service; its --help documents every parameter",
-                    "pointit.cli.run.service:command",
-                ),
-                command(
-                    "call",
-                    "send a request to a service; without arguments, list requests",
-                    "pointit.cli.inspect.call:command",
-                ),
-            ),
+            ours("list", "list the services, and what they read and write", "run.list:list_services"),
+            ours("run", "run one service; its --help documents every parameter", "run.service"),
+            ours("call", "send a request to a service; without arguments, list requests", "inspect.call"),
         ),
-        command("metrics", "serve metrics of the site to Prometheus", "pointit.cli.inspect.metrics:command"),
-        command(
-            "audit", "show who selected what, when and how confidently", "pointit.cli.inspect.audit:command"
-        ),
+        ours("metrics", "serve metrics of the site to Prometheus", "inspect.metrics"),
+        ours("audit", "show who selected what, when and how confidently", "inspect.audit"),
     ),
     "Record and replay": (
-        command(
-            "record",
-            "record everything that travels on a site, in a file",
-            "pointit.cli.recordings.record:command",
-        ),
-        command(
-            "replay",
-            "run the services of a recording again, and compare",
-            "pointit.cli.recordings.replay:command",
-        ),
-        command("export", "write a recording as CSV tables", "pointit.cli.recordings.export:command"),
-        command(
-            "import",
-            "make a recording of a CSV file or a ROS 2 bag",
-            "pointit.cli.recordings.import_:command",
-        ),
-        command("page", "open a recording in the page, with a timeline", "pointit.cli.page.page:command"),
+        ours("record", "record everything that travels on a site, in a file", "recordings.record"),
+        ours("replay", "run the services of a recording again, and compare", "recordings.replay"),
+        ours("export", "write a recording as CSV tables", "recordings.export"),
+        ours("import", "make a recording of a CSV file or a ROS 2 bag", "recordings.import_"),
+        ours("page", "open a recording in the page, with a timeline", "page.page"),
     ),
     "Rooms and devices of your own": (
-        command(
-            "devices",
-            "find wrists and lights within reach, and the options that use them",
-            "pointit.cli.plugins.devices:command",
+        ours(
+            "devices", "find wrists and lights within reach, and the options that use them", "plugins.devices"
         ),
         noun(
             "new",
             "write the map of a room of your own",
             NEW,
-            (
-                command(
-                    "room",
-                    "the map of a room with lamps and strips on its walls",
-                    "pointit.cli.maps.new_room:command",
-                ),
-            ),
+            ours("room", "the map of a room with lamps and strips on its walls", "maps.new_room"),
         ),
         noun(
             "map",
             "check, draw, fetch and list maps of rooms",
             MAP,
-            (
-                command("check", "show errors of a map, and what to do", "pointit.cli.maps.check:command"),
-                command("plot", "draw a map from above: svg, png or pdf", "pointit.cli.maps.plot:command"),
-                command(
-                    "fetch",
-                    "fetch a map from the parameters of a ROS 2 node",
-                    "pointit.cli.maps.fetch:command",
-                ),
-                command("list", "list the shipped maps", "pointit.cli.run.list:list_maps"),
-            ),
+            ours("check", "show errors of a map, and what to do", "maps.check"),
+            ours("plot", "draw a map from above: svg, png or pdf", "maps.plot"),
+            ours("fetch", "fetch a map from the parameters of a ROS 2 node", "maps.fetch"),
+            ours("list", "list the shipped maps", "run.list:list_maps"),
         ),
         noun(
             "leds",
             "test LED strips, find where a moving head hangs",
             LEDS,
-            (
-                command(
-                    "calibrate",
-                    "find the pose of a moving head by pointing its beam at known places",
-                    "pointit.cli.leds.leds_calibrate:command",
-                ),
-                command(
-                    "test",
-                    "light the pixels of each strip in turn, and say where the map has them",
-                    "pointit.cli.leds.leds_test:command",
-                ),
+            ours(
+                "calibrate",
+                "find the pose of a moving head by pointing its beam at known places",
+                "leds.leds_calibrate",
+            ),
+            ours(
+                "test",
+                "light the pixels of each strip in turn, and say where the map has them",
+                "leds.leds_test",
             ),
         ),
         noun(
             "plugin",
             "list, check and begin what can be plugged in",
             PLUGIN,
-            (
-                command(
-                    "new",
-                    "write a package with a plug-in that works, and its tests",
-                    "pointit.cli.plugins.new:command",
-                ),
-                command(
-                    "check",
-                    "check that plug-ins keep the promises of their kind",
-                    "pointit.cli.plugins.check:command",
-                ),
-                command(
-                    "list",
-                    "list plug-ins, their packages, what is wrong",
-                    "pointit.cli.run.list:list_plugins",
-                ),
-            ),
+            ours("new", "write a package with a plug-in that works, and its tests", "plugins.new"),
+            ours("check", "check that plug-ins keep the promises of their kind", "plugins.check"),
+            ours("list", "list plug-ins, their packages, what is wrong", "run.list:list_plugins"),
         ),
     ),
     "Several machines": (
@@ -302,25 +209,19 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
             "site",
             "manage who may join a site, and their rights",
             SITE,
-            (
-                command("init", "create a site: authority, router, identities", "pointit.cli.site.site:init"),
-                command(
-                    "show", "list identities, and when they expire", "pointit.cli.site.site:list_identities"
-                ),
-                noun(
-                    "user",
-                    "add, remove and list the people of a site",
-                    SITE_USER,
-                    (
-                        command("add", "add people", "pointit.cli.site.site:add"),
-                        command("remove", "remove people", "pointit.cli.site.site:remove"),
-                        command("list", "list people", "pointit.cli.site.site:list_people"),
-                    ),
-                ),
-                command("renew", "make new certificates", "pointit.cli.site.site:renew"),
-                command("revoke", "revoke all rights of an identity", "pointit.cli.site.site:revoke"),
-                _ROUTER,
+            ours("init", "create a site: authority, router, identities", "site.site:init"),
+            ours("show", "list identities, and when they expire", "site.site:list_identities"),
+            noun(
+                "user",
+                "add, remove and list the people of a site",
+                SITE_USER,
+                ours("add", "add people", "site.site:add"),
+                ours("remove", "remove people", "site.site:remove"),
+                ours("list", "list people", "site.site:list_people"),
             ),
+            ours("renew", "make new certificates", "site.site:renew"),
+            ours("revoke", "revoke all rights of an identity", "site.site:revoke"),
+            _ROUTER,
         ),
         _ROUTER,
     ),
@@ -328,9 +229,7 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
         of_package(LAB, "evaluate", "measure the accuracy of the estimates on recordings of people"),
         of_package(LAB, "load", "measure the number of people this machine, or a site, carries"),
     ),
-    "Your shell": (
-        command("completion", "install completion with the Tab key", "pointit.cli.shell.completion:command"),
-    ),
+    "Your shell": (ours("completion", "install completion with the Tab key", "shell.completion"),),
 }
 """Commands by the heading of the help."""
 

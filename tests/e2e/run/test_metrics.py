@@ -105,8 +105,7 @@ async def test_prometheus_reads_the_rates_latencies_and_services_of_a_run(
         late = 'histogram_quantile(0.99, pointit_latency_seconds_bucket{service="led-driver"})'
         await server.says(late, lambda wrist_to_light_s: 0.0 < wrist_to_light_s < 5.0)
         assert server.faults() == []
-    ended = await serving.stop()
-    assert ended.code == 0, ended.err
+    await serving.stop(code=0)
 
 
 async def test_once_prints_the_metrics_of_a_site(commands: Commands, endpoint: str) -> None:
@@ -124,13 +123,11 @@ async def test_once_prints_the_metrics_of_a_site(commands: Commands, endpoint: s
 
 
 async def test_an_address_that_is_none_is_a_sentence(commands: Commands) -> None:
-    ended = await commands.pointit("metrics", "--listen", "9464")
-    assert ended.code == 2
+    ended = await commands.pointit("metrics", "--listen", "9464", code=2)
     assert "write one such as 127.0.0.1:9464" in ended.err
 
 
 async def test_an_address_for_others_is_refused_before_the_site_is_looked_for(commands: Commands) -> None:
     nowhere = f"tcp/127.0.0.1:{free_port()}"
-    ended = await commands.pointit("metrics", "--listen", "0.0.0.0:9464", "--connect", nowhere)
-    assert ended.code == 2
+    ended = await commands.pointit("metrics", "--listen", "0.0.0.0:9464", "--connect", nowhere, code=2)
     assert "other machines could read the metrics" in ended.sentence

@@ -48,8 +48,7 @@ async def test_the_address_opens_with_its_token_and_not_without(commands: Comman
             _, refused = await entered(wrong)
             assert refused.status_code == 403
         await seen.sees_more(seen.cursors["user1"], "cursors on the belts")
-    ended = await command.stop()
-    assert ended.code == 0, ended.err
+    ended = await command.stop(code=0)
     assert "scenario_4 ran" in ended.out  # the default scenario
     (token,) = parse_qs(urlsplit(url).query)["token"]
     assert token not in ended.err + ended.out
@@ -67,8 +66,7 @@ async def test_the_port_can_be_set_like_any_parameter(commands: Commands, endpoi
     assert "web" in {service.service for service in told[0].services}
     assert "a-token-of-mine" not in told[0].model_dump_json()  # viewers must not learn to control
     taken = str(urlsplit(url).port)
-    second = await commands.pointit("run", "--web-port", taken, "--no-view")
-    assert second.code == 1
+    second = await commands.pointit("run", "--web-port", taken, "--no-view", code=1)
     assert second.sentence.startswith(f"the page cannot listen at 127.0.0.1:{taken}: Address already in use")
 
 
@@ -109,13 +107,11 @@ async def test_another_scenario_takes_its_place(
         assert "selector" not in doctor.out  # nothing of the other scenario is missed
     family = command.family()
     assert len(family) == (15 if processes else 1)
-    ended = await command.stop()
-    assert ended.code == 0, ended.err
+    ended = await command.stop(code=0)
     assert within(ended.took_s, END_S)
     assert "Traceback" not in ended.err
     summary = summary_of(ended)
-    assert summary["scenario"] == "scenario_2"
-    assert len(summary["services"]) == 14
+    assert (summary["scenario"], len(summary["services"])) == ("scenario_2", 14)
 
 
 async def test_a_run_goes_on_while_a_page_is_open(commands: Commands, endpoint: str, tmp_path: Path) -> None:
@@ -134,8 +130,7 @@ async def test_a_run_goes_on_while_a_page_is_open(commands: Commands, endpoint: 
             "more than its duration",
         )
         assert command.is_running
-    ended = await command.end()
-    assert ended.code == 0, ended.err
+    ended = await command.end(code=0)
     assert summary_of(ended)["duration_s"] > 12
 
 

@@ -48,8 +48,7 @@ async def test_package_of_a_stranger_adds_one_of_each_kind(
         *("--set", f"witness.path={seen}", "--set", "selector.eager.dwell_s=0.2"),
         environment=installed | {"POINTIT_STATE": str(state)},
     )
-    ended = await run.end()
-    assert ended.code == 0, ended.err
+    await run.end(code=0)
     strips, *frames = shown.read_text().splitlines()
     assert strips == "2 strips"
     assert frames.count("dark") == 1  # a frame may still be shown while the service ends
@@ -63,12 +62,10 @@ async def test_plugins_of_strangers_are_listed_with_what_is_wrong(
     commands: Commands, installed: dict[str, str]
 ) -> None:
     wide = installed | {"COLUMNS": "200"}
-    ended = await commands.start_program("list", "plugins", environment=wide).end()
-    assert ended.code == 0, ended.err
+    ended = await commands.start_program("list", "plugins", environment=wide).end(code=0)
     assert "--imu waving:RATE_HZ" in ended.out
     assert "--with witness" in ended.out
     assert "IMU source 'broken' of strangers-devices cannot be imported" in ended.out
     arguments = ("run", "scenario_2", "--imu", "broken")
-    refused = await commands.start_program(*arguments, environment=installed).end()
-    assert refused.code == 2
+    refused = await commands.start_program(*arguments, environment=installed).end(code=2)
     assert "--imu 'broken': IMU source 'broken' of strangers-devices" in refused.err

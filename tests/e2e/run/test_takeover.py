@@ -1,14 +1,27 @@
-"""A person's process that is started again elsewhere: the name goes over, and of two at once one ends."""
+"""Runs in several processes: who takes over, and who serves a person."""
 
 import json
+import os
 import signal
 import time
+from typing import Any
 
+import psutil
 import pytest
 
+from pointit.schemas import SelectionEvent, SetTolerance
+from pointit.schemas.topics import CURSOR, HOVER, RAY, SELECTION_EVENTS, SET_TOLERANCE, Topic
 from tests.support.bench import until
-from tests.support.commands import Command, Commands, Onlooker, onlooker
-from tests.support.pace import Patience
+from tests.support.commands import (
+    Command,
+    Commands,
+    Ended,
+    Onlooker,
+    doctor_is_content,
+    onlooker,
+    start_delay_s,
+)
+from tests.support.pace import Patience, within
 
 TAKEN_OVER_S = 20.0
 """Lease and listening are 5 s; the rest is a busy machine."""
@@ -49,14 +62,12 @@ async def test_a_stopped_process_loses_its_name_and_ends_when_it_wakes(
         new = commands.start(*join)
         await is_run_by(seen, new)
         freeze(old, signal.SIGCONT)
-        ended = await old.end()
-        assert ended.code == 0, "as when it is asked to end"
+        ended = await old.end(code=0)
         assert "has taken over the name, having begun later" in ended.err
         assert f"process {new.process.pid}" in ended.err
         assert new.is_running
         await is_run_by(seen, new)
-        refused = await commands.pointit(*join)
-        assert refused.code == 2
+        refused = await commands.pointit(*join, code=2)
         assert f"process {new.process.pid} on " in refused.sentence
 
 
@@ -102,3 +113,157 @@ async def test_two_of_what_all_share_are_told(commands: Commands, endpoint: str)
             report = json.loads((await commands.pointit("doctor", "--json", "--connect", endpoint)).out)
             codes = {(finding["code"], finding["service"]) for finding in report["findings"]}
         assert second.is_running
+
+
+"""The lease is 3 s; the rest is a busy machine."""
+
+
+async def is_served_by(seen: Onlooker, pui: str, selector: str) -> None:
+    """Wait until her cursor moves, and only these instances get rays and cursors."""
+    seen.health.clear()
+
+    def heard(service: str, topic: Topic[Any]) -> set[str]:
+        """Return the instances that have heard her lately."""
+        return {
+            health.instance
+            for health in seen.health.values()
+            for key in health.keys
+            if health.service == service and (key.key, key.direction) == (topic.key, "in") and key.rate_hz > 0
+        }
+
+    await until(
+        lambda: (
+            {"pui", "selector"} <= seen.health.keys()
+            and (heard("pui", RAY), heard("selector", CURSOR)) == ({pui}, {selector})
+        ),
+        TAKEN_OVER_S,
+        f"{pui} and {selector} alone to hear her",
+    )
+    await seen.sees_cursors("anna", patience_s=TAKEN_OVER_S)
+
+
+async def selects(seen: Onlooker) -> None:
+    """Wait until she hovers over something and selects it from now on."""
+    hovered: set[str | None] = set()
+    events: list[SelectionEvent] = []
+    reading = (
+        seen.bus.subscribe(HOVER, lambda hover, _user: hovered.add(hover.object_id), "anna"),
+        seen.bus.subscribe(SELECTION_EVENTS, lambda event, _name: events.append(event)),
+    )
+    await until(
+        lambda: any((each.event, each.user) == ("selected", "anna") for each in events), 60.0, "a selection"
+    )
+    assert hovered - {None, ""}
+    for each in reading:
+        each.close()
+
+
+async def test_a_persons_process_computes_their_cursor_and_the_site_goes_on_without_it(
+    commands: Commands, endpoint: str
+) -> None:
+    commands.start("run", "scenario_3", "--site-only", "--no-view", "--listen", endpoint)
+    join = ("person", "add", "anna", "--here", "--no-view", "--connect", endpoint)
+    async with onlooker(endpoint) as seen:
+        await seen.hears("pui")
+        person = commands.start(*join)
+        await is_served_by(seen, "pui.anna", "selector.anna")
+        await selects(seen)
+        await doctor_is_content(commands, endpoint)
+        person.process.kill()
+        await until(lambda: not {"pui.anna", "selector.anna"} & seen.present, TAKEN_OVER_S, "her end")
+        assert (await seen.bus.call(SET_TOLERANCE, SetTolerance())).tolerance_rad
+        commands.start(*join)
+        await is_served_by(seen, "pui.anna", "selector.anna")
+
+
+async def test_when_only_the_shards_fail_the_site_serves_the_person(
+    commands: Commands, endpoint: str
+) -> None:
+    commands.start("run", "scenario_3", "--site-only", "--no-view", "--listen", endpoint)
+    async with onlooker(endpoint) as seen:
+        await seen.hears("pui")
+        commands.start("person", "add", "anna", "--here", "--processes", "--no-view", "--connect", endpoint)
+        await is_served_by(seen, "pui.anna", "selector.anna")
+        stopped = seen.health["selector.anna"].pid
+        os.kill(seen.health["pui.anna"].pid, signal.SIGKILL)
+        os.kill(stopped, signal.SIGSTOP)  # as if its machine were gone
+        await is_served_by(seen, "pui", "selector")
+        await selects(seen)
+        os.kill(stopped, signal.SIGCONT)
+        await is_served_by(seen, "pui", "selector.anna")
+
+
+SERVICES = (
+    *("pui", "selector", "led-driver", "conveyor-sim", "pointing.user1", "localizer.user1"),
+    *("supervisor.user1", "user-sim.user1"),
+)
+NOTICED_S = 5.0
+
+
+def reported(ended: Ended) -> dict[str, Any]:
+    report: dict[str, Any] = json.loads(ended.out)
+    return report
+
+
+async def all_have_reported(seen: Onlooker) -> None:
+    await until(lambda: set(SERVICES) <= set(seen.health), 30, f"health of all, not only {set(seen.health)}")
+
+
+async def test_a_stopped_service_is_noticed(commands: Commands, endpoint: str) -> None:
+    commands.start("run", "scenario_3", "--processes", "--no-view", "--listen", endpoint)
+    async with onlooker(endpoint) as seen:
+        await all_have_reported(seen)
+        pid = seen.health["pui"].pid
+        delay_s = await start_delay_s(commands.pointit)
+        os.kill(pid, signal.SIGSTOP)
+        try:
+            ended = await commands.pointit("doctor", "--json", "--connect", endpoint)
+            assert within(ended.took_s, NOTICED_S + delay_s)
+        finally:
+            os.kill(pid, signal.SIGCONT)
+        assert ended.code == 1
+        (finding,) = (item for item in reported(ended)["findings"] if item["service"] == "pui")
+        assert finding["code"] in {"silent", "absent"}
+        await doctor_is_content(commands, endpoint)
+
+
+@pytest.mark.parametrize("when", [pytest.param("while it runs", marks=pytest.mark.long), "while it starts"])
+async def test_a_killed_run_leaves_no_orphan(commands: Commands, endpoint: str, when: str) -> None:
+    run = commands.start("run", "scenario_3", "--processes", "--no-view", "--listen", endpoint)
+    count = 1 + len(SERVICES)
+    if when == "while it runs":
+        async with onlooker(endpoint) as seen:
+            await all_have_reported(seen)
+    else:
+        count = 5
+    await until(lambda: len(run.family()) >= count, 30, "its children")
+    children = run.family()[1:]
+    run.process.kill()
+    await until(lambda: not any(is_alive(child) for child in children), 10, "the children to end")
+
+
+def is_alive(process: psutil.Process) -> bool:
+    try:
+        return process.is_running() and process.status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False
+
+
+async def test_a_child_that_cannot_begin_is_named_with_its_reason(commands: Commands, endpoint: str) -> None:
+    run = commands.start(
+        "run", "scenario_3", "--processes", "--no-view", "--set",
+        "led-driver.outputs=[{kind: expander, port: /nowhere}, {kind: expander, port: /nowhere}]",
+        "--listen", endpoint,
+    )  # fmt: skip
+    await run.says("start it again with")
+    (sentence,) = (line for line in run.logged() if "start it again with" in line)
+    assert sentence.startswith("led-driver ended with exit code 2: outputs.1.port: /nowhere is used by two")
+    async with onlooker(endpoint) as seen:
+        await until(lambda: set(SERVICES) - {"led-driver"} <= set(seen.health), 30, "the others to go on")
+        ended = await commands.pointit("doctor", "--json", "--connect", endpoint)
+    assert ended.code == 1
+    assert ("absent", "led-driver") in {
+        (item["code"], item["service"]) for item in reported(ended)["findings"]
+    }
+    ended = await run.stop(code=0)
+    assert "Traceback" not in ended.err

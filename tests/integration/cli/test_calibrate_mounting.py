@@ -118,8 +118,7 @@ async def test_an_arm_that_does_not_move_or_no_keyboard_is_one_sentence(site: Si
             assert ended.code == 1
             assert "Error: the arm of anna did not rest up within 3 s" in ended.err
             if not sys.stdin.isatty():  # the command has the tests' own
-                ended = await site.pointit(*MOUNTING)
-                assert ended.code == 2
+                ended = await site.pointit(*MOUNTING, code=2)
                 assert "no keyboard to press Enter on; use --non-interactive" in ended.err
             async with site.command(*MOUNTING, "--non-interactive") as process:
                 await next_line(process.stderr)
@@ -134,8 +133,7 @@ async def test_an_arm_that_does_not_move_or_no_keyboard_is_one_sentence(site: Si
 async def test_a_simulated_person_wears_no_sensor(site: Site) -> None:
     site.start(UserSim, ANNA)
     await site.arrived("user-sim.anna")
-    ended = await site.pointit(*MOUNTING, "--non-interactive")
-    assert ended.code == 1
+    ended = await site.pointit(*MOUNTING, "--non-interactive", code=1)
     assert "imu-bridge.anna is not present" in ended.err
     assert "a simulated person wears none" in ended.err
 
@@ -143,8 +141,7 @@ async def test_a_simulated_person_wears_no_sensor(site: Site) -> None:
 async def test_with_nobody_there_the_file_on_this_machine_is_shown_and_erased(
     site: Site, own_state: Path
 ) -> None:
-    shown = await site.pointit(*MOUNTING, "--show")
-    assert shown.code == 0
+    shown = await site.pointit(*MOUNTING, "--show", code=0)
     assert "no service runs, and no mounting is stored on this machine" in shown.out
     site.start(ImuBridge, ANNA)
     await site.arrived("imu-bridge.anna")

@@ -14,6 +14,7 @@ from pointit.schemas.topics import ADD_PACKAGE, BUTTON, REQUESTS, SET_POSE, SET_
 from pointit.services.supervisor.service import Supervisor
 from tests.support.bench import until
 from tests.support.cli_site import Site
+from tests.support.commands import Commands, onlooker, summary_of
 
 
 async def test_it_asks_and_prints_the_answer(site: Site) -> None:
@@ -60,8 +61,7 @@ async def test_a_refusal_and_no_answer_are_one_sentence_each(site: Site) -> None
     site.bus.serve(SET_SPEED, refuse)
     ended = await site.pointit("service", "call", "conveyor/set_speed", "speed_mps=1")
     assert (ended.code, ended.out, ended.err) == (1, "", "Error: the conveyor is locked\n")
-    ended = await site.pointit("service", "call", "localizer/anna/start", "--timeout", "0.5")
-    assert ended.code == 1
+    ended = await site.pointit("service", "call", "localizer/anna/start", "--timeout", "0.5", code=1)
     assert ended.err.startswith("Error: localizer does not answer")
     assert ended.err.count("\n") == 1
 
@@ -115,15 +115,46 @@ async def test_alone_it_lists_what_can_be_asked(site: Site) -> None:
 async def test_a_button_pressed_from_another_process(site: Site) -> None:
     buttons: list[ButtonEvent] = []
     site.bus.subscribe(BUTTON, lambda event, _user: buttons.append(event), "anna")
-    ended = await site.pointit("person", "press", "anna")
-    assert ended.code == 1
+    ended = await site.pointit("person", "press", "anna", code=1)
     assert ended.err.startswith("Error: anna has no supervisor: ")
     site.start(Supervisor, "anna")
     await site.arrived("supervisor.anna")
-    ended = await site.pointit("person", "press", "anna", "--gesture", "hold", "--json")
-    assert ended.code == 0
+    ended = await site.pointit("person", "press", "anna", "--gesture", "hold", "--json", code=0)
     answer = json.loads(ended.out)
     assert (answer["user"], answer["state"]) == ("anna", "idle")
     assert "not known" in answer["reason"]
     await until(lambda: [event.gesture for event in buttons] == ["hold"])
     assert (await site.pointit("person", "press", "an/na")).code == 2
+
+
+async def test_a_device_without_a_button_shows_a_cursor_and_the_run_ends_well(
+    commands: Commands, endpoint: str
+) -> None:
+    run = commands.start(
+        *("run", "scenario_2", "--imu", "simulated", "--duration", "600", "--no-view", "--json"),
+        *("--listen", endpoint),
+    )
+    async with onlooker(endpoint) as seen:
+        await until(lambda: seen.surfaces("user1") == {"0", "1"}, 20, "its sweep crosses both strips")
+        await until(lambda: len(seen.cursors["user1"]) > 150, what="many cursors")
+        cursors = list(seen.cursors["user1"])
+    ended = await run.stop(code=0)
+    assert summary_of(ended)["cursors"] > 100
+    assert sum(cursor.surface == "strip" for cursor in cursors) > len(cursors) / 2
+    assert min(cursor.miss_rad for cursor in cursors if cursor.surface == "strip") < 0.01
+
+
+async def test_a_press_from_the_keyboard_stops_it_until_the_next(commands: Commands, endpoint: str) -> None:
+    run = commands.start(
+        *("run", "scenario_2", "--imu", "simulated", "--duration", "60", "--no-view", "--listen", endpoint)
+    )
+    async with onlooker(endpoint) as seen:
+        await seen.sees_cursors("user1")
+        pressed = await commands.pointit("person", "press", "user1", "--json", "--connect", endpoint)
+        assert (pressed.code, json.loads(pressed.out)["state"]) == (0, "idle"), pressed.err
+        pressed = await commands.pointit("person", "press", "user1", "--connect", endpoint, code=0)
+        assert pressed.out.startswith("user1: pointing. Your place in the room is known. Point with")
+        told = seen.interactions["user1"]
+        await until(lambda: [each.state for each in told][-2:] == ["idle", "pointing"], what="both to come")
+        await seen.sees_cursors("user1")
+    assert (await run.stop()).code == 0

@@ -71,15 +71,13 @@ async def test_all_is_well(site: Site) -> None:
         text = await content(site, is_json=False)
         assert text.out.rstrip().endswith("all is well: 1 service runs")
         (row,) = (line for line in text.out.splitlines() if line.split()[:1] == ["pointing"])
-        assert row.split()[1:3] == ["anna", str(process.pid)]
-        assert row.split()[-1] == "ok"
+        assert (row.split()[1:3], row.split()[-1]) == (["anna", str(process.pid)], "ok")
 
 
 async def test_an_expected_service_that_is_absent(site: Site) -> None:
     site.start(Pointing, "anna")
     expect(site, ExpectedService(service="pui", command=(sys.executable, "-m", "pui of mine")))
-    ended = await site.pointit("doctor")
-    assert ended.code == 1
+    ended = await site.pointit("doctor", code=1)
     assert "error: pui: should run and does not" in ended.out
     assert re.search(
         r"start it again: pointit service run pui --connect tcp/127\.0\.0\.1:\d+ \(the log of", ended.out
@@ -93,8 +91,7 @@ async def test_a_killed_service_is_noticed_within_five_seconds_and_its_restart_h
         process.kill()
         ended = await site.pointit("doctor", "--json")
         assert within(ended.took_s, NOTICED_S + delay_s)
-        assert ended.code == 1
-        assert findings(ended) == [("absent", "pointing.anna")]
+        assert (ended.code, findings(ended)) == (1, [("absent", "pointing.anna")])
     async with site.python(*POINTING):
         await site.arrived("pointing.anna")
         ended = await content(site)
@@ -163,8 +160,7 @@ async def test_bytes_that_are_no_message(site: Site) -> None:
 
 async def test_nothing_runs_there(site: Site) -> None:
     await site.stop()
-    ended = await site.pointit("doctor", "--timeout", "0.1")
-    assert ended.code == 1
+    ended = await site.pointit("doctor", "--timeout", "0.1", code=1)
     assert f"nothing runs at {site.endpoint}" in ended.out
     assert "`pointit run`" in ended.out
     assert ended.err in ("", f"looking for site lab at {site.endpoint} …\n")
@@ -188,3 +184,17 @@ async def test_ctrl_c_before_the_answer_is_no_answer(site: Site) -> None:
         code, took_s = await interrupt(process)
         assert code == 130
         assert took_s < 5
+
+
+async def test_what_else_is_wrong_does_not_count(site: Site) -> None:
+    async with pointing_process(site):
+        expect(site, ExpectedService(service="pui"), name="run.another")
+        assert (await site.pointit("doctor")).code == 1
+        ended = await content(site, "--only", "anna")
+        assert [service["instance"] for service in json.loads(ended.out)["services"]] == ["pointing.anna"]
+
+
+async def test_what_does_not_run_is_not_well(site: Site) -> None:
+    async with pointing_process(site):
+        ended = await site.pointit("doctor", "--only", "selector", "--json")
+    assert (ended.code, findings(ended)) == (1, [("absent", "selector")])

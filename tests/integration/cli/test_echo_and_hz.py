@@ -12,6 +12,7 @@ import yaml
 from pointit.schemas import Environment, PointingRay, Strip, UserProfile
 from pointit.schemas.topics import MAP, PROFILE, RAY
 from pointit.services.pointing.service import Pointing
+from tests.support import there
 from tests.support.bench import until
 from tests.support.cli_site import Site, interrupt, next_line
 
@@ -43,8 +44,7 @@ async def test_echo_of_one_person_is_theirs_alone(site: Site) -> None:
 
 async def test_echo_shows_a_state_that_was_put_before(site: Site) -> None:
     site.bus.publisher(MAP).put(ROOM)
-    ended = await site.pointit("topic", "echo", "map", "--count", "1", "--json")
-    assert ended.code == 0
+    ended = await site.pointit("topic", "echo", "map", "--count", "1", "--json", code=0)
     assert json.loads(ended.out) == {"key": "map", **json.loads(ROOM.model_dump_json())}
 
 
@@ -68,8 +68,7 @@ async def test_echo_does_not_nag_about_what_comes_on_change(site: Site) -> None:
         assert (await next_line(process.stdout)).startswith("users/anna/profile: {")
         await asyncio.sleep(2.5)  # longer than its patience
         await interrupt(process)
-        assert process.stderr is not None
-        assert await process.stderr.read() == b""
+        assert await there(process.stderr).read() == b""
 
 
 async def test_a_reader_that_has_enough_ends_echo_quietly(site: Site) -> None:
@@ -99,8 +98,7 @@ async def test_ctrl_c_ends_it_at_once(site: Site, arguments: tuple[str, ...]) ->
         code, took_s = await interrupt(process)
         assert code == 0
         assert took_s < 5
-        assert process.stderr is not None
-        noted = (await process.stderr.read()).decode().splitlines()
+        noted = (await there(process.stderr).read()).decode().splitlines()
         assert [line for line in noted if "rates are too low" not in line] == [], (
             "a busy machine leaves some out"
         )
@@ -108,16 +106,13 @@ async def test_ctrl_c_ends_it_at_once(site: Site, arguments: tuple[str, ...]) ->
 
 async def test_nobody_answers(site: Site) -> None:
     await site.stop()
-    ended = await site.pointit("topic", "echo", "map")
-    assert ended.code == 1
+    ended = await site.pointit("topic", "echo", "map", code=1)
     assert ended.err.startswith(f"looking for site lab at {site.endpoint} …\nError: nobody answers at ")
-    assert ended.err.count("\n") == 2
-    assert ended.out == ""
+    assert (ended.err.count("\n"), ended.out) == (2, "")
 
 
 async def test_a_wrong_key_does_not_even_connect(site: Site) -> None:
-    ended = await site.pointit("topic", "echo", "users/anna/imuu")
-    assert ended.code == 2
+    ended = await site.pointit("topic", "echo", "users/anna/imuu", code=2)
     assert "did you mean users/anna/imu" in ended.err
     assert ended.err.count("\n") == 1
     assert (await site.pointit("topic", "hz")).code == 2
@@ -126,9 +121,8 @@ async def test_a_wrong_key_does_not_even_connect(site: Site) -> None:
 async def test_other_sites_are_not_heard(site: Site) -> None:
     site.feed_imu("anna")
     ended = await site.pointit(
-        "topic", "hz", "users/anna/imu", "--window", "0.5", "--json", "--site", "elsewhere"
+        "topic", "hz", "users/anna/imu", "--window", "0.5", "--json", "--site", "elsewhere", code=1
     )
-    assert ended.code == 1
     assert json.loads(ended.out)["keys"][0]["messages"] == 0
 
 
@@ -142,8 +136,7 @@ async def test_hz_measures_against_the_nominal_rate(site: Site) -> None:
     assert window["window_s"] == 2
     silent, rate = window["keys"]
     assert (silent["key"], silent["messages"], silent["rate_hz"]) == ("map", 0, None)
-    assert rate["key"] == "users/anna/imu"
-    assert rate["nominal_hz"] == 50
+    assert (rate["key"], rate["nominal_hz"]) == ("users/anna/imu", 50)
     assert 5 < rate["rate_hz"] < 150  # a busy machine holds some up, which then come at once
     assert rate["period_min_s"] <= 1 / rate["rate_hz"] <= rate["period_max_s"]
     assert rate["bytes_per_s"] == pytest.approx(rate["messages"] / 2 * 184, rel=0.2)
@@ -155,7 +148,6 @@ async def test_hz_of_all_shows_what_came(site: Site) -> None:
     site.feed_imu("anna")
     site.start(Pointing, "anna")
     await until(lambda: bool(rays), what="rays")
-    ended = await site.pointit("topic", "hz", "--all", "--window", "4")
-    assert ended.code == 0
+    ended = await site.pointit("topic", "hz", "--all", "--window", "4", code=0)
     keys = [line.split()[0] for line in ended.out.splitlines() if "/" in line and "rate hz" not in line]
     assert keys == ["configuration/pointing.anna", "health/pointing.anna", "users/anna/imu", "users/anna/ray"]

@@ -10,6 +10,7 @@ from pointit.recording.entries import Entry
 from pointit.recording.reader import Recording
 from pointit.schemas import NS_PER_S, Health, ImuSample
 from pointit.schemas.topics import CURSOR, HEALTH, IMU, RAY, SET_METHOD, STRIPS_FRAME, Topic
+from tests.support import there
 from tests.support.bench import until
 from tests.support.cli_site import Site, interrupt, next_line
 from tests.support.commands import PATIENCE_S
@@ -76,8 +77,7 @@ async def test_interrupted_recording_is_whole_and_says_where_it_is(site: Site, t
         assert "recording to" in await next_line(process.stderr)
         await until(lambda: bool(recorded) and recorded[-1] > 50, PATIENCE_S)
         code, _ = await interrupt(process)
-        assert process.stderr is not None
-        told = (await process.stderr.read()).decode()
+        told = (await there(process.stderr).read()).decode()
     assert code == 0
     assert f"in {path}" in told
     found, problem = entries(path)
@@ -96,7 +96,6 @@ async def test_existing_file_is_not_overwritten(site: Site, tmp_path: Path) -> N
 
 async def test_site_on_which_nothing_runs_is_said_and_fails(site: Site, tmp_path: Path) -> None:
     ended = await site.pointit(
-        "record", str(tmp_path / "session.mcap"), "--site", "nosuch", "--duration", "0.5"
+        "record", str(tmp_path / "session.mcap"), "--site", "nosuch", "--duration", "0.5", code=1
     )
-    assert ended.code == 1
     assert "nothing of site nosuch is in the recording: name the right site" in ended.err

@@ -60,15 +60,11 @@ def plan_of(
     choices = Choices(settings=settings)
     program = ScenarioCatalog.beginning_with(name, name, scenario, choices)
     plan = Plan(
-        name=name,
-        scenario=name,
-        launches=scenario_launches(scenario, Choices(), people),
-        link=Link(listen=(f"tcp/127.0.0.1:{free_port()}",)),
-        target_kinds=scenario.target_kinds,
-        scenarios=program.offered,
-        another=program.plan,
+        name=name, scenario=name, launches=scenario_launches(scenario, Choices(), people),
+        link=Link(listen=(f"tcp/127.0.0.1:{free_port()}",)), target_kinds=scenario.target_kinds,
+        scenarios=program.offered, another=program.plan,
         beside=[RunPage(replace(page_of(Settings(), asked={"port": 0}), load=lambda: service))],
-    )
+    )  # fmt: skip
     return replace(plan, **said)
 
 

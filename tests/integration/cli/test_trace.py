@@ -83,8 +83,7 @@ async def test_the_way_of_a_sample_over_two_machines(site: Site, elsewhere: Zeno
     trace = json.loads(ended.out)
     assert (trace["user"], trace["samples"]) == ("anna", 60)
     way = {hop["hop"]: hop for hop in trace["path"]}
-    assert list(way) == ["imu", "ray", "cursor", "frame", "light"]
-    assert way["ray"]["service"] == "pointing.anna"
+    assert (list(way), way["ray"]["service"]) == (["imu", "ray", "cursor", "frame", "light"], "pointing.anna")
     assert (way["cursor"]["service"], way["cursor"]["host"]) == ("pui.hall", "elsewhere")
     assert (way["frame"]["service"], way["frame"]["host"]) == ("led-driver", "elsewhere")
     totals_s = [hop["total_s"] for hop in way.values()]
@@ -114,8 +113,7 @@ async def test_tables_are_for_people(site: Site) -> None:
 async def test_a_person_who_is_not_there_is_one_sentence(site: Site) -> None:
     site.start(Pointing, "anna")
     await site.arrived("pointing.anna")
-    ended = await site.pointit("trace", "ana")
-    assert ended.code == 1
+    ended = await site.pointit("trace", "ana", code=1)
     assert "no sample of ana came within 3 s: no writer is present" in ended.sentence
     assert "did you mean anna" in ended.sentence
     ended = await site.pointit("trace", "users/anna")

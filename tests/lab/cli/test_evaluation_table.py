@@ -22,23 +22,10 @@ SOLVERS = ("pointit", "mean-angle-4dof", "mean-angle-z0")
 
 def located(condition: str, solver: str, subject: str = ALL) -> Row:
     return Row(
-        set="proximity_waypoints",
-        subject=subject,
-        condition=condition,
-        solver=solver,
-        n=1234,
-        position_m=ERROR,
-        every_m=ERROR,
-        yaw_deg=ERROR,
-        share_above_1m=0.03,
-        misled=0.0,
-        within_2_sigma=1.0,
-        yaw_within_2_sigma=0.9,
-        refused=12,
-        unsure=4,
-        solve_ms=TIME,
-        bound_m=0.211,
-    )
+        set="proximity_waypoints", subject=subject, condition=condition, solver=solver, n=1234,
+        position_m=ERROR, every_m=ERROR, yaw_deg=ERROR, share_above_1m=0.03, misled=0.0, within_2_sigma=1.0,
+        yaw_within_2_sigma=0.9, refused=12, unsure=4, solve_ms=TIME, bound_m=0.211,
+    )  # fmt: skip
 
 
 BRIEF = [located(condition, solver) for condition in ("2 s", "3 targets") for solver in SOLVERS]
@@ -147,19 +134,11 @@ def test_a_condition_and_its_figures_are_never_cut(
     width: int, least: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     row = HonestyRow(
-        set="simulated",
-        condition=LONGEST,
-        duration=EVERY,
-        n=1234,
-        taken=1.0,
-        error_m=Spread(median=0.25, p90=0.51, rms=0.33),
-        within_2_sigma=1.0,
-        yaw_within_2_sigma=1.0,
-        square=1.25,
-        wrong=Interval(value=0.123, low=0.101, high=0.145),
-        without_one=(0.93, 1.0),
+        set="simulated", condition=LONGEST, duration=EVERY, n=1234, taken=1.0,
+        error_m=Spread(median=0.25, p90=0.51, rms=0.33), within_2_sigma=1.0, yaw_within_2_sigma=1.0,
+        square=1.25, wrong=Interval(value=0.123, low=0.101, high=0.145), without_one=(0.93, 1.0),
         wrong_without_one=(0.1, 0.12),
-    )
+    )  # fmt: skip
     text = io.StringIO()
     monkeypatch.setattr(honesty_table, "evaluation_console", lambda: Console(file=text, width=width))
     honesty_table.print_honesty([row], [], durations=False)

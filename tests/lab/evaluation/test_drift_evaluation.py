@@ -10,22 +10,13 @@ import pytest
 from pointit.geometry import vector
 from pointit.services.localizer.drift.model import DriftSettings
 from pointit_lab.evaluation.datasets.proximity_feedback import PHASES, FloorTrial, read_floor_trials
-from pointit_lab.evaluation.pointing import drift
+from pointit_lab.evaluation.pointing import drift, drift_simulated
 from pointit_lab.evaluation.pointing.drift import LEFT_OUT, candidates, drift_rows, left_out, recorded_rows
 from pointit_lab.evaluation.pointing.drift_courses import chained, courses, hold_sigma_rad
 from pointit_lab.evaluation.pointing.drift_innovation import innovation_rows
-from pointit_lab.evaluation.pointing.drift_simulated import (
-    ANCHORS_S,
-    BESIDE_RAD,
-    TURNED,
-    WRONG_ANCHOR,
-    DriftPersonModel,
-    bound_rad,
-    outcome,
-    simulated_rows,
-)
 from pointit_lab.evaluation.pointing.drift_solvers import Trial, YawEstimate, filtered, predictable
 from pointit_lab.evaluation.recordings.row import ALL, Row
+from tests.support import there
 from tests.support.data import data_file
 
 HEADER = "trial,target_id,target_x,target_y,phase,t,x,y,trial_len_samples\n"
@@ -35,7 +26,7 @@ PLACES = ((2.0, -1.0), (2.0, 0.0), (2.0, 1.0))
 @pytest.fixture(scope="module")
 def hundred() -> list[Row]:
     """Return the rows of a hundred simulated people."""
-    return simulated_rows(100)
+    return drift_simulated.simulated_rows(100)
 
 
 @pytest.fixture(scope="module")
@@ -79,13 +70,11 @@ def find(rows: list[Row], condition: str, solver: str, subject: str = ALL) -> Ro
 
 
 def median(row: Row) -> float:
-    assert row.yaw_deg is not None
-    return row.yaw_deg.median
+    return there(row.yaw_deg).median
 
 
 def p90(row: Row) -> float:
-    assert row.yaw_deg is not None
-    return row.yaw_deg.p90
+    return there(row.yaw_deg).p90
 
 
 def within(row: Row) -> float:
@@ -98,8 +87,7 @@ def test_trials_are_read_with_the_times_at_which_they_were(tmp_path: Path) -> No
     record(tmp_path, 0.3)
     trials = read_floor_trials(tmp_path)
     assert [trial.number for trial in trials] == list(range(9))
-    assert trials[2].start_s == 90.0
-    assert trials[2].target_m == (2.0, 1.0)
+    assert (trials[2].start_s, trials[2].target_m) == (90.0, (2.0, 1.0))
     hold = trials[2].phases["open_loop_hold"]
     assert hold.times_s[0] == pytest.approx(95.0)
     assert hold.points_m.shape == (250, 2)
@@ -163,11 +151,11 @@ def test_one_contradiction_moves_the_pose_in_part_and_the_next_anchor_tells_whic
 ) -> None:
     """A turned IMU and a pointing at the wrong lamp look the same until then, so neither may be believed."""
     rows = hundred
-    for condition in (TURNED, WRONG_ANCHOR):
+    for condition in (drift_simulated.TURNED, drift_simulated.WRONG_ANCHOR):
         after = f"{condition}, after it"
         again = find(rows, after, "re-anchored")
         rested = find(rows, condition, "pointit, rests")
-        assert median(rested) < 0.65 * math.degrees(BESIDE_RAD)
+        assert median(rested) < 0.65 * math.degrees(drift_simulated.BESIDE_RAD)
         assert within(rested) >= 0.95
         assert median(find(rows, after, "pointit, rests")) <= median(again)
         assert p90(find(rows, after, "pointit, rests")) <= p90(again)
@@ -177,16 +165,20 @@ def test_one_contradiction_moves_the_pose_in_part_and_the_next_anchor_tells_whic
 
 
 def test_with_a_known_place_the_filter_is_as_good_as_can_be() -> None:
-    ways = DriftPersonModel(place_sigma_m=0.01, bent_arm_share=0.0)
-    errors = [outcome(seed, ways, ANCHORS_S)["pointit"][0] for seed in range(150)]
-    assert float(np.sqrt(np.mean(np.square(errors)))) < 1.35 * bound_rad(ways, ANCHORS_S)
+    ways = drift_simulated.DriftPersonModel(place_sigma_m=0.01, bent_arm_share=0.0)
+    errors = [
+        drift_simulated.outcome(seed, ways, drift_simulated.ANCHORS_S)["pointit"][0] for seed in range(150)
+    ]
+    assert float(np.sqrt(np.mean(np.square(errors)))) < 1.35 * drift_simulated.bound_rad(
+        ways, drift_simulated.ANCHORS_S
+    )
 
 
 def test_one_jump_of_32_degrees_does_not_dominate() -> None:
     jump, anchors_s = math.radians(32.0), (60.0, 120.0, 150.0)
     away: dict[str, list[float]] = {"pointit": [], "pointit, rests": []}
     for seed in range(60):
-        told = outcome(seed, DriftPersonModel(), anchors_s, jump)
+        told = drift_simulated.outcome(seed, drift_simulated.DriftPersonModel(), anchors_s, jump)
         for name, errors in away.items():
             errors.append(abs(told[name][0]))
     # with one anchor before it, the drift is not known well enough to see the jump as one; rests tell it
@@ -195,7 +187,7 @@ def test_one_jump_of_32_degrees_does_not_dominate() -> None:
 
 
 def test_the_same_people_come_each_time() -> None:
-    assert simulated_rows(3) == simulated_rows(3)
+    assert drift_simulated.simulated_rows(3) == drift_simulated.simulated_rows(3)
 
 
 def test_without_recordings_there_are_simulated_people(

@@ -14,6 +14,7 @@ from pointit.runtime.errors import ConfigError
 from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution
 from pointit.services.pointing.arm_ray import ArmRay
 from pointit_lab.cli.honesty import honesty
+from pointit_lab.evaluation.honesty import injections
 from pointit_lab.evaluation.honesty.honesty import (
     WINDOWS_S,
     chosen,
@@ -22,20 +23,6 @@ from pointit_lab.evaluation.honesty.honesty import (
     trials_of,
     verdict,
 )
-from pointit_lab.evaluation.honesty.injections import (
-    BESIDE_M,
-    INJECTIONS,
-    NONE,
-    across,
-    arm_directions,
-    backwards,
-    drift,
-    garbage,
-    height,
-    shoulder,
-    shoulder_still,
-    with_arms,
-)
 from pointit_lab.evaluation.honesty.row import EVERY, Judged, rows_of
 from pointit_lab.evaluation.honesty.simulated_people import followers, rooms
 from pointit_lab.evaluation.honesty.sources import QUICK, people
@@ -43,6 +30,7 @@ from pointit_lab.evaluation.honesty.targets import TARGETS
 from pointit_lab.evaluation.localization.arm_rays import STATURE_M, along, scaled_body
 from pointit_lab.evaluation.localization.localization import judged
 from pointit_lab.evaluation.localization.trial import Array, FollowRecording, Trial
+from tests.support import there
 
 
 def rng() -> np.random.Generator:
@@ -77,26 +65,28 @@ def room() -> Trial:
     return rooms([3])[0]
 
 
-@pytest.mark.parametrize(("to_right_m", "hand"), [(BESIDE_M, "right"), (-BESIDE_M, "left")])
+@pytest.mark.parametrize(
+    ("to_right_m", "hand"), [(injections.BESIDE_M, "right"), (-injections.BESIDE_M, "left")]
+)
 def test_who_knows_of_the_shoulder_finds_the_rays_again(
     following: Trial, to_right_m: float, hand: Literal["left", "right"]
 ) -> None:
     """The service `pointing`, told the measure, undoes what is injected."""
-    after = shoulder(following, rng(), to_right_m=to_right_m)
+    after = injections.shoulder(following, rng(), to_right_m=to_right_m)
     turned = float(np.degrees(np.mean(azimuths(after) - azimuths(following))))
     assert 10.0 < abs(turned) < 25.0
     assert after.yaw_rad is not None
     assert following.yaw_rad is not None
     back = after.yaw_rad + math.radians(turned) - following.yaw_rad
     assert math.remainder(back, math.tau) == pytest.approx(0.0, abs=1e-2)
-    told = scaled_body(STATURE_M).model_copy(update={"neck_to_shoulder_m": BESIDE_M})
-    arms = np.array([along(arm) for arm in arm_directions(after).tolist()])
+    told = scaled_body(STATURE_M).model_copy(update={"neck_to_shoulder_m": injections.BESIDE_M})
+    arms = np.array([along(arm) for arm in injections.arm_directions(after).tolist()])
     _, directions = ArmRay(told, hand=hand).rays(arms)
     assert directions == pytest.approx(following.pointings.directions, abs=1e-6)
 
 
 def test_arms_and_rays_are_each_others_inverse(following: Trial) -> None:
-    same = with_arms(following, arm_directions(following))
+    same = injections.with_arms(following, injections.arm_directions(following))
     assert same.pointings.directions == pytest.approx(following.pointings.directions, abs=1e-9)
     assert same.yaw_rad == pytest.approx(following.yaw_rad)
 
@@ -104,26 +94,28 @@ def test_arms_and_rays_are_each_others_inverse(following: Trial) -> None:
 @pytest.mark.parametrize("seed", range(6))
 def test_a_still_body_turns_rays_by_different_angles(seed: int) -> None:
     following = next(followers([seed])[0].trials([10.0]))
-    turning = azimuths(shoulder(following, rng(), to_right_m=BESIDE_M)) - azimuths(following)
-    still = azimuths(shoulder_still(following, rng())) - azimuths(following)
+    turning = azimuths(injections.shoulder(following, rng(), to_right_m=injections.BESIDE_M)) - azimuths(
+        following
+    )
+    still = azimuths(injections.shoulder_still(following, rng())) - azimuths(following)
     assert np.ptp(still) > 1.1 * np.ptp(turning)
 
 
 def test_a_wrong_height_is_in_the_origins_alone(following: Trial) -> None:
-    taller = height(following, rng(), taller_m=0.2)
+    taller = injections.height(following, rng(), taller_m=0.2)
     assert taller.pointings.origins_m[:, 2] - following.pointings.origins_m[:, 2] == pytest.approx(0.2)
     assert taller.pointings.directions is following.pointings.directions
 
 
 @pytest.mark.parametrize("share", [0.05, 0.15])
 def test_a_share_of_the_rays_is_garbage(following: Trial, share: float) -> None:
-    after = garbage(following, rng(), share=share)
+    after = injections.garbage(following, rng(), share=share)
     changed = np.any(after.pointings.directions != following.pointings.directions, axis=1)
     assert np.mean(changed) == pytest.approx(share, rel=0.35)
 
 
 def test_drift_turns_by_one_degree_a_second_about_the_middle(following: Trial) -> None:
-    turns_rad = (azimuths(drift(following, rng())) - azimuths(following)).tolist()
+    turns_rad = (azimuths(injections.drift(following, rng())) - azimuths(following)).tolist()
     assert math.degrees(abs(turns_rad[-1] - turns_rad[0])) == pytest.approx(10.0, abs=0.1)
     assert math.remainder(math.fsum(turns_rad) / len(turns_rad), math.tau) == pytest.approx(0.0, abs=1e-6)
 
@@ -131,8 +123,8 @@ def test_drift_turns_by_one_degree_a_second_about_the_middle(following: Trial) -
 def test_a_sensor_across_does_not_rise_with_the_arm(following: Trial) -> None:
     rises = elevations(following)
     assert np.std(rises) > math.radians(2.0)
-    assert abs(np.polyfit(rises, elevations(across(following, rng())), 1)[0]) < 0.5
-    assert np.polyfit(rises, elevations(backwards(following, rng())), 1)[0] < -0.5
+    assert abs(np.polyfit(rises, elevations(injections.across(following, rng())), 1)[0]) < 0.5
+    assert np.polyfit(rises, elevations(injections.backwards(following, rng())), 1)[0] < -0.5
 
 
 def test_late_reports_are_those_of_before(follower: FollowRecording) -> None:
@@ -187,7 +179,7 @@ def test_each_condition_gives_the_same_trials_again(follower: FollowRecording, r
 
 
 def test_each_pass_of_a_person_has_faults_of_its_own(room: Trial) -> None:
-    injection = next(each for each in INJECTIONS if each.name == "garbage 15 %")
+    injection = next(each for each in injections.INJECTIONS if each.name == "garbage 15 %")
     passes = [next(iter(trials_of(source))).pointings for source in sources_of([], [room, room], [injection])]
     changed = [
         {row for row, ray in enumerate(rows(each.directions)) if ray not in rows(room.pointings.directions)}
@@ -198,7 +190,9 @@ def test_each_pass_of_a_person_has_faults_of_its_own(room: Trial) -> None:
 
 
 def test_a_person_is_followed_for_each_window_once(follower: FollowRecording) -> None:
-    (source,) = sources_of([follower], [], [each for each in INJECTIONS if each.name == NONE])
+    (source,) = sources_of(
+        [follower], [], [each for each in injections.INJECTIONS if each.name == injections.NONE]
+    )
     assert [trial.condition for trial in trials_of(source)] == [f"{window:g} s" for window in WINDOWS_S]
 
 
@@ -227,7 +221,7 @@ def test_an_honest_solver_meets_the_targets(
         )
 
     monkeypatch.setattr("pointit_lab.evaluation.honesty.honesty.judged", found)
-    row = rows_of([verdict(trial, NONE) for _ in range(3000)])[0]
+    row = rows_of([verdict(trial, injections.NONE) for _ in range(3000)])[0]
     assert row.square == pytest.approx(1.0, abs=0.1)
     assert row.within_2_sigma == pytest.approx(0.9545, abs=0.012)
     assert row.yaw_within_2_sigma == pytest.approx(0.954, abs=0.015)
@@ -237,7 +231,7 @@ def test_an_honest_solver_meets_the_targets(
 def test_a_row_counts_who_is_confidently_wrong() -> None:
     def one(error_m: float, *, in_place: bool, is_taken: bool = True, subject: str = "a") -> Judged:
         return Judged(
-            set="s", condition=NONE, duration="2 s", subject=subject, taken=is_taken,
+            set="s", condition=injections.NONE, duration="2 s", subject=subject, taken=is_taken,
             error_m=error_m, square=error_m, in_place=in_place, in_yaw=True,
         )  # fmt: skip
 
@@ -258,12 +252,11 @@ def test_a_row_counts_who_is_confidently_wrong() -> None:
     assert row.wrong.low < 0.25 < row.wrong.high
     assert row.without_one == pytest.approx((1 / 3, 2 / 3))
     assert row.wrong_without_one == pytest.approx((0.0, 1 / 3))
-    assert row.error_m is not None
-    assert row.error_m.median == pytest.approx(0.5)
+    assert there(row.error_m).median == pytest.approx(0.5)
 
 
 def test_a_refused_trial_is_not_taken(following: Trial) -> None:
-    turned = backwards(following, rng())
+    turned = injections.backwards(following, rng())
     assert isinstance(judged(turned.pointings), Refusal)
     assert not verdict(turned, "mounted backwards").taken
 
@@ -289,11 +282,11 @@ def no_recordings(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("no_recordings")
 def test_the_table_has_a_row_for_each_condition_and_names_what_is_missed() -> None:
-    out, err = invoke("--condition", NONE, "--condition", "time -0.5 s")
+    out, err = invoke("--condition", injections.NONE, "--condition", "time -0.5 s")
     assert "simulated people only" in err
     assert [line for line in out.splitlines() if line.split()[:3] == ["as", "they", "are"]]
     assert "simulated, time -0.5 s: 2 sigma of the place" in out
-    longer, _ = invoke("--condition", NONE, "--durations")
+    longer, _ = invoke("--condition", injections.NONE, "--durations")
     assert {"2 s", "10 s"} <= {" ".join(line.split()[3:5]) for line in longer.splitlines()}
 
 

@@ -13,6 +13,7 @@ from pointit_lab.evaluation.datasets import read_trials
 from pointit_lab.evaluation.localization.localization import BASELINE_TRIALS, OURS, SOLVERS, localization_rows
 from pointit_lab.evaluation.localization.scoring import UNTIL, Key, Outcome, rows_of, until_taken_rows
 from pointit_lab.evaluation.recordings.row import Row, arranged, document
+from tests.support import there
 from tests.support.data import data_file
 from tests.support.published_recordings import Stand, write_acts, write_simulated, write_track
 
@@ -29,16 +30,11 @@ def outcome(
     bound_m: float = math.nan,
 ) -> Outcome:
     return Outcome(
-        key=Key(set="s", subject=subject, condition=condition),
-        solver=solver,
-        solve_ms=3.0,
-        refused=refused,
-        position_m=math.nan if refused else error_m,
-        yaw_deg=math.nan if refused else yaw_deg,
-        position_sigma_m=math.nan if refused else sigma_m,
-        yaw_sigma_deg=math.nan if refused else 1.5,
-        bound_m=bound_m,
-    )
+        key=Key(set="s", subject=subject, condition=condition), solver=solver, solve_ms=3.0,
+        refused=refused, position_m=math.nan if refused else error_m,
+        yaw_deg=math.nan if refused else yaw_deg, position_sigma_m=math.nan if refused else sigma_m,
+        yaw_sigma_deg=math.nan if refused else 1.5, bound_m=bound_m,
+    )  # fmt: skip
 
 
 def silent(done: int, of: int) -> None:
@@ -62,29 +58,21 @@ def test_a_row_sums_up_what_was_accepted() -> None:
     ]
     only = row(rows_of(outcomes), subject="a")
     assert (only.n, only.refused) == (5, 1)
-    assert only.position_m is not None
-    assert only.position_m.median == pytest.approx(0.4)
-    assert only.yaw_deg is not None
-    assert only.yaw_deg.median == pytest.approx(2.0)
-    assert only.share_above_1m == pytest.approx(1 / 4)
+    assert there(only.position_m).median == pytest.approx(0.4)
+    assert (there(only.yaw_deg).median, only.share_above_1m) == pytest.approx((2.0, 1 / 4))
     assert only.misled == pytest.approx(1 / 4)
-    assert only.every_m is not None
-    assert only.every_m.median == pytest.approx(0.4)  # the refused one had no pose at all
-    assert only.within_2_sigma == pytest.approx(2 / 4)
-    assert only.yaw_within_2_sigma == pytest.approx(3 / 4)
+    assert there(only.every_m).median == pytest.approx(0.4)  # the refused one had no pose at all
+    assert (only.within_2_sigma, only.yaw_within_2_sigma) == pytest.approx((2 / 4, 3 / 4))
     assert only.bound_m == pytest.approx(0.25)
-    assert only.solve_ms is not None
-    assert only.solve_ms.median == 3.0
+    assert there(only.solve_ms).median == 3.0
 
 
 def test_what_is_refused_counts_among_all() -> None:
     kept, refused = outcome(0.2), dataclasses.replace(outcome(3.0), refused="the rays miss the targets")
     only = rows_of([kept, refused])[0]
     assert (only.n, only.refused) == (2, 1)
-    assert only.position_m is not None
     assert only.every_m is not None
-    assert only.position_m.median == pytest.approx(0.2)
-    assert only.every_m.median == pytest.approx(1.6)
+    assert (there(only.position_m).median, only.every_m.median) == pytest.approx((0.2, 1.6))
 
 
 def at(start_s: float, window_s: int, error_m: float, *, taken: bool) -> Outcome:
@@ -103,9 +91,8 @@ def test_what_the_localizer_takes_and_after_which_time() -> None:
     assert short.taken == pytest.approx(2 / 4)
     until = row(until_taken_rows(outcomes), subject="all", condition=UNTIL)
     assert (until.n, until.taken, until.until_taken_s) == (3, 1.0, 3.0)
-    assert until.taken_m is not None
-    assert until.taken_m.median == pytest.approx(0.3)
-    assert until.taken_m.rms == pytest.approx(math.sqrt((0.3**2 + 0.2**2 + 0.3**2) / 3))
+    assert there(until.taken_m).median == pytest.approx(0.3)
+    assert there(until.taken_m).rms == pytest.approx(math.sqrt((0.3**2 + 0.2**2 + 0.3**2) / 3))
 
 
 def test_who_is_never_taken_has_no_time() -> None:
@@ -179,9 +166,7 @@ def rows(tmp_path_factory: pytest.TempPathFactory) -> list[Row]:
     ticks: list[tuple[int, int]] = []
     trials = read_trials(folder).trials
     found = localization_rows(trials, baselines=True, jobs=2, tick=lambda done, of: ticks.append((done, of)))
-    assert ticks[0] == (0, len(trials))
-    assert ticks[-1] == (len(trials), len(trials))
-    assert ticks == sorted(ticks)
+    assert (ticks[0], ticks[-1], ticks) == ((0, len(trials)), (len(trials), len(trials)), sorted(ticks))
     return found
 
 
@@ -190,19 +175,15 @@ def test_each_solver_has_its_row(rows: list[Row]) -> None:
     assert {row.subject for row in rows} == {"all", "user9"}
     assert {row.condition for row in rows} == {"1 s", "2 s", "3 s", "5 s", "8 s"}  # too short for `UNTIL`
     taken = {row.condition: row.taken for row in rows if row.solver == OURS and row.subject == "all"}
-    assert taken["8 s"] == 1.0
-    assert taken["1 s"] == 0.0
+    assert (taken["8 s"], taken["1 s"]) == (1.0, 0.0)
     assert all(row.taken is None for row in rows if row.solver != OURS)
 
 
 def test_a_bias_is_metres_for_the_original_and_none_for_ours(rows: list[Row]) -> None:
     ours = row(rows, subject="all", condition="8 s", solver=OURS)
     original = row(rows, subject="all", condition="8 s", solver="mean-angle-z0")
-    assert ours.position_m is not None
-    assert original.position_m is not None
-    assert ours.position_m.median < 0.3 < original.position_m.median
-    assert ours.yaw_deg is not None
-    assert ours.yaw_deg.median < 4.0
+    assert there(ours.position_m).median < 0.3 < there(original.position_m).median
+    assert there(ours.yaw_deg).median < 4.0
     assert ours.within_2_sigma == 1.0
     assert ours.bound_m is not None
     assert 0.0 < ours.bound_m < 0.3
@@ -247,7 +228,6 @@ def test_published_recordings_are_solved_sensibly() -> None:
     trials = [trial for trial in read_trials(folder.parent, [folder.name]).trials if trial.condition == "8 s"]
     found = localization_rows(trials, baselines=True, jobs=2, tick=silent)
     ours = row(found, subject="all", solver=OURS)
-    assert ours.position_m is not None
-    assert ours.position_m.median < 1.0
+    assert there(ours.position_m).median < 1.0
     assert ours.refused is not None
     assert ours.refused < ours.n / 2

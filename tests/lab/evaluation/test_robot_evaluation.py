@@ -1,5 +1,6 @@
-"""Identification and localization by robots, evaluated over simulated people and over trials."""
+"""Evaluation of robots: flights and their landings."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -7,31 +8,31 @@ import pytest
 
 from pointit.services.localizer.estimation.estimator import Pointings
 from pointit_lab.evaluation.localization.trial import Trial
-from pointit_lab.evaluation.robots.following import (
-    CIRCLE,
-    FIGURE,
-    LINE,
-    intervals,
-    recorded_rows,
-    simulated_rows,
-)
+from pointit_lab.evaluation.robots import flight as flight_module
+from pointit_lab.evaluation.robots import following
+from pointit_lab.evaluation.robots.flight import FlightScore, fly
+from pointit_lab.evaluation.robots.flight_row import Quantiles, flight_row
+from pointit_lab.evaluation.robots.flight_setup import CONDITIONS, EYES_M, RANGE_M, FlightCondition, flight_of
 from pointit_lab.evaluation.robots.identification import rates, recorded_results, share
+from pointit_lab.evaluation.robots.robots import flight_rows
 from pointit_lab.evaluation.robots.simulated_follower import RATE_HZ, SimulatedFollower
+from tests.support import there
 
 
 def test_people_who_follow_the_figure_are_found_better_than_by_a_circle_or_a_line() -> None:
-    rows = simulated_rows(range(20))
+    rows = following.simulated_rows(range(20))
     for kind in ("ground", "quadrotor"):
         of = {row.solver: row for row in rows if row.subject == "all" and row.condition == f"5 s, {kind}"}
         medians = {name: row.position_m.median for name, row in of.items() if row.position_m is not None}
-        assert medians[FIGURE] < min(0.8 * medians[CIRCLE], medians[LINE])
-        assert medians[FIGURE] < 0.5
-        assert (of[FIGURE].within_2_sigma or 0.0) >= 0.9
+        assert medians[following.FIGURE] < min(0.8 * medians[following.CIRCLE], medians[following.LINE])
+        assert medians[following.FIGURE] < 0.5
+        assert (of[following.FIGURE].within_2_sigma or 0.0) >= 0.9
     (against_circle,) = [
-        each for each in intervals(rows) if (each.condition, each.solver) == ("5 s, ground", CIRCLE)
+        each
+        for each in following.intervals(rows)
+        if (each.condition, each.solver) == ("5 s, ground", following.CIRCLE)
     ]
-    assert against_circle.ratio is not None
-    assert against_circle.ratio.low > 1.0
+    assert there(against_circle.ratio).low > 1.0
 
 
 def recorded(subject: str, way_rad: float, seconds: float) -> Trial:
@@ -49,15 +50,10 @@ def recorded(subject: str, way_rad: float, seconds: float) -> Trial:
     rays[times_s < 1.0] = rays[times_s >= 1.0][0]
     origins = np.tile([0.0, 0.0, person.eyes_m], (len(times_s), 1))
     return Trial(
-        set="set",
-        subject=subject,
-        condition=f"{seconds:g} s",
-        pointings=Pointings(times_s, origins, rays, course(times_s + 10.0)),
-        eye_height_m=person.eyes_m,
-        x_m=0.0,
-        y_m=0.0,
-        yaw_rad=0.0,
-    )
+        set="set", subject=subject, condition=f"{seconds:g} s",
+        pointings=Pointings(times_s, origins, rays, course(times_s + 10.0)), eye_height_m=person.eyes_m,
+        x_m=0.0, y_m=0.0, yaw_rad=0.0,
+    )  # fmt: skip
 
 
 def test_a_recorded_robot_is_told_from_that_of_another_person() -> None:
@@ -70,7 +66,7 @@ def test_a_recorded_robot_is_told_from_that_of_another_person() -> None:
 
 
 def test_recorded_people_are_scored_person_by_person() -> None:
-    rows = recorded_rows([recorded(name, way, 5.0) for name, way in (("anna", 0.3), ("ben", 1.6))])
+    rows = following.recorded_rows([recorded(name, way, 5.0) for name, way in (("anna", 0.3), ("ben", 1.6))])
     assert [row.subject for row in rows] == ["all", "anna", "ben"]
     assert all(row.position_m is not None and row.position_m.median < 1.0 for row in rows)
 
@@ -79,3 +75,84 @@ def test_a_share_has_an_interval() -> None:
     assert share(20, 20).value == 1.0
     assert share(20, 20).high == pytest.approx(1.0)
     assert 0.8 < share(20, 20).low < 0.9
+
+
+LANDINGS = [condition for condition in CONDITIONS if condition.bench == "landing"]
+IN_THE_AIR = [condition for condition in CONDITIONS if condition.bench == "workspace"]
+
+
+@pytest.mark.parametrize("condition", CONDITIONS, ids=lambda condition: condition.name)
+def test_people_steer_the_robot_to_the_spot_in_every_condition(condition: FlightCondition) -> None:
+    score = fly(flight_of(condition, 2))
+    assert score.error_m is not None
+    assert score.error_m < 0.25
+    assert score.time_s is not None
+    assert 1.0 < score.time_s < 30.0
+    assert score.detour is not None
+    assert score.detour > 0.9
+
+
+def test_a_flight_is_the_same_again_and_another_persons_differs() -> None:
+    first, again, other = (fly(flight_of(IN_THE_AIR[-1], seed)) for seed in (3, 3, 4))
+    assert first == again
+    assert first != other
+
+
+def test_a_person_who_never_gets_the_robot_has_failed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(flight_module, "LIMIT_S", 5.0)
+    flight = flight_of(LANDINGS[0], 0)
+    far = replace(flight, start_m=(900.0, 0.0, flight.start_m[2]), spot_m=(0.2, 0.0, 0.0))
+    score = fly(far)
+    assert score == FlightScore(simulated_s=score.simulated_s)
+    assert score.simulated_s >= 5.0
+
+
+def test_landings_of_a_seed_are_the_same_move_from_spot_to_spot_in_all_conditions() -> None:
+    for seed in range(20):
+        flights = [flight_of(condition, seed) for condition in LANDINGS]
+        ways = {(flight.start_m, flight.spot_m) for flight in flights}
+        ((start_m, spot_m),) = ways
+        assert math.dist(start_m[:2], spot_m[:2]) == pytest.approx(3.6) or math.dist(
+            start_m[:2], spot_m[:2]
+        ) == pytest.approx(3.6 * math.sqrt(2.0))
+
+
+def test_places_in_the_air_are_on_the_workspace_about_the_stated_pose() -> None:
+    for seed in range(20):
+        for flight in (flight_of(condition, seed) for condition in IN_THE_AIR):
+            x_m, y_m, _ = flight.pose_off
+            for place in (flight.start_m, flight.spot_m):
+                apart_m = math.hypot(place[0] - x_m, place[1] - y_m)
+                if flight.condition.workspace == "cylinder":
+                    assert apart_m == pytest.approx(RANGE_M)
+                elif flight.condition.workspace == "sphere":
+                    assert math.hypot(apart_m, place[2] - EYES_M) == pytest.approx(RANGE_M)
+                else:
+                    assert place[2] == flight.start_m[2]
+
+
+def test_rows_have_the_medians_of_those_that_ended_and_count_the_others() -> None:
+    scores = [FlightScore(simulated_s=9.0, error_m=0.1 * number, time_s=1.0) for number in range(1, 6)]
+    row = flight_row(LANDINGS[0], [*scores, FlightScore(simulated_s=60.0)])
+    assert (row.n, row.failed) == (6, 1)
+    assert there(row.error_m).median == pytest.approx(0.3)
+    assert row.taking_s is None
+
+
+def test_an_interval_of_a_median_covers_it_at_95_percent_and_narrows() -> None:
+    few = Quantiles.of([float(number) for number in range(10)])
+    many = Quantiles.of([number / 10.0 for number in range(100)])
+    assert few is not None
+    assert many is not None
+    assert (few.low, few.median, few.high) == (1.0, 4.5, 8.0)
+    assert many.high - many.low < few.high - few.low
+    assert Quantiles.of([None]) is None
+
+
+def test_rows_come_by_condition_and_progress_is_told() -> None:
+    told: list[tuple[int, int]] = []
+    rows = flight_rows(
+        IN_THE_AIR[1:], people=2, seed=5, jobs=1, tick=lambda done, total: told.append((done, total))
+    )
+    assert [(row.condition, row.n, row.people) for row in rows] == [("cylinder", 2, 2), ("sphere", 2, 2)]
+    assert (told[0], told[-1]) == ((0, 4), (4, 4))

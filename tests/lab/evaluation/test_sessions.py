@@ -10,25 +10,17 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from pointit import schemas
 from pointit.cli.main import command
 from pointit.conversion.import_csv import csv_entries
 from pointit.geometry.vector import Vec3
 from pointit.recording.entries import Entry
 from pointit.runtime.errors import ConfigError
-from pointit.schemas import (
-    Anchor,
-    Environment,
-    Lamp,
-    Localization,
-    PointingRay,
-    TrackedObject,
-    TrackedObjects,
-    UserPose,
-)
 from pointit.schemas.topics import ANCHOR, LOCALIZATION, MAP, OBJECTS, POSE, RAY
 from pointit_lab.evaluation.localization.over_people import over_people
 from pointit_lab.evaluation.localization.recorded import read_sessions
 from pointit_lab.evaluation.recordings.row import ALL, Row, Spread
+from tests.support import there
 from tests.support.published_recordings import Stand, unit, write_motion
 from tests.unit.conversion.session import at, said, write
 
@@ -52,39 +44,44 @@ def rows_of(*arguments: str) -> list[dict[str, Any]]:
 
 
 def room() -> Entry:
-    lamps = tuple(Lamp(id=name, position_m=place) for name, place in LAMPS.items())
-    return said(0.0, MAP, "", Environment(stamp_ns=at(0.0), name="room", lamps=lamps))
+    lamps = tuple(schemas.Lamp(id=name, position_m=place) for name, place in LAMPS.items())
+    return said(0.0, MAP, "", schemas.Environment(stamp_ns=at(0.0), name="room", lamps=lamps))
 
 
 def pointing_at_lamps(user: str, stand: Stand, begin_s: float = 1.0) -> Iterator[Entry]:
     """Yield a localization: the rays at one lamp after the other, at 50 Hz."""
     for index, (lamp, place) in enumerate(LAMPS.items()):
         lit_s = begin_s + index * HOLD_S
-        message = Localization(
+        message = schemas.Localization(
             stamp_ns=at(lit_s), phase="sampling", target_id=lamp, target_index=index, since_ns=at(begin_s)
         )
         yield said(lit_s, LOCALIZATION, user, message)
         x, y, z = unit(stand.rays(np.array([place])))[0].tolist()
         for tick in range(1, round(HOLD_S * 50)):
             time_s = lit_s + tick / 50
-            ray = PointingRay(stamp_ns=at(time_s), origin_m=(0.0, 0.0, stand.eyes_m), direction=(x, y, z))
+            ray = schemas.PointingRay(
+                stamp_ns=at(time_s), origin_m=(0.0, 0.0, stand.eyes_m), direction=(x, y, z)
+            )
             yield said(time_s, RAY, user, ray)
     end_s = begin_s + len(LAMPS) * HOLD_S
     yield said(
-        end_s, LOCALIZATION, user, Localization(stamp_ns=at(end_s), phase="solved", since_ns=at(begin_s))
+        end_s,
+        LOCALIZATION,
+        user,
+        schemas.Localization(stamp_ns=at(end_s), phase="solved", since_ns=at(begin_s)),
     )
 
 
 def seen(user: str, stand: Stand, until_s: float = 30.0) -> Iterator[Entry]:
     """Yield the reports of a tracker that sees the person's head."""
     for tick in range(round(until_s * 5)):
-        head = TrackedObject(id=user, kind="person", position_m=(stand.x, stand.y, 1.8))
-        yield said(tick / 5, OBJECTS, "mocap", TrackedObjects(stamp_ns=at(tick / 5), objects=(head,)))
+        head = schemas.TrackedObject(id=user, kind="person", position_m=(stand.x, stand.y, 1.8))
+        yield said(tick / 5, OBJECTS, "mocap", schemas.TrackedObjects(stamp_ns=at(tick / 5), objects=(head,)))
 
 
 def found(user: str, time_s: float, x: float, y: float) -> Entry:
     """Return a pose as the localizer publishes it."""
-    pose = UserPose(
+    pose = schemas.UserPose(
         stamp_ns=at(time_s),
         position_m=(x, y, 0.0),
         yaw_rad=0.0,
@@ -130,7 +127,7 @@ def test_poses_of_the_session_are_scored_as_they_were_found(tmp_path: Path) -> N
 
 def test_pointing_at_lamps_afterwards_is_scored_without_a_tracker(tmp_path: Path) -> None:
     anchors = [
-        Anchor(
+        schemas.Anchor(
             stamp_ns=at(time_s),
             target_id="one",
             origin_m=(0.0, 0.0, 1.6),
@@ -165,7 +162,7 @@ def test_a_person_who_follows_a_robot_is_scored_by_windows_from_the_arm_alone(tm
 
 def test_a_tracker_that_knows_the_yaw_is_the_truth_of_it(tmp_path: Path) -> None:
     stand = Stand(x=0.3, y=0.2, yaw_deg=35.0)
-    true = UserPose(
+    true = schemas.UserPose(
         stamp_ns=at(0.0), position_m=(0.3, 0.2, 0.0), yaw_rad=math.radians(40.0), method="external"
     )
     poses = (
@@ -218,8 +215,7 @@ def test_each_person_counts_once_and_methods_are_compared_within_people() -> Non
     reach = math.exp(4.303 * math.log(2.0) / math.sqrt(3.0))
     assert ours.error.low == pytest.approx(0.2 / reach, rel=1e-3)
     assert ours.error.high == pytest.approx(0.2 * reach, rel=1e-3)
-    assert other.ratio is not None
-    assert (other.ratio.low, other.ratio.high) == pytest.approx((2.0, 2.0))
+    assert (there(other.ratio).low, there(other.ratio).high) == pytest.approx((2.0, 2.0))
     assert other.without_one == pytest.approx((2.0, 2.0))
 
 
@@ -228,8 +224,7 @@ def test_one_person_who_carries_a_comparison_is_shown_by_leaving_one_out() -> No
     rows = [row(name, "pointit", each) for name, each in errors.items()]
     rows += [row(name, "other", 1.6 if name == "dora" else each) for name, each in errors.items()]
     _, other = over_people(rows, "pointit")
-    assert other.ratio is not None
-    assert other.ratio.value == pytest.approx(2.0)
+    assert there(other.ratio).value == pytest.approx(2.0)
     assert other.without_one == pytest.approx((1.0, 16.0 ** (1 / 3)))
 
 

@@ -94,11 +94,7 @@ async def test_zenohd_routes_by_the_same_configuration(commands: Commands, tmp_p
     ended = await commands.pointit(
         "load",
         *SHORT,
-        "--hosts",
-        "2",
-        "--router",
-        "zenohd",
-        "--secured",
+        *("--hosts", "2", "--router", "zenohd", "--secured"),
         environment=_zenohd(tmp_path / "bin"),
     )
     assert "2 secured routers (zenohd)" in row_of(ended)["layout"]
@@ -134,8 +130,7 @@ async def test_several_numbers_of_people_have_slopes(commands: Commands) -> None
     ],
 )
 async def test_wrong_options_are_said(commands: Commands, options: tuple[str, ...], sentence: str) -> None:
-    ended = await commands.pointit("load", *options)
-    assert ended.code == 2
+    ended = await commands.pointit("load", *options, code=2)
     assert sentence in ended.err
 
 
@@ -143,8 +138,7 @@ async def test_ctrl_c_ends_all_hosts(commands: Commands) -> None:
     load = commands.start("load", "--duration", "600", "--hosts", "2", "--users", "2", "--central")
     await load.says("measuring")
     family = load.family()
-    ended = await load.stop(2)
-    assert ended.code == 130
+    await load.stop(2, code=130)
     await until(lambda: not any(process.is_running() for process in family), 5, "all to be gone")
 
 

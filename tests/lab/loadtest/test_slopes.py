@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pointit_lab.loadtest.layout import Load, host_groups
 from pointit_lab.loadtest.load_result import LinkUsage, LoadResult, Usage
+from pointit_lab.loadtest.network.tree import router_of, spread, tree
 from pointit_lab.loadtest.slopes import PER_PERSON, PartSlopes, Slope, fit, slopes
 
 STEPS = [(hosts, users) for hosts in (1, 2, 4) for users in (4, 8, 16)]
@@ -19,19 +21,11 @@ def result(hosts: int, users: int) -> LoadResult:
     ]
     routers = [Usage(name="router host 1", cpu=0.01 + 0.001 * users, memory_mb=20.0)]
     return LoadResult(
-        users=users,
-        hosts=hosts,
-        rate_hz=100.0,
-        duration_s=1.0,
-        layout="",
-        sent=users * 100,
-        pointed=users * 100,
-        hovered=0,
-        light_s=[0.001],
-        cursor_s=[0.001],
+        users=users, hosts=hosts, rate_hz=100.0, duration_s=1.0, layout="", sent=users * 100,
+        pointed=users * 100, hovered=0, light_s=[0.001], cursor_s=[0.001],
         processes=[Usage(name="site", cpu=0.03 + 0.005 * users, memory_mb=80.0), *people, *routers],
         load_average=0.0,
-    )
+    )  # fmt: skip
 
 
 def error_of(slope: Slope) -> float:
@@ -137,15 +131,9 @@ def test_a_single_measurement_has_no_rows() -> None:
 
 def test_a_link_shows_kinds_above_zero() -> None:
     link = LinkUsage(
-        name="host 2 > host 1",
-        up_bytes_hz=1500.0,
-        up_packets_hz=9.6,
-        down_bytes_hz=0.0,
-        down_packets_hz=0.0,
-        up_hz={"Cursor": 200.4, "Health": 0.2},
-        down_hz={},
-        counted_s=2.0,
-    )
+        name="host 2 > host 1", up_bytes_hz=1500.0, up_packets_hz=9.6, down_bytes_hz=0.0,
+        down_packets_hz=0.0, up_hz={"Cursor": 200.4, "Health": 0.2}, down_hz={}, counted_s=2.0,
+    )  # fmt: skip
     assert link.row() == {
         "link": "host 2 > host 1",
         "up_kB_per_s": 1.5,
@@ -160,3 +148,76 @@ def test_a_link_shows_kinds_above_zero() -> None:
 def test_cost_of_a_sample_counts_all_processes() -> None:
     one = result(1, 4)  # (3 + 2) + (2 + 3.2) + (1 + 0.4) % of a core at 400 samples a second
     assert one.us_per_sample == pytest.approx(290.0)
+
+
+def load(*, central: bool) -> Load:
+    return Load(
+        rate_hz=100.0, duration_s=1.0, layout="one", shards=1, router="pointit", secured=False, site="lab",
+        connect=(), hosts=2, routers=3, fan=2, central=central,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("hosts", [1, 2, 5, 8])
+@pytest.mark.parametrize("routers", [1, 2, 4, 9])
+@pytest.mark.parametrize("fan", [1, 2, 32])
+def test_every_machine_reaches_the_root_and_no_router_has_more_than_fan_below(
+    hosts: int, routers: int, fan: int
+) -> None:
+    machines = tree(hosts, routers, fan)
+    assert sum(machine.has_people for machine in machines) == hosts
+    assert sum(machine.has_router for machine in machines) == routers
+    assert len({machine.name for machine in machines}) == len(machines)
+    for index, machine in enumerate(machines):
+        assert machines[router_of(machines, index)].has_router
+        assert machine.uplink < max(1, index)
+    below = [machine.uplink for machine in machines[1:] if machine.has_router]
+    assert all(below.count(uplink) <= fan for uplink in below)
+
+
+def test_two_hosts_of_a_campus_are_below_their_buildings() -> None:
+    machines = tree(2, 5, 2)
+    assert [(machine.name, machine.uplink) for machine in machines] == [
+        ("above 1", 0),
+        ("above 2", 0),
+        ("above 3", 0),
+        ("host 1", 1),
+        ("host 2", 1),
+    ]
+
+
+def test_hosts_without_a_router_share_those_of_others() -> None:
+    machines = tree(4, 2, 32)
+    assert [router_of(machines, index) for index in range(4)] == [0, 1, 0, 1]
+
+
+def test_people_are_spread_evenly_over_hosts_only() -> None:
+    names = [f"load{index}" for index in range(5)]
+    assert spread(names, tree(2, 3, 2)) == {1: ["load0", "load2", "load4"], 2: ["load1", "load3"]}
+
+
+def test_shards_serve_the_people_of_their_host_and_are_observed_there() -> None:
+    made = host_groups(load(central=False), 3, tree(2, 3, 2))
+    assert [[group.name for group in groups] for groups in made.values()] == [
+        ["site", "people 1"],
+        ["people 2"],
+    ]
+    (site, first), (second,) = made.values()
+    assert {"pui", "selector", "led-driver"} <= {launch.instance for launch in site.launches}
+    assert (site.watched, site.watches_light) == ([], True)
+    for group, name, people in ((first, "host1", ("load0", "load2")), (second, "host2", ("load1",))):
+        shards = {launch.instance: launch for launch in group.launches if not launch.user}
+        assert set(shards) == {f"pui.{name}", f"selector.{name}"}
+        assert all(launch.config.model_dump()["people"] == people for launch in shards.values())
+        assert tuple(group.wrists) == tuple(group.watched) == people
+
+
+def test_a_central_load_is_observed_at_the_site() -> None:
+    (site, first), (second,) = host_groups(load(central=True), 3, tree(2, 3, 2)).values()
+    assert set(site.watched) == {"load0", "load1", "load2"}
+    assert all(launch.user for group in (first, second) for launch in group.launches)
+    assert not first.watched
+
+
+def test_a_host_without_people_has_no_process() -> None:
+    made = host_groups(load(central=True), 1, tree(2, 2, 32))
+    assert [len(groups) for groups in made.values()] == [2, 0]

@@ -34,19 +34,10 @@ def _journal(own_state: Path) -> Path:
     )
     for seq, (event, user) in enumerate(doings, 1):
         record = Record(
-            stamp_ns=NOW + seq * S,
-            event=event,
-            object_id="p-1",
-            kind="red",
-            user=user,
-            owner="anna",
-            since_ns=NOW + S,
-            cause="dwell",
-            method="gauge",
-            confidence=0.875,
-            reason="hers" if event == "refused" else "",
-            seq=seq,
-        )
+            stamp_ns=NOW + seq * S, event=event, object_id="p-1", kind="red", user=user, owner="anna",
+            since_ns=NOW + S, cause="dwell", method="gauge", confidence=0.875,
+            reason="hers" if event == "refused" else "", seq=seq,
+        )  # fmt: skip
         journal.add(record)
     journal.commit(NOW)
     journal.close()

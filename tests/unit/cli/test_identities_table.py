@@ -53,8 +53,7 @@ def test_where_the_sites_folder_is_at_hand_everybody_is_told_of(site: SiteFolder
         "router": ("ends soon", "2027-01-01", False),
     }
     rows = visible_rows(credentials, None, LATER)
-    assert standing(rows) == expected
-    assert expiring(rows) == ["operator", "router"]
+    assert (standing(rows), expiring(rows)) == (expected, ["operator", "router"])
     assert standing(visible_rows(credentials, site.path, LATER)) == expected
     assert not any(row["own"] for row in visible_rows(None, site.path, LATER))
 
@@ -85,12 +84,10 @@ def test_passwords_do_not_end(tmp_path: Path) -> None:
     site = made(tmp_path / "lab", password=True)
     credentials = read_credentials(site.identity_folder("operator"), NOW)
     rows = visible_rows(credentials, None, LATER)
-    assert standing(rows)["anna"] == ("valid", None, False)
-    assert expiring(rows) == ["router"]
+    assert (standing(rows)["anna"], expiring(rows)) == (("valid", None, False), ["router"])
     assert standing(visible_rows(credentials, None, LATER))["operator"] == ("valid", None, True)
     table = {str(row["name"]): row["until"] for row in section(rows).rows}
-    assert table["operator (this one)"] == "by password"
-    assert table["router"] == "2027-01-01"
+    assert (table["operator (this one)"], table["router"]) == ("by password", "2027-01-01")
 
 
 def test_what_has_ended_is_expired(site: SiteFolder) -> None:

@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import click
 import pytest
-from click.testing import CliRunner
+from click.testing import CliRunner, Result
 
-from pointit.cli.commands import COMMANDS
+from pointit.cli.commands import COMMANDS, OLD_SPELLINGS
 from pointit.cli.common.lazy import Entry, LazyGroup
 from pointit.cli.main import EXAMPLES, PATHS, command
 from pointit.launch.plan.extras import load
@@ -205,3 +205,38 @@ def test_a_bad_parameter_of_a_service_names_source_field_and_value() -> None:
     assert done.stderr.startswith("Error: --stale-after-s: stale_after_s: ")
     assert "'soon'" in done.stderr
     assert done.stderr.count("\n") == 1
+
+
+def typed(words: str) -> Result:
+    return CliRunner().invoke(command, words.split(), prog_name="pointit")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "rest"),
+    [
+        ("topics", "topic list", "--json"),
+        ("schema", "topic schema", "Cursor"),
+        ("call", "service call", "--json"),
+        ("pose", "person pose", "anna x"),
+        ("user", "person add", "--help"),
+        ("calibrate", "person calibrate", "mounting --help"),
+        ("service", "service run", "pui --help"),
+        ("service", "service run", "puj"),
+        ("service", "service list", "--json"),
+    ],
+)
+def test_an_old_spelling_does_what_the_new_one_does_after_a_note(old: str, new: str, rest: str) -> None:
+    before, after = typed(f"{old} {rest}"), typed(f"{new} {rest}")
+    assert before.output == f"note: `pointit {old}` is now `pointit {new}`\n{after.output}"
+    assert before.exit_code == after.exit_code
+
+
+def test_every_old_spelling_leads_to_a_command_of_the_help_and_is_not_shown_itself() -> None:
+    assert set(OLD_SPELLINGS.values()) <= set(PATHS)
+    assert not {(word,) for word in OLD_SPELLINGS} & set(PATHS)
+    renamed = {old: new[-1] for old, new in OLD_SPELLINGS.items() if old != new[-1]}
+    assert renamed == {"topics": "list", "user": "add"}
+
+
+def test_a_misspelt_action_is_not_taken_for_a_service() -> None:
+    assert typed("service lst").output == "Error: no action 'lst'; did you mean list?\n"

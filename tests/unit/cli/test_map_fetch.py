@@ -129,13 +129,8 @@ def test_a_path_is_taken_where_the_file_is_here_too(graph: Graph, tmp_path: Path
     (tmp_path / "secret.txt").write_text(ROOM, encoding="utf-8")
     endless = "/proc/kmsg"  # a file, as far as the system says; only root would wait for its next line
     for there in (
-        endless,
-        f"{tmp_path}/secret.txt",
-        f"{tmp_path}/none.yaml",
-        "theirs.yaml",
-        f"{tmp_path}",
-        "/dev/zero",
-        f"/{'x' * 999}",
+        *(endless, f"{tmp_path}/secret.txt", f"{tmp_path}/none.yaml", "theirs.yaml", f"{tmp_path}"),
+        *("/dev/zero", f"/{'x' * 999}"),
     ):
         graph.has({"map": there})
         assert sentence(fetch()).startswith(
@@ -281,12 +276,8 @@ def test_it_joins_as_a_client_unless_it_is_told(graph: Graph) -> None:
     usual = BackendConfig(mode="client", node="/pointit_map")
     assert fetch().exit_code == 0
     options = (
-        "--backend.endpoint",
-        "tcp/10.0.0.1:7450",
-        "--backend.mode",
-        "peer",
-        "--backend.domain-id",
-        "7",
+        *("--backend.endpoint", "tcp/10.0.0.1:7450", "--backend.mode", "peer"),
+        *("--backend.domain-id", "7"),
     )
     assert fetch(*options, "--backend.max-message-bytes", "5000").exit_code == 1
     changed = {"endpoint": "tcp/10.0.0.1:7450", "mode": "peer", "domain_id": 7, "max_message_bytes": 5000}

@@ -1,8 +1,14 @@
 """Lines are YAML, JSON is JSON, and a pipe that closes is no error."""
 
+import fcntl
+import io
 import json
+import os
+import pty
+import struct
 import subprocess
 import sys
+import termios
 from typing import Any
 
 import pytest
@@ -12,7 +18,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 from rich.text import Text
 
-from pointit.cli.common.output import Section, cell, print_table, to_json, to_line
+from pointit.cli.common.output import ROOMY_WIDTH, Section, cell, print_table, to_json, to_line
 from pointit.cli.inspect.echo import format_message
 from pointit.schemas import Message, StripFrame, StripsFrame
 from pointit.schemas.topics import STRIPS_FRAME, TOPICS
@@ -119,3 +125,29 @@ def test_what_others_wrote_commands_no_terminal() -> None:
     assert all(each in shown.get() for each in ("a?[2Jb", "c?2Jd", "e", "f"))
     assert "\x9b" not in shown.get()
     assert "\x1b[2J" not in shown.get()
+
+
+SECTION = Section(
+    name="things", about="of a test", rows=({"name": "a", "detail": "b"},), roomy=frozenset({"detail"})
+)
+
+
+@pytest.mark.parametrize(("width", "shown"), [(ROOMY_WIDTH - 1, False), (ROOMY_WIDTH, True)])
+def test_a_narrow_terminal_does_without_the_roomy_columns(*, width: int, shown: bool) -> None:
+    text = io.StringIO()
+    print_table(Console(file=text, width=width), SECTION)
+    assert "name" in text.getvalue()
+    assert ("detail" in text.getvalue()) is shown
+
+
+def test_a_list_before_a_pager_is_as_wide_as_the_terminal() -> None:
+    leader, terminal = pty.openpty()
+    try:
+        fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
+        command = [sys.executable, "-m", "pointit.cli", "list"]
+        out = subprocess.run(command, stdout=subprocess.PIPE, stderr=terminal, check=True).stdout.decode()
+    finally:
+        os.close(leader)
+        os.close(terminal)
+    assert "scenario_4" in out
+    assert max(map(len, out.splitlines())) <= 80

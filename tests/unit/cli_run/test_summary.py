@@ -114,16 +114,9 @@ def test_the_summary_says_how_far_off_it_was() -> None:
         "yaw_error_deg": round(math.degrees(0.0367), 2),
     }
     summary: dict[str, Any] = {
-        "scenario": "scenario_2",
-        "duration_s": 60.0,
-        "speed": 1.0,
-        "services": [],
-        "target_kinds": [],
-        "latency_ms": {"p50": None, "p99": None},
-        "cursors": 0,
-        "frames": 0,
-        "people": {"user1": found},
-    }
+        "scenario": "scenario_2", "duration_s": 60.0, "speed": 1.0, "services": [], "target_kinds": [],
+        "latency_ms": {"p50": None, "p99": None}, "cursors": 0, "frames": 0, "people": {"user1": found},
+    }  # fmt: skip
     assert summary_lines(summary)[1] == (
         "user1 was found at 2.06, 0.24 m ±0.26 m, yaw ±13.7°, 0.26 m from the true place, yaw 2.1° off."
     )

@@ -9,7 +9,16 @@ import pytest
 from rich.console import Console
 from rich.segment import Segment
 
-from pointit.cli.display.view import MAX_STRIPS, NAME_WIDTH, draw, figures, pixels_along
+from pointit.cli.display.view import (
+    MAX_STRIPS,
+    NAME_WIDTH,
+    Block,
+    Worth,
+    draw,
+    drop_to_height,
+    figures,
+    pixels_along,
+)
 from pointit.launch.run.monitor import LINES, Monitor
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
@@ -29,20 +38,10 @@ from pointit.schemas import (
     StripsFrame,
     TrackedObject,
     TrackedObjects,
+    UserPose,
+    topics,
 )
-from pointit.schemas.topics import (
-    CURSOR,
-    HEALTH,
-    HOVER,
-    INTERACTION,
-    LAMP_COLOR,
-    MAP,
-    OBJECTS,
-    SELECTION_EVENTS,
-    SERVICE_ALIVE,
-    STRIPS_FRAME,
-    USER_ALIVE,
-)
+from tests.support import there
 from tests.support.bench import until
 from tests.unit.cli_run.drawn import BLUE, DARK, FRAME, RED, cursor, frame, monitor_of, shown, strip
 
@@ -57,10 +56,7 @@ def cells(monitor: Monitor, name: str = "0", width: int = 100) -> list[tuple[obj
 
 
 def _colours(segment: Segment) -> tuple[object, object]:
-    assert segment.style is not None
-    assert segment.style.color is not None
-    assert segment.style.bgcolor is not None
-    return segment.style.color.triplet, segment.style.bgcolor.triplet
+    return there(there(segment.style).color).triplet, there(there(segment.style).bgcolor).triplet
 
 
 def marks(monitor: Monitor, name: str = "0", width: int = 100) -> str:
@@ -74,7 +70,7 @@ async def test_mark_shows_that_the_site_is_recorded() -> None:
     bus, monitor = MemoryBus(), monitor_of()
     monitor.attach(bus)
     assert "recording" not in shown(monitor)[0]
-    recorder = bus.announce(SERVICE_ALIVE, "recorder")
+    recorder = bus.announce(topics.SERVICE_ALIVE, "recorder")
     await until(lambda: "● recording" in shown(monitor)[0])
     recorder.close()
     await until(lambda: "recording" not in shown(monitor)[0])
@@ -85,17 +81,14 @@ def test_two_pixels_stand_in_a_cell_from_the_start_of_the_line_to_its_end() -> N
     monitor = monitor_of(strip())
     monitor.frame = frame([RED, BLUE] + [DARK] * 38)
     drawn = cells(monitor)
-    assert len(drawn) == 20
-    assert drawn[0] == (RED, BLUE)
-    assert set(drawn[1:]) == {(DARK, DARK)}
+    assert (len(drawn), drawn[0], set(drawn[1:])) == (20, (RED, BLUE), {(DARK, DARK)})
 
 
 def test_a_strip_that_runs_backwards_is_drawn_forwards() -> None:
     monitor = monitor_of(strip(direction=-1))
     monitor.frame = frame([RED, BLUE] + [DARK] * 38)
     drawn = cells(monitor)
-    assert drawn[-1] == (BLUE, RED)
-    assert set(drawn[:-1]) == {(DARK, DARK)}
+    assert (drawn[-1], set(drawn[:-1])) == ((BLUE, RED), {(DARK, DARK)})
     assert pixels_along(monitor.frame, strip(direction=-1))[-1] == RED
 
 
@@ -208,8 +201,8 @@ def test_it_stands_still_while_cursors_come_and_go() -> None:
 
 def health(instance: str, *warnings: str, rate_hz: float = 50.0, user: str = "") -> Health:
     keys = (
-        KeyHealth(key=CURSOR.key, direction="out", rate_hz=rate_hz),
-        KeyHealth(key=STRIPS_FRAME.key, direction="in", rate_hz=7.0),
+        KeyHealth(key=topics.CURSOR.key, direction="out", rate_hz=rate_hz),
+        KeyHealth(key=topics.STRIPS_FRAME.key, direction="in", rate_hz=7.0),
     )
     return Health(
         stamp_ns=1, service=instance, instance=instance, user=user, pid=1, keys=keys, warnings=warnings
@@ -220,27 +213,27 @@ async def test_it_follows_the_bus(monkeypatch: pytest.MonkeyPatch) -> None:
     bus = MemoryBus(LocalBroker())
     monitor = monitor_of()
     monitor.attach(bus)
-    token = bus.announce(USER_ALIVE, "anna")
-    bus.publisher(MAP).put(Environment(stamp_ns=1, name="test", strips=(strip(),)))
+    token = bus.announce(topics.USER_ALIVE, "anna")
+    bus.publisher(topics.MAP).put(Environment(stamp_ns=1, name="test", strips=(strip(),)))
     thing = TrackedObject(id="x-1", kind="red", position_m=(0.0, 0.0, 0.0))
-    bus.publisher(OBJECTS, "conveyor").put(TrackedObjects(stamp_ns=1, objects=(thing,)))
-    bus.publisher(LAMP_COLOR, "led_0").put(LampColor(stamp_ns=1, color=(255, 255, 0)))
+    bus.publisher(topics.OBJECTS, "conveyor").put(TrackedObjects(stamp_ns=1, objects=(thing,)))
+    bus.publisher(topics.LAMP_COLOR, "led_0").put(LampColor(stamp_ns=1, color=(255, 255, 0)))
     stamp_ns = time.time_ns()
-    bus.publisher(CURSOR, "anna").put(
+    bus.publisher(topics.CURSOR, "anna").put(
         Cursor(stamp_ns=stamp_ns, surface="strip", surface_id="0", position_m=1.0)
     )
-    bus.publisher(HOVER, "anna").put(Hover(stamp_ns=1, object_id="x-1", progress=1.0))
-    bus.publisher(HEALTH, "pui").put(health("pui"))
-    bus.publisher(HEALTH, "pointing.anna").put(health("pointing.anna", "ill", user="anna"))
+    bus.publisher(topics.HOVER, "anna").put(Hover(stamp_ns=1, object_id="x-1", progress=1.0))
+    bus.publisher(topics.HEALTH, "pui").put(health("pui"))
+    bus.publisher(topics.HEALTH, "pointing.anna").put(health("pointing.anna", "ill", user="anna"))
     await until(lambda: monitor.cursor_count == 1 and len(monitor.health) == 2)
-    bus.publisher(STRIPS_FRAME).put(StripsFrame(stamp_ns=stamp_ns, strips=()))
-    interactions = bus.publisher(INTERACTION, "anna")
+    bus.publisher(topics.STRIPS_FRAME).put(StripsFrame(stamp_ns=stamp_ns, strips=()))
+    interactions = bus.publisher(topics.INTERACTION, "anna")
     interactions.put(Interaction(stamp_ns=1, state="idle", reason="Silent."))
     await until(lambda: monitor.frame_count == 1 and "anna" in monitor.interactions)
     interactions.put(Interaction(stamp_ns=2, state="idle", reason="Silent."))  # the same again is no event
     await until(lambda: monitor.interactions["anna"].stamp_ns == 2)
     interactions.put(Interaction(stamp_ns=3, state="pointing", reason="Asked."))
-    events = bus.publisher(SELECTION_EVENTS)
+    events = bus.publisher(topics.SELECTION_EVENTS)
     events.put(SelectionEvent(stamp_ns=1, event="selected", object_id="x-1", user="anna"))
     events.put(SelectionEvent(stamp_ns=2, event="refused", object_id="x-1", user="ben", reason="anna's"))
     await until(lambda: len(monitor.events) == 4)
@@ -273,7 +266,7 @@ async def test_rate_of_each_controller_is_shown_and_averaged() -> None:
     bus = MemoryBus(LocalBroker())
     monitor = monitor_of()
     monitor.attach(bus)
-    reports = bus.publisher(HEALTH, "led-driver")
+    reports = bus.publisher(topics.HEALTH, "led-driver")
     for rate_hz in (8.0, 10.0):
         monitor.health.clear()
         rate = Figure(name="frame rate /dev/leds", value=rate_hz, unit="Hz")
@@ -323,3 +316,56 @@ def test_a_lost_router_is_one_sentence_instead_of_every_service_by_name() -> Non
     text = figures(monitor).plain
     assert "the router at tcp/10.0.0.1:7447 does not answer: nothing arrives from other machines; " in text
     assert "look at" not in text
+
+
+def block(text: str, worth: Worth, height: int = 1) -> Block:
+    return Block([[Segment(text)]] * height, worth)
+
+
+def texts(blocks: list[Block], room: int) -> str:
+    return "".join(segment.text for line in drop_to_height(blocks, room) for segment in line)
+
+
+@pytest.mark.parametrize(
+    ("room", "left"), [(9, "abbcd"), (5, "abbcd"), (4, "abbd"), (3, "ad"), (2, "ad"), (1, "a"), (0, "a")]
+)
+def test_what_is_worth_least_goes_first_and_as_a_whole(room: int, left: str) -> None:
+    blocks = [block("a", None), block("b", (1, 0), 2), block("c", (0, 5)), block("d", (2, -1))]
+    assert texts(blocks, room) == left
+
+
+def crowd(people: int, strips: int = 22, sentence: str = "Point.") -> Monitor:
+    monitor = monitor_of(*(strip(f"{number}") for number in range(strips)))
+    for number in range(1, people + 1):
+        user = f"user{number}"
+        monitor.cursors[user] = cursor(1.5)
+        monitor.interactions[user] = Interaction(stamp_ns=1, state="pointing", next_step=sentence)
+        monitor.poses[user] = UserPose(stamp_ns=1, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0, method="fixed")
+    monitor.events.extend(f"red {number} selected by user1" for number in range(5))
+    return monitor
+
+
+@pytest.mark.parametrize(("width", "height"), [(80, 24), (80, 18), (60, 24), (120, 40)])
+def test_a_view_is_no_higher_than_its_terminal_and_always_says_the_score(width: int, height: int) -> None:
+    lines = shown(crowd(4), width, height=height)
+    assert len(lines) <= height
+    assert "Ctrl-C ends it" in lines[-1]
+    assert "missed 0" in " ".join(line.strip("│ ") for line in lines)
+    assert all(any(line.startswith(f"│ user{number}") for line in lines) for number in (1, 2, 3, 4))
+
+
+def test_the_newest_news_stays_longest() -> None:
+    everything = len(shown(crowd(2)))
+    lines = shown(crowd(2), height=everything - 2)
+    assert len(lines) == everything - 2
+    assert not any("red 0 selected" in line or "red 1 selected" in line for line in lines)
+    assert any("red 2 selected" in line for line in lines)
+
+
+def test_what_all_should_do_is_said_once() -> None:
+    monitor = crowd(3)
+    assert sum("Point." in line for line in shown(monitor)) == 1
+    assert any("everybody: Point." in line for line in shown(monitor))
+    monitor.interactions["user2"] = Interaction(stamp_ns=1, state="idle", next_step="Press the button.")
+    assert sum("Point." in line for line in shown(monitor)) == 2
+    assert any("user2: Press the button." in line for line in shown(monitor))

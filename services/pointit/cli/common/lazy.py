@@ -144,7 +144,7 @@ def command(name: str, about: str, target: str) -> Entry:
     return Entry(name=name, about=about, load=from_module(target))
 
 
-def noun(name: str, about: str, text: str, actions: tuple[Entry, ...]) -> Entry:
+def noun(name: str, about: str, text: str, *actions: Entry) -> Entry:
     """Return a group of actions on a thing, with its help `text`, which it prints if no action is given."""
     return Entry(name=name, about=about, load=partial(group, name, text, actions), actions=actions)
 

@@ -5,7 +5,7 @@ import contextlib
 import socket
 from collections.abc import AsyncGenerator, Callable, Generator, Sequence
 from contextlib import asynccontextmanager
-from typing import Generic, TypeVar
+from typing import Generic, TypedDict, TypeVar
 
 import click
 from click.core import ParameterSource
@@ -36,6 +36,13 @@ SILENT_S = 1.0
 """Wait after which a notice is printed, s."""
 
 M = TypeVar("M", bound=Message)
+
+
+class AtSite(TypedDict):
+    """Values of the options --site and --connect."""
+
+    site: str
+    connect: tuple[str, ...]
 
 
 def site_options() -> list[click.Parameter]:

@@ -2,7 +2,7 @@
 
 import difflib
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, Unpack
 
 import click
 from pydantic import ValidationError
@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import Row, Section, json_option, print_json, say, show, to_line
-from pointit.cli.common.site_link import default_address_note, join_site, quiet, site_options
+from pointit.cli.common.site_link import AtSite, default_address_note, join_site, quiet, site_options
 from pointit.cli.common.topic_names import filled
 from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S
 from pointit.runtime.config.config import Layers
@@ -44,13 +44,7 @@ BOUNDS = (("ge", "from"), ("gt", "above"), ("le", "to"), ("lt", "below"))
 )
 @json_option
 def command(
-    key: str | None,
-    values: tuple[str, ...],
-    *,
-    timeout_s: float,
-    as_json: bool,
-    site: str,
-    connect: tuple[str, ...],
+    key: str | None, values: tuple[str, ...], *, timeout_s: float, as_json: bool, **at: Unpack[AtSite]
 ) -> int:
     """Send the request KEY to its service, and print the reply; without KEY, list all requests.
 
@@ -67,29 +61,20 @@ def command(
     request, name = resolve(key)
     query = build(request, values)
     quiet()
-    return run_until_shutdown(
-        _call(request, query, name, timeout_s, as_json=as_json, site=site, connect=connect)
-    )
+    return run_until_shutdown(_call(request, query, name, timeout_s, as_json=as_json, **at))
 
 
 async def _call(
-    request: AnyRequest,
-    query: Query,
-    name: str,
-    timeout_s: float,
-    *,
-    as_json: bool,
-    site: str,
-    connect: tuple[str, ...],
+    request: AnyRequest, query: Query, name: str, timeout_s: float, *, as_json: bool, **at: Unpack[AtSite]
 ) -> int:
-    async with join_site(site, connect) as bus:
+    async with join_site(**at) as bus:
         reply: Reply = await bus.call(request, query, name, timeout_s=timeout_s)
     fields = reply.model_dump()
     if as_json:
         print_json({"key": request.at(name), **fields})
         return 0
     message = fields.pop("message")
-    say((message or "done") + default_address_note(site, connect))
+    say((message or "done") + default_address_note(**at))
     if fields:
         click.echo(to_line(fields))
     return 0

@@ -3,11 +3,12 @@
 import asyncio
 import contextlib
 import functools
+from typing import Unpack
 
 import click
 
 from pointit.cli.common.output import json_option, to_json, to_line, write_line
-from pointit.cli.common.site_link import join_site, quiet, site_options
+from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
 from pointit.cli.common.topic_names import Wanted, resolve
 from pointit.diagnosis.writers import silence_reason
 from pointit.runtime.service.shutdown import run_until_shutdown
@@ -23,7 +24,7 @@ SILENCE_S = 2.0
 @click.argument("key")
 @click.option("--count", type=click.IntRange(min=1), help="number of messages to print before exit")
 @json_option
-def command(key: str, *, count: int | None, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
+def command(key: str, *, count: int | None, as_json: bool, **at: Unpack[AtSite]) -> int:
     """Print the messages on KEY as they arrive, one per line.
 
     KEY is users/anna/imu, or for all users 'users/*/imu' or users/{user}/imu; 'users/anna/*' is all of
@@ -34,14 +35,14 @@ def command(key: str, *, count: int | None, as_json: bool, site: str, connect: t
     """
     wanted = resolve(key)
     quiet()
-    return run_until_shutdown(_echo(key, wanted, count, as_json=as_json, site=site, connect=connect))
+    return run_until_shutdown(_echo(key, wanted, count, as_json=as_json, **at))
 
 
 async def _echo(
-    key: str, wanted: list[Wanted], count: int | None, *, as_json: bool, site: str, connect: tuple[str, ...]
+    key: str, wanted: list[Wanted], count: int | None, *, as_json: bool, **at: Unpack[AtSite]
 ) -> int:
     loop = asyncio.get_running_loop()
-    async with join_site(site, connect) as bus:
+    async with join_site(**at) as bus:
         printer = _Printer(count, as_json=as_json)
         present = _presence(bus)
         for topic, name in wanted:

@@ -4,14 +4,14 @@ import asyncio
 import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Unpack
 
 import click
 
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import Section, console, json_option, print_table, to_json, write_line
-from pointit.cli.common.site_link import join_site, quiet, site_options
+from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
 from pointit.cli.common.topic_names import EVERYTHING, Wanted, resolve_all
 from pointit.runtime.bus.contract import AnyTopic, Subscription
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
@@ -116,8 +116,7 @@ def command(
     window_s: float,
     watch: bool,
     as_json: bool,
-    site: str,
-    connect: tuple[str, ...],
+    **at: Unpack[AtSite],
 ) -> int:
     """Measure rate, jitter and bandwidth of the messages on each KEY.
 
@@ -133,9 +132,7 @@ def command(
     wanted = resolve_all([EVERYTHING] if everything else keys)
     named = resolve_all(key for key in keys if ANY not in key)
     quiet()
-    return run_until_shutdown(
-        _measure(wanted, named, window_s, watch=watch, as_json=as_json, site=site, connect=connect)
-    )
+    return run_until_shutdown(_measure(wanted, named, window_s, watch=watch, as_json=as_json, **at))
 
 
 async def _measure(
@@ -145,11 +142,10 @@ async def _measure(
     *,
     watch: bool,
     as_json: bool,
-    site: str,
-    connect: tuple[str, ...],
+    **at: Unpack[AtSite],
 ) -> int:
     loop = asyncio.get_running_loop()
-    async with join_site(site, connect) as bus:
+    async with join_site(**at) as bus:
         counter = _Counter(bus, wanted, named)
         while True:
             await asyncio.sleep(window_s)

@@ -7,12 +7,13 @@ import time
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from typing import Unpack
 
 import click
 
 from pointit.cli.common.output import Section, console, json_option, print_table, say, to_json, write_line
 from pointit.cli.common.progress import progress
-from pointit.cli.common.site_link import join_site, quiet, site_options
+from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
 from pointit.cli.inspect.sample_path import (
     CAPTURE,
     CAUSES,
@@ -74,7 +75,7 @@ MAX_WAITING = 65536
 )
 @click.option("--watch", is_flag=True, help="repeat until Ctrl-C, every --count samples")
 @json_option
-def command(user: str, *, count: int, watch: bool, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
+def command(user: str, *, count: int, watch: bool, as_json: bool, **at: Unpack[AtSite]) -> int:
     """Show the way of samples of the person USER from capture to light, with the time of each hop.
 
     Every message keeps the capture time of the sample that it is derived from. By this time `trace` finds
@@ -97,13 +98,11 @@ def command(user: str, *, count: int, watch: bool, as_json: bool, site: str, con
     """
     check_name(user, "user")
     quiet()
-    return run_until_shutdown(_trace(user, count, watch=watch, as_json=as_json, site=site, connect=connect))
+    return run_until_shutdown(_trace(user, count, watch=watch, as_json=as_json, **at))
 
 
-async def _trace(
-    user: str, count: int, *, watch: bool, as_json: bool, site: str, connect: tuple[str, ...]
-) -> int:
-    async with join_site(site, connect) as bus:
+async def _trace(user: str, count: int, *, watch: bool, as_json: bool, **at: Unpack[AtSite]) -> int:
+    async with join_site(**at) as bus:
         await _check_rights(bus, user)
         tracer = Tracer(bus, user)
         while True:

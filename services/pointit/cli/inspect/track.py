@@ -6,13 +6,13 @@ import time
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Unpack
 
 import click
 import numpy as np
 
 from pointit.cli.common.output import Section, console, json_option, print_table, say, to_json, write_line
-from pointit.cli.common.site_link import join_site, quiet, site_options
+from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
 from pointit.cli.inspect.hz import RateMeter, window_options
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
 from pointit.schemas import NS_PER_S, TrackedObjects, encode
@@ -142,13 +142,7 @@ def _object_rows(newest: dict[str, TrackedObjects]) -> list[ObjectRow]:
 @window_options(3.0, "; 3 and more find objects that two trackers report by different ids")
 @json_option
 def command(
-    trackers: tuple[str, ...],
-    *,
-    window_s: float,
-    watch: bool,
-    as_json: bool,
-    site: str,
-    connect: tuple[str, ...],
+    trackers: tuple[str, ...], *, window_s: float, watch: bool, as_json: bool, **at: Unpack[AtSite]
 ) -> int:
     """Show the trackers of a site and their objects: rates, latency, positions and their uncertainty.
 
@@ -159,23 +153,15 @@ def command(
     Example: pointit track conveyor --watch
     """
     quiet()
-    return run_until_shutdown(
-        _measure(trackers, window_s, watch=watch, as_json=as_json, site=site, connect=connect)
-    )
+    return run_until_shutdown(_measure(trackers, window_s, watch=watch, as_json=as_json, **at))
 
 
 async def _measure(
-    names: tuple[str, ...],
-    window_s: float,
-    *,
-    watch: bool,
-    as_json: bool,
-    site: str,
-    connect: tuple[str, ...],
+    names: tuple[str, ...], window_s: float, *, watch: bool, as_json: bool, **at: Unpack[AtSite]
 ) -> int:
     loop = asyncio.get_running_loop()
     meters = TrackerMeters(names)
-    async with join_site(site, connect) as bus:
+    async with join_site(**at) as bus:
 
         def on_objects(message: TrackedObjects, tracker: str) -> None:
             meters.add(tracker, message, arrived_s=loop.time(), arrived_ns=time.time_ns())

@@ -2,13 +2,21 @@
 
 import asyncio
 import math
+from typing import Unpack
 
 import click
 
 from pointit.cli.common.keyboard import changing_line
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED, json_option, print_json, say
-from pointit.cli.common.site_link import LatestMessage, default_address_note, join_site, quiet, site_options
+from pointit.cli.common.site_link import (
+    AtSite,
+    LatestMessage,
+    default_address_note,
+    join_site,
+    quiet,
+    site_options,
+)
 from pointit.cli.people import pose_text
 from pointit.cli.people.anchoring import LATE_S, Anchoring
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
@@ -36,9 +44,7 @@ def timeout_option(default_s: float = 30.0) -> click.Option:
 @click.argument("user")
 @click.argument("lamp", default="")
 @json_option
-def command(
-    user: str, lamp: str, *, timeout_s: float, as_json: bool, site: str, connect: tuple[str, ...]
-) -> int:
+def command(user: str, lamp: str, *, timeout_s: float, as_json: bool, **at: Unpack[AtSite]) -> int:
     """Have the person USER point at LAMP, without a cursor, and correct their pose by it.
 
     The lamp lights up; USER points at it with a straight arm until it goes dark. LAMP may also be a robot
@@ -51,13 +57,11 @@ def command(
     """
     check_name(user, "user")
     quiet()
-    return run_until_shutdown(_anchor(user, lamp, timeout_s, as_json=as_json, site=site, connect=connect))
+    return run_until_shutdown(_anchor(user, lamp, timeout_s, as_json=as_json, **at))
 
 
-async def _anchor(
-    user: str, lamp: str, timeout_s: float, *, as_json: bool, site: str, connect: tuple[str, ...]
-) -> int:
-    async with join_site(site, connect) as bus:
+async def _anchor(user: str, lamp: str, timeout_s: float, *, as_json: bool, **at: Unpack[AtSite]) -> int:
+    async with join_site(**at) as bus:
         poses = LatestMessage(bus, POSE, user)
         anchoring = Anchoring(bus, user)
         before = await poses.wait(SHORT_S)
@@ -72,7 +76,7 @@ async def _anchor(
     if as_json:
         print_json(_fields(user, anchor, before, after))
     else:
-        say(f"{user}: {sentence(anchor, before, after)}{default_address_note(site, connect)}")
+        say(f"{user}: {sentence(anchor, before, after)}{default_address_note(**at)}")
     return 0 if anchor.accepted else EXIT_FAILED
 
 

@@ -4,7 +4,7 @@ import asyncio
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Unpack
 
 import click
 
@@ -14,6 +14,7 @@ from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED, json_option, print_json, say
 from pointit.cli.common.site_link import (
     PATIENCE_S,
+    AtSite,
     default_address_note,
     join_site,
     notify_if_slow,
@@ -99,8 +100,7 @@ def command(
     show: bool,
     erase: bool,
     as_json: bool,
-    site: str,
-    connect: tuple[str, ...],
+    **at: Unpack[AtSite],
 ) -> int:
     """Measure and store the mounting of the person USER's sensor on the arm.
 
@@ -116,20 +116,18 @@ def command(
         raise UnknownNameError("--show and --erase exclude each other")
     quiet()
     if show or erase:
-        return run_until_shutdown(_keep(user, erase=erase, as_json=as_json, site=site, connect=connect))
+        return run_until_shutdown(_keep(user, erase=erase, as_json=as_json, **at))
     way = GuidanceOptions(
         rest_s=rest_s,
         timeout_s=timeout_s,
         waits=not non_interactive,
         asks=not (yes or non_interactive or as_json),
     )
-    return run_until_shutdown(_measure(user, way, as_json=as_json, site=site, connect=connect))
+    return run_until_shutdown(_measure(user, way, as_json=as_json, **at))
 
 
-async def _measure(
-    user: str, way: GuidanceOptions, *, as_json: bool, site: str, connect: tuple[str, ...]
-) -> int:
-    async with join_site(site, connect) as bus:
+async def _measure(user: str, way: GuidanceOptions, *, as_json: bool, **at: Unpack[AtSite]) -> int:
+    async with join_site(**at) as bus:
         try:
             found = await measure(bus, user, way)
             if not as_json:
@@ -144,7 +142,7 @@ async def _measure(
     if as_json:
         print_json({"user": user, **fields(found), **_reply_fields(reply)})
         return 0
-    say(f"{user}: {reply.message}{default_address_note(site, connect)}")
+    say(f"{user}: {reply.message}{default_address_note(**at)}")
     if abs(found.heading_change_rad) > NOTICEABLE_RAD:
         click.echo(
             f"{user}: with it the direction turns by {math.degrees(found.heading_change_rad):.0f}°: correct "
@@ -290,16 +288,16 @@ def _reply_fields(reply: SetMountingReply) -> dict[str, Any]:
     return {"sensor_from_arm_xyzw": reply.sensor_from_arm_xyzw, "message": reply.message}
 
 
-async def _keep(user: str, *, erase: bool, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
+async def _keep(user: str, *, erase: bool, as_json: bool, **at: Unpack[AtSite]) -> int:
     """Show or delete the mounting: by imu-bridge if it runs, else in the file on this machine."""
     # an identity rotation queries the mounting in use
     query = SetMounting() if erase else SetMounting(sensor_from_arm_xyzw=IDENTITY, is_relative=True)
-    reply = await query_site(site, connect, lambda bus: bus.call(SET_MOUNTING, query, user))
+    reply = await query_site(lambda bus: bus.call(SET_MOUNTING, query, user), **at)
     if reply is not None:
         if as_json:
             print_json({"user": user, "from": "imu-bridge", **_reply_fields(reply)})
         else:
-            say(f"{user}: {reply.message}{default_address_note(site, connect) if erase else ''}")
+            say(f"{user}: {reply.message}{default_address_note(**at) if erase else ''}")
         return 0
     file = StateFile(StoredMountings, user, PURPOSE)
     if erase:

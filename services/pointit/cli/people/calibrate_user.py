@@ -4,7 +4,7 @@ import asyncio
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Unpack
 
 import click
 
@@ -13,6 +13,7 @@ from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import INTERRUPTED, Section, console, json_option, print_json, print_table, say
 from pointit.cli.common.site_link import (
     PATIENCE_S,
+    AtSite,
     LatestMessage,
     default_address_note,
     join_site,
@@ -85,8 +86,7 @@ def command(
     show: bool,
     erase: bool,
     as_json: bool,
-    site: str,
-    connect: tuple[str, ...],
+    **at: Unpack[AtSite],
 ) -> int:
     """Measure and store the pointing offset of the person USER.
 
@@ -104,16 +104,14 @@ def command(
         raise UnknownNameError("--show and --erase exclude each other")
     quiet()
     if show or erase:
-        return run_until_shutdown(_keep(user, erase=erase, as_json=as_json, site=site, connect=connect))
+        return run_until_shutdown(_keep(user, erase=erase, as_json=as_json, **at))
     names = [name.strip() for text in lamps for name in text.split(",") if name.strip()]
     wanted = CalibrationOptions(lamps=names, count=count, timeout_s=timeout_s, keeps=not dry_run)
-    return run_until_shutdown(_measure(user, wanted, as_json=as_json, site=site, connect=connect))
+    return run_until_shutdown(_measure(user, wanted, as_json=as_json, **at))
 
 
-async def _measure(
-    user: str, wanted: CalibrationOptions, *, as_json: bool, site: str, connect: tuple[str, ...]
-) -> int:
-    async with join_site(site, connect) as bus:
+async def _measure(user: str, wanted: CalibrationOptions, *, as_json: bool, **at: Unpack[AtSite]) -> int:
+    async with join_site(**at) as bus:
         clock = SiteClock(bus)
         anchoring = Anchoring(bus, user)
         lamps = await _lamps(bus, user, wanted.lamps)
@@ -146,7 +144,7 @@ async def _measure(
         said = ". ".join(filter(None, (problem, "nothing is changed (--dry-run)")))
         if wanted.keeps:
             reply = await bus.call(SET_OFFSET, SetOffset(offset=fitted.offset), user)
-            said = reply.message + default_address_note(site, connect)
+            said = reply.message + default_address_note(**at)
     if as_json:
         offset = fitted.offset.model_dump(mode="json")
         told = [table_row(row) for row in rows]
@@ -237,19 +235,19 @@ def _show(user: str, rows: Sequence[AnchorResidual]) -> None:
     print_table(console(), section)
 
 
-async def _keep(user: str, *, erase: bool, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
+async def _keep(user: str, *, erase: bool, as_json: bool, **at: Unpack[AtSite]) -> int:
     """Show or delete the offset: by the supervisor if it runs, else in the file on this machine."""
     file = StateFile(PointingOffset, user, OFFSET_PURPOSE)
     if erase:
-        reply = await query_site(site, connect, lambda bus: bus.call(SET_OFFSET, SetOffset(), user))
+        reply = await query_site(lambda bus: bus.call(SET_OFFSET, SetOffset(), user), **at)
         if reply is None:
             return erase_local(user, file, "offset", as_json=as_json)
         if as_json:
             print_json({"user": user, "from": "supervisor", "message": reply.message})
         else:
-            say(f"{user}: {reply.message}{default_address_note(site, connect)}")
+            say(f"{user}: {reply.message}{default_address_note(**at)}")
         return 0
-    profile = await query_site(site, connect, lambda bus: _profile(bus, user))
+    profile = await query_site(lambda bus: _profile(bus, user), **at)
     if profile is not None:
         offset = profile.offset
         if as_json:

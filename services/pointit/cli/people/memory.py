@@ -2,11 +2,12 @@
 
 import math
 from collections.abc import Iterable, Iterator
+from typing import Unpack
 
 import click
 
 from pointit.cli.common.output import json_option, print_json, say
-from pointit.cli.common.site_link import default_address_note, quiet, site_options
+from pointit.cli.common.site_link import AtSite, default_address_note, quiet, site_options
 from pointit.cli.people.stored_calibration import erase_local, query_site, read_local
 from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.schemas import EraseMemory, LearntPointing, ReadMemory
@@ -19,7 +20,7 @@ from pointit.services.supervisor.offset_messages import minute
 @click.argument("user")
 @click.option("--erase", is_flag=True, help="forget it all: the next localization knows nothing of USER")
 @json_option
-def command(user: str, *, erase: bool, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
+def command(user: str, *, erase: bool, as_json: bool, **at: Unpack[AtSite]) -> int:
     """Show or erase what localizations found of the pointing of the person USER.
 
     Each localization by pointing starts from what the last ones found with the same kind of device and
@@ -30,21 +31,21 @@ def command(user: str, *, erase: bool, as_json: bool, site: str, connect: tuple[
     """
     check_name(user, "user")
     quiet()
-    return run_until_shutdown(_memory(user, erase=erase, as_json=as_json, site=site, connect=connect))
+    return run_until_shutdown(_memory(user, erase=erase, as_json=as_json, **at))
 
 
-async def _memory(user: str, *, erase: bool, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
+async def _memory(user: str, *, erase: bool, as_json: bool, **at: Unpack[AtSite]) -> int:
     file = memory_file(user)
     if erase:
-        done = await query_site(site, connect, lambda bus: bus.call(ERASE_MEMORY, EraseMemory(), user))
+        done = await query_site(lambda bus: bus.call(ERASE_MEMORY, EraseMemory(), user), **at)
         if done is None:
             return erase_local(user, file, "memory", as_json=as_json)
         if as_json:
             print_json({"user": user, "from": "localizer", **done.model_dump(mode="json")})
         else:
-            say(f"{user}: {done.message}{default_address_note(site, connect)}")
+            say(f"{user}: {done.message}{default_address_note(**at)}")
         return 0
-    reply = await query_site(site, connect, lambda bus: bus.call(READ_MEMORY, ReadMemory(), user))
+    reply = await query_site(lambda bus: bus.call(READ_MEMORY, ReadMemory(), user), **at)
     if reply is None:
         stored = read_local(user, file, "memory", as_json=as_json)
         if stored is not None:

@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+from typing import Unpack
 
 import click
 
@@ -11,6 +12,7 @@ from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED, json_option, print_json, say
 from pointit.cli.common.site_link import (
     PATIENCE_S,
+    AtSite,
     LatestMessage,
     default_address_note,
     join_site,
@@ -93,8 +95,7 @@ def command(
     facing_deg: float | None,
     now: bool,
     as_json: bool,
-    site: str,
-    connect: tuple[str, ...],
+    **at: Unpack[AtSite],
 ) -> int:
     """Show or set a person's pose."""
     check_name(user, "user")
@@ -109,7 +110,7 @@ def command(
     if facing_deg is not None and not now:
         check_keyboard(WITHOUT_KEYBOARD)  # before anything is changed
     asked = _Asked(query, keeps_yaw=yaw_deg is None, facing_deg=facing_deg, now=now)
-    return run_until_shutdown(_pose(user, asked, as_json=as_json, site=site, connect=connect))
+    return run_until_shutdown(_pose(user, asked, as_json=as_json, **at))
 
 
 class _Asked:
@@ -146,8 +147,8 @@ def _place(words: tuple[str, ...], yaw_deg: float | None) -> SetPose | None:
     return SetPose(position_m=(x, y, z), yaw_rad=math.radians(yaw_deg or 0.0))
 
 
-async def _pose(user: str, asked: _Asked, *, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
-    async with join_site(site, connect) as bus:
+async def _pose(user: str, asked: _Asked, *, as_json: bool, **at: Unpack[AtSite]) -> int:
+    async with join_site(**at) as bus:
         clock = SiteClock(bus)
         poses, news = LatestMessage(bus, POSE, user), LatestMessage(bus, LOCALIZATION, user)
         try:
@@ -163,7 +164,7 @@ async def _pose(user: str, asked: _Asked, *, as_json: bool, site: str, connect: 
             return INTERRUPTED
         if said and not as_json:
             for sentence in said:
-                say(f"{user}: {sentence}{default_address_note(site, connect)}")
+                say(f"{user}: {sentence}{default_address_note(**at)}")
             return 0
         pose = await found(bus, user, poses, news)
         await clock.wait_for_tick(CLOCK_PATIENCE_S)

@@ -1,12 +1,12 @@
 """`pointit person press USER`: a person's button, for devices without one."""
 
-from typing import cast
+from typing import Unpack, cast
 
 import click
 
 from pointit.api.press import Gesture, press
 from pointit.cli.common.output import json_option, print_json, say
-from pointit.cli.common.site_link import join_site, quiet, site_options
+from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
 from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.errors import AccessDeniedError
 from pointit.runtime.service.shutdown import run_until_shutdown
@@ -23,7 +23,7 @@ from pointit.schemas.topics import BUTTON, check_name
     help="press: start or stop; double: point at one lamp to correct the pose; hold: localize again",
 )
 @json_option
-def command(user: str, *, gesture: str, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
+def command(user: str, *, gesture: str, as_json: bool, **at: Unpack[AtSite]) -> int:
     """Press the button of the person USER, and print the resulting state and the next step.
 
     The exit code is 1 if that person has no supervisor.
@@ -32,13 +32,11 @@ def command(user: str, *, gesture: str, as_json: bool, site: str, connect: tuple
     """
     check_name(user, "user")
     quiet()
-    return run_until_shutdown(
-        _press(user, cast("Gesture", gesture), as_json=as_json, site=site, connect=connect)
-    )
+    return run_until_shutdown(_press(user, cast("Gesture", gesture), as_json=as_json, **at))
 
 
-async def _press(user: str, gesture: Gesture, *, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
-    async with join_site(site, connect) as bus:
+async def _press(user: str, gesture: Gesture, *, as_json: bool, **at: Unpack[AtSite]) -> int:
+    async with join_site(**at) as bus:
         if denied := await bus.denial_reason("writes", BUTTON, user):
             raise AccessDeniedError(denied)
         answer = await press(bus, SiteClock(bus), user, gesture)

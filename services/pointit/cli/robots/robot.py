@@ -2,13 +2,13 @@
 
 import asyncio
 from collections.abc import Collection, Mapping
-from typing import Literal
+from typing import Literal, Unpack
 
 import click
 
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import Row, Section, json_option, print_json, say, show
-from pointit.cli.common.site_link import join_site, quiet, site_options
+from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
 from pointit.runtime.bus.contract import Bus, list_present
 from pointit.runtime.errors import PointItError
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
@@ -92,7 +92,7 @@ def _row(name: str, found: Found) -> Row:
 
 @click.command("list", params=site_options())
 @json_option
-def list_robots(*, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
+def list_robots(*, as_json: bool, **at: Unpack[AtSite]) -> int:
     """List the robots of a site: where each is, who steers it, and why it does not move.
 
     The exit code is 1 if there is none.
@@ -100,11 +100,11 @@ def list_robots(*, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
     Example: pointit robot list --json
     """
     quiet()
-    return run_until_shutdown(_list(as_json=as_json, site=site, connect=connect))
+    return run_until_shutdown(_list(as_json=as_json, **at))
 
 
-async def _list(*, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
-    async with join_site(site, connect) as bus:
+async def _list(*, as_json: bool, **at: Unpack[AtSite]) -> int:
+    async with join_site(**at) as bus:
         found = rows(await find_robots(bus))
     if not found and not as_json:
         say("no robot is here; start one: `pointit service run robot --name NAME`", err=True)
@@ -120,13 +120,7 @@ async def _list(*, as_json: bool, site: str, connect: tuple[str, ...]) -> int:
 @click.option("--reason", default="", metavar="TEXT", help="why, for who steers it, in a few words")
 @json_option
 def stop(
-    names: tuple[str, ...],
-    *,
-    everything: bool,
-    reason: str,
-    as_json: bool,
-    site: str,
-    connect: tuple[str, ...],
+    names: tuple[str, ...], *, everything: bool, reason: str, as_json: bool, **at: Unpack[AtSite]
 ) -> int:
     """Stop the robots NAME, or --all: each stays where it is until somebody takes it again.
 
@@ -143,13 +137,11 @@ def stop(
         check_name(name, "robot")
     query = StopRobot(reason=reason[:200])
     quiet()
-    return run_until_shutdown(_stop(names, query.reason, as_json=as_json, site=site, connect=connect))
+    return run_until_shutdown(_stop(names, query.reason, as_json=as_json, **at))
 
 
-async def _stop(
-    names: tuple[str, ...], reason: str, *, as_json: bool, site: str, connect: tuple[str, ...]
-) -> int:
-    async with join_site(site, connect) as bus:
+async def _stop(names: tuple[str, ...], reason: str, *, as_json: bool, **at: Unpack[AtSite]) -> int:
+    async with join_site(**at) as bus:
         meant = names or tuple(name for name, found in (await find_robots(bus)).items() if found != "lost")
         problems = await stop_robots(bus, meant, reason)
     if as_json:

@@ -8,35 +8,10 @@ from typing import ClassVar
 
 from pydantic import BaseModel, Field
 
-from pointit.plugins import (
-    NS_PER_S,
-    Config,
-    Context,
-    Cursor,
-    Deliver,
-    Delivery,
-    ImuSource,
-    LedOutput,
-    Message,
-    MethodConfig,
-    OutputConfig,
-    PointingSample,
-    Reading,
-    SelectionMethod,
-    SelectionProgress,
-    Service,
-    ServicePlugin,
-    Strip,
-    StripsFrame,
-    Surroundings,
-    Topic,
-    rotation,
-    sleep,
-    topics,
-)
+from pointit import plugins
 
 
-class WavingConfig(Config):
+class WavingConfig(plugins.Config):
     """Parameters of the wrist."""
 
     rate_hz: float = Field(default=50, gt=0, description="samples per second")
@@ -45,20 +20,22 @@ class WavingConfig(Config):
 class Waving:
     """An arm that sweeps from side to side."""
 
-    def __init__(self, config: WavingConfig, surroundings: Surroundings) -> None:
+    def __init__(self, config: WavingConfig, surroundings: plugins.Surroundings) -> None:
         self._config = config
         self._clock = surroundings.clock
 
-    async def run(self, deliver: Deliver) -> None:
+    async def run(self, deliver: plugins.Deliver) -> None:
         """Deliver readings until cancelled."""
         while True:
             now_ns = self._clock.now_ns()
-            azimuth_rad = math.radians(30) * math.sin(now_ns / NS_PER_S)
-            deliver(Reading(now_ns, rotation.from_azimuth_elevation(azimuth_rad, math.radians(2))))
-            await sleep(self._clock, 1 / self._config.rate_hz)
+            azimuth_rad = math.radians(30) * math.sin(now_ns / plugins.NS_PER_S)
+            deliver(
+                plugins.Reading(now_ns, plugins.rotation.from_azimuth_elevation(azimuth_rad, math.radians(2)))
+            )
+            await plugins.sleep(self._clock, 1 / self._config.rate_hz)
 
 
-class NotebookConfig(OutputConfig):
+class NotebookConfig(plugins.OutputConfig):
     """Parameters of the light."""
 
     path: str = Field(default="", description="file that gets a line for each frame")
@@ -67,15 +44,15 @@ class NotebookConfig(OutputConfig):
 class Notebook:
     """A light that writes the brightest byte of each frame to a file."""
 
-    def __init__(self, config: NotebookConfig, _surroundings: Surroundings) -> None:
+    def __init__(self, config: NotebookConfig, _surroundings: plugins.Surroundings) -> None:
         self._path = Path(config.path)
         self.light_s = 0.0
 
-    def set_strips(self, strips: Sequence[Strip]) -> None:
+    def set_strips(self, strips: Sequence[plugins.Strip]) -> None:
         """Write the number of strips."""
         self._write(f"{len(strips)} strips")
 
-    def show(self, frame: StripsFrame, age_s: float = 0.0) -> None:
+    def show(self, frame: plugins.StripsFrame, age_s: float = 0.0) -> None:
         """Write the brightest byte of the frame, and the age of what it shows."""
         self._write(f"{max(max(strip.rgb) for strip in frame.strips)} after {age_s:.3f} s")
 
@@ -100,60 +77,60 @@ class Chosen(BaseModel):
 class Eager:
     """A method that selects at first sight."""
 
-    def __init__(self, config: MethodConfig, surroundings: Surroundings) -> None:
+    def __init__(self, config: plugins.MethodConfig, surroundings: plugins.Surroundings) -> None:
         surroundings.state_file(Chosen).write(Chosen(dwell_s=config.dwell_s))
         self.latched: set[str] = set()
 
-    def step(self, pointing: PointingSample) -> SelectionProgress:
+    def step(self, pointing: plugins.PointingSample) -> plugins.SelectionProgress:
         """Select what is under the cursor, once."""
         under = pointing.under
         if under is None or under in self.latched or not pointing.acts(under):
-            return SelectionProgress(under)
+            return plugins.SelectionProgress(under)
         self.latch(under)
-        return SelectionProgress(under, fired=under)
+        return plugins.SelectionProgress(under, fired=under)
 
     def latch(self, object_id: str) -> None:
         """Ignore it from now on."""
         self.latched.add(object_id)
 
 
-class Witnessed(Message):
+class Witnessed(plugins.Message):
     """Number of cursors of a person."""
 
     cursors: int = 0
 
 
-WITNESSED = Topic(
+WITNESSED = plugins.Topic(
     key="witness/{user}",
     message=Witnessed,
-    delivery=Delivery.STATE,
+    delivery=plugins.Delivery.STATE,
     rate_hz=None,
     writers=("witness",),
     about="number of cursors",
 )
 
 
-class WitnessConfig(Config):
+class WitnessConfig(plugins.Config):
     """Parameters of the service."""
 
     path: str = Field(default="", description="file that gets the number of cursors of each report")
 
 
-class Witness(Service[WitnessConfig]):
+class Witness(plugins.Service[WitnessConfig]):
     """Counts cursors and reads its own reports."""
 
     NAME: ClassVar[str] = "witness"
     SCOPE: ClassVar = "site"
     CONFIG = WitnessConfig
 
-    def __init__(self, config: WitnessConfig, context: Context) -> None:
+    def __init__(self, config: WitnessConfig, context: plugins.Context) -> None:
         super().__init__(config, context)
         self._count = 0
         self._reports = self.bus.publisher(WITNESSED, "user1")
         self.bus.subscribe(WITNESSED, self._on_report)
-        self.bus.subscribe(topics.CURSOR, self._on_cursor)
+        self.bus.subscribe(plugins.topics.CURSOR, self._on_cursor)
 
-    def _on_cursor(self, cursor: Cursor, _user: str) -> None:
+    def _on_cursor(self, cursor: plugins.Cursor, _user: str) -> None:
         self._count += 1
         self._reports.put(Witnessed(stamp_ns=cursor.stamp_ns, cursors=self._count))
 
@@ -162,13 +139,15 @@ class Witness(Service[WitnessConfig]):
             file.write(f"{user} {report.cursors}\n")
 
 
-WAVING = ImuSource(summary="an arm that waves", config=WavingConfig, make=Waving, argument="rate_hz")
-NOTEBOOK = LedOutput(summary="writes frames to a file", config=NotebookConfig, make=Notebook, argument="path")
-EAGER = SelectionMethod(summary="selects at first sight", config=MethodConfig, make=Eager)
-WITNESS = ServicePlugin(
+WAVING = plugins.ImuSource(summary="an arm that waves", config=WavingConfig, make=Waving, argument="rate_hz")
+NOTEBOOK = plugins.LedOutput(
+    summary="writes frames to a file", config=NotebookConfig, make=Notebook, argument="path"
+)
+EAGER = plugins.SelectionMethod(summary="selects at first sight", config=plugins.MethodConfig, make=Eager)
+WITNESS = plugins.ServicePlugin(
     summary="counts cursors",
     config=WitnessConfig,
     make=Witness,
-    reads=(topics.CURSOR, WITNESSED),
+    reads=(plugins.topics.CURSOR, WITNESSED),
     writes=(WITNESSED,),
 )

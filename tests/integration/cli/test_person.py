@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 from pointit.services.localizer.service import Localizer
+from pointit.services.pointing.service import Pointing
 from tests.support.cli_site import Site
 
 ANNA = "anna"
@@ -33,8 +34,7 @@ async def test_the_localizer_shows_and_erases_it(site: Site, own_state: Path) ->
     path, bens = keep(own_state, ANNA), keep(own_state, "ben")
     site.start(Localizer, ANNA)
     await site.arrived("localizer.anna")
-    shown = await site.pointit("person", "memory", ANNA)
-    assert shown.code == 0, shown.err
+    shown = await site.pointit("person", "memory", ANNA, code=0)
     assert shown.out.startswith(TOLD)
     told = json.loads((await site.pointit("person", "memory", ANNA, "--json")).out)
     assert told["from"] == "localizer"
@@ -50,10 +50,17 @@ async def test_without_a_localizer_the_file_on_this_machine_is_shown_and_erased(
     site: Site, own_state: Path
 ) -> None:
     path = keep(own_state, ANNA)
-    shown = await site.pointit("person", "memory", ANNA)
-    assert shown.code == 0, shown.err
+    shown = await site.pointit("person", "memory", ANNA, code=0)
     assert TOLD in shown.out
     erased = await site.pointit("person", "memory", ANNA, "--erase")
     assert "was deleted" in erased.out
     assert not path.exists()
     assert "no memory is stored on this machine" in (await site.pointit("person", "memory", ANNA)).out
+
+
+async def test_setting_the_pose_of_a_person_who_is_not_there_names_who_is(site: Site) -> None:
+    site.start(Pointing, "user1")
+    await site.arrived("pointing.user1")
+    for place in ((), ("1", "1")):
+        ended = await site.pointit("person", "pose", "user9", *place, code=1)
+        assert "no user9 is on this site, there is user1; did you mean user1" in ended.sentence

@@ -1,13 +1,16 @@
-"""Help and errors fit a terminal of 80 columns, words whole."""
+"""Help, options and errors: all explained, shown once, in 80 columns, words whole."""
 
 import asyncio
+import re
 
 import click
 import pytest
 from click.testing import CliRunner
 
+from pointit.cli.common.lazy import LazyGroup
+from pointit.cli.common.panels import PanelCommand
 from pointit.cli.common.site_link import default_address_note, notify_if_slow
-from pointit.cli.main import PATHS, command, wrap_message
+from pointit.cli.main import PATHS, command, front, wrap_message
 from pointit.runtime.errors import NoAnswerError
 
 
@@ -85,3 +88,65 @@ async def test_a_long_wait_is_told_of_and_a_short_one_is_not(
     with notify_if_slow("waiting for the map …"):
         await asyncio.sleep(0.1)
     assert capsys.readouterr().err == "waiting for the map …\n"
+
+
+def loaded(words: str) -> PanelCommand:
+    found: click.Command | None = command
+    with click.Context(command) as context:
+        for word in words.split():
+            assert isinstance(found, click.Group)
+            found = found.get_command(context, word)
+    assert isinstance(found, PanelCommand)
+    return found
+
+
+@pytest.mark.parametrize("words", ["run", "person add"])
+def test_every_option_is_shown_once(words: str) -> None:
+    text = CliRunner().invoke(command, [*words.split(), "--help"], prog_name="pointit").output
+    found = loaded(words)
+    options = [option for option in found.params if isinstance(option, click.Option)]
+    for option in options:
+        assert len(re.findall(rf"^  {option.opts[0]}\b(?!-)", text, re.MULTILINE)) == 1, option.opts
+    assert all(f"\n{heading}:\n" in text for heading in (*found.panels, "Other options"))
+
+
+def test_panels_name_only_options() -> None:
+    both = [loaded("run"), loaded("person add")]
+    options = {option.name for each in both for option in each.params}
+    assert {name for each in both for names in each.panels.values() for name in names} <= options
+
+
+def options(command: click.Command, path: tuple[str, ...] = ()) -> list[tuple[tuple[str, ...], click.Option]]:
+    found = [
+        (path, option)
+        for option in command.params
+        if isinstance(option, click.Option) and isinstance(option.type, click.FloatRange)
+    ]
+    if isinstance(command, click.Group):
+        context = click.Context(command)
+        for name in command.list_commands(context):
+            inner = command.get_command(context, name)
+            if inner is not None and (*path, name) != ("service", "run"):  # pydantic checks parameters
+                found += options(inner, (*path, name))
+    return found
+
+
+NUMBERS = options(front())
+
+
+def test_there_are_numbers_to_look_at() -> None:
+    assert isinstance(front(), LazyGroup)
+    assert len(NUMBERS) > 8
+
+
+@pytest.mark.parametrize(("path", "option"), NUMBERS, ids=lambda value: str(getattr(value, "name", value)))
+def test_nan_is_no_number(path: tuple[str, ...], option: click.Option) -> None:
+    with pytest.raises(click.BadParameter, match="finite"):
+        option.type.convert("nan", option, None)
+    del path
+
+
+def test_the_command_says_so() -> None:
+    result = CliRunner().invoke(front(), ["person", "pose", "anna", "1", "2", "--yaw", "nan"])
+    assert result.exit_code == 2
+    assert "not a finite number" in result.output

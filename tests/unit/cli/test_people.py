@@ -1,25 +1,31 @@
-"""A button pressed from the command line, with a real supervisor on the memory bus."""
+"""A button pressed from the command line, and anchors that are given up."""
+
+import asyncio
+from typing import Literal
 
 import pytest
 
+from pointit import schemas
 from pointit.api.press import press
+from pointit.cli.people.anchoring import Anchoring
 from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.errors import NoAnswerError
-from pointit.schemas import ButtonEvent, Feedback, Interaction, UserPose
-from pointit.schemas.topics import BUTTON, FEEDBACK, INTERACTION, POSE, SERVICE_ALIVE
+from pointit.schemas import topics
 from pointit.services.supervisor.service import Supervisor
-from tests.support.bench import Bench, memory_bench
+from tests.support.bench import Bench, memory_bench, until
 
 ANNA = "anna"
 
 
 def put_pose(bench: Bench) -> None:
-    bench.put(POSE, UserPose(stamp_ns=bench.clock.now_ns(), position_m=(0, 0, 0), yaw_rad=0), ANNA)
+    bench.put(
+        topics.POSE, schemas.UserPose(stamp_ns=bench.clock.now_ns(), position_m=(0, 0, 0), yaw_rad=0), ANNA
+    )
 
 
 async def test_it_presses_and_returns_what_followed() -> None:
     async with memory_bench() as bench:
-        buttons: list[ButtonEvent] = bench.collect(BUTTON, ANNA)
+        buttons: list[schemas.ButtonEvent] = bench.collect(topics.BUTTON, ANNA)
         bench.start(Supervisor, user=ANNA)
         put_pose(bench)
         await bench.settle()
@@ -49,10 +55,10 @@ async def test_what_changes_nothing_is_answered_too() -> None:
 
 async def test_a_cue_of_pointing_past_is_no_answer() -> None:
     async with memory_bench() as bench:
-        bench.bus.announce(SERVICE_ALIVE, "supervisor.anna")
-        bench.put(INTERACTION, Interaction(stamp_ns=1, state="pointing"), ANNA)
-        past = Feedback(stamp_ns=2, cue="target", text="you point below", turn_rad=(0.0, 0.3))
-        bench.bus.subscribe(BUTTON, lambda _event, _user: bench.put(FEEDBACK, past, ANNA))
+        bench.bus.announce(topics.SERVICE_ALIVE, "supervisor.anna")
+        bench.put(topics.INTERACTION, schemas.Interaction(stamp_ns=1, state="pointing"), ANNA)
+        past = schemas.Feedback(stamp_ns=2, cue="target", text="you point below", turn_rad=(0.0, 0.3))
+        bench.bus.subscribe(topics.BUTTON, lambda _event, _user: bench.put(topics.FEEDBACK, past, ANNA))
         with pytest.raises(NoAnswerError, match="did not answer"):
             await press(bench.bus, SiteClock(bench.bus), ANNA, "press", patience_s=0.2)
 
@@ -61,21 +67,48 @@ async def test_nobody_who_answers_is_one_sentence() -> None:
     async with memory_bench() as bench:
         with pytest.raises(NoAnswerError, match=r"anna has no supervisor: .* `pointit person add anna`"):
             await press(bench.bus, SiteClock(bench.bus), ANNA, "press", patience_s=0.05)
-        bench.bus.announce(SERVICE_ALIVE, "supervisor.ben")
+        bench.bus.announce(topics.SERVICE_ALIVE, "supervisor.ben")
         with pytest.raises(NoAnswerError, match=r"anna has no supervisor: there is ben; add them with"):
             await press(bench.bus, SiteClock(bench.bus), ANNA, "press", patience_s=0.05)
-        bench.bus.announce(SERVICE_ALIVE, "supervisor.anne")
+        bench.bus.announce(topics.SERVICE_ALIVE, "supervisor.anne")
         with pytest.raises(NoAnswerError, match=r"did you mean anne, or add them with .* add anna`\?"):
             await press(bench.bus, SiteClock(bench.bus), ANNA, "press", patience_s=0.05)
 
 
 async def test_a_supervisor_that_hangs_is_one_sentence() -> None:
     async with memory_bench() as bench:
-        bench.bus.announce(SERVICE_ALIVE, "supervisor.anna")
+        bench.bus.announce(topics.SERVICE_ALIVE, "supervisor.anna")
         with pytest.raises(NoAnswerError, match="present but says nothing"):
             await press(bench.bus, SiteClock(bench.bus), ANNA, "press", patience_s=0.05)
-        interaction = Interaction(stamp_ns=1, state="idle", next_step="Press.", reason="")
-        bench.put(INTERACTION, interaction, ANNA)
+        interaction = schemas.Interaction(stamp_ns=1, state="idle", next_step="Press.", reason="")
+        bench.put(topics.INTERACTION, interaction, ANNA)
         for gesture in ("press", "double"):
             with pytest.raises(NoAnswerError, match=r"supervisor\.anna did not answer within 0\.05 s"):
                 await press(bench.bus, SiteClock(bench.bus), ANNA, gesture, patience_s=0.05)
+
+
+@pytest.mark.parametrize(("phase", "called_off"), [("idle", ["cancel"]), ("sampling", [])])
+async def test_who_gives_up_before_the_answer_leaves_no_lamp_lit(
+    phase: Literal["idle", "sampling"], called_off: list[str]
+) -> None:
+    asked: list[str] = []
+
+    async def point(_query: schemas.PointAnchor, _user: str) -> schemas.Done:
+        asked.append("anchor")
+        await asyncio.Event().wait()
+        return schemas.Done()
+
+    async def cancel(_query: schemas.CancelLocalization, _user: str) -> schemas.Done:
+        asked.append("cancel")
+        return schemas.Done()
+
+    async with memory_bench() as bench:
+        bench.bus.serve(topics.POINT_ANCHOR, point, ANNA)
+        bench.bus.serve(topics.CANCEL_LOCALIZATION, cancel, ANNA)
+        bench.put(topics.LOCALIZATION, schemas.Localization(stamp_ns=1, phase=phase, since_ns=1), ANNA)
+        pointing = asyncio.create_task(Anchoring(bench.bus, ANNA).point("led_1", 5.0, lambda _text: None))
+        await until(lambda: asked == ["anchor"])
+        pointing.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await pointing
+    assert asked == ["anchor", *called_off]

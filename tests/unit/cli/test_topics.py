@@ -1,0 +1,180 @@
+"""Topics, requests and services: tables as they are, typed keys and values."""
+
+import io
+import json
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console
+
+from pointit.cli.common.lazy import UnknownNameError
+from pointit.cli.common.output import print_table
+from pointit.cli.common.topic_names import Wanted, resolve, resolve_all
+from pointit.cli.inspect.call import build, requests
+from pointit.cli.main import command
+from pointit.schemas import ImuSample, SetFeeding, SetPose, SetSpeed, topics
+from pointit.services.registry import PROCESSES
+
+
+def invoke(*arguments: str) -> str:
+    result = CliRunner().invoke(command, list(arguments))
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def records(*arguments: str) -> dict[str, list[dict[str, Any]]]:
+    parsed: dict[str, list[dict[str, Any]]] = json.loads(invoke(*arguments, "--json"))
+    return parsed
+
+
+def test_topics_shows_every_row_on_one_line() -> None:
+    lines = invoke("topic", "list").splitlines()
+    for topic in topics.TOPICS:
+        (line,) = (line for line in lines if line.split()[:1] == [topic.key])
+        assert topic.message.schema_name() in line
+        assert f" {topic.delivery.value} " in line
+        assert ", ".join(topic.writers) in line
+        assert topic.about in line
+        assert topic.rate_hz is None or f" {topic.rate_hz:g} " in line
+
+
+def test_topics_as_json() -> None:
+    tables = records("topic", "list")
+    assert list(tables) == ["topics", "requests", "presence"]
+    assert [row["key"] for row in tables["topics"]] == [topic.key for topic in topics.TOPICS]
+    assert tables["topics"][0] == {
+        "key": topics.TOPICS[0].key,
+        "message": f"ImuSample.v{ImuSample.version}",
+        "delivery": "latest",
+        "rate_hz": 50,
+        "writers": list(topics.TOPICS[0].writers),
+        "about": topics.TOPICS[0].about,
+    }
+    assert [row["key"] for row in tables["requests"]] == [request.key for request in topics.REQUESTS]
+    assert [row["server"] for row in tables["requests"]] == [request.server for request in topics.REQUESTS]
+    assert [row["key"] for row in tables["presence"]] == [presence.key for presence in topics.PRESENCES]
+
+
+def test_list_shows_what_each_service_reads_writes_and_serves() -> None:
+    rows = {row["name"]: row for row in records("list", "services")["services"]}
+    assert list(rows) == [row.name for row in PROCESSES]
+    for row in PROCESSES:
+        shown = rows[row.name]
+        assert (shown["scope"], shown["about"], shown["extra"]) == (row.scope, row.about, row.extra)
+        assert shown["reads"] == [topic.key for topic in row.reads]
+        assert shown["writes"] == [topic.key for topic in row.writes]
+        assert shown["serves"] == [request.key for request in row.serves]
+    assert {"web", "foxglove"} <= rows.keys()  # bridges are processes too
+    text = invoke("list")
+    assert all(row.about in text for row in PROCESSES)
+
+
+@pytest.mark.parametrize("noun", ["service", "map", "plugin"])
+def test_a_noun_lists_what_list_shows_of_it(noun: str) -> None:
+    assert records(noun, "list") == records("list", f"{noun}s")
+
+
+def test_an_unknown_section_is_a_mistake() -> None:
+    result = CliRunner().invoke(command, ["list", "service"])
+    assert (result.exit_code, result.output) == (2, "Error: no section 'service'; did you mean services?\n")
+
+
+@pytest.mark.parametrize("width", ["40", "200"])
+def test_a_narrow_terminal_loses_no_text(monkeypatch: pytest.MonkeyPatch, width: str) -> None:
+    monkeypatch.setenv("COLUMNS", width)
+    text = invoke("topic", "list")
+    assert "…" not in text
+
+
+@pytest.mark.parametrize(
+    ("typed", "wanted"),
+    [
+        ("users/anna/imu", [(topics.IMU, "anna")]),
+        ("/users/anna/imu/", [(topics.IMU, "anna")]),
+        ("users/*/cursor", [(topics.CURSOR, "*")]),
+        ("users/{user}/cursor", [(topics.CURSOR, "*")]),
+        ("map", [(topics.MAP, "")]),
+        ("*", [(topics.MAP, ""), (topics.SELECTION, "")]),
+        ("objects/*", [(topics.OBJECTS, "*")]),
+        ("selection/**", [(topics.SELECTION, ""), (topics.SELECTION_EVENTS, "")]),
+        ("health/pointing.anna", [(topics.HEALTH, "pointing.anna")]),
+    ],
+)
+def test_keys_stand_for_rows_and_names(typed: str, wanted: list[Wanted]) -> None:
+    assert [pair for pair in resolve(typed) if pair[0].key != "clock"] == wanted
+
+
+def test_all_of_one_person() -> None:
+    found = resolve("users/anna/*")
+    assert {name for _, name in found} == {"anna"}
+    assert [topic for topic, _ in found] == [topic for topic in topics.TOPICS if topic.placeholder == "user"]
+
+
+def test_everything_is_every_row() -> None:
+    assert [topic for topic, _ in resolve("**")] == list(topics.TOPICS)
+
+
+def test_doubles_count_once() -> None:
+    assert resolve_all(["map", "users/*/imu", "map"]) == [(topics.MAP, ""), (topics.IMU, "*")]
+
+
+@given(st.sampled_from(topics.TOPICS), st.from_regex(r"[A-Za-z0-9_][A-Za-z0-9_.\-]{0,20}", fullmatch=True))
+def test_every_key_of_the_table_is_found_by_itself(topic: object, name: str) -> None:
+    row = next(other for other in topics.TOPICS if other is topic)
+    wanted = name if row.placeholder else ""
+    assert resolve(row.at(wanted)) == [(row, wanted)]
+
+
+@pytest.mark.parametrize(
+    ("typed", "said"),
+    [
+        ("users/anna/imuu", "did you mean users/anna/imu"),
+        ("user/anna/cursor", "users/anna/cursor"),
+        ("mapp", "did you mean map"),
+        ("zzzzzzzz", "`pointit topic list` shows them all"),
+        ("conveyor/reset", "is something to ask for"),
+        ("alive/users/anna", "is presence"),
+        ("users/a b/imu", "use 1 to 64 letters"),
+        ("", "no topic has the key ''"),
+    ],
+)
+def test_unknown_keys_get_one_sentence(typed: str, said: str) -> None:
+    with pytest.raises(UnknownNameError) as caught:
+        resolve(typed)
+    assert said in caught.value.message
+    assert "\n" not in caught.value.message
+    assert caught.value.exit_code == 2
+
+
+@pytest.mark.parametrize(
+    "typed", ["part_e,part_f", "[part_e, part_f]", "part_e, part_f", "['part_e', part_f]"]
+)
+def test_a_list_needs_no_brackets(typed: str) -> None:
+    query = build(topics.SET_SPEED, ["speed_mps=0.2", f"belts={typed}"])
+    assert query == SetSpeed(speed_mps=0.2, belts=("part_e", "part_f"))
+
+
+def test_one_name_is_a_list_of_one() -> None:
+    assert build(topics.SET_SPEED, ["speed_mps=1", "belts=part_e"]) == SetSpeed(
+        speed_mps=1.0, belts=("part_e",)
+    )
+
+
+def test_numbers_too() -> None:
+    assert build(topics.SET_POSE, ["position_m=1,2,0"]) == SetPose(position_m=(1.0, 2.0, 0.0))
+
+
+@pytest.mark.parametrize(("typed", "feeding"), [("false", False), ("off", False), ("on", True)])
+def test_a_switch_is_typed_as_people_say_it(typed: str, *, feeding: bool) -> None:
+    assert build(topics.SET_FEEDING, [f"feeding={typed}"]) == SetFeeding(feeding=feeding)
+
+
+def test_no_key_or_field_is_broken_at_eighty_columns() -> None:
+    text = io.StringIO()
+    print_table(Console(file=text, width=80), requests())
+    lines = text.getvalue().splitlines()
+    for row in requests().rows:
+        assert any(f" {row['key']} " in line and f" {row['field']}" in line for line in lines), row

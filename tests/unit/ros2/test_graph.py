@@ -18,7 +18,7 @@ from pointit.bridges.ros2.graph.backend import (
     RosType,
 )
 from pointit.bridges.ros2.graph.backend_warnings import BackendWarnings
-from pointit.bridges.ros2.graph.findings import COUNTERPART, Finding, findings
+from pointit.bridges.ros2.graph.findings import COUNTERPART, Finding, Matching, findings
 from pointit.bridges.ros2.graph.graph_monitor import GraphMonitor
 from pointit.bridges.ros2.over_zenoh.graph import MAX_TOKENS, LivelinessDirectory, Seen
 from pointit.runtime.bus.local_broker import LocalBroker
@@ -48,10 +48,12 @@ def end(
     return Endpoint(**(values | more))  # type: ignore[arg-type]
 
 
-def found(*endpoints: Endpoint, distro: str = "jazzy", domain: int = 7) -> dict[str, Finding]:
+def found(
+    *endpoints: Endpoint, distro: str = "jazzy", matching: Matching = "definition"
+) -> dict[str, Finding]:
     graph = Graph(nodes=frozenset(), endpoints=frozenset(endpoints))
-    result = findings(graph, domain=domain, distro=distro, needs="they need this")
-    assert len({each.about for each in result}) == len(result)
+    result = findings(graph, domain=7, distro=distro, needs="they need this", matching=matching)
+    assert len({each.about: each for each in result}) == len(result)
     assert all(len(each.sentence) < 600 for each in result)
     return {each.about: each for each in result}
 
@@ -191,6 +193,24 @@ def test_long_names_and_many_nodes_are_cut() -> None:
     sentence = found(end(), *crowd)["definition of /x"].sentence
     assert "and 27 more use a different definition" in sentence
     assert "x" * 100 not in sentence
+
+
+@pytest.mark.parametrize(
+    ("of", "matching", "says"),
+    [
+        (OTHER, "definition", "and nothing arrives"),
+        (OTHER, "type", "and what arrives is dropped or misread"),
+        (BOOL, "definition", "nothing arrives"),
+        (BOOL, "type", "nothing arrives"),
+    ],
+)
+def test_whether_anything_arrives_is_told(of: RosType, matching: Matching, says: str) -> None:
+    result = found(end(qos=LATCHED), end("publisher", "/robot", of, qos=SENSOR), matching=matching)
+    about = "definition of /x" if of == OTHER else "type of /x"
+    assert says in result[about].sentence
+    arrives = "nothing" not in says
+    assert ("QoS of /x" in result) == arrives, "where nothing arrives anyhow, that is nothing to speak of"
+    assert ("nobody publishes" in result) != arrives
 
 
 def rostered(tokens: Iterable[str]) -> tuple[LivelinessDirectory, list[int]]:

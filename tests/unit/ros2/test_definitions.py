@@ -20,8 +20,8 @@ from pointit.bridges.ros2.types.foreign import NAVIGATE_TO_POSE, actions
 from pointit.bridges.ros2.types.rihs01 import ARRAY, BASE, NAME, SEQUENCE, Fields, Rihs01
 from pointit.bridges.ros2.types.types import Types
 from pointit.runtime.errors import ConfigError
-from tests.unit.ros2.facts import definitions, golden
-from tests.unit.ros2.values import any_value, plain
+from tests.unit.ros2.scenes import jazzy
+from tests.unit.ros2.values import any_value, definitions, golden, plain
 
 TEXT: Fields = [("data", (BASE, ("string", 0)))]
 
@@ -154,8 +154,6 @@ NAMES = (
     *("conveyor_msgs/srv/AddPack_Request", "led_strip_msgs/msg/LedStrips"),
     *("led_strip_msgs/msg/LedEffect", "led_strip_msgs/msg/ColorArray", "std_srvs/srv/Trigger_Response"),
 )
-JAZZY = Types("jazzy")
-FIELDS = {name: fields for name, (_, fields) in Definitions("jazzy").store.fielddefs.items()}
 
 
 # Others load the machine, too; 28 tests make do with 40 examples each.
@@ -164,13 +162,13 @@ FIELDS = {name: fields for name, (_, fields) in Definitions("jazzy").store.field
 @pytest.mark.parametrize("name", NAMES)
 @given(data=st.data())
 def test_values_survive_a_round_trip(name: str, data: st.DataObject) -> None:
-    value = data.draw(any_value(JAZZY, FIELDS, name))
-    cdr = JAZZY.encode(name, value)
+    value = data.draw(any_value(name))
+    cdr = jazzy().encode(name, value)
     assert cdr.startswith(b"\x00\x01\x00\x00")
-    again = JAZZY.decode(name, cdr)
+    again = jazzy().decode(name, cdr)
     assert plain(again) == plain(value)
-    assert JAZZY.encode(name, again) == cdr
-    assert plain(JAZZY.decode(name, cdr + bytes(len(cdr) % 4))) == plain(value)
+    assert jazzy().encode(name, again) == cdr
+    assert plain(jazzy().decode(name, cdr + bytes(len(cdr) % 4))) == plain(value)
 
 
 @given(st.sampled_from(NAMES), st.binary(max_size=300))
@@ -183,7 +181,7 @@ def test_any_bytes_are_read_or_refused(name: str, data: bytes) -> None:
 @given(data=st.data())
 def test_damaged_bytes_are_read_or_refused(name: str, data: st.DataObject) -> None:
     """A valid message with some bytes changed, a huge length, or a missing end."""
-    cdr = bytearray(JAZZY.encode(name, data.draw(any_value(JAZZY, FIELDS, name))))
+    cdr = bytearray(jazzy().encode(name, data.draw(any_value(name))))
     for at in data.draw(st.lists(st.integers(0, len(cdr) - 1), max_size=4)):
         cdr[at] = data.draw(st.integers(0, 255))
     at = data.draw(st.integers(1, len(cdr) // 4)) * 4
@@ -195,11 +193,11 @@ def test_damaged_bytes_are_read_or_refused(name: str, data: st.DataObject) -> No
 def decode_or_refuse(name: str, cdr: bytes) -> None:
     """Decoding returns a usable value or raises a ValueError, as does its encoding."""
     try:
-        value = JAZZY.decode(name, cdr)
-        again = JAZZY.encode(name, value)  # not a number that is not finite, or text with a NUL inside
+        value = jazzy().decode(name, cdr)
+        again = jazzy().encode(name, value)  # not a number that is not finite, or text with a NUL inside
     except ValueError:
         return
-    assert plain(JAZZY.decode(name, again)) == plain(value)
+    assert plain(jazzy().decode(name, again)) == plain(value)
 
 
 def test_parts_of_an_action_are_found_where_rclpy_has_them(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,7 +21,7 @@ from pointit.bridges.ros2.over_zenoh.token import (
     parsed,
     unmangled,
 )
-from tests.unit.ros2.facts import golden
+from tests.unit.ros2.values import golden
 
 INT64 = st.integers(-(2**63), 2**63 - 1)
 

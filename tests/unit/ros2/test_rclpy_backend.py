@@ -17,7 +17,7 @@ from pointit.schemas import NS_PER_S
 from tests.support.bench import until
 from tests.unit.ros2 import fake_rclpy
 from tests.unit.ros2.fake_rclpy import SetBool, Value, Wire
-from tests.unit.ros2.rclpy_bench import BOOL, PADDED, QOS, SET, TRUE, Ours, node_of_ours, on_a_wire, profile
+from tests.unit.ros2.fake_rclpy import BOOL, PADDED, QOS, SET, TRUE, Ours, node_of_ours, on_a_wire, profile
 
 pytestmark = pytest.mark.wall_time
 

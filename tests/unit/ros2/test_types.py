@@ -16,8 +16,7 @@ from pointit.bridges.ros2.types import types
 from pointit.bridges.ros2.types.definitions import INTERFACES
 from pointit.bridges.ros2.types.types import Types
 from pointit.runtime.errors import ConfigError
-from tests.unit.ros2.facts import golden
-from tests.unit.ros2.values import plain
+from tests.unit.ros2.values import golden, plain
 
 CDR: dict[str, str] = golden("cdr")
 STAMP = {"sec": 1700000000, "nanosec": 123456789}

@@ -17,7 +17,6 @@ from pointit.bridges.ros2.robot.driver import Ros2Driver
 from pointit.bridges.ros2.robot.plugin import ROS2
 from pointit.bridges.ros2.robot.pose_input import PoseReader
 from pointit.bridges.ros2.tracking.config import PoseSource
-from pointit.bridges.ros2.types.definitions import Definitions
 from pointit.runtime.config.config import Layers
 from tests.support.bench import START_NS, until
 from tests.unit.ros2.graph_of_one import Around
@@ -199,7 +198,6 @@ def test_the_plug_in_makes_the_driver() -> None:
     assert isinstance(ROS2.make(Ros2RobotConfig(), GROUND, around()), Ros2Driver)
 
 
-FIELDS = {name: fields for name, (_, fields) in Definitions("jazzy").store.fielddefs.items()}
 SOURCES = {
     POSE: PoseSource(topic="/pose"),
     ODOMETRY: PoseSource(topic="/odom", type="nav_msgs/Odometry"),
@@ -211,7 +209,7 @@ SOURCES = {
 @given(data=st.data())
 def test_whatever_comes_as_a_pose_is_a_finite_report_or_a_sentence(name: str, data: st.DataObject) -> None:
     reader = PoseReader(SOURCES[name], "map")
-    value = data.draw(any_value(jazzy(), FIELDS, name))
+    value = data.draw(any_value(name))
     if name == TF:
         found = reader.transforms(value, NOW_NS, is_static=data.draw(st.booleans()))
     else:

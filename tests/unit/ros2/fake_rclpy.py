@@ -1,4 +1,4 @@
-"""A stand-in for rclpy: nodes in this process that hear each other, an executor that is a queue; and ours on it.
+"""A stand-in for rclpy: nodes in this process that hear each other, an executor that is a queue, and us.
 
 What the genuine one does that matters here: publishers hear themselves, requests are read on the executor's
 thread and what fails there comes out of `spin`, and a callback's response is sent by `send_response`.

@@ -1,4 +1,4 @@
-"""ROS values: as plain Python, of any type for property tests, and as a running ROS 2 (rmw_zenoh 0.2.10) wrote them."""
+"""ROS values: as plain Python, of any type for property tests, and as captured of a running ROS 2."""
 
 import json
 import re

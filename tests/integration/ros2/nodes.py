@@ -10,6 +10,7 @@ import contextlib
 import json
 import os
 import signal
+import struct
 import subprocess
 import sys
 from collections.abc import AsyncGenerator, Callable
@@ -31,6 +32,7 @@ from tests.unit.ros2.graph_of_one import Shown
 POSE = RosType(name="geometry_msgs/msg/PoseStamped", hash="RIHS01_" + "1" * 64)
 BOOL = RosType(name="std_msgs/msg/Bool", hash="RIHS01_" + "2" * 64)
 ADD = RosType(name="conveyor_msgs/srv/AddPack", hash="RIHS01_" + "3" * 64)
+GID = b"g" * 16
 RELIABLE = Qos(depth=10)
 DOMAIN = 7
 
@@ -62,6 +64,15 @@ def cdr_of(number: int, size: int = 8) -> bytes:
 
 def number_of(cdr: bytes) -> int:
     return int.from_bytes(cdr[4:12], "little")
+
+
+def attachment(sequence: int = 1, length: int = 16) -> bytes:
+    """Return what rmw_zenoh attaches to the message of this number, of a stranger's endpoint."""
+    return struct.pack("<qqB16s", sequence, 0, length, GID)
+
+
+def key_of(topic: str, kind: RosType = POSE) -> str:
+    return f"{DOMAIN}{topic}/{kind.dds_name}/{kind.hash}"
 
 
 class Graphs:
@@ -184,12 +195,12 @@ async def _main(what: str, endpoint: str) -> None:
         node = await opened(config, Shown())
         node.advertise("/kept", BOOL, LATCHED).put(cdr_of(1))
         node.subscribe("/flood", POSE, RELIABLE, lambda _cdr: None)
-        node.serve("/slow", ADD, _never)
+        node.serve("/slow", ADD, never)
     print("ready", flush=True)  # noqa: T201 - the parent process waits for it
     await asyncio.Event().wait()
 
 
-async def _never(_request: bytes) -> bytes:
+async def never(_request: bytes) -> bytes:
     await asyncio.Event().wait()
     return b""
 

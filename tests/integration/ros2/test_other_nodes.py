@@ -2,9 +2,8 @@
 # (the stubs of zenoh leave return types out)
 """Two bridges of PointIt at one ROS router; ROS nodes without a token in the graph."""
 
-import contextlib
-from collections.abc import AsyncGenerator
-from typing import Any
+import itertools
+from typing import Any, cast
 
 import pytest
 import zenoh
@@ -21,7 +20,19 @@ from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.schemas import PointingRay
 from pointit.schemas.topics import RAY
-from tests.integration.ros2.nodes import BOOL, DOMAIN, POSE, RELIABLE, Graphs, Node, arrives, cdr_of, met
+from tests.integration.ros2.nodes import (
+    BOOL,
+    DOMAIN,
+    POSE,
+    RELIABLE,
+    Graphs,
+    Node,
+    arrives,
+    attachment,
+    cdr_of,
+    key_of,
+    met,
+)
 from tests.support.bench import START_NS, ManualClock, until
 
 
@@ -69,52 +80,36 @@ async def test_a_bridge_in_another_domain_is_where_it_belongs(at: Graphs) -> Non
     assert not to_a
 
 
-RAY_ROS = "/anna/pointing_ray"
-
-
-@contextlib.asynccontextmanager
-async def outbox_of(node: Node) -> AsyncGenerator[Outbox]:
-    """Yield what goes out to ROS through `node`, as the service wires it."""
-    bus = MemoryBus(LocalBroker())
+def outbox_of(node: Node) -> Outbox:
+    """Return what goes out to ROS through `node`, as the service wires it."""
     clock = ManualClock()
-    service_bus = ServiceBus(bus, clock, "ros2", "ros2")
-    site = Site(bus=service_bus, clock=clock, backend=node.backend, scene=ConversionState(Types("jazzy")))
+    bus = ServiceBus(MemoryBus(LocalBroker()), clock, "ros2", "ros2")
+    site = Site(bus=bus, clock=clock, backend=node.backend, scene=ConversionState(Types("jazzy")))
     outbox = Outbox(routes().outward, site, unread=False)
     node.backend.watch(outbox.look)
-    yield outbox
-    outbox.close()
-    await service_bus.close()
-    await bus.close()
-
-
-def ray() -> PointingRay:
-    return PointingRay(stamp_ns=START_NS, seq=1, origin_m=(0.0, 0.0, 1.6), direction=(1.0, 0.0, 0.0))
+    return outbox
 
 
 @pytest.mark.parametrize("mode", ["router", "peer", "client"])
 async def test_a_subscriber_without_a_token_gets_live_data(at: Graphs, mode: str) -> None:
     if mode != "router":
         await at.node("/router", "router")
-    node = await at.node("/pointit", mode)
-    async with outbox_of(node) as outbox:
-        kind = Types("jazzy").kind("geometry_msgs/msg/PoseStamped")
-        key = f"{DOMAIN}{RAY_ROS}/{kind.dds_name}/{kind.hash}"
-        samples: list[zenoh.Sample] = []
-        old_node = await at.stranger()
-        subscriber = old_node.declare_subscriber(key, Callback(samples.append, indirect=False))
-        topic: Any = RAY
-        await arrives(lambda: outbox.take(topic, ray(), "anna"), samples)
-        assert samples[0].attachment is not None
-        subscriber.undeclare()
+    outbox = outbox_of(await at.node("/pointit", mode))
+    kind, topic, samples = Types("jazzy").kind("geometry_msgs/msg/PoseStamped"), cast("Any", RAY), list[Any]()
+    take = Callback(samples.append, indirect=False)
+    subscriber = (await at.stranger()).declare_subscriber(key_of("/anna/pointing_ray", kind), take)
+    ray = PointingRay(stamp_ns=START_NS, seq=1, origin_m=(0.0, 0.0, 1.6), direction=(1.0, 0.0, 0.0))
+    await arrives(lambda: outbox.take(topic, ray, "anna"), samples)
+    assert samples[0].attachment is not None
+    subscriber.undeclare()
+    outbox.close()
 
 
 async def test_a_subscriber_without_a_token_is_reported_until_it_has_gone(at: Graphs) -> None:
     node = await at.node("/pointit", "router")
     writers = [node.backend.advertise(f"/user{index}/ray", POSE, SENSOR) for index in range(2)]
-    old_node = await at.stranger()
-    key = f"{DOMAIN}/user0/ray/{POSE.dds_name}/{POSE.hash}"
-    samples: list[zenoh.Sample] = []
-    subscriber = old_node.declare_subscriber(key, Callback(samples.append, indirect=False))
+    take = Callback(list[zenoh.Sample]().append, indirect=False)
+    subscriber = (await at.stranger()).declare_subscriber(key_of("/user0/ray"), take)
     await until(lambda: "unseen" in node.shown.now)
     assert "/user0/ray is read by" in node.shown.now["unseen"]
     assert "/user1/ray" not in node.shown.now["unseen"]
@@ -126,17 +121,11 @@ async def test_a_subscriber_without_a_token_is_reported_until_it_has_gone(at: Gr
 
 async def test_a_publisher_without_a_token_is_heard_and_reported(at: Graphs) -> None:
     node = await at.node("/pointit", "router")
-    seen = node.hears("/user1/imu_in", POSE)
-    old_node = await at.stranger()
-    key = f"{DOMAIN}/user1/imu_in/{POSE.dds_name}/{POSE.hash}"
-    count = 0
+    seen, old_node, counts = node.hears("/user1/imu_in", POSE), await at.stranger(), itertools.count(1)
 
     def put_and_look() -> bool:
-        nonlocal count
-        count += 1
-        old_node.put(
-            key, cdr_of(count), attachment=count.to_bytes(8, "little") + bytes(8) + b"\x10" + b"g" * 16
-        )
+        count = next(counts)
+        old_node.put(key_of("/user1/imu_in"), cdr_of(count), attachment=attachment(count))
         return "unseen" in node.shown.now
 
     await until(put_and_look, what="a publisher that no token names to be reported")

@@ -10,7 +10,7 @@ import time
 import pytest
 
 from pointit.runtime.errors import BusClosedError, RefusedError
-from tests.integration.ros2.nodes import ADD, BOOL, Graphs, Node, cdr_of, number_of
+from tests.integration.ros2.nodes import ADD, BOOL, Graphs, Node, cdr_of, never, number_of
 from tests.support.bench import until
 from tests.support.pace import slowness, within
 
@@ -47,12 +47,7 @@ async def test_a_server_that_comes_while_a_call_waits_is_asked(a: Node, b: Node)
 
 
 async def test_nobody_a_wrong_hash_and_a_slow_one_are_deadlines(a: Node, b: Node) -> None:
-
-    async def slow(_request: bytes) -> bytes:
-        await asyncio.Event().wait()
-        return b""
-
-    a.backend.serve("/slow", ADD, slow)
+    a.backend.serve("/slow", ADD, never)
     a.backend.serve("/other", BOOL, add)
     await until(lambda: {"/slow", "/other"} <= {each.name for each in b.graph.endpoints})
     for service, why in (("/none", "no node serves it"), ("/slow", "did not answer"), ("/other", "no node")):

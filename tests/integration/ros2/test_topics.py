@@ -12,7 +12,19 @@ from zenoh.handlers import Callback
 
 from pointit.bridges.ros2.graph.backend import LATCHED, ROSOUT, SENSOR, Qos
 from pointit.runtime.errors import BusClosedError
-from tests.integration.ros2.nodes import BOOL, POSE, RELIABLE, Graphs, Node, arrives, cdr_of, met, number_of
+from tests.integration.ros2.nodes import (
+    BOOL,
+    POSE,
+    RELIABLE,
+    Graphs,
+    Node,
+    arrives,
+    attachment,
+    cdr_of,
+    key_of,
+    met,
+    number_of,
+)
 from tests.support.bench import until
 
 MODES = [("peer", "peer"), ("peer", "client"), ("client", "client"), ("router", "peer")]
@@ -112,39 +124,27 @@ async def test_what_we_publish_never_comes_back(a: Node, b: Node) -> None:
 
 
 async def test_our_own_that_a_stranger_sends_back_are_dropped(a: Node, stranger: zenoh.Session) -> None:
-    key = f"7/both/{POSE.dds_name}/{POSE.hash}"
-    samples: list[tuple[bytes, bytes]] = []
-
-    def take(sample: zenoh.Sample) -> None:
-        assert sample.attachment is not None
-        samples.append((sample.payload.to_bytes(), sample.attachment.to_bytes()))
-
-    subscriber = stranger.declare_subscriber(
-        key, Callback(take, indirect=False), allowed_origin=zenoh.Locality.REMOTE
-    )
+    samples: list[zenoh.Sample] = []
+    take = Callback(samples.append, indirect=False)
+    subscriber = stranger.declare_subscriber(key_of("/both"), take, allowed_origin=zenoh.Locality.REMOTE)
     seen = a.hears("/both", POSE)
     writer = a.backend.advertise("/both", POSE, RELIABLE)
     await arrives(lambda: writer.put(cdr_of(1)), samples)
-    for payload, attachment in tuple(samples):
-        stranger.put(key, payload, attachment=attachment)
-    foreign = bytearray(samples[0][1])
-    foreign[-1] ^= 1
-    stranger.put(key, cdr_of(9), attachment=bytes(foreign))
+    attached = [each.attachment.to_bytes() for each in tuple(samples) if each.attachment is not None]
+    for data in attached:
+        stranger.put(key_of("/both"), cdr_of(1), attachment=data)
+    foreign = attached[0][:-1] + bytes([attached[0][-1] ^ 1])
+    stranger.put(key_of("/both"), cdr_of(9), attachment=foreign)
     await until(lambda: bool(seen))
     assert seen == [9]
     subscriber.undeclare()
 
 
 async def test_a_message_is_taken_once_however_often_it_comes(a: Node, stranger: zenoh.Session) -> None:
-    key = f"7/x/{POSE.dds_name}/{POSE.hash}"
     seen = a.hears("/x", POSE)
-
-    def attachment(sequence: int) -> bytes:
-        return sequence.to_bytes(8, "little") + bytes(8) + b"\x10" + b"g" * 16
-
     for number in (1, 1, 2, 1, 2, 3):
-        stranger.put(key, cdr_of(number), attachment=attachment(number))
-    stranger.put(key, cdr_of(4), attachment=attachment(3))  # one that never counts is not a duplicate
+        stranger.put(key_of("/x"), cdr_of(number), attachment=attachment(number))
+    stranger.put(key_of("/x"), cdr_of(4), attachment=attachment(3))  # one that never counts is no duplicate
     await until(lambda: seen[-1:] == [4])
     assert seen == [1, 2, 3, 4]
 

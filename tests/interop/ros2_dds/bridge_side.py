@@ -50,9 +50,6 @@ class Side:
             self.writers[order["topic"]].put(bytes.fromhex(cdr))
             await asyncio.sleep(order.get("apart_s", 0.0))
 
-    async def silence(self, order: dict[str, Any]) -> None:
-        self.writers.pop(order["topic"]).close()
-
     async def listen(self, order: dict[str, Any]) -> None:
         heard = self.heard_on[order["topic"]] = []
         self.ends[order["topic"]] = self.backend.subscribe(
@@ -97,9 +94,6 @@ class Side:
 
     async def shown(self, _order: dict[str, Any]) -> Any:
         return self.now
-
-    async def cost(self, _order: dict[str, Any]) -> Any:
-        return time.process_time()
 
     async def close(self, _order: dict[str, Any]) -> Any:
         await self.backend.close()

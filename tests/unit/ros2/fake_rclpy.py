@@ -1,4 +1,4 @@
-"""A stand-in for rclpy: nodes in this process that hear each other, an executor that is a queue.
+"""A stand-in for rclpy: nodes in this process that hear each other, an executor that is a queue, and us.
 
 What the genuine one does that matters here: publishers hear themselves, requests are read on the executor's
 thread and what fails there comes out of `spin`, and a callback's response is sent by `send_response`.
@@ -10,12 +10,20 @@ import sys
 import threading
 import time
 import types
-from collections.abc import Callable
+from collections.abc import AsyncGenerator, Callable
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any, ClassVar, TypeVar
 
 import pytest
+
+from pointit.bridges.ros2.config import BackendConfig
+from pointit.bridges.ros2.graph.backend import Graph, Qos, RosType
+from pointit.bridges.ros2.graph.backends import opened
+from pointit.bridges.ros2.over_rclpy import backend as rclpy_backend
+from pointit.bridges.ros2.over_rclpy.backend import RclpyBackend
+from tests.unit.ros2.graph_of_one import Shown
 
 E = TypeVar("E", bound="End")
 
@@ -316,3 +324,52 @@ def installed(monkeypatch: pytest.MonkeyPatch, *, has_info: bool = True) -> Wire
         vars(module).update(contents)
         monkeypatch.setitem(sys.modules, name, module)
     return wire
+
+
+BOOL = RosType(name="std_msgs/msg/Bool", hash=Bool.HASH)
+SET = RosType(name="std_srvs/srv/SetBool", hash="RIHS01_" + "5" * 64)
+QOS = Qos(depth=10)
+TRUE = b"\0\1\0\0\1"
+PADDED = TRUE + b"\0\0\0"
+
+
+class Ours(Shown):
+    """A node of ours, and what it says."""
+
+    backend: RclpyBackend
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.graphs: list[Graph] = []
+
+    def sees(self, kind: str, name: str) -> bool:
+        ends = self.graphs[-1].endpoints
+        return any((each.kind, each.name, each.is_ours) == (kind, name, False) for each in ends)
+
+
+@asynccontextmanager
+async def node_of_ours(**settings: Any) -> AsyncGenerator[Ours]:
+    ours = Ours()
+    config = BackendConfig.model_validate({"kind": "dds", "node": "/site1/pointit", **settings})
+    backend = await opened(config, ours)
+    assert isinstance(backend, RclpyBackend)
+    ours.backend = backend
+    backend.watch(ours.graphs.append)
+    try:
+        yield ours
+    finally:
+        await backend.close()
+        assert not [each for each in threading.enumerate() if each.name == "rclpy-spin"]
+
+
+def on_a_wire(monkeypatch: pytest.MonkeyPatch, *, has_info: bool = True) -> Wire:
+    """Install the stand-in, in a terminal that says nothing of ROS; the graph is looked at often."""
+    for variable in ("ROS_DOMAIN_ID", "ROS_DISTRO"):
+        monkeypatch.delenv(variable, raising=False)
+    monkeypatch.setattr(rclpy_backend, "LOOK_S", 0.02)
+    return installed(monkeypatch, has_info=has_info)
+
+
+def profile(*, latched: bool = False) -> Profile:
+    kept = Durability.TRANSIENT_LOCAL if latched else Durability.VOLATILE
+    return Profile(10, Reliability.RELIABLE, kept)

@@ -9,6 +9,7 @@ from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.bridges.ros2.routing.route_types import InboundRoute, OutboundRoute, ServiceRoute
 from pointit.bridges.ros2.routing.routes import Routes, routes
 from pointit.bridges.ros2.types.types import Types
+from pointit.geometry import rotation
 
 NOW_NS = 1_700_000_000 * schemas.NS_PER_S + 5
 
@@ -78,6 +79,10 @@ def sent(
     scene.take(name, message, max(scene.now_ns, NOW_NS))
     values = row.convert(message, name, scene, again_ns=again_ns)
     return [jazzy().decode(row.type, jazzy().encode(row.type, value)) for value in values]
+
+
+def turned(value: Any) -> rotation.Quaternion:
+    return (value.x, value.y, value.z, value.w)
 
 
 def package(

@@ -18,7 +18,7 @@ from pointit.bridges.ros2.graph.backend import (
     RosType,
 )
 from pointit.bridges.ros2.graph.backend_warnings import BackendWarnings
-from pointit.bridges.ros2.graph.findings import COUNTERPART, Finding, findings
+from pointit.bridges.ros2.graph.findings import COUNTERPART, Finding, Matching, findings
 from pointit.bridges.ros2.graph.graph_monitor import GraphMonitor
 from pointit.bridges.ros2.over_zenoh.graph import MAX_TOKENS, LivelinessDirectory, Seen
 from pointit.runtime.bus.local_broker import LocalBroker
@@ -36,29 +36,28 @@ KINDS = tuple(COUNTERPART)
 def end(
     kind: EndpointKind = "subscriber", node: str = "/pointit", of: RosType = POSE, **more: object
 ) -> Endpoint:
-    values: dict[str, object] = {
-        "kind": kind,
-        "node": node,
-        "name": "/x",
-        "type": of,
-        "qos": Qos(),
-        "domain": 7,
-        "is_ours": node == "/pointit",
-    }
-    return Endpoint(**(values | more))  # type: ignore[arg-type]
+    values: dict[str, object] = {"name": "/x", "qos": Qos(), "domain": 7, "is_ours": node == "/pointit"}
+    return Endpoint(kind=kind, node=node, type=of, **(values | more))  # type: ignore[arg-type]
 
 
-def found(*endpoints: Endpoint, distro: str = "jazzy", domain: int = 7) -> dict[str, Finding]:
+def found(
+    *endpoints: Endpoint, distro: str = "jazzy", matching: Matching = "definition"
+) -> dict[str, Finding]:
     graph = Graph(nodes=frozenset(), endpoints=frozenset(endpoints))
-    result = findings(graph, domain=domain, distro=distro, needs="they need this")
-    assert len({each.about for each in result}) == len(result)
+    result = findings(graph, domain=7, distro=distro, needs="they need this", matching=matching)
+    assert len({each.about: each for each in result}) == len(result)
     assert all(len(each.sentence) < 600 for each in result)
     return {each.about: each for each in result}
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_fits_is_nothing_to_speak_of(kind: EndpointKind) -> None:
-    assert found(end(kind), end(COUNTERPART[kind], "/robot")) == {}
+    other = COUNTERPART[kind]
+    assert found(end(kind), end(other, "/robot")) == {}
+    assert found(end(kind), end(other, "/robot", replace(POSE, hash=""))) == {}, "unknown, it fits every one"
+    humble = (end(kind, of=HUMBLE), end(other, "/robot", HUMBLE))
+    assert found(*humble, distro="humble") == {}
+    assert found(end("server", qos=SENSOR), end("client", "/robot", qos=LATCHED)) == {}, "services have none"
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -87,30 +86,17 @@ def test_another_type_under_the_same_name() -> None:
     )
 
 
-def test_an_unknown_hash_fits_every_definition() -> None:
-    assert found(end(), end("publisher", "/robot", replace(POSE, hash=""))) == {}
-
-
 @pytest.mark.parametrize(
     ("ours", "theirs", "distro", "says"),
     [
-        (
-            POSE,
-            HUMBLE,
-            "jazzy",
-            "ROS node /robot is of Humble, .*; set distro to humble, or let them run jazzy",
-        ),
-        (HUMBLE, POSE, "humble", r"ROS node /robot is not of Humble, .* set distro to theirs \(jazzy"),
+        (POSE, HUMBLE, "jazzy", "is of Humble, .*; set distro to humble, or let them run jazzy"),
+        (HUMBLE, POSE, "humble", r"is not of Humble, .* set distro to theirs \(jazzy"),
     ],
 )
 def test_humble_and_the_rest_never_meet(ours: RosType, theirs: RosType, distro: str, says: str) -> None:
     result = found(end(of=ours), end("publisher", "/robot", theirs), distro=distro)
     assert set(result) == {"distro", "nobody publishes"}, "said once, not for every topic"
-    assert re.match(says, result["distro"].sentence)
-
-
-def test_humble_among_humble_is_well() -> None:
-    assert found(end(of=HUMBLE), end("publisher", "/robot", HUMBLE), distro="humble") == {}
+    assert re.match(f"ROS node /robot {says}", result["distro"].sentence)
 
 
 RELIABLE = Qos()
@@ -138,10 +124,6 @@ def test_what_dds_would_not_match(writer: Qos | None, reader: Qos | None, says: 
         if says:
             assert says in result["QoS of /x"].sentence
             assert ("which is ours" in result["QoS of /x"].sentence) == (here == "subscriber")
-
-
-def test_services_have_no_qos_to_clash() -> None:
-    assert found(end("server", qos=SENSOR), end("client", "/robot", qos=LATCHED)) == {}
 
 
 def test_everybody_is_in_another_domain() -> None:
@@ -191,6 +173,24 @@ def test_long_names_and_many_nodes_are_cut() -> None:
     sentence = found(end(), *crowd)["definition of /x"].sentence
     assert "and 27 more use a different definition" in sentence
     assert "x" * 100 not in sentence
+
+
+@pytest.mark.parametrize(
+    ("of", "matching", "says"),
+    [
+        (OTHER, "definition", "and nothing arrives"),
+        (OTHER, "type", "and what arrives is dropped or misread"),
+        (BOOL, "definition", "nothing arrives"),
+        (BOOL, "type", "nothing arrives"),
+    ],
+)
+def test_whether_anything_arrives_is_told(of: RosType, matching: Matching, says: str) -> None:
+    result = found(end(qos=LATCHED), end("publisher", "/robot", of, qos=SENSOR), matching=matching)
+    about = "definition of /x" if of == OTHER else "type of /x"
+    assert says in result[about].sentence
+    arrives = "nothing" not in says
+    assert ("QoS of /x" in result) == arrives, "where nothing arrives anyhow, that is nothing to speak of"
+    assert ("nobody publishes" in result) != arrives
 
 
 def rostered(tokens: Iterable[str]) -> tuple[LivelinessDirectory, list[int]]:

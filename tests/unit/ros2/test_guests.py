@@ -11,7 +11,7 @@ from pointit.bridges.ros2.config import Ros2Config
 from pointit.bridges.ros2.inbound.guest import interaction
 from pointit.bridges.ros2.routing import guests
 from pointit.bridges.ros2.service import Ros2
-from pointit.runtime.config.config import Config, Layers
+from pointit.runtime.config.config import Layers
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import Cursor, Health, Interaction, PointingRay, UserPose, UserProfile, topics
 from tests.support.bench import START_NS, Bench, memory_bench, until
@@ -92,9 +92,13 @@ async def site(backend: FakeBackend) -> AsyncIterator[Site]:
 
 
 async def test_rays_make_her_present_and_a_wish_gives_her_a_cursor(site: Site) -> None:
+    order: list[str] = []
+    site.bench.bus.subscribe(topics.INTERACTION, lambda message, _name: order.append(message.state))
+    site.bench.bus.subscribe(topics.RAY, lambda _message, _name: order.append("ray"))
     assert RAYS in site.backend.readers
     await site.here()
-    await until(lambda: bool(site.interactions))
+    await until(lambda: "ray" in order and bool(site.interactions))
+    assert order[0] == "idle", "it is known that she wants no cursor before a ray of hers comes"
     assert (site.states, site.profiles) == (["idle"], [])
     assert isinstance(site.rays[0], PointingRay)
     site.wishes(size_m=0.5)
@@ -103,15 +107,6 @@ async def test_rays_make_her_present_and_a_wish_gives_her_a_cursor(site: Site) -
     site.wishes(subscribe=False)
     await until(lambda: site.states == ["idle", "pointing", "idle"])
     await site.here()
-
-
-async def test_it_is_known_that_she_wants_no_cursor_before_a_ray_of_hers_comes(site: Site) -> None:
-    order: list[str] = []
-    site.bench.bus.subscribe(topics.INTERACTION, lambda message, _name: order.append(message.state))
-    site.bench.bus.subscribe(topics.RAY, lambda _message, _name: order.append("ray"))
-    await site.here()
-    await until(lambda: "ray" in order)
-    assert order[0] == "idle"
 
 
 async def test_who_is_silent_has_left_and_may_return(site: Site) -> None:
@@ -126,24 +121,21 @@ async def test_who_is_silent_has_left_and_may_return(site: Site) -> None:
 
 async def test_who_wants_a_cursor_stays_with_their_ray(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(guests, "SILENT_S", 0.02)  # so that it has passed many times below
-    site.backend.watchers[0](graph(("publisher", RAYS)))
+    seen = graph(("publisher", RAYS))
+    site.backend.watchers[0](seen)
     site.wishes()
     await until(lambda: "anna" in site.people and site.states == ["pointing"])
-    seen = site.bench.collect(topics.HEALTH)
-    await until(lambda: len(seen) >= 1)
+    reports = site.bench.collect(topics.HEALTH)
+    await until(lambda: len(reports) >= 1)
     assert site.people == {"anna"}
     site.backend.watchers[0](graph(("publisher", "/ben/pointing_ray")))
     await until(lambda: "anna" not in site.people and site.states == ["pointing", "idle"])
     assert "nothing of theirs comes any more" in site.interactions[-1].reason
-
-
-async def test_a_ray_of_another_pointit_keeps_nobody(site: Site) -> None:
-    seen = graph(("publisher", RAYS))
-    theirs = frozenset(replace(each, is_bridge=True) for each in seen.endpoints)
-    site.backend.watchers[0](replace(seen, endpoints=theirs))
+    of_bridge = frozenset(replace(each, is_bridge=True) for each in seen.endpoints)
+    site.backend.watchers[0](replace(seen, endpoints=of_bridge))  # of another PointIt: it keeps nobody
     site.wishes()
     await until(lambda: "anna" in site.people)
-    await until(lambda: "anna" not in site.people and site.states == ["pointing", "idle"])
+    await until(lambda: "anna" not in site.people and site.states[-2:] == ["pointing", "idle"])
 
 
 async def test_a_fault_on_her_way_in_is_tried_again(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -176,15 +168,13 @@ async def test_what_her_nodes_say_is_not_said_again_and_all_else_is(site: Site) 
 
 async def test_her_place_and_her_button_are_those_that_ros_tells(site: Site) -> None:
     poses, presses = site.bench.collect(topics.POSE, "anna"), site.bench.collect(topics.BUTTON, "anna")
-    moving, still = tf(frame_of(FRAME, x=1.0)), tf(frame_of(FRAME, x=3.0))
-    site.says("/tf_static", "tf2_msgs/msg/TFMessage", still)
+    site.says("/tf_static", "tf2_msgs/msg/TFMessage", tf(frame_of(FRAME, x=3.0)))
     assert not poses
     await site.here()
     await until(lambda: [pose.position_m[0] for pose in poses] == [3.0])
-    site.says("/tf", "tf2_msgs/msg/TFMessage", moving)
+    site.says("/tf", "tf2_msgs/msg/TFMessage", tf(frame_of(FRAME, x=1.0)))
     await until(lambda: [pose.position_m[0] for pose in poses] == [3.0, 1.0])
-    button = jazzy().make("std_msgs/msg/Bool", data=True)
-    site.says("/anna/metawear_ros/button", "std_msgs/msg/Bool", button)
+    site.says("/anna/metawear_ros/button", "std_msgs/msg/Bool", jazzy().make("std_msgs/msg/Bool", data=True))
     await until(lambda: len(presses) == 1)
 
 
@@ -274,20 +264,18 @@ async def test_cursors_that_end_bring_nobody_back(site: Site) -> None:
     assert "/anna/cursor" not in site.backend.writers
 
 
-def built(text: str) -> Config:
+@pytest.mark.parametrize(
+    ("text", "people"),
+    [
+        *(("anna", ("anna",)), ("[anna, b.c-2]", ("anna", "b.c-2"))),
+        *(("[a/b]", "letters, digits"), ("[anna, anna]", "name each person once")),
+    ],
+)
+def test_people_are_named_as_a_list_or_as_one_and_each_once(text: str, people: tuple[str, ...] | str) -> None:
     layers = Layers()
     layers.add_text(["people"], text, "--set")
-    return layers.build(Ros2Config)
-
-
-@pytest.mark.parametrize(("text", "people"), [("anna", ("anna",)), ("[anna, b.c-2]", ("anna", "b.c-2"))])
-def test_people_are_named_as_a_list_or_as_one(text: str, people: tuple[str, ...]) -> None:
-    assert built(text).people == people  # type: ignore[attr-defined]
-
-
-@pytest.mark.parametrize(
-    ("text", "told"), [("[a/b]", "letters, digits"), ("[anna, anna]", "name each person once")]
-)
-def test_names_that_cannot_be_are_refused(text: str, told: str) -> None:
-    with pytest.raises(ConfigError, match=told):
-        built(text)
+    if isinstance(people, str):
+        with pytest.raises(ConfigError, match=people):
+            layers.build(Ros2Config)
+    else:
+        assert layers.build(Ros2Config).people == people

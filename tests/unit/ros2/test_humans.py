@@ -28,12 +28,8 @@ from tests.unit.ros2.scenes import POSE as PLACE
 TALL = UserProfile(
     stamp_ns=NOW_NS, hand="left", body=BodyMeasures(footprint_to_neck_m=1.6, neck_to_eyes_m=0.2)
 )
-LIST, BOOL, FLOAT, TEXT = (
-    "hri_msgs/msg/IdsList",
-    "std_msgs/msg/Bool",
-    "std_msgs/msg/Float32",
-    "std_msgs/msg/String",
-)
+LIST, BOOL = "hri_msgs/msg/IdsList", "std_msgs/msg/Bool"
+FLOAT, TEXT = "std_msgs/msg/Float32", "std_msgs/msg/String"
 TRACKED = "/humans/persons/tracked"
 ANNA = "/humans/persons/anna"
 
@@ -69,7 +65,7 @@ def frame(table: Routes, name: str, scene: ConversionState, place: UserPose = PL
     return transform
 
 
-def origin(transform: Any) -> tuple[float, float, float]:
+def origin(transform: Any) -> Vec3:
     at = transform.transform.translation
     return at.x, at.y, at.z
 
@@ -81,11 +77,10 @@ def forward(transform: Any) -> Vec3:
 
 def test_routes_of_ros4hri_are_there_on_demand_only() -> None:
     plain, all_rows = routes(), routes(ros4hri=True)
-    more = {row.name for row in all_rows.outward} - {row.name for row in plain.outward}
-    assert {"tracked_people", "known_people", "anonymous", "location_confidence", "body_tf"} <= more
-    assert all(
-        row.ros.startswith("/humans/") or row.ros == "/tf" for row in all_rows.outward if row.name in more
-    )
+    more = [row for row in all_rows.outward if row.name not in {each.name for each in plain.outward}]
+    names = {row.name for row in more}
+    assert {"tracked_people", "known_people", "anonymous", "location_confidence", "body_tf"} <= names
+    assert all(row.ros.startswith("/humans/") or row.ros == "/tf" for row in more)
     assert not any(row.ros.startswith("/humans/") for row in plain.outward)
 
 
@@ -111,41 +106,35 @@ def test_definitions_have_the_hashes_of_another_implementation() -> None:
             assert Types(distro).kind(name).hash == store.hash_rihs01(name) == f"RIHS01_{digits}"
 
 
-def test_what_rep_155_latches_is_latched(table: Routes) -> None:
+def test_what_rep_155_latches_is_latched_and_a_body_is_matched_under_another_id(table: Routes) -> None:
     for name in ("anonymous", "body_id", "tracked_people", "known_people", "tracked_bodies"):
         assert out(table, name).qos == LATCHED
     assert not out(table, "location_confidence").qos.latched
-
-
-@given(st.floats(0.01, 5.0))
-def test_confidence_is_the_share_of_a_round_normal_distribution_within_reach(sigma_m: float) -> None:
-    expected = 1.0 - math.exp(-(NEAR_M**2) / (2.0 * sigma_m**2))
-    assert confidence(spread(sigma_m)) == pytest.approx(expected, rel=1e-6)
+    (match,) = sent(out(table, "candidate_matches"), PLACE, here("anna"), "anna")
+    assert (match.id1, match.id1_type, match.id2, match.id2_type) == ("anna_body", 3, "anna", 1)
+    assert match.confidence == 1.0
 
 
 @given(st.floats(0.01, 5.0), st.floats(0.01, 5.0), st.floats(0.0, math.pi))
-def test_confidence_depends_on_the_worst_direction_only(a_m: float, b_m: float, turned_rad: float) -> None:
-    expected = confidence(spread(max(a_m, b_m)))
+def test_confidence_is_the_share_of_a_round_normal_distribution_within_reach(
+    a_m: float, b_m: float, turned_rad: float
+) -> None:
+    expected = 1.0 - math.exp(-(NEAR_M**2) / (2.0 * max(a_m, b_m) ** 2))  # by the worst direction only
     assert confidence(spread(a_m, across_m=b_m, turned_rad=turned_rad)) == pytest.approx(expected, rel=1e-6)
-
-
-def test_confidence_is_1_for_a_position_that_is_set() -> None:
     assert confidence(spread(0.0)) == 1.0
 
 
 def test_the_head_is_at_the_eyes_and_the_hips_at_half_their_height(table: Routes) -> None:
     scene = here("anna")
     scene.take("anna", TALL, NOW_NS)
-    person, body, head = (frame(table, name, scene) for name in ("person_tf", "body_tf", "head_tf"))
-    assert origin(person) == pytest.approx((1.0, 2.0, 0.5 + 1.8))
-    assert origin(body) == pytest.approx((1.0, 2.0, 0.5 + 0.9))
-    assert origin(head) == pytest.approx((0.0, 0.0, 0.9))
-    names = [(each.header.frame_id, each.child_frame_id) for each in (person, body, head)]
-    assert names == [
-        ("world", "person_anna"),
-        ("world", "body_anna_body"),
-        ("body_anna_body", "head_anna_body"),
-    ]
+    for name, parent, child, at_m in (
+        ("person_tf", "world", "person_anna", (1.0, 2.0, 0.5 + 1.8)),
+        ("body_tf", "world", "body_anna_body", (1.0, 2.0, 0.5 + 0.9)),
+        ("head_tf", "body_anna_body", "head_anna_body", (0.0, 0.0, 0.9)),
+    ):
+        found = frame(table, name, scene)
+        assert origin(found) == pytest.approx(at_m)
+        assert (found.header.frame_id, found.child_frame_id) == (parent, child)
 
 
 def test_a_body_faces_where_its_arm_last_pointed_and_a_hanging_arm_does_not_turn_it(table: Routes) -> None:
@@ -184,12 +173,6 @@ def test_joints_are_those_of_the_pointing_arm_and_all_others_are_zero(
     moved = {name: angle for name, angle in angles.items() if angle}
     turn, lift = f"{hand[0]}_y_shoulder_anna_body", f"{hand[0]}_p_shoulder_anna_body"
     assert moved == pytest.approx({turn: math.pi / 2 - 0.4, lift: math.pi / 2 + 1.5})
-
-
-def test_a_body_is_matched_with_its_person_under_another_id(table: Routes) -> None:
-    (match,) = sent(out(table, "candidate_matches"), PLACE, here("anna"), "anna")
-    assert (match.id1, match.id1_type, match.id2, match.id2_type) == ("anna_body", 3, "anna", 1)
-    assert match.confidence == 1.0
 
 
 def test_who_is_here_without_a_position_or_has_one_and_is_not_here_is_not_listed(table: Routes) -> None:

@@ -16,19 +16,9 @@ from pointit.bridges.ros2.routing.route_types import (
 )
 from pointit.geometry import rotation
 from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
-from pointit.schemas import (
-    NS_PER_S,
-    AddPackage,
-    ButtonEvent,
-    ClockTick,
-    SetFeeding,
-    SetPose,
-    SetSpeed,
-    UserPose,
-    WristSample,
-)
+from pointit.schemas import NS_PER_S, AddPackage, ButtonEvent, ClockTick, SetFeeding, SetSpeed, UserPose
 from pointit.schemas.topics import ADD_PACKAGE, BUTTON, CLOCK, POSE, SET_FEEDING, SET_POSE, SET_SPEED, WRIST
-from tests.unit.ros2.scenes import NOW_NS, furnished, into, jazzy
+from tests.unit.ros2.scenes import NOW_NS, ROOM, furnished, into, jazzy
 
 make = jazzy().make
 LEVEL = (0.0, 0.0, math.sin(0.5), math.cos(0.5))
@@ -97,10 +87,14 @@ def taken(
     return list(found)
 
 
-def said(found: list[BusOutput | ConversionWarning]) -> Any:
+def output(found: list[BusOutput | ConversionWarning]) -> Any:
     (one,) = found
     assert isinstance(one, BusOutput), one
-    return one.what
+    return one
+
+
+def said(found: list[BusOutput | ConversionWarning]) -> Any:
+    return output(found).what
 
 
 def warned(found: list[BusOutput | ConversionWarning]) -> str:
@@ -112,14 +106,17 @@ def warned(found: list[BusOutput | ConversionWarning]) -> str:
 
 def test_a_rotation_is_the_wrist_of_an_arm() -> None:
     row = into("rotation_in")
-    (one,) = taken(row, arm(stamp_ns=NOW_NS - 40))
-    assert isinstance(one, BusOutput)
-    assert (one.at, one.name) == (WRIST, "user1")
-    assert isinstance(one.what, WristSample)
-    assert one.what.device == "arm"
+    one = output(taken(row, arm(stamp_ns=NOW_NS - 40)))
+    assert (one.at, one.name, one.what.device) == (WRIST, "user1", "arm")
     assert one.what.stamp_ns == NOW_NS - 40
     assert one.what.orientation_xyzw == pytest.approx(LEVEL)
     assert [said(taken(row, arm())).seq for _ in range(2)] == [2, 3]
+    assert said(taken(row, arm(stamp_ns=0))).stamp_ns == NOW_NS
+    azimuth_rad, elevation_rad = 0.7, -0.3
+    q = rotation.from_azimuth_elevation(azimuth_rad, elevation_rad)
+    ahead = rotation.rotate(said(taken(row, arm(q))).orientation_xyzw, (1.0, 0.0, 0.0))
+    assert math.atan2(ahead[1], ahead[0]) == pytest.approx(azimuth_rad)
+    assert math.asin(ahead[2]) == pytest.approx(elevation_rad)
 
 
 @pytest.mark.parametrize("factor", [1.0 + 5e-4, 1.0 - 5e-4, -1.0])
@@ -145,25 +142,16 @@ def test_an_imu_without_orientation_is_refused() -> None:
 @pytest.mark.parametrize(
     ("stamp_ns", "is_kept"),
     [
-        (NOW_NS + MAX_AHEAD_NS, True),
-        (NOW_NS + MAX_AHEAD_NS + 1, False),
-        (NOW_NS - LATE_NS, True),
-        (NOW_NS - LATE_NS - 1, False),
-        (12 * NS_PER_S, False),
+        *((NOW_NS + MAX_AHEAD_NS, True), (NOW_NS + MAX_AHEAD_NS + 1, False)),
+        *((NOW_NS - LATE_NS, True), (NOW_NS - LATE_NS - 1, False), (12 * NS_PER_S, False)),
     ],
 )
 def test_a_stamp_of_another_clock_is_told_and_the_arrival_counts(stamp_ns: int, is_kept: bool) -> None:  # noqa: FBT001
-    found = taken(into("rotation_in"), arm(stamp_ns=stamp_ns))
-    assert isinstance(found[0], BusOutput)
-    assert isinstance(found[0].what, WristSample)
-    assert found[0].what.stamp_ns == (stamp_ns if is_kept else NOW_NS)
-    assert len(found) == (1 if is_kept else 2)
+    first, *others = taken(into("rotation_in"), arm(stamp_ns=stamp_ns))
+    assert said([first]).stamp_ns == (stamp_ns if is_kept else NOW_NS)
+    assert is_kept == (not others)
     if not is_kept:
-        assert "synchronize the clocks" in warned(found[1:])
-
-
-def test_a_missing_stamp_counts_as_now() -> None:
-    assert said(taken(into("rotation_in"), arm(stamp_ns=0))).stamp_ns == NOW_NS
+        assert "synchronize the clocks" in warned(others)
 
 
 def test_a_button_is_pressed_when_it_becomes_true() -> None:
@@ -171,9 +159,7 @@ def test_a_button_is_pressed_when_it_becomes_true() -> None:
     states = [False, True, True, False, True]
     found = [taken(row, make(row.type, data=state), scene) for state in states]
     assert [len(each) for each in found] == [0, 1, 0, 0, 1]
-    assert said(found[4]) == ButtonEvent(stamp_ns=NOW_NS, seq=2, source="ros2")
-    assert isinstance(found[4][0], BusOutput)
-    assert found[4][0].at is BUTTON
+    assert found[4] == [BusOutput(BUTTON, "user1", ButtonEvent(stamp_ns=NOW_NS, seq=2, source="ros2"))]
     other = row.convert(make(row.type, data=True), "user2", scene, now_ns=NOW_NS, wall_ns=NOW_NS)
     assert len(other) == 1
 
@@ -205,14 +191,8 @@ def test_tf_gives_the_poses_of_the_people_who_are_known() -> None:
     row, scene = into("tf_in"), furnished()
     scene.person("user1")
     scene.person("user2")
-    value = tf(
-        frame_of("base_link", "odom"),
-        frame_of("user1/human_footprint"),
-        frame_of("user2/human_footprint", "odom"),
-        frame_of("user3/human_footprint"),
-    )
-    (one,) = taken(row, value, scene)
-    assert isinstance(one, BusOutput)
+    frames = [("base_link", "odom"), ("user1/human_footprint",), ("user2/human_footprint", "odom")]
+    one = output(taken(row, tf(*(frame_of(*each) for each in (*frames, ("user3/human_footprint",)))), scene))
     assert (one.at, one.name) == (POSE, "user1")
     assert scene.person("user1").tf_until_ns == NOW_NS + HEARD_NS
     assert scene.person("user2").tf_until_ns == 0
@@ -229,11 +209,8 @@ def test_tf_is_taken_no_more_often_than_is_of_use() -> None:
 def test_a_static_frame_tells_the_pose_once() -> None:
     row, scene = into("tf_static_in"), furnished()
     scene.person("user1")
-    (one,) = taken(row, tf(frame_of("user1/human_footprint")), scene)
-    assert isinstance(one, BusOutput)
-    assert (one.at, one.name) == (SET_POSE, "user1")
-    assert isinstance(one.what, SetPose)
-    assert one.what.position_m == (1.0, 2.0, 0.0)
+    one = output(taken(row, tf(frame_of("user1/human_footprint")), scene))
+    assert (one.at, one.name, one.what.position_m) == (SET_POSE, "user1", (1.0, 2.0, 0.0))
     assert one.what.yaw_rad == pytest.approx(1.0)
     assert scene.person("user1").tf_until_ns > NOW_NS + 3600 * NS_PER_S
     assert "not a position" in warned(taken(row, tf(frame_of("user1/human_footprint", x=1e9)), scene))
@@ -241,21 +218,16 @@ def test_a_static_frame_tells_the_pose_once() -> None:
 
 def test_a_static_frame_that_was_told_before_its_person_came_is_theirs_when_they_come() -> None:
     row, scene = into("tf_static_in"), furnished()
-    assert (
-        taken(row, tf(frame_of("anna/human_footprint"), frame_of("ben/human_footprint", "map")), scene) == []
-    )
+    frames = tf(frame_of("anna/human_footprint"), frame_of("ben/human_footprint", "map"))
+    assert taken(row, frames, scene) == []
     assert row.meets is not None
-    (one,) = row.meets(ConversionContext(scene, "anna", NOW_NS))
-    assert isinstance(one, BusOutput)
-    assert (one.at, one.name) == (SET_POSE, "anna")
-    assert isinstance(one.what, SetPose)
-    assert one.what.position_m == (1.0, 2.0, 0.0)
+    one = output([*row.meets(ConversionContext(scene, "anna", NOW_NS))])
+    assert (one.at, one.name, one.what.position_m) == (SET_POSE, "anna", (1.0, 2.0, 0.0))
     assert row.meets(ConversionContext(scene, "ben", NOW_NS)) == (), "in another frame"
     for count in range(MAX_TRANSFORMS):
         taken(row, tf(frame_of(f"box_{count}")), scene)
-    assert row.meets(ConversionContext(scene, "anna", NOW_NS)) == (), (
-        "as many are kept as one message may have"
-    )
+    kept = row.meets(ConversionContext(scene, "anna", NOW_NS))
+    assert kept == (), "as many are kept as one message may have"
 
 
 def command(names: list[str], speeds: list[float]) -> Any:
@@ -264,25 +236,19 @@ def command(names: list[str], speeds: list[float]) -> Any:
 
 def test_a_belt_command_sets_speeds() -> None:
     row = into("belt_cmd")
-    assert said(taken(row, command(["*"], [0.5]))) == SetSpeed(speed_mps=0.5)
+    assert taken(row, command(["*"], [0.5])) == [BusOutput(SET_SPEED, "", SetSpeed(speed_mps=0.5))]
+    assert said(taken(row, command(["*"], [-0.5]))) == SetSpeed(speed_mps=-0.5)
     found = taken(row, command(["part_a", "*", "part_b", "part_c"], [0.25, 0.5, 0.25, 1.0]))
     assert [each.what for each in found if isinstance(each, BusOutput)] == [
         SetSpeed(speed_mps=0.5),
         SetSpeed(speed_mps=0.25, belts=("part_a", "part_b")),
     ]
-    assert "no belt 'part_c'; there are part_a, part_b" in warned(
-        [e for e in found if isinstance(e, ConversionWarning)]
-    )
-    (one,) = taken(row, command(["*"], [-0.5]))
-    assert isinstance(one, BusOutput)
-    assert one.at is SET_SPEED
-
-
-def test_a_strip_that_is_a_belt_has_the_ros_toolkits_name() -> None:
+    told = warned([each for each in found if isinstance(each, ConversionWarning)])
+    assert "no belt 'part_c'; there are part_a, part_b" in told
     scene = furnished()
-    assert scene.room is not None
-    scene.take("", scene.room.model_copy(update={"belts": ()}), NOW_NS)
-    assert said(taken(into("belt_cmd"), command(["strip_0"], [0.5]), scene)).belts == ("0",)
+    scene.take("", ROOM.model_copy(update={"belts": ()}), NOW_NS)
+    strip = said(taken(row, command(["strip_0"], [0.5]), scene))
+    assert strip.belts == ("0",), "a strip that is a belt has the ROS toolkit's name"
 
 
 @pytest.mark.parametrize(
@@ -303,16 +269,11 @@ def test_a_belt_command_that_means_nothing_is_refused(
     assert len(sentence) < 250
 
 
-def test_a_package_is_added_by_the_number_of_its_kind() -> None:
+def test_a_package_is_added_by_the_number_of_its_kind_and_feeders_rest_as_told() -> None:
     row = into("add_package")
-    (one,) = taken(row, make(row.type, data=1))
-    assert one == BusOutput(ADD_PACKAGE, "", AddPackage(kind="red"))
-    assert "kind 77 means nothing here: there are 0 blue, 1 red" in warned(
-        taken(row, make(row.type, data=77))
-    )
-
-
-def test_feeders_are_let_rest_and_give_as_often_as_it_is_said() -> None:
+    assert taken(row, make(row.type, data=1)) == [BusOutput(ADD_PACKAGE, "", AddPackage(kind="red"))]
+    told = warned(taken(row, make(row.type, data=77)))
+    assert "kind 77 means nothing here: there are 0 blue, 1 red" in told
     row, scene = into("feed"), furnished()
     for is_on in (False, False, True, True):
         found = taken(row, make(row.type, data=is_on), scene)
@@ -331,10 +292,8 @@ def ticks(row: InboundRoute, times: list[tuple[float, float]]) -> list[ClockTick
     found: list[ClockTick] = []
     for wall_s, sim_s in times:
         for each in taken(row, clock(sim_s), wall_ns=NOW_NS + round(wall_s * NS_PER_S)):
-            assert isinstance(each, BusOutput)
-            assert each.at is CLOCK
-            assert isinstance(each.what, ClockTick)
-            found.append(each.what)
+            assert output([each]).at is CLOCK
+            found.append(said([each]))
     return found
 
 
@@ -356,24 +315,9 @@ def test_a_jump_of_simulated_time_is_told_at_once(jump_s: float) -> None:
     assert found[-1].speed == pytest.approx(1.0)
 
 
-def test_a_wall_clock_that_was_set_back_is_told_at_once() -> None:
+def test_a_wall_clock_that_was_set_back_is_told_at_once_and_one_that_stands_still_creeps() -> None:
     found = ticks(into("clock_in"), [(0.0, 100.0), (0.1, 100.1), (-50.0, 100.2)])
     assert [(tick.stamp_ns - NOW_NS) // NS_PER_S for tick in found] == [0, -50]
-
-
-def test_a_simulation_that_stands_still_creeps() -> None:
     found = ticks(into("clock_in"), [(0.5 * n, 100.0) for n in range(8)])
     assert found[-1].speed == pytest.approx(0.01)
-
-
-def test_a_time_before_all_times_is_refused() -> None:
-    row = into("clock_in")
-    assert "before 0" in warned(taken(row, clock(-1.0)))
-
-
-def test_the_yaw_of_an_arm_is_as_ros_has_it() -> None:
-    azimuth_rad, elevation_rad = 0.7, -0.3
-    q = rotation.from_azimuth_elevation(azimuth_rad, elevation_rad)
-    ahead = rotation.rotate(said(taken(into("rotation_in"), arm(q))).orientation_xyzw, (1.0, 0.0, 0.0))
-    assert math.atan2(ahead[1], ahead[0]) == pytest.approx(azimuth_rad)
-    assert math.asin(ahead[2]) == pytest.approx(elevation_rad)
+    assert "before 0" in warned(taken(into("clock_in"), clock(-1.0)))

@@ -55,6 +55,16 @@ def read(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return lengths
 
 
+def placed(bridge: Bench, *people: str) -> dict[str, list[float]]:
+    """Let people join; return their places, which grow."""
+    seen: dict[str, list[float]] = {user: [] for user in people}
+    for user in people:
+        bridge.scene.person(user)
+        bridge.inbox.join(user)
+    bridge.other.subscribe(POSE, lambda message, name: seen[name].append(message.position_m[0]))
+    return seen
+
+
 async def test_of_what_a_stall_has_piled_up_the_newest_is_taken(bridge: Bench) -> None:
     bridge.inbox.join("anna")
     seen: list[float] = []
@@ -85,11 +95,7 @@ async def test_who_leaves_is_not_moved_by_what_waits(bridge: Bench) -> None:
 async def test_a_flood_of_tf_is_not_read_but_everybodys_newest_place_is(
     bridge: Bench, read: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for user in ("anna", "ben"):
-        bridge.scene.person(user)
-        bridge.inbox.join(user)
-    seen: dict[str, list[float]] = {"anna": [], "ben": []}
-    bridge.other.subscribe(POSE, lambda message, name: seen[name].append(message.position_m[0]))
+    seen = placed(bridge, "anna", "ben")
     flood = [frames(bridge, "anna", x=float(count), size=MOST - 200) for count in range(20)]
     assert all(MOST - 1000 < len(cdr) <= MOST for cdr in flood)
     loop = asyncio.get_running_loop()
@@ -109,11 +115,7 @@ async def test_a_flood_of_tf_is_not_read_but_everybodys_newest_place_is(
 
 
 async def test_whose_name_only_ends_as_anothers_displaces_nothing_of_theirs(bridge: Bench) -> None:
-    for user in ("anna", "joanna"):
-        bridge.scene.person(user)
-        bridge.inbox.join(user)
-    seen: dict[str, list[float]] = {"anna": [], "joanna": []}
-    bridge.other.subscribe(POSE, lambda message, name: seen[name].append(message.position_m[0]))
+    seen = placed(bridge, "anna", "joanna")
     flood = frames(bridge, "joanna", x=1.0, size=MOST - 200)
     for cdr in (flood, flood, frames(bridge, "anna", x=7.0), flood):
         bridge.backend.readers["/tf"](cdr)
@@ -131,14 +133,11 @@ def test_people_are_found_in_either_order_of_bytes() -> None:
 
 
 async def test_tf_that_tells_of_nobody_is_not_read(bridge: Bench, read: list[int]) -> None:
-    bridge.scene.person("anna")
-    bridge.inbox.join("anna")
-    seen: list[float] = []
-    bridge.other.subscribe(POSE, lambda message, _name: seen.append(message.position_m[0]))
+    seen = placed(bridge, "anna")
     robot = frames(bridge, x=1.0, size=MOST - 200)
     for _ in range(1000):
         bridge.backend.readers["/tf"](robot)
     assert not read
     bridge.backend.readers["/tf"](frames(bridge, "anna", x=3.0))
-    await until(lambda: seen == [3.0])
+    await until(lambda: seen["anna"] == [3.0])
     assert not bridge.warnings()

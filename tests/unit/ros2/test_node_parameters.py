@@ -26,13 +26,8 @@ TYPES = Types("jazzy")
 
 
 def read(other: OneNode, **settings: Any) -> NodeParameters:
-    values: dict[str, Any] = {
-        "domain": 0,
-        "appears_s": 0.1,
-        "timeout_s": 0.1,
-        "max_bytes": 1_000_000,
-    } | settings
-    return NodeParameters(cast("Backend", other), TYPES, NODE, **values)
+    values: dict[str, Any] = {"domain": 0, "appears_s": 0.1, "timeout_s": 0.1, "max_bytes": 1_000_000}
+    return NodeParameters(cast("Backend", other), TYPES, NODE, **values | settings)
 
 
 def other(parameters: dict[str, Any] | None = None, **settings: Any) -> OneNode:
@@ -49,11 +44,8 @@ async def test_parameters_come_by_pages_in_the_nodes_order() -> None:
     assert list(await node.values(["map", "leds.0.position"])) == ["map", "leds.0.position"]
     assert [len(names) for names in seen.server.asked] == [PAGE, PAGE, 4, 2]
     assert await node.values([]) == {}
-
-
-async def test_names_that_no_map_has_are_left_out() -> None:
     names = {"a\x1b[2J": 1, "b" * (MAX_NAME + 1): 1, "b" * MAX_NAME: 1, "leds.a.position": 1}
-    assert await read(other(names)).names() == ["b" * MAX_NAME, "leds.a.position"]
+    assert await read(other(names)).names() == ["b" * MAX_NAME, "leds.a.position"], "no map has the others"
 
 
 async def test_too_many_and_too_much_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -95,19 +87,16 @@ async def refused(sentence: str, asked: OneNode, **settings: Any) -> None:
 
 
 async def test_who_is_not_there_is_told_with_those_who_are() -> None:
-    nodes = frozenset({"/pointit_map", "/belt", "/arm"})
-    await refused(
-        "there is no node /pui in domain 0; there are /arm, /belt",
-        other(name="/belt", serves=False, nodes=nodes),
+    absent, nodes = (
+        "there is no node /pui in domain 0; there are",
+        frozenset({"/pointit_map", "/belt", "/arm"}),
     )
+    await refused(f"{absent} /arm, /belt", other(name="/belt", serves=False, nodes=nodes))
     many = frozenset(f"/n{number:02}" for number in range(25))
-    sentence = ", ".join(sorted(many)[:20])
-    await refused(
-        f"there is no node /pui in domain 0; there are {sentence} and 5 more",
-        other(name="/n00", serves=False, nodes=many),
-    )
+    sentence = f"{absent} {', '.join(sorted(many)[:20])} and 5 more"
+    await refused(sentence, other(name="/n00", serves=False, nodes=many))
     behind = other(name="/belt", nodes=frozenset({"behind bridge 1f"}))
-    await refused("there is no node /pui in domain 0; there are /belt", behind)
+    await refused(f"{absent} /belt", behind)
 
 
 async def test_what_else_keeps_a_node_from_being_asked() -> None:
@@ -195,25 +184,18 @@ def test_values_survive_a_round_trip(value: Any) -> None:
     assert repr(again) == repr(value), "true is no 1"
 
 
-def test_what_has_no_value_has_none() -> None:
+def test_what_has_no_value_has_none_and_the_kinds_are_those_of_ros() -> None:
     assert value_of(message_of(TYPES, None)) is None
     assert value_of(message_of(TYPES, [])) == []
     assert value_of(TYPES.make(MESSAGE, type=5, byte_array_value=b"\1\2")) == [1, 2]
-
-
-def test_the_kinds_are_those_of_ros() -> None:
     kinds = TYPES.make("rcl_interfaces/msg/ParameterType")
     for number, field in FIELDS.items():
-        name = field.removesuffix("_value").upper()
-        assert getattr(kinds, f"PARAMETER_{name}") == number
+        assert getattr(kinds, f"PARAMETER_{field.removesuffix('_value').upper()}") == number
+    with pytest.raises(ValueError, match="a parameter is of kind 77, and there are 0 to 9"):
+        value_of(TYPES.make(MESSAGE, type=77))
 
 
 def test_what_ros_cannot_hold_is_refused() -> None:
     for value in ([1, "a"], [[1.0]], {"a": 1}, [1, 2.0]):
         with pytest.raises(ValueError, match="is no value that a ROS parameter can have"):
             message_of(TYPES, value)  # type: ignore[arg-type]  # that is the point
-
-
-def test_a_kind_that_there_is_not_is_refused() -> None:
-    with pytest.raises(ValueError, match="a parameter is of kind 77, and there are 0 to 9"):
-        value_of(TYPES.make(MESSAGE, type=77))

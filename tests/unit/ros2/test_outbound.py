@@ -18,17 +18,27 @@ from pointit.bridges.ros2.routing.routes import Routes, routes
 from pointit.geometry import rotation, vector
 from pointit.runtime.clock import WallClock
 from pointit.schemas.topics import TOPICS
-from tests.unit.ros2.scenes import CURSOR, NOW_NS, POSE, ROOM, furnished, jazzy, objects, out, package, sent
+from tests.unit.ros2.scenes import (
+    CURSOR,
+    NOW_NS,
+    POSE,
+    ROOM,
+    furnished,
+    jazzy,
+    objects,
+    out,
+    package,
+    sent,
+    turned,
+)
 from tests.unit.schemas.strategies import messages
+
+DRIFT = schemas.Figure(name="drift", value=0.5, unit="°/s")
 
 
 @pytest.fixture
 def table() -> Routes:
     return routes()
-
-
-def turned(value: Any) -> rotation.Quaternion:
-    return (value.x, value.y, value.z, value.w)
 
 
 @given(st.floats(-math.pi, math.pi), st.floats(-1.57, 1.57))
@@ -67,6 +77,8 @@ def test_a_pose_is_told_in_the_world_with_its_covariance(table: Routes) -> None:
     (value,) = sent(out(table, "pose"), POSE, furnished())
     assert value.header.frame_id == "world"
     assert rotation.rotate(turned(value.pose.orientation), (1.0, 0.0, 0.0)) == pytest.approx((0.0, 1.0, 0.0))
+    (value,) = sent(out(table, "pose"), POSE.model_copy(update={"stamp_ns": 2**63 - 1}), furnished())
+    assert (value.header.stamp.sec, value.header.stamp.nanosec) == (LAST_S, 0), "the last that ROS can tell"
     (value,) = sent(out(table, "pose_with_covariance"), POSE, furnished())
     spread = value.pose.covariance.reshape(6, 6)
     assert spread[0, 0] == 0.04
@@ -82,34 +94,28 @@ def test_a_pose_is_told_in_the_world_with_its_covariance(table: Routes) -> None:
 
 
 def test_the_clock_is_published_while_time_is_simulated_only(table: Routes) -> None:
-    wall = WallClock().tick()
-    assert sent(out(table, "clock"), wall, furnished()) == []
-    assert sent(out(table, "clock"), wall, furnished(), again_ns=NOW_NS) == []
-    for simulated in (
-        schemas.ClockTick(stamp_ns=NOW_NS, sim_ns=NOW_NS, speed=2.0),
-        schemas.ClockTick(stamp_ns=NOW_NS, sim_ns=5 * schemas.NS_PER_S),
-    ):
-        (value,) = sent(out(table, "clock"), simulated, furnished())
-        assert value.clock.sec == simulated.sim_ns // schemas.NS_PER_S
+    row, wall = out(table, "clock"), WallClock().tick()
+    assert sent(row, wall, furnished()) == sent(row, wall, furnished(), again_ns=NOW_NS) == []
+    for sim_ns, speed in ((NOW_NS, 2.0), (5 * schemas.NS_PER_S, 1.0)):
+        tick = schemas.ClockTick(stamp_ns=NOW_NS, sim_ns=sim_ns, speed=speed)
+        (value,) = sent(row, tick, furnished())
+        assert value.clock.sec == sim_ns // schemas.NS_PER_S
+        (value,) = sent(row, tick, furnished(), "", again_ns=8 * schemas.NS_PER_S)
+        assert value.clock.sec == 8
 
 
-def test_tf_is_repeated_with_the_time_it_is_then(table: Routes) -> None:
-    scene = furnished()
-    (value,) = sent(out(table, "tf"), POSE, scene)
+def test_tf_is_repeated_with_the_time_it_is_then_but_left_to_who_publishes_it(table: Routes) -> None:
+    scene, row = furnished(), out(table, "tf")
+    (value,) = sent(row, POSE, scene)
     (frame,) = value.transforms
     assert (frame.header.frame_id, frame.child_frame_id) == ("world", "user1/human_footprint")
-    assert frame.transform.translation.z == 0.5
-    assert frame.header.stamp.sec == 1_700_000_000
-    (value,) = sent(out(table, "tf"), POSE, scene, again_ns=NOW_NS + 3 * schemas.NS_PER_S)
+    assert (frame.transform.translation.z, frame.header.stamp.sec) == (0.5, 1_700_000_000)
+    (value,) = sent(row, POSE, scene, again_ns=NOW_NS + 3 * schemas.NS_PER_S)
     assert value.transforms[0].header.stamp.sec == 1_700_000_003
-
-
-def test_tf_is_left_to_who_publishes_it_in_ros_as_long_as_they_do(table: Routes) -> None:
-    scene = furnished()
     scene.person("user1").tf_until_ns = NOW_NS + schemas.NS_PER_S
-    assert sent(out(table, "tf"), POSE, scene) == []
-    assert sent(out(table, "tf"), POSE, scene, "user2") != []
-    assert sent(out(table, "tf"), POSE, scene, again_ns=NOW_NS + schemas.NS_PER_S) != []
+    assert sent(row, POSE, scene) == []
+    assert sent(row, POSE, scene, "user2") != []
+    assert sent(row, POSE, scene, again_ns=NOW_NS + schemas.NS_PER_S) != []
 
 
 def test_all_static_frames_come_together(table: Routes) -> None:
@@ -140,12 +146,9 @@ def test_a_goal_is_a_pose_in_the_world(table: Routes) -> None:
         confirmed_by="again",
     )
     (value,) = sent(out(table, "goal_pose"), goal, furnished())
-    read = jazzy().decode(
-        "geometry_msgs/msg/PoseStamped", jazzy().encode("geometry_msgs/msg/PoseStamped", value)
-    )
-    assert (read.header.frame_id, read.pose.position.y) == ("world", 2.0)
-    assert read.header.stamp.sec == NOW_NS // schemas.NS_PER_S
-    assert rotation.rotate(turned(read.pose.orientation), (1.0, 0.0, 0.0)) == pytest.approx((0.0, 1.0, 0.0))
+    assert (value.header.frame_id, value.pose.position.y) == ("world", 2.0)
+    assert value.header.stamp.sec == NOW_NS // schemas.NS_PER_S
+    assert rotation.rotate(turned(value.pose.orientation), (1.0, 0.0, 0.0)) == pytest.approx((0.0, 1.0, 0.0))
     steered = goal.model_copy(update={"robot": "rover"})  # our own robot: a Nav2 would drive there as well
     assert sent(out(table, "goal_pose"), steered, furnished()) == []
     assert out(table, "goal_pose").qos == Qos(depth=10)  # not latched: who comes late gets no old goal
@@ -182,29 +185,17 @@ def test_states_are_called_as_the_ros_toolkit_does(table: Routes) -> None:
 
 
 def test_packages_of_all_trackers_are_listed_as_shares_of_their_belts(table: Routes) -> None:
-    scene = furnished()
-    sent(out(table, "packages"), objects(package(7, belt="part_b", at_m=1.5, kind="blue")), scene, "other")
+    scene, row = furnished(), out(table, "packages")
+    sent(row, objects(package(7, belt="part_b", at_m=1.5, kind="blue")), scene, "other")
     free = package(3).model_copy(update={"surface": "none", "surface_id": ""})
-    (value,) = sent(out(table, "packages"), objects(package(12), free), scene, "conveyor")
-    listed = {each.uid: each for each in value.packages}
-    assert set(listed) == {7, 12}
-    assert (listed[12].position.name, listed[12].position.position, listed[12].type) == ("part_a", 0.5, 1)
-    assert (listed[7].position.name, listed[7].position.position, listed[7].type) == ("part_b", 0.5, 0)
-    assert listed[12].length == pytest.approx(0.3)
-
-
-def test_a_tracker_that_is_silent_has_no_packages(table: Routes) -> None:
-    scene = furnished()
-    scene.take("gone", objects(package(1)), NOW_NS)
+    strip = package(4).model_copy(update={"surface": "strip", "surface_id": "0", "surface_position_m": 99.0})
+    (value,) = sent(row, objects(package(12), free, strip), scene, "conveyor")
+    listed = {each.uid: (each.position.name, each.position.position, each.type) for each in value.packages}
+    assert listed == {12: ("part_a", 0.5, 1), 7: ("part_b", 0.5, 0), 4: ("strip_0", 1.0, 1)}
+    assert {each.uid: each.length for each in value.packages}[12] == pytest.approx(0.3)
     scene.take("conveyor", objects(package(2)), NOW_NS + TRACKED_NS + 1)
-    (value,) = out(table, "packages").convert(objects(), "conveyor", scene)
-    assert [each.uid for each in value.packages] == [2]
-
-
-def test_strips_that_are_belts_are_called_as_the_ros_toolkit_does(table: Routes) -> None:
-    item = package(1).model_copy(update={"surface": "strip", "surface_id": "0", "surface_position_m": 99.0})
-    (value,) = sent(out(table, "packages"), objects(item), furnished(), "conveyor")
-    assert (value.packages[0].position.name, value.packages[0].position.position) == ("strip_0", 1.0)
+    (value,) = row.convert(objects(), "conveyor", scene)
+    assert [each.uid for each in value.packages] == [2], "the other tracker is silent"
 
 
 def test_selected_are_told_by_the_numbers_of_packages(table: Routes) -> None:
@@ -260,50 +251,19 @@ def test_lights_are_told_in_ros_colours(table: Routes) -> None:
     assert row.ros_name(furnished(), "led_0") == "/led_0/color"
 
 
-def test_the_clock_goes_on_between_ticks(table: Routes) -> None:
-    tick = schemas.ClockTick(stamp_ns=NOW_NS, sim_ns=7 * schemas.NS_PER_S)
-    (value,) = sent(out(table, "clock"), tick, furnished(), "")
-    assert value.clock.sec == 7
-    (value,) = sent(out(table, "clock"), tick, furnished(), "", again_ns=8 * schemas.NS_PER_S)
-    assert value.clock.sec == 8
-
-
-def test_health_is_diagnostics(table: Routes) -> None:
+def test_health_is_diagnostics_without_what_ros_texts_cannot_hold(table: Routes) -> None:
     health = schemas.Health(
-        stamp_ns=NOW_NS,
-        service="pui",
-        instance="pui",
-        pid=1,
-        host="site",
-        figures=(schemas.Figure(name="drift", value=0.5, unit="°/s"),),
+        stamp_ns=NOW_NS, service="pui", instance="p\0ui", pid=1, host="site", figures=(DRIFT,)
     )
     (value,) = sent(out(table, "diagnostics"), health, furnished(), "pui")
     (status,) = value.status
-    assert (status.name, status.hardware_id, status.level, status.message) == (
-        "pointit: pui",
-        "site",
-        0,
-        "ok",
-    )
+    told = (status.name, status.hardware_id, status.level, status.message)
+    assert told == ("pointit: pui", "site", 0, "ok")
     assert ("drift °/s", "0.5") in {(pair.key, pair.value) for pair in status.values}
-    ill = health.model_copy(update={"status": "degraded", "warnings": ("no map: start pui",)})
-    (value,) = sent(out(table, "diagnostics"), ill, furnished(), "pui")
-    assert (value.status[0].level, value.status[0].message) == (1, "no map: start pui")
-
-
-def test_what_ros_texts_cannot_hold_is_left_out(table: Routes) -> None:
-    ill = schemas.Health(
-        stamp_ns=NOW_NS, service="pui", instance="p\0ui", pid=1, warnings=("w" * 5000,), status="degraded"
-    )
-    (value,) = sent(out(table, "diagnostics"), ill, furnished(), "pui")
-    assert value.status[0].name == "pointit: pui"
-    assert len(value.status[0].message) == MAX_TEXT
-
-
-def test_times_after_2038_are_the_last_that_ros_can_tell(table: Routes) -> None:
-    late = POSE.model_copy(update={"stamp_ns": 2**63 - 1})
-    (value,) = sent(out(table, "pose"), late, furnished())
-    assert (value.header.stamp.sec, value.header.stamp.nanosec) == (LAST_S, 0)
+    for warning, message in (("no map: start pui", "no map: start pui"), ("w" * 5000, "w" * MAX_TEXT)):
+        ill = health.model_copy(update={"status": "degraded", "warnings": (warning,)})
+        (value,) = sent(out(table, "diagnostics"), ill, furnished(), "pui")
+        assert (value.status[0].level, value.status[0].message) == (1, message)
 
 
 ROWS = [(row.name, topic) for row in routes(ros4hri=True).outward for topic in row.reads]

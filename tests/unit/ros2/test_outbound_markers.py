@@ -14,16 +14,12 @@ from pointit.bridges.ros2.routing.routes import Routes, routes
 from pointit.geometry import rotation, vector
 from pointit.geometry.polyline import Polyline
 from pointit.schemas.environment import Fence
-from tests.unit.ros2.scenes import CURSOR, NOW_NS, POSE, ROOM, furnished, objects, out, package, sent
+from tests.unit.ros2.scenes import CURSOR, NOW_NS, POSE, ROOM, furnished, objects, out, package, sent, turned
 
 
 @pytest.fixture
 def table() -> Routes:
     return routes()
-
-
-def turned(value: Any) -> rotation.Quaternion:
-    return (value.x, value.y, value.z, value.w)
 
 
 def keys(value: Any, action: int = ADD) -> set[tuple[str, int]]:
@@ -58,16 +54,14 @@ def test_markers_show_the_scene_and_take_away_what_is_gone(table: Routes) -> Non
 
 
 def test_markers_are_bounded_and_say_so(table: Routes) -> None:
-    many = objects(*(package(number) for number in range(MAX_OBJECTS + 3)))
-    (value,) = out(table, "markers").convert(many, "conveyor", _with(many))
+    many, scene = objects(*(package(number) for number in range(MAX_OBJECTS + 3))), furnished()
+    (value,) = sent(out(table, "markers"), many, scene, "conveyor")
     assert len(value.markers) == MAX_OBJECTS + 1
     assert value.markers[-1].text.startswith("3 more")
-
-
-def _with(message: schemas.Message) -> Any:
-    scene = furnished()
-    scene.take("conveyor", message, NOW_NS)
-    return scene
+    lamps = tuple(ROOM.lamps[0].model_copy(update={"id": f"l{n}"}) for n in range(MAX_MARKERS))
+    (value,) = sent(out(table, "map_markers"), ROOM.model_copy(update={"lamps": lamps}), furnished(), "")
+    assert len(value.markers) == MAX_MARKERS + 2
+    assert str(MAX_MARKERS) in value.markers[-1].text
 
 
 def test_the_ellipse_has_the_axes_of_the_covariance() -> None:
@@ -98,13 +92,6 @@ def test_the_map_replaces_what_was_drawn_before(table: Routes) -> None:
     normal = rotation.rotate(turned(plane.pose.orientation), (0.0, 0.0, 1.0))
     assert abs(vector.dot(normal, (1.0, 0.0, 0.0))) == pytest.approx(1.0)
     assert (plane.scale.x, plane.scale.y) == (2.0, 4.0)
-
-
-def test_a_huge_map_is_cut_and_says_so(table: Routes) -> None:
-    lamps = tuple(ROOM.lamps[0].model_copy(update={"id": f"l{n}"}) for n in range(MAX_MARKERS))
-    (value,) = sent(out(table, "map_markers"), ROOM.model_copy(update={"lamps": lamps}), furnished(), "")
-    assert len(value.markers) == MAX_MARKERS + 2
-    assert str(MAX_MARKERS) in value.markers[-1].text
 
 
 def test_a_ribbon_is_as_wide_as_its_belt_and_seen_from_both_sides() -> None:

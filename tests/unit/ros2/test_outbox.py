@@ -41,11 +41,6 @@ async def test_what_nobody_reads_is_not_even_made(bridge: Bench) -> None:
     assert seen.header.stamp.nanosec == (START_NS + 2) % 10**9
 
 
-async def test_it_may_be_sent_all_the_same(eager: Bench) -> None:
-    take(eager, RAY, ray(1))
-    assert len(eager.heard(RAY_ROS, RAY_TYPE)) == 1
-
-
 async def test_a_route_is_told_of_its_first_reader_by_the_look(monkeypatch: pytest.MonkeyPatch) -> None:
     begun: list[int] = []
     rows = [
@@ -101,17 +96,9 @@ async def test_nobody_displaces_others_where_each_has_a_message_of_their_own() -
 
 async def test_health_of_one_service_does_not_displace_that_of_another() -> None:
     async with bench(jazzy(), slowed("diagnostics", 20.0), unread=True) as bridge:
-        for instance in ("selector", "localizer", "keeper"):
-            health = Health(
-                stamp_ns=START_NS,
-                seq=1,
-                service=instance,
-                instance=instance,
-                pid=1,
-                host="here",
-                uptime_s=1.0,
-            )
-            take(bridge, HEALTH, health, instance)
+        for name in ("selector", "localizer", "keeper"):
+            health = Health(stamp_ns=START_NS, service=name, instance=name, pid=1)
+            take(bridge, HEALTH, health, name)
         await until(lambda: len(bridge.backend.sent["/diagnostics"]) == 3)
 
 
@@ -169,17 +156,7 @@ async def test_the_sites_time_ends_with_who_gives_it() -> None:
         )
 
 
-async def test_what_stays_the_same_is_said_once(bridge: Bench) -> None:
-    for count in range(3):
-        take(bridge, SELECTION, Selection(stamp_ns=START_NS + count, seq=count), "")
-    assert len(bridge.backend.sent["/selected_packages"]) == 1
-    for state in ("idle", "pointing", "pointing"):
-        take(bridge, INTERACTION, Interaction(stamp_ns=START_NS, seq=1, state=state))
-    assert len(bridge.backend.sent["/anna/state_transition"]) == 2
-
-
-async def test_what_stays_the_same_is_said_once_of_each(bridge: Bench) -> None:
-
+async def test_what_stays_the_same_is_said_once_and_anew_when_they_return(bridge: Bench) -> None:
     def told() -> list[tuple[str, bool]]:
         wishes = bridge.heard("/PUI_subscription", "conveyor_msgs/msg/PUISubscription")
         return [(each.user_name, each.subscribe) for each in wishes]
@@ -187,12 +164,15 @@ async def test_what_stays_the_same_is_said_once_of_each(bridge: Bench) -> None:
     def say(user: str, state: str) -> None:
         take(bridge, INTERACTION, Interaction(stamp_ns=START_NS, seq=1, state=state), user)  # type: ignore[arg-type]  # one of them
 
-    for _ in range(3):
+    for count in range(3):
         say("anna", "pointing")
         say("ben", "idle")
+        take(bridge, SELECTION, Selection(stamp_ns=START_NS + count, seq=count), "")
     assert told() == [("anna", True), ("ben", False)]
+    assert len(bridge.backend.sent["/selected_packages"]) == 1
     say("ben", "pointing")
     assert told()[2:] == [("ben", True)]
+    assert len(bridge.backend.sent["/ben/state_transition"]) == 2
     bridge.outbox.leave("anna")
     say("anna", "pointing")
     assert told()[3:] == [("anna", True)]
@@ -249,14 +229,11 @@ async def test_what_cannot_be_sent_is_told_and_the_rest_goes_on(eager: Bench) ->
     assert not eager.warnings(), "what was about her"
 
 
-def test_without_a_rate_nothing_waits() -> None:
+def test_without_a_rate_nothing_waits_and_with_one_the_rest_of_the_period() -> None:
     pace = RateLimiter(None)
     for now_s in (0.0, 0.0, 1.0):
         assert pace.wait_s(now_s) == 0.0
         pace.sent(now_s)
-
-
-def test_what_comes_too_soon_waits_for_the_rest_of_the_period() -> None:
     pace = RateLimiter(10.0)
     pace.sent(5.0)
     assert 0.06 < pace.wait_s(5.01) < 0.09

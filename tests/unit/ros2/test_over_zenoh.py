@@ -1,6 +1,7 @@
 """ROS on Zenoh: attachments, keys, qualities of service, tokens, as genuine rmw_zenoh nodes write them."""
 
 from dataclasses import replace
+from typing import Any, get_args
 
 import pytest
 from hypothesis import given
@@ -10,8 +11,17 @@ from pointit.bridges.ros2.graph.backend import LATCHED, ROSOUT, SENSOR, SERVICE,
 from pointit.bridges.ros2.over_zenoh.attachment import Attachment, packed, unpacked
 from pointit.bridges.ros2.over_zenoh.keys import data_key, dds_type, resolved
 from pointit.bridges.ros2.over_zenoh.qos import qos_of, qos_text
-from pointit.bridges.ros2.over_zenoh.token import EndpointToken, NodeToken, gid, mangled, parsed, unmangled
-from tests.unit.ros2.facts import golden
+from pointit.bridges.ros2.over_zenoh.rmw_zenoh import RmwZenoh
+from pointit.bridges.ros2.over_zenoh.token import (
+    BRIDGE,
+    EndpointToken,
+    NodeToken,
+    gid,
+    mangled,
+    parsed,
+    unmangled,
+)
+from tests.unit.ros2.values import golden
 
 INT64 = st.integers(-(2**63), 2**63 - 1)
 
@@ -45,33 +55,12 @@ def test_attachments_survive_a_round_trip(attachment: Attachment) -> None:
 
 
 @pytest.mark.parametrize(
-    "attachment",
-    [
-        Attachment(sequence=2**63, stamp_ns=0, gid=bytes(16)),
-        Attachment(sequence=0, stamp_ns=-(2**63) - 1, gid=bytes(16)),
-        Attachment(sequence=0, stamp_ns=0, gid=bytes(15)),
-        Attachment(sequence=0, stamp_ns=0, gid=bytes(17)),  # struct alone would cut it
-        Attachment(sequence=0, stamp_ns=0, gid=b""),
-    ],
+    ("sequence", "stamp_ns", "gid_bytes"),
+    [(2**63, 0, 16), (0, -(2**63) - 1, 16), (0, 0, 15), (0, 0, 17), (0, 0, 0)],  # struct alone would cut 17
 )
-def test_what_would_abort_a_ros_node_is_never_packed(attachment: Attachment) -> None:
+def test_what_would_abort_a_ros_node_is_never_packed(sequence: int, stamp_ns: int, gid_bytes: int) -> None:
     with pytest.raises(ValueError, match=r"gid of|does not fit"):
-        packed(attachment)
-
-
-@given(st.binary(max_size=70))
-def test_malformed_attachments_are_refused(data: bytes) -> None:
-    if len(data) == 33 and data[16] == 16:
-        assert packed(unpacked(data)) == data
-        return
-    with pytest.raises(ValueError, match="attachment"):
-        unpacked(data)
-
-
-@given(st.integers(0, 255).filter(lambda length: length != 16))
-def test_another_length_of_the_gid_is_refused(length: int) -> None:
-    with pytest.raises(ValueError, match="gid"):
-        unpacked(bytes(16) + bytes([length]) + bytes(16))
+        packed(Attachment(sequence=sequence, stamp_ns=stamp_ns, gid=bytes(gid_bytes)))
 
 
 def test_a_topic_and_a_service() -> None:
@@ -82,91 +71,58 @@ def test_a_topic_and_a_service() -> None:
         assert data_key(7, f"/{'/'.join(name)}", dds_type(dds_name, type_hash)) == key
     pose = RosType(name="geometry_msgs/msg/PoseStamped", hash="RIHS01_10")
     assert data_key(0, "/user1/ray", pose) == "0/user1/ray/geometry_msgs::msg::dds_::PoseStamped_/RIHS01_10"
-
-
-@pytest.mark.parametrize("name", ["/a", "/_a/b_1", "/user1/metawear_ros/rotation", "/a/_action/get_result"])
-def test_resolved_names_are_accepted(name: str) -> None:
-    assert resolved(name) == name
+    assert dds_type("std_srvs::srv::dds_::Empty_", "x") == RosType(name="std_srvs/srv/Empty", hash="x")
 
 
 NO_NAMES = [
-    *("", "/", "a", "a/b", "/a/", "//a", "/a//b", "/1a", "/a-b", "/a b", "~/a", "/{user}/a", "/**"),
-    "/a$*",
+    *("", "/", "a", "a/b", "/a/", "//a", "/a//b", "/1a", "/a-b", "/a b", "~/a", "/{user}/a", "/**", "/a$*"),
+    *("/\u00e9", "/a\n", "/@a", "/a%b"),
 ]
-STRANGE = ["/\u00e9", "/a\n", "/@a", "/a%b"]
 
 
-@pytest.mark.parametrize("name", [*NO_NAMES, *STRANGE])
+@pytest.mark.parametrize("name", NO_NAMES)
 def test_what_would_become_another_key_is_refused(name: str) -> None:
     with pytest.raises(ValueError, match="not a full ROS name"):
         resolved(name)
     with pytest.raises(ValueError, match="not a full ROS name"):
         data_key(0, name, RosType(name="std_msgs/msg/Bool", hash="RIHS01_0"))
-
-
-def test_types_are_read_as_dds_writes_them() -> None:
-    kind = dds_type("std_srvs::srv::dds_::Empty_", "RIHS01_0")
-    assert kind == RosType(name="std_srvs/srv/Empty", hash="RIHS01_0")
-    assert dds_type(kind.dds_name, kind.hash) == kind
-
-
-NO_TYPES = [
-    "",
-    "std_msgs/msg/Bool",
-    "std_msgs::msg::Bool",
-    "::::dds_::_",
-    "a::msg::dds_::Bool",
-    "a::b::c::dds_::D_",
-]
-
-
-@pytest.mark.parametrize("text", NO_TYPES)
-def test_anything_else_is_no_type(text: str) -> None:
-    with pytest.raises(ValueError, match="not a type"):
-        dds_type(text, "RIHS01_0")
-
-
-@pytest.mark.parametrize("type_hash", ["", "RIHS01 0", "\x1b[2J", "RIHS01_é"])
-def test_a_hash_is_a_word(type_hash: str) -> None:
-    with pytest.raises(ValueError, match="not a type"):
-        dds_type("std_msgs::msg::dds_::Bool_", type_hash)
+    for good in ("/a", "/_a/b_1", "/user1/metawear_ros/rotation", "/a/_action/get_result"):
+        assert resolved(good) == good
 
 
 @pytest.mark.parametrize(
-    ("qos", "text"),
+    ("text", "type_hash"),
     [
-        (SERVICE, "::,10:,:,:,,"),
-        (SENSOR, "2::,5:,:,:,,"),
-        (LATCHED, ":1:,1:,:,:,,"),
-        (Qos(depth=100), "::,100:,:,:,,"),
-        (Qos(depth=100, latched=True), ":1:,100:,:,:,,"),
-        (Qos(depth=42), "::,:,:,:,,"),
-        (ROSOUT, ":1:,1000:,:10,0:,,"),
+        *((text, "RIHS01_0") for text in ("", "std_msgs/msg/Bool", "std_msgs::msg::Bool", "::::dds_::_")),
+        *((text, "RIHS01_0") for text in ("a::msg::dds_::Bool", "a::b::c::dds_::D_")),
+        *(("std_msgs::msg::dds_::Bool_", text) for text in ("", "RIHS01 0", "\x1b[2J", "RIHS01_é")),
     ],
 )
-def test_qos_text_matches_a_real_rmw_zenoh_node(qos: Qos, text: str) -> None:
-    assert qos_text(qos) == text
-    assert qos_of(text) == qos
+def test_anything_else_is_no_type(text: str, type_hash: str) -> None:
+    with pytest.raises(ValueError, match="not a type"):
+        dds_type(text, type_hash)
 
 
-@given(
-    st.builds(
-        Qos,
-        depth=st.integers(0, 10**17),
-        reliable=st.booleans(),
-        latched=st.booleans(),
-        lifespan_ns=st.none() | st.integers(0, 2**63 - 2),
-    )
+@pytest.mark.parametrize(
+    ("qos", "text", "others"),
+    [
+        (
+            SERVICE,
+            "::,10:,:,:,,",
+            ["1:2:1,10:5,0:,:1,3,0", "1:2:1,10:5,0:9223372036,854775807:1,3,0", "::,10"],
+        ),
+        (SENSOR, "2::,5:,:,:,,", []),
+        (LATCHED, ":1:,1:,:,:,,", []),
+        (Qos(depth=100), "::,100:,:,:,,", []),
+        (Qos(depth=100, latched=True), ":1:,100:,:,:,,", []),
+        (Qos(depth=42), "::,:,:,:,,", ["::2,:,:,:,,"]),
+        (ROSOUT, ":1:,1000:,:10,0:,,", []),
+    ],
 )
-def test_qos_survives_a_round_trip(qos: Qos) -> None:
-    assert qos_of(qos_text(qos)) == qos
-
-
-def test_defaults_that_are_written_out_and_what_the_bridge_has_no_use_for() -> None:
-    assert qos_of("1:2:1,10:5,0:,:1,3,0") == Qos(depth=10)
-    assert qos_of("1:2:1,10:5,0:9223372036,854775807:1,3,0") == Qos(depth=10)
-    assert qos_of("::,10") == Qos(depth=10)
-    assert qos_of("::2,:,:,:,,") == Qos(depth=42)
+def test_qos_text_matches_a_real_rmw_zenoh_node(qos: Qos, text: str, others: list[str]) -> None:
+    assert qos_text(qos) == text
+    for each in (text, *others):  # with defaults written out, and fields that the bridge has no use for
+        assert qos_of(each) == qos
 
 
 @pytest.mark.parametrize(
@@ -236,9 +192,18 @@ def test_tokens_and_gids_of_a_running_node() -> None:
     assert len(ours & {expected for _, expected in TOKENS}) == 26, "all but the node's"
 
 
-def test_ids_need_not_be_numbers() -> None:
-    text = RAY.text.replace("/0/10/", "/robot/2/")  # as dora-rs writes them
-    assert parsed(text).node_id == "robot"
+@pytest.mark.parametrize(
+    ("written", "instead", "changes"),
+    [
+        ("/0/10/", "/robot/2/", {"node_id": "robot", "endpoint_id": "2"}),  # as dora-rs writes them
+        ("/MS/%/", "/MS/%secret%arm/", {"enclave": "/secret/arm"}),
+        (RAY.type.hash, "TypeHashNotSupported", {"type": replace(RAY.type, hash="TypeHashNotSupported")}),
+    ],
+    ids=["ids of dora-rs", "enclave", "Humble"],
+)
+def test_tokens_of_others_are_read_as_written(written: str, instead: str, changes: dict[str, Any]) -> None:
+    text = RAY.text.replace(written, instead)
+    assert parsed(text) == replace(RAY, **changes)
     assert parsed(text).text == text
 
 
@@ -256,18 +221,6 @@ def test_chunks_that_later_distributions_add_are_read_over(more: str) -> None:
     assert gid(RAY.text + more) != RAY.gid
 
 
-def test_token_carries_another_enclave() -> None:
-    text = RAY.text.replace("/MS/%/", "/MS/%secret%arm/")
-    assert parsed(text) == replace(RAY, enclave="/secret/arm")
-    assert parsed(text).text == text
-
-
-def test_token_of_humble_has_no_hash() -> None:
-    token = parsed(RAY.text.replace(RAY.type.hash, "TypeHashNotSupported"))
-    assert isinstance(token, EndpointToken)
-    assert token.type.hash == "TypeHashNotSupported"
-
-
 @given(
     st.builds(
         EndpointToken,
@@ -281,7 +234,7 @@ def test_token_of_humble_has_no_hash() -> None:
         type=st.just(RAY.type),
         qos=st.builds(
             Qos,
-            depth=st.integers(0, 1000),
+            depth=st.integers(0, 10**17),
             reliable=st.booleans(),
             latched=st.booleans(),
             lifespan_ns=st.none() | st.integers(0, 2**63 - 2),
@@ -294,12 +247,15 @@ def test_tokens_survive_a_round_trip(token: EndpointToken) -> None:
     assert len(token.gid) == 16
 
 
-@pytest.mark.parametrize("bad", ["belt", "/", "/a/b c", "/**", ""])
+@pytest.mark.parametrize("bad", ["belt", "/", "/a/b c", "/**", "/a//b", "/9", ""])
 def test_no_token_of_ours_has_a_name_that_is_none(bad: str) -> None:
-    with pytest.raises(ValueError, match="not a full ROS name"):
-        _ = replace(NODE, node=bad).text
-    with pytest.raises(ValueError, match="not a full ROS name"):
-        _ = replace(RAY, name=bad).text
+    for made in (
+        lambda: replace(NODE, node=bad).text,
+        lambda: replace(RAY, name=bad).text,
+        lambda: RmwZenoh(session=SESSION, node=bad, domain=0),
+    ):
+        with pytest.raises(ValueError, match="not a full ROS name"):
+            made()
 
 
 CHUNKS = RAY.text.split("/")
@@ -308,34 +264,16 @@ CHUNKS = RAY.text.split("/")
 @pytest.mark.parametrize(
     ("index", "chunk"),
     [
-        (0, "@adv"),
-        (1, "-1"),
-        (1, "x"),
-        (1, "9" * 5000),
-        (2, "FD"),
-        (2, "f" * 33),
-        (5, "MX"),
-        (5, "NS"),
-        (7, "user1"),
-        (7, "%a b"),
-        (8, "\x1b[2J"),
-        (9, "ray"),
-        (9, "%a%%b"),
-        (10, "PoseStamped"),
-        (11, "\x1b[2J"),
-        (12, "best_effort"),
+        *((0, "@adv"), (1, "-1"), (1, "x"), (1, "9" * 5000), (2, "FD"), (2, "f" * 33), (5, "MX"), (5, "NS")),
+        *((7, "user1"), (7, "%a b"), (8, "\x1b[2J"), (9, "ray"), (9, "%a%%b"), (10, "PoseStamped")),
+        *((11, "\x1b[2J"), (12, "best_effort")),
         *((index, "") for index in range(13)),
     ],
 )
-def test_a_chunk_that_is_none_is_refused(index: int, chunk: str) -> None:
-    with pytest.raises(ValueError, match=r"not|neither|that is none"):
-        parsed("/".join([*CHUNKS[:index], chunk, *CHUNKS[index + 1 :]]))
-
-
-@pytest.mark.parametrize("count", range(13))
-def test_a_token_that_ends_early_is_refused(count: int) -> None:
-    with pytest.raises(ValueError, match=r"not|neither"):
-        parsed("/".join(CHUNKS[:count]))
+def test_a_chunk_that_is_none_and_an_early_end_is_refused(index: int, chunk: str) -> None:
+    for text in ("/".join([*CHUNKS[:index], chunk, *CHUNKS[index + 1 :]]), "/".join(CHUNKS[:index])):
+        with pytest.raises(ValueError, match=r"not|neither|that is none"):
+            parsed(text)
 
 
 @given(
@@ -353,3 +291,105 @@ def test_no_text_does_worse_than_to_be_refused(text: str) -> None:
         return
     again = parsed(token.text)  # what is read can be written, and means the same
     assert again == token
+
+
+POSE = RosType(name="geometry_msgs/msg/PoseStamped", hash="RIHS01_" + "a" * 64)
+SESSION = "fd857cb30ca6267672bad8919c98b29f"
+
+
+def rmw() -> RmwZenoh:
+    return RmwZenoh(session=SESSION, node="/user1/belt", domain=7)
+
+
+def test_we_write_the_tokens_of_a_genuine_node_one_after_the_other() -> None:
+    """The fixture is one node with 26 endpoints, numbered as it declared them."""
+    genuine = {int(text.split("/")[4]): (text, gid) for text, gid in golden("wire")["tokens"]}
+    ours = rmw()
+    assert ours.node_token() == genuine[0][0]
+    for number in range(1, len(genuine)):
+        text, gid = genuine[number]
+        seen = ours.read(text)
+        assert seen.endpoint is not None
+        endpoint = seen.endpoint
+        assert (endpoint.is_ours, endpoint.domain, endpoint.node) == (True, 7, "/user1/belt")
+        assert endpoint.qos is not None
+        token = ours.endpoint_token(endpoint.kind, endpoint.name, endpoint.type, endpoint.qos)
+        assert token == text
+        assert ours.gid(token).hex() == gid
+
+
+def test_bridges_of_pointit_know_each_other_by_their_enclave_whatever_they_are_called() -> None:
+    ours, other = (
+        RmwZenoh(session=session, node="/pointit", domain=7, enclave=BRIDGE) for session in (SESSION, "ab")
+    )
+    token = other.endpoint_token("publisher", "/x", POSE, SENSOR)
+    seen, own = ours.read(token), other.read(token)
+    assert seen.endpoint is not None
+    assert (seen.endpoint.is_ours, seen.endpoint.is_bridge, seen.bridge_gid) == (False, True, gid(token))
+    assert own.endpoint is not None
+    assert (own.endpoint.is_ours, own.endpoint.is_bridge, own.bridge_gid) == (True, False, None)
+    plain = RmwZenoh(session="cd", node="/pointit", domain=7)
+    stranger = plain.endpoint_token("publisher", "/x", POSE, SENSOR)
+    for reader, text in ((plain, token), (ours, stranger)):
+        endpoint = reader.read(text).endpoint
+        assert endpoint is not None
+        assert not endpoint.is_bridge
+        assert reader.read(text).bridge_gid is None
+
+
+def test_all_tokens_are_under_the_pattern_and_no_two_are_the_same() -> None:
+    ours, kinds = rmw(), get_args(EndpointKind)
+    tokens = [ours.node_token()] + [ours.endpoint_token(kind, "/x", POSE, SENSOR) for kind in kinds * 2]
+    assert len(set(tokens)) == 9
+    assert all(token.startswith(ours.tokens.removesuffix("**")) for token in tokens)
+    assert all(len(token.split("/")) == 13 for token in tokens[1:]), "Lyrical: no buffers, please"
+
+
+def test_strays_are_everything_with_the_name_but_what_is_right() -> None:
+    ours = rmw()
+    key = ours.key("/user1/ray", POSE)
+    assert key == f"7/user1/ray/geometry_msgs::msg::dds_::PoseStamped_/{POSE.hash}"
+    assert ours.misrouted_keys("/user1/ray") == "*/user1/ray/*/*"
+    assert ours.misrouting_reason(key, "/user1/ray", POSE) == ""
+    for stray, why in (
+        (key.replace("7/", "0/", 1), "domain 0, we are in 7; set domain_id to theirs"),
+        (key.replace("PoseStamped", "Pose"), "they are geometry_msgs::msg::dds_::Pose_, not"),
+        (key.replace("aaaa", "cccc"), "hash RIHS01_ccccccccccccc, ours RIHS01_aaaaaaaaaaaaa; rebuild"),
+    ):
+        assert why in ours.misrouting_reason(stray, "/user1/ray", POSE)
+
+
+def test_definitions_are_kept_apart() -> None:
+    kinds = (POSE, replace(POSE, hash="RIHS01_b"), replace(POSE, name="std_msgs/msg/Bool"))
+    assert len({rmw().key("/x", each) for each in kinds}) == 3
+
+
+@given(
+    st.binary(max_size=80)
+    | st.none()
+    | st.tuples(
+        st.binary(min_size=16, max_size=16), st.just(b"\x10") | st.binary(min_size=1, max_size=1)
+    ).map(lambda parts: parts[0] + parts[1] + parts[0])
+)
+def test_an_attachment_is_one_or_a_sentence(data: bytes | None) -> None:
+    if data is not None and len(data) == 33 and data[16] == 16:
+        origin = rmw().unpack(data)
+        assert rmw().pack(origin) == data
+    else:
+        with pytest.raises(ValueError, match="attachment"):
+            rmw().unpack(data)
+
+
+@pytest.mark.parametrize("field", [b"source_gid", b"sequence_number"])
+def test_attachments_of_old_versions_are_recognized(field: bytes) -> None:
+    with pytest.raises(ValueError, match=r"before 0\.1\.2 \(Humble\) or 0\.2\.4 \(Jazzy\)"):
+        rmw().unpack(b"\x03\x0a" + field + bytes(20))
+
+
+@pytest.mark.parametrize("chunks", ["5\x1b[2J/{}/{}", "7/\x1b[2J/{1}", "7/{0}/\n\x1b[2J"])
+def test_no_key_that_goes_astray_writes_to_terminals(chunks: str) -> None:
+    ours = RmwZenoh(session="aa", node="/pointit", domain=7)
+    domain, _, rest = chunks.partition("/")
+    key = f"{domain}/x/{rest.format(POSE.dds_name, POSE.hash)}"
+    assert ours.misrouting_reason(key, "/x", POSE)
+    assert ours.misrouting_reason(key, "/x", POSE).isprintable()

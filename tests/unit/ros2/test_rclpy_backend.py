@@ -4,7 +4,7 @@ import asyncio
 import re
 import sys
 import threading
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from typing import Any
 
 import pytest
@@ -16,8 +16,7 @@ from pointit.runtime.errors import BusClosedError, ConfigError
 from pointit.schemas import NS_PER_S
 from tests.support.bench import until
 from tests.unit.ros2 import fake_rclpy
-from tests.unit.ros2.fake_rclpy import SetBool, Value, Wire
-from tests.unit.ros2.rclpy_bench import BOOL, PADDED, QOS, SET, TRUE, Ours, node_of_ours, on_a_wire, profile
+from tests.unit.ros2.fake_rclpy import BOOL, QOS, SET, TRUE, Ours, Wire, node_of_ours, on_a_wire, profile
 
 pytestmark = pytest.mark.wall_time
 
@@ -34,11 +33,16 @@ async def ours(wire: Wire) -> AsyncIterator[Ours]:
         yield made
 
 
-def told_to(heard: list[bytes]) -> Callable[[bytes, Any], None]:
-    def take(cdr: bytes, _info: Any) -> None:
-        heard.append(cdr)
+class Rebuilt(fake_rclpy.Bool):
+    HASH = "RIHS01_" + "0" * 64
 
-    return take
+
+async def test_messages_of_another_definition_come_and_that_is_said(wire: Wire, ours: Ours) -> None:
+    heard: list[bytes] = []
+    ours.backend.subscribe("/in", BOOL, QOS, heard.append)
+    wire.node("robot").create_publisher(Rebuilt, "/in", profile()).publish(TRUE)
+    await until(lambda: bool(heard) and "definition of /in" in ours.now)
+    assert "what arrives is dropped or misread" in ours.now["definition of /in"]
 
 
 async def test_without_rclpy_it_says_what_to_source() -> None:
@@ -71,9 +75,12 @@ async def test_messages_go_both_ways_and_ours_never_come_back(wire: Wire, ours: 
         threads.add(threading.get_ident())
         heard.append(cdr)
 
+    def they_take(cdr: bytes, _info: Any) -> None:
+        they_heard.append(cdr)
+
     theirs = wire.node("robot")
     they_heard: list[bytes] = []
-    theirs.create_subscription(fake_rclpy.Bool, "/both", told_to(they_heard), profile(), raw=True)
+    theirs.create_subscription(fake_rclpy.Bool, "/both", they_take, profile(), raw=True)
     publisher = theirs.create_publisher(fake_rclpy.Bool, "/both", profile())
     reader = ours.backend.subscribe("/both", BOOL, QOS, take)
     writer = ours.backend.advertise("/both", BOOL, QOS)
@@ -84,7 +91,7 @@ async def test_messages_go_both_ways_and_ours_never_come_back(wire: Wire, ours: 
     writer.put(TRUE)
     publisher.publish(b"\0\1\0\0\0")
     await until(lambda: len(heard) == 2)
-    assert heard == [PADDED, b"\0\1\0\0\0\0\0\0"]
+    assert heard == [fake_rclpy.PADDED, b"\0\1\0\0\0\0\0\0"]
     assert len(they_heard) == 23
     assert threads == {threading.get_ident()}
     reader.close()
@@ -108,7 +115,7 @@ async def test_before_iron_each_of_ours_is_taken_for_ours_once(monkeypatch: pyte
         writer.put(TRUE)
         wire.node("robot").create_publisher(fake_rclpy.Bool, "/both", profile()).publish(TRUE)
         await until(lambda: bool(heard))
-        assert heard == [PADDED]
+        assert heard == [fake_rclpy.PADDED]
 
 
 async def test_bytes_that_are_no_cdr_are_never_sent(wire: Wire, ours: Ours) -> None:
@@ -212,7 +219,7 @@ async def test_the_graph_is_told_and_what_will_not_work(wire: Wire, ours: Ours) 
     ours.backend.subscribe("/in", BOOL, LATCHED, lambda _cdr: None)
     robot = wire.node("robot", "/a")
     publisher = robot.create_publisher(fake_rclpy.Bool, "/in", profile())
-    robot.create_service(SetBool, "/stop", answers)
+    robot.create_service(fake_rclpy.SetBool, "/stop", answers)
     await until(lambda: ours.sees("publisher", "/in"))
     assert ours.sees("server", "/stop")
     assert ours.graphs[-1].nodes == {"/site1/pointit", "/a/robot"}
@@ -303,29 +310,29 @@ def server_of(wire: Wire) -> fake_rclpy.Service:
     return service
 
 
-def into(answered: list[bytes]) -> Callable[[Value], None]:
-    def take(response: Value) -> None:
+def into(answered: list[bytes]) -> Callable[[fake_rclpy.Value], None]:
+    def take(response: fake_rclpy.Value) -> None:
         answered.append(response.cdr)
 
     return take
 
 
-def more(request: Value, _response: Value) -> Value:
-    return SetBool.Response(request.cdr + b"\2")
-
-
-async def test_requests_are_answered_in_the_loop_while_the_executor_goes_on(wire: Wire, ours: Ours) -> None:
-    gate = asyncio.Event()
-
+def behind(gate: asyncio.Event) -> Callable[[bytes], Awaitable[bytes]]:
     async def slow(request: bytes) -> bytes:
         await gate.wait()
         return request
 
-    desk = ours.backend.serve("/stop", SET, slow)
-    service = server_of(wire)
-    answered: list[bytes] = []
-    service.ask(b"\0\1\0\0\7", into(answered))
-    heard: list[bytes] = []
+    return slow
+
+
+def more(request: fake_rclpy.Value, _response: fake_rclpy.Value) -> fake_rclpy.Value:
+    return fake_rclpy.SetBool.Response(request.cdr + b"\2")
+
+
+async def test_requests_are_answered_in_the_loop_while_the_executor_goes_on(wire: Wire, ours: Ours) -> None:
+    gate, answered, heard = asyncio.Event(), list[bytes](), list[bytes]()
+    desk = ours.backend.serve("/stop", SET, behind(gate))
+    server_of(wire).ask(b"\0\1\0\0\7", into(answered))
     ours.backend.subscribe("/in", BOOL, QOS, heard.append)
     wire.node("robot").create_publisher(fake_rclpy.Bool, "/in", profile()).publish(TRUE)
     await until(lambda: bool(heard))
@@ -338,38 +345,28 @@ async def test_requests_are_answered_in_the_loop_while_the_executor_goes_on(wire
 
 
 @pytest.mark.parametrize("response", [b"", b"\0\1\0\0bad", None], ids=["empty", "other", "raises"])
-async def test_who_asks_is_always_answered(wire: Wire, response: bytes | None, ours: Ours) -> None:
-
+async def test_who_asks_is_always_answered(wire: Wire, ours: Ours, response: bytes | None) -> None:
     async def wrong(_request: bytes) -> bytes:
-        await asyncio.sleep(0)
         if response is None:
             raise ZeroDivisionError
         return response
 
     ours.backend.serve("/stop", SET, wrong)
-    service = server_of(wire)
     answered: list[bytes] = []
-    service.ask(b"\0\1\0\0bad", into(answered))  # ends `spin`
-    service.ask(b"\0\1\0\0\7", into(answered))
+    server_of(wire).ask(b"\0\1\0\0bad", into(answered))  # ends `spin`
+    server_of(wire).ask(b"\0\1\0\0\7", into(answered))
     await until(lambda: bool(answered))
-    assert answered == [SetBool.Response().cdr]
+    assert answered == [fake_rclpy.SetBool.Response().cdr]
     assert ours.now["rclpy"] == "something from ROS was dropped by rclpy: cannot be read"
 
 
 async def test_too_many_open_requests_are_answered_with_nothing_in_them(wire: Wire, ours: Ours) -> None:
-    gate = asyncio.Event()
-
-    async def slow(request: bytes) -> bytes:
-        await gate.wait()
-        return request
-
-    ours.backend.serve("/stop", SET, slow)
-    service = server_of(wire)
-    answered: list[bytes] = []
+    gate, answered = asyncio.Event(), list[bytes]()
+    ours.backend.serve("/stop", SET, behind(gate))
     for _ in range(66):
-        service.ask(b"\0\1\0\0\7", into(answered))
+        server_of(wire).ask(b"\0\1\0\0\7", into(answered))
     await until(lambda: len(answered) == 2)
-    assert answered == [SetBool.Response().cdr] * 2
+    assert answered == [fake_rclpy.SetBool.Response().cdr] * 2
     assert "too many requests are open" in ours.now["requests to /stop"]
     gate.set()
     await until(lambda: len(answered) == 66)
@@ -381,7 +378,7 @@ async def test_calls_get_their_answers_or_say_what_is_lacking(wire: Wire) -> Non
         with pytest.raises(TimeoutError, match=r"/stop: no node serves it within 0\.01 s"):
             await ours.backend.call("/stop", SET, TRUE, timeout_s=0.01)
         call = asyncio.create_task(ours.backend.call("/stop", SET, TRUE, timeout_s=5))
-        server = wire.node("robot").create_service(SetBool, "/stop", more)
+        server = wire.node("robot").create_service(fake_rclpy.SetBool, "/stop", more)
         assert await call == TRUE + b"\2"
         assert len(wire.ends["client"]) == 1
         server.is_mute = True

@@ -71,14 +71,11 @@ def log() -> Log:
     return Log()
 
 
-def test_it_is_as_a_genuine_nodes(log: Log) -> None:
+def test_it_is_as_a_genuine_nodes_with_its_stamp_and_who_says_it(log: Log) -> None:
     assert (log.row.ros, log.row.type, log.row.qos, log.row.enabled) == (ROS, TYPE, ROSOUT, True)
     assert jazzy().kind(TYPE).hash.startswith("RIHS01_e28ce254"), "what the captured node has in its token"
     made = jazzy().make(TYPE)
     assert (INFO, WARN, ERROR) == (made.INFO, made.WARN, made.ERROR)
-
-
-def test_a_warning_is_a_line_with_its_stamp_and_who_says_it(log: Log) -> None:
     (line,) = log.lines(health(NO_MAP, instance="pointing.anna", stamp_ns=7 * NS_PER_S + 5))
     assert (line.stamp.sec, line.stamp.nanosec) == (7, 5)
     assert (line.level, line.name, line.msg) == (WARN, "pointit.pointing.anna", QUOTED)
@@ -119,7 +116,7 @@ def test_names_with_digits_are_names_and_what_two_say_alike_is_said_of_both(log:
     assert log.says(health(*both, strips[1]), OVER_REPORTS) == [(INFO, f"over: {strips[0]}")]
 
 
-def test_calls_that_fail_are_an_error_while_they_do(log: Log) -> None:
+def test_calls_that_fail_are_an_error_while_they_do_in_each_process_of_the_name(log: Log) -> None:
     assert log.says(health(errors=3)) == [], "before we looked"
     ((level, said),) = log.says(health(errors=4))
     assert level == ERROR
@@ -127,6 +124,7 @@ def test_calls_that_fail_are_an_error_while_they_do(log: Log) -> None:
     assert log.says(health(errors=5)) == []
     ((level, said),) = log.says(health(errors=5), OVER_REPORTS)
     assert (level, said.split(" ")[:3]) == (INFO, ["over:", "5", "of"])
+    assert log.says(health(errors=9, pid=2)) == []
 
 
 def test_events_that_are_lost_are_an_error(log: Log) -> None:
@@ -139,23 +137,17 @@ def test_events_that_are_lost_are_an_error(log: Log) -> None:
     assert (level, "never arrived" in said) == (ERROR, True)
 
 
-def test_another_process_of_the_name_has_counts_of_its_own(log: Log) -> None:
-    log.says(health(errors=3, pid=1))
-    assert log.says(health(errors=9, pid=2)) == []
-
-
-def test_a_service_that_does_not_say_why_is_told_of_too(log: Log) -> None:
+def test_a_service_that_does_not_say_why_is_told_of_too_but_not_a_router_alone(log: Log) -> None:
     degraded = health().model_copy(update={"status": "degraded"})
     assert log.says(degraded, 9) == [(WARN, "reports itself as degraded without a reason; look at its log")]
-
-
-def test_a_router_alone_is_nothing_wrong(log: Log) -> None:
     assert log.says(health(instance="router"), 9) == []
 
 
-def test_what_flaps_is_said_once(log: Log) -> None:
+def test_what_flaps_is_said_once_and_keeps_no_other_from_being_heard(log: Log) -> None:
     said = [log.says(health(*((NO_MAP,) if count % OVER_REPORTS else ()))) for count in range(500)]
     assert [line for lines in said for line in lines] == [(WARN, NO_MAP)]
+    log.says(health(*(f"{chr(ord('a') + count)} is gone" for count in range(26))), 9)
+    assert log.says(health(NO_MAP, instance="led-driver")) == [(WARN, NO_MAP)]
 
 
 def test_who_flaps_slowly_or_says_something_else_each_time_floods_nobody(log: Log) -> None:
@@ -172,26 +164,16 @@ def test_who_flaps_slowly_or_says_something_else_each_time_floods_nobody(log: Lo
     assert most // 2 < told <= most
 
 
-def test_who_has_much_to_say_says_it_bit_by_bit(log: Log) -> None:
-    names = [chr(ord("a") + count) for count in range(MAX_AT_ONCE + 4)]
-    report = health(*(f"{name} is gone" for name in names))
+def test_who_has_much_to_say_says_it_bit_by_bit_and_what_is_not_over_is_bounded(log: Log) -> None:
+    report = health(*(f"{chr(ord('a') + count)} is gone" for count in range(MAX_AT_ONCE + 4)))
     assert len(log.says(report)) == MAX_AT_ONCE
     assert len(log.says(report, 4 * REPORTS_PER_LINE)) == 4
     assert log.says(report, 100) == []
-
-
-def test_what_is_not_over_is_bounded(log: Log) -> None:
-    names = ["".join(pair) for pair in itertools.product("abcdefghij", repeat=2)]
-    assert len(names) > MAX_TOLD
-    report = health(*(f"{name} is gone" for name in names))
+    words = [f"{''.join(pair)} is gone" for pair in itertools.product("abcdefghij", repeat=2)]
+    assert len(words) > MAX_TOLD
+    report = health(*words, instance="bounded")
     assert len(log.says(report, MAX_TOLD * REPORTS_PER_LINE * 2)) == MAX_TOLD
-    assert len(log.says(health(f"{names[0]} is gone"), OVER_REPORTS + 10)) > 0, "and goes on"
-
-
-def test_one_service_keeps_no_other_from_being_heard(log: Log) -> None:
-    noisy = health(*(f"{chr(ord('a') + count)} is gone" for count in range(26)))
-    log.says(noisy, 9)
-    assert log.says(health(NO_MAP, instance="led-driver")) == [(WARN, NO_MAP)]
+    assert len(log.says(health(words[0], instance="bounded"), OVER_REPORTS + 10)) > 0, "and goes on"
 
 
 def test_who_is_gone_is_forgotten_and_who_comes_back_says_it_again_but_no_more_often(log: Log) -> None:
@@ -223,8 +205,7 @@ def test_services_are_bounded_gone_ones_too(monkeypatch: pytest.MonkeyPatch, log
 
 
 def test_who_begins_to_read_hears_what_is_wrong_and_not_what_was(log: Log) -> None:
-    gone = NO_WRIST
-    log.says(health(NO_MAP, gone))
+    log.says(health(NO_MAP, NO_WRIST))
     log.begin()
     assert log.says(health(NO_MAP), 2 * OVER_REPORTS) == [(WARN, NO_MAP)]
 

@@ -58,6 +58,7 @@ def test_every_type_is_known_with_its_hash(table: Routes) -> None:
     for row in table.all:
         assert jazzy().kind(row.type).hash.startswith("RIHS01_")
         assert ("/srv/" in row.type) == isinstance(row, ServiceRoute)
+    assert CLOCK_S * NS_PER_S == SILENT_NS, "ROS and the site agree on when a clock has ended"
 
 
 def test_what_is_latched_and_what_gives_way(table: Routes) -> None:
@@ -74,12 +75,14 @@ def test_what_is_latched_and_what_gives_way(table: Routes) -> None:
     assert all(row.yields for row in table.served)
 
 
-def test_a_file_changes_routes(tmp_path: Path) -> None:
+def test_a_file_changes_routes_and_a_switched_off_one_frees_its_name(tmp_path: Path) -> None:
     path = tmp_path / "routes.yaml"
     path.write_text(
         "prefix: /site1\nworld: map\nperson: '{user}/base'\nkinds: [box]\nroutes:\n"
         "  pointing_ray: {ros: '/{user}/ray', rate_hz: 5, frame: odom}\n"
         "  rotation_in: {enabled: false}\n"
+        "  selected_packages: {ros: /site1/pointers}\n"
+        "  pointers: {enabled: false}\n"
     )
     table = routes(path)
     rows = {row.name: row for row in table.all}
@@ -89,9 +92,8 @@ def test_a_file_changes_routes(tmp_path: Path) -> None:
     assert scene.frames.resolve(ray.frame, "anna") == "odom"
     assert scene.frames.resolve(rows["pose"].frame, "anna") == "map"
     assert scene.frames.person("anna") == "anna/base"
-    assert not rows["rotation_in"].enabled
-    assert rows["rotation"].enabled
-    assert rows["packages"].ros == "/site1/packages"
+    assert (rows["rotation_in"].enabled, rows["rotation"].enabled) == (False, True)
+    assert (rows["packages"].ros, rows["selected_packages"].ros) == ("/site1/packages", "/site1/pointers")
     assert (rows["tf"].ros, rows["rosout"].ros) == ("/tf", "/rosout")
     assert scene.kinds.kind(0) == "box"
 
@@ -128,12 +130,6 @@ def test_a_wrong_file_is_refused_in_one_sentence(tmp_path: Path, text: str, told
     assert "\n" not in str(caught.value)
 
 
-def test_a_switched_off_route_frees_its_name(tmp_path: Path) -> None:
-    path = tmp_path / "routes.yaml"
-    path.write_text("routes: {packages: {ros: /pointers}, pointers: {enabled: false}}")
-    assert {row.ros for row in routes(path).outward if row.name == "packages"} == {"/pointers"}
-
-
 def test_people_whose_names_ros_cannot_have_stay_apart() -> None:
     names = RosNames()
     made = [names.of(name) for name in ("anna-b", "anna.b", "anna_b", "7", "anna-b")]
@@ -143,10 +139,6 @@ def test_people_whose_names_ros_cannot_have_stay_apart() -> None:
     assert frames.resolve("{world}", "anna.b") == "world"
 
 
-def test_ros_and_the_site_agree_on_when_a_clock_has_ended() -> None:
-    assert CLOCK_S * NS_PER_S == SILENT_NS
-
-
 DOCS = Path(__file__).parents[3] / "docs"
 TEXT = (DOCS / "how-to/ros2.md").read_text(encoding="utf-8")
 PROPOSAL = (DOCS / "explanation/pointing-messages-proposal.md").read_text(encoding="utf-8")
@@ -154,19 +146,16 @@ PROPOSAL = (DOCS / "explanation/pointing-messages-proposal.md").read_text(encodi
 
 def test_every_route_is_documented_and_no_other() -> None:
     rows = [line.split("|") for line in TEXT.splitlines() if line.startswith("| `") and line.count("|") == 5]
-    told = {(row[1].strip(" `"), row[2].strip(" `"), row[3].strip()) for row in rows}
-    there = {
-        (route.name, route.ros, route.type.replace("/msg/", "/").replace("/srv/", "/"))
-        for route in routes(ros4hri=True).all
+    told = {tuple(cell.strip(" `") for cell in row[1:4]): "|".join(row) for row in rows}
+    routes_of = routes(ros4hri=True).all
+    names = {
+        (route.name, route.ros, route.type.replace("/msg/", "/").replace("/srv/", "/")): route
+        for route in routes_of
     }
-    assert told == there
-
-
-def test_what_yields_and_what_is_off_is_said() -> None:
-    for route in routes(ros4hri=True).all:
-        (line,) = (line for line in TEXT.splitlines() if line.startswith(f"| `{route.name}` "))
-        assert ("yields" in line) is route.yields
-        assert ("off by default" in line) is not route.enabled
+    assert told.keys() == names.keys()
+    for key, route in names.items():
+        assert ("yields" in told[key]) is route.yields
+        assert ("off by default" in told[key]) is not route.enabled
 
 
 def test_proposed_messages_are_valid_definitions() -> None:
@@ -187,10 +176,6 @@ def test_digits_are_kept_where_they_are_free() -> None:
     assert uids.number("19a1-12") != 12
     assert uids.number("package12") == 12
     assert uids.number("robot") != uids.number("drone")
-
-
-def test_digits_that_do_not_fit_are_not_kept() -> None:
-    uids = Uids()
     assert uids.number("a-4294967296") <= MAX_NUMBER
     assert Uids(255).number("strip-300") <= 255
     assert Uids(255).number("strip-255") == 255
@@ -245,14 +230,11 @@ def test_a_number_that_was_asked_for_goes_to_who_comes_next() -> None:
         uids.bind(MAX_NUMBER + 1, "x")
 
 
-def test_names_used_longest_ago_are_forgotten() -> None:
+def test_names_used_longest_ago_are_forgotten_and_all_numbers_are_given_before_any_comes_again() -> None:
     uids = Uids(kept=3)
     for name in ("a1", "b2", "c3", "a1", "d4"):
         uids.number(name)
     assert [uids.name(number) for number in (1, 2, 3, 4)] == ["a1", None, "c3", "d4"]
-
-
-def test_all_numbers_are_given_before_any_comes_again() -> None:
     uids = Uids(most=9)
     assert {uids.number(f"p{chr(97 + n)}") for n in range(10)} == set(range(10))
     assert uids.number("one more") in range(10)
@@ -261,14 +243,7 @@ def test_all_numbers_are_given_before_any_comes_again() -> None:
 def test_kinds_have_numbers_and_back() -> None:
     kinds = Kinds(("blue", "red", "blue"))
     assert [kinds.number(kind) for kind in ("blue", "red", "pink")] == [0, 1, Kinds.OTHER]
-    assert [kinds.kind(number) for number in (0, 1, 2, 3, 255, -1)] == [
-        "blue",
-        "red",
-        "blue",
-        None,
-        None,
-        None,
-    ]
+    assert [kinds.kind(number) for number in (0, 1, 2, 3, 255, -1)] == ["blue", "red", "blue", *[None] * 3]
 
 
 class Server:

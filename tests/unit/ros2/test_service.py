@@ -191,6 +191,7 @@ def test_one_port_is_not_both(own: str) -> None:
         "either ROS's router or PointIt's: say with --connect where PointIt is (a run with --ros2 is at "
         "tcp/127.0.0.1:7448), or with backend.endpoint where ROS's router is"
     )
+    check_launches([launch(kind="dds")], [own])  # which has no router
 
 
 @pytest.mark.parametrize(
@@ -199,13 +200,6 @@ def test_one_port_is_not_both(own: str) -> None:
 def test_other_ports_machines_and_protocols_are_apart(own: str) -> None:
     check_launches([launch()], [own])
     check_apart("serial//dev/x", [own])
-
-
-def test_where_a_router_of_ros_is_matters_only_where_there_is_one() -> None:
-    check_launches([launch(kind="dds")], [ROS])
-
-
-def test_hosts_are_the_same_however_they_are_written() -> None:
     assert place_of("tcp/Robot.local:7447") == place_of("tls/robot.local:7447?x=1")
     assert place_of("udp/robot.local:7447") != place_of("tcp/robot.local:7447")
 

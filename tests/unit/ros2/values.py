@@ -1,16 +1,20 @@
-"""ROS values as plain Python, and values of any type for property tests."""
+"""ROS values: as plain Python, of any type for property tests, and as captured of a running ROS 2."""
 
-from collections.abc import Mapping
+import json
+import re
 from dataclasses import fields, is_dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
 
-from pointit.bridges.ros2.types.rihs01 import ARRAY, BASE, NAME, Fields
-from pointit.bridges.ros2.types.types import Types
+from pointit.bridges.ros2.types.definitions import Definitions
+from pointit.bridges.ros2.types.rihs01 import ARRAY, BASE, NAME, SEQUENCE, Fields
+from tests.unit.ros2.scenes import jazzy
 
 TEXT = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"), max_size=12)
+FIELDS = {name: fields for name, (_, fields) in Definitions("jazzy").store.fielddefs.items()}
 
 
 def plain(value: Any) -> Any:
@@ -25,22 +29,20 @@ def plain(value: Any) -> Any:
     return value if isinstance(value, str | int | float) else [plain(each) for each in value]
 
 
-def any_value(types: Types, fields_of: Mapping[str, Fields], name: str) -> st.SearchStrategy[Any]:
+def any_value(name: str) -> st.SearchStrategy[Any]:
     """Values of the type `name`."""
-    given = {field: any_field(types, fields_of, of) for field, of in fields_of[name]}
-    return st.fixed_dictionaries(given).map(lambda each: types.make(name, **each))
+    given = {field: any_field(of) for field, of in FIELDS[name]}
+    return st.fixed_dictionaries(given).map(lambda each: jazzy().make(name, **each))
 
 
-def any_field(types: Types, fields_of: Mapping[str, Fields], of: Any) -> st.SearchStrategy[Any]:
+def any_field(of: Any) -> st.SearchStrategy[Any]:
     shape, rest = of
     if shape == NAME:
-        return any_value(types, fields_of, rest)
+        return any_value(rest)
     if shape == BASE:
         return any_base(rest[0])
     within, count = rest
-    return st.lists(
-        any_field(types, fields_of, within), min_size=count if shape == ARRAY else 0, max_size=count or 4
-    )
+    return st.lists(any_field(within), min_size=count if shape == ARRAY else 0, max_size=count or 4)
 
 
 def any_base(base: str) -> st.SearchStrategy[Any]:
@@ -54,3 +56,27 @@ def any_base(base: str) -> st.SearchStrategy[Any]:
     base = {"byte": "int8", "char": "uint8"}.get(base, base)
     limits = np.iinfo(base)
     return st.integers(int(limits.min), int(limits.max))
+
+
+FOLDER = Path(__file__).parent / "golden"
+LINE = re.compile(r"([\w/]+)(?:<=(\d+))?(\[(<=)?(\d*)\])? (\w+)(?: .*)?")
+
+
+def golden(name: str) -> Any:
+    return json.loads((FOLDER / f"{name}.json").read_text(encoding="utf-8"))
+
+
+def definitions() -> dict[str, Fields]:
+    """Fields of types that rosbags does not bring, so that their hashes can be compared, too."""
+    return {name: [field(line) for line in lines] for name, lines in golden("definitions").items()}
+
+
+def field(line: str) -> tuple[str, Any]:
+    """A line of a definition as `rihs01` describes fields; a reader of its own, so that two must agree."""
+    found = LINE.fullmatch(line)
+    assert found is not None, line
+    kind, text_bound, listed, at_most, count, name = found.groups()
+    of: Any = (NAME, kind.replace("/", "/msg/")) if "/" in kind else (BASE, (kind, int(text_bound or 0)))
+    if listed:
+        of = (ARRAY if count and not at_most else SEQUENCE, (of, int(count or 0)))
+    return name, of

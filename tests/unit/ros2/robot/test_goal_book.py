@@ -30,11 +30,15 @@ def test_a_goal_is_accepted_worked_on_and_done_each_once() -> None:
     assert not book.has_unwanted
 
 
-def test_a_refused_goal_leaves_nothing_to_cancel() -> None:
+def test_a_refused_goal_leaves_nothing_to_cancel_but_the_one_before() -> None:
     book = GoalBook()
     book.begin(A)
     assert book.on_response(A, accepted=False, now_ns=LATER_NS) == "refused"
     assert book.to_cancel(LATER_NS) == []
+    book = accepted()
+    book.begin(B)
+    assert book.on_response(B, accepted=False, now_ns=LATER_NS) == "refused"
+    assert book.to_cancel(LATER_NS) == [A]
 
 
 def test_a_stopped_goal_is_cancelled_again_and_again_until_it_has_ended() -> None:
@@ -78,40 +82,20 @@ def test_a_new_goal_leaves_the_end_of_the_old_one_to_the_server_for_a_while() ->
     assert book.on_end(A, GoalStatus.ABORTED) is None
 
 
-def test_a_refused_goal_cancels_the_one_before() -> None:
+def test_the_status_topic_tells_an_end_whose_result_does_not_come_and_of_others_that_do_not_matter() -> None:
     book = accepted()
-    book.begin(B)
-    assert book.on_response(B, accepted=False, now_ns=LATER_NS) == "refused"
-    assert book.to_cancel(LATER_NS) == [A]
-
-
-def test_the_status_topic_tells_an_end_whose_result_does_not_come() -> None:
-    book = accepted()
+    assert book.on_status([(B, GoalStatus.EXECUTING), (B, GoalStatus.ABORTED)], LATER_NS) == []
+    assert book.on_end(B, GoalStatus.ABORTED) is None
+    assert book.to_cancel(LATER_NS) == []
     assert book.on_status([(A, GoalStatus.ABORTED)], LATER_NS) == []
     assert book.overdue(LATER_NS + RESULT_NS - 1) is None
     assert book.overdue(LATER_NS + RESULT_NS) == "failed"
     assert book.on_end(A, GoalStatus.ABORTED) is None
 
 
-def test_goals_of_others_do_not_matter() -> None:
-    book = accepted()
-    assert book.on_status([(B, GoalStatus.EXECUTING), (B, GoalStatus.ABORTED)], LATER_NS) == []
-    assert book.on_end(B, GoalStatus.ABORTED) is None
-    assert book.to_cancel(LATER_NS) == []
-
-
 GOALS = st.integers(0, 3).map(lambda number: bytes([number]) * 16)
-EVENTS = st.one_of(
-    st.tuples(st.just("begin"), GOALS),
-    st.tuples(st.just("drop"), GOALS),
-    st.tuples(st.just("accepted"), GOALS),
-    st.tuples(st.just("refused"), GOALS),
-    st.tuples(st.just("silence"), GOALS),
-    st.tuples(st.just("feedback"), GOALS),
-    st.tuples(st.just("unknown"), GOALS),
-    st.tuples(st.sampled_from(GoalStatus), GOALS),
-    st.tuples(st.just("end"), GOALS),
-)
+CALLS = ("begin", "drop", "accepted", "refused", "silence", "feedback", "unknown", "end")
+EVENTS = st.tuples(st.sampled_from((*CALLS, *GoalStatus)), GOALS)
 
 
 def told(book: GoalBook, what: str | GoalStatus, goal: bytes, now_ns: int) -> list[object]:

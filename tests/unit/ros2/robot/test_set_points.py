@@ -1,5 +1,6 @@
 """Set-points of a drone that lags behind them."""
 
+import dataclasses
 import itertools
 import math
 
@@ -10,18 +11,10 @@ from hypothesis import strategies as st
 from pointit.bridges.ros2.robot.set_points import LEASH_M, SetPoint, SetPoints
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
-from pointit.plugins import Command, Follow, FollowPath, Land, RobotSpec, Stop, TakeOff
+from pointit.plugins import Command, Follow, FollowPath, Land, Stop, TakeOff
+from tests.unit.ros2.robot.test_driver import QUAD
 
-SPEC = RobotSpec(
-    name="quad",
-    kind="quadrotor",
-    start_m=(0.0, 0.0, 0.0),
-    start_yaw_rad=0.0,
-    radius_m=0.1,
-    hover_m=0.5,
-    max_speed_mps=1.0,
-    max_acceleration_mps2=2.0,
-)
+SPEC = dataclasses.replace(QUAD, radius_m=0.1, max_acceleration_mps2=2.0)
 STEP_S = 0.05
 LAG_S = 0.2
 FLOOR = (0.0, 0.0, 0.0)
@@ -68,17 +61,17 @@ def far_m(a: Vec3, b: Vec3) -> float:
     return vector.norm(vector.subtract(a, b))
 
 
-def test_nothing_is_sent_before_a_command() -> None:
+@pytest.mark.parametrize(
+    ("command", "answer"),
+    [
+        (Stop(0), ("done", "")),
+        (Follow(1, (1.0, 0.0, 1.0)), ("refused", "it is on the ground: take off first")),
+        (FollowPath(1, ((1.0, 0.0, 1.0),)), ("refused", "it is on the ground: take off first")),
+    ],
+)
+def test_who_stands_on_the_ground_takes_off_first(command: Command, answer: tuple[str, str]) -> None:
     drone = Drone()
-    assert drone.told(Stop(0)) == ("done", "")
-    drone.fly(1.0)
-    assert not any(drone.sent)
-
-
-@pytest.mark.parametrize("command", [Follow(1, (1.0, 0.0, 1.0)), FollowPath(1, ((1.0, 0.0, 1.0),))])
-def test_who_stands_on_the_ground_takes_off_first(command: Command) -> None:
-    drone = Drone()
-    assert drone.told(command) == ("refused", "it is on the ground: take off first")
+    assert drone.told(command) == answer
     drone.fly(1.0)
     assert not any(drone.sent)
 

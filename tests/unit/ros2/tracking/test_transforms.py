@@ -12,6 +12,7 @@ from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
 from tests.unit.ros2.scenes import NOW_NS, jazzy
+from tests.unit.ros2.tracking import test_trackers as links
 
 ROOTS = {"world": AT_ORIGIN}
 METRES = st.floats(-100.0, 100.0)
@@ -26,19 +27,11 @@ POSES = st.builds(tilted, st.tuples(METRES, METRES, METRES), TURNS, st.floats(-1
 
 
 def transform(parent: str, child: str, pose: Pose = AT_ORIGIN, age_s: float = 0.0) -> Any:
-    make = jazzy().make
-    sec, nanosec = divmod(NOW_NS - round(age_s * NS_PER_S), NS_PER_S)
-    header = make(
-        "std_msgs/msg/Header",
-        stamp=make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec),
-        frame_id=parent,
-    )
-    moved = make(
-        "geometry_msgs/msg/Transform",
-        translation=make("geometry_msgs/msg/Vector3", **dict(zip("xyz", pose.position_m, strict=True))),
-        rotation=make("geometry_msgs/msg/Quaternion", **dict(zip("xyzw", pose.orientation, strict=True))),
-    )
-    return make("geometry_msgs/msg/TransformStamped", header=header, child_frame_id=child, transform=moved)
+    made = links.transform(parent, child, stamp_ns=NOW_NS - round(age_s * NS_PER_S))
+    make, moved = jazzy().make, made.transform
+    moved.translation = make("geometry_msgs/msg/Vector3", **dict(zip("xyz", pose.position_m, strict=True)))
+    moved.rotation = make("geometry_msgs/msg/Quaternion", **dict(zip("xyzw", pose.orientation, strict=True)))
+    return made
 
 
 def message(*transforms: Any) -> Any:
@@ -130,12 +123,10 @@ def test_frames_that_were_asked_for_and_those_above_are_found_in_bytes() -> None
 
 
 @given(TURNS)
-def test_yaw_of_a_level_rotation_is_its_angle(yaw_rad: float) -> None:
-    assert math.remainder(yaw(rotation.from_yaw(yaw_rad)) - yaw_rad, math.tau) == pytest.approx(0.0, abs=1e-9)
-
-
-def test_yaw_of_a_rotation_whose_x_axis_is_upright_is_that_of_its_y_axis() -> None:
-    upright = rotation.multiply(
-        rotation.from_yaw(0.5), rotation.from_axis_angle((0.0, 1.0, 0.0), -math.pi / 2)
-    )
-    assert yaw(upright) == pytest.approx(0.5)
+def test_yaw_of_a_level_rotation_is_its_angle_and_of_an_upright_x_axis_that_of_its_y_axis(
+    yaw_rad: float,
+) -> None:
+    turned = rotation.from_yaw(yaw_rad)
+    upright = rotation.multiply(turned, rotation.from_axis_angle((0.0, 1.0, 0.0), -math.pi / 2))
+    for each in (turned, upright):
+        assert math.remainder(yaw(each) - yaw_rad, math.tau) == pytest.approx(0.0, abs=1e-9)

@@ -83,7 +83,7 @@ class Polyline:
         return positions_m, apart_m
 
     def is_beyond_ends(self, points_m: Array, positions_m: Array, by_m: float = 0.0) -> NDArray[np.bool_]:
-        """Return True for points (k x 3, nearest at `positions_m`) over `by_m` before the start or past the end."""
+        """Return True for points (k x 3, nearest at `positions_m`) more than `by_m` beyond an end."""
         before_m = (points_m - self.vertices_m[0]) @ self.tangents[0]
         after_m = (points_m - self.vertices_m[-1]) @ self.tangents[-1]
         is_before: NDArray[np.bool_] = (positions_m <= 0.0) & (before_m < -by_m)

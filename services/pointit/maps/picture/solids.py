@@ -12,7 +12,7 @@ from pointit.geometry.plane import plane_axes
 from pointit.geometry.vector import Vec3, scale
 from pointit.maps.picture.palette import ON_TOP, SOLID, SOLID_FILL, Axes
 from pointit.schemas import Environment
-from pointit.schemas.environment import Plane
+from pointit.schemas.environment import Box, Cylinder, Plane, Sphere
 
 _FILL: dict[str, Any] = {"facecolor": SOLID_FILL, "edgecolor": SOLID, "linewidth": 1.1, "zorder": 1.8}
 LEVEL = 0.999

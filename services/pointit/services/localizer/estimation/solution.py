@@ -152,7 +152,7 @@ class Solution:
         return away_m <= SAME_POSE and turned_rad <= SAME_POSE
 
     def differs(self, other: "Solution", drift_rad: float = 0.0) -> float:
-        """Return the squared Mahalanobis distance by both covariances; `drift_rad`: 1 sigma of a turn between.
+        """Return the squared Mahalanobis distance by both covariances; `drift_rad`: 1 sigma of turns between.
 
         The latency of the tracker does not count, since it moves both equally.
         """

@@ -67,26 +67,14 @@ class Steering(Message):
 
 
 STEERING = Topic(
-    key="users/{user}/steering",
-    message=Steering,
-    delivery=Delivery.STATE,
-    rate_hz=None,
-    writers=("goal",),
+    key="users/{user}/steering", message=Steering, delivery=Delivery.STATE, rate_hz=None, writers=("goal",),
     about="the robot that the person wants to steer, and how",
-)
+)  # fmt: skip
 ROBOT_STATE = Topic(
-    key="robots/{robot}/state",
-    message=RobotState,
-    delivery=Delivery.LATEST,
-    rate_hz=10,
-    writers=("robot",),
+    key="robots/{robot}/state", message=RobotState, delivery=Delivery.LATEST, rate_hz=10, writers=("robot",),
     about="where a robot is, what it does and for whom",
-)
+)  # fmt: skip
 ROBOT_PLAN = Topic(
-    key="robots/{robot}/plan",
-    message=RobotPlan,
-    delivery=Delivery.STATE,
-    rate_hz=None,
-    writers=("robot",),
+    key="robots/{robot}/plan", message=RobotPlan, delivery=Delivery.STATE, rate_hz=None, writers=("robot",),
     about="the way that a robot is about to take",
-)
+)  # fmt: skip

@@ -1,10 +1,8 @@
 """Colormaps by name, without matplotlib: tables of 33 colours with linear interpolation.
 
 The colours are those of matplotlib's maps of the same names, fitted so that all 256 steps are within `ERROR`
-of
-255 (measured against matplotlib in the tests). RdYlGn is ColorBrewer's (colorbrewer2.org, C. Brewer), turbo
-is
-A. Mikhailov's, coolwarm is K. Moreland's.
+of 255 (measured against matplotlib in the tests). RdYlGn is ColorBrewer's (colorbrewer2.org, C. Brewer),
+turbo is A. Mikhailov's, coolwarm is K. Moreland's.
 """
 
 from functools import lru_cache
@@ -86,7 +84,6 @@ class Colormap:
     """Map from fractions to colours."""
 
     def __init__(self, name: str, colors: NDArray[np.uint8]) -> None:
-        """Create from `colors`, 256 x 3."""
         self.name = name
         self._colors = colors
 

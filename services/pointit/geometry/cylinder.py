@@ -26,7 +26,6 @@ class CylinderSolid:
     """
 
     def __init__(self, foot_m: Vec3, radius_m: float, height_m: float) -> None:
-        """Create from the centre of its foot, radius and height."""
         self._foot = foot_m
         self._radius = radius_m
         self._height = height_m
@@ -155,7 +154,6 @@ class CylinderSolid:
         return self._nearest(vector.add(own, vector.scale(d, low)))
 
     def _nearest(self, point: Vec3) -> Vec3:
-        """Return its nearest point, in own axes, to `point` outside."""
         x, y, z = point
         shrink = min(1.0, self._radius / max(math.hypot(x, y), 1e-12))
         return (x * shrink, y * shrink, min(max(z, 0.0), self._height))

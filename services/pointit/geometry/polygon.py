@@ -58,7 +58,6 @@ class Polygon:
 
 
 def _nearest_on(a: Vec2, b: Vec2, point_m: Vec2) -> Vec2:
-    """Return the point of the edge from a to b that is nearest to `point_m`."""
     ux, uy = b[0] - a[0], b[1] - a[1]
     along = ((point_m[0] - a[0]) * ux + (point_m[1] - a[1]) * uy) / max(ux * ux + uy * uy, TINY)
     along = min(max(along, 0.0), 1.0)
@@ -84,7 +83,6 @@ def _side(a: Vec2, b: Vec2, c: Vec2) -> float:
 
 
 def _do_meet(a: Vec2, b: Vec2, c: Vec2, d: Vec2) -> bool:
-    """Return True if the segments ab and cd have a point in common."""
     abc, abd, cda, cdb = _side(a, b, c), _side(a, b, d), _side(c, d, a), _side(c, d, b)
     if abc * abd < 0.0 and cda * cdb < 0.0:
         return True
@@ -97,5 +95,4 @@ def _do_meet(a: Vec2, b: Vec2, c: Vec2, d: Vec2) -> bool:
 
 
 def _is_between(a: Vec2, b: Vec2, c: Vec2) -> bool:
-    """Return True if c, on the line through a and b, is between them."""
     return min(a[0], b[0]) <= c[0] <= max(a[0], b[0]) and min(a[1], b[1]) <= c[1] <= max(a[1], b[1])

@@ -83,13 +83,7 @@ class Polyline:
         return positions_m, apart_m
 
     def is_beyond_ends(self, points_m: Array, positions_m: Array, by_m: float = 0.0) -> NDArray[np.bool_]:
-        """Return True for each of `points_m` (k x 3) more than `by_m` before the start or after the end.
-
-        Args:
-            points_m: the points.
-            positions_m: nearest arc lengths of the points, from `nearest_to`.
-            by_m: tolerance beyond an end.
-        """
+        """Return True for points (k x 3, nearest at `positions_m`) more than `by_m` beyond an end."""
         before_m = (points_m - self.vertices_m[0]) @ self.tangents[0]
         after_m = (points_m - self.vertices_m[-1]) @ self.tangents[-1]
         is_before: NDArray[np.bool_] = (positions_m <= 0.0) & (before_m < -by_m)

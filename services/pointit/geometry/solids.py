@@ -45,8 +45,7 @@ class BoxSolid:
     """An upright box, rotated about z.
 
     Its own axes begin at its centre. A position is (x, y) on top and bottom, (y, z) on the faces across its x
-    axis,
-    (x, z) on those across its y axis. The face follows from the point.
+    axis, (x, z) on those across its y axis. The face follows from the point.
     """
 
     def __init__(self, center_m: Vec3, size_m: Vec3, yaw_rad: float = 0.0) -> None:
@@ -101,7 +100,6 @@ class SphereSolid:
     """A sphere. A position is (radius · azimuth, radius · elevation) seen from its centre."""
 
     def __init__(self, center_m: Vec3, radius_m: float) -> None:
-        """Create from centre and radius."""
         self._center = center_m
         self._radius = radius_m
         self.bounding_sphere = (center_m, radius_m)

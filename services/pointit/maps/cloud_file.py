@@ -124,7 +124,6 @@ def _table(
     max_rows: int,
     delimiter: str | None = None,
 ) -> Points:
-    """Return `columns` of at most `max_rows` rows after `skip` lines."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # no rows: the caller reports it
         try:

@@ -28,14 +28,7 @@ from pointit.schemas.environment import (
 def environment(
     file: MapFile, clouds: Mapping[str, NDArray[np.float64]], *, name: str, stamp_ns: int
 ) -> Environment:
-    """Return the message of `file`, whose `links` and `bays` must be valid.
-
-    Args:
-        file: map.
-        clouds: points of each of its clouds in {W}, n x 3.
-        name: name of the map.
-        stamp_ns: time of reading.
-    """
+    """Return the message of `file`, whose links and bays are valid; `clouds` are in {W}, n x 3."""
     return Environment(
         stamp_ns=stamp_ns,
         name=name,

@@ -189,7 +189,6 @@ def to_message(path: Path, file: MapFile, clouds: Clouds, stamp_ns: int) -> Envi
 
 
 def _placed(points: NDArray[np.float64], entry: CloudEntry) -> NDArray[np.float64]:
-    """Return `points` transformed as the map specifies."""
     with np.errstate(over="ignore", invalid="ignore"):  # checked below
         placed = points * entry.scale
         if entry.yaw_deg:
@@ -222,7 +221,6 @@ def _wrong_names(section: str, entries: Any) -> Iterator[tuple[str, str]]:
 
 
 def _mistakes(error: ValidationError) -> list[tuple[str, str]]:
-    """Return the place and the message of each mistake."""
     return [
         (".".join(str(part) for part in detail["loc"]), _sentence(detail))
         for detail in error.errors(include_url=False)
@@ -230,7 +228,6 @@ def _mistakes(error: ValidationError) -> list[tuple[str, str]]:
 
 
 def _sentence(detail: ErrorDetails) -> str:
-    """Return problem and remedy, to continue the place."""
     loc, kind, value = detail["loc"], detail["type"], detail["input"]
     model = MapFile if len(loc) == 1 else ENTRIES.get(str(loc[0]), MapFile)
     if kind == "missing":

@@ -142,7 +142,6 @@ def _order(words: Sequence[str]) -> str:
 
 
 def _parse_line(words: Sequence[str], elements: list[Element]) -> None:
-    """Parse one line of a header."""
     match words:
         case [] | ["comment" | "obj_info", *_]:
             pass

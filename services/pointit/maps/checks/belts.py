@@ -21,7 +21,7 @@ Lanes = Mapping[str, Lane]
 
 
 def check_belts(file: MapFile, lanes: Lanes, links: Sequence[tuple[int, LinkEntry]]) -> Iterator[Finding]:
-    """Yield problems of the links and bays of the lanes of `file`.
+    """Yield problems of links and bays; `links` have the indices in the file of those whose lanes exist.
 
     file: map.
         file: the map.

@@ -41,13 +41,7 @@ GRID = 48
 def check_map(
     file: MapFile, clouds: Mapping[str, NDArray[np.float64]], *, person_m: Point | None = None
 ) -> list[Finding]:
-    """Return the findings, errors first.
-
-    Args:
-        file: map as read from its file.
-        clouds: points of its clouds in {W}, n x 3.
-        person_m: position of the person, x and y. None: anywhere.
-    """
+    """Return the findings, errors first; `clouds` are in {W}, n x 3; a person may stand anywhere if None."""
     broken = [error(where, text) for where, text in broken_references(file)]
     lanes = lanes_of(file)
     links = [
@@ -129,15 +123,10 @@ def _check_clouds(clouds: Mapping[str, NDArray[np.float64]]) -> Iterator[Finding
 
 
 def _check_twins(file: MapFile) -> Iterator[Finding]:
-    """Yield strips, belts and solids at the same place as another one of their kind."""
     yield from _twins("strips", {name: strip.line for name, strip in file.strips.items()})
     yield from _twins("belts", {name: belt.centerline for name, belt in file.belts.items()})
-    yield from _twins("boxes", file.boxes)
-    yield from _twins("planes", file.planes)
-    yield from _twins("cylinders", file.cylinders)
-    yield from _twins("spheres", file.spheres)
-    yield from _twins("clouds", file.clouds)
-    yield from _twins("fences", file.fences)
+    for section in ("boxes", "planes", "cylinders", "spheres", "clouds", "fences"):
+        yield from _twins(section, getattr(file, section))
 
 
 def _twins(section: str, entries: Mapping[str, object]) -> Iterator[Finding]:
@@ -151,11 +140,8 @@ def _twins(section: str, entries: Mapping[str, object]) -> Iterator[Finding]:
 
 def _check_extent(file: MapFile) -> Iterator[Finding]:
     places = [led.position for led in file.leds.values()]
-    for line in (
-        *(strip.line for strip in file.strips.values()),
-        *(each.centerline for each in file.belts.values()),
-    ):
-        places += line
+    places += [place for strip in file.strips.values() for place in strip.line]
+    places += [place for belt in file.belts.values() for place in belt.centerline]
     extent = float(np.ptp(np.array(places), axis=0).max()) if places else 0.0
     if extent > WIDEST_M:
         yield warning("map", f"is {extent:.0f} m wide; give positions in metres, if these are millimetres")

@@ -95,7 +95,6 @@ def beside(line: Polyline, offset_m: float) -> NDArray[np.float64]:
 
 
 def _lanes(room: Environment) -> dict[str, Polyline]:
-    """Return the lines along which objects move: belts, or strips if there are no belts."""
     lanes: tuple[Belt | Strip, ...] = room.belts or room.strips
     return {lane.id: Polyline(lane.line_m) for lane in lanes}
 

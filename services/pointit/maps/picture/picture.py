@@ -60,14 +60,7 @@ def draw_map(
     title: str,
     person_m: tuple[float, float] | None = None,
 ) -> None:
-    """Write a picture of `room` from above to `path`, in the format of its suffix.
-
-    Args:
-        path: file, svg, png or pdf.
-        room: map.
-        clouds: points of its clouds, n x 3, by id.
-        title: title above the picture.
-        person_m: position of a person, x and y.
+    """Write a picture of `room` from above to `path` (svg, png, pdf), with clouds (n x 3), a person (x, y).
 
     Raises:
         OSError: If the file cannot be written.

@@ -12,7 +12,7 @@ from pointit.geometry.plane import plane_axes
 from pointit.geometry.vector import Vec3, scale
 from pointit.maps.picture.palette import ON_TOP, SOLID, SOLID_FILL, Axes
 from pointit.schemas import Environment
-from pointit.schemas.environment import Plane
+from pointit.schemas.environment import Box, Cylinder, Plane, Sphere
 
 _FILL: dict[str, Any] = {"facecolor": SOLID_FILL, "edgecolor": SOLID, "linewidth": 1.1, "zorder": 1.8}
 LEVEL = 0.999
@@ -41,11 +41,9 @@ def draw_solids(axes: Axes, room: Environment) -> list[Any]:
     axes.add_collection(PatchCollection(outlines, match_original=True, zorder=_FILL["zorder"]))
     legend: list[Any] = []
     if is_named:
-        solids_named = [(each.id, each.center_m) for each in room.boxes]
-        solids_named += [(each.id, each.center_m) for each in room.cylinders]
-        solids_named += [(each.id, each.center_m) for each in room.spheres]
-        for name, center_m in solids_named:
-            _name(axes, name, center_m)
+        named: tuple[Box | Cylinder | Sphere, ...] = (*room.boxes, *room.cylinders, *room.spheres)
+        for each in named:
+            _name(axes, each.id, each.center_m)
     else:
         legend.append(Line2D([], [], ls="", label=f"{solids} solids, names left out"))
     if solids:

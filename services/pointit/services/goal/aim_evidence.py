@@ -116,7 +116,6 @@ def log_likelihoods(
 
 
 def _part(matrices: Array, rows: NDArray[np.intp]) -> Array:
-    """Return the given rows and columns of one or several matrices."""
     return np.asarray(matrices[..., rows[:, None], rows], dtype=np.float64)
 
 

@@ -13,7 +13,6 @@ class GoalChecker:
     """Checks places by the level surfaces, people's positions and the person's interaction."""
 
     def __init__(self, config: GoalConfig, user: str) -> None:
-        """Start for `user` without any data."""
         self._config = config
         self._user = user
         self._level: frozenset[str] = frozenset()

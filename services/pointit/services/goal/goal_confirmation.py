@@ -39,7 +39,6 @@ class GoalConfirmation:
     """Turns the pointing of one person into cues and goals."""
 
     def __init__(self, config: GoalConfig, user: str) -> None:
-        """Start for `user` without any data or proposal."""
         self._config = config
         self._checker = GoalChecker(config, user)
         self._cursor: Cursor | None = None
@@ -108,7 +107,6 @@ class GoalConfirmation:
         return self._withdraw(f"not confirmed within {self._config.confirm_s:g} s", now_ns)
 
     def _stayed(self, mean_m: Vec3, cursor: Cursor, now_ns: int) -> list[Output]:
-        """Return the result of a stay at `mean_m`."""
         proposal = self._proposal
         if (
             self._config.confirm == "again"

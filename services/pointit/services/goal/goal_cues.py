@@ -9,21 +9,12 @@ class CueFactory:
     """Makes the cues of one publisher."""
 
     def __init__(self) -> None:
-        """Start with number 1."""
         self._count = 0
 
     def make(
         self, cue: Cue, text: str, now_ns: int, place_m: Vec3 | None = None, *, sign_of: Cue | None = None
     ) -> Feedback:
-        """Return a cue that looks, sounds and feels like `sign_of`, or by default as usual.
-
-        Args:
-            cue: kind of the cue.
-            text: one sentence for the person.
-            now_ns: time, ns.
-            place_m: place that it refers to, {W}.
-            sign_of: kind whose signs it has, so that a success differs from the step before.
-        """
+        """Return a cue that looks, sounds and feels like `sign_of`, or as usual; `place_m` is in {W}."""
         sign = SIGNS[sign_of or cue]
         self._count += 1
         return Feedback(

@@ -33,7 +33,6 @@ class RobotChoice:
     """Identifies the robot that one person points at, and takes it by a press or by staying on it."""
 
     def __init__(self, take: Literal["press", "dwell"], dwell_s: float) -> None:
-        """Start without rays and robots."""
         self._identifier = RobotIdentifier()
         self._take = take
         self._dwell_ns = round(dwell_s * NS_PER_S)

@@ -55,7 +55,6 @@ class RobotIdentifier:
     """Keeps the window of rays and tracks of one person, and identifies the robot on request."""
 
     def __init__(self, settings: IdentificationSettings | None = None) -> None:
-        """Start without any data."""
         self._settings = settings if settings is not None else IdentificationSettings()
         self._window_ns = round(self._settings.window_s * NS_PER_S)
         self._rays: deque[PointingRay] = deque(maxlen=MAX_RAYS)

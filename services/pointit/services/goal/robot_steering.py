@@ -51,7 +51,6 @@ class RobotSteering:
     """Turns the pointing and the button of one person into steering, goals and cues."""
 
     def __init__(self, config: GoalConfig, user: str) -> None:
-        """Start for `user` without any data or robot."""
         self._config = config
         self._user = user
         self._checker = GoalChecker(config, user)
@@ -219,7 +218,6 @@ class RobotSteering:
         return []
 
     def _answered(self, answer: RobotCue | None, now_ns: int) -> list[Output]:
-        """Return the cue for what the robot did."""
         if answer is None:
             return self._output([], now_ns)
         if answer.ends:
@@ -260,7 +258,6 @@ class RobotSteering:
         return [self._cues.make("selected", text, now_ns, place_m)]
 
     def _robot_at(self, place_m: Vec3) -> str:
-        """Return another robot that stands at a place, or `""`."""
         for name, (state, _) in self._robots.items():
             away_m = math.dist(state.position_m[:2], place_m[:2])
             if name != self.robot and away_m <= self._config.radius_m + state.radius_m:
@@ -304,7 +301,6 @@ class RobotSteering:
             self._stays.bar(surface_id, place_m)
 
     def _output(self, outputs: list[Output], now_ns: int) -> list[Output]:
-        """Append the steering if it has changed."""
         steering = Steering(
             stamp_ns=now_ns,
             robot=self.robot,

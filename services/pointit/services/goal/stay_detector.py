@@ -13,8 +13,6 @@ LEFT = 2.0
 
 @dataclass
 class _Stay:
-    """Consecutive cursors at one place."""
-
     first_m: Vec3
     surface_id: str
     since_ns: int
@@ -50,13 +48,7 @@ class StayDetector:
         self._stay, self._over = None, (surface_id, place_m)
 
     def on_cursor(self, place_m: Vec3 | None, surface_id: str, stamp_ns: int) -> Vec3 | None:
-        """Return the mean place, {W}, of the stay that this cursor completes, else None.
-
-        Args:
-            place_m: point of the cursor, {W}, or None if it is at no permitted place.
-            surface_id: surface of the cursor.
-            stamp_ns: stamp of the cursor.
-        """
+        """Return the mean place, {W}, of the stay that this cursor completes; None is no allowed place."""
         if self._over is not None and self.is_away(place_m, surface_id, *self._over):
             self.reset()
         if place_m is None:

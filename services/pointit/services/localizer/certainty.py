@@ -2,8 +2,7 @@
 
 import math
 
-import numpy as np
-
+from pointit.geometry import floor_sigma
 from pointit.schemas import Health, UserPose
 from pointit.services.localizer.config import LocalizerConfig
 
@@ -25,8 +24,7 @@ ANCHOR_AGE, POSITION_SIGMA, YAW_SIGMA = "anchor age", "position σ", "yaw σ"  #
 
 def position_sigma_m(pose: UserPose) -> float:
     """Return the standard deviation of the position along the worse direction. 0: assumed exact."""
-    covariance = np.array(pose.covariance).reshape(3, 3)[:2, :2]
-    return math.sqrt(max(float(np.linalg.eigvalsh(covariance)[-1]), 0.0))
+    return floor_sigma.position_sigma_m(pose.covariance)
 
 
 def yaw_sigma_deg(pose: UserPose) -> float:

@@ -93,14 +93,7 @@ def covariance_of(pose: UserPose) -> Array:
 
 
 def anchor_message(lamp: Lamp, mean: Mean, before: UserPose, result: AnchorResult) -> Anchor:
-    """Return the message of pointing at `lamp`.
-
-    Args:
-        lamp: target.
-        mean: of the rays.
-        before: the pose at that time, without this anchor.
-        result: result of the drift filter.
-    """
+    """Return the message of pointing at `lamp`; `before` is the pose at that time, without this anchor."""
     return Anchor(
         stamp_ns=mean.stamp_ns,
         target_id=lamp.id,

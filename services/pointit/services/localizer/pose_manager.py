@@ -26,9 +26,8 @@ from pointit.services.localizer.estimation.estimator import Refusal
 from pointit.services.localizer.memory.person_memory import PersonMemory
 from pointit.services.localizer.outputs import Output, WithdrawPose
 from pointit.services.localizer.procedure_runner import ProcedureRunner
-from pointit.services.localizer.procedures.external_pose import ExternalPose, external_pose_message
+from pointit.services.localizer.procedures.external_pose import ExternalPose
 from pointit.services.localizer.procedures.facing import HeadingWindow
-from pointit.services.localizer.procedures.queued_pointing import in_turn
 from pointit.services.localizer.tracking.pose_tracking import PoseTracker
 from pointit.services.localizer.tracking.yaw_origin import YawOrigin
 
@@ -151,7 +150,8 @@ class PoseManager:
         self._tracking.set_external(pose)
         if not is_first:
             return []
-        reason = external_pose_message(self._user)
+        who = f"a tracker provides the pose of {self._user} now"
+        reason = f"{who}, so the localizer pauses; stop the tracker to localize"
         stopped = self._procedures.stop(now_ns, reason)
         return [*(stopped or [Localization(stamp_ns=now_ns, phase="idle", reason=reason)]), WithdrawPose()]
 
@@ -278,9 +278,8 @@ class PoseManager:
         return self._procedures.stop(now_ns)
 
     def _queued(self) -> str:
-        """Return a message about the people who come first, or `""` if pointing has begun."""
         ahead = self._procedures.ahead
-        return in_turn(self._user, ahead) if ahead else ""
+        return f"{self._user} waits in turn: {', '.join(ahead)} first" if ahead else ""
 
     def _nowhere(self) -> str:
         user = self._user

@@ -276,7 +276,6 @@ class ProcedureRunner:
         return self._tracking.anchor(robot, mean, problem or self._robots.moved(robot, now_ns), now_ns)
 
     def _most_informative(self, lamps: Sequence[Lamp], eyes_m: float, now_ns: int) -> Lamp:
-        """Return the lamp that is most informative about the yaw."""
         place, covariance = self._tracking.uncertainty(now_ns)
         drift = self._config.drift.settings()
         acuity = ObservationModel(

@@ -143,7 +143,6 @@ class Localizer(Service[LocalizerConfig]):
             await sleep(self.clock, self._locating.wait_s(now_ns))
 
     def _show(self, now_ns: int) -> None:
-        """Publish metrics and warnings of the pose to Health."""
         for name, value, unit in self._locating.figures(now_ns):
             self.bus.set_metric(name, value, unit)
         self.bus.warn("pose", self._locating.problem(now_ns))

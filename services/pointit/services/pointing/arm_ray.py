@@ -143,7 +143,6 @@ def apply(
 
 
 def _clamped(angle_rad: float, bounds: tuple[float, float]) -> float:
-    """Return `angle_rad` clamped to the range of the anchors."""
     return min(max(angle_rad, bounds[0]), bounds[1])
 
 

@@ -186,11 +186,6 @@ def _sigma(off: Array, constant: float, person_rad: float) -> float:
     """Return half of the interval in which the error of a new pointing lies with 95 %.
 
     The scatter is unknown: each of `SCATTERS_RAD` counts by the likelihood of the anchors.
-
-    Args:
-        off: n errors of the anchors, rad.
-        constant: their correction, rad.
-        person_rad: standard deviation of people's own constants about 0; 0 without one.
     """
     count, variance, person = len(off), SCATTERS_RAD**2, person_rad**2
     shrunk = count * person / (count * person + variance)
@@ -219,13 +214,6 @@ def _bent(
     """Return a polynomial's six terms and the leave-one-out errors of the anchors.
 
     None if the errors do not fall enough, or if it bends too far beyond the anchors at any stiffness.
-
-    Args:
-        where: n x 2, azimuth from the reference and elevation, rad.
-        off: n errors, rad.
-        weight: n, weights of the errors.
-        sigma: of one error.
-        constant: prior sigma of the polynomial's constant.
     """
     columns = weight[:, None] * _columns(where)
     flat, _ = _ridge(columns[:, :1], weight * off, sigma, np.array([constant]))

@@ -65,7 +65,6 @@ class Pointing(Service[PointingConfig]):
         self._update_health(sample, now_ns)
 
     def _update_health(self, sample: ImuSample, now_ns: int) -> None:
-        """Publish metrics and warnings of the samples."""
         freshness, verdict = self._pointer.freshness, self._pointer.verdict
         if self._fresh_ns is None or verdict in ("fresh", "no direction"):
             self._fresh_ns = now_ns

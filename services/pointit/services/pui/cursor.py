@@ -44,7 +44,6 @@ class NearbyLamps:
     """Lamps within an angle of the ray, for lamps that answer by colour (paper, scenario 1)."""
 
     def __init__(self, lamps: Sequence[Lamp], within_rad: float) -> None:
-        """Set the lamps, and the maximum angle."""
         self._lamps = [(lamp.id, lamp.position_m) for lamp in lamps]
         self._within_rad = within_rad
 
@@ -60,8 +59,6 @@ class NearbyLamps:
 
 
 class _Cast(NamedTuple):
-    """A ray in the room."""
-
     eyes_m: Vec3
     direction: Vec3
     feet_m: Vec3
@@ -78,13 +75,7 @@ class PersonCursor:
     def __init__(
         self, surfaces: Surfaces, *, lamps: NearbyLamps | None = None, start: WorkspaceStart = NO_WORKSPACE
     ) -> None:
-        """Create without a pose.
-
-        Args:
-            surfaces: pointable surfaces.
-            lamps: if given, every cursor lists those near the ray.
-            start: workspace that is created when they start to point, if any.
-        """
+        """Create without a pose; with `lamps`, every cursor lists those near the ray."""
         self._surfaces = surfaces
         self._passing = Passing(surfaces)
         self._lamps = lamps
@@ -119,13 +110,9 @@ class PersonCursor:
         self._passing = Passing(surfaces)
 
     def set_pose(self, pose: UserPose, now_ns: int | None = None) -> None:
-        """Set the person's pose.
+        """Set the pose that came at `now_ns`, None if there is only one source.
 
         A localizer and a tracker may both publish it for a moment. Then the newer one counts.
-
-        Args:
-            pose: pose from either.
-            now_ns: time, ns. None if there is only one source.
         """
         known = self._pose
         if now_ns is not None:
@@ -143,10 +130,6 @@ class PersonCursor:
 
     def set_workspace(self, query: SetWorkspace, tracked: Tracked) -> None:
         """Create the requested workspace in place of the map or of another, or return to the map.
-
-        Args:
-            query: request.
-            tracked: objects that may serve as anchor.
 
         Raises:
             WorkspaceError: If it cannot be created. The old one stays.
@@ -273,7 +256,6 @@ class PersonCursor:
 
 
 def _is_told(point: Vec3) -> bool:
-    """Return True if a message can hold `point`."""
     x, y, z = point
     return -FARTHEST <= x <= FARTHEST and -FARTHEST <= y <= FARTHEST and -FARTHEST <= z <= FARTHEST
 

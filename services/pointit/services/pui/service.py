@@ -185,7 +185,6 @@ class Pui(Service[PuiConfig]):
         return person
 
     def _on_lost(self, user: str) -> None:
-        """Forget a person whom a shard serves from now on."""
         self._persons.pop(user, None)
         self.bus.clear(f"pose of {user}")
 
@@ -226,7 +225,6 @@ class Pui(Service[PuiConfig]):
         )
 
     def _by_metres(self) -> str:
-        """Return the reason for which no angle can be set."""
         if self.config.method == "kd_tree":
             return "the method is kd_tree; start pui with method=exact to have an angle"
         return f"tolerance_m is {self.config.tolerance_m}; start pui without it to have an angle"

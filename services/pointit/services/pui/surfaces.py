@@ -159,7 +159,6 @@ class Surfaces:
         return caster.cast(origin_m, direction, self._tolerance, screens.reach(first_m))
 
     def _is_better(self, a: Hit, b: Hit) -> bool:
-        """Return True if `a` is missed by less than `b`, or by the same and nearer."""
         more = a.miss_rad - b.miss_rad if self._measure == "angle" else a.miss_m - b.miss_m
         return more < -SAME or (more <= SAME and a.range_m < b.range_m)
 
@@ -222,12 +221,11 @@ class Occluders:
     """
 
     def __init__(self, solids: Sequence[Solid]) -> None:
-        """Set the things, possibly none."""
-        self._caster = SolidCaster(solids) if solids else None
+        self._caster = SolidCaster(solids)
 
     def first(self, origin_m: Vec3, direction: Vec3) -> float:
         """Return the distance along the ray to the first one, m, or infinity."""
-        return math.inf if self._caster is None else self._caster.first_hit_m(origin_m, direction)
+        return self._caster.first_hit_m(origin_m, direction)
 
     def reach(self, first_m: float) -> float:
         """Return the distance along the ray up to which points are not hidden, m."""
@@ -236,6 +234,6 @@ class Occluders:
     def hides(self, hit: Hit, origin_m: Vec3, direction: Vec3, first_m: float) -> bool:
         """Return True if the point of `hit` is hidden to a ray that meets an opaque thing at `first_m`."""
         reach = vector.subtract(hit.point_m, origin_m)
-        if self._caster is None or vector.dot(direction, reach) <= self.reach(first_m):
+        if vector.dot(direction, reach) <= self.reach(first_m):
             return False
         return self._caster.first_hit_m(origin_m, reach) < hit.range_m - SLACK_M

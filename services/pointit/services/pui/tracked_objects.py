@@ -64,7 +64,6 @@ class TwinFinder:
     """Compares the newest objects of all trackers."""
 
     def __init__(self) -> None:
-        """Start without any objects."""
         self._newest: dict[str, TrackedObjects] = {}
         self._since_ns: dict[Twin, int] = {}
         self._checked_ns: int | None = None

@@ -53,14 +53,7 @@ class Workspace:
         eyes_m: Vec3,
         grazing_rad: float = GRAZING_RAD,
     ) -> None:
-        """Create through an anchor.
-
-        Args:
-            kind: shape.
-            through_m: anchor, {W}.
-            feet_m: position of the person, {W}.
-            eyes_m: origin of their ray, {W}.
-            grazing_rad: minimum angle between ray and surface.
+        """Create through an anchor; places are in {W}, and `eyes_m` is the origin of the ray.
 
         Raises:
             WorkspaceError: If it would pass through the eyes, or too far away.

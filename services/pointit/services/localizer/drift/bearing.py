@@ -9,13 +9,7 @@ from pointit.services.localizer.drift.state import Innovation
 
 
 def innovation(means: Array, sight: AnchorMeasurement, late_s: float) -> Innovation:
-    """Return azimuth and elevation of a pointing minus those that each state expects.
-
-    Args:
-        means: n x 5, states.
-        sight: the pointing.
-        late_s: its age relative to the states.
-    """
+    """Return azimuth and elevation of a pointing, `late_s` old, minus those that each state expects."""
     then = means.copy()
     then[:, YAW] -= late_s * then[:, RATE]
     expected, slope, _ = predicted_bearing(then, sight)

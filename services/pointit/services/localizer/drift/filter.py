@@ -308,7 +308,6 @@ class DriftFilter:
         return f"the pointing is {late_s:.0f} s old; check the IMU's radio and the clocks, and point again"
 
     def _unusable(self, sight: AnchorMeasurement, direction_h: Vec3, samples: int) -> str:
-        """Return the reason why a pointing cannot be used, or `""` if it can."""
         values = (*sight.target_m, *sight.origin_m, *direction_h, sight.elevation_rad, sight.spread_rad)
         if samples < 1 or not all(map(math.isfinite, values)) or vector.norm(direction_h) == 0.0:
             return "no usable ray came while the person pointed; see the IMU"
@@ -320,12 +319,7 @@ class DriftFilter:
 
 
 def _sentence(off: Array, sigmas: Array) -> str:
-    """Return the reason for the rejection of a pointing.
-
-    Args:
-        off: azimuth and elevation of the target minus those of the ray, rad.
-        sigmas: standard deviations of both, rad.
-    """
+    """Return why a pointing is rejected that the target was `off` (azimuth, elevation; rad), 1 sigma each."""
     worst = int(np.argmax(np.abs(off) / sigmas))
     by = math.degrees(off[worst])
     side = ("to the left of" if by > 0 else "to the right of", "above" if by > 0 else "below")[worst]

@@ -75,7 +75,6 @@ class RestDetector:
     """Finds rests in a stream of orientations, in constant time per sample."""
 
     def __init__(self, settings: StillnessSettings | None = None) -> None:
-        """Start in movement."""
         self._settings = settings if settings is not None else StillnessSettings()
         self._bin_ns = round(self._settings.bin_s * NS_PER_S)
         self._gap_ns = round(self._settings.gap_s * NS_PER_S)
@@ -136,7 +135,6 @@ class RestDetector:
         return rate
 
     def _begin(self) -> None:
-        """Start a new rest, which must settle first."""
         self._tilt_x = self._tilt_y = self._yaw = 0.0
         self._count = self._sum_ns = self._bin_start_ns = 0
         self._sum_x = self._sum_y = self._sum_yaw = 0.0
@@ -145,7 +143,6 @@ class RestDetector:
         self._to_settle = self._delay
 
     def _close(self) -> RestYawRate | None:
-        """Add the full bin to the rest."""
         n = self._count
         newest = (self._bin_start_ns + self._sum_ns // n, self._sum_x / n, self._sum_y / n, self._sum_yaw / n)
         recent = self._recent
@@ -169,7 +166,6 @@ class RestDetector:
         return rate
 
     def _finish(self) -> RestYawRate | None:
-        """Return the rate of the rest, or None if it was too short or no rest."""
         settings, kept = self._settings, self._kept
         if len(kept) < 3:
             return None

@@ -104,12 +104,7 @@ class DriftState:
             self.stamp_ns = stamp_ns
 
     def innovation_sigmas(self, seen: Innovation, noise: Array) -> Array:
-        """Return the standard deviations (k) of an innovation in the whole mixture.
-
-        Args:
-            seen: innovation of each component.
-            noise: k x k.
-        """
+        """Return the standard deviations (k) of an innovation in the whole mixture; `noise` is k x k."""
         total = seen.slope @ self.covariances @ seen.slope.swapaxes(1, 2) + noise
         variances = np.diagonal(total, axis1=1, axis2=2)
         mean = self.weights @ seen.value
@@ -149,13 +144,7 @@ class DriftState:
         return np.asarray(weights.reshape(len(cases), -1).sum(axis=1) / weights.sum())
 
     def forget(self, index: int, sigma: float, mean: float | None = None) -> None:
-        """Drop what is known about one part of the state, with its correlations.
-
-        Args:
-            index: of the part.
-            sigma: its new standard deviation.
-            mean: its new mean. None: as it was.
-        """
+        """Drop what is known about one part of the state, with its correlations; `mean` None: it stays."""
         self.covariances[:, index, :] = self.covariances[:, :, index] = 0.0
         self.covariances[:, index, index] = sigma**2
         if mean is not None:

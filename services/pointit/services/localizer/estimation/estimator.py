@@ -212,7 +212,6 @@ def untimely(solution: Solution, trust: SolverSettings) -> str:
 
 
 def _missed(residual_rad: float, rays: Rays, limit_rad: float) -> str:
-    """Return a message about rays that miss the targets."""
     if _is_one_view(rays):
         return ONE_VIEW
     return (
@@ -222,7 +221,6 @@ def _missed(residual_rad: float, rays: Rays, limit_rad: float) -> str:
 
 
 def _unsure(solution: Solution, rays: Rays, trust: SolverSettings) -> str:
-    """Return a message about an uncertain pose and how to make it more certain."""
     stated = _stated(solution, trust)
     if _is_one_view(rays):
         return f"{stated}: the targets lie in one direction; add one far to the side"
@@ -242,7 +240,6 @@ def _stated(solution: Solution, trust: SolverSettings) -> str:
 
 
 def _is_one_view(rays: Rays) -> bool:
-    """Return True if all rays have one direction."""
     turned = np.angle(rays.inverse_azimuth * np.conj(rays.inverse_azimuth[0]))
     spread = float(np.ptp(turned)) * float(np.min(rays.elevation_phasor.real))
     return spread < SAME_VIEW_RAD and float(np.ptp(rays.elevations_rad)) < SAME_VIEW_RAD

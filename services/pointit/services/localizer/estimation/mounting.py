@@ -5,7 +5,8 @@ angle only shifts them. From that pose the target's elevation is known. The slop
 over it is 1 for a sensor along the arm, about 0 for one across (its pitch is the roll of the arm) and -1 for
 one backwards. Recorded people have slopes of 0.5 to 2.4 in 8 s and more, with a sensor across -0.6 to 0.5,
 backwards -1 to -0.6. A target at a constant elevation gives no slope. People who point at four lamps or more
-have slopes of 0.3 to 1.2, with a sensor across -0.2 to 0.2, backwards -1.1 to -0.2.
+have slopes of 0.3 to 1.2, with a sensor across -0.2 to 0.2, backwards -1.1 to -0.2. `floor_m` is the height
+of the floor in {W}.
 """
 
 import math
@@ -88,12 +89,6 @@ def mounting_fault(
 
     A wrong mounting may also be the reason why the rays miss, so refused rays are examined, too, if their
     azimuths follow the robot.
-
-    Args:
-        pointings: rays at a robot that moves.
-        result: result of the solver.
-        trust: weights and limits of the solver.
-        floor_m: height in {W} of the floor.
     """
     found = _best_fit(pointings, result, trust, floor_m)
     if isinstance(found, Refusal):
@@ -121,15 +116,7 @@ def mounting_fault(
 def held_mounting_fault(
     pointings: Pointings, result: Solution | Refusal, trust: SolverSettings, floor_m: float, *, holds: int
 ) -> str:
-    """Return a message about the mounting of a sensor with which lamps were pointed at, or `""`.
-
-    Args:
-        pointings: rays at lamps.
-        result: result of the solver.
-        trust: weights and limits of the solver.
-        floor_m: height in {W} of the floor.
-        holds: number of pointings.
-    """
+    """Return a message about the mounting of a sensor with which lamps were pointed at, or `""`."""
     found = _best_fit(pointings, result, trust, floor_m)
     if isinstance(found, Refusal):
         return ""
@@ -169,15 +156,7 @@ def _best_fit(
 def mounting_slope(
     pointings: Pointings, solution: Solution, trust: SolverSettings, floor_m: float, *, independent: float
 ) -> Slope | None:
-    """Return the slope by least squares, or None if the target's elevation hardly changes or is not known.
-
-    Args:
-        pointings: the rays that were solved.
-        solution: start of the search for the pose of the azimuths.
-        trust: weights.
-        floor_m: height in {W} of the floor.
-        independent: number of independent pointings.
-    """
+    """Return the slope by least squares, or None if the elevation of the target hardly changes."""
     if not len(pointings):
         return None
     freedom = independent - FEWEST

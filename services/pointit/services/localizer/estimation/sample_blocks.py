@@ -124,13 +124,7 @@ def in_time(pointings: Pointings, latency_s: float) -> Pointings:
 
 
 def _velocities(times_s: Array, places_m: Array, hold: NDArray[np.intp]) -> Array:
-    """Return central differences of `places_m` (m x 3), one-sided at the ends of a hold.
-
-    Args:
-        times_s: of the blocks, m x 1.
-        places_m: of their targets, m x 3.
-        hold: indices of their holds, m.
-    """
+    """Return central differences of `places_m` (m x 3), one-sided at the ends of a hold."""
     index = np.arange(len(hold))
     after = np.minimum(index + 1, index[-1])
     after = np.where(hold[after] == hold, after, index)

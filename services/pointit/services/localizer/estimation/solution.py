@@ -152,13 +152,9 @@ class Solution:
         return away_m <= SAME_POSE and turned_rad <= SAME_POSE
 
     def differs(self, other: "Solution", drift_rad: float = 0.0) -> float:
-        """Return the squared Mahalanobis distance of the two poses by both covariances.
+        """Return the squared Mahalanobis distance by both covariances; `drift_rad`: 1 sigma of turns between.
 
         The latency of the tracker does not count, since it moves both equally.
-
-        Args:
-            other: the other pose.
-            drift_rad: standard deviation of the yaw's change between them.
         """
         off = np.array([self.x_m - other.x_m, self.y_m - other.y_m, 0.0])
         off[2] = math.remainder(self.yaw_rad - other.yaw_rad, math.tau)

@@ -39,15 +39,7 @@ def recalled(learnt: LearntPointing, trust: SolverSettings, now_ns: int) -> Gaus
 def learn(
     learnt: LearntPointing | None, found: Solution, trust: SolverSettings, mounting: str, now_ns: int
 ) -> LearntPointing | None:
-    """Return the memory after a localization, or None if nothing is known.
-
-    Args:
-        learnt: the memory before, which was the prior of `found`.
-        found: the pose of an accepted localization.
-        trust: the settings without a memory.
-        mounting: as in `ImuSample`.
-        now_ns: time of the localization.
-    """
+    """Return the memory after a localization, of which it was the prior, or None if nothing is known."""
     before, after = _aged(learnt, bias(trust), now_ns), _learnt(learnt, found, trust, now_ns)
     if after == before:
         return learnt
@@ -77,7 +69,6 @@ def bias(source: Solution | SolverSettings) -> Gaussian:
 def _learnt(
     learnt: LearntPointing | None, found: Solution, trust: SolverSettings, now_ns: int
 ) -> Gaussian | None:
-    """Return the memory after a localization, or None if there is none."""
     people, posterior = bias(trust), bias(found)
     aged = _aged(learnt, people, now_ns)
     if learnt is not None and aged is not None:

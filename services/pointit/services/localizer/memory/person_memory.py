@@ -53,13 +53,7 @@ class PersonMemory:
         return recall(trust, self._before.get(self._mounting), self._began_ns)
 
     def learn(self, found: Solution, trust: SolverSettings, now_ns: int) -> list[Remember]:
-        """Learn from an accepted localization; return what is to be stored, if it changed.
-
-        Args:
-            found: its pose.
-            trust: the settings without a memory.
-            now_ns: time.
-        """
+        """Learn from an accepted localization; return what is to be stored, if it changed."""
         mounting = self._mounting
         if not mounting or self._is_erased:
             return []

@@ -62,7 +62,6 @@ def solve(
 
 
 def _values(settings: SolverSettings, prior: Gaussian) -> dict[str, Any]:
-    """Return the fields that all settings have, with `prior` of the bias."""
     values = {field.name: getattr(settings, field.name) for field in fields(SolverSettings)}
     values.update(bias_rad=prior.mean, bias_sigma_rad=prior.sigma)
     return values
@@ -75,13 +74,7 @@ def _wrong(trust: SolverSettings, forgotten: SolverSettings, general: Solution) 
 
 
 def _evidence_ratio(memory: Gaussian, people: Gaussian, posterior: Gaussian) -> float:
-    """Return the likelihood ratio of `people` to `memory`, both priors of a bias, given the rays.
-
-    Args:
-        memory: of the person.
-        people: of people in general.
-        posterior: with `people` as its prior.
-    """
+    """Return the likelihood ratio of `people` to `memory`; `posterior` is that with `people` as its prior."""
     told = posterior.sigma**-2 - people.sigma**-2  # information of the rays alone
     if told < TELLING * people.sigma**-2:
         return 1.0

@@ -103,7 +103,6 @@ class KnownRobots:
     """The newest report of every robot."""
 
     def __init__(self) -> None:
-        """Start without robots."""
         self._seen: dict[str, _Seen] = {}
 
     def on_objects(self, message: TrackedObjects) -> None:

@@ -40,8 +40,3 @@ class ExternalPose:
             f"a tracker provides the pose of {user}, last {self.age_s(now_ns):.1f} s ago; stop the "
             "tracker before asking the localizer"
         )
-
-
-def external_pose_message(user: str) -> str:
-    """Return the reason why the localizer has stopped."""
-    return f"a tracker provides the pose of {user} now, so the localizer pauses; stop the tracker to localize"

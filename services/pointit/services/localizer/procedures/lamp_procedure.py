@@ -50,11 +50,9 @@ class LampProcedure(Procedure):
             self._hold.add(ray)
 
     def _begin(self, now_ns: int) -> list[Output]:
-        """Light the first lamp."""
         return self._light(now_ns)
 
     def _continue(self, now_ns: int) -> list[Output]:
-        """Continue when the hold is over, or end when it times out."""
         hold = self._hold
         if hold.is_over(now_ns, self._min_rays):
             return self._held(now_ns)
@@ -78,7 +76,6 @@ class LampProcedure(Procedure):
 
     @property
     def _lamp(self) -> Lamp:
-        """Return the lamp that is lit, or was lit last."""
         return self._holds[-1][1]
 
     @abstractmethod
@@ -91,7 +88,6 @@ class LampProcedure(Procedure):
 
     @property
     def _count(self) -> int:
-        """Return the expected number of holds."""
         return 1
 
     def _details(self, phase: Phase) -> dict[str, Any]:
@@ -109,12 +105,10 @@ class LampProcedure(Procedure):
         return done / self._count if phase == "sampling" else 0.0
 
     def _light(self, now_ns: int) -> list[Output]:
-        """Begin a hold at the next lamp."""
         self._holds.append((Hold(now_ns, self._config), self._next_lamp()))
         return self.republish(now_ns)
 
     def _progress(self, now_ns: int) -> list[Output]:
-        """Return the progress if it differs from the last one published."""
         state = (self._lamp.id, len(self._hold.rays))
         if state == self._published:
             return []

@@ -139,7 +139,6 @@ class MovingTarget(Procedure):
         return [self._localization(now_ns, "sampling")]
 
     def _continue(self, now_ns: int) -> list[Output]:
-        """Solve when it is time."""
         if now_ns < self._due_ns:
             return []
         result = self._try()
@@ -174,7 +173,6 @@ class MovingTarget(Procedure):
         self._surest = None
 
     def _try(self) -> Solution | Refusal:
-        """Return the solution for the robot that fits best."""
         if not self._tracks:
             which = self._config.robot_id or "a robot"
             return Refusal(f"no tracker reports {which}; start its tracker")
@@ -206,7 +204,6 @@ class MovingTarget(Procedure):
         return Refusal(wrong, result.residual_rad) if wrong else result
 
     def _unsure(self, pointings: Pointings, found: Solution) -> str:
-        """Return that a pose is not sure enough for places of the robot, or `""`."""
         x, y, _ = pointings.targets_m.mean(axis=0).tolist()
         feet = (found.x_m, found.y_m, self._config.floor_m)
         sigma_m = place_sigma_m((x, y, feet[2]), feet, found.covariance.ravel().tolist(), feet, 0.0)

@@ -66,8 +66,3 @@ def queue_timeout_message(user: str, ahead: Collection[str], limit_s: float) -> 
         f"{user} has waited {limit_s:g} s for the lamps; {who} came first: see that they come to an end, "
         "then start again"
     )
-
-
-def in_turn(user: str, ahead: Collection[str]) -> str:
-    """Return a message that `user` waits for others."""
-    return f"{user} waits in turn: {', '.join(ahead)} first"

@@ -36,13 +36,7 @@ class StaticTargets(LampProcedure):
     def __init__(
         self, lamps: Sequence[Lamp], config: LocalizerConfig, memory: PersonMemory | None = None
     ) -> None:
-        """Create the procedure.
-
-        Args:
-            lamps: at least one, in the order of lighting.
-            config: times and limits.
-            memory: of the person, None if there is none.
-        """
+        """Create the procedure for `lamps`, at least one, in the order of lighting."""
         self._memory = memory or PersonMemory()
         self._lamps = tuple(lamps)
         self._trust = config.believed()
@@ -74,7 +68,6 @@ class StaticTargets(LampProcedure):
         return super()._begin(now_ns)
 
     def _next_lamp(self) -> Lamp:
-        """Return the lamp to light now."""
         if self._config.order == "given":
             return self._lamps[len(self._holds)]
         trust, rays, solution = self._memory.recall(self._trust), self._rays, self._solution
@@ -96,7 +89,6 @@ class StaticTargets(LampProcedure):
         return self._lamps[best]
 
     def _held(self, now_ns: int) -> list[Output]:
-        """Light the next lamp, or end."""
         count = len(self._holds)
         if self._config.order == "given":
             if count < self._max_holds:
@@ -130,7 +122,6 @@ class StaticTargets(LampProcedure):
         return max(solution.position_sigma_m / enough.position_m, solution.yaw_sigma_rad / yaw_sigma_rad)
 
     def _solve(self) -> Solution | Refusal:
-        """Return the pose, or why it is not accepted."""
         return held(self._pointings(), self._believed(), floor_m=self._config.floor_m)
 
     def _so_far(self) -> Solution | Refusal:
@@ -165,7 +156,6 @@ class StaticTargets(LampProcedure):
         ]
 
     def _left_out(self) -> str:
-        """Return a message about a pointing that does not count, or `""`."""
         odd = odd_hold(self._pointings(), self._believed(), floor_m=self._config.floor_m)
         if odd is None:
             return ""

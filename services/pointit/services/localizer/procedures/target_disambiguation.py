@@ -66,11 +66,7 @@ class TargetDisambiguator:
         self._streak = 0
 
     def choose(self, fits: Sequence[Fit]) -> Solution | Refusal:
-        """Return the result for the chosen robot, or a refusal if the choice is ambiguous.
-
-        Args:
-            fits: the best first, at least one.
-        """
+        """Return the result for the chosen of `fits`, the best first, or a refusal if that is ambiguous."""
         best = fits[0]
         current = next((fit for fit in fits if fit.object_id == self.object_id), None)
         if not self._decided or current is None:

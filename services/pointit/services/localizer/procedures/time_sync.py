@@ -123,13 +123,7 @@ class Track:
             self._places.popleft()
 
     def fault(self, robot: str, tracker: str, ray_ns: int) -> str:
-        """Return a problem of the reports, or `""` if there is none.
-
-        Args:
-            robot: its id.
-            tracker: the tracker's name.
-            ray_ns: stamp of the newest ray.
-        """
+        """Return a problem of the reports, or `""`; `ray_ns` is the stamp of the newest ray."""
         stamps = [stamp for stamp, _ in self._places]
         gap_s = float(np.median(np.diff(stamps))) / NS_PER_S if len(stamps) > 2 else 0.0
         if gap_s > 0.9 * MAX_GAP_S:

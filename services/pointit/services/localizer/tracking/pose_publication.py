@@ -80,12 +80,7 @@ def _has_changed(last: UserPose, now: DriftPose) -> bool:
 
 
 def figures(pose: DriftPose | None, now_ns: int) -> Iterator[tuple[str, float | None, str]]:
-    """Yield name, value and unit of each metric.
-
-    Args:
-        pose: current estimate. None if there is none; then all values are None.
-        now_ns: the time.
-    """
+    """Yield name, value and unit of each metric; without a pose all values are None."""
     values: tuple[float | None, ...] = (None,) * len(FIGURES)
     if pose is not None:
         values = (

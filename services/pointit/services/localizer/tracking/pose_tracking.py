@@ -226,11 +226,8 @@ class PoseTracker:
         """Return the pose if it is time to publish it again, else None."""
         if self._filter is None or not self._follows:
             return None
-        return (
-            self._message(now_ns, now_ns)
-            if self._publish_timer.is_due(self._filter.predict(now_ns))
-            else None
-        )
+        is_due = self._publish_timer.is_due(self._filter.predict(now_ns))
+        return self._message(now_ns, now_ns) if is_due else None
 
     def wait_s(self, now_ns: int) -> float:
         """Return the time until the next check of `due`, s."""
@@ -254,9 +251,8 @@ class PoseTracker:
 
     def yaw_sigma_rad(self, now_ns: int) -> float:
         """Return the standard deviation of the yaw; 0 if nothing is estimated."""
-        return (
-            self._filter.at(now_ns).yaw_sigma_rad if self._filter is not None and self._is_estimated else 0.0
-        )
+        estimating = self._filter if self._is_estimated else None
+        return 0.0 if estimating is None else estimating.at(now_ns).yaw_sigma_rad
 
     def _set(self, pose: UserPose, *, follow: bool) -> None:
         self._base = pose
@@ -276,7 +272,6 @@ class PoseTracker:
             )
 
     def _believing(self, base: UserPose, stamp_ns: int) -> DriftFilter:
-        """Return the filter to which measurements apply."""
         if self._filter is None:
             self._filter = self._doubtful(base, stamp_ns)
         return self._filter
@@ -291,7 +286,6 @@ class PoseTracker:
         self._follows = self._may_follow is not False
 
     def _at(self, base: UserPose, stamp_ns: int) -> UserPose:
-        """Return the pose at `stamp_ns`."""
         if self._filter is None or not self._is_estimated:
             return base
         return followed(base, self._filter.at(stamp_ns))

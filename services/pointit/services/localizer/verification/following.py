@@ -4,7 +4,7 @@ Rays of a few seconds leave little redundancy, so that a wrong pose can look cer
 follow miss by 0.4 to 1.9 degrees rms (the middle 80 %), others by up to 4, and the target explains nine
 tenths of their movement or more. An arm that comes up within 2 or 3 s misses by 2.3 degrees or more, within
 5 s mostly by 3.5 or more, and of a hanging or typing arm the target explains little. So the shorter the time,
-the closer the rays must follow.
+the closer the rays must follow. `floor_m` is the height of the floor in {W}.
 """
 
 import math
@@ -47,14 +47,7 @@ UNSETTLED = "the rays do not follow the robot closely yet; keep following it wit
 def followed(
     pointings: Pointings, trust: SolverSettings, *, floor_m: float = 0.0, start: Solution | None = None
 ) -> Solution | Refusal:
-    """Return the pose of rays at one moving target, or the refusal if they may not follow it.
-
-    Args:
-        pointings: the rays.
-        trust: weights and limits.
-        floor_m: height in {W} of the floor.
-        start: a pose found before, used as an additional start.
-    """
+    """Return the pose of rays at one moving target, or the refusal if they may not follow it."""
     pointings = without_spikes(pointings)
     result = solve(pointings, trust, floor_m=floor_m, start=start)
     if isinstance(result, Refusal):
@@ -64,14 +57,7 @@ def followed(
 
 
 def doubt(pointings: Pointings, found: Solution, trust: SolverSettings, *, floor_m: float = 0.0) -> str:
-    """Return the reason not to take the pose `found` although it is certain, or `""`.
-
-    Args:
-        pointings: the rays.
-        found: result of the solver.
-        trust: weights and limits.
-        floor_m: height in {W} of the floor.
-    """
+    """Return the reason not to take the pose `found` although it is certain, or `""`."""
     half = solve(newest_half(pointings), _unlimited(trust), floor_m=floor_m, start=found)
     is_noisy = pointings.span_s >= NOISY_S and (half.residual_rad or 0.0) >= AS_MUCH * found.residual_rad
     if not is_settled(pointings, found.residual_rad, trust, NOISY if is_noisy else CLOSE):
@@ -82,14 +68,7 @@ def doubt(pointings: Pointings, found: Solution, trust: SolverSettings, *, floor
 def is_settled(
     pointings: Pointings, residual_rad: float, trust: SolverSettings, least: float = CLOSE
 ) -> bool:
-    """Return True if rays that miss by `residual_rad` rms follow the target, and move because it does.
-
-    Args:
-        pointings: the rays.
-        residual_rad: their rms.
-        trust: weights.
-        least: rms that is close enough, however few they are, in sigmas of a ray.
-    """
+    """Return True if rays that miss by `residual_rad` rms follow the target, and move because it does."""
     level = np.hypot(pointings.directions[:, 0], pointings.directions[:, 1])
     headings = pointings.directions[:, 0] + 1j * pointings.directions[:, 1]
     azimuths = np.angle(headings * np.conj(headings.mean()))
@@ -105,12 +84,6 @@ def has_settled(
     """Return True if the newest half of the rays follows the target closely and all of them do not.
 
     Then the arm came late: the older half is of no use.
-
-    Args:
-        pointings: the rays.
-        missed: refusal of all of them.
-        trust: weights and limits.
-        floor_m: height in {W} of the floor.
     """
     pointings = without_spikes(pointings)
     if missed.residual_rad is None or is_settled(pointings, missed.residual_rad, trust):

@@ -2,7 +2,7 @@
 
 Recorded people miss the targets by 1 to 5 degrees rms from the pose that fits best; if one of four to six
 pointings was at another lamp it is 6 to 20 degrees. Then, if all the others agree without it, they count
-alone.
+alone. Rays come one hold after the other; `floor_m` is the height of the floor in {W}.
 """
 
 import math
@@ -42,14 +42,7 @@ within 40 ms (pointing.md §7)."""
 def held(
     pointings: Pointings, trust: SolverSettings, *, floor_m: float = 0.0, start: Solution | None = None
 ) -> Solution | Refusal:
-    """Return the pose of holds at targets at rest, without one that misses, or the refusal.
-
-    Args:
-        pointings: rays, one hold after the other.
-        trust: weights and limits.
-        floor_m: height in {W} of the floor.
-        start: a pose found before, used as an additional start.
-    """
+    """Return the pose of holds at targets at rest, without one that misses, or the refusal."""
     steady = without_spikes(pointings)
     result = solve(steady, trust, floor_m=floor_m, start=start)
     holds = len(np.unique(hold_numbers(steady)))
@@ -65,13 +58,7 @@ def held(
 
 
 def odd_hold(pointings: Pointings, trust: SolverSettings, *, floor_m: float = 0.0) -> int | None:
-    """Return the number of the hold that misses while all others agree, or None.
-
-    Args:
-        pointings: rays, one hold after the other.
-        trust: weights.
-        floor_m: height in {W} of the floor.
-    """
+    """Return the number of the hold that misses while all others agree, or None."""
     steady = without_spikes(pointings)
     numbers = hold_numbers(steady)
     count = int(numbers[-1]) + 1 if len(numbers) else 0

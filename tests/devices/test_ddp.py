@@ -5,8 +5,7 @@ from typing import Any
 
 import pytest
 
-from pointit.schemas.topics import HEALTH
-from pointit.testing import PtyDevice, UdpDevice
+from pointit.testing import UdpDevice
 from tests.devices.published_frames import Pixels, Published, require_shown, scenario_3
 from tests.support.bench import until
 
@@ -79,37 +78,3 @@ async def test_published_frames_arrive_pixel_for_pixel_on_any_part_of_two_output
     for device in (first, second):
         await device.unplug()
         device.close()
-
-
-async def test_outputs_that_block_or_cannot_be_found_cost_another_no_frame(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    published, device, stuck = Published(monkeypatch), Controller(), PtyDevice()
-    await device.plug()
-    await stuck.plug()
-    stuck.stall()
-    outputs: list[dict[str, object]] = [
-        {"kind": "adalight", "port": str(stuck.path), "baud": 4_000_000},
-        {"kind": "ddp", "host": "no-such-light.invalid"},
-        {"kind": "adalight", "port": "/dev/no-such-port"},
-        {"kind": "ddp", "host": "127.0.0.1", "port": device.port},
-    ]
-    warnings = set[str]()
-
-    def is_enough() -> bool:
-        named = ("no-such-light.invalid: its name is not known", "/dev/no-such-port is not there")
-        return (
-            all(any(text in warning for warning in warnings) for text in named)
-            and len(set(device.frames())) > FRAMES
-        )
-
-    async with scenario_3(outputs, is_enough) as site:
-        site._bus.subscribe(HEALTH, lambda health, _name: warnings.update(health.warnings))
-    await until(lambda: not any(device.frames()[-1]))
-    everything = [b"".join(map(bytes, [*strips["0"], *strips["1"]])) for strips in published]
-    require_shown(device.frames(), everything)
-    assert len(set(device.frames())) > 0.5 * len(set(everything))
-    await device.unplug()
-    await stuck.unplug()
-    for each in (device, stuck):
-        each.close()

@@ -2,7 +2,6 @@
 
 import asyncio
 import json
-import socket
 import subprocess
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
@@ -12,10 +11,9 @@ from typing import Any
 import pytest
 
 from pointit.geometry.rotation import Quaternion
-from pointit.plugins import Battery, Disconnected, Press, Reading, Reconnected, Signal
+from pointit.plugins import Battery, Press, Reading, Reconnected, Signal
 from pointit.services.imu_bridge.network.slimevr import SLIMEVR, discover
 from pointit.services.imu_bridge.network.slimevr_protocol import PORT
-from pointit.services.imu_bridge.network.udp_server import ANY_HOST
 from tests.devices.red_segments import first_selected
 from tests.support.bench import until
 from tests.support.buses import free_udp_port
@@ -108,38 +106,6 @@ async def test_second_sensor_of_a_tracker_is_chosen_by_its_number(node: tuple[st
         emulated.turn(POSTURE)
         await until(lambda: len(wrist.of(Reading)) >= 5)
         assert {each.world_from_sensor for each in wrist.of(Reading)} == {(0.0, 0.0, 1.0, 0.0)}
-
-
-async def test_tracker_that_is_switched_off_and_on_is_lost_and_found(node: tuple[str, str]) -> None:
-    port = free_udp_port()
-    async with running(SLIMEVR, port=port) as wrist:
-        async with tracker(node, port) as emulated:
-            emulated.turn(POSTURE)
-            await until(lambda: len(wrist.of(Reading)) >= 50)
-        await until(lambda: bool(wrist.of(Disconnected)))
-        assert MAC in wrist.of(Disconnected)[0].reason
-        wrist.items.clear()
-        async with tracker(node, port) as emulated:
-            emulated.turn(POSTURE)
-            await until(lambda: bool(wrist.of(Reading)))
-        assert wrist.of(Reconnected) == [Reconnected(keeps_yaw=False)]
-
-
-@pytest.mark.skipif(not hasattr(socket, "SO_REUSEPORT"), reason="no port can be shared here")
-async def test_two_people_share_the_port_at_which_their_trackers_call(node: tuple[str, str]) -> None:
-    port, others = free_udp_port(), "A4:E5:7C:B6:01:03"
-    everyone: dict[str, Any] = {"port": port, "host": ANY_HOST}
-    async with (
-        running(SLIMEVR, tracker=MAC, **everyone) as anna,
-        running(SLIMEVR, tracker=others, **everyone) as ben,
-        tracker(node, port, host="127.255.255.255") as annas,
-        tracker(node, port, host="127.255.255.255", mac=others) as bens,
-    ):
-        annas.turn(POSTURE)
-        bens.turn((0.0, 0.0, 0.0, 1.0))
-        await until(lambda: all(len(each.of(Reading)) >= 20 for each in (anna, ben)))
-        assert {each.world_from_sensor for each in anna.of(Reading)} == {POSTURE}
-        assert {each.world_from_sensor for each in ben.of(Reading)} == {(0.0, 0.0, 0.0, 1.0)}
 
 
 async def test_trackers_that_call_are_found(node: tuple[str, str]) -> None:

@@ -244,21 +244,6 @@ async def test_a_person_points_and_the_agv_comes_and_drives_on_along_a_path(
             assert pilotage.objects[-1].objects[0].position_m == pytest.approx((0.0, 2.5, 0.0), abs=0.01)
 
 
-async def test_an_order_that_another_master_cancels_ends_with_a_sentence(
-    port: int, node: tuple[str, Path]
-) -> None:
-    async with agv_on(port, node, speed=0.5), steering(port) as steered:
-        await until(lambda: steered.place is not None, PATIENCE_S, "a report")
-        order = steered.tell(Follow, (9.0, 2.0, 0.0))
-        await until(lambda: steered.away_m(START) > 0.2, PATIENCE_S, "its departure")
-        action = {"actionType": "cancelOrder", "actionId": "other", "blockingType": "NONE"}
-        async with aiomqtt.Client("127.0.0.1", port) as other:
-            await other.publish(f"{TOPICS}/instantActions", message_of_another(1, instantActions=[action]))
-        await until(lambda: bool(steered.outcomes(order)), PATIENCE_S, "the end of the order")
-        ((state, reason),) = steered.outcomes(order)
-        assert (state, reason) == ("cancelled", "it was cancelled at the AGV, or by another master control")
-
-
 def message_of_another(number: int, **body: object) -> str:
     """Return a message of another master control."""
     header = {"headerId": number, "timestamp": "2026-01-01T00:00:00.00Z", "version": "2.0.0"}

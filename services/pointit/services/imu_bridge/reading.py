@@ -132,7 +132,6 @@ class ReadingCheck:
         if second != self._second:
             self._second, self._count = second, 0
         self._count += 1
-        found = ""
         if self._count > MAX_ITEMS_PER_S:
             found = f"delivers more than {MAX_ITEMS_PER_S} readings a second; the rest is dropped"
         else:

@@ -69,7 +69,7 @@ class DatagramSender:
         health: OutputHealth,
         *,
         max_rate_hz: float,
-        encode_end: Encode | None = None,
+        encode_end: Encode,
     ) -> None:
         """Prepare; nothing is opened yet.
 
@@ -78,7 +78,7 @@ class DatagramSender:
             encode: protocol.
             health: shows errors, the frame rate, and the bytes per second at this rate.
             max_rate_hz: number of payloads per second that the receiver takes.
-            encode_end: datagrams to send at the end, given the last payload. If None, a payload of zeros.
+            encode_end: datagrams to send at the end, given the last payload.
         """
         self._destination = destination
         self._encode = encode
@@ -186,13 +186,8 @@ class DatagramSender:
             await loop.sock_sendto(sock, datagram.data, (datagram.host, self._destination.port))
 
     async def _end(self, sock: socket.socket, payload: bytes) -> None:
-        number = self._number + 1
-        if self._encode_end is None:
-            datagrams = self._encode(bytes(len(payload)), number)
-        else:
-            datagrams = self._encode_end(payload, number)
         async with asyncio.timeout(END_S):
-            for datagram in datagrams:
+            for datagram in self._encode_end(payload, self._number + 1):
                 with contextlib.suppress(OSError):  # the others may arrive
                     await self._send_datagram(sock, datagram)
 

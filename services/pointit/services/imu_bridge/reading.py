@@ -90,7 +90,6 @@ class Disconnected:
 
 
 Item = Reading | RawReading | Press | Battery | Signal | Reconnected | Disconnected
-
 Deliver = Callable[[Item], None]
 """Callback for readings and events of the device, called in the event loop."""
 

@@ -15,7 +15,6 @@ from pointit.testing.led.harness import DARK, STRIPS, LedHarness, LedTrial, noti
 from pointit.testing.trial import absent, connected
 
 LED_SUITE = Suite[LedHarness]()
-
 LATE_S = 0.5
 SHOWS = 21
 SHOW_S = 0.02

@@ -11,7 +11,6 @@ from pointit.testing.robot.harness import STILL_MPS, RobotHarness
 from pointit.testing.trial import absent, connected
 
 ROBOT_SUITE = Suite[RobotHarness]()
-
 OLDEST_S = 2.0
 """Greatest age of a pose when it is reported, s."""
 REPORTS = 10

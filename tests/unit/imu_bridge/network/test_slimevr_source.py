@@ -19,7 +19,6 @@ from tests.support.buses import free_udp_port
 from tests.support.running_source import Phone, Running, phone_at, running
 
 pytestmark = pytest.mark.wall_time
-
 IDENTITY = (0.0, 0.0, 0.0, 1.0)
 TURNED = (0.5, -0.5, 0.5, -0.5)
 OWOTRACK, BOARD = 13, 1

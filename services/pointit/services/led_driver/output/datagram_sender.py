@@ -14,23 +14,17 @@ from pointit.services.led_driver.outputs import FRAME_RATE
 
 KEEP_ALIVE_S = 1.0
 """Period at which an unchanged payload is resent, s. Receivers forget one after 2.5 s (WLED, E1.31)."""
-
 REPEATS = 2
 """Number of times that a payload is resent soon, since datagrams get lost (E1.31-2018, 6.6.1)."""
-
 REPEAT_S = 0.1
 """Period of these, s: long beside that of frames, so that a new one seldom waits for a repeated one."""
-
 RETRY_S = 0.5
 """Wait after an error, s."""
-
 END_S = 0.3
 """Maximum time for the last datagrams, s."""
-
 SETTLED_SENDS = 2
 """Number of payloads after which a connection is in order: the answer to a datagram, that nobody listens,
 makes a later one fail."""
-
 UNREACHABLE = (errno.EHOSTUNREACH, errno.ENETUNREACH, errno.EHOSTDOWN, errno.ENETDOWN, errno.ENETRESET)
 
 

@@ -1,5 +1,6 @@
-"""A WitMotion sensor over a complete Bluetooth stack that is not ours, in virtual time."""
+"""A WitMotion sensor and an Xsens DOT over a complete Bluetooth stack that is not ours, in virtual time."""
 
+import itertools
 import math
 
 import pytest
@@ -7,8 +8,11 @@ import pytest
 from pointit.geometry import rotation
 from pointit.runtime.virtual_time import run_virtually
 from pointit.services.imu_bridge.ble.witmotion_ble import WITMOTION_BLE
-from pointit.services.imu_bridge.reading import Battery, RawReading
+from pointit.services.imu_bridge.ble.xsens_dot import XSENS_DOT
+from pointit.services.imu_bridge.reading import Battery, RawReading, Reading, Reconnected
+from pointit.testing.imu.harness import is_near
 from pointit_lab.devices.wrists.witmotion import SimulatedWitMotion
+from pointit_lab.devices.wrists.xsens_dot import SimulatedXsensDot
 from tests.devices.ble_session import POSTURE, require_selection, worn
 from tests.support.bench import in_virtual_time
 
@@ -42,3 +46,38 @@ async def test_angular_velocity_is_in_radians_per_second_about_the_axes_of_the_s
 
 def test_person_with_a_witmotion_sensor_selects_red_segments() -> None:
     run_virtually(require_selection("witmotion_ble", SimulatedWitMotion(), 50.0))
+
+
+RATE_HZ = 60.0
+
+
+@in_virtual_time
+async def test_sensor_is_started_and_delivers_quaternions_with_its_time_and_its_battery() -> None:
+    sensor = SimulatedXsensDot()
+    async with worn(XSENS_DOT, sensor, rate_hz=RATE_HZ) as session:
+        await session.until(lambda: len(session.of(Reading)) >= 120)
+        assert all(is_near(each.world_from_sensor, POSTURE) for each in session.of(Reading))
+        assert session.of(Battery) == [Battery(0.87)]
+        await session.end()
+        assert not sensor.is_streaming
+
+
+@in_virtual_time
+async def test_device_time_goes_on_when_its_counter_wraps_and_begins_again_after_a_reconnection() -> None:
+    sensor = SimulatedXsensDot(time_us=2**32 - 500_000)
+    async with worn(XSENS_DOT, sensor, rate_hz=RATE_HZ) as session:
+        await session.until(lambda: len(session.of(Reading)) >= 120)
+        times_ns = [each.device_time_ns or 0 for each in session.of(Reading)]
+        assert {b - a for a, b in itertools.pairwise(times_ns)} == {16_667_000}
+        await session.wrist.vanish()
+        sensor.time_us = 0
+        sensor.is_streaming = False
+        await session.wrist.appear()
+        await session.until(lambda: len(session.of(Reconnected)) == 2 and sensor.is_streaming)
+        count = len(session.of(Reading))
+        await session.until(lambda: len(session.of(Reading)) > count)
+        assert session.of(Reading)[count].device_time_ns in range(1_000_000_000)
+
+
+def test_person_with_an_xsens_dot_selects_red_segments() -> None:
+    run_virtually(require_selection("xsens_dot", SimulatedXsensDot(), RATE_HZ))

@@ -1,7 +1,6 @@
 """A WitMotion sensor and an Xsens DOT over a complete Bluetooth stack that is not ours, in virtual time."""
 
 import itertools
-import math
 
 import pytest
 
@@ -29,19 +28,6 @@ async def test_sensor_is_set_to_its_rate_and_delivers_rates_accelerations_and_ba
         (battery,) = session.of(Battery)
         assert battery.volts == 3.93
         assert battery.level == pytest.approx(0.75)
-
-
-@in_virtual_time
-async def test_angular_velocity_is_in_radians_per_second_about_the_axes_of_the_sensor() -> None:
-    async with worn(WITMOTION_BLE, SimulatedWitMotion(), rate_hz=1) as session:
-        await session.until(lambda: bool(session.of(RawReading)))
-        frame = bytes.fromhex("5561" + "000000000000" + "001000000000" + "000000000000")
-        await session.wrist.send(session.wrist.wrist.stream, frame[:7])
-        await session.wrist.send(session.wrist.wrist.stream, frame[7:] + frame)
-        await session.until(lambda: len(session.of(RawReading)) >= 3)
-        turned = [each for each in session.of(RawReading) if any(each.angular_velocity_radps)]
-        assert len(turned) == 2
-        assert turned[0].angular_velocity_radps == pytest.approx((math.radians(250.0), 0.0, 0.0))
 
 
 def test_person_with_a_witmotion_sensor_selects_red_segments() -> None:

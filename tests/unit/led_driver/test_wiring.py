@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from pointit.maps.file import load_map_and_clouds
 from pointit.schemas import Strip, StripFrame, StripsFrame
 from pointit.services.led_driver.output.serial_port import upxl_protocol
-from pointit.services.led_driver.output.serial_port.config import ChannelConfig, ExpanderConfig, wire_time_s
+from pointit.services.led_driver.output.serial_port.config import ChannelConfig, ExpanderConfig
 from pointit.services.led_driver.output.serial_port.expander import ExpanderFrame
 from pointit.services.led_driver.output.serial_port.wiring import frame_bytes, map_channels, too_slow
 
@@ -27,10 +27,6 @@ def strips(counts: Sequence[int]) -> tuple[Strip, ...]:
 def shown(counts: Sequence[int], **fields: object) -> str:
     config = ExpanderConfig.model_validate({"kind": "expander", "port": "x", "board": "v3", **fields})
     return too_slow(config, map_channels(config, strips(counts))[0].channels)
-
-
-def test_a_byte_takes_ten_bits_of_the_wire() -> None:
-    assert wire_time_s(20_000, 2_000_000) == pytest.approx(0.1)
 
 
 @given(st.lists(st.integers(1, 300), min_size=1, max_size=6), st.sampled_from(["GRB", "RGBW"]))

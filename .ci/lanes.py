@@ -67,7 +67,7 @@ ROOMS = {
             "tests/unit/launch",
             *(
                 "tests/devices/test_mqtt_lamps.py",
-                "tests/devices/test_slimevr.py",
+                "tests/devices/test_network_wrists.py",
                 "tests/e2e/run/test_page.py",
             ),
         ),

@@ -18,6 +18,7 @@ from pointit_lab.devices.wrists.wrist import SimulatedWrist
 from tests.devices.bumble_radio import air
 from tests.devices.bumble_wrist import BumbleWrist
 from tests.devices.red_segments import Follower
+from tests.support.running_source import Health
 
 POSTURE = rotation.from_azimuth_elevation(0.7, -0.3)
 PATIENCE_S = 60.0
@@ -27,28 +28,17 @@ REST_S = 8.0
 T = TypeVar("T")
 
 
-class Warnings:
+class Warnings(Health):
     """Health that keeps every warning."""
 
     def __init__(self) -> None:
-        self.present: dict[str, str] = {}
+        super().__init__()
         self.all: list[str] = []
 
     def warn(self, topic: str, sentence: str) -> None:
-        self.present[topic] = sentence
+        super().warn(topic, sentence)
         if sentence:
             self.all.append(sentence)
-        else:
-            del self.present[topic]
-
-    def clear(self, topic: str) -> None:
-        self.present.pop(topic, None)
-
-    def set_metric(self, name: str, value: float | None, unit: str = "") -> None:
-        pass
-
-    def reached(self, latency_s: float) -> None:
-        pass
 
 
 @dataclass

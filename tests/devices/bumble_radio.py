@@ -15,10 +15,7 @@ from uuid import UUID
 from bleak.args import SizedBuffer
 from bleak.assigned_numbers import CharacteristicPropertyName
 from bleak.backends.characteristic import BleakGATTCharacteristic
-from bleak.backends.client import BaseBleakClient
-from bleak.backends.descriptor import BleakGATTDescriptor
 from bleak.backends.device import BLEDevice
-from bleak.backends.scanner import AdvertisementData, AdvertisementDataCallback, BaseBleakScanner
 from bleak.backends.service import BleakGATTService, BleakGATTServiceCollection
 from bleak.exc import BleakError
 from bumble import core, gatt
@@ -27,6 +24,7 @@ from bumble.hci import Address
 from bumble.link import LocalLink
 
 from pointit.services.imu_bridge.ble.radio import VIRTUAL_RADIOS, Radio
+from pointit_lab.devices.ble_backend import Client, Scanner
 from pointit_lab.devices.wrists.wrist import SimulatedWrist
 from tests.devices.bumble_wrist import BumbleWrist, numbers, virtual_device
 
@@ -43,19 +41,10 @@ def uuid_text(uuid: core.UUID) -> str:
     return str(UUID(bytes=uuid.to_bytes(force_128=True)[::-1]))
 
 
-class BumbleScanner(BaseBleakScanner):
+class BumbleScanner(Scanner):
     """bleak's scanner on a bumble device."""
 
     central: ClassVar[Any]
-
-    def __init__(
-        self,
-        detection_callback: AdvertisementDataCallback | None,
-        service_uuids: list[str] | None,
-        _scanning_mode: str,
-        **_options: Any,
-    ) -> None:
-        super().__init__(detection_callback, service_uuids)
 
     async def start(self) -> None:
         self.seen_devices = {}
@@ -71,27 +60,17 @@ class BumbleScanner(BaseBleakScanner):
         services: Any = (
             heard.data.get(core.AdvertisingData.COMPLETE_LIST_OF_128_BIT_SERVICE_CLASS_UUIDS) or ()
         )
-        data = AdvertisementData(
-            local_name=str(name) if name else None,
-            manufacturer_data={},
-            service_data={},
-            service_uuids=[uuid_text(each) for each in services],
-            tx_power=None,
-            rssi=heard.rssi,
-            platform_data=(),
-        )
         address = heard.address.to_string(with_type_qualifier=False)
-        device = self.create_or_update_device(address, address, data.local_name, heard.address, data)
-        self.call_detection_callbacks(device, data)
+        uuids = [uuid_text(each) for each in services]
+        self.tell(heard.address, address, str(name) if name else None, uuids, heard.rssi)
 
 
-class BumbleClient(BaseBleakClient):
+class BumbleClient(Client):
     """bleak's client on a bumble device."""
 
     central: ClassVar[Any]
 
     def __init__(self, device: BLEDevice, **options: Any) -> None:
-        options.pop("services", None)
         super().__init__(device, **options)
         self._target: Address = device.details
         self._connection: Connection | None = None
@@ -143,23 +122,12 @@ class BumbleClient(BaseBleakClient):
             with contextlib.suppress(core.BaseBumbleError):
                 await self._connection.disconnect()
 
-    async def pair(self, *_arguments: Any, **_options: Any) -> None:
-        raise NotImplementedError
-
-    async def unpair(self) -> None:
-        raise NotImplementedError
-
     async def read_gatt_char(
         self, characteristic: BleakGATTCharacteristic, *, use_cached: bool = False, **_options: Any
     ) -> bytearray:
         del use_cached
         self._require_connection()
         return bytearray(await characteristic.obj.read_value())
-
-    async def read_gatt_descriptor(
-        self, descriptor: BleakGATTDescriptor, *, use_cached: bool = False, **_options: Any
-    ) -> bytearray:
-        raise NotImplementedError
 
     async def write_gatt_char(
         self,
@@ -169,9 +137,6 @@ class BumbleClient(BaseBleakClient):
     ) -> None:
         self._require_connection()
         await characteristic.obj.write_value(bytes(data), with_response=response)
-
-    async def write_gatt_descriptor(self, descriptor: BleakGATTDescriptor, data: SizedBuffer) -> None:
-        raise NotImplementedError
 
     async def start_notify(
         self, characteristic: BleakGATTCharacteristic, callback: Callable[[bytearray], None], **_options: Any

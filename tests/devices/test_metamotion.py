@@ -165,9 +165,9 @@ async def test_lost_board_is_told_and_connected_again_and_keeps_its_yaw_unless_i
         address = session.wrist.address
         (lost,) = session.of(Disconnected)
         assert lost.reason.startswith(f"MetaMotion {address} has lost the connection: bring it near")
-        assert not session.health.present  # of `Disconnected`, imu-bridge makes a warning
+        assert not session.health.warnings  # of `Disconnected`, imu-bridge makes a warning
         await asyncio.sleep(30.0)
-        assert "no MetaMotion is heard; searching" in session.health.present["link"]
+        assert "no MetaMotion is heard; searching" in session.health.warnings["link"]
         if is_restarted:
             board.restart()
         board.commands.clear()
@@ -176,7 +176,7 @@ async def test_lost_board_is_told_and_connected_again_and_keeps_its_yaw_unless_i
         await session.until(lambda: len(session.of(Reading)) > count)
         assert session.of(Reconnected)[1:] == [Reconnected(keeps_yaw=not is_restarted)]
         assert FAST_INTERVAL in [each.hex() for each in board.commands]
-        assert not session.health.present
+        assert not session.health.warnings
 
 
 @in_virtual_time
@@ -217,7 +217,7 @@ async def test_silent_board_is_configured_again_and_then_reset(monkeypatch: pyte
         count = len(session.of(Reading))
         await session.until(lambda: len(session.of(Reading)) > count)
         assert session.health.all == ["MetaMotion is connected but silent; it is configured again"]
-        assert not session.health.present
+        assert not session.health.warnings
         assert (board.resets, session.wrist.connections) == (0, 1)
         assert session.of(Reconnected) == [Reconnected(keeps_yaw=False)] * 2
         (again,) = [at for at, (_, item) in enumerate(session.items) if isinstance(item, Reconnected)][1:]
@@ -247,7 +247,7 @@ async def test_board_that_sends_zeros_is_named_and_reset() -> None:
         assert "is connected but without readings in " in configured
         (lost,) = session.of(Disconnected)
         assert "notifications, and was reset" in lost.reason
-        assert not session.health.present
+        assert not session.health.warnings
 
 
 @in_virtual_time
@@ -260,12 +260,12 @@ async def test_board_that_drops_each_connection_at_once_is_named_and_not_hammere
         before = session.wrist.connections
         await asyncio.sleep(60.0)
         assert 3 <= session.wrist.connections - before <= 20
-        assert "times now; searching again" in session.health.present["link"]
+        assert "times now; searching again" in session.health.warnings["link"]
         session.wrist.drops_at_once = False
         count = len(session.of(Reading))
         await session.until(lambda: len(session.of(Reading)) > count)
         await asyncio.sleep(SHORT_S)
-        assert not session.health.present
+        assert not session.health.warnings
 
 
 @pytest.mark.parametrize("wanted", [second_serial_number, second_address])
@@ -282,7 +282,7 @@ async def test_wrist_is_chosen_among_several(wanted: Callable[[Sequence[BumbleWr
 async def test_absence_of_a_wrist_names_five_others_and_counts_the_rest() -> None:
     boards = [SimulatedMetaMotion() for _ in range(7)]
     async with worn(METAMOTION, *boards, parameters={"address": "F0:00:00:00:00:01"}) as session:
-        await session.until(lambda: bool(session.health.present))
+        await session.until(lambda: bool(session.health.warnings))
         (warning,) = session.health.all
         assert warning.count("MetaWear (") == 5
         assert warning.endswith(" and 2 more)")

@@ -28,7 +28,7 @@ from pointit.testing.trial import TrialHealth
 from tests.examples.running import running
 from tests.support.bench import until
 from tests.support.buses import free_port, is_listening
-from tests.support.mqtt import broker
+from tests.support.mqtt import broker, overheard
 from tests.support.pace import Patience
 
 PATIENCE_S = 60.0
@@ -80,22 +80,6 @@ class HomeLight:
     def close(self) -> None:
         self._light.mqtt_client.disconnect()
         self._light.mqtt_client.loop_stop()
-
-
-@contextlib.asynccontextmanager
-async def overheard(port: int, topic: str, **login: Any) -> AsyncGenerator[list[tuple[str, Any]]]:
-    """Yield the topics and payloads that come by, as the broker has ordered them."""
-    heard: list[tuple[str, Any]] = []
-
-    async def listen() -> None:
-        async for message in client.messages:
-            heard.append((str(message.topic), message.payload))  # noqa: PERF401 - seen at once
-
-    await until(lambda: is_listening(port), what="the broker")
-    async with aiomqtt.Client("127.0.0.1", port, **login) as client:
-        await client.subscribe(topic, qos=1)
-        async with running(listen()):
-            yield heard
 
 
 async def test_a_person_localizes_by_the_lamps_of_a_smart_home(port: int) -> None:

@@ -31,10 +31,8 @@ STRIPS = (
 )
 FIRST = 510
 """Bytes of the first universe, 170 pixels."""
-
 UNIVERSES = {"e131": (1, 2), "artnet": (ARTNET_AT, ARTNET_AT + 1)}
 """OLA's universes of the outputs' first two."""
-
 SHOWN = 12
 
 

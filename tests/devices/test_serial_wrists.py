@@ -15,7 +15,7 @@ import pointit
 from pointit.geometry.rotation import Quaternion
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.serial.ximu3 import Ximu3Framer
-from pointit.testing.devices import FakeDevice, PtyDevice, UdpDevice
+from pointit.testing.devices import FakeDevice, PtyDevice
 from pointit.testing.templates.imu_source.fake import encode as text_line
 from pointit_lab.devices.serial_formats import (
     bno085_orientation,
@@ -70,21 +70,6 @@ async def test_person_selects_with_a_wrist_of_each_format_on_one_port() -> None:
                     async for report in reports:
                         if f"port of {name}" in {figure.name for figure in report.figures}:
                             break
-
-
-async def test_person_selects_with_an_ximu3_in_the_network() -> None:
-    device = UdpDevice()
-    settings = {"conveyor-sim.feeder": ONLY_RED, "imu-bridge.ximu3.port": device.program_port}
-    with contextlib.closing(device):
-        async with (
-            pointit.run("scenario_3", imu=["ximu3"], settings=settings) as site,
-            asyncio.timeout(PATIENCE_S),
-        ):
-            person = Follower(site)
-            async with plugged(device, lambda: FORMATS["x-IMU3"](person.orientation())):
-                async for event in site.selections("user1"):
-                    if event.event == "selected":
-                        break
 
 
 async def test_official_decoder_reads_the_messages_that_the_tests_send() -> None:

@@ -41,8 +41,13 @@ from pointit.testing.trial import TrialHealth
 from tests.examples.running import running
 from tests.support.bench import memory_bench, until
 from tests.support.buses import free_port, is_listening
+<<<<<<< HEAD
 from tests.support.environments import fetched
 from tests.support.mqtt import broker
+=======
+from tests.support.mqtt import broker, overheard
+from tests.support.npm_program import fetched
+>>>>>>> m3
 from tests.unit.robot.flight import ROBOT, ROOM, Pilotage
 
 AGV = Path(__file__).with_name("vda5050_agv")
@@ -59,7 +64,6 @@ SPEC = RobotSpec(
     max_speed_mps=2.0,
     max_acceleration_mps2=1.0,
 )
-
 pytestmark = pytest.mark.timeout(400)
 
 
@@ -145,23 +149,6 @@ async def steering(port: int, **parameters: object) -> AsyncGenerator[Steered]:
         yield steered
 
 
-@contextlib.asynccontextmanager
-async def overheard(port: int, name: str) -> AsyncGenerator[list[dict[str, Any]]]:
-    """Yield the messages of a topic, as the broker has ordered them."""
-    heard: list[dict[str, Any]] = []
-
-    async def listen() -> None:
-        async for message in client.messages:
-            assert isinstance(message.payload, bytes)
-            heard.append(json.loads(message.payload))
-
-    await until(lambda: is_listening(port), what="the broker")
-    async with aiomqtt.Client("127.0.0.1", port) as client:
-        await client.subscribe(f"{TOPICS}/{name}", qos=1)
-        async with running(listen()):
-            yield heard
-
-
 @pytest.mark.parametrize("version", ["1.1.0", "2.0.0"])
 async def test_an_agv_drives_along_a_path_and_reports_it(
     port: int, node: tuple[str, Path], version: str
@@ -177,7 +164,11 @@ async def test_an_agv_drives_along_a_path_and_reports_it(
 
 
 async def test_an_agv_follows_the_newest_place_with_few_orders(port: int, node: tuple[str, Path]) -> None:
-    async with agv_on(port, node), steering(port) as steered, overheard(port, "order") as orders:
+    async with (
+        agv_on(port, node),
+        steering(port) as steered,
+        overheard(port, f"{TOPICS}/order", json.loads) as orders,
+    ):
         await until(lambda: steered.place is not None, PATIENCE_S, "a report")
         loop = asyncio.get_running_loop()
         began_s = loop.time()
@@ -187,7 +178,7 @@ async def test_an_agv_follows_the_newest_place_with_few_orders(port: int, node: 
         steered.tell(Follow, (1.8, 3.0, 0.0))
         await until(lambda: steered.away_m((1.8, 3.0)) < 0.01, PATIENCE_S, "its arrival")
         assert len(orders) <= 2.0 * (loop.time() - began_s) + 1
-        assert {each["nodes"][-1]["released"] for each in orders} == {True}
+        assert {each["nodes"][-1]["released"] for _, each in orders} == {True}
 
 
 async def test_a_stop_cancels_the_order_and_the_next_path_is_driven(
@@ -244,21 +235,6 @@ async def test_a_person_points_and_the_agv_comes_and_drives_on_along_a_path(
             assert pilotage.objects[-1].objects[0].position_m == pytest.approx((0.0, 2.5, 0.0), abs=0.01)
 
 
-async def test_an_order_that_another_master_cancels_ends_with_a_sentence(
-    port: int, node: tuple[str, Path]
-) -> None:
-    async with agv_on(port, node, speed=0.5), steering(port) as steered:
-        await until(lambda: steered.place is not None, PATIENCE_S, "a report")
-        order = steered.tell(Follow, (9.0, 2.0, 0.0))
-        await until(lambda: steered.away_m(START) > 0.2, PATIENCE_S, "its departure")
-        action = {"actionType": "cancelOrder", "actionId": "other", "blockingType": "NONE"}
-        async with aiomqtt.Client("127.0.0.1", port) as other:
-            await other.publish(f"{TOPICS}/instantActions", message_of_another(1, instantActions=[action]))
-        await until(lambda: bool(steered.outcomes(order)), PATIENCE_S, "the end of the order")
-        ((state, reason),) = steered.outcomes(order)
-        assert (state, reason) == ("cancelled", "it was cancelled at the AGV, or by another master control")
-
-
 def message_of_another(number: int, **body: object) -> str:
     """Return a message of another master control."""
     header = {"headerId": number, "timestamp": "2026-01-01T00:00:00.00Z", "version": "2.0.0"}
@@ -300,13 +276,13 @@ async def test_an_order_of_another_master_is_left_alone_and_shown_while_pointit_
     end = (6.0, START[1])
     async with (
         agv_on(port, node, speed=0.5),
-        overheard(port, "instantActions") as actions,
-        overheard(port, "state") as states,
+        overheard(port, f"{TOPICS}/instantActions", json.loads) as actions,
+        overheard(port, f"{TOPICS}/state", json.loads) as states,
         aiomqtt.Client("127.0.0.1", port) as other,
         memory_bench(WallClock()) as bench,
     ):
         await other.publish(f"{TOPICS}/order", order_of_another(START, end))
-        await until(lambda: bool(states) and bool(states[-1]["nodeStates"]), PATIENCE_S, "their order")
+        await until(lambda: bool(states) and bool(states[-1][1]["nodeStates"]), PATIENCE_S, "their order")
         pilotage = Pilotage(bench)
         async with running(run_service(launch, bench.bus, bench.clock)):
             shown = await pilotage.until(lambda state: "another master control" in state.reason)
@@ -317,9 +293,9 @@ async def test_an_order_of_another_master_is_left_alone_and_shown_while_pointit_
             await pilotage.until(lambda state: state.position_m[0] > START[0] + 3.5, PATIENCE_S)
         async with running(run_service(launch, bench.bus, bench.clock)):
             await pilotage.until(lambda state: state.phase == "idle" and not state.reason, PATIENCE_S)
-        assert states[-1]["orderId"] == "theirs"
-        assert states[-1]["lastNodeId"] == "theirs.1", "it has arrived"
-        kinds = {each["actionType"] for heard in actions for each in heard["actions"]}
+        assert states[-1][1]["orderId"] == "theirs"
+        assert states[-1][1]["lastNodeId"] == "theirs.1", "it has arrived"
+        kinds = {each["actionType"] for _, heard in actions for each in heard["actions"]}
         assert kinds == {"stateRequest"}
 
 
@@ -337,8 +313,8 @@ async def test_a_restarted_broker_leaves_nothing_that_moves(tmp_path: Path, node
         assert [state for state, _ in steered.outcomes(order)] == ["accepted", "failed"]
         with broker(tmp_path, port):
             await until(lambda: steered.place is not None, PATIENCE_S, "a report")
-            async with overheard(port, "state") as states:
-                await until(lambda: bool(states) and not states[-1]["nodeStates"], PATIENCE_S, "its stop")
+            async with overheard(port, f"{TOPICS}/state", json.loads) as states:
+                await until(lambda: bool(states) and not states[-1][1]["nodeStates"], PATIENCE_S, "its stop")
             assert steered.place is not None
             there = steered.place
             assert there[0] < START[0] + 2.0, "it drove no farther than what was released"

@@ -2,13 +2,17 @@
 
 import shutil
 import subprocess
-from collections.abc import Generator
-from contextlib import contextmanager
+from collections.abc import AsyncGenerator, Callable, Generator
+from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
+from typing import Any
 
+import aiomqtt
 import pytest
 
-from tests.support.buses import free_port
+from tests.examples.running import running
+from tests.support.bench import until
+from tests.support.buses import free_port, is_listening
 
 MOSQUITTO = shutil.which("mosquitto")
 
@@ -36,3 +40,22 @@ def broker(folder: Path, port: int = 0, options: str = "") -> Generator[int]:
         finally:
             process.terminate()
             process.wait(30)
+
+
+@asynccontextmanager
+async def overheard(
+    port: int, topic: str, read: Callable[[bytes], Any] = bytes, **login: Any
+) -> AsyncGenerator[list[tuple[str, Any]]]:
+    """Yield the topics and payloads, as `read` gives them, that come by, as the broker has ordered them."""
+    heard: list[tuple[str, Any]] = []
+
+    async def listen() -> None:
+        async for message in client.messages:
+            assert isinstance(message.payload, bytes)
+            heard.append((str(message.topic), read(message.payload)))
+
+    await until(lambda: is_listening(port), what="the broker")
+    async with aiomqtt.Client("127.0.0.1", port, **login) as client:
+        await client.subscribe(topic, qos=1)
+        async with running(listen()):
+            yield heard

@@ -18,10 +18,8 @@ RSSI_DBM = -60
 MTU = 247
 
 
-class MemoryScanner(BaseBleakScanner):
-    """Hears one device if it is there and not connected."""
-
-    device: ClassVar[Peripheral]
+class Scanner(BaseBleakScanner):
+    """A scanner without options."""
 
     def __init__(
         self,
@@ -31,6 +29,51 @@ class MemoryScanner(BaseBleakScanner):
         **_options: Any,
     ) -> None:
         super().__init__(detection_callback, service_uuids)
+
+    def tell(self, device: object, address: str, name: str | None, services: list[str], rssi: int) -> None:
+        """Pass an advertisement on; `device` is what a client gets as its details."""
+        data = AdvertisementData(
+            local_name=name,
+            manufacturer_data={},
+            service_data={},
+            service_uuids=services,
+            tx_power=None,
+            rssi=rssi,
+            platform_data=(),
+        )
+        self.call_detection_callbacks(
+            self.create_or_update_device(address, address, name, device, data), data
+        )
+
+
+class Client(BaseBleakClient):
+    """A client that neither pairs nor has descriptors."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        options.pop("services", None)
+        super().__init__(*arguments, **options)
+
+    async def pair(self, *_arguments: Any, **_options: Any) -> None:
+        """Do nothing."""
+
+    async def unpair(self) -> None:
+        """Do nothing."""
+
+    async def read_gatt_descriptor(
+        self, descriptor: BleakGATTDescriptor, *, use_cached: bool = False, **_options: Any
+    ) -> bytearray:
+        """Raise: there are none."""
+        raise NotImplementedError
+
+    async def write_gatt_descriptor(self, descriptor: BleakGATTDescriptor, data: SizedBuffer) -> None:
+        """Raise: there are none."""
+        raise NotImplementedError
+
+
+class MemoryScanner(Scanner):
+    """Hears one device if it is there and not connected."""
+
+    device: ClassVar[Peripheral]
 
     async def start(self) -> None:
         """Begin to hear."""
@@ -47,28 +90,15 @@ class MemoryScanner(BaseBleakScanner):
         device = self.device
         if self not in device.listeners or not device.is_there or device.link is not None:
             return
-        data = AdvertisementData(
-            local_name=device.wrist.name,
-            manufacturer_data={},
-            service_data={},
-            service_uuids=[device.wrist.service],
-            tx_power=None,
-            rssi=RSSI_DBM,
-            platform_data=(),
-        )
-        key = device.address
-        self.call_detection_callbacks(
-            self.create_or_update_device(key, key, device.wrist.name, device, data), data
-        )
+        self.tell(device, device.address, device.wrist.name, [device.wrist.service], RSSI_DBM)
 
 
-class MemoryClient(BaseBleakClient):
+class MemoryClient(Client):
     """A connection to one device."""
 
     device: ClassVar[Peripheral]
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
-        options.pop("services", None)
         super().__init__(*arguments, **options)
         self._callbacks: dict[str, Callable[[bytearray], None]] = {}
 
@@ -97,12 +127,6 @@ class MemoryClient(BaseBleakClient):
         if self.is_connected:
             self.device.link = None
 
-    async def pair(self, *_arguments: Any, **_options: Any) -> None:
-        """Do nothing."""
-
-    async def unpair(self) -> None:
-        """Do nothing."""
-
     async def read_gatt_char(
         self, characteristic: BleakGATTCharacteristic, *, use_cached: bool = False, **_options: Any
     ) -> bytearray:
@@ -110,12 +134,6 @@ class MemoryClient(BaseBleakClient):
         del use_cached
         self._require_connection()
         return bytearray(self.device.wrist.values[characteristic.uuid])
-
-    async def read_gatt_descriptor(
-        self, descriptor: BleakGATTDescriptor, *, use_cached: bool = False, **_options: Any
-    ) -> bytearray:
-        """Raise: there are none."""
-        raise NotImplementedError
 
     async def write_gatt_char(
         self,
@@ -130,10 +148,6 @@ class MemoryClient(BaseBleakClient):
         self.device.received.extend(written)
         for answer in self.device.wrist.write(characteristic.uuid, written):
             asyncio.get_running_loop().call_soon(self.notify, *answer)
-
-    async def write_gatt_descriptor(self, descriptor: BleakGATTDescriptor, data: SizedBuffer) -> None:
-        """Raise: there are none."""
-        raise NotImplementedError
 
     async def start_notify(
         self, characteristic: BleakGATTCharacteristic, callback: Callable[[bytearray], None], **_options: Any

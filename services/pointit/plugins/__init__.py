@@ -187,7 +187,6 @@ __all__ = [
     "ticks",
     "topics",
 ]
-
 GROUPS: dict[str, PluginGroup[Any]] = {
     "imu-source": SOURCES,
     "led-output": OUTPUTS,

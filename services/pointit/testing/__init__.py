@@ -46,7 +46,6 @@ __all__ = [
     "checks",
     "run_checks",
 ]
-
 SUITES: dict[type[Harness[Any]], Suite[Any]] = {
     ImuHarness: IMU_SUITE,
     LedHarness: LED_SUITE,

@@ -14,12 +14,10 @@ from pointit.testing.own_loop import run_in_own_loop
 
 P = TypeVar("P", bound=Plugin)
 H = TypeVar("H", bound="Harness[Any]")
-
 AT_ONCE = 16
 """Checks that run at the same time: most of them wait."""
 PATIENCES = 6.0
 """A check that has not come to an end within this many times the harness's patience hangs."""
-
 CheckFunction = Callable[[H], Coroutine[Any, Any, None]]
 
 

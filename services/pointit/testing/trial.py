@@ -19,7 +19,6 @@ from pointit.testing.check import CheckFailedError, Harness, P
 from pointit.testing.devices import FakeDevice
 
 T = TypeVar("T", bound="Trial")
-
 LOOK_S = 0.02
 CANCEL_S = 1.0
 """Time within which a plug-in must have ended after it was cancelled, s."""

@@ -192,12 +192,6 @@ def test_the_arm_points_where_the_sensors_axis_does(
     assert vector.angle_between(finger, rotation.rotate(sensor, SENSOR_AXIS[name])) < 1e-7
 
 
-def test_metamotion_is_the_sensor_turned_by_minus_90_degrees_about_z() -> None:
-    sensor = rotation.from_azimuth_elevation(0.4, 0.2, 0.1)
-    expected = rotation.multiply(sensor, rotation.from_yaw(-math.pi / 2))
-    assert ArmFrame(MOUNTINGS["metamotion"]).orientation(sensor) == pytest.approx(expected)
-
-
 @pytest.mark.parametrize("name", sorted(MOUNTINGS))
 def test_what_is_up_on_the_sensor_is_up_on_the_arm(name: str) -> None:
     assert rotation.rotate(MOUNTINGS[name], (0.0, 0.0, 1.0)) == pytest.approx((0.0, 0.0, 1.0))

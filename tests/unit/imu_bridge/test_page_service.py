@@ -35,7 +35,6 @@ from tests.support.bench import Bench, memory_bench, until
 from tests.support.pty_device import pty_device
 
 pytestmark = pytest.mark.wall_time
-
 ANNA = "anna"
 STILL = SimulatedConfig(azimuth_amplitude_deg=0, elevation_amplitude_deg=0, elevation_deg=-10)
 AHEAD = rotation.from_azimuth_elevation(0.7, 0.2)

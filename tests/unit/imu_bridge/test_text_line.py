@@ -39,34 +39,28 @@ def test_all_forms_of_one_quaternion(line: bytes) -> None:
     assert quaternion(line).orientation_xyzw == (-0.5, 0.5, 0.5, 0.5)
 
 
-def test_the_order_is_as_configured() -> None:
-    assert quaternion(b"0,0,0,1", LineParser("xyzw")).orientation_xyzw == (0, 0, 0, 1)
-    assert quaternion(b"0,0,0,1", LineParser("wxyz")).orientation_xyzw == (0, 0, 1, 0)
-
-
-def test_a_leading_time_is_in_microseconds() -> None:
-    parsed = quaternion(b"1500000,1,0,0,0")
-    assert (parsed.orientation_xyzw, parsed.device_time_ns) == ((0, 0, 0, 1), 1_500_000_000)
-
-
-def test_a_trailing_accuracy_is_dropped() -> None:
-    parsed = quaternion(b"0.00,0.00,0.71,0.71,3.14,", LineParser("xyzw"))
-    assert parsed.device_time_ns is None
-    assert parsed.orientation_xyzw == pytest.approx((0, 0, math.sqrt(0.5), math.sqrt(0.5)))
-
-
-def test_what_a_fifth_number_is_can_be_said() -> None:
-    line = b"1,0,0,0,1"  # a time of 1 µs, or an accuracy of 1
-    assert quaternion(line, LineParser("xyzw", "time")).orientation_xyzw == (0, 0, 0, 1)
-    assert quaternion(line, LineParser("xyzw", "accuracy")).orientation_xyzw == (1, 0, 0, 0)
+@pytest.mark.parametrize(
+    ("line", "parser", "orientation_xyzw", "time_ns"),
+    [
+        (b"0,0,0,1", LineParser("xyzw"), (0, 0, 0, 1), None),
+        (b"0,0,0,1", LineParser("wxyz"), (0, 0, 1, 0), None),
+        (b"1500000,1,0,0,0", LineParser(), (0, 0, 0, 1), 1_500_000_000),
+        (b"0.00,0.00,0.71,0.71,3.14,", LineParser("xyzw"), (0, 0, math.sqrt(0.5), math.sqrt(0.5)), None),
+        (b"1,0,0,0,1", LineParser("xyzw", "time"), (0, 0, 0, 1), 1000),
+        (b"1,0,0,0,1", LineParser("xyzw", "accuracy"), (1, 0, 0, 0), None),
+    ],
+)
+def test_order_and_meaning_of_a_fifth_number_are_as_configured(
+    line: bytes, parser: LineParser, orientation_xyzw: tuple[float, ...], time_ns: int | None
+) -> None:
+    parsed = quaternion(line, parser)
+    assert parsed.orientation_xyzw == pytest.approx(orientation_xyzw)
+    assert parsed.device_time_ns == time_ns
 
 
 @pytest.mark.parametrize("line", [b"button", b"B", b"Button press", b"b:press"])
 def test_button_lines_are_gestures(line: bytes) -> None:
     assert LineParser().parse(line) == ButtonLine("press")
-
-
-def test_a_button_may_say_its_gesture() -> None:
     assert LineParser().parse(b"button double") == ButtonLine("double")
 
 

@@ -19,7 +19,6 @@ from pointit.services.led_driver.config import CursorsConfig, LedDriverConfig, S
 from pointit.services.led_driver.light_state import LightState
 
 Color = tuple[int, int, int]
-
 WHITE, RED, GREEN, BLUE, BLACK = (255, 255, 255), (200, 0, 0), (0, 100, 0), (0, 0, 90), (0, 0, 0)
 DIM = (50, 0, 0)  # a quarter of RED
 GAP = (20, 0, 0)  # a tenth
@@ -27,7 +26,6 @@ GAP = (20, 0, 0)  # a tenth
 # 10 pixels a metre: pixel k of the line has its centre at 0.05 + 0.1 k
 FORTH = Strip(id="forth", line_m=((0, 0, 0), (1, 0, 0), (1, 1, 0)), pixels=20)
 BACK = Strip(id="back", line_m=((0, 0, 0), (2, 0, 0)), pixels=20, direction=-1)
-
 NOW_NS = 1_700_000_000_000_000_000
 
 

@@ -73,10 +73,6 @@ def test_more_pixels_than_the_protocol_counts_in_two_bytes_are_refused() -> None
     assert "more than Adalight has" not in warning(2**16)
 
 
-def test_dark_frame_has_the_same_pixels() -> None:
-    assert AdalightFrame(b"\1\2\3" * 5).dark().data() == AdalightFrame(bytes(15)).data()
-
-
 def test_frame_without_pixels_is_not_sent() -> None:
     output = AdalightOutput(AdalightConfig(port="x"), NullHealth())
     output.show(StripsFrame(stamp_ns=1, strips=(StripFrame(id="a", rgb=b"\1\2\3"),)))

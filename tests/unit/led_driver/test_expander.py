@@ -30,6 +30,7 @@ from pointit.services.led_driver.service import LedDriver
 from tests.support.bench import ManualClock, memory_bench, until
 from tests.support.pace import within
 from tests.support.pty_device import Listener, PtyDevice, pty_device
+from tests.support.running_source import Health
 from tests.unit.led_driver.driving import FAST, cursor, next_frame, started
 
 pytestmark = pytest.mark.wall_time
@@ -98,26 +99,6 @@ async def test_what_an_expander_draws_is_shown_and_said_when_it_is_too_much(tmp_
         await until(lambda: any(figure.value == 0.0 for figure in reports[-1].figures))
 
 
-async def test_the_expander_may_come_late_and_come_back(tmp_path: Path) -> None:
-    stream = bytearray()
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        reports = bench.collect(HEALTH)
-        await started(bench, expander(tmp_path / "led"))
-        bench.put(CURSOR, cursor(clock, 0.5), "anna")
-        await until(lambda: bool(reports) and any("is not there" in text for text in reports[-1].warnings))
-        with pty_device(tmp_path / "led") as device, Listener(device, stream.extend) as listener:
-            await until(lambda: any(colored(bytes(stream))))
-            await until(lambda: not reports[-1].warnings)
-            with listener.lock:
-                device.unplug()
-            await until(lambda: bool(reports[-1].warnings))
-            stream.clear()
-            with listener.lock:
-                device.plug()
-            await until(lambda: any(colored(bytes(stream))))
-
-
 async def test_a_stuck_controller_is_said_and_holds_nobody_up(tmp_path: Path) -> None:
     clock = ManualClock()
     with pty_device(tmp_path / "led") as device:  # nobody reads it
@@ -169,26 +150,6 @@ class SlowReader:
                 os.read(self._device.master, self._size_bytes)
 
 
-class Figures:
-    """Takes what an output tells of itself."""
-
-    def __init__(self) -> None:
-        self.told: dict[str, float | None] = {}
-
-    def set_metric(self, name: str, value: float | None, unit: str = "") -> None:
-        assert unit
-        self.told[name] = value
-
-    def reached(self, latency_s: float) -> None:
-        assert latency_s >= 0.0
-
-    def warn(self, topic: str, sentence: str) -> None:
-        raise AssertionError(topic, sentence)
-
-    def clear(self, topic: str) -> None:
-        assert topic
-
-
 class SentAtOnce:
     """A port of a healthy link: takes everything, in the time that a given clock says."""
 
@@ -212,8 +173,8 @@ def test_frame_rate_is_what_the_link_carries_however_seldom_the_picture_changes(
 
     clock = SimpleNamespace(sleep=sleep, monotonic=lambda: now_s)
     monkeypatch.setattr("pointit.services.led_driver.output.serial_port.serial_output.time", clock)
-    figures = Figures()
-    output = ExpanderOutput(ExpanderConfig(port="leds", baud=baud), figures)
+    health = Health()
+    output = ExpanderOutput(ExpanderConfig(port="leds", baud=baud), health)
 
     def post(call: Callable[..., None], *arguments: object) -> None:
         call(*arguments)
@@ -224,7 +185,8 @@ def test_frame_rate_is_what_the_link_carries_however_seldom_the_picture_changes(
     for _ in range(4):
         output._send(cast("Any", SentAtOnce()), picture)
         sleep(pause_s)
-    assert figures.told == {f"{FRAME_RATE} leds": pytest.approx(1.0 / frame_s)}
+    assert health.metrics == {f"{FRAME_RATE} leds": pytest.approx(1.0 / frame_s)}
+    assert not health.warnings
 
 
 async def test_a_throttled_link_is_called_slow_and_no_cable_fault(

@@ -16,7 +16,6 @@ from tests.unit.led_driver.stage import BLACK, RED, WHITE, Stage, item
 
 WIDTH_M = 0.5
 PER_M = 30
-
 STRAIGHT = Belt(id="belt", line_m=((0.0, 0.0, 1.0), (3.0, 0.0, 1.0)), width_m=WIDTH_M)
 
 

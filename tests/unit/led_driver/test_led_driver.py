@@ -70,19 +70,6 @@ def test_a_cursor_that_is_nowhere_asks_for_no_frame_once_it_has_gone_dark() -> N
     assert not scene.set_cursor("anna", nowhere, 4)
 
 
-async def test_for_a_cursor_that_is_nowhere_nothing_is_drawn() -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        frames = await started(bench)
-        for _ in range(3):
-            bench.put(CURSOR, Cursor(stamp_ns=clock.now_ns()), "ben")
-            await bench.settle()
-        bench.put(CURSOR, cursor(clock, 0.55), "anna")
-        frame = await next_frame(frames)
-        assert pixels(frame, "a")  # the first after the map's is hers
-        assert len(frames) == 2
-
-
 async def test_a_cursor_gives_its_stamp_to_one_frame_only() -> None:
     """Else a wrist that fell silent looks like latency as long as its cursor is lit."""
     clock = ManualClock()

@@ -26,7 +26,6 @@ TRUTH = Mounting.from_degrees((2.0, 1.5, 3.0), 30.0, 3.0, 176.0)
 STEP_RAD = math.radians(0.25)
 FINER = b"-" * 4
 """From the first step to that one."""
-
 UP, DOWN, RIGHT, LEFT = (b"\x1b[" + letter for letter in (b"A", b"B", b"C", b"D"))
 
 

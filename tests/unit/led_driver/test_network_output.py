@@ -20,7 +20,6 @@ from tests.support.bench import until
 from tests.support.running_source import Health
 
 pytestmark = pytest.mark.wall_time
-
 STRIP = Strip(id="a", line_m=((0, 0, 0), (1, 0, 0)), pixels=2)
 
 

@@ -11,10 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.service.surroundings import Surroundings
 from pointit.schemas import Strip, StripFrame, StripsFrame
 from pointit.services.led_driver.output.datagram_sender import Datagram, Destination
-from pointit.services.led_driver.output.ddp import DDP, DdpConfig, described
+from pointit.services.led_driver.output.ddp import described
 from pointit.services.led_driver.output.ddp_protocol import encode_frame
 from pointit.services.led_driver.output.dmx import artnet_protocol, e131_protocol
 from pointit.services.led_driver.output.dmx.artnet import ArtnetStream, broadcast_addresses
@@ -225,11 +224,6 @@ def test_wled_takes_no_packet_for_a_late_one_and_shows_each_frame_once(pixels: i
 
 def test_output_without_pixels_sends_nothing() -> None:
     assert encode_frame(b"", 3, 1) == []
-
-
-def test_output_without_a_host_is_refused() -> None:
-    with pytest.raises(ConfigError, match="host: is missing"):
-        DDP.make(DdpConfig(), Surroundings.detached())
 
 
 def test_controller_is_described_by_its_name_pixels_and_version() -> None:

@@ -35,11 +35,12 @@ class Strips:
     def __init__(self) -> None:
         self.light_s = 0.0
         self.shown: list[tuple[StripFrame, ...]] = []
+        self.strips: Sequence[object] = ()
         self.is_stuck = False
         self.ended = asyncio.Event()
 
     def set_strips(self, strips: Sequence[object]) -> None:
-        pass
+        self.strips = strips
 
     def show(self, frame: StripsFrame, age_s: float = 0.0) -> None:
         if self.is_stuck:
@@ -113,6 +114,7 @@ async def test_output_that_is_made_again_shows_what_does_not_change(monkeypatch:
     work = asyncio.create_task(output.run())
     made[0].ended.set()
     await until(lambda: len(made) > 1 and made[1].shown == [(B,)])
+    assert made[1].strips == MAP_MESSAGE.strips
     work.cancel()
     await asyncio.wait({work})
 

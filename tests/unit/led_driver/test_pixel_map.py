@@ -27,10 +27,6 @@ def shown(*segments: Segment, block_pixels: int = 1000) -> tuple[list[int], list
     return list(pixel_map.output_bytes(FRAME)), problems
 
 
-def test_strips_of_the_map_come_one_behind_the_other_without_segments() -> None:
-    assert shown() == ([1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 20, 30, 40, 50, 60], [])
-
-
 def test_segments_have_a_part_an_order_and_a_direction_each_and_gaps_stay_dark() -> None:
     assert shown(
         Segment(strip="b", order="GRB", reversed=True),

@@ -16,19 +16,6 @@ from pointit.services.led_driver.picture.layout import Layout
 from tests.unit.led_driver.stage import BACK, BLACK, BLUE, DIM, FORTH, GAP, GREEN, RED, WHITE, Stage, item
 
 
-def test_a_cursor_lights_the_pixels_around_its_position() -> None:
-    stage = Stage().profile("anna").point("anna", 0.55)
-    assert stage.lit("forth") == [4, 5, 6]
-    assert stage.lit("back") == []
-
-
-def test_on_a_reversed_strip_pixel_0_is_at_the_end_of_the_line() -> None:
-    # line pixels 2 (centre 0.25) and by rounding none other: wire pixel 19 - 2
-    assert 17 in Stage().profile("anna", width_m=0.2).point("anna", 0.25, "back").lit("back")
-    ends = Stage().profile("anna", width_m=0.1).profile("ben", width_m=0.1)
-    assert ends.point("anna", 0.0, "back").point("ben", 1.99, "back").lit("back") == [0, 19]
-
-
 @given(st.floats(-0.5, 2.5), st.floats(0.001, 1.0), st.sampled_from(["forth", "back"]), st.integers(1, 300))
 def test_exactly_the_pixels_with_their_centres_under_the_cursor_are_lit(
     position_m: float, width_m: float, strip_id: str, pixels: int

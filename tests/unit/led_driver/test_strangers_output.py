@@ -1,19 +1,13 @@
 """An LED output of another package that fails in every call: named, and frames and other outputs go on."""
 
-import asyncio
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
-from pointit.runtime.service import plugin_guard
-from pointit.runtime.service.surroundings import NullHealth
 from pointit.schemas.topics import CURSOR, HEALTH, MAP, STRIPS_FRAME
 from pointit.services.led_driver.config import LedDriverConfig
-from pointit.services.led_driver.guarded_output import GuardedOutput
 from pointit.services.led_driver.service import LedDriver
 from tests.support import strangers
 from tests.support.bench import ManualClock, memory_bench, until
@@ -117,26 +111,6 @@ async def test_output_that_fails_is_named_and_costs_frames_and_other_outputs_not
             r": show failed \(ConnectionError: gone\): .*",
         ):
             assert any(re.fullmatch(re.escape(label) + problem, each) for each in said), problem
-
-
-async def test_output_that_is_made_again_gets_the_strips(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(plugin_guard, "FIRST_WAIT_S", 0.001)
-    given: list[list[object]] = []
-
-    async def ends() -> None:
-        pass
-
-    def make() -> Any:
-        given.append([])
-        return SimpleNamespace(light_s=0.0, set_strips=given[-1].append, show=print, run=ends)
-
-    output = GuardedOutput(make, plugin_guard.PluginGuard("mine", NullHealth()))
-    output.set_map(MAP_MESSAGE)
-    work = asyncio.create_task(output.run())
-    await until(lambda: len(given) > 2)
-    work.cancel()
-    await asyncio.wait({work})
-    assert given[1] == [MAP_MESSAGE.strips]
 
 
 async def test_two_outputs_of_one_kind_share_neither_warnings_nor_metrics_nor_stored_state() -> None:

@@ -62,13 +62,6 @@ class QueuesWithoutLimit(Queues):
 
 
 @caught_by("reconnects", "came back, and did not get")
-class ForgetsOnReconnect(Output):
-    async def _send(self, writer: asyncio.StreamWriter, pixels: bytes, *, is_new: bool = False) -> None:
-        await super()._send(writer, pixels, is_new=is_new)
-        self._pixels = None
-
-
-@caught_by("reconnects", "came back, and did not get")
 class HasNoHeartbeat(Output):
     """Sends what has changed alone, and never notices that the link is lost."""
 

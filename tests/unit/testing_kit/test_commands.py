@@ -21,7 +21,6 @@ from pointit.plugins import GROUPS, Config
 from pointit.runtime.errors import ConfigError
 from pointit.testing import Harness, checks, run_checks
 from pointit.testing.check import Check
-from pointit.testing.installed import installed_harness
 from tests.support import strangers
 
 
@@ -165,7 +164,7 @@ WITHOUT_STRIPS = {"spotlight"}
 ELSEWHERE = {"ros2"}
 """Robot drivers whose promises are checked beside their other tests: the kit must not import bridges."""
 OURS = [
-    pytest.param(installed_harness(name, group.get(name)), id=f"{kind} {name}", marks=pytest.mark.slow)
+    pytest.param(check.installed_harness(name, group.get(name)), id=f"{kind} {name}", marks=pytest.mark.slow)
     for kind, group in GROUPS.items()
     for name in group.names
     if group.package(name) == "pointit" and name not in WITHOUT_STRIPS | ELSEWHERE
@@ -191,7 +190,7 @@ def usual_port_taken(config: type[Config]) -> Generator[None]:
 
 def test_fake_device_of_another_plugin_of_that_name_is_not_used() -> None:
     serial = GROUPS["imu-source"].get("serial")
-    assert installed_harness("serial", replace(serial)) is None
+    assert check.installed_harness("serial", replace(serial)) is None
 
 
 @pytest.mark.parametrize("harness", [*OURS, *TEMPLATES])

@@ -102,7 +102,7 @@ def test_what_the_other_has_selected_in_their_name_is_theirs_and_not_taken_back(
     life.yield_for(2.0, lambda now_ns: along_the_strip(life, now_ns))
     assert life.lights is not None
     mine = SelectedObject(id=selects, user="anna", since_ns=0)
-    life.lights.on_selection(Selection(stamp_ns=0, objects=(mine,)))
+    life.lights.content.set_selection(Selection(stamp_ns=0, objects=(mine,)))
     life.cue("selected")
     life.yield_for(3.0, lambda now_ns: along_the_strip(life, now_ns))
     for _ in range(20):

@@ -3,21 +3,31 @@
 import logging
 from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib.metadata import entry_points
 from importlib.util import find_spec
+from typing import Any
 
 import click
 
 from pointit.cli.common.installed_commands import LAB
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import json_option, print_json
+<<<<<<< HEAD
 from pointit.plugins import GROUPS, ConfigError, Plugin
 from pointit.runtime.config.plugins import OURS
+=======
+from pointit.plugins import GROUPS, ConfigError, Plugin, SelectionMethod, ServicePlugin
+from pointit.runtime.config.installed import OURS
+>>>>>>> m3
 from pointit.runtime.config.similar_names import nearest
 from pointit.runtime.host.extras import remedy
-from pointit.testing import checks, run_checks
+from pointit.testing import SUITES, Harness, checks, run_checks
 from pointit.testing.check import CheckFailedError
 from pointit.testing.common import require_parameters
-from pointit.testing.installed import FAKE_DEVICES, installed_harness
+from pointit.testing.methods import MethodHarness
+from pointit.testing.service import ServiceHarness
+
+FAKE_DEVICES = "pointit.fake_devices"
 
 
 @dataclass(frozen=True)
@@ -117,6 +127,27 @@ def examined(kind: str, name: str) -> Iterator[CheckResult]:
         f"none is declared: add an entry point {name!r} of the group {FAKE_DEVICES}, see docs/how-to/"
         "write-a-plug-in.md",
     )
+
+
+def installed_harness(name: str, plugin: Plugin) -> Harness[Any] | None:
+    """Return the harness that a package declares for its `plugin`, or None if it needs one and has none.
+
+    Raises:
+        ConfigError: If it is declared and cannot be imported.
+    """
+    for entry in entry_points(group=FAKE_DEVICES, name=name):
+        try:
+            harness: Harness[Any] = entry.load()
+        except Exception as error:  # code of others, which may raise anything when it is imported
+            reason = f"{type(error).__name__}: {error}"
+            raise ConfigError(
+                f"fake device {name!r}: {entry.value} cannot be imported ({reason}); correct the entry point"
+            ) from error
+        if type(harness) in SUITES and harness.plugin is plugin:
+            return harness
+    if isinstance(plugin, SelectionMethod):
+        return MethodHarness(plugin=plugin)
+    return ServiceHarness(plugin=plugin) if isinstance(plugin, ServicePlugin) else None
 
 
 def _print(result: CheckResult) -> None:

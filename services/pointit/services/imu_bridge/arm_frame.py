@@ -10,17 +10,11 @@ from pointit.schemas import NS_PER_S
 
 MAX_ELEVATION_RAD = math.radians(80.0)
 """Largest elevation of an arm with a usable yaw."""
-
 _HALF = math.sqrt(0.5)
-
 _PLUS_X = rotation.IDENTITY
-
 _MINUS_X: Quaternion = (0.0, 0.0, 1.0, 0.0)
-
 _PLUS_Y: Quaternion = (0.0, 0.0, _HALF, _HALF)
-
 _MINUS_Y: Quaternion = (0.0, 0.0, -_HALF, _HALF)
-
 MOUNTINGS: dict[str, Quaternion] = {
     "plus_x": _PLUS_X,
     "minus_x": _MINUS_X,
@@ -38,10 +32,8 @@ All keep z: up on the sensor is up on the arm, palm down. Devices with a screen 
 top and z out of it (Android's and Pebble's documentation). A watch is worn face out on the back of the wrist,
 so that the right of its screen is towards the fingers on the left arm only; a phone has its top towards the
 fingers."""
-
 BACK_NS = NS_PER_S
 """Device time that falls by more is a restart; by less, samples came out of order."""
-
 WRAP_NS = 2**32 * 1000
 """Boards that count microseconds in 32 bits restart at 0 after 71 minutes of operation."""
 

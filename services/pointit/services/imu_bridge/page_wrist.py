@@ -14,10 +14,8 @@ from pointit.schemas import NS_PER_S, WRIST_PATIENCE_S, WristSample
 from pointit.services.imu_bridge.arm_frame import ArmFrame
 
 Device = Literal["arm", "phone"]
-
 DEVICE_NAMES: dict[Device, str] = {"arm": "mouse or ROS", "phone": "phone"}
 """Names of the devices; orientations from ROS arrive like those of a page's mouse."""
-
 LOW_BATTERY = 0.1
 """Charge of a phone below which there is a warning."""
 

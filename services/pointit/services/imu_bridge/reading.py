@@ -90,7 +90,6 @@ class Disconnected:
 
 
 Item = Reading | RawReading | Press | Battery | Signal | Reconnected | Disconnected
-
 Deliver = Callable[[Item], None]
 """Callback for readings and events of the device, called in the event loop."""
 
@@ -132,7 +131,6 @@ class ReadingCheck:
         if second != self._second:
             self._second, self._count = second, 0
         self._count += 1
-        found = ""
         if self._count > MAX_ITEMS_PER_S:
             found = f"delivers more than {MAX_ITEMS_PER_S} readings a second; the rest is dropped"
         else:

@@ -35,7 +35,6 @@ from pointit.services.imu_bridge.stored_mounting import PURPOSE, MountingSelecti
 from pointit.services.imu_bridge.wrist.device_wrist import DeviceWrist, SensorSample
 
 log = logging.getLogger(__name__)
-
 REPORT_S = 1.0
 """Time between two reports on the device, s."""
 MOVED_FROM_OUTSIDE = f"page {DEVICE_NAMES['arm']}"

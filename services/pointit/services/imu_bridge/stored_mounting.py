@@ -11,7 +11,6 @@ from pointit.services.imu_bridge.config import ImuBridgeConfig, MountingName
 
 PURPOSE = "mounting"
 """Name of the state file of each person."""
-
 PHONE = "phone"
 """Key of a page's phone among the sources, whatever the source of imu-bridge itself is."""
 

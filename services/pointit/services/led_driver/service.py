@@ -57,7 +57,6 @@ from pointit.services.led_driver.picture.lamps import DARK
 LAMP_PERIOD_S = 1 / 20
 """Minimum time between changes of a lamp's appearance, s. The lamp that a person is to point at is lit at
 once."""
-
 LOCALIZER = "localizer."
 """First part of the instance of a person's localizer, before the user."""
 

@@ -10,9 +10,8 @@ from collections.abc import Iterable
 from typing import cast
 
 from pointit.geometry.rotation import Quaternion
-from pointit.testing import lifecycle
+from pointit.testing import common
 from pointit.testing.check import CheckFailedError, Suite
-from pointit.testing.common import require_bounded_memory, require_parameters
 from pointit.testing.devices import UdpDevice
 from pointit.testing.imu.harness import OTHER_POSTURE, POSTURE, ImuHarness, encoded, sends
 from pointit.testing.trial import ABSENT_S, absent, connected
@@ -23,11 +22,11 @@ IMU_SUITE = Suite[ImuHarness]()
 @IMU_SUITE.check("Operators see them in `pointit list plugins` and in the help of imu-bridge")
 async def parameters(harness: ImuHarness) -> None:
     """Has a summary of one line and a description for each parameter."""
-    require_parameters(harness.plugin)
+    common.require_parameters(harness.plugin)
 
 
 IMU_SUITE.add(
-    lifecycle.config_errors,
+    common.config_errors,
     "Raise pointit.plugins.ConfigError from `check` or `make`, with one sentence: what, where, what to do",
 )
 
@@ -181,9 +180,9 @@ async def bounded_memory(harness: ImuHarness) -> None:
             await trial.hear("after many readings, the newest was not delivered", OTHER_POSTURE)
             await asyncio.sleep(SETTLE_S)  # the loop forgets cancelled timers later
 
-        await require_bounded_memory(flood, f"{FLOOD_BYTES} bytes without a reading")
+        await common.require_bounded_memory(flood, f"{FLOOD_BYTES} bytes without a reading")
         await trial.hear("after many bytes without a reading, none was delivered")
-        await require_bounded_memory(many, f"{2 * BURST} readings")
+        await common.require_bounded_memory(many, f"{2 * BURST} readings")
 
 
 SILENCE_S = 0.4
@@ -241,7 +240,7 @@ async def tells_reconnection(harness: ImuHarness) -> None:
             )
 
 
-IMU_SUITE.add(lifecycle.warns, lifecycle.WARN, sends)
+IMU_SUITE.add(common.warns, common.WARN, sends)
 
 
 @IMU_SUITE.check(
@@ -255,7 +254,7 @@ async def silence(harness: ImuHarness) -> None:
             trial.require_running()
             return
         shares: list[float] = []
-        for _ in range(lifecycle.TRIES):
+        for _ in range(common.TRIES):
             began_s, cpu_s = time.monotonic(), time.process_time()
             await asyncio.sleep(SILENCE_S)
             shares.append((time.process_time() - cpu_s) / (time.monotonic() - began_s))
@@ -267,13 +266,13 @@ async def silence(harness: ImuHarness) -> None:
 
 
 IMU_SUITE.add(
-    lifecycle.cancels,
+    common.cancels,
     "Await only what can be cancelled, do not catch CancelledError, and join no thread for longer",
 )
 IMU_SUITE.add(
-    lifecycle.does_not_block,
+    common.does_not_block,
     "Call nothing that waits, such as `time.sleep` or a blocking read: use asyncio's streams, or "
     "`asyncio.to_thread` and a thread of its own",
     alone=True,
 )
-IMU_SUITE.add(lifecycle.leaves_nothing, lifecycle.CLOSE, alone=True)
+IMU_SUITE.add(common.leaves_nothing, common.CLOSE, alone=True)

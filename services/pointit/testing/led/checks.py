@@ -9,14 +9,12 @@ from contextlib import asynccontextmanager
 
 from pointit.plugins import OutputConfig
 from pointit.schemas import StripFrame
-from pointit.testing import lifecycle
+from pointit.testing import common
 from pointit.testing.check import CheckFailedError, Suite, called
-from pointit.testing.common import require_bounded_memory, require_parameters
 from pointit.testing.led.harness import DARK, STRIPS, LedHarness, LedTrial, notices_loss
 from pointit.testing.trial import absent, connected
 
 LED_SUITE = Suite[LedHarness]()
-
 LATE_S = 0.5
 SHOWS = 21
 SHOW_S = 0.02
@@ -31,13 +29,13 @@ async def parameters(harness: LedHarness) -> None:
     """Has a summary of one line, a description for each parameter, and those of every output."""
     if not issubclass(harness.plugin.config, OutputConfig):
         raise CheckFailedError(f"{harness.plugin.config.__name__} is no OutputConfig")
-    require_parameters(harness.plugin)
+    common.require_parameters(harness.plugin)
 
 
 @LED_SUITE.check("Raise pointit.plugins.ConfigError from `make`, with one sentence; connect in `run`")
 async def config_errors(harness: LedHarness) -> None:
     """Refuses parameters that cannot work, with ConfigError and nothing else, and opens nothing yet."""
-    await lifecycle.config_errors(harness)  # made while the device is away
+    await common.config_errors(harness)  # made while the device is away
 
 
 @LED_SUITE.check("`decode` of the harness and the output must agree on the order of strips and colours")
@@ -154,7 +152,7 @@ async def reconnects(harness: LedHarness) -> None:
             await trial.replug()
 
 
-LED_SUITE.add(lifecycle.warns, lifecycle.WARN, notices_loss)
+LED_SUITE.add(common.warns, common.WARN, notices_loss)
 
 
 @LED_SUITE.check(
@@ -172,9 +170,9 @@ async def cancels(harness: LedHarness) -> None:
                 await asyncio.sleep(0.01)
             yield trial
 
-    await lifecycle.cancels(harness)
+    await common.cancels(harness)
     if harness.example().can_stall:
-        await lifecycle.require_quick_end(stuck, "while the device read nothing")
+        await common.require_quick_end(stuck, "while the device read nothing")
 
 
 @LED_SUITE.check("Send a dark frame in `finally` of `run`, and wait until it has left")
@@ -198,12 +196,12 @@ async def bounded_memory(harness: LedHarness) -> None:
                 if number % 100 == 0:
                     await asyncio.sleep(0)
 
-        await require_bounded_memory(many, f"{MANY} frames without a device")
+        await common.require_bounded_memory(many, f"{MANY} frames without a device")
 
 
 LED_SUITE.add(
-    lifecycle.does_not_block,
+    common.does_not_block,
     "Call nothing that waits, such as `time.sleep` or a blocking write: use asyncio's streams, or a thread",
     alone=True,
 )
-LED_SUITE.add(lifecycle.leaves_nothing, lifecycle.CLOSE, alone=True)
+LED_SUITE.add(common.leaves_nothing, common.CLOSE, alone=True)

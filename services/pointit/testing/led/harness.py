@@ -14,9 +14,7 @@ STRIPS = (
     Strip(id="a", line_m=((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)), pixels=10),
     Strip(id="b", line_m=((0.0, 1.0, 0.0), (1.0, 1.0, 0.0)), pixels=7),
 )
-
 PIXELS = sum(strip.pixels for strip in STRIPS)
-
 DARK = bytes(3 * PIXELS)
 
 

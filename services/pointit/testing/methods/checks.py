@@ -19,7 +19,6 @@ GAP_S = 30.0
 STEP_S = 0.002
 """Median time of `step` above which it is too slow for many people, s."""
 MANY = 4000
-
 METHOD_SUITE: Suite[MethodHarness] = Suite()
 
 

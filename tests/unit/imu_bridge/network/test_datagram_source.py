@@ -21,7 +21,6 @@ from tests.support.bench import until
 from tests.support.running_source import Phone, Running, phone_at, running
 
 pytestmark = pytest.mark.wall_time
-
 ONE, OTHER = (0.0, 0.0, 0.0, 1.0), (0.5, -0.5, 0.5, -0.5)
 
 

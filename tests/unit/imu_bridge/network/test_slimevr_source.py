@@ -19,11 +19,15 @@ from tests.support.buses import free_udp_port
 from tests.support.running_source import Phone, Running, phone_at, running
 
 pytestmark = pytest.mark.wall_time
-
 IDENTITY = (0.0, 0.0, 0.0, 1.0)
 TURNED = (0.5, -0.5, 0.5, -0.5)
 OWOTRACK, BOARD = 13, 1
 BROADCAST = "127.255.255.255"
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(slimevr, "STEP_S", 0.02)
 
 
 def handshake(board: int, last: int) -> bytes:
@@ -68,8 +72,7 @@ async def test_phone_vibrates_in_the_pattern_of_a_cue_and_a_board_is_left_alone(
         assert all(amplitude == 1.0 for *_, amplitude in commands)
 
 
-async def test_nan_zeros_and_late_datagrams_are_dropped_and_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(slimevr, "STEP_S", 0.02)
+async def test_nan_zeros_and_late_datagrams_are_dropped_and_named() -> None:
     async with running(SLIMEVR) as wrist, phone_at(wrist.port) as phone:
         await connect(wrist, phone)
         for number, content in (
@@ -115,7 +118,6 @@ async def test_battery_is_told_when_it_changes_and_again_after_a_reconnection() 
 
 
 async def test_two_phones_without_a_mac_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(slimevr, "STEP_S", 0.02)
     monkeypatch.setattr(slimevr_trackers, "SILENT_S", 0.05)
     async with (
         running(SLIMEVR) as wrist,
@@ -141,7 +143,6 @@ async def test_of_two_phones_on_one_machine_the_first_is_used_and_the_other_name
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Their addresses are the same, as behind a router that translates them."""
-    monkeypatch.setattr(slimevr, "STEP_S", 0.02)
     monkeypatch.setattr(slimevr_trackers, "SILENT_S", 0.0)
     async with running(SLIMEVR) as wrist, phone_at(wrist.port) as first, phone_at(wrist.port) as second:
         await connect(wrist, first, board=OWOTRACK, last=0)
@@ -183,7 +184,6 @@ async def test_people_share_a_port_and_each_gets_all_of_their_own_phone() -> Non
 
 
 async def test_tracker_that_freezes_is_lost_and_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(slimevr, "STEP_S", 0.02)
     monkeypatch.setattr(slimevr_trackers, "LOST_S", 0.1)
     async with running(SLIMEVR) as wrist, phone_at(wrist.port) as phone:
         await until(lambda: "set slimevr.host=0.0.0.0" in wrist.warnings.get("tracker", ""))
@@ -196,8 +196,7 @@ async def test_tracker_that_freezes_is_lost_and_found(monkeypatch: pytest.Monkey
         assert wrist.of(Reconnected)[-1] == Reconnected(keeps_yaw=True)
 
 
-async def test_tracker_that_floods_is_named_and_cut_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(slimevr, "STEP_S", 0.02)
+async def test_tracker_that_floods_is_named_and_cut_back() -> None:
     async with running(SLIMEVR) as wrist, phone_at(wrist.port) as phone:
         await connect(wrist, phone)
 

@@ -285,15 +285,14 @@ def test_device_without_quaternions_gives_its_angles_at_a_higher_rate() -> None:
     assert commands(reader) == ["ff aa 69 88 b5", "ff aa 02 08 00", "ff aa 03 09 00"]
 
 
-def test_device_that_sends_quaternions_is_left_alone() -> None:
-    reader = framer(configure=True)
-    reader.feed((GOLDEN + witmotion_packet(ANGLES, 0, 0, 0, 0)) * 200, 0)
-    assert commands(reader) == []
-
-
-def test_device_is_left_alone_when_that_is_configured() -> None:
-    reader = framer(configure=False)
-    reader.feed(witmotion_packet(ANGLES, 0, 0, 0, 0) * 200, 0)
+@pytest.mark.parametrize(
+    ("configure", "stream"),
+    [(True, GOLDEN + witmotion_packet(ANGLES, 0, 0, 0, 0)), (False, witmotion_packet(ANGLES, 0, 0, 0, 0))],
+    ids=["it sends quaternions", "it is configured so"],
+)
+def test_device_is_left_alone(*, configure: bool, stream: bytes) -> None:
+    reader = framer(configure=configure)
+    reader.feed(stream * 200, 0)
     assert commands(reader) == []
 
 

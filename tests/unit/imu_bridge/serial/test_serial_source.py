@@ -38,7 +38,6 @@ from tests.support.pty_device import PtyDevice, pty_device
 from tests.support.running_source import Health
 
 pytestmark = pytest.mark.wall_time
-
 POSTURE = rotation.from_azimuth_elevation(0.7, -0.3)
 LINE = b"1,0,0,0\n"
 

@@ -31,7 +31,6 @@ from pointit.services.imu_bridge.reading import (
 )
 
 log = logging.getLogger(__name__)
-
 SCAN_S = 5.0
 """Duration of a scan, s. After one without a result there is a warning, and the next begins."""
 SILENCE_S = 2.0

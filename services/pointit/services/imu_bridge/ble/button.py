@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 Gesture = Literal["press", "double", "hold"]
-
 HOLD_S = 0.8
 """Minimum duration of a hold, s."""
 DOUBLE_S = 0.32

@@ -9,7 +9,6 @@ from collections.abc import Iterable, Sequence
 
 from pydantic import Field
 
-from pointit.runtime.service.surroundings import Surroundings
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.ble import metamotion_protocol as protocol
 from pointit.services.imu_bridge.ble.ble_source import BleSource
@@ -143,14 +142,10 @@ class MetaMotion(Wrist):
         return info.implementation
 
 
-def _make(config: MetaMotionConfig, around: Surroundings) -> BleSource:
-    return BleSource(MetaMotion(config), config, around.clock, around.health)
-
-
 METAMOTION = ImuSource(
     summary="a MetaMotion R, RL or S wristband of MbientLab, by Bluetooth",
     config=MetaMotionConfig,
-    make=_make,
+    make=lambda config, around: BleSource(MetaMotion(config), config, around.clock, around.health),
     check=lambda _config: require_bleak("metamotion"),
     argument="address",
     argument_optional=True,

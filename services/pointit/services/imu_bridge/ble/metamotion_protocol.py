@@ -16,15 +16,12 @@ from pointit.schemas import Feedback
 SERVICE = "326a9000-85cb-9195-d9dd-464cfbbae75a"
 COMMAND = "326a9001-85cb-9195-d9dd-464cfbbae75a"
 NOTIFY = "326a9006-85cb-9195-d9dd-464cfbbae75a"
-
 NORM_TOLERANCE = 0.1
 """Largest deviation of a quaternion's norm from 1: zeros are a fusion that is not configured."""
 READ = 0x80
-
 Accelerometer = Literal["BMI160", "BMI270"]
 ACCELEROMETERS: dict[int, Accelerometer] = {1: "BMI160", 4: "BMI270"}
 """Accelerometers by the implementation that their module states."""
-
 READ_GYRO = bytes.fromhex("1380")
 READ_ACCELEROMETER = bytes.fromhex("0380")
 READ_FUSION = bytes.fromhex("1980")

@@ -11,7 +11,6 @@ from typing import Literal
 
 from pydantic import Field
 
-from pointit.runtime.service.surroundings import Surroundings
 from pointit.services.imu_bridge.ble import witmotion_protocol as protocol
 from pointit.services.imu_bridge.ble.ble_source import BleSource
 from pointit.services.imu_bridge.ble.discovery import discover_ble
@@ -74,14 +73,10 @@ class WitMotionBle(Wrist):
         await connection.write(protocol.WRITE, protocol.RESTART)
 
 
-def _make(config: WitMotionBleConfig, around: Surroundings) -> BleSource:
-    return BleSource(WitMotionBle(config), config, around.clock, around.health)
-
-
 WITMOTION_BLE = ImuSource(
     summary="a WitMotion sensor by Bluetooth, such as the WT901BLE",
     config=WitMotionBleConfig,
-    make=_make,
+    make=lambda config, around: BleSource(WitMotionBle(config), config, around.clock, around.health),
     check=lambda _config: require_bleak("witmotion_ble"),
     argument="address",
     argument_optional=True,

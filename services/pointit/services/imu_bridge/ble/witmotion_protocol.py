@@ -16,13 +16,11 @@ SERVICE = "0000ffe5-0000-1000-8000-00805f9a34fb"
 NOTIFY = "0000ffe4-0000-1000-8000-00805f9a34fb"
 WRITE = "0000ffe9-0000-1000-8000-00805f9a34fb"
 """Their base is not the usual one: it ends in 9a34fb."""
-
 FRAME_BYTES = 20
 STANDARD_GRAVITY_MPS2 = 9.80665
 ACCELERATION_SCALE = 16.0 * STANDARD_GRAVITY_MPS2 / 32768.0
 RATE_SCALE = math.radians(2000.0) / 32768.0
 BATTERY_REGISTER = 0x64
-
 UNLOCK = bytes.fromhex("ffaa6988b5")
 READ_BATTERY = bytes.fromhex("ffaa276400")
 RESTART = bytes.fromhex("ffaa00ff00")

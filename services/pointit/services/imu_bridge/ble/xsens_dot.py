@@ -7,7 +7,6 @@ button and its rates other than 60 Hz are not supported: their bytes could not b
 
 from collections.abc import Iterable
 
-from pointit.runtime.service.surroundings import Surroundings
 from pointit.services.imu_bridge.ble import xsens_dot_protocol as protocol
 from pointit.services.imu_bridge.ble.ble_source import BleSource
 from pointit.services.imu_bridge.ble.discovery import discover_ble
@@ -65,14 +64,10 @@ def _battery(data: bytes) -> Iterable[Battery]:
     return () if level is None else (Battery(level),)
 
 
-def _make(config: XsensDotConfig, around: Surroundings) -> BleSource:
-    return BleSource(XsensDot(), config, around.clock, around.health)
-
-
 XSENS_DOT = ImuSource(
     summary="an Xsens DOT or Movella DOT, by Bluetooth",
     config=XsensDotConfig,
-    make=_make,
+    make=lambda config, around: BleSource(XsensDot(), config, around.clock, around.health),
     check=lambda _config: require_bleak("xsens_dot"),
     argument="address",
     argument_optional=True,

@@ -12,11 +12,9 @@ from pointit.geometry.rotation import Quaternion, normalized
 CONTROL = "15172001-4947-11e9-8646-d663bd873d93"
 SHORT_PAYLOAD = "15172004-4947-11e9-8646-d663bd873d93"
 BATTERY = "15173001-4947-11e9-8646-d663bd873d93"
-
 START = bytes.fromhex("010105")
 STOP = bytes.fromhex("010005")
 """Payload 5: orientation as a quaternion."""
-
 NORM_TOLERANCE = 0.1
 WRAP_US = 2**32
 

@@ -9,7 +9,6 @@ from pointit.geometry.vector import Vec3
 
 NORM_TOLERANCE = 0.05
 """Largest deviation of a quaternion's norm from 1."""
-
 Order = Literal["wxyz", "xyzw"]
 """Order of a quaternion's numbers."""
 

@@ -30,15 +30,11 @@ from pointit.services.imu_bridge.sources import ImuSource
 TAKEN = (
     "end the program that has it, such as a SlimeVR server, or set slimevr.port here and in the tracker's app"
 )
-
 MOST_FOUND = 64
-
 BAD_S = 10.0
 """Time for which packets that cannot be read are told, s."""
-
 STEP_S = 0.4
 """Period of heartbeats, s. Trackers drop a server that is silent for 3 s; it also sends pings."""
-
 _MAC = re.compile(r"[0-9A-F]{2}(:[0-9A-F]{2}){5}\Z")
 
 

@@ -19,24 +19,20 @@ MOST_BUNDLED = 64
 """Packets of a bundle that are read; the rest is dropped."""
 WHOLE_TRACKER = 255
 """Number in place of a sensor's, for the tracker as a whole."""
-
 HEARTBEAT, HANDSHAKE, PING, BUNDLE, SHORT_BUNDLE = 1, 3, 10, 100, 101
 HANDSHAKE_ANSWER = b"\x03Hey OVR =D 5".ljust(64, b"\0")
 HEARTBEAT_DATAGRAM = struct.pack(">IQ", HEARTBEAT, 0)
 FLAGS_ANSWER = struct.pack(">IQB", 22, 0, 0)
 """Feature flags of this server: none, so that trackers send no bundles and ask no more."""
-
 OWOTRACK_BOARD = 13
 SHARED_MACS = frozenset({"00:00:00:00:00:00", "FF:FF:FF:FF:FF:FF", "00:45:00:00:00:00", "00:0F:00:0F:00:0F"})
 """Addresses that say nothing: none, owoTrack's before it has drawn its own, and that of every Wrangler."""
-
 Gesture = Literal["press", "double", "hold"]
 _ACTIONS: dict[int, Gesture] = {2: "double", 3: "press", 4: "hold", 5: "press"}
 """Gestures of user actions: full reset, yaw reset, mounting reset, pause."""
 _DOUBLE_TAP = 0x40
 _NORMAL = 1
 """Type of rotation data that is an orientation; 2 is a correction."""
-
 _HEAD = struct.Struct(">IQ")
 
 

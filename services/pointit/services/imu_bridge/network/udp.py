@@ -21,9 +21,7 @@ DEEPEST = 4
 """Objects within objects in which a quaternion is searched."""
 TOGETHER_NS = NS_PER_S // 10
 """Largest age of the acceleration that belongs to a rate, ns."""
-
 DAY_NS = 24 * 3600 * NS_PER_S
-
 _WEARMOCAP = struct.Struct(">28f")
 _ANDROID = "android.sensor."
 _ORIENTATIONS = frozenset({"game_rotation_vector", "rotation_vector"})

@@ -10,7 +10,6 @@ from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.surroundings import NullHealth, WarningSink
 
 Address = tuple[str, int]
-
 LONGEST_DATAGRAM = 65536
 MOST_AT_ONCE = 512
 """Datagrams that are read before other work of the loop has its turn. Linux keeps about 300 small ones."""

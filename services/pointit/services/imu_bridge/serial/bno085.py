@@ -20,7 +20,6 @@ from pointit.services.imu_bridge.serial.framer import Framer, PacketCutter
 LENGTH = 19
 HEADER = rb"\xaa(?:\xaa|\Z)"
 BAUD: Final = 115200
-
 CENTIDEGREE = math.radians(0.01)
 X, Y = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
 AT_REST_MG = (900.0, 1100.0)
@@ -29,10 +28,8 @@ MEMORY = 0.98
 """Weight of the past in the error of a convention, per packet."""
 RATIO = 0.5
 """Ratio of errors below which the other convention is used."""
-
 EARLY = 32
 """Index from which a packet is none of the first ones after a start."""
-
 _VALUES = struct.Struct("<6h")
 
 

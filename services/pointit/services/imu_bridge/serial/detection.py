@@ -18,23 +18,17 @@ from pointit.services.imu_bridge.serial.ximu3 import Ximu3Framer
 
 TRY_S = 1.0
 """Time for which a speed is tried after its first byte, s."""
-
 TRY_TEXT_S = 5.0
 """The same while only text arrives, which may be a board's report of its start, s."""
-
 _TEXT = bytes(range(0x20, 0x7F)) + b"\t\r\n"
-
 SILENT_S = 2.0
 """Shortest silence in which a sensor may have been restarted, s."""
-
 LISTENING_S = 0.5
 """Most of the time between two looks at the port that counts as silence, s: a process that had no time heard
 nothing."""
-
 NEAR_RAD = math.radians(3.0)
 """Largest yaw of a sensor that has just been started: six-axis fusions begin at 0, rad. The wider, the more
 often an arm that turns there in a pause of its radio is taken for a start."""
-
 JUMP_RAD = math.radians(10.0)
 """Smallest change of the yaw that counts, rad. An arm at rest moves less in a pause of its radio."""
 

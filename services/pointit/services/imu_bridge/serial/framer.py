@@ -15,10 +15,8 @@ QUATERNION: Final = 0
 EULER: Final = 1
 RAW: Final = 2
 """Kinds of orientations that one device may send side by side, from the best to the worst."""
-
 PATIENCE = 16
 """Number of packets without a better kind after which a worse one is used."""
-
 MOST_COMMANDS = 16
 FLASH_S = 0.3
 """Duration of a cue on a device with a lamp, s."""

@@ -23,23 +23,17 @@ from pointit.services.imu_bridge.serial.silence import SilenceWatch
 from pointit.services.imu_bridge.sources import ImuSource
 
 log = logging.getLogger(__name__)
-
 CAPACITY = 1024
 """Items buffered while the event loop is busy; the oldest are dropped."""
-
 CLEAR_BAD_AFTER_S = 10.0
 """Time without unreadable data after which its warning is cleared."""
-
 COMMAND_PAUSE_S = 0.1
 """Pause between two commands to a device, s."""
-
 SEARCH_S = (4.0, 11.0)
 """Times for which a port is listened to when it is new, and later: all speeds take 9 s."""
-
 SEARCH_PAUSE_S = (6.0, 60.0)
 """Pauses before all ports are listened to again, doubled from the first to the most, so that other programs
 can open them: led-driver tries every 2 s."""
-
 SEARCH_STEP_S = 1.0
 """Time between two looks for new ports, s."""
 

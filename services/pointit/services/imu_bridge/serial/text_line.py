@@ -19,43 +19,22 @@ from pointit.services.imu_bridge.serial.framer import Framer
 
 LONGEST_LINE = 256
 """Longest line, bytes; longer ones are discarded on arrival."""
-
 NORM_TOLERANCE = 0.1
 """Largest deviation of a quaternion's norm from 1: boards send two decimals."""
-
 MAX_TIME_US = 2**53
 """Largest time in µs that is exact as a float; 285 years."""
-
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?\Z")
-
 _NAMED = re.compile(r"\s*([A-Za-z][\w \-]*?)\s*:(.*)", re.DOTALL)
-
 _BUTTON = re.compile(r"(?:button|b)(?:[:,;\s]+(press|double|hold))?\Z", re.IGNORECASE)
-
 _SEPARATOR = re.compile(r"[,;\s]+")
-
-_OTHER_NAMES = frozenset(
-    {
-        "orientation",
-        "calibration",
-        "euler",
-        "heading",
-        "raw",
-        "uncal",
-        "unical",
-        "accel",
-        "gyro",
-        "mag",
-        "temp",
-    }
-)
+_OTHER_NAMES = frozenset({
+    "orientation", "calibration", "euler", "heading", "raw", "uncal", "unical", "accel", "gyro", "mag",
+    "temp",
+})  # fmt: skip
 """Names of lines with other numbers that may look like a quaternion."""
-
 Gesture = Literal["press", "double", "hold"]
-
 Order = Literal["wxyz", "xyzw"]
 """Order of a quaternion's numbers in a line."""
-
 Fifth = Literal["auto", "time", "accuracy"]
 """Meaning of a fifth number in a line."""
 

@@ -15,21 +15,17 @@ from pointit.services.imu_bridge.serial.framer import EULER, QUATERNION, RAW, Fr
 
 BAUDS: Final = (115200, 9600, 921600, 230400, 460800, 57600, 38400, 19200, 4800)
 """Speeds of the devices, in the order in which they are tried."""
-
 LENGTH = 11
 HEADER = rb"\x55(?:[\x50-\x5a\x5f]|\Z)"
-
 ACCELERATION: Final = 0x51
 ANGULAR_VELOCITY: Final = 0x52
 ANGLES: Final = 0x53
 ORIENTATION: Final = 0x59
-
 FULL_SCALE = 32768.0
 G_MPS2 = 9.80665
 MPS2 = 16.0 * G_MPS2 / FULL_SCALE
 RADPS = math.radians(2000.0) / FULL_SCALE
 RAD = math.pi / FULL_SCALE
-
 UNLOCK = bytes.fromhex("ff aa 69 88 b5")
 SIX_AXES = bytes.fromhex("ff aa 24 01 00")
 """Orientation without the magnetometer, which steel and motors indoors disturb."""
@@ -40,10 +36,8 @@ RATE_50_HZ = bytes.fromhex("ff aa 03 08 00")
 RATE_100_HZ = bytes.fromhex("ff aa 03 09 00")
 BAUD_OF_100_HZ = 19200
 """Speed from which 100 packets a second, 1100 bytes, fit."""
-
 ASKED_PACKETS = 64
 """Number of packets to wait for the first quaternion after it was switched on."""
-
 _VALUES = struct.Struct("<4h")
 
 

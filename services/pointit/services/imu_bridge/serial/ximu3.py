@@ -25,10 +25,8 @@ MAX_TIME_US = 2**53
 NORM_TOLERANCE = 0.1
 NORMAL_COLOR = b'{"colour":null}\n'
 """Gives the LED back to the device."""
-
 ARGUMENTS: Final = {"Q": 4, "A": 3, "I": 6, "B": 3, "W": 2, "O": 1}
 """Number of arguments of the messages that are read; lines of text may have more."""
-
 _ESCAPES = re.compile(rb"\xdb(?![\xdc\xdd])")
 _HEAD = struct.Struct("<Q")
 

@@ -32,7 +32,6 @@ MAX_JUMPS = 3
 UNUSED_NS = 30 * NS_PER_S
 MAX_AGE_NS = NS_PER_S
 """Largest age of a stamp on arrival, ns."""
-
 Point = tuple[int, float]
 """Device time and delay, both relative to the first sample's, ns."""
 

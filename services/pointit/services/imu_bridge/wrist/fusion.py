@@ -28,7 +28,6 @@ from pointit.services.imu_bridge.wrist.monitor import Figure
 Array = NDArray[np.float64]
 Values = tuple[float, ...]
 """Angular velocity and acceleration."""
-
 START_S = 1.0
 """Duration of the first readings, from which the filter gets its period, s."""
 MIN_START = 10

@@ -14,23 +14,17 @@ from pointit.services.led_driver.outputs import FRAME_RATE
 
 KEEP_ALIVE_S = 1.0
 """Period at which an unchanged payload is resent, s. Receivers forget one after 2.5 s (WLED, E1.31)."""
-
 REPEATS = 2
 """Number of times that a payload is resent soon, since datagrams get lost (E1.31-2018, 6.6.1)."""
-
 REPEAT_S = 0.1
 """Period of these, s: long beside that of frames, so that a new one seldom waits for a repeated one."""
-
 RETRY_S = 0.5
 """Wait after an error, s."""
-
 END_S = 0.3
 """Maximum time for the last datagrams, s."""
-
 SETTLED_SENDS = 2
 """Number of payloads after which a connection is in order: the answer to a datagram, that nobody listens,
 makes a later one fail."""
-
 UNREACHABLE = (errno.EHOSTUNREACH, errno.ENETUNREACH, errno.EHOSTDOWN, errno.ENETDOWN, errno.ENETRESET)
 
 
@@ -69,7 +63,7 @@ class DatagramSender:
         health: OutputHealth,
         *,
         max_rate_hz: float,
-        encode_end: Encode | None = None,
+        encode_end: Encode,
     ) -> None:
         """Prepare; nothing is opened yet.
 
@@ -78,7 +72,7 @@ class DatagramSender:
             encode: protocol.
             health: shows errors, the frame rate, and the bytes per second at this rate.
             max_rate_hz: number of payloads per second that the receiver takes.
-            encode_end: datagrams to send at the end, given the last payload. If None, a payload of zeros.
+            encode_end: datagrams to send at the end, given the last payload.
         """
         self._destination = destination
         self._encode = encode
@@ -186,13 +180,8 @@ class DatagramSender:
             await loop.sock_sendto(sock, datagram.data, (datagram.host, self._destination.port))
 
     async def _end(self, sock: socket.socket, payload: bytes) -> None:
-        number = self._number + 1
-        if self._encode_end is None:
-            datagrams = self._encode(bytes(len(payload)), number)
-        else:
-            datagrams = self._encode_end(payload, number)
         async with asyncio.timeout(END_S):
-            for datagram in datagrams:
+            for datagram in self._encode_end(payload, self._number + 1):
                 with contextlib.suppress(OSError):  # the others may arrive
                     await self._send_datagram(sock, datagram)
 

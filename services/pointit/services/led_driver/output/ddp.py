@@ -20,10 +20,8 @@ from pointit.services.led_driver.output.pixel_map import PixelMap
 from pointit.services.led_driver.outputs import LedOutput, OutputConfig
 
 SERVICE = "_wled._tcp"
-
 ANSWER_S = 1.0
 """Maximum time for the description of a controller, s."""
-
 MAX_INFO_BYTES = 65536
 
 

@@ -6,22 +6,17 @@ A packet is flags, sequence, data type, id, offset (4 bytes) and size (2 bytes) 
 import struct
 
 PORT = 4048
-
 MAX_DATA_BYTES = 1440
 """Limit of the data of a packet, bytes: 480 pixels of three colours, 360 of four."""
-
 VERSION, PUSH = 0x40, 0x01
 DATA_TYPES = {3: 0x0B, 4: 0x1B}
 """Red, green, blue, and the same with white, 8 bits each."""
 DEFAULT_ID = 1
-
 SEQUENCES = 15
 """Sequence numbers go from 1 to this one. 0 is for packets without."""
-
 SEQUENCED_PACKETS = 10
 """Limit of packets in a frame with sequence numbers. WLED would take later ones for late ones of the frame
 before."""
-
 _HEADER = struct.Struct(">BBBBIH")
 
 

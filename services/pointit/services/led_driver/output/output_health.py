@@ -7,7 +7,6 @@ from pointit.services.led_driver.output.power import Load
 
 LIMIT_SHOWN_S = 2.0
 """Time for which dimming is reported, s. Health is read once a second."""
-
 FIGURE_NAME = 50
 """Maximum number of characters of the address in the name of a metric."""
 

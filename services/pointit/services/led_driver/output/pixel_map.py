@@ -10,10 +10,8 @@ from pointit.schemas import Strip, StripsFrame
 from pointit.services.led_driver.outputs import Segment
 
 Indices = NDArray[np.intp]
-
 WHOLE = 1 << 40
 """Pixels of a block where an output is not divided."""
-
 _COLORS = "RGB"
 
 

@@ -23,7 +23,6 @@ from pointit.services.led_driver.picture.render import (
 
 NOBODY = UserProfile(stamp_ns=0)
 """Profile of a person who has not published one: a white cursor, solid."""
-
 WHITE: Rgb = (255, 255, 255)
 
 

@@ -10,7 +10,6 @@ from pointit.schemas import NS_PER_S, LampLease, Localization
 
 FRESH_NS = 3 * NS_PER_S
 """Age after which a localization by lamps counts as ended, ns. Active ones are published once a second."""
-
 MAX_PEOPLE = 64
 """Limit of people. Beyond it the one silent for longest is forgotten."""
 

@@ -11,20 +11,15 @@ from pointit.services.led_driver.config import LedDriverConfig, StateLampConfig
 from pointit.services.led_driver.picture.lamp_queue import LampQueue
 
 DARK: Rgb = (0, 0, 0)
-
 TARGET: Rgb = (255, 255, 255)
 """Colour of a lamp that a person localizes by."""
-
 PULSE_STEP_NS = NS_PER_S // 20
 """Time between two steps of a pulse, ns."""
-
 FLASHES = 3
 """Limit of flashes in any second. A flash is two changes of brightness or of a colour, up and down (WCAG 2,
 2.3.1)."""
-
 CHANGE = 0.1
 """Share of full brightness below which a change does not count."""
-
 _LUMINANCE = (0.2126, 0.7152, 0.0722)
 
 

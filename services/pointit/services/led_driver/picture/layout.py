@@ -19,16 +19,12 @@ from pointit.schemas.environment import BESIDE_BELT_M
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
-
 END_M = 1e-3
 """Distance beyond a belt's end at which a pixel still belongs to it, the accuracy of maps."""
-
 MAX_PIXELS = 64 * 4096
 """Limit of the pixels of all strips. A larger frame would exceed the size of its message."""
-
 _ROUNDING = 1e-6
 """Tolerance beyond an end of a strip, pixels."""
-
 _APART_M = 1.0
 """Gap between lines on the axis on which all lie one after the other. Look-ups reach no further."""
 

@@ -17,17 +17,14 @@ from pointit.services.led_driver.config import StyleConfig
 from pointit.services.led_driver.picture.layout import Array, Indices, Layout
 
 Bytes = NDArray[np.uint8]
-
 PATTERNS = ("solid", "dashed", "dotted", "striped", "hollow", "tailed")
 """Patterns of the profile. A segment has the index."""
 _DASHED, _DOTTED, _STRIPED, _HOLLOW, _TAILED = range(1, 6)
-
 BODY, FILL, GAP, OWNER, MARGIN = range(5)
 """Roles of pixels: body, its other level by the gauge, dark of patterns, owner's colour, margins."""
 MARGIN_COLORS = 4
 """Maximum number of alternating colours."""
 ROLES = MARGIN + MARGIN_COLORS
-
 _ROUNDING = 1e-6
 """Tolerance, pixels."""
 _ROUNDING_M = 1e-9

@@ -27,10 +27,8 @@ from pointit.services.led_driver.picture.layout import Array, Indices, Layout
 from pointit.services.led_driver.picture.render import CursorMark, Segments, tails
 
 T = TypeVar("T")
-
 BLINK_NS = NS_PER_S // 2
 """Time for which the pixel nearest to a ray that points past everything is lit, then dark: 1 Hz."""
-
 NOWHERE = Cursor(stamp_ns=0)
 
 

@@ -27,7 +27,6 @@ from pointit.services.led_driver.output.network_output import NetworkOutput
 from pointit.services.led_driver.outputs import LedOutput, OutputConfig
 
 PACKET_BYTES = 1500
-
 MAX_NODES = 1000
 
 

@@ -9,14 +9,11 @@ MIN_UNIVERSE, MAX_UNIVERSE = 1, 63999
 DEFAULT_PRIORITY = 100
 HEADER_BYTES = 126
 """Bytes before the slots, with the start code."""
-
 END_PACKETS = 3
 """Number of packets that say that a stream has ended (6.2.6)."""
-
 _ROOT = struct.Struct(">HH12sHI16s")
 _FRAMING = struct.Struct(">HI64sBHBBH")
 _DMP = struct.Struct(">HBBHHHB")
-
 _PREAMBLE_BYTES = 16
 _IDENTIFIER = b"ASC-E1.17\0\0\0"
 _ROOT_DATA, _FRAMING_DATA = 4, 2

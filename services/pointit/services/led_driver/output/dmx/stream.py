@@ -9,10 +9,8 @@ from pointit.services.led_driver.output.pixel_map import PixelMap
 
 UNIVERSE_SLOTS = 512
 """Number of values of a universe, a byte each."""
-
 RATE_HZ = 40.0
 """Number of frames per second; DMX itself carries 44."""
-
 Universe = tuple[int, bytes]
 """Number of a universe, and its values from the first slot on."""
 

@@ -8,10 +8,8 @@ from pointit.schemas.base import Rgb
 
 FULL = 254
 """Full brightness of Zigbee; Home Assistant's scale ends at 255, which Zigbee2MQTT does not take."""
-
 TOPICS = ("zigbee2mqtt/bridge/devices", "homeassistant/light/#", "homeassistant/device/#")
 """Topics of the announcements, which brokers retain."""
-
 ABBREVIATIONS = {
     "availability": "avty",
     "availability_topic": "avty_t",
@@ -23,9 +21,7 @@ ABBREVIATIONS = {
     "topic": "t",
 }
 """Short names of keys in Home Assistant's discovery."""
-
 COLOR_MODES = {"hs", "rgb", "rgbw", "rgbww", "xy"}
-
 LONGEST_TEXT = 200
 """Names and topics that are longer are left out."""
 

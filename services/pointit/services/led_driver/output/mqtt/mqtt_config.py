@@ -12,7 +12,6 @@ LAMP = "{lamp}"
 """Placeholder of a lamp's id in `MqttConfig.topic`."""
 SET = "/set"
 """End of a command topic of Zigbee2MQTT."""
-
 Topic = Annotated[str, StringConstraints(max_length=1000, pattern=r"^[^#+\x00]*$")]
 
 

@@ -6,7 +6,6 @@ A frame is `Ada`, the number of pixels less one (2 bytes), a check byte, and red
 MAGIC = b"Ada"
 HEADER_BYTES = 6
 MAX_PIXELS = 65536
-
 PIXEL_TIME_S = 30e-6
 LATCH_TIME_S = 300e-6
 """Duration of drawing. A board without DMA receives nothing meanwhile."""

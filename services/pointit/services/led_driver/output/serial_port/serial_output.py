@@ -17,16 +17,12 @@ from pointit.services.led_driver.outputs import FRAME_RATE
 
 KEEP_ALIVE_S = 1.0
 """Period at which an unchanged frame is resent, s. A board that was plugged in or lost a frame recovers."""
-
 PIECE_BYTES = 256
 """Size of one write. A link that accepts this within the port's timeout is slow, not stuck."""
-
 SENT_FRAMES = 5
 """A link counts as slow if the fastest of this many frames was slow."""
-
 SLOW_SHARE = 1.5
 """A link is slow if its frames take more than this many times their time by the baud rate."""
-
 DRAIN_POLL_S = 0.002
 
 

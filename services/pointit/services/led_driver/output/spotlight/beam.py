@@ -14,7 +14,6 @@ from pointit.services.led_driver.output.spotlight.config import SpotlightConfig
 from pointit.services.led_driver.output.spotlight.head import HOME, Angles, Limits, Mounting, moved
 
 DARK: Rgb = (0, 0, 0)
-
 FULL = 255
 
 

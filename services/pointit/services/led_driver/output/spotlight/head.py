@@ -16,17 +16,12 @@ from pointit.geometry.vector import Vec3
 
 POLE_RAD = 1e-6
 """Angle to the pan axis below which any pan will do."""
-
 NEAREST_M = 1e-3
 """Distance from the fixture below which a point has no direction."""
-
 LARGEST_STEP_RAD, SMALLEST_STEP_RAD = math.radians(16.0), math.radians(0.0625)
-
 FIRST_STEP_RAD = math.radians(4.0)
-
 KEY = re.compile(rb"\x1b[\[O]([ABCD])|([-+=]|[ \r\n])")
 """An arrow as terminals send it, or another key in use."""
-
 ARROWS = {b"A": (0, 1), b"B": (0, -1), b"C": (1, 0), b"D": (-1, 0)}
 """Steps of pan and tilt by up, down, right, left."""
 

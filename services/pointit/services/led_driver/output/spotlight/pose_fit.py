@@ -15,19 +15,14 @@ from pointit.services.led_driver.output.spotlight.head import Angles, direction
 
 MIN_PLACES = 3
 """Number of places that determine a pose; with three, up to four poses may fit."""
-
 SAME_M, SAME_RAD = 0.05, math.radians(2.0)
 """Two fits closer than this are the same pose."""
-
 FITS_RAD = math.radians(0.5)
 """A pose with a mean error up to this, or up to twice that of the best pose, fits as well."""
-
 MAX_CALLS = 1000
 """Calls of the errors after which a fit is given up."""
-
 WRONG_RAD = math.radians(1.0)
 """Mean error above which something is wrong: a place, a range, or the direction of pan."""
-
 Array = NDArray[np.float64]
 
 

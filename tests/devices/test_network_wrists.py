@@ -1,4 +1,4 @@
-"""SlimeVR trackers, played by the emulation of SlimeVR's makers: handshake, sensors, battery, restart."""
+"""SlimeVR trackers, played by the emulation of SlimeVR's makers, and apps that send datagrams."""
 
 import asyncio
 import json
@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pythonosc.osc_message_builder import build_msg
+from pythonosc.udp_client import UDPClient
 
 from pointit.geometry.rotation import Quaternion
-from pointit.plugins import Battery, Disconnected, Press, Reading, Reconnected, Signal
+from pointit.plugins import Battery, Press, Reading, Reconnected, Signal
 from pointit.services.imu_bridge.network.slimevr import SLIMEVR, discover
 from pointit.services.imu_bridge.network.slimevr_protocol import PORT
-from pointit.services.imu_bridge.network.udp_server import ANY_HOST
 from tests.devices.red_segments import first_selected
 from tests.support.bench import until
 from tests.support.buses import free_udp_port
@@ -25,7 +26,6 @@ from tests.support.running_source import running
 TRACKER = Path(__file__).with_name("slimevr_tracker")
 MAC = "A4:E5:7C:B6:01:02"
 POSTURE: Quaternion = (0.5, -0.5, 0.5, -0.5)
-
 pytestmark = pytest.mark.timeout(400)
 
 
@@ -110,38 +110,6 @@ async def test_second_sensor_of_a_tracker_is_chosen_by_its_number(node: tuple[st
         assert {each.world_from_sensor for each in wrist.of(Reading)} == {(0.0, 0.0, 1.0, 0.0)}
 
 
-async def test_tracker_that_is_switched_off_and_on_is_lost_and_found(node: tuple[str, str]) -> None:
-    port = free_udp_port()
-    async with running(SLIMEVR, port=port) as wrist:
-        async with tracker(node, port) as emulated:
-            emulated.turn(POSTURE)
-            await until(lambda: len(wrist.of(Reading)) >= 50)
-        await until(lambda: bool(wrist.of(Disconnected)))
-        assert MAC in wrist.of(Disconnected)[0].reason
-        wrist.items.clear()
-        async with tracker(node, port) as emulated:
-            emulated.turn(POSTURE)
-            await until(lambda: bool(wrist.of(Reading)))
-        assert wrist.of(Reconnected) == [Reconnected(keeps_yaw=False)]
-
-
-@pytest.mark.skipif(not hasattr(socket, "SO_REUSEPORT"), reason="no port can be shared here")
-async def test_two_people_share_the_port_at_which_their_trackers_call(node: tuple[str, str]) -> None:
-    port, others = free_udp_port(), "A4:E5:7C:B6:01:03"
-    everyone: dict[str, Any] = {"port": port, "host": ANY_HOST}
-    async with (
-        running(SLIMEVR, tracker=MAC, **everyone) as anna,
-        running(SLIMEVR, tracker=others, **everyone) as ben,
-        tracker(node, port, host="127.255.255.255") as annas,
-        tracker(node, port, host="127.255.255.255", mac=others) as bens,
-    ):
-        annas.turn(POSTURE)
-        bens.turn((0.0, 0.0, 0.0, 1.0))
-        await until(lambda: all(len(each.of(Reading)) >= 20 for each in (anna, ben)))
-        assert {each.world_from_sensor for each in anna.of(Reading)} == {POSTURE}
-        assert {each.world_from_sensor for each in ben.of(Reading)} == {(0.0, 0.0, 0.0, 1.0)}
-
-
 async def test_trackers_that_call_are_found(node: tuple[str, str]) -> None:
     async with tracker(node, PORT, host="127.255.255.255"):
         while not (trackers := await discover(1.5)):  # it calls each second
@@ -156,4 +124,28 @@ async def test_person_with_a_tracker_selects_a_red_segment_of_scenario_3(node: t
     port = free_udp_port()
     async with tracker(node, port) as emulated:
         event = await first_selected(f"slimevr:{MAC}", {"imu-bridge.slimevr.port": port}, emulated.turn)
+    assert event.user == "user1"
+
+
+async def test_person_with_an_osc_app_selects_a_red_segment_of_scenario_3() -> None:
+    port = free_udp_port()
+    with UDPClient("127.0.0.1", port) as client:
+
+        def turn(orientation_xyzw: Quaternion) -> None:
+            x, y, z, w = orientation_xyzw
+            client.send(build_msg("/gyrosc/quat", [w, x, y, z]))
+
+        event = await first_selected(f"osc:{port}", {}, turn)
+    assert event.user == "user1"
+
+
+async def test_person_with_a_phone_that_sends_json_selects_a_red_segment_of_scenario_3() -> None:
+    port = free_udp_port()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as phone:
+
+        def turn(orientation_xyzw: Quaternion) -> None:
+            content = {"type": "android.sensor.game_rotation_vector", "values": orientation_xyzw}
+            phone.sendto(json.dumps(content).encode(), ("127.0.0.1", port))
+
+        event = await first_selected(f"udp:{port}", {}, turn)
     assert event.user == "user1"

@@ -52,7 +52,7 @@ from pointit.services.selector.service import Selector
 from tests.integration.web.pages import VIEWER, Page, Server, built, serving
 from tests.support.bench import START_NS, Bench, ManualClock, memory_bench, until
 from tests.support.pace import within
-from tests.unit.selector.test_selector_service import stay
+from tests.unit.selector.served import stay
 
 __all__ = ["built"]
 

@@ -24,7 +24,6 @@ class Shift:
         return [tracked.id for tracked in self.lists[-1].objects]
 
     def warns(self, warning: str) -> bool:
-        """Return True if the newest report has a warning with this text."""
         return any(warning in text for text in self.health[-1].warnings)
 
     async def go(self, seconds: float, step_s: float = 0.5) -> None:

@@ -36,7 +36,6 @@ async def driving(pilotage: Pilotage, drivers: list[FaultyDriver]) -> FaultyDriv
 
 
 async def name_anew(pilotage: Pilotage, steering: Steering) -> None:
-    """Let anna take the robot once more."""
     pilotage.steer("anna", NOTHING)
     await asyncio.sleep(0.2)
     pilotage.steer("anna", steering)

@@ -56,20 +56,17 @@ class Served:
 
     @property
     def owners(self) -> list[tuple[str, str]]:
-        """Return the selected objects with their owners."""
         return [(one.id, one.user) for one in self.selections[-1].objects]
 
     async def stay(self, user: str, position_m: float, *ids: str) -> None:
         await stay(self.bench, self.clock, user, position_m, *ids)
 
     def warns(self, warning: str) -> bool:
-        """Return True if the newest report has a warning with this text."""
         return any(warning in text for report in self.health[-1:] for text in report.warnings)
 
 
 @asynccontextmanager
 async def served(clock: ManualClock | None = None, **config: object) -> AsyncGenerator[Served]:
-    """Run a selector."""
     clock = clock or ManualClock()
     async with memory_bench(clock) as bench:
         site = Served(bench, clock)

@@ -54,7 +54,6 @@ def keep(folder: Path, *records: Record, told: int = 0, now_ns: int = NOW) -> No
 def opened(
     folder: Path, now_ns: int = NOW + S, **settings: float
 ) -> Generator[tuple[Journal, JournalContents]]:
-    """Open the journal of `folder`, and close it at the end."""
     journal = Journal(folder, **settings)
     kept = journal.begin(now_ns)
     yield journal, kept

@@ -36,7 +36,6 @@ def kill(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[[str], Non
 
 
 def audited() -> list[dict[str, Any]]:
-    """Return the events of the audit."""
     result = CliRunner().invoke(audit_command, ["--site", SITE, "--json"])
     assert result.exit_code == 0
     events: list[dict[str, Any]] = json.loads(result.output)["events"]

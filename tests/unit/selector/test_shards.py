@@ -26,7 +26,6 @@ def a_site(users: tuple[str, ...] = USERS) -> ShardedSite:
 
 
 def dwell(site: ShardedSite, *, deliver: bool = True, **places: float | None) -> None:
-    """Have people stay somewhere for as long as it takes to select."""
     for index in range(10):
         site.step(0.05, places)
         if deliver:

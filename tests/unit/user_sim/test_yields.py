@@ -23,7 +23,6 @@ STATES: tuple[State, ...] = ("idle", "localizing", "pointing")
 
 
 def along_the_strip(life: Life, now_ns: int) -> Vec3:
-    """Return the direction to a place that runs up and down the strip, as with a mouse."""
     along_m = 2.5 + 2.4 * math.sin(now_ns / NS_PER_S)
     return vector.normalized(vector.subtract((4.85, -1.425 + along_m, 0.9), life.eyes_m))
 

@@ -15,10 +15,9 @@ from pointit.services.user_sim.decision.belief import Belief
 from pointit.services.user_sim.decision.press import ButtonModel
 from pointit.services.user_sim.service import UserSim
 from tests.support.bench import memory_bench, until
-from tests.unit.user_sim.life import PRECISE, ROOM, Life, thing
+from tests.unit.user_sim.life import PRECISE, ROOM, Life, State, thing
 
 RED, SECOND = thing("r", "red", 1.0), thing("s", "red", 4.0)
-State = Literal["idle", "localizing", "pointing"]
 STATES: tuple[State, ...] = ("idle", "localizing", "pointing")
 
 

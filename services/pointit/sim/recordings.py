@@ -116,7 +116,26 @@ def read_imu_csv(path: Path) -> ImuRecording:
             Names file, line, column and value.
     """
     columns, values = _read(path, (_TIME, *_ORIENTATION), (_ROBOT, _HEAD))
-    return _recording(path, columns, values)
+    table = np.array(values, dtype=np.float64)
+    lines = table[:, 0].astype(int)
+    t_s = _times_s(path, columns, table)
+    part = _parts(columns, table)
+    orientation = part(_ORIENTATION)
+    norms = np.linalg.norm(orientation, axis=1)
+    off = np.flatnonzero(np.abs(norms - 1.0) > UNIT_TOLERANCE)
+    if len(off):
+        row = int(off[0])
+        raise ConfigError(
+            f"{path}, line {lines[row]}, columns 'qw' to 'qz': a quaternion of norm 1 was expected, "
+            f"got norm {norms[row]:.6g}"
+        )
+    return ImuRecording(
+        path=path,
+        t_s=t_s,
+        orientation_xyzw=orientation / norms[:, None],
+        robot_m=part(_ROBOT) if _ROBOT[0] in columns else None,
+        head_m=part(_HEAD) if _HEAD[0] in columns else None,
+    )
 
 
 def _read(
@@ -145,7 +164,6 @@ def _read(
 def _columns(
     path: Path, header: Sequence[str], wanted: Sequence[str], optional: Sequence[Sequence[str]]
 ) -> dict[str, int]:
-    """Return the indices of the columns that are used, in file order."""
     wanted = [*wanted, *(name for group in optional if set(group) & set(header) for name in group)]
     for name in wanted:
         if name not in header:
@@ -188,37 +206,12 @@ def _values(
     return values
 
 
-def _recording(path: Path, columns: dict[str, int], values: list[list[float]]) -> ImuRecording:
-    table = np.array(values, dtype=np.float64)
-    lines = table[:, 0].astype(int)
-    t_s = _times_s(path, columns, table)
-    part = _parts(columns, table)
-    orientation = part(_ORIENTATION)
-    norms = np.linalg.norm(orientation, axis=1)
-    off = np.flatnonzero(np.abs(norms - 1.0) > UNIT_TOLERANCE)
-    if len(off):
-        row = int(off[0])
-        raise ConfigError(
-            f"{path}, line {lines[row]}, columns 'qw' to 'qz': a quaternion of norm 1 was expected, "
-            f"got norm {norms[row]:.6g}"
-        )
-    return ImuRecording(
-        path=path,
-        t_s=t_s,
-        orientation_xyzw=orientation / norms[:, None],
-        robot_m=part(_ROBOT) if _ROBOT[0] in columns else None,
-        head_m=part(_HEAD) if _HEAD[0] in columns else None,
-    )
-
-
 def _parts(columns: dict[str, int], table: Array) -> Callable[[Sequence[str]], Array]:
-    """Return a function that returns the named columns side by side."""
     where = {name: index for index, name in enumerate(columns, start=1)}
     return lambda names: table[:, [where[name] for name in names]]
 
 
 def _times_s(path: Path, columns: dict[str, int], table: Array) -> Array:
-    """Return the times from the first one on."""
     lines = table[:, 0].astype(int)
     t_s = _parts(columns, table)([_TIME])[:, 0]
     back = np.flatnonzero(np.diff(t_s) < 0.0)

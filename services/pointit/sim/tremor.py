@@ -12,7 +12,6 @@ class Tremor:
     """Two angles that tremble about 0, each of the same rms."""
 
     def __init__(self, rms_rad: float, rng: np.random.Generator) -> None:
-        """Draw tones and phases from `rng`."""
         shape = (2, TREMOR_TONES)
         self._tone_radps = (math.tau * rng.uniform(*TREMOR_HZ, shape)).tolist()
         self._phase_rad = rng.uniform(0.0, math.tau, shape).tolist()

@@ -5,9 +5,9 @@ import contextlib
 import math
 import os
 import tempfile
-from collections.abc import Generator, Sequence
+from collections.abc import AsyncGenerator, Coroutine, Generator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 from unittest import mock
 
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
@@ -16,7 +16,7 @@ from pointit.launch.run.monitor import Monitor
 from pointit.launch.run.score import Score
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.service.service import run_services
+from pointit.runtime.service.service import Launch, run_services
 from pointit.runtime.virtual_time import START_NS, VirtualClock, run_virtually
 from pointit.schemas import (
     NS_PER_S,
@@ -37,6 +37,8 @@ from pointit.services.user_sim import service as user_sim
 from pointit.services.user_sim.person import Person
 from tests.unit.cli_run.drawn import FRAME, shown
 
+T = TypeVar("T")
+Running = asyncio.Task[None]
 USER = "anna"
 WIDTHS = (60, 80, 120)
 
@@ -124,11 +126,28 @@ def watched_people(people: list[Person]) -> Generator[None]:
         yield
 
 
+@contextlib.asynccontextmanager
+async def running(launches: Sequence[Launch], bus: MemoryBus, clock: VirtualClock) -> AsyncGenerator[Running]:
+    """Run services until the block ends; raise what has ended them before."""
+    services = asyncio.create_task(run_services(launches, bus, clock))
+    yield services
+    if services.done():
+        services.result()
+    services.cancel()
+    await asyncio.gather(services, return_exceptions=True)
+    await bus.close()
+
+
+def with_fresh_state(run: Coroutine[Any, Any, T]) -> T:
+    """Return the result of `run`, in virtual time and on nothing kept before."""
+    with tempfile.TemporaryDirectory() as state, mock.patch.dict(os.environ, {"POINTIT_STATE": state}):
+        return run_virtually(run)
+
+
 def play(scenario: str | Scenario, choices: Choices, duration_s: float | None = None) -> Outcome:
     """Run `scenario` for one person, on nothing kept before; the same choices give the same outcome."""
     plan = read_scenario(scenario) if isinstance(scenario, str) else scenario
-    with tempfile.TemporaryDirectory() as state, mock.patch.dict(os.environ, {"POINTIT_STATE": state}):
-        return run_virtually(_play(plan, choices, duration_s or plan.duration_s))
+    return with_fresh_state(_play(plan, choices, duration_s or plan.duration_s))
 
 
 def _words(monitor: Monitor, width: int) -> str:
@@ -184,12 +203,7 @@ async def _play(plan: Scenario, choices: Choices, duration_s: float) -> Outcome:
     outcome.monitor = Monitor(Score(plan.target_kinds), clock)
     outcome.monitor.attach(bus)
     with watched_people(people):
-        running = asyncio.create_task(run_services(launches, bus, clock))
-        await asyncio.wait({running}, timeout=duration_s)
-        outcome.view = {width: _words(outcome.monitor, width) for width in WIDTHS}
-    if running.done():
-        running.result()
-    running.cancel()
-    await asyncio.gather(running, return_exceptions=True)
-    await bus.close()
+        async with running(launches, bus, clock) as services:
+            await asyncio.wait({services}, timeout=duration_s)
+            outcome.view = {width: _words(outcome.monitor, width) for width in WIDTHS}
     return outcome

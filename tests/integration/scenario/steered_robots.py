@@ -2,11 +2,8 @@
 
 import asyncio
 import math
-import os
-import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from unittest import mock
 
 from pointit.geometry.vector import Vec3
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
@@ -16,12 +13,11 @@ from pointit.launch.run.monitor import Monitor
 from pointit.launch.run.score import Score
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.service.service import run_services
-from pointit.runtime.virtual_time import VirtualClock, run_virtually
+from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import Feedback, Goal, RobotState
 from pointit.schemas.topics import FEEDBACK, GOAL, ROBOT_STATE
 from pointit.services.user_sim.person import Person
-from tests.integration.scenario.play import watched_people
+from tests.integration.scenario.play import running, watched_people, with_fresh_state
 
 STEP_S = 1.0
 """Time after which it is looked whether the play is over."""
@@ -49,7 +45,6 @@ class Flights:
     _states: dict[str, RobotState] = field(default_factory=dict[str, RobotState])
 
     def texts(self, user: str) -> list[str]:
-        """Return the texts of a person's cues."""
         return [cue.text for name, cue in self.cues if name == user]
 
     def on_state(self, robot: str, state: RobotState, people: dict[str, Person]) -> None:
@@ -92,8 +87,7 @@ def play_robots(
     """
     plan = read_scenario(scenario) if isinstance(scenario, str) else scenario
     choices = Choices(seed=seed, settings=settings, localize=localized_by is not None, robot=localized_by)
-    with tempfile.TemporaryDirectory() as state, mock.patch.dict(os.environ, {"POINTIT_STATE": state}):
-        return run_virtually(_play(plan, choices, users, duration_s, until))
+    return with_fresh_state(_play(plan, choices, users, duration_s, until))
 
 
 async def _play(
@@ -121,14 +115,9 @@ async def _play(
     monitor = Monitor(Score(()), VirtualClock(), watchers=[RobotWatcher(flights.robots)])
     monitor.attach(bus)
     with watched_people(born):
-        running = asyncio.create_task(run_services(launches, bus, VirtualClock()))
-        for _ in range(math.ceil(duration_s / STEP_S)):
-            await asyncio.wait({running}, timeout=STEP_S)
-            if running.done() or until(flights):
-                break
-    if running.done():
-        running.result()
-    running.cancel()
-    await asyncio.gather(running, return_exceptions=True)
-    await bus.close()
+        async with running(launches, bus, VirtualClock()) as services:
+            for _ in range(math.ceil(duration_s / STEP_S)):
+                await asyncio.wait({services}, timeout=STEP_S)
+                if services.done() or until(flights):
+                    break
     return flights

@@ -15,12 +15,11 @@ from pointit.launch.plan.launches import Choices, site_launches, user_launches
 from pointit.launch.plan.scenario import read_scenario
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.service.service import run_services
 from pointit.runtime.virtual_time import VirtualClock, run_virtually
 from pointit.schemas import UserPose
 from pointit.schemas.topics import INTERACTION, POSE
 from pointit.services.localizer.certainty import UNSURE_M, position_sigma_m
-from tests.integration.scenario.play import Found, Outcome, play
+from tests.integration.scenario.play import Found, Outcome, play, running
 
 PERSON = ("user-sim.aim.elevation_bias_deg=10", "user-sim.wristband.yaw_drift_degpmin=15")
 """10 deg too high, and 0.25 deg/s: a person and a band as bad as they come."""
@@ -34,7 +33,6 @@ def localized(seed: int, *settings: str) -> Outcome:
 
 
 def first(outcome: Outcome) -> Found:
-    """Return the pose that the localization found."""
     return next(found for found in outcome.found if found.pose.method == "static_targets")
 
 
@@ -162,13 +160,8 @@ async def _localize(seed: int, duration_s: float) -> tuple[dict[str, list[str]],
     poses: dict[str, UserPose] = {}
     bus.subscribe(INTERACTION, lambda now, user: states[user].append(now.state))
     bus.subscribe(POSE, lambda pose, user: poses.update({user: pose}))
-    running = asyncio.create_task(run_services(launches, bus, VirtualClock()))
-    await asyncio.wait({running}, timeout=duration_s)
-    if running.done():
-        running.result()
-    running.cancel()
-    await asyncio.gather(running, return_exceptions=True)
-    await bus.close()
+    async with running(launches, bus, VirtualClock()) as services:
+        await asyncio.wait({services}, timeout=duration_s)
     return states, poses
 
 

@@ -5,12 +5,9 @@ The page is scripted: thirty times a second it turns the arm so that the ray mee
 
 import asyncio
 import math
-import os
-import tempfile
 from collections.abc import Callable, Coroutine
 from dataclasses import dataclass, field
 from typing import Any, Literal
-from unittest import mock
 
 import pytest
 
@@ -20,8 +17,8 @@ from pointit.launch.plan.launches import Choices, site_launches, user_launches
 from pointit.launch.plan.scenario import read_scenario
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.service.service import Launch, run_services
-from pointit.runtime.virtual_time import START_NS, VirtualClock, run_virtually
+from pointit.runtime.service.service import Launch
+from pointit.runtime.virtual_time import START_NS, VirtualClock
 from pointit.schemas import (
     NS_PER_S,
     BodyMeasures,
@@ -38,6 +35,7 @@ from pointit.schemas.topics import BUTTON, CURSOR, IMU, INTERACTION, OBJECTS, PO
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.service import ImuBridge
 from pointit.sim.aim import Stance
+from tests.integration.scenario.play import running, with_fresh_state
 
 USER = "anna"
 PAGE_HZ = 30.0
@@ -166,9 +164,7 @@ Script = Callable[[Site], Coroutine[Any, Any, None]]
 
 
 def run(script: Script, scenario: str = "scenario_3", choices: Choices | None = None) -> Seen:
-    """Play `scenario` for as long as `script` goes on."""
-    with tempfile.TemporaryDirectory() as state, mock.patch.dict(os.environ, {"POINTIT_STATE": state}):
-        return run_virtually(_run(script, scenario, choices or Choices(seed=1)))
+    return with_fresh_state(_run(script, scenario, choices or Choices(seed=1)))
 
 
 async def _run(script: Script, scenario: str, choices: Choices) -> Seen:
@@ -178,15 +174,12 @@ async def _run(script: Script, scenario: str, choices: Choices) -> Seen:
         launches.append(Launch(service=ImuBridge, config=ImuBridgeConfig(source="page"), user=USER))
     bus, clock = MemoryBus(LocalBroker()), VirtualClock()
     site = Site(bus, clock)
-    running = asyncio.create_task(run_services(launches, bus, clock))
-    pages = asyncio.create_task(script(site))
-    await asyncio.wait({running, pages}, return_when=asyncio.FIRST_COMPLETED)
-    for task in (running, pages):
-        if task.done():
-            task.result()
-        task.cancel()
-    await asyncio.gather(running, pages, return_exceptions=True)
-    await bus.close()
+    async with running(launches, bus, clock) as services:
+        pages = asyncio.create_task(script(site))
+        await asyncio.wait({services, pages}, return_when=asyncio.FIRST_COMPLETED)
+        if pages.done():
+            pages.result()
+        pages.cancel()
     return site.seen
 
 

@@ -26,7 +26,6 @@ Place = tuple[float, float, float]
 
 
 def room_with(folder: Path, *lamps: Place) -> Scenario:
-    """Return a scenario in a room with these lamps."""
     lines = "\n".join(f"  led_{number}: {{position: {list(lamp)}}}" for number, lamp in enumerate(lamps))
     (folder / "room.yaml").write_text(ROOM.format(lamps=lines))
     (folder / "mine.yaml").write_text(SCENARIO)

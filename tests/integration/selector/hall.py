@@ -58,7 +58,6 @@ class Person:
 
     @property
     def toggles(self) -> list[Claim]:
-        """Return the claims to toggle, each once."""
         return list({claim.stamp_ns: claim for claim in self.claims if claim.wish == "toggle"}.values())
 
     @property
@@ -113,7 +112,6 @@ class Hall:
         return task
 
     async def all(self, condition: Callable[[Person], bool], what: str) -> None:
-        """Wait until `condition` is true of everybody."""
         await until(lambda: all(condition(person) for person in self.people), what=what)
 
     async def ready(self) -> None:
@@ -153,7 +151,6 @@ class Hall:
             assert [one.user for one in person.selections[-1].objects] == ([owner] if owner else [])
 
     def point(self) -> None:
-        """Have everybody point at the package."""
         for person in self.people:
             person.at_m = PACKAGE_M
 
@@ -178,12 +175,10 @@ class Hall:
         await self.all(lambda person: person.away_s > LEFT_S, "people to leave")
 
     async def cut(self) -> None:
-        """Kill the router."""
         await asyncio.to_thread(self.router.stop)
         await self.all(lambda person: "selector" not in person.services, "the cut")
 
     async def heal(self) -> None:
-        """Start it again."""
         await asyncio.to_thread(self.router.start)
         await self.all(lambda person: "selector" in person.services, "the selector again")
 

@@ -21,7 +21,7 @@ from pointit.services.selector.service import Selector
 from tests.integration.web.pages import VIEWER, Page, Server, serving
 from tests.support.bench import START_NS, Bench, ManualClock, memory_bench, until
 from tests.support.pace import within
-from tests.unit.selector.test_selector_service import stay
+from tests.unit.selector.served import stay
 
 NOW: dict[str, Any] = {"stamp_ns": START_NS}
 

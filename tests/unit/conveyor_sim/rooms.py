@@ -87,7 +87,6 @@ RING = room(
 
 
 def cross(gap_m: float) -> Environment:
-    """Return a belt that goes straight across another, `gap_m` wide, onto which it leads too."""
     return room(
         [belt("w", (0, 0), (4.0 - gap_m, 0)), belt("e", (4, 0), (6, 0)), belt("n", (3.5, 3), (3.5, -3))],
         [BeltLink(source="w", target="e"), BeltLink(source="w", target="n", target_position_m=3.0)],

@@ -12,7 +12,6 @@ from pointit.runtime.service.service import Context
 from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import (
     AddPackage,
-    BeltLink,
     Environment,
     ResetConveyor,
     SelectedObject,
@@ -28,8 +27,9 @@ from pointit.services.conveyor_sim.plant import Plant
 from pointit.services.conveyor_sim.service import ConveyorSim
 from pointit.services.conveyor_sim.tracking import Tracker
 from pointit.services.registry import process
-from tests.support.bench import ManualClock, in_virtual_time, memory_bench, until
-from tests.unit.conveyor_sim.rooms import S, belt, lanes, plant, room
+from tests.support.bench import ManualClock, memory_bench, until
+from tests.unit.conveyor_sim.rooms import FORK, S, lanes, plant
+from tests.unit.conveyor_sim.shift import shift
 
 LAB = Environment(
     stamp_ns=1,
@@ -45,7 +45,6 @@ def config(**changes: object) -> ConveyorSimConfig:
     return ConveyorSimConfig.model_validate({"surface": "strip", "rate_hz": 100.0, **changes})
 
 
-@in_virtual_time
 async def test_objects_move_on_the_strips_of_the_map() -> None:
     clock = VirtualClock()
     async with memory_bench(clock) as bench:
@@ -73,7 +72,6 @@ async def test_objects_move_on_the_strips_of_the_map() -> None:
             assert moved_m == pytest.approx(0.5 * span_ns / 1e9, abs=1e-6)
 
 
-@in_virtual_time
 async def test_departure_event_names_the_selecting_user() -> None:
     clock = VirtualClock()
     async with memory_bench(clock) as bench:
@@ -133,38 +131,19 @@ async def test_requests_are_done_or_refused_in_a_sentence() -> None:
         assert (states[-1].fed, states[-1].left, states[-1].speed_mps) == (0, 0, -1.0)
 
 
-FORK = room(
-    [belt("main", (0, 0), (6, 0)), belt("side", (3, 0.3), (3, 3))],
-    [BeltLink(source="main", source_position_m=3.0, target="side")],
-    b1="side",
-    b3="main",
-)
-
-
 async def test_selected_packages_go_to_their_bay_and_what_is_too_late_is_refused() -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        lists, events = bench.collect(topics.OBJECTS), bench.collect(topics.SELECTION_EVENTS)
-        states = bench.collect(topics.CONVEYOR_STATE)
-        bench.start(ConveyorSim, config(surface="belt", feeder={"sequence": []}))
-        bench.put(topics.MAP, FORK)
-        await until(lambda: bool(lists))
-        names = [(await bench.bus.call(topics.ADD_PACKAGE, AddPackage(kind="red"))).object_id]
-
-        async def pass_time(seconds: int) -> None:
-            for _ in range(2 * seconds):
-                clock.advance(0.5)
-                await until(lambda: lists[-1].stamp_ns == clock.now_ns())
-
-        await pass_time(2)
-        names.append((await bench.bus.call(topics.ADD_PACKAGE, AddPackage(kind="red"))).object_id)
-        await pass_time(5)
+    async with shift(feeder={"sequence": []}) as one:
+        lists, events, states = one.lists, one.events, one.states
+        names = [(await one.bus.call(topics.ADD_PACKAGE, AddPackage(kind="red"))).object_id]
+        await one.go(2)
+        names.append((await one.bus.call(topics.ADD_PACKAGE, AddPackage(kind="red"))).object_id)
+        await one.go(5)
         chosen = tuple(SelectedObject(id=name, user="anna", since_ns=1) for name in names)
-        bench.put(topics.SELECTION, Selection(stamp_ns=1, objects=chosen))
+        one.bench.put(topics.SELECTION, Selection(stamp_ns=1, objects=chosen))
         await until(lambda: len(events) == 1)
         assert (events[0].event, events[0].object_id, events[0].user) == ("refused", names[0], "anna")
         assert {tracked.id: tracked.bay for tracked in lists[-1].objects} == {names[0]: "3", names[1]: "1"}
-        await pass_time(9)
+        await one.go(9)
         assert [(e.event, e.object_id, e.bay) for e in events[1:]] == [
             ("dispatched", names[0], "3"),
             ("dispatched", names[1], "1"),
@@ -177,22 +156,16 @@ async def test_selected_packages_go_to_their_bay_and_what_is_too_late_is_refused
 
 
 async def test_belts_get_speeds_of_their_own() -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        states = bench.collect(topics.CONVEYOR_STATE)
-        bench.start(ConveyorSim, config(surface="belt"))
-        bench.put(topics.MAP, FORK)
-        await bench.settle()
-        done = await bench.bus.call(topics.SET_SPEED, SetSpeed(speed_mps=1.5, belts=("side",)))
+    async with shift() as one:
+        done = await one.bus.call(topics.SET_SPEED, SetSpeed(speed_mps=1.5, belts=("side",)))
         assert done.message == "side runs at 1.5 m/s"
-        await until(lambda: bool(states[-1].belts))
-        assert [(one.id, one.speed_mps) for one in states[-1].belts] == [("side", 1.5)]
-        assert states[-1].speed_mps == 0.5
+        await until(lambda: bool(one.states[-1].belts))
+        assert [(belt.id, belt.speed_mps) for belt in one.states[-1].belts] == [("side", 1.5)]
+        assert one.states[-1].speed_mps == 0.5
         with pytest.raises(RefusedError, match=r"no belt or lane 'x'; there are main, side"):
-            await bench.bus.call(topics.SET_SPEED, SetSpeed(speed_mps=1.5, belts=("x",)))
+            await one.bus.call(topics.SET_SPEED, SetSpeed(speed_mps=1.5, belts=("x",)))
 
 
-@in_virtual_time
 async def test_reports_have_the_configured_faults() -> None:
     clock = VirtualClock()
     async with memory_bench(clock) as bench:
@@ -214,23 +187,18 @@ async def test_a_schedule_that_is_no_good_is_refused_before_anything_starts(tmp_
 
 
 async def test_same_map_changes_nothing_and_another_map_restarts_the_plant() -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        lists = bench.collect(topics.OBJECTS)
-        bench.start(ConveyorSim, config(feeder={"interval_s": 100.0}))
-        bench.put(topics.MAP, LAB)
-        await until(lambda: bool(lists) and bool(lists[-1].objects))
-        first = lists[-1].objects[0].id
-        clock.advance(0.1)
-        bench.put(topics.MAP, Environment(stamp_ns=2, name="again", strips=LAB.strips))
-        await bench.settle()
-        seen = len(lists)
-        await until(lambda: len(lists) > seen)
-        assert lists[-1].objects[0].id == first
-        clock.advance(0.1)
-        bench.put(topics.MAP, Environment(stamp_ns=3, name="half", strips=LAB.strips[1:]))
-        await until(lambda: lists[-1].objects[0].id != first)
-        assert lists[-1].objects[0].surface_id == "1"
+    async with shift(room=LAB, surface="strip", feeder={"interval_s": 100.0}) as one:
+        first = one.ids[0]
+        one.clock.advance(0.1)
+        one.bench.put(topics.MAP, Environment(stamp_ns=2, name="again", strips=LAB.strips))
+        await one.bench.settle()
+        seen = len(one.lists)
+        await until(lambda: len(one.lists) > seen)
+        assert one.ids[0] == first
+        one.clock.advance(0.1)
+        one.bench.put(topics.MAP, Environment(stamp_ns=3, name="half", strips=LAB.strips[1:]))
+        await until(lambda: one.ids[0] != first)
+        assert one.lists[-1].objects[0].surface_id == "1"
 
 
 async def test_health_says_when_the_map_lacks_the_lanes() -> None:
@@ -262,16 +230,11 @@ async def test_health_says_when_the_map_lacks_the_lanes() -> None:
 
 
 async def test_a_machine_that_slept_does_not_make_the_objects_jump() -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        lists, events = bench.collect(topics.OBJECTS), bench.collect(topics.SELECTION_EVENTS)
-        bench.start(ConveyorSim, config(feeder={"count": 1}))
-        bench.put(topics.MAP, LAB)
-        await until(lambda: bool(lists) and bool(lists[-1].objects))
-        clock.advance(3600.0)
-        await until(lambda: lists[-1].stamp_ns == clock.now_ns())
-        assert lists[-1].objects[0].surface_position_m == 0.0
-        assert events == []
+    async with shift(room=LAB, surface="strip", feeder={"count": 1}) as one:
+        one.clock.advance(3600.0)
+        await until(lambda: one.lists[-1].stamp_ns == one.clock.now_ns())
+        assert one.lists[-1].objects[0].surface_position_m == 0.0
+        assert one.events == []
 
 
 PERIOD_NS = S // 25

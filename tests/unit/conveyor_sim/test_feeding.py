@@ -48,7 +48,6 @@ def written(tmp_path: Path, text: str = SCHEDULE) -> str:
 
 
 def fed(belts: Plant, seconds: float, step_s: float = 0.1) -> list[tuple[float, str, str, str]]:
-    """Return time, belt, kind and id of everything that came."""
     seen: dict[str, tuple[float, str, str, str]] = {}
     while belts.now_ns < seconds * S:
         belts.step(belts.now_ns + round(step_s * S))

@@ -37,7 +37,6 @@ def every(belt: str, interval_s: float, *, kind: str = "red") -> dict[str, objec
 
 
 def run(belts: Plant, until_s: float, *, step_s: float = 0.04) -> list[tuple[TrackedObject, ...]]:
-    """Return the tracked objects at every step of `belts` until `until_s`."""
     seen: list[tuple[TrackedObject, ...]] = []
     while belts.now_ns < until_s * S:
         belts.step(belts.now_ns + round(step_s * S))

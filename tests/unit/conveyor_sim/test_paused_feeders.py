@@ -7,21 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pointit.schemas import AddPackage, ConveyorState, Environment, ResetConveyor, SetFeeding, SetSpeed
-from pointit.schemas.topics import (
-    ADD_PACKAGE,
-    CONVEYOR_STATE,
-    HEALTH,
-    MAP,
-    OBJECTS,
-    RESET_CONVEYOR,
-    SET_FEEDING,
-    SET_SPEED,
-)
+from pointit.schemas import AddPackage, ResetConveyor, SetSpeed
+from pointit.schemas.topics import ADD_PACKAGE, MAP, RESET_CONVEYOR, SET_SPEED
 from pointit.services.conveyor_sim.plant import Plant
-from pointit.services.conveyor_sim.service import ConveyorSim
-from tests.support.bench import Bench, ManualClock, memory_bench, until
-from tests.unit.conveyor_sim.rooms import CHAIN, FORK, ROOMS, S, check_apart, config, lanes, plant
+from tests.support.bench import ManualClock, until
+from tests.unit.conveyor_sim.rooms import CHAIN, FORK, ROOMS, S, check_apart, lanes, plant
+from tests.unit.conveyor_sim.shift import shift
 
 MS = S // 1000
 HALF_MS = MS // 2
@@ -159,32 +150,8 @@ def test_feeding_switch_is_saved_immediately() -> None:
         assert belts.changes > changes
 
 
-class Shift:
-    """One life of a conveyor on a bus."""
-
-    def __init__(self, bench: Bench, clock: ManualClock, room: Environment = FORK, **changes: object) -> None:
-        self.bench = bench
-        self._clock = clock
-        self.lists = bench.collect(OBJECTS)
-        self.states: list[ConveyorState] = bench.collect(CONVEYOR_STATE)
-        self.health = bench.collect(HEALTH)
-        bench.start(ConveyorSim, config(rate_hz=100.0, **changes))
-        bench.put(MAP, room)
-
-    async def switch(self, *, feeding: bool) -> str:
-        return (await self.bench.bus.call(SET_FEEDING, SetFeeding(feeding=feeding))).message
-
-    async def go(self, seconds: int) -> None:
-        for _ in range(2 * seconds):
-            self._clock.advance(0.5)
-            await until(lambda: bool(self.lists) and self.lists[-1].stamp_ns == self._clock.now_ns())
-
-
 async def test_the_request_lets_feeders_rest_until_it_lets_them_give_again() -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        one = Shift(bench, clock, feeder={"interval_s": 1.0})
-        await until(lambda: bool(one.lists))
+    async with shift(feeder={"interval_s": 1.0}) as one:
         assert await one.switch(feeding=False) == "the feeders rest"
         await until(lambda: not one.states[-1].feeding)
         fed = one.states[-1].fed
@@ -192,33 +159,30 @@ async def test_the_request_lets_feeders_rest_until_it_lets_them_give_again() -> 
         await one.go(3)
         assert one.states[-1].fed == fed
         assert one.lists[-1].objects[0].surface_position_m == pytest.approx(was_m + 1.5)
-        await bench.bus.call(SET_SPEED, SetSpeed(speed_mps=1.0))
-        added = await bench.bus.call(ADD_PACKAGE, AddPackage(kind="red"))
-        await until(lambda: added.object_id in {tracked.id for tracked in one.lists[-1].objects})
-        done = await bench.bus.call(RESET_CONVEYOR, ResetConveyor())
+        await one.bus.call(SET_SPEED, SetSpeed(speed_mps=1.0))
+        added = await one.bus.call(ADD_PACKAGE, AddPackage(kind="red"))
+        await until(lambda: added.object_id in one.ids)
+        done = await one.bus.call(RESET_CONVEYOR, ResetConveyor())
         assert done.message == "2 objects taken off, the feeder still rests"
         await one.go(3)
         assert (one.states[-1].fed, one.states[-1].feeding) == (0, False)
         assert await one.switch(feeding=True) == "the feeders give packages"
         await one.go(3)
-        assert one.states[-1].feeding
-        assert one.states[-1].fed == 4
+        assert (one.states[-1].fed, one.states[-1].feeding) == (4, True)
 
 
 async def test_feeders_rest_on_after_a_restart_and_with_another_map() -> None:
     clock = ManualClock()
     feeder = {"interval_s": 0.5, "initial": 2}
-    async with memory_bench(clock) as bench:
-        first = Shift(bench, clock, feeder=feeder)
+    async with shift(clock, feeder=feeder) as first:
         await first.go(2)
         await first.switch(feeding=False)
         await until(lambda: not first.states[-1].feeding)
     clock.advance(5.0)
-    async with memory_bench(clock) as bench:
-        second = Shift(bench, clock, feeder=feeder)
+    async with shift(clock, feeder=feeder) as second:
         await second.go(3)
         assert (second.states[-1].fed, second.states[-1].feeding) == (first.states[-1].fed, False)
-        bench.put(MAP, CHAIN)
+        second.bench.put(MAP, CHAIN)
         await until(lambda: second.states[-1].fed == 0)
         await second.go(3)
         assert (second.states[-1].fed, second.states[-1].feeding) == (0, False)
@@ -227,7 +191,6 @@ async def test_feeders_rest_on_after_a_restart_and_with_another_map() -> None:
         await second.go(3)
         assert second.states[-1].fed > 2
     clock.advance(100.0)
-    async with memory_bench(clock) as bench:
-        third = Shift(bench, clock, feeder=feeder)
+    async with shift(clock, feeder=feeder) as third:
         await third.go(1)
         assert third.states[-1].feeding

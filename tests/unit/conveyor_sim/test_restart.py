@@ -6,24 +6,26 @@ import signal
 import sqlite3
 import subprocess
 import sys
-from collections.abc import AsyncGenerator
+from contextlib import AbstractAsyncContextManager
 from pathlib import Path
 
 import pytest
 
 from pointit.runtime.host.state_file import site_folder
 from pointit.runtime.host.store import RETRY_EVERY_NS, Store, read_rows
-from pointit.schemas import ConveyorState, Environment, SelectionEvent, SetSpeed, TrackedObjects
-from pointit.schemas.topics import CONVEYOR_STATE, HEALTH, MAP, OBJECTS, SELECTION_EVENTS, SET_SPEED
-from pointit.services.conveyor_sim.config import ConveyorSimConfig
+from pointit.schemas import Environment, SelectionEvent, SetSpeed
+from pointit.schemas.topics import SET_SPEED
 from pointit.services.conveyor_sim.persistence import FILE, LAYOUT, read
 from pointit.services.conveyor_sim.service import ConveyorSim
-from tests.support.bench import START_NS, Bench, ManualClock, memory_bench, until
-from tests.unit.conveyor_sim.rooms import CHAIN, FORK, S, config
+from tests.support.bench import START_NS, ManualClock, until
+from tests.unit.conveyor_sim.rooms import CHAIN, FORK, S
+from tests.unit.conveyor_sim.shift import Shift
+from tests.unit.conveyor_sim.shift import shift as running_shift
 
 pytestmark = pytest.mark.wall_time
 
 FEEDER = {"interval_s": 0.5, "length_m": 0.2}
+STEP_S = 0.2
 SITE = "memory"
 """Site name of the bench's bus."""
 
@@ -32,60 +34,29 @@ def stored() -> Path:
     return site_folder(SITE, "conveyor-sim") / FILE
 
 
-class Shift:
-    """One life of a conveyor."""
-
-    def __init__(self, bench: Bench, clock: ManualClock) -> None:
-        self.bench = bench
-        self.clock = clock
-        self.lists: list[TrackedObjects] = bench.collect(OBJECTS)
-        self.events: list[SelectionEvent] = bench.collect(SELECTION_EVENTS)
-        self.states: list[ConveyorState] = bench.collect(CONVEYOR_STATE)
-        self.health = bench.collect(HEALTH)
-
-    @property
-    def ids(self) -> list[str]:
-        return [tracked.id for tracked in self.lists[-1].objects]
-
-    async def go(self, seconds: float) -> None:
-        for _ in range(round(seconds * 5)):
-            self.clock.advance(0.2)
-            await until(lambda: bool(self.lists) and self.lists[-1].stamp_ns == self.clock.now_ns())
-
-
-@contextlib.asynccontextmanager
-async def shift(
-    clock: ManualClock, settings: ConveyorSimConfig, room: Environment = FORK
-) -> AsyncGenerator[Shift]:
-    async with memory_bench(clock) as bench:
-        one = Shift(bench, clock)
-        bench.start(ConveyorSim, settings)
-        bench.put(MAP, room)
-        await until(lambda: bool(one.lists))
-        yield one
-
-
-def setting(**changes: object) -> ConveyorSimConfig:
-    return config(**{"rate_hz": 200.0, "feeder": FEEDER, **changes})
+def shift(
+    clock: ManualClock, room: Environment = FORK, **changes: object
+) -> AbstractAsyncContextManager[Shift]:
+    return running_shift(clock, room, **{"rate_hz": 200.0, "feeder": FEEDER, **changes})
 
 
 async def test_after_a_clean_end_the_next_one_goes_on_with_the_same_packages() -> None:
     clock = ManualClock()
-    async with shift(clock, setting()) as first:
-        await first.go(8.0)
-        await first.bench.bus.call(SET_SPEED, SetSpeed(speed_mps=1.0, belts=("main",)))
-        await first.go(8.0)
+    async with shift(clock) as first:
+        await first.go(8.0, STEP_S)
+        await first.bus.call(SET_SPEED, SetSpeed(speed_mps=1.0, belts=("main",)))
+        await first.go(8.0, STEP_S)
         told = [event.seq for event in first.events]
     assert first.states[-1].left > 0
     clock.advance(30.0)
-    async with shift(clock, setting()) as second:
+    async with shift(clock) as second:
         assert second.ids == first.ids
         last = first.lists[-1].objects
         assert [t.surface_position_m for t in second.lists[0].objects] == [t.surface_position_m for t in last]
         assert second.states[-1].model_copy(update={"stamp_ns": 0, "seq": 0}) == first.states[-1].model_copy(
             update={"stamp_ns": 0, "seq": 0}
         )
-        await second.go(20.0)
+        await second.go(20.0, STEP_S)
         gone = [event.object_id for event in (*first.events, *second.events)]
         assert len(gone) == len(set(gone)) == second.states[-1].left
         assert set(gone).isdisjoint(second.ids)
@@ -108,10 +79,10 @@ async def test_old_snapshot_or_one_of_another_map_is_not_restored(
     later_s: float, changes: dict[str, object], room: Environment
 ) -> None:
     clock = ManualClock()
-    async with shift(clock, setting()) as first:
-        await first.go(3.0)
+    async with shift(clock) as first:
+        await first.go(3.0, STEP_S)
     clock.advance(later_s)
-    async with shift(clock, setting(**changes), room) as second:
+    async with shift(clock, room, **changes) as second:
         assert set(first.ids).isdisjoint(second.ids)
         assert second.states[-1].fed == 1
 
@@ -120,30 +91,30 @@ async def test_conveyor_with_discarded_state_starts_empty() -> None:
     clock = ManualClock()
     ConveyorSim.discard_saved_state(SITE, clock.now_ns())
     assert not stored().parent.exists()
-    async with shift(clock, setting()) as first:
-        await first.go(3.0)
+    async with shift(clock) as first:
+        await first.go(3.0, STEP_S)
         ConveyorSim.discard_saved_state(SITE, clock.now_ns())  # it is in use, and stays
         assert list(read_rows(stored(), "SELECT seq FROM plant", (), len)) == [1]
     ConveyorSim.discard_saved_state(SITE, clock.now_ns())
     clock.advance(1.0)
-    async with shift(clock, setting()) as second:
+    async with shift(clock) as second:
         assert set(first.ids).isdisjoint(second.ids)
 
 
 async def test_unpublished_event_is_published_after_a_restart() -> None:
     clock = ManualClock()
-    async with shift(clock, setting()) as first:
-        await first.go(3.0)
+    async with shift(clock) as first:
+        await first.go(3.0, STEP_S)
     event = SelectionEvent(stamp_ns=START_NS, seq=1, event="dispatched", object_id="x", bay="3")
     with contextlib.closing(sqlite3.connect(stored())) as db, db:
         db.execute("PRAGMA user_version = 0")  # of a file without a version
         db.execute("UPDATE plant SET seq = 1")
         db.execute("INSERT INTO outbox VALUES (1, ?)", (event.model_dump_json(exclude_defaults=True),))
-    async with shift(clock, setting()) as second:
+    async with shift(clock) as second:
         await until(lambda: second.events == [event])
-        await second.go(14.0)
+        await second.go(14.0, STEP_S)
         assert [e.seq for e in second.events[1:3]] == [2, 3]
-    async with shift(clock, setting()) as third:
+    async with shift(clock) as third:
         await third.bench.settle()
         assert third.events == []
 
@@ -152,21 +123,21 @@ async def test_a_second_conveyor_says_that_it_keeps_nothing_and_runs() -> None:
     clock = ManualClock()
     first = Store(stored(), LAYOUT)
     first.open(clock.now_ns(), read)
-    async with shift(clock, setting()) as second:
+    async with shift(clock) as second:
         await until(lambda: any("another conveyor" in w for h in second.health for w in h.warnings))
-        await second.go(2.0)
+        await second.go(2.0, STEP_S)
         assert len(second.ids) > 2
     first.close()
 
 
 async def test_failed_write_is_a_warning_until_the_next_one_succeeds() -> None:
-    async with shift(ManualClock(), setting()) as one:
-        await one.go(1.0)
+    async with shift(ManualClock()) as one:
+        await one.go(1.0, STEP_S)
         with contextlib.closing(sqlite3.connect(stored(), isolation_level=None)) as other:
             other.execute("BEGIN IMMEDIATE")
-            await one.go(1.0)
-            await until(lambda: any("cannot be written" in w for w in one.health[-1].warnings))
-        await one.go(RETRY_EVERY_NS / S + 1.0)
+            await one.go(1.0, STEP_S)
+            await until(lambda: one.warns("cannot be written"))
+        await one.go(RETRY_EVERY_NS / S + 1.0, STEP_S)
         await until(lambda: not one.health[-1].warnings)
 
 
@@ -176,6 +147,7 @@ from pointit.runtime.clock import SimulatedClock
 from pointit.schemas.topics import MAP, OBJECTS, SELECTION_EVENTS
 from pointit.services.conveyor_sim.service import ConveyorSim
 from tests.support.bench import memory_bench
+from tests.unit.conveyor_sim.shift import Shift, shift as running_shift
 from tests.unit.conveyor_sim.rooms import FORK, config
 
 async def main():
@@ -216,13 +188,13 @@ async def test_killed_without_a_word_it_loses_and_doubles_nothing() -> None:
     life.wait(5)
     life.stdout.close()
     saved_ns = next(read_rows(stored(), "SELECT stamp_ns FROM plant", (), lambda row: int(row[0])))
-    async with shift(ManualClock(saved_ns + S), setting(rate_hz=100.0)) as second:
+    async with shift(ManualClock(saved_ns + S), rate_hz=100.0) as second:
         await second.bench.settle()
         again = [event.object_id for event in second.events]
         assert second.states[-1].left == len(set(told) | set(again))
         assert set(told).isdisjoint(second.ids), "one that came out is there again"
         assert there - set(told) - set(again) <= set(second.ids), "one that was there is lost"
         assert second.states[-1].fed == second.states[-1].left + len(second.ids)
-        await second.go(3.0)
+        await second.go(3.0, STEP_S)
         await asyncio.sleep(0)
         assert len(second.ids) == len(set(second.ids))

@@ -36,7 +36,6 @@ CURSOR_S = 0.02
 
 
 def cursor_at(place_m: Vec3, stamp_ns: int) -> Cursor:
-    """Return a cursor on the floor."""
     return Cursor(
         stamp_ns=stamp_ns, surface_id="floor", solid="plane", point_m=place_m, origin_m=(-3.0, 0.0, 1.6)
     )
@@ -75,7 +74,6 @@ class Pilotage:
         self.bench.put(topics.INTERACTION, pointing, user)
 
     def pose(self, user: str, place_m: Vec3, **changes: object) -> None:
-        """Let `user` be at a place."""
         pose = UserPose(stamp_ns=self.bench.clock.now_ns(), position_m=place_m, yaw_rad=0.0)
         self.bench.put(topics.POSE, pose.model_copy(update=changes), user)
 
@@ -85,7 +83,6 @@ class Pilotage:
         await self.until(lambda state: state.user == user)
 
     def leave(self, user: str) -> None:
-        """End the presence of `user`."""
         self._presences.pop(user).close()
 
     def steer(self, user: str, steering: Steering) -> None:
@@ -103,7 +100,6 @@ class Pilotage:
         self._pointed[user] = place_m
 
     async def send_cursors(self) -> None:
-        """Send the cursors of all who point, until cancelled."""
         while True:
             now_ns = self.bench.clock.now_ns()
             for user, place in self._pointed.items():
@@ -112,7 +108,6 @@ class Pilotage:
             await asyncio.sleep(CURSOR_S)
 
     async def until(self, condition: Callable[[RobotState], bool], patience_s: float = 20.0) -> RobotState:
-        """Wait until a state fulfils `condition`, and return it."""
         for _ in range(round(patience_s / CURSOR_S)):
             if self.states and condition(self.state):
                 return self.state
@@ -145,7 +140,6 @@ class FaultyDriver(SimDriver):
         await super().run(changed)
 
     def command(self, command: Command) -> None:
-        """Note the command and carry it out."""
         self.commands.append(command)
         if not self.is_deaf:
             super().command(command)

@@ -78,14 +78,12 @@ class Steered:
                 self.robot.step()
 
     def place(self, user: str, place_m: Vec3) -> None:
-        """Let a person be at a place."""
         square = self.person_sigma_m**2
         covariance = (square, 0.0, 0.0, 0.0, square, 0.0, 0.0, 0.0, 0.0)
         pose = UserPose(stamp_ns=self.now_ns, position_m=place_m, yaw_rad=0.0, covariance=covariance)
         self.safety.on_pose(user, pose)
 
     def interact(self, state: str, *, is_unsure: bool = False) -> None:
-        """Change the interaction of ada."""
         interaction = {"stamp_ns": self.now_ns, "state": state, "is_unsure": is_unsure}
         self.safety.on_interaction("ada", Interaction.model_validate(interaction))
 
@@ -95,7 +93,6 @@ class Steered:
 
     @property
     def report(self) -> RobotReport:
-        """Return the truth."""
         return self.robot.report(self.now_ns)
 
     @property

@@ -8,7 +8,7 @@ import pytest
 
 from pointit.schemas import RobotState, Steering
 from pointit.services.robot.config import RobotConfig
-from pointit.services.robot.robot_driver import Follow, FollowPath, OrderStatus, ReportItem, RobotReport, Stop
+from pointit.services.robot.robot_driver import ReportItem, RobotReport, Stop
 from tests.unit.robot.flight import ROBOT, FaultyDriver, Pilotage, flown
 from tests.unit.robot.test_robot_stops import at_full_speed, late, moved, speed_mps
 
@@ -36,7 +36,6 @@ async def driving(pilotage: Pilotage, drivers: list[FaultyDriver]) -> FaultyDriv
 
 
 async def name_anew(pilotage: Pilotage, steering: Steering) -> None:
-    """Let anna take the robot once more."""
     pilotage.steer("anna", NOTHING)
     await asyncio.sleep(0.2)
     pilotage.steer("anna", steering)
@@ -89,53 +88,6 @@ async def test_two_robots_that_report_under_one_name_do_not_move(
 
 
 @flown(GROUND)
-async def test_a_robot_that_refuses_orders_says_why_and_keeps_its_person(
-    pilotage: Pilotage, drivers: list[FaultyDriver]
-) -> None:
-    driver = await driving(pilotage, drivers)
-    order = driver.commands[-1].order
-    driver.is_deaf = True
-    driver.say(OrderStatus(order, "failed", "a wheel is stuck"))
-    state = await pilotage.until(lambda state: "a wheel is stuck" in state.reason)
-    assert is_one_sentence(state.reason)
-    assert state.user == "anna"
-    before = len(driver.commands)
-    await asyncio.sleep(2.0)
-    assert not any(isinstance(each, FollowPath) for each in driver.commands[before:]), "not sent again"
-
-
-@flown(GROUND)
-async def test_what_is_said_late_or_twice_of_an_earlier_order_changes_nothing(
-    pilotage: Pilotage, drivers: list[FaultyDriver]
-) -> None:
-    driver = await driving(pilotage, drivers)
-    first = driver.commands[-1].order
-    pilotage.send("anna", (1.0, 3.0, 0.0))
-    pilotage.point("anna", (1.0, 3.0, 0.0))
-    await pilotage.until(lambda state: state.target_m == (1.0, 3.0, 0.0))
-    for state in ("done", "done", "refused", "cancelled", "active"):
-        driver.say(OrderStatus(first, state))
-    driver.say(OrderStatus(10**9, "done"))
-    await pilotage.until(lambda state: math.dist(state.position_m, (1.0, 3.0, 0.0)) < 0.1)
-    assert pilotage.state.reason == ""
-
-
-@flown(GROUND)
-async def test_an_order_cancelled_in_the_middle_leaves_the_robot_where_it_is(
-    pilotage: Pilotage, drivers: list[FaultyDriver]
-) -> None:
-    driver = await driving(pilotage, drivers)
-    order = driver.commands[-1].order
-    driver.command(Stop(order + 1))  # somebody else's, at the robot itself
-    driver.say(OrderStatus(order, "cancelled", "the emergency stop was pressed"))
-    state = await stands(pilotage, driver)
-    assert "the emergency stop was pressed" in state.reason
-    assert is_one_sentence(state.reason)
-    assert state.target_m is None
-    assert math.dist(state.position_m, PLACE) > 0.3
-
-
-@flown(GROUND)
 async def test_reports_twice_out_of_order_or_old_do_not_disturb(
     pilotage: Pilotage, drivers: list[FaultyDriver]
 ) -> None:
@@ -167,19 +119,6 @@ async def test_a_robot_with_another_time_is_not_steered(
     assert state.user == ""
     assert is_one_sentence(state.reason)
     assert all(isinstance(each, Stop) for each in drivers[0].commands)
-
-
-@flown(FLYER)
-async def test_a_robot_that_hears_nothing_gets_no_new_targets_after_its_person_left(
-    pilotage: Pilotage, drivers: list[FaultyDriver]
-) -> None:
-    driver = await at_full_speed(pilotage, drivers)
-    driver.is_deaf = True
-    pilotage.leave("anna")
-    before = len(driver.commands)
-    await asyncio.sleep(3.0)
-    assert isinstance(driver.commands[-1], Stop)
-    assert not any(isinstance(each, Follow) for each in driver.commands[before:])
 
 
 @flown(GROUND)

@@ -53,17 +53,6 @@ async def test_a_quadrotor_takes_off_flies_figures_and_lands_when_the_person_is_
     await pilotage.until(lambda state: state.phase == "landed")
 
 
-@flown(GROUND)
-async def test_a_ground_robot_drives_a_figure_and_stops(pilotage: Pilotage) -> None:
-    await pilotage.until(lambda state: state.phase == "idle")
-    begin(pilotage)
-    await pilotage.until(lambda state: state.phase == "moving")
-    await pilotage.until(lambda state: math.hypot(*state.position_m) > 0.4)
-    pilotage.bench.put(LOCALIZATION, SOLVED, "anna")
-    stopped = await pilotage.until(lambda state: state.phase == "idle")
-    assert stopped.position_m[2] == pytest.approx(0.0)
-
-
 @flown(QUADROTOR)
 async def test_nobody_else_s_localization_moves_it_and_who_steers_it_keeps_it(pilotage: Pilotage) -> None:
     await pilotage.until(lambda state: state.phase == "landed")

@@ -256,8 +256,10 @@ def test_it_lands_where_pointed_and_is_free_then() -> None:
     assert desk.step() is None
 
 
-@pytest.mark.parametrize("state", ["refused", "failed"])
-def test_an_order_that_is_refused_is_said_and_not_repeated(state: Literal["refused", "failed"]) -> None:
+@pytest.mark.parametrize("state", ["refused", "failed", "cancelled"])
+def test_an_order_that_is_refused_is_said_and_not_repeated(
+    state: Literal["refused", "failed", "cancelled"],
+) -> None:
     desk = Desk()
     desk.report()
     desk.step()
@@ -267,7 +269,8 @@ def test_an_order_that_is_refused_is_said_and_not_repeated(state: Literal["refus
     desk.pilot.on_item(OrderStatus(order.order, state, "a rotor is blocked"), desk.now_ns)
     desk.report()
     assert [desk.step() for _ in range(20)] == [None] * 20
-    assert f"{state} its order: a rotor is blocked" in desk.pilot.reason
+    assert f"{state} its order: a rotor is blocked; point there again" in desk.pilot.reason
+    assert desk.pilot.user == "anna"
     desk.steer("anna", "none")
     desk.step()
     desk.steer("anna")

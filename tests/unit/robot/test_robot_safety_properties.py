@@ -86,7 +86,6 @@ class Course:
 
     @property
     def keep_m(self) -> float:
-        """Return the least distance from people."""
         return self.config.keep_out_m + self.config.radius_m + 2.0 * self.person_sigma_m
 
 

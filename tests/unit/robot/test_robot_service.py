@@ -106,7 +106,6 @@ class Raises:
 
 
 def driven_by(make: type[Raises]) -> Callable[[Callable[[], None]], Callable[[], None]]:
-    """Patch all drivers of robots with `make`."""
     plugin = RobotPlugin(summary="", config=Config, make=make)
     return mock.patch.object(ROBOTS, "get", mock.Mock(return_value=plugin))
 

@@ -48,8 +48,6 @@ def interacting(**fields: object) -> Cause:
 
 
 def standing(**changes: object) -> Cause:
-    """Return a cause that changes some fields of anna's pose."""
-
     async def stand(pilotage: Pilotage, _driver: FaultyDriver) -> None:
         pilotage.pose("anna", (-3.0, 0.0, 0.0), **changes)
 
@@ -119,7 +117,6 @@ async def fence_ahead(pilotage: Pilotage, driver: FaultyDriver) -> None:
 
 
 def beside(driver: FaultyDriver, x_m: float, y_m: float) -> Vec3:
-    """Return a place on the floor beside the robot."""
     assert driver.truth is not None
     x, y, _ = driver.truth.position_m
     return x + x_m, y + y_m, 0.0

@@ -34,7 +34,6 @@ class FastClock(VirtualClock):
     speed = 4.0
 
     def now_ns(self) -> int:
-        """Return the time, Unix ns."""
         return START_NS + 4 * (super().now_ns() - START_NS)
 
 
@@ -58,16 +57,13 @@ class Pilot:
 
     @property
     def poses(self) -> list[RobotReport]:
-        """Return the reports of the pose."""
         return [item for item in self.items if isinstance(item, RobotReport)]
 
     def states(self, order: int) -> list[str]:
-        """Return the states of `order`."""
         return [item.state for item in self.items if isinstance(item, OrderStatus) and item.order == order]
 
     @contextlib.asynccontextmanager
     async def connected(self) -> AsyncGenerator[None]:
-        """Run the driver."""
         async with asyncio.TaskGroup() as group:
             task = group.create_task(self.driver.run(self.items.append))
             await asyncio.sleep(0.1)

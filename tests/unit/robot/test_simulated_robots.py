@@ -60,7 +60,6 @@ class Pose:
 
 
 def drive(robot: SimulatedRobot, course: Iterable[tuple[Command, int]]) -> list[Pose]:
-    """Return the poses of `robot` after each step of `course`."""
     poses: list[Pose] = []
     for command, steps in course:
         robot.command(command)
@@ -81,23 +80,19 @@ def settle(robot: SimulatedRobot, command: Command, *, limit_s: float = 60.0) ->
 
 
 def pose_of(robot: SimulatedRobot) -> Pose:
-    """Return the current pose of `robot`."""
     report = robot.report(0)
     return Pose(report.position_m, report.yaw_rad)
 
 
 def rates(values: Sequence[Vec3]) -> list[Vec3]:
-    """Return the changes of `values` per second."""
     return [vector.scale(vector.subtract(after, before), 1.0 / STEP_S) for before, after in pairwise(values)]
 
 
 def longest(values: Sequence[Vec3]) -> float:
-    """Return the largest norm of `values`."""
     return max(map(vector.norm, values), default=0.0)
 
 
 def horizontal(a: Vec3, b: Vec3) -> float:
-    """Return the horizontal distance between `a` and `b`."""
     return vector.norm((a[0] - b[0], a[1] - b[1], 0.0))
 
 

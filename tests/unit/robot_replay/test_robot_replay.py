@@ -15,7 +15,7 @@ from pointit.services.robot_replay.config import RobotReplayConfig
 from pointit.services.robot_replay.service import RobotReplay
 from pointit.services.robot_replay.trajectory import Trajectory
 from pointit.sim.recordings import ImuRecording
-from tests.support.bench import in_virtual_time, memory_bench, until
+from tests.support.bench import memory_bench, until
 
 CSV = "t,qw,qx,qy,qz,robot_x,robot_y,robot_z\n"
 
@@ -56,7 +56,6 @@ def test_every_report_can_travel_however_the_robot_jumps() -> None:
         assert trajectory.report(index, 2**62).objects[0].position_m[2] == 1.0
 
 
-@in_virtual_time
 async def test_each_report_comes_when_it_is_due_with_its_own_stamp(tmp_path: Path) -> None:
     clock = VirtualClock()
     start_ns = clock.now_ns() + 1_000_000_000
@@ -75,7 +74,6 @@ async def test_each_report_comes_when_it_is_due_with_its_own_stamp(tmp_path: Pat
         assert len(reports) == 31
 
 
-@in_virtual_time
 async def test_without_a_start_it_starts_at_once_and_what_is_past_is_left_out(tmp_path: Path) -> None:
     clock = VirtualClock()
     path = str(write(tmp_path, 31, 0.1))
@@ -103,7 +101,6 @@ def test_faults_are_sentences() -> None:
 
 
 @pytest.mark.parametrize(("path", "what"), [("", "recording: is missing"), ("/none.csv", "cannot be read")])
-@in_virtual_time
 async def test_it_does_not_start_without_a_recording(path: str, what: str) -> None:
     bus = MemoryBus()
     launch = Launch(service=RobotReplay, config=RobotReplayConfig(recording=path))

@@ -89,7 +89,6 @@ class Room:
 
     @property
     def owners(self) -> dict[str, str]:
-        """Return the current owners of selected objects."""
         return {one.id: one.user for one in self.selecting.selection(self.now_ns).objects}
 
     @property

@@ -72,15 +72,12 @@ class ShardedSite:
 
     @property
     def owners(self) -> dict[str, str]:
-        """Return the owners by object, as the arbiter has it."""
         return {one.id: one.user for one in self.arbiter.selection(self.now_ns).objects}
 
     def answers(self, user: str, claim: Claim) -> list[SelectionEvent]:
-        """Return the events of a claim."""
         return [event for event in self.events if (event.user, event.stamp_ns) == (user, claim.stamp_ns)]
 
     def meet(self) -> None:
-        """Let each shard know if it can reach the arbiter."""
         for user, link in self.links.items():
             self.shards[user].has_arbiter = self.is_running and not link.is_cut
 

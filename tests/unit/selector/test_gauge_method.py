@@ -21,7 +21,6 @@ def new() -> Gauges:
 def run(
     gauges: Gauges, times_ms: list[int], hovered: str | None, *, full_s: float = 0.8, fills: bool = True
 ) -> list[int]:
-    """Hover at `times_ms`; return when it fired."""
     fired: list[int] = []
     for time_ms in times_ms:
         near = (hovered,) if hovered else ()

@@ -8,16 +8,14 @@ import pytest
 
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import ReadHistory, ReadHistoryReply, SelectionEvent, encode
-from pointit.schemas.topics import READ_HISTORY, SELECTION_EVENTS
-from pointit.services.selector.config import SelectorConfig
-from pointit.services.selector.service import Selector
+from pointit.schemas.topics import READ_HISTORY
 from pointit.services.selector.store import history
 from pointit.services.selector.store.history import History, fitting
 from pointit.services.selector.store.journal import Journal
 from pointit.services.selector.store.journal_table import recent
-from tests.support.bench import Bench, ManualClock, memory_bench
+from tests.support.bench import Bench, ManualClock
+from tests.unit.selector.served import served
 from tests.unit.selector.test_journal import NOW, S, ended, keep, refused, selected
-from tests.unit.selector.test_selector_service import stay
 
 pytestmark = pytest.mark.wall_time
 
@@ -33,22 +31,17 @@ def event(number: int, reason: str = "") -> SelectionEvent:
 
 async def test_what_was_told_is_told_to_who_asks_also_by_the_next_selector() -> None:
     clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        told = bench.collect(SELECTION_EVENTS)
-        bench.start(Selector)
-        await bench.settle()
-        assert await asked(bench) == ()
-        await stay(bench, clock, "anna", 1.0, "a", "b")
-        await stay(bench, clock, "ben", 2.0, "a", "b")
-        await stay(bench, clock, "carl", 1.0, "a", "b")
+    async with served(clock) as site:
+        assert await asked(site.bench) == ()
+        for user, at_m in (("anna", 1.0), ("ben", 2.0), ("carl", 1.0)):
+            await site.stay(user, at_m, "a", "b")
+        told = site.events
         assert [each.event for each in told] == ["selected", "selected", "refused"]
-        assert list(await asked(bench)) == told
-        assert list(await asked(bench, last=2)) == told[1:]
-        assert list(await asked(bench, since_ns=told[1].stamp_ns)) == told[1:]
-    async with memory_bench(clock) as bench:
-        bench.start(Selector)
-        await bench.settle()
-        assert list(await asked(bench)) == told
+        assert list(await asked(site.bench)) == told
+        assert list(await asked(site.bench, last=2)) == told[1:]
+        assert list(await asked(site.bench, since_ns=told[1].stamp_ns)) == told[1:]
+    async with served(clock) as site:
+        assert list(await asked(site.bench)) == told
 
 
 def test_what_no_message_of_the_selector_told_is_left_out(tmp_path: Path) -> None:
@@ -101,11 +94,9 @@ async def test_while_it_is_read_the_loop_goes_on_and_the_journal_is_written(
 
 
 async def test_what_is_not_kept_or_cannot_be_read_is_refused_with_a_sentence(tmp_path: Path) -> None:
-    async with memory_bench() as bench:
-        bench.start(Selector, SelectorConfig.model_validate({"journal": {"enabled": False}}))
-        await bench.settle()
+    async with served(journal={"enabled": False}) as site:
         with pytest.raises(RefusedError, match="keeps no journal"):
-            await asked(bench)
+            await asked(site.bench)
     (tmp_path / "journal.sqlite").write_bytes(b"no journal" * 500)
     for path in (tmp_path / "journal.sqlite", tmp_path / "none.sqlite"):
         with pytest.raises(RefusedError, match="the journal cannot be read"):

@@ -4,7 +4,9 @@ import contextlib
 import random
 import sqlite3
 import time
+from collections.abc import Generator
 from pathlib import Path
+from typing import Literal
 
 import pytest
 
@@ -13,7 +15,7 @@ from pointit.schemas.base import MAX_ID
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.outputs import Owned, Record, event_of
 from pointit.services.selector.selection_engine import SelectionEngine
-from pointit.services.selector.store.journal import MAX_PENDING, NS_PER_DAY, Journal
+from pointit.services.selector.store.journal import MAX_PENDING, NS_PER_DAY, Journal, JournalContents
 from pointit.services.selector.store.journal_table import audit
 from tests.support.pace import within
 
@@ -23,36 +25,17 @@ NOW = 1_700_000_000 * S
 
 def selected(object_id: str, seq: int, *, stamp_ns: int = NOW, user: str = "anna") -> Record:
     return Record(
-        stamp_ns=stamp_ns,
-        event="selected",
-        object_id=object_id,
-        kind="red",
-        user=user,
-        owner=user,
-        since_ns=stamp_ns,
-        cause="dwell",
-        method="gauge",
-        confidence=0.75,
-        seq=seq,
+        stamp_ns, "selected", object_id, "red", user, user, stamp_ns, "dwell", "gauge", 0.75, seq=seq
     )
 
 
 def ended(object_id: str, seq: int | None, *, stamp_ns: int = NOW) -> Record:
-    return Record(
-        stamp_ns=stamp_ns,
-        event="left" if seq is None else "deselected",
-        object_id=object_id,
-        kind="red",
-        user="anna",
-        owner="anna",
-        seq=seq,
-    )
+    event: Literal["left", "deselected"] = "left" if seq is None else "deselected"
+    return Record(stamp_ns, event, object_id, "red", "anna", "anna", seq=seq)
 
 
 def refused(object_id: str, seq: int) -> Record:
-    return Record(
-        stamp_ns=NOW, event="refused", object_id=object_id, user="ben", owner="anna", reason="hers", seq=seq
-    )
+    return Record(NOW, "refused", object_id, user="ben", owner="anna", reason="hers", seq=seq)
 
 
 def keep(folder: Path, *records: Record, told: int = 0, now_ns: int = NOW) -> None:
@@ -67,52 +50,51 @@ def keep(folder: Path, *records: Record, told: int = 0, now_ns: int = NOW) -> No
     journal.close()
 
 
-def test_what_is_open_is_taken_up_and_counting_goes_on(tmp_path: Path) -> None:
-    records = (
-        selected("a", 1),
-        selected("b", 2),
-        ended("b", 3),
-        selected("c", 4),
-        refused("a", 5),
-        ended("c", None),
-    )
-    keep(tmp_path, *records, told=5)
-    journal = Journal(tmp_path)
-    kept = journal.begin(NOW + S)
-    assert kept.entries == {"a": Owned("anna", "red", NOW, 0.75)}
-    assert kept.events == 5
-    assert kept.unpublished == []
-    assert journal.problem == ""
-    assert list(audit(journal.path)) == list(records)
+@contextlib.contextmanager
+def opened(
+    folder: Path, now_ns: int = NOW + S, **settings: float
+) -> Generator[tuple[Journal, JournalContents]]:
+    journal = Journal(folder, **settings)
+    kept = journal.begin(now_ns)
+    yield journal, kept
     journal.close()
+
+
+def execute(folder: Path, statement: str) -> None:
+    with contextlib.closing(sqlite3.connect(folder / "journal.sqlite")) as db, db:
+        db.execute(statement)
+
+
+def test_what_is_open_is_taken_up_and_counting_goes_on(tmp_path: Path) -> None:
+    records = [selected("a", 1), selected("b", 2), ended("b", 3), selected("c", 4), refused("a", 5)]
+    records.append(ended("c", None))
+    keep(tmp_path, *records, told=5)
+    with opened(tmp_path) as (journal, kept):
+        assert kept.entries == {"a": Owned("anna", "red", NOW, 0.75)}
+        assert (kept.events, kept.unpublished, journal.problem) == (5, [], "")
+        assert list(audit(journal.path)) == records
 
 
 def test_what_was_not_told_for_sure_is_to_be_told_again_once(tmp_path: Path) -> None:
     keep(tmp_path, selected("a", 1), selected("b", 2), ended("x", None), ended("b", 3), told=1)
-    journal = Journal(tmp_path)
-    kept = journal.begin(NOW + S)
-    assert [(record.event, record.object_id, record.seq) for record in kept.unpublished] == [
-        ("selected", "b", 2),
-        ("deselected", "b", 3),
-    ]
-    journal.mark_published(3)
-    journal.maintain(NOW + S, is_selected=True)
-    journal.close()
-    again = Journal(tmp_path)
-    assert again.begin(NOW + 2 * S).unpublished == []
-    again.close()
+    with opened(tmp_path) as (journal, kept):
+        assert [(record.event, record.object_id, record.seq) for record in kept.unpublished] == [
+            ("selected", "b", 2),
+            ("deselected", "b", 3),
+        ]
+        journal.mark_published(3)
+        journal.maintain(NOW + S, is_selected=True)
+    with opened(tmp_path, NOW + 2 * S) as (_, again):
+        assert again.unpublished == []
 
 
 def test_what_nobody_minded_for_long_is_closed(tmp_path: Path) -> None:
     keep(tmp_path, selected("a", 1), told=0)
-    journal = Journal(tmp_path, restore_within_s=600.0)
-    kept = journal.begin(NOW + 601 * S)
-    assert (kept.entries, kept.events, list(kept.unpublished)) == ({}, 1, [])
-    journal.close()
+    with opened(tmp_path, NOW + 601 * S, restore_within_s=600.0) as (journal, kept):
+        assert (kept.entries, kept.events, list(kept.unpublished)) == ({}, 1, [])
     assert [record.event for record in audit(journal.path)] == ["selected", "left"]
-    again = Journal(tmp_path)
-    assert list(again.begin(NOW + 602 * S).unpublished) == []
-    again.close()
+    with opened(tmp_path, NOW + 602 * S) as (_, again):
+        assert list(again.unpublished) == []
 
 
 @pytest.mark.parametrize(
@@ -129,12 +111,10 @@ def test_what_nobody_minded_for_long_is_closed(tmp_path: Path) -> None:
 )
 def test_rows_that_cannot_be_taken_up_are_damage(tmp_path: Path, statement: str) -> None:
     keep(tmp_path, selected("a", 1))
-    with contextlib.closing(sqlite3.connect(tmp_path / "journal.sqlite")) as db, db:
-        db.execute(statement)
-    journal = Journal(tmp_path)
-    assert journal.begin(NOW + S).entries == {}
-    assert "was damaged" in journal.problem
-    journal.close()
+    execute(tmp_path, statement)
+    with opened(tmp_path) as (journal, kept):
+        assert kept.entries == {}
+        assert "was damaged" in journal.problem
 
 
 @pytest.mark.parametrize(
@@ -148,14 +128,10 @@ def test_rows_that_cannot_be_taken_up_are_damage(tmp_path: Path, statement: str)
 )
 def test_a_damaged_row_of_the_past_costs_no_selection(tmp_path: Path, statement: str) -> None:
     keep(tmp_path, selected("b", 1), ended("b", 2), selected("a", 3), told=3)
-    with contextlib.closing(sqlite3.connect(tmp_path / "journal.sqlite")) as db, db:
-        db.execute(statement)
-    journal = Journal(tmp_path)
-    kept = journal.begin(NOW + S)
-    assert list(kept.entries) == ["a"]
-    assert journal.problem == ""
-    assert kept.decided[-1] == ("anna", NOW)
-    journal.close()
+    execute(tmp_path, statement)
+    with opened(tmp_path) as (journal, kept):
+        assert (list(kept.entries), journal.problem) == (["a"], "")
+        assert kept.decided[-1] == ("anna", NOW)
 
 
 def test_whatever_bits_fall_over_it_begins(tmp_path: Path) -> None:
@@ -171,22 +147,18 @@ def test_whatever_bits_fall_over_it_begins(tmp_path: Path) -> None:
             at = rng.choice([at for at in range(0, len(whole), 7) if any(whole[at : at + 7])])
             damaged[at + rng.randrange(min(7, len(whole) - at))] = rng.randrange(256)
         (folder / "journal.sqlite").write_bytes(damaged)
-        journal = Journal(folder)
-        kept = journal.begin(NOW + S)
-        selecting = SelectionEngine(SelectorConfig(), journal.add)
-        selecting.restore(kept.entries, kept.events, NOW + S)
-        selecting.selection(NOW + S)  # messages can be made of it
-        for record in kept.unpublished:
-            event_of(record, record.seq or 0, again=True)
-        journal.close()
+        with opened(folder) as (journal, kept):
+            selecting = SelectionEngine(SelectorConfig(), journal.add)
+            selecting.restore(kept.entries, kept.events, NOW + S)
+            selecting.selection(NOW + S)  # messages can be made of it
+            for record in kept.unpublished:
+                event_of(record, record.seq or 0, again=True)
 
 
 def test_the_latest_time_there_is_is_no_damage(tmp_path: Path) -> None:
     keep(tmp_path, selected("a", 1, stamp_ns=2**63 - 1))
-    journal = Journal(tmp_path)
-    assert list(journal.begin(NOW + S).entries) == ["a"]
-    assert journal.problem == ""
-    journal.close()
+    with opened(tmp_path) as (journal, kept):
+        assert (list(kept.entries), journal.problem) == (["a"], "")
 
 
 def test_records_that_cannot_be_written_are_kept_and_written_later(tmp_path: Path) -> None:
@@ -209,31 +181,21 @@ def test_records_that_cannot_be_written_are_kept_and_written_later(tmp_path: Pat
 
 def test_old_events_go_and_what_is_open_stays(tmp_path: Path) -> None:
     old = NOW - 31 * NS_PER_DAY
-    keep(
-        tmp_path,
-        selected("open", 1, stamp_ns=old),
-        selected("over", 2, stamp_ns=old),
-        ended("over", 3, stamp_ns=old),
-        selected("new", 4),
-        now_ns=NOW,
-    )
-    journal = Journal(tmp_path, keep_days=30.0)
-    journal.begin(NOW)
-    journal.maintain(NOW + S, is_selected=True)
-    assert [record.object_id for record in audit(journal.path)] == ["open", "new"]
-    journal.close()
+    over = selected("over", 2, stamp_ns=old), ended("over", 3, stamp_ns=old)
+    keep(tmp_path, selected("open", 1, stamp_ns=old), *over, selected("new", 4))
+    with opened(tmp_path, NOW, keep_days=30.0) as (journal, _):
+        journal.maintain(NOW + S, is_selected=True)
+        assert [record.object_id for record in audit(journal.path)] == ["open", "new"]
 
 
 def test_old_events_behind_one_of_the_future_go_too(tmp_path: Path) -> None:
     old = NOW - 31 * NS_PER_DAY
     late = selected("late", 1, stamp_ns=2**62), ended("late", 2, stamp_ns=2**62)
     keep(tmp_path, *late, *(refused("x", seq) for seq in range(3, 500)), now_ns=old)
-    journal = Journal(tmp_path)
-    journal.begin(NOW + 31 * NS_PER_DAY)
-    for count in range(4):
-        journal.maintain(NOW + 31 * NS_PER_DAY + (20 * count + 1) * S, is_selected=True)
-    assert [record.object_id for record in audit(journal.path)] == ["late", "late"]
-    journal.close()
+    with opened(tmp_path, NOW + 31 * NS_PER_DAY) as (journal, _):
+        for count in range(4):
+            journal.maintain(NOW + 31 * NS_PER_DAY + (20 * count + 1) * S, is_selected=True)
+        assert [record.object_id for record in audit(journal.path)] == ["late", "late"]
 
 
 def test_to_drop_old_events_does_not_hold_the_loop_up(tmp_path: Path) -> None:
@@ -286,9 +248,8 @@ def test_a_flood_of_refused_claims_leaves_the_journal_in_its_limit_and_selection
     assert flood(journal, tuple(hers + over), *rounds) < 1.1e6 + CHECKPOINT_BYTES
     journal.close()
     assert journal.path.stat().st_size < 1.1e6
-    again = Journal(tmp_path, max_mb=1.0)
-    kept = again.begin(NOW + S)
-    again.close()
+    with opened(tmp_path, max_mb=1.0) as (_, kept):
+        pass
     assert set(kept.entries) == {one.object_id for one in hers}
     assert kept.events == 20_099
     assert [each for each in audit(journal.path) if each.event != "refused"] == hers + over
@@ -315,8 +276,7 @@ def test_a_flood_of_selections_and_refusals_leaves_the_journal_in_its_limit_and_
 
 def test_endless_names_of_an_older_version_are_left_out(tmp_path: Path) -> None:
     keep(tmp_path, selected("x" * 10_000, 1), selected("a", 2), refused("y" * 10_000, 3), told=0)
-    journal = Journal(tmp_path)
-    kept = journal.begin(NOW + S)
-    journal.close()
+    with opened(tmp_path) as (_, kept):
+        pass
     assert set(kept.entries) == {"a"}
     assert [record.object_id for record in kept.unpublished] == ["a"]

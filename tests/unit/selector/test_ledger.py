@@ -3,6 +3,7 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pointit.services.selector.outputs import Record
 from pointit.services.selector.ownership.ledger import Ledger
 
 HERE = frozenset("abc")
@@ -19,15 +20,7 @@ def selected(kept: Ledger) -> dict[str, tuple[str, int]]:
 def test_a_toggle_selects_and_the_next_deselects() -> None:
     kept = ledger()
     first = kept.toggle("a", "red", "anna", 5, confidence=0.9)
-    assert (first.event, first.object_id, first.kind, first.user, first.owner, first.stamp_ns) == (
-        "selected",
-        "a",
-        "red",
-        "anna",
-        "anna",
-        5,
-    )
-    assert (first.confidence, first.cause, first.since_ns) == (0.9, "dwell", 5)
+    assert first == Record(5, "selected", "a", "red", "anna", "anna", 5, "dwell", confidence=0.9)
     assert selected(kept) == {"a": ("anna", 5)}
     second = kept.toggle("a", "red", "anna", 9)
     assert (second.event, second.owner, second.since_ns) == ("deselected", "anna", 5)

@@ -7,15 +7,13 @@ import pytest
 
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import ButtonEvent, ReservedObject, Selection, SetMethod, SetMethodReply
-from pointit.schemas.topics import HOVER, SELECTION, SELECTION_EVENTS, SET_METHOD
+from pointit.schemas.topics import SET_METHOD
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.methods.method import apply_method
 from pointit.services.selector.methods.pointer import GuardedMethod
 from pointit.services.selector.selection_methods import PointingSample, SelectionProgress
-from pointit.services.selector.service import Selector
-from tests.support.bench import Bench, ManualClock, memory_bench
 from tests.unit.selector.room import Room, at, package, pointing
-from tests.unit.selector.test_selector_service import stay
+from tests.unit.selector.served import Served, served
 
 METHODS: tuple[str, ...] = ("hold", "fraction", "gauge")
 PAIRS = list(itertools.product(METHODS, METHODS))
@@ -105,50 +103,41 @@ def test_a_press_confirms_before_and_after_and_means_what_was_hovered() -> None:
     assert room.told == [("selected", "a", "anna")]
 
 
-async def ask(bench: Bench, **query: Any) -> SetMethodReply:
-    reply: SetMethodReply = await bench.bus.call(SET_METHOD, SetMethod(**query))
+async def ask(site: Served, **query: Any) -> SetMethodReply:
+    reply: SetMethodReply = await site.bus.call(SET_METHOD, SetMethod(**query))
     return reply
 
 
 async def test_the_service_tells_what_is_in_use_and_takes_another_while_it_runs() -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        events, hovers = bench.collect(SELECTION_EVENTS), bench.collect(HOVER, "anna")
-        selections = bench.collect(SELECTION)
-        bench.start(Selector)
-        await bench.settle()
-        reply = await ask(bench)
+    async with served() as site:
+        reply = await ask(site)
         assert (reply.method, reply.dwell_s) == ("gauge", 0.5)
         assert reply.message == "staying on an object for 0.5 s selects it: gauge"
-        await stay(bench, clock, "anna", 1.0, "a", "b")
-        assert [one.id for one in selections[-1].objects] == ["a"]
-        reply = await ask(bench, method="fraction", dwell_s=2.0)
+        await site.stay("anna", 1.0, "a", "b")
+        assert site.owners == [("a", "anna")]
+        reply = await ask(site, method="fraction", dwell_s=2.0)
         assert (reply.method, reply.dwell_s) == ("fraction", 2.0)
-        assert reply == await ask(bench)
-        await stay(bench, clock, "anna", 2.0, "a", "b")
-        assert [(event.event, event.object_id) for event in events] == [("selected", "a")]
-        await stay(bench, clock, "anna", 2.0, "a", "b")
-        await stay(bench, clock, "anna", 9.0, "a", "b")
-        assert [event.object_id for event in events] == ["a", "b"]
-        assert [one.id for one in selections[-1].objects] == ["a", "b"]
+        assert reply == await ask(site)
+        await site.stay("anna", 2.0, "a", "b")
+        assert site.told == [("selected", "a", "anna")]
+        await site.stay("anna", 2.0, "a", "b")
+        await site.stay("anna", 9.0, "a", "b")
+        assert [event.object_id for event in site.events] == ["a", "b"]
+        assert site.owners == [("a", "anna"), ("b", "anna")]
         with pytest.raises(RefusedError, match="timestep"):
-            await ask(bench, dwell_s=0.01)
-        assert (await ask(bench, method="gauge")).dwell_s == 0.5
-        assert hovers
+            await ask(site, dwell_s=0.01)
+        assert (await ask(site, method="gauge")).dwell_s == 0.5
 
 
 async def test_asking_disturbs_nobodys_progress() -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        hovers = bench.collect(HOVER, "anna")
-        bench.start(Selector, SelectorConfig(window_s=3.0, method="hold"))
-        await bench.settle()
-        await stay(bench, clock, "anna", 1.0, "a")
+    async with served(window_s=3.0, method="hold") as site:
+        hovers = site.hovers["anna"]
+        await site.stay("anna", 1.0, "a")
         before = hovers[-1].progress
         assert before > 0.3
-        await ask(bench)
-        await ask(bench, method="hold", dwell_s=3.0)
-        await stay(bench, clock, "anna", 1.0, "a")
+        await ask(site)
+        await ask(site, method="hold", dwell_s=3.0)
+        await site.stay("anna", 1.0, "a")
         assert min(hover.progress for hover in hovers[26:]) >= before
 
 

@@ -26,7 +26,6 @@ def a_site(users: tuple[str, ...] = USERS) -> ShardedSite:
 
 
 def dwell(site: ShardedSite, *, deliver: bool = True, **places: float | None) -> None:
-    """Have people stay somewhere for as long as it takes to select."""
     for index in range(10):
         site.step(0.05, places)
         if deliver:
@@ -117,16 +116,6 @@ def _check_events(events: list[SelectionEvent]) -> None:
         else:
             assert event.event == "refused"
             assert event.reason
-
-
-def test_two_shards_that_dwell_on_one_package_get_one_owner() -> None:
-    site = a_site(("anna", "ben"))
-    dwell(site, anna=3.0, ben=3.0)
-    assert [(event.event, event.user) for event in site.events] == [("selected", "anna"), ("refused", "ben")]
-    assert site.owners == {"a": "anna"}
-    dwell(site, ben=3.0)
-    assert site.hovers["ben"].taken_by == "anna"
-    assert site.hovers["ben"].is_selected
 
 
 def test_shards_select_as_one_selector_does() -> None:
@@ -355,15 +344,6 @@ def test_others_have_their_claims_known_however_many_one_has_decided() -> None:
         other = Claim(stamp_ns=site.now_ns + index, object_id="p1", wish="toggle")
         site.arbiter.on_claim("anna", other, site.now_ns)
     assert site.arbiter.on_claim("ben", claim, site.now_ns) == []
-
-
-def test_without_an_arbiter_people_keep_hovering_and_are_told() -> None:
-    site = a_site(("anna",))
-    site.end_arbiter()
-    dwell(site, anna=3.0)
-    assert site.hovers["anna"].object_id == "a"
-    assert site.claims == []
-    assert site.cues["anna"] == 1
 
 
 def test_a_claim_that_is_never_decided_ends_with_a_cue() -> None:

@@ -8,14 +8,13 @@ from pydantic import ValidationError
 
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import SetMethod
-from pointit.schemas.topics import HEALTH, HOVER, SELECTION, SET_METHOD
+from pointit.schemas.topics import SET_METHOD
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.methods.method import apply_method
-from pointit.services.selector.service import Selector
 from tests.support import strangers
-from tests.support.bench import ManualClock, memory_bench, until
+from tests.support.bench import until
 from tests.unit.selector.room import Room, package
-from tests.unit.selector.test_selector_service import stay
+from tests.unit.selector.served import served
 
 MODULE = """
 from pointit.plugins import NS_PER_S, MethodConfig, SelectionProgress, SelectionMethod
@@ -87,20 +86,14 @@ def test_method_that_fails_for_one_person_is_reported_and_costs_the_others_nothi
 
 
 async def test_service_offers_the_methods_of_packages_and_names_one_that_fails() -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        selections, health = bench.collect(SELECTION), bench.collect(HEALTH, "selector")
-        bench.collect(HOVER, "anna")
-        bench.start(Selector)
-        await bench.settle()
-        reply = await bench.bus.call(SET_METHOD, SetMethod(name="patient", dwell_s=0.4))
+    async with served() as site:
+        reply = await site.bus.call(SET_METHOD, SetMethod(name="patient", dwell_s=0.4))
         assert (reply.name, reply.method, reply.dwell_s) == ("patient", "hold", 0.4)
         assert reply.installed == ("fraction", "gauge", "hold", "lost", "patient")
-        await stay(bench, clock, "anna", 1.0, "a", "b")
-        assert [one.id for one in selections[-1].objects] == ["a"]
+        await site.stay("anna", 1.0, "a", "b")
+        assert site.owners == [("a", "anna")]
         with pytest.raises(RefusedError, match="'lost' of strangers-parts cannot be imported"):
-            await bench.bus.call(SET_METHOD, SetMethod(name="lost"))
-        await bench.bus.call(SET_METHOD, SetMethod(name="patient", dwell_s=3.0))
-        await stay(bench, clock, "anna", 9.0, "a", "b")
-        sentence = "selection method 'patient' of strangers-parts failed"
-        await until(lambda: any(sentence in line for line in health[-1].warnings))
+            await site.bus.call(SET_METHOD, SetMethod(name="lost"))
+        await site.bus.call(SET_METHOD, SetMethod(name="patient", dwell_s=3.0))
+        await site.stay("anna", 9.0, "a", "b")
+        await until(lambda: site.warns("selection method 'patient' of strangers-parts failed"))

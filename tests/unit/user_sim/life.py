@@ -42,6 +42,7 @@ ROOM = Environment(
     strips=(Strip(id="0", line_m=((4.85, -1.425, 0.9), (4.85, 3.575, 0.9)), pixels=150, direction=-1),),
 )
 Cue = Literal["started", "stopped", "target", "localized", "refused", "selected", "deselected"]
+State = Literal["idle", "localizing", "pointing"]
 PRECISE = UserSimConfig(
     arm=ArmConfig(hold_yaw_sd_deg=0.0, hold_pitch_sd_deg=0.0, tremor_rms_deg=0.0, reach_spread=0.0),
     aim=AimConfig(skill=1.0, correction_spread=0.0, content_deg=0.0),
@@ -74,15 +75,10 @@ class Life:
         feedback = Feedback(stamp_ns=self.now_ns, cue=cue, text=text, target_id=target, waits=waits)
         self.person.see(self.now_ns, feedback)
 
-    def state(self, state: Literal["idle", "localizing", "pointing"]) -> None:
+    def state(self, state: State) -> None:
         """Tell what the supervisor tells when it enters `state`."""
-        match state:
-            case "pointing":
-                self.cue("started")
-            case "localizing":
-                self.cue("started", "Wait for the target to point at.")
-            case "idle":
-                self.cue("stopped")
+        text = "Wait for the target to point at." if state == "localizing" else ""
+        self.cue("stopped" if state == "idle" else "started", text)
 
     def objects(self, *things: TrackedObject) -> None:
         tracked = TrackedObjects(stamp_ns=self.now_ns, objects=things)
@@ -177,3 +173,12 @@ def thing(name: str, kind: str, along_m: float, speed_mps: float = 0.0) -> Track
         surface_position_m=along_m,
         surface_speed_mps=speed_mps,
     )
+
+
+def living(state: State, *things: TrackedObject, **changes: object) -> Life:
+    """Return a person in `state` before `things`, who errs only as `changes` say."""
+    life = Life(PRECISE.model_copy(update=changes))
+    if things:
+        life.before_step = lambda: life.objects(*things)
+    life.state(state)
+    return life

@@ -15,7 +15,7 @@ from pointit.services.user_sim.body.standing_position import StandingPosition
 from pointit.services.user_sim.body.wristband import Wristband
 from pointit.services.user_sim.config import ArmConfig, WristbandConfig
 from pointit.sim.aim import Aim
-from tests.unit.user_sim.life import PRECISE, ROOM, Life
+from tests.unit.user_sim.life import PRECISE, ROOM, living
 
 STILL = ArmConfig(hold_yaw_sd_deg=0.0, hold_pitch_sd_deg=0.0, tremor_rms_deg=0.0, reach_spread=0.0)
 
@@ -254,8 +254,7 @@ def test_no_step_is_a_jump() -> None:
 
 
 def test_the_person_points_from_where_they_stand() -> None:
-    life = Life(PRECISE.model_copy(update={"stance_shift_sd_m": 0.3, "stance_shift_every_s": 2.0}))
-    life.state("localizing")
+    life = living("localizing", stance_shift_sd_m=0.3, stance_shift_every_s=2.0)
     life.cue("target", target="led_2")
     life.run(3.0)
     errors = [life.error_rad(life.run(0.5), ROOM.lamps[1].position_m) for _ in range(40)]

@@ -1,5 +1,7 @@
 """Perception of rendered frames: the own cursor anywhere, and states of things."""
 
+from typing import Any
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -67,14 +69,15 @@ class Bench:
         self.people[user] = profile
         self.lights.content.set_profile(user, profile)
 
-    def point(self, user: str, kind: Kind, line: str, along_m: float) -> None:
+    def point(self, user: str, kind: Kind, line: str, along_m: float, **more: float) -> None:
         lines = {("strip", strip.id): strip.line_m for strip in self.room.strips}
         lines |= {("belt", belt.id): belt.line_m for belt in self.room.belts}
         point = Polyline(lines[kind, line]).point_at(along_m)
         cursor = Cursor(stamp_ns=0, surface=kind, surface_id=line, point_m=point, position_m=along_m)
-        self.lights.on_cursor(user, cursor, 0)
+        self.lights.on_cursor(user, cursor.model_copy(update=more), 0)
 
     def put(self, name: str, kind: str, surface: Kind, line: str, along_m: float) -> None:
+<<<<<<< HEAD
         self.things.append(
             TrackedObject(
                 id=name,
@@ -87,6 +90,12 @@ class Bench:
             )
         )
         self.lights.content.set_objects("t", TrackedObjects(stamp_ns=0, objects=tuple(self.things)), 0)
+=======
+        lying = {"surface": surface, "surface_id": line, "surface_position_m": along_m}
+        fields = {"id": name, "kind": kind, "position_m": (0.0, 0.0, 0.0), "length_m": 0.3, **lying}
+        self.things.append(TrackedObject.model_validate(fields))
+        self.lights.on_objects("t", TrackedObjects(stamp_ns=0, objects=tuple(self.things)), 0)
+>>>>>>> m4
 
     def choose(self, **owners: str) -> None:
         objects = tuple(SelectedObject(id=name, user=user, since_ns=0) for name, user in owners.items())
@@ -96,6 +105,11 @@ class Bench:
         frame = self.lights.frame(0)
         assert frame is not None
         self.eyes.open(frame)
+
+    def find(self, kind: Kind = "strip") -> SeenCursor:
+        seen = self.look(kind)
+        assert seen is not None
+        return seen
 
     def look_long(self) -> SeenCursor:
         """Look until the eyes have adapted to dimmed strips."""
@@ -107,12 +121,9 @@ class Bench:
     def look(self, kind: Kind = "strip") -> SeenCursor | None:
         self.open()
         spans: list[Span] = [
-            (
-                (kind, thing.surface_id),
-                thing.surface_position_m - thing.length_m / 2,
-                thing.surface_position_m + thing.length_m / 2,
-            )
+            ((kind, thing.surface_id), at_m - thing.length_m / 2, at_m + thing.length_m / 2)
             for thing in self.things
+            for at_m in (thing.surface_position_m,)
         ]
         return self.eyes.cursor(kind, None, spans)
 
@@ -168,8 +179,7 @@ def test_a_cursor_among_others_is_one_place(others: int) -> None:
         bench.know(f"other {index}", profile(colors[index], cursor_width_m=0.2))
         bench.point(f"other {index}", "strip", "0", 2.02)
     bench.point("anna", "strip", "0", 2.0)
-    seen = bench.look()
-    assert seen is not None
+    seen = bench.find()
     assert seen.position_m == pytest.approx(2.0, abs=2 * PITCH_M)
 
 
@@ -182,14 +192,13 @@ def test_a_white_cursor_on_a_thing_with_white_ends(*, off_m: float, is_selected:
     bench.choose(**({"a": "anna", "b": "anna"} if is_selected else {"b": "anna"}))
     bench.lights.content.set_hover("anna", Hover(stamp_ns=0, object_id="a", progress=0.3), 0)
     bench.point("anna", "strip", "0", 2.0 + off_m)
-    seen = bench.look()
-    assert seen is not None
+    seen = bench.find()
     assert seen.line_id == "0"
     assert seen.position_m == pytest.approx(2.0 + off_m, abs=1.6 * PITCH_M)
 
 
 @pytest.mark.parametrize("width", [{}, *({"cursor_width_m": width_m} for width_m in (0.06, 0.08, 0.1))])
-def test_ends_of_own_things_far_from_the_hand_are_no_cursor(width: dict[str, float]) -> None:
+def test_ends_of_own_things_far_from_the_hand_are_no_cursor(width: dict[str, Any]) -> None:
     bench = Bench(STRIPS, profile(**width))
     bench.put("a", "red", "strip", "0", 2.0)
     bench.choose(a="anna")
@@ -216,16 +225,7 @@ def test_a_cursor_in_a_colormaps_colours() -> None:
     own = profile(GREEN, cursor_colormap="viridis")
     bench = Bench(STRIPS, own)
     for miss_rad in (0.0, 0.05, 0.1, 0.17):
-        cursor = Cursor(
-            stamp_ns=0,
-            surface="strip",
-            surface_id="1",
-            point_m=(2.83, 3.595, 0.9),
-            position_m=2.0,
-            miss_rad=miss_rad,
-            range_m=2.0,
-        )
-        bench.lights.on_cursor("anna", cursor, 0)
+        bench.point("anna", "strip", "1", 2.0, miss_rad=miss_rad, range_m=2.0)
         seen = bench.look_long()
         assert seen.position_m == pytest.approx(2.0, abs=PITCH_M)
 
@@ -234,21 +234,17 @@ def test_a_cursor_in_a_colormaps_colours() -> None:
 def test_beside_a_belt_it_is_on_the_belt(along_m: float) -> None:
     bench = Bench(BELTS, profile())
     bench.point("anna", "belt", "b", along_m)
-    seen = bench.look("belt")
-    assert seen is not None
+    seen = bench.find("belt")
     assert (seen.kind, seen.line_id) == ("belt", "b")
     assert seen.position_m == pytest.approx(along_m, abs=PITCH_M)
     assert seen.point_m == pytest.approx((seen.position_m, 0.0, 1.0))
-    on_strip = bench.look("strip")
-    assert on_strip is not None
-    assert on_strip.line_id in ("left", "right")
+    assert bench.find("strip").line_id in ("left", "right")
 
 
 def test_a_strip_beside_no_belt_is_a_strip_to_everybody_and_where_no_strip_is_nothing_is_seen() -> None:
     bench = Bench(BELTS, profile())
     bench.point("anna", "strip", "far", 1.0)
-    seen = bench.look("belt")
-    assert seen is not None
+    seen = bench.find("belt")
     assert (seen.kind, seen.line_id) == ("strip", "far")
     bench = Bench(BELTS, profile())
     bench.point("anna", "belt", "b", 4.6)
@@ -274,16 +270,9 @@ def test_how_things_look_tells_what_they_are(
     bench.point("ben", surface, line, 3.0)
     assert not bench.looks("free").marked
     mine, theirs, held = (bench.looks(name) for name in ("mine", "theirs", "held"))
-    assert mine.marked
-    assert mine.full
-    assert mine.own
-    assert not mine.foreign
-    assert theirs.full
-    assert theirs.foreign
-    assert not theirs.own
-    assert held.marked
-    assert held.foreign
-    assert not held.full
+    assert (mine.marked, mine.full, mine.own, mine.foreign) == (True, True, True, False)
+    assert (theirs.full, theirs.foreign, theirs.own) == (True, True, False)
+    assert (held.marked, held.foreign, held.full) == (True, True, False)
 
 
 def test_what_somebody_is_about_to_have_is_marked() -> None:

@@ -31,7 +31,7 @@ from pointit.services.user_sim.sight.pixels import Kind
 from pointit.services.user_sim.sight.sight import Sight
 from pointit.sim.aim import Stance
 from tests.support.bench import ManualClock, memory_bench, until
-from tests.unit.user_sim.life import PRECISE, ROOM, Life, thing
+from tests.unit.user_sim.life import PRECISE, ROOM, Life, living, thing
 
 
 def test_the_button_is_pressed_after_thinking_and_again_after_a_pause() -> None:
@@ -53,14 +53,12 @@ def test_the_button_is_pressed_after_thinking_and_again_after_a_pause() -> None:
 
 
 def test_an_idle_arm_rests_towards_the_floor() -> None:
-    life = Life(PRECISE)
-    life.state("idle")
+    life = living("idle")
     assert vector.elevation(life.ray(life.run(2.0))) < math.radians(-60.0)
 
 
 def test_the_lit_lamp_is_pointed_at_after_the_reaction_time() -> None:
-    life = Life(PRECISE)
-    life.state("localizing")
+    life = living("localizing")
     resting = life.ray(life.run(1.0))
     life.person.see(life.now_ns, LampColor(stamp_ns=0, color=(255, 255, 255)), "led_1")
     assert vector.angle_between(life.ray(life.run(0.34)), resting) < 1e-9
@@ -73,16 +71,14 @@ def test_the_lit_lamp_is_pointed_at_after_the_reaction_time() -> None:
 
 
 def test_the_lamp_that_the_cue_names_comes_before_any_that_is_lit() -> None:
-    life = Life(PRECISE)
-    life.state("localizing")
+    life = living("localizing")
     life.person.see(life.now_ns, LampColor(stamp_ns=0, color=(255, 255, 255)), "led_1")
     life.cue("target", target="led_2")
     assert life.error_rad(life.run(3.0), ROOM.lamps[1].position_m) < 1e-6
 
 
 def test_who_is_not_yet_in_turn_lets_the_arm_hang_though_a_lamp_is_lit() -> None:
-    life = Life(PRECISE)
-    life.state("localizing")
+    life = living("localizing")
     life.person.see(life.now_ns, LampColor(stamp_ns=0, color=(255, 255, 255)), "led_1")
     life.cue("target", text="Wait: ben is pointing at the lamps, you are next.")
     assert vector.elevation(life.ray(life.run(3.0))) < math.radians(-60.0)
@@ -100,8 +96,7 @@ def test_without_a_cursor_people_err_as_measured() -> None:
 
 
 def test_a_moving_object_is_followed_where_it_is_not_where_it_was_seen() -> None:
-    life = Life(PRECISE)
-    life.state("pointing")
+    life = living("pointing")
 
     def move() -> None:
         life.objects(thing("a", "red", 0.5 + 0.5 * life.now_ns / NS_PER_S, 0.5))
@@ -155,9 +150,7 @@ def test_along_the_strip_end_to_end() -> None:
 
 
 def test_a_lost_cursor_is_searched_for() -> None:
-    life = Life(PRECISE)
-    life.state("pointing")
-    life.before_step = lambda: life.objects(thing("a", "red", 2.0))
+    life = living("pointing", thing("a", "red", 2.0))
     life.light(off_rad=math.radians(180.0))
     elevations = [vector.elevation(life.ray(life.run(0.1))) for _ in range(40)][15:]
     assert math.degrees(max(elevations) - min(elevations)) > 8.0

@@ -23,14 +23,13 @@ from pointit.services.led_driver.light_state import LightState
 from pointit.services.user_sim.config import MindConfig, UserSimConfig
 from pointit.services.user_sim.decision.decision_times import DecisionTimes
 from pointit.services.user_sim.sight.sight import SeenObject, Sight
-from tests.unit.user_sim.life import PRECISE, Life, thing
+from tests.unit.user_sim.life import PRECISE, Life, living, thing
 
 GREEN, PINK = (0, 158, 115), (204, 121, 167)
 
 
-def at_work(*, lit: bool = False) -> Life:
-    life = Life(PRECISE)
-    life.state("pointing")
+def at_work(*things: TrackedObject, lit: bool = False) -> Life:
+    life = living("pointing", *things)
     if lit:
         life.light(profile=UserProfile(stamp_ns=0, cursor_color=GREEN))
     return life
@@ -49,8 +48,7 @@ def select(life: Life, **owners: str) -> None:
 
 
 def test_the_red_object_that_leaves_first_is_chosen_but_not_one_beyond_reach() -> None:
-    life = at_work()
-    life.before_step = lambda: life.objects(
+    life = at_work(
         thing("gone", "red", 4.9, 0.25),
         thing("second", "red", 1.5, 0.25),
         thing("first", "red", 2.5, 0.25),
@@ -69,10 +67,7 @@ def decided(name: str, along_m: float, at_s: float) -> TrackedObject:
 
 
 def test_what_cannot_be_had_any_more_is_not_tried() -> None:
-    life = at_work()
-    life.before_step = lambda: life.objects(
-        decided("gone", 2.5, 0.0), decided("soon", 2.0, 1.5), decided("later", 1.5, 60.0)
-    )
+    life = at_work(decided("gone", 2.5, 0.0), decided("soon", 2.0, 1.5), decided("later", 1.5, 60.0))
     assert choice(life) == "object later"
 
 
@@ -94,8 +89,7 @@ def test_an_object_that_is_still_coming_in_is_waited_for(along_m: float, speed_m
 
 
 def test_what_is_selected_already_is_seen_and_skipped() -> None:
-    life = at_work(lit=True)
-    life.before_step = lambda: life.objects(thing("r", "red", 1.0), thing("s", "red", 4.0))
+    life = at_work(thing("r", "red", 1.0), thing("s", "red", 4.0), lit=True)
     first, other = {"object r": ("r", "s"), "object s": ("s", "r")}[choice(life)]
     select(life, **{other: "ben"})
     life.run(1.0)
@@ -107,9 +101,12 @@ def test_what_is_selected_already_is_seen_and_skipped() -> None:
 
 
 def test_what_was_selected_by_accident_is_taken_back_what_others_selected_is_left() -> None:
-    life = at_work(lit=True)
-    life.before_step = lambda: life.objects(
-        thing("b", "blue", 2.0), thing("o", "blue", 3.0), thing("r", "red", 1.0), thing("t", "red", 4.5)
+    life = at_work(
+        thing("b", "blue", 2.0),
+        thing("o", "blue", 3.0),
+        thing("r", "red", 1.0),
+        thing("t", "red", 4.5),
+        lit=True,
     )
     life.run(2.0)
     select(life, r="ben", t="ben", b="anna", o="ben")
@@ -120,8 +117,7 @@ def test_what_was_selected_by_accident_is_taken_back_what_others_selected_is_lef
 
 
 def test_what_somebody_else_is_about_to_have_is_left_to_them_until_they_let_go() -> None:
-    life = at_work(lit=True)
-    life.before_step = lambda: life.objects(thing("r", "red", 1.0))
+    life = at_work(thing("r", "red", 1.0), lit=True)
     assert choice(life) == "object r"
     assert life.lights is not None
     lights: LightState = life.lights
@@ -138,8 +134,7 @@ def test_what_somebody_else_is_about_to_have_is_left_to_them_until_they_let_go()
 
 
 def test_an_object_that_cannot_be_selected_is_given_up_for_a_while() -> None:
-    life = at_work()
-    life.before_step = lambda: life.objects(thing("a", "red", 2.0), thing("b", "red", 1.0))
+    life = at_work(thing("a", "red", 2.0), thing("b", "red", 1.0))
     first = choice(life)
     second = choice(life, PRECISE.give_up_s + 0.2)
     assert {first, second} == {"object a", "object b"}
@@ -147,8 +142,7 @@ def test_an_object_that_cannot_be_selected_is_given_up_for_a_while() -> None:
 
 
 def test_what_is_refused_is_somebody_elses() -> None:
-    life = at_work()
-    life.before_step = lambda: life.objects(thing("a", "red", 2.0))
+    life = at_work(thing("a", "red", 2.0))
     assert choice(life) == "object a"
     life.cue("refused", text="red is selected by ben")
     assert choice(life) == "rest"
@@ -168,17 +162,8 @@ HALL = Environment(
 
 
 def on_belt(belt: str, along_m: float) -> SeenObject:
-    package = TrackedObject(
-        id="p",
-        kind="red",
-        position_m=(0.0, 0.0, 1.0),
-        length_m=0.4,
-        surface="belt",
-        surface_id=belt,
-        surface_position_m=along_m,
-        surface_speed_mps=0.5,
-    )
-    return SeenObject(package, 0)
+    moved = {"surface": "belt", "surface_id": belt, "surface_position_m": along_m, "surface_speed_mps": 0.5}
+    return SeenObject(thing("p", "red", along_m).model_copy(update=moved), 0)
 
 
 @pytest.mark.parametrize(
@@ -239,8 +224,7 @@ def test_people_whose_skill_is_not_given_differ() -> None:
 
 
 def test_lamp_by_lamp_round_and_round() -> None:
-    life = Life(PRECISE.model_copy(update={"behaviour": "lamps"}))
-    life.state("pointing")
+    life = living("pointing", behaviour="lamps")
     keys = [choice(life, 0.5) for _ in range(40)]
     changes = [after for before, after in pairwise(keys) if after not in (before, "rest")]
     assert len(changes) > 4
@@ -249,9 +233,7 @@ def test_lamp_by_lamp_round_and_round() -> None:
 
 
 def test_at_random_means_at_things_lamps_and_strips() -> None:
-    life = Life(PRECISE.model_copy(update={"behaviour": "random", "lamp_hold_s": 0.2}))
-    life.state("pointing")
-    life.before_step = lambda: life.objects(thing("a", "red", 2.0))
+    life = living("pointing", thing("a", "red", 2.0), behaviour="random", lamp_hold_s=0.2)
     kinds = {choice(life, 0.5).split()[0] for _ in range(120)}
     assert {"object", "lamp", "strip"} <= kinds
 

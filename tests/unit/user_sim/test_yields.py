@@ -15,15 +15,13 @@ from pointit.services.user_sim.decision.belief import Belief
 from pointit.services.user_sim.decision.press import ButtonModel
 from pointit.services.user_sim.service import UserSim
 from tests.support.bench import memory_bench, until
-from tests.unit.user_sim.life import PRECISE, ROOM, Life, thing
+from tests.unit.user_sim.life import PRECISE, ROOM, Life, State, thing
 
 RED, SECOND = thing("r", "red", 1.0), thing("s", "red", 4.0)
-State = Literal["idle", "localizing", "pointing"]
 STATES: tuple[State, ...] = ("idle", "localizing", "pointing")
 
 
 def along_the_strip(life: Life, now_ns: int) -> Vec3:
-    """Return the direction to a place that runs up and down the strip, as with a mouse."""
     along_m = 2.5 + 2.4 * math.sin(now_ns / NS_PER_S)
     return vector.normalized(vector.subtract((4.85, -1.425 + along_m, 0.9), life.eyes_m))
 

@@ -10,6 +10,8 @@ from pointit.services.conveyor_sim.network.routes import Routes
 from pointit.services.conveyor_sim.traffic.last_way import LastWay
 from pointit.services.conveyor_sim.traffic.package import Package
 
+Event = Literal["refused", "left", "dispatched"]
+
 DEPARTURES = 50
 """Largest number of stored departures, which suffices for subscribers that were away."""
 
@@ -62,16 +64,9 @@ class Dispatch:
             elif package.refused != wanted:
                 package.refused = wanted
                 self.refused += 1
-                events.append(
-                    _event(
-                        "refused",
-                        package,
-                        now_ns,
-                        user=user or package.user,
-                        reason=f"{package.kind} {package.id} is past its last way to bay {wanted} "
-                        f"and goes on to bay {package.bay}",
-                    )
-                )
+                past = f"{package.kind} {package.id} is past its last way to bay {wanted}"
+                reason = f"{past} and goes on to bay {package.bay}"
+                events.append(_event("refused", package, now_ns, user=user or package.user, reason=reason))
         return events
 
     def until_ns(self, package: Package, now_ns: int) -> int | None:
@@ -92,15 +87,14 @@ class Dispatch:
     def leave(self, package: Package, bay: str, now_ns: int) -> SelectionEvent:
         """Count a package that left at `bay` (`""`: at the end of a belt) and return its event."""
         self.left += 1
-        if package.user or package.refused:
-            self.departures.append(
-                Departure(object_id=package.id, stamp_ns=now_ns, bay=bay, user=package.user)
-            )
+        user = package.user
+        if user or package.refused:
+            self.departures.append(Departure(object_id=package.id, stamp_ns=now_ns, bay=bay, user=user))
         if not bay:
-            return _event("left", package, now_ns, user=package.user)
+            return _event("left", package, now_ns, user=user)
         count, selected = self.counts.get((bay, package.kind), (0, 0))
-        self.counts[bay, package.kind] = (count + 1, selected + bool(package.user))
-        return _event("dispatched", package, now_ns, user=package.user, bay=bay)
+        self.counts[bay, package.kind] = (count + 1, selected + bool(user))
+        return _event("dispatched", package, now_ns, user=user, bay=bay)
 
     def bays(self) -> tuple[BayCount, ...]:
         """Return the counts as message parts."""
@@ -111,13 +105,7 @@ class Dispatch:
 
 
 def _event(
-    event: Literal["refused", "left", "dispatched"],
-    package: Package,
-    now_ns: int,
-    *,
-    user: str = "",
-    reason: str = "",
-    bay: str = "",
+    event: Event, package: Package, now_ns: int, *, user: str, reason: str = "", bay: str = ""
 ) -> SelectionEvent:
     return SelectionEvent(
         stamp_ns=now_ns,

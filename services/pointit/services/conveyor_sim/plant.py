@@ -68,7 +68,10 @@ class Plant:
         """Counter of changes that must be saved: feeds, departures, speeds, bays."""
         self._speed_mps = config.speed_mps
         self._own_speeds: dict[str, float] = {}
-        self._now_ns = start_ns
+        self.now_ns = start_ns
+        """Time of the last step."""
+        self.speeds: Mapping[str, float] = self._traffic.speeds
+        """Speed of each belt, m/s."""
         self._pending: list[SelectionEvent] = []
         schedule = self._feeders.schedule
         self._run_at(schedule.step.speed_mps if schedule else config.speed_mps)
@@ -89,20 +92,10 @@ class Plant:
         """Return the number of packages on the conveyor."""
         return self._traffic.size
 
-    @property
-    def now_ns(self) -> int:
-        """Return the time of the last step."""
-        return self._now_ns
-
-    @property
-    def speeds(self) -> Mapping[str, float]:
-        """Return the speed of each belt."""
-        return self._traffic.speeds
-
     def step(self, now_ns: int) -> list[SelectionEvent]:
         """Advance to `now_ns` and return the events. An earlier time than before changes nothing."""
-        rest_s = max(0, now_ns - self._now_ns) / NS_PER_S
-        self._now_ns = now_ns
+        rest_s = max(0, now_ns - self.now_ns) / NS_PER_S
+        self.now_ns = now_ns
         events, self._pending = self._pending, []
         was_foreseen = False
         while True:
@@ -125,7 +118,7 @@ class Plant:
 
     def skip_time(self, now_ns: int) -> None:
         """Set the time to `now_ns` without motion."""
-        self._now_ns = now_ns
+        self.now_ns = now_ns
 
     def tracked(self, now_ns: int) -> TrackedObjects:
         """Return every package at its exact position, belt by belt, stamped `now_ns`."""
@@ -257,7 +250,7 @@ class Plant:
 
     def _pass(self, elapsed_s: float) -> list[SelectionEvent]:
         events = [
-            self._dispatch.leave(package, self._bay_at(package), self._now_ns)
+            self._dispatch.leave(package, self._bay_at(package), self.now_ns)
             for package in self._traffic.move(elapsed_s)
         ]
         for feeder in self._feeders.active:

@@ -44,7 +44,6 @@ class CurrentOrder:
     """Numbers commands, and knows which of them is not over yet."""
 
     def __init__(self) -> None:
-        """Start without an order."""
         self._count = 0
         self._given: _Given | None = None
 
@@ -120,7 +119,6 @@ class StandstillMonitor:
     """Notices by a robot's places that it moves though it was told to stop, or has done its last order."""
 
     def __init__(self, config: RobotConfig, robot: str) -> None:
-        """Start without a report."""
         self._braking_s = config.max_speed_mps / config.max_acceleration_mps2
         self._text = f"{robot} moves although it has no order or was told to stop: press its emergency stop"
         self.problem = ""
@@ -157,7 +155,6 @@ class ProgressMonitor:
     """Notices that a robot that is to take off, to land or to follow a path does not move."""
 
     def __init__(self) -> None:
-        """Start without an order."""
         self._order = 0
         self._place: tuple[int, Vec3] = (0, (0.0, 0.0, 0.0))
         """Since when it is about where."""

@@ -32,7 +32,6 @@ class FigureFlight:
     """Begins a figure when a localization names the robot, repeats it, and ends it with the localization."""
 
     def __init__(self, config: RobotConfig, name: str) -> None:
-        """Start without anybody to be localized."""
         self._config = config
         self._name = name
         self.followers: dict[str, int] = {}

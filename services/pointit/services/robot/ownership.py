@@ -9,7 +9,6 @@ class Ownership:
     """The one person who steers a robot, and those who want to."""
 
     def __init__(self, robot: str) -> None:
-        """Start without anybody."""
         self.user = ""
         """Person who steers it, or `""`."""
         self._robot = robot

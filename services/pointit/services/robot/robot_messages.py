@@ -26,7 +26,6 @@ class RobotMessages:
     """Makes the messages about a robot from its pilot, each when it is due."""
 
     def __init__(self, config: RobotConfig, name: str, pilot: RobotPilot) -> None:
-        """Start with nothing told."""
         self._config = config
         self._name = name
         self._pilot = pilot

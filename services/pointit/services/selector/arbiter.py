@@ -92,11 +92,6 @@ class Arbiter:
         for user, stamp_ns in decided:
             self._is_decided(user, stamp_ns)
 
-    def set_present(self, user: str, present: bool, now_ns: int) -> list[Output]:  # noqa: FBT001 - as announced
-        """Record the presence of `user`."""
-        self._ownership.presences.set_present(user, now_ns, present=present)
-        return []
-
     @property
     def has_selected(self) -> bool:
         """Return True if anything is selected."""

@@ -206,3 +206,28 @@ class HoverEngine:
             snapped_position_m=None if snapped is None else snapped[1],
             miss_rad=None if view is None else view.miss_rad(object_id, cursor),
         )
+
+
+class PointingEngine:
+    """What the selector of a site and its shards share: people who point, and what they point at."""
+
+    _hovers: HoverEngine
+    _ownership: Ownership
+
+    def fault(self) -> str:
+        """Return the reason why the method fails for a person, or `""`."""
+        return self._hovers.fault()
+
+    def stale_trackers(self, now_ns: int) -> list[str]:
+        """Return the trackers silent for so long that their objects cannot be hovered."""
+        return self._ownership.positions.silent(now_ns)
+
+    def on_map(self, environment: Environment) -> list[Output]:
+        """Set the lines on which objects move."""
+        self._hovers.on_map(environment)
+        return []
+
+    def set_present(self, user: str, present: bool, now_ns: int) -> list[Output]:  # noqa: FBT001 - as announced
+        """Record the presence of `user`."""
+        self._ownership.presences.set_present(user, now_ns, present=present)
+        return []

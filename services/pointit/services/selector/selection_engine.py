@@ -2,16 +2,16 @@
 
 from collections.abc import Callable
 
-from pointit.schemas import ButtonEvent, Claim, Cursor, Environment, TrackedObjects
+from pointit.schemas import ButtonEvent, Claim, Cursor, TrackedObjects
 from pointit.services.selector.arbiter import Arbiter
 from pointit.services.selector.config import SelectorConfig
-from pointit.services.selector.hover_engine import HoverEngine
+from pointit.services.selector.hover_engine import HoverEngine, PointingEngine
 from pointit.services.selector.methods.method import MakeMethod, make_method
 from pointit.services.selector.outputs import Output, Record
 from pointit.services.selector.ownership.ownership import Ownership
 
 
-class SelectionEngine(Arbiter):
+class SelectionEngine(PointingEngine, Arbiter):
     """The selection of a site: an arbiter, and the pointing of the people that no shard serves."""
 
     def __init__(
@@ -31,19 +31,6 @@ class SelectionEngine(Arbiter):
         """Note that a shard points for `user` from now on."""
         self._hovers.forget(user)
         self.tell_method()
-
-    def fault(self) -> str:
-        """Return the reason why the method fails for a person, or `""`."""
-        return self._hovers.fault()
-
-    def stale_trackers(self, now_ns: int) -> list[str]:
-        """Return the trackers silent for so long that their objects cannot be hovered."""
-        return self._positions.silent(now_ns)
-
-    def on_map(self, environment: Environment) -> list[Output]:
-        """Set the lines on which objects move."""
-        self._hovers.on_map(environment)
-        return []
 
     def on_objects(self, tracker: str, objects: TrackedObjects) -> list[Output]:
         """Update the objects of `tracker`. What it has not listed for a while has left."""

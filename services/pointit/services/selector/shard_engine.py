@@ -3,19 +3,10 @@
 from collections import Counter
 from dataclasses import dataclass
 
-from pointit.schemas import (
-    NS_PER_S,
-    ButtonEvent,
-    Claim,
-    Cursor,
-    Environment,
-    Selection,
-    SelectionEvent,
-    TrackedObjects,
-)
+from pointit.schemas import NS_PER_S, ButtonEvent, Claim, Cursor, Selection, SelectionEvent, TrackedObjects
 from pointit.services.selector.arbiter import MAX_CLAIM_AGE_NS
 from pointit.services.selector.config import SelectorConfig
-from pointit.services.selector.hover_engine import HoverEngine
+from pointit.services.selector.hover_engine import HoverEngine, PointingEngine
 from pointit.services.selector.methods.method import MakeMethod, make_method
 from pointit.services.selector.outputs import DEEDS, Output
 from pointit.services.selector.ownership.ownership import Ownership
@@ -41,7 +32,7 @@ class _Open:
     """True if its event is all that is missing."""
 
 
-class ShardEngine:
+class ShardEngine(PointingEngine):
     """The pointing of some people of a site. The site's selector decides on what they claim."""
 
     def __init__(self, config: SelectorConfig, make: MakeMethod = make_method) -> None:
@@ -63,19 +54,6 @@ class ShardEngine:
     def use(self, config: SelectorConfig) -> None:
         """Change the method or its times."""
         self._hovers.use(config)
-
-    def fault(self) -> str:
-        """Return the reason why the method fails for a person, or `""`."""
-        return self._hovers.fault()
-
-    def stale_trackers(self, now_ns: int) -> list[str]:
-        """Return the trackers silent for so long that their objects cannot be hovered."""
-        return self._ownership.positions.silent(now_ns)
-
-    def on_map(self, environment: Environment) -> list[Output]:
-        """Set the lines on which objects move."""
-        self._hovers.on_map(environment)
-        return []
 
     def on_objects(self, tracker: str, objects: TrackedObjects) -> list[Output]:
         """Update the objects of `tracker`."""
@@ -102,11 +80,6 @@ class ShardEngine:
                 self._hovers.latch(event.object_id, event.user)
         elif event.cause or event.event in ("selected", "deselected"):  # else it is of the conveyor
             self._hovers.latch(event.object_id)
-        return []
-
-    def set_present(self, user: str, present: bool, now_ns: int) -> list[Output]:  # noqa: FBT001 - as announced
-        """Record the presence of `user`."""
-        self._ownership.presences.set_present(user, now_ns, present=present)
         return []
 
     def on_cursor(self, user: str, cursor: Cursor) -> list[Output]:

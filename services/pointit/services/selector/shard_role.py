@@ -22,7 +22,6 @@ class ShardRole:
     def __init__(
         self, config: SelectorConfig, bus: ServiceBus, clock: Clock, *, make: MakeMethod, put: Put, use: Use
     ) -> None:
-        """Declare the claims of each person."""
         self._bus, self._clock, self._put, self._use = bus, clock, put, use
         self.engine = ShardEngine(config, make)
         self._claims: dict[str, Publisher[Claim]] = {

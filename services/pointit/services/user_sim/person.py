@@ -30,7 +30,6 @@ class Person:
     """One simulated person with their wristband. Step it at the band's rate."""
 
     def __init__(self, config: UserSimConfig, user: str, rng: np.random.Generator) -> None:
-        """Create a person called `user`, with all random numbers from `rng`."""
         hand_rng, eye_rng, band_rng, foot_rng, mind_rng = rng.spawn(5)
         given = config.aim.skill
         self.user = user
@@ -121,11 +120,9 @@ class Person:
         return self._band.sample(now_ns, orientation), press
 
     def _sees_light(self) -> bool:
-        """Return True if light would show the cursor at the current goal."""
         return self._sight.frame_ns is not None and not self._goal.robot
 
     def _wants(self, now_ns: int) -> Goal:
-        """Return the goal that the person would point at now."""
         belief = self._perception.belief
         if belief.state == "asked" and self._config.points_when_asked:
             return asked_goal(now_ns, self._sight, belief)

@@ -56,7 +56,6 @@ class AgvBench:
         self.agv.on_message(self.agv.topic(name), payload, self.now_s)
 
     def run(self, duration_s: float, speed_mps: float = 1.0) -> None:
-        """Let time pass, in which the AGV drives."""
         for _ in range(round(duration_s / STEP_S)):
             self.now_s += STEP_S
             self.clock.advance(STEP_S)

@@ -11,14 +11,12 @@ THEIRS = [{"nodeId": "theirs", "sequenceId": 2, "nodePosition": {"x": 9.0, "y": 
 
 
 def order_of_another(bench: AgvBench) -> None:
-    """Let another master control give the AGV an order."""
     bench.virtual.base = list(THEIRS)
     bench.virtual.extra = {"orderId": "theirs"}
     bench.virtual.has_changed = True
 
 
 def connected() -> AgvBench:
-    """Return a bench whose AGV has reported."""
     bench = AgvBench()
     bench.connect()
     bench.run(0.1)

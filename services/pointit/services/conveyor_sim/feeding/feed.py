@@ -93,22 +93,9 @@ def configured(config: ConveyorSimConfig, entries: Sequence[str], seed: int) -> 
     if config.schedule:
         return []
     if config.feeders:
-        return [
-            Feeder(
-                name,
-                (feeder.belt,),
-                FeedSpec(
-                    sequence=feeder.sequence,
-                    probabilities=feeder.probabilities,
-                    min_interval_s=feeder.min_interval_s,
-                    max_interval_s=feeder.max_interval_s,
-                    length_m=feeder.length_m,
-                    count=feeder.count,
-                ),
-                seed=seed,
-            )
-            for name, feeder in config.feeders.items()
-        ]
+        named = config.feeders.items()
+        supplies = {name: FeedSpec(**feeder.model_dump(exclude={"belt"})) for name, feeder in named}
+        return [Feeder(name, (feeder.belt,), supplies[name], seed=seed) for name, feeder in named]
     feeder = config.feeder
     supply = FeedSpec(
         sequence=feeder.sequence,

@@ -144,7 +144,6 @@ class Infeed:
         self._traffic.put(package, piece, offset_m)
 
     def _entry(self, belt: str) -> tuple[Piece, float]:
-        """Return the place where packages enter `belt`."""
         sections = self._network.sections[belt]
         return (sections[-1], sections[-1].to_m) if self.is_reverse[belt] else (sections[0], 0.0)
 

@@ -135,10 +135,17 @@ def scheduled(config: ConveyorSimConfig, belts: Mapping[str, object], seed: int)
     if not config.schedule:
         return None
     path = Path(config.schedule).expanduser()
-    file = read_schedule(path)
-    return Schedule(
-        [_step(path, name, entry, config, belts=belts, seed=seed) for name, entry in file.steps.items()]
-    )
+    steps: list[Step] = []
+    for name, entry in read_schedule(path).steps.items():
+        feeders: list[Feeder] = []
+        for feeder_name, feeder in entry.feeders.items():
+            where = f"{path}: step {name}, feeder {feeder_name!r}"
+            belt = _belt(where, feeder_name, config, belts)
+            supply = _supply(where, feeder, config)
+            if entry.feed:
+                feeders.append(Feeder(f"{name}/{feeder_name}", (belt,), supply, seed=seed))
+        steps.append(Step(name, entry.speed, entry.duration, tuple(feeders)))
+    return Schedule(steps)
 
 
 def check_schedule(config: ConveyorSimConfig) -> None:
@@ -152,25 +159,6 @@ def check_schedule(config: ConveyorSimConfig) -> None:
         for name, entry in read_schedule(path).steps.items():
             for feeder_name, feeder in entry.feeders.items():
                 _supply(f"{path}: step {name}, feeder {feeder_name!r}", feeder, config)
-
-
-def _step(
-    path: Path,
-    name: str,
-    entry: StepEntry,
-    config: ConveyorSimConfig,
-    *,
-    belts: Mapping[str, object],
-    seed: int,
-) -> Step:
-    feeders: list[Feeder] = []
-    for feeder_name, feeder in entry.feeders.items():
-        where = f"{path}: step {name}, feeder {feeder_name!r}"
-        belt = _belt(where, feeder_name, config, belts)
-        supply = _supply(where, feeder, config)
-        if entry.feed:
-            feeders.append(Feeder(f"{name}/{feeder_name}", (belt,), supply, seed=seed))
-    return Step(name, entry.speed, entry.duration, tuple(feeders))
 
 
 def _belt(where: str, name: str, config: ConveyorSimConfig, belts: Mapping[str, object]) -> str:

@@ -51,7 +51,6 @@ class KeepOut:
     kind: ObstacleKind = "fence"
 
     def __init__(self, fence: Fence) -> None:
-        """Create from a fence of that kind."""
         self.name = f"fence {fence.id}"
         self._shape = Polygon(fence.outline_m)
         self._low_m = -math.inf if fence.low_m is None else fence.low_m
@@ -89,7 +88,6 @@ class KeepIn:
     kind: ObstacleKind = "fence"
 
     def __init__(self, fence: Fence) -> None:
-        """Create from a fence of that kind."""
         self.name = f"fence {fence.id}"
         self._shape = Polygon(fence.outline_m)
         self._low_m = -math.inf if fence.low_m is None else fence.low_m

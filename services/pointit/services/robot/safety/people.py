@@ -20,7 +20,6 @@ class People:
     """Poses, interactions, cursors and presence of everybody."""
 
     def __init__(self, config: RobotConfig, robot: str) -> None:
-        """Start without anybody."""
         self._config = config
         self._robot = robot
         self._level: frozenset[str] = frozenset()

@@ -28,7 +28,6 @@ class Reports:
     """The newest report that can be used, and what is wrong with those after it."""
 
     def __init__(self, config: RobotConfig, robot: str) -> None:
-        """Start without a report."""
         self._config = config
         self._robot = robot
         self._problem = f"{robot} has not reported its place yet: see that it is switched on and connected"

@@ -33,7 +33,6 @@ class Safety:
     """Permission of what one robot is told."""
 
     def __init__(self, config: RobotConfig, robot: str) -> None:
-        """Start without a map, people, other robots and reports."""
         self._config = config
         self._robot = robot
         self._people = People(config, robot)

@@ -31,7 +31,6 @@ class Errand:
     """Makes the commands of the table of actions, as far as safety permits."""
 
     def __init__(self, config: RobotConfig, safety: Safety, owners: Ownership, order: CurrentOrder) -> None:
-        """Start with nothing to do."""
         self._config = config
         self._safety = safety
         self._owners = owners
@@ -161,7 +160,6 @@ class Targets:
     """Converts pointed places: a quadrotor hovers above level ones, a ground robot uses no others."""
 
     def __init__(self, config: RobotConfig) -> None:
-        """Start without a map."""
         self._is_flying_kind = config.kind == "quadrotor"
         self._height_m = config.hover_m if self._is_flying_kind else 0.0
         self._level: frozenset[str] = frozenset()

@@ -198,7 +198,6 @@ class LineTable:
     """
 
     def __init__(self, lines: Mapping[tuple[str, str], Polyline]) -> None:
-        """Create a table of `lines`, by surface and id."""
         self._lines = dict(lines)
         self._numbers = {key: number for number, key in enumerate(lines)}
         starts: list[float] = []

@@ -14,7 +14,6 @@ class Ownership:
     """Owners and reservations: the right of each person to change an object."""
 
     def __init__(self, config: SelectorConfig) -> None:
-        """Create with nothing selected or reserved, no people and no objects."""
         self._may_deselect = config.mode == "toggle"
         self.positions = positions = ObjectPositions(
             margin_m=config.margin_m,

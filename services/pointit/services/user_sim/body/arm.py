@@ -148,7 +148,6 @@ class PosturalNoise:
     """
 
     def __init__(self, config: ArmConfig, rng: np.random.Generator, skill: float = 0.0) -> None:
-        """Create with the usual level of noise."""
         self._rng = rng
         self._spread = config.hold_spread
         steady = 1.0 - STEADIER * skill

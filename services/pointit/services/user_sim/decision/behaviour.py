@@ -50,7 +50,6 @@ class AlongStrips:
     """Moves the cursor along all strips there and back, or along belts if there are no strips."""
 
     def __init__(self, speed_mps: float) -> None:
-        """Move at `speed_mps`."""
         self._speed_mps = speed_mps
         self._start_ns: int | None = None
 
@@ -128,7 +127,6 @@ class Anything:
     """Chooses anything: an object, a lamp, a point on a strip or belt."""
 
     def __init__(self, rng: np.random.Generator) -> None:
-        """Choose by `rng`."""
         self._rng = rng
 
     def __call__(self, before: str, now_ns: int, sight: Sight) -> Goal | None:
@@ -147,7 +145,6 @@ class Sending:
     """Points at a place on the floor, up, and there again, to send a robot. Then at another place."""
 
     def __init__(self, feet_m: Vec3, rng: np.random.Generator) -> None:
-        """Choose places around `feet_m` by `rng`."""
         self._feet_m = feet_m
         self._rng = rng
         self._step = -1

@@ -39,7 +39,6 @@ class Correction:
     """Deliberate offset from the perceived target, so that the cursor is on it."""
 
     def __init__(self, config: AimConfig, stance: Stance, rng: np.random.Generator) -> None:
-        """Create for the position of `stance`."""
         self._stance = stance
         self._rng = rng
         self._gain = config.correction_gain
@@ -181,7 +180,6 @@ class Correction:
         return False
 
     def _share(self) -> float:
-        """Return the random share of an error that is corrected."""
         return self._gain * (1.0 + self._spread * float(self._rng.standard_normal()))
 
     def _recall(self, at_ns: int) -> Pair | None:

@@ -8,7 +8,7 @@ from pointit.services.user_sim.decision.belief import Belief
 from pointit.services.user_sim.decision.correction import Correction
 from pointit.services.user_sim.decision.goal import IN_AIR_M, Goal
 from pointit.services.user_sim.sight.eyes import SeenCursor, Span
-from pointit.services.user_sim.sight.object_beliefs import ObjectBeliefs
+from pointit.services.user_sim.sight.object_beliefs import ObjectBeliefs, Status
 from pointit.services.user_sim.sight.sight import SeenObject, Sight
 
 ROUND = 4
@@ -27,7 +27,6 @@ class Perception:
     """Updates beliefs from what is seen and felt."""
 
     def __init__(self, sight: Sight, correction: Correction, period_s: float) -> None:
-        """Create for `sight`, with looks every `period_s`."""
         self._sight = sight
         self._correction = correction
         self._period_ns = round(period_s * NS_PER_S)
@@ -100,15 +99,9 @@ class Perception:
 
     def _on_selection_cue(self, cue: str, now_ns: int, goal: Goal) -> None:
         """Relate a cue of selecting to the object under the own cursor, or to the goal."""
-        object_id = self._under_cursor(now_ns) or goal.object_id
-        if not object_id:
-            return
-        if cue == "selected":
-            self.things.believe(object_id, "mine", now_ns)
-        elif cue == "deselected":
-            self.things.believe(object_id, "free", now_ns)
-        else:
-            self.things.believe(object_id, "theirs", now_ns)
+        if object_id := self._under_cursor(now_ns) or goal.object_id:
+            told: dict[str, Status] = {"selected": "mine", "deselected": "free", "refused": "theirs"}
+            self.things.believe(object_id, told[cue], now_ns)
 
     def _under_cursor(self, now_ns: int) -> str:
         cursor, at_ns = self.cursor, self._cursor_ns

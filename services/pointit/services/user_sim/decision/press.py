@@ -21,7 +21,6 @@ class ButtonModel:
     """The person's thumb on the button."""
 
     def __init__(self, config: UserSimConfig) -> None:
-        """Create with the times of `config`."""
         self._think_ns = round(config.think_s * NS_PER_S)
         self._pause_ns = round(config.press_pause_s * NS_PER_S)
         self._every_ns = round(config.anchor_every_s * NS_PER_S)

@@ -3,6 +3,7 @@
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Literal
 
 from pointit.geometry.vector import Vec3
@@ -44,7 +45,6 @@ class _RobotUser(ABC):
     """Takes a robot of one kind. Cues are told apart by ear: tick, double chime, buzz, tock."""
 
     def __init__(self, kind: RobotKind, spots_m: Sequence[Vec3], pace: DecisionTimes) -> None:
-        """Start without a robot."""
         self._kind = kind
         self._spots_m = spots_m
         self._pace = pace
@@ -107,14 +107,14 @@ class _RobotUser(ABC):
             self._press("asked", now_ns)
         elif self._stage == "asked" and self._lasted_s(now_ns) > ANSWER_S:
             self._enter("choose", now_ns)
-        return Goal(
-            key=f"robot {self._robot} {self._attempts}",
-            point_m=robot.position_m,
-            velocity_mps=robot.velocity_mps,
-            stamp_ns=robot.stamp_ns,
-            presses=self._presses,
-            gesture=self._gesture,
-        )
+        goal = self._goal(f"robot {self._robot} {self._attempts}", robot.position_m)
+        return replace(goal, velocity_mps=robot.velocity_mps, stamp_ns=robot.stamp_ns)
+
+    def _spot(self) -> Goal:
+        return replace(self._goal(f"spot {self._next} {self._attempts}", self._spot_m), closed_loop=True)
+
+    def _goal(self, key: str, point_m: Vec3) -> Goal:
+        return Goal(key, point_m, presses=self._presses, gesture=self._gesture)
 
     def _on_cue(self, cue: Feedback, now_ns: int) -> None:
         if cue.cue == "refused" and self._needs_lamp(cue.text, now_ns):
@@ -151,7 +151,6 @@ class _RobotUser(ABC):
         return is_needed and not 0 <= now_ns - self._lamp_ns < PATIENCE_S * NS_PER_S
 
     def _aim_again(self, now_ns: int) -> None:
-        """Reach for the robot once more, with another error."""
         self._attempts += 1
         self._enter("aim", now_ns)
 
@@ -177,7 +176,6 @@ class _RobotUser(ABC):
         return (now_ns - self._since_ns) / NS_PER_S
 
     def _usually(self, duration_s: float) -> float:
-        """Return the person's own time for what usually takes `duration_s`."""
         return duration_s * self._pace.quickness
 
     @property
@@ -189,7 +187,6 @@ class QuadrotorUser(_RobotUser):
     """Takes a quadrotor, steers it over a spot, seeing where it hovers, and lands it. Then the next spot."""
 
     def __init__(self, spots_m: Sequence[Vec3], pace: DecisionTimes) -> None:
-        """Fly to `spots_m` in turn."""
         super().__init__("quadrotor", spots_m, pace)
         self._over_since_ns: int | None = None
 
@@ -198,14 +195,7 @@ class QuadrotorUser(_RobotUser):
             self._enter("choose", now_ns)
         elif self._stage == "steer" and self._is_content(robot, now_ns):
             self._press("sent", now_ns)
-        return Goal(
-            key=f"spot {self._next} {self._attempts}",
-            point_m=self._spot_m,
-            closed_loop=True,
-            robot=self._robot,
-            presses=self._presses,
-            gesture=self._gesture,
-        )
+        return replace(self._spot(), robot=self._robot)
 
     def _is_content(self, robot: RobotState | None, now_ns: int) -> bool:
         """Return True if the robot has been over the spot for a moment, or the person has tried for long."""
@@ -234,7 +224,6 @@ class GroundRobotUser(_RobotUser):
     """Takes a ground robot and sends it along spots, seeing the cursor's light. Then along the next ones."""
 
     def __init__(self, spots_m: Sequence[Vec3], pace: DecisionTimes) -> None:
-        """Drive to `spots_m` in turn."""
         super().__init__("ground", spots_m, pace)
         self._set = 0
         """Number of way-points set so far."""
@@ -248,13 +237,7 @@ class GroundRobotUser(_RobotUser):
         elif self._stage == "steer" and self._lasted_s(now_ns) > WAYPOINT_S:
             self._next += 1
             self._since_ns = now_ns
-        return Goal(
-            key=f"spot {self._next} {self._attempts}",
-            point_m=self._spot_m,
-            closed_loop=True,
-            presses=self._presses,
-            gesture=self._gesture,
-        )
+        return self._spot()
 
     def _on_result(self, cue: Feedback, now_ns: int) -> None:
         if self._stage == "steer" and cue.cue == "selected":

@@ -24,7 +24,6 @@ class Selecting:
     """
 
     def __init__(self, config: UserSimConfig, things: ObjectBeliefs, pace: DecisionTimes) -> None:
-        """Create with the beliefs `things`."""
         self._kinds = frozenset(config.target_kinds)
         self._things = things
         self._pace = pace

@@ -84,7 +84,6 @@ class Eyes:
     """Perception of frames of one room by one person."""
 
     def __init__(self) -> None:
-        """Create without a frame."""
         self._pixels = Pixels(Environment(stamp_ns=0, name="nothing"))
         self._frame: StripsFrame | None = None
         self._codes: list[int] | None = None

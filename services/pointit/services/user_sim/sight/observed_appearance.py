@@ -36,7 +36,6 @@ class OwnColor:
     """The person's own colour, or colours."""
 
     def __init__(self, profile: UserProfile) -> None:
-        """Create with the cursor's colours of `profile`."""
         self._own = np.array([profile.cursor_color], dtype=np.float64)
         if profile.cursor_colormap:
             with contextlib.suppress(UnknownColormapError):  # it is drawn in `cursor_color`

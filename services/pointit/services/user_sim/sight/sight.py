@@ -196,7 +196,6 @@ class Sight:
         return min(leaves_m, default=None)
 
     def _onward(self, belt: str) -> BeltLink | None:
-        """Return the link at a belt's end."""
         for link in self._links.get(belt, ()):
             line = self.lines.get(("belt", belt))
             at_m = link.source_position_m

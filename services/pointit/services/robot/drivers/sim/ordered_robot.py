@@ -52,7 +52,6 @@ class OrderedRobot:
     """A simulated robot and the statuses of its orders."""
 
     def __init__(self, config: SimConfig, spec: RobotSpec) -> None:
-        """Create the robot of `spec` at rest where it starts."""
         self._robot = make_simulated_robot(config, spec)
         self._current: int | None = None
         """Order that is neither done nor replaced and needs a status."""

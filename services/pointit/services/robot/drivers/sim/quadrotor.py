@@ -189,7 +189,6 @@ class HoverWander:
     """A first-order Gauss-Markov process per axis, clamped."""
 
     def __init__(self, rng: np.random.Generator) -> None:
-        """Start at zero."""
         self._rng = rng
         self._keep = math.exp(-STEP_S / WANDER_S)
         self._kick = math.sqrt(1.0 - self._keep**2)
@@ -217,7 +216,6 @@ class SmoothMotion:
     """
 
     def __init__(self, position_m: Vec3, limits: MotionLimits) -> None:
-        """Start at rest at `position_m`."""
         self._limits = limits
         window_s = 2.0 * limits.max_acceleration_mps2 / limits.max_jerk_mps3
         self._count = max(1, math.ceil(window_s / STEP_S))

@@ -18,7 +18,6 @@ class SimDriver:
     """Connection to a simulated robot, which is there as long as `run` runs."""
 
     def __init__(self, config: SimConfig, spec: RobotSpec, surroundings: Surroundings) -> None:
-        """Create the robot of `spec` at rest where it starts."""
         self._robot = OrderedRobot(config, spec)
         self._clock = surroundings.clock
         self._is_running = False

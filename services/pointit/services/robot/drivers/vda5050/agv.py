@@ -52,7 +52,6 @@ class Agv:
     """Keeps what one AGV says apart from what it is told."""
 
     def __init__(self, config: Vda5050Config, spec: RobotSpec, around: Surroundings) -> None:
-        """Begin without a connection."""
         self._config = config
         self._spec = spec
         self._around = around

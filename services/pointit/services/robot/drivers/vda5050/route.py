@@ -16,7 +16,6 @@ class Route:
     """Way-points ahead of the nodes that were handed out."""
 
     def __init__(self) -> None:
-        """Begin without any."""
         self._ahead: deque[Point] = deque()
 
     def __bool__(self) -> bool:

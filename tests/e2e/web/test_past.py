@@ -80,7 +80,7 @@ async def on(lane: Locator, share: float) -> tuple[float, float]:
     return box["x"] + share * box["width"], box["y"] + box["height"] / 2
 
 
-async def test_a_recording_is_played_paused_and_scrubbed(
+async def test_recording_is_played_and_scrubbed(
     browser: Browser, commands: Commands, recorded: Recorded
 ) -> None:
     command = commands.start("page", str(recorded.path), "--port", "0", "--no-browser")

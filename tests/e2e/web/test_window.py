@@ -43,9 +43,7 @@ async def test_the_first_screen_comes_fast_and_clean(browser: Browser, shared_si
     assert within(min(took_s), FIRST_SCREEN_S), took_s
 
 
-async def test_a_newcomer_selects_a_red_package_with_the_mouse(
-    browser: Browser, shared_site: SitePage
-) -> None:
+async def test_newcomer_selects_a_red_package_with_the_mouse(browser: Browser, shared_site: SitePage) -> None:
     window = await Window.open(browser, shared_site.url)
     page = window.page
     await window.is_shown()

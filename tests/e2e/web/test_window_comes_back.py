@@ -38,7 +38,7 @@ async def server(commands: Commands) -> AsyncIterator[Restarting]:
     yield Restarting(commands)
 
 
-async def test_it_comes_back_with_the_mouse_and_says_when_its_link_is_no_longer_good(
+async def test_it_comes_back_with_the_mouse_and_names_an_outdated_link(
     browser: Browser, server: Restarting
 ) -> None:
     site = await server.start("the-same-as-before")

@@ -100,9 +100,7 @@ async def picture(page: Page, path: Path) -> Picture:
     return Picture.of(path, (box["x"], box["y"] + 95, box["width"], box["height"] - 175))
 
 
-async def test_each_scenario_is_run_from_the_page_and_seen(
-    browser: Browser, site: SitePage, tmp_path: Path
-) -> None:
+async def test_each_scenario_is_run_from_the_page(browser: Browser, site: SitePage, tmp_path: Path) -> None:
     window = await Window.open(browser, site.url, theme="dark")
     page = window.page
     await window.is_shown()

@@ -36,7 +36,7 @@ async def see_the_same(*windows: Window) -> None:
         await asyncio.sleep(0.05)
 
 
-async def test_the_second_who_takes_the_mouse_has_it_and_the_first_is_told(
+async def test_second_who_takes_the_mouse_has_it_first_is_told(
     browser: Browser, shared_site: SitePage
 ) -> None:
     first = await Window.open(browser, shared_site.url)
@@ -63,7 +63,7 @@ async def test_the_second_who_takes_the_mouse_has_it_and_the_first_is_told(
     assert first.faults == second.faults == []
 
 
-async def test_feeders_rest_and_give_again_by_anybodys_page_and_all_pages_say_so(
+async def test_feeders_stop_and_start_from_any_page_and_all_say_so(
     browser: Browser, shared_site: SitePage
 ) -> None:
     first, second = [await Window.open(browser, shared_site.url) for _ in range(2)]
@@ -84,9 +84,7 @@ async def test_feeders_rest_and_give_again_by_anybodys_page_and_all_pages_say_so
     assert first.faults == second.faults == []
 
 
-async def test_a_viewer_is_offered_nothing_and_refused_everything(
-    browser: Browser, shared_site: SitePage
-) -> None:
+async def test_viewer_is_offered_and_granted_nothing(browser: Browser, shared_site: SitePage) -> None:
     window = await Window.open(browser, shared_site.viewer_url)
     page = window.page
     await window.is_shown()

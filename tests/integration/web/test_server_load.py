@@ -71,9 +71,7 @@ def tight(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("tight")
-async def test_a_page_that_reads_nothing_is_cut_and_costs_nobody_anything(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+async def test_page_that_reads_nothing_is_cut_and_costs_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(listener, "PING_S", 0.5)
     async with memory_bench() as bench, serving(bench) as server:
         reports = bench.collect(HEALTH, "web")
@@ -156,7 +154,7 @@ async def test_a_server_that_ends_closes_its_pages_at_once(bench: Bench) -> None
     stalled.close()
 
 
-async def test_what_is_no_message_is_counted_and_told_and_then_the_page_is_closed(
+async def test_malformed_messages_are_counted_and_then_close_the_page(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     async with memory_bench() as bench, serving(bench) as server:

@@ -31,7 +31,7 @@ def tracked(site: Site, **how: float | str | None) -> Generator[Tracker]:
         yield tracker
 
 
-async def test_a_known_latency_is_taken_from_the_stamp_and_its_doubt_is_sent(
+async def test_known_latency_corrects_the_stamp_and_its_sigma_is_sent(
     site: Site, heard: list[TrackedObjects]
 ) -> None:
     with tracked(site, latency_s=10.0, latency_sigma_s=0.02) as tracker:
@@ -45,7 +45,7 @@ async def test_a_known_latency_is_taken_from_the_stamp_and_its_doubt_is_sent(
     assert heard[1].objects == (CUP,)
 
 
-async def test_places_in_a_frame_of_the_map_are_sent_in_the_room(
+async def test_places_in_a_frame_are_sent_in_the_room(
     bus: MemoryBus, site: Site, heard: list[TrackedObjects]
 ) -> None:
     with tracked(site, frame="optitrack") as tracker:

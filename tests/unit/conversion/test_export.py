@@ -168,9 +168,7 @@ def test_nothing_stays_of_an_export_whose_last_bytes_find_the_disk_full(tmp_path
     assert list(tmp_path.iterdir()) == []
 
 
-def test_nothing_stays_of_an_export_that_is_interrupted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nothing_stays_of_an_interrupted_export(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(_: Recording) -> Iterator[Entry]:
         yield session()[1]
         signal.raise_signal(signal.SIGTERM)

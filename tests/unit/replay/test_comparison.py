@@ -102,9 +102,7 @@ def test_memory_is_bounded_when_only_one_side_writes() -> None:
         ({"x": None}, {"x": 1.0}, Leaf("x", None)),
     ],
 )
-def test_differences_name_the_field_and_its_size(
-    before: dict[str, Any], after: dict[str, Any], leaf: Leaf
-) -> None:
+def test_differences_name_field_and_size(before: dict[str, Any], after: dict[str, Any], leaf: Leaf) -> None:
     assert differences(before, after) == [leaf]
     assert differences(before, before) == []
 

@@ -51,9 +51,7 @@ def event(kind: Any) -> SelectionEvent:
         (topics.USER_ALIVE, "anna", True, ""),
     ],
 )
-def test_an_entry_is_recomputed_where_its_writer_runs_again(
-    row: AnyRow, name: str, body: Any, levels: str
-) -> None:
+def test_entry_is_recomputed_where_its_writer_runs(row: AnyRow, name: str, body: Any, levels: str) -> None:
     said = entry(1, row, name, body)
     every: tuple[Level, ...] = ("edge", "rays", "cursors")
     assert [level for level in every if Split(level, ALL).is_recomputed(said)] == levels.split()

@@ -61,9 +61,7 @@ def test_a_map_with_a_hostile_name_is_written_into_the_folder(name: str, tmp_pat
 @pytest.mark.parametrize(
     "name", ["../secret.yaml", "/etc/hostname", "link.yaml", "folder", "a\0b", "x" * 5000, "none"]
 )
-def test_a_recorded_map_elsewhere_is_not_opened(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_map_elsewhere_is_not_opened(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     here = tmp_path / "here"
     (here / "folder").mkdir(parents=True)
     (tmp_path / "secret.yaml").touch()
@@ -73,9 +71,7 @@ def test_a_recorded_map_elsewhere_is_not_opened(
         check_map(name)
 
 
-def test_a_recorded_map_that_is_shipped_or_here_is_used(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_map_that_is_shipped_or_here_is_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "maps").mkdir()
     (tmp_path / "maps" / "mine.yaml").touch()
     monkeypatch.chdir(tmp_path)

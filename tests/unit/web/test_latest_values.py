@@ -235,9 +235,7 @@ class Story:
 
 
 @given(ACTIONS)
-def test_in_whatever_order_things_happen_pages_end_with_what_is_true(
-    actions: list[tuple[str, int, str]],
-) -> None:
+def test_in_whatever_order_pages_end_with_what_is_true(actions: list[tuple[str, int, str]]) -> None:
     story = Story()
     for what, which, name in actions:
         story.now_s += 1.0

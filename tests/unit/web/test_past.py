@@ -203,7 +203,7 @@ async def test_events_of_a_run_whose_simulated_time_was_ahead_are_left_out() -> 
         assert looker.shown_numbers() == [2]
 
 
-async def test_without_an_answer_all_stays_as_it_is_and_one_line_says_so(
+async def test_without_an_answer_nothing_changes_and_one_line_says_so(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     caplog.set_level(logging.DEBUG, "pointit.bridges.web.model.history")

@@ -205,9 +205,7 @@ def test_the_position_follows_the_clock_at_every_speed_and_stays_at_the_end(past
     assert playback.at_ns(200.0) == past.ended_ns
 
 
-def test_a_slow_machine_plays_more_slowly_and_skips_nothing(
-    past: Past, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_slow_machine_plays_slowly_and_skips_nothing(past: Past, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pointit.bridges.web.playback.playback.MAX_AT_ONCE", 5)
     playback = Playback(past, 0.0)
     feed = playback.model.hub.open(60.0)
@@ -254,7 +252,7 @@ def test_what_pages_are_not_shown_is_not_read(in_file: FilePast, entries: list[E
 
 
 @pytest.mark.parametrize("most", [3, 4])
-def test_states_that_change_once_are_kept_when_checkpoints_are_dropped(
+def test_states_outlast_dropped_checkpoints(
     most: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("pointit.bridges.web.playback.file_past.MAX_CHECKPOINTS", most)

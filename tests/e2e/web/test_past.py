@@ -47,15 +47,12 @@ SELECTED = "(window.pointit.site.selection?.objects ?? []).map(({ id }) => id)"
 
 @dataclass(frozen=True)
 class Recorded:
-    """A recording, the first selection in it, and when that was, s from its beginning."""
-
     path: Path
     event: SelectionEvent
     at_s: float
 
     @property
     def share(self) -> float:
-        """Return the position of the selection, as a share of the length."""
         return self.at_s / LENGTH_S
 
 
@@ -74,7 +71,6 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
 
 
 async def on(lane: Locator, share: float) -> tuple[float, float]:
-    """Return where `share` of the time is in a lane, px."""
     box = await lane.bounding_box()
     assert box is not None
     return box["x"] + share * box["width"], box["y"] + box["height"] / 2

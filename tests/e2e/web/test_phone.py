@@ -31,7 +31,6 @@ async def address(site: SitePage) -> str:
 
 
 def azimuth(cursor: Cursor) -> float:
-    """Return where the ray goes, degrees."""
     assert cursor.direction is not None
     return math.degrees(math.atan2(cursor.direction[1], cursor.direction[0]))
 
@@ -151,7 +150,6 @@ async def test_centring_makes_ahead_the_middle_of_the_room(browser: Browser, sha
 
 
 def apart(a: float, b: float) -> float:
-    """Return the angle between two azimuths, degrees."""
     return abs((a - b + 180) % 360 - 180)
 
 

@@ -49,8 +49,6 @@ LIT = """() => {
 
 @dataclass(frozen=True)
 class Picture:
-    """The visible content of a region of the page."""
-
     colors: int
     """Different ones, of 4096."""
     contrast: float
@@ -76,7 +74,6 @@ class Picture:
         )
 
     def shows(self, scenario: str) -> bool:
-        """Return True if there is as much to see as there should be."""
         is_lit = self.white > 100 if scenario == "scenario_2" else self.strong > 60
         return self.colors > 60 and self.contrast > 0.04 and is_lit
 

@@ -66,8 +66,6 @@ LEAST_CONTRAST = 3.0
 
 
 def contrast(one: str, other: str) -> float:
-    """Return WCAG's contrast of two opaque colours as browsers write them, `rgb(1, 2, 3)`."""
-
     def luminance(color: str) -> float:
         assert color.startswith("rgb("), color
         parts = [int(part) / 255 for part in re.findall(r"\d+", color)]

@@ -37,8 +37,6 @@ SCENE = ("/scene/room", "/scene/pixels", "/scene/objects", "/scene/people", "/tf
 
 
 class Site:
-    """A bus with the bridge on it."""
-
     def __init__(self) -> None:
         self.exchange = LocalBroker()
         self.bus = MemoryBus(self.exchange)

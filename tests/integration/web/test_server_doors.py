@@ -23,7 +23,6 @@ CLIENTS = ("httpx", "httpcore", "websockets.client")
 
 
 async def refused(server: Server, path: str = "/ws", **headers: str) -> int:
-    """Return the status with which a websocket is refused."""
     with pytest.raises(InvalidStatus) as refusal:
         async with connect(f"ws://{server.host}{path}", additional_headers=headers):
             pass

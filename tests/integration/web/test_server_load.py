@@ -121,7 +121,6 @@ async def test_a_page_that_asks_too_much_is_refused_and_is_told_on(bench: Bench,
 
 
 def connected(server: Server) -> int:
-    """Return the number of connections at the server's end."""
     port = int(server.host.rpartition(":")[2])
     connections = psutil.Process().net_connections(kind="tcp")
     return sum(each.status == psutil.CONN_ESTABLISHED and each.laddr.port == port for each in connections)

@@ -51,7 +51,6 @@ async def test_a_page_is_told_what_is_true_and_what_happens(bench: Bench, server
 
 
 async def told_of_before(server: Server) -> list[tuple[str, str]]:
-    """Open a page; return the selection events of its first batch."""
     async with server.page() as page:
         await until(lambda: bool(page.batches))
         told = [event for key, _, event in page.events if key == topics.SELECTION_EVENTS.key]
@@ -196,7 +195,6 @@ async def test_the_button_is_pressed(bench: Bench, page: Page) -> None:
 
 
 def person(bench: Bench, state: str = "pointing") -> None:
-    """Have anna there, with what a page needs to move her arm."""
     bench.bus.announce(topics.USER_ALIVE, "anna")
     bench.bus.announce(topics.SERVICE_ALIVE, "imu-bridge.anna")
     bench.put(topics.INTERACTION, schemas.Interaction.model_validate({**NOW, "state": state}), "anna")

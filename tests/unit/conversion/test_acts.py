@@ -8,7 +8,6 @@ from tests.unit.conversion.session import BEGAN_NS, at
 
 
 def hover(found: ActDetector, begin_s: float, end_s: float, object_id: str, user: str = "anna") -> None:
-    """Point at an object at 50 Hz."""
     for tick in range(round(begin_s * 50), round(end_s * 50) + 1):
         found.on_hover(user, Hover(stamp_ns=at(tick / 50), object_id=object_id, miss_rad=0.01, progress=0.5))
 

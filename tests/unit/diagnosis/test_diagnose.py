@@ -47,7 +47,6 @@ def deployment(*services: ExpectedService) -> dict[str, Deployment]:
 
 
 def only(seen: Observation) -> Finding:
-    """Return the one finding."""
     (finding,) = diagnose(seen)
     assert is_healthy([finding]) == (finding.severity == "note")
     return finding

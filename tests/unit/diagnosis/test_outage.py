@@ -15,7 +15,6 @@ EXPECTED = deployment(*(ExpectedService(service=name, command=("python",)) for n
 
 
 def told(findings: Sequence[Finding]) -> Finding:
-    """Return the only finding that does not follow from another."""
     (finding,) = (each for each in findings if not each.follows)
     assert (finding.code, finding.service) == ("unreachable", "")
     return finding

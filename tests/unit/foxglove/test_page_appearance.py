@@ -13,7 +13,6 @@ LOOKS = (Path(web.__path__[0]) / "client/src/geometry/looks.ts").read_text(encod
 
 
 def told(name: str) -> list[float]:
-    """Return the numbers of a constant of `looks.ts`."""
     found = re.search(
         rf"^export const {name}(?:: \w+)? = (\[[^\]]*\]|[\d.]+)(?: as const)?;$", LOOKS, re.MULTILINE
     )

@@ -40,8 +40,6 @@ LEVEL = (0.0, 0.0, 0.0, 1.0)
 
 
 class Site:
-    """A bus on which things happen, and a recorder."""
-
     def __init__(self, path: Path) -> None:
         self.path = path
         self.exchange = LocalBroker()
@@ -219,7 +217,6 @@ async def test_names_that_are_numbers_or_words_of_messages_cost_no_message(site:
 
 
 def unpacked(path: Path) -> bytes:
-    """Return the records of a recording, unpacked."""
     found = b""
     with path.open("rb") as file:
         for place in container.records(file):
@@ -267,8 +264,6 @@ async def test_file_that_exists_is_never_overwritten(site: Site) -> None:
 
 
 class FullDisk:
-    """A file on a disk that gets full."""
-
     def __init__(self, file: IO[bytes], room: int) -> None:
         self._file, self._room = file, room
 

@@ -29,8 +29,6 @@ def path(tmp_path: Path) -> Path:
 
 
 class Hostile(Writer):
-    """Writes the head of a recording, and then what it is given."""
-
     def __init__(self, file: io.BufferedWriter) -> None:
         super().__init__(file)
         self.file = file

@@ -108,8 +108,6 @@ def test_differences_name_field_and_size(before: dict[str, Any], after: dict[str
 
 
 class CountedStamp(int):
-    """A stamp that counts how often it is compared."""
-
     comparisons = 0
 
     def __eq__(self, other: object) -> bool:

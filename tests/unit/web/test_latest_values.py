@@ -152,8 +152,6 @@ ACTIONS = st.lists(
 
 
 class Page:
-    """A page's state from its batches."""
-
     def __init__(self, hub: LatestValueCache, first_event: int = 0) -> None:
         self.feed = hub.open(FAST_HZ)
         self.known: dict[tuple[str, str], bytes] = {}
@@ -220,7 +218,6 @@ class Story:
             assert page.feed.ack(page.acked)
 
     def end(self) -> None:
-        """Each page acknowledges, and then knows all."""
         for page in self.pages:
             for _ in range(3):
                 self.now_s += 1.0

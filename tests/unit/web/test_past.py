@@ -119,8 +119,6 @@ def event(number: int, stamp_ns: int, reason: str = "") -> schemas.SelectionEven
 
 
 class Looker:
-    """A page's server: a hub that hears, and asks for what it has not heard."""
-
     def __init__(self, bench: Bench) -> None:
         self.hub = LatestValueCache()
         self.past = Past(ServiceBus(bench.bus, bench.clock, "web", "web", ""), bench.clock, self.hub)
@@ -131,7 +129,6 @@ class Looker:
             self.past.hear(each)
 
     def shows(self) -> list[tuple[str, int]]:
-        """Return the past events that a page gets when it is opened now."""
         batch = self.hub.open(60.0).take(0.0)
         events = () if batch is None else batch.events
         return [(topic, msgpack.unpackb(payload)["seq"]) for topic, _, payload in events if payload]

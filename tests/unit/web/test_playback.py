@@ -122,7 +122,6 @@ def in_file(path: Path) -> Iterator[FilePast]:
 
 
 def kept(entries: list[Entry], window_s: float = 600.0) -> Recent:
-    """Return the memory of a running site's page server after `entries`."""
     recent = Recent("lab", window_s)
     model = SiteModel("web", 0.0, recent)
     for each in entries:

@@ -59,11 +59,6 @@ class Operator:
         assert not part["error"], part["error"]
         return dict(part["reply"])
 
-    async def refusal(self, **wish: Any) -> str:
-        part = await self._answer(wish)
-        assert part["reply"] is None, part
-        return str(part["error"])
-
     async def _answer(self, wish: dict[str, Any]) -> dict[str, Any]:
         number = next(self._ids)
         await self._connection.send(json.dumps({"kind": "ask", "id": number, **wish}))

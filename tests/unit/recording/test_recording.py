@@ -1,4 +1,4 @@
-"""Recordings: entries that were written are read back, also from a file that is cut off or damaged."""
+"""Entries are read back as written, also from a file that is cut off or damaged; answered requests."""
 
 from pathlib import Path
 from typing import Any

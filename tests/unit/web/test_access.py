@@ -1,4 +1,4 @@
-"""Access for viewing and for control."""
+"""Access for viewing and for control; the certificate that is made on demand."""
 
 import datetime as dt
 import os

@@ -1,4 +1,4 @@
-"""Whatever a page's speed, it ends with the newest of every key, and with every event or their number."""
+"""Whatever a page's speed, it ends with the newest of every key; rate limits and latencies."""
 
 import pytest
 from hypothesis import given

@@ -1,4 +1,4 @@
-"""The last minute as MCAP: read back by another reader, whole."""
+"""The last minute as MCAP, and events from before the server started."""
 
 import base64
 import io

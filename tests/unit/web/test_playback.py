@@ -27,6 +27,7 @@ from pointit.schemas import (
     Hover,
     Interaction,
     Message,
+    RobotState,
     SelectionEvent,
     TrackedObject,
     TrackedObjects,
@@ -34,6 +35,7 @@ from pointit.schemas import (
     topics,
 )
 from pointit.schemas.system import RUN
+from pointit.schemas.topics import ROBOT_STATE, SERVICE_ALIVE
 from tests.support.recorded import write_recording
 
 LENGTH_S = 20.0
@@ -363,3 +365,30 @@ def test_of_a_running_site_the_last_of_many_visitors_is_shown(monkeypatch: pytes
     assert states == {(row.key, f"visitor{number - 1}") for row in (topics.INTERACTION, topics.HOVER)} | {
         (topics.HEALTH.key, f"pointing.visitor{number - 1}")
     }
+
+
+def test_a_robots_lane_tells_what_it_does_for_whom_and_why_not() -> None:
+    lanes = Lanes()
+
+    def tell(seconds: float, **fields: Any) -> None:
+        zero = (0.0, 0.0, 0.0)
+        known = {"position_m": zero, "velocity_mps": zero, "yaw_rad": 0.0, "radius_m": 0.2}
+        state = RobotState.model_validate({"stamp_ns": at(seconds), "kind": "ground", **known, **fields})
+        lanes.add(at(seconds), ROBOT_STATE, "cart", state)
+
+    lanes.add(at(0.0), SERVICE_ALIVE, "robot.cart", body=True)
+    tell(0.0, phase="idle")
+    tell(1.0, phase="moving", user="anna")
+    tell(2.0, phase="moving", user="anna")
+    tell(3.0, phase="stopped", user="anna", reason="ben is 0.91 m away")
+    tell(4.0, phase="stopped", user="anna", reason="ben is 0.87 m away")
+    tell(5.0, phase="idle")
+    tell(6.0, phase="taking_off")
+    lanes.add(at(7.0), SERVICE_ALIVE, "robot.cart", body=False)
+    (lane,) = lanes.lanes(at(0.0), at(7.0))
+    assert (lane.kind, lane.user) == ("robot", "cart")
+    assert lane.items == (
+        (1.0, 3.0, "moving, steered by anna"),
+        (3.0, 5.0, "stopped, steered by anna: ben is 0.91 m away"),
+        (6.0, 7.0, "taking off"),
+    )

@@ -1,4 +1,4 @@
-"""The mouse's arm: the pointing service's ray of it meets the place, and it moves as wrists can."""
+"""Wrists of pages: the mouse's arm, cues of phones, pairing."""
 
 import math
 import xml.etree.ElementTree as ET

@@ -63,7 +63,7 @@ ROOMS = {
             *("tests/unit/cli_run", "tests/unit/deploy", "tests/unit/recorder", "tests/wheel"),
             *("tests/integration/cli/test_stage.py", "tests/unit/cli/test_page_of_a_recording.py"),
             *("tests/e2e/run/test_metrics.py", "tests/e2e/run/test_terminal.py"),
-            "tests/unit/foxglove/test_page_appearance.py",
+            "tests/unit/foxglove/test_layout.py",
             "tests/unit/launch",
             *(
                 "tests/devices/test_mqtt_lamps.py",

@@ -7,7 +7,6 @@ from playwright.async_api import Page
 
 
 async def violations(page: Page) -> list[str]:
-    """Return the violations of axe's rules (rule, help, and elements), or an empty list."""
     source = next(path for path in files("axe_playwright_python").iterdir() if path.name == "axe.min.js")
     await page.evaluate(source.read_text(encoding="utf-8"))
     found: dict[str, Any] = await page.evaluate("axe.run()")

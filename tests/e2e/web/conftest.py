@@ -15,7 +15,6 @@ from tests.support.commands import Commands
 
 @pytest_asyncio.fixture
 async def browser() -> AsyncIterator[Browser]:
-    """Open this machine's Chromium without a window, or skip."""
     path = installed()
     if path is None:
         pytest.skip(f"no browser: none of {', '.join(NAMES)} is in PATH")
@@ -24,7 +23,6 @@ async def browser() -> AsyncIterator[Browser]:
 
 
 def page_is_built() -> None:
-    """Skip where the page is not built."""
     if not (STATIC / "phone.html").is_file():
         pytest.skip(f"the page is not built: run `npm run build` in {STATIC.parent / 'client'}")
 
@@ -57,5 +55,4 @@ def shared_site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SitePage]:
 
 @pytest.fixture
 def site_page(site: SitePage) -> str:
-    """Run a scenario with its page, and return where the page is, with the operator's token."""
     return site.url

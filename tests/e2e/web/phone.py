@@ -26,8 +26,6 @@ Source = Literal["sensor", "event"]
 
 @dataclass
 class PhonePage:
-    """The phone's page, opened by the address of a QR code."""
-
     page: Page
     source: Source
     _cdp: Any
@@ -44,7 +42,6 @@ class PhonePage:
         scripts: tuple[str, ...] = (),
         **context: Any,
     ) -> "PhonePage":
-        """Open `url` on a phone that has this source of orientation."""
         options: dict[str, Any] = {
             "viewport": {"width": 390, "height": 780},
             "is_mobile": True,

@@ -77,11 +77,9 @@ class RobotRoom:
     """Robots that were asked to stop, and why."""
 
     def put(self, topic: topics.Topic[M], message: M, name: str = "") -> None:
-        """Publish `message`, stamped now."""
         self.bench.put(topic, message.model_copy(update={"stamp_ns": self.bench.clock.now_ns()}), name)
 
     def begin(self) -> None:
-        """Announce everybody, and publish what does not change."""
         bus = self.bench.bus
         for user in COLORS:
             bus.announce(topics.USER_ALIVE, user)
@@ -121,7 +119,6 @@ class RobotRoom:
         return Done()
 
     def tell(self) -> None:
-        """Publish what changes."""
         for user, aim in AIMS.items():
             x, y, z = PLACES[user]
             eyes = (x, y, z + 1.6)

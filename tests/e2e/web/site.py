@@ -21,8 +21,6 @@ VIEWER_TOKEN = "who-only-looks-on"  # noqa: S105 - of runs of tests only
 
 @dataclass(frozen=True)
 class SitePage:
-    """A scenario that runs."""
-
     command: Command
     endpoint: str
     """Endpoint of its bus."""
@@ -36,12 +34,10 @@ class SitePage:
 
     @property
     def viewer_url(self) -> str:
-        """Return the page's URL for viewers."""
         return f"{self.origin}/?token={VIEWER_TOKEN}"
 
     @asynccontextmanager
     async def operator(self, url: str = "") -> AsyncGenerator["Operator"]:
-        """Open the page's websocket as its operator, or by another link."""
         async with httpx.AsyncClient() as client:
             answer = await client.get(url or self.url)
             assert answer.is_redirect or answer.is_success, answer.text
@@ -59,16 +55,9 @@ class Operator:
         self._ids = itertools.count(1)
 
     async def ask(self, **wish: Any) -> dict[str, Any]:
-        """Ask, and return the reply."""
         part = await self._answer(wish)
         assert not part["error"], part["error"]
         return dict(part["reply"])
-
-    async def refusal(self, **wish: Any) -> str:
-        """Send a request that is refused, and return the reason."""
-        part = await self._answer(wish)
-        assert part["reply"] is None, part
-        return str(part["error"])
 
     async def _answer(self, wish: dict[str, Any]) -> dict[str, Any]:
         number = next(self._ids)
@@ -87,7 +76,6 @@ class Operator:
 
 
 async def running(commands: Commands, *arguments: str, state: Path | None = None) -> SitePage:
-    """Run a scenario with its page, at `--web-port` or any that is free."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     port = () if "--web-port" in arguments else ("--web-port", "0")
     command = commands.start(

@@ -47,15 +47,12 @@ SELECTED = "(window.pointit.site.selection?.objects ?? []).map(({ id }) => id)"
 
 @dataclass(frozen=True)
 class Recorded:
-    """A recording, the first selection in it, and when that was, s from its beginning."""
-
     path: Path
     event: SelectionEvent
     at_s: float
 
     @property
     def share(self) -> float:
-        """Return the position of the selection, as a share of the length."""
         return self.at_s / LENGTH_S
 
 
@@ -74,13 +71,12 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
 
 
 async def on(lane: Locator, share: float) -> tuple[float, float]:
-    """Return where `share` of the time is in a lane, px."""
     box = await lane.bounding_box()
     assert box is not None
     return box["x"] + share * box["width"], box["y"] + box["height"] / 2
 
 
-async def test_a_recording_is_played_paused_and_scrubbed(
+async def test_recording_is_played_and_scrubbed(
     browser: Browser, commands: Commands, recorded: Recorded
 ) -> None:
     command = commands.start("page", str(recorded.path), "--port", "0", "--no-browser")

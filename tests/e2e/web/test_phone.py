@@ -31,7 +31,6 @@ async def address(site: SitePage) -> str:
 
 
 def azimuth(cursor: Cursor) -> float:
-    """Return where the ray goes, degrees."""
     assert cursor.direction is not None
     return math.degrees(math.atan2(cursor.direction[1], cursor.direction[0]))
 
@@ -67,9 +66,7 @@ async def test_an_emulated_phone_moves_the_ray_by_as_much_as_it_turns(
     assert phone.faults == []
 
 
-async def test_by_https_from_the_local_network_it_is_the_same(
-    browser: Browser, shared_site: SitePage
-) -> None:
+async def test_by_https_in_the_local_network_it_is_the_same(browser: Browser, shared_site: SitePage) -> None:
     async with shared_site.operator() as operator:
         url = await operator.pair(USER)
     assert url.startswith("https://")
@@ -153,7 +150,6 @@ async def test_centring_makes_ahead_the_middle_of_the_room(browser: Browser, sha
 
 
 def apart(a: float, b: float) -> float:
-    """Return the angle between two azimuths, degrees."""
     return abs((a - b + 180) % 360 - 180)
 
 
@@ -189,7 +185,7 @@ async def test_who_lost_the_arm_to_a_mouse_can_take_it_back(browser: Browser, sh
     assert phone.faults == []
 
 
-async def test_out_of_sight_it_stops_and_says_so_and_goes_on_with_a_tap(
+async def test_out_of_sight_it_stops_and_a_tap_starts_it_again(
     browser: Browser, shared_site: SitePage
 ) -> None:
     phone = await PhonePage.open(browser, await address(shared_site))

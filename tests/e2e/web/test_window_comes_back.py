@@ -1,4 +1,4 @@
-"""The server dies and is started again: the page says so, reconnects automatically, and goes on."""
+"""The server dies and comes back, or its router is frozen: the page says so and goes on."""
 
 from collections.abc import AsyncIterator
 
@@ -6,10 +6,12 @@ import pytest
 import pytest_asyncio
 from playwright.async_api import Browser, expect
 
+from tests.e2e.web.conftest import page_is_built
 from tests.e2e.web.site import SitePage, running
 from tests.e2e.web.window import Window
-from tests.support.buses import free_port
+from tests.support.buses import free_port, router_process
 from tests.support.commands import Commands
+from tests.support.links import link_in
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
@@ -38,7 +40,7 @@ async def server(commands: Commands) -> AsyncIterator[Restarting]:
     yield Restarting(commands)
 
 
-async def test_it_comes_back_with_the_mouse_and_says_when_its_link_is_no_longer_good(
+async def test_it_comes_back_with_the_mouse_and_names_an_outdated_link(
     browser: Browser, server: Restarting
 ) -> None:
     site = await server.start("the-same-as-before")
@@ -71,3 +73,33 @@ async def test_it_comes_back_with_the_mouse_and_says_when_its_link_is_no_longer_
     # a browser reports automatically requests to a server that is gone, or not its own any more
     asked = ("/ws", f"failed: {site.origin}/", "net::ERR_CONNECTION_", "403")
     assert [fault for fault in window.faults if not any(each in fault for each in asked)] == []
+
+
+async def test_a_frozen_router_is_one_sentence_with_its_address(browser: Browser, commands: Commands) -> None:
+    page_is_built()
+    async with router_process() as router:
+        at = ("--connect", router.endpoint)
+        run = commands.start("run", "scenario_1", *at, "--no-view", "--no-web", "--duration", "600")
+        await run.says("pointing. Your place")
+        dashboard = commands.start("dashboard", *at, "--port", "0", "--no-browser")
+        await dashboard.says("its link is in")
+        window = await Window.open(browser, link_in(dashboard.out))
+        await window.is_shown()
+        page = window.page
+        await expect(page.locator("#pill-text")).to_have_text("Live")
+
+        router.freeze()
+        sentence = f"the router at {router.endpoint} does not answer"
+        await expect(page.locator("#pill-text")).to_have_text("Cut off")
+        await expect(page.locator("#outage-text")).to_contain_text(f"T{sentence[1:]}: ")
+        await page.locator("#pill").click()
+        findings = page.get_by_role("region", name="Warnings").get_by_role("listitem")
+        await expect(findings).to_have_count(1)
+        await expect(findings).to_contain_text("services are out of reach")
+        await page.get_by_text("What follows from it").click()
+        await expect(findings.get_by_text("should run and does not").first).to_be_visible()
+
+        await run.says(f"{sentence}: nothing arrives from other machines; is its process stopped")
+        ended = await commands.pointit("doctor", *at, "--timeout", "0.5")
+        assert ended.code == 1
+        assert ended.out.startswith(f"error: {sentence}\n    -> is its process stopped (`kill -CONT PID`)")

@@ -49,8 +49,6 @@ LIT = """() => {
 
 @dataclass(frozen=True)
 class Picture:
-    """The visible content of a region of the page."""
-
     colors: int
     """Different ones, of 4096."""
     contrast: float
@@ -76,7 +74,6 @@ class Picture:
         )
 
     def shows(self, scenario: str) -> bool:
-        """Return True if there is as much to see as there should be."""
         is_lit = self.white > 100 if scenario == "scenario_2" else self.strong > 60
         return self.colors > 60 and self.contrast > 0.04 and is_lit
 
@@ -100,9 +97,7 @@ async def picture(page: Page, path: Path) -> Picture:
     return Picture.of(path, (box["x"], box["y"] + 95, box["width"], box["height"] - 175))
 
 
-async def test_each_scenario_is_run_from_the_page_and_seen(
-    browser: Browser, site: SitePage, tmp_path: Path
-) -> None:
+async def test_each_scenario_is_run_from_the_page(browser: Browser, site: SitePage, tmp_path: Path) -> None:
     window = await Window.open(browser, site.url, theme="dark")
     page = window.page
     await window.is_shown()

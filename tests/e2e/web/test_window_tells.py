@@ -66,8 +66,6 @@ LEAST_CONTRAST = 3.0
 
 
 def contrast(one: str, other: str) -> float:
-    """Return WCAG's contrast of two opaque colours as browsers write them, `rgb(1, 2, 3)`."""
-
     def luminance(color: str) -> float:
         assert color.startswith("rgb("), color
         parts = [int(part) / 255 for part in re.findall(r"\d+", color)]
@@ -112,9 +110,7 @@ def accepts(host: str, port: int) -> bool:
 
 
 @pytest.mark.parametrize("site", [("scenario_4", "--processes")], indirect=True)
-async def test_a_vital_service_that_hangs_is_a_sentence_over_the_scene(
-    browser: Browser, site: SitePage
-) -> None:
+async def test_vital_service_that_hangs_is_told_over_the_scene(browser: Browser, site: SitePage) -> None:
     where = urlsplit(site.origin)
     await until(
         lambda: accepts(where.hostname or "", where.port or 0), 30, "the page's own process to listen"
@@ -137,9 +133,7 @@ async def test_a_vital_service_that_hangs_is_a_sentence_over_the_scene(
         await expect(outage).to_be_hidden(timeout=60_000)
 
 
-async def test_a_page_that_is_opened_late_has_the_messages_of_before(
-    browser: Browser, shared_site: SitePage
-) -> None:
+async def test_page_opened_late_has_the_messages_of_before(browser: Browser, shared_site: SitePage) -> None:
     events: list[SelectionEvent] = []
     async with onlooker(shared_site.endpoint) as seen:
         seen.bus.subscribe(SELECTION_EVENTS, lambda event, _name: events.append(event))
@@ -169,7 +163,7 @@ async def test_lamps_have_names(browser: Browser, shared_site: SitePage) -> None
             await expect(window.page.locator("#view").get_by_text(lamp, exact=True)).to_be_visible()
 
 
-async def test_the_plan_shows_an_unlit_strip_and_edges_rays_and_rings(
+async def test_plan_shows_an_unlit_strip_edged_rays_and_rings(
     browser: Browser, shared_site: SitePage
 ) -> None:
     window = await Window.open(browser, shared_site.url, scripts=(NO_WEBGL,), reduced_motion="reduce")
@@ -192,7 +186,7 @@ async def test_the_plan_shows_an_unlit_strip_and_edges_rays_and_rings(
             assert contrast(color[edge], color[inner]) >= LEAST_CONTRAST, (edge, theme)
 
 
-async def test_at_200_percent_zoom_the_scene_and_its_controls_are_beside_each_other(
+async def test_at_200_percent_zoom_scene_and_controls_fit_beside_each_other(
     browser: Browser, shared_site: SitePage
 ) -> None:
     window = await Window.open(browser, shared_site.url, size=ZOOMED)

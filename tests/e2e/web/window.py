@@ -44,8 +44,6 @@ expect.set_options(
 
 @dataclass
 class Window:
-    """The page, opened with an operator's or a viewer's link."""
-
     page: Page
     faults: list[str] = field(default_factory=list[str])
     """Warnings and errors of the console, and requests to foreign hosts."""
@@ -68,7 +66,6 @@ class Window:
         scripts: tuple[str, ...] = (),
         **context: Any,
     ) -> "Window":
-        """Open `url`, and listen from the first request on."""
         width, height = size
         opened = await browser.new_context(
             viewport={"width": width, "height": height}, color_scheme=theme, **context
@@ -117,7 +114,6 @@ class Window:
             self.batches.append(message)
 
     async def is_shown(self, patience_s: float = PATIENCE_S) -> None:
-        """Wait until the page shows the site."""
         await self.until(SHOWN, "the site is shown", patience_s)
 
     async def until(self, condition: str, what: str = "", patience_s: float = PATIENCE_S) -> Any:
@@ -132,11 +128,9 @@ class Window:
         return found
 
     async def violations(self) -> list[str]:
-        """Return the violations of the content security policy by the page."""
         return list(await self.page.evaluate("window.violations"))
 
     async def objects(self) -> list[dict[str, Any]]:
-        """Return the tracked objects, as the page knows them."""
         found = "[...window.pointit.site.objects.values()].flatMap(({ objects }) => objects)"
         return list(await self.page.evaluate(found))
 
@@ -218,6 +212,5 @@ class Lens:
         return cls(np.asarray(projection, dtype=np.float64))
 
     def to_page(self, at_m: Vec3) -> Vec2:
-        """Return where a place of {W} is on the page, px."""
         u, v, w = self.projection @ np.array([*at_m, 1.0])
         return float(u / w * 1000.0), float(v / w * 1000.0)

@@ -42,7 +42,6 @@ print(site.name, sorted(next(site.services())))
 
 @pytest_asyncio.fixture
 async def home(endpoint: str) -> AsyncIterator[ZenohBus]:
-    """Yield a site with one service, by which others can join."""
     bus = await ZenohBus.open(Link(listen=(endpoint,)))
     bus.announce(SERVICE_ALIVE, "pui")
     yield bus
@@ -51,8 +50,6 @@ async def home(endpoint: str) -> AsyncIterator[ZenohBus]:
 
 @contextlib.asynccontextmanager
 async def repeated(put: Callable[[], object]) -> AsyncGenerator[None]:
-    """Put again and again."""
-
     async def putting() -> None:
         while True:
             put()

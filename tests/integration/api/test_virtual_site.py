@@ -22,7 +22,6 @@ from pointit.services.led_driver.service import LedDriver
 
 
 async def pointed(seed: int) -> list[tuple[int, float]]:
-    """Return stamps and places of one person's cursor on a strip."""
     async with pointit.run("scenario_2", seed=seed) as site:
         return [(cursor.stamp_ns, cursor.position_m) async for cursor in site.cursors().during(3)]
 

@@ -37,8 +37,6 @@ SCENE = ("/scene/room", "/scene/pixels", "/scene/objects", "/scene/people", "/tf
 
 
 class Site:
-    """A bus with the bridge on it."""
-
     def __init__(self) -> None:
         self.exchange = LocalBroker()
         self.bus = MemoryBus(self.exchange)
@@ -155,7 +153,7 @@ async def test_a_flood_is_thinned_to_the_rate_and_the_newest_arrives(site: Site)
             assert len(one.all(topic)) - before[topic] <= most
 
 
-async def test_nothing_is_read_that_takes_time_while_nobody_looks_on(
+async def test_fast_topics_are_read_while_somebody_looks_on(
     site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(bridge, "LOOK_S", 0.1)

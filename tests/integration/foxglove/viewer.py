@@ -17,8 +17,6 @@ MESSAGE_DATA = 1
 
 
 class Viewer:
-    """Subscribes to channels as they are advertised, and keeps what comes."""
-
     def __init__(self, socket: ClientConnection, wanted: frozenset[str] | None) -> None:
         self._socket = socket
         self._wanted = wanted
@@ -45,7 +43,6 @@ class Viewer:
         return [message for _, message in self.frames.get(topic, [])]
 
     def entities(self, part: str) -> dict[str, dict[str, Any]]:
-        """A viewer's entities of a part by id, after all updates."""
         shown: dict[str, dict[str, Any]] = {}
         for update in self.all(f"/scene/{part}"):
             for deletion in update.get("deletions", []):
@@ -56,7 +53,6 @@ class Viewer:
         return shown
 
     def ever(self, part: str) -> set[str]:
-        """Return the ids of all entities that a part has had."""
         return {each["id"] for update in self.all(f"/scene/{part}") for each in update.get("entities", [])}
 
     async def subscribe(self, *topics: str) -> None:
@@ -103,7 +99,6 @@ class Viewer:
 
 @asynccontextmanager
 async def viewer(address: str, *wanted: str, everything: bool = False) -> AsyncGenerator[Viewer]:
-    """Connect to `address`, and subscribe to the topics that are `wanted` as soon as they are there."""
     async with websockets.connect(address, subprotocols=["foxglove.sdk.v1"]) as socket:  # type: ignore[list-item]
         one = Viewer(socket, None if everything else frozenset(wanted))
         listening = asyncio.create_task(one.listen(), name="viewer")

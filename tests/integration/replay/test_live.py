@@ -24,8 +24,6 @@ RECORDING = Path(__file__).parents[2] / "replay" / "recordings" / "lamps.mcap"
 
 
 class Ignored:
-    """Takes a result."""
-
     def recorded(self, entry: Entry) -> None:
         pass
 
@@ -88,8 +86,6 @@ def recording_with_observers(path: Path) -> Path:
 
 
 class Compared(Ignored):
-    """Takes the states that are compared."""
-
     def __init__(self) -> None:
         self.states: set[str] = set()
 
@@ -134,7 +130,6 @@ def test_what_services_skip_is_said_and_states_of_the_start_are_not_compared(
 
 
 def subscribe(bus: MemoryBus, topic: AnyTopic, names: set[str]) -> None:
-    """Collect whose messages come."""
     bus.subscribe(topic, lambda _message, name: names.add(name))
 
 

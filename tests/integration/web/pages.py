@@ -24,8 +24,6 @@ INDEX = "<!doctype html><title>page</title>" + "<!-- long -->" * 200
 
 
 class Server:
-    """Address of the page."""
-
     def __init__(self, port: int) -> None:
         self.host = f"127.0.0.1:{port}"
         self.url = f"http://{self.host}"
@@ -43,7 +41,6 @@ class Server:
     async def page(
         self, token: str = OPERATOR, *, acknowledges: bool = True, path: str = "/ws"
     ) -> AsyncGenerator["Page"]:
-        """Open a page; what it is sent is read all the while."""
         async with connect(
             f"ws://{self.host}{path}",
             origin=Origin(self.url),
@@ -60,8 +57,6 @@ class Server:
 
 
 class Page:
-    """Messages that a page has received."""
-
     def __init__(self, socket: ClientConnection, *, acknowledges: bool) -> None:
         self.socket = socket
         self.acknowledges = acknowledges
@@ -128,7 +123,6 @@ class Page:
 
 
 async def serve(bench: Bench, port: int, **parameters: Any) -> None:
-    """Run the service on `bench` until it ends."""
     config = WebConfig.model_validate(
         {"port": port, "operator_token": OPERATOR, "viewer_token": VIEWER, **parameters}
     )
@@ -137,7 +131,6 @@ async def serve(bench: Bench, port: int, **parameters: Any) -> None:
 
 @asynccontextmanager
 async def serving(bench: Bench, **parameters: Any) -> AsyncGenerator[Server]:
-    """Run the service on `bench`; it has ended, and its port is free again, afterwards."""
     port = parameters.pop("port", None) or free_port()
     life = asyncio.create_task(serve(bench, port, **parameters))
     server = Server(port)

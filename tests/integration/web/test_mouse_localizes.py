@@ -107,7 +107,7 @@ async def _localize(tremor_deg: float) -> Hand:
 
 
 @pytest.mark.parametrize(("tremor_deg", "most_m"), [(0.0, 0.001), (0.2, 0.05)])
-def test_who_points_at_the_lamps_with_the_mouse_is_found_where_the_page_has_them(
+def test_who_points_at_lamps_by_mouse_is_found_where_the_page_has_them(
     tremor_deg: float, most_m: float
 ) -> None:
     with tempfile.TemporaryDirectory() as state, mock.patch.dict(os.environ, {"POINTIT_STATE": state}):

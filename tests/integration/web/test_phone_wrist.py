@@ -39,8 +39,6 @@ def _phones_may_be_held_up(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 class Room:
-    """A site with one person, a page of an operator, and what is on the bus."""
-
     def __init__(self, bench: Bench, page: Page) -> None:
         self.bench = bench
         self.page = page
@@ -75,7 +73,6 @@ async def room() -> AsyncGenerator[Room]:
 
 @asynccontextmanager
 async def phone(site: Room) -> AsyncGenerator[ClientConnection]:
-    """Pair a phone as its person does, by what the QR code says, and yield its socket."""
     assert (await site.ask("open_lan"))["error"] == ""
     offer = (await site.ask("pair"))["reply"]
     url = httpx.URL(offer["url"])

@@ -23,7 +23,6 @@ CLIENTS = ("httpx", "httpcore", "websockets.client")
 
 
 async def refused(server: Server, path: str = "/ws", **headers: str) -> int:
-    """Return the status with which a websocket is refused."""
     with pytest.raises(InvalidStatus) as refusal:
         async with connect(f"ws://{server.host}{path}", additional_headers=headers):
             pass
@@ -236,9 +235,7 @@ def test_this_machine_is_safe(host: str) -> None:
     Web.validate_config(WebConfig(host=host))
 
 
-async def test_the_token_is_never_logged_but_kept_in_a_file_where_nobody_knows_it(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
+async def test_token_is_never_logged_but_kept_in_a_file_if_unknown(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level("DEBUG")
     async with memory_bench() as bench:
         async with serving(bench) as server, server.page(), server.client() as client:

@@ -71,9 +71,7 @@ def tight(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("tight")
-async def test_a_page_that_reads_nothing_is_cut_and_costs_nobody_anything(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+async def test_page_that_reads_nothing_is_cut_and_costs_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(listener, "PING_S", 0.5)
     async with memory_bench() as bench, serving(bench) as server:
         reports = bench.collect(HEALTH, "web")
@@ -123,7 +121,6 @@ async def test_a_page_that_asks_too_much_is_refused_and_is_told_on(bench: Bench,
 
 
 def connected(server: Server) -> int:
-    """Return the number of connections at the server's end."""
     port = int(server.host.rpartition(":")[2])
     connections = psutil.Process().net_connections(kind="tcp")
     return sum(each.status == psutil.CONN_ESTABLISHED and each.laddr.port == port for each in connections)
@@ -156,7 +153,7 @@ async def test_a_server_that_ends_closes_its_pages_at_once(bench: Bench) -> None
     stalled.close()
 
 
-async def test_what_is_no_message_is_counted_and_told_and_then_the_page_is_closed(
+async def test_malformed_messages_are_counted_and_then_close_the_page(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     async with memory_bench() as bench, serving(bench) as server:

@@ -51,7 +51,6 @@ async def test_a_page_is_told_what_is_true_and_what_happens(bench: Bench, server
 
 
 async def told_of_before(server: Server) -> list[tuple[str, str]]:
-    """Open a page; return the selection events of its first batch."""
     async with server.page() as page:
         await until(lambda: bool(page.batches))
         told = [event for key, _, event in page.events if key == topics.SELECTION_EVENTS.key]
@@ -90,11 +89,8 @@ async def test_a_frame_of_light_is_sent_at_once() -> None:
 def lag(bench: Bench, page: Page, late_s: float) -> str:
     """Have a report of another machine come that late; return what the page server says of it."""
     stamp_ns = time.time_ns() - round(late_s * 1e9)
-    bench.put(
-        topics.HEALTH,
-        schemas.Health(stamp_ns=stamp_ns, service="pui", instance="pui", pid=1, host="plant"),
-        "pui",
-    )
+    late = schemas.Health(stamp_ns=stamp_ns, service="pui", instance="pui", pid=1, host="plant")
+    bench.put(topics.HEALTH, late, "pui")
     warnings: list[str] = page.states.get((topics.HEALTH.key, "web"), {}).get("warnings", [])
     return "".join(warning for warning in warnings if "machine plant sends" in warning)
 
@@ -125,12 +121,9 @@ async def test_a_scenario_that_gives_way_leaves_nothing_but_its_walls(bench: Ben
     bench.put(topics.MAP, schemas.Environment(**NOW, name="old"))
     bench.put(topics.CURSOR, schemas.Cursor(**NOW), "anna")
     bench.put(topics.OBJECTS, schemas.TrackedObjects(**NOW), "conveyor")
-    for key, name in (
-        (topics.CURSOR.key, "anna"),
-        (topics.OBJECTS.key, "conveyor"),
-        (topics.DEPLOYMENT.key, "run.scenario_4"),
-    ):
-        await known(page, key, name)
+    await known(page, topics.CURSOR.key, "anna")
+    await known(page, topics.OBJECTS.key, "conveyor")
+    await known(page, topics.DEPLOYMENT.key, "run.scenario_4")
     for token in tokens:
         token.close()
     await unknown(page, topics.CURSOR.key, "anna")
@@ -195,19 +188,18 @@ async def test_the_button_is_pressed(bench: Bench, page: Page) -> None:
     assert presses[0].seq != presses[1].seq
 
 
-def person(bench: Bench, state: str = "pointing") -> None:
-    """Have anna there, with what a page needs to move her arm."""
+async def person(bench: Bench, page: Page, state: str = "pointing") -> None:
     bench.bus.announce(topics.USER_ALIVE, "anna")
     bench.bus.announce(topics.SERVICE_ALIVE, "imu-bridge.anna")
     bench.put(topics.INTERACTION, schemas.Interaction.model_validate({**NOW, "state": state}), "anna")
+    await until(lambda: bool(page.person("anna")))
 
 
 async def test_the_mouse_moves_the_arm_until_it_is_given_back() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench, serving(bench) as server, server.page() as page:
-        person(bench)
+        await person(bench, page)
         samples = bench.collect(topics.WRIST, "anna")
-        await until(lambda: bool(page.person("anna")))
         assert not (await page.ask(deed="take", name="anna"))["error"]
         await until(lambda: page.person("anna")["is_mine"])
         assert page.person("anna")["moved_by"] == "mouse"
@@ -229,8 +221,7 @@ async def test_the_mouse_moves_the_arm_until_it_is_given_back() -> None:
 async def test_who_is_idle_begins_to_point_when_taken(state: str, presses: int) -> None:
     async with memory_bench() as bench, serving(bench) as server, server.page() as page:
         pressed = bench.collect(topics.BUTTON, "anna")
-        person(bench, state)
-        await until(lambda: bool(page.person("anna")))
+        await person(bench, page, state)
         await page.ask(deed="take", name="anna")
         await page.ask(deed="give", name="anna")
         assert len(pressed) == presses
@@ -244,8 +235,7 @@ async def test_without_an_imu_bridge_nothing_is_taken(bench: Bench, page: Page) 
 
 async def test_the_last_who_takes_has_it_and_the_other_is_told() -> None:
     async with memory_bench() as bench, serving(bench) as server, server.page() as one, server.page() as two:
-        person(bench)
-        await until(lambda: bool(one.person("anna") and two.person("anna")))
+        await person(bench, one)
         await one.ask(deed="take", name="anna")
         await until(lambda: one.person("anna")["is_mine"] and two.person("anna")["moved_by"] == "mouse")
         assert not two.person("anna")["is_mine"]
@@ -257,9 +247,8 @@ async def test_the_last_who_takes_has_it_and_the_other_is_told() -> None:
 
 async def test_who_closes_the_page_lets_go() -> None:
     async with memory_bench() as bench, serving(bench) as server, server.page() as other:
-        person(bench)
         async with server.page() as page:
-            await until(lambda: bool(page.person("anna")))
+            await person(bench, page)
             await page.ask(deed="take", name="anna")
             await until(lambda: other.person("anna")["moved_by"] == "mouse")
         await until(lambda: other.person("anna")["moved_by"] == "own")
@@ -278,8 +267,7 @@ async def test_a_phone_is_paired_over_the_local_network_only(monkeypatch: pytest
         serving(bench, lan_address="127.0.0.1", lan_port=0) as server,
         server.page() as page,
     ):
-        person(bench)
-        await until(lambda: bool(page.person("anna")))
+        await person(bench, page)
         assert page.status["lan_url"] == ""
         assert "local network first" in (await page.ask(deed="pair", name="anna"))["error"]
         opened = await page.ask(deed="open_lan")

@@ -26,8 +26,6 @@ async def site(bus: MemoryBus) -> AsyncIterator[Site]:
 
 @pytest.fixture
 def denied(bus: MemoryBus, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Deny everything."""
-
     async def deny(verb: str, topic: AnyTopic, name: str) -> str:
         return f"{verb} {topic.at(name)}"
 

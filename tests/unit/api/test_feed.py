@@ -58,7 +58,7 @@ async def test_every_event_comes_in_order(bus: MemoryBus, site: Site) -> None:
     assert [event.object_id async for event in annas.during(0)] == ["1", "3"]
 
 
-async def test_events_that_nobody_takes_are_counted(
+async def test_events_nobody_takes_count(
     bus: MemoryBus, site: Site, caplog: pytest.LogCaptureFixture
 ) -> None:
     events = site.selections()
@@ -198,9 +198,7 @@ async def test_people_are_told_at_once_and_on_each_change(bus: MemoryBus) -> Non
         assert await anext(site.people()) == {"ben"}
 
 
-async def test_who_leaves_while_people_are_listed_is_gone(
-    bus: MemoryBus, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_who_leaves_during_the_listing_is_gone(bus: MemoryBus, monkeypatch: pytest.MonkeyPatch) -> None:
     anna = bus.announce(USER_ALIVE, "anna")
     bus.announce(USER_ALIVE, "ben")
     list_present = bus.list_present

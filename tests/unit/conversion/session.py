@@ -12,7 +12,6 @@ BEGAN_NS = 1_000 * NS_PER_S
 
 
 def at(time_s: float) -> int:
-    """Return the Unix time of `time_s` of the session."""
     return BEGAN_NS + round(time_s * NS_PER_S)
 
 

@@ -131,7 +131,6 @@ def run(source: Path, *options: str) -> Result:
 
 
 def imported(source: Path, *options: str) -> dict[str, list[Any]]:
-    """Import a bag. Return the messages by key."""
     result = run(source, *options)
     assert result.exit_code == 0, result.output
     found: dict[str, list[Any]] = {}

@@ -20,7 +20,6 @@ from tests.support.published_recordings import Stand, write_motion, write_track
 
 
 def invoke(*arguments: str) -> str:
-    """Run the command. Return its standard output, or raise its exception."""
     result = CliRunner().invoke(command, [*arguments], standalone_mode=False)
     if result.exception is not None:
         raise result.exception

@@ -8,7 +8,6 @@ import pytest
 
 from pointit.diagnosis.diagnose import diagnose, is_healthy
 from pointit.diagnosis.observation import Finding, Observation, Report
-from pointit.diagnosis.writers import start_command
 from pointit.schemas import Deployment, ExpectedService, Health, KeyHealth, Quantiles
 from pointit.schemas.system import split_instance
 from pointit.schemas.topics import CURSOR, FEEDBACK, HOVER, IMU, RAY, Topic
@@ -47,7 +46,6 @@ def deployment(*services: ExpectedService) -> dict[str, Deployment]:
 
 
 def only(seen: Observation) -> Finding:
-    """Return the one finding."""
     (finding,) = diagnose(seen)
     assert is_healthy([finding]) == (finding.severity == "note")
     return finding
@@ -95,13 +93,6 @@ def test_a_router_alone_is_no_site_that_is_well() -> None:
     assert diagnose(observation(health("router"), health("led-driver"))) == []
 
 
-def test_absent_with_the_command_that_starts_it_again() -> None:
-    gone = ExpectedService(service="pointing", user="anna", command=("python", "-m", "x", "--user", "anna"))
-    finding = only(observation(WELL[2], deployments=deployment(gone)))
-    assert (finding.code, finding.severity, finding.service) == ("absent", "error", "pointing.anna")
-    assert finding.remedy.startswith("start it again: pointit service run pointing --user anna (")
-
-
 def test_restart_command_reaches_the_site_that_was_looked_at() -> None:
     gone = ExpectedService(service="keeper", command=("python", "-m", "x"))
     options = " --site hall --connect tcp/a:1"
@@ -111,23 +102,11 @@ def test_restart_command_reaches_the_site_that_was_looked_at() -> None:
     assert remedies["led-driver"] == f"if it should run: pointit service run led-driver{options}"
 
 
-@pytest.mark.parametrize(
-    ("service", "user"), [("keeper", "anna"), ("pointing", ""), ("nothing", ""), ("pointing", "a b")]
-)
-def test_there_is_no_command_for_a_service_of_another_scope_or_name(service: str, user: str) -> None:
-    assert start_command(service, user) == ""
-
-
 def test_absent_counts_even_when_it_reported_just_before() -> None:
     seen = observation(
         health("pui"), deployments=deployment(ExpectedService(service="pui")), present=frozenset[str]()
     )
     assert only(seen).code == "absent"
-
-
-def test_absent_without_a_command_of_its_own() -> None:
-    finding = only(observation(WELL[2], deployments=deployment(ExpectedService(service="selector"))))
-    assert "the process that started scenario_3" in finding.remedy
 
 
 def test_left_while_we_looked() -> None:

@@ -72,7 +72,16 @@ def test_deployment_of_a_person_is_believed_for_that_person_only() -> None:
 
 @pytest.mark.parametrize(
     ("service", "user"),
-    [("$(curl evil)", ""), ("pui;curl evil", "anna"), ("nobody", ""), ("pointing", "x;curl"), ("pui", "-x")],
+    [
+        *(
+            ("$(curl evil)", ""),
+            ("pui;curl evil", "anna"),
+            ("nobody", ""),
+            ("pointing", "x;curl"),
+            ("pui", "-x"),
+        ),
+        *(("keeper", "anna"), ("pointing", ""), ("pointing", "a b")),
+    ],
 )
 def test_no_command_is_built_of_unknown_services_or_impossible_names(service: str, user: str) -> None:
     assert start_command(service, user) == ""
@@ -80,11 +89,6 @@ def test_no_command_is_built_of_unknown_services_or_impossible_names(service: st
     for finding in found(health("pui"), deployments={"run.x": told}):
         assert "curl" not in finding.service
         assert "pointit service" not in finding.remedy
-
-
-def test_known_service_has_a_command() -> None:
-    assert start_command("pui") == "pointit service run pui"
-    assert start_command("pointing", "anna") == "pointit service run pointing --user anna"
 
 
 def test_warning_of_a_persons_service_is_quoted_on_one_plain_line() -> None:

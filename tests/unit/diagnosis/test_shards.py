@@ -1,10 +1,15 @@
-"""Findings about shards of a service, and about its default instance beside them."""
+"""Findings about shards and machines' clocks, and the writers of a topic."""
+
+from collections.abc import Sequence
 
 import pytest
 
-from pointit.diagnosis.diagnose import diagnose
-from pointit.schemas import Deployment, ExpectedService
-from pointit.schemas.topics import CURSOR, RAY
+from pointit.diagnosis.diagnose import diagnose, find_clock_skew, is_healthy
+from pointit.diagnosis.observation import Observation, Report
+from pointit.diagnosis.writers import present_writers, silence_reason
+from pointit.schemas import NS_PER_S, Deployment, ExpectedService, Health
+from pointit.schemas.system import instance_of, split_instance
+from pointit.schemas.topics import CLOCK, CURSOR, HEALTH, IMU, MAP, POSE, RAY, SELECTION
 from tests.unit.diagnosis.test_diagnose import WELL, health, key, observation, only
 
 ANNAS = health("pointing.anna", key(RAY, "out"))
@@ -53,3 +58,105 @@ def test_a_missing_shard_is_named_with_its_command() -> None:
     finding = only(observation(WELL[2], deployments=told))
     assert (finding.code, finding.service) == ("absent", "pui.anna")
     assert "pointit service run pui --name anna --people [...]" in finding.remedy
+
+
+NOW_NS = 1_700_000_000 * NS_PER_S
+
+
+def reports(instance: str, host: str, ahead_s: float, *warnings: str) -> Sequence[Report]:
+    return [
+        Report(
+            received_s=100.0 + second,
+            arrived_ns=NOW_NS + second * NS_PER_S,
+            health=Health(
+                stamp_ns=NOW_NS + second * NS_PER_S + int((ahead_s - 0.002) * 1e9),
+                service=instance,
+                instance=instance,
+                pid=1,
+                host=host,
+                warnings=warnings,
+            ),
+        )
+        for second in range(3)
+    ]
+
+
+def seen(**by_instance: Sequence[Report]) -> Observation:
+    return Observation(
+        began_s=100.0, now_s=102.5, host="desk", present=frozenset(by_instance), reports=by_instance
+    )
+
+
+@pytest.mark.parametrize(
+    ("ahead_s", "severity", "words"),
+    [
+        (0.08, "warning", "78 ms ahead of the clock of desk"),
+        (-0.08, "warning", "80 ms behind the clock of desk"),
+        (1.5, "error", "refused"),
+        (-1.5, "error", "refused"),
+    ],
+)
+def test_a_clock_apart_is_found(ahead_s: float, severity: str, words: str) -> None:
+    site = seen(
+        pui=reports("pui", "server", 0.0), led=reports("led", "desk", 0.0), sim=reports("sim", "pi", ahead_s)
+    )
+    (finding,) = find_clock_skew(site)
+    assert (finding.code, finding.severity, finding.service) == ("clock", severity, "")
+    assert "machine pi " in finding.sentence
+    assert words in finding.sentence
+    assert "NTP" in finding.remedy
+    assert [found for found in diagnose(site) if found.code == "clock"] == [finding]
+    assert not is_healthy([finding])
+
+
+def test_what_the_keeper_has_said_is_not_said_twice() -> None:
+    warning = "the clock of machine pi is 80 ms behind the clock of server: ..."
+    site = seen(keeper=reports("keeper", "server", 0.0, warning), sim=reports("sim", "pi", -0.08))
+    assert not list(find_clock_skew(site))
+
+
+def test_unknown_times_are_nothing() -> None:
+    site = seen(sim=[Report(received_s=101.0, health=reports("sim", "pi", 9.0)[0].health)])
+    assert not list(find_clock_skew(site))
+
+
+PRESENT = {"pointing.anna", "pointing.ben", "pui", "user-sim.anna", "imu-bridge.ben"}
+
+
+@pytest.mark.parametrize("parts", [("pui", ""), ("pointing", "anna"), ("user-sim", "a.b-c")])
+def test_instances_are_taken_apart_as_they_are_put_together(parts: tuple[str, str]) -> None:
+    assert split_instance(instance_of(*parts)) == parts
+
+
+def test_a_persons_topic_is_written_by_their_own_services() -> None:
+    assert present_writers(RAY, "anna", PRESENT) == ["pointing.anna"]
+    assert present_writers(RAY, "*", PRESENT) == ["pointing.anna", "pointing.ben"]
+    assert present_writers(IMU, "*", PRESENT) == ["imu-bridge.ben", "user-sim.anna"]
+    assert present_writers(RAY, "eve", PRESENT) == []
+
+
+def test_a_site_service_writes_for_everybody() -> None:
+    assert present_writers(CURSOR, "anna", PRESENT) == ["pui"]
+    assert present_writers(MAP, "", PRESENT) == ["pui"]
+
+
+def test_a_shard_writes_of_people_but_not_what_is_of_the_site() -> None:
+    present = {"pui.hall", "selector.anna"}
+    assert present_writers(CURSOR, "anna", present) == ["pui.hall"]
+    assert present_writers(MAP, "", present) == []
+    assert present_writers(SELECTION, "", present) == []
+
+
+def test_everybody_writes_their_own_health() -> None:
+    assert present_writers(HEALTH, "pui", PRESENT) == ["pui"]
+    assert present_writers(HEALTH, "selector", PRESENT) == []
+    assert set(present_writers(HEALTH, "*", PRESENT)) == PRESENT
+
+
+def test_silence_is_explained() -> None:
+    assert "pointing.anna can write it and runs" in silence_reason(RAY, "anna", PRESENT)
+    assert "`pointit service run pointing --user eve`" in silence_reason(RAY, "eve", PRESENT)
+    assert "`pointit service run pointing --user NAME`" in silence_reason(RAY, "*", ())
+    assert "`pointit service run pui`" in silence_reason(MAP, "", ())
+    assert "(localizer or ros2 or external)" in silence_reason(POSE, "anna", ())
+    assert silence_reason(CLOCK, "", ()) == "it is written by cli or ros2"

@@ -33,12 +33,13 @@ from tests.support.bench import until
 
 pytestmark = pytest.mark.wall_time
 
+Patch = pytest.MonkeyPatch
+Caplog = pytest.LogCaptureFixture
+
 LEVEL = (0.0, 0.0, 0.0, 1.0)
 
 
 class Site:
-    """A bus on which things happen, and a recorder."""
-
     def __init__(self, path: Path) -> None:
         self.path = path
         self.exchange = LocalBroker()
@@ -216,7 +217,6 @@ async def test_names_that_are_numbers_or_words_of_messages_cost_no_message(site:
 
 
 def unpacked(path: Path) -> bytes:
-    """Return the records of a recording, unpacked."""
     found = b""
     with path.open("rb") as file:
         for place in container.records(file):
@@ -225,9 +225,7 @@ def unpacked(path: Path) -> bytes:
     return found
 
 
-async def test_a_lost_router_is_said_once(
-    site: Site, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
+async def test_a_lost_router_is_said_once(site: Site, monkeypatch: Patch, caplog: Caplog) -> None:
     seconds = itertools.count()
     problem = property(lambda _bus: f"router at tcp/127.0.0.1:7447 lost {next(seconds)} s ago; trying again")
     monkeypatch.setattr(MemoryBus, "problem", problem)
@@ -238,7 +236,7 @@ async def test_a_lost_router_is_said_once(
 
 
 async def test_a_site_on_which_nothing_runs_is_said_before_and_after_its_services(
-    site: Site, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    site: Site, monkeypatch: Patch, caplog: Caplog
 ) -> None:
     monkeypatch.setattr("pointit.services.recorder.service.REPORT_S", 0.001)
     monkeypatch.setattr("pointit.services.recorder.service.ALONE_S", 0.02)
@@ -266,8 +264,6 @@ async def test_file_that_exists_is_never_overwritten(site: Site) -> None:
 
 
 class FullDisk:
-    """A file on a disk that gets full."""
-
     def __init__(self, file: IO[bytes], room: int) -> None:
         self._file, self._room = file, room
 
@@ -288,7 +284,7 @@ class FullDisk:
 
 
 async def test_full_disk_is_said_and_what_is_there_is_readable(
-    site: Site, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    site: Site, monkeypatch: Patch, caplog: Caplog
 ) -> None:
     opened = Path.open
 
@@ -322,9 +318,7 @@ async def test_full_disk_is_said_and_what_is_there_is_readable(
     assert f"the {readable} messages before are readable" in caplog.text
 
 
-async def test_health_tells_how_many_messages_are_left_out_and_why(
-    site: Site, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_health_tells_what_is_left_out_and_why(site: Site, monkeypatch: Patch) -> None:
     added = RecordingWriter.add
 
     def add(self: RecordingWriter, entry: Entry) -> None:
@@ -352,9 +346,7 @@ def test_wrong_parameters_are_refused_before_the_start(parameters: dict[str, Any
         Recorder.validate_config(RecorderConfig(**parameters))
 
 
-async def test_movements_of_one_person_only_are_recorded_for_an_identity_that_may_read_no_others(
-    site: Site,
-) -> None:
+async def test_movements_of_one_person_are_recorded_where_no_others_may_be_read(site: Site) -> None:
     async with site.recorded(person="anna"):
         for user in ("anna", "ben"):
             site.bus.publisher(topics.IMU, user).put(sample(1))

@@ -21,6 +21,9 @@ from tests.support.bench import until
 
 pytestmark = pytest.mark.wall_time
 
+Patch = pytest.MonkeyPatch
+Caplog = pytest.LogCaptureFixture
+
 START = 1_700_000_000 * NS_PER_S
 
 
@@ -91,7 +94,7 @@ async def test_when_time_is_set_back_the_recording_goes_on_in_a_new_file(tmp_pat
 
 
 async def test_long_recording_is_divided_into_files_that_together_have_everything(
-    tmp_path: Path, sink: Sink, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, sink: Sink, monkeypatch: Patch
 ) -> None:
     monkeypatch.setattr(writer, "MAX_CHUNKS", 4)
     arrivals = [cursor(number / 10) for number in range(200)]
@@ -105,7 +108,7 @@ async def test_long_recording_is_divided_into_files_that_together_have_everythin
 
 
 async def test_fault_in_one_message_costs_this_message_only(
-    sink: Sink, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    sink: Sink, monkeypatch: Patch, caplog: Caplog
 ) -> None:
     added = RecordingWriter.add
 
@@ -124,7 +127,7 @@ async def test_fault_in_one_message_costs_this_message_only(
 
 
 async def test_thread_that_fails_says_so_and_counts_what_waited(
-    sink: Sink, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    sink: Sink, monkeypatch: Patch, caplog: Caplog
 ) -> None:
     def flush(_self: RecordingWriter) -> None:
         raise RuntimeError("a fault")
@@ -142,7 +145,7 @@ async def test_thread_that_fails_says_so_and_counts_what_waited(
 
 
 async def test_a_recording_that_ends_early_is_said_to_have_as_many_messages_as_a_reader_finds(
-    sink: Sink, monkeypatch: pytest.MonkeyPatch
+    sink: Sink, monkeypatch: Patch
 ) -> None:
     added = RecordingWriter.add
 
@@ -161,7 +164,7 @@ async def test_a_recording_that_ends_early_is_said_to_have_as_many_messages_as_a
     assert f"the {readable} messages before are readable" in sink.problem
 
 
-async def test_what_waits_is_limited_by_bytes(sink: Sink, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_what_waits_is_limited_by_bytes(sink: Sink, monkeypatch: Patch) -> None:
     monkeypatch.setattr(sink_module, "MAX_WAITING_BYTES", 1000)
     first, second, third = Encoded(), Encoded(), Encoded()
     sink.add(Arrival(at(1.0), CURSOR, "anna", first))

@@ -1,4 +1,4 @@
-"""Recordings: entries that were written are read back, also from a file that is cut off or damaged."""
+"""Entries are read back as written, also from a file that is cut off or damaged; answered requests."""
 
 from pathlib import Path
 from typing import Any
@@ -7,13 +7,37 @@ import pytest
 from mcap.reader import make_reader
 
 from pointit.recording import container, reader
-from pointit.recording.entries import Entry, Exchange, RecordingError, body_kind, entry
+from pointit.recording.entries import Entry, Exchange, RecordingError, body_kind, entry, entry_of
 from pointit.recording.head import make_head
 from pointit.recording.reader import Recording
 from pointit.recording.writer import RecordingWriter
-from pointit.schemas import NS_PER_S, Cursor, Done, Message, SetSpeed, encode
+from pointit.schemas import (
+    NS_PER_S,
+    Cursor,
+    Done,
+    Message,
+    Query,
+    ServedRequest,
+    SetBrightness,
+    SetPose,
+    SetSpeed,
+    UndoSelection,
+    encode,
+)
 from pointit.schemas.catalogue.example import example
-from pointit.schemas.topics import BUTTON, CURSOR, REQUESTS, SET_SPEED, TOPICS, USER_ALIVE, Request, Topic
+from pointit.schemas.topics import (
+    BUTTON,
+    CURSOR,
+    REQUESTS,
+    SET_BRIGHTNESS,
+    SET_POSE,
+    SET_SPEED,
+    TOPICS,
+    UNDO_SELECTION,
+    USER_ALIVE,
+    Request,
+    Topic,
+)
 
 START = 1_700_000_000 * NS_PER_S
 
@@ -59,9 +83,7 @@ def test_every_message_is_read_as_it_was_written(topic: Topic[Message], path: Pa
 
 
 @pytest.mark.parametrize("request_row", [pytest.param(row, id=row.key) for row in REQUESTS])
-def test_every_request_is_read_with_its_reply_or_its_refusal(
-    request_row: Request[Any, Any], path: Path
-) -> None:
+def test_every_request_is_read_with_reply_or_refusal(request_row: Request[Any, Any], path: Path) -> None:
     kind: Any = body_kind(request_row)
     query = example(request_row.query)
     name = "anna" if request_row.placeholder else ""
@@ -107,21 +129,12 @@ def test_other_readers_find_the_key_the_schema_and_the_stamp(path: Path) -> None
     (schema, plain, message), (request_schema, request, _) = messages
     assert schema is not None
     assert request_schema is not None
-    assert (schema.name, schema.encoding, plain.message_encoding) == (
-        Cursor.schema_name(),
-        "jsonschema",
-        "json",
-    )
-    assert (plain.message_encoding, plain.topic, plain.metadata) == (
-        "json",
-        "/users/anna/cursor",
-        {"key": "users/anna/cursor", "row": "topic"},
-    )
+    assert (schema.name, schema.encoding) == (Cursor.schema_name(), "jsonschema")
+    assert (plain.message_encoding, plain.topic) == ("json", "/users/anna/cursor")
+    assert plain.metadata == {"key": "users/anna/cursor", "row": "topic"}
     assert (message.publish_time, message.sequence) == (at(1.0), 50)
-    assert (request.topic, request_schema.name) == (
-        "/conveyor/set_speed",
-        f"{SetSpeed.schema_name()}+{Done.schema_name()}",
-    )
+    assert request.topic == "/conveyor/set_speed"
+    assert request_schema.name == f"{SetSpeed.schema_name()}+{Done.schema_name()}"
 
 
 @pytest.mark.parametrize("share", [0.999, 0.7, 0.4])
@@ -156,11 +169,7 @@ def test_recording_that_is_too_long_is_read_to_the_limit(path: Path, monkeypatch
 
 def test_damaged_chunk_is_left_out_and_said(path: Path) -> None:
     write(path, session())
-    with path.open("rb") as file:
-        chunks = [place for place in container.records(file) if place.opcode == 6]
-    data = bytearray(path.read_bytes())
-    data[chunks[4].offset + 200] ^= 0xFF
-    path.write_bytes(data)
+    damage(path, chunks(path)[4].offset + 200)
     with Recording.open(path) as recording:
         assert len(list(recording.entries())) == 500 - 25
         assert "a chunk of it" in recording.problem
@@ -224,3 +233,47 @@ def damage(path: Path, offset: int) -> None:
     data = bytearray(path.read_bytes())
     data[offset] ^= 0xFF
     path.write_bytes(data)
+
+
+SET_TO = SetPose(position_m=(1.0, 2.0, 0.0), yaw_rad=0.5)
+
+
+def account(key: str, query: Query) -> ServedRequest:
+    return ServedRequest(
+        stamp_ns=7,
+        service="led-driver",
+        instance="led-driver",
+        request=key,
+        query=query.model_dump_json(),
+        refusal="no",
+    )
+
+
+@pytest.mark.parametrize(
+    ("instance", "key", "query"),
+    [
+        ("localizer.anna", SET_POSE.at("anna"), SET_TO),
+        ("selector", UNDO_SELECTION.at("anna"), UndoSelection()),
+        ("led-driver", SET_BRIGHTNESS.key, SetBrightness(brightness=0.5)),
+    ],
+)
+def test_account_of_the_service_that_answers_is_an_exchange(instance: str, key: str, query: Query) -> None:
+    found = entry_of(account(key, query), instance, 9)
+    assert found is not None
+    assert (found.key, found.time_ns) == (key, 9)
+    assert isinstance(found.body, Exchange)
+    assert (found.body.query, found.body.refusal) == (query, "no")
+
+
+@pytest.mark.parametrize(
+    ("instance", "key", "query"),
+    [
+        ("pointing.anna", SET_POSE.at("anna"), SET_TO),
+        ("localizer.ben", SET_POSE.at("anna"), SET_TO),
+        ("plugin", SET_BRIGHTNESS.key, SetBrightness(brightness=0.5)),
+        ("led-driver", "nothing/of/ours", SetBrightness(brightness=0.5)),
+        ("led-driver", SET_BRIGHTNESS.key, UndoSelection()),
+    ],
+)
+def test_account_of_another_services_answer_is_left_out(instance: str, key: str, query: Query) -> None:
+    assert entry_of(account(key, query), instance, 9) is None

@@ -102,16 +102,12 @@ def test_memory_is_bounded_when_only_one_side_writes() -> None:
         ({"x": None}, {"x": 1.0}, Leaf("x", None)),
     ],
 )
-def test_differences_name_the_field_and_its_size(
-    before: dict[str, Any], after: dict[str, Any], leaf: Leaf
-) -> None:
+def test_differences_name_field_and_size(before: dict[str, Any], after: dict[str, Any], leaf: Leaf) -> None:
     assert differences(before, after) == [leaf]
     assert differences(before, before) == []
 
 
 class CountedStamp(int):
-    """A stamp that counts how often it is compared."""
-
     comparisons = 0
 
     def __eq__(self, other: object) -> bool:

@@ -28,8 +28,6 @@ from tests.support.bench import START_NS, ManualClock
 
 
 class Warned:
-    """Remembers warnings."""
-
     def __init__(self) -> None:
         self.sentences: dict[str, str] = {}
 
@@ -41,8 +39,6 @@ class Warned:
 
 
 class PhoneBench:
-    """A service's functions, and a record of calls."""
-
     def __init__(self, folder: Path) -> None:
         (folder / "phone.html").write_text("<!doctype html><title>wrist</title>")
         self.clock = ManualClock(START_NS)
@@ -73,7 +69,6 @@ class PhoneBench:
         )
 
     def client(self) -> httpx.AsyncClient:
-        """Return a browser without cookies that trusts this site's certificate alone."""
         return httpx.AsyncClient(base_url=self.lan.url, verify=trust(), headers={"Origin": self.lan.url})
 
     async def pair(self, client: httpx.AsyncClient, user: str = "anna") -> None:
@@ -87,7 +82,6 @@ class PhoneBench:
     def connect(
         self, client: httpx.AsyncClient, origin: str | None = None, path: str = "/ws/wrist"
     ) -> websockets.connect:
-        """Return the phone's socket, to be opened."""
         cookies = "; ".join(f"{name}={value}" for name, value in client.cookies.items())
         return websockets.connect(
             self.lan.url.replace("https", "wss") + path,
@@ -122,7 +116,6 @@ def trust(site: str = "lab") -> ssl.SSLContext:
 
 @asynccontextmanager
 async def phone_bench(folder: Path) -> AsyncGenerator[PhoneBench]:
-    """Yield a bench whose door is open."""
     bench = PhoneBench(folder)
     await bench.lan.open()
     try:

@@ -1,4 +1,4 @@
-"""Access for viewing and for control."""
+"""Access for viewing and for control; the certificate that is made on demand."""
 
 import datetime as dt
 import os
@@ -54,9 +54,7 @@ def with_cookie(token: str) -> RequestInfo:
 
 
 @pytest.mark.parametrize(("token", "role"), [(OPERATOR, "operator"), (VIEWER, "viewer"), ("else", None)])
-def test_the_token_says_who_one_is_and_so_does_the_cookie(
-    doors: Access, token: str, role: str | None
-) -> None:
+def test_the_token_gives_the_role_and_so_does_the_cookie(doors: Access, token: str, role: str | None) -> None:
     assert doors.enter(token, HERE, 0.0) == role
     assert doors.admit(with_cookie(token), 0.0) == role
 
@@ -214,9 +212,7 @@ def test_it_names_this_machine_and_is_taken_by_browsers(tmp_path: Path) -> None:
     assert certificate.not_valid_before_utc <= NOW - dt.timedelta(minutes=30)
 
 
-def test_the_key_is_its_owners_alone_from_the_beginning(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_key_is_its_owners_alone_from_the_beginning(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     modes: list[int] = []
     chmod = Path.chmod
 

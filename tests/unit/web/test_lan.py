@@ -33,7 +33,6 @@ def lan(**fields: object) -> Lan:
 
 
 def trusting() -> ssl.SSLContext:
-    """Return a context that trusts the certificate of the site `lab` and nothing else."""
     return ssl.create_default_context(cafile=site_folder("lab", "web") / "certificate.pem")
 
 

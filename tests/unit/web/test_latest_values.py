@@ -1,4 +1,4 @@
-"""Whatever a page's speed, it ends with the newest of every key, and with every event or their number."""
+"""Whatever a page's speed, it ends with the newest of every key; rate limits and latencies."""
 
 import pytest
 from hypothesis import given
@@ -152,8 +152,6 @@ ACTIONS = st.lists(
 
 
 class Page:
-    """A page's state from its batches."""
-
     def __init__(self, hub: LatestValueCache, first_event: int = 0) -> None:
         self.feed = hub.open(FAST_HZ)
         self.known: dict[tuple[str, str], bytes] = {}
@@ -220,7 +218,6 @@ class Story:
             assert page.feed.ack(page.acked)
 
     def end(self) -> None:
-        """Each page acknowledges, and then knows all."""
         for page in self.pages:
             for _ in range(3):
                 self.now_s += 1.0
@@ -235,9 +232,7 @@ class Story:
 
 
 @given(ACTIONS)
-def test_in_whatever_order_things_happen_pages_end_with_what_is_true(
-    actions: list[tuple[str, int, str]],
-) -> None:
+def test_in_whatever_order_pages_end_with_what_is_true(actions: list[tuple[str, int, str]]) -> None:
     story = Story()
     for what, which, name in actions:
         story.now_s += 1.0

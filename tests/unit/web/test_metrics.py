@@ -45,8 +45,6 @@ def key(topic: str, direction: str = "in", **fields: object) -> KeyHealth:
 
 
 class Scrape:
-    """The values of a scrape, by name and labels."""
-
     def __init__(self, metrics: SiteMetrics) -> None:
         self._registry = CollectorRegistry(auto_describe=False)
         self._registry.register(metrics)
@@ -106,7 +104,6 @@ def test_discarded_messages_of_all_people_are_summed_by_reason(metrics: SiteMetr
 
 
 def durations(*values_s: float) -> Quantiles:
-    """Return the report of a service that has measured `values_s`."""
     window = DurationWindow()
     for value_s in values_s:
         window.add(value_s)

@@ -1,4 +1,4 @@
-"""Requests of pages: permission and validation."""
+"""Requests of pages, and the contract with the client: permission and validation."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""The last minute as MCAP: read back by another reader, whole."""
+"""The last minute as MCAP, and events from before the server started."""
 
 import base64
 import io
@@ -119,8 +119,6 @@ def event(number: int, stamp_ns: int, reason: str = "") -> schemas.SelectionEven
 
 
 class Looker:
-    """A page's server: a hub that hears, and asks for what it has not heard."""
-
     def __init__(self, bench: Bench) -> None:
         self.hub = LatestValueCache()
         self.past = Past(ServiceBus(bench.bus, bench.clock, "web", "web", ""), bench.clock, self.hub)
@@ -131,7 +129,6 @@ class Looker:
             self.past.hear(each)
 
     def shows(self) -> list[tuple[str, int]]:
-        """Return the past events that a page gets when it is opened now."""
         batch = self.hub.open(60.0).take(0.0)
         events = () if batch is None else batch.events
         return [(topic, msgpack.unpackb(payload)["seq"]) for topic, _, payload in events if payload]
@@ -203,7 +200,7 @@ async def test_events_of_a_run_whose_simulated_time_was_ahead_are_left_out() -> 
         assert looker.shown_numbers() == [2]
 
 
-async def test_without_an_answer_all_stays_as_it_is_and_one_line_says_so(
+async def test_without_an_answer_nothing_changes_and_one_line_says_so(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     caplog.set_level(logging.DEBUG, "pointit.bridges.web.model.history")

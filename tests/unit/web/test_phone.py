@@ -6,10 +6,10 @@ from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
-import httpx
 import pytest
 import pytest_asyncio
 import websockets
+from httpx import AsyncClient
 from websockets.asyncio.client import ClientConnection
 
 from pointit.bridges.web.wire import OWN_FAULT
@@ -31,7 +31,7 @@ async def bench(tmp_path: Path) -> AsyncIterator[PhoneBench]:
 
 
 @pytest_asyncio.fixture
-async def phone(bench: PhoneBench) -> AsyncIterator[httpx.AsyncClient]:
+async def phone(bench: PhoneBench) -> AsyncIterator[AsyncClient]:
     async with bench.client() as client:
         await bench.pair(client)
         yield client
@@ -49,7 +49,7 @@ async def greeted(socket: ClientConnection) -> dict[str, Any]:
     return hello
 
 
-async def posted(phone: httpx.AsyncClient, *items: Any) -> list[dict[str, Any]]:
+async def posted(phone: AsyncClient, *items: Any) -> list[dict[str, Any]]:
     response = await phone.post("/wrist", json=list(items))
     assert response.status_code == 200, response.text
     found: list[dict[str, Any]] = response.json()
@@ -71,9 +71,7 @@ async def test_the_link_pairs_and_leads_to_the_page_without_its_token(bench: Pho
         assert (await client.get("/phone?token=wrong")).status_code == 403
 
 
-async def test_a_phones_cookie_opens_nothing_but_its_wrist(
-    bench: PhoneBench, phone: httpx.AsyncClient
-) -> None:
+async def test_a_phones_cookie_opens_nothing_but_its_wrist(bench: PhoneBench, phone: AsyncClient) -> None:
     assert (await phone.get("/")).status_code == 403
     assert (await phone.get("/recording.mcap")).status_code == 403
     with pytest.raises(websockets.InvalidStatus) as refused:
@@ -82,7 +80,7 @@ async def test_a_phones_cookie_opens_nothing_but_its_wrist(
 
 
 async def test_the_socket_greets_and_takes_how_the_phone_is_held(
-    bench: PhoneBench, phone: httpx.AsyncClient
+    bench: PhoneBench, phone: AsyncClient
 ) -> None:
     async with bench.connect(phone) as socket:
         hello = await greeted(socket)
@@ -102,9 +100,7 @@ async def test_the_socket_greets_and_takes_how_the_phone_is_held(
     await until(lambda: bench.wrists.holder("anna")[1] == "own", what="a socket that is gone lets go")
 
 
-async def test_another_origin_or_no_cookie_opens_no_socket(
-    bench: PhoneBench, phone: httpx.AsyncClient
-) -> None:
+async def test_another_origin_or_no_cookie_opens_no_socket(bench: PhoneBench, phone: AsyncClient) -> None:
     with pytest.raises(websockets.InvalidStatus) as refused:
         await bench.connect(phone, origin="https://evil.example")
     assert refused.value.response.status_code == 403
@@ -117,9 +113,7 @@ async def test_another_origin_or_no_cookie_opens_no_socket(
     assert bench.sent == []
 
 
-async def test_what_a_phone_asks_is_done_for_its_own_person(
-    bench: PhoneBench, phone: httpx.AsyncClient
-) -> None:
+async def test_requests_of_a_phone_are_for_its_own_person(bench: PhoneBench, phone: AsyncClient) -> None:
     async with bench.connect(phone) as socket:
         await greeted(socket)
         await socket.send(json.dumps({"kind": "ask", "id": 7, "deed": "press", "name": "ben"}))
@@ -148,15 +142,15 @@ async def test_what_a_phone_asks_is_done_for_its_own_person(
     ],
 )
 async def test_a_phone_may_not_control_the_site(
-    bench: PhoneBench, phone: httpx.AsyncClient, ask: dict[str, Any]
+    bench: PhoneBench, phone: AsyncClient, ask: dict[str, Any]
 ) -> None:
     (answer,) = await posted(phone, {"kind": "ask", "id": 1, **ask})
     assert "a phone cannot ask for" in answer["error"]
     assert bench.asked == []
 
 
-async def test_only_the_phone_that_moves_the_arm_says_what_is_ahead(
-    bench: PhoneBench, phone: httpx.AsyncClient
+async def test_only_a_phone_that_moves_the_arm_says_what_is_ahead(
+    bench: PhoneBench, phone: AsyncClient
 ) -> None:
     centre = {"kind": "ask", "id": 1, "deed": "centre"}
     (answer,) = await posted(phone, centre)
@@ -168,7 +162,7 @@ async def test_only_the_phone_that_moves_the_arm_says_what_is_ahead(
     assert "ahead" in cue["text"]
 
 
-async def test_cues_come_to_the_socket(bench: PhoneBench, phone: httpx.AsyncClient) -> None:
+async def test_cues_come_to_the_socket(bench: PhoneBench, phone: AsyncClient) -> None:
     bench.phones.interaction("anna", Interaction(stamp_ns=0, state="idle", next_step="press to begin"))
     async with bench.connect(phone) as socket:
         await heard(socket)
@@ -183,7 +177,7 @@ async def test_cues_come_to_the_socket(bench: PhoneBench, phone: httpx.AsyncClie
         assert (await heard(socket))["text"] == "point at led_0"
 
 
-async def test_posts_do_all_that_the_socket_does(bench: PhoneBench, phone: httpx.AsyncClient) -> None:
+async def test_posts_do_all_that_the_socket_does(bench: PhoneBench, phone: AsyncClient) -> None:
     hello, state = await posted(phone)
     assert (hello["role"], state["kind"]) == ("wrist", "cue")
     bench.phones.feedback("anna", Feedback(stamp_ns=0, cue="started", chime="up"))
@@ -211,8 +205,8 @@ async def test_posts_do_all_that_the_socket_does(bench: PhoneBench, phone: httpx
         b"\xff\x00",
     ],
 )
-async def test_what_cannot_be_understood_is_counted_and_told(
-    bench: PhoneBench, phone: httpx.AsyncClient, item: str | bytes
+async def test_malformed_items_are_counted_and_told(
+    bench: PhoneBench, phone: AsyncClient, item: str | bytes
 ) -> None:
     async with bench.connect(phone) as socket:
         await greeted(socket)
@@ -224,9 +218,7 @@ async def test_what_cannot_be_understood_is_counted_and_told(
 
 
 @pytest.mark.parametrize("body", ["", "{}", "[1]", "nothing", json.dumps([TURN] * 65), "[" * 9000])
-async def test_posts_that_are_no_lists_are_refused(
-    bench: PhoneBench, phone: httpx.AsyncClient, body: str
-) -> None:
+async def test_posts_that_are_no_lists_are_refused(bench: PhoneBench, phone: AsyncClient, body: str) -> None:
     response = await phone.post("/wrist", content=body)
     assert response.status_code == 400
     assert "phone of anna" in bench.warned.sentences
@@ -236,9 +228,7 @@ async def test_posts_that_are_no_lists_are_refused(
 
 
 @pytest.mark.parametrize("t_ms", [9e12, 9.3e12, 1e15, 1e300])
-async def test_whatever_clock_a_phone_has_the_arm_goes_on(
-    bench: PhoneBench, phone: httpx.AsyncClient, t_ms: float
-) -> None:
+async def test_any_clock_of_a_phone_moves_the_arm(bench: PhoneBench, phone: AsyncClient, t_ms: float) -> None:
     await posted(phone, TURN)
     await posted(phone, {**TURN, "t_ms": t_ms})
     bench.clock.advance(STILL_S)
@@ -246,15 +236,15 @@ async def test_whatever_clock_a_phone_has_the_arm_goes_on(
 
 
 @pytest.mark.parametrize("item", [{**TURN, "x" * 50_000: 1}, {"kind": "x" * 50_000}])
-async def test_a_long_word_does_not_fill_the_health(
-    bench: PhoneBench, phone: httpx.AsyncClient, item: dict[str, Any]
+async def test_long_words_do_not_fill_health(
+    bench: PhoneBench, phone: AsyncClient, item: dict[str, Any]
 ) -> None:
     await posted(phone, item)
     assert len(bench.warned.sentences["phone of anna"]) < 500
 
 
-async def test_a_fault_is_an_answer_too(
-    bench: PhoneBench, phone: httpx.AsyncClient, caplog: pytest.LogCaptureFixture
+async def test_a_fault_is_an_answer(
+    bench: PhoneBench, phone: AsyncClient, caplog: pytest.LogCaptureFixture
 ) -> None:
     bench.fault = OSError("no more files")
     (answer,) = await posted(phone, {"kind": "ask", "id": 5, "deed": "press"})
@@ -263,9 +253,7 @@ async def test_a_fault_is_an_answer_too(
     caplog.clear()
 
 
-async def test_the_newer_socket_of_a_phone_replaces_the_older(
-    bench: PhoneBench, phone: httpx.AsyncClient
-) -> None:
+async def test_the_newer_socket_of_a_phone_replaces_the_older(bench: PhoneBench, phone: AsyncClient) -> None:
     async with bench.connect(phone) as first:
         await greeted(first)
         async with bench.connect(phone) as second:
@@ -279,7 +267,7 @@ async def test_the_newer_socket_of_a_phone_replaces_the_older(
             assert bench.wrists.holder("anna")[1] == "phone"
 
 
-async def test_unpairing_ends_what_is_open(bench: PhoneBench, phone: httpx.AsyncClient) -> None:
+async def test_unpairing_ends_what_is_open(bench: PhoneBench, phone: AsyncClient) -> None:
     async with bench.connect(phone) as socket:
         await greeted(socket)
         await socket.send(json.dumps(TURN))
@@ -294,7 +282,7 @@ async def test_unpairing_ends_what_is_open(bench: PhoneBench, phone: httpx.Async
     assert (await phone.get("/phone")).status_code == 403
 
 
-async def test_a_flood_of_turns_is_dropped_not_followed(bench: PhoneBench, phone: httpx.AsyncClient) -> None:
+async def test_a_flood_of_turns_is_dropped_not_followed(bench: PhoneBench, phone: AsyncClient) -> None:
     async with bench.connect(phone) as socket:
         await greeted(socket)
         for _ in range(1500):
@@ -306,14 +294,14 @@ async def test_a_flood_of_turns_is_dropped_not_followed(bench: PhoneBench, phone
         assert len(bench.sent) < 1500
 
 
-async def test_too_many_wishes_at_once_are_refused(phone: httpx.AsyncClient) -> None:
+async def test_too_many_wishes_at_once_are_refused(phone: AsyncClient) -> None:
     answers = await posted(phone, *({"kind": "ask", "id": k, "deed": "press"} for k in range(20)))
     refused = [answer["id"] for answer in answers if "too much" in answer["error"]]
     assert refused == list(range(8, 20))
     assert len(answers) == 20
 
 
-async def test_a_phone_that_reads_nothing_costs_little(bench: PhoneBench, phone: httpx.AsyncClient) -> None:
+async def test_a_phone_that_reads_nothing_costs_little(bench: PhoneBench, phone: AsyncClient) -> None:
     for k in range(1000):
         bench.phones.feedback("anna", Feedback(stamp_ns=0, cue="selected", text=f"{k}"))
     assert await posted(phone, TURN) == []  # it had not begun when they were said
@@ -323,8 +311,8 @@ async def test_a_phone_that_reads_nothing_costs_little(bench: PhoneBench, phone:
     assert [cue["text"] for cue in cues] == [str(k) for k in range(936, 1000)]
 
 
-async def test_yesterdays_chimes_are_not_told(
-    bench: PhoneBench, phone: httpx.AsyncClient, monkeypatch: pytest.MonkeyPatch
+async def test_old_chimes_are_not_told(
+    bench: PhoneBench, phone: AsyncClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     await posted(phone)
     bench.phones.feedback("anna", Feedback(stamp_ns=0, cue="selected", text="late"))
@@ -334,7 +322,7 @@ async def test_yesterdays_chimes_are_not_told(
     assert await posted(phone, TURN) == []
 
 
-async def test_two_people_have_two_phones(bench: PhoneBench, phone: httpx.AsyncClient) -> None:
+async def test_two_people_have_two_phones(bench: PhoneBench, phone: AsyncClient) -> None:
     async with bench.client() as other:
         await bench.pair(other, "ben")
         await posted(phone, TURN)

@@ -27,6 +27,7 @@ from pointit.schemas import (
     Hover,
     Interaction,
     Message,
+    RobotState,
     SelectionEvent,
     TrackedObject,
     TrackedObjects,
@@ -34,6 +35,7 @@ from pointit.schemas import (
     topics,
 )
 from pointit.schemas.system import RUN
+from pointit.schemas.topics import ROBOT_STATE, SERVICE_ALIVE
 from tests.support.recorded import write_recording
 
 LENGTH_S = 20.0
@@ -122,7 +124,6 @@ def in_file(path: Path) -> Iterator[FilePast]:
 
 
 def kept(entries: list[Entry], window_s: float = 600.0) -> Recent:
-    """Return the memory of a running site's page server after `entries`."""
     recent = Recent("lab", window_s)
     model = SiteModel("web", 0.0, recent)
     for each in entries:
@@ -205,9 +206,7 @@ def test_the_position_follows_the_clock_at_every_speed_and_stays_at_the_end(past
     assert playback.at_ns(200.0) == past.ended_ns
 
 
-def test_a_slow_machine_plays_more_slowly_and_skips_nothing(
-    past: Past, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_slow_machine_plays_slowly_and_skips_nothing(past: Past, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pointit.bridges.web.playback.playback.MAX_AT_ONCE", 5)
     playback = Playback(past, 0.0)
     feed = playback.model.hub.open(60.0)
@@ -254,7 +253,7 @@ def test_what_pages_are_not_shown_is_not_read(in_file: FilePast, entries: list[E
 
 
 @pytest.mark.parametrize("most", [3, 4])
-def test_states_that_change_once_are_kept_when_checkpoints_are_dropped(
+def test_states_outlast_dropped_checkpoints(
     most: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("pointit.bridges.web.playback.file_past.MAX_CHECKPOINTS", most)
@@ -366,3 +365,30 @@ def test_of_a_running_site_the_last_of_many_visitors_is_shown(monkeypatch: pytes
     assert states == {(row.key, f"visitor{number - 1}") for row in (topics.INTERACTION, topics.HOVER)} | {
         (topics.HEALTH.key, f"pointing.visitor{number - 1}")
     }
+
+
+def test_a_robots_lane_tells_what_it_does_for_whom_and_why_not() -> None:
+    lanes = Lanes()
+
+    def tell(seconds: float, **fields: Any) -> None:
+        zero = (0.0, 0.0, 0.0)
+        known = {"position_m": zero, "velocity_mps": zero, "yaw_rad": 0.0, "radius_m": 0.2}
+        state = RobotState.model_validate({"stamp_ns": at(seconds), "kind": "ground", **known, **fields})
+        lanes.add(at(seconds), ROBOT_STATE, "cart", state)
+
+    lanes.add(at(0.0), SERVICE_ALIVE, "robot.cart", body=True)
+    tell(0.0, phase="idle")
+    tell(1.0, phase="moving", user="anna")
+    tell(2.0, phase="moving", user="anna")
+    tell(3.0, phase="stopped", user="anna", reason="ben is 0.91 m away")
+    tell(4.0, phase="stopped", user="anna", reason="ben is 0.87 m away")
+    tell(5.0, phase="idle")
+    tell(6.0, phase="taking_off")
+    lanes.add(at(7.0), SERVICE_ALIVE, "robot.cart", body=False)
+    (lane,) = lanes.lanes(at(0.0), at(7.0))
+    assert (lane.kind, lane.user) == ("robot", "cart")
+    assert lane.items == (
+        (1.0, 3.0, "moving, steered by anna"),
+        (3.0, 5.0, "stopped, steered by anna: ben is 0.91 m away"),
+        (6.0, 7.0, "taking off"),
+    )

@@ -1,4 +1,4 @@
-"""Status of the site for the page."""
+"""State and status of the site, and keys of what has gone, bounded even against invented names."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -1,4 +1,4 @@
-"""Holders of wrists, and the resulting samples."""
+"""Holders of wrists and the resulting samples; true pose of a person who uses the mouse."""
 
 import itertools
 import math

@@ -1,4 +1,4 @@
-"""The mouse's arm: the pointing service's ray of it meets the place, and it moves as wrists can."""
+"""Wrists of pages: the mouse's arm, cues of phones, pairing."""
 
 import math
 import xml.etree.ElementTree as ET
@@ -65,7 +65,7 @@ profiles = st.builds(
     angles,
     st.tuples(coordinates, coordinates, st.floats(-1.0, 5.0)),
 )
-def test_the_ray_of_the_arm_meets_the_place(
+def test_ray_of_the_arm_meets_the_place(
     profile: UserProfile, feet_m: Vec3, yaw_rad: float, at_m: Vec3
 ) -> None:
     body = profile.body

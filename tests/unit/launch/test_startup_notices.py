@@ -72,16 +72,9 @@ def test_what_is_kept_and_in_use_is_said() -> None:
     )
     mountings = StateFile(StoredMountings, "anna", PURPOSE)
     mountings.write(StoredMountings(by_source={"serial": own}))
-    (notice,) = kept_offsets(launches)
-    assert notice == (
-        "anna: an offset of 2026-11-20 11:05 is in use; `pointit person calibrate user anna --erase` "
-        "forgets it"
-    )
-    (notice,) = kept_mountings(launches)
-    assert notice == (
-        "anna: a mounting of 2026-11-20 11:05 is in use; `pointit person calibrate mounting anna --erase` "
-        "forgets it"
-    )
+    since = "of 2026-11-20 11:05 is in use; `pointit person calibrate"
+    assert [*kept_offsets(launches)] == [f"anna: an offset {since} user anna --erase` forgets it"]
+    assert [*kept_mountings(launches)] == [f"anna: a mounting {since} mounting anna --erase` forgets it"]
     mountings.write(StoredMountings(by_source={"replay": own}))  # of another device
     assert list(kept_mountings(launches)) == []
     mountings.path.write_text("{", encoding="utf-8")  # the service complains of it

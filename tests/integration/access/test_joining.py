@@ -279,8 +279,9 @@ async def test_a_dashboards_questions_do_not_overtake_the_keys_they_are_about(tm
         services.settle(witness)
         for rounds in range(1, ROUNDS + 1):
             bus = await ZenohBus.open(link_of(folder, "dashboard1"), patience_s=30)
-            for topic in (topics.CLOCK, topics.DEPLOYMENT, topics.HEALTH):
-                bus.subscribe(topic, lambda _message, _name: None)
+            bus.subscribe(topics.CLOCK, lambda _message, _name: None)
+            bus.subscribe(topics.DEPLOYMENT, lambda _message, _name: None)
+            bus.subscribe(topics.HEALTH, lambda _message, _name: None)
             await until(lambda rounds=rounds: len(asked) >= rounds, what=f"question {rounds}")  # type: ignore[misc]
             await bus.close()
 

@@ -49,23 +49,24 @@ def test_git_never_tracks_a_sites_keys(tmp_path: Path) -> None:
     assert (site_of(tmp_path).path / ".gitignore").read_text() == "*\n"
 
 
-def test_secrets_are_the_owners_alone(tmp_path: Path) -> None:
-    site = site_of(tmp_path)
-    for file in site.path.rglob("*"):
-        mode = file.stat().st_mode & 0o777
-        if file.is_dir():
-            assert mode & 0o077 == 0, file
-        elif file.name in ("key.pem", "router.json5", "users.txt", "password"):
-            assert mode == 0o600, file
-    assert {file.name for file in site.identity_folder("anna").iterdir()} == {
-        "ca.pem",
-        "cert.pem",
-        "key.pem",
-        "link.json",
-    }
-    for file in site.path.rglob("*"):
-        if file.is_file() and file.name != "key.pem":
-            assert b"PRIVATE" not in file.read_bytes(), file
+@pytest.mark.skipif(os.name != "posix", reason="modes are POSIX's")
+@pytest.mark.parametrize("password", [False, True], ids=["keys", "passwords"])
+def test_secrets_are_the_owners_alone_however_files_are_made(tmp_path: Path, *, password: bool) -> None:
+    before = os.umask(0)
+    try:
+        site = site_of(tmp_path, password=password)
+        site.renew(["anna"], NOW)
+    finally:
+        os.umask(before)
+    files = [file for file in site.path.rglob("*") if file.is_file()]
+    named = {file for file in files if file.name in ("key.pem", "router.json5", "users.txt", "password")}
+    assert {file.stat().st_mode & 0o777 for file in named} == {0o600}
+    assert all(file.stat().st_mode & 0o077 == 0 for file in site.path.rglob("*") if file.is_dir())
+    own = {"password"} if password else {"cert.pem", "key.pem"}
+    assert {file.name for file in site.identity_folder("anna").iterdir()} == {"ca.pem", "link.json", *own}
+    secrets = [b"PRIVATE", *(file.read_bytes() for file in files if file.name == "password")]
+    held = {file.name for file in files if any(secret in file.read_bytes() for secret in secrets)}
+    assert held == ({"key.pem", "password", "users.txt"} if password else {"key.pem"})
 
 
 def test_certificates_say_who_it_is_and_for_how_long(tmp_path: Path) -> None:
@@ -217,27 +218,6 @@ def test_a_password_that_others_can_read_is_refused(tmp_path: Path, mode: int) -
     file.chmod(mode)
     with pytest.raises(ConfigError, match=r"others can read it.*chmod 600 .*password"):
         read_credentials(file.parent, now())
-
-
-@pytest.mark.skipif(os.name != "posix", reason="modes are POSIX's")
-def test_only_the_owner_reads_what_passwords_are_in_however_files_are_made(tmp_path: Path) -> None:
-    before = os.umask(0)
-    try:
-        folder = make_site(tmp_path / "lab", password=True)
-        folder.renew(["anna"], now())
-    finally:
-        os.umask(before)
-    secrets = {
-        credentials_of(folder, name).settings()["transport/auth/usrpwd/password"] for name in ("anna", "ben")
-    }
-    held = [
-        file
-        for file in folder.path.rglob("*")
-        if file.is_file() and any(secret in file.read_text() for secret in secrets)
-    ]
-    assert {file.name for file in held} == {"password", "users.txt"}
-    assert {file.stat().st_mode & 0o777 for file in (*held, *folder.path.rglob("key.pem"))} == {0o600}
-    assert all(file.stat().st_mode & 0o077 == 0 for file in folder.path.rglob("*") if file.is_dir())
 
 
 def test_credentials_that_are_shown_show_no_password(tmp_path: Path) -> None:

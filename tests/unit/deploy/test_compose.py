@@ -67,8 +67,7 @@ def test_a_command_is_one_that_pointit_takes(command: str) -> None:
 def test_a_configuration_is_one_that_its_service_takes(file: Path) -> None:
     (command,) = {command for command in COMMANDS if command.endswith(f"/{file.name}")}
     service = process(command.split()[2]).load()
-    config = load_config(service, [file], {})
-    service.validate_config(config)
+    service.validate_config(load_config(service, [file], {}))
 
 
 def test_configurations_are_those_of_the_scenario() -> None:

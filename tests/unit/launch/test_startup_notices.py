@@ -11,7 +11,7 @@ from pointit.runtime.host.state_file import StateFile
 from pointit.schemas import PointingOffset
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.stored_mounting import PURPOSE, StoredMounting, StoredMountings
-from pointit.services.supervisor.offset_messages import OFFSET_PURPOSE
+from pointit.services.supervisor.user_messages import OFFSET_PURPOSE
 
 SERIAL = "serial:/dev/ttyUSB7"
 FITTED_NS = 1_795_172_700_000_000_000

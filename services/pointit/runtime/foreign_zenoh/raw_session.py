@@ -179,8 +179,8 @@ class RawSession:
         """Call `handler` for what others put to `key`.
 
         `key` may have wildcards. `capacity`: messages that wait for the loop, without the oldest; `on_loss`
-        is called in the loop when some were dropped. Payloads beyond `max_bytes` are dropped unread. `kept`: how
-        many of a writer's last messages to fetch from their caches; `reliable`: fetch those lost on the way.
+        is called in the loop when some were dropped. Payloads beyond `max_bytes` are dropped unread. `kept`:
+        how many of a writer's last messages to fetch from caches; `reliable`: fetch those lost on the way.
         """
         self._check_open()
         return RawSubscriber(

@@ -18,7 +18,7 @@ from packaging.utils import canonicalize_name
 
 from tests.containers.conftest import DEPLOY, Stack, podman, until
 from tests.support.pace import within
-from tests.unit.deploy.test_locks import PIN
+from tests.unit.deploy.test_compose import PIN
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 

@@ -45,8 +45,7 @@ def lacking() -> str:
     except RuntimeError as error:
         return f"may make no network here: {error}"
     finally:
-        with contextlib.suppress(RuntimeError):
-            _run("ip", "netns", "del", name)
+        _try("ip", "netns", "del", name)
     return ""
 
 
@@ -112,21 +111,8 @@ class Network:
         self._ip("link", "set", "dev", host.socket, "up")
         # `cubic` is what most machines have; this one's own is left alone
         where = f"198.18.{self.block}.0/24" if here else "default"
-        _run(
-            "ip",
-            *inside,
-            "route",
-            "add",
-            where,
-            "via",
-            gate,
-            "dev",
-            device,
-            "metric",
-            "9",
-            "congctl",
-            "cubic",
-        )
+        route = [where, "via", gate, "dev", device, "metric", "9", "congctl", "cubic"]
+        _run("ip", *inside, "route", "add", *route)
         return host
 
     def cut(self, host: Host) -> None:
@@ -142,7 +128,7 @@ class Network:
         rules = [f"iif {host.socket} {what}"] * up + [f"oif {host.socket} {what}"] * down
         chain = "type filter hook forward priority 0;"
         lines = ["table inet faults {", "chain forward {", chain, *rules, "}", "}"]
-        self._nft("\n".join(lines))
+        _run(*self._in_wire, "nft", "\n".join(lines))
 
     def narrow(self, host: Host, kbit: int) -> None:
         """Limit the rate to the host to `kbit` a second. The excess waits for up to 0.4 s."""
@@ -154,8 +140,8 @@ class Network:
         module = Path(__file__).with_name("network_delay.py")
         near, far = f"d{host.name}", "delayed"
         program = [sys.executable, str(module), near, far, str(least_s), str(most_s)]
-        inside = ["ip", "netns", "exec", self.wire]
-        process = subprocess.Popen([*inside, *program], stdout=subprocess.PIPE, start_new_session=True)
+        command = [*self._in_wire, *program]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, start_new_session=True)
         self._delays.append(process)
         assert process.stdout is not None
         assert process.stdout.readline() == b"ready\n", "no tun devices here"
@@ -167,13 +153,10 @@ class Network:
         _run("ip", "-n", host.namespace, "route", "add", *there)
 
     def clear(self) -> None:
-        with contextlib.suppress(RuntimeError):
-            self._nft("delete table inet faults")
+        _try(*self._in_wire, "nft", "delete table inet faults")
         for host in self.hosts.values():
-            with contextlib.suppress(RuntimeError):
-                self.mend(host)
-            with contextlib.suppress(RuntimeError):
-                _run("tc", "-n", self.wire, "qdisc", "del", "dev", host.socket, "root")
+            _try("ip", "-n", self.wire, "link", "set", "dev", host.socket, "up")
+            _try("tc", "-n", self.wire, "qdisc", "del", "dev", host.socket, "root")
         for process in self._delays:
             process.kill()  # its devices go with it, and the routes over them
             process.wait(10)
@@ -183,7 +166,7 @@ class Network:
 
     def sent_bytes(self, host: Host) -> int:
         file = f"/sys/class/net/{host.socket}/statistics/tx_bytes"
-        return int(_run("ip", "netns", "exec", self.wire, "cat", file))
+        return int(_run(*self._in_wire, "cat", file))
 
     def open(self) -> None:
         _run("ip", "netns", "add", self.wire)
@@ -194,8 +177,7 @@ class Network:
         self.clear()
         for host in self.hosts.values():
             if not host.namespace:
-                with contextlib.suppress(RuntimeError):
-                    _run("ip", "link", "del", f"pit{self.block}")
+                _try("ip", "link", "del", f"pit{self.block}")
         for name in _namespaces():
             if name.startswith(f"{PREFIX}{os.getpid()}-"):
                 _run("ip", "netns", "del", name)
@@ -207,8 +189,9 @@ class Network:
     def _ip(self, *arguments: str) -> None:
         _run("ip", "-n", self.wire, *arguments)
 
-    def _nft(self, text: str) -> None:
-        _run("ip", "netns", "exec", self.wire, "nft", text)
+    @property
+    def _in_wire(self) -> list[str]:
+        return ["ip", "netns", "exec", self.wire]
 
 
 @contextlib.contextmanager
@@ -216,8 +199,7 @@ def network() -> Generator[Network]:
     """Yield a wire without hosts, and remove everything at the end, also the remains of aborted tests."""
     for name in _namespaces():
         if name.startswith(PREFIX) and not Path(f"/proc/{name.removeprefix(PREFIX).split('-')[0]}").exists():
-            with contextlib.suppress(RuntimeError):
-                _run("ip", "netns", "del", name)
+            _try("ip", "netns", "del", name)
     routes = _run("ip", "route")
     block = next(number for number in BLOCKS if f"198.18.{number}." not in routes)
     made = Network(block)
@@ -230,6 +212,11 @@ def network() -> Generator[Network]:
 
 def _namespaces() -> list[str]:
     return [line.split()[0] for line in _run("ip", "netns", "list").splitlines() if line]
+
+
+def _try(*command: str) -> None:
+    with contextlib.suppress(RuntimeError):
+        _run(*command)
 
 
 def _run(*command: str) -> str:

@@ -1,5 +1,3 @@
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
-# (the stubs of zenoh leave return types out)
 """A site with passwords: without one, with a wrong or an old one, and places where none must be seen."""
 
 import asyncio
@@ -8,7 +6,9 @@ import json
 import shutil
 import socket
 import ssl
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
@@ -33,14 +33,12 @@ from tests.faults.attackers import (
     member,
     new_rules,
 )
-from tests.faults.pretender import pretending
 from tests.faults.site import Site
 from tests.integration.access.secured import Member, credentials_of, link_of, make_site, now, routed, wait
 from tests.support.bench import until
 from tests.support.pace import within
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
-
 BY = "doctor: router; the router's log"
 USER, PASSWORD = "transport/auth/usrpwd/user", "transport/auth/usrpwd/password"
 EVIL, VICTIM = "anna", "user1"
@@ -260,3 +258,56 @@ def test_who_pretends_to_be_the_router_is_told_no_password(tmp_path: Path) -> No
 
 def _link(folder: SiteFolder, name: str, endpoint: str) -> Link:
     return Link(site="lab", connect=(endpoint,), credentials=credentials_of(folder, name))
+
+
+MESSAGE_S = 5.0
+"""Time to wait for the next message of a connection."""
+
+
+@dataclass
+class Pretender:
+    port: int
+    trusted: list[bytes] = field(default_factory=list[bytes])
+    """First message of each client that trusted it."""
+    failed: list[str] = field(default_factory=list[str])
+    """Error of each other client."""
+
+
+@contextlib.contextmanager
+def pretending(folder: SiteFolder) -> Generator[Pretender]:
+    """Listen as a router, by TLS, with the certificate of the site in `folder`."""
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    router = folder.path / "router"
+    context.load_cert_chain(router / "cert.pem", router / "key.pem")
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        pretender = Pretender(server.getsockname()[1])
+
+        def serve() -> None:
+            while True:
+                try:
+                    came, _ = server.accept()
+                except OSError:  # the end
+                    return
+                with came:
+                    came.settimeout(MESSAGE_S)
+                    try:
+                        _hear(came)
+                    except OSError as error:  # each their own way to go: an alert, a reset, silence
+                        pretender.failed.append(str(error))
+
+        def _hear(came: socket.socket) -> None:
+            with context.wrap_socket(came, server_side=True, do_handshake_on_connect=False) as secured:
+                secured.do_handshake()
+                said = b""  # nothing, if it fails from here on: the certificate was taken all the same
+                try:
+                    said = secured.recv(1000)
+                finally:
+                    pretender.trusted.append(said)
+
+        thread = threading.Thread(target=serve, name="pretender")
+        thread.start()
+        try:
+            yield pretender
+        finally:
+            server.shutdown(socket.SHUT_RDWR)
+            thread.join()

@@ -14,8 +14,17 @@ import pytest
 
 from tests.faults.account import Account
 from tests.faults.network import ALL
-from tests.faults.network_site import HERE, THERE, Plant, Spectator, running
-from tests.faults.network_view import FRESH_S, PATIENCE_S, View, quantile_s
+from tests.faults.network_view import (
+    FRESH_S,
+    HERE,
+    PATIENCE_S,
+    THERE,
+    Plant,
+    Spectator,
+    View,
+    quantile_s,
+    running,
+)
 from tests.support.bench import until
 from tests.support.pace import Patience, within
 

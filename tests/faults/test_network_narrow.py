@@ -9,8 +9,7 @@ import pytest
 from pointit.schemas.topics import CURSOR
 from tests.faults.account import Account
 from tests.faults.network import Host
-from tests.faults.network_site import HERE, THERE, Plant, Spectator, running
-from tests.faults.network_view import FRESH_S, PATIENCE_S, quantile_s
+from tests.faults.network_view import FRESH_S, HERE, PATIENCE_S, THERE, Plant, Spectator, quantile_s, running
 from tests.support.bench import until
 from tests.support.pace import within
 

@@ -7,7 +7,7 @@ import time
 import pytest
 
 from tests.faults.account import Account, Memory
-from tests.faults.site import NOTICED_S, SHARED, Site
+from tests.faults.site import INSTANCES, NOTICED_S, SHARED, Site
 from tests.faults.witness import witness
 from tests.support.bench import until
 from tests.support.pace import within
@@ -17,7 +17,6 @@ BACK_S = 30.0
 GROWTH_MB = 30.0
 OFTEN = (*SHARED, "pointing.user1")
 SELDOM = ("localizer.user1", "supervisor.user1", "user-sim.user1")
-
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 
@@ -98,3 +97,65 @@ async def test_after_all_of_it_doctor_is_content(site: Site) -> None:
     logs = [path.read_text() for path in site.path.glob("**/pointit-*/*.log")]
     assert logs
     assert not any("Traceback" in log for log in (*logs, *(again.err for again in site.again.values())))
+
+
+LEAST_S = 4.0
+"""Longer than Zenoh's lease: the process is taken for gone meanwhile."""
+WOKEN_S = 20.0
+MOST_STALE = 40
+"""Cursors of old rays: the content of the sockets, less those that newer rays have overtaken."""
+STOPPED_OFTEN = ("pui", "selector", "pointing.user1")
+STOPPED_SELDOM = (
+    "led-driver",
+    "conveyor-sim",
+    "keeper",
+    "localizer.user1",
+    "supervisor.user1",
+    "user-sim.user1",
+)
+
+
+@pytest.mark.parametrize(
+    "instance",
+    [*STOPPED_OFTEN, *(pytest.param(name, marks=pytest.mark.long) for name in STOPPED_SELDOM), "router"],
+)
+async def test_a_stopped_process_goes_on_with_the_new(site: Site, account: Account, instance: str) -> None:
+    async with witness(site) as seen:
+        await seen.begins(site)
+        await seen.sees_selected(1)
+        before, selected = seen.processes(), set(seen.selected)
+        pids = {name: pid for name, (pid, _) in before.items()} | {"router": site.router.process.pid}
+        memory, lost = Memory.now(pids.values()), site.says_lost()
+        stopped_ns, stopped_s = time.time_ns(), time.monotonic()
+        os.kill(pids[instance], signal.SIGSTOP)
+        try:
+            if instance == "router":
+                await until(lambda: site.says_lost() > lost, NOTICED_S, "the run to say so")
+            else:
+                await seen.finds(instance, "silent", "absent")
+            noticed_s = time.monotonic() - stopped_s
+            await until(lambda: time.monotonic() - stopped_s >= LEAST_S, NOTICED_S)
+            growth_mb = Memory.now(pids.values()).growth_mb(memory)
+        finally:
+            os.kill(pids[instance], signal.SIGCONT)
+        woken_ns, woken_s = time.time_ns(), time.monotonic()
+        await seen.flows()
+        await until(lambda: set(INSTANCES) <= seen.present, WOKEN_S, "all to be present")
+        recovered_s = time.monotonic() - woken_s
+        assert within(recovered_s, WOKEN_S)
+        await until(lambda: not seen.findings(instance), WOKEN_S, f"nothing to be found of {instance}")
+        seen.is_undisturbed(before)
+        await seen.keeps(selected)
+        await seen.agrees(site)
+        stale = seen.stale(woken_ns)
+        growth_mb = max(growth_mb, Memory.now(pids.values()).growth_mb(memory))
+        account.add(
+            f"SIGSTOP {instance}",
+            noticed_s,
+            "log of each: router lost" if instance == "router" else "doctor: silent, absent",
+            recovered_s,
+            f"{seen.lost_in_words(stopped_ns)}; {stale} stale cursors after it",
+            memory_mb=growth_mb,
+        )
+        assert stale < MOST_STALE
+        assert growth_mb < GROWTH_MB

@@ -2,6 +2,7 @@
 
 import asyncio
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import pytest
@@ -34,10 +35,10 @@ class Recorded:
 
 
 class Recorder:
-    def __init__(self, member: Member) -> None:
+    def __init__(self, member: Member, keys: Sequence[str] = RECORDED) -> None:
         self.taken: list[Recorded] = []
         take = Callback(self._take, indirect=False)
-        self._hears = [member.session.declare_subscriber(key, take) for key in RECORDED]
+        self._hears = [member.session.declare_subscriber(key, take) for key in keys]
 
     def _take(self, sample: zenoh.Sample) -> None:
         key, payload = str(sample.key_expr), bytes(sample.payload)
@@ -124,35 +125,23 @@ FOR_S = 3.0
 KEYS = tuple(topic.at(VICTIM) for topic in (IMU, RAY, POSE, INTERACTION, BUTTON))
 
 
-async def captured(by: Member) -> list[zenoh.Sample]:
-    """Return the messages under the victim's keys within a second. They are old then."""
-    samples: list[zenoh.Sample] = []
-    hears = [by.session.declare_subscriber(key, Callback(samples.append, indirect=False)) for key in KEYS]
-    await asyncio.sleep(1.0)
-    for each in hears:
-        each.undeclare()
-    await asyncio.sleep(OLD_S)
-    return samples
-
-
-def say(by: Member, samples: list[zenoh.Sample]) -> None:
-    for sample in samples:
-        by.session.put(
-            sample.key_expr,
-            sample.payload,
-            encoding=sample.encoding,
-            congestion_control=zenoh.CongestionControl.BLOCK,
-        )
+def say(by: Member, recorded: list[Recorded]) -> None:
+    block = zenoh.CongestionControl.BLOCK
+    for each in recorded:
+        by.session.put(each.key, each.payload, encoding=each.encoding, congestion_control=block)
 
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param("supervisor", marks=pytest.mark.long), "anna"],  # the former is in test_clock_replay, too
+    [pytest.param("supervisor", marks=pytest.mark.long), "anna"],  # the former is above, too
 )
 async def test_old_samples_move_nobodys_cursor(site: Site, account: Account, name: str) -> None:
     async with besieged(site) as attacked:
         with member(site, "supervisor") as spy, member(site, name) as evil:
-            samples = await captured(spy)
+            recorder = Recorder(spy, KEYS)
+            await asyncio.sleep(1.0)
+            samples = recorder.end(last_s=1.0)
+            await asyncio.sleep(OLD_S)
             assert len(samples) > 10
             attacked.begin()
             if name == "supervisor":  # may write all that; a reader distinguishes old from new

@@ -62,11 +62,7 @@ class Authority:
     ) -> IssuedCertificate:
         """Return a certificate for `common_name`, valid for `days`, but not longer than the authority.
 
-        Args:
-            common_name: name by which the router knows it.
-            now: time with time zone.
-            days: validity, negative in tests.
-            hosts: names and addresses of a server, empty for a client.
+        `days` may be negative in tests. `hosts`: names and addresses of a server, empty for a client.
 
         Raises:
             ConfigError: If the name is too long, or a host is invalid.

@@ -113,8 +113,7 @@ class Limits:
     def stuck(self, unread: Mapping[Connection, int]) -> dict[str, str]:
         """Return a message by identity on readers that accept none of the waiting data.
 
-        Args:
-            unread: waiting bytes by connection. For slow readers they change from check to check.
+        `unread`: waiting bytes by connection. For slow readers they change from check to check.
         """
         looks = {
             each: (count, before[1] + 1 if (before := self._unread.get(each, (0, 0)))[0] == count else 1)

@@ -17,11 +17,8 @@ class RecentDenials:
     def add(self, sentences: Mapping[str, str], now_s: float, kind: str = "") -> None:
         """Add messages by identity and forget old ones.
 
-        Args:
-            sentences: messages by identity. Each replaces the earlier one of the same identity and kind.
-            now_s: time at which they are true, on any monotonic clock.
-            kind: kind of the messages. A repeated message, such as that an identity is cut off, does not hide
-                others.
+        Each replaces the earlier one of the same identity and kind: a repeated message, such as that an
+        identity is cut off, does not hide others. `now_s`: on any monotonic clock.
         """
         for name, sentence in sentences.items():
             self._messages.pop((name, kind), None)

@@ -98,11 +98,6 @@ class SiteFolder:
 
         It is excluded from Git anywhere, as it is full of private keys.
 
-        Args:
-            state: settings of the site. Identities in it are ignored.
-            names: roles by name.
-            now: time with time zone.
-
         Raises:
             ConfigError: If there is a site already, or a file cannot be written.
         """
@@ -140,10 +135,7 @@ class SiteFolder:
     def renew(self, names: Iterable[str], now: dt.datetime, hosts: Sequence[str] = ()) -> SiteState:
         """Issue new certificates for identities. Their old ones become invalid immediately.
 
-        Args:
-            names: identities. Revoked ones become valid again.
-            now: time with time zone.
-            hosts: additional names and addresses of the router.
+        Revoked ones become valid again. `hosts`: additional names and addresses of the router.
 
         Raises:
             ConfigError: If one does not exist, or a file cannot be written.

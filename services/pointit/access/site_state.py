@@ -59,9 +59,7 @@ class SiteState(Config):
     def router_site(self, folder: str, uplinks: tuple[str, ...] = ()) -> RouterSite:
         """Return the configuration of the site for its router.
 
-        Args:
-            folder: folder of the router's own files: `""` (its own folder), or a path with trailing `/`.
-            uplinks: addresses of other routers of the site to connect to.
+        `folder`: of the router's own files: `""` (its own folder), or a path with trailing `/`.
         """
         return RouterSite(
             site=self.site,

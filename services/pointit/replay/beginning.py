@@ -23,8 +23,8 @@ from pointit.schemas import (
 from pointit.schemas.topics import CONFIGURATION, INTERACTION, MAP, Delivery, Topic
 from pointit.services.selector.outputs import Record
 from pointit.services.selector.store.journal import Journal
-from pointit.services.supervisor.offset_messages import OFFSET_PURPOSE
 from pointit.services.supervisor.readiness import LAST_WORD_PURPOSE
+from pointit.services.supervisor.user_messages import OFFSET_PURPOSE
 
 GATHERING_NS = 5 * NS_PER_S
 """Time after the beginning within which retained states reach a recorder, ns."""

@@ -209,6 +209,12 @@ class Member:
             wait(lambda: any(key in ear.keys for key in mine), "a mark", lambda: mine.append(self.mark(name)))
 
 
+@contextlib.contextmanager
+def joined(folder: SiteFolder, *names: str) -> Generator[list[Member]]:
+    with contextlib.ExitStack() as stack:
+        yield [stack.enter_context(Member(folder, name)) for name in names]
+
+
 class RouterProgram:
     """`pointit router` with options, in a process of its own."""
 

@@ -18,6 +18,7 @@ from tests.integration.access.secured import (
     Member,
     RouterProgram,
     endpoint_of,
+    joined,
     link_of,
     make_site,
     now,
@@ -115,14 +116,12 @@ def test_a_configuration_that_is_none_is_one_sentence(tmp_path: Path) -> None:
 
 
 def test_two_sites_on_one_router_are_apart(tmp_path: Path) -> None:
-    a = make_site(tmp_path / "a", "a", names=FEW)
-    b = make_site(tmp_path / "b", "b", names=FEW)
+    a, b = (make_site(tmp_path / name, name, names=FEW) for name in ("a", "b"))
     dim, here = SET_BRIGHTNESS.at(), USER_ALIVE.at("anna")
     with (
         RouterProgram("--site-folder", str(a.path), "--site-folder", str(b.path)),
-        Member(a, "supervisor") as mine,
-        Member(b, "supervisor") as other,
-        Member(a, "anna") as anna,
+        joined(a, "supervisor", "anna") as (mine, anna),
+        joined(b, "supervisor") as (other,),
         mine.listening("**") as ear,
         other.listening("**", "@may/**") as elsewhere,
         other.serving(dim, "**") as asked,
@@ -152,26 +151,21 @@ def test_a_chain_of_routers_passes_what_it_should(tmp_path: Path) -> None:
     building = make_site(tmp_path / "lab")
     hall_port = free_port()
     # the same site seen from its own hall: another port, joined to the building's
-    hall = SiteFolder(tmp_path / "hall")
-    shutil.copytree(building.path, hall.path)
-    state = json.loads((hall.path / "site.json").read_text())
-    state["port"] = hall_port
-    (hall.path / "site.json").write_text(json.dumps(state))
+    hall = carried(building, tmp_path / "hall")
+
+    def change(file: Path, **fields: object) -> None:
+        file.write_text(json.dumps(json.loads(file.read_text()) | fields))
+
+    change(hall.path / "site.json", port=hall_port)
     hall.renew([], now())
     for name in ("anna", "services", "supervisor"):
-        link = hall.identity_folder(name) / "link.json"
-        said = json.loads(link.read_text())
-        said["endpoints"] = [f"tls/127.0.0.1:{hall_port}"]
-        link.write_text(json.dumps(said))
-    dim = SET_BRIGHTNESS.at()
+        change(hall.identity_folder(name) / "link.json", endpoints=[f"tls/127.0.0.1:{hall_port}"])
+    dim, mine, bens = SET_BRIGHTNESS.at(), IMU.at("anna"), IMU.at("ben")
     with (
         RouterProgram("--site-folder", str(hall.path), "--uplink", endpoint_of(building)),
         routed(building),
-        Member(hall, "anna") as anna,
-        Member(hall, "supervisor") as inside,
-        Member(building, "dashboard1") as dashboard,
-        Member(building, "supervisor") as outside,
-        Member(building, "ben") as ben,
+        joined(hall, "anna", "supervisor") as (anna, inside),
+        joined(building, "dashboard1", "supervisor", "ben") as (dashboard, outside, ben),
         dashboard.listening("users/*/cursor", "users/*/imu", "map") as seen,
         outside.listening("users/**") as outer,
         inside.listening("users/**") as inner,
@@ -179,12 +173,12 @@ def test_a_chain_of_routers_passes_what_it_should(tmp_path: Path) -> None:
         inside.present(USER_ALIVE.at("anna")),
     ):
         seen.hears("map", lambda: inside.put("map"))  # from the hall to the building
-        outer.hears(IMU.at("anna"), lambda: anna.put(IMU.at("ben"), IMU.at("anna")))
-        assert IMU.at("ben") not in outer.keys
+        outer.hears(mine, lambda: anna.put(bens, mine))
+        assert bens not in outer.keys
         anna.settle(inside)  # nothing of hers is on its way any more
         inner.keys.clear()
-        inner.hears(IMU.at("ben"), lambda: ben.put(IMU.at("anna"), IMU.at("ben")))
-        assert IMU.at("anna") not in inner.keys
+        inner.hears(bens, lambda: ben.put(mine, bens))
+        assert mine not in inner.keys
         assert not any("imu" in key for key in seen.keys)
         wait(lambda: outside.answered(dim) != set(), "an answer across both")
         wait(lambda: dashboard.sees(USER_ALIVE.at(ANY)) != set(), "presence across both")

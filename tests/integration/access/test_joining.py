@@ -31,27 +31,12 @@ from pointit.schemas import (
     SetBrightness,
     StartLocalization,
     UserProfile,
-)
-from pointit.schemas.topics import (
-    ANY,
-    BUTTON,
-    CLOCK,
-    CURSOR,
-    DEPLOYMENT,
-    HEALTH,
-    IMU,
-    INTERACTION,
-    MAP,
-    PROFILE,
-    SET_BRIGHTNESS,
-    START_LOCALIZATION,
-    STRIPS_FRAME,
-    USER_ALIVE,
+    topics,
 )
 from tests.integration.access.secured import (
-    Member,
     credentials_of,
     endpoint_of,
+    joined,
     link_of,
     make_site,
     now,
@@ -93,38 +78,38 @@ async def test_a_person_works_with_the_services(buses: dict[str, ZenohBus]) -> N
     async def dim(_query: SetBrightness, _name: str) -> Done:
         return Done()
 
-    profile = anna.publisher(PROFILE, "anna")
+    profile = anna.publisher(topics.PROFILE, "anna")
     profile.put(UserProfile(stamp_ns=1))  # before anybody listens: the history of a late joiner
-    anna.announce(USER_ALIVE, "anna")
-    anna.serve(START_LOCALIZATION, start, "anna")
-    services.serve(SET_BRIGHTNESS, dim)
-    services.subscribe(BUTTON, lambda _message, name: seen.append(f"button {name}"))
-    dashboard.subscribe(PROFILE, lambda _message, name: seen.append(f"profile {name}"))
-    dashboard.watch(USER_ALIVE, lambda name, here: seen.append(f"{name} {here}"))
-    button = anna.publisher(BUTTON, "anna")
+    anna.announce(topics.USER_ALIVE, "anna")
+    anna.serve(topics.START_LOCALIZATION, start, "anna")
+    services.serve(topics.SET_BRIGHTNESS, dim)
+    services.subscribe(topics.BUTTON, lambda _message, name: seen.append(f"button {name}"))
+    dashboard.subscribe(topics.PROFILE, lambda _message, name: seen.append(f"profile {name}"))
+    dashboard.watch(topics.USER_ALIVE, lambda name, here: seen.append(f"{name} {here}"))
+    button = anna.publisher(topics.BUTTON, "anna")
 
     def everything() -> bool:
         button.put(ButtonEvent(stamp_ns=1))
         return {"button anna", "profile anna", "anna True"} <= set(seen)
 
     await until(everything, what=f"all of it, of {seen}")
-    reply = await operator.call(START_LOCALIZATION, StartLocalization(), "anna")
+    reply = await operator.call(topics.START_LOCALIZATION, StartLocalization(), "anna")
     assert reply.message == "started anna"
-    await operator.call(SET_BRIGHTNESS, SetBrightness(brightness=1))
+    await operator.call(topics.SET_BRIGHTNESS, SetBrightness(brightness=1))
     with pytest.raises(NoAnswerError, match=r"\(anna\) may not ask leds/brightness"):
-        await anna.call(SET_BRIGHTNESS, SetBrightness(brightness=1))
+        await anna.call(topics.SET_BRIGHTNESS, SetBrightness(brightness=1))
     assert [bus.problem for bus in (anna, services, dashboard, operator)] == [""] * 4
 
 
 async def test_a_late_joiner_gets_a_living_writers_state(
     site: SiteFolder, buses: dict[str, ZenohBus]
 ) -> None:
-    buses["anna"].publisher(INTERACTION, "anna").put(Interaction(stamp_ns=7, state="idle"))
+    buses["anna"].publisher(topics.INTERACTION, "anna").put(Interaction(stamp_ns=7, state="idle"))
     await asyncio.sleep(0.2)
     for name in ("dashboard1", "services", "guest1", "supervisor"):
         late = await ZenohBus.open(link_of(site, name), patience_s=30)
         got: list[int] = []
-        late.subscribe(INTERACTION, lambda message, _name, got=got: got.append(message.stamp_ns))  # type: ignore[misc]
+        late.subscribe(topics.INTERACTION, lambda message, _name, got=got: got.append(message.stamp_ns))  # type: ignore[misc]
         await until(lambda got=got: got == [7], what=f"the state at {name}")  # type: ignore[misc]
         await late.close()
 
@@ -135,9 +120,9 @@ async def test_who_may_not_write_says_it(
     guest = buses["guest1"]
     heard: list[str] = []
     for name in ("services", "operator", "anna"):
-        buses[name].subscribe(IMU, lambda _message, user: heard.append(user))
-    guest.publisher(IMU, "anna").put(ImuSample(stamp_ns=1, orientation_xyzw=(0, 0, 0, 1)))
-    guest.publisher(IMU, "guest1")
+        buses[name].subscribe(topics.IMU, lambda _message, user: heard.append(user))
+    guest.publisher(topics.IMU, "anna").put(ImuSample(stamp_ns=1, orientation_xyzw=(0, 0, 0, 1)))
+    guest.publisher(topics.IMU, "guest1")
     await until(lambda: bool(guest.problem), what="the trouble")
     assert guest.problem == (
         "this identity (guest1) may not write users/anna/imu: use credentials of anna, or have them added "
@@ -180,26 +165,25 @@ async def test_a_foreign_certificate_is_refused_by_the_router(site: SiteFolder, 
     assert "of another authority" in await refused(link)
 
 
-async def test_an_expired_certificate_is_refused_here_and_there(site: SiteFolder, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("made_days", "looked_at_days", "here", "there"),
+    [
+        (-31, -20, "has expired on", "has expired or is not valid yet, by the router's clock"),  # of 30 days
+        (1, 2, r"is not valid before .*set this machine's clock", "has expired or is not valid yet"),
+    ],
+    ids=["expired", "of tomorrow"],
+)
+async def test_a_certificate_of_another_time_is_refused_here_and_there(
+    site: SiteFolder, tmp_path: Path, *, made_days: int, looked_at_days: int, here: str, there: str
+) -> None:
     copy = SiteFolder(tmp_path / "copy")
     shutil.copytree(site.path, copy.path)
-    copy.renew(["anna"], now() - dt.timedelta(days=31))  # it lasts 30 days
-    with pytest.raises(ConfigError, match="has expired on"):
+    copy.renew(["anna"], now() + dt.timedelta(days=made_days))
+    with pytest.raises(ConfigError, match=here):
         credentials_of(copy, "anna")
-    credentials = read_credentials(copy.identity_folder("anna"), now() - dt.timedelta(days=20))
+    credentials = read_credentials(copy.identity_folder("anna"), now() + dt.timedelta(days=looked_at_days))
     link = Link(site="lab", connect=(endpoint_of(site),), credentials=credentials)
-    assert "has expired or is not valid yet, by the router's clock" in await refused(link)
-
-
-async def test_a_certificate_of_tomorrow_is_refused(site: SiteFolder, tmp_path: Path) -> None:
-    copy = SiteFolder(tmp_path / "copy")
-    shutil.copytree(site.path, copy.path)
-    copy.renew(["anna"], now() + dt.timedelta(days=1))
-    with pytest.raises(ConfigError, match=r"is not valid before .*set this machine's clock"):
-        credentials_of(copy, "anna")
-    credentials = read_credentials(copy.identity_folder("anna"), now() + dt.timedelta(days=2))
-    link = Link(site="lab", connect=(endpoint_of(site),), credentials=credentials)
-    assert "has expired or is not valid yet" in await refused(link)
+    assert there in await refused(link)
 
 
 async def test_another_name_than_the_certificates_is_told(site: SiteFolder) -> None:
@@ -231,19 +215,15 @@ async def test_a_key_that_others_can_read_is_refused(site: SiteFolder, tmp_path:
 
 
 def test_too_long_is_dropped_by_the_router(site: SiteFolder) -> None:
-    imu, button = IMU.at("anna"), BUTTON.at("anna")
-    with (
-        Member(site, "anna") as anna,
-        Member(site, "supervisor") as supervisor,
-        supervisor.listening("users/**") as ear,
-    ):
+    imu, button = topics.IMU.at("anna"), topics.BUTTON.at("anna")
+    with joined(site, "anna", "supervisor") as (anna, supervisor), supervisor.listening("users/**") as ear:
         ear.hears(button, lambda: anna.put(button))
-        for size in (IMU.message.max_bytes + 1, 3_000_000, 10_000_000):
+        for size in (topics.IMU.message.max_bytes + 1, 3_000_000, 10_000_000):
             ear.keys.clear()
             anna.put(imu, size=size)
             ear.hears(button, lambda: anna.put(button))
             assert imu not in ear.keys, size
-        anna.put(imu, size=IMU.message.max_bytes)
+        anna.put(imu, size=topics.IMU.message.max_bytes)
         ear.hears(imu)
 
 
@@ -251,14 +231,11 @@ async def test_passwords_instead_of_certificates(tmp_path: Path) -> None:
     folder = make_site(tmp_path / "lab", password=True)
     users = folder.path / "router" / "users.txt"
     assert users.stat().st_mode & 0o777 == 0o600
+    mine, others = topics.IMU.at("anna"), topics.IMU.at("ben")
     with routed(folder):
-        with (
-            Member(folder, "anna") as anna,
-            Member(folder, "supervisor") as supervisor,
-            supervisor.listening("users/**") as ear,
-        ):
-            ear.hears(IMU.at("anna"), lambda: anna.put(IMU.at("ben"), IMU.at("anna")))
-            assert IMU.at("ben") not in ear.keys
+        with joined(folder, "anna", "supervisor") as (anna, ally), ally.listening("users/**") as ear:
+            ear.hears(mine, lambda: anna.put(others, mine))
+            assert others not in ear.keys
         (folder.identity_folder("anna") / "password").write_text("wrong")
         assert "refuses anna's password" in await refused(link_of(folder, "anna"))
 
@@ -266,17 +243,16 @@ async def test_passwords_instead_of_certificates(tmp_path: Path) -> None:
 def test_dashboards_come_by_quic_and_are_thinned(tmp_path: Path) -> None:
     folder = make_site(tmp_path / "lab", dashboard_rate_hz=10.0)
     assert credentials_of(folder, "dashboard1").link.endpoints[0].startswith("quic/")
+    frame, room = topics.STRIPS_FRAME.at(), topics.MAP.at()
+    keys = [topics.CURSOR.at("anna"), topics.CURSOR.at("ben"), frame]
     with (
         routed(folder),
-        Member(folder, "dashboard1") as dashboard,
-        Member(folder, "operator") as operator,
-        Member(folder, "supervisor") as writer,
-        dashboard.listening(CURSOR.at(ANY), STRIPS_FRAME.at(), MAP.at()) as thin,
-        operator.listening(CURSOR.at(ANY), STRIPS_FRAME.at(), MAP.at()) as full,
+        joined(folder, "dashboard1", "operator", "supervisor") as (dashboard, operator, writer),
+        dashboard.listening(topics.CURSOR.at(topics.ANY), frame, room) as thin,
+        operator.listening(topics.CURSOR.at(topics.ANY), frame, room) as full,
     ):
-        keys = [CURSOR.at("anna"), CURSOR.at("ben"), STRIPS_FRAME.at()]
         for ear in (thin, full):
-            for key in (*keys, MAP.at()):
+            for key in (*keys, room):
                 ear.hears(key, functools.partial(writer.put, key))
         for reader, ear in ((dashboard, thin), (operator, full)):
             writer.settle(reader)  # nothing is on its way any more
@@ -284,29 +260,28 @@ def test_dashboards_come_by_quic_and_are_thinned(tmp_path: Path) -> None:
         for _ in range(300):
             writer.put(*keys)
             time.sleep(2 / LATEST_HZ)
-        writer.put(MAP.at())  # a state is never thinned, and comes last
+        writer.put(room)  # a state is never thinned, and comes last
         for ear in (thin, full):
-            ear.hears(MAP.at())
-        assert full.keys.count(STRIPS_FRAME.at()) == 300
+            ear.hears(room)
+        assert full.keys.count(frame) == 300
         assert all(thin.keys.count(key) < min(100, full.keys.count(key)) for key in keys)
 
 
 async def test_a_dashboards_questions_do_not_overtake_the_keys_they_are_about(tmp_path: Path) -> None:
     """By QUIC with a stream for each priority, every third dashboard's was dropped, and told as too long."""
     folder = make_site(tmp_path / "lab", dashboard_rate_hz=10.0)
-    late = f"{DEPLOYMENT.at(ANY)}/@adv/**"
+    late = f"{topics.DEPLOYMENT.at(topics.ANY)}/@adv/**"
     with (
         routed(folder),
-        Member(folder, "services") as services,
-        Member(folder, "supervisor") as witness,
+        joined(folder, "services", "supervisor") as (services, witness),
         services.serving(late) as asked,
     ):
         services.settle(witness)
         for rounds in range(1, ROUNDS + 1):
             bus = await ZenohBus.open(link_of(folder, "dashboard1"), patience_s=30)
-            bus.subscribe(CLOCK, lambda _message, _name: None)
-            bus.subscribe(DEPLOYMENT, lambda _message, _name: None)
-            bus.subscribe(HEALTH, lambda _message, _name: None)
+            bus.subscribe(topics.CLOCK, lambda _message, _name: None)
+            bus.subscribe(topics.DEPLOYMENT, lambda _message, _name: None)
+            bus.subscribe(topics.HEALTH, lambda _message, _name: None)
             await until(lambda rounds=rounds: len(asked) >= rounds, what=f"question {rounds}")  # type: ignore[misc]
             await bus.close()
 
@@ -315,12 +290,12 @@ async def test_kept_states_are_for_whoever_may_read_them(
     site: SiteFolder, buses: dict[str, ZenohBus]
 ) -> None:
     def recall(topic: AnyTopic) -> list[tuple[str, Message]]:
-        return [("anna", UserProfile(stamp_ns=5))] if topic is PROFILE else []
+        return [("anna", UserProfile(stamp_ns=5))] if topic is topics.PROFILE else []
 
-    buses["services"].serve_retained([PROFILE], recall)
+    buses["services"].serve_retained([topics.PROFILE], recall)
     for name in ("dashboard1", "anna", "operator"):
         late = await ZenohBus.open(link_of(site, name), patience_s=30)
         got: list[int] = []
-        late.subscribe(PROFILE, lambda message, _name, got=got: got.append(message.stamp_ns))  # type: ignore[misc]
+        late.subscribe(topics.PROFILE, lambda message, _name, got=got: got.append(message.stamp_ns))  # type: ignore[misc]
         await until(lambda got=got: got == [5], what=f"the kept state at {name}")  # type: ignore[misc]
         await late.close()

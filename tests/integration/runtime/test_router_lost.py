@@ -1,8 +1,13 @@
-"""A router that is killed and comes back: logged once, and everything works again."""
+"""Links between processes: a router that is killed, a link that breaks, and what travels on one."""
 
+import asyncio
+import contextlib
+import itertools
 import logging
+import math
+import random
 import re
-from collections.abc import AsyncIterator
+from collections.abc import AsyncGenerator, AsyncIterator
 from dataclasses import dataclass
 
 import pytest
@@ -12,15 +17,39 @@ from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import NoAnswerError
 from pointit.runtime.link.link import Link
+from pointit.runtime.router.router import running_router
+from pointit.runtime.service.service import Launch, run_service
 from pointit.runtime.zenoh.publishers import EVENT_CACHE
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
-from pointit.schemas import ButtonEvent, Done, ImuSample, SetBrightness, UserProfile
-from pointit.schemas.topics import BUTTON, IMU, PROFILE, SET_BRIGHTNESS, USER_ALIVE
-from tests.support.bench import until
-from tests.support.buses import RouterProcess, is_listening, router_process, settled
+from pointit.schemas import (
+    ButtonEvent,
+    Cursor,
+    Done,
+    ImuSample,
+    PointingRay,
+    SelectionEvent,
+    SetBrightness,
+    UserPose,
+    UserProfile,
+)
+from pointit.schemas.topics import (
+    BUTTON,
+    CURSOR,
+    IMU,
+    POSE,
+    PROFILE,
+    RAY,
+    SELECTION_EVENTS,
+    SET_BRIGHTNESS,
+    SHARD_ALIVE,
+    USER_ALIVE,
+)
+from pointit.services.pui.config import PuiConfig
+from pointit.services.pui.service import Pui
+from tests.support.bench import START_NS, until
+from tests.support.buses import RouterProcess, free_port, is_listening, router_process, settled
 
 RECOVERY_S = 15.0
-
 log = logging.getLogger(__name__)
 
 
@@ -173,3 +202,191 @@ async def test_events_of_the_meantime_arrive_in_order_or_are_counted(two: Two, d
     writer.put(ButtonEvent(stamp_ns=1, seq=total))
     await until(lambda: seen[-1] == total)
     assert len(seen) + traffic.lost == total + 1
+
+
+SLOWEST_S = 0.3
+"""Delay of the slowest packet."""
+BREAKS = 8
+LIVES_S = (0.5, 1.2)
+PERIOD_S = 0.02
+RECOVERED_S = 60.0
+
+
+class Relay:
+    """Between a router and its clients."""
+
+    def __init__(self, router: str) -> None:
+        host, _, port = router.removeprefix("tcp/").rpartition(":")
+        self._router = host, int(port)
+        self._serving: set[asyncio.Task[None]] = set()
+
+    @contextlib.asynccontextmanager
+    async def endpoint(self) -> AsyncGenerator[str]:
+        def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            self._serving.add(asyncio.create_task(self._serve(reader, writer)))
+
+        server = await asyncio.start_server(serve, "127.0.0.1", 0)
+        try:
+            yield f"tcp/127.0.0.1:{server.sockets[0].getsockname()[1]}"
+        finally:
+            server.close()
+            self.cut()
+            await asyncio.gather(*self._serving, return_exceptions=True)
+
+    def cut(self) -> None:
+        for task in self._serving:
+            task.cancel()
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        far_reader, far_writer = await asyncio.open_connection(*self._router)
+        try:
+            with contextlib.suppress(OSError):
+                await asyncio.gather(self.carry(reader, far_writer), self.carry_down(far_reader, writer))
+        finally:
+            writer.transport.abort()
+            far_writer.transport.abort()
+
+    async def carry(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        while data := await reader.read(65536):
+            writer.write(data)
+
+    async def carry_down(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Carry what the router sends."""
+        await self.carry(reader, writer)
+
+
+class BadLink(Relay):
+    """Delays every packet, and breaks again and again."""
+
+    _random = random.Random(2)
+
+    async def breaks(self) -> None:
+        """Break, again and again; whole afterwards."""
+        for _ in range(BREAKS):
+            await asyncio.sleep(self._random.uniform(*LIVES_S))
+            self.cut()
+
+    async def carry(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        while data := await reader.read(65536):
+            await asyncio.sleep(self._random.uniform(0.0, SLOWEST_S))
+            writer.write(data)
+            await writer.drain()
+
+
+class MeteredLink(Relay):
+    """Counts the bytes that the router sends."""
+
+    received = 0
+
+    async def carry_down(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        while data := await reader.read(65536):
+            self.received += len(data)
+            writer.write(data)
+
+
+async def test_no_event_is_lost_and_none_comes_out_of_order() -> None:
+    async with router_process() as router:
+        link = BadLink(router.endpoint)
+        async with link.endpoint() as endpoint, asyncio.timeout(150.0):
+            near = await ZenohBus.open(Link(connect=(router.endpoint,)), patience_s=30)
+            far = await ZenohBus.open(Link(connect=(endpoint,)), patience_s=30)
+            got: list[int] = []
+            reader = far.subscribe(SELECTION_EVENTS, lambda event, _name: got.append(event.seq))
+            writer = near.publisher(SELECTION_EVENTS)
+            numbers = itertools.count(1)
+
+            def tell() -> int:
+                seq = next(numbers)
+                writer.put(SelectionEvent(stamp_ns=START_NS, seq=seq, event="left", object_id="a"))
+                return seq
+
+            while not got:
+                tell()
+                await asyncio.sleep(PERIOD_S)
+            breaking = asyncio.create_task(link.breaks())
+            while not breaking.done():
+                tell()
+                await asyncio.sleep(PERIOD_S)
+            last = tell()
+            await until(lambda: got[-1] == last, RECOVERED_S, "the last event")
+            assert got == list(range(got[0], last + 1))
+            assert reader.traffic.lost == 0
+            await far.close()
+            await near.close()
+
+
+PEOPLE = ("anna", "ben")
+RAYS = 300
+LEAST_BYTES = 60
+"""A ray takes more of them on the link."""
+
+
+class Wrists:
+    def __init__(self, bus: ZenohBus) -> None:
+        self._bus = bus
+        self._rays = {user: bus.publisher(RAY, user) for user in PEOPLE}
+        self._poses = {user: bus.publisher(POSE, user) for user in PEOPLE}
+        self._clock = WallClock()
+        for user, publisher in self._poses.items():
+            bus.announce(USER_ALIVE, user)
+            publisher.put(UserPose(stamp_ns=self._clock.now_ns(), position_m=(0.0, 0.0, 0.0), yaw_rad=0.0))
+
+    async def point(self, user: str) -> None:
+        """Point until `RAYS` rays have made cursors."""
+        seen: set[int] = set()
+        reading = self._bus.subscribe(CURSOR, lambda cursor, _user: self._note(seen, cursor), user)
+        for step in itertools.count():
+            azimuth_rad = math.radians(step % 90)
+            self._rays[user].put(
+                PointingRay(
+                    stamp_ns=self._clock.now_ns(),
+                    seq=step,
+                    origin_m=(0.0, 0.0, 1.6),
+                    direction=(math.cos(azimuth_rad), math.sin(azimuth_rad), 0.0),
+                )
+            )
+            await asyncio.sleep(0.002)
+            if len(seen) >= RAYS:
+                break
+        reading.close()
+
+    @staticmethod
+    def _note(seen: set[int], cursor: Cursor) -> None:
+        seen.add(cursor.stamp_ns)
+
+
+async def test_rays_of_a_shards_person_do_not_cross_the_link_to_the_site() -> None:
+    port = free_port()
+    router = f"tcp/127.0.0.1:{port}"
+    link = MeteredLink(router)
+    async with contextlib.AsyncExitStack() as stack:
+        await stack.enter_async_context(running_router((router,)))
+        far = await stack.enter_async_context(link.endpoint())
+        site = await ZenohBus.open(Link(connect=(far,)), patience_s=30)
+        stack.push_async_callback(site.close)
+        host = await ZenohBus.open(Link(connect=(router,)), patience_s=30)
+        stack.push_async_callback(host.close)
+        running = [
+            asyncio.create_task(run_service(Launch(service=Pui, config=PuiConfig()), site, WallClock()))
+        ]
+        shard = Launch(service=Pui, config=PuiConfig(people=("anna",)), name="anna")
+        running.append(asyncio.create_task(run_service(shard, host, WallClock())))
+        try:
+            shards: set[str] = set()
+            site.watch(SHARD_ALIVE, lambda name, _present: shards.add(name))
+            await until(lambda: shards == {"pui.anna"}, what="the shard")
+            await settled(site, host)
+            wrists = Wrists(host)
+            crossed: dict[str, int] = {}
+            for user in PEOPLE:
+                await wrists.point(user)  # everything is declared everywhere
+                before = link.received
+                await wrists.point(user)
+                await settled(site, host)
+                crossed[user] = link.received - before
+            assert crossed["ben"] > RAYS * LEAST_BYTES
+            assert crossed["anna"] < 0.1 * crossed["ben"], crossed
+        finally:
+            for task in running:
+                task.cancel()
+            await asyncio.gather(*running, return_exceptions=True)

@@ -1,6 +1,7 @@
 """The folder of a site: what is made, what changes, what is never left half done."""
 
 import datetime as dt
+import json
 import multiprocessing
 import os
 import time
@@ -8,12 +9,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner, Result
 from cryptography import x509
 
 from pointit.access.authority import Authority, create_authority
 from pointit.access.rights import Role
 from pointit.access.site_folder import SiteFolder, locked
 from pointit.access.site_state import SiteState
+from pointit.cli.main import command
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.credentials import read_credentials
 from pointit.schemas import KeyNameError
@@ -46,23 +49,24 @@ def test_git_never_tracks_a_sites_keys(tmp_path: Path) -> None:
     assert (site_of(tmp_path).path / ".gitignore").read_text() == "*\n"
 
 
-def test_secrets_are_the_owners_alone(tmp_path: Path) -> None:
-    site = site_of(tmp_path)
-    for file in site.path.rglob("*"):
-        mode = file.stat().st_mode & 0o777
-        if file.is_dir():
-            assert mode & 0o077 == 0, file
-        elif file.name in ("key.pem", "router.json5", "users.txt", "password"):
-            assert mode == 0o600, file
-    assert {file.name for file in site.identity_folder("anna").iterdir()} == {
-        "ca.pem",
-        "cert.pem",
-        "key.pem",
-        "link.json",
-    }
-    for file in site.path.rglob("*"):
-        if file.is_file() and file.name != "key.pem":
-            assert b"PRIVATE" not in file.read_bytes(), file
+@pytest.mark.skipif(os.name != "posix", reason="modes are POSIX's")
+@pytest.mark.parametrize("password", [False, True], ids=["keys", "passwords"])
+def test_secrets_are_the_owners_alone_however_files_are_made(tmp_path: Path, *, password: bool) -> None:
+    before = os.umask(0)
+    try:
+        site = site_of(tmp_path, password=password)
+        site.renew(["anna"], NOW)
+    finally:
+        os.umask(before)
+    files = [file for file in site.path.rglob("*") if file.is_file()]
+    named = {file for file in files if file.name in ("key.pem", "router.json5", "users.txt", "password")}
+    assert {file.stat().st_mode & 0o777 for file in named} == {0o600}
+    assert all(file.stat().st_mode & 0o077 == 0 for file in site.path.rglob("*") if file.is_dir())
+    own = {"password"} if password else {"cert.pem", "key.pem"}
+    assert {file.name for file in site.identity_folder("anna").iterdir()} == {"ca.pem", "link.json", *own}
+    secrets = [b"PRIVATE", *(file.read_bytes() for file in files if file.name == "password")]
+    held = {file.name for file in files if any(secret in file.read_bytes() for secret in secrets)}
+    assert held == ({"key.pem", "password", "users.txt"} if password else {"key.pem"})
 
 
 def test_certificates_say_who_it_is_and_for_how_long(tmp_path: Path) -> None:
@@ -216,29 +220,133 @@ def test_a_password_that_others_can_read_is_refused(tmp_path: Path, mode: int) -
         read_credentials(file.parent, now())
 
 
-@pytest.mark.skipif(os.name != "posix", reason="modes are POSIX's")
-def test_only_the_owner_reads_what_passwords_are_in_however_files_are_made(tmp_path: Path) -> None:
-    before = os.umask(0)
-    try:
-        folder = make_site(tmp_path / "lab", password=True)
-        folder.renew(["anna"], now())
-    finally:
-        os.umask(before)
-    secrets = {
-        credentials_of(folder, name).settings()["transport/auth/usrpwd/password"] for name in ("anna", "ben")
-    }
-    held = [
-        file
-        for file in folder.path.rglob("*")
-        if file.is_file() and any(secret in file.read_text() for secret in secrets)
-    ]
-    assert {file.name for file in held} == {"password", "users.txt"}
-    assert {file.stat().st_mode & 0o777 for file in (*held, *folder.path.rglob("key.pem"))} == {0o600}
-    assert all(file.stat().st_mode & 0o077 == 0 for file in folder.path.rglob("*") if file.is_dir())
-
-
 def test_credentials_that_are_shown_show_no_password(tmp_path: Path) -> None:
     credentials = credentials_of(make_site(tmp_path / "lab", password=True), "anna")
     secret = credentials.settings()["transport/auth/usrpwd/password"]
     assert len(secret) > 30
     assert secret not in f"{credentials!r} {credentials.link!r} {credentials.link.model_dump_json()}"
+
+
+def site_command(*arguments: str) -> Result:
+    return CliRunner().invoke(command, ["site", *arguments])
+
+
+def refused(*arguments: str) -> str:
+    result = site_command(*arguments)
+    assert isinstance(result.exception, ConfigError | KeyNameError), result.output
+    return str(result.exception)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> str:
+    path = str(tmp_path / "lab")
+    result = site_command(
+        "init", "lab", "--folder", path, "--users", "anna, ben", "--guests", "2", "--days", "90"
+    )
+    assert result.exit_code == 0, result.output
+    assert "keep" in result.output
+    return path
+
+
+def names_of(folder: str) -> set[str]:
+    return {
+        row["name"]
+        for row in json.loads(site_command("show", "--folder", folder, "--json").output)["identities"]
+    }
+
+
+def test_a_site_has_everybody_who_was_named(folder: str) -> None:
+    standing = {"router", "services", "web", "ros2", "operator", "supervisor", "dashboard1"}
+    assert names_of(folder) == {*standing, "anna", "ben", "guest1", "guest2"}
+    people = json.loads(site_command("user", "list", "--folder", folder, "--json").output)["identities"]
+    assert [row["name"] for row in people] == ["anna", "ben", "guest1", "guest2"]
+
+
+def test_people_are_added_and_removed(folder: str) -> None:
+    result = site_command("user", "add", "carla", "--folder", folder)
+    assert "identities/carla" in result.output
+    assert (Path(folder) / "identities/carla/key.pem").exists()
+    site_command("user", "remove", "carla", "--folder", folder)
+    assert "carla" not in names_of(folder)
+    assert "services is a reserved name of the site" in refused("user", "add", "services", "--folder", folder)
+    assert "is not a person" in refused("user", "remove", "web", "--folder", folder)
+    assert "'run.bob': names that begin with 'run.'" in refused("user", "add", "run.bob", "--folder", folder)
+    assert refused("user", "add", "carla", "carla", "--folder", folder).startswith("carla is named twice")
+    assert "carla" not in names_of(folder)
+
+
+@pytest.mark.parametrize(
+    ("users", "sentence"),
+    [
+        ("a,b,a", "a is named twice; name each person once"),
+        ("guest2", "guest2 is named twice"),
+        ("web", "web is a reserved name of the site"),
+        ("dashboard7", "dashboard7 is a reserved name of the site"),
+        ("a,run.bob", "user 'run.bob': names that begin with 'run.' are those of runs; choose another"),
+    ],
+)
+def test_names_that_cannot_be_given_are_told_apart(users: str, sentence: str, tmp_path: Path) -> None:
+    path = tmp_path / "lab"
+    said = refused("init", "lab", "--folder", str(path), "--users", users)
+    assert said.startswith(sentence)
+    assert not path.exists()
+
+
+def test_a_number_of_people_are_numbered(tmp_path: Path) -> None:
+    site_command(
+        "init", "lab", "--folder", str(tmp_path / "lab"), "--users", "3", "--guests", "0", "--dashboards", "0"
+    )
+    assert {"user1", "user2", "user3"} < names_of(str(tmp_path / "lab"))
+    assert "guest1" not in names_of(str(tmp_path / "lab"))
+
+
+def test_what_ends_soon_is_warned_of(tmp_path: Path) -> None:
+    path = str(tmp_path / "lab")
+    site_command("init", "lab", "--folder", path, "--days", "20", "--guests", "0")
+    result = site_command("show", "--folder", path)
+    assert result.exit_code == 1
+    assert "ends soon" in result.output
+    assert "renew with `pointit site renew`" in result.output
+    assert "router has a new certificate" in site_command("renew", "--folder", path).output
+
+
+def test_passwords_which_do_not_end_are_kept_when_certificates_are_renewed(tmp_path: Path) -> None:
+    path = str(tmp_path / "lab")
+    site_command(
+        "init", "lab", "--folder", path, "--days", "20", "--guests", "0", "--users", "anna", "--password"
+    )
+    users = tmp_path / "lab" / "router" / "users.txt"
+    before = users.read_text()
+    said = site_command("renew", "--folder", path).output
+    assert said.startswith("router has a new certificate")
+    assert said.count("\n") == 1
+    assert users.read_text() == before
+    assert "anna has a new password: copy" in site_command("renew", "anna", "--folder", path).output
+    assert users.read_text() != before
+
+
+def test_all_is_well_is_exit_code_0_and_revoked_is_shown(folder: str) -> None:
+    assert site_command("show", "--folder", folder).exit_code == 0
+    assert "valid for 30 days or more" in site_command("renew", "--folder", folder).output
+    said = site_command("revoke", "anna", "--folder", folder).output
+    assert said == f"anna has no rights any more; `pointit site renew anna --folder {folder}` restores them\n"
+    rows = json.loads(site_command("show", "--folder", folder, "--json").output)["identities"]
+    assert [row["state"] for row in rows if row["name"] == "anna"] == ["revoked"]
+
+
+@pytest.mark.parametrize("options", [[], ["--password"]], ids=["keys", "passwords"])
+def test_no_secret_is_printed(tmp_path: Path, options: list[str]) -> None:
+    path = tmp_path / "lab"
+
+    def secrets() -> list[str]:
+        keys = [file.read_text().splitlines()[1] for file in path.glob("identities/*/key.pem")]
+        users = path / "router" / "users.txt"
+        lines = users.read_text().splitlines() if options else []
+        return [*keys, *(line.rpartition(":")[2] for line in lines)]
+
+    said = site_command("init", "lab", "--folder", str(path), "--users", "anna,ben", *options).output
+    for arguments in (["show"], ["show", "--json"], ["user", "list"], ["renew", "anna"], ["revoke", "ben"]):
+        before = secrets()
+        said += site_command(*arguments, "--folder", str(path)).output
+        assert before
+        assert not any(secret in said for secret in (*before, *secrets()))

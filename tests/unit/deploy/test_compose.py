@@ -3,11 +3,14 @@
 import os
 import re
 import subprocess
+import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.version import Version
 
 from pointit.bridges.web.server.exposure_check import CONTAINER
 from pointit.launch.plan.scenario import read_scenario
@@ -15,7 +18,6 @@ from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.service.process import load_config
 from pointit.services.registry import PROCESSES, process
 from tests.unit.deploy.stack import DEPLOY, VARIABLE, compose, parse
-from tests.unit.deploy.test_locks import LOCKS
 
 BASE = compose("compose.yaml")
 PERSON = compose("compose.user.yaml", USER_NAME="anna")
@@ -65,8 +67,7 @@ def test_a_command_is_one_that_pointit_takes(command: str) -> None:
 def test_a_configuration_is_one_that_its_service_takes(file: Path) -> None:
     (command,) = {command for command in COMMANDS if command.endswith(f"/{file.name}")}
     service = process(command.split()[2]).load()
-    config = load_config(service, [file], {})
-    service.validate_config(config)
+    service.validate_config(load_config(service, [file], {}))
 
 
 def test_configurations_are_those_of_the_scenario() -> None:
@@ -206,3 +207,52 @@ def test_a_script_is_one(script: Path) -> None:
 def test_yaml_has_no_key_twice() -> None:
     for path in DEPLOY.rglob("*.yaml"):
         read_yaml(path)
+
+
+ROOT = DEPLOY.parent
+PARTS = {"ble", "discovery", "foxglove", "fusion", "mqtt", "plot", "ros2", "site", "web"}
+LOCKS = {"ci": {"dev"}, "image": {"web", "site"}, "router": set[str]()}
+"""The extras that each is for; `build` is for building."""
+PIN = re.compile(r"^([\w.-]+)==(\S+)(?: ; .*)? \\$", re.MULTILINE)
+
+
+def wanted(extras: set[str]) -> list[Requirement]:
+    """Return the requirements of `extras` in pyproject.toml, without the package itself."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    lines = [*project["dependencies"]]
+    for extra in extras:
+        lines += project["optional-dependencies"][extra]
+    found = [Requirement(line) for line in lines]
+    inner = set[str]().union(*(each.extras for each in found if each.name == "pointit"))
+    return wanted(extras | inner) if inner - extras else [each for each in found if each.name != "pointit"]
+
+
+@pytest.mark.parametrize("name", [*LOCKS, "build", "lowest"])
+def test_every_line_of_a_lock_is_a_version_with_hashes(name: str) -> None:
+    text = (ROOT / "requirements" / f"{name}.txt").read_text(encoding="utf-8")
+    assert "://" not in text
+    rest = PIN.sub("", text)
+    assert not re.sub(r"^    --hash=sha256:[0-9a-f]{64}(?: \\)?$", "", rest, flags=re.MULTILINE).strip()
+    assert len(PIN.findall(text)) == len(re.findall(r"==.* \\\n    --hash=", text)) > 10
+
+
+@pytest.mark.parametrize(("name", "extras"), LOCKS.items())
+def test_a_lock_has_a_version_that_pyproject_takes(name: str, extras: set[str]) -> None:
+    pins = PIN.findall((ROOT / "requirements" / f"{name}.txt").read_text(encoding="utf-8"))
+    for each in wanted(extras):
+        versions = [version for package, version in pins if package == each.name.lower()]
+        assert versions, f"{each.name} is missing in requirements/{name}.txt: run scripts/lock"
+        assert all(each.specifier.contains(version) for version in versions), (
+            f"requirements/{name}.txt: {each.name} {versions} is not {each.specifier}: run scripts/lock"
+        )
+
+
+def test_the_lowest_versions_are_those_that_pyproject_names() -> None:
+    """If the exact version does not exist, as for mcap 1.2, another version of that series is accepted."""
+    pins = PIN.findall((ROOT / "requirements" / "lowest.txt").read_text(encoding="utf-8"))
+    for each in wanted(PARTS):
+        (bound,) = (specifier.version for specifier in each.specifier if specifier.operator == ">=")
+        (version,) = (version for package, version in pins if package == each.name.lower())
+        assert Version(version).release[:2] == Version(f"{bound}.0").release[:2], (
+            f"the lowest {each.name} is {bound}, but what is tested is {version}: run scripts/lock"
+        )

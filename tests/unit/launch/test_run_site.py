@@ -1,18 +1,28 @@
 """What a joining person adopts from the site, and for how long a page counts as having viewers."""
 
 import asyncio
+import time
+from pathlib import Path
 
 import pytest
 
 from pointit.launch.plan.launches import CURSOR_COLORS
+from pointit.launch.plan.plan import Plan
 from pointit.launch.plan.scenario import USUAL
+from pointit.launch.recorder import recorded, recorder_launch
+from pointit.launch.run.deployment_publisher import DeploymentPublisher
 from pointit.launch.run.run_site import LISTEN_S, Onlookers, check_names, free_place, surroundings
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.link.link import Link
 from pointit.runtime.link.outage import SILENT_S
-from pointit.schemas import Deployment, Figure, Health, UserProfile
+from pointit.runtime.service.service import Launch, check_launches
+from pointit.schemas import Deployment, ExpectedService, Figure, Health, UserProfile
 from pointit.schemas.topics import DEPLOYMENT, PROFILE, SERVICE_ALIVE, SHARD_ALIVE
+from pointit.services.pointing.service import Pointing
+from tests.support.bench import until
+from tests.support.recorded import session, write_recording
 
 
 def runs(bus: MemoryBus, name: str) -> None:
@@ -93,3 +103,85 @@ def test_nobody_looks_on_where_nobody_says_so() -> None:
     for said in (health(0.0), health(None), health(3.0, "selector")):
         assert not onlookers.on_health(said, 10.0)
         assert not onlookers.are_there(10.0)
+
+
+PLAN = Plan(name="anna", person="anna", launches=(), link=Link())
+LINES = [(Launch(service=Pointing, config=Pointing.CONFIG(), user="anna"), ("pointit", "user", "anna"))]
+AWAY_NS = 10**9
+
+
+def posted(bus: MemoryBus) -> tuple[DeploymentPublisher, list[Deployment]]:
+    """Tell of anna's run; return what tells it, and all that is told under her name."""
+    told: list[Deployment] = []
+    bus.subscribe(DEPLOYMENT, lambda deployment, _name: told.append(deployment), "anna")
+    notice = DeploymentPublisher(bus)
+    notice.post(PLAN, LINES)
+    return notice, told
+
+
+def other(stamp_ns: int) -> Deployment:
+    services = (ExpectedService(service="pointing", user="anna", command=("elsewhere",)),)
+    return Deployment(stamp_ns=stamp_ns, name="anna", services=services)
+
+
+async def test_who_is_asked_to_end_takes_it_back() -> None:
+    bus = MemoryBus(LocalBroker())
+    notice, told = posted(bus)
+    await until(lambda: len(told) == 1, what="the run")
+    notice.retract()
+    await until(lambda: len(told) == 2, what="its end")
+    assert [len(each.services) for each in told] == [1, 0]
+    notice.retract()
+    await bus.close()
+
+
+async def test_what_another_has_told_since_is_not_taken_back() -> None:
+    bus = MemoryBus(LocalBroker())
+    notice, told = posted(bus)
+    bus.publisher(DEPLOYMENT, "anna").put(other(time.time_ns() + AWAY_NS))
+    await until(lambda: bool(told) and told[-1].services[0].command == ("elsewhere",), what="the other one")
+    later: list[str] = []
+    bus.subscribe(DEPLOYMENT, lambda _deployment, name: later.append(name), "ben")
+    notice.retract()
+    bus.publisher(DEPLOYMENT, "ben").put(other(0))
+    await until(lambda: bool(later), what="what is told after it")
+    assert all(each.services for each in told)
+    await bus.close()
+
+
+async def test_what_one_that_began_earlier_tells_changes_nothing() -> None:
+    bus = MemoryBus(LocalBroker())
+    notice, told = posted(bus)
+    bus.publisher(DEPLOYMENT, "anna").put(other(0))
+    await until(lambda: told[-1:] == [other(0)], what="the other one")
+    notice.retract()
+    await until(lambda: not told[-1].services, what="its end")
+    await bus.close()
+
+
+def test_recording_that_was_cut_off_is_not_told_as_a_success(tmp_path: Path) -> None:
+    launch = recorder_launch(tmp_path / "session.mcap")
+    assert "is not there" in recorded(launch)
+    write_recording(tmp_path / "session.mcap", session("scenario_1", 1.0))
+    content = (tmp_path / "session.mcap").read_bytes()
+    assert recorded(launch).endswith(" MB")
+    (tmp_path / "session.mcap").write_bytes(content[:-100])
+    assert recorded(launch).endswith("cut off; the log says why")
+
+
+@pytest.mark.parametrize(
+    ("file", "sentence"),
+    [
+        ("/proc/x.mcap", r"/proc/x\.mcap: cannot be written \(.+\); record in another folder"),
+        ("/none/x.mcap", "its folder does not exist; create it, or record elsewhere"),
+        ("/proc", "/proc is a folder; give a file in it, such as /proc/session.mcap"),
+    ],
+)
+def test_a_file_that_cannot_be_written_is_refused_before_anything_starts(file: str, sentence: str) -> None:
+    with pytest.raises(ConfigError, match=sentence):
+        check_launches([recorder_launch(Path(file))])
+
+
+def test_a_check_leaves_no_file(tmp_path: Path) -> None:
+    check_launches([recorder_launch(tmp_path / "x.mcap")])
+    assert list(tmp_path.iterdir()) == []

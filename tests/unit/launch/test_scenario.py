@@ -22,6 +22,8 @@ from pointit.schemas.system import RUN
 from pointit.schemas.topics import check_name
 from pointit.services.registry import PROCESSES
 
+GOOD = "about: a\nplaces: [{position_m: [0, 0, 0]}]\n"
+
 
 def config_of(launches: Sequence[Launch], name: str) -> dict[str, Any]:
     (launch,) = (launch for launch in launches if launch.instance.split(".")[0] == name)
@@ -29,12 +31,16 @@ def config_of(launches: Sequence[Launch], name: str) -> dict[str, Any]:
     return values
 
 
-def services(launches: Sequence[Launch]) -> set[str]:
-    return {launch.service.NAME for launch in launches}
-
-
 def names(launches: Sequence[Launch]) -> set[str]:
     return {launch.instance for launch in launches}
+
+
+def site(scenario: str = "scenario_3", **choices: Any) -> list[Launch]:
+    return site_launches(read_scenario(scenario), Choices(**choices))
+
+
+def person(name: str = "anna", index: int = 0, scenario: str = "scenario_3", **choices: Any) -> list[Launch]:
+    return user_launches(read_scenario(scenario), Choices(**choices), name, index)
 
 
 @pytest.fixture(autouse=True)
@@ -90,43 +96,35 @@ def test_who_stands_at_a_place_of_scenario_4_can_be_found_by_its_three_lamps() -
 
 
 def test_the_method_of_selecting_can_be_chosen_where_something_is_selected() -> None:
-    chosen = site_launches(read_scenario("scenario_3"), Choices(method="hold"))
-    assert config_of(chosen, "selector")["method"] == "hold"
+    assert config_of(site(method="hold"), "selector")["method"] == "hold"
     with pytest.raises(ConfigError, match=r"--method hold: nothing is selected in scenario_2\.yaml"):
-        site_launches(read_scenario("scenario_2"), Choices(method="hold"))
+        site("scenario_2", method="hold")
 
 
 def test_what_the_scenario_asks_of_people() -> None:
     assert read_scenario("scenario_3").target_kinds == ("red",)
-    person = user_launches(read_scenario("scenario_3"), Choices(), "anna")
-    assert config_of(person, "user-sim")["target_kinds"] == ("red",)  # they want what counts
+    assert config_of(person(), "user-sim")["target_kinds"] == ("red",)  # they want what counts
 
 
 def test_people_get_places_and_seeds_of_their_own() -> None:
     scenario = read_scenario("scenario_3")
-    choices = Choices(seed=40)
-    people = [user_launches(scenario, choices, f"user{index + 1}", index) for index in range(4)]
+    people = [person(f"user{index + 1}", index, seed=40) for index in range(4)]
     for index, launches in enumerate(people):
         place = scenario.places[index % len(scenario.places)]
         simulated, localizer = config_of(launches, "user-sim"), config_of(launches, "localizer")
         assert simulated["seed"] == 40 + index
         assert simulated["position_m"] == localizer["position_m"] == place.position_m
         assert simulated["yaw_deg"] == localizer["yaw_deg"] == place.yaw_deg
-        assert names(launches) == {
-            f"{name}.user{index + 1}" for name in ("pointing", "localizer", "supervisor", "user-sim")
-        }
+        services = ("pointing", "localizer", "supervisor", "user-sim")
+        assert names(launches) == {f"{name}.user{index + 1}" for name in services}
     assert len(scenario.places) == 3
     assert people[3][0].config == people[0][0].config
 
 
 def test_localize_tells_nobody_where_people_stand() -> None:
-    launches = user_launches(read_scenario("scenario_3"), Choices(localize=True), "anna")
-    localizer, plain = (
-        config_of(launches, "localizer"),
-        config_of(user_launches(read_scenario("scenario_3"), Choices(), "anna"), "localizer"),
-    )
-    assert localizer["method"] == "static_targets"
-    assert plain["method"] == "fixed"
+    launches = person(localize=True)
+    localizer, plain = config_of(launches, "localizer"), config_of(person(), "localizer")
+    assert (localizer["method"], plain["method"]) == ("static_targets", "fixed")
     assert localizer["position_m"] != plain["position_m"]
     assert config_of(launches, "supervisor")["localize"] is True
     assert config_of(launches, "user-sim")["yaw_deg"] is None
@@ -146,65 +144,63 @@ def test_localize_tells_nobody_where_people_stand() -> None:
 def test_a_device_replaces_the_simulation(
     device: str, source: str, section: str | None, field: str | None
 ) -> None:
-    scenario = read_scenario("scenario_3")
-    choices = Choices(imu=["sim", device])
-    assert "user-sim.a" in names(user_launches(scenario, choices, "a", 0))
-    second = user_launches(scenario, choices, "b", 1)
+    imu = ["sim", device]
+    first, second, third = (person(name, index, imu=imu) for index, name in enumerate("abc"))
+    assert "user-sim.a" in names(first)
     assert "user-sim.b" not in names(second)
     assert config_of(second, "supervisor")["autostart"] is True  # nobody may be able to press
-    assert config_of(user_launches(scenario, choices, "a", 0), "supervisor")["autostart"] is False
-    by_hand = Choices(imu=["sim", device], settings=["supervisor.autostart=false"])
-    assert config_of(user_launches(scenario, by_hand, "b", 1), "supervisor")["autostart"] is False
+    assert config_of(first, "supervisor")["autostart"] is False
+    by_hand = person("b", 1, imu=imu, settings=["supervisor.autostart=false"])
+    assert config_of(by_hand, "supervisor")["autostart"] is False
     bridge = config_of(second, "imu-bridge")
     assert bridge["source"] == source
     if section is not None and field is not None:
         assert bridge[section][field] == device.partition(":")[2]
-    assert "user-sim.c" in names(user_launches(scenario, choices, "c", 2))
+    assert "user-sim.c" in names(third)
 
 
 @pytest.mark.parametrize("name", scenario_names())
 def test_a_page_may_take_anybodys_wrist(name: str) -> None:
-    scenario, choices = read_scenario(name), Choices(imu=["sim", "serial:/dev/ttyUSB7"], page=True)
-    simulated, wearing = (user_launches(scenario, choices, "a", index) for index in range(2))
+    imu = ["sim", "serial:/dev/ttyUSB7"]
+    simulated, wearing = (person("a", index, name, imu=imu, page=True) for index in range(2))
     assert {"imu-bridge.a", "user-sim.a"} <= names(simulated)
     assert config_of(simulated, "imu-bridge")["source"] == "page"  # which only waits for one
     assert config_of(wearing, "imu-bridge")["source"] == "serial"
-    assert "imu-bridge.a" not in names(user_launches(scenario, Choices(), "a"))
+    assert "imu-bridge.a" not in names(person("a", scenario=name))
 
 
 def test_ros_may_take_anybodys_wrist_without_a_page(tmp_path: Path) -> None:
-    people = [user_launches(read_scenario("scenario_4"), Choices(ros2=True), "a")]
-    text = GOOD + "site: {ros2: {}}\nuser: {user-sim: {}}\n"
-    named = read_scenario(str(written(tmp_path / "a.yaml", text)))
-    people.append(user_launches(named, Choices(), "a"))
-    for launches in people:
+    named = str(written(tmp_path / "a.yaml", GOOD + "site: {ros2: {}}\nuser: {user-sim: {}}\n"))
+    for launches in (person("a", scenario="scenario_4", ros2=True), person("a", scenario=named)):
         assert {"imu-bridge.a", "user-sim.a"} <= names(launches)
         assert config_of(launches, "imu-bridge")["source"] == "page"  # it only waits for a wrist
 
 
 def test_an_imu_bridge_of_a_scenario_is_as_it_says(tmp_path: Path) -> None:
-    text = GOOD + "user: {imu-bridge: {source: simulated}, pointing: {}}\n"
-    alone = user_launches(read_scenario(str(written(tmp_path / "a.yaml", text))), Choices(page=True), "a")
-    assert config_of(alone, "imu-bridge")["source"] == "simulated"
+    alone = str(
+        written(tmp_path / "a.yaml", GOOD + "user: {imu-bridge: {source: simulated}, pointing: {}}\n")
+    )
+    assert config_of(person(scenario=alone, page=True), "imu-bridge")["source"] == "simulated"
     text = GOOD + "user: {imu-bridge: {yaw_origin_deg: 7}, user-sim: {}}\n"
-    beside = user_launches(read_scenario(str(written(tmp_path / "b.yaml", text))), Choices(page=True), "a")
-    assert config_of(beside, "imu-bridge")["source"] == "page"
-    assert config_of(beside, "imu-bridge")["yaw_origin_deg"] == 7
+    beside = config_of(person(scenario=str(written(tmp_path / "b.yaml", text)), page=True), "imu-bridge")
+    assert (beside["source"], beside["yaw_origin_deg"]) == ("page", 7)
 
 
 @pytest.mark.parametrize("device", ["nonsense", "serial:", "replay", "simulated:x", "page:x", ""])
 def test_another_device_is_refused(device: str) -> None:
     with pytest.raises(ConfigError, match=f"--imu '{device}': (no IMU source|write [a-z])"):
-        user_launches(read_scenario("scenario_3"), Choices(imu=[device]), "a")
+        person(imu=[device])
 
 
-def test_real_strips() -> None:
-    launches = site_launches(read_scenario("scenario_3"), Choices(leds="expander:/dev/ttyUSB0"))
-    (output,) = config_of(launches, "led-driver")["outputs"]
+def test_real_strips(tmp_path: Path) -> None:
+    (output,) = config_of(site(leds="expander:/dev/ttyUSB0"), "led-driver")["outputs"]
     assert (output["kind"], output["port"]) == ("expander", "/dev/ttyUSB0")
     for wrong in ("expander", "expander:", "ddp", "nonsense:x"):
         with pytest.raises(ConfigError, match="--leds"):
-            site_launches(read_scenario("scenario_3"), Choices(leds=wrong))
+            site(leds=wrong)
+    path = written(tmp_path / "a.yaml", GOOD + "site: {pui: {}}\n")
+    with pytest.raises(ConfigError, match="no led-driver"):
+        site(str(path), leds="expander:/dev/x")
 
 
 def written(path: Path, text: str) -> Path:
@@ -212,61 +208,51 @@ def written(path: Path, text: str) -> Path:
     return path
 
 
-def test_a_run_without_strips_refuses_a_controller(tmp_path: Path) -> None:
-    path = written(tmp_path / "a.yaml", "about: a\nplaces: [{position_m: [0, 0, 0]}]\nsite: {pui: {}}\n")
-    with pytest.raises(ConfigError, match="no led-driver"):
-        site_launches(read_scenario(str(path)), Choices(leds="expander:/dev/x"))
-
-
-def window_s(choices: Choices) -> Any:
-    return config_of(site_launches(read_scenario("scenario_3"), choices), "selector")["window_s"]
+def window_s(**choices: Any) -> Any:
+    return config_of(site(**choices), "selector")["window_s"]
 
 
 def test_the_later_source_wins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first = written(tmp_path / "first.yaml", "selector: {window_s: 1.1}\npui: {map: lab}\n")
     second = written(tmp_path / "second.yaml", "selector: {window_s: 1.2}\n")
-    assert window_s(Choices()) == 0.8
-    assert window_s(Choices(files=[first])) == 1.1
-    assert window_s(Choices(files=[first, second])) == 1.2
+    assert window_s() == 0.8
+    assert window_s(files=[first]) == 1.1
+    assert window_s(files=[first, second]) == 1.2
     monkeypatch.setenv("POINTIT_SELECTOR__WINDOW_S", "1.3")
-    assert window_s(Choices(files=[first, second])) == 1.3
-    assert window_s(Choices(files=[first], settings=["selector.window_s=1.4"])) == 1.4
-    assert window_s(Choices(settings=["selector.window_s=1.4", "selector.window_s=1.5"])) == 1.5
+    assert window_s(files=[first, second]) == 1.3
+    assert window_s(files=[first], settings=["selector.window_s=1.4"]) == 1.4
+    assert window_s(settings=["selector.window_s=1.4", "selector.window_s=1.5"]) == 1.5
 
 
 def test_a_file_changes_what_the_command_line_set_and_leaves_the_rest(tmp_path: Path) -> None:
     path = written(tmp_path / "a.yaml", "user-sim: {seed: 77, arm: {tremor_rms_deg: 0.0}}\n")
-    simulated = config_of(
-        user_launches(read_scenario("scenario_3"), Choices(seed=3, files=[path]), "a"), "user-sim"
-    )
-    assert simulated["seed"] == 77
-    assert simulated["arm"]["tremor_rms_deg"] == 0.0
-    assert simulated["arm"]["reach_base_s"] == 0.25
-    assert simulated["behaviour"] == "select"
+    simulated = config_of(person(seed=3, files=[path]), "user-sim")
+    assert (simulated["seed"], simulated["behaviour"]) == (77, "select")
+    assert (simulated["arm"]["tremor_rms_deg"], simulated["arm"]["reach_base_s"]) == (0.0, 0.25)
 
 
 def test_nested_parameters_can_be_set() -> None:
-    choices = Choices(settings=["conveyor-sim.feeder.sequence=[red, green]", "pui.map=lab"])
-    feeder = config_of(site_launches(read_scenario("scenario_3"), choices), "conveyor-sim")["feeder"]
-    assert feeder["sequence"] == ("red", "green")
-    shipped = config_of(site_launches(read_scenario("scenario_3"), Choices()), "conveyor-sim")["feeder"]
-    assert feeder["sequence"] != shipped["sequence"]
+    settings = ["conveyor-sim.feeder.sequence=[red, green]", "pui.map=lab"]
+    feeder, shipped = (
+        config_of(launches, "conveyor-sim")["feeder"] for launches in (site(settings=settings), site())
+    )
+    assert feeder["sequence"] == ("red", "green") != shipped["sequence"]
     assert feeder["count"] == shipped["count"] > 0
 
 
 @pytest.mark.parametrize(
-    ("choices", "sentence"),
+    ("setting", "sentence"),
     [
-        (Choices(settings=["selector"]), "write service.parameter=value"),
-        (Choices(settings=["selector=1"]), "write service.parameter=value"),
-        (Choices(settings=["selektor.window_s=1"]), "'selektor' is no service"),
-        (Choices(settings=["selector.window_s=soon"]), r"--set selector.window_s=soon: window_s: .*'soon'"),
-        (Choices(settings=["selector.nope=1"]), r"--set selector.nope=1: no parameter nope; there are "),
+        ("selector", "write service.parameter=value"),
+        ("selector=1", "write service.parameter=value"),
+        ("selektor.window_s=1", "'selektor' is no service"),
+        ("selector.window_s=soon", r"--set selector.window_s=soon: window_s: .*'soon'"),
+        ("selector.nope=1", r"--set selector.nope=1: no parameter nope; there are "),
     ],
 )
-def test_a_wrong_setting_is_named(choices: Choices, sentence: str) -> None:
+def test_a_wrong_setting_is_named(setting: str, sentence: str) -> None:
     with pytest.raises(ConfigError, match=sentence):
-        site_launches(read_scenario("scenario_3"), choices)
+        site(settings=[setting])
 
 
 def test_a_setting_without_effect_is_refused() -> None:
@@ -292,11 +278,8 @@ def test_a_setting_without_effect_is_refused() -> None:
 def test_a_wrong_file_of_parameters_is_named(tmp_path: Path, text: str, sentence: str) -> None:
     path = written(tmp_path / "a.yaml", text)
     with pytest.raises(ConfigError, match=sentence) as caught:
-        site_launches(read_scenario("scenario_3"), Choices(files=[path]))
+        site(files=[path])
     assert str(path) in str(caught.value)
-
-
-GOOD = "about: a\nplaces: [{position_m: [0, 0, 0]}]\n"
 
 
 @pytest.mark.parametrize(
@@ -315,17 +298,15 @@ GOOD = "about: a\nplaces: [{position_m: [0, 0, 0]}]\n"
 def test_a_wrong_scenario_is_named(tmp_path: Path, text: str, sentence: str) -> None:
     path = written(tmp_path / "mine.yaml", text)
     with pytest.raises(ConfigError, match=sentence) as caught:
-        site_launches(read_scenario(str(path)), Choices())
+        site(str(path))
     assert str(path) in str(caught.value)
 
 
 def test_a_scenario_that_does_not_exist() -> None:
-    with pytest.raises(
-        ConfigError, match=r"no scenario 'nope'; there are scenario_1, .*scenario_4, .*; or give a .yaml file"
-    ):
-        read_scenario("nope")
-    with pytest.raises(ConfigError, match=r"nope\.yml: cannot be read"):
-        read_scenario("/nowhere/nope.yml")
+    known = r"no scenario 'nope'; there are scenario_1, .*scenario_4, .*; or give a .yaml file"
+    for name, sentence in (("nope", known), ("/nowhere/nope.yml", r"nope\.yml: cannot be read")):
+        with pytest.raises(ConfigError, match=sentence):
+            read_scenario(name)
 
 
 def test_a_scenario_whose_file_name_cannot_stand_in_a_key(tmp_path: Path) -> None:
@@ -339,9 +320,7 @@ def test_a_scenario_whose_name_is_too_long_for_the_key_of_its_run(length: int, t
     """The longest that is taken can be told (`DeploymentPublisher`); once a run began and failed by it."""
     path = written(tmp_path / f"{'x' * length}.yaml", GOOD)
     if length > 60:
-        with pytest.raises(
-            ConfigError, match=r"rename the file: a scenario's name has at most 60 characters"
-        ):
+        with pytest.raises(ConfigError, match="rename the file: a scenario's name has at most 60 characters"):
             read_scenario(str(path))
     else:
         read_scenario(str(path))
@@ -349,18 +328,17 @@ def test_a_scenario_whose_name_is_too_long_for_the_key_of_its_run(length: int, t
 
 
 def test_a_person_is_not_called_as_a_run() -> None:
-    with pytest.raises(
-        KeyNameError, match=r"user 'run\.bob': names that begin with 'run\.' are those of runs"
-    ):
-        user_launches(read_scenario("scenario_1"), Choices(), "run.bob")
-    with pytest.raises(KeyNameError, match=r"user 'run\.bob': names"):
+    sentence = r"user 'run\.bob': names that begin with 'run\.' are those of runs"
+    with pytest.raises(KeyNameError, match=sentence):
+        person("run.bob", scenario="scenario_1")
+    with pytest.raises(KeyNameError, match=sentence):
         CliRunner().invoke(user, ["run.bob"], catch_exceptions=False)
 
 
 def test_a_service_for_all_cannot_stand_under_user(tmp_path: Path) -> None:
     path = written(tmp_path / "a.yaml", GOOD + "user: {pui: {}}\n")
     with pytest.raises(ConfigError, match="user: pui must stand under site"):
-        user_launches(read_scenario(str(path)), Choices(), "anna")
+        person(scenario=str(path))
 
 
 def test_defaults_of_a_scenario() -> None:
@@ -370,28 +348,18 @@ def test_defaults_of_a_scenario() -> None:
 
 
 def test_people_differ_in_the_colour_of_their_cursor_unless_the_scenario_says_otherwise() -> None:
-    scenario = read_scenario("scenario_3")
-    profiles = [
-        config_of(user_launches(scenario, Choices(), f"user{index}", index), "supervisor")["profile"]
-        for index in range(3)
-    ]
+    people = [person(f"user{index}", index) for index in range(3)]
+    profiles = [config_of(launches, "supervisor")["profile"] for launches in people]
     assert len({tuple(profile["cursor_color"]) for profile in profiles}) == 3
     assert len({profile["pattern"] for profile in profiles}) == 3
-    own = scenario.model_copy(
-        update={"user": {**scenario.user, "supervisor": {"profile": {"cursor_color": [1, 2, 3]}}}}
-    )
-    profile = config_of(user_launches(own, Choices(), "anna"), "supervisor")["profile"]
-    assert profile["cursor_color"] == (1, 2, 3)
+    scenario = read_scenario("scenario_3")
+    own = {**scenario.user, "supervisor": {"profile": {"cursor_color": [1, 2, 3]}}}
+    launches = user_launches(scenario.model_copy(update={"user": own}), Choices(), "anna")
+    assert config_of(launches, "supervisor")["profile"]["cursor_color"] == (1, 2, 3)
 
 
 def test_a_map_stands_beside_its_scenario_and_people_want_its_kinds(tmp_path: Path) -> None:
-    file = tmp_path / "mine.yaml"
-    file.write_text(
-        "about: mine\ntarget_kinds: [purple]\nplaces: [{position_m: [0, 0, 0]}]\n"
-        "site: {pui: {map: room.yaml}}\nuser: {user-sim: {behaviour: select}}\n",
-        encoding="utf-8",
-    )
-    scenario = read_scenario(str(file))
-    assert scenario.site["pui"]["map"] == str(tmp_path / "room.yaml")
-    person = config_of(user_launches(scenario, Choices(), "anna"), "user-sim")
-    assert person["target_kinds"] == ("purple",)
+    text = "target_kinds: [purple]\nsite: {pui: {map: room.yaml}}\nuser: {user-sim: {behaviour: select}}\n"
+    file = str(written(tmp_path / "mine.yaml", GOOD + text))
+    assert read_scenario(file).site["pui"]["map"] == str(tmp_path / "room.yaml")
+    assert config_of(person(scenario=file), "user-sim")["target_kinds"] == ("purple",)

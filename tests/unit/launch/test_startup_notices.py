@@ -11,7 +11,7 @@ from pointit.runtime.host.state_file import StateFile
 from pointit.schemas import PointingOffset
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.stored_mounting import PURPOSE, StoredMounting, StoredMountings
-from pointit.services.supervisor.offset_messages import OFFSET_PURPOSE
+from pointit.services.supervisor.user_messages import OFFSET_PURPOSE
 
 SERIAL = "serial:/dev/ttyUSB7"
 FITTED_NS = 1_795_172_700_000_000_000
@@ -72,16 +72,9 @@ def test_what_is_kept_and_in_use_is_said() -> None:
     )
     mountings = StateFile(StoredMountings, "anna", PURPOSE)
     mountings.write(StoredMountings(by_source={"serial": own}))
-    (notice,) = kept_offsets(launches)
-    assert notice == (
-        "anna: an offset of 2026-11-20 11:05 is in use; `pointit person calibrate user anna --erase` "
-        "forgets it"
-    )
-    (notice,) = kept_mountings(launches)
-    assert notice == (
-        "anna: a mounting of 2026-11-20 11:05 is in use; `pointit person calibrate mounting anna --erase` "
-        "forgets it"
-    )
+    since = "of 2026-11-20 11:05 is in use; `pointit person calibrate"
+    assert [*kept_offsets(launches)] == [f"anna: an offset {since} user anna --erase` forgets it"]
+    assert [*kept_mountings(launches)] == [f"anna: a mounting {since} mounting anna --erase` forgets it"]
     mountings.write(StoredMountings(by_source={"replay": own}))  # of another device
     assert list(kept_mountings(launches)) == []
     mountings.path.write_text("{", encoding="utf-8")  # the service complains of it

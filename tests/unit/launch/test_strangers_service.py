@@ -40,11 +40,9 @@ from pointit.plugins import topics
 class Count(Message):
     selected: int = 0
 
-class Reset(Query):
-    pass
+class Reset(Query): ...
 
-class ResetReply(Reply):
-    pass
+class ResetReply(Reply): ...
 
 class CounterConfig(Config):
     start: int = Field(default=0, ge=-1, description="first number; -1: it cannot check it")
@@ -91,18 +89,11 @@ class Counter(Service[CounterConfig]):
             once.put(Count(stamp_ns=1))
         raise ValueError("it has lived long enough")
 
-COUNTER = ServicePlugin(
-    summary="counts selections",
-    config=CounterConfig,
-    make=Counter,
-    reads=(topics.SELECTION_EVENTS,),
-    writes=(COUNTS,),
-    serves=(RESET,),
-    asks=(topics.SET_SPEED,),
-)
-
 def other(**changes):
     return ServicePlugin(**{"summary": "", "config": CounterConfig, "make": Counter} | changes)
+
+ROWS = dict(reads=(topics.SELECTION_EVENTS,), writes=(COUNTS,), serves=(RESET,), asks=(topics.SET_SPEED,))
+COUNTER = other(summary="counts selections", **ROWS)
 
 class Greedy(Counter):
     NAME: ClassVar = "greedy"

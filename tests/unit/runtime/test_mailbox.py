@@ -1,6 +1,7 @@
 """The buffer between foreign threads and the loop: nothing lost, nothing twice, nothing stuck."""
 
 import asyncio
+import gc
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -8,13 +9,15 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from pointit.runtime.bus.contract import EVENT_CAPACITY
+from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.mailbox import Dispatcher, Mailbox
+from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.errors import RefusedError
 from pointit.schemas import ButtonEvent, ImuSample, Message
-from pointit.schemas.topics import BUTTON, IMU
+from pointit.schemas.topics import BUTTON, CURSOR, IMU
 from tests.support.bench import until
 
 pytestmark = pytest.mark.wall_time
-
 THREADS = 4
 
 
@@ -200,3 +203,30 @@ def test_offers_after_the_loop_has_ended_do_no_harm() -> None:
     thread.start()
     thread.join()
     assert len(mailbox._queue) == EVENT_CAPACITY
+
+
+async def test_closed_publishers_leave_no_names_behind() -> None:
+    broker = LocalBroker()
+    bus = MemoryBus(broker)
+    readers = broker.readers_of(CURSOR)
+    for number in range(1000):
+        bus.publisher(CURSOR, f"user{number}").close()
+    gc.collect()
+    kept = bus.publisher(CURSOR, "anna")
+    assert len(readers._by_name) == 1
+    kept.close()
+    await bus.close()
+
+
+@pytest.mark.parametrize(("error", "logged"), [(ValueError("oh"), ["look failed"]), (RefusedError("no"), [])])
+async def test_tasks_that_fail_are_logged_unless_it_is_a_reply(
+    caplog: pytest.LogCaptureFixture, error: Exception, logged: list[str]
+) -> None:
+    async def fail() -> None:
+        raise error
+
+    bus = MemoryBus(LocalBroker())
+    await asyncio.wait([bus.spawn(fail(), "look")])
+    await asyncio.sleep(0)
+    assert [record.message for record in caplog.records] == logged
+    await bus.close()

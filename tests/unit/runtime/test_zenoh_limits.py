@@ -6,7 +6,9 @@ import threading
 import time
 from collections.abc import Iterator
 
+import msgpack
 import pytest
+import zenoh
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -19,7 +21,9 @@ from pointit.runtime.zenoh.subscribers import (
     Places,
     max_names_for,
 )
-from pointit.schemas import KeyNameError
+from pointit.runtime.zenoh.wire_format import decoded, encoding_of
+from pointit.schemas import ClockTick, DecodeError, KeyNameError, encode
+from pointit.schemas.codec import MEDIA_TYPE
 from pointit.schemas.topics import TOPICS
 from tests.support.bench import until
 
@@ -184,3 +188,22 @@ def test_many_threads_do_not_exceed_it() -> None:
     for thread in threads:
         thread.join()
     assert len(heard._heard) == MAX_USERS
+
+
+TICK = ClockTick(stamp_ns=1, sim_ns=2, speed=3.0)
+GROWN = zenoh.ZBytes(msgpack.packb({**msgpack.unpackb(encode(TICK)), "added_later": 4}))
+
+
+def test_message_survives_the_way_with_its_encoding() -> None:
+    assert decoded(ClockTick, zenoh.ZBytes(encode(TICK)), encoding_of(ClockTick)) == TICK
+
+
+def test_fields_that_a_newer_version_added_are_ignored() -> None:
+    newer = zenoh.Encoding(MEDIA_TYPE).with_schema("ClockTick.v98")
+    assert decoded(ClockTick, GROWN, newer) == TICK
+
+
+@pytest.mark.parametrize("encoding", [None, encoding_of(ClockTick)])
+def test_unknown_fields_of_our_own_version_are_refused(encoding: zenoh.Encoding | None) -> None:
+    with pytest.raises(DecodeError, match="added_later"):
+        decoded(ClockTick, GROWN, encoding)

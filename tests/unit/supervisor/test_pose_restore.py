@@ -35,14 +35,8 @@ BACK = SetPose(
 
 
 def pose(now_s: float, method: Method = "static_targets") -> UserPose:
-    return UserPose(
-        stamp_ns=round(now_s * S),
-        position_m=(1.0, 2.0, 0.0),
-        yaw_rad=0.5,
-        method=method,
-        covariance=COVARIANCE,
-        elevation_bias_rad=0.1,
-    )
+    fields = BACK.model_dump(exclude={"method"})
+    return UserPose(stamp_ns=round(now_s * S), method=method, **fields)
 
 
 def idle(now_s: float) -> tuple[Localization, int]:

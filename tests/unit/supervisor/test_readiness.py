@@ -2,6 +2,7 @@
 
 import asyncio
 import itertools
+from collections.abc import AsyncIterator
 
 import pytest
 
@@ -101,26 +102,41 @@ def test_who_presses_first_decides() -> None:
 
 
 class Site:
-    """A localizer that is played, and a wrist."""
+    """A supervisor that can be killed, a localizer that is played, and a wrist."""
 
     def __init__(self, bench: Bench, clock: ManualClock) -> None:
         self.bench = bench
         self.clock = clock
         self.interactions = bench.collect(INTERACTION, ANNA)
         self.cues = bench.collect(FEEDBACK, ANNA)
-        self.localizer = Localization(stamp_ns=clock.now_ns(), phase="idle")
+        self._localizer = Localization(stamp_ns=clock.now_ns(), phase="idle")
         bench.put(POSE, UserPose(stamp_ns=clock.now_ns(), position_m=(0, 0, 0), yaw_rad=0), ANNA)
 
-    def start(self) -> tuple[ServiceBus, asyncio.Task[None]]:
-        bus = ServiceBus(self.bench.bus, self.clock, "supervisor", "supervisor.anna", ANNA)
-        service = Supervisor(SupervisorConfig(), Context(bus=bus, clock=self.clock, user=ANNA))
-        return bus, asyncio.create_task(service.run())
+    async def localizer(self, *, restarted: bool = False) -> int:
+        """Tell of the localizer, or of another that has begun 2 s later; return the stamp."""
+        if restarted:
+            self._localizer = Localization(stamp_ns=self.clock.advance(2.0), phase="idle")
+        self.bench.put(LOCALIZATION, self._localizer, ANNA)
+        await self.bench.settle()
+        return self._localizer.stamp_ns
 
-    async def stop(self, running: tuple[ServiceBus, asyncio.Task[None]]) -> None:
-        bus, task = running
-        task.cancel()
-        await asyncio.wait([task])
-        await bus.close()
+    async def start(self) -> None:
+        self._bus = ServiceBus(self.bench.bus, self.clock, "supervisor", "supervisor.anna", ANNA)
+        service = Supervisor(SupervisorConfig(), Context(bus=self._bus, clock=self.clock, user=ANNA))
+        self._running = asyncio.create_task(service.run())
+        await self.bench.settle()
+
+    async def stop(self) -> None:
+        self._running.cancel()
+        await asyncio.wait([self._running])
+        await self._bus.close()
+
+    async def point(self) -> None:
+        await self.localizer()
+        await self.start()
+        self.clock.advance(1.0)
+        self.bench.put(BUTTON, ButtonEvent(stamp_ns=self.clock.now_ns()), ANNA)
+        await until(lambda: self.interactions[-1].state == "pointing")
 
     async def samples(self) -> None:
         self.clock.advance(0.1)
@@ -128,81 +144,59 @@ class Site:
         await self.bench.settle()
 
 
-async def test_a_supervisor_killed_in_the_midst_of_pointing_needs_no_press() -> None:
+@pytest.fixture
+async def site() -> AsyncIterator[Site]:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
         site = Site(bench, clock)
-        bench.put(LOCALIZATION, site.localizer, ANNA)
-        await bench.settle()
-        running = site.start()
-        clock.advance(1.0)
-        await bench.settle()
-        bench.put(BUTTON, ButtonEvent(stamp_ns=clock.now_ns()), ANNA)
-        kept = StateFile(Interaction, ANNA, LAST_WORD_PURPOSE)
-        await until(lambda: (word := kept.read()) is not None and word.state == "pointing")
-        await site.stop(running)
-        clock.advance(2.0)
-        running = site.start()
-        await bench.settle()
-        await site.samples()
-        states = [state for state, _ in itertools.groupby(news.state for news in site.interactions)]
-        assert states == ["idle", "pointing", "idle", "pointing"]
-        assert site.cues[-1].cue == "started"
-        await site.stop(running)
-        # a different localizer resets the interaction
-        clock.advance(2.0)
-        bench.put(LOCALIZATION, Localization(stamp_ns=clock.now_ns(), phase="idle"), ANNA)
-        running = site.start()
-        await bench.settle()
-        await site.samples()
-        assert site.interactions[-1].state == "idle"
-        await site.stop(running)
+        yield site
+        await site.stop()
 
 
-async def test_who_pointed_on_while_the_localizer_was_restarted_needs_no_press_either() -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        site = Site(bench, clock)
-        bench.put(LOCALIZATION, site.localizer, ANNA)
-        await bench.settle()
-        running = site.start()
-        clock.advance(1.0)
-        await bench.settle()
-        bench.put(BUTTON, ButtonEvent(stamp_ns=clock.now_ns()), ANNA)
-        await until(lambda: site.interactions[-1].state == "pointing")
-        clock.advance(2.0)
-        restarted = Localization(stamp_ns=clock.now_ns(), phase="idle")
-        bench.put(LOCALIZATION, restarted, ANNA)
-        kept = StateFile(Interaction, ANNA, LAST_WORD_PURPOSE)
-        await until(lambda: (word := kept.read()) is not None and word.stamp_ns == restarted.stamp_ns)
-        assert site.interactions[-1].state == "pointing"
-        await site.stop(running)
-        clock.advance(2.0)
-        running = site.start()
-        await bench.settle()
-        await site.samples()
-        assert site.interactions[-1].reason == user_messages.RESUMED
-        await site.stop(running)
+def kept() -> Interaction | None:
+    return StateFile(Interaction, ANNA, LAST_WORD_PURPOSE).read()
 
 
-async def test_a_last_word_on_the_bus_counts_as_well() -> None:
+async def test_a_supervisor_killed_in_the_midst_of_pointing_needs_no_press(site: Site) -> None:
+    await site.point()
+    await until(lambda: (word := kept()) is not None and word.state == "pointing")
+    await site.stop()
+    site.clock.advance(2.0)
+    await site.start()
+    await site.samples()
+    states = [state for state, _ in itertools.groupby(news.state for news in site.interactions)]
+    assert states == ["idle", "pointing", "idle", "pointing"]
+    assert site.cues[-1].cue == "started"
+    await site.stop()
+    await site.localizer(restarted=True)  # a different one resets the interaction
+    await site.start()
+    await site.samples()
+    assert site.interactions[-1].state == "idle"
+
+
+async def test_who_pointed_on_while_the_localizer_was_restarted_needs_no_press_either(site: Site) -> None:
+    await site.point()
+    restarted_ns = await site.localizer(restarted=True)
+    await until(lambda: (word := kept()) is not None and word.stamp_ns == restarted_ns)
+    assert site.interactions[-1].state == "pointing"
+    await site.stop()
+    site.clock.advance(2.0)
+    await site.start()
+    await site.samples()
+    assert site.interactions[-1].reason == user_messages.RESUMED
+
+
+async def test_a_last_word_on_the_bus_counts_as_well(site: Site) -> None:
     """Another supervisor of theirs was there, and what it said last arrives late."""
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        site = Site(bench, clock)
-        clock.advance(1.0)
-        last = Interaction(stamp_ns=clock.now_ns(), state="pointing")
-        clock.advance(1.0)
-        running = site.start()
-        await bench.settle()
-        bench.put(INTERACTION, last, ANNA)
-        await bench.settle()
-        bench.put(LOCALIZATION, site.localizer, ANNA)
-        await bench.settle()
-        await site.samples()
-        assert site.cues[-1].cue == "started"
-        assert site.interactions[-1].reason == user_messages.RESUMED
-        await site.stop(running)
+    last = Interaction(stamp_ns=site.clock.advance(1.0), state="pointing")
+    site.clock.advance(1.0)
+    await site.start()
+    site.bench.put(INTERACTION, last, ANNA)
+    await site.bench.settle()
+    await site.localizer()
+    await site.samples()
+    assert site.cues[-1].cue == "started"
+    assert site.interactions[-1].reason == user_messages.RESUMED
 
 
 async def test_a_spoilt_last_word_is_a_warning() -> None:

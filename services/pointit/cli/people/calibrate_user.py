@@ -42,7 +42,7 @@ from pointit.runtime.host.state_file import StateFile
 from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.schemas import Anchor, PointingOffset, SetOffset, UserProfile
 from pointit.schemas.topics import LOCALIZATION, MAP, POSE, PROFILE, SERVICE_ALIVE, SET_OFFSET, check_name
-from pointit.services.supervisor.offset_messages import OFFSET_PURPOSE
+from pointit.services.supervisor.user_messages import OFFSET_PURPOSE
 
 
 @dataclass(frozen=True, kw_only=True)

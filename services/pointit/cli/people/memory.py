@@ -13,7 +13,7 @@ from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.schemas import EraseMemory, LearntPointing, ReadMemory
 from pointit.schemas.topics import ERASE_MEMORY, READ_MEMORY, check_name
 from pointit.services.localizer.memory.memory_file import memory_file
-from pointit.services.supervisor.offset_messages import minute
+from pointit.services.supervisor.user_messages import minute
 
 
 @click.command("memory", params=site_options())

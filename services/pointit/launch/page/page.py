@@ -92,13 +92,8 @@ def page_of(
 ) -> Page:
     """Return the page, at currently free ports.
 
-    Args:
-        chosen: files and `--set`, which take precedence.
-        below: parameters from the scenario.
-        asked: parameters from command line options.
-        places: assumed places by user.
-        tokens: used unless others are set by hand. None: new ones.
-        option: command line option that chooses another port.
+    `chosen`, files and `--set`, takes precedence over `asked`, the command line, and that over `below`, the
+    scenario. `tokens` are used unless others are set by hand. `option` chooses another port.
 
     Raises:
         ConfigError: a parameter is wrong.

@@ -47,9 +47,7 @@ def kept_tokens(site: str, *, renew: bool = False) -> tuple[Tokens, Sequence[str
     They are in a file of the site's state that only its owner may read. A missing or untrusted file is
     replaced by one with new tokens.
 
-    Args:
-        site: name of the site.
-        renew: replace the stored tokens, which revokes earlier links.
+    `renew`: replace the stored tokens, which revokes earlier links.
 
     Raises:
         KeyNameError: If `site` is not a valid name.

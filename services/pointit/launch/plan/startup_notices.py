@@ -10,7 +10,7 @@ from pointit.schemas import PointingOffset
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.stored_mounting import PURPOSE, MountingSelection, StoredMountings
 from pointit.services.localizer.config import LocalizerConfig
-from pointit.services.supervisor.offset_messages import OFFSET_PURPOSE, minute, offset_in_use
+from pointit.services.supervisor.user_messages import OFFSET_PURPOSE, minute, offset_in_use
 
 
 def assumed_places(launches: Sequence[Launch], choices: Choices, first: int = 0) -> Iterator[str]:

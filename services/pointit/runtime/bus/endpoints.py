@@ -35,7 +35,7 @@ class Declaration:
             undo()
 
 
-class MemoryPublisher(Generic[M]):
+class MemoryPublisher(Declaration, Generic[M]):
     """Hands messages to the readers of this process as they are: they are frozen."""
 
     def __init__(
@@ -51,7 +51,7 @@ class MemoryPublisher(Generic[M]):
         self._message = topic.message
         self._last: M | None = None
         self._open = True
-        self._declaration = Declaration(bus, self._undeclare)
+        super().__init__(bus, self._undeclare)
 
     def put(self, message: M) -> None:
         """Send `message`."""
@@ -64,21 +64,18 @@ class MemoryPublisher(Generic[M]):
         if self._send is not None:
             self._send(message)
 
-    def close(self) -> None:
-        """Undeclare; a state's last value goes with its writer."""
-        self._declaration.close()
-
     def close_nowait(self) -> None:
         """Write no more."""
         self.close()
 
     def _undeclare(self) -> None:
         self._open = False
+        # a state's last value goes with its writer
         if self._is_state and self._last is not None and self._states.get(self._name) is self._last:
             del self._states[self._name]
 
 
-class MailboxSubscription:
+class MailboxSubscription(Declaration):
     """A mailbox in the exchange's list of readers."""
 
     def __init__(self, bus: Participant, topic: AnyTopic, mailbox: Mailbox, name: str) -> None:
@@ -88,7 +85,7 @@ class MailboxSubscription:
         self._readers = bus.exchange.readers_of(topic)
         self._name = name
         self._readers.add(name, mailbox)
-        self._declaration = Declaration(bus, self._undeclare)
+        super().__init__(bus, self._undeclare)
         if topic.delivery is Delivery.STATE:
             for key, state in bus.exchange.states.get(topic.key, {}).items():
                 if name in (ANY, key):
@@ -101,16 +98,12 @@ class MailboxSubscription:
         """Return the live counters."""
         return self._mailbox.traffic
 
-    def close(self) -> None:
-        """Undeclare; the handler does not run any more."""
-        self._declaration.close()
-
     def _undeclare(self) -> None:
         self._mailbox.close()
         self._readers.remove(self._name, self._mailbox)
 
 
-class RetainedStateServer:
+class RetainedStateServer(Declaration):
     """Retained states of one keeper, delivered to the present readers and to each later one."""
 
     def __init__(self, bus: Participant, topics: Sequence[AnyTopic], recall: Recall) -> None:
@@ -118,7 +111,7 @@ class RetainedStateServer:
         self._keys = frozenset(topic.key for topic in topics)
         self._keepings = bus.exchange.keepings
         self._keepings.append(self)
-        self._declaration = Declaration(bus, self._undeclare)
+        super().__init__(bus, self._undeclare)
         for topic in topics:
             for wanted, mailbox in bus.exchange.readers_of(topic):
                 self.deliver(topic, wanted, mailbox)
@@ -130,15 +123,11 @@ class RetainedStateServer:
                 if wanted in (ANY, name):
                     mailbox.offer_retained(name, message)
 
-    def close(self) -> None:
-        """Answer no longer."""
-        self._declaration.close()
-
     def _undeclare(self) -> None:
         self._keepings.remove(self)
 
 
-class PresenceWatcher:
+class PresenceWatcher(Declaration):
     """Tells a handler who is present, each change once."""
 
     def __init__(self, bus: Participant, presence: Presence, handler: Callable[[str, bool], None]) -> None:
@@ -148,7 +137,7 @@ class PresenceWatcher:
         self._open = True
         self._watchers = bus.exchange.watchers.setdefault(presence.key, [])
         self._watchers.append(self)
-        self._declaration = Declaration(bus, self._undeclare)
+        super().__init__(bus, self._undeclare)
 
     def notify(self, name: str, present: bool) -> None:  # noqa: FBT001 - the handler's own signature
         """Say that `name` is there or gone; in the loop, never from within a call of the watched."""
@@ -160,27 +149,22 @@ class PresenceWatcher:
         except Exception:  # a handler's fault must not stop the others
             log.exception("watcher of %s failed", self.presence.key)
 
-    def close(self) -> None:
-        """Tell nothing any more."""
-        self._declaration.close()
-
     def _undeclare(self) -> None:
         self._open = False
         self._watchers.remove(self)
 
 
-class RequestHandler(Generic[Q, R]):
+class RequestHandler(Declaration, Generic[Q, R]):
     """The server of one request. Each answer is a task that ends with the server, not with its caller."""
 
     def __init__(self, bus: Participant, request: Request[Q, R], server: Server[Q, R], name: str) -> None:
         self.request = request
         self.wanted = name if request.placeholder else ANY
-        self._bus = bus
         self._server = server
         self._answers: set[asyncio.Task[R]] = set()
         self._desks = bus.exchange.desks.setdefault(request.key, [])
         self._desks.append(self)
-        self._declaration = Declaration(bus, self._undeclare)
+        super().__init__(bus, self._undeclare)
 
     def handle(self, query: Q, name: str) -> asyncio.Task[R]:
         """Begin to answer `query`; the task raises nothing but `RefusedError`."""
@@ -189,10 +173,6 @@ class RequestHandler(Generic[Q, R]):
         self._answers.add(task)
         task.add_done_callback(self._answers.discard)
         return task
-
-    def close(self) -> None:
-        """Answer no longer; callers that wait are told."""
-        self._declaration.close()
 
     def _undeclare(self) -> None:
         self._desks.remove(self)

@@ -108,14 +108,9 @@ class ServiceBus:
     ) -> MeteredSubscription:
         """Call `handler(message, name)` for each arriving message.
 
-        Args:
-            topic: what is read.
-            handler: takes it.
-            name: whose; all by default.
-            kept: take what was kept of states whose writers may be gone.
-            every: take also what is overtaken or older than the newest; for recordings.
-            drops_late: selects messages that are left out and reported if they come much later than others
-                before them: a service must not act on what a bad link has delayed. None if all are accepted.
+        `kept`: take what was kept of states whose writers may be gone. `every`: take also what is overtaken
+        or older than the newest; for recordings. `drops_late` selects messages that are left out and reported
+        if they come much later than others before them: services must not act on what a bad link has delayed.
         """
         meter = self._meter(topic, "in")
         counts = ReaderCounts()

@@ -105,10 +105,7 @@ class LateMessageFilter:
     def accepts(self, name: str, age_s: float, now_s: float) -> bool:
         """Return True if a message of `name` comes in time.
 
-        Args:
-            name: the name in the key.
-            age_s: arrival minus stamp, s. The two clocks may differ.
-            now_s: arrival, s (monotonic).
+        `age_s`: arrival minus stamp, s; the two clocks may differ. `now_s`: arrival, s (monotonic).
         """
         pace = self._paces.get(name)
         if pace is None or now_s - pace.in_time_s > FORGOTTEN_S:

@@ -178,14 +178,9 @@ class RawSession:
     ) -> RawSubscriber:
         """Call `handler` for what others put to `key`.
 
-        Args:
-            key: may have wildcards.
-            handler: called in the loop.
-            capacity: messages that wait for the loop. The oldest are dropped.
-            max_bytes: of a payload; longer ones are dropped unread.
-            on_loss: called in the loop when messages were dropped here.
-            kept: how many of a writer's last messages to fetch from their caches.
-            reliable: fetch messages that were lost on the way from their caches.
+        `key` may have wildcards. `capacity`: messages that wait for the loop, without the oldest; `on_loss`
+        is called in the loop when some were dropped. Payloads beyond `max_bytes` are dropped unread. `kept`:
+        how many of a writer's last messages to fetch from caches; `reliable`: fetch those lost on the way.
         """
         self._check_open()
         return RawSubscriber(

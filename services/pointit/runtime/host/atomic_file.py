@@ -27,11 +27,8 @@ def read_limited(path: Path, max_bytes: int) -> bytes:
 def write_atomically(path: Path, content: bytes, *, mode: int = 0o600, durable: bool = False) -> None:
     """Replace `path` by `content` atomically. New folders are accessible to the owner only.
 
-    Args:
-        path: of the file. Its folder need not exist.
-        content: the complete content.
-        mode: of the file. Until it is complete, only its owner can read it.
-        durable: return only when it would survive a power failure.
+    The folder need not exist. Until the file is complete, only its owner can read it. `durable`: return only
+    when it would survive a power failure.
 
     Raises:
         ConfigError: If it cannot be written. Names the file.

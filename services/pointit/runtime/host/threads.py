@@ -30,10 +30,7 @@ async def in_daemon_thread(
 ) -> T:
     """Return the result of `work`, or raise its error. Cancelling does not wait for it.
 
-    Args:
-        work: may block for any time.
-        name: of its thread.
-        discard: gets, also in a thread, a result that arrives after cancellation.
+    `discard` gets, also in a thread, a result that arrives after cancellation.
     """
     outcome: Future[T] = Future()
 

@@ -30,10 +30,7 @@ class Outage:
 def find_outage(known: Collection[str], gone: Collection[str], warnings: Iterable[str]) -> Outage | None:
     """Return the outage if the router is lost or most of the site vanished together, else None.
 
-    Args:
-        known: instances that run or should run.
-        gone: those of them that left, are absent or silent.
-        warnings: of the services that are heard.
+    `known`: instances that run or should run; `gone`: those of them that left, are absent or silent.
     """
     most = f"{len(gone)} of {len(known)} services are"
     is_most = len(gone) >= MANY and 2 * len(gone) > len(known)

@@ -50,12 +50,8 @@ class PeopleShare:
     ) -> None:
         """Serve `people`, after `announce`, or all whom no shard serves; must be called in the loop.
 
-        Args:
-            bus: the service's own.
-            service: name of the service, as in the registry.
-            people: those of a shard, empty for the default instance.
-            name: the instance's own name among several, or `""`.
-            lost: called in the default instance with a person whom a shard serves from now on.
+        `people` are those of a shard, empty for the default instance; `name` is its own, or `""`.
+        `lost` is called in the default instance with a person whom a shard serves from now on.
 
         Raises:
             ConfigError: A shard has no name or no people, or nobody may be called so.

@@ -85,11 +85,7 @@ class Service(ABC, Generic[C]):
 
     @classmethod
     def validate_link(cls, config: C, addresses: Sequence[str]) -> None:
-        """Check `config` against the connection of the process. Called before a bus is opened.
-
-        Args:
-            config: its own.
-            addresses: where the process connects or listens.
+        """Check `config` against `addresses`, where the process connects or listens, before a bus is opened.
 
         Raises:
             ConfigError: Names the parameter and the address and the remedy.
@@ -155,10 +151,6 @@ class Launch:
 
 def check_launches(launches: Sequence[Launch], addresses: Sequence[str] = ()) -> None:
     """Check the configuration of every service, before anything is opened or started.
-
-    Args:
-        launches: the services to start.
-        addresses: where their process connects or listens.
 
     Raises:
         ConfigError: If one cannot work. Names the instance.

@@ -79,7 +79,6 @@ class ZenohPublisher(MemoryPublisher[M]):
             if topic.delivery is Delivery.LATEST
             else _KeptWriter(session, topic, key)
         )
-        self._bus = bus
         self._retires = False
         super().__init__(bus, topic, name, self._writer.put)
 

@@ -104,10 +104,8 @@ async def _open_by_turns(configs: Sequence[zenoh.Config]) -> zenoh.Session:
 async def open_cancellable(config: zenoh.Config, *, runtime: str = RUNTIME) -> zenoh.Session:
     """Return an open session; may be cancelled at any time: one that opens all the same is closed again.
 
-    Args:
-        config: of the session.
-        runtime: Zenoh's threads, empty for as many as it likes. The first session of a process decides, and
-            `ZENOH_RUNTIME` in the environment goes before it.
+    `runtime`: Zenoh's threads, empty for as many as it likes. The first session of a process decides, and
+    `ZENOH_RUNTIME` in the environment goes before it.
 
     Raises:
         zenoh.ZError: it cannot be opened.

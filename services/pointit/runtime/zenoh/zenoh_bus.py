@@ -99,10 +99,7 @@ class ZenohBus(MemoryBus):
     async def denial_reason(self, verb: str, topic: AnyTopic, name: str) -> str:
         """Return the reason if this identity may not do something, which takes two seconds, else `""`.
 
-        Args:
-            verb: `writes` or `reads`.
-            topic: what.
-            name: the placeholder, or `*` for any.
+        `verb`: `writes` or `reads`. `name`: the placeholder, or `*` for any.
 
         Returns:
             `""` also without credentials, or without a router.

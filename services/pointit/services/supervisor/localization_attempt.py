@@ -46,9 +46,7 @@ class LocalizationAttempt:
     def classify(self, news: Localization, pose_ns: int | None) -> Event | None:
         """Return the event that `news` is for this attempt, or None.
 
-        Args:
-            news: message of the person's localizer.
-            pose_ns: stamp of the newest pose. None: no pose is known.
+        `pose_ns`: stamp of the newest pose. None: no pose is known.
         """
         if news.stamp_ns < self.since_ns:
             return None

@@ -1,8 +1,10 @@
-"""Messages to a person: reasons of events, and next steps, one sentence each."""
+"""Messages to a person: reasons of events, next steps, and their stored pointing offset."""
 
+import math
 from collections.abc import Sequence
+from datetime import UTC, datetime
 
-from pointit.schemas import Localization
+from pointit.schemas import NS_PER_S, Localization, PointingOffset
 
 CANCELLED = "Localizing was cancelled."
 STOPPED = "You stopped."
@@ -74,3 +76,33 @@ def rest(*, localizes: bool, is_place_known: bool, follows_robot: bool, is_eager
     if not is_place_known:
         return SET_POSE
     return BY_ITSELF if is_eager else PRESS
+
+
+OFFSET_PURPOSE = "offset"
+"""Name of the file of a person's pointing offset."""
+MAX_RAD = math.radians(45.0)
+"""Limit of the mean error of a person's pointing."""
+
+
+def offset_problem(offset: PointingOffset) -> str:
+    """Return an error message if the mean error of `offset` exceeds 45°, else `""`."""
+    worst_rad = max(abs(offset.azimuth[0]), abs(offset.elevation[0]))
+    if worst_rad <= MAX_RAD:
+        return ""
+    return (
+        f"an offset of {math.degrees(worst_rad):.0f}° exceeds the limit of "
+        f"{math.degrees(MAX_RAD):.0f}°; are its angles in radians?"
+    )
+
+
+def offset_in_use(user: str, offset: PointingOffset) -> str:
+    """Return a message that a stored offset is in use, and how to erase it, in local time."""
+    of = ""
+    if offset.fitted_ns:
+        of = f" of {minute(offset.fitted_ns)}"
+    return f"{user}: an offset{of} is in use; `pointit person calibrate user {user} --erase` forgets it"
+
+
+def minute(stamp_ns: int) -> str:
+    """Return a time in this machine's local time: `2026-11-20 11:05`."""
+    return f"{datetime.fromtimestamp(stamp_ns / NS_PER_S, UTC).astimezone():%Y-%m-%d %H:%M}"

@@ -4,7 +4,7 @@ import asyncio
 import json
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -127,11 +127,6 @@ async def elsewhere(url: str, count: int, duration_s: float) -> list[dict[str, A
     return pages
 
 
-def main(arguments: Mapping[str, str]) -> None:
-    """Open the pages, and print the measurements as JSON."""
-    pages = asyncio.run(look_on(arguments["url"], int(arguments["count"]), float(arguments["duration_s"])))
-    sys.stdout.write(json.dumps([page.as_dict() for page in pages]))
-
-
 if __name__ == "__main__":
-    main(dict(zip(("url", "count", "duration_s"), sys.argv[1:], strict=True)))
+    looked = asyncio.run(look_on(sys.argv[1], int(sys.argv[2]), float(sys.argv[3])))
+    sys.stdout.write(json.dumps([page.as_dict() for page in looked]))

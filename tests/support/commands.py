@@ -66,13 +66,9 @@ class Command:
     def __init__(
         self, arguments: Sequence[str], folder: Path, environment: Mapping[str, str], *, is_forked: bool
     ) -> None:
-        """Start it.
+        """Start it; `is_forked`: `pointit` with these arguments, in a process that has its modules loaded.
 
-        Args:
-            arguments: the whole command, or what follows `pointit` if `is_forked`.
-            folder: of its output and its temporary files.
-            environment: is added to this process's.
-            is_forked: run `pointit` in a process that has its modules loaded.
+        Its output and temporary files are in `folder`; `environment` is added to this process's.
         """
         self._out = folder / f"{next(_numbers)}.out"
         self._err = self._out.with_suffix(".err")
@@ -130,7 +126,7 @@ class Command:
         return self._ended(self._began_s).checked(code)
 
     async def stop(self, number: int = signal.SIGINT, *, code: int | None = None) -> Ended:
-        """Send SIGINT as Ctrl-C does, or another signal, and wait for the end, with `code` if that is given."""
+        """Send SIGINT as Ctrl-C does, or another signal; wait for the end, with `code` if that is given."""
         began_s = time.monotonic()
         self.process.send_signal(number)
         await until(lambda: not self.is_running, PATIENCE_S, f"its end; it says {self.err[-2000:]}")

@@ -20,14 +20,7 @@ class Told:
     def __init__(
         self, name: str, command: Sequence[str], said: Path, environment: Mapping[str, str] | None = None
     ) -> None:
-        """Start it.
-
-        Args:
-            name: for people.
-            command: with its arguments.
-            said: the file for its standard error.
-            environment: its variables, by default ours.
-        """
+        """Start it, with its standard error to the file `said`; `name` is for people."""
         self.name = name
         self._said = said
         self._turn = threading.Lock()

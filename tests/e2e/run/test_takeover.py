@@ -115,9 +115,6 @@ async def test_two_of_what_all_share_are_told(commands: Commands, endpoint: str)
         assert second.is_running
 
 
-"""The lease is 3 s; the rest is a busy machine."""
-
-
 async def is_served_by(seen: Onlooker, pui: str, selector: str) -> None:
     """Wait until her cursor moves, and only these instances get rays and cursors."""
     seen.health.clear()

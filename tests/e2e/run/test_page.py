@@ -65,9 +65,6 @@ async def test_the_port_can_be_set_like_any_parameter(commands: Commands, endpoi
         await until(lambda: bool(told), CHANGE_S, "the deployment")
     assert "web" in {service.service for service in told[0].services}
     assert "a-token-of-mine" not in told[0].model_dump_json()  # viewers must not learn to control
-    taken = str(urlsplit(url).port)
-    second = await commands.pointit("run", "--web-port", taken, "--no-view", code=1)
-    assert second.sentence.startswith(f"the page cannot listen at 127.0.0.1:{taken}: Address already in use")
 
 
 @pytest.mark.timeout(300)
@@ -242,12 +239,7 @@ async def test_a_link_for_who_may_only_look_on(commands: Commands, endpoint: str
         assert (hello["role"], hello["requests"]) == ("viewer", [STOP_ROBOT.key])
 
 
-async def test_a_dashboard_waits_for_a_site_and_is_refused_to_a_network(
-    commands: Commands, endpoint: str
-) -> None:
+async def test_a_dashboard_waits_for_a_site(commands: Commands, endpoint: str) -> None:
     waiting = commands.start("dashboard", "--connect", endpoint, "--port", "0")
     await waiting.says(f"nobody answers at {endpoint} yet; trying again until somebody does")
-    refused = await commands.pointit("dashboard", "--host", "0.0.0.0", "--connect", endpoint)  # noqa: S104 - refused
-    assert refused.code == 2
-    assert refused.sentence.startswith("--host 0.0.0.0: a page on a network needs HTTPS")
     assert (await waiting.stop()).code == 0

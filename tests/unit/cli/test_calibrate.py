@@ -88,14 +88,6 @@ def test_restless_holds_and_those_far_from_the_others_are_said() -> None:
     ]
 
 
-def test_rejected_by_the_localizer_but_steady_still_tells_of_the_person() -> None:
-    seen = anchor(0, 0.0, 0.0, 0.0).model_copy(
-        update={"accepted": False, "reason": "a tracker gives the pose"}
-    )
-    fitted, _ = assess([seen], 0)
-    assert fitted.offset is not None
-
-
 def seen_from(truly: Vec3, count: int = 4) -> list[Anchor]:
     """Return pointings of somebody who stands at `truly` and not where the pose says."""
     anchors: list[Anchor] = []

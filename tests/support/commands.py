@@ -207,8 +207,8 @@ class Onlooker:
     frames: list[StripsFrame] = field(default_factory=list[StripsFrame])
 
     def look(self) -> None:
-        self.bus.watch(topics.SERVICE_ALIVE, lambda name, here: _change(self.present, name, here=here))
-        self.bus.watch(topics.USER_ALIVE, lambda name, here: _change(self.people, name, here=here))
+        self.bus.watch(topics.SERVICE_ALIVE, lambda name, here: change(self.present, name, here=here))
+        self.bus.watch(topics.USER_ALIVE, lambda name, here: change(self.people, name, here=here))
         self.bus.subscribe(topics.HEALTH, self._on_health)
         self.bus.subscribe(topics.CURSOR, lambda message, user: self.cursors[user].append(message))
         self.bus.subscribe(topics.INTERACTION, lambda message, user: self.interactions[user].append(message))
@@ -241,7 +241,7 @@ class Onlooker:
         await until(lambda: len(messages) > count, PATIENCE_S, what)
 
 
-def _change(names: set[str], name: str, *, here: bool) -> None:
+def change(names: set[str], name: str, *, here: bool) -> None:
     (names.add if here else names.discard)(name)
 
 

@@ -12,7 +12,7 @@ import pytest
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import Deployment, Environment, RunScenario, SelectionEvent
 from pointit.schemas.topics import DEPLOYMENT, MAP, RUN_SCENARIO, SELECTION_EVENTS, STOP_ROBOT
-from tests.e2e.run.visitor import entered, looking_on
+from tests.e2e.run.visitor import entered, looking_on, own_scenario
 from tests.support.bench import until
 from tests.support.buses import free_port
 from tests.support.commands import Command, Commands, onlooker, summary_of
@@ -112,13 +112,7 @@ async def test_another_scenario_takes_its_place(
 
 
 async def test_a_run_goes_on_while_a_page_is_open(commands: Commands, endpoint: str, tmp_path: Path) -> None:
-    own = tmp_path / "mine.yaml"
-    own.write_text(
-        "about: mine\nduration_s: 8\nplaces: [{position_m: [2.0, 0.5, 0.0], yaw_deg: 20.0}]\n"
-        "site: {pui: {map: lab, surfaces: [strip]}, led-driver: {}}\n"
-        "user: {pointing: {}, localizer: {}, supervisor: {}, user-sim: {think_s: 0.1, behaviour: strips}}\n"
-    )
-    command = run(commands, endpoint, str(own), "--json")
+    command = run(commands, endpoint, own_scenario(tmp_path, 8), "--json")
     url = await address_of(command)
     async with looking_on(url), onlooker(endpoint) as seen:
         await until(

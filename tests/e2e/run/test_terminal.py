@@ -17,7 +17,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.e2e.run.visitor import looking_on
+from tests.e2e.run.visitor import looking_on, own_scenario
 from tests.support.bench import until
 from tests.support.commands import onlooker, without_page
 from tests.support.pace import within
@@ -145,14 +145,8 @@ async def test_it_draws_and_leaves_the_terminal_as_it_was(endpoint: str, columns
 
 
 async def test_the_page_stays_in_view_and_the_run_goes_on_for_it(endpoint: str, tmp_path: Path) -> None:
-    own = tmp_path / "mine.yaml"
-    own.write_text(
-        "about: mine\nduration_s: 10\nplaces: [{position_m: [2.0, 0.5, 0.0], yaw_deg: 20.0}]\n"
-        "site: {pui: {map: lab, surfaces: [strip]}, led-driver: {}}\n"
-        "user: {pointing: {}, localizer: {}, supervisor: {}, user-sim: {think_s: 0.1, behaviour: strips}}\n"
-    )
     page = ("--web-port", "0", "--no-browser", "--listen", endpoint)
-    with terminal(80, 30, "run", str(own), *page) as shown:
+    with terminal(80, 30, "run", own_scenario(tmp_path, 10), *page) as shown:
         await shown.shows("PointIt mine", "page: http://127.0.0.1:")
         url = shown.text.rpartition("page: ")[2].split()[0]
         async with looking_on(url):

@@ -8,7 +8,7 @@ import pytest
 from pointit.runtime.errors import ConfigError
 from pointit_lab.cli.robots import robots
 from pointit_lab.evaluation.robots import choice
-from tests.lab.evaluation.test_hri_landing import write
+from tests.lab.evaluation.test_robot_evaluation import write
 from tests.support.invoked import printed
 
 

@@ -98,7 +98,6 @@ def simulating(tmp_path_factory: pytest.TempPathFactory) -> Build:
 
 @pytest.fixture(scope="module")
 def bare(tmp_path_factory: pytest.TempPathFactory) -> Build:
-    """The core alone."""
     return build_without(optional_rooms(), tmp_path_factory.mktemp("bare"))
 
 

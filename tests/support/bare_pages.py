@@ -19,8 +19,6 @@ SETTLE_S = 1.0
 
 
 class Counting(ClientConnection):
-    """A connection that counts received bytes."""
-
     size = 0
 
     def data_received(self, data: bytes) -> None:
@@ -82,7 +80,6 @@ class BarePage:
                 self.latencies_ms.append((now_ns - msgpack.unpackb(payload)["stamp_ns"]) / 1e6)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the measurements, for JSON."""
         return {
             "batches": self.batches,
             "bytes": self.size,

@@ -39,8 +39,6 @@ def without_page(arguments: Sequence[str]) -> list[str]:
 
 @dataclass(frozen=True, kw_only=True)
 class Ended:
-    """A command that ended."""
-
     code: int
     out: str
     err: str
@@ -49,7 +47,6 @@ class Ended:
 
     @property
     def sentence(self) -> str:
-        """Return the error it ended with."""
         _, found, sentence = self.err.rpartition("Error: ")
         assert found, self.err
         return sentence.strip()
@@ -107,13 +104,10 @@ class Command:
         return self.process.poll() is None
 
     def logged(self) -> list[str]:
-        """Return the messages it has logged."""
         lines = [line for line in self.err.splitlines() if line.startswith("{")]
         return [json.loads(line)["message"] for line in lines]
 
     async def says(self, what: str) -> None:
-        """Wait until it has printed or logged `what`."""
-
         def said() -> bool:
             return what in self.err or what in self.out
 
@@ -170,7 +164,6 @@ class Commands:
         return self.run([sys.executable, "-m", "pointit.cli", *without_page(arguments)], environment)
 
     def run(self, arguments: Sequence[str], environment: Mapping[str, str] | None = None) -> Command:
-        """Start any command."""
         return self._start(arguments, environment, is_forked=False)
 
     async def pointit(
@@ -219,11 +212,9 @@ class Onlooker:
         self.health[instance] = health
 
     async def hears(self, instance: str) -> None:
-        """Wait for the health of a service."""
         await until(lambda: instance in self.health, PATIENCE_S, f"health of {instance}")
 
     def surfaces(self, user: str) -> set[str]:
-        """Return the strips on which the person's cursor was seen."""
         return {cursor.surface_id for cursor in self.cursors[user] if cursor.surface == "strip"}
 
     def object_ids(self) -> set[str]:
@@ -264,7 +255,6 @@ async def start_delay_s(pointit: Callable[..., Awaitable[Ended]]) -> float:
 
 
 def summary_of(ended: Ended) -> dict[str, Any]:
-    """Return the summary that a run with --json has printed."""
     summary: dict[str, Any] = json.loads(ended.out)
     return summary
 

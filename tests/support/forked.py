@@ -58,7 +58,6 @@ class ForkedProcess:
         return self._process.exitcode
 
     def says(self, what: str) -> None:
-        """Wait until `what` stands in its standard output."""
         while not (self.out.exists() and what in self.out.read_text()):
             assert self.poll() is None, self.err.read_text()
             time.sleep(POLL_S)

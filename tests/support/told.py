@@ -41,7 +41,6 @@ class Told:
         assert line == "{}\n", f"{self.name}: {line} {self.complaints()[-2000:]}"
 
     def kill(self) -> None:
-        """End it at once."""
         self._process.kill()
         self._process.communicate()
 
@@ -55,7 +54,6 @@ class Told:
         return self._process.poll() is None
 
     def complaints(self) -> str:
-        """Return its standard error."""
         return self._said.read_text()
 
     def ask(self, **order: Any) -> Any:

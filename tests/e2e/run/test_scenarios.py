@@ -34,7 +34,6 @@ def person(*users: str) -> set[str]:
 
 
 def assert_flawless(summary: dict[str, Any]) -> None:
-    """Every target that came was selected, and nothing else."""
     assert summary["selected"] > 0, summary
     assert (summary["missed"], summary["pending"], summary["wrong"]) == (0, 0, 0), summary
 
@@ -250,7 +249,6 @@ class Books:
         self.selected = frozenset(thing.id for thing in message.objects)
 
     def dispatched(self) -> dict[str, set[str]]:
-        """Return the bays at which each object came out."""
         bays: dict[str, set[str]] = {}
         for event in self.events:
             if event.event == "dispatched":

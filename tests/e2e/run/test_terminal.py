@@ -34,8 +34,6 @@ os.execv(sys.executable, [sys.executable, "-m", "pointit.cli", *sys.argv[1:]])
 
 
 class Terminal:
-    """A command in a pseudo-terminal of a size."""
-
     def __init__(self, columns: int, rows: int, *arguments: str, kind: str = "xterm-256color") -> None:
         self.raw = b""
         self.master, slave = pty.openpty()
@@ -54,7 +52,6 @@ class Terminal:
         )
 
     def read(self) -> str:
-        """Read the available output. Return all so far."""
         while select.select([self.master], [], [], 0)[0]:
             try:
                 data = os.read(self.master, 65536)
@@ -67,7 +64,6 @@ class Terminal:
 
     @property
     def text(self) -> str:
-        """Return the output, without colours and cursor movements."""
         return ESCAPE.sub("", self.read())
 
     def press(self, key: bytes) -> None:
@@ -112,7 +108,6 @@ def terminal(columns: int, rows: int, *arguments: str, kind: str = "xterm-256col
 
 
 def frames(text: str) -> list[list[str]]:
-    """Return the drawn frames, each as its lines."""
     drawn: list[list[str]] = []
     for piece in text.split("╭")[1:]:
         head, found, _ = piece.partition("╯")

@@ -121,8 +121,6 @@ async def late_joiner(bus: ZenohBus) -> AsyncGenerator[Seen]:
 
 @dataclass
 class Going:
-    """A run in this process that has begun."""
-
     run: _Run
     bus: ZenohBus
     task: asyncio.Task[None]

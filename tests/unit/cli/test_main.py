@@ -77,7 +77,6 @@ def test_an_unknown_command_gets_one_sentence_with_the_near_ones() -> None:
 
 
 def loaded_after(*arguments: str) -> set[str]:
-    """Return the modules a fresh interpreter has loaded after the command."""
     script = (
         "import sys, io, contextlib\n"
         "from pointit.cli.main import command\n"

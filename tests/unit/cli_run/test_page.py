@@ -309,7 +309,6 @@ def leads_to(uri: str, link: str) -> Path:
 
 
 def is_littered(home: Path) -> bool:
-    """Return True if something of the page was left in `home`."""
     return any(home.glob("pointit-page-*"))
 
 

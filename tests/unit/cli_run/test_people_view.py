@@ -292,7 +292,6 @@ def robot(**fields: Any) -> RobotState:
 
 
 def watched() -> tuple[Monitor, RobotMonitor]:
-    """Return a monitor, and that of its robots."""
     monitor, robots = monitor_of(), RobotWatcher()
     monitor.watchers = [robots]
     return monitor, robots.monitor
@@ -303,7 +302,6 @@ def robots_view(monitor: Monitor, width: int = 100) -> list[str]:
 
 
 def robot_rows(monitor: Monitor, width: int = 100) -> list[list[str]]:
-    """Return the words of the lines that begin with a robot's name."""
     lines = [line.strip("│ ").split("  ") for line in robots_view(monitor, width)]
     cells = [[cell.strip() for cell in line if cell.strip()] for line in lines]
     return [line for line in cells if line and line[0] in ("cart", "quad")]

@@ -56,7 +56,6 @@ def _people(plan: Plan, monitor: Monitor) -> dict[str, dict[str, Any]]:
 
 
 def _not_found(plan: Plan, monitor: Monitor) -> list[str]:
-    """Return the people to be localized by pointing who were not."""
     sought = {
         launch.user
         for launch in plan.launches

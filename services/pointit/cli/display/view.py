@@ -148,7 +148,6 @@ def _strip(monitor: Monitor, strip: Strip, width: int) -> list[Text]:
 
 
 def _light(line: Text, pixels: Sequence[tuple[int, int, int]], cells: int) -> None:
-    """Append `pixels` to `line` as `cells` half blocks."""
     columns = 2 * cells
     pairs = (
         (

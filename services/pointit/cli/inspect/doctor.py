@@ -281,7 +281,6 @@ def _row(seen: Observation, instance: str, findings: Sequence[Finding]) -> Row:
 
 
 def _status(instance: str, findings: Sequence[Finding]) -> Text:
-    """Return the worst severity found for `instance`."""
     for finding in findings:
         if finding.service == instance and finding.severity != "note":
             return Text(finding.code, style=STYLES[finding.severity])
@@ -305,7 +304,6 @@ def _figures(health: Health) -> str:
 
 
 def _quantiles(times: Quantiles | None) -> str:
-    """Return median and 99th percentile in ms."""
     return "" if times is None else f"{times.p50_s * 1e3:.2f}/{times.p99_s * 1e3:.2f}"
 
 

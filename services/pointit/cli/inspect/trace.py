@@ -151,7 +151,6 @@ class Tracer:
     """Listens to the messages of one person's samples."""
 
     def __init__(self, bus: Bus, user: str) -> None:
-        """Subscribe to the topics of `user`."""
         self.user = user
         self._loop = asyncio.get_running_loop()
         self._arrived = deque[tuple[str, Message | Undecoded, int]](maxlen=MAX_WAITING)

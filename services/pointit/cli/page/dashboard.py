@@ -79,7 +79,6 @@ def command(
 
 
 def _asked(port: int | None, host: str, *, is_lan: bool) -> dict[str, Any]:
-    """Return the page's parameters. Raises ConfigError for a host on a network without encryption."""
     asked: dict[str, Any] = {} if port is None else {"port": port}
     if is_lan:
         asked["lan"] = True

@@ -63,7 +63,6 @@ class RunPage(Beside):
     ONE_IS_ENOUGH: ClassVar[bool] = True
 
     def __init__(self, page: Page, *, opens_browser: bool = False) -> None:
-        """Create it. `opens_browser`: open it in a browser, if there is a desktop."""
         self.page = page
         self._opens_browser = opens_browser
         self._link: Path | None = None

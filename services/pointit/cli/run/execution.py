@@ -66,7 +66,6 @@ def _tell(sentence: str, console: Console | None) -> None:
 
 
 async def _run(plan: Plan, console: Console | None) -> int:
-    """Run the plan to its end; write the summary even if it is interrupted."""
     bus = await open_bus(plan)
     try:
         run = _Run(await adapt_to_site(plan, bus), bus, console)

@@ -34,7 +34,6 @@ def shipped() -> tuple[Path, ...]:
 
 @cache
 def all_modules() -> tuple[Path, ...]:
-    """Every module of the repository."""
     others = [path for folder in (BENCHMARKS, ROOT / "tests") for path in sorted(folder.rglob("*.py"))]
     return (*shipped(), *others)
 

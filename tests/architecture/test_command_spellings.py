@@ -51,7 +51,6 @@ def unknown(words: tuple[str, ...]) -> str:
 
 
 def texts() -> dict[str, str]:
-    """Return the content of every file that people write, by path."""
     listed = [*ROOT.glob("*.*"), *(path for name in FOLDERS for path in (ROOT / name).rglob("*"))]
     return {
         name: path.read_text(encoding="utf-8", errors="replace")

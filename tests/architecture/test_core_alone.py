@@ -7,7 +7,6 @@ simulated conveyor, so they run in a copy that keeps the simulation. Without it,
 import os
 import shutil
 import subprocess
-import sys
 import sysconfig
 import tomllib
 from collections.abc import Sequence
@@ -18,6 +17,7 @@ from pathlib import Path
 import pytest
 
 from tests.architecture.sources import NAMESPACES, ROOT
+from tests.support.invoked import python
 
 pytestmark = pytest.mark.slow
 
@@ -49,15 +49,7 @@ class Build:
         paths = (str(self.folder), sysconfig.get_path("purelib"), sysconfig.get_path("platlib"))
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "PYTHONDONTWRITEBYTECODE": "1"}
         environment["POINTIT_STATE"] = str(self.folder / "state")
-        return subprocess.run(
-            [sys.executable, "-S", *arguments],
-            cwd=self.folder,
-            env=environment,
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=150,
-        )
+        return python("-S", *arguments, cwd=self.folder, env=environment)
 
     def pointit(self, *arguments: str) -> subprocess.CompletedProcess[str]:
         return self.python("-m", "pointit.cli", *arguments)
@@ -106,7 +98,6 @@ def simulating(tmp_path_factory: pytest.TempPathFactory) -> Build:
 
 @pytest.fixture(scope="module")
 def bare(tmp_path_factory: pytest.TempPathFactory) -> Build:
-    """The core alone."""
     return build_without(optional_rooms(), tmp_path_factory.mktemp("bare"))
 
 

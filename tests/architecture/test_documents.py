@@ -72,7 +72,6 @@ def missing_paths(text: str) -> list[str]:
 
 
 def unknown_scripts(text: str) -> set[str]:
-    """Return the scripts that do not exist."""
     scripts = {f"scripts/{name}" for name in re.findall(r"scripts/(\w+)", text)}
     return {script for script in scripts if not (ROOT / script).is_file()}
 

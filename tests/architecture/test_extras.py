@@ -1,8 +1,6 @@
 """The table of extras names those of pyproject.toml with their libraries, messages how to install them."""
 
 import re
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
@@ -12,6 +10,7 @@ from packaging.requirements import Requirement
 from pointit.runtime.host import extras
 from pointit.services.registry import PROCESSES
 from tests.architecture.sources import ROOT, shipped
+from tests.support.invoked import python
 
 PAGE = ROOT / "docs" / "reference" / "extras.md"
 FOR_WORK_ON_POINTIT = {"dev", "docs", "test"}
@@ -83,7 +82,5 @@ def test_what_decides_loads_no_zenoh() -> None:
         "    importlib.import_module(name)\n"
         "    if 'zenoh' in sys.modules: sys.exit(f'{name} loads zenoh')\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", script], input="\n".join(names), capture_output=True, text=True, check=False
-    )
+    done = python("-c", script, input="\n".join(names))
     assert done.returncode == 0, done.stderr

@@ -13,6 +13,7 @@ from hypothesis import settings
 
 from tests.architecture.sources import ROOT
 from tests.support import there
+from tests.support.invoked import python
 
 SCRIPT = ROOT / "scripts/house"
 
@@ -27,7 +28,7 @@ def house() -> ModuleType:
 
 
 def test_no_limit_is_exceeded() -> None:
-    done = subprocess.run([sys.executable, SCRIPT, "--limits"], capture_output=True, text=True, check=False)
+    done = python(SCRIPT, "--limits")
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.count("  limit ") == 5
 

@@ -59,7 +59,6 @@ UNIT = ROOT / "tests/unit"
 
 
 def listed() -> dict[str, int]:
-    """Return the numbers of calls in the list, by file."""
     rows = (line.split() for line in LIST.read_text(encoding="utf-8").splitlines())
     return {name: int(count) for count, name in rows}
 

@@ -52,7 +52,6 @@ def missing() -> str:
 
 
 def podman(*arguments: str, check: bool = True, timeout_s: float = 120.0) -> subprocess.CompletedProcess[str]:
-    """Run podman; what it says is in the result."""
     done = subprocess.run(
         [PODMAN, *arguments], check=False, capture_output=True, text=True, timeout=timeout_s
     )
@@ -91,20 +90,16 @@ class Stack:
         return done.stdout + done.stderr
 
     def name(self, service: str) -> str:
-        """Return the container's name."""
         return f"{self.site}-{service}"
 
     def log(self, service: str) -> str:
-        """Return the log of a container."""
         done = podman("logs", self.name(service), check=False)
         return done.stdout + done.stderr
 
     def inside(self, service: str, *command: str) -> subprocess.CompletedProcess[str]:
-        """Run a command in a container."""
         return podman("exec", self.name(service), *command, check=False)
 
     def about(self, service: str) -> dict[str, Any]:
-        """Return the output of `podman inspect` for a container."""
         (known,) = json.loads(podman("inspect", self.name(service)).stdout)
         return dict(known)
 

@@ -5,8 +5,6 @@ import os
 import re
 import signal
 import socket
-import subprocess
-import sys
 import time
 import urllib.error
 import urllib.request
@@ -17,6 +15,7 @@ import pytest
 from packaging.utils import canonicalize_name
 
 from tests.containers.conftest import DEPLOY, Stack, podman, until
+from tests.support.invoked import python
 from tests.support.pace import within
 from tests.unit.deploy.test_compose import PIN
 
@@ -172,13 +171,7 @@ def test_credentials_that_are_carried_away_join_from_there(stack: Stack, tmp_pat
     for name in ("dashboard1", "guest1"):
         podman("cp", f"{stack.name('init')}:/site/identities/{name}", str(tmp_path))
         folder = str(tmp_path / name)
-        done = subprocess.run(
-            [sys.executable, "-m", "pointit.cli", "doctor", "--only", "pui", "--credentials", folder],
-            check=False,
-            capture_output=True,
-            text=True,
-            timeout=60,
-        )
+        done = python("-m", "pointit.cli", "doctor", "--only", "pui", "--credentials", folder)
         assert done.returncode == 0, done.stderr + done.stdout
 
 

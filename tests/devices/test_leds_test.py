@@ -12,8 +12,8 @@ from collections.abc import Iterator
 import pytest
 from click.testing import CliRunner
 
-from pointit.cli.leds import leds_test, strip_test
-from pointit.cli.leds.strip_test import steps_of
+from pointit.cli.leds import leds_test
+from pointit.cli.leds.leds_test import steps_of
 from pointit.schemas import Strip
 
 HEADER = 10
@@ -74,8 +74,8 @@ def test_steps_of_the_named_strip_are_lit_and_told(
     receiver: socket.socket, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name in ("ENDS_S", "RUN_S", "COLOR_S"):
-        monkeypatch.setattr(strip_test, name, 0.4)
-    monkeypatch.setattr(strip_test, "RUN_PICTURES", 3)
+        monkeypatch.setattr(leds_test, name, 0.4)
+    monkeypatch.setattr(leds_test, "RUN_PICTURES", 3)
     monkeypatch.setattr(leds_test, "CONNECT_S", 0.5)
     arguments = ["scenario_3", "--strip", "1", *output_of(receiver)]
     done = CliRunner().invoke(leds_test.command, arguments, catch_exceptions=False)
@@ -110,7 +110,7 @@ def test_enter_goes_on_to_the_next_step(receiver: socket.socket) -> None:
             os.write(keyboard, b"\n")
         assert process.wait(timeout=90) == 0
     os.close(keyboard)
-    unhurried_s = 2 * (strip_test.ENDS_S + strip_test.RUN_S + 3 * strip_test.COLOR_S) - strip_test.COLOR_S
+    unhurried_s = 2 * (leds_test.ENDS_S + leds_test.RUN_S + 3 * leds_test.COLOR_S) - leds_test.COLOR_S
     assert times_s[-1] - times_s[0] < unhurried_s / 2, "steps are not waited for"
     assert not any(pixels_of(receiver)[-1])
 

@@ -50,7 +50,6 @@ class Block:
 
 
 def pages() -> list[Path]:
-    """Return the documents whose blocks are run."""
     readmes = [ROOT / folder / "README.md" for folder in ("", "deploy", "examples")]
     return [path for path in readmes if path.exists()] + sorted((ROOT / "docs").rglob("*.md"))
 
@@ -100,6 +99,5 @@ def difference(shown: Block, printed: str) -> str:
 
 
 def _pattern(line: str, shown: Block) -> str:
-    """Return the regular expression of a line."""
     pattern = ".*?".join(re.escape(part) for part in line.split("…"))
     return re.sub(r"(?:\\-)?\d+(?:\\\.\d+)?", r"-?\\d+(?:\\.\\d+)?", pattern) if shown.numbers else pattern

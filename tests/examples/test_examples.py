@@ -21,7 +21,6 @@ PATIENCE_S = 120.0
 
 
 def code_lines(module: Any) -> int:
-    """Return the number of lines without those of docstrings and blank ones."""
     tree = ast.parse(inspect.getsource(module))
     lines = {node.lineno for node in ast.walk(tree) if isinstance(node, (ast.stmt, ast.expr))}
     docstrings = {

@@ -9,7 +9,6 @@ from tests.golden.sessions import SESSIONS, play
 
 
 def main() -> None:
-    """Play the named sessions, or all."""
     parser = argparse.ArgumentParser(prog="python -m tests.golden", description=__doc__)
     parser.add_argument("sessions", nargs="*", help=f"names, by default all of: {', '.join(SESSIONS)}")
     parser.add_argument("--dump", type=Path, metavar="FOLDER", help="leave hashes.json, write messages here")

@@ -110,11 +110,9 @@ def difference(recorded: dict[str, str], now: dict[str, str]) -> str:
 
 
 def read_hashes() -> dict[str, dict[str, str]]:
-    """Return the recorded `Record.hashes` by session."""
     recorded: dict[str, dict[str, str]] = json.loads(HASHES.read_text(encoding="utf-8"))
     return recorded
 
 
 def write_hashes(hashes: dict[str, dict[str, str]]) -> None:
-    """Replace what is recorded."""
     HASHES.write_text(json.dumps(hashes, indent=1) + "\n", encoding="utf-8")

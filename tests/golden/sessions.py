@@ -54,7 +54,6 @@ class Session:
 
 
 def choices(*settings: str, localize: bool = False, **chosen: Any) -> Choices:
-    """Return the choices of a session, with its seed."""
     return Choices(seed=1, localize=localize, settings=settings, **chosen)
 
 

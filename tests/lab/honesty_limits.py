@@ -45,7 +45,6 @@ def main() -> None:
 
 
 def write(limits: dict[tuple[str, str], Limits]) -> None:
-    """Write `limits` by set and condition."""
     with FILE.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(["set", "condition", *asdict(targets.TARGETS)])

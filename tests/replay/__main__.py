@@ -9,7 +9,6 @@ from tests.replay.sessions import SESSIONS, open_recording, record
 
 
 def main() -> int:
-    """Compare, accept or record the named sessions, or all."""
     parser = argparse.ArgumentParser(
         prog="python -m tests.replay",
         description="Replay the sessions of the gate and show what changed. Exits with 1 if something did.",

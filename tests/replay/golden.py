@@ -25,7 +25,6 @@ class Outputs:
     """Messages of the services of a recording when it is replayed."""
 
     def __init__(self, recording: Recording) -> None:
-        """Replay `recording`."""
         self.began_ns = recording.began_ns
         self.samples: list[Sample] = []
         """In order of time, with the pixels of frames as hashes."""
@@ -35,13 +34,11 @@ class Outputs:
         """Take nothing: recordings of the gate hold no outputs."""
 
     def replayed(self, entry: Entry, *, is_recomputed: bool) -> None:
-        """Keep what was computed now."""
         if is_recomputed and (sample := sample_of(entry)) is not None:
             self.samples.append(_with_hashes(sample))
 
 
 def accept(name: str, samples: Sequence[Sample]) -> None:
-    """Store `samples` as the outputs of the session `name`."""
     lines = [
         json.dumps([each.key, each.time_ns, _rounded(each.content, _digits(each.key))], separators=(",", ":"))
         for each in samples
@@ -52,7 +49,6 @@ def accept(name: str, samples: Sequence[Sample]) -> None:
 
 
 def accepted(name: str) -> Iterator[Sample]:
-    """Yield the stored outputs of the session `name`, or nothing if there are none."""
     path = _path(name)
     if not path.is_file():
         return

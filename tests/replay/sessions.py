@@ -110,5 +110,4 @@ def _is_input(entry: Entry, split: Split) -> bool:
 
 
 def open_recording(name: str) -> Recording:
-    """Return the recording of the session `name`."""
     return Recording.open(RECORDINGS / f"{name}.mcap")

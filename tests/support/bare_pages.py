@@ -4,7 +4,7 @@ import asyncio
 import json
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,8 +19,6 @@ SETTLE_S = 1.0
 
 
 class Counting(ClientConnection):
-    """A connection that counts received bytes."""
-
     size = 0
 
     def data_received(self, data: bytes) -> None:
@@ -82,7 +80,6 @@ class BarePage:
                 self.latencies_ms.append((now_ns - msgpack.unpackb(payload)["stamp_ns"]) / 1e6)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the measurements, for JSON."""
         return {
             "batches": self.batches,
             "bytes": self.size,
@@ -127,11 +124,6 @@ async def elsewhere(url: str, count: int, duration_s: float) -> list[dict[str, A
     return pages
 
 
-def main(arguments: Mapping[str, str]) -> None:
-    """Open the pages, and print the measurements as JSON."""
-    pages = asyncio.run(look_on(arguments["url"], int(arguments["count"]), float(arguments["duration_s"])))
-    sys.stdout.write(json.dumps([page.as_dict() for page in pages]))
-
-
 if __name__ == "__main__":
-    main(dict(zip(("url", "count", "duration_s"), sys.argv[1:], strict=True)))
+    looked = asyncio.run(look_on(sys.argv[1], int(sys.argv[2]), float(sys.argv[3])))
+    sys.stdout.write(json.dumps([page.as_dict() for page in looked]))

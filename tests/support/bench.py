@@ -98,7 +98,6 @@ class Bench:
         return self._launches[-1]
 
     async def end(self, launch: asyncio.Task[None]) -> None:
-        """End a service that `start` returned."""
         self._launches.remove(launch)
         launch.cancel()
         await asyncio.wait([launch])

@@ -15,7 +15,6 @@ FLAGS = (
 
 
 def installed() -> str | None:
-    """Return the path of an installed browser, or None."""
     return next((path for name in NAMES if (path := shutil.which(name))), None)
 
 

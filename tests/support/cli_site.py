@@ -68,7 +68,6 @@ class Site:
             await process.communicate()
 
     def command(self, *arguments: str) -> contextlib.AbstractAsyncContextManager[asyncio.subprocess.Process]:
-        """Start `pointit …`."""
         return self.python("-m", "pointit.cli", *arguments)
 
     async def pointit(self, *arguments: str, code: int | None = None) -> Ended:

@@ -39,8 +39,6 @@ def without_page(arguments: Sequence[str]) -> list[str]:
 
 @dataclass(frozen=True, kw_only=True)
 class Ended:
-    """A command that ended."""
-
     code: int
     out: str
     err: str
@@ -49,7 +47,6 @@ class Ended:
 
     @property
     def sentence(self) -> str:
-        """Return the error it ended with."""
         _, found, sentence = self.err.rpartition("Error: ")
         assert found, self.err
         return sentence.strip()
@@ -66,13 +63,9 @@ class Command:
     def __init__(
         self, arguments: Sequence[str], folder: Path, environment: Mapping[str, str], *, is_forked: bool
     ) -> None:
-        """Start it.
+        """Start it; `is_forked`: `pointit` with these arguments, in a process that has its modules loaded.
 
-        Args:
-            arguments: the whole command, or what follows `pointit` if `is_forked`.
-            folder: of its output and its temporary files.
-            environment: is added to this process's.
-            is_forked: run `pointit` in a process that has its modules loaded.
+        Its output and temporary files are in `folder`; `environment` is added to this process's.
         """
         self._out = folder / f"{next(_numbers)}.out"
         self._err = self._out.with_suffix(".err")
@@ -111,13 +104,10 @@ class Command:
         return self.process.poll() is None
 
     def logged(self) -> list[str]:
-        """Return the messages it has logged."""
         lines = [line for line in self.err.splitlines() if line.startswith("{")]
         return [json.loads(line)["message"] for line in lines]
 
     async def says(self, what: str) -> None:
-        """Wait until it has printed or logged `what`."""
-
         def said() -> bool:
             return what in self.err or what in self.out
 
@@ -130,7 +120,7 @@ class Command:
         return self._ended(self._began_s).checked(code)
 
     async def stop(self, number: int = signal.SIGINT, *, code: int | None = None) -> Ended:
-        """Send SIGINT as Ctrl-C does, or another signal, and wait for the end, with `code` if that is given."""
+        """Send SIGINT as Ctrl-C does, or another signal; wait for the end, with `code` if that is given."""
         began_s = time.monotonic()
         self.process.send_signal(number)
         await until(lambda: not self.is_running, PATIENCE_S, f"its end; it says {self.err[-2000:]}")
@@ -174,7 +164,6 @@ class Commands:
         return self.run([sys.executable, "-m", "pointit.cli", *without_page(arguments)], environment)
 
     def run(self, arguments: Sequence[str], environment: Mapping[str, str] | None = None) -> Command:
-        """Start any command."""
         return self._start(arguments, environment, is_forked=False)
 
     async def pointit(
@@ -211,8 +200,8 @@ class Onlooker:
     frames: list[StripsFrame] = field(default_factory=list[StripsFrame])
 
     def look(self) -> None:
-        self.bus.watch(topics.SERVICE_ALIVE, lambda name, here: _change(self.present, name, here=here))
-        self.bus.watch(topics.USER_ALIVE, lambda name, here: _change(self.people, name, here=here))
+        self.bus.watch(topics.SERVICE_ALIVE, lambda name, here: change(self.present, name, here=here))
+        self.bus.watch(topics.USER_ALIVE, lambda name, here: change(self.people, name, here=here))
         self.bus.subscribe(topics.HEALTH, self._on_health)
         self.bus.subscribe(topics.CURSOR, lambda message, user: self.cursors[user].append(message))
         self.bus.subscribe(topics.INTERACTION, lambda message, user: self.interactions[user].append(message))
@@ -223,11 +212,9 @@ class Onlooker:
         self.health[instance] = health
 
     async def hears(self, instance: str) -> None:
-        """Wait for the health of a service."""
         await until(lambda: instance in self.health, PATIENCE_S, f"health of {instance}")
 
     def surfaces(self, user: str) -> set[str]:
-        """Return the strips on which the person's cursor was seen."""
         return {cursor.surface_id for cursor in self.cursors[user] if cursor.surface == "strip"}
 
     def object_ids(self) -> set[str]:
@@ -245,7 +232,7 @@ class Onlooker:
         await until(lambda: len(messages) > count, PATIENCE_S, what)
 
 
-def _change(names: set[str], name: str, *, here: bool) -> None:
+def change(names: set[str], name: str, *, here: bool) -> None:
     (names.add if here else names.discard)(name)
 
 
@@ -268,7 +255,6 @@ async def start_delay_s(pointit: Callable[..., Awaitable[Ended]]) -> float:
 
 
 def summary_of(ended: Ended) -> dict[str, Any]:
-    """Return the summary that a run with --json has printed."""
     summary: dict[str, Any] = json.loads(ended.out)
     return summary
 

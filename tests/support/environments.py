@@ -22,13 +22,8 @@ PIP = ("-m", "pip", "install", "--disable-pip-version-check", "--no-compile")
 def python_of(name: str, requirements: Path, what: str, say: Callable[[str], None]) -> Path:
     """Return the Python of an environment, made first where its list is new: a minute or two.
 
-    Skips the test, with pip's message, if it cannot be made.
-
-    Args:
-        name: of the environment's folder, beside .venv.
-        requirements: the list of what has to be in it, for pip.
-        what: what that is, for people.
-        say: prints progress.
+    Skips the test, with pip's message, if it cannot be made. `name` is that of its folder, beside .venv;
+    `what` says what is in it to people, to whom `say` prints progress.
     """
     folder = ROOT / name
     python, stamp = folder / "bin" / "python", folder / ".installed"

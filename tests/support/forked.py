@@ -43,15 +43,7 @@ class ForkedProcess:
         environment: Mapping[str, str],
         cwd: Path | None = None,
     ) -> None:
-        """Start `pointit …` in a session of its own.
-
-        Args:
-            arguments: what follows `pointit`.
-            out: file of the standard output.
-            err: file of the standard error.
-            environment: its whole environment.
-            cwd: its folder; this process's if None.
-        """
+        """Start `pointit …` in a session of its own, with `environment` alone, by default in this folder."""
         self.out, self.err = out, err
         self._process = _processes.Process(
             target=_command, args=(list(arguments), out, err, dict(environment), cwd or Path.cwd())
@@ -66,7 +58,6 @@ class ForkedProcess:
         return self._process.exitcode
 
     def says(self, what: str) -> None:
-        """Wait until `what` stands in its standard output."""
         while not (self.out.exists() and what in self.out.read_text()):
             assert self.poll() is None, self.err.read_text()
             time.sleep(POLL_S)
@@ -88,15 +79,7 @@ class ForkedProcess:
 
 
 def run(arguments: Sequence[str], patience_s: float) -> tuple[int, str, str]:
-    """Run `pointit …` to its end with this process's environment.
-
-    Args:
-        arguments: what follows `pointit`.
-        patience_s: seconds after which it is killed.
-
-    Returns:
-        The exit code, the standard output and the standard error.
-    """
+    """Run `pointit …`, for `patience_s` at most. Return the exit code, standard output and standard error."""
     with tempfile.TemporaryDirectory() as folder:
         out, err = Path(folder, "out"), Path(folder, "err")
         process = ForkedProcess(arguments, out, err, os.environ)

@@ -21,10 +21,7 @@ MOSQUITTO = shutil.which("mosquitto")
 def broker(folder: Path, port: int = 0, options: str = "") -> Generator[int]:
     """Run a broker on this machine for the body, and yield its port, on which it may not listen yet.
 
-    Args:
-        folder: for its log and its configuration.
-        port: where it listens. 0: on a free one.
-        options: lines of its configuration. If empty, it is open to this machine.
+    Without `options`, lines of its configuration, it is open to this machine. Its log is in `folder`.
     """
     if MOSQUITTO is None:
         pytest.skip("mosquitto is not installed")

@@ -50,18 +50,13 @@ class Patience:
         return f"{self._duration_s} s" + ("" if self._factor is None else f" x {self._factor:.1f} (busy)")
 
 
-class VirtualPatience:
+class VirtualPatience(Patience):
     """A duration in a loop's virtual time, which no machine makes longer."""
 
     def __init__(self, duration_s: float, now_s: Callable[[], float]) -> None:
-        """Begin; `now_s` is the time of the loop."""
-        self._duration_s = duration_s
+        super().__init__(duration_s)
         self._now_s = now_s
         self._began_s = now_s()
 
     def is_over(self) -> bool:
-        """Return True if the duration is over."""
         return self._now_s() - self._began_s > self._duration_s
-
-    def __str__(self) -> str:
-        return f"{self._duration_s} s"

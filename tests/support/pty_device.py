@@ -6,6 +6,7 @@ import select
 import threading
 import time
 import tty
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import Self
@@ -63,58 +64,59 @@ def pty_device(path: Path) -> Generator[PtyDevice]:
         device.unplug()
 
 
-class Talker:
-    """Sends a line at a rate, in a thread; the line may change at any time, the device may be replugged."""
+class _InThread(ABC):
+    """Steps in a thread until the end of the block; the device may be replugged under the lock."""
+
+    def __init__(self, device: PtyDevice) -> None:
+        self.device = device
+        self.lock = threading.Lock()
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name=f"pty {type(self).__name__}", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._thread.join(2.0)
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            self._step()
+
+    @abstractmethod
+    def _step(self) -> None: ...
+
+
+class Talker(_InThread):
+    """Sends a line at a rate; the line may change at any time."""
 
     def __init__(self, device: PtyDevice, line: Callable[[], bytes], rate_hz: float = 100.0) -> None:
-        self.device = device
-        self.lock = threading.Lock()
+        super().__init__(device)
         self._line = line
         self._period_s = 1.0 / rate_hz
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="pty talker", daemon=True)
+        self._due_s = 0.0
 
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stop.set()
-        self._thread.join(2.0)
-
-    def _run(self) -> None:
-        due_s = time.monotonic()
-        while not self._stop.is_set():
-            with self.lock:
-                if self.device.plugged:
-                    self.device.send(self._line())
-            due_s += self._period_s
-            self._stop.wait(max(0.0, due_s - time.monotonic()))
+    def _step(self) -> None:
+        with self.lock:
+            if self.device.plugged:
+                self.device.send(self._line())
+        self._due_s = (self._due_s or time.monotonic()) + self._period_s
+        self._stop.wait(max(0.0, self._due_s - time.monotonic()))
 
 
-class Listener:
-    """Reads all that the program sends, in a thread, as long as the device is plugged in."""
+class Listener(_InThread):
+    """Reads all that the program sends, as long as the device is plugged in."""
 
     def __init__(self, device: PtyDevice, take: Callable[[bytes], None]) -> None:
-        self.device = device
-        self.lock = threading.Lock()
+        super().__init__(device)
         self._take = take
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="pty listener", daemon=True)
 
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stop.set()
-        self._thread.join(2.0)
-
-    def _run(self) -> None:
-        while not self._stop.is_set():
-            with self.lock:
-                data = self.device.receive(0.01) if self.device.plugged else b""
-            if data:
-                self._take(data)
-            else:
-                self._stop.wait(0.002)
+    def _step(self) -> None:
+        with self.lock:
+            data = self.device.receive(0.01) if self.device.plugged else b""
+        if data:
+            self._take(data)
+        else:
+            self._stop.wait(0.002)

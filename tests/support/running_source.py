@@ -88,7 +88,6 @@ class Phone(asyncio.DatagramProtocol):
 
     @property
     def port(self) -> int:
-        """Return the port from which it sends."""
         assert self.transport is not None
         return int(self.transport.get_extra_info("sockname")[1])
 
@@ -102,7 +101,6 @@ class Phone(asyncio.DatagramProtocol):
         return said
 
     def of_kind(self, kind: int) -> list[bytes]:
-        """Return the heard datagrams that begin with `kind`."""
         return [data for data in self.heard if int.from_bytes(data[:4]) == kind]
 
 

@@ -7,8 +7,6 @@ _data_packet: Any = importlib.import_module("sacn.messages.data_packet")
 
 
 class SacnPacket(NamedTuple):
-    """Content of a packet."""
-
     cid: bytes
     universe: int
     priority: int

@@ -19,11 +19,8 @@ TABLES: tuple[list[Any], ...] = (TOPICS, REQUESTS, PROCESSES)
 def installed(folder: Path, module: str, source: str, **entries: str) -> Generator[None]:
     """Install a package `strangers-parts` in `folder` for the body.
 
-    Args:
-        folder: where.
-        module: name of its one module, which no other test uses.
-        source: text of the module.
-        entries: lines of entry points by the last part of their group, such as `imu_sources`.
+    Its one `module` has a name that no other test uses, and `entries` are lines of entry points by the last
+    part of their group, such as `imu_sources`.
     """
     for group in GROUPS.values():
         assert isinstance(group.names, tuple)  # found without the package, to which the end returns

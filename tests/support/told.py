@@ -20,14 +20,7 @@ class Told:
     def __init__(
         self, name: str, command: Sequence[str], said: Path, environment: Mapping[str, str] | None = None
     ) -> None:
-        """Start it.
-
-        Args:
-            name: for people.
-            command: with its arguments.
-            said: the file for its standard error.
-            environment: its variables, by default ours.
-        """
+        """Start it, with its standard error to the file `said`; `name` is for people."""
         self.name = name
         self._said = said
         self._turn = threading.Lock()
@@ -48,7 +41,6 @@ class Told:
         assert line == "{}\n", f"{self.name}: {line} {self.complaints()[-2000:]}"
 
     def kill(self) -> None:
-        """End it at once."""
         self._process.kill()
         self._process.communicate()
 
@@ -62,7 +54,6 @@ class Told:
         return self._process.poll() is None
 
     def complaints(self) -> str:
-        """Return its standard error."""
         return self._said.read_text()
 
     def ask(self, **order: Any) -> Any:

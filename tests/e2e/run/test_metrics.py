@@ -40,8 +40,6 @@ class Prometheus:
         return float(result[0]["value"][1]) if result else None
 
     async def says(self, expression: str, holds: Callable[[float], bool]) -> None:
-        """Wait until an expression has a value that holds."""
-
         def is_said() -> bool:
             value = self.value(expression)
             return value is not None and holds(value)
@@ -49,7 +47,6 @@ class Prometheus:
         await until(is_said, START_S, expression)
 
     def faults(self) -> list[str]:
-        """Return the errors of rules that cannot be evaluated."""
         groups = httpx.get(f"{self._url}/rules", timeout=10.0).json()["data"]["groups"]
         return [
             rule.get("lastError", "")

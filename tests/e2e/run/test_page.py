@@ -12,7 +12,7 @@ import pytest
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import Deployment, Environment, RunScenario, SelectionEvent
 from pointit.schemas.topics import DEPLOYMENT, MAP, RUN_SCENARIO, SELECTION_EVENTS, STOP_ROBOT
-from tests.e2e.run.visitor import entered, looking_on
+from tests.e2e.run.visitor import entered, looking_on, own_scenario
 from tests.support.bench import until
 from tests.support.buses import free_port
 from tests.support.commands import Command, Commands, onlooker, summary_of
@@ -65,9 +65,6 @@ async def test_the_port_can_be_set_like_any_parameter(commands: Commands, endpoi
         await until(lambda: bool(told), CHANGE_S, "the deployment")
     assert "web" in {service.service for service in told[0].services}
     assert "a-token-of-mine" not in told[0].model_dump_json()  # viewers must not learn to control
-    taken = str(urlsplit(url).port)
-    second = await commands.pointit("run", "--web-port", taken, "--no-view", code=1)
-    assert second.sentence.startswith(f"the page cannot listen at 127.0.0.1:{taken}: Address already in use")
 
 
 @pytest.mark.timeout(300)
@@ -115,13 +112,7 @@ async def test_another_scenario_takes_its_place(
 
 
 async def test_a_run_goes_on_while_a_page_is_open(commands: Commands, endpoint: str, tmp_path: Path) -> None:
-    own = tmp_path / "mine.yaml"
-    own.write_text(
-        "about: mine\nduration_s: 8\nplaces: [{position_m: [2.0, 0.5, 0.0], yaw_deg: 20.0}]\n"
-        "site: {pui: {map: lab, surfaces: [strip]}, led-driver: {}}\n"
-        "user: {pointing: {}, localizer: {}, supervisor: {}, user-sim: {think_s: 0.1, behaviour: strips}}\n"
-    )
-    command = run(commands, endpoint, str(own), "--json")
+    command = run(commands, endpoint, own_scenario(tmp_path, 8), "--json")
     url = await address_of(command)
     async with looking_on(url), onlooker(endpoint) as seen:
         await until(
@@ -242,12 +233,7 @@ async def test_a_link_for_who_may_only_look_on(commands: Commands, endpoint: str
         assert (hello["role"], hello["requests"]) == ("viewer", [STOP_ROBOT.key])
 
 
-async def test_a_dashboard_waits_for_a_site_and_is_refused_to_a_network(
-    commands: Commands, endpoint: str
-) -> None:
+async def test_a_dashboard_waits_for_a_site(commands: Commands, endpoint: str) -> None:
     waiting = commands.start("dashboard", "--connect", endpoint, "--port", "0")
     await waiting.says(f"nobody answers at {endpoint} yet; trying again until somebody does")
-    refused = await commands.pointit("dashboard", "--host", "0.0.0.0", "--connect", endpoint)  # noqa: S104 - refused
-    assert refused.code == 2
-    assert refused.sentence.startswith("--host 0.0.0.0: a page on a network needs HTTPS")
     assert (await waiting.stop()).code == 0

@@ -15,6 +15,7 @@ import pytest
 from pointit.recording.reader import Recording
 from pointit.schemas import ImuSample, Localization, Selection, SelectionEvent, TrackedObjects, UserPose
 from pointit.schemas.topics import LOCALIZATION, OBJECTS, POSE, SELECTION, SELECTION_EVENTS, SERVICE_ALIVE
+from tests.e2e.run.visitor import own_scenario
 from tests.support.bench import until
 from tests.support.buses import free_port
 from tests.support.commands import Command, Commands, Onlooker, onlooker, summary_of
@@ -33,7 +34,6 @@ def person(*users: str) -> set[str]:
 
 
 def assert_flawless(summary: dict[str, Any]) -> None:
-    """Every target that came was selected, and nothing else."""
     assert summary["selected"] > 0, summary
     assert (summary["missed"], summary["pending"], summary["wrong"]) == (0, 0, 0), summary
 
@@ -112,13 +112,7 @@ async def test_localizing_two_people_and_the_other_ways_to_run(commands: Command
     localizing = commands.start("run", "scenario_3", "--localize", *common, *listen())
     option, endpoint = listen()
     two = commands.start("run", "scenario_3", "--users", "2", *common, option, endpoint)
-    own = tmp_path / "mine.yaml"
-    own.write_text(
-        "about: my own\nduration_s: 20\nplaces: [{position_m: [2.0, 0.5, 0.0], yaw_deg: 20.0}]\n"
-        "site: {pui: {map: lab, surfaces: [strip]}, led-driver: {}}\n"
-        "user: {pointing: {}, localizer: {}, supervisor: {}, user-sim: {think_s: 0.1, behaviour: strips}}\n"
-    )
-    mine = commands.start("run", str(own), "--speed", "4", "--no-view", "--json", *listen())
+    mine = commands.start("run", own_scenario(tmp_path, 20), "--speed", "4", "--no-view", "--json", *listen())
     async with onlooker(endpoint) as seen:
         await seen.sees_cursors("user1", "user2")
     ended = await localizing.end(code=0)
@@ -255,7 +249,6 @@ class Books:
         self.selected = frozenset(thing.id for thing in message.objects)
 
     def dispatched(self) -> dict[str, set[str]]:
-        """Return the bays at which each object came out."""
         bays: dict[str, set[str]] = {}
         for event in self.events:
             if event.event == "dispatched":

@@ -1,9 +1,11 @@
 """Runs in several processes: who takes over, and who serves a person."""
 
+import contextlib
 import json
 import os
 import signal
 import time
+from collections.abc import AsyncGenerator
 from typing import Any
 
 import psutil
@@ -25,6 +27,17 @@ from tests.support.pace import Patience, within
 
 TAKEN_OVER_S = 20.0
 """Lease and listening are 5 s; the rest is a busy machine."""
+
+
+@contextlib.asynccontextmanager
+async def site_seen(
+    commands: Commands, endpoint: str, scenario: str = "scenario_2", service: str = "pui"
+) -> AsyncGenerator[Onlooker]:
+    """Start a site without people. Yield who looks on, once `service` is heard."""
+    commands.start("run", scenario, "--site-only", "--no-view", "--listen", endpoint)
+    async with onlooker(endpoint) as seen:
+        await seen.hears(service)
+        yield seen
 
 
 def freeze(command: Command, number: int) -> None:
@@ -52,10 +65,8 @@ async def is_run_by(seen: Onlooker, command: Command, patience_s: float = TAKEN_
 async def test_a_stopped_process_loses_its_name_and_ends_when_it_wakes(
     commands: Commands, endpoint: str
 ) -> None:
-    commands.start("run", "scenario_2", "--site-only", "--no-view", "--listen", endpoint)
     join = ("person", "add", "anna", "--no-view", "--connect", endpoint)
-    async with onlooker(endpoint) as seen:
-        await seen.hears("pui")
+    async with site_seen(commands, endpoint) as seen:
         old = commands.start(*join)
         await seen.sees_cursors("anna")
         freeze(old, signal.SIGSTOP)
@@ -72,10 +83,8 @@ async def test_a_stopped_process_loses_its_name_and_ends_when_it_wakes(
 
 
 async def test_a_killed_process_is_followed_at_once(commands: Commands, endpoint: str) -> None:
-    commands.start("run", "scenario_2", "--site-only", "--no-view", "--listen", endpoint)
     join = ("person", "add", "anna", "--no-view", "--connect", endpoint)
-    async with onlooker(endpoint) as seen:
-        await seen.hears("pui")
+    async with site_seen(commands, endpoint) as seen:
         for _ in range(2):
             command = commands.start(*join)
             await is_run_by(seen, command)
@@ -98,9 +107,7 @@ async def test_a_single_service_of_a_person_is_refused_beside_a_living_one(
 
 
 async def test_two_of_what_all_share_are_told(commands: Commands, endpoint: str) -> None:
-    commands.start("run", "scenario_2", "--site-only", "--no-view", "--listen", endpoint)
-    async with onlooker(endpoint) as seen:
-        await seen.hears("led-driver")
+    async with site_seen(commands, endpoint, service="led-driver") as seen:
         second = commands.start("service", "run", "led-driver", "--connect", endpoint)
         await until(
             lambda: any("runs twice" in warning for h in seen.health.values() for warning in h.warnings),
@@ -113,9 +120,6 @@ async def test_two_of_what_all_share_are_told(commands: Commands, endpoint: str)
             report = json.loads((await commands.pointit("doctor", "--json", "--connect", endpoint)).out)
             codes = {(finding["code"], finding["service"]) for finding in report["findings"]}
         assert second.is_running
-
-
-"""The lease is 3 s; the rest is a busy machine."""
 
 
 async def is_served_by(seen: Onlooker, pui: str, selector: str) -> None:
@@ -161,10 +165,8 @@ async def selects(seen: Onlooker) -> None:
 async def test_a_persons_process_computes_their_cursor_and_the_site_goes_on_without_it(
     commands: Commands, endpoint: str
 ) -> None:
-    commands.start("run", "scenario_3", "--site-only", "--no-view", "--listen", endpoint)
     join = ("person", "add", "anna", "--here", "--no-view", "--connect", endpoint)
-    async with onlooker(endpoint) as seen:
-        await seen.hears("pui")
+    async with site_seen(commands, endpoint, "scenario_3") as seen:
         person = commands.start(*join)
         await is_served_by(seen, "pui.anna", "selector.anna")
         await selects(seen)
@@ -179,9 +181,7 @@ async def test_a_persons_process_computes_their_cursor_and_the_site_goes_on_with
 async def test_when_only_the_shards_fail_the_site_serves_the_person(
     commands: Commands, endpoint: str
 ) -> None:
-    commands.start("run", "scenario_3", "--site-only", "--no-view", "--listen", endpoint)
-    async with onlooker(endpoint) as seen:
-        await seen.hears("pui")
+    async with site_seen(commands, endpoint, "scenario_3") as seen:
         commands.start("person", "add", "anna", "--here", "--processes", "--no-view", "--connect", endpoint)
         await is_served_by(seen, "pui.anna", "selector.anna")
         stopped = seen.health["selector.anna"].pid

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.e2e.run.visitor import looking_on
+from tests.e2e.run.visitor import looking_on, own_scenario
 from tests.support.bench import until
 from tests.support.commands import onlooker, without_page
 from tests.support.pace import within
@@ -34,8 +34,6 @@ os.execv(sys.executable, [sys.executable, "-m", "pointit.cli", *sys.argv[1:]])
 
 
 class Terminal:
-    """A command in a pseudo-terminal of a size."""
-
     def __init__(self, columns: int, rows: int, *arguments: str, kind: str = "xterm-256color") -> None:
         self.raw = b""
         self.master, slave = pty.openpty()
@@ -54,7 +52,6 @@ class Terminal:
         )
 
     def read(self) -> str:
-        """Read the available output. Return all so far."""
         while select.select([self.master], [], [], 0)[0]:
             try:
                 data = os.read(self.master, 65536)
@@ -67,7 +64,6 @@ class Terminal:
 
     @property
     def text(self) -> str:
-        """Return the output, without colours and cursor movements."""
         return ESCAPE.sub("", self.read())
 
     def press(self, key: bytes) -> None:
@@ -112,7 +108,6 @@ def terminal(columns: int, rows: int, *arguments: str, kind: str = "xterm-256col
 
 
 def frames(text: str) -> list[list[str]]:
-    """Return the drawn frames, each as its lines."""
     drawn: list[list[str]] = []
     for piece in text.split("╭")[1:]:
         head, found, _ = piece.partition("╯")
@@ -145,14 +140,8 @@ async def test_it_draws_and_leaves_the_terminal_as_it_was(endpoint: str, columns
 
 
 async def test_the_page_stays_in_view_and_the_run_goes_on_for_it(endpoint: str, tmp_path: Path) -> None:
-    own = tmp_path / "mine.yaml"
-    own.write_text(
-        "about: mine\nduration_s: 10\nplaces: [{position_m: [2.0, 0.5, 0.0], yaw_deg: 20.0}]\n"
-        "site: {pui: {map: lab, surfaces: [strip]}, led-driver: {}}\n"
-        "user: {pointing: {}, localizer: {}, supervisor: {}, user-sim: {think_s: 0.1, behaviour: strips}}\n"
-    )
     page = ("--web-port", "0", "--no-browser", "--listen", endpoint)
-    with terminal(80, 30, "run", str(own), *page) as shown:
+    with terminal(80, 30, "run", own_scenario(tmp_path, 10), *page) as shown:
         await shown.shows("PointIt mine", "page: http://127.0.0.1:")
         url = shown.text.rpartition("page: ")[2].split()[0]
         async with looking_on(url):

@@ -1,13 +1,25 @@
-"""A visitor who opens the page of a run: the browser's cookies and messages."""
+"""A visitor who opens the page of a run: the browser's cookies and messages; a scenario to visit."""
 
 import contextlib
 import json
 from collections.abc import AsyncGenerator
+from pathlib import Path
 from typing import Any
 
 import httpx
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.typing import Origin
+
+
+def own_scenario(folder: Path, duration_s: int) -> str:
+    """Write a scenario whose person points at strips. Return its path."""
+    path = folder / "mine.yaml"
+    path.write_text(
+        f"about: mine\nduration_s: {duration_s}\nplaces: [{{position_m: [2.0, 0.5, 0.0], yaw_deg: 20.0}}]\n"
+        "site: {pui: {map: lab, surfaces: [strip]}, led-driver: {}}\n"
+        "user: {pointing: {}, localizer: {}, supervisor: {}, user-sim: {think_s: 0.1, behaviour: strips}}\n"
+    )
+    return f"{path}"
 
 
 async def entered(url: str) -> tuple[str, httpx.Response]:

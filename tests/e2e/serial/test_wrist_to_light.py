@@ -116,7 +116,6 @@ class Board:
         return [k for k, color in enumerate(self.shown.get(channel, [])) if color != (0, 0, 0)]
 
     def _step(self) -> bool:
-        """Remove one frame from the stream, if a complete one is there."""
         stream = self._stream
         if len(stream) < 6:
             return False
@@ -154,8 +153,6 @@ class Board:
 
 
 class Bench:
-    """Both devices and the operations on them."""
-
     def __init__(self, imu: PtyDevice, bus: Bus) -> None:
         self.line = line_pointing_at(point_on(0, HOME_M))
         self.talker = Talker(imu, lambda: self.line)

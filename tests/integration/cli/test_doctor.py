@@ -38,7 +38,6 @@ async def content(site: Site, *options: str, is_json: bool = True) -> Ended:
 
 
 def findings(ended: Ended) -> list[tuple[str, str]]:
-    """Return code and service of what was found."""
     return [(finding["code"], finding["service"]) for finding in json.loads(ended.out)["findings"]]
 
 

@@ -41,6 +41,7 @@ from pointit.schemas.topics import (
 )
 from tests.support.bench import until
 from tests.support.buses import free_port
+from tests.support.commands import change
 from tests.unit.cli_run.stand_in import Broken, StandIn
 
 PATIENCE_S = 20.0
@@ -81,8 +82,8 @@ class Seen:
     rooms: list[str] = field(default_factory=list[str])
 
     def look(self) -> None:
-        self.bus.watch(SERVICE_ALIVE, lambda name, here: _change(self.services, name, here=here))
-        self.bus.watch(USER_ALIVE, lambda name, here: _change(self.people, name, here=here))
+        self.bus.watch(SERVICE_ALIVE, lambda name, here: change(self.services, name, here=here))
+        self.bus.watch(USER_ALIVE, lambda name, here: change(self.people, name, here=here))
         self.bus.subscribe(DEPLOYMENT, self._on_deployment)
         self.bus.subscribe(MAP, self._on_map)
         for topic in STATES:
@@ -106,10 +107,6 @@ class Seen:
         return any(deployment.scenario == scenario for deployment in self.deployments.values())
 
 
-def _change(names: set[str], name: str, *, here: bool) -> None:
-    (names.add if here else names.discard)(name)
-
-
 @asynccontextmanager
 async def late_joiner(bus: ZenohBus) -> AsyncGenerator[Seen]:
     """Yield somebody in another session, who has just come."""
@@ -124,8 +121,6 @@ async def late_joiner(bus: ZenohBus) -> AsyncGenerator[Seen]:
 
 @dataclass
 class Going:
-    """A run in this process that has begun."""
-
     run: _Run
     bus: ZenohBus
     task: asyncio.Task[None]
@@ -233,7 +228,7 @@ async def test_a_wish_that_cannot_be_changes_nothing(asked: dict[str, Any], sent
     async with going(plan_of("scenario_2")) as run, late_joiner(run.bus) as beside:
         await until(lambda: beside.runs("scenario_2"), PATIENCE_S, "a run")
         there: set[str] = set()
-        run.bus.watch(USER_ALIVE, lambda name, here: _change(there, name, here=here))
+        run.bus.watch(USER_ALIVE, lambda name, here: change(there, name, here=here))
         beside.bus.announce(USER_ALIVE, "user2")  # somebody has joined under that name
         reporting = asyncio.create_task(_report(beside.bus, "user2"))
         await until(lambda: "user2" in there, what="user2")

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import psutil
 import pytest
-from click.testing import CliRunner
 
 from pointit.cli.main import command
 from pointit.runtime.errors import ConfigError
 from pointit_lab.evaluation.pointing import drift
+from tests.support.invoked import printed
 from tests.support.pace import slowness
 from tests.support.published_recordings import Stand, write_acts, write_simulated, write_track
 
@@ -22,11 +22,7 @@ COMMAND = ("-m", "pointit.cli", "evaluate", "localization", "--jobs", "2")
 
 
 def invoke(*arguments: str) -> tuple[str, str]:
-    """Run the command. Return its standard output and standard error, or raise its exception."""
-    result = CliRunner().invoke(command, ["evaluate", *arguments], standalone_mode=False)
-    if result.exception is not None:
-        raise result.exception
-    return result.stdout, result.stderr
+    return printed(command, "evaluate", *arguments)
 
 
 @pytest.fixture
@@ -86,12 +82,6 @@ def test_mistakes_are_told_before_the_work(data: Path, monkeypatch: pytest.Monke
         invoke("localization", "--data", str(data), "--json", str(data / "nowhere" / "rows.json"))
     with pytest.raises(ConfigError, match="no subject 'anna'"):
         invoke("localization", "--data", str(data), "--subject", "anna")
-
-
-def test_the_variable_says_where_the_data_are(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("POINTIT_DATA", str(data))
-    out, _ = invoke("localization", "--only-ours", "--jobs", "1", "--json", "-")
-    assert json.loads(out)["rows"]
 
 
 def test_what_corrections_leave(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,21 +4,16 @@ import json
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
 from pointit.runtime.errors import ConfigError
 from pointit_lab.cli.robots import robots
 from pointit_lab.evaluation.robots import choice
-from tests.lab.evaluation.test_hri_landing import write
+from tests.lab.evaluation.test_robot_evaluation import write
+from tests.support.invoked import printed
 
 
 def invoke(*arguments: str) -> tuple[str, str]:
-    """Run the command with one person. Return its standard output and standard error."""
-    every = (*arguments, "--people", "1", "--jobs", "1")
-    result = CliRunner().invoke(robots, every, standalone_mode=False, env={"COLUMNS": "160"})
-    if result.exception is not None:
-        raise result.exception
-    return result.stdout, result.stderr
+    return printed(robots, *arguments, "--people", "1", "--jobs", "1", env={"COLUMNS": "160"})
 
 
 @pytest.fixture(autouse=True)

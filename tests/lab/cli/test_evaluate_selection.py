@@ -5,20 +5,16 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
 from pointit.runtime.errors import ConfigError
 from pointit_lab.cli.selection import METHODS, selection
 from pointit_lab.evaluation.selection import condition as selection_condition
 from pointit_lab.evaluation.selection import method as selection_method
+from tests.support.invoked import printed
 
 
 def invoke(*arguments: str) -> tuple[str, str]:
-    """Run the command. Return its standard output and standard error, or raise its exception."""
-    result = CliRunner().invoke(selection, [*arguments, "--jobs", "1"], standalone_mode=False)
-    if result.exception is not None:
-        raise result.exception
-    return result.stdout, result.stderr
+    return printed(selection, *arguments, "--jobs", "1")
 
 
 @pytest.fixture(autouse=True)
@@ -75,11 +71,6 @@ def test_differences_between_methods_from_twenty_trials_on(tmp_path: Path) -> No
     assert "hold@2 is slower" in " ".join(out.split())
     out, _ = invoke(*arguments, "--trials", "2", "--json", "-")
     assert json.loads(out)["differences"] == []
-
-
-def test_json_may_go_to_standard_output_alone() -> None:
-    out, _ = invoke("--bench", "belts_lab", "--method", "original", "--trials", "1", "--json", "-")
-    assert len(json.loads(out)["rows"]) == 2
 
 
 @pytest.mark.parametrize(

@@ -130,7 +130,6 @@ def header(text: str) -> bytes:
 
 
 def with_member(path: Path, name: str, content: bytes) -> None:
-    """Replace one array of the file at `path` by `content`."""
     with zipfile.ZipFile(path) as file:
         kept = {info: file.read(info) for info in file.namelist() if info != f"{name}.npy"}
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:

@@ -25,7 +25,6 @@ PLACES = ((2.0, -1.0), (2.0, 0.0), (2.0, 1.0))
 
 @pytest.fixture(scope="module")
 def hundred() -> list[Row]:
-    """Return the rows of a hundred simulated people."""
     return drift_simulated.simulated_rows(100)
 
 
@@ -36,7 +35,6 @@ def recordings() -> Path:
 
 @pytest.fixture(scope="module")
 def recorded(recordings: Path) -> list[Row]:
-    """Return the rows of recorded people."""
     return recorded_rows(read_floor_trials(recordings), quiet)
 
 
@@ -78,7 +76,6 @@ def p90(row: Row) -> float:
 
 
 def within(row: Row) -> float:
-    """Return the share of yaws within 2 stated sigmas."""
     assert row.yaw_within_2_sigma is not None
     return row.yaw_within_2_sigma
 

@@ -7,7 +7,6 @@ from typing import Literal
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import ConfigError
@@ -31,6 +30,7 @@ from pointit_lab.evaluation.localization.arm_rays import STATURE_M, along, scale
 from pointit_lab.evaluation.localization.localization import judged
 from pointit_lab.evaluation.localization.trial import Array, FollowRecording, Trial
 from tests.support import there
+from tests.support.invoked import printed
 
 
 def rng() -> np.random.Generator:
@@ -269,10 +269,7 @@ def test_other_processes_find_the_same(follower: FollowRecording, room: Trial) -
 
 def invoke(*arguments: str) -> tuple[str, str]:
     every = (*arguments, "--quick", "--jobs", "1", "--set", "simulated")
-    result = CliRunner().invoke(honesty, every, standalone_mode=False, env={"COLUMNS": "140"})
-    if result.exception is not None:
-        raise result.exception
-    return result.stdout, result.stderr
+    return printed(honesty, *every, env={"COLUMNS": "140"})
 
 
 @pytest.fixture

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import click
 import pytest
-from click.testing import CliRunner
 
 from pointit_lab.cli.honesty import honesty
 from pointit_lab.evaluation.honesty import targets
@@ -27,6 +26,7 @@ from pointit_lab.evaluation.honesty.targets import (
     stated,
 )
 from tests.support.data import data_file
+from tests.support.invoked import printed
 
 GUIDE = Path(__file__).parents[3] / "docs/how-to/measure.md"
 
@@ -90,10 +90,7 @@ def test_each_row_of_the_gate_has_limits() -> None:
 def gate(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> str:
     monkeypatch.delenv("POINTIT_DATA", raising=False)
     every = (*arguments, "--quick", "--jobs", "1", "--condition", NONE, "--json", "-")
-    result = CliRunner().invoke(honesty, every, standalone_mode=False)
-    if result.exception is not None:
-        raise result.exception
-    return result.stdout
+    return printed(honesty, *every)[0]
 
 
 def test_the_gate_fails_only_if_asked(monkeypatch: pytest.MonkeyPatch) -> None:

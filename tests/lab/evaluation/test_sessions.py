@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from pointit import schemas
 from pointit.cli.main import command
@@ -21,6 +20,7 @@ from pointit_lab.evaluation.localization.over_people import over_people
 from pointit_lab.evaluation.localization.recorded import read_sessions
 from pointit_lab.evaluation.recordings.row import ALL, Row, Spread
 from tests.support import there
+from tests.support.invoked import printed
 from tests.support.published_recordings import Stand, unit, write_motion
 from tests.unit.conversion.session import at, said, write
 
@@ -29,12 +29,7 @@ HOLD_S = 6.0
 
 
 def invoke(*arguments: str) -> tuple[str, str]:
-    """Run the command. Return its standard output and standard error, or raise its exception."""
-    words = ["evaluate", "localization", "--only-ours", "--jobs", "1", *arguments]
-    result = CliRunner().invoke(command, words, standalone_mode=False)
-    if result.exception is not None:
-        raise result.exception
-    return result.stdout, result.stderr
+    return printed(command, "evaluate", "localization", "--only-ours", "--jobs", "1", *arguments)
 
 
 def rows_of(*arguments: str) -> list[dict[str, Any]]:

@@ -17,6 +17,7 @@ from pointit.cli.main import command
 from pointit.launch.plan.scenario import scenario_names
 from pointit.maps.file import shipped_maps
 from pointit.services.registry import PROCESSES
+from tests.support.invoked import python
 
 
 @pytest.fixture(autouse=True)
@@ -100,14 +101,7 @@ def test_the_shell_gets_what_it_asks_for_without_heavy_modules(words: str) -> No
     )
     completed(words.removeprefix("pointit "))  # remembers it
     variables = {COMPLETE: "bash_complete", "COMP_WORDS": words, "COMP_CWORD": str(len(words.split(" ")) - 1)}
-    done = subprocess.run(
-        [sys.executable, "-c", script],
-        env={**os.environ, **variables},
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60,
-    )
+    done = python("-c", script, env={**os.environ, **variables})
     assert done.returncode == 0
     assert any(line.startswith("plain,") for line in done.stdout.splitlines())
     assert not set(done.stderr.split()) & {"zenoh", "pydantic", "numpy", "rich", "yaml"}

@@ -34,7 +34,6 @@ def invoke(*arguments: str) -> Result:
 
 
 def refusal(*arguments: str) -> str:
-    """Return the sentence with which a command is refused."""
     error = invoke(*arguments).exception
     assert isinstance(error, ConfigError | click.ClickException)
     return error.format_message() if isinstance(error, click.ClickException) else str(error)

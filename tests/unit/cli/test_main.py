@@ -16,6 +16,7 @@ from pointit.cli.main import EXAMPLES, PATHS, command
 from pointit.launch.plan.extras import load
 from pointit.runtime.errors import ConfigError
 from pointit.services.registry import process
+from tests.support.invoked import python
 
 
 def invoke(*arguments: str) -> tuple[int, str]:
@@ -76,7 +77,6 @@ def test_an_unknown_command_gets_one_sentence_with_the_near_ones() -> None:
 
 
 def loaded_after(*arguments: str) -> set[str]:
-    """Return the modules a fresh interpreter has loaded after the command."""
     script = (
         "import sys, io, contextlib\n"
         "from pointit.cli.main import command\n"
@@ -84,9 +84,7 @@ def loaded_after(*arguments: str) -> set[str]:
         f"    command.main({list(arguments)!r}, standalone_mode=False)\n"
         "print(*sys.modules)"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=90
-    )
+    done = python("-c", script, check=True)
     return set(done.stdout.split())
 
 
@@ -105,22 +103,10 @@ def test_tables_load_neither_network_nor_numerics(line: str) -> None:
 def test_to_start_a_scenario_loads_nothing_that_takes_long() -> None:
     loads = "from pointit.cli.run.run import run; from pointit.services.registry import PROCESSES; import sys"
     rows = "[row.load() for row in PROCESSES if row.room == 'services' or row.name == 'web']"
-    done = subprocess.run(
-        [sys.executable, "-c", f"{loads}; {rows}; print(*sys.modules)"],
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=90,
-    )
+    done = python("-c", f"{loads}; {rows}; print(*sys.modules)", check=True)
     loaded = set(done.stdout.split())
     assert loaded >= {"numpy", "starlette"}
     assert not loaded & {"scipy", "matplotlib", "foxglove"}
-
-
-def test_list_shows_scenarios_maps_and_services() -> None:
-    code, text = invoke("list")
-    assert code == 0
-    assert all(word in text for word in ("scenario_3", "lab", "led-driver"))
 
 
 def test_an_unknown_service_gets_one_sentence_with_the_near_ones() -> None:
@@ -173,13 +159,7 @@ def test_the_help_of_a_service_teaches_before_its_extra_is_installed(name: str, 
     script = f"import sys; sys.modules[{lacks!r}] = None; from pointit.cli.__main__ import begin; begin()"
 
     def run(option: str) -> tuple[int, str, str]:
-        done = subprocess.run(
-            [sys.executable, "-c", script, "service", "run", name, option],
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=90,
-        )
+        done = python("-c", script, "service", "run", name, option)
         return done.returncode, " ".join(done.stdout.split()), done.stderr
 
     remedy = f"{name} needs `scripts/setup {name}` in the folder of PointIt"

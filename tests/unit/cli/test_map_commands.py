@@ -174,7 +174,6 @@ def test_the_shipped_maps_are_listed_with_what_they_have() -> None:
 
 
 def written(name_or_path: str, person: tuple[float, float] | None = None) -> set[str]:
-    """All texts of a picture, by lines."""
     figure = map_figure(*load_map_and_clouds(name_or_path, 0), "a title", person)
     texts: list[Text] = figure.findobj(Text)
     return {line for each in texts for line in each.get_text().splitlines()}

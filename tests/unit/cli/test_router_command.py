@@ -2,13 +2,13 @@
 
 import asyncio
 import contextlib
-import subprocess
 import sys
 from collections.abc import Mapping
 
 import pytest
 
 from pointit.cli.site import router
+from tests.support.invoked import python
 
 pytestmark = pytest.mark.wall_time
 
@@ -33,9 +33,7 @@ router.command([])
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there may be no limit, or none that is raised")
 def test_it_may_have_as_many_files_open_as_the_system_lets_it() -> None:
-    started = subprocess.run(
-        [sys.executable, "-c", STARTS_WITH_FEW_FILES], capture_output=True, text=True, check=False
-    )
+    started = python("-c", STARTS_WITH_FEW_FILES)
     assert (started.stdout, started.stderr) == ("True\n", "")
 
 

@@ -22,8 +22,6 @@ class StandIn(Service[WebConfig]):
 
 
 class Broken(StandIn):
-    """A page that cannot begin."""
-
     def __init__(self, config: WebConfig, context: Context) -> None:
         super().__init__(config, context)
         raise OSError("the port is taken")

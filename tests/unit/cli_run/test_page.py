@@ -2,7 +2,6 @@
 
 import importlib.metadata
 import socket
-import subprocess
 import sys
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -37,6 +36,7 @@ from pointit.schemas import KeyNameError
 from pointit.schemas.topics import SERVICE_ALIVE
 from tests.support.bench import until
 from tests.support.buses import free_port
+from tests.support.invoked import python
 from tests.unit.cli_run.drawn import monitor_of
 from tests.unit.cli_run.stand_in import StandIn
 
@@ -175,9 +175,7 @@ def test_the_extra_is_looked_for_without_loading_it(monkeypatch: pytest.MonkeyPa
         "import sys, pointit.cli.run.run, pointit.launch.page.page as page\n"
         "page.is_available(); print(*sys.modules)"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=90
-    )
+    done = python("-c", script, check=True)
     assert not set(done.stdout.split()) & {"starlette", "uvicorn", "cryptography", "segno", "mcap"}
 
 
@@ -311,7 +309,6 @@ def leads_to(uri: str, link: str) -> Path:
 
 
 def is_littered(home: Path) -> bool:
-    """Return True if something of the page was left in `home`."""
     return any(home.glob("pointit-page-*"))
 
 

@@ -7,7 +7,7 @@ import pytest
 from rich.console import Console
 from rich.segment import Segment
 
-from pointit.cli.display.view import draw
+from pointit.cli.display.view import View
 from pointit.cli.robots.robots_view import ROBOTS_DISPLAY
 from pointit.launch.robots.robot_watcher import RobotMonitor, RobotWatcher
 from pointit.launch.run.monitor import Monitor
@@ -73,7 +73,7 @@ def row(monitor: Monitor, name: str, width: int = 80) -> str:
 
 def styled(monitor: Monitor, text: str, width: int = 100) -> list[Segment]:
     console = Console(width=width, color_system="truecolor", force_terminal=True)
-    lines = console.render_lines(draw(monitor, "", lambda: 0.0), console.options)
+    lines = console.render_lines(View(monitor, "", lambda: 0.0), console.options)
     return [segment for line in lines for segment in line if text in segment.text]
 
 
@@ -292,7 +292,6 @@ def robot(**fields: Any) -> RobotState:
 
 
 def watched() -> tuple[Monitor, RobotMonitor]:
-    """Return a monitor, and that of its robots."""
     monitor, robots = monitor_of(), RobotWatcher()
     monitor.watchers = [robots]
     return monitor, robots.monitor
@@ -303,7 +302,6 @@ def robots_view(monitor: Monitor, width: int = 100) -> list[str]:
 
 
 def robot_rows(monitor: Monitor, width: int = 100) -> list[list[str]]:
-    """Return the words of the lines that begin with a robot's name."""
     lines = [line.strip("│ ").split("  ") for line in robots_view(monitor, width)]
     cells = [[cell.strip() for cell in line if cell.strip()] for line in lines]
     return [line for line in cells if line and line[0] in ("cart", "quad")]

@@ -34,7 +34,6 @@ user: {pointing: {}, localizer: {}, supervisor: {}, user-sim: {}}
 @click.argument("scenario", default="usual")
 @shared_options
 def command(scenario: str, **options: object) -> None:
-    """Print what the options mean."""
     choices = choices_of(options)
     click.echo(f"{scenario} {choices.localize} {choices.robot}")
 
@@ -240,7 +239,6 @@ SECURED = SimpleNamespace(link=SimpleNamespace(endpoints=("tls/hall:7450",)))
 
 @pytest.fixture
 def plans(monkeypatch: pytest.MonkeyPatch) -> list[Plan]:
-    """Return the plans of runs, none of which begins."""
     plans: list[Plan] = []
 
     def execute(plan: Plan, _log_level: str) -> int:

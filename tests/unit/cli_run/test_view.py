@@ -13,8 +13,8 @@ from pointit.cli.display.view import (
     MAX_STRIPS,
     NAME_WIDTH,
     Block,
+    View,
     Worth,
-    draw,
     drop_to_height,
     figures,
     pixels_along,
@@ -49,7 +49,7 @@ from tests.unit.cli_run.drawn import BLUE, DARK, FRAME, RED, cursor, frame, moni
 def cells(monitor: Monitor, name: str = "0", width: int = 100) -> list[tuple[object, object]]:
     """Return the colours of a strip's cells: of the left pixel and of the right one."""
     console = Console(file=io.StringIO(), width=width, color_system="truecolor", force_terminal=True)
-    for line in console.render_lines(draw(monitor, "", lambda: 0.0), console.options):
+    for line in console.render_lines(View(monitor, "", lambda: 0.0), console.options):
         if "".join(segment.text for segment in line)[FRAME:].startswith(f"{name:<{NAME_WIDTH}}"):
             return [_colours(segment) for segment in line for _ in segment.text if "▌" in segment.text]
     raise AssertionError("the strip is not shown")

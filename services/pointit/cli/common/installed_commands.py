@@ -9,8 +9,8 @@ import os
 import re
 import sys
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import click
 
@@ -22,14 +22,12 @@ LAB = "pointit-lab"
 HEADING = "Of other packages"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Declared:
-    """An entry point of an installed package."""
+class Declared(NamedTuple):
+    """An entry point of an installed package, and the line that describes the package."""
 
     name: str
     package: str
     summary: str
-    """Line that describes the package."""
 
 
 class Installed:

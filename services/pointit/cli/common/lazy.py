@@ -126,22 +126,17 @@ class LazyGroup(click.Group):
         return [*names, *click.Command.shell_complete(self, ctx, incomplete)]
 
 
-def from_module(target: str) -> Callable[[], click.Command]:
-    """Return a loader of the command at `target`, `module:attribute`."""
+def command(name: str, about: str, target: str) -> Entry:
+    """Return the command at `target`, `module:attribute`."""
 
     def load() -> click.Command:
         from pointit.runtime.host.optional_rooms import import_room  # noqa: PLC0415 - not for help
 
         module, _, attribute = target.partition(":")
-        command: click.Command = getattr(import_room(module, "this command"), attribute)
-        return command
+        found: click.Command = getattr(import_room(module, "this command"), attribute)
+        return found
 
-    return load
-
-
-def command(name: str, about: str, target: str) -> Entry:
-    """Return the command at `target`, `module:attribute`."""
-    return Entry(name=name, about=about, load=from_module(target))
+    return Entry(name=name, about=about, load=load)
 
 
 def noun(name: str, about: str, text: str, *actions: Entry) -> Entry:

@@ -151,7 +151,6 @@ def _key(key: str) -> str:
 
 
 def _escaped(text: str) -> str:
-    """Return JSON text with terminal control and line break characters escaped."""
     return _UNMINDED.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
 
 

@@ -62,23 +62,15 @@ def _described(command: click.Command) -> dict[str, Any]:
     parameters: list[dict[str, Any]] = []
     for one in command.get_params(click.Context(command, help_option_names=[])):  # every command adds its own
         completion = getattr(one, "_custom_shell_complete", None)
+        is_option = isinstance(one, click.Option)
+        kept = ("multiple", "is_flag", "hidden", "help") if is_option else ("nargs", "required")
+        choices = one.type.choices if isinstance(one.type, click.Choice) else ()
         parameters.append(
             {
-                "names": [one.name, *one.opts, *one.secondary_opts]
-                if isinstance(one, click.Option)
-                else [one.name],
-                "is_option": isinstance(one, click.Option),
-                "attributes": {
-                    "multiple": one.multiple,
-                    "is_flag": one.is_flag,
-                    "hidden": one.hidden,
-                    "help": one.help,
-                }
-                if isinstance(one, click.Option)
-                else {"nargs": one.nargs, "required": one.required},
-                "choices": [str(value) for value in one.type.choices]
-                if isinstance(one.type, click.Choice)
-                else [],
+                "names": [one.name, *one.opts, *one.secondary_opts] if is_option else [one.name],
+                "is_option": is_option,
+                "attributes": {name: getattr(one, name) for name in kept},
+                "choices": [str(value) for value in choices],
                 "is_file": isinstance(one.type, click.Path),
                 "completion": next((name for name, known in NAMES.items() if known is completion), ""),
             }
@@ -96,17 +88,13 @@ class _Group(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         del ctx
-        return (
-            remembered((*self._words, cmd_name), lambda: self._inner(cmd_name))
-            if cmd_name in self._about
-            else None
-        )
+        if cmd_name not in self._about:
+            return None
+        return remembered((*self._words, cmd_name), lambda: self._inner(cmd_name))
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
-        return [
-            *beginning(self._about.items(), incomplete),
-            *click.Command.shell_complete(self, ctx, incomplete),
-        ]
+        names = beginning(self._about.items(), incomplete)
+        return [*names, *click.Command.shell_complete(self, ctx, incomplete)]
 
     def _inner(self, name: str) -> click.Command:
         group = self._load()

@@ -111,7 +111,6 @@ def _doings(monitor: Monitor, users: list[str], width: int) -> Table:
 
 
 def _places(monitor: Monitor, users: list[str], width: int) -> Table:
-    """Return people's poses with 1 sigma, and the drift of the IMU's yaw."""
     columns = [("person", 6), ("stands at", 19)]
     if width >= SCANT_WIDTH:
         columns.append(("yaw", 13))
@@ -144,7 +143,6 @@ def _pose(pose: UserPose, now_ns: int) -> list[Text]:
 
 
 def _words(monitor: Monitor, user: str) -> list[Text]:
-    """Return a person's next step, the progress of localization, and the refusal reason."""
     lines: list[Text] = []
     refusal = monitor.refusal(user)
     interaction = monitor.interactions.get(user)

@@ -9,7 +9,7 @@ from rich.live import Live
 
 from pointit.cli.common.keyboard import has_keyboard, keys
 from pointit.cli.display.display_part import DisplayPart
-from pointit.cli.display.view import REFRESH_HZ, draw
+from pointit.cli.display.view import REFRESH_HZ, View
 from pointit.launch.run.running_scenario import RunningScenario
 from pointit.runtime.bus.contract import Publisher
 from pointit.schemas import ButtonEvent
@@ -50,7 +50,7 @@ def on_screen(
         return 0.0 if over_s is None else max(0.0, over_s - time.monotonic())
 
     def drawn() -> RenderableType:
-        return draw(
+        return View(
             stage.monitor,
             f"PointIt {stage.plan.name}",
             left_s,

@@ -33,36 +33,29 @@ def check_writable(summary: Path) -> None:
 
 def _people(plan: Plan, monitor: Monitor) -> dict[str, dict[str, Any]]:
     """Return the found poses with their sigma and, of simulated people, the error."""
-    simulated = {
-        launch.user: launch.config.model_dump()
-        for launch in plan.launches
-        if launch.service.NAME == "user-sim"
-    }
-    truly = {user: config["position_m"] for user, config in simulated.items()}
-    true_yaws_deg = {
-        user: yaw_deg for user, c in simulated.items() if (yaw_deg := true_yaw_deg(c)) is not None
-    }
+    launches = [launch for launch in plan.launches if launch.service.NAME == "user-sim"]
+    simulated = {launch.user: launch.config.model_dump() for launch in launches}
     people: dict[str, dict[str, Any]] = {}
     for user, pose in sorted(monitor.found.items()):
         x_m, y_m, _ = pose.position_m
+        off_m = off_deg = None
+        if (config := simulated.get(user)) is not None:
+            off_m = round(math.dist((x_m, y_m), config["position_m"][:2]), 3)
+            if (yaw_deg := true_yaw_deg(config)) is not None:
+                off_deg = round(abs(math.remainder(math.degrees(pose.yaw_rad) - yaw_deg, 360.0)), 2)
         people[user] = {
             "method": pose.method,
             "position_m": [round(x_m, 3), round(y_m, 3)],
             "position_sigma_m": round(position_sigma_m(pose), 3),
             "yaw_sigma_deg": round(yaw_sigma_deg(pose), 2),
             "drift_degpmin": round(math.degrees(pose.yaw_rate_radps) * 60.0, 2),
-            "position_error_m": None
-            if user not in truly
-            else round(math.dist((x_m, y_m), truly[user][:2]), 3),
-            "yaw_error_deg": None
-            if user not in true_yaws_deg
-            else round(abs(math.remainder(math.degrees(pose.yaw_rad) - true_yaws_deg[user], 360.0)), 2),
+            "position_error_m": off_m,
+            "yaw_error_deg": off_deg,
         }
     return people
 
 
 def _not_found(plan: Plan, monitor: Monitor) -> list[str]:
-    """Return the people to be localized by pointing who were not."""
     sought = {
         launch.user
         for launch in plan.launches

@@ -11,15 +11,8 @@ from rich.panel import Panel
 from rich.segment import Segment, SegmentLines
 from rich.text import Text
 
+from pointit.cli.display import people_view
 from pointit.cli.display.display_part import DisplayPart
-from pointit.cli.display.people_view import (
-    ROOMY_WIDTH,
-    activity_lines,
-    color_of,
-    instruction_lines,
-    pose_lines,
-    wrist_lines,
-)
 from pointit.geometry.polyline import Polyline
 from pointit.launch.run.monitor import Monitor
 from pointit.runtime.link.outage import SILENT_S, find_outage
@@ -50,39 +43,22 @@ Worth: TypeAlias = tuple[int, int] | None
 """Priority of a part: the lowest is left out first. None: always shown."""
 
 
-def draw(
-    monitor: Monitor,
-    title: str,
-    remaining_s: Callable[[], float],
-    button_of: str = "",
-    *,
-    page: str = "",
-    is_looked_on: bool = False,
-    parts: Sequence[DisplayPart] = (),
-) -> RenderableType:
-    """Return the view of `monitor`, rendered with its contents and the terminal's width at that time.
-
-    Args:
-        monitor: messages to draw.
-        title: title of the frame.
-        remaining_s: returns the remaining time; 0 if the run does not end by itself.
-        button_of: the person whose button the Space key is, or `""`.
-        page: URL of the page, or `""`.
-        is_looked_on: a page is open, for which the run continues after its duration.
-        parts: what optional rooms show in it.
-    """
-    return _View(monitor, title, remaining_s, button_of, page, is_looked_on, parts)
-
-
 @dataclass(frozen=True)
-class _View:
+class View:
+    """The view of `monitor`, rendered with its contents and the terminal's width at that time."""
+
     monitor: Monitor
     title: str
     remaining_s: Callable[[], float]
-    button_of: str
-    page: str
-    is_looked_on: bool
-    shown: Sequence[DisplayPart]
+    """Returns the remaining time; 0 if the run does not end by itself."""
+    button_of: str = ""
+    """The person whose button the Space key is, or `""`."""
+    page: str = ""
+    """URL of the page, or `""`."""
+    is_looked_on: bool = False
+    """A page is open, for which the run continues after its duration."""
+    parts: Sequence[DisplayPart] = ()
+    """What optional rooms show in it."""
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         width = max(1, options.max_width - BORDER_WIDTH)
@@ -100,7 +76,7 @@ class _View:
         )
 
     def _subtitle(self, whole_width: int) -> str:
-        is_roomy, left_s = whole_width >= ROOMY_WIDTH, self.remaining_s()
+        is_roomy, left_s = whole_width >= people_view.ROOMY_WIDTH, self.remaining_s()
         if self.is_looked_on:
             if left_s <= 0:
                 is_open = "a page is open"
@@ -136,15 +112,15 @@ class _View:
             parts += [((STRIPS, -row), line) for row, line in enumerate(light)]
             if monitor.lamps:
                 parts.append((None, _lamps(monitor)))
-        parts.append((None, activity_lines(monitor, whole_width)))
-        for each in self.shown:
+        parts.append((None, people_view.activity_lines(monitor, whole_width)))
+        for each in self.parts:
             if (rows := each.rows(monitor, whole_width)) is not None:
                 parts.append((None, rows))
                 parts += [((WORDS, -row), line) for row, line in enumerate(each.lines(monitor))]
-        if (where := pose_lines(monitor, whole_width)) is not None:
+        if (where := people_view.pose_lines(monitor, whole_width)) is not None:
             parts.append(((PLACES, 0), where))
-        parts += [((PLACES, -1 - row), line) for row, line in enumerate(wrist_lines(monitor))]
-        parts += [((WORDS, -row), line) for row, line in enumerate(instruction_lines(monitor))]
+        parts += [((PLACES, -1 - row), line) for row, line in enumerate(people_view.wrist_lines(monitor))]
+        parts += [((WORDS, -row), line) for row, line in enumerate(people_view.instruction_lines(monitor))]
         parts.append((None, figures(monitor)))
         told = list(monitor.events)
         for row, line in enumerate(told, 1):
@@ -165,14 +141,13 @@ def _strip(monitor: Monitor, strip: Strip, width: int) -> list[Text]:
     for user, cursor in cursors:
         if cursor.surface == "strip" and cursor.surface_id == strip.id:
             cell = min(cells - 1, int(cursor.position_m / length * cells))
-            mark = Text("▲" if len(cursors) == 1 else user[-1], style=color_of(monitor, user))
+            mark = Text("▲" if len(cursors) == 1 else user[-1], style=people_view.color_of(monitor, user))
             at = NAME_WIDTH + cell
             marks = Text.assemble(marks[:at], mark, marks[at + 1 :], no_wrap=True)
     return [line, marks]
 
 
 def _light(line: Text, pixels: Sequence[tuple[int, int, int]], cells: int) -> None:
-    """Append `pixels` to `line` as `cells` half blocks."""
     columns = 2 * cells
     pairs = (
         (

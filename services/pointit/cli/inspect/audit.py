@@ -89,7 +89,6 @@ def _read(path: Path, site: str, *, user: str, object_id: str, since_ns: int) ->
 
 
 def _row(record: Record) -> dict[str, Any]:
-    """Return a record as a table row."""
     when = dt.datetime.fromtimestamp(record.stamp_ns / NS_PER_S).astimezone()
     return {
         "when": when.strftime("%Y-%m-%d %H:%M:%S.") + f"{when.microsecond // 1000:03d}",

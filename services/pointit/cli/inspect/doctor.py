@@ -12,17 +12,9 @@ from typing import Any
 import click
 from rich.text import Text
 
+from pointit.cli.common import site_link
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED, Row, Section, console, json_option, print_json, print_table
-from pointit.cli.common.site_link import (
-    PATIENCE_S,
-    address,
-    join_site,
-    listens,
-    notify_if_slow,
-    quiet,
-    site_options,
-)
 from pointit.cli.site.identities_table import expiring, section, visible_rows
 from pointit.diagnosis.diagnose import diagnose, filter_findings, is_about, is_healthy
 from pointit.diagnosis.observation import Finding, Observation, Report
@@ -48,12 +40,12 @@ LONGEST_S = SILENT_S + 0.4
 STYLES = {"error": "red", "warning": "yellow", "note": "dim"}
 
 
-@click.command("doctor", params=site_options())
+@click.command("doctor", params=site_link.site_options())
 @click.option(
     "--timeout",
     "timeout_s",
     type=Finite(min=0),
-    default=PATIENCE_S,
+    default=site_link.PATIENCE_S,
     show_default=True,
     help="time to look for the site, s",
 )
@@ -77,7 +69,7 @@ def command(
 
     Example: pointit doctor --only pui
     """
-    quiet()
+    site_link.quiet()
     add_installed()
     credentials = given_credentials()
     known = visible_rows(credentials, folder, dt.datetime.now(dt.UTC))
@@ -86,7 +78,7 @@ def command(
     try:
         run_until_shutdown(_listen(look, site, connect, timeout_s))
     except ConnectError:
-        is_refused = all(listens(each) is False for each in connect)
+        is_refused = all(site_link.listens(each) is False for each in connect)
         finding = unreachable(connect, is_refused=is_refused, is_secured=credentials is not None)
         return _show(Observation(began_s=0.0, now_s=0.0), [finding], known, site, as_json=as_json)
     if look.seen is None:
@@ -182,8 +174,8 @@ class _Look:
 
 
 async def _listen(look: _Look, site: str, connect: tuple[str, ...], timeout_s: float) -> int:
-    async with join_site(site, connect, patience_s=timeout_s) as bus:
-        with notify_if_slow(f"listening to {address(site, connect)} …"):
+    async with site_link.join_site(site, connect, patience_s=timeout_s) as bus:
+        with site_link.notify_if_slow(f"listening to {site_link.address(site, connect)} …"):
             await look.watch(bus)
     return 0
 
@@ -288,7 +280,6 @@ def _row(seen: Observation, instance: str, findings: Sequence[Finding]) -> Row:
 
 
 def _status(instance: str, findings: Sequence[Finding]) -> Text:
-    """Return the worst severity found for `instance`."""
     for finding in findings:
         if finding.service == instance and finding.severity != "note":
             return Text(finding.code, style=STYLES[finding.severity])
@@ -312,7 +303,6 @@ def _figures(health: Health) -> str:
 
 
 def _quantiles(times: Quantiles | None) -> str:
-    """Return median and 99th percentile in ms."""
     return "" if times is None else f"{times.p50_s * 1e3:.2f}/{times.p99_s * 1e3:.2f}"
 
 

@@ -94,7 +94,6 @@ def format_message(key: str, message: Message, *, as_json: bool) -> str:
 
 
 def _presence(bus: ZenohBus) -> set[str]:
-    """Return a set of the present services that is kept up to date."""
     present: set[str] = set()
 
     def on_change(instance: str, here: bool) -> None:  # noqa: FBT001 - the bus's signature

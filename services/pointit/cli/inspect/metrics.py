@@ -23,11 +23,7 @@ MAX_PORT = 65535
 
 
 def _address(_ctx: click.Context, _parameter: click.Parameter, text: str) -> tuple[str, int]:
-    """Return host and port of `text`; an IPv6 address stands in brackets.
-
-    Raises:
-        click.BadParameter: If it is no address.
-    """
+    """Return host and port of `text`, an IPv6 address in brackets; raises BadParameter for anything else."""
     host, _, port = text.rpartition(":")
     if not host or not port.isdecimal() or int(port) > MAX_PORT:
         raise click.BadParameter(f"{text!r} is not an address; write one such as 127.0.0.1:9464")
@@ -65,7 +61,6 @@ def command(*, listen: tuple[str, int], once: bool, site: str, connect: tuple[st
 
 
 def _attach(bus: Bus, metrics: "SiteMetrics") -> None:
-    """Keep `metrics` up to date from `bus`."""
     from pointit.bridges.web.metrics.site_metrics import READS  # noqa: PLC0415
 
     def take(message: Message, name: str) -> None:

@@ -138,7 +138,6 @@ def _show_tables() -> None:
 
 
 def _console() -> Console:
-    """Return a console as wide as the terminal, or wide enough for everything without one."""
     return Console() if sys.stdout.isatty() else Console(width=WIDE * 2)
 
 

@@ -14,43 +14,22 @@ import click
 from pointit.cli.common.output import Section, console, json_option, print_table, say, to_json, write_line
 from pointit.cli.common.progress import progress
 from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
-from pointit.cli.inspect.sample_path import (
-    CAPTURE,
-    CAUSES,
-    LIGHT,
-    HopFigures,
-    PathJoiner,
-    SamplePath,
-    farthest,
-    hop_figures,
-)
+from pointit.cli.inspect import sample_path
 from pointit.diagnosis.writers import present_writers, silence_reason
 from pointit.runtime.bus.contract import AnyTopic, Bus, Sent, Tap, Undecoded
 from pointit.runtime.bus.timeliness import ClockSkewMonitor
 from pointit.runtime.errors import AccessDeniedError, NoMessageError
 from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
-from pointit.schemas import NS_PER_S, ClockTick, DecodeError, Health, Message, StripsFrame
+from pointit.schemas import NS_PER_S, ClockTick, DecodeError, Health, Message, StripsFrame, topics
 from pointit.schemas.system import split_instance
-from pointit.schemas.topics import (
-    ANY,
-    CLOCK,
-    CURSOR,
-    HEALTH,
-    HOVER,
-    IMU,
-    RAY,
-    SERVICE_ALIVE,
-    STRIPS_FRAME,
-    check_name,
-)
 
 TOPICS: Mapping[str, AnyTopic] = {
-    "imu": IMU,
-    "ray": RAY,
-    "cursor": CURSOR,
-    "hover": HOVER,
-    "frame": STRIPS_FRAME,
+    "imu": topics.IMU,
+    "ray": topics.RAY,
+    "cursor": topics.CURSOR,
+    "hover": topics.HOVER,
+    "frame": topics.STRIPS_FRAME,
 }
 """Topics of the hops that are messages."""
 
@@ -96,7 +75,7 @@ def command(user: str, *, count: int, watch: bool, as_json: bool, **at: Unpack[A
 
     Example: pointit trace user1 --count 500
     """
-    check_name(user, "user")
+    topics.check_name(user, "user")
     quiet()
     return run_until_shutdown(_trace(user, count, watch=watch, as_json=as_json, **at))
 
@@ -113,18 +92,14 @@ async def _trace(user: str, count: int, *, watch: bool, as_json: bool, **at: Unp
 
 
 async def _check_rights(bus: ZenohBus, user: str) -> None:
-    if denied := await bus.denial_reason("reads", IMU, user):  # who may read these may read the others
+    if denied := await bus.denial_reason("reads", topics.IMU, user):  # who may read these may read the others
         raise AccessDeniedError(f"{denied} (only {user} and the supervisor may trace samples of {user})")
 
 
-async def _measure(tracer: "Tracer", count: int) -> list[SamplePath]:
-    """Return `count` samples, or as many as come until none follows for `SILENCE_S`.
-
-    Raises:
-        NoMessageError: If none comes.
-    """
+async def _measure(tracer: "Tracer", count: int) -> list[sample_path.SamplePath]:
+    """Return `count` samples, or as many as come until none follows for `SILENCE_S`; raises if none comes."""
     loop = asyncio.get_running_loop()
-    paths: list[SamplePath] = []
+    paths: list[sample_path.SamplePath] = []
     newest_s = loop.time()
     with progress(count) as tell:
         while len(paths) < count and loop.time() - newest_s < SILENCE_S:
@@ -165,7 +140,7 @@ class Trace:
     captured_ns: int
     """The same as wall time, Unix ns."""
     path: tuple[TracedHop, ...]
-    hops: tuple[HopFigures, ...]
+    hops: tuple[sample_path.HopFigures, ...]
     clocks: tuple[str, ...]
     """Machines of the path with other clocks than ours, a sentence each."""
     invalid: int
@@ -176,24 +151,23 @@ class Tracer:
     """Listens to the messages of one person's samples."""
 
     def __init__(self, bus: Bus, user: str) -> None:
-        """Subscribe to the topics of `user`."""
         self.user = user
         self._loop = asyncio.get_running_loop()
         self._arrived = deque[tuple[str, Message | Undecoded, int]](maxlen=MAX_WAITING)
-        self._joiner = PathJoiner(self._wall_ns, self._loop.time())
+        self._joiner = sample_path.PathJoiner(self._wall_ns, self._loop.time())
         self._tick: ClockTick | None = None
         self._present: set[str] = set()
         self._reports: dict[str, tuple[str, Health]] = {}
         """By instance: the process that published its newest report, and the report."""
         self._skews = ClockSkewMonitor(socket.gethostname())
         self._invalid = 0
-        bus.subscribe(CLOCK, self._on_tick)
-        bus.watch(SERVICE_ALIVE, self._on_presence)
-        bus.tap(HEALTH, self._tap("health"))
+        bus.subscribe(topics.CLOCK, self._on_tick)
+        bus.watch(topics.SERVICE_ALIVE, self._on_presence)
+        bus.tap(topics.HEALTH, self._tap("health"))
         for hop, topic in TOPICS.items():
-            bus.tap(topic, self._tap(hop), user if topic.placeholder == "user" else ANY)
+            bus.tap(topic, self._tap(hop), user if topic.placeholder == "user" else topics.ANY)
 
-    def take(self) -> list[SamplePath]:
+    def take(self) -> list[sample_path.SamplePath]:
         """Return the samples that are complete, or will not be, since the last call."""
         now_s = self._loop.time()
         while self._arrived:
@@ -211,20 +185,20 @@ class Tracer:
             self._joiner.add(hop, message.stamp_ns, at_ns, process, now_s)
             if isinstance(message, StripsFrame) and message.light_s > 0:
                 light_ns = at_ns + round(message.light_s * NS_PER_S)
-                self._joiner.add(LIGHT, message.stamp_ns, light_ns, process, now_s)
+                self._joiner.add(sample_path.LIGHT, message.stamp_ns, light_ns, process, now_s)
         return self._joiner.settled(now_s)
 
-    def trace(self, paths: Sequence[SamplePath]) -> Trace:
+    def trace(self, paths: Sequence[sample_path.SamplePath]) -> Trace:
         """Return the result over `paths`, at least one."""
-        path = farthest(paths)
-        figures = tuple(hop_figures(paths))
-        way = tuple(self._traced(path, hop) for hop in CAUSES if hop in path.at_ns)
+        path = sample_path.farthest(paths)
+        figures = tuple(sample_path.hop_figures(paths))
+        way = tuple(self._traced(path, hop) for hop in sample_path.CAUSES if hop in path.at_ns)
         hosts = {host for each in paths for hop in each.processes if (host := self._writer(each, hop)[1])}
         return Trace(
             user=self.user,
             samples=len(paths),
             stamp_ns=path.stamp_ns,
-            captured_ns=path.at_ns[CAPTURE],
+            captured_ns=path.at_ns[sample_path.CAPTURE],
             path=way,
             hops=figures,
             clocks=tuple(
@@ -237,10 +211,10 @@ class Tracer:
 
     def silence(self) -> str:
         """Return a sentence that says why no sample came."""
-        reason = silence_reason(IMU, self.user, self._present)
+        reason = silence_reason(topics.IMU, self.user, self._present)
         return f"no sample of {self.user} came within {SILENCE_S:g} s: {reason}"
 
-    def _traced(self, path: SamplePath, hop: str) -> TracedHop:
+    def _traced(self, path: sample_path.SamplePath, hop: str) -> TracedHop:
         service, host = self._writer(path, hop)
         return TracedHop(
             hop=hop,
@@ -251,9 +225,9 @@ class Tracer:
             total_s=path.total_s(hop),
         )
 
-    def _writer(self, path: SamplePath, hop: str) -> tuple[str, str]:
+    def _writer(self, path: sample_path.SamplePath, hop: str) -> tuple[str, str]:
         """Return instance and host of who published `path` at `hop`, `""` where unknown."""
-        topic = TOPICS["frame" if hop == LIGHT else hop]
+        topic = TOPICS["frame" if hop == sample_path.LIGHT else hop]
         here = [
             report
             for process, report in self._reports.values()

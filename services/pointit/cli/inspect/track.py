@@ -67,7 +67,6 @@ class TrackerMeters:
     """Collects the messages of trackers."""
 
     def __init__(self, only: Sequence[str] = ()) -> None:
-        """Collect of the trackers `only`, or of all if there are none named."""
         self._only = frozenset(only)
         self._meters: dict[str, RateMeter] = {}
         self._ages_s: dict[str, deque[float]] = {}

@@ -9,10 +9,9 @@ import click
 
 from pointit.cli.common.site_link import site_options
 from pointit.cli.page import browser
-from pointit.cli.page.run_page import NEW_LINK
+from pointit.cli.page.run_page import NEW_LINK, browser_option, port_option
 from pointit.launch.page.page import (
     EVERYWHERE,
-    PORT,
     Page,
     is_available,
     kept_link,
@@ -38,16 +37,12 @@ from pointit.schemas.topics import SERVICE_ALIVE
 
 
 @click.command("dashboard", params=[*site_options(), log_option()])
-@click.option(
-    "--port",
-    type=click.IntRange(0, 65535),
-    help=f"port of the page on this machine, 0: any free one  [default: {PORT} or the next free one]",
-)
+@port_option("--port")
 @click.option(
     "--host", default="", help="address to listen on  [default: localhost only; with --lan, all addresses]"
 )
 @click.option("--lan", is_flag=True, help="also open the page to the local network, by HTTPS")
-@click.option("--no-browser", is_flag=True, help="do not open the page in a browser")
+@browser_option
 @click.option("--new-link", is_flag=True, help=NEW_LINK)
 @click.option("--view-only", is_flag=True, help="print only the link for viewing, not the one for control")
 def command(
@@ -84,11 +79,6 @@ def command(
 
 
 def _asked(port: int | None, host: str, *, is_lan: bool) -> dict[str, Any]:
-    """Return the page's parameters from the options.
-
-    Raises:
-        ConfigError: If the host would open the page to a network without encryption.
-    """
     asked: dict[str, Any] = {} if port is None else {"port": port}
     if is_lan:
         asked["lan"] = True

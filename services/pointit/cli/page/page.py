@@ -8,15 +8,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from pointit.cli.page import browser
-from pointit.launch.page.page import (
-    PORT,
-    Page,
-    is_available,
-    kept_link,
-    page_of,
-    page_unavailable_error,
-    where,
-)
+from pointit.cli.page.run_page import browser_option, port_option
+from pointit.launch.page.page import Page, is_available, kept_link, page_of, page_unavailable_error, where
 from pointit.launch.plan.settings import Settings
 from pointit.runtime.service.logs import setup_logging
 from pointit.runtime.service.shutdown import run_until_shutdown
@@ -30,12 +23,8 @@ LINK = "recording"
 
 @click.command("page")
 @click.argument("file", type=click.Path(path_type=Path))
-@click.option(
-    "--port",
-    type=click.IntRange(0, 65535),
-    help=f"port of the page on this machine, 0: any free one  [default: {PORT} or the next free one]",
-)
-@click.option("--no-browser", is_flag=True, help="do not open the page in a browser")
+@port_option("--port")
+@browser_option
 def command(*, file: Path, port: int | None, no_browser: bool) -> int:
     """Open the recording FILE in the page, with a timeline: play, pause, step, scrub.
 
@@ -56,7 +45,6 @@ def command(*, file: Path, port: int | None, no_browser: bool) -> int:
 
 
 async def _serve(recording: "Recording", title: str, page: Page, *, is_open: bool) -> int:
-    """Serve the page until cancelled."""
     from pointit.bridges.web.playback.file_past import FilePast  # noqa: PLC0415
     from pointit.bridges.web.playback.server import RecordingServer  # noqa: PLC0415
 

@@ -3,7 +3,7 @@
 import contextlib
 from collections.abc import Callable, Generator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import click
 
@@ -29,23 +29,29 @@ from pointit.runtime.bus.contract import Bus
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch
 
+F = TypeVar("F", bound=Callable[..., Any])
+
 NEW_LINK = (
     "create new links of the page and revoke the old ones  [default: the site's stored links, so that an "
     "open page reconnects after a restart at the same port]"
 )
 
+
+def port_option(name: str, metavar: str | None = None) -> Callable[[F], F]:
+    """Return the option for the page's port."""
+    text = f"port of the page on this machine, 0: any free one  [default: {PORT} or the next free one]"
+    return click.option(name, type=click.IntRange(0, 65535), metavar=metavar, help=text)
+
+
+browser_option = click.option("--no-browser", is_flag=True, help="do not open the page in a browser")
+
 OPTIONS: dict[str, Callable[[Any], Any]] = {
     "no_web": click.option("--no-web", is_flag=True, help="no page for browsers"),
-    "web_port": click.option(
-        "--web-port",
-        type=click.IntRange(0, 65535),
-        metavar="PORT",
-        help=f"port of the page on this machine, 0: any free one  [default: {PORT} or the next free one]",
-    ),
+    "web_port": port_option("--web-port", metavar="PORT"),
     "lan": click.option(
         "--lan", is_flag=True, help="also open the page to the local network, by HTTPS, which phones need"
     ),
-    "no_browser": click.option("--no-browser", is_flag=True, help="do not open the page in a browser"),
+    "no_browser": browser_option,
     "new_link": click.option("--new-link", is_flag=True, help=NEW_LINK),
 }
 
@@ -57,7 +63,6 @@ class RunPage(Beside):
     ONE_IS_ENOUGH: ClassVar[bool] = True
 
     def __init__(self, page: Page, *, opens_browser: bool = False) -> None:
-        """Create it. `opens_browser`: open it in a browser, if there is a desktop."""
         self.page = page
         self._opens_browser = opens_browser
         self._link: Path | None = None
@@ -106,12 +111,7 @@ def _options(function: Any) -> Any:
 
 
 def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Added:
-    """Return the page of a run, if it has one, and notices about it.
-
-    Raises:
-        ConfigError: If an option needs a page that is unavailable.
-        ListenError: If its port is in use.
-    """
+    """Return the page of a run, if it has one. Raises ConfigError, or ListenError if its port is in use."""
     port: int | None = options["web_port"]
     asked = {"--web-port": port is not None, "--lan": options["lan"], "--new-link": options["new_link"]}
     if options["no_web"]:

@@ -6,17 +6,10 @@ from typing import Unpack
 
 import click
 
+from pointit.cli.common import site_link
 from pointit.cli.common.keyboard import changing_line
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED, json_option, print_json, say
-from pointit.cli.common.site_link import (
-    AtSite,
-    LatestMessage,
-    default_address_note,
-    join_site,
-    quiet,
-    site_options,
-)
 from pointit.cli.people import pose_text
 from pointit.cli.people.anchoring import LATE_S, Anchoring
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
@@ -40,11 +33,11 @@ def timeout_option(default_s: float = 30.0) -> click.Option:
     )
 
 
-@click.command("anchor", params=[timeout_option(), *site_options()])
+@click.command("anchor", params=[timeout_option(), *site_link.site_options()])
 @click.argument("user")
 @click.argument("lamp", default="")
 @json_option
-def command(user: str, lamp: str, *, timeout_s: float, as_json: bool, **at: Unpack[AtSite]) -> int:
+def command(user: str, lamp: str, *, timeout_s: float, as_json: bool, **at: Unpack[site_link.AtSite]) -> int:
     """Have the person USER point at LAMP, without a cursor, and correct their pose by it.
 
     The lamp lights up; USER points at it with a straight arm until it goes dark. LAMP may also be a robot
@@ -56,13 +49,15 @@ def command(user: str, lamp: str, *, timeout_s: float, as_json: bool, **at: Unpa
     The exit code is 1 if it was not accepted.
     """
     check_name(user, "user")
-    quiet()
+    site_link.quiet()
     return run_until_shutdown(_anchor(user, lamp, timeout_s, as_json=as_json, **at))
 
 
-async def _anchor(user: str, lamp: str, timeout_s: float, *, as_json: bool, **at: Unpack[AtSite]) -> int:
-    async with join_site(**at) as bus:
-        poses = LatestMessage(bus, POSE, user)
+async def _anchor(
+    user: str, lamp: str, timeout_s: float, *, as_json: bool, **at: Unpack[site_link.AtSite]
+) -> int:
+    async with site_link.join_site(**at) as bus:
+        poses = site_link.LatestMessage(bus, POSE, user)
         anchoring = Anchoring(bus, user)
         before = await poses.wait(SHORT_S)
         try:
@@ -76,7 +71,7 @@ async def _anchor(user: str, lamp: str, timeout_s: float, *, as_json: bool, **at
     if as_json:
         print_json(_fields(user, anchor, before, after))
     else:
-        say(f"{user}: {sentence(anchor, before, after)}{default_address_note(**at)}")
+        say(f"{user}: {sentence(anchor, before, after)}{site_link.default_address_note(**at)}")
     return 0 if anchor.accepted else EXIT_FAILED
 
 

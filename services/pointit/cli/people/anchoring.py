@@ -167,7 +167,6 @@ def _more(waiting: Sequence[str]) -> str:
 
 
 def _ending(news: Localization) -> str | None:
-    """Return the reason in `news` for the end of the anchor, or None while it continues."""
     if news.phase == "idle":
         return "the localizer was restarted; try again"
     if news.purpose != "anchor":

@@ -8,29 +8,13 @@ from typing import Any, Unpack
 
 import click
 
+from pointit.cli.common import site_link
 from pointit.cli.common.keyboard import changing_line, wait_for_enter
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED, json_option, print_json, say
-from pointit.cli.common.site_link import (
-    PATIENCE_S,
-    AtSite,
-    default_address_note,
-    join_site,
-    notify_if_slow,
-    quiet,
-    site_options,
-)
+from pointit.cli.people import mounting
 from pointit.cli.people.anchoring import LISTEN_S
-from pointit.cli.people.mounting import (
-    APART_RAD,
-    Hold,
-    Mounting,
-    MountingError,
-    RestPoseCollector,
-    angle_between,
-    solve_mounting,
-)
 from pointit.cli.people.stored_calibration import erase_local, query_site, read_local
 from pointit.diagnosis.writers import silence_reason
 from pointit.geometry.rotation import IDENTITY, Quaternion
@@ -63,7 +47,7 @@ class GuidanceOptions:
     """Confirm before the result is used."""
 
 
-@click.command("mounting", params=site_options())
+@click.command("mounting", params=site_link.site_options())
 @click.argument("user")
 @click.option(
     "--seconds",
@@ -100,7 +84,7 @@ def command(
     show: bool,
     erase: bool,
     as_json: bool,
-    **at: Unpack[AtSite],
+    **at: Unpack[site_link.AtSite],
 ) -> int:
     """Measure and store the mounting of the person USER's sensor on the arm.
 
@@ -114,7 +98,7 @@ def command(
     check_name(user, "user")
     if show and erase:
         raise UnknownNameError("--show and --erase exclude each other")
-    quiet()
+    site_link.quiet()
     if show or erase:
         return run_until_shutdown(_keep(user, erase=erase, as_json=as_json, **at))
     way = GuidanceOptions(
@@ -126,8 +110,8 @@ def command(
     return run_until_shutdown(_measure(user, way, as_json=as_json, **at))
 
 
-async def _measure(user: str, way: GuidanceOptions, *, as_json: bool, **at: Unpack[AtSite]) -> int:
-    async with join_site(**at) as bus:
+async def _measure(user: str, way: GuidanceOptions, *, as_json: bool, **at: Unpack[site_link.AtSite]) -> int:
+    async with site_link.join_site(**at) as bus:
         try:
             found = await measure(bus, user, way)
             if not as_json:
@@ -142,7 +126,7 @@ async def _measure(user: str, way: GuidanceOptions, *, as_json: bool, **at: Unpa
     if as_json:
         print_json({"user": user, **fields(found), **_reply_fields(reply)})
         return 0
-    say(f"{user}: {reply.message}{default_address_note(**at)}")
+    say(f"{user}: {reply.message}{site_link.default_address_note(**at)}")
     if abs(found.heading_change_rad) > NOTICEABLE_RAD:
         click.echo(
             f"{user}: with it the direction turns by {math.degrees(found.heading_change_rad):.0f}°: correct "
@@ -151,7 +135,7 @@ async def _measure(user: str, way: GuidanceOptions, *, as_json: bool, **at: Unpa
     return 0
 
 
-async def measure(bus: Bus, user: str, way: GuidanceOptions) -> Mounting:
+async def measure(bus: Bus, user: str, way: GuidanceOptions) -> mounting.Mounting:
     """Guide the person through the two poses and return the mounting.
 
     Raises:
@@ -160,7 +144,7 @@ async def measure(bus: Bus, user: str, way: GuidanceOptions) -> Mounting:
     """
     wrist = _Wrist(bus, user)
     await wrist.check()
-    holds: list[Hold] = []
+    holds: list[mounting.Hold] = []
     for name, what in POSES:
         text = f"{user}: {what}"
         if way.waits:
@@ -175,14 +159,12 @@ async def measure(bus: Bus, user: str, way: GuidanceOptions) -> Mounting:
             holds.append(await wrist.rest(name, way, show, last))
         click.echo(f"{user}: good, the arm rested {name}", err=True)
     try:
-        return solve_mounting(*holds)
-    except MountingError as error:
+        return mounting.solve_mounting(*holds)
+    except mounting.MountingError as error:
         raise PointItError(f"{user}: {error}") from error
 
 
 class _Wrist:
-    """A person's samples."""
-
     def __init__(self, bus: Bus, user: str) -> None:
         self._bus = bus
         self._user = user
@@ -200,8 +182,8 @@ class _Wrist:
                 f"start it, as in `pointit person add {self._user} --imu serial:PORT`"
             )
         try:
-            with notify_if_slow(f"waiting for the wrist of {self._user} …"):
-                async with asyncio.timeout(PATIENCE_S):
+            with site_link.notify_if_slow(f"waiting for the wrist of {self._user} …"):
+                async with asyncio.timeout(site_link.PATIENCE_S):
                     await self._next()
         except TimeoutError:
             why = silence_reason(IMU, self._user, there)
@@ -209,17 +191,17 @@ class _Wrist:
 
     async def rest(
         self, name: str, way: GuidanceOptions, show: Callable[[str], None], apart_from: Quaternion | None
-    ) -> Hold:
+    ) -> mounting.Hold:
         """Return the next pose in which the arm rests and that is far from `apart_from`."""
-        stillness = RestPoseCollector(way.rest_s)
+        stillness = mounting.RestPoseCollector(way.rest_s)
         try:
             async with asyncio.timeout(way.timeout_s):
                 while True:
                     sample = await self._next()
                     turned_rad = math.pi
                     if apart_from is not None:
-                        turned_rad = angle_between(apart_from, sample.orientation_xyzw)
-                    if turned_rad < APART_RAD:
+                        turned_rad = mounting.angle_between(apart_from, sample.orientation_xyzw)
+                    if turned_rad < mounting.APART_RAD:
                         show(f"{self._user}: the arm has turned by {math.degrees(turned_rad):.0f}° so far")
                         continue
                     hold = stillness.add(sample.orientation_xyzw, sample.stamp_ns / NS_PER_S)
@@ -247,7 +229,7 @@ class _Wrist:
         self._fresh.set()
 
 
-def format_result(found: Mounting) -> list[str]:
+def format_result(found: mounting.Mounting) -> list[str]:
     """Return the result as lines of text."""
     about_deg, off_deg = math.degrees(found.about_arm_rad), math.degrees(found.off_axis_rad)
     way = "clockwise" if about_deg > 0 else "counter-clockwise"
@@ -267,7 +249,7 @@ def _deg(angle_rad: float) -> str:
     return f"{round(math.degrees(angle_rad), 1) + 0.0:+.1f}°"
 
 
-def fields(found: Mounting) -> dict[str, Any]:
+def fields(found: mounting.Mounting) -> dict[str, Any]:
     """Return the result, for programs."""
     return {
         "about_arm_deg": math.degrees(found.about_arm_rad),
@@ -288,7 +270,7 @@ def _reply_fields(reply: SetMountingReply) -> dict[str, Any]:
     return {"sensor_from_arm_xyzw": reply.sensor_from_arm_xyzw, "message": reply.message}
 
 
-async def _keep(user: str, *, erase: bool, as_json: bool, **at: Unpack[AtSite]) -> int:
+async def _keep(user: str, *, erase: bool, as_json: bool, **at: Unpack[site_link.AtSite]) -> int:
     """Show or delete the mounting: by imu-bridge if it runs, else in the file on this machine."""
     # an identity rotation queries the mounting in use
     query = SetMounting() if erase else SetMounting(sensor_from_arm_xyzw=IDENTITY, is_relative=True)
@@ -297,7 +279,7 @@ async def _keep(user: str, *, erase: bool, as_json: bool, **at: Unpack[AtSite]) 
         if as_json:
             print_json({"user": user, "from": "imu-bridge", **_reply_fields(reply)})
         else:
-            say(f"{user}: {reply.message}{default_address_note(**at) if erase else ''}")
+            say(f"{user}: {reply.message}{site_link.default_address_note(**at) if erase else ''}")
         return 0
     file = StateFile(StoredMountings, user, PURPOSE)
     if erase:

@@ -8,29 +8,13 @@ from typing import Any, Unpack
 
 import click
 
+from pointit.cli.common import site_link
 from pointit.cli.common.keyboard import ChangingLine, changing_line
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import INTERRUPTED, Section, console, json_option, print_json, print_table, say
-from pointit.cli.common.site_link import (
-    PATIENCE_S,
-    AtSite,
-    LatestMessage,
-    default_address_note,
-    join_site,
-    notify_if_slow,
-    quiet,
-    site_options,
-)
+from pointit.cli.people import offset_report
 from pointit.cli.people.anchor import timeout_option
 from pointit.cli.people.anchoring import LISTEN_S, Anchoring, AnchorNotStartedError
-from pointit.cli.people.offset_report import (
-    AnchorResidual,
-    assess,
-    describe,
-    rejection_reason,
-    shown_row,
-    table_row,
-)
 from pointit.cli.people.pose import found
 from pointit.cli.people.stored_calibration import erase_local, query_site, read_local
 from pointit.diagnosis.writers import silence_reason
@@ -57,7 +41,7 @@ class CalibrationOptions:
     keeps: bool
 
 
-@click.command("user", params=[timeout_option(), *site_options()])
+@click.command("user", params=[timeout_option(), *site_link.site_options()])
 @click.argument("user")
 @click.option(
     "--lamps",
@@ -86,7 +70,7 @@ def command(
     show: bool,
     erase: bool,
     as_json: bool,
-    **at: Unpack[AtSite],
+    **at: Unpack[site_link.AtSite],
 ) -> int:
     """Measure and store the pointing offset of the person USER.
 
@@ -102,7 +86,7 @@ def command(
     check_name(user, "user")
     if show and erase:
         raise UnknownNameError("--show and --erase exclude each other")
-    quiet()
+    site_link.quiet()
     if show or erase:
         return run_until_shutdown(_keep(user, erase=erase, as_json=as_json, **at))
     names = [name.strip() for text in lamps for name in text.split(",") if name.strip()]
@@ -110,8 +94,10 @@ def command(
     return run_until_shutdown(_measure(user, wanted, as_json=as_json, **at))
 
 
-async def _measure(user: str, wanted: CalibrationOptions, *, as_json: bool, **at: Unpack[AtSite]) -> int:
-    async with join_site(**at) as bus:
+async def _measure(
+    user: str, wanted: CalibrationOptions, *, as_json: bool, **at: Unpack[site_link.AtSite]
+) -> int:
+    async with site_link.join_site(**at) as bus:
         clock = SiteClock(bus)
         anchoring = Anchoring(bus, user)
         lamps = await _lamps(bus, user, wanted.lamps)
@@ -127,8 +113,8 @@ async def _measure(user: str, wanted: CalibrationOptions, *, as_json: bool, **at
             anchors, missed = await _point(anchoring, user, order, wanted.timeout_s)
         except asyncio.CancelledError:
             return INTERRUPTED
-        fitted, rows = assess(anchors, clock.now_ns())
-        problem = rejection_reason(rows)
+        fitted, rows = offset_report.assess(anchors, clock.now_ns())
+        problem = offset_report.rejection_reason(rows)
         if problem:
             problem = (
                 f"the pose looks wrong, {problem}: localize first, or `pointit person pose {user} X Y`, then "
@@ -144,15 +130,15 @@ async def _measure(user: str, wanted: CalibrationOptions, *, as_json: bool, **at
         said = ". ".join(filter(None, (problem, "nothing is changed (--dry-run)")))
         if wanted.keeps:
             reply = await bus.call(SET_OFFSET, SetOffset(offset=fitted.offset), user)
-            said = reply.message + default_address_note(**at)
+            said = reply.message + site_link.default_address_note(**at)
     if as_json:
         offset = fitted.offset.model_dump(mode="json")
-        told = [table_row(row) for row in rows]
+        told = [offset_report.table_row(row) for row in rows]
         print_json({"user": user, "offset": offset, "doubt": problem, "anchors": told, "missed": missed})
     else:
         if wanted.keeps:
             _show(user, rows)
-        click.echo(f"{user}: {describe(fitted.offset)}")
+        click.echo(f"{user}: {offset_report.describe(fitted.offset)}")
         say(f"{user}: {said}")
     return 0
 
@@ -160,12 +146,12 @@ async def _measure(user: str, wanted: CalibrationOptions, *, as_json: bool, **at
 async def _lamps(bus: Bus, user: str, wanted: Sequence[str]) -> list[str]:
     """Return the lamps to point at, after checking that the person's pose is known."""
     room, pose, news = (
-        LatestMessage(bus, MAP),
-        LatestMessage(bus, POSE, user),
-        LatestMessage(bus, LOCALIZATION, user),
+        site_link.LatestMessage(bus, MAP),
+        site_link.LatestMessage(bus, POSE, user),
+        site_link.LatestMessage(bus, LOCALIZATION, user),
     )
-    with notify_if_slow("waiting for the map …"):
-        environment = await room.wait(PATIENCE_S)
+    with site_link.notify_if_slow("waiting for the map …"):
+        environment = await room.wait(site_link.PATIENCE_S)
     if environment is None:
         raise NoAnswerError(f"there is no map: {await _why(bus, MAP, '')}")
     await found(bus, user, pose, news)
@@ -187,11 +173,7 @@ async def _why(bus: Bus, topic: AnyTopic, user: str) -> str:
 async def _point(
     anchoring: Anchoring, user: str, lamps: Sequence[str], timeout_s: float
 ) -> tuple[list[Anchor], list[str]]:
-    """Return the anchors, and the reasons why others failed.
-
-    Raises:
-        AnchorNotStartedError: If the localizer refuses, also after waiting.
-    """
+    """Return the anchors, and why others failed; raises if the localizer refuses, also after waiting."""
     anchors: list[Anchor] = []
     missed: list[str] = []
     with changing_line() as line:
@@ -226,16 +208,16 @@ async def _begun(anchoring: Anchoring, lamp: str, timeout_s: float, which: str, 
     return await anchoring.point(lamp, timeout_s, tell)
 
 
-def _show(user: str, rows: Sequence[AnchorResidual]) -> None:
+def _show(user: str, rows: Sequence[offset_report.AnchorResidual]) -> None:
     about = (
         f"how far {user} pointed too far right and too low, before and after correction, without a common "
         "turn, which belongs to the pose"
     )
-    section = Section(name="pointings", about=about, rows=tuple(map(shown_row, rows)))
+    section = Section(name="pointings", about=about, rows=tuple(map(offset_report.shown_row, rows)))
     print_table(console(), section)
 
 
-async def _keep(user: str, *, erase: bool, as_json: bool, **at: Unpack[AtSite]) -> int:
+async def _keep(user: str, *, erase: bool, as_json: bool, **at: Unpack[site_link.AtSite]) -> int:
     """Show or delete the offset: by the supervisor if it runs, else in the file on this machine."""
     file = StateFile(PointingOffset, user, OFFSET_PURPOSE)
     if erase:
@@ -245,7 +227,7 @@ async def _keep(user: str, *, erase: bool, as_json: bool, **at: Unpack[AtSite]) 
         if as_json:
             print_json({"user": user, "from": "supervisor", "message": reply.message})
         else:
-            say(f"{user}: {reply.message}{default_address_note(**at)}")
+            say(f"{user}: {reply.message}{site_link.default_address_note(**at)}")
         return 0
     profile = await query_site(lambda bus: _profile(bus, user), **at)
     if profile is not None:
@@ -254,17 +236,19 @@ async def _keep(user: str, *, erase: bool, as_json: bool, **at: Unpack[AtSite]) 
             shown: Any = None if offset is None else offset.model_dump(mode="json")
             print_json({"user": user, "from": "supervisor", "offset": shown})
         else:
-            click.echo(f"{user}: {'no offset is in use' if offset is None else describe(offset)}")
+            click.echo(
+                f"{user}: {'no offset is in use' if offset is None else offset_report.describe(offset)}"
+            )
         return 0
     offset = read_local(user, file, "offset", as_json=as_json)
     if offset is not None:
-        click.echo(f"{user}: {describe(offset)}")
+        click.echo(f"{user}: {offset_report.describe(offset)}")
     return 0
 
 
 async def _profile(bus: Bus, user: str) -> UserProfile:
-    with notify_if_slow(f"waiting for the profile of {user} …"):
-        profile = await LatestMessage(bus, PROFILE, user).wait(PATIENCE_S)
+    with site_link.notify_if_slow(f"waiting for the profile of {user} …"):
+        profile = await site_link.LatestMessage(bus, PROFILE, user).wait(site_link.PATIENCE_S)
     if profile is None:
         raise NoAnswerError(f"no profile of {user} came")
     return profile

@@ -162,7 +162,6 @@ def _degrees(angle_rad: float | None) -> float | None:
 
 
 def _tenths(angle_rad: float | None) -> Text | None:
-    """Return right-aligned degrees."""
     return (
         None
         if angle_rad is None

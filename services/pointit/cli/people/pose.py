@@ -2,24 +2,16 @@
 
 import asyncio
 import math
+from dataclasses import dataclass
 from typing import Unpack
 
 import click
 
+from pointit.cli.common import site_link
 from pointit.cli.common.keyboard import check_keyboard, wait_for_enter
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED, json_option, print_json, say
-from pointit.cli.common.site_link import (
-    PATIENCE_S,
-    AtSite,
-    LatestMessage,
-    default_address_note,
-    join_site,
-    notify_if_slow,
-    quiet,
-    site_options,
-)
 from pointit.cli.people import pose_text
 from pointit.cli.people.anchoring import LISTEN_S
 from pointit.cli.people.pose_text import localizing, missing_reason, out_of_map_warning, people
@@ -66,7 +58,7 @@ _DEGREES = Finite(-360, 360)
 
 @click.command(
     "pose",
-    params=site_options(),
+    params=site_link.site_options(),
     help=HELP,
     # a position may be negative, which looks like an option
     context_settings={"ignore_unknown_options": True},
@@ -95,7 +87,7 @@ def command(
     facing_deg: float | None,
     now: bool,
     as_json: bool,
-    **at: Unpack[AtSite],
+    **at: Unpack[site_link.AtSite],
 ) -> int:
     """Show or set a person's pose."""
     check_name(user, "user")
@@ -106,23 +98,19 @@ def command(
         )
     if now and facing_deg is None:
         raise UnknownNameError("--now belongs to --facing")
-    quiet()
+    site_link.quiet()
     if facing_deg is not None and not now:
         check_keyboard(WITHOUT_KEYBOARD)  # before anything is changed
     asked = _Asked(query, keeps_yaw=yaw_deg is None, facing_deg=facing_deg, now=now)
     return run_until_shutdown(_pose(user, asked, as_json=as_json, **at))
 
 
+@dataclass(frozen=True)
 class _Asked:
-    """Requested changes."""
-
-    def __init__(
-        self, place: SetPose | None, *, keeps_yaw: bool, facing_deg: float | None, now: bool
-    ) -> None:
-        self.place = place
-        self.keeps_yaw = keeps_yaw
-        self.facing_deg = facing_deg
-        self.now = now
+    place: SetPose | None
+    keeps_yaw: bool
+    facing_deg: float | None
+    now: bool
 
 
 def _place(words: tuple[str, ...], yaw_deg: float | None) -> SetPose | None:
@@ -147,10 +135,13 @@ def _place(words: tuple[str, ...], yaw_deg: float | None) -> SetPose | None:
     return SetPose(position_m=(x, y, z), yaw_rad=math.radians(yaw_deg or 0.0))
 
 
-async def _pose(user: str, asked: _Asked, *, as_json: bool, **at: Unpack[AtSite]) -> int:
-    async with join_site(**at) as bus:
+async def _pose(user: str, asked: _Asked, *, as_json: bool, **at: Unpack[site_link.AtSite]) -> int:
+    async with site_link.join_site(**at) as bus:
         clock = SiteClock(bus)
-        poses, news = LatestMessage(bus, POSE, user), LatestMessage(bus, LOCALIZATION, user)
+        poses, news = (
+            site_link.LatestMessage(bus, POSE, user),
+            site_link.LatestMessage(bus, LOCALIZATION, user),
+        )
         try:
             said = await _say(bus, user, asked, poses)
         except NoAnswerError as error:
@@ -164,7 +155,7 @@ async def _pose(user: str, asked: _Asked, *, as_json: bool, **at: Unpack[AtSite]
             return INTERRUPTED
         if said and not as_json:
             for sentence in said:
-                say(f"{user}: {sentence}{default_address_note(**at)}")
+                say(f"{user}: {sentence}{site_link.default_address_note(**at)}")
             return 0
         pose = await found(bus, user, poses, news)
         await clock.wait_for_tick(CLOCK_PATIENCE_S)
@@ -178,17 +169,20 @@ async def _pose(user: str, asked: _Asked, *, as_json: bool, **at: Unpack[AtSite]
 
 
 async def found(
-    bus: Bus, user: str, poses: LatestMessage[UserPose], progress: LatestMessage[Localization]
+    bus: Bus,
+    user: str,
+    poses: site_link.LatestMessage[UserPose],
+    progress: site_link.LatestMessage[Localization],
 ) -> UserPose:
     """Return a person's pose.
 
     Raises:
         NoAnswerError: If it is not known yet, or there is no such person; says what to do.
     """
-    with notify_if_slow(f"waiting for the pose of {user} …"):
+    with site_link.notify_if_slow(f"waiting for the pose of {user} …"):
         pose = await poses.wait(SHORT_S)
         if pose is None and not localizing(user, progress.value):
-            pose = await poses.wait(PATIENCE_S - SHORT_S)
+            pose = await poses.wait(site_link.PATIENCE_S - SHORT_S)
         if pose is not None:
             return pose
         if busy := localizing(user, progress.value):
@@ -213,14 +207,14 @@ def with_yaw_of(query: SetPose, before: UserPose) -> SetPose:
     )
 
 
-async def _say(bus: Bus, user: str, asked: _Asked, poses: LatestMessage[UserPose]) -> list[str]:
+async def _say(bus: Bus, user: str, asked: _Asked, poses: site_link.LatestMessage[UserPose]) -> list[str]:
     """Request the changes from the localizer, and return its messages."""
     said: list[str] = []
     before = poses.value
     if asked.place is not None:
         before = await poses.wait(YAW_PATIENCE_S)
         query = asked.place
-        room = await LatestMessage(bus, MAP).wait(MAP_PATIENCE_S)
+        room = await site_link.LatestMessage(bus, MAP).wait(MAP_PATIENCE_S)
         if room is not None and (far := out_of_map_warning(query.position_m, room)):
             click.echo(f"warning: {far}", err=True)
         more = ""

@@ -122,7 +122,6 @@ def command(
 
 
 def _print_result(result: "_Result", length_s: float, began_ns: int, *, as_json: bool) -> int:
-    """Print the counts or the comparison, and return the exit code."""
     if result.comparison is None:
         _print_counts(result.counts, length_s, as_json=as_json)
         return 0

@@ -23,11 +23,7 @@ def _options(function: Any) -> Any:
 
 
 def _add(_scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Added:
-    """Return the recorder of a run, if it has one.
-
-    Raises:
-        ConfigError: If the file is there already, or an option is for a recording that is not made.
-    """
+    """Return the recorder of a run, if any; ConfigError: it has a file already, or options but no file."""
     file: Path | None = options["record"]
     without, pseudonyms = options["without"], options["pseudonyms"]
     if file is None:

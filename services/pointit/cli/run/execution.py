@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import logging
 import time
-from collections.abc import AsyncGenerator, Generator
+from collections.abc import AsyncGenerator
 
 from rich.console import Console
 from rich.text import Text
@@ -64,7 +64,6 @@ def _tell(sentence: str, console: Console | None) -> None:
 
 
 async def _run(plan: Plan, console: Console | None) -> int:
-    """Run the plan to its end; write the summary even if it is interrupted."""
     bus = await open_bus(plan)
     try:
         run = _Run(await adapt_to_site(plan, bus), bus, console)
@@ -95,8 +94,6 @@ def _verdict(stage: RunningScenario) -> int:
 
 
 class _Run:
-    """One run on its bus."""
-
     def __init__(self, plan: Plan, bus: ZenohBus, console: Console | None) -> None:
         self.stage: RunningScenario | None = None
         self.lasted_s = 0.0
@@ -126,7 +123,10 @@ class _Run:
         )
         async with _told(stage, is_drawn=is_drawn):
             try:
-                with self._listening() as listening:
+                with contextlib.ExitStack() as listening:
+                    listening.callback(self._bus.subscribe(HEALTH, self._on_health).close)
+                    for each in self._plan.beside:
+                        listening.enter_context(each.joined(self._bus))
                     await stage.begin()
                     if self._plan.is_limited:
                         self._limit_s = stage.end_s
@@ -139,17 +139,7 @@ class _Run:
                 self.lasted_s = self._lasted_s(stage)
                 await stage.end()
 
-    @contextlib.contextmanager
-    def _listening(self) -> Generator[contextlib.ExitStack]:
-        """Subscribe to viewers, and open what runs beside the scenario needs."""
-        with contextlib.ExitStack() as stack:
-            stack.callback(self._bus.subscribe(HEALTH, self._on_health).close)
-            for each in self._plan.beside:
-                stack.enter_context(each.joined(self._bus))
-            yield stack
-
     def _announce(self, beside: Beside) -> None:
-        """Print what is to be said of what has begun beside the scenario."""
         for sentence in beside.greeting(is_drawn=self._console is not None):
             if self._console is None:
                 _say(sentence)

@@ -10,17 +10,8 @@ from pointit.cli.common.completed_names import scenarios
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.panels import PanelCommand
 from pointit.cli.display.summary import check_writable
+from pointit.cli.run import run_options
 from pointit.cli.run.execution import execute
-from pointit.cli.run.run_options import (
-    BESIDE_ROS,
-    OPTIONAL,
-    PANELS,
-    PARTS,
-    choices_of,
-    joining,
-    part_options,
-    shared_options,
-)
 from pointit.launch.plan.launches import Choices
 from pointit.launch.plan.plan import Plan
 from pointit.launch.plan.scenario import USUAL, read_scenario, scenario_names
@@ -37,11 +28,7 @@ NOBODY = "there are no people in this run: `pointit person add anna`, from anoth
 
 
 def _check_people(choices: Choices, people: int) -> None:
-    """Check that no option is given for more people than there are.
-
-    Raises:
-        ConfigError: If one is.
-    """
+    """Raise ConfigError if an option is given for more people than there are."""
     for option, given in (("--imu", choices.imu), ("--pose", choices.poses)):
         if len(given) > people:
             raise ConfigError(f"{option} is given for {len(given)} people, but there are {people} (--users)")
@@ -59,12 +46,12 @@ def _explain(context: click.Context, _parameter: click.Parameter, wanted: bool) 
     context.exit()
 
 
-@click.command("run", cls=PanelCommand, panels=PANELS, optional=OPTIONAL)
+@click.command("run", cls=PanelCommand, panels=run_options.PANELS, optional=run_options.OPTIONAL)
 @click.argument("scenario", default=USUAL, shell_complete=scenarios)
 @click.option(
     "--list", is_flag=True, is_eager=True, expose_value=False, callback=_explain, help="explain the scenarios"
 )
-@shared_options
+@run_options.shared_options
 @click.option(
     "--users",
     default=1,
@@ -96,7 +83,7 @@ def _explain(context: click.Context, _parameter: click.Parameter, wanted: bool) 
 @click.option(
     "--speed", default=1.0, show_default=True, type=Finite(0.1, 20), help="factor of simulated time"
 )
-@part_options
+@run_options.part_options
 @click.option("--summary", type=click.Path(path_type=Path), help="write the summary to this file, as JSON")
 @click.option("--json", "as_json", is_flag=True, help="print the summary as JSON")
 @click.option("--connect", multiple=True, help="join this address instead of listening")
@@ -139,10 +126,10 @@ def run(
     if options["listen"] and options["connect"]:
         raise ConfigError("--listen and --connect exclude each other: a run is joined, or joins another")
     chosen = read_scenario(scenario)
-    choices = choices_of(options, leds)
+    choices = run_options.choices_of(options, leds)
     people = 0 if site_only else users
     _check_people(choices, people)
-    added = [part.add(chosen, choices, options) for part in PARTS]
+    added = [part.add(chosen, choices, options) for part in run_options.PARTS]
     choices = dataclasses.replace(choices, page=any(each.moves_wrists for each in added))
     launches = scenario_launches(chosen, choices, people)
     check_settings(launches, choices, *(name for each in added for name in each.services))
@@ -154,7 +141,7 @@ def run(
     plan = Plan(
         name=name,
         launches=launches,
-        link=joining(options),
+        link=run_options.joining(options),
         target_kinds=chosen.target_kinds,
         seed=choices.seed,
         duration_s=duration_s,
@@ -185,7 +172,7 @@ def run(
 def _ros2_notes(options: dict[str, Any]) -> tuple[str, ...]:
     if not options["ros2"] or options["listen"] or options["connect"] or given_credentials() is not None:
         return ()
-    return (f"7447 is the ROS router's port: give other commands --connect {BESIDE_ROS}",)
+    return (f"7447 is the ROS router's port: give other commands --connect {run_options.BESIDE_ROS}",)
 
 
 for _parameter in link_options():

@@ -27,17 +27,8 @@ PARTS = present(RUN_PARTS)
 
 PANELS = {
     "People": (
-        "users",
-        "site_only",
-        "scenario",
-        "place",
-        "here",
-        "localize",
-        "targets",
-        "poses",
-        "hand",
-        "stature_m",
-        "method",
+        *("users", "site_only", "scenario", "place", "here", "localize", "targets", "poses", "hand"),
+        *("stature_m", "method"),
     ),
     "Devices": ("imu", "leds", "ros2"),
     **{part.heading: part.names for part in PARTS},

@@ -30,19 +30,18 @@ def command(ctx: click.Context, *, shell: str | None, is_printed: bool) -> None:
     name = shell or Path(os.environ.get("SHELL", "")).name
     if name not in SHELLS:
         raise ConfigError(f"SHELL: {name or 'none'} is not supported; name one of {', '.join(SHELLS)}")
-    script = _script(ctx.find_root().command, name)
+    script = SHELLS[name](ctx.find_root().command, {}, "pointit", COMPLETE).source()
+    script = ZSH_SETUP + script if name == "zsh" else script
     if is_printed:
         click.echo(script)
         return
     if name == "fish":
-        file, start = _config_folder() / "fish/completions/pointit.fish", None
+        folder = Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config")
+        file, start = folder / "fish/completions/pointit.fish", None
     else:
         file = platformdirs.user_data_path("pointit", appauthor=False) / f"completion.{name}"
-        start = (
-            Path(os.environ.get("ZDOTDIR", Path.home()), ".zshrc")
-            if name == "zsh"
-            else Path.home() / ".bashrc"
-        )
+        zsh = Path(os.environ.get("ZDOTDIR", Path.home()), ".zshrc")
+        start = zsh if name == "zsh" else Path.home() / ".bashrc"
     line = f'source "{file}"\n'
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
@@ -56,12 +55,3 @@ def command(ctx: click.Context, *, shell: str | None, is_printed: bool) -> None:
         ) from error
     where = f"{file}" if start is None else f"{file}, which {start} loads"
     click.echo(f"completion for {name} is in {where}; open a new terminal to use it")
-
-
-def _script(group: click.Command, shell: str) -> str:
-    script = SHELLS[shell](group, {}, "pointit", COMPLETE).source()
-    return ZSH_SETUP + script if shell == "zsh" else script
-
-
-def _config_folder() -> Path:
-    return Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config")

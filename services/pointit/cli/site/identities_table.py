@@ -11,7 +11,7 @@ from pointit.access.site_folder import STATE, SiteFolder
 from pointit.access.site_state import Identity, SiteState
 from pointit.cli.common.output import Row, Section
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.link.credentials import SOON, Credentials
+from pointit.runtime.link.credentials import SOON, Credentials, LinkFile
 
 ENDING = ("expired", "ends soon")
 STYLES = {"expired": "red", "ends soon": "yellow", "revoked": "dim"}
@@ -20,17 +20,17 @@ STYLES = {"expired": "red", "ends soon": "yellow", "revoked": "dim"}
 def rows_of(state: SiteState, names: Iterable[str], now: dt.datetime) -> list[dict[str, Any]]:
     """Return a row for each of `names`; identities with a password do not expire."""
     return [
-        {
-            "name": name,
-            "role": one.role,
-            "generation": one.generation,
-            "state": _standing(one.state, until, now),
-            "until": until and until.date().isoformat(),
-        }
+        {"name": name, **_about(one, _end(state, one), one.state, now)}
         for name in sorted(names)
         for one in [state.identities[name]]
-        for until in [_end(state, one)]
     ]
+
+
+def _about(
+    one: Identity | LinkFile, until: dt.datetime | None, state: str, now: dt.datetime
+) -> dict[str, Any]:
+    standing, day = _standing(state, until, now), until and until.date().isoformat()
+    return {"role": one.role, "generation": one.generation, "state": standing, "until": day}
 
 
 def present(state: SiteState) -> list[str]:
@@ -65,16 +65,7 @@ def visible_rows(
         return []
     link = credentials.link
     until = None if link.password else link.valid_until
-    return [
-        {
-            "name": link.name,
-            "role": link.role,
-            "generation": link.generation,
-            "state": _standing("valid", until, now),
-            "until": until and until.date().isoformat(),
-            "own": True,
-        }
-    ]
+    return [{"name": link.name, **_about(link, until, "valid", now), "own": True}]
 
 
 def section(rows: Iterable[Row]) -> Section:

@@ -26,14 +26,8 @@ F = TypeVar("F", bound=Callable[..., Any])
 DEFAULT_DAYS = 365.0
 DEFAULT_PORT = 7447
 DASHBOARD_HZ = 20.0
-STANDING: dict[str, Role] = {
-    "services": "services",
-    "web": "web",
-    "ros2": "ros2",
-    "operator": "operator",
-    "supervisor": "supervisor",
-}
-"""Identities that every site has."""
+STANDING: tuple[Role, ...] = ("services", "web", "ros2", "operator", "supervisor")
+"""Identities that every site has, called like their roles."""
 MOST = 256
 LOOK_S = 5.0
 """Timeout of joining the site that a folder is of, s."""
@@ -114,7 +108,7 @@ def init(
     """
     check_name(name, "site")
     people = [f"user{number}" for number in range(1, _count(users) + 1)] if users.isdigit() else _names(users)
-    roles: dict[str, Role] = dict(STANDING)
+    roles: dict[str, Role] = {role: role for role in STANDING}
     for person in (*people, *(f"guest{number}" for number in range(1, guests + 1))):
         _refuse_taken(person, roles)
         roles[person] = "user"

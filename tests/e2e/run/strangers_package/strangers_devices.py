@@ -25,7 +25,6 @@ class Waving:
         self._clock = surroundings.clock
 
     async def run(self, deliver: plugins.Deliver) -> None:
-        """Deliver readings until cancelled."""
         while True:
             now_ns = self._clock.now_ns()
             azimuth_rad = math.radians(30) * math.sin(now_ns / plugins.NS_PER_S)
@@ -49,15 +48,12 @@ class Notebook:
         self.light_s = 0.0
 
     def set_strips(self, strips: Sequence[plugins.Strip]) -> None:
-        """Write the number of strips."""
         self._write(f"{len(strips)} strips")
 
     def show(self, frame: plugins.StripsFrame, age_s: float = 0.0) -> None:
-        """Write the brightest byte of the frame, and the age of what it shows."""
         self._write(f"{max(max(strip.rgb) for strip in frame.strips)} after {age_s:.3f} s")
 
     async def run(self) -> None:
-        """Wait until cancelled, then write that it is dark."""
         try:
             await asyncio.Event().wait()
         finally:
@@ -82,7 +78,6 @@ class Eager:
         self.latched: set[str] = set()
 
     def step(self, pointing: plugins.PointingSample) -> plugins.SelectionProgress:
-        """Select what is under the cursor, once."""
         under = pointing.under
         if under is None or under in self.latched or not pointing.acts(under):
             return plugins.SelectionProgress(under)
@@ -90,7 +85,6 @@ class Eager:
         return plugins.SelectionProgress(under, fired=under)
 
     def latch(self, object_id: str) -> None:
-        """Ignore it from now on."""
         self.latched.add(object_id)
 
 

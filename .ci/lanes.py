@@ -39,7 +39,10 @@ ROOMS = {
     "devices": Room(
         ("lab/pointit_lab/devices",),
         ("tests/devices",),
-        (*(f"tests/unit/{name}" for name in ("imu_bridge", "led_driver", "robot", "testing_kit")), "tests/wheel"),
+        (
+            *(f"tests/unit/{name}" for name in ("imu_bridge", "led_driver", "robot", "testing_kit")),
+            "tests/wheel",
+        ),
     ),
     "lab": Room(
         tuple(f"lab/pointit_lab/{name}" for name in ("benchmarks", "cli", "evaluation", "loadtest")),

@@ -41,13 +41,8 @@ from pointit.testing.trial import TrialHealth
 from tests.examples.running import running
 from tests.support.bench import memory_bench, until
 from tests.support.buses import free_port, is_listening
-<<<<<<< HEAD
 from tests.support.environments import fetched
-from tests.support.mqtt import broker
-=======
 from tests.support.mqtt import broker, overheard
-from tests.support.npm_program import fetched
->>>>>>> m3
 from tests.unit.robot.flight import ROBOT, ROOM, Pilotage
 
 AGV = Path(__file__).with_name("vda5050_agv")

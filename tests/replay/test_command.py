@@ -114,7 +114,7 @@ def invoke(*arguments: str | Path) -> Result:
 def test_the_services_that_were_recorded_do_the_same_again(level: str, tmp_path: Path) -> None:
     file = write(tmp_path / "session.mcap", whole_session())
     result = invoke(file, "--from", level, "--compare", "--json")
-    found = json.loads(result.output)
+    found = json.loads(result.stdout)
     assert found["is_same"], result.output
     assert result.return_value == 0
     keys = {topic["key"]: topic["replayed"] for topic in found["topics"]}
@@ -126,7 +126,7 @@ def test_the_services_that_were_recorded_do_the_same_again(level: str, tmp_path:
 def test_requests_from_outside_are_asked_again_once_and_their_replies_compared(tmp_path: Path) -> None:
     entries = session_with_requests()
     result = invoke(write(tmp_path / "session.mcap", entries), "--compare", "--json")
-    topics = {topic["key"]: topic for topic in json.loads(result.output)["topics"]}
+    topics = {topic["key"]: topic for topic in json.loads(result.stdout)["topics"]}
     asked = [SET_TOLERANCE.key, UNDO_SELECTION.at("anna"), SET_POSE.at("anna")]
     assert [topics[key]["recorded"] for key in asked] == [1, 1, 1]
     assert [topics[key]["replayed"] for key in asked] == [1, 1, 1]
@@ -367,4 +367,4 @@ def test_a_configuration_that_cannot_be_used_is_refused_in_one_sentence(
 def test_in_real_time_the_services_run_too() -> None:
     result = invoke(RECORDINGS / "lamps.mcap", "--speed", "50", "--json")
     assert result.return_value == 0, result.output
-    assert json.loads(result.output)["replayed"][MAP.key] == 1
+    assert json.loads(result.stdout)["replayed"][MAP.key] == 1

@@ -14,7 +14,7 @@ from pointit.recording.writer import RecordingWriter
 from pointit.schemas import NS_PER_S
 from pointit.schemas.catalogue.example import example
 from pointit.schemas.topics import PRESENCES, REQUESTS, TOPICS
-from tests.support.npm_program import FETCH_S, fetched
+from tests.support.environments import FETCH_S, fetched
 
 READER = Path(__file__).with_name("reader")
 START = 1_700_000_000 * NS_PER_S

@@ -17,7 +17,7 @@ from pointit.bridges.ros2.routing.route_types import InboundRoute, ServiceRoute
 from pointit.bridges.ros2.routing.routes import routes
 from tests.interop.ros2.ament import definition
 from tests.interop.ros2.peers import EMPTY, HERE, TYPES
-from tests.support.npm_program import fetched
+from tests.support.environments import fetched
 from tests.support.told import Told
 from tests.unit.ros2.values import any_value
 

@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from pointit.cli.common.output import Section, print_table, say
-from pointit.cli.display.view import draw
+from pointit.cli.display.view import View
 from pointit.launch.run.monitor import Monitor
 from pointit.launch.run.score import Score
 from pointit.runtime.clock import WallClock
@@ -75,7 +75,7 @@ def test_view_shows_names_of_surfaces_as_they_are() -> None:
     console = PlainConsole(file=io.StringIO(), force_terminal=True, width=100)
     monitor = Monitor(Score(()), WallClock())
     monitor.cursors["anna"] = Cursor(stamp_ns=1, surface="strip", surface_id="[/x]\x1bc", position_m=1.0)
-    console.print(draw(monitor, "PointIt", lambda: 0.0))
+    console.print(View(monitor, "PointIt", lambda: 0.0))
     assert "strip [/x]?c" in written(console)
 
 

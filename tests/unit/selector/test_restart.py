@@ -38,7 +38,7 @@ def kill(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[[str], Non
 def audited() -> list[dict[str, Any]]:
     result = CliRunner().invoke(audit_command, ["--site", SITE, "--json"])
     assert result.exit_code == 0
-    events: list[dict[str, Any]] = json.loads(result.output)["events"]
+    events: list[dict[str, Any]] = json.loads(result.stdout)["events"]
     return events
 
 

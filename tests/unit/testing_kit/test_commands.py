@@ -96,7 +96,7 @@ def test_plugin_without_a_fake_device_is_told_how_to_get_one(
     install(package, stack)
     result = invoke(check.command, "my-bare-wrist", "--json")
     assert result.exit_code == 1
-    (row,) = json.loads(result.output)
+    (row,) = json.loads(result.stdout)
     assert (row["plugin"], row["check"]) == ("imu-source my-bare-wrist", "fake_device")
     assert "add an entry point 'my-bare-wrist' of the group pointit.fake_devices" in row["problem"]
 

@@ -77,25 +77,10 @@ class Bench:
         self.lights.on_cursor(user, cursor.model_copy(update=more), 0)
 
     def put(self, name: str, kind: str, surface: Kind, line: str, along_m: float) -> None:
-<<<<<<< HEAD
-        self.things.append(
-            TrackedObject(
-                id=name,
-                kind=kind,
-                position_m=(0.0, 0.0, 0.0),
-                length_m=0.3,
-                surface=surface,
-                surface_id=line,
-                surface_position_m=along_m,
-            )
-        )
-        self.lights.content.set_objects("t", TrackedObjects(stamp_ns=0, objects=tuple(self.things)), 0)
-=======
         lying = {"surface": surface, "surface_id": line, "surface_position_m": along_m}
         fields = {"id": name, "kind": kind, "position_m": (0.0, 0.0, 0.0), "length_m": 0.3, **lying}
         self.things.append(TrackedObject.model_validate(fields))
-        self.lights.on_objects("t", TrackedObjects(stamp_ns=0, objects=tuple(self.things)), 0)
->>>>>>> m4
+        self.lights.content.set_objects("t", TrackedObjects(stamp_ns=0, objects=tuple(self.things)), 0)
 
     def choose(self, **owners: str) -> None:
         objects = tuple(SelectedObject(id=name, user=user, since_ns=0) for name, user in owners.items())

@@ -12,13 +12,8 @@ import click
 from pointit.cli.common.installed_commands import LAB
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import json_option, print_json
-<<<<<<< HEAD
-from pointit.plugins import GROUPS, ConfigError, Plugin
-from pointit.runtime.config.plugins import OURS
-=======
 from pointit.plugins import GROUPS, ConfigError, Plugin, SelectionMethod, ServicePlugin
 from pointit.runtime.config.installed import OURS
->>>>>>> m3
 from pointit.runtime.config.similar_names import nearest
 from pointit.runtime.host.extras import remedy
 from pointit.testing import SUITES, Harness, checks, run_checks

@@ -109,8 +109,8 @@ def schema_name(row: AnyRow) -> str:
 def entry_of(served: ServedRequest, instance: str, now_ns: int) -> Entry | None:
     """Return the entry of a request that `instance` says it answered, or None if it is not valid.
 
-    It is not if its row is unknown here, or if requests of this kind are answered by other services, or by the
-    service of another person.
+    It is not if its row is unknown here, or if other services answer requests of this kind, or the service of
+    another person.
     """
     found = find_row("request", served.request)
     if found is None:

@@ -11,23 +11,26 @@ class FoxgloveConfig(Config):
     """Listening address of the viewers' server, and rates."""
 
     host: str = Field(
-        "127.0.0.1",
+        default="127.0.0.1",
         min_length=1,
         description="address to listen on; anything but the loopback shows the site to the whole network",
     )
     port: int = Field(
-        8765,
+        default=8765,
         ge=0,
         le=65535,
         description="port to listen on, 0: any free port; in the viewer open a Foxglove WebSocket connection "
         "to ws://127.0.0.1:8765 and import the layout named in the log",
     )
     rate_hz: float = Field(
-        30.0, gt=0, le=120, description="maximum rate of updates, Hz; only the newest state is sent"
+        default=30.0, gt=0, le=120, description="maximum rate of updates, Hz; only the newest state is sent"
     )
     forget_s: float = Field(
-        1.0, ge=0.1, le=60, description="rays and objects without a message for this long are removed, s"
+        default=1.0,
+        ge=0.1,
+        le=60,
+        description="rays and objects without a message for this long are removed, s",
     )
     kind_colors: dict[str, Rgb] = Field(
-        KIND_COLORS, description="red, green, blue by kind of object; others are grey"
+        default=KIND_COLORS, description="red, green, blue by kind of object; others are grey"
     )

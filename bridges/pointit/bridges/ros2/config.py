@@ -25,27 +25,28 @@ class BackendConfig(Config):
     """Connection to the ROS graph."""
 
     kind: Literal["rmw_zenoh", "dds"] = Field(
-        "rmw_zenoh",
+        default="rmw_zenoh",
         description="how the ROS nodes speak: rmw_zenoh, RMW_IMPLEMENTATION=rmw_zenoh_cpp; dds, DDS or "
         "any other middleware of the ROS that is installed and sourced here, by its rclpy (mode and endpoint "
         "do not matter then)",
     )
     mode: Literal["auto", "peer", "client", "router"] = Field(
-        "auto",
+        default="auto",
         description="peer: as ROS nodes do, and it may start before the router; client: everything through "
         "the router, for a robot across a network; router: be the ROS router itself; auto: peer where a "
         "router answers or has to be on another machine, else router",
     )
     endpoint: str = Field(
-        "tcp/127.0.0.1:7447", description="where the ROS router listens, or where to listen as the router"
+        default="tcp/127.0.0.1:7447",
+        description="where the ROS router listens, or where to listen as the router",
     )
-    domain_id: int = Field(0, ge=0, le=232, description="ROS_DOMAIN_ID of the ROS nodes")
+    domain_id: int = Field(default=0, ge=0, le=232, description="ROS_DOMAIN_ID of the ROS nodes")
     distro: Distro = Field(
-        "jazzy", description="distribution of the ROS nodes; those up from jazzy hear each other"
+        default="jazzy", description="distribution of the ROS nodes; those up from jazzy hear each other"
     )
-    node: str = Field("/pointit", description="full name of the bridge's node in the ROS graph")
+    node: str = Field(default="/pointit", description="full name of the bridge's node in the ROS graph")
     max_message_bytes: int = Field(
-        1_000_000,
+        default=1_000_000,
         ge=1000,
         le=16_000_000,
         description="longer messages of ROS nodes are dropped unread, bytes",
@@ -63,29 +64,29 @@ class Ros2Config(Config):
     """The ROS graph, and the routes to and from it."""
 
     backend: BackendConfig = Field(
-        BackendConfig(), description="how the bridge joins the ROS graph, and as whom"
+        default=BackendConfig(), description="how the bridge joins the ROS graph, and as whom"
     )
     routes: Path | None = Field(
-        None,
+        default=None,
         description="YAML file that changes names, rates and frames of routes, or leaves some out; "
         "`docs/how-to/ros2.md` in the repository lists them",
     )
     unread: bool = Field(
-        False,
+        default=False,
         description="publish also what no node in the ROS graph subscribes to, at the cost of what is read",
     )
     ros4hri: bool = Field(
-        False,
+        default=False,
         description="also publish people as REP-155 (ROS4HRI) defines, so that pyhri and libhri list them",
     )
     people: tuple[str, ...] = Field(
-        (),
+        default=(),
         max_length=MAX_GUESTS,
         description="people without `pointit person add`, as [anna, ben], all of whose nodes are ROS nodes: "
         "their pointing_ray, tf and PUI_subscription are read",
     )
     trackers: dict[str, TrackerConfig] = Field(
-        {},
+        default={},
         max_length=MAX_TRACKERS,
         description="objects that ROS nodes track, by the name of their tracker: topics, or frames of tf",
     )

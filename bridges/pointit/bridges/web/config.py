@@ -9,16 +9,16 @@ class Place(Config):
     """A person's assumed position and heading until their pose is known."""
 
     position_m: tuple[float, float, float] = Field(description="of their feet in {W}, m")
-    yaw_deg: float = Field(0.0, description="azimuth of {H}'s x axis in {W}, °")
+    yaw_deg: float = Field(default=0.0, description="azimuth of {H}'s x axis in {W}, °")
 
 
 class WebConfig(Config):
     """Address of the page, access to it, rates."""
 
-    host: str = Field("127.0.0.1", description="listening address, not encrypted")
-    port: int = Field(8090, ge=0, le=65535, description="port at `host`; 0: any free port")
+    host: str = Field(default="127.0.0.1", description="listening address, not encrypted")
+    port: int = Field(default=8090, ge=0, le=65535, description="port at `host`; 0: any free port")
     published_port: int = Field(
-        0,
+        default=0,
         ge=0,
         le=65535,
         description="port of 127.0.0.1 at which the page is opened, where a container's engine or ssh passes "
@@ -27,17 +27,23 @@ class WebConfig(Config):
     SECRETS = frozenset({"operator_token", "viewer_token"})
 
     operator_token: str = Field(
-        "", description="token for control; if empty, a random one, written to a file"
+        default="", description="token for control; if empty, a random one, written to a file"
     )
-    viewer_token: str = Field("", description="token for viewing only; if empty, a random one")
-    lan: bool = Field(False, description="open to the local network from the start, by HTTPS; phones need it")
-    lan_port: int = Field(8443, ge=0, le=65535, description="port for HTTPS; 0: any free port")
-    lan_address: str = Field("", description="this machine's address in the local network; detected if empty")
-    rate_hz: float = Field(60.0, gt=0, le=240, description="maximum rate of batches to a page, Hz")
-    wrist_rate_hz: float = Field(60.0, ge=5, le=200, description="sample rate of an arm moved by a mouse, Hz")
-    record_s: float = Field(60.0, ge=0, le=600, description="length of a recording, s")
+    viewer_token: str = Field(default="", description="token for viewing only; if empty, a random one")
+    lan: bool = Field(
+        default=False, description="open to the local network from the start, by HTTPS; phones need it"
+    )
+    lan_port: int = Field(default=8443, ge=0, le=65535, description="port for HTTPS; 0: any free port")
+    lan_address: str = Field(
+        default="", description="this machine's address in the local network; detected if empty"
+    )
+    rate_hz: float = Field(default=60.0, gt=0, le=240, description="maximum rate of batches to a page, Hz")
+    wrist_rate_hz: float = Field(
+        default=60.0, ge=5, le=200, description="sample rate of an arm moved by a mouse, Hz"
+    )
+    record_s: float = Field(default=60.0, ge=0, le=600, description="length of a recording, s")
     most_viewers: int = Field(
-        100, ge=1, le=10_000, description="maximum number of open pages; more are refused"
+        default=100, ge=1, le=10_000, description="maximum number of open pages; more are refused"
     )
     places: dict[str, Place] = Field(
         default_factory=dict[str, Place],

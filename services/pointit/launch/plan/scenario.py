@@ -41,12 +41,12 @@ class Scenario(Config):
     """Contents of a scenario file."""
 
     about: str = Field(description="one sentence")
-    explained: str = Field("", description="what happens and what to look at, some sentences")
-    duration_s: float = Field(60.0, gt=0, description="default duration, s")
-    target_kinds: tuple[str, ...] = Field((), description="kinds of objects to select")
+    explained: str = Field(default="", description="what happens and what to look at, some sentences")
+    duration_s: float = Field(default=60.0, gt=0, description="default duration, s")
+    target_kinds: tuple[str, ...] = Field(default=(), description="kinds of objects to select")
     places: tuple[Place, ...] = Field(min_length=1, description="where people stand, in turn")
-    site: dict[str, dict[str, Any]] = Field({}, description="services for all, by name")
-    user: dict[str, dict[str, Any]] = Field({}, description="services per person, by name")
+    site: dict[str, dict[str, Any]] = Field(default={}, description="services for all, by name")
+    user: dict[str, dict[str, Any]] = Field(default={}, description="services per person, by name")
     _source: str = PrivateAttr(default="scenario")
 
     @property

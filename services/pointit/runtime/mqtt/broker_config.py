@@ -25,14 +25,14 @@ def split_address(address: str) -> tuple[str, int | None]:
 class BrokerConfig(Config):
     """A broker, and how to log in to it."""
 
-    broker: str = Field("", description="HOST or HOST:PORT of the broker")
-    tls: bool = Field(False, description="encrypt the connection; the default port is 8883 then")
+    broker: str = Field(default="", description="HOST or HOST:PORT of the broker")
+    tls: bool = Field(default=False, description="encrypt the connection; the default port is 8883 then")
     ca_file: str = Field(
-        "", description="file with the authority of the broker's certificate; the system's if empty"
+        default="", description="file with the authority of the broker's certificate; the system's if empty"
     )
-    username: str = Field("", description="user name at the broker, if it asks for one")
+    username: str = Field(default="", description="user name at the broker, if it asks for one")
     password_file: str = Field(
-        "", description="file with the password; the variable MQTT_PASSWORD has it if empty"
+        default="", description="file with the password; the variable MQTT_PASSWORD has it if empty"
     )
 
     @field_validator("broker")

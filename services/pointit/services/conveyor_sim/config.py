@@ -19,29 +19,37 @@ class FeederConfig(Config):
     """Packages that are fed to the lanes in turn, and their interval."""
 
     sequence: tuple[str, ...] = Field(
-        ("red", "green", "blue"),
+        default=("red", "green", "blue"),
         description="kinds of the objects fed, repeated in this order; if empty, nothing is fed",
     )
-    interval_s: float = Field(2.0, gt=0, le=3600, description="from one object to the next, s")
-    length_m: float = Field(0.3, gt=0, le=5, description="length of the objects fed, m")
-    count: int = Field(0, ge=0, description="number of objects fed, including initial ones; 0: unlimited")
-    initial: int = Field(0, ge=0, le=10_000, description="number of objects at the start, evenly spaced")
+    interval_s: float = Field(default=2.0, gt=0, le=3600, description="from one object to the next, s")
+    length_m: float = Field(default=0.3, gt=0, le=5, description="length of the objects fed, m")
+    count: int = Field(
+        default=0, ge=0, description="number of objects fed, including initial ones; 0: unlimited"
+    )
+    initial: int = Field(
+        default=0, ge=0, le=10_000, description="number of objects at the start, evenly spaced"
+    )
 
 
 class NamedFeederConfig(Config):
     """A feeder at the start of one belt."""
 
     belt: str = Field(description="id of the belt at whose start it feeds")
-    sequence: tuple[str, ...] = Field((), description="kinds, repeated in this order; or give probabilities")
-    probabilities: dict[str, float] = Field({}, description="relative frequency by kind; or give a sequence")
+    sequence: tuple[str, ...] = Field(
+        default=(), description="kinds, repeated in this order; or give probabilities"
+    )
+    probabilities: dict[str, float] = Field(
+        default={}, description="relative frequency by kind; or give a sequence"
+    )
     min_interval_s: float = Field(
-        4.0, gt=0, le=3600, description="shortest time from one package to the next, s"
+        default=4.0, gt=0, le=3600, description="shortest time from one package to the next, s"
     )
     max_interval_s: float = Field(
-        7.0, gt=0, le=3600, description="longest time from one package to the next, s"
+        default=7.0, gt=0, le=3600, description="longest time from one package to the next, s"
     )
-    length_m: float = Field(0.3, gt=0, le=5, description="length of the packages, m")
-    count: int = Field(0, ge=0, description="number of packages fed; 0: unlimited")
+    length_m: float = Field(default=0.3, gt=0, le=5, description="length of the packages, m")
+    count: int = Field(default=0, ge=0, description="number of packages fed; 0: unlimited")
 
     @model_validator(mode="after")
     def _is_sound(self) -> Self:
@@ -60,15 +68,15 @@ class TrackingConfig(Config):
     """Faults of a simulated tracker; the defaults have none."""
 
     noise_m: float = Field(
-        0.0, ge=0, le=1, description="standard deviation of reported positions along the belt, m"
+        default=0.0, ge=0, le=1, description="standard deviation of reported positions along the belt, m"
     )
     missed_share: float = Field(
-        0.0, ge=0, lt=1, description="share of the packages missing in a report, independently"
+        default=0.0, ge=0, lt=1, description="share of the packages missing in a report, independently"
     )
-    dropout_share: float = Field(0.0, ge=0, lt=1, description="share of the reports lost, in bursts")
-    dropout_s: float = Field(0.4, gt=0, le=60, description="mean length of a burst, s")
+    dropout_share: float = Field(default=0.0, ge=0, lt=1, description="share of the reports lost, in bursts")
+    dropout_s: float = Field(default=0.4, gt=0, le=60, description="mean length of a burst, s")
     latency_s: float = Field(
-        0.0, ge=0, le=5, description="age of a report's content and stamp when it is published, s"
+        default=0.0, ge=0, le=5, description="age of a report's content and stamp when it is published, s"
     )
 
 
@@ -78,45 +86,45 @@ class ConveyorSimConfig(Config):
     REPLACED: ClassVar[tuple[str, ...]] = ("feeders",)
 
     surface: Literal["strip", "belt"] = Field(
-        "belt", description="belt: the map's belts; strip: its LED strips, used as belts"
+        default="belt", description="belt: the map's belts; strip: its LED strips, used as belts"
     )
     lanes: tuple[str, ...] = Field(
-        (), description="ids of the belts or strips of the map that move; all of them if empty"
+        default=(), description="ids of the belts or strips of the map that move; all of them if empty"
     )
     speed_mps: float = Field(
-        0.5, ge=-10, le=10, description="speed at the start, m/s; negative: towards the lines' starts"
+        default=0.5, ge=-10, le=10, description="speed at the start, m/s; negative: towards the lines' starts"
     )
-    rate_hz: float = Field(25.0, gt=0, le=200, description="how often objects are reported, Hz")
-    seed: int = Field(0, ge=0, description="seed of all random number generators")
-    bay_selected: str = Field("1", description="bay of the map for selected packages")
-    bay_rest: str = Field("3", description="bay of the map for all other packages")
+    rate_hz: float = Field(default=25.0, gt=0, le=200, description="how often objects are reported, Hz")
+    seed: int = Field(default=0, ge=0, description="seed of all random number generators")
+    bay_selected: str = Field(default="1", description="bay of the map for selected packages")
+    bay_rest: str = Field(default="3", description="bay of the map for all other packages")
     longest_m: float = Field(
-        0.4,
+        default=0.4,
         gt=0,
         le=5,
         description="longest package on a network of belts, m; junctions are kept clear that far",
     )
     feeder: FeederConfig = Field(
-        FeederConfig(), description="feeder of the lanes in turn, without `feeders` and `schedule`"
+        default=FeederConfig(), description="feeder of the lanes in turn, without `feeders` and `schedule`"
     )
     feeders: dict[str, NamedFeederConfig] = Field(
-        {}, description="feeders by name, instead of `feeder`; those of a file replace the scenario's"
+        default={}, description="feeders by name, instead of `feeder`; those of a file replace the scenario's"
     )
     schedule: str = Field(
-        "", description="file of timed steps with speeds and feeders (the ROS toolkit's feeders_*)"
+        default="", description="file of timed steps with speeds and feeders (the ROS toolkit's feeders_*)"
     )
     schedule_length_m: float = Field(
-        0.3, gt=0, le=5, description="length of the packages that a schedule feeds, m"
+        default=0.3, gt=0, le=5, description="length of the packages that a schedule feeds, m"
     )
     kinds: dict[KindNumber, str] = Field(
-        {"0": "blue", "1": "red"}, description="kind by its number in a schedule"
+        default={"0": "blue", "1": "red"}, description="kind by its number in a schedule"
     )
     feeder_belts: dict[str, str] = Field(
-        {}, description="belts of a schedule's feeders; default: the feeder's name, or belt_, part_"
+        default={}, description="belts of a schedule's feeders; default: the feeder's name, or belt_, part_"
     )
-    tracking: TrackingConfig = Field(TrackingConfig(), description="faults of the tracker")
+    tracking: TrackingConfig = Field(default=TrackingConfig(), description="faults of the tracker")
     resume_within_s: float = Field(
-        60.0,
+        default=60.0,
         ge=0,
         le=86400,
         description="longest pause after which a restart restores the packages, s; 0: never",

@@ -19,12 +19,12 @@ class ImuBridgeConfig(PluginConfig):
     """Source of the orientation, and mounting of the sensor on the arm."""
 
     source: str = Field(
-        "simulated",
+        default="simulated",
         description="kind of device: simulated, replay, serial, page (only samples of a page, which every "
         "source accepts), or that of an installed package; `pointit list plugins` shows them",
     )
     mounting: MountingName = Field(
-        "plus_x",
+        default="plus_x",
         description="mounting of the sensor on the arm while none was measured: its axis towards the "
         "finger (plus_x, minus_x, plus_y, minus_y; its z is up with the palm down), or a device: metamotion, "
         "myo, watch_left or watch_right (face out, on that wrist), phone (screen up, its top towards the "
@@ -32,27 +32,28 @@ class ImuBridgeConfig(PluginConfig):
         "is stored and overrides it",
     )
     mounting_xyzw: tuple[float, float, float, float] | None = Field(
-        None,
+        default=None,
         description="sensor_from_arm as a quaternion x, y, z, w; overrides `mounting` and, at each start, "
         "the stored measurement",
     )
     mounting_rpy_deg: tuple[float, float, float] | None = Field(
-        None, description="the same as roll, pitch and yaw about the fixed axes x, y, z, in that order, °"
+        default=None,
+        description="the same as roll, pitch and yaw about the fixed axes x, y, z, in that order, °",
     )
     latency_sigma_s: float | None = Field(
-        None,
+        default=None,
         ge=0,
         le=10,
         description="1 sigma of the error of the samples' times, if it is known, by which following a robot "
         "is judged, s",
     )
     silence_s: float = Field(
-        3.0,
+        default=3.0,
         gt=0,
         le=3600,
         description="time without a reading after which a connected device is reported as silent, s",
     )
-    yaw_origin_deg: float = Field(0.0, description="the device's yaw that counts as 0, °")
+    yaw_origin_deg: float = Field(default=0.0, description="the device's yaw that counts as 0, °")
 
     @classmethod
     def plugins(cls) -> PluginGroup[ImuSource]:

@@ -21,14 +21,14 @@ log = logging.getLogger(__name__)
 class ReplayConfig(Config):
     """A recorded device."""
 
-    recording: str = Field("", description="CSV file with columns t (s), qw, qx, qy, qz")
+    recording: str = Field(default="", description="CSV file with columns t (s), qw, qx, qy, qz")
     start_ns: int = Field(
-        0,
+        default=0,
         ge=0,
         le=2**62,
         description="time at which the recording's t is 0, Unix ns; 0: start of the service",
     )
-    loop: bool = Field(False, description="restart at the end")
+    loop: bool = Field(default=False, description="restart at the end")
 
 
 class ReplaySource:

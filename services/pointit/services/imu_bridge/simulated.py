@@ -18,22 +18,22 @@ from pointit.services.imu_bridge.sources import ImuSource
 class SimulatedConfig(Config):
     """An arm that sweeps slowly from side to side, up and down."""
 
-    rate_hz: float = Field(50.0, gt=0, le=1000, description="samples per second")
-    azimuth_amplitude_deg: float = Field(40.0, ge=0, le=180, description="sweep to either side, °")
-    azimuth_period_s: float = Field(8.0, gt=0, description="period of the sweep from side to side, s")
-    elevation_deg: float = Field(-10.0, ge=-90, le=90, description="mean elevation of the arm, °")
-    elevation_amplitude_deg: float = Field(10.0, ge=0, le=90, description="sweep up and down, °")
-    elevation_period_s: float = Field(5.0, gt=0, description="period of the sweep up and down, s")
+    rate_hz: float = Field(default=50.0, gt=0, le=1000, description="samples per second")
+    azimuth_amplitude_deg: float = Field(default=40.0, ge=0, le=180, description="sweep to either side, °")
+    azimuth_period_s: float = Field(default=8.0, gt=0, description="period of the sweep from side to side, s")
+    elevation_deg: float = Field(default=-10.0, ge=-90, le=90, description="mean elevation of the arm, °")
+    elevation_amplitude_deg: float = Field(default=10.0, ge=0, le=90, description="sweep up and down, °")
+    elevation_period_s: float = Field(default=5.0, gt=0, description="period of the sweep up and down, s")
     noise_deg: float = Field(
-        0.0, ge=0, le=45, description="white noise about each axis, standard deviation, °"
+        default=0.0, ge=0, le=45, description="white noise about each axis, standard deviation, °"
     )
-    yaw_drift_degps: float = Field(0.0, ge=-90, le=90, description="drift of the yaw, °/s")
+    yaw_drift_degps: float = Field(default=0.0, ge=-90, le=90, description="drift of the yaw, °/s")
     mounting_error_deg: tuple[float, float, float] = Field(
-        (0.0, 0.0, 0.0),
+        default=(0.0, 0.0, 0.0),
         description="error of the mounting, as if worn carelessly: roll, "
         "pitch, yaw of the arm in the configured arm frame, °",
     )
-    seed: int = Field(0, ge=0, description="seed of the noise")
+    seed: int = Field(default=0, ge=0, description="seed of the noise")
 
 
 class SimulatedDevice:

@@ -16,51 +16,56 @@ Level = Annotated[float, Field(ge=0.0, le=1.0)]
 class StyleConfig(Config):
     """Appearance of objects on a strip."""
 
-    kind_colors: dict[str, Rgb] = Field(KIND_COLORS, description="red, green, blue by kind of object")
-    default_color: Rgb = Field(OTHER_COLOR, description="colour of objects of any other kind")
-    idle_level: Level = Field(0.45, description="brightness of objects that are not selected")
+    kind_colors: dict[str, Rgb] = Field(default=KIND_COLORS, description="red, green, blue by kind of object")
+    default_color: Rgb = Field(default=OTHER_COLOR, description="colour of objects of any other kind")
+    idle_level: Level = Field(default=0.45, description="brightness of objects that are not selected")
     margin_m: float = Field(
-        0.07, ge=0, le=1, description="length of each margin of a selected or hovered object, m"
+        default=0.07, ge=0, le=1, description="length of each margin of a selected or hovered object, m"
     )
     unknown_owner_color: Rgb = Field(
-        (255, 255, 255), description="colour of the margins of an object whose owner has no profile"
+        default=(255, 255, 255), description="colour of the margins of an object whose owner has no profile"
     )
     gap_level: Level = Field(
-        0.12, description="brightness of the dark pixels in the patterns of selected objects"
+        default=0.12, description="brightness of the dark pixels in the patterns of selected objects"
     )
     tail_s: float = Field(
-        0.15, ge=0, le=2, description="length of a moving object's tail, as its travel time, s"
+        default=0.15, ge=0, le=2, description="length of a moving object's tail, as its travel time, s"
     )
-    tail_max_m: float = Field(0.5, ge=0, le=10, description="maximum length of a tail, m")
-    tail_level: Level = Field(0.3, description="brightness of the tail relative to the object's, fading to 0")
+    tail_max_m: float = Field(default=0.5, ge=0, le=10, description="maximum length of a tail, m")
+    tail_level: Level = Field(
+        default=0.3, description="brightness of the tail relative to the object's, fading to 0"
+    )
 
 
 class CursorsConfig(Config):
     """Appearance of cursors. Their colour, width and colormap are in each person's profile."""
 
     draw_snapped: bool = Field(
-        False, description="draw cursors where the selector snaps them to, not at their true position"
+        default=False, description="draw cursors where the selector snaps them to, not at their true position"
     )
     passed_level: Level = Field(
-        0.5, description="brightness of the blinking pixel nearest to a ray that passes everything"
+        default=0.5, description="brightness of the blinking pixel nearest to a ray that passes everything"
     )
     distance: Literal["angle", "metres"] = Field(
-        "angle",
+        default="angle",
         description="quantity shown by a cursor's colormap: angle or distance by which the ray misses",
     )
     range_deg: float = Field(
-        10.0, gt=0, le=180, description="angle at the start of the colormap; its end is 0"
+        default=10.0, gt=0, le=180, description="angle at the start of the colormap; its end is 0"
     )
-    range_m: float = Field(0.5, gt=0, le=1000, description="distance at the start of the colormap, m")
+    range_m: float = Field(default=0.5, gt=0, le=1000, description="distance at the start of the colormap, m")
 
 
 class LampsConfig(Config):
     """Lamps whose colour shows how far a ray passes them. pui reports them if so configured."""
 
-    colormap: str = Field("viridis", description="colormap from lamps far away to a lamp that is hit")
-    range_deg: float = Field(30.0, gt=0, le=180, description="angle that counts as far away")
+    colormap: str = Field(default="viridis", description="colormap from lamps far away to a lamp that is hit")
+    range_deg: float = Field(default=30.0, gt=0, le=180, description="angle that counts as far away")
     localization_timeout_s: float = Field(
-        60.0, gt=0, le=3600, description="silence after which a person's localization counts as crashed, s"
+        default=60.0,
+        gt=0,
+        le=3600,
+        description="silence after which a person's localization counts as crashed, s",
     )
 
     @field_validator("colormap")
@@ -73,30 +78,36 @@ class LampsConfig(Config):
 class StateLampConfig(Config):
     """Appearance of the state lamp."""
 
-    idle_color: Rgb = Field((40, 40, 40), description="colour while no person points")
-    pointing_color: Rgb = Field((0, 120, 60), description="colour while a person points")
-    localizing_color: Rgb = Field((0, 60, 255), description="colour of the pulses while a person localizes")
-    pulse_hz: float = Field(1.0, gt=0, le=2, description="pulses per second while localizing")
-    flash_s: float = Field(0.4, ge=0.1, le=5, description="length of a cue's flash, s")
+    idle_color: Rgb = Field(default=(40, 40, 40), description="colour while no person points")
+    pointing_color: Rgb = Field(default=(0, 120, 60), description="colour while a person points")
+    localizing_color: Rgb = Field(
+        default=(0, 60, 255), description="colour of the pulses while a person localizes"
+    )
+    pulse_hz: float = Field(default=1.0, gt=0, le=2, description="pulses per second while localizing")
+    flash_s: float = Field(default=0.4, ge=0.1, le=5, description="length of a cue's flash, s")
 
 
 class LedDriverConfig(Config):
     """Appearance of strips, rate of drawing, and outputs."""
 
-    max_rate_hz: float = Field(60.0, gt=0, le=1000, description="maximum number of frames per second")
+    max_rate_hz: float = Field(default=60.0, gt=0, le=1000, description="maximum number of frames per second")
     patience_s: float = Field(
-        1 / 30, ge=0, le=1, description="time for which other changes wait for a cursor, s"
+        default=1 / 30, ge=0, le=1, description="time for which other changes wait for a cursor, s"
     )
-    brightness: Level = Field(1.0, description="brightness of all strips until a request changes it")
-    cursor_timeout_s: float = Field(0.5, gt=0, le=60, description="age at which a cursor disappears, s")
-    objects_timeout_s: float = Field(1.0, gt=0, le=60, description="age at which objects disappear, s")
-    style: StyleConfig = Field(StyleConfig(), description="colours and levels")
-    cursors: CursorsConfig = Field(CursorsConfig(), description="appearance of cursors")
-    lamps: LampsConfig = Field(LampsConfig(), description="lamps coloured by the angle of the ray")
+    brightness: Level = Field(default=1.0, description="brightness of all strips until a request changes it")
+    cursor_timeout_s: float = Field(
+        default=0.5, gt=0, le=60, description="age at which a cursor disappears, s"
+    )
+    objects_timeout_s: float = Field(
+        default=1.0, gt=0, le=60, description="age at which objects disappear, s"
+    )
+    style: StyleConfig = Field(default=StyleConfig(), description="colours and levels")
+    cursors: CursorsConfig = Field(default=CursorsConfig(), description="appearance of cursors")
+    lamps: LampsConfig = Field(default=LampsConfig(), description="lamps coloured by the angle of the ray")
     state_lamp: Annotated[str, Field(pattern=r"^([A-Za-z0-9_][A-Za-z0-9_.\-]{0,63})?$")] = Field(
-        "", description="id of the lamp that shows the state of the site; no lamp if empty"
+        default="", description="id of the lamp that shows the state of the site; no lamp if empty"
     )
-    state: StateLampConfig = Field(StateLampConfig(), description="appearance of the state lamp")
+    state: StateLampConfig = Field(default=StateLampConfig(), description="appearance of the state lamp")
     outputs: tuple[SerializeAsAny[Annotated[OutputConfig, BeforeValidator(validate_output)]], ...] = Field(
-        (), description="the controllers"
+        default=(), description="the controllers"
     )

@@ -34,21 +34,23 @@ class Segment(Config):
     """A part of a strip, on consecutive pixels of an output."""
 
     strip: str = Field(description="id of the strip in the map")
-    first: int = Field(0, ge=0, description="first pixel of the strip")
-    pixels: int | None = Field(None, gt=0, description="number of pixels; up to the strip's end if empty")
+    first: int = Field(default=0, ge=0, description="first pixel of the strip")
+    pixels: int | None = Field(
+        default=None, gt=0, description="number of pixels; up to the strip's end if empty"
+    )
     offset: int | None = Field(
-        None,
+        default=None,
         ge=0,
         le=LARGEST_OFFSET,
         description="first pixel of the output, or of `universe` if set; next to the segment before if empty",
     )
     universe: int | None = Field(
-        None, ge=0, le=63999, description="universe from which `offset` counts (E1.31, Art-Net)"
+        default=None, ge=0, le=63999, description="universe from which `offset` counts (E1.31, Art-Net)"
     )
     order: str = Field(
-        "RGB", description="order of the colours that are sent: RGB, GRB, RGBW ...; W stays dark"
+        default="RGB", description="order of the colours that are sent: RGB, GRB, RGBW ...; W stays dark"
     )
-    reversed: bool = Field(False, description="send the last pixel first")
+    reversed: bool = Field(default=False, description="send the last pixel first")
 
     _order = field_validator("order")(validated_order)
 
@@ -56,16 +58,21 @@ class Segment(Config):
 class OutputConfig(Config):
     """Parameters of every kind of controller."""
 
-    kind: str = Field(NONE, description="kind of controller (`pointit list plugins`), or none")
+    kind: str = Field(default=NONE, description="kind of controller (`pointit list plugins`), or none")
     gamma: float = Field(
-        2.2, ge=1, le=4, description="exponent of the gamma correction of LED values; 1: no correction"
+        default=2.2,
+        ge=1,
+        le=4,
+        description="exponent of the gamma correction of LED values; 1: no correction",
     )
-    current_per_pixel_ma: float = Field(60.0, gt=0, le=1000, description="current of one white pixel, mA")
+    current_per_pixel_ma: float = Field(
+        default=60.0, gt=0, le=1000, description="current of one white pixel, mA"
+    )
     max_current_a: float | None = Field(
-        None, gt=0, le=1000, description="limit above which frames are dimmed, A; no limit if empty"
+        default=None, gt=0, le=1000, description="limit above which frames are dimmed, A; no limit if empty"
     )
     segments: tuple[Segment, ...] = Field(
-        (),
+        default=(),
         description="parts of strips, in the order of their pixels; the map's strips in its order if empty",
     )
 

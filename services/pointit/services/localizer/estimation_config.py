@@ -34,76 +34,79 @@ class TrustConfig(Config):
     """Noise of rays, and acceptance limits of poses."""
 
     ray_sigma_deg: float = Field(
-        _degrees(_TRUST.ray_sigma_rad),
+        default=_degrees(_TRUST.ray_sigma_rad),
         gt=0,
         le=30,
         description="1 sigma sideways of pointing at moving targets, degrees",
     )
     elevation_sigma_deg: float = Field(
-        _degrees(_TRUST.elevation_sigma_rad), gt=0, le=30, description="the same upwards, degrees"
+        default=_degrees(_TRUST.elevation_sigma_rad), gt=0, le=30, description="the same upwards, degrees"
     )
     act_sigma_deg: float = Field(
-        _degrees(_TRUST.act_sigma_rad),
+        default=_degrees(_TRUST.act_sigma_rad),
         gt=0,
         le=30,
         description="1 sigma sideways of one pointing at a target at rest, degrees",
     )
     bias_sigma_deg: float = Field(
-        _degrees(_TRUST.bias_sigma_rad),
+        default=_degrees(_TRUST.bias_sigma_rad),
         gt=0,
         le=45,
         description="1 sigma of people's elevation bias, degrees; ~1 once known",
     )
     body_sigma_m: float = Field(
-        _TRUST.body_sigma_m, ge=0, le=1, description="1 sigma of the eyes' horizontal position, m"
+        default=_TRUST.body_sigma_m, ge=0, le=1, description="1 sigma of the eyes' horizontal position, m"
     )
     height_sigma_m: float = Field(
-        _TRUST.height_sigma_m, ge=0, le=1, description="1 sigma of the height of the eyes, m"
+        default=_TRUST.height_sigma_m, ge=0, le=1, description="1 sigma of the height of the eyes, m"
     )
     independent_hz: float = Field(
-        _TRUST.independent_hz,
+        default=_TRUST.independent_hz,
         gt=0,
         le=100,
         description="independent pointings per second, Hz: a hold counts as one",
     )
     latency_sigma_s: float = Field(
-        _TRUST.latency_sigma_s,
+        default=_TRUST.latency_sigma_s,
         ge=0,
         le=10,
         description="moving_target: 1 sigma of the latency of a tracker that does not state it "
         "(`TrackedObjects.latency_sigma_s`), s",
     )
-    min_samples: int = Field(_TRUST.min_samples, ge=4, le=8192, description="rays needed, count")
+    min_samples: int = Field(default=_TRUST.min_samples, ge=4, le=8192, description="rays needed, count")
     model_sigma_deg: float = Field(
-        _degrees(_TRUST.model_sigma_rad),
+        default=_degrees(_TRUST.model_sigma_rad),
         ge=0,
         le=45,
         description="1 sigma of a constant error of the rays, fixed to the body: eyes or finger "
         "off the model, degrees",
     )
     max_residual_deg: float = Field(
-        _degrees(_TRUST.max_residual_rad),
+        default=_degrees(_TRUST.max_residual_rad),
         gt=0,
         le=90,
         description="moving_target: rms angle above which the person did not follow it, degrees",
     )
     max_act_residual_deg: float = Field(
-        _degrees(_TRUST.max_act_residual_rad),
+        default=_degrees(_TRUST.max_act_residual_rad),
         gt=0,
         le=90,
         description="static_targets: rms angle above which the person did not point at the lamps, degrees",
     )
     bias_sigma_limit: float = Field(
-        _TRUST.bias_sigma_limit,
+        default=_TRUST.bias_sigma_limit,
         gt=0,
         le=10,
         description="sigmas of the elevation bias beyond which the person did not point",
     )
     max_position_sigma_m: float = Field(
-        _TRUST.max_position_sigma_m, gt=0, le=10, description="poses less certain than this are refused, m"
+        default=_TRUST.max_position_sigma_m,
+        gt=0,
+        le=10,
+        description="poses less certain than this are refused, m",
     )
     max_yaw_sigma_deg: float = Field(
-        _degrees(_TRUST.max_yaw_sigma_rad),
+        default=_degrees(_TRUST.max_yaw_sigma_rad),
         gt=0,
         le=90,
         description="poses less certain than this are refused, degrees",
@@ -119,32 +122,32 @@ class StopCriterionConfig(Config):
     """Certainty at which localization by informative lamps ends: both values, or all lamps were used."""
 
     position_m: float = Field(
-        0.45,
+        default=0.45,
         gt=0,
         le=10,
         description="1 sigma of the position along its worse direction, m: two times of three the person "
         "stands nearer to what is stated; a pointing errs by 5 degrees, so that 3 to 5 lamps reach 0.45",
     )
-    yaw_deg: float = Field(7.0, gt=0, le=90, description="1 sigma of the yaw, degrees")
+    yaw_deg: float = Field(default=7.0, gt=0, le=90, description="1 sigma of the yaw, degrees")
 
 
 class DriftConfig(Config):
     """Tracking of poses while the IMU's yaw drifts."""
 
     rate_sigma_degps: float = Field(
-        _degrees(_DRIFT.rate_sigma_radps),
+        default=_degrees(_DRIFT.rate_sigma_radps),
         gt=0,
         le=10,
         description="1 sigma of an IMU's yaw drift before it is known, degrees/s",
     )
     anchor_sigma_deg: float = Field(
-        _degrees(_DRIFT.anchor_sigma_rad),
+        default=_degrees(_DRIFT.anchor_sigma_rad),
         gt=0,
         le=30,
         description="1 sigma of one pointing at a lamp, sideways, degrees",
     )
     max_yaw_sigma_deg: float = Field(
-        15.0,
+        default=15.0,
         gt=0,
         le=180,
         description="health warns if the yaw is less certain than this, degrees; not below "

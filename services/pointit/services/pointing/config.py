@@ -15,33 +15,35 @@ class PointingConfig(Config):
     """Age limit of orientations, and smoothing of the ray."""
 
     stale_after_s: float = Field(
-        0.2,
+        default=0.2,
         gt=0,
         le=10,
         description="maximum age of a sample, or time in the future, for which a ray is published, s",
     )
     profile_wait_s: float = Field(
-        1.0,
+        default=1.0,
         ge=0,
         le=60,
         description="longest wait for the person's measures at the start, before average ones are used, s",
     )
     filter: Literal["off", "normal", "steady"] = Field(
-        "normal", description="smoothing of the ray (1 € filter); steady: for hands that tremble"
+        default="normal", description="smoothing of the ray (1 € filter); steady: for hands that tremble"
     )
     min_cutoff_hz: float | None = Field(
-        None,
+        default=None,
         ge=0.01,
         le=100,
         description="the filter's cut-off at rest, Hz; lower is steadier and slower; "
         "if empty, that of the filter: 0.7 normal, 0.3 steady",
     )
     beta_hz_per_degps: float = Field(
-        0.05, ge=0, le=10, description="increase of that cut-off with the speed, Hz per deg/s"
+        default=0.05, ge=0, le=10, description="increase of that cut-off with the speed, Hz per deg/s"
     )
-    derivative_cutoff_hz: float = Field(1.0, ge=0.01, le=100, description="cut-off of the speed itself, Hz")
+    derivative_cutoff_hz: float = Field(
+        default=1.0, ge=0.01, le=100, description="cut-off of the speed itself, Hz"
+    )
     filter_gap_s: float = Field(
-        0.5, ge=0.05, le=10, description="time without a ray after which the filter restarts, s"
+        default=0.5, ge=0.05, le=10, description="time without a ray after which the filter restarts, s"
     )
 
     def smoothing(self) -> OneEuro | None:

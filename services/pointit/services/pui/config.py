@@ -13,18 +13,18 @@ class PuiConfig(Config):
     """Map, pointable surfaces and tolerances, and the people of a shard."""
 
     map: str | None = Field(
-        None,
+        default=None,
         min_length=1,
         description="shipped map (lab, conveyor, vr_belts, arena), or path of a YAML file, from the "
         "current folder; lab if empty, but in a shard the site's map, unless that has point clouds",
     )
     people: tuple[str, ...] = Field(
-        (),
+        default=(),
         description="people whom this instance serves as a shard, which needs a name of its own (pui.NAME); "
         "[]: all whom no shard serves",
     )
     surfaces: tuple[Kind, ...] = Field(
-        ("strip", "belt"),
+        default=("strip", "belt"),
         min_length=1,
         description="kinds of things in the map that a cursor can be on; missing kinds are ignored, "
         "and with a workspace all may be missing",
@@ -35,47 +35,53 @@ class PuiConfig(Config):
         "strips, belts and lamps have 2, points 1, all else 0",
     )
     opaque: tuple[SolidKind, ...] = Field(
-        OPAQUE, description="kinds that hide what is behind them, whether pointable or not; []: none"
+        default=OPAQUE, description="kinds that hide what is behind them, whether pointable or not; []: none"
     )
     method: Literal["exact", "kd_tree"] = Field(
-        "exact", description="exact: closed form; kd_tree: the paper's points on the ray, in metres"
+        default="exact", description="exact: closed form; kd_tree: the paper's points on the ray, in metres"
     )
     tolerance_deg: float = Field(
-        12.0,
+        default=12.0,
         gt=0,
         lt=90,
         description="maximum angle between ray and surface for a cursor, degrees at the eyes",
     )
     tolerance_m: float | None = Field(
-        None,
+        default=None,
         gt=0,
         le=20,
         description="maximum distance between ray and surface instead of the angle, m; kd_tree: 0.7 if empty",
     )
     grazing_deg: float = Field(
-        5.0, ge=0, lt=45, description="minimum angle between the ray and a plane or workspace, degrees"
+        default=5.0,
+        ge=0,
+        lt=45,
+        description="minimum angle between the ray and a plane or workspace, degrees",
     )
     lamp_angles_deg: float = Field(
-        0.0,
+        default=0.0,
         ge=0,
         le=180,
         description="cursors list every lamp within this angle of the ray, degrees; 0: no lamps",
     )
     workspace: Literal["none", "horizontal", "facing", "cylinder", "sphere"] = Field(
-        "none",
+        default="none",
         description="surface around each person on which their cursor moves instead of on the map's things, "
         "created again whenever they start to point, until they request another",
     )
     workspace_height_m: float = Field(
-        0.0, ge=-10, le=10, description="height of the horizontal workspace above the person's feet, m"
+        default=0.0,
+        ge=-10,
+        le=10,
+        description="height of the horizontal workspace above the person's feet, m",
     )
     workspace_distance_m: float = Field(
-        2.0, ge=0.2, le=100, description="distance of the other workspaces from the person, m"
+        default=2.0, ge=0.2, le=100, description="distance of the other workspaces from the person, m"
     )
     kd_step_m: float = Field(
-        0.05, ge=0.005, le=1, description="spacing of the points of kd_tree on lines and ray, m"
+        default=0.05, ge=0.005, le=1, description="spacing of the points of kd_tree on lines and ray, m"
     )
-    kd_reach_m: float = Field(20.0, gt=0, le=100, description="length of the ray of kd_tree, m")
+    kd_reach_m: float = Field(default=20.0, gt=0, le=100, description="length of the ray of kd_tree, m")
 
     @property
     def map_to_read(self) -> str:

@@ -9,17 +9,18 @@ class RecorderConfig(Config):
     """The file, and what it leaves out."""
 
     file: str = Field(
-        "",
+        default="",
         description="where to write; never over an existing file. If empty, pointit-SITE-TIME.mcap in the "
         "current folder",
     )
     without: tuple[str, ...] = Field(
-        (), description="topics to leave out, by a part of their key, such as imu or strips"
+        default=(), description="topics to leave out, by a part of their key, such as imu or strips"
     )
     pseudonyms: bool = Field(
-        False, description="call people person-1, person-2 and so on in keys and in messages"
+        default=False, description="call people person-1, person-2 and so on in keys and in messages"
     )
     person: str = Field(
-        "", description="record the movements of this person only; an identity of a person may read no others"
+        default="",
+        description="record the movements of this person only; an identity of a person may read no others",
     )
-    seed: int | None = Field(None, description="seed of the run, noted at the head of the file")
+    seed: int | None = Field(default=None, description="seed of the run, noted at the head of the file")

@@ -16,69 +16,81 @@ class GaugeConfig(Config):
     section has 0.8 s, 0.5 s and 8 degrees/s instead.
     """
 
-    full_s: float = Field(0.5, gt=0, le=10, description="time of steady pointing that fills the gauge, s")
-    sparse_full_s: float = Field(0.35, gt=0, le=10, description="the same if no other object is near, s")
+    full_s: float = Field(
+        default=0.5, gt=0, le=10, description="time of steady pointing that fills the gauge, s"
+    )
+    sparse_full_s: float = Field(
+        default=0.35, gt=0, le=10, description="the same if no other object is near, s"
+    )
     sparse_deg: float = Field(
-        10.0,
+        default=10.0,
         ge=0,
         le=180,
         description="angle from the ray within which another object counts as near, degrees",
     )
     snap_deg: float = Field(
-        1.5,
+        default=1.5,
         ge=0,
         le=1.5,
         description="an object is hovered up to this angle beyond its half width, degrees at the eyes",
     )
     aim: Literal["cursor", "ray"] = Field(
-        "cursor",
+        default="cursor",
         description="reference of angles: the cursor as shown on a strip or belt (people neither see "
         "nor correct an error across it), or always the ray itself",
     )
     hysteresis: float = Field(
-        0.3,
+        default=0.3,
         ge=0,
         lt=1,
         description="the hovered object stays hovered until another angle is smaller by this share",
     )
     steady_deg_per_s: float = Field(
-        12.0,
+        default=12.0,
         gt=0,
         le=1000,
         description="the gauge fills while the ray moves slower than this relative to the object, degrees/s",
     )
-    speed_window_s: float = Field(0.15, ge=0.02, le=1, description="window of the estimate of that speed, s")
+    speed_window_s: float = Field(
+        default=0.15, ge=0.02, le=1, description="window of the estimate of that speed, s"
+    )
     drain_share: float = Field(
-        0.5, ge=0, le=10, description="gauges of other objects drain at this share of the fill rate"
+        default=0.5, ge=0, le=10, description="gauges of other objects drain at this share of the fill rate"
     )
     leave_factor: float = Field(
-        1.5,
+        default=1.5,
         ge=1,
         le=10,
         description="the pointer leaves an object beyond this multiple of the object's tolerance",
     )
     leave_s: float = Field(
-        0.3, ge=0, le=10, description="time off an object after which its full gauge can fill again, s"
+        default=0.3,
+        ge=0,
+        le=10,
+        description="time off an object after which its full gauge can fill again, s",
     )
     aim_sigma_deg: float = Field(
-        1.5, gt=0, le=45, description="standard deviation of people's aim, for the confidence, degrees"
+        default=1.5,
+        gt=0,
+        le=45,
+        description="standard deviation of people's aim, for the confidence, degrees",
     )
 
 
 class JournalConfig(Config):
     """Storage of the audit (see `pointit audit`) and the current selections on disk."""
 
-    enabled: bool = Field(True, description="store selections and their audit on disk")
+    enabled: bool = Field(default=True, description="store selections and their audit on disk")
     keep_days: float = Field(
-        30.0, gt=0, le=3650, description="age beyond which events of the audit are deleted, days"
+        default=30.0, gt=0, le=3650, description="age beyond which events of the audit are deleted, days"
     )
     max_mb: float = Field(
-        200.0,
+        default=200.0,
         ge=1,
         description="size of the file beyond which the oldest refusals, then other old events go, MB",
     )
     restore_within_s: float = Field(
-        600.0,
+        default=600.0,
         ge=0,
         description="selections are restored on a start within this time after the last sign of life, s",
     )
@@ -88,96 +100,109 @@ class SelectorConfig(PluginConfig):
     """When an object is hovered, and when staying on it selects or deselects it."""
 
     method: str = Field(
-        "gauge",
+        default="gauge",
         description="gauge: fills during steady pointing at an object; hold: the same object at "
         "every timestep of the window; fraction: the same object at a share of them; or a method of an "
         "installed package; `pointit list plugins` shows them",
     )
     mode: Literal["toggle", "select_only"] = Field(
-        "toggle", description="toggle: staying on an own selected object deselects it"
+        default="toggle", description="toggle: staying on an own selected object deselects it"
     )
     confirm: Literal["none", "press"] = Field(
-        "none", description="press: the person's button selects instead of staying"
+        default="none", description="press: the person's button selects instead of staying"
     )
     confirm_gesture: Literal["press", "double", "hold"] = Field(
-        "press",
+        default="press",
         description="button gesture that confirms; the supervisor also receives all gestures, and press ends "
         "the pointing",
     )
     look_back_s: float = Field(
-        0.15,
+        default=0.15,
         ge=0.1,
         le=0.25,
         description="a press selects what was hovered this long before it, since pressing moves the arm, s",
     )
     window_s: float = Field(
-        0.8, gt=0, le=10, description="hold, fraction: time on an object that toggles it, s"
+        default=0.8, gt=0, le=10, description="hold, fraction: time on an object that toggles it, s"
     )
-    timestep_s: float = Field(0.1, ge=0.005, le=2, description="hold, fraction: timestep of the window, s")
+    timestep_s: float = Field(
+        default=0.1, ge=0.005, le=2, description="hold, fraction: timestep of the window, s"
+    )
     fraction: float = Field(
-        0.8, gt=0, le=1, description="share of the window's timesteps that method `fraction` requires"
+        default=0.8, gt=0, le=1, description="share of the window's timesteps that method `fraction` requires"
     )
     release_s: float = Field(
-        0.5,
+        default=0.5,
         gt=0,
         le=10,
         description="hold, fraction: time off a toggled object before it can be toggled again, s",
     )
     margin_m: float = Field(
-        0.05,
+        default=0.05,
         ge=0,
         le=2,
         description="hold, fraction: distance beside an object within which the cursor hovers it, m",
     )
-    gauge: GaugeConfig = Field(GaugeConfig(), description="parameters of method gauge")
+    gauge: GaugeConfig = Field(default=GaugeConfig(), description="parameters of method gauge")
     show_after_s: float = Field(
-        0.15, ge=0, le=5, description="time of filling before progress is shown and the object is reserved, s"
+        default=0.15,
+        ge=0,
+        le=5,
+        description="time of filling before progress is shown and the object is reserved, s",
     )
     reserve_s: float = Field(
-        0.5, ge=0, le=10, description="time for which an object stays reserved after it was left, s"
+        default=0.5, ge=0, le=10, description="time for which an object stays reserved after it was left, s"
     )
     display_lag_s: float = Field(
-        0.0,
+        default=0.0,
         ge=0,
         le=1,
         description="delay from the stamp of an object's position to its display by lights or cameras, s",
     )
     longest_gap_s: float = Field(
-        0.25, gt=0, le=5, description="longest gap between cursors before the hovered object is unknown, s"
+        default=0.25,
+        gt=0,
+        le=5,
+        description="longest gap between cursors before the hovered object is unknown, s",
     )
     objects_stale_after_s: float = Field(
-        1.0, gt=0, le=60, description="objects whose last report is older cannot be hovered, s"
+        default=1.0, gt=0, le=60, description="objects whose last report is older cannot be hovered, s"
     )
     left_after_s: float = Field(
-        0.5, ge=0, le=60, description="an object missing from its tracker's list for this long has left, s"
+        default=0.5,
+        ge=0,
+        le=60,
+        description="an object missing from its tracker's list for this long has left, s",
     )
     unseen_after_s: float = Field(
-        30.0,
+        default=30.0,
         gt=0,
         le=3600,
         description="selected objects whose tracker is silent, or missing after a restart, are dropped "
         "after this, s",
     )
     ownerless_after_s: float = Field(
-        10.0,
+        default=10.0,
         ge=0,
         le=3600,
         description="absence of a person after which anyone may deselect what they selected, s",
     )
     lead_s: float = Field(
-        0.25,
+        default=0.25,
         ge=0,
         le=5,
         description="an object whose bay is decided within this time is refused: a selection takes this long "
         "to reach the conveyor, s",
     )
-    undo_steps: int = Field(20, ge=1, le=1000, description="number of (de)selections that a person can undo")
+    undo_steps: int = Field(
+        default=20, ge=1, le=1000, description="number of (de)selections that a person can undo"
+    )
     people: tuple[str, ...] = Field(
-        (),
+        default=(),
         description="people whom this shard serves, `selector.NAME` beside their wrists; empty for the "
         "selector of the site, which serves all others and decides",
     )
-    journal: JournalConfig = Field(JournalConfig(), description="the journal on disk")
+    journal: JournalConfig = Field(default=JournalConfig(), description="the journal on disk")
 
     @classmethod
     def plugins(cls) -> PluginGroup[SelectionMethod]:

@@ -65,7 +65,9 @@ class PersonMethod(Protocol):
 class MethodConfig(Config):
     """Parameters of every selection method of an installed package."""
 
-    dwell_s: float = Field(0.8, gt=0, le=MAX_DWELL_S, description="time on an object that selects it, s")
+    dwell_s: float = Field(
+        default=0.8, gt=0, le=MAX_DWELL_S, description="time on an object that selects it, s"
+    )
 
     def with_dwell(self, dwell_s: float) -> Self:
         """Return the same parameters for another time on an object, s.

@@ -64,19 +64,19 @@ class BodyConfig(Config):
     """Lengths of the person's body. Empty ones are scaled from the stature."""
 
     footprint_to_neck_m: float | None = Field(
-        None, gt=0, lt=3, description="from the floor to the neck, standing, m; by stature if empty"
+        default=None, gt=0, lt=3, description="from the floor to the neck, standing, m; by stature if empty"
     )
     neck_to_eyes_m: float | None = Field(
-        None, ge=0, lt=1, description="from the neck up to the eyes, m; by stature if empty"
+        default=None, ge=0, lt=1, description="from the neck up to the eyes, m; by stature if empty"
     )
     neck_to_shoulder_m: float | None = Field(
-        None, ge=0, lt=1, description="from the neck sideways to the shoulder, m; 0 if empty"
+        default=None, ge=0, lt=1, description="from the neck sideways to the shoulder, m; 0 if empty"
     )
     shoulder_to_wrist_m: float | None = Field(
-        None, gt=0, lt=2, description="length of the arm, m; by stature if empty"
+        default=None, gt=0, lt=2, description="length of the arm, m; by stature if empty"
     )
     wrist_to_finger_m: float | None = Field(
-        None, ge=0, lt=1, description="from the wrist to the fingertip, m; by stature if empty"
+        default=None, ge=0, lt=1, description="from the wrist to the fingertip, m; by stature if empty"
     )
 
 
@@ -84,36 +84,36 @@ class ProfileConfig(Config):
     """The person's profile for the system."""
 
     stature_m: float = Field(
-        DEFAULT_STATURE_M,
+        default=DEFAULT_STATURE_M,
         ge=0.9,
         le=2.5,
         description="height of the person, m; the lengths of the body are scaled from it",
     )
-    seated: bool = Field(False, description="the person sits upright: neck and eyes are lower")
+    seated: bool = Field(default=False, description="the person sits upright: neck and eyes are lower")
     seat_height_m: float | None = Field(
-        None,
+        default=None,
         ge=0.1,
         le=1.2,
         description="height of the seat above the floor, m; a chair that fits the person if empty",
     )
-    body: BodyConfig = Field(BodyConfig(), description="lengths of the person's body")
-    hand: Literal["left", "right"] = Field("right", description="the hand that points")
+    body: BodyConfig = Field(default=BodyConfig(), description="lengths of the person's body")
+    hand: Literal["left", "right"] = Field(default="right", description="the hand that points")
     ray_model: Literal["eye_finger", "shoulder_arm", "forearm"] = Field(
-        "eye_finger",
+        default="eye_finger",
         description="ray from the eyes through the fingertip, from the shoulder along the arm, or "
         "from the elbow of a hanging upper arm along the forearm",
     )
     cursor_color: Rgb = Field(
-        (255, 255, 255), description="colour of the person's cursor: red, green, blue, 0 to 255"
+        default=(255, 255, 255), description="colour of the person's cursor: red, green, blue, 0 to 255"
     )
     cursor_colormap: str = Field(
-        "",
+        default="",
         max_length=32,
         description="colormap of the cursor by its distance, such as viridis; `cursor_color` if empty",
     )
-    cursor_width_m: float = Field(0.1, gt=0, le=1, description="length of the cursor on a strip, m")
+    cursor_width_m: float = Field(default=0.1, gt=0, le=1, description="length of the cursor on a strip, m")
     pattern: Literal["solid", "dashed", "dotted", "striped", "hollow", "tailed"] = Field(
-        "solid", description="pattern of this person's objects, in addition to the colour"
+        default="solid", description="pattern of this person's objects, in addition to the colour"
     )
 
     @model_validator(mode="after")
@@ -140,43 +140,45 @@ class SupervisorConfig(Config):
     """Transitions of a person from the button to pointing and back."""
 
     localize: bool = Field(
-        False,
+        default=False,
         description="localize the person by pointing before they interact; else their pose must be known",
     )
     relocalize_each_time: bool = Field(
-        False, description="localize at every start, even if the pose is known"
+        default=False, description="localize at every start, even if the pose is known"
     )
     localization_method: Literal["static_targets", "moving_target"] | None = Field(
-        None, description="kind of targets for localization; the localizer's default if empty"
+        default=None, description="kind of targets for localization; the localizer's default if empty"
     )
     localization_timeout_s: float = Field(
-        60.0, gt=0, le=3600, description="timeout per target, s, without waiting for a turn"
+        default=60.0, gt=0, le=3600, description="timeout per target, s, without waiting for a turn"
     )
     imu_timeout_s: float = Field(
-        3.0, gt=0, le=600, description="silence of the wrist that ends the interaction, s"
+        default=3.0, gt=0, le=600, description="silence of the wrist that ends the interaction, s"
     )
     autostart: bool = Field(
-        False,
+        default=False,
         description="start automatically when samples come, until a press: for devices without a button",
     )
-    retry_s: float = Field(5.0, gt=0, le=600, description="autostart: delay after localizing failed, s")
+    retry_s: float = Field(
+        default=5.0, gt=0, le=600, description="autostart: delay after localizing failed, s"
+    )
     resume_s: float = Field(
-        30.0,
+        default=30.0,
         ge=0,
         le=3600,
         description="time within which samples resume pointing that a silent wrist or a restarted supervisor "
         "interrupted, s; 0: a press is required",
     )
     press_while_pointing: Literal["ends", "confirms"] = Field(
-        "ends",
+        default="ends",
         description="effect of a press while pointing: ends it, or confirms a selection in the selector, and "
         "only holding the button ends it",
     )
     unsure_yaw_deg: float = Field(
-        15.0,
+        default=15.0,
         gt=0,
         le=180,
         description="standard deviation of the yaw of the pose above which the person is asked to point at a "
         "lamp once, degrees; like the localizer's drift.max_yaw_sigma_deg",
     )
-    profile: ProfileConfig = Field(ProfileConfig(), description="the person's profile")
+    profile: ProfileConfig = Field(default=ProfileConfig(), description="the person's profile")

@@ -13,12 +13,12 @@ class RobotBackendConfig(BackendConfig):
     """Connection of a robot's driver to the ROS graph: as another node than that of the bridge."""
 
     mode: Literal["auto", "peer", "client", "router"] = Field(
-        "peer",
+        default="peer",
         description="peer: as ROS nodes do; client: everything through the router, for a robot on another "
         "network",
     )
     node: str = Field(
-        "", description="full name of the driver's node; /pointit_ and the robot's name if empty"
+        default="", description="full name of the driver's node; /pointit_ and the robot's name if empty"
     )
 
     @field_validator("node")
@@ -33,24 +33,25 @@ class Ros2RobotConfig(Config):
     """A robot that is a ROS 2 node."""
 
     backend: RobotBackendConfig = Field(
-        RobotBackendConfig(), description="how the driver joins the ROS graph, and as whom"
+        default=RobotBackendConfig(), description="how the driver joins the ROS graph, and as whom"
     )
     control: Literal["nav2", "setpoints"] = Field(
-        "nav2", description="nav2: goals of the action NavigateToPose; setpoints: PoseStamped for drones"
+        default="nav2",
+        description="nav2: goals of the action NavigateToPose; setpoints: PoseStamped for drones",
     )
-    action: str = Field("/navigate_to_pose", description="nav2: full name of the action")
+    action: str = Field(default="/navigate_to_pose", description="nav2: full name of the action")
     behavior_tree: str = Field(
-        "", description="nav2: file of the behaviour tree on the robot; its default if empty"
+        default="", description="nav2: file of the behaviour tree on the robot; its default if empty"
     )
     setpoint_topic: str = Field(
-        "/mavros/setpoint_position/local", description="setpoints: full name of their topic"
+        default="/mavros/setpoint_position/local", description="setpoints: full name of their topic"
     )
-    ground_m: float = Field(0.0, ge=-100, le=100, description="setpoints: height of the floor, m")
+    ground_m: float = Field(default=0.0, ge=-100, le=100, description="setpoints: height of the floor, m")
     frame: str = Field(
-        "map", min_length=1, max_length=150, description="frame in ROS of goals and of reported poses"
+        default="map", min_length=1, max_length=150, description="frame in ROS of goals and of reported poses"
     )
     pose: PoseSource = Field(
-        PoseSource(type=TF, frame="base_link"), description="where the robot's pose comes from"
+        default=PoseSource(type=TF, frame="base_link"), description="where the robot's pose comes from"
     )
 
     @field_validator("action", "setpoint_topic")

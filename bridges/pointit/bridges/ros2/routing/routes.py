@@ -89,7 +89,7 @@ class RoutesFile(Config):
         tuple[Annotated[str, Field(min_length=1, max_length=64)], ...],
         Field(min_length=1, max_length=255, description="what the numbers 0, 1, 2 ... of kinds mean"),
     ] = KINDS
-    routes: dict[str, RouteChange] = Field({}, description="changes by a route's name")
+    routes: dict[str, RouteChange] = Field(default={}, description="changes by a route's name")
 
     @field_validator("prefix")
     @classmethod

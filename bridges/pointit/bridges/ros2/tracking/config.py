@@ -31,21 +31,21 @@ class PoseSource(Config):
     """A topic, or a frame of tf, that tells where something is."""
 
     type: SourceType = Field(
-        "geometry_msgs/PoseStamped",
+        default="geometry_msgs/PoseStamped",
         description="type of the topic; tf: the pose of a frame by /tf and /tf_static",
     )
-    topic: str = Field("", description="full name in ROS, as in /agv1/odom; of tf none")
+    topic: str = Field(default="", description="full name in ROS, as in /agv1/odom; of tf none")
     frame: str = Field(
-        "",
+        default="",
         max_length=150,
         description="of tf: the object's frame, as in agv1/base_link; else the frame of positions if the "
         "header names none, that of the room if empty",
     )
     latency_s: float = Field(
-        0.0, ge=0, le=10, description="mean time from the measurement to its stamp, s; subtracted"
+        default=0.0, ge=0, le=10, description="mean time from the measurement to its stamp, s; subtracted"
     )
     stale_s: float = Field(
-        1.0, gt=0, le=60, description="positions and moving transforms that are older are refused, s"
+        default=1.0, gt=0, le=60, description="positions and moving transforms that are older are refused, s"
     )
 
     @field_validator("topic")
@@ -68,16 +68,16 @@ class TrackerConfig(PoseSource):
     """Objects of one tracker; the parameters' name is the tracker's, `objects/NAME`."""
 
     id: str = Field(
-        "",
+        default="",
         max_length=64,
         description="the object's id, or the beginning of several objects' ids; the tracker's name if empty",
     )
     kind: str = Field(
-        "", max_length=64, description="kind of its objects; as the topic tells, else robot, if empty"
+        default="", max_length=64, description="kind of its objects; as the topic tells, else robot, if empty"
     )
     size_m: float = Field(
-        0.0, ge=0, le=100, description="diameter of its objects; as the topic tells if 0, m"
+        default=0.0, ge=0, le=100, description="diameter of its objects; as the topic tells if 0, m"
     )
     latency_sigma_s: float | None = Field(
-        None, ge=0, le=10, description="1 sigma of that latency; unknown if empty, s"
+        default=None, ge=0, le=10, description="1 sigma of that latency; unknown if empty, s"
     )

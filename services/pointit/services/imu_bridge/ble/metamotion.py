@@ -32,7 +32,7 @@ class MetaMotionConfig(BleConfig):
     """A MetaMotion R, RL or S."""
 
     magnetometer: bool = Field(
-        False,
+        default=False,
         description="use the magnetometer, too: the yaw does not drift, but steel and motors nearby bend it",
     )
 

@@ -27,7 +27,7 @@ class WitMotionBleConfig(BleConfig):
     """A WitMotion sensor with Bluetooth 5."""
 
     rate_hz: Literal[10, 20, 50, 100, 200] = Field(
-        50, description="samples per second; not every model can do more than 50"
+        default=50, description="samples per second; not every model can do more than 50"
     )
 
 

@@ -28,12 +28,12 @@ class BleConfig(Config):
     """The wrist among those within reach, and the adapter that reaches it."""
 
     address: str = Field(
-        "",
+        default="",
         description="address (macOS: its identifier), serial number or first letters of the name, as "
         "`pointit devices` lists them; the first one found if empty",
     )
     adapter: str = Field(
-        "", description="Bluetooth adapter on Linux, such as hci1; the system's usual one if empty"
+        default="", description="Bluetooth adapter on Linux, such as hci1; the system's usual one if empty"
     )
 
 

@@ -30,12 +30,12 @@ class DatagramConfig(Config):
         ge=1, le=65535, description="UDP port to which the device sends; each person has another"
     )
     host: str = Field(
-        "127.0.0.1",
+        default="127.0.0.1",
         description="address to listen at: 127.0.0.1 is this machine alone, 0.0.0.0 all of its networks; "
         "each program that can send there can move the wrist, since there are no passwords",
     )
     sender: str = Field(
-        "", description="IP address of the device; the first that sends something readable if empty"
+        default="", description="IP address of the device; the first that sends something readable if empty"
     )
 
     @field_validator("sender")

@@ -63,15 +63,18 @@ class OscConfig(DatagramConfig):
     """A device that sends Open Sound Control."""
 
     port: int = Field(
-        9000, ge=1, le=65535, description="UDP port to which the device sends; each person has another"
+        default=9000,
+        ge=1,
+        le=65535,
+        description="UDP port to which the device sends; each person has another",
     )
     address: str = Field(
-        "",
+        default="",
         description="address of the messages with the orientation, such as /gyrosc/quat; each that ends "
         "in /quaternion, /quaternions, /quat, /rotationvector or /gamerotationvector if empty",
     )
     order: Literal["auto", "wxyz", "xyzw"] = Field(
-        "auto",
+        default="auto",
         description="order of the quaternion's numbers in a message; auto: xyzw behind the addresses of ZIG "
         "SIM (/ZIGSIM/NAME/quaternion, /NAME/quaternion) and Sensors2OSC (/rotationvector, "
         "/gamerotationvector), else wxyz, with a warning behind an address that is not known",

@@ -67,16 +67,19 @@ class SlimevrConfig(Config):
     """A SlimeVR tracker."""
 
     tracker: str = Field(
-        "", description="its MAC address (AA:BB:CC:DD:EE:FF) or IP address; the first that calls if empty"
+        default="",
+        description="its MAC address (AA:BB:CC:DD:EE:FF) or IP address; the first that calls if empty",
     )
-    sensor: int = Field(0, ge=0, le=254, description="number of the sensor, for trackers that have several")
+    sensor: int = Field(
+        default=0, ge=0, le=254, description="number of the sensor, for trackers that have several"
+    )
     host: str = Field(
-        "127.0.0.1",
+        default="127.0.0.1",
         description="address to listen at: 127.0.0.1 is this machine alone, 0.0.0.0 all of its networks; "
         "each program that can send there can move the wrist, since the protocol has no passwords",
     )
     port: int = Field(
-        protocol.PORT,
+        default=protocol.PORT,
         ge=1,
         le=65535,
         description="UDP port; boards always call at 6969 and people share it, while apps that are told an "

@@ -33,13 +33,13 @@ class UdpConfig(DatagramConfig):
     """A device that sends datagrams, whose format is found by reading them."""
 
     port: int = Field(
-        46000,
+        default=46000,
         ge=1,
         le=65535,
         description="UDP port to which the device sends, WearMoCap always to 46000; each person has another",
     )
     order: Order = Field(
-        "wxyz", description="order of the quaternion's numbers in lines of text and in lists of JSON"
+        default="wxyz", description="order of the quaternion's numbers in lines of text and in lists of JSON"
     )
 
 

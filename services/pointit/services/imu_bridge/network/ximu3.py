@@ -31,13 +31,13 @@ class Ximu3Config(DatagramConfig):
     """An x-IMU3 that sends by UDP."""
 
     port: int = Field(
-        8000,
+        default=8000,
         ge=1,
         le=65535,
         description="UDP port to which the device sends, its `udpSend`; each person has another",
     )
     commands: int = Field(
-        9000, ge=1, le=65535, description="UDP port of the device for commands, its `udpReceive`"
+        default=9000, ge=1, le=65535, description="UDP port of the device for commands, its `udpReceive`"
     )
 
 

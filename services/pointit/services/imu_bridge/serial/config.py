@@ -14,31 +14,34 @@ class SerialConfig(Config):
     """A device on a serial port, or on a Bluetooth port that looks like one."""
 
     port: str = Field(
-        "",
+        default="",
         description="path or name of the port, or empty for the only one that answers; "
         "/dev/serial/by-id/... survives plugging in again",
     )
     format: Literal["auto", "text", "witmotion", "bno085", "ximu3"] = Field(
-        "auto",
+        default="auto",
         description="format of the data: lines of text, WitMotion's, UART-RVC of a BNO085, or x-IMU3's; "
         "auto: recognized",
     )
     baud: int = Field(
-        0, ge=0, le=4_000_000, description="bits per second; 0: found by trying, from 115200 and 9600 on"
+        default=0,
+        ge=0,
+        le=4_000_000,
+        description="bits per second; 0: found by trying, from 115200 and 9600 on",
     )
-    order: Order = Field("wxyz", description="order of the quaternion's numbers in a line of text")
+    order: Order = Field(default="wxyz", description="order of the quaternion's numbers in a line of text")
     fifth: Fifth = Field(
-        "auto",
+        default="auto",
         description="meaning of a fifth number in a line of text: a leading time in µs or a trailing "
         "accuracy; auto: a time if the first number is beyond ±1.1",
     )
     configure: bool = Field(
-        True,
+        default=True,
         description="switch a WitMotion device that sends no quaternions to them, at 100 Hz (50 Hz at 9600 "
         "baud) and without magnetometer, until its power is off",
     )
     timeout_s: float = Field(
-        3.0,
+        default=3.0,
         gt=0,
         le=60,
         description="time without readable data after which a connected device is a warning, s",

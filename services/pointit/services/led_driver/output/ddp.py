@@ -91,11 +91,11 @@ def described(host: str, name: str, info: object) -> FoundDevice:
 class DdpConfig(OutputConfig):
     """A pixel controller in the network that takes DDP, such as WLED."""
 
-    kind: str = Field("ddp", description="kind of controller")
-    host: str = Field("", description="name or address of the controller")
-    port: int = Field(ddp_protocol.PORT, gt=0, le=65535, description="UDP port of the controller")
+    kind: str = Field(default="ddp", description="kind of controller")
+    host: str = Field(default="", description="name or address of the controller")
+    port: int = Field(default=ddp_protocol.PORT, gt=0, le=65535, description="UDP port of the controller")
     max_rate_hz: float = Field(
-        66.0, gt=0, le=1000, description="maximum number of frames per second; WLED shows up to 66"
+        default=66.0, gt=0, le=1000, description="maximum number of frames per second; WLED shows up to 66"
     )
 
 

@@ -23,9 +23,9 @@ LONGEST_LINE = 1000
 class SourceConfig(Config):
     """Address of the device."""
 
-    host: str = Field("", description="name or address of the device")
-    port: int = Field(4210, gt=0, le=65535, description="TCP port of the device")
-    timeout_s: float = Field(3.0, gt=0, description="silence after which to connect again, s")
+    host: str = Field(default="", description="name or address of the device")
+    port: int = Field(default=4210, gt=0, le=65535, description="TCP port of the device")
+    timeout_s: float = Field(default=3.0, gt=0, description="silence after which to connect again, s")
 
 
 class Source:

@@ -17,8 +17,8 @@ DARK_S = 0.5
 class OutputParameters(OutputConfig):
     """Address of the controller."""
 
-    host: str = Field("", description="name or address of the controller")
-    port: int = Field(4211, gt=0, le=65535, description="TCP port of the controller")
+    host: str = Field(default="", description="name or address of the controller")
+    port: int = Field(default=4211, gt=0, le=65535, description="TCP port of the controller")
 
 
 class Output:

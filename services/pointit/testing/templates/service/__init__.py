@@ -52,7 +52,7 @@ RESET = Request(
 class ServiceConfig(Config):
     """Parameters of the service."""
 
-    first: int = Field(0, description="number from which it counts")
+    first: int = Field(default=0, description="number from which it counts")
 
 
 class SelectionCounter(Service[ServiceConfig]):

@@ -91,17 +91,19 @@ def _device(node: Node) -> FoundDevice:
 class ArtnetConfig(OutputConfig):
     """A node of Art-Net."""
 
-    kind: str = Field("artnet", description="kind of controller")
-    host: str = Field("", description="name or address of the node, or a broadcast address")
-    port: int = Field(PORT, gt=0, le=65535, description="UDP port of the node")
+    kind: str = Field(default="artnet", description="kind of controller")
+    host: str = Field(default="", description="name or address of the node, or a broadcast address")
+    port: int = Field(default=PORT, gt=0, le=65535, description="UDP port of the node")
     universe: int = Field(
-        0,
+        default=0,
         ge=0,
         le=MAX_PORT_ADDRESS,
         description="first port address (net · 256 + sub-net · 16 + universe): 170 RGB or 128 RGBW pixels",
     )
-    sync: bool = Field(True, description="show several universes at once, by ArtSync")
-    max_rate_hz: float = Field(RATE_HZ, gt=0, le=1000, description="maximum number of frames per second")
+    sync: bool = Field(default=True, description="show several universes at once, by ArtSync")
+    max_rate_hz: float = Field(
+        default=RATE_HZ, gt=0, le=1000, description="maximum number of frames per second"
+    )
 
 
 class ArtnetStream:

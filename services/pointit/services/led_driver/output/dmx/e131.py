@@ -31,17 +31,23 @@ MULTICAST = "multicast"
 class E131Config(OutputConfig):
     """A receiver of E1.31 (sACN)."""
 
-    kind: str = Field("e131", description="kind of controller")
-    host: str = Field("", description="name or address of the receiver, or `multicast` for all of a network")
-    port: int = Field(PORT, gt=0, le=65535, description="UDP port of the receiver")
+    kind: str = Field(default="e131", description="kind of controller")
+    host: str = Field(
+        default="", description="name or address of the receiver, or `multicast` for all of a network"
+    )
+    port: int = Field(default=PORT, gt=0, le=65535, description="UDP port of the receiver")
     interface: str = Field(
-        "", description="IPv4 address of this machine in the network that gets the multicast"
+        default="", description="IPv4 address of this machine in the network that gets the multicast"
     )
     universe: int = Field(
-        1, ge=MIN_UNIVERSE, le=MAX_UNIVERSE, description="first universe: 170 RGB or 128 RGBW pixels"
+        default=1, ge=MIN_UNIVERSE, le=MAX_UNIVERSE, description="first universe: 170 RGB or 128 RGBW pixels"
     )
-    priority: int = Field(DEFAULT_PRIORITY, ge=0, le=200, description="priority; receivers obey the highest")
-    max_rate_hz: float = Field(RATE_HZ, gt=0, le=1000, description="maximum number of frames per second")
+    priority: int = Field(
+        default=DEFAULT_PRIORITY, ge=0, le=200, description="priority; receivers obey the highest"
+    )
+    max_rate_hz: float = Field(
+        default=RATE_HZ, gt=0, le=1000, description="maximum number of frames per second"
+    )
 
     @model_validator(mode="after")
     def _has_interface(self) -> Self:

@@ -18,34 +18,35 @@ Topic = Annotated[str, StringConstraints(max_length=1000, pattern=r"^[^#+\x00]*$
 class LampTopics(Config):
     """Topics of one lamp."""
 
-    topic: Topic = Field("", description="topic of its commands; by `topic` of the output if empty")
+    topic: Topic = Field(default="", description="topic of its commands; by `topic` of the output if empty")
     availability: Topic = Field(
-        "", description="topic that tells online or offline; /availability in place of /set if empty"
+        default="", description="topic that tells online or offline; /availability in place of /set if empty"
     )
 
 
 class MqttConfig(BrokerConfig, OutputConfig):
     """Single lamps as smart lights on an MQTT broker (Zigbee2MQTT, Home Assistant's JSON schema)."""
 
-    kind: str = Field("mqtt", description="kind of controller")
+    kind: str = Field(default="mqtt", description="kind of controller")
     topic: Topic = Field(
-        "zigbee2mqtt/{lamp}/set", description="topic of a lamp's commands; {lamp} stands for its id"
+        default="zigbee2mqtt/{lamp}/set", description="topic of a lamp's commands; {lamp} stands for its id"
     )
     lamps: dict[str, LampTopics] = Field(
-        {}, description="topics by id of the lamp; all lamps of the map, by `topic`, if empty"
+        default={}, description="topics by id of the lamp; all lamps of the map, by `topic`, if empty"
     )
     lamp_rate_hz: float = Field(
-        5.0, gt=0, le=100, description="maximum number of commands per second to a lamp"
+        default=5.0, gt=0, le=100, description="maximum number of commands per second to a lamp"
     )
     max_rate_hz: float = Field(
-        20.0, gt=0, le=1000, description="maximum number of commands per second to all lamps"
+        default=20.0, gt=0, le=1000, description="maximum number of commands per second to all lamps"
     )
     status_topic: Topic = Field(
-        "pointit/status",
+        default="pointit/status",
         description="topic that tells if the lamps are controlled, online or offline; none if empty",
     )
     last_wills: bool = Field(
-        True, description="switch lamps off if PointIt dies: by last wills, for which each has a connection"
+        default=True,
+        description="switch lamps off if PointIt dies: by last wills, for which each has a connection",
     )
 
     @model_validator(mode="after")

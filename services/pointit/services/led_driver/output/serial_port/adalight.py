@@ -25,7 +25,7 @@ from pointit.services.led_driver.outputs import LedOutput
 class AdalightConfig(SerialOutputConfig):
     """A controller on a serial port that takes Adalight, of which the pixels have three colours."""
 
-    kind: str = Field("adalight", description="kind of controller")
+    kind: str = Field(default="adalight", description="kind of controller")
 
 
 @dataclass(frozen=True)

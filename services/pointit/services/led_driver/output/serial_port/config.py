@@ -18,12 +18,12 @@ class SerialOutputConfig(OutputConfig):
     """A controller on a serial port."""
 
     port: str = Field(
-        "",
+        default="",
         description="path or name of the controller's port; /dev/serial/by-id/... survives plugging in again",
     )
-    baud: int = Field(115200, gt=0, le=MAX_BAUD, description="bits per second")
+    baud: int = Field(default=115200, gt=0, le=MAX_BAUD, description="bits per second")
     wanted_rate_hz: float = Field(
-        25.0, gt=0, le=1000, description="frames per second below which a warning says what fits"
+        default=25.0, gt=0, le=1000, description="frames per second below which a warning says what fits"
     )
 
 
@@ -36,7 +36,9 @@ class ChannelConfig(Config):
     """Connection of a strip to its controller."""
 
     channel: int = Field(ge=0, le=63, description="board number (0-7) times 8 plus port (0-7)")
-    order: str = Field("GRB", description="order of the colours on the LEDs' wire: GRB, RGB, GRBW ...")
+    order: str = Field(
+        default="GRB", description="order of the colours on the LEDs' wire: GRB, RGB, GRBW ..."
+    )
 
     _order = field_validator("order")(validated_order)
 
@@ -44,13 +46,13 @@ class ChannelConfig(Config):
 class ExpanderConfig(SerialOutputConfig):
     """A serial LED expander (UPXL: ElectroMage, Pixelblaze)."""
 
-    kind: str = Field("expander", description="kind of controller")
-    baud: int = Field(2_000_000, gt=0, le=4_000_000, description="bits per second")
+    kind: str = Field(default="expander", description="kind of controller")
+    baud: int = Field(default=2_000_000, gt=0, le=4_000_000, description="bits per second")
     board: Board = Field(
-        "v2", description="generation of the board: v1, v2, v3 drive 240, 800, 1600 pixels a channel"
+        default="v2", description="generation of the board: v1, v2, v3 drive 240, 800, 1600 pixels a channel"
     )
     channels: dict[str, ChannelConfig] = Field(
-        {},
+        default={},
         description="connections by strip id; strips in the map's order on channels 0, 1, 2 ... if empty. "
         "Parts of strips are in `segments`, whose `universe` is the channel",
     )

@@ -21,14 +21,14 @@ LARGEST_RANGE_DEG = 1080.0
 class ChannelMap(Config):
     """Channels of the fixture in the order of its manual, the first one is 1. 0: it has none."""
 
-    pan: int = Field(1, ge=1, le=UNIVERSE_SLOTS, description="pan")
-    pan_fine: int = Field(2, ge=0, le=UNIVERSE_SLOTS, description="low byte of pan, or 0")
-    tilt: int = Field(3, ge=1, le=UNIVERSE_SLOTS, description="tilt")
-    tilt_fine: int = Field(4, ge=0, le=UNIVERSE_SLOTS, description="low byte of tilt, or 0")
-    dimmer: int = Field(5, ge=0, le=UNIVERSE_SLOTS, description="dimmer, or 0")
-    red: int = Field(6, ge=0, le=UNIVERSE_SLOTS, description="red, or 0")
-    green: int = Field(7, ge=0, le=UNIVERSE_SLOTS, description="green, or 0")
-    blue: int = Field(8, ge=0, le=UNIVERSE_SLOTS, description="blue, or 0")
+    pan: int = Field(default=1, ge=1, le=UNIVERSE_SLOTS, description="pan")
+    pan_fine: int = Field(default=2, ge=0, le=UNIVERSE_SLOTS, description="low byte of pan, or 0")
+    tilt: int = Field(default=3, ge=1, le=UNIVERSE_SLOTS, description="tilt")
+    tilt_fine: int = Field(default=4, ge=0, le=UNIVERSE_SLOTS, description="low byte of tilt, or 0")
+    dimmer: int = Field(default=5, ge=0, le=UNIVERSE_SLOTS, description="dimmer, or 0")
+    red: int = Field(default=6, ge=0, le=UNIVERSE_SLOTS, description="red, or 0")
+    green: int = Field(default=7, ge=0, le=UNIVERSE_SLOTS, description="green, or 0")
+    blue: int = Field(default=8, ge=0, le=UNIVERSE_SLOTS, description="blue, or 0")
 
     @property
     def used(self) -> list[int]:
@@ -46,44 +46,52 @@ class ChannelMap(Config):
 class SpotlightConfig(OutputConfig):
     """A moving head whose beam follows a cursor."""
 
-    kind: str = Field("spotlight", description="kind of controller")
+    kind: str = Field(default="spotlight", description="kind of controller")
     host: str = Field(
-        "", description="name or address of the DMX node, or `multicast` (E1.31) for all of a network"
+        default="", description="name or address of the DMX node, or `multicast` (E1.31) for all of a network"
     )
-    protocol: Literal["e131", "artnet"] = Field("e131", description="protocol of the node")
+    protocol: Literal["e131", "artnet"] = Field(default="e131", description="protocol of the node")
     port: int | None = Field(
-        None, gt=0, le=65535, description="UDP port of the node; the protocol's if empty"
+        default=None, gt=0, le=65535, description="UDP port of the node; the protocol's if empty"
     )
     interface: str = Field(
-        "", description="IPv4 address of this machine in the network that gets the multicast"
+        default="", description="IPv4 address of this machine in the network that gets the multicast"
     )
     universe: int = Field(
-        1, ge=0, le=MAX_UNIVERSE, description="universe, which nothing else uses; Art-Net counts from 0"
+        default=1,
+        ge=0,
+        le=MAX_UNIVERSE,
+        description="universe, which nothing else uses; Art-Net counts from 0",
     )
     address: int = Field(
-        1, ge=1, le=UNIVERSE_SLOTS, description="DMX address of the fixture, its first channel"
+        default=1, ge=1, le=UNIVERSE_SLOTS, description="DMX address of the fixture, its first channel"
     )
-    channels: ChannelMap = Field(ChannelMap(), description="channels of the fixture")
+    channels: ChannelMap = Field(default=ChannelMap(), description="channels of the fixture")
     fixed_channels: dict[int, int] = Field(
-        {}, description="values of further channels by number, such as an open shutter"
+        default={}, description="values of further channels by number, such as an open shutter"
     )
     pan_range_deg: float = Field(
-        540.0, gt=0, le=LARGEST_RANGE_DEG, description="angle from the lowest to the highest pan"
+        default=540.0, gt=0, le=LARGEST_RANGE_DEG, description="angle from the lowest to the highest pan"
     )
     tilt_range_deg: float = Field(
-        270.0, gt=0, le=360, description="angle from the lowest to the highest tilt"
+        default=270.0, gt=0, le=360, description="angle from the lowest to the highest tilt"
     )
-    invert_pan: bool = Field(False, description="higher values turn clockwise, seen from the beam")
-    pan_speed_degps: float = Field(180.0, gt=0, le=2000, description="maximum speed of pan, °/s")
-    tilt_speed_degps: float = Field(120.0, gt=0, le=2000, description="maximum speed of tilt, °/s")
+    invert_pan: bool = Field(default=False, description="higher values turn clockwise, seen from the beam")
+    pan_speed_degps: float = Field(default=180.0, gt=0, le=2000, description="maximum speed of pan, °/s")
+    tilt_speed_degps: float = Field(default=120.0, gt=0, le=2000, description="maximum speed of tilt, °/s")
     dark_beyond_deg: float = Field(
-        180.0, gt=0, le=180, description="angle from beam to cursor above which it is dark; 180: never"
+        default=180.0,
+        gt=0,
+        le=180,
+        description="angle from beam to cursor above which it is dark; 180: never",
     )
-    position_m: Vec3 = Field((0.0, 0.0, 3.0), description="place where pan and tilt axis cross")
-    yaw_deg: float = Field(0.0, ge=-360, le=360, description="rotation about z, after the others")
-    pitch_deg: float = Field(0.0, ge=-360, le=360, description="rotation about y, after roll")
-    roll_deg: float = Field(180.0, ge=-360, le=360, description="rotation about x; 180: it hangs")
-    user: str = Field("", description="person whom the beam follows; who began to point last if empty")
+    position_m: Vec3 = Field(default=(0.0, 0.0, 3.0), description="place where pan and tilt axis cross")
+    yaw_deg: float = Field(default=0.0, ge=-360, le=360, description="rotation about z, after the others")
+    pitch_deg: float = Field(default=0.0, ge=-360, le=360, description="rotation about y, after roll")
+    roll_deg: float = Field(default=180.0, ge=-360, le=360, description="rotation about x; 180: it hangs")
+    user: str = Field(
+        default="", description="person whom the beam follows; who began to point last if empty"
+    )
 
     @model_validator(mode="after")
     def _is_consistent(self) -> Self:

@@ -27,8 +27,10 @@ from pointit.services.robot.robot_driver import (
 class SimConfig(Config):
     """A simulated robot."""
 
-    seed: int = Field(0, ge=0, description="seed of a quadrotor's wander while it hovers")
-    max_jerk_mps3: float = Field(15.0, gt=0, le=1000, description="quadrotor: limit of its jerk, m/s³")
+    seed: int = Field(default=0, ge=0, description="seed of a quadrotor's wander while it hovers")
+    max_jerk_mps3: float = Field(
+        default=15.0, gt=0, le=1000, description="quadrotor: limit of its jerk, m/s³"
+    )
 
 
 SimulatedRobot = SimulatedGroundRobot | SimulatedQuadrotor

@@ -23,6 +23,7 @@ from pointit.schemas import NS_PER_S, TrackedObjects, decode, encode
 from pointit.schemas.environment import Frame
 from pointit.schemas.topics import OBJECTS
 from tests.support.bench import START_NS, until
+from tests.unit.ros2 import scenes
 from tests.unit.ros2.graph_of_one import Bench, bench
 from tests.unit.ros2.scenes import NOW_NS, ROOM, furnished, jazzy
 from tests.unit.ros2.values import any_value
@@ -59,18 +60,11 @@ def make(name: str, /, **fields: Any) -> Any:
 
 
 def header(frame: str = "", stamp_ns: int = START_NS) -> Any:
-    sec, nanosec = divmod(stamp_ns, NS_PER_S)
-    stamp = make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
-    return make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
+    return scenes.stamped(stamp_ns, frame)
 
 
 def pose(x: float = 0.0, y: float = 0.0, yaw_rad: float = 0.0) -> Any:
-    turned = dict(zip("xyzw", rotation.from_yaw(yaw_rad), strict=True))
-    return make(
-        "geometry_msgs/msg/Pose",
-        position=make("geometry_msgs/msg/Point", x=x, y=y),
-        orientation=make("geometry_msgs/msg/Quaternion", **turned),
-    )
+    return scenes.pose_at((x, y, 0.0), rotation.from_yaw(yaw_rad))
 
 
 def covariance(x_m2: float, y_m2: float, z_m2: float) -> list[float]:
@@ -80,17 +74,7 @@ def covariance(x_m2: float, y_m2: float, z_m2: float) -> list[float]:
 
 
 def transform(parent: str, child: str, x: float = 0.0, yaw_rad: float = 0.0, stamp_ns: int = START_NS) -> Any:
-    turned = dict(zip("xyzw", rotation.from_yaw(yaw_rad), strict=True))
-    return make(
-        "geometry_msgs/msg/TransformStamped",
-        header=header(parent, stamp_ns),
-        child_frame_id=child,
-        transform=make(
-            "geometry_msgs/msg/Transform",
-            translation=make("geometry_msgs/msg/Vector3", x=x),
-            rotation=make("geometry_msgs/msg/Quaternion", **turned),
-        ),
-    )
+    return scenes.transform(parent, child, (x, 0.0, 0.0), rotation.from_yaw(yaw_rad), stamp_ns)
 
 
 @pytest.fixture
@@ -135,7 +119,7 @@ async def test_odometry_gives_velocity_in_the_room_and_sigma_by_covariance(bridg
         ),
         twist=make(
             "geometry_msgs/msg/TwistWithCovariance",
-            twist=make("geometry_msgs/msg/Twist", linear=make("geometry_msgs/msg/Vector3", x=0.5)),
+            twist=make("geometry_msgs/msg/Twist", linear=scenes.triple("Vector3", (0.5, 0.0, 0.0))),
         ),
     )
     await until(lambda: bool(seen["agv2"]))
@@ -191,9 +175,7 @@ async def test_detections_are_objects_of_their_likeliest_class_in_the_cameras_fr
         for name, score in (("chair", 0.2), ("robot_arm", 0.7))
     ]
     box = make(
-        "vision_msgs/msg/BoundingBox3D",
-        center=pose(1.0),
-        size=make("geometry_msgs/msg/Vector3", x=0.2, y=0.5, z=0.1),
+        "vision_msgs/msg/BoundingBox3D", center=pose(1.0), size=scenes.triple("Vector3", (0.2, 0.5, 0.1))
     )
     found = make("vision_msgs/msg/Detection3D", results=results, bbox=box, id="7")
     bridge.say("/detections", DETECTIONS, header=header(), detections=[found])

@@ -19,13 +19,14 @@ from pointit.bridges.ros2.graph.backends import opened
 from pointit.bridges.ros2.types.types import Types
 from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
-from pointit.schemas import NS_PER_S, SelectionEvent, StripsFrame, TrackedObjects, UserProfile
+from pointit.schemas import SelectionEvent, StripsFrame, TrackedObjects, UserProfile
 from pointit.schemas.topics import OBJECTS, PROFILE, SELECTION_EVENTS
 from tests.integration.ros2.nodes import DOMAIN
 from tests.support.bench import until
 from tests.support.buses import free_port
 from tests.support.commands import Command, Commands, Onlooker, onlooker
 from tests.unit.ros2.graph_of_one import Shown
+from tests.unit.ros2.scenes import pose_at, stamped, transform
 
 TYPES = Types("jazzy")
 EYES_M = (0.0, 0.0, 1.64)
@@ -87,30 +88,12 @@ class Nodes:
     async def live(self) -> None:
         """Say the ray and the place until cancelled."""
         while True:
-            header = self._header("world")
-            at = make("geometry_msgs/msg/Vector3", **dict(zip("xyz", self._at_m, strict=True)))
-            moved = make(
-                "geometry_msgs/msg/Transform",
-                translation=at,
-                rotation=_turned(rotation.from_yaw(self._yaw_rad)),
-            )
-            frame = make(
-                "geometry_msgs/msg/TransformStamped",
-                header=header,
-                child_frame_id=self._frame,
-                transform=moved,
-            )
+            turned = rotation.from_yaw(self._yaw_rad)
+            frame = transform("world", self._frame, self._at_m, turned, time.time_ns())
             self._say("/tf", transforms=[frame])
-            eyes = make("geometry_msgs/msg/Point", **dict(zip("xyz", EYES_M, strict=True)))
             way = rotation.from_azimuth_elevation(self._azimuth_rad, self._elevation_rad)
-            pose = make("geometry_msgs/msg/Pose", position=eyes, orientation=_turned(way))
-            self._say(self._ray, header=self._header(self._frame), pose=pose)
+            self._say(self._ray, header=stamped(time.time_ns(), self._frame), pose=pose_at(EYES_M, way))
             await asyncio.sleep(1.0 / RAY_HZ)
-
-    def _header(self, frame: str) -> Any:
-        sec, nanosec = divmod(time.time_ns(), NS_PER_S)
-        stamp = make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
-        return make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
     def _say(self, name: str, **fields: Any) -> None:
         kind = self._kinds[name]
@@ -121,10 +104,6 @@ class Nodes:
         for each in graph.endpoints:
             if each.kind == "publisher":
                 self.nodes.setdefault(each.name, set()).add(each.node)
-
-
-def _turned(q: rotation.Quaternion) -> Any:
-    return make("geometry_msgs/msg/Quaternion", **dict(zip("xyzw", q, strict=True)))
 
 
 @asynccontextmanager

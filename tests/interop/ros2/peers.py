@@ -11,18 +11,18 @@ from typing import Any
 
 from pointit.bridges.ros2.routing.routes import routes
 from pointit.bridges.ros2.types.foreign import STANDARD_SERVICES, actions
-from pointit.bridges.ros2.types.types import Types
 from tests.interop.ros2.ament import AT_LEAST, install, install_action, shape
 from tests.support.bench import until
 from tests.support.buses import free_port
 from tests.support.commands import Command, Commands
 from tests.support.pace import Patience
 from tests.support.told import Told
+from tests.unit.ros2.scenes import jazzy
 
 HERE = Path(__file__).parent
 DOMAIN = 7
 ALIVE_S = 30.0
-TYPES = Types("jazzy")
+TYPES = jazzy()
 EMPTY = {AT_LEAST.split()[1]: 0}
 
 

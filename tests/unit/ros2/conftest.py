@@ -4,7 +4,8 @@ from collections.abc import AsyncIterator
 
 import pytest
 
-from tests.unit.ros2.graph_of_one import Bench, bench
+from pointit.bridges.ros2 import service
+from tests.unit.ros2.graph_of_one import Bench, FakeBackend, bench
 from tests.unit.ros2.scenes import jazzy
 
 
@@ -19,3 +20,16 @@ async def eager() -> AsyncIterator[Bench]:
     """Yield a bridge that publishes also what no node subscribes to."""
     async with bench(jazzy(), unread=True) as made:
         yield made
+
+
+@pytest.fixture
+def backend(monkeypatch: pytest.MonkeyPatch) -> FakeBackend:
+    """What the service opens as its node in ROS."""
+    made = FakeBackend(notes=("no other ROS node is seen",))
+    monkeypatch.setattr(service, "NOTED_S", 0.01)
+
+    async def opened(*_: object, **_named: object) -> FakeBackend:
+        return made
+
+    monkeypatch.setattr(service, "opened", opened)
+    return made

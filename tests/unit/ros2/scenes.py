@@ -10,6 +10,7 @@ from pointit.bridges.ros2.routing.route_types import InboundRoute, OutboundRoute
 from pointit.bridges.ros2.routing.routes import Routes, routes
 from pointit.bridges.ros2.types.types import Types
 from pointit.geometry import rotation
+from pointit.geometry.vector import Vec3
 
 NOW_NS = 1_700_000_000 * schemas.NS_PER_S + 5
 
@@ -47,6 +48,42 @@ POSE = schemas.UserPose(
 @functools.cache
 def jazzy() -> Types:
     return Types("jazzy")
+
+
+def time_of(stamp_ns: int) -> Any:
+    sec, nanosec = divmod(stamp_ns, schemas.NS_PER_S)
+    return jazzy().make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
+
+
+def stamped(stamp_ns: int = NOW_NS, frame: str = "") -> Any:
+    return jazzy().make("std_msgs/msg/Header", stamp=time_of(stamp_ns), frame_id=frame)
+
+
+def triple(name: str, at: Vec3) -> Any:
+    x, y, z = at
+    return jazzy().make(f"geometry_msgs/msg/{name}", x=x, y=y, z=z)
+
+
+def quaternion(q: rotation.Quaternion) -> Any:
+    x, y, z, w = q
+    return jazzy().make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
+
+
+def pose_at(at: Vec3, q: rotation.Quaternion = rotation.IDENTITY) -> Any:
+    return jazzy().make("geometry_msgs/msg/Pose", position=triple("Point", at), orientation=quaternion(q))
+
+
+def transform(
+    parent: str,
+    child: str,
+    at: Vec3 = (0.0, 0.0, 0.0),
+    q: rotation.Quaternion = rotation.IDENTITY,
+    stamp_ns: int = NOW_NS,
+) -> Any:
+    make, header = jazzy().make, stamped(stamp_ns, parent)
+    moved = make("geometry_msgs/msg/Transform", translation=triple("Vector3", at), rotation=quaternion(q))
+    name = "geometry_msgs/msg/TransformStamped"
+    return make(name, header=header, child_frame_id=child, transform=moved)
 
 
 def furnished() -> ConversionState:

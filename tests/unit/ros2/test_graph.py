@@ -292,27 +292,21 @@ async def test_who_is_closed_by_another_is_not_told_any_more() -> None:
     assert [each.nodes for each in seen] == [frozenset()]
 
 
-async def test_a_handler_that_fails_keeps_nobody_else_from_being_told() -> None:
-    made, seen = outlook(), list[Graph]()
+async def test_a_handler_that_fails_keeps_nobody_from_being_told_and_at_once_it_does_not_watch() -> None:
+    made, seen, told = outlook(), list[Graph](), list[Graph]()
 
     def failing(seen: Graph) -> None:
         if seen.nodes:
             raise RuntimeError("a fault of theirs")
 
-    made.watch(failing)
-    made.watch(seen.append)
-    made.show(with_node("/a"), {})
-    assert [each.nodes for each in seen] == [frozenset(), {"/a"}]
-
-
-async def test_who_fails_at_once_does_not_watch() -> None:
-    made, told = outlook(), list[Graph]()
-
     def once(seen: Graph) -> None:
         told.append(seen)
         raise RuntimeError("a fault of theirs")
 
+    made.watch(failing)
+    made.watch(seen.append)
     with pytest.raises(RuntimeError, match="a fault of theirs"):
         made.watch(once)
     made.show(with_node("/a"), {})
+    assert [each.nodes for each in seen] == [frozenset(), {"/a"}]
     assert len(told) == 1

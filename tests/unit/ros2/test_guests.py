@@ -6,7 +6,6 @@ from typing import Any
 
 import pytest
 
-from pointit.bridges.ros2 import service
 from pointit.bridges.ros2.config import Ros2Config
 from pointit.bridges.ros2.inbound.guest import interaction
 from pointit.bridges.ros2.routing import guests
@@ -71,20 +70,9 @@ class Site:
 
 
 @pytest.fixture
-def backend(monkeypatch: pytest.MonkeyPatch) -> FakeBackend:
-    made = FakeBackend()
-
-    async def opened(*_: object, **_named: object) -> FakeBackend:
-        return made
-
-    monkeypatch.setattr(service, "opened", opened)
+async def site(backend: FakeBackend, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Site]:
     monkeypatch.setattr(guests, "LOOK_S", 0.01)
     monkeypatch.setattr(guests, "SILENT_S", 0.3)
-    return made
-
-
-@pytest.fixture
-async def site(backend: FakeBackend) -> AsyncIterator[Site]:
     async with memory_bench() as made:
         made.start(Ros2, Ros2Config(people=("anna",)))
         await until(lambda: bool(backend.watchers))

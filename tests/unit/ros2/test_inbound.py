@@ -15,55 +15,40 @@ from pointit.bridges.ros2.routing.route_types import (
     InboundRoute,
 )
 from pointit.geometry import rotation
+from pointit.geometry.rotation import Quaternion
+from pointit.geometry.vector import Vec3
 from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
 from pointit.schemas import NS_PER_S, AddPackage, ButtonEvent, ClockTick, SetFeeding, SetSpeed, UserPose
 from pointit.schemas.topics import ADD_PACKAGE, BUTTON, CLOCK, POSE, SET_FEEDING, SET_POSE, SET_SPEED, WRIST
-from tests.unit.ros2.scenes import NOW_NS, ROOM, furnished, into, jazzy
+from tests.unit.ros2.scenes import (
+    NOW_NS,
+    ROOM,
+    furnished,
+    into,
+    jazzy,
+    pose_at,
+    quaternion,
+    stamped,
+    time_of,
+    transform,
+)
 
 make = jazzy().make
 LEVEL = (0.0, 0.0, math.sin(0.5), math.cos(0.5))
 """Turned by 1 rad about z."""
 
 
-def stamped(stamp_ns: int = NOW_NS, frame: str = "") -> Any:
-    sec, nanosec = divmod(stamp_ns, NS_PER_S)
-    return make(
-        "std_msgs/msg/Header",
-        stamp=make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec),
-        frame_id=frame,
-    )
-
-
-def quaternion(q: tuple[float, float, float, float]) -> Any:
-    return make("geometry_msgs/msg/Quaternion", x=q[0], y=q[1], z=q[2], w=q[3])
-
-
-def arm(q: tuple[float, float, float, float] = LEVEL, stamp_ns: int = NOW_NS) -> Any:
+def arm(q: Quaternion = LEVEL, stamp_ns: int = NOW_NS) -> Any:
     name = "geometry_msgs/msg/QuaternionStamped"
     return make(name, header=stamped(stamp_ns, "metawear_ros"), quaternion=quaternion(q))
 
 
-def place(
-    *,
-    q: tuple[float, float, float, float] = LEVEL,
-    at: tuple[float, float, float] = (1.0, 2.0, 0.0),
-    frame: str = "world",
-) -> Any:
-    point = make("geometry_msgs/msg/Point", x=at[0], y=at[1], z=at[2])
-    pose = make("geometry_msgs/msg/Pose", position=point, orientation=quaternion(q))
-    return make("geometry_msgs/msg/PoseStamped", header=stamped(frame=frame), pose=pose)
+def place(*, q: Quaternion = LEVEL, at: Vec3 = (1.0, 2.0, 0.0), frame: str = "world") -> Any:
+    return make("geometry_msgs/msg/PoseStamped", header=stamped(frame=frame), pose=pose_at(at, q))
 
 
-def frame_of(
-    child: str, parent: str = "world", *, q: tuple[float, float, float, float] = LEVEL, x: float = 1.0
-) -> Any:
-    moved = make(
-        "geometry_msgs/msg/Transform",
-        translation=make("geometry_msgs/msg/Vector3", x=x, y=2.0, z=0.0),
-        rotation=quaternion(q),
-    )
-    name = "geometry_msgs/msg/TransformStamped"
-    return make(name, header=stamped(frame=parent), child_frame_id=child, transform=moved)
+def frame_of(child: str, parent: str = "world", *, q: Quaternion = LEVEL, x: float = 1.0) -> Any:
+    return transform(parent, child, (x, 2.0, 0.0), q)
 
 
 def tf(*frames: Any) -> Any:
@@ -127,7 +112,7 @@ def test_a_rotation_that_is_nearly_one_is_normalized(factor: float) -> None:
 
 
 @pytest.mark.parametrize("q", [(0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.01), (1.0, 1.0, 1.0, 1.0)])
-def test_a_rotation_that_is_none_is_refused(q: tuple[float, float, float, float]) -> None:
+def test_a_rotation_that_is_none_is_refused(q: Quaternion) -> None:
     assert "norm 1" in warned(taken(into("rotation_in"), arm(q)))
     assert "norm 1" in warned(taken(into("mocap_pose"), place(q=q)))
 
@@ -281,10 +266,7 @@ def test_a_package_is_added_by_the_number_of_its_kind_and_feeders_rest_as_told()
 
 
 def clock(sim_s: float) -> Any:
-    sec, nanosec = divmod(round(sim_s * NS_PER_S), NS_PER_S)
-    return make(
-        "rosgraph_msgs/msg/Clock", clock=make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
-    )
+    return make("rosgraph_msgs/msg/Clock", clock=time_of(round(sim_s * NS_PER_S)))
 
 
 def ticks(row: InboundRoute, times: list[tuple[float, float]]) -> list[ClockTick]:

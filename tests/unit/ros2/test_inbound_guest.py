@@ -19,7 +19,7 @@ from pointit.bridges.ros2.routing.route_types import (
 from pointit.geometry import rotation, vector
 from pointit.schemas import NS_PER_S, Interaction, PointingRay, UserProfile
 from pointit.schemas.topics import INTERACTION, POSE, PROFILE, RAY
-from tests.unit.ros2.scenes import NOW_NS, furnished, into, jazzy
+from tests.unit.ros2.scenes import NOW_NS, furnished, into, jazzy, quaternion
 from tests.unit.ros2.test_inbound import frame_of, output, place, said, taken, tf, warned
 
 HERS = "user1/human_footprint"
@@ -83,16 +83,12 @@ def test_a_ray_is_of_unit_length_and_what_we_would_say_of_it(
     ours = PointingRay(stamp_ns=NOW_NS, seq=1, origin_m=EYES, direction=way)
     (value,) = pointing_ray(ours, ConversionContext(scene, "user1", NOW_NS, HERS))
     rolled = rotation.from_azimuth_elevation(azimuth_rad, elevation_rad, roll_rad)
-    for each in (value.pose.orientation, quaternion(rolled, factor)):
+    x, y, z, w = (factor * each for each in rolled)
+    for each in (value.pose.orientation, quaternion((x, y, z, w))):
         value.pose.orientation = each
         found = said(taken(row, value, scene))
         assert math.hypot(*found.direction) == pytest.approx(1.0, abs=1e-9)
         assert found.direction == pytest.approx(way, abs=1e-6)
-
-
-def quaternion(q: tuple[float, float, float, float], factor: float) -> Any:
-    x, y, z, w = (factor * each for each in q)
-    return make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from pointit.bridges.ros2.types.types import Types
 from pointit.schemas.topics import POSE, WRIST
 from tests.support.bench import until
 from tests.unit.ros2.graph_of_one import Bench
-from tests.unit.ros2.scenes import jazzy
+from tests.unit.ros2.scenes import jazzy, quaternion, transform
 
 ROTATION = "/anna/metawear_ros/rotation"
 QUATERNION = "geometry_msgs/msg/QuaternionStamped"
@@ -24,16 +24,7 @@ def frames(bridge: Bench, *people: str, x: float, size: int = 0) -> bytes:
     make = bridge.types.make
 
     def frame(child: str) -> Any:
-        return make(
-            "geometry_msgs/msg/TransformStamped",
-            header=make("std_msgs/msg/Header", frame_id="world"),
-            child_frame_id=child,
-            transform=make(
-                "geometry_msgs/msg/Transform",
-                translation=make("geometry_msgs/msg/Vector3", x=x),
-                rotation=make("geometry_msgs/msg/Quaternion", w=1.0),
-            ),
-        )
+        return transform("world", child, (x, 0.0, 0.0))
 
     ours = [frame(f"{user}/human_footprint") for user in people]
     count = max(size - len(bridge.types.encode(TF, make(TF, transforms=ours))), 0) // 104
@@ -71,7 +62,7 @@ async def test_of_what_a_stall_has_piled_up_the_newest_is_taken(bridge: Bench) -
     bridge.other.subscribe(WRIST, lambda message, _name: seen.append(message.orientation_xyzw[2]))
     for count in range(21):
         z = count / 20
-        turned = bridge.types.make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=z, w=(1.0 - z * z) ** 0.5)
+        turned = quaternion((0.0, 0.0, z, (1.0 - z * z) ** 0.5))
         bridge.say(ROTATION, QUATERNION, quaternion=turned)
     await until(lambda: bool(seen) and seen[-1] == 1.0)
     assert len(seen) == 2
@@ -81,7 +72,7 @@ async def test_who_leaves_is_not_moved_by_what_waits(bridge: Bench) -> None:
     bridge.inbox.join("anna")
     seen: list[str] = []
     bridge.other.subscribe(WRIST, lambda _message, name: seen.append(name))
-    turned = bridge.types.make("geometry_msgs/msg/Quaternion", w=1.0)
+    turned = quaternion((0.0, 0.0, 0.0, 1.0))
     for _ in range(3):
         bridge.say(ROTATION, QUATERNION, quaternion=turned)
     bridge.inbox.leave("anna")

@@ -36,9 +36,8 @@ Said = tuple[int, str]
 
 
 def health(*warnings: str, instance: str = "pui", **fields: Any) -> Health:
-    values: dict[str, Any] = {"stamp_ns": NOW_NS, "pid": 1, "host": "site"} | fields
-    values |= {"service": instance, "instance": instance, "warnings": warnings}
-    return Health(status="degraded" if warnings else "ok", **values)
+    values: dict[str, Any] = {"stamp_ns": NOW_NS, "pid": 1, "host": "site", "warnings": warnings} | fields
+    return Health(status="degraded" if warnings else "ok", service=instance, instance=instance, **values)
 
 
 class Log:

@@ -5,7 +5,6 @@ from collections.abc import AsyncIterator
 import pytest
 from pydantic import ValidationError
 
-from pointit.bridges.ros2 import service
 from pointit.bridges.ros2.config import BackendConfig, Ros2Config
 from pointit.bridges.ros2.graph.addresses import check_apart, place_of
 from pointit.bridges.ros2.routing.presence_cache import MAX_REMEMBERED, PresenceCache
@@ -21,18 +20,6 @@ from tests.unit.ros2.graph_of_one import FakeBackend, graph
 PLACE = UserPose(stamp_ns=START_NS, seq=1, position_m=(1.0, 2.0, 0.0), yaw_rad=0.5)
 NOWHERE = Cursor(stamp_ns=START_NS, seq=1)
 HELD = ImuSample(stamp_ns=START_NS, seq=1, orientation_xyzw=(0.0, 0.0, 0.0, 1.0))
-
-
-@pytest.fixture
-def backend(monkeypatch: pytest.MonkeyPatch) -> FakeBackend:
-    made = FakeBackend(notes=("no other ROS node is seen",))
-    monkeypatch.setattr(service, "NOTED_S", 0.01)
-
-    async def opened(*_: object, **_named: object) -> FakeBackend:
-        return made
-
-    monkeypatch.setattr(service, "opened", opened)
-    return made
 
 
 @pytest.fixture

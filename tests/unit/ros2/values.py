@@ -2,8 +2,10 @@
 
 import json
 import re
+from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -29,20 +31,25 @@ def plain(value: Any) -> Any:
     return value if isinstance(value, str | int | float) else [plain(each) for each in value]
 
 
-def any_value(name: str) -> st.SearchStrategy[Any]:
-    """Values of the type `name`."""
-    given = {field: any_field(of) for field, of in FIELDS[name]}
+Strategies = Mapping[str, st.SearchStrategy[Any]]
+
+
+def any_value(name: str, instead: Strategies = MappingProxyType({})) -> st.SearchStrategy[Any]:
+    """Values of the type `name`; types in `instead` are drawn from there."""
+    if name in instead:
+        return instead[name]
+    given = {field: any_field(of, instead) for field, of in FIELDS[name]}
     return st.fixed_dictionaries(given).map(lambda each: jazzy().make(name, **each))
 
 
-def any_field(of: Any) -> st.SearchStrategy[Any]:
+def any_field(of: Any, instead: Strategies) -> st.SearchStrategy[Any]:
     shape, rest = of
     if shape == NAME:
-        return any_value(rest)
+        return any_value(rest, instead)
     if shape == BASE:
-        return any_base(rest[0])
+        return instead[rest[0]] if rest[0] in instead else any_base(rest[0])
     within, count = rest
-    return st.lists(any_field(within), min_size=count if shape == ARRAY else 0, max_size=count or 4)
+    return st.lists(any_field(within, instead), min_size=count if shape == ARRAY else 0, max_size=count or 4)
 
 
 def any_base(base: str) -> st.SearchStrategy[Any]:

@@ -51,16 +51,6 @@ def test_a_stopped_goal_is_cancelled_again_and_again_until_it_has_ended() -> Non
     assert book.to_cancel(LATER_NS + 2 * RETRY_NS) == []
 
 
-def test_a_goal_that_is_accepted_after_the_stop_is_cancelled_at_once() -> None:
-    book = GoalBook()
-    book.begin(A)
-    book.drop()
-    assert book.to_cancel(LATER_NS) == [A]
-    book.on_unknown(A)  # the server has not read it yet
-    assert book.on_response(A, accepted=True, now_ns=LATER_NS + 1) is None
-    assert book.to_cancel(LATER_NS + 1) == [A]
-
-
 def test_a_goal_that_no_server_answered_is_cancelled_should_it_turn_up() -> None:
     book = GoalBook()
     book.begin(A)

@@ -16,7 +16,7 @@ from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.testing import Check, FakeDevice, RobotHarness, checks
 from tests.unit.ros2.robot.fake_nav2 import FakeNav2
-from tests.unit.ros2.scenes import jazzy
+from tests.unit.ros2.scenes import jazzy, triple
 
 POSE = "geometry_msgs/msg/PoseStamped"
 SETPOINTS = "/setpoints"
@@ -59,11 +59,8 @@ class FakeRobot(FakeDevice, ABC):
         while True:
             before_m, self.at_m = self.at_m, self.moved()
             self.speed_mps = vector.norm(vector.subtract(self.at_m, before_m)) / TICK_S
-            make = jazzy().make
-            message = make(POSE)
-            message.pose.position = make(
-                "geometry_msgs/msg/Point", **dict(zip("xyz", self.at_m, strict=True))
-            )
+            message = jazzy().make(POSE)
+            message.pose.position = triple("Point", self.at_m)
             if "/pose" in self.graph.readers:
                 self.graph.readers["/pose"](jazzy().encode(POSE, message))
             await asyncio.sleep(TICK_S)

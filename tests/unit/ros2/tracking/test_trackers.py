@@ -1,6 +1,5 @@
 """Objects that ROS nodes track, on our bus."""
 
-import contextlib
 import dataclasses
 import math
 from collections.abc import AsyncGenerator
@@ -12,7 +11,7 @@ from hypothesis import strategies as st
 
 from pointit.bridges.ros2.config import Ros2Config
 from pointit.bridges.ros2.routing.route_types import BusOutput, ConversionWarning, InboundRoute
-from pointit.bridges.ros2.routing.routes import RoutesFile, routes
+from pointit.bridges.ros2.routing.routes import routes
 from pointit.bridges.ros2.tracking.config import TrackerConfig
 from pointit.bridges.ros2.tracking.routes import tracker_routes
 from pointit.bridges.ros2.tracking.sightings import sigma
@@ -24,6 +23,7 @@ from pointit.schemas import NS_PER_S, TrackedObjects, decode, encode
 from pointit.schemas.environment import Frame
 from pointit.schemas.topics import OBJECTS
 from tests.support.bench import START_NS, until
+from tests.unit.ros2 import scenes
 from tests.unit.ros2.graph_of_one import Bench, bench
 from tests.unit.ros2.scenes import NOW_NS, ROOM, furnished, jazzy
 from tests.unit.ros2.values import any_value
@@ -34,6 +34,7 @@ PACKAGES = "conveyor_msgs/msg/PackageList"
 DETECTIONS = "vision_msgs/msg/Detection3DArray"
 TF = "tf2_msgs/msg/TFMessage"
 LATENCY_S = 0.02
+Seen = dict[str, list[TrackedObjects]]
 
 CONFIG = {
     "agv1": {
@@ -59,18 +60,11 @@ def make(name: str, /, **fields: Any) -> Any:
 
 
 def header(frame: str = "", stamp_ns: int = START_NS) -> Any:
-    sec, nanosec = divmod(stamp_ns, NS_PER_S)
-    stamp = make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
-    return make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
+    return scenes.stamped(stamp_ns, frame)
 
 
 def pose(x: float = 0.0, y: float = 0.0, yaw_rad: float = 0.0) -> Any:
-    turned = dict(zip("xyzw", rotation.from_yaw(yaw_rad), strict=True))
-    return make(
-        "geometry_msgs/msg/Pose",
-        position=make("geometry_msgs/msg/Point", x=x, y=y),
-        orientation=make("geometry_msgs/msg/Quaternion", **turned),
-    )
+    return scenes.pose_at((x, y, 0.0), rotation.from_yaw(yaw_rad))
 
 
 def covariance(x_m2: float, y_m2: float, z_m2: float) -> list[float]:
@@ -80,138 +74,129 @@ def covariance(x_m2: float, y_m2: float, z_m2: float) -> list[float]:
 
 
 def transform(parent: str, child: str, x: float = 0.0, yaw_rad: float = 0.0, stamp_ns: int = START_NS) -> Any:
-    turned = dict(zip("xyzw", rotation.from_yaw(yaw_rad), strict=True))
-    return make(
-        "geometry_msgs/msg/TransformStamped",
-        header=header(parent, stamp_ns),
-        child_frame_id=child,
-        transform=make(
-            "geometry_msgs/msg/Transform",
-            translation=make("geometry_msgs/msg/Vector3", x=x),
-            rotation=make("geometry_msgs/msg/Quaternion", **turned),
+    return scenes.transform(parent, child, (x, 0.0, 0.0), rotation.from_yaw(yaw_rad), stamp_ns)
+
+
+@pytest.fixture
+async def bridge() -> AsyncGenerator[Bench]:
+    """The bridge with all trackers and no other route."""
+    table = dataclasses.replace(routes(), outward=(), inward=tracker_routes(configured()), served=())
+    async with bench(jazzy(), table) as made:
+        made.scene.take("", ROOM, START_NS)
+        yield made
+
+
+@pytest.fixture
+def seen(bridge: Bench) -> Seen:
+    """What the trackers publish."""
+    told: Seen = {name: [] for name in CONFIG}
+    bridge.other.subscribe(OBJECTS, lambda message, name: told[name].append(message))
+    return told
+
+
+async def test_a_pose_becomes_an_object_stamped_when_it_was_measured(bridge: Bench, seen: Seen) -> None:
+    bridge.say("/agv1/pose", POSE, header=header("world"), pose=pose(1.0, 2.0, 0.5))
+    await until(lambda: bool(seen["agv1"]))
+    (message,) = seen["agv1"]
+    (item,) = message.objects
+    assert message.stamp_ns == START_NS - round(LATENCY_S * NS_PER_S)
+    assert message.latency_sigma_s == 0.005
+    assert (item.id, item.kind, item.length_m) == ("agv1", "ground", 0.6)
+    assert (item.position_m, item.position_sigma_m) == ((1.0, 2.0, 0.0), None)
+    assert item.yaw_rad == pytest.approx(0.5)
+
+
+async def test_odometry_gives_velocity_in_the_room_and_sigma_by_covariance(bridge: Bench, seen: Seen) -> None:
+    bridge.say("/tf_static", TF, transforms=[transform("world", "odom", 10.0, math.pi / 2)])
+    bridge.say(
+        "/agv2/odom",
+        ODOMETRY,
+        header=header("odom"),
+        pose=make(
+            "geometry_msgs/msg/PoseWithCovariance",
+            pose=pose(1.0, 0.0, math.pi / 2),
+            covariance=covariance(0.01, 0.04, 1e6),
+        ),
+        twist=make(
+            "geometry_msgs/msg/TwistWithCovariance",
+            twist=make("geometry_msgs/msg/Twist", linear=scenes.triple("Vector3", (0.5, 0.0, 0.0))),
         ),
     )
+    await until(lambda: bool(seen["agv2"]))
+    (item,) = seen["agv2"][0].objects
+    assert (item.id, item.kind) == ("agv-2", "robot")
+    assert item.position_m == pytest.approx((10.0, 1.0, 0.0))
+    assert item.velocity_mps == pytest.approx((-0.5, 0.0, 0.0))
+    assert item.yaw_rad is not None
+    assert abs(item.yaw_rad) == pytest.approx(math.pi)
+    assert item.position_sigma_m == pytest.approx(0.2)
 
 
-@contextlib.asynccontextmanager
-async def tracking() -> AsyncGenerator[tuple[Bench, dict[str, list[TrackedObjects]]]]:
-    """The bridge with all trackers and no other route, and what they publish."""
-    table = dataclasses.replace(routes(), outward=(), inward=tracker_routes(configured()), served=())
-    assert isinstance(table.file, RoutesFile)
-    async with bench(jazzy(), table) as bridge:
-        seen: dict[str, list[TrackedObjects]] = {name: [] for name in CONFIG}
-        bridge.other.subscribe(OBJECTS, lambda message, name: seen[name].append(message))
-        bridge.scene.take("", ROOM, START_NS)
-        yield bridge, seen
+async def test_a_frame_of_tf_becomes_an_object_as_soon_as_its_chain_is_complete(
+    bridge: Bench, seen: Seen
+) -> None:
+    moving = transform("map", "cf1", 3.0, stamp_ns=START_NS - NS_PER_S // 10)
+    bridge.say("/tf", TF, transforms=[moving, transform("map", "another")])
+    assert any("no transform leads from 'map' to 'world'" in each for each in bridge.warnings())
+    bridge.say("/tf_static", TF, transforms=[transform("world", "map", 1.0)])
+    bridge.clock.advance(0.1)
+    bridge.say("/tf", TF, transforms=[transform("map", "cf1", 3.1, stamp_ns=START_NS)])
+    await until(lambda: bool(seen["quad"]))
+    (message,) = seen["quad"]
+    assert message.stamp_ns == START_NS
+    assert message.objects[0].position_m == pytest.approx((4.1, 0.0, 0.0))
+    assert bridge.warnings() == ()
 
 
-async def test_a_pose_becomes_an_object_stamped_when_it_was_measured() -> None:
-    async with tracking() as (bridge, seen):
-        bridge.say("/agv1/pose", POSE, header=header("world"), pose=pose(1.0, 2.0, 0.5))
-        await until(lambda: bool(seen["agv1"]))
-        (message,) = seen["agv1"]
-        (item,) = message.objects
-        assert message.stamp_ns == START_NS - round(LATENCY_S * NS_PER_S)
-        assert message.latency_sigma_s == 0.005
-        assert (item.id, item.kind, item.length_m) == ("agv1", "ground", 0.6)
-        assert (item.position_m, item.position_sigma_m) == ((1.0, 2.0, 0.0), None)
-        assert item.yaw_rad == pytest.approx(0.5)
+async def test_packages_of_the_ros_toolkit_keep_their_numbers(bridge: Bench, seen: Seen) -> None:
+    place = make("conveyor_msgs/msg/PositionOnStrip", name="part_b", position=0.5)
+    item = make("conveyor_msgs/msg/Package", uid=19, position=place, type=1, length=0.25)
+    nowhere = make("conveyor_msgs/msg/Package", uid=20)
+    bridge.say("/packages", PACKAGES, header=header("world"), packages=[item, nowhere])
+    await until(lambda: bool(seen["line"]))
+    (found,) = seen["line"][0].objects
+    assert (found.id, found.kind, found.length_m) == ("line-19", "red", 0.25)
+    assert (found.surface, found.surface_id, found.surface_position_m) == ("belt", "part_b", 1.5)
+    assert found.position_m == pytest.approx((1.5, 5.0, 0.0))
+    assert bridge.scene.uids.number("line-19") == 19
+    assert any("package 20 is on '', which is no line of the map" in each for each in bridge.warnings())
 
 
-async def test_odometry_gives_velocity_in_the_room_and_sigma_by_covariance() -> None:
-    async with tracking() as (bridge, seen):
-        bridge.say("/tf_static", TF, transforms=[transform("world", "odom", 10.0, math.pi / 2)])
-        bridge.say(
-            "/agv2/odom",
-            ODOMETRY,
-            header=header("odom"),
-            pose=make(
-                "geometry_msgs/msg/PoseWithCovariance",
-                pose=pose(1.0, 0.0, math.pi / 2),
-                covariance=covariance(0.01, 0.04, 1e6),
-            ),
-            twist=make(
-                "geometry_msgs/msg/TwistWithCovariance",
-                twist=make("geometry_msgs/msg/Twist", linear=make("geometry_msgs/msg/Vector3", x=0.5)),
-            ),
+async def test_detections_are_objects_of_their_likeliest_class_in_the_cameras_frame(
+    bridge: Bench, seen: Seen
+) -> None:
+    bridge.say("/tf_static", TF, transforms=[transform("world", "camera", 5.0)])
+    results = [
+        make(
+            "vision_msgs/msg/ObjectHypothesisWithPose",
+            hypothesis=make("vision_msgs/msg/ObjectHypothesis", class_id=name, score=score),
+            pose=make("geometry_msgs/msg/PoseWithCovariance", covariance=covariance(0.01, 0.01, 0.01)),
         )
-        await until(lambda: bool(seen["agv2"]))
-        (item,) = seen["agv2"][0].objects
-        assert (item.id, item.kind) == ("agv-2", "robot")
-        assert item.position_m == pytest.approx((10.0, 1.0, 0.0))
-        assert item.velocity_mps == pytest.approx((-0.5, 0.0, 0.0))
-        assert item.yaw_rad is not None
-        assert abs(item.yaw_rad) == pytest.approx(math.pi)
-        assert item.position_sigma_m == pytest.approx(0.2)
+        for name, score in (("chair", 0.2), ("robot_arm", 0.7))
+    ]
+    box = make(
+        "vision_msgs/msg/BoundingBox3D", center=pose(1.0), size=scenes.triple("Vector3", (0.2, 0.5, 0.1))
+    )
+    found = make("vision_msgs/msg/Detection3D", results=results, bbox=box, id="7")
+    bridge.say("/detections", DETECTIONS, header=header(), detections=[found])
+    bridge.clock.advance(0.1)
+    await until(lambda: bool(seen["camera"]))
+    (item,) = seen["camera"][0].objects
+    assert (item.id, item.kind, item.length_m, item.yaw_rad) == ("camera-7", "robot_arm", 0.5, None)
+    assert item.position_m == pytest.approx((6.0, 0.0, 0.0))
+    assert item.position_sigma_m == pytest.approx(0.1)
+    later = header(stamp_ns=START_NS + NS_PER_S // 10)
+    bridge.say("/detections", DETECTIONS, header=later, detections=[])
+    await until(lambda: len(seen["camera"]) == 2)
+    assert seen["camera"][1].objects == ()  # it has left
 
 
-async def test_a_frame_of_tf_becomes_an_object_as_soon_as_its_chain_is_complete() -> None:
-    async with tracking() as (bridge, seen):
-        moving = transform("map", "cf1", 3.0, stamp_ns=START_NS - NS_PER_S // 10)
-        bridge.say("/tf", TF, transforms=[moving, transform("map", "another")])
-        assert any("no transform leads from 'map' to 'world'" in each for each in bridge.warnings())
-        bridge.say("/tf_static", TF, transforms=[transform("world", "map", 1.0)])
-        bridge.clock.advance(0.1)
-        bridge.say("/tf", TF, transforms=[transform("map", "cf1", 3.1, stamp_ns=START_NS)])
-        await until(lambda: bool(seen["quad"]))
-        (message,) = seen["quad"]
-        assert message.stamp_ns == START_NS
-        assert message.objects[0].position_m == pytest.approx((4.1, 0.0, 0.0))
-        assert bridge.warnings() == ()
-
-
-async def test_packages_of_the_ros_toolkit_keep_their_numbers() -> None:
-    async with tracking() as (bridge, seen):
-        place = make("conveyor_msgs/msg/PositionOnStrip", name="part_b", position=0.5)
-        item = make("conveyor_msgs/msg/Package", uid=19, position=place, type=1, length=0.25)
-        nowhere = make("conveyor_msgs/msg/Package", uid=20)
-        bridge.say("/packages", PACKAGES, header=header("world"), packages=[item, nowhere])
-        await until(lambda: bool(seen["line"]))
-        (found,) = seen["line"][0].objects
-        assert (found.id, found.kind, found.length_m) == ("line-19", "red", 0.25)
-        assert (found.surface, found.surface_id, found.surface_position_m) == ("belt", "part_b", 1.5)
-        assert found.position_m == pytest.approx((1.5, 5.0, 0.0))
-        assert bridge.scene.uids.number("line-19") == 19
-        assert any("package 20 is on '', which is no line of the map" in each for each in bridge.warnings())
-
-
-async def test_detections_are_objects_of_their_likeliest_class_in_the_cameras_frame() -> None:
-    async with tracking() as (bridge, seen):
-        bridge.say("/tf_static", TF, transforms=[transform("world", "camera", 5.0)])
-        results = [
-            make(
-                "vision_msgs/msg/ObjectHypothesisWithPose",
-                hypothesis=make("vision_msgs/msg/ObjectHypothesis", class_id=name, score=score),
-                pose=make("geometry_msgs/msg/PoseWithCovariance", covariance=covariance(0.01, 0.01, 0.01)),
-            )
-            for name, score in (("chair", 0.2), ("robot_arm", 0.7))
-        ]
-        box = make(
-            "vision_msgs/msg/BoundingBox3D",
-            center=pose(1.0),
-            size=make("geometry_msgs/msg/Vector3", x=0.2, y=0.5, z=0.1),
-        )
-        found = make("vision_msgs/msg/Detection3D", results=results, bbox=box, id="7")
-        bridge.say("/detections", DETECTIONS, header=header(), detections=[found])
-        bridge.clock.advance(0.1)
-        await until(lambda: bool(seen["camera"]))
-        (item,) = seen["camera"][0].objects
-        assert (item.id, item.kind, item.length_m, item.yaw_rad) == ("camera-7", "robot_arm", 0.5, None)
-        assert item.position_m == pytest.approx((6.0, 0.0, 0.0))
-        assert item.position_sigma_m == pytest.approx(0.1)
-        later = header(stamp_ns=START_NS + NS_PER_S // 10)
-        bridge.say("/detections", DETECTIONS, header=later, detections=[])
-        await until(lambda: len(seen["camera"]) == 2)
-        assert seen["camera"][1].objects == ()  # it has left
-
-
-async def test_a_frame_of_the_map_needs_no_transform() -> None:
-    async with tracking() as (bridge, seen):
-        frame = Frame(id="odom", position_m=(5.0, 0.0, 0.0), orientation_xyzw=rotation.from_yaw(math.pi / 2))
-        bridge.scene.take("", ROOM.model_copy(update={"frames": (frame,)}), START_NS)
-        bridge.say("/agv1/pose", POSE, header=header("odom"), pose=pose(1.0))
-        await until(lambda: bool(seen["agv1"]))
-        assert seen["agv1"][0].objects[0].position_m == pytest.approx((5.0, 1.0, 0.0))
+async def test_a_frame_of_the_map_needs_no_transform(bridge: Bench, seen: Seen) -> None:
+    frame = Frame(id="odom", position_m=(5.0, 0.0, 0.0), orientation_xyzw=rotation.from_yaw(math.pi / 2))
+    bridge.scene.take("", ROOM.model_copy(update={"frames": (frame,)}), START_NS)
+    bridge.say("/agv1/pose", POSE, header=header("odom"), pose=pose(1.0))
+    await until(lambda: bool(seen["agv1"]))
+    assert seen["agv1"][0].objects[0].position_m == pytest.approx((5.0, 1.0, 0.0))
 
 
 @pytest.mark.parametrize(
@@ -223,29 +208,29 @@ async def test_a_frame_of_the_map_needs_no_transform() -> None:
         ({"header": header("world"), "pose": pose(1e7)}, "is not a position"),
     ],
 )
-async def test_bad_poses_are_refused_with_one_sentence(bad: dict[str, Any], expected: str) -> None:
-    async with tracking() as (bridge, seen):
-        bridge.say("/agv1/pose", POSE, **bad)
-        (warning,) = bridge.warnings()
-        assert expected in warning
-        assert not seen["agv1"]
-        bridge.clock.advance(1.0)
+async def test_bad_poses_are_refused_with_one_sentence(
+    bridge: Bench, seen: Seen, bad: dict[str, Any], expected: str
+) -> None:
+    bridge.say("/agv1/pose", POSE, **bad)
+    (warning,) = bridge.warnings()
+    assert expected in warning
+    assert not seen["agv1"]
+    bridge.clock.advance(1.0)
 
-        def is_well() -> bool:
-            bridge.say("/agv1/pose", POSE, header=header("world", START_NS + NS_PER_S))
-            return not bridge.warnings() and bool(seen["agv1"])
+    def is_well() -> bool:
+        bridge.say("/agv1/pose", POSE, header=header("world", START_NS + NS_PER_S))
+        return not bridge.warnings() and bool(seen["agv1"])
 
-        await until(is_well)
+    await until(is_well)
 
 
-async def test_a_nan_is_refused_as_ros_sends_it() -> None:
-    async with tracking() as (bridge, seen):
-        cdr = bytearray(jazzy().encode(POSE, make(POSE, header=header("world"), pose=pose(1.25))))
-        at = cdr.index(b"\x00\x00\x00\x00\x00\x00\xf4\x3f")  # 1.25
-        cdr[at : at + 8] = b"\x00\x00\x00\x00\x00\x00\xf8\x7f"
-        bridge.backend.readers["/agv1/pose"](bytes(cdr))
-        assert any("is not a position: (nan" in each for each in bridge.warnings())
-        assert not seen["agv1"]
+async def test_a_nan_is_refused_as_ros_sends_it(bridge: Bench, seen: Seen) -> None:
+    cdr = bytearray(jazzy().encode(POSE, make(POSE, header=header("world"), pose=pose(1.25))))
+    at = cdr.index(b"\x00\x00\x00\x00\x00\x00\xf4\x3f")  # 1.25
+    cdr[at : at + 8] = b"\x00\x00\x00\x00\x00\x00\xf8\x7f"
+    bridge.backend.readers["/agv1/pose"](bytes(cdr))
+    assert any("is not a position: (nan" in each for each in bridge.warnings())
+    assert not seen["agv1"]
 
 
 def test_what_is_told_twice_or_overtaken_is_published_once() -> None:

@@ -11,8 +11,8 @@ from pointit.bridges.ros2.tracking.transforms import AT_ORIGIN, Pose, TransformB
 from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
+from tests.unit.ros2 import scenes
 from tests.unit.ros2.scenes import NOW_NS, jazzy
-from tests.unit.ros2.tracking import test_trackers as links
 
 ROOTS = {"world": AT_ORIGIN}
 METRES = st.floats(-100.0, 100.0)
@@ -27,11 +27,8 @@ POSES = st.builds(tilted, st.tuples(METRES, METRES, METRES), TURNS, st.floats(-1
 
 
 def transform(parent: str, child: str, pose: Pose = AT_ORIGIN, age_s: float = 0.0) -> Any:
-    made = links.transform(parent, child, stamp_ns=NOW_NS - round(age_s * NS_PER_S))
-    make, moved = jazzy().make, made.transform
-    moved.translation = make("geometry_msgs/msg/Vector3", **dict(zip("xyz", pose.position_m, strict=True)))
-    moved.rotation = make("geometry_msgs/msg/Quaternion", **dict(zip("xyzw", pose.orientation, strict=True)))
-    return made
+    stamp_ns = NOW_NS - round(age_s * NS_PER_S)
+    return scenes.transform(parent, child, pose.position_m, pose.orientation, stamp_ns)
 
 
 def message(*transforms: Any) -> Any:

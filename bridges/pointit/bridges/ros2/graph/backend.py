@@ -109,6 +109,7 @@ class Writer(Closable, Protocol):
     @property
     def is_read(self) -> bool:
         """Return True if the middleware knows a reader, in the graph or not; False if it cannot tell."""
+        ...
 
     def put(self, cdr: bytes) -> None:
         """Send; returns at once, and never blocks on readers."""
@@ -120,15 +121,19 @@ class Backend(Protocol):
     @property
     def node(self) -> str:
         """Return our node's full name."""
+        ...
 
     def advertise(self, topic: str, kind: RosType, qos: Qos) -> Writer:
         """Declare a publisher of the resolved name `topic` (`/user1/pointing_ray`)."""
+        ...
 
     def subscribe(self, topic: str, kind: RosType, qos: Qos, handler: Callable[[bytes], None]) -> Closable:
         """Call `handler(cdr)` for what others publish; what we publish ourselves never comes back."""
+        ...
 
     def serve(self, service: str, kind: RosType, server: Server) -> Closable:
         """Answer requests to `service`."""
+        ...
 
     async def call(self, service: str, kind: RosType, request: bytes, *, timeout_s: float) -> bytes:
         """Return the CDR of a server's response.
@@ -136,17 +141,21 @@ class Backend(Protocol):
         Raises:
             TimeoutError: If no node serves it, or not within `timeout_s`.
         """
+        ...
 
     def watch(self, handler: Callable[[Graph], None]) -> Closable:
         """Call `handler` with the graph now, and whenever it has changed."""
+        ...
 
     @property
     def problem(self) -> str:
         """Return an error message if the connection itself fails, else `""`."""
+        ...
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Return explanations why nothing happens where nothing is wrong: no nodes, no subscribers."""
+        ...
 
     async def close(self) -> None:
         """Leave the graph; no handler runs afterwards."""

@@ -113,6 +113,7 @@ class Executor(Protocol):
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
         """End `spin`."""
+        ...
 
 
 class RosContext(Protocol):

@@ -39,6 +39,7 @@ class Actuator(Protocol):
 
     def on_report(self, report: RobotReport) -> RobotReport:
         """Take the robot's pose; return it with what else is known."""
+        ...
 
     def command(self, command: Command) -> None:
         """Carry out `command`."""

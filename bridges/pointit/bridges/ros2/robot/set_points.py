@@ -88,7 +88,10 @@ class SetPoints:
         if is_fresh and self._way:
             self._now = self._advanced(passed_s, self._now, self._at_m)
             done = self._arrived(self._at_m)
-        return (None if self._now is None else SetPoint(self._now, self._yaw_rad)), done
+        return self._set_point(), done
+
+    def _set_point(self) -> SetPoint | None:
+        return None if self._now is None else SetPoint(self._now, self._yaw_rad)
 
     def _places(self, command: Command, at_m: Vec3) -> list[Vec3]:
         match command:

@@ -28,8 +28,7 @@ def test_a_line_without_length_is_refused(step_m: float) -> None:
 
 def test_repeated_vertices_are_dropped() -> None:
     line = Polyline(((0.0, 0.0, 0.0), (0.0, 5e-324, 0.0), (2.0, 0.0, 0.0), (2.0, 0.0, 0.0)))
-    assert line.length_m == 2.0
-    assert line.tangent_at(1.0) == (1.0, 0.0, 0.0)
+    assert (line.length_m, line.tangent_at(1.0)) == (2.0, (1.0, 0.0, 0.0))
 
 
 @given(st.lists(places, min_size=2, max_size=6, unique=True), st.lists(places, min_size=1, max_size=5))
@@ -98,8 +97,7 @@ def test_a_corner_that_points_inwards_is_outside() -> None:
     assert not L_SHAPE.contains((2.0, 2.0))
     assert L_SHAPE.signed_distance_m((2.0, 2.0)) == pytest.approx(1.0)
     assert L_SHAPE.signed_distance_m((0.5, 0.5)) == pytest.approx(-0.5)
-    assert L_SHAPE.nearest((2.0, 1.5)) == (2.0, 1.0)
-    assert L_SHAPE.area_m2 == pytest.approx(5.0)
+    assert (L_SHAPE.nearest((2.0, 1.5)), L_SHAPE.area_m2) == ((2.0, 1.0), pytest.approx(5.0))
 
 
 @given(stars(), point, point)

@@ -39,8 +39,7 @@ def test_staying_proposes_and_staying_again_sends() -> None:
     assert goal.clearance_m == pytest.approx(math.sqrt(5.0))
     assert 0.02 < goal.position_sigma_m < 0.2
     assert START_NS < goal.proposed_ns < goal.stamp_ns == anna.now_ns - round(0.08e9)
-    assert anna.cues == ["selected", "selected"]
-    assert anna.last_text == "the robot is sent there"
+    assert (anna.cues, anna.last_text) == (["selected", "selected"], "the robot is sent there")
 
 
 def test_all_senses_tell_a_goal_from_a_proposal() -> None:
@@ -185,8 +184,7 @@ def test_a_press_sends_where_presses_confirm() -> None:
     assert (anna.cues, anna.goals) == (["selected"], [])
     anna.press()
     (goal,) = anna.goals
-    assert goal.confirmed_by == "press"
-    assert goal.position_m == pytest.approx(THERE)
+    assert (goal.confirmed_by, goal.position_m) == ("press", pytest.approx(THERE))
     assert len(anna.press().goals) == 1
     assert Anna().stay(THERE).press().goals == []  # else a press ends the pointing
 

@@ -120,8 +120,7 @@ class Ben:
 
 def test_a_press_takes_the_robot_pointed_at_which_then_follows() -> None:
     ben = Ben().point(QUAD)
-    assert ben.steering.robot == ""
-    assert ben.steering.candidates[0].object_id == "quad"
+    assert (ben.steering.robot, ben.steering.candidates[0].object_id) == ("", "quad")
     assert ben.steering.candidates[0].probability > 0.9
     ben.press().point(QUAD, 0.3)
     assert (ben.steering.robot, ben.steering.mode, ben.steering.candidates) == ("quad", "follow", ())
@@ -154,8 +153,7 @@ def test_two_robots_side_by_side_are_told_apart_by_pointing_on_or_neither_is_tak
         f"two robots may be meant, {names}: point longer at one"
         for names in ("quad and rover", "rover and quad")
     }
-    assert ben.cues[-1].cue == "refused"
-    assert ben.steering.robot == ""
+    assert (ben.cues[-1].cue, ben.steering.robot) == ("refused", "")
     ben.robots["rover"]["position_m"] = (0.0, 2.0, 0.1)  # it drives away
     ben.point(QUAD, 2.5)
     assert ben.steering.robot == "quad"
@@ -253,16 +251,13 @@ def test_stays_are_way_points_and_a_press_sends_the_path() -> None:
     assert ben.text == "way-point 2: press to send rover, or stay at the next place"
     ben.press()
     (goal,) = ben.goals
-    assert (goal.robot, goal.confirmed_by) == ("rover", "press")
-    assert goal.via_m == (pytest.approx(THERE),)
-    assert goal.position_m == pytest.approx(BEYOND)
-    assert goal.yaw_rad == pytest.approx(math.atan2(2.0, -1.0))
+    assert (goal.robot, goal.confirmed_by, goal.via_m) == ("rover", "press", (pytest.approx(THERE),))
+    assert (goal.position_m, goal.yaw_rad) == (pytest.approx(BEYOND), pytest.approx(math.atan2(2.0, -1.0)))
     assert ben.steering.waypoints_m == ()
     ben.set("rover", phase="moving", goal_ns=goal.stamp_ns).point(BEYOND, 4.0)
     assert ben.text == "rover goes there"
     ben.set("rover", phase="idle", goal_ns=0, position_m=(-1.1, 2.0, 0.1))
-    assert (ben.text, ben.cues[-1].chime) == ("rover has arrived", "double")
-    assert ben.steering.robot == "rover"
+    assert (ben.text, ben.cues[-1].chime, ben.steering.robot) == ("rover has arrived", "double", "rover")
 
 
 def test_a_goal_that_is_not_reached_or_not_taken_is_said() -> None:

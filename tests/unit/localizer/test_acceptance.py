@@ -314,8 +314,7 @@ def test_a_block_is_the_mean_of_what_was_measured_within_its_time() -> None:
 
 def test_a_ray_that_leaps_belongs_to_another_block() -> None:
     summary = blocks(gathered([0.0, 0.02, 0.04, 0.06], [0.0, 0.0, 1.5, 1.5], [2.0] * 4))
-    assert summary.samples.tolist() == [2.0, 2.0]
-    assert summary.hold.tolist() == [0.0, 0.0]
+    assert (summary.samples.tolist(), summary.hold.tolist()) == ([2.0, 2.0], [0.0, 0.0])
     opposite = blocks(gathered([0.0, 0.02], [0.0, math.pi], [2.0] * 2))  # their mean would be no direction
     assert np.all(np.isfinite(opposite.pointings.directions))
 

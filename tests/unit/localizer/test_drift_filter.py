@@ -236,8 +236,7 @@ def test_localizations_of_the_same_rays_tell_no_rate() -> None:
         drift.reset(again)
         assert drift.at(second * NS_PER_S).yaw_rad == pytest.approx(again.yaw_rad)
     pose = drift.at(59 * NS_PER_S)
-    assert pose.yaw_rate_radps == 0.0
-    assert pose.yaw_sigma_rad == pytest.approx(math.radians(2.0))
+    assert (pose.yaw_rate_radps, pose.yaw_sigma_rad) == (0.0, pytest.approx(math.radians(2.0)))
 
 
 def test_a_yaw_that_does_not_fit_is_taken_and_the_rate_kept() -> None:
@@ -361,8 +360,7 @@ def test_a_late_anchor_counts_at_its_own_time() -> None:
     late.predict(70 * NS_PER_S)
     point(late, then, LAMPS[0], at_ns)
     a, b = early.predict(70 * NS_PER_S), late.predict(70 * NS_PER_S)
-    assert b.yaw_rad == pytest.approx(a.yaw_rad, abs=math.radians(0.3))
-    assert b.anchored_ns == at_ns
+    assert (b.yaw_rad, b.anchored_ns) == (pytest.approx(a.yaw_rad, abs=math.radians(0.3)), at_ns)
     refused = point(calibrated(PERSON), drifted(PERSON, MINUTE_NS), LAMPS[0], MINUTE_NS)
     assert not refused.accepted
     assert "120 s old" in refused.reason
@@ -372,8 +370,7 @@ def test_a_clock_that_is_set_back_is_followed() -> None:
     drift = calibrated(PERSON)
     before = drift.at(3 * MINUTE_NS)
     pose = drift.predict(5 * NS_PER_S)
-    assert pose.yaw_rad == before.yaw_rad
-    assert pose.stamp_ns == 5 * NS_PER_S
+    assert (pose.yaw_rad, pose.stamp_ns) == (before.yaw_rad, 5 * NS_PER_S)
     assert pose.anchored_ns <= pose.stamp_ns
     assert drift.predict(65 * NS_PER_S).yaw_sigma_rad > before.yaw_sigma_rad
 

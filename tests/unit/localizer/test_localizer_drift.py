@@ -257,8 +257,7 @@ async def test_where_a_tracker_gives_the_pose_the_localizer_stands_back() -> Non
         await wearer.bench.settle()
         assert len(wearer.poses) == known  # nobody asked
         await wearer.call(at.SET_POSE, SetPose(position_m=(5.0, 5.0, 0.0)))
-        assert wearer.poses[-1].position_m == (5.0, 5.0, 0.0)
-        assert wearer.poses[-1].method == "fixed"
+        assert (wearer.poses[-1].position_m, wearer.poses[-1].method) == ((5.0, 5.0, 0.0), "fixed")
         await until(lambda: wearer.figure("external pose") is None, what="the figure to go")
 
 

@@ -123,8 +123,7 @@ async def test_fixed_pose_is_there_for_late_joiners_and_start_confirms_it() -> N
         late = Room(room.bench, Person())
         await room.bench.settle()
         assert [pose.position_m for pose in late.poses] == [(1.0, 2.0, 0.0)]
-        assert late.poses[0].yaw_rad == pytest.approx(math.pi / 2)
-        assert late.poses[0].method == "fixed"
+        assert (late.poses[0].yaw_rad, late.poses[0].method) == (pytest.approx(math.pi / 2), "fixed")
         assert [message.phase for message in late.progress] == ["idle"]
         assert "fixed" in await room.start()
         await room.bench.settle()
@@ -139,9 +138,7 @@ async def test_the_whole_procedure_with_lamps() -> None:
         assert not room.lit
         await room.start()
         await room.bench.settle()
-        assert room.order == ["led_0"]
-        assert room.phase == "sampling"
-        assert room.progress[-1].target_id == "led_0"
+        assert (room.order, room.phase, room.progress[-1].target_id) == (["led_0"], "sampling", "led_0")
         async with room.pointing():
             await room.until_phase("solved")
         assert room.order == [lamp.id for lamp in FOUR]
@@ -175,8 +172,7 @@ async def test_start_again_begins_at_the_first_lamp() -> None:
             await room.until_phase("sampling", target_index=2)
         await room.start()
         await room.bench.settle()
-        assert room.lit == "led_0"
-        assert (room.progress[-1].target_index, room.progress[-1].samples) == (0, 0)
+        assert (room.lit, room.progress[-1].target_index, room.progress[-1].samples) == ("led_0", 0, 0)
         async with room.pointing():
             await room.until_phase("solved")
         assert room.poses[0].samples < 250
@@ -274,8 +270,7 @@ def test_configuration_speaks_degrees_and_the_solver_radians() -> None:
     layers = Layers()
     layers.add({"trust": {"ray_sigma_deg": 3.0}, "lamps": ["a", "b"], "hold_s": 4}, "file")
     config = layers.build(LocalizerConfig)
-    assert config.lamps == ("a", "b")
-    assert config.believed().ray_sigma_rad == pytest.approx(math.radians(3.0))
+    assert (config.lamps, config.believed().ray_sigma_rad) == (("a", "b"), pytest.approx(math.radians(3.0)))
     assert config.hold_s == 4.0
     layers.add({"metod": "fixed"}, "file")
     with pytest.raises(ConfigError, match="metod"):
@@ -290,8 +285,7 @@ def test_defaults_of_configuration_and_cores_are_equal() -> None:
     drift, settings = config.drift.settings(), DriftSettings()
     assert drift.anchor_sigma_rad == pytest.approx(settings.anchor_sigma_rad)
     assert drift.rate_sigma_radps == pytest.approx(settings.rate_sigma_radps)
-    assert want.max_position_sigma_m == UNSURE_M
-    assert config.trust.max_yaw_sigma_deg == UNSURE_DEG
+    assert (want.max_position_sigma_m, config.trust.max_yaw_sigma_deg) == (UNSURE_M, UNSURE_DEG)
 
 
 def test_lamps_and_robots_have_limits_of_their_own() -> None:

@@ -68,8 +68,7 @@ def test_a_pose_exactly_as_uncertain_as_allowed_is_taken() -> None:
     limited = replace(TRUST, max_position_sigma_m=free.position_sigma_m, max_yaw_sigma_rad=free.yaw_sigma_rad)
     taken = solve(rays, recall(limited, memory(8.0), 0))
     assert isinstance(taken, Solution)
-    assert taken.position_sigma_m == free.position_sigma_m
-    assert taken.bias_sigma_rad == free.bias_sigma_rad
+    assert (taken.position_sigma_m, taken.bias_sigma_rad) == (free.position_sigma_m, free.bias_sigma_rad)
 
 
 def test_what_a_certain_localization_finds_is_expected_next_and_a_vague_one_teaches_nothing() -> None:
@@ -234,8 +233,7 @@ async def test_it_outlives_a_restart_until_it_is_erased(own_state: Path) -> None
         assert await remembered(room) == ()
         await localize(room)
         (learnt,) = await remembered(room)
-        assert learnt.mounting == DEVICE
-        assert bias_deg(learnt) == pytest.approx(6.0, abs=0.3)
+        assert (learnt.mounting, bias_deg(learnt)) == (DEVICE, pytest.approx(6.0, abs=0.3))
     assert path.stat().st_mode & 0o077 == 0
     async with localizer() as room:
         assert await remembered(room) == (learnt,)

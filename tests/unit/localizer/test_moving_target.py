@@ -261,8 +261,7 @@ def test_a_window_forgets_and_takes_no_older_ray() -> None:
     window = RayWindow(2.0)
     for t_s in (0.0, 1.0, 0.5, 1.0, 2.0, 2.5):
         window.add(PERSON.ray((1.0, 1.0, 1.0), START_NS + round(t_s * NS_PER_S)))
-    assert len(window) == 3
-    assert window.newest_ns == START_NS + round(2.5 * NS_PER_S)
+    assert (len(window), window.newest_ns) == (3, START_NS + round(2.5 * NS_PER_S))
 
 
 def test_a_robot_that_stands_is_the_reason_and_no_second_place_is_asked_for() -> None:
@@ -387,8 +386,7 @@ def test_rays_of_before_the_start_make_no_pose_however_late_they_come() -> None:
         procedure.on_objects("room", robots(t_s, drone=place(t_s)))
         procedure.on_ray(PERSON.ray(place(t_s), START_NS + round(t_s * NS_PER_S)))
     outputs = procedure.step(start_ns)
-    assert poses(outputs) == []
-    assert told(outputs)[-1].samples == 0
+    assert (poses(outputs), told(outputs)[-1].samples) == ([], 0)
     assert "no rays come" in told(outputs)[-1].reason
     assert told(live(procedure, 12.1, 14.5))[-1].samples == pytest.approx(10, abs=6)  # after the reaction
 
@@ -398,5 +396,4 @@ def test_progress_falls_while_the_robot_is_lost() -> None:
     seen = told(live(procedure, 0.0, 3.4))[-1].progress
     assert seen > 0.5
     lost = [message.progress for message in told(live(procedure, 3.4, 20.0, is_tracked=False))]
-    assert lost == sorted(lost, reverse=True)
-    assert lost[-1] == 0.0
+    assert (lost, lost[-1]) == (sorted(lost, reverse=True), 0.0)

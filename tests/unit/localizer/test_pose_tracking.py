@@ -207,14 +207,11 @@ def test_metrics_and_uncertainty_follow_the_pose() -> None:
     tracking.anchor(LAMP, pointing(20.0))
     figures = {name: (value, unit) for name, value, unit in tracking.figures(at(50.0))}
     age_s, unit = figures["anchor age"]
-    assert age_s == pytest.approx(30.0)
-    assert unit == "s"
+    assert (age_s, unit) == (pytest.approx(30.0), "s")
     drift, unit = figures["drift"]
-    assert drift == pytest.approx(18.0, abs=8.0)
-    assert unit == "°/min"
+    assert (drift, unit) == (pytest.approx(18.0, abs=8.0), "°/min")
     yaw_deg, unit = list(figures.values())[3]
-    assert math.degrees(tracking.yaw_sigma_rad(at(50.0))) == pytest.approx(yaw_deg)
-    assert unit == "°"
+    assert (math.degrees(tracking.yaw_sigma_rad(at(50.0))), unit) == (pytest.approx(yaw_deg), "°")
     assert tracking.yaw_sigma_rad(at(500.0)) > tracking.yaw_sigma_rad(at(50.0))
 
 

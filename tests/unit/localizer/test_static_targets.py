@@ -86,8 +86,7 @@ def test_progress_rises_and_names_the_lamp() -> None:
     assert [m.progress for m in steps] == sorted(m.progress for m in steps)
     assert list(dict.fromkeys((m.target_index, m.target_id) for m in steps)) == [(0, "a"), (1, "b"), (2, "c")]
     assert {m.target_count for m in steps} == {3}
-    assert steps[0].samples == 0
-    assert steps[0].stamp_ns == START_NS
+    assert (steps[0].samples, steps[0].stamp_ns) == (0, START_NS)
 
 
 def test_rays_that_come_late_are_waited_for() -> None:
@@ -102,8 +101,7 @@ def test_rays_of_a_slow_imu_suffice_if_all_given_lamps_together_bring_enough() -
     """Eight in each hold of 2 s, 24 of three lamps, where 20 are needed."""
     outputs = run(StaticTargets(LAMPS, config()), Person(0.6, -0.4), 15.0, tick_ns=NS_PER_S // 4)
     last = told(outputs)[-1]
-    assert last.phase == "solved"
-    assert last.samples == pytest.approx(25, abs=2)
+    assert (last.phase, last.samples) == ("solved", pytest.approx(25, abs=2))
     assert (last.stamp_ns - START_NS) / NS_PER_S == pytest.approx(10.5, abs=0.3)
 
 
@@ -210,8 +208,7 @@ def test_no_more_than_were_asked_for() -> None:
 def test_no_fewer_than_were_asked_for_however_sure_it_is(targets: int) -> None:
     sure_at_once = config(order="informative", targets=targets, enough={"position_m": 9.0, "yaw_deg": 90.0})
     outputs = chosen(StaticTargets(GOOD, sure_at_once))
-    assert len(order(outputs)) == targets
-    assert told(outputs)[-1].phase == "solved"
+    assert (len(order(outputs)), told(outputs)[-1].phase) == (targets, "solved")
     assert (
         len(order(chosen(StaticTargets(GOOD, sure_at_once.model_copy(update={"targets": 0}))))) < targets + 1
     )

@@ -41,8 +41,7 @@ def test_probabilities_are_those_of_the_residuals() -> None:
     assert [fit.object_id for fit in fits] == ["a", "b", "c"]
     odds = math.exp(-0.5 * N * (math.radians(3.0) ** 2 - math.radians(2.0) ** 2) / 0.0349**2)
     assert fits[0].probability == pytest.approx(1.0 / (1.0 + odds))
-    assert sum(fit.probability for fit in fits) == pytest.approx(1.0)
-    assert fits[2].probability == 0.0
+    assert (sum(fit.probability for fit in fits), fits[2].probability) == (pytest.approx(1.0), 0.0)
 
 
 def test_inaccurate_pointing_is_more_ambiguous() -> None:
@@ -75,8 +74,7 @@ def test_choice_stays_until_another_robot_is_clearly_meant() -> None:
 
 def test_one_that_leaves_is_let_go() -> None:
     meant = TargetDisambiguator()
-    assert decide(meant, a=1.0, b=6.0) == "a"
-    assert decide(meant, b=1.0) == "b"
+    assert (decide(meant, a=1.0, b=6.0), decide(meant, b=1.0)) == ("a", "b")
 
 
 def test_noise_about_equal_does_not_flicker() -> None:

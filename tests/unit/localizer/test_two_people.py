@@ -17,19 +17,7 @@ from pointit.schemas import (
     SetPose,
     StartLocalization,
 )
-from pointit.schemas.topics import (
-    CANCEL_LOCALIZATION,
-    LAMP_COLOR,
-    LOCALIZATION,
-    MAP,
-    POINT_ANCHOR,
-    POSE,
-    RAY,
-    SERVICE_ALIVE,
-    SET_POSE,
-    START_LOCALIZATION,
-    USER_ALIVE,
-)
+from pointit.schemas import topics as at
 from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.service import LedDriver
 from pointit.services.localizer.config import LocalizerConfig
@@ -48,10 +36,10 @@ class Room:
         self.bench = bench
         self.clock = clock
         self.lit: dict[str, bool] = {}
-        self.progress = {user: bench.collect(LOCALIZATION, user) for user in PEOPLE}
-        self.poses = {user: bench.collect(POSE, user) for user in PEOPLE}
-        bench.bus.subscribe(LAMP_COLOR, self._on_lamp)
-        bench.put(MAP, ROOM)
+        self.progress = {user: bench.collect(at.LOCALIZATION, user) for user in PEOPLE}
+        self.poses = {user: bench.collect(at.POSE, user) for user in PEOPLE}
+        bench.bus.subscribe(at.LAMP_COLOR, self._on_lamp)
+        bench.put(at.MAP, ROOM)
         self.led_driver = bench.start(LedDriver, LedDriverConfig())
 
     def _on_lamp(self, lamp: LampColor, name: str) -> None:
@@ -66,10 +54,16 @@ class Room:
 
     async def start(self, user: str) -> str:
         """Ask for a localization; return what is answered."""
-        return (await self.bench.bus.call(START_LOCALIZATION, StartLocalization(), user)).message
+        return (await self.bench.bus.call(at.START_LOCALIZATION, StartLocalization(), user)).message
 
     async def points(self, user: str) -> None:
         await until(lambda: bool(self.last(user).target_id), what=f"{user}'s turn")
+
+    async def take_turns(self) -> None:
+        """Anna begins, and ben asks after her."""
+        await self.start("anna")
+        await self.points("anna")
+        await self.start("ben")
 
     async def waits(self, user: str, *ahead: str) -> None:
         await until(lambda: self.last(user).ahead == ahead, what=f"{user}: {self.last(user)}")
@@ -92,7 +86,7 @@ async def _point(room: Room, user: str, person: Person) -> None:
     while True:
         asked = room.last(user).target_id if room.progress[user] else ""
         ray = person.ray(PLACES.get(asked, (1.0, 0.0, 1.0)), room.clock.now_ns())
-        room.bench.put(RAY, ray, user)
+        room.bench.put(at.RAY, ray, user)
         await sleep(room.clock, 0.02)
 
 
@@ -152,15 +146,13 @@ async def test_of_two_who_start_at_once_one_waits_and_the_other_keeps_the_lamp()
 @in_virtual_time
 async def test_waiting_can_be_cancelled_and_anchors_wait_too() -> None:
     async with room_of(*PEOPLE) as room:
-        await room.bench.bus.call(SET_POSE, SetPose(position_m=(0.5, 1.6, 0.0), yaw_rad=0.2), "carl")
-        await room.start("anna")
-        await room.points("anna")
-        await room.start("ben")
-        answer = await room.bench.bus.call(POINT_ANCHOR, PointAnchor(lamp="led_2"), "carl")
+        await room.bench.bus.call(at.SET_POSE, SetPose(position_m=(0.5, 1.6, 0.0), yaw_rad=0.2), "carl")
+        await room.take_turns()
+        answer = await room.bench.bus.call(at.POINT_ANCHOR, PointAnchor(lamp="led_2"), "carl")
         assert answer.message == "carl waits in turn: anna, ben first"
         await room.waits("carl", "anna", "ben")
         assert room.last("carl").purpose == "anchor"
-        await room.bench.bus.call(CANCEL_LOCALIZATION, CancelLocalization(), "ben")
+        await room.bench.bus.call(at.CANCEL_LOCALIZATION, CancelLocalization(), "ben")
         assert room.last("ben").phase == "cancelled"
         await room.waits("carl", "anna")
         await room.solved("anna")
@@ -175,10 +167,13 @@ async def test_absent_user_frees_the_lamps_immediately(presence: str) -> None:
     """Dora's localizer is played: it says once that she points, and is gone without a word."""
     async with room_of("anna") as room:
         bench = room.bench
-        dora = [bench.bus.announce(USER_ALIVE, "dora"), bench.bus.announce(SERVICE_ALIVE, "localizer.dora")]
+        dora = [
+            bench.bus.announce(at.USER_ALIVE, "dora"),
+            bench.bus.announce(at.SERVICE_ALIVE, "localizer.dora"),
+        ]
         await bench.settle()
         now_ns = room.clock.now_ns()
-        bench.put(LOCALIZATION, pointing("led_1", now_ns), "dora")
+        bench.put(at.LOCALIZATION, pointing("led_1", now_ns), "dora")
         await bench.settle()
         assert await room.start("anna") == "anna waits in turn: dora first"
         dora[0 if presence == "person" else 1].close()
@@ -192,7 +187,7 @@ async def test_who_falls_silent_frees_the_place_and_who_waits_too_long_is_refuse
         bench = room.bench
 
         def says(user: str, lamp: str) -> None:
-            bench.put(LOCALIZATION, pointing(lamp, 1), user)
+            bench.put(at.LOCALIZATION, pointing(lamp, 1), user)
 
         says("dora", "led_1")
         await bench.settle()
@@ -217,10 +212,8 @@ async def test_who_falls_silent_frees_the_place_and_who_waits_too_long_is_refuse
 @in_virtual_time
 async def test_who_waits_is_told_when_the_lamps_are_gone() -> None:
     async with room_of("anna", "ben") as room:
-        await room.start("anna")
-        await room.points("anna")
-        await room.start("ben")
-        room.bench.put(MAP, ROOM.model_copy(update={"lamps": LAMPS[:1]}))
+        await room.take_turns()
+        room.bench.put(at.MAP, ROOM.model_copy(update={"lamps": LAMPS[:1]}))
         await until(lambda: room.last("ben").phase == "refused", what="ben's refusal")
         assert "needs two" in room.last("ben").reason
         assert room.shining == []
@@ -230,15 +223,13 @@ async def test_who_waits_is_told_when_the_lamps_are_gone() -> None:
 async def test_a_restarted_led_driver_darkens_what_was_left_lit_and_keeps_the_queue() -> None:
     async with room_of("anna", "ben") as room:
         bench = room.bench
-        await room.start("anna")
-        await room.points("anna")
-        await room.start("ben")
+        await room.take_turns()
         await room.waits("ben", "anna")
         await bench.end(room.led_driver)
         await until(lambda: room.shining == [], what="darkness")
         target = room.last("anna").target_id
         for lamp in LAMPS:  # as if it had been killed
-            bench.put(LAMP_COLOR, LampColor(stamp_ns=1, color=(255, 255, 255)), lamp.id)
+            bench.put(at.LAMP_COLOR, LampColor(stamp_ns=1, color=(255, 255, 255)), lamp.id)
         bench.start(LedDriver, LedDriverConfig())
         await until(lambda: room.shining in ([target], [room.last("anna").target_id]), what="anna's lamp")
         await room.solved("anna")

@@ -232,8 +232,7 @@ def test_just_this_is_found(tmp_path: Path, case: str) -> None:
 def test_errors_come_first(tmp_path: Path) -> None:
     findings = found(tmp_path, "leds: {a: {position: [0, 0, 6]}, b: {position: [0, 0, -1]}}")
     severities = [each.severity for each in findings]
-    assert severities == sorted(severities)
-    assert set(severities) == {"error", "warning"}
+    assert (severities, set(severities)) == (sorted(severities), {"error", "warning"})
 
 
 @pytest.mark.parametrize(("person", "told"), [((0.0, 0.0), 1), ((0.0, 3.0), 0), (None, 0)])

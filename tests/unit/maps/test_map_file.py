@@ -169,8 +169,7 @@ def test_the_conveyors_links_are_where_the_belts_meet() -> None:
     assert math.isclose(ends["part_g", "part_h"][1][0], 2.861, abs_tol=1e-3)
     assert math.isclose(ends["part_h", "part_g"][1][0], 0.810, abs_tol=1e-3)
     assert ends["part_g", "part_i"][0] == pytest.approx((2.861, 0.618, 1.067))
-    assert ends["part_g", "part_i"][1] == (2.861, 1.136, 1.067)
-    assert len(ends) == 8
+    assert (ends["part_g", "part_i"][1], len(ends)) == ((2.861, 1.136, 1.067), 8)
     assert {bay.id: bay.belt for bay in conveyor.bays} == {
         "1": "part_b",
         "2": "part_c",
@@ -222,8 +221,7 @@ def test_the_toolkits_maps_are_read_with_any_line_ends(tmp_path: Path, name: str
 def test_a_path_is_relative_to_the_current_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write(tmp_path, WHOLE)
     monkeypatch.chdir(tmp_path)
-    assert load_map("site.yaml", 0).name == "site"
-    assert load_map("./site.yaml", 0).name == "site"
+    assert (load_map("site.yaml", 0).name, load_map("./site.yaml", 0).name) == ("site", "site")
     (tmp_path / "lab.yaml").write_text("leds: {a: {position: [0, 0, 0]}}", encoding="utf-8")
     assert len(load_map("lab", 0).strips) == 2, "a bare name is the shipped map"
     assert len(load_map("lab.yaml", 0).strips) == 0

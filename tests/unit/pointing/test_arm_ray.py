@@ -75,8 +75,7 @@ def test_the_left_shoulder_is_on_the_left() -> None:
     left, right = ArmRay(body, hand="left"), ArmRay(body, hand="right")
     assert direction(left, 0.0, 0.0)[1] > 0.0 > direction(right, 0.0, 0.0)[1]
     left, right = (ArmRay(body, hand=hand, model="shoulder_arm") for hand in ("left", "right"))
-    assert rayed(left, 0.0, 0.0)[0] == (0.0, 0.2, 1.43)
-    assert rayed(right, 0.0, 0.0)[0] == (0.0, -0.2, 1.43)
+    assert (rayed(left, 0.0, 0.0)[0], rayed(right, 0.0, 0.0)[0]) == ((0.0, 0.2, 1.43), (0.0, -0.2, 1.43))
     assert rayed(right, math.pi / 2, 0.3)[0] == pytest.approx((0.2, 0.0, 1.43))
 
 
@@ -148,8 +147,7 @@ def test_pitch_is_a_constant_whatever_else_stands_there() -> None:
     offset = PointingOffset(
         rung="pitch", elevation=(0.05, 1.0, 1.0, 1.0, 1.0, 1.0), azimuth=(1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     )
-    assert apply(offset, 1.2, 0.3) == (0.0, 0.05)
-    assert apply(offset, None, 0.3) == (0.0, 0.05)
+    assert (apply(offset, 1.2, 0.3), apply(offset, None, 0.3)) == ((0.0, 0.05), (0.0, 0.05))
 
 
 def test_the_polynomials_by_hand() -> None:

@@ -65,8 +65,7 @@ def test_repeats_do_not_hold_the_filter_back() -> None:
         expected = known(plain.ray(sample(azimuth, at, at), at))
         found = repeating.ray(sample(azimuth, at, at), at)
         assert repeating.ray(sample(azimuth, at + 10 * MS, at), at + 10 * MS) is None
-        assert repeating.verdict == "repeated"
-        assert found == expected
+        assert (repeating.verdict, found) == ("repeated", expected)
 
 
 def test_rays_are_numbered_without_gaps() -> None:
@@ -120,16 +119,14 @@ def test_a_restarted_device_is_taken_and_counted() -> None:
     freshness = Freshness(0.2)
     times = (60 * S, 60 * S + 20, 5, 25, 25, 45)
     verdicts = [freshness.classify(still(NOW_NS + k, at), NOW_NS + k) for k, at in enumerate(times)]
-    assert verdicts == ["fresh", "fresh", "fresh", "fresh", "repeated", "fresh"]
-    assert freshness.restarts == 1
+    assert (verdicts, freshness.restarts) == (["fresh", "fresh", "fresh", "fresh", "repeated", "fresh"], 1)
 
 
 def test_samples_that_overtook_each_other_are_no_restart() -> None:
     freshness = Freshness(0.2)
     times = (S, S + 40_000_000, S + 20_000_000, S + 60_000_000)
     verdicts = [freshness.classify(still(NOW_NS + k, at), NOW_NS + k) for k, at in enumerate(times)]
-    assert verdicts == ["fresh", "fresh", "stale", "fresh"]
-    assert (freshness.restarts, freshness.stale) == (0, 1)
+    assert (verdicts, freshness.restarts, freshness.stale) == (["fresh", "fresh", "stale", "fresh"], 0, 1)
 
 
 def test_samples_with_and_without_device_time_may_come_mixed() -> None:

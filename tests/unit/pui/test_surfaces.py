@@ -224,8 +224,7 @@ def test_two_clouds_are_told_apart_beside_a_strip(method: Any) -> None:
     )
     clouds = {"left": np.array([[4.0, 2.0, 1.0], [4.0, 2.1, 1.0]]), "right": np.array([[4.0, -2.0, 1.0]])}
     on = Surfaces(room, ["points", "strip"], clouds=clouds, method=method, tolerance_m=0.3)
-    assert met(on, (4.0, 2.1, 1.0)) == ("points", "left")
-    assert met(on, (4.0, -2.1, 1.0)) == ("points", "right")
+    assert (met(on, (4.0, 2.1, 1.0)), met(on, (4.0, -2.1, 1.0))) == (("points", "left"), ("points", "right"))
     assert met(on, (3.0, 0.0, 0.8)) == ("strip", "strip")
 
 
@@ -258,8 +257,7 @@ def test_a_cursor_on_an_area_says_where_on_it(
 ) -> None:
     cursor = cursor_at(target, surfaces("box", "plane", "sphere"))
     assert (cursor.surface, cursor.solid, cursor.surface_id) == ("none", solid, name)
-    assert cursor.point_m == pytest.approx(target)
-    assert cursor.uv_m == pytest.approx(uv_m, abs=1e-6)
+    assert (cursor.point_m, cursor.uv_m) == (pytest.approx(target), pytest.approx(uv_m, abs=1e-6))
     assert (cursor.miss_rad, cursor.miss_m) == (0.0, 0.0)
     assert cursor.range_m == pytest.approx(math.dist(EYES, target))
 
@@ -271,8 +269,7 @@ def test_every_cursor_carries_its_ray_and_stamp_also_where_that_passes_everythin
     cursor = cursor_at(target, surfaces("strip", tolerance_rad=0.1))
     assert (cursor.stamp_ns, cursor.surface, cursor.surface_id) == (7, name or "none", name)
     assert (cursor.point_m is None) == (not name)
-    assert cursor.origin_m == pytest.approx(EYES)
-    assert cursor.direction == pytest.approx(towards(target))
+    assert (cursor.origin_m, cursor.direction) == (pytest.approx(EYES), pytest.approx(towards(target)))
     assert (cursor.solid, cursor.uv_m) == ("", None)
 
 

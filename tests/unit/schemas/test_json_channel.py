@@ -60,9 +60,7 @@ def assert_described(told: Any, fields: Any) -> None:
 
 def test_fields_that_can_be_plotted_are_described() -> None:
     cursor = as_a_viewer_reads_it(JsonChannel(Cursor).schema)
-    assert cursor["miss_rad"] == "number"
-    assert cursor["point_m"] == ["number"]
-    assert cursor["surface"] == "string"
+    assert (cursor["miss_rad"], cursor["point_m"], cursor["surface"]) == ("number", ["number"], "string")
     health = as_a_viewer_reads_it(JsonChannel(Health).schema)
     assert health["latency"] == {
         "p50_s": "number",

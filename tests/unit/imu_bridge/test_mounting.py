@@ -1,4 +1,4 @@
-"""Where the arm points for a sensor that is worn in each documented way, and a measured mounting."""
+"""Mountings: the arm for a sensor that is worn in each documented way, and a measured mounting."""
 
 import math
 from pathlib import Path

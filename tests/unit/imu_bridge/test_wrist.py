@@ -1,4 +1,4 @@
-"""What is known of a device: rate, gaps, silence, battery, and its clock."""
+"""Report on a device: rate, gaps, silence, battery; and its clock."""
 
 from collections.abc import Iterable
 

@@ -102,7 +102,10 @@ def test_plugin_without_a_fake_device_is_told_how_to_get_one(
 
 
 def test_without_the_laboratory_it_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(check, "find_spec", lambda _module: None)
+    def missing(_module: str) -> None:
+        return None
+
+    monkeypatch.setattr(check, "find_spec", missing)
     with pytest.raises(ConfigError, match=r"^led-output spotlight .* pointit-lab, which is not installed"):
         invoke(check.command, "spotlight")
 

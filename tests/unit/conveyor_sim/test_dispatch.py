@@ -7,10 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.maps.file import load_map
-from pointit.schemas import BeltLink, Environment, SelectionEvent, TrackedObject
+from pointit.schemas import Environment, SelectionEvent, TrackedObject
 from pointit.services.conveyor_sim.from_map import UnusableMapError
 from pointit.services.conveyor_sim.plant import Plant
-from tests.unit.conveyor_sim.rooms import CROSS, FORK, RING, S, belt, plant, room
+from tests.unit.conveyor_sim.rooms import CROSS, FORK, RING, S, belt, link, plant, room
 
 SHIPPED = load_map("conveyor", 0)
 
@@ -171,12 +171,7 @@ ROUND = room(
         belt("out", (2, 0.3), (2, 3)),
         belt("off", (1.5, -0.3), (1.5, -3)),
     ],
-    [
-        BeltLink(source="in", target="loop", target_position_m=4.2),
-        BeltLink(source="loop", target="loop"),
-        BeltLink(source="loop", source_position_m=4.0, target="out"),
-        BeltLink(source="loop", source_position_m=3.5, target="off"),
-    ],
+    [link("in", "loop", to_m=4.2), link("loop", "loop"), link("loop", "out", 4.0), link("loop", "off", 3.5)],
     b1="out",
     b3="off",
 )
@@ -230,10 +225,7 @@ def test_there_is_no_limit_while_the_belt_runs_backwards() -> None:
 
 def test_in_the_zone_of_a_turn_behind_a_bay_it_is_decided_where_the_bays_belt_ends() -> None:
     turn = room(
-        [belt("x", (0, 0), (4, 0)), belt("y", (4.2, 0.2), (4.2, 4))],
-        [BeltLink(source="x", target="y")],
-        b1="x",
-        b3="y",
+        [belt("x", (0, 0), (4, 0)), belt("y", (4.2, 0.2), (4.2, 4))], [link("x", "y")], b1="x", b3="y"
     )
     belts = plant(turn, feeder={"sequence": []})
     name = belts.add("red", "x", 0.3)

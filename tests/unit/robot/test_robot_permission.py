@@ -20,6 +20,12 @@ def steered(config: RobotConfig = GROUND, **people_m: Vec3) -> Steered:
     return Steered(config, (HALL, DESK), people_m or {"ada": (0.0, -8.0, 0.0)})
 
 
+def cart(phase: str = "idle") -> RobotState:
+    fields = {"phase": phase, "kind": "ground", "position_m": (-1.0, 2.0, 0.0), "yaw_rad": 0.0}
+    rest = {"stamp_ns": START_NS, "velocity_mps": (0.0, 0.0, 0.0), "radius_m": 0.3}
+    return RobotState.model_validate({**fields, **rest})
+
+
 def after(robot: Steered, seconds: float, target_m: Vec3) -> Vec3:
     """Return where the robot is after a person has pointed at a place for a while."""
     robot.target_m = target_m
@@ -84,13 +90,7 @@ def test_a_robot_behind_a_fence_can_only_come_back() -> None:
 )
 def test_goals_are_permitted_or_refused_in_one_sentence(points_m: list[Vec3], sentence: str) -> None:
     robot = steered(GROUND, ada=(0.0, -8.0, 0.0), bob=(-2.0, -2.0, 0.0))
-    robot.safety.on_robot(
-        "cart",
-        RobotState(
-            stamp_ns=START_NS, kind="ground", phase="idle", position_m=(-1.0, 2.0, 0.0), yaw_rad=0.0,
-            velocity_mps=(0.0, 0.0, 0.0), radius_m=0.3,
-        ),
-    )  # fmt: skip
+    robot.safety.on_robot("cart", cart())
     robot.run(0.1)
     said = robot.safety.target_problem("ada", points_m, robot.now_ns, sigma_m=0.1)
     assert said.startswith(sentence)
@@ -111,11 +111,7 @@ def test_a_robot_that_is_lost_is_kept_clear_of_for_ten_minutes_where_it_was(
 ) -> None:
     robot = steered()
     for phase in phases:
-        cart = {
-            "stamp_ns": START_NS, "kind": "ground", "phase": phase, "position_m": (-1.0, 2.0, 0.0),
-            "yaw_rad": 0.0, "velocity_mps": (0.0, 0.0, 0.0), "radius_m": 0.3,
-        }  # fmt: skip
-        robot.safety.on_robot("cart", RobotState.model_validate(cart))
+        robot.safety.on_robot("cart", cart(phase))
     robot.run(0.1)
     robot.now_ns += age_s * NS_PER_S
     robot.run(0.1)

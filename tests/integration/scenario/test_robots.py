@@ -1,7 +1,7 @@
 """Scenarios 5 and 6 as shipped: simulated people fly and land a quadrotor, and send a rover along paths."""
 
 import statistics
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import pytest
 
@@ -59,19 +59,25 @@ def reached(flights: Flights, user: str) -> bool:
     return any("has arrived" in text or "has landed" in text for text in flights.texts(user))
 
 
+THREE_USERS = ("anna", "ben", "cleo")
+
+
+def play_three(
+    scenario: str, duration_s: float, seed: int, is_done: Callable[[Flights, str], bool]
+) -> Flights:
+    """Play until all of three people, whom a robot localizes, are done."""
+
+    def are_done(seen: Flights) -> bool:
+        return all(is_done(seen, user) for user in THREE_USERS)
+
+    return play_robots(scenario, duration_s, seed=seed, users=THREE_USERS, localized_by="", until=are_done)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("scenario", ["scenario_5", "scenario_6"])
 def test_one_robot_finds_three_people_before_anybody_takes_it(scenario: str) -> None:
-    users = ("anna", "ben", "cleo")
-    flights = play_robots(
-        scenario,
-        30.0,
-        seed=1,
-        users=users,
-        localized_by="",
-        until=lambda seen: all("You are localized." in seen.texts(user) for user in users),
-    )
-    for user in users:
+    flights = play_three(scenario, 30.0, 1, lambda seen, user: "You are localized." in seen.texts(user))
+    for user in THREE_USERS:
         assert "You are localized." in flights.texts(user), user
         assert not [text for text in flights.texts(user) if "two or more" in text]
     texts = [cue.text for _, cue in flights.cues]
@@ -88,17 +94,9 @@ THREE = [
 @pytest.mark.parametrize("scenario", ["scenario_5", "scenario_6"])
 @pytest.mark.parametrize("seeds", THREE)
 def test_three_people_whom_a_robot_localizes_all_reach_a_goal(seeds: Iterable[int], scenario: str) -> None:
-    users = ("anna", "ben", "cleo")
     for seed in seeds:
-        flights = play_robots(
-            scenario,
-            400.0,
-            seed=seed,
-            users=users,
-            localized_by="",
-            until=lambda seen: all(reached(seen, user) for user in users),
-        )
-        assert {user for user in users if reached(flights, user)} == set(users), seed
+        flights = play_three(scenario, 400.0, seed, reached)
+        assert {user for user in THREE_USERS if reached(flights, user)} == set(THREE_USERS), seed
         assert flights.nearest_m > 1.0, seed
 
 

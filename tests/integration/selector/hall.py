@@ -8,25 +8,15 @@ from pointit.runtime.clock import WallClock
 from pointit.runtime.link.link import Link
 from pointit.runtime.service.service import Launch, run_service
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
-from pointit.schemas import (
-    NS_PER_S,
-    Claim,
-    Cursor,
-    Health,
-    Hover,
-    Selection,
-    SelectionEvent,
-    TrackedObject,
-    TrackedObjects,
-    topics,
-)
+from pointit.schemas import NS_PER_S, Claim, Health, Hover, Selection, SelectionEvent, topics
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.service import Selector
 from tests.support.bench import until
 from tests.support.buses import RouterProcess, router_process
+from tests.unit.selector.served import cursor, objects
 
 RATE_HZ = 25.0
-PACKAGE_M = 2.0
+PACKAGE_M = 1.0
 AWAY_M = 8.0
 LEFT_S = 0.6
 """Twice the time after which an object that was left can be selected again, s."""
@@ -70,14 +60,7 @@ class Person:
         return (away[-1].stamp_ns - away[0].stamp_ns) / NS_PER_S if away else 0.0
 
     def point(self, clock: WallClock) -> None:
-        cursor = Cursor(
-            stamp_ns=clock.now_ns(),
-            surface="strip",
-            surface_id="0",
-            point_m=(self.at_m, 0.0, 0.9),
-            position_m=self.at_m,
-        )
-        self._cursors.put(cursor)
+        self._cursors.put(cursor(clock, self.at_m))
 
     def _on_health(self, health: Health, _name: str) -> None:
         self.warnings = health.warnings
@@ -188,17 +171,8 @@ class Hall:
         await asyncio.wait(self.tasks)
 
     async def _move(self) -> None:
-        package = TrackedObject(
-            id="a",
-            kind="red",
-            position_m=(PACKAGE_M, 0.0, 0.9),
-            length_m=0.3,
-            surface="strip",
-            surface_id="0",
-            surface_position_m=PACKAGE_M,
-        )
         while True:
-            self._objects.put(TrackedObjects(stamp_ns=self.clock.now_ns(), objects=(package,)))
+            self._objects.put(objects(self.clock, "a"))
             for person in self.people:
                 person.point(self.clock)
             await asyncio.sleep(1.0 / RATE_HZ)

@@ -30,6 +30,11 @@ def room(belts: Sequence[Belt], links: Sequence[BeltLink] = (), **bays: str) -> 
     )
 
 
+def link(source: str, target: str, at_m: float | None = None, to_m: float = 0.0) -> BeltLink:
+    """Return a link from `at_m` of its source, or the end, to `to_m` of its target."""
+    return BeltLink(source=source, target=target, source_position_m=at_m, target_position_m=to_m)
+
+
 def lanes(*lengths_m: float) -> Environment:
     return room(
         [belt(str(index), (0.0, 2.0 * index), (long, 2.0 * index)) for index, long in enumerate(lengths_m)]
@@ -38,16 +43,13 @@ def lanes(*lengths_m: float) -> Environment:
 
 CHAIN = room(
     [belt("a", (0, 0), (2, 0)), belt("b", (2.01, 0), (5, 0)), belt("c", (5.2, 0), (5.2, 3))],
-    [BeltLink(source="a", target="b"), BeltLink(source="b", target="c")],
+    [link("a", "b"), link("b", "c")],
 )
 """One after the other, the last round a corner."""
 
 FORK = room(
     [belt("main", (0, 0), (6, 0)), belt("side", (3, 0.3), (3, 3)), belt("late", (4.5, -0.3), (4.5, -3))],
-    [
-        BeltLink(source="main", source_position_m=3.0, target="side"),
-        BeltLink(source="main", source_position_m=4.5, target="late"),
-    ],
+    [link("main", "side", 3.0), link("main", "late", 4.5)],
     b1="side",
     b2="late",
     b3="main",
@@ -56,10 +58,7 @@ FORK = room(
 
 MERGE = room(
     [belt("main", (0, 0), (6, 0)), belt("left", (2, 3), (2, 0.3)), belt("slant", (1.5, -2.5), (4, -0.2))],
-    [
-        BeltLink(source="left", target="main", target_position_m=2.0),
-        BeltLink(source="slant", target="main", target_position_m=4.2),
-    ],
+    [link("left", "main", to_m=2.0), link("slant", "main", to_m=4.2)],
     b3="main",
 )
 """Three belts into one, one of them at a narrow angle."""
@@ -74,12 +73,12 @@ RING = room(
         belt("out", (2, 4.5), (2, 7)),
     ],
     [
-        BeltLink(source="south", target="east"),
-        BeltLink(source="east", target="north"),
-        BeltLink(source="north", target="west"),
-        BeltLink(source="west", target="south"),
-        BeltLink(source="in", target="south", target_position_m=2.0),
-        BeltLink(source="north", source_position_m=2.0, target="out"),
+        link("south", "east"),
+        link("east", "north"),
+        link("north", "west"),
+        link("west", "south"),
+        link("in", "south", to_m=2.0),
+        link("north", "out", 2.0),
     ],
     b1="out",
 )
@@ -89,7 +88,7 @@ RING = room(
 def cross(gap_m: float) -> Environment:
     return room(
         [belt("w", (0, 0), (4.0 - gap_m, 0)), belt("e", (4, 0), (6, 0)), belt("n", (3.5, 3), (3.5, -3))],
-        [BeltLink(source="w", target="e"), BeltLink(source="w", target="n", target_position_m=3.0)],
+        [link("w", "e"), link("w", "n", to_m=3.0)],
         b1="n",
         b3="e",
     )

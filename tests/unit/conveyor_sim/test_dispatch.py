@@ -7,10 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.maps.file import load_map
-from pointit.schemas import BeltLink, Environment, SelectionEvent, TrackedObject
+from pointit.schemas import Environment, SelectionEvent, TrackedObject
 from pointit.services.conveyor_sim.from_map import UnusableMapError
 from pointit.services.conveyor_sim.plant import Plant
-from tests.unit.conveyor_sim.rooms import CROSS, FORK, RING, S, belt, plant, room
+from tests.unit.conveyor_sim.rooms import CROSS, FORK, RING, S, belt, link, plant, room
 
 SHIPPED = load_map("conveyor", 0)
 
@@ -59,18 +59,6 @@ def test_selected_red_ones_leave_at_bay_1_and_all_others_at_bay_3() -> None:
     assert (state.left, state.fed) == (len(events), len(events) + belts.size)
 
 
-def test_deselection_in_time_sends_the_package_to_the_other_bay() -> None:
-    belts = plant(FORK, feeder={"sequence": []})
-    name = belts.add("red", "main", 0.3)
-    assert bay_of(belts, name) == "3"
-    belts.select({name: "anna"}, 0)
-    assert bay_of(belts, name) == "1"
-    go(belts, 3.0)
-    belts.select({}, belts.now_ns)
-    (event,) = go(belts, 20.0)
-    assert (event.event, event.bay, event.user) == ("dispatched", "3", "")
-
-
 def test_past_the_point_of_no_return_it_is_refused_once_and_goes_on() -> None:
     belts = plant(FORK, feeder={"sequence": []})
     name = belts.add("red", "main", 0.3)
@@ -98,17 +86,6 @@ def test_a_deselection_that_comes_too_late_is_refused_too_and_may_be_taken_back(
     belts.select({name: "anna"}, belts.now_ns)
     (event,) = go(belts, 20.0)
     assert (event.event, event.bay, event.user) == ("dispatched", "1", "anna")
-
-
-def test_late_deselection_leaves_the_package_with_its_user() -> None:
-    belts = plant(FORK, feeder={"sequence": []})
-    name = belts.add("blue", "main", 0.3)
-    belts.select({name: "anna"}, 0)
-    go(belts, 7.0)
-    (refused, event) = go(belts, 20.0, {})
-    assert (refused.event, refused.user) == ("refused", "anna")
-    assert (event.event, event.bay, event.user) == ("dispatched", "1", "anna")
-    assert [(bay.bay, bay.count, bay.selected) for bay in belts.state(0).bays] == [("1", 1, 1)]
 
 
 def test_departures_of_selected_packages_are_stored_for_late_subscribers() -> None:
@@ -171,12 +148,7 @@ ROUND = room(
         belt("out", (2, 0.3), (2, 3)),
         belt("off", (1.5, -0.3), (1.5, -3)),
     ],
-    [
-        BeltLink(source="in", target="loop", target_position_m=4.2),
-        BeltLink(source="loop", target="loop"),
-        BeltLink(source="loop", source_position_m=4.0, target="out"),
-        BeltLink(source="loop", source_position_m=3.5, target="off"),
-    ],
+    [link("in", "loop", to_m=4.2), link("loop", "loop"), link("loop", "out", 4.0), link("loop", "off", 3.5)],
     b1="out",
     b3="off",
 )
@@ -230,10 +202,7 @@ def test_there_is_no_limit_while_the_belt_runs_backwards() -> None:
 
 def test_in_the_zone_of_a_turn_behind_a_bay_it_is_decided_where_the_bays_belt_ends() -> None:
     turn = room(
-        [belt("x", (0, 0), (4, 0)), belt("y", (4.2, 0.2), (4.2, 4))],
-        [BeltLink(source="x", target="y")],
-        b1="x",
-        b3="y",
+        [belt("x", (0, 0), (4, 0)), belt("y", (4.2, 0.2), (4.2, 4))], [link("x", "y")], b1="x", b3="y"
     )
     belts = plant(turn, feeder={"sequence": []})
     name = belts.add("red", "x", 0.3)
@@ -244,15 +213,6 @@ def test_in_the_zone_of_a_turn_behind_a_bay_it_is_decided_where_the_bays_belt_en
     pass_time(belts, 0.1)
     belts.select({name: "anna"}, belts.now_ns)
     assert [(event.event, event.bay) for event in pass_time(belts, 1.0)] == [("dispatched", "1")]
-
-
-def test_way_round_prolongs_the_time_to_change_the_bay() -> None:
-    belts = plant(SHIPPED, feeder={"sequence": []})
-    name = belts.add("red", "part_e", 0.3)
-    pass_time(belts, 18.5)  # past the diverter of bay 1, before the junction that leads round
-    until = until_s(belts, name)
-    assert until is not None
-    assert until > 18.5
 
 
 def test_where_nothing_is_decided_there_is_no_limit() -> None:

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import pytest
 
-from pointit.schemas import BeltLink, TrackedObject
+from pointit.schemas import TrackedObject
 from pointit.services.conveyor_sim.feeding.infeed import NoRoomError
 from pointit.services.conveyor_sim.plant import Plant
 from tests.unit.conveyor_sim.rooms import (
@@ -19,6 +19,7 @@ from tests.unit.conveyor_sim.rooms import (
     belt,
     check_apart,
     cross,
+    link,
     plant,
     room,
 )
@@ -97,9 +98,7 @@ def test_packages_behind_a_belt_that_stands_queue_up_and_go_on_with_it() -> None
 
 
 def test_a_slower_belt_ahead_slows_those_that_touch() -> None:
-    straight = room(
-        [belt("a", (0, 0), (2, 0)), belt("b", (2.1, 0), (9, 0))], [BeltLink(source="a", target="b")]
-    )
+    straight = room([belt("a", (0, 0), (2, 0)), belt("b", (2.1, 0), (9, 0))], [link("a", "b")])
     belts = plant(straight, feeder={"sequence": ["red"], "interval_s": 0.1, "length_m": 0.3})
     belts.set_speed(0.2, ("b",))
     run(belts, 20.0)
@@ -162,7 +161,7 @@ def test_package_without_room_behind_a_junction_does_not_enter_it() -> None:
 
 @pytest.mark.parametrize("offset_m", [0.41, 0.45, 0.5, 0.55, 0.6])
 def test_running_backwards_it_stops_behind_what_stands_on_the_belt_before(offset_m: float) -> None:
-    hall = room([belt("a", (0, 0), (2, 0)), belt("b", (2.1, 0), (9, 0))], [BeltLink(source="a", target="b")])
+    hall = room([belt("a", (0, 0), (2, 0)), belt("b", (2.1, 0), (9, 0))], [link("a", "b")])
     belts = plant(hall, feeder={"sequence": []}, speed_mps=1.0)
     belts.add("x", "a", 0.4)
     belts.step(round((2.1 + offset_m) * S))
@@ -208,12 +207,7 @@ def test_common_stretch_of_two_links_belongs_to_the_junction_and_all_wait_before
 
 
 def test_a_queue_ends_before_the_junction() -> None:
-    longer = room(
-        [*CROSS.belts, belt("f", (6.1, 0), (8, 0))],
-        [*CROSS.links, BeltLink(source="e", target="f")],
-        b1="n",
-        b3="f",
-    )
+    longer = room([*CROSS.belts, belt("f", (6.1, 0), (8, 0))], [*CROSS.links, link("e", "f")], b1="n", b3="f")
     belts = plant(longer, feeders={"w": every("w", 1.5, kind="red"), "n": every("n", 1.5, kind="blue")})
     belts.set_speed(0.0, ("f",))
     run(belts, 70.0, step_s=0.2)
@@ -298,10 +292,7 @@ def test_links_of_belts_that_are_left_out_do_not_count() -> None:
 
 
 def test_without_bays_things_go_straight_on_and_leave_at_the_last_end() -> None:
-    hall = room(
-        [belt("a", (0, 0), (2, 0)), belt("b", (1, 0.3), (1, 2))],
-        [BeltLink(source="a", source_position_m=1.0, target="b")],
-    )
+    hall = room([belt("a", (0, 0), (2, 0)), belt("b", (1, 0.3), (1, 2))], [link("a", "b", 1.0)])
     belts = plant(hall, feeder={"sequence": ["red"], "count": 1})
     path = run(belts, 5.0)
     assert {t.surface_id for objects in path for t in objects} == {"a"}

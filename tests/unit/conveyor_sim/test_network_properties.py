@@ -18,7 +18,7 @@ from pointit.services.conveyor_sim.network.network import Network
 from pointit.services.conveyor_sim.network.piece import NONE
 from pointit.services.conveyor_sim.plant import Plant
 from pointit.services.conveyor_sim.traffic.right_of_way import Rings
-from tests.unit.conveyor_sim.rooms import ROOMS, S, belt, check_apart, plant, room
+from tests.unit.conveyor_sim.rooms import ROOMS, S, belt, check_apart, link, plant, room
 
 SHIPPED = load_map("conveyor", 0)
 EVERYWHERE = {**ROOMS, "conveyor": SHIPPED}
@@ -157,10 +157,7 @@ def test_nothing_overlaps_jumps_or_is_lost_and_all_comes_out_in_the_end(
 
 BRIDGES_TO_ONE_START = room(
     [belt("0", (0.0, 0.0), (1.5, 0.0)), belt("1", (0.0, 1.5), (1.5, 1.5)), belt("3", (0.0, 4.5), (5.0, 4.5))],
-    [
-        BeltLink(source="1", target="3", target_position_m=0.0),
-        BeltLink(source="0", target="3", source_position_m=0.25, target_position_m=0.0),
-    ],
+    [link("1", "3", to_m=0.0), link("0", "3", 0.25, to_m=0.0)],
     b1="3",
 )
 """Packages on either bridge wait at one arc length before the belt, and do not overlap."""

@@ -32,11 +32,17 @@ State = Literal["active", "cancelled", "done", "failed"]
 STATES: tuple[State, ...] = get_args(State)
 
 
-def desk_of(user: str = "anna", mode: str = "goals") -> Desk:
-    """Return a desk with a ground robot that `user` steers."""
-    desk = Desk(kind="ground")
+def ready_desk(**parameters: object) -> Desk:
+    """Return a desk with a robot that has reported and was told to stop."""
+    desk = Desk(**parameters)
     desk.report()
     assert isinstance(desk.step(), Stop)
+    return desk
+
+
+def desk_of(user: str = "anna", mode: str = "goals") -> Desk:
+    """Return a desk with a ground robot that `user` steers."""
+    desk = ready_desk(kind="ground")
     desk.steer(user, mode)
     desk.step()
     assert desk.pilot.user == user
@@ -45,9 +51,7 @@ def desk_of(user: str = "anna", mode: str = "goals") -> Desk:
 
 def flying_desk() -> Desk:
     """Return a desk with a quadrotor that hovers for anna, who points at `THERE`."""
-    desk = Desk()
-    desk.report()
-    desk.step()
+    desk = ready_desk()
     desk.point("anna", THERE)
     desk.steer("anna")
     order = desk.step()
@@ -151,9 +155,7 @@ def test_what_people_wanted_before_it_was_connected_moves_nothing(age_s: float) 
 
 @pytest.mark.parametrize("age_s", [0.3, 100.0, -100.0])
 def test_a_wish_that_is_repeated_after_the_first_report_moves_nothing(age_s: float) -> None:
-    desk = Desk()
-    desk.report()
-    assert isinstance(desk.step(), Stop)
+    desk = ready_desk()
     desk.steer("anna", age_s=age_s)
     assert [desk.step() for _ in range(50)] == [None] * 50
     assert desk.pilot.user == ""
@@ -167,9 +169,7 @@ def test_who_lowers_the_arm_after_a_landing_was_held_up_lands_all_the_same() -> 
 
 
 def test_a_take_off_that_does_not_happen_is_given_up_and_said() -> None:
-    desk = Desk()
-    desk.report()
-    desk.step()
+    desk = ready_desk()
     desk.steer("anna")
     order = desk.step()
     assert isinstance(order, TakeOff)
@@ -203,9 +203,7 @@ def test_who_has_waited_for_it_too_long_asks_again() -> None:
 
 
 def test_who_may_not_steer_does_not_get_it_and_the_reason_is_said() -> None:
-    desk = Desk(kind="ground")
-    desk.report()
-    desk.step()
+    desk = ready_desk(kind="ground")
     desk.safety.person_problem = "your position is unknown: localize first"
     desk.steer("anna", "goals")
     desk.step()
@@ -260,9 +258,7 @@ def test_it_lands_where_pointed_and_is_free_then() -> None:
 def test_an_order_that_is_refused_is_said_and_not_repeated(
     state: Literal["refused", "failed", "cancelled"],
 ) -> None:
-    desk = Desk()
-    desk.report()
-    desk.step()
+    desk = ready_desk()
     desk.steer("anna")
     order = desk.step()
     assert isinstance(order, TakeOff)

@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import math
 from collections.abc import AsyncGenerator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -22,10 +23,10 @@ from pointit.services.robot.robot_driver import (
     ReportItem,
     RobotDriver,
     RobotReport,
-    RobotSpec,
     Stop,
     TakeOff,
 )
+from tests.unit.robot.vda5050.agv_bench import SPEC
 
 
 class FastClock(VirtualClock):
@@ -41,16 +42,7 @@ class Pilot:
     """Gives a driver commands, and collects what it reports."""
 
     def __init__(self, kind: RobotKind, clock: VirtualClock) -> None:
-        spec = RobotSpec(
-            name="robot",
-            kind=kind,
-            start_m=(0.0, 0.0, 0.0),
-            start_yaw_rad=0.0,
-            radius_m=0.2,
-            hover_m=0.2,
-            max_speed_mps=1.0,
-            max_acceleration_mps2=1.0,
-        )
+        spec = replace(SPEC, kind=kind)
         surroundings = Surroundings(clock=clock, health=NullHealth(), folder=Path("unused"))
         self.driver: RobotDriver = SIM.make(SimConfig(), spec, surroundings)
         self.items: list[ReportItem] = []

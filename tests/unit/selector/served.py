@@ -3,13 +3,14 @@
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 
+from pointit.runtime.clock import Clock
 from pointit.schemas import Cursor, Health, TrackedObject, TrackedObjects, topics
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.service import Selector
 from tests.support.bench import Bench, ManualClock, memory_bench
 
 
-def objects(clock: ManualClock, *ids: str) -> TrackedObjects:
+def objects(clock: Clock, *ids: str) -> TrackedObjects:
     """Return `ids`, from a on, as objects at 1, 2, … m of strip 0."""
     listed = [
         TrackedObject(
@@ -21,7 +22,7 @@ def objects(clock: ManualClock, *ids: str) -> TrackedObjects:
     return TrackedObjects(stamp_ns=clock.now_ns(), objects=tuple(listed))
 
 
-def cursor(clock: ManualClock, position_m: float) -> Cursor:
+def cursor(clock: Clock, position_m: float) -> Cursor:
     place = (position_m, 0.0, 0.9)
     return Cursor(
         stamp_ns=clock.now_ns(), surface="strip", surface_id="0", point_m=place, position_m=position_m

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from random import Random
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pointit.services.selector.methods.dwell import Dwell, Method
@@ -16,10 +16,10 @@ WINDOW = 8
 RELEASE = 5
 
 hovered = st.sampled_from(["a", "b", None])
-steps = st.lists(st.tuples(hovered, st.integers(1, 12)), max_size=12).map(
+steps = st.lists(hovered, max_size=60) | st.lists(st.tuples(hovered, st.integers(1, 12)), max_size=12).map(
     lambda stays: [object_id for object_id, count in stays for _ in range(count)]
 )
-"""Objects of timesteps. Stays are long enough that windows are full."""
+"""Objects of timesteps. Stays of the second kind are long enough that windows are full."""
 HOLD: Method = "hold"
 FRACTION: Method = "fraction"
 methods = st.one_of(
@@ -68,6 +68,7 @@ def as_the_paper_says(objects: list[str | None], share: float) -> list[tuple[int
     return toggles
 
 
+@settings(max_examples=150)
 @given(methods, steps)
 def test_any_sequence_toggles_as_the_paper_says(
     method: tuple[Method, float], objects: list[str | None]

@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.geometry import vector
-from pointit.services.selector.methods.gauge import Gauges
-from pointit.services.selector.methods.ray_speed import RaySpeedEstimator
+from pointit.services.selector.methods.gauge import Gauges, RaySpeedEstimator
 
 MS = 1_000_000
 

@@ -12,10 +12,6 @@ from tests.unit.selector.room import Room, at, package, pointing
 METHODS = ("gauge", "hold", "fraction")
 
 
-def reach(to_m: float, arrival_s: float, wobble_m: float, phase: float) -> "Place":
-    return Place(to_m, arrival_s, wobble_m, phase)
-
-
 class Place:
     """Aim of a person: from afar to `to_m` with minimum jerk in 0.8 s, then held with a wobble."""
 

@@ -42,6 +42,11 @@ def refusals(site: ShardedSite, user: str, claim: Claim) -> list[str]:
     return [event.reason for event in events]
 
 
+def claimed(site: ShardedSite, object_id: str = "a", **fields: object) -> Claim:
+    """Return a claim of now to toggle an object."""
+    return Claim.model_validate({"stamp_ns": site.now_ns, "object_id": object_id, "wish": "toggle", **fields})
+
+
 def stay(places: dict[str, float | None], count: int, site: ShardedSite) -> None:
     for _ in range(count):
         site.step(0.05, places)
@@ -175,18 +180,16 @@ def test_a_claim_that_was_held_up_is_refused_with_an_event_and_a_reason() -> Non
     assert site.owners == {}
 
 
-def test_a_claim_of_a_clock_far_ahead_is_refused() -> None:
+@pytest.mark.parametrize(
+    ("object_id", "stamp_ns", "said"), [("a", at(30.0), "clock"), ("z", at(0.0), "z has left")]
+)
+def test_a_claim_of_a_clock_far_ahead_or_of_what_has_left_is_refused(
+    object_id: str, stamp_ns: int, said: str
+) -> None:
     site = a_site(("anna",))
     site.step(0.1, {})
-    claim = Claim(stamp_ns=at(30.0), object_id="a", wish="toggle")
-    assert [reason for reason in refusals(site, "anna", claim) if "clock" in reason]
-
-
-def test_a_claim_of_something_that_has_left_is_refused() -> None:
-    site = a_site(("anna",))
-    site.step(0.1, {})
-    claim = Claim(stamp_ns=at(0.0), object_id="z", wish="toggle")
-    assert refusals(site, "anna", claim) == ["z has left"]
+    [reason] = refusals(site, "anna", claimed(site, object_id, stamp_ns=stamp_ns))
+    assert said in reason
 
 
 @pytest.mark.parametrize(("action", "is_selected"), [("select", True), ("deselect", False)])
@@ -198,11 +201,8 @@ def test_a_claim_with_another_effect_by_now_is_refused(action: Action, *, is_sel
         site.take(site.arbiter.release("anna", "a", True, site.now_ns))
     else:
         site.step(0.1, {})
-    claim = Claim.model_validate(
-        {"stamp_ns": site.now_ns, "object_id": "a", "wish": "toggle", "action": action}
-    )
     status = "selected" if is_selected else "deselected"
-    outputs = site.arbiter.on_claim("anna", claim, site.now_ns)
+    outputs = site.arbiter.on_claim("anna", claimed(site, action=action), site.now_ns)
     assert [cue.message.cue for cue in outputs if isinstance(cue.message, Feedback)] == ["refused"]
     [event] = [one.message for one in outputs if isinstance(one.message, SelectionEvent)]
     assert event.event == "refused"
@@ -214,7 +214,7 @@ def test_a_claim_from_before_a_clear_does_not_select_again() -> None:
     site = a_site(("anna",))
     dwell(site, anna=3.0)
     dwell(site, anna=9.0)
-    early = Claim(stamp_ns=site.now_ns, object_id="a", wish="toggle", action="select")
+    early = claimed(site, action="select")
     site.step(1.0, {})
     site.take(site.arbiter.clear("anna", site.now_ns))
     site.step(0.5, {})
@@ -233,10 +233,10 @@ def test_a_shard_says_what_it_means() -> None:
 def test_a_claim_of_what_another_person_is_selecting_is_refused() -> None:
     site = a_site(("anna", "ben"))
     site.step(0.1, {})
-    now_ns = site.now_ns
-    site.arbiter.on_claim("anna", Claim(stamp_ns=now_ns, object_id="a", wish="reserve"), now_ns)
-    reasons = refusals(site, "ben", Claim(stamp_ns=now_ns, object_id="a", wish="toggle"))
-    assert reasons == ["red is being selected by anna; wait or choose another one"]
+    site.arbiter.on_claim("anna", claimed(site, wish="reserve"), site.now_ns)
+    assert refusals(site, "ben", claimed(site)) == [
+        "red is being selected by anna; wait or choose another one"
+    ]
 
 
 def test_a_claim_of_what_is_selected_for_good_is_refused() -> None:
@@ -245,8 +245,7 @@ def test_a_claim_of_what_is_selected_for_good_is_refused() -> None:
     dwell(site, anna=9.0)
     dwell(site, anna=3.0)
     assert len(site.claims) == 1
-    claim = Claim(stamp_ns=site.now_ns, object_id="a", wish="toggle")
-    assert refusals(site, "anna", claim) == ["red is selected already"]
+    assert refusals(site, "anna", claimed(site)) == ["red is selected already"]
 
 
 def test_a_claim_of_what_is_past_its_last_way_is_refused_by_the_time_it_comes() -> None:
@@ -299,9 +298,7 @@ def many(count: int) -> tuple[ShardedSite, list[Claim]]:
     """Return a site of many packages, and claims of anna's to each of them."""
     site = ShardedSite(("anna", "ben"), *(package(f"p{index}", 0.1 * index) for index in range(count)))
     site.step(0.1, {})
-    return site, [
-        Claim(stamp_ns=site.now_ns + index, object_id=f"p{index}", wish="toggle") for index in range(count)
-    ]
+    return site, [claimed(site, f"p{index}", stamp_ns=site.now_ns + index) for index in range(count)]
 
 
 def test_whoever_claims_more_than_anybody_points_at_is_ignored_and_told_in_health() -> None:
@@ -336,13 +333,12 @@ def test_a_shard_reserves_two_objects_at_most_and_selections_are_few() -> None:
 
 def test_others_have_their_claims_known_however_many_one_has_decided() -> None:
     site, _ = many(3)
-    claim = Claim(stamp_ns=site.now_ns, object_id="p0", wish="toggle")
+    claim = claimed(site, "p0")
     assert site.arbiter.on_claim("ben", claim, site.now_ns)
     for index in range(10_000):
         if index % MAX_CLAIMS == 0:
             site.time_s += 1.0
-        other = Claim(stamp_ns=site.now_ns + index, object_id="p1", wish="toggle")
-        site.arbiter.on_claim("anna", other, site.now_ns)
+        site.arbiter.on_claim("anna", claimed(site, "p1", stamp_ns=site.now_ns + index), site.now_ns)
     assert site.arbiter.on_claim("ben", claim, site.now_ns) == []
 
 

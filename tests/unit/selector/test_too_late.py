@@ -20,13 +20,9 @@ def departure(object_id: str, time_s: float, bay: str, user: str = "") -> Convey
 
 
 def refused_by_conveyor(object_id: str, time_s: float, user: str) -> SelectionEvent:
+    why = "too late for bay 1"
     return SelectionEvent(
-        stamp_ns=at(time_s),
-        event="refused",
-        object_id=object_id,
-        kind="red",
-        user=user,
-        reason="too late for bay 1",
+        stamp_ns=at(time_s), event="refused", object_id=object_id, kind="red", user=user, reason=why
     )
 
 
@@ -77,14 +73,17 @@ def test_what_is_on_its_way_to_the_bay_is_not_taken_back_by_pointing() -> None:
     assert room.owners == {"a": "anna"}
 
 
+def take_back(room: Room, deed: str, now_ns: int) -> None:
+    if deed == "release":
+        room.take(room.selecting.release("ben", "a", False, now_ns))
+    else:
+        room.take(getattr(room.selecting, deed)("anna", now_ns))
+
+
 @pytest.mark.parametrize("deed", ["undo", "clear", "release"])
 def test_nor_by_any_other_means(deed: str) -> None:
     room = chosen("a")
-    selecting = room.selecting
-    if deed == "release":
-        room.take(selecting.release("ben", "a", False, room.now_ns))
-    else:
-        room.take(getattr(selecting, deed)("anna", room.now_ns))
+    take_back(room, deed, room.now_ns)
     assert [event.event for event in room.events] == ["refused"]
     assert room.events[0].cause == deed
     assert room.owners == {"a": "anna"}
@@ -95,12 +94,7 @@ def test_nor_by_any_other_means(deed: str) -> None:
 def test_of_what_a_silent_tracker_listed_it_is_not_too_late(deed: str) -> None:
     """The conveyor has ended; where its objects go now, nobody knows."""
     room = chosen("a")
-    selecting = room.selecting
-    now_ns = room.now_ns + NS_PER_S + 1  # one longer than objects_stale_after_s; it is given up after 30 s
-    if deed == "release":
-        room.take(selecting.release("ben", "a", False, now_ns))
-    else:
-        room.take(getattr(selecting, deed)("anna", now_ns))
+    take_back(room, deed, room.now_ns + NS_PER_S + 1)  # older than objects_stale_after_s, not yet given up
     assert [event.event for event in room.events] == ["deselected"]
     assert not room.owners
 

@@ -16,6 +16,7 @@ from pointit.schemas import (
     Feedback,
     ImuSample,
     Lamp,
+    LampColor,
     PointingRay,
     Strip,
     TrackedObject,
@@ -79,6 +80,9 @@ class Life:
         """Tell what the supervisor tells when it enters `state`."""
         text = "Wait for the target to point at." if state == "localizing" else ""
         self.cue("stopped" if state == "idle" else "started", text)
+
+    def shine(self, lamp: str, *, blue: int = 255) -> None:
+        self.person.see(self.now_ns, LampColor(stamp_ns=0, color=(0, 0, blue)), lamp)
 
     def objects(self, *things: TrackedObject) -> None:
         tracked = TrackedObjects(stamp_ns=self.now_ns, objects=things)

@@ -15,7 +15,6 @@ from pointit.schemas import (
     ButtonEvent,
     Feedback,
     ImuSample,
-    LampColor,
     StripsFrame,
     TrackedObject,
     TrackedObjects,
@@ -60,26 +59,26 @@ def test_an_idle_arm_rests_towards_the_floor() -> None:
 def test_the_lit_lamp_is_pointed_at_after_the_reaction_time() -> None:
     life = living("localizing")
     resting = life.ray(life.run(1.0))
-    life.person.see(life.now_ns, LampColor(stamp_ns=0, color=(255, 255, 255)), "led_1")
+    life.shine("led_1")
     assert vector.angle_between(life.ray(life.run(0.34)), resting) < 1e-9
     assert vector.angle_between(life.ray(life.run(0.1)), resting) > 1e-3
     settled = life.run(2.0)
     assert life.error_rad(settled, ROOM.lamps[0].position_m) < 1e-6
-    life.person.see(life.now_ns, LampColor(stamp_ns=0, color=(0, 0, 0)), "led_1")
-    life.person.see(life.now_ns, LampColor(stamp_ns=0, color=(0, 0, 9)), "led_2")
+    life.shine("led_1", blue=0)
+    life.shine("led_2", blue=9)
     assert life.error_rad(life.run(2.0), ROOM.lamps[1].position_m) < 1e-6
 
 
 def test_the_lamp_that_the_cue_names_comes_before_any_that_is_lit() -> None:
     life = living("localizing")
-    life.person.see(life.now_ns, LampColor(stamp_ns=0, color=(255, 255, 255)), "led_1")
+    life.shine("led_1")
     life.cue("target", target="led_2")
     assert life.error_rad(life.run(3.0), ROOM.lamps[1].position_m) < 1e-6
 
 
 def test_who_is_not_yet_in_turn_lets_the_arm_hang_though_a_lamp_is_lit() -> None:
     life = living("localizing")
-    life.person.see(life.now_ns, LampColor(stamp_ns=0, color=(255, 255, 255)), "led_1")
+    life.shine("led_1")
     life.cue("target", text="Wait: ben is pointing at the lamps, you are next.")
     assert vector.elevation(life.ray(life.run(3.0))) < math.radians(-60.0)
 
@@ -90,7 +89,7 @@ def test_without_a_cursor_people_err_as_measured() -> None:
     for seed in range(60):
         life = Life(config, seed)
         life.state("localizing")
-        life.person.see(0, LampColor(stamp_ns=0, color=(255, 255, 255)), "led_1")
+        life.shine("led_1")
         errors.append(math.degrees(life.error_rad(life.run(3.0), ROOM.lamps[0].position_m)))
     assert 4.0 < np.median(errors) < 8.0  # 6.7 degrees in the recordings
 

@@ -7,8 +7,8 @@ from pointit.schemas import NS_PER_S, ConveyorState, Departure, Environment, Sel
 from pointit.schemas.environment import BeltSpeed
 from pointit.services.conveyor_sim.config import ConveyorSimConfig
 from pointit.services.conveyor_sim.dispatch import Dispatch
-from pointit.services.conveyor_sim.feeding.feeders import Feeders
 from pointit.services.conveyor_sim.feeding.infeed import Infeed
+from pointit.services.conveyor_sim.feeding.schedule import Feeders
 from pointit.services.conveyor_sim.from_map import UnusableMapError, network_of
 from pointit.services.conveyor_sim.network.routes import Routes
 from pointit.services.conveyor_sim.tracking import ground_truth_objects

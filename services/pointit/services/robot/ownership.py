@@ -51,10 +51,6 @@ class Ownership:
         """Return a person whose request was not granted, and is not between these times, or `""`."""
         return next((each for each in self._wanting() if not first_ns <= self._claims[each] <= last_ns), "")
 
-    def take(self, user: str) -> None:
-        """Give it to `user`."""
-        self.user = user
-
     def free(self) -> None:
         """Take it from who steers it, who has to name it again."""
         if self.user in self._claims:

@@ -257,7 +257,7 @@ class RobotPilot:
             problem = f"{late} asked for the robot too long ago, or by another clock: take it again"
         self._errand.problem = problem
         if wanted and not problem:
-            self._owners.take(wanted)
+            self._owners.user = wanted
             self._stop = None
 
     def _free(self) -> None:

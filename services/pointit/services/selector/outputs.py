@@ -64,13 +64,9 @@ class Record(NamedTuple):
 
 
 def event_of(record: Record, seq: int, *, again: bool = False) -> SelectionEvent | None:
-    """Return the message of `record`. None for `left`, which its tracker publishes.
+    """Return the message of `record` with the number `seq`. None for `left`, which its tracker publishes.
 
-    Args:
-        record: event.
-        seq: number of the message.
-        again: True if it may have been published before a restart, with equal number, stamp, object and
-            event.
+    `again`: it may have been published before a restart, with equal number, stamp, object and event.
     """
     if record.event == "left":
         return None

@@ -58,17 +58,13 @@ class Person:
         self._behaviour = self._new_behaviour()
         self._has_yielded = False
         self._band = Wristband(yaw_rad, config.wristband, band_rng)
-        self._goal: Goal = REST
+        self.goal: Goal = REST
+        """Current goal of the hand."""
         self._wanted: Goal = REST
         self._act_at_ns = 0
         self._press = ButtonModel(config)
         self._presses = 0
         """Number of presses so far that the behaviour has decided on."""
-
-    @property
-    def goal(self) -> Goal:
-        """Return the current goal of the hand."""
-        return self._goal
 
     @property
     def true_yaw_rad(self) -> float:
@@ -95,10 +91,10 @@ class Person:
             self._has_yielded = yields
             self._behaviour = self._new_behaviour()  # otherwise that time would count
             self._presses = 0
-        self._perception.update(now_ns, self._goal)
+        self._perception.update(now_ns, self.goal)
         self._stance.move(self._feet.at(now_ns))
         self._turn_when_decided(now_ns, REST if yields else self._wants(now_ns))
-        correction, closed = self._correction, self._goal.closed_loop
+        correction, closed = self._correction, self.goal.closed_loop
         if closed and correction.step(now_ns):
             self._arm.reach(now_ns, self._aim_with_rate(now_ns), self._config.aim.correction_s)
         orientation = self._arm.follow(now_ns, self._aim(now_ns))
@@ -114,13 +110,13 @@ class Person:
             now_ns,
             self._perception.belief,
             known_ns=self._sight.profile_ns,
-            off_rad=correction.off_rad if closed and not self._goal.robot else 0.0,  # a robot is slow
+            off_rad=correction.off_rad if closed and not self.goal.robot else 0.0,  # a robot is slow
             sees=self._perception.cursor is not None if closed and self._sees_light() else None,
         )
         return self._band.sample(now_ns, orientation), press
 
     def _sees_light(self) -> bool:
-        return self._sight.frame_ns is not None and not self._goal.robot
+        return self._sight.frame_ns is not None and not self.goal.robot
 
     def _wants(self, now_ns: int) -> Goal:
         belief = self._perception.belief
@@ -135,14 +131,14 @@ class Person:
             thinks_s = max(aim.reaction_s - aim.visual_delay_s, 0.0)  # the delay has passed with the sight
             self._act_at_ns = now_ns + round(thinks_s * NS_PER_S)
         self._wanted = wanted
-        if wanted.key == self._goal.key:
-            self._goal = wanted
+        if wanted.key == self.goal.key:
+            self.goal = wanted
         elif now_ns >= self._act_at_ns:
             self._turn_to(now_ns, wanted)
 
     def _turn_to(self, now_ns: int, goal: Goal) -> None:
-        self._correction.settle(self._goal, goal)
-        self._goal = goal
+        self._correction.settle(self.goal, goal)
+        self.goal = goal
         amplitude_rad = self._arm.amplitude_rad(now_ns, self._aim_with_rate(now_ns))
         self._error.draw(amplitude_rad)
         aim = self._aim_with_rate(now_ns)
@@ -151,7 +147,7 @@ class Person:
         self._correction.begin(self._arm.reached_ns)
 
     def _aim(self, now_ns: int) -> Aim:
-        point = self._goal.point_at(now_ns)
+        point = self.goal.point_at(now_ns)
         if point is None:
             return Aim(self._azimuth_rad, self._rest_rad)
         beside = (

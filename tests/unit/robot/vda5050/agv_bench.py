@@ -43,6 +43,11 @@ class AgvBench:
         """Returns True for a topic whose messages get lost."""
         self.agv.set_report(self.items.append)
 
+    def change(self, **extra: object) -> None:
+        """Let the AGV's next states have these fields."""
+        self.virtual.extra = extra
+        self.virtual.has_changed = True
+
     def connect(self) -> None:
         """Connect the broker; the AGV, which is connected, hears the question for its state."""
         self.deliver(self.agv.on_connected())

@@ -150,8 +150,7 @@ def test_an_agv_that_cannot_drive_is_stopped_and_refuses_until_it_can(
 ) -> None:
     path = bench.tell(FollowPath, (FAR,))
     bench.run(1.0)
-    bench.virtual.extra = change
-    bench.virtual.has_changed = True
+    bench.change(**change)
     bench.run(1.0)
     assert bench.virtual.base == [], "it does not drive on when that is over"
     again = bench.tell(Follow, FAR)
@@ -159,8 +158,7 @@ def test_an_agv_that_cannot_drive_is_stopped_and_refuses_until_it_can(
         state, reason = bench.outcomes(order)[-1]
         assert state == "refused"
         assert words in reason
-    bench.virtual.extra = {}
-    bench.virtual.has_changed = True
+    bench.change()
     bench.run(0.5)
     there = bench.virtual.place
     bench.run(2.0)
@@ -180,8 +178,7 @@ def test_an_order_that_somebody_else_cancels_or_replaces_ends(bench: AgvBench) -
     assert bench.outcomes(path) == [("accepted", ""), cancelled]
     path = bench.tell(FollowPath, (FAR,))
     bench.run(0.5)
-    bench.virtual.extra = {"orderId": "of another"}
-    bench.virtual.has_changed = True
+    bench.change(orderId="of another")
     sent = len(bench.sent)
     bench.run(0.2)
     assert bench.outcomes(path)[-1] == ("failed", "another master control has given the AGV an order")
@@ -349,8 +346,7 @@ def test_whatever_happens_little_is_released_and_a_stop_stops(chosen: list[tuple
         if what == "hear":
             bench.hear(str(a), b)
         elif what == "change":
-            bench.virtual.extra = {str(a): b}
-            bench.virtual.has_changed = True
+            bench.change(**{str(a): b})
         elif what == "follow":
             bench.tell(Follow, (a, b, 0.0))
         elif what == "path":

@@ -135,6 +135,12 @@ def test_messages_that_come_late_or_twice_are_told_from_those_of_a_restarted_agv
     assert check.is_new(0)
 
 
+def written_node(number: int, **place: float) -> dict[str, object]:
+    position = {**place, "mapId": "f1"}
+    node = {"nodeId": f"o.{number}", "sequenceId": number, "nodePosition": position}
+    return {**node, "released": True, "actions": []}
+
+
 @pytest.mark.parametrize("version", ["1.1.0", "2.0.0"])
 def test_orders_and_actions_are_written_as_the_specification_wants(version: Version) -> None:
     letterhead = MessageEncoder("uagv", version, "KIT", "0001", lambda: 1_492_256_403_120_000_000)
@@ -148,37 +154,13 @@ def test_orders_and_actions_are_written_as_the_specification_wants(version: Vers
         "serialNumber": "0001",
     }
     assert topic == f"uagv/v{version[0]}/KIT/0001/order"
+    edge = {"edgeId": "o.3", "sequenceId": 3, "startNodeId": "o.2", "endNodeId": "o.4", "maxSpeed": 0.5}
     assert json.loads(payload) == {
         **header,
         "orderId": "o",
         "orderUpdateId": 1,
-        "nodes": [
-            {
-                "nodeId": "o.2",
-                "sequenceId": 2,
-                "released": True,
-                "nodePosition": {"x": 0.5, "y": 0.0, "mapId": "f1"},
-                "actions": [],
-            },
-            {
-                "nodeId": "o.4",
-                "sequenceId": 4,
-                "released": True,
-                "nodePosition": {"x": 1.0, "y": 0.1235, "theta": 1.5, "mapId": "f1"},
-                "actions": [],
-            },
-        ],
-        "edges": [
-            {
-                "edgeId": "o.3",
-                "sequenceId": 3,
-                "released": True,
-                "startNodeId": "o.2",
-                "endNodeId": "o.4",
-                "actions": [],
-                "maxSpeed": 0.5,
-            }
-        ],
+        "nodes": [written_node(2, x=0.5, y=0.0), written_node(4, x=1.0, y=0.1235, theta=1.5)],
+        "edges": [{**edge, "released": True, "actions": []}],
     }
     action = {"actionType": "cancelOrder", "actionId": "c", "blockingType": "NONE"}
     topic, payload = letterhead.actions([InstantAction("cancelOrder", "c")])

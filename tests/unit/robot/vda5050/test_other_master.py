@@ -12,8 +12,7 @@ THEIRS = [{"nodeId": "theirs", "sequenceId": 2, "nodePosition": {"x": 9.0, "y": 
 
 def order_of_another(bench: AgvBench) -> None:
     bench.virtual.base = list(THEIRS)
-    bench.virtual.extra = {"orderId": "theirs"}
-    bench.virtual.has_changed = True
+    bench.change(orderId="theirs")
 
 
 def connected() -> AgvBench:

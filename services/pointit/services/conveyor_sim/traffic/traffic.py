@@ -183,10 +183,7 @@ class Traffic:
     def _room(self, package: Package, *, is_ahead: bool, further_m: float = 0.0) -> tuple[float, float]:
         """Return the room to the nearest package ahead (or behind), whichever way it went, and its speed.
 
-        Args:
-            package: on its piece, or not put on it yet.
-            is_ahead: False to look behind.
-            further_m: distance beyond the reach of the longest package in which to look.
+        `package` may not be put on its piece yet. `further_m` is looked beyond the longest one's reach.
         """
         pieces, held = self.network.pieces, self.held[package.piece]
         is_there = package in held

@@ -6,7 +6,7 @@ It is exact outside, and along segments that keep `apart_m + least_m` of at leas
 """
 
 import math
-from typing import Literal, Protocol
+from typing import Literal
 
 from pointit.geometry.polygon import Polygon, Vec2, point_segment_m
 from pointit.geometry.vector import Vec3, add, scale, subtract
@@ -25,36 +25,19 @@ BEYOND_M = 1e-3
 """Distance by which the nearest permitted place is farther than needed."""
 
 
-class Obstacle(Protocol):
-    """A space that a robot keeps clear of."""
-
-    kind: ObstacleKind
-    name: str
-    """For sentences: `fence desk`, `you`, `robot quad`."""
-
-    def clearance_m(self, place_m: Vec3, apart_m: float) -> float:
-        """Return the clearance at `place_m`, m."""
-        ...
-
-    def is_clear(self, start_m: Vec3, end_m: Vec3, apart_m: float, least_m: float) -> bool:
-        """Return True if the clearance is at least `least_m` all along a segment."""
-        ...
-
-    def nearest(self, place_m: Vec3, apart_m: float) -> tuple[Vec3, ...]:
-        """Return places near `place_m` with clearance, one in each direction to leave by."""
-        ...
-
-
-class KeepOut:
-    """A volume to stay outside of."""
-
+class _Fence:
     kind: ObstacleKind = "fence"
 
     def __init__(self, fence: Fence) -> None:
         self.name = f"fence {fence.id}"
+        """For sentences, as that of every obstacle: `fence desk`, `you`, `robot quad`."""
         self._shape = Polygon(fence.outline_m)
         self._low_m = -math.inf if fence.low_m is None else fence.low_m
         self._high_m = math.inf if fence.high_m is None else fence.high_m
+
+
+class KeepOut(_Fence):
+    """A volume to stay outside of."""
 
     def clearance_m(self, place_m: Vec3, apart_m: float) -> float:
         """Return the clearance at `place_m`, m."""
@@ -82,16 +65,8 @@ class KeepOut:
         return tuple(places)
 
 
-class KeepIn:
+class KeepIn(_Fence):
     """A volume to stay inside of. Its lowest height has no margin, so that robots stand on the floor."""
-
-    kind: ObstacleKind = "fence"
-
-    def __init__(self, fence: Fence) -> None:
-        self.name = f"fence {fence.id}"
-        self._shape = Polygon(fence.outline_m)
-        self._low_m = -math.inf if fence.low_m is None else fence.low_m
-        self._high_m = math.inf if fence.high_m is None else fence.high_m
 
     def clearance_m(self, place_m: Vec3, apart_m: float) -> float:
         """Return the clearance at `place_m`, m."""
@@ -149,6 +124,10 @@ class CylinderObstacle:
         along, across = (x / over_m, y / over_m) if over_m > ROUNDING_M else (1.0, 0.0)
         reach_m = self.radius_m + apart_m + BEYOND_M
         return ((self._axis_m[0] + along * reach_m, self._axis_m[1] + across * reach_m, place_m[2]),)
+
+
+Obstacle = KeepOut | KeepIn | CylinderObstacle
+"""A space that a robot keeps clear of."""
 
 
 def _moved(shape: Polygon, place_m: Vec2, to_m: float) -> Vec2:

@@ -105,11 +105,8 @@ class People:
     def cursor_stop_reason(self, user: str, now_ns: int, *, follows: bool) -> StopReason | None:
         """Return the reason why `user`'s pointing cannot move a robot now, or None.
 
-        Args:
-            user: the person.
-            now_ns: time.
-            follows: True if the robot follows their cursor, which must be on a place that is sure; False if
-                it carries out a goal, when their arm must only report.
+        `follows`: the robot follows their cursor, which must be on a place that is sure; else it carries out
+        a goal, when their arm must only report.
         """
         config = self._config
         cursor = self._cursors.get(user)

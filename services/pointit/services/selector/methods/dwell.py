@@ -89,13 +89,6 @@ class Dwell:
         self._steps.clear()
         self._away[object_id] = 0
 
-    def clear(self) -> None:
-        """Reset to the initial state."""
-        self._steps.clear()
-        self._away.clear()
-        self._index = None
-        self._object = None
-
     @property
     def latched(self) -> Collection[str]:
         """Return the objects that toggled and were not left since."""

@@ -7,8 +7,7 @@ from typing import Literal
 from pointit.schemas import NS_PER_S
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.methods.dwell import Dwell
-from pointit.services.selector.methods.gauge import Gauges
-from pointit.services.selector.methods.ray_speed import RaySpeedEstimator
+from pointit.services.selector.methods.gauge import Gauges, RaySpeedEstimator
 from pointit.services.selector.selection_methods import PointingSample, SelectionMethod, SelectionProgress
 
 

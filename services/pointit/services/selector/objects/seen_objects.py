@@ -54,10 +54,8 @@ class SeenObjects:
             reach_rad: angle beyond `leave_factor` times their half width within which objects are near a ray.
             leave_factor: multiple of the tolerance beyond which the pointer leaves an object.
             aim: reference of angles: the ray, or with `cursor`, if that is on a line, the direction in which
-                it is
-                shown. A line does not show how far the ray passes beside it, so people cannot correct that:
-                their
-                ray may pass by degrees while the light is on the object.
+                it is shown. A line does not show how far the ray passes beside it, so people cannot correct
+                that: their ray may pass by degrees while the light is on the object.
         """
         self._stale_s = stale_after_s
         self._lag_s = display_lag_s

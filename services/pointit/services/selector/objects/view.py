@@ -91,9 +91,7 @@ class View:
     def relative_rate(self, object_id: str, rate: tuple[float, float]) -> float:
         """Return the angular speed of a ray that turns at `rate` relative to the object, rad/s at the eyes.
 
-        Args:
-            object_id: id of an object that is near.
-            rate: speed of azimuth on the sphere and of elevation, rad/s.
+        The object is near; `rate` is the speed of azimuth on the sphere and of elevation, rad/s.
         """
         one = self._seen[object_id]
         u, v, w = one.velocity_mps

@@ -159,11 +159,7 @@ class Ledger:
 
         Objects that have left since, are decided, or belong to another person by now stay as they are. If
         nothing of the step can be undone, it is refused with the reason, and the step before is next.
-
-        Args:
-            user: person whose step is undone.
-            now_ns: time, ns.
-            present: ids of the objects that are there.
+        `present`: ids of the objects that are there.
         """
         steps = self._steps.get(user)
         if not steps:

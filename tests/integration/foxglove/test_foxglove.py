@@ -5,7 +5,6 @@ import socket
 import time
 from collections.abc import AsyncIterator
 
-import click
 import pytest
 import pytest_asyncio
 
@@ -18,7 +17,6 @@ from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import ListenError
 from pointit.runtime.service import service
-from pointit.runtime.service.process import service_command
 from pointit.runtime.service.service import Launch, run_service
 from pointit.schemas import topics
 from pointit.schemas.environment import StripFrame
@@ -245,10 +243,3 @@ async def test_it_ends_at_once_with_a_viewer_connected_and_the_port_is_free() ->
         await until(lambda: is_free(site.port), what="the port to be free")
         assert within(time.monotonic() - began_s, 4.0)
     await site.bus.close()
-
-
-def test_help_says_how_to_open_it() -> None:
-    command = service_command(SERVICE)
-    text = " ".join(command.get_help(click.Context(command)).split()).replace("read- only", "read-only")
-    assert "read-only" in text
-    assert "ws://127.0.0.1:8765 and import the layout" in text

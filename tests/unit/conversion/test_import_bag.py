@@ -17,6 +17,7 @@ from pointit.recording.reader import Recording
 from tests.unit.conversion.session import at
 
 TYPES = Types("jazzy")
+POSE = "geometry_msgs/msg/PoseStamped"
 MAP = """
 belts:
   b1: {centerline: [[0, 0, 1], [4, 0, 1]], width: 0.5}
@@ -46,7 +47,7 @@ def pose(time_s: float, place_m: Vec3, **rotation: float) -> Any:
     x, y, z = place_m
     place = make("geometry_msgs/msg/Point", x=x, y=y, z=z)
     inner = make("geometry_msgs/msg/Pose", position=place, orientation=turned(**rotation))
-    return make("geometry_msgs/msg/PoseStamped", header=stamped(time_s), pose=inner)
+    return make(POSE, header=stamped(time_s), pose=inner)
 
 
 def frame(time_s: float, child: str, parent: str = "world") -> Any:
@@ -55,12 +56,8 @@ def frame(time_s: float, child: str, parent: str = "world") -> Any:
         translation=make("geometry_msgs/msg/Vector3", x=1.0, y=2.0, z=0.0),
         rotation=turned(z=1.0, w=0.0),
     )
-    one = make(
-        "geometry_msgs/msg/TransformStamped",
-        header=stamped(time_s, parent),
-        child_frame_id=child,
-        transform=moved,
-    )
+    named = {"header": stamped(time_s, parent), "child_frame_id": child}
+    one = make("geometry_msgs/msg/TransformStamped", **named, transform=moved)
     return make("tf2_msgs/msg/TFMessage", transforms=[one])
 
 
@@ -81,13 +78,8 @@ def uids(*numbers: int) -> Any:
 
 
 def pointers(line: str, share: float, *over: int) -> Any:
-    one = make(
-        "conveyor_msgs/msg/Pointer",
-        position=on(line, share),
-        distance=0.1,
-        overlay=uids(*over),
-        user_name="user1",
-    )
+    met = {"position": on(line, share), "distance": 0.1, "overlay": uids(*over)}
+    one = make("conveyor_msgs/msg/Pointer", **met, user_name="user1")
     return make("conveyor_msgs/msg/PointerList", pointers=[one])
 
 
@@ -160,13 +152,8 @@ def test_a_person_of_a_bag(tmp_path: Path, storage: StoragePlugin) -> None:
                 pressed(1.2, down=True),
                 pressed(1.3, down=False),
                 pressed(1.4, down=True),
-                (
-                    1.5,
-                    "/user1/pointing_ray",
-                    "geometry_msgs/msg/PoseStamped",
-                    pose(1.5, (0.0, 0.0, 1.6), z=1.0, w=0.0),
-                ),
-                (1.6, "/user1/mocap_pose", "geometry_msgs/msg/PoseStamped", pose(1.6, (1.0, 2.0, 0.0))),
+                (1.5, "/user1/pointing_ray", POSE, pose(1.5, (0.0, 0.0, 1.6), z=1.0, w=0.0)),
+                (1.6, "/user1/mocap_pose", POSE, pose(1.6, (1.0, 2.0, 0.0))),
                 (1.7, "/tf", "tf2_msgs/msg/TFMessage", frame(1.7, "user1/human_footprint")),
                 (1.8, "/tf", "tf2_msgs/msg/TFMessage", frame(1.8, "robot/base_link")),
                 state(1.9, "waiting_relloc"),

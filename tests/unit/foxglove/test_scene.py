@@ -66,15 +66,11 @@ def test_a_package_stands_on_its_belt_along_it() -> None:
 
 
 def test_who_has_a_package_is_its_outline_and_its_words() -> None:
+    chosen = SelectedObject(id="7", user="anna", since_ns=1, kind="red")
     made = scene(
         (objects(PACKAGE), "plant"),
         (schemas.UserProfile(stamp_ns=1, cursor_color=ANNA), "anna"),
-        (
-            schemas.Selection(
-                stamp_ns=1, objects=(SelectedObject(id="7", user="anna", since_ns=1, kind="red"),)
-            ),
-            "",
-        ),
+        (schemas.Selection(stamp_ns=1, objects=(chosen,)), ""),
         (schemas.Hover(stamp_ns=1, object_id="7", progress=0.25, action="deselect"), "bert"),
     )
     (entity,) = shown(made, "objects").values()

@@ -82,12 +82,8 @@ def test_states_from_before_the_window_are_there_from_its_beginning() -> None:
     minute.add(at(0.5), topics.USER_ALIVE, "ben", False, b"")
     add(minute, topics.MAP, schemas.Environment(stamp_ns=at(0.0), name="old"))
     add(minute, topics.MAP, schemas.Environment(stamp_ns=at(1.0), name="lab"))
-    add(
-        minute,
-        topics.POSE,
-        schemas.UserPose(stamp_ns=at(2.0), position_m=(1.0, 0.0, 0.0), yaw_rad=0.0),
-        "anna",
-    )
+    pose = schemas.UserPose(stamp_ns=at(2.0), position_m=(1.0, 0.0, 0.0), yaw_rad=0.0)
+    add(minute, topics.POSE, pose, "anna")
     add(minute, topics.CURSOR, cursor(3.0), "anna")
     for second in range(20, 31):
         add(minute, topics.CURSOR, cursor(float(second)), "anna")

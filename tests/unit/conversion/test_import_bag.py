@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner, Result
 from rosbags.rosbag2 import StoragePlugin, Writer
 
-from pointit import schemas
+import pointit.schemas as models
 from pointit.bridges.ros2.types.types import Types
 from pointit.cli.main import command
 from pointit.geometry.vector import Vec3
@@ -34,7 +34,7 @@ def make(kind: str, /, **fields: Any) -> Any:
 
 
 def stamped(time_s: float, frame: str = "") -> Any:
-    seconds, rest = divmod(at(time_s), schemas.NS_PER_S)
+    seconds, rest = divmod(at(time_s), models.NS_PER_S)
     stamp = make("builtin_interfaces/msg/Time", sec=seconds, nanosec=rest)
     return make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
@@ -128,7 +128,7 @@ def imported(source: Path, *options: str) -> dict[str, list[Any]]:
     found: dict[str, list[Any]] = {}
     with Recording.open(source.parent / "session.mcap") as recording:
         for entry in recording.entries():
-            assert isinstance(entry.body, schemas.Message)
+            assert isinstance(entry.body, models.Message)
             found.setdefault(entry.key, []).append(entry.body)
         assert recording.invalid == 0
     return found
@@ -165,21 +165,21 @@ def test_a_person_of_a_bag(tmp_path: Path, storage: StoragePlugin) -> None:
         *(f"users/user1/{name}" for name in ("imu", "button", "ray", "pose", "interaction"))
     }
     assert found["users/user1/imu"] == [
-        schemas.ImuSample(stamp_ns=at(0.99), seq=1, orientation_xyzw=(0.0, 0.0, 0.0, 1.0))
+        models.ImuSample(stamp_ns=at(0.99), seq=1, orientation_xyzw=(0.0, 0.0, 0.0, 1.0))
     ]
     assert [event.stamp_ns for event in found["users/user1/button"]] == [at(1.1), at(1.4)]
-    assert all(isinstance(event, schemas.ButtonEvent) for event in found["users/user1/button"])
+    assert all(isinstance(event, models.ButtonEvent) for event in found["users/user1/button"])
     (ray,) = found["users/user1/ray"]
-    assert isinstance(ray, schemas.PointingRay)
+    assert isinstance(ray, models.PointingRay)
     assert ray.origin_m == (0.0, 0.0, 1.6)
     assert ray.direction == pytest.approx((-1.0, 0.0, 0.0))
     measured, told = found["users/user1/pose"]
-    assert isinstance(told, schemas.UserPose)
+    assert isinstance(told, models.UserPose)
     assert (measured.method, measured.position_m, measured.yaw_rad) == ("external", (1.0, 2.0, 0.0), 0.0)
     assert (told.method, told.position_m) == ("fixed", (1.0, 2.0, 0.0))
     assert abs(told.yaw_rad) == pytest.approx(np.pi)
     assert found["users/user1/interaction"] == [
-        schemas.Interaction(stamp_ns=at(1.9), seq=1, state="localizing")
+        models.Interaction(stamp_ns=at(1.9), seq=1, state="localizing")
     ]
 
 
@@ -201,19 +201,19 @@ def test_packages_and_pointers_get_their_places_by_the_map(tmp_path: Path, room:
     )
     assert found["map"][0].stamp_ns == at(1.0)
     first, second = found["objects/conveyor"]
-    assert isinstance(first, schemas.TrackedObjects)
+    assert isinstance(first, models.TrackedObjects)
     (item,) = first.objects
     assert (item.id, item.kind, item.surface, item.surface_id) == ("7", "red", "belt", "b1")
     assert (item.position_m, item.surface_position_m) == ((1.0, 0.0, 1.0), 1.0)
     assert second.objects[0].surface_speed_mps == pytest.approx(1.0)
     assert (second.objects[1].surface, second.objects[1].position_m) == ("strip", (0.0, 3.0, 1.0))
     met, missed = found["users/user1/cursor"]
-    assert isinstance(met, schemas.Cursor)
+    assert isinstance(met, models.Cursor)
     assert (met.surface, met.point_m, missed.surface) == ("belt", (2.0, 0.0, 1.0), "none")
     assert [hover.object_id for hover in found["users/user1/hover"]] == ["7", ""]
-    assert all(isinstance(hover, schemas.Hover) for hover in found["users/user1/hover"])
+    assert all(isinstance(hover, models.Hover) for hover in found["users/user1/hover"])
     events = found["selection/events"]
-    assert all(isinstance(event, schemas.SelectionEvent) for event in events)
+    assert all(isinstance(event, models.SelectionEvent) for event in events)
     assert [(event.event, event.object_id) for event in events] == [
         ("selected", "7"),
         ("deselected", "7"),

@@ -24,8 +24,8 @@ OPERATOR, VIEWER = "operator token; with = and ü", "viewer-token"
 
 
 def asked(**fields: Any) -> RequestInfo:
-    usual = {"scheme": "http", "host": "127.0.0.1:8090", "address": "127.0.0.1"}
-    return RequestInfo(**{**usual, **fields})
+    usual: dict[str, Any] = {"scheme": "http", "host": "127.0.0.1:8090", "address": "127.0.0.1"}
+    return RequestInfo(**(usual | fields))
 
 
 HERE = asked()

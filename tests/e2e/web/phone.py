@@ -42,13 +42,8 @@ class PhonePage:
         scripts: tuple[str, ...] = (),
         **context: Any,
     ) -> "PhonePage":
-        options: dict[str, Any] = {
-            "viewport": {"width": 390, "height": 780},
-            "is_mobile": True,
-            "has_touch": True,
-            "ignore_https_errors": True,
-            **context,
-        }
+        phone = {"viewport": {"width": 390, "height": 780}, "is_mobile": True, "has_touch": True}
+        options: dict[str, Any] = {**phone, "ignore_https_errors": True, **context}
         page = await (await browser.new_context(**options)).new_page()
         faults: list[str] = []
         page.on("pageerror", lambda error: faults.append(str(error)))
@@ -56,11 +51,11 @@ class PhonePage:
         for script in (*scripts, *((NO_SENSOR,) if source == "event" else ())):
             await page.add_init_script(script)
         cdp: Any = await page.context.new_cdp_session(page)
-        phone = cls(page, source, cdp, faults)
+        opened = cls(page, source, cdp, faults)
         if source == "sensor":
-            await phone._emulate_sensor()
+            await opened._emulate_sensor()
         await page.goto(url)
-        return phone
+        return opened
 
     async def _emulate_sensor(self) -> None:
         metadata = {"available": True, "minimumFrequency": 1, "maximumFrequency": 60}

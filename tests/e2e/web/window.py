@@ -10,7 +10,7 @@ from urllib.parse import urlsplit
 
 import numpy as np
 from numpy.typing import NDArray
-from playwright.async_api import Browser, Page, WebSocket, expect
+from playwright.async_api import Browser, ConsoleMessage, Page, WebSocket, expect
 
 from tests.support.pace import Patience
 
@@ -77,17 +77,14 @@ class Window:
         await window.page.goto(url)
         return window
 
+    def _on_console(self, message: ConsoleMessage) -> None:
+        if message.type in ("error", "warning"):
+            self.faults.append(f"{message.type}: {message.text}")
+
     def _listen(self, host: str) -> None:
         page = self.page
         page.on("pageerror", lambda error: self.faults.append(str(error)))
-        page.on(
-            "console",
-            lambda message: (
-                self.faults.append(f"{message.type}: {message.text}")
-                if message.type in ("error", "warning")
-                else None
-            ),
-        )
+        page.on("console", self._on_console)
         page.on("requestfailed", lambda request: self.faults.append(f"failed: {request.url}"))
         page.on("request", lambda request: self._judge(request.url, host))
         page.on("websocket", lambda socket: self._overhear(socket, host))

@@ -45,13 +45,8 @@ class Reader:
     def _learn(self, scope: str, message: dict[str, Any]) -> None:
         name = f"{scope}.{message['name']}"
         self._types[name] = {
-            field["number"]: (
-                field["name"],
-                field["type"],
-                field["label"] == REPEATED,
-                field.get("type_name", ""),
-            )
-            for field in message.get("field", [])
+            each["number"]: (each["name"], each["type"], each["label"] == REPEATED, each.get("type_name", ""))
+            for each in message.get("field", [])
         }
         for nested in message.get("nested_type", []):
             self._learn(name, nested)

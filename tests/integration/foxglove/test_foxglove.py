@@ -5,11 +5,10 @@ import socket
 import time
 from collections.abc import AsyncIterator
 
-import click
 import pytest
 import pytest_asyncio
 
-from pointit import schemas
+import pointit.schemas as models
 from pointit.bridges.foxglove import service as bridge
 from pointit.bridges.foxglove.config import FoxgloveConfig
 from pointit.bridges.foxglove.service import FAST, SERVICE
@@ -18,7 +17,6 @@ from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import ListenError
 from pointit.runtime.service import service
-from pointit.runtime.service.process import service_command
 from pointit.runtime.service.service import Launch, run_service
 from pointit.schemas import topics
 from pointit.schemas.environment import StripFrame
@@ -27,11 +25,11 @@ from tests.support.bench import Bench, until
 from tests.support.buses import free_port
 from tests.support.pace import within
 
-MAP_MESSAGE = schemas.Environment(
+MAP_MESSAGE = models.Environment(
     stamp_ns=1,
     name="lab",
-    belts=(schemas.Belt(id="b", line_m=((0, 0, 1), (4, 0, 1))),),
-    strips=(schemas.Strip(id="s", line_m=((0, 0, 0), (1, 0, 0)), pixels=10),),
+    belts=(models.Belt(id="b", line_m=((0, 0, 1), (4, 0, 1))),),
+    strips=(models.Strip(id="s", line_m=((0, 0, 0), (1, 0, 0)), pixels=10),),
 )
 SCENE = ("/scene/room", "/scene/pixels", "/scene/objects", "/scene/people", "/tf", "/log")
 
@@ -64,8 +62,8 @@ async def site() -> AsyncIterator[Site]:
         await made.bus.close()
 
 
-def cursor(seq: int) -> schemas.Cursor:
-    return schemas.Cursor(
+def cursor(seq: int) -> models.Cursor:
+    return models.Cursor(
         stamp_ns=time.time_ns(),
         seq=seq,
         origin_m=(0, 0, 1.6),
@@ -81,15 +79,15 @@ async def test_a_viewer_sees_the_scene_and_every_topic(site: Site) -> None:
     async with viewer(site.address, everything=True) as one:
         await until(lambda: "/scene/people" in one.channels)
         site.bench.put(topics.MAP, MAP_MESSAGE)
-        site.bench.put(topics.POSE, schemas.UserPose(stamp_ns=1, position_m=(1, 2, 0), yaw_rad=0), "anna")
+        site.bench.put(topics.POSE, models.UserPose(stamp_ns=1, position_m=(1, 2, 0), yaw_rad=0), "anna")
         site.bench.put(
             topics.STRIPS_FRAME,
-            schemas.StripsFrame(stamp_ns=1, strips=(StripFrame(id="s", rgb=b"\xff" * 30),)),
+            models.StripsFrame(stamp_ns=1, strips=(StripFrame(id="s", rgb=b"\xff" * 30),)),
         )
-        package = schemas.TrackedObject(
+        package = models.TrackedObject(
             id="7", kind="red", position_m=(1, 0, 1), surface="belt", surface_id="b"
         )
-        site.bench.put(topics.OBJECTS, schemas.TrackedObjects(stamp_ns=1, objects=(package,)), "plant")
+        site.bench.put(topics.OBJECTS, models.TrackedObjects(stamp_ns=1, objects=(package,)), "plant")
         site.bench.put(topics.CURSOR, cursor(3), "anna")
         await until(lambda: "belt b" in one.entities("room"))
         await until(lambda: {"person anna", "ray anna", "cursor anna"} <= set(one.entities("people")))
@@ -100,7 +98,7 @@ async def test_a_viewer_sees_the_scene_and_every_topic(site: Site) -> None:
         await until(lambda: any(each["transforms"] for each in one.all("/tf")[-1:]))
         await until(lambda: bool(one.all("/users/anna/cursor")))
         assert one.all("/users/anna/cursor")[0]["miss_rad"] == pytest.approx(0.03)
-        assert one.channels["/users/anna/cursor"]["schemaName"] == schemas.Cursor.schema_name()
+        assert one.channels["/users/anna/cursor"]["schemaName"] == models.Cursor.schema_name()
         assert one.channels["/users/anna/cursor"]["schemaEncoding"] == "jsonschema"
         await until(lambda: bool(one.all("/health/foxglove")), what="its own health, for plots")
         log_ns, _ = one.frames["/users/anna/cursor"][0]
@@ -109,7 +107,7 @@ async def test_a_viewer_sees_the_scene_and_every_topic(site: Site) -> None:
 
 async def test_who_comes_late_sees_what_stands_still(site: Site) -> None:
     site.bench.put(topics.MAP, MAP_MESSAGE)
-    site.bench.put(topics.SELECTION, schemas.Selection(stamp_ns=1))
+    site.bench.put(topics.SELECTION, models.Selection(stamp_ns=1))
     await site.start()
     async with viewer(site.address, "/scene/room") as early:
         await until(lambda: "belt b" in early.entities("room"))
@@ -123,14 +121,14 @@ async def test_who_comes_late_sees_what_stands_still(site: Site) -> None:
 
 async def test_events_come_all_and_the_log_begins_with_what_was(site: Site) -> None:
     await site.start()
-    site.bench.put(topics.FEEDBACK, schemas.Feedback(stamp_ns=1, cue="started", text="before"), "anna")
+    site.bench.put(topics.FEEDBACK, models.Feedback(stamp_ns=1, cue="started", text="before"), "anna")
     await site.bench.settle()
     async with viewer(site.address, "/log", "/users/anna/feedback") as one:
         await until(lambda: any("before" in line["message"] for line in one.all("/log")))
         await asyncio.sleep(0)
         for number in range(20):
             site.bench.put(
-                topics.FEEDBACK, schemas.Feedback(stamp_ns=1, cue="selected", text=f"no {number}"), "anna"
+                topics.FEEDBACK, models.Feedback(stamp_ns=1, cue="selected", text=f"no {number}"), "anna"
             )
         await until(lambda: len(one.all("/users/anna/feedback")) == 20)
         await until(lambda: sum("no " in line["message"] for line in one.all("/log")) == 20)
@@ -188,7 +186,7 @@ async def test_who_leaves_takes_their_channels_along(site: Site) -> None:
     await site.start()
     presence = site.bus.announce(topics.USER_ALIVE, "anna")
     async with viewer(site.address, "/scene/people", "/users/anna/cursor") as one:
-        site.bench.put(topics.POSE, schemas.UserPose(stamp_ns=1, position_m=(1, 2, 0), yaw_rad=0), "anna")
+        site.bench.put(topics.POSE, models.UserPose(stamp_ns=1, position_m=(1, 2, 0), yaw_rad=0), "anna")
         site.bench.put(topics.CURSOR, cursor(1), "anna")
         await until(lambda: "person anna" in one.entities("people") and bool(one.all("/users/anna/cursor")))
         presence.close()
@@ -199,9 +197,9 @@ async def test_who_leaves_takes_their_channels_along(site: Site) -> None:
 
 
 async def test_a_map_that_cannot_be_drawn_is_told_in_health(site: Site) -> None:
-    seen: list[schemas.Health] = site.bench.collect(topics.HEALTH)
+    seen: list[models.Health] = site.bench.collect(topics.HEALTH)
     await site.start()
-    dot = schemas.Belt(id="dot", line_m=((1, 1, 1), (1, 1, 1)))
+    dot = models.Belt(id="dot", line_m=((1, 1, 1), (1, 1, 1)))
     site.bench.put(topics.MAP, MAP_MESSAGE.model_copy(update={"belts": (dot,)}))
     await until(lambda: any("'dot' cannot be drawn" in w for each in seen for w in each.warnings))
     site.bench.put(topics.MAP, MAP_MESSAGE)
@@ -245,10 +243,3 @@ async def test_it_ends_at_once_with_a_viewer_connected_and_the_port_is_free() ->
         await until(lambda: is_free(site.port), what="the port to be free")
         assert within(time.monotonic() - began_s, 4.0)
     await site.bus.close()
-
-
-def test_help_says_how_to_open_it() -> None:
-    command = service_command(SERVICE)
-    text = " ".join(command.get_help(click.Context(command)).split()).replace("read- only", "read-only")
-    assert "read-only" in text
-    assert "ws://127.0.0.1:8765 and import the layout" in text

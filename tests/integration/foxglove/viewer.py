@@ -66,12 +66,9 @@ class Viewer:
             self.info = message
         elif message["op"] == "advertise":
             self.channels |= {channel["topic"]: channel for channel in message["channels"]}
+            wanted = self._wanted
             await self._subscribe(
-                [
-                    channel
-                    for channel in message["channels"]
-                    if self._wanted is None or channel["topic"] in self._wanted
-                ]
+                [each for each in message["channels"] if wanted is None or each["topic"] in wanted]
             )
         elif message["op"] == "unadvertise":
             self.gone |= {

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from pointit import schemas
+import pointit.schemas as models
 from pointit.recording.entries import Entry, entry
 from pointit.recording.reader import Recording
 from pointit.recording.writer import RecordingWriter
@@ -32,9 +32,9 @@ class Ignored:
 
 
 async def test_a_site_gets_the_messages_and_the_time_of_the_recording() -> None:
-    samples: list[schemas.ImuSample] = []
-    ticks: list[schemas.ClockTick] = []
-    maps: list[schemas.Environment] = []
+    samples: list[models.ImuSample] = []
+    ticks: list[models.ClockTick] = []
+    maps: list[models.Environment] = []
     async with site_of("zenoh-peer") as site:
         site.b.subscribe(topics.IMU, lambda sample, _user: samples.append(sample))
         site.b.subscribe(topics.CLOCK, lambda tick, _name: ticks.append(tick))
@@ -67,16 +67,16 @@ def recording_with_observers(path: Path) -> Path:
     """Write the first second of a recording of a site with a page, a recorder and a simulated person."""
     with Recording.open(RECORDING) as source:
         first_ns = source.began_ns
-        entries = [each for each in source.entries() if each.time_ns < first_ns + schemas.NS_PER_S]
+        entries = [each for each in source.entries() if each.time_ns < first_ns + models.NS_PER_S]
         began: list[Entry] = []
         for name in ("recorder", "web", "user-sim.anna"):
-            said = schemas.Configuration(stamp_ns=first_ns, service=name, instance=name)
+            said = models.Configuration(stamp_ns=first_ns, service=name, instance=name)
             began += [
                 entry(first_ns, topics.CONFIGURATION, name, said),
                 entry(first_ns, topics.SERVICE_ALIVE, name, True),
-                entry(first_ns, topics.HEALTH, name, example(schemas.Health)),
+                entry(first_ns, topics.HEALTH, name, example(models.Health)),
             ]
-        began.append(entry(first_ns, topics.DEPLOYMENT, "run.lab", example(schemas.Deployment)))
+        began.append(entry(first_ns, topics.DEPLOYMENT, "run.lab", example(models.Deployment)))
         with path.open("wb") as file:
             writer = RecordingWriter(file, source.head)
             for each in (*began, *entries):
@@ -106,8 +106,8 @@ def test_what_services_skip_is_said_and_states_of_the_start_are_not_compared(
 ) -> None:
     path, compared = recording_with_observers(tmp_path / "run.mcap"), Compared()
     keys = (
-        schemas.KeyHealth(key="users/anna/imu", direction="in", rate_hz=50.0, dropped=4, lost=3),
-        schemas.KeyHealth(key="users/anna/ray", direction="out", rate_hz=50.0, dropped=9),
+        models.KeyHealth(key="users/anna/imu", direction="in", rate_hz=50.0, dropped=4, lost=3),
+        models.KeyHealth(key="users/anna/ray", direction="out", rate_hz=50.0, dropped=9),
     )
 
     async def play() -> None:
@@ -116,7 +116,7 @@ def test_what_services_skip_is_said_and_states_of_the_start_are_not_compared(
         asyncio.get_running_loop().call_later(
             0.9,
             lambda: service.publisher(topics.HEALTH, "pointing.anna").put(
-                example(schemas.Health).model_copy(update={"keys": keys})
+                example(models.Health).model_copy(update={"keys": keys})
             ),
         )
         with Recording.open(path) as recording:

@@ -37,15 +37,15 @@ class Server:
         assert answer.status_code == 303, answer.text
         return answer.headers["set-cookie"].partition(";")[0]
 
+    def connect(self, cookie: str, path: str = "/ws") -> connect:
+        headers = {"Cookie": cookie}
+        return connect(f"ws://{self.host}{path}", origin=Origin(self.url), additional_headers=headers)
+
     @asynccontextmanager
     async def page(
         self, token: str = OPERATOR, *, acknowledges: bool = True, path: str = "/ws"
     ) -> AsyncGenerator["Page"]:
-        async with connect(
-            f"ws://{self.host}{path}",
-            origin=Origin(self.url),
-            additional_headers={"Cookie": await self.cookie(token)},
-        ) as socket:
+        async with self.connect(await self.cookie(token), path) as socket:
             page = Page(socket, acknowledges=acknowledges)
             reading = asyncio.create_task(page.read())
             try:

@@ -13,7 +13,7 @@ import pytest
 import websockets
 from websockets.asyncio.client import ClientConnection
 
-from pointit import schemas
+import pointit.schemas as models
 from pointit.bridges.web.wire import UNPAIRED
 from pointit.bridges.web.wrists import wrist_control
 from pointit.geometry import rotation, vector
@@ -27,7 +27,7 @@ from tests.support.bench import Bench, memory_bench, until
 from tests.unit.web.phone_bench import trust
 
 ANNA = "anna"
-BELT = schemas.Belt(id="b", line_m=((4.0, 1.0, 1.0), (4.0, 3.0, 1.0)))
+BELT = models.Belt(id="b", line_m=((4.0, 1.0, 1.0), (4.0, 3.0, 1.0)))
 YAW_RAD = 0.4
 """{H} in {W}."""
 
@@ -60,9 +60,9 @@ async def room() -> AsyncGenerator[Room]:
     async with memory_bench(clock) as bench:
         bench.bus.announce(USER_ALIVE, ANNA)
         bench.start(ImuBridge, ImuBridgeConfig(source="page"), ANNA)
-        bench.put(MAP, schemas.Environment(stamp_ns=clock.now_ns(), name="hall", belts=(BELT,)))
-        bench.put(PROFILE, schemas.UserProfile(stamp_ns=clock.now_ns()), ANNA)
-        pose = schemas.UserPose(stamp_ns=clock.now_ns(), position_m=(0.0, 2.0, 0.0), yaw_rad=YAW_RAD)
+        bench.put(MAP, models.Environment(stamp_ns=clock.now_ns(), name="hall", belts=(BELT,)))
+        bench.put(PROFILE, models.UserProfile(stamp_ns=clock.now_ns()), ANNA)
+        pose = models.UserPose(stamp_ns=clock.now_ns(), position_m=(0.0, 2.0, 0.0), yaw_rad=YAW_RAD)
         bench.put(POSE, pose, ANNA)
         lan = {"lan_port": 0, "lan_address": "127.0.0.1"}
         async with serving(bench, **lan) as server, server.page() as page:
@@ -100,7 +100,7 @@ def held(azimuth_rad: float, elevation_rad: float = 0.0) -> Quaternion:
     return rotation.multiply(arm, rotation.from_yaw(-math.pi / 2))
 
 
-def azimuth(sample: schemas.ImuSample) -> float:
+def azimuth(sample: models.ImuSample) -> float:
     return vector.azimuth(rotation.rotate(sample.orientation_xyzw, (1.0, 0.0, 0.0)))
 
 
@@ -125,7 +125,7 @@ async def test_a_phone_is_paired_and_moves_the_arm() -> None:
         await socket.send(json.dumps({"kind": "ask", "id": 1, "deed": "press"}))
         await until(lambda: bool(site.presses))
         assert (await heard(socket, "answer"))["error"] == ""
-        feedback = schemas.Feedback(stamp_ns=1, cue="selected", chime="tick", haptic_ms=(30,))
+        feedback = models.Feedback(stamp_ns=1, cue="selected", chime="tick", haptic_ms=(30,))
         site.bench.put(FEEDBACK, feedback, ANNA)
         cue = await heard(socket, "cue")
         while not cue["chime"]:

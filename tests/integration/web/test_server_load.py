@@ -11,9 +11,7 @@ import psutil
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed
-from websockets.typing import Origin
 
 from pointit.bridges.web import service
 from pointit.bridges.web.pages.page_session import ASKS_BURST, MAX_MALFORMED
@@ -131,12 +129,7 @@ async def test_a_server_that_ends_closes_its_pages_at_once(bench: Bench) -> None
     loop = asyncio.get_running_loop()
     async with serving(bench) as server:
         cookie = await server.cookie()
-        sockets = [
-            await connect(
-                f"ws://{server.host}/ws", origin=Origin(server.url), additional_headers={"Cookie": cookie}
-            )
-            for _ in range(3)
-        ]
+        sockets = [await server.connect(cookie) for _ in range(3)]
         stalled = await raw_page(server)
         for count in range(10):
             light(bench, count)
@@ -201,9 +194,7 @@ async def test_whatever_pages_say_the_server_lives(caplog: pytest.LogCaptureFixt
         cookie = await server.cookie()
 
         async def say(said: list[str | bytes]) -> None:
-            async with connect(
-                f"ws://{server.host}/ws", origin=Origin(server.url), additional_headers={"Cookie": cookie}
-            ) as page:
+            async with server.connect(cookie) as page:
                 with contextlib.suppress(ConnectionClosed):
                     for each in said:
                         await page.send(each)

@@ -9,7 +9,7 @@ from typing import IO, Any
 import pytest
 from mcap.reader import make_reader
 
-from pointit import schemas
+import pointit.schemas as models
 from pointit.bridges.web.pages import request_dispatcher as answers
 from pointit.bridges.web.playback.recent import RecentPast
 from pointit.bridges.web.server import download
@@ -35,14 +35,14 @@ async def unknown(page: Page, key: str, name: str = "") -> None:
 
 
 async def test_a_page_is_told_what_is_true_and_what_happens(bench: Bench, server: Server) -> None:
-    bench.put(topics.MAP, schemas.Environment(**NOW, name="lab"))
-    bench.put(topics.CURSOR, schemas.Cursor(**NOW, miss_m=1.0), "anna")
+    bench.put(topics.MAP, models.Environment(**NOW, name="lab"))
+    bench.put(topics.CURSOR, models.Cursor(**NOW, miss_m=1.0), "anna")
     async with server.page(VIEWER) as page:
         await known(page, topics.MAP.key)
         await known(page, topics.CURSOR.key, "anna")
-        bench.put(topics.CURSOR, schemas.Cursor(**NOW, miss_m=2.0), "anna")
-        bench.put(topics.FEEDBACK, schemas.Feedback(**NOW, cue="selected"), "anna")
-        bench.put(topics.STRIPS_FRAME, schemas.StripsFrame(**NOW, strips=()))
+        bench.put(topics.CURSOR, models.Cursor(**NOW, miss_m=2.0), "anna")
+        bench.put(topics.FEEDBACK, models.Feedback(**NOW, cue="selected"), "anna")
+        bench.put(topics.STRIPS_FRAME, models.StripsFrame(**NOW, strips=()))
         await until(lambda: page.states[topics.CURSOR.key, "anna"]["miss_m"] == 2.0)
         await until(lambda: [event[:2] for event in page.events] == [(topics.FEEDBACK.key, "anna")])
         await known(page, topics.STRIPS_FRAME.key)
@@ -80,7 +80,7 @@ async def test_a_frame_of_light_is_sent_at_once() -> None:
     async with memory_bench() as bench, serving(bench, rate_hz=0.1) as server, server.page() as page:
         await known(page, topics.HEALTH.key, "web")
         loop = asyncio.get_running_loop()
-        bench.put(topics.STRIPS_FRAME, schemas.StripsFrame(**NOW, strips=()))
+        bench.put(topics.STRIPS_FRAME, models.StripsFrame(**NOW, strips=()))
         began_s = loop.time()
         await known(page, topics.STRIPS_FRAME.key)
         assert within(loop.time() - began_s, 3.0), "it waits for what was sent just before"
@@ -89,7 +89,7 @@ async def test_a_frame_of_light_is_sent_at_once() -> None:
 def lag(bench: Bench, page: Page, late_s: float) -> str:
     """Have a report of another machine come that late; return what the page server says of it."""
     stamp_ns = time.time_ns() - round(late_s * 1e9)
-    late = schemas.Health(stamp_ns=stamp_ns, service="pui", instance="pui", pid=1, host="plant")
+    late = models.Health(stamp_ns=stamp_ns, service="pui", instance="pui", pid=1, host="plant")
     bench.put(topics.HEALTH, late, "pui")
     warnings: list[str] = page.states.get((topics.HEALTH.key, "web"), {}).get("warnings", [])
     return "".join(warning for warning in warnings if "machine plant sends" in warning)
@@ -102,7 +102,7 @@ async def test_that_what_is_shown_is_long_past_is_told(bench: Bench, page: Page)
 
 async def test_who_leaves_is_no_ghost(bench: Bench, server: Server, page: Page) -> None:
     token = bench.bus.announce(topics.USER_ALIVE, "anna")
-    bench.put(topics.CURSOR, schemas.Cursor(**NOW), "anna")
+    bench.put(topics.CURSOR, models.Cursor(**NOW), "anna")
     await known(page, topics.CURSOR.key, "anna")
     await until(lambda: bool(page.person("anna")))
     token.close()
@@ -115,12 +115,12 @@ async def test_who_leaves_is_no_ghost(bench: Bench, server: Server, page: Page) 
 
 async def test_a_scenario_that_gives_way_leaves_nothing_but_its_walls(bench: Bench, page: Page) -> None:
     tokens = [bench.bus.announce(topics.SERVICE_ALIVE, name) for name in ("pui", "conveyor-sim")]
-    services = (schemas.ExpectedService(service="conveyor-sim"),)
-    first = schemas.Deployment(**NOW, name="scenario_4", scenario="scenario_4", services=services)
+    services = (models.ExpectedService(service="conveyor-sim"),)
+    first = models.Deployment(**NOW, name="scenario_4", scenario="scenario_4", services=services)
     bench.put(topics.DEPLOYMENT, first, "run.scenario_4")
-    bench.put(topics.MAP, schemas.Environment(**NOW, name="old"))
-    bench.put(topics.CURSOR, schemas.Cursor(**NOW), "anna")
-    bench.put(topics.OBJECTS, schemas.TrackedObjects(**NOW), "conveyor")
+    bench.put(topics.MAP, models.Environment(**NOW, name="old"))
+    bench.put(topics.CURSOR, models.Cursor(**NOW), "anna")
+    bench.put(topics.OBJECTS, models.TrackedObjects(**NOW), "conveyor")
     await known(page, topics.CURSOR.key, "anna")
     await known(page, topics.OBJECTS.key, "conveyor")
     await known(page, topics.DEPLOYMENT.key, "run.scenario_4")
@@ -139,19 +139,19 @@ async def test_a_scenario_that_gives_way_leaves_nothing_but_its_walls(bench: Ben
 
 
 async def test_a_request_is_answered_by_its_server(bench: Bench, page: Page) -> None:
-    asked: list[schemas.Query] = []
+    asked: list[models.Query] = []
 
-    async def set_speed(query: schemas.SetSpeed, _name: str) -> schemas.Done:
+    async def set_speed(query: models.SetSpeed, _name: str) -> models.Done:
         asked.append(query)
         if query.speed_mps > 1.0:
             raise RefusedError("that is too fast")
-        return schemas.Done(message="it runs")
+        return models.Done(message="it runs")
 
     bench.bus.serve(topics.SET_SPEED, set_speed)
     done = await page.ask(key=topics.SET_SPEED.key, query={"speed_mps": 1, "belts": ["a"]})
     assert done["reply"] == {"message": "it runs"}
     assert done["error"] == ""
-    assert asked == [schemas.SetSpeed(speed_mps=1.0, belts=("a",))]
+    assert asked == [models.SetSpeed(speed_mps=1.0, belts=("a",))]
     refused = await page.ask(key=topics.SET_SPEED.key, query={"speed_mps": 2})
     assert refused["reply"] is None
     assert refused["error"] == "that is too fast"
@@ -191,7 +191,7 @@ async def test_the_button_is_pressed(bench: Bench, page: Page) -> None:
 async def person(bench: Bench, page: Page, state: str = "pointing") -> None:
     bench.bus.announce(topics.USER_ALIVE, "anna")
     bench.bus.announce(topics.SERVICE_ALIVE, "imu-bridge.anna")
-    bench.put(topics.INTERACTION, schemas.Interaction.model_validate({**NOW, "state": state}), "anna")
+    bench.put(topics.INTERACTION, models.Interaction.model_validate({**NOW, "state": state}), "anna")
     await until(lambda: bool(page.person("anna")))
 
 
@@ -297,7 +297,7 @@ async def test_the_figures_are_told_in_health(bench: Bench, server: Server) -> N
 
 
 async def test_the_last_minute_is_a_file_for_operators(bench: Bench, server: Server) -> None:
-    bench.put(topics.CURSOR, schemas.Cursor(**NOW), "anna")
+    bench.put(topics.CURSOR, models.Cursor(**NOW), "anna")
     await bench.settle()
     async with server.client(Cookie=await server.cookie()) as client:
         answer = await client.get("/recording.mcap")
@@ -321,7 +321,7 @@ async def test_who_asks_while_it_is_written_gets_the_same_recording(monkeypatch:
     monkeypatch.setattr(download, "write_recording", counted)
     async with memory_bench() as bench, serving(bench) as server:
         for n in range(2000):
-            bench.put(topics.CURSOR, schemas.Cursor(stamp_ns=START_NS, seq=n), "anna")
+            bench.put(topics.CURSOR, models.Cursor(stamp_ns=START_NS, seq=n), "anna")
         await bench.settle()
         async with server.client(Cookie=await server.cookie()) as client:
             answers = await asyncio.gather(*(client.get("/recording.mcap") for _ in range(10)))

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from pointit import schemas
+import pointit.schemas as models
 from pointit.cli.main import command
 from pointit.conversion.acts import Act, ActDetector, SelectionRow
 from pointit.conversion.columns import columns_of
@@ -31,24 +31,24 @@ def table(path: Path) -> list[dict[str, str]]:
 
 def session() -> list[Entry]:
     boxes = tuple(
-        schemas.TrackedObject(id=name, kind="red", position_m=(1.0, 2.0, 0.5)) for name in ("a", "b")
+        models.TrackedObject(id=name, kind="red", position_m=(1.0, 2.0, 0.5)) for name in ("a", "b")
     )
-    chosen = schemas.SelectionEvent(
+    chosen = models.SelectionEvent(
         stamp_ns=at(1.5), event="selected", object_id="a", user="anna", cause="dwell"
     )
-    speed = Exchange[schemas.SetSpeed, schemas.Done](
-        stamp_ns=at(2.0), query=schemas.SetSpeed(speed_mps=0.5), reply=schemas.Done(message="it runs")
+    speed = Exchange[models.SetSpeed, models.Done](
+        stamp_ns=at(2.0), query=models.SetSpeed(speed_mps=0.5), reply=models.Done(message="it runs")
     )
     return [
         said(0.0, topics.USER_ALIVE, "anna", True),
-        said(0.5, topics.IMU, "anna", schemas.ImuSample(stamp_ns=at(0.4), seq=3, orientation_xyzw=LEVEL)),
-        said(1.0, topics.OBJECTS, "conveyor", schemas.TrackedObjects(stamp_ns=at(1.0), objects=boxes)),
+        said(0.5, topics.IMU, "anna", models.ImuSample(stamp_ns=at(0.4), seq=3, orientation_xyzw=LEVEL)),
+        said(1.0, topics.OBJECTS, "conveyor", models.TrackedObjects(stamp_ns=at(1.0), objects=boxes)),
         *(
-            said(each, topics.HOVER, "anna", schemas.Hover(stamp_ns=at(each), object_id="a"))
+            said(each, topics.HOVER, "anna", models.Hover(stamp_ns=at(each), object_id="a"))
             for each in (1.0, 1.25, 1.5)
         ),
         said(1.5, topics.SELECTION_EVENTS, "", chosen),
-        said(1.6, topics.STRIPS_FRAME, "", schemas.StripsFrame(stamp_ns=at(1.6), strips=(), light_s=0.0)),
+        said(1.6, topics.STRIPS_FRAME, "", models.StripsFrame(stamp_ns=at(1.6), strips=(), light_s=0.0)),
         said(2.0, topics.SET_SPEED, "", speed),
     ]
 
@@ -96,8 +96,8 @@ def test_the_dictionary_describes_every_column(tmp_path: Path) -> None:
 
 
 def test_the_rotation_of_a_cue_is_named_and_an_empty_cell_is_called_so(tmp_path: Path) -> None:
-    columns = {column.name: column for column in columns_of(schemas.Feedback)}
-    cue = schemas.Feedback(stamp_ns=1, cue="target", turn_rad=(0.25, -0.5))
+    columns = {column.name: column for column in columns_of(models.Feedback)}
+    cue = models.Feedback(stamp_ns=1, cue="target", turn_rad=(0.25, -0.5))
     assert (columns["turn_right_rad"].get(cue), columns["turn_up_rad"].get(cue)) == (0.25, -0.5)
     assert "turn_0_rad" not in columns
     export_csv(session(), BEGAN_NS, tmp_path)
@@ -112,7 +112,7 @@ def test_columns_of_a_table_have_different_names() -> None:
 
 
 def test_a_covariance_has_a_named_column_for_each_entry(tmp_path: Path) -> None:
-    pose = schemas.UserPose(
+    pose = models.UserPose(
         stamp_ns=at(0.0),
         position_m=(1.0, 2.0, 0.0),
         yaw_rad=0.5,
@@ -128,14 +128,14 @@ def test_a_covariance_has_a_named_column_for_each_entry(tmp_path: Path) -> None:
 
 
 def test_a_list_is_one_cell_of_json(tmp_path: Path) -> None:
-    message = schemas.Localization(stamp_ns=at(0.0), phase="sampling", ahead=("ben", "carl"))
+    message = models.Localization(stamp_ns=at(0.0), phase="sampling", ahead=("ben", "carl"))
     export_csv([said(0.0, topics.LOCALIZATION, "anna", message)], BEGAN_NS, tmp_path)
     (row,) = table(tmp_path / "localizations.csv")
     assert row["ahead"] == '["ben","carl"]'
 
 
 def test_no_text_of_a_recording_is_a_formula_of_a_spreadsheet(tmp_path: Path) -> None:
-    bad = schemas.SelectionEvent(stamp_ns=at(0.0), event="refused", object_id='=HYPERLINK("x")', user="@anna")
+    bad = models.SelectionEvent(stamp_ns=at(0.0), event="refused", object_id='=HYPERLINK("x")', user="@anna")
     export_csv([said(0.0, topics.SELECTION_EVENTS, "", bad)], BEGAN_NS, tmp_path)
     (row,) = table(tmp_path / "events.csv")
     assert (row["object_id"], row["user"]) == ('\'=HYPERLINK("x")', "'@anna")

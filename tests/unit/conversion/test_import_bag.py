@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner, Result
 from rosbags.rosbag2 import StoragePlugin, Writer
 
-from pointit import schemas
+import pointit.schemas as models
 from pointit.bridges.ros2.types.types import Types
 from pointit.cli.main import command
 from pointit.geometry.vector import Vec3
@@ -17,6 +17,7 @@ from pointit.recording.reader import Recording
 from tests.unit.conversion.session import at
 
 TYPES = Types("jazzy")
+POSE = "geometry_msgs/msg/PoseStamped"
 MAP = """
 belts:
   b1: {centerline: [[0, 0, 1], [4, 0, 1]], width: 0.5}
@@ -33,7 +34,7 @@ def make(kind: str, /, **fields: Any) -> Any:
 
 
 def stamped(time_s: float, frame: str = "") -> Any:
-    seconds, rest = divmod(at(time_s), schemas.NS_PER_S)
+    seconds, rest = divmod(at(time_s), models.NS_PER_S)
     stamp = make("builtin_interfaces/msg/Time", sec=seconds, nanosec=rest)
     return make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
@@ -46,7 +47,7 @@ def pose(time_s: float, place_m: Vec3, **rotation: float) -> Any:
     x, y, z = place_m
     place = make("geometry_msgs/msg/Point", x=x, y=y, z=z)
     inner = make("geometry_msgs/msg/Pose", position=place, orientation=turned(**rotation))
-    return make("geometry_msgs/msg/PoseStamped", header=stamped(time_s), pose=inner)
+    return make(POSE, header=stamped(time_s), pose=inner)
 
 
 def frame(time_s: float, child: str, parent: str = "world") -> Any:
@@ -55,12 +56,8 @@ def frame(time_s: float, child: str, parent: str = "world") -> Any:
         translation=make("geometry_msgs/msg/Vector3", x=1.0, y=2.0, z=0.0),
         rotation=turned(z=1.0, w=0.0),
     )
-    one = make(
-        "geometry_msgs/msg/TransformStamped",
-        header=stamped(time_s, parent),
-        child_frame_id=child,
-        transform=moved,
-    )
+    named = {"header": stamped(time_s, parent), "child_frame_id": child}
+    one = make("geometry_msgs/msg/TransformStamped", **named, transform=moved)
     return make("tf2_msgs/msg/TFMessage", transforms=[one])
 
 
@@ -81,13 +78,8 @@ def uids(*numbers: int) -> Any:
 
 
 def pointers(line: str, share: float, *over: int) -> Any:
-    one = make(
-        "conveyor_msgs/msg/Pointer",
-        position=on(line, share),
-        distance=0.1,
-        overlay=uids(*over),
-        user_name="user1",
-    )
+    met = {"position": on(line, share), "distance": 0.1, "overlay": uids(*over)}
+    one = make("conveyor_msgs/msg/Pointer", **met, user_name="user1")
     return make("conveyor_msgs/msg/PointerList", pointers=[one])
 
 
@@ -136,7 +128,7 @@ def imported(source: Path, *options: str) -> dict[str, list[Any]]:
     found: dict[str, list[Any]] = {}
     with Recording.open(source.parent / "session.mcap") as recording:
         for entry in recording.entries():
-            assert isinstance(entry.body, schemas.Message)
+            assert isinstance(entry.body, models.Message)
             found.setdefault(entry.key, []).append(entry.body)
         assert recording.invalid == 0
     return found
@@ -160,13 +152,8 @@ def test_a_person_of_a_bag(tmp_path: Path, storage: StoragePlugin) -> None:
                 pressed(1.2, down=True),
                 pressed(1.3, down=False),
                 pressed(1.4, down=True),
-                (
-                    1.5,
-                    "/user1/pointing_ray",
-                    "geometry_msgs/msg/PoseStamped",
-                    pose(1.5, (0.0, 0.0, 1.6), z=1.0, w=0.0),
-                ),
-                (1.6, "/user1/mocap_pose", "geometry_msgs/msg/PoseStamped", pose(1.6, (1.0, 2.0, 0.0))),
+                (1.5, "/user1/pointing_ray", POSE, pose(1.5, (0.0, 0.0, 1.6), z=1.0, w=0.0)),
+                (1.6, "/user1/mocap_pose", POSE, pose(1.6, (1.0, 2.0, 0.0))),
                 (1.7, "/tf", "tf2_msgs/msg/TFMessage", frame(1.7, "user1/human_footprint")),
                 (1.8, "/tf", "tf2_msgs/msg/TFMessage", frame(1.8, "robot/base_link")),
                 state(1.9, "waiting_relloc"),
@@ -178,21 +165,21 @@ def test_a_person_of_a_bag(tmp_path: Path, storage: StoragePlugin) -> None:
         *(f"users/user1/{name}" for name in ("imu", "button", "ray", "pose", "interaction"))
     }
     assert found["users/user1/imu"] == [
-        schemas.ImuSample(stamp_ns=at(0.99), seq=1, orientation_xyzw=(0.0, 0.0, 0.0, 1.0))
+        models.ImuSample(stamp_ns=at(0.99), seq=1, orientation_xyzw=(0.0, 0.0, 0.0, 1.0))
     ]
     assert [event.stamp_ns for event in found["users/user1/button"]] == [at(1.1), at(1.4)]
-    assert all(isinstance(event, schemas.ButtonEvent) for event in found["users/user1/button"])
+    assert all(isinstance(event, models.ButtonEvent) for event in found["users/user1/button"])
     (ray,) = found["users/user1/ray"]
-    assert isinstance(ray, schemas.PointingRay)
+    assert isinstance(ray, models.PointingRay)
     assert ray.origin_m == (0.0, 0.0, 1.6)
     assert ray.direction == pytest.approx((-1.0, 0.0, 0.0))
     measured, told = found["users/user1/pose"]
-    assert isinstance(told, schemas.UserPose)
+    assert isinstance(told, models.UserPose)
     assert (measured.method, measured.position_m, measured.yaw_rad) == ("external", (1.0, 2.0, 0.0), 0.0)
     assert (told.method, told.position_m) == ("fixed", (1.0, 2.0, 0.0))
     assert abs(told.yaw_rad) == pytest.approx(np.pi)
     assert found["users/user1/interaction"] == [
-        schemas.Interaction(stamp_ns=at(1.9), seq=1, state="localizing")
+        models.Interaction(stamp_ns=at(1.9), seq=1, state="localizing")
     ]
 
 
@@ -214,19 +201,19 @@ def test_packages_and_pointers_get_their_places_by_the_map(tmp_path: Path, room:
     )
     assert found["map"][0].stamp_ns == at(1.0)
     first, second = found["objects/conveyor"]
-    assert isinstance(first, schemas.TrackedObjects)
+    assert isinstance(first, models.TrackedObjects)
     (item,) = first.objects
     assert (item.id, item.kind, item.surface, item.surface_id) == ("7", "red", "belt", "b1")
     assert (item.position_m, item.surface_position_m) == ((1.0, 0.0, 1.0), 1.0)
     assert second.objects[0].surface_speed_mps == pytest.approx(1.0)
     assert (second.objects[1].surface, second.objects[1].position_m) == ("strip", (0.0, 3.0, 1.0))
     met, missed = found["users/user1/cursor"]
-    assert isinstance(met, schemas.Cursor)
+    assert isinstance(met, models.Cursor)
     assert (met.surface, met.point_m, missed.surface) == ("belt", (2.0, 0.0, 1.0), "none")
     assert [hover.object_id for hover in found["users/user1/hover"]] == ["7", ""]
-    assert all(isinstance(hover, schemas.Hover) for hover in found["users/user1/hover"])
+    assert all(isinstance(hover, models.Hover) for hover in found["users/user1/hover"])
     events = found["selection/events"]
-    assert all(isinstance(event, schemas.SelectionEvent) for event in events)
+    assert all(isinstance(event, models.SelectionEvent) for event in events)
     assert [(event.event, event.object_id) for event in events] == [
         ("selected", "7"),
         ("deselected", "7"),

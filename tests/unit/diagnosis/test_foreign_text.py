@@ -1,6 +1,6 @@
 """Foreign text reaches the operator neither as a command of ours nor as more than one plain line."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import pytest
 
@@ -21,15 +21,8 @@ def health(instance: str, **fields: object) -> Health:
 
 def found(*newest: Health, deployments: dict[str, Deployment] | None = None) -> list[Finding]:
     reports = {each.instance: [Report(received_s=NOW_S, health=each)] for each in newest}
-    return diagnose(
-        Observation(
-            began_s=NOW_S - 3.0,
-            now_s=NOW_S,
-            present=frozenset(reports),
-            reports=reports,
-            deployments=deployments or {},
-        )
-    )
+    seen = Observation(began_s=NOW_S - 3.0, now_s=NOW_S, present=frozenset(reports), reports=reports)
+    return diagnose(replace(seen, deployments=deployments or {}))
 
 
 def deployment(*services: ExpectedService) -> Deployment:

@@ -64,21 +64,14 @@ NOW_NS = 1_700_000_000 * NS_PER_S
 
 
 def reports(instance: str, host: str, ahead_s: float, *warnings: str) -> Sequence[Report]:
-    return [
-        Report(
-            received_s=100.0 + second,
-            arrived_ns=NOW_NS + second * NS_PER_S,
-            health=Health(
-                stamp_ns=NOW_NS + second * NS_PER_S + int((ahead_s - 0.002) * 1e9),
-                service=instance,
-                instance=instance,
-                pid=1,
-                host=host,
-                warnings=warnings,
-            ),
-        )
-        for second in range(3)
-    ]
+    who = {"service": instance, "instance": instance, "pid": 1, "host": host, "warnings": warnings}
+
+    def report(second: int) -> Report:
+        now_ns = NOW_NS + second * NS_PER_S
+        said = Health.model_validate({"stamp_ns": now_ns + int((ahead_s - 0.002) * 1e9), **who})
+        return Report(received_s=100.0 + second, arrived_ns=now_ns, health=said)
+
+    return list(map(report, range(3)))
 
 
 def seen(**by_instance: Sequence[Report]) -> Observation:

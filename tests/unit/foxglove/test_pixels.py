@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pointit import schemas
+import pointit.schemas as models
 from pointit.bridges.foxglove.pixels import FLOOR, Pixels
 from pointit.bridges.foxglove.robots import FREE
 from pointit.bridges.foxglove.room import Lines
@@ -71,7 +71,7 @@ def test_strips_that_do_not_fit_the_map_are_left_out(odd: StripsFrame) -> None:
 
 
 ANNA = (0, 255, 0)
-QUAD = schemas.RobotState(
+QUAD = models.RobotState(
     stamp_ns=1,
     kind="quadrotor",
     phase="moving",
@@ -84,12 +84,12 @@ QUAD = schemas.RobotState(
     reason="the fence is in the way",
     battery=0.5,
 )
-PLAN = schemas.RobotPlan(stamp_ns=1, line_m=((2.0, 2.0, 0.5), (3.0, 2.0, 0.2)), user="anna")
+PLAN = models.RobotPlan(stamp_ns=1, line_m=((2.0, 2.0, 0.5), (3.0, 2.0, 0.2)), user="anna")
 
 
-def scene(*heard: tuple[schemas.Message, str]) -> Scene:
+def scene(*heard: tuple[models.Message, str]) -> Scene:
     made = Scene({}, 1.0)
-    for message, name in ((schemas.UserProfile(stamp_ns=1, cursor_color=ANNA), "anna"), *heard):
+    for message, name in ((models.UserProfile(stamp_ns=1, cursor_color=ANNA), "anna"), *heard):
         made.take(message, name, 0.0)
     return made
 
@@ -118,7 +118,7 @@ def test_a_robot_that_stands_free_is_grey_and_has_no_way() -> None:
     free = QUAD.model_copy(
         update={"kind": "ground", "user": "", "target_m": None, "position_m": (1.0, 2.0, 0.0)}
     )
-    entity = shown(scene((free, "cart"), (schemas.RobotPlan(stamp_ns=1), "cart")))["robot cart"]
+    entity = shown(scene((free, "cart"), (models.RobotPlan(stamp_ns=1), "cart")))["robot cart"]
     assert entity["arrows"][0]["color"]["r"] == pytest.approx(FREE[0] / 255.0)
     assert len(entity["lines"]) == 1
     assert len(entity["cylinders"]) == 1
@@ -126,10 +126,10 @@ def test_a_robot_that_stands_free_is_grey_and_has_no_way() -> None:
 
 def test_a_robot_is_not_drawn_once_more_as_a_tracked_object() -> None:
     things = tuple(
-        schemas.TrackedObject(id=name, kind="robot", position_m=(x_m, 2.0, 0.0))
+        models.TrackedObject(id=name, kind="robot", position_m=(x_m, 2.0, 0.0))
         for name, x_m in (("quad", 1.0), ("other", 3.0))
     )
-    made = scene((schemas.TrackedObjects(stamp_ns=1, objects=things), "robot.quad"), (QUAD, "quad"))
+    made = scene((models.TrackedObjects(stamp_ns=1, objects=things), "robot.quad"), (QUAD, "quad"))
     assert set(shown(made, "objects")) == {"robot.quad other"}
 
 
@@ -142,10 +142,10 @@ def test_a_robot_that_is_silent_goes_and_comes_back_with_its_plan() -> None:
 
 
 def test_way_points_are_numbered_until_they_are_sent_or_the_person_leaves() -> None:
-    made = scene((schemas.Steering(stamp_ns=1, waypoints_m=((0, 0, 0), (1, 0, 0))), "anna"))
+    made = scene((models.Steering(stamp_ns=1, waypoints_m=((0, 0, 0), (1, 0, 0))), "anna"))
     assert [text["text"] for text in shown(made)["way-points anna"]["texts"]] == ["1", "2"]
-    made.take(schemas.Steering(stamp_ns=2), "anna", 0.0)
+    made.take(models.Steering(stamp_ns=2), "anna", 0.0)
     assert shown(made) == {}
-    made.take(schemas.Steering(stamp_ns=3, waypoints_m=((0, 0, 0),)), "anna", 0.0)
+    made.take(models.Steering(stamp_ns=3, waypoints_m=((0, 0, 0),)), "anna", 0.0)
     made.leave("anna")
     assert shown(made) == {}

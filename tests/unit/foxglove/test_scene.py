@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from pointit import schemas
+import pointit.schemas as models
 from pointit.bridges.foxglove.scene import PARTS, Part, Scene
 from pointit.geometry import vector
 from pointit.schemas.environment import Bay, BayCount, StripFrame
@@ -14,15 +14,15 @@ from tests.integration.foxglove.protobuf import read
 
 RED = (255, 0, 0)
 ANNA = (0, 255, 0)
-MAP = schemas.Environment(
+MAP = models.Environment(
     stamp_ns=1,
     name="lab",
-    lamps=(schemas.Lamp(id="1", position_m=(1, 1, 1)),),
-    belts=(schemas.Belt(id="b", line_m=((0, 0, 1), (0, 4, 1)), width_m=0.5),),
-    strips=(schemas.Strip(id="s", line_m=((0, 0, 0), (1, 0, 0)), pixels=3),),
+    lamps=(models.Lamp(id="1", position_m=(1, 1, 1)),),
+    belts=(models.Belt(id="b", line_m=((0, 0, 1), (0, 4, 1)), width_m=0.5),),
+    strips=(models.Strip(id="s", line_m=((0, 0, 0), (1, 0, 0)), pixels=3),),
     bays=(Bay(id="3", belt="b"), Bay(id="4", belt="nowhere")),
 )
-PACKAGE = schemas.TrackedObject(
+PACKAGE = models.TrackedObject(
     id="7",
     kind="red",
     position_m=(0, 1, 1),
@@ -34,11 +34,11 @@ PACKAGE = schemas.TrackedObject(
 )
 
 
-def objects(*items: schemas.TrackedObject) -> schemas.TrackedObjects:
-    return schemas.TrackedObjects(stamp_ns=1, objects=items)
+def objects(*items: models.TrackedObject) -> models.TrackedObjects:
+    return models.TrackedObjects(stamp_ns=1, objects=items)
 
 
-def scene(*heard: tuple[schemas.Message, str]) -> Scene:
+def scene(*heard: tuple[models.Message, str]) -> Scene:
     made = Scene({"red": RED}, 1.0)
     made.take(MAP, "", 0.0)
     for message, name in heard:
@@ -66,16 +66,12 @@ def test_a_package_stands_on_its_belt_along_it() -> None:
 
 
 def test_who_has_a_package_is_its_outline_and_its_words() -> None:
+    chosen = SelectedObject(id="7", user="anna", since_ns=1, kind="red")
     made = scene(
         (objects(PACKAGE), "plant"),
-        (schemas.UserProfile(stamp_ns=1, cursor_color=ANNA), "anna"),
-        (
-            schemas.Selection(
-                stamp_ns=1, objects=(SelectedObject(id="7", user="anna", since_ns=1, kind="red"),)
-            ),
-            "",
-        ),
-        (schemas.Hover(stamp_ns=1, object_id="7", progress=0.25, action="deselect"), "bert"),
+        (models.UserProfile(stamp_ns=1, cursor_color=ANNA), "anna"),
+        (models.Selection(stamp_ns=1, objects=(chosen,)), ""),
+        (models.Hover(stamp_ns=1, object_id="7", progress=0.25, action="deselect"), "bert"),
     )
     (entity,) = shown(made, "objects").values()
     owner, hover = entity["lines"]
@@ -95,14 +91,14 @@ def edge_lengths(line: dict[str, Any]) -> list[float]:
 
 
 def test_a_reserved_package_says_so() -> None:
-    reserved = schemas.Selection(stamp_ns=1, reserved=(ReservedObject(id="7", user="anna", until_ns=9),))
+    reserved = models.Selection(stamp_ns=1, reserved=(ReservedObject(id="7", user="anna", until_ns=9),))
     (entity,) = shown(scene((objects(PACKAGE), "plant"), (reserved, "")), "objects").values()
     assert facts(entity)["reserved by"] == "anna"
     assert len(entity["lines"]) == 1
 
 
 def test_a_robot_is_a_ball_with_its_way_and_its_name() -> None:
-    robot = schemas.TrackedObject(id="r1", kind="robot", position_m=(1, 2, 3), velocity_mps=(0, 0, 2.0))
+    robot = models.TrackedObject(id="r1", kind="robot", position_m=(1, 2, 3), velocity_mps=(0, 0, 2.0))
     (entity,) = shown(scene((objects(robot), "tracker")), "objects").values()
     assert entity["spheres"][0]["pose"]["position"] == {"x": 1, "y": 2, "z": 3}
     arrow = entity["arrows"][0]
@@ -133,11 +129,11 @@ def test_what_has_left_is_taken_away() -> None:
 
 
 def test_silence_takes_away_rays_and_objects() -> None:
-    cursor = schemas.Cursor(
+    cursor = models.Cursor(
         stamp_ns=1, origin_m=(0, 0, 1), direction=(1, 0, 0), point_m=(1, 0, 1), range_m=1.0
     )
     made = scene(
-        (objects(PACKAGE), "plant"), (cursor, "anna"), (schemas.Hover(stamp_ns=1, object_id="7"), "anna")
+        (objects(PACKAGE), "plant"), (cursor, "anna"), (models.Hover(stamp_ns=1, object_id="7"), "anna")
     )
     assert made.is_moving
     for part in PARTS:
@@ -152,7 +148,7 @@ def test_silence_takes_away_rays_and_objects() -> None:
 
 def test_a_person_who_leaves_is_taken_away_and_others_stay() -> None:
     made = scene(
-        *[(schemas.UserPose(stamp_ns=1, position_m=(1, 2, 0), yaw_rad=0), name) for name in ("anna", "bert")]
+        *[(models.UserPose(stamp_ns=1, position_m=(1, 2, 0), yaw_rad=0), name) for name in ("anna", "bert")]
     )
     made.draw("people", 5)
     made.leave("anna")
@@ -167,7 +163,7 @@ def test_a_new_map_replaces_the_old_one() -> None:
     for part in PARTS:
         made.draw(part, 5)
     assert not made.changed
-    made.take(schemas.Environment(stamp_ns=2, name="empty"), "", 0.0)
+    made.take(models.Environment(stamp_ns=2, name="empty"), "", 0.0)
     assert made.changed >= {"room", "pixels", "lamps", "bays", "objects"}
     room = read(made.draw("room", 6))
     assert room["deletions"][0]["type"] == 1
@@ -182,7 +178,7 @@ def test_lamps_show_their_colour_and_their_name() -> None:
     assert lamp["texts"][0]["text"] == "1"
     dark = lamp["spheres"][0]["color"]
     assert dark["r"] == dark["g"] == dark["b"] < 0.25
-    made.take(schemas.LampColor(stamp_ns=1, color=(255, 200, 0)), "1", 0.0)
+    made.take(models.LampColor(stamp_ns=1, color=(255, 200, 0)), "1", 0.0)
     assert made.changed >= {"lamps"}
     assert shown(made, "lamps")["lamp 1"]["spheres"][0]["color"]["r"] == 1.0
 
@@ -190,7 +186,7 @@ def test_lamps_show_their_colour_and_their_name() -> None:
 def test_pixels_show_the_newest_frame() -> None:
     made = scene()
     for value in (200, 100):
-        frame = schemas.StripsFrame(stamp_ns=1, strips=(StripFrame(id="s", rgb=bytes((value,) * 9)),))
+        frame = models.StripsFrame(stamp_ns=1, strips=(StripFrame(id="s", rgb=bytes((value,) * 9)),))
         made.take(frame, "", 0.0)
         assert made.changed >= {"pixels"}
         assert bytes((value, value, value, 255)) in read(made.draw("pixels", 6))["data"]
@@ -198,14 +194,14 @@ def test_pixels_show_the_newest_frame() -> None:
 
 def test_bays_tell_what_came_out() -> None:
     counts = (BayCount(bay="3", kind="red", count=4, selected=3), BayCount(bay="9", kind="red", count=1))
-    made = scene((schemas.ConveyorState(stamp_ns=1, speed_mps=0.5, bays=counts), ""))
+    made = scene((models.ConveyorState(stamp_ns=1, speed_mps=0.5, bays=counts), ""))
     (entity,) = shown(made, "bays").values()
     assert entity["texts"][0]["text"] == "bay 3\nred: 4 (3 selected)"
     assert entity["texts"][0]["pose"]["position"] == pytest.approx({"y": 4.0, "z": 1.4})
 
 
 def test_a_goal_is_an_arrow_that_the_robot_looks_along() -> None:
-    goal = schemas.Goal(
+    goal = models.Goal(
         stamp_ns=1,
         position_m=(3.0, 2.0, 0.0),
         yaw_rad=math.pi / 2,
@@ -215,7 +211,7 @@ def test_a_goal_is_an_arrow_that_the_robot_looks_along() -> None:
         proposed_ns=0,
         confirmed_by="again",
     )
-    made = scene((schemas.UserProfile(stamp_ns=1, cursor_color=ANNA), "anna"))
+    made = scene((models.UserProfile(stamp_ns=1, cursor_color=ANNA), "anna"))
     made.draw("people", 4)
     made.take(goal, "anna", 1.0)
     assert made.changed >= {"people"}

@@ -11,7 +11,7 @@ from typing import IO, Any, Self
 
 import pytest
 
-from pointit import schemas
+import pointit.schemas as models
 from pointit.bridges.web.config import Place, WebConfig
 from pointit.recording import container
 from pointit.recording.entries import Entry, body_kind
@@ -44,7 +44,7 @@ class Site:
         self.path = path
         self.exchange = LocalBroker()
         self.bus = MemoryBus(self.exchange)
-        self.health: list[schemas.Health] = []
+        self.health: list[models.Health] = []
         self.bus.subscribe(topics.HEALTH, lambda message, _name: self.health.append(message), "recorder")
 
     @asynccontextmanager
@@ -77,8 +77,8 @@ async def site(tmp_path: Path) -> AsyncIterator[Site]:
     await site.bus.close()
 
 
-def sample(number: int) -> schemas.ImuSample:
-    return schemas.ImuSample(stamp_ns=1000 + number, seq=number, orientation_xyzw=LEVEL)
+def sample(number: int) -> models.ImuSample:
+    return models.ImuSample(stamp_ns=1000 + number, seq=number, orientation_xyzw=LEVEL)
 
 
 async def test_every_message_is_recorded_also_those_that_others_would_skip(site: Site) -> None:
@@ -92,7 +92,7 @@ async def test_every_message_is_recorded_also_those_that_others_would_skip(site:
 
 
 async def test_states_from_before_are_at_the_beginning(site: Site) -> None:
-    profile = schemas.UserProfile(stamp_ns=1, seq=1)
+    profile = models.UserProfile(stamp_ns=1, seq=1)
     site.bus.publisher(topics.PROFILE, "anna").put(profile)
     async with site.recorded():
         await asyncio.sleep(0)
@@ -101,7 +101,7 @@ async def test_states_from_before_are_at_the_beginning(site: Site) -> None:
 
 
 async def test_requests_are_recorded_with_reply_or_refusal(site: Site) -> None:
-    async def serve(query: schemas.SetBrightness, _name: str) -> Any:
+    async def serve(query: models.SetBrightness, _name: str) -> Any:
         if query.brightness < 0.5:
             raise RefusedError("too dark")
         return topics.SET_BRIGHTNESS.reply(message="dimmed")
@@ -109,16 +109,16 @@ async def test_requests_are_recorded_with_reply_or_refusal(site: Site) -> None:
     server = ServiceBus(site.bus, WallClock(), "led-driver", "led-driver")
     async with site.recorded():
         server.serve(topics.SET_BRIGHTNESS, serve)
-        await site.bus.call(topics.SET_BRIGHTNESS, schemas.SetBrightness(brightness=0.75))
+        await site.bus.call(topics.SET_BRIGHTNESS, models.SetBrightness(brightness=0.75))
         with pytest.raises(RefusedError):
-            await site.bus.call(topics.SET_BRIGHTNESS, schemas.SetBrightness(brightness=0.25))
+            await site.bus.call(topics.SET_BRIGHTNESS, models.SetBrightness(brightness=0.25))
         await asyncio.sleep(0)
     done, refused = site.bodies("leds/brightness")
     kind: Any = body_kind(topics.SET_BRIGHTNESS)
     reply = topics.SET_BRIGHTNESS.reply(message="dimmed")
-    assert done == kind(stamp_ns=done.stamp_ns, query=schemas.SetBrightness(brightness=0.75), reply=reply)
+    assert done == kind(stamp_ns=done.stamp_ns, query=models.SetBrightness(brightness=0.75), reply=reply)
     assert refused == kind(
-        stamp_ns=refused.stamp_ns, query=schemas.SetBrightness(brightness=0.25), refusal="too dark"
+        stamp_ns=refused.stamp_ns, query=models.SetBrightness(brightness=0.25), refusal="too dark"
     )
 
 
@@ -148,11 +148,11 @@ async def test_pseudonyms_stand_for_people_everywhere(site: Site) -> None:
         for user in ("anna", "anna-lena", "user"):
             site.bus.announce(topics.USER_ALIVE, user)
         await asyncio.sleep(0)
-        feedback = schemas.Feedback(
+        feedback = models.Feedback(
             stamp_ns=1, cue="selected", chime="tick", text="anna: give it to anna-lena, user"
         )
         site.bus.publisher(topics.FEEDBACK, "anna").put(feedback)
-        report = schemas.Health(stamp_ns=1, service="pointing", instance="pointing.anna", user="anna", pid=1)
+        report = models.Health(stamp_ns=1, service="pointing", instance="pointing.anna", user="anna", pid=1)
         site.bus.publisher(topics.HEALTH, "pointing.anna").put(report)
         await asyncio.sleep(0)
     numbers = {each.name for each in site.read() if each.row is topics.USER_ALIVE}
@@ -170,21 +170,19 @@ async def test_pseudonyms_stand_for_people_everywhere(site: Site) -> None:
 
 async def test_names_are_nowhere_in_the_file_also_if_they_are_learnt_late(site: Site) -> None:
     command = ("pointit", "service", "pointing", "--user", "anna")
-    expected = schemas.ExpectedService(service="pointing", user="anna", command=command)
+    expected = models.ExpectedService(service="pointing", user="anna", command=command)
     web = WebConfig(places={"Chris": Place(position_m=(1.0, 0.0, 0.0))})
     parameters = published_parameters(web)
     async with site.recorded(pseudonyms=True):
-        told = schemas.Health(
+        told = models.Health(
             stamp_ns=1, service="web", instance="web", pid=1, host="Anna-laptop", warnings=("ben_2",)
         )
         site.bus.publisher(topics.HEALTH, "web").put(told)
-        run = schemas.Deployment(stamp_ns=1, name="scenario_1", services=(expected,))
+        run = models.Deployment(stamp_ns=1, name="scenario_1", services=(expected,))
         site.bus.publisher(topics.DEPLOYMENT, "run.1").put(run)
-        configuration = schemas.Configuration(
-            stamp_ns=1, service="web", instance="web", parameters=parameters
-        )
+        configuration = models.Configuration(stamp_ns=1, service="web", instance="web", parameters=parameters)
         site.bus.publisher(topics.CONFIGURATION, "web").put(configuration)
-        site.bus.publisher(topics.DEPLOYMENT, "ben").put(schemas.Deployment(stamp_ns=1, name="ben"))
+        site.bus.publisher(topics.DEPLOYMENT, "ben").put(models.Deployment(stamp_ns=1, name="ben"))
         await asyncio.sleep(0)
     content = unpacked(site.path).lower()
     assert b"person-1-laptop" in content
@@ -198,18 +196,18 @@ async def test_names_are_nowhere_in_the_file_also_if_they_are_learnt_late(site: 
 
 async def test_names_that_are_numbers_or_words_of_messages_cost_no_message(site: Site) -> None:
     names = ("1", "0", "red", "selected", "true", "stamp_ns")
-    feedback = schemas.Feedback(stamp_ns=1, cue="selected", chime="tick", text="1 has 0.1 m, led_1")
+    feedback = models.Feedback(stamp_ns=1, cue="selected", chime="tick", text="1 has 0.1 m, led_1")
     async with site.recorded(pseudonyms=True):
         for user in names:
             site.bus.announce(topics.USER_ALIVE, user)
         publisher = site.bus.publisher(topics.CURSOR, "1")
         for number in range(100):
-            publisher.put(schemas.Cursor(stamp_ns=number, seq=number, miss_rad=0.1))
+            publisher.put(models.Cursor(stamp_ns=number, seq=number, miss_rad=0.1))
         site.bus.publisher(topics.FEEDBACK, "1").put(feedback)
         site.bus.publisher(topics.LAMP_COLOR, "led_1").put(example(topics.LAMP_COLOR.message))
         await asyncio.sleep(0)
     cursors = [each.body for each in site.read() if each.row is topics.CURSOR]
-    assert cursors == [schemas.Cursor(stamp_ns=number, seq=number, miss_rad=0.1) for number in range(100)]
+    assert cursors == [models.Cursor(stamp_ns=number, seq=number, miss_rad=0.1) for number in range(100)]
     (said,) = (each for each in site.read() if each.row is topics.FEEDBACK)
     one = said.name
     assert said.body == feedback.model_copy(update={"text": f"{one} has 0.1 m, led_1"})
@@ -301,15 +299,15 @@ async def test_full_disk_is_said_and_what_is_there_is_readable(
             nonlocal number
             if number < len(site.health):
                 number += 1
-                strip = schemas.StripFrame(id="s", rgb=noise.randbytes(3000))
-                publisher.put(schemas.StripsFrame(stamp_ns=number, seq=number, strips=(strip,)))
+                strip = models.StripFrame(id="s", rgb=noise.randbytes(3000))
+                publisher.put(models.StripsFrame(stamp_ns=number, seq=number, strips=(strip,)))
             return any("No space left" in each for report in site.health for each in report.warnings)
 
         await until(is_told)
     assert "No space left on device; nothing more is recorded" in caplog.text
     with Recording.open(site.path) as recording:
         frames = [each.body for each in recording.entries() if each.row is topics.STRIPS_FRAME]
-        assert [frame.seq for frame in frames if isinstance(frame, schemas.StripsFrame)] == [
+        assert [frame.seq for frame in frames if isinstance(frame, models.StripsFrame)] == [
             *range(1, len(frames) + 1)
         ]
         assert frames

@@ -90,33 +90,33 @@ EMPTY_MESSAGE = struct.pack("<BQ", 5, 22) + bytes(22)
 FAR_FUTURE = struct.pack("<BQ", 5, 22) + struct.pack("<HIQQ", 0, 0, 2**63, 0)
 
 
-@pytest.mark.parametrize(
-    ("attack", "sentence"),
-    [
-        (lambda to: to.packed_chunk(zeros_packed(1 << 30), 10 * 10**9), "unpacks to more than"),
-        (claimed_bomb, "another size than it says"),
-        (repeated_channels, "one number to two channels"),
-        (
-            lambda to: to.chunk(records(*(channel(k, f"/{k}", f"users/u{k}/imu") for k in range(25_000)))),
-            "more than 20000 channels",
-        ),
-        (huge_channels, "bytes about them"),
-        (lambda to: to.chunk(records(channel(1, "/a"), channel(1, "/b"))), "one number to two channels"),
-        (lambda to: to.packed_chunk(b"abc", 3, "lz4"), "packed with 'lz4'"),
-        (lambda to: to.chunk(struct.pack("<BQ", 5, 2**60) + b"abc"), "a record is cut off"),
-        (lambda to: to.chunk(struct.pack("<BQ", 3, 6) + b"\x01\x00\xff\xff\xff\xff"), "is damaged"),
-        (lambda to: to.chunk(struct.pack("<BQ", 9, 0) * 100_000), "a record of the kind 9"),
-        (
-            lambda to: to.chunk(records(channel(0, "/a")) + EMPTY_MESSAGE * 20_000),
-            "too many records for its size",
-        ),
-        (
-            lambda to: to.packed_chunk(EMPTY_MESSAGE * 60_000, 60_000 * len(EMPTY_MESSAGE), ""),
-            "too many records for its size",
-        ),
-        (lambda to: to.chunk(records(channel(0, "/a")) + FAR_FUTURE), "is beyond 64 bits"),
-    ],
-)
+ATTACKS: list[tuple[Callable[[Hostile], None], str]] = [
+    (lambda to: to.packed_chunk(zeros_packed(1 << 30), 10 * 10**9), "unpacks to more than"),
+    (claimed_bomb, "another size than it says"),
+    (repeated_channels, "one number to two channels"),
+    (
+        lambda to: to.chunk(records(*(channel(k, f"/{k}", f"users/u{k}/imu") for k in range(25_000)))),
+        "more than 20000 channels",
+    ),
+    (huge_channels, "bytes about them"),
+    (lambda to: to.chunk(records(channel(1, "/a"), channel(1, "/b"))), "one number to two channels"),
+    (lambda to: to.packed_chunk(b"abc", 3, "lz4"), "packed with 'lz4'"),
+    (lambda to: to.chunk(struct.pack("<BQ", 5, 2**60) + b"abc"), "a record is cut off"),
+    (lambda to: to.chunk(struct.pack("<BQ", 3, 6) + b"\x01\x00\xff\xff\xff\xff"), "is damaged"),
+    (lambda to: to.chunk(struct.pack("<BQ", 9, 0) * 100_000), "a record of the kind 9"),
+    (
+        lambda to: to.chunk(records(channel(0, "/a")) + EMPTY_MESSAGE * 20_000),
+        "too many records for its size",
+    ),
+    (
+        lambda to: to.packed_chunk(EMPTY_MESSAGE * 60_000, 60_000 * len(EMPTY_MESSAGE), ""),
+        "too many records for its size",
+    ),
+    (lambda to: to.chunk(records(channel(0, "/a")) + FAR_FUTURE), "is beyond 64 bits"),
+]
+
+
+@pytest.mark.parametrize(("attack", "sentence"), ATTACKS)
 def test_hostile_file_costs_one_sentence_and_little_memory(
     attack: Callable[[Hostile], None], sentence: str, hostile: Hostile, path: Path
 ) -> None:
@@ -191,19 +191,19 @@ def newer_format(path: Path) -> None:
         RecordingWriter(file, head).close()
 
 
-@pytest.mark.parametrize(
-    ("make", "sentence"),
-    [
-        (Path.exists, "cannot be read: No such file"),
-        (Path.mkdir, "cannot be read: Is a directory"),
-        (Path.touch, "is no recording"),
-        (lambda path: path.write_bytes(b"#ROSBAG V2.0\n" * 99), "is no recording"),
-        (lambda path: path.write_bytes(b"\x89MCAP0\r\n" + bytes(range(256))), "is no recording of PointIt"),
-        (lambda path: path.write_bytes(b"\x89MCAP0\r\n"), "it ends in the middle"),
-        (foreign, "is no recording of PointIt"),
-        (newer_format, "written by a newer PointIt (9.0)"),
-    ],
-)
+NO_RECORDINGS: list[tuple[Callable[[Path], object], str]] = [
+    (Path.exists, "cannot be read: No such file"),
+    (Path.mkdir, "cannot be read: Is a directory"),
+    (Path.touch, "is no recording"),
+    (lambda path: path.write_bytes(b"#ROSBAG V2.0\n" * 99), "is no recording"),
+    (lambda path: path.write_bytes(b"\x89MCAP0\r\n" + bytes(range(256))), "is no recording of PointIt"),
+    (lambda path: path.write_bytes(b"\x89MCAP0\r\n"), "it ends in the middle"),
+    (foreign, "is no recording of PointIt"),
+    (newer_format, "written by a newer PointIt (9.0)"),
+]
+
+
+@pytest.mark.parametrize(("make", "sentence"), NO_RECORDINGS)
 def test_file_that_is_no_recording_is_refused(
     make: Callable[[Path], object], sentence: str, path: Path
 ) -> None:

@@ -5,6 +5,7 @@ import os
 import ssl
 import stat
 from pathlib import Path
+from typing import Any
 
 import pytest
 from cryptography import x509
@@ -22,23 +23,9 @@ from pointit.runtime.errors import ConfigError
 OPERATOR, VIEWER = "operator token; with = and ü", "viewer-token"
 
 
-def asked(
-    *,
-    scheme: str = "http",
-    host: str = "127.0.0.1:8090",
-    address: str = "127.0.0.1",
-    origin: str = "",
-    destination: str = "",
-    cookies: dict[str, str] | None = None,
-) -> RequestInfo:
-    return RequestInfo(
-        scheme=scheme,
-        host=host,
-        address=address,
-        origin=origin,
-        destination=destination,
-        cookies=cookies or {},
-    )
+def asked(**fields: Any) -> RequestInfo:
+    usual: dict[str, Any] = {"scheme": "http", "host": "127.0.0.1:8090", "address": "127.0.0.1"}
+    return RequestInfo(**(usual | fields))
 
 
 HERE = asked()
@@ -276,13 +263,9 @@ def test_names_that_cannot_be_read_are_damage_too(tmp_path: Path) -> None:
     key = serialization.load_pem_private_key(first.key.read_bytes(), None)
     assert isinstance(key, ec.EllipticCurvePrivateKey)
     name = x509.Name([])
-    spoiled = (
-        x509.CertificateBuilder(name, name, key.public_key(), 1, NOW, NOW + VALID)
-        .add_extension(
-            x509.UnrecognizedExtension(ExtensionOID.SUBJECT_ALTERNATIVE_NAME, b"\5\0"), critical=False
-        )
-        .sign(key, hashes.SHA256())
-    )
+    builder = x509.CertificateBuilder(name, name, key.public_key(), 1, NOW, NOW + VALID)
+    unreadable = x509.UnrecognizedExtension(ExtensionOID.SUBJECT_ALTERNATIVE_NAME, b"\5\0")
+    spoiled = builder.add_extension(unreadable, critical=False).sign(key, hashes.SHA256())
     first.certificate.write_bytes(spoiled.public_bytes(serialization.Encoding.PEM))
     assert "damaged" in made(tmp_path).warning
 

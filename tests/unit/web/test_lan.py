@@ -94,19 +94,6 @@ async def test_a_taken_port_gives_way_to_the_next_and_that_is_said() -> None:
             await door.close()
 
 
-async def test_it_opens_again_with_the_same_certificate() -> None:
-    door = lan()
-    try:
-        await door.open()
-        first = door.fingerprint
-        await door.close()
-        assert await fetched(await door.open()) == "here"
-        assert door.fingerprint == first
-        assert door.note == ""
-    finally:
-        await door.close()
-
-
 async def test_where_there_is_no_network_it_is_refused_with_a_remedy() -> None:
     door = Lan(WebConfig(lan_port=0), "lab", APP, addresses=list)
     with pytest.raises(RefusedError, match="no address in a local network"):

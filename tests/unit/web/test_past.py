@@ -11,7 +11,7 @@ import msgpack
 import pytest
 from mcap.reader import make_reader
 
-from pointit import schemas
+import pointit.schemas as models
 from pointit.bridges.web.model.history import AHEAD_NS, BACK_NS, Past
 from pointit.bridges.web.pages.latest_values import HISTORY, LatestValueCache
 from pointit.bridges.web.playback.recent import Recent
@@ -21,15 +21,15 @@ from pointit.runtime.errors import RefusedError
 from pointit.schemas import topics
 from tests.support.bench import START_NS, Bench, ManualClock, memory_bench
 
-START = 1_700_000_000 * schemas.NS_PER_S
+START = 1_700_000_000 * models.NS_PER_S
 
 
 def at(seconds: float) -> int:
-    return START + round(seconds * schemas.NS_PER_S)
+    return START + round(seconds * models.NS_PER_S)
 
 
-def add(recent: Recent, topic: topics.Topic[Any], message: schemas.Message, name: str = "") -> None:
-    recent.add(message.stamp_ns, topic, name, message, schemas.encode(message))
+def add(recent: Recent, topic: topics.Topic[Any], message: models.Message, name: str = "") -> None:
+    recent.add(message.stamp_ns, topic, name, message, models.encode(message))
 
 
 def read(recent: Recent, now_ns: int, since_ns: int = 0) -> list[tuple[str, str, int, dict[str, Any]]]:
@@ -51,8 +51,8 @@ def read(recent: Recent, now_ns: int, since_ns: int = 0) -> list[tuple[str, str,
     return found
 
 
-def cursor(seconds: float, seq: int = 0) -> schemas.Cursor:
-    return schemas.Cursor(
+def cursor(seconds: float, seq: int = 0) -> models.Cursor:
+    return models.Cursor(
         stamp_ns=at(seconds), seq=seq, surface="belt", surface_id="b", point_m=(1.0, 2.0, 3.0)
     )
 
@@ -60,14 +60,14 @@ def cursor(seconds: float, seq: int = 0) -> schemas.Cursor:
 def test_what_is_written_is_read_back_with_its_topic_time_and_fields() -> None:
     minute = Recent("lab")
     add(minute, topics.CURSOR, cursor(1.0), "anna")
-    add(minute, topics.FEEDBACK, schemas.Feedback(stamp_ns=at(2.0), cue="selected", chime="tick"), "anna")
+    add(minute, topics.FEEDBACK, models.Feedback(stamp_ns=at(2.0), cue="selected", chime="tick"), "anna")
     add(
         minute,
         topics.STRIPS_FRAME,
-        schemas.StripsFrame(stamp_ns=at(3.0), strips=(schemas.StripFrame(id="s", rgb=b"\xff\xfe\x00"),)),
+        models.StripsFrame(stamp_ns=at(3.0), strips=(models.StripFrame(id="s", rgb=b"\xff\xfe\x00"),)),
     )
     first, second, third = read(minute, at(4.0))
-    assert first[:3] == ("/users/anna/cursor", schemas.Cursor.schema_name(), at(1.0))
+    assert first[:3] == ("/users/anna/cursor", models.Cursor.schema_name(), at(1.0))
     assert first[3]["point_m"] == [1.0, 2.0, 3.0]
     assert first[3]["stamp_ns"] == at(1.0)
     assert first[3]["origin_m"] is None
@@ -80,14 +80,10 @@ def test_states_from_before_the_window_are_there_from_its_beginning() -> None:
     minute.add(at(0.0), topics.USER_ALIVE, "anna", True, b"1")
     minute.add(at(0.0), topics.USER_ALIVE, "ben", True, b"1")
     minute.add(at(0.5), topics.USER_ALIVE, "ben", False, b"")
-    add(minute, topics.MAP, schemas.Environment(stamp_ns=at(0.0), name="old"))
-    add(minute, topics.MAP, schemas.Environment(stamp_ns=at(1.0), name="lab"))
-    add(
-        minute,
-        topics.POSE,
-        schemas.UserPose(stamp_ns=at(2.0), position_m=(1.0, 0.0, 0.0), yaw_rad=0.0),
-        "anna",
-    )
+    add(minute, topics.MAP, models.Environment(stamp_ns=at(0.0), name="old"))
+    add(minute, topics.MAP, models.Environment(stamp_ns=at(1.0), name="lab"))
+    pose = models.UserPose(stamp_ns=at(2.0), position_m=(1.0, 0.0, 0.0), yaw_rad=0.0)
+    add(minute, topics.POSE, pose, "anna")
     add(minute, topics.CURSOR, cursor(3.0), "anna")
     for second in range(20, 31):
         add(minute, topics.CURSOR, cursor(float(second)), "anna")
@@ -112,8 +108,8 @@ def test_the_files_name_says_of_where_and_when_it_is() -> None:
 S = 1_000_000_000
 
 
-def event(number: int, stamp_ns: int, reason: str = "") -> schemas.SelectionEvent:
-    return schemas.SelectionEvent(
+def event(number: int, stamp_ns: int, reason: str = "") -> models.SelectionEvent:
+    return models.SelectionEvent(
         stamp_ns=stamp_ns, seq=number, event="selected", object_id=f"red-{number}", reason=reason
     )
 
@@ -123,9 +119,9 @@ class Looker:
         self.hub = LatestValueCache()
         self.past = Past(ServiceBus(bench.bus, bench.clock, "web", "web", ""), bench.clock, self.hub)
 
-    def hears(self, *events: schemas.SelectionEvent) -> None:
+    def hears(self, *events: models.SelectionEvent) -> None:
         for each in events:
-            self.hub.put(topics.SELECTION_EVENTS, "", schemas.encode(each), stamp_ns=each.stamp_ns)
+            self.hub.put(topics.SELECTION_EVENTS, "", models.encode(each), stamp_ns=each.stamp_ns)
             self.past.hear(each)
 
     def shows(self) -> list[tuple[str, int]]:
@@ -137,13 +133,13 @@ class Looker:
         return [number for _, number in self.shows()]
 
 
-def keeps(bench: Bench, events: Sequence[schemas.SelectionEvent]) -> list[schemas.ReadHistory]:
+def keeps(bench: Bench, events: Sequence[models.SelectionEvent]) -> list[models.ReadHistory]:
     """Be a selector whose journal has `events`; return a list that grows with what is asked."""
-    queries: list[schemas.ReadHistory] = []
+    queries: list[models.ReadHistory] = []
 
-    async def answer(query: schemas.ReadHistory, _name: str) -> schemas.ReadHistoryReply:
+    async def answer(query: models.ReadHistory, _name: str) -> models.ReadHistoryReply:
         queries.append(query)
-        return schemas.ReadHistoryReply(events=tuple(events))
+        return models.ReadHistoryReply(events=tuple(events))
 
     bench.bus.serve(topics.READ_HISTORY, answer)
     return queries
@@ -156,7 +152,7 @@ async def test_a_server_that_comes_late_shows_what_the_selector_kept() -> None:
         looker = Looker(bench)
         await looker.past.ask()
         assert looker.shown_numbers() == [1, 2]
-        assert queries == [schemas.ReadHistory(last=HISTORY, since_ns=START_NS - BACK_NS)]
+        assert queries == [models.ReadHistory(last=HISTORY, since_ns=START_NS - BACK_NS)]
 
 
 async def test_what_was_heard_too_is_shown_once_and_all_of_it_in_order() -> None:
@@ -167,8 +163,8 @@ async def test_what_was_heard_too_is_shown_once_and_all_of_it_in_order() -> None
         looker = Looker(bench)
         heard_again = event(2, START_NS + 2 * S, "told again after a restart of the selector")
         looker.hears(heard_again, kept[2])
-        cue = schemas.Feedback(stamp_ns=START_NS + 3 * S + 1, seq=77, cue="selected")
-        looker.hub.put(topics.FEEDBACK, "anna", schemas.encode(cue), stamp_ns=cue.stamp_ns)
+        cue = models.Feedback(stamp_ns=START_NS + 3 * S + 1, seq=77, cue="selected")
+        looker.hub.put(topics.FEEDBACK, "anna", models.encode(cue), stamp_ns=cue.stamp_ns)
         looker.hears(kept[5])  # 4 and 5 were lost on the way
         feed = looker.hub.open(60.0)  # a page that is there has been told what was heard
         assert feed.take(0.0) is not None
@@ -210,7 +206,7 @@ async def test_without_an_answer_nothing_changes_and_one_line_says_so(
         await looker.past.ask()
         assert caplog.messages == [], "a selector that is not there yet is asked when it comes"
 
-        async def refuse(_query: schemas.ReadHistory, _name: str) -> schemas.ReadHistoryReply:
+        async def refuse(_query: models.ReadHistory, _name: str) -> models.ReadHistoryReply:
             raise RefusedError("this selector keeps no journal")
 
         bench.bus.serve(topics.READ_HISTORY, refuse)

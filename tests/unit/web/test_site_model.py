@@ -56,13 +56,8 @@ from pointit.schemas.topics import (
     Topic,
 )
 
-DEPLOYED = {
-    "run.s": Deployment(
-        stamp_ns=0,
-        name="s",
-        services=(ExpectedService(service="pui", command=("pointit", "service", "pui")),),
-    )
-}
+DEPLOYED_PUI = ExpectedService(service="pui", command=("pointit", "service", "pui"))
+DEPLOYED = {"run.s": Deployment(stamp_ns=0, name="s", services=(DEPLOYED_PUI,))}
 
 
 def health(**fields: object) -> Health:
@@ -339,12 +334,8 @@ def test_of_names_without_end_nothing_is_kept(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(module, "LatestValueCache", lambda: LatestValueCache(max_keys=10))
     recent = Recent("lab")
     belief = SiteModel("web", 0.0, recent)
-    taken = [
-        belief.take(
-            POSE, f"user{n}", UserPose(stamp_ns=n, yaw_rad=0.0, position_m=(0.0, 0.0, 0.0)), n, n / 1e9
-        )
-        for n in range(100)
-    ]
+    pose = UserPose(stamp_ns=1, yaw_rad=0.0, position_m=(0.0, 0.0, 0.0))
+    taken = [belief.take(POSE, f"user{n}", pose, n, n / 1e9) for n in range(100)]
     assert taken == [True] * 10 + [False] * 90
     assert len(recent.past(100).states_at(100)) == 10
 

@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from pointit import schemas
+import pointit.schemas as models
 from pointit.bridges.web.config import Place, WebConfig
 from pointit.bridges.web.model.assumed_pose import AssumedPose, choose_pose, middle, places
 from pointit.bridges.web.wire import AimAt, Turn
@@ -13,13 +13,13 @@ from pointit.bridges.web.wrists.wrist_control import WristControl
 from pointit.geometry import rotation, vector
 from pointit.services.pointing.arm_ray import ArmRay
 
-START = 1_700_000_000 * schemas.NS_PER_S
-TICK = schemas.NS_PER_S // 60
+START = 1_700_000_000 * models.NS_PER_S
+TICK = models.NS_PER_S // 60
 UP = (0.0, 0.0, 0.0, 1.0)
 
 
 def at(seconds: float) -> int:
-    return START + round(seconds * schemas.NS_PER_S)
+    return START + round(seconds * models.NS_PER_S)
 
 
 def turn(t_ms: float = 5.0, session: int = 0, q: tuple[float, float, float, float] = UP) -> Turn:
@@ -35,7 +35,7 @@ def aim(wrists: WristControl, page: str, *, user: str = "anna") -> bool:
     return wrists.aim(page, AimAt(user=user, at_m=(4.0, 2.0, 1.0)))
 
 
-def only(samples: list[tuple[str, schemas.WristSample]], user: str = "anna") -> schemas.WristSample:
+def only(samples: list[tuple[str, models.WristSample]], user: str = "anna") -> models.WristSample:
     assert [name for name, _ in samples] == [user]
     return samples[0][1]
 
@@ -51,9 +51,9 @@ def test_an_arm_that_is_held_sends_at_every_step_moved_or_not(wrists: WristContr
 
 
 def test_the_arm_meets_the_mouse_from_where_the_pose_says_the_person_is(wrists: WristControl) -> None:
-    profile = schemas.UserProfile(stamp_ns=0, hand="left")
+    profile = models.UserProfile(stamp_ns=0, hand="left")
     wrists.profile("anna", profile)
-    wrists.pose("anna", schemas.UserPose(stamp_ns=0, position_m=(-1.0, 2.0, 0.0), yaw_rad=1.0))
+    wrists.pose("anna", models.UserPose(stamp_ns=0, position_m=(-1.0, 2.0, 0.0), yaw_rad=1.0))
     wrists.acquire("anna", "page1", "mouse")
     aim(wrists, "page1")
     ray = ArmRay.from_profile(profile).ray(only(wrists.step(START)).orientation_xyzw)
@@ -68,10 +68,10 @@ def test_while_localizing_the_arm_is_where_the_person_truly_stands(wrists: Wrist
     wrists.acquire("anna", "page1", "mouse")
     aim(wrists, "page1")
     before = only(wrists.step(at(0.0))).orientation_xyzw
-    wrists.localization("anna", schemas.Localization(stamp_ns=0, phase="sampling"))
-    wrists.pose("anna", schemas.UserPose(stamp_ns=0, position_m=(9.0, 9.0, 0.0), yaw_rad=0.0))
+    wrists.localization("anna", models.Localization(stamp_ns=0, phase="sampling"))
+    wrists.pose("anna", models.UserPose(stamp_ns=0, position_m=(9.0, 9.0, 0.0), yaw_rad=0.0))
     assert only(wrists.step(at(1.0))).orientation_xyzw == before
-    wrists.localization("anna", schemas.Localization(stamp_ns=0, phase="solved"))
+    wrists.localization("anna", models.Localization(stamp_ns=0, phase="solved"))
     assert only(wrists.step(at(2.0))).orientation_xyzw != before
 
 
@@ -131,7 +131,7 @@ def test_a_still_phone_is_said_to_be_still_at_least_five_times_a_second(wrists: 
         sent += [sample.stamp_ns for _, sample in wrists.step(START + k * TICK)]
     gaps = [b - a for a, b in itertools.pairwise(sent)]
     assert 4 <= len(gaps) <= 6
-    assert max(gaps) <= 0.2 * schemas.NS_PER_S
+    assert max(gaps) <= 0.2 * models.NS_PER_S
 
 
 def test_a_silent_phone_lets_go_and_has_it_again_when_it_comes_back(wrists: WristControl) -> None:
@@ -207,9 +207,9 @@ def test_a_phone_that_takes_before_it_says_anything_has_no_sample_yet(wrists: Wr
 
 
 def test_ahead_is_the_middle_of_the_map_as_seen_from_the_pose(wrists: WristControl) -> None:
-    belt = schemas.Belt(id="b", line_m=((5.0, -1.0, 1.0), (5.0, 1.0, 1.0)))
-    wrists.room(schemas.Environment(stamp_ns=0, name="hall", belts=(belt,)))
-    wrists.pose("anna", schemas.UserPose(stamp_ns=0, position_m=(5.0, -3.0, 0.0), yaw_rad=0.5))
+    belt = models.Belt(id="b", line_m=((5.0, -1.0, 1.0), (5.0, 1.0, 1.0)))
+    wrists.room(models.Environment(stamp_ns=0, name="hall", belts=(belt,)))
+    wrists.pose("anna", models.UserPose(stamp_ns=0, position_m=(5.0, -3.0, 0.0), yaw_rad=0.5))
     assert wrists.ahead("anna") == pytest.approx(math.pi / 2 - 0.5)
 
 
@@ -217,24 +217,24 @@ def test_a_map_that_comes_late_moves_who_has_no_place(wrists: WristControl) -> N
     wrists.acquire("ben", "page1", "mouse")
     aim(wrists, "page1", user="ben")
     before = only(wrists.step(at(0.0)), "ben").orientation_xyzw
-    belt = schemas.Belt(id="b", line_m=((-3.0, 8.0, 1.0), (3.0, 8.0, 1.0)))
-    wrists.room(schemas.Environment(stamp_ns=0, name="hall", belts=(belt,)))
+    belt = models.Belt(id="b", line_m=((-3.0, 8.0, 1.0), (3.0, 8.0, 1.0)))
+    wrists.room(models.Environment(stamp_ns=0, name="hall", belts=(belt,)))
     assert only(wrists.step(at(1.0)), "ben").orientation_xyzw != before
 
 
-def pose(x: float, yaw: float = 0.0) -> schemas.UserPose:
-    return schemas.UserPose(stamp_ns=1, position_m=(x, 0.0, 0.0), yaw_rad=yaw)
+def pose(x: float, yaw: float = 0.0) -> models.UserPose:
+    return models.UserPose(stamp_ns=1, position_m=(x, 0.0, 0.0), yaw_rad=yaw)
 
 
-def progress(phase: str, purpose: str = "pose") -> schemas.Localization:
-    return schemas.Localization.model_validate({"stamp_ns": 1, "phase": phase, "purpose": purpose})
+def progress(phase: str, purpose: str = "pose") -> models.Localization:
+    return models.Localization.model_validate({"stamp_ns": 1, "phase": phase, "purpose": purpose})
 
 
-def lamps(*positions: tuple[float, float, float]) -> schemas.Environment:
-    return schemas.Environment(
+def lamps(*positions: tuple[float, float, float]) -> models.Environment:
+    return models.Environment(
         stamp_ns=0,
         name="room",
-        lamps=tuple(schemas.Lamp(id=f"l{k}", position_m=p) for k, p in enumerate(positions)),
+        lamps=tuple(models.Lamp(id=f"l{k}", position_m=p) for k, p in enumerate(positions)),
     )
 
 
@@ -279,8 +279,8 @@ def test_in_a_wide_room_one_stands_in_its_middle() -> None:
 
 
 def test_at_a_belt_one_stands_two_metres_beside_it_and_faces_it() -> None:
-    room = schemas.Environment(
-        stamp_ns=0, name="hall", belts=(schemas.Belt(id="b", line_m=((-3.0, 0.0, 1.0), (3.0, 0.0, 1.0))),)
+    room = models.Environment(
+        stamp_ns=0, name="hall", belts=(models.Belt(id="b", line_m=((-3.0, 0.0, 1.0), (3.0, 0.0, 1.0))),)
     )
     (x, y, _), yaw_rad = choose_pose(room)
     assert 2.0 <= abs(y) < 2.6
@@ -295,10 +295,10 @@ def test_in_a_narrow_room_nobody_stands_outside() -> None:
 
 
 def test_an_empty_or_endless_room_has_a_place_too() -> None:
-    floor = schemas.Environment(
+    floor = models.Environment(
         stamp_ns=0,
         name="floor",
-        planes=(schemas.Plane(id="floor", center_m=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0)),),
+        planes=(models.Plane(id="floor", center_m=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0)),),
     )
     assert len(places(floor)) == 0
     assert choose_pose(floor) == ((0.0, 0.0, 0.0), 0.0)

@@ -26,6 +26,7 @@ from pointit.schemas import (
 from pointit.services.pointing.arm_ray import ArmRay
 
 STEP_NS = NS_PER_S // 60
+SAMPLING: dict[str, Any] = {"stamp_ns": 0, "phase": "sampling"}
 bodies = st.builds(
     BodyMeasures,
     footprint_to_neck_m=st.floats(0.8, 1.8),
@@ -176,14 +177,8 @@ def test_the_interactions_state_is_told_once_and_stays_in_every_cue() -> None:
 
 def test_a_localization_tells_each_target_once_and_why_it_was_refused() -> None:
     def at(samples: int, index: int) -> Localization:
-        return Localization(
-            stamp_ns=0,
-            phase="sampling",
-            target_id=f"led_{index}",
-            target_index=index,
-            target_count=3,
-            samples=samples,
-        )
+        target = {"target_id": f"led_{index}", "target_index": index, "target_count": 3}
+        return Localization.model_validate({**SAMPLING, **target, "samples": samples})
 
     cues = Cues()
     first = cues.localization(at(0, 0))
@@ -232,18 +227,11 @@ def test_progress_is_told_in_steps_from_the_first_target_to_the_end() -> None:
 
 def test_a_robot_that_may_be_one_of_several_is_no_step() -> None:
     cues = Cues()
-    cue = cues.localization(
-        Localization(
-            stamp_ns=0,
-            phase="sampling",
-            target_id="r1",
-            target_count=3,
-            candidates=(
-                Candidate(object_id="r1", probability=0.6),
-                Candidate(object_id="r2", probability=0.4),
-            ),
-        )
+    candidates = tuple(
+        Candidate(object_id=name, probability=share) for name, share in (("r1", 0.6), ("r2", 0.4))
     )
+    meant = {"target_id": "r1", "target_count": 3, "candidates": candidates}
+    cue = cues.localization(Localization.model_validate({**SAMPLING, **meant}))
     assert cue is not None
     assert cue.text == "point at r1"
 

@@ -9,7 +9,7 @@ import click
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import json_option, print_json
 from pointit.plugins import GROUPS, ConfigError, Plugin
-from pointit.runtime.config.plugins import OURS
+from pointit.runtime.config.installed import OURS
 from pointit.runtime.config.similar_names import nearest
 from pointit.testing import checks, run_checks
 from pointit.testing.check import CheckFailedError

@@ -1,4 +1,4 @@
-"""What comes out of order or late is refused, a clock that was set is believed, and skew is reported."""
+"""Refusal of what comes out of order or late, belief in a clock that was set, and reports of skew."""
 
 import random
 

@@ -87,9 +87,7 @@ class View:
         return [finding for finding in diagnose(seen) if finding.severity != "note"]
 
     def ages_s(self, user: str, since_s: float = 0.0, until_s: float = math.inf) -> list[float]:
-        return [
-            each.age_s for each in self.cursors if each.user == user and since_s <= each.came_s <= until_s
-        ]
+        return [it.age_s for it in self.cursors if it.user == user and since_s <= it.came_s <= until_s]
 
     def gap_s(self, user: str, since_s: float) -> float:
         """Return the longest time between two cursors of `user` since then, till now."""
@@ -169,9 +167,7 @@ class Spectator:
 
     def ages_s(self, topic: str, since_ns: int = 0, until_ns: int = 2**63) -> list[float]:
         """Return the ages at arrival of messages on a topic between two times (Unix)."""
-        lines = [
-            line for line in self.lines() if line["topic"] == topic and since_ns <= line["came"] <= until_ns
-        ]
+        lines = [it for it in self.lines() if it["topic"] == topic and since_ns <= it["came"] <= until_ns]
         return [(line["came"] - line["stamp"]) / 1e9 for line in lines]
 
 

@@ -49,9 +49,7 @@ async def test_a_flood_harms_nobody_and_is_named(site: Site, account: Account, w
         await attacked.unharmed()
         assert attacked.growth_mb() < GROWTH_MB
         lost = f"nothing; cursors {1e3 * late_s:.0f} ms old"
-        attacked.row(
-            account, f"a flood {what} ({rate_hz:.0f} Hz)", noticed_s, "doctor: router; its log", lost
-        )
+        attacked.row(account, f"flood {what} ({rate_hz:.0f} Hz)", noticed_s, "doctor: router; its log", lost)
 
 
 def flood_rate_hz(printed: str) -> float:

@@ -1,3 +1,4 @@
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
 """An identity that writes, answers, is present and reads as another; what a router tells of itself."""
 
 import asyncio

@@ -1,3 +1,4 @@
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
 """A site with passwords: without one, with a wrong or an old one, and places where none must be seen."""
 
 import asyncio

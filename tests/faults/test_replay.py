@@ -1,3 +1,4 @@
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
 """Old messages are put again, by who may write them and by others: no reader takes them for new."""
 
 import asyncio
@@ -92,9 +93,7 @@ async def test_nobody_takes_a_recording_for_new(site: Site, account: Account) ->
             seen.cursors["user1"].clear()
             played_ns, played_s = time.time_ns(), time.monotonic()
             playing = asyncio.create_task(play(member, recorded))
-            await until(
-                lambda: all(complains(seen, instance) for instance in READERS), NOTICED_S, "health of readers"
-            )
+            await until(lambda: all(complains(seen, reader) for reader in READERS), NOTICED_S, "health")
             noticed_s = time.monotonic() - played_s
             await playing
         made: list[PointingRay | Cursor] = [*rays, *seen.cursors["user1"]]

@@ -89,9 +89,7 @@ async def test_selecting_goes_on_and_nothing_is_lost(small: Site, account: Accou
             seen.lost_in_words(full_ns),
             memory_mb=growth_mb,
         )
-        await until(
-            lambda: not any(complains(seen, name) for name in seen.health), BACK_S, "all to be content"
-        )
+        await until(lambda: not any(complains(seen, name) for name in seen.health), BACK_S, "no problem")
 
 
 @pytest.mark.long

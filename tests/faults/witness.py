@@ -138,9 +138,7 @@ class Witness(Onlooker):
         """Wait until the events seen since the beginning are those published by the selector's journal."""
         kept = [record for record in site.told() if record[0] >= self._first]
         assert [seq for seq, _, _ in kept] == list(range(self._first, self._first + len(kept))), kept
-        await until(
-            lambda: self.told()[: len(kept)] == kept, FLOWS_S, f"{kept} to be told, not only {self.told()}"
-        )
+        await until(lambda: self.told()[: len(kept)] == kept, FLOWS_S, f"{kept}, not {self.told()}")
 
         def missing() -> set[int]:
             dispatches = {event.seq for event in self.events if _is_conveyors(event)}
@@ -149,9 +147,7 @@ class Witness(Onlooker):
         await until(lambda: not missing(), FLOWS_S, "the conveyor's events without a gap")
 
     async def all_report(self, instances: Sequence[str] = INSTANCES) -> None:
-        await until(
-            lambda: set(instances) <= set(self.health), START_S, f"health of all, not only {set(self.health)}"
-        )
+        await until(lambda: set(instances) <= set(self.health), START_S, f"more than {set(self.health)}")
 
     async def flows(self, *users: str) -> None:
         """Wait for a frame, objects and cursors of `users`, or everybody, that were captured from now on."""

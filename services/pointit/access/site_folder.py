@@ -211,9 +211,8 @@ class SiteFolder:
             before = state.identities.get(name)
             generation = 1 if before is None else before.generation + 1
             hosts = state.router_hosts() if role == "router" else ()
-            issued: IssuedCertificate = authority.issue(
-                common_name(state.site, name, generation), now, state.days, hosts
-            )
+            common = common_name(state.site, name, generation)
+            issued: IssuedCertificate = authority.issue(common, now, state.days, hosts)
             identity = Identity(
                 role=role,
                 generation=generation,

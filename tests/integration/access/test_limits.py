@@ -1,3 +1,4 @@
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
 """Limits of one identity at a router: number of connections, and delays that it causes for others."""
 
 import asyncio

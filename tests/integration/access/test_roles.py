@@ -126,9 +126,7 @@ def test_writes_below_another_name_arrive_nowhere_at_all(members: dict[str, Memb
     evil = members["anna"]
     others = [member for me, member in members.items() if me != "anna"]  # it hears itself without a router
     with ExitStack() as stack:
-        ears = [
-            stack.enter_context(each.listening("**", "users/ben/imu", "users/ben/pose")) for each in others
-        ]
+        ears = [stack.enter_context(it.listening("**", "users/ben/imu", "users/ben/pose")) for it in others]
         end = stack.enter_context(members["supervisor"].listening("**/@may/**"))
         for each in others:
             each.settle(members["supervisor"])
@@ -190,9 +188,8 @@ def may_serve(me: str, row: Request[Any, Any], name: str) -> bool:
     servers = [process for process in PROCESSES if row in process.serves]
     if NAMES[me] == "user":
         return name == me and (row is SET_WORKSPACE or any(server.scope == "user" for server in servers))
-    return NAMES[me] == "services" and (
-        row is RUN_SCENARIO or any(server.scope == "site" for server in servers)
-    )
+    shared = row is RUN_SCENARIO or any(server.scope == "site" for server in servers)
+    return shared and NAMES[me] == "services"
 
 
 def test_only_who_serves_a_request_is_asked(members: dict[str, Member]) -> None:

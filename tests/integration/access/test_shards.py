@@ -46,9 +46,8 @@ class SecuredSite:
         self.cursors: list[Cursor] = []
         self.hovers: list[Any] = []
         looking = buses["operator"]
-        looking.watch(
-            SHARD_ALIVE, lambda name, there: (self.shards.add if there else self.shards.discard)(name)
-        )
+        shards = self.shards
+        looking.watch(SHARD_ALIVE, lambda name, there: (shards.add if there else shards.discard)(name))
         looking.subscribe(HEALTH, lambda health, name: self.health.__setitem__(name, health))
         looking.subscribe(CURSOR, lambda cursor, _user: self.cursors.append(cursor), "anna")
         looking.subscribe(HOVER, lambda hover, _user: self.hovers.append(hover), "anna")
@@ -60,14 +59,12 @@ class SecuredSite:
     async def point(self) -> None:
         bus, clock = self.buses["anna"], WallClock()
         bus.announce(USER_ALIVE, "anna")
-        bus.publisher(POSE, "anna").put(
-            UserPose(stamp_ns=clock.now_ns(), position_m=(0.0, 0.0, 0.0), yaw_rad=0.0)
-        )
+        origin_m = (0.0, 0.0, 0.0)
+        bus.publisher(POSE, "anna").put(UserPose(stamp_ns=clock.now_ns(), position_m=origin_m, yaw_rad=0.0))
         rays = bus.publisher(RAY, "anna")
         while True:
-            rays.put(
-                PointingRay(stamp_ns=clock.now_ns(), origin_m=(0.0, 0.0, 1.6), direction=(0.6, 0.0, -0.8))
-            )
+            origin_m, direction = (0.0, 0.0, 1.6), (0.6, 0.0, -0.8)
+            rays.put(PointingRay(stamp_ns=clock.now_ns(), origin_m=origin_m, direction=direction))
             await asyncio.sleep(0.01)
 
 

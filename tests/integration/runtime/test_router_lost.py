@@ -115,9 +115,7 @@ async def test_of_two_routers_the_other_takes_over(two: Two, caplog: pytest.LogC
         await two.cut()
         where = f"router at {two.router.endpoint} or {spare.endpoint}"
         try:
-            await until(
-                lambda: any(f"{where} is back" in record.message for record in caplog.records), RECOVERY_S
-            )
+            await until(lambda: any(f"{where} is back" in it.message for it in caplog.records), RECOVERY_S)
         finally:  # shown if it fails
             log.info("problem %r, routers %s", bus.problem, bus.session.info.routers_zid())
             port = int(spare.endpoint.rpartition(":")[2])

@@ -61,9 +61,8 @@ async def test_lamps_of_the_map_are_heard_after_a_flood(bus: ZenohBus, stranger:
     def flood() -> None:
         for index, name in enumerate([*(f"x{number}" for number in range(MAX_NAMES + 1)), LAMP.id]):
             light = LampColor(stamp_ns=1, seq=index, color=(0, 0, 0))
-            stranger.put(
-                SITE + LAMP_COLOR.at(name), encode(light), congestion_control=zenoh.CongestionControl.BLOCK
-            )
+            block = zenoh.CongestionControl.BLOCK
+            stranger.put(SITE + LAMP_COLOR.at(name), encode(light), congestion_control=block)
 
     await asyncio.to_thread(flood)
     await until(lambda: subscription.traffic.received + subscription.traffic.invalid == MAX_NAMES + 2)

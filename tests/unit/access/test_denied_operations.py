@@ -24,6 +24,8 @@ HEAD = f"\x1b[2m2030-01-01T00:00:00Z\x1b[0m \x1b[35mTRACE\x1b[0m  rx-0 ThreadId(
 MEANWHILE_S = 0.5
 """For so long a thread may take a line that nothing keeps it from."""
 ANNA = "12ab on Interface(lo)+CertCommonName(lab/anna/2)+Transport(Tls)+12ab"
+THINNED = "Message dropped by the downsampling interceptor"
+MANY = "lab/anna writes users/anna/{} times a second, more than anybody needs: end what does"
 
 
 def sentences(*lines: str) -> list[str]:
@@ -104,9 +106,7 @@ def test_what_is_let_in_and_dropped_is_too_long() -> None:
     let_in = "Using cached result: 12ab is authorized to Put (ingress) on pointit/lab/users/anna/imu"
     known = f"{ANNA} is authorized to Put (ingress) on pointit/lab/users/anna/imu"
     dropped = HEAD.replace("::access_control", "") + "Msg intercepted!"
-    thinned = (
-        HEAD.replace("access_control", "downsampling") + "Message dropped by the downsampling interceptor"
-    )
+    thinned = HEAD.replace("access_control", "downsampling") + THINNED
     elsewhere = dropped.replace("ThreadId(07)", "ThreadId(08)")
     assert sentences(known, let_in, dropped) == [
         "lab/anna may not write such long messages to users/anna/imu: refused"
@@ -121,15 +121,12 @@ def test_who_writes_too_often_is_told() -> None:
     assert sentences(*[let_in] * int(FLOOD_HZ)) == []
     cached = "Using cached result: 12ab is authorized to Put (ingress) on pointit/lab/users/anna/button"
     (told,) = sentences(let_in, *[cached] * int(FLOOD_HZ + 1))
-    assert told == (
-        "lab/anna writes users/anna/button 1001 times a second, more than anybody needs: end what does"
-    )
+    assert told == MANY.format("button 1001")
 
 
 def slowed(connection: str, key: str = "users/anna/claim", flow: str = "from") -> str:
     head = HEAD.replace("access_control", "downsampling")
-    dropped = f"Message dropped by the downsampling interceptor: Push(pointit/lab/{key})"
-    return f"{head}{dropped} {flow}:south:0:client/{connection}:1"
+    return f"{head}{THINNED}: Push(pointit/lab/{key}) {flow}:south:0:client/{connection}:1"
 
 
 def test_who_writes_what_is_dropped_as_too_frequent_is_told_and_it_counts() -> None:
@@ -139,9 +136,7 @@ def test_who_writes_what_is_dropped_as_too_frequent_is_told_and_it_counts() -> N
     for line in (HEAD + known, *[slowed("12ab34cd")] * int(SLOWED * KEPT_HZ)):
         refused.take(line)
     (told,) = refused.take_sentences(1.0).values()
-    assert (
-        told == "lab/anna writes users/anna/claim 201 times a second, more than anybody needs: end what does"
-    )
+    assert told == MANY.format("claim 201")
     assert refused.rates_hz == {"lab/anna": 201.0}
     assert refused.take_sentences(1.0) == {}
     burst = [slowed("12ab34cd")] * int(SLOWED * KEPT_HZ - 1)
@@ -152,13 +147,12 @@ def test_who_writes_what_is_dropped_as_too_frequent_is_told_and_it_counts() -> N
 
 
 def test_attempts_that_are_dropped_as_too_frequent_count() -> None:
-    denied = f"{HEAD}{ANNA} is unauthorized to Put (ingress) on pointit/lab/users/ben/claim"
+    claim = "users/ben/claim"
+    denied = f"{HEAD}{ANNA} is unauthorized to Put (ingress) on pointit/lab/{claim}"
     refused = DeniedOperations()
-    for line in (denied, *[slowed("12ab", "users/ben/claim")] * 200):
+    for line in (denied, *[slowed("12ab", claim)] * 200):
         refused.take(line)
-    assert refused.take_sentences(1.0) == {
-        "lab/anna": "lab/anna may not write users/ben/claim (201 times): refused"
-    }
+    assert refused.take_sentences(1.0) == {"lab/anna": f"lab/anna may not write {claim} (201 times): refused"}
     assert refused.total == 201
 
 

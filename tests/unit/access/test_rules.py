@@ -30,9 +30,7 @@ def permits(rules: list[dict[str, Any]], message: str, flow: str, key: str) -> b
 
 def routed(site: str = "lab", port: int = 7447, **more: Any) -> RouterSite:
     roles: dict[str, Role] = {"router": "router", "anna": "user", "ben": "user", "dashboard1": "dashboard"}
-    members = [
-        Member(name=name, role=role, common_name=common_name(site, name, 1)) for name, role in roles.items()
-    ]
+    members = [Member(name=me, role=role, common_name=common_name(site, me, 1)) for me, role in roles.items()]
     return RouterSite(site=site, port=port, members=members, **more)
 
 

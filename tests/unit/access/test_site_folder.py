@@ -240,9 +240,7 @@ def refused(*arguments: str) -> str:
 @pytest.fixture
 def folder(tmp_path: Path) -> str:
     path = str(tmp_path / "lab")
-    result = site_command(
-        "init", "lab", "--folder", path, "--users", "anna, ben", "--guests", "2", "--days", "90"
-    )
+    result = site_command(*f"init lab --folder {path} --users anna,ben --guests 2 --days 90".split())
     assert result.exit_code == 0, result.output
     assert "keep" in result.output
     return path
@@ -293,9 +291,7 @@ def test_names_that_cannot_be_given_are_told_apart(users: str, sentence: str, tm
 
 
 def test_a_number_of_people_are_numbered(tmp_path: Path) -> None:
-    site_command(
-        "init", "lab", "--folder", str(tmp_path / "lab"), "--users", "3", "--guests", "0", "--dashboards", "0"
-    )
+    site_command(*f"init lab --folder {tmp_path}/lab --users 3 --guests 0 --dashboards 0".split())
     assert {"user1", "user2", "user3"} < names_of(str(tmp_path / "lab"))
     assert "guest1" not in names_of(str(tmp_path / "lab"))
 
@@ -312,9 +308,7 @@ def test_what_ends_soon_is_warned_of(tmp_path: Path) -> None:
 
 def test_passwords_which_do_not_end_are_kept_when_certificates_are_renewed(tmp_path: Path) -> None:
     path = str(tmp_path / "lab")
-    site_command(
-        "init", "lab", "--folder", path, "--days", "20", "--guests", "0", "--users", "anna", "--password"
-    )
+    site_command(*f"init lab --folder {path} --days 20 --guests 0 --users anna --password".split())
     users = tmp_path / "lab" / "router" / "users.txt"
     before = users.read_text()
     said = site_command("renew", "--folder", path).output

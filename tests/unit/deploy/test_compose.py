@@ -51,9 +51,8 @@ def test_every_file_is_known_to_these_tests() -> None:
 
 
 def test_every_shared_service_of_the_scenario_runs() -> None:
-    started = {
-        row["command"].split()[2] for _, row in WHOLE if row.get("command", "").startswith("service run ")
-    }
+    commands = [row.get("command", "") for _, row in WHOLE]
+    started = {each.split()[2] for each in commands if each.startswith("service run ")}
     assert started == {*read_scenario("scenario_4").site, "web"}
     assert all(process(name).scope == "site" for name in started)
 

@@ -1,4 +1,4 @@
-"""What a joining person adopts from the site, and for how long a page counts as having viewers."""
+"""Choices a joining person adopts from the site, and time for which a page counts as having viewers."""
 
 import asyncio
 import time

@@ -177,9 +177,8 @@ def test_ros_may_take_anybodys_wrist_without_a_page(tmp_path: Path) -> None:
 
 
 def test_an_imu_bridge_of_a_scenario_is_as_it_says(tmp_path: Path) -> None:
-    alone = str(
-        written(tmp_path / "a.yaml", GOOD + "user: {imu-bridge: {source: simulated}, pointing: {}}\n")
-    )
+    text = GOOD + "user: {imu-bridge: {source: simulated}, pointing: {}}\n"
+    alone = str(written(tmp_path / "a.yaml", text))
     assert config_of(person(scenario=alone, page=True), "imu-bridge")["source"] == "simulated"
     text = GOOD + "user: {imu-bridge: {yaw_origin_deg: 7}, user-sim: {}}\n"
     beside = config_of(person(scenario=str(written(tmp_path / "b.yaml", text)), page=True), "imu-bridge")
@@ -233,9 +232,8 @@ def test_a_file_changes_what_the_command_line_set_and_leaves_the_rest(tmp_path: 
 
 def test_nested_parameters_can_be_set() -> None:
     settings = ["conveyor-sim.feeder.sequence=[red, green]", "pui.map=lab"]
-    feeder, shipped = (
-        config_of(launches, "conveyor-sim")["feeder"] for launches in (site(settings=settings), site())
-    )
+    both = (site(settings=settings), site())
+    feeder, shipped = (config_of(launches, "conveyor-sim")["feeder"] for launches in both)
     assert feeder["sequence"] == ("red", "green") != shipped["sequence"]
     assert feeder["count"] == shipped["count"] > 0
 
@@ -259,9 +257,7 @@ def test_a_setting_without_effect_is_refused() -> None:
     scenario = read_scenario("scenario_3")
     choices = Choices(settings=["user-sim.think_s=0"])
     launches = site_launches(scenario, choices)
-    with pytest.raises(
-        ConfigError, match=r"--set 'user-sim.think_s=0': user-sim is not among .*: conveyor-sim,"
-    ):
+    with pytest.raises(ConfigError, match=r"'user-sim.think_s=0': user-sim is not among .*: conveyor-sim,"):
         check_settings(launches, choices)
     check_settings(launches + user_launches(scenario, choices, "anna"), choices)
 

@@ -1,5 +1,6 @@
 """Plan that results from a request for another scenario."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -97,16 +98,13 @@ def test_what_was_set_is_set_again_where_it_fits() -> None:
 
 
 def test_devices_stay_with_their_persons_and_poses_with_their_room() -> None:
-    choices = Choices(
-        imu=["sim", "serial:/dev/ttyUSB7"], poses=[Pose(x_m=-1.0, y_m=-1.0), Pose(x_m=-2.0, y_m=-1.0)]
-    )
+    poses = [Pose(x_m=-1.0, y_m=-1.0), Pose(x_m=-2.0, y_m=-1.0)]
+    choices = Choices(imu=["sim", "serial:/dev/ttyUSB7"], poses=poses)
     plan = wish("scenario_2", choices, people=2)
     assert config_of(plan, "imu-bridge.user2")["serial"]["port"] == "/dev/ttyUSB7"
     place = read_scenario("scenario_2").places[1]
     assert config_of(plan, "localizer.user2")["position_m"] == place.position_m
-    assert (
-        plan.notes[0] == "--pose is ignored: it is for another map; people stand where scenario_2.yaml says"
-    )
+    assert plan.notes[0].startswith("--pose is ignored: it is for another map; people stand where scenario_2")
     assert plan.notes[1].startswith("user2 is assumed to stand at ")
     same_room = wish("scenario_4", choices, people=2)
     assert config_of(same_room, "localizer.user2")["position_m"] == (-2.0, -1.0, 0.0)
@@ -116,9 +114,7 @@ def test_devices_stay_with_their_persons_and_poses_with_their_room() -> None:
 
 
 def test_a_wish_that_cannot_be_is_refused_with_a_sentence() -> None:
-    with pytest.raises(
-        ConfigError, match=r"no scenario 'nope'; there are scenario_1, .*, scenario_6, send_a_robot$"
-    ):
+    with pytest.raises(ConfigError, match=r"no scenario 'nope'; there are scenario_1, .*, send_a_robot$"):
         wish("nope")
     with pytest.raises(ConfigError, match=r"^no scenario '/etc/passwd\.yaml'; there are"):
         wish("/etc/passwd.yaml")  # only what was shipped or typed here
@@ -217,19 +213,14 @@ def test_feeders_of_a_file_replace_those_of_the_scenario(tmp_path: Path) -> None
 
 
 def test_bay_that_a_map_of_several_bays_lacks_is_refused(tmp_path: Path) -> None:
-    room = written(
-        tmp_path, ROOM.replace("bays: {1: next}", "bays: {1: next, 2: main}").replace("links:", "#")
-    )
+    bays = ROOM.replace("bays: {1: next}", "bays: {1: next, 2: main}")
+    room = written(tmp_path, bays.replace("links:", "#"))
     settings = [f"pui.map={room}", "conveyor-sim.feeders.entry.belt=main"]
-    with pytest.raises(
-        ConfigError,
-        match=r"^conveyor-sim: bay_rest: map 'room' has no bay '3', there are 1, 2; "
-        r"set conveyor-sim\.bay_rest$",
-    ):
+    said = "conveyor-sim: bay_rest: map 'room' has no bay '3', there are 1, 2; set conveyor-sim.bay_rest"
+    with pytest.raises(ConfigError, match=f"^{re.escape(said)}$"):
         scenario_launches(read_scenario("scenario_4"), Choices(settings=settings), 1)
-    assert scenario_launches(
-        read_scenario("scenario_4"), Choices(settings=[*settings, "conveyor-sim.bay_rest=2"]), 1
-    )
+    settings.append("conveyor-sim.bay_rest=2")
+    assert scenario_launches(read_scenario("scenario_4"), Choices(settings=settings), 1)
 
 
 def test_only_workspaces_and_lamps_are_offered_on_a_map_of_lamps(tmp_path: Path) -> None:
@@ -242,9 +233,7 @@ def test_localizing_by_lamps_takes_two_lamps(tmp_path: Path, leds: str, count: s
     strip = "strips: {1: {line: [[0, 0.3, 1], [4, 0.3, 1]], pixels: 120, direction: 1}}"
     room = written(tmp_path, f"leds: {leds}\n{strip}")
     choices = Choices(settings=[f"pui.map={room}"], localize=True)
-    with pytest.raises(
-        ConfigError, match=rf"^localizer\.user1: map 'room' has {count} and .* leave --localize out"
-    ):
+    with pytest.raises(ConfigError, match=rf"^localizer.user1: map 'room' has {count} and .* --localize out"):
         scenario_launches(read_scenario("scenario_2"), choices, 1)
 
 

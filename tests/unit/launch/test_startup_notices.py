@@ -67,9 +67,8 @@ def test_what_is_kept_and_in_use_is_said() -> None:
     assert [*kept_mountings(launches), *kept_offsets(launches)] == []
     StateFile(PointingOffset, "anna", OFFSET_PURPOSE).write(PointingOffset(rung="pitch", fitted_ns=FITTED_NS))
     (bridge,) = (launch.config for launch in launches if isinstance(launch.config, ImuBridgeConfig))
-    own = StoredMounting(
-        sensor_from_arm_xyzw=(0.0, 0.0, 0.0, 1.0), configured=bridge.mounting, set_ns=FITTED_NS
-    )
+    same = (0.0, 0.0, 0.0, 1.0)
+    own = StoredMounting(sensor_from_arm_xyzw=same, configured=bridge.mounting, set_ns=FITTED_NS)
     mountings = StateFile(StoredMountings, "anna", PURPOSE)
     mountings.write(StoredMountings(by_source={"serial": own}))
     since = "of 2026-11-20 11:05 is in use; `pointit person calibrate"

@@ -171,9 +171,8 @@ def made(name: str, scope: str = "site", **rows: Any) -> ServicePlugin:
 
 
 def own(key: str, writer: str = "evil") -> Topic[Any]:
-    return Topic(
-        key=key, message=SelectionEvent, delivery=Delivery.EVENT, rate_hz=None, writers=(writer,), about=""
-    )
+    event = Delivery.EVENT
+    return Topic(key=key, message=SelectionEvent, delivery=event, rate_hz=None, writers=(writer,), about="")
 
 
 @pytest.mark.parametrize(

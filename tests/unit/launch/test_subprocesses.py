@@ -140,9 +140,7 @@ async def test_a_child_that_will_not_end_is_killed(caplog: pytest.LogCaptureFixt
         child.suspend()
         await until(lambda: child.status() == psutil.STATUS_STOPPED, PATIENCE_S, "it to stop")
     assert children(group)["selector"].returncode == -signal.SIGKILL
-    assert [record.getMessage() for record in caplog.records] == [
-        "selector did not end in time and is killed"
-    ]
+    assert caplog.messages == ["selector did not end in time and is killed"]
 
 
 @pytest.mark.parametrize(

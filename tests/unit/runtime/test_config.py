@@ -302,9 +302,7 @@ SERVICES = [process.name for process in PROCESSES]
 
 def test_variables_of_services_are_accepted() -> None:
     fine = {f"{environment_prefix(name)}ANYTHING": "1" for name in SERVICES}
-    check_environment(
-        {**fine, "POINTIT_DATA": "/data", "HOME": "/", "POINTITX": "", "XPOINTIT_Y": ""}, SERVICES
-    )
+    check_environment({**fine, "POINTIT_DATA": "/", "HOME": "/", "POINTITX": "", "XPOINTIT_Y": ""}, SERVICES)
 
 
 @pytest.mark.parametrize(

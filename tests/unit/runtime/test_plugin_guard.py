@@ -98,9 +98,8 @@ async def test_plugin_that_ends_is_named_and_restarted_until_it_runs(
 
     work = asyncio.create_task(guard.keep_running(third_time_lucky))
     await until(lambda: "3 times" in guard.problem)
-    assert sink.shown == {
-        guard.label: f"part 'mine' of strangers {how}, 3 times now; it is started again after 0.004 s"
-    }
+    told = f"part 'mine' of strangers {how}, 3 times now; it is started again after 0.004 s"
+    assert sink.shown == {guard.label: told}
     await until(lambda: not sink.shown)  # it runs again, and has for a while
     assert guard.problem == ""
     work.cancel()
@@ -166,9 +165,7 @@ def block(stop):
         assert other.last == sink.last
         await until(lambda: not (sink.shown or other.shown))
         called = find_culprit_in(block)
-        assert called == ("strangers_blocking", "strangers_blocking.py:3 in block"), (
-            "also below what it calls"
-        )
+        assert called == ("strangers_blocking", "strangers_blocking.py:3 in block"), "also below its calls"
 
 
 def find_culprit_in(block: Callable[[Callable[[], object]], None]) -> tuple[str, str] | None:

@@ -283,7 +283,6 @@ run_program(command, at_once={at_once})
 @pytest.mark.parametrize(("at_once", "said"), [(True, "said"), (False, "said, and more\n")])
 def test_a_service_that_has_ended_waits_for_nothing_of_pythons(at_once: bool, said: str) -> None:  # noqa: FBT001
     script = LEAVING.format(at_once=at_once)
-    done = subprocess.run(
-        [sys.executable, "-c", script], check=False, capture_output=True, text=True, timeout=90
-    )
+    python = [sys.executable, "-c", script]
+    done = subprocess.run(python, check=False, capture_output=True, text=True, timeout=90)
     assert (done.returncode, done.stdout, done.stderr) == (3, said, "")

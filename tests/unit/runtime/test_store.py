@@ -16,9 +16,8 @@ from tests.support.pace import within
 
 S = 1_000_000_000
 NOW = 1_700_000_000 * S
-LAYOUT = Layout(
-    tables="CREATE TABLE IF NOT EXISTS words (word TEXT NOT NULL)", writer="clerk", loss="words are lost"
-)
+WORDS = "CREATE TABLE IF NOT EXISTS words (word TEXT NOT NULL)"
+LAYOUT = Layout(tables=WORDS, writer="clerk", loss="words are lost")
 
 
 def read(db: sqlite3.Connection) -> list[str]:

@@ -108,9 +108,8 @@ def test_locks_on_files_are_kept(tmp_path: Path) -> None:
     with closing(sqlite3.connect(path, isolation_level=None)) as held:
         held.execute("BEGIN EXCLUSIVE")
         set_user_timeout({free_port()}, AFTER_MS)
-        other = subprocess.run(
-            [sys.executable, "-c", take, str(path)], capture_output=True, text=True, check=False
-        )
+        python = [sys.executable, "-c", take, str(path)]
+        other = subprocess.run(python, capture_output=True, text=True, check=False)
     assert "database is locked" in other.stderr
 
 

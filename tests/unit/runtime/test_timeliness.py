@@ -1,4 +1,4 @@
-"""What comes out of order or late is refused, a clock that was set is believed, and skew is reported."""
+"""Refusal of what comes out of order or late, belief in a clock that was set, and reports of skew."""
 
 import random
 
@@ -29,9 +29,7 @@ def play(
 ) -> list[bool]:
     """Offer messages that come every 20 ms; return which are news."""
     times = [began_s + number * PERIOD_S for number in range(len(stamps_s))]
-    return [
-        order.accepts(name, round(stamp_s * S), now_s) for stamp_s, now_s in zip(stamps_s, times, strict=True)
-    ]
+    return [order.accepts(name, round(at_s * S), now_s) for at_s, now_s in zip(stamps_s, times, strict=True)]
 
 
 def test_a_recording_played_beside_a_live_stream_is_refused_and_counted() -> None:

@@ -40,9 +40,8 @@ async def test_items_beyond_the_limit_are_rejected_and_the_rest_handled_in_order
 
     line = BoundedWorkQueue("users/*/profile", work, turned_away)
     taken: list[bool] = []
-    thread = threading.Thread(
-        target=lambda: taken.extend(line.offer(item) for item in range(MAX_WAITING + 3))
-    )
+    items = range(MAX_WAITING + 3)
+    thread = threading.Thread(target=lambda: taken.extend(map(line.offer, items)))
     thread.start()
     thread.join()  # the loop is held up meanwhile
     assert taken == [True] * MAX_WAITING + [False] * 3

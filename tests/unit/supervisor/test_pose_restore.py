@@ -163,9 +163,8 @@ async def _two_restarts() -> None:
     def start(kind: type[Localizer] | type[Pui], user: str = "") -> tuple[MemoryBus, asyncio.Task[None]]:
         config = LocalizerConfig(method="static_targets") if kind is Localizer else kind.CONFIG()
         bus = MemoryBus(exchange)
-        return bus, asyncio.create_task(
-            run_service(Launch(service=kind, config=config, user=user), bus, clock)
-        )
+        launch = Launch(service=kind, config=config, user=user)
+        return bus, asyncio.create_task(run_service(launch, bus, clock))
 
     async def stop(running: tuple[MemoryBus, asyncio.Task[None]]) -> None:
         bus, task = running

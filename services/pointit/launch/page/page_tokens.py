@@ -64,9 +64,8 @@ def kept_tokens(site: str, *, renew: bool = False) -> tuple[Tokens, Sequence[str
             notes.append(f"the page has a new link, the old one is revoked: {path} {why}")
     tokens = Tokens()
     try:
-        write_atomically(
-            path, (json.dumps({"operator": tokens.operator, "viewer": tokens.viewer}) + "\n").encode()
-        )
+        text = json.dumps({"operator": tokens.operator, "viewer": tokens.viewer})
+        write_atomically(path, f"{text}\n".encode())
     except ConfigError as error:
         notes.append(f"the link of the page is valid for this run only: {error}")
     return tokens, notes

@@ -78,9 +78,8 @@ class Scenario(Config):
 
 def scenario_names() -> list[str]:
     """Return the names of the shipped scenarios."""
-    return sorted(
-        entry.name.removesuffix(".yaml") for entry in SHIPPED.iterdir() if entry.name.endswith(".yaml")
-    )
+    names = (entry.name for entry in SHIPPED.iterdir())
+    return sorted(name.removesuffix(".yaml") for name in names if name.endswith(".yaml"))
 
 
 def read_scenario(name: str) -> Scenario:

@@ -93,9 +93,8 @@ class ServiceGroup:
 
         watching = self._bus.watch(SERVICE_ALIVE, look)
         try:
-            self._work = asyncio.create_task(
-                run_services(self.launches, self._bus, self._clock), name="services"
-            )
+            running = run_services(self.launches, self._bus, self._clock)
+            self._work = asyncio.create_task(running, name="services")
             self._work.add_done_callback(ended)
             if missing:
                 await settled.wait()

@@ -62,9 +62,8 @@ class DurationWindow:
         def quantile(share: float) -> float:  # nearest rank: one of the values, never below the share
             return ordered[math.ceil(share * len(ordered)) - 1]
 
-        taken = Quantiles(
-            p50_s=quantile(0.5), p99_s=quantile(0.99), counts=tuple(self._counts), sum_s=self._sum_s
-        )
+        p50_s, p99_s = quantile(0.5), quantile(0.99)
+        taken = Quantiles(p50_s=p50_s, p99_s=p99_s, counts=tuple(self._counts), sum_s=self._sum_s)
         self._values.clear()
         self._counts = [0] * len(self._counts)
         self._sum_s = 0.0

@@ -40,13 +40,10 @@ class InstalledGroup(Generic[P]):
         """
         found: dict[str, tuple[EntryPoint, ...]] = {}
         entries = entry_points(group=self.group)
-        for entry in sorted(
-            entries, key=lambda entry: (entry.name, _package(entry) not in OURS, _package(entry))
-        ):
+        for entry in sorted(entries, key=lambda it: (it.name, _package(it) not in OURS, _package(it))):
             others = found.get(entry.name, ())
-            if entry.value not in [other.value for other in others] and not (
-                others and _package(others[0]) in OURS
-            ):
+            is_taken = others and _package(others[0]) in OURS
+            if not is_taken and entry.value not in [other.value for other in others]:
                 found[entry.name] = (*others, entry)
         if not found and self._has_ours:
             raise ConfigError(

@@ -120,14 +120,9 @@ class PluginGroup(InstalledGroup[P]):
 
 
 def _described(loc: tuple[int | str, ...], text: str, value: object) -> ValidationError:
-    return ValidationError.from_exception_data(
-        "plug-in",
-        [
-            InitErrorDetails(
-                type=PydanticCustomError(DESCRIBED, "{text}", {"text": text}), loc=loc, input=value
-            )
-        ],
-    )
+    error = PydanticCustomError(DESCRIBED, "{text}", {"text": text})
+    details = InitErrorDetails(type=error, loc=loc, input=value)
+    return ValidationError.from_exception_data("plug-in", [details])
 
 
 class PluginConfig(Config, extra="allow"):

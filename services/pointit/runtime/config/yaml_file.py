@@ -59,9 +59,8 @@ def read_yaml(path: Path) -> dict[str, Any]:
         with path.open("rb") as file:
             content = file.read(MAX_YAML_BYTES + 1)
     except OSError as error:
-        raise ConfigError(
-            f"{path}: cannot be read ({error.strerror or error}); check its path and rights"
-        ) from error
+        why = error.strerror or error
+        raise ConfigError(f"{path}: cannot be read ({why}); check its path and rights") from error
     return parse_yaml(content, path)
 
 

@@ -14,9 +14,8 @@ FindOn = Callable[[str, int, float], Awaitable[Sequence[FoundDevice]]]
 
 async def find_on_brokers(find_on: FindOn, seconds: float) -> list[FoundDevice]:
     """Return the devices on the broker of this machine and on those that announce `_mqtt._tcp`."""
-    local, others = await asyncio.gather(
-        find_on("127.0.0.1", PORT, seconds), _find_elsewhere(find_on, seconds)
-    )
+    here = find_on("127.0.0.1", PORT, seconds)
+    local, others = await asyncio.gather(here, _find_elsewhere(find_on, seconds))
     return [*local, *others]
 
 

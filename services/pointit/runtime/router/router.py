@@ -69,11 +69,10 @@ def parse_config(text: str, folder: Path) -> zenoh.Config:
         for key in ("listen/endpoints", "connect/endpoints"):
             absolute = [RELATIVE.sub(f"{folder.absolute()}/", each) for each in _endpoints(config, key)]
             config.insert_json5(key, json.dumps(absolute))
-        users: Any = json.loads(config.get_json("transport/auth/usrpwd/dictionary_file"))
+        key = "transport/auth/usrpwd/dictionary_file"
+        users: Any = json.loads(config.get_json(key))
         if isinstance(users, str):
-            config.insert_json5(
-                "transport/auth/usrpwd/dictionary_file", json.dumps(str(folder.absolute() / users))
-            )
+            config.insert_json5(key, json.dumps(str(folder.absolute() / users)))
     except (zenoh.ZError, ValueError) as error:
         raise ConfigError(f"the router's configuration is none that Zenoh takes: {_where(error)}") from None
     return config
@@ -128,9 +127,8 @@ class Router:
         """Return session, common name (empty where none is known) and address of all who are connected."""
         if self._session is None:
             return []
-        return [
-            (str(link.zid), link.auth_identifier or "", str(link.dst)) for link in self._session.info.links()
-        ]
+        links = self._session.info.links()
+        return [(str(link.zid), link.auth_identifier or "", str(link.dst)) for link in links]
 
     def cut(self, addresses: Iterable[str]) -> None:
         """End the connections from `addresses`, as `links` returns them; those by QUIC stay."""

@@ -46,9 +46,8 @@ async def claim_names(bus: Bus, presence: Presence, names: Collection[str], advi
     watching = bus.watch(presence, looking.on_presence)
     subscription = bus.subscribe(HEALTH, looking.on_health)
     waits = "%s: on site %s already, but silent; waiting %.0f s at most"
-    log_timer = asyncio.get_running_loop().call_later(
-        LOG_AFTER_S, log.info, waits, _list(wanted), bus.site, SILENT_S
-    )
+    loop = asyncio.get_running_loop()
+    log_timer = loop.call_later(LOG_AFTER_S, log.info, waits, _list(wanted), bus.site, SILENT_S)
     try:
         async with asyncio.timeout(SILENT_S):
             await looking.done.wait()

@@ -157,16 +157,14 @@ def _command(
         click.Option(["--while-parent-lives"], is_flag=True, hidden=True),
     ]
     if scope == "user":
-        parameters.insert(
-            0, click.Option(["--user"], required=True, help="whose service it is, the key's {user}")
-        )
+        whose = click.Option(["--user"], required=True, help="whose service it is, the key's {user}")
+        parameters.insert(0, whose)
     if scope == "several":
         parameters.insert(0, click.Option(["--name"], help="its name, where a site has several of its kind"))
     prefix = environment_prefix(name)
     note = f"Every parameter may also stand in a YAML file (--config) or in a variable {prefix}<PARAMETER>."
-    return _ServiceCommand(
-        name, config=config, callback=callback, params=parameters, help=f"{about}\n\n{note}"
-    )
+    about = f"{about}\n\n{note}"
+    return _ServiceCommand(name, config=config, callback=callback, params=parameters, help=about)
 
 
 class _ServiceCommand(click.Command):

@@ -113,9 +113,8 @@ class Service(ABC, Generic[C]):
         """
         health = PluginHealth(self.bus, " ".join(filter(None, (name, which, user))))
         user = user or self.user
-        folder = plugin_folder(
-            self.bus.site, user, kind, f"{name}@{quote(which, safe='')}" if which else name
-        )
+        whole = f"{name}@{quote(which, safe='')}" if which else name
+        folder = plugin_folder(self.bus.site, user, kind, whole)
         return Surroundings(clock=self.clock, health=health, folder=folder, user=user)
 
     async def run(self) -> None:
@@ -268,9 +267,8 @@ async def _wait_for_restart(
 
 async def _until_lost(succession: TakeoverMonitor, launch: Launch) -> None:
     await succession.superseded.wait()
-    log.error(
-        "%s ends: %s has taken over the name, having begun later", launch.instance, succession.successor
-    )
+    ends, by = launch.instance, succession.successor
+    log.error("%s ends: %s has taken over the name, having begun later", ends, by)
 
 
 async def _report(

@@ -69,9 +69,8 @@ def declare_subscriber(
     session: zenoh.Session, key: str, on_sample: Callable[[zenoh.Sample], None]
 ) -> Declared:
     """Call `on_sample` for what is put to `key` and deleted from it, as long as there is a route."""
-    return session.declare_subscriber(
-        key, Callback(on_sample, indirect=False), allowed_origin=zenoh.Locality.REMOTE
-    )
+    remote = zenoh.Locality.REMOTE
+    return session.declare_subscriber(key, Callback(on_sample, indirect=False), allowed_origin=remote)
 
 
 def declare_caching_subscriber(

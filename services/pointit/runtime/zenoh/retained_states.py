@@ -111,9 +111,8 @@ class RetainedStateFetcher:
         items = list(due.items())
         for first in range(0, len(items), AT_ONCE):
             batch = items[first : first + AT_ONCE]
-            answers = await asyncio.gather(
-                *(query_samples(self._session, key, timeout_s=TIMEOUT_S) for key, _ in batch)
-            )
+            queries = (query_samples(self._session, key, timeout_s=TIMEOUT_S) for key, _ in batch)
+            answers = await asyncio.gather(*queries)
             for (key, topic), replies in zip(batch, answers, strict=True):
                 if replies:
                     self._hand_over(topic, replies)

@@ -160,9 +160,8 @@ class RetainedStates:
 
     def _put(self, topic: Topic[Any], name: str, message: Message, payload: bytes, now_ns: int) -> None:
         while len(self._values) >= self._max_values or self.size + len(payload) > self._max_bytes:
-            ownerless = next(
-                (key for key, value in self._values.items() if self._is_evictable(*key, value)), None
-            )
+            evictable = (key for key, value in self._values.items() if self._is_evictable(*key, value))
+            ownerless = next(evictable, None)
             if ownerless is None:
                 self.refused += 1
                 return

@@ -264,9 +264,8 @@ class LifeCycle:
     def _show(self, now_ns: int) -> list[Interaction]:
         ahead = () if self._attempt is None else self._attempt.ahead
         is_unsure = self._stage == "pointing" and self._is_unsure
-        return self._publisher.show(
-            now_ns, self.state, self._reason, self._next_step, ahead, is_unsure=is_unsure
-        )
+        step = self._next_step
+        return self._publisher.show(now_ns, self.state, self._reason, step, ahead, is_unsure=is_unsure)
 
     @property
     def _next_step(self) -> str:

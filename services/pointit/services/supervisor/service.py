@@ -207,9 +207,9 @@ class Supervisor(Service[SupervisorConfig]):
             self._put_profile()
             problem = await self._store_offset()
         what = "the offset is forgotten" if query.offset is None else "the offset is in use"
-        return Done(
-            message=f"{what}, but a restart restores the previous one: {problem}" if problem else what
-        )
+        if problem:
+            what = f"{what}, but a restart restores the previous one: {problem}"
+        return Done(message=what)
 
     async def _store_offset(self) -> str:
         try:

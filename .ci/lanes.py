@@ -60,8 +60,8 @@ ROOMS = {
         ("tests/unit/web", "tests/integration/web", "tests/e2e/web"),
         (
             *("tests/unit/cli_run", "tests/unit/deploy", "tests/unit/recorder", "tests/wheel"),
-            *("tests/integration/cli/test_stage.py", "tests/unit/cli/test_page_of_a_recording.py"),
-            *("tests/e2e/run/test_metrics.py", "tests/e2e/run/test_terminal.py"),
+            *("tests/integration/cli/test_stage.py", "tests/e2e/run/test_metrics.py"),
+            "tests/e2e/run/test_terminal.py",
             "tests/unit/foxglove/test_page_appearance.py",
             "tests/unit/launch",
             *(
@@ -88,7 +88,7 @@ ROOMS = {
             "tests/integration/scenario/test_send_a_robot.py",
             "tests/integration/api/test_found_by_following.py",
             "tests/lab/evaluation/test_robot_evaluation.py",
-            "tests/lab/cli/test_evaluate_robots.py",
+            "tests/lab/cli/test_evaluate_selection.py",
             "tests/e2e/web/test_robots.py",
         ),
     ),

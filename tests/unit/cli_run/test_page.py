@@ -28,6 +28,7 @@ from pointit.launch.plan.scenario import Pose, read_scenario
 from pointit.launch.plan.scenario_catalog import PLACES, places
 from pointit.launch.plan.settings import Settings
 from pointit.launch.run.service_group import redact_secrets
+from pointit.recording.entries import RecordingError
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import ConfigError, ListenError
@@ -377,3 +378,12 @@ def test_link_that_cannot_be_kept_is_a_warning(
         assert path is None
     assert "the link of the page could not be written to a file" in caplog.text
     assert "of-the-operator" not in caplog.text
+
+
+@pytest.mark.parametrize("content", [None, b"", b"plainly no recording"])
+def test_what_is_no_recording_is_refused_in_a_sentence(tmp_path: Path, content: bytes | None) -> None:
+    path = tmp_path / "lab.mcap"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(RecordingError, match=r"lab\.mcap"):
+        CliRunner().invoke(command, ["page", str(path)], catch_exceptions=False)

@@ -163,9 +163,7 @@ async def listening(port: int) -> AsyncGenerator[tuple[aiomqtt.Client, dict[str,
 
 
 @pytest.mark.slow
-async def test_relay_publishes_selections_and_sets_the_speed(
-    broker_port: int, caplog: pytest.LogCaptureFixture
-) -> None:
+async def test_relay_sends_selections_takes_speed(broker_port: int, caplog: pytest.LogCaptureFixture) -> None:
     await until(lambda: is_listening(broker_port), what="the broker")
     async with (
         pointit.run("scenario_3") as site,

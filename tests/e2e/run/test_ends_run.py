@@ -62,9 +62,7 @@ async def test_a_run_ends_with_its_summary(
 
 
 @pytest.mark.parametrize("processes", [(), ("--processes",)])
-async def test_ctrl_c_in_a_terminal_reaches_the_whole_group(
-    commands: Commands, endpoint: str, processes: tuple[str, ...]
-) -> None:
+async def test_ctrl_c_reaches_a_group(commands: Commands, endpoint: str, processes: tuple[str, ...]) -> None:
     run = commands.start_program(*RUN, *processes, "--listen", endpoint)
     async with onlooker(endpoint) as seen:
         await until(lambda: "user-sim.user1" in seen.health, 30, "a run")

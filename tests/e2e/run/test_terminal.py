@@ -181,9 +181,7 @@ async def test_space_and_enter_are_the_persons_button(endpoint: str, key: bytes)
         assert shown.after == shown.before
 
 
-async def test_logs_stand_above_the_view(
-    endpoint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_logs_stand_above_it(endpoint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A child that is killed is reported while the view is drawn."""
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     with terminal(120, 50, "run", "scenario_3", "--processes", "--listen", endpoint) as shown:

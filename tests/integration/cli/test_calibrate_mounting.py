@@ -70,9 +70,7 @@ def expected() -> Quaternion:
     return rotation.multiply(MOUNTINGS["metamotion"], WORN)
 
 
-async def test_two_poses_set_the_mounting_right_and_it_can_be_shown_and_erased(
-    site: Site, tmp_path: Path, own_state: Path
-) -> None:
+async def test_a_mounting_is_found_shown_and_erased(site: Site, tmp_path: Path, own_state: Path) -> None:
     samples: list[ImuSample] = []
     site.bus.subscribe(IMU, lambda sample, _user: samples.append(sample), ANNA)
     with pty_device(tmp_path / "imu") as device:
@@ -140,9 +138,7 @@ async def test_a_simulated_person_wears_no_sensor(site: Site) -> None:
     assert "a simulated person wears none" in ended.err
 
 
-async def test_with_nobody_there_the_file_on_this_machine_is_shown_and_erased(
-    site: Site, own_state: Path
-) -> None:
+async def test_with_nobody_there_the_file_here_is_shown_and_erased(site: Site, own_state: Path) -> None:
     shown = await site.pointit(*MOUNTING, "--show", code=0)
     assert "no service runs, and no mounting is stored on this machine" in shown.out
     site.start(ImuBridge, ANNA)
@@ -198,9 +194,7 @@ async def test_the_localizer_shows_and_erases_it(site: Site, own_state: Path) ->
     assert (await site.pointit("person", "memory", ANNA)).out == "anna: nothing is remembered\n"
 
 
-async def test_without_a_localizer_the_file_on_this_machine_is_shown_and_erased(
-    site: Site, own_state: Path
-) -> None:
+async def test_without_a_localizer_the_file_here_is_shown_and_erased(site: Site, own_state: Path) -> None:
     path = keep(own_state, ANNA)
     shown = await site.pointit("person", "memory", ANNA, code=0)
     assert TOLD in shown.out

@@ -278,9 +278,7 @@ async def test_a_run_goes_on_while_somebody_looks_on(monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.parametrize(("viewers", "is_limited"), [(1, True), (0, False)])
-async def test_it_ends_in_time_when_told_to_or_alone(
-    monkeypatch: pytest.MonkeyPatch, viewers: int, *, is_limited: bool
-) -> None:
+async def test_it_ends_in_time(monkeypatch: pytest.MonkeyPatch, viewers: int, *, is_limited: bool) -> None:
     monkeypatch.setattr(StandIn, "viewers", viewers)
     async with going(plan_of("scenario_2", duration_s=1.5, is_limited=is_limited)) as run:
         async with asyncio.timeout(60.0):

@@ -128,9 +128,7 @@ def test_a_folder_without_recordings_is_refused(tmp_path: Path) -> None:
         fly("--bench", "landing", "--data", str(tmp_path / "none"))
 
 
-def test_reliability_of_the_choice_of_a_robot_by_arrangement_and_of_all(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_reliability_of_the_choice_of_a_robot_by_layout_and_of_all(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(choice, "LAYOUTS", (("lone", 1), ("row", 2)))
     out, _ = fly("--bench", "choice")
     starts = [line.split()[:1] for line in out.splitlines()]

@@ -130,9 +130,7 @@ LONGEST = "shoulder right, body still"
 
 
 @pytest.mark.parametrize(("width", "least"), [(80, 5), (100, 7), (140, 10)])
-def test_a_condition_and_its_figures_are_never_cut(
-    width: int, least: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_condition_and_figures_are_not_cut(width: int, least: int, monkeypatch: pytest.MonkeyPatch) -> None:
     row = HonestyRow(
         set="simulated", condition=LONGEST, duration=EVERY, n=1234, taken=1.0,
         error_m=Spread(median=0.25, p90=0.51, rms=0.33), within_2_sigma=1.0, yaw_within_2_sigma=1.0,

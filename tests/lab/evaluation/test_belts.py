@@ -85,9 +85,7 @@ def test_a_change_after_the_last_sample_was_seen_with_it(tmp_path: Path) -> None
         ('{"subject": NaN}', "line 2: "),
     ],
 )
-def test_a_malformed_line_is_told_in_one_sentence(
-    line: dict[str, Any] | str, complaint: str, tmp_path: Path
-) -> None:
+def test_a_malformed_line_is_one_sentence(line: dict[str, Any] | str, complaint: str, tmp_path: Path) -> None:
     folder = write(tmp_path, GOOD, line)
     with pytest.raises(ConfigError, match=complaint) as error:
         read_runs(folder)

@@ -216,9 +216,7 @@ def test_the_document_is_json_with_the_agreed_keys(rows: list[Row]) -> None:
         assert one["solve_ms"]["median"] > 0.0
 
 
-def test_baselines_solve_some_of_many_trials_and_ours_all(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_baselines_solve_some_of_the_trials_ours_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pointit_lab.evaluation.localization.localization.BASELINE_TRIALS", 5)
     assert BASELINE_TRIALS >= 100
     write_simulated(tmp_path, [Stand(x=0.1 * i) for i in range(22)])

@@ -219,8 +219,6 @@ def test_rows_are_those_of_the_devices_that_were_recorded(tmp_path: Path) -> Non
         ({}, "0,1,x,0,1\n", "column 'x'"),
     ],
 )
-def test_damage_is_refused_with_its_line(
-    tmp_path: Path, move: dict[str, object], rows: str, said: str
-) -> None:
+def test_damage_is_told_with_its_line(tmp_path: Path, move: dict[str, object], rows: str, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         read_moves(write(tmp_path, move, rows=rows))

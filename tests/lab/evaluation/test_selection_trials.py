@@ -72,9 +72,7 @@ def test_frames_are_drawn_only_for_eyes_that_are_due() -> None:
     assert score.frames < 0.9 * score.simulated_s * USUAL.eyes_hz  # fewer while the arm rests
 
 
-def test_people_do_not_take_the_ends_of_their_packages_for_their_cursor(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_people_do_not_take_ends_of_their_packages_for_their_cursor(monkeypatch: pytest.MonkeyPatch) -> None:
     """Once several packages of theirs move by, their ends have the cursor's colour and move as it may."""
     shown: list[Vec3 | None] = []
     away_m: list[float] = []

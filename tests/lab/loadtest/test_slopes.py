@@ -160,9 +160,7 @@ def load(*, central: bool) -> Load:
 @pytest.mark.parametrize("hosts", [1, 2, 5, 8])
 @pytest.mark.parametrize("routers", [1, 2, 4, 9])
 @pytest.mark.parametrize("fan", [1, 2, 32])
-def test_every_machine_reaches_the_root_and_no_router_has_more_than_fan_below(
-    hosts: int, routers: int, fan: int
-) -> None:
+def test_every_machine_reaches_the_root_no_router_has_over_fan(hosts: int, routers: int, fan: int) -> None:
     machines = tree(hosts, routers, fan)
     assert sum(machine.has_people for machine in machines) == hosts
     assert sum(machine.has_router for machine in machines) == routers

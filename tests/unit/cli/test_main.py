@@ -283,9 +283,7 @@ def test_command_of_a_package_is_shown_without_an_import_and_called(tmp_path: Pa
         ("wave = 3", "command 'wave': stranger_broken:wave is no Command"),
     ],
 )
-def test_command_that_cannot_be_loaded_costs_the_others_nothing(
-    tmp_path: Path, source: str, sentence: str
-) -> None:
+def test_command_that_cannot_be_loaded_costs_no_other_one(tmp_path: Path, source: str, sentence: str) -> None:
     with with_command(tmp_path, "stranger_broken", "wave = stranger_broken:wave", source):
         try:
             assert "wave" in call("--help").output

@@ -81,9 +81,7 @@ def _deaf(*_: object) -> contextlib.nullcontext[None]:
     return contextlib.nullcontext()
 
 
-async def test_a_router_that_cannot_tell_any_more_who_was_refused_ends_and_says_so(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+async def test_a_router_that_cannot_tell_refusals_ends_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(router, "captured_log", _deaf)
     monkeypatch.setattr(router, "TELL_S", 0.0)
     routing = Routing()
@@ -148,9 +146,7 @@ def test_elsewhere_the_own_identity_is_told_of(site: SiteFolder, tmp_path: Path)
     assert visible_rows(None, None, NOW) == []
 
 
-def test_a_folder_around_it_that_is_broken_or_of_another_site_does_no_harm(
-    site: SiteFolder, tmp_path: Path
-) -> None:
+def test_a_folder_around_it_broken_or_of_another_site_does_no_harm(site: SiteFolder, tmp_path: Path) -> None:
     other = SiteFolder(tmp_path / "hall")
     other.create(site.state().model_copy(update={"site": "hall"}), {"operator": "operator"}, NOW)
     credentials = read_credentials(site.identity_folder("operator"), NOW)

@@ -219,9 +219,7 @@ def test_a_dashboard_is_not_opened_to_a_network_without_encryption(monkeypatch: 
     "arguments",
     [("run", "--lan"), ("run", "--web-port", "0"), ("run", "--set", "web.rate_hz=3"), ("dashboard",)],
 )
-def test_who_asks_for_a_page_without_the_extra_is_told_the_remedy(
-    monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...]
-) -> None:
+def test_without_the_extra_it_is_said(monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...]) -> None:
     error = invoke(monkeypatch, *arguments, has_extra=False)
     assert isinstance(error, ConfigError)
     assert str(error).endswith("the page needs `scripts/setup web` in the folder of PointIt")
@@ -262,9 +260,7 @@ def test_the_afterword_stands_below_the_summary(capsys: pytest.CaptureFixture[st
     assert "There was no page." not in capsys.readouterr().out
 
 
-def test_a_run_has_the_link_of_the_one_before_until_a_new_one_is_wanted(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_run_has_the_link_of_the_last_until_a_new_one_is_wanted(monkeypatch: pytest.MonkeyPatch) -> None:
     plans: list[Plan] = []
 
     def execute(plan: Plan, _log_level: str) -> int:

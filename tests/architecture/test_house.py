@@ -164,9 +164,7 @@ def test_unit_tests_wait_for_no_real_time() -> None:
         for path in sorted(UNIT.rglob("*.py"))
         if (calls := wall_time_calls(path))
     }
-    assert found == listed(), (
-        "take the time of the loop or of a clock that the test moves; lower fallen counts"
-    )
+    assert found == listed(), "take the time of the loop or of a clock that tests move; lower fallen counts"
     assert sum(found.values()) <= MOST
 
 

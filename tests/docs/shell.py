@@ -150,9 +150,7 @@ def prepare(folder: Path) -> dict[str, str]:
             (folder / "scripts" / script.name).chmod(0o755)
     home = folder.with_name("home")
     home.mkdir()
-    inherited = {
-        name: value for name, value in os.environ.items() if not name.startswith(("POINTIT_", "XDG_"))
-    }
+    inherited = {key: value for key, value in os.environ.items() if not key.startswith(("POINTIT_", "XDG_"))}
     return {
         **inherited,
         "HOME": str(home),

@@ -279,9 +279,7 @@ async def test_red_packages_leave_at_bay_1_and_others_at_bay_3(commands: Command
     assert bays[BAY_REST]["blue"] >= 1, summary
     assert bays[BAY_SELECTED]["blue"] == 0, summary
     kept = {path.parent.name for path in (own_state / "lab").glob("*/*.sqlite")}
-    assert kept == {"selector", "conveyor-sim"}, (
-        "services keep what they must not lose, in the test's own folder"
-    )
+    assert kept == {"selector", "conveyor-sim"}, "services keep what they must not lose, in this folder"
 
 
 @pytest.mark.long  # tests/faults kills each service; tests/unit/conveyor_sim kills the conveyor and counts

@@ -254,8 +254,6 @@ async def test_a_child_that_cannot_begin_is_named_with_its_reason(commands: Comm
         await until(lambda: set(SERVICES) - {"led-driver"} <= set(seen.health), 30, "the others to go on")
         ended = await commands.pointit("doctor", "--json", "--connect", endpoint)
     assert ended.code == 1
-    assert ("absent", "led-driver") in {
-        (item["code"], item["service"]) for item in reported(ended)["findings"]
-    }
+    assert ("absent", "led-driver") in {(one["code"], one["service"]) for one in reported(ended)["findings"]}
     ended = await run.stop(code=0)
     assert "Traceback" not in ended.err

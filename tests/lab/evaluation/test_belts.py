@@ -109,9 +109,7 @@ def test_people_that_are_not_there_are_noted(tmp_path: Path) -> None:
 
 def test_the_published_runs() -> None:
     found = humans(data_file("recordings/belts_lab").parent, [])
-    pointing = {
-        condition: figures["pointing"] for (bench, condition), figures in found.items() if bench == NAME
-    }
+    pointing = {name: figures["pointing"] for (bench, name), figures in found.items() if bench == NAME}
     assert list(pointing) == [
         *("static, 1 of 3", "static, 2 of 6", "static, 3 of 9", "moving, 0.2 m/s"),
         *("moving, 0.9 m/s", "moving, 0.5 m/s"),

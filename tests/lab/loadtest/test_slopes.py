@@ -195,10 +195,7 @@ def test_people_are_spread_evenly_over_hosts_only() -> None:
 
 def test_shards_serve_the_people_of_their_host_and_are_observed_there() -> None:
     made = host_groups(load(central=False), 3, tree(2, 3, 2))
-    assert [[group.name for group in groups] for groups in made.values()] == [
-        ["site", "people 1"],
-        ["people 2"],
-    ]
+    assert [[one.name for one in groups] for groups in made.values()] == [["site", "people 1"], ["people 2"]]
     (site, first), (second,) = made.values()
     assert {"pui", "selector", "led-driver"} <= {launch.instance for launch in site.launches}
     assert (site.watched, site.watches_light) == ([], True)

@@ -156,16 +156,9 @@ async def test_processes_select_as_well_and_follow_the_simulated_clock(commands:
 
 async def test_no_cursor_is_a_failure(commands: Commands) -> None:
     ended = await commands.pointit(
-        "run",
-        "scenario_2",
-        "--duration",
-        "2",
-        "--set",
-        "user-sim.behaviour=rest",
-        "--no-view",
-        *listen(),
+        "run", "scenario_2", "--duration", "2", "--set", "user-sim.behaviour=rest", "--no-view", *listen(),
         code=1,
-    )
+    )  # fmt: skip
     assert ended.code == 1
     assert "no cursor ever appeared" in ended.err
     assert "Wrist to light: not measured" in ended.out

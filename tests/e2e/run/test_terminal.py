@@ -43,13 +43,9 @@ class Terminal:
         environment = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}
         environment |= {"TERM": kind, "COLORTERM": "truecolor"}
         self.process = subprocess.Popen(
-            [sys.executable, "-c", ADOPT, *without_page(arguments)],
-            stdin=slave,
-            stdout=slave,
-            stderr=slave,
-            start_new_session=True,
-            env=environment,
-        )
+            [sys.executable, "-c", ADOPT, *without_page(arguments)], stdin=slave, stdout=slave,
+            stderr=slave, start_new_session=True, env=environment,
+        )  # fmt: skip
 
     def read(self) -> str:
         while select.select([self.master], [], [], 0)[0]:

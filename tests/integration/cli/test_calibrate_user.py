@@ -51,13 +51,9 @@ class ErringLocalizer(PlayedLocalizer):
         """Publish the pose as one that was found by pointing."""
         variances = (0.01, 0.0, 0.0, 0.0, 0.0025, 0.0, 0.0, 0.0, yaw_sigma_rad**2)
         pose = UserPose(
-            stamp_ns=time.time_ns(),
-            position_m=self.position_m,
-            yaw_rad=self.yaw_rad,
-            covariance=variances,
-            method="static_targets",
-            elevation_bias_rad=bias_rad,
-        )
+            stamp_ns=time.time_ns(), position_m=self.position_m, yaw_rad=self.yaw_rad, covariance=variances,
+            method="static_targets", elevation_bias_rad=bias_rad,
+        )  # fmt: skip
         self._poses.put(pose)
 
     async def _point_anchor(self, query: PointAnchor, _user: str) -> Done:

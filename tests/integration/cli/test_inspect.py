@@ -172,13 +172,9 @@ REPORT_S = 0.1
 
 def report(instance: str, host: str, key: str, ahead_ns: int = 0) -> Health:
     return Health(
-        stamp_ns=time.time_ns() + ahead_ns,
-        service=instance.partition(".")[0],
-        instance=instance,
-        pid=1,
-        host=host,
-        keys=(KeyHealth(key=key, direction="out", rate_hz=50.0),),
-    )
+        stamp_ns=time.time_ns() + ahead_ns, service=instance.partition(".")[0], instance=instance, pid=1,
+        host=host, keys=(KeyHealth(key=key, direction="out", rate_hz=50.0),),
+    )  # fmt: skip
 
 
 @pytest_asyncio.fixture

@@ -32,15 +32,10 @@ BRIEF = [located(condition, solver) for condition in ("2 s", "3 targets") for so
 FULL = [replace(row, subject=subject) for row in BRIEF for subject in (ALL, "track_1")]
 DRIFT = [
     Row(
-        set="simulated_drift",
-        subject=ALL,
-        condition="3 min, 1 anchor/min, 5° scatter",
-        solver="re-anchored, constant rate",
-        n=300,
-        yaw_deg=ERROR,
-        yaw_within_2_sigma=0.9,
+        set="simulated_drift", subject=ALL, condition="3 min, 1 anchor/min, 5° scatter",
+        solver="re-anchored, constant rate", n=300, yaw_deg=ERROR, yaw_within_2_sigma=0.9,
     )
-]
+]  # fmt: skip
 
 
 def printed(rows: Sequence[Row], width: int, remarks: Sequence[str] = ()) -> str:

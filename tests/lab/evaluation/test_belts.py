@@ -122,13 +122,9 @@ def test_the_published_runs() -> None:
 
 def passage(selected_t: float | None = 2.5, **fields: Any) -> dict[str, Any]:
     usual = {
-        "subject": "V1",
-        "step": 0,
-        "speed_param": 2.0,
-        "target": True,
-        "t": [0.5 + 0.1 * i for i in range(50)],
-        "selected_t": selected_t,
-    }
+        "subject": "V1", "step": 0, "speed_param": 2.0, "target": True,
+        "t": [0.5 + 0.1 * i for i in range(50)], "selected_t": selected_t,
+    }  # fmt: skip
     return usual | fields
 
 
@@ -141,13 +137,9 @@ def write_passages(folder: Path, *lines: dict[str, Any]) -> Path:
 
 def test_recall_and_wrong_selections(tmp_path: Path) -> None:
     folder = write_passages(
-        tmp_path,
-        passage(2.5),
-        passage(3.5),
-        passage(None),
-        passage(None, target=False),
+        tmp_path, passage(2.5), passage(3.5), passage(None), passage(None, target=False),
         passage(1.0, target=False),
-    )
+    )  # fmt: skip
     figures = vr_figures(belts_vr.read_passages(folder))
     assert figures.n == 3
     assert figures.missed_rate == pytest.approx(1 / 3)

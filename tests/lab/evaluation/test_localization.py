@@ -246,13 +246,9 @@ def test_published_recordings_are_solved_sensibly() -> None:
 def following(stamps_s: list[float]) -> FollowRecording:
     ones = np.ones((len(stamps_s), 3))
     return FollowRecording(
-        set="s",
-        subject="a",
-        pointings=Pointings(np.array(stamps_s), ones, ones, ones),
-        heads_m=np.cumsum(ones, axis=0),
-        eye_height_m=1.6,
-        yaw_rad=None,
-    )
+        set="s", subject="a", pointings=Pointings(np.array(stamps_s), ones, ones, ones),
+        heads_m=np.cumsum(ones, axis=0), eye_height_m=1.6, yaw_rad=None,
+    )  # fmt: skip
 
 
 @given(st.lists(st.floats(0.0, 60.0), min_size=1, max_size=60))

@@ -168,13 +168,9 @@ STATES = [[0.0, "STATE_IDLE"], [1.0, "STATE_GOAL"], [9.0, "STATE_LANDING"]]
 def write(folder: Path, *moves: dict[str, object], rows: str = "") -> Path:
     """Write a move from (-1, 0) to (1, 0), with a corner at (0, 1), that ends 0.1 m beside the spot."""
     usual: dict[str, object] = {
-        "move": 0,
-        "subject": "a",
-        "mode": "pointing",
-        "from_xy": [-1.0, 0.0],
-        "to_xy": [1.0, 0.0],
+        "move": 0, "subject": "a", "mode": "pointing", "from_xy": [-1.0, 0.0], "to_xy": [1.0, 0.0],
         "states": STATES,
-    }
+    }  # fmt: skip
     lines = [json.dumps(usual | move) for move in moves or ({},)]
     (folder / MOVES).write_text("\n".join(lines) + "\n", encoding="utf-8")
     way = "".join(

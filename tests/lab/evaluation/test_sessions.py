@@ -82,13 +82,9 @@ def seen(user: str, stand: Stand, until_s: float = 30.0) -> Iterator[Entry]:
 def found(user: str, time_s: float, x: float, y: float) -> Entry:
     """Return a pose as the localizer publishes it."""
     pose = schemas.UserPose(
-        stamp_ns=at(time_s),
-        position_m=(x, y, 0.0),
-        yaw_rad=0.0,
-        method="static_targets",
-        covariance=(0.04, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.01),
-        anchored_ns=at(time_s),
-    )
+        stamp_ns=at(time_s), position_m=(x, y, 0.0), yaw_rad=0.0, method="static_targets",
+        covariance=(0.04, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.01), anchored_ns=at(time_s),
+    )  # fmt: skip
     return said(time_s, POSE, user, pose)
 
 
@@ -128,16 +124,12 @@ def test_poses_of_the_session_are_scored_as_they_were_found(tmp_path: Path) -> N
 def test_pointing_at_lamps_afterwards_is_scored_without_a_tracker(tmp_path: Path) -> None:
     anchors = [
         schemas.Anchor(
-            stamp_ns=at(time_s),
-            target_id="one",
-            origin_m=(0.0, 0.0, 1.6),
-            raw_direction=(1.0, 0.0, 0.0),
-            direction=(1.0, 0.0, 0.0),
-            azimuth_error_rad=math.radians(3.0),
+            stamp_ns=at(time_s), target_id="one", origin_m=(0.0, 0.0, 1.6), raw_direction=(1.0, 0.0, 0.0),
+            direction=(1.0, 0.0, 0.0), azimuth_error_rad=math.radians(3.0),
             elevation_error_rad=math.radians(-4.0),
         )
         for time_s in (1.0, 2.0)
-    ]
+    ]  # fmt: skip
     path = session(
         tmp_path / "s.mcap", [said(each.stamp_ns / 1e9 - 1000, ANCHOR, "anna", each) for each in anchors]
     )

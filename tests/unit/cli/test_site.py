@@ -98,14 +98,9 @@ LATER = NOW + dt.timedelta(days=345)
 def made(path: Path, *, password: bool = False) -> SiteFolder:
     folder = SiteFolder(path)
     state = SiteState(
-        site="lab",
-        hosts=("127.0.0.1",),
-        port=7447,
-        days=365,
-        password=password,
-        dashboard_rate_hz=0.0,
+        site="lab", hosts=("127.0.0.1",), port=7447, days=365, password=password, dashboard_rate_hz=0.0,
         identities={},
-    )
+    )  # fmt: skip
     folder.create(state, {"anna": "user", "ben": "user", "carla": "user", "operator": "operator"}, NOW)
     return folder
 

@@ -64,9 +64,8 @@ ROOMS = {
         ("tests/unit/web", "tests/integration/web", "tests/e2e/web"),
         (
             *("tests/unit/cli_run", "tests/unit/deploy", "tests/unit/recorder", "tests/wheel"),
-            *("tests/integration/cli/test_stage.py", "tests/unit/cli/test_page_of_a_recording.py"),
-            *("tests/e2e/run/test_metrics.py", "tests/e2e/run/test_terminal.py"),
-            "tests/unit/foxglove/test_layout.py",
+            *("tests/integration/cli/test_stage.py", "tests/e2e/run/test_metrics.py"),
+            *("tests/e2e/run/test_terminal.py", "tests/unit/foxglove/test_layout.py"),
             "tests/unit/launch",
             *(
                 "tests/devices/test_mqtt_lamps.py",
@@ -92,7 +91,7 @@ ROOMS = {
             "tests/integration/scenario/test_send_a_robot.py",
             "tests/integration/api/test_found_by_following.py",
             *(f"tests/lab/evaluation/test_robot_{what}.py" for what in ("evaluation", "identification")),
-            "tests/lab/cli/test_evaluate_robots.py",
+            "tests/lab/cli/test_evaluate_selection.py",
             "tests/e2e/web/test_robots.py",
         ),
     ),

@@ -33,9 +33,7 @@ def test_examples_name_extras_and_the_version_that_there_are() -> None:
     assert set(re.findall(r"pointit-([\d.]+)-py3", text)) == {PROJECT["version"]}
 
 
-def test_remedy_is_the_script_in_a_checkout_and_pip_elsewhere(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_remedy_is_a_script_in_a_checkout_else_pip(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     assert (extras.CHECKOUT, extras.remedy("web")) == (ROOT, "`scripts/setup web` in the folder of PointIt")
     monkeypatch.setattr(extras, "CHECKOUT", tmp_path)
     assert extras.remedy("web") == "`pip install 'pointit[web]'`"

@@ -39,9 +39,7 @@ def lanes() -> ModuleType:
         (["docs/how-to/run.md", "README.md"], "documents", "tests/docs", "tests/golden"),
     ],
 )  # fmt: skip
-def test_a_change_in_one_room_runs_its_lane(
-    lanes: ModuleType, changed: list[str], why: str, runs: str, leaves: str
-) -> None:
+def test_a_room_runs_a_lane(lanes: ModuleType, changed: list[str], why: str, runs: str, leaves: str) -> None:
     told, tests = lanes.lane(changed)
     assert told.startswith(f"{why}: ")
     assert runs in tests
@@ -114,9 +112,7 @@ def run(lanes: ModuleType, monkeypatch: pytest.MonkeyPatch, folder: Path, base: 
     return (told.partition(":")[0], *tests)
 
 
-def test_what_has_changed_is_compared_with_what_has_landed(
-    lanes: ModuleType, monkeypatch: pytest.MonkeyPatch, clone: Path
-) -> None:
+def test_changes_since_what_landed(lanes: ModuleType, monkeypatch: pytest.MonkeyPatch, clone: Path) -> None:
     assert run(lanes, monkeypatch, clone) == ("everything",)
     commit(clone, "lab/pointit_lab/cli/a.py", "tests/lab/cli/test_a.py")
     assert run(lanes, monkeypatch, clone) == ("lab", "tests/lab")

@@ -246,9 +246,7 @@ def test_ci_installs_what_tests_need_and_says_what_is_missing(machine: Machine, 
     ],
     ids=["room", "documents", "containers"],
 )
-def test_ci_runs_the_tests_of_a_lane_and_the_gates_alone(
-    machine: Machine, tests: list[str], runs: list[str]
-) -> None:
+def test_ci_runs_tests_of_a_lane_and_the_gates(machine: Machine, tests: list[str], runs: list[str]) -> None:
     shutil.copytree(ROOT / ".ci", machine.root / ".ci")
     told = "\n".join(["page: nothing else has changed", *tests])
     (machine.root / ".ci" / "lanes.py").write_text(f"print({told!r})\n", encoding="utf-8")
@@ -293,9 +291,7 @@ ONE, TWO = "tests/faults/test_a.py::test_b[c d]", "tests/faults/test_e.py::test_
     ],
     ids=["unstable", "unstable files", "broken", "too many", "no test but the job"],
 )
-def test_ci_runs_the_files_of_a_few_tests_that_failed_once_more(
-    machine: Machine, failed: list[str], alone: int, status: int
-) -> None:
+def test_ci_runs_failed_files_once_more(machine: Machine, failed: list[str], alone: int, status: int) -> None:
     shutil.copytree(ROOT / ".ci", machine.root / ".ci")
     for script in ("../.ci/versions", "../.ci/containers", "setup", "check", "docs", "mutants"):
         (machine.root / "scripts" / script).write_text("#!/bin/sh\n", encoding="utf-8")
@@ -330,9 +326,7 @@ MADE_BASE = "localhost/pointit-base:ci"
     ("there", "pulled", "is_made"),
     [("official", 1, False), ("", 0, False), ("", 1, True), ("made", 1, False)],
 )
-def test_an_image_that_ci_makes_is_not_named_as_the_official_one(
-    machine: Machine, there: str, pulled: int, *, is_made: bool
-) -> None:
+def test_an_image_of_ci_has_its_own_name(machine: Machine, there: str, pulled: int, *, is_made: bool) -> None:
     shutil.copytree(ROOT / ".ci", machine.root / ".ci")
     shutil.copytree(ROOT / "deploy", machine.root / "deploy")
     machine.add("podman", PODMAN)

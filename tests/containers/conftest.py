@@ -80,13 +80,9 @@ class Stack:
         """Run podman-compose on one of the files; return what it has said."""
         own = {"SITE": self.site, "PORT": str(self.port), "PAGE_PORT": str(self.page_port), "IMAGE": IMAGE}
         done = subprocess.run(
-            [COMPOSE, "-f", str(DEPLOY / file), *arguments],
-            check=False,
-            capture_output=True,
-            text=True,
-            timeout=300,
-            env={**os.environ, **own, **variables},
-        )
+            [COMPOSE, "-f", str(DEPLOY / file), *arguments], check=False, capture_output=True, text=True,
+            timeout=300, env={**os.environ, **own, **variables},
+        )  # fmt: skip
         return done.stdout + done.stderr
 
     def name(self, service: str) -> str:

@@ -150,9 +150,7 @@ def prepare(folder: Path) -> dict[str, str]:
             (folder / "scripts" / script.name).chmod(0o755)
     home = folder.with_name("home")
     home.mkdir()
-    inherited = {
-        name: value for name, value in os.environ.items() if not name.startswith(("POINTIT_", "XDG_"))
-    }
+    inherited = {key: value for key, value in os.environ.items() if not key.startswith(("POINTIT_", "XDG_"))}
     return {
         **inherited,
         "HOME": str(home),
@@ -172,14 +170,10 @@ async def shell(folder: Path) -> AsyncGenerator[Shell]:
     user = () if os.geteuid() == 0 else ("--user", "--map-root-user")
     with (notes / "bash").open("wb") as errors:
         bash = await asyncio.create_subprocess_exec(
-            *(NAMESPACES[0], *user, *NAMESPACES[1:]),
-            *("bash", "--noprofile", "--norc"),
-            stdin=asyncio.subprocess.PIPE,
-            stdout=asyncio.subprocess.PIPE,
-            stderr=errors,
-            cwd=page,
+            *(NAMESPACES[0], *user, *NAMESPACES[1:]), *("bash", "--noprofile", "--norc"),
+            stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, stderr=errors, cwd=page,
             env=environment,
-        )
+        )  # fmt: skip
     try:
         there(bash.stdin).write(f"set -m; ip link set lo up; ip address add {ADDRESS}/32 dev lo\n".encode())
         yield Shell(bash, notes)

@@ -1,19 +1,36 @@
-"""The examples that use the API, beside a simulated site in virtual time."""
+"""The examples that use the API, beside a simulated site, a genuine broker, and in a browser."""
 
 import ast
+import asyncio
+import contextlib
 import inspect
 import json
+from collections.abc import AsyncGenerator, Iterator
+from pathlib import Path
 from typing import Any
 
+import aiomqtt
 import matplotlib as mpl
 import pytest
 
 import pointit
-from examples import my_lamp, my_tracker
-from pointit.schemas import SelectionEvent
+from examples import mqtt_relay, my_lamp, my_tracker
+from pointit.bridges.foxglove.config import FoxgloveConfig
+from pointit.bridges.foxglove.service import SERVICE
+from pointit.runtime.bus.local_broker import LocalBroker
+from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.clock import WallClock
+from pointit.schemas import Hover, Selection, SelectionEvent, StripsFrame
 from pointit.schemas.base import Rgb
+from pointit.schemas.environment import StripFrame
+from pointit.schemas.selection import SelectedObject
+from pointit.schemas.topics import CONVEYOR_STATE, HOVER, SELECTION, STRIPS_FRAME
 from tests.architecture.sources import ROOT
 from tests.examples.running import running
+from tests.support.bench import Bench, until
+from tests.support.browser import NAMES, chromium, installed
+from tests.support.buses import free_port, is_listening
+from tests.support.mqtt import broker
 
 NOTEBOOK = json.loads((ROOT / "examples" / "pointing.ipynb").read_text(encoding="utf-8"))
 PATIENCE_S = 120.0
@@ -80,3 +97,88 @@ async def test_notebook_runs_and_is_stored_without_its_results() -> None:
     names["plt"].close("all")
     assert names["found"].position_sigma_m < 0.5
     assert names["slope_s"] > 0.1  # s/bit: harder targets take longer
+
+
+DASHBOARD = ROOT / "examples" / "dashboard"
+PATIENCE_MS = 60_000
+
+
+def test_dashboard_has_forty_lines() -> None:
+    lines = (DASHBOARD / "dashboard.js").read_text(encoding="utf-8").splitlines()
+    assert len([line for line in lines if line.strip() and not line.strip().startswith("//")]) <= 40
+
+
+@pytest.mark.slow
+async def test_dashboard_shows_light_people_and_selection() -> None:
+    path = installed()
+    if path is None:
+        pytest.skip(f"no browser: none of {', '.join(NAMES)} is in PATH")
+    bus = MemoryBus(LocalBroker())
+    bench = Bench(bus, WallClock())
+    port = free_port()
+    bench.start(SERVICE, FoxgloveConfig(port=port))
+    await until(lambda: is_listening(port), what="the bridge listens")
+    bench.put(STRIPS_FRAME, StripsFrame(stamp_ns=1, strips=(StripFrame(id="s", rgb=b"\xff\x00\x00" * 10),)))
+    bench.put(HOVER, Hover(stamp_ns=1, object_id="7", progress=0.5, action="select"), "anna")
+    selected = SelectedObject(id="3", user="ben", since_ns=1, kind="red")
+    bench.put(SELECTION, Selection(stamp_ns=1, objects=(selected,)))
+    try:
+        async with chromium(path) as browser:
+            page = await browser.new_page()
+            page.set_default_timeout(PATIENCE_MS)
+            await page.goto(f"{(DASHBOARD / 'index.html').as_uri()}?at=ws://127.0.0.1:{port}")
+            await page.get_by_text("ben: red 3").wait_for()
+            await page.get_by_text("▰▰▰▰▰▱▱▱▱▱ select 7").wait_for()
+            await page.locator("canvas").wait_for()
+            color = "document.querySelector('canvas').getContext('2d').getImageData(9, 0, 1, 1).data.join()"
+            assert await page.evaluate(color) == "255,0,0,255"
+            assert await page.get_by_text("anna").get_attribute("title") == Hover.__doc__
+    finally:
+        await bench.stop()
+        await bus.close()
+
+
+RELAY_S = 60.0
+
+
+@pytest.fixture
+def broker_port(tmp_path: Path) -> Iterator[int]:
+    with broker(tmp_path) as port:
+        yield port
+
+
+@contextlib.asynccontextmanager
+async def listening(port: int) -> AsyncGenerator[tuple[aiomqtt.Client, dict[str, list[Any]]]]:
+    """Yield a client, and all that it has received, by topic."""
+    received: dict[str, list[Any]] = {}
+
+    async def listen() -> None:
+        async for message in client.messages:
+            received.setdefault(str(message.topic), []).append(json.loads(bytes(message.payload)))
+
+    async with aiomqtt.Client("127.0.0.1", port) as client:
+        await client.subscribe([("pointit/selection", 1), ("pointit/events", 1)])
+        async with running(listen()):
+            yield client, received
+
+
+@pytest.mark.slow
+async def test_relay_sends_selections_takes_speed(broker_port: int, caplog: pytest.LogCaptureFixture) -> None:
+    await until(lambda: is_listening(broker_port), what="the broker")
+    async with (
+        pointit.run("scenario_3") as site,
+        listening(broker_port) as (client, received),
+        aiomqtt.Client("127.0.0.1", broker_port) as relays,
+        running(mqtt_relay.relay(site, relays)),
+        asyncio.timeout(RELAY_S),
+    ):
+        await client.publish(mqtt_relay.SPEED, "0.125", retain=True)  # the relay may not have come yet
+        async for state in site.messages(CONVEYOR_STATE):
+            if state.speed_mps == 0.125:
+                break
+        await client.publish(mqtt_relay.SPEED, "fast")
+        await until(lambda: "could not convert string to float" in caplog.text, RELAY_S, "a warning")
+        await until(lambda: received.get("pointit/selection", [[]])[-1] != [], RELAY_S, "a selection")
+    (selected,) = received["pointit/selection"][-1]
+    (event,) = (each for each in received["pointit/events"] if each["event"] == "selected")
+    assert (selected["id"], selected["kind"], selected["user"]) == (event["object_id"], "red", "user1")

@@ -177,9 +177,7 @@ def test_two_processes_write_the_same_bytes_whatever_the_order_of_their_sets(tmp
         assert recording.counts[STRIPS_FRAME.key] > 0 or recording.counts[CURSOR.at("anna")] > 0
 
 
-def test_nothing_is_overwritten_and_nothing_is_left_behind(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nothing_is_overwritten_or_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scratch = tmp_path / "scratch"
     scratch.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(scratch))
@@ -242,9 +240,7 @@ def test_a_recording_without_a_map_opens_no_file_elsewhere(tmp_path: Path) -> No
     assert "refers to the map '/etc/hostname'" in str(result.exception)
 
 
-def test_recorded_led_outputs_are_named_and_driven_only_if_told_to(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_recorded_leds_are_named_and_driven_if_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     driven: list[bool] = []
 
     async def play_live(*_: object, lights: bool) -> None:
@@ -275,9 +271,7 @@ def test_recorded_led_outputs_are_named_and_driven_only_if_told_to(
     assert "give --live, too" in str(invoke(file, "--leds", "recorded").exception)
 
 
-def test_a_result_that_cannot_be_written_ends_the_replay(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_result_that_cannot_be_written_ends_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(_self: RecordingWriter, _entry: Entry) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
@@ -350,9 +344,7 @@ def test_a_recording_without_samples_says_what_is_missing_and_where_to_start(tmp
         ({"service": "web"}, "configuration/selector names another service"),
     ],
 )
-def test_a_configuration_that_cannot_be_used_is_refused_in_one_sentence(
-    change: dict[str, str], complaint: str, tmp_path: Path
-) -> None:
+def test_a_bad_configuration_is_one_sentence(change: dict[str, str], complaint: str, tmp_path: Path) -> None:
     entries = [
         entry._replace(body=entry.body.model_copy(update=change))
         if isinstance(entry.body, Configuration) and entry.name == "selector"

@@ -53,13 +53,9 @@ class Site:
     async def python(self, *arguments: str) -> AsyncGenerator[asyncio.subprocess.Process]:
         """Run `python …` on this site; it is killed at the end of the block."""
         process = await asyncio.create_subprocess_exec(
-            sys.executable,
-            *arguments,
-            "--connect",
-            self.endpoint,
-            stdout=asyncio.subprocess.PIPE,
+            sys.executable, *arguments, "--connect", self.endpoint, stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.PIPE,
-        )
+        )  # fmt: skip
         try:
             yield process
         finally:

@@ -83,13 +83,9 @@ class Command:
                 self.process = ForkedProcess(arguments, self._out, self._err, whole)
             else:
                 self.process = subprocess.Popen(
-                    arguments,
-                    stdin=subprocess.DEVNULL,
-                    stdout=out,
-                    stderr=err,
-                    env=whole,
+                    arguments, stdin=subprocess.DEVNULL, stdout=out, stderr=err, env=whole,
                     start_new_session=True,
-                )
+                )  # fmt: skip
 
     @property
     def out(self) -> str:

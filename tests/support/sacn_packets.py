@@ -20,10 +20,6 @@ def read_packet(packet: bytes) -> SacnPacket:
     """Return the content of `packet`. Raises TypeError if it is none of E1.31's data."""
     read = _data_packet.DataPacket.make_data_packet(packet)
     return SacnPacket(
-        cid=bytes(read.cid),
-        universe=read.universe,
-        priority=read.priority,
-        sequence=read.sequence,
-        ended=read.option_StreamTerminated,
-        slots=bytes(read.dmxData),
-    )
+        cid=bytes(read.cid), universe=read.universe, priority=read.priority, sequence=read.sequence,
+        ended=read.option_StreamTerminated, slots=bytes(read.dmxData),
+    )  # fmt: skip

@@ -27,13 +27,9 @@ class Told:
         """Answers carry no names: each query waits until the one before has been answered."""
         with said.open("w") as stderr:
             self._process = subprocess.Popen(
-                command,
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=stderr,
-                text=True,
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=stderr, text=True,
                 env=environment,
-            )
+            )  # fmt: skip
 
     def wait(self) -> None:
         """Return when it is ready, which it reports by `{}`."""

@@ -122,9 +122,7 @@ async def test_commands_find_what_they_read(plain: Path, commands: Commands) -> 
     assert "pictures need matplotlib, which is not installed; run `pip install 'pointit[plot]'`" in refused
 
 
-async def test_laboratory_adds_its_commands_when_it_is_installed_beside(
-    wheel: Path, plain: Path, commands: Commands
-) -> None:
+async def test_laboratory_beside_adds_its_commands(wheel: Path, plain: Path, commands: Commands) -> None:
     (laboratory,) = wheel.parent.glob("pointit_lab-*.whl")
     tracked = run("git", "ls-files", "-co", "--exclude-standard", "lab/pointit_lab", cwd=ROOT).splitlines()
     with zipfile.ZipFile(laboratory) as archive:
@@ -170,9 +168,7 @@ async def test_uvx_runs_the_wheel_and_serves_the_page(wheel: Path, commands: Com
 
 
 @pytest.mark.parametrize("where", ["editable install", "wheel"])
-def test_type_checkers_see_every_public_name_of_the(
-    where: str, tmp_path: Path, request: pytest.FixtureRequest
-) -> None:
+def test_type_checkers_see_all_names_of(where: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
     """Run both without any configuration, on a program outside the checkout, as an editor does."""
     python = sys.executable
     if where == "wheel":

@@ -62,9 +62,7 @@ async def test_a_run_ends_with_its_summary(
 
 
 @pytest.mark.parametrize("processes", [(), ("--processes",)])
-async def test_ctrl_c_in_a_terminal_reaches_the_whole_group(
-    commands: Commands, endpoint: str, processes: tuple[str, ...]
-) -> None:
+async def test_ctrl_c_reaches_a_group(commands: Commands, endpoint: str, processes: tuple[str, ...]) -> None:
     run = commands.start_program(*RUN, *processes, "--listen", endpoint)
     async with onlooker(endpoint) as seen:
         await until(lambda: "user-sim.user1" in seen.health, 30, "a run")
@@ -213,14 +211,10 @@ async def test_what_is_typed_or_written_wrong_is_named(
     commands: Commands, endpoint: str, tmp_path: Path, arguments: tuple[str, ...], parts: list[str]
 ) -> None:
     files = {
-        "broken": "about: a\nplaces: [\n  - b\n",
-        "places": "about: a\nplaces: [{position_m: [1, 2]}]\n",
-        "service": PLACE + "site: {puj: {}}\n",
-        "parameter": PLACE + "site: {pui: {nope: 3}}\n",
-        "section": "puj: {}\n",
-        "value": "selector: {window_s: soon}\n",
-        "map": "strips: 3\n",
-    }
+        "broken": "about: a\nplaces: [\n  - b\n", "places": "about: a\nplaces: [{position_m: [1, 2]}]\n",
+        "service": PLACE + "site: {puj: {}}\n", "parameter": PLACE + "site: {pui: {nope: 3}}\n",
+        "section": "puj: {}\n", "value": "selector: {window_s: soon}\n", "map": "strips: 3\n",
+    }  # fmt: skip
     for name, text in files.items():
         (tmp_path / f"{name}.yaml").write_text(text)
     filled = [argument.replace("{folder}", str(tmp_path)) for argument in arguments]

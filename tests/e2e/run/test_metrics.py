@@ -83,9 +83,7 @@ def prometheus(folder: Path, target: str) -> Generator[Prometheus]:
 
 
 @pytest.mark.slow
-async def test_prometheus_reads_the_rates_latencies_and_services_of_a_run(
-    commands: Commands, endpoint: str, tmp_path: Path
-) -> None:
+async def test_prometheus_reads_figures_of_a_run(commands: Commands, endpoint: str, tmp_path: Path) -> None:
     commands.start("run", "scenario_3", "--no-view", "--listen", endpoint)
     async with onlooker(endpoint) as seen:
         await seen.sees_cursors("user1", patience_s=START_S)

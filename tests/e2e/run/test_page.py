@@ -69,9 +69,7 @@ async def test_the_port_can_be_set_like_any_parameter(commands: Commands, endpoi
 
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("processes", [(), ("--processes",)])
-async def test_another_scenario_takes_its_place(
-    commands: Commands, endpoint: str, processes: tuple[str, ...]
-) -> None:
+async def test_another_takes_its_place(commands: Commands, endpoint: str, processes: tuple[str, ...]) -> None:
     command = run(commands, endpoint, "scenario_4", "--json", *processes)
     url = await address_of(command)
     async with onlooker(endpoint) as seen:
@@ -125,9 +123,7 @@ async def test_a_run_goes_on_while_a_page_is_open(commands: Commands, endpoint: 
     assert summary_of(ended)["duration_s"] > 12
 
 
-async def test_a_duration_that_was_asked_for_ends_it_whoever_looks_on(
-    commands: Commands, endpoint: str
-) -> None:
+async def test_a_duration_asked_for_ends_it_whoever_looks_on(commands: Commands, endpoint: str) -> None:
     command = run(commands, endpoint, "scenario_2", "--duration", "8", "--json")
     async with looking_on(await address_of(command)):
         ended = await command.end()
@@ -206,9 +202,7 @@ async def test_a_dashboard_beside_a_run(commands: Commands, endpoint: str, *, ha
 
 @pytest.mark.slow
 @pytest.mark.timeout(300)
-async def test_a_dashboard_that_is_started_late_shows_what_happened_before(
-    commands: Commands, endpoint: str
-) -> None:
+async def test_a_dashboard_started_late_shows_what_was_before(commands: Commands, endpoint: str) -> None:
     commands.start("run", "scenario_4", "--no-view", "--no-web", "--listen", endpoint)
     events: list[SelectionEvent] = []
     async with onlooker(endpoint) as seen:

@@ -40,9 +40,7 @@ def assert_flawless(summary: dict[str, Any]) -> None:
 
 @pytest.mark.slow
 @pytest.mark.timeout(300)
-async def test_the_simulated_person_selects_every_red_segment_and_no_other(
-    commands: Commands, tmp_path: Path
-) -> None:
+async def test_the_simulated_person_selects_all_that_is_red_only(commands: Commands, tmp_path: Path) -> None:
     """Other seeds, and without processes: tests/integration/scenario, in virtual time."""
     path = tmp_path / "summary.json"
     run = commands.start_program(
@@ -158,24 +156,15 @@ async def test_processes_select_as_well_and_follow_the_simulated_clock(commands:
 
 async def test_no_cursor_is_a_failure(commands: Commands) -> None:
     ended = await commands.pointit(
-        "run",
-        "scenario_2",
-        "--duration",
-        "2",
-        "--set",
-        "user-sim.behaviour=rest",
-        "--no-view",
-        *listen(),
+        "run", "scenario_2", "--duration", "2", "--set", "user-sim.behaviour=rest", "--no-view", *listen(),
         code=1,
-    )
+    )  # fmt: skip
     assert ended.code == 1
     assert "no cursor ever appeared" in ended.err
     assert "Wrist to light: not measured" in ended.out
 
 
-async def test_a_device_that_is_not_there_is_why_no_cursor_appeared(
-    commands: Commands, tmp_path: Path
-) -> None:
+async def test_a_device_not_there_is_why_no_cursor_appeared(commands: Commands, tmp_path: Path) -> None:
     port = tmp_path / "ttyUSB0"
     ended = await commands.pointit(
         "run", "scenario_1", "--duration", "3", "--imu", f"serial:{port}", "--no-view", *listen(), code=1
@@ -271,9 +260,7 @@ class Books:
         return owned
 
 
-async def test_red_packages_leave_at_bay_1_and_the_others_at_bay_3(
-    commands: Commands, own_state: Path
-) -> None:
+async def test_red_packages_leave_at_bay_1_and_others_at_bay_3(commands: Commands, own_state: Path) -> None:
     ended = await commands.pointit(
         *("run", "scenario_4", "--speed", "3", "--duration", "75", "--no-view", "--json"), *listen(), code=0
     )
@@ -285,16 +272,12 @@ async def test_red_packages_leave_at_bay_1_and_the_others_at_bay_3(
     assert bays[BAY_REST]["blue"] >= 1, summary
     assert bays[BAY_SELECTED]["blue"] == 0, summary
     kept = {path.parent.name for path in (own_state / "lab").glob("*/*.sqlite")}
-    assert kept == {"selector", "conveyor-sim"}, (
-        "services keep what they must not lose, in the test's own folder"
-    )
+    assert kept == {"selector", "conveyor-sim"}, "services keep what they must not lose, in this folder"
 
 
 @pytest.mark.long  # tests/faults kills each service; tests/unit/conveyor_sim kills the conveyor and counts
 @pytest.mark.timeout(240)
-async def test_selector_and_conveyor_may_be_killed_and_nothing_is_lost_or_told_twice(
-    commands: Commands,
-) -> None:
+async def test_selector_and_conveyor_may_be_killed_nothing_is_lost_or_told_twice(commands: Commands) -> None:
     option, endpoint = listen()
     run = commands.start(
         *("run", "scenario_4", "--users", "2", "--processes", "--duration", "600", "--no-view"),

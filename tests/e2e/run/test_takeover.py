@@ -62,9 +62,7 @@ async def is_run_by(seen: Onlooker, command: Command, patience_s: float = TAKEN_
 
 
 @pytest.mark.long
-async def test_a_stopped_process_loses_its_name_and_ends_when_it_wakes(
-    commands: Commands, endpoint: str
-) -> None:
+async def test_a_stopped_process_loses_its_name_and_ends_awake(commands: Commands, endpoint: str) -> None:
     join = ("person", "add", "anna", "--no-view", "--connect", endpoint)
     async with site_seen(commands, endpoint) as seen:
         old = commands.start(*join)
@@ -95,9 +93,7 @@ async def test_a_killed_process_is_followed_at_once(commands: Commands, endpoint
         assert "already" not in last.err
 
 
-async def test_a_single_service_of_a_person_is_refused_beside_a_living_one(
-    commands: Commands, endpoint: str
-) -> None:
+async def test_a_single_service_is_refused_beside_a_living_one(commands: Commands, endpoint: str) -> None:
     commands.start("run", "scenario_2", "--no-view", "--listen", endpoint)
     async with onlooker(endpoint) as seen:
         await seen.sees_cursors("user1")
@@ -162,9 +158,7 @@ async def selects(seen: Onlooker) -> None:
         each.close()
 
 
-async def test_a_persons_process_computes_their_cursor_and_the_site_goes_on_without_it(
-    commands: Commands, endpoint: str
-) -> None:
+async def test_a_persons_process_computes_the_cursor_until_it_ends(commands: Commands, endpoint: str) -> None:
     join = ("person", "add", "anna", "--here", "--no-view", "--connect", endpoint)
     async with site_seen(commands, endpoint, "scenario_3") as seen:
         person = commands.start(*join)
@@ -178,9 +172,7 @@ async def test_a_persons_process_computes_their_cursor_and_the_site_goes_on_with
         await is_served_by(seen, "pui.anna", "selector.anna")
 
 
-async def test_when_only_the_shards_fail_the_site_serves_the_person(
-    commands: Commands, endpoint: str
-) -> None:
+async def test_when_only_shards_fail_the_site_serves_the_person(commands: Commands, endpoint: str) -> None:
     async with site_seen(commands, endpoint, "scenario_3") as seen:
         commands.start("person", "add", "anna", "--here", "--processes", "--no-view", "--connect", endpoint)
         await is_served_by(seen, "pui.anna", "selector.anna")
@@ -262,8 +254,6 @@ async def test_a_child_that_cannot_begin_is_named_with_its_reason(commands: Comm
         await until(lambda: set(SERVICES) - {"led-driver"} <= set(seen.health), 30, "the others to go on")
         ended = await commands.pointit("doctor", "--json", "--connect", endpoint)
     assert ended.code == 1
-    assert ("absent", "led-driver") in {
-        (item["code"], item["service"]) for item in reported(ended)["findings"]
-    }
+    assert ("absent", "led-driver") in {(one["code"], one["service"]) for one in reported(ended)["findings"]}
     ended = await run.stop(code=0)
     assert "Traceback" not in ended.err

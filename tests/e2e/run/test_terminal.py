@@ -43,13 +43,9 @@ class Terminal:
         environment = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}
         environment |= {"TERM": kind, "COLORTERM": "truecolor"}
         self.process = subprocess.Popen(
-            [sys.executable, "-c", ADOPT, *without_page(arguments)],
-            stdin=slave,
-            stdout=slave,
-            stderr=slave,
-            start_new_session=True,
-            env=environment,
-        )
+            [sys.executable, "-c", ADOPT, *without_page(arguments)], stdin=slave, stdout=slave,
+            stderr=slave, start_new_session=True, env=environment,
+        )  # fmt: skip
 
     def read(self) -> str:
         while select.select([self.master], [], [], 0)[0]:
@@ -181,9 +177,7 @@ async def test_space_and_enter_are_the_persons_button(endpoint: str, key: bytes)
         assert shown.after == shown.before
 
 
-async def test_logs_stand_above_the_view(
-    endpoint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_logs_stand_above_it(endpoint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A child that is killed is reported while the view is drawn."""
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     with terminal(120, 50, "run", "scenario_3", "--processes", "--listen", endpoint) as shown:

@@ -51,13 +51,9 @@ class ErringLocalizer(PlayedLocalizer):
         """Publish the pose as one that was found by pointing."""
         variances = (0.01, 0.0, 0.0, 0.0, 0.0025, 0.0, 0.0, 0.0, yaw_sigma_rad**2)
         pose = UserPose(
-            stamp_ns=time.time_ns(),
-            position_m=self.position_m,
-            yaw_rad=self.yaw_rad,
-            covariance=variances,
-            method="static_targets",
-            elevation_bias_rad=bias_rad,
-        )
+            stamp_ns=time.time_ns(), position_m=self.position_m, yaw_rad=self.yaw_rad, covariance=variances,
+            method="static_targets", elevation_bias_rad=bias_rad,
+        )  # fmt: skip
         self._poses.put(pose)
 
     async def _point_anchor(self, query: PointAnchor, _user: str) -> Done:
@@ -91,9 +87,7 @@ async def localizer(site: Site) -> AsyncIterator[ErringLocalizer]:
         await played.stop()
 
 
-async def test_pointing_at_the_lamps_gives_the_offset_which_is_kept_shown_and_forgotten(
-    site: Site, localizer: ErringLocalizer, own_state: Path
-) -> None:
+async def test_offset_is_kept_and_forgotten(site: Site, localizer: ErringLocalizer, own_state: Path) -> None:
     profiles: list[UserProfile] = []
     site.bus.subscribe(PROFILE, lambda profile, _user: profiles.append(profile), ANNA)
     ended = await site.pointit("person", "calibrate", "user", ANNA, "--json", code=0)
@@ -121,9 +115,7 @@ async def test_pointing_at_the_lamps_gives_the_offset_which_is_kept_shown_and_fo
     await until(lambda: profiles[-1].offset is None)
 
 
-async def test_lamps_and_their_number_can_be_chosen_and_bad_holds_do_not_count(
-    site: Site, localizer: ErringLocalizer
-) -> None:
+async def test_lamps_are_chosen_and_bad_holds_do_not_count(site: Site, localizer: ErringLocalizer) -> None:
     localizer.rejects = ("led_2",)
     ended = await site.pointit(
         "person", "calibrate", "user", ANNA, "--lamps", "led_2,led_0", "--anchors", "3", "--dry-run", code=0
@@ -237,9 +229,7 @@ async def test_the_pose_is_shown_and_said(site: Site, localizer: ErringLocalizer
     assert "never" not in shown.out
 
 
-async def test_a_place_that_is_typed_keeps_the_yaw_that_was_found_and_how_sure_it_is(
-    site: Site, localizer: ErringLocalizer
-) -> None:
+async def test_a_typed_place_keeps_the_found_yaw_and_sigma(site: Site, localizer: ErringLocalizer) -> None:
     localizer.find(yaw_sigma_rad=math.radians(4.0), bias_rad=0.02)
     said = await site.pointit("person", "pose", ANNA, "1", "2")
     assert said.out == "anna: the pose is set; the yaw stays, and its drift is still tracked\n", said.err
@@ -255,9 +245,7 @@ async def test_a_place_that_is_typed_keeps_the_yaw_that_was_found_and_how_sure_i
     assert said.err == ""
 
 
-async def test_a_place_far_outside_the_room_is_warned_of_and_taken(
-    site: Site, localizer: ErringLocalizer
-) -> None:
+async def test_a_place_far_outside_is_warned_of_and_taken(site: Site, localizer: ErringLocalizer) -> None:
     said = await site.pointit("person", "pose", ANNA, "50", "50", code=0)
     assert "warning: 50, 50 m is 46 " in said.err
     assert "m outside the contents of map 'lab': x " in said.err
@@ -265,9 +253,7 @@ async def test_a_place_far_outside_the_room_is_warned_of_and_taken(
     assert (await site.pointit("person", "pose", ANNA, "3", "-5")).err == ""
 
 
-async def test_an_offset_from_a_pose_that_looks_wrong_is_not_kept(
-    site: Site, localizer: ErringLocalizer, own_state: Path
-) -> None:
+async def test_no_offset_of_a_wrong_pose(site: Site, localizer: ErringLocalizer, own_state: Path) -> None:
     localizer.position_m = (5.0, -2.0, 0.0)  # in truth at 2.0, 0.5
     localizer.truly_m = (2.0, 0.5, 0.0)
     localizer.find(yaw_sigma_rad=math.radians(4.0))
@@ -281,9 +267,7 @@ async def test_an_offset_from_a_pose_that_looks_wrong_is_not_kept(
 
 
 @pytest.mark.skipif(shutil.which("script") is None, reason="no `script` to give it a terminal")
-async def test_in_a_terminal_what_was_pointed_at_stands_on_lines_of_its_own(
-    site: Site, localizer: ErringLocalizer
-) -> None:
+async def test_in_a_terminal_each_pointing_stands_on_its_line(site: Site, localizer: ErringLocalizer) -> None:
     words = (
         *(sys.executable, "-m", "pointit.cli"),
         *("person", "calibrate", "user", ANNA, "--connect", site.endpoint),
@@ -326,9 +310,7 @@ def screen_lines(text: str) -> list[str]:
     return ["".join(line).strip() for line in rows]
 
 
-async def test_lamps_that_somebody_else_has_are_waited_for_once(
-    site: Site, localizer: ErringLocalizer
-) -> None:
+async def test_lamps_that_somebody_has_are_waited_for_once(site: Site, localizer: ErringLocalizer) -> None:
     others = site.bus.publisher(LOCALIZATION, "ben")
     others.put(Localization(stamp_ns=1, phase="sampling", target_id="led_0", target_count=2, since_ns=1))
     localizer.refuses = "ben is being localized with these lamps; try again when they are done"

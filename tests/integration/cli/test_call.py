@@ -127,9 +127,7 @@ async def test_a_button_pressed_from_another_process(site: Site) -> None:
     assert (await site.pointit("person", "press", "an/na")).code == 2
 
 
-async def test_a_device_without_a_button_shows_a_cursor_and_the_run_ends_well(
-    commands: Commands, endpoint: str
-) -> None:
+async def test_without_a_button_there_is_a_cursor_and_a_good_end(commands: Commands, endpoint: str) -> None:
     run = commands.start(
         *("run", "scenario_2", "--imu", "simulated", "--duration", "600", "--no-view", "--json"),
         *("--listen", endpoint),

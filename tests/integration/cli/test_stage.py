@@ -141,9 +141,7 @@ async def going(plan: Plan) -> AsyncGenerator[Going]:
     run = _Run(plan, bus, None)
     task = asyncio.create_task(run.live(WallClock()))
     try:
-        await until(
-            lambda: task.done() or bool(bus.exchange.desks.get(RUN_SCENARIO.key)), PATIENCE_S, "a run"
-        )
+        await until(lambda: task.done() or bool(bus.exchange.desks.get(RUN_SCENARIO.key)), PATIENCE_S, "run")
         yield Going(run, bus, task)
     finally:
         task.cancel()
@@ -168,9 +166,7 @@ async def test_nothing_of_the_scenario_before_is_left(caplog: pytest.LogCaptureF
             wanted |= {f"{name}.user1" for name in ("pointing", "localizer", "supervisor", "user-sim")}
             for seen in (onlooker, late):
                 await until(functools.partial(seen.has, wanted, {"user1"}), PATIENCE_S, f"{seen} to change")
-            await until(
-                lambda: bool(late.states[POSE.key] and late.states[PROFILE.key]), PATIENCE_S, "states"
-            )
+            await until(lambda: bool(late.states[POSE.key] and late.states[PROFILE.key]), PATIENCE_S, "state")
             assert late.rooms == ["lab"]
             assert late.states[POSE.key] == late.states[PROFILE.key] == {"user1"}
             assert late.states[CONVEYOR_STATE.key] == late.states[SELECTION.key] == set()
@@ -178,9 +174,7 @@ async def test_nothing_of_the_scenario_before_is_left(caplog: pytest.LogCaptureF
             told = late.deployments["run.scenario_2"]
             assert (told.scenario, told.localizes) == ("scenario_2", False)
             assert set(told.scenarios) >= {"scenario_1", "scenario_4"}
-            assert {service.service for service in told.services} == {
-                name.partition(".")[0] for name in wanted
-            }
+            assert {each.service for each in told.services} == {name.partition(".")[0] for name in wanted}
         await until(lambda: run.stage.monitor.cursor_count > 0, PATIENCE_S, "a cursor in the other scenario")
     assert not [record for record in caplog.records if record.levelname in {"ERROR", "CRITICAL"}]
 
@@ -209,9 +203,7 @@ async def test_wishes_are_granted_one_after_the_other() -> None:
 
 async def _report(bus: Bus, user: str) -> None:
     reports = bus.publisher(HEALTH, f"pointing.{user}")
-    health = Health(
-        stamp_ns=1, service="pointing", instance=f"pointing.{user}", user=user, pid=1, host="other"
-    )
+    health = Health(stamp_ns=1, service="pointing", instance=f"pointing.{user}", user=user, pid=1, host="far")
     while True:
         reports.put(health)
         await asyncio.sleep(0.1)
@@ -278,9 +270,7 @@ async def test_a_run_goes_on_while_somebody_looks_on(monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.parametrize(("viewers", "is_limited"), [(1, True), (0, False)])
-async def test_it_ends_in_time_when_told_to_or_alone(
-    monkeypatch: pytest.MonkeyPatch, viewers: int, *, is_limited: bool
-) -> None:
+async def test_it_ends_in_time(monkeypatch: pytest.MonkeyPatch, viewers: int, *, is_limited: bool) -> None:
     monkeypatch.setattr(StandIn, "viewers", viewers)
     async with going(plan_of("scenario_2", duration_s=1.5, is_limited=is_limited)) as run:
         async with asyncio.timeout(60.0):

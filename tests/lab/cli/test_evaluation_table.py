@@ -32,15 +32,10 @@ BRIEF = [located(condition, solver) for condition in ("2 s", "3 targets") for so
 FULL = [replace(row, subject=subject) for row in BRIEF for subject in (ALL, "track_1")]
 DRIFT = [
     Row(
-        set="simulated_drift",
-        subject=ALL,
-        condition="3 min, 1 anchor/min, 5° scatter",
-        solver="re-anchored, constant rate",
-        n=300,
-        yaw_deg=ERROR,
-        yaw_within_2_sigma=0.9,
+        set="simulated_drift", subject=ALL, condition="3 min, 1 anchor/min, 5° scatter",
+        solver="re-anchored, constant rate", n=300, yaw_deg=ERROR, yaw_within_2_sigma=0.9,
     )
-]
+]  # fmt: skip
 
 
 def printed(rows: Sequence[Row], width: int, remarks: Sequence[str] = ()) -> str:
@@ -130,9 +125,7 @@ LONGEST = "shoulder right, body still"
 
 
 @pytest.mark.parametrize(("width", "least"), [(80, 5), (100, 7), (140, 10)])
-def test_a_condition_and_its_figures_are_never_cut(
-    width: int, least: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_condition_and_figures_are_not_cut(width: int, least: int, monkeypatch: pytest.MonkeyPatch) -> None:
     row = HonestyRow(
         set="simulated", condition=LONGEST, duration=EVERY, n=1234, taken=1.0,
         error_m=Spread(median=0.25, p90=0.51, rms=0.33), within_2_sigma=1.0, yaw_within_2_sigma=1.0,

@@ -85,9 +85,7 @@ def test_a_change_after_the_last_sample_was_seen_with_it(tmp_path: Path) -> None
         ('{"subject": NaN}', "line 2: "),
     ],
 )
-def test_a_malformed_line_is_told_in_one_sentence(
-    line: dict[str, Any] | str, complaint: str, tmp_path: Path
-) -> None:
+def test_a_malformed_line_is_one_sentence(line: dict[str, Any] | str, complaint: str, tmp_path: Path) -> None:
     folder = write(tmp_path, GOOD, line)
     with pytest.raises(ConfigError, match=complaint) as error:
         read_runs(folder)
@@ -111,9 +109,7 @@ def test_people_that_are_not_there_are_noted(tmp_path: Path) -> None:
 
 def test_the_published_runs() -> None:
     found = humans(data_file("recordings/belts_lab").parent, [])
-    pointing = {
-        condition: figures["pointing"] for (bench, condition), figures in found.items() if bench == NAME
-    }
+    pointing = {name: figures["pointing"] for (bench, name), figures in found.items() if bench == NAME}
     assert list(pointing) == [
         *("static, 1 of 3", "static, 2 of 6", "static, 3 of 9", "moving, 0.2 m/s"),
         *("moving, 0.9 m/s", "moving, 0.5 m/s"),
@@ -126,13 +122,9 @@ def test_the_published_runs() -> None:
 
 def passage(selected_t: float | None = 2.5, **fields: Any) -> dict[str, Any]:
     usual = {
-        "subject": "V1",
-        "step": 0,
-        "speed_param": 2.0,
-        "target": True,
-        "t": [0.5 + 0.1 * i for i in range(50)],
-        "selected_t": selected_t,
-    }
+        "subject": "V1", "step": 0, "speed_param": 2.0, "target": True,
+        "t": [0.5 + 0.1 * i for i in range(50)], "selected_t": selected_t,
+    }  # fmt: skip
     return usual | fields
 
 
@@ -145,13 +137,9 @@ def write_passages(folder: Path, *lines: dict[str, Any]) -> Path:
 
 def test_recall_and_wrong_selections(tmp_path: Path) -> None:
     folder = write_passages(
-        tmp_path,
-        passage(2.5),
-        passage(3.5),
-        passage(None),
-        passage(None, target=False),
+        tmp_path, passage(2.5), passage(3.5), passage(None), passage(None, target=False),
         passage(1.0, target=False),
-    )
+    )  # fmt: skip
     figures = vr_figures(belts_vr.read_passages(folder))
     assert figures.n == 3
     assert figures.missed_rate == pytest.approx(1 / 3)

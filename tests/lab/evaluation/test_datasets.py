@@ -98,9 +98,7 @@ def test_acts_give_rays_at_different_targets(tmp_path: Path) -> None:
         assert trial.pointings.span_s < 2.0 * len(targets)  # pauses between the holds
     yaws = [trial.yaw_rad for trial in trials if trial.yaw_rad is not None]
     assert len(set(yaws)) == len(trials)  # nobody starts at the truth by chance
-    assert {round(trial.eye_height_m, 3) for trial in trials} == {
-        round(1.64 * h / 1.835, 3) for h in (1.6, 1.9)
-    }
+    assert {round(one.eye_height_m, 3) for one in trials} == {round(1.64 * h / 1.835, 3) for h in (1.6, 1.9)}
 
 
 def test_the_same_acts_are_drawn_whoever_else_is_there(tmp_path: Path) -> None:

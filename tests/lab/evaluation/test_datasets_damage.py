@@ -70,9 +70,7 @@ def test_time_goes_forwards(tmp_path: Path) -> None:
         (write_track, ["px", "py"], "columns 'px', 'py': half of the points on the floor"),
     ],
 )
-def test_millimetres_are_refused(
-    tmp_path: Path, write: Callable[..., Path], columns: list[str], said: str
-) -> None:
+def test_mm_are_refused(tmp_path: Path, write: Callable[..., Path], columns: list[str], said: str) -> None:
     path = write(tmp_path, STAND)
     scaled(path, 1000.0, *columns)
     assert said in refused(lambda: read_trials(tmp_path), path)
@@ -94,9 +92,7 @@ def test_the_height_of_the_eyes_below_a_marker_is_somebodys(tmp_path: Path) -> N
         (["forearm", "hand"], 0.0, "they are 0 m apart"),
     ],
 )
-def test_acts_in_other_units_are_refused(
-    tmp_path: Path, columns: list[str], factor: float, said: str
-) -> None:
+def test_acts_in_odd_units_are_refused(tmp_path: Path, columns: list[str], factor: float, said: str) -> None:
     path = write_acts(tmp_path, {"1": (1.7, STAND)})
     scaled(path, factor, *columns)
     assert said in refused(lambda: read_trials(tmp_path), path)

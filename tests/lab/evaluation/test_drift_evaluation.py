@@ -143,9 +143,7 @@ def test_simulated_people_are_within_3_degrees_after_three_minutes(hundred: list
         assert within(find(rows, "3 min, 1 anchor/min", one)) >= 0.9
 
 
-def test_one_contradiction_moves_the_pose_in_part_and_the_next_anchor_tells_which_it_was(
-    hundred: list[Row],
-) -> None:
+def test_one_contradiction_moves_the_pose_in_part_the_next_anchor_tells_which(hundred: list[Row]) -> None:
     """A turned IMU and a pointing at the wrong lamp look the same until then, so neither may be believed."""
     rows = hundred
     for condition in (drift_simulated.TURNED, drift_simulated.WRONG_ANCHOR):
@@ -187,9 +185,7 @@ def test_the_same_people_come_each_time() -> None:
     assert drift_simulated.simulated_rows(3) == drift_simulated.simulated_rows(3)
 
 
-def test_without_recordings_there_are_simulated_people(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_recordings_people_are_simulated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(drift, "PEOPLE", 5)
     ticks: list[str] = []
     rows = drift_rows(tmp_path, ticks.append)
@@ -198,9 +194,7 @@ def test_without_recordings_there_are_simulated_people(
     assert ticks
 
 
-def test_recorded_people_are_within_3_degrees_after_three_minutes(
-    recordings: Path, recorded: list[Row]
-) -> None:
+def test_recorded_people_are_within_3_degrees_after_3_minutes(recordings: Path, recorded: list[Row]) -> None:
     assert all(set(trial.phases) == set(PHASES) for trial in read_floor_trials(recordings))
     rows = recorded
     assert median(find(rows, "3 min, 1 anchor/min", "raw")) > 17.6

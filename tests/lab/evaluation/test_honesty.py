@@ -147,9 +147,7 @@ def test_a_gap_is_not_bridged(follower: FollowRecording) -> None:
 
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize(("wrong_lamp", "expected"), [(False, 0), (True, 1)])
-def test_a_wrong_lamp_is_one_that_was_not_pointed_at(
-    room: Trial, seed: int, *, wrong_lamp: bool, expected: int
-) -> None:
+def test_a_wrong_lamp_was_not_pointed_at(room: Trial, seed: int, *, wrong_lamp: bool, expected: int) -> None:
     trial = chosen(room, 3, np.random.default_rng(seed), wrong_lamp=wrong_lamp)
     lamp_of = dict(zip(rows(room.pointings.directions), rows(room.pointings.targets_m), strict=True))
     pointed = [lamp_of[ray] for ray in rows(trial.pointings.directions[::40])]
@@ -204,9 +202,7 @@ def pose(x_m: float, y_m: float, sigma_m: float, yaw_sigma_rad: float = 0.1) -> 
 
 
 @pytest.mark.parametrize("narrow", [1.0, 0.7, 0.1])
-def test_an_honest_solver_meets_the_targets(
-    monkeypatch: pytest.MonkeyPatch, following: Trial, narrow: float
-) -> None:
+def test_honest_ones_meet_targets(monkeypatch: pytest.MonkeyPatch, following: Trial, narrow: float) -> None:
     """Errors drawn from the stated covariance: nominal square, 2 sigma of both, nobody confidently wrong."""
     drawn = np.random.default_rng(1)
     trial = replace(following, x_m=0.0, y_m=0.0, yaw_rad=0.0)

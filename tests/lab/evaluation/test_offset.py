@@ -168,14 +168,9 @@ def recording(person: str, name: str, bias_deg: float, seed: int) -> FollowRecor
     stands = Person(0.3, -0.2, 0.7, math.radians(bias_deg))
     rays = pointings(stands, way, each=1, rate_hz=RATE_HZ, noise_rad=math.radians(1.0), seed=seed)
     return FollowRecording(
-        set="s",
-        subject=person,
-        pointings=rays,
-        heads_m=np.tile([0.3, -0.2, EYES_M], (len(rays), 1)),
-        eye_height_m=EYES_M,
-        yaw_rad=0.7,
-        name=name,
-    )
+        set="s", subject=person, pointings=rays, heads_m=np.tile([0.3, -0.2, EYES_M], (len(rays), 1)),
+        eye_height_m=EYES_M, yaw_rad=0.7, name=name,
+    )  # fmt: skip
 
 
 def trials(*recordings: FollowRecording) -> Iterator[Trial]:

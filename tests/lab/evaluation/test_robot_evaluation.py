@@ -168,13 +168,9 @@ STATES = [[0.0, "STATE_IDLE"], [1.0, "STATE_GOAL"], [9.0, "STATE_LANDING"]]
 def write(folder: Path, *moves: dict[str, object], rows: str = "") -> Path:
     """Write a move from (-1, 0) to (1, 0), with a corner at (0, 1), that ends 0.1 m beside the spot."""
     usual: dict[str, object] = {
-        "move": 0,
-        "subject": "a",
-        "mode": "pointing",
-        "from_xy": [-1.0, 0.0],
-        "to_xy": [1.0, 0.0],
+        "move": 0, "subject": "a", "mode": "pointing", "from_xy": [-1.0, 0.0], "to_xy": [1.0, 0.0],
         "states": STATES,
-    }
+    }  # fmt: skip
     lines = [json.dumps(usual | move) for move in moves or ({},)]
     (folder / MOVES).write_text("\n".join(lines) + "\n", encoding="utf-8")
     way = "".join(
@@ -219,8 +215,6 @@ def test_rows_are_those_of_the_devices_that_were_recorded(tmp_path: Path) -> Non
         ({}, "0,1,x,0,1\n", "column 'x'"),
     ],
 )
-def test_damage_is_refused_with_its_line(
-    tmp_path: Path, move: dict[str, object], rows: str, said: str
-) -> None:
+def test_damage_is_told_with_its_line(tmp_path: Path, move: dict[str, object], rows: str, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         read_moves(write(tmp_path, move, rows=rows))

@@ -54,13 +54,9 @@ def test_conditions_have_names_of_their_own() -> None:
 
 def test_packages_go_around_the_ring() -> None:
     ring = Carousel(
-        load_map("lab", 0),
-        np.array([1.0, 4.9, 9.9]),
-        ["red", "blue", "blue"],
-        length_m=0.5,
-        speed_mps=0.5,
+        load_map("lab", 0), np.array([1.0, 4.9, 9.9]), ["red", "blue", "blue"], length_m=0.5, speed_mps=0.5,
         start_ns=0,
-    )
+    )  # fmt: skip
     first, later = ring.tracked(0).objects, ring.tracked(NS_PER_S).objects
     assert [thing.surface_id for thing in first] == ["0", "0", "1"]
     assert [thing.surface_id for thing in later] == ["0", "1", "0"]

@@ -72,9 +72,7 @@ def test_frames_are_drawn_only_for_eyes_that_are_due() -> None:
     assert score.frames < 0.9 * score.simulated_s * USUAL.eyes_hz  # fewer while the arm rests
 
 
-def test_people_do_not_take_the_ends_of_their_packages_for_their_cursor(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_people_do_not_take_ends_of_their_packages_for_their_cursor(monkeypatch: pytest.MonkeyPatch) -> None:
     """Once several packages of theirs move by, their ends have the cursor's colour and move as it may."""
     shown: list[Vec3 | None] = []
     away_m: list[float] = []
@@ -108,14 +106,10 @@ def test_people_do_not_take_the_ends_of_their_packages_for_their_cursor(
 def event(event: str, object_id: str, at_s: float, kind: str = "red", bay: str = "") -> SelectionEvent:
     return SelectionEvent.model_validate(
         {
-            "stamp_ns": START_NS + round(at_s * NS_PER_S),
-            "event": event,
-            "object_id": object_id,
-            "kind": kind,
-            "user": "a" if event in ("selected", "deselected") else "",
-            "bay": bay,
+            "stamp_ns": START_NS + round(at_s * NS_PER_S), "event": event, "object_id": object_id,
+            "kind": kind, "user": "a" if event in ("selected", "deselected") else "", "bay": bay,
         }
-    )
+    )  # fmt: skip
 
 
 def test_a_run_is_over_when_all_that_should_be_is_selected_and_nothing_else() -> None:
@@ -148,14 +142,9 @@ def test_rows_are_the_same_with_however_many_processes() -> None:
     def rows(jobs: int) -> object:
         told: list[int] = []
         found, differences, pace = selection_rows(
-            [STATIC],
-            ["hold", "gauge"],
-            trials=2,
-            seed=3,
-            jobs=jobs,
-            humans={},
+            [STATIC], ["hold", "gauge"], trials=2, seed=3, jobs=jobs, humans={},
             tick=lambda done, total: told.append(done * 100 + total),
-        )
+        )  # fmt: skip
         assert told[-1] == 4 * 100 + 4
         assert pace.times_real > 1.0
         assert differences == []  # of so few trials

@@ -52,9 +52,7 @@ def without_namespaces(folder: Path) -> dict[str, str]:
     return {"PATH": str(folder)}
 
 
-async def test_two_hosts_are_two_processes_where_namespaces_are_not_permitted(
-    commands: Commands, tmp_path: Path
-) -> None:
+async def test_two_hosts_are_two_processes_without_namespaces(commands: Commands, tmp_path: Path) -> None:
     ended = await commands.pointit(
         "load", *SHORT, "--hosts", "2", "--central", environment=without_namespaces(tmp_path / "bin")
     )

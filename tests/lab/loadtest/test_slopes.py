@@ -160,9 +160,7 @@ def load(*, central: bool) -> Load:
 @pytest.mark.parametrize("hosts", [1, 2, 5, 8])
 @pytest.mark.parametrize("routers", [1, 2, 4, 9])
 @pytest.mark.parametrize("fan", [1, 2, 32])
-def test_every_machine_reaches_the_root_and_no_router_has_more_than_fan_below(
-    hosts: int, routers: int, fan: int
-) -> None:
+def test_every_machine_reaches_the_root_no_router_has_over_fan(hosts: int, routers: int, fan: int) -> None:
     machines = tree(hosts, routers, fan)
     assert sum(machine.has_people for machine in machines) == hosts
     assert sum(machine.has_router for machine in machines) == routers
@@ -197,10 +195,7 @@ def test_people_are_spread_evenly_over_hosts_only() -> None:
 
 def test_shards_serve_the_people_of_their_host_and_are_observed_there() -> None:
     made = host_groups(load(central=False), 3, tree(2, 3, 2))
-    assert [[group.name for group in groups] for groups in made.values()] == [
-        ["site", "people 1"],
-        ["people 2"],
-    ]
+    assert [[one.name for one in groups] for groups in made.values()] == [["site", "people 1"], ["people 2"]]
     (site, first), (second,) = made.values()
     assert {"pui", "selector", "led-driver"} <= {launch.instance for launch in site.launches}
     assert (site.watched, site.watches_light) == ([], True)

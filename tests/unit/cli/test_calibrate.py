@@ -314,9 +314,7 @@ UP = math.pi / 2
         ((0.0, 0.0), (UP - 0.6, 0.0), "34° from level"),
     ],
 )
-def test_poses_without_a_mounting_are_refused(
-    forward: tuple[float, float], up: tuple[float, float], words: str
-) -> None:
+def test_no_mounting_is_refused(forward: tuple[float, float], up: tuple[float, float], words: str) -> None:
     worn = from_roll_pitch_yaw(0.4, 0.1, 0.2)
     with pytest.raises(mounting.MountingError, match=words):
         mounting.solve_mounting(

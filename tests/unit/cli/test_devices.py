@@ -87,7 +87,7 @@ def package(
         finally:
             sys.modules["found_devices"].END.set()
             for thread in threading.enumerate():
-                if thread.name.startswith("search "):
+                if thread.name.startswith("search ") and thread.is_alive():  # Ctrl-C may come before
                     thread.join()
             del sys.modules["found_devices"]
 

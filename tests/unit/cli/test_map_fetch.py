@@ -86,9 +86,7 @@ def test_a_map_of_many_parameters_is_written(graph: Graph, prefix: str, argument
 
 
 @pytest.mark.parametrize(("name", "arguments"), [("map", ()), ("the_room", ("--parameter", "the_room"))])
-def test_a_map_that_is_a_text_is_decoded_and_written_anew(
-    graph: Graph, tmp_path: Path, name: str, arguments: tuple[str, ...]
-) -> None:
+def test_a_map_in_a_text_is_read(graph: Graph, tmp_path: Path, name: str, arguments: tuple[str, ...]) -> None:
     graph.has({name: ROOM, "leds.other.position": [1.0, 2.0, 3.0]})
     path = tmp_path / "site.yaml"
     result = fetch("-o", str(path), *arguments)

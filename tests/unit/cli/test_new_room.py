@@ -77,9 +77,7 @@ def test_a_mistake_is_one_sentence_and_changes_no_file(arguments: tuple[str, ...
     assert [path.read_text() for path in Path().iterdir()] == ["mine"]
 
 
-def test_in_a_terminal_it_asks_for_what_no_option_gives(
-    terminal: int, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_in_a_terminal_it_asks_for_what_is_missing(terminal: int, capfd: pytest.CaptureFixture[str]) -> None:
     os.write(terminal, b"6\n\n3\n")
     command.main(["new", "room", "--lamps", "2"], prog_name="pointit", standalone_mode=False)
     asked = capfd.readouterr().out

@@ -88,9 +88,7 @@ async def test_a_supervisor_that_hangs_is_one_sentence() -> None:
 
 
 @pytest.mark.parametrize(("phase", "called_off"), [("idle", ["cancel"]), ("sampling", [])])
-async def test_who_gives_up_before_the_answer_leaves_no_lamp_lit(
-    phase: Literal["idle", "sampling"], called_off: list[str]
-) -> None:
+async def test_who_gives_up_leaves_no_lamp(phase: Literal["idle", "sampling"], called_off: list[str]) -> None:
     asked: list[str] = []
 
     async def point(_query: schemas.PointAnchor, _user: str) -> schemas.Done:

@@ -22,9 +22,7 @@ def left_in(home: Path) -> list[Path]:
     return list(home.glob("pointit-page-*"))
 
 
-async def test_run_that_ends_before_the_browser_is_ready_leaves_no_copy_and_opens_none(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+async def test_run_that_ends_sooner_leaves_no_copy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     opened: list[str] = []
     begun, ended, done = threading.Event(), threading.Event(), threading.Event()
     opens = browser.BrowserWindow._open

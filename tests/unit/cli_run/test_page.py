@@ -28,6 +28,7 @@ from pointit.launch.plan.scenario import Pose, read_scenario
 from pointit.launch.plan.scenario_catalog import PLACES, places
 from pointit.launch.plan.settings import Settings
 from pointit.launch.run.service_group import redact_secrets
+from pointit.recording.entries import RecordingError
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import ConfigError, ListenError
@@ -218,9 +219,7 @@ def test_a_dashboard_is_not_opened_to_a_network_without_encryption(monkeypatch: 
     "arguments",
     [("run", "--lan"), ("run", "--web-port", "0"), ("run", "--set", "web.rate_hz=3"), ("dashboard",)],
 )
-def test_who_asks_for_a_page_without_the_extra_is_told_the_remedy(
-    monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...]
-) -> None:
+def test_without_the_extra_it_is_said(monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...]) -> None:
     error = invoke(monkeypatch, *arguments, has_extra=False)
     assert isinstance(error, ConfigError)
     assert str(error).endswith("the page needs `scripts/setup web` in the folder of PointIt")
@@ -261,9 +260,7 @@ def test_the_afterword_stands_below_the_summary(capsys: pytest.CaptureFixture[st
     assert "There was no page." not in capsys.readouterr().out
 
 
-def test_a_run_has_the_link_of_the_one_before_until_a_new_one_is_wanted(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_run_has_the_link_of_the_last_until_a_new_one_is_wanted(monkeypatch: pytest.MonkeyPatch) -> None:
     plans: list[Plan] = []
 
     def execute(plan: Plan, _log_level: str) -> int:
@@ -377,3 +374,12 @@ def test_link_that_cannot_be_kept_is_a_warning(
         assert path is None
     assert "the link of the page could not be written to a file" in caplog.text
     assert "of-the-operator" not in caplog.text
+
+
+@pytest.mark.parametrize("content", [None, b"", b"plainly no recording"])
+def test_what_is_no_recording_is_refused_in_a_sentence(tmp_path: Path, content: bytes | None) -> None:
+    path = tmp_path / "lab.mcap"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(RecordingError, match=r"lab\.mcap"):
+        CliRunner().invoke(command, ["page", str(path)], catch_exceptions=False)

@@ -196,14 +196,9 @@ def test_the_widest_numbers_fit_80_columns() -> None:
     monitor = localized()
     ago_ns = monitor.clock.now_ns() - 99 * NS_PER_S
     monitor.poses["anna"] = pose(
-        1.234,
-        12.3,
-        position_m=(-12.345, -12.345, 0.0),
-        yaw_rad=math.radians(-179.9),
-        yaw_rate_radps=math.radians(-123.4) / 60,
-        anchored_ns=ago_ns,
-        method="external",
-    )
+        1.234, 12.3, position_m=(-12.345, -12.345, 0.0), yaw_rad=math.radians(-179.9),
+        yaw_rate_radps=math.radians(-123.4) / 60, anchored_ns=ago_ns, method="external",
+    )  # fmt: skip
     told = row(monitor, "anna")
     for what in ("-12.35, -12.35 ±1.23 m", "-179.9° ±12.3°", "tracker", "-123.4°/min", "99 s"):
         assert what in told
@@ -257,13 +252,9 @@ async def test_anchors_are_news() -> None:
     bus, monitor = await followed()
     anchors = bus.publisher(topics.ANCHOR, "anna")
     anchor = Anchor(
-        stamp_ns=1,
-        target_id="led_1",
-        origin_m=(0.0, 0.0, 1.6),
-        raw_direction=(1.0, 0.0, 0.0),
-        direction=(1.0, 0.0, 0.0),
-        azimuth_error_rad=math.radians(7.21),
-    )
+        stamp_ns=1, target_id="led_1", origin_m=(0.0, 0.0, 1.6), raw_direction=(1.0, 0.0, 0.0),
+        direction=(1.0, 0.0, 0.0), azimuth_error_rad=math.radians(7.21),
+    )  # fmt: skip
     anchors.put(anchor)
     anchors.put(anchor.model_copy(update={"accepted": False, "reason": "the arm wandered"}))
     await until(lambda: len(monitor.events) == 2)

@@ -186,11 +186,9 @@ def test_targets_go_to_the_localizer() -> None:
     assert person(Choices(localize=True, targets=3))["localizer"]["targets"] == 3
     usual = person(Choices(localize=True))["localizer"]["enough"]
     assert person(Choices(localize=True, targets=3))["localizer"]["enough"] == usual  # it counts for itself
-    by_hand = Choices(
-        localize=True, targets=3, settings=("localizer.targets=2", "localizer.enough.yaw_deg=9")
-    )
-    assert person(by_hand)["localizer"]["targets"] == 2
-    assert person(by_hand)["localizer"]["enough"]["yaw_deg"] == 9.0
+    typed = Choices(localize=True, targets=3, settings=("localizer.targets=2", "localizer.enough.yaw_deg=9"))
+    assert person(typed)["localizer"]["targets"] == 2
+    assert person(typed)["localizer"]["enough"]["yaw_deg"] == 9.0
     with pytest.raises(ConfigError, match=r"--targets 3: add --localize"):
         person(Choices(targets=3))
 

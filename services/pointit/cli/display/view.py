@@ -208,9 +208,7 @@ def figures(monitor: Monitor) -> Text:
         for key in health.keys:
             if key.direction == "out" and key.rate_hz > 0:
                 rates[key.key] = rates.get(key.key, 0.0) + key.rate_hz
-    parts += [
-        f"{name} {rates[topic.key]:.0f} Hz" for name, topic in SHOWN_RATES.items() if topic.key in rates
-    ]
+    parts += [f"{name} {rates[row.key]:.0f} Hz" for name, row in SHOWN_RATES.items() if row.key in rates]
     lights = (figure for health in list(monitor.health.values()) for figure in health.figures)
     parts += [
         f"{figure.name.removeprefix(FRAME_RATE).strip()} up to {figure.value:.0f} Hz"

@@ -115,9 +115,7 @@ def build(request: AnyRequest, values: Iterable[str]) -> Query:
     """
     layers = Layers()
     known: Sequence[str] = list(request.query.model_fields)
-    lists = {
-        leaf.path[-1] for leaf in iter_parameters(request.query) if leaf.type_name.startswith("list of ")
-    }
+    lists = {one.path[-1] for one in iter_parameters(request.query) if one.type_name.startswith("list of ")}
     for value in values:
         field, separator, text = value.partition("=")
         if not separator:

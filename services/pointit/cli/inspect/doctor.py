@@ -117,9 +117,7 @@ class _Look:
         bus.subscribe(DEPLOYMENT, self._on_deployment)
         bus.subscribe(HEALTH, self._on_health)
         bus.watch(SERVICE_ALIVE, self._on_presence)
-        bus.watch(
-            SHARD_ALIVE, lambda name, there: (self._shards.add if there else self._shards.discard)(name)
-        )
+        bus.watch(SHARD_ALIVE, lambda name, here: (self._shards.add if here else self._shards.discard)(name))
         await asyncio.sleep(MIN_S)
         end_s = self._began_s + LONGEST_S
         while not self._is_enough() and (left_s := end_s - time.monotonic()) > 0:

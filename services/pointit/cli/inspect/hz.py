@@ -13,7 +13,7 @@ from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import Section, console, json_option, print_table, to_json, write_line
 from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
 from pointit.cli.common.topic_names import EVERYTHING, Wanted, resolve_all
-from pointit.runtime.bus.contract import AnyTopic, Subscription
+from pointit.runtime.bus.contract import AnyTopic
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Message, encode
@@ -162,12 +162,10 @@ class _Counter:
         self._loop = asyncio.get_running_loop()
         self._meters: dict[str, RateMeter] = {}
         self._conflated = 0
-        self._subscriptions: list[Subscription] = []
         for topic, name in named:
             if name != ANY:
                 self._meter(topic, name)
-        for topic, name in wanted:
-            self._subscriptions.append(bus.subscribe(topic, self._handler(topic), name or ANY))
+        self._subscriptions = [bus.subscribe(row, self._handler(row), name or ANY) for row, name in wanted]
 
     def take(self, now_s: float, window_s: float) -> list[Rate]:
         return [self._meters[key].take(now_s, window_s) for key in sorted(self._meters)]

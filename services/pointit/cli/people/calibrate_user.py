@@ -145,11 +145,8 @@ async def _measure(
 
 async def _lamps(bus: Bus, user: str, wanted: Sequence[str]) -> list[str]:
     """Return the lamps to point at, after checking that the person's pose is known."""
-    room, pose, news = (
-        site_link.LatestMessage(bus, MAP),
-        site_link.LatestMessage(bus, POSE, user),
-        site_link.LatestMessage(bus, LOCALIZATION, user),
-    )
+    room, pose = site_link.LatestMessage(bus, MAP), site_link.LatestMessage(bus, POSE, user)
+    news = site_link.LatestMessage(bus, LOCALIZATION, user)
     with site_link.notify_if_slow("waiting for the map …"):
         environment = await room.wait(site_link.PATIENCE_S)
     if environment is None:

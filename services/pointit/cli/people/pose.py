@@ -138,10 +138,8 @@ def _place(words: tuple[str, ...], yaw_deg: float | None) -> SetPose | None:
 async def _pose(user: str, asked: _Asked, *, as_json: bool, **at: Unpack[site_link.AtSite]) -> int:
     async with site_link.join_site(**at) as bus:
         clock = SiteClock(bus)
-        poses, news = (
-            site_link.LatestMessage(bus, POSE, user),
-            site_link.LatestMessage(bus, LOCALIZATION, user),
-        )
+        poses = site_link.LatestMessage(bus, POSE, user)
+        news = site_link.LatestMessage(bus, LOCALIZATION, user)
         try:
             said = await _say(bus, user, asked, poses)
         except NoAnswerError as error:

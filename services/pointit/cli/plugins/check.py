@@ -85,9 +85,7 @@ def chosen(name: str | None) -> list[tuple[str, str]]:
         raise UnknownNameError(
             "no other package has plug-ins; check one of ours, `pointit plugin check hold`"
         )
-    raise UnknownNameError(
-        f"no plug-in {name!r} is installed; {nearest(name, [each for _, each in everyone])}"
-    )
+    raise UnknownNameError(f"no plug-in {name!r} is installed; {nearest(name, [row for _, row in everyone])}")
 
 
 def examined(kind: str, name: str) -> Iterator[CheckResult]:

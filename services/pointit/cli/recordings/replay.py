@@ -259,9 +259,7 @@ def _shown(divergence: Divergence, content: dict[str, object] | None, other: dic
     if other is None:
         return to_line(content)
     names = {field.partition(".")[0] for field in divergence.fields} | {"stamp_ns"}
-    return to_line(
-        {name: _differing(value, other.get(name)) for name, value in content.items() if name in names}
-    )
+    return to_line({key: _differing(value, other.get(key)) for key, value in content.items() if key in names})
 
 
 def _differing(one: object, other: object) -> object:

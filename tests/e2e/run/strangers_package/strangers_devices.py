@@ -95,13 +95,9 @@ class Witnessed(plugins.Message):
 
 
 WITNESSED = plugins.Topic(
-    key="witness/{user}",
-    message=Witnessed,
-    delivery=plugins.Delivery.STATE,
-    rate_hz=None,
-    writers=("witness",),
-    about="number of cursors",
-)
+    key="witness/{user}", message=Witnessed, delivery=plugins.Delivery.STATE, rate_hz=None,
+    writers=("witness",), about="number of cursors",
+)  # fmt: skip
 
 
 class WitnessConfig(plugins.Config):

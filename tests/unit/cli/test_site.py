@@ -1,16 +1,95 @@
-"""Until when identities last, as commands tell it."""
+"""`pointit site`: its router and the table of its identities."""
 
+import asyncio
+import contextlib
 import datetime as dt
 import shutil
+import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
 
 from pointit.access.site_folder import SiteFolder
 from pointit.access.site_state import SiteState
+from pointit.cli.site import router
 from pointit.cli.site.identities_table import expiring, rows_of, section, visible_rows
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.credentials import read_credentials
+from tests.support.invoked import python
+
+pytestmark = pytest.mark.wall_time
+PATIENCE_S = 60.0
+STARTS_WITH_FEW_FILES = """
+import resource
+_, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+resource.setrlimit(resource.RLIMIT_NOFILE, (256, hard))
+from pointit.cli.site import router
+
+def run_until_shutdown(work):
+    work.close()
+    soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    print(soft == hard > 256)
+    return 0
+
+router.run_until_shutdown = run_until_shutdown
+router.command([])
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there may be no limit, or none that is raised")
+def test_it_may_have_as_many_files_open_as_the_system_lets_it() -> None:
+    started = python("-c", STARTS_WITH_FEW_FILES)
+    assert (started.stdout, started.stderr) == ("True\n", "")
+
+
+class Routing:
+    """Stand-in for a router that keeps routing and fails to report its state."""
+
+    listens = ("tls/127.0.0.1:7447",)
+    is_open = False
+    roles: Mapping[str, str] = {}
+
+    async def open(self) -> None:
+        self.is_open = True
+
+    async def reload_on_change(self) -> None:
+        async with asyncio.timeout(PATIENCE_S):
+            await asyncio.Event().wait()
+
+    def links(self) -> list[tuple[str, str, str]]:
+        return []
+
+    def cut(self, _addresses: object) -> None:
+        pass
+
+    def unread(self, _addresses: object) -> dict[str, int]:
+        return {}
+
+    def report(self, *_: object) -> None:
+        raise UnexpectedError
+
+    async def close(self) -> None:
+        self.is_open = False
+
+
+class UnexpectedError(Exception):
+    pass
+
+
+def _deaf(*_: object) -> contextlib.nullcontext[None]:
+    return contextlib.nullcontext()
+
+
+async def test_a_router_that_cannot_tell_refusals_ends_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(router, "captured_log", _deaf)
+    monkeypatch.setattr(router, "TELL_S", 0.0)
+    routing = Routing()
+    with pytest.raises(ExceptionGroup) as ended:
+        await router._guard(routing)  # type: ignore[arg-type]  # all that it needs of one
+    assert ended.group_contains(UnexpectedError)
+    assert not routing.is_open
+
 
 NOW = dt.datetime(2026, 1, 1, tzinfo=dt.UTC)
 LATER = NOW + dt.timedelta(days=345)
@@ -19,14 +98,9 @@ LATER = NOW + dt.timedelta(days=345)
 def made(path: Path, *, password: bool = False) -> SiteFolder:
     folder = SiteFolder(path)
     state = SiteState(
-        site="lab",
-        hosts=("127.0.0.1",),
-        port=7447,
-        days=365,
-        password=password,
-        dashboard_rate_hz=0.0,
+        site="lab", hosts=("127.0.0.1",), port=7447, days=365, password=password, dashboard_rate_hz=0.0,
         identities={},
-    )
+    )  # fmt: skip
     folder.create(state, {"anna": "user", "ben": "user", "carla": "user", "operator": "operator"}, NOW)
     return folder
 
@@ -67,9 +141,7 @@ def test_elsewhere_the_own_identity_is_told_of(site: SiteFolder, tmp_path: Path)
     assert visible_rows(None, None, NOW) == []
 
 
-def test_a_folder_around_it_that_is_broken_or_of_another_site_does_no_harm(
-    site: SiteFolder, tmp_path: Path
-) -> None:
+def test_a_folder_around_it_broken_or_of_another_site_does_no_harm(site: SiteFolder, tmp_path: Path) -> None:
     other = SiteFolder(tmp_path / "hall")
     other.create(site.state().model_copy(update={"site": "hall"}), {"operator": "operator"}, NOW)
     credentials = read_credentials(site.identity_folder("operator"), NOW)

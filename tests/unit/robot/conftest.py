@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from pointit.services.robot.drivers.sim.sim_driver import SIM
-from pointit.services.robot.robot_driver import ROBOTS
+from pointit.services.robot.robot_driver import ROBOTS, RobotPlugin
 from tests.unit.robot.flight import FaultyDriver
 
 
@@ -19,5 +19,8 @@ def drivers(monkeypatch: pytest.MonkeyPatch) -> list[FaultyDriver]:
         made.append(FaultyDriver(*args))
         return made[-1]
 
-    monkeypatch.setattr(ROBOTS, "get", lambda _name: replace(SIM, make=make))  # pyright: ignore[reportUnknownLambdaType]
+    def get(_name: str) -> RobotPlugin:
+        return replace(SIM, make=make)
+
+    monkeypatch.setattr(ROBOTS, "get", get)
     return made

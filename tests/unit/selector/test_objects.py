@@ -284,6 +284,13 @@ def test_half_the_length_and_the_margin_count(position_m: float, expected: str |
     assert under(whereabouts, cursor(position_m)) == expected
 
 
+def test_the_nearest_centre_wins() -> None:
+    whereabouts = ObjectPositions(margin_m=0.5)
+    whereabouts.update("one", listing(on_strip("a", 1.0), on_strip("b", 1.3)))
+    assert under(whereabouts, cursor(1.14)) == "a"
+    assert under(whereabouts, cursor(1.16)) == "b"
+
+
 def test_other_surfaces_do_not_count() -> None:
     whereabouts = ObjectPositions()
     whereabouts.update("one", listing(on_strip("a", 1.0, strip="1")))

@@ -209,7 +209,7 @@ class HoverEngine:
 
 
 class PointingEngine:
-    """What the selector of a site and its shards share: people who point, and what they point at."""
+    """Pointing that the selector of a site and its shards have in common."""
 
     _hovers: HoverEngine
     _ownership: Ownership

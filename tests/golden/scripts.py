@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import Any, Literal
 
-from pointit import schemas
+import pointit.schemas as models
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import RequestError
 from pointit.runtime.virtual_time import START_NS, VirtualClock
@@ -15,7 +15,7 @@ from pointit.schemas import topics
 ROOM = Path(__file__).with_name("room.yaml").read_text("utf-8")
 """A strip with a bend, partly behind opaque things, before a wall."""
 
-OFFSET = schemas.PointingOffset(
+OFFSET = models.PointingOffset(
     rung="polynomial", azimuth=(0.02, 0.05, -0.02, 0.01, 0.03, 0.0),
     elevation=(-0.06, 0.02, 0.04, -0.03, 0.01, 0.02), reference_rad=0.4, azimuth_range_rad=(-0.5, 0.6),
     elevation_range_rad=(-0.6, 0.1), sigma_rad=0.02, anchors=6,
@@ -27,29 +27,29 @@ class _Desk:
 
     def __init__(self, bus: MemoryBus) -> None:
         self.bus = bus
-        self.selection = schemas.Selection(stamp_ns=0)
+        self.selection = models.Selection(stamp_ns=0)
         bus.subscribe(topics.SELECTION, self._on_selection)
 
-    def _on_selection(self, selection: schemas.Selection, _name: str) -> None:
+    def _on_selection(self, selection: models.Selection, _name: str) -> None:
         self.selection = selection
 
     async def at(self, time_s: float) -> None:
         """Wait until that time of the session."""
-        await asyncio.sleep(time_s - (VirtualClock().now_ns() - START_NS) / schemas.NS_PER_S)
+        await asyncio.sleep(time_s - (VirtualClock().now_ns() - START_NS) / models.NS_PER_S)
 
-    async def ask(self, request: topics.Request[Any, Any], query: schemas.Query, name: str = "") -> None:
+    async def ask(self, request: topics.Request[Any, Any], query: models.Query, name: str = "") -> None:
         """Ask, and take a refusal like a reply."""
         with contextlib.suppress(RequestError):
             await self.bus.call(request, query, name)
 
     def press(self, user: str, gesture: Literal["press", "double", "hold"] = "press") -> None:
         self.bus.publisher(topics.BUTTON, user).put(
-            schemas.ButtonEvent(stamp_ns=VirtualClock().now_ns(), gesture=gesture, source="page")
+            models.ButtonEvent(stamp_ns=VirtualClock().now_ns(), gesture=gesture, source="page")
         )
 
     async def until_selected(self, user: str, before_s: float) -> str:
         """Return an object of `user` as soon as there is one, or `""`."""
-        while (VirtualClock().now_ns() - START_NS) / schemas.NS_PER_S < before_s:
+        while (VirtualClock().now_ns() - START_NS) / models.NS_PER_S < before_s:
             found = [each.id for each in self.selection.objects if each.user == user]
             if found:
                 return found[-1]
@@ -61,20 +61,20 @@ async def calibrates(bus: MemoryBus) -> None:
     """An offset is kept, the pose anchored and corrected, the localization begun again, and all forgotten."""
     desk = _Desk(bus)
     await desk.at(22.0)
-    await desk.ask(topics.SET_OFFSET, schemas.SetOffset(offset=OFFSET), "anna")
+    await desk.ask(topics.SET_OFFSET, models.SetOffset(offset=OFFSET), "anna")
     await desk.at(28.0)
-    await desk.ask(topics.POINT_ANCHOR, schemas.PointAnchor(lamp="led_1"), "anna")
+    await desk.ask(topics.POINT_ANCHOR, models.PointAnchor(lamp="led_1"), "anna")
     await desk.at(36.0)
-    await desk.ask(topics.SET_HEADING, schemas.SetHeading(azimuth_rad=0.3), "anna")
+    await desk.ask(topics.SET_HEADING, models.SetHeading(azimuth_rad=0.3), "anna")
     await desk.ask(topics.READ_MEMORY, topics.READ_MEMORY.query(), "anna")
     await desk.at(39.0)
-    await desk.ask(topics.START_LOCALIZATION, schemas.StartLocalization(), "anna")
+    await desk.ask(topics.START_LOCALIZATION, models.StartLocalization(), "anna")
     await desk.at(42.0)
     await desk.ask(topics.CANCEL_LOCALIZATION, topics.CANCEL_LOCALIZATION.query(), "anna")
-    await desk.ask(topics.SET_OFFSET, schemas.SetOffset(), "anna")
+    await desk.ask(topics.SET_OFFSET, models.SetOffset(), "anna")
     await desk.ask(
         topics.SET_POSE,
-        schemas.SetPose(position_m=(2.1, 0.4, 0.0), yaw_rad=0.4, elevation_bias_rad=0.05),
+        models.SetPose(position_m=(2.1, 0.4, 0.0), yaw_rad=0.4, elevation_bias_rad=0.05),
         "anna",
     )
     await desk.ask(topics.ERASE_MEMORY, topics.ERASE_MEMORY.query(), "anna")
@@ -84,35 +84,35 @@ async def takes_back(bus: MemoryBus) -> None:
     """Selections are undone, released, taken over and cleared, for two people."""
     desk = _Desk(bus)
     await desk.until_selected("anna", 12.0)
-    await desk.ask(topics.UNDO_SELECTION, schemas.UndoSelection(), "anna")
-    await desk.ask(topics.UNDO_SELECTION, schemas.UndoSelection(), "anna")
+    await desk.ask(topics.UNDO_SELECTION, models.UndoSelection(), "anna")
+    await desk.ask(topics.UNDO_SELECTION, models.UndoSelection(), "anna")
     taken = await desk.until_selected("anna", 17.0)
     await desk.ask(
-        topics.RELEASE_OBJECT, schemas.ReleaseObject(object_id=taken or "none", take_over=True), "ben"
+        topics.RELEASE_OBJECT, models.ReleaseObject(object_id=taken or "none", take_over=True), "ben"
     )
     await asyncio.sleep(0.5)
-    await desk.ask(topics.UNDO_SELECTION, schemas.UndoSelection(), "ben")
+    await desk.ask(topics.UNDO_SELECTION, models.UndoSelection(), "ben")
     released = await desk.until_selected("ben", 20.0)
-    await desk.ask(topics.RELEASE_OBJECT, schemas.ReleaseObject(object_id=released or "none"), "anna")
+    await desk.ask(topics.RELEASE_OBJECT, models.ReleaseObject(object_id=released or "none"), "anna")
     await desk.until_selected("ben", 22.0)
     await desk.at(23.0)
-    await desk.ask(topics.CLEAR_SELECTION, schemas.ClearSelection(), "ben")
-    await desk.ask(topics.READ_HISTORY, schemas.ReadHistory(last=20))
+    await desk.ask(topics.CLEAR_SELECTION, models.ClearSelection(), "ben")
+    await desk.ask(topics.READ_HISTORY, models.ReadHistory(last=20))
 
 
 async def chooses_method(bus: MemoryBus) -> None:
     """The method, its time and the tolerance are changed while the person selects."""
     desk = _Desk(bus)
     for time_s, query in (
-        (7.3, schemas.SetMethod(method="hold", dwell_s=0.6)),
-        (13.1, schemas.SetMethod(method="gauge", dwell_s=0.7)),
-        (19.7, schemas.SetMethod(dwell_s=0.5)),
-        (20.0, schemas.SetMethod(method="fraction")),
-        (20.5, schemas.SetMethod(name="no_such_method")),
+        (7.3, models.SetMethod(method="hold", dwell_s=0.6)),
+        (13.1, models.SetMethod(method="gauge", dwell_s=0.7)),
+        (19.7, models.SetMethod(dwell_s=0.5)),
+        (20.0, models.SetMethod(method="fraction")),
+        (20.5, models.SetMethod(name="no_such_method")),
     ):
         await desk.at(time_s)
         await desk.ask(topics.SET_METHOD, query)
-        await desk.ask(topics.SET_TOLERANCE, schemas.SetTolerance(tolerance_rad=0.02 * time_s))
+        await desk.ask(topics.SET_TOLERANCE, models.SetTolerance(tolerance_rad=0.02 * time_s))
 
 
 async def runs_belts(bus: MemoryBus) -> None:
@@ -121,34 +121,34 @@ async def runs_belts(bus: MemoryBus) -> None:
     await desk.at(2.0)
     for kind, lane, position in (("red", "part_g", 0.3), ("blue", "part_h", 0.1), ("red", "part_h", None)):
         await desk.ask(
-            topics.ADD_PACKAGE, schemas.AddPackage(kind=kind, lane=lane, position=position, length_m=0.35)
+            topics.ADD_PACKAGE, models.AddPackage(kind=kind, lane=lane, position=position, length_m=0.35)
         )
     await desk.at(9.0)
-    await desk.ask(topics.SET_SPEED, schemas.SetSpeed(speed_mps=0.0, belts=("part_f", "part_h")))
+    await desk.ask(topics.SET_SPEED, models.SetSpeed(speed_mps=0.0, belts=("part_f", "part_h")))
     await desk.at(13.0)
-    await desk.ask(topics.SET_SPEED, schemas.SetSpeed(speed_mps=0.8, belts=("part_h",)))
-    await desk.ask(topics.SET_SPEED, schemas.SetSpeed(speed_mps=-0.2, belts=("part_f",)))
+    await desk.ask(topics.SET_SPEED, models.SetSpeed(speed_mps=0.8, belts=("part_h",)))
+    await desk.ask(topics.SET_SPEED, models.SetSpeed(speed_mps=-0.2, belts=("part_f",)))
     await desk.at(16.0)
-    await desk.ask(topics.SET_SPEED, schemas.SetSpeed(speed_mps=0.7))
-    await desk.ask(topics.SET_FEEDING, schemas.SetFeeding(feeding=False))
+    await desk.ask(topics.SET_SPEED, models.SetSpeed(speed_mps=0.7))
+    await desk.ask(topics.SET_FEEDING, models.SetFeeding(feeding=False))
     await desk.at(24.0)
-    await desk.ask(topics.SET_FEEDING, schemas.SetFeeding(feeding=True))
+    await desk.ask(topics.SET_FEEDING, models.SetFeeding(feeding=True))
     await desk.at(31.0)
-    await desk.ask(topics.RESET_CONVEYOR, schemas.ResetConveyor())
-    await desk.ask(topics.SET_BRIGHTNESS, schemas.SetBrightness(brightness=0.4, strips=("7", "9")))
+    await desk.ask(topics.RESET_CONVEYOR, models.ResetConveyor())
+    await desk.ask(topics.SET_BRIGHTNESS, models.SetBrightness(brightness=0.4, strips=("7", "9")))
 
 
 async def moves_on_workspaces(bus: MemoryBus) -> None:
     """The person gets one workspace after another, through their cursor, a place and tracked objects."""
     desk = _Desk(bus)
     asked = (
-        schemas.SetWorkspace(kind="horizontal"),
-        schemas.SetWorkspace(kind="facing", anchor="object", object_id="red on strip"),
-        schemas.SetWorkspace(kind="cylinder", anchor="object", object_id="red in air"),
-        schemas.SetWorkspace(kind="sphere", anchor="point", point_m=(4.0, 2.0, 1.0)),
-        schemas.SetWorkspace(kind="facing"),
-        schemas.SetWorkspace(kind="cylinder", anchor="object", object_id="nothing"),
-        schemas.SetWorkspace(kind="none"),
+        models.SetWorkspace(kind="horizontal"),
+        models.SetWorkspace(kind="facing", anchor="object", object_id="red on strip"),
+        models.SetWorkspace(kind="cylinder", anchor="object", object_id="red in air"),
+        models.SetWorkspace(kind="sphere", anchor="point", point_m=(4.0, 2.0, 1.0)),
+        models.SetWorkspace(kind="facing"),
+        models.SetWorkspace(kind="cylinder", anchor="object", object_id="nothing"),
+        models.SetWorkspace(kind="none"),
     )
     objects = asyncio.create_task(tracks(bus))
     for index, query in enumerate(asked):
@@ -177,23 +177,23 @@ async def tracks(bus: MemoryBus) -> None:
         along_m = 1.0 + 0.15 * time_s
         swing = 0.3 * time_s
         camera.put(
-            schemas.TrackedObjects(
+            models.TrackedObjects(
                 stamp_ns=VirtualClock().now_ns() - 20_000_000,
                 seq=tick,
                 objects=(
-                    schemas.TrackedObject(
+                    models.TrackedObject(
                         id="red on strip", kind="red", position_m=(4.8, along_m - 1.4, 0.95),
                         velocity_mps=(0.0, 0.15, 0.0), length_m=0.3, surface="strip", surface_id="0",
                         surface_position_m=along_m, surface_speed_mps=0.15,
                     ),
-                    schemas.TrackedObject(
+                    models.TrackedObject(
                         id="red in air",
                         kind="red",
                         position_m=(3.6, 0.6 * math.sin(swing), 1.2),
                         velocity_mps=(0.0, 0.18 * math.cos(swing), 0.0),
                         length_m=0.25,
                     ),
-                    schemas.TrackedObject(
+                    models.TrackedObject(
                         id="blue crate", kind="blue", position_m=(3.8, 1.4, 1.0), length_m=0.6
                     ),
                 ),
@@ -208,7 +208,7 @@ async def walks_by(bus: MemoryBus) -> None:
         time_s = 6.0 + 0.1 * tick
         await desk.at(time_s)
         pose.put(
-            schemas.UserPose(
+            models.UserPose(
                 stamp_ns=VirtualClock().now_ns(),
                 seq=tick,
                 position_m=(5.6 - 0.012 * tick, 2.2 + 0.6 * math.sin(0.02 * tick), 0.0),
@@ -218,7 +218,7 @@ async def walks_by(bus: MemoryBus) -> None:
             )
         )
         if tick == 220:
-            await desk.ask(topics.STOP_ROBOT, schemas.StopRobot(reason="cleaning"), "quad")
+            await desk.ask(topics.STOP_ROBOT, models.StopRobot(reason="cleaning"), "quad")
 
 
 async def lights_lamps(bus: MemoryBus) -> None:
@@ -227,7 +227,7 @@ async def lights_lamps(bus: MemoryBus) -> None:
     for tick in range(50):
         await desk.at(3.0 + 0.06 * tick)
         color = ((255, 0, 0), (20, 20, 0), (0, 0, 255))[tick % 3]
-        await desk.ask(topics.SET_LAMP, schemas.SetLamp(color=color), "led_0")
+        await desk.ask(topics.SET_LAMP, models.SetLamp(color=color), "led_0")
     await desk.at(7.0)
-    await desk.ask(topics.SET_LAMP, schemas.SetLamp(), "led_0")
-    await desk.ask(topics.SET_BRIGHTNESS, schemas.SetBrightness(brightness=0.5))
+    await desk.ask(topics.SET_LAMP, models.SetLamp(), "led_0")
+    await desk.ask(topics.SET_BRIGHTNESS, models.SetBrightness(brightness=0.5))

@@ -5,7 +5,7 @@ import math
 import time
 from dataclasses import dataclass, field
 
-from pointit import schemas
+import pointit.schemas as models
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.runtime.bus.contract import Bus
@@ -53,13 +53,13 @@ class PlayedLocalizer:
         if self._tasks:
             await asyncio.wait(self._tasks)
 
-    async def _point_anchor(self, query: schemas.PointAnchor, _user: str) -> schemas.Done:
+    async def _point_anchor(self, query: models.PointAnchor, _user: str) -> models.Done:
         lamp = query.lamp or next(iter(self.lamps))
         self.asked.append(f"anchor {query.lamp}".strip())
         if lamp not in self.lamps:
             raise RefusedError(f"lamps {lamp} are not on the map")
         self._tasks.add(asyncio.create_task(self._hold(lamp)))
-        return schemas.Done(message=f"point at {lamp}")
+        return models.Done(message=f"point at {lamp}")
 
     async def _hold(self, lamp: str) -> None:
         since_ns = time.time_ns()
@@ -74,12 +74,12 @@ class PlayedLocalizer:
         self.yaw_rad = self.true_yaw_rad
         self._put_pose(math.radians(1.5), anchored_ns=time.time_ns())
 
-    def _anchor(self, lamp: str, reason: str) -> schemas.Anchor:
+    def _anchor(self, lamp: str, reason: str) -> models.Anchor:
         way = vector.subtract(self.lamps[lamp], vector.add(self.position_m, EYES))
         direction = vector.direction(
             vector.azimuth(way) - self.true_yaw_rad, vector.elevation(way) - self.too_low_rad
         )
-        return schemas.Anchor(
+        return models.Anchor(
             stamp_ns=time.time_ns(), target_id=lamp, target_m=self.lamps[lamp], origin_m=EYES,
             raw_direction=direction, direction=direction, spread_rad=math.radians(9.0 if reason else 0.3),
             samples=100, position_m=self.position_m, yaw_rad=self.yaw_rad,
@@ -87,26 +87,26 @@ class PlayedLocalizer:
             accepted=not reason, reason=reason,
         )  # fmt: skip
 
-    async def _cancel(self, _query: schemas.CancelLocalization, _user: str) -> schemas.Done:
+    async def _cancel(self, _query: models.CancelLocalization, _user: str) -> models.Done:
         self.asked.append("cancel")
         self._tell("cancelled", since_ns=0)
-        return schemas.Done()
+        return models.Done()
 
-    async def _set_pose(self, query: schemas.SetPose, _user: str) -> schemas.Done:
+    async def _set_pose(self, query: models.SetPose, _user: str) -> models.Done:
         self.position_m = query.position_m
         self.asked.append(f"pose {query.position_m} {math.degrees(query.yaw_rad):.1f}")
         self.yaw_rad = query.yaw_rad
         self._put_pose()
-        return schemas.Done(message="the pose is set")
+        return models.Done(message="the pose is set")
 
-    async def _set_heading(self, query: schemas.SetHeading, _user: str) -> schemas.Done:
+    async def _set_heading(self, query: models.SetHeading, _user: str) -> models.Done:
         self.asked.append(f"heading {math.degrees(query.azimuth_rad):.1f}")
-        return schemas.Done(message="the yaw is set by where you point")
+        return models.Done(message="the yaw is set by where you point")
 
     def _put_pose(self, sigma_rad: float = 0.0, anchored_ns: int = 0) -> None:
         known = 1.0 if sigma_rad else 0.0  # a pose that was given has no covariance
         self._poses.put(
-            schemas.UserPose(
+            models.UserPose(
                 stamp_ns=time.time_ns(),
                 position_m=self.position_m,
                 yaw_rad=self.yaw_rad,
@@ -121,4 +121,4 @@ class PlayedLocalizer:
         fields = {"stamp_ns": time.time_ns(), "phase": phase, **more}
         if phase != "idle":
             fields["purpose"] = "anchor"
-        self._news.put(schemas.Localization.model_validate(fields))
+        self._news.put(models.Localization.model_validate(fields))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pointit import schemas
+import pointit.schemas as models
 from pointit.cli.main import command
 from pointit.conversion.import_csv import INDEX, csv_entries
 from pointit.conversion.recording_file import write_recording
@@ -44,22 +44,22 @@ def rows_of(*arguments: str) -> list[dict[str, Any]]:
 
 
 def room() -> Entry:
-    lamps = tuple(schemas.Lamp(id=name, position_m=place) for name, place in LAMPS.items())
-    return said(0.0, MAP, "", schemas.Environment(stamp_ns=at(0.0), name="room", lamps=lamps))
+    lamps = tuple(models.Lamp(id=name, position_m=place) for name, place in LAMPS.items())
+    return said(0.0, MAP, "", models.Environment(stamp_ns=at(0.0), name="room", lamps=lamps))
 
 
 def pointing_at_lamps(user: str, stand: Stand, begin_s: float = 1.0) -> Iterator[Entry]:
     """Yield a localization: the rays at one lamp after the other, at 50 Hz."""
     for index, (lamp, place) in enumerate(LAMPS.items()):
         lit_s = begin_s + index * HOLD_S
-        message = schemas.Localization(
+        message = models.Localization(
             stamp_ns=at(lit_s), phase="sampling", target_id=lamp, target_index=index, since_ns=at(begin_s)
         )
         yield said(lit_s, LOCALIZATION, user, message)
         x, y, z = unit(stand.rays(np.array([place])))[0].tolist()
         for tick in range(1, round(HOLD_S * 50)):
             time_s = lit_s + tick / 50
-            ray = schemas.PointingRay(
+            ray = models.PointingRay(
                 stamp_ns=at(time_s), origin_m=(0.0, 0.0, stand.eyes_m), direction=(x, y, z)
             )
             yield said(time_s, RAY, user, ray)
@@ -68,20 +68,20 @@ def pointing_at_lamps(user: str, stand: Stand, begin_s: float = 1.0) -> Iterator
         end_s,
         LOCALIZATION,
         user,
-        schemas.Localization(stamp_ns=at(end_s), phase="solved", since_ns=at(begin_s)),
+        models.Localization(stamp_ns=at(end_s), phase="solved", since_ns=at(begin_s)),
     )
 
 
 def seen(user: str, stand: Stand, until_s: float = 30.0) -> Iterator[Entry]:
     """Yield the reports of a tracker that sees the person's head."""
     for tick in range(round(until_s * 5)):
-        head = schemas.TrackedObject(id=user, kind="person", position_m=(stand.x, stand.y, 1.8))
-        yield said(tick / 5, OBJECTS, "mocap", schemas.TrackedObjects(stamp_ns=at(tick / 5), objects=(head,)))
+        head = models.TrackedObject(id=user, kind="person", position_m=(stand.x, stand.y, 1.8))
+        yield said(tick / 5, OBJECTS, "mocap", models.TrackedObjects(stamp_ns=at(tick / 5), objects=(head,)))
 
 
 def found(user: str, time_s: float, x: float, y: float) -> Entry:
     """Return a pose as the localizer publishes it."""
-    pose = schemas.UserPose(
+    pose = models.UserPose(
         stamp_ns=at(time_s), position_m=(x, y, 0.0), yaw_rad=0.0, method="static_targets",
         covariance=(0.04, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.01), anchored_ns=at(time_s),
     )  # fmt: skip
@@ -123,7 +123,7 @@ def test_poses_of_the_session_are_scored_as_they_were_found(tmp_path: Path) -> N
 
 def test_pointing_at_lamps_afterwards_is_scored_without_a_tracker(tmp_path: Path) -> None:
     anchors = [
-        schemas.Anchor(
+        models.Anchor(
             stamp_ns=at(time_s), target_id="one", origin_m=(0.0, 0.0, 1.6), raw_direction=(1.0, 0.0, 0.0),
             direction=(1.0, 0.0, 0.0), azimuth_error_rad=math.radians(3.0),
             elevation_error_rad=math.radians(-4.0),
@@ -154,7 +154,7 @@ def test_a_person_who_follows_a_robot_is_scored_by_windows_from_the_arm_alone(tm
 
 def test_a_tracker_that_knows_the_yaw_is_the_truth_of_it(tmp_path: Path) -> None:
     stand = Stand(x=0.3, y=0.2, yaw_deg=35.0)
-    true = schemas.UserPose(
+    true = models.UserPose(
         stamp_ns=at(0.0), position_m=(0.3, 0.2, 0.0), yaw_rad=math.radians(40.0), method="external"
     )
     poses = (

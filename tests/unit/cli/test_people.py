@@ -5,7 +5,7 @@ from typing import Literal
 
 import pytest
 
-from pointit import schemas
+import pointit.schemas as models
 from pointit.api.press import press
 from pointit.cli.people.anchoring import Anchoring
 from pointit.runtime.bus.site_clock import SiteClock
@@ -19,13 +19,13 @@ ANNA = "anna"
 
 def put_pose(bench: Bench) -> None:
     bench.put(
-        topics.POSE, schemas.UserPose(stamp_ns=bench.clock.now_ns(), position_m=(0, 0, 0), yaw_rad=0), ANNA
+        topics.POSE, models.UserPose(stamp_ns=bench.clock.now_ns(), position_m=(0, 0, 0), yaw_rad=0), ANNA
     )
 
 
 async def test_it_presses_and_returns_what_followed() -> None:
     async with memory_bench() as bench:
-        buttons: list[schemas.ButtonEvent] = bench.collect(topics.BUTTON, ANNA)
+        buttons: list[models.ButtonEvent] = bench.collect(topics.BUTTON, ANNA)
         bench.start(Supervisor, user=ANNA)
         put_pose(bench)
         await bench.settle()
@@ -56,8 +56,8 @@ async def test_what_changes_nothing_is_answered_too() -> None:
 async def test_a_cue_of_pointing_past_is_no_answer() -> None:
     async with memory_bench() as bench:
         bench.bus.announce(topics.SERVICE_ALIVE, "supervisor.anna")
-        bench.put(topics.INTERACTION, schemas.Interaction(stamp_ns=1, state="pointing"), ANNA)
-        past = schemas.Feedback(stamp_ns=2, cue="target", text="you point below", turn_rad=(0.0, 0.3))
+        bench.put(topics.INTERACTION, models.Interaction(stamp_ns=1, state="pointing"), ANNA)
+        past = models.Feedback(stamp_ns=2, cue="target", text="you point below", turn_rad=(0.0, 0.3))
         bench.bus.subscribe(topics.BUTTON, lambda _event, _user: bench.put(topics.FEEDBACK, past, ANNA))
         with pytest.raises(NoAnswerError, match="did not answer"):
             await press(bench.bus, SiteClock(bench.bus), ANNA, "press", patience_s=0.2)
@@ -80,7 +80,7 @@ async def test_a_supervisor_that_hangs_is_one_sentence() -> None:
         bench.bus.announce(topics.SERVICE_ALIVE, "supervisor.anna")
         with pytest.raises(NoAnswerError, match="present but says nothing"):
             await press(bench.bus, SiteClock(bench.bus), ANNA, "press", patience_s=0.05)
-        interaction = schemas.Interaction(stamp_ns=1, state="idle", next_step="Press.", reason="")
+        interaction = models.Interaction(stamp_ns=1, state="idle", next_step="Press.", reason="")
         bench.put(topics.INTERACTION, interaction, ANNA)
         for gesture in ("press", "double"):
             with pytest.raises(NoAnswerError, match=r"supervisor\.anna did not answer within 0\.05 s"):
@@ -91,19 +91,19 @@ async def test_a_supervisor_that_hangs_is_one_sentence() -> None:
 async def test_who_gives_up_leaves_no_lamp(phase: Literal["idle", "sampling"], called_off: list[str]) -> None:
     asked: list[str] = []
 
-    async def point(_query: schemas.PointAnchor, _user: str) -> schemas.Done:
+    async def point(_query: models.PointAnchor, _user: str) -> models.Done:
         asked.append("anchor")
         await asyncio.Event().wait()
-        return schemas.Done()
+        return models.Done()
 
-    async def cancel(_query: schemas.CancelLocalization, _user: str) -> schemas.Done:
+    async def cancel(_query: models.CancelLocalization, _user: str) -> models.Done:
         asked.append("cancel")
-        return schemas.Done()
+        return models.Done()
 
     async with memory_bench() as bench:
         bench.bus.serve(topics.POINT_ANCHOR, point, ANNA)
         bench.bus.serve(topics.CANCEL_LOCALIZATION, cancel, ANNA)
-        bench.put(topics.LOCALIZATION, schemas.Localization(stamp_ns=1, phase=phase, since_ns=1), ANNA)
+        bench.put(topics.LOCALIZATION, models.Localization(stamp_ns=1, phase=phase, since_ns=1), ANNA)
         pointing = asyncio.create_task(Anchoring(bench.bus, ANNA).point("led_1", 5.0, lambda _text: None))
         await until(lambda: asked == ["anchor"])
         pointing.cancel()

@@ -4,7 +4,7 @@ import functools
 import math
 from typing import Any
 
-from pointit import schemas
+import pointit.schemas as models
 from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.bridges.ros2.routing.route_types import InboundRoute, OutboundRoute, ServiceRoute
 from pointit.bridges.ros2.routing.routes import Routes, routes
@@ -12,20 +12,20 @@ from pointit.bridges.ros2.types.types import Types
 from pointit.geometry import rotation
 from pointit.geometry.vector import Vec3
 
-NOW_NS = 1_700_000_000 * schemas.NS_PER_S + 5
+NOW_NS = 1_700_000_000 * models.NS_PER_S + 5
 
-ROOM = schemas.Environment(
+ROOM = models.Environment(
     stamp_ns=NOW_NS,
     name="room",
-    lamps=(schemas.Lamp(id="led_0", position_m=(1.0, 2.0, 3.0)),),
-    strips=(schemas.Strip(id="0", line_m=((0.0, 0.0, 1.0), (4.0, 0.0, 1.0)), pixels=8),),
+    lamps=(models.Lamp(id="led_0", position_m=(1.0, 2.0, 3.0)),),
+    strips=(models.Strip(id="0", line_m=((0.0, 0.0, 1.0), (4.0, 0.0, 1.0)), pixels=8),),
     belts=(
-        schemas.Belt(id="part_a", line_m=((0.0, 0.0, 0.0), (0.0, 2.0, 0.0))),
-        schemas.Belt(id="part_b", line_m=((0.0, 5.0, 0.0), (3.0, 5.0, 0.0))),
+        models.Belt(id="part_a", line_m=((0.0, 0.0, 0.0), (0.0, 2.0, 0.0))),
+        models.Belt(id="part_b", line_m=((0.0, 5.0, 0.0), (3.0, 5.0, 0.0))),
     ),
 )
 
-CURSOR = schemas.Cursor(
+CURSOR = models.Cursor(
     stamp_ns=NOW_NS,
     surface="belt",
     surface_id="part_a",
@@ -36,7 +36,7 @@ CURSOR = schemas.Cursor(
     origin_m=(0.0, 0.5, 2.0),
     direction=(0.0, 0.0, -1.0),
 )
-POSE = schemas.UserPose(
+POSE = models.UserPose(
     stamp_ns=NOW_NS,
     position_m=(1.0, 2.0, 0.5),
     yaw_rad=math.pi / 2.0,
@@ -51,7 +51,7 @@ def jazzy() -> Types:
 
 
 def time_of(stamp_ns: int) -> Any:
-    sec, nanosec = divmod(stamp_ns, schemas.NS_PER_S)
+    sec, nanosec = divmod(stamp_ns, models.NS_PER_S)
     return jazzy().make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
 
 
@@ -106,7 +106,7 @@ def server(name: str) -> ServiceRoute:
 
 def sent(
     row: OutboundRoute,
-    message: schemas.Message,
+    message: models.Message,
     scene: ConversionState,
     name: str = "user1",
     *,
@@ -124,8 +124,8 @@ def turned(value: Any) -> rotation.Quaternion:
 
 def package(
     number: int, *, belt: str = "part_a", at_m: float = 1.0, kind: str = "red"
-) -> schemas.TrackedObject:
-    return schemas.TrackedObject(
+) -> models.TrackedObject:
+    return models.TrackedObject(
         id=f"19-{number}",
         kind=kind,
         position_m=(0.0, at_m, 0.0),
@@ -136,5 +136,5 @@ def package(
     )
 
 
-def objects(*items: schemas.TrackedObject) -> schemas.TrackedObjects:
-    return schemas.TrackedObjects(stamp_ns=NOW_NS, objects=items)
+def objects(*items: models.TrackedObject) -> models.TrackedObjects:
+    return models.TrackedObjects(stamp_ns=NOW_NS, objects=items)

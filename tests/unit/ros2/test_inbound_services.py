@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit import schemas
+import pointit.schemas as models
 from pointit.bridges.ros2.routing.conversion_state import ConversionState, Guest
 from pointit.bridges.ros2.routing.route_types import (
     BusOutput,
@@ -45,11 +45,11 @@ def test_a_package_is_added_under_the_callers_number() -> None:
     scene.take("conveyor", objects(package(1)), NOW_NS)
     asked = request(row, uid=41, kind=1, belt=1)
     found = row.asks(asked, about(scene))
-    assert found == BusOutput(row.request, "", schemas.AddPackage(kind="red", lane="part_b"))
+    assert found == BusOutput(row.request, "", models.AddPackage(kind="red", lane="part_b"))
     # it is on the conveyor before its reply comes: it waits for its number, the others do not
     scene.take("conveyor", objects(package(1), package(2)), NOW_NS)
     assert listed(scene) == [1]
-    reply = schemas.AddPackageReply(object_id="19-2")
+    reply = models.AddPackageReply(object_id="19-2")
     assert response(row, row.response(asked, reply, about(scene))).result
     assert listed(scene) == [1, 41]
 
@@ -70,7 +70,7 @@ def test_who_is_refused_does_not_settle_for_who_is_not() -> None:
     row.asks(second, about(scene))
     assert not row.response(second, None, about(scene)).result
     assert not scene.uids.is_settled("19-9")
-    row.response(first, schemas.AddPackageReply(object_id="19-9"), about(scene))
+    row.response(first, models.AddPackageReply(object_id="19-9"), about(scene))
     assert scene.uids.number("19-9") == 41
 
 
@@ -81,7 +81,7 @@ def test_the_number_of_a_package_that_has_left_can_be_had_again() -> None:
     scene.take("conveyor", objects(), NOW_NS)
     asked = request(row, uid=7)
     assert isinstance(row.asks(asked, about(scene)), BusOutput)
-    row.response(asked, schemas.AddPackageReply(object_id="19-8"), about(scene))
+    row.response(asked, models.AddPackageReply(object_id="19-8"), about(scene))
     scene.take("conveyor", objects(package(8)), NOW_NS)
     assert listed(scene) == [7]
 
@@ -89,31 +89,31 @@ def test_the_number_of_a_package_that_has_left_can_be_had_again() -> None:
 @pytest.mark.parametrize(
     ("name", "fields", "query", "on"),
     [
-        ("set_belt_speed", {"speed": 0.5}, schemas.SetSpeed(speed_mps=0.5), ""),
-        ("reset_pack_sim", {}, schemas.ResetConveyor(), ""),
-        ("set_yaw_origin", {}, schemas.SetYawOrigin(), "user1"),
-        ("set_brightness", {"brightness": 0.5}, schemas.SetBrightness(brightness=0.5), ""),
-        ("set_brightness", {"brightness": 7.0}, schemas.SetBrightness(brightness=1.0), ""),
+        ("set_belt_speed", {"speed": 0.5}, models.SetSpeed(speed_mps=0.5), ""),
+        ("reset_pack_sim", {}, models.ResetConveyor(), ""),
+        ("set_yaw_origin", {}, models.SetYawOrigin(), "user1"),
+        ("set_brightness", {"brightness": 0.5}, models.SetBrightness(brightness=0.5), ""),
+        ("set_brightness", {"brightness": 7.0}, models.SetBrightness(brightness=1.0), ""),
         (
             "set_brightness",
             {"brightness": 0.5, "channel_index_mask": 1},
-            schemas.SetBrightness(brightness=0.5, strips=("0",)),
+            models.SetBrightness(brightness=0.5, strips=("0",)),
             "",
         ),
         (
             "add_pack",
             {"uid": 4, "position": 0.5},
-            schemas.AddPackage(kind="blue", lane="part_a", position=0.5),
+            models.AddPackage(kind="blue", lane="part_a", position=0.5),
             "",
         ),
-        ("add_pack", {"uid": 4, "position": 5e-4}, schemas.AddPackage(kind="blue", lane="part_a"), ""),
+        ("add_pack", {"uid": 4, "position": 5e-4}, models.AddPackage(kind="blue", lane="part_a"), ""),
     ],
 )
 def test_requests_are_asked_of_ours(name: str, fields: dict[str, Any], query: Any, on: str) -> None:
     row, scene = server(name), furnished()
     asked = request(row, **fields)
     assert row.asks(asked, about(scene)) == BusOutput(row.request, on, query)
-    for reply in (schemas.Done(), None):
+    for reply in (models.Done(), None):
         response(row, row.response(asked, reply, about(scene)))
 
 
@@ -163,11 +163,11 @@ def check(found: Any) -> None:
     assert isinstance(found, BusOutput)
     assert found.at.at(found.name)
     if isinstance(found.at, Topic):
-        assert isinstance(found.what, schemas.Message)
+        assert isinstance(found.what, models.Message)
         assert type(found.what) is found.at.message
     else:
         assert type(found.what) is found.at.query
-    assert schemas.decode(type(found.what), schemas.encode(found.what)) == found.what
+    assert models.decode(type(found.what), models.encode(found.what)) == found.what
 
 
 @pytest.mark.parametrize("name", [row.name for row in routes().inward])
@@ -192,5 +192,5 @@ def test_whatever_is_asked_is_answered(name: str, data: st.DataObject) -> None:
     for _ in range(2):
         asked = data.draw(any_value(kind, LIKELY))
         check(row.asks(asked, about(scene)))
-        reply = data.draw(st.sampled_from([None, schemas.AddPackageReply(object_id="19-3")]))
+        reply = data.draw(st.sampled_from([None, models.AddPackageReply(object_id="19-3")]))
         jazzy().encode(jazzy().response_of(row.type), row.response(asked, reply, about(scene)))

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pointit import schemas
+import pointit.schemas as models
 from pointit.bridges.ros2.graph.backend import Qos
 from pointit.bridges.ros2.outbound.drawing import DELETE_ALL
 from pointit.bridges.ros2.outbound.values import LAST_S, MAX_TEXT
@@ -33,7 +33,7 @@ from tests.unit.ros2.scenes import (
 )
 from tests.unit.schemas.strategies import messages
 
-DRIFT = schemas.Figure(name="drift", value=0.5, unit="°/s")
+DRIFT = models.Figure(name="drift", value=0.5, unit="°/s")
 
 
 @pytest.fixture
@@ -44,7 +44,7 @@ def table() -> Routes:
 @given(st.floats(-math.pi, math.pi), st.floats(-1.57, 1.57))
 def test_x_of_the_pointing_ray_is_its_direction(azimuth_rad: float, elevation_rad: float) -> None:
     way = vector.direction(azimuth_rad, elevation_rad)
-    ray = schemas.PointingRay(stamp_ns=NOW_NS, origin_m=(0.0, 0.0, 1.64), direction=way)
+    ray = models.PointingRay(stamp_ns=NOW_NS, origin_m=(0.0, 0.0, 1.64), direction=way)
     (value,) = sent(out(routes(), "pointing_ray"), ray, furnished())
     x_axis = rotation.rotate(turned(value.pose.orientation), (1.0, 0.0, 0.0))
     assert x_axis == pytest.approx(way, abs=1e-9)
@@ -55,7 +55,7 @@ def test_x_of_the_pointing_ray_is_its_direction(azimuth_rad: float, elevation_ra
 
 def test_the_arm_is_told_with_what_the_device_measures(table: Routes) -> None:
     q = (0.5, -0.5, 0.5, 0.5)
-    plain = schemas.ImuSample(stamp_ns=NOW_NS, orientation_xyzw=q)
+    plain = models.ImuSample(stamp_ns=NOW_NS, orientation_xyzw=q)
     (rotated,) = sent(out(table, "rotation"), plain, furnished())
     assert (turned(rotated.quaternion), rotated.header.frame_id) == (q, "user1/human_footprint")
     (value,) = sent(out(table, "imu"), plain, furnished())
@@ -96,11 +96,11 @@ def test_a_pose_is_told_in_the_world_with_its_covariance(table: Routes) -> None:
 def test_the_clock_is_published_while_time_is_simulated_only(table: Routes) -> None:
     row, wall = out(table, "clock"), WallClock().tick()
     assert sent(row, wall, furnished()) == sent(row, wall, furnished(), again_ns=NOW_NS) == []
-    for sim_ns, speed in ((NOW_NS, 2.0), (5 * schemas.NS_PER_S, 1.0)):
-        tick = schemas.ClockTick(stamp_ns=NOW_NS, sim_ns=sim_ns, speed=speed)
+    for sim_ns, speed in ((NOW_NS, 2.0), (5 * models.NS_PER_S, 1.0)):
+        tick = models.ClockTick(stamp_ns=NOW_NS, sim_ns=sim_ns, speed=speed)
         (value,) = sent(row, tick, furnished())
-        assert value.clock.sec == sim_ns // schemas.NS_PER_S
-        (value,) = sent(row, tick, furnished(), "", again_ns=8 * schemas.NS_PER_S)
+        assert value.clock.sec == sim_ns // models.NS_PER_S
+        (value,) = sent(row, tick, furnished(), "", again_ns=8 * models.NS_PER_S)
         assert value.clock.sec == 8
 
 
@@ -110,12 +110,12 @@ def test_tf_is_repeated_with_the_time_it_is_then_but_left_to_who_publishes_it(ta
     (frame,) = value.transforms
     assert (frame.header.frame_id, frame.child_frame_id) == ("world", "user1/human_footprint")
     assert (frame.transform.translation.z, frame.header.stamp.sec) == (0.5, 1_700_000_000)
-    (value,) = sent(row, POSE, scene, again_ns=NOW_NS + 3 * schemas.NS_PER_S)
+    (value,) = sent(row, POSE, scene, again_ns=NOW_NS + 3 * models.NS_PER_S)
     assert value.transforms[0].header.stamp.sec == 1_700_000_003
-    scene.person("user1").tf_until_ns = NOW_NS + schemas.NS_PER_S
+    scene.person("user1").tf_until_ns = NOW_NS + models.NS_PER_S
     assert sent(row, POSE, scene) == []
     assert sent(row, POSE, scene, "user2") != []
-    assert sent(row, POSE, scene, again_ns=NOW_NS + schemas.NS_PER_S) != []
+    assert sent(row, POSE, scene, again_ns=NOW_NS + models.NS_PER_S) != []
 
 
 def test_all_static_frames_come_together(table: Routes) -> None:
@@ -131,23 +131,23 @@ def test_a_cursor_is_a_point_where_there_is_one(table: Routes) -> None:
     (value,) = sent(out(table, "cursor"), CURSOR, furnished())
     assert (value.point.x, value.point.y, value.point.z) == (0.0, 0.5, 0.0)
     assert value.header.frame_id == "world"
-    assert sent(out(table, "cursor"), schemas.Cursor(stamp_ns=NOW_NS), furnished()) == []
+    assert sent(out(table, "cursor"), models.Cursor(stamp_ns=NOW_NS), furnished()) == []
 
 
 def test_a_goal_is_a_pose_in_the_world(table: Routes) -> None:
-    goal = schemas.Goal(
+    goal = models.Goal(
         stamp_ns=NOW_NS,
         position_m=(1.0, 2.0, 0.0),
         yaw_rad=math.pi / 2.0,
         age_s=0.1,
         position_sigma_m=0.2,
         clearance_m=2.0,
-        proposed_ns=NOW_NS - schemas.NS_PER_S,
+        proposed_ns=NOW_NS - models.NS_PER_S,
         confirmed_by="again",
     )
     (value,) = sent(out(table, "goal_pose"), goal, furnished())
     assert (value.header.frame_id, value.pose.position.y) == ("world", 2.0)
-    assert value.header.stamp.sec == NOW_NS // schemas.NS_PER_S
+    assert value.header.stamp.sec == NOW_NS // models.NS_PER_S
     assert rotation.rotate(turned(value.pose.orientation), (1.0, 0.0, 0.0)) == pytest.approx((0.0, 1.0, 0.0))
     steered = goal.model_copy(update={"robot": "rover"})  # our own robot: a Nav2 would drive there as well
     assert sent(out(table, "goal_pose"), steered, furnished()) == []
@@ -156,7 +156,7 @@ def test_a_goal_is_a_pose_in_the_world(table: Routes) -> None:
 
 def test_a_press_goes_down_and_up(table: Routes) -> None:
     row = out(table, "button")
-    event = schemas.ButtonEvent(stamp_ns=NOW_NS)
+    event = models.ButtonEvent(stamp_ns=NOW_NS)
     assert [value.data for value in sent(row, event, furnished())] == [True, False]
     double = event.model_copy(update={"gesture": "double"})
     assert [value.data for value in sent(row, double, furnished())] == [True, False, True, False]
@@ -166,11 +166,11 @@ def test_a_press_goes_down_and_up(table: Routes) -> None:
 def test_states_are_called_as_the_ros_toolkit_does(table: Routes) -> None:
     scene = furnished()
     scene.take(
-        "user1", schemas.UserProfile(stamp_ns=0, cursor_color=(255, 0, 51), cursor_width_m=0.25), NOW_NS
+        "user1", models.UserProfile(stamp_ns=0, cursor_color=(255, 0, 51), cursor_width_m=0.25), NOW_NS
     )
     told: list[Any] = []
     for state in ("idle", "localizing", "pointing"):
-        interaction = schemas.Interaction(stamp_ns=NOW_NS, state=state)
+        interaction = models.Interaction(stamp_ns=NOW_NS, state=state)
         (transition,) = sent(out(table, "state_transition"), interaction, scene)
         (points,) = sent(out(table, "is_pointing"), interaction, scene)
         (wish,) = sent(out(table, "subscription"), interaction, scene)
@@ -200,8 +200,8 @@ def test_packages_of_all_trackers_are_listed_as_shares_of_their_belts(table: Rou
 
 def test_selected_are_told_by_the_numbers_of_packages(table: Routes) -> None:
     scene = furnished()
-    selection = schemas.Selection(
-        stamp_ns=NOW_NS, objects=(schemas.SelectedObject(id="19-12", user="user1", since_ns=0),)
+    selection = models.Selection(
+        stamp_ns=NOW_NS, objects=(models.SelectedObject(id="19-12", user="user1", since_ns=0),)
     )
     (value,) = sent(out(table, "selected_packages"), selection, scene, "")
     assert value.uids.tolist() == [12]
@@ -211,19 +211,19 @@ def test_selected_are_told_by_the_numbers_of_packages(table: Routes) -> None:
 
 def test_pointers_tell_who_points_at_what(table: Routes) -> None:
     scene = furnished()
-    profile = schemas.UserProfile(
+    profile = models.UserProfile(
         stamp_ns=0, cursor_color=(0, 255, 0), cursor_width_m=0.25, cursor_colormap="jet"
     )
     scene.take("user1", profile, NOW_NS)
-    scene.take("user2", schemas.UserProfile(stamp_ns=0), NOW_NS)
-    scene.take("user1", schemas.Hover(stamp_ns=NOW_NS, object_id="19-4"), NOW_NS)
+    scene.take("user2", models.UserProfile(stamp_ns=0), NOW_NS)
+    scene.take("user1", models.Hover(stamp_ns=NOW_NS, object_id="19-4"), NOW_NS)
     (value,) = sent(out(table, "pointers"), CURSOR, scene)
     first, second = value.pointers
     assert (first.user_name, first.position.name, first.position.position) == ("user1", "part_a", 0.25)
     assert (first.size, first.distance, first.cmap, first.color.g) == (0.25, 0.25, "jet", 1.0)
     assert first.overlay.uids.tolist() == [4]
     assert (second.user_name, second.position.name) == ("user2", "")
-    (value,) = sent(out(table, "pointers"), schemas.Interaction(stamp_ns=NOW_NS, state="idle"), scene)
+    (value,) = sent(out(table, "pointers"), models.Interaction(stamp_ns=NOW_NS, state="idle"), scene)
     assert [each.position.name for each in value.pointers] == ["", ""]
     scene.forget("user2")
     (value,) = sent(out(table, "pointers"), CURSOR, scene)
@@ -234,25 +234,25 @@ def test_pointers_tell_who_points_at_what(table: Routes) -> None:
     ("step", "told"), [("28", [28]), ("-1", [-1]), ("end", []), ("", []), ("9" * 12, [])]
 )
 def test_steps_that_are_numbers_are_told(table: Routes, step: str, told: list[int]) -> None:
-    state = schemas.ConveyorState(stamp_ns=NOW_NS, speed_mps=0.1, step=step)
+    state = models.ConveyorState(stamp_ns=NOW_NS, speed_mps=0.1, step=step)
     assert [value.data for value in sent(out(table, "step_number"), state, furnished(), "")] == told
 
 
 def test_lights_are_told_in_ros_colours(table: Routes) -> None:
-    frame = schemas.StripsFrame(
-        stamp_ns=NOW_NS, strips=(schemas.StripFrame(id="3", rgb=bytes((1, 2, 3, 4, 5, 6))),)
+    frame = models.StripsFrame(
+        stamp_ns=NOW_NS, strips=(models.StripFrame(id="3", rgb=bytes((1, 2, 3, 4, 5, 6))),)
     )
     (value,) = sent(out(table, "led_strips"), frame, furnished(), "")
     (strip,) = value.strips
     assert (strip.id, strip.color_order, strip.data.tolist()) == (3, 0, [1, 2, 3, 4, 5, 6])
     row = out(table, "lamp_color")
-    (value,) = sent(row, schemas.LampColor(stamp_ns=NOW_NS, color=(255, 0, 51)), furnished(), "led_0")
+    (value,) = sent(row, models.LampColor(stamp_ns=NOW_NS, color=(255, 0, 51)), furnished(), "led_0")
     assert (value.r, value.g, value.a) == (1.0, 0.0, 1.0)
     assert row.ros_name(furnished(), "led_0") == "/led_0/color"
 
 
 def test_health_is_diagnostics_without_what_ros_texts_cannot_hold(table: Routes) -> None:
-    health = schemas.Health(
+    health = models.Health(
         stamp_ns=NOW_NS, service="pui", instance="p\0ui", pid=1, host="site", figures=(DRIFT,)
     )
     (value,) = sent(out(table, "diagnostics"), health, furnished(), "pui")
@@ -299,7 +299,7 @@ def test_the_same_scene_is_converted_to_the_same(table: Routes) -> None:
 
 
 def test_an_environment_without_lines_draws_nothing_but_the_rest(table: Routes) -> None:
-    empty = schemas.Environment(stamp_ns=NOW_NS, name="empty")
+    empty = models.Environment(stamp_ns=NOW_NS, name="empty")
     (value,) = sent(out(table, "map_markers"), empty, furnished(), "")
     assert [marker.action for marker in value.markers] == [DELETE_ALL]
     (value,) = sent(out(table, "tf_static"), empty, furnished(), "")

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pointit import schemas
+import pointit.schemas as models
 from pointit.bridges.ros2.outbound.drawing import ADD, DELETE, DELETE_ALL
 from pointit.bridges.ros2.outbound.map_markers import MAX_MARKERS, ribbon
 from pointit.bridges.ros2.outbound.markers import HALTED, MAX_OBJECTS, ellipse
@@ -29,8 +29,8 @@ def keys(value: Any, action: int = ADD) -> set[tuple[str, int]]:
 def test_markers_show_the_scene_and_take_away_what_is_gone(table: Routes) -> None:
     scene, row = furnished(), out(table, "markers")
     scene.take("user1", POSE, NOW_NS)
-    selection = schemas.Selection(
-        stamp_ns=NOW_NS, objects=(schemas.SelectedObject(id="19-2", user="user1", since_ns=0),)
+    selection = models.Selection(
+        stamp_ns=NOW_NS, objects=(models.SelectedObject(id="19-2", user="user1", since_ns=0),)
     )
     scene.take("", selection, NOW_NS)
     scene.take("conveyor", objects(package(1), package(2)), NOW_NS)
@@ -46,10 +46,10 @@ def test_markers_show_the_scene_and_take_away_what_is_gone(table: Routes) -> Non
     red = next(marker for marker in value.markers if marker.ns == "objects" and marker.id == 1)
     assert red.color.r == 1.0
     scene.take("conveyor", objects(package(2)), NOW_NS)
-    (value,) = sent(row, schemas.Interaction(stamp_ns=NOW_NS, state="idle"), scene)
+    (value,) = sent(row, models.Interaction(stamp_ns=NOW_NS, state="idle"), scene)
     assert keys(value) == {("user1/name", 0), ("user1/place", 0), ("objects", 2), ("selected", 2)}
     assert keys(value, DELETE) == {("user1/ray", 0), ("user1/cursor", 0), ("objects", 1)}
-    (value,) = sent(row, schemas.Interaction(stamp_ns=NOW_NS, state="idle"), scene)
+    (value,) = sent(row, models.Interaction(stamp_ns=NOW_NS, state="idle"), scene)
     assert not keys(value, DELETE)
 
 
@@ -75,9 +75,9 @@ def test_the_ellipse_has_the_axes_of_the_covariance() -> None:
 def test_the_map_replaces_what_was_drawn_before(table: Routes) -> None:
     room = ROOM.model_copy(
         update={
-            "boxes": (schemas.Box(id="b", center_m=(1.0, 1.0, 1.0), size_m=(1.0, 2.0, 3.0)),),
+            "boxes": (models.Box(id="b", center_m=(1.0, 1.0, 1.0), size_m=(1.0, 2.0, 3.0)),),
             "planes": (
-                schemas.Plane(id="p", center_m=(0.0, 0.0, 0.0), normal=(1.0, 0.0, 0.0), size_m=(2.0, 4.0)),
+                models.Plane(id="p", center_m=(0.0, 0.0, 0.0), normal=(1.0, 0.0, 0.0), size_m=(2.0, 4.0)),
             ),
         }
     )
@@ -102,7 +102,7 @@ def test_a_ribbon_is_as_wide_as_its_belt_and_seen_from_both_sides() -> None:
     assert sorted(np.sign(up).tolist()) == [-1.0, -1.0, 1.0, 1.0]
 
 
-STATE = schemas.RobotState(
+STATE = models.RobotState(
     stamp_ns=NOW_NS,
     kind="quadrotor",
     phase="moving",
@@ -118,15 +118,15 @@ STATE = schemas.RobotState(
 
 def test_a_robot_is_drawn_with_its_plan_in_the_colour_of_who_steers_it() -> None:
     scene, row = furnished(), out(routes(), "markers")
-    scene.take("user1", schemas.UserProfile(stamp_ns=NOW_NS, cursor_color=(0, 0, 255)), NOW_NS)
+    scene.take("user1", models.UserProfile(stamp_ns=NOW_NS, cursor_color=(0, 0, 255)), NOW_NS)
     scene.take(
-        "user1", schemas.Steering(stamp_ns=NOW_NS, waypoints_m=((2.0, 0.0, 0.0), (3.0, 0.0, 0.0))), NOW_NS
+        "user1", models.Steering(stamp_ns=NOW_NS, waypoints_m=((2.0, 0.0, 0.0), (3.0, 0.0, 0.0))), NOW_NS
     )
-    robot = schemas.TrackedObject(id="quad", kind="quadrotor", position_m=(1.0, 2.0, 1.5))
+    robot = models.TrackedObject(id="quad", kind="quadrotor", position_m=(1.0, 2.0, 1.5))
     scene.take("quad", objects(robot), NOW_NS)
     scene.take("quad", STATE, NOW_NS)
     (value,) = sent(
-        row, schemas.RobotPlan(stamp_ns=NOW_NS, line_m=((3.0, 2.0, 1.5),), user="user1"), scene, "quad"
+        row, models.RobotPlan(stamp_ns=NOW_NS, line_m=((3.0, 2.0, 1.5),), user="user1"), scene, "quad"
     )
     drawn = {(marker.ns, marker.id): marker for marker in value.markers if marker.action == ADD}
     assert set(drawn) == {

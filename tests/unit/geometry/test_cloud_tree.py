@@ -47,9 +47,7 @@ def test_no_point_is_overlooked(seed: int, measure: CloudMeasure) -> None:
 
 
 @given(seeds, st.sampled_from(MEASURES), st.floats(0.01, 1.0))
-def test_nothing_beyond_the_tolerance_and_all_within(
-    seed: int, measure: CloudMeasure, tolerance: float
-) -> None:
+def test_nothing_beyond_tolerance_and_all_within(seed: int, measure: CloudMeasure, tolerance: float) -> None:
     rng = np.random.default_rng(seed)
     points = some_cloud(rng)
     origin, direction = some_ray(rng)

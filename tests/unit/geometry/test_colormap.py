@@ -26,7 +26,8 @@ def test_every_step_is_as_matplotlibs(name: str) -> None:
 @given(st.sampled_from(BOTH_WAYS), st.lists(st.floats(allow_nan=True, allow_infinity=True), max_size=9))
 def test_any_fractions_have_a_colour_each(name: str, fractions: list[float]) -> None:
     colors = colormap(name)(fractions)
-    assert (colors.shape, colors.dtype) == ((len(fractions), 3), np.uint8)
+    assert colors.shape == (len(fractions), 3)
+    assert colors.dtype == np.uint8
     for fraction, color in zip(fractions, colors, strict=True):
         inside = 0.0 if np.isnan(fraction) else min(max(fraction, 0.0), 1.0)
         assert tuple(color) == colormap(name).rgb(inside)

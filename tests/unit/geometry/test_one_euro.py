@@ -44,9 +44,7 @@ def test_what_stays_comes_out_as_it_is(direction: Vec3, steps: list[float]) -> N
 
 
 @given(streams, rotations)
-def test_turning_everything_turns_the_output(
-    stream: list[tuple[float, Vec3]], turn: rotation.Quaternion
-) -> None:
+def test_turning_all_turns_the_output(stream: list[tuple[float, Vec3]], turn: rotation.Quaternion) -> None:
     turned = [(step_s, rotation.rotate(turn, direction)) for step_s, direction in stream]
     ways = [vector.angle_between(a, b) for (_, a), (_, b) in pairwise(stream)]
     if any(way > math.pi - 1e-3 for way in ways):

@@ -97,7 +97,8 @@ def test_a_corner_that_points_inwards_is_outside() -> None:
     assert not L_SHAPE.contains((2.0, 2.0))
     assert L_SHAPE.signed_distance_m((2.0, 2.0)) == pytest.approx(1.0)
     assert L_SHAPE.signed_distance_m((0.5, 0.5)) == pytest.approx(-0.5)
-    assert (L_SHAPE.nearest((2.0, 1.5)), L_SHAPE.area_m2) == ((2.0, 1.0), pytest.approx(5.0))
+    assert L_SHAPE.nearest((2.0, 1.5)) == (2.0, 1.0)
+    assert L_SHAPE.area_m2 == pytest.approx(5.0)
 
 
 @given(stars(), point, point)
@@ -130,7 +131,5 @@ def test_a_star_does_not_cross_itself(shape: Polygon) -> None:
     ("outline", "edges"),
     [([(0, 0), (2, 2), (2, 0), (0, 2)], (0, 2)), ([(0, 0), (4, 0), (4, 4), (2, 0), (0, 4)], (0, 2))],
 )
-def test_an_outline_that_crosses_or_touches_itself_is_found(
-    outline: list[Vec2], edges: tuple[int, int]
-) -> None:
+def test_an_outline_that_meets_itself_is_found(outline: list[Vec2], edges: tuple[int, int]) -> None:
     assert Polygon(outline).crossing() == edges

@@ -55,9 +55,7 @@ def cursor(stamp_ns: int, point: Vec3 | None, surface_id: str = "floor", **field
 class Anna:
     """She points, time passes; what comes of it is kept."""
 
-    def __init__(
-        self, *, confirm: str = "again", place: Vec3 | None = (0.0, 0.0, 0.0), **settings: Any
-    ) -> None:
+    def __init__(self, *, confirm: str = "again", place: Vec3 | None = (0, 0, 0), **settings: Any) -> None:
         self.steps = GoalConfirmation(GoalConfig.model_validate({"confirm": confirm} | settings), "anna")
         self.now_ns = START_NS
         self.lag_s = 0.0

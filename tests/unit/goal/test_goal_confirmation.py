@@ -184,7 +184,8 @@ def test_a_press_sends_where_presses_confirm() -> None:
     assert (anna.cues, anna.goals) == (["selected"], [])
     anna.press()
     (goal,) = anna.goals
-    assert (goal.confirmed_by, goal.position_m) == ("press", pytest.approx(THERE))
+    assert goal.confirmed_by == "press"
+    assert goal.position_m == pytest.approx(THERE)
     assert len(anna.press().goals) == 1
     assert Anna().stay(THERE).press().goals == []  # else a press ends the pointing
 

@@ -24,9 +24,7 @@ COVARIANCE = (0.02, 0.0, 0.0, 0.0, 0.02, 0.0, 0.0, 0.0, 0.005)
 class Pointer:
     """A person who is 5 degrees off, and robots that report ten times a second."""
 
-    def __init__(
-        self, robots: dict[str, Vec3], *, at_m: Vec3 = (0.0, 0.0, 0.0), yaw_rad: float = 0.0
-    ) -> None:
+    def __init__(self, robots: dict[str, Vec3], *, at_m: Vec3 = (0, 0, 0), yaw_rad: float = 0) -> None:
         self.core = RobotIdentifier(IdentificationSettings(none_prior=0.2))  # who seldom points beside one
         self.robots, self._at_m, self._yaw_rad = robots, at_m, yaw_rad
         self.now_ns = BEGIN_NS

@@ -238,11 +238,9 @@ def test_constant_errors_stay_with_any_number_of_rays() -> None:
     body = solved(rounds, dataclasses.replace(exact, body_sigma_m=0.2)).position_sigma_m
     assert body == pytest.approx(math.hypot(noise_only, 0.2), rel=0.02)
     model = dataclasses.replace(exact, model_sigma_rad=0.1)
-    near = tuple((x / 2.0, y / 2.0, z) for x, y, z in CORNERS)
+    near = tuple((x / 2.0, y / 2.0, z) for x, y, z in CORNERS) * 100
     far_m = solved(rounds, model).position_sigma_m
-    near_m = solved(
-        pointings(Person(0.2, -0.15, 0.5), near * 100, each=20, rate_hz=25.0), model
-    ).position_sigma_m
+    near_m = solved(pointings(Person(0.2, -0.15, 0.5), near, each=20, rate_hz=25.0), model).position_sigma_m
     assert far_m > 0.1  # an angle: the further away the targets, the more
     assert noise_only < near_m < 0.85 * far_m
 

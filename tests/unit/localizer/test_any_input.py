@@ -5,6 +5,7 @@ import math
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from pointit.geometry.vector import Vec3
 from pointit.schemas import FARTHEST, Environment, Lamp, PointingRay, SetPose, TrackedObject, TrackedObjects
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation_config import TrustConfig
@@ -46,9 +47,7 @@ def test_any_lamps_and_rays_give_a_refusal_or_a_valid_pose(
     assert not procedure.running
 
 
-def seen_from(
-    x_m: float, *robots: tuple[float, float]
-) -> list[tuple[tuple[float, float, float], float, float]]:
+def seen_from(x_m: float, *robots: tuple[float, float]) -> list[tuple[Vec3, float, float]]:
     """Return the rays at robots on the floor (x, y) of who stands at (`x_m`, 0) and looks along x."""
     away = [(x - x_m, y) for x, y in robots]
     return [((0.0, 0.0, 1.64), math.atan2(y, x), -math.atan2(1.64, math.hypot(x, y))) for x, y in away]

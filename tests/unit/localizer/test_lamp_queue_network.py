@@ -21,9 +21,7 @@ from pointit.services.localizer.pose_manager import PoseManager
 S = 1_000_000_000
 STEP_NS = S // 20
 NAMES = ("anna", "ben", "carl", "dora", "emil")
-LAMPS = tuple(
-    Lamp(id=f"led_{number}", position_m=(float(number), 2.0 - number % 2, 1.0)) for number in range(4)
-)
+LAMPS = tuple(Lamp(id=f"led_{x}", position_m=(float(x), 2.0 - x % 2, 1.0)) for x in range(4))
 ROOM = Environment(stamp_ns=0, name="room", lamps=LAMPS)
 LEFT, RIGHT, ALL = ("led_0", "led_1"), ("led_2", "led_3"), ()
 MIDDLE = ("led_1", "led_2")

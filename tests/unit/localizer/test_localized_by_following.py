@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pointit.geometry import vector
 from pointit.geometry.rotation import IDENTITY
 from pointit.schemas import (
     NS_PER_S,
@@ -73,12 +74,7 @@ def follow(seed: int, config: LocalizerConfig, *, late_s: tuple[float, float], d
     for index, time_s in enumerate(times_s.tolist()):
         turned_s = min(turned_s, course.pointing_s + rng.uniform(0.3, 0.8))
         azimuth, elevation = (elsewhere if time_s >= turned_s else following)[index]
-        level = math.cos(elevation)
-        direction = (
-            level * math.cos(azimuth - yaw_rad),
-            level * math.sin(azimuth - yaw_rad),
-            math.sin(elevation),
-        )
+        direction = vector.direction(azimuth - yaw_rad, elevation)
         pair.live(time_s, robots_m[index], direction)
     return course
 

@@ -310,9 +310,7 @@ async def test_an_anchor_beside_a_tracker_tells_how_the_person_points() -> None:
                 await sleep(clock, 0.5)
 
         tasks = [asyncio.create_task(track()), asyncio.create_task(wearer.live())]
-        await until(
-            lambda: any("localizer pauses" in news.reason for news in wearer.progress), what="pausing"
-        )
+        await until(lambda: any("localizer pauses" in each.reason for each in wearer.progress), what="pause")
         await wearer.call(at.POINT_ANCHOR, PointAnchor(lamp="led_1"))
         await wearer.until_phase("solved")
         (anchor,) = wearer.anchors
@@ -359,9 +357,7 @@ async def send(wearer: Wearer, clock: ManualClock, epoch: int, device_s: float |
 
 
 @pytest.mark.parametrize(("epoch", "device_s"), [(1, 10.1), (0, 1.0)], ids=["new origin", "restarted"])
-async def test_the_yaw_is_unknown_and_it_is_said_until_something_tells_it(
-    epoch: int, device_s: float
-) -> None:
+async def test_the_yaw_is_unknown_and_it_is_said_until_told(epoch: int, device_s: float) -> None:
     clock = ManualClock()
     async with worn(LAMPS_FIRST, clock) as wearer:
         await wearer.call(at.SET_POSE, FOUND)

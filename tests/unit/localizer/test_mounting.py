@@ -181,9 +181,7 @@ def test_recorded_slopes_are_told_apart(
 
 
 @pytest.mark.parametrize(("freedom", "is_wrong"), [(2.0, False), (18.0, True)])
-def test_few_pointings_need_a_wider_margin(
-    monkeypatch: pytest.MonkeyPatch, freedom: float, *, is_wrong: bool
-) -> None:
+def test_few_need_a_wider_margin(monkeypatch: pytest.MonkeyPatch, freedom: float, *, is_wrong: bool) -> None:
     slope = dataclasses.replace(SURE, value=0.2, sigma=0.2, freedom=freedom)
     assert slope.is_wrong == is_wrong
     assert ("seems to be mounted" in said(monkeypatch, slope)) == is_wrong

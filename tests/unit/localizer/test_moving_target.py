@@ -97,9 +97,7 @@ def test_following_ends_with_one_pose_within_four_seconds_of_following() -> None
 
 def test_the_pairing_is_by_stamp_not_by_arrival() -> None:
     """A tracker that is 0.4 s late costs 18° of the circle when paired by arrival."""
-    found = poses(
-        fly(MovingTarget(config()), 12.0, reports=lambda t_s: drone(t_s - 0.4) if t_s >= 0.4 else {})
-    )
+    found = poses(fly(MovingTarget(config()), 12.0, reports=lambda s: drone(s - 0.4) if s >= 0.4 else {}))
     assert error_m(found[-1]) < NEAR_M
     assert found[-1].residual_rad < math.radians(0.5)
 
@@ -365,9 +363,7 @@ def test_who_walks_away_slowly_is_told_although_each_pose_agrees_with_the_one_be
 @pytest.mark.parametrize(
     ("pause_s", "turned_deg", "is_told"), [(0, 20, True), (60, 20, False), (60, 120, True)]
 )
-def test_heading_may_have_drifted_while_nothing_came(
-    pause_s: float, turned_deg: float, *, is_told: bool
-) -> None:
+def test_heading_may_drift_while_nothing_comes(pause_s: float, turned_deg: float, *, is_told: bool) -> None:
     """The IMU drifts by 0.5°/s (1 sigma): 20° within a minute, not at once."""
     procedure = started(ON)
     assert poses(live(procedure, 0.0, RUN_UP_S + 1.0))

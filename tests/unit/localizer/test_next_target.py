@@ -22,10 +22,8 @@ from pointit.services.localizer.procedures.next_target import (
 from tests.unit.localizer.person import EYES_M, LAB, Person
 
 CONVEYOR: tuple[Vec3, ...] = ((0.15, 0.05, 1.55), (-2.4, -0.025, 1.25), (-2.85, -3.775, 2.55))
-TWO_DEG = math.radians(2.0)
-ONE = ObservationModel(
-    ray_sigma_rad=TWO_DEG, elevation_sigma_rad=TWO_DEG, body_sigma_m=0.0, bias_sigma_rad=1e-6
-)
+SIGMA = math.radians(2.0)
+ONE = ObservationModel(ray_sigma_rad=SIGMA, elevation_sigma_rad=SIGMA, body_sigma_m=0.0, bias_sigma_rad=1e-6)
 """One pointing of 2° a target, whose bias is known: the bound that pointing.md §4 gives."""
 
 
@@ -89,8 +87,8 @@ def test_the_information_is_that_of_the_solvers_residuals(seed: int) -> None:
 @given(st.integers(0, 10_000))
 def test_the_choice_is_the_one_that_leaves_the_least_uncertainty(seed: int) -> None:
     generator = np.random.default_rng(seed)
-    lamps = [
-        (float(x), float(y), float(z)) for x, y, z in generator.uniform((-4, -4, 0), (4, 4, 2.5), (5, 3))
+    lamps: list[Vec3] = [
+        (x, y, z) for x, y, z in generator.uniform((-4, -4, 0), (4, 4, 2.5), (5, 3)).tolist()
     ]
     place = (float(generator.uniform(-1, 1)), float(generator.uniform(-1, 1)))
     acuity = ObservationModel()

@@ -47,9 +47,7 @@ class Room:
         self.now_ns = 1000 * NS_PER_S
         self.heard: list[Output] = []
         self.core.on_map(environment, self.now_ns)
-        found = SetPose(
-            position_m=(0.0, 0.0, 0.0), yaw_rad=0.0, covariance=COVARIANCE, method="moving_target"
-        )
+        found = SetPose(position_m=(0.0, 0.0, 0.0), covariance=COVARIANCE, method="moving_target")
         assert not isinstance(self.core.set_pose(found, self.now_ns), Refusal)
         self.drive("")
 
@@ -180,7 +178,8 @@ def given_back(locating: PoseManager, method: str, yaw_rad: float = 0.4) -> User
 def test_pose_with_covariance_is_restored_by_any_method(method: str, *, track_drift: bool | None) -> None:
     locating = started(track_drift=track_drift)
     pose = given_back(locating, method)
-    assert (pose.method, pose.covariance) == (method, pytest.approx(FOUND, abs=1e-9))
+    assert pose.method == method
+    assert pose.covariance == pytest.approx(FOUND, abs=1e-9)
     assert pose.yaw_rad == pytest.approx(0.4)  # of the configured one nothing is left
     assert pose.anchored_ns == 0
     assert locating.is_followed
@@ -197,7 +196,8 @@ def test_restoring_a_pose_twice_does_not_make_it_more_certain() -> None:
     locating = started()
     given_back(locating, "static_targets")
     again = given_back(locating, "static_targets", yaw_rad=0.42)
-    assert (again.covariance[8], again.yaw_rad) == (pytest.approx(0.01), pytest.approx(0.42))
+    assert again.covariance[8] == pytest.approx(0.01)
+    assert again.yaw_rad == pytest.approx(0.42)
 
 
 def test_without_drift_it_stays_but_is_not_exact() -> None:

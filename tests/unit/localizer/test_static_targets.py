@@ -101,7 +101,8 @@ def test_rays_of_a_slow_imu_suffice_if_all_given_lamps_together_bring_enough() -
     """Eight in each hold of 2 s, 24 of three lamps, where 20 are needed."""
     outputs = run(StaticTargets(LAMPS, config()), Person(0.6, -0.4), 15.0, tick_ns=NS_PER_S // 4)
     last = told(outputs)[-1]
-    assert (last.phase, last.samples) == ("solved", pytest.approx(25, abs=2))
+    assert last.phase == "solved"
+    assert last.samples == pytest.approx(25, abs=2)
     assert (last.stamp_ns - START_NS) / NS_PER_S == pytest.approx(10.5, abs=0.3)
 
 

@@ -41,7 +41,8 @@ def test_probabilities_are_those_of_the_residuals() -> None:
     assert [fit.object_id for fit in fits] == ["a", "b", "c"]
     odds = math.exp(-0.5 * N * (math.radians(3.0) ** 2 - math.radians(2.0) ** 2) / 0.0349**2)
     assert fits[0].probability == pytest.approx(1.0 / (1.0 + odds))
-    assert (sum(fit.probability for fit in fits), fits[2].probability) == (pytest.approx(1.0), 0.0)
+    assert sum(fit.probability for fit in fits) == pytest.approx(1.0)
+    assert fits[2].probability == 0.0
 
 
 def test_inaccurate_pointing_is_more_ambiguous() -> None:

@@ -149,9 +149,7 @@ def test_a_broken_cloud_is_one_sentence(tmp_path: Path, name: str) -> None:
         assert part in said, said
 
 
-def test_too_many_points_in_a_text_are_refused_unread(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_text_of_too_many_points_is_refused_unread(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cloud_file, "MAX_POINTS", 2)
     path = tmp_path / "cloud.xyz"
     path.write_text(TEXT)

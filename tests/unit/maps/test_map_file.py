@@ -136,8 +136,8 @@ def test_the_shipped_conveyor_is_the_papers() -> None:
     ours = load_map("conveyor", 0)
     theirs = loaded(data_file("pointit-ros2/tutorial_scenario_4.yaml"), 0)
     assert ours.lamps == theirs.lamps
-    assert [(belt.id, belt.width_m) for belt in ours.belts] == [
-        (belt.id, belt.width_m) for belt in theirs.belts
+    assert [(each.id, each.width_m) for each in ours.belts] == [
+        (each.id, each.width_m) for each in theirs.belts
     ]
     assert [(strip.id, strip.pixels, strip.direction) for strip in ours.strips] == [
         (strip.id, strip.pixels, strip.direction) for strip in theirs.strips
@@ -180,7 +180,7 @@ def test_the_conveyors_links_are_where_the_belts_meet() -> None:
 
 def test_the_belts_of_vr() -> None:
     belts = load_map("vr_belts", 0).belts
-    assert {belt.id: Polyline(belt.line_m).length_m for belt in belts} == {
+    assert {each.id: Polyline(each.line_m).length_m for each in belts} == {
         "a": 34.5,
         "b": 34.5,
         "c": 20,

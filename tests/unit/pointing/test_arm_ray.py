@@ -188,18 +188,14 @@ def test_it_is_bounded_and_never_leads_over_the_pole(
 
 
 @given(offsets, st.floats(-0.5, 0.5), st.floats(0.0, 1.5))
-def test_beyond_the_anchors_azimuths_it_stays(
-    offset: PointingOffset, elevation_rad: float, further: float
-) -> None:
+def test_beyond_all_azimuths_it_stays(offset: PointingOffset, elevation_rad: float, further: float) -> None:
     edge = offset.reference_rad + offset.azimuth_range_rad[1]
     at_edge = apply(offset, edge, elevation_rad)
     assert apply(offset, edge + further, elevation_rad) == pytest.approx(at_edge)
 
 
 @given(offsets, any_angles, st.floats(0.0, 0.4))
-def test_beyond_the_anchors_elevations_it_stays(
-    offset: PointingOffset, azimuth_rad: float, further: float
-) -> None:
+def test_beyond_all_elevations_it_stays(offset: PointingOffset, azimuth_rad: float, further: float) -> None:
     offset = offset.model_copy(update={"elevation_range_rad": (-0.6, 0.6)})
     at_edge = apply(offset, azimuth_rad, -0.6)
     assert apply(offset, azimuth_rad, -0.6 - further) == pytest.approx(at_edge)

@@ -76,8 +76,12 @@ async def test_two_people_have_their_own_cursors() -> None:
         second = await here.aim(on_strip(1, 4.0), "ben")
         assert set(here.of) == {"anna", "ben"}
         (one,), (two,) = here.of["anna"], here.of["ben"]
-        assert (one.surface_id, one.stamp_ns, one.position_m) == ("0", first, pytest.approx(1.5))
-        assert (two.surface_id, two.stamp_ns, two.position_m) == ("1", second, pytest.approx(4.0))
+        assert one.surface_id == "0"
+        assert one.stamp_ns == first
+        assert one.position_m == pytest.approx(1.5)
+        assert two.surface_id == "1"
+        assert two.stamp_ns == second
+        assert two.position_m == pytest.approx(4.0)
 
 
 async def test_without_a_pose_there_is_no_cursor_and_health_says_why() -> None:
@@ -282,7 +286,8 @@ async def test_the_configured_workspace_and_lamps() -> None:
     async with room(workspace="sphere", workspace_distance_m=1.5, lamp_angles_deg=180.0) as here:
         await here.pose()
         cursor = await here.point_at((2.0, 1.0, 0.5))
-        assert (cursor.solid, cursor.range_m) == ("sphere", pytest.approx(1.5))
+        assert cursor.solid == "sphere"
+        assert cursor.range_m == pytest.approx(1.5)
         assert {lamp.id for lamp in cursor.lamps} == {lamp.id for lamp in LAB.lamps}
     async with room() as here:
         await here.pose()

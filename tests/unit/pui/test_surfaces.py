@@ -252,7 +252,7 @@ def cursor_at(target: Vec3, on: Surfaces, **options: Any) -> Any:
         ((2.0, 2.6, 1.0), "sphere", "ball", (-0.4 * math.pi / 2, 0.0)),
     ],
 )
-def test_a_cursor_on_an_area_says_where_on_it(
+def test_a_cursor_says_where_on_an_area(
     target: Vec3, solid: str, name: str, uv_m: tuple[float, float]
 ) -> None:
     cursor = cursor_at(target, surfaces("box", "plane", "sphere"))
@@ -263,9 +263,7 @@ def test_a_cursor_on_an_area_says_where_on_it(
 
 
 @pytest.mark.parametrize(("target", "name"), [((3.0, 0.5, 0.8), "strip"), ((0.0, 3.0, 9.0), "")])
-def test_every_cursor_carries_its_ray_and_stamp_also_where_that_passes_everything(
-    target: Vec3, name: str
-) -> None:
+def test_every_cursor_carries_its_ray_and_stamp_also_where_it_meets_nothing(target: Vec3, name: str) -> None:
     cursor = cursor_at(target, surfaces("strip", tolerance_rad=0.1))
     assert (cursor.stamp_ns, cursor.surface, cursor.surface_id) == (7, name or "none", name)
     assert (cursor.point_m is None) == (not name)
@@ -278,9 +276,7 @@ def test_lamps_near_the_ray_are_told_with_their_angles_the_nearest_first() -> No
     cursor = cursor_at((5.0, 1.0, 1.0), surfaces("strip"), lamps=fan)
     (lamp,) = cursor.lamps
     assert lamp.id == "lamp"
-    assert lamp.miss_rad == pytest.approx(
-        vector.angle_between(towards((5.0, 1.0, 1.0)), towards((5.0, 2.0, 2.0)))
-    )
+    assert lamp.miss_rad == pytest.approx(vector.angle_between(towards((5, 1, 1)), towards((5, 2, 2))))
     everything = cursor_at((5.0, 1.0, 1.0), surfaces("strip"), lamps=NearbyLamps(ROOM.lamps[::-1], math.pi))
     assert [lamp.id for lamp in everything.lamps] == ["lamp", "other"]
     assert cursor_at((5.0, 1.0, 1.0), surfaces("strip")).lamps == ()

@@ -253,9 +253,8 @@ async def test_the_service_publishes_the_cue(method: str, advice: str) -> None:
     async with room(method=method) as here:
         cues = here.bench.collect(FEEDBACK)
         await here.pose()
-        for _ in range(101):
-            cursor = await here.point(vector.direction(0.0, math.radians(40.0)))
-        passed = known(cursor.passed)
+        cursors = [await here.point(vector.direction(0.0, math.radians(40.0))) for _ in range(101)]
+        passed = known(cursors[-1].passed)
         assert [cue.text for cue in cues] == [passed.text]
         assert advice in passed.text  # the nearest by angle, or in metres
         assert (cues[0].cue, cues[0].target_id) == ("target", passed.surface_id)

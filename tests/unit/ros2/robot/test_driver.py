@@ -17,6 +17,7 @@ from pointit.bridges.ros2.robot.driver import Ros2Driver
 from pointit.bridges.ros2.robot.plugin import ROS2
 from pointit.bridges.ros2.robot.pose_input import PoseReader
 from pointit.bridges.ros2.tracking.config import PoseSource
+from pointit.bridges.ros2.types.types import Types
 from pointit.runtime.config.config import Layers
 from tests.support.bench import START_NS, until
 from tests.unit.ros2.graph_of_one import Around
@@ -75,7 +76,10 @@ async def driving(
         return graph
 
     monkeypatch.setattr("pointit.bridges.ros2.robot.driver.opened", opened)
-    monkeypatch.setattr("pointit.bridges.ros2.robot.driver.Types", lambda _distro: jazzy())
+    def types(_distro: str) -> Types:
+        return jazzy()
+
+    monkeypatch.setattr("pointit.bridges.ros2.robot.driver.Types", types)
     config = Ros2RobotConfig.model_validate(parameters)
     made: Any = around
     bench = Bench(graph, around, Ros2Driver(config, spec, made))

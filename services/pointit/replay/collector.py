@@ -1,4 +1,4 @@
-"""What is read of a bus during a replay: entries of a recording, and messages that services skip."""
+"""Reader of a bus during a replay: entries of a recording, and messages that services skip."""
 
 import logging
 from collections.abc import Callable

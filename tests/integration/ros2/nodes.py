@@ -67,7 +67,7 @@ def number_of(cdr: bytes) -> int:
 
 
 def attachment(sequence: int = 1, length: int = 16) -> bytes:
-    """Return what rmw_zenoh attaches to the message of this number, of a stranger's endpoint."""
+    """Return the bytes that rmw_zenoh attaches to the message of this number, of a stranger's endpoint."""
     return struct.pack("<qqB16s", sequence, 0, length, GID)
 
 

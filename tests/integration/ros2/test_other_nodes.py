@@ -81,7 +81,7 @@ async def test_a_bridge_in_another_domain_is_where_it_belongs(at: Graphs) -> Non
 
 
 def outbox_of(node: Node) -> Outbox:
-    """Return what goes out to ROS through `node`, as the service wires it."""
+    """Return the way out to ROS through `node`, as the service wires it."""
     clock = ManualClock()
     bus = ServiceBus(MemoryBus(LocalBroker()), clock, "ros2", "ros2")
     site = Site(bus=bus, clock=clock, backend=node.backend, scene=ConversionState(Types("jazzy")))

@@ -1,4 +1,4 @@
-"""Which poses the solver refuses, with messages for technicians, and that stated uncertainties are honest."""
+"""Poses that the solver refuses, with messages for technicians; stated uncertainties are honest."""
 
 import dataclasses
 import math

@@ -1,4 +1,4 @@
-"""The localizer on the bus: anchors, headings, drift, trackers outside, an IMU whose yaw begins anew."""
+"""The localizer on the bus: anchors, headings, drift, trackers outside, an IMU whose yaw starts again."""
 
 import asyncio
 import math
@@ -321,7 +321,7 @@ async def test_an_anchor_beside_a_tracker_tells_how_the_person_points() -> None:
             task.cancel()
 
 
-# an IMU whose yaw begins anew
+# an IMU whose yaw starts again
 
 FOUND = SetPose(
     position_m=(1.5, 1.2, 0.0),

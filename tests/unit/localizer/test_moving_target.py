@@ -35,7 +35,7 @@ def robots(t_s: float, **places: Vec3) -> TrackedObjects:
 
 
 Reports = Callable[[float], dict[str, TrackedObjects]]
-"""What each tracker reports at a time, s."""
+"""Reports of each tracker at a time, s."""
 
 
 def drone(t_s: float) -> dict[str, TrackedObjects]:

@@ -24,7 +24,7 @@ async def eager() -> AsyncIterator[Bench]:
 
 @pytest.fixture
 def backend(monkeypatch: pytest.MonkeyPatch) -> FakeBackend:
-    """What the service opens as its node in ROS."""
+    """Return the backend that the service opens as its node in ROS."""
     made = FakeBackend(notes=("no other ROS node is seen",))
     monkeypatch.setattr(service, "NOTED_S", 0.01)
 

@@ -53,7 +53,7 @@ HASHES = {
     (NAVIGATE_TO_POSE, "GetResult"): "12dc670d3dac446019bb61a2bef1fd92ada02d582ca70922706d933a54b07f1c",
     (NAVIGATE_TO_POSE, "FeedbackMessage"): "9d1f6fa2eb975ce733b419ac2e97b134d8ff92b6478b6559feed9a50bdfd82b3",
 }
-"""Of actions: those of Fibonacci by a running ROS 2, the others by its generator."""
+"""Type hashes of actions: of Fibonacci by a running ROS 2, the others by its generator."""
 
 
 def test_hashes_of_actions_are_those_of_ros(monkeypatch: pytest.MonkeyPatch) -> None:

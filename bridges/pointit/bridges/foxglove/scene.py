@@ -203,7 +203,7 @@ class Scene:
         self.changed |= {"room", "pixels", "lamps", "bays", "objects"}
 
     def _keep(self, newest: dict[str, T], part: Part) -> Callable[[T, str, float], None]:
-        """Return what keeps a message by its name, and has `part` drawn again."""
+        """Return a handler that keeps a message by its name, and has `part` drawn again."""
 
         def keep(message: T, name: str, _now_s: float) -> None:
             newest[name] = message

@@ -58,7 +58,7 @@ class View:
     is_looked_on: bool = False
     """A page is open, for which the run continues after its duration."""
     parts: Sequence[DisplayPart] = ()
-    """What optional rooms show in it."""
+    """Parts that optional rooms show in it."""
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         width = max(1, options.max_width - BORDER_WIDTH)

@@ -48,7 +48,13 @@ class StayDetector:
         self._stay, self._over = None, (surface_id, place_m)
 
     def on_cursor(self, place_m: Vec3 | None, surface_id: str, stamp_ns: int) -> Vec3 | None:
-        """Return the mean place, {W}, of the stay that this cursor completes; None is no allowed place."""
+        """Return the mean place, {W}, of the stay that this cursor completes, None if it completes none.
+
+        Args:
+            place_m: an allowed place, or None.
+            surface_id: of the surface there.
+            stamp_ns: of the cursor.
+        """
         if self._over is not None and self.is_away(place_m, surface_id, *self._over):
             self.reset()
         if place_m is None:

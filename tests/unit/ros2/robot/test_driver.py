@@ -76,6 +76,7 @@ async def driving(
         return graph
 
     monkeypatch.setattr("pointit.bridges.ros2.robot.driver.opened", opened)
+
     def types(_distro: str) -> Types:
         return jazzy()
 

@@ -88,7 +88,7 @@ async def bridge() -> AsyncGenerator[Bench]:
 
 @pytest.fixture
 def seen(bridge: Bench) -> Seen:
-    """What the trackers publish."""
+    """Return the objects that the trackers publish."""
     told: Seen = {name: [] for name in CONFIG}
     bridge.other.subscribe(OBJECTS, lambda message, name: told[name].append(message))
     return told

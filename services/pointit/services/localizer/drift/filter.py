@@ -319,7 +319,7 @@ class DriftFilter:
 
 
 def _sentence(off: Array, sigmas: Array) -> str:
-    """Return why a pointing is rejected that the target was `off` (azimuth, elevation; rad), 1 sigma each."""
+    """Return the reason to reject a pointing `off` by azimuth and elevation, rad; 1 sigma of each."""
     worst = int(np.argmax(np.abs(off) / sigmas))
     by = math.degrees(off[worst])
     side = ("to the left of" if by > 0 else "to the right of", "above" if by > 0 else "below")[worst]

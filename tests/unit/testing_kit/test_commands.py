@@ -106,7 +106,7 @@ def test_without_the_laboratory_it_is_named(monkeypatch: pytest.MonkeyPatch) -> 
         return None
 
     monkeypatch.setattr(check, "find_spec", missing)
-    with pytest.raises(ConfigError, match=r"^led-output spotlight .* pointit-lab, which is not installed"):
+    with pytest.raises(ConfigError, match=r"^led-output spotlight: .* pointit-lab, which is not installed"):
         invoke(check.command, "spotlight")
 
 

@@ -107,7 +107,7 @@ def examined(kind: str, name: str) -> Iterator[CheckResult]:
         return
     if GROUPS[kind].package(name) in OURS and find_spec(LAB.replace("-", "_")) is None:
         raise ConfigError(
-            f"{title} is checked with a device of {LAB}, which is not installed; run {remedy('lab')}"
+            f"{title}: ours are checked with devices of {LAB}, which is not installed; run {remedy('lab')}"
         )
     try:
         require_parameters(plugin)

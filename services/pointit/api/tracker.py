@@ -64,8 +64,8 @@ class Tracker:
             ConfigError: If the map has not the tracker's frame.
             NoMessageError: If the tracker has a frame, and the map has not come yet.
             BusClosedError: If the tracker or the site is closed.
-            AccessDeniedError: If this identity may not write them, which is known at once, or after two seconds.
-                Without asyncio the first update waits for that.
+            AccessDeniedError: If this identity may not write them, which is known after two seconds. Without
+                asyncio the first update waits for that.
         """
         if self._denial is not None:
             raise self._denial

@@ -129,27 +129,3 @@ async def test_it_closes_while_answers_arrive(turns: int) -> None:
         await asyncio.sleep(0)
     async with asyncio.timeout(60.0):
         await test.close()
-
-
-@pytest.mark.parametrize("loses", [0, 1, permission_probe.MOST_LOST])
-async def test_a_message_that_is_missed_twice_while_the_next_arrives_is_denied_at_once(
-    monkeypatch: pytest.MonkeyPatch, loses: int
-) -> None:
-    monkeypatch.setattr(permission_probe, "WAITS_S", (3600.0,) * 5)
-    router = Router()
-    lost: list[str] = []
-
-    def loses_it(key: str) -> bool:
-        is_lost = "imu" in key and len(lost) < loses
-        lost.extend([key] * is_lost)
-        return is_lost
-
-    router.denied = loses_it
-    test = self_test_at(router)
-    try:
-        test.add("writes", "users/anna/imu")
-        async with asyncio.timeout(30):
-            denied = await test.denial_reason("writes", "users/anna/imu")
-        assert bool(denied) == (loses == permission_probe.MOST_LOST)
-    finally:
-        await test.close()

@@ -23,12 +23,11 @@ from pointit.schemas.topics import ANY, REQUESTS, topic_of
 log = logging.getLogger(__name__)
 
 WORDS = {"writes": "write", "reads": "read", "serves": "answer", "asks": "ask"}
+
 SETTLE_S = 0.25
 """Rights declared within this time are tested together."""
 WAITS_S = (0.05, 0.1, 0.2, 0.4, 0.8)
-"""Times to wait for written messages before they are repeated. What misses after the last one is denied."""
-MOST_LOST = 2
-"""Times a message may be missed while the next one arrives. Then it is denied: links keep the order."""
+"""Times to wait for a written message before it is repeated. After the last one it counts as denied."""
 RETRY_S = (2.0, 5.0, 15.0, 60.0)
 """After so long what is denied is tested again, the last one from then on: a router that was just restarted,
 with everybody at its door, answers late; and rules change."""
@@ -48,7 +47,14 @@ class PermissionProbe:
     def __init__(
         self, session: zenoh.Session, credentials: Credentials, second: Second, is_up: Callable[[], bool]
     ) -> None:
-        """Test the rights of `session`, which writes; the `second` listens. Without router all is unknown."""
+        """Test the rights of `session`.
+
+        Args:
+            session: which writes.
+            credentials: of both sessions.
+            second: opens and closes the session that listens.
+            is_up: whether there is a router; without one nothing is known.
+        """
         self._session = session
         self._credentials = credentials
         self._second = second
@@ -159,14 +165,14 @@ class PermissionProbe:
     async def _arrived(self, rights: Iterable[Right]) -> set[Right] | None:
         """Return which of `rights` hold, and the right to join; nothing when there is no router to ask."""
         name = self._credentials.link.name
-        last = f"{ROOM}/{name}/{JOIN}"
         keys = {f"{key}/{ROOM}/{name}/{verb}": (verb, key) for verb, key in rights}
+        keys[f"{ROOM}/{name}/{JOIN}"] = (JOIN, "")
         arrived: set[str] = set()
         news = asyncio.Event()
 
         def hear(key: str) -> None:
             arrived.add(key)
-            if key == last:
+            if len(arrived & keys.keys()) == len(keys):
                 news.set()
 
         def on_sample(sample: zenoh.Sample) -> None:  # on Zenoh's thread
@@ -176,20 +182,16 @@ class PermissionProbe:
         try:
             async with self._second() as second:
                 second.declare_subscriber(f"**/{ROOM}/{name}/**", Callback(on_sample, indirect=False))
-                left = MOST_LOST
                 for wait_s in WAITS_S:
-                    news.clear()
-                    for key in (*(keys.keys() - arrived), last):
+                    for key in keys.keys() - arrived:
                         self._session.put(key, b"")
                     with contextlib.suppress(TimeoutError):
                         async with asyncio.timeout(wait_s):
                             await news.wait()
-                            left -= 1
-                    if not left or keys.keys() <= arrived:
+                    if news.is_set():
                         break
         except (PointItError, zenoh.ZError):
             return None
-        keys[last] = (JOIN, "")
         return {right for key, right in keys.items() if key in arrived} if self._is_up() else None
 
     def _sentences(self) -> list[str]:
@@ -225,6 +227,7 @@ def _sentence(credentials: Credentials, verb: str, keys: list[str]) -> str:
 
 
 def _person(key: str) -> str:
+    """Return the person whose key it is, or `""` for other keys."""
     topic = topic_of(key)
     rows = REQUESTS if topic is None else (topic,)
     names = {row.name_in(key) for row in rows if row.placeholder == "user"} - {"", ANY}

@@ -97,7 +97,7 @@ class ZenohBus(MemoryBus):
         return self._self_test is not None
 
     async def denial_reason(self, verb: str, topic: AnyTopic, name: str) -> str:
-        """Return the reason if this identity may not do something, which takes up to two seconds, else `""`.
+        """Return the reason if this identity may not do something, which takes two seconds, else `""`.
 
         `verb`: `writes` or `reads`. `name`: the placeholder, or `*` for any.
 

@@ -1,4 +1,4 @@
-"""Lights in the network: DDP and E1.31 decoded by packages of others, and the search for WLED."""
+"""Lights: DDP and E1.31 decoded by packages of others, Adalight as sketches read it; the search for WLED."""
 
 import asyncio
 import contextlib
@@ -20,16 +20,18 @@ import pointit
 from pointit.api.site import Site
 from pointit.plugins import Surroundings
 from pointit.schemas import Strip, StripFrame, StripsFrame
+from pointit.schemas.topics import HEALTH
 from pointit.services.led_driver.guarded_output import GuardedOutput
 from pointit.services.led_driver.output.ddp import SERVICE, find_wled
 from pointit.services.led_driver.output.dmx.e131 import E131Config, make_e131
-from pointit.testing import UdpDevice
+from pointit.testing import PtyDevice, UdpDevice
 from tests.support.bench import until
 from tests.support.buses import free_udp_port
 
 Packet: Any = importlib.import_module("ddp.packet").Packet
 """Packet of python-led-ddp, which is untyped."""
 FRAMES = 40
+PIXELS = 320
 MIXED = (
     {"strip": "0", "reversed": True, "order": "GRB", "offset": 500},
     {"strip": "1", "first": 100, "offset": 10},
@@ -264,3 +266,76 @@ async def test_controller_in_the_network_is_found_beside_others_that_answer_nons
     assert kitchen.address in ("127.0.0.1", "wled-test.local")
     assert kitchen.details == {"pixels": 120, "version": "0.15.1"}
     assert {"wled-garbage", "wled-slow"} <= found.keys()
+
+
+def sketch(received: bytearray) -> list[bytes]:
+    """Return the pixels of each Adalight frame, byte by byte as sketches do: no registry has a decoder."""
+    frames: list[bytes] = []
+    at, matched = 0, 0
+    while at < len(received):
+        matched = matched + 1 if received[at] == b"Ada"[matched] else int(received[at] == b"A"[0])
+        at += 1
+        if matched < len(b"Ada"):
+            continue
+        matched = 0
+        high, low, check = received[at : at + 3].ljust(3, b"\0")
+        at += 3
+        if check != high ^ low ^ 0x55:
+            continue
+        size = 3 * (256 * high + low + 1)
+        if at + size <= len(received):
+            frames.append(bytes(received[at : at + size]))
+        at += size
+    return frames
+
+
+async def test_adalight_frames_arrive_pixel_for_pixel(monkeypatch: pytest.MonkeyPatch) -> None:
+    published, device = Published(monkeypatch), PtyDevice()
+    await device.plug()
+    segments = [{"strip": "1", "reversed": True, "order": "BRG"}, {"strip": "0", "offset": PIXELS - 150}]
+    output = {"kind": "adalight", "port": str(device.path), "baud": 2_000_000, "segments": segments}
+    async with scenario_3([output], lambda: len(set(sketch(device.received))) > FRAMES):
+        pass
+    await until(lambda: not any(sketch(device.received)[-1]))
+    wanted: list[bytes] = []
+    for strips in published:
+        turned = [bytes((blue, red, green)) for red, green, blue in reversed(strips["1"])]
+        gap = bytes(3 * (PIXELS - 300))
+        wanted.append(b"".join((*turned, gap, *map(bytes, strips["0"]))))
+    require_shown(sketch(device.received), wanted)
+    await device.unplug()
+    device.close()
+
+
+async def test_outputs_that_block_or_cannot_be_found_cost_another_no_frame(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    published, device, stuck = Published(monkeypatch), Controller(), PtyDevice()
+    await device.plug()
+    await stuck.plug()
+    stuck.stall()
+    outputs: list[dict[str, object]] = [
+        {"kind": "adalight", "port": str(stuck.path), "baud": 4_000_000},
+        {"kind": "ddp", "host": "no-such-light.invalid"},
+        {"kind": "adalight", "port": "/dev/no-such-port"},
+        {"kind": "ddp", "host": "127.0.0.1", "port": device.port},
+    ]
+    warnings = set[str]()
+
+    def is_enough() -> bool:
+        named = ("no-such-light.invalid: its name is not known", "/dev/no-such-port is not there")
+        return (
+            all(any(text in warning for warning in warnings) for text in named)
+            and len(set(device.frames())) > FRAMES
+        )
+
+    async with scenario_3(outputs, is_enough) as site:
+        site._bus.subscribe(HEALTH, lambda health, _name: warnings.update(health.warnings))
+    await until(lambda: not any(device.frames()[-1]))
+    everything = [b"".join(map(bytes, [*strips["0"], *strips["1"]])) for strips in published]
+    require_shown(device.frames(), everything)
+    assert len(set(device.frames())) > 0.5 * len(set(everything))
+    await device.unplug()
+    await stuck.unplug()
+    for each in (device, stuck):
+        each.close()

@@ -1,4 +1,20 @@
-"""Errors at run time, each with one sentence for a person: problem, place, action."""
+"""Errors at run time.
+
+PointItError                 its text is one sentence for a person: problem, place, action
+├── SchemaError              a message or a name is wrong, see `pointit.schemas.errors`
+├── ConfigError              a file, variable or option is wrong; commands exit with 2
+├── BusError
+│   ├── BusClosedError       used after `close`
+│   ├── ListenError          the address to listen on is in use
+│   ├── ConnectError         nothing answers at the address to connect to
+│   │   └── WrongSiteError   another site answers there
+│   ├── NoMessageError       nothing has come on a key
+│   └── VersionError         messages are of a version that cannot be read here
+└── RequestError
+    ├── NoAnswerError        there is no server of the request, or it did not answer in time
+    │   └── AccessDeniedError    the rules of a secured site do not permit it
+    └── RefusedError         the server refuses with a reason; servers raise it themselves
+"""
 
 from pointit.schemas.errors import PointItError as PointItError  # noqa: PLC0414 - the root, defined lowest
 

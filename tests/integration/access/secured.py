@@ -8,6 +8,7 @@ import itertools
 import json
 import os
 import signal
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Generator
@@ -236,7 +237,9 @@ class RouterProgram:
     ) -> None:
         if self._process.poll() is None:
             self._process.send_signal(signal.SIGTERM)
-        self.ends()
+        _, said = self.ends()
+        if kind is not None:
+            sys.stdout.write(said)  # pytest shows it with the failure
 
     @property
     def said(self) -> str:

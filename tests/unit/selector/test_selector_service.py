@@ -11,7 +11,7 @@ from pointit.services.registry import process
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.service import Selector
 from tests.support.bench import until
-from tests.unit.selector.served import objects, served
+from tests.unit.selector.served import cursor, objects, served
 
 
 async def test_staying_on_an_object_selects_it_and_its_leaving_ends_that() -> None:
@@ -183,3 +183,16 @@ async def test_a_press_confirms_where_that_is_wanted() -> None:
         site.bench.put(topics.BUTTON, ButtonEvent(stamp_ns=site.clock.now_ns()), "anna")
         await site.bench.settle()
         assert [(event.event, event.cause) for event in site.events] == [("selected", "button")]
+
+
+async def test_an_object_that_left_within_the_window_is_not_selected() -> None:
+    async with served(method="fraction", fraction=0.5) as site:
+        for index in range(25):
+            site.clock.advance(0.04)
+            site.bench.put(topics.OBJECTS, objects(site.clock, *("a" if index < 12 else "")), "conveyor")
+            await site.bench.settle(3)
+            site.bench.put(topics.CURSOR, cursor(site.clock, 1.0), "anna")
+            await site.bench.settle(3)
+        assert site.told == []
+        assert all(selection.objects == () for selection in site.selections)
+        assert not any("refused" in cue.cue for cue in site.cues["anna"])

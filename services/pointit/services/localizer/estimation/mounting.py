@@ -156,7 +156,7 @@ def _best_fit(
 def mounting_slope(
     pointings: Pointings, solution: Solution, trust: SolverSettings, floor_m: float, *, independent: float
 ) -> Slope | None:
-    """Return the slope by least squares, or None if the elevation of the target hardly changes."""
+    """Return the slope by least squares, or None if the target's elevation hardly changes or is not known."""
     if not len(pointings):
         return None
     freedom = independent - FEWEST

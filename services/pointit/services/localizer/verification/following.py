@@ -68,7 +68,10 @@ def doubt(pointings: Pointings, found: Solution, trust: SolverSettings, *, floor
 def is_settled(
     pointings: Pointings, residual_rad: float, trust: SolverSettings, least: float = CLOSE
 ) -> bool:
-    """Return True if rays that miss by `residual_rad` rms follow the target, and move because it does."""
+    """Return True if rays that miss by `residual_rad` rms follow the target, and move because it does.
+
+    `least`: rms that is close enough, however few they are, in sigmas of a ray.
+    """
     level = np.hypot(pointings.directions[:, 0], pointings.directions[:, 1])
     headings = pointings.directions[:, 0] + 1j * pointings.directions[:, 1]
     azimuths = np.angle(headings * np.conj(headings.mean()))

@@ -127,7 +127,11 @@ class CylinderObstacle:
 
 
 Obstacle = KeepOut | KeepIn | CylinderObstacle
-"""A space that a robot keeps clear of."""
+"""A space that a robot keeps clear of.
+
+`name` is for sentences: `fence desk`, `you`, `robot quad`. `nearest` returns places near one with
+clearance, one in each direction to leave by.
+"""
 
 
 def _moved(shape: Polygon, place_m: Vec2, to_m: float) -> Vec2:

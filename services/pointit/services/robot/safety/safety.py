@@ -30,7 +30,7 @@ NO_MAP = "the map of the room has not come yet, with its fences: see that `pui` 
 
 
 class Safety:
-    """Permission of what one robot is told."""
+    """Permission of what one robot is told. Times are the service's, ns; places are in {W}, m."""
 
     def __init__(self, config: RobotConfig, robot: str) -> None:
         self._config = config

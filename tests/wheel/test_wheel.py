@@ -140,7 +140,7 @@ async def test_laboratory_beside_adds_its_commands(wheel: Path, plain: Path, com
     assert "11 of 11 promises are kept" in ended.out
     refused = await commands.run([str(plain), "plugin", "check", "simulated"]).end()
     assert (refused.code, refused.out) == (2, "")
-    assert f"with a device of pointit-lab, which is not installed; run `{remedy}`" in refused.err
+    assert f"with devices of pointit-lab, which is not installed; run `{remedy}`" in refused.err
     python = plain.with_name("python")
     run(UV, "pip", "install", "--quiet", "--python", python, *LOCK, laboratory, cwd=plain.parent)
     try:

@@ -31,7 +31,7 @@ from tests.support.buses import free_udp_port
 Packet: Any = importlib.import_module("ddp.packet").Packet
 """Packet of python-led-ddp, which is untyped."""
 FRAMES = 40
-PIXELS = 320
+SKETCH_PIXELS = 320
 MIXED = (
     {"strip": "0", "reversed": True, "order": "GRB", "offset": 500},
     {"strip": "1", "first": 100, "offset": 10},
@@ -292,7 +292,10 @@ def sketch(received: bytearray) -> list[bytes]:
 async def test_adalight_frames_arrive_pixel_for_pixel(monkeypatch: pytest.MonkeyPatch) -> None:
     published, device = Published(monkeypatch), PtyDevice()
     await device.plug()
-    segments = [{"strip": "1", "reversed": True, "order": "BRG"}, {"strip": "0", "offset": PIXELS - 150}]
+    segments = [
+        {"strip": "1", "reversed": True, "order": "BRG"},
+        {"strip": "0", "offset": SKETCH_PIXELS - 150},
+    ]
     output = {"kind": "adalight", "port": str(device.path), "baud": 2_000_000, "segments": segments}
     async with scenario_3([output], lambda: len(set(sketch(device.received))) > FRAMES):
         pass
@@ -300,7 +303,7 @@ async def test_adalight_frames_arrive_pixel_for_pixel(monkeypatch: pytest.Monkey
     wanted: list[bytes] = []
     for strips in published:
         turned = [bytes((blue, red, green)) for red, green, blue in reversed(strips["1"])]
-        gap = bytes(3 * (PIXELS - 300))
+        gap = bytes(3 * (SKETCH_PIXELS - 300))
         wanted.append(b"".join((*turned, gap, *map(bytes, strips["0"]))))
     require_shown(sketch(device.received), wanted)
     await device.unplug()

@@ -243,6 +243,16 @@ def test_only_the_codec_imports_msgpack() -> None:
     }
 
 
+def test_messages_are_not_validated_only_where_a_core_calculates_one_for_each_sample() -> None:
+    """Values of devices, plug-ins, files and other programs come in elsewhere, and are validated there."""
+    users = sources.importers("pointit.schemas.base.unchecked", sources.shipped())
+    assert {place.partition(":")[0] for place in users} == {
+        "services/pointit/services/pointing/pointer.py",
+        "services/pointit/services/pui/cursor.py",
+        "services/pointit/services/selector/hover_engine.py",
+    }
+
+
 def test_services_do_not_import_the_registry_or_each_other() -> None:
     for row in PROCESSES:
         mine = tuple(sorted(folder_of(row).rglob("*.py")))

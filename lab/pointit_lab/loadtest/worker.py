@@ -58,7 +58,8 @@ async def _work() -> int:
     )
     bus = await ZenohBus.open(link, patience_s=PATIENCE_S)
     services = asyncio.create_task(run_services([_launch(one) for one in task["launches"]], bus, WallClock()))
-    services.add_done_callback(lambda _: reader.feed_eof())
+    if task["launches"]:  # else it drives wrists alone
+        services.add_done_callback(lambda _: reader.feed_eof())
     try:
         wrists = [Wrist(bus.publisher(IMU, user), index) for index, user in enumerate(task["wrists"])]
         sight = Sight(frozenset(task["watched"]))

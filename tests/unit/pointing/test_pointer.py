@@ -11,6 +11,7 @@ from pointit.geometry.one_euro import OneEuro
 from pointit.schemas import ImuSample, PointingOffset, UserProfile
 from pointit.services.pointing.pointer import Freshness, Pointer
 from tests.support.known import known
+from tests.unit.schemas.strategies import messages
 
 MS = 1_000_000
 UP = PointingOffset(rung="pitch", elevation=(math.radians(3.0), 0.0, 0.0, 0.0, 0.0, 0.0), sigma_rad=0.02)
@@ -147,3 +148,14 @@ def test_every_news_is_fresh_once_however_often_it_is_said(steps: list[int], aga
         verdicts = [freshness.classify(still(now_ns, device_ns), now_ns) for _ in range(said)]
         assert verdicts == ["fresh", *["repeated"] * (said - 1)]
     assert freshness.count == len(steps) + freshness.repeated
+
+
+@given(messages(UserProfile), st.lists(messages(ImuSample), min_size=1, max_size=3), st.floats(-10.0, 10.0))
+def test_any_profile_and_samples_give_valid_rays(
+    profile: UserProfile, samples: list[ImuSample], yaw_rad: float
+) -> None:
+    """Nobody else checks them: in tests they are validated."""
+    pointer = Pointer(profile, smoothing=OneEuro())
+    pointer.set_yaw(yaw_rad)
+    for each in samples:
+        assert pointer.ray(each, each.stamp_ns) is not None or pointer.verdict != "fresh"

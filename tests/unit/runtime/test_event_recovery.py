@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.runtime.bus.contract import EVENT_CAPACITY
+from pointit.runtime.bus.dispatcher import Dispatcher
 from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.mailbox import Dispatcher
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.zenoh import event_recovery
 from pointit.runtime.zenoh.event_recovery import MAX_WRITERS, EventRecovery

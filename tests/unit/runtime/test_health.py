@@ -90,6 +90,21 @@ async def test_age_of_tapped_messages_is_by_the_same_clock(bench: Bench, now_s: 
     assert of(bench.view.report(), IMU.key, "in").age_s == pytest.approx(0.5)
 
 
+async def test_age_of_what_is_put_out_survives_a_clock_that_is_set(bench: Bench, now_s: list[float]) -> None:
+    out = bench.view.publisher(IMU, "ben")
+
+    def age_after(clock_s: float, passed_s: float) -> float | None:
+        bench.clock.advance(clock_s)
+        now_s[0] += passed_s
+        return of(bench.view.report(), IMU.key, "out").age_s
+
+    ages: list[float | None] = []
+    for clock_s, passed_s in ((0.5, 0.5), (3600.0, 1.0), (-3600.0, 1.0)):
+        out.put(ImuSample(stamp_ns=1, orientation_xyzw=LEVEL))
+        ages += [age_after(clock_s, passed_s), age_after(-7.0, 2.0)]
+    assert ages == pytest.approx([0.5, 2.5, 1.0, 3.0, 0.0, 2.0])
+
+
 async def test_times_of_steps_and_of_the_data_put_out(bench: Bench, now_s: list[float]) -> None:
     durations = [0.001 * index for index in range(1, 101)]
     left = iter(durations)
@@ -333,6 +348,18 @@ async def test_a_played_recording_is_left_out_and_reported(bench: Bench, now_s: 
     now_s[0] += 4.0
     assert bench.view.report().warnings
     now_s[0] += 2.0
+    assert not bench.view.report().warnings
+
+
+async def test_one_message_far_ahead_does_not_make_the_others_old(bench: Bench) -> None:
+    stamps_ns = [10_000_000_000, 20_000_000_000, 10_020_000_000, 10_040_000_000]
+    seen: list[int] = []
+    bench.view.subscribe(IMU, lambda message, _name: seen.append(message.stamp_ns), "anna")
+    writer = bench.bus.publisher(IMU, "anna")
+    for stamp_ns in stamps_ns:
+        writer.put(ImuSample(stamp_ns=stamp_ns, orientation_xyzw=LEVEL))
+        await asyncio.sleep(0)
+    assert seen == stamps_ns
     assert not bench.view.report().warnings
 
 

@@ -4,13 +4,14 @@ import asyncio
 import gc
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 import pytest
 
-from pointit.runtime.bus.contract import EVENT_CAPACITY
+from pointit.runtime.bus.contract import EVENT_CAPACITY, AnyTopic
+from pointit.runtime.bus.dispatcher import Dispatcher
 from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.mailbox import Dispatcher, Mailbox
+from pointit.runtime.bus.mailbox import Mailbox
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import ButtonEvent, ImuSample, Message
@@ -36,6 +37,12 @@ def restless() -> Iterator[None]:
     sys.setswitchinterval(1e-6)
     yield
     sys.setswitchinterval(before)
+
+
+async def settle() -> None:
+    """Let the loop do what is due."""
+    for _ in range(5):
+        await asyncio.sleep(0)
 
 
 def press(seq: int) -> ButtonEvent:
@@ -94,6 +101,89 @@ async def test_the_newest_of_many_threads_comes_last_and_no_wake_up_is_missed() 
 
 
 @pytest.mark.usefixtures("restless")
+@pytest.mark.parametrize("topic", [BUTTON, IMU])
+async def test_nothing_of_the_loop_and_other_threads_is_lost_or_counted_twice(topic: AnyTopic) -> None:
+    """Some threads even put what they should offer."""
+    seen: list[tuple[str, int]] = []
+    mailbox = Mailbox(topic, lambda message, name: seen.append((name, message.seq)), Dispatcher())
+    each = 5000
+    events = [press(seq) for seq in range(each)]
+
+    def bring(index: int) -> None:
+        for event in events:
+            (mailbox.put if index % 2 else mailbox.offer)(f"t{index}", event)
+
+    threads = run_threads(bring)
+    put = 0
+    while put < each or any(thread.is_alive() for thread in threads):
+        mailbox.put("loop", press(put))
+        put += 1
+        if not put % 7:
+            await asyncio.sleep(0)
+    await settle()
+    traffic = mailbox.traffic
+    assert traffic.received == len(seen) + traffic.dropped == put + THREADS * each
+    for name, count in {"loop": put, **{f"t{index}": each for index in range(THREADS)}}.items():
+        mine = [seq for its_name, seq in seen if its_name == name]
+        assert mine == sorted(set(mine))
+        assert topic is BUTTON or mine[-1] == count - 1, "the newest wins"
+
+
+@pytest.mark.parametrize(("topic", "left"), [(BUTTON, range(9)), (IMU, [8])])
+async def test_what_other_threads_bring_neither_overtakes_nor_is_overtaken(
+    topic: AnyTopic, left: Iterable[int]
+) -> None:
+    seen: list[int] = []
+    mailbox = Mailbox(topic, lambda message, _name: seen.append(message.seq), Dispatcher())
+    for wakes in range(1, 4):
+        for seq in range(9):
+            if seq in (2, 3, 6):
+                thread = threading.Thread(target=mailbox.offer, args=("anna", press(seq)))
+                thread.start()
+                thread.join()
+            else:
+                mailbox.put("anna", press(seq))
+        await settle()
+        assert seen == list(left)
+        assert mailbox.traffic.received == 9 * wakes
+        assert mailbox.traffic.dropped == wakes * (9 - len(seen))
+        seen.clear()
+
+
+async def test_an_error_costs_only_its_message() -> None:
+    seen: list[int] = []
+
+    def handle(message: Message, _name: str) -> None:
+        if message.seq in (0, 3, 4):
+            raise LookupError("broken")
+        seen.append(message.seq)
+
+    mailbox = Mailbox(BUTTON, handle, Dispatcher())
+    for seq in range(6):
+        mailbox.put("anna", press(seq))
+    await settle()
+    assert seen == [1, 2, 5]
+    assert mailbox.traffic.errors == 3
+
+
+async def test_a_handler_that_closes_the_mailbox_gets_nothing_more() -> None:
+    seen: list[int] = []
+
+    def handle(message: Message, _name: str) -> None:
+        seen.append(message.seq)
+        mailbox.put("anna", press(3))
+        mailbox.close()
+        mailbox.put("anna", press(4))
+
+    mailbox = Mailbox(BUTTON, handle, Dispatcher())
+    for seq in range(3):
+        mailbox.put("anna", press(seq))
+    await settle()
+    assert seen == [0]
+    assert mailbox.traffic.received == 4
+
+
+@pytest.mark.usefixtures("restless")
 async def test_nothing_is_handled_after_close_whatever_threads_still_offer() -> None:
     handled: list[int] = []
     mailbox = Mailbox(BUTTON, lambda message, _name: handled.append(message.seq), Dispatcher())
@@ -127,7 +217,7 @@ async def test_a_closed_mailbox_holds_nothing() -> None:
 async def test_an_overflow_is_said_once_however_long_ago_the_last_line(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr("pointit.runtime.bus.mailbox.LOG_PERIOD_S", 0.0)
+    monkeypatch.setattr("pointit.runtime.bus.dispatcher.LOG_PERIOD_S", 0.0)
     mailbox = Mailbox(BUTTON, lambda _message, _name: None, Dispatcher())
     for round_, count in enumerate((EVENT_CAPACITY + 5, 10, 10, EVENT_CAPACITY + 7)):
         for seq in range(count):

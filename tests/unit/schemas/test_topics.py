@@ -26,12 +26,12 @@ topics = [pytest.param(topic, id=topic.key) for topic in TOPICS]
 rows: list[Any] = [*TOPICS, *REQUESTS, *PRESENCES]
 
 
-@pytest.mark.parametrize("topic", topics)
-@given(name=names)
-def test_every_row_is_found_by_its_keys(topic: Topic[Any], name: str) -> None:
-    name = name if topic.placeholder else ""
-    assert topic_of(topic.at(name)) is topic
-    assert topic.name_in(topic.at(name)) == name
+@given(names)
+def test_every_row_is_found_by_its_keys(name: str) -> None:
+    for topic in TOPICS:
+        its = name if topic.placeholder else ""
+        assert topic_of(topic.at(its)) is topic
+        assert topic.name_in(topic.at(its)) == its
 
 
 @pytest.mark.parametrize(

@@ -77,7 +77,7 @@ Id = Annotated[int, Field(ge=0, le=2**53)]
 class WireModel(BaseModel):
     """Base of messages to and from pages."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
 
 class Hello(WireModel):

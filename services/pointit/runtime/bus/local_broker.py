@@ -7,7 +7,8 @@ from collections.abc import Coroutine, Iterator
 from typing import Any, Protocol, TypeVar
 
 from pointit.runtime.bus.contract import AnyTopic, Closable
-from pointit.runtime.bus.mailbox import Dispatcher, Mailbox
+from pointit.runtime.bus.dispatcher import Dispatcher
+from pointit.runtime.bus.mailbox import Mailbox
 from pointit.runtime.errors import PointItError
 from pointit.schemas import Message, Query, Reply
 from pointit.schemas.topics import ANY, Request

@@ -1,105 +1,35 @@
-"""Between arrival and handling: buffers that never grow, and the one wake-up that drains them.
+"""Between arrival and handling: buffers that never grow.
 
 Items may arrive on any thread; they are conflated or queued before anything is decoded, and handled in
-the event loop. A chain of services on one loop is drained in one wake-up.
+the event loop.
 """
 
-import asyncio
 import collections
 import logging
-import math
 import threading
-import time
-from collections.abc import Callable, Iterable
-from typing import Any, Protocol
+from collections.abc import Callable, Collection, Iterable, Iterator
+from typing import Any
 
-from pointit.runtime.bus.contract import EVENT_CAPACITY, AnyTopic, SubscriptionStats, Tap
+from pointit.runtime.bus.contract import EVENT_CAPACITY, AnyTopic, BatchHandler, SubscriptionStats, Tap
+from pointit.runtime.bus.dispatcher import Dispatcher
 from pointit.schemas import DecodeError, Message
 from pointit.schemas.topics import Delivery
 
 log = logging.getLogger(__name__)
 
-MAX_ROUNDS = 16
-"""Hops of a chain handled in one wake-up before other tasks of the loop get their turn."""
-LOG_PERIOD_S = 1.0
-"""At most one log line per topic and kind of trouble in this time; one per handler that fails."""
-
-
-class Drainable(Protocol):
-    """A buffer that is filled on any thread and drained in the loop, such as `Mailbox`."""
-
-    def drain(self) -> None:
-        """Handle what is there."""
-        ...
-
-
-class Dispatcher:
-    """Drains marked mailboxes in its event loop, with one wake-up for all of them."""
-
-    def __init__(self) -> None:
-        self._loop = asyncio.get_running_loop()
-        self._thread = threading.get_ident()
-        self._ready: collections.deque[Drainable] = collections.deque()
-        self._awake = False
-        self._closed = False
-        self._log_lock = threading.Lock()
-        self._logged_s: dict[tuple[str, str], float] = {}
-
-    @property
-    def is_closed(self) -> bool:
-        """Return True if nothing is drained any more."""
-        return self._closed
-
-    def should_log(self, key: str, what: str) -> bool:
-        """Return True if a log line on `what` about the topic `key` is due. Any thread."""
-        now_s = time.monotonic()
-        with self._log_lock:
-            if now_s - self._logged_s.get((key, what), -math.inf) < LOG_PERIOD_S:
-                return False
-            self._logged_s[key, what] = now_s
-            return True
-
-    def schedule(self, mailbox: Drainable) -> None:
-        """Have `mailbox` drained soon; from any thread."""
-        self._ready.append(mailbox)
-        if not self._awake:
-            self._awake = True
-            self._schedule()
-
-    def close(self) -> None:
-        """Drain nothing any more."""
-        self._closed = True
-        self._ready.clear()
-
-    def _schedule(self) -> None:
-        if threading.get_ident() == self._thread:
-            self._loop.call_soon(self._wake)
-            return
-        try:
-            self._loop.call_soon_threadsafe(self._wake)
-        except RuntimeError:  # the loop is closed: a late callback of a foreign thread
-            self._closed = True
-
-    def _wake(self) -> None:
-        ready = self._ready
-        try:
-            for _ in range(MAX_ROUNDS):
-                if not ready:
-                    break
-                for _ in range(len(ready)):
-                    if self._closed:
-                        return
-                    ready.popleft().drain()
-        finally:
-            # A thread that marked between the last look and this line saw us awake: look again afterwards.
-            self._awake = False
-            if self._ready and not self._closed:
-                self._awake = True
-                self._schedule()
-
 
 class Mailbox:
-    """One subscription's buffer: the newest per name, or for events the newest `EVENT_CAPACITY` in order."""
+    """One subscription's buffer: the newest per name, or for events the newest `EVENT_CAPACITY` in order.
+
+    What is put in the loop's own thread, which is most of the traffic of a process, takes no lock: it waits
+    where no other thread looks. What other threads bring waits in a buffer of its own, under the lock.
+
+    - No wake-up is lost: who puts the first item into one of the two buffers schedules the mailbox, and
+      `drain` empties both. For the second, the lock makes storing and counting one step, as well as emptying.
+    - Nothing overtakes: whatever waits in the first is older than all in the second, since the loop's thread
+      adds to the second while something is there. `drain` handles them in this order.
+    - No count is lost: each is changed by one thread only, or under the lock.
+    """
 
     def __init__(
         self,
@@ -118,18 +48,27 @@ class Mailbox:
         """
         self.topic = topic
         self.traffic = SubscriptionStats()
-        self._handler = handler
+        self._take = handler.take if isinstance(handler, BatchHandler) else _one_by_one(handler)
         self._dispatcher = dispatcher
+        self._make_ready = dispatcher.ready.append
+        self._thread = dispatcher.thread
         self._unpack = unpack
         self._lock = threading.Lock()
-        self._marked = False
         self._closed = False
         self._keeps_newest = topic.delivery is not Delivery.EVENT and not every
+        self._newest_here: dict[str, Message] = {}
+        self._queue_here: collections.deque[tuple[str, Message]] = collections.deque(maxlen=EVENT_CAPACITY)
         self._newest: dict[str, Any] = {}
         self._queue: collections.deque[tuple[str, Any]] = collections.deque(maxlen=EVENT_CAPACITY)
+        self._arrived = 0
+        """Number of items that other threads brought into these two since they were drained."""
+        self._rest: Iterator[tuple[str, Any]] = iter(())
+        """Rest of the batch that is being handled."""
         self._overflowed = 0
         """Number of overflows at the last report."""
         self._takes_kept = kept and topic.delivery is Delivery.STATE
+        self._looks = self._takes_kept or not self._keeps_newest
+        """True if what was put here is looked through before it is handled, too."""
         self._live: set[str] = set()
         """Names of which a living writer's state was handled."""
         self._recalled: dict[str, Message] = {}
@@ -142,25 +81,42 @@ class Mailbox:
         """Return True if `offer_retained` has an effect now."""
         return self._takes_kept and not self._closed
 
-    def offer(self, name: str, item: Any) -> None:
-        """Take `item`; from any thread, never blocks, never raises."""
-        if self._closed:
+    def put(self, name: str, message: Message) -> None:
+        """Take `message` of this process; never blocks, never raises. Meant for the loop's thread."""
+        if self._arrived or threading.get_ident() != self._thread:
+            self.offer(name, message)
             return
+        traffic = self.traffic
+        traffic.received += 1
+        if self._keeps_newest:
+            newest = self._newest_here
+            if not newest:  # `schedule`, without a call for each message
+                self._make_ready(self)
+                if not self._dispatcher.is_awake:
+                    self._dispatcher.wake()
+            elif name in newest:
+                traffic.dropped += 1
+            newest[name] = message
+        else:
+            queue = self._queue_here
+            if not queue:
+                self._dispatcher.schedule(self)
+            elif len(queue) == EVENT_CAPACITY:
+                traffic.dropped += 1
+            queue.append((name, message))
+
+    def offer(self, name: str, item: Any) -> None:
+        """Take `item`, a message or what `unpack` turns into one; any thread, never blocks, never raises."""
         with self._lock:
-            traffic = self.traffic
-            traffic.received += 1
-            if self._keeps_newest:
-                newest = self._newest
-                if name in newest:
-                    traffic.dropped += 1
-                newest[name] = item
-            else:
-                if len(self._queue) == EVENT_CAPACITY:
-                    traffic.dropped += 1
-                self._queue.append((name, item))
-            if self._marked:
+            if self._closed:
                 return
-            self._marked = True
+            if self._keeps_newest:
+                self._newest[name] = item
+            else:
+                self._queue.append((name, item))
+            self._arrived += 1
+            if self._arrived > 1:
+                return
         self._dispatcher.schedule(self)
 
     def offer_retained(self, name: str, message: Message) -> None:
@@ -176,39 +132,58 @@ class Mailbox:
             return
         with self._lock:
             self.traffic.received += 1
-            self._kept[name] = message
-            if self._marked:
-                return
-            self._marked = True
-        self._dispatcher.schedule(self)
+        if not self._kept:
+            self._dispatcher.schedule(self)
+        self._kept[name] = message
 
     def drain(self) -> None:
         """Handle everything that is there; in the loop."""
-        with self._lock:
-            self._marked = False
-            batch: Iterable[tuple[str, Any]]
-            if self._keeps_newest:
-                newest, self._newest = self._newest, {}
-                batch = newest.items()
+        has_arrived = self._arrived > 0
+        if has_arrived:
+            self._fetch()
+        batch: Collection[tuple[str, Any]]
+        if self._keeps_newest:
+            batch, self._newest_here = self._newest_here.items(), {}
+        else:
+            batch, self._queue_here = self._queue_here, collections.deque(maxlen=EVENT_CAPACITY)
+        if has_arrived or self._looks:
+            batch = self._look_through(batch)
+        rest = self._rest = iter(batch)
+        for _ in batch:  # a call takes all of it, unless a handler raises: then another takes the rest
+            try:
+                self._take(rest)
+            except Exception as error:  # noqa: BLE001 - a handler's fault must not stop the others
+                self._count_error(error)
             else:
-                batch = list(self._queue)
-                self._queue.clear()
-            dropped = self.traffic.dropped
+                break
+        if self._kept:
+            self._drain_kept()
+
+    def _fetch(self) -> None:
+        """Put what other threads brought behind what waits here."""
+        traffic, newest, queue = self.traffic, self._newest_here, self._queue_here
+        with self._lock:
+            arrived, self._arrived = self._arrived, 0
+            waiting = arrived + len(newest) + len(queue)
+            newest.update(self._newest)
+            self._newest.clear()
+            queue.extend(self._queue)
+            self._queue.clear()
+        traffic.received += arrived
+        traffic.dropped += waiting - len(newest) - len(queue)
+
+    def _look_through(self, batch: Iterable[tuple[str, Any]]) -> list[tuple[str, Message]]:
+        """Return the messages of `batch` that are to be handled, unpacked."""
+        dropped = self.traffic.dropped
         if not self._keeps_newest and dropped > self._overflowed and self._may_log("overflow"):
             self._overflowed = dropped
             log.warning("%s: reader too slow, %d events lost so far", self.topic.key, dropped)
+        messages: list[tuple[str, Message]] = []
         for name, item in batch:
-            if self._closed:
-                return
             message = item if isinstance(item, Message) else self._open(item, name)
-            if message is None or (self._takes_kept and self._is_known(name, message)):
-                continue
-            try:
-                self._handler(message, name)
-            except Exception as error:  # noqa: BLE001 - a handler's fault must not stop the others
-                self._count_error(error)
-        if self._kept:
-            self._drain_kept()
+            if message is not None and not (self._takes_kept and self._is_known(name, message)):
+                messages.append((name, message))
+        return messages
 
     def _is_known(self, name: str, message: Message) -> bool:
         """Note that a living writer has put `message`. Return True if it equals the retained value."""
@@ -223,7 +198,7 @@ class Mailbox:
             if name not in self._live:
                 self._recalled[name] = message
                 try:
-                    self._handler(message, name)
+                    self._take(((name, message),))
                 except Exception as error:  # noqa: BLE001 - as above
                     self._count_error(error)
 
@@ -250,12 +225,14 @@ class Mailbox:
 
     def close(self) -> None:
         """Handle nothing any more."""
-        self._closed = True
         with self._lock:
-            self._newest.clear()
-            self._queue.clear()
-        for names in (self._live, self._recalled, self._kept):
-            names.clear()
+            self._closed = True
+        self._thread = 0  # sends `put` to `offer`, which takes nothing
+        self._fetch()
+        for rest in (self._newest_here, self._queue_here, self._live, self._recalled, self._kept):
+            rest.clear()
+        for _ in self._rest:  # nobody handles it
+            pass
 
     def _open(self, item: Any, name: str) -> Message | None:
         try:
@@ -275,17 +252,29 @@ class TapMailbox(Mailbox):
 
     def __init__(self, topic: AnyTopic, handler: Tap, dispatcher: Dispatcher) -> None:
         super().__init__(topic, handler, dispatcher)
+        self._handler = handler
+
+    def put(self, name: str, message: Message) -> None:
+        """Hand over `message`; from any thread."""
+        self.offer(name, message)
 
     def offer(self, name: str, item: Any) -> None:
         """Hand over `item`; from any thread."""
         if not self._closed:
-            self.traffic.received += 1
+            with self._lock:
+                self.traffic.received += 1
             if self._takes_kept:
                 self._live.add(name)
             self._handler(item, name)
 
     def drain(self) -> None:
         """Hand over what was kept of states."""
-        with self._lock:
-            self._marked = False
         self._drain_kept()
+
+
+def _one_by_one(handler: Callable[[Any, str], None]) -> Callable[[Iterable[tuple[str, Any]]], None]:
+    def take(batch: Iterable[tuple[str, Any]]) -> None:
+        for name, message in batch:
+            handler(message, name)
+
+    return take

@@ -10,14 +10,17 @@ from dataclasses import dataclass, field
 
 from pointit.runtime.bus.contract import AnyTopic, SubscriptionStats
 from pointit.runtime.bus.timeliness import LateMessageFilter, OutOfOrderFilter
+from pointit.runtime.clock import Clock
 from pointit.runtime.virtual_time import is_virtual
-from pointit.schemas import Quantiles
+from pointit.schemas import NS_PER_S, Quantiles
 from pointit.schemas.system import DURATION_BOUNDS_S
 
 REFUSED_SHOWN_S = 5.0
 """So long it is said that messages were no news, or came too late, after the last of them."""
 SAMPLES = 4096
 """Quantiles are of at least so many of the newest times between two reports, or of all."""
+FULL = 2 * SAMPLES
+"""Number of times from which the older ones are only counted."""
 
 
 def steady_time() -> Callable[[], float]:
@@ -31,8 +34,8 @@ class DurationWindow:
 
     def __init__(self) -> None:
         """Begin with none."""
-        self._values: list[float] = []
-        """The newest."""
+        self.values: list[float] = []
+        """The newest, s. Who adds to them without `add`, which is a call, calls `fold` if they are `FULL`."""
         self._counts = [0] * (len(DURATION_BOUNDS_S) + 1)
         """Number of older ones in each bucket."""
         self._sum_s = 0.0
@@ -40,11 +43,15 @@ class DurationWindow:
 
     def add(self, duration_s: float) -> None:
         """Take one, s."""
+        self.values.append(duration_s)
+        if len(self.values) >= FULL:
+            self.fold()
+
+    def fold(self) -> None:
+        """Count all but the newest `SAMPLES`."""
         # many are sorted into their buckets at once: 0.06 us each, 0.15 us beyond 8192; one at a time 0.2 us
-        self._values.append(duration_s)
-        if len(self._values) == 2 * SAMPLES:
-            self._count(sorted(self._values[:SAMPLES]))
-            del self._values[:SAMPLES]
+        self._count(sorted(self.values[:-SAMPLES]))
+        del self.values[:-SAMPLES]
 
     def _count(self, ordered: list[float]) -> None:
         up_to = [*(bisect.bisect_right(ordered, bound_s) for bound_s in DURATION_BOUNDS_S), len(ordered)]
@@ -54,9 +61,9 @@ class DurationWindow:
 
     def take(self) -> Quantiles | None:
         """Return quantiles and histogram of the values since the last call, or None without values."""
-        if not self._values:
+        if not self.values:
             return None
-        ordered = sorted(self._values)
+        ordered = sorted(self.values)
         self._count(ordered)
 
         def quantile(share: float) -> float:  # nearest rank: one of the values, never below the share
@@ -64,7 +71,7 @@ class DurationWindow:
 
         p50_s, p99_s = quantile(0.5), quantile(0.99)
         taken = Quantiles(p50_s=p50_s, p99_s=p99_s, counts=tuple(self._counts), sum_s=self._sum_s)
-        self._values.clear()
+        self.values.clear()
         self._counts = [0] * len(self._counts)
         self._sum_s = 0.0
         return taken
@@ -111,6 +118,8 @@ class TopicMeter:
         """Messages since the last report."""
         self.newest_s: float | None = None
         """Time of the newest message, monotonic."""
+        self.newest_ns = 0
+        """Its time by the clock of the service, if only that was read since the last report, else 0."""
         self._closed = ReaderCounts()
         self._readers = {self._closed}
         self._old = _Complaint()
@@ -126,6 +135,14 @@ class TopicMeter:
         if reader in self._readers:
             self._readers.remove(reader)
             self._closed.add(reader)
+
+    def age_s(self, now_s: float, span_s: float, clock: Clock) -> float | None:
+        """Return the age of the newest message, s, or None. `span_s`: time since the last report."""
+        if self.newest_ns:  # the clock may have been set since
+            passed_s = (clock.now_ns() - self.newest_ns) / NS_PER_S / clock.speed
+            self.newest_s = now_s - min(max(0.0, passed_s), span_s)
+            self.newest_ns = 0
+        return None if self.newest_s is None else now_s - self.newest_s
 
     def total(self, counter: str) -> int:
         """Return the sum of one of the counters of `SubscriptionStats` over all readers."""

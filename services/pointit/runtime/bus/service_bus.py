@@ -263,7 +263,7 @@ class ServiceBus:
                     key=key,
                     direction="in" if direction == "in" else "out",
                     rate_hz=meter.count / span_s,
-                    age_s=None if meter.newest_s is None else now_s - meter.newest_s,
+                    age_s=meter.age_s(now_s, span_s, self._clock),
                     dropped=meter.total("dropped"),
                     lost=meter.total("lost"),
                     invalid=meter.total("invalid"),

@@ -12,7 +12,7 @@ from typing import Any
 import zenoh
 from zenoh import ext
 
-from pointit.runtime.bus.mailbox import Dispatcher
+from pointit.runtime.bus.dispatcher import Dispatcher
 from pointit.runtime.errors import BusClosedError
 from pointit.runtime.zenoh.declarations import (
     Declaration,

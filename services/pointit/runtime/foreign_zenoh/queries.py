@@ -12,7 +12,7 @@ from typing import Any
 import zenoh
 from zenoh.handlers import Callback
 
-from pointit.runtime.bus.mailbox import Dispatcher
+from pointit.runtime.bus.dispatcher import Dispatcher
 from pointit.runtime.foreign_zenoh.pubsub import bytes_of, is_oversized
 from pointit.runtime.host.threads import in_daemon_thread
 from pointit.runtime.zenoh.declarations import Declaration

@@ -12,7 +12,7 @@ from typing import Any, Literal
 import zenoh
 
 from pointit.runtime.bus.contract import Closable
-from pointit.runtime.bus.mailbox import Dispatcher
+from pointit.runtime.bus.dispatcher import Dispatcher
 from pointit.runtime.errors import BusClosedError, BusError, ConfigError, ConnectError, ListenError
 from pointit.runtime.foreign_zenoh.pubsub import PlainTraffic, RawPublisher, RawSample, RawSubscriber
 from pointit.runtime.foreign_zenoh.queries import IncomingQuery, RawQuerier, RawQueryable

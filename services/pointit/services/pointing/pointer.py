@@ -5,9 +5,12 @@ from typing import Literal
 from pointit.geometry import vector
 from pointit.geometry.one_euro import OneEuro
 from pointit.schemas import NS_PER_S, ImuSample, PointingRay, UserProfile
+from pointit.schemas.base import unchecked
 from pointit.services.pointing.arm_ray import ArmRay, apply
 
 Verdict = Literal["fresh", "stale", "repeated"]
+
+_calculated_ray = unchecked(PointingRay)
 
 
 class Pointer:
@@ -63,7 +66,7 @@ class Pointer:
         if self._smoothing is not None:
             direction = self._smoothing.smooth(direction, sample.stamp_ns / NS_PER_S)
         self._seq += 1
-        return PointingRay(
+        return _calculated_ray(
             stamp_ns=sample.stamp_ns,
             seq=self._seq,
             origin_m=origin,

@@ -18,9 +18,9 @@ from pointit.schemas import (
     SetWorkspace,
     UserPose,
 )
-from pointit.schemas.base import FARTHEST
+from pointit.schemas.base import unchecked
 from pointit.schemas.pointing import Solid, SurfaceKind
-from pointit.services.pui.passing import Passing
+from pointit.services.pui.passing import Passing, is_in_range
 from pointit.services.pui.shapes import PLACES
 from pointit.services.pui.surfaces import Surfaces
 from pointit.services.pui.tracked_objects import Tracked
@@ -38,6 +38,8 @@ WORKSPACE_ID = "workspace/"
 """First part of the `surface_id` of cursors on a workspace, before its kind. No id in a map has a slash."""
 
 NO_WORKSPACE = WorkspaceStart()
+
+_calculated_cursor = unchecked(Cursor)
 
 
 class NearbyLamps:
@@ -205,19 +207,19 @@ class PersonCursor:
     def _cursor(self, cast: _Cast) -> Cursor:
         self._seq += 1
         eyes, direction, _, stamp_ns = cast
-        if not _is_told(eyes):  # a pose beyond the limits of messages
+        if not is_in_range(eyes):  # a pose beyond the limits of messages
             self._point = None
             self._passing.end()
             return Cursor(stamp_ns=stamp_ns, seq=self._seq)
         lamps = () if self._lamps is None else self._lamps.near(eyes, direction)
         met = self._met(cast)
-        if met is None or not _is_told(met[2].point_m):
+        if met is None or not is_in_range(met[2].point_m):
             self._point = passed = None
             if self._workspace is None:
                 passed = self._passing.miss(eyes, direction, stamp_ns)
             else:
                 self._passing.end()
-            return Cursor(
+            return _calculated_cursor(
                 stamp_ns=stamp_ns,
                 seq=self._seq,
                 origin_m=eyes,
@@ -228,7 +230,7 @@ class PersonCursor:
         (surface, solid), name, hit = met
         self._point = hit.point_m
         self._passing.end()
-        return Cursor(
+        return _calculated_cursor(
             stamp_ns=stamp_ns,
             seq=self._seq,
             surface=surface,
@@ -253,11 +255,6 @@ class PersonCursor:
             return None if hit is None else (("none", workspace.solid), WORKSPACE_ID + workspace.kind, hit)
         met = self._surfaces.hit_test(cast.eyes_m, cast.direction)
         return None if met is None else (PLACES[met[0].kind], met[0].id, met[1])
-
-
-def _is_told(point: Vec3) -> bool:
-    x, y, z = point
-    return -FARTHEST <= x <= FARTHEST and -FARTHEST <= y <= FARTHEST and -FARTHEST <= z <= FARTHEST
 
 
 def _lowered(direction: Vec3, bias_rad: float) -> Vec3:

@@ -7,6 +7,7 @@ from pointit.geometry import vector
 from pointit.geometry.closest import Hit
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Feedback, Passed
+from pointit.schemas.base import FARTHEST
 from pointit.schemas.cues import SIGNS
 from pointit.services.pui.shapes import PLACES, Surface
 
@@ -59,7 +60,10 @@ class Passing:
             self._looked_ns = stamp_ns
             found = self._things.nearest(origin_m, direction)
             is_long = stamp_ns - self._since_ns >= PATIENCE_NS
-            self._passed = None if found is None else _passed(*found, origin_m, direction, is_long=is_long)
+            if found is None or not is_in_range(found[1].point_m):
+                self._passed = None
+            else:
+                self._passed = _passed(*found, origin_m, direction, is_long=is_long)
         return self._passed
 
     def cue(self, stamp_ns: int) -> Feedback | None:
@@ -82,6 +86,12 @@ class Passing:
             target_id=passed.surface_id,
             turn_rad=(passed.right_rad, passed.up_rad),
         )
+
+
+def is_in_range(point_m: Vec3) -> bool:
+    """Return True if a message can hold the point."""
+    x, y, z = point_m
+    return -FARTHEST <= x <= FARTHEST and -FARTHEST <= y <= FARTHEST and -FARTHEST <= z <= FARTHEST
 
 
 def _passed(surface: Surface, hit: Hit, origin_m: Vec3, direction: Vec3, *, is_long: bool) -> Passed:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Literal
 
 from pointit.schemas import ButtonEvent, Claim, Cursor, Environment, Hover, TrackedObjects
+from pointit.schemas.base import unchecked
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.methods.method import MakeMethod, is_by_angle
 from pointit.services.selector.methods.pointer import PersonPointer, PointerResult
@@ -13,6 +14,8 @@ from pointit.services.selector.objects.seen_objects import SeenObjects
 from pointit.services.selector.objects.view import View
 from pointit.services.selector.outputs import CHANGES, Action, Output
 from pointit.services.selector.ownership.ownership import Ownership
+
+_empty_hover = unchecked(Hover)
 
 
 class HoverEngine:
@@ -192,7 +195,7 @@ class HoverEngine:
         seq = self._sent[user]
         object_id = pointed.object_id
         if object_id is None:
-            return Hover(stamp_ns=cursor.stamp_ns, seq=seq)
+            return _empty_hover(stamp_ns=cursor.stamp_ns, seq=seq)
         snapped = None if view is None else view.snapped(object_id, cursor, self._snap_rad)
         return Hover(
             stamp_ns=cursor.stamp_ns,

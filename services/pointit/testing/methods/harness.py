@@ -29,6 +29,7 @@ NEAR_RAD = math.radians(25)
 """Angle from the ray up to which objects are near."""
 COUNT = 24
 """Number of objects about the person: a full circle."""
+CENTERS_M = tuple(vector.scale(vector.direction(number * APART_RAD, 0.0), RANGE_M) for number in range(COUNT))
 RECENT_NS = NS_PER_S // 5
 """Time for which an object counts as pointed at: a method may sample the cursor."""
 BESIDE = "nothing"
@@ -122,10 +123,9 @@ def _acts(_object_id: str) -> bool:
 
 def _view(direction: Vec3, prefix: str) -> View:
     seen: list[VisibleObject] = []
-    for number in range(COUNT):
-        center_m = vector.scale(vector.direction(number * APART_RAD, 0.0), RANGE_M)
-        angle_rad = vector.angle_between(direction, center_m)
-        if angle_rad < NEAR_RAD:
+    for number, center_m in enumerate(CENTERS_M):
+        if vector.dot(direction, center_m) > RANGE_M * math.cos(NEAR_RAD):
+            angle_rad = vector.angle_between(direction, center_m)
             still = (0.0, 0.0, 0.0)
             half_rad = math.atan(HALF_M / RANGE_M)
             seen.append(

@@ -12,7 +12,7 @@ from pointit.bridges.ros2.over_rclpy.api import EndInfo, Node
 from pointit.bridges.ros2.over_rclpy.graph import full_name, hash_of
 from pointit.bridges.ros2.over_rclpy.library import Rclpy, class_of
 from pointit.bridges.ros2.types.definitions import INTERFACES
-from pointit.runtime.bus.mailbox import Dispatcher
+from pointit.runtime.bus.dispatcher import Dispatcher
 from pointit.runtime.errors import BusClosedError
 
 End = TypeVar("End")

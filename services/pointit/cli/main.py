@@ -2,6 +2,7 @@
 
 import difflib
 import functools
+import gc
 import os
 import shutil
 import sys
@@ -56,7 +57,12 @@ class RootGroup(LazyGroup):
             if not ctx.resilient_parsing:
                 click.echo(f"note: `{old}` is now `{' '.join(('pointit', *new))}`", err=True)
             args = [*new, *args[count:]]
-        return super().resolve_command(ctx, args)
+        try:
+            return super().resolve_command(ctx, args)
+        finally:
+            if not gc.isenabled():  # see `pointit.cli.__main__`
+                gc.freeze()
+                gc.enable()
 
     def advice(self, typed: str) -> str:
         """Return a clause with the similar names, those of actions among them: `map plot` for `plott`."""

@@ -164,7 +164,7 @@ _Name = Annotated[str, BeforeValidator(_name)]
 
 
 class _Entry(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
 
 
 class LedEntry(_Entry):

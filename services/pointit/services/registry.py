@@ -6,9 +6,9 @@ process loads only what it needs. Services of other packages get a row when they
 
 import contextlib
 from dataclasses import dataclass
-from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any, Literal
 
+from pointit.runtime.config.installed import installed_entry_points
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.optional_rooms import import_room
 from pointit.schemas import topics
@@ -353,7 +353,7 @@ def person_of(instance: str) -> str:
 def names() -> list[str]:
     """Return the names of all services, including those of other packages, without importing any."""
     ours = [row.name for row in PROCESSES]
-    return ours + sorted({entry.name for entry in entry_points(group=GROUP)} - set(ours))
+    return ours + sorted({entry.name for entry in installed_entry_points(GROUP)} - set(ours))
 
 
 def process(name: str) -> Process:

@@ -116,6 +116,22 @@ def test_to_start_a_scenario_loads_nothing_that_takes_long() -> None:
     assert not loaded & {"scipy", "matplotlib", "foxglove"}
 
 
+def test_a_service_without_a_terminal_loads_no_rich() -> None:
+    loads = "import sys, pointit.services.pui.service; from pointit.runtime.service import logs, process"
+    done = python("-c", f"{loads}; logs.setup_logging(); print(*sys.modules)", check=True)
+    assert not set(done.stdout.split()) & {"rich", "scipy"}
+
+
+def test_garbage_is_collected_again_once_the_command_is_loaded() -> None:
+    script = (
+        "import atexit, gc, sys; from pointit.cli.__main__ import begin\n"
+        "atexit.register(lambda: print(gc.isenabled(), gc.get_freeze_count() > 1000, file=sys.stderr))\n"
+        "begin()"
+    )
+    done = python("-c", script, "list", "services", check=True)
+    assert done.stderr.split() == ["True", "True"]
+
+
 def test_an_unknown_service_gets_one_sentence_with_the_near_ones() -> None:
     assert invoke("service", "run", "pointin") == (2, "Error: no service 'pointin'; did you mean pointing?\n")
     assert "conveyor-sim" in invoke("service", "run", "xyzzy")[1]

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, PydanticSchemaGenerationError, create_model
 
 from pointit.runtime.config.config import Config, Layers, check_environment, environment_prefix
 from pointit.runtime.config.parameters import iter_parameters
@@ -341,3 +341,12 @@ def test_one_service_alone_knows_how_its_own_are_spelt(monkeypatch: pytest.Monke
     monkeypatch.setenv("POINTIT_SELECTOR_WINDOW_S", "0.5")
     with pytest.raises(ConfigError, match="write POINTIT_SELECTOR__WINDOW_S"):
         load_config(Selector, [], {})
+
+
+class Odd:
+    """No type that a configuration can have."""
+
+
+def test_a_field_of_an_impossible_type_is_an_error_where_another_package_defines_it() -> None:
+    with pytest.raises(PydanticSchemaGenerationError, match="Odd"):
+        create_model("Strange", __base__=Config, __module__="elsewhere", field=(Odd, ...))

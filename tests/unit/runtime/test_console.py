@@ -16,7 +16,8 @@ from pointit.cli.display.view import View
 from pointit.launch.run.monitor import Monitor
 from pointit.launch.run.score import Score
 from pointit.runtime.clock import WallClock
-from pointit.runtime.service.logs import PlainConsole, setup_logging
+from pointit.runtime.service.logs import setup_logging
+from pointit.runtime.service.plain_console import PlainConsole
 from pointit.schemas import Cursor
 from pointit.schemas.text import one_line, plain
 

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import say
-from pointit.runtime.service.logs import PlainConsole
+from pointit.runtime.service.plain_console import PlainConsole
 
 BUTTON_KEYS = frozenset(b" \n\r")
 

@@ -21,7 +21,8 @@ from pointit.launch.run.running_scenario import RunningScenario
 from pointit.runtime.bus.site_clock import publish_time
 from pointit.runtime.clock import Clock, SimulatedClock, WallClock
 from pointit.runtime.host.optional_rooms import present
-from pointit.runtime.service.logs import PlainConsole, setup_logging
+from pointit.runtime.service.logs import setup_logging
+from pointit.runtime.service.plain_console import PlainConsole
 from pointit.runtime.service.service import check_launches
 from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus

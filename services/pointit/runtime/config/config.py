@@ -26,12 +26,18 @@ _USER_INFO = re.compile(r"(?<=://)[^/\s]*@")
 class Config(BaseModel):
     """Base of every configuration: frozen, and a field that does not exist is an error."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
     REPLACED: typing.ClassVar[tuple[str, ...]] = ()
     """Fields whose mapping in a later source replaces the earlier one. All others are merged by name."""
     SECRETS: typing.ClassVar[frozenset[str]] = frozenset()
     """Fields that are not published with the others. Those called `token`, `password`, `secret` or `key` need
     not be named here."""
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **_kwargs: Any) -> None:
+        """Build what another package defines: its faults are then errors of its import."""
+        if not cls.__module__.startswith("pointit."):
+            cls.model_rebuild(raise_errors=False)  # False: for names that are defined later, as pydantic does
 
 
 class Layers:

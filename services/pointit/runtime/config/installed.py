@@ -1,14 +1,35 @@
 """Objects that installed packages add: declared as entry points, found without importing any."""
 
-from functools import cached_property
-from importlib.metadata import EntryPoint, entry_points
-from typing import Generic, TypeVar
+import sys
+from functools import cached_property, lru_cache
+from importlib.metadata import Distribution, EntryPoint, EntryPoints, entry_points
+from pathlib import Path
+from typing import Any, Generic, TypeVar
 
 from pointit.runtime.errors import ConfigError
 
 OURS = ("pointit", "pointit-lab")
 """This project's packages, whose names no other can take."""
 P = TypeVar("P")
+
+
+def installed_entry_points(group: str) -> EntryPoints:
+    """Return the entry points of `group` of all installed packages."""
+    every = _all_entry_points(tuple((folder, _changed_ns(folder)) for folder in sys.path))
+    found: EntryPoints = every.select(group=group)
+    return found
+
+
+@lru_cache(maxsize=1)  # reads a file of each package
+def _all_entry_points(_folders: tuple[tuple[str, int], ...]) -> Any:  # not EntryPoints before Python 3.12
+    return entry_points()
+
+
+def _changed_ns(folder: str) -> int:
+    try:
+        return Path(folder).stat().st_mtime_ns
+    except OSError:
+        return 0
 
 
 class InstalledGroup(Generic[P]):
@@ -39,7 +60,7 @@ class InstalledGroup(Generic[P]):
             ConfigError: If there is none where there must be.
         """
         found: dict[str, tuple[EntryPoint, ...]] = {}
-        entries = entry_points(group=self.group)
+        entries = installed_entry_points(self.group)
         for entry in sorted(entries, key=lambda it: (it.name, _package(it) not in OURS, _package(it))):
             others = found.get(entry.name, ())
             is_taken = others and _package(others[0]) in OURS
@@ -98,4 +119,9 @@ class InstalledGroup(Generic[P]):
 
 
 def _package(entry: EntryPoint) -> str:
-    return entry.dist.name if entry.dist else entry.value
+    return _name(entry.dist) if entry.dist else entry.value
+
+
+@lru_cache(maxsize=1)  # reads the description of the package
+def _name(dist: Distribution) -> str:
+    return dist.name

@@ -3,15 +3,11 @@
 import json
 import logging
 import sys
-from collections.abc import Iterable
 from datetime import UTC, datetime
-from typing import Any
+from typing import TYPE_CHECKING
 
-from rich.console import Console, ConsoleOptions, RenderableType
-from rich.logging import RichHandler
-from rich.segment import Segment
-
-from pointit.schemas.text import plain
+if TYPE_CHECKING:  # a process without a terminal loads no rich
+    from rich.console import Console
 
 
 class JsonFormatter(logging.Formatter):
@@ -30,9 +26,13 @@ class JsonFormatter(logging.Formatter):
         return json.dumps(entry)
 
 
-def setup_logging(level: str = "info", console: Console | None = None) -> None:
+def setup_logging(level: str = "info", console: "Console | None" = None) -> None:
     """Send logs to standard error; through `console` where a live view must not be torn."""
     if console is not None or sys.stderr.isatty():
+        from rich.logging import RichHandler  # noqa: PLC0415 - takes long
+
+        from pointit.runtime.service.plain_console import PlainConsole  # noqa: PLC0415 - as above
+
         handler: logging.Handler = RichHandler(
             console=console or PlainConsole(stderr=True), show_path=False, rich_tracebacks=True, markup=False
         )
@@ -42,18 +42,3 @@ def setup_logging(level: str = "info", console: Console | None = None) -> None:
         handler.setFormatter(JsonFormatter())
     logging.basicConfig(level=level.upper(), handlers=[handler], force=True)
     logging.getLogger("asyncio").setLevel(logging.WARNING)
-
-
-class PlainConsole(Console):
-    """Writes text as it is, characters that command terminals as `?`; styles are given by code alone."""
-
-    def __init__(self, **options: Any) -> None:
-        super().__init__(markup=False, emoji=False, **options)
-
-    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
-        """Yield the segments of `renderable`."""
-        for segment in super().render(renderable, options):
-            if segment.control or segment.text.isprintable() or segment.text == "\n":
-                yield segment
-            else:
-                yield Segment(plain(segment.text), segment.style)

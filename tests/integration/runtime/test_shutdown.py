@@ -187,6 +187,49 @@ def test_a_task_that_does_not_end_is_cut_off_later_on_a_crowded_machine(
         assert "main" in said
 
 
+THREAD = """
+import asyncio, threading
+from pointit.runtime.service import shutdown as ending
+ending.END_PATIENCE_S = 0.5
+
+async def work():
+    asyncio.get_running_loop().run_in_executor(None, threading.Event().wait)
+    print("ready", flush=True)
+    await asyncio.Event().wait()
+
+ending.run_until_shutdown(work())
+"""
+
+
+def test_a_thread_that_does_not_end_is_cut_off() -> None:
+    with process("-c", THREAD) as child:
+        assert child.stdout is not None
+        assert child.stdout.readline() == "ready\n"
+        assert ended(child, signal.SIGINT) == (1, True)
+
+
+LATE = """
+import asyncio, os, signal
+from pointit.runtime.service.shutdown import run_until_shutdown
+signal.signal(signal.SIGINT, signal.SIG_DFL)  # as pointit.cli does
+
+async def work():
+    asyncio.get_running_loop().call_soon(os.kill, os.getpid(), signal.SIGINT)
+    await asyncio.Event().wait()
+
+code = run_until_shutdown(work())
+os.kill(os.getpid(), signal.SIGINT)
+print("summary")
+raise SystemExit(code)
+"""
+
+
+def test_ctrl_c_once_more_does_not_stop_the_summary() -> None:
+    with process("-c", LATE) as child:
+        said, _ = child.communicate(timeout=60)
+        assert (said, child.returncode) == ("summary\n", 0)
+
+
 @pytest.mark.parametrize("number", SIGNALS)
 def test_the_router_says_where_it_listens_and_ends_on_a_signal(number: int) -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"

@@ -1,6 +1,7 @@
 """Messages and exit codes of commands."""
 
 import asyncio
+import gc
 import json
 import logging
 import os
@@ -286,3 +287,17 @@ def test_a_service_that_has_ended_waits_for_nothing_of_pythons(at_once: bool, sa
     python = [sys.executable, "-c", script]
     done = subprocess.run(python, check=False, capture_output=True, text=True, timeout=90)
     assert (done.returncode, done.stdout, done.stderr) == (3, said, "")
+
+
+def test_full_collections_leave_out_what_a_process_has_made_at_its_start(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("pointit.runtime.service.shutdown.STARTED_S", 0.0)
+
+    async def work() -> int:
+        before, made = gc.get_freeze_count(), [[n] for n in range(10_000)]
+        for _ in range(5):
+            await asyncio.sleep(0)
+        return gc.get_freeze_count() - before - len(made)
+
+    assert run_until_shutdown(work()) >= 0

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import gc
 import os
 import signal
 import sys
@@ -20,6 +21,10 @@ MAX_CROWDING = 12.0
 SWITCH_INTERVAL_S = 0.0005
 """Python's thread switch interval: with the default, a busy loop delays Zenoh's threads by tens of ms."""
 
+STARTED_S = 5.0
+"""Time after the start at which objects are frozen, s: a process has made what it keeps. Full collections of
+garbage, which stop all else for about 50 ms in a process of 20 people, leave them out from then on."""
+
 
 def exit_with_parent() -> None:
     """End this process when its standard input closes: no child survives a killed parent."""
@@ -35,15 +40,19 @@ def exit_with_parent() -> None:
 def run_until_shutdown(work: Coroutine[Any, Any, int]) -> int:
     """Run `work` until it ends or Ctrl-C or SIGTERM ask for it; return its exit code.
 
-    A signal cancels the work; having been asked to end is not a failure: 0.
+    A signal cancels the work; having been asked to end is not a failure: 0. Where Ctrl-C would kill the
+    process (`SIG_DFL`), one more does nothing from then on.
     """
     sys.setswitchinterval(SWITCH_INTERVAL_S)
-    return asyncio.run(_until_signal(work))
+    runner = asyncio.Runner()
+    with _cut_off(runner.get_loop()) as cut_off, runner:  # closing the runner waits for threads
+        return runner.run(_until_signal(work, cut_off))
 
 
-async def _until_signal(work: Coroutine[Any, Any, int]) -> int:
+async def _until_signal(work: Coroutine[Any, Any, int], cut_off: threading.Timer) -> int:
     loop = asyncio.get_running_loop()
     task = loop.create_task(work, name="main")
+    loop.call_later(STARTED_S, gc.freeze)
     asked = False
 
     def ask() -> None:
@@ -54,7 +63,7 @@ async def _until_signal(work: Coroutine[Any, Any, int]) -> int:
         cut_off.start()
         task.cancel()
 
-    with _signals(loop, ask), _cut_off(loop) as cut_off:
+    with _signals(loop, ask, lambda: asked):
         try:
             return await task
         except asyncio.CancelledError:
@@ -109,7 +118,9 @@ def crowding() -> float:
 
 
 @contextlib.contextmanager
-def _signals(loop: asyncio.AbstractEventLoop, ask: Callable[[], None]) -> Generator[None]:
+def _signals(
+    loop: asyncio.AbstractEventLoop, ask: Callable[[], None], was_asked: Callable[[], bool]
+) -> Generator[None]:
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         for number in before:
@@ -122,5 +133,7 @@ def _signals(loop: asyncio.AbstractEventLoop, ask: Callable[[], None]) -> Genera
     finally:
         for number, handler in before.items():
             loop.remove_signal_handler(number)
-            if handler is not None:  # which is none of Python's
+            if was_asked() and number == signal.SIGINT and handler is signal.SIG_DFL:
+                signal.signal(number, signal.SIG_IGN)  # one more must not kill what says how it ended
+            elif handler is not None:  # which is none of Python's
                 signal.signal(number, handler)  # a shell starts what runs beside it with SIGINT ignored

@@ -94,11 +94,11 @@ def free_endpoint() -> str:
 def main(
     *, duration: float, rate: float, path: Path | None, only: tuple[str, ...], commit: str, rounds: int
 ) -> None:
-    """Measure speed as ratios to bare Zenoh in the same run; takes about four minutes.
+    """Measure speed as ratios to bare Zenoh in the same run; takes about five minutes.
 
     With --against COMMIT, the latency and users parts run for this tree and for COMMIT in turns, COMMIT in a
-    temporary git worktree with this interpreter and its packages. The result is the ratio of the two and
-    its spread over the rounds; a round takes four minutes at --duration 4.
+    temporary git worktree with this interpreter and its packages. The result is the ratio of the two, its
+    mean with a 95 % interval and its spread over the rounds; a round takes six minutes at --duration 4.
     """
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     # services must not store their state among that of this machine's user
@@ -116,9 +116,10 @@ def main(
         result["latency"] = latency(rate, duration)
         console.print(latency_table(result["latency"]))
     if "users" in wanted:
-        console.print("users: 100 Hz each, one process …")
-        result["users"] = [asyncio.run(our_chain.carried(count, duration)) for count in (1, 10, 20, 40, 60)]
-        console.print(users_table(result["users"]))
+        console.print("users: 100 Hz each, wrists in the services' process and in another one …")
+        result |= our_chain.user_rows(duration, free_endpoint)
+        titles = our_chain.USERS.items()
+        console.print(*(users_table(title, result[part]) for part, title in titles), sep="\n")
     if "calls" in wanted:
         console.print("calls: IMU sample to LED frame, over TCP …")
         result["calls"] = asyncio.run(sample_path.measure(free_endpoint()))
@@ -202,18 +203,22 @@ def latency_table(latency_result: dict[str, Any]) -> Table:
     return table
 
 
-def users_table(rows: list[dict[str, Any]]) -> Table:
-    """Return the figures per number of people as a table."""
-    table = Table(title="People at 100 Hz in one process")
-    for column in ("people", "CPU of a core", "µs per sample", "people per core", "delivered", "p99 age ms"):
+def users_table(title: str, rows: list[dict[str, Any]]) -> Table:
+    """Return the figures per number of people as a table, with what a fit makes of them."""
+    costs = our_chain.costs(rows, "services_share_of_a_core")
+    table = Table(
+        title=f"People at 100 Hz, {title}",
+        caption="services: {fixed} % of a core and {sample} µs a sample".format(**costs) if costs else None,
+    )
+    for column in ("people", "CPU of a core", "services", "driver", "delivered", "p99 age ms"):
         table.add_column(column, justify="right")
     for row in rows:
-        age = row["age_of_cursors"]
+        age, driver_us = row["age_of_cursors"], row["driver_us_per_sample"]
         table.add_row(
             str(row["users"]),
-            f"{row['cpu_share_of_a_core']:.0%}",
-            f"{row['cpu_us_per_sample']:.0f}",
-            f"{row['users_per_core']:.0f}",
+            f"{row['services_share_of_a_core']:.1%}",
+            f"{row['services_us_per_sample']:.0f} µs a sample",
+            f"{driver_us:.0f} µs" if driver_us else "apart",
             f"{row['delivered']:.1%}",
             f"{age['p99_ms']:.2f}" if age else "-",
         )

@@ -1,5 +1,6 @@
 """Speed of this tree beside another commit's, measured by each tree's own benchmark, in turns."""
 
+import contextlib
 import json
 import os
 import statistics
@@ -13,17 +14,37 @@ from typing import Any
 
 from rich.table import Table
 
+from pointit_lab.benchmarks.our_chain import DELIVERED, costs
+from pointit_lab.loadtest.slopes import fit
+
 ROOT = Path(__file__).parents[3]
-PEOPLE = 20
-"""People in the run whose CPU time per sample is compared."""
+PEOPLE = (20, 60)
+"""People in the runs whose CPU time per sample is compared."""
 
 
 def _latency(layout: str, quantile: str) -> Callable[[dict[str, Any]], float]:
     return lambda result: float(result["latency"][layout]["ratio_to_direct"][quantile])
 
 
-def _cpu_us(result: dict[str, Any]) -> float:
-    return next(float(row["cpu_us_per_sample"]) for row in result["users"] if row["users"] == PEOPLE)
+def _cpu_us(part: str, column: str, people: int) -> Callable[[dict[str, Any]], float]:
+    return lambda result: next(
+        float(row[column])
+        for row in result[part]
+        if row["users"] == people and row["delivered"] >= DELIVERED  # what is dropped costs less
+    )
+
+
+def _cost(part: str, share: str, kind: str) -> Callable[[dict[str, Any]], float]:
+    return lambda result: costs(result[part], share)[kind].value
+
+
+def _of_cpu(what: str, part: str, whose: str) -> dict[str, Callable[[dict[str, Any]], float]]:
+    """Return the figures of CPU in the columns of `whose` of a part."""
+    return {
+        **{f"{what}, {n} people, µs a sample": _cpu_us(part, f"{whose}_us_per_sample", n) for n in PEOPLE},
+        f"{what}, fit, µs a sample": _cost(part, f"{whose}_share_of_a_core", "sample"),
+        f"{what}, fit, fixed, % of a core": _cost(part, f"{whose}_share_of_a_core", "fixed"),
+    }
 
 
 FIGURES: dict[str, Callable[[dict[str, Any]], float]] = {
@@ -31,9 +52,14 @@ FIGURES: dict[str, Callable[[dict[str, Any]], float]] = {
     "one process, p99 to bare Zenoh": _latency("one_process", "p99"),
     "separate processes, p50 to bare Zenoh": _latency("separate_processes", "p50"),
     "separate processes, p99 to bare Zenoh": _latency("separate_processes", "p99"),
-    f"CPU per sample, {PEOPLE} people, µs": _cpu_us,
+    **_of_cpu("CPU with the driver's", "users", "cpu"),
+    **_of_cpu("CPU of services", "users", "services"),
+    **_of_cpu("CPU of services, wrists apart", "users_apart", "services"),
 }
-"""Figures that are compared, less is better, each read from the JSON that a tree's benchmark writes."""
+"""Figures that are compared, less is better, each read from the JSON that a tree's benchmark writes.
+
+A figure that one of the trees does not write, or whose fit lacks rows, is left out.
+"""
 
 
 def compare(commit: str, duration_s: float, rounds: int) -> dict[str, Any]:
@@ -50,21 +76,23 @@ def compare(commit: str, duration_s: float, rounds: int) -> dict[str, Any]:
             there.append(_measured(other, duration_s))
     figures: dict[str, Any] = {}
     for name, read in FIGURES.items():
-        ours, theirs = [read(result) for result in here], [read(result) for result in there]
-        ratios = [round(a / b, 3) for a, b in zip(ours, theirs, strict=True)]
-        figures[name] = {"here": ours, "there": theirs, "ratio": ratios}
+        with contextlib.suppress(KeyError, StopIteration):
+            ours, theirs = [read(result) for result in here], [read(result) for result in there]
+            ratios = [round(a / b, 3) for a, b in zip(ours, theirs, strict=True)]
+            figures[name] = {"here": ours, "there": theirs, "ratio": ratios}
     return {"commit": commit, "rounds": rounds, "figures": figures}
 
 
 def table(result: dict[str, Any]) -> Table:
-    """Return medians and the ratio's spread over the rounds."""
+    """Return medians, the ratio's mean with its 95 % interval, and its spread over the rounds."""
     shown = Table(title=f"This tree and {result['commit']}, median of {result['rounds']} rounds")
-    for column in ("figure", "here", "there", "here / there", "least, most"):
+    for column in ("figure", "here", "there", "here / there", "mean", "least, most"):
         shown.add_column(column, justify="left" if column == "figure" else "right")
     for name, values in result["figures"].items():
         medians = [f"{statistics.median(values[key]):.2f}" for key in ("here", "there", "ratio")]
         ratios = values["ratio"]
-        shown.add_row(name, *medians, f"{min(ratios):.2f}, {max(ratios):.2f}")
+        mean = fit({"mean": [1.0] * len(ratios)}, ratios).get("mean", "-")
+        shown.add_row(name, *medians, str(mean), f"{min(ratios):.2f}, {max(ratios):.2f}")
     return shown
 
 

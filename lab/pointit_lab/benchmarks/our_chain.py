@@ -1,10 +1,13 @@
 """Our pipeline: IMU sample to LED frame through pointing, pui and led-driver, in one process or four."""
 
 import asyncio
+import contextlib
+import itertools
 import time
-from collections.abc import AsyncGenerator, Sequence
+from collections.abc import AsyncGenerator, Awaitable, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, TypeAlias
 
 from pointit.launch.plan.launches import Choices
 from pointit.launch.run.service_group import Processes
@@ -16,12 +19,18 @@ from pointit.schemas.topics import CURSOR, IMU, POSE, STRIPS_FRAME
 from pointit_lab.benchmarks.statistics import Figures
 from pointit_lab.loadtest.layout import load_launches
 from pointit_lab.loadtest.rig import running
+from pointit_lab.loadtest.slopes import Slope, fit
+from pointit_lab.loadtest.workers import Group, Worker
 from pointit_lab.loadtest.wrist import Wrist, drive_wrists
 
 HOPS = 4
 """Messages from wrist to reader: imu, ray, cursor, frame."""
 
 SETTLE_S = 1.0
+WARM_UP_S = 1.0
+
+DELIVERED = 0.99
+"""Share of the samples whose cursors a measurement must deliver to count in a fit."""
 
 UNLIMITED = "led-driver.max_rate_hz=1000"
 """Raises the limit of the frame rate, which would determine the result."""
@@ -29,6 +38,14 @@ UNLIMITED = "led-driver.max_rate_hz=1000"
 USER = "load0"
 
 RATE_HZ = 100.0
+
+PEOPLE = (1, 10, 20, 40, 60)
+
+USERS = {
+    "users": "wrists in the services' process, their CPU measured alone and subtracted",
+    "users_apart": "wrists in another process, CPU of the services' process",
+}
+"""Titles of the measurements of people, by their names in the result."""
 
 
 def chain() -> list[Launch]:
@@ -92,30 +109,114 @@ async def _drive(bus: ZenohBus, rate_hz: float, duration_s: float) -> list[float
     return times_s
 
 
-async def carried(users: int, duration_s: float) -> dict[str, Any]:
-    """Return CPU share, delivered cursors and their age for `users` people in scenario_3."""
+def user_rows(duration_s: float, free_endpoint: Callable[[], str]) -> dict[str, list[dict[str, Any]]]:
+    """Return the rows of `carried` by the names of `USERS`, measured in turns."""
+    rows: dict[str, list[dict[str, Any]]] = {part: [] for part in USERS}
+    for count in PEOPLE:
+        for part, endpoint in zip(USERS, ("", free_endpoint()), strict=True):
+            rows[part].append(asyncio.run(carried(count, duration_s, endpoint)))
+    return rows
+
+
+async def carried(users: int, duration_s: float, endpoint: str = "") -> dict[str, Any]:
+    """Return the CPU of the services of `users` people in scenario_3, delivered cursors and their age.
+
+    Wrists are in this process, and their own CPU is measured before the services start. With an `endpoint`
+    they are in another process, which joins there: the CPU is that of the services, decoding included.
+    """
     site, people = load_launches(users)
     ages_s: list[float] = []
 
     def on_cursor(cursor: Cursor, _user: str) -> None:
         ages_s.append((time.time_ns() - cursor.stamp_ns) / 1e9)
 
-    async with running_bus([*site, *(launch for person in people.values() for launch in person)]) as bus:
+    async with contextlib.AsyncExitStack() as stack:
+        bus = await ZenohBus.open(Link(listen=(endpoint,) if endpoint else ()))
+        stack.push_async_callback(bus.close)
+        if endpoint:
+            worker = await Worker.start(Group(name="wrists", wrists=[*people]), bus.site, endpoint)
+            stack.push_async_callback(worker.end)
+            drive, driver = _elsewhere(worker), None
+        else:
+            drive = _here([Wrist(bus.publisher(IMU, user), index) for index, user in enumerate(people)])
+            await drive(WARM_UP_S)
+            driver = await _used(drive, duration_s)
+        await stack.enter_async_context(running([*site, *itertools.chain(*people.values())], bus))
         bus.subscribe(CURSOR, on_cursor)
-        wrists = [Wrist(bus.publisher(IMU, user), index) for index, user in enumerate(people)]
-        await asyncio.sleep(1.0)
-        await drive_wrists(wrists, RATE_HZ, 1.0)
+        await asyncio.sleep(SETTLE_S)
+        await drive(WARM_UP_S)
         ages_s.clear()
-        sent = -sum(wrist.sent for wrist in wrists)
-        cpu_s, wall_s = time.process_time(), time.monotonic()
-        await drive_wrists(wrists, RATE_HZ, duration_s)
-        cpu_s, wall_s = time.process_time() - cpu_s, time.monotonic() - wall_s
-        sent += sum(wrist.sent for wrist in wrists)
+        used = await _used(drive, duration_s)
+    services_us = used.us_per_sample - (driver.us_per_sample if driver else 0.0)
     return {
         "users": users,
-        "cpu_share_of_a_core": round(cpu_s / wall_s, 3),
-        "cpu_us_per_sample": round(cpu_s / sent * 1e6, 1),
-        "users_per_core": round(sent / cpu_s / RATE_HZ, 1),
+        "people_sent": round(used.sent / (RATE_HZ * duration_s), 3),
+        "cpu_share_of_a_core": round(used.share, 4),
+        "cpu_us_per_sample": round(used.us_per_sample, 1),
+        "driver_us_per_sample": round(driver.us_per_sample, 1) if driver else None,
+        "services_share_of_a_core": round(used.share * services_us / used.us_per_sample, 4),
+        "services_us_per_sample": round(services_us, 1),
         "delivered": round(len(ages_s) / (users * RATE_HZ * duration_s), 4),
         "age_of_cursors": Figures.of(ages_s).as_dict() if ages_s else None,
+    }
+
+
+Drive: TypeAlias = Callable[[float], Awaitable[int]]
+"""Publishes samples of all wrists for so long, s. Returns their number."""
+
+
+@dataclass(frozen=True)
+class _Used:
+    """CPU time of this process while wrists were driven."""
+
+    cpu_s: float
+    wall_s: float
+    sent: int
+
+    @property
+    def share(self) -> float:
+        return self.cpu_s / self.wall_s
+
+    @property
+    def us_per_sample(self) -> float:
+        return self.cpu_s / self.sent * 1e6
+
+
+async def _used(drive: Drive, duration_s: float) -> _Used:
+    cpu_s, wall_s = time.process_time(), time.monotonic()
+    sent = await drive(duration_s)
+    return _Used(time.process_time() - cpu_s, time.monotonic() - wall_s, sent)
+
+
+def _here(wrists: Sequence[Wrist]) -> Drive:
+    async def drive(duration_s: float) -> int:
+        before = sum(wrist.sent for wrist in wrists)
+        await drive_wrists(wrists, RATE_HZ, duration_s)
+        return sum(wrist.sent for wrist in wrists) - before
+
+    return drive
+
+
+def _elsewhere(worker: Worker) -> Drive:
+    async def drive(duration_s: float) -> int:
+        worker.send_line({"rate_hz": RATE_HZ, "duration_s": duration_s})
+        answer = await worker.answer()
+        return int(answer["sent"])
+
+    return drive
+
+
+def costs(rows: Sequence[Mapping[str, Any]], share: str) -> dict[str, Slope]:
+    """Return the costs of the site, % of a core, and of a sample, µs, with 95 % intervals.
+
+    They are fitted to the column `share` of the rows that delivered what was to be sent. Empty if these are
+    fewer than two.
+    """
+    rows = [row for row in rows if row["delivered"] >= DELIVERED]
+    people = [row.get("people_sent", row["users"]) for row in rows]
+    found = fit({"fixed": [1.0] * len(rows), "sample": people}, [row[share] for row in rows])
+    scales = {"fixed": 100.0, "sample": 1e6 / RATE_HZ}
+    return {
+        name: Slope(value=each.value * scales[name], error=each.error and each.error * scales[name])
+        for name, each in found.items()
     }

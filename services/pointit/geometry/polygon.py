@@ -6,6 +6,8 @@ from itertools import combinations, pairwise
 
 Vec2 = tuple[float, float]
 
+ROUNDING_M = 1e-9
+"""Distance that may be lost by rounding."""
 TINY = 1e-30
 """Replaces the squared length of an edge without length."""
 
@@ -37,9 +39,22 @@ class Polygon:
         apart_m = min(math.dist(_nearest_on(a, b, point_m), point_m) for a, b in self.edges_m)
         return -apart_m if self.contains(point_m) else apart_m
 
-    def outline_distance_m(self, start_m: Vec2, end_m: Vec2) -> float:
-        """Return the distance from a segment to the outline, 0 if they cross."""
-        return min(_segments_apart_m(a, b, start_m, end_m) for a, b in self.edges_m)
+    def is_apart(self, start_m: Vec2, end_m: Vec2, least_m: float) -> bool:
+        """Return True if no point of a segment is nearer to the outline than `least_m`."""
+        (cx, cy), (dx, dy) = start_m, end_m
+        reach_m = least_m + ROUNDING_M
+        west, east = min(cx, dx) - reach_m, max(cx, dx) + reach_m
+        south, north = min(cy, dy) - reach_m, max(cy, dy) + reach_m
+        for a, b in self.edges_m:
+            (ax, ay), (bx, by) = a, b
+            # most edges are farther along one axis alone, which is all that robots have time for
+            if (ax < west and bx < west) or (ax > east and bx > east):
+                continue
+            if (ay < south and by < south) or (ay > north and by > north):
+                continue
+            if not _segments_apart_m(a, b, start_m, end_m) >= least_m:
+                return False
+        return True
 
     @property
     def area_m2(self) -> float:

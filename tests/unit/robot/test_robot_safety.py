@@ -349,7 +349,7 @@ def test_a_ground_robot_crosses_no_fence_and_approaches_nobody(seed: int) -> Non
     [
         # course 127 alone notices a turn whose directions are not checked
         pytest.param((*range(0, 200, 4), 127), id="51 courses"),
-        pytest.param(range(200), id="200 courses", marks=[pytest.mark.long, pytest.mark.timeout(600)]),
+        pytest.param(range(200), id="200 courses", marks=pytest.mark.long),
     ],
 )
 def test_a_ground_robot_that_turns_beside_corners_crosses_none(seeds: Sequence[int]) -> None:

@@ -113,13 +113,16 @@ def residuals(rays: Rays, poses: Array) -> tuple[Array, Array]:
     above = cos_el * up - sin_el * ahead
     reach = np.sqrt(left * left + ahead * ahead + up * up)
     gain = 2.0 / np.maximum(reach + along, _TINY)
-    out = np.stack([gain * left, gain * above], axis=1)
+    out = np.empty((len(poses), 2, left.shape[1]))
+    out[:, 0], out[:, 1] = gain * left, gain * above
 
     # derivatives of (left, above, along + reach) by each parameter, then of the quotients
-    shape = (len(poses), PARAMETERS, left.shape[1])
-    d_left, d_above, d_reach = np.zeros(shape), np.empty(shape), np.zeros(shape)
+    slope = np.zeros((len(poses), PARAMETERS, 2, left.shape[1]))
+    d_left, d_above = slope[:, :, 0], slope[:, :, 1]
+    d_reach = np.zeros((len(poses), PARAMETERS, left.shape[1]))
     d_left[:, 0], d_left[:, 1], d_left[:, 2] = -turn.imag, -turn.real, -seen.real
-    d_ahead = np.stack([-turn.real, turn.imag, seen.imag], axis=1)
+    d_ahead = np.empty((len(poses), 3, left.shape[1]))
+    d_ahead[:, 0], d_ahead[:, 1], d_ahead[:, 2] = -turn.real, turn.imag, seen.imag
     d_above[:, :3] = -sin_el[:, None] * d_ahead
     d_above[:, 3], d_above[:, 4] = along, -cos_el
     d_reach[:, :3] = left[:, None] * d_left[:, :3] + ahead[:, None] * d_ahead
@@ -128,7 +131,6 @@ def residuals(rays: Rays, poses: Array) -> tuple[Array, Array]:
     d_reach[:, :3] += cos_el[:, None] * d_ahead
     d_reach[:, 3] -= above
     d_reach[:, 4] -= sin_el
-    slope = np.stack([d_left, d_above], axis=2)
     slope -= (0.5 * out)[:, None] * d_reach[:, :, None]
     slope *= gain[:, None, None]
     return out, slope

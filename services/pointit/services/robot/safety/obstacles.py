@@ -52,7 +52,7 @@ class KeepOut(_Fence):
         part = _between_heights(start_m, end_m, self._low_m - reach_m, self._high_m + reach_m)
         if part is None:
             return True
-        return not self._shape.contains(part[0]) and self._shape.outline_distance_m(*part) >= reach_m
+        return not self._shape.contains(part[0]) and self._shape.is_apart(*part, reach_m)
 
     def nearest(self, place_m: Vec3, apart_m: float) -> tuple[Vec3, ...]:
         """Return places near `place_m` with clearance: beside the volume, below and above it."""
@@ -83,7 +83,7 @@ class KeepIn(_Fence):
             lowest_m >= self._low_m - FLOOR_M + least_m
             and highest_m <= self._high_m - reach_m
             and self._shape.contains(start_m[:2])
-            and self._shape.outline_distance_m(start_m[:2], end_m[:2]) >= reach_m
+            and self._shape.is_apart(start_m[:2], end_m[:2], reach_m)
         )
 
     def nearest(self, place_m: Vec3, apart_m: float) -> tuple[Vec3, ...]:

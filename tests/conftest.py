@@ -1,6 +1,7 @@
 """Rules for every test: no task or command outlives it, and no state of this machine is read or written."""
 
 import asyncio
+import gc
 import itertools
 import os
 import signal
@@ -11,6 +12,7 @@ import pytest
 import pytest_asyncio
 from hypothesis import HealthCheck, settings
 
+from pointit.schemas.base import ConstructorChecks
 from tests.support.buses import free_port
 from tests.support.commands import Commands
 
@@ -26,14 +28,21 @@ settings.load_profile("repeatable")
 
 
 def pytest_configure() -> None:
-    """Restore Ctrl-C and the width of tables.
+    """Restore Ctrl-C and the width of tables, and validate what services calculate.
 
     A shell starts background jobs with SIGINT ignored, and children inherit that. Workers of pytest-xdist set
     COLUMNS, which would make tables as narrow as a terminal.
     """
+    ConstructorChecks.are_on = True
     os.environ.pop("COLUMNS", None)
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_collection_finish() -> None:
+    """Leave what all tests share out of garbage collections: looking at it took 3 % of their time."""
+    gc.collect()
+    gc.freeze()
 
 
 _states = itertools.count()

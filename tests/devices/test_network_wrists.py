@@ -26,7 +26,6 @@ from tests.support.running_source import running
 TRACKER = Path(__file__).with_name("slimevr_tracker")
 MAC = "A4:E5:7C:B6:01:02"
 POSTURE: Quaternion = (0.5, -0.5, 0.5, -0.5)
-pytestmark = pytest.mark.timeout(400)
 
 
 @pytest.fixture(scope="module")

@@ -59,7 +59,6 @@ SPEC = RobotSpec(
     max_speed_mps=2.0,
     max_acceleration_mps2=1.0,
 )
-pytestmark = pytest.mark.timeout(400)
 
 
 @pytest.fixture(scope="module")

@@ -37,8 +37,12 @@ conveyor-sim:
       min_interval_s: 1.6
       max_interval_s: 2.2
       length_m: 0.4
+led-driver:
+  max_rate_hz: 20
+user-sim:
+  rate_hz: 25
 """
-"""More to select than people would have."""
+"""More to select than people would have, and fewer samples and frames: fifteen processes share two cores."""
 DASHBOARD_HZ = 20.0
 DISK_BYTES = 32 * 1024 * 1024
 AGAIN = " start it again with: "

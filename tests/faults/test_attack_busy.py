@@ -23,7 +23,7 @@ from tests.integration.access.secured import link_of, make_site
 from tests.support.bench import until
 from tests.support.commands import Command, Commands
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
+pytestmark = pytest.mark.slow
 
 PEOPLE = ("anna", "ben")
 INSIDERS = ("insider1", "insider2", "insider3", "insider4", "insider5", "insider6")
@@ -76,21 +76,23 @@ class Central:
         await until(lambda: all(len(self.came_s[person]) > RAY_HZ / 2 for person in PEOPLE), what="cursors")
 
     async def gap_of(self, key: str, rate_hz: float) -> tuple[float, float]:
-        """Return the longest gap of cursors with nobody flooding, and with an insider who does.
+        """Return the longest gap of cursors with an insider flooding, and the longest that there may be.
 
         Repeated if the gap is long: a blackout by floods repeats, one by other jobs of the machine may not.
+        Only then is it measured what gap there is with nobody flooding.
         """
-        quiet_s = flooded_s = math.inf
+        flooded_s, most_s = math.inf, LONGEST_S
         for _ in range(TRIES):
             await self.fresh()
-            quiet_s = await self.longest_gap_s()
+            if flooded_s < math.inf:
+                most_s = max(LONGEST_S, 2.0 * await self.longest_gap_s())
             insider = next(self.insiders)
             with self.flooded(insider, key.format(insider), rate_hz) as flood:
                 await flood.says("begins")
                 flooded_s = await self.longest_gap_s()
             if flooded_s <= LONGEST_S:
                 break
-        return quiet_s, flooded_s
+        return flooded_s, most_s
 
 
 async def point(bus: ZenohBus, name: str) -> None:
@@ -148,15 +150,15 @@ async def central_site(path: Path) -> AsyncGenerator[Central]:
 
 async def check(site: Central, account: Account, key: str, rate_hz: float) -> None:
     """Fail if others are without cursors for longer than they may be, or than twice what they are anyway."""
-    quiet_s, flooded_s = await site.gap_of(key, rate_hz)
+    flooded_s, most_s = await site.gap_of(key, rate_hz)
     account.add(
         f"{key.format('…')} at {rate_hz:.0f} Hz on a busy machine",
         None,
         "doctor: router; its log",
         None,
-        f"others' cursors for {flooded_s:.2f} s at most; without it {quiet_s:.2f} s",
+        f"others' cursors for {flooded_s:.2f} s at most; allowed are {most_s:.2f} s",
     )
-    assert flooded_s <= max(LONGEST_S, 2.0 * quiet_s), f"{key} at {rate_hz} Hz; without it {quiet_s:.2f} s"
+    assert flooded_s <= most_s, f"{key} at {rate_hz} Hz: {flooded_s:.2f} s; allowed are {most_s:.2f} s"
 
 
 async def test_an_insider_takes_nobodys_cursor_and_is_named(tmp_path: Path, account: Account) -> None:

@@ -19,7 +19,7 @@ from tests.faults.attackers import attack, besieged, keys_of, new_rules
 from tests.faults.site import SITE, Site
 from tests.integration.access.secured import Member, endpoint_of, make_site, now, open_with
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
+pytestmark = pytest.mark.slow
 
 BY = "doctor: router; the router's log"
 

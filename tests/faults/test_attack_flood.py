@@ -13,7 +13,7 @@ from tests.faults.site import FLOODERS, Site
 from tests.support.bench import until
 from tests.support.pace import within
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
+pytestmark = pytest.mark.slow
 RATE_HZ = 10_000.0
 FLOOD_S = 4.0
 STUCK_S = 6.0

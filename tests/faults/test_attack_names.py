@@ -30,7 +30,7 @@ from tests.faults.site import Site
 from tests.integration.access.secured import link_of
 from tests.support.bench import until
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
+pytestmark = pytest.mark.slow
 EVIL = "anna"
 """May write below her own keys, and read what all may."""
 VICTIM = "user1"

@@ -26,9 +26,7 @@ from tests.faults.network_view import (
     running,
 )
 from tests.support.bench import until
-from tests.support.pace import Patience, within
-
-pytestmark = pytest.mark.timeout(300)  # of a machine that has much else to do
+from tests.support.pace import Patience, slowness, within
 
 AFTER_S = 2.0
 LOOK_S = 0.05
@@ -129,7 +127,8 @@ class Trial:
         assert plant.ended() == []
         assert within(recovered_s, RECOVERED_S)
         late_s = max(view.ages_s(HERE, began_s))  # on a machine that has much else to do
-        assert max(view.ages_s(THERE, began_s)) < late_s + FRESH_S, "what was held up is shown"
+        held_up_s = max(view.ages_s(THERE, began_s)) - late_s
+        assert held_up_s < FRESH_S * min(2.0, slowness()), "what was held up is shown"
         grown = max(now_mb - memory[name] for name, now_mb in plant.memory_mb().items())
         assert grown < MEMORY_MB
         codes = sorted(found, key=lambda code: found[code])

@@ -13,8 +13,6 @@ from tests.faults.network_view import FRESH_S, HERE, PATIENCE_S, THERE, Plant, S
 from tests.support.bench import until
 from tests.support.pace import within
 
-pytestmark = pytest.mark.timeout(300)  # of a machine that has much else to do
-
 KBIT = 256
 WIDE_S = 2.0
 NARROW_S = 15.0

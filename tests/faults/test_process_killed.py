@@ -17,7 +17,7 @@ BACK_S = 30.0
 GROWTH_MB = 30.0
 OFTEN = (*SHARED, "pointing.user1")
 SELDOM = ("localizer.user1", "supervisor.user1", "user-sim.user1")
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
+pytestmark = pytest.mark.slow
 
 
 @pytest.mark.parametrize(

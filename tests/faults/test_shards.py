@@ -8,7 +8,7 @@ from pointit.services.selector.shard_engine import NO_ARBITER
 from tests.faults.account import Account
 from tests.integration.selector.hall import running_hall
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
+pytestmark = pytest.mark.slow
 
 
 @pytest.mark.parametrize("is_frozen", [False, True], ids=["killed", "stopped and killed"])

@@ -21,7 +21,7 @@ MORE = 3
 """Selections published while the disk is full."""
 GROWTH_MB = 30.0
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
+pytestmark = pytest.mark.slow
 
 
 async def fill(site: Site, path: Path) -> None:

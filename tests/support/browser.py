@@ -11,6 +11,10 @@ FLAGS = (
     *("--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking"),
     *("--disable-component-update", "--disable-sync"),
     *("--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
+    *(
+        "--disable-gpu-compositing",
+        "--disable-gpu-rasterization",
+    ),  # by software that takes as much as the scene
 )
 
 

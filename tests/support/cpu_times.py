@@ -1,22 +1,41 @@
 """A plugin (`-p tests.support.cpu_times`): at the end, the tests that took most CPU.
 
-What processes took that a test started and waited for counts. Durations on a busy machine tell of others.
+What processes took that a test started and waited for counts, also forked ones. Durations on a busy machine
+tell of others.
 """
 
 import os
+import threading
 from collections.abc import Generator
+from multiprocessing import forkserver
 
+import psutil
 import pytest
 
 HEAVIEST = 40
+STOP_S = 10.0
+"""Longest wait for it, s: it stays while a process that it forked does."""
 _CPU_S = "cpu_s"
 _BEGAN = pytest.StashKey[float]()
 _cpu_s: dict[str, float] = {}
+_FORKS = getattr(forkserver, "_forkserver", None)
+"""The process that commands are forked from, which ends last. Nobody else waits for it."""
 
 
 def _now_s() -> float:
-    times = os.times()
-    return times.user + times.system + times.children_user + times.children_system
+    return sum(_of(pid) for pid in (os.getpid(), getattr(_FORKS, "_forkserver_pid", None)) if pid)
+
+
+def _of(pid: int) -> float:
+    times = psutil.Process(pid).cpu_times()
+    return float(times.user + times.system + times.children_user + times.children_system)
+
+
+def pytest_unconfigure() -> None:
+    """Wait for the process that commands are forked from, so that `time` counts what they took."""
+    ending = threading.Thread(target=getattr(_FORKS, "_stop", lambda: None), daemon=True)
+    ending.start()
+    ending.join(STOP_S)
 
 
 @pytest.hookimpl(wrapper=True)

@@ -14,7 +14,7 @@ from tests.e2e.run.visitor import entered
 from tests.support.commands import Commands
 from tests.support.links import link_in
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
+pytestmark = pytest.mark.slow
 
 ROOTS = {
     "schemas/catalogue/": "pointit/schemas/catalogue/shipped/",

@@ -67,7 +67,6 @@ async def test_the_port_can_be_set_like_any_parameter(commands: Commands, endpoi
     assert "a-token-of-mine" not in told[0].model_dump_json()  # viewers must not learn to control
 
 
-@pytest.mark.timeout(300)
 @pytest.mark.parametrize("processes", [(), ("--processes",)])
 async def test_another_takes_its_place(commands: Commands, endpoint: str, processes: tuple[str, ...]) -> None:
     command = run(commands, endpoint, "scenario_4", "--json", *processes)
@@ -201,7 +200,6 @@ async def test_a_dashboard_beside_a_run(commands: Commands, endpoint: str, *, ha
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(300)
 async def test_a_dashboard_started_late_shows_what_was_before(commands: Commands, endpoint: str) -> None:
     commands.start("run", "scenario_4", "--no-view", "--no-web", "--listen", endpoint)
     events: list[SelectionEvent] = []

@@ -39,7 +39,6 @@ def assert_flawless(summary: dict[str, Any]) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(300)
 async def test_the_simulated_person_selects_all_that_is_red_only(commands: Commands, tmp_path: Path) -> None:
     """Other seeds, and without processes: tests/integration/scenario, in virtual time."""
     path = tmp_path / "summary.json"
@@ -276,7 +275,6 @@ async def test_red_packages_leave_at_bay_1_and_others_at_bay_3(commands: Command
 
 
 @pytest.mark.long  # tests/faults kills each service; tests/unit/conveyor_sim kills the conveyor and counts
-@pytest.mark.timeout(240)
 async def test_selector_and_conveyor_may_be_killed_nothing_is_lost_or_told_twice(commands: Commands) -> None:
     option, endpoint = listen()
     run = commands.start(

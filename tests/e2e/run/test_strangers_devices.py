@@ -37,7 +37,6 @@ def installed(tmp_path: Path) -> dict[str, str]:
     return {"PYTHONPATH": str(folder)}
 
 
-@pytest.mark.timeout(120)
 async def test_a_package_adds_any_kind(commands: Commands, installed: dict[str, str], tmp_path: Path) -> None:
     shown, seen, state = tmp_path / "shown.txt", tmp_path / "seen.txt", tmp_path / "state"
     run = commands.start_program(

@@ -15,7 +15,7 @@ from tests.support.commands import Commands
 from tests.support.links import link_in
 from tests.support.recorded import session, write_recording
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
+pytestmark = pytest.mark.slow
 
 USER = "anna"
 LENGTH_S = 10.0

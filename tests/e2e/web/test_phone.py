@@ -17,7 +17,7 @@ from tests.support.bench import until
 from tests.support.commands import Onlooker, onlooker
 from tests.support.pace import Patience
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
+pytestmark = pytest.mark.slow
 
 USER = "user1"
 THEMES: tuple[Literal["light", "dark"], ...] = ("light", "dark")

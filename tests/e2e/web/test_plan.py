@@ -13,7 +13,7 @@ from tests.e2e.web.site import SitePage
 from tests.support.commands import onlooker
 from tests.support.pace import Patience
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
+pytestmark = pytest.mark.slow
 
 NO_WEBGL = """
 const context = HTMLCanvasElement.prototype.getContext;

@@ -13,7 +13,7 @@ from tests.support.buses import free_port, router_process
 from tests.support.commands import Commands
 from tests.support.links import link_in
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
+pytestmark = pytest.mark.slow
 
 
 class Restarting:

@@ -18,7 +18,7 @@ from tests.support.bench import until
 from tests.support.commands import Onlooker, onlooker
 from tests.support.pace import Patience, within
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
+pytestmark = pytest.mark.slow
 
 STUCK_MS = 5000
 STUCK = (

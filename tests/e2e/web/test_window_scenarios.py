@@ -17,7 +17,7 @@ from tests.e2e.web.site import SitePage
 from tests.e2e.web.window import Window
 from tests.support.pace import Patience
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
+pytestmark = pytest.mark.slow
 
 SCENARIOS = {
     "scenario_4": "Conveyor: select the red packages",

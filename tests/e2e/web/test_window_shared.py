@@ -14,7 +14,7 @@ from tests.support.bench import until
 from tests.support.commands import onlooker
 from tests.support.pace import Patience, within
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
+pytestmark = pytest.mark.slow
 WHAT_IS_SEEN = """() => {
   const { site } = window.pointit;
   return {

@@ -17,7 +17,7 @@ from tests.e2e.web.window import NO_WEBGL, Theme, Window
 from tests.support.bench import until
 from tests.support.commands import onlooker
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
+pytestmark = pytest.mark.slow
 
 ZOOMED = (720, 450)
 """CSS pixels of a 1440 x 900 window at 200 % zoom."""

@@ -29,7 +29,6 @@ from pointit.schemas.topics import BUTTON, CURSOR, POSE, RAY
 from tests.integration.access.secured import Member, RouterProgram, link_of, make_site, routed, wait
 from tests.support.bench import until
 
-pytestmark = pytest.mark.timeout(120)
 STALL_S = 4.0
 """A router that waits for a reader does so for 5 s, over and over."""
 WRITERS = 4

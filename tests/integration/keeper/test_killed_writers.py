@@ -138,7 +138,6 @@ async def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(180)
 async def test_who_comes_late_finds_what_killed_writers_have_said(site: Site, tmp_path: Path) -> None:
     await site.found(ALL)
     for instance in WRITERS:

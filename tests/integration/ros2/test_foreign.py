@@ -60,12 +60,12 @@ async def test_messages_that_are_too_long_are_dropped_unread_and_deletes_are_non
     stranger = await at.stranger()
     seen = a.hears("/x", POSE)
     key = f"7/x/{POSE.dds_name}/{POSE.hash}"
-    stranger.put(key, cdr_of(1, 997), attachment=attachment(1))
-    whole = zenoh.CongestionControl.BLOCK  # two megabytes need time
+    whole = zenoh.CongestionControl.BLOCK  # two megabytes need time; what follows must not be dropped
+    stranger.put(key, cdr_of(1, 997), attachment=attachment(1), congestion_control=whole)
     stranger.put(key, cdr_of(2, 2_000_000), attachment=attachment(2), congestion_control=whole)
-    stranger.put(key, cdr_of(3), attachment=bytes(5000))
-    stranger.delete(key)
-    stranger.put(key, cdr_of(4, 996), attachment=attachment(3))
+    stranger.put(key, cdr_of(3), attachment=bytes(5000), congestion_control=whole)
+    stranger.delete(key, congestion_control=whole)
+    stranger.put(key, cdr_of(4, 996), attachment=attachment(3), congestion_control=whole)
     await until(lambda: seen == [4])
     assert a.shown.now == {"losses of /x": "dropped messages on /x: 3 were longer than 1000 bytes"}, (
         "the third by its attachment"

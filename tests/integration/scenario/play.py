@@ -144,10 +144,16 @@ def with_fresh_state(run: Coroutine[Any, Any, T]) -> T:
         return run_virtually(run)
 
 
-def play(scenario: str | Scenario, choices: Choices, duration_s: float | None = None) -> Outcome:
-    """Run `scenario` for one person, on nothing kept before; the same choices give the same outcome."""
+def play(
+    scenario: str | Scenario,
+    choices: Choices,
+    duration_s: float | None = None,
+    *,
+    users: Sequence[str] = (USER,),
+) -> Outcome:
+    """Run `scenario` for one person or nobody, on nothing kept before; the same choices: the same outcome."""
     plan = read_scenario(scenario) if isinstance(scenario, str) else scenario
-    return with_fresh_state(_play(plan, choices, duration_s or plan.duration_s))
+    return with_fresh_state(_play(plan, choices, duration_s or plan.duration_s, users))
 
 
 def _words(monitor: Monitor, width: int) -> str:
@@ -155,8 +161,10 @@ def _words(monitor: Monitor, width: int) -> str:
     return " ".join(" ".join(line[FRAME:-FRAME] for line in shown(monitor, width)).split())
 
 
-async def _play(plan: Scenario, choices: Choices, duration_s: float) -> Outcome:
-    launches = [*site_launches(plan, choices), *user_launches(plan, choices, USER)]
+async def _play(plan: Scenario, choices: Choices, duration_s: float, users: Sequence[str]) -> Outcome:
+    launches = site_launches(plan, choices)
+    for user in users:
+        launches += user_launches(plan, choices, user)
     bus = MemoryBus(LocalBroker())
     clock = VirtualClock()
     outcome = Outcome()

@@ -86,9 +86,9 @@ def test_scenario_2_leads_the_cursor_along_both_strips_from_end_to_end() -> None
         assert len(along) > 500
 
 
-def packages(seed: int, settings: Sequence[str] = ()) -> list[tuple[str, float]]:
+def packages(seed: int, settings: Sequence[str] = (), users: Sequence[str] = ()) -> list[tuple[str, float]]:
     """Return kind and time of every package of a run, in the order of their coming."""
-    outcome = play("scenario_4", Choices(seed=seed, settings=settings), 40.0)
+    outcome = play("scenario_4", Choices(seed=seed, settings=settings), 40.0, users=users)
     return [(outcome.kinds[name], round(at_s, 2)) for name, at_s in outcome.fed_s.items()]
 
 
@@ -102,7 +102,7 @@ def test_the_seed_of_a_run_decides_which_packages_come_and_when() -> None:
 
 def test_a_seed_set_for_the_conveyor_alone_holds_whatever_the_run_has() -> None:
     chosen = ("conveyor-sim.seed=5",)
-    assert packages(1, chosen) == packages(2, chosen)
+    assert packages(1, chosen) == packages(2, chosen, (USER,))
 
 
 @pytest.mark.parametrize("seed", [0, 7])

@@ -21,8 +21,6 @@ START = 1_700_000_000 * NS_PER_S
 
 Read = Callable[..., dict[str, Any]]
 
-pytestmark = pytest.mark.timeout(400)
-
 
 @pytest.fixture(scope="module")
 def read(tmp_path_factory: pytest.TempPathFactory) -> Read:

@@ -21,8 +21,6 @@ from tests.support.environments import fetched
 from tests.support.told import Told
 from tests.unit.ros2.values import any_value
 
-pytestmark = pytest.mark.timeout(600)  # .venv-peers may have to be made
-
 EMITTED = sorted(
     {row.type for row in routes(ros4hri=True).all if not isinstance(row, InboundRoute | ServiceRoute)}
     | {TYPES.response_of(row.type) for row in routes().served}

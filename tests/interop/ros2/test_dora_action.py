@@ -7,8 +7,6 @@ from collections.abc import AsyncGenerator, Callable
 from pathlib import Path
 from typing import Any, cast
 
-import pytest
-
 from pointit.bridges.ros2.config import BackendConfig
 from pointit.bridges.ros2.graph.backends import opened
 from pointit.bridges.ros2.robot.config import Ros2RobotConfig
@@ -22,7 +20,6 @@ from tests.support.bench import until
 from tests.support.buses import free_port
 from tests.unit.ros2.graph_of_one import Around
 
-pytestmark = pytest.mark.timeout(600)  # .venv-peers may have to be made
 PATIENCE_S = 30.0
 ACTION = "/navigate_to_pose"
 SPEC = RobotSpec(

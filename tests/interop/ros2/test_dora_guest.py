@@ -17,8 +17,6 @@ from tests.interop.ros2.peers import Site, site
 from tests.support.bench import until
 from tests.support.commands import onlooker
 
-pytestmark = pytest.mark.timeout(600)  # .venv-peers may have to be made
-
 NOTICED_S = 20.0
 RAY_HZ = 50.0
 ANNA = "anna"

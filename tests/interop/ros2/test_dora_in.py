@@ -23,8 +23,6 @@ from tests.support.commands import Onlooker, onlooker
 from tests.support.pace import Patience
 from tests.unit.ros2.graph_of_one import Shown
 
-pytestmark = pytest.mark.timeout(600)  # .venv-peers may have to be made
-
 NOTICED_S = 20.0
 ARM_HZ = 50.0
 ROTATION = "/user2/metawear_ros/rotation"

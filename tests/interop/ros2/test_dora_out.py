@@ -26,8 +26,6 @@ from tests.interop.ros2.peers import TYPES, Dora, Site, site
 from tests.support.bench import until
 from tests.support.commands import onlooker
 
-pytestmark = pytest.mark.timeout(600)  # .venv-peers may have to be made
-
 QOS = {
     Qos(depth=1): "::,1:,:,:,,",
     Qos(depth=1, reliable=False): "2::,1:,:,:,,",

@@ -22,8 +22,6 @@ from tests.support.bench import until
 from tests.support.commands import Command, Onlooker, onlooker
 from tests.support.pace import Patience
 
-pytestmark = pytest.mark.timeout(600)  # .venv-peers may have to be made
-
 BACK_S = 30.0
 RAY = "/user1/pointing_ray"
 POSE = "geometry_msgs/msg/PoseStamped"

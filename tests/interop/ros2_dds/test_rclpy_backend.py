@@ -8,7 +8,7 @@ import pytest
 
 from tests.interop.ros2_dds.driven import TYPES, Driven, cdr, value
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]  # the first may fetch for a minute
+pytestmark = pytest.mark.slow  # the first may fetch for a minute
 
 POSE = "geometry_msgs/msg/PoseStamped"
 ROTATION = "geometry_msgs/msg/QuaternionStamped"

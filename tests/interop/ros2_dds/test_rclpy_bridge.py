@@ -19,7 +19,7 @@ from tests.interop.ros2_dds.driven import DOMAIN, Driven, environment
 from tests.support.bench import until
 from tests.support.buses import free_port
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]  # the first may fetch for a minute
+pytestmark = pytest.mark.slow  # the first may fetch for a minute
 START_S = 60.0
 """Within which processes start, however busy the machine."""
 

@@ -182,12 +182,13 @@ def test_nothing_overlaps_or_is_lost_on_any_network(
 
 BELTS = 5
 LONG_M = 4.0
+APART_M = 2.0
 
 
 def network_of(links: list[tuple[int, int, int]]) -> Network:
     """Return belts side by side, linked from somewhere along one to the start of another."""
     lines = {
-        str(index): Polyline([(0.0, 10.0 * index, 1.0), (LONG_M, 10.0 * index, 1.0)])
+        str(index): Polyline([(0.0, APART_M * index, 1.0), (LONG_M, APART_M * index, 1.0)])
         for index in range(BELTS)
     }
     return Network(

@@ -1,6 +1,6 @@
 """The queue for lamps, whatever the network does: real cores of several localizers and of led-driver.
 
-Everybody points at one spot, whatever is lit: each localization takes its time, and is refused at the end.
+Each localization takes its time, and is refused at the end without solving for a pose.
 """
 
 import itertools
@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -17,6 +18,7 @@ from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation.estimator import Refusal
 from pointit.services.localizer.outputs import Output
 from pointit.services.localizer.pose_manager import PoseManager
+from pointit.services.localizer.procedures import static_targets
 
 S = 1_000_000_000
 STEP_NS = S // 20
@@ -33,6 +35,14 @@ CONFIG = LocalizerConfig(
 )
 LASTS_S = 4 * (0.4 + HOLD_S) + 0.2
 """Longest duration of one localization."""
+
+
+@pytest.fixture(autouse=True)
+def is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_of: object, **_at: object) -> Refusal:
+        return Refusal("the rays miss the lamps", 0.5)
+
+    monkeypatch.setattr(static_targets, "held", refuse)
 
 
 @dataclass

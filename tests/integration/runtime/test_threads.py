@@ -33,9 +33,9 @@ async def main():
     bus.watch(USER_ALIVE, lambda name, is_present: come.set())
     client.announce(USER_ALIVE, "anna")
     await come.wait()
-    while sum(name == Path("/proc/self/comm").read_text() for name in names()) > 1:
-        await asyncio.sleep(0.01)  # a new thread has the name of the process until it gives itself its own
-    print(sum(name.startswith("rx-") for name in names()))
+    while len(set(found := names())) < len(found):
+        await asyncio.sleep(0.01)  # a new thread has the name of its creator until it gives itself its own
+    print(sum(name.startswith("rx-") for name in found))
     await client.close()
     await bus.close()
 

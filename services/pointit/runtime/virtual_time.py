@@ -60,6 +60,9 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
             done.set_exception(error)
         return done
 
+    def set_default_executor(self, executor: Any) -> None:
+        """Take none, for it is never used, and the loop could not wait for its threads at the end."""
+
 
 def is_virtual() -> bool:
     """Return True if the running loop is in virtual time."""

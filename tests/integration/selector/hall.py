@@ -110,18 +110,22 @@ class Hall:
         await self.all(
             lambda person: all(self.answers(person, claim) for claim in person.toggles), "answers to claims"
         )
-        await self.all(lambda person: person.events[-1:] == self.events[-1:], "all events")
+        await self.all(lambda person: self.numbers(person) == self.numbers(self), "all events")
         await self.all(lambda person: person.selections[-1:] == self.selections[-1:], "the selection")
 
     def answers(self, person: Person, claim: Claim) -> list[SelectionEvent]:
         told = {event.seq: event for event in self.events}
         return [one for one in told.values() if (one.user, one.stamp_ns) == (person.name, claim.stamp_ns)]
 
+    @staticmethod
+    def numbers(reader: "Person | Hall") -> set[int]:
+        """Return the numbers of a reader's events, which come in another order after a link was cut."""
+        return {event.seq for event in reader.events}
+
     def check(self) -> None:
-        """Check that each claim was decided once, that all know, and that each change is its owner's."""
+        """Check that each claim was decided once, and that each change is its owner's."""
         for person in self.people:
             assert [len(self.answers(person, claim)) for claim in person.toggles] == [1] * len(person.toggles)
-            assert {event.seq for event in person.events} == {event.seq for event in self.events}
         owner = ""
         for event in {event.seq: event for event in self.events}.values():
             if event.event == "selected":

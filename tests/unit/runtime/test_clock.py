@@ -2,8 +2,10 @@
 
 import asyncio
 import itertools
+import threading
 import time
 from collections.abc import AsyncIterator
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 import pytest_asyncio
@@ -311,6 +313,18 @@ async def test_a_tick_of_a_clock_far_behind_is_not_taken_for_old(wall: Wall, bus
     bus.publisher(CLOCK).put(ClockTick(stamp_ns=0, sim_ns=5 * NS_PER_S, speed=100.0))
     await handled()
     assert follower.now_ns() <= (5 + 10 * 100) * NS_PER_S
+
+
+def test_a_virtual_loop_does_not_wait_for_threads_at_its_end() -> None:
+    busy = threading.Event()
+    with ThreadPoolExecutor() as pool:
+
+        async def main() -> None:
+            asyncio.get_running_loop().set_default_executor(pool)
+            pool.submit(busy.wait, 60)
+
+        run_virtually(main())
+        busy.set()
 
 
 def test_of_several_starts_the_earliest_end_counts_once() -> None:

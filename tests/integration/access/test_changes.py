@@ -1,7 +1,9 @@
 """Changes of people and certificates at a running router, several sites and several routers."""
 
+import asyncio
 import json
 import shutil
+import socket
 from pathlib import Path
 
 import pytest
@@ -11,6 +13,7 @@ from pointit.access.rights import Role
 from pointit.access.site_folder import SiteFolder
 from pointit.runtime.link.credentials import connection_refusal, read_credentials
 from pointit.runtime.link.link import Link
+from pointit.runtime.router.router import Router
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Health, ImuSample
 from pointit.schemas.topics import ANY, BUTTON, HEALTH, IMU, SERVICE_ALIVE, SET_BRIGHTNESS, USER_ALIVE
@@ -86,6 +89,31 @@ async def test_the_router_follows_who_comes_and_goes(tmp_path: Path) -> None:
         assert "may do nothing here" in anna.problem  # her process has the certificate it began with
         for bus in (anna, services, again):
             await bus.close()
+
+
+async def test_what_a_closed_listener_leaves_keeps_no_router_from_opening_again(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A listener for QUIC keeps its port for as long as one of its connections lives; here a socket does."""
+    caplog.set_level("INFO")
+    rules = tmp_path / "rules"
+    rules.write_text("tcp")
+
+    def make() -> str:
+        return f'{{"mode": "router", "listen": {{"endpoints": ["{rules.read_text()}/127.0.0.1:{port}"]}}}}'
+
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as left:
+        left.bind(("127.0.0.1", 0))
+        port = left.getsockname()[1]
+        router = Router(make, tmp_path, [rules])
+        await router.open()
+        task = asyncio.create_task(router.reload_on_change())
+        rules.write_text("udp")
+        await until(lambda: "that there are now" in caplog.text, what="the new rules")
+        assert router.listens == (f"udp/127.0.0.1:{port}",)
+        task.cancel()
+        await asyncio.wait([task])
+        await router.close()
 
 
 def test_a_configuration_that_cannot_be_used_is_left(tmp_path: Path) -> None:

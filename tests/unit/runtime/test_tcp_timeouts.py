@@ -11,7 +11,13 @@ from pathlib import Path
 import pytest
 
 from pointit.runtime.host import tcp_timeouts
-from pointit.runtime.host.tcp_timeouts import LINGER, disable_linger, set_user_timeout, tcp_sockets
+from pointit.runtime.host.tcp_timeouts import (
+    LINGER,
+    disable_linger,
+    release_udp_ports,
+    set_user_timeout,
+    tcp_sockets,
+)
 from pointit.runtime.link.link import LEASE_MS, Link, ports_of
 from pointit.runtime.zenoh.session import close_session, open_session
 from tests.support.buses import free_port
@@ -80,6 +86,22 @@ def test_others_are_left_alone(listening: socket.socket) -> None:
         other.bind(("127.0.0.1", 0))
         assert set_user_timeout({other.getsockname()[1], free_port()}, AFTER_MS) == 0
     assert waits_ms(listening) == 0
+
+
+def test_udp_ports_are_released_and_their_sockets_stay_open(listening: socket.socket) -> None:
+    port = listening.getsockname()[1]  # of TCP, which keeps it
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as closed, socket.socket(type=closed.type) as other:
+        closed.bind(("127.0.0.1", port))
+        other.bind(("127.0.0.1", 0))
+        its_port = other.getsockname()
+        assert release_udp_ports({port}) == 1
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as next_one:
+            next_one.bind(("127.0.0.1", port))
+        closed.setblocking(False)
+        with pytest.raises(BlockingIOError):
+            closed.recv(1)
+        assert (listening.getsockname()[1], other.getsockname()) == (port, its_port)
+        assert release_udp_ports({port}) == 0
 
 
 def test_nothing_is_found_where_no_descriptor_is_left() -> None:

@@ -1,4 +1,4 @@
-"""TCP timers: a vanished peer is noticed within Zenoh's lease, a rejected one closes without lingering.
+"""Sockets of Zenoh: a vanished peer is noticed within its lease, and what is closed is closed at once.
 
 Zenoh gives a link up when nothing came for a lease, but first waits for a pending write (1.10). To a peer
 that was cut off that write ends when TCP gives up, after 15 minutes: until then an unreachable person would
@@ -8,10 +8,14 @@ the sockets have one, and those that a listening socket accepts inherit it.
 Where Zenoh closes a connection, it waits likewise until the other end has acknowledged all (`SO_LINGER`),
 40 ms or more, in a thread that reads all connections that a router has accepted: a hundred rejected
 strangers would block all others for seconds. Without it the system does the rest in the background.
+
+A QUIC listener that Zenoh has closed keeps its UDP port until its last connection has ended: those of clients
+that came back while it closed were never accepted, and end after 30 s.
 """
 
 import contextlib
 import ipaddress
+import os
 import socket
 import struct
 import sys
@@ -94,8 +98,32 @@ def cut(peers: Collection[tuple[str, int]]) -> int:
     return count
 
 
+def release_udp_ports(ports: Collection[int]) -> int:
+    """Take away the UDP ports of closed listeners: sockets without a port get their descriptors.
+
+    Nothing else of this process may open or close files meanwhile, on whose descriptor one could fall.
+
+    Returns:
+        Number of sockets that had one of `ports`, 0 where they cannot be found.
+    """
+    count = 0
+    for found in own_sockets(socket.SOCK_DGRAM):
+        with contextlib.suppress(OSError):  # closed meanwhile
+            if found.getsockname()[1] in ports:
+                with socket.socket(found.family, socket.SOCK_DGRAM) as empty:
+                    empty.setblocking(False)
+                    os.dup2(empty.fileno(), found.fileno(), inheritable=False)
+                count += 1
+    return count
+
+
 def tcp_sockets() -> Iterator[socket.socket]:
-    """Yield this process's TCP sockets, Zenoh's too, each only for the current iteration.
+    """Yield this process's TCP sockets, as `own_sockets` does."""
+    yield from own_sockets(socket.SOCK_STREAM)
+
+
+def own_sockets(kind: socket.SocketKind) -> Iterator[socket.socket]:
+    """Yield this process's sockets of a `kind`, Zenoh's too, each only for the current iteration.
 
     Yields none where they cannot be listed: no /proc, or no descriptor left to read it by.
 
@@ -112,7 +140,7 @@ def tcp_sockets() -> Iterator[socket.socket]:
         except OSError:  # not a socket, or closed meanwhile
             continue
         try:
-            if found.type == socket.SOCK_STREAM and found.family in (socket.AF_INET, socket.AF_INET6):
+            if found.type == kind and found.family in (socket.AF_INET, socket.AF_INET6):
                 yield found
         finally:
             found.detach()  # its owner closes it

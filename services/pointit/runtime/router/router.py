@@ -20,7 +20,7 @@ from typing import Any
 import zenoh
 
 from pointit.runtime.errors import ConfigError, ListenError
-from pointit.runtime.host.tcp_timeouts import cut, disable_linger, set_user_timeout, unread
+from pointit.runtime.host.tcp_timeouts import cut, disable_linger, release_udp_ports, set_user_timeout, unread
 from pointit.runtime.link.link import LEASE_MS, Link, ports_of
 from pointit.runtime.router.router_health import RouterHealthPublisher
 from pointit.runtime.zenoh.session import CLOSE_PATIENCE_S, close_session, open_cancellable, open_session
@@ -31,7 +31,7 @@ log = logging.getLogger(__name__)
 LOOK_S = 0.5
 """Period of polling the files, since not every system and file system reports changes."""
 PORT_PATIENCE_S = 60.0
-"""Time for which its own port may stay in use after it was closed (QUIC: 0.1 s; more where cores are busy).
+"""Time for which its own port may stay in use after it was closed (QUIC: 30 s where it cannot be released).
 A router that gave up sooner would end for everybody."""
 PORT_RETRY_S = 0.05
 REOPEN_PATIENCE_S = 11.0
@@ -174,6 +174,7 @@ class Router:
             except ListenError:
                 if loop.time() - began_s > PORT_PATIENCE_S:
                     raise
+                release_udp_ports(ports_of(self._listens))
                 await asyncio.sleep(PORT_RETRY_S)
             else:
                 self._begin(session)

@@ -133,7 +133,15 @@ class Member:
 
     def __init__(self, folder: SiteFolder, name: str) -> None:
         self.name = name
-        self.session = zenoh.open(configuration(link_of(folder, name)))
+        patience = Patience(PATIENCE_S)
+        while True:
+            try:
+                self.session = zenoh.open(configuration(link_of(folder, name)))
+                break
+            except zenoh.ZError:  # the router is busy, or opens again
+                if patience.is_over():
+                    raise
+                time.sleep(0.05)
         self._marks = itertools.count()
 
     def __enter__(self) -> Self:

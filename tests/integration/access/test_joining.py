@@ -21,6 +21,8 @@ from pointit.runtime.errors import ConfigError, ConnectError, NoAnswerError
 from pointit.runtime.link.credentials import connection_refusal, read_credentials
 from pointit.runtime.link.link import Link
 from pointit.runtime.router.router import running_router
+from pointit.runtime.zenoh import connections
+from pointit.runtime.zenoh.session import refusals
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import (
     ButtonEvent,
@@ -200,6 +202,44 @@ async def test_a_router_without_certificates_is_told(site: SiteFolder) -> None:
     async with running_router((f"tcp/127.0.0.1:{port}",)):
         link = Link(site="lab", connect=(f"tls/127.0.0.1:{port}",), credentials=credentials)
         assert "is not a router of a secured site" in await refused(link)
+
+
+@pytest.mark.parametrize("password", [False, True], ids=["certificates", "passwords"])
+async def test_who_comes_while_the_router_opens_again_waits(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, *, password: bool
+) -> None:
+    """Its port takes connections and drops them meanwhile."""
+    folder = make_site(tmp_path / "lab", password=password)
+    door = await asyncio.start_server(lambda _, writer: writer.close(), "127.0.0.1", folder.state().port)
+    async with door:
+        opening = asyncio.create_task(ZenohBus.open(link_of(folder, "anna"), patience_s=60))
+        await until(lambda: opening.done() or "trying again" in caplog.text)
+        assert not opening.done()
+    with routed(folder):
+        bus = await opening
+        assert bus.problem == ""
+        await bus.close()
+
+
+async def test_why_a_router_is_lost_is_asked_until_it_answers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = make_site(tmp_path / "lab")
+    asked: list[Link] = []
+
+    def ask(link: Link) -> str:
+        asked.append(link)
+        return refusals(link)
+
+    monkeypatch.setattr(connections, "DOUBT_S", 0.05)
+    monkeypatch.setattr(connections, "refusals", ask)
+    with routed(folder):
+        bus = await ZenohBus.open(link_of(folder, "anna"), patience_s=30)
+    await until(lambda: bool(asked) and bus.problem != "")  # nobody answers
+    door = await asyncio.start_server(lambda _, writer: writer.close(), "127.0.0.1", folder.state().port)
+    async with door:
+        await until(lambda: "as a router does" in bus.problem or "not a router" in bus.problem)
+        await bus.close()
 
 
 @pytest.mark.skipif(os.name != "posix", reason="modes are POSIX's")

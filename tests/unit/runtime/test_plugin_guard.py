@@ -26,8 +26,6 @@ from pointit.services.imu_bridge.sources import SOURCES
 from tests.support import strangers
 from tests.support.bench import until
 
-pytestmark = pytest.mark.wall_time
-
 
 class Sink:
     def __init__(self) -> None:

@@ -161,11 +161,17 @@ def read_credentials(folder: Path, now: dt.datetime) -> Credentials:
     return Credentials(folder=folder, link=link)
 
 
+class PassingRefusal(str):
+    """A refusal that may pass: a router that is busy, or opens again, looks the same for a moment."""
+
+    __slots__ = ()
+
+
 def connection_refusal(credentials: Credentials, endpoint: str) -> str:
     """Return a message if the router at `endpoint` rejects a connection, else `""` (also without an answer).
 
-    Zenoh reports every refusal as a time-out, so the handshake is tried again without it. Blocks for up to
-    3 s: call it in a thread.
+    A `PassingRefusal` is not certain. Zenoh reports every refusal as a time-out, so the handshake is tried
+    again without it. Blocks for up to 3 s: call it in a thread.
     """
     found = SECURE.match(endpoint)
     if not found:
@@ -189,9 +195,11 @@ def connection_refusal(credentials: Credentials, endpoint: str) -> str:
         return _handshake_problem(error, endpoint, credentials)
     except OSError:  # includes a time-out, which means success once the connection is secured
         if not is_secured:
-            return f"{endpoint} is not a router of a secured site; give its address with --connect"
+            return PassingRefusal(
+                f"{endpoint} is not a router of a secured site; give its address with --connect"
+            )
     if credentials.link.password:
-        return (
+        return PassingRefusal(
             f"the router at {endpoint} refuses {name}'s password, or is too busy to check it; if that "
             f"persists, renew it with `pointit site renew {name}` and copy the folder here"
         )
@@ -216,7 +224,7 @@ def _handshake_problem(error: ssl.SSLError, endpoint: str, credentials: Credenti
                 f"the router at {endpoint} refuses {name}'s certificate: it {why}; "
                 f"renew it with `pointit site renew {name}`"
             )
-    return f"{endpoint} does not speak TLS as a router does ({_reason(error)})"
+    return PassingRefusal(f"{endpoint} does not speak TLS as a router does ({_reason(error)})")
 
 
 def _distrust(error: ssl.SSLCertVerificationError, endpoint: str, credentials: Credentials) -> str:

@@ -28,7 +28,7 @@ from pointit.schemas.table_types import NAME
 
 log = logging.getLogger(__name__)
 
-LOOK_S = 0.5
+LOOK_S = 0.25
 """Period of polling the files, since not every system and file system reports changes."""
 PORT_PATIENCE_S = 60.0
 """Time for which its own port may stay in use after it was closed (QUIC: 30 s where it cannot be released).
@@ -143,11 +143,13 @@ class Router:
 
     async def reload_on_change(self) -> None:
         """Route until cancelled, and reopen after a change of a file. Unusable changes are ignored."""
+        before = self._stamp
         while True:
             await asyncio.sleep(LOOK_S)
             disable_linger(ports_of(self._listens))
             stamp = self._look()
-            if stamp == self._stamp:
+            is_written, before = stamp != before, stamp
+            if is_written or stamp == self._stamp:  # a change replaces several files, and is one
                 continue
             self._stamp = stamp
             try:

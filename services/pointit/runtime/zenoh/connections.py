@@ -18,7 +18,9 @@ from pointit.runtime.zenoh.session import refusals
 log = logging.getLogger(__name__)
 
 DOUBT_S = 2.0
-"""A router that is lost for longer than a restart takes is asked whether it still wants us."""
+"""A router that is lost for longer than a restart takes is asked whether it still wants us, repeatedly."""
+LONGEST_DOUBT_S = 30.0
+"""Longest time between two questions, which doubles from the first on, s."""
 
 
 class Connections:
@@ -115,10 +117,13 @@ class LinkWatch:
 
     async def _ask_why(self) -> None:
         """Find out whether the router is there and refuses us, as when the certificate has expired."""
-        await asyncio.sleep(DOUBT_S)
-        self._why = await in_daemon_thread(lambda: refusals(self._link), "refusal")
-        if self._why:
-            log.warning("%s", self._why)
+        wait_s = DOUBT_S
+        while True:
+            await asyncio.sleep(wait_s)
+            wait_s = min(2.0 * wait_s, LONGEST_DOUBT_S)
+            before, self._why = self._why, await in_daemon_thread(lambda: refusals(self._link), "refusal")
+            if self._why and self._why != before:
+                log.warning("%s", self._why)
 
     def _end_doubt(self) -> None:
         self._why = ""

@@ -17,7 +17,7 @@ import zenoh
 from pointit.runtime.errors import BusError, ConfigError, ConnectError, ListenError
 from pointit.runtime.host.tcp_timeouts import set_user_timeout
 from pointit.runtime.host.threads import in_daemon_thread
-from pointit.runtime.link.credentials import connection_refusal
+from pointit.runtime.link.credentials import PassingRefusal, connection_refusal
 from pointit.runtime.link.link import LEASE_MS, Link, check_addresses, ports_of
 from pointit.schemas.topics import check_name
 
@@ -33,6 +33,8 @@ SYSTEM_REASON = re.compile(r"([^:\[\]\s][^:\[\]]*) \(os error \d+\)")
 IN_USE = re.compile(r"\(os error (48|98|10048)\)")
 """Numbers by which macOS, Linux and Windows report that an address is in use."""
 OPEN_RETRY_S = 0.5
+PASSES_S = 10.0
+"""Time after which a `PassingRefusal` counts as one that does not pass."""
 CLOSE_PATIENCE_S = 1.0
 """Time to wait for the closing of a session. It takes some ms, but with a lost router as long as the current
 attempt to reach it."""
@@ -184,9 +186,12 @@ async def open_session(link: Link, *, patience_s: float | None = None) -> zenoh.
     """
     where = ", ".join(link.connect or link.listen)
     refusal, has_waited = "", False
+    loop = asyncio.get_running_loop()
+    welcome_s = loop.time()
+    """Time of the last attempt that was not refused."""
 
     async def problem_of(error: zenoh.ZError) -> BusError:
-        nonlocal refusal
+        nonlocal refusal, welcome_s
         if not link.connect:
             taken = "another PointIt may be running there: join it with --connect, or "
             hint = taken if is_in_use(error) else ""
@@ -195,9 +200,14 @@ async def open_session(link: Link, *, patience_s: float | None = None) -> zenoh.
                 f"cannot listen on {where}: {reason}; {hint}choose another address with --listen"
             )
         refusal = await in_daemon_thread(lambda: refusals(link), "refusal")
-        if refusal and patience_s is not None:
+        if not refusal:
+            welcome_s = loop.time()
+        passes = isinstance(refusal, PassingRefusal) and loop.time() - welcome_s < PASSES_S
+        if refusal and not passes and patience_s is not None:
             raise ConnectError(refusal) from error
-        return ConnectError(f"nobody answers at {where}; is `pointit run` or `pointit router` running there?")
+        return ConnectError(
+            refusal or f"nobody answers at {where}; is `pointit run` or `pointit router` running there?"
+        )
 
     def on_wait() -> None:
         nonlocal has_waited

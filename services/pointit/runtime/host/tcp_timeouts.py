@@ -108,11 +108,10 @@ def release_udp_ports(ports: Collection[int]) -> int:
     """
     count = 0
     for found in own_sockets(socket.SOCK_DGRAM):
-        with contextlib.suppress(OSError):  # closed meanwhile
-            if found.getsockname()[1] in ports:
-                with socket.socket(found.family, socket.SOCK_DGRAM) as empty:
-                    empty.setblocking(False)
-                    os.dup2(empty.fileno(), found.fileno(), inheritable=False)
+        with contextlib.suppress(OSError), socket.socket(found.family, socket.SOCK_DGRAM) as empty:
+            empty.setblocking(False)
+            if found.getsockname()[1] in ports:  # looked at last: its owner may close it meanwhile
+                os.dup2(empty.fileno(), found.fileno(), inheritable=False)
                 count += 1
     return count
 

@@ -132,13 +132,15 @@ class RawQuerier(Declaration):
         self._dispatcher = dispatcher
         self._max_bytes = max_bytes
         self._loop = asyncio.get_running_loop()
-        # A question that finds a busy link is dropped, and ends with its deadline: the loop does not wait.
+        # Answers are sent as the question is. If it may be dropped, long ones are lost on a busy machine, and
+        # with them the end of all answers. What waits for a link holds up only what has its priority.
         self._querier = session.declare_querier(
             key,
             target=zenoh.QueryTarget.ALL_COMPLETE,
             consolidation=zenoh.ConsolidationMode.NONE,
             timeout=QUERY_TIMEOUT_S,
-            congestion_control=zenoh.CongestionControl.DROP,
+            congestion_control=zenoh.CongestionControl.BLOCK,
+            priority=zenoh.Priority.DATA_LOW,
             allowed_destination=zenoh.Locality.REMOTE,
         )
         super().__init__(self._querier)
@@ -163,7 +165,10 @@ class RawQuerier(Declaration):
                 listener.undeclare()
 
     async def ask(self, payload: bytes, attachment: bytes | None) -> AsyncGenerator[QueryReply]:
-        """Yield the answers as they come, until everybody has answered; closing takes the question back."""
+        """Yield the answers as they come, until everybody has answered; closing takes the question back.
+
+        It is asked in a thread of its own, as Zenoh waits for a link that is busy.
+        """
         waiting: asyncio.Queue[QueryReply | None] = asyncio.Queue()
         token = zenoh.CancellationToken()
 
@@ -175,14 +180,17 @@ class RawQuerier(Declaration):
             with contextlib.suppress(RuntimeError):  # the loop is gone
                 self._loop.call_soon_threadsafe(waiting.put_nowait, answer)
 
-        self._querier.get(
-            Callback(take, lambda: tell(None), indirect=False),
-            payload=payload,
-            attachment=attachment,
-            cancellation_token=token,
-        )
+        def get() -> None:
+            self._querier.get(
+                Callback(take, lambda: tell(None), indirect=False),
+                payload=payload,
+                attachment=attachment,
+                cancellation_token=token,
+            )
+
         done = False
         try:
+            await in_daemon_thread(get, "zenoh-ask")
             while (answer := await waiting.get()) is not None:
                 yield answer
             done = True

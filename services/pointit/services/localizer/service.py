@@ -98,6 +98,8 @@ class Localizer(Service[LocalizerConfig]):
         self._sent: Counter[str] = Counter()
         """Number of messages by topic and name."""
         self._poses: Publisher[UserPose] | None = self.bus.publisher(POSE, self.user)
+        self._ahead: set[str] = set()
+        """Keys that were ahead of this machine's clock when they were read last."""
         self._progress = self.bus.publisher(LOCALIZATION, self.user)
         self._anchors = self.bus.publisher(ANCHOR, self.user)
         self._emit(self._locating.begin(self.clock.now_ns()))
@@ -187,9 +189,13 @@ class Localizer(Service[LocalizerConfig]):
     def _is_timely(self, key: str, stamp_ns: int, now_ns: int) -> bool:
         """Return True if `stamp_ns` is at most `MAX_AHEAD_NS` in the future; otherwise warn."""
         ahead_ns = stamp_ns - now_ns
+        if ahead_ns <= 0 and key not in self._ahead:  # nearly all
+            return True
         if ahead_ns <= MAX_AHEAD_NS * self.clock.speed:
+            self._ahead.discard(key)
             self.bus.clear(f"future {key}")
             return True
+        self._ahead.add(key)
         self.bus.warn(
             f"future {key}",
             f"{key} is stamped {ahead_ns / NS_PER_S:.1f} s ahead of this machine's clock and left out: "

@@ -118,7 +118,8 @@ class ServiceClient:
                         break
                     await asyncio.sleep(wait_s)
         except TimeoutError as error:
-            raise TimeoutError(f"ROS service {self._service}: {lacking} within {timeout_s:g} s") from error
+            why = "; ".join(dict.fromkeys([*refusals, f"{lacking} within {timeout_s:g} s"]))
+            raise TimeoutError(f"ROS service {self._service}: {why}") from error
         why = "; ".join(dict.fromkeys(refusals)) or GONE
         raise TimeoutError(f"ROS service {self._service}: {why}")
 

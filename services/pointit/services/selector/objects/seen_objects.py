@@ -88,19 +88,24 @@ class SeenObjects:
         if self._listings.pop(tracker, None) is not None:
             self._relist()
 
-    def view_from(self, cursor: Cursor) -> View | None:
-        """Return the objects around the ray of `cursor`. None if it has no ray or there are no objects."""
+    def view_from(self, cursor: Cursor, only: str | None = None) -> View | None:
+        """Return the objects around the ray of `cursor`. None if it has no ray or there are no objects.
+
+        `only`: the id of the one object that is wanted, which costs less than all.
+        """
         direction = cursor.direction
         if cursor.origin_m is None or direction is None or not self._tracked:
             return None
+        first = 0 if only is None else self._indices.get(only, 0)
+        rows = slice(first, None if only is None else first + 1)
         age_s = (cursor.stamp_ns - self._base_ns) / NS_PER_S
         elapsed_s = age_s - self._lag_s
         if self._ages_s is not None:
-            centers_m = self._moved_m(elapsed_s + self._ages_s)
+            centers_m = self._moved_m(elapsed_s + self._ages_s)[rows]
         elif self._straight_s[0] <= elapsed_s <= self._straight_s[1]:
-            centers_m = self._centers_m + self._velocities_mps * elapsed_s
+            centers_m = self._centers_m[rows] + self._velocities_mps[rows] * elapsed_s
         else:
-            centers_m = self._moved_m(np.full(len(self._tracked), elapsed_s))
+            centers_m = self._moved_m(np.full(len(self._tracked), elapsed_s))[rows]
         reach_m = centers_m - cursor.origin_m
         # slightly more than it is: avoids division by zero and keeps cosines above -1
         ranges_m = np.sqrt((reach_m * reach_m) @ XYZ) + HAIR_M
@@ -109,23 +114,29 @@ class SeenObjects:
             shown = vector.subtract(cursor.point_m, cursor.origin_m)
             aim = vector.normalized(shown) if vector.norm(shown) > NEAREST_M else direction
         angles = np.arccos(np.minimum(reach_m @ aim / ranges_m, 1.0))
-        near = (angles <= self._leave_factor * (self._halves_m / ranges_m) + self._reach_rad).nonzero()[0]
+        near = (angles <= self._leave_factor * (self._halves_m[rows] / ranges_m) + self._reach_rad).nonzero()[
+            0
+        ]
         if len(near) > MAX_SEEN:
             near = near[angles[near].argpartition(MAX_SEEN)[:MAX_SEEN]]
         seen = [
-            self._seen(index, cursor, centers_m, angle, range_m)
-            for index, angle, range_m in zip(
-                near.tolist(), angles[near].tolist(), ranges_m[near].tolist(), strict=True
+            self._seen(index, cursor, center, angle, range_m)
+            for index, center, angle, range_m in zip(
+                (near + first).tolist(),
+                centers_m[near].tolist(),
+                angles[near].tolist(),
+                ranges_m[near].tolist(),
+                strict=True,
             )
             if self._is_fresh(index, age_s) and not _is_hidden(range_m - self._halves_m[index], cursor)
         ]
         return View(direction, seen)
 
     def _seen(
-        self, index: int, cursor: Cursor, centers_m: Array, angle_rad: float, range_m: float
+        self, index: int, cursor: Cursor, center: Sequence[float], angle_rad: float, range_m: float
     ) -> VisibleObject:
         tracked = self._tracked[index]
-        x, y, z = centers_m[index].tolist()
+        x, y, z = center
         center_m = (x, y, z)
         half_m = tracked.length_m / 2.0
         range_m = max(range_m, NEAREST_M)
@@ -184,6 +195,7 @@ class SeenObjects:
     ) -> None:
         everything = [*on_lines, *free]
         self._tracked = [tracked for tracked, _ in everything]
+        self._indices = {tracked.id: index for index, tracked in enumerate(self._tracked)}
         stamps_ns = [stamp_ns for _, stamp_ns in everything]
         self._base_ns = max(stamps_ns, default=0)
         self._ages_s: Array | None = None

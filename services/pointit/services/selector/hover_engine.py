@@ -112,8 +112,12 @@ class HoverEngine:
             if self._ownership.owner(pointed.object_id) == user:
                 pointer.latch(pointed.object_id)  # another selector may have selected it just now
         if self._is_by_metres and (pointed.object_id is not None or pointed.fired is not None):
-            # to tell how the object lies about the ray; if it was fired, how those around it do, too
-            view = self._scene.view_from(cursor, pointed.object_id if pointed.fired is None else None)
+            # to tell how the object lies about the ray; if one is fired, how those around it do, too
+            view = (
+                self._scene.view_of(pointed.object_id, cursor)
+                if pointed.fired is None and pointed.object_id is not None
+                else self._scene.view_from(cursor)
+            )
         standing = self._standing(user, pointer, pointed, now_ns)
         outputs = [Output(user, self._hover(user, cursor, view, pointed, standing))]
         wanted = pointed.object_id if pointed.is_shown and standing[0] in CHANGES else None

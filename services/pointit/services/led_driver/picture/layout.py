@@ -6,9 +6,10 @@ of all strips are sorted by arc length. Curves, gaps, reversed strips, strips on
 all reduced to the position of an arc length in that order.
 """
 
-from collections.abc import Iterator, Sequence
+from bisect import bisect_left, bisect_right
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -146,10 +147,10 @@ class Layout:
         """Return the same as `lit`: the entries in each span, or else for each run the one at its middle."""
         whose, run = _expanded(self._runs_bounds[lines], self._runs_bounds[lines + 1])
         start_m, end_m = start_m[whose], end_m[whose]
-        low = self._rows(self._run_at_m, run, start_m, "left")
-        high = self._rows(self._run_at_m, run, end_m, "right")
+        low = self._rows(self._run_at_m, run, start_m, bisect_left)
+        high = self._rows(self._run_at_m, run, end_m, bisect_right)
         middle_m = (start_m + end_m) / 2.0
-        about = self._rows(self._run_from_m, run, middle_m, "right") - 1
+        about = self._rows(self._run_from_list_m, run, middle_m, bisect_right) - 1
         about = np.minimum(np.maximum(about, self._run_bounds[run]), self._run_bounds[run + 1] - 1)
         is_there = (self._run_from_m[about] <= middle_m) & (middle_m < self._run_to_m[about])
         is_about = (low >= high) & is_there
@@ -157,16 +158,12 @@ class Layout:
         pairs, rows = _expanded(low, high)
         return whose[pairs], self._entry_of[rows]
 
-    def _rows(self, values_m: Array, run: Indices, at_m: Array, side: Literal["left", "right"]) -> Indices:
-        """Return the positions of `at_m` in `values_m`, sorted within each run, by binary search."""
-        low, high = self._run_bounds[run], self._run_bounds[run + 1]
-        for _ in range(int((high - low).max(initial=0)).bit_length()):
-            middle = np.minimum((low + high) // 2, len(values_m) - 1)
-            is_before = values_m[middle] < at_m if side == "left" else values_m[middle] <= at_m
-            is_open = low < high
-            low, high = np.where(is_open & is_before, middle + 1, low), np.where(is_before, high, middle)
-            high = np.where(is_open, high, low)
-        return low
+    def _rows(self, values_m: list[float], run: Indices, at_m: Array, search: Callable[..., int]) -> Indices:
+        """Return the positions of `at_m` in `values_m`, sorted within each run: few, so without arrays."""
+        bounds = self._run_bounds
+        pairs = zip(at_m.tolist(), bounds[run].tolist(), bounds[run + 1].tolist(), strict=True)
+        rows = [search(values_m, each_m, low, high) for each_m, low, high in pairs]
+        return np.array(rows, dtype=np.intp)
 
     def _lay_runs(self, runs: list[_Run], line_of_run: Indices, order: Indices) -> None:
         """Store the entries by run too, to look up spans shorter than a pixel."""
@@ -175,8 +172,9 @@ class Layout:
         """First run of each line."""
         self._run_bounds: Indices = np.r_[0, np.cumsum([len(run.pixels) for run in runs])].astype(np.intp)
         """First row of each run."""
-        self._run_at_m: Array = _joined([run.at_m for run in runs])
+        self._run_at_m: list[float] = _joined([run.at_m for run in runs]).tolist()
         self._run_from_m: Array = _joined([run.from_m for run in runs])
+        self._run_from_list_m: list[float] = self._run_from_m.tolist()
         self._run_to_m: Array = _joined([run.to_m for run in runs])
         self._entry_of: Indices = np.argsort(order)
         """The entry of each row."""

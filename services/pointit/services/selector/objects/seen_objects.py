@@ -88,41 +88,32 @@ class SeenObjects:
         if self._listings.pop(tracker, None) is not None:
             self._relist()
 
-    def view_from(self, cursor: Cursor, only: str | None = None) -> View | None:
-        """Return the objects around the ray of `cursor`. None if it has no ray or there are no objects.
-
-        `only`: the id of the one object that is wanted, which costs less than all.
-        """
+    def view_from(self, cursor: Cursor) -> View | None:
+        """Return the objects around the ray of `cursor`. None if it has no ray or there are no objects."""
         direction = cursor.direction
         if cursor.origin_m is None or direction is None or not self._tracked:
             return None
-        first = 0 if only is None else self._indices.get(only, 0)
-        rows = slice(first, None if only is None else first + 1)
         age_s = (cursor.stamp_ns - self._base_ns) / NS_PER_S
         elapsed_s = age_s - self._lag_s
         if self._ages_s is not None:
-            centers_m = self._moved_m(elapsed_s + self._ages_s)[rows]
+            centers_m = self._moved_m(elapsed_s + self._ages_s)
         elif self._straight_s[0] <= elapsed_s <= self._straight_s[1]:
-            centers_m = self._centers_m[rows] + self._velocities_mps[rows] * elapsed_s
+            centers_m = self._centers_m + self._velocities_mps * elapsed_s
         else:
-            centers_m = self._moved_m(np.full(len(self._tracked), elapsed_s))[rows]
+            centers_m = self._moved_m(np.full(len(self._tracked), elapsed_s))
         reach_m = centers_m - cursor.origin_m
         # slightly more than it is: avoids division by zero and keeps cosines above -1
         ranges_m = np.sqrt((reach_m * reach_m) @ XYZ) + HAIR_M
-        aim = direction
-        if self._aims_at_cursor and cursor.surface in LINES and cursor.point_m is not None:
-            shown = vector.subtract(cursor.point_m, cursor.origin_m)
-            aim = vector.normalized(shown) if vector.norm(shown) > NEAREST_M else direction
-        angles = np.arccos(np.minimum(reach_m @ aim / ranges_m, 1.0))
-        near = (angles <= self._leave_factor * (self._halves_m[rows] / ranges_m) + self._reach_rad).nonzero()[
-            0
-        ]
+        angles = np.arccos(
+            np.minimum(reach_m @ self._aim(cursor, cursor.origin_m, direction) / ranges_m, 1.0)
+        )
+        near = (angles <= self._leave_factor * (self._halves_m / ranges_m) + self._reach_rad).nonzero()[0]
         if len(near) > MAX_SEEN:
             near = near[angles[near].argpartition(MAX_SEEN)[:MAX_SEEN]]
         seen = [
             self._seen(index, cursor, center, angle, range_m)
             for index, center, angle, range_m in zip(
-                (near + first).tolist(),
+                near.tolist(),
                 centers_m[near].tolist(),
                 angles[near].tolist(),
                 ranges_m[near].tolist(),
@@ -131,6 +122,34 @@ class SeenObjects:
             if self._is_fresh(index, age_s) and not _is_hidden(range_m - self._halves_m[index], cursor)
         ]
         return View(direction, seen)
+
+    def view_of(self, object_id: str, cursor: Cursor) -> View | None:
+        """Return as `view_from`, but of one object, in a tenth of the time."""
+        direction, origin_m = cursor.direction, cursor.origin_m
+        index = self._indices.get(object_id)
+        if origin_m is None or direction is None or index is None:
+            return None
+        age_s = (cursor.stamp_ns - self._base_ns) / NS_PER_S
+        elapsed_s = age_s - self._lag_s
+        if self._ages_s is not None or not self._straight_s[0] <= elapsed_s <= self._straight_s[1]:
+            return self.view_from(cursor)
+        (x, y, z), (u, v, w) = self._centers_m[index].tolist(), self._velocities_mps[index].tolist()
+        center_m = (x + u * elapsed_s, y + v * elapsed_s, z + w * elapsed_s)
+        reach_m = vector.subtract(center_m, origin_m)
+        range_m = vector.norm(reach_m) + HAIR_M
+        angle = math.acos(min(vector.dot(reach_m, self._aim(cursor, origin_m, direction)) / range_m, 1.0))
+        half_m = float(self._halves_m[index])
+        is_near = angle <= self._leave_factor * (half_m / range_m) + self._reach_rad
+        if not is_near or not self._is_fresh(index, age_s) or _is_hidden(range_m - half_m, cursor):
+            return View(direction, ())
+        return View(direction, (self._seen(index, cursor, center_m, angle, range_m),))
+
+    def _aim(self, cursor: Cursor, origin_m: Vec3, direction: Vec3) -> Vec3:
+        if self._aims_at_cursor and cursor.surface in LINES and cursor.point_m is not None:
+            shown = vector.subtract(cursor.point_m, origin_m)
+            if vector.norm(shown) > NEAREST_M:
+                return vector.normalized(shown)
+        return direction
 
     def _seen(
         self, index: int, cursor: Cursor, center: Sequence[float], angle_rad: float, range_m: float

@@ -23,7 +23,7 @@ from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import WallClock
 from pointit.runtime.config.config import published_parameters
-from pointit.runtime.errors import ConfigError, RefusedError
+from pointit.runtime.errors import RefusedError
 from pointit.runtime.service.service import Launch, run_service
 from pointit.schemas import topics
 from pointit.schemas.catalogue.example import example
@@ -330,18 +330,6 @@ async def test_health_tells_what_is_left_out_and_why(site: Site, monkeypatch: Pa
         for _ in range(2):
             site.bus.publisher(topics.BUTTON, "anna").put(example(topics.BUTTON.message))
         await until(lambda: any(sentence in report.warnings for report in site.health))
-
-
-@pytest.mark.parametrize(
-    ("parameters", "sentence"),
-    [
-        ({"file": "/nowhere/at/all/a.mcap"}, "its folder does not exist"),
-        ({"without": ("smell",)}, "no topic is called so; choose from"),
-    ],
-)
-def test_wrong_parameters_are_refused_before_the_start(parameters: dict[str, Any], sentence: str) -> None:
-    with pytest.raises(ConfigError, match=sentence):
-        Recorder.validate_config(RecorderConfig(**parameters))
 
 
 async def test_movements_of_one_person_are_recorded_where_no_others_may_be_read(site: Site) -> None:

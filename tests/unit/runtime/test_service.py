@@ -24,16 +24,7 @@ from pointit.runtime.service.service import (
     run_service,
     run_services,
 )
-from pointit.schemas import (
-    Configuration,
-    Done,
-    Health,
-    KeyNameError,
-    ServedRequest,
-    SetBrightness,
-    UserProfile,
-    encode,
-)
+from pointit.schemas import Configuration, Done, Health, ServedRequest, SetBrightness, UserProfile, encode
 from pointit.schemas.topics import (
     CONFIGURATION,
     HEALTH,
@@ -206,11 +197,6 @@ async def test_a_constructor_that_raises_leaves_nothing_behind(bench: Bench) -> 
         await run_service(launch, bench.bus, ManualClock())
     assert not bench.bus.declarations
     assert bench.alive == {}
-
-
-async def test_a_user_whose_name_cannot_stand_in_a_key_is_refused(bench: Bench) -> None:
-    with pytest.raises(KeyNameError, match="user"):
-        await run_service(bench.launch("a/b"), bench.bus, ManualClock())
 
 
 @pytest.mark.parametrize(

@@ -76,15 +76,6 @@ def test_without_a_place_there_is_nothing_to_set_right() -> None:
     assert shown(outputs).reason == user_messages.NO_POSE_TO_ANCHOR
 
 
-def test_the_localizers_refusal_of_the_request_is_passed_on() -> None:
-    cycle = pointing()
-    cycle.button(*press(10, "double"))
-    assert cycle.on_start_failed(cycle.run + 1, "another's", 11 * S) == []
-    outputs = cycle.on_start_failed(cycle.run, "the map has no lamps", 11 * S)
-    assert told(outputs) == went_back("refused", "pointing")
-    assert shown(outputs).reason == "the map has no lamps"
-
-
 @pytest.mark.parametrize("gesture", ["press", "double", "hold"])
 def test_any_gesture_calls_it_off_for_good(gesture: Gesture) -> None:
     cycle = anchoring(pointing())

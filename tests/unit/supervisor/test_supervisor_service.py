@@ -10,8 +10,7 @@ import pytest
 
 from pointit.geometry.rotation import IDENTITY
 from pointit.runtime.bus.service_bus import ServiceBus
-from pointit.runtime.config.config import Layers
-from pointit.runtime.errors import ConfigError, RefusedError
+from pointit.runtime.errors import RefusedError
 from pointit.runtime.service.service import Context
 from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import (
@@ -217,22 +216,6 @@ async def test_it_reads_and_writes_what_its_row_says_and_only_its_persons(anna: 
     await bench.settle()
     assert anna.states[-1] == "pointing"
     await view.close()
-
-
-@pytest.mark.parametrize(
-    ("path", "value"),
-    [
-        ("profile.body.footprint_to_neck_m", "14.3"),
-        ("profile.cursor_width_m", "0"),
-        ("profile.cursor_color", "[0, 300, 0]"),
-        ("imu_timeout_s", "-1"),
-    ],
-)
-def test_a_wrong_parameter_is_named(path: str, value: str) -> None:
-    layers = Layers()
-    layers.add_text(path.split("."), value, "file.yaml")
-    with pytest.raises(ConfigError, match=rf"^file\.yaml: {path}.*: "):
-        layers.build(SupervisorConfig)
 
 
 async def test_an_offset_is_published_and_again_after_a_restart_until_it_is_forgotten(

@@ -72,21 +72,6 @@ async def test_events_nobody_takes_count(
     assert "the oldest ones are lost" in caplog.text
 
 
-async def test_a_loop_ends_after_its_duration(bus: MemoryBus, site: Site) -> None:
-    async def slowly() -> list[int]:
-        found: list[int] = []
-        async for cursor in site.cursors().during(0.05):
-            found.append(cursor.seq)
-            put_cursor(bus, "anna", cursor.seq + 1)  # never runs out
-        return found
-
-    taking = asyncio.create_task(slowly())
-    await asyncio.sleep(0)
-    put_cursor(bus, "anna", 1)
-    async with asyncio.timeout(30):
-        assert await taking
-
-
 async def test_the_end_of_the_site_ends_waiting_loops_and_forbids_new_ones(bus: MemoryBus) -> None:
     async with Site.on(bus, WallClock()) as site:
 

@@ -134,17 +134,6 @@ async def test_selected_packages_go_to_their_bay_and_what_is_too_late_is_refused
         assert states[-1].refused == 1
 
 
-async def test_belts_get_speeds_of_their_own() -> None:
-    async with shift() as one:
-        done = await one.bus.call(topics.SET_SPEED, SetSpeed(speed_mps=1.5, belts=("side",)))
-        assert done.message == "side runs at 1.5 m/s"
-        await until(lambda: bool(one.states[-1].belts))
-        assert [(belt.id, belt.speed_mps) for belt in one.states[-1].belts] == [("side", 1.5)]
-        assert one.states[-1].speed_mps == 0.5
-        with pytest.raises(RefusedError, match=r"no belt or lane 'x'; there are main, side"):
-            await one.bus.call(topics.SET_SPEED, SetSpeed(speed_mps=1.5, belts=("x",)))
-
-
 async def test_reports_have_the_configured_faults() -> None:
     clock = VirtualClock()
     async with memory_bench(clock) as bench:

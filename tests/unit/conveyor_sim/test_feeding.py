@@ -126,18 +126,6 @@ def test_the_steps_of_a_schedule_follow_each_other_with_their_speeds(tmp_path: P
     assert (belts.state(0).step, belts.state(0).speed_mps, belts.fed) == ("-1", 0.5, 0)
 
 
-def test_steps_change_at_their_very_time_whatever_the_steps_of_the_clock(tmp_path: Path) -> None:
-    path = written(tmp_path)
-    often, once = plant(VR, schedule=path), plant(VR, schedule=path)
-    for second in range(1, 29):
-        often.step(round(second * 1.0001 * S))
-    once.step(round(28 * 1.0001 * S))
-    a, b = often.tracked(0).objects, once.tracked(0).objects
-    assert [t.kind for t in a] == [t.kind for t in b]
-    assert [t.surface_position_m for t in a] == pytest.approx([t.surface_position_m for t in b], abs=1e-6)
-    assert a
-
-
 @pytest.mark.parametrize(("name", "steps", "fastest_mps"), [("feeders_0", 9, 2.0), ("feeders_3", 13, 10.0)])
 def test_the_toolkits_schedules_run_as_they_are(name: str, steps: int, fastest_mps: float) -> None:
     path = data_file(f"pointit-ros2/{name}.yaml")

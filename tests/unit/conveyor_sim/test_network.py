@@ -1,6 +1,5 @@
 """Belts that are linked: examples of who waits for whom at junctions, rings and belts that stand."""
 
-import contextlib
 from itertools import pairwise
 
 import pytest
@@ -8,7 +7,7 @@ import pytest
 from pointit.schemas import TrackedObject
 from pointit.services.conveyor_sim.feeding.infeed import NoRoomError
 from pointit.services.conveyor_sim.plant import Plant
-from tests.unit.conveyor_sim.rooms import CHAIN, CROSS, FORK, MERGE, RING, S, belt, link, plant, room
+from tests.unit.conveyor_sim.rooms import CHAIN, CROSS, FORK, MERGE, S, plant
 from tests.unit.conveyor_sim.test_network_properties import SHIPPED
 
 
@@ -88,19 +87,6 @@ def test_a_ring_is_never_filled_so_it_never_comes_to_a_standstill() -> None:
     assert [left[-1] - left[-300], left[-300] - left[-600]] >= [20, 20], left[::100]
 
 
-def test_a_ring_takes_no_more_by_hand_either() -> None:
-    belts = plant(RING, feeder={"sequence": []}, bay_rest="none", lanes=["south", "east", "north", "west"])
-    added = 0
-    for _ in range(400):
-        with contextlib.suppress(NoRoomError):
-            belts.add("x", "south", 0.3)
-            added += 1
-        belts.step(belts.now_ns + S // 5)
-    assert added >= 5
-    moving = {t.id for objects in run(belts, 140.0, step_s=0.2) for t in objects if t.surface_speed_mps}
-    assert len(moving) == belts.size == added
-
-
 def test_package_without_room_behind_a_junction_does_not_enter_it() -> None:
     belts = plant(CROSS, feeders={"w": every("w", 1.5, kind="red"), "n": every("n", 1.5, kind="blue")})
     belts.set_speed(0.0, ("e",))
@@ -142,16 +128,3 @@ def test_a_snapshot_of_an_older_version_is_restored_unless_a_package_now_waits_i
     old["packages"][junctions.index(max(junctions))][9] = -1
     with pytest.raises(ValueError, match="the junctions have changed"):
         again.restore(old)
-
-
-def test_links_of_belts_that_are_left_out_do_not_count() -> None:
-    belts = plant(FORK, lanes=["main"], feeder={"sequence": ["red"], "count": 1})
-    assert [event.bay for event in belts.step(20 * S)] == ["3"]
-
-
-def test_without_bays_things_go_straight_on_and_leave_at_the_last_end() -> None:
-    hall = room([belt("a", (0, 0), (2, 0)), belt("b", (1, 0.3), (1, 2))], [link("a", "b", 1.0)])
-    belts = plant(hall, feeder={"sequence": ["red"], "count": 1})
-    path = run(belts, 5.0)
-    assert {t.surface_id for objects in path for t in objects} == {"a"}
-    assert (belts.size, belts.state(0).left) == (0, 1)

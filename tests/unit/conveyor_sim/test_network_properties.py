@@ -12,10 +12,10 @@ from pointit.schemas import BeltLink, Environment, TrackedObject
 from pointit.services.conveyor_sim.feeding.infeed import NoRoomError
 from pointit.services.conveyor_sim.plant import Plant
 from pointit.services.conveyor_sim.traffic.right_of_way import Rings
-from tests.unit.conveyor_sim.rooms import ROOMS, S, belt, check_apart, link, plant, room
+from tests.unit.conveyor_sim.rooms import ROOMS, S, belt, check_apart, lanes, link, plant, room
 
 SHIPPED = load_map("conveyor", 0)
-EVERYWHERE = {**ROOMS, "conveyor": SHIPPED}
+EVERYWHERE = {**ROOMS, "conveyor": SHIPPED, "lanes": lanes(4.0, 7.0)}
 speeds = st.sampled_from([0.0, 0.3, 0.5, 1.0, 2.0, 5.0, -0.5, -2.0])
 action = st.one_of(
     st.tuples(st.just("step"), st.sampled_from([0.01, 0.04, 0.2, 1.0, 4.0])),

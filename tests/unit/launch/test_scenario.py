@@ -1,20 +1,16 @@
 """From a scenario's file and the command line to the services that start."""
 
-import math
 from collections.abc import Sequence
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import pytest
 from click.testing import CliRunner
 
-from pointit.cli.run.run import run
 from pointit.cli.run.user import command as user
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
 from pointit.launch.plan.scenario import read_scenario, scenario_names
 from pointit.launch.plan.settings import check_settings
-from pointit.maps.file import load_map
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch, check_launches
 from pointit.schemas import KeyNameError
@@ -64,15 +60,6 @@ def test_every_shipped_scenario_builds(name: str, localize: bool) -> None:  # no
     assert scenario.duration_s > 0
 
 
-def test_the_scenarios_of_the_paper_are_shipped_and_explained() -> None:
-    names = {"scenario_1", "scenario_2", "scenario_3", "scenario_4"}
-    assert names <= set(scenario_names())
-    assert all(read_scenario(name).explained for name in names)
-    listing = CliRunner().invoke(run, ["--list"])
-    assert listing.exit_code == 0
-    assert all(f"pointit run {name}" in listing.output for name in names)
-
-
 @pytest.mark.parametrize("name", scenario_names())
 def test_a_shipped_scenario_can_be_started_for_several_people(name: str) -> None:
     scenario = read_scenario(name)
@@ -80,19 +67,6 @@ def test_a_shipped_scenario_can_be_started_for_several_people(name: str) -> None
     for index in range(4):
         launches += user_launches(scenario, Choices(localize=True), f"user{index + 1}", index)
     check_launches(launches)
-
-
-def test_who_stands_at_a_place_of_scenario_4_can_be_found_by_its_three_lamps() -> None:
-    scenario = read_scenario("scenario_4")
-    lamps = load_map(str(scenario.site["pui"]["map"]), 1).lamps
-    for place in scenario.places:
-        x_m, y_m, _ = place.position_m
-        seen_deg = sorted(
-            math.degrees(math.atan2(lamp.position_m[1] - y_m, lamp.position_m[0] - x_m)) % 360.0
-            for lamp in lamps
-        )
-        gaps_deg = [(after - before) % 360.0 for before, after in pairwise([*seen_deg, seen_deg[0]])]
-        assert 360.0 - max(gaps_deg) > 130.0, place  # lamps all to one side leave the distance open
 
 
 def test_the_method_of_selecting_can_be_chosen_where_something_is_selected() -> None:
@@ -168,15 +142,6 @@ def test_ros_may_take_anybodys_wrist_without_a_page(tmp_path: Path) -> None:
     for launches in (person("a", scenario="scenario_4", ros2=True), person("a", scenario=named)):
         assert {"imu-bridge.a", "user-sim.a"} <= names(launches)
         assert config_of(launches, "imu-bridge")["source"] == "page"  # it only waits for a wrist
-
-
-def test_an_imu_bridge_of_a_scenario_is_as_it_says(tmp_path: Path) -> None:
-    text = GOOD + "user: {imu-bridge: {source: simulated}, pointing: {}}\n"
-    alone = str(written(tmp_path / "a.yaml", text))
-    assert config_of(person(scenario=alone, page=True), "imu-bridge")["source"] == "simulated"
-    text = GOOD + "user: {imu-bridge: {yaw_origin_deg: 7}, user-sim: {}}\n"
-    beside = config_of(person(scenario=str(written(tmp_path / "b.yaml", text)), page=True), "imu-bridge")
-    assert (beside["source"], beside["yaw_origin_deg"]) == ("page", 7)
 
 
 @pytest.mark.parametrize("device", ["nonsense", "replay", "simulated:x", ""])

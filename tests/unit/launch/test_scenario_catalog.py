@@ -13,7 +13,6 @@ from pointit.launch.plan.scenario_catalog import ScenarioCatalog, scenario_launc
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.link import Link
 from pointit.schemas import RunScenario
-from pointit.services.conveyor_sim.config import ConveyorSimConfig
 from pointit.services.localizer.config import LocalizerConfig
 
 
@@ -190,15 +189,6 @@ def test_scenario_is_offered_where_its_feeder_names_a_belt_of_the_map(tmp_path: 
     assert "scenario_4" in offered(room, "conveyor-sim.feeders.entry.belt=main")
 
 
-def test_feeders_of_a_file_replace_those_of_the_scenario(tmp_path: Path) -> None:
-    feeders = "conveyor-sim: {feeders: {mine: {belt: main, sequence: [red], min_interval_s: 2}}}"
-    file = written(tmp_path, feeders, "mine.yaml")
-    choices = Choices(settings=[f"pui.map={written(tmp_path, ROOM)}"], files=[file])
-    configs = [launch.config for launch in scenario_launches(read_scenario("scenario_4"), choices, 1)]
-    (conveyor,) = [config for config in configs if isinstance(config, ConveyorSimConfig)]
-    assert list(conveyor.feeders) == ["mine"]
-
-
 def test_bay_that_a_map_of_several_bays_lacks_is_refused(tmp_path: Path) -> None:
     bays = ROOM.replace("bays: {1: next}", "bays: {1: next, 2: main}")
     room = written(tmp_path, bays.replace("links:", "#"))
@@ -210,11 +200,6 @@ def test_bay_that_a_map_of_several_bays_lacks_is_refused(tmp_path: Path) -> None
     assert scenario_launches(read_scenario("scenario_4"), Choices(settings=settings), 1)
 
 
-def test_only_workspaces_and_lamps_are_offered_on_a_map_of_lamps(tmp_path: Path) -> None:
-    lamps = written(tmp_path, "leds: {a: {position: [0, 0, 1]}, b: {position: [1, 2, 1]}}")
-    assert set(offered(f"pui.map={lamps}")) == {"scenario_1", "scenario_5", "send_a_robot"}
-
-
 @pytest.mark.parametrize(("leds", "count"), [("{}", "no lamps"), ("{a: {position: [0, 0, 1]}}", "1 lamp")])
 def test_localizing_by_lamps_takes_two_lamps(tmp_path: Path, leds: str, count: str) -> None:
     strip = "strips: {1: {line: [[0, 0.3, 1], [4, 0.3, 1]], pixels: 120, direction: 1}}"
@@ -222,12 +207,6 @@ def test_localizing_by_lamps_takes_two_lamps(tmp_path: Path, leds: str, count: s
     choices = Choices(settings=[f"pui.map={room}"], localize=True)
     with pytest.raises(ConfigError, match=rf"^localizer.user1: map 'room' has {count} and .* --localize out"):
         scenario_launches(read_scenario("scenario_2"), choices, 1)
-
-
-def test_map_that_cannot_be_read_is_told_as_by_pui(tmp_path: Path) -> None:
-    room = written(tmp_path, "leds: [")
-    with pytest.raises(ConfigError, match=r"^pui: .*room\.yaml: is not YAML"):
-        scenario_launches(read_scenario("scenario_2"), Choices(settings=[f"pui.map={room}"]), 1)
 
 
 def test_localizing_by_a_moving_robot_takes_no_lamps(tmp_path: Path) -> None:

@@ -155,12 +155,6 @@ def test_names_without_number_are_counted_and_not_remembered() -> None:
     assert sum(score.counts().values()) == MAX_OBJECTS + 30 - (MAX_OBJECTS + 30 + 5) // 6  # blue, only left
 
 
-def test_without_targets_everything_may_be_selected_and_nothing_need_be() -> None:
-    messages = (TWO, event("selected", "b"), event("left", "a"))
-    assert of_reds(*messages, kinds=()) == {**NONE, "selected": 1}
-    assert of_reds(TWO, event("selected", "b"), event("deselected", "b"), kinds=()) == NONE
-
-
 @given(st.lists(st.tuples(st.sampled_from(["selected", "deselected", "left"]), st.sampled_from("abcd"))))
 def test_every_target_is_in_one_class(history: list[tuple[str, str]]) -> None:
     kinds = {"a": "red", "b": "red", "c": "blue", "d": "blue"}

@@ -122,15 +122,6 @@ async def test_requests_are_recorded_with_reply_or_refusal(site: Site) -> None:
     )
 
 
-async def test_presence_is_recorded_as_it_changes(site: Site) -> None:
-    before = site.bus.announce(topics.USER_ALIVE, "anna")
-    async with site.recorded():
-        await asyncio.sleep(0)
-        before.close()
-        await asyncio.sleep(0)
-    assert site.bodies(topics.USER_ALIVE.at("anna")) == [True, False]
-
-
 async def test_topics_are_left_out_on_request(site: Site) -> None:
     async with site.recorded(without=("imu",)):
         site.bus.publisher(topics.IMU, "anna").put(sample(1))
@@ -231,25 +222,6 @@ async def test_a_lost_router_is_said_once(site: Site, monkeypatch: Patch, caplog
     async with site.recorded():
         await until(lambda: next(seconds) > 50)
     assert caplog.text.count("not everything is recorded: router at tcp/127.0.0.1:7447 lost") == 1
-
-
-async def test_a_site_on_which_nothing_runs_is_said_before_and_after_its_services(
-    site: Site, monkeypatch: Patch, caplog: Caplog
-) -> None:
-    monkeypatch.setattr("pointit.services.recorder.service.REPORT_S", 0.001)
-    monkeypatch.setattr("pointit.services.recorder.service.ALONE_S", 0.02)
-    monkeypatch.setattr(Recorder, "IS_COMMAND", True)
-    before, after = "no service runs on site memory: ", "no service runs on site memory any more: "
-    async with site.recorded():
-        site.bus.announce(topics.SERVICE_ALIVE, "router")
-        await until(lambda: before in caplog.text)
-        service = site.bus.announce(topics.SERVICE_ALIVE, "pui")
-        await until(lambda: "pui" in site.exchange.present.get(topics.SERVICE_ALIVE.key, {}))
-        await asyncio.sleep(0.1)
-        assert after not in caplog.text
-        service.close()
-        await until(lambda: after in caplog.text)
-    assert (caplog.text.count(before), caplog.text.count(after)) == (1, 1)
 
 
 async def test_file_that_exists_is_never_overwritten(site: Site) -> None:

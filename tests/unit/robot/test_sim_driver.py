@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from pointit.runtime.service.surroundings import NullHealth, Surroundings
-from pointit.runtime.virtual_time import START_NS, VirtualClock, run_virtually
+from pointit.runtime.virtual_time import VirtualClock, run_virtually
 from pointit.schemas import RobotKind
 from pointit.services.robot.drivers.sim.ordered_robot import SimConfig
 from pointit.services.robot.drivers.sim.sim_driver import SIM
@@ -27,15 +27,6 @@ from pointit.services.robot.robot_driver import (
     TakeOff,
 )
 from tests.unit.robot.vda5050.agv_bench import SPEC
-
-
-class FastClock(VirtualClock):
-    """A clock that runs four times as fast as the loop."""
-
-    speed = 4.0
-
-    def now_ns(self) -> int:
-        return START_NS + 4 * (super().now_ns() - START_NS)
 
 
 class Pilot:
@@ -143,10 +134,3 @@ def test_a_robot_that_is_connected_again_stops_instead_of_going_on() -> None:
         return pilot
 
     assert run_virtually(drive()).poses[-1].velocity_mps == (0.0, 0.0, 0.0)
-
-
-def test_a_faster_clock_makes_the_robot_as_much_faster() -> None:
-    usual = fly((FollowPath(1, ((2.0, 0.0, 0.0),)), 4.0), kind="ground")
-    fast = fly((FollowPath(1, ((2.0, 0.0, 0.0),)), 1.0), kind="ground", clock=FastClock())
-    assert usual.states(1) == fast.states(1) == ["active", "done"]
-    assert fast.poses[-1].position_m == pytest.approx(usual.poses[-1].position_m, abs=1e-3)

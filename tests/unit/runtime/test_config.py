@@ -155,13 +155,6 @@ def test_any_text_is_a_value_or_a_config_error(text: str) -> None:
         assert isinstance(layers.build(Sample).label, str)
 
 
-@given(st.floats(allow_nan=False, allow_infinity=False, min_value=1e-300))
-def test_numbers_survive_as_text(value: float) -> None:
-    layers = Layers()
-    layers.add_text(("arm", "length_m"), repr(value), "--arm.length-m")
-    assert layers.build(Sample).arm.length_m == value
-
-
 TEN = ", ".join(["*a{0}"] * 10)
 BOMB = b"a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]\n" + b"".join(
     f"a{n + 1}: &a{n + 1} [{TEN.format(n)}]\n".encode() for n in range(9)

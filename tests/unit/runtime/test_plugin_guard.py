@@ -289,12 +289,6 @@ def test_name_that_two_packages_use_is_refused_alone(parts: PluginGroup[Plugin],
     assert [*parts.configs()] == ["mine"]
 
 
-def test_name_of_ours_stays_ours(parts: PluginGroup[Plugin], tmp_path: Path) -> None:
-    install("pointit", "raising = strangers_mine:MINE", tmp_path)
-    assert parts.package("raising") == "pointit"
-    assert parts.get("raising").summary == "my own"
-
-
 class ServiceConfig(PluginConfig):
     number: int = 3
 

@@ -115,16 +115,6 @@ def test_a_localizer_that_does_something_else_by_now_ends_it(phase: Phase) -> No
     assert shown(outputs).reason == user_messages.ANCHOR_LOST
 
 
-def test_it_does_not_disturb_a_localization() -> None:
-    cycle = life_cycle(localize=True)
-    cycle.begin(0)
-    cycle.button(*press(10))
-    cycle.on_start_accepted(cycle.run)
-    for phase in ("sampling", "solved", "refused", "cancelled"):
-        assert cycle.localization(*news(11, phase)) == []
-    assert cycle.state == "localizing"
-
-
 def test_it_has_the_time_outs_of_all_that_takes_time() -> None:
     cycle = anchoring(pointing())
     for now_s in range(12, 70):

@@ -174,29 +174,6 @@ async def test_a_wrist_that_falls_silent_ends_the_interaction(anna: Person, *, l
         await until(lambda: anna.asked == ["start", "cancel"])
 
 
-@in_time
-async def test_samples_alone_begin_and_begin_again_where_there_is_no_button(anna: Person) -> None:
-    await anna.start(autostart=True, imu_timeout_s=2.0)
-    anna.stand()
-    await anna.bench.settle()
-    for begun in (1, 2):
-        anna.move()
-        await until(lambda: anna.states.count("pointing") == begun)  # noqa: B023 - awaited here
-        await until(lambda: anna.states[-1] == "idle")
-
-
-@in_time
-async def test_localizing_that_never_ends_is_ended(anna: Person) -> None:
-    anna.has_localizer()
-    await anna.start(localize=True, localization_timeout_s=8.0, imu_timeout_s=600.0)
-    anna.press()
-    await until(lambda: len(anna.interactions) > 1 and anna.states[-1] == "idle")
-    assert "no further in 8 s" in anna.interactions[-1].reason
-    await until(lambda: anna.asked == ["start", "cancel"])
-    took_s = (anna.interactions[-1].stamp_ns - anna.interactions[1].stamp_ns) / 1e9
-    assert 8.0 <= took_s < 9.0
-
-
 async def test_it_reads_and_writes_what_its_row_says_and_only_its_persons(anna: Person) -> None:
     bench = anna.bench
     view = ServiceBus(bench.bus, bench.clock, "supervisor", "supervisor.anna", ANNA)

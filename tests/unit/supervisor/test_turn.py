@@ -32,10 +32,6 @@ def localizing() -> LifeCycle:
             ("anna", "ben"),
             "Wait: anna is pointing at the lamps, then comes ben, you are third; press the button to cancel.",
         ),
-        (
-            ("a", "b", "c"),
-            "Wait: a is pointing at the lamps, then come b, c, you are fourth; press the button to cancel.",
-        ),
     ],
 )
 def test_the_queue_is_shown(ahead: tuple[str, ...], sentence: str) -> None:

@@ -77,14 +77,6 @@ class NeverWarns(Source):
         super().__init__(config, replace(surroundings, health=NullHealth()))
 
 
-@caught_by("warns", "a warning stayed")
-class NeverStopsWarning(Source):
-    def __init__(self, config: SourceConfig, surroundings: Surroundings) -> None:
-        health: Any = NullHealth()
-        health.warn = surroundings.health.warn
-        super().__init__(config, replace(surroundings, health=health))
-
-
 @caught_by("cancels", "raised RuntimeError when it was cancelled")
 class RaisesAtItsEnd(Source):
     async def run(self, deliver: Deliver) -> None:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pointit.services.robot.robot_driver import Follow, FollowPath, Land, Stop, TakeOff
+from pointit.services.robot.robot_driver import Follow, FollowPath, Stop
 from tests.unit.robot.vda5050.agv_bench import AgvBench
 
 FAR = (9.0, 0.0, 0.0)
@@ -284,12 +284,6 @@ def test_an_agv_without_a_place_or_a_connection_is_lost_and_comes_back(
     bench.run(2.0)
     assert bench.virtual.base == []
     assert bench.reports[-1].position_m[0] > 0.1
-
-
-def test_an_agv_flies_not(bench: AgvBench) -> None:
-    for order in (bench.tell(TakeOff, 0.5), bench.tell(Land)):
-        ((state, reason),) = bench.outcomes(order)
-        assert (state, "cannot fly" in reason) == ("refused", True)
 
 
 def test_messages_of_another_kind_are_said_and_dropped(bench: AgvBench) -> None:

@@ -12,21 +12,19 @@ from pointit.recording.entries import Entry, Exchange, RecordingError, body_kind
 from pointit.recording.head import make_head
 from pointit.recording.reader import Recording
 from pointit.recording.writer import RecordingWriter
+from pointit.schemas import NS_PER_S, Cursor, Message, Query, encode, topics
 from pointit.schemas.catalogue.example import example
 
-START = 1_700_000_000 * models.NS_PER_S
+START = 1_700_000_000 * NS_PER_S
 
 
 def at(seconds: float) -> int:
-    return START + round(seconds * models.NS_PER_S)
+    return START + round(seconds * NS_PER_S)
 
 
 def cursor(seconds: float, user: str = "anna") -> Entry:
     return entry(
-        at(seconds),
-        models.topics.CURSOR,
-        user,
-        models.Cursor(stamp_ns=at(seconds), seq=round(seconds * 50), miss_rad=0.1),
+        at(seconds), topics.CURSOR, user, Cursor(stamp_ns=at(seconds), seq=round(seconds * 50), miss_rad=0.1)
     )
 
 
@@ -47,24 +45,22 @@ def session(seconds: float = 10.0) -> list[Entry]:
     return [cursor(k / 50) for k in range(round(50 * seconds))]
 
 
-@pytest.mark.parametrize("topic", [pytest.param(topic, id=topic.key) for topic in models.topics.TOPICS])
-def test_every_message_is_read_as_it_was_written(
-    topic: models.topics.Topic[models.Message], path: Path
-) -> None:
+@pytest.mark.parametrize("topic", [pytest.param(topic, id=topic.key) for topic in topics.TOPICS])
+def test_every_message_is_read_as_it_was_written(topic: topics.Topic[Message], path: Path) -> None:
     message = example(topic.message)
     written = entry(at(1.0), topic, "anna" if topic.placeholder else "", message)
     write(path, [written])
     with Recording.open(path) as recording:
         (found,) = recording.entries()
         assert found == written
-        assert isinstance(found.body, models.Message)
-        assert models.encode(found.body) == models.encode(message)
+        assert isinstance(found.body, Message)
+        assert encode(found.body) == encode(message)
         assert (recording.problem, recording.counts) == ("", {written.key: 1})
 
 
-@pytest.mark.parametrize("request_row", [pytest.param(row, id=row.key) for row in models.topics.REQUESTS])
+@pytest.mark.parametrize("request_row", [pytest.param(row, id=row.key) for row in topics.REQUESTS])
 def test_every_request_is_read_with_reply_or_refusal(
-    request_row: models.topics.Request[Any, Any], path: Path
+    request_row: topics.Request[Any, Any], path: Path
 ) -> None:
     kind: Any = body_kind(request_row)
     query = example(request_row.query)
@@ -80,8 +76,8 @@ def test_every_request_is_read_with_reply_or_refusal(
 
 def test_presence_head_times_and_counts_are_read_back(path: Path) -> None:
     there = [
-        entry(at(0.0), models.topics.USER_ALIVE, "anna", True),
-        entry(at(9.0), models.topics.USER_ALIVE, "anna", False),
+        entry(at(0.0), topics.USER_ALIVE, "anna", True),
+        entry(at(9.0), topics.USER_ALIVE, "anna", False),
     ]
     written = [there[0], *session(5.0), there[1]]
     write(path, written, seed=7, without=("imu",), pseudonyms=True)
@@ -95,7 +91,7 @@ def test_presence_head_times_and_counts_are_read_back(path: Path) -> None:
 def test_entries_are_those_of_the_keys_and_times_that_are_asked_for(path: Path) -> None:
     write(path, [each for k in range(100) for each in (cursor(k / 10), cursor(k / 10, "ben"))])
     with Recording.open(path) as recording:
-        found = list(recording.entries(lambda key: key == models.topics.CURSOR.at("ben"), at(2.0), at(3.0)))
+        found = list(recording.entries(lambda key: key == topics.CURSOR.at("ben"), at(2.0), at(3.0)))
         assert [(each.name, each.time_ns) for each in found] == [("ben", at(2.0 + k / 10)) for k in range(10)]
         assert len(list(recording.entries())) == 200
 
@@ -110,13 +106,13 @@ def test_other_readers_find_the_key_the_schema_and_the_stamp(path: Path) -> None
     exchange = Exchange[models.SetSpeed, models.Done](
         stamp_ns=at(0.5), query=models.SetSpeed(speed_mps=0.2), reply=models.Done()
     )
-    write(path, [cursor(1.0), entry(at(1.0), models.topics.SET_SPEED, "", exchange)])
+    write(path, [cursor(1.0), entry(at(1.0), topics.SET_SPEED, "", exchange)])
     with path.open("rb") as file:
         messages = list(make_reader(file, validate_crcs=True).iter_messages())
     (schema, plain, message), (request_schema, request, _) = messages
     assert schema is not None
     assert request_schema is not None
-    assert (schema.name, schema.encoding) == (models.Cursor.schema_name(), "jsonschema")
+    assert (schema.name, schema.encoding) == (Cursor.schema_name(), "jsonschema")
     assert (plain.message_encoding, plain.topic) == ("json", "/users/anna/cursor")
     assert plain.metadata == {"key": "users/anna/cursor", "row": "topic"}
     assert (message.publish_time, message.sequence) == (at(1.0), 50)
@@ -164,10 +160,7 @@ def test_damaged_chunk_is_left_out_and_said(path: Path) -> None:
 
 def test_damage_anywhere_never_raises_anything_else(path: Path) -> None:
     """One byte after the other is changed; the file is read, or refused in a sentence."""
-    write(
-        path,
-        [*session(1.0), entry(at(2.0), models.topics.BUTTON, "anna", example(models.topics.BUTTON.message))],
-    )
+    write(path, [*session(1.0), entry(at(2.0), topics.BUTTON, "anna", example(topics.BUTTON.message))])
     whole = path.read_bytes()
     for place in range(0, len(whole), 101):
         data = bytearray(whole)
@@ -228,7 +221,7 @@ def damage(path: Path, offset: int) -> None:
 SET_TO = models.SetPose(position_m=(1.0, 2.0, 0.0), yaw_rad=0.5)
 
 
-def account(key: str, query: models.Query) -> models.ServedRequest:
+def account(key: str, query: Query) -> models.ServedRequest:
     return models.ServedRequest(
         stamp_ns=7,
         service="led-driver",
@@ -242,14 +235,12 @@ def account(key: str, query: models.Query) -> models.ServedRequest:
 @pytest.mark.parametrize(
     ("instance", "key", "query"),
     [
-        ("localizer.anna", models.topics.SET_POSE.at("anna"), SET_TO),
-        ("selector", models.topics.UNDO_SELECTION.at("anna"), models.UndoSelection()),
-        ("led-driver", models.topics.SET_BRIGHTNESS.key, models.SetBrightness(brightness=0.5)),
+        ("localizer.anna", topics.SET_POSE.at("anna"), SET_TO),
+        ("selector", topics.UNDO_SELECTION.at("anna"), models.UndoSelection()),
+        ("led-driver", topics.SET_BRIGHTNESS.key, models.SetBrightness(brightness=0.5)),
     ],
 )
-def test_account_of_the_service_that_answers_is_an_exchange(
-    instance: str, key: str, query: models.Query
-) -> None:
+def test_account_of_the_service_that_answers_is_an_exchange(instance: str, key: str, query: Query) -> None:
     found = entry_of(account(key, query), instance, 9)
     assert found is not None
     assert (found.key, found.time_ns) == (key, 9)
@@ -260,12 +251,12 @@ def test_account_of_the_service_that_answers_is_an_exchange(
 @pytest.mark.parametrize(
     ("instance", "key", "query"),
     [
-        ("pointing.anna", models.topics.SET_POSE.at("anna"), SET_TO),
-        ("localizer.ben", models.topics.SET_POSE.at("anna"), SET_TO),
-        ("plugin", models.topics.SET_BRIGHTNESS.key, models.SetBrightness(brightness=0.5)),
+        ("pointing.anna", topics.SET_POSE.at("anna"), SET_TO),
+        ("localizer.ben", topics.SET_POSE.at("anna"), SET_TO),
+        ("plugin", topics.SET_BRIGHTNESS.key, models.SetBrightness(brightness=0.5)),
         ("led-driver", "nothing/of/ours", models.SetBrightness(brightness=0.5)),
-        ("led-driver", models.topics.SET_BRIGHTNESS.key, models.UndoSelection()),
+        ("led-driver", topics.SET_BRIGHTNESS.key, models.UndoSelection()),
     ],
 )
-def test_account_of_another_services_answer_is_left_out(instance: str, key: str, query: models.Query) -> None:
+def test_account_of_another_services_answer_is_left_out(instance: str, key: str, query: Query) -> None:
     assert entry_of(account(key, query), instance, 9) is None

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pointit.schemas as models
+from pointit.schemas import Cursor, DecodeError, ImuSample, Message, Query, TrackedObjects, decode, encode
 from pointit.schemas.base import MAX_ID
 from pointit.schemas.catalogue.asyncapi import Kind
 from pointit.schemas.catalogue.catalogue import all_kinds
@@ -28,23 +29,21 @@ def packed(**fields: Any) -> bytes:
 
 @pytest.mark.parametrize("kind", KINDS)
 @given(data=st.data())
-def test_every_message_survives_the_wire(
-    kind: type[models.Message | models.Query], data: st.DataObject
-) -> None:
+def test_every_message_survives_the_wire(kind: type[Message | Query], data: st.DataObject) -> None:
     message = data.draw(messages(kind))
-    payload = models.encode(message)
-    back = models.decode(kind, payload)
-    assert (back, models.encode(back)) == (message, payload)
+    payload = encode(message)
+    back = decode(kind, payload)
+    assert (back, encode(back)) == (message, payload)
     assert tuple(msgpack.unpackb(payload)) == tuple(kind.model_fields)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @given(payload=st.binary(max_size=200), schema=st.text(max_size=20))
 def test_random_bytes_raise_nothing_but_decode_errors(
-    kind: type[models.Message | models.Query], payload: bytes, schema: str
+    kind: type[Message | Query], payload: bytes, schema: str
 ) -> None:
-    with contextlib.suppress(models.DecodeError):
-        models.decode(kind, payload, schema)
+    with contextlib.suppress(DecodeError):
+        decode(kind, payload, schema)
 
 
 json_like = st.recursive(
@@ -62,20 +61,20 @@ json_like = st.recursive(
     schema=st.sampled_from(["", "TrackedObjects.v1", "TrackedObjects.v2"]),
 )
 def test_well_formed_nonsense_raises_nothing_but_decode_errors(values: dict[str, Any], schema: str) -> None:
-    with contextlib.suppress(models.DecodeError):
-        models.decode(models.TrackedObjects, msgpack.packb(values), schema)
+    with contextlib.suppress(DecodeError):
+        decode(TrackedObjects, msgpack.packb(values), schema)
 
 
 @settings(max_examples=200)
 @given(data=st.data())
 def test_a_damaged_message_raises_nothing_but_decode_errors(data: st.DataObject) -> None:
-    payload = bytearray(models.encode(data.draw(messages(models.TrackedObjects))))
+    payload = bytearray(encode(data.draw(messages(TrackedObjects))))
     place = data.draw(st.integers(0, len(payload) - 1))
     payload[place] ^= data.draw(st.integers(1, 255))
     cut = data.draw(st.integers(0, len(payload)))
     for damaged in (bytes(payload), bytes(payload[:cut])):
-        with contextlib.suppress(models.DecodeError):
-            models.decode(models.TrackedObjects, damaged)
+        with contextlib.suppress(DecodeError):
+            decode(TrackedObjects, damaged)
 
 
 @pytest.mark.parametrize(
@@ -94,16 +93,16 @@ def test_a_damaged_message_raises_nothing_but_decode_errors(data: st.DataObject)
     ],
 )
 def test_bombs_and_rubbish_are_decode_errors(payload: bytes) -> None:
-    with pytest.raises(models.DecodeError, match=r"^Environment: (?!has \d+ bytes).{5,200}$"):
-        models.decode(models.Environment, payload)
+    with pytest.raises(DecodeError, match=r"^Environment: (?!has \d+ bytes).{5,200}$"):
+        decode(models.Environment, payload)
 
 
 def test_a_payload_that_is_too_long_is_refused_unread() -> None:
-    padding = models.ImuSample.max_bytes - len(packed(skin=b""))
-    with pytest.raises(models.DecodeError, match=r"^ImuSample: skin: Extra inputs"):
-        models.decode(models.ImuSample, packed(skin=b"x" * (padding - 1)))  # one more to say how long it is
-    with pytest.raises(models.DecodeError, match=r"^ImuSample: has 16385 bytes, at most 16384 are taken$"):
-        models.decode(models.ImuSample, packed(skin=b"x" * padding))
+    padding = ImuSample.max_bytes - len(packed(skin=b""))
+    with pytest.raises(DecodeError, match=r"^ImuSample: skin: Extra inputs"):
+        decode(ImuSample, packed(skin=b"x" * (padding - 1)))  # one more to say how long it is
+    with pytest.raises(DecodeError, match=r"^ImuSample: has 16385 bytes, at most 16384 are taken$"):
+        decode(ImuSample, packed(skin=b"x" * padding))
 
 
 @pytest.mark.parametrize(
@@ -115,10 +114,10 @@ def test_a_payload_that_is_too_long_is_refused_unread() -> None:
 )
 def test_a_flood_of_mistakes_does_not_become_a_flood_of_complaints(payload: dict[str, Any]) -> None:
     bytes_ = msgpack.packb(payload)
-    assert len(bytes_) <= models.TrackedObjects.max_bytes
+    assert len(bytes_) <= TrackedObjects.max_bytes
     began_s = time.process_time()
-    with pytest.raises(models.DecodeError):
-        models.decode(models.TrackedObjects, bytes_)
+    with pytest.raises(DecodeError):
+        decode(TrackedObjects, bytes_)
     assert time.process_time() - began_s < 0.1  # 10 ms; all complaints took 1.6 s
 
 
@@ -131,20 +130,20 @@ LARGEST = {
     "a full expander": models.StripsFrame(
         stamp_ns=1, strips=tuple(models.StripFrame(id=f"strip_{n}", rgb=bytes(3 * 4096)) for n in range(64))
     ),
-    "2000 objects": models.TrackedObjects(stamp_ns=2**62, objects=(PACKAGE,) * 2000),
+    "2000 objects": TrackedObjects(stamp_ns=2**62, objects=(PACKAGE,) * 2000),
     "10 000 strips": models.Environment(stamp_ns=1, name="hall", strips=(LONG,) * 10_000),
 }
 
 
 @pytest.mark.parametrize("message", LARGEST.values(), ids=LARGEST)
-def test_the_largest_that_is_meant_to_travel_does(message: models.Message) -> None:
-    assert models.decode(type(message), models.encode(message)) == message
+def test_the_largest_that_is_meant_to_travel_does(message: Message) -> None:
+    assert decode(type(message), encode(message)) == message
 
 
 def test_an_error_is_one_short_line() -> None:
     objects = [{"id": str(number)} for number in range(20_000)]
-    with pytest.raises(models.DecodeError) as caught:
-        models.decode(models.TrackedObjects, msgpack.packb({"stamp_ns": 1, "objects": objects}))
+    with pytest.raises(DecodeError) as caught:
+        decode(TrackedObjects, msgpack.packb({"stamp_ns": 1, "objects": objects}))
     assert str(caught.value).startswith(
         "TrackedObjects: objects.0.kind: Field required (got {'id': '0'}), and"
     )
@@ -165,12 +164,12 @@ def test_an_error_is_one_short_line() -> None:
     ],
 )
 def test_wrong_fields_are_refused_by_name(fields: dict[str, Any], complaint: str) -> None:
-    with pytest.raises(models.DecodeError, match=f"^ImuSample: {complaint}"):
-        models.decode(models.ImuSample, packed(**fields))
+    with pytest.raises(DecodeError, match=f"^ImuSample: {complaint}"):
+        decode(ImuSample, packed(**fields))
 
 
 def test_whole_numbers_stand_for_floats() -> None:
-    sample = models.decode(models.ImuSample, packed(orientation_xyzw=(0, 0, 0, 1)))
+    sample = decode(ImuSample, packed(orientation_xyzw=(0, 0, 0, 1)))
     assert sample.orientation_xyzw == UPRIGHT
     assert all(type(value) is float for value in sample.orientation_xyzw)
 
@@ -181,50 +180,48 @@ def test_whole_numbers_stand_for_floats() -> None:
 def test_directions_have_norm_one_as_far_as_float32_has(norm: float, taken: bool) -> None:  # noqa: FBT001 - a table
     fields: dict[str, Any] = {"stamp_ns": 1, "origin_m": (0.0, 0.0, 0.0), "direction": (0.0, norm, 0.0)}
     if taken:
-        assert models.decode(models.PointingRay, msgpack.packb(fields)).direction == (0.0, norm, 0.0)
+        assert decode(models.PointingRay, msgpack.packb(fields)).direction == (0.0, norm, 0.0)
     else:
-        with pytest.raises(models.DecodeError, match=r"direction: must have norm 1"):
-            models.decode(models.PointingRay, msgpack.packb(fields))
+        with pytest.raises(DecodeError, match=r"direction: must have norm 1"):
+            decode(models.PointingRay, msgpack.packb(fields))
 
 
 @pytest.mark.parametrize("schema", ["ImuSample.v98", "ImuSample.v1700"])
 def test_fields_of_a_newer_sender_are_ignored(schema: str) -> None:
-    assert models.decode(models.ImuSample, packed(skin_temperature_k=307.0), schema) == models.decode(
-        models.ImuSample, packed()
-    )
+    assert decode(ImuSample, packed(skin_temperature_k=307.0), schema) == decode(ImuSample, packed())
 
 
 @pytest.mark.parametrize(
     "schema",
     [
-        "", "ImuSample", "ImuSample.v1", models.ImuSample.schema_name(), "ImuSample.v0", "ImuSample.v-2",
+        "", "ImuSample", "ImuSample.v1", ImuSample.schema_name(), "ImuSample.v0", "ImuSample.v-2",
         "ImuSample.v²", "UserPose.v98", ".v98", pytest.param("ImuSample.v" + "9" * 5000, id="v999..."),
     ],
 )  # fmt: skip
 def test_unknown_fields_of_other_senders_are_refused(schema: str) -> None:
-    with pytest.raises(models.DecodeError, match=r"skin_temperature_k: Extra inputs"):
-        models.decode(models.ImuSample, packed(skin_temperature_k=307.0), schema)
+    with pytest.raises(DecodeError, match=r"skin_temperature_k: Extra inputs"):
+        decode(ImuSample, packed(skin_temperature_k=307.0), schema)
 
 
 def test_nested_fields_of_a_newer_sender_are_ignored() -> None:
     payload = msgpack.packb({"stamp_ns": 1, "body": {"shoulder_to_wrist_m": 0.6, "ring_size_m": 0.02}})
-    assert models.decode(models.UserProfile, payload, "UserProfile.v99").body.shoulder_to_wrist_m == 0.6
-    with pytest.raises(models.DecodeError, match=r"body\.ring_size_m"):
-        models.decode(models.UserProfile, payload, "UserProfile.v1")
+    assert decode(models.UserProfile, payload, "UserProfile.v99").body.shoulder_to_wrist_m == 0.6
+    with pytest.raises(DecodeError, match=r"body\.ring_size_m"):
+        decode(models.UserProfile, payload, "UserProfile.v1")
 
 
 def test_a_newer_sender_may_still_be_wrong() -> None:
-    with pytest.raises(models.DecodeError, match=r"battery"):
-        models.decode(models.ImuSample, packed(battery=2.0, skin_temperature_k=307.0), "ImuSample.v98")
+    with pytest.raises(DecodeError, match=r"battery"):
+        decode(ImuSample, packed(battery=2.0, skin_temperature_k=307.0), "ImuSample.v98")
 
 
 @pytest.mark.parametrize(
     ("kind", "fields", "where"),
     [
-        (models.Cursor, {"stamp_ns": 2**63}, "stamp_ns"),
-        (models.Cursor, {"stamp_ns": 1, "point_m": (0.0, -1.1e6, 0.0)}, "point_m"),
-        (models.Cursor, {"stamp_ns": 1, "range_m": 1e308}, "range_m"),
-        (models.ImuSample, {"stamp_ns": 1, "orientation_xyzw": (1e308, 0.0, 0.0, 1.0)}, "orientation_xyzw"),
+        (Cursor, {"stamp_ns": 2**63}, "stamp_ns"),
+        (Cursor, {"stamp_ns": 1, "point_m": (0.0, -1.1e6, 0.0)}, "point_m"),
+        (Cursor, {"stamp_ns": 1, "range_m": 1e308}, "range_m"),
+        (ImuSample, {"stamp_ns": 1, "orientation_xyzw": (1e308, 0.0, 0.0, 1.0)}, "orientation_xyzw"),
         (models.UserPose, {"stamp_ns": 1, "position_m": (1e7, 0.0, 0.0), "yaw_rad": 0.0}, "position_m"),
         (models.ClockTick, {"stamp_ns": 1, "sim_ns": 2**63 - 1}, "sim_ns"),
         (models.ConveyorState, {"stamp_ns": 1, "speed_mps": 1e7}, "speed_mps"),
@@ -237,8 +234,8 @@ def test_a_newer_sender_may_still_be_wrong() -> None:
 def test_numbers_that_nothing_can_be_calculated_with_do_not_travel(
     kind: type[models.SchemaModel], fields: dict[str, object], where: str
 ) -> None:
-    with pytest.raises(models.DecodeError, match=where):
-        models.decode(kind, msgpack.packb(fields))
+    with pytest.raises(DecodeError, match=where):
+        decode(kind, msgpack.packb(fields))
 
 
 SENTENCES = {"next_step", "message", "reason", "refusal", "text", "warnings"}
@@ -261,14 +258,14 @@ def texts(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
 
 @pytest.mark.parametrize("kind", all_kinds(), ids=lambda kind: kind.__name__)
 def test_every_text_that_is_no_sentence_is_bounded(kind: Kind) -> None:
-    for path in texts(msgpack.unpackb(models.encode(example(kind)))):
+    for path in texts(msgpack.unpackb(encode(example(kind)))):
         (field,) = [name for name in path if isinstance(name, str)][-1:]
         if field in SENTENCES | DOCUMENTS:
             continue
-        message = msgpack.unpackb(models.encode(example(kind)))
+        message = msgpack.unpackb(encode(example(kind)))
         part = message
         for step in path[:-1]:
             part = part[step]
         part[path[-1]] = "x" * (MAX_ID + 1)
-        with pytest.raises(models.DecodeError, match=rf"{kind.__name__}: {path[0]}.*\(got 'xxx"):
-            models.decode(kind, msgpack.packb(message))
+        with pytest.raises(DecodeError, match=rf"{kind.__name__}: {path[0]}.*\(got 'xxx"):
+            decode(kind, msgpack.packb(message))

@@ -1,4 +1,4 @@
-"""Belts without links in virtual time: by hand, and for any sequence of speeds, feeds and steps."""
+"""Belts without links in virtual time: feeding, leaving, speeds, whatever the steps."""
 
 import pytest
 from hypothesis import example, given

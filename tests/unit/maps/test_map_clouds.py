@@ -1,4 +1,4 @@
-"""Point clouds: every format that is read, and every way to get one wrong."""
+"""Point clouds: every format that is read, and ways to get one wrong."""
 
 import os
 from pathlib import Path

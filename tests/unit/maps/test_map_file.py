@@ -1,4 +1,4 @@
-"""Maps: the shipped one, the toolkit's, and every way to get one wrong."""
+"""Maps: the shipped one, the toolkit's, and ways to get one wrong."""
 
 import json
 import math

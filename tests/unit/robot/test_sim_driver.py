@@ -1,4 +1,4 @@
-"""The driver of simulated robots in virtual time: statuses, reports, any speed of the clock."""
+"""The driver of simulated robots in virtual time: statuses, limits, refusals, a lost connection."""
 
 import asyncio
 import contextlib

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from pointit.geometry.polyline import Array, Polyline
 from pointit.maps.checks.check import check_map
 from pointit.maps.checks.finding import Finding
 from pointit.maps.file import map_path, read_clouds, read_map_file, shipped_maps
@@ -126,6 +127,9 @@ FINDINGS: dict[str, tuple[str, list[tuple[str, str, str]]]] = {
     "lamps at one place": (
         "leds: {a: {position: [0, 0, 1]}, b: {position: [2, 0, 1]}, c: {position: [2, 0, 1.005]}}",
         [("error", "leds.c", "is where b is, [2.0, 0.0, 1.005]; correct one")]),
+    "three lamps at one place": (
+        "leds: {a: {position: [0, 0, 1]}, b: &here {position: [2, 0, 1]}, c: *here, d: *here}",
+        [("error", "leds.c", "is where b is"), ("error", "leds.d", "is where b is")]),
     "one lamp": (
         "leds: {a: {position: [2, 0, 1]}}",
         [("warning", "leds", "there is one lamp and localizing by pointing needs two")]),
@@ -233,6 +237,24 @@ def test_what_is_proposed_for_the_toolkits_conveyor_makes_it_ours(name: str, tmp
     text = path.read_bytes().decode() + "\nlinks:\n" + "\n".join(f"  {text}" for text in proposed) + "\n"
     completed.write_bytes(text.encode())
     assert [(each.severity, each.where) for each in check_map(read_map_file(completed), {})] == ODD_STRIPS
+
+
+def test_belts_that_are_far_apart_are_not_measured_against_each_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    measured: list[int] = []
+    nearest_to = Polyline.nearest_to
+
+    def counted(line: Polyline, points_m: Array) -> tuple[Array, Array]:
+        measured.append(len(points_m))
+        return nearest_to(line, points_m)
+
+    monkeypatch.setattr(Polyline, "nearest_to", counted)
+    belts = ", ".join(f"b{index}: {belt((0, 3 * index), (2, 3 * index))}" for index in range(40))
+    assert not [each for each in found(tmp_path, f"belts: {{{belts}}}") if "beside" in each.text]
+    assert not measured
+    found(tmp_path, f"belts: {{a: {belt((0, 0), (2, 0))}, b: {belt((2.1, 0), (4, 0))}}}")
+    assert measured
 
 
 GUIDE = (Path(__file__).parents[3] / "docs/reference/maps.md").read_text(encoding="utf-8")

@@ -30,6 +30,12 @@ def test_the_default_routes_comes_first_and_none_twice(monkeypatch: pytest.Monke
     assert own_address("here") == "172.16.0.2"
 
 
+def test_addresses_that_others_cannot_reach_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    route(monkeypatch, {"192.0.2.1": "127.0.0.1", "10.255.255.254": "10.0.0.7"})
+    assert found_addresses() == ["10.0.0.7"]
+    assert own_address("here") == "10.0.0.7"
+
+
 def test_a_machine_without_routes_has_no_address(monkeypatch: pytest.MonkeyPatch) -> None:
     route(monkeypatch, {})
     assert found_addresses() == []

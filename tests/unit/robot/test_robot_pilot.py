@@ -165,7 +165,9 @@ def test_who_lowers_the_arm_after_a_landing_was_held_up_lands_all_the_same() -> 
     desk = flying_desk()
     desk.safety.place_problem = "you are not pointing: point at the place"
     desk.steer("anna", "land", target_m=(0.2, 0.3, 0.0))
-    assert isinstance(desk.step(), Land)
+    order = desk.step()
+    assert isinstance(order, Land)
+    assert (order.position_m, order.max_speed_mps) == ((0.2, 0.3, 0.0), 1.0), "slow near people"
 
 
 def test_a_take_off_that_does_not_happen_is_given_up_and_said() -> None:

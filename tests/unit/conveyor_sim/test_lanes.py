@@ -46,8 +46,9 @@ def test_a_package_is_added_anywhere_along_a_belt_that_has_room() -> None:
     belts.set_feeding(is_on=False)
     first = belts.add("red", "1", 0.3, 0.5)
     assert [(o.id, o.surface_position_m) for o in on(belts, "1")] == [(first, 2.0)]
-    with pytest.raises(NoRoomError, match=r"lane '1' has no room for 0\.3 m at 2\.08 m: ask again later"):
-        belts.add("red", "1", 0.3, 0.52)
+    for share, at_m in ((0.52, r"2\.08"), (0.48, r"1\.92")):
+        with pytest.raises(NoRoomError, match=rf"lane '1' has no room for 0\.3 m at {at_m} m: ask again"):
+            belts.add("red", "1", 0.3, share)
     belts.add("red", "1", 0.3, 0.25)
     belts.add("red", "", 0.3, 1.0)
     assert (places(belts, "1"), places(belts)) == ([1.0, 2.0], [10.0])

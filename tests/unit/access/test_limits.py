@@ -7,15 +7,12 @@ import pytest
 from pointit.access.limits import (
     BURST,
     HOLD_S,
-    KEPT_HZ,
-    LATEST_HZ,
     MAX_CONNECTIONS,
     MAX_HZ,
     MIN_UNREAD,
     PATIENCE,
     Connection,
     Limits,
-    max_rate_hz,
 )
 
 ROLES = {"lab/anna": "user", "lab/ben": "user", "lab/services": "services", "lab/operator": "operator"}
@@ -109,11 +106,6 @@ def test_flood_that_pauses_for_a_second_is_cut_off() -> None:
     limits, own = Limits(), connections("lab/anna", 1)
     rates = [{} if now_s % 4 == 3 else {"lab/anna": MAX_HZ + BURST / 4} for now_s in range(20)]
     assert any(limits.excess(own, ROLES, rate, float(now_s))[0] for now_s, rate in enumerate(rates))
-
-
-def test_rate_of_a_key_follows_from_its_delivery() -> None:
-    hertz = [max_rate_hz(key) for key in ("users/a/cursor", "users/a/claim", "users/a/pose", "other")]
-    assert hertz == [LATEST_HZ, KEPT_HZ, KEPT_HZ, LATEST_HZ]
 
 
 def test_reader_that_takes_nothing_is_named_and_a_slow_one_is_not() -> None:

@@ -247,13 +247,6 @@ def test_the_router_watches_the_end_of_certificates_that_there_are() -> None:
     zenoh.Config.from_json5(to_json5([routed(password=True)]))
 
 
-def test_two_sites_have_rules_of_their_own_each() -> None:
-    made = configuration([routed("a", 1), routed("b", 2)])
-    for rule in made["access_control"]["rules"]:
-        site = rule["id"].partition("/")[0]
-        assert all(pattern.startswith(f"pointit/{site}/") for pattern in rule["key_exprs"])
-
-
 @pytest.mark.parametrize(
     ("sites", "sentence"),
     [

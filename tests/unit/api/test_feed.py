@@ -2,7 +2,6 @@
 
 import asyncio
 import gc
-import weakref
 
 import pytest
 
@@ -71,21 +70,6 @@ async def test_events_nobody_takes_count(
     assert events.lost == 9
     assert (await anext(events)).object_id == "7"
     assert "the oldest ones are lost" in caplog.text
-
-
-async def test_a_loop_ends_after_its_duration(bus: MemoryBus, site: Site) -> None:
-    async def slowly() -> list[int]:
-        found: list[int] = []
-        async for cursor in site.cursors().during(0.05):
-            found.append(cursor.seq)
-            put_cursor(bus, "anna", cursor.seq + 1)  # never runs out
-        return found
-
-    taking = asyncio.create_task(slowly())
-    await asyncio.sleep(0)
-    put_cursor(bus, "anna", 1)
-    async with asyncio.timeout(30):
-        assert await taking
 
 
 async def test_the_end_of_the_site_ends_waiting_loops_and_forbids_new_ones(bus: MemoryBus) -> None:
@@ -166,19 +150,6 @@ async def test_unreadable_messages_end_only_a_loop_over_what_one_name_writes(
     assert (await taking).schema_name().startswith(row[0].message.__name__)
 
 
-@pytest.mark.usefixtures("_quick_to_doubt")
-async def test_unreadable_messages_after_a_readable_one_end_no_loop(bus: MemoryBus, site: Site) -> None:
-    cursors = site.cursors("anna")
-    put_cursor(bus, "anna", 1)
-    assert (await anext(cursors)).seq == 1
-    assert cursors._buffer.source is not None
-    cursors._buffer.source.traffic.invalid = 7
-    taking = asyncio.create_task(anext(cursors))
-    await asyncio.sleep(0.1)
-    put_cursor(bus, "anna", 2)
-    assert (await taking).seq == 2
-
-
 @pytest.mark.usefixtures("denied")
 async def test_a_denied_loop_receives_nothing_more(bus: MemoryBus, site: Site) -> None:
     with pytest.raises(AccessDeniedError, match="reads users/anna/cursor"):
@@ -222,15 +193,6 @@ async def test_objects_leave_with_the_site_that_tracks_them(bus: MemoryBus, site
         first = await anext(things)
     last = await anext(things)
     assert [(list(each.objects) != [], each.seq) for each in (first, last)] == [(True, 1), (False, 2)]
-
-
-async def test_a_closed_tracker_is_not_kept(site: Site) -> None:
-    tracker = site.tracker("camera")
-    closed = weakref.ref(tracker)
-    tracker.close()
-    del tracker
-    gc.collect()
-    assert closed() is None
 
 
 class FastClock(VirtualClock):

@@ -9,7 +9,7 @@ import pytest
 from pointit.api.site import Site
 from pointit.api.tracker import Tracker
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.errors import AccessDeniedError, ConfigError, NoMessageError, VersionError
+from pointit.runtime.errors import AccessDeniedError, NoMessageError, VersionError
 from pointit.schemas import Environment, PointingRay, Selection, TrackedObject, TrackedObjects, UserPose
 from pointit.schemas.environment import Frame
 from pointit.schemas.topics import ANY, MAP, OBJECTS, POSE, RAY, SELECTION
@@ -118,13 +118,3 @@ async def test_places_in_a_frame_are_sent_in_the_room(
         await until(lambda: len(heard) == 1, what="the objects")
     assert heard[0].objects[0].position_m == (1.5, 2.0, 1.0)
     assert heard[0].objects[0].position_sigma_m == 0.02
-
-
-async def test_a_frame_that_the_map_has_not_is_an_error(bus: MemoryBus, site: Site) -> None:
-    bus.publisher(MAP).put(ROOM)
-    await site.latest.map.wait()
-    with (
-        tracked(site, frame="slam") as tracker,
-        pytest.raises(ConfigError, match="the map room has no frame 'slam'; it has optitrack"),
-    ):
-        tracker.update([CUP])

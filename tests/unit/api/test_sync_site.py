@@ -1,6 +1,5 @@
 """A site without asyncio, on a bus in memory."""
 
-import asyncio
 from collections.abc import Iterator
 
 import pytest
@@ -29,15 +28,6 @@ def test_objects_may_come_from_a_generator_that_uses_the_site(site: SyncSite) ->
 def test_the_thread_of_the_site_does_not_wait_for_itself(site: SyncSite) -> None:
     with pytest.raises(RuntimeError, match="the loop of the site cannot wait for itself"):
         site._thread.call(site.now_ns)
-
-
-def test_a_loop_that_cannot_be_made_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail() -> asyncio.AbstractEventLoop:
-        raise OSError("too many open files")
-
-    monkeypatch.setattr(asyncio, "new_event_loop", fail)
-    with pytest.raises(OSError, match="too many open files"):
-        LoopThread()
 
 
 @pytest.mark.parametrize(("objects", "stamp_ns"), [([CUP], -1), ([7], 1)])

@@ -22,7 +22,7 @@ from pointit.schemas import (
     TrackedObjects,
     topics,
 )
-from pointit.services.conveyor_sim.config import ConveyorSimConfig, FeederConfig, TrackingConfig
+from pointit.services.conveyor_sim.config import ConveyorSimConfig, TrackingConfig
 from pointit.services.conveyor_sim.plant import Plant
 from pointit.services.conveyor_sim.service import ConveyorSim
 from pointit.services.conveyor_sim.tracking import Tracker
@@ -70,27 +70,6 @@ async def test_objects_move_on_the_strips_of_the_map() -> None:
         assert spans
         for span_ns, moved_m in spans:
             assert moved_m == pytest.approx(0.5 * span_ns / 1e9, abs=1e-6)
-
-
-async def test_departure_event_names_the_selecting_user() -> None:
-    clock = VirtualClock()
-    async with memory_bench(clock) as bench:
-        lists, events = bench.collect(topics.OBJECTS), bench.collect(topics.SELECTION_EVENTS)
-        states = bench.collect(topics.CONVEYOR_STATE)
-        feeder = FeederConfig(sequence=("red", "green"), interval_s=0.5, count=2)
-        bench.start(ConveyorSim, config(speed_mps=2.0, feeder=feeder.model_dump()))
-        bench.put(topics.MAP, LAB)
-        await until(lambda: bool(lists) and bool(lists[-1].objects))
-        first = lists[-1].objects[0].id
-        bench.put(
-            topics.SELECTION,
-            Selection(stamp_ns=1, objects=(SelectedObject(id=first, user="anna", since_ns=1),)),
-        )
-        await until(lambda: len(events) == 2)
-        assert [(e.event, e.kind, e.user) for e in events] == [("left", "red", "anna"), ("left", "green", "")]
-        assert events[0].object_id == first
-        await until(lambda: states[-1].left == 2)
-        await until(lambda: lists[-1].objects == ())
 
 
 async def test_requests_are_done_or_refused_in_a_sentence() -> None:
@@ -153,17 +132,6 @@ async def test_selected_packages_go_to_their_bay_and_what_is_too_late_is_refused
         told = [(gone.object_id, gone.bay, gone.user, gone.stamp_ns) for gone in states[-1].departures]
         assert told == [(names[0], "3", "", events[1].stamp_ns), (names[1], "1", "anna", events[2].stamp_ns)]
         assert states[-1].refused == 1
-
-
-async def test_belts_get_speeds_of_their_own() -> None:
-    async with shift() as one:
-        done = await one.bus.call(topics.SET_SPEED, SetSpeed(speed_mps=1.5, belts=("side",)))
-        assert done.message == "side runs at 1.5 m/s"
-        await until(lambda: bool(one.states[-1].belts))
-        assert [(belt.id, belt.speed_mps) for belt in one.states[-1].belts] == [("side", 1.5)]
-        assert one.states[-1].speed_mps == 0.5
-        with pytest.raises(RefusedError, match=r"no belt or lane 'x'; there are main, side"):
-            await one.bus.call(topics.SET_SPEED, SetSpeed(speed_mps=1.5, belts=("x",)))
 
 
 async def test_reports_have_the_configured_faults() -> None:
@@ -255,11 +223,6 @@ def pairs(
     return belts, seen
 
 
-def test_tracker_without_faults_reports_exact_objects() -> None:
-    _, seen = pairs(2.0)
-    assert all(exact is report for exact, report in seen)
-
-
 def test_noise_is_along_the_belt_and_as_large_as_asked_for() -> None:
     _, seen = pairs(20.0, noise_m=0.05)
     errors_m: list[float] = []
@@ -271,30 +234,3 @@ def test_noise_is_along_the_belt_and_as_large_as_asked_for() -> None:
             assert b.position_m[1:] == a.position_m[1:]
     assert np.std(errors_m) == pytest.approx(0.05, rel=0.05)
     assert np.mean(errors_m) == pytest.approx(0.0, abs=0.005)
-
-
-def test_packages_are_missed_one_by_one() -> None:
-    _, seen = pairs(20.0, missed_share=0.2)
-    exact = sum(len(a.objects) for a, _ in seen)
-    reported = sum(len(b.objects) for _, b in seen if b is not None)
-    assert reported / exact == pytest.approx(0.8, abs=0.02)
-    assert len({len(b.objects) for _, b in seen if b is not None}) > 3
-
-
-def test_reports_are_lost_in_bursts() -> None:
-    tracker = Tracker(TrackingConfig(dropout_share=0.1, dropout_s=0.4), {}, seed=1)
-    reports = [tracker.report(TrackedObjects(stamp_ns=step * PERIOD_NS)) for step in range(50_000)]
-    lost = np.array([report is None for report in reports])
-    assert lost.mean() == pytest.approx(0.1, abs=0.02)
-    bursts = np.count_nonzero(lost[1:] & ~lost[:-1])
-    assert lost.sum() / 25 / bursts == pytest.approx(0.4, rel=0.2)
-
-
-def test_late_reports_say_when_it_was_so() -> None:
-    _, seen = pairs(4.0, latency_s=0.2)
-    truth = {exact.stamp_ns: exact for exact, _ in seen}
-    late = [(exact.stamp_ns, report) for exact, report in seen if report is not None]
-    assert len(late) == len(seen) - 5
-    for now_ns, report in late:
-        assert now_ns - report.stamp_ns == 5 * PERIOD_NS
-        assert report == truth[report.stamp_ns]

@@ -1,7 +1,5 @@
 """Selected packages to one bay, the rest to another, on the paper's conveyor."""
 
-from collections import Counter
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -36,27 +34,6 @@ def test_every_entry_reaches_every_bay_that_it_should() -> None:
             assert bay_of(belts, name) == bay
             (event,) = go(belts, 60.0)
             assert (event.event, event.object_id, event.bay, event.user) == ("dispatched", name, bay, "")
-
-
-def test_selected_red_ones_leave_at_bay_1_and_all_others_at_bay_3() -> None:
-    feeders = {"in": {"belt": "part_e", "probabilities": {"red": 0.4, "blue": 0.6}, "length_m": 0.4}}
-    belts = plant(SHIPPED, feeders=feeders, seed=3)
-    events: list[SelectionEvent] = []
-    for second in range(1, 301):
-        events += go(belts, second)
-        reds = {t.id: "anna" for t in belts.tracked(0).objects if t.kind == "red"}
-        belts.select(reds, belts.now_ns)
-    assert {event.event for event in events} == {"dispatched"}
-    assert {(event.kind, event.bay, event.user) for event in events} == {
-        ("red", "1", "anna"),
-        ("blue", "3", ""),
-    }
-    counted = Counter((event.bay, event.kind) for event in events)
-    state = belts.state(belts.now_ns)
-    assert {(bay.bay, bay.kind): bay.count for bay in state.bays} == counted
-    assert {bay.kind: bay.selected for bay in state.bays} == {"red": counted["1", "red"], "blue": 0}
-    assert min(counted.values()) > 10
-    assert (state.left, state.fed) == (len(events), len(events) + belts.size)
 
 
 def test_past_the_point_of_no_return_it_is_refused_once_and_goes_on() -> None:
@@ -117,20 +94,7 @@ def test_a_bay_that_the_map_does_not_have_is_replaced_by_the_nearest() -> None:
     belts = plant(bays, feeder={"sequence": []}, bay_rest="9")
     name = belts.add("red", "main", 0.3)
     assert bay_of(belts, name) == "1"
-    assert until_ns(belts, name) is None  # it goes there whether it is selected or not
-
-
-def until_ns(belts: Plant, name: str) -> int | None:
-    objects = belts.tracked(belts.now_ns).objects
-    return next(tracked.bay_until_ns for tracked in objects if tracked.id == name)
-
-
-def test_reset_sets_the_counts_to_zero() -> None:
-    belts = plant(FORK, feeder={"count": 2})
-    go(belts, 30.0)
-    assert belts.state(0).left == 2
-    belts.reset()
-    assert (belts.state(0).left, belts.state(0).bays, belts.state(0).refused) == (0, (), 0)
+    assert until_s(belts, name) is None  # it goes there whether it is selected or not
 
 
 def test_a_feeder_on_a_belt_that_is_not_there_is_said() -> None:
@@ -138,8 +102,6 @@ def test_a_feeder_on_a_belt_that_is_not_there_is_said() -> None:
         plant(FORK, feeders={"in": {"belt": "x", "sequence": ["red"]}})
 
 
-TAIL = room(FORK.belts, FORK.links, b3="main")
-"""A room without the bay of selected packages."""
 TWO_WAYS = room(RING.belts, RING.links, b1="out", b3="west")
 ROUND = room(
     [
@@ -190,39 +152,6 @@ def test_it_is_told_at_the_present_speed_until_the_junctions_zone_begins() -> No
     assert until_s(belts, name) == 0.0
     belts.set_speed(0.0)
     assert until_s(belts, name) == 0.0  # it stands behind the diverter
-
-
-def test_there_is_no_limit_while_the_belt_runs_backwards() -> None:
-    belts = plant(FORK, feeder={"sequence": []})
-    name = belts.add("red", "main", 0.3)
-    pass_time(belts, 2.0)
-    belts.set_speed(-0.5)
-    assert until_s(belts, name) is None
-
-
-def test_in_the_zone_of_a_turn_behind_a_bay_it_is_decided_where_the_bays_belt_ends() -> None:
-    turn = room(
-        [belt("x", (0, 0), (4, 0)), belt("y", (4.2, 0.2), (4.2, 4))], [link("x", "y")], b1="x", b3="y"
-    )
-    belts = plant(turn, feeder={"sequence": []})
-    name = belts.add("red", "x", 0.3)
-    belts.select({name: "anna"}, 0)
-    pass_time(belts, 7.8)  # 3.9 m: let into the zone on its way to bay 1, which ends before the turn
-    belts.select({}, belts.now_ns)
-    assert until_s(belts, name) == pytest.approx(8.0)
-    pass_time(belts, 0.1)
-    belts.select({name: "anna"}, belts.now_ns)
-    assert [(event.event, event.bay) for event in pass_time(belts, 1.0)] == [("dispatched", "1")]
-
-
-def test_where_nothing_is_decided_there_is_no_limit() -> None:
-    chain = plant(room(FORK.belts, FORK.links), feeder={"sequence": []})
-    assert until_s(chain, chain.add("red", "main", 0.3)) is None  # no bays
-    tail = plant(TAIL, feeder={"sequence": []})
-    name = tail.add("red", "main", 0.3)
-    assert until_s(tail, name) is None  # no bay of selected packages
-    tail.select({name: "anna"}, 0)
-    assert [event.event for event in pass_time(tail, 20.0)] == ["dispatched"]
 
 
 ROOMS: dict[str, tuple[Environment, tuple[str, ...]]] = {

@@ -2,7 +2,6 @@
 
 import json
 from collections import Counter
-from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -79,15 +78,6 @@ def test_kinds_come_as_often_as_their_probabilities_say() -> None:
     assert len(came) == pytest.approx(1000, rel=0.05)
 
 
-def test_intervals_are_between_the_shortest_and_the_longest() -> None:
-    feeders = {"f": {"belt": "0", "sequence": ["x"], "min_interval_s": 1.0, "max_interval_s": 2.0}}
-    came = fed(plant(lanes(50.0), feeders=feeders), 60.0, 0.02)
-    intervals_s = [b[0] - a[0] for a, b in pairwise(came)]
-    assert min(intervals_s) >= 1.0 - 0.021
-    assert max(intervals_s) <= 2.0 + 0.021
-    assert max(intervals_s) - min(intervals_s) > 0.7
-
-
 def test_what_is_fed_depends_on_the_seed_alone_not_on_the_steps() -> None:
     feeders = {
         "f": {"belt": "0", "probabilities": {"red": 1.0, "blue": 1.0}},
@@ -105,9 +95,7 @@ def test_what_is_fed_depends_on_the_seed_alone_not_on_the_steps() -> None:
 @pytest.mark.parametrize(
     "feeder",
     [
-        {"belt": "0"},
         {"belt": "0", "sequence": ["x"], "probabilities": {"x": 1.0}},
-        {"belt": "0", "probabilities": {"x": 0.0}},
         {"belt": "0", "probabilities": {"x": 1.0, "y": -1.0}},
         {"belt": "0", "sequence": ["x"], "min_interval_s": 2.0, "max_interval_s": 1.0},
     ],
@@ -136,18 +124,6 @@ def test_the_steps_of_a_schedule_follow_each_other_with_their_speeds(tmp_path: P
     assert (belts.state(0).step, belts.state(0).speed_mps, belts.fed) == ("end", 2.0, total)
     belts.reset()
     assert (belts.state(0).step, belts.state(0).speed_mps, belts.fed) == ("-1", 0.5, 0)
-
-
-def test_steps_change_at_their_very_time_whatever_the_steps_of_the_clock(tmp_path: Path) -> None:
-    path = written(tmp_path)
-    often, once = plant(VR, schedule=path), plant(VR, schedule=path)
-    for second in range(1, 29):
-        often.step(round(second * 1.0001 * S))
-    once.step(round(28 * 1.0001 * S))
-    a, b = often.tracked(0).objects, once.tracked(0).objects
-    assert [t.kind for t in a] == [t.kind for t in b]
-    assert [t.surface_position_m for t in a] == pytest.approx([t.surface_position_m for t in b], abs=1e-6)
-    assert a
 
 
 @pytest.mark.parametrize(("name", "steps", "fastest_mps"), [("feeders_0", 9, 2.0), ("feeders_3", 13, 10.0)])
@@ -183,14 +159,12 @@ def test_belts_of_other_names_are_found_or_said(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
-        ("speed: 0.5", "speed: fast", "steps.-1.speed"),
         ("duration: 20.", "duration: 0", "steps.0.duration"),
         (
             "{0: 0.3, 1: 0.7}",
             "{0: 0.3, 2: 0.7}",
             r"step -1, feeder 'a': kind 2 has no name; set kinds: \{2: NAME\}",
         ),
-        ("{0: 0.3, 1: 0.7}", "{0: 0}", "pack_proba has no number above 0"),
         ("min_interval: 1.", "min_interval: 4.", "min_interval 4 is above max_interval 2"),
         ("random: True", "randm: True", "randm"),
     ],
@@ -202,70 +176,7 @@ def test_a_schedule_that_cannot_be_used_is_refused(tmp_path: Path, old: str, new
     assert str(refused.value).startswith(path)
 
 
-def test_a_schedule_that_is_not_there_is_refused() -> None:
-    with pytest.raises(ConfigError, match=r"nowhere\.yaml: cannot be read"):
-        check_schedule(config(schedule="nowhere.yaml"))
-
-
-def test_kinds_may_be_numbers_in_a_configuration() -> None:
-    assert config(kinds={0: "grey", 1: "pink"}).kinds == {"0": "grey", "1": "pink"}
-
-
 MS = S // 1000
-HALF_MS = MS // 2
-"""Packages come at whole milliseconds here, and are looked at between two."""
-STEPS = """
-steps:
-  1: {speed: 0.5, duration: 4., feeders: {a: &a {kind_sequence: [0], min_interval: 1., max_interval: 1.}}}
-  2: {speed: 1.0, duration: 4., feeders: {a: *a}}
-  3: {speed: 2.0, duration: 4., feed: False, feeders: {a: *a}}
-"""
-
-
-def came(belts: Plant, until_ns: int) -> list[tuple[int, str, str]]:
-    """Return time (to 1 ms), belt and kind of each package that came, while no package leaves."""
-    found: dict[str, tuple[int, str, str]] = {}
-    while belts.now_ns < until_ns:
-        belts.step(min(until_ns, belts.now_ns + 100 * MS))
-        for tracked in belts.tracked(0).objects:
-            since_s = tracked.surface_position_m / belts.speeds[tracked.surface_id]
-            at_ms = round((belts.now_ns / S - since_s) * 1000)
-            found.setdefault(tracked.id, (at_ms, tracked.surface_id, tracked.kind))
-    return sorted(found.values())
-
-
-@settings(max_examples=25)
-@given(
-    intervals_ms=st.lists(st.integers(800, 5000), min_size=1, max_size=3),
-    rest_ms=st.integers(1, 12_000),
-    pause_ms=st.integers(1, 30_000),
-)
-def test_what_comes_after_a_rest_is_what_would_have_come_later_by_that_rest(
-    intervals_ms: list[int], rest_ms: int, pause_ms: int
-) -> None:
-    feeders = {
-        f"f{number}": {
-            "belt": str(number),
-            "probabilities": {"red": 1.0, "blue": 1.0},
-            "min_interval_s": interval_ms / 1000,
-            "max_interval_s": interval_ms / 1000,
-        }
-        for number, interval_ms in enumerate(intervals_ms)
-    }
-    room = lanes(*[100.0] * len(feeders))
-    rests_ns, ends_ns = rest_ms * MS + HALF_MS, 20_000 * MS + HALF_MS
-    undisturbed = came(plant(room, feeders=feeders), ends_ns)
-    belts = plant(room, feeders=feeders)
-    before = came(belts, rests_ns)
-    belts.set_feeding(is_on=False)
-    fed = belts.fed
-    during = came(belts, rests_ns + pause_ms * MS)
-    assert (belts.fed, during) == (fed, before), "none came, and those that were there went on"
-    belts.set_feeding(is_on=True)
-    after = came(belts, ends_ns + pause_ms * MS)
-    assert after == sorted(
-        (at_ms if at_ms <= rest_ms else at_ms + pause_ms, belt, kind) for at_ms, belt, kind in undisturbed
-    )
 
 
 @settings(max_examples=15)
@@ -293,41 +204,6 @@ def test_belts_of_any_room_run_empty_while_feeders_rest(
     after.set_feeding(is_on=True)
     after.step(after.now_ns + 20 * S)
     assert after.fed > fed
-
-
-def test_a_package_that_waited_for_room_is_one_package_after_the_rest() -> None:
-    belts = plant(lanes(9.0), speed_mps=0.0, feeder={"interval_s": 0.1})
-    belts.step(5 * S)
-    assert belts.fed == 1, "the one on the belt is in the way of all others"
-    belts.set_feeding(is_on=False)
-    belts.set_speed(0.5)
-    belts.step(15 * S)
-    assert belts.fed == 1
-    belts.set_feeding(is_on=True)
-    belts.step(15 * S)
-    assert belts.fed == 2
-
-
-def test_a_schedules_steps_go_on_and_none_feeds_against_the_switch_or_by_it(tmp_path: Path) -> None:
-    path = tmp_path / "feeders.yaml"
-    path.write_text(STEPS)
-    belts = plant(CHAIN, schedule=str(path))
-    belts.step(round(1.5 * S))
-    assert belts.fed == 2
-    belts.set_feeding(is_on=False)
-    belts.step(round(6.5 * S))
-    assert (belts.state(0).step, belts.state(0).speed_mps, belts.fed) == ("2", 1.0, 2), (
-        "a step sets no switch"
-    )
-    belts.set_feeding(is_on=True)
-    belts.step(round(7.7 * S))
-    assert belts.fed == 4, "at once, and after a second"
-    belts.step(round(8.5 * S))
-    fed = belts.fed
-    for is_on in (False, True):
-        belts.set_feeding(is_on=is_on)
-        belts.step(belts.now_ns + S)
-        assert (belts.state(0).step, belts.fed) == ("3", fed)
 
 
 def test_a_conveyor_that_knew_no_rest_was_fed() -> None:

@@ -1,7 +1,5 @@
 """Belts that are linked: examples of who waits for whom at junctions, rings and belts that stand."""
 
-import contextlib
-import math
 from itertools import pairwise
 
 import pytest
@@ -9,20 +7,7 @@ import pytest
 from pointit.schemas import TrackedObject
 from pointit.services.conveyor_sim.feeding.infeed import NoRoomError
 from pointit.services.conveyor_sim.plant import Plant
-from tests.unit.conveyor_sim.rooms import (
-    CHAIN,
-    CROSS,
-    FORK,
-    MERGE,
-    RING,
-    S,
-    belt,
-    check_apart,
-    cross,
-    link,
-    plant,
-    room,
-)
+from tests.unit.conveyor_sim.rooms import CHAIN, CROSS, FORK, MERGE, S, plant
 from tests.unit.conveyor_sim.test_network_properties import SHIPPED
 
 
@@ -45,21 +30,6 @@ def run(belts: Plant, until_s: float, *, step_s: float = 0.04) -> list[tuple[Tra
     return seen
 
 
-def test_gaps_are_travelled_with_a_place_on_either_belt() -> None:
-    belts = plant(CHAIN, feeder={"sequence": ["red"], "count": 1})
-    path = [objects[0] for objects in run(belts, 15.0) if objects]
-    for a, b in pairwise(path):
-        assert math.dist(a.position_m, b.position_m) <= 0.02 + 1e-9
-    bridge = [tracked for tracked in path if 5.0 < tracked.position_m[0] < 5.2]
-    assert len(bridge) >= 8
-    assert {(tracked.surface_id, tracked.surface_position_m > 2.99) for tracked in bridge} == {
-        ("b", True),
-        ("c", False),
-    }
-    assert all(t.surface_position_m < 0.0 for t in bridge if t.surface_id == "c")
-    assert {tracked.surface_id for tracked in path} == {"a", "b", "c"}
-
-
 def test_package_loses_no_time_where_it_passes_from_belt_to_belt() -> None:
     belts = plant(CHAIN, feeder={"sequence": ["red"], "count": 1})
     straight = [
@@ -68,16 +38,6 @@ def test_package_loses_no_time_where_it_passes_from_belt_to_belt() -> None:
     assert straight[-1] > 4.5
     for before, after in pairwise(straight):
         assert after - before == pytest.approx(0.5 * 0.03)
-
-
-def test_a_fork_off_the_middle_counts_on_the_belt_that_it_leads_to() -> None:
-    belts = plant(FORK, feeder={"sequence": ["red"], "count": 1}, bay_rest="1")
-    path = [objects[0] for objects in run(belts, 7.5)]
-    bridge = [tracked for tracked in path if 0.0 < tracked.position_m[1] < 0.3]
-    assert bridge
-    for tracked in bridge:
-        assert tracked.surface_id == "side"
-        assert tracked.surface_position_m == pytest.approx(tracked.position_m[1] - 0.3)
 
 
 def test_packages_behind_a_belt_that_stands_queue_up_and_go_on_with_it() -> None:
@@ -95,16 +55,6 @@ def test_packages_behind_a_belt_that_stands_queue_up_and_go_on_with_it() -> None
     run(belts, 75.0, step_s=0.2)
     assert all(t.surface_speed_mps == 0.5 for t in belts.tracked(0).objects if t.surface_id == "c")
     assert belts.fed > fed
-
-
-def test_a_slower_belt_ahead_slows_those_that_touch() -> None:
-    straight = room([belt("a", (0, 0), (2, 0)), belt("b", (2.1, 0), (9, 0))], [link("a", "b")])
-    belts = plant(straight, feeder={"sequence": ["red"], "interval_s": 0.1, "length_m": 0.3})
-    belts.set_speed(0.2, ("b",))
-    run(belts, 20.0)
-    on_a = [t.surface_speed_mps for t in belts.tracked(0).objects if t.surface_id == "a"]
-    assert on_a
-    assert on_a == pytest.approx([0.2] * len(on_a))
 
 
 @pytest.mark.parametrize(("after_s", "held"), [(1.6, "left"), (2.4, "main")])
@@ -137,19 +87,6 @@ def test_a_ring_is_never_filled_so_it_never_comes_to_a_standstill() -> None:
     assert [left[-1] - left[-300], left[-300] - left[-600]] >= [20, 20], left[::100]
 
 
-def test_a_ring_takes_no_more_by_hand_either() -> None:
-    belts = plant(RING, feeder={"sequence": []}, bay_rest="none", lanes=["south", "east", "north", "west"])
-    added = 0
-    for _ in range(400):
-        with contextlib.suppress(NoRoomError):
-            belts.add("x", "south", 0.3)
-            added += 1
-        belts.step(belts.now_ns + S // 5)
-    assert added >= 5
-    moving = {t.id for objects in run(belts, 140.0, step_s=0.2) for t in objects if t.surface_speed_mps}
-    assert len(moving) == belts.size == added
-
-
 def test_package_without_room_behind_a_junction_does_not_enter_it() -> None:
     belts = plant(CROSS, feeders={"w": every("w", 1.5, kind="red"), "n": every("n", 1.5, kind="blue")})
     belts.set_speed(0.0, ("e",))
@@ -157,99 +94,6 @@ def test_package_without_room_behind_a_junction_does_not_enter_it() -> None:
     counts = {(bay.bay, bay.kind): bay.count for bay in belts.state(0).bays}
     assert counts[("1", "blue")] >= 25
     assert ("3", "red") not in counts
-
-
-@pytest.mark.parametrize("offset_m", [0.41, 0.45, 0.5, 0.55, 0.6])
-def test_running_backwards_it_stops_behind_what_stands_on_the_belt_before(offset_m: float) -> None:
-    hall = room([belt("a", (0, 0), (2, 0)), belt("b", (2.1, 0), (9, 0))], [link("a", "b")])
-    belts = plant(hall, feeder={"sequence": []}, speed_mps=1.0)
-    belts.add("x", "a", 0.4)
-    belts.step(round((2.1 + offset_m) * S))
-    belts.set_speed(-5.0, ("b",))
-    belts.set_speed(0.0, ("a",))
-    other = plant(hall, feeder={"sequence": []}, speed_mps=1.0)
-    other.add("x", "a", 0.4)
-    other.step(round(1.99 * S))
-    kept = other.snapshot()
-    kept["packages"] += belts.snapshot()["packages"]
-    kept["packages"][1][0] = "second"
-    both = plant(hall, feeder={"sequence": []})
-    both.restore({**belts.snapshot(), "packages": kept["packages"]})
-    for objects in run(both, 2.0):
-        check_apart(hall, objects)
-    assert both.tracked(0).objects[1].surface_position_m == pytest.approx(0.29)
-
-
-@pytest.mark.parametrize(("gap_m", "waiting_m"), [(1.0, [2.1, 2.4, 2.7, 3.0]), (2.6, [0.5, 0.8, 1.1, 1.4])])
-def test_common_stretch_of_two_links_belongs_to_the_junction_and_all_wait_before_it(
-    gap_m: float, waiting_m: list[float]
-) -> None:
-    wide = cross(gap_m)
-    belts = plant(wide, feeder={"sequence": []})
-    blocking = belts.add("blue", "n", 0.3)
-    run(belts, 6.0)
-    belts.set_speed(0.0, ("n",))
-    names: list[str] = []
-    for number in range(4):
-        names.append(belts.add("red", "w", 0.3))
-        belts.select(dict.fromkeys(names[1::2], "anna"), belts.now_ns)
-        for objects in run(belts, 8.0 + 2 * number):
-            check_apart(wide, objects)
-    for objects in run(belts, 20.0):
-        check_apart(wide, objects)
-    waiting = [t.position_m[0] for t in belts.tracked(0).objects if t.id != blocking]
-    assert sorted(waiting) == pytest.approx(waiting_m)
-    belts.set_speed(0.5)
-    for objects in run(belts, 60.0):
-        check_apart(wide, objects)
-    counts = {(bay.bay, bay.kind): bay.count for bay in belts.state(0).bays}
-    assert counts == {("1", "blue"): 1, ("1", "red"): 2, ("3", "red"): 2}
-
-
-def test_a_queue_ends_before_the_junction() -> None:
-    longer = room([*CROSS.belts, belt("f", (6.1, 0), (8, 0))], [*CROSS.links, link("e", "f")], b1="n", b3="f")
-    belts = plant(longer, feeders={"w": every("w", 1.5, kind="red"), "n": every("n", 1.5, kind="blue")})
-    belts.set_speed(0.0, ("f",))
-    run(belts, 70.0, step_s=0.2)
-    assert sum(t.surface_id in {"e", "f"} for t in belts.tracked(0).objects) >= 5
-    assert not [t for t in belts.tracked(0).objects if 3.1 < t.position_m[0] < 3.9 and t.position_m[1] == 0.0]
-    counts = {(bay.bay, bay.kind): bay.count for bay in belts.state(0).bays}
-    assert counts[("1", "blue")] >= 25
-
-
-def test_nothing_is_put_beside_what_passes_a_junction() -> None:
-    belts = plant(FORK, feeder={"sequence": []})
-    belts.add("x", "main", 0.4)
-    run(belts, 6.0)
-    assert belts.tracked(0).objects[0].position_m == pytest.approx((3.0, 0.0, 1.0))
-    with pytest.raises(NoRoomError):
-        belts.add("y", "side", 0.4)  # 0.3 m away
-    run(belts, 7.0)
-    belts.add("y", "side", 0.4)
-
-
-def test_round_a_ring_things_move_at_the_speed_of_the_belts() -> None:
-    belts = plant(RING, feeder={"sequence": []}, bay_rest="none", lanes=["south", "east", "north", "west"])
-    belts.add("x", "south", 0.3)
-    path = [objects[0] for objects in run(belts, 90.0)]
-    for a, b in pairwise(path):
-        assert math.dist(a.position_m, b.position_m) <= 0.5 * 0.04 + 1e-9
-    assert sum(t.surface_id == "west" and n.surface_id == "south" for t, n in pairwise(path)) == 2
-    assert all(tracked.surface_speed_mps == 0.5 for tracked in path)
-
-
-@pytest.mark.parametrize("links", [1, 2])
-def test_one_that_waits_at_a_junction_does_not_touch_those_that_pass(links: int) -> None:
-    hall = CROSS.model_copy(update={"links": CROSS.links[:links]})  # with one, the belts cross and no more
-    belts = plant(hall, feeders={"w": every("w", 1.0, kind="red"), "n": every("n", 1.3, kind="blue")})
-    held = 0
-    for objects in run(belts, 50.0, step_s=0.1):
-        check_apart(CROSS, objects)
-        held += any(tracked.surface_speed_mps == 0.0 for tracked in objects)
-    assert held, "nobody ever had to wait: this tests nothing"
-    counts = {(count.bay, count.kind): count.count for count in belts.state(0).bays}
-    assert counts["3", "red"] >= 10
-    assert counts["1", "blue"] >= 10
 
 
 def test_a_linked_belt_that_runs_backwards_holds_at_its_start() -> None:
@@ -284,16 +128,3 @@ def test_a_snapshot_of_an_older_version_is_restored_unless_a_package_now_waits_i
     old["packages"][junctions.index(max(junctions))][9] = -1
     with pytest.raises(ValueError, match="the junctions have changed"):
         again.restore(old)
-
-
-def test_links_of_belts_that_are_left_out_do_not_count() -> None:
-    belts = plant(FORK, lanes=["main"], feeder={"sequence": ["red"], "count": 1})
-    assert [event.bay for event in belts.step(20 * S)] == ["3"]
-
-
-def test_without_bays_things_go_straight_on_and_leave_at_the_last_end() -> None:
-    hall = room([belt("a", (0, 0), (2, 0)), belt("b", (1, 0.3), (1, 2))], [link("a", "b", 1.0)])
-    belts = plant(hall, feeder={"sequence": ["red"], "count": 1})
-    path = run(belts, 5.0)
-    assert {t.surface_id for objects in path for t in objects} == {"a"}
-    assert (belts.size, belts.state(0).left) == (0, 1)

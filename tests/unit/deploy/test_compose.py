@@ -14,10 +14,9 @@ from packaging.version import Version
 
 from pointit.bridges.web.server.exposure_check import CONTAINER
 from pointit.launch.plan.scenario import read_scenario
-from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.service.process import load_config
 from pointit.services.registry import PROCESSES, process
-from tests.unit.deploy.stack import DEPLOY, VARIABLE, compose, parse
+from tests.unit.deploy.stack import DEPLOY, compose, parse
 
 BASE = compose("compose.yaml")
 PERSON = compose("compose.user.yaml", USER_NAME="anna")
@@ -75,13 +74,6 @@ def test_configurations_are_those_of_the_scenario() -> None:
         service = process(name).load()
         here = load_config(service, [DEPLOY / "config" / f"{name}.yaml"], {})
         assert here == service.CONFIG.model_validate(parameters), name
-
-
-def test_people_are_given_the_scenario_whose_configurations_these_are() -> None:
-    people = [command for command in COMMANDS if command.startswith("person add ")]
-    assert len(people) == 3
-    assert all("--scenario scenario_4" in command for command in people)
-    assert "user-sim" in read_scenario("scenario_4").user
 
 
 @pytest.mark.parametrize(("name", "row"), WHOLE, ids=[name for name, _ in WHOLE])
@@ -158,24 +150,6 @@ def test_what_is_shared_between_the_files_has_one_name() -> None:
     assert not {volume["name"] for volume in other["volumes"].values()} & set(names)
 
 
-def test_health_is_that_of_the_container_itself() -> None:
-    for name, row in BASE["services"].items():
-        if name == "init":
-            continue
-        about = row["environment"]["HEALTH_OF"]
-        assert about == {"router": "router:7447", "user": "user1"}.get(name, name)
-        assert row["environment"]["WAIT_FOR"].split("/")[1] in {"credentials", "router"}
-
-
-def test_variables_are_explained() -> None:
-    for name in ("compose.yaml", "compose.user.yaml", "compose.hardware.yaml", "compose.leds.yaml"):
-        text = (DEPLOY / name).read_text(encoding="utf-8")
-        told = "\n".join(line for line in text.splitlines() if line.startswith("#"))
-        told += (DEPLOY / "compose.yaml").read_text(encoding="utf-8")
-        for found in VARIABLE.finditer(text):
-            assert f"{found[1]}=" in told or f"{found[1]}:" in told, (name, found[1])
-
-
 def test_the_image() -> None:
     text = (DEPLOY / "Dockerfile").read_text(encoding="utf-8")
     assert re.search(r"^ARG BASE=docker\.io/library/python:\d+\.\d+\.\d+-slim-\w+$", text, re.MULTILINE)
@@ -201,11 +175,6 @@ def _scripts() -> Sequence[Path]:
 def test_a_script_is_one(script: Path) -> None:
     assert os.access(script, os.X_OK)
     assert subprocess.run(["/bin/sh", "-n", str(script)], check=False).returncode == 0
-
-
-def test_yaml_has_no_key_twice() -> None:
-    for path in DEPLOY.rglob("*.yaml"):
-        read_yaml(path)
 
 
 ROOT = DEPLOY.parent

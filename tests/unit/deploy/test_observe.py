@@ -46,19 +46,6 @@ def test_every_metric_that_is_asked_for_exists_and_every_one_but_the_version_is_
     assert there - asked == {"pointit_site", "pointit_service_warnings"}
 
 
-def test_panels_do_not_overlap() -> None:
-    board = json.loads((FOLDER / "dashboard.json").read_text(encoding="utf-8"))
-    cells = [
-        (x, y)
-        for panel in board["panels"]
-        for at in [panel["gridPos"]]
-        for x in range(at["x"], at["x"] + at["w"])
-        for y in range(at["y"], at["y"] + at["h"])
-    ]
-    assert len(cells) == len(set(cells))
-    assert max(x for x, _ in cells) < 24  # columns of Grafana
-
-
 def test_prometheus_reads_what_the_command_serves_by_default() -> None:
     config = yaml.safe_load((FOLDER / "prometheus.yml").read_text(encoding="utf-8"))
     (job,) = config["scrape_configs"]

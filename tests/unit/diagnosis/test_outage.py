@@ -2,11 +2,11 @@
 
 from collections.abc import Sequence
 
-from pointit.diagnosis.diagnose import diagnose, filter_findings, is_about, is_healthy
+from pointit.diagnosis.diagnose import diagnose, filter_findings, is_healthy
 from pointit.diagnosis.observation import Finding, Observation
 from pointit.runtime.link.link import ROUTER_LOST
 from pointit.schemas import ExpectedService
-from tests.unit.diagnosis.test_diagnose import BEGAN_S, deployment, health, observation
+from tests.unit.diagnosis.test_diagnose import deployment, health, observation
 
 WHERE = "tcp/10.0.0.1:7447"
 LOST = ROUTER_LOST.format(where=WHERE, ago_s=12.3)
@@ -47,15 +47,6 @@ def test_most_that_vanish_together_behind_a_router_that_answers_are_one_finding(
     assert outage.severity == "error"
 
 
-def test_most_that_are_silent_together_are_one_finding() -> None:
-    seen = Observation(began_s=BEGAN_S, now_s=BEGAN_S + 3.1, present=frozenset(SERVICES))
-    assert told(diagnose(seen)).sentence.startswith("5 of 5 services are gone together: ")
-
-
-def test_most_that_left_and_are_not_expected_are_a_warning() -> None:
-    assert told(diagnose(observation(health("web"), left=frozenset(SERVICES)))).severity == "warning"
-
-
 def test_a_few_that_are_absent_are_named_each() -> None:
     running = map(health, SERVICES[2:])
     findings = diagnose(observation(*running, deployments=EXPECTED))
@@ -67,11 +58,6 @@ def test_what_is_not_sure_yet_is_no_part_of_an_outage() -> None:
     assert diagnose(seen, lambda finding: finding.code != "absent") == []
 
 
-def test_another_problem_does_not_follow() -> None:
-    seen = observation(health("web", warnings=("the disk is full",)), deployments=EXPECTED)
-    assert [each.sentence for each in diagnose(seen) if not each.follows][1:] == ["the disk is full"]
-
-
 def test_whoever_asks_for_one_service_is_told_of_the_outage() -> None:
     seen = observation(health("web"), deployments=EXPECTED)
     kept = filter_findings(diagnose(seen), seen, "pui")
@@ -80,21 +66,6 @@ def test_whoever_asks_for_one_service_is_told_of_the_outage() -> None:
 
 def found(service: str) -> Finding:
     return Finding(severity="error", code="silent", service=service, sentence="", remedy="")
-
-
-def test_a_name_is_that_of_an_instance_a_service_or_a_person() -> None:
-    assert is_about("pointing.anna", "pointing.anna")
-    assert is_about("pointing.anna", "pointing")
-    assert is_about("pointing.anna", "anna")
-    assert is_about("pui", "pui")
-    assert not is_about("pointing.anna", "ben")
-    assert not is_about("", "pui")
-
-
-def test_who_may_not_look_on_is_told_that_and_not_that_nothing_runs() -> None:
-    seen = Observation(began_s=0.0, now_s=1.0, denied="this identity (anna) may do nothing here")
-    (finding,) = filter_findings(diagnose(seen), seen, "pui")
-    assert (finding.code, finding.sentence) == ("denied", seen.denied)
 
 
 def test_only_what_is_about_the_name_is_left() -> None:

@@ -17,22 +17,7 @@ from pointit.schemas import (
     Selection,
     UserPose,
     UserProfile,
-)
-from pointit.schemas.topics import (
-    CLOCK,
-    CONFIGURATION,
-    CONVEYOR_STATE,
-    DEPLOYMENT,
-    LAMP_COLOR,
-    LAMP_LEASES,
-    LOCALIZATION,
-    MAP,
-    POSE,
-    PROFILE,
-    SELECTION,
-    TOPICS,
-    Delivery,
-    Topic,
+    topics,
 )
 from pointit.services.keeper.config import KeeperConfig
 from pointit.services.keeper.record import KeptState, Record
@@ -56,39 +41,43 @@ def shelf(**parameters: Any) -> RetainedStates:
     return made
 
 
-def held(kept: RetainedStates, topic: Topic[Any]) -> dict[str, Message]:
+def held(kept: RetainedStates, topic: topics.Topic[Any]) -> dict[str, Message]:
     return dict(kept.lookup(topic))
 
 
 def test_every_state_is_retained_but_those_that_end_with_their_writers() -> None:
-    states = [topic for topic in TOPICS if topic.delivery is Delivery.STATE]
-    assert [topic for topic in states if topic not in retained()] == [LAMP_LEASES, CLOCK, CONFIGURATION]
+    states = [topic for topic in topics.TOPICS if topic.delivery is topics.Delivery.STATE]
+    assert [topic for topic in states if topic not in retained()] == [
+        topics.LAMP_LEASES,
+        topics.CLOCK,
+        topics.CONFIGURATION,
+    ]
 
 
 def test_the_newest_is_what_came_last_whatever_its_stamp() -> None:
     kept = shelf()
-    kept.take(PROFILE, "anna", profile(7, stamp_ns=900), NOW_NS)
+    kept.take(topics.PROFILE, "anna", profile(7, stamp_ns=900), NOW_NS)
     kept.take(
-        PROFILE, "anna", profile(1, stamp_ns=5), NOW_NS
+        topics.PROFILE, "anna", profile(1, stamp_ns=5), NOW_NS
     )  # restarted, on a machine whose clock is behind
-    assert held(kept, PROFILE) == {"anna": profile(1, stamp_ns=5)}
+    assert held(kept, topics.PROFILE) == {"anna": profile(1, stamp_ns=5)}
     assert len(kept) == 1
 
 
 def test_states_of_an_absent_person_are_not_handed_out() -> None:
     kept = shelf(forget_person_after_s=30.0)
-    kept.take(PROFILE, "anna", profile(), NOW_NS)
-    kept.take(PROFILE, "ben", profile(), NOW_NS)
-    assert set(held(kept, PROFILE)) == {"anna"}, "ben is not there"
+    kept.take(topics.PROFILE, "anna", profile(), NOW_NS)
+    kept.take(topics.PROFILE, "ben", profile(), NOW_NS)
+    assert set(held(kept, topics.PROFILE)) == {"anna"}, "ben is not there"
     kept.set_user("anna", NOW_NS + 100 * NS_PER_S, present=False)
-    assert held(kept, PROFILE) == {}
+    assert held(kept, topics.PROFILE) == {}
     kept.expire(NOW_NS + 129 * NS_PER_S)
     kept.set_user("anna", NOW_NS + 129 * NS_PER_S, present=True)
-    assert set(held(kept, PROFILE)) == {"anna"}, "back within the time"
+    assert set(held(kept, topics.PROFILE)) == {"anna"}, "back within the time"
     kept.set_user("anna", NOW_NS + 130 * NS_PER_S, present=False)
     kept.expire(NOW_NS + 160 * NS_PER_S)
     kept.set_user("anna", NOW_NS + 161 * NS_PER_S, present=True)
-    assert held(kept, PROFILE) == {}
+    assert held(kept, topics.PROFILE) == {}
     assert (len(kept), kept.size) == (0, 0)
 
 
@@ -102,49 +91,49 @@ def test_vanished_deployment_is_retained_for_a_day() -> None:
     kept = shelf(forget_deployment_after_s=86_400.0)
     services = (ExpectedService(service="pui"), ExpectedService(service="pointing", user="anna"))
     run = Deployment(stamp_ns=1, name="demo", services=services)
-    kept.take(DEPLOYMENT, "run.demo", run, NOW_NS)
-    kept.take(DEPLOYMENT, "empty", Deployment(stamp_ns=1, name="empty"), NOW_NS)
-    assert set(held(kept, DEPLOYMENT)) == {"run.demo"}
+    kept.take(topics.DEPLOYMENT, "run.demo", run, NOW_NS)
+    kept.take(topics.DEPLOYMENT, "empty", Deployment(stamp_ns=1, name="empty"), NOW_NS)
+    assert set(held(kept, topics.DEPLOYMENT)) == {"run.demo"}
     kept.set_instance("pointing.anna", NOW_NS, present=True)
     kept.set_instance("pui", NOW_NS, present=False)
     gone_ns = NOW_NS + 3600 * NS_PER_S
     kept.set_instance("pointing.anna", gone_ns, present=False)
     kept.expire(gone_ns + 86_399 * NS_PER_S)
-    assert held(kept, DEPLOYMENT) == {"run.demo": run}
+    assert held(kept, topics.DEPLOYMENT) == {"run.demo": run}
     kept.expire(gone_ns + 86_400 * NS_PER_S)
-    assert held(kept, DEPLOYMENT) == {}
+    assert held(kept, topics.DEPLOYMENT) == {}
 
 
 def test_deployment_ended_on_purpose_is_dropped() -> None:
     kept = shelf()
     for name in ("anna", "ben"):
-        kept.take(DEPLOYMENT, name, deployment(name), NOW_NS)
-    kept.take(DEPLOYMENT, "anna", deployment("anna", is_over=True), NOW_NS)
-    assert set(held(kept, DEPLOYMENT)) == {"ben"}
+        kept.take(topics.DEPLOYMENT, name, deployment(name), NOW_NS)
+    kept.take(topics.DEPLOYMENT, "anna", deployment("anna", is_over=True), NOW_NS)
+    assert set(held(kept, topics.DEPLOYMENT)) == {"ben"}
     assert len(kept) == 1
 
 
 def test_a_scenario_is_missed_until_another_begins_and_people_beside_it_stay() -> None:
     kept = shelf()
     for name, scenario in (("run.scenario_4", "scenario_4"), ("anna", ""), ("run.scenario_2", "scenario_2")):
-        kept.take(DEPLOYMENT, name, deployment(name, scenario=scenario), NOW_NS)
-    assert set(held(kept, DEPLOYMENT)) == {"anna", "run.scenario_2"}
+        kept.take(topics.DEPLOYMENT, name, deployment(name, scenario=scenario), NOW_NS)
+    assert set(held(kept, topics.DEPLOYMENT)) == {"anna", "run.scenario_2"}
 
 
 def test_shared_state_outlives_its_writer_for_a_long_time() -> None:
     kept = shelf(forget_site_after_s=3600.0)
     kept.set_instance("selector", NOW_NS, present=True)
-    kept.take(SELECTION, "", Selection(stamp_ns=1, seq=7), NOW_NS)
+    kept.take(topics.SELECTION, "", Selection(stamp_ns=1, seq=7), NOW_NS)
     kept.set_instance("selector", NOW_NS + 7200 * NS_PER_S, present=False)
     kept.expire(NOW_NS + 10_799 * NS_PER_S)
-    assert set(held(kept, SELECTION)) == {""}
+    assert set(held(kept, topics.SELECTION)) == {""}
     kept.expire(NOW_NS + 10_800 * NS_PER_S)
-    assert held(kept, SELECTION) == {}
+    assert held(kept, topics.SELECTION) == {}
 
 
 def test_a_clock_that_was_set_back_forgets_no_earlier_and_no_later() -> None:
     kept = shelf(forget_person_after_s=30.0)
-    kept.take(PROFILE, "ben", profile(), NOW_NS)
+    kept.take(topics.PROFILE, "ben", profile(), NOW_NS)
     kept.expire(NOW_NS - 500 * NS_PER_S)
     assert len(kept) == 1
     kept.expire(NOW_NS - 470 * NS_PER_S)
@@ -154,11 +143,17 @@ def test_a_clock_that_was_set_back_forgets_no_earlier_and_no_later() -> None:
 @pytest.mark.parametrize(
     ("topic", "fine", "misleading"),
     [
-        (POSE, pose(), pose("external")),
-        (LOCALIZATION, Localization(stamp_ns=1, phase="solved"), Localization(stamp_ns=1, phase="sampling")),
+        (topics.POSE, pose(), pose("external")),
+        (
+            topics.LOCALIZATION,
+            Localization(stamp_ns=1, phase="solved"),
+            Localization(stamp_ns=1, phase="sampling"),
+        ),
     ],
 )
-def test_misleading_state_drops_the_one_before(topic: Topic[Any], fine: Message, misleading: Message) -> None:
+def test_misleading_state_drops_the_one_before(
+    topic: topics.Topic[Any], fine: Message, misleading: Message
+) -> None:
     kept = shelf()
     kept.take(topic, "anna", fine, NOW_NS)
     assert held(kept, topic) == {"anna": fine}
@@ -168,18 +163,18 @@ def test_misleading_state_drops_the_one_before(topic: Topic[Any], fine: Message,
 
 def test_strangers_give_way_and_neither_number_nor_size_grows_without_bound() -> None:
     kept = shelf(max_values=3)
-    kept.take(PROFILE, "anna", profile(), NOW_NS)
+    kept.take(topics.PROFILE, "anna", profile(), NOW_NS)
     for number in range(100):
-        kept.take(PROFILE, f"made-up-{number}", profile(), NOW_NS)
+        kept.take(topics.PROFILE, f"made-up-{number}", profile(), NOW_NS)
     assert len(kept) == 3
-    assert set(held(kept, PROFILE)) == {"anna"}
+    assert set(held(kept, topics.PROFILE)) == {"anna"}
     for lane in ("a", "b", "c"):
-        kept.take(CONVEYOR_STATE, lane, ConveyorState(stamp_ns=1, speed_mps=0.5), NOW_NS)
+        kept.take(topics.CONVEYOR_STATE, lane, ConveyorState(stamp_ns=1, speed_mps=0.5), NOW_NS)
     assert len(kept) == 3
     assert kept.refused == 1, "there was room for two"
-    assert set(held(kept, PROFILE)) == {"anna"}
-    kept.take(PROFILE, "anna", profile(9), NOW_NS)
-    assert held(kept, PROFILE) == {"anna": profile(9)}, "what is known has its room"
+    assert set(held(kept, topics.PROFILE)) == {"anna"}
+    kept.take(topics.PROFILE, "anna", profile(9), NOW_NS)
+    assert held(kept, topics.PROFILE) == {"anna": profile(9)}, "what is known has its room"
 
 
 def test_total_size_of_states_is_bounded() -> None:
@@ -188,7 +183,9 @@ def test_total_size_of_states_is_bounded() -> None:
     name = "x" * 12_000
     for number in range(200):
         services = (ExpectedService(service="pui", command=(name,)),)
-        kept.take(DEPLOYMENT, f"run.d{number}", Deployment(stamp_ns=1, name="d", services=services), NOW_NS)
+        kept.take(
+            topics.DEPLOYMENT, f"run.d{number}", Deployment(stamp_ns=1, name="d", services=services), NOW_NS
+        )
     assert kept.size <= 1e6
     assert len(kept) + kept.refused == 200
     assert kept.refused > 0
@@ -196,13 +193,13 @@ def test_total_size_of_states_is_bounded() -> None:
 
 def test_a_restarted_keeper_takes_up_what_nothing_newer_has_replaced() -> None:
     before = shelf()
-    before.take(PROFILE, "anna", profile(3), NOW_NS)
-    before.take(SELECTION, "", Selection(stamp_ns=1, seq=7), NOW_NS)
+    before.take(topics.PROFILE, "anna", profile(3), NOW_NS)
+    before.take(topics.SELECTION, "", Selection(stamp_ns=1, seq=7), NOW_NS)
     after = shelf()
-    after.take(SELECTION, "", Selection(stamp_ns=0, seq=1), NOW_NS)
+    after.take(topics.SELECTION, "", Selection(stamp_ns=0, seq=1), NOW_NS)
     assert after.restore(before.record(NOW_NS), NOW_NS) == 0
-    assert held(after, PROFILE) == {"anna": profile(3)}
-    assert held(after, SELECTION) == {"": Selection(stamp_ns=0, seq=1)}
+    assert held(after, topics.PROFILE) == {"anna": profile(3)}
+    assert held(after, topics.SELECTION) == {"": Selection(stamp_ns=0, seq=1)}
     assert (
         after.record(NOW_NS).states[::-1]
         == before.record(NOW_NS).states[:1] + after.record(NOW_NS).states[:1]
@@ -211,14 +208,14 @@ def test_a_restarted_keeper_takes_up_what_nothing_newer_has_replaced() -> None:
 
 def test_unusable_records_are_counted_and_skipped() -> None:
     good = shelf()
-    good.take(PROFILE, "anna", profile(3), NOW_NS)
+    good.take(topics.PROFILE, "anna", profile(3), NOW_NS)
     payload = good.record(NOW_NS).states[0].payload
     states = (
-        KeptState(key=PROFILE.key, name="anna", schema_name="UserProfile.v1", payload=b"\xc1"),
-        KeptState(key=PROFILE.key, name="a/b", schema_name="UserProfile.v1", payload=payload),
+        KeptState(key=topics.PROFILE.key, name="anna", schema_name="UserProfile.v1", payload=b"\xc1"),
+        KeptState(key=topics.PROFILE.key, name="a/b", schema_name="UserProfile.v1", payload=payload),
         KeptState(key="of/another/version", name="", schema_name="X.v1", payload=payload),
-        KeptState(key=CLOCK.key, name="", schema_name="ClockTick.v1", payload=payload),
-        KeptState(key=SELECTION.key, name="", schema_name="Selection.v1", payload=payload),
+        KeptState(key=topics.CLOCK.key, name="", schema_name="ClockTick.v1", payload=payload),
+        KeptState(key=topics.SELECTION.key, name="", schema_name="Selection.v1", payload=payload),
     )
     kept = shelf()
     assert kept.restore(Record(stamp_ns=1, states=states), NOW_NS) == 5
@@ -227,19 +224,19 @@ def test_unusable_records_are_counted_and_skipped() -> None:
 
 def test_person_neither_ends_the_run_nor_has_others_missed() -> None:
     kept = shelf()
-    kept.take(DEPLOYMENT, "run.scenario_4", deployment("scenario_4", scenario="scenario_4"), NOW_NS)
-    kept.take(DEPLOYMENT, "anna", deployment("scenario_2", scenario="scenario_2"), NOW_NS)
-    assert set(held(kept, DEPLOYMENT)) == {"run.scenario_4"}
+    kept.take(topics.DEPLOYMENT, "run.scenario_4", deployment("scenario_4", scenario="scenario_4"), NOW_NS)
+    kept.take(topics.DEPLOYMENT, "anna", deployment("scenario_2", scenario="scenario_2"), NOW_NS)
+    assert set(held(kept, topics.DEPLOYMENT)) == {"run.scenario_4"}
 
 
 def test_lamps_that_are_not_in_the_map_give_way_to_everything_else() -> None:
     kept = shelf(max_values=3)
     lamp = LampColor(stamp_ns=1, color=(1, 2, 3))
     room = Environment(stamp_ns=1, name="lab", lamps=(Lamp(id="real", position_m=(0.0, 0.0, 1.0)),))
-    kept.take(MAP, "", room, NOW_NS)
-    kept.take(LAMP_COLOR, "real", lamp, NOW_NS)
+    kept.take(topics.MAP, "", room, NOW_NS)
+    kept.take(topics.LAMP_COLOR, "real", lamp, NOW_NS)
     for number in range(10):
-        kept.take(LAMP_COLOR, f"x{number}", lamp, NOW_NS)
-    kept.take(SELECTION, "", Selection(stamp_ns=1), NOW_NS)
-    assert (set(held(kept, LAMP_COLOR)), set(held(kept, SELECTION))) == ({"real"}, {""})
+        kept.take(topics.LAMP_COLOR, f"x{number}", lamp, NOW_NS)
+    kept.take(topics.SELECTION, "", Selection(stamp_ns=1), NOW_NS)
+    assert (set(held(kept, topics.LAMP_COLOR)), set(held(kept, topics.SELECTION))) == ({"real"}, {""})
     assert kept.refused == 0

@@ -40,14 +40,6 @@ def test_a_landing_counts_with_its_distance_from_the_nearest_spot() -> None:
     assert score_lines(score.as_dict()) == ["quad landed once, 0.10 m from the place."]
 
 
-def test_without_spots_a_landing_is_measured_from_where_the_robot_was_sent() -> None:
-    score = RobotsScore()
-    score.on_state("quad", state((1.0, 1.0, 0.2)))
-    score.on_state("quad", state((1.0, 1.1, 0.1), "landing", target_m=(1.0, 1.4, 0.0)))
-    score.on_state("quad", state((1.0, 1.1, 0.0), "landed"))
-    assert score.as_dict()["quad"]["landed_off_m"] == [0.3]
-
-
 def test_a_goal_is_reached_where_the_robot_ends_near_it() -> None:
     score = RobotsScore()
     for goal_ns, end_m in ((5, 2.0), (7, 1.0)):
@@ -76,9 +68,3 @@ def test_each_crossing_of_a_fence_counts_once() -> None:
         score.on_state("quad", state(place_m))
     assert score.as_dict()["quad"]["fences_crossed"] == 2
     assert score_lines(score.as_dict()) == ["quad crossed fences 2 times."]
-
-
-def test_robots_that_did_nothing_are_not_mentioned() -> None:
-    score = RobotsScore()
-    score.on_state("quad", state((1.0, 1.0, 0.0), "landed"))
-    assert score_lines(score.as_dict()) == []

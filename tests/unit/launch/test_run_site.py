@@ -11,7 +11,7 @@ from pointit.launch.plan.plan import Plan
 from pointit.launch.plan.scenario import USUAL
 from pointit.launch.recorder import recorded, recorder_launch
 from pointit.launch.run.deployment_publisher import DeploymentPublisher
-from pointit.launch.run.run_site import LISTEN_S, Onlookers, check_names, free_place, surroundings
+from pointit.launch.run.run_site import LISTEN_S, Onlookers, check_names, surroundings
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import ConfigError
@@ -78,11 +78,6 @@ async def test_a_shard_that_is_about_to_serve_its_person_is_waited_for() -> None
     await bus.close()
 
 
-def test_more_people_than_colours_find_a_place_too() -> None:
-    assert free_place(CURSOR_COLORS) == len(CURSOR_COLORS) + 1
-    assert free_place([(1, 2, 3)]) == 1
-
-
 def health(viewers: float | None, service: str = "web") -> Health:
     figures = () if viewers is None else (Figure(name="viewers", value=viewers),)
     return Health(stamp_ns=1, service=service, instance=f"{service}.2", pid=1, figures=figures)
@@ -96,13 +91,6 @@ def test_who_has_a_page_open_looks_on_until_it_was_not_heard_for_a_while() -> No
     assert not onlookers.on_health(health(0.0), 11.0)  # closed, or only reloaded
     assert onlookers.are_there(10.0 + SILENT_S - 0.1)
     assert not onlookers.are_there(10.0 + SILENT_S)
-
-
-def test_nobody_looks_on_where_nobody_says_so() -> None:
-    onlookers = Onlookers()
-    for said in (health(0.0), health(None), health(3.0, "selector")):
-        assert not onlookers.on_health(said, 10.0)
-        assert not onlookers.are_there(10.0)
 
 
 PLAN = Plan(name="anna", person="anna", launches=(), link=Link())
@@ -146,16 +134,6 @@ async def test_what_another_has_told_since_is_not_taken_back() -> None:
     bus.publisher(DEPLOYMENT, "ben").put(other(0))
     await until(lambda: bool(later), what="what is told after it")
     assert all(each.services for each in told)
-    await bus.close()
-
-
-async def test_what_one_that_began_earlier_tells_changes_nothing() -> None:
-    bus = MemoryBus(LocalBroker())
-    notice, told = posted(bus)
-    bus.publisher(DEPLOYMENT, "anna").put(other(0))
-    await until(lambda: told[-1:] == [other(0)], what="the other one")
-    notice.retract()
-    await until(lambda: not told[-1].services, what="its end")
     await bus.close()
 
 

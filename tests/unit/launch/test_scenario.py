@@ -1,20 +1,16 @@
 """From a scenario's file and the command line to the services that start."""
 
-import math
 from collections.abc import Sequence
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import pytest
 from click.testing import CliRunner
 
-from pointit.cli.run.run import run
 from pointit.cli.run.user import command as user
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
-from pointit.launch.plan.scenario import Scenario, read_scenario, scenario_names
+from pointit.launch.plan.scenario import read_scenario, scenario_names
 from pointit.launch.plan.settings import check_settings
-from pointit.maps.file import load_map
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch, check_launches
 from pointit.schemas import KeyNameError
@@ -64,15 +60,6 @@ def test_every_shipped_scenario_builds(name: str, localize: bool) -> None:  # no
     assert scenario.duration_s > 0
 
 
-def test_the_scenarios_of_the_paper_are_shipped_and_explained() -> None:
-    names = {"scenario_1", "scenario_2", "scenario_3", "scenario_4"}
-    assert names <= set(scenario_names())
-    assert all(read_scenario(name).explained for name in names)
-    listing = CliRunner().invoke(run, ["--list"])
-    assert listing.exit_code == 0
-    assert all(f"pointit run {name}" in listing.output for name in names)
-
-
 @pytest.mark.parametrize("name", scenario_names())
 def test_a_shipped_scenario_can_be_started_for_several_people(name: str) -> None:
     scenario = read_scenario(name)
@@ -82,28 +69,10 @@ def test_a_shipped_scenario_can_be_started_for_several_people(name: str) -> None
     check_launches(launches)
 
 
-def test_who_stands_at_a_place_of_scenario_4_can_be_found_by_its_three_lamps() -> None:
-    scenario = read_scenario("scenario_4")
-    lamps = load_map(str(scenario.site["pui"]["map"]), 1).lamps
-    for place in scenario.places:
-        x_m, y_m, _ = place.position_m
-        seen_deg = sorted(
-            math.degrees(math.atan2(lamp.position_m[1] - y_m, lamp.position_m[0] - x_m)) % 360.0
-            for lamp in lamps
-        )
-        gaps_deg = [(after - before) % 360.0 for before, after in pairwise([*seen_deg, seen_deg[0]])]
-        assert 360.0 - max(gaps_deg) > 130.0, place  # lamps all to one side leave the distance open
-
-
 def test_the_method_of_selecting_can_be_chosen_where_something_is_selected() -> None:
     assert config_of(site(method="hold"), "selector")["method"] == "hold"
     with pytest.raises(ConfigError, match=r"--method hold: nothing is selected in scenario_2\.yaml"):
         site("scenario_2", method="hold")
-
-
-def test_what_the_scenario_asks_of_people() -> None:
-    assert read_scenario("scenario_3").target_kinds == ("red",)
-    assert config_of(person(), "user-sim")["target_kinds"] == ("red",)  # they want what counts
 
 
 def test_people_get_places_and_seeds_of_their_own() -> None:
@@ -138,7 +107,6 @@ def test_localize_tells_nobody_where_people_stand() -> None:
         ("serial", "serial", None, None),
         ("replay:/tmp/a:b.csv", "replay", "replay", "recording"),
         ("simulated", "simulated", None, None),
-        ("page", "page", None, None),
     ],
 )
 def test_a_device_replaces_the_simulation(
@@ -176,16 +144,7 @@ def test_ros_may_take_anybodys_wrist_without_a_page(tmp_path: Path) -> None:
         assert config_of(launches, "imu-bridge")["source"] == "page"  # it only waits for a wrist
 
 
-def test_an_imu_bridge_of_a_scenario_is_as_it_says(tmp_path: Path) -> None:
-    text = GOOD + "user: {imu-bridge: {source: simulated}, pointing: {}}\n"
-    alone = str(written(tmp_path / "a.yaml", text))
-    assert config_of(person(scenario=alone, page=True), "imu-bridge")["source"] == "simulated"
-    text = GOOD + "user: {imu-bridge: {yaw_origin_deg: 7}, user-sim: {}}\n"
-    beside = config_of(person(scenario=str(written(tmp_path / "b.yaml", text)), page=True), "imu-bridge")
-    assert (beside["source"], beside["yaw_origin_deg"]) == ("page", 7)
-
-
-@pytest.mark.parametrize("device", ["nonsense", "serial:", "replay", "simulated:x", "page:x", ""])
+@pytest.mark.parametrize("device", ["nonsense", "replay", "simulated:x", ""])
 def test_another_device_is_refused(device: str) -> None:
     with pytest.raises(ConfigError, match=f"--imu '{device}': (no IMU source|write [a-z])"):
         person(imu=[device])
@@ -230,19 +189,10 @@ def test_a_file_changes_what_the_command_line_set_and_leaves_the_rest(tmp_path: 
     assert (simulated["arm"]["tremor_rms_deg"], simulated["arm"]["reach_base_s"]) == (0.0, 0.25)
 
 
-def test_nested_parameters_can_be_set() -> None:
-    settings = ["conveyor-sim.feeder.sequence=[red, green]", "pui.map=lab"]
-    both = (site(settings=settings), site())
-    feeder, shipped = (config_of(launches, "conveyor-sim")["feeder"] for launches in both)
-    assert feeder["sequence"] == ("red", "green") != shipped["sequence"]
-    assert feeder["count"] == shipped["count"] > 0
-
-
 @pytest.mark.parametrize(
     ("setting", "sentence"),
     [
         ("selector", "write service.parameter=value"),
-        ("selector=1", "write service.parameter=value"),
         ("selektor.window_s=1", "'selektor' is no service"),
         ("selector.window_s=soon", r"--set selector.window_s=soon: window_s: .*'soon'"),
         ("selector.nope=1", r"--set selector.nope=1: no parameter nope; there are "),
@@ -266,7 +216,6 @@ def test_a_setting_without_effect_is_refused() -> None:
     ("text", "sentence"),
     [
         ("selektor: {}", "'selektor' is no service"),
-        ("selector: 3", "selector: a mapping of parameters was expected, got 3"),
         ("selector: {window_s: soon}", r"a.yaml, selector: window_s: .*'soon'"),
         ("[", "is not YAML in line"),
     ],
@@ -282,12 +231,9 @@ def test_a_wrong_file_of_parameters_is_named(tmp_path: Path, text: str, sentence
     ("text", "sentence"),
     [
         ("about: a\n", "places: is missing"),
-        ("about: a\nplaces: []\n", "places: "),
         ("about: a\nplaces: [{position_m: [0, 0]}]\n", "places.0.position_m"),
-        (GOOD + "duration_s: -1\n", "duration_s: "),
         (GOOD + "sites: {}\n", "no parameter sites; did you mean site"),
         (GOOD + "site: {puj: {}}\n", "site: no service 'puj'"),
-        (GOOD + "site: {pointing: {}}\n", "site: pointing must stand under user"),
         (GOOD + "site: {pui: {mapp: lab}}\n", "pui: no parameter mapp; did you mean map"),
     ],
 )
@@ -300,7 +246,10 @@ def test_a_wrong_scenario_is_named(tmp_path: Path, text: str, sentence: str) -> 
 
 def test_a_scenario_that_does_not_exist() -> None:
     known = r"no scenario 'nope'; there are scenario_1, .*scenario_4, .*; or give a .yaml file"
-    for name, sentence in (("nope", known), ("/nowhere/nope.yml", r"nope\.yml: cannot be read")):
+    for name, sentence in (
+        ("nope", known),
+        ("/nowhere/nope.yml", r"nope\.yml: cannot be read .*; check its path"),
+    ):
         with pytest.raises(ConfigError, match=sentence):
             read_scenario(name)
 
@@ -311,7 +260,7 @@ def test_a_scenario_whose_file_name_cannot_stand_in_a_key(tmp_path: Path) -> Non
         read_scenario(str(path))
 
 
-@pytest.mark.parametrize("length", [60, 61, 64, 65])
+@pytest.mark.parametrize("length", [60, 61])
 def test_a_scenario_whose_name_is_too_long_for_the_key_of_its_run(length: int, tmp_path: Path) -> None:
     """The longest that is taken can be told (`DeploymentPublisher`); once a run began and failed by it."""
     path = written(tmp_path / f"{'x' * length}.yaml", GOOD)
@@ -329,18 +278,6 @@ def test_a_person_is_not_called_as_a_run() -> None:
         person("run.bob", scenario="scenario_1")
     with pytest.raises(KeyNameError, match=sentence):
         CliRunner().invoke(user, ["run.bob"], catch_exceptions=False)
-
-
-def test_a_service_for_all_cannot_stand_under_user(tmp_path: Path) -> None:
-    path = written(tmp_path / "a.yaml", GOOD + "user: {pui: {}}\n")
-    with pytest.raises(ConfigError, match="user: pui must stand under site"):
-        person(scenario=str(path))
-
-
-def test_defaults_of_a_scenario() -> None:
-    scenario = Scenario.model_validate({"about": "a", "places": [{"position_m": (0.0, 0.0, 0.0)}]})
-    assert scenario.source == "scenario"
-    assert (scenario.duration_s, scenario.site, scenario.user) == (60.0, {}, {})
 
 
 def test_people_differ_in_the_colour_of_their_cursor_unless_the_scenario_says_otherwise() -> None:

@@ -10,11 +10,9 @@ from pointit.launch.plan.launches import Choices
 from pointit.launch.plan.plan import Plan
 from pointit.launch.plan.scenario import Pose, read_scenario, scenario_names
 from pointit.launch.plan.scenario_catalog import ScenarioCatalog, scenario_launches
-from pointit.maps.file import load_map
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.link import Link
 from pointit.schemas import RunScenario
-from pointit.services.conveyor_sim.config import ConveyorSimConfig
 from pointit.services.localizer.config import LocalizerConfig
 
 
@@ -149,11 +147,6 @@ def test_a_room_is_no_scenario_and_the_sentence_says_how_to_run_one_in_it(tmp_pa
     assert f"`pointit run scenario_2 --set pui.map={path}`" in str(caught.value)
 
 
-def test_a_scenario_file_that_is_not_there_is_said_with_what_to_do(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"none\.yaml: cannot be read \(No such file.*\); check its path"):
-        read_scenario(str(tmp_path / "none.yaml"))
-
-
 ROOM = """
 leds: {a: {position: [0, 0, 1]}, b: {position: [1, 2, 1]}}
 strips: {1: {line: [[0, 0.3, 1], [4, 0.3, 1]], pixels: 120, direction: 1}}
@@ -177,13 +170,6 @@ def offered(*settings: str, files: tuple[Path, ...] = ()) -> tuple[str, ...]:
     return ScenarioCatalog.beginning_with("scenario_2", "scenario_2", scenario, choices).offered
 
 
-@pytest.mark.parametrize("name", scenario_names())
-@pytest.mark.parametrize("localize", [False, True])
-def test_shipped_scenario_fits_its_map(name: str, localize: bool) -> None:  # noqa: FBT001 - pytest's
-    assert scenario_launches(read_scenario(name), Choices(localize=localize), 2)
-    assert set(offered()) == set(scenario_names())
-
-
 def test_refusal_names_the_belt_and_the_option(tmp_path: Path) -> None:
     choices = Choices(settings=[f"pui.map={written(tmp_path, ROOM)}"])
     with pytest.raises(
@@ -203,15 +189,6 @@ def test_scenario_is_offered_where_its_feeder_names_a_belt_of_the_map(tmp_path: 
     assert "scenario_4" in offered(room, "conveyor-sim.feeders.entry.belt=main")
 
 
-def test_feeders_of_a_file_replace_those_of_the_scenario(tmp_path: Path) -> None:
-    feeders = "conveyor-sim: {feeders: {mine: {belt: main, sequence: [red], min_interval_s: 2}}}"
-    file = written(tmp_path, feeders, "mine.yaml")
-    choices = Choices(settings=[f"pui.map={written(tmp_path, ROOM)}"], files=[file])
-    configs = [launch.config for launch in scenario_launches(read_scenario("scenario_4"), choices, 1)]
-    (conveyor,) = [config for config in configs if isinstance(config, ConveyorSimConfig)]
-    assert list(conveyor.feeders) == ["mine"]
-
-
 def test_bay_that_a_map_of_several_bays_lacks_is_refused(tmp_path: Path) -> None:
     bays = ROOM.replace("bays: {1: next}", "bays: {1: next, 2: main}")
     room = written(tmp_path, bays.replace("links:", "#"))
@@ -223,11 +200,6 @@ def test_bay_that_a_map_of_several_bays_lacks_is_refused(tmp_path: Path) -> None
     assert scenario_launches(read_scenario("scenario_4"), Choices(settings=settings), 1)
 
 
-def test_only_workspaces_and_lamps_are_offered_on_a_map_of_lamps(tmp_path: Path) -> None:
-    lamps = written(tmp_path, "leds: {a: {position: [0, 0, 1]}, b: {position: [1, 2, 1]}}")
-    assert set(offered(f"pui.map={lamps}")) == {"scenario_1", "scenario_5", "send_a_robot"}
-
-
 @pytest.mark.parametrize(("leds", "count"), [("{}", "no lamps"), ("{a: {position: [0, 0, 1]}}", "1 lamp")])
 def test_localizing_by_lamps_takes_two_lamps(tmp_path: Path, leds: str, count: str) -> None:
     strip = "strips: {1: {line: [[0, 0.3, 1], [4, 0.3, 1]], pixels: 120, direction: 1}}"
@@ -235,19 +207,6 @@ def test_localizing_by_lamps_takes_two_lamps(tmp_path: Path, leds: str, count: s
     choices = Choices(settings=[f"pui.map={room}"], localize=True)
     with pytest.raises(ConfigError, match=rf"^localizer.user1: map 'room' has {count} and .* --localize out"):
         scenario_launches(read_scenario("scenario_2"), choices, 1)
-
-
-def test_map_that_cannot_be_read_is_told_as_by_pui(tmp_path: Path) -> None:
-    room = written(tmp_path, "leds: [")
-    with pytest.raises(ConfigError, match=r"^pui: .*room\.yaml: is not YAML"):
-        scenario_launches(read_scenario("scenario_2"), Choices(settings=[f"pui.map={room}"]), 1)
-
-
-def test_map_with_a_broken_bay_is_left_for_pui_to_tell(tmp_path: Path) -> None:
-    room = written(tmp_path, ROOM.replace("bays: {1: next}", "bays: {1: nowhere}"))
-    assert scenario_launches(read_scenario("scenario_4"), Choices(settings=[f"pui.map={room}"]), 1)
-    with pytest.raises(ConfigError, match=r"room\.yaml: bays\.1\S* there is no belt 'nowhere'"):
-        load_map(str(room), 0)
 
 
 def test_localizing_by_a_moving_robot_takes_no_lamps(tmp_path: Path) -> None:

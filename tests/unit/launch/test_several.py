@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from pointit.diagnosis.writers import present_writers, start_command
+from pointit.diagnosis.writers import start_command
 from pointit.launch.plan.launches import Choices, shard_launches, site_launches
 from pointit.launch.plan.scenario import Scenario
 from pointit.launch.plan.settings import check_settings
@@ -13,10 +13,8 @@ from pointit.launch.run.service_group import Processes
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch, check_launches
 from pointit.schemas import KeyNameError
-from pointit.schemas.topics import ROBOT_STATE
 from pointit.services.pui.config import PuiConfig
 from pointit.services.pui.service import Pui
-from pointit.services.registry import person_of
 from pointit.services.selector.config import SelectorConfig
 
 PLACES = [{"position_m": [0.0, 0.0, 0.0]}]
@@ -128,8 +126,3 @@ def test_its_command_starts_that_one_again() -> None:
     (launch,) = site_launches(scenario(robot_quad={}), Choices())
     command = Processes([launch], site="lab", connect="tcp/a:1").command(launch)
     assert command[command.index("--name") + 1] == "quad"
-
-
-def test_its_name_is_no_person_and_it_writes_of_itself_only() -> None:
-    assert (person_of("robot.quad"), person_of("pointing.anna"), person_of("web.2")) == ("", "anna", "")
-    assert present_writers(ROBOT_STATE, "quad", ["robot.quad", "robot.cart", "pui"]) == ["robot.quad"]

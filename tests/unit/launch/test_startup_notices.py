@@ -55,13 +55,6 @@ def test_nobody_is_told_what_was_said_or_is_simulated(choices: Choices, index: i
     assert said(choices, index=index) == []
 
 
-def test_of_several_people_only_who_wears_a_device() -> None:
-    scenario, choices = read_scenario("scenario_3"), Choices(imu=["sim", SERIAL])
-    launches = [*user_launches(scenario, choices, "user1", 0), *user_launches(scenario, choices, "user2", 1)]
-    (sentence,) = assumed_places(launches, choices)
-    assert sentence.startswith("user2 is assumed to stand at ")
-
-
 def test_what_is_kept_and_in_use_is_said() -> None:
     launches = user_launches(read_scenario("scenario_3"), Choices(imu=[SERIAL]), "anna")
     assert [*kept_mountings(launches), *kept_offsets(launches)] == []

@@ -171,10 +171,3 @@ def test_a_summary_that_cannot_be_written_is_found_before_the_run(tmp_path: Path
         check_writable(tmp_path)
     with pytest.raises(ConfigError, match=r"--summary .*: there is no directory .*missing"):
         check_writable(tmp_path / "missing" / "new.json")
-
-
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
-def test_a_read_only_folder_is_found_too(tmp_path: Path) -> None:
-    tmp_path.chmod(0o500)
-    with pytest.raises(ConfigError, match="cannot be written"):
-        check_writable(tmp_path / "new.json")

@@ -1,7 +1,6 @@
-"""Point clouds: every format that is read, and every way to get one wrong."""
+"""Point clouds: every format that is read, and ways to get one wrong."""
 
 import os
-import time
 from pathlib import Path
 
 import numpy as np
@@ -91,32 +90,18 @@ BROKEN = {
     "cloud.obj": (b"v 1 2 3", "is not a point cloud; give a file that ends in .ply, .xyz"),
     "text.ply": (b"1 2 3\n", "does not begin with `ply`"),
     "endless.ply": (b"ply\nformat ascii 1.0\n", "its header does not end"),
-    "version.ply": (b"ply\nformat ascii 2.0\n", "line 2 of its header is not understood, 'format ascii 2.0'"),
-    "order.ply": (b"ply\nformat binary_middle_endian 1.0\n", "line 2 of its header"),
-    "early.ply": (b"ply\nformat ascii 1.0\nproperty float x\n", "line 3 of its header"),
-    "kind.ply": (ply("ascii", XYZ.replace("float y", "half y")), "line 6 of its header|half y"),
     "negative.ply": (ply("ascii", XYZ, rows=-1), "line 4 of its header|vertex -1"),
     "no_vertex.ply": (ply("ascii", XYZ).replace(b"vertex", b"corner"), "has no element vertex"),
     "no_z.ply": (ply("ascii", XYZ.replace("float z", "float w")), "have x, y, w, not z once"),
-    "two_x.ply": (ply("ascii", XYZ.replace("float z", "float x")), "not x, z once"),
-    "bare.ply": (ply("ascii", ""), "its vertices have nothing, not x, y, z once"),
     "list.ply": (
         ply("binary_little_endian", "property list uchar int near\n" + XYZ),
         "element vertex has the list near"),
-    "list_before.ply": (
-        ply("binary_big_endian", XYZ, before="element face 1\nproperty list uchar int corners\n"),
-        "element face has the list corners"),
     "short.ply": (
         ply("binary_little_endian", XYZ) + POINTS.astype("<f4").tobytes()[:-1],
         "is cut off, 2 of 3 points are there"),
-    "short_text.ply": (ply("ascii", XYZ, rows=4) + TEXT.encode(), "3 of 4 points are there"),
-    "no_body.ply": (ply("ascii", XYZ), "0 of 3 points are there"),
     "words.ply": (ply("ascii", XYZ) + b"1 2 3\n1 two 3\n1 2 3\n", "a row is not x, y, z|two"),
     "endless_text.ply": (
         ply("ascii", XYZ, before=f"element stone {10**30}\n") + TEXT.encode(), "0 of 3 points are there"),
-    "endless_binary.ply": (
-        ply("binary_big_endian", XYZ, before=f"element stone {10**30}\nproperty char weight\n"),
-        "0 of 3 points are there"),
     "none.ply": (ply("ascii", XYZ, rows=0), "has no points"),
     "many.ply": (ply("ascii", XYZ, rows=5_000_001), "has 5000001 points, limit 5000000"),
     "signalling_nan.ply": (
@@ -124,12 +109,8 @@ BROKEN = {
         "1 of 1 points are not finite"),
     "nan.xyz": (
         b"1 2 3\n1 nan 3\n4 5 inf\n", "2 of 3 points are not finite, the first is point 2 [1.0, nan, 3.0]"),
-    "empty.xyz": (b"", "has no points"),
     "remarks.xyz": (b"# nothing\n\n", "no line begins with x, y and z, the first is '# nothing'"),
     "prose.txt": (b"Dear reader,\nthis is a letter.\n", "no line begins with x, y and z|'Dear reader,'"),
-    "two.xyz": (b"1 2\n3 4\n", "no line begins with x, y and z|'1 2'"),
-    "ragged.xyz": (b"1 2 3\n4 5\n", "a row is not x, y, z"),
-    "binary.xyz": (bytes(range(128, 256)), "is not text"),
     "binary_later.xyz": (b"1 2 3\n" * 5000 + b"\xff\xfe", "is not text"),
 }  # fmt: skip
 
@@ -157,24 +138,10 @@ def test_a_text_of_too_many_points_is_refused_unread(tmp_path: Path, monkeypatch
         read_cloud(path)
 
 
-def test_a_cloud_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"cloud\.ply: cannot be read"):
-        read_cloud(tmp_path / "cloud.ply")
-
-
 def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.xyz")
     with pytest.raises(ConfigError, match=r"pipe\.xyz: is not a file; give"):
         read_cloud(tmp_path / "pipe.xyz")
-
-
-def test_names_that_no_file_can_have(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="cannot be read"):
-        read_cloud(tmp_path / ("long" * 2000 + ".ply"))
-    path = tmp_path / "site.yaml"
-    path.write_text('clouds: {shelf: {file: "a\\0b.ply"}}')
-    with pytest.raises(ConfigError, match=r"clouds\.shelf\.file: write the path of"):
-        load_map_and_clouds(str(path), 0)
 
 
 @given(st.binary(max_size=300), st.sampled_from([".ply", ".xyz"]))
@@ -193,16 +160,6 @@ def test_no_bytes_are_a_fault(tmp_path_factory: pytest.TempPathFactory, content:
             continue
         assert points.shape[1] == 3
         assert np.isfinite(points).all()
-
-
-def test_a_million_points_are_read_in_seconds(tmp_path: Path) -> None:
-    points = np.random.default_rng(1).uniform(-10, 10, (1_000_000, 3)).astype("<f4")
-    path = tmp_path / "large.ply"
-    path.write_bytes(ply("binary_little_endian", XYZ, rows=len(points)) + points.tobytes())
-    start = time.process_time()
-    read = read_cloud(path)
-    assert time.process_time() - start < 3.0
-    np.testing.assert_array_equal(read, points.astype(np.float64))
 
 
 def placed(folder: Path, keys: str) -> NDArray[np.float64]:

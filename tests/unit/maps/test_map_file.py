@@ -1,4 +1,4 @@
-"""Maps: the shipped one, the toolkit's, and every way to get one wrong."""
+"""Maps: the shipped one, the toolkit's, and ways to get one wrong."""
 
 import json
 import math
@@ -8,7 +8,6 @@ import pytest
 import yaml
 
 from pointit.geometry.polyline import Polyline
-from pointit.geometry.vector import Vec3
 from pointit.maps.file import load_map, shipped_maps
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import decode, encode
@@ -126,11 +125,6 @@ def test_positions_that_were_rounded_beyond_an_end_are_at_it(tmp_path: Path) -> 
     assert (link.source_position_m, link.target_position_m) == (2.0, 0.0)
 
 
-def test_bays_are_named_as_people_count(tmp_path: Path) -> None:
-    read = loaded(write(tmp_path, WHOLE + "bays: {1: side, left: main}"), 0)
-    assert [(bay.id, bay.belt) for bay in read.bays] == [("1", "side"), ("left", "main")]
-
-
 def test_the_shipped_conveyor_is_the_papers() -> None:
     """Its lines keep within a millimetre of the published ones, whose vertices are a centimetre apart."""
     ours = load_map("conveyor", 0)
@@ -153,40 +147,6 @@ def test_the_shipped_conveyor_is_the_papers() -> None:
         assert their_line.nearest_to(line.vertices_m)[1].max() < 1e-9, "vertices are theirs"
         assert math.isclose(line.length_m, their_line.length_m, abs_tol=0.003)
     assert sum(len(belt.line_m) for belt in ours.belts) < 100
-
-
-def test_the_conveyors_links_are_where_the_belts_meet() -> None:
-    conveyor = load_map("conveyor", 0)
-    lines = {belt.id: Polyline(belt.line_m) for belt in conveyor.belts}
-    ends: dict[tuple[str, str], tuple[Vec3, Vec3]] = {}
-    for link in conveyor.links:
-        source, target = lines[link.source], lines[link.target]
-        at = source.length_m if link.source_position_m is None else link.source_position_m
-        ends[link.source, link.target] = (source.point_at(at), target.point_at(link.target_position_m))
-    assert math.isclose(ends["part_g", "part_b"][0][1], -1.409, abs_tol=1e-3)
-    assert math.isclose(ends["part_g", "part_c"][0][1], -0.300, abs_tol=1e-3)
-    assert math.isclose(ends["part_h", "part_a"][0][1], -1.655, abs_tol=1e-3)
-    assert math.isclose(ends["part_g", "part_h"][1][0], 2.861, abs_tol=1e-3)
-    assert math.isclose(ends["part_h", "part_g"][1][0], 0.810, abs_tol=1e-3)
-    assert ends["part_g", "part_i"][0] == pytest.approx((2.861, 0.618, 1.067))
-    assert (ends["part_g", "part_i"][1], len(ends)) == ((2.861, 1.136, 1.067), 8)
-    assert {bay.id: bay.belt for bay in conveyor.bays} == {
-        "1": "part_b",
-        "2": "part_c",
-        "3": "part_i",
-        "4": "part_a",
-    }
-
-
-def test_the_belts_of_vr() -> None:
-    belts = load_map("vr_belts", 0).belts
-    assert {each.id: Polyline(each.line_m).length_m for each in belts} == {
-        "a": 34.5,
-        "b": 34.5,
-        "c": 20,
-        "d": 20,
-    }
-    assert {belt.width_m for belt in belts} == {1.0}
 
 
 def test_the_shipped_lab_is_the_papers() -> None:
@@ -235,54 +195,33 @@ def test_an_unknown_name_lists_the_shipped_maps() -> None:
     assert "./laboratory.yaml" in str(caught.value)
 
 
-def test_a_file_that_is_not_there() -> None:
-    with pytest.raises(ConfigError, match=r"nowhere/site\.yaml: cannot be read"):
-        load_map("nowhere/site.yaml", 0)
-
-
 BROKEN = [
     ("", "the map is empty"),
-    ("leds: {}\nstrips:\n", "the map is empty"),
     ("- 1", "a mapping"),
     ("leds: [", "is not YAML"),
     ("lamps: {a: {position: [0, 0, 0]}}", "lamps: is not known|use one of leds, strips, belts, links"),
     ("leds: 3", "leds: write a mapping of names to entries, not 3"),
     ("leds: {a: 3}", "leds.a: write a mapping with position, not 3"),
-    ("leds: {a: {}}", "leds.a.position: is missing; add it"),
     ("leds: {a: {position: [1, 2]}}", "leds.a.position: |three numbers|[1, 2]"),
-    ("leds: {a: {position: [1, 2, 3, 4]}}", "leds.a.position: |[1, 2, 3, 4]"),
     ("leds: {a: {position: [1, 2, x]}}", "leds.a.position: |'x'"),
-    ("leds: {a: {position: [1, 2, true]}}", "leds.a.position: |True"),
     ("leds: {a: {position: [1, 2, .nan]}}", "leds.a.position: |nan"),
-    ("leds: {a: {position: [1, 2, .inf]}}", "leds.a.position: |inf"),
-    ("leds: {a: {position: 5}}", "leds.a.position: |not 5"),
     ("leds: {a: {position: [1, 2, 3], color: red}}", "leds.a.color: is not known|'red'|remove it"),
     ("leds: {'a/b': {position: [1, 2, 3]}}", "leds: |'a/b'|letters"),
     ("leds: {1: {position: [1, 2, 3]}, '1': {position: [1, 2, 3]}}", "leds: 1 is defined twice"),
     ("strips: {s: {line: [[0, 0, 0], [1, 0, 0]], direction: 1}}", "strips.s.pixels: is missing"),
-    ("strips: {s: {pixels: 9, direction: 1}}", "strips.s.line: is missing"),
     ("strips: {s: {line: [[0, 0, 0]], pixels: 9, direction: 1}}", "strips.s.line: |at least two points"),
-    ("strips: {s: {line: 4, pixels: 9, direction: 1}}", "strips.s.line: |list of points|not 4"),
     ("strips: {s: {line: [[0, 0, 0], [1, 0]], pixels: 9, direction: 1}}", "strips.s.line: vertex 1: |[1, 0]"),
     (
         "strips: {s: {line: [[1, 0, 0], [1, 0, 0]], pixels: 9, direction: 1}}",
         "strips.s.line: |two different points"),
     ("strips: {s: {line: [[0, 0, 0], [1, 0, 0]], pixels: 0, direction: 1}}", "strips.s.pixels: |not 0"),
-    ("strips: {s: {line: [[0, 0, 0], [1, 0, 0]], pixels: 1.5, direction: 1}}", "strips.s.pixels: |1.5"),
     ("strips: {s: {line: [[0, 0, 0], [1, 0, 0]], pixels: 5000, direction: 1}}", "strips.s.pixels: |4096"),
-    ("strips: {s: {line: [[0, 0, 0], [1, 0, 0]], pixels: 9, direction: 2}}", "strips.s.direction: |not 2"),
-    ("strips: {s: {line: [[0, 0, 0], [1, 0, 0]], pixels: 9, direction: yes}}", "strips.s.direction: |True"),
     (
         "strips: {s: {line: [[0, 0, 0], [1, 0, 0]], pixels: 9, direction: 1, length: -2}}",
         "strips.s.length: |not -2"),
-    ("belts: {b: {centerline: [[0, 0, 0], [1, 0, 0]]}}", "belts.b.width: is missing"),
     ("belts: {b: {centerline: [[0, 0, 0], [1, 0, 0]], width: 0}}", "belts.b.width: |above 0|not 0"),
-    ("belts: {b: {line: [[0, 0, 0], [1, 0, 0]], width: 1}}", "belts.b.centerline: is missing"),
     (WHOLE.replace("to: side", "to: sidee"), "links.0.to: there is no belt 'sidee'|main, side"),
-    (WHOLE.replace("from: main", "from: 3"), "links.0.from: there is no belt '3'"),
     (WHOLE.replace("from: main, ", ""), "links.0.from: is missing"),
-    (WHOLE.replace("to: side}", "to: [side]}"), "links.0.to: write the name of a belt, not ['side']"),
-    (WHOLE.replace("to: side}", "to: yes}"), "links.0.to: write the name of a belt, not True"),
     (WHOLE.replace("to: side}", "to: side, via: x}"), "links.0.via: is not known|from, to, from_position"),
     (
         WHOLE.replace("to: side}", "to: side, from_position: far}"),
@@ -290,47 +229,25 @@ BROKEN = [
     (
         WHOLE.replace("to: side}", "to: side, from_position: 2.02}"),
         "links.0.from_position: 2.02 m is off belt main; write 0 to 2"),
-    (
-        WHOLE.replace("to: side}", "to: side, to_position: -0.02}"),
-        "links.0.to_position: -0.02 m is off belt side; write 0 to 2"),
-    (WHOLE + "bays: {1: sidee}", "bays.1: there is no belt 'sidee'; use one of main, side"),
-    (WHOLE + "bays: {1: [side]}", "bays.1: write the name of a belt, not ['side']"),
     (WHOLE + "bays: [side]", "bays: write a mapping of bays to belts such as {1: belt}, not ['side']"),
-    (WHOLE + "bays: {a b: side}", "bays: |'a b'|letters"),
     ("leds: {a: {position: [1, 2, 3]}}\nbays: {1: b}", "bays.1: |the map has neither belts nor strips"),
-    ("bays: {1: b}", "the map is empty"),
-    ("boxes: {b: {center: [0, 0, 0]}}", "boxes.b.size: is missing; add it beside center"),
     ("boxes: {b: {center: [0, 0, 0], size: [1, 1]}}", "boxes.b.size: write 3 sizes in metres, all above 0"),
     ("boxes: {b: {center: [0, 0, 0], size: [1, 1, 0]}}", "boxes.b.size: |not [1, 1, 0]"),
-    ("boxes: {b: {center: [0, 0, 0], size: 2}}", "boxes.b.size: |not 2"),
-    (
-        "boxes: {b: {center: [0, 0, 0], size: [1, 1, 1], yaw_deg: x}}",
-        "boxes.b.yaw_deg: write a number of degrees"),
-    ("boxes: {b: {center: [0, 0, 0], size: [1, 1, 1], yaw: 1}}", "boxes.b.yaw: is not known|yaw_deg"),
     ("planes: {p: {center: [0, 0, 0], normal: [0, 0, 0]}}", "planes.p.normal: |has no direction"),
-    ("planes: {p: {center: [0, 0, 0], normal: [0, 0]}}", "planes.p.normal: a point is three numbers"),
     ("planes: {p: {center: [0, 0, 0], normal: [0, 0, 1], size: [1, -1]}}", "planes.p.size: write 2 sizes"),
-    ("planes: {p: {center: [0, 0, 0], normal: [0, 0, 1], size: [.inf, 1]}}", "planes.p.size: write 2 sizes"),
-    ("cylinders: {c: {center: [0, 0, 0], radius: 1}}", "cylinders.c.height: is missing"),
     ("cylinders: {c: {center: [0, 0, 0], radius: -1, height: 1}}", "cylinders.c.radius: |above 0, not -1"),
-    ("spheres: {s: {radius: 1}}", "spheres.s.center: is missing"),
-    ("spheres: {s: 1}", "spheres.s: write a mapping with center, radius, not 1"),
-    ("fences: {f: {outline: [[0, 0], [1, 0], [0, 1]]}}", "fences.f.kind: is missing"),
     (FENCE.replace("keep_in", "inside"), "fences.f.kind: write keep_in (robots stay inside)|not 'inside'"),
     (FENCE.replace("[0, 1]]", "[0, 1, 2]]"), "fences.f.outline: |corners [x, y] in metres|[0, 1, 2]"),
     (FENCE.replace(", [0, 1]]", "]"), "fences.f.outline: an outline needs at least three corners|not 2"),
-    (FENCE.replace("[0, 1]]", "[0, .nan]]"), "fences.f.outline: |nan"),
     (FENCE.replace("[0, 1]]", "[2, 0]]"), "fences.f.outline: the outline has no area inside"),
     (
         FENCE.replace("[[0, 0], [1, 0], [0, 1]]", "[[0, 0], [1, 1], [1, 0], [0, 1]]"),
         "fences.f.outline: the outline crosses itself: the edges from corner 0 and corner 2 meet; list"),
     (FENCE.replace("]]", "]], low: 2, high: 1"), "fences.f: low is 2 m and high 1 m; low must be below high"),
-    (FENCE.replace("]]", "]], low: much"), "fences.f.low: write a number of metres above the floor"),
     ("clouds: {c: {file: 3}}", "clouds.c.file: write the path of a .ply or .xyz file"),
     ("clouds: {c: {file: c.ply, scale: 0}}", "clouds.c.scale: |above 0, not 0"),
     (WHOLE.replace("- {from: main, to: side}", "main: side"), "links: write a list"),
-    (WHOLE.replace("{from: main, to: side}", "main"), "links.0: write a mapping with from, to"),
-]  # fmt: skip
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(("text", "parts"), BROKEN)

@@ -23,7 +23,7 @@ from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import WallClock
 from pointit.runtime.config.config import published_parameters
-from pointit.runtime.errors import ConfigError, RefusedError
+from pointit.runtime.errors import RefusedError
 from pointit.runtime.service.service import Launch, run_service
 from pointit.schemas import topics
 from pointit.schemas.catalogue.example import example
@@ -120,15 +120,6 @@ async def test_requests_are_recorded_with_reply_or_refusal(site: Site) -> None:
     assert refused == kind(
         stamp_ns=refused.stamp_ns, query=models.SetBrightness(brightness=0.25), refusal="too dark"
     )
-
-
-async def test_presence_is_recorded_as_it_changes(site: Site) -> None:
-    before = site.bus.announce(topics.USER_ALIVE, "anna")
-    async with site.recorded():
-        await asyncio.sleep(0)
-        before.close()
-        await asyncio.sleep(0)
-    assert site.bodies(topics.USER_ALIVE.at("anna")) == [True, False]
 
 
 async def test_topics_are_left_out_on_request(site: Site) -> None:
@@ -233,25 +224,6 @@ async def test_a_lost_router_is_said_once(site: Site, monkeypatch: Patch, caplog
     assert caplog.text.count("not everything is recorded: router at tcp/127.0.0.1:7447 lost") == 1
 
 
-async def test_a_site_on_which_nothing_runs_is_said_before_and_after_its_services(
-    site: Site, monkeypatch: Patch, caplog: Caplog
-) -> None:
-    monkeypatch.setattr("pointit.services.recorder.service.REPORT_S", 0.001)
-    monkeypatch.setattr("pointit.services.recorder.service.ALONE_S", 0.02)
-    monkeypatch.setattr(Recorder, "IS_COMMAND", True)
-    before, after = "no service runs on site memory: ", "no service runs on site memory any more: "
-    async with site.recorded():
-        site.bus.announce(topics.SERVICE_ALIVE, "router")
-        await until(lambda: before in caplog.text)
-        service = site.bus.announce(topics.SERVICE_ALIVE, "pui")
-        await until(lambda: "pui" in site.exchange.present.get(topics.SERVICE_ALIVE.key, {}))
-        await asyncio.sleep(0.1)
-        assert after not in caplog.text
-        service.close()
-        await until(lambda: after in caplog.text)
-    assert (caplog.text.count(before), caplog.text.count(after)) == (1, 1)
-
-
 async def test_file_that_exists_is_never_overwritten(site: Site) -> None:
     site.path.write_bytes(b"precious")
     async with site.recorded():
@@ -330,18 +302,6 @@ async def test_health_tells_what_is_left_out_and_why(site: Site, monkeypatch: Pa
         for _ in range(2):
             site.bus.publisher(topics.BUTTON, "anna").put(example(topics.BUTTON.message))
         await until(lambda: any(sentence in report.warnings for report in site.health))
-
-
-@pytest.mark.parametrize(
-    ("parameters", "sentence"),
-    [
-        ({"file": "/nowhere/at/all/a.mcap"}, "its folder does not exist"),
-        ({"without": ("smell",)}, "no topic is called so; choose from"),
-    ],
-)
-def test_wrong_parameters_are_refused_before_the_start(parameters: dict[str, Any], sentence: str) -> None:
-    with pytest.raises(ConfigError, match=sentence):
-        Recorder.validate_config(RecorderConfig(**parameters))
 
 
 async def test_movements_of_one_person_are_recorded_where_no_others_may_be_read(site: Site) -> None:

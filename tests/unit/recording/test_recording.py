@@ -6,38 +6,14 @@ from typing import Any
 import pytest
 from mcap.reader import make_reader
 
+import pointit.schemas as models
 from pointit.recording import container, reader
 from pointit.recording.entries import Entry, Exchange, RecordingError, body_kind, entry, entry_of
 from pointit.recording.head import make_head
 from pointit.recording.reader import Recording
 from pointit.recording.writer import RecordingWriter
-from pointit.schemas import (
-    NS_PER_S,
-    Cursor,
-    Done,
-    Message,
-    Query,
-    ServedRequest,
-    SetBrightness,
-    SetPose,
-    SetSpeed,
-    UndoSelection,
-    encode,
-)
+from pointit.schemas import NS_PER_S, Cursor, Message, Query, encode, topics
 from pointit.schemas.catalogue.example import example
-from pointit.schemas.topics import (
-    BUTTON,
-    CURSOR,
-    REQUESTS,
-    SET_BRIGHTNESS,
-    SET_POSE,
-    SET_SPEED,
-    TOPICS,
-    UNDO_SELECTION,
-    USER_ALIVE,
-    Request,
-    Topic,
-)
 
 START = 1_700_000_000 * NS_PER_S
 
@@ -48,7 +24,7 @@ def at(seconds: float) -> int:
 
 def cursor(seconds: float, user: str = "anna") -> Entry:
     return entry(
-        at(seconds), CURSOR, user, Cursor(stamp_ns=at(seconds), seq=round(seconds * 50), miss_rad=0.1)
+        at(seconds), topics.CURSOR, user, Cursor(stamp_ns=at(seconds), seq=round(seconds * 50), miss_rad=0.1)
     )
 
 
@@ -69,8 +45,8 @@ def session(seconds: float = 10.0) -> list[Entry]:
     return [cursor(k / 50) for k in range(round(50 * seconds))]
 
 
-@pytest.mark.parametrize("topic", [pytest.param(topic, id=topic.key) for topic in TOPICS])
-def test_every_message_is_read_as_it_was_written(topic: Topic[Message], path: Path) -> None:
+@pytest.mark.parametrize("topic", [pytest.param(topic, id=topic.key) for topic in topics.TOPICS])
+def test_every_message_is_read_as_it_was_written(topic: topics.Topic[Message], path: Path) -> None:
     message = example(topic.message)
     written = entry(at(1.0), topic, "anna" if topic.placeholder else "", message)
     write(path, [written])
@@ -82,8 +58,10 @@ def test_every_message_is_read_as_it_was_written(topic: Topic[Message], path: Pa
         assert (recording.problem, recording.counts) == ("", {written.key: 1})
 
 
-@pytest.mark.parametrize("request_row", [pytest.param(row, id=row.key) for row in REQUESTS])
-def test_every_request_is_read_with_reply_or_refusal(request_row: Request[Any, Any], path: Path) -> None:
+@pytest.mark.parametrize("request_row", [pytest.param(row, id=row.key) for row in topics.REQUESTS])
+def test_every_request_is_read_with_reply_or_refusal(
+    request_row: topics.Request[Any, Any], path: Path
+) -> None:
     kind: Any = body_kind(request_row)
     query = example(request_row.query)
     name = "anna" if request_row.placeholder else ""
@@ -97,7 +75,10 @@ def test_every_request_is_read_with_reply_or_refusal(request_row: Request[Any, A
 
 
 def test_presence_head_times_and_counts_are_read_back(path: Path) -> None:
-    there = [entry(at(0.0), USER_ALIVE, "anna", True), entry(at(9.0), USER_ALIVE, "anna", False)]
+    there = [
+        entry(at(0.0), topics.USER_ALIVE, "anna", True),
+        entry(at(9.0), topics.USER_ALIVE, "anna", False),
+    ]
     written = [there[0], *session(5.0), there[1]]
     write(path, written, seed=7, without=("imu",), pseudonyms=True)
     with Recording.open(path) as recording:
@@ -110,7 +91,7 @@ def test_presence_head_times_and_counts_are_read_back(path: Path) -> None:
 def test_entries_are_those_of_the_keys_and_times_that_are_asked_for(path: Path) -> None:
     write(path, [each for k in range(100) for each in (cursor(k / 10), cursor(k / 10, "ben"))])
     with Recording.open(path) as recording:
-        found = list(recording.entries(lambda key: key == CURSOR.at("ben"), at(2.0), at(3.0)))
+        found = list(recording.entries(lambda key: key == topics.CURSOR.at("ben"), at(2.0), at(3.0)))
         assert [(each.name, each.time_ns) for each in found] == [("ben", at(2.0 + k / 10)) for k in range(10)]
         assert len(list(recording.entries())) == 200
 
@@ -122,8 +103,10 @@ def test_time_never_falls_even_when_the_clock_was_set_back(path: Path) -> None:
 
 
 def test_other_readers_find_the_key_the_schema_and_the_stamp(path: Path) -> None:
-    exchange = Exchange[SetSpeed, Done](stamp_ns=at(0.5), query=SetSpeed(speed_mps=0.2), reply=Done())
-    write(path, [cursor(1.0), entry(at(1.0), SET_SPEED, "", exchange)])
+    exchange = Exchange[models.SetSpeed, models.Done](
+        stamp_ns=at(0.5), query=models.SetSpeed(speed_mps=0.2), reply=models.Done()
+    )
+    write(path, [cursor(1.0), entry(at(1.0), topics.SET_SPEED, "", exchange)])
     with path.open("rb") as file:
         messages = list(make_reader(file, validate_crcs=True).iter_messages())
     (schema, plain, message), (request_schema, request, _) = messages
@@ -134,7 +117,7 @@ def test_other_readers_find_the_key_the_schema_and_the_stamp(path: Path) -> None
     assert plain.metadata == {"key": "users/anna/cursor", "row": "topic"}
     assert (message.publish_time, message.sequence) == (at(1.0), 50)
     assert request.topic == "/conveyor/set_speed"
-    assert request_schema.name == f"{SetSpeed.schema_name()}+{Done.schema_name()}"
+    assert request_schema.name == f"{models.SetSpeed.schema_name()}+{models.Done.schema_name()}"
 
 
 @pytest.mark.parametrize("share", [0.999, 0.7, 0.4])
@@ -177,7 +160,7 @@ def test_damaged_chunk_is_left_out_and_said(path: Path) -> None:
 
 def test_damage_anywhere_never_raises_anything_else(path: Path) -> None:
     """One byte after the other is changed; the file is read, or refused in a sentence."""
-    write(path, [*session(1.0), entry(at(2.0), BUTTON, "anna", example(BUTTON.message))])
+    write(path, [*session(1.0), entry(at(2.0), topics.BUTTON, "anna", example(topics.BUTTON.message))])
     whole = path.read_bytes()
     for place in range(0, len(whole), 101):
         data = bytearray(whole)
@@ -235,11 +218,11 @@ def damage(path: Path, offset: int) -> None:
     path.write_bytes(data)
 
 
-SET_TO = SetPose(position_m=(1.0, 2.0, 0.0), yaw_rad=0.5)
+SET_TO = models.SetPose(position_m=(1.0, 2.0, 0.0), yaw_rad=0.5)
 
 
-def account(key: str, query: Query) -> ServedRequest:
-    return ServedRequest(
+def account(key: str, query: Query) -> models.ServedRequest:
+    return models.ServedRequest(
         stamp_ns=7,
         service="led-driver",
         instance="led-driver",
@@ -252,9 +235,9 @@ def account(key: str, query: Query) -> ServedRequest:
 @pytest.mark.parametrize(
     ("instance", "key", "query"),
     [
-        ("localizer.anna", SET_POSE.at("anna"), SET_TO),
-        ("selector", UNDO_SELECTION.at("anna"), UndoSelection()),
-        ("led-driver", SET_BRIGHTNESS.key, SetBrightness(brightness=0.5)),
+        ("localizer.anna", topics.SET_POSE.at("anna"), SET_TO),
+        ("selector", topics.UNDO_SELECTION.at("anna"), models.UndoSelection()),
+        ("led-driver", topics.SET_BRIGHTNESS.key, models.SetBrightness(brightness=0.5)),
     ],
 )
 def test_account_of_the_service_that_answers_is_an_exchange(instance: str, key: str, query: Query) -> None:
@@ -268,11 +251,11 @@ def test_account_of_the_service_that_answers_is_an_exchange(instance: str, key: 
 @pytest.mark.parametrize(
     ("instance", "key", "query"),
     [
-        ("pointing.anna", SET_POSE.at("anna"), SET_TO),
-        ("localizer.ben", SET_POSE.at("anna"), SET_TO),
-        ("plugin", SET_BRIGHTNESS.key, SetBrightness(brightness=0.5)),
-        ("led-driver", "nothing/of/ours", SetBrightness(brightness=0.5)),
-        ("led-driver", SET_BRIGHTNESS.key, UndoSelection()),
+        ("pointing.anna", topics.SET_POSE.at("anna"), SET_TO),
+        ("localizer.ben", topics.SET_POSE.at("anna"), SET_TO),
+        ("plugin", topics.SET_BRIGHTNESS.key, models.SetBrightness(brightness=0.5)),
+        ("led-driver", "nothing/of/ours", models.SetBrightness(brightness=0.5)),
+        ("led-driver", topics.SET_BRIGHTNESS.key, models.UndoSelection()),
     ],
 )
 def test_account_of_another_services_answer_is_left_out(instance: str, key: str, query: Query) -> None:

@@ -16,7 +16,7 @@ from pointit.services.robot import followed_figure
 from pointit.services.robot.config import FigureConfig, RobotConfig
 from pointit.services.robot.current_order import CurrentOrder
 from pointit.services.robot.figure_flight import NO_FIGURE, FigureFlight
-from pointit.services.robot.followed_figure import AssumedPerson, best_figure, figures, position_sigmas_m
+from pointit.services.robot.followed_figure import AssumedPerson, figures, position_sigmas_m
 from pointit.services.robot.robot_driver import RobotReport
 from tests.unit.robot.flight import ROBOT, Pilotage, flown
 from tests.unit.robot.permits import Permits
@@ -222,23 +222,3 @@ def even(points: np.ndarray) -> np.ndarray:
     passed_m = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
     wanted_m = np.arange(101) * float(passed_m[-1]) / 100.0
     return np.stack([np.interp(wanted_m, passed_m, points[:, axis]) for axis in range(3)], axis=1)
-
-
-def test_what_a_robot_at_rest_shows_is_not_enough() -> None:
-    assert sigma_m(np.tile(AWAY, (25, 1))) > 5.0
-
-
-def test_the_choice_does_not_depend_on_where_the_room_lies() -> None:
-    moved = (1000.0, -500.0, 0.0)
-    here = figures(AWAY, [PERSON], length_m=4.0, is_flying=True)[0]
-    start = (AWAY[0] + moved[0], AWAY[1] + moved[1], AWAY[2])
-    there = figures(start, [AssumedPerson(moved, 1.5)], length_m=4.0, is_flying=True)[0]
-    assert there.sigma_m == pytest.approx(here.sigma_m, rel=1e-3)
-
-
-def test_the_best_permitted_figure_is_taken_and_none_if_there_is_none() -> None:
-    ranked = figures(AWAY, [PERSON], length_m=4.0, is_flying=True)
-    found = best_figure(ranked, lambda points: points != ranked[0].points_m)
-    assert found is ranked[1]
-    assert best_figure(ranked, lambda _points: False) is None
-    assert figures((0.5, 0.0, 1.2), [PERSON], length_m=4.0, is_flying=True) == []

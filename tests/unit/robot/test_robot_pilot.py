@@ -165,7 +165,9 @@ def test_who_lowers_the_arm_after_a_landing_was_held_up_lands_all_the_same() -> 
     desk = flying_desk()
     desk.safety.place_problem = "you are not pointing: point at the place"
     desk.steer("anna", "land", target_m=(0.2, 0.3, 0.0))
-    assert isinstance(desk.step(), Land)
+    order = desk.step()
+    assert isinstance(order, Land)
+    assert (order.position_m, order.max_speed_mps) == ((0.2, 0.3, 0.0), 1.0), "slow near people"
 
 
 def test_a_take_off_that_does_not_happen_is_given_up_and_said() -> None:
@@ -193,15 +195,6 @@ def test_a_landing_takes_its_time_while_the_robot_moves() -> None:
     assert "not landed" in desk.pilot.reason
 
 
-def test_who_has_waited_for_it_too_long_asks_again() -> None:
-    desk = desk_of("anna")
-    desk.steer("ben")
-    desk.step(2.1)
-    desk.steer("anna", robot="")
-    desk.step()
-    assert (desk.pilot.user, "ben asked" in desk.pilot.reason) == ("", True)
-
-
 def test_who_may_not_steer_does_not_get_it_and_the_reason_is_said() -> None:
     desk = ready_desk(kind="ground")
     desk.safety.person_problem = "your position is unknown: localize first"
@@ -211,18 +204,6 @@ def test_who_may_not_steer_does_not_get_it_and_the_reason_is_said() -> None:
     desk.safety.person_problem = ""
     desk.step()
     assert (desk.pilot.user, desk.pilot.reason) == ("anna", "")
-
-
-def test_who_asks_after_anothers_stop_hears_their_own_reason() -> None:
-    desk = desk_of("anna")
-    desk.pilot.on_stop_request("anna is not pointing")
-    desk.step()
-    assert desk.pilot.reason == "anna is not pointing"
-    desk.safety.person_problem = "ben's direction has become uncertain"
-    desk.steer("ben", "goals")
-    desk.step()
-    assert (desk.pilot.user, desk.pilot.reason) == ("", "ben's direction has become uncertain")
-    assert desk.pilot.phase == "stopped"
 
 
 def test_a_quadrotor_follows_above_the_floor_and_hovers_when_its_person_points_elsewhere() -> None:
@@ -237,21 +218,6 @@ def test_a_quadrotor_follows_above_the_floor_and_hovers_when_its_person_points_e
     assert isinstance(desk.step(), Stop)
     assert desk.step() is None
     assert desk.pilot.reason == "the robot cannot go where you point: point at the floor"
-
-
-def test_it_lands_where_pointed_and_is_free_then() -> None:
-    desk = flying_desk()
-    desk.step()
-    desk.steer("anna", "land", target_m=(0.2, 0.3, 0.0))
-    order = desk.step()
-    assert isinstance(order, Land)
-    assert (order.position_m, order.max_speed_mps) == ((0.2, 0.3, 0.0), 1.0), "slow near people"
-    assert (desk.step(), desk.pilot.phase) == (None, "landing")
-    desk.report((0.2, 0.3, 0.0))
-    desk.pilot.on_item(OrderStatus(order.order, "done"), desk.now_ns)
-    desk.step()
-    assert (desk.pilot.user, desk.pilot.phase) == ("", "landed")
-    assert desk.step() is None
 
 
 @pytest.mark.parametrize("state", ["refused", "failed", "cancelled"])
@@ -291,24 +257,6 @@ def test_answers_about_earlier_orders_are_no_news_and_silence_is_said() -> None:
     desk.pilot.on_item(OrderStatus(second.order, "done"), desk.now_ns)
     desk.pilot.on_item(OrderStatus(second.order, "done"), desk.now_ns)
     assert desk.pilot.phase == "idle"
-
-
-def test_a_stop_condition_stops_it_once_and_it_goes_on_afterwards() -> None:
-    desk = flying_desk()
-    assert isinstance(desk.step(), Follow)
-    desk.safety.stop_reason = StopReason("cursor", "no cursor has come for 0.4 s", is_freeing=False)
-    assert isinstance(desk.step(), Stop)
-    assert desk.step() is None
-    assert (desk.pilot.user, desk.pilot.phase) == ("anna", "stopped")
-    desk.safety.stop_reason = None
-    assert isinstance(desk.step(), Follow)
-    desk.safety.stop_reason = StopReason("report", "nothing is heard of it", is_freeing=True)
-    assert isinstance(desk.step(), Stop)
-    assert (desk.pilot.user, desk.pilot.phase) == ("", "lost")
-    desk.safety.stop_reason = None
-    desk.report((0.0, 0.0, 0.2), is_flying=True)
-    desk.step()
-    assert (desk.pilot.user, desk.pilot.phase, desk.pilot.reason) == ("", "idle", "")
 
 
 @given(

@@ -7,10 +7,9 @@ from typing import Any
 from unittest import mock
 
 import pytest
-from click.testing import CliRunner
 
 from pointit.bridges.agv_tracker.service import AgvTracker
-from pointit.cli.robots.robot import find_robots, rows, stop, stop_robots
+from pointit.cli.robots.robot import find_robots, rows, stop_robots
 from pointit.runtime.config.config import Config
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import AnyService, Launch, check_launches
@@ -172,20 +171,6 @@ async def test_a_robot_whose_process_was_killed_is_listed_as_lost(pilotage: Pilo
     assert "process has ended" in str(gone["reason"])
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ([], "name the robots to stop, or give --all"),
-        ([ROBOT, "--all"], "give either the robots to stop or --all, not both"),
-    ],
-    ids=["none", "both"],
-)
-def test_robots_to_stop_are_named_or_all(arguments: list[str], message: str) -> None:
-    result = CliRunner().invoke(stop, arguments)
-    assert result.exit_code == 2
-    assert message in result.output
-
-
 AGV = {"broker": "hub", "manufacturer": "acme", "serial_number": "7"}
 
 
@@ -210,8 +195,3 @@ def test_wrong_parameters_are_refused_before_the_service_starts(
     config = service.CONFIG.model_validate(parameters)
     with pytest.raises(ConfigError, match=problem):
         check_launches([Launch(service=service, config=config, name="one")])
-
-
-@pytest.mark.parametrize("parameters", [{}, {"driver": "vda5050", "vda5050": AGV}, {"driver": "ros2"}])
-def test_parameters_that_may_work_are_accepted(parameters: dict[str, Any]) -> None:
-    check_launches([Launch(service=Robot, config=Robot.CONFIG.model_validate(parameters), name="one")])

@@ -1,12 +1,10 @@
 """Simulated robots keep their limits, arrive, and carry out the newest command."""
 
-import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.strategies import SearchStrategy
@@ -14,7 +12,6 @@ from hypothesis.strategies import SearchStrategy
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.services.robot.drivers.sim.ground_robot import (
-    AHEAD_RAD,
     FACING_RAD,
     THERE_M,
     TURN_RADPS,
@@ -156,17 +153,6 @@ def test_it_lands_on_the_place_after_any_commands(
     assert pose_of(robot) == landed
 
 
-def test_it_flies_to_the_place_of_its_landing_no_faster_than_told() -> None:
-    robot = flying()
-    robot.command(Land(1, (2.0, 0.0, 0.0), 0.4))
-    fastest_mps = 0.0
-    for _ in range(2000):
-        robot.step()
-        fastest_mps = max(fastest_mps, vector.norm(robot.report(0).velocity_mps))
-    assert not robot.is_flying
-    assert 0.35 < fastest_mps < 0.45
-
-
 @given(courses)
 def test_a_stop_brakes_to_a_hover_within_the_stated_time(course: list[tuple[Command, int]]) -> None:
     robot = flying()
@@ -200,68 +186,10 @@ def test_set_points_within_a_box_lead_it_out_by_centimetres_at_most(
             assert all(-0.05 <= along_m <= 3.05 for along_m in motion.position_m)
 
 
-@given(commands)
-def test_on_the_ground_it_flies_nowhere_before_it_has_taken_off(command: Command) -> None:
-    robot = quadrotor()
-    refused = robot.command(command)
-    for _ in range(50):
-        robot.step()
-    if isinstance(command, (Follow, FollowPath)):
-        assert "take off" in refused
-    if not isinstance(command, TakeOff):
-        assert pose_of(robot).position_m == (0.0, 0.0, 0.0)
-
-
-def test_it_hovers_with_the_wander_of_a_small_quadrotor() -> None:
-    robot = flying()
-    at = [pose.position_m for pose in drive(robot, [(Follow(2, (1.0, 1.0, 1.0)), 8000)])][1000:]
-    sd_m = np.std(np.array(at), axis=0)
-    assert 0.005 < sd_m[0] < 0.02
-    assert 0.005 < sd_m[1] < 0.02
-    assert 0.002 < sd_m[2] < 0.012
-
-
 def test_the_same_seed_flies_the_same_way_and_another_does_not() -> None:
     course: list[tuple[Command, int]] = [(TakeOff(0, 0.5), 300), (Follow(1, (1.0, 2.0, 0.7)), 300)]
     assert drive(quadrotor(1), course) == drive(quadrotor(1), course)
     assert drive(quadrotor(1), course) != drive(quadrotor(2), course)
-
-
-def test_it_follows_a_moving_set_point_with_less_than_half_a_metre_of_lag() -> None:
-    robot = flying()
-    gaps_m: list[float] = []
-    for step in range(600):
-        angle = 0.5 * step * STEP_S
-        target = (math.cos(angle), math.sin(angle), 1.0)
-        robot.command(Follow(step, target))
-        robot.step()
-        gaps_m.append(vector.norm(vector.subtract(pose_of(robot).position_m, target)))
-    assert max(gaps_m[300:]) < 0.5
-
-
-def test_the_same_landing_ordered_again_and_again_still_ends() -> None:
-    robot = flying()
-    for _ in range(200):
-        robot.command(Land(1, (1.0, 0.0, 0.0)))
-        for _ in range(10):
-            robot.step()
-    assert not robot.is_flying
-
-
-@pytest.mark.parametrize(("make", "height_m", "most_m"), [(flying, 1.0, 0.2), (ground_robot, 0.0, 0.12)])
-def test_a_path_is_followed_along_its_corners(
-    make: Callable[[], SimulatedRobot], height_m: float, most_m: float
-) -> None:
-    robot = make()
-    corners = ((2.0, 0.0, height_m), (2.0, 2.0, height_m), (0.0, 2.0, height_m))
-    robot.command(FollowPath(1, corners))
-    apart_m = dict.fromkeys(corners, math.inf)
-    while not robot.is_done:
-        robot.step()
-        for corner in corners:
-            distance_m = vector.norm(vector.subtract(pose_of(robot).position_m, corner))
-            apart_m[corner] = min(apart_m[corner], distance_m)
-    assert max(apart_m.values()) < most_m
 
 
 @given(courses)
@@ -318,10 +246,3 @@ def test_a_stop_brakes_within_the_stated_time_and_way(course: list[tuple[Command
     for _ in range(50):
         robot.step()
     assert pose_of(robot) == stopped
-
-
-def test_it_turns_in_place_towards_a_target_behind_it() -> None:
-    poses = drive(ground_robot(), [(Follow(1, (-2.0, 0.0, 0.0)), 300)])
-    turning = [pose for pose in poses if abs(vector.wrap(pose.yaw_rad - math.pi)) > AHEAD_RAD]
-    assert 0 < len(turning) < len(poses)
-    assert {pose.position_m for pose in turning} == {(0.0, 0.0, 0.0)}

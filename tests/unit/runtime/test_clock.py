@@ -16,17 +16,11 @@ from pointit.runtime.bus import site_clock
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.bus.site_clock import SiteClock, publish_time
-from pointit.runtime.clock import MAX_SLEW_S, SimulatedClock, SteadyClock, Timer, WallClock, sleep, ticks
+from pointit.runtime.clock import MAX_SLEW_S, SimulatedClock, SteadyClock, Timer, sleep, ticks
 from pointit.runtime.virtual_time import run_virtually
 from pointit.schemas import NS_PER_S, ClockTick
 from pointit.schemas.topics import CLOCK
 from tests.support.bench import ManualClock, until
-
-
-def test_wall_time_is_the_operating_systems() -> None:
-    before_ns = time.time_ns()
-    assert before_ns <= WallClock().now_ns() <= time.time_ns()
-    assert WallClock().speed == 1
 
 
 @pytest.mark.parametrize("speed", [0.1, 1.0, 20.0])

@@ -9,7 +9,7 @@ from pydantic import BaseModel
 
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.atomic_file import read_limited, write_atomically
-from pointit.runtime.host.state_file import MAX_BYTES, StateFile, state_directory
+from pointit.runtime.host.state_file import MAX_BYTES, StateFile
 from pointit.schemas import KeyNameError
 
 
@@ -35,13 +35,6 @@ def test_it_is_its_owners_alone_with_all_new_folders_unless_said_otherwise(tmp_p
     assert [mode_of(tmp_path / path) for path in ("a", "a/b", "a/b/secret")] == [0o700, 0o700, 0o600]
     write_atomically(tmp_path / "a" / "b" / "secret", b"", mode=0o644)
     assert mode_of(tmp_path / "a/b/secret") == 0o644
-
-
-def test_a_path_from_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    for name in ("x", "a/x"):
-        write_atomically(Path(name), name.encode())
-        assert (tmp_path / name).read_bytes() == name.encode()
 
 
 def test_error_names_the_file_and_leaves_it_as_it_was(tmp_path: Path) -> None:
@@ -114,9 +107,3 @@ def test_a_spoilt_file_is_named(text: str) -> None:
 def test_a_name_cannot_lead_elsewhere() -> None:
     with pytest.raises(KeyNameError):
         StateFile(Shoe, "../anna", "shoe")
-
-
-def test_the_system_has_a_place(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("POINTIT_STATE")
-    assert state_directory().is_absolute()
-    assert "pointit" in state_directory().parts

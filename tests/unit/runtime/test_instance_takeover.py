@@ -14,7 +14,7 @@ from pointit.runtime.errors import ConfigError
 from pointit.runtime.service import instance_takeover
 from pointit.runtime.service.instance_takeover import TakeoverMonitor, claim_names
 from pointit.schemas import NS_PER_S, Health
-from pointit.schemas.topics import HEALTH, SERVICE_ALIVE, USER_ALIVE
+from pointit.schemas.topics import HEALTH, USER_ALIVE
 from tests.support.bench import until
 
 NOW_NS = 1_700_000_000 * NS_PER_S
@@ -68,13 +68,6 @@ class TestClaim:
         with pytest.raises(
             ConfigError, match=r"^anna: already on site memory; choose another name.*process 17 on elsewhere$"
         ):
-            await claiming
-
-    async def test_a_service_keeps_its_own(self, bus: MemoryBus) -> None:
-        bus.announce(SERVICE_ALIVE, "pointing.anna")
-        claiming = asyncio.create_task(claim_names(bus, SERVICE_ALIVE, {"pointing.anna"}, "do as you like"))
-        await reported(bus, claiming)
-        with pytest.raises(ConfigError, match="do as you like"):
             await claiming
 
     async def test_an_instance_that_leaves_frees_the_name(

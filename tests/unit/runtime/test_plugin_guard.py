@@ -6,8 +6,6 @@ import functools
 import importlib
 import re
 import sys
-import threading
-import weakref
 from collections.abc import Awaitable, Callable, Iterator
 from pathlib import Path
 from typing import Any, cast
@@ -15,13 +13,11 @@ from typing import Any, cast
 import click
 import pytest
 
-from pointit.runtime.config.config import Config
 from pointit.runtime.config.plugins import Plugin, PluginConfig, PluginGroup
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service import plugin_guard
 from pointit.runtime.service.plugin_guard import PluginGuard
 from pointit.runtime.service.process import service_command
-from pointit.runtime.service.surroundings import WarningSink
 from pointit.services.imu_bridge.sources import SOURCES
 from tests.support import strangers
 from tests.support.bench import until
@@ -218,20 +214,6 @@ def test_plugin_that_cannot_be_made_is_a_mistake_of_the_configuration(guard: Plu
         guard.made(lambda: make(ConfigError("no port")))
 
 
-def test_a_loop_closed_during_a_stall_ends_the_watch(sink: Sink, caplog: pytest.LogCaptureFixture) -> None:
-    loop = asyncio.new_event_loop()
-    watch = plugin_guard.StallWatch(loop)
-    sinks = weakref.WeakKeyDictionary[WarningSink, str]()
-    sinks[sink] = "part 'mine'"
-    watch._packages = {"tests": sinks}
-    loop.close()
-    runs_again = threading.Event()
-    runs_again.set()
-    watch._on_stall(runs_again, 0.0)
-    assert "part 'mine' blocks the event loop" in caplog.text
-    assert sink.shown == {}
-
-
 MODULE = """
 from pointit.runtime.config.config import Config
 from pointit.runtime.config.plugins import Plugin
@@ -273,22 +255,6 @@ def test_plugin_of_another_package_is_chosen_and_validated(parts: PluginGroup[Pl
         parts.validate(name, {"sped": 5})
 
 
-def test_plugin_with_an_optional_argument_may_stand_alone() -> None:
-    optional = Plugin(summary="", config=Config, argument="port", argument_optional=True)
-
-    class Group(PluginGroup[Plugin]):
-        def get(self, name: str) -> Plugin:
-            del name
-            return optional
-
-    group = Group("pointit.test_parts", Plugin, "part")
-    assert optional.value == "[:PORT]"
-    assert group.choose("mine") == ("mine", {})
-    assert group.choose("mine:COM3") == ("mine", {"port": "COM3"})
-    with pytest.raises(ConfigError, match=r"write mine\[:PORT\]"):
-        group.choose("mine:")
-
-
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
@@ -297,7 +263,6 @@ def test_plugin_with_an_optional_argument_may_stand_alone() -> None:
         ("raising", r"'raising' of strangers-parts cannot be imported \(ZeroDivisionError: .*\); update"),
         ("exiting", r"'exiting' of strangers-parts cannot be imported \(SystemExit: no such .*\); update"),
         ("lacking", r"of strangers-parts cannot be imported \(.*\); install strangers-parts\[ble\]"),
-        ("mine", "write mine:HOST"),
         ("mine:", "write mine:HOST"),
     ],
 )
@@ -322,17 +287,6 @@ def test_name_that_two_packages_use_is_refused_alone(parts: PluginGroup[Plugin],
     assert parts.names == ("exiting", "lacking", "mine", "number", "raising")
     assert parts.get("mine").summary == "my own"
     assert [*parts.configs()] == ["mine"]
-
-
-def test_name_of_ours_stays_ours(parts: PluginGroup[Plugin], tmp_path: Path) -> None:
-    install("pointit", "raising = strangers_mine:MINE", tmp_path)
-    assert parts.package("raising") == "pointit"
-    assert parts.get("raising").summary == "my own"
-
-
-def test_group_without_any_plugin_says_what_to_install() -> None:
-    with pytest.raises(ConfigError, match=r"no part is installed.*scripts/setup"):
-        PluginGroup("pointit.no_such_parts", Plugin, "part").get("mine")
 
 
 class ServiceConfig(PluginConfig):

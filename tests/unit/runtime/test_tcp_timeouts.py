@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from pointit.runtime.host import tcp_timeouts
 from pointit.runtime.host.tcp_timeouts import (
     LINGER,
     disable_linger,
@@ -109,11 +108,6 @@ def test_nothing_is_found_where_no_descriptor_is_left() -> None:
         [sys.executable, "-c", LOOKS_WITHOUT_DESCRIPTORS], capture_output=True, text=True, check=False
     )
     assert (looked.stdout, looked.stderr) == ("[] 0 0\n", "")
-
-
-def test_nothing_is_found_where_there_is_no_proc(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(tcp_timeouts, "OPEN_FILES", tmp_path / "none")
-    assert list(tcp_sockets()) == []
 
 
 def test_no_setting_of_a_socket_is_changed_by_looking(listening: socket.socket) -> None:

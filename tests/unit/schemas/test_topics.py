@@ -15,7 +15,6 @@ from pointit.schemas.topics import (
     REQUESTS,
     TOPICS,
     Delivery,
-    Request,
     Topic,
     check_name,
     topic_of,
@@ -55,36 +54,16 @@ def test_no_key_makes_the_lookup_fail(key: str) -> None:
 @pytest.mark.parametrize(
     "name",
     [
-        "",
-        "*",
-        "**",
-        "$*",
-        "a*",
-        "a/b",
-        "/",
-        "a b",
-        "a#",
-        "a?",
-        "a{b}",
-        "ä",
-        "-a",
-        ".a",
-        "a\n",
-        "a\x00",
-        "a" * 65,
+        "", "*", "**", "$*", "a*", "a/b", "/", "a b", "a#", "a?", "a{b}", "ä", "-a", ".a", "a\n",
+        "a\x00", "a" * 65,
     ],
-)
+)  # fmt: skip
 def test_names_that_cannot_stand_in_a_key_are_refused(name: str) -> None:
     with pytest.raises(KeyNameError, match=r"^user '.*': use 1 to 64 letters"):
         check_name(name, "user")
     if name != ANY:
         with pytest.raises(KeyNameError, match=r"^user "):
             IMU.at(name)
-
-
-@pytest.mark.parametrize("name", ["a", "_", "anna", "Anna-2.b_c", "a" * 64])
-def test_other_names_are_taken(name: str) -> None:
-    assert IMU.at(name) == f"users/{name}/imu"
 
 
 def test_any_stands_for_all_names() -> None:
@@ -100,13 +79,6 @@ def test_a_key_without_a_placeholder_takes_no_name() -> None:
 def test_no_two_rows_share_a_key() -> None:
     keys = [row.at(ANY).replace(ANY, "x") for row in rows]
     assert len(set(keys)) == len(keys)
-
-
-@pytest.mark.parametrize("row", [pytest.param(row, id=row.key) for row in rows])
-def test_keys_are_well_formed(row: Topic[Any] | Request[Any, Any]) -> None:
-    assert row.key.count("{") <= 1
-    assert all(part for part in row.key.split("/"))
-    assert row.about
 
 
 @pytest.mark.parametrize("topic", topics)

@@ -74,16 +74,3 @@ def test_who_aims_by_the_arm_turns_it_to_the_thing() -> None:
     assert elevation == pytest.approx(math.atan2(-1.43, 2.0) + 0.1)
     bent = Stance(BodyMeasures(), position_m=(1.0, 0.0, 0.0), ray_model="forearm")
     assert bent.aim_at((3.0, 0.0, 0.0))[1] == pytest.approx(math.atan2(-1.43 + 0.56 * 0.55, 2.0))
-
-
-def test_move_shifts_eyes_and_shoulder() -> None:
-    moved = Stance(BodyMeasures(neck_to_shoulder_m=0.2), "left")
-    moved.move((1.0, -2.0, 0.0))
-    there = Stance(BodyMeasures(neck_to_shoulder_m=0.2), "left", (1.0, -2.0, 0.0))
-    assert (moved.eyes_m, moved.shoulder_m(0.3)) == (there.eyes_m, there.shoulder_m(0.3))
-    assert moved.shoulder_m(math.pi / 2) == pytest.approx((0.8, -2.0, 1.43))  # left of who faces y
-
-
-def test_the_eyes_themselves_are_no_crash() -> None:
-    stance = Stance(BodyMeasures())
-    assert all(math.isfinite(angle) for angle in stance.aim_at(stance.eyes_m))

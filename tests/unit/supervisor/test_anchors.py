@@ -76,15 +76,6 @@ def test_without_a_place_there_is_nothing_to_set_right() -> None:
     assert shown(outputs).reason == user_messages.NO_POSE_TO_ANCHOR
 
 
-def test_the_localizers_refusal_of_the_request_is_passed_on() -> None:
-    cycle = pointing()
-    cycle.button(*press(10, "double"))
-    assert cycle.on_start_failed(cycle.run + 1, "another's", 11 * S) == []
-    outputs = cycle.on_start_failed(cycle.run, "the map has no lamps", 11 * S)
-    assert told(outputs) == went_back("refused", "pointing")
-    assert shown(outputs).reason == "the map has no lamps"
-
-
 @pytest.mark.parametrize("gesture", ["press", "double", "hold"])
 def test_any_gesture_calls_it_off_for_good(gesture: Gesture) -> None:
     cycle = anchoring(pointing())
@@ -122,16 +113,6 @@ def test_a_localizer_that_does_something_else_by_now_ends_it(phase: Phase) -> No
     outputs = cycle.localization(*news(12, phase, purpose="pose"))
     assert told(outputs) == went_back("refused", "pointing")
     assert shown(outputs).reason == user_messages.ANCHOR_LOST
-
-
-def test_it_does_not_disturb_a_localization() -> None:
-    cycle = life_cycle(localize=True)
-    cycle.begin(0)
-    cycle.button(*press(10))
-    cycle.on_start_accepted(cycle.run)
-    for phase in ("sampling", "solved", "refused", "cancelled"):
-        assert cycle.localization(*news(11, phase)) == []
-    assert cycle.state == "localizing"
 
 
 def test_it_has_the_time_outs_of_all_that_takes_time() -> None:

@@ -45,11 +45,6 @@ def test_the_seated_sink_by_their_legs_less_the_seat() -> None:
     assert own.footprint_to_neck_m == pytest.approx(1.43 * 1.6 / 1.835 - (0.48 - 0.247) * 1.6)
 
 
-def test_hand_and_model_travel() -> None:
-    sent = profile(configured(hand="left", ray_model="forearm").profile, 1)
-    assert (sent.hand, sent.ray_model, sent.offset) == ("left", "forearm", None)
-
-
 @pytest.mark.parametrize(
     ("values", "sentence"),
     [

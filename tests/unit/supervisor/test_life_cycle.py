@@ -3,11 +3,6 @@
 import runpy
 from pathlib import Path
 
-from hypothesis import given
-from hypothesis import strategies as st
-
-from pointit.geometry.rotation import IDENTITY
-from pointit.schemas import ImuSample
 from pointit.services.supervisor import user_messages
 from pointit.services.supervisor.life_cycle import LifeCycle
 from pointit.services.supervisor.transitions import TABLE
@@ -57,24 +52,6 @@ def test_localizing_leads_through_the_targets_to_pointing() -> None:
     assert told(cycle.localization(*news(13, "solved"))) == ["cue localized", "pointing", "cue started"]
     assert told(cycle.button(*press(20))) == ["idle", "cue stopped"]
     assert told(cycle.button(*press(21))) == ["pointing", "cue started"]  # the place is known now
-
-
-def test_a_refusal_brings_the_localizers_reason() -> None:
-    cycle = localizing()
-    outputs = cycle.localization(*news(12, "refused", reason="the lamps are one above the other"))
-    assert told(outputs) == ["idle", "cue refused"]
-    assert shown(outputs).reason == "the lamps are one above the other"
-    assert shown(outputs).next_step == user_messages.PRESS_FOR_LAMP
-
-
-def test_a_start_that_comes_to_nothing_says_why() -> None:
-    cycle = life_cycle(localize=True)
-    cycle.begin(0)
-    cycle.button(*press(10))
-    assert cycle.on_start_failed(cycle.run + 1, "another's", 11 * S) == []
-    outputs = cycle.on_start_failed(cycle.run, "localizer does not answer", 12 * S)
-    assert told(outputs) == ["idle", "cue refused"]
-    assert shown(outputs).reason == "localizer does not answer"
 
 
 def test_a_cancelled_start_that_is_answered_later_is_called_off() -> None:
@@ -192,38 +169,6 @@ def test_a_wrist_silent_from_the_start_ends_localizing_before_the_time_out() -> 
     outputs = cycle.tick(13 * S)
     assert told(outputs) == ["cancel", "idle", "cue refused"]
     assert "is the wristband on" in shown(outputs).reason
-
-
-def test_what_is_told_twice_changes_nothing() -> None:
-    cycle = life_cycle(localize=True)
-    assert cycle.begin(0)
-    assert cycle.begin(0) == []
-    event, now_ns = press(10)
-    assert cycle.button(event, now_ns)
-    assert cycle.button(event, now_ns + S) == []
-    cycle.on_start_accepted(cycle.run)
-    sampling = news(11, "sampling", target_id="led_0")
-    assert cycle.localization(*sampling)
-    assert cycle.localization(*sampling) == []
-    solved = news(12, "solved")
-    assert cycle.localization(*solved)
-    assert cycle.localization(*solved) == []
-    assert cycle.on_start_accepted(cycle.run) == []
-    assert cycle.state == "pointing"
-
-
-@given(st.lists(st.tuples(st.floats(0, 2.9), st.booleans()), max_size=30))
-def test_a_wrist_that_is_heard_never_ends_pointing(moments: list[tuple[float, bool]]) -> None:
-    cycle = life_cycle(imu_timeout_s=3.0)
-    cycle.pose(*pose())
-    cycle.button(*press(1))
-    now_ns = S
-    for span_s, looks in moments:
-        now_ns += round(span_s * S)
-        if looks:
-            assert cycle.tick(now_ns) == []
-        assert cycle.imu(ImuSample(stamp_ns=now_ns, orientation_xyzw=IDENTITY), now_ns) == []
-    assert cycle.state == "pointing"
 
 
 DOCS = Path(__file__).parents[3] / "docs"

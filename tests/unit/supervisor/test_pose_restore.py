@@ -72,13 +72,6 @@ def test_a_pose_that_was_fixed_is_given_back_as_such() -> None:
     assert place.due(11 * S) == SetPose(position_m=(1.0, 2.0, 0.0), yaw_rad=0.5)
 
 
-def test_a_fixed_pose_that_anchors_made_uncertain_stays_so() -> None:
-    place = PoseRestorer()
-    place.pose(pose(2, "fixed"))
-    place.localization(*idle(10))
-    assert place.due(11 * S) == BACK.model_copy(update={"method": "fixed"})
-
-
 def test_a_new_localizers_configured_pose_does_not_replace_what_anchors_told() -> None:
     place = PoseRestorer()
     place.pose(pose(2, "fixed"))

@@ -226,14 +226,6 @@ def test_without_a_button_a_sample_begins_as_soon_as_the_place_is_known() -> Non
     assert cycle.imu(*sample(20.02)) == []
 
 
-def test_without_autostart_samples_begin_nothing() -> None:
-    cycle = life_cycle(localize=True)
-    cycle.begin(0)
-    cycle.pose(*pose())
-    assert cycle.imu(*sample(10)) == []
-    assert cycle.state == "idle"
-
-
 def test_samples_that_are_back_after_a_silence_begin_again() -> None:
     cycle = eager()
     cycle.pose(*pose())

@@ -10,8 +10,7 @@ import pytest
 
 from pointit.geometry.rotation import IDENTITY
 from pointit.runtime.bus.service_bus import ServiceBus
-from pointit.runtime.config.config import Layers
-from pointit.runtime.errors import ConfigError, RefusedError
+from pointit.runtime.errors import RefusedError
 from pointit.runtime.service.service import Context
 from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import (
@@ -175,29 +174,6 @@ async def test_a_wrist_that_falls_silent_ends_the_interaction(anna: Person, *, l
         await until(lambda: anna.asked == ["start", "cancel"])
 
 
-@in_time
-async def test_samples_alone_begin_and_begin_again_where_there_is_no_button(anna: Person) -> None:
-    await anna.start(autostart=True, imu_timeout_s=2.0)
-    anna.stand()
-    await anna.bench.settle()
-    for begun in (1, 2):
-        anna.move()
-        await until(lambda: anna.states.count("pointing") == begun)  # noqa: B023 - awaited here
-        await until(lambda: anna.states[-1] == "idle")
-
-
-@in_time
-async def test_localizing_that_never_ends_is_ended(anna: Person) -> None:
-    anna.has_localizer()
-    await anna.start(localize=True, localization_timeout_s=8.0, imu_timeout_s=600.0)
-    anna.press()
-    await until(lambda: len(anna.interactions) > 1 and anna.states[-1] == "idle")
-    assert "no further in 8 s" in anna.interactions[-1].reason
-    await until(lambda: anna.asked == ["start", "cancel"])
-    took_s = (anna.interactions[-1].stamp_ns - anna.interactions[1].stamp_ns) / 1e9
-    assert 8.0 <= took_s < 9.0
-
-
 async def test_it_reads_and_writes_what_its_row_says_and_only_its_persons(anna: Person) -> None:
     bench = anna.bench
     view = ServiceBus(bench.bus, bench.clock, "supervisor", "supervisor.anna", ANNA)
@@ -217,22 +193,6 @@ async def test_it_reads_and_writes_what_its_row_says_and_only_its_persons(anna: 
     await bench.settle()
     assert anna.states[-1] == "pointing"
     await view.close()
-
-
-@pytest.mark.parametrize(
-    ("path", "value"),
-    [
-        ("profile.body.footprint_to_neck_m", "14.3"),
-        ("profile.cursor_width_m", "0"),
-        ("profile.cursor_color", "[0, 300, 0]"),
-        ("imu_timeout_s", "-1"),
-    ],
-)
-def test_a_wrong_parameter_is_named(path: str, value: str) -> None:
-    layers = Layers()
-    layers.add_text(path.split("."), value, "file.yaml")
-    with pytest.raises(ConfigError, match=rf"^file\.yaml: {path}.*: "):
-        layers.build(SupervisorConfig)
 
 
 async def test_an_offset_is_published_and_again_after_a_restart_until_it_is_forgotten(

@@ -32,10 +32,6 @@ def localizing() -> LifeCycle:
             ("anna", "ben"),
             "Wait: anna is pointing at the lamps, then comes ben, you are third; press the button to cancel.",
         ),
-        (
-            ("a", "b", "c"),
-            "Wait: a is pointing at the lamps, then come b, c, you are fourth; press the button to cancel.",
-        ),
     ],
 )
 def test_the_queue_is_shown(ahead: tuple[str, ...], sentence: str) -> None:
@@ -69,10 +65,6 @@ def test_cues_say_whether_to_wait_or_to_go_on() -> None:
     ]
 
 
-def test_the_eleventh_is_told_a_number() -> None:
-    assert "you are number 11;" in user_messages.queue([f"u{number}" for number in range(10)])
-
-
 def test_the_time_out_counts_from_the_end_of_the_waiting() -> None:
     cycle = localizing()
     for now_s in range(11, 200):
@@ -96,26 +88,6 @@ def test_who_waits_can_cancel(gesture: Gesture) -> None:
     assert shown(outputs).ahead == ()
     late = news(12.1, "sampling", target_id="led_0", since_ns=round(10.1 * S))
     assert cycle.localization(*late) == []
-
-
-def test_who_must_let_others_go_first_is_told_to_wait_and_then_aims_again() -> None:
-    cycle = localizing()
-    aim = {"target_id": "led_0", "since_ns": 10 * S}
-    assert targets(cycle.localization(*news(11, "sampling", **aim))) == ["led_0"]
-    outputs = cycle.localization(*news(11.1, "sampling", ahead=("anna",), since_ns=10 * S))
-    assert told(outputs) == ["localizing", "cue target"]
-    assert targets(outputs) == [""]
-    assert targets(cycle.localization(*news(15, "sampling", **aim))) == ["led_0"]
-
-
-def test_one_lamp_after_the_other_is_named_once_each() -> None:
-    cycle = localizing()
-    named = list[str]()
-    for index, lamp in enumerate(("led_2", "led_0", "led_2")):  # the first comes again
-        for samples in range(3):
-            more = {"target_id": lamp, "target_index": index, "target_count": 3, "samples": samples}
-            named += targets(cycle.localization(*news(11 + index, "sampling", **more)))
-    assert named == ["led_2", "led_0", "led_2"]
 
 
 def test_the_robot_is_named_once_whichever_seems_to_be_meant() -> None:

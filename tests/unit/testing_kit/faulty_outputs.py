@@ -4,22 +4,15 @@ import asyncio
 import socket
 import time
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import replace
 
-from pointit.plugins import Config, Strip, StripsFrame, Surroundings
+from pointit.plugins import Config, StripsFrame, Surroundings
 from pointit.runtime.service.surroundings import NullHealth
 from pointit.testing.templates.led_output import Output, OutputParameters
 from pointit.testing.templates.led_output.fake import DEVICE
 from tests.unit.testing_kit.faults import CaughtBy, seed_in_run
 
 caught_by = CaughtBy(DEVICE)
-
-
-@caught_by("reconnects", "`run` raised Connection")
-class DiesWithoutDevice(Output):
-    async def run(self) -> None:
-        await self._connect_and_send()
 
 
 @caught_by("config_errors", "`make` raised Connection")
@@ -77,28 +70,11 @@ class LeavesLit(Output):
             await super()._send(writer, pixels, is_new=is_new)
 
 
-@caught_by("cancels", "ended 1.* s after it was cancelled")
-class Dawdles(Output):
-    async def run(self) -> None:
-        try:
-            await super().run()
-        finally:
-            await asyncio.sleep(1.5)
-
-
 @caught_by("light_s", "after the first `show` it was")
 class Milliseconds(Output):
     async def _send(self, writer: asyncio.StreamWriter, pixels: bytes, *, is_new: bool = False) -> None:
         await super()._send(writer, pixels, is_new=is_new)
         self.light_s *= 1000 if is_new else 1
-
-
-@caught_by("light_s", "a frame left")
-class MeasuresTheWriteAlone(Output):
-    async def _send(self, writer: asyncio.StreamWriter, pixels: bytes, *, is_new: bool = False) -> None:
-        began_s = time.monotonic()
-        await super()._send(writer, pixels, is_new=is_new)
-        self.light_s = time.monotonic() - began_s
 
 
 @caught_by("shows", "did not get the newest frame")
@@ -114,13 +90,6 @@ class TrustsTheFrame(Output):
         for strip in frame.strips:
             assert len(strip.rgb) == self._sizes[strip.id]
         super().show(frame, age_s)
-
-
-@caught_by("odd_frames", "`set_strips` raised ValueError")
-class TrustsTheMap(Output):
-    def set_strips(self, strips: Sequence[Strip]) -> None:
-        self.longest = max(strip.pixels for strip in strips)
-        super().set_strips(strips)
 
 
 @caught_by("warns", "no warning said so")

@@ -65,14 +65,6 @@ class NeverSaysDone(_Changed):
         return None if is_done else item
 
 
-@caught_by("goes_where_sent", "done .* m away")
-class SaysDoneAtOnce(_Changed):
-    def changed(self, item: ReportItem) -> ReportItem | None:
-        if isinstance(item, OrderStatus) and item.state == "active":
-            return OrderStatus(item.order, "done")
-        return item
-
-
 @caught_by("newest_wins", "was never done")
 class KeepsTheFirst(SimDriver):
     busy = False

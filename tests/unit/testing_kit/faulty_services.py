@@ -10,13 +10,6 @@ from tests.unit.testing_kit.faults import CaughtBy, seed_in_run
 caught_by = CaughtBy(DEVICE)
 
 
-@caught_by("starts", "`run` raised LookupError")
-class FailsAtStart(SelectionCounter):
-    def __init__(self, config: ServiceConfig, context: Context) -> None:
-        super().__init__(config, context)
-        raise LookupError("no camera")
-
-
 @caught_by("starts", "`run` returned by itself")
 class ReturnsAtOnce(SelectionCounter):
     async def run(self) -> None:
@@ -48,13 +41,6 @@ class MovesTheBelts(SelectionCounter):
         self.lamp = self.bus.publisher(topics.LAMP_COLOR, "1")
 
 
-@caught_by("uses_declared_rows", "`reads` does not name")
-class Listens(SelectionCounter):
-    def _on_event(self, event: SelectionEvent, _name: str) -> None:
-        super()._on_event(event, _name)
-        self.bus.subscribe(topics.CURSOR, lambda _cursor, _user: None)
-
-
 @caught_by("works", "a selection was not counted")
 class Miscounts(SelectionCounter):
     def _on_event(self, event: SelectionEvent, _name: str) -> None:
@@ -66,15 +52,7 @@ class UndescribedConfig(ServiceConfig):
     gain: float = 1.0
 
 
-@caught_by("config_errors", "raised KeyError")
-class RaisesKeyError(SelectionCounter):
-    @classmethod
-    def validate_config(cls, config: ServiceConfig) -> None:
-        raise KeyError(config.first)
-
-
 caught_by("parameters", "without a description: gain", config=UndescribedConfig)(SelectionCounter)
 caught_by("parameters", "cannot write health", writes=(COUNT, topics.HEALTH))(SelectionCounter)
-caught_by("parameters", "the summary is no line", summary="long " * 21)(SelectionCounter)
 caught_by("parameters", "'host' is no parameter", argument="host")(SelectionCounter)
 seed_in_run(caught_by, SelectionCounter)

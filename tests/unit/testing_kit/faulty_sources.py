@@ -4,7 +4,6 @@ import asyncio
 import contextlib
 import math
 import threading
-import time
 from dataclasses import replace
 from typing import Any
 
@@ -24,13 +23,6 @@ class DiesWithoutDevice(Source):
     async def run(self, deliver: Deliver) -> None:
         while True:
             await self._connect_and_read(deliver)
-
-
-@caught_by("reconnects", "came back, and no reading")
-class ConnectsOnce(Source):
-    async def run(self, deliver: Deliver) -> None:
-        await super()._connect_and_read(deliver)
-        await asyncio.Event().wait()
 
 
 class DatagramSource:
@@ -83,14 +75,6 @@ class ConcealsRestarts(Source):
 class NeverWarns(Source):
     def __init__(self, config: SourceConfig, surroundings: Surroundings) -> None:
         super().__init__(config, replace(surroundings, health=NullHealth()))
-
-
-@caught_by("warns", "a warning stayed")
-class NeverStopsWarning(Source):
-    def __init__(self, config: SourceConfig, surroundings: Surroundings) -> None:
-        health: Any = NullHealth()
-        health.warn = surroundings.health.warn
-        super().__init__(config, replace(surroundings, health=health))
 
 
 @caught_by("cancels", "raised RuntimeError when it was cancelled")
@@ -193,11 +177,6 @@ class DiesOfBadBytes(OwnLoop):
         return numbers(line)
 
 
-@caught_by("bad_bytes", "`run` raised ValueError")
-class DiesOfLongLines(OwnLoop):
-    """Has forgotten that `readline` raises ValueError beyond its limit."""
-
-
 @caught_by("burst", "the newest was not delivered")
 class LagsBehind(OwnLoop):
     async def read(self, reader: asyncio.StreamReader, deliver: Deliver) -> None:
@@ -217,16 +196,6 @@ class KeepsAllReadings(ChangesReadings):
         return reading
 
 
-@caught_by("bounded_memory", "without a reading it held")
-class KeepsALineWithoutEnd(OwnLoop):
-    async def read(self, reader: asyncio.StreamReader, deliver: Deliver) -> None:
-        rest: bytes = b""
-        while data := await reader.read(65536):
-            *lines, rest = (rest + data).split(b"\n")
-            for line in lines:
-                self.take(line, deliver)
-
-
 @caught_by("silence", "of a processor core")
 class Polls(OwnLoop):
     async def read(self, reader: asyncio.StreamReader, deliver: Deliver) -> None:
@@ -241,16 +210,6 @@ class Polls(OwnLoop):
                 await asyncio.sleep(0)
         finally:
             line.cancel()
-
-
-@caught_by("silence", "`run` raised ValueError: no data")
-class EndsInSilence(OwnLoop):
-    async def read(self, reader: asyncio.StreamReader, deliver: Deliver) -> None:
-        try:
-            async with asyncio.timeout(0.5):
-                await super().read(reader, deliver)
-        except TimeoutError as error:
-            raise ValueError("no data") from error
 
 
 @caught_by("waits_for_device", r"come to an end .*Event", patience_s=0.5)
@@ -270,25 +229,12 @@ class LeavesASocket(Source):
         await super()._connect_and_read(deliver)
 
 
-@caught_by("leaves_nothing", "thread 'reader")
-class LeavesAThread(Source):
-    async def run(self, deliver: Deliver) -> None:
-        threading.Thread(target=time.sleep, args=(6.0,), name=f"reader {id(self)}", daemon=True).start()
-        await super().run(deliver)
-
-
 class UndescribedConfig(SourceConfig):
     gain: float = 1.0
 
 
 def _accept(_config: Config) -> None:
     """Accept any parameters."""
-
-
-@caught_by("config_errors", "raised KeyError", check=_accept)
-class RaisesKeyError(Source):
-    def __init__(self, config: SourceConfig, _surroundings: Surroundings) -> None:
-        raise KeyError(config.port)
 
 
 caught_by("parameters", "without a description: gain", config=UndescribedConfig, check=_accept)(Source)

@@ -1,17 +1,12 @@
 """Each seeded fault is caught by the check that is made for it."""
 
-import asyncio
 import re
 from collections.abc import Iterable
 from dataclasses import replace
 
 import pytest
 
-from pointit.plugins import ConfigError, MethodConfig, Surroundings
-from pointit.testing import CheckFailedError, checks, run_checks
-from pointit.testing.common import require_bounded_memory
-from pointit.testing.templates.selection_method import METHOD, Method
-from pointit.testing.templates.selection_method.fake import DEVICE
+from pointit.testing import checks, run_checks
 from tests.support.pace import MOST, slowness
 from tests.unit.testing_kit import (
     faulty_methods,
@@ -66,34 +61,3 @@ def test_an_output_without_a_heartbeat_breaks_one_promise_whose_remedy_names_it(
     broken = {check.name: problem for check, problem in run_checks(checks(harness)) if problem}
     assert broken.keys() == {"reconnects"}
     assert "again every second" in broken["reconnects"]
-
-
-def test_make_of_a_method_may_refuse_parameters() -> None:
-    def make(config: MethodConfig, surroundings: Surroundings) -> Method:
-        if config.dwell_s > 5.0:
-            raise ConfigError("dwell_s: is too long; give at most 5 s")
-        return Method(config, surroundings)
-
-    harness = replace(DEVICE, plugin=replace(METHOD, make=make), wrong_parameters=({"dwell_s": 6.0},))
-    (check,) = [each for each in checks(harness) if each.name == "config_errors"]
-    check.run()
-
-
-async def test_memory_check_outlasts_one_that_was_given_up() -> None:
-    begun, given_up = asyncio.Event(), asyncio.Event()
-    kept: list[bytes] = []
-
-    async def idle() -> None:
-        begun.set()
-        await given_up.wait()
-
-    async def keep() -> None:
-        kept.append(bytes(1_000_000))
-        given_up.set()
-        await asyncio.gather(other, return_exceptions=True)  # its own verdict does not matter
-
-    other = asyncio.create_task(require_bounded_memory(idle, "nothing"))
-    await begun.wait()
-    with pytest.raises(CheckFailedError, match=r"after much it held 1\.0 MB more"):
-        await require_bounded_memory(keep, "much")
-    assert kept

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pointit.services.robot.robot_driver import Follow, FollowPath, Land, Stop, TakeOff
+from pointit.services.robot.robot_driver import Follow, FollowPath, Stop
 from tests.unit.robot.vda5050.agv_bench import AgvBench
 
 FAR = (9.0, 0.0, 0.0)
@@ -219,19 +219,6 @@ def test_what_was_ordered_before_a_lost_link_is_cancelled_afterwards(bench: AgvB
     assert bench.virtual.base == []
 
 
-def test_an_order_of_an_earlier_run_is_cancelled() -> None:
-    earlier = AgvBench()
-    earlier.connect()
-    earlier.run(0.1)
-    earlier.tell(FollowPath, (FAR,))
-    earlier.run(0.5)
-    bench = AgvBench()
-    bench.virtual = earlier.virtual
-    bench.connect()
-    bench.run(0.2)
-    assert bench.virtual.base == []
-
-
 def test_the_end_of_the_driver_stops_an_agv_that_moves(bench: AgvBench) -> None:
     assert bench.agv.farewell() == []
     bench.tell(FollowPath, (FAR,))
@@ -239,16 +226,6 @@ def test_the_end_of_the_driver_stops_an_agv_that_moves(bench: AgvBench) -> None:
     for publication in bench.agv.farewell():
         bench.deliver(publication)
     assert bench.virtual.base == []
-
-
-def test_states_that_come_late_or_twice_change_nothing(bench: AgvBench) -> None:
-    path = bench.tell(FollowPath, ((2.0, 0.0, 0.0),))
-    early = bench.virtual.state()
-    for _ in range(60):
-        bench.run(0.05)
-        bench.hear("state", early)
-        bench.hear("state", early)
-    assert bench.outcomes(path) == [("accepted", ""), ("done", "")]
 
 
 def test_an_agv_that_stands_is_reported_ten_times_a_second_until_it_is_silent_for_long(
@@ -307,12 +284,6 @@ def test_an_agv_without_a_place_or_a_connection_is_lost_and_comes_back(
     bench.run(2.0)
     assert bench.virtual.base == []
     assert bench.reports[-1].position_m[0] > 0.1
-
-
-def test_an_agv_flies_not(bench: AgvBench) -> None:
-    for order in (bench.tell(TakeOff, 0.5), bench.tell(Land)):
-        ((state, reason),) = bench.outcomes(order)
-        assert (state, "cannot fly" in reason) == ("refused", True)
 
 
 def test_messages_of_another_kind_are_said_and_dropped(bench: AgvBench) -> None:

@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import os
+import random
 import socket
 import tty
 from pathlib import Path
@@ -65,6 +66,8 @@ class NetworkDevice(FakeDevice):
 LOST_AFTER_S = 1.0
 WAIT_S = 0.001
 READ_BYTES = 65536
+PROGRAM_PORTS = range(20_000, 32_000)
+"""Ports on which programs listen in tests, below those that Linux, macOS and Windows give out themselves."""
 
 
 class PtyDevice(FakeDevice):
@@ -192,10 +195,9 @@ class UdpDevice(NetworkDevice):
 
     def __init__(self) -> None:
         super().__init__(socket.SOCK_DGRAM)
-        self.program_port = 0
+        self._numbered = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        self.program_port = self._unused_port()
         """Port on which the program listens."""
-        with self.take_program_port() as free:
-            self.program_port = int(free.getsockname()[1])
         self.datagrams: list[bytes] = []
         """Datagrams received since it was plugged in. `received` has their bytes."""
         self._transport: asyncio.DatagramTransport | None = None
@@ -205,6 +207,26 @@ class UdpDevice(NetworkDevice):
         taken = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         taken.bind((self.host, self.program_port))
         return taken
+
+    def _unused_port(self) -> int:
+        """Return a port that nobody takes before the program does: systems give out none of `PROGRAM_PORTS`.
+
+        The TCP port of that number is held, by which devices of all processes divide them.
+
+        Raises:
+            OSError: all are taken.
+        """
+        for port in random.SystemRandom().sample(PROGRAM_PORTS, len(PROGRAM_PORTS)):
+            with contextlib.suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+                probe.bind((self.host, port))
+                self._numbered.bind((self.host, port))
+                return port
+        raise OSError(f"no port of {PROGRAM_PORTS.start} to {PROGRAM_PORTS.stop - 1} is free")
+
+    def close(self) -> None:
+        """Free both ports."""
+        super().close()
+        self._numbered.close()
 
     async def plug(self) -> None:
         """Begin to send and receive."""

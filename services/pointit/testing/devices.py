@@ -66,7 +66,7 @@ class NetworkDevice(FakeDevice):
 LOST_AFTER_S = 1.0
 WAIT_S = 0.001
 READ_BYTES = 65536
-PROGRAM_PORTS = range(20_000, 32_000)
+PROGRAM_PORTS = range(10_000, 15_000)
 """Ports on which programs listen in tests, below those that Linux, macOS and Windows give out themselves."""
 
 

@@ -15,7 +15,7 @@ from tests.support.pace import within
 
 KBIT = 256
 WIDE_S = 2.0
-NARROW_S = 15.0
+NARROW_S = 10.0
 LATE_S = 12.0
 """Time that Zenoh's queue and the socket's buffer hold at most, 4 s on a quiet machine."""
 RECOVERED_S = 25.0

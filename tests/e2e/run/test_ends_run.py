@@ -61,7 +61,7 @@ async def test_a_run_ends_with_its_summary(
     assert len(summary["services"]) == 9
 
 
-@pytest.mark.parametrize("processes", [(), ("--processes",)])
+@pytest.mark.parametrize("processes", [pytest.param((), marks=pytest.mark.long), ("--processes",)])
 async def test_ctrl_c_reaches_a_group(commands: Commands, endpoint: str, processes: tuple[str, ...]) -> None:
     run = commands.start_program(*RUN, *processes, "--listen", endpoint)
     async with onlooker(endpoint) as seen:

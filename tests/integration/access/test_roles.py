@@ -222,9 +222,3 @@ def test_presence_is_told_of_oneself_only_and_seen_by_all(members: dict[str, Mem
                     seen = members[onlooker].sees(*(row.at(ANY) for row in PRESENCES))
                     assert seen == expected.get(me, set()), (me, onlooker)
         members[me].settle(members["supervisor"])
-
-
-def test_the_admin_space_is_closed(members: dict[str, Member]) -> None:
-    for me, member in members.items():
-        member.put("@/*/router/config/access_control")
-        assert member.answered("@/**", "@/*/router/**") == set(), me

@@ -19,7 +19,6 @@ from pointit.services.imu_bridge.serial.config import SerialConfig
 from pointit.services.imu_bridge.service import ImuBridge
 from pointit.services.localizer.service import Localizer
 from pointit.services.pointing.service import Pointing
-from pointit.services.user_sim.service import UserSim
 from tests.support.bench import until
 from tests.support.cli_site import Site, interrupt, next_line
 from tests.support.commands import PATIENCE_S
@@ -128,14 +127,6 @@ async def test_an_arm_that_does_not_move_or_no_keyboard_is_one_sentence(site: Si
         finally:
             life.cancel()
             await asyncio.wait({life})
-
-
-async def test_a_simulated_person_wears_no_sensor(site: Site) -> None:
-    site.start(UserSim, ANNA)
-    await site.arrived("user-sim.anna")
-    ended = await site.pointit(*MOUNTING, "--non-interactive", code=1)
-    assert "imu-bridge.anna is not present" in ended.err
-    assert "a simulated person wears none" in ended.err
 
 
 async def test_with_nobody_there_the_file_here_is_shown_and_erased(site: Site, own_state: Path) -> None:

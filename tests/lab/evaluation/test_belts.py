@@ -93,11 +93,6 @@ def test_a_malformed_line_is_one_sentence(line: dict[str, Any] | str, complaint:
     assert "\n" not in str(error.value)
 
 
-def test_a_file_without_lines_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="has no lines"):
-        read_runs(write(tmp_path, ""))
-
-
 def test_people_that_are_not_there_are_noted(tmp_path: Path) -> None:
     notes: list[str] = []
     assert humans(None, notes) == {}

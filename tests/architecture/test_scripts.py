@@ -21,7 +21,7 @@ def machine(tmp_path: Path) -> Machine:
     return Machine(tmp_path)
 
 
-@pytest.mark.parametrize("script", ["demo", "test", "check", "setup", "mutants", "wheel"])
+@pytest.mark.parametrize("script", ["demo", "test", "setup"])
 def test_without_a_python_one_sentence_says_so(machine: Machine, script: str) -> None:
     done = machine.run(script)
     assert done.returncode == 1
@@ -54,10 +54,7 @@ def test_the_demo_installs_once_and_runs_scenario_4(machine: Machine) -> None:
     assert (machine.run("demo").returncode, machine.calls[1:]) == (0, [install, "pointit run scenario_4"])
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [("scenario_2",), ("scenario_2", "--seed", "1"), ("--seed", "1", "scenario_2"), ("my room.yaml",)],
-)
+@pytest.mark.parametrize("arguments", [("--seed", "1", "scenario_2"), ("my room.yaml",)])
 def test_the_demo_runs_the_scenario_that_is_named(machine: Machine, arguments: tuple[str, ...]) -> None:
     machine.add("python3", PYTHON)
     assert machine.run("demo", *arguments).returncode == 0
@@ -153,12 +150,6 @@ def test_a_failed_installation_shows_why_and_is_tried_again(machine: Machine) ->
     assert done.stderr.startswith("no route to the index\n")
     assert "could not be installed" in done.stderr
     assert (machine.run("demo").returncode, machine.calls[-1]) == (0, "pointit run scenario_4")
-
-
-def test_a_slow_installation_says_what_it_does(machine: Machine) -> None:
-    machine.add("python3", PYTHON.replace('"-m pip")', '"-m pip") [ "$3" = install ] && sleep 5;'))
-    assert "Installing PointIt into .venv" in machine.run("demo").stderr
-    assert machine.run("demo").stderr == ""
 
 
 def test_a_venv_whose_python_is_gone_is_made_anew(machine: Machine) -> None:

@@ -70,12 +70,6 @@ SESSIONS: dict[str, Session] = {
         duration_s=40.0,
         happens=("selection/events=selected", "selection/events=dispatched"),
     ),
-    "scenario 3, hold": Session(
-        scenario="scenario_3",
-        duration_s=20.0,
-        choices=choices(method="hold"),
-        happens=("selection/events=selected",),
-    ),
     "send_a_robot": Session(scenario="send_a_robot", duration_s=30.0, happens=("users/anna/goal",)),
     "localized by lamps": Session(
         scenario="scenario_2",
@@ -102,12 +96,6 @@ SESSIONS: dict[str, Session] = {
             "users/ben/pose=static_targets",
             "selection/events=selected",
         ),
-    ),
-    "four people": Session(
-        scenario="scenario_4",
-        duration_s=35.0,
-        users=("anna", "ben", "carl", "dora"),
-        happens=("selection/events=dispatched", "users/dora/hover"),
     ),
     "a restart of each service": Session(
         scenario="scenario_3", duration_s=30.0, restarts=True, happens=("selection/events=selected",)

@@ -137,7 +137,7 @@ def test_fresh_mutants_are_python_and_leave_texts_types_and_repeated_lines_alone
 def test_a_seed_draws_the_same_lines_of_cores_and_none_of_those_left_out() -> None:
     drawn = fresh.sample(20, "a seed", set())
     assert drawn[1:] == fresh.sample(19, "a seed", {drawn[0][:2]})
-    assert drawn != fresh.sample(20, "another", set())
+
     assert all(fresh.unit_tests(file) for file, _, _ in drawn)
 
 

@@ -2,16 +2,13 @@
 
 import json
 import signal
-from collections.abc import Callable
 
 import pytest
 
 from pointit.runtime.bus.site_clock import SiteClock
-from pointit.schemas import SelectionEvent
-from pointit.schemas.topics import SELECTION_EVENTS, SERVICE_ALIVE
+from pointit.schemas.topics import SERVICE_ALIVE
 from tests.support.bench import until
-from tests.support.buses import router_process
-from tests.support.commands import Commands, doctor_is_content, onlooker, summary_of
+from tests.support.commands import Commands, doctor_is_content, onlooker
 from tests.support.pace import within
 
 SPEED = 5.0
@@ -83,60 +80,6 @@ PERSON = ("pointing", "localizer", "supervisor", "user-sim")
 
 def services_of(user: str) -> set[str]:
     return {f"{service}.{user}" for service in PERSON}
-
-
-def noting(sites: set[str], site: str) -> Callable[[SelectionEvent, str], None]:
-    """Return a handler that adds `site` when something was selected."""
-
-    def on_event(event: SelectionEvent, _name: str) -> None:
-        if event.event == "selected":
-            sites.add(site)
-
-    return on_event
-
-
-@pytest.mark.slow
-async def test_two_systems_on_one_router_do_not_see_each_other(commands: Commands) -> None:
-    async with router_process() as router:
-        common = ("--connect", router.endpoint, "--speed", "4", "--duration", "600", "--no-view", "--json")
-        runs = {
-            "a": commands.start("run", "scenario_3", "--site", "a", "--users", "2", *common),
-            "b": commands.start("run", "scenario_3", "--site", "b", "--seed", "7", *common),
-        }
-        async with onlooker(router.endpoint, "a") as a, onlooker(router.endpoint, "b") as b:
-            selected: set[str] = set()
-            for site, seen in (("a", a), ("b", b)):
-                seen.bus.subscribe(SELECTION_EVENTS, noting(selected, site))
-            await a.sees_cursors("user1", "user2")
-            await b.sees_cursors("user1")
-            await until(lambda: a.people == {"user1", "user2"}, what="the people of a")
-            await until(lambda: b.people == {"user1"}, what="the people of b")
-            await until(lambda: services_of("user2") <= a.present, what="all services of a")
-            await until(
-                lambda: b.present == a.present - services_of("user2"),
-                what=f"the same services on b: {b.present} and {a.present}",
-            )
-            await until(lambda: bool(a.health) and bool(b.health), what="health on both sites")
-            assert {health.pid for health in a.health.values()} == {runs["a"].process.pid}
-            assert {health.pid for health in b.health.values()} == {runs["b"].process.pid}
-            echo = await commands.pointit(
-                *("topic", "echo", "objects/*", "--count", "5", "--json"),
-                *("--site", "b", "--connect", router.endpoint),
-                code=0,
-            )
-            await until(lambda: bool(a.object_ids()), what="objects of a")
-            of_b = {thing["id"] for line in echo.out.splitlines() for thing in json.loads(line)["objects"]}
-            assert of_b
-            assert of_b <= b.object_ids()
-            assert not a.object_ids() & b.object_ids()
-            await until(lambda: selected == {"a", "b"}, 60, "selections on both sites")
-            assert "user2" not in b.cursors
-        for site, users in (("a", 2), ("b", 1)):
-            ended = await runs[site].stop(code=0)
-            summary = summary_of(ended)
-            assert summary["site"] == site
-            assert summary["selected"] > 0
-            assert (summary["wrong"], len(summary["services"])) == (0, 5 + 4 * users)
 
 
 @pytest.mark.slow

@@ -301,35 +301,3 @@ def test_ci_runs_failed_files_once_more(machine: Machine, failed: list[str], alo
     assert told == (failed if status == 0 else [])
     assert done.stdout.endswith(f"\nUNSTABLE: {len(told)}\n")
     assert ("4 tests failed, too many to run again" in done.stdout) == (len(failed) == 4)
-
-
-PODMAN = """#!/bin/sh
-echo "podman $*" >> "$CALLS"
-case "$1 $2" in
-    "image exists") case " $THERE " in *" $3 "*) exit 0 ;; esac; exit 1 ;;
-    "pull --quiet") exit "$PULLED" ;;
-    "import --change") cat > /dev/null ;;
-esac
-"""
-MADE_BASE = "localhost/pointit-base:ci"
-
-
-@pytest.mark.parametrize(
-    ("there", "pulled", "is_made"),
-    [("official", 1, False), ("", 0, False), ("", 1, True), ("made", 1, False)],
-)
-def test_an_image_of_ci_has_its_own_name(machine: Machine, there: str, pulled: int, *, is_made: bool) -> None:
-    shutil.copytree(ROOT / ".ci", machine.root / ".ci")
-    shutil.copytree(ROOT / "deploy", machine.root / "deploy")
-    machine.add("podman", PODMAN)
-    machine.add("debootstrap", '#!/bin/sh\nmkdir -p "$4/etc/ssl/certs"\n')
-    machine.add("cp", "#!/bin/sh\n")
-    machine.add("tar", "#!/bin/sh\n")
-    machine.add("timeout", '#!/bin/sh\nshift\n"$@"\n')
-    official = "".join(re.findall(r"^ARG BASE=(.*)$", (ROOT / "deploy/Dockerfile").read_text(), re.MULTILINE))
-    known = {"official": official, "made": MADE_BASE}.get(there, "")
-    done = machine.run("../.ci/containers", THERE=known, PULLED=str(pulled))
-    assert done.returncode == 0, done.stderr
-    imports = [call for call in machine.calls if call.startswith("podman import")]
-    assert [call.split()[-1] for call in imports] == ([MADE_BASE] if is_made else [])
-    assert f'MADE_BASE = "{MADE_BASE}"' in (ROOT / "tests/containers/conftest.py").read_text()

@@ -5,29 +5,10 @@ import signal
 
 import pytest
 
-from pointit.runtime.bus.site_clock import SiteClock
 from pointit.schemas.topics import SERVICE_ALIVE
 from tests.support.bench import until
 from tests.support.commands import Commands, doctor_is_content, onlooker
 from tests.support.pace import within
-
-SPEED = 5.0
-
-
-async def test_who_joins_takes_over_the_time_of_the_site(commands: Commands, endpoint: str) -> None:
-    commands.start(
-        "run", "scenario_3", "--site-only", "--speed", str(SPEED), "--no-view", "--listen", endpoint
-    )
-    async with onlooker(endpoint) as seen:
-        await seen.hears("conveyor-sim")
-        commands.start("person", "add", "anna", "--no-view", "--connect", endpoint)
-        await seen.sees_cursors("anna")
-        clock = SiteClock(seen.bus)
-        assert await clock.wait_for_tick(60.0)
-        await until(lambda: len(seen.cursors["anna"]) > 50, 20, "more cursors")
-        behind_s = abs(clock.now_ns() - seen.cursors["anna"][-1].stamp_ns) / 1e9
-        assert behind_s < 5.0 * SPEED  # wall time would be behind by four seconds for each that passed
-        clock.close()
 
 
 async def test_a_name_stands_for_one_person(commands: Commands, endpoint: str) -> None:
@@ -67,12 +48,6 @@ async def test_who_vanished_is_missed_by_who_looks_later(commands: Commands, end
         assert await missed(commands, endpoint) == {}
         assert (await again.stop()).code == 0
         assert await missed(commands, endpoint) == {}
-
-
-async def test_without_a_terminal_the_log_tells_what_happens(commands: Commands, endpoint: str) -> None:
-    run = commands.start("run", "scenario_3", "--speed", "4", "--no-view", "--listen", endpoint)
-    for news in ("user1: pointing.", "red 1 selected by user1", "wrist to light p50"):
-        await run.says(news)
 
 
 PERSON = ("pointing", "localizer", "supervisor", "user-sim")

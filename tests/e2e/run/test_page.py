@@ -6,13 +6,12 @@ from urllib.parse import parse_qs, urlsplit
 import httpx
 import pytest
 
-from pointit.runtime.errors import RefusedError
-from pointit.schemas import Deployment, Environment, RunScenario
-from pointit.schemas.topics import DEPLOYMENT, MAP, RUN_SCENARIO, STOP_ROBOT
+from pointit.schemas import Deployment
+from pointit.schemas.topics import DEPLOYMENT, STOP_ROBOT
 from tests.e2e.run.visitor import entered, looking_on
 from tests.support.bench import until
 from tests.support.buses import free_port
-from tests.support.commands import Command, Commands, onlooker, summary_of
+from tests.support.commands import Command, Commands, onlooker
 from tests.support.links import link_in
 from tests.support.pace import within
 
@@ -62,47 +61,6 @@ async def test_the_port_can_be_set_like_any_parameter(commands: Commands, endpoi
         await until(lambda: bool(told), CHANGE_S, "the deployment")
     assert "web" in {service.service for service in told[0].services}
     assert "a-token-of-mine" not in told[0].model_dump_json()  # viewers must not learn to control
-
-
-@pytest.mark.parametrize("processes", [(), pytest.param(("--processes",), marks=pytest.mark.long)])
-async def test_another_takes_its_place(commands: Commands, endpoint: str, processes: tuple[str, ...]) -> None:
-    command = run(commands, endpoint, "scenario_4", "--json", *processes)
-    url = await address_of(command)
-    async with onlooker(endpoint) as seen:
-        rooms: list[str] = []
-
-        def on_map(room: Environment, _name: str) -> None:
-            rooms.append(room.name)
-
-        seen.bus.subscribe(MAP, on_map)
-        await seen.sees_more(seen.cursors["user1"], "cursors on the belts")
-        await seen.hears("web")
-        page = seen.health["web"]
-        with pytest.raises(RefusedError, match="no scenario 'nope'; there are scenario_1"):
-            await seen.bus.call(RUN_SCENARIO, RunScenario(scenario="nope"), timeout_s=CHANGE_S)
-        wish = RunScenario(scenario="scenario_2", users=2)
-        await seen.bus.call(RUN_SCENARIO, wish, timeout_s=CHANGE_S)
-        people = {f"{service}.{user}" for service in PERSON for user in ("user1", "user2")}
-        await until(
-            lambda: seen.present == {"pui", "led-driver", "keeper", "web", *people},
-            START_S,
-            "all of the other scenario, and nothing else",
-        )
-        await seen.sees_cursors("user1", "user2")
-        assert rooms[-1] == "lab" != rooms[0]
-        assert seen.health["web"].pid == page.pid
-        await until(lambda: seen.health["web"].uptime_s > page.uptime_s, what="the same page, all the while")
-        async with looking_on(url):
-            pass
-        doctor = await commands.pointit("doctor", "--connect", endpoint)
-        assert "selector" not in doctor.out  # nothing of the other scenario is missed
-    family = command.family()
-    assert len(family) == (15 if processes else 1)
-    ended = await command.stop(code=0)
-    assert within(ended.took_s, END_S)
-    assert "Traceback" not in ended.err
-    summary = summary_of(ended)
-    assert (summary["scenario"], len(summary["services"])) == ("scenario_2", 14)
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.long)])
@@ -166,9 +124,3 @@ async def test_a_link_for_who_may_only_look_on(commands: Commands, endpoint: str
     dashboard = commands.start("dashboard", "--connect", endpoint, "--port", "0", "--view-only")
     async with looking_on(await address_of(dashboard)) as (_, hello):
         assert (hello["role"], hello["requests"]) == ("viewer", [STOP_ROBOT.key])
-
-
-async def test_a_dashboard_waits_for_a_site(commands: Commands, endpoint: str) -> None:
-    waiting = commands.start("dashboard", "--connect", endpoint, "--port", "0")
-    await waiting.says(f"nobody answers at {endpoint} yet; trying again until somebody does")
-    assert (await waiting.stop()).code == 0

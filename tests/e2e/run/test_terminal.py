@@ -197,7 +197,9 @@ async def test_logs_stand_above_it(endpoint: str, tmp_path: Path, monkeypatch: p
         assert shown.after == shown.before
 
 
-@pytest.mark.parametrize(("kind", "option"), [("dumb", ()), ("xterm", ("--no-view",))])
+@pytest.mark.parametrize(
+    ("kind", "option"), [("dumb", ()), pytest.param("xterm", ("--no-view",), marks=pytest.mark.long)]
+)
 async def test_without_a_view_it_logs_lines(endpoint: str, kind: str, option: tuple[str, ...]) -> None:
     arguments = ("run", "scenario_2", "--duration", "12", "--listen", endpoint, *option)
     with terminal(100, 30, *arguments, kind=kind) as shown:

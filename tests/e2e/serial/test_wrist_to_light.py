@@ -13,7 +13,6 @@ from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
-
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.clock import WallClock
 from pointit.runtime.link.link import Link

@@ -185,16 +185,6 @@ async def test_the_localizer_shows_and_erases_it(site: Site, own_state: Path) ->
     assert (await site.pointit("person", "memory", ANNA)).out == "anna: nothing is remembered\n"
 
 
-async def test_without_a_localizer_the_file_here_is_shown_and_erased(site: Site, own_state: Path) -> None:
-    path = keep(own_state, ANNA)
-    shown = await site.pointit("person", "memory", ANNA, code=0)
-    assert TOLD in shown.out
-    erased = await site.pointit("person", "memory", ANNA, "--erase")
-    assert "was deleted" in erased.out
-    assert not path.exists()
-    assert "no memory is stored on this machine" in (await site.pointit("person", "memory", ANNA)).out
-
-
 async def test_setting_the_pose_of_a_person_who_is_not_there_names_who_is(site: Site) -> None:
     site.start(Pointing, "user1")
     await site.arrived("pointing.user1")

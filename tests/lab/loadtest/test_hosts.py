@@ -10,13 +10,10 @@ from typing import Any, ClassVar, cast
 
 import pytest
 
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.router.router import parse_config
 from pointit.runtime.zenoh.wire_format import encoding_of
 from pointit.schemas import Cursor, ImuSample
-from pointit.schemas.topics import CURSOR
 from pointit_lab.loadtest import hosts
 from pointit_lab.loadtest.hosts import CONTENTS_S, HostsTest
 from pointit_lab.loadtest.measuring import secured_site
@@ -28,7 +25,7 @@ from pointit_lab.loadtest.sight import DRAIN_S, Sight
 from pointit_lab.loadtest.usage import UsageSample
 from pointit_lab.loadtest.workers import Group, Worker
 from pointit_lab.loadtest.wrist import Wrist, drive_wrists
-from tests.support.bench import START_NS, in_virtual_time, until
+from tests.support.bench import in_virtual_time
 
 Report = Callable[[], float]
 
@@ -92,25 +89,6 @@ async def test_routers_and_links_are_read_while_wrists_are_driven() -> None:
     assert link.up_bytes_hz == pytest.approx(1000.0)
     assert (link.up_hz, link.counted_s) == ({"Cursor": 8 / CONTENTS_S}, CONTENTS_S)
     assert [usage.cpu for usage in result.processes] == pytest.approx([0.5, 0.25])
-
-
-async def test_what_is_only_counted_is_told_as_a_number() -> None:
-    bus = MemoryBus(LocalBroker())
-    sight = Sight(frozenset())
-    sight.watch_arrivals(bus)
-    publisher = bus.publisher(CURSOR, "load0")
-    for seq in range(3):
-        publisher.put(Cursor(stamp_ns=START_NS, seq=seq))
-    await until(lambda: sight.arrived == 3)
-    await bus.close()
-    told = sight.dump()
-    assert (told["arrived"], told["hovers"]) == (3, 0)
-    sum_of = Sight(frozenset())
-    sum_of.add(told)
-    sum_of.add(told)
-    assert sum_of.arrived == 6
-    sight.clear()
-    assert sight.dump()["arrived"] == 0
 
 
 def test_a_plain_router_joins_the_one_above(tmp_path: Path) -> None:

@@ -1,11 +1,8 @@
 """`pointit load --hosts`: people over several machines, their routers and what crosses their links."""
 
 import json
-import os
-import shutil
 import signal
 import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -52,8 +49,7 @@ def without_namespaces(folder: Path) -> dict[str, str]:
     return {"PATH": str(folder)}
 
 
-async def test_what_crosses_links_is_counted_by_kind(commands: Commands) -> None:
-    """That rays of a shard's people cross none: tests/integration/runtime."""
+async def test_rays_of_people_whom_shards_serve_cross_no_link(commands: Commands) -> None:
     namespaces_or_skip()
     sharded = row_of(await commands.pointit("load", *SHORT, "--hosts", "2", "--routers", "3"))
     first, second = sharded["links"]
@@ -77,29 +73,6 @@ async def test_a_secured_tree_of_routers_carries_people_without_namespaces(
     assert row["links"] == []
     assert "unshare" in row["lacking"]
     assert "hosts are processes on loopback, and their links are not measured" in ended.err
-
-
-@pytest.mark.long
-async def test_zenohd_routes_by_the_same_configuration(commands: Commands, tmp_path: Path) -> None:
-    ended = await commands.pointit(
-        "load",
-        *SHORT,
-        *("--hosts", "2", "--router", "zenohd", "--secured"),
-        environment=_zenohd(tmp_path / "bin"),
-    )
-    assert "2 secured routers (zenohd)" in row_of(ended)["layout"]
-
-
-def _zenohd(folder: Path) -> dict[str, str]:
-    """Return a PATH with zenohd, or else with a stand-in: PointIt's router under its name."""
-    path = os.environ.get("PATH", "")
-    if shutil.which("zenohd") is None:
-        folder.mkdir()
-        program = folder / "zenohd"
-        program.write_text(f'#!/bin/sh\nexec {sys.executable} -m pointit.cli router "$@"\n')
-        program.chmod(0o755)
-        path = f"{folder}{os.pathsep}{path}"
-    return {"PATH": path}
 
 
 async def test_several_numbers_of_people_have_slopes(commands: Commands) -> None:

@@ -180,8 +180,10 @@ async def test_nothing_bars_the_way_of_anybody(browser: Browser, shared_site: Si
             assert await violations(phone.page) == [], (stage, theme)
 
 
-async def test_it_fits_every_phone_without_scrolling_once_it_runs(browser: Browser, site: SitePage) -> None:
-    phone = await PhonePage.open(browser, await address(site))
+async def test_it_fits_every_phone_without_scrolling_once_it_runs(
+    browser: Browser, shared_site: SitePage
+) -> None:
+    phone = await PhonePage.open(browser, await address(shared_site))
     page = phone.page
     sizes = ((320, 568), (390, 780), (780, 390), (568, 320))
     sideways = "document.documentElement.scrollWidth - innerWidth"

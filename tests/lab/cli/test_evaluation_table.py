@@ -67,25 +67,6 @@ def test_80_columns_show_what_counts_most() -> None:
     assert "shows also: unsure, all m, p90 of all m, bound" in " ".join(text.split())
 
 
-def test_a_wide_terminal_shows_all_with_full_names() -> None:
-    text = printed(BRIEF, 200)
-    assert "mean-angle-z0" in text
-    assert "`z=0`" not in text
-    assert "shows also" not in text
-    for word in ("unsure", "bound", "misled", "> 1 m"):
-        assert word in heads(text)
-    wider = printed(BRIEF, 80).split("With ")[1].split()[0]
-    assert "shows also" in printed(BRIEF, int(wider) - 1)
-    assert "shows also" not in printed(BRIEF, int(wider))
-
-
-def test_notes_are_about_columns_that_are_shown() -> None:
-    narrow, wide = printed(BRIEF, 80), printed(BRIEF, 200)
-    assert "posterior" not in narrow
-    assert "posterior" in wide
-    assert "localizer accepts" not in printed(DRIFT, 200)
-
-
 def test_without_a_terminal_a_line_is_written_every_ten_seconds(capsys: pytest.CaptureFixture[str]) -> None:
     lines: list[str] = []
     now_s = [100.0]

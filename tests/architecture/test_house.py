@@ -39,20 +39,9 @@ def test_limit_of_the_core_never_rises(house: ModuleType) -> None:
     assert house.MOST_CORE <= 41_000
 
 
-def test_rooms_are_told_apart_by_whole_names(house: ModuleType) -> None:
-    assert house.is_below("pointit.a.b", ["pointit.a"])
-    assert house.is_below("pointit.a", ["pointit.a"])
-    assert not house.is_below("pointit.ab", ["pointit.a"])
-
-
 def test_import_circle_is_found(house: ModuleType) -> None:
     assert house.circle({"a": {"b"}, "b": {"c"}, "c": set()}) == []
     assert set(house.circle({"a": {"b"}, "b": {"c"}, "c": {"b"}})) == {"b", "c"}
-
-
-def test_files_are_counted_per_folder_without_init(house: ModuleType) -> None:
-    files = [Path("a", name) for name in ("__init__.py", "x.py", "y.py")] + [Path("a/b/z.py")]
-    assert house.largest_folder(files) == (2, Path("a"))
 
 
 TESTS = {

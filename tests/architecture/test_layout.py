@@ -22,92 +22,37 @@ FOUR_FILES = {"__init__.py", "__main__.py", "config.py", "service.py"}
 OUTSIDERS = {"cli", "external", "every service"}
 """Writers that are no row of the process table."""
 DEVICES = {
-    "imu-bridge": {
-        "ble/discovery.py",
-        "ble/ble_source.py",
-        "ble/metamotion.py",
-        "ble/radio.py",
-        "ble/timed_button.py",
-        "ble/witmotion_ble.py",
-        "ble/xsens_dot.py",
-        "network/datagram_source.py",
-        "network/port_source.py",
-        "network/slimevr.py",
-        "network/udp_server.py",
-        "network/ximu3.py",
-        "replay_source.py",
-        "serial/ports.py",
-        "serial/source.py",
-        "simulated.py",
-        "sources.py",
-    },
-    "keeper": {"record.py"},
-    "localizer": {"memory/memory_file.py"},
-    "recorder": {"file_series.py", "sink.py"},
-    "led-driver": {
-        "guarded_output.py",
-        "outputs.py",
-        "output/serial_port/adalight.py",
-        "output/datagram_sender.py",
-        "output/ddp.py",
-        "output/dmx/artnet.py",
-        "output/dmx/e131.py",
-        "output/serial_port/expander.py",
-        "output/mqtt/mqtt_output.py",
-        "output/network_output.py",
-        "output/output_health.py",
-        "output/serial_port/serial_output.py",
-        "output/spotlight/spotlight.py",
-    },
-    "robot": {
-        "drivers/sim/sim_driver.py",
-        "drivers/vda5050/agv.py",
-        "drivers/vda5050/driver.py",
-        "robot_driver.py",
-    },
-    "selector": {"selection_methods.py", "shard_role.py", "site_role.py", "store/history.py"},
-    "web": {
-        "pages/request_dispatcher.py",
-        "metrics/door.py",
-        "server/app.py",
-        "server/certificate.py",
-        "server/download.py",
-        "server/lan.py",
-        "server/link_file.py",
-        "pages/open_pages.py",
-        "model/history.py",
-        "model/people.py",
-        "wrists/phone.py",
-        "wrists/phone_connection.py",
-        "server/listener.py",
-        "pages/page_session.py",
-        "playback/file_past.py",
-        "playback/past_page.py",
-        "playback/server.py",
-    },
-    "ros2": {
-        "graph/backends.py",
-        "routing/calls.py",
-        "graph/backend_warnings.py",
-        "routing/input_subscription.py",
-        "routing/guests.py",
-        "routing/inbox.py",
-        "routing/outbox.py",
-        "graph/graph_monitor.py",
-        "parameters/map_of_node.py",
-        "parameters/node_parameters.py",
-        "robot/driver.py",
-        "robot/navigator.py",
-        "routing/site.py",
-        "over_rclpy/backend.py",
-        "over_rclpy/seat.py",
-        "over_rclpy/services.py",
-        "over_rclpy/topics.py",
-        "over_zenoh/backend.py",
-        "over_zenoh/endpoint_context.py",
-        "over_zenoh/services.py",
-        "over_zenoh/topics.py",
-    },
+    name: set(modules.split())
+    for name, modules in {
+        "imu-bridge": """
+            ble/discovery.py ble/ble_source.py ble/metamotion.py ble/radio.py ble/timed_button.py
+            ble/witmotion_ble.py ble/xsens_dot.py network/datagram_source.py network/port_source.py
+            network/slimevr.py network/udp_server.py network/ximu3.py replay_source.py
+            serial/ports.py serial/source.py simulated.py sources.py""",
+        "keeper": "record.py",
+        "localizer": "memory/memory_file.py",
+        "recorder": "file_series.py sink.py",
+        "led-driver": """
+            guarded_output.py outputs.py output/serial_port/adalight.py output/datagram_sender.py
+            output/ddp.py output/dmx/artnet.py output/dmx/e131.py output/serial_port/expander.py
+            output/mqtt/mqtt_output.py output/network_output.py output/output_health.py
+            output/serial_port/serial_output.py output/spotlight/spotlight.py""",
+        "robot": "drivers/sim/sim_driver.py drivers/vda5050/agv.py drivers/vda5050/driver.py robot_driver.py",
+        "selector": "selection_methods.py shard_role.py site_role.py store/history.py",
+        "web": """
+            pages/request_dispatcher.py metrics/door.py server/app.py server/certificate.py
+            server/download.py server/lan.py server/link_file.py pages/open_pages.py
+            model/history.py model/people.py wrists/phone.py wrists/phone_connection.py
+            server/listener.py pages/page_session.py playback/file_past.py playback/past_page.py
+            playback/server.py""",
+        "ros2": """
+            graph/backends.py routing/calls.py graph/backend_warnings.py
+            routing/input_subscription.py routing/guests.py routing/inbox.py routing/outbox.py
+            graph/graph_monitor.py parameters/map_of_node.py parameters/node_parameters.py
+            robot/driver.py robot/navigator.py routing/site.py over_rclpy/backend.py
+            over_rclpy/seat.py over_rclpy/services.py over_rclpy/topics.py over_zenoh/backend.py
+            over_zenoh/endpoint_context.py over_zenoh/services.py over_zenoh/topics.py""",
+    }.items()
 }
 """Modules beside `service.py` that wait for devices or time, or write files; no cores."""
 HARMLESS = (

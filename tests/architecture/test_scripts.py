@@ -21,7 +21,7 @@ def machine(tmp_path: Path) -> Machine:
     return Machine(tmp_path)
 
 
-@pytest.mark.parametrize("script", ["demo", "test", "check", "setup", "mutants", "wheel"])
+@pytest.mark.parametrize("script", ["demo", "test", "setup"])
 def test_without_a_python_one_sentence_says_so(machine: Machine, script: str) -> None:
     done = machine.run(script)
     assert done.returncode == 1
@@ -54,10 +54,7 @@ def test_the_demo_installs_once_and_runs_scenario_4(machine: Machine) -> None:
     assert (machine.run("demo").returncode, machine.calls[1:]) == (0, [install, "pointit run scenario_4"])
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [("scenario_2",), ("scenario_2", "--seed", "1"), ("--seed", "1", "scenario_2"), ("my room.yaml",)],
-)
+@pytest.mark.parametrize("arguments", [("--seed", "1", "scenario_2"), ("my room.yaml",)])
 def test_the_demo_runs_the_scenario_that_is_named(machine: Machine, arguments: tuple[str, ...]) -> None:
     machine.add("python3", PYTHON)
     assert machine.run("demo", *arguments).returncode == 0
@@ -153,12 +150,6 @@ def test_a_failed_installation_shows_why_and_is_tried_again(machine: Machine) ->
     assert done.stderr.startswith("no route to the index\n")
     assert "could not be installed" in done.stderr
     assert (machine.run("demo").returncode, machine.calls[-1]) == (0, "pointit run scenario_4")
-
-
-def test_a_slow_installation_says_what_it_does(machine: Machine) -> None:
-    machine.add("python3", PYTHON.replace('"-m pip")', '"-m pip") [ "$3" = install ] && sleep 5;'))
-    assert "Installing PointIt into .venv" in machine.run("demo").stderr
-    assert machine.run("demo").stderr == ""
 
 
 def test_a_venv_whose_python_is_gone_is_made_anew(machine: Machine) -> None:
@@ -310,35 +301,3 @@ def test_ci_runs_failed_files_once_more(machine: Machine, failed: list[str], alo
     assert told == (failed if status == 0 else [])
     assert done.stdout.endswith(f"\nUNSTABLE: {len(told)}\n")
     assert ("4 tests failed, too many to run again" in done.stdout) == (len(failed) == 4)
-
-
-PODMAN = """#!/bin/sh
-echo "podman $*" >> "$CALLS"
-case "$1 $2" in
-    "image exists") case " $THERE " in *" $3 "*) exit 0 ;; esac; exit 1 ;;
-    "pull --quiet") exit "$PULLED" ;;
-    "import --change") cat > /dev/null ;;
-esac
-"""
-MADE_BASE = "localhost/pointit-base:ci"
-
-
-@pytest.mark.parametrize(
-    ("there", "pulled", "is_made"),
-    [("official", 1, False), ("", 0, False), ("", 1, True), ("made", 1, False)],
-)
-def test_an_image_of_ci_has_its_own_name(machine: Machine, there: str, pulled: int, *, is_made: bool) -> None:
-    shutil.copytree(ROOT / ".ci", machine.root / ".ci")
-    shutil.copytree(ROOT / "deploy", machine.root / "deploy")
-    machine.add("podman", PODMAN)
-    machine.add("debootstrap", '#!/bin/sh\nmkdir -p "$4/etc/ssl/certs"\n')
-    machine.add("cp", "#!/bin/sh\n")
-    machine.add("tar", "#!/bin/sh\n")
-    machine.add("timeout", '#!/bin/sh\nshift\n"$@"\n')
-    official = "".join(re.findall(r"^ARG BASE=(.*)$", (ROOT / "deploy/Dockerfile").read_text(), re.MULTILINE))
-    known = {"official": official, "made": MADE_BASE}.get(there, "")
-    done = machine.run("../.ci/containers", THERE=known, PULLED=str(pulled))
-    assert done.returncode == 0, done.stderr
-    imports = [call for call in machine.calls if call.startswith("podman import")]
-    assert [call.split()[-1] for call in imports] == ([MADE_BASE] if is_made else [])
-    assert f'MADE_BASE = "{MADE_BASE}"' in (ROOT / "tests/containers/conftest.py").read_text()

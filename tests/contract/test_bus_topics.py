@@ -154,14 +154,6 @@ class TestState:
         await asyncio.sleep(0.5)  # two heartbeats: whatever makes Zenoh fetch the same again
         assert [sorted(sink.seen) for sink in sinks] == [[("anna", 3), ("ben", 30)]] * 3, "each once"
 
-    async def test_a_late_reader_of_one_name_gets_its_state(self, site: Site) -> None:
-        for name, seq in (("anna", 1), ("ben", 2)):
-            site.a.publisher(PROFILE, name).put(profile(seq))
-        sinks = readers(site, PROFILE, "ben")
-        await until(lambda: all(sink.seen for sink in sinks))
-        await site.settle()
-        assert [sink.seen for sink in sinks] == [[("ben", 2)]] * 3
-
     async def test_a_topic_without_names(self, site: Site) -> None:
         site.a.publisher(SELECTION).put(Selection(stamp_ns=1, seq=7))
         sink = Sink()
@@ -263,15 +255,6 @@ class TestReaders:
             writer.put(press(seq))
         await until(lambda: len(other.seen) == 3)
         assert sink.seen == [("anna", 0)]
-
-    async def test_a_chain_of_handlers_is_followed(self, site: Site) -> None:
-        sink = Sink()
-        rays = site.b.publisher(PROFILE, "anna")
-        site.b.subscribe(BUTTON, lambda event, _name: rays.put(profile(event.seq)))
-        site.a.subscribe(PROFILE, sink)
-        await site.settle()
-        site.a.publisher(BUTTON, "anna").put(press(4))
-        await until(lambda: sink.seen == [("anna", 4)])
 
 
 class TestTap:

@@ -9,9 +9,7 @@ import pytest
 
 from pointit.cli.inspect.schema import read_folder
 from pointit.schemas import Message, Query, decode, encode
-from pointit.schemas.base import MAX_ID
 from pointit.schemas.catalogue import catalogue
-from pointit.schemas.catalogue.asyncapi import document, readme
 from pointit.schemas.topics import REQUESTS, TOPICS
 
 FOLDER = Path(__file__).parents[2] / "schemas" / "catalogue"
@@ -104,10 +102,3 @@ def _is_object(value: Any) -> TypeGuard[dict[str, Any]]:
 
 def _is_list(value: Any) -> TypeGuard[list[Any]]:
     return isinstance(value, list)
-
-
-def test_it_says_how_a_state_is_fetched_what_an_error_is_and_how_long_ids_are() -> None:
-    for text in (readme(), document()["info"]["description"]):
-        assert "A `get` on `KEY/@adv/**?_anyke` returns the last value of the state `KEY`" in text
-        assert "An error reply is one sentence, UTF-8" in text
-        assert f"Ids have at most {MAX_ID} characters" in text

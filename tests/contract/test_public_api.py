@@ -35,15 +35,6 @@ def test_nothing_public_changes_without_a_changelog_entry() -> None:
     assert not names, "describe it in CHANGELOG.md, then run `python -m tests.contract.public_api`"
 
 
-def test_a_change_is_found_by_its_name() -> None:
-    before = ["Site.sleep(seconds: float) -> async None", "Site.name: str", "pointit.Site"]
-    now = ["Site.sleep(seconds: int) -> async None", "Site.title: str", "pointit.Site"]
-    names = public_api.changed(before, now)
-    assert names == {"sleep", "name", "title"}
-    changelog = "## [Unreleased]\n\n- `Site.sleep` takes whole seconds.\n\n## [0.1.0]\n\n- title\n"
-    assert public_api.unmentioned(names, changelog) == ["name", "title"]
-
-
 def test_stubs_and_module_have_the_same_names() -> None:
     stub = (ROOT / "services/pointit/__init__.pyi").read_text(encoding="utf-8")
     written = {line.rpartition(" as ")[2].split()[0] for line in stub.splitlines() if " as " in line}

@@ -279,16 +279,6 @@ async def test_wrist_is_chosen_among_several(wanted: Callable[[Sequence[BumbleWr
 
 
 @in_virtual_time
-async def test_absence_of_a_wrist_names_five_others_and_counts_the_rest() -> None:
-    boards = [SimulatedMetaMotion() for _ in range(7)]
-    async with worn(METAMOTION, *boards, parameters={"address": "F0:00:00:00:00:01"}) as session:
-        await session.until(lambda: bool(session.health.warnings))
-        (warning,) = session.health.all
-        assert warning.count("MetaWear (") == 5
-        assert warning.endswith(" and 2 more)")
-
-
-@in_virtual_time
 async def test_board_is_stopped_and_disconnected_at_the_end() -> None:
     board = SimulatedMetaMotion()
     async with worn(METAMOTION, board) as session:

@@ -120,13 +120,9 @@ async def test_beam_of_a_moving_head_follows_the_cursor_of_scenario_3(
     ola: Ola, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     config = SpotlightConfig(
-        host=ola.address,
-        universe=3,
-        position_m=(2.0, 1.0, 3.0),
-        pan_speed_degps=2000,
-        tilt_speed_degps=2000,
-        dark_beyond_deg=1.0,
-    )
+        host=ola.address, universe=3, position_m=(2.0, 1.0, 3.0), pan_speed_degps=2000,
+        tilt_speed_degps=2000, dark_beyond_deg=1.0,
+    )  # fmt: skip
     cursors_m: list[Vec3] = []
     show_cursor = Spotlight.show_cursor
 

@@ -50,15 +50,9 @@ TOPICS = "uagv/v2/acme/7"
 PATIENCE_S = 60.0
 START = (1.0, 2.0)
 SPEC = RobotSpec(
-    name="cart",
-    kind="ground",
-    start_m=(0.0, 0.0, 0.0),
-    start_yaw_rad=0.0,
-    radius_m=0.3,
-    hover_m=0.2,
-    max_speed_mps=2.0,
-    max_acceleration_mps2=1.0,
-)
+    name="cart", kind="ground", start_m=(0.0, 0.0, 0.0), start_yaw_rad=0.0, radius_m=0.3, hover_m=0.2,
+    max_speed_mps=2.0, max_acceleration_mps2=1.0,
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")

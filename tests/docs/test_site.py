@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from tests.docs.blocks import ROOT, difference
+from tests.docs.blocks import ROOT
 from tests.docs.blocks import blocks as blocks_of
 
 SITE = ROOT / "site"
@@ -40,37 +40,6 @@ def test_reference_is_generated_from_the_code() -> None:
     assert 'id="cursorv' in page("messages")
     assert "pointit doctor" in page("commands")
     assert "send_a_robot" in page("scenarios")
-
-
-PAGE = """
-```sh terminal 2
-pointit run
-```
-
-```python title="lamp.py"
-print(1)
-```
-
-```sh
-python lamp.py
-```
-
-```text numbers
-it took 3.5 s, as …
-…
-end
-```
-"""
-
-
-def test_words_of_a_fence_are_read_and_output_belongs_to_the_block_above() -> None:
-    first, saved, run = blocks_of(ROOT / "README.md", PAGE)
-    assert (first.terminal, first.line, saved.title, saved.output) == ("2", 2, "lamp.py", None)
-    assert run.output is not None
-    assert not difference(run.output, "it took 12 s, as always\nmany\nlines\nend")
-    assert not difference(run.output, "it took -0.25   s, as always\nend\n")
-    assert "shows" in difference(run.output, "it took long, as always\nend")
-    assert "shows" in difference(run.output, "it took 3.5 s, as always\nend\nmore")
 
 
 def test_a_fence_with_unknown_words_is_refused() -> None:

@@ -85,7 +85,6 @@ class Network:
 
     block: int
     hosts: dict[str, Host] = field(default_factory=dict[str, Host])
-    _delays: list["subprocess.Popen[bytes]"] = field(default_factory=list["subprocess.Popen[bytes]"])
 
     @property
     def wire(self) -> str:
@@ -119,9 +118,6 @@ class Network:
         """Unplug the host's cable."""
         self._ip("link", "set", "dev", host.socket, "down")
 
-    def mend(self, host: Host) -> None:
-        self._ip("link", "set", "dev", host.socket, "up")
-
     def lose(self, host: Host, percent: int, *, up: bool = True, down: bool = True) -> None:
         """Lose so many of the packets from the host (`up`) and to it (`down`), silently and at random."""
         what = "drop" if percent == ALL else f"numgen random mod 100 < {percent} drop"
@@ -135,34 +131,11 @@ class Network:
         limit = ["rate", f"{kbit}kbit", "burst", "4kb", "latency", "400ms"]
         _run("tc", "-n", self.wire, "qdisc", "add", "dev", host.socket, "root", "tbf", *limit)
 
-    def delay(self, host: Host, least_s: float, most_s: float) -> None:
-        """Hold every packet from and to the host up, each for a random time, as `tc netem` does."""
-        module = Path(__file__).with_name("network_delay.py")
-        near, far = f"d{host.name}", "delayed"
-        program = [sys.executable, str(module), near, far, str(least_s), str(most_s)]
-        command = [*self._in_wire, *program]
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, start_new_session=True)
-        self._delays.append(process)
-        assert process.stdout is not None
-        assert process.stdout.readline() == b"ready\n", "no tun devices here"
-        self._ip("link", "set", "dev", far, "netns", host.namespace)
-        self._ip("link", "set", "dev", near, "up")
-        _run("ip", "-n", host.namespace, "link", "set", "dev", far, "up")
-        self._ip("route", "add", f"{host.address}/32", "dev", near)
-        there = ["default", "dev", far, "src", host.address, "metric", "1", "congctl", "cubic"]
-        _run("ip", "-n", host.namespace, "route", "add", *there)
-
     def clear(self) -> None:
         _try(*self._in_wire, "nft", "delete table inet faults")
         for host in self.hosts.values():
             _try("ip", "-n", self.wire, "link", "set", "dev", host.socket, "up")
             _try("tc", "-n", self.wire, "qdisc", "del", "dev", host.socket, "root")
-        for process in self._delays:
-            process.kill()  # its devices go with it, and the routes over them
-            process.wait(10)
-            assert process.stdout is not None
-            process.stdout.close()
-        self._delays.clear()
 
     def sent_bytes(self, host: Host) -> int:
         file = f"/sys/class/net/{host.socket}/statistics/tx_bytes"

@@ -76,14 +76,10 @@ class View:
             for instance, reports in self._reports.items()
         }
         seen = Observation(
-            began_s=max(self._began_s, now_s - REPORTS_S),
-            now_s=now_s,
-            present=frozenset(self._present),
-            left=frozenset(self._ever - self._present),
-            reports=lately,
-            deployments=self._deployments,
+            began_s=max(self._began_s, now_s - REPORTS_S), now_s=now_s, present=frozenset(self._present),
+            left=frozenset(self._ever - self._present), reports=lately, deployments=self._deployments,
             host=os.uname().nodename,
-        )
+        )  # fmt: skip
         return [finding for finding in diagnose(seen) if finding.severity != "note"]
 
     def ages_s(self, user: str, since_s: float = 0.0, until_s: float = math.inf) -> list[float]:

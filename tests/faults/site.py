@@ -38,7 +38,7 @@ conveyor-sim:
       max_interval_s: 2.2
       length_m: 0.4
 led-driver:
-  max_rate_hz: 20
+  max_rate_hz: 10
 user-sim:
   rate_hz: 25
 """

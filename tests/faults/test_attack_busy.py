@@ -163,7 +163,7 @@ async def check(site: Central, account: Account, key: str, rate_hz: float) -> No
 
 async def test_an_insider_takes_nobodys_cursor_and_is_named(tmp_path: Path, account: Account) -> None:
     async with central_site(tmp_path) as site:
-        for topic in (CLAIM, CURSOR, BUTTON):
+        for topic in (CLAIM, BUTTON):
             await check(site, account, topic.key.replace("{user}", "{}"), 4900)
         await site.router.says(f"lab/{INSIDERS[0]} writes {CLAIM.at(INSIDERS[0])} ")
 

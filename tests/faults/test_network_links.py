@@ -194,29 +194,9 @@ async def test_a_link_that_drops_all(both: Both, account: Account, name: str, wa
 async def test_a_link_that_loses_much(both: Both, account: Account) -> None:
     async with both.plant.view() as view:
         trial = Trial(both, view)
-        outcome = await trial.suffer(lambda: trial.wire.lose(trial.b, 20), 12.0, BAD)
+        outcome = await trial.suffer(lambda: trial.wire.lose(trial.b, 20), 8.0, BAD)
     assert outcome.noticed_s is not None
-    outcome.row(account, "20 % of packets lost, both ways", f"{_missing(outcome, 12.0)} of cursors")
-
-
-@pytest.mark.slow
-@pytest.mark.long
-async def test_a_link_that_loses_little(both: Both, account: Account) -> None:
-    async with both.plant.view() as view:
-        trial = Trial(both, view)
-        outcome = await trial.suffer(lambda: trial.wire.lose(trial.b, 1), 15.0, BAD)
-    assert within(quantile_s(outcome.during_s, 0.5), FRESH_S)
-    outcome.row(account, "1 % of packets lost, both ways", f"{_missing(outcome, 15.0)} of cursors")
-
-
-@pytest.mark.slow
-@pytest.mark.long
-async def test_a_link_that_delays(both: Both, account: Account) -> None:
-    async with both.plant.view() as view:
-        trial = Trial(both, view)
-        outcome = await trial.suffer(lambda: trial.wire.delay(trial.b, 0.0, 0.1), 15.0, BAD)
-    assert within(quantile_s(outcome.during_s, 0.5), FRESH_S)
-    outcome.row(account, "50 ms delay, ±50 ms jitter, both ways", f"{_missing(outcome, 15.0)} of cursors")
+    outcome.row(account, "20 % of packets lost, both ways", f"{_missing(outcome, 8.0)} of cursors")
 
 
 def _missing(outcome: Outcome, lasted_s: float) -> str:

@@ -7,7 +7,7 @@ import time
 import pytest
 
 from tests.faults.account import Account, Memory
-from tests.faults.site import INSTANCES, NOTICED_S, SHARED, Site
+from tests.faults.site import INSTANCES, NOTICED_S, Site
 from tests.faults.witness import witness
 from tests.support.bench import until
 from tests.support.pace import within
@@ -15,8 +15,8 @@ from tests.support.pace import within
 BACK_S = 30.0
 """A process starts in a second or two on a quiet machine."""
 GROWTH_MB = 30.0
-OFTEN = (*SHARED, "pointing.user1")
-SELDOM = ("localizer.user1", "supervisor.user1", "user-sim.user1")
+OFTEN = ("pui", "selector", "conveyor-sim", "keeper")
+SELDOM = ("led-driver", "pointing.user1", "localizer.user1", "supervisor.user1", "user-sim.user1")
 pytestmark = pytest.mark.slow
 
 
@@ -104,15 +104,8 @@ LEAST_S = 4.0
 WOKEN_S = 20.0
 MOST_STALE = 40
 """Cursors of old rays: the content of the sockets, less those that newer rays have overtaken."""
-STOPPED_OFTEN = ("pui", "selector", "pointing.user1")
-STOPPED_SELDOM = (
-    "led-driver",
-    "conveyor-sim",
-    "keeper",
-    "localizer.user1",
-    "supervisor.user1",
-    "user-sim.user1",
-)
+STOPPED_OFTEN = ("pui", "selector")
+STOPPED_SELDOM = ("conveyor-sim", "keeper", *SELDOM)
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,6 @@
 
 import contextlib
 import errno
-import os
-import signal
 import sqlite3
 import time
 from pathlib import Path
@@ -90,38 +88,3 @@ async def test_selecting_goes_on_and_nothing_is_lost(small: Site, account: Accou
             memory_mb=growth_mb,
         )
         await until(lambda: not any(complains(seen, name) for name in seen.health), BACK_S, "no problem")
-
-
-@pytest.mark.long
-async def test_a_selector_that_begins_on_a_full_disk_says_so(small: Site, account: Account) -> None:
-    async with witness(small) as seen:
-        await seen.begins(small)
-        await seen.sees_selected(1)
-        selected = set(seen.selected)
-        filler = small.state / "filler"
-        try:
-            await fill(small, filler)
-            await until(lambda: complains(seen, "selector"), NOTICED_S, "the selector to say so")
-            os.kill(seen.health["selector"].pid, signal.SIGKILL)
-            await seen.finds("selector", "absent")
-            del seen.health["selector"]
-            untold = len(set(seen.told()) - set(small.told()))
-            began_s = time.monotonic()
-            small.restart("selector")
-            await seen.hears("selector")
-            told = len(seen.events)
-            await until(lambda: len(seen.events) > told, 30.0, "selecting to go on")
-            await seen.keeps(selected)
-            await until(lambda: complains(seen, "selector"), NOTICED_S, "the new selector to say so")
-            noticed_s = time.monotonic() - began_s
-        finally:
-            filler.unlink()
-        room_s = time.monotonic()
-        await until(lambda: not complains(seen, "selector"), BACK_S, "the selector to be content")
-        account.add(
-            "selector killed while the disk is full",
-            noticed_s,
-            "its health, before and after",
-            time.monotonic() - room_s,
-            f"{untold} events of the audit, in memory only as health had said",
-        )

@@ -63,14 +63,10 @@ class Witness(Onlooker):
         Without notes of the past, and of a slow machine.
         """
         seen = Observation(
-            began_s=self.began_s,
-            now_s=time.monotonic(),
-            present=frozenset(self.present),
-            left=frozenset(self.ever - self.present),
-            reports=self.reports,
-            deployments=self.deployments,
+            began_s=self.began_s, now_s=time.monotonic(), present=frozenset(self.present),
+            left=frozenset(self.ever - self.present), reports=self.reports, deployments=self.deployments,
             host=socket.gethostname(),
-        )
+        )  # fmt: skip
         found = [each for each in diagnose(seen) if each.severity != "note" and each.code != "slow"]
         return [finding for finding in found if not instance or finding.service == instance]
 

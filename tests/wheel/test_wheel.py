@@ -167,7 +167,7 @@ async def test_uvx_runs_the_wheel_and_serves_the_page(wheel: Path, commands: Com
     assert "scenario_3 ran" in ended.out
 
 
-@pytest.mark.parametrize("where", ["editable install", "wheel"])
+@pytest.mark.parametrize("where", [pytest.param("editable install", marks=pytest.mark.long), "wheel"])
 def test_type_checkers_see_all_names_of(where: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
     """Run both without any configuration, on a program outside the checkout, as an editor does."""
     python = sys.executable

@@ -115,14 +115,3 @@ async def test_once_prints_the_metrics_of_a_site(commands: Commands, endpoint: s
         if {sample.labels["service"]: sample.value for sample in present}.get("pui") == 1:
             return
         assert not patience.is_over(), (ended.code, ended.out, ended.err)
-
-
-async def test_an_address_that_is_none_is_a_sentence(commands: Commands) -> None:
-    ended = await commands.pointit("metrics", "--listen", "9464", code=2)
-    assert "write one such as 127.0.0.1:9464" in ended.err
-
-
-async def test_an_address_for_others_is_refused_before_the_site_is_looked_for(commands: Commands) -> None:
-    nowhere = f"tcp/127.0.0.1:{free_port()}"
-    ended = await commands.pointit("metrics", "--listen", "0.0.0.0:9464", "--connect", nowhere, code=2)
-    assert "other machines could read the metrics" in ended.sentence

@@ -1,24 +1,19 @@
 """`pointit run`: the shipped scenarios from their start to their summary."""
 
 import json
-import os
-import shlex
-import signal
 import time
 from collections import Counter
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from pointit.recording.reader import Recording
-from pointit.schemas import ImuSample, Localization, Selection, SelectionEvent, TrackedObjects, UserPose
-from pointit.schemas.topics import LOCALIZATION, OBJECTS, POSE, SELECTION, SELECTION_EVENTS, SERVICE_ALIVE
-from tests.e2e.run.visitor import own_scenario
+from pointit.schemas import ImuSample, Localization, SelectionEvent, UserPose
+from pointit.schemas.topics import LOCALIZATION, POSE, SELECTION_EVENTS, SERVICE_ALIVE
 from tests.support.bench import until
 from tests.support.buses import free_port
-from tests.support.commands import Command, Commands, Onlooker, onlooker, summary_of
+from tests.support.commands import Commands, onlooker, summary_of
 from tests.support.pace import within
 
 SITE = {"pui", "selector", "led-driver", "conveyor-sim", "keeper"}
@@ -62,20 +57,6 @@ async def test_the_simulated_person_selects_all_that_is_red_only(commands: Comma
     assert f"Selected {summary['selected']} of {summary['selected']} red objects" in ended.out
 
 
-async def test_a_cursor_moves_over_both_strips(commands: Commands) -> None:
-    option, endpoint = listen()
-    run = commands.start("run", "scenario_2", "--speed", "4", "--no-view", "--json", option, endpoint)
-    async with onlooker(endpoint) as seen:
-        await until(lambda: seen.surfaces("user1") == {"0", "1"}, 40, "cursors on both strips")
-        await seen.sees_more(seen.frames, "frames")
-    ended = await run.stop(code=0)
-    summary = summary_of(ended)
-    assert summary["scenario"] == "scenario_2"
-    assert set(summary["services"]) == {"pui", "led-driver", "keeper"} | person("user1")
-    assert (summary["selected"], summary["missed"], summary["wrong"]) == (0, 0, 0)
-    assert summary["cursors"] > 0
-
-
 async def test_the_person_meets_the_lamps(commands: Commands) -> None:
     arguments = ("run", "scenario_1", "--speed", "4", "--duration", "48", "--no-view", "--json")
     ended = await commands.pointit(*arguments, *listen(), code=0)
@@ -101,29 +82,6 @@ async def test_a_short_run_ends_by_itself_and_is_recorded_whole(commands: Comman
     assert samples == list(range(1, len(samples) + 1))
     alive = {each.name: each.body for each in entries if each.row is SERVICE_ALIVE}
     assert {name for name, present in alive.items() if not present} >= person("user1") | {"pui"}
-
-
-@pytest.mark.slow
-async def test_localizing_two_people_and_the_other_ways_to_run(commands: Commands, tmp_path: Path) -> None:
-    common = ("--speed", "4", "--duration", "64", "--no-view", "--json")
-    localizing = commands.start("run", "scenario_3", "--localize", *common, *listen())
-    option, endpoint = listen()
-    two = commands.start("run", "scenario_3", "--users", "2", *common, option, endpoint)
-    mine = commands.start("run", own_scenario(tmp_path, 20), "--speed", "4", "--no-view", "--json", *listen())
-    async with onlooker(endpoint) as seen:
-        await seen.sees_cursors("user1", "user2")
-    ended = await localizing.end(code=0)
-    summary = summary_of(ended)
-    assert summary["selected"] > 0
-    assert summary["wrong"] == 0
-    ended = await two.end(code=0)
-    summary = summary_of(ended)
-    assert set(summary["services"]) == SITE | person("user1", "user2")
-    assert summary["selected"] > 0
-    assert summary["wrong"] == 0
-    ended = await mine.end(code=0)
-    assert summary_of(ended)["scenario"] == "mine"
-    assert 20.0 <= summary_of(ended)["duration_s"] + 0.1 < 28.0
 
 
 @pytest.mark.slow
@@ -153,16 +111,6 @@ async def test_processes_select_as_well_and_follow_the_simulated_clock(commands:
     assert within(summary["latency_ms"]["p50"], 60.0)  # ms of the wall
 
 
-async def test_no_cursor_is_a_failure(commands: Commands) -> None:
-    ended = await commands.pointit(
-        "run", "scenario_2", "--duration", "2", "--set", "user-sim.behaviour=rest", "--no-view", *listen(),
-        code=1,
-    )  # fmt: skip
-    assert ended.code == 1
-    assert "no cursor ever appeared" in ended.err
-    assert "Wrist to light: not measured" in ended.out
-
-
 async def test_a_device_not_there_is_why_no_cursor_appeared(commands: Commands, tmp_path: Path) -> None:
     port = tmp_path / "ttyUSB0"
     ended = await commands.pointit(
@@ -170,15 +118,6 @@ async def test_a_device_not_there_is_why_no_cursor_appeared(commands: Commands, 
     )
     (verdict,) = (line for line in ended.err.splitlines() if "no cursor ever appeared; " in line)
     assert f"imu-bridge.user1: {port} is not there: plug the device in; ports found: " in verdict
-
-
-async def test_what_was_missed_is_told_and_is_no_failure_of_the_run(commands: Commands) -> None:
-    """A person who holds too short: the run did its job, and the summary gives the result."""
-    arguments = ("--duration", "80", "--speed", "8", "--set", "selector.window_s=10", "--no-view", "--json")
-    ended = await commands.pointit("run", "scenario_3", *arguments, *listen(), code=0)
-    summary = summary_of(ended)
-    assert summary["selected"] == 0
-    assert summary["missed"] + summary["pending"] > 0
 
 
 async def test_a_person_of_unknown_place_is_found_by_three_lamps(commands: Commands) -> None:
@@ -212,53 +151,6 @@ async def test_a_person_of_unknown_place_is_found_by_three_lamps(commands: Comma
 TARGET, BAY_SELECTED, BAY_REST = "red", "1", "3"
 
 
-@dataclass
-class Books:
-    """The books of an accountant beside the belts."""
-
-    kinds: dict[str, str] = field(default_factory=dict[str, str])
-    there: frozenset[str] = frozenset()
-    selected: frozenset[str] = frozenset()
-    events: list[SelectionEvent] = field(default_factory=list[SelectionEvent])
-    listings: int = 0
-
-    def attach(self, seen: Onlooker) -> None:
-        seen.bus.subscribe(OBJECTS, lambda message, _tracker: self.on_objects(message))
-        seen.bus.subscribe(SELECTION, lambda message, _name: self.on_selection(message))
-        seen.bus.subscribe(SELECTION_EVENTS, lambda event, _name: self.events.append(event))
-
-    def on_objects(self, message: TrackedObjects) -> None:
-        self.listings += 1
-        self.there = frozenset(thing.id for thing in message.objects)
-        for thing in message.objects:
-            assert self.kinds.setdefault(thing.id, thing.kind) == thing.kind
-
-    def on_selection(self, message: Selection) -> None:
-        self.selected = frozenset(thing.id for thing in message.objects)
-
-    def dispatched(self) -> dict[str, set[str]]:
-        bays: dict[str, set[str]] = {}
-        for event in self.events:
-            if event.event == "dispatched":
-                bays.setdefault(event.object_id, set()).add(event.bay)
-        return bays
-
-    def gone(self) -> set[str]:
-        """Return the objects that cannot be selected any more: they have left, or were deselected."""
-        ends = ("dispatched", "deselected", "left")
-        return {event.object_id for event in self.events if event.event in ends}
-
-    def owned(self) -> set[str]:
-        """Return the objects that are, or were when they left, selected, by the events alone."""
-        owned: set[str] = set()
-        for event in self.events:
-            if event.event == "selected":
-                owned.add(event.object_id)
-            elif event.event == "deselected":
-                owned.discard(event.object_id)
-        return owned
-
-
 async def test_red_packages_leave_at_bay_1_and_others_at_bay_3(commands: Commands, own_state: Path) -> None:
     ended = await commands.pointit(
         *("run", "scenario_4", "--speed", "3", "--duration", "75", "--no-view", "--json"), *listen(), code=0
@@ -272,60 +164,3 @@ async def test_red_packages_leave_at_bay_1_and_others_at_bay_3(commands: Command
     assert bays[BAY_SELECTED]["blue"] == 0, summary
     kept = {path.parent.name for path in (own_state / "lab").glob("*/*.sqlite")}
     assert kept == {"selector", "conveyor-sim"}, "services keep what they must not lose, in this folder"
-
-
-@pytest.mark.long  # tests/faults kills each service; tests/unit/conveyor_sim kills the conveyor and counts
-async def test_selector_and_conveyor_may_be_killed_nothing_is_lost_or_told_twice(commands: Commands) -> None:
-    option, endpoint = listen()
-    run = commands.start(
-        *("run", "scenario_4", "--users", "2", "--processes", "--duration", "600", "--no-view"),
-        option,
-        endpoint,
-    )
-    books = Books()
-    async with onlooker(endpoint) as seen:
-        books.attach(seen)
-        await until(lambda: {"selector", "conveyor-sim"} <= set(seen.health), 30, "health")
-        await until(lambda: len(books.selected & books.there) >= 1, 60, "a selected package on the belts")
-
-        selected = books.selected
-        books.selected = frozenset()
-        await restart(commands, run, seen, "selector")
-        await until(lambda: bool(books.selected), 20, "the selection again")
-        await until(lambda: selected - books.gone() <= books.selected, what="all that was selected, again")
-
-        there = books.there
-        listings = books.listings
-        await restart(commands, run, seen, "conveyor-sim")
-        await until(lambda: books.listings > listings + 25, 20, "the packages again")
-        # that a package came out and that it has left the belts are published on different topics
-        await until(lambda: there - set(books.dispatched()) <= books.there, what="the packages of before")
-
-        before = len(books.dispatched())
-        await until(lambda: len(books.dispatched()) >= before + 4, 90, "packages at the bays after it all")
-        await until(
-            lambda: set(books.kinds) == {*books.there, *books.dispatched()},
-            what="each package to be on the belts or to have come out",
-        )
-    await run.stop(code=0)
-
-    bays = books.dispatched()
-    assert all(len(at) == 1 for at in bays.values()), bays
-    owned = books.owned()
-    refused = {event.object_id for event in books.events if event.event == "refused"}
-    for name, (bay,) in bays.items():
-        if name not in refused:
-            assert bay == (BAY_SELECTED if name in owned else BAY_REST), name
-    assert not {name for name in owned if books.kinds[name] != TARGET}
-
-
-async def restart(commands: Commands, run: Command, seen: Onlooker, instance: str) -> None:
-    """Kill `instance` and start it again as printed by the run."""
-    os.kill(seen.health[instance].pid, signal.SIGKILL)
-    sentence = f"{instance} was ended by SIGKILL; start it again with: "
-    await run.says(sentence)
-    (told,) = (line for line in run.logged() if line.startswith(sentence))
-    command, _, _ = told.removeprefix(sentence).rpartition(" (its log: ")
-    del seen.health[instance]
-    commands.run(shlex.split(command))
-    await seen.hears(instance)

@@ -112,7 +112,7 @@ def frames(text: str) -> list[list[str]]:
     return drawn
 
 
-@pytest.mark.parametrize(("columns", "rows"), [(100, 40), (40, 40)])
+@pytest.mark.parametrize(("columns", "rows"), [pytest.param(100, 40, marks=pytest.mark.long), (40, 40)])
 async def test_it_draws_and_leaves_the_terminal_as_it_was(endpoint: str, columns: int, rows: int) -> None:
     with terminal(columns, rows, "run", "scenario_3", "--speed", "4", "--listen", endpoint) as shown:
         await shown.shows("PointIt scenario_3", "pointing", "▌", "▲", "wrist to light p50", "selected 1")
@@ -165,7 +165,7 @@ async def test_a_localization_and_a_refusal_are_seen_in_80_columns(endpoint: str
         await shown.end()
 
 
-@pytest.mark.parametrize("key", [b" ", b"\r"])
+@pytest.mark.parametrize("key", [b" ", pytest.param(b"\r", marks=pytest.mark.long)])
 async def test_space_and_enter_are_the_persons_button(endpoint: str, key: bytes) -> None:
     with terminal(100, 40, "run", "scenario_2", "--listen", endpoint) as shown:
         await shown.shows("Space is user1's button", "user1: pointing.")
@@ -197,7 +197,9 @@ async def test_logs_stand_above_it(endpoint: str, tmp_path: Path, monkeypatch: p
         assert shown.after == shown.before
 
 
-@pytest.mark.parametrize(("kind", "option"), [("dumb", ()), ("xterm", ("--no-view",))])
+@pytest.mark.parametrize(
+    ("kind", "option"), [("dumb", ()), pytest.param("xterm", ("--no-view",), marks=pytest.mark.long)]
+)
 async def test_without_a_view_it_logs_lines(endpoint: str, kind: str, option: tuple[str, ...]) -> None:
     arguments = ("run", "scenario_2", "--duration", "12", "--listen", endpoint, *option)
     with terminal(100, 30, *arguments, kind=kind) as shown:

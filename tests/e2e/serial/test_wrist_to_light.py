@@ -13,8 +13,6 @@ from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
-import pytest
-
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.clock import WallClock
 from pointit.runtime.link.link import Link
@@ -278,12 +276,3 @@ def test_the_decoder_of_this_test_reads_the_published_frames() -> None:
     board.take(bytes.fromhex("55 50 58 4c 00 01 03 21 02 00 11 22 33 aa bb cc fb 69 48 ce"))
     board.take(bytes.fromhex("55 50 58 4c ff 02 9b 38 81 df"))
     assert (board.shown, board.faults) == ({0: [(0x11, 0x22, 0x33), (0xAA, 0xBB, 0xCC)]}, [])
-
-
-@pytest.mark.parametrize("position", [5, 12, 17])
-def test_the_decoder_of_this_test_notices_a_wrong_byte(position: int) -> None:
-    frame = bytearray.fromhex("55 50 58 4c 00 01 03 21 02 00 11 22 33 aa bb cc fb 69 48 ce")
-    frame[position] ^= 0x40
-    board = Board()
-    board.take(bytes(frame))
-    assert board.faults

@@ -9,16 +9,23 @@ from playwright.async_api import Browser
 
 from pointit.bridges.web.server.bundle import STATIC
 from tests.e2e.web.site import SitePage, running
-from tests.support.browser import NAMES, chromium, installed
+from tests.support.browser import NAMES, installed, joined, shared_chromium
 from tests.support.commands import Commands
 
 
-@pytest_asyncio.fixture
-async def browser() -> AsyncIterator[Browser]:
+@pytest.fixture(scope="session")
+def browser_address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Run one browser for all tests here: a start takes a second of a core."""
     path = installed()
     if path is None:
         pytest.skip(f"no browser: none of {', '.join(NAMES)} is in PATH")
-    async with chromium(path) as opened:
+    with shared_chromium(path, tmp_path_factory.mktemp("browser")) as address:
+        yield address
+
+
+@pytest_asyncio.fixture
+async def browser(browser_address: str) -> AsyncIterator[Browser]:
+    async with joined(browser_address) as opened:
         yield opened
 
 
@@ -51,8 +58,3 @@ def shared_site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SitePage]:
         yield asyncio.run(running(started, "scenario_4", *lan, "--duration", "900", state=folder / "state"))
     finally:
         started.kill_all()
-
-
-@pytest.fixture
-def site_page(site: SitePage) -> str:
-    return site.url

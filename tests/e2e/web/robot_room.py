@@ -45,26 +45,13 @@ PLACES: dict[str, Vec3] = {"anna": (0.0, -1.5, 0.0), "ben": (3.2, -1.6, 0.0)}
 AIMS: dict[str, Vec3] = {"anna": (1.2, 1.2, 0.0), "ben": (2.9, 1.9, 0.0)}
 
 QUAD = models.RobotState(
-    stamp_ns=1,
-    kind="quadrotor",
-    phase="moving",
-    position_m=(0.5, 0.3, 0.8),
-    yaw_rad=0.9,
-    velocity_mps=(0.0, 0.0, 0.0),
-    radius_m=0.15,
-    user="anna",
-    target_m=(1.2, 1.2, 0.2),
-    battery=0.62,
-)
+    stamp_ns=1, kind="quadrotor", phase="moving", position_m=(0.5, 0.3, 0.8), yaw_rad=0.9,
+    velocity_mps=(0.0, 0.0, 0.0), radius_m=0.15, user="anna", target_m=(1.2, 1.2, 0.2), battery=0.62,
+)  # fmt: skip
 CART = models.RobotState(
-    stamp_ns=1,
-    kind="ground",
-    phase="idle",
-    position_m=(2.4, 0.4, 0.0),
-    yaw_rad=2.4,
-    velocity_mps=(0.0, 0.0, 0.0),
-    radius_m=0.2,
-)
+    stamp_ns=1, kind="ground", phase="idle", position_m=(2.4, 0.4, 0.0), yaw_rad=2.4,
+    velocity_mps=(0.0, 0.0, 0.0), radius_m=0.2,
+)  # fmt: skip
 
 
 @dataclass

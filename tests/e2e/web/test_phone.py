@@ -2,7 +2,6 @@
 
 import asyncio
 import math
-import time
 from typing import Literal
 
 import pytest
@@ -132,59 +131,6 @@ async def until_evaluated(phone: PhonePage, condition: str) -> None:
         await asyncio.sleep(0.05)
 
 
-async def test_centring_makes_ahead_the_middle_of_the_room(browser: Browser, shared_site: SitePage) -> None:
-    phone = await PhonePage.open(browser, await address(shared_site))
-    big, name = phone.page.locator("#big"), phone.page.locator("#big-name")
-    async with onlooker(shared_site.endpoint) as seen:
-        await phone.start(yaw_deg=70)
-        await big.tap()
-        await expect(name).to_have_text("Press")
-        await expect(phone.page.locator("#said")).to_contain_text("middle of the room")
-        ahead = await rests(phone, seen, 70)
-        assert apart(await rests(phone, seen, 130), ahead + 60) < 3
-        await phone.page.get_by_role("button", name="Centre").tap()
-        await big.tap()
-        await expect(name).to_have_text("Press")
-        assert apart(await rests(phone, seen, 130), ahead) < 3
-    assert phone.faults == []
-
-
-def apart(a: float, b: float) -> float:
-    return abs((a - b + 180) % 360 - 180)
-
-
-async def rests(phone: PhonePage, seen: Onlooker, yaw_deg: float) -> float:
-    """Hold the phone like this until the ray rests; return where it goes, degrees."""
-    await phone.turn(yaw_deg, -10)
-    turned_ns = time.time_ns()  # on a busy machine cursors of how it was held before come later than this
-    patience = Patience(30.0)
-    while True:
-        seen.cursors[USER].clear()
-        for i in range(10):
-            await phone.turn(yaw_deg + 0.3 * (i % 2), -10)
-            await asyncio.sleep(0.03)
-        shown = [each for each in seen.cursors[USER] if each.direction is not None]
-        rays = [azimuth(each) for each in shown if each.stamp_ns > turned_ns][-8:]
-        if len(rays) == 8 and max(apart(ray, rays[0]) for ray in rays) < 1:
-            return rays[-1]
-        assert not patience.is_over(), f"the ray never rests: {rays}"
-
-
-async def test_who_lost_the_arm_to_a_mouse_can_take_it_back(browser: Browser, shared_site: SitePage) -> None:
-    async with shared_site.operator() as operator:
-        secure = await operator.pair(USER)
-        phone = await PhonePage.open(browser, shared_site.origin + secure[secure.index("/phone") :])
-        await phone.start()
-        await phone.page.get_by_role("button", name="Skip").tap()
-        await operator.ask(deed="take", name=USER)
-        await expect(phone.page.locator("#said")).to_contain_text("Another device moves your arm")
-        await phone.page.get_by_role("button", name="Take my arm").tap()
-        await expect(phone.page.get_by_role("button", name="Let go")).to_be_visible()
-        async with onlooker(shared_site.endpoint) as seen:
-            await sweeps_the_ray(phone, seen)
-    assert phone.faults == []
-
-
 async def test_out_of_sight_it_stops_and_a_tap_starts_it_again(
     browser: Browser, shared_site: SitePage
 ) -> None:
@@ -234,8 +180,10 @@ async def test_nothing_bars_the_way_of_anybody(browser: Browser, shared_site: Si
             assert await violations(phone.page) == [], (stage, theme)
 
 
-async def test_it_fits_every_phone_without_scrolling_once_it_runs(browser: Browser, site: SitePage) -> None:
-    phone = await PhonePage.open(browser, await address(site))
+async def test_it_fits_every_phone_without_scrolling_once_it_runs(
+    browser: Browser, shared_site: SitePage
+) -> None:
+    phone = await PhonePage.open(browser, await address(shared_site))
     page = phone.page
     sizes = ((320, 568), (390, 780), (780, 390), (568, 320))
     sideways = "document.documentElement.scrollWidth - innerWidth"

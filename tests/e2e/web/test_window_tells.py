@@ -1,5 +1,6 @@
-"""Messages of the page: a wrong package, a service that hangs, past events; lamps; at 200 % zoom."""
+"""Messages of the page: a wrong package, a service that hangs, past events; the plan; at 200 % zoom."""
 
+import asyncio
 import os
 import re
 import signal
@@ -12,10 +13,12 @@ from playwright.async_api import Browser, expect
 
 from pointit.schemas import SelectionEvent
 from pointit.schemas.topics import SELECTION_EVENTS
+from tests.e2e.web.axe import violations
 from tests.e2e.web.site import SitePage
 from tests.e2e.web.window import NO_WEBGL, Theme, Window
 from tests.support.bench import until
 from tests.support.commands import onlooker
+from tests.support.pace import Patience
 
 pytestmark = pytest.mark.slow
 
@@ -152,17 +155,6 @@ async def test_page_opened_late_has_the_messages_of_before(browser: Browser, sha
     await expect(window.page.get_by_label("Messages, newest first")).to_contain_text(line["text"])
 
 
-async def test_lamps_have_names(browser: Browser, shared_site: SitePage) -> None:
-    window = await Window.open(browser, shared_site.url)
-    await window.is_shown()
-    lamps: list[str] = await window.page.evaluate("window.pointit.site.map.lamps.map(({ id }) => id)")
-    assert lamps
-    for theme in THEMES:
-        await window.page.emulate_media(color_scheme=theme)
-        for lamp in lamps:
-            await expect(window.page.locator("#view").get_by_text(lamp, exact=True)).to_be_visible()
-
-
 async def test_plan_shows_an_unlit_strip_edged_rays_and_rings(
     browser: Browser, shared_site: SitePage
 ) -> None:
@@ -206,4 +198,50 @@ async def test_at_200_percent_zoom_scene_and_controls_fit_beside_each_other(
     assert await page.evaluate(FREE_HEIGHT) >= LEAST_FREE_PX
     await page.get_by_role("button", name="Give back").click()
     await expect(page.get_by_role("radio", name="Demo")).to_be_checked()
+    assert window.faults == []
+
+
+async def test_without_webgl_the_plan_shows_the_conveyor(browser: Browser, shared_site: SitePage) -> None:
+    window = await Window.open(browser, shared_site.url, scripts=(NO_WEBGL,))
+    page = window.page
+    plan = page.locator("svg.plan-map")
+    await expect(plan).to_be_visible(timeout=60_000)
+    await expect(plan.locator(".plan-belt")).to_have_count(8)
+    await expect(plan.locator(".plan-strip")).to_have_count(22)
+    await expect(plan.get_by_text("Bay 1", exact=True)).to_be_visible()
+    await expect(plan.get_by_text("user1", exact=False).first).to_be_visible()
+    await expect(plan.locator(".plan-box").first).to_be_visible(timeout=60_000)
+    await expect(plan.locator("path.plan-lit").first).to_be_attached(timeout=60_000)
+    summary = page.locator(".plan-list summary")
+    await expect(summary).to_have_text(re.compile(r"As a list: 1 person, \d+ objects?, 3 lamps"))
+    await summary.click()
+    assert await violations(page) == []
+    assert window.faults == []
+
+
+async def test_a_package_is_selected_by_the_keyboard_alone(browser: Browser, shared_site: SitePage) -> None:
+    window = await Window.open(browser, shared_site.url, scripts=(NO_WEBGL,))
+    page = window.page
+    await expect(page.locator("svg.plan-map")).to_be_visible(timeout=60_000)
+    # the plan is there before anything is known of the site, even the people
+    await expect(page.get_by_role("button", name="Point with the mouse")).to_be_visible(timeout=60_000)
+    events: list[SelectionEvent] = []
+    async with onlooker(shared_site.endpoint) as seen:
+        seen.bus.subscribe(SELECTION_EVENTS, lambda event, _name: events.append(event))
+        await page.keyboard.press("m")
+        await expect(page.get_by_role("radio", name="Mouse")).to_be_checked()
+        await page.locator(".plan-list summary").focus()
+        await page.keyboard.press("Enter")
+        blue = page.get_by_role("button", name=re.compile("^Point at blue package"))
+        chosen = page.get_by_role("button", name=re.compile("^Point at blue package"), pressed=True)
+        await expect(blue.first).to_be_visible(timeout=60_000)
+        events.clear()
+        patience = Patience(30.0)
+        # only a person who chose it from the list wants a blue one; one that leaves is followed by the next
+        while not any(event.event == "selected" and event.kind == "blue" for event in events):
+            assert not patience.is_over(), "no blue package was selected"
+            if not await chosen.count():
+                await blue.first.focus()
+                await page.keyboard.press("Enter")
+            await asyncio.sleep(0.5)
     assert window.faults == []

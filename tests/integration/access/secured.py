@@ -34,15 +34,9 @@ from tests.support.pace import Patience
 
 PATIENCE_S = 30.0
 NAMES: dict[str, Role] = {
-    "anna": "user",
-    "ben": "user",
-    "guest1": "user",
-    "services": "services",
-    "web": "web",
-    "operator": "operator",
-    "dashboard1": "dashboard",
-    "supervisor": "supervisor",
-}
+    "anna": "user", "ben": "user", "guest1": "user", "services": "services", "web": "web",
+    "operator": "operator", "dashboard1": "dashboard", "supervisor": "supervisor",
+}  # fmt: skip
 
 
 def now() -> dt.datetime:
@@ -60,14 +54,9 @@ def make_site(
 ) -> SiteFolder:
     folder = SiteFolder(path)
     state = SiteState(
-        site=site,
-        hosts=("127.0.0.1",),
-        port=free_port(),
-        days=days,
-        password=password,
-        dashboard_rate_hz=dashboard_rate_hz,
-        identities={},
-    )
+        site=site, hosts=("127.0.0.1",), port=free_port(), days=days, password=password,
+        dashboard_rate_hz=dashboard_rate_hz, identities={},
+    )  # fmt: skip
     folder.create(state, NAMES if names is None else names, now())
     return folder
 

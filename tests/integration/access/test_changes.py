@@ -7,12 +7,9 @@ import socket
 from pathlib import Path
 
 import pytest
-import zenoh
 
 from pointit.access.rights import Role
 from pointit.access.site_folder import SiteFolder
-from pointit.runtime.link.credentials import connection_refusal, read_credentials
-from pointit.runtime.link.link import Link
 from pointit.runtime.router.router import Router
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Health, ImuSample
@@ -25,7 +22,6 @@ from tests.integration.access.secured import (
     link_of,
     make_site,
     now,
-    open_with,
     routed,
     wait,
 )
@@ -133,16 +129,6 @@ def test_a_configuration_that_cannot_be_used_is_left(tmp_path: Path) -> None:
         assert router.said.count("geheim") == 1  # the name of a field, which is no secret
 
 
-def test_a_configuration_that_is_none_is_one_sentence(tmp_path: Path) -> None:
-    file = tmp_path / "router.json5"
-    for text, word in (("{", "line 1, column 2 is no JSON5"), ('{"moode": "router"}', "there is no moode")):
-        file.write_text(text)
-        router = RouterProgram("--config", str(file))
-        code, said = router.ends()
-        assert (code, said.count("\n")) == (2, 1), said
-        assert word in said
-
-
 def test_two_sites_on_one_router_are_apart(tmp_path: Path) -> None:
     a, b = (make_site(tmp_path / name, name, names=FEW) for name in ("a", "b"))
     dim, here = SET_BRIGHTNESS.at(), USER_ALIVE.at("anna")
@@ -210,45 +196,6 @@ def test_a_chain_of_routers_passes_what_it_should(tmp_path: Path) -> None:
         assert not any("imu" in key for key in seen.keys)
         wait(lambda: outside.answered(dim) != set(), "an answer across both")
         wait(lambda: dashboard.sees(USER_ALIVE.at(ANY)) != set(), "presence across both")
-
-
-def test_the_router_tells_who_is_refused_what(tmp_path: Path) -> None:
-    folder = make_site(tmp_path / "lab")
-    foreign = make_site(tmp_path / "other").identity_folder("anna")
-    shutil.copy(folder.identity_folder("anna") / "ca.pem", foreign / "ca.pem")
-    with (
-        RouterProgram("--site-folder", str(folder.path)) as router,
-        Member(folder, "anna") as anna,
-        Member(folder, "dashboard1") as dashboard,
-        Member(folder, "supervisor") as supervisor,
-        dashboard.listening(IMU.at("anna")),
-        supervisor.listening(IMU.at(ANY)) as ear,
-    ):
-        for _ in range(5):
-            anna.put(IMU.at("ben"))
-        ear.hears(IMU.at("anna"), lambda: anna.put(IMU.at("anna")))
-        anna.answered(SET_BRIGHTNESS.at())
-
-        def knock() -> None:
-            """Come with foreign credentials, and with none: a busy router may look when both have gone."""
-            connection_refusal(read_credentials(foreign, now()), endpoint_of(folder))
-            with pytest.raises(zenoh.ZError):
-                open_with(Link(connect=(f"tcp/127.0.0.1:{folder.state().port}",)), {})
-
-        for words in (
-            f"lab/anna may not write {IMU.at('ben')} (",
-            f"ask {SET_BRIGHTNESS.at()}",
-            f"lab/dashboard1 may not read {IMU.at('anna')}",
-        ):
-            wait(lambda words=words: words in router.said, words)  # type: ignore[misc]
-        for words in (
-            "somebody was not let in: ",
-            "invalid peer certificate",
-            "came without credentials, by plain TCP",
-        ):
-            wait(lambda words=words: words in router.said, words, knock)  # type: ignore[misc]
-        assert "lab/supervisor" not in router.said
-        assert f"write {IMU.at('anna')}" not in router.said
 
 
 async def test_the_operator_sees_who_was_refused_what_and_by_the_router_alone(tmp_path: Path) -> None:

@@ -12,13 +12,12 @@ from pathlib import Path
 
 import pytest
 import pytest_asyncio
-import zenoh
 
 from pointit.access.limits import LATEST_HZ
 from pointit.access.site_folder import SiteFolder
 from pointit.runtime.bus.contract import AnyTopic
 from pointit.runtime.errors import ConfigError, ConnectError, NoAnswerError
-from pointit.runtime.link.credentials import connection_refusal, read_credentials
+from pointit.runtime.link.credentials import read_credentials
 from pointit.runtime.link.link import Link
 from pointit.runtime.router.router import running_router
 from pointit.runtime.zenoh import connections
@@ -42,7 +41,6 @@ from tests.integration.access.secured import (
     link_of,
     make_site,
     now,
-    open_with,
     routed,
 )
 from tests.support.bench import until
@@ -134,19 +132,6 @@ async def test_who_may_not_write_says_it(
     assert heard == []
 
 
-def test_nobody_gets_in_without_a_certificate(site: SiteFolder) -> None:
-    folder = site.identity_folder("anna")
-    ca = {"transport/link/tls/root_ca_certificate": str(folder / "ca.pem")}
-    with pytest.raises(zenoh.ZError):
-        open_with(Link(connect=(endpoint_of(site),)), ca)
-
-
-async def test_an_address_without_encryption_is_refused(site: SiteFolder) -> None:
-    credentials = credentials_of(site, "anna")
-    with pytest.raises(ConfigError, match="encrypted addresses only"):
-        await ZenohBus.open(Link(site="lab", connect=("tcp/127.0.0.1:7447",), credentials=credentials))
-
-
 async def refused(link: Link) -> str:
     with pytest.raises(ConnectError) as caught:
         await ZenohBus.open(link, patience_s=5)
@@ -186,14 +171,6 @@ async def test_a_certificate_of_another_time_is_refused_here_and_there(
     credentials = read_credentials(copy.identity_folder("anna"), now() + dt.timedelta(days=looked_at_days))
     link = Link(site="lab", connect=(endpoint_of(site),), credentials=credentials)
     assert there in await refused(link)
-
-
-async def test_another_name_than_the_certificates_is_told(site: SiteFolder) -> None:
-    credentials = credentials_of(site, "anna")
-    port = site.state().port
-    link = Link(site="lab", connect=(f"tls/127.0.0.2:{port}",), credentials=credentials)
-    assert connection_refusal(credentials, f"tls/127.0.0.2:{port}") == ""  # nobody listens there
-    assert "nobody answers" in await refused(link)
 
 
 async def test_a_router_without_certificates_is_told(site: SiteFolder) -> None:
@@ -265,19 +242,6 @@ def test_too_long_is_dropped_by_the_router(site: SiteFolder) -> None:
             assert imu not in ear.keys, size
         anna.put(imu, size=topics.IMU.message.max_bytes)
         ear.hears(imu)
-
-
-async def test_passwords_instead_of_certificates(tmp_path: Path) -> None:
-    folder = make_site(tmp_path / "lab", password=True)
-    users = folder.path / "router" / "users.txt"
-    assert users.stat().st_mode & 0o777 == 0o600
-    mine, others = topics.IMU.at("anna"), topics.IMU.at("ben")
-    with routed(folder):
-        with joined(folder, "anna", "supervisor") as (anna, ally), ally.listening("users/**") as ear:
-            ear.hears(mine, lambda: anna.put(others, mine))
-            assert others not in ear.keys
-        (folder.identity_folder("anna") / "password").write_text("wrong")
-        assert "refuses anna's password" in await refused(link_of(folder, "anna"))
 
 
 def test_dashboards_come_by_quic_and_are_thinned(tmp_path: Path) -> None:

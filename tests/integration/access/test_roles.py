@@ -7,35 +7,7 @@ from typing import Any
 import pytest
 
 from pointit.access.site_folder import SiteFolder
-from pointit.schemas.topics import (
-    ACCOUNTS,
-    ANY,
-    BUTTON,
-    CLAIM,
-    CLOCK,
-    CONFIGURATION,
-    CURSOR,
-    DEPLOYMENT,
-    ERASE_MEMORY,
-    HOVER,
-    IMU,
-    PRESENCES,
-    RAY,
-    READ_HISTORY,
-    READ_MEMORY,
-    RELEASE_OBJECT,
-    REQUESTS,
-    RUN_SCENARIO,
-    SERVED,
-    SERVICE_ALIVE,
-    SET_WORKSPACE,
-    SHARD_ALIVE,
-    STOP_ROBOT,
-    TOPICS,
-    USER_ALIVE,
-    WRIST,
-    Request,
-)
+from pointit.schemas import topics
 from pointit.services.registry import PROCESSES
 from tests.integration.access.secured import NAMES, Member, make_site, routed
 
@@ -57,7 +29,7 @@ def members(site: SiteFolder) -> Iterator[dict[str, Member]]:
 def topic_keys() -> dict[str, tuple[object, str]]:
     """Every topic for some names: key to row and name."""
     keys: dict[str, tuple[object, str]] = {}
-    for topic in TOPICS:
+    for topic in topics.TOPICS:
         names = {
             "": ("",),
             "user": PEOPLE,
@@ -82,30 +54,33 @@ def may_write(me: str, topic: object, name: str) -> bool:
     """Return True if `me` may write `topic` for `name`, computed independently of the code under test."""
     role = NAMES[me]
     writers = [row for row in PROCESSES if topic in row.writes]
-    if topic in ACCOUNTS:
+    if topic in topics.ACCOUNTS:
         personal = [f"{row.name}.{me}" for row in PROCESSES if row.scope == "user"]
         personal += [f"pui.{me}", f"selector.{me}"]
         shared = [row.name for row in PROCESSES if row.scope == "site" and row.room == "services"]
         shared += ["pui.anna", "pui.ben", "selector.anna"]
         return name in {"user": personal, "services": shared, "web": ["web"]}.get(role, [])
     if role == "user":
-        if topic is DEPLOYMENT:
+        if topic is topics.DEPLOYMENT:
             return name == me
         # cursor and hovers, which a person's shards write
-        return name == me and (any(row.scope == "user" for row in writers) or topic in (CURSOR, HOVER, CLAIM))
+        return name == me and (
+            any(row.scope == "user" for row in writers)
+            or topic in (topics.CURSOR, topics.HOVER, topics.CLAIM)
+        )
     if role == "services":
         shared_writers = any(row.scope == "site" and row.room == "services" for row in writers)
-        return shared_writers or topic in (CLOCK, DEPLOYMENT)
-    return role == "web" and topic in (WRIST, BUTTON)
+        return shared_writers or topic in (topics.CLOCK, topics.DEPLOYMENT)
+    return role == "web" and topic in (topics.WRIST, topics.BUTTON)
 
 
 def may_read(me: str, topic: object, name: str) -> bool:
     # named here again on purpose: with `rights.PRIVATE` this could not fail when one is left out of it
-    if topic in (IMU, WRIST, RAY):
+    if topic in (topics.IMU, topics.WRIST, topics.RAY):
         if NAMES[me] == "user":
             return name == me
-        return NAMES[me] == "services" and topic is RAY  # pui needs rays; nobody shared needs the rest
-    if topic in (CONFIGURATION, SERVED):
+        return NAMES[me] == "services" and topic is topics.RAY  # pui needs rays; nobody shared needs the rest
+    if topic in (topics.CONFIGURATION, topics.SERVED):
         return NAMES[me] == "operator"
     return True
 
@@ -159,8 +134,12 @@ def test_who_wants_everything_gets_nothing(me: str, members: dict[str, Member]) 
     assert ear.heard() == set()
 
 
-def request_keys() -> dict[str, tuple[Request[Any, Any], str]]:
-    return {row.at(name): (row, name) for row in REQUESTS for name in (PEOPLE if row.placeholder else ("",))}
+def request_keys() -> dict[str, tuple[topics.Request[Any, Any], str]]:
+    return {
+        row.at(name): (row, name)
+        for row in topics.REQUESTS
+        for name in (PEOPLE if row.placeholder else ("",))
+    }
 
 
 def test_requests_are_answered_for_whom_they_may_be(members: dict[str, Member]) -> None:
@@ -172,23 +151,25 @@ def test_requests_are_answered_for_whom_they_may_be(members: dict[str, Member]) 
                 key
                 for key, (row, name) in keys.items()
                 if NAMES[me] == "operator"
-                or (NAMES[me] == "web" and row not in (READ_MEMORY, ERASE_MEMORY))
-                or row in (READ_HISTORY, STOP_ROBOT)
+                or (NAMES[me] == "web" and row not in (topics.READ_MEMORY, topics.ERASE_MEMORY))
+                or row in (topics.READ_HISTORY, topics.STOP_ROBOT)
                 or (
                     NAMES[me] == "user"
                     and row.placeholder == "user"
                     and name == me
-                    and row is not RELEASE_OBJECT
+                    and row is not topics.RELEASE_OBJECT
                 )
             }
             assert members[me].answered(*keys) == expected, me
 
 
-def may_serve(me: str, row: Request[Any, Any], name: str) -> bool:
+def may_serve(me: str, row: topics.Request[Any, Any], name: str) -> bool:
     servers = [process for process in PROCESSES if row in process.serves]
     if NAMES[me] == "user":
-        return name == me and (row is SET_WORKSPACE or any(server.scope == "user" for server in servers))
-    shared = row is RUN_SCENARIO or any(server.scope == "site" for server in servers)
+        return name == me and (
+            row is topics.SET_WORKSPACE or any(server.scope == "user" for server in servers)
+        )
+    shared = row is topics.RUN_SCENARIO or any(server.scope == "site" for server in servers)
     return shared and NAMES[me] == "services"
 
 
@@ -204,27 +185,27 @@ def test_only_who_serves_a_request_is_asked(members: dict[str, Member]) -> None:
 
 
 def test_presence_is_told_of_oneself_only_and_seen_by_all(members: dict[str, Member]) -> None:
-    everybody = [USER_ALIVE.at("anna"), USER_ALIVE.at("ben")]
-    everybody += [SERVICE_ALIVE.at(name) for name in ("pointing.anna", "pointing.ben", "pui", "web", "rogue")]
-    shards = {row.at(name) for row in (SERVICE_ALIVE, SHARD_ALIVE) for name in ("pui.anna", "selector.anna")}
+    everybody = [topics.USER_ALIVE.at("anna"), topics.USER_ALIVE.at("ben")]
+    everybody += [
+        topics.SERVICE_ALIVE.at(name) for name in ("pointing.anna", "pointing.ben", "pui", "web", "rogue")
+    ]
+    shards = {
+        row.at(name)
+        for row in (topics.SERVICE_ALIVE, topics.SHARD_ALIVE)
+        for name in ("pui.anna", "selector.anna")
+    }
     everybody += sorted(shards)
     expected = {
-        "anna": {USER_ALIVE.at("anna"), SERVICE_ALIVE.at("pointing.anna"), *shards},
-        "ben": {USER_ALIVE.at("ben"), SERVICE_ALIVE.at("pointing.ben")},
-        "services": {SERVICE_ALIVE.at("pui"), *shards},
-        "web": {SERVICE_ALIVE.at("web")},
+        "anna": {topics.USER_ALIVE.at("anna"), topics.SERVICE_ALIVE.at("pointing.anna"), *shards},
+        "ben": {topics.USER_ALIVE.at("ben"), topics.SERVICE_ALIVE.at("pointing.ben")},
+        "services": {topics.SERVICE_ALIVE.at("pui"), *shards},
+        "web": {topics.SERVICE_ALIVE.at("web")},
     }
     for me in LIMITED:
         with members[me].present(*everybody):
             members[me].settle(members["supervisor"])
             for onlooker in LIMITED:
                 if onlooker != me:
-                    seen = members[onlooker].sees(*(row.at(ANY) for row in PRESENCES))
+                    seen = members[onlooker].sees(*(row.at(topics.ANY) for row in topics.PRESENCES))
                     assert seen == expected.get(me, set()), (me, onlooker)
         members[me].settle(members["supervisor"])
-
-
-def test_the_admin_space_is_closed(members: dict[str, Member]) -> None:
-    for me, member in members.items():
-        member.put("@/*/router/config/access_control")
-        assert member.answered("@/**", "@/*/router/**") == set(), me

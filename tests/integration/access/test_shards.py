@@ -14,19 +14,7 @@ from pointit.runtime.clock import WallClock
 from pointit.runtime.link.link import Link
 from pointit.runtime.service.service import Launch, run_service
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
-from pointit.schemas import ButtonEvent, Cursor, Health, PointingRay, SetWorkspace, UserPose
-from pointit.schemas.topics import (
-    BUTTON,
-    CURSOR,
-    HEALTH,
-    HOVER,
-    POSE,
-    RAY,
-    SERVICE_ALIVE,
-    SET_WORKSPACE,
-    SHARD_ALIVE,
-    USER_ALIVE,
-)
+from pointit.schemas import ButtonEvent, Cursor, Health, PointingRay, SetWorkspace, UserPose, topics
 from pointit.services.pui.config import PuiConfig
 from pointit.services.pui.service import Pui
 from pointit.services.selector.config import SelectorConfig
@@ -47,10 +35,10 @@ class SecuredSite:
         self.hovers: list[Any] = []
         looking = buses["operator"]
         shards = self.shards
-        looking.watch(SHARD_ALIVE, lambda name, there: (shards.add if there else shards.discard)(name))
-        looking.subscribe(HEALTH, lambda health, name: self.health.__setitem__(name, health))
-        looking.subscribe(CURSOR, lambda cursor, _user: self.cursors.append(cursor), "anna")
-        looking.subscribe(HOVER, lambda hover, _user: self.hovers.append(hover), "anna")
+        looking.watch(topics.SHARD_ALIVE, lambda name, there: (shards.add if there else shards.discard)(name))
+        looking.subscribe(topics.HEALTH, lambda health, name: self.health.__setitem__(name, health))
+        looking.subscribe(topics.CURSOR, lambda cursor, _user: self.cursors.append(cursor), "anna")
+        looking.subscribe(topics.HOVER, lambda hover, _user: self.hovers.append(hover), "anna")
 
     def start(self, who: str, service: Any, config: Any, name: str = "") -> None:
         launch = Launch(service=service, config=config, name=name)
@@ -58,10 +46,12 @@ class SecuredSite:
 
     async def point(self) -> None:
         bus, clock = self.buses["anna"], WallClock()
-        bus.announce(USER_ALIVE, "anna")
+        bus.announce(topics.USER_ALIVE, "anna")
         origin_m = (0.0, 0.0, 0.0)
-        bus.publisher(POSE, "anna").put(UserPose(stamp_ns=clock.now_ns(), position_m=origin_m, yaw_rad=0.0))
-        rays = bus.publisher(RAY, "anna")
+        bus.publisher(topics.POSE, "anna").put(
+            UserPose(stamp_ns=clock.now_ns(), position_m=origin_m, yaw_rad=0.0)
+        )
+        rays = bus.publisher(topics.RAY, "anna")
         while True:
             origin_m, direction = (0.0, 0.0, 1.6), (0.6, 0.0, -0.8)
             rays.put(PointingRay(stamp_ns=clock.now_ns(), origin_m=origin_m, direction=direction))
@@ -97,7 +87,7 @@ async def test_a_person_may_run_their_own_shards(site: SecuredSite) -> None:
     await until(lambda: bool(site.cursors) and site.cursors[-1].surface_id.startswith("workspace/"))
     await until(lambda: bool(site.hovers), what="hovers")
     await until(lambda: {"pui.anna", "selector.anna"} <= site.health.keys(), what="their health")
-    await site.buses["operator"].call(SET_WORKSPACE, SetWorkspace(kind="sphere"), "anna")
+    await site.buses["operator"].call(topics.SET_WORKSPACE, SetWorkspace(kind="sphere"), "anna")
     await until(lambda: site.cursors[-1].surface_id == "workspace/sphere")
     await until(lambda: not any(health.warnings for health in site.health.values()), what="no complaint")
 
@@ -124,8 +114,8 @@ def looking_on(link: Link, role: str) -> Link:
 def news_of(bus: ZenohBus) -> list[object]:
     """Return a list that fills with whose reports are heard and who comes and goes."""
     found: list[object] = []
-    bus.subscribe(HEALTH, lambda _message, name: found.append(name))
-    bus.watch(SERVICE_ALIVE, lambda name, present: found.append((name, present)))
+    bus.subscribe(topics.HEALTH, lambda _message, name: found.append(name))
+    bus.watch(topics.SERVICE_ALIVE, lambda name, present: found.append((name, present)))
     return found
 
 
@@ -148,12 +138,12 @@ async def test_what_an_onlooker_tells_stays_in_its_process(buses: tuple[str, Zen
     role, mine, other = buses
     here, there = news_of(mine), news_of(other)
     marks: list[str] = []
-    other.subscribe(BUTTON, lambda _message, name: marks.append(name))
-    announced = mine.announce(SERVICE_ALIVE, "web.2")
+    other.subscribe(topics.BUTTON, lambda _message, name: marks.append(name))
+    announced = mine.announce(topics.SERVICE_ALIVE, "web.2")
     late: list[tuple[str, bool]] = []
-    mine.watch(SERVICE_ALIVE, lambda name, present: late.append((name, present)))
-    report = mine.publisher(HEALTH, "web.2")
-    mark = mine.publisher(BUTTON, "end")
+    mine.watch(topics.SERVICE_ALIVE, lambda name, present: late.append((name, present)))
+    report = mine.publisher(topics.HEALTH, "web.2")
+    mark = mine.publisher(topics.BUTTON, "end")
     everything = {("web.2", True), "web.2"}
 
     def put() -> None:

@@ -175,12 +175,6 @@ async def test_objects_of_others_are_taken_over_by_operators_only(tmp_path: Path
             await services.close()
 
 
-async def test_on_an_open_site_everybody_takes_over(home: ZenohBus, endpoint: str) -> None:
-    home.serve(RELEASE_OBJECT, release)
-    async with pointit.connect(endpoint, patience_s=PATIENCE_S) as site:
-        assert (await site.select.release("anna", "box", take_over=True)).message == "box is anna's"
-
-
 async def test_a_person_has_the_latest_of_their_own_on_a_secured_site(tmp_path: Path) -> None:
     folder = make_site(tmp_path / "lab", names={"anna": "user"})
     with routed(folder):

@@ -131,22 +131,13 @@ def test_a_service_that_fails_is_named_to_who(
         pointit.run_virtually(wait())
 
 
-def test_people_may_have_to_be_located() -> None:
-    with pointit.run("scenario_2", virtual=True, localize=True) as site:
-        site.sleep(3)
-        assert site.latest.interaction["user1"].state == "localizing"
-
-
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
         ({"scenario": "scenario_9"}, "no scenario 'scenario_9'"),
-        ({"settings": {"selector.dwel_s": 1}}, "dwel_s"),
         ({"settings": {"nothing.at_all": 1}}, "'nothing' is no service"),
-        ({"scenario": "scenario_1", "settings": {"selector.dwell_s": 1}}, "selector is not among what this"),
         ({"settings": {"selector.dwell_s": object()}}, "settings: selector.dwell_s cannot be <object"),
         ({"users": ["an na"]}, "use 1 to 64 letters"),
-        ({"imu": ["none"]}, "--imu 'none'"),
         ({"listen": "tcp/127.0.0.1:7447"}, "nobody can join a site in virtual time"),
     ],
 )
@@ -170,13 +161,3 @@ def test_nothing_elsewhere_can_be_joined_or_waited_for_in_virtual_time() -> None
         pointit.run_virtually(join())
     with pytest.raises(RuntimeError, match="everything waits for something that will never happen"):
         pointit.run_virtually(asyncio.Event().wait())
-
-
-def test_one_name_stands_for_a_list_of_one() -> None:
-    with pointit.run("scenario_4", users="anna", imu="page", virtual=True) as site:
-        assert next(site.people()) == {"anna"}
-        assert "imu-bridge.anna" in next(site.services())
-        with pytest.raises(RefusedError, match="nowhere"):
-            site.conveyor.set_speed(0.1, belts="nowhere")
-        with pytest.raises(RefusedError, match="nowhere"):
-            site.leds.brightness(0.5, strips="nowhere")

@@ -19,7 +19,6 @@ from pointit.services.imu_bridge.serial.config import SerialConfig
 from pointit.services.imu_bridge.service import ImuBridge
 from pointit.services.localizer.service import Localizer
 from pointit.services.pointing.service import Pointing
-from pointit.services.user_sim.service import UserSim
 from tests.support.bench import until
 from tests.support.cli_site import Site, interrupt, next_line
 from tests.support.commands import PATIENCE_S
@@ -130,14 +129,6 @@ async def test_an_arm_that_does_not_move_or_no_keyboard_is_one_sentence(site: Si
             await asyncio.wait({life})
 
 
-async def test_a_simulated_person_wears_no_sensor(site: Site) -> None:
-    site.start(UserSim, ANNA)
-    await site.arrived("user-sim.anna")
-    ended = await site.pointit(*MOUNTING, "--non-interactive", code=1)
-    assert "imu-bridge.anna is not present" in ended.err
-    assert "a simulated person wears none" in ended.err
-
-
 async def test_with_nobody_there_the_file_here_is_shown_and_erased(site: Site, own_state: Path) -> None:
     shown = await site.pointit(*MOUNTING, "--show", code=0)
     assert "no service runs, and no mounting is stored on this machine" in shown.out
@@ -192,16 +183,6 @@ async def test_the_localizer_shows_and_erases_it(site: Site, own_state: Path) ->
     assert not path.exists()
     assert bens.exists()
     assert (await site.pointit("person", "memory", ANNA)).out == "anna: nothing is remembered\n"
-
-
-async def test_without_a_localizer_the_file_here_is_shown_and_erased(site: Site, own_state: Path) -> None:
-    path = keep(own_state, ANNA)
-    shown = await site.pointit("person", "memory", ANNA, code=0)
-    assert TOLD in shown.out
-    erased = await site.pointit("person", "memory", ANNA, "--erase")
-    assert "was deleted" in erased.out
-    assert not path.exists()
-    assert "no memory is stored on this machine" in (await site.pointit("person", "memory", ANNA)).out
 
 
 async def test_setting_the_pose_of_a_person_who_is_not_there_names_who_is(site: Site) -> None:

@@ -1,13 +1,7 @@
 """`pointit person calibrate user`, `anchor`, `pose` with a real supervisor and a played localizer."""
 
-import asyncio
 import json
 import math
-import os
-import re
-import shlex
-import shutil
-import sys
 import time
 from collections.abc import AsyncIterator
 from dataclasses import dataclass, field
@@ -192,21 +186,6 @@ async def test_without_a_localizer_it_says_what_to_start(site: Site) -> None:
     assert ended.err == "waiting for the profile of ben …\n"  # a second later than it was asked
 
 
-async def test_who_is_being_localized_is_said_to_be(site: Site) -> None:
-    site.start(Pui)
-    await site.arrived("pui")
-    news = site.bus.publisher(LOCALIZATION, ANNA)
-    news.put(
-        Localization(
-            stamp_ns=1, phase="sampling", target_id="led_1", target_index=1, target_count=3, since_ns=1
-        )
-    )
-    for words in (("person", "pose", ANNA), ("person", "calibrate", "user", ANNA)):
-        ended = await site.pointit(*words, code=1)
-        busy = "anna is being localized, lamp 2 of 3; wait until that is done"
-        assert f"where anna stands is not known yet: {busy}" in ended.err
-
-
 async def test_the_pose_is_shown_and_said(site: Site, localizer: ErringLocalizer) -> None:
     shown = await site.pointit("person", "pose", ANNA, code=0)
     assert "position      x 2.00 m, y 0.50 m, z 0.00 m" in shown.out
@@ -245,14 +224,6 @@ async def test_a_typed_place_keeps_the_found_yaw_and_sigma(site: Site, localizer
     assert said.err == ""
 
 
-async def test_a_place_far_outside_is_warned_of_and_taken(site: Site, localizer: ErringLocalizer) -> None:
-    said = await site.pointit("person", "pose", ANNA, "50", "50", code=0)
-    assert "warning: 50, 50 m is 46 " in said.err
-    assert "m outside the contents of map 'lab': x " in said.err
-    assert localizer.poses[-1].position_m == (50.0, 50.0, 0.0)
-    assert (await site.pointit("person", "pose", ANNA, "3", "-5")).err == ""
-
-
 async def test_no_offset_of_a_wrong_pose(site: Site, localizer: ErringLocalizer, own_state: Path) -> None:
     localizer.position_m = (5.0, -2.0, 0.0)  # in truth at 2.0, 0.5
     localizer.truly_m = (2.0, 0.5, 0.0)
@@ -264,50 +235,6 @@ async def test_no_offset_of_a_wrong_pose(site: Site, localizer: ErringLocalizer,
     ended = await site.pointit("person", "calibrate", "user", ANNA, "--dry-run")
     assert "too far right" in ended.out
     assert "the pose looks wrong" in ended.out + ended.err
-
-
-@pytest.mark.skipif(shutil.which("script") is None, reason="no `script` to give it a terminal")
-async def test_in_a_terminal_each_pointing_stands_on_its_line(site: Site, localizer: ErringLocalizer) -> None:
-    words = (
-        *(sys.executable, "-m", "pointit.cli"),
-        *("person", "calibrate", "user", ANNA, "--connect", site.endpoint),
-    )
-    process = await asyncio.create_subprocess_exec(
-        *("script", "-qec", shlex.join(words), "/dev/null"),
-        stdin=asyncio.subprocess.DEVNULL,
-        stdout=asyncio.subprocess.PIPE,
-        env={**os.environ, "TERM": "xterm", "COLUMNS": "80"},
-    )
-    async with asyncio.timeout(60):
-        out, _ = await process.communicate()
-    assert process.returncode == 0, out
-    assert localizer.asked == [f"anchor {lamp}" for lamp in LAMPS]
-    lines = screen_lines(out.decode())
-    for number, lamp in enumerate(LAMPS, start=1):
-        assert f"anna: {number} of 4: pointed at {lamp}" in lines, lines
-    assert "anna: the offset is in use" in lines
-
-
-def screen_lines(text: str) -> list[str]:
-    """Return the lines that a terminal shows after `text`, without overwritten and erased characters."""
-    rows: list[list[str]] = [[]]
-    row = column = 0
-    for part in re.split(r"(\r|\n|\x1b\[[0-9;?]*[A-Za-z])", text):
-        if part == "\n":
-            row += 1
-            rows += [[] for _ in range(row + 1 - len(rows))]
-        elif part == "\r":
-            column = 0
-        elif part.startswith("\x1b["):
-            if part.endswith("A"):
-                row = max(0, row - int(part[2:-1] or 1))
-            elif part == "\x1b[2K":
-                rows[row] = []
-        else:
-            line = rows[row] + [" "] * (column - len(rows[row]))
-            rows[row] = [*line[:column], *part, *line[column + len(part) :]]
-            column += len(part)
-    return ["".join(line).strip() for line in rows]
 
 
 async def test_lamps_that_somebody_has_are_waited_for_once(site: Site, localizer: ErringLocalizer) -> None:

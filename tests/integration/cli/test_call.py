@@ -14,7 +14,7 @@ from pointit.schemas.topics import ADD_PACKAGE, BUTTON, REQUESTS, SET_POSE, SET_
 from pointit.services.supervisor.service import Supervisor
 from tests.support.bench import until
 from tests.support.cli_site import Site
-from tests.support.commands import Commands, onlooker, summary_of
+from tests.support.commands import Commands, onlooker
 
 
 async def test_it_asks_and_prints_the_answer(site: Site) -> None:
@@ -70,24 +70,16 @@ async def test_a_refusal_and_no_answer_are_one_sentence_each(site: Site) -> None
     ("arguments", "said"),
     [
         (("conveyor/set_sped", "speed_mps=1"), "did you mean conveyor/set_speed"),
-        (("localizer/anna/set_pse",), "did you mean localizer/anna/set_pose"),
         (("zzz",), "`pointit service call` lists all requests"),
         (("users/anna/imu",), "is a topic (orientation of the arm)"),
         (("localizer/*/start",), "user '*': use 1 to 64"),
         (("conveyor/set_speed",), "conveyor/set_speed: speed_mps is missing: write speed_mps=VALUE, float"),
-        (
-            ("conveyor/set_speed", "speed_mps=9"),
-            "speed_mps: Input should be less than or equal to 5 (got '9')",
-        ),
-        (("conveyor/set_speed", "speed_mps=fast"), "speed_mps: Input should be a valid number"),
+        (("conveyor/set_speed", "speed_mps=9"), "speed_mps: Input should be less than or equal to 5 (got"),
         (("conveyor/set_speed", "speed_mps=.nan"), "speed_mps: "),
         (("conveyor/set_speed", "speed=1"), "no field 'speed'; did you mean speed_mps?"),
         (("conveyor/set_speed", "speed_mps"), "'speed_mps': write FIELD=VALUE"),
         (("conveyor/set_speed", "speed_mps=1", "speed_mps=2"), "speed_mps is given twice"),
-        (("conveyor/reset", "now=1"), "no field 'now'; it takes none"),
-        (("localizer/anna/set_pose", "position_m=[1, 2]"), "position_m.2: Field required"),
         (("localizer/anna/set_pose", "position_m=[1, 2"), "position_m=[1, 2: is not a value"),
-        (("localizer/anna/start", "method=lamps"), "method: Input should be 'static_targets'"),
     ],
 )
 def test_what_is_wrong_is_named_without_connecting(arguments: tuple[str, ...], said: str) -> None:
@@ -125,21 +117,6 @@ async def test_a_button_pressed_from_another_process(site: Site) -> None:
     assert "not known" in answer["reason"]
     await until(lambda: [event.gesture for event in buttons] == ["hold"])
     assert (await site.pointit("person", "press", "an/na")).code == 2
-
-
-async def test_without_a_button_there_is_a_cursor_and_a_good_end(commands: Commands, endpoint: str) -> None:
-    run = commands.start(
-        *("run", "scenario_2", "--imu", "simulated", "--duration", "600", "--no-view", "--json"),
-        *("--listen", endpoint),
-    )
-    async with onlooker(endpoint) as seen:
-        await until(lambda: seen.surfaces("user1") == {"0", "1"}, 20, "its sweep crosses both strips")
-        await until(lambda: len(seen.cursors["user1"]) > 150, what="many cursors")
-        cursors = list(seen.cursors["user1"])
-    ended = await run.stop(code=0)
-    assert summary_of(ended)["cursors"] > 100
-    assert sum(cursor.surface == "strip" for cursor in cursors) > len(cursors) / 2
-    assert min(cursor.miss_rad for cursor in cursors if cursor.surface == "strip") < 0.01
 
 
 async def test_a_press_from_the_keyboard_stops_it_until_the_next(commands: Commands, endpoint: str) -> None:

@@ -86,14 +86,6 @@ async def test_interrupted_recording_is_whole_and_says_where_it_is(site: Site, t
     assert not [each for each in found if each.key.startswith("health/")]
 
 
-async def test_existing_file_is_not_overwritten(site: Site, tmp_path: Path) -> None:
-    path = tmp_path / "session.mcap"
-    path.write_bytes(b"precious")
-    ended = await site.pointit("record", str(path))
-    assert (ended.code, path.read_bytes()) == (2, b"precious")
-    assert ended.err.startswith(f"Error: {path} is there already; give another name")
-
-
 async def test_site_on_which_nothing_runs_is_said_and_fails(site: Site, tmp_path: Path) -> None:
     ended = await site.pointit(
         "record", str(tmp_path / "session.mcap"), "--site", "nosuch", "--duration", "0.5", code=1

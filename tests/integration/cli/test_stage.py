@@ -289,21 +289,3 @@ async def test_a_page_that_cannot_be_is_told_and_costs_nothing(caplog: pytest.Lo
         count = run.stage.monitor.frame_count
         await until(lambda: run.stage.monitor.frame_count > count, PATIENCE_S, "frames after it")
     assert told_of() == ["the page has ended (the port is taken); the run continues without it"]
-
-
-async def test_the_address_is_told_once_and_nowhere_else(caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level("DEBUG")
-    plan = plan_of("scenario_2")
-    (beside,) = plan.beside
-
-    def told_of() -> list[str]:
-        return [text for text in caplog.messages if text.startswith("page: ")]
-
-    async with going(plan):  # which ends when told: on a loaded machine, a page opens late
-        await until(lambda: bool(told_of()), PATIENCE_S, "the page")
-    address, _, token = beside.address.partition("?token=")
-    texts = caplog.messages
-    (told,) = told_of()
-    assert told.startswith(f"page: {address} (its link is in ")
-    assert token
-    assert not [text for text in texts if token in text]

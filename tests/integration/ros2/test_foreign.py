@@ -72,15 +72,6 @@ async def test_messages_that_are_too_long_are_dropped_unread_and_deletes_are_non
     )
 
 
-async def test_payloads_are_handed_on_as_they_are(a: Node, stranger: zenoh.Session) -> None:
-    seen: list[bytes] = []
-    a.backend.subscribe("/x", POSE, RELIABLE, seen.append)
-    payloads = [b"", b"\0", b"\0\1\0\0", b"garbage", bytes(1000)]
-    for number, payload in enumerate(payloads):
-        stranger.put(key_of("/x"), payload, attachment=attachment(number))
-    await until(lambda: seen == payloads)
-
-
 TOKENS = [
     *("@ros2_lv/x", "@ros2_lv/7/1/0/0/NN/%/%", "@ros2_lv/7/1/0/0/XX/%/%/node"),
     "@ros2_lv/7/1/0/1/MP/%/%/node/x y/a::msg::dds_::B_/RIHS01_1/::,10:,:,:,,",

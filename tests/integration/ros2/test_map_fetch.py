@@ -10,7 +10,6 @@ import yaml
 from pointit.bridges.ros2.config import BackendConfig
 from pointit.bridges.ros2.parameters.map_of_node import FetchRequest, fetched
 from pointit.bridges.ros2.parameters.map_parameters import parameters_of
-from pointit.bridges.ros2.parameters.node_parameters import LIST, LIST_SUFFIX
 from pointit.bridges.ros2.types.types import Types
 from pointit.maps.file import load_map, map_path
 from pointit.runtime.config.yaml_file import parse_yaml
@@ -18,7 +17,6 @@ from pointit.runtime.errors import ConnectError
 from tests.integration.ros2.nodes import DOMAIN, Graphs, graphs
 from tests.support.commands import Commands
 from tests.support.data import data_file
-from tests.support.pace import slowness
 from tests.support.parameter_server import NODE, ParameterServer
 
 TYPES = Types("jazzy")
@@ -91,22 +89,3 @@ async def test_no_router_is_said_within_seconds(commands: Commands, endpoint: st
     done = await commands.pointit("map", "fetch", NODE, *options(endpoint))
     assert (done.code, done.out, done.sentence) == (1, "", str(caught.value))
     assert f"looking for a ROS router at {endpoint} …" in done.err
-
-
-async def test_ctrl_c_ends_the_wait_for_an_answer(at: Graphs, commands: Commands) -> None:
-    node = await at.node(NODE, "router")
-    asked = asyncio.Event()
-
-    async def never(_request: bytes) -> bytes:
-        asked.set()
-        await asyncio.Event().wait()
-        return b""
-
-    node.backend.serve(f"{NODE}{LIST_SUFFIX}", TYPES.kind(LIST), never)
-    waiting = commands.start("map", "fetch", NODE, *options(at.endpoint))
-    await waiting.says(f"asking {NODE} for its parameters …")
-    await asked.wait()
-    ended = await waiting.stop()
-    assert (ended.code, ended.out) == (130, "")
-    assert ended.took_s < 2.0 * slowness()
-    assert "Error" not in ended.err

@@ -27,7 +27,7 @@ from tests.integration.ros2.nodes import (
 )
 from tests.support.bench import until
 
-MODES = [("peer", "peer"), ("peer", "client"), ("client", "client"), ("router", "peer")]
+MODES = [("peer", "client"), ("client", "client"), ("router", "peer")]
 
 
 @pytest.mark.parametrize("modes", MODES, ids="-".join)
@@ -56,7 +56,7 @@ async def test_messages_arrive_once_in_order_both_ways(at: Graphs, modes: tuple[
     assert not b.shown.ever
 
 
-@pytest.mark.parametrize("modes", [("peer", "peer"), ("client", "peer"), ("router", "client")], ids="-".join)
+@pytest.mark.parametrize("modes", [("client", "peer"), ("router", "client")], ids="-".join)
 async def test_who_comes_late_gets_what_was_kept_once(at: Graphs, modes: tuple[str, str]) -> None:
     if "router" not in modes:
         await at.node("/router", "router")
@@ -202,19 +202,6 @@ async def test_what_would_kill_ros_nodes_is_never_sent(a: Node, cdr: bytes) -> N
         writer.put(cdr)
     with pytest.raises(ValueError, match="CDR begins with 00 01 00 00"):
         await a.backend.call("/x", POSE, cdr, timeout_s=1)
-
-
-async def test_a_failing_handler_is_logged(a: Node, b: Node, caplog: pytest.LogCaptureFixture) -> None:
-    seen: list[int] = []
-
-    def handle(cdr: bytes) -> None:
-        seen.append(number_of(cdr))
-        raise RuntimeError("oh no")
-
-    b.backend.subscribe("/x", POSE, RELIABLE, handle)
-    writer = a.backend.advertise("/x", POSE, RELIABLE)
-    await arrives(lambda: writer.put(cdr_of(1)), seen, 5)
-    assert [record for record in caplog.records if "could not be handled" in record.message]
 
 
 async def test_a_busy_loop_drops_the_oldest_and_says_so(a: Node, b: Node) -> None:

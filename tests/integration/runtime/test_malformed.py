@@ -17,7 +17,18 @@ from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import NoAnswerError, RefusedError, RequestError
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Done, ImuSample, Message, SetBrightness, SetPose, UserProfile, encode
-from pointit.schemas.topics import CLAIM, IMU, PROFILE, SET_BRIGHTNESS, SET_POSE, TOPICS, USER_ALIVE, Topic
+from pointit.schemas.topics import (
+    CLAIM,
+    HEALTH,
+    IMU,
+    PROFILE,
+    SET_BRIGHTNESS,
+    SET_POSE,
+    STRIPS_FRAME,
+    TOPICS,
+    USER_ALIVE,
+    Topic,
+)
 from tests.support.bench import until
 
 SITE = "pointit/lab/"
@@ -46,7 +57,15 @@ def name_for(row: Any) -> str:
     return "anna" if row.placeholder else ""
 
 
-@pytest.mark.parametrize("topic", TOPICS, ids=lambda topic: topic.key)
+SOME = (IMU, CLAIM, PROFILE, STRIPS_FRAME, HEALTH)
+"""Topics of each delivery, of people and of all."""
+
+
+@pytest.mark.parametrize(
+    "topic",
+    [*SOME, *(pytest.param(topic, marks=pytest.mark.long) for topic in TOPICS if topic not in SOME)],
+    ids=lambda topic: topic.key,
+)
 async def test_garbage_is_dropped_and_counted(
     bus: ZenohBus, stranger: zenoh.Session, topic: Topic[Message], caplog: pytest.LogCaptureFixture
 ) -> None:

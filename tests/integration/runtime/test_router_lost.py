@@ -4,7 +4,6 @@ import asyncio
 import contextlib
 import itertools
 import logging
-import math
 import random
 import re
 from collections.abc import AsyncGenerator, AsyncIterator
@@ -17,37 +16,11 @@ from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import NoAnswerError
 from pointit.runtime.link.link import Link
-from pointit.runtime.router.router import running_router
-from pointit.runtime.service.service import Launch, run_service
 from pointit.runtime.zenoh.publishers import EVENT_CACHE
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
-from pointit.schemas import (
-    ButtonEvent,
-    Cursor,
-    Done,
-    ImuSample,
-    PointingRay,
-    SelectionEvent,
-    SetBrightness,
-    UserPose,
-    UserProfile,
-)
-from pointit.schemas.topics import (
-    BUTTON,
-    CURSOR,
-    IMU,
-    POSE,
-    PROFILE,
-    RAY,
-    SELECTION_EVENTS,
-    SET_BRIGHTNESS,
-    SHARD_ALIVE,
-    USER_ALIVE,
-)
-from pointit.services.pui.config import PuiConfig
-from pointit.services.pui.service import Pui
+from pointit.schemas import ButtonEvent, Done, ImuSample, SelectionEvent, SetBrightness, UserProfile, topics
 from tests.support.bench import START_NS, until
-from tests.support.buses import RouterProcess, free_port, is_listening, router_process, settled
+from tests.support.buses import RouterProcess, is_listening, router_process, settled
 
 RECOVERY_S = 15.0
 log = logging.getLogger(__name__)
@@ -132,11 +105,11 @@ async def test_latest_requests_and_presence_work_again(two: Two) -> None:
 
     samples: list[int] = []
     told: list[tuple[str, bool]] = []
-    two.b.subscribe(IMU, lambda message, _name: samples.append(message.seq))
-    two.b.watch(USER_ALIVE, lambda name, present: told.append((name, present)))
-    two.a.serve(SET_BRIGHTNESS, done)
-    two.a.announce(USER_ALIVE, "anna")
-    writer = two.a.publisher(IMU, "anna")
+    two.b.subscribe(topics.IMU, lambda message, _name: samples.append(message.seq))
+    two.b.watch(topics.USER_ALIVE, lambda name, present: told.append((name, present)))
+    two.a.serve(topics.SET_BRIGHTNESS, done)
+    two.a.announce(topics.USER_ALIVE, "anna")
+    writer = two.a.publisher(topics.IMU, "anna")
     await until(lambda: told == [("anna", True)])
 
     def put(seq: int) -> bool:
@@ -148,28 +121,28 @@ async def test_latest_requests_and_presence_work_again(two: Two) -> None:
     await until(lambda: told[1:] == [("anna", False)])
     put(2)
     with pytest.raises(NoAnswerError, match="led-driver cannot be asked for leds/brightness: router at"):
-        await two.b.call(SET_BRIGHTNESS, SetBrightness(brightness=1))
+        await two.b.call(topics.SET_BRIGHTNESS, SetBrightness(brightness=1))
     await two.heal()
     await until(lambda: told[2:] == [("anna", True)])
     await until(lambda: put(3))
     assert 2 not in samples
-    assert (await two.b.call(SET_BRIGHTNESS, SetBrightness(brightness=1))).message == "done"
+    assert (await two.b.call(topics.SET_BRIGHTNESS, SetBrightness(brightness=1))).message == "done"
 
 
 async def test_states_of_the_meantime_arrive(two: Two) -> None:
     early: list[int] = []
     own: list[int] = []
-    two.a.subscribe(PROFILE, lambda message, _name: own.append(message.seq))
-    two.b.subscribe(PROFILE, lambda message, _name: early.append(message.seq))
-    kept, changed = two.a.publisher(PROFILE, "anna"), two.a.publisher(PROFILE, "ben")
+    two.a.subscribe(topics.PROFILE, lambda message, _name: own.append(message.seq))
+    two.b.subscribe(topics.PROFILE, lambda message, _name: early.append(message.seq))
+    kept, changed = two.a.publisher(topics.PROFILE, "anna"), two.a.publisher(topics.PROFILE, "ben")
     kept.put(UserProfile(stamp_ns=1, seq=1))
     changed.put(UserProfile(stamp_ns=1, seq=10))
     await until(lambda: sorted(early) == [1, 10])
     await two.cut()
     changed.put(UserProfile(stamp_ns=1, seq=11))
     late: list[int] = []
-    two.b.subscribe(PROFILE, lambda message, _name: late.append(message.seq))
-    fresh = two.a.publisher(PROFILE, "carl")
+    two.b.subscribe(topics.PROFILE, lambda message, _name: late.append(message.seq))
+    fresh = two.a.publisher(topics.PROFILE, "carl")
     fresh.put(UserProfile(stamp_ns=1, seq=20))
     await two.heal()
     await until(lambda: sorted(set(early[2:])) == [11, 20] and sorted(late) == [1, 11, 20], RECOVERY_S)
@@ -182,8 +155,8 @@ async def test_states_of_the_meantime_arrive(two: Two) -> None:
 @pytest.mark.parametrize("during", [20, EVENT_CACHE + 100])
 async def test_events_of_the_meantime_arrive_in_order_or_are_counted(two: Two, during: int) -> None:
     seen: list[int] = []
-    subscription = two.b.subscribe(BUTTON, lambda message, _name: seen.append(message.seq))
-    writer = two.a.publisher(BUTTON, "anna")
+    subscription = two.b.subscribe(topics.BUTTON, lambda message, _name: seen.append(message.seq))
+    writer = two.a.publisher(topics.BUTTON, "anna")
     await settled(two.a, two.b)
     for seq in range(10):
         writer.put(ButtonEvent(stamp_ns=1, seq=seq))
@@ -210,8 +183,10 @@ PERIOD_S = 0.02
 RECOVERED_S = 60.0
 
 
-class Relay:
-    """Between a router and its clients."""
+class BadLink:
+    """Between a router and its clients: delays every packet, and breaks again and again."""
+
+    _random = random.Random(2)
 
     def __init__(self, router: str) -> None:
         host, _, port = router.removeprefix("tcp/").rpartition(":")
@@ -239,24 +214,10 @@ class Relay:
         far_reader, far_writer = await asyncio.open_connection(*self._router)
         try:
             with contextlib.suppress(OSError):
-                await asyncio.gather(self.carry(reader, far_writer), self.carry_down(far_reader, writer))
+                await asyncio.gather(self.carry(reader, far_writer), self.carry(far_reader, writer))
         finally:
             writer.transport.abort()
             far_writer.transport.abort()
-
-    async def carry(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        while data := await reader.read(65536):
-            writer.write(data)
-
-    async def carry_down(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Carry what the router sends."""
-        await self.carry(reader, writer)
-
-
-class BadLink(Relay):
-    """Delays every packet, and breaks again and again."""
-
-    _random = random.Random(2)
 
     async def breaks(self) -> None:
         """Break, again and again; whole afterwards."""
@@ -271,17 +232,6 @@ class BadLink(Relay):
             await writer.drain()
 
 
-class MeteredLink(Relay):
-    """Counts the bytes that the router sends."""
-
-    received = 0
-
-    async def carry_down(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        while data := await reader.read(65536):
-            self.received += len(data)
-            writer.write(data)
-
-
 async def test_no_event_is_lost_and_none_comes_out_of_order() -> None:
     async with router_process() as router:
         link = BadLink(router.endpoint)
@@ -289,8 +239,8 @@ async def test_no_event_is_lost_and_none_comes_out_of_order() -> None:
             near = await ZenohBus.open(Link(connect=(router.endpoint,)), patience_s=30)
             far = await ZenohBus.open(Link(connect=(endpoint,)), patience_s=30)
             got: list[int] = []
-            reader = far.subscribe(SELECTION_EVENTS, lambda event, _name: got.append(event.seq))
-            writer = near.publisher(SELECTION_EVENTS)
+            reader = far.subscribe(topics.SELECTION_EVENTS, lambda event, _name: got.append(event.seq))
+            writer = near.publisher(topics.SELECTION_EVENTS)
             numbers = itertools.count(1)
 
             def tell() -> int:
@@ -311,80 +261,3 @@ async def test_no_event_is_lost_and_none_comes_out_of_order() -> None:
             assert reader.traffic.lost == 0
             await far.close()
             await near.close()
-
-
-PEOPLE = ("anna", "ben")
-RAYS = 300
-LEAST_BYTES = 60
-"""A ray takes more of them on the link."""
-
-
-class Wrists:
-    def __init__(self, bus: ZenohBus) -> None:
-        self._bus = bus
-        self._rays = {user: bus.publisher(RAY, user) for user in PEOPLE}
-        self._poses = {user: bus.publisher(POSE, user) for user in PEOPLE}
-        self._clock = WallClock()
-        for user, publisher in self._poses.items():
-            bus.announce(USER_ALIVE, user)
-            publisher.put(UserPose(stamp_ns=self._clock.now_ns(), position_m=(0.0, 0.0, 0.0), yaw_rad=0.0))
-
-    async def point(self, user: str) -> None:
-        """Point until `RAYS` rays have made cursors."""
-        seen: set[int] = set()
-        reading = self._bus.subscribe(CURSOR, lambda cursor, _user: self._note(seen, cursor), user)
-        for step in itertools.count():
-            azimuth_rad = math.radians(step % 90)
-            self._rays[user].put(
-                PointingRay(
-                    stamp_ns=self._clock.now_ns(),
-                    seq=step,
-                    origin_m=(0.0, 0.0, 1.6),
-                    direction=(math.cos(azimuth_rad), math.sin(azimuth_rad), 0.0),
-                )
-            )
-            await asyncio.sleep(0.002)
-            if len(seen) >= RAYS:
-                break
-        reading.close()
-
-    @staticmethod
-    def _note(seen: set[int], cursor: Cursor) -> None:
-        seen.add(cursor.stamp_ns)
-
-
-async def test_rays_of_a_shards_person_do_not_cross_the_link_to_the_site() -> None:
-    port = free_port()
-    router = f"tcp/127.0.0.1:{port}"
-    link = MeteredLink(router)
-    async with contextlib.AsyncExitStack() as stack:
-        await stack.enter_async_context(running_router((router,)))
-        far = await stack.enter_async_context(link.endpoint())
-        site = await ZenohBus.open(Link(connect=(far,)), patience_s=30)
-        stack.push_async_callback(site.close)
-        host = await ZenohBus.open(Link(connect=(router,)), patience_s=30)
-        stack.push_async_callback(host.close)
-        running = [
-            asyncio.create_task(run_service(Launch(service=Pui, config=PuiConfig()), site, WallClock()))
-        ]
-        shard = Launch(service=Pui, config=PuiConfig(people=("anna",)), name="anna")
-        running.append(asyncio.create_task(run_service(shard, host, WallClock())))
-        try:
-            shards: set[str] = set()
-            site.watch(SHARD_ALIVE, lambda name, _present: shards.add(name))
-            await until(lambda: shards == {"pui.anna"}, what="the shard")
-            await settled(site, host)
-            wrists = Wrists(host)
-            crossed: dict[str, int] = {}
-            for user in PEOPLE:
-                await wrists.point(user)  # everything is declared everywhere
-                before = link.received
-                await wrists.point(user)
-                await settled(site, host)
-                crossed[user] = link.received - before
-            assert crossed["ben"] > RAYS * LEAST_BYTES
-            assert crossed["anna"] < 0.1 * crossed["ben"], crossed
-        finally:
-            for task in running:
-                task.cancel()
-            await asyncio.gather(*running, return_exceptions=True)

@@ -4,7 +4,6 @@
 
 import asyncio
 import functools
-import logging
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -167,23 +166,6 @@ async def test_a_sample_is_decoded_once_for_all_readers_of_the_process(
     await until(lambda: all(subscription.traffic.invalid == 1 for subscription in subscriptions))
     assert len(decoded) == 2
     subscriptions[0].close()
-    subscriptions[2].close()
     stranger.put(key, encode(imu(2)))
-    await until(lambda: sinks[1].of("anna") == [1, 2])
-    assert (sinks[0].of("anna"), sinks[2].of("anna")) == ([1], [1])
-    subscriptions[1].close()
-    again = Sink()
-    bus.subscribe(IMU, again)
-    stranger.put(key, encode(imu(3)))
-    await until(lambda: again.of("anna") == [3])
-    assert sinks[1].of("anna") == [1, 2]
-
-
-async def test_readers_of_one_key_complain_in_one_line(
-    bus: ZenohBus, stranger: zenoh.Session, caplog: pytest.LogCaptureFixture
-) -> None:
-    caplog.set_level(logging.WARNING)
-    subscriptions = [bus.subscribe(IMU, Sink(), name) for name in ("anna", "*", "*")]
-    stranger.put(SITE + IMU.at("anna"), b"garbage")
-    await until(lambda: all(subscription.traffic.invalid == 1 for subscription in subscriptions))
-    assert len([record for record in caplog.records if "users/{user}/imu: dropped" in record.message]) == 1
+    await until(lambda: sinks[1].of("anna") == sinks[2].of("anna") == [1, 2])
+    assert sinks[0].of("anna") == [1]

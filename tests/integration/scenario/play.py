@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 from unittest import mock
 
+import pointit.schemas as models
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
 from pointit.launch.plan.scenario import Scenario, read_scenario
 from pointit.launch.run.monitor import Monitor
@@ -18,21 +19,7 @@ from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.service.service import Launch, run_services
 from pointit.runtime.virtual_time import START_NS, VirtualClock, run_virtually
-from pointit.schemas import (
-    NS_PER_S,
-    Anchor,
-    Cursor,
-    Feedback,
-    Goal,
-    Hover,
-    ImuSample,
-    Interaction,
-    Localization,
-    SelectionEvent,
-    TrackedObjects,
-    UserPose,
-    topics,
-)
+from pointit.schemas import topics
 from pointit.services.user_sim import service as user_sim
 from pointit.services.user_sim.person import Person
 from tests.unit.cli_run.drawn import FRAME, shown
@@ -48,7 +35,7 @@ class Found:
     """A pose as it was said, and what was true then."""
 
     at_s: float
-    pose: UserPose
+    pose: models.UserPose
     truth_m: tuple[float, float, float]
     true_yaw_rad: float
 
@@ -67,17 +54,17 @@ class Outcome:
 
     kinds: dict[str, str] = field(default_factory=dict[str, str])
     fed_s: dict[str, float] = field(default_factory=dict[str, float])
-    events: list[SelectionEvent] = field(default_factory=list[SelectionEvent])
-    cursors: list[Cursor] = field(default_factory=list[Cursor])
+    events: list[models.SelectionEvent] = field(default_factory=list[models.SelectionEvent])
+    cursors: list[models.Cursor] = field(default_factory=list[models.Cursor])
     states: list[str] = field(default_factory=list[str])
-    steps: list[Interaction] = field(default_factory=list[Interaction])
+    steps: list[models.Interaction] = field(default_factory=list[models.Interaction])
     found: list[Found] = field(default_factory=list[Found])
     """Poses, each as it was said; and in `followed` as it stood at each sample of the wrist."""
     followed: list[Found] = field(default_factory=list[Found])
-    progress: list[Localization] = field(default_factory=list[Localization])
-    anchors: list[Anchor] = field(default_factory=list[Anchor])
-    cues: list[Feedback] = field(default_factory=list[Feedback])
-    goals: list[tuple[Goal, float]] = field(default_factory=list[tuple[Goal, float]])
+    progress: list[models.Localization] = field(default_factory=list[models.Localization])
+    anchors: list[models.Anchor] = field(default_factory=list[models.Anchor])
+    cues: list[models.Feedback] = field(default_factory=list[models.Feedback])
+    goals: list[tuple[models.Goal, float]] = field(default_factory=list[tuple[models.Goal, float]])
     """Goals of the robot, each with its distance from the intended place on the floor, m."""
     monitor: Monitor | None = None
     """Monitor from which the view of a run is drawn."""
@@ -86,7 +73,7 @@ class Outcome:
     nearly: float = 0.0
     """Highest progress at an object that is not a target or is already selected, 0 to 1."""
 
-    def on_hover(self, hover: Hover, target_kinds: Sequence[str]) -> None:
+    def on_hover(self, hover: models.Hover, target_kinds: Sequence[str]) -> None:
         """Note how near the person comes to a mistake."""
         chosen = self.chosen()
         if hover.object_id in chosen or self.kinds.get(hover.object_id) not in (None, *target_kinds):
@@ -170,28 +157,28 @@ async def _play(plan: Scenario, choices: Choices, duration_s: float, users: Sequ
     outcome = Outcome()
     people: list[Person] = []
 
-    def on_objects(message: TrackedObjects, _name: str) -> None:
+    def on_objects(message: models.TrackedObjects, _name: str) -> None:
         for thing in message.objects:
             outcome.kinds.setdefault(thing.id, thing.kind)
             outcome.fed_s.setdefault(thing.id, (message.stamp_ns - START_NS) / 1e9)
 
-    def on_interaction(now: Interaction, _name: str) -> None:
+    def on_interaction(now: models.Interaction, _name: str) -> None:
         outcome.states.append(now.state)
         outcome.steps.append(now)
 
-    def stands(pose: UserPose) -> Found:
+    def stands(pose: models.UserPose) -> Found:
         person = people[-1]
-        at_s = (clock.now_ns() - START_NS) / NS_PER_S
+        at_s = (clock.now_ns() - START_NS) / models.NS_PER_S
         return Found(at_s, pose, person.position_m, person.true_yaw_rad)
 
-    def on_pose(pose: UserPose, _name: str) -> None:
+    def on_pose(pose: models.UserPose, _name: str) -> None:
         outcome.found.append(stands(pose))
 
-    def on_imu(_sample: ImuSample, _name: str) -> None:
+    def on_imu(_sample: models.ImuSample, _name: str) -> None:
         if outcome.found:
             outcome.followed.append(stands(outcome.found[-1].pose))
 
-    def on_goal(goal: Goal, _name: str) -> None:
+    def on_goal(goal: models.Goal, _name: str) -> None:
         meant_m = people[-1].goal.point_m
         outcome.goals.append(
             (goal, math.inf if meant_m is None else math.dist(goal.position_m[:2], meant_m[:2]))

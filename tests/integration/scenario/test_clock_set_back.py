@@ -13,7 +13,7 @@ from tests.support.bench import ManualClock, memory_bench, until
 STEP_S = 0.02
 
 
-@pytest.mark.parametrize("back_s", [1.0, 5.0, 9.0, 3600.0])
+@pytest.mark.parametrize("back_s", [5.0, 3600.0])
 async def test_rays_go_on_within_three_seconds_after_the_clock_was_set_back(back_s: float) -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:

@@ -64,8 +64,8 @@ def test_the_stated_uncertainty_is_honest_and_small(people: int, honest: int) ->
     [
         ("user-sim.body.hand=left", "user-sim.body.neck_to_shoulder_m=0.15"),
         ("user-sim.body.footprint_to_neck_m=1.48", "user-sim.body.shoulder_to_wrist_m=0.52"),
-        ("user-sim.stance_shift_sd_m=0.05",),
-        ("user-sim.wristband.dropout_share=0.05",),
+        pytest.param(("user-sim.stance_shift_sd_m=0.05",), marks=pytest.mark.long),
+        pytest.param(("user-sim.wristband.dropout_share=0.05",), marks=pytest.mark.long),
     ],
     ids=["left hand", "other body", "shifting feet", "lost samples"],
 )
@@ -79,12 +79,6 @@ def test_without_options_the_number_of_lamps_is_the_localizers_affair() -> None:
     assert first(outcome).position_error_m < 0.5
     assert outcome.states[-1] in {"pointing", "localizing"}  # perhaps an anchor just now
     assert "pointing" in outcome.states
-
-
-def test_the_summary_of_a_run_knows_where_people_were_found() -> None:
-    outcome = localized(2)
-    assert outcome.monitor is not None
-    assert outcome.monitor.found["anna"].method == "static_targets"
 
 
 DURATION_S = 210.0
@@ -115,10 +109,9 @@ def final_error_deg(outcome: Outcome) -> float:
 
 
 def test_an_anchor_each_minute_holds_the_yaw_and_without_it_drifts_away() -> None:
-    for seed, kind in ((1, STEADY), (2, ())):
-        outcome = three_minutes(seed, *kind, *EVERY_MINUTE)
-        assert len(outcome.anchors) == 3
-        assert final_error_deg(outcome) < 10.0  # of single people; the median of twenty is asserted below
+    outcome = three_minutes(2, *EVERY_MINUTE)
+    assert len(outcome.anchors) == 3
+    assert final_error_deg(outcome) < 10.0  # of a single person; the median of twenty is asserted below
     alone = three_minutes(1, *STEADY)
     assert alone.anchors == []
     assert final_error_deg(alone) > 30.0
@@ -161,7 +154,7 @@ async def _localize(seed: int, duration_s: float) -> tuple[dict[str, list[str]],
     return states, poses
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.long)])
 def test_both_are_localized_one_after_the_other_and_point(seed: int) -> None:
     plan = read_scenario("scenario_3")
     states, poses = run_virtually(_localize(seed, 60.0))

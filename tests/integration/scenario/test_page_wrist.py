@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 import pytest
 
+import pointit.schemas as models
 from pointit.geometry import rotation
 from pointit.geometry.vector import Vec3
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
@@ -19,18 +20,6 @@ from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.service.service import Launch
 from pointit.runtime.virtual_time import START_NS, VirtualClock
-from pointit.schemas import (
-    NS_PER_S,
-    BodyMeasures,
-    ButtonEvent,
-    Cursor,
-    ImuSample,
-    SelectionEvent,
-    TrackedObject,
-    TrackedObjects,
-    UserPose,
-    WristSample,
-)
 from pointit.schemas.topics import BUTTON, CURSOR, IMU, INTERACTION, OBJECTS, POSE, SELECTION_EVENTS, WRIST
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.service import ImuBridge
@@ -47,15 +36,15 @@ UNKNOWN_RAD = math.radians(30.0)
 class Seen:
     """Messages on the bus. Times are seconds since the start."""
 
-    samples: list[ImuSample] = field(default_factory=list[ImuSample])
-    cursors: list[Cursor] = field(default_factory=list[Cursor])
+    samples: list[models.ImuSample] = field(default_factory=list[models.ImuSample])
+    cursors: list[models.Cursor] = field(default_factory=list[models.Cursor])
     wanted_m: dict[int, Vec3] = field(default_factory=dict[int, Vec3])
     """Points at which the page pointed in {W}, m, by the stamp of its sample."""
-    presses: list[ButtonEvent] = field(default_factory=list[ButtonEvent])
-    events: list[SelectionEvent] = field(default_factory=list[SelectionEvent])
+    presses: list[models.ButtonEvent] = field(default_factory=list[models.ButtonEvent])
+    events: list[models.SelectionEvent] = field(default_factory=list[models.SelectionEvent])
     states: list[str] = field(default_factory=list[str])
-    things: dict[str, TrackedObject] = field(default_factory=dict[str, TrackedObject])
-    pose: UserPose | None = None
+    things: dict[str, models.TrackedObject] = field(default_factory=dict[str, models.TrackedObject])
+    pose: models.UserPose | None = None
 
     @property
     def yaw_sigma_rad(self) -> float:
@@ -74,7 +63,7 @@ class Seen:
             if from_s <= since_start_s(cursor.stamp_ns) <= till_s and cursor.stamp_ns in self.wanted_m
         ]
 
-    def own(self, from_s: float, till_s: float = math.inf) -> list[ImuSample]:
+    def own(self, from_s: float, till_s: float = math.inf) -> list[models.ImuSample]:
         """Return the samples of that time that are not the page's."""
         return [
             sample
@@ -84,7 +73,7 @@ class Seen:
 
 
 def since_start_s(stamp_ns: int) -> float:
-    return (stamp_ns - START_NS) / NS_PER_S
+    return (stamp_ns - START_NS) / models.NS_PER_S
 
 
 class Site:
@@ -133,10 +122,10 @@ class Site:
         while self.now_s < end_s and not until():
             pose, place_m = self.seen.pose, at(self.now_s)
             assert pose is not None
-            stance = Stance(BodyMeasures(), position_m=pose.position_m)
+            stance = Stance(models.BodyMeasures(), position_m=pose.position_m)
             azimuth, elevation = stance.aim_at(place_m, (0.0, pose.elevation_bias_rad))
             self._count += 1
-            sample = WristSample(
+            sample = models.WristSample(
                 stamp_ns=self.clock.now_ns(),
                 seq=self._count,
                 orientation_xyzw=rotation.from_azimuth_elevation(azimuth - pose.yaw_rad, elevation),
@@ -150,13 +139,13 @@ class Site:
     def press(self, gesture: Literal["press", "double", "hold"] = "press") -> None:
         self._count += 1
         self._button.put(
-            ButtonEvent(stamp_ns=self.clock.now_ns(), seq=self._count, source="page", gesture=gesture)
+            models.ButtonEvent(stamp_ns=self.clock.now_ns(), seq=self._count, source="page", gesture=gesture)
         )
 
-    def _on_objects(self, objects: TrackedObjects, _name: str) -> None:
+    def _on_objects(self, objects: models.TrackedObjects, _name: str) -> None:
         self.seen.things = {thing.id: thing for thing in objects.objects}
 
-    def _on_pose(self, pose: UserPose, _name: str) -> None:
+    def _on_pose(self, pose: models.UserPose, _name: str) -> None:
         self.seen.pose = pose
 
 

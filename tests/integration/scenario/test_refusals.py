@@ -51,7 +51,7 @@ PATIENT = ("user-sim.press_pause_s=600",)
 """They press once, so that the refusal is what is seen at the end."""
 
 
-@pytest.mark.parametrize(("seed", "beside_m"), [(1, 0.03), (2, 0.03), (3, 0.03), (1, 0.0)])
+@pytest.mark.parametrize(("seed", "beside_m"), [(1, 0.03), (1, 0.0)])
 def test_two_lamps_at_one_place(seed: int, beside_m: float, tmp_path: Path) -> None:
     room = room_with(tmp_path, (4.0, 1.0, 0.5), (4.0, 1.0 + beside_m, 0.5))
     outcome = play(room, Choices(seed=seed, localize=True, targets=2, settings=PATIENT), 15.0)
@@ -61,17 +61,15 @@ def test_two_lamps_at_one_place(seed: int, beside_m: float, tmp_path: Path) -> N
     assert f"anna: refused: {reason}" in outcome.view[80]
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_lamps_at_eye_height(seed: int, tmp_path: Path) -> None:
+def test_lamps_at_eye_height(tmp_path: Path) -> None:
     room = room_with(tmp_path, (4.0, 1.0, EYES_M), (3.0, -3.0, EYES_M), (-1.0, -1.0, EYES_M))
-    outcome = play(room, Choices(seed=seed, localize=True, targets=2, settings=PATIENT), 15.0)
+    outcome = play(room, Choices(seed=1, localize=True, targets=2, settings=PATIENT), 15.0)
     assert_refused_and_shown(outcome)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_somebody_who_does_not_point(seed: int) -> None:
+def test_somebody_who_does_not_point() -> None:
     settings = (*PATIENT, "user-sim.points_when_asked=false")
-    outcome = play("scenario_2", Choices(seed=seed, localize=True, targets=3, settings=settings), 15.0)
+    outcome = play("scenario_2", Choices(seed=1, localize=True, targets=3, settings=settings), 15.0)
     assert_refused_and_shown(outcome)
 
 

@@ -9,7 +9,7 @@ from pointit.launch.plan.scenario import read_scenario
 from tests.integration.scenario.steered_robots import Flights, play_robots
 
 SOME = [
-    pytest.param(range(1, 4), 32.0, id="3 seeds"),
+    pytest.param(range(1, 3), 32.0, id="2 seeds"),
     pytest.param(range(1, 21), 120.0, id="20 seeds", marks=pytest.mark.long),
 ]
 WITHOUT_FENCES = ("pui.map=lab",)
@@ -85,14 +85,14 @@ def test_one_robot_finds_three_people_before_anybody_takes_it(scenario: str) -> 
     assert not [text for text in texts[:found] if "is yours" in text]
 
 
-THREE = [
-    pytest.param(range(2, 3), marks=pytest.mark.slow, id="1 seed"),
-    pytest.param(range(1, 21), marks=pytest.mark.long, id="20 seeds"),
-]
-
-
-@pytest.mark.parametrize("scenario", ["scenario_5", "scenario_6"])
-@pytest.mark.parametrize("seeds", THREE)
+@pytest.mark.parametrize(
+    ("seeds", "scenario"),
+    [
+        pytest.param(range(2, 3), "scenario_5", marks=pytest.mark.slow, id="1 seed"),
+        pytest.param(range(1, 21), "scenario_5", marks=pytest.mark.long, id="20 seeds"),
+        pytest.param(range(1, 21), "scenario_6", marks=pytest.mark.long, id="20 seeds of a rover"),
+    ],
+)
 def test_three_people_whom_a_robot_localizes_all_reach_a_goal(seeds: Iterable[int], scenario: str) -> None:
     for seed in seeds:
         flights = play_three(scenario, 400.0, seed, reached)

@@ -150,12 +150,9 @@ async def test_files_are_sent_once_and_compressed(client: httpx.AsyncClient) -> 
     "path",
     [
         "/static/../secret.txt",
-        "/static/..%2fsecret.txt",
         "/static/%2e%2e/secret.txt",
         "/static/link.txt",
-        "/static/",
         "/static//etc/passwd",
-        "/static/.hidden",
         "/static/%00",
     ],
 )
@@ -228,11 +225,6 @@ async def test_a_published_page_is_opened_by_the_address_that_it_tells(
             assert "hello" in str(await page.recv())
         for foreign in ("0.0.0.0", "192.168.1.5", "example.org"):  # noqa: S104 - refused
             assert (await client.get("/", headers={**headers, "Host": f"{foreign}:4321"})).status_code == 403
-
-
-@pytest.mark.parametrize("host", ["127.0.0.1", "127.0.0.2", "::1", "localhost"])
-def test_this_machine_is_safe(host: str) -> None:
-    Web.validate_config(WebConfig(host=host))
 
 
 async def test_token_is_never_logged_but_kept_in_a_file_if_unknown(caplog: pytest.LogCaptureFixture) -> None:

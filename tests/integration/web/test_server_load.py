@@ -200,7 +200,7 @@ async def test_whatever_pages_say_the_server_lives(caplog: pytest.LogCaptureFixt
                         await page.send(each)
 
         @settings(
-            max_examples=40, suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture]
+            max_examples=25, suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture]
         )
         @given(st.lists(ANYTHING, max_size=30))
         def fuzz(said: list[str | bytes]) -> None:
@@ -215,7 +215,7 @@ async def test_whatever_pages_say_the_server_lives(caplog: pytest.LogCaptureFixt
 
 
 @given(st.lists(st.binary(max_size=200), max_size=10))
-@settings(max_examples=10)
+@settings(max_examples=5)
 def test_whatever_bytes_come_the_server_lives(bytes_sent: list[bytes]) -> None:
     async def send() -> None:
         async with memory_bench() as bench, serving(bench) as server:

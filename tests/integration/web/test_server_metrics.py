@@ -12,7 +12,7 @@ from pointit.bridges.web.playback.past_page import CANNOT_BE_CHANGED
 from pointit.bridges.web.server import access, exposure_check
 from pointit.bridges.web.server.app import PAST
 from pointit.plugins import FoundDevice, device_search
-from pointit.runtime.errors import ConfigError, ListenError
+from pointit.runtime.errors import ConfigError
 from pointit.schemas import Cursor, Environment, SelectionEvent
 from pointit.schemas.topics import CURSOR, MAP, SELECTION_EVENTS, SERVICE_ALIVE
 from tests.integration.web.pages import OPERATOR, VIEWER, Server, serving
@@ -78,18 +78,6 @@ async def test_a_server_of_its_own_is_not_open_to_other_machines(monkeypatch: py
     monkeypatch.setenv(exposure_check.CONTAINER, "oci")  # many containers share the network of their host
     with pytest.raises(ConfigError, match=r"listen at 127\.0\.0\.1"):
         MetricsServer(SiteMetrics("lab", "1"), "0.0.0.0", 0)  # noqa: S104 - refused
-
-
-async def test_a_port_that_is_taken_is_an_error_with_a_remedy() -> None:
-    first = MetricsServer(SiteMetrics("lab", "1"), "127.0.0.1", 0)
-    task = asyncio.create_task(first.run())
-    await asyncio.sleep(0)  # it begins
-    try:
-        with pytest.raises(ListenError, match="--listen"):
-            MetricsServer(SiteMetrics("lab", "1"), "127.0.0.1", first.port)
-    finally:
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
 
 
 def now(bench: Bench) -> dict[str, Any]:

@@ -25,7 +25,7 @@ EMITTED = sorted(
     {row.type for row in routes(ros4hri=True).all if not isinstance(row, InboundRoute | ServiceRoute)}
     | {TYPES.response_of(row.type) for row in routes().served}
 )
-EXAMPLES = settings(max_examples=25, suppress_health_check=[HealthCheck.data_too_large])
+EXAMPLES = settings(max_examples=12, suppress_health_check=[HealthCheck.data_too_large])
 
 
 def asked(decoder: Told, name: str, cdr: bytes) -> Any:

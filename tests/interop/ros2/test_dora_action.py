@@ -23,15 +23,9 @@ from tests.unit.ros2.graph_of_one import Around
 PATIENCE_S = 30.0
 ACTION = "/navigate_to_pose"
 SPEC = RobotSpec(
-    name="agv",
-    kind="ground",
-    start_m=(0.0, 0.0, 0.0),
-    start_yaw_rad=0.0,
-    radius_m=0.3,
-    hover_m=0.5,
-    max_speed_mps=1.0,
-    max_acceleration_mps2=1.0,
-)
+    name="agv", kind="ground", start_m=(0.0, 0.0, 0.0), start_yaw_rad=0.0, radius_m=0.3, hover_m=0.5,
+    max_speed_mps=1.0, max_acceleration_mps2=1.0,
+)  # fmt: skip
 POSE = "geometry_msgs/msg/PoseStamped"
 
 

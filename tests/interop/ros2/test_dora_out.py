@@ -45,15 +45,9 @@ LOOKED_AT: tuple[Topic[Any], ...] = (
 COLD = "the oven is cold: light it"
 INFO, WARN = 20, 30
 GOAL = Goal(
-    stamp_ns=1,
-    position_m=(1.0, 2.0, 0.5),
-    yaw_rad=0.0,
-    age_s=0.0,
-    position_sigma_m=0.1,
-    clearance_m=1.0,
-    proposed_ns=1,
-    confirmed_by="press",
-)
+    stamp_ns=1, position_m=(1.0, 2.0, 0.5), yaw_rad=0.0, age_s=0.0, position_sigma_m=0.1, clearance_m=1.0,
+    proposed_ns=1, confirmed_by="press",
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")

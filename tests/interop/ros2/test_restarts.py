@@ -133,21 +133,6 @@ async def test_each_part_may_be_killed_and_come_back(parts: Parts) -> None:
             await parts.knows_place()
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("order", list(itertools.permutations(PARTS)), ids="-".join)
-async def test_parts_may_start_and_end_in_any_order(parts: Parts, order: tuple[str, ...]) -> None:
-    starting = [part for part in order if part != "peer"]  # a client of Zenoh's waits for its router
-    for part in starting:
-        await parts.start(part)
-    await parts.start("peer")
-    await parts.flows()
-    for part in order:
-        parts.kill(part)
-    for part in (*(each for each in order if each != "peer"), "peer"):
-        await parts.start(part)
-    await parts.flows()
-
-
 @pytest_asyncio.fixture
 async def strangers(place: Site) -> AsyncGenerator[Graphs]:
     async with graphs() as made:
@@ -170,7 +155,7 @@ def nonsense(chance: random.Random) -> Iterator[tuple[bytes, bytes | None]]:
     yield from ((belt, None), (belt, b""), (belt, good[:-1]), (belt, good + b"\0"), (belt, bytes(5000)))
     yield from ((b"", good), (b"\0\1\0\0", good), (belt[:-2], good), (belt[:8] + b"\xff" * 4, good))
     yield bytes(GARBAGE_MB * 1_000_000), good
-    for _ in range(200):
+    for _ in range(100):
         sequence = struct.pack("<q", chance.getrandbits(62))
         damaged = bytearray(belt)
         damaged[chance.randrange(len(belt))] ^= 1 << chance.randrange(8)

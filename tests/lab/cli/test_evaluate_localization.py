@@ -16,7 +16,7 @@ from pointit.runtime.errors import ConfigError
 from pointit_lab.evaluation.pointing import drift
 from tests.support.invoked import printed
 from tests.support.pace import slowness
-from tests.support.published_recordings import Stand, write_acts, write_simulated, write_track
+from tests.support.published_recordings import Stand, write_acts, write_motion, write_simulated, write_track
 
 COMMAND = ("-m", "pointit.cli", "evaluate", "localization", "--jobs", "2")
 
@@ -45,29 +45,19 @@ def test_a_table_for_people_and_json_for_programs(data: Path) -> None:
     ]
 
 
-def test_the_brief_table_has_no_single_people(data: Path) -> None:
-    out, _ = invoke("localization", "--data", str(data), "--only-ours", "--jobs", "1", "--brief")
-    assert "simulated" not in out
-    assert sum("pointit" in line and line.startswith((" a", " b")) for line in out.splitlines()) == 2
-
-
-def test_json_may_go_to_standard_output_alone(data: Path) -> None:
-    out, _ = invoke("localization", "--data", str(data), "--no-baselines", "--jobs", "1", "--json", "-")
-    assert len(json.loads(out)["rows"]) == 4
-
-
 def test_sets_and_subjects_may_be_chosen(tmp_path: Path) -> None:
-    write_acts(tmp_path, {"1": (1.6, Stand()), "2": (1.8, Stand())})
-    write_track(tmp_path, Stand(), duration_s=3.0)
+    write_motion(tmp_path, Stand(), duration_s=3.0)
+    path = write_track(tmp_path, Stand(), duration_s=3.0).parent / "index.json"
+    index = json.loads(path.read_text())
+    (path.parent / "track_1.csv").write_bytes((path.parent / "track_9.csv").read_bytes())
+    index["files"].append({**index["files"][1], "file": "track_1.csv", "subject": "2"})
+    path.write_text(json.dumps(index))
     out, _ = invoke(
-        *("localization", "--data", str(tmp_path), "--set", "vr_arm_pointing", "--subject", "2"),
+        *("localization", "--data", str(tmp_path), "--set", "proximity_waypoints", "--subject", "2"),
         *("--only-ours", "--jobs", "1", "--json", "-"),
     )
-    rows = json.loads(out)["rows"]
-    assert {(row["set"], row["subject"]) for row in rows} == {
-        ("vr_arm_pointing", "all"),
-        ("vr_arm_pointing", "2"),
-    }
+    found = {(row["set"], row["subject"]) for row in json.loads(out)["rows"]}
+    assert found == {("proximity_waypoints", "all"), ("proximity_waypoints", "2")}
 
 
 def test_mistakes_are_told_before_the_work(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -51,16 +51,6 @@ def test_a_table_for_people_json_and_a_picture(tmp_path: Path) -> None:
     assert picture.stat().st_size > 1000
 
 
-def test_one_condition_by_its_name() -> None:
-    name = selection_condition.conditions(["belts_lab"])[1].name
-    out, _ = invoke(
-        *("--bench", "belts_lab", "--condition", name, "--method", "original", "--trials", "1", "--json", "-")
-    )
-    assert [row["condition"] for row in json.loads(out)["rows"]] == [name]
-    with pytest.raises(ConfigError, match=r"--condition 'nowhere': no such condition; there are: static"):
-        invoke("--bench", "belts_lab", "--condition", "nowhere")
-
-
 @pytest.mark.slow
 def test_differences_between_methods_from_twenty_trials_on(tmp_path: Path) -> None:
     file = tmp_path / "rows.json"
@@ -115,12 +105,6 @@ def test_rates_of_identification_for_programs() -> None:
     assert found["flights"] == []
     assert {rate["set"] for rate in found["identification"]} == {"simulated"}
     assert "no people of motion_relloc and proximity_waypoints to compare with: give --data DIR" in err
-
-
-def test_localization_by_following_a_figure_stands_beside_other_ways() -> None:
-    out, _ = fly("--bench", "following")
-    assert "5 s, quadrotor" in out
-    assert {"figure", "circle", "line"} <= set(out.split())
 
 
 def test_a_folder_without_recordings_is_refused(tmp_path: Path) -> None:

@@ -33,21 +33,12 @@ def trial(
     angles = stand.rays(targets)
     noise = np.random.default_rng(seed).normal(0.0, math.radians(noise_deg), angles.shape)
     noise[:, 0] /= np.cos(angles[:, 1])  # sideways, not in azimuth
+    stamps_s, origins_m = np.arange(float(samples)) * step_s, np.tile([0.0, 0.0, stand.eyes_m], (samples, 1))
     return Trial(
-        set="s",
-        subject="a",
-        condition="c",
-        pointings=Pointings(
-            np.arange(float(samples)) * step_s,
-            np.tile([0.0, 0.0, stand.eyes_m], (samples, 1)),
-            unit(angles + noise),
-            targets,
-        ),
-        eye_height_m=stand.eyes_m,
-        x_m=stand.x,
-        y_m=stand.y,
+        set="s", subject="a", condition="c", eye_height_m=stand.eyes_m, x_m=stand.x, y_m=stand.y,
+        pointings=Pointings(stamps_s, origins_m, unit(angles + noise), targets),
         yaw_rad=math.radians(stand.yaw_deg),
-    )
+    )  # fmt: skip
 
 
 def errors_of_least_squares(trials: list[Trial]) -> list[float]:
@@ -79,12 +70,6 @@ def test_least_squares_reaches_the_bound_and_not_more(places: Array) -> None:
     bound_m = float(np.median(median_bounds_m(trials)))
     reached_m = float(np.median(errors_of_least_squares(trials)))
     assert bound_m == pytest.approx(reached_m, rel=0.15)
-
-
-def test_it_grows_with_the_scatter() -> None:
-    little = median_bounds_m([trial(seed, 1.0) for seed in range(20)])
-    much = median_bounds_m([trial(seed, 2.0) for seed in range(20)])
-    assert np.median(much) / np.median(little) == pytest.approx(2.0, rel=0.1)
 
 
 def held(seed: int, count: int, *, bias_deg: float = 0.0, noise_deg: float = 1.0) -> Trial:
@@ -120,19 +105,6 @@ def test_a_bias_that_differs_from_trial_to_trial_is_one_unknown() -> None:
         float(np.median(median_bounds_m(trials))) for trials in (unbiased, varied, at_each)
     )
     assert 1.1 * known_m < varied_m < 0.1 * at_each_m
-
-
-def test_a_single_target_tells_no_more_than_the_set() -> None:
-    one = trial(1, 1.0)
-    same = Pointings(
-        one.pointings.stamps_s,
-        one.pointings.origins_m,
-        np.tile(one.pointings.directions[:1], (40, 1)),
-        np.tile(TARGETS[:1], (40, 1)),
-    )
-    lost = replace(one, pointings=same)
-    away_m = math.hypot(TARGETS[0, 0] - one.x_m, TARGETS[0, 1] - one.y_m)
-    assert 0.3 * away_m < median_bounds_m([lost])[0] < away_m
 
 
 def test_without_the_true_yaw_there_is_none() -> None:
@@ -172,7 +144,7 @@ def error_m(one: Trial, settings: SolverSettings) -> float | None:
 @pytest.mark.parametrize("name", ["motion_relloc", "proximity_waypoints"])
 def test_our_solver_is_not_better_on_recorded_people(name: str) -> None:
     trials = read_trials(data_file(f"recordings/{name}").parent, [name]).trials
-    rows = localization_rows(trials[::3], baselines=False, jobs=2, tick=lambda _done, _of: None)
+    rows = localization_rows(trials[::5], baselines=False, jobs=2, tick=lambda _done, _of: None)
     compared = [row for row in rows if row.bound_m is not None and row.position_m is not None and row.n >= 10]
     assert len(compared) >= 6
     for row in compared:

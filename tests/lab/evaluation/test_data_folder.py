@@ -4,7 +4,6 @@ import json
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -31,21 +30,13 @@ def write_entry(recordings: Path, key: str, value: str) -> Path:
     ("key", "value", "said"),
     [
         (EYES, "1" + "0" * 400, "from 0.3 to 3 metres was expected, got 1000"),
-        (EYES, "1" + "0" * 4250, "from 0.3 to 3 metres was expected, got 1000"),
-        (EYES, "1e300", "from 0.3 to 3 metres"),
-        (EYES, "-1e300", "from 0.3 to 3 metres"),
         (EYES, "-1.6", "from 0.3 to 3 metres was expected, got -1.6"),
-        (EYES, "1690", "from 0.3 to 3 metres"),
         (EYES, "NaN", "from 0.3 to 3 metres"),
-        (EYES, "1e999", "from 0.3 to 3 metres"),
         (EYES, "true", "from 0.3 to 3 metres"),
-        (EYES, '"1.6"', "from 0.3 to 3 metres"),
-        (YAW, "1e308", "from -720 to 720 degrees was expected, got 1e+308"),
         (YAW, "-721", "from -720 to 720 degrees"),
         ("subject", "1" + "0" * 4250, "'subject': a text was expected"),
         ("subject", '"all"', "'all' is reserved for all subjects"),
         ("subject", '"\\u001b[2J"', "printable"),
-        ("subject", '""', "'subject': a text of 1 to"),
         ("file", '"track_' + "x" * 5000 + '"', "(5008 characters)"),
         ("file", '"track_\\u0000"', "printable"),
         ("file", '"track_/../../secret.csv"', "leads out of the folder"),
@@ -70,15 +61,6 @@ def test_numbers_of_any_length_are_refused(tmp_path: Path) -> None:
     assert str(caught.value).startswith(str(path))
 
 
-@pytest.mark.parametrize("name", ["/etc/passwd", "../circle.csv", "a/../../b.csv"])
-def test_names_that_lead_out_are_refused(tmp_path: Path, name: str) -> None:
-    folder = write_motion(tmp_path, Stand()).parent
-    entry: dict[str, Any] = {"file": name, "subject": "a", "kind": "pointing_at_moving_drone"}
-    (folder / "index.json").write_text(json.dumps([entry]))
-    with pytest.raises(ConfigError, match="leads out of the folder"):
-        read_trials(tmp_path)
-
-
 @pytest.mark.parametrize("make", [Path.mkdir, os.mkfifo], ids=["folder", "pipe"])
 @pytest.mark.parametrize(
     ("name", "write"), [("motion_relloc/lost.csv", write_motion), ("proximity_waypoints/track_9.csv", None)]
@@ -98,11 +80,6 @@ def test_a_file_is_listed_once(tmp_path: Path) -> None:
     path.write_text(json.dumps([*json.loads(path.read_text()), {"file": "circle.csv"}]))
     with pytest.raises(ConfigError, match=r"'circle\.csv' is listed twice"):
         read_trials(tmp_path)
-
-
-def test_an_index_of_windows_is_read(tmp_path: Path) -> None:
-    (tmp_path / "index.json").write_text('[{"file": "a"}]', encoding="utf-8-sig")
-    assert read_index(tmp_path) == [{"file": "a"}]
 
 
 @pytest.mark.parametrize(
@@ -154,19 +131,15 @@ def test_lines_are_those_of_the_file(tmp_path: Path) -> None:
     ("text", "sentence"),
     [
         ("subject,x\n\na,1\n\nb,oops\n", "line 5, column 'x': a number was expected"),
-        ("subject,x\na,1_5\n", "line 2, column 'x'"),
         ("subject,x\na,nan\n", "line 2, column 'x'"),
         ("subject,x\na,1e10\n", "within 1e+09 either way, got '1e10'"),
         (f"subject,x\na,{'9' * 5000}\n", "(5002 characters)"),
         ("subject,x\na,0,5\n", "line 2: 2 cells were expected, as in the header, got 3; is the line cut off"),
-        ("subject,x\nb\n", "line 2: 2 cells were expected, as in the header, got 1"),
-        ("subject,x\n,1\n", "line 2, column 'subject': a text of 1 to 255 printable characters"),
         ("subject,x\na\x1b[2J,1\n", "column 'subject': a text of 1 to 255 printable"),
         ("subject,x\nall,1\n", "'all' is reserved for all subjects"),
         (",".join(f"c{i}" for i in range(5000)) + "\n", "line 1: has 5000 columns"),
         ("y,z\n1,2\n", "line 1: one column 'x' was expected, found 'y', 'z'"),
         ("subject,x\n", "line 1: there is a header but no rows"),
-        ("", "line 1: one column 'x' was expected, found nothing"),
     ],
 )
 def test_damage_is_one_sentence(tmp_path: Path, text: str, sentence: str) -> None:

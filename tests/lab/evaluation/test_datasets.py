@@ -40,17 +40,6 @@ def test_repeated_quaternions_are_dropped(tmp_path: Path) -> None:
     assert {len(trial.pointings) for trial in trials if trial.condition == "10 s"} <= {225, 226}
 
 
-def test_windows_begin_every_second_and_end_within_the_recording(tmp_path: Path) -> None:
-    write_motion(tmp_path, STAND, duration_s=12.0)
-    trials = read_trials(tmp_path, ["motion_relloc"]).trials
-    assert Counter(trial.condition for trial in trials) == {
-        "1 s": 12, "2 s": 11, "3 s": 10, "5 s": 8, "8 s": 5, "10 s": 3
-    }  # fmt: skip
-    longest = [trial for trial in trials if trial.condition == "10 s"]
-    assert [round(float(trial.pointings.stamps_s[0])) for trial in longest] == [0, 1, 2]
-    assert all(9.8 < np.ptp(trial.pointings.stamps_s) < 10.0 for trial in longest)
-
-
 def test_points_on_the_floor_give_rays_at_the_robot(tmp_path: Path) -> None:
     write_track(tmp_path, Stand(bias_deg=-6.0))
     trials = read_trials(tmp_path, ["proximity_waypoints"]).trials
@@ -75,14 +64,6 @@ def test_without_the_height_of_the_eyes_it_is_below_the_marker(tmp_path: Path) -
     del index["files"][1]["eye_height_guess_m"]
     path.write_text(json.dumps(index))
     assert read_trials(tmp_path).trials[0].eye_height_m == pytest.approx(1.69)
-
-
-def test_without_a_reference_the_yaw_is_unknown(tmp_path: Path) -> None:
-    path = write_track(tmp_path, STAND).parent / "index.json"
-    index = json.loads(path.read_text())
-    del index["files"][1]["ref_yaw_deg_human_minus_world"]
-    path.write_text(json.dumps(index))
-    assert {trial.yaw_rad for trial in read_trials(tmp_path).trials} == {None}
 
 
 def test_acts_give_rays_at_different_targets(tmp_path: Path) -> None:

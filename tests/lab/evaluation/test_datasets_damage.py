@@ -98,12 +98,6 @@ def test_acts_in_odd_units_are_refused(tmp_path: Path, columns: list[str], facto
     assert said in refused(lambda: read_trials(tmp_path), path)
 
 
-def test_one_stature_in_other_units_is_refused(tmp_path: Path) -> None:
-    path = write_acts(tmp_path, {"1": (1.7, STAND)})
-    path.write_text(path.read_text().replace("1,1.7,", "1,170,", 1))  # the median would not see it
-    assert "line 2, column 'stature'" in refused(lambda: read_trials(tmp_path), path)
-
-
 def test_too_many_people_are_refused(tmp_path: Path) -> None:
     path = write_acts(tmp_path, {"1": (1.7, STAND)})
     header, row, *_ = path.read_text().splitlines()
@@ -131,12 +125,6 @@ def with_member(path: Path, name: str, content: bytes) -> None:
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
         for other, raw in {**kept, f"{name}.npy": content}.items():
             file.writestr(other, raw)
-
-
-def test_a_single_array_is_refused(tmp_path: Path) -> None:
-    path = write_simulated(tmp_path, [STAND])
-    path.write_bytes(member(np.zeros(3)))
-    assert "not a readable file of arrays" in refused(lambda: read_trials(tmp_path), path)
 
 
 def test_packed_arrays_are_read(tmp_path: Path) -> None:
@@ -189,11 +177,8 @@ def test_any_damaged_byte_is_one_sentence_or_none(tmp_path: Path) -> None:
         ),
         ("{'descr': '<f8', 'fortran_order': False, 'shape': (-1, 100), }", "has the shape (-1, 100)"),
         ("{'descr': '|O', 'fortran_order': False, 'shape': (1, 100), }", "got 'object'"),
-        ("{'descr': '<U9999', 'fortran_order': False, 'shape': (1,), }", "real numbers were expected"),
         ("{'descr': [('a', '<f8')], 'fortran_order': False, 'shape': (1,), }", "real numbers were expected"),
         ("(" * 3000, "is damaged"),
-        ("{'descr': '<f8'", "is damaged"),
-        ("  x\n y", "is damaged"),
     ],
 )
 def test_headers_are_looked_at_before_arrays(tmp_path: Path, text: str, said: str) -> None:
@@ -208,25 +193,17 @@ def test_headers_are_looked_at_before_arrays(tmp_path: Path, text: str, said: st
     ("name", "value", "said"),
     [
         ("ray_az_rad", np.zeros((1, 100), np.complex128), "real numbers were expected, got 'complex128'"),
-        ("truth_user_xy", np.array([[1.0 + 5.0j, 0.0]]), "real numbers"),
-        ("eye_height_m", np.array(1.6 + 1j), "real numbers"),
-        ("truth_yaw_rad", np.array(["1"]), "real numbers"),
         ("t_s", np.arange(100).astype("m8[s]"), "real numbers"),
-        ("led_of_sample", np.zeros(100, np.bool_), "real numbers"),
-        ("scenario_names", np.array([1, 2]), "texts of at most 255 characters were expected"),
         ("scenario_names", np.array([b"a", b"b"]), "texts"),
         ("scenario_names", np.array(["x" * 300, "b"]), "texts of at most 255"),
         ("scenario_names", np.array(["a", "a"]), "contains a name twice"),
         ("scenario_names", np.array(["\x1b[2J", "b"]), "printable"),
-        ("scenario_names", np.array([], dtype="U1"), "a row of names was expected"),
         ("scenario_names", np.array("ab"), "a row of names was expected"),
         ("ray_el_rad", np.full((1, 100), np.nan), "finite numbers were expected, got nan at [0, 0]"),
         ("led_xyz", np.array([[1.0, 2.0, np.inf], [0.0, 0.0, 1.0]]), "got inf at [0, 2]"),
         ("truth_yaw_rad", np.array([np.finfo(np.longdouble).max]), "-12.57 to 12.57 radians"),
         ("ray_el_rad", np.full((1, 100), -20.0), "-1.571 to 1.571 radians were expected, got -20"),
-        ("ray_az_rad", np.full((1, 100), 170.0), "radians were expected, got 170"),
         ("eye_height_m", np.array(1690.0), "0.3 to 3 metres"),
-        ("eye_height_m", np.array([1.69]), "the shape () was expected"),
         ("led_of_sample", np.full(100, 0.5), "that count the lamps were expected, got 0.5"),
         ("led_of_sample", np.full(100, 2), "that count the lamps were expected, got 2"),
         ("scenario", np.array([-1]), "that count 'scenario_names'"),
@@ -237,8 +214,6 @@ def test_headers_are_looked_at_before_arrays(tmp_path: Path, text: str, said: st
         ("t_s", np.arange(100) * 20.0, "array 't_s': the samples are 20 s apart"),
         ("t_s", np.arange(100)[::-1] / 50.0, "time goes backwards"),
         ("ray_az_rad", np.zeros((0, 100)), "1 to 100000 trials of at least 2 samples"),
-        ("ray_az_rad", np.zeros((1, 0)), "at least 2 samples"),
-        ("ray_az_rad", np.zeros((1, 2, 3)), "at least 2 samples"),
     ],
 )
 def test_arrays_that_cannot_be_are_refused(tmp_path: Path, name: str, value: NDArray[Any], said: str) -> None:
@@ -266,15 +241,12 @@ def write_floor(folder: Path, rows: list[str], name: str = "user_1.csv") -> Path
     [
         ("0,1,2,-1,open_loop_reach,9,2,-1,2000", "line 82, column 'phase': open_loop_reach comes after"),
         ("0,1,2,1,feedback_hold,9,2,-1,2000", "line 82, column 'target_y': 1.0 was expected to be -1.0"),
-        ("0,2,2,-1,feedback_hold,9,2,-1,2000", "line 82, column 'target_id': 2 was expected to be 1"),
-        ("0,1,2,-1,feedback_hold,9,2,-1,2001", "line 82, column 'trial_len_samples'"),
         ("0,1,2,-1,feedback_hold,5000,2,-1,2000", "is it in seconds?"),
         ("0.5,1,2,-1,feedback_hold,0,2,-1,2000", "line 82, column 'trial': 0.5 is not an integer"),
         ("1,1,2,-1,feedback_hold,-1,2,-1,2000", "line 82, column 't': seconds since feedback_hold began"),
         ("1,1,0,0,feedback_hold,0,2,-1,2000", "the target is 0 m from the feet"),
         ("1,1,2000,-1000,feedback_hold,0,2,-1,2000", "is it in metres?"),
         ("1,1,2,-1,feedback_hold,0,2,-1,1e8", "at most 4.32e+06, a day, got 1e+08"),
-        ("1,1,2,-1,feedback_hold,0,2,-1,0", "must be above 0"),
         ("0,1,2,-1,sleeping,9,2,-1,2000", "line 82, column 'phase': one of open_loop_reach"),
         ("0,1,2,-1,feedback_hold,0,2,-1,2000", "column 't' must increase"),
     ],
@@ -282,10 +254,6 @@ def write_floor(folder: Path, rows: list[str], name: str = "user_1.csv") -> Path
 def test_rows_out_of_order_are_refused(tmp_path: Path, row: str, said: str) -> None:
     path = write_floor(tmp_path, [*floor_rows(), row])
     assert said in refused(lambda: read_floor_trials(tmp_path), path)
-
-
-def test_a_folder_without_files_is_refused(tmp_path: Path) -> None:
-    assert "has no files" in refused(lambda: read_floor_trials(tmp_path), tmp_path)
 
 
 def test_trials_are_in_one_piece(tmp_path: Path) -> None:
@@ -327,11 +295,6 @@ def write_wall(folder: Path, eyes_z: float = -1.5, finger: float = 0.6) -> Path:
     path = folder / "wall_targets.csv"
     path.write_text("\n".join(lines) + "\n")
     return path
-
-
-def test_a_wall_is_read(tmp_path: Path) -> None:
-    write_wall(tmp_path)
-    assert len(read_wall_trials(tmp_path)[0].ways) == 9
 
 
 @pytest.mark.parametrize(

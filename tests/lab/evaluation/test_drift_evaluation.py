@@ -7,12 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pointit.geometry import vector
 from pointit.services.localizer.drift.model import DriftSettings
 from pointit_lab.evaluation.datasets.proximity_feedback import PHASES, FloorTrial, read_floor_trials
-from pointit_lab.evaluation.pointing import drift, drift_simulated
-from pointit_lab.evaluation.pointing.drift import LEFT_OUT, candidates, drift_rows, left_out, recorded_rows
-from pointit_lab.evaluation.pointing.drift_courses import chained, courses, hold_sigma_rad
+from pointit_lab.evaluation.pointing import drift_simulated
+from pointit_lab.evaluation.pointing.drift import LEFT_OUT, candidates, left_out, recorded_rows
+from pointit_lab.evaluation.pointing.drift_courses import courses
 from pointit_lab.evaluation.pointing.drift_innovation import innovation_rows
 from pointit_lab.evaluation.pointing.drift_solvers import Trial, YawEstimate, filtered, predictable
 from pointit_lab.evaluation.recordings.row import ALL, Row
@@ -97,22 +96,6 @@ def test_trials_are_read_with_the_times_at_which_they_were(tmp_path: Path) -> No
     assert math.degrees(rest.yaw_rate_radps) == pytest.approx(-0.3, abs=0.02)
 
 
-def test_chains_go_on_where_the_run_before_ended(tmp_path: Path) -> None:
-    record(tmp_path, 0.3)
-    runs = courses(read_floor_trials(tmp_path))
-    chains = list(chained(runs))
-    assert len(chains) == 6
-    chain = chains[0]
-    assert len(chain.holds) == 7
-    assert [round(hold.at_s - chain.holds[0].at_s) for hold in chain.holds] == list(range(0, 271, 45))
-    for run, first in zip(runs, (0, 2, 4), strict=True):
-        for i in (1, 2):
-            step = run.holds[i].yaw_rad - run.holds[i - 1].yaw_rad
-            glued = chain.holds[first + i].yaw_rad - chain.holds[first + i - 1].yaw_rad
-            assert math.remainder(step - glued, math.tau) == pytest.approx(0.0, abs=1e-12)
-    assert math.degrees(hold_sigma_rad(runs)) == pytest.approx(1.0, abs=0.6)
-
-
 def test_the_filter_follows_a_recorded_drift(tmp_path: Path) -> None:
     for number in range(6):
         rate = (-0.45, -0.3, -0.1, 0.15, 0.3, 0.4)[number]
@@ -179,19 +162,6 @@ def test_one_jump_of_32_degrees_does_not_dominate() -> None:
     # with one anchor before it, the drift is not known well enough to see the jump as one; rests tell it
     assert math.degrees(np.median(away["pointit"])) < 12.0
     assert math.degrees(np.median(away["pointit, rests"])) < 4.0
-
-
-def test_the_same_people_come_each_time() -> None:
-    assert drift_simulated.simulated_rows(3) == drift_simulated.simulated_rows(3)
-
-
-def test_without_recordings_people_are_simulated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(drift, "PEOPLE", 5)
-    ticks: list[str] = []
-    rows = drift_rows(tmp_path, ticks.append)
-    assert {row.set for row in rows} == {"simulated_drift"}
-    assert {row.n for row in rows} == {5}
-    assert ticks
 
 
 def test_recorded_people_are_within_3_degrees_after_3_minutes(recordings: Path, recorded: list[Row]) -> None:
@@ -263,10 +233,3 @@ def _steered(trial: FloorTrial) -> FloorTrial:
     held = trial.phases["feedback_hold"]
     on_target = replace(held, points_m=np.tile(np.array(trial.target_m), (len(held.times_s), 1)))
     return replace(trial, phases={**trial.phases, "feedback_hold": on_target})
-
-
-def test_directions_of_holds_are_rays(recordings: Path) -> None:
-    for course in courses(read_floor_trials(recordings)):
-        for hold in course.holds:
-            assert vector.norm(hold.direction_h) == pytest.approx(1.0)
-            assert hold.direction_h[2] < 0.0

@@ -9,19 +9,11 @@ import numpy as np
 import pytest
 
 from pointit.geometry.vector import Vec3
-from pointit.runtime.errors import ConfigError
 from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution
 from pointit.services.pointing.arm_ray import ArmRay
 from pointit_lab.cli.honesty import honesty
 from pointit_lab.evaluation.honesty import injections
-from pointit_lab.evaluation.honesty.honesty import (
-    WINDOWS_S,
-    chosen,
-    honesty_rows,
-    sources_of,
-    trials_of,
-    verdict,
-)
+from pointit_lab.evaluation.honesty.honesty import chosen, honesty_rows, sources_of, trials_of, verdict
 from pointit_lab.evaluation.honesty.row import EVERY, Judged, rows_of
 from pointit_lab.evaluation.honesty.simulated_people import followers, rooms
 from pointit_lab.evaluation.honesty.sources import QUICK, people
@@ -85,13 +77,7 @@ def test_who_knows_of_the_shoulder_finds_the_rays_again(
     assert directions == pytest.approx(following.pointings.directions, abs=1e-6)
 
 
-def test_arms_and_rays_are_each_others_inverse(following: Trial) -> None:
-    same = injections.with_arms(following, injections.arm_directions(following))
-    assert same.pointings.directions == pytest.approx(following.pointings.directions, abs=1e-9)
-    assert same.yaw_rad == pytest.approx(following.yaw_rad)
-
-
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_a_still_body_turns_rays_by_different_angles(seed: int) -> None:
     following = next(followers([seed])[0].trials([10.0]))
     turning = azimuths(injections.shoulder(following, rng(), to_right_m=injections.BESIDE_M)) - azimuths(
@@ -99,12 +85,6 @@ def test_a_still_body_turns_rays_by_different_angles(seed: int) -> None:
     )
     still = azimuths(injections.shoulder_still(following, rng())) - azimuths(following)
     assert np.ptp(still) > 1.1 * np.ptp(turning)
-
-
-def test_a_wrong_height_is_in_the_origins_alone(following: Trial) -> None:
-    taller = injections.height(following, rng(), taller_m=0.2)
-    assert taller.pointings.origins_m[:, 2] - following.pointings.origins_m[:, 2] == pytest.approx(0.2)
-    assert taller.pointings.directions is following.pointings.directions
 
 
 @pytest.mark.parametrize("share", [0.05, 0.15])
@@ -137,15 +117,7 @@ def test_late_reports_are_those_of_before(follower: FollowRecording) -> None:
     assert np.linalg.norm(now.targets_m[100] - then.targets_m[at_once]) > 0.1
 
 
-def test_a_gap_is_not_bridged(follower: FollowRecording) -> None:
-    there = follower.pointings
-    gap = (there.stamps_s < 4.0) | (there.stamps_s > 6.0)
-    torn = replace(follower, pointings=there.only(gap), heads_m=follower.heads_m[gap])
-    stamps_s = torn.shifted(0.2).pointings.stamps_s
-    assert not np.any((stamps_s > 6.0) & (stamps_s < 6.2))
-
-
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize(("wrong_lamp", "expected"), [(False, 0), (True, 1)])
 def test_a_wrong_lamp_was_not_pointed_at(room: Trial, seed: int, *, wrong_lamp: bool, expected: int) -> None:
     trial = chosen(room, 3, np.random.default_rng(seed), wrong_lamp=wrong_lamp)
@@ -167,15 +139,6 @@ def test_lamps_on_one_wall_and_holds_one_after_the_other(room: Trial) -> None:
     assert trial.condition == "4 lamps"
 
 
-def test_each_condition_gives_the_same_trials_again(follower: FollowRecording, room: Trial) -> None:
-    for source in sources_of([follower], [room], most=1):
-        first, again = list(trials_of(source)), list(trials_of(source))
-        assert [len(trial.pointings) for trial in first] == [len(trial.pointings) for trial in again]
-        for one, other in zip(first, again, strict=True):
-            assert np.array_equal(one.pointings.directions, other.pointings.directions)
-            assert np.array_equal(one.pointings.targets_m, other.pointings.targets_m)
-
-
 def test_each_pass_of_a_person_has_faults_of_its_own(room: Trial) -> None:
     injection = next(each for each in injections.INJECTIONS if each.name == "garbage 15 %")
     passes = [next(iter(trials_of(source))).pointings for source in sources_of([], [room, room], [injection])]
@@ -185,13 +148,6 @@ def test_each_pass_of_a_person_has_faults_of_its_own(room: Trial) -> None:
     ]
     assert changed[0]
     assert changed[0] != changed[1]
-
-
-def test_a_person_is_followed_for_each_window_once(follower: FollowRecording) -> None:
-    (source,) = sources_of(
-        [follower], [], [each for each in injections.INJECTIONS if each.name == injections.NONE]
-    )
-    assert [trial.condition for trial in trials_of(source)] == [f"{window:g} s" for window in WINDOWS_S]
 
 
 def pose(x_m: float, y_m: float, sigma_m: float, yaw_sigma_rad: float = 0.1) -> Solution:
@@ -231,15 +187,9 @@ def test_a_row_counts_who_is_confidently_wrong() -> None:
             error_m=error_m, square=error_m, in_place=in_place, in_yaw=True,
         )  # fmt: skip
 
-    rows = rows_of(
-        [
-            one(0.1, in_place=True),
-            one(0.6, in_place=True, subject="b"),
-            one(0.4, in_place=False, subject="c"),
-            one(0.7, in_place=False),
-            one(9.0, in_place=False, is_taken=False),
-        ]
-    )
+    honest = (one(0.1, in_place=True), one(0.6, in_place=True, subject="b"))
+    others = (one(0.4, in_place=False, subject="c"), one(0.7, in_place=False))
+    rows = rows_of([*honest, *others, one(9.0, in_place=False, is_taken=False)])
     assert [row.duration for row in rows] == [EVERY, "2 s"]
     row = rows[0]
     assert (row.n, row.taken, row.within_2_sigma) == (5, 0.8, 0.5)
@@ -258,7 +208,7 @@ def test_a_refused_trial_is_not_taken(following: Trial) -> None:
 
 
 def test_other_processes_find_the_same(follower: FollowRecording, room: Trial) -> None:
-    sources = sources_of([follower], [room], most=1)
+    sources = sources_of([follower], [room], injections.INJECTIONS[::6], most=1)
     alone, together = (honesty_rows(sources, jobs=jobs, tick=lambda _done, _of: None) for jobs in (1, 2))
     assert alone == together
 
@@ -281,12 +231,6 @@ def test_the_table_has_a_row_for_each_condition_and_names_what_is_missed() -> No
     assert "simulated, time -0.5 s: 2 sigma of the place" in out
     longer, _ = invoke("--condition", injections.NONE, "--durations")
     assert {"2 s", "10 s"} <= {" ".join(line.split()[3:5]) for line in longer.splitlines()}
-
-
-@pytest.mark.usefixtures("no_recordings")
-def test_an_unknown_condition_is_refused_with_those_there_are() -> None:
-    with pytest.raises(ConfigError, match=r"--condition rain: there is no such condition; there are as they"):
-        invoke("--condition", "rain")
 
 
 def test_recorded_people_of_a_missing_set_are_noted(tmp_path: Path) -> None:

@@ -1,7 +1,6 @@
 """Solvers beside each other: what the rows say, and that other processes do the work."""
 
 import dataclasses
-import json
 import math
 import multiprocessing
 import os
@@ -15,7 +14,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.cli.common.output import to_json
 from pointit.runtime.errors import PointItError
 from pointit.services.localizer.estimation.estimator import Pointings
 from pointit_lab.evaluation.datasets import read_trials
@@ -23,11 +21,11 @@ from pointit_lab.evaluation.localization.localization import BASELINE_TRIALS, OU
 from pointit_lab.evaluation.localization.scoring import UNTIL, Key, Outcome, rows_of, until_taken_rows
 from pointit_lab.evaluation.localization.trial import SLACK_S, STRIDE_S, WINDOWS_S, FollowRecording, Reading
 from pointit_lab.evaluation.recordings.parallel import map_parallel
-from pointit_lab.evaluation.recordings.row import Row, arranged, document
+from pointit_lab.evaluation.recordings.row import Row
 from tests.support import there
 from tests.support.data import data_file
 from tests.support.pace import within
-from tests.support.published_recordings import Stand, write_acts, write_simulated, write_track
+from tests.support.published_recordings import Stand, write_simulated, write_track
 
 
 def outcome(
@@ -79,14 +77,6 @@ def test_a_row_sums_up_what_was_accepted() -> None:
     assert there(only.solve_ms).median == 3.0
 
 
-def test_what_is_refused_counts_among_all() -> None:
-    kept, refused = outcome(0.2), dataclasses.replace(outcome(3.0), refused="the rays miss the targets")
-    only = rows_of([kept, refused])[0]
-    assert (only.n, only.refused) == (2, 1)
-    assert only.every_m is not None
-    assert (there(only.position_m).median, only.every_m.median) == pytest.approx((0.2, 1.6))
-
-
 def at(start_s: float, window_s: int, error_m: float, *, taken: bool) -> Outcome:
     found = outcome(error_m, condition=f"{window_s} s")
     return dataclasses.replace(found, recording="r", start_s=start_s, taken_m=error_m if taken else math.inf)
@@ -114,23 +104,6 @@ def test_who_is_never_taken_has_no_time() -> None:
     assert until.taken == pytest.approx(1 / 3)
 
 
-def test_who_is_unsure_does_not_mislead() -> None:
-    rows = rows_of([outcome(1.5, sigma_m=0.8)])
-    assert (rows[0].misled, rows[0].share_above_1m, rows[0].within_2_sigma) == (0.0, 1.0, 1.0)
-
-
-def test_who_states_no_sigma_is_not_measured_by_it() -> None:
-    rows = rows_of([outcome(1.5, sigma_m=math.nan, solver="mean-angle-z0")])
-    assert rows[0].within_2_sigma is None
-    assert rows[0].yaw_within_2_sigma is None
-    assert rows[0].misled is None
-
-
-def test_all_refused_leaves_no_errors() -> None:
-    only = rows_of([outcome(refused="no")])[0]
-    assert (only.position_m, only.within_2_sigma, only.share_above_1m, only.refused) == (None, None, None, 1)
-
-
 def test_there_is_a_row_over_all_subjects_of_each_condition() -> None:
     outcomes = [
         outcome(error, subject=subject, condition=condition)
@@ -146,28 +119,6 @@ def test_there_is_a_row_over_all_subjects_of_each_condition() -> None:
     whole = row(rows, subject="all", condition="2 s").position_m
     assert whole is not None
     assert whole.median == pytest.approx(0.3)
-
-
-def test_rows_stand_together_and_those_over_all_first() -> None:
-    def line(name: str, condition: str, subject: str, solver: str) -> Row:
-        return Row(set=name, condition=condition, subject=subject, solver=solver, n=1)
-
-    scattered = [
-        line("b", "9", "y", "p"),
-        line("b", "10", "y", "p"),
-        line("a", "9", "x", "p"),
-        line("b", "9", "y", "q"),
-        line("b", "9", "x", "p"),
-        line("b", "9", "all", "q"),
-    ]
-    assert [(r.set, r.condition, r.subject, r.solver) for r in arranged(scattered)] == [
-        ("b", "9", "all", "q"),
-        ("b", "9", "y", "p"),
-        ("b", "9", "y", "q"),
-        ("b", "9", "x", "p"),
-        ("b", "10", "y", "p"),
-        ("a", "9", "x", "p"),
-    ]
 
 
 @pytest.fixture(scope="module")
@@ -201,21 +152,6 @@ def test_a_bias_is_metres_for_the_original_and_none_for_ours(rows: list[Row]) ->
     assert 0.0 < ours.bound_m < 0.3
 
 
-def test_the_document_is_json_with_the_agreed_keys(rows: list[Row]) -> None:
-    def refuse(constant: str) -> float:
-        raise AssertionError(f"{constant} is no JSON")
-
-    read = json.loads(to_json(document(rows)), parse_constant=refuse)
-    assert set(read) == {"rows"}
-    assert {
-        "set", "subject", "condition", "solver", "n", "position_m", "yaw_deg", "share_above_1m",
-        "within_2_sigma", "refused", "solve_ms",
-    } <= set(read["rows"][0])  # fmt: skip
-    for one in read["rows"]:
-        assert one["solve_ms"].keys() >= {"median", "p90"}
-        assert one["solve_ms"]["median"] > 0.0
-
-
 def test_baselines_solve_some_of_the_trials_ours_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pointit_lab.evaluation.localization.localization.BASELINE_TRIALS", 5)
     assert BASELINE_TRIALS >= 100
@@ -224,13 +160,6 @@ def test_baselines_solve_some_of_the_trials_ours_all(tmp_path: Path, monkeypatch
     found = localization_rows(trials, baselines=True, jobs=1, tick=silent)
     counts = {(row.condition, row.solver): row.n for row in found if row.subject == "all"}
     assert counts == {(c, s): 11 if s == OURS else 4 for c in ("a", "b") for s in SOLVERS}
-
-
-def test_without_baselines_only_ours_solves(tmp_path: Path) -> None:
-    write_acts(tmp_path, {"1": (1.7, Stand())})
-    trials = [trial for trial in read_trials(tmp_path).trials if trial.condition == "4 targets"][:20]
-    found = localization_rows(trials, baselines=False, jobs=1, tick=silent)
-    assert {row.solver for row in found} == {OURS}
 
 
 def test_published_recordings_are_solved_sensibly() -> None:
@@ -267,11 +196,6 @@ def test_no_window_is_lost(times: list[float]) -> None:
     assert found == wanted
 
 
-def test_a_gap_of_years_takes_no_time() -> None:
-    trials = list(following([0.0, 0.5, 0.9, 1e9, 1e9 + 0.5, 1e9 + 1.1]).trials([1]))
-    assert [trial.pointings.stamps_s[0] for trial in trials] == [0.0, 1e9]
-
-
 def test_who_was_too_short_is_noted() -> None:
     reading = Reading()
     reading.follow(Path("short.csv"), following([0.0, 0.3, 0.6]))
@@ -287,11 +211,6 @@ def assert_all_end() -> None:
     while multiprocessing.active_children():
         assert time.monotonic() - began < 40.0
         time.sleep(0.01)
-
-
-def test_each_piece_comes_back_with_its_number() -> None:
-    assert dict(map_parallel(math.sqrt, [4.0, 9.0, 16.0], 2)) == {0: 2.0, 1: 3.0, 2: 4.0}
-    assert_all_end()
 
 
 def test_who_stops_reading_waits_for_nobody() -> None:

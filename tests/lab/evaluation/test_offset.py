@@ -116,10 +116,6 @@ def test_each_run_is_the_same_and_scatter_is_the_bound(tmp_path: Path) -> None:
         assert 0.8 * bound < found < 1.2 * bound
 
 
-def test_sets_that_are_absent_have_no_rows(tmp_path: Path) -> None:
-    assert offset_rows(tmp_path, lambda _: None) == []
-
-
 def test_damage_is_told_with_its_line(tmp_path: Path) -> None:
     path = write_set(tmp_path)
     path.write_text(path.read_text(encoding="utf-8") + "a,1,hand,0,1,0,1,-1,0,0,2,0\n", encoding="utf-8")
@@ -191,10 +187,6 @@ def test_the_memory_of_another_recording_makes_short_windows_better() -> None:
     assert median_m(rows, MEMORY) < 0.7 * median_m(rows, "pointit")
 
 
-def test_who_has_one_recording_is_not_remembered() -> None:
-    assert known_rows(list(trials(recording("a", "1", 9.0, 0)))) == []
-
-
 def test_the_prior_of_a_person_is_that_of_all_others() -> None:
     biases = {"a": 11.0, "b": 13.0, "c": 12.0, "d": 12.5}
     told = list(trials(*(recording(name, "1", bias, 0) for name, bias in biases.items())))
@@ -211,23 +203,6 @@ def test_the_prior_of_a_person_is_that_of_all_others() -> None:
 def window(folder: Path, stand: Stand) -> Trial:
     write_motion(folder, stand)
     return next(trial for trial in read_trials(folder).trials if trial.condition == "8 s")
-
-
-def test_the_mean_angle_is_that_of_each_ray(tmp_path: Path) -> None:
-    pointings = window(tmp_path, Stand()).pointings
-    x, y, z, yaw = 0.4, -0.3, 0.2, 1.1
-    angles: list[float] = []
-    for origin, ray, target in zip(
-        pointings.origins_m, pointings.directions, pointings.targets_m, strict=True
-    ):
-        turned = [
-            math.cos(yaw) * ray[0] - math.sin(yaw) * ray[1],
-            math.sin(yaw) * ray[0] + math.cos(yaw) * ray[1],
-        ]
-        away = target - (x, y, z) - origin  # the origin is over the feet, so it does not turn
-        cosine = float(np.dot([*turned, ray[2]], away) / np.linalg.norm(away))
-        angles.append(math.acos(cosine))
-    assert baselines.mean_angle(pointings, x, y, z, yaw) == pytest.approx(float(np.mean(angles)))
 
 
 @pytest.mark.parametrize("solver", [baselines.mean_angle_4dof, baselines.mean_angle_z0])
@@ -249,11 +224,3 @@ def test_an_elevation_bias_becomes_metres_with_the_floor_fixed_and_height_withou
     assert fixed_m > 0.3
     assert free_m < fixed_m / 2.0
     assert free.z_m < -0.1
-
-
-def test_they_begin_at_zero_and_may_end_in_a_wrong_place(tmp_path: Path) -> None:
-    stand = Stand(x=2.5, y=2.5, yaw_deg=170.0)
-    trial = window(tmp_path, stand)
-    guess = baselines.mean_angle_z0(trial.pointings)
-    reached = baselines.mean_angle(trial.pointings, guess.x_m, guess.y_m, 0.0, guess.yaw_rad)
-    assert reached < baselines.mean_angle(trial.pointings, 0.0, 0.0, 0.0, 0.0)  # downhill at least

@@ -1,7 +1,6 @@
 """Evaluation of robots: flights and their landings."""
 
 import json
-import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,10 +14,9 @@ from pointit_lab.evaluation.localization.trial import Trial
 from pointit_lab.evaluation.robots import flight as flight_module
 from pointit_lab.evaluation.robots import following
 from pointit_lab.evaluation.robots.flight import FlightScore, fly
-from pointit_lab.evaluation.robots.flight_row import Quantiles, flight_row, recorded_rows
-from pointit_lab.evaluation.robots.flight_setup import CONDITIONS, EYES_M, RANGE_M, FlightCondition, flight_of
-from pointit_lab.evaluation.robots.identification import rates, recorded_results, share
-from pointit_lab.evaluation.robots.robots import flight_rows
+from pointit_lab.evaluation.robots.flight_row import flight_row, recorded_rows
+from pointit_lab.evaluation.robots.flight_setup import CONDITIONS, FlightCondition, flight_of
+from pointit_lab.evaluation.robots.identification import rates, recorded_results
 from pointit_lab.evaluation.robots.simulated_follower import RATE_HZ, SimulatedFollower
 from tests.support import there
 
@@ -75,12 +73,6 @@ def test_recorded_people_are_scored_person_by_person() -> None:
     assert all(row.position_m is not None and row.position_m.median < 1.0 for row in rows)
 
 
-def test_a_share_has_an_interval() -> None:
-    assert share(20, 20).value == 1.0
-    assert share(20, 20).high == pytest.approx(1.0)
-    assert 0.8 < share(20, 20).low < 0.9
-
-
 LANDINGS = [condition for condition in CONDITIONS if condition.bench == "landing"]
 IN_THE_AIR = [condition for condition in CONDITIONS if condition.bench == "workspace"]
 
@@ -96,12 +88,6 @@ def test_people_steer_the_robot_to_the_spot_in_every_condition(condition: Flight
     assert score.detour > 0.9
 
 
-def test_a_flight_is_the_same_again_and_another_persons_differs() -> None:
-    first, again, other = (fly(flight_of(IN_THE_AIR[-1], seed)) for seed in (3, 3, 4))
-    assert first == again
-    assert first != other
-
-
 def test_a_person_who_never_gets_the_robot_has_failed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(flight_module, "LIMIT_S", 5.0)
     flight = flight_of(LANDINGS[0], 0)
@@ -111,55 +97,12 @@ def test_a_person_who_never_gets_the_robot_has_failed(monkeypatch: pytest.Monkey
     assert score.simulated_s >= 5.0
 
 
-def test_landings_of_a_seed_are_the_same_move_from_spot_to_spot_in_all_conditions() -> None:
-    for seed in range(20):
-        flights = [flight_of(condition, seed) for condition in LANDINGS]
-        ways = {(flight.start_m, flight.spot_m) for flight in flights}
-        ((start_m, spot_m),) = ways
-        assert math.dist(start_m[:2], spot_m[:2]) == pytest.approx(3.6) or math.dist(
-            start_m[:2], spot_m[:2]
-        ) == pytest.approx(3.6 * math.sqrt(2.0))
-
-
-def test_places_in_the_air_are_on_the_workspace_about_the_stated_pose() -> None:
-    for seed in range(20):
-        for flight in (flight_of(condition, seed) for condition in IN_THE_AIR):
-            x_m, y_m, _ = flight.pose_off
-            for place in (flight.start_m, flight.spot_m):
-                apart_m = math.hypot(place[0] - x_m, place[1] - y_m)
-                if flight.condition.workspace == "cylinder":
-                    assert apart_m == pytest.approx(RANGE_M)
-                elif flight.condition.workspace == "sphere":
-                    assert math.hypot(apart_m, place[2] - EYES_M) == pytest.approx(RANGE_M)
-                else:
-                    assert place[2] == flight.start_m[2]
-
-
 def test_rows_have_the_medians_of_those_that_ended_and_count_the_others() -> None:
     scores = [FlightScore(simulated_s=9.0, error_m=0.1 * number, time_s=1.0) for number in range(1, 6)]
     row = flight_row(LANDINGS[0], [*scores, FlightScore(simulated_s=60.0)])
     assert (row.n, row.failed) == (6, 1)
     assert there(row.error_m).median == pytest.approx(0.3)
     assert row.taking_s is None
-
-
-def test_an_interval_of_a_median_covers_it_at_95_percent_and_narrows() -> None:
-    few = Quantiles.of([float(number) for number in range(10)])
-    many = Quantiles.of([number / 10.0 for number in range(100)])
-    assert few is not None
-    assert many is not None
-    assert (few.low, few.median, few.high) == (1.0, 4.5, 8.0)
-    assert many.high - many.low < few.high - few.low
-    assert Quantiles.of([None]) is None
-
-
-def test_rows_come_by_condition_and_progress_is_told() -> None:
-    told: list[tuple[int, int]] = []
-    rows = flight_rows(
-        IN_THE_AIR[1:], people=2, seed=5, jobs=1, tick=lambda done, total: told.append((done, total))
-    )
-    assert [(row.condition, row.n, row.people) for row in rows] == [("cylinder", 2, 2), ("sphere", 2, 2)]
-    assert (told[0], told[-1]) == ((0, 4), (4, 4))
 
 
 STATES = [[0.0, "STATE_IDLE"], [1.0, "STATE_GOAL"], [9.0, "STATE_LANDING"]]

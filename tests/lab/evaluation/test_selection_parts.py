@@ -1,6 +1,5 @@
 """Parts of the evaluation of selection: its table, and differences of methods."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -10,13 +9,12 @@ from pointit.maps.file import load_map
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import NS_PER_S
 from pointit_lab.evaluation.selection.carousel import Carousel
-from pointit_lab.evaluation.selection.condition import BENCHES, CONVEYOR, LAB, Condition, conditions
+from pointit_lab.evaluation.selection.condition import CONVEYOR, Condition, conditions
 from pointit_lab.evaluation.selection.difference import FEWEST, Difference, differences_of
 from pointit_lab.evaluation.selection.method import METHODS, selector_config
 from pointit_lab.evaluation.selection.plot import check_plot, plot
 from pointit_lab.evaluation.selection.row import SelectionMetrics, SelectionRow, TimeSpread
 from pointit_lab.evaluation.selection.score import Score, figures_of
-from pointit_lab.evaluation.selection.selection import document
 from tests.support import there
 
 
@@ -43,13 +41,6 @@ def test_a_method_has_the_time_that_its_name_says() -> None:
 def test_a_method_that_is_none_is_refused_in_a_sentence(name: str, complaint: str) -> None:
     with pytest.raises(ConfigError, match=complaint):
         selector_config(name)
-
-
-def test_conditions_have_names_of_their_own() -> None:
-    names = [(condition.bench, condition.name) for condition in conditions()]
-    assert len(set(names)) == len(names)
-    assert {bench for bench, _ in names} == set(BENCHES)
-    assert [condition.targets for condition in conditions([LAB])] == [1, 2, 3, 3, 3, 3]
 
 
 def test_packages_go_around_the_ring() -> None:
@@ -90,13 +81,6 @@ def rows() -> list[SelectionRow]:
     ]
 
 
-def test_the_document_is_as_promised() -> None:
-    row = json.loads(json.dumps(document(rows(), [])))["rows"][0]
-    assert list(row)[:4] == ["bench", "condition", "method", "n"]
-    assert (row["time_s"], row["wrong_rate"]) == ({"median": 2.0, "p90": 3.0}, 0.0)
-    assert row["human"]["pointing"]["time_s"]["median"] == 2.0
-
-
 def test_a_picture_on_request(tmp_path: Path) -> None:
     file = tmp_path / "rows.svg"
     check_plot(file)
@@ -117,12 +101,6 @@ def scores(errors: list[int], took_s: float = 3.0) -> list[Score]:
 def between(a: list[Score], b: list[Score], condition: Condition = FIRST) -> Difference:
     (difference,) = differences_of({(condition, "a"): a, (condition, "b"): b})
     return difference
-
-
-def test_the_same_outcome_is_no_difference() -> None:
-    same = between(scores([1, 0] * 20), scores([1, 0] * 20))
-    assert (same.errors.value, same.errors.low, same.errors.high) == (0.0, 0.0, 0.0)
-    assert same.claims == []
 
 
 def test_a_clear_difference_is_claimed_with_its_direction() -> None:

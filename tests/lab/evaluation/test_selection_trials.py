@@ -58,14 +58,6 @@ def test_packages_that_pass_by_are_all_accounted_for() -> None:
         assert score.simulated_s < stage_of(of, (0, 0, 0)).limit_s
 
 
-def test_the_same_packages_are_there_whatever_the_method() -> None:
-    def first(method: str) -> object:
-        stage = stage_of(STATIC, trial(STATIC, method).entropy)
-        return stage.movers.tracked(START_NS).objects
-
-    assert first("hold") == first("gauge")
-
-
 def test_frames_are_drawn_only_for_eyes_that_are_due() -> None:
     score = run(trial(STATIC))
     assert 0 < score.frames <= 1 + score.simulated_s * USUAL.eyes_hz

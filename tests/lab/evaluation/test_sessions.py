@@ -183,13 +183,6 @@ def test_what_is_missing_is_told_in_one_sentence(tmp_path: Path) -> None:
         invoke("--recording", whole, "--set", "motion_relloc")
 
 
-def test_a_session_without_localization_tells_whose_is_missing(tmp_path: Path) -> None:
-    rays = [entry for entry in pointing_at_lamps("anna", Stand()) if entry.row is RAY]
-    path = Path(session(tmp_path / "idle.mcap", rays, seen("anna", Stand())))
-    with pytest.raises(ConfigError, match="has no localization of anna, whose position a tracker knows"):
-        read_sessions([path])
-
-
 def row(subject: str, solver: str, median_m: float) -> Row:
     spread = Spread(median=median_m, p90=median_m, rms=median_m)
     return Row(set="recordings", subject=subject, condition="3 lamps", solver=solver, n=5, position_m=spread)
@@ -218,10 +211,6 @@ def test_one_person_who_carries_a_comparison_is_shown_by_leaving_one_out() -> No
     _, other = over_people(rows, "pointit")
     assert there(other.ratio).value == pytest.approx(2.0)
     assert other.without_one == pytest.approx((1.0, 16.0 ** (1 / 3)))
-
-
-def test_two_people_have_no_interval() -> None:
-    assert over_people([row("anna", "pointit", 0.1), row("ben", "pointit", 0.2)], "pointit") == []
 
 
 class Result:

@@ -10,17 +10,14 @@ from typing import Any, ClassVar, cast
 
 import pytest
 
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.router.router import parse_config
 from pointit.runtime.zenoh.wire_format import encoding_of
-from pointit.schemas import Cursor, ImuSample, PointingRay
-from pointit.schemas.topics import CURSOR
+from pointit.schemas import Cursor, ImuSample
 from pointit_lab.loadtest import hosts
 from pointit_lab.loadtest.hosts import CONTENTS_S, HostsTest
 from pointit_lab.loadtest.measuring import secured_site
-from pointit_lab.loadtest.network.counters import KIND, OUTGOING, Contents, Counters, count
+from pointit_lab.loadtest.network.counters import OUTGOING, Contents, Counters, count
 from pointit_lab.loadtest.network.namespaces import Network, Traffic
 from pointit_lab.loadtest.network.routers import plain_configuration, router_process, secured_configuration
 from pointit_lab.loadtest.network.tree import tree
@@ -28,7 +25,7 @@ from pointit_lab.loadtest.sight import DRAIN_S, Sight
 from pointit_lab.loadtest.usage import UsageSample
 from pointit_lab.loadtest.workers import Group, Worker
 from pointit_lab.loadtest.wrist import Wrist, drive_wrists
-from tests.support.bench import START_NS, in_virtual_time, until
+from tests.support.bench import in_virtual_time
 
 Report = Callable[[], float]
 
@@ -94,25 +91,6 @@ async def test_routers_and_links_are_read_while_wrists_are_driven() -> None:
     assert [usage.cpu for usage in result.processes] == pytest.approx([0.5, 0.25])
 
 
-async def test_what_is_only_counted_is_told_as_a_number() -> None:
-    bus = MemoryBus(LocalBroker())
-    sight = Sight(frozenset())
-    sight.watch_arrivals(bus)
-    publisher = bus.publisher(CURSOR, "load0")
-    for seq in range(3):
-        publisher.put(Cursor(stamp_ns=START_NS, seq=seq))
-    await until(lambda: sight.arrived == 3)
-    await bus.close()
-    told = sight.dump()
-    assert (told["arrived"], told["hovers"]) == (3, 0)
-    sum_of = Sight(frozenset())
-    sum_of.add(told)
-    sum_of.add(told)
-    assert sum_of.arrived == 6
-    sight.clear()
-    assert sight.dump()["arrived"] == 0
-
-
 def test_a_plain_router_joins_the_one_above(tmp_path: Path) -> None:
     made = plain_configuration("tcp/127.0.0.1:7447", ["tcp/198.18.0.2:7447"])
     config = parse_config(json.dumps(made), tmp_path)
@@ -137,11 +115,6 @@ async def test_zenohd_that_is_not_installed_is_said(tmp_path: Path, monkeypatch:
     with pytest.raises(ConfigError, match=r"zenohd is not in PATH; install it .*or use --router pointit"):
         async with router_process(plain_configuration("tcp/127.0.0.1:0", ()), "zenohd", tmp_path):
             pass
-
-
-def test_messages_name_their_kind_in_clear() -> None:
-    packet = b"\x01\x02".join(str(encoding_of(kind)).encode() for kind in (Cursor, PointingRay, Cursor))
-    assert KIND.findall(packet) == [b"Cursor", b"PointingRay", b"Cursor"]
 
 
 class Links(Network):
@@ -223,10 +196,3 @@ async def test_what_is_late_is_left_out_and_not_put_in_a_burst() -> None:
     sent = Sent(stall_s=0.5)
     await drive_wrists([Wrist(sent)], 100.0, 1.0)
     assert len(sent.samples) <= 52
-
-
-async def test_without_wrists_it_only_lasts() -> None:
-    began_s = time.monotonic()
-    await drive_wrists([], 100.0, 0.1)
-    assert time.monotonic() - began_s >= 0.09
-    await asyncio.sleep(0)

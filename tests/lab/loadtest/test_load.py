@@ -7,8 +7,7 @@ from typing import Any
 import pytest
 
 from pointit_lab.loadtest.layout import Load, groups
-from pointit_lab.loadtest.load_result import CapacitySearch, LoadResult, Usage, quantile_ms
-from pointit_lab.loadtest.usage import read_usage
+from pointit_lab.loadtest.load_result import CapacitySearch, LoadResult, Usage
 from tests.support.bench import until
 from tests.support.commands import Commands, Ended, onlooker
 from tests.support.pace import within
@@ -131,15 +130,7 @@ def test_what_is_too_much_says_why(fields: dict[str, Any], why: str) -> None:
     assert measured(**fields).row()["carried"] == measured(**fields).failure
 
 
-def test_quantiles_are_values_and_of_nothing_there_is_none() -> None:
-    values = [0.001 * n for n in range(1, 101)]
-    assert quantile_ms(values, 0.5) == pytest.approx(50.0)
-    assert quantile_ms(values, 0.99) == pytest.approx(99.0)
-    assert quantile_ms(values, 1.0) == pytest.approx(100.0)
-    assert quantile_ms([], 0.5) is None
-
-
-@pytest.mark.parametrize("limit", [0, 1, 4, 5, 37, 79, 80, 333])
+@pytest.mark.parametrize("limit", [0, 4, 37, 333])
 def test_the_search_ends_near_the_limit_and_never_above_it(limit: int) -> None:
     search = CapacitySearch(5, 1000)
     tried: list[int] = []
@@ -149,16 +140,6 @@ def test_the_search_ends_near_the_limit_and_never_above_it(limit: int) -> None:
     assert search.carried <= limit
     assert len(tried) == len(set(tried)) <= 12
     assert limit - search.carried <= max(1, limit // 8)
-
-
-def test_the_search_stops_at_the_most() -> None:
-    search = CapacitySearch(5, 30)
-    tried: list[int] = []
-    for count in search.counts():
-        tried.append(count)
-        search.report(count, carried=True)
-    assert tried == [5, 10, 20, 30]
-    assert search.carried == 30
 
 
 def load(layout: Any, *connect: str) -> Load:
@@ -180,14 +161,3 @@ def test_every_layout_runs_all_once_and_drives_everybody_once(layout: str, conne
         f"load{index}" for index in range(5)
     ]
     assert len(elsewhere) == {"one": 0, "users": 2, "services": 2 if connect else 7}[layout]
-
-
-def test_what_this_process_takes_is_known() -> None:
-    before = read_usage()
-    assert before is not None
-    sum(range(3_000_000))
-    after = read_usage()
-    assert after is not None
-    assert after.cpu_s > before.cpu_s
-    assert 5 < after.memory_mb < 10_000
-    assert read_usage(2**22 + 1) is None

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pointit_lab.loadtest.layout import Load, host_groups
-from pointit_lab.loadtest.load_result import LinkUsage, LoadResult, Usage
+from pointit_lab.loadtest.load_result import LoadResult, Usage
 from pointit_lab.loadtest.network.tree import router_of, spread, tree
 from pointit_lab.loadtest.slopes import PER_PERSON, PartSlopes, Slope, fit, slopes
 
@@ -57,16 +57,6 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
     assert 0.92 < inside / 400 < 0.98
 
 
-def test_what_never_changed_is_left_out() -> None:
-    found = fit({"fixed": [1.0] * 3, "per_person": [1.0, 2.0, 3.0], "per_host": [2.0] * 3}, [1.0, 2.0, 3.0])
-    assert set(found) == {"fixed", "per_person"}
-
-
-@pytest.mark.parametrize("values", [[], [1.0]])
-def test_too_few_measurements_have_no_slope(values: list[float]) -> None:
-    assert fit({"fixed": [1.0] * len(values)}, values) == {}
-
-
 def test_two_measurements_have_a_slope_without_an_error() -> None:
     found = fit({"fixed": [1.0, 1.0], "per_person": [1.0, 3.0]}, [1.0, 2.0])
     assert found["per_person"].value == pytest.approx(0.5)
@@ -91,20 +81,6 @@ def test_people_a_core_is_the_inverse_with_its_interval(
     assert part.row()["people_a_core"] == shown
 
 
-@pytest.mark.parametrize(
-    ("value", "error", "shown"),
-    [
-        (49.23, 51.2, "49 ± 51"),
-        (1.8, 0.124, "1.80 ± 0.12"),
-        (-3.0, 3.4, "-3.0 ± 3.4"),
-        (0.5, 0.0, "0.5 ± 0"),
-        (0.5, None, "0.5 ± ?"),
-    ],
-)
-def test_a_slope_has_the_digits_of_its_error(value: float, error: float | None, shown: str) -> None:
-    assert str(Slope(value=value, error=error)) == shown
-
-
 def test_each_part_has_its_slopes() -> None:
     found = {part.part: part for part in slopes([result(*step) for step in STEPS])}
     assert list(found) == ["all processes", "people", "site", "all routers", "root router"]
@@ -125,26 +101,6 @@ def test_a_machine_that_could_not_send_all_samples_does_not_count() -> None:
     assert error_of(found.cpu_percent["per_person"]) < 1e-6
 
 
-def test_a_single_measurement_has_no_rows() -> None:
-    assert slopes([result(1, 4)]) == []
-
-
-def test_a_link_shows_kinds_above_zero() -> None:
-    link = LinkUsage(
-        name="host 2 > host 1", up_bytes_hz=1500.0, up_packets_hz=9.6, down_bytes_hz=0.0,
-        down_packets_hz=0.0, up_hz={"Cursor": 200.4, "Health": 0.2}, down_hz={}, counted_s=2.0,
-    )  # fmt: skip
-    assert link.row() == {
-        "link": "host 2 > host 1",
-        "up_kB_per_s": 1.5,
-        "down_kB_per_s": 0.0,
-        "up_packets_per_s": 10,
-        "down_packets_per_s": 0,
-        "up": ["Cursor 200"],
-        "down": [],
-    }
-
-
 def test_cost_of_a_sample_counts_all_processes() -> None:
     one = result(1, 4)  # (3 + 2) + (2 + 3.2) + (1 + 0.4) % of a core at 400 samples a second
     assert one.us_per_sample == pytest.approx(290.0)
@@ -157,9 +113,9 @@ def load(*, central: bool) -> Load:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("hosts", [1, 2, 5, 8])
-@pytest.mark.parametrize("routers", [1, 2, 4, 9])
-@pytest.mark.parametrize("fan", [1, 2, 32])
+@pytest.mark.parametrize("hosts", [1, 5])
+@pytest.mark.parametrize("routers", [1, 4, 9])
+@pytest.mark.parametrize("fan", [1, 2])
 def test_every_machine_reaches_the_root_no_router_has_over_fan(hosts: int, routers: int, fan: int) -> None:
     machines = tree(hosts, routers, fan)
     assert sum(machine.has_people for machine in machines) == hosts
@@ -170,22 +126,6 @@ def test_every_machine_reaches_the_root_no_router_has_over_fan(hosts: int, route
         assert machine.uplink < max(1, index)
     below = [machine.uplink for machine in machines[1:] if machine.has_router]
     assert all(below.count(uplink) <= fan for uplink in below)
-
-
-def test_two_hosts_of_a_campus_are_below_their_buildings() -> None:
-    machines = tree(2, 5, 2)
-    assert [(machine.name, machine.uplink) for machine in machines] == [
-        ("above 1", 0),
-        ("above 2", 0),
-        ("above 3", 0),
-        ("host 1", 1),
-        ("host 2", 1),
-    ]
-
-
-def test_hosts_without_a_router_share_those_of_others() -> None:
-    machines = tree(4, 2, 32)
-    assert [router_of(machines, index) for index in range(4)] == [0, 1, 0, 1]
 
 
 def test_people_are_spread_evenly_over_hosts_only() -> None:
@@ -211,8 +151,3 @@ def test_a_central_load_is_observed_at_the_site() -> None:
     assert set(site.watched) == {"load0", "load1", "load2"}
     assert all(launch.user for group in (first, second) for launch in group.launches)
     assert not first.watched
-
-
-def test_a_host_without_people_has_no_process() -> None:
-    made = host_groups(load(central=True), 1, tree(2, 2, 32))
-    assert [len(groups) for groups in made.values()] == [2, 0]

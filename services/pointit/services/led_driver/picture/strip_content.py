@@ -100,8 +100,10 @@ class StripContent:
 
     def set_hover(self, user: str, hover: Hover, now_ns: int) -> None:
         """Set `user`'s hovered object."""
+        before = self._hovers.get(user)
+        if hover.object_id is not None or (before is not None and before[1].object_id is not None):
+            self._looks = None  # most people hover nothing, as before
         self._hovers[user] = (now_ns, hover)
-        self._looks = None
 
     def set_objects(self, tracker: str, objects: TrackedObjects, now_ns: int) -> None:
         """Set all objects of `tracker`."""

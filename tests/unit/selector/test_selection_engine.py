@@ -40,14 +40,6 @@ def test_the_rate_of_cursors_does_not_matter(
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("rate_hz", [5.0, 8.0])
-def test_a_slow_wrist_selects(method: str, rate_hz: float) -> None:
-    room = Room(package("a", 5.0), method=method)
-    room.stay(2.0, rate_hz, anna=5.0)
-    assert room.told == [("selected", "a", "anna")]
-
-
-@pytest.mark.parametrize("method", METHODS)
 def test_cursors_farther_apart_than_the_longest_gap_select_nothing(method: str) -> None:
     room = Room(package("a", 5.0), method=method, longest_gap_s=0.05)
     room.stay(3.0, 5.0, anna=5.0)
@@ -78,12 +70,6 @@ def test_at_the_originals_settings_fraction_fires_with_the_full_window() -> None
             room.list_objects()
             room.take(room.selecting.on_cursor("anna", pointing(room.time_s, 8.0 if step == missed else 5.0)))
         assert [event.stamp_ns for event in room.events] == [at(0.55)]
-
-
-def test_where_others_are_near_the_gauge_takes_longer() -> None:
-    room = Room(package("a", 5.0), package("b", 5.5))
-    room.stay(2.0, 100.0, anna=5.0)
-    assert (room.events[0].stamp_ns - at(0)) / 1e9 == pytest.approx(0.8, abs=0.03)
 
 
 def test_sweeping_over_objects_selects_nothing() -> None:
@@ -123,13 +109,6 @@ def test_a_moving_object_is_selected_by_who_follows_it_and_by_nobody_else(speed_
     room = Room(package("a", 3.0, speed_mps=speed_mps))
     room.stay(1.5, 100.0, anna=lambda time_s: 3.0 + speed_mps * time_s, ben=4.0)
     assert room.told == [("selected", "a", "anna")]
-
-
-def test_an_object_is_looked_for_where_it_was_shown() -> None:
-    for lag_s, selects in ((0.3, True), (0.0, False)):
-        room = Room(package("a", 2.0, speed_mps=2.0), display_lag_s=lag_s)
-        room.stay(2.0, 100.0, anna=lambda time_s: 2.0 + 2.0 * (time_s - 0.3))
-        assert bool(room.events) == selects
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -204,23 +183,6 @@ def test_with_confirmation_only_a_press_selects_what_was_hovered_before_it(metho
     assert len(room.events) == 1
     press(room, "anna", room.time_s)
     assert room.told[1:] == [("selected", "b", "anna")]
-
-
-def test_a_press_of_who_points_at_nothing_or_no_longer_selects_nothing() -> None:
-    room = Room(package("a", 5.0), confirm="press")
-    press(room, "anna", 0.0)
-    room.stay(1.0, 100.0, anna=8.0)
-    press(room, "anna", room.time_s)
-    room.stay(1.0, 100.0, anna=5.0)
-    press(room, "anna", room.time_s + 1.0)
-    assert room.events == []
-
-
-def test_without_confirmation_a_press_does_nothing() -> None:
-    room = Room(package("a", 5.0))
-    room.stay(0.3, 100.0, anna=5.0)
-    press(room, "anna", room.time_s)
-    assert room.events == []
 
 
 @pytest.mark.parametrize("method", METHODS)

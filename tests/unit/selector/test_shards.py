@@ -12,7 +12,7 @@ from pointit.services.selector.arbiter import MAX_CLAIM_AGE_NS
 from pointit.services.selector.claim_budget import MAX_CLAIMS, TOLD_NS
 from pointit.services.selector.outputs import Action
 from pointit.services.selector.selection_engine import SelectionEngine
-from pointit.services.selector.shard_engine import GIVE_UP_NS, REPEAT_NS
+from pointit.services.selector.shard_engine import GIVE_UP_NS
 from tests.unit.selector.room import Room, at, package, packages, pointing
 from tests.unit.selector.shards import ShardedSite
 
@@ -222,14 +222,6 @@ def test_a_claim_from_before_a_clear_does_not_select_again() -> None:
     assert site.owners == {}
 
 
-def test_a_shard_says_what_it_means() -> None:
-    site = a_site(("anna",))
-    for _ in range(2):
-        dwell(site, anna=3.0)
-        dwell(site, anna=9.0)
-    assert [claim.action for _, claim in site.claims] == ["select", "deselect"]
-
-
 def test_a_claim_of_what_another_person_is_selecting_is_refused() -> None:
     site = a_site(("anna", "ben"))
     site.step(0.1, {})
@@ -237,15 +229,6 @@ def test_a_claim_of_what_another_person_is_selecting_is_refused() -> None:
     assert refusals(site, "ben", claimed(site)) == [
         "red is being selected by anna; wait or choose another one"
     ]
-
-
-def test_a_claim_of_what_is_selected_for_good_is_refused() -> None:
-    site = ShardedSite(("anna",), package("a", 3.0), mode="select_only")
-    dwell(site, anna=3.0)
-    dwell(site, anna=9.0)
-    dwell(site, anna=3.0)
-    assert len(site.claims) == 1
-    assert refusals(site, "anna", claimed(site)) == ["red is selected already"]
 
 
 def test_a_claim_of_what_is_past_its_last_way_is_refused_by_the_time_it_comes() -> None:
@@ -256,31 +239,6 @@ def test_a_claim_of_what_is_past_its_last_way_is_refused_by_the_time_it_comes() 
     site.deliver("anna")
     assert [event.event for event in site.events] == ["refused"]
     assert "past its last way" in site.events[0].reason
-
-
-def test_a_claim_that_comes_again_after_a_restart_changes_nothing() -> None:
-    site = a_site(("anna",))
-    dwell(site, anna=3.0)
-    user, claim = site.claims[0]
-    site.end_arbiter()
-    site.start_arbiter()
-    assert site.arbiter.on_claim(user, claim, site.now_ns) == []
-    assert site.owners == {"a": "anna"}
-
-
-def test_a_claim_that_the_arbiter_never_got_is_sent_again() -> None:
-    site = a_site(("anna",))
-    dwell(site, deliver=False, anna=3.0)
-    site.end_arbiter()
-    site.start_arbiter()
-    assert site.events == []
-    site.step(REPEAT_NS / 1e9, {})
-    site.tick()
-    site.deliver("anna")
-    assert [event.event for event in site.events] == ["selected"]
-    site.step(REPEAT_NS / 1e9, {})
-    site.tick()
-    assert not site.links["anna"].up
 
 
 def test_a_claim_that_comes_before_the_first_objects_is_decided_when_it_comes_again() -> None:

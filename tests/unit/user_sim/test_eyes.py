@@ -206,15 +206,6 @@ def test_of_two_that_could_be_it_the_one_where_the_hand_points() -> None:
         assert seen.position_m == pytest.approx(1.0 if at_m < 2.0 else 4.0, abs=PITCH_M)
 
 
-def test_a_cursor_in_a_colormaps_colours() -> None:
-    own = profile(GREEN, cursor_colormap="viridis")
-    bench = Bench(STRIPS, own)
-    for miss_rad in (0.0, 0.05, 0.1, 0.17):
-        bench.point("anna", "strip", "1", 2.0, miss_rad=miss_rad, range_m=2.0)
-        seen = bench.look_long()
-        assert seen.position_m == pytest.approx(2.0, abs=PITCH_M)
-
-
 @pytest.mark.parametrize("along_m", [0.3, 1.7, 3.6])
 def test_beside_a_belt_it_is_on_the_belt(along_m: float) -> None:
     bench = Bench(BELTS, profile())

@@ -182,14 +182,6 @@ def test_a_press_elsewhere_or_late_is_refused() -> None:
     assert (again.cues, again.goals) == (["selected", "selected"], [])
 
 
-def test_cursors_out_of_order_are_ignored() -> None:
-    anna = Anna().stay(THERE, 0.9)
-    anna.lag_s = 0.1
-    anna.stay(ELSEWHERE, 0.08)  # all older than the last one
-    anna.lag_s = 0.0
-    assert anna.stay(THERE, 0.2).cues == ["selected"]
-
-
 def test_a_step_back_of_the_wrists_clock_restarts_the_stay() -> None:
     anna = Anna().stay(THERE, 0.9)
     anna.lag_s = 5.0
@@ -275,15 +267,6 @@ def test_how_sure_a_place_is_follows_from_place_heading_and_aim(
     aim = math.radians(aim_deg) * math.hypot(range_m, 1.64)
     along, across = place_m**2 + (aim / slope) ** 2, place_m**2 + aim**2 + (range_m * yaw_rad) ** 2
     assert sigma == pytest.approx(math.sqrt(max(along, across)), rel=1e-6, abs=1e-6)
-
-
-def test_nobody_knows_how_sure_a_place_is_without_a_pose_or_the_eyes() -> None:
-    judging = GoalChecker(GoalConfig(), "anna")
-    seen = cursor(START_NS, THERE)
-    assert judging.sigma_m(THERE, seen) == math.inf
-    judging.on_pose("anna", pose(0.0, 0.0))
-    assert judging.sigma_m(THERE, seen) < 0.5
-    assert judging.sigma_m(THERE, seen.model_copy(update={"origin_m": None})) == math.inf
 
 
 class Served:

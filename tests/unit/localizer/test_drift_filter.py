@@ -66,18 +66,6 @@ def test_one_anchor_a_minute_tells_the_drift_of_an_exact_person() -> None:
     assert math.hypot(pose.x_m - PERSON.x, pose.y_m - PERSON.y) < 0.05
 
 
-def test_pose_at_a_later_time_does_not_change_the_filter() -> None:
-    drift = calibrated(PERSON)
-    before = drift.at(3 * MINUTE_NS)
-    ahead = drift.at(10 * MINUTE_NS)
-    assert ahead.yaw_sigma_rad > before.yaw_sigma_rad
-    again = drift.at(3 * MINUTE_NS)
-    assert again.yaw_rad == before.yaw_rad
-    assert np.array_equal(again.covariance, before.covariance)
-    far = drift.predict(10 * MINUTE_NS)
-    assert far.yaw_rad == pytest.approx(ahead.yaw_rad, abs=1e-12)
-
-
 def test_an_outlier_is_rejected_named_and_forgotten_after_the_next_anchor() -> None:
     drift, spared = calibrated(PERSON), calibrated(PERSON)
     at_ns = 4 * MINUTE_NS

@@ -71,23 +71,6 @@ def test_only_the_owner_deselects_until_they_are_gone() -> None:
     assert room.told[2:] == [("deselected", "a", "ben")]
 
 
-def test_who_came_back_in_time_keeps_what_is_theirs() -> None:
-    room = Room(package("a", 5.0), ownerless_after_s=10.0)
-    gone_after(room, 5.0)
-    room.selecting.set_present("anna", True, room.now_ns)
-    room.wait(20.0)
-    room.stay(1.0, 50.0, ben=5.0)
-    assert room.told[-1] == ("refused", "a", "ben")
-
-
-def test_who_was_never_announced_is_there_while_they_point() -> None:
-    room = Room(package("a", 5.0), package("b", 8.0), ownerless_after_s=10.0)
-    room.stay(1.0, 50.0, anna=5.0)
-    room.stay(15.0, 10.0, anna=9.9)
-    room.stay(1.0, 50.0, ben=5.0)
-    assert room.told[-1] == ("refused", "a", "ben")
-
-
 def test_undo_takes_back_step_by_step() -> None:
     room = Room(package("a", 5.0), package("b", 7.0))
     room.stay(1.0, 50.0, anna=5.0)
@@ -162,19 +145,6 @@ def test_a_release_deselects_whoevers_it_is_and_tells_them() -> None:
     room.take(room.selecting.undo("boss", room.now_ns))
     assert room.owners == {"a": "anna"}
     assert room.told[-1] == ("selected", "a", "anna")
-
-
-def test_a_take_over_changes_the_owner() -> None:
-    room = Room(package("a", 5.0))
-    room.stay(1.0, 50.0, anna=5.0)
-    room.take(room.selecting.release("ben", "a", True, room.now_ns))
-    assert room.owners == {"a": "ben"}
-    assert room.told[1:] == [("deselected", "a", "ben"), ("selected", "a", "ben")]
-    room.stay(2.0, 50.0, anna=8.0, ben=8.0)
-    room.stay(1.0, 50.0, anna=5.0)
-    assert room.told[-1] == ("refused", "a", "anna")
-    room.take(room.selecting.undo("ben", room.now_ns))
-    assert room.owners == {"a": "anna"}
 
 
 @pytest.mark.parametrize(

@@ -61,17 +61,6 @@ def test_staying_selects_once_and_coming_back_deselects(method: str, after_s: fl
     assert [(event.cause, event.kind) for event in room.events] == [("dwell", "red")] * 2
 
 
-def test_at_the_originals_settings_fraction_fires_with_the_full_window() -> None:
-    """10 Hz, 0.5 s, 4 of 5: the first window is full after 0.5 s, whichever of its timesteps is missed."""
-    for missed in range(5):
-        room = Room(package("a", 5.0), method="fraction", window_s=0.5, timestep_s=0.1, fraction=0.8)
-        for step in range(8):
-            room.time_s = 0.1 * step + 0.05
-            room.list_objects()
-            room.take(room.selecting.on_cursor("anna", pointing(room.time_s, 8.0 if step == missed else 5.0)))
-        assert [event.stamp_ns for event in room.events] == [at(0.55)]
-
-
 def test_sweeping_over_objects_selects_nothing() -> None:
     room = Room(*(package(str(x), float(x)) for x in range(1, 10)))
     room.stay(8.0, 100.0, anna=lambda time_s: 1.0 + time_s)  # 1 m/s, up to 18 degrees/s
@@ -93,15 +82,6 @@ def test_a_ray_that_passes_over_a_long_object_does_not_select_it_however_long_it
     resting = Room(package("a", 5.0, length_m=3.0))
     resting.stay(1.0, 100.0, anna=5.0)
     assert resting.told == [("selected", "a", "anna")]
-
-
-@pytest.mark.parametrize(("method", "selects"), [("gauge", False), ("hold", True), ("fraction", True)])
-def test_only_the_gauge_tells_a_ray_that_passes_over_an_object_from_one_that_stays(
-    method: str, *, selects: bool
-) -> None:
-    long = Room(package("a", 5.0, length_m=3.0), method=method, gauge={})  # with all as it is by default
-    long.stay(2.2, 100.0, anna=lambda time_s: 3.9 + time_s)
-    assert bool(long.events) == selects
 
 
 @pytest.mark.parametrize("speed_mps", [0.3, 1.0, 2.0])
@@ -229,19 +209,6 @@ def test_a_cursor_without_a_ray_counts_by_metres(method: str) -> None:
     assert room.told == [("selected", "a", "anna")]
     assert room.events[0].confidence is None
     assert room.hovers["anna"][-1].miss_rad is None
-
-
-def test_the_confidence_is_high_in_the_open_and_lower_in_a_crowd() -> None:
-    confidences: list[float] = []
-    for others in ((), (package("b", 5.25, length_m=0.2),)):
-        room = Room(package("a", 5.0, length_m=0.2), *others)
-        room.stay(1.5, 100.0, anna=5.05)
-        confidence = room.events[0].confidence
-        assert confidence is not None
-        confidences.append(confidence)
-        assert room.selections[-1].objects[0].confidence == confidence
-    assert confidences[0] == 1.0
-    assert 0.5 < confidences[1] < 0.999
 
 
 def test_cues_are_for_ear_and_skin_and_eye() -> None:

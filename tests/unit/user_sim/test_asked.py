@@ -85,13 +85,6 @@ def test_a_lost_cursor_is_off() -> None:
     assert len(life.doubles) == 1
 
 
-def test_by_default_nobody_presses_twice() -> None:
-    life = living("pointing")
-    show_cursor_off(life, math.radians(30.0))
-    life.run(120.0)
-    assert life.doubles == []
-
-
 def test_an_anchor_every_minute() -> None:
     life = living("localizing", anchor_every_s=60.0, behaviour="rest")
     life.run(30.0)

@@ -146,17 +146,6 @@ def test_a_turned_imu_is_believed_the_second_time() -> None:
     assert pose.anchored_ns == second_ns
 
 
-def test_a_drift_beyond_the_prior_is_believed_too() -> None:
-    fast = math.radians(0.85)  # 51° in the first minute, 3.4 sigma
-    drift = DriftFilter(fix(PERSON, 0))
-    results = [point(drift, drifted(PERSON, m * MINUTE_NS, fast), LAMPS[m], m * MINUTE_NS) for m in (1, 2)]
-    assert results[-1].accepted
-    pose = drift.predict(3 * MINUTE_NS)
-    error = yaw_difference(pose.yaw_rad, drifted(PERSON, 3 * MINUTE_NS, fast).yaw_rad)
-    assert abs(error) < math.radians(8.0)
-    assert abs(error) < 3 * pose.yaw_sigma_rad
-
-
 def test_anchors_that_contradict_each_other_end_in_a_doubt() -> None:
     drift = calibrated(PERSON)
     sure = drift.predict(4 * MINUTE_NS)

@@ -176,19 +176,6 @@ def test_localizations_with_rays_in_common_do_not_add_up() -> None:
         assert math.sqrt(found.covariance[8]) >= sigma_rad
 
 
-def test_one_pointing_beside_is_forgotten_after_two_more_anchors() -> None:
-    drift, spared = DriftFilter(fix(PERSON, 0)), DriftFilter(fix(PERSON, 0))
-    for each in (drift, spared):
-        assert point(each, drifted(PERSON, MINUTE_NS), LAMPS[1], MINUTE_NS).accepted
-    point(drift, drifted(PERSON, 2 * MINUTE_NS), LAMPS[2], 2 * MINUTE_NS, math.radians(32.0))
-    for minute in (3, 4):
-        for each in (drift, spared):
-            point(each, drifted(PERSON, minute * MINUTE_NS), LAMPS[minute % 3], minute * MINUTE_NS)
-    have, want = drift.at(5 * MINUTE_NS), spared.at(5 * MINUTE_NS)
-    assert abs(yaw_difference(have.yaw_rad, want.yaw_rad)) < math.radians(5.0)
-    assert abs(yaw_difference(have.yaw_rad, want.yaw_rad)) < have.yaw_sigma_rad
-
-
 S = 1_000_000_000
 
 

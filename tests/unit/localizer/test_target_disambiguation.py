@@ -9,8 +9,6 @@ from pointit.services.localizer.estimation.estimator import Refusal, Solution, S
 from pointit.services.localizer.procedures.target_disambiguation import TargetDisambiguator, rank_by_posterior
 
 TRUST = SolverSettings()
-ANY_POSE = SolverSettings(max_position_sigma_m=1e3, max_yaw_sigma_rad=1e3)
-"""Accepts any pose, since only the choice of the robot is tested."""
 N = 9.0
 
 

@@ -247,15 +247,6 @@ def under(whereabouts: ObjectPositions, at: Cursor) -> str | None:
     return None if found is None else found.id
 
 
-@pytest.mark.parametrize(
-    ("position_m", "expected"), [(0.79, None), (0.81, "a"), (1.0, "a"), (1.19, "a"), (1.21, None)]
-)
-def test_half_the_length_and_the_margin_count(position_m: float, expected: str | None) -> None:
-    whereabouts = ObjectPositions(margin_m=0.05)
-    whereabouts.update("one", listing(on_strip("a", 1.0)))
-    assert under(whereabouts, cursor(position_m)) == expected
-
-
 def test_other_surfaces_do_not_count() -> None:
     whereabouts = ObjectPositions()
     whereabouts.update("one", listing(on_strip("a", 1.0, strip="1")))

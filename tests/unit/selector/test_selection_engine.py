@@ -209,17 +209,3 @@ def test_a_cursor_without_a_ray_counts_by_metres(method: str) -> None:
     assert room.told == [("selected", "a", "anna")]
     assert room.events[0].confidence is None
     assert room.hovers["anna"][-1].miss_rad is None
-
-
-def test_cues_are_for_ear_and_skin_and_eye() -> None:
-    room = Room(package("a", 5.0))
-    room.stay(1.0, 50.0, anna=5.0)
-    room.stay(1.0, 50.0, anna=8.0, ben=5.0)
-    room.stay(1.0, 50.0, anna=5.0)
-    cues = [*room.cues["anna"], *room.cues["ben"]]
-    assert [(cue.cue, cue.chime, len(cue.haptic_ms)) for cue in cues] == [
-        ("selected", "tick", 1),
-        ("deselected", "tock", 3),
-        ("refused", "buzz", 3),
-    ]
-    assert all(cue.color is not None and cue.text for cue in cues)

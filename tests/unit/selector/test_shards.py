@@ -12,7 +12,7 @@ from pointit.services.selector.claim_budget import MAX_CLAIMS, TOLD_NS
 from pointit.services.selector.outputs import Action
 from pointit.services.selector.selection_engine import SelectionEngine
 from pointit.services.selector.shard_engine import GIVE_UP_NS
-from tests.unit.selector.room import Room, at, package, packages, pointing
+from tests.unit.selector.room import Room, at, package, packages
 from tests.unit.selector.shards import ShardedSite
 
 USERS = ("anna", "ben", "carl")
@@ -134,17 +134,6 @@ def test_shards_select_as_one_selector_does() -> None:
         (event.event, event.stamp_ns) for event in room.events
     ]
     assert len(room.events) == 10
-
-
-def test_shards_hover_as_one_selector_does_beside_the_middle_of_a_package_too() -> None:
-    site, room = a_site(("anna",)), Room(*a_site().objects, **a_site().config.model_dump())
-    for x_m in (3.0, 3.05, 3.1, 3.15, 3.2, 5.9):
-        site.step(0.05, {"anna": x_m})
-        room.time_s = site.time_s
-        room.list_objects()
-        room.take(room.selecting.on_cursor("anna", pointing(room.time_s, x_m)))
-        assert site.hovers["anna"] == room.hovers["anna"][-1]
-    assert site.hovers["anna"].object_id == "b"
 
 
 def test_reserving_takes_few_claims_and_others_see_the_package_as_taken() -> None:

@@ -12,7 +12,6 @@ from pointit.schemas import (
     Cursor,
     Environment,
     Hover,
-    ReservedObject,
     SelectedObject,
     Selection,
     Strip,
@@ -249,17 +248,6 @@ def test_how_things_look_tells_what_they_are(
     assert (mine.marked, mine.full, mine.own, mine.foreign) == (True, True, True, False)
     assert (theirs.full, theirs.foreign, theirs.own) == (True, True, False)
     assert (held.marked, held.foreign, held.full) == (True, True, False)
-
-
-def test_what_somebody_is_about_to_have_is_marked() -> None:
-    bench = Bench(STRIPS, profile(GREEN))
-    bench.know("ben", profile((204, 121, 167)))
-    bench.put("a", "red", "strip", "0", 2.0)
-    bench.looks("a")
-    reserved = (ReservedObject(id="a", user="ben", until_ns=10**9),)
-    bench.lights.content.set_selection(Selection(stamp_ns=0, reserved=reserved))
-    looks = bench.looks("a")
-    assert (looks.marked, looks.foreign, looks.full) == (True, True, False)
 
 
 def test_a_gauge_half_full_is_not_taken_for_selected() -> None:

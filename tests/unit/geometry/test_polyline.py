@@ -110,12 +110,6 @@ def test_a_segment_is_as_far_apart_as_the_nearest_of_its_points(
     assert shape.is_apart(start, end, max(least - math.dist(start, end) / 200, 0.0))
 
 
-@given(stars(), point, point)
-def test_a_segment_that_changes_sides_meets_the_outline(shape: Polygon, start: Vec2, end: Vec2) -> None:
-    if shape.contains(start) != shape.contains(end):
-        assert not shape.is_apart(start, end, 1e-9)
-
-
 @given(stars(), point)
 def test_the_nearest_point_is_on_the_outline_at_the_distance(shape: Polygon, place: Vec2) -> None:
     nearest = shape.nearest(place)

@@ -42,15 +42,6 @@ def test_staying_proposes_and_staying_again_sends() -> None:
     assert (anna.cues, anna.last_text) == (["selected", "selected"], "the robot is sent there")
 
 
-def test_all_senses_tell_a_goal_from_a_proposal() -> None:
-    anna = Anna().stay(THERE).stay(None, 0.2).stay(THERE)
-    first, second = [each for each in anna.outputs if isinstance(each, Feedback)]
-    assert first.chime != second.chime
-    assert first.haptic_ms != second.haptic_ms
-    assert first.color != second.color
-    assert first.point_m == second.point_m == pytest.approx(THERE)
-
-
 def test_staying_on_without_leaving_sends_nothing() -> None:
     anna = Anna().stay(THERE, 7.9)
     assert (anna.cues, anna.goals) == (["selected"], [])
@@ -82,24 +73,12 @@ def test_a_stay_elsewhere_is_another_proposal() -> None:
     assert len(anna.stay(None, 0.1).stay(THERE).goals) == 1
 
 
-def test_each_goal_needs_both_steps() -> None:
-    anna = Anna().stay(THERE).stay(None, 0.1).stay(THERE)
-    anna.stay(None, 0.1).stay(THERE)
-    assert len(anna.goals) == 1
-    assert len(anna.stay(None, 0.1).stay(THERE).goals) == 2
-
-
 @pytest.mark.parametrize("surface_id", ["wall", "ceiling", "elsewhere", ""])
 def test_only_level_planes_seen_from_above_and_what_is_configured_count(surface_id: str) -> None:
     point = (2.0, 1.0, 3.0 if surface_id == "ceiling" else 0.0)
     assert Anna().stay(point, surface_id=surface_id).outputs == []
     assert Anna(surfaces=["elsewhere"]).stay(point, surface_id="elsewhere").cues == ["selected"]
     assert Anna().stay(THERE, surface_id="workspace/horizontal").cues == ["selected"]
-
-
-def test_the_same_place_on_another_surface_is_another_place() -> None:
-    anna = Anna().stay(THERE).stay(THERE, surface_id="workspace/horizontal")
-    assert (anna.cues, anna.goals) == (["selected", "selected"], [])
 
 
 def test_a_restless_cursor_proposes_nothing() -> None:
@@ -203,14 +182,6 @@ def test_a_press_elsewhere_or_late_is_refused() -> None:
     assert (again.cues, again.goals) == (["selected", "selected"], [])
 
 
-def test_cursors_out_of_order_are_ignored() -> None:
-    anna = Anna().stay(THERE, 0.9)
-    anna.lag_s = 0.1
-    anna.stay(ELSEWHERE, 0.08)  # all older than the last one
-    anna.lag_s = 0.0
-    assert anna.stay(THERE, 0.2).cues == ["selected"]
-
-
 def test_a_step_back_of_the_wrists_clock_restarts_the_stay() -> None:
     anna = Anna().stay(THERE, 0.9)
     anna.lag_s = 5.0
@@ -296,15 +267,6 @@ def test_how_sure_a_place_is_follows_from_place_heading_and_aim(
     aim = math.radians(aim_deg) * math.hypot(range_m, 1.64)
     along, across = place_m**2 + (aim / slope) ** 2, place_m**2 + aim**2 + (range_m * yaw_rad) ** 2
     assert sigma == pytest.approx(math.sqrt(max(along, across)), rel=1e-6, abs=1e-6)
-
-
-def test_nobody_knows_how_sure_a_place_is_without_a_pose_or_the_eyes() -> None:
-    judging = GoalChecker(GoalConfig(), "anna")
-    seen = cursor(START_NS, THERE)
-    assert judging.sigma_m(THERE, seen) == math.inf
-    judging.on_pose("anna", pose(0.0, 0.0))
-    assert judging.sigma_m(THERE, seen) < 0.5
-    assert judging.sigma_m(THERE, seen.model_copy(update={"origin_m": None})) == math.inf
 
 
 class Served:

@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -12,10 +11,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from pointit.geometry import vector
-from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, UserPose
-from pointit.services.localizer.drift.filter import DriftFilter, DriftPose, DriftSettings, Fix
-from pointit.services.localizer.drift.state import DriftState
+from pointit.services.localizer.drift.filter import DriftFilter, DriftPose, Fix
 from pointit.services.localizer.tracking.pose_tracking import PoseTracker
 from tests.unit.localizer.person import EYES_M, Person, angles, yaw_difference
 from tests.unit.localizer.test_drift_filter import (
@@ -70,12 +67,6 @@ def apply(drift: DriftFilter, step: Step) -> None:
             raise AssertionError(step)
 
 
-def test_it_starts_as_uncertain_of_the_imu_as_its_settings_say() -> None:
-    trust = DriftSettings(rate_sigma_radps=0.002, creep_sigma_radps=0.0005)
-    _, covariance = DriftState(some_fix(0.0, 0.0, 0.0, 0.1, 0), trust).moments()
-    assert np.sqrt(np.diagonal(covariance)[3:]) == pytest.approx([0.002, 0.0005])
-
-
 def check(pose: DriftPose, whole: NDArray[np.float64]) -> None:
     values = (pose.x_m, pose.y_m, pose.yaw_rad, pose.yaw_rate_radps, pose.yaw_rate_sigma_radps)
     assert all(map(math.isfinite, values))
@@ -122,57 +113,6 @@ def test_the_yaw_gets_surer_by_an_anchor_and_less_sure_in_between(
         assert drift.at(round(at_s * NS_PER_S)).yaw_sigma_rad < last
 
 
-World = Callable[[Vec3], Vec3]
-
-
-def history(
-    world: World, yaw: Callable[[float], float], hand: float, seed: int
-) -> tuple[list[tuple[object, ...]], DriftPose]:
-    """Return the filter's results for anchors in that world; `hand` is -1 if {H} is mirrored."""
-    rng = np.random.default_rng(seed)
-    # isotropic, so that it is the same in every world
-    covariance = np.diag([0.15**2, 0.15**2, math.radians(3.0) ** 2])
-    x, y, _ = world((0.3, -0.2, 0.0))
-    drift = DriftFilter(Fix(x_m=x, y_m=y, yaw_rad=yaw(0.5), covariance=covariance, stamp_ns=0))
-    said: list[tuple[object, ...]] = []
-    for minute in range(1, 7):
-        at_ns = minute * 60 * NS_PER_S
-        around, beside = rng.uniform(-math.pi, math.pi), rng.normal(0.0, math.radians(2.0))
-        if minute == 4:
-            beside += math.radians(60.0)
-        target = (0.3 + 3.0 * math.cos(around), -0.2 + 3.0 * math.sin(around), 0.4)
-        azimuth = around + beside - 0.5 - math.radians(0.3) * minute * 60
-        ray = vector.direction(hand * azimuth, math.atan2(0.4 - EYES_M, 3.0) + 0.02)
-        result = drift.update_anchor(at_ns, world(target), EYES, ray)
-        said.append(
-            (result.accepted, round(hand * result.azimuth_error_rad, 6), round(result.elevation_error_rad, 6))
-        )
-    return said, drift.predict(400 * NS_PER_S)
-
-
-@given(
-    angles, st.floats(-100.0, 100.0), st.floats(-100.0, 100.0), st.sampled_from((1.0, -1.0)),
-    st.integers(0, 99),
-)  # fmt: skip
-def test_a_turned_shifted_or_mirrored_world_gives_the_same(
-    turn: float, east: float, north: float, hand: float, seed: int
-) -> None:
-    def world(place: Vec3) -> Vec3:
-        x, y, z = vector.rotate_z((place[0], hand * place[1], place[2]), turn)
-        return (x + east, y + north, z)
-
-    plain, there = history(lambda place: place, lambda yaw: yaw, 1.0, seed)
-    said, pose = history(world, lambda yaw: hand * yaw + turn, hand, seed)
-    assert [accepted for accepted, *_ in said] == [True, True, True, False, True, True]
-    for a, b in zip(said, plain, strict=True):
-        assert np.allclose(np.array(a, dtype=np.float64), np.array(b, dtype=np.float64), atol=2e-6)
-    assert abs(yaw_difference(pose.yaw_rad, hand * there.yaw_rad + turn)) < 1e-6
-    assert np.allclose((pose.x_m, pose.y_m), world((there.x_m, there.y_m, 0.0))[:2], atol=1e-6)
-    assert abs(pose.yaw_sigma_rad - there.yaw_sigma_rad) < 1e-9
-    assert abs(pose.position_sigma_m - there.position_sigma_m) < 1e-9
-    assert abs(pose.yaw_rate_radps - hand * there.yaw_rate_radps) < 1e-9
-
-
 JUMP_RAD = math.radians(-51.0)
 """Jump of the IMU's yaw."""
 
@@ -207,14 +147,6 @@ def test_jump_leaves_hardly_a_larger_error_than_anchoring_again(by: str, jump_ns
     assert abs(yaw_difference(pose.yaw_rad, jumped(5 * MINUTE_NS, jump_ns).yaw_rad)) < math.radians(6.0)
 
 
-def test_confirmed_rate_outlives_a_turned_imu() -> None:
-    drift = calibrated(PERSON)
-    at_ns = 4 * MINUTE_NS
-    turned = dataclasses.replace(drifted(PERSON, at_ns), yaw_rad=drifted(PERSON, at_ns).yaw_rad + 1.0)
-    drift.reset(fix(turned, at_ns))
-    assert drift.at(at_ns).yaw_rate_radps == pytest.approx(RATE_RADPS, abs=math.radians(0.03))
-
-
 def test_contradicted_rate_is_doubted_at_once_and_forgotten_after_the_next_anchor() -> None:
     """The jump before the first anchor looked like a rate of -31 degrees a minute."""
     drift = DriftFilter(fix(PERSON, 0))
@@ -242,19 +174,6 @@ def test_localizations_with_rays_in_common_do_not_add_up() -> None:
         )
         found = tracking.set_localized(pose, start_s * NS_PER_S, (start_s + 5) * NS_PER_S, newest_ns)
         assert math.sqrt(found.covariance[8]) >= sigma_rad
-
-
-def test_one_pointing_beside_is_forgotten_after_two_more_anchors() -> None:
-    drift, spared = DriftFilter(fix(PERSON, 0)), DriftFilter(fix(PERSON, 0))
-    for each in (drift, spared):
-        assert point(each, drifted(PERSON, MINUTE_NS), LAMPS[1], MINUTE_NS).accepted
-    point(drift, drifted(PERSON, 2 * MINUTE_NS), LAMPS[2], 2 * MINUTE_NS, math.radians(32.0))
-    for minute in (3, 4):
-        for each in (drift, spared):
-            point(each, drifted(PERSON, minute * MINUTE_NS), LAMPS[minute % 3], minute * MINUTE_NS)
-    have, want = drift.at(5 * MINUTE_NS), spared.at(5 * MINUTE_NS)
-    assert abs(yaw_difference(have.yaw_rad, want.yaw_rad)) < math.radians(5.0)
-    assert abs(yaw_difference(have.yaw_rad, want.yaw_rad)) < have.yaw_sigma_rad
 
 
 S = 1_000_000_000

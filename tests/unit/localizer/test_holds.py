@@ -14,7 +14,7 @@ from pointit.services.localizer.estimation.rays import Mean, believed, mean, unf
 from pointit.services.localizer.procedures.facing import HeadingWindow
 from pointit.services.localizer.procedures.hold import Hold
 from pointit.services.localizer.procedures.static_targets import StaticTargets
-from pointit.services.localizer.verification.holds import NEIGHBOURS, held, odd_hold, without_spikes
+from pointit.services.localizer.verification.holds import held, odd_hold, without_spikes
 from pointit.services.pointing.arm_ray import ArmRay
 from tests.support.known import known
 from tests.unit.localizer.person import EYES_M, START_NS, Person, config, pointings, told
@@ -256,9 +256,3 @@ def test_one_ray_that_leaps_is_left_out_and_no_other(at: int) -> None:
     steady.directions[at] = SPIKE
     left = without_spikes(steady)
     assert list(left.stamps_s) == [stamp for index, stamp in enumerate(steady.stamps_s) if index != at]
-
-
-def test_too_few_rays_have_no_neighbours_to_leap_from() -> None:
-    few = pointings(Person(), [(3.0, 1.0, 1.0)], each=2 * NEIGHBOURS)
-    few.directions[3] = SPIKE
-    assert len(without_spikes(few)) == 2 * NEIGHBOURS

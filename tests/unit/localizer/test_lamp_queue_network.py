@@ -243,19 +243,6 @@ def test_every_wait_ends_despite_losses_and_crashes(
     assert world.longest_ns <= (LOSS_S + 1.0 + 2 * DELAY_S) * S + 4 * STEP_NS
 
 
-@given(delays, st.floats(0.0, 1.0))
-def test_disjoint_sets_of_lamps_are_used_side_by_side(delays_s: list[float], gap_s: float) -> None:
-    world = World([LEFT, RIGHT], delays_s)
-    anna, ben = world.people.values()
-    world.ask(anna)
-    world.run(gap_s)
-    world.ask(ben)
-    for _ in range(2):
-        assert anna.target
-        assert ben.target
-        world.run(1.5)
-
-
 @given(
     st.lists(st.sampled_from([LEFT, MIDDLE, RIGHT, ALL]), min_size=2, max_size=4),
     delays,

@@ -16,7 +16,6 @@ from pointit.runtime.errors import RefusedError
 from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import (
     NS_PER_S,
-    CancelLocalization,
     ImuSample,
     Interaction,
     Localization,
@@ -132,15 +131,6 @@ async def test_an_anchor_sets_a_fixed_pose_right_and_from_then_on_it_is_followed
         living.cancel()
 
 
-async def test_the_lamp_that_tells_most_about_the_yaw_is_taken_when_none_is_named() -> None:
-    async with worn(FIXED) as wearer:
-        # far away and at eye height
-        assert await wearer.call(at.POINT_ANCHOR, PointAnchor()) == "point at led_0"
-        said = await wearer.call(at.CANCEL_LOCALIZATION, CancelLocalization())
-        assert said == "cancelled; the last pose stays"
-        assert (wearer.progress[-1].phase, wearer.progress[-1].purpose) == ("cancelled", "anchor")
-
-
 async def test_impossible_anchor_is_refused_immediately() -> None:
     async with worn(LAMPS_FIRST, has_map=False) as wearer:
 
@@ -160,18 +150,6 @@ async def test_impossible_anchor_is_refused_immediately() -> None:
         assert "lamps led_7 are not on map 'lab'" in await reason("led_7")
         await wearer.call(at.START_LOCALIZATION, StartLocalization())
         assert "anna is being localized now" in await reason()
-
-
-async def test_silence_at_an_anchor_is_refused_and_shown_in_health() -> None:
-    clock = ManualClock()
-    async with worn(FIXED, clock) as wearer:
-        await wearer.call(at.POINT_ANCHOR, PointAnchor())
-        clock.advance(20.0)
-        refused = await wearer.until_phase("refused")
-        assert "only 0 rays came while led_0 was lit" in refused.reason
-        assert wearer.anchors == []
-        await wearer.until_warned("only 0 rays")
-        assert len(wearer.poses) == 1
 
 
 async def test_an_untold_yaw_is_warned_of_with_the_remedy_until_an_anchor() -> None:
@@ -211,14 +189,6 @@ async def test_facing_the_wall_sets_the_yaw() -> None:
         pose = wearer.poses[-1]
         assert abs(yaw_difference(pose.yaw_rad, 60.0 * DEGREE)) < 2.0 * DEGREE
         assert pose.position_m == pytest.approx((1.5, 1.2, 0.0))
-
-
-async def test_without_a_pose_a_heading_is_refused() -> None:
-    clock = ManualClock()
-    async with worn(LAMPS_FIRST, clock) as wearer:
-        await wearer.aim(clock, (1.0, 0.0, 0.0))
-        with pytest.raises(RefusedError, match="no pose of anna is known"):
-            await wearer.call(at.SET_HEADING, SetHeading(azimuth_rad=0.0))
 
 
 def tracked(clock: Clock, x_m: float = 7.0) -> UserPose:
@@ -286,17 +256,6 @@ async def test_our_last_pose_is_taken_back_when_a_tracker_comes(monkeypatch: pyt
         assert closed == []
         await wearer.put(at.POSE, tracked(clock))
         await until(lambda: closed == [at.POSE.at(USER)], what="taking back")
-
-
-async def test_idle_localizer_reports_that_a_tracker_provides_the_pose() -> None:
-    clock = ManualClock()
-    async with worn(FIXED, clock) as wearer:
-        await wearer.put(at.POSE, tracked(clock))
-        await until(lambda: "localizer pauses" in wearer.progress[-1].reason, what="pausing")
-        assert wearer.progress[-1].phase == "idle"
-        late = wearer.bench.collect(at.POSE, USER)
-        await wearer.bench.settle()
-        assert all(pose.method == "external" for pose in late)
 
 
 @in_virtual_time

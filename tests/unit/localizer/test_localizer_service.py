@@ -165,20 +165,6 @@ async def test_cancel_leaves_lamps_dark_and_the_last_pose() -> None:
         assert await room.cancel() == "nothing was going on"
 
 
-@in_virtual_time
-async def test_start_again_begins_at_the_first_lamp() -> None:
-    async with room_of(person=Person(1.5, 1.2, 0.4), clock=VirtualClock()) as room:
-        await room.start()
-        async with room.pointing():
-            await room.until_phase("sampling", target_index=2)
-        await room.start()
-        await room.bench.settle()
-        assert (room.lit, room.progress[-1].target_index, room.progress[-1].samples) == ("led_0", 0, 0)
-        async with room.pointing():
-            await room.until_phase("solved")
-        assert room.poses[0].samples < 250
-
-
 async def test_set_pose_stops_the_running_procedure() -> None:
     async with room_of() as room:
         await room.start()
@@ -288,20 +274,6 @@ def test_defaults_of_configuration_and_cores_are_equal() -> None:
     assert drift.anchor_sigma_rad == pytest.approx(settings.anchor_sigma_rad)
     assert drift.rate_sigma_radps == pytest.approx(settings.rate_sigma_radps)
     assert (want.max_position_sigma_m, config.trust.max_yaw_sigma_deg) == (UNSURE_M, UNSURE_DEG)
-
-
-def test_lamps_and_robots_have_limits_of_their_own() -> None:
-    trust = TrustConfig(
-        max_residual_deg=20.0,
-        max_act_residual_deg=3.0,
-        act_sigma_deg=1.0,
-        ray_sigma_deg=4.0,
-        model_sigma_deg=0.0,
-    ).settings()
-    assert math.degrees(trust.max_residual_rad) == pytest.approx(20.0)
-    assert math.degrees(trust.residual_limit_rad(is_still=True)) == pytest.approx(3.0)
-    assert math.degrees(trust.noise_model(is_still=True).sigma_rad[0]) == pytest.approx(1.0)
-    assert trust.model_sigma_rad == 0.0
 
 
 def test_health_does_not_warn_of_what_localization_accepts() -> None:

@@ -61,16 +61,6 @@ def test_it_is_never_surer_than_people_are_steady_nor_vaguer_than_people_in_gene
             assert 2.0 <= stated_deg <= math.degrees(TRUST.bias_sigma_rad) + 1e-9
 
 
-def test_a_pose_exactly_as_uncertain_as_allowed_is_taken() -> None:
-    rays = pointings(TRUE, WAY, each=1)
-    free = solve(rays, recall(TRUST, memory(8.0), 0))
-    assert isinstance(free, Solution)
-    limited = replace(TRUST, max_position_sigma_m=free.position_sigma_m, max_yaw_sigma_rad=free.yaw_sigma_rad)
-    taken = solve(rays, recall(limited, memory(8.0), 0))
-    assert isinstance(taken, Solution)
-    assert (taken.position_sigma_m, taken.bias_sigma_rad) == (free.position_sigma_m, free.bias_sigma_rad)
-
-
 def test_what_a_certain_localization_finds_is_expected_next_and_a_vague_one_teaches_nothing() -> None:
     first = learn(None, found(8.0, 1.5), TRUST, BAND, 0)
     assert expected_deg(first) == pytest.approx((8.0, 2.5))  # 1.5° and 2° between sessions

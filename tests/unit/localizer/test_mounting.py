@@ -17,7 +17,7 @@ from pointit.services.localizer.estimation.estimator import (
     SolverSettings,
     solve,
 )
-from pointit.services.localizer.estimation.mounting import Slope, mounting_fault, mounting_slope
+from pointit.services.localizer.estimation.mounting import Slope, mounting_fault
 from pointit.services.localizer.procedures.moving_target import MovingTarget
 from pointit.services.pointing.arm_ray import ArmRay
 from tests.unit.localizer.person import EYES_M, START_NS, config, poses, solved, told
@@ -105,14 +105,6 @@ def test_robot_at_one_elevation_does_not_tell_the_mounting() -> None:
             assert verdict(following(seed, TURNS[turn], rise_m=0.0, is_around=True))[1] == ""
 
 
-def test_no_pointings_give_no_slope() -> None:
-    gathered = following(1, TURNS["along"])
-    found = solve(gathered, SolverSettings())
-    assert isinstance(found, Solution)
-    nothing = gathered.only(np.zeros(len(gathered), dtype=np.bool_))
-    assert mounting_slope(nothing, found, SolverSettings(), 0.0, independent=20.0) is None
-
-
 @pytest.mark.parametrize("ahead_s", [(0.0,), (60.0, 0.0)], ids=["one tracker", "another with a wrong clock"])
 @pytest.mark.parametrize(("turn", "how"), [("left", "across the arm"), ("backwards", "backwards on the arm")])
 def test_procedure_refuses_a_wrong_mounting_and_says_what_to_do(
@@ -180,13 +172,6 @@ def test_recorded_slopes_are_told_apart(
     assert f"seems to be mounted {how} the arm" in fault
 
 
-@pytest.mark.parametrize(("freedom", "is_wrong"), [(2.0, False), (18.0, True)])
-def test_few_need_a_wider_margin(monkeypatch: pytest.MonkeyPatch, freedom: float, *, is_wrong: bool) -> None:
-    slope = dataclasses.replace(SURE, value=0.2, sigma=0.2, freedom=freedom)
-    assert slope.is_wrong == is_wrong
-    assert ("seems to be mounted" in said(monkeypatch, slope)) == is_wrong
-
-
 @pytest.mark.parametrize(
     ("sigma", "value", "is_told"), [(0.2, 0.6, True), (0.3, 0.6, False), (0.2, 0.8, False)]
 )
@@ -197,14 +182,3 @@ def test_slope_that_is_uncertain_is_no_reason_for_doubt(
     fault = said(monkeypatch, slope)
     assert ("the rays rise and sink only 0.6 times as much as the robot" in fault) == bool(fault) == is_told
     assert said(monkeypatch, slope, is_refused=True) == ""  # then the rays miss for another reason
-
-
-@pytest.mark.parametrize(
-    "aside", [{"freedom": mounting.FOLLOWS_FREEDOM - 0.1, "sigma": 0.01}, {"sideways_rad": 0.1}]
-)
-def test_refused_rays_are_blamed_on_the_sensor_only_if_their_azimuths_follow(
-    monkeypatch: pytest.MonkeyPatch, aside: dict[str, float]
-) -> None:
-    slope = dataclasses.replace(SURE, **aside)
-    assert "seems to be mounted across" in said(monkeypatch, slope)
-    assert said(monkeypatch, slope, is_refused=True) == ""

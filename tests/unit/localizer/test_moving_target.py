@@ -13,7 +13,7 @@ from pointit.schemas import NS_PER_S, TrackedObject, TrackedObjects, UserPose
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.outputs import Output
 from pointit.services.localizer.procedures.moving_target import CONTRADICTED, WRIST_SIGMA_S, MovingTarget
-from pointit.services.localizer.procedures.time_sync import RayWindow, Track
+from pointit.services.localizer.procedures.time_sync import Track
 from tests.unit.localizer.person import START_NS, Person, config, poses, told, yaw_difference
 
 PERSON = Person(0.5, -0.3, 1.1, math.radians(-4.0))
@@ -206,18 +206,6 @@ def test_tracker_whose_clock_is_apart_is_named_with_the_difference(ahead_s: floa
     assert last.reason.startswith(f"the clock of tracker room is {apart};")
 
 
-def test_tracker_that_ends_is_not_said_to_have_another_clock() -> None:
-    procedure = MovingTarget(config())
-    fly(procedure, 3.0)
-    reasons: list[str] = []
-    for tick in range(150, 900):
-        now_ns = START_NS + tick * NS_PER_S // 50
-        procedure.on_ray(PERSON.ray(place(tick / 50.0), now_ns))
-        reasons += [message.reason for message in told(procedure.step(now_ns))]
-    assert not any("clock" in reason for reason in reasons)
-    assert "no tracker reports a robot" in reasons[-1]
-
-
 def test_no_pose_is_repeated_when_the_rays_stop() -> None:
     procedure = MovingTarget(config(autostart=True))
     fly(procedure, 12.0)
@@ -227,14 +215,6 @@ def test_no_pose_is_repeated_when_the_rays_stop() -> None:
             assert poses(outputs) == []
             assert told(outputs)[-1].phase == "solved"  # the last pose holds
             assert "no rays come" in told(outputs)[-1].reason
-
-
-def test_cancel_stops_following_and_keeps_the_pose() -> None:
-    procedure = MovingTarget(config())
-    fly(procedure, 2.5)
-    (message,) = told(procedure.cancel(START_NS + 3 * NS_PER_S))
-    assert message.phase == "cancelled"
-    assert procedure.cancel(START_NS + 3 * NS_PER_S) == []
 
 
 def test_a_track_is_linear_between_reports_and_unknown_in_gaps() -> None:
@@ -253,13 +233,6 @@ def test_a_tracker_whose_clock_is_set_back_is_followed() -> None:
     for at_s in (5000, 5001, 100, 101, 102):
         track.add(at_s * NS_PER_S, (1.0, 2.0, 3.0))
     assert track.newest_ns == 102 * NS_PER_S
-
-
-def test_a_window_forgets_and_takes_no_older_ray() -> None:
-    window = RayWindow(2.0)
-    for t_s in (0.0, 1.0, 0.5, 1.0, 2.0, 2.5):
-        window.add(PERSON.ray((1.0, 1.0, 1.0), START_NS + round(t_s * NS_PER_S)))
-    assert (len(window), window.newest_ns) == (3, START_NS + round(2.5 * NS_PER_S))
 
 
 def test_a_robot_that_stands_is_the_reason_and_no_second_place_is_asked_for() -> None:
@@ -385,11 +358,3 @@ def test_rays_of_before_the_start_make_no_pose_however_late_they_come() -> None:
     assert (poses(outputs), told(outputs)[-1].samples) == ([], 0)
     assert "no rays come" in told(outputs)[-1].reason
     assert told(live(procedure, 12.1, 14.5))[-1].samples == pytest.approx(10, abs=6)  # after the reaction
-
-
-def test_progress_falls_while_the_robot_is_lost() -> None:
-    procedure = started(config(window_s=3.0))
-    seen = told(live(procedure, 0.0, 3.4))[-1].progress
-    assert seen > 0.5
-    lost = [message.progress for message in told(live(procedure, 3.4, 20.0, is_tracked=False))]
-    assert (lost, lost[-1]) == (sorted(lost, reverse=True), 0.0)

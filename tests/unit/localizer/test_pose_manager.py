@@ -200,13 +200,6 @@ def test_restoring_a_pose_twice_does_not_make_it_more_certain() -> None:
     assert again.yaw_rad == pytest.approx(0.42)
 
 
-def test_without_drift_it_stays_but_is_not_exact() -> None:
-    locating = started(track_drift=False)
-    pose = given_back(locating, "fixed")
-    assert pose.covariance == FOUND
-    assert not locating.is_followed
-
-
 @pytest.mark.parametrize(
     "covariance",
     [
@@ -316,13 +309,6 @@ def test_lamps_that_can_tell_no_pose_are_refused_at_once(
 
 def test_configured_lamps_come_in_their_order() -> None:
     assert lamps_for_pose(room(A, B, C), config(lamps=("c", "a"))) == [C, A]
-
-
-def test_the_choice_is_that_of_the_configuration() -> None:
-    locating = PoseManager("anna", LocalizerConfig(method="static_targets", order="given", targets=2))
-    locating.begin(START_NS)
-    locating.on_map(room(A, at(A), B), START_NS)
-    assert isinstance(locating.start(None, START_NS), Refusal)
 
 
 def test_map_change_reason_names_lamps_that_left_or_moved() -> None:

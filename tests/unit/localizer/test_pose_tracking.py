@@ -7,7 +7,6 @@ import pytest
 
 from pointit.geometry import rotation
 from pointit.schemas import NS_PER_S, Lamp, Localization, PointingRay, UserPose
-from pointit.services.localizer.drift.filter import DriftSettings
 from pointit.services.localizer.estimation.rays import Mean, mean
 from pointit.services.localizer.outputs import Output
 from pointit.services.localizer.procedures.anchoring import Anchoring
@@ -129,17 +128,6 @@ def test_following_can_be_asked_for_or_ruled_out(*, follow: bool) -> None:
     assert (tracking.due(at(20.0)) is not None) is follow
 
 
-def test_a_fixed_pose_that_is_quite_wrong_is_believed_by_two_anchors() -> None:
-    tracking = PoseTracker()
-    tracking.set_exact(found().model_copy(update={"yaw_rad": 2.4, "method": "fixed"}), at(0.0))
-    first = tracking.anchor(LAMP, pointing(5.0)).anchor
-    assert not first.accepted
-    assert "point at that target again" in first.reason
-    assert tracking.anchor(LAMP, pointing(10.0)).anchor.accepted
-    pose = known(tracking.pose(at(10.0)))
-    assert abs(yaw_difference(pose.yaw_rad, person(10.0).yaw_rad)) < 2.0 * DEGREE
-
-
 def test_a_tracker_has_the_pose_and_anchors_only_measure() -> None:
     tracking = localized()
     tracking.set_external(found(10.0).model_copy(update={"method": "external", "yaw_rad": 0.0}))
@@ -202,22 +190,6 @@ def test_a_calibration_takes_the_bias_over_and_gives_it_back() -> None:
     assert fixed.on_ray(ray(2.0), at(2.0)) is None
 
 
-def test_metrics_and_uncertainty_follow_the_pose() -> None:
-    tracking = localized()
-    tracking.anchor(LAMP, pointing(20.0))
-    figures = {name: (value, unit) for name, value, unit in tracking.figures(at(50.0))}
-    age_s, unit = figures["anchor age"]
-    assert age_s == pytest.approx(30.0)
-    assert unit == "s"
-    drift, unit = figures["drift"]
-    assert drift == pytest.approx(18.0, abs=8.0)
-    assert unit == "°/min"
-    yaw_deg, unit = list(figures.values())[3]
-    assert math.degrees(tracking.yaw_sigma_rad(at(50.0))) == pytest.approx(yaw_deg)
-    assert unit == "°"
-    assert tracking.yaw_sigma_rad(at(500.0)) > tracking.yaw_sigma_rad(at(50.0))
-
-
 def anchoring(tracking: PoseTracker, off_deg: float = 0.0, wander_deg: float = 0.0) -> list[Output]:
     procedure = Anchoring(LAMP, tracking.anchor, config(), occupies=("other",))
     assert procedure.lamp_ids == ("led", "other")
@@ -255,12 +227,6 @@ def test_a_bad_anchor_is_told_too_and_refused(off_deg: float, wander_deg: float,
     assert not anchor.accepted  # type: ignore[union-attr]  # checked above
     assert progress.phase == "refused"  # type: ignore[union-attr]  # the last is always progress
     assert progress.reason == anchor.reason  # type: ignore[union-attr]  # as above
-
-
-def test_settings_reach_the_filter() -> None:
-    calm = PoseTracker(DriftSettings(rate_sigma_radps=math.radians(0.01)))
-    calm.set_localized(found(), at(-8.0), at(0.0), at(0.0))
-    assert calm.yaw_sigma_rad(at(60.0)) < localized().yaw_sigma_rad(at(60.0)) / 3.0
 
 
 def test_a_rest_counts_until_a_cursor_appears() -> None:

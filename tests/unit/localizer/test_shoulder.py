@@ -5,8 +5,6 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from pointit.geometry import rotation
@@ -99,18 +97,3 @@ def test_poses_with_a_shoulder_are_as_honest_as_without(moving: bool) -> None:  
     assert found >= found_without - 0.03
     assert honest >= honest_without - 0.01
     assert honest >= 0.95
-
-
-@given(
-    st.integers(0, 1000), st.sampled_from(["eye_finger", "shoulder_arm", "forearm"]), st.booleans(),
-    st.floats(-math.pi, math.pi),
-)  # fmt: skip
-def test_another_yaw_origin_changes_no_pose(seed: int, model: RayModel, moving: bool, yaw_rad: float) -> None:  # noqa: FBT001
-    person, body = pointer(seed, 0.2, moving=moving), BodyMeasures(neck_to_shoulder_m=0.2)
-    before, after = (solve(person.pointings(body, yaw, model)) for yaw in (0.0, yaw_rad))
-    assert isinstance(after, type(before))
-    if isinstance(before, Solution) and isinstance(after, Solution):
-        assert (after.x_m, after.y_m) == pytest.approx((before.x_m, before.y_m), abs=0.01)
-        assert math.remainder(after.yaw_rad - before.yaw_rad - yaw_rad, math.tau) == pytest.approx(
-            0.0, abs=0.01
-        )

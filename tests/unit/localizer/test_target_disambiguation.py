@@ -9,8 +9,6 @@ from pointit.services.localizer.estimation.estimator import Refusal, Solution, S
 from pointit.services.localizer.procedures.target_disambiguation import TargetDisambiguator, rank_by_posterior
 
 TRUST = SolverSettings()
-ANY_POSE = SolverSettings(max_position_sigma_m=1e3, max_yaw_sigma_rad=1e3)
-"""Accepts any pose, since only the choice of the robot is tested."""
 N = 9.0
 
 
@@ -43,19 +41,6 @@ def test_probabilities_are_those_of_the_residuals() -> None:
     assert fits[0].probability == pytest.approx(1.0 / (1.0 + odds))
     assert sum(fit.probability for fit in fits) == pytest.approx(1.0)
     assert fits[2].probability == 0.0
-
-
-def test_inaccurate_pointing_is_more_ambiguous() -> None:
-    good = rank_by_posterior([("a", solution(1.0)), ("b", solution(4.0))], N, TRUST.ray_sigma_rad)
-    bad = rank_by_posterior([("a", solution(6.0)), ("b", solution(7.2))], N, TRUST.ray_sigma_rad)
-    # the squares differ alike, by 15 and 15.8 square degrees
-    assert good[0].probability > 0.99
-    assert 0.8 < bad[0].probability < 0.99
-
-
-def test_robots_without_a_fit_have_probability_zero() -> None:
-    fits = rank_by_posterior([("a", Refusal("x")), ("b", Refusal("y"))], N, TRUST.ray_sigma_rad)
-    assert [fit.probability for fit in fits] == [0.0, 0.0]
 
 
 def test_choice_stays_until_another_robot_is_clearly_meant() -> None:
@@ -94,10 +79,3 @@ def test_two_that_fit_differently_well_are_told_apart_by_their_probability_alone
     """1.0° against 1.5° is half as much again; of nine pointings that may still be chance."""
     assert "two robots move alike, a and b" in decide(TargetDisambiguator(), a=1.0, b=1.5)
     assert decide(TargetDisambiguator(), a=1.0, b=3.5) == "a"
-
-
-def test_one_that_is_tracked_twice_is_one() -> None:
-    fits = rank_by_posterior([("a", solution(1.0)), ("twin", solution(1.0)), ("b", solution(6.0))], N, 0.0349)
-    meant = TargetDisambiguator()
-    assert isinstance(meant.choose(fits), Solution)
-    assert meant.object_id == "a"

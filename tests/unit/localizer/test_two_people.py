@@ -9,14 +9,7 @@ import pytest
 
 from pointit.runtime.clock import sleep
 from pointit.runtime.virtual_time import VirtualClock
-from pointit.schemas import (
-    CancelLocalization,
-    LampColor,
-    Localization,
-    PointAnchor,
-    SetPose,
-    StartLocalization,
-)
+from pointit.schemas import LampColor, Localization, StartLocalization
 from pointit.schemas import topics as at
 from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.service import LedDriver
@@ -126,39 +119,6 @@ async def test_three_are_served_in_the_order_in_which_they_asked() -> None:
         assert room.shining == []
         begun = {user: next(n.stamp_ns for n in news if n.target_id) for user, news in room.progress.items()}
         assert sorted(begun, key=begun.__getitem__) == ["carl", "anna", "ben"]
-
-
-@in_virtual_time
-async def test_of_two_who_start_at_once_one_waits_and_the_other_keeps_the_lamp() -> None:
-    async with room_of("anna", "ben") as room:
-        await asyncio.gather(room.start("ben"), room.start("anna"))  # neither has heard of the other
-        since = {user: room.last(user).since_ns for user in ("anna", "ben")}
-        winner, loser = sorted(since, key=lambda user: (since[user], user))
-        await room.waits(loser, winner)
-        assert since[loser] == room.last(loser).since_ns  # their place in the queue is kept
-        await until(lambda: room.shining == [room.last(winner).target_id], what="the winner's lamp to shine")
-        await room.solved(winner)
-        await room.solved(loser)
-        assert "refused" not in {news.phase for news in room.progress[loser]}
-        assert room.shining == []
-
-
-@in_virtual_time
-async def test_waiting_can_be_cancelled_and_anchors_wait_too() -> None:
-    async with room_of(*PEOPLE) as room:
-        await room.bench.bus.call(at.SET_POSE, SetPose(position_m=(0.5, 1.6, 0.0), yaw_rad=0.2), "carl")
-        await room.take_turns()
-        answer = await room.bench.bus.call(at.POINT_ANCHOR, PointAnchor(lamp="led_2"), "carl")
-        assert answer.message == "carl waits in turn: anna, ben first"
-        await room.waits("carl", "anna", "ben")
-        assert room.last("carl").purpose == "anchor"
-        await room.bench.bus.call(at.CANCEL_LOCALIZATION, CancelLocalization(), "ben")
-        assert room.last("ben").phase == "cancelled"
-        await room.waits("carl", "anna")
-        await room.solved("anna")
-        await until(lambda: room.last("carl").target_id == "led_2", what="carl's turn")
-        await until(lambda: room.last("carl").phase == "solved", what="carl's anchor")
-        assert room.shining == []
 
 
 @pytest.mark.parametrize("presence", ["person", "localizer"])

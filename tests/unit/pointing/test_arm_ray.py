@@ -113,16 +113,6 @@ def test_many_at_once_are_the_same_as_one_by_one(
     assert np.allclose(np.linalg.norm(directions, axis=1), 1.0, atol=1e-12)
 
 
-@given(angles, elevations, st.floats(0.999, 1.001), models)
-def test_a_norm_within_the_tolerance_does_not_matter(
-    azimuth_rad: float, elevation_rad: float, norm: float, model: RayModel
-) -> None:
-    ray = ArmRay(model=model)
-    x, y, z, w = rotation.from_azimuth_elevation(azimuth_rad, elevation_rad)
-    found = known(ray.ray((norm * x, norm * y, norm * z, norm * w)))
-    assert vector.angle_between(found[1], direction(ray, azimuth_rad, elevation_rad)) < 1e-9
-
-
 def test_a_finger_at_the_eyes_has_no_direction() -> None:
     ray = ArmRay(BodyMeasures(neck_to_eyes_m=0.73))
     up = rotation.from_azimuth_elevation(0.3, math.pi / 2)
@@ -141,13 +131,6 @@ offsets = st.builds(
     PointingOffset, rung=st.sampled_from(["pitch", "polynomial"]), azimuth=terms, elevation=terms,
     reference_rad=any_angles, azimuth_range_rad=ranges, elevation_range_rad=ranges,
 )  # fmt: skip
-
-
-def test_pitch_is_a_constant_whatever_else_stands_there() -> None:
-    offset = PointingOffset(
-        rung="pitch", elevation=(0.05, 1.0, 1.0, 1.0, 1.0, 1.0), azimuth=(1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    )
-    assert (apply(offset, 1.2, 0.3), apply(offset, None, 0.3)) == ((0.0, 0.05), (0.0, 0.05))
 
 
 def test_the_polynomials_by_hand() -> None:

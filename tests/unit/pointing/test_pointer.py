@@ -25,13 +25,6 @@ def sample(azimuth_rad: float, stamp_ns: int, device_time_ns: int | None = None)
     )
 
 
-def test_uncalibrated_and_unfiltered_the_ray_is_the_models() -> None:
-    ray = known(Pointer().ray(sample(0.3, 0), 0))
-    assert ray.direction == ray.raw_direction
-    assert (ray.azimuth_correction_rad, ray.elevation_correction_rad) == (0.0, 0.0)
-    assert ray.elevation_sigma_rad is None
-
-
 def test_the_offset_is_added_before_the_filter_and_told() -> None:
     pointer = Pointer(UserProfile(stamp_ns=0, offset=UP), smoothing=OneEuro())
     rays = [pointer.ray(sample(azimuth, at), at) for azimuth, at in ((0.3, 0), (0.4, 20 * MS))]
@@ -128,13 +121,6 @@ def test_samples_that_overtook_each_other_are_no_restart() -> None:
     times = (S, S + 40_000_000, S + 20_000_000, S + 60_000_000)
     verdicts = [freshness.classify(still(NOW_NS + k, at), NOW_NS + k) for k, at in enumerate(times)]
     assert (verdicts, freshness.restarts, freshness.stale) == (["fresh", "fresh", "stale", "fresh"], 0, 1)
-
-
-def test_samples_with_and_without_device_time_may_come_mixed() -> None:
-    freshness = Freshness(0.2)
-    times = (7, None, 7, None, 9)
-    verdicts = [freshness.classify(still(NOW_NS + k, at), NOW_NS + k) for k, at in enumerate(times)]
-    assert verdicts == ["fresh", "fresh", "repeated", "fresh", "fresh"]
 
 
 @given(st.lists(st.integers(1, S), max_size=30), st.lists(st.integers(0, 29), max_size=30))

@@ -105,23 +105,6 @@ async def test_without_a_supervisor_it_goes_on_with_common_measures_and_says_so_
         await until(lambda: not here.health[-1].warnings, what="the warning to go")
 
 
-@pytest.mark.parametrize(
-    ("config", "is_filtered"), [(PointingConfig(), True), (PointingConfig(filter="off"), False)]
-)
-async def test_the_filter_is_as_configured_and_the_raw_ray_goes_beside_it(
-    config: PointingConfig, *, is_filtered: bool
-) -> None:
-    async with room(config) as here:
-        for azimuth_rad in (0.0, 0.1):
-            here.clock.advance(0.02)
-            await here.point(azimuth_rad)
-        rays = here.rays
-        raw = [ray.raw_direction for ray in rays]
-        assert [round(vector.azimuth(each), 9) for each in raw if each] == [0.0, 0.1]
-        assert (rays[1].direction != rays[1].raw_direction) is is_filtered
-        assert 0.0 < vector.azimuth(rays[1].direction) <= 0.1
-
-
 async def test_the_offset_comes_with_the_profile_and_bends_with_the_pose() -> None:
     offset = PointingOffset(
         rung="polynomial",

@@ -155,12 +155,6 @@ def test_whatever_bits_fall_over_it_begins(tmp_path: Path) -> None:
                 event_of(record, record.seq or 0, again=True)
 
 
-def test_the_latest_time_there_is_is_no_damage(tmp_path: Path) -> None:
-    keep(tmp_path, selected("a", 1, stamp_ns=2**63 - 1))
-    with opened(tmp_path) as (journal, kept):
-        assert (list(kept.entries), journal.problem) == (["a"], "")
-
-
 def test_records_that_cannot_be_written_are_kept_and_written_later(tmp_path: Path) -> None:
     journal = Journal(tmp_path)
     journal.begin(NOW)

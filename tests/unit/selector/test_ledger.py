@@ -1,6 +1,6 @@
 """Ownership of what is selected."""
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.services.selector.outputs import Record
@@ -25,17 +25,6 @@ def test_a_toggle_selects_and_the_next_deselects() -> None:
     second = kept.toggle("a", "red", "anna", 9)
     assert (second.event, second.owner, second.since_ns) == ("deselected", "anna", 5)
     assert selected(kept) == {}
-
-
-def test_only_the_owner_deselects() -> None:
-    kept = ledger()
-    kept.toggle("a", "red", "anna", 5)
-    assert kept.blocking_owner("a", "ben", 6) == "anna"
-    assert kept.blocking_owner("a", "anna", 6) == ""
-    refused = kept.toggle("a", "red", "ben", 6)
-    assert (refused.event, refused.user, refused.owner) == ("refused", "ben", "anna")
-    assert "anna" in refused.reason
-    assert selected(kept) == {"a": ("anna", 5)}
 
 
 def test_what_is_of_somebody_who_is_gone_anybody_deselects() -> None:
@@ -94,47 +83,6 @@ def test_undoing_everything_leads_back_to_nothing(toggles: list[tuple[str, str]]
     while doers:  # in the order in which it was done, the latest first
         assert all(record.event != "refused" for record in kept.undo(doers.pop(), 99, HERE))
         assert selected(kept) == before.pop()
-
-
-doings = st.tuples(
-    st.sampled_from(["toggle", "toggle", "toggle", "undo", "undo", "clear", "release", "take over", "leave"]),
-    st.sampled_from("abc"),
-    st.sampled_from(["anna", "ben", "carl"]),
-)
-
-
-@given(st.lists(doings, max_size=40))
-@settings(max_examples=300)
-def test_records_of_any_doings_tell_of_one_owner(doings: list[tuple[str, str, str]]) -> None:
-    kept = ledger("carl")
-    story: dict[str, str] = {}
-    here = set("abc")
-    for doing, object_id, user in doings:
-        match doing:
-            case "toggle":
-                here.add(object_id)
-                records = [kept.toggle(object_id, "red", user, 1)]
-            case "undo":
-                records = kept.undo(user, 1, here)
-            case "clear":
-                records = kept.clear(user, 1)
-            case "leave":
-                here.discard(object_id)
-                records = kept.drop([object_id] if object_id in story else [], 1)
-            case _:
-                records = kept.release(object_id, user, 1, take_over=doing == "take over")
-        for record in records:
-            if record.event == "selected":
-                assert record.object_id not in story
-                assert record.object_id in here
-                story[record.object_id] = record.owner
-            elif record.event == "refused":
-                assert story.get(record.object_id, "") == record.owner
-            else:
-                assert story.pop(record.object_id) == record.owner
-                if record.cause in ("dwell", "clear"):
-                    assert record.owner in (record.user, "carl")
-        assert {o: owner for o, (owner, _) in selected(kept).items()} == story
 
 
 def test_a_refusal_older_than_the_deselection_brings_nothing_back_and_a_newer_one_still_does() -> None:

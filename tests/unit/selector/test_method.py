@@ -6,7 +6,7 @@ from typing import Any, cast
 import pytest
 
 from pointit.runtime.errors import RefusedError
-from pointit.schemas import ButtonEvent, ReservedObject, Selection, SetMethod, SetMethodReply
+from pointit.schemas import ReservedObject, Selection, SetMethod, SetMethodReply
 from pointit.schemas.topics import SET_METHOD
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.methods.method import apply_method
@@ -89,18 +89,6 @@ def test_who_stays_on_what_they_have_just_selected_does_not_take_it_back(before:
     room.stay(1.0, anna=2.0)  # they leave it, come back, and now they mean it
     room.stay(1.0, anna=5.0)
     assert room.owners == {}
-
-
-def test_a_press_confirms_before_and_after_and_means_what_was_hovered() -> None:
-    room = Room(package("a", 5.0), confirm="press")
-    room.stay(1.5, anna=5.0)
-    assert room.hovers["anna"][-1].progress == 1.0
-    switch(room, "hold")
-    room.stay(0.1, anna=5.0)
-    assert room.hovers["anna"][-1].progress < 0.5
-    assert room.events == []
-    room.take(room.selecting.on_button("anna", ButtonEvent(stamp_ns=room.now_ns)))
-    assert room.told == [("selected", "a", "anna")]
 
 
 async def ask(site: Served, **query: Any) -> SetMethodReply:

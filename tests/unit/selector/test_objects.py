@@ -78,11 +78,6 @@ def test_the_hovered_object_is_kept_until_another_is_closer_by_thirty_percent(
     assert picked(looked, pointing(0, x_m)) == ("a" if share < 0.5 else "b")
 
 
-def test_what_was_kept_and_has_gone_is_kept_no_longer() -> None:
-    assert picked(scene(package("b", 5.0)), pointing(0, 5.0), kept="a") == "b"
-    assert picked(scene(package("a", 6.0), package("b", 5.0)), pointing(0, 5.0), kept="a") == "b"
-
-
 @given(st.floats(-2, 2), st.floats(-0.9, 0.9), st.sampled_from([0.0, 0.1]))
 def test_objects_are_where_they_were_shown_at_the_time_of_the_ray(
     speed_mps: float, age_s: float, lag_s: float
@@ -120,12 +115,6 @@ def test_on_a_curve_objects_follow_it(position_m: float, speed_mps: float, age_s
     assert vector.norm(vector.subtract(seen[0], expected)) < 0.01
 
 
-def test_a_line_that_the_map_does_not_have_is_straight() -> None:
-    looked = SeenObjects()
-    looked.update("conveyor", packages(0, package("a", 5.0, speed_mps=1.0)))
-    assert picked(looked, pointing(0.5, 5.5)) == "a"
-
-
 def test_each_trackers_objects_are_as_old_as_its_list() -> None:
     looked = scene(package("a", 4.0, speed_mps=1.0))
     looked.update("other", packages(0.4, package("b", 7.0, speed_mps=-1.0)))
@@ -137,22 +126,10 @@ def test_each_trackers_objects_are_as_old_as_its_list() -> None:
     assert picked(looked, pointing(0.5, 6.9)) is None
 
 
-def test_what_has_not_been_heard_of_is_not_seen() -> None:
-    looked = scene(package("a", 5.0))
-    assert picked(looked, pointing(1.0, 5.0)) == "a"
-    assert picked(looked, pointing(1.01, 5.0)) is None
-    assert picked(looked, pointing(-1.01, 5.0)) is None
-
-
 @pytest.mark.parametrize(("solid", "expected"), [("box", None), ("plane", "a"), ("", "a")])
 def test_a_solid_in_front_hides_what_is_behind_it(solid: str, expected: str | None) -> None:
     cursor = pointing(0, 5.0).model_copy(update={"surface": "none", "solid": solid, "range_m": 1.0})
     assert picked(scene(package("a", 5.0)), cursor) == expected
-
-
-def test_there_is_no_view_without_a_ray_or_without_objects() -> None:
-    assert scene(package("a", 5.0)).view_from(Cursor(stamp_ns=at(0))) is None
-    assert SeenObjects().view_from(pointing(0, 5.0)) is None
 
 
 @given(st.floats(-1.0, 1.0), st.floats(0.05, 0.6))
@@ -198,11 +175,6 @@ def test_a_ray_that_follows_an_object_does_not_move_against_it() -> None:
     following = -1.0 / range_m  # along x is to the right of who looks along y: towards less azimuth
     assert view.relative_rate("a", (following, 0.0)) == pytest.approx(0.0, abs=1e-6)
     assert view.relative_rate("a", (0.0, 0.0)) == pytest.approx(1.0 / range_m)
-
-
-def test_many_objects_are_seen_the_nearest_first() -> None:
-    crowd = [package(str(index), 5.0 + 0.001 * index) for index in range(300)]
-    assert picked(scene(*crowd), pointing(0, 5.1)) == "100"
 
 
 def test_free_objects_move_with_their_velocity() -> None:
@@ -273,22 +245,6 @@ def cursor(position_m: float, *, stamp_ns: int = S, strip: str = "0") -> Cursor:
 def under(whereabouts: ObjectPositions, at: Cursor) -> str | None:
     found = whereabouts.hit_test(at)
     return None if found is None else found.id
-
-
-@pytest.mark.parametrize(
-    ("position_m", "expected"), [(0.79, None), (0.81, "a"), (1.0, "a"), (1.19, "a"), (1.21, None)]
-)
-def test_half_the_length_and_the_margin_count(position_m: float, expected: str | None) -> None:
-    whereabouts = ObjectPositions(margin_m=0.05)
-    whereabouts.update("one", listing(on_strip("a", 1.0)))
-    assert under(whereabouts, cursor(position_m)) == expected
-
-
-def test_the_nearest_centre_wins() -> None:
-    whereabouts = ObjectPositions(margin_m=0.5)
-    whereabouts.update("one", listing(on_strip("a", 1.0), on_strip("b", 1.3)))
-    assert under(whereabouts, cursor(1.14)) == "a"
-    assert under(whereabouts, cursor(1.16)) == "b"
 
 
 def test_other_surfaces_do_not_count() -> None:

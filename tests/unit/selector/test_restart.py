@@ -162,9 +162,3 @@ async def test_a_second_selector_warns_and_works_in_memory() -> None:
             await second.stay("ben", 1.0, "a")
             assert second.told == [("selected", "a", "ben")]
         assert [event["user"] for event in audited()] == ["anna"], "while the first one runs"
-
-
-async def test_it_can_be_told_to_keep_nothing() -> None:
-    async with served(journal={"enabled": False}) as site:
-        assert len(site.selections) == 1
-    assert not state_directory().exists()

@@ -36,16 +36,6 @@ async def test_staying_on_an_object_selects_it_and_its_leaving_ends_that() -> No
         assert len(events) == 1, "the conveyor tells that it left"
 
 
-async def test_somebody_elses_object_is_refused_with_a_reason() -> None:
-    async with served() as site:
-        await site.stay("anna", 1.0, "a")
-        await site.stay("ben", 1.0, "a")
-        assert site.told == [("selected", "a", "anna"), ("refused", "a", "ben")]
-        assert "anna" in site.events[-1].reason
-        assert [(cue.cue, cue.text) for cue in site.cues["ben"]] == [("refused", site.events[-1].reason)]
-        assert site.owners == [("a", "anna")]
-
-
 async def test_it_reads_writes_and_answers_what_its_row_says() -> None:
     async with served() as site:
         view = ServiceBus(site.bus, site.clock, "selector", "selector")
@@ -77,22 +67,6 @@ async def test_a_tracker_that_fell_silent_is_warned_of_and_then_forgotten_with_i
         site.clock.advance(1.0)
         await until(lambda: not site.owners, what="its objects to leave the selection")
         await until(lambda: not site.health[-1].warnings, what="the warning to go")
-
-
-async def test_what_somebody_who_left_has_selected_is_anybodys_after_a_while() -> None:
-    async with served(ownerless_after_s=10.0) as site:
-        token = site.bus.announce(topics.USER_ALIVE, "anna")
-        await site.bench.settle()
-        await site.stay("anna", 1.0, "a")
-        token.close()
-        await site.bench.settle()
-        await site.stay("ben", 1.0, "a")
-        assert site.told == [("selected", "a", "anna"), ("refused", "a", "ben")]
-        assert site.events[-1].reason == "red is selected by anna; only anna can deselect it"
-        site.clock.advance(10.0)
-        await site.stay("ben", 9.0, "a")  # looks elsewhere, so that it may be toggled again
-        await site.stay("ben", 1.0, "a")
-        assert site.told[-1] == ("deselected", "a", "ben")
 
 
 async def test_who_is_back_in_time_keeps_what_is_theirs() -> None:

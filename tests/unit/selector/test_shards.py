@@ -8,12 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pointit.schemas import Claim, Feedback, Selection, SelectionEvent
-from pointit.services.selector.arbiter import MAX_CLAIM_AGE_NS
 from pointit.services.selector.claim_budget import MAX_CLAIMS, TOLD_NS
 from pointit.services.selector.outputs import Action
 from pointit.services.selector.selection_engine import SelectionEngine
-from pointit.services.selector.shard_engine import GIVE_UP_NS, REPEAT_NS
-from tests.unit.selector.room import Room, at, package, packages, pointing
+from pointit.services.selector.shard_engine import GIVE_UP_NS
+from tests.unit.selector.room import Room, at, package, packages
 from tests.unit.selector.shards import ShardedSite
 
 USERS = ("anna", "ben", "carl")
@@ -137,17 +136,6 @@ def test_shards_select_as_one_selector_does() -> None:
     assert len(room.events) == 10
 
 
-def test_shards_hover_as_one_selector_does_beside_the_middle_of_a_package_too() -> None:
-    site, room = a_site(("anna",)), Room(*a_site().objects, **a_site().config.model_dump())
-    for x_m in (3.0, 3.05, 3.1, 3.15, 3.2, 5.9):
-        site.step(0.05, {"anna": x_m})
-        room.time_s = site.time_s
-        room.list_objects()
-        room.take(room.selecting.on_cursor("anna", pointing(room.time_s, x_m)))
-        assert site.hovers["anna"] == room.hovers["anna"][-1]
-    assert site.hovers["anna"].object_id == "b"
-
-
 def test_reserving_takes_few_claims_and_others_see_the_package_as_taken() -> None:
     site = a_site(("anna", "ben"))
     site.step(0.01, {"ben": 3.0})
@@ -165,19 +153,6 @@ def test_reserving_takes_few_claims_and_others_see_the_package_as_taken() -> Non
     site.deliver("ben")
     site.step(0.02, {"ben": 3.0})
     assert site.hovers["ben"].taken_by == ""
-
-
-def test_a_claim_that_was_held_up_is_refused_with_an_event_and_a_reason() -> None:
-    site = a_site(("anna",))
-    dwell(site, deliver=False, anna=3.0)
-    site.links["anna"].is_cut = True
-    site.step(MAX_CLAIM_AGE_NS / 1e9 + 1.0, {})
-    site.links["anna"].is_cut = False
-    site.deliver("anna")
-    assert [event.event for event in site.events] == ["refused"]
-    assert "ago" in site.events[0].reason
-    assert site.events[0].stamp_ns == site.claims[0][1].stamp_ns
-    assert site.owners == {}
 
 
 @pytest.mark.parametrize(
@@ -222,14 +197,6 @@ def test_a_claim_from_before_a_clear_does_not_select_again() -> None:
     assert site.owners == {}
 
 
-def test_a_shard_says_what_it_means() -> None:
-    site = a_site(("anna",))
-    for _ in range(2):
-        dwell(site, anna=3.0)
-        dwell(site, anna=9.0)
-    assert [claim.action for _, claim in site.claims] == ["select", "deselect"]
-
-
 def test_a_claim_of_what_another_person_is_selecting_is_refused() -> None:
     site = a_site(("anna", "ben"))
     site.step(0.1, {})
@@ -237,15 +204,6 @@ def test_a_claim_of_what_another_person_is_selecting_is_refused() -> None:
     assert refusals(site, "ben", claimed(site)) == [
         "red is being selected by anna; wait or choose another one"
     ]
-
-
-def test_a_claim_of_what_is_selected_for_good_is_refused() -> None:
-    site = ShardedSite(("anna",), package("a", 3.0), mode="select_only")
-    dwell(site, anna=3.0)
-    dwell(site, anna=9.0)
-    dwell(site, anna=3.0)
-    assert len(site.claims) == 1
-    assert refusals(site, "anna", claimed(site)) == ["red is selected already"]
 
 
 def test_a_claim_of_what_is_past_its_last_way_is_refused_by_the_time_it_comes() -> None:
@@ -256,31 +214,6 @@ def test_a_claim_of_what_is_past_its_last_way_is_refused_by_the_time_it_comes() 
     site.deliver("anna")
     assert [event.event for event in site.events] == ["refused"]
     assert "past its last way" in site.events[0].reason
-
-
-def test_a_claim_that_comes_again_after_a_restart_changes_nothing() -> None:
-    site = a_site(("anna",))
-    dwell(site, anna=3.0)
-    user, claim = site.claims[0]
-    site.end_arbiter()
-    site.start_arbiter()
-    assert site.arbiter.on_claim(user, claim, site.now_ns) == []
-    assert site.owners == {"a": "anna"}
-
-
-def test_a_claim_that_the_arbiter_never_got_is_sent_again() -> None:
-    site = a_site(("anna",))
-    dwell(site, deliver=False, anna=3.0)
-    site.end_arbiter()
-    site.start_arbiter()
-    assert site.events == []
-    site.step(REPEAT_NS / 1e9, {})
-    site.tick()
-    site.deliver("anna")
-    assert [event.event for event in site.events] == ["selected"]
-    site.step(REPEAT_NS / 1e9, {})
-    site.tick()
-    assert not site.links["anna"].up
 
 
 def test_a_claim_that_comes_before_the_first_objects_is_decided_when_it_comes_again() -> None:

@@ -3,7 +3,6 @@
 import pytest
 
 from pointit.schemas import NS_PER_S, ConveyorState, Departure, SelectionEvent, TrackedObject
-from pointit.services.selector.outputs import Owned
 from tests.unit.selector.room import Room, at, package
 
 LEAD_S = 0.25
@@ -128,20 +127,6 @@ def test_what_left_is_closed_with_the_conveyors_time_and_bay() -> None:
     left = room.records[-1]
     assert (left.event, left.stamp_ns, left.user, left.reason) == ("left", at(2.0), "anna", "left at bay 1")
     assert [record.event for record in room.records].count("left") == 1
-
-
-def test_what_left_while_no_selector_ran_is_closed_with_the_conveyors_time_too() -> None:
-    again = Room()
-    again.selecting.restore({"a": Owned("anna", "red", at(1.0))}, 7, at(50.0))
-    again.take(again.selecting.on_conveyor(departure("a", 20.0, "3")))
-    assert not again.owners
-    assert [(r.event, r.stamp_ns, r.reason) for r in again.records] == [("left", at(20.0), "left at bay 3")]
-
-
-def test_what_left_where_a_belt_ends_is_closed_without_a_bay() -> None:
-    room = chosen("a")
-    room.take(room.selecting.on_conveyor(departure("a", 2.0, "")))
-    assert (room.records[-1].event, room.records[-1].reason) == ("left", "")
 
 
 @pytest.mark.parametrize("method", ["gauge", "hold", "fraction"])

@@ -70,26 +70,10 @@ def test_a_cursor_that_stays_off_makes_the_person_press_twice(off_deg: float, pr
     assert len(life.doubles) == 2 * presses  # it did not help
 
 
-def test_a_cursor_that_is_never_off_long_does_not() -> None:
-    life = living("pointing", anchor_when_off_deg=8.0)
-    show_cursor_off(life, math.radians(15.0))
-    life.run(2.5)
-    show_cursor_off(life, 0.0)
-    life.run(20.0)
-    assert life.doubles == []
-
-
 def test_a_lost_cursor_is_off() -> None:
     life = living("pointing", anchor_when_off_deg=20.0, behaviour="strips")
     life.run(10.0)
     assert len(life.doubles) == 1
-
-
-def test_by_default_nobody_presses_twice() -> None:
-    life = living("pointing")
-    show_cursor_off(life, math.radians(30.0))
-    life.run(120.0)
-    assert life.doubles == []
 
 
 def test_an_anchor_every_minute() -> None:
@@ -110,13 +94,6 @@ def test_an_anchor_every_minute() -> None:
     life.state("pointing")
     life.run(58.0)
     assert len(life.doubles) == 3  # the minute counts from the start
-
-
-def test_no_second_anchor_is_asked_for_while_one_goes_on() -> None:
-    life = living("pointing", anchor_every_s=5.0)
-    life.cue("target", target="led_2")
-    life.run(20.0)
-    assert life.doubles == []
 
 
 def test_a_given_bias_is_the_persons_whatever_their_skill() -> None:

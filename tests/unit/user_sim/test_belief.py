@@ -120,11 +120,6 @@ def seen(things: ObjectBeliefs, looks: ObservedAppearance, duration_s: float, si
     return things.status("a")
 
 
-def test_new_things_are_free() -> None:
-    assert ObjectBeliefs().status("a") == "free"
-    assert seen(ObjectBeliefs(), PLAIN, 1.0) == "free"
-
-
 @pytest.mark.parametrize(
     ("looks", "status"), [(FULL_OWN, "mine"), (FULL_FOREIGN, "theirs"), (HELD, "taken")], ids=str
 )
@@ -143,22 +138,11 @@ def test_what_a_cursor_covers_needs_longer_as_the_gauge_fills_the_ends_first() -
     assert seen(things, covered, 0.7, since_s=4.0) == "mine"
 
 
-def test_somebody_who_only_passes_takes_nothing() -> None:
-    assert seen(ObjectBeliefs(), HELD, 0.1) == "free"
-
-
 def test_what_is_felt_counts_at_once_and_for_a_while() -> None:
     things = ObjectBeliefs()
     things.believe("a", "mine", S)
     assert seen(things, PLAIN, 0.3) == "mine"
     assert seen(things, PLAIN, 0.1, since_s=1.5) == "free"
-
-
-@pytest.mark.parametrize("status", ["mine", "theirs"])
-def test_a_selected_thing_under_two_cursors_is_whose_it_was(status: Status) -> None:
-    things = ObjectBeliefs()
-    things.believe("a", status, S)
-    assert seen(things, FULL_FOREIGN._replace(own=True), 3.0, since_s=2.0) == status
 
 
 def test_what_cannot_be_made_out_changes_nothing_and_memory_is_bounded() -> None:

@@ -12,7 +12,6 @@ from pointit.schemas import (
     Cursor,
     Environment,
     Hover,
-    ReservedObject,
     SelectedObject,
     Selection,
     Strip,
@@ -206,15 +205,6 @@ def test_of_two_that_could_be_it_the_one_where_the_hand_points() -> None:
         assert seen.position_m == pytest.approx(1.0 if at_m < 2.0 else 4.0, abs=PITCH_M)
 
 
-def test_a_cursor_in_a_colormaps_colours() -> None:
-    own = profile(GREEN, cursor_colormap="viridis")
-    bench = Bench(STRIPS, own)
-    for miss_rad in (0.0, 0.05, 0.1, 0.17):
-        bench.point("anna", "strip", "1", 2.0, miss_rad=miss_rad, range_m=2.0)
-        seen = bench.look_long()
-        assert seen.position_m == pytest.approx(2.0, abs=PITCH_M)
-
-
 @pytest.mark.parametrize("along_m", [0.3, 1.7, 3.6])
 def test_beside_a_belt_it_is_on_the_belt(along_m: float) -> None:
     bench = Bench(BELTS, profile())
@@ -258,17 +248,6 @@ def test_how_things_look_tells_what_they_are(
     assert (mine.marked, mine.full, mine.own, mine.foreign) == (True, True, True, False)
     assert (theirs.full, theirs.foreign, theirs.own) == (True, True, False)
     assert (held.marked, held.foreign, held.full) == (True, True, False)
-
-
-def test_what_somebody_is_about_to_have_is_marked() -> None:
-    bench = Bench(STRIPS, profile(GREEN))
-    bench.know("ben", profile((204, 121, 167)))
-    bench.put("a", "red", "strip", "0", 2.0)
-    bench.looks("a")
-    reserved = (ReservedObject(id="a", user="ben", until_ns=10**9),)
-    bench.lights.content.set_selection(Selection(stamp_ns=0, reserved=reserved))
-    looks = bench.looks("a")
-    assert (looks.marked, looks.foreign, looks.full) == (True, True, False)
 
 
 def test_a_gauge_half_full_is_not_taken_for_selected() -> None:

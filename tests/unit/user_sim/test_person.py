@@ -51,11 +51,6 @@ def test_the_button_is_pressed_after_thinking_and_again_after_a_pause() -> None:
     assert len(life.presses) == 3
 
 
-def test_an_idle_arm_rests_towards_the_floor() -> None:
-    life = living("idle")
-    assert vector.elevation(life.ray(life.run(2.0))) < math.radians(-60.0)
-
-
 def test_the_lit_lamp_is_pointed_at_after_the_reaction_time() -> None:
     life = living("localizing")
     resting = life.ray(life.run(1.0))
@@ -153,32 +148,6 @@ def test_a_lost_cursor_is_searched_for() -> None:
     life.light(off_rad=math.radians(180.0))
     elevations = [vector.elevation(life.ray(life.run(0.1))) for _ in range(40)][15:]
     assert math.degrees(max(elevations) - min(elevations)) > 8.0
-
-
-def test_the_same_seed_is_the_same_person() -> None:
-    def trace(seed: int) -> list[tuple[float, float, float, float]]:
-        life = Life(UserSimConfig(yaw_deg=None), seed)
-        life.state("pointing")
-        life.before_step = lambda: life.objects(thing("a", "red", 2.0))
-        return [life.run(0.02).orientation_xyzw for _ in range(100)]
-
-    assert trace(1) == trace(1)
-    assert trace(1) != trace(2)
-
-
-def test_an_unknown_yaw_origin_differs_between_people() -> None:
-    resting = [
-        vector.azimuth(
-            rotation.rotate(Life(UserSimConfig(yaw_deg=None), s).run(0.02).orientation_xyzw, (1, 0, 0))
-        )
-        for s in range(8)
-    ]
-    # the arm hangs at the yaw origin; what differs is where that lies in the room
-    assert np.allclose(resting, 0.0, atol=0.1)
-    origins = {
-        round(Person(UserSimConfig(yaw_deg=None), "a", np.random.default_rng(s)).yaw_rad, 3) for s in range(8)
-    }
-    assert len(origins) == 8
 
 
 async def test_the_service_sends_samples_and_presses_its_persons_button() -> None:
@@ -299,13 +268,3 @@ def test_throughput_of_pointing_is_as_measured() -> None:
             rates.append(math.log2(amplitude_rad / width_rad + 1.0) / time_s)
     print(f"\nthroughput: median {np.median(rates):.2f} bit/s")  # noqa: T201
     assert 0.8 < np.median(rates) < 1.8
-
-
-def test_the_skilled_point_straighter() -> None:
-    def bias_rad(skill: float) -> float:
-        config = UserSimConfig()
-        config = config.model_copy(update={"aim": config.aim.model_copy(update={"skill": skill})})
-        people = [Person(config, "a", np.random.default_rng(seed)) for seed in range(40)]
-        return abs(float(np.median([person._error.bias_rad for person in people])))
-
-    assert bias_rad(1.0) < bias_rad(0.5) < bias_rad(0.0)

@@ -156,22 +156,10 @@ def test_after_a_turn_she_leaves_the_robot_to_others_the_longer_if_there_are_any
     assert carol.wait(50.0).goal != REST
 
 
-def test_a_refused_way_point_is_replaced_by_the_next_spot() -> None:
-    carol = Carol(GroundRobotUser).wait(3.0).hear("selected").wait(1.0).hear("refused").wait(0.5)
-    assert carol.goal.point_m == SPOTS[1]
-
-
 def test_a_refused_path_is_replaced_by_one_from_the_next_spot() -> None:
     carol = Carol(GroundRobotUser).wait(3.0).hear("selected").wait(1.0)
     carol.hear("selected").hear("selected").wait(1.5).hear("refused").wait(0.5)
     assert carol.goal.point_m == SPOTS[2]
-
-
-def test_who_has_followed_a_waiting_quadrotor_past_everything_points_at_the_spot_anew() -> None:
-    carol = Carol(QuadrotorUser).wait(3.0).hear("selected").wait(1.0)
-    before = carol.goal
-    assert carol.hear("refused", "quad: carol points past everything").wait(0.1).goal.key != before.key
-    assert carol.goal.point_m == before.point_m
 
 
 @pytest.mark.parametrize("behaviour", [QuadrotorUser, GroundRobotUser])

@@ -218,11 +218,6 @@ def test_finding_takes_longer_among_more_and_the_skilled_are_quicker() -> None:
     assert usual_s(9, 3, 1.0) == pytest.approx(0.7 * usual_s(9, 3, 0.0), rel=0.05)
 
 
-def test_people_whose_skill_is_not_given_differ() -> None:
-    config = PRECISE.model_copy(update={"aim": PRECISE.aim.model_copy(update={"skill": None})})
-    assert len({Life(config, seed).person.skill for seed in range(6)}) == 6
-
-
 def test_lamp_by_lamp_round_and_round() -> None:
     life = living("pointing", behaviour="lamps")
     keys = [choice(life, 0.5) for _ in range(40)]
@@ -230,12 +225,6 @@ def test_lamp_by_lamp_round_and_round() -> None:
     assert len(changes) > 4
     assert all(before != after for before, after in pairwise(changes))
     assert set(changes) == {"lamp led_1", "lamp led_2"}
-
-
-def test_at_random_means_at_things_lamps_and_strips() -> None:
-    life = living("pointing", thing("a", "red", 2.0), behaviour="random", lamp_hold_s=0.2)
-    kinds = {choice(life, 0.5).split()[0] for _ in range(120)}
-    assert {"object", "lamp", "strip"} <= kinds
 
 
 def test_in_an_empty_room_everybody_rests() -> None:

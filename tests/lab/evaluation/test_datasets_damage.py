@@ -261,12 +261,6 @@ def test_trials_are_in_one_piece(tmp_path: Path) -> None:
     assert "line 162, column 'trial'" in refused(lambda: read_floor_trials(tmp_path), path)
 
 
-def test_points_in_millimetres_are_refused(tmp_path: Path) -> None:
-    path = write_floor(tmp_path, floor_rows())
-    scaled(path, 1000.0, "x", "y")
-    assert "columns 'x', 'y'" in refused(lambda: read_floor_trials(tmp_path), path)
-
-
 def test_many_short_trials_are_read_fast(tmp_path: Path) -> None:
     rows = [f"{i},{i},2,-1,open_loop_hold,0,2,-1,20" for i in range(8_000)]
     write_floor(tmp_path, rows)

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -16,7 +15,6 @@ from pointit_lab.evaluation.honesty import injections
 from pointit_lab.evaluation.honesty.honesty import chosen, honesty_rows, sources_of, trials_of, verdict
 from pointit_lab.evaluation.honesty.row import EVERY, Judged, rows_of
 from pointit_lab.evaluation.honesty.simulated_people import followers, rooms
-from pointit_lab.evaluation.honesty.sources import QUICK, people
 from pointit_lab.evaluation.honesty.targets import TARGETS
 from pointit_lab.evaluation.localization.arm_rays import STATURE_M, along, scaled_body
 from pointit_lab.evaluation.localization.localization import judged
@@ -213,28 +211,14 @@ def test_other_processes_find_the_same(follower: FollowRecording, room: Trial) -
     assert alone == together
 
 
-def invoke(*arguments: str) -> tuple[str, str]:
-    every = (*arguments, "--quick", "--jobs", "1", "--set", "simulated")
-    return printed(honesty, *every, env={"COLUMNS": "140"})
-
-
-@pytest.fixture
-def no_recordings(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_table_has_a_row_for_each_condition_and_names_what_is_missed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.delenv("POINTIT_DATA", raising=False)
-
-
-@pytest.mark.usefixtures("no_recordings")
-def test_the_table_has_a_row_for_each_condition_and_names_what_is_missed() -> None:
-    out, err = invoke("--condition", injections.NONE, "--condition", "time -0.5 s")
+    asked = ("--condition", injections.NONE, "--condition", "time -0.5 s")
+    out, err = printed(
+        honesty, *asked, "--quick", "--jobs", "1", "--set", "simulated", env={"COLUMNS": "140"}
+    )
     assert "simulated people only" in err
     assert [line for line in out.splitlines() if line.split()[:3] == ["as", "they", "are"]]
     assert "simulated, time -0.5 s: 2 sigma of the place" in out
-    longer, _ = invoke("--condition", injections.NONE, "--durations")
-    assert {"2 s", "10 s"} <= {" ".join(line.split()[3:5]) for line in longer.splitlines()}
-
-
-def test_recorded_people_of_a_missing_set_are_noted(tmp_path: Path) -> None:
-    found = people(tmp_path, ["motion_relloc"], QUICK)
-    assert not found.followed
-    assert not found.rooms
-    assert "there is no such folder" in found.notes[0]

@@ -74,7 +74,6 @@ def test_recorded_people_are_scored_person_by_person() -> None:
 
 
 LANDINGS = [condition for condition in CONDITIONS if condition.bench == "landing"]
-IN_THE_AIR = [condition for condition in CONDITIONS if condition.bench == "workspace"]
 
 
 @pytest.mark.parametrize("condition", CONDITIONS, ids=lambda condition: condition.name)

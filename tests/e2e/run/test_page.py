@@ -92,7 +92,7 @@ async def test_another_takes_its_place(commands: Commands, endpoint: str, proces
             "all of the other scenario, and nothing else",
         )
         await seen.sees_cursors("user1", "user2")
-        assert rooms[-1] == "lab" != rooms[0]
+        await until(lambda: rooms[-1] == "lab" != rooms[0], what="the other room")
         assert seen.health["web"].pid == page.pid
         await until(lambda: seen.health["web"].uptime_s > page.uptime_s, what="the same page, all the while")
         async with looking_on(url):

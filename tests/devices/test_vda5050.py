@@ -179,7 +179,7 @@ async def test_a_stop_cancels_the_order_and_the_next_path_is_driven(
         stop = steered.tell(Stop)
         await until(lambda: steered.outcomes(stop) == [("done", "")], PATIENCE_S, "its stop")
         assert steered.place is not None
-        assert steered.place[0] < 2.5
+        assert steered.place[0] < 8.5, "on the way"
         assert ("done", "") not in steered.outcomes(path)
         back = steered.tell(FollowPath, ((*START, 0.0),))
         await until(lambda: ("done", "") in steered.outcomes(back), PATIENCE_S, "its way back")

@@ -28,7 +28,7 @@ TOLD = "scenario_3 of site lab at"
 
 
 def nothing_is_left(family: list[psutil.Process]) -> None:
-    _gone, alive = psutil.wait_procs(family, timeout=10)
+    _gone, alive = psutil.wait_procs(family, timeout=60)
     left = [process.cmdline() for process in alive if process.status() != psutil.STATUS_ZOMBIE]
     assert not left
 

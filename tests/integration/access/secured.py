@@ -177,7 +177,7 @@ class Member:
 
     def sees(self, *keys: str) -> set[str]:
         """Return the keys of the present liveliness tokens that match `keys`."""
-        replies = [self.session.liveliness().get(key, timeout=2.0) for key in keys]
+        replies = [self.session.liveliness().get(key, timeout=PATIENCE_S) for key in keys]
         return {str(reply.ok.key_expr) for found in replies for reply in found if reply.ok is not None}
 
     def answered(self, *keys: str) -> set[str]:
@@ -185,7 +185,7 @@ class Member:
         remote = zenoh.Locality.REMOTE
         found: set[str] = set()
         for key in keys:
-            replies = self.session.get(key, payload=b"?", timeout=2.0, allowed_destination=remote)
+            replies = self.session.get(key, payload=b"?", timeout=PATIENCE_S, allowed_destination=remote)
             if any(reply.ok is not None for reply in replies):
                 found.add(key)
         return found

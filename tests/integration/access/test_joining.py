@@ -261,6 +261,7 @@ def test_dashboards_come_by_quic_and_are_thinned(tmp_path: Path) -> None:
         for reader, ear in ((dashboard, thin), (operator, full)):
             writer.settle(reader)  # nothing is on its way any more
             ear.keys.clear()
+        began_s = time.monotonic()
         for _ in range(300):
             writer.put(*keys)
             time.sleep(2 / LATEST_HZ)
@@ -268,7 +269,8 @@ def test_dashboards_come_by_quic_and_are_thinned(tmp_path: Path) -> None:
         for ear in (thin, full):
             ear.hears(room)
         assert full.keys.count(frame) == 300
-        assert all(thin.keys.count(key) < min(100, full.keys.count(key)) for key in keys)
+        most = 10.0 * (time.monotonic() - began_s) + 2
+        assert all(thin.keys.count(key) <= min(most, full.keys.count(key)) for key in keys)
 
 
 async def test_a_dashboards_questions_do_not_overtake_the_keys_they_are_about(tmp_path: Path) -> None:

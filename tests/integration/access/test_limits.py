@@ -130,10 +130,10 @@ def test_what_a_person_writes_too_often_reaches_nobody(folder: SiteFolder) -> No
         Member(folder, "services") as services,
         services.listening(button, cursor, pose) as ear,
     ):
+        began_s = time.monotonic()  # some of the first may come after they are forgotten
         for key in (button, cursor):
             ear.hears(key, functools.partial(anna.put, key))
         ear.keys.clear()
-        began_s = time.monotonic()
         for _ in range(3000):
             anna.put(button, cursor)
         ear.hears(pose, functools.partial(anna.put, pose))

@@ -121,7 +121,7 @@ async def test_a_button_pressed_from_another_process(site: Site) -> None:
 
 async def test_a_press_from_the_keyboard_stops_it_until_the_next(commands: Commands, endpoint: str) -> None:
     run = commands.start(
-        *("run", "scenario_2", "--imu", "simulated", "--duration", "60", "--no-view", "--listen", endpoint)
+        *("run", "scenario_2", "--imu", "simulated", "--duration", "600", "--no-view", "--listen", endpoint)
     )
     async with onlooker(endpoint) as seen:
         await seen.sees_cursors("user1")

@@ -95,7 +95,7 @@ async def test_tokens_that_are_none_are_counted(a: Node, stranger: zenoh.Session
 
 async def ask(stranger: zenoh.Session, payload: bytes, attached: bytes | None) -> str:
     def get() -> str:
-        (reply,) = stranger.get(key_of("/s", ADD), payload=payload, attachment=attached, timeout=10.0)
+        (reply,) = stranger.get(key_of("/s", ADD), payload=payload, attachment=attached, timeout=60.0)
         if reply.ok is None:
             assert reply.err is not None
             return reply.err.payload.to_string()
@@ -163,12 +163,12 @@ async def test_of_answers_the_good_one_is_taken(a: Node, stranger: zenoh.Session
                 query.reply(key, payload, attachment=attached)
 
     queryable = stranger.declare_queryable(key, Callback(answer, indirect=True), complete=True)
-    assert number_of(await a.backend.call("/s", ADD, cdr_of(1), timeout_s=10)) == 7
+    assert number_of(await a.backend.call("/s", ADD, cdr_of(1), timeout_s=60)) == 7
     with pytest.raises(TimeoutError) as caught:
         await a.backend.call("/s", ADD, cdr_of(1), timeout_s=10)
     for why in ("no attachment", "of 0 bytes", "0.1.2", "another request", "longer than 1000000"):
         assert why in str(caught.value)
-    assert number_of(await a.backend.call("/s", ADD, cdr_of(1), timeout_s=10)) == 7, "empty, and again"
+    assert number_of(await a.backend.call("/s", ADD, cdr_of(1), timeout_s=60)) == 7, "empty, and again"
     queryable.undeclare()
 
 

@@ -213,7 +213,7 @@ async def test_a_busy_loop_drops_the_oldest_and_says_so(a: Node, b: Node) -> Non
     count = traffic.received + 498
     for number in range(2, 500):
         writer.put(cdr_of(number))
-    until_s = time.monotonic() + 15.0
+    until_s = time.monotonic() + 60.0
     while traffic.received < count and time.monotonic() < until_s:
         time.sleep(0.01)  # noqa: ASYNC251 - the loop is busy
     await until(lambda: seen[-1] == 499)

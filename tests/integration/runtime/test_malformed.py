@@ -183,7 +183,7 @@ async def test_a_get_returns_a_state_or_a_sentence(bus: ZenohBus, stranger: zeno
     bus.serve(SET_BRIGHTNESS, refuse)
 
     def get(key: str, **query: Any) -> list[zenoh.Reply]:
-        return list(stranger.get(SITE + key, timeout=5.0, **query))
+        return list(stranger.get(SITE + key, timeout=30.0, **query))
 
     (state,) = await asyncio.to_thread(get, f"{PROFILE.at('anna')}/@adv/**?_anyke")
     assert state.ok is not None

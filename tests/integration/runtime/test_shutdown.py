@@ -113,7 +113,7 @@ async def test_a_service_ends_while_it_tries_to_reach_a_router_that_never_answer
             await asyncio.to_thread(line_with, child, "is lost")
             port = int(router.endpoint.rpartition(":")[2])
             with socket.create_server(("127.0.0.1", port)) as mute:
-                mute.settimeout(15)
+                mute.settimeout(60)
                 tried, _ = await asyncio.to_thread(mute.accept)
                 with tried:
                     assert await asyncio.to_thread(ended, child, signal.SIGTERM) == (0, True)
@@ -151,7 +151,7 @@ asyncio.run(main())
 def test_a_process_that_forgets_to_close_ends_all_the_same(end: str, code: int) -> None:
     script = textwrap.dedent(BODY).format(endpoint=f"tcp/127.0.0.1:{free_port()}", end=end)
     with process("-c", script) as child:
-        assert child.wait(20) == code
+        assert child.wait(60) == code
 
 
 STUBBORN = """

@@ -44,7 +44,7 @@ async def test_new_names_evict_no_active_ones(
 
     await asyncio.to_thread(flood)
     await until(lambda: sink.of("anna")[-1:] == [1], what="the person to be heard after the flood")
-    assert len({name for name, _ in sink.seen}) == MAX_USERS
+    await until(lambda: len({name for name, _ in sink.seen}) == MAX_USERS, what="the others")
     assert subscription.traffic.invalid == 2001 - MAX_USERS
     assert any(f"more than {MAX_USERS} names" in record.message for record in caplog.records)
 

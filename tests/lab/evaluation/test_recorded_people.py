@@ -34,7 +34,7 @@ from tests.unit.localizer.person import START_NS, config, poses, yaw_difference
 from tests.unit.localizer.test_latency import is_outside
 from tests.unit.localizer.test_mounting import TURNS, verdict
 from tests.unit.localizer.test_moving_target import robots
-from tests.unit.localizer.test_target_disambiguation import ANY_POSE, TRUST
+from tests.unit.localizer.test_target_disambiguation import TRUST
 
 RISE_S = 0.7
 UNLIMITED = SolverSettings(max_position_sigma_m=math.inf, max_yaw_sigma_rad=math.inf)
@@ -248,7 +248,7 @@ def meant_in(following: FollowRecording, begin_s: float, decoy_m: Array) -> str:
                     following.pointings.directions[part],
                     path_m[part],
                 ),
-                ANY_POSE,
+                UNLIMITED,
             ),
         )
         for name, path_m in (("robot", following.pointings.targets_m), ("decoy", decoy_m))

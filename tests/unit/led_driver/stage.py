@@ -34,7 +34,6 @@ def colors(data: bytes) -> list[Color]:
 
 
 def item(position_m: float, length_m: float = 0.6, **more: Any) -> TrackedObject:
-    """Return a red package on the strip `forth`."""
     values: dict[str, Any] = {"id": "p", "kind": "red", "surface": "strip", "surface_id": "forth", **more}
     return TrackedObject(
         position_m=(0.0, 0.0, 0.0), surface_position_m=position_m, length_m=length_m, **values

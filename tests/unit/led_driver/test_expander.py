@@ -220,32 +220,3 @@ async def test_a_throttled_link_is_called_slow_and_no_cable_fault(
             assert latency.p50_s > 0.2
             rate = next(figure for figure in reports[-1].figures if figure.name.startswith(FRAME_RATE))
             assert rate.unit == "Hz"
-
-
-async def test_latency_and_rate_are_those_of_the_wire(tmp_path: Path) -> None:
-    clock = ManualClock()
-    output = ExpanderConfig(port=str(tmp_path / "led"), baud=460_800)
-    with pty_device(tmp_path / "led") as device, Listener(device, lambda _data: None):
-        async with memory_bench(clock) as bench:
-            reports = bench.collect(HEALTH)
-            frames = await started(bench, FAST.model_copy(update={"outputs": (output,)}))
-            bench.put(MAP, LONG)  # 9666 bytes at 46080 a second: 210 ms
-            step = 0
-
-            def is_measured() -> bool:
-                nonlocal step
-                step += 1
-                bench.put(CURSOR, cursor(clock, step % 20 / 10 + 0.05), "anna")
-                latency = reports[-1].latency if reports else None
-                rates_hz = [
-                    each.value for report in reports[-1:] for each in report.figures if "rate" in each.name
-                ]
-                return latency is not None and latency.p50_s > 0.2 and max(rates_hz, default=9.0) < 4.8
-
-            await until(is_measured, 20)
-            assert any(
-                "4.8 frames a second; 592 pixels fit at 25 frames a second" in text
-                for text in reports[-1].warnings
-            )
-            assert not any("slows the link" in text for text in reports[-1].warnings)
-            assert frames[-1].light_s > 0.2

@@ -24,7 +24,6 @@ MS = NS_PER_S // 1000
 
 
 def lights(state_lamp: str = "", lamps: str = "", **state: Any) -> LightState:
-    """Return lights of a room with a lamp for each letter of `lamps`."""
     config = LedDriverConfig(
         lamps=LampsConfig(range_deg=30.0), state_lamp=state_lamp, state=StateLampConfig(**state)
     )
@@ -330,14 +329,6 @@ def test_leases_of_a_large_room_can_be_read() -> None:
     assert decode(LampLeases, encode(leases)) == leases
 
 
-def test_people_with_different_lamps_are_served_side_by_side() -> None:
-    queue = LampQueue(60 * S)
-    for user, lamps in (("anna", ("led_8", "led_9")), ("ben", LEFT), ("carl", ("led_2",)), ("dora", RIGHT)):
-        queue.on_localization(user, news(7, lamps), S)
-    assert order(queue) == {"anna": (), "ben": (), "carl": (), "dora": ("ben", "carl")}
-    assert queue.service().targets == {"led_8", "led_0", "led_2"}
-
-
 @pytest.mark.parametrize("after_s", [3.0, -5.0], ids=["silent for too long", "the clock was set back"])
 def test_silent_people_leave_the_queue(after_s: float) -> None:
     queue = LampQueue(60 * S)
@@ -352,15 +343,6 @@ def test_silent_people_leave_the_queue(after_s: float) -> None:
     queue.expire(70 * S)
     assert not queue.is_in_use
     assert queue.next_expiry_ns() is None
-
-
-def test_people_who_leave_free_their_lamps() -> None:
-    queue = LampQueue(60 * S)
-    queue.on_localization("anna", news(7), S)
-    queue.on_localization("ben", news(8, ahead=("anna",)), S)
-    queue.leave("anna")
-    queue.leave("anna")
-    assert order(queue) == {"ben": ()}
 
 
 def test_a_lamp_that_another_version_lights_itself_is_left_to_it() -> None:

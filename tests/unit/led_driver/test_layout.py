@@ -4,7 +4,6 @@ import math
 import time
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -65,17 +64,6 @@ def test_a_package_lights_what_lies_beside_it_under_any_direction_and_clipping(
     got = np.zeros(strip.pixels, dtype=bool)
     got[stage.lit("s")] = True
     assert (got == inside)[~doubtful].all()
-
-
-@given(st.floats(0.4, 2.6), st.floats(0.1, 0.8))
-def test_strips_on_both_sides_light_as_long_as_the_package_is(at_m: float, length_m: float) -> None:
-    left, right = beside(0.25, 0.0, 3.0, name="l"), beside(-0.25, 0.0, 3.0, name="r", direction=-1)
-    stage = Stage(left, right, belts=(STRAIGHT,))
-    stage.put(item(at_m, length_m, surface="belt", surface_id="belt"))
-    for name in ("l", "r"):
-        inside_m = min(at_m + length_m / 2, 3.0) - max(at_m - length_m / 2, 0.0)
-        assert abs(len(stage.lit(name)) / PER_M - inside_m) <= 1 / PER_M + 1e-9
-    assert sorted(89 - k for k in stage.lit("r")) == stage.lit("l")
 
 
 @given(st.floats(0.3, 2.8), st.floats(0.15, 0.6))
@@ -144,50 +132,6 @@ def test_what_is_shorter_than_a_pixel_lights_one_of_every_strip_beside_it(at_m: 
         assert len(stage.lit("r")) == (0.5 < at_m < 2.5)
 
 
-lookups = st.tuples(
-    st.integers(0, 4),
-    st.one_of(st.floats(-0.5, 4.0), st.sampled_from([0.0, 1.0, 1e12, -1e12])),
-    st.sampled_from([0.0, 1e-9, 0.01, 0.05, 0.5]),
-)
-
-
-@given(st.lists(lookups, min_size=1, max_size=20))
-def test_many_spans_at_once_light_what_each_lights_alone(wanted: list[tuple[int, float, float]]) -> None:
-    strips = [beside(0.3, 0.0, 3.0, name="a"), beside(-0.3, 1.0, 1.02, name="b"), beside(9.0, 0.0, 2.0)]
-    layout = Layout(strips, [STRAIGHT, Belt(id="off", line_m=((0.0, 50.0, 0.0), (1.0, 50.0, 0.0)))])
-    lines, at_m, half_m = (np.array(values) for values in zip(*wanted, strict=True))
-    whose, entries = layout.lit(lines, at_m - half_m, at_m + half_m)
-    together = list(zip(whose.tolist(), entries.tolist(), strict=True))
-    assert whose.tolist() == sorted(whose.tolist())
-    alone = [
-        (index, entry)
-        for index in range(len(wanted))
-        for entry in _lit_alone(layout, *(values[index] for values in (lines, at_m, half_m)))
-    ]
-
-    def is_clear(pair: tuple[int, int]) -> bool:  # a pixel at the very edge is in or out as sums are rounded
-        from_edge_m = abs(abs(layout.at_m[pair[1]] - at_m[pair[0]]) - half_m[pair[0]])
-        return bool(from_edge_m > 1e-9) or half_m[pair[0]] < 1e-6
-
-    assert sorted(filter(is_clear, together)) == sorted(filter(is_clear, alone))
-
-
-def _lit_alone(layout: Layout, line: int, at_m: float, half_m: float) -> list[int]:
-    """Return the entries of one span, one run after the other, by how `lit` is defined."""
-    first, end = layout._runs_bounds[line], layout._runs_bounds[line + 1]
-    runs = [np.flatnonzero(layout.run == run).tolist() for run in range(first, end)]
-    middle_m = ((at_m - half_m) + (at_m + half_m)) / 2.0
-    lit: list[int] = []
-    for run, entries in zip(range(first, end), runs, strict=True):
-        inside = [entry for entry in entries if at_m - half_m <= layout.at_m[entry] <= at_m + half_m]
-        lit += inside
-        if not inside and layout.narrow(np.array([line]), np.array([2.0 * half_m]))[0]:
-            rows = range(layout._run_bounds[run], layout._run_bounds[run + 1])
-            about = [row for row in rows if layout._run_from_m[row] <= middle_m < layout._run_to_m[row]]
-            lit += [int(layout._entry_of[row]) for row in about]
-    return lit
-
-
 def test_two_thousand_things_without_a_length_are_found_within_a_frame() -> None:
     strips = [beside(2.0 * index, 0.0, 3.0, name=str(index)) for index in range(22)]
     layout = Layout(strips)
@@ -201,35 +145,8 @@ def test_two_thousand_things_without_a_length_are_found_within_a_frame() -> None
     assert within(min(took_s), 0.005)  # it takes 0.4 ms
 
 
-def test_a_sharp_corner_lights_all_that_is_nearest_to_it() -> None:
-    corner = Belt(id="belt", line_m=((0.0, 0.0, 1.0), (1.0, 0.0, 1.0), (1.0, 1.0, 1.0)), width_m=WIDTH_M)
-    outer = Strip(id="s", line_m=((0.0, -0.2, 1.0), (1.2, -0.2, 1.0), (1.2, 1.0, 1.0)), pixels=72)
-    stage = Stage(outer, belts=(corner,)).put(item(1.0, 0.1, surface="belt", surface_id="belt"))
-    lit = stage.lit("s")
-    assert lit == list(range(lit[0], lit[-1] + 1))
-    assert abs(len(lit) - (0.4 + 0.1) * PER_M) <= 2  # both legs about the corner, and the package
-
-
 def test_a_pixel_may_lie_beside_two_belts_and_shows_both() -> None:
     other = Belt(id="other", line_m=((0.0, 0.5, 1.0), (3.0, 0.5, 1.0)), width_m=WIDTH_M)
     stage = Stage(beside(0.25, 0.0, 3.0), belts=(STRAIGHT, other))
     for belt in ("belt", "other"):
         assert stage.put(item(1.5, 0.2, surface="belt", surface_id=belt)).lit("s") == list(range(42, 48))
-
-
-def test_the_layout_lists_every_pixel_of_a_strip_once() -> None:
-    strips = [beside(0.25, 0.0, 3.0, name="a"), beside(-0.25, 0.0, 3.0, name="b", direction=-1)]
-    layout = Layout(strips)
-    assert layout.count == 180
-    assert sorted(layout.pixels) == list(range(180))
-    assert layout.slices == {"a": slice(0, 270), "b": slice(270, 540)}
-    assert layout.line("belt", "a") is None
-
-
-@pytest.mark.parametrize("strips", [[], [beside(5.0, 0.0, 1.0)]])
-def test_a_belt_without_strips_draws_nothing(strips: list[Strip]) -> None:
-    layout = Layout(strips, [STRAIGHT])
-    line = layout.line("belt", "belt")
-    assert line is not None
-    spans, entries = layout.lit(np.array([line]), np.array([0.0]), np.array([3.0]))
-    assert len(spans) == len(entries) == 0

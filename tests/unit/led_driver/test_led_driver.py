@@ -20,21 +20,8 @@ from pointit.schemas import (
     TrackedObjects,
     UserProfile,
 )
-from pointit.schemas.topics import (
-    CURSOR,
-    HEALTH,
-    HOVER,
-    LAMP_COLOR,
-    LOCALIZATION,
-    MAP,
-    OBJECTS,
-    PROFILE,
-    SELECTION,
-    SET_BRIGHTNESS,
-    STRIPS_FRAME,
-)
+from pointit.schemas import topics as at
 from pointit.services.led_driver.picture.layout import Layout
-from pointit.services.led_driver.picture.render import Renderer
 from pointit.services.led_driver.picture.strip_content import StripContent
 from pointit.services.led_driver.service import LedDriver
 from tests.support.bench import ManualClock, memory_bench, until
@@ -47,14 +34,14 @@ async def test_a_cursor_is_drawn_at_once_with_its_own_stamp() -> None:
         frames = await started(bench)
         assert frames[0].stamp_ns == clock.now_ns()
         await asyncio.sleep(0.005)
-        bench.put(PROFILE, UserProfile(stamp_ns=1, cursor_color=(1, 2, 3), cursor_width_m=0.3), "anna")
+        bench.put(at.PROFILE, UserProfile(stamp_ns=1, cursor_color=(1, 2, 3), cursor_width_m=0.3), "anna")
         await next_frame(frames)
         newest = cursor(clock, 0.55)
-        bench.put(CURSOR, newest, "anna")
+        bench.put(at.CURSOR, newest, "anna")
         frame = await next_frame(frames)
         assert pixels(frame, "a") == {4: (1, 2, 3), 5: (1, 2, 3), 6: (1, 2, 3)}
         assert frame.stamp_ns == newest.stamp_ns
-        bench.put(CURSOR, cursor(clock, 0.55, "b"), "anna")
+        bench.put(at.CURSOR, cursor(clock, 0.55, "b"), "anna")
         assert set(pixels(await next_frame(frames), "b")) == {13, 14, 15}
 
 
@@ -75,50 +62,31 @@ async def test_a_cursor_gives_its_stamp_to_one_frame_only() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
         frames = await started(bench)
-        bench.put(CURSOR, cursor(clock, 0.55), "anna")
+        bench.put(at.CURSOR, cursor(clock, 0.55), "anna")
         assert (await next_frame(frames)).stamp_ns == clock.now_ns() - 5_000_000
         clock.advance(0.3)
-        bench.put(PROFILE, UserProfile(stamp_ns=1, cursor_color=(1, 2, 3)), "anna")
+        bench.put(at.PROFILE, UserProfile(stamp_ns=1, cursor_color=(1, 2, 3)), "anna")
         frame = await next_frame(frames)
         assert pixels(frame, "a")[5] == (1, 2, 3)  # still lit
         assert frame.stamp_ns == clock.now_ns()
-
-
-def fail(*_: object) -> None:
-    raise ZeroDivisionError
-
-
-async def test_a_fault_in_a_timed_draw_is_counted_and_the_next_is_drawn(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    clock = ManualClock()
-    config = FAST.model_copy(update={"patience_s": 0.01})
-    async with memory_bench(clock) as bench:
-        health = bench.collect(HEALTH)
-        frames = await started(bench, config)
-        with monkeypatch.context() as broken:
-            broken.setattr(Renderer, "render", fail)
-            bench.put(OBJECTS, package(clock), "conveyor")  # waits for a cursor, then for the timer
-            await until(lambda: "timer of led-driver failed" in caplog.text, what="the log")
-        bench.put(CURSOR, cursor(clock, 0.55), "anna")
-        assert pixels(await next_frame(frames), "a")
-        await until(lambda: health[-1].errors == 1, what="the count in health")
 
 
 async def test_objects_move_on_between_messages_and_show_their_state() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
         frames = await started(bench)
-        bench.put(OBJECTS, package(clock, speed_mps=1.0), "conveyor")
+        bench.put(at.OBJECTS, package(clock, speed_mps=1.0), "conveyor")
         assert set(pixels(await next_frame(frames), "a")) == {3, 4, 5, 6}
         clock.advance(0.2)
-        bench.put(SELECTION, Selection(stamp_ns=1, objects=(SelectedObject(id="p1", user="x", since_ns=1),)))
+        bench.put(
+            at.SELECTION, Selection(stamp_ns=1, objects=(SelectedObject(id="p1", user="x", since_ns=1),))
+        )
         frame = await next_frame(frames)
         assert pixels(frame, "a") == {5: (255, 255, 255), 6: (200, 0, 0), 7: (200, 0, 0), 8: (255, 255, 255)}
         assert frame.stamp_ns == clock.now_ns()
-        bench.put(PROFILE, UserProfile(stamp_ns=1, cursor_color=(9, 9, 9)), "anna")
+        bench.put(at.PROFILE, UserProfile(stamp_ns=1, cursor_color=(9, 9, 9)), "anna")
         await next_frame(frames)
-        bench.put(HOVER, Hover(stamp_ns=1, object_id="p1", progress=0.0), "anna")
+        bench.put(at.HOVER, Hover(stamp_ns=1, object_id="p1", progress=0.0), "anna")
         shown = pixels(await next_frame(frames), "a")
         assert (shown[5], shown[8]) == ((255, 255, 255), (9, 9, 9))  # one pixel at each end has to do
 
@@ -127,11 +95,11 @@ async def test_trackers_do_not_take_each_others_objects_away() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
         frames = await started(bench)
-        bench.put(OBJECTS, package(clock), "one")
+        bench.put(at.OBJECTS, package(clock), "one")
         await next_frame(frames)
-        bench.put(OBJECTS, TrackedObjects(stamp_ns=clock.now_ns()), "two")
+        bench.put(at.OBJECTS, TrackedObjects(stamp_ns=clock.now_ns()), "two")
         assert pixels(await next_frame(frames), "a")
-        bench.put(OBJECTS, TrackedObjects(stamp_ns=clock.now_ns()), "one")
+        bench.put(at.OBJECTS, TrackedObjects(stamp_ns=clock.now_ns()), "one")
         assert not pixels(await next_frame(frames), "a")
 
 
@@ -140,8 +108,8 @@ async def test_silent_cursors_and_objects_vanish_by_themselves() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
         frames = await started(bench, config)
-        bench.put(OBJECTS, package(clock), "conveyor")
-        bench.put(CURSOR, cursor(clock, 1.5), "anna")
+        bench.put(at.OBJECTS, package(clock), "conveyor")
+        bench.put(at.CURSOR, cursor(clock, 1.5), "anna")
         await until(lambda: {3, 15} <= set(pixels(frames[-1], "a")))
         clock.advance(0.15)
         await until(lambda: max(pixels(frames[-1], "a"), default=0) == 6)
@@ -152,32 +120,32 @@ async def test_silent_cursors_and_objects_vanish_by_themselves() -> None:
 async def test_a_request_sets_the_brightness() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
-        reports = bench.collect(HEALTH)
+        reports = bench.collect(at.HEALTH)
 
         def shown() -> dict[str, float]:
             return {figure.name: figure.value for figure in reports[-1].figures} if reports else {}
 
         frames = await started(bench)
         await until(lambda: shown() == {"brightness": 1.0})
-        bench.put(CURSOR, cursor(clock, 0.5), "anna")
+        bench.put(at.CURSOR, cursor(clock, 0.5), "anna")
         assert max(pixels(await next_frame(frames), "a").values()) == (255, 255, 255)
-        reply = await bench.bus.call(SET_BRIGHTNESS, SetBrightness(brightness=0.2))
+        reply = await bench.bus.call(at.SET_BRIGHTNESS, SetBrightness(brightness=0.2))
         assert "20%" in reply.message
         await until(lambda: max(pixels(frames[-1], "a").values()) == (51, 51, 51))
         await until(lambda: shown() == {"brightness": 0.2})
-        await bench.bus.call(SET_BRIGHTNESS, SetBrightness(brightness=1.0, strips=("a",)))
+        await bench.bus.call(at.SET_BRIGHTNESS, SetBrightness(brightness=1.0, strips=("a",)))
         await until(lambda: max(pixels(frames[-1], "a").values()) == (255, 255, 255))
         with pytest.raises(RequestError, match="there is no strip 'x'"):
-            await bench.bus.call(SET_BRIGHTNESS, SetBrightness(brightness=1.0, strips=("x",)))
+            await bench.bus.call(at.SET_BRIGHTNESS, SetBrightness(brightness=1.0, strips=("x",)))
 
 
 async def test_an_unknown_colormap_is_said_until_another_is_chosen() -> None:
     async with memory_bench() as bench:
-        reports = bench.collect(HEALTH)
+        reports = bench.collect(at.HEALTH)
         frames = await started(bench)
-        bench.put(PROFILE, UserProfile(stamp_ns=1, cursor_colormap="rainbow"), "anna")
+        bench.put(at.PROFILE, UserProfile(stamp_ns=1, cursor_colormap="rainbow"), "anna")
         await until(lambda: bool(reports) and any("no colormap 'rainbow'" in w for w in reports[-1].warnings))
-        bench.put(PROFILE, UserProfile(stamp_ns=1, cursor_colormap="viridis"), "anna")
+        bench.put(at.PROFILE, UserProfile(stamp_ns=1, cursor_colormap="viridis"), "anna")
         await until(lambda: not reports[-1].warnings)
         assert frames
 
@@ -186,27 +154,27 @@ async def test_lamps_are_told_what_changes_and_are_dark_at_the_end() -> None:
     clock = ManualClock()
     told: list[tuple[str, tuple[int, ...]]] = []
     async with memory_bench(clock) as bench:
-        bench.bus.subscribe(LAMP_COLOR, lambda news, lamp: told.append((lamp, news.color)))
+        bench.bus.subscribe(at.LAMP_COLOR, lambda news, lamp: told.append((lamp, news.color)))
         await started(bench, FAST.model_copy(update={"state_lamp": "state"}))
         await until(lambda: told == [("state", (40, 40, 40))])
         near = cursor(clock, 0.5).model_copy(update={"lamps": (LampMiss(id="a", miss_rad=0.0),)})
-        bench.put(CURSOR, near, "anna")
+        bench.put(at.CURSOR, near, "anna")
         await until(lambda: {lamp for lamp, _ in told[1:]} == {"a", "state"})
         count = len(told)
         for _ in range(3):
-            bench.put(CURSOR, near, "anna")
+            bench.put(at.CURSOR, near, "anna")
             await asyncio.sleep(0.06)
         assert len(told) == count  # nothing changed
-        bench.put(LOCALIZATION, Localization(stamp_ns=1, phase="sampling", target_id="robot"), "ben")
+        bench.put(at.LOCALIZATION, Localization(stamp_ns=1, phase="sampling", target_id="robot"), "ben")
         await until(lambda: dict(told)["a"] == (0, 0, 0), what="darkness")
         assert dict(told)["state"][2] > dict(told)["state"][1]  # it pulses
         count = len(told)
-        bench.put(CURSOR, cursor(clock, 0.5), "anna")
+        bench.put(at.CURSOR, cursor(clock, 0.5), "anna")
         await asyncio.sleep(0.06)
         assert all(lamp == "state" for lamp, _ in told[count:])
         count = len(told)
-        bench.put(CURSOR, near, "anna")
-        bench.put(LOCALIZATION, Localization(stamp_ns=1, phase="solved"), "ben")
+        bench.put(at.CURSOR, near, "anna")
+        bench.put(at.LOCALIZATION, Localization(stamp_ns=1, phase="solved"), "ben")
         await until(lambda: "a" in {lamp for lamp, _ in told[count:]}, what="lamp a again")
     assert dict(told) == {"a": (0, 0, 0), "state": (0, 0, 0)}
 
@@ -216,12 +184,12 @@ async def test_lamps_change_twenty_times_a_second_at_most() -> None:
     told: list[float] = []
     async with memory_bench(clock) as bench:
         loop = asyncio.get_running_loop()
-        bench.bus.subscribe(LAMP_COLOR, lambda _news, _lamp: told.append(loop.time()))
+        bench.bus.subscribe(at.LAMP_COLOR, lambda _news, _lamp: told.append(loop.time()))
         await started(bench)
         began_s = loop.time()
         for step in range(200):
             lamps = (LampMiss(id="a", miss_rad=step % 50 / 100),)
-            bench.put(CURSOR, cursor(clock, 0.5).model_copy(update={"lamps": lamps}), "anna")
+            bench.put(at.CURSOR, cursor(clock, 0.5).model_copy(update={"lamps": lamps}), "anna")
             clock.advance(0.002)
             await asyncio.sleep(0.002)
         assert 2 <= len(told) <= (loop.time() - began_s) * 20 + 2
@@ -230,12 +198,12 @@ async def test_lamps_change_twenty_times_a_second_at_most() -> None:
 async def test_without_a_map_nothing_is_drawn_and_a_broken_one_is_said() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
-        frames, reports = bench.collect(STRIPS_FRAME), bench.collect(HEALTH)
+        frames, reports = bench.collect(at.STRIPS_FRAME), bench.collect(at.HEALTH)
         bench.start(LedDriver, FAST)
         await bench.settle()
-        bench.put(CURSOR, cursor(clock, 0.5), "anna")
+        bench.put(at.CURSOR, cursor(clock, 0.5), "anna")
         broken = Strip(id="a", line_m=((0, 0, 0), (0, 0, 0)), pixels=20)
-        bench.put(MAP, Environment(stamp_ns=1, name="bad", strips=(broken,)))
+        bench.put(at.MAP, Environment(stamp_ns=1, name="bad", strips=(broken,)))
         await until(lambda: bool(reports) and any("map bad" in text for text in reports[-1].warnings))
         assert not frames
 
@@ -247,7 +215,7 @@ async def test_many_messages_make_few_frames_and_the_newest_wins() -> None:
         loop = asyncio.get_running_loop()
         began_s = loop.time()
         for sent in range(1, 400):
-            bench.put(CURSOR, cursor(clock, sent % 20 / 10 + 0.05), "anna")
+            bench.put(at.CURSOR, cursor(clock, sent % 20 / 10 + 0.05), "anna")
             await bench.settle(2)
         await until(lambda: 399 % 20 in pixels(frames[-1], "a"), what="the newest")
         assert len(frames) <= (loop.time() - began_s) * 50 + 3
@@ -257,7 +225,7 @@ async def test_many_messages_make_few_frames_and_the_newest_wins() -> None:
 async def test_numbers_nobody_can_calculate_with_blind_nobody(value: float) -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
-        health = bench.collect(HEALTH)
+        health = bench.collect(at.HEALTH)
         frames = await started(bench)
         nonsense = TrackedObject(
             id="evil",
@@ -269,12 +237,12 @@ async def test_numbers_nobody_can_calculate_with_blind_nobody(value: float) -> N
             surface_speed_mps=value,
             length_m=abs(value),
         )
-        bench.put(OBJECTS, TrackedObjects(stamp_ns=clock.now_ns() - 1, objects=(nonsense,)), "x")
-        bench.put(CURSOR, cursor(clock, value * FARTHEST), "eve")
-        bench.put(CURSOR, cursor(clock, 0.5), "anna")
+        bench.put(at.OBJECTS, TrackedObjects(stamp_ns=clock.now_ns() - 1, objects=(nonsense,)), "x")
+        bench.put(at.CURSOR, cursor(clock, value * FARTHEST), "eve")
+        bench.put(at.CURSOR, cursor(clock, 0.5), "anna")
         await until(lambda: any(5 in pixels(frame, "a") for frame in frames), what="anna's cursor")
         point = Strip(id="a", line_m=((0.0, 0.0, 0.0), (5e-324, 0.0, 0.0)), pixels=5)
-        bench.put(MAP, Environment(stamp_ns=0, name="evil", strips=(point,)))
+        bench.put(at.MAP, Environment(stamp_ns=0, name="evil", strips=(point,)))
         await until(lambda: any("cannot be drawn" in text for h in health for text in h.warnings))
         assert not any(each.errors for each in health)
 

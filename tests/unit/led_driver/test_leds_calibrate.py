@@ -36,7 +36,6 @@ def _same_logs(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def keys(start: Angles, end: Angles) -> bytes:
-    """Return the arrows from one to the other, to the nearest step."""
     pan = round(end.pan_rad / STEP_RAD) - round(start.pan_rad / STEP_RAD)
     tilt = round(end.tilt_rad / STEP_RAD) - round(start.tilt_rad / STEP_RAD)
     return (RIGHT if pan > 0 else LEFT) * abs(pan) + (UP if tilt > 0 else DOWN) * abs(tilt)

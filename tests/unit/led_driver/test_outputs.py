@@ -18,11 +18,9 @@ from pointit.schemas.topics import CURSOR, MAP, PROFILE, SET_LAMP
 from pointit.services.led_driver import outputs
 from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.guarded_output import GuardedOutput
-from pointit.services.led_driver.output import datagram_sender
 from pointit.services.led_driver.output.serial_port.config import ExpanderConfig
 from pointit.services.led_driver.outputs import LedOutput, OutputConfig, make_outputs
 from pointit.services.led_driver.service import LedDriver
-from pointit.testing import UdpDevice
 from tests.support.bench import ManualClock, memory_bench, until
 from tests.unit.led_driver.driving import FAST, MAP_MESSAGE, cursor, next_frame, started
 
@@ -155,36 +153,6 @@ async def test_light_is_as_late_as_at_the_outputs_that_have_changed(monkeypatch:
             assert light_s == 0.01, "b has not changed"
 
 
-async def test_cursor_on_one_strip_sends_nothing_to_controllers_of_others(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    for period in ("REPEAT_S", "KEEP_ALIVE_S"):
-        monkeypatch.setattr(datagram_sender, period, 1000.0)
-    clock, devices = ManualClock(), {"a": UdpDevice(), "b": UdpDevice()}
-    for device in devices.values():
-        await device.plug()
-    hosts = {"a": "127.0.0.1", "b": "localhost"}
-    outputs = [
-        {"kind": "ddp", "host": hosts[name], "port": device.port, "segments": [{"strip": name}]}
-        for name, device in devices.items()
-    ]
-    config = FAST.model_validate({**FAST.model_dump(), "outputs": outputs})
-    async with memory_bench(clock) as bench:
-        frames = await started(bench, config)
-        bench.put(CURSOR, cursor(clock, 0.3, "b"), "ben")
-        await until(lambda: any(any(datagram[10:]) for datagram in devices["b"].datagrams))
-        count = len(devices["b"].datagrams)
-        for place_m in (0.3, 0.8, 1.3):
-            devices["a"].datagrams.clear()
-            bench.put(CURSOR, cursor(clock, place_m, "a"), "anna")
-            await next_frame(frames)
-            await until(lambda: bool(devices["a"].datagrams))
-        assert len(devices["b"].datagrams) == count
-    for device in devices.values():
-        await device.unplug()
-        device.close()
-
-
 ROOM = MAP_MESSAGE.model_copy(update={"lamps": (Lamp(id="one", position_m=(1, 0, 0)),)})
 
 
@@ -265,7 +233,6 @@ AROUND = Surroundings(clock=WallClock(), health=NullHealth(), folder=Path("unuse
 
 
 def names(*outputs: dict[str, Any]) -> list[str]:
-    """Return the name of each output of a configuration."""
     given: list[str] = []
 
     def surroundings(_kind: str, _name: str, _user: str, which: str) -> Surroundings:

@@ -7,11 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.schemas import NS_PER_S, Cursor, Passed, UserProfile
-from pointit.schemas.topics import CURSOR, OBJECTS
+from pointit.schemas.topics import CURSOR
 from pointit.services.led_driver.light_state import LightState
 from pointit.services.led_driver.pacing import FrameLimiter
-from tests.support.bench import ManualClock, memory_bench, until
-from tests.unit.led_driver.driving import FAST, MAP_MESSAGE, cursor, next_frame, package, pixels, started
+from tests.support.bench import ManualClock, memory_bench
+from tests.unit.led_driver.driving import FAST, MAP_MESSAGE, cursor, next_frame, pixels, started
 
 
 def test_the_pacer_draws_cursors_as_they_come_and_the_rest_with_them() -> None:
@@ -94,6 +94,25 @@ def test_who_points_past_is_shown_the_nearest_pixel_dim_and_blinking(strip_id: s
     assert changes == 3  # on, off, on, off in 2 s: 1 Hz
 
 
+async def test_who_points_past_takes_nobodys_place_in_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    wished: list[bool] = []
+    wish = FrameLimiter.request_frame
+
+    def noted(pacer: FrameLimiter, now_s: float, *, fresh: bool) -> float | None:
+        wished.append(fresh)
+        return wish(pacer, now_s, fresh=fresh)
+
+    monkeypatch.setattr(FrameLimiter, "request_frame", noted)
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        frames = await started(bench)
+        wished.clear()
+        for message in (passing(clock.now_ns(), 1.55), cursor(clock, 1.05)):
+            bench.put(CURSOR, message, "anna")
+            await next_frame(frames)
+        assert wished == [False, True]
+
+
 def test_a_frame_is_asked_for_when_the_pixel_changes_and_when_it_blinks() -> None:
     lights = LightState(FAST)
     lights.on_map(MAP_MESSAGE)
@@ -109,53 +128,3 @@ def test_a_frame_is_asked_for_when_the_pixel_changes_and_when_it_blinks() -> Non
     lights.frame(now_ns)
     assert lights.content.next_change_ns() == timeout_ns
     assert not lights.on_cursor("anna", passing(now_ns, 1.5, "of another map"), now_ns)
-
-
-async def test_who_points_past_takes_nobodys_place_in_time_and_blinks_unasked(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    wished: list[bool] = []
-    wish = FrameLimiter.request_frame
-
-    def noted(pacer: FrameLimiter, now_s: float, *, fresh: bool) -> float | None:
-        wished.append(fresh)
-        return wish(pacer, now_s, fresh=fresh)
-
-    monkeypatch.setattr(FrameLimiter, "request_frame", noted)
-    clock = ManualClock()
-    config = FAST.model_copy(update={"cursor_timeout_s": 60.0, "objects_timeout_s": 60.0})
-    async with memory_bench(clock) as bench:
-        frames = await started(bench, config)
-        bench.put(OBJECTS, package(clock), "conveyor")  # its time-out is a minute away
-        await next_frame(frames)
-        wished.clear()
-        for _ in range(50):
-            bench.put(CURSOR, passing(clock.now_ns(), 1.55), "anna")
-            await bench.settle(2)
-        await until(lambda: len(frames) == 3)
-        assert wished == [False]
-        bench.put(CURSOR, cursor(clock, 1.05), "ben")
-        await until(lambda: 10 in pixels(frames[-1], "a"))
-        assert wished == [False, True]
-        for _ in range(2):
-            wanted = 15 not in pixels(frames[-1], "a")
-            clock.advance(0.5)
-            while (15 in pixels(frames[-1], "a")) != wanted:
-                await next_frame(frames)
-
-
-def test_the_pixel_goes_when_something_is_met_and_when_nothing_is_heard() -> None:
-    lights = LightState(FAST)
-    lights.on_map(MAP_MESSAGE)
-    assert lights.on_cursor("anna", passing(0, 0.0), 0)
-    lit = lights.frame(0)
-    assert lit is not None
-    assert pixels(lit, "a")
-    assert lights.on_cursor("anna", Cursor(stamp_ns=1), 1)
-    dark = lights.frame(1)
-    assert dark is not None
-    assert not pixels(dark, "a")
-    assert lights.on_cursor("anna", passing(2, 0.0), 2)
-    late = lights.frame(NS_PER_S)
-    assert late is not None
-    assert not pixels(late, "a")

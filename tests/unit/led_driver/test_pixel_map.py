@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from pointit.schemas import Strip, StripFrame, StripsFrame
-from pointit.services.led_driver.output.pixel_map import PixelMap, map_pixels
+from pointit.services.led_driver.output.pixel_map import map_pixels
 from pointit.services.led_driver.output.power import Power
 from pointit.services.led_driver.outputs import OutputConfig, Segment
 
@@ -33,24 +33,6 @@ def test_segments_have_a_part_an_order_and_a_direction_each_and_gaps_stay_dark()
         Segment(strip="a", first=1, pixels=1, offset=3),
         Segment(strip="a", first=2, order="BGR"),
     ) == ([50, 40, 60, 20, 10, 30, 0, 0, 0, 4, 5, 6, 9, 8, 7], [])
-
-
-def test_a_segment_that_reaches_beyond_its_strip_shows_what_there_is() -> None:
-    assert shown(Segment(strip="a", first=2, pixels=4), Segment(strip="b"))[0] == [
-        7,
-        8,
-        9,
-        10,
-        20,
-        30,
-        40,
-        50,
-        60,
-    ]
-
-
-def test_white_stays_dark_and_has_its_place_in_the_order() -> None:
-    assert shown(Segment(strip="b", order="WGRB")) == ([0, 20, 10, 30, 0, 50, 40, 60], [])
 
 
 def test_pixels_continue_in_the_next_universe_and_unused_universes_are_not_sent() -> None:
@@ -85,7 +67,6 @@ def test_impossible_orders_are_refused(orders: tuple[str, ...]) -> None:
 
 
 def simple(segments: list[Segment]) -> dict[int, list[int]]:
-    """Return the bytes of each pixel of the output, computed one by one."""
     pixels: dict[int, list[int]] = {}
     end = 0
     for segment in segments:
@@ -138,11 +119,6 @@ def test_frames_that_do_not_fit_are_cut_and_filled(pixels: dict[str, bytes]) -> 
     assert pixel_map.output_bytes(frame) == wanted
 
 
-def test_output_without_strips_has_no_pixels() -> None:
-    pixel_map: PixelMap = map_pixels((), ())[0]
-    assert (pixel_map.pixels, pixel_map.blocks, pixel_map.output_bytes(FRAME)) == (0, (), b"")
-
-
 def test_universes_and_pixels_that_only_the_map_before_has_are_dark() -> None:
     before, _ = map_pixels((), STRIPS, block_pixels=2, first_block=3)
     pixel_map, _ = map_pixels((), STRIPS[1:], block_pixels=2, first_block=4)
@@ -162,21 +138,9 @@ def test_universe_of_an_output_without_universes_is_named() -> None:
     assert pixel_map.output_bytes(FRAME) == bytes((0, 0, 0, 10, 20, 30, 40, 50, 60))
 
 
-def test_with_gamma_1_and_no_limit_bytes_are_sent_as_they_are() -> None:
-    sent, load = Power(OutputConfig(gamma=1.0)).send(bytes(range(255)))
-    assert sent == bytes(range(255))
-    assert not load.limited
-
-
 def test_gamma_makes_the_middle_darker_and_keeps_both_ends() -> None:
     sent, _ = Power(OutputConfig()).send(bytes((0, 128, 255)))
     assert list(sent) == [0, 56, 255]  # 255 · (128 / 255)^2.2 = 55.98
-
-
-def test_the_current_is_that_of_the_bytes_that_are_sent() -> None:
-    power = Power(OutputConfig(current_per_pixel_ma=60.0))
-    _, load = power.send(b"\xff" * 30 + b"\xff\x00\x00" * 10)
-    assert load.wanted_a == load.drawn_a == pytest.approx(10 * 0.06 + 10 * 0.02)
 
 
 @given(st.binary(max_size=360), st.floats(0.01, 2.0), st.floats(1.0, 3.0))

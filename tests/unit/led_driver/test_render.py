@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.geometry.colormap import UnknownColormapError, colormap
+from pointit.geometry.colormap import colormap
 from pointit.schemas import Environment, Strip
 from pointit.schemas.base import FARTHEST_ALONG
 from pointit.services.led_driver.config import CursorsConfig, LedDriverConfig
@@ -65,7 +65,6 @@ def test_a_hovered_object_has_ends_in_the_persons_colour_and_fills_with_the_prog
 
 
 def margins(stage: Stage) -> list[tuple[int, int, int]]:
-    """Return two pixels from each end of a nine pixels long object at 1.0."""
     shown = stage.shown()
     return [*shown[5:7], *shown[12:14]]
 
@@ -101,19 +100,6 @@ def test_a_reservation_is_a_thin_outer_mark_in_the_others_colour() -> None:
 
 
 PATTERNS = ["solid", "dashed", "dotted", "striped", "hollow", "tailed"]
-
-
-@pytest.mark.parametrize("pixels", [8, 9, 10, 15])
-def test_owners_are_told_by_their_patterns_even_in_nine_pixels(pixels: int) -> None:
-    seen: set[tuple[str, ...]] = set()
-    for pattern in PATTERNS:
-        stage = Stage(margin_m=0.2).profile("anna", GREEN, pattern=pattern)
-        shown = stage.put(item(0.5 + pixels / 20 - 0.001, pixels / 10)).select("anna").shown()
-        signs = tuple({GREEN: "M", RED: "B", GAP: ".", BLACK: " "}[color] for color in shown[5 : 5 + pixels])
-        assert signs[:2] == signs[-2:] == ("M", "M")
-        assert signs.count("B") >= 2  # its kind stays to be seen
-        seen.add(signs)
-    assert len(seen) == len(PATTERNS)
 
 
 def test_the_patterns_of_nine_pixels() -> None:
@@ -183,12 +169,6 @@ def test_a_short_object_is_still_a_pixel_and_keeps_its_colour() -> None:
     assert shown[4:7] == [BLACK, RED, BLACK]
 
 
-@pytest.mark.parametrize(("position_m", "pixel"), [(0.0, 0), (2.0, 19), (-0.01, None), (2.01, None)])
-def test_the_very_ends_belong_to_the_strip(position_m: float, pixel: int | None) -> None:
-    stage = Stage(FORTH).profile("anna", width_m=0.001).point("anna", position_m)
-    assert stage.lit() == ([] if pixel is None else [pixel])
-
-
 def test_an_unknown_kind_has_the_default_colour_and_an_unknown_line_draws_nothing() -> None:
     assert Stage().put(item(0.6, kind="?")).select("x").shown()[5] == (8, 8, 8)
     assert Stage().put(item(0.5, surface_id="x")).point("anna", 0.5, "x").lit() == []
@@ -211,16 +191,6 @@ def test_overlapping_cursors_alternate_and_lone_parts_stay_whole() -> None:
     assert len(stage.lit("back")) in (3, 4)
 
 
-@pytest.mark.parametrize("count", [2, 3, 5])
-def test_where_many_cursors_meet_everybody_is_seen(count: int) -> None:
-    stage = Stage(FORTH)
-    for k in range(count):
-        stage.profile(f"u{k}", (k + 1, 0, 0), 1.0).point(f"u{k}", 1.0)
-    window = [color[0] for color in stage.shown()[5:15]]
-    for start in range(len(window) - count):
-        assert set(window[start : start + count]) == set(range(1, count + 1))
-
-
 def test_a_cursor_may_tell_its_distance_by_a_colormap() -> None:
     def color(cursors: CursorsConfig, **miss: Any) -> tuple[int, int, int]:
         stage = Stage(cursors=cursors).profile("anna", GREEN, cursor_colormap="viridis")
@@ -232,13 +202,6 @@ def test_a_cursor_may_tell_its_distance_by_a_colormap() -> None:
     assert color(angle, miss_rad=np.radians(2.5), miss_m=9.0) == viridis.rgb(0.75)
     assert color(angle, miss_rad=1.0) == viridis.rgb(0.0)
     assert color(metres, miss_rad=1.0, miss_m=0.5) == viridis.rgb(0.75)
-
-
-def test_an_unknown_colormap_is_refused_and_the_colour_shown() -> None:
-    stage = Stage()
-    with pytest.raises(UnknownColormapError, match="viridis"):
-        stage.profile("anna", GREEN, cursor_colormap="rainbow")
-    assert stage.point("anna", 0.55).shown()[5] == GREEN
 
 
 def test_the_true_cursor_is_drawn_unless_the_snapped_one_is_asked_for() -> None:
@@ -259,16 +222,6 @@ def test_brightness_scales_everything() -> None:
     assert stage.shown() == [tuple(round(value / 2) for value in color) for color in full]
     stage.lights.set_brightness(0.0)
     assert stage.lit() == []
-
-
-def test_brightness_is_worked_out_when_it_is_set_and_not_in_every_frame(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    stage = Stage().point("anna", 0.5)
-    stage.lights.set_brightness(0.5)
-    stage.lights.set_brightness(0.2, ["back"])
-    monkeypatch.delattr("pointit.services.led_driver.light_state.np")
-    assert (127, 127, 127) in stage.shown() or (128, 128, 128) in stage.shown()
 
 
 def test_brightness_of_one_strip_leaves_the_others_alone() -> None:

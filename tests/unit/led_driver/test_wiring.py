@@ -70,11 +70,6 @@ def test_vr_belts_on_one_wire_is_told_its_rate_and_what_fits() -> None:
     assert "2626 pixels fit at 25 frames a second" in sentence
 
 
-def test_conveyor_fits_on_one_wire() -> None:
-    environment, _ = load_map_and_clouds("conveyor", 0)
-    assert shown([strip.pixels for strip in environment.strips], board="v2") == ""
-
-
 @given(
     st.integers(1, 20),
     st.integers(300, 1000),

@@ -58,7 +58,6 @@ class Room:
         return self.cursors[-1] if self.cursors else None
 
     async def point(self, direction: Vec3, user: str = "anna") -> Cursor:
-        """Point 20 ms later; return the last cursor."""
         stamp_ns = self.clock.advance(0.02)
         await self.send(PointingRay(stamp_ns=stamp_ns, origin_m=EYES, direction=direction), user)
         return self.cursors[-1]
@@ -80,7 +79,6 @@ class Room:
 
 @asynccontextmanager
 async def room(**config: Any) -> AsyncGenerator[Room]:
-    """Yield a room with pui configured so."""
     clock = ManualClock()
     async with memory_bench(clock) as bench:
         here = Room(bench, clock)

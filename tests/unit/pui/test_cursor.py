@@ -10,11 +10,9 @@ from hypothesis import strategies as st
 from pointit.geometry import vector
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
-from pointit.maps.file import load_map
 from pointit.schemas import Interaction, PointingRay, UserPose
 from pointit.services.pui.cursor import PersonCursor
 from pointit.services.pui.surfaces import Surfaces
-from tests.support.data import data_file
 from tests.support.known import known
 from tests.unit.pui.room import EYES, LAB, S, pose_at, ray_to
 
@@ -43,22 +41,6 @@ def test_pointing_at_a_place_on_a_strip_puts_the_cursor_there(
     assert vector.angle_between(vector.subtract(target, eyes), vector.subtract(cursor.point_m, eyes)) < 1e-6
     if cursor.surface_id == LAB.strips[number].id:
         assert cursor.position_m == pytest.approx(position_m, abs=1e-4)
-
-
-def test_the_cursors_numbers_are_those_of_its_point() -> None:
-    pose = pose_at((2.0, 1.0, 0.0), yaw_rad=0.0)
-    person = PersonCursor(Surfaces(LAB))
-    person.set_pose(pose)
-    beside = vector.add(on_strip(0, 2.0), (0.0, 0.0, 0.3))  # 0.3 m above the strip
-    cursor = known(person.cursor(ray_to(beside, pose)))
-    assert cursor.point_m is not None
-    eyes = (2.0, 1.0, 1.64)
-    reach = vector.subtract(cursor.point_m, eyes)
-    aim = vector.subtract(beside, eyes)
-    assert cursor.range_m == pytest.approx(vector.norm(reach))
-    assert cursor.miss_rad == pytest.approx(vector.angle_between(reach, aim))
-    assert cursor.miss_m == pytest.approx(cursor.range_m * math.sin(cursor.miss_rad))
-    assert 0.05 < cursor.miss_rad < math.radians(12)
 
 
 def offset(angle_deg: float, pose: UserPose) -> PointingRay:
@@ -93,29 +75,6 @@ def test_metres_forgive_far_away_what_they_refuse_nearby(method: Literal["exact"
         assert (met is not None) is hit
         if met is not None:
             assert met[1].miss_m == pytest.approx(6.0 * math.sin(math.radians(6)), abs=0.06)
-
-
-def test_only_the_wanted_kinds_take_part() -> None:
-    lamp = LAB.lamps[1]
-    direction = vector.normalized(vector.subtract(lamp.position_m, EYES))
-    met = known(Surfaces(LAB, ["lamp"]).hit_test(EYES, direction))
-    assert met[0] == ("lamp", lamp.id)
-    assert Surfaces(LAB, ["strip"]).hit_test(EYES, direction) is None
-
-
-def test_belts_and_strips_of_the_conveyor_are_told_apart() -> None:
-    conveyor = load_map(str(data_file("pointit-ros2/belt.yaml")), 0)
-    surfaces = Surfaces(conveyor, ["strip", "belt"])
-    eyes = (0.8, -1.2, 1.64)
-    for kind, entries in (("strip", conveyor.strips), ("belt", conveyor.belts)):
-        for entry in entries:
-            line = Polyline(entry.line_m)
-            reach = vector.subtract(line.point_at(line.length_m / 2), eyes)
-            met = known(surfaces.hit_test(eyes, vector.normalized(reach)))
-            if met[0] != (kind, entry.id):  # then another is in the same line of sight
-                assert met[1].miss_rad < 1e-3
-            else:
-                assert met[1].position_m == pytest.approx(line.length_m / 2, abs=0.005)
 
 
 def test_ending_takes_back_one_cursor_once_and_never_an_older_stamp() -> None:

@@ -11,7 +11,6 @@ from pointit.geometry import vector
 from pointit.geometry.closest import Hit
 from pointit.geometry.vector import Vec3
 from pointit.schemas import (
-    FARTHEST,
     NS_PER_S,
     Box,
     Cursor,
@@ -26,7 +25,7 @@ from pointit.schemas import (
 )
 from pointit.schemas.topics import FEEDBACK
 from pointit.services.pui.cursor import PersonCursor
-from pointit.services.pui.passing import AGAIN_NS, PATIENCE_NS, Passing, words
+from pointit.services.pui.passing import AGAIN_NS, PATIENCE_NS, Passing
 from pointit.services.pui.shapes import Surface
 from pointit.services.pui.surfaces import Surfaces
 from pointit.services.pui.tracked_objects import Tracked
@@ -148,19 +147,6 @@ def cues_of(someone: PersonCursor, from_s: int, to_s: int, elevation_deg: float 
     return cues
 
 
-def test_a_cue_says_the_turn_that_the_cursor_says() -> None:
-    (cue,) = cues_of(person(), 0, 2)
-    assert cue.turn_rad == pytest.approx((math.radians(40.0 - 18.4), math.radians(20.0)), abs=0.05)
-
-
-def test_after_a_rest_patience_begins_again() -> None:
-    someone = person()
-    assert not cues_of(someone, 0, 1)
-    assert not cues_of(someone, 1, 2, elevation_deg=-60.0)
-    assert not cues_of(someone, 2, 3)
-    assert len(cues_of(someone, 3, 4)) == 1
-
-
 def test_cues_come_again_when_the_clock_was_set_back() -> None:
     someone = person()
     assert len(cues_of(someone, 100, 102)) == 1
@@ -195,7 +181,6 @@ def test_a_workspace_is_not_passed() -> None:
 
 
 def aims_past(someone: PersonCursor, begin_ns: int, end_ns: int) -> int:
-    """Point past everything; return how many cues come of it."""
     cues = 0
     for stamp_ns in range(begin_ns, end_ns, STEP_NS):
         someone.cursor(aimed(0.0, 30.0, stamp_ns))
@@ -214,13 +199,6 @@ def test_on_a_workspace_nothing_more_is_told_of_the_map() -> None:
     assert aims_past(someone, 20 * NS_PER_S + PATIENCE_NS, 22 * NS_PER_S) == 1
 
 
-def test_at_the_end_of_the_world_nothing_more_is_told() -> None:
-    someone = person()
-    assert aims_past(someone, 0, 2 * NS_PER_S) == 1
-    someone.set_pose(UserPose(stamp_ns=2 * NS_PER_S, position_m=(FARTHEST, 0.0, FARTHEST), yaw_rad=0.0))
-    assert aims_past(someone, 2 * NS_PER_S, 20 * NS_PER_S) == 0
-
-
 class Placed:
     """A single thing, ahead or at `point_m`; counts how often it is asked for."""
 
@@ -231,21 +209,6 @@ class Placed:
     def nearest(self, _origin_m: Vec3, _direction: Vec3) -> tuple[Surface, Hit]:
         self.asked += 1
         return Surface("lamp", "l"), Hit(0, 0.0, self._point_m, 1.0, 1.0, 1.0)
-
-
-def test_the_nearest_thing_is_looked_for_ten_times_a_second() -> None:
-    things = Placed()
-    passing = Passing(things)
-    for stamp_ns in range(0, 10 * NS_PER_S, NS_PER_S // 100):
-        assert passing.miss((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), stamp_ns) is not None
-    assert things.asked == 100
-    passing.miss((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 0)  # a clock that was set back
-    assert things.asked == 101
-
-
-def test_at_a_steep_thing_a_large_azimuth_is_a_small_turn() -> None:
-    text = words("lamp l", math.radians(80.0), math.radians(20.0), math.radians(85.0))
-    assert text == "you point 20° below lamp l: raise your arm"
 
 
 @pytest.mark.parametrize(("method", "advice"), [("exact", "lower your arm"), ("kd_tree", "turn left")])

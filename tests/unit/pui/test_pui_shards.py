@@ -4,10 +4,7 @@ from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 from typing import Any
 
-import pytest
-
 from pointit.geometry.vector import Vec3
-from pointit.runtime.errors import NoAnswerError
 from pointit.schemas import Cloud, Environment, Health, SetTolerance, SetWorkspace, Sphere
 from pointit.schemas.topics import HEALTH, MAP, SET_TOLERANCE, SET_WORKSPACE, SHARD_ALIVE, USER_ALIVE
 from pointit.services.pui.config import PuiConfig
@@ -33,7 +30,6 @@ class Sharing(Room):
         (self.shards.add if present else self.shards.discard)(name)
 
     async def start(self, **config: Any) -> None:
-        """Start anna's shard."""
         self.shard = self.bench.start(Pui, PuiConfig(people=("anna",), **config), name="anna")
         await self.bench.settle()
 
@@ -106,19 +102,6 @@ async def test_requests_for_a_person_are_answered_by_who_serves_them() -> None:
         await bench.bus.call(SET_TOLERANCE, SetTolerance(tolerance_rad=0.01))
         await room.both_point()
         assert room.of["anna"][-1].surface_id == room.of["ben"][-1].surface_id == "workspace/sphere"
-
-
-@in_virtual_time
-async def test_the_tolerance_is_asked_of_the_default() -> None:
-    async with sharing() as room:
-        bench = room.bench
-        await room.start(map="lab")
-        await room.until_served()
-        with pytest.raises(NoAnswerError):
-            await bench.bus.call(SET_TOLERANCE, SetTolerance())
-        bench.start(Pui)
-        await bench.settle()
-        await bench.bus.call(SET_TOLERANCE, SetTolerance())
 
 
 @in_virtual_time

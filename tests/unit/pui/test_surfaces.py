@@ -58,7 +58,6 @@ def towards(target: Vec3) -> Vec3:
 
 
 def met(on: Surfaces, target: Vec3) -> tuple[str, str] | None:
-    """Return the kind and id of what somebody who points at `target` has their cursor on."""
     found = on.hit_test(EYES, towards(target))
     return None if found is None else found[0]
 

@@ -181,17 +181,6 @@ def test_nothing_jumps_when_a_workspace_is_laid_through_the_pointer(
         before = person.point(direction)
 
 
-def test_back_to_the_map_and_on() -> None:
-    person = Person()
-    strip = LAB.strips[1].line_m[0]
-    person.point_at(strip)
-    person.ask("sphere")
-    assert person.point_at(strip).solid == "sphere"
-    person.core.set_workspace(SetWorkspace(kind="none"), person.tracked)
-    cursor = person.point_at(strip)
-    assert (cursor.surface, cursor.solid) == ("strip", "")
-
-
 def test_the_cursor_says_its_true_ray_and_how_far_it_was_drawn() -> None:
     person = Person()
     strip = LAB.strips[1].line_m[0]

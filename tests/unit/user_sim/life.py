@@ -77,7 +77,6 @@ class Life:
         self.person.see(self.now_ns, feedback)
 
     def state(self, state: State) -> None:
-        """Tell what the supervisor tells when it enters `state`."""
         text = "Wait for the target to point at." if state == "localizing" else ""
         self.cue("stopped" if state == "idle" else "started", text)
 
@@ -91,7 +90,6 @@ class Life:
             self.lights.content.set_objects("t", tracked, self.now_ns)
 
     def run(self, duration_s: float) -> ImuSample:
-        """Live on; return the last sample."""
         sample = None
         for _ in range(round(duration_s * 50)):
             self.now_ns += PERIOD_NS
@@ -180,7 +178,6 @@ def thing(name: str, kind: str, along_m: float, speed_mps: float = 0.0) -> Track
 
 
 def living(state: State, *things: TrackedObject, **changes: object) -> Life:
-    """Return a person in `state` before `things`, who errs only as `changes` say."""
     life = Life(PRECISE.model_copy(update=changes))
     if things:
         life.before_step = lambda: life.objects(*things)

@@ -24,27 +24,7 @@ def test_an_anchors_lamp_is_pointed_at_in_every_state(state: State) -> None:
     assert life.person.goal.key == {"idle": "rest", "localizing": "rest", "pointing": "strips 0"}[state]
 
 
-@pytest.mark.parametrize("state", ["localizing", "pointing"])
-def test_a_moving_robot_is_followed_when_asked(state: State) -> None:
-    life = living(state, thing("robot", "robot", 2.0), behaviour="strips")
-    life.cue("target", target="robot")
-    life.run(1.0)
-    assert life.person.goal.key == "object robot"
-    assert not life.person.goal.closed_loop
-
-
-def test_who_does_not_mind_the_lamp_lets_the_arm_hang() -> None:
-    life = living("localizing", points_when_asked=False)
-    life.cue("target", target="led_2")
-    assert vector.elevation(life.ray(life.run(3.0))) < math.radians(-60.0)
-    life.state("pointing")
-    life.cue("target", target="led_2")
-    life.run(1.0)
-    assert life.person.goal.key == "rest"
-
-
 def show_cursor_off(life: Life, off_rad: float) -> None:
-    """Show at every step the cursor `off_rad` to the left of where the person points."""
     target = thing("a", "red", 2.0)
     life.light(off_rad=off_rad)
     life.before_step = lambda: life.objects(target)
@@ -70,12 +50,6 @@ def test_a_cursor_that_stays_off_makes_the_person_press_twice(off_deg: float, pr
     assert len(life.doubles) == 2 * presses  # it did not help
 
 
-def test_a_lost_cursor_is_off() -> None:
-    life = living("pointing", anchor_when_off_deg=20.0, behaviour="strips")
-    life.run(10.0)
-    assert len(life.doubles) == 1
-
-
 def test_an_anchor_every_minute() -> None:
     life = living("localizing", anchor_every_s=60.0, behaviour="rest")
     life.run(30.0)
@@ -94,22 +68,6 @@ def test_an_anchor_every_minute() -> None:
     life.state("pointing")
     life.run(58.0)
     assert len(life.doubles) == 3  # the minute counts from the start
-
-
-def test_a_given_bias_is_the_persons_whatever_their_skill() -> None:
-    for skill in (0.0, 1.0):
-        aim = AimConfig(
-            skill=skill,
-            elevation_bias_deg=10.0,
-            elevation_error_reach_sd_deg=0.0,
-            azimuth_error_reach_sd_deg=0.0,
-            bent_arm_share=0.0,
-        )
-        life = living("localizing", aim=aim)
-        life.cue("target", target="led_2")
-        azimuth, elevation = life.error(life.run(3.0), LED_2)
-        assert azimuth == pytest.approx(0.0, abs=0.01)
-        assert elevation == pytest.approx(10.0, abs=0.01)
 
 
 KIND = "red"

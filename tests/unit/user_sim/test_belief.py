@@ -59,11 +59,6 @@ def test_who_queues_knows_it_until_it_is_their_turn() -> None:
     assert not queuing.is_queuing
 
 
-def test_pointing_counts_from_its_start_through_anchors() -> None:
-    assert after(STARTED, AT_LED, ("localized", "", ""), STARTED).since_ns == 0
-    assert after(STARTED, ("stopped", "", ""), STARTED).since_ns == 2 * NS_PER_S
-
-
 def test_who_hears_of_nobody_presses_all_the_same_and_again() -> None:
     life = Life(PRECISE)
     life.run(15.0)
@@ -138,11 +133,11 @@ def test_what_a_cursor_covers_needs_longer_as_the_gauge_fills_the_ends_first() -
     assert seen(things, covered, 0.7, since_s=4.0) == "mine"
 
 
-def test_what_is_felt_counts_at_once_and_for_a_while() -> None:
+@pytest.mark.parametrize("status", ["mine", "theirs"])
+def test_a_selected_thing_under_two_cursors_is_whose_it_was(status: Status) -> None:
     things = ObjectBeliefs()
-    things.believe("a", "mine", S)
-    assert seen(things, PLAIN, 0.3) == "mine"
-    assert seen(things, PLAIN, 0.1, since_s=1.5) == "free"
+    things.believe("a", status, S)
+    assert seen(things, FULL_FOREIGN._replace(own=True), 3.0, since_s=2.0) == status
 
 
 def test_what_cannot_be_made_out_changes_nothing_and_memory_is_bounded() -> None:

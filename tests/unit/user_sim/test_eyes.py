@@ -155,18 +155,6 @@ def test_nobodys_cursor_is_no_cursor() -> None:
     assert all(bench.look() is None for _ in range(100))
 
 
-@pytest.mark.parametrize("others", [1, 2])
-def test_a_cursor_among_others_is_one_place(others: int) -> None:
-    bench = Bench(STRIPS, profile(cursor_width_m=0.2))
-    colors = [GREEN, (240, 228, 66)]
-    for index in range(others):
-        bench.know(f"other {index}", profile(colors[index], cursor_width_m=0.2))
-        bench.point(f"other {index}", "strip", "0", 2.02)
-    bench.point("anna", "strip", "0", 2.0)
-    seen = bench.find()
-    assert seen.position_m == pytest.approx(2.0, abs=2 * PITCH_M)
-
-
 @pytest.mark.parametrize("off_m", [-0.12, -0.08, 0.0, 0.05, 0.11])
 @pytest.mark.parametrize("is_selected", [False, True])
 def test_a_white_cursor_on_a_thing_with_white_ends(*, off_m: float, is_selected: bool) -> None:
@@ -193,18 +181,6 @@ def test_ends_of_own_things_far_from_the_hand_are_no_cursor(width: dict[str, Any
     assert bench.eyes.cursor("strip", STRIPS.strips[0].line_m[1], [span]) is None
 
 
-def test_of_two_that_could_be_it_the_one_where_the_hand_points() -> None:
-    bench = Bench(STRIPS, profile())
-    bench.know("twin", profile())
-    for user, at_m in (("anna", 1.0), ("twin", 4.0)):
-        bench.point(user, "strip", "0", at_m)
-    bench.open()
-    for at_m in (1.3, 3.7):
-        seen = bench.eyes.cursor("strip", (4.85, -1.425 + at_m, 0.9))
-        assert seen is not None
-        assert seen.position_m == pytest.approx(1.0 if at_m < 2.0 else 4.0, abs=PITCH_M)
-
-
 @pytest.mark.parametrize("along_m", [0.3, 1.7, 3.6])
 def test_beside_a_belt_it_is_on_the_belt(along_m: float) -> None:
     bench = Bench(BELTS, profile())
@@ -214,16 +190,6 @@ def test_beside_a_belt_it_is_on_the_belt(along_m: float) -> None:
     assert seen.position_m == pytest.approx(along_m, abs=PITCH_M)
     assert seen.point_m == pytest.approx((seen.position_m, 0.0, 1.0))
     assert bench.find("strip").line_id in ("left", "right")
-
-
-def test_a_strip_beside_no_belt_is_a_strip_to_everybody_and_where_no_strip_is_nothing_is_seen() -> None:
-    bench = Bench(BELTS, profile())
-    bench.point("anna", "strip", "far", 1.0)
-    seen = bench.find("belt")
-    assert (seen.kind, seen.line_id) == ("strip", "far")
-    bench = Bench(BELTS, profile())
-    bench.point("anna", "belt", "b", 4.6)
-    assert bench.look("belt") is None
 
 
 @pytest.mark.parametrize(("room", "surface", "line"), [(STRIPS, "strip", "0"), (BELTS, "belt", "b")])
@@ -248,20 +214,6 @@ def test_how_things_look_tells_what_they_are(
     assert (mine.marked, mine.full, mine.own, mine.foreign) == (True, True, True, False)
     assert (theirs.full, theirs.foreign, theirs.own) == (True, True, False)
     assert (held.marked, held.foreign, held.full) == (True, True, False)
-
-
-def test_a_gauge_half_full_is_not_taken_for_selected() -> None:
-    bench = Bench(STRIPS, profile())
-    bench.put("a", "red", "strip", "0", 2.0)
-    bench.looks("a")
-    for progress in (0.2, 0.5, 0.6):
-        hover = Hover(stamp_ns=0, object_id="a", progress=progress, action="select")
-        bench.lights.content.set_hover("anna", hover, 0)
-        looks = bench.looks("a")
-        assert looks.own
-        assert looks.hidden or not looks.full
-    bench.point("anna", "strip", "0", 2.0)
-    assert bench.looks("a").hidden
 
 
 def test_frames_that_do_not_fit_the_room_are_dark() -> None:

@@ -63,14 +63,6 @@ def test_she_points_at_a_robot_of_her_kind_holds_and_presses_once() -> None:
     assert Carol(GroundRobotUser).wait(0.5).goal.point_m == (2.0, 2.0, 0.0)
 
 
-def test_without_an_answer_she_aims_anew_and_presses_again() -> None:
-    carol = Carol(QuadrotorUser).wait(3.0)
-    before = carol.goal.key
-    carol.wait(6.0)
-    assert carol.goal.presses == 2
-    assert carol.goal.key != before
-
-
 def test_she_flies_it_over_the_spot_presses_and_after_the_landing_goes_on_to_the_next() -> None:
     carol = Carol(QuadrotorUser).wait(3.0).hear("selected").wait(1.0)
     assert (carol.goal.point_m, carol.goal.closed_loop, carol.goal.robot) == (SPOTS[0], True, "quad")
@@ -81,15 +73,6 @@ def test_she_flies_it_over_the_spot_presses_and_after_the_landing_goes_on_to_the
     assert carol.goal.point_m == (2.05, 1.0, 0.2)  # the quad, which she takes again
     carol.wait(3.0).hear("selected").wait(0.5)
     assert carol.goal.point_m == SPOTS[1]
-
-
-def test_a_refused_landing_is_tried_again_and_a_hopeless_hover_is_landed() -> None:
-    carol = Carol(QuadrotorUser).wait(3.0).hear("selected").wait(26.0)
-    assert carol.goal.presses == 2  # it never came over the spot
-    carol.hear("refused").wait(1.0)
-    assert (carol.goal.point_m, carol.goal.presses) == (SPOTS[0], 2)
-    carol.robots["quad"]["position_m"] = (2.0, 1.0, 0.2)
-    assert carol.wait(1.5).goal.presses == 3
 
 
 def test_a_robot_that_refuses_is_left_alone_for_a_while_but_not_one_that_is_unclear() -> None:
@@ -117,13 +100,6 @@ def test_she_sets_two_way_points_sends_the_robot_and_then_the_next_two() -> None
     assert carol.hear("selected", sign_of="localized").wait(0.5).goal.point_m == SPOTS[2]
 
 
-def test_a_place_without_a_cue_is_replaced_by_the_next_spot_and_a_refused_goal_begins_again() -> None:
-    carol = Carol(GroundRobotUser).wait(3.0).hear("selected").wait(1.0)
-    assert carol.wait(9.0).goal.point_m == SPOTS[1]
-    carol.hear("selected").hear("selected").wait(1.5).hear("refused").wait(1.0)
-    assert carol.hear("selected").hear("selected").wait(1.5).goal.presses == 3
-
-
 def test_who_has_pointed_at_a_lamp_while_they_steer_goes_on_steering() -> None:
     carol = Carol(GroundRobotUser)
     carol.now_ns = 60 * NS_PER_S
@@ -133,33 +109,6 @@ def test_who_has_pointed_at_a_lamp_while_they_steer_goes_on_steering() -> None:
     carol.now_ns += 5 * NS_PER_S
     carol.wait(3.0).hear("refused", "rover has no way-point yet: stay at a place for 1 s, then press")
     assert carol.wait(0.1).goal.closed_loop
-
-
-def test_who_is_given_another_robot_lets_it_go() -> None:
-    carol = Carol(GroundRobotUser).wait(3.0).hear("selected", "quad is yours: it takes off").wait(0.1)
-    assert (carol.goal.gesture, carol.goal.presses) == ("hold", 2)
-    assert carol.wait(8.0).goal.presses == 3
-
-
-@pytest.mark.parametrize("waits", [False, True])
-def test_after_a_turn_she_leaves_the_robot_to_others_the_longer_if_there_are_any(waits: bool) -> None:  # noqa: FBT001
-    carol = Carol(GroundRobotUser).wait(3.0)
-    if waits:
-        carol.hear("refused", "rover is steered by anna").wait(8.0)
-    carol.hear("selected")
-    for _ in range(2):
-        carol.wait(1.0).hear("selected").hear("selected").wait(1.5)
-        carol.hear("selected", sign_of="localized")
-    assert carol.goal.gesture == "hold"
-    assert carol.wait(9.0).goal == REST
-    assert (carol.wait(2.0).goal == REST) == waits
-    assert carol.wait(50.0).goal != REST
-
-
-def test_a_refused_path_is_replaced_by_one_from_the_next_spot() -> None:
-    carol = Carol(GroundRobotUser).wait(3.0).hear("selected").wait(1.0)
-    carol.hear("selected").hear("selected").wait(1.5).hear("refused").wait(0.5)
-    assert carol.goal.point_m == SPOTS[2]
 
 
 @pytest.mark.parametrize("behaviour", [QuadrotorUser, GroundRobotUser])

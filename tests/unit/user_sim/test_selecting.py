@@ -1,8 +1,5 @@
 """Choice of the next thing, deselection of mistakes, respect for other people's objects; lapses."""
 
-from itertools import pairwise
-
-import numpy as np
 import pytest
 
 from pointit.schemas import (
@@ -21,7 +18,6 @@ from pointit.schemas import (
 )
 from pointit.services.led_driver.light_state import LightState
 from pointit.services.user_sim.config import MindConfig, UserSimConfig
-from pointit.services.user_sim.decision.decision_times import DecisionTimes
 from pointit.services.user_sim.sight.sight import SeenObject, Sight
 from tests.unit.user_sim.life import PRECISE, Life, living, thing
 
@@ -69,13 +65,6 @@ def decided(name: str, along_m: float, at_s: float) -> TrackedObject:
 def test_what_cannot_be_had_any_more_is_not_tried() -> None:
     life = at_work(decided("gone", 2.5, 0.0), decided("soon", 2.0, 1.5), decided("later", 1.5, 60.0))
     assert choice(life) == "object later"
-
-
-def test_what_cannot_be_had_any_more_is_let_go() -> None:
-    life = at_work()
-    life.before_step = lambda: life.objects(decided("a", 1.0, 4.0 if life.now_ns < NS_PER_S else 1.5))
-    assert choice(life) == "object a"
-    assert choice(life, 1.5) == "rest"
 
 
 @pytest.mark.parametrize(("along_m", "speed_mps"), [(0.0, 0.1), (5.0, -0.1)])
@@ -131,21 +120,6 @@ def test_what_somebody_else_is_about_to_have_is_left_to_them_until_they_let_go()
     life.before_step = ben_holds
     assert choice(life, 2.0) == "rest"
     assert {choice(life, 0.2) for _ in range(5)} == {"rest"}
-
-
-def test_an_object_that_cannot_be_selected_is_given_up_for_a_while() -> None:
-    life = at_work(thing("a", "red", 2.0), thing("b", "red", 1.0))
-    first = choice(life)
-    second = choice(life, PRECISE.give_up_s + 0.2)
-    assert {first, second} == {"object a", "object b"}
-    assert choice(life, PRECISE.give_up_s + 0.2) == first
-
-
-def test_what_is_refused_is_somebody_elses() -> None:
-    life = at_work(thing("a", "red", 2.0))
-    assert choice(life) == "object a"
-    life.cue("refused", text="red is selected by ben")
-    assert choice(life) == "rest"
 
 
 HALL = Environment(
@@ -206,25 +180,6 @@ def test_who_lapses_takes_something_else_and_the_most_skilled_never_do() -> None
         life.before_step = lambda life=life: life.objects(thing("a", "red", 2.0), thing("b", "blue", 2.5))  # type: ignore[misc]
         keys[skill] = choice(life, 1.3)
     assert keys == {0.0: "object b", 1.0: "object a"}
-
-
-def test_finding_takes_longer_among_more_and_the_skilled_are_quicker() -> None:
-    def usual_s(items: int, choices: int, skill: float) -> float:
-        pace = DecisionTimes(UserSimConfig(), skill, np.random.default_rng(1))
-        return float(np.median([pace.find_s(items, choices) for _ in range(400)]))
-
-    assert usual_s(3, 1, 0.0) == pytest.approx(0.15 + 3 * 0.03 + 0.15, rel=0.1)
-    assert usual_s(9, 3, 0.0) == pytest.approx(0.15 + 9 * 0.03 + 0.30, rel=0.1)
-    assert usual_s(9, 3, 1.0) == pytest.approx(0.7 * usual_s(9, 3, 0.0), rel=0.05)
-
-
-def test_lamp_by_lamp_round_and_round() -> None:
-    life = living("pointing", behaviour="lamps")
-    keys = [choice(life, 0.5) for _ in range(40)]
-    changes = [after for before, after in pairwise(keys) if after not in (before, "rest")]
-    assert len(changes) > 4
-    assert all(before != after for before, after in pairwise(changes))
-    assert set(changes) == {"lamp led_1", "lamp led_2"}
 
 
 def test_in_an_empty_room_everybody_rests() -> None:

@@ -1,6 +1,7 @@
 """A person whose wrist somebody else moves for a while: they send nothing, watch, and go on with what is."""
 
 import math
+from typing import Literal
 
 import pytest
 
@@ -10,6 +11,8 @@ from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import NS_PER_S, WRIST_PATIENCE_S, SelectedObject, Selection, UserProfile, WristSample
 from pointit.schemas.topics import BUTTON, HEALTH, IMU, WRIST
 from pointit.services.user_sim.config import UserSimConfig
+from pointit.services.user_sim.decision.belief import Belief
+from pointit.services.user_sim.decision.press import ButtonModel
 from pointit.services.user_sim.service import UserSim
 from tests.support.bench import memory_bench, until
 from tests.unit.user_sim.life import PRECISE, ROOM, Life, State, thing
@@ -28,7 +31,6 @@ def is_on(life: Life, object_m: Vec3) -> bool:
 
 
 def begun(state: State, *, lit: bool = True) -> Life:
-    """Return a person who has been in `state` for a while, before red things."""
     life = Life(PRECISE)
     if lit:
         life.light(profile=UserProfile(stamp_ns=0, cursor_color=(0, 158, 115)))
@@ -69,14 +71,6 @@ def test_they_point_at_something_soon_whatever_the_other_has_left(before: State,
     assert life.doubles == []
 
 
-def test_what_the_others_cursor_does_teaches_them_nothing() -> None:
-    life = begun("pointing")
-    life.run(2.0)
-    life.yield_for(20.0, lambda now_ns: along_the_strip(life, now_ns))
-    life.run(1.5)  # one reach, from where the arm hung
-    assert is_on(life, RED.position_m) or is_on(life, SECOND.position_m)
-
-
 def test_the_arm_hangs_meanwhile_and_goes_on_from_there_without_a_jump() -> None:
     life = begun("pointing")
     before = life.ray(life.run(0.02))
@@ -104,6 +98,33 @@ def test_what_the_other_has_selected_in_their_name_is_theirs_and_not_taken_back(
         life.run(0.1)
         assert life.person.goal.object_id != selects
     assert life.person.goal.object_id == {"r": "s", "s": "r"}[selects]
+
+
+@pytest.mark.parametrize("gesture", ["double", "press"])
+def test_time_that_was_somebody_elses_makes_nobody_press(gesture: Literal["double", "press"]) -> None:
+    """Neither for a cursor that is off (2 s) nor for one that is not to be seen (4 s)."""
+    press, belief = ButtonModel(UserSimConfig(anchor_when_off_deg=5.0, lost_press_s=4.0)), Belief()
+    belief.state = "pointing"
+    now_s = 0.0
+
+    def pressed(duration_s: float) -> list[str]:
+        nonlocal now_s
+        end_s, gestures = now_s + duration_s, list[str]()
+        while now_s < end_s - 1e-9:
+            now_s += 0.1
+            off_rad, sees = (0.2, True) if gesture == "double" else (0.0, False)
+            event = press.step(round(now_s * 1e9), belief, known_ns=0, off_rad=off_rad, sees=sees)
+            gestures += [] if event is None else [event.gesture]
+        return gestures
+
+    limit_s = 2.0 if gesture == "double" else 4.0
+    press.step(0, belief, known_ns=0, sees=True)
+    assert pressed(limit_s - 0.5) == []
+    for _ in range(50):
+        now_s += 0.1
+        press.wait(round(now_s * 1e9))
+    assert pressed(limit_s - 0.5) == []
+    assert pressed(1.0) == [gesture]
 
 
 async def test_the_service_is_silent_while_a_page_has_the_wrist_and_goes_on_then() -> None:

@@ -101,7 +101,7 @@ class StripContent:
     def set_hover(self, user: str, hover: Hover, now_ns: int) -> None:
         """Set `user`'s hovered object."""
         before = self._hovers.get(user)
-        if hover.object_id is not None or (before is not None and before[1].object_id is not None):
+        if hover.object_id or (before is not None and before[1].object_id):
             self._looks = None  # most people hover nothing, as before
         self._hovers[user] = (now_ns, hover)
 

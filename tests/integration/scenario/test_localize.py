@@ -108,6 +108,7 @@ def final_error_deg(outcome: Outcome) -> float:
     return float(np.median(errors))
 
 
+@pytest.mark.slow
 def test_an_anchor_each_minute_holds_the_yaw_and_without_it_drifts_away() -> None:
     outcome = three_minutes(2, *EVERY_MINUTE)
     assert len(outcome.anchors) == 3
@@ -127,6 +128,7 @@ def test_so_it_is_for_most_people(kind: tuple[str, ...], most_deg: float) -> Non
     assert statistics.median(errors_deg) <= most_deg, np.round(sorted(errors_deg), 1)
 
 
+@pytest.mark.slow
 def test_who_notices_that_the_cursor_is_off_sets_it_right_by_themselves() -> None:
     """The realistic person of `--localize`, who counts no minutes."""
     outcome = three_minutes(1, *STEADY, "user-sim.anchor_when_off_deg=10")
@@ -155,6 +157,7 @@ async def _localize(seed: int, duration_s: float) -> tuple[dict[str, list[str]],
 
 
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.long)])
+@pytest.mark.slow
 def test_both_are_localized_one_after_the_other_and_point(seed: int) -> None:
     plan = read_scenario("scenario_3")
     states, poses = run_virtually(_localize(seed, 60.0))

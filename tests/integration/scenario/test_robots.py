@@ -39,6 +39,7 @@ def test_people_land_a_quadrotor_where_they_mean_to_and_no_fence_is_crossed(
 
 
 @pytest.mark.parametrize(("seeds", "duration_s"), SOME)
+@pytest.mark.slow
 def test_people_send_a_rover_along_paths_by_the_light_of_strips(
     seeds: Iterable[int], duration_s: float
 ) -> None:
@@ -107,6 +108,7 @@ def turns(flights: Flights, robot: str) -> list[str]:
     return users[::2]
 
 
+@pytest.mark.slow
 def test_two_people_share_one_quadrotor_which_is_never_of_both() -> None:
     flights = play_robots("scenario_5", 50.0, seed=2, users=("anna", "ben"), settings=WITHOUT_FENCES)
     assert set(turns(flights, "quad")) == {"anna", "ben"}
@@ -115,6 +117,7 @@ def test_two_people_share_one_quadrotor_which_is_never_of_both() -> None:
     assert statistics.median(flights.landed_off_m) < LANDED_M
 
 
+@pytest.mark.slow
 def test_two_people_steer_two_robots_at_once() -> None:
     scenario = read_scenario("scenario_5")
     scenario.site["robot.swift"] = {"kind": "quadrotor", "start_m": [1.2, 2.0, 0.0], "radius_m": 0.15}

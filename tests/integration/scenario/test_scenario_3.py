@@ -19,7 +19,7 @@ def assert_all_red_and_no_other(outcome: Outcome, taken_back: int = 0) -> None:
     assert set(outcome.kinds.values()) > {"red"}  # there were others to go wrong with
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_the_person_selects_every_red_segment_and_no_other_in_60_s(seed: int) -> None:
     assert_all_red_and_no_other(play("scenario_3", Choices(seed=seed)))
 
@@ -31,6 +31,7 @@ def test_so_do_many_people(seed: int) -> None:
     assert_all_red_and_no_other(play("scenario_3", Choices(seed=seed)), taken_back=1)
 
 
+@pytest.mark.slow
 def test_with_a_real_wristband_too() -> None:
     settings = ("user-sim.wristband.yaw_rate_bias_sd_degps=0.25", "user-sim.wristband.dropout_share=0.05")
     selected, missed, wrong = zip(
@@ -42,6 +43,7 @@ def test_with_a_real_wristband_too() -> None:
     assert sum(wrong) == 0
 
 
+@pytest.mark.slow
 def test_without_corrections_the_errors_would_show() -> None:
     finals = (
         play("scenario_3", Choices(seed=seed, settings=("user-sim.aim.correction_gain=0",))).final("red")

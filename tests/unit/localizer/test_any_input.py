@@ -2,6 +2,7 @@
 
 import math
 
+import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
@@ -94,6 +95,7 @@ def test_any_robots_and_rays_give_a_refusal_or_a_valid_pose(
     st.lists(st.tuples(places, angles, angles), min_size=1, max_size=4),
     st.tuples(places, far),
 )
+@pytest.mark.slow
 def test_lamps_anchors_and_poses_anywhere(
     lamps: list[tuple[float, float, float]],
     rays: list[tuple[tuple[float, float, float], float, float]],

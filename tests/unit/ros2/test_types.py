@@ -268,15 +268,6 @@ def test_a_length_that_the_bytes_cannot_fill_allocates_nothing(jazzy: Types, nam
         tracemalloc.stop()
 
 
-def test_kind_has_name_and_hash(jazzy: Types) -> None:
-    assert jazzy.kind("std_srvs/srv/Empty").dds_name == "std_srvs::srv::dds_::Empty_"
-    assert jazzy.kind("std_srvs/srv/Empty").hash.startswith("RIHS01_5888399d")
-    assert jazzy.kind("geometry_msgs/msg/PoseStamped").hash.startswith("RIHS01_10f3786d")
-    assert jazzy.request_of("conveyor_msgs/srv/AddPack") == "conveyor_msgs/srv/AddPack_Request"
-    assert jazzy.response_of("std_srvs/srv/Trigger") == "std_srvs/srv/Trigger_Response"
-    jazzy.prepare("std_srvs/srv/Trigger", "std_msgs/msg/Bool")
-
-
 @pytest.mark.parametrize(
     "name", ["std_msgs/msg/Boolean", "std_msgs/Bool", "Bool", "", "std_srvs/srv/Nothing"]
 )

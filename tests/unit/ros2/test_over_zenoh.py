@@ -369,12 +369,6 @@ def test_an_attachment_is_one_or_a_sentence(data: bytes | None) -> None:
             rmw().unpack(data)
 
 
-@pytest.mark.parametrize("field", [b"source_gid", b"sequence_number"])
-def test_attachments_of_old_versions_are_recognized(field: bytes) -> None:
-    with pytest.raises(ValueError, match=r"before 0\.1\.2 \(Humble\) or 0\.2\.4 \(Jazzy\)"):
-        rmw().unpack(b"\x03\x0a" + field + bytes(20))
-
-
 @pytest.mark.parametrize("chunks", ["5\x1b[2J/{}/{}", "7/\x1b[2J/{1}", "7/{0}/\n\x1b[2J"])
 def test_no_key_that_goes_astray_writes_to_terminals(chunks: str) -> None:
     ours = RmwZenoh(session="aa", node="/pointit", domain=7)

@@ -64,6 +64,8 @@ def test_what_is_latched_and_what_gives_way(table: Routes) -> None:
     latched = {row.name for row in table.outward if row.qos.latched}
     assert {"button", "state_transition", "selected_packages", "tf_static", "map_markers"} <= latched
     assert "packages" not in latched
+    # of what comes too fast, the newest of each name is sent
+    assert {row.name for row in table.outward if row.is_each} >= {"tf", "diagnostics", "rosout"}
     both = {row.ros for row in table.outward} & {row.ros for row in table.inward}
     gives_way = {row.ros for row in table.outward if row.yields}
     theirs = {row.ros for row in table.outward if row.is_theirs}

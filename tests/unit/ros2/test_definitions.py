@@ -17,13 +17,11 @@ from pointit.bridges.ros2.graph.backend import Distro
 from pointit.bridges.ros2.over_rclpy.library import class_of
 from pointit.bridges.ros2.types.definitions import INTERFACES, Definitions
 from pointit.bridges.ros2.types.foreign import NAVIGATE_TO_POSE, actions
-from pointit.bridges.ros2.types.rihs01 import ARRAY, BASE, NAME, SEQUENCE, Fields, Rihs01
+from pointit.bridges.ros2.types.rihs01 import Rihs01
 from pointit.bridges.ros2.types.types import Types
 from pointit.runtime.errors import ConfigError
 from tests.unit.ros2.scenes import jazzy
 from tests.unit.ros2.values import any_value, definitions, golden, plain
-
-TEXT: Fields = [("data", (BASE, ("string", 0)))]
 
 
 def computed(hashes: Rihs01, name: str) -> str:
@@ -66,35 +64,6 @@ def test_hashes_of_actions_are_those_of_ros(monkeypatch: pytest.MonkeyPatch) -> 
     types = Types("jazzy")
     for (action, part), expected in HASHES.items():
         assert types.kind(f"{action}_{part}").hash == f"RIHS01_{expected}"
-
-
-def of(fields: Fields) -> str:
-    types = {"a/msg/A": fields, "a/msg/B": TEXT}
-    return Rihs01(types.__getitem__).message("a/msg/A")
-
-
-@pytest.mark.parametrize(
-    "other",
-    [
-        [],
-        [("renamed", (BASE, ("string", 0)))],
-        [("data", (BASE, ("string", 9)))],
-        [("data", (BASE, ("wstring", 0)))],
-        [("data", (NAME, "a/msg/B"))],
-        [("data", (ARRAY, ((BASE, ("string", 0)), 3)))],
-        [("data", (SEQUENCE, ((BASE, ("string", 0)), 3)))],
-        [("data", (SEQUENCE, ((BASE, ("string", 0)), 0)))],
-        [("data", (BASE, ("string", 0))), ("more", (BASE, ("bool", 0)))],
-    ],
-)
-def test_another_definition_has_another_hash(other: Fields) -> None:
-    assert of(other) != of(TEXT)
-
-
-def test_what_a_hash_does_not_see_and_a_type_that_is_unknown() -> None:
-    assert of([("data", (BASE, ("char", 0)))]) == of([("data", (BASE, ("uint8", 0)))])
-    with pytest.raises(KeyError, match="a/msg/C"):
-        of([("data", (NAME, "a/msg/C"))])
 
 
 PACKAGES = ("conveyor_msgs", "led_strip_msgs")
@@ -154,9 +123,6 @@ NAMES = (
     *("conveyor_msgs/srv/AddPack_Request", "led_strip_msgs/msg/LedStrips"),
     *("led_strip_msgs/msg/LedEffect", "led_strip_msgs/msg/ColorArray", "std_srvs/srv/Trigger_Response"),
 )
-
-
-# Others load the machine, too; 28 tests make do with 40 examples each.
 
 
 @pytest.mark.parametrize("name", NAMES)

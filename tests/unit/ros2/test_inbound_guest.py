@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.bridges.ros2.inbound.checks import LATE_NS
-from pointit.bridges.ros2.outbound.person import pointing_ray, subscription
+from pointit.bridges.ros2.outbound.person import pointing_ray
 from pointit.bridges.ros2.routing.conversion_state import ConversionState, Guest
 from pointit.bridges.ros2.routing.route_types import (
     BusOutput,
@@ -181,16 +181,6 @@ def test_who_is_not_named_in_people_is_a_stranger_and_who_has_services_of_ours_i
     scene.person("ben")
     assert taken(row, wish("ben"), scene) == []
     assert warned(taken(row, wish("x" * 500), scene))[:3] == "'xx"
-
-
-def test_what_we_say_of_others_would_be_taken_of_guests() -> None:
-    row, scene = into("subscription_in"), with_guests("user1")
-    profile = UserProfile(stamp_ns=NOW_NS, cursor_color=(7, 80, 255), cursor_width_m=0.5)
-    scene.take("user1", profile, NOW_NS)
-    pointing = Interaction(stamp_ns=NOW_NS, state="pointing")
-    (value,) = subscription(pointing, ConversionContext(scene, "user1", NOW_NS))
-    look, points = whats(taken(row, value, scene))
-    assert (look.cursor_color, look.cursor_width_m, points.state) == ((7, 80, 255), 0.5, "pointing")
 
 
 def test_a_static_frame_of_a_guest_is_their_pose_as_they_have_no_localizer() -> None:

@@ -10,10 +10,8 @@ from hypothesis import strategies as st
 
 import pointit.schemas as models
 from pointit.bridges.ros2.graph.backend import Qos
-from pointit.bridges.ros2.outbound.drawing import DELETE_ALL
 from pointit.bridges.ros2.outbound.values import LAST_S, MAX_TEXT
 from pointit.bridges.ros2.routing.conversion_state import TRACKED_NS
-from pointit.bridges.ros2.routing.route_types import OutboundRoute
 from pointit.bridges.ros2.routing.routes import Routes, routes
 from pointit.geometry import rotation, vector
 from pointit.runtime.clock import WallClock
@@ -284,23 +282,3 @@ def test_whatever_the_bus_may_carry_is_converted_and_encoded(
     for again_ns in (None, NOW_NS):
         for value in row.convert(message, "user1", scene, again_ns=again_ns):
             jazzy().decode(row.type, jazzy().encode(row.type, value))
-
-
-def test_the_same_scene_is_converted_to_the_same(table: Routes) -> None:
-    def encoded(row: OutboundRoute) -> list[bytes]:
-        scene = furnished()
-        scene.take("user1", POSE, NOW_NS)
-        scene.take("conveyor", objects(package(1)), NOW_NS)
-        scene.take("user1", CURSOR, NOW_NS)
-        return [jazzy().encode(row.type, value) for value in row.convert(CURSOR, "user1", scene)]
-
-    for name in ("pointers", "packages", "cursor"):
-        assert encoded(out(table, name)) == encoded(out(table, name))
-
-
-def test_an_environment_without_lines_draws_nothing_but_the_rest(table: Routes) -> None:
-    empty = models.Environment(stamp_ns=NOW_NS, name="empty")
-    (value,) = sent(out(table, "map_markers"), empty, furnished(), "")
-    assert [marker.action for marker in value.markers] == [DELETE_ALL]
-    (value,) = sent(out(table, "tf_static"), empty, furnished(), "")
-    assert value.transforms == []

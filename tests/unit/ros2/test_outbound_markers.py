@@ -92,6 +92,9 @@ def test_the_map_replaces_what_was_drawn_before(table: Routes) -> None:
     normal = rotation.rotate(turned(plane.pose.orientation), (0.0, 0.0, 1.0))
     assert abs(vector.dot(normal, (1.0, 0.0, 0.0))) == pytest.approx(1.0)
     assert (plane.scale.x, plane.scale.y) == (2.0, 4.0)
+    empty = models.Environment(stamp_ns=NOW_NS, name="empty")
+    (value,) = sent(out(table, "map_markers"), empty, furnished(), "")
+    assert [marker.action for marker in value.markers] == [DELETE_ALL]
 
 
 def test_a_ribbon_is_as_wide_as_its_belt_and_seen_from_both_sides() -> None:

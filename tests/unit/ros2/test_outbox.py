@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from pointit.bridges.ros2.routing.rate_limit import RateLimiter
 from pointit.bridges.ros2.routing.routes import Routes, routes
-from pointit.schemas import ButtonEvent, ClockTick, Health, Interaction, PointingRay, Selection, UserPose
-from pointit.schemas.topics import BUTTON, CLOCK, HEALTH, INTERACTION, POSE, RAY, SELECTION
+from pointit.schemas import ButtonEvent, ClockTick, Interaction, PointingRay, Selection, UserPose
+from pointit.schemas.topics import BUTTON, CLOCK, INTERACTION, POSE, RAY, SELECTION
 from tests.support.bench import START_NS, until
 from tests.unit.ros2.graph_of_one import Bench, Writer, bench
 from tests.unit.ros2.scenes import jazzy
@@ -92,14 +92,6 @@ async def test_nobody_displaces_others_where_each_has_a_message_of_their_own() -
             return {each.child_frame_id.partition("/")[0]: each.transform.translation.x for each in sent}
 
         await until(lambda: last() == dict.fromkeys(people, 2.0))
-
-
-async def test_health_of_one_service_does_not_displace_that_of_another() -> None:
-    async with bench(jazzy(), slowed("diagnostics", 20.0), unread=True) as bridge:
-        for name in ("selector", "localizer", "keeper"):
-            health = Health(stamp_ns=START_NS, service=name, instance=name, pid=1)
-            take(bridge, HEALTH, health, name)
-        await until(lambda: len(bridge.backend.sent["/diagnostics"]) == 3)
 
 
 def waiting(bridge: Bench, route: str) -> list[str]:

@@ -228,34 +228,6 @@ def heard(bridge: Bench) -> list[tuple[str, str]]:
     return [(each.name, each.msg) for each in bridge.heard(ROS, TYPE)]
 
 
-async def test_it_goes_out_while_somebody_reads_and_who_begins_hears_what_is_wrong(bridge: Bench) -> None:
-    told = ("pointit.pui", NO_MAP)
-    assert bridge.backend.writers[ROS] == (jazzy().kind(TYPE), ROSOUT)
-    reports(bridge, NO_MAP)
-    assert heard(bridge) == []
-    bridge.look(("subscriber", ROS))
-    reports(bridge, NO_MAP)
-    await until(lambda: heard(bridge) == [told])
-    bridge.look(("subscriber", ROS), ("subscriber", "/tf"))
-    reports(bridge, NO_MAP, NO_WRIST)
-    await until(lambda: heard(bridge)[1:] == [("pointit.pui", NO_WRIST)])
-    bridge.look()
-    bridge.look(("subscriber", ROS))
-    reports(bridge, NO_MAP)
-    await until(lambda: heard(bridge)[2:] == [told])
-
-
-async def test_all_services_are_heard_however_fast_one_reports(eager: Bench) -> None:
-    names = ["pointing.anna", "keeper", "pui"]
-    for count in range(50):
-        reports(eager, f"{'a' * (count + 1)} is odd", instance="noisy")
-    for name in names:
-        reports(eager, NO_MAP, instance=name)
-    told = {(f"pointit.{name}", QUOTED if "." in name else NO_MAP) for name in names}
-    await until(lambda: told <= {*heard(eager)})
-    assert len([name for name, _ in heard(eager) if name == "pointit.noisy"]) == 2, "first and newest"
-
-
 async def test_a_service_that_has_gone_is_forgotten_and_not_for_a_person_of_its_name(eager: Bench) -> None:
     reports(eager, NO_MAP)
     await until(lambda: len(heard(eager)) == 1)
@@ -267,12 +239,3 @@ async def test_a_service_that_has_gone_is_forgotten_and_not_for_a_person_of_its_
     eager.outbox.end("pui")
     reports(eager, NO_MAP)
     await until(lambda: heard(eager)[2:] == [("pointit.pui", NO_MAP)])
-
-
-async def test_what_waits_of_a_service_that_has_gone_is_not_sent(eager: Bench) -> None:
-    reports(eager, NO_MAP, instance="keeper")
-    reports(eager, NO_MAP)
-    eager.outbox.end("pui")
-    reports(eager, NO_WRIST, instance="keeper")
-    await until(lambda: ("pointit.keeper", NO_WRIST) in heard(eager))
-    assert {name for name, _ in heard(eager)} == {"pointit.keeper"}

@@ -224,15 +224,6 @@ async def test_bad_poses_are_refused_with_one_sentence(
     await until(is_well)
 
 
-async def test_a_nan_is_refused_as_ros_sends_it(bridge: Bench, seen: Seen) -> None:
-    cdr = bytearray(jazzy().encode(POSE, make(POSE, header=header("world"), pose=pose(1.25))))
-    at = cdr.index(b"\x00\x00\x00\x00\x00\x00\xf4\x3f")  # 1.25
-    cdr[at : at + 8] = b"\x00\x00\x00\x00\x00\x00\xf8\x7f"
-    bridge.backend.readers["/agv1/pose"](bytes(cdr))
-    assert any("is not a position: (nan" in each for each in bridge.warnings())
-    assert not seen["agv1"]
-
-
 def test_what_is_told_twice_or_overtaken_is_published_once() -> None:
     row = next(each for each in tracker_routes(configured()) if each.ros == "/agv1/pose")
     scene, counts = furnished(), list[int]()

@@ -14,7 +14,7 @@ from tests.architecture.sources import ROOT, all_modules
 DOCUMENTS = (
     *(
         path
-        for folder in ("", "bridges", "deploy", "examples")
+        for folder in ("", "bridges", "deploy", "examples", "lab")
         if (path := ROOT / folder / "README.md").exists()
     ),
     ROOT / "CHANGELOG.md",

@@ -50,7 +50,7 @@ class Block:
 
 
 def pages() -> list[Path]:
-    readmes = [ROOT / folder / "README.md" for folder in ("", "deploy", "examples")]
+    readmes = [ROOT / folder / "README.md" for folder in ("", "deploy", "examples", "lab")]
     return [path for path in readmes if path.exists()] + sorted((ROOT / "docs").rglob("*.md"))
 
 

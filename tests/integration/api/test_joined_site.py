@@ -119,6 +119,7 @@ async def test_messages_of_another_version_are_one_sentence(home: ZenohBus, endp
                 await anext(cursors)
 
 
+@pytest.mark.slow
 async def test_who_may_not_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -167,6 +167,7 @@ async def test_an_anchor_without_end_is_called_off(site: Site, localizer: Erring
     assert localizer.asked[2:] == ["anchor led_1", "cancel"]
 
 
+@pytest.mark.slow
 async def test_without_a_localizer_it_says_what_to_start(site: Site) -> None:
     ended = await site.pointit("person", "anchor", ANNA, code=1)
     assert "no localizer of anna is heard" in ended.err

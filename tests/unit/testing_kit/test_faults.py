@@ -17,7 +17,8 @@ from tests.unit.testing_kit import (
 )
 from tests.unit.testing_kit.faults import FAULTS
 
-pytestmark = pytest.mark.timeout(900)  # one fixture tries all faults, some as long as a busy machine takes
+# one fixture tries all faults, some for as long as a busy machine takes
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 assert all((faulty_methods, faulty_outputs, faulty_robots, faulty_services, faulty_sources))
 
 
@@ -54,7 +55,6 @@ def test_seeded_fault_is_caught(name: str, reports: dict[str, str]) -> None:
     assert check.remedy in reports[name]
 
 
-@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
 def test_an_output_without_a_heartbeat_breaks_one_promise_whose_remedy_names_it() -> None:
     harness = FAULTS["LedOutput-HasNoHeartbeat-reconnects-came back, and did not get"].harness

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -59,6 +60,25 @@ def test_a_commit_without_the_figures_of_now_is_compared_by_its_own(monkeypatch:
     there |= here
     figures = against.compare("a commit", 1.0, 2)["figures"]
     assert figures["CPU of services, wrists apart, fit, µs a sample"]["ratio"] == [1.0, 1.0]
+
+
+def test_an_older_commit_whose_package_was_a_namespace_runs_its_own_modules(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for room in ("schemas/pointit/schemas", "services/pointit/services"):
+        (tmp_path / room).mkdir(parents=True)
+        for name in ("__init__.py", "old.py"):
+            (tmp_path / room / name).touch()
+    (tmp_path / "benchmarks.py").write_text(
+        "import json, sys, pointit.schemas.old, pointit.services.old\n"
+        "json.dump({'ran': True}, open(sys.argv[-1], 'w', encoding='utf-8'))\n"
+    )
+    git = ("git", "-C", str(tmp_path), "-c", "user.name=a", "-c", "user.email=a@b")
+    for command in (("init", "--quiet"), ("add", "."), ("commit", "--quiet", "-m", "old")):
+        subprocess.run([*git, *command], check=True)
+    monkeypatch.setattr(against, "ROOT", tmp_path)
+    with against._checked_out("HEAD") as tree:
+        assert against._measured(tree, 1.0) == {"ran": True}
 
 
 @pytest.mark.usefixtures("own_state")

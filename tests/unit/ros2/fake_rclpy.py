@@ -263,7 +263,6 @@ class Context:
 class Executor:
     def __init__(self, *, context: Context) -> None:
         self.context = context
-        self.thread = 0
         self._work: queue.Queue[Callable[[], None] | None] = queue.Queue()
         self._is_down = False
 
@@ -275,7 +274,6 @@ class Executor:
         self._work.put(callback)
 
     def spin(self) -> None:
-        self.thread = threading.get_ident()
         while not self._is_down and self.context.ok():
             work = self._work.get()
             if work is not None:

@@ -72,20 +72,6 @@ def test_another_definition_is_named_with_both_hashes_and_the_remedy(kind: Endpo
     assert not finding.is_note
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_who_is_no_counterpart_may_have_what_definition_it_likes(kind: EndpointKind) -> None:
-    assert "definition of /x" not in found(end(kind), end(kind, "/robot", OTHER))
-    assert "definition of /x" not in found(end(kind), end(COUNTERPART[kind], "/robot", OTHER, name="/y"))
-    assert "definition of /x" not in found(end(kind, "/other"), end(COUNTERPART[kind], "/robot", OTHER))
-
-
-def test_another_type_under_the_same_name() -> None:
-    sentence = found(end(), end("publisher", "/robot", BOOL))["type of /x"].sentence
-    assert sentence.startswith(
-        "ROS node /robot uses /x as std_msgs/msg/Bool, we as geometry_msgs/msg/PoseStamped"
-    )
-
-
 @pytest.mark.parametrize(
     ("ours", "theirs", "distro", "says"),
     [
@@ -180,7 +166,7 @@ def test_long_names_and_many_nodes_are_cut() -> None:
     [
         (OTHER, "definition", "and nothing arrives"),
         (OTHER, "type", "and what arrives is dropped or misread"),
-        (BOOL, "definition", "nothing arrives"),
+        (BOOL, "definition", "uses /x as std_msgs/msg/Bool, we as geometry_msgs/msg/PoseStamped: nothing"),
         (BOOL, "type", "nothing arrives"),
     ],
 )
@@ -278,35 +264,31 @@ async def test_each_is_told_what_is_and_what_changes_until_they_close() -> None:
     assert [each.nodes for each in seen] == [frozenset(), {"/a"}]
 
 
-async def test_who_is_closed_by_another_is_not_told_any_more() -> None:
-    made, seen = outlook(), list[Graph]()
+async def test_a_handler_that_fails_or_closes_another_keeps_nobody_else_from_being_told() -> None:
+    made, seen, closed = outlook(), list[Graph](), list[Graph]()
     ends: list[Closable] = []
 
-    def close_the_other(seen: Graph) -> None:
-        if seen.nodes:
+    def failing(graph: Graph) -> None:
+        if graph.nodes:
             ends[0].close()
-
-    made.watch(close_the_other)
-    ends.append(made.watch(seen.append))
-    made.show(with_node("/a"), {})
-    assert [each.nodes for each in seen] == [frozenset()]
-
-
-async def test_a_handler_that_fails_keeps_nobody_from_being_told_and_at_once_it_does_not_watch() -> None:
-    made, seen, told = outlook(), list[Graph](), list[Graph]()
-
-    def failing(seen: Graph) -> None:
-        if seen.nodes:
             raise RuntimeError("a fault of theirs")
 
-    def once(seen: Graph) -> None:
-        told.append(seen)
-        raise RuntimeError("a fault of theirs")
-
     made.watch(failing)
+    ends.append(made.watch(closed.append))
     made.watch(seen.append)
-    with pytest.raises(RuntimeError, match="a fault of theirs"):
-        made.watch(once)
     made.show(with_node("/a"), {})
     assert [each.nodes for each in seen] == [frozenset(), {"/a"}]
+    assert [each.nodes for each in closed] == [frozenset()]
+
+
+async def test_a_handler_that_fails_at_once_does_not_watch() -> None:
+    made, told = outlook(), list[Graph]()
+
+    def failing(graph: Graph) -> None:
+        told.append(graph)
+        raise RuntimeError("a fault of theirs")
+
+    with pytest.raises(RuntimeError, match="a fault of theirs"):
+        made.watch(failing)
+    made.show(with_node("/a"), {})
     assert len(told) == 1

@@ -95,10 +95,8 @@ def test_a_ray_is_of_unit_length_and_what_we_would_say_of_it(
     ("value", "told"),
     [
         (place(frame="world"), "is in the frame 'world': send it in 'user1/human_footprint'"),
-        (place(frame="user2/human_footprint"), "is in the frame 'user2/human_footprint': send it in"),
         (place(q=(0.0, 0.0, 0.0, 0.0), frame=HERS), "the norm of its quaternion is 0"),
         (place(q=(math.nan, 0.0, 0.0, 1.0), frame=HERS), "the norm of its quaternion is nan"),
-        (place(at=(math.inf, 0.0, 0.0), frame=HERS), "is not a position"),
         (place(at=(0.0, math.nan, 0.0), frame=HERS), "is not a position"),
     ],
 )

@@ -23,28 +23,11 @@ from pointit.bridges.ros2.types.types import Types
 from pointit.geometry.polygon import Vec2
 from pointit.geometry.vector import Vec3
 from pointit.maps.checks.check import check_map
-from pointit.maps.file import map_path, parse_map_file, shipped_maps
+from pointit.maps.file import parse_map_file
 from pointit.maps.model import ENTRIES, MapFile
 from pointit.runtime.config.yaml_file import parse_yaml
-from tests.support.data import data_file
 
 TYPES = Types("jazzy")
-TOOLKIT = ("belt", "lab", "tutorial_scenario_1_2_3", "tutorial_scenario_4")
-ROOM = """\
-leds: {door: {position: [-1.5, 3.2, 1.8]}, up.left: {position: [2, -1, 1]}}
-strips: {1: {line: [[0, 0.6, 1], [3, 0.6, 1]], pixels: 90, direction: -1, length: 3.0}}
-links: [{from: main, from_position: 1.0, to: side}, {from: side, to: 9}]
-bays: {7: main, a.b: side}
-"""
-
-
-def tree_in(text: str) -> dict[str, Any]:
-    """Return a file's content, whose names may be numbers, with names that are text."""
-    tree: dict[str, Any] = parse_yaml(text.encode(), "it")
-    for section, entries in tree.items():
-        if section != "links":
-            tree[section] = {str(name): entries[name] for name in entries}
-    return tree
 
 
 def travelled(parameters: dict[str, Any]) -> dict[str, Any]:
@@ -55,32 +38,21 @@ def travelled(parameters: dict[str, Any]) -> dict[str, Any]:
     return {name: value_of(each) for name, each in zip(parameters, answer.values, strict=True)}
 
 
-def check_round_trip(text: str) -> None:
-    tree = tree_in(text)
-    parameters = parameters_of(tree)
-    assert of_maps(["use_sim_time", *parameters]) == list(parameters)
-    again = tree_of(travelled(parameters))
-    assert again == tree
-    written = yaml.dump(again, Dumper=getattr(yaml, "CSafeDumper", yaml.SafeDumper)).encode()
-    assert parse_map_file(written, Path("a.yaml")) == parse_map_file(text.encode(), Path("a.yaml"))
-
-
-def test_every_map_is_parameters_and_itself_again() -> None:
-    for name in shipped_maps():
-        with map_path(name) as path:
-            check_round_trip(path.read_text(encoding="utf-8"))
-    for name in TOOLKIT:
-        check_round_trip(data_file(f"pointit-ros2/{name}.yaml").read_text(encoding="utf-8"))
-
-
 def test_what_the_parameters_are_called() -> None:
-    parameters = parameters_of(tree_in(ROOM), "site")
-    assert parameters["site.leds.door.position"] == [-1.5, 3.2, 1.8]
-    assert parameters["site.leds.up.left.position"] == [2, -1, 1]
-    assert parameters["site.strips.1.line"] == [0.0, 0.6, 1.0, 3.0, 0.6, 1.0]
-    assert parameters["site.strips.1.pixels"] == 90
-    assert parameters["site.links.0.from"] == "main"
-    assert parameters["site.bays.7"] == "main"
+    tree = {
+        "leds": {"door": {"position": [-1.5, 3.2, 1.8]}, "up.left": {"position": [2, -1, 1]}},
+        "strips": {"1": {"line": [[0, 0.6, 1], [3, 0.6, 1]], "pixels": 90}},
+        "links": [{"from": "main"}],
+        "bays": {"7": "main"},
+    }
+    assert parameters_of(tree, "site") == {
+        "site.leds.door.position": [-1.5, 3.2, 1.8],
+        "site.leds.up.left.position": [2, -1, 1],
+        "site.strips.1.line": [0.0, 0.6, 1.0, 3.0, 0.6, 1.0],
+        "site.strips.1.pixels": 90,
+        "site.links.0.from": "main",
+        "site.bays.7": "main",
+    }
 
 
 def test_what_docs_tell_of_a_nodes_parameters_is_a_map() -> None:

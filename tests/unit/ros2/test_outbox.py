@@ -7,9 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pointit.bridges.ros2.outbound.table import CLOCK_S
 from pointit.bridges.ros2.routing.rate_limit import RateLimiter
 from pointit.bridges.ros2.routing.routes import Routes, routes
-from pointit.schemas import ButtonEvent, ClockTick, Interaction, PointingRay, Selection, UserPose
+from pointit.runtime.bus.site_clock import SILENT_NS
+from pointit.schemas import NS_PER_S, ButtonEvent, ClockTick, Interaction, PointingRay, Selection, UserPose
 from pointit.schemas.topics import BUTTON, CLOCK, INTERACTION, POSE, RAY, SELECTION
 from tests.support.bench import START_NS, until
 from tests.unit.ros2.graph_of_one import Bench, Writer, bench
@@ -134,7 +136,8 @@ async def test_a_transform_is_repeated_with_the_time_it_is_then(bridge: Bench) -
 async def test_the_sites_time_ends_with_who_gives_it() -> None:
     table = routes()
     short = [dataclasses.replace(row, repeat_for_s=0.1) for row in table.outward if row.name == "clock"]
-    assert table.outward[[row.name for row in table.outward].index("clock")].repeat_for_s == 10.0
+    assert CLOCK_S * NS_PER_S == SILENT_NS, "ROS and the site agree on when a clock has ended"
+    assert [row.repeat_for_s for row in table.outward if row.name == "clock"] == [CLOCK_S]
     async with bench(jazzy(), dataclasses.replace(table, outward=tuple(short)), unread=True) as bridge:
         take(bridge, CLOCK, ClockTick(stamp_ns=START_NS, seq=1, sim_ns=START_NS, speed=2.0), "")
         await until(lambda: len(bridge.backend.sent["/clock"]) > 1)

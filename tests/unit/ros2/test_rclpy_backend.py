@@ -276,16 +276,12 @@ async def test_what_is_closed_does_nothing_more(wire: Wire, ours: Ours) -> None:
         lambda: ours.backend.subscribe("/x", BOOL, QOS, heard.append),
         lambda: ours.backend.serve("/x", SET, answers),
     ):
-        refuses(use)
+        with pytest.raises(BusClosedError):
+            use()
     reader.close()
     writer.close()
     with pytest.raises(BusClosedError):
         await ours.backend.call("/stop", SET, TRUE, timeout_s=1)
-
-
-def refuses(use: Callable[[], Any]) -> None:
-    with pytest.raises(BusClosedError):
-        use()
 
 
 async def test_a_log_has_a_lifespan_and_is_the_only_one_of_ours(wire: Wire, ours: Ours) -> None:

@@ -47,7 +47,6 @@ class PhoneBench:
         self.warned = Warned()
         self.sent: list[tuple[str, WristSample]] = []
         self.asked: list[tuple[str, Ask]] = []
-        self.changes = 0
         self.refusal = ""
         self.fault: Exception | None = None
         host = PhoneHost(
@@ -55,7 +54,7 @@ class PhoneBench:
             now_ns=self.clock.now_ns,
             send=lambda user, sample: self.sent.append((user, sample)),
             answer=self._answer,
-            changed=self._changed,
+            changed=lambda: None,
             warnings=self.warned,
             version="1",
             site="lab",
@@ -98,9 +97,6 @@ class PhoneBench:
         if self.refusal:
             raise RefusedError(self.refusal)
         return Answer(id=ask.id, reply={"message": "done"})
-
-    def _changed(self) -> None:
-        self.changes += 1
 
     async def _no_page(self, socket: WebSocket, _role: Role) -> None:
         await socket.close()

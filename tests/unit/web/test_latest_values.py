@@ -38,19 +38,6 @@ def test_a_batch_travels_as_the_wire_says() -> None:
     assert batch.packed(5, 2.0) == pack(expected)
 
 
-def test_a_page_is_sent_no_more_than_its_rate() -> None:
-    hub = LatestValueCache()
-    feed = hub.open(10.0)
-    hub.put(CURSOR, "anna", b"1")
-    assert feed.wait_s(0.0) == 0.0
-    assert feed.take(0.0) is not None
-    assert feed.wait_s(0.0) is None
-    hub.put(CURSOR, "anna", b"2")
-    assert feed.wait_s(0.04) == pytest.approx(0.06)
-    assert feed.take(0.04) is None
-    assert feed.take(0.1001) is not None
-
-
 def test_what_is_urgent_does_not_wait_for_what_came_just_before() -> None:
     hub = LatestValueCache()
     feed = hub.open(10.0)
@@ -64,6 +51,7 @@ def test_what_is_urgent_does_not_wait_for_what_came_just_before() -> None:
     feed.ack(3)
     hub.put(CURSOR, "anna", b"4")
     assert feed.take(0.15) is None
+    assert feed.wait_s(0.15) == pytest.approx(0.15), "a batch is reserved for what is urgent"
     hub.put(STRIPS_FRAME, "", b"5", urgent=True)
     batch = feed.take(0.2001)
     assert batch is not None

@@ -96,16 +96,12 @@ async def test_requests_of_a_phone_are_for_its_own_person(bench: PhoneBench, pho
         await greeted(socket)
         await socket.send(json.dumps({"kind": "ask", "id": 7, "deed": "press", "name": "ben"}))
         assert await heard(socket) == {"kind": "answer", "id": 7, "reply": {"message": "done"}, "error": ""}
-        _, ask = bench.asked[0]
-        assert (ask.name, ask.deed) == ("anna", "press")
-        await socket.send(
-            json.dumps({"kind": "ask", "id": 8, "key": "localizer/{user}/start", "name": "ben"})
-        )
-        assert (await heard(socket))["error"] == ""
-        assert (bench.asked[1][1].key, bench.asked[1][1].name) == ("localizer/{user}/start", "anna")
-        bench.refusal = "the localizer is busy"
-        await socket.send(json.dumps({"kind": "ask", "id": 9, "deed": "press"}))
-        assert (await heard(socket))["error"] == "the localizer is busy"
+    bench.refusal = "the localizer is busy"
+    localize = "localizer/{user}/start"
+    (answer,) = await posted(phone, {"kind": "ask", "id": 8, "key": localize, "name": "ben"})
+    assert (answer["id"], answer["error"]) == (8, "the localizer is busy")
+    asked = [(ask.name, ask.deed or ask.key) for _, ask in bench.asked]
+    assert asked == [("anna", "press"), ("anna", localize)]
 
 
 async def test_a_phone_may_not_control_the_site(bench: PhoneBench, phone: AsyncClient) -> None:
@@ -129,30 +125,21 @@ async def test_only_a_phone_that_moves_the_arm_says_what_is_ahead(
     assert "ahead" in cue["text"]
 
 
-async def test_cues_come_to_the_socket(bench: PhoneBench, phone: AsyncClient) -> None:
-    bench.phones.interaction("anna", Interaction(stamp_ns=0, state="idle", next_step="press to begin"))
-    async with bench.connect(phone) as socket:
-        await heard(socket)
-        state = await heard(socket)
-        assert (state["state"], state["next_step"]) == ("idle", "press to begin")
-        feedback = Feedback(stamp_ns=0, cue="selected", text="taken", chime="tick", haptic_ms=(30,))
-        bench.phones.feedback("ben", feedback)
-        bench.phones.feedback("anna", feedback)
-        cue = await heard(socket)
-        assert (cue["chime"], cue["haptic_ms"], cue["text"]) == ("tick", [30], "taken")
-        bench.phones.localization("anna", Localization(stamp_ns=0, phase="sampling", target_id="led_0"))
-        assert (await heard(socket))["text"] == "point at led_0"
-
-
 async def test_posts_do_all_that_the_socket_does(bench: PhoneBench, phone: AsyncClient) -> None:
+    bench.phones.interaction("anna", Interaction(stamp_ns=0, state="idle", next_step="press to begin"))
     hello, state = await posted(phone)
-    assert (hello["role"], hello["user"], hello["site"], state["kind"]) == ("wrist", "anna", "lab", "cue")
+    assert (hello["role"], hello["user"], hello["site"]) == ("wrist", "anna", "lab")
+    assert (state["kind"], state["state"], state["next_step"]) == ("cue", "idle", "press to begin")
     assert "press" in hello["deeds"]
     assert "localizer/{user}/start" in hello["requests"]
-    bench.phones.feedback("anna", Feedback(stamp_ns=0, cue="started", chime="up"))
+    feedback = Feedback(stamp_ns=0, cue="started", text="go", chime="up", haptic_ms=(30,))
+    bench.phones.feedback("ben", feedback)
+    bench.phones.feedback("anna", feedback)
+    bench.phones.localization("anna", Localization(stamp_ns=0, phase="sampling", target_id="led_0"))
     turns = [{**TURN, "t_ms": 10.0 + k} for k in range(3)]
-    cue, answer = await posted(phone, *turns, {"kind": "ask", "id": 4, "deed": "press"})
-    assert cue["chime"] == "up"
+    cue, target, answer = await posted(phone, *turns, {"kind": "ask", "id": 4, "deed": "press"})
+    assert (cue["text"], cue["chime"], cue["haptic_ms"]) == ("go", "up", [30])
+    assert target["text"] == "point at led_0"
     assert (answer["id"], answer["error"]) == (4, "")
     assert [sample.device_time_ns for _, sample in bench.sent] == [12_000_000]
     assert await posted(phone, TURN) == []

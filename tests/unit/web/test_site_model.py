@@ -166,16 +166,6 @@ def test_what_grows_is_an_error_and_what_grew_long_ago_is_a_note(sight: SiteObse
     assert codes(told(sight, 3.0 + KEPT_S)) == [("note", "pui")]
 
 
-def test_a_service_that_was_started_again_does_not_run_twice(sight: SiteObservation) -> None:
-    sight.set_present("pui", True, 50.0)
-    heard(sight, "pui", 50.0, pid=1, uptime_s=49.0)
-    sight.set_present("pui", False, 51.0)
-    sight.set_present("pui", True, 52.0)
-    heard(sight, "pui", 53.0, pid=2, uptime_s=1.0)
-    heard(sight, "web", 53.0)
-    assert told(sight, 53.0).findings == ()
-
-
 def test_reports_of_who_is_not_there_are_not_kept(sight: SiteObservation) -> None:
     for number in range(100):
         heard(sight, f"ghost{number}", 1.0)

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from typing import Literal
 
 import pytest
 
@@ -50,8 +51,18 @@ def test_an_arm_that_is_held_sends_at_every_step_moved_or_not(wrists: WristContr
     assert samples[2].stamp_ns == START + 2 * TICK
 
 
-def test_the_arm_meets_the_mouse_from_where_the_pose_says_the_person_is(wrists: WristControl) -> None:
-    profile = models.UserProfile(stamp_ns=0, hand="left")
+@pytest.mark.parametrize("ray_model", ["eye_finger", "shoulder_arm", "forearm"])
+def test_the_arm_meets_the_mouse_from_where_the_pose_says_the_person_is(
+    wrists: WristControl, ray_model: Literal["eye_finger", "shoulder_arm", "forearm"]
+) -> None:
+    body = models.BodyMeasures(
+        footprint_to_neck_m=1.1,
+        neck_to_eyes_m=0.15,
+        neck_to_shoulder_m=0.25,
+        shoulder_to_wrist_m=0.5,
+        wrist_to_finger_m=0.1,
+    )
+    profile = models.UserProfile(stamp_ns=0, body=body, hand="left", ray_model=ray_model)
     wrists.profile("anna", profile)
     wrists.pose("anna", models.UserPose(stamp_ns=0, position_m=(-1.0, 2.0, 0.0), yaw_rad=1.0))
     wrists.acquire("anna", "page1", "mouse")
@@ -116,11 +127,7 @@ def test_a_phone_that_lost_the_wrist_asks_before_it_has_it_again(wrists: WristCo
     assert wrists.turn("anna", "phone1", turn(), START) is None
     assert wrists.acquire("anna", "phone1", "phone") == ""
     assert wrists.turn("anna", "phone1", turn(), START) is not None
-
-
-def test_who_operates_takes_the_wrist_back_from_a_phone(wrists: WristControl) -> None:
-    wrists.turn("anna", "phone1", turn(), START)
-    assert wrists.release("anna") == "phone1"
+    assert wrists.release("anna") == "phone1", "an operator takes it back"
     assert wrists.turn("anna", "phone1", turn(), START) is None
     assert wrists.release("anna") == ""
 

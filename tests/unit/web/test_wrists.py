@@ -5,7 +5,7 @@ import xml.etree.ElementTree as ET
 from typing import Any
 
 import pytest
-from hypothesis import assume, given
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.bridges.web.wrists.mouse_arm import FASTEST_RADPS, MouseArm
@@ -14,79 +14,16 @@ from pointit.bridges.web.wrists.phone_cues import STEPS, Cues
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
-from pointit.schemas import (
-    NS_PER_S,
-    BodyMeasures,
-    Candidate,
-    Feedback,
-    Interaction,
-    Localization,
-    UserProfile,
-)
-from pointit.services.pointing.arm_ray import ArmRay
+from pointit.schemas import NS_PER_S, Candidate, Feedback, Interaction, Localization
 
 STEP_NS = NS_PER_S // 60
 SAMPLING: dict[str, Any] = {"stamp_ns": 0, "phase": "sampling"}
-bodies = st.builds(
-    BodyMeasures,
-    footprint_to_neck_m=st.floats(0.8, 1.8),
-    neck_to_eyes_m=st.floats(0.05, 0.3),
-    neck_to_shoulder_m=st.floats(0.0, 0.3),
-    shoulder_to_wrist_m=st.floats(0.45, 0.8),
-    wrist_to_finger_m=st.floats(0.0, 0.3),
-)
 coordinates = st.floats(-20.0, 20.0)
-angles = st.floats(-math.pi, math.pi)
 
 
 def angle_between(a: Quaternion, b: Quaternion) -> float:
     x, y, z, w = rotation.multiply(rotation.inverse(a), b)
     return 2.0 * math.atan2(math.hypot(x, y, z), abs(w))
-
-
-def seen_from(profile: UserProfile, arm: Quaternion, feet_m: Vec3, yaw_rad: float) -> tuple[Vec3, Vec3]:
-    """Return where in {W} the pointing service has the ray start, and where it goes."""
-    ray = ArmRay.from_profile(profile).ray(arm)
-    assert ray is not None
-    return vector.add(feet_m, vector.rotate_z(ray[0], yaw_rad)), vector.rotate_z(ray[1], yaw_rad)
-
-
-profiles = st.builds(
-    UserProfile,
-    stamp_ns=st.just(0),
-    body=bodies,
-    hand=st.sampled_from(["left", "right"]),
-    ray_model=st.sampled_from(["eye_finger", "shoulder_arm", "forearm"]),
-)
-
-
-@given(
-    profiles,
-    st.tuples(coordinates, coordinates, st.floats(-1.0, 1.0)),
-    angles,
-    st.tuples(coordinates, coordinates, st.floats(-1.0, 5.0)),
-)
-def test_ray_of_the_arm_meets_the_place(
-    profile: UserProfile, feet_m: Vec3, yaw_rad: float, at_m: Vec3
-) -> None:
-    body = profile.body
-    # an arm shorter than the way from the eyes to the shoulder reaches not every line of sight, nor one that
-    # stays beside the neck a line that goes straight up or down
-    assume(body.shoulder_to_wrist_m > 1.01 * math.hypot(body.neck_to_eyes_m, body.neck_to_shoulder_m))
-    level_m = math.hypot(at_m[0] - feet_m[0], at_m[1] - feet_m[1])
-    rise_m = at_m[2] - feet_m[2] - body.footprint_to_neck_m - body.neck_to_eyes_m
-    arm_m = body.shoulder_to_wrist_m + body.wrist_to_finger_m
-    highest_m = arm_m + math.copysign(body.neck_to_eyes_m, -rise_m)  # finger above or below the eyes
-    assume(body.neck_to_shoulder_m * abs(rise_m) <= 0.98 * highest_m * level_m)
-    assume(level_m > 1.05 * body.neck_to_shoulder_m)
-    arm = MouseArm()
-    arm.set_profile(profile)
-    arm.set_pose(feet_m, yaw_rad)
-    arm.aim(at_m)
-    start_m, direction = seen_from(profile, arm.step(0), feet_m, yaw_rad)
-    sight = vector.subtract(at_m, start_m)
-    assume(vector.norm(sight) > 0.05)
-    assert vector.angle_between(direction, sight) < 1e-6
 
 
 def test_it_points_ahead_before_it_is_told_where() -> None:
@@ -221,6 +158,10 @@ def test_a_token_makes_a_phone_one_persons() -> None:
     assert pairing.phone("") is None
     assert pairing.redeem("other", 1.0) is None
     assert pairing.redeem("", 1.0) is None
+    other_browsers = pairing.redeem(token, 2.0)
+    assert other_browsers is not None
+    assert pairing.phone(other_browsers) is phone
+    assert pairing.phone(secret) is None
 
 
 def test_an_unused_token_expires_a_used_ones_phone_stays() -> None:
@@ -236,16 +177,6 @@ def test_an_unused_token_expires_a_used_ones_phone_stays() -> None:
     assert pairing.phone(secret) is not None
     assert pairing.paired("ben", late_s) != ""
     assert pairing.redeem(used, late_s) is None
-
-
-def test_a_token_shown_again_moves_the_phone_to_another_browser() -> None:
-    pairing = Pairing()
-    token, _ = pairing.pair("anna", 0.0)
-    first, second = pairing.redeem(token, 1.0), pairing.redeem(token, 2.0)
-    assert first is not None
-    assert second is not None
-    assert pairing.phone(first) is None
-    assert pairing.phone(second) is not None
 
 
 def test_pairing_anew_and_unpairing_revoke() -> None:

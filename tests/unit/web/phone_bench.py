@@ -21,21 +21,10 @@ from pointit.bridges.web.wrists.pairing import Pairing
 from pointit.bridges.web.wrists.phone import Phones
 from pointit.bridges.web.wrists.phone_connection import PhoneHost
 from pointit.bridges.web.wrists.wrist_control import WristControl
-from pointit.runtime.errors import RefusedError
 from pointit.runtime.host.state_file import site_folder
 from pointit.schemas import WristSample
 from tests.support.bench import START_NS, ManualClock
-
-
-class Warned:
-    def __init__(self) -> None:
-        self.sentences: dict[str, str] = {}
-
-    def warn(self, topic: str, sentence: str) -> None:
-        self.sentences[topic] = sentence
-
-    def clear(self, topic: str) -> None:
-        self.sentences.pop(topic, None)
+from tests.support.running_source import Health
 
 
 class PhoneBench:
@@ -44,10 +33,9 @@ class PhoneBench:
         self.clock = ManualClock(START_NS)
         self.wrists = WristControl(WebConfig())
         self.pairing = Pairing()
-        self.warned = Warned()
+        self.health = Health()
         self.sent: list[tuple[str, WristSample]] = []
         self.asked: list[tuple[str, Ask]] = []
-        self.refusal = ""
         self.fault: Exception | None = None
         host = PhoneHost(
             wrists=self.wrists,
@@ -55,7 +43,7 @@ class PhoneBench:
             send=lambda user, sample: self.sent.append((user, sample)),
             answer=self._answer,
             changed=lambda: None,
-            warnings=self.warned,
+            warnings=self.health,
             version="1",
             site="lab",
         )
@@ -94,8 +82,6 @@ class PhoneBench:
         self.asked.append((page, ask))
         if self.fault:
             raise self.fault
-        if self.refusal:
-            raise RefusedError(self.refusal)
         return Answer(id=ask.id, reply={"message": "done"})
 
     async def _no_page(self, socket: WebSocket, _role: Role) -> None:

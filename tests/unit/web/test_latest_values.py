@@ -14,19 +14,6 @@ from pointit.schemas.topics import CURSOR, FEEDBACK, HOVER, MAP, SELECTION_EVENT
 FAST_HZ = 1e6
 
 
-def test_a_new_page_gets_what_is_true_and_what_happened_last() -> None:
-    hub = LatestValueCache()
-    hub.put(CURSOR, "anna", b"1")
-    hub.put(CURSOR, "anna", b"2")
-    hub.put(CURSOR, "ben", b"3")
-    hub.put(FEEDBACK, "anna", b"past")
-    hub.forget(CURSOR, "ben")
-    batch = hub.open(60.0).take(0.0)
-    assert batch is not None
-    assert batch.states == (("users/{user}/cursor", "anna", b"2"),)
-    assert batch.events == (("users/{user}/feedback", "anna", b"past"),)
-
-
 def test_a_batch_travels_as_the_wire_says() -> None:
     hub = LatestValueCache()
     feed = hub.open(60.0)

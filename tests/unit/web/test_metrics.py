@@ -58,29 +58,24 @@ def metrics() -> SiteMetrics:
     return SiteMetrics("lab", "1.2.3")
 
 
-def test_a_service_that_should_run_and_does_not_is_shown_as_missing(metrics: SiteMetrics) -> None:
+def test_services_are_shown_with_their_health_or_as_missing(metrics: SiteMetrics) -> None:
     services = (ExpectedService(service="pui"), ExpectedService(service="pointing", user="anna"))
     metrics.take("run.x", Deployment(stamp_ns=1, name="scenario_4", services=services))
-    metrics.set_service("pui", True)
     scrape = Scrape(metrics)
-    assert scrape.value("pointit_service_present", service="pui", name="") == 1
     assert scrape.value("pointit_service_present", service="pointing", name="anna") == 0
-    metrics.take("run.x", Deployment(stamp_ns=2, name="scenario_4"))
-    metrics.set_service("pui", False)
-    assert scrape.value("pointit_service_present", service="pui", name="") is None
-
-
-def test_health_of_a_present_service_is_shown_until_it_leaves(metrics: SiteMetrics) -> None:
-    metrics.take("pui", health("pui"))  # not present
-    scrape = Scrape(metrics)
+    report = health("pui", 7, status="degraded", warnings=("a", "b"))
+    metrics.take("pui", report)  # it is not present yet
     assert scrape.value("pointit_service_healthy", service="pui", name="") is None
     metrics.set_service("pui", True)
-    metrics.take("pui", health("pui", 7, status="degraded", warnings=("a", "b")))
+    metrics.take("pui", report)
+    assert scrape.value("pointit_service_present", service="pui", name="") == 1
     assert scrape.value("pointit_service_healthy", service="pui", name="") == 0
     assert scrape.value("pointit_service_warnings", service="pui", name="") == 2
     assert scrape.value("pointit_service_reported_timestamp_seconds", service="pui", name="") == 7
+    metrics.take("run.x", Deployment(stamp_ns=2, name="scenario_4"))
     metrics.set_service("pui", False)
-    assert scrape.value("pointit_service_healthy", service="pui", name="") is None
+    for name in ("present", "healthy"):
+        assert scrape.value(f"pointit_service_{name}", service="pui", name="") is None
 
 
 def test_messages_are_the_rates_times_the_time_between_reports(metrics: SiteMetrics) -> None:
@@ -313,6 +308,6 @@ def test_a_report_that_comes_late_adds_nothing() -> None:
 
 def test_a_router_that_counts_backwards_does_not_lower_the_total() -> None:
     totals = Totals()
-    for seq, value in ((1, 5.0), (2, -100.0), (3, 1.0)):
+    for seq, value, total in ((1, 5.0, 5.0), (2, -100.0, 5.0), (3, 1.0, 6.0)):
         totals.add("router", "router", health("router", seq, figures=(Figure(name="refused", value=value),)))
-    assert totals.values[Labels("refused", "router")] == 6
+        assert totals.values[Labels("refused", "router")] == total

@@ -23,17 +23,12 @@ from pointit.bridges.web.pages.page_requests import (
 )
 from pointit.bridges.web.wire import Ask, Deed, Role
 from pointit.runtime.errors import PointItError, RefusedError
-from pointit.schemas import SchemaError, SetSpeed, StopRobot, topics
+from pointit.schemas import SchemaError, StopRobot, topics
 from pointit.services.shown_topics import SHOWN
 
 
 def ask(key: str = "", *, deed: Deed | None = None, name: str = "", **query: Any) -> Ask:
     return Ask(id=1, key=key, deed=deed, name=name, query=query)
-
-
-def test_a_request_goes_to_its_server_as_the_table_says() -> None:
-    call = parse_request(ask(topics.SET_SPEED.key, speed_mps=1, belts=["a", "b"]), "operator")
-    assert call == Call(request=topics.SET_SPEED, query=SetSpeed(speed_mps=1.0, belts=("a", "b")), name="")
 
 
 def test_everybody_who_sees_a_robot_may_stop_it() -> None:

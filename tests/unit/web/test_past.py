@@ -15,7 +15,7 @@ import pointit.schemas as models
 from pointit.bridges.web.model.history import AHEAD_NS, BACK_NS, Past
 from pointit.bridges.web.pages.latest_values import HISTORY, LatestValueCache
 from pointit.bridges.web.playback.recent import Recent
-from pointit.bridges.web.server.download import file_name, write_recording
+from pointit.bridges.web.server.download import write_recording
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import topics
@@ -99,10 +99,6 @@ def test_states_from_before_the_window_are_there_from_its_beginning() -> None:
     minute.forget(topics.POSE, "anna")
     add(minute, topics.CURSOR, cursor(31.0), "anna")
     assert "/users/anna/pose" not in {topic for topic, _, _, _ in read(minute, at(33.0), since_ns=at(32.0))}
-
-
-def test_the_files_name_says_of_where_and_when_it_is() -> None:
-    assert file_name("lab", START) == "pointit-lab-1700000000.mcap"
 
 
 S = 1_000_000_000

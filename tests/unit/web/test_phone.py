@@ -15,6 +15,7 @@ from websockets.asyncio.client import ClientConnection
 from pointit.bridges.web.wire import OWN_FAULT
 from pointit.bridges.web.wrists import phone_connection
 from pointit.bridges.web.wrists.wrist_control import STILL_S
+from pointit.runtime.errors import RefusedError
 from pointit.schemas import Feedback, Interaction, Localization
 from tests.support.bench import until
 from tests.unit.web.phone_bench import PhoneBench, phone_bench
@@ -96,7 +97,7 @@ async def test_requests_of_a_phone_are_for_its_own_person(bench: PhoneBench, pho
         await greeted(socket)
         await socket.send(json.dumps({"kind": "ask", "id": 7, "deed": "press", "name": "ben"}))
         assert await heard(socket) == {"kind": "answer", "id": 7, "reply": {"message": "done"}, "error": ""}
-    bench.refusal = "the localizer is busy"
+    bench.fault = RefusedError("the localizer is busy")
     localize = "localizer/{user}/start"
     (answer,) = await posted(phone, {"kind": "ask", "id": 8, "key": localize, "name": "ben"})
     assert (answer["id"], answer["error"]) == (8, "the localizer is busy")
@@ -161,8 +162,8 @@ async def test_malformed_items_are_counted_and_told(
     async with bench.connect(phone) as socket:
         await greeted(socket)
         await socket.send(item)
-        await until(lambda: "phone of anna" in bench.warned.sentences)
-        assert "load its page again" in bench.warned.sentences["phone of anna"]
+        await until(lambda: "phone of anna" in bench.health.warnings)
+        assert "load its page again" in bench.health.warnings["phone of anna"]
         await socket.send(json.dumps(TURN))  # it goes on
         await until(lambda: len(bench.sent) == 1)
 
@@ -171,10 +172,10 @@ async def test_malformed_items_are_counted_and_told(
 async def test_posts_that_are_no_lists_are_refused(bench: PhoneBench, phone: AsyncClient, body: str) -> None:
     response = await phone.post("/wrist", content=body)
     assert response.status_code == 400
-    assert "phone of anna" in bench.warned.sentences
+    assert "phone of anna" in bench.health.warnings
     assert bench.sent == []
     assert (await posted(phone))[0]["kind"] == "hello"
-    assert bench.warned.sentences == {}
+    assert bench.health.warnings == {}
 
 
 @pytest.mark.parametrize("t_ms", [9e12, 9.3e12, 1e15, 1e300])
@@ -190,7 +191,7 @@ async def test_long_words_do_not_fill_health(
     bench: PhoneBench, phone: AsyncClient, item: dict[str, Any]
 ) -> None:
     await posted(phone, item)
-    assert len(bench.warned.sentences["phone of anna"]) < 500
+    assert len(bench.health.warnings["phone of anna"]) < 500
 
 
 async def test_a_fault_is_an_answer(
@@ -236,7 +237,7 @@ async def test_a_flood_of_turns_is_dropped_not_followed(bench: PhoneBench, phone
         await socket.send(json.dumps({"kind": "ask", "id": 1, "deed": "press"}))
         line = next(iter(bench.phones._lines.values()))
         await until(lambda: line.dropped > 0)
-        assert "were dropped" in bench.warned.sentences["phone of anna"]
+        assert "were dropped" in bench.health.warnings["phone of anna"]
         assert len(bench.sent) < 1500
 
 

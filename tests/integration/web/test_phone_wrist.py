@@ -14,7 +14,6 @@ import websockets
 from websockets.asyncio.client import ClientConnection
 
 import pointit.schemas as models
-from pointit.bridges.web.wire import UNPAIRED
 from pointit.bridges.web.wrists import wrist_control
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
@@ -199,6 +198,6 @@ async def test_a_phone_is_unpaired() -> None:
         assert (await site.ask("pair", off=True))["error"] == ""
         async with asyncio.timeout(60.0):
             await socket.wait_closed()
-        assert socket.close_code == UNPAIRED
+        assert socket.close_code == 4403, "as the client knows it"
         await until(lambda: site.person["phone"] == "" and site.person["moved_by"] == "own")
         assert "no phone is paired" in (await site.ask("pair", off=True))["error"]

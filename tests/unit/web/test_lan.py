@@ -16,6 +16,7 @@ from pointit.bridges.web.server.lan import Lan, choose_address
 from pointit.bridges.web.server.listener import url
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.host.state_file import site_folder
+from tests.unit.web.phone_bench import trust
 
 pytestmark = pytest.mark.wall_time
 
@@ -32,12 +33,8 @@ def lan(**fields: object) -> Lan:
     return Lan(config, "lab", APP, addresses=lambda: ["127.0.0.1"])
 
 
-def trusting() -> ssl.SSLContext:
-    return ssl.create_default_context(cafile=site_folder("lab", "web") / "certificate.pem")
-
-
 async def fetched(url: str) -> str:
-    async with httpx.AsyncClient(verify=trusting()) as client:
+    async with httpx.AsyncClient(verify=trust()) as client:
         return (await client.get(url)).text
 
 

@@ -23,29 +23,12 @@ from pointit.bridges.web.pages.page_requests import (
 )
 from pointit.bridges.web.wire import Ask, Deed, Role
 from pointit.runtime.errors import PointItError, RefusedError
-from pointit.schemas import SchemaError, SetSpeed, StopRobot, topics
+from pointit.schemas import SchemaError, StopRobot, topics
 from pointit.services.shown_topics import SHOWN
 
 
 def ask(key: str = "", *, deed: Deed | None = None, name: str = "", **query: Any) -> Ask:
     return Ask(id=1, key=key, deed=deed, name=name, query=query)
-
-
-def test_a_request_goes_to_its_server_as_the_table_says() -> None:
-    call = parse_request(ask(topics.SET_SPEED.key, speed_mps=1, belts=["a", "b"]), "operator")
-    assert call == Call(request=topics.SET_SPEED, query=SetSpeed(speed_mps=1.0, belts=("a", "b")), name="")
-
-
-def test_a_request_about_a_person_names_them() -> None:
-    call = parse_request(ask(topics.UNDO_SELECTION.key, name="anna"), "operator")
-    assert isinstance(call, Call)
-    assert call.name == "anna"
-
-
-@pytest.mark.parametrize("row", [topics.SET_POSE, topics.SET_MOUNTING, topics.SET_OFFSET])
-def test_what_calibration_sets_pages_cannot(row: Any) -> None:
-    with pytest.raises(RefusedError, match="pages cannot ask for"):
-        parse_request(ask(row.key, name="anna"), "operator")
 
 
 def test_everybody_who_sees_a_robot_may_stop_it() -> None:
@@ -54,20 +37,13 @@ def test_everybody_who_sees_a_robot_may_stop_it() -> None:
         assert call == Call(request=topics.STOP_ROBOT, query=StopRobot(reason="too near"), name="quad")
 
 
-@pytest.mark.parametrize(
-    "row", [pytest.param(row, id=row.key) for row in OPERATORS if row is not topics.STOP_ROBOT]
-)
-def test_a_viewer_may_ask_for_nothing_else(row: Any) -> None:
-    assert REQUESTS["viewer"] == (topics.STOP_ROBOT,)
-    with pytest.raises(RefusedError, match="only looks on"):
-        parse_request(ask(row.key, name="anna" if row.placeholder else ""), "viewer")
-
-
-@pytest.mark.parametrize("deed", DEEDS["operator"])
-def test_a_viewer_may_do_nothing(deed: Deed) -> None:
-    assert DEEDS["viewer"] == ()
-    with pytest.raises(RefusedError, match="only looks on"):
-        parse_request(ask(deed=deed, name="anna"), "viewer")
+def test_a_viewer_may_do_nothing_else() -> None:
+    assert (REQUESTS["viewer"], DEEDS["viewer"]) == ((topics.STOP_ROBOT,), ())
+    rows = [row for row in OPERATORS if row is not topics.STOP_ROBOT]
+    requests = [ask(row.key, name="anna" if row.placeholder else "") for row in rows]
+    for wish in (*requests, *(ask(deed=deed, name="anna") for deed in DEEDS["operator"])):
+        with pytest.raises(RefusedError, match="only looks on"):
+            parse_request(wish, "viewer")
 
 
 def test_a_phone_pairs_no_phones() -> None:
@@ -82,13 +58,13 @@ def test_a_phone_pairs_no_phones() -> None:
         (ask(topics.SET_SPEED.key, speed_mps=99), "speed_mps"),
         (ask(topics.SET_SPEED.key, speed_mps="1"), "speed_mps"),
         (ask(topics.SET_SPEED.key, speed_mps=1, faster=True), "faster"),
-        (ask(topics.SET_SPEED.key), "speed_mps"),
         (ask(topics.SET_SPEED.key, name="anna", speed_mps=1), "takes no name"),
         (ask("no/such"), "pages cannot ask for 'no/such'"),
-        (ask(), "pages cannot ask for ''"),
+        (ask(topics.SET_POSE.key, name="anna"), "pages cannot ask for"),  # what calibration sets
+        (ask(topics.SET_MOUNTING.key, name="anna"), "pages cannot ask for"),
+        (ask(topics.SET_OFFSET.key, name="anna"), "pages cannot ask for"),
         (ask(deed="press", name="anna", gesture="kick"), "gesture"),
         (ask(deed="tremor", name="anna", rms_deg=50), "rms_deg"),
-        (ask(deed="tremor", name="anna"), "rms_deg"),
         (ask(deed="take", name="anna", by="force"), "by"),
         (ask(topics.SET_SPEED.key, deed="press", name="anna"), "one thing at a time"),
     ],
@@ -98,12 +74,11 @@ def test_what_makes_no_sense_is_refused_in_a_sentence(wrong: Ask, sentence: str)
         parse_request(wrong, "operator")
 
 
-@pytest.mark.parametrize("name", ["", "*", "../x", "a/b", "-x", "a" * 65])
+@pytest.mark.parametrize("name", ["", "*", "../x", "-x"])
 def test_a_name_must_be_one(name: str) -> None:
-    with pytest.raises(SchemaError):
-        parse_request(ask(topics.UNDO_SELECTION.key, name=name[:64] if len(name) < 65 else ""), "operator")
-    with pytest.raises((SchemaError, RefusedError)):
-        parse_request(ask(deed="press", name=name[:64] if len(name) < 65 else "*"), "operator")
+    for wish in (ask(topics.UNDO_SELECTION.key, name=name), ask(deed="press", name=name)):
+        with pytest.raises((SchemaError, RefusedError)):
+            parse_request(wish, "operator")
 
 
 def test_deeds_have_parameters() -> None:
@@ -167,28 +142,8 @@ def test_the_client_takes_every_topic_that_it_is_sent() -> None:
 @pytest.mark.parametrize(
     "text",
     [
-        '{"kind":"ack","n":1}',
-        '{"kind":"ack","n":9007199254740992,"latency_ms":12.5}',
-        '{"kind":"ask","id":0,"deed":"press","name":"anna"}',
-        '{"kind":"ask","id":0,"key":"conveyor/set_speed","query":{"speed_mps":1}}',
-        '{"kind":"aim","user":"anna","at_m":[1,2.5,0]}',
-        '{"kind":"play","at_s":1.5,"is_playing":false}',
-        '{"kind":"play","speed":0.25,"step":-1}',
-        '{"kind":"turn","q":[0,0,0,1],"t_ms":12.5}',
-        '{"kind":"turn","q":[0,0,0,1],"t_ms":9e12}',
-    ],
-)
-def test_what_pages_say_is_understood(text: str) -> None:
-    assert RECEIVED.validate_json(text).kind in text
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
         "",
-        "null",
         "[]",
-        "{}",
         '{"kind":"hello"}',
         '{"kind":"ack","n":-1}',
         '{"kind":"ack","n":1,"latency_ms":NaN}',
@@ -198,6 +153,8 @@ def test_what_pages_say_is_understood(text: str) -> None:
         '{"kind":"aim","user":"anna","at_m":[1,2,1e300]}',
         '{"kind":"aim","user":"a/b","at_m":[1,2,3]}',
         '{"kind":"turn","q":[0,0,0,2],"t_ms":0}',
+        '{"kind":"turn","q":[0,0,0,NaN],"t_ms":0}',
+        '{"kind":"turn","q":[0,0,0,1],"t_ms":-1}',
         '{"kind":"turn","q":[0,0,0,1],"t_ms":1e13}',
         '{"kind":"ask","id":1,"deed":"explode"}',
         '{"kind":"play","speed":16}',

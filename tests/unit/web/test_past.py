@@ -15,7 +15,7 @@ import pointit.schemas as models
 from pointit.bridges.web.model.history import AHEAD_NS, BACK_NS, Past
 from pointit.bridges.web.pages.latest_values import HISTORY, LatestValueCache
 from pointit.bridges.web.playback.recent import Recent
-from pointit.bridges.web.server.download import file_name, write_recording
+from pointit.bridges.web.server.download import write_recording
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import topics
@@ -101,10 +101,6 @@ def test_states_from_before_the_window_are_there_from_its_beginning() -> None:
     assert "/users/anna/pose" not in {topic for topic, _, _, _ in read(minute, at(33.0), since_ns=at(32.0))}
 
 
-def test_the_files_name_says_of_where_and_when_it_is() -> None:
-    assert file_name("lab", START) == "pointit-lab-1700000000.mcap"
-
-
 S = 1_000_000_000
 
 
@@ -145,21 +141,11 @@ def keeps(bench: Bench, events: Sequence[models.SelectionEvent]) -> list[models.
     return queries
 
 
-async def test_a_server_that_comes_late_shows_what_the_selector_kept() -> None:
-    clock = ManualClock()
-    async with memory_bench(clock) as bench:
-        queries = keeps(bench, [event(1, START_NS - 9 * S), event(2, START_NS - 8 * S)])
-        looker = Looker(bench)
-        await looker.past.ask()
-        assert looker.shown_numbers() == [1, 2]
-        assert queries == [models.ReadHistory(last=HISTORY, since_ns=START_NS - BACK_NS)]
-
-
 async def test_what_was_heard_too_is_shown_once_and_all_of_it_in_order() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
         kept = [event(number, START_NS + number * S) for number in range(1, 7)]
-        keeps(bench, kept)
+        queries = keeps(bench, kept)
         looker = Looker(bench)
         heard_again = event(2, START_NS + 2 * S, "told again after a restart of the selector")
         looker.hears(heard_again, kept[2])
@@ -177,6 +163,7 @@ async def test_what_was_heard_too_is_shown_once_and_all_of_it_in_order() -> None
                 *((selections, number) for number in (4, 5, 6)),
             ]
         assert feed.take(10.0) is None, "what is past does not happen again"
+        assert queries == 2 * [models.ReadHistory(last=HISTORY, since_ns=START_NS - BACK_NS)]
 
 
 async def test_events_with_one_stamp_keep_their_order_and_the_newest_are_shown() -> None:

@@ -19,7 +19,7 @@ from pointit.bridges.web.model.stale_keys import SILENT_S as TRACKER_SILENT_S
 from pointit.bridges.web.model.status import GRACE_S, KEPT_S, LEFT_S, SiteObservation
 from pointit.bridges.web.pages.latest_values import LatestValueCache
 from pointit.bridges.web.playback.recent import Recent
-from pointit.bridges.web.wire import PersonLine, Status
+from pointit.bridges.web.wire import Status
 from pointit.runtime.link.outage import SILENT_S
 from pointit.schemas import (
     Deployment,
@@ -47,8 +47,6 @@ from pointit.schemas.topics import (
     OBJECTS,
     POSE,
     PROFILE,
-    ROBOT_PLAN,
-    ROBOT_STATE,
     SELECTION,
     SELECTION_EVENTS,
     STEERING,
@@ -168,46 +166,10 @@ def test_what_grows_is_an_error_and_what_grew_long_ago_is_a_note(sight: SiteObse
     assert codes(told(sight, 3.0 + KEPT_S)) == [("note", "pui")]
 
 
-def test_a_service_that_was_started_again_does_not_run_twice(sight: SiteObservation) -> None:
-    sight.set_present("pui", True, 50.0)
-    heard(sight, "pui", 50.0, pid=1, uptime_s=49.0)
-    sight.set_present("pui", False, 51.0)
-    sight.set_present("pui", True, 52.0)
-    heard(sight, "pui", 53.0, pid=2, uptime_s=1.0)
-    heard(sight, "web", 53.0)
-    assert told(sight, 53.0).findings == ()
-
-
-def test_two_that_have_one_name_are_found(sight: SiteObservation) -> None:
-    sight.set_present("pui", True, 0.0)
-    for second in range(40, 50):
-        heard(sight, "pui", float(second), pid=1, uptime_s=45.0)
-        heard(sight, "pui", second + 0.5, pid=2, uptime_s=30.0)
-        heard(sight, "web", float(second))
-    assert codes(told(sight, 50.0)) == [("error", "pui")]
-
-
-def test_warnings_come_with_remedies(sight: SiteObservation) -> None:
-    sight.set_present("pui", True, 0.0)
-    heard(sight, "pui", 1.0, status="degraded", warnings=("it is dark",))
-    heard(sight, "web", 1.0)
-    (finding,) = told(sight, 1.0).findings
-    assert finding.sentence == "it is dark"
-    assert finding.remedy
-
-
 def test_reports_of_who_is_not_there_are_not_kept(sight: SiteObservation) -> None:
     for number in range(100):
         heard(sight, f"ghost{number}", 1.0)
     assert sight._reports.keys() == {"web"}
-
-
-def test_the_rest_is_told_as_it_is(sight: SiteObservation) -> None:
-    people = [PersonLine(user="anna", moved_by="mouse", is_mine=True)]
-    status = sight.status({}, people, 0.0, viewers=3, lan_url="https://10.0.0.7:8443", speed=2.0)
-    assert status.people == tuple(people)
-    assert status.viewers == 3
-    assert status.lan_url == "https://10.0.0.7:8443"
 
 
 def gone(instance: str, present: Sequence[str], known: dict[Topic[Any], list[str]]) -> set[tuple[str, str]]:
@@ -237,15 +199,6 @@ def test_one_persons_service_takes_nothing_of_others() -> None:
     assert gone("supervisor.anna", present, known) == {
         (INTERACTION.key, "anna"),
         (HEALTH.key, "supervisor.anna"),
-    }
-
-
-def test_one_robot_takes_nothing_of_others() -> None:
-    known: dict[Topic[Any], list[str]] = {ROBOT_STATE: ["quad", "cart"], ROBOT_PLAN: ["quad"]}
-    assert gone("robot.quad", ["robot.cart", "goal.anna"], known) == {
-        (ROBOT_STATE.key, "quad"),
-        (ROBOT_PLAN.key, "quad"),
-        (HEALTH.key, "robot.quad"),
     }
 
 

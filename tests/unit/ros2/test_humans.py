@@ -75,19 +75,10 @@ def forward(transform: Any) -> Vec3:
     return rotation.rotate((turned.x, turned.y, turned.z, turned.w), (1.0, 0.0, 0.0))
 
 
-def test_routes_of_ros4hri_are_there_on_demand_only() -> None:
-    plain, all_rows = routes(), routes(ros4hri=True)
-    more = [row for row in all_rows.outward if row.name not in {each.name for each in plain.outward}]
-    names = {row.name for row in more}
-    assert {"tracked_people", "known_people", "anonymous", "location_confidence", "body_tf"} <= names
-    assert all(row.ros.startswith("/humans/") or row.ros == "/tf" for row in more)
-    assert not any(row.ros.startswith("/humans/") for row in plain.outward)
-
-
 def test_a_file_may_change_them_wanted_or_not_and_rep_155_fixes_their_namespace(tmp_path: Path) -> None:
     path = tmp_path / "routes.yaml"
     path.write_text("prefix: /site1\nroutes: {head_tf: {enabled: false}}\n")
-    assert routes(path).outward
+    assert not any(row.ros.startswith("/humans/") for row in routes(path).outward)
     rows = {row.name: row for row in routes(path, ros4hri=True).outward}
     assert rows["tracked_people"].ros == TRACKED
     assert rows["packages"].ros == "/site1/packages"

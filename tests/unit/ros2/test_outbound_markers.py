@@ -170,9 +170,5 @@ def test_fences_are_outlines_at_their_heights() -> None:
         ("fences/names", 1),
     }
     top = drawn["fences/keep_out/1", 1]
-    assert [(point.x, point.y, point.z) for point in top.points] == [
-        (0.0, 0.0, 2.0),
-        (1.0, 0.0, 2.0),
-        (1.0, 1.0, 2.0),
-        (0.0, 0.0, 2.0),
-    ]
+    closed = [(x, y, 2.0) for x, y in (*corners, corners[0])]
+    assert [(point.x, point.y, point.z) for point in top.points] == closed

@@ -217,25 +217,21 @@ def test_no_text_is_longer_than_ros_needs(log: Log) -> None:
     assert log.says(health("w\0" * 5000), 9) == []
 
 
-def reports(bridge: Bench, *warnings: str, instance: str = "pui") -> None:
-    topic: Any = HEALTH
-    report = health(*warnings, instance=instance, stamp_ns=START_NS)
-    bridge.scene.take(instance, report, bridge.clock.now_ns())
-    bridge.outbox.take(topic, report, instance)
-
-
-def heard(bridge: Bench) -> list[tuple[str, str]]:
-    return [(each.name, each.msg) for each in bridge.heard(ROS, TYPE)]
-
-
 async def test_a_service_that_has_gone_is_forgotten_and_not_for_a_person_of_its_name(eager: Bench) -> None:
-    reports(eager, NO_MAP)
-    await until(lambda: len(heard(eager)) == 1)
+    topic: Any = HEALTH
+
+    def reports(instance: str = "pui") -> None:
+        eager.outbox.take(topic, health(NO_MAP, instance=instance, stamp_ns=START_NS), instance)
+
+    def heard() -> list[str]:
+        return [each.name for each in eager.heard(ROS, TYPE)]
+
+    reports()
+    await until(lambda: heard() == ["pointit.pui"])
     eager.outbox.leave("pui")
-    reports(eager, NO_MAP)
-    reports(eager, NO_MAP, instance="keeper")
-    await until(lambda: ("pointit.keeper", NO_MAP) in heard(eager), what="the reports to be read")
-    assert len(heard(eager)) == 2
+    reports()
+    reports("keeper")
+    await until(lambda: heard() == ["pointit.pui", "pointit.keeper"], what="the reports to be read")
     eager.outbox.end("pui")
-    reports(eager, NO_MAP)
-    await until(lambda: heard(eager)[2:] == [("pointit.pui", NO_MAP)])
+    reports()
+    await until(lambda: heard() == ["pointit.pui", "pointit.keeper", "pointit.pui"])

@@ -9,13 +9,14 @@ import pytest
 from playwright.async_api import Browser, expect
 
 from pointit.bridges.web.wire import IN_FLIGHT
-from pointit.schemas import ConveyorState, SelectionEvent
-from pointit.schemas.topics import CONVEYOR_STATE, SELECTION_EVENTS
+from pointit.schemas import ConveyorState, SelectionEvent, SetSpeed
+from pointit.schemas.topics import CONVEYOR_STATE, SELECTION_EVENTS, SET_SPEED
+from pointit.services.conveyor_sim.config import ConveyorSimConfig
 from tests.e2e.web.site import SitePage
 from tests.e2e.web.window import Window
 from tests.support.bench import until
 from tests.support.commands import onlooker
-from tests.support.pace import Patience, within
+from tests.support.pace import MOST, Patience, slowness, within
 
 pytestmark = pytest.mark.slow
 WHAT_IS_SEEN = """() => {
@@ -176,7 +177,11 @@ async def test_newcomer_selects_a_red_package_with_the_mouse(browser: Browser, s
         await expect(page.get_by_role("radio", name="Mouse")).to_be_checked()
         lens = await window.survey()
         seen.bus.subscribe(SELECTION_EVENTS, lambda event, _name: events.append(event))
+        usual_mps = ConveyorSimConfig().speed_mps
+        # the mouse is as far behind a package as on a quick machine
+        await seen.bus.call(SET_SPEED, SetSpeed(speed_mps=usual_mps / min(MOST, slowness())))
         await window.follows(lens, "red", lambda: bool(selected()), 45)
+        await seen.bus.call(SET_SPEED, SetSpeed(speed_mps=usual_mps))
         assert (selected()[0].kind, selected()[0].cause) == ("red", "dwell")
         await expect(page.locator("#guide")).to_contain_text("You selected a red package!")
         await page.get_by_role("button", name="Give back").click()

@@ -235,13 +235,6 @@ def test_samples_first_heard_at_the_start_are_left_out() -> None:
     assert [path.stamp_ns for path in joined.settled(LATER_S)] == [STAMP + MS]
 
 
-def test_capture_is_converted_to_wall_time() -> None:
-    joined = sample_path.PathJoiner(lambda stamp_ns: stamp_ns // 2, began_s=0.0)
-    joined.add("imu", 2000 * MS, 1004 * MS, "", READY_S)
-    (path,) = joined.settled(LATER_S)
-    assert path.delta_s("imu") == pytest.approx(0.004)
-
-
 def test_memory_is_bounded() -> None:
     joined = joiner()
     for k in range(sample_path.MAX_OPEN + 10):

@@ -8,17 +8,16 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
-from urllib.parse import parse_qs, unquote, urlsplit
+from urllib.parse import parse_qs, urlsplit
 
 import click
 import pytest
 from click.testing import CliRunner
 
 from pointit.bridges.web.config import WebConfig
-from pointit.bridges.web.server.link_file import keep_link
 from pointit.cli.display.summary import write_summary
 from pointit.cli.main import command
-from pointit.cli.page import browser, dashboard
+from pointit.cli.page import dashboard
 from pointit.cli.page.run_page import RunPage
 from pointit.launch.page import page
 from pointit.launch.page.page import PORT, PORTS_TO_TRY, Page, is_asked_of_page, kept_link, page_of, where
@@ -29,19 +28,12 @@ from pointit.launch.plan.scenario_catalog import PLACES, places
 from pointit.launch.plan.settings import Settings
 from pointit.launch.run.service_group import redact_secrets
 from pointit.recording.entries import RecordingError
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import ConfigError, ListenError
 from pointit.runtime.link.link import Link
-from pointit.schemas import KeyNameError
-from pointit.schemas.topics import SERVICE_ALIVE
-from tests.support.bench import until
 from tests.support.buses import free_port
 from tests.support.invoked import python
 from tests.unit.cli_run.drawn import monitor_of
 from tests.unit.cli_run.stand_in import StandIn
-
-pytestmark = pytest.mark.wall_time
 
 
 def page_with(*settings: str, **asked: Any) -> Page:
@@ -72,13 +64,6 @@ def test_the_address_has_the_port_and_the_token_of_who_may_control() -> None:
     assert made.viewer_url.partition("=")[2] == config.viewer_token
     assert not made.lan_url
     assert len(made.url) <= 70  # with `page: ` in a frame of 80 columns
-
-
-def test_tokens_are_secret() -> None:
-    made = [config_of(page_with()) for _ in range(2)]
-    tokens = {token for config in made for token in (config.operator_token, config.viewer_token)}
-    assert len(tokens) == 4
-    assert min(map(len, tokens)) >= 22
 
 
 def test_without_a_wish_the_next_port_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -191,14 +176,15 @@ def test_what_is_told_of_the_command_line_has_no_secrets() -> None:
     assert told == ["run", "--set", "web.operator_token=…", "--set", "web.port=1", "--set=web.viewer_token=…"]
 
 
-@pytest.mark.parametrize("name", ["127.0.0.1", "127.8.8.8", "::1", "localhost"])
-def test_this_machine_alone(name: str) -> None:
-    assert dashboard.is_loopback(name)
-
-
-@pytest.mark.parametrize("name", ["0.0.0.0", "::", "192.168.1.5", "plant.local", "127.0.0.1.evil"])  # noqa: S104
-def test_other_machines_too(name: str) -> None:
-    assert not dashboard.is_loopback(name)
+@pytest.mark.parametrize(
+    ("host", "is_here"),
+    [
+        *((host, True) for host in ("127.0.0.1", "127.8.8.8", "::1", "localhost")),
+        *((host, False) for host in ("0.0.0.0", "::", "192.168.1.5", "plant.local", "127.0.0.1.evil")),  # noqa: S104
+    ],
+)
+def test_loopback_is_this_machine_alone(host: str, *, is_here: bool) -> None:
+    assert dashboard.is_loopback(host) is is_here
 
 
 def invoke(monkeypatch: pytest.MonkeyPatch, *arguments: str, has_extra: bool = True) -> BaseException | None:
@@ -235,14 +221,9 @@ def test_no_page_and_something_of_it(monkeypatch: pytest.MonkeyPatch, arguments:
     assert "web is not among what this starts" in str(error)
 
 
-def test_a_run_without_the_extra_says_so_at_its_start_and_at_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    plans: list[Plan] = []
-
-    def execute(plan: Plan, _log_level: str) -> int:
-        plans.append(plan)
-        return 0
-
-    monkeypatch.setattr("pointit.cli.run.run.execute", execute)
+def test_a_run_without_the_extra_says_so_at_its_start_and_at_its_end(
+    monkeypatch: pytest.MonkeyPatch, plans: list[Plan]
+) -> None:
     remedy = "the page needs `scripts/setup web` in the folder of PointIt"
     for arguments in ((), ("--no-web",)):
         assert invoke(monkeypatch, "run", *arguments, has_extra=False) is None
@@ -260,14 +241,9 @@ def test_the_afterword_stands_below_the_summary(capsys: pytest.CaptureFixture[st
     assert "There was no page." not in capsys.readouterr().out
 
 
-def test_a_run_has_the_link_of_the_last_until_a_new_one_is_wanted(monkeypatch: pytest.MonkeyPatch) -> None:
-    plans: list[Plan] = []
-
-    def execute(plan: Plan, _log_level: str) -> int:
-        plans.append(plan)
-        return 0
-
-    monkeypatch.setattr("pointit.cli.run.run.execute", execute)
+def test_a_run_has_the_link_of_the_last_until_a_new_one_is_wanted(
+    monkeypatch: pytest.MonkeyPatch, plans: list[Plan]
+) -> None:
     mine = ("--set", "web.operator_token=a-token-of-mine")
     for arguments in ((), (), mine, ("--new-link",), ("--site", "other"), (), ("--new-link", *mine)):
         assert invoke(monkeypatch, "run", "--web-port", "0", *arguments) is None
@@ -281,68 +257,11 @@ def test_a_run_has_the_link_of_the_last_until_a_new_one_is_wanted(monkeypatch: p
     assert any("--new-link does not change" in note for note in plans[-1].notes)
 
 
-def test_a_bad_name_is_refused_before_the_site_is_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    def look_round(*_: object) -> None:
-        raise AssertionError("looked for the site")
-
-    monkeypatch.setattr("pointit.cli.run.user.inspect_site", look_round)
-    error = invoke(monkeypatch, "person", "add", "anna/x", "--connect", "tcp/127.0.0.1:1")
-    assert isinstance(error, KeyNameError)
-    assert str(error).startswith("user 'anna/x'")
-
-
 def test_a_wrong_port_is_a_mistake(monkeypatch: pytest.MonkeyPatch) -> None:
     assert isinstance(invoke(monkeypatch, "run", "--web-port", "70000"), click.BadParameter)
 
 
-def leads_to(uri: str, link: str) -> Path:
-    """Fail unless `uri` is a file of its owner alone that leads to `link`; return its folder."""
-    file = Path(unquote(urlsplit(uri).path))
-    assert urlsplit(uri).scheme == "file"
-    assert link.partition("=")[2] not in uri
-    assert file.stat().st_mode & 0o077 == 0
-    assert f'content="0;url={link}"' in file.read_text(encoding="utf-8")
-    return file.parent
-
-
-def is_littered(home: Path) -> bool:
-    return any(home.glob("pointit-page-*"))
-
-
 LINK = "http://127.0.0.1:8090/?token=of-the-operator"
-
-
-@pytest.mark.parametrize("has_snaps", [False, True])
-async def test_browser_is_given_a_file_of_its_owner_once_the_page_is_there_and_never_the_token(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, *, has_snaps: bool
-) -> None:
-    opened: list[str] = []
-
-    def opens(url: str) -> bool:
-        opened.append(url)
-        return True
-
-    monkeypatch.setattr("webbrowser.open", opens)
-    monkeypatch.setattr(Path, "home", lambda: tmp_path)
-    monkeypatch.setattr(browser, "SNAPS", tmp_path if has_snaps else tmp_path / "none")
-    file = keep_link("lab", LINK)
-    bus = MemoryBus(LocalBroker())
-    opening = browser.PageOpener(bus, "web", file)
-    bus.announce(SERVICE_ALIVE, "pui")
-    bus.announce(SERVICE_ALIVE, "pui").close()
-    there = bus.announce(SERVICE_ALIVE, "web")
-    await until(lambda: bool(opened), what="the browser")
-    there.close()
-    bus.announce(SERVICE_ALIVE, "web")
-    seen: list[str] = []
-    bus.watch(SERVICE_ALIVE, lambda name, _present: seen.append(name))
-    await until(lambda: "web" in seen, what="the page again")
-    (uri,) = opened
-    folder = leads_to(uri, LINK)
-    assert (folder == tmp_path) == has_snaps  # a browser from a snap reads no hidden folder
-    opening.close()
-    assert not is_littered(tmp_path)
-    await bus.close()
 
 
 def test_link_file_is_there_as_long_as_the_page_and_leads_to_the_first_of_its_links() -> None:

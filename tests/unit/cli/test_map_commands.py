@@ -76,17 +76,6 @@ def test_warnings_are_no_failure_unless_asked_for() -> None:
     assert invoke("check", "lab", "--strict").exit_code == 0
 
 
-def test_an_error_is_a_failure(room: Path) -> None:
-    room.write_text(ROOM.replace("1.8]", "-1.8]") + "links: [{from: main, to: mian}]", encoding="utf-8")
-    result = invoke("check", str(room))
-    assert result.exit_code == 1
-    assert result.output.splitlines()[:2] == [
-        "error links.0.to: there is no belt 'mian'; use one of main",
-        "error leds.door: is 1.8 m below the floor; correct its z",
-    ]
-    assert result.output.splitlines()[-1].startswith(f"{room}: 2 errors; 1 belt, ")
-
-
 def test_check_names_all_mistakes_of_a_map_that_cannot_be_read(room: Path) -> None:
     room.write_text(
         "leds: {a: {position: [1, 2]}, b/c: {position: [1, 2, 3]}}\nbelts: {m: {width: 0}}\n",

@@ -17,7 +17,7 @@ from pointit.bridges.ros2.types.types import Types
 from pointit.cli.main import command
 from pointit.cli.maps import fetch as map_fetch
 from pointit.maps.file import load_map
-from pointit.runtime.errors import ConfigError, ConnectError, NoAnswerError, PointItError
+from pointit.runtime.errors import ConfigError, NoAnswerError
 from tests.support.parameter_server import OneNode, ParameterServer
 
 TYPES = Types("jazzy")
@@ -39,13 +39,10 @@ class Graph:
     def __init__(self) -> None:
         self.node = OneNode(ParameterServer(TYPES, {}))
         self.configs: list[BackendConfig] = []
-        self.error: PointItError | None = None
 
     async def opened(self, config: BackendConfig, _warnings: object, *, patience_s: float) -> OneNode:
         assert patience_s > 0
         self.configs.append(config)
-        if self.error is not None:
-            raise self.error
         return self.node
 
     def has(self, parameters: dict[str, Any]) -> None:
@@ -265,12 +262,7 @@ def test_it_joins_as_a_client_unless_it_is_told(graph: Graph) -> None:
     assert graph.configs == [usual, usual.model_copy(update=changed)]
 
 
-def test_who_is_not_there_is_one_sentence(graph: Graph) -> None:
-    graph.error = ConnectError("nobody answers at tcp/127.0.0.1:7447: start one")
-    assert sentence(fetch(), ConnectError) == (
-        "nobody answers at tcp/127.0.0.1:7447: start one; --backend.endpoint says where it is"
-    )
-    graph.error = None
+def test_a_node_that_is_not_there_is_one_sentence(graph: Graph) -> None:
     graph.node.nodes = frozenset({"/arm"})
     graph.node.name = "/arm"
     assert (

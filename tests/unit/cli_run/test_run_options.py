@@ -205,21 +205,16 @@ def test_hand_and_stature_are_the_profiles_and_the_bodys() -> None:
 
 def test_set_wins_over_every_option() -> None:
     settings = (
-        "user-sim.yaw_deg=5",
-        "user-sim.body.hand=right",
-        "user-sim.wristband.yaw_drift_degpmin=15",
-        "user-sim.aim.elevation_bias_deg=10",
-        "localizer.method=fixed",
-        "localizer.position_m=[9, 9, 0]",
+        *("user-sim.yaw_deg=5", "user-sim.body.hand=right", "user-sim.wristband.yaw_drift_degpmin=15"),
+        *("localizer.method=fixed", "localizer.position_m=[9, 9, 0]"),
     )
     services = person(Choices(localize=True, hand="left", settings=settings))
-    assert (services["user-sim"]["yaw_deg"], services["user-sim"]["body"]["hand"]) == (5.0, "right")
+    simulated, localizer = services["user-sim"], services["localizer"]
+    assert (simulated["yaw_deg"], simulated["body"]["hand"]) == (5.0, "right")
     assert services["supervisor"]["profile"]["hand"] == "left"
-    assert services["user-sim"]["wristband"]["yaw_drift_degpmin"] == 15.0
-    assert services["user-sim"]["wristband"]["yaw_rate_bias_sd_degps"] == 0.25
-    assert services["user-sim"]["aim"]["elevation_bias_deg"] == 10.0
-    assert services["localizer"]["method"] == "fixed"
-    assert services["localizer"]["position_m"] == (9.0, 9.0, 0.0)
+    assert simulated["wristband"]["yaw_drift_degpmin"] == 15.0
+    assert simulated["wristband"]["yaw_rate_bias_sd_degps"] == 0.25
+    assert (localizer["method"], localizer["position_m"]) == ("fixed", (9.0, 9.0, 0.0))
 
 
 SECURED = SimpleNamespace(link=SimpleNamespace(endpoints=("tls/hall:7450",)))

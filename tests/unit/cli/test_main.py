@@ -2,7 +2,6 @@
 
 import importlib
 import importlib.metadata
-import subprocess
 import sys
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -177,18 +176,12 @@ def test_underscores_do_for_hyphens() -> None:
 
 
 def test_a_bad_parameter_of_a_service_names_source_field_and_value() -> None:
-    script = [sys.executable, "-m", "pointit.cli", "service", "run", "pointing", "--user", "anna"]
-    done = subprocess.run(
-        [*script, "--stale-after-s", "soon"], capture_output=True, text=True, check=False, timeout=90
-    )
+    words = "service run pointing --user anna --stale-after-s soon"
+    done = python("-m", "pointit.cli", *words.split())
     assert done.returncode == 2
     assert done.stderr.startswith("Error: --stale-after-s: stale_after_s: ")
     assert "'soon'" in done.stderr
     assert done.stderr.count("\n") == 1
-
-
-def typed(words: str) -> Result:
-    return CliRunner().invoke(command, words.split(), prog_name="pointit")
 
 
 @pytest.mark.parametrize(
@@ -206,9 +199,9 @@ def typed(words: str) -> Result:
     ],
 )
 def test_an_old_spelling_does_what_the_new_one_does_after_a_note(old: str, new: str, rest: str) -> None:
-    before, after = typed(f"{old} {rest}"), typed(f"{new} {rest}")
-    assert before.output == f"note: `pointit {old}` is now `pointit {new}`\n{after.output}"
-    assert before.exit_code == after.exit_code
+    code, text = invoke(*f"{new} {rest}".split())
+    note = f"note: `pointit {old}` is now `pointit {new}`\n"
+    assert invoke(*f"{old} {rest}".split()) == (code, note + text)
 
 
 def test_every_old_spelling_leads_to_a_command_of_the_help_and_is_not_shown_itself() -> None:

@@ -30,6 +30,7 @@ bays: {7: main}
 """
 TREE: dict[str, Any] = yaml.safe_load(ROOM)
 ADVICE = "--parameter names the one that holds a map, --prefix what stands before leds., strips., belts."
+NOTHING = "nothing in the parameters of /pui is a map; it has use_sim_time"
 SUMMARY = "no findings; 1 belt, 1 bay, 1 strip with 90 pixels, 2 lamps"
 
 
@@ -213,39 +214,26 @@ def test_points_of_a_cloud_lie_beside_the_file_that_is_written(graph: Graph, tmp
 
 
 @pytest.mark.parametrize(
-    ("parameters", "arguments", "said"),
+    ("parameters", "words", "said"),
     [
+        ({"speed": 1.0}, "", f"{NOTHING}, speed; {ADVICE}"),
+        ({"map": "", "x.map.leds.a.at": [1.0]}, "", f"{NOTHING}, map, x.map.leds.a.at; try --prefix x.map"),
         (
-            {"speed": 1.0},
-            (),
-            "nothing in the parameters of /pui is a map; it has use_sim_time, speed; " + ADVICE,
+            *({"a": 1}, "--prefix site"),
+            f"no parameter of /pui begins with 'site.'; it has use_sim_time, a; {ADVICE}",
         ),
+        ({"a": 1}, "--parameter b", "node /pui has no parameter 'b'; it has use_sim_time, a"),
         (
-            {"map": "", "x.map.leds.a.at": [1.0, 2.0, 3.0]},
-            (),
-            (
-                "nothing in the parameters of /pui is a map; it has use_sim_time, map, x.map.leds.a.at; "
-                "try --prefix x.map"
-            ),
-        ),
-        (
-            {"a": 1},
-            ("--prefix", "site"),
-            "no parameter of /pui begins with 'site.'; it has use_sim_time, a; " + ADVICE,
-        ),
-        ({"a": 1}, ("--parameter", "b"), "node /pui has no parameter 'b'; it has use_sim_time, a"),
-        (
-            {"a": [1.0]},
-            ("--parameter", "a"),
+            *({"a": [1.0]}, "--parameter a"),
             "parameter a of /pui is a list, not the text of a map or its path; --parameter names another",
         ),
     ],
 )
 def test_what_is_no_map_is_one_sentence(
-    graph: Graph, parameters: dict[str, Any], arguments: tuple[str, ...], said: str
+    graph: Graph, parameters: dict[str, Any], words: str, said: str
 ) -> None:
     graph.has(parameters)
-    assert sentence(fetch(*arguments)) == said
+    assert sentence(fetch(*words.split())) == said
     assert graph.node.is_closed
 
 

@@ -14,7 +14,6 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from pointit.bridges.web.config import WebConfig
 from pointit.cli.display.summary import write_summary
 from pointit.cli.main import command
 from pointit.cli.page import dashboard
@@ -40,10 +39,6 @@ def page_with(*settings: str, **asked: Any) -> Page:
     return page_of(Settings(settings=settings), asked={"port": 0, **asked})
 
 
-def config_of(made: Page) -> WebConfig:
-    return made.config
-
-
 @contextmanager
 def taken(*ports: int) -> Generator[None]:
     sockets = [socket.create_server(("127.0.0.1", port)) for port in ports]
@@ -56,7 +51,7 @@ def taken(*ports: int) -> Generator[None]:
 
 def test_the_address_has_the_port_and_the_token_of_who_may_control() -> None:
     made = page_with()
-    config = config_of(made)
+    config = made.config
     address = urlsplit(made.url)
     assert (address.scheme, address.hostname, address.port) == ("http", "127.0.0.1", config.port)
     assert config.port > 0  # any that is free was asked for, and is known before it is served
@@ -69,9 +64,9 @@ def test_the_address_has_the_port_and_the_token_of_who_may_control() -> None:
 def test_without_a_wish_the_next_port_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     first = free_port()
     monkeypatch.setattr(page, "PORT", first)
-    assert config_of(page_of(Settings())).port == first
+    assert page_of(Settings()).config.port == first
     with taken(first):
-        assert config_of(page_of(Settings())).port in range(first + 1, first + PORTS_TO_TRY)
+        assert page_of(Settings()).config.port in range(first + 1, first + PORTS_TO_TRY)
     assert PORT == 8090
 
 
@@ -93,7 +88,7 @@ def test_settings_win_over_options_and_options_over_the_scenario() -> None:
     below = {"rate_hz": 20.0, "record_s": 5.0, "lan": False}
     chosen = Settings(settings=["web.rate_hz=30", "web.operator_token=mine"])
     made = page_of(chosen, below=below, asked={"port": 0})
-    config = config_of(made)
+    config = made.config
     assert (config.rate_hz, config.record_s) == (30.0, 5.0)
     assert made.url.endswith("/?token=mine")
     with pytest.raises(ConfigError, match=r"--set web\.nope=1: no parameter nope"):
@@ -102,7 +97,7 @@ def test_settings_win_over_options_and_options_over_the_scenario() -> None:
 
 def test_the_local_network_is_told_where_it_is_opened() -> None:
     made = page_with(lan=True, lan_port=0, lan_address="192.168.1.5")
-    config = config_of(made)
+    config = made.config
     assert made.lan_url == f"https://192.168.1.5:{config.lan_port}/?token={config.operator_token}"
     assert made.viewer_lan_url.endswith(config.viewer_token)
     assert config.host == "127.0.0.1"  # what is not encrypted stays on this machine
@@ -111,7 +106,7 @@ def test_the_local_network_is_told_where_it_is_opened() -> None:
 def test_a_page_that_is_passed_on_is_told_where_it_is_opened() -> None:
     made = page_with(published_port=4321)
     assert made.url.startswith("http://127.0.0.1:4321/?token=")
-    assert config_of(made).port != 4321
+    assert made.config.port != 4321
 
 
 def test_an_ipv6_host_stands_in_brackets() -> None:
@@ -129,7 +124,7 @@ def test_people_are_where_the_scenario_or_the_command_line_puts_them() -> None:
     assert told["user2"] == {"position_m": (1.0, 2.0, 0.0), "yaw_deg": 30.0}
     assert told["user5"] == scenario.places[0].model_dump()
     assert len(told) == PLACES  # people may come while it is served
-    assert config_of(page_of(Settings(), asked={"port": 0}, places=told)).places.keys() == told.keys()
+    assert page_of(Settings(), asked={"port": 0}, places=told).config.places.keys() == told.keys()
 
 
 def test_several_pages_of_a_site_have_names_of_their_own() -> None:

@@ -29,6 +29,7 @@ from pointit.launch.run.service_group import redact_secrets
 from pointit.recording.entries import RecordingError
 from pointit.runtime.errors import ConfigError, ListenError
 from pointit.runtime.link.link import Link
+from pointit.schemas import KeyNameError
 from tests.support.buses import free_port
 from tests.support.invoked import python
 from tests.unit.cli_run.drawn import monitor_of
@@ -250,6 +251,16 @@ def test_a_run_has_the_link_of_the_last_until_a_new_one_is_wanted(
     assert last == new
     assert all(page.is_usual for page in pages[:2])  # else all is loaded
     assert any("--new-link does not change" in note for note in plans[-1].notes)
+
+
+def test_a_bad_name_is_refused_before_the_site_is_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    def look_round(*_: object) -> None:
+        raise AssertionError("looked for the site")
+
+    monkeypatch.setattr("pointit.cli.run.user.inspect_site", look_round)
+    error = invoke(monkeypatch, "person", "add", "anna/x", "--connect", "tcp/127.0.0.1:1")
+    assert isinstance(error, KeyNameError)
+    assert str(error).startswith("user 'anna/x'")
 
 
 def test_a_wrong_port_is_a_mistake(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,7 +2,6 @@
 
 import importlib
 import importlib.metadata
-import subprocess
 import sys
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -52,35 +51,27 @@ def test_the_version_is_the_distributions() -> None:
     assert invoke("--version") == (0, f"pointit {importlib.metadata.version('pointit')}\n")
 
 
-@pytest.mark.parametrize("path", PATHS, ids=" ".join)
-def test_every_command_documents_itself_with_an_example(path: tuple[str, ...]) -> None:
-    code, text = invoke(*path, "--help")
-    assert code == 0
-    assert text.startswith(f"Usage: pointit {' '.join(path)}")
-    assert "\\" not in text  # click's mark for a block that stays as it is, misspelt
-    assert "Example" in text
-
-
 @pytest.mark.parametrize(
-    "words",
+    ("words", "sentence"),
     [
-        *("topic list", "topic echo", "topic hz", "topic schema", "person press", "service list"),
-        *("service call", "map list", "plugin list", "site show", "doctor", "list"),
+        ("toppics", "no command 'toppics'; did you mean topic?"),
+        ("plott", "no command 'plott'; did you mean map plot?"),
+        ("lst", "no command 'lst'; did you mean list?"),
+        ("topic echoo", "no action 'echoo'; did you mean echo?"),
+        ("service lst", "no action 'lst'; did you mean list?"),  # not taken for a service
+        ("service run pointin", "no service 'pointin'; did you mean pointing?"),
+        ("list service", "no section 'service'; did you mean services?"),
     ],
 )
-def test_commands_that_report_print_json(words: str) -> None:
-    assert "--json" in invoke(*words.split(), "--help")[1]
+def test_an_unknown_name_gets_one_sentence_with_the_near_ones(words: str, sentence: str) -> None:
+    assert invoke(*words.split()) == (2, f"Error: {sentence}\n")
 
 
-def test_an_unknown_command_gets_one_sentence_with_the_near_ones() -> None:
-    assert invoke("toppics") == (2, "Error: no command 'toppics'; did you mean topic?\n")
-    assert invoke("plott") == (2, "Error: no command 'plott'; did you mean map plot?\n")
-    assert invoke("lst") == (2, "Error: no command 'lst'; did you mean list?\n")
-    assert invoke("topic", "echoo") == (2, "Error: no action 'echoo'; did you mean echo?\n")
-    assert "--users" in invoke("run", "--user", "2")[1]
+def test_without_near_names_all_are_told() -> None:
     code, text = invoke("xyzzy")
     assert code == 2
     assert all(path[0] in text for path in PATHS)
+    assert "conveyor-sim" in invoke("service", "run", "xyzzy")[1]
 
 
 def loaded_after(*arguments: str) -> set[str]:
@@ -102,9 +93,15 @@ def test_the_front_page_loads_no_command() -> None:
     assert not loaded & {"zenoh", "pydantic", "rich", "numpy", "scipy", "pointit_lab", "importlib.metadata"}
 
 
-@pytest.mark.parametrize("line", ["topic list", "list services"])
-def test_tables_load_neither_network_nor_numerics(line: str) -> None:
-    assert not loaded_after(*line.split()) & {"zenoh", "scipy", "numpy", "serial", "yaml"}
+@pytest.mark.parametrize(
+    ("line", "heavy"),
+    [
+        *((line, {"zenoh", "scipy", "numpy", "serial", "yaml"}) for line in ("topic list", "list services")),
+        *((line, {"matplotlib"}) for line in ("map list", "map check lab", "map plot --help")),
+    ],
+)
+def test_a_command_loads_nothing_heavy_that_it_does_not_need(line: str, heavy: set[str]) -> None:
+    assert not loaded_after(*line.split()) & heavy
 
 
 def test_to_start_a_scenario_loads_nothing_that_takes_long() -> None:
@@ -132,11 +129,6 @@ def test_garbage_is_collected_again_once_the_command_is_loaded() -> None:
     assert done.stderr.split() == ["True", "True"]
 
 
-def test_an_unknown_service_gets_one_sentence_with_the_near_ones() -> None:
-    assert invoke("service", "run", "pointin") == (2, "Error: no service 'pointin'; did you mean pointing?\n")
-    assert "conveyor-sim" in invoke("service", "run", "xyzzy")[1]
-
-
 def test_a_service_documents_every_parameter_with_type_unit_and_default() -> None:
     code, text = invoke("service", "run", "pointing", "--help")
     assert code == 0
@@ -146,22 +138,6 @@ def test_a_service_documents_every_parameter_with_type_unit_and_default() -> Non
         " published, s [default: 0.2]" in told
     )
     assert "--user" in told
-
-
-def test_a_services_help_is_that_of_its_module() -> None:
-    own = CliRunner().invoke(command, ["service", "run", "pointing", "--help"], prog_name="pointit").output
-    script = [sys.executable, "-m", process("pointing").package, "--help"]
-    module = subprocess.run(script, capture_output=True, text=True, check=True, timeout=90).stdout
-    own_words, module_words = (text.partition("[OPTIONS]")[2].split() for text in (own, module))
-    own_words.remove("-h,")  # the short form is the front's
-    assert own_words == module_words
-
-
-def test_a_bridge_is_run_like_any_service() -> None:
-    code, text = invoke("service", "run", "web", "--help")
-    assert code == 0
-    assert "--operator-token" in text
-    assert "--user" not in text
 
 
 def test_a_service_that_needs_an_extra_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -200,18 +176,12 @@ def test_underscores_do_for_hyphens() -> None:
 
 
 def test_a_bad_parameter_of_a_service_names_source_field_and_value() -> None:
-    script = [sys.executable, "-m", "pointit.cli", "service", "run", "pointing", "--user", "anna"]
-    done = subprocess.run(
-        [*script, "--stale-after-s", "soon"], capture_output=True, text=True, check=False, timeout=90
-    )
+    words = "service run pointing --user anna --stale-after-s soon"
+    done = python("-m", "pointit.cli", *words.split())
     assert done.returncode == 2
     assert done.stderr.startswith("Error: --stale-after-s: stale_after_s: ")
     assert "'soon'" in done.stderr
     assert done.stderr.count("\n") == 1
-
-
-def typed(words: str) -> Result:
-    return CliRunner().invoke(command, words.split(), prog_name="pointit")
 
 
 @pytest.mark.parametrize(
@@ -229,9 +199,9 @@ def typed(words: str) -> Result:
     ],
 )
 def test_an_old_spelling_does_what_the_new_one_does_after_a_note(old: str, new: str, rest: str) -> None:
-    before, after = typed(f"{old} {rest}"), typed(f"{new} {rest}")
-    assert before.output == f"note: `pointit {old}` is now `pointit {new}`\n{after.output}"
-    assert before.exit_code == after.exit_code
+    code, text = invoke(*f"{new} {rest}".split())
+    note = f"note: `pointit {old}` is now `pointit {new}`\n"
+    assert invoke(*f"{old} {rest}".split()) == (code, note + text)
 
 
 def test_every_old_spelling_leads_to_a_command_of_the_help_and_is_not_shown_itself() -> None:
@@ -239,10 +209,6 @@ def test_every_old_spelling_leads_to_a_command_of_the_help_and_is_not_shown_itse
     assert not {(word,) for word in OLD_SPELLINGS} & set(PATHS)
     renamed = {old: new[-1] for old, new in OLD_SPELLINGS.items() if old != new[-1]}
     assert renamed == {"topics": "list", "user": "add"}
-
-
-def test_a_misspelt_action_is_not_taken_for_a_service() -> None:
-    assert typed("service lst").output == "Error: no action 'lst'; did you mean list?\n"
 
 
 WAVES = """

@@ -36,13 +36,7 @@ def looked_s(monkeypatch: pytest.MonkeyPatch, *connect: str, is_refusing: bool =
 
     monkeypatch.setattr(ZenohBus, "open", find_nobody)
     monkeypatch.setattr(site_link, "in_daemon_thread", run_here)
-    took_s: list[float] = []
-
-    async def measure() -> None:
-        took_s.append(await look())
-
-    run_virtually(measure())
-    return took_s[0]
+    return run_virtually(look())
 
 
 @pytest.mark.parametrize("protocol", ["tcp", "tls", "ws"])

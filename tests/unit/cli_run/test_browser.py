@@ -2,6 +2,7 @@
 
 import threading
 from pathlib import Path
+from urllib.parse import unquote, urlsplit
 
 import pytest
 
@@ -18,12 +19,58 @@ PATIENCE_S = 20.0
 LINK = "http://127.0.0.1:8090/?token=of-the-operator"
 
 
-def left_in(home: Path) -> list[Path]:
-    return list(home.glob("pointit-page-*"))
-
-
-async def test_run_that_ends_sooner_leaves_no_copy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+@pytest.fixture
+def opened(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[str]:
+    """Return what the browser, a snap's, is given; copies for it are below `tmp_path`."""
     opened: list[str] = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    monkeypatch.setattr(Path, "home", lambda: tmp_path)
+    monkeypatch.setattr(browser, "SNAPS", tmp_path)
+    return opened
+
+
+def leads_to(uri: str, link: str) -> Path:
+    """Fail unless `uri` is a file of its owner alone that leads to `link`; return its folder."""
+    file = Path(unquote(urlsplit(uri).path))
+    assert urlsplit(uri).scheme == "file"
+    assert link.partition("=")[2] not in uri
+    assert file.stat().st_mode & 0o077 == 0
+    assert f'content="0;url={link}"' in file.read_text(encoding="utf-8")
+    return file.parent
+
+
+def is_littered(home: Path) -> bool:
+    return any(home.glob("pointit-page-*"))
+
+
+@pytest.mark.parametrize("has_snaps", [False, True])
+async def test_it_is_given_a_file_of_its_owner_once_the_page_is_there_and_never_the_token(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, opened: list[str], *, has_snaps: bool
+) -> None:
+    if not has_snaps:
+        monkeypatch.setattr(browser, "SNAPS", tmp_path / "none")
+    bus = MemoryBus(LocalBroker())
+    opening = browser.PageOpener(bus, "web", keep_link("lab", LINK))
+    bus.announce(SERVICE_ALIVE, "pui")
+    bus.announce(SERVICE_ALIVE, "pui").close()
+    there = bus.announce(SERVICE_ALIVE, "web")
+    await until(lambda: bool(opened), what="the browser")
+    there.close()
+    bus.announce(SERVICE_ALIVE, "web")
+    seen: list[str] = []
+    bus.watch(SERVICE_ALIVE, lambda name, _present: seen.append(name))
+    await until(lambda: "web" in seen, what="the page again")
+    (uri,) = opened
+    folder = leads_to(uri, LINK)
+    assert (folder == tmp_path) == has_snaps  # a browser from a snap reads no hidden folder
+    opening.close()
+    assert not is_littered(tmp_path)
+    await bus.close()
+
+
+async def test_run_that_ends_sooner_leaves_no_copy(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, opened: list[str]
+) -> None:
     begun, ended, done = threading.Event(), threading.Event(), threading.Event()
     opens = browser.BrowserWindow._open
 
@@ -34,9 +81,6 @@ async def test_run_that_ends_sooner_leaves_no_copy(monkeypatch: pytest.MonkeyPat
         done.set()
 
     monkeypatch.setattr(browser.BrowserWindow, "_open", open_late)
-    monkeypatch.setattr("webbrowser.open", opened.append)
-    monkeypatch.setattr(Path, "home", lambda: tmp_path)
-    monkeypatch.setattr(browser, "SNAPS", tmp_path)
     bus = MemoryBus(LocalBroker())
     opening = browser.PageOpener(bus, "web", keep_link("lab", LINK))
     bus.announce(SERVICE_ALIVE, "web")
@@ -44,7 +88,7 @@ async def test_run_that_ends_sooner_leaves_no_copy(monkeypatch: pytest.MonkeyPat
     opening.close()
     ended.set()
     await until(done.is_set, what="its end")
-    assert not left_in(tmp_path)
+    assert not is_littered(tmp_path)
     assert not opened
     await bus.close()
 

@@ -8,17 +8,15 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
-from urllib.parse import parse_qs, unquote, urlsplit
+from urllib.parse import parse_qs, urlsplit
 
 import click
 import pytest
 from click.testing import CliRunner
 
-from pointit.bridges.web.config import WebConfig
-from pointit.bridges.web.server.link_file import keep_link
 from pointit.cli.display.summary import write_summary
 from pointit.cli.main import command
-from pointit.cli.page import browser, dashboard
+from pointit.cli.page import dashboard
 from pointit.cli.page.run_page import RunPage
 from pointit.launch.page import page
 from pointit.launch.page.page import PORT, PORTS_TO_TRY, Page, is_asked_of_page, kept_link, page_of, where
@@ -29,27 +27,17 @@ from pointit.launch.plan.scenario_catalog import PLACES, places
 from pointit.launch.plan.settings import Settings
 from pointit.launch.run.service_group import redact_secrets
 from pointit.recording.entries import RecordingError
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import ConfigError, ListenError
 from pointit.runtime.link.link import Link
 from pointit.schemas import KeyNameError
-from pointit.schemas.topics import SERVICE_ALIVE
-from tests.support.bench import until
 from tests.support.buses import free_port
 from tests.support.invoked import python
 from tests.unit.cli_run.drawn import monitor_of
 from tests.unit.cli_run.stand_in import StandIn
 
-pytestmark = pytest.mark.wall_time
-
 
 def page_with(*settings: str, **asked: Any) -> Page:
     return page_of(Settings(settings=settings), asked={"port": 0, **asked})
-
-
-def config_of(made: Page) -> WebConfig:
-    return made.config
 
 
 @contextmanager
@@ -64,7 +52,7 @@ def taken(*ports: int) -> Generator[None]:
 
 def test_the_address_has_the_port_and_the_token_of_who_may_control() -> None:
     made = page_with()
-    config = config_of(made)
+    config = made.config
     address = urlsplit(made.url)
     assert (address.scheme, address.hostname, address.port) == ("http", "127.0.0.1", config.port)
     assert config.port > 0  # any that is free was asked for, and is known before it is served
@@ -74,19 +62,12 @@ def test_the_address_has_the_port_and_the_token_of_who_may_control() -> None:
     assert len(made.url) <= 70  # with `page: ` in a frame of 80 columns
 
 
-def test_tokens_are_secret() -> None:
-    made = [config_of(page_with()) for _ in range(2)]
-    tokens = {token for config in made for token in (config.operator_token, config.viewer_token)}
-    assert len(tokens) == 4
-    assert min(map(len, tokens)) >= 22
-
-
 def test_without_a_wish_the_next_port_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     first = free_port()
     monkeypatch.setattr(page, "PORT", first)
-    assert config_of(page_of(Settings())).port == first
+    assert page_of(Settings()).config.port == first
     with taken(first):
-        assert config_of(page_of(Settings())).port in range(first + 1, first + PORTS_TO_TRY)
+        assert page_of(Settings()).config.port in range(first + 1, first + PORTS_TO_TRY)
     assert PORT == 8090
 
 
@@ -108,7 +89,7 @@ def test_settings_win_over_options_and_options_over_the_scenario() -> None:
     below = {"rate_hz": 20.0, "record_s": 5.0, "lan": False}
     chosen = Settings(settings=["web.rate_hz=30", "web.operator_token=mine"])
     made = page_of(chosen, below=below, asked={"port": 0})
-    config = config_of(made)
+    config = made.config
     assert (config.rate_hz, config.record_s) == (30.0, 5.0)
     assert made.url.endswith("/?token=mine")
     with pytest.raises(ConfigError, match=r"--set web\.nope=1: no parameter nope"):
@@ -117,7 +98,7 @@ def test_settings_win_over_options_and_options_over_the_scenario() -> None:
 
 def test_the_local_network_is_told_where_it_is_opened() -> None:
     made = page_with(lan=True, lan_port=0, lan_address="192.168.1.5")
-    config = config_of(made)
+    config = made.config
     assert made.lan_url == f"https://192.168.1.5:{config.lan_port}/?token={config.operator_token}"
     assert made.viewer_lan_url.endswith(config.viewer_token)
     assert config.host == "127.0.0.1"  # what is not encrypted stays on this machine
@@ -126,7 +107,7 @@ def test_the_local_network_is_told_where_it_is_opened() -> None:
 def test_a_page_that_is_passed_on_is_told_where_it_is_opened() -> None:
     made = page_with(published_port=4321)
     assert made.url.startswith("http://127.0.0.1:4321/?token=")
-    assert config_of(made).port != 4321
+    assert made.config.port != 4321
 
 
 def test_an_ipv6_host_stands_in_brackets() -> None:
@@ -144,7 +125,7 @@ def test_people_are_where_the_scenario_or_the_command_line_puts_them() -> None:
     assert told["user2"] == {"position_m": (1.0, 2.0, 0.0), "yaw_deg": 30.0}
     assert told["user5"] == scenario.places[0].model_dump()
     assert len(told) == PLACES  # people may come while it is served
-    assert config_of(page_of(Settings(), asked={"port": 0}, places=told)).places.keys() == told.keys()
+    assert page_of(Settings(), asked={"port": 0}, places=told).config.places.keys() == told.keys()
 
 
 def test_several_pages_of_a_site_have_names_of_their_own() -> None:
@@ -191,14 +172,15 @@ def test_what_is_told_of_the_command_line_has_no_secrets() -> None:
     assert told == ["run", "--set", "web.operator_token=…", "--set", "web.port=1", "--set=web.viewer_token=…"]
 
 
-@pytest.mark.parametrize("name", ["127.0.0.1", "127.8.8.8", "::1", "localhost"])
-def test_this_machine_alone(name: str) -> None:
-    assert dashboard.is_loopback(name)
-
-
-@pytest.mark.parametrize("name", ["0.0.0.0", "::", "192.168.1.5", "plant.local", "127.0.0.1.evil"])  # noqa: S104
-def test_other_machines_too(name: str) -> None:
-    assert not dashboard.is_loopback(name)
+@pytest.mark.parametrize(
+    ("host", "is_here"),
+    [
+        *((host, True) for host in ("127.0.0.1", "127.8.8.8", "::1", "localhost")),
+        *((host, False) for host in ("0.0.0.0", "::", "192.168.1.5", "plant.local", "127.0.0.1.evil")),  # noqa: S104
+    ],
+)
+def test_loopback_is_this_machine_alone(host: str, *, is_here: bool) -> None:
+    assert dashboard.is_loopback(host) is is_here
 
 
 def invoke(monkeypatch: pytest.MonkeyPatch, *arguments: str, has_extra: bool = True) -> BaseException | None:
@@ -235,14 +217,9 @@ def test_no_page_and_something_of_it(monkeypatch: pytest.MonkeyPatch, arguments:
     assert "web is not among what this starts" in str(error)
 
 
-def test_a_run_without_the_extra_says_so_at_its_start_and_at_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    plans: list[Plan] = []
-
-    def execute(plan: Plan, _log_level: str) -> int:
-        plans.append(plan)
-        return 0
-
-    monkeypatch.setattr("pointit.cli.run.run.execute", execute)
+def test_a_run_without_the_extra_says_so_at_its_start_and_at_its_end(
+    monkeypatch: pytest.MonkeyPatch, plans: list[Plan]
+) -> None:
     remedy = "the page needs `scripts/setup web` in the folder of PointIt"
     for arguments in ((), ("--no-web",)):
         assert invoke(monkeypatch, "run", *arguments, has_extra=False) is None
@@ -260,14 +237,9 @@ def test_the_afterword_stands_below_the_summary(capsys: pytest.CaptureFixture[st
     assert "There was no page." not in capsys.readouterr().out
 
 
-def test_a_run_has_the_link_of_the_last_until_a_new_one_is_wanted(monkeypatch: pytest.MonkeyPatch) -> None:
-    plans: list[Plan] = []
-
-    def execute(plan: Plan, _log_level: str) -> int:
-        plans.append(plan)
-        return 0
-
-    monkeypatch.setattr("pointit.cli.run.run.execute", execute)
+def test_a_run_has_the_link_of_the_last_until_a_new_one_is_wanted(
+    monkeypatch: pytest.MonkeyPatch, plans: list[Plan]
+) -> None:
     mine = ("--set", "web.operator_token=a-token-of-mine")
     for arguments in ((), (), mine, ("--new-link",), ("--site", "other"), (), ("--new-link", *mine)):
         assert invoke(monkeypatch, "run", "--web-port", "0", *arguments) is None
@@ -295,54 +267,7 @@ def test_a_wrong_port_is_a_mistake(monkeypatch: pytest.MonkeyPatch) -> None:
     assert isinstance(invoke(monkeypatch, "run", "--web-port", "70000"), click.BadParameter)
 
 
-def leads_to(uri: str, link: str) -> Path:
-    """Fail unless `uri` is a file of its owner alone that leads to `link`; return its folder."""
-    file = Path(unquote(urlsplit(uri).path))
-    assert urlsplit(uri).scheme == "file"
-    assert link.partition("=")[2] not in uri
-    assert file.stat().st_mode & 0o077 == 0
-    assert f'content="0;url={link}"' in file.read_text(encoding="utf-8")
-    return file.parent
-
-
-def is_littered(home: Path) -> bool:
-    return any(home.glob("pointit-page-*"))
-
-
 LINK = "http://127.0.0.1:8090/?token=of-the-operator"
-
-
-@pytest.mark.parametrize("has_snaps", [False, True])
-async def test_browser_is_given_a_file_of_its_owner_once_the_page_is_there_and_never_the_token(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, *, has_snaps: bool
-) -> None:
-    opened: list[str] = []
-
-    def opens(url: str) -> bool:
-        opened.append(url)
-        return True
-
-    monkeypatch.setattr("webbrowser.open", opens)
-    monkeypatch.setattr(Path, "home", lambda: tmp_path)
-    monkeypatch.setattr(browser, "SNAPS", tmp_path if has_snaps else tmp_path / "none")
-    file = keep_link("lab", LINK)
-    bus = MemoryBus(LocalBroker())
-    opening = browser.PageOpener(bus, "web", file)
-    bus.announce(SERVICE_ALIVE, "pui")
-    bus.announce(SERVICE_ALIVE, "pui").close()
-    there = bus.announce(SERVICE_ALIVE, "web")
-    await until(lambda: bool(opened), what="the browser")
-    there.close()
-    bus.announce(SERVICE_ALIVE, "web")
-    seen: list[str] = []
-    bus.watch(SERVICE_ALIVE, lambda name, _present: seen.append(name))
-    await until(lambda: "web" in seen, what="the page again")
-    (uri,) = opened
-    folder = leads_to(uri, LINK)
-    assert (folder == tmp_path) == has_snaps  # a browser from a snap reads no hidden folder
-    opening.close()
-    assert not is_littered(tmp_path)
-    await bus.close()
 
 
 def test_link_file_is_there_as_long_as_the_page_and_leads_to_the_first_of_its_links() -> None:

@@ -105,7 +105,7 @@ def test_what_is_not_known_is_not_claimed() -> None:
     assert "2.00, 0.50 m" in told
     assert told.split()[-4:-1] == ["told", "-", "-"]
     monitor.interactions["ben"] = Interaction(stamp_ns=1, state="idle", next_step="Press.")
-    assert row(monitor, "ben").split()[1:] == ["-"] * 6 or "-" in row(monitor, "ben")
+    assert row(monitor, "ben").split()[2:-1] == ["-"] * 5
 
 
 @pytest.mark.parametrize(

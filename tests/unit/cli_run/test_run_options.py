@@ -121,6 +121,7 @@ def person(choices: Choices, index: int = 0, scenario: str = "scenario_2") -> di
 def test_a_pose_is_read_in_metres_and_degrees() -> None:
     assert pose("2,0.5") == Pose(x_m=2.0, y_m=0.5)
     assert pose("-1.5, 3e0,-90") == Pose(x_m=-1.5, y_m=3.0, yaw_deg=-90.0)
+    assert pose("450000,-5000.5") == Pose(x_m=450_000.0, y_m=-5000.5)  # as far as in a map
 
 
 @pytest.mark.parametrize("text", ["", "1", "1,2,3,4", "a,b", "nan,0", "inf,1", "1000001,0", "0,0,361", "1;2"])
@@ -156,18 +157,11 @@ def test_people_stand_where_they_are_told_in_turn_and_the_rest_where_the_scenari
         for name in ("localizer", "user-sim"):
             assert (services[name]["position_m"], services[name]["yaw_deg"]) == (place, yaw_deg)
         assert services["localizer"]["method"] == "fixed"
-    third = read_scenario("scenario_2").places[2]
-    assert person(choices, 2)["localizer"]["position_m"] == third.position_m
+    assert person(choices, 2)["localizer"] == person(Choices(), 2)["localizer"]
     one = Choices(imu=("simulated",), poses=(Pose(x_m=7.0, y_m=8.0),)).of_one(2)
     assert person(one, 2)["localizer"]["position_m"] == (7.0, 8.0, 0.0)
     assert person(one, 2)["imu-bridge"]["source"] == "simulated"
     assert Choices().of_one(2) == Choices()
-
-
-def test_a_real_wrist_stands_there_too() -> None:
-    services = person(Choices(imu=("serial:/dev/x",), poses=(Pose(x_m=1.0, y_m=2.0, yaw_deg=9.0),)))
-    assert services["localizer"]["position_m"] == (1.0, 2.0, 0.0)
-    assert "user-sim" not in services
 
 
 def test_who_is_localized_is_simulated_there_and_nobody_is_told() -> None:
@@ -211,40 +205,19 @@ def test_hand_and_stature_are_the_profiles_and_the_bodys() -> None:
 
 def test_set_wins_over_every_option() -> None:
     settings = (
-        "user-sim.yaw_deg=5",
-        "user-sim.body.hand=right",
-        "user-sim.wristband.yaw_drift_degpmin=15",
-        "user-sim.aim.elevation_bias_deg=10",
-        "localizer.method=fixed",
-        "localizer.position_m=[9, 9, 0]",
+        *("user-sim.yaw_deg=5", "user-sim.body.hand=right", "user-sim.wristband.yaw_drift_degpmin=15"),
+        *("localizer.method=fixed", "localizer.position_m=[9, 9, 0]"),
     )
     services = person(Choices(localize=True, hand="left", settings=settings))
-    assert (services["user-sim"]["yaw_deg"], services["user-sim"]["body"]["hand"]) == (5.0, "right")
+    simulated, localizer = services["user-sim"], services["localizer"]
+    assert (simulated["yaw_deg"], simulated["body"]["hand"]) == (5.0, "right")
     assert services["supervisor"]["profile"]["hand"] == "left"
-    assert services["user-sim"]["wristband"]["yaw_drift_degpmin"] == 15.0
-    assert services["user-sim"]["wristband"]["yaw_rate_bias_sd_degps"] == 0.25
-    assert services["user-sim"]["aim"]["elevation_bias_deg"] == 10.0
-    assert services["localizer"]["method"] == "fixed"
-    assert services["localizer"]["position_m"] == (9.0, 9.0, 0.0)
-
-
-def test_pose_may_lie_as_far_as_a_map_may() -> None:
-    assert pose("450000,-5000.5") == Pose(x_m=450_000.0, y_m=-5000.5)
+    assert simulated["wristband"]["yaw_drift_degpmin"] == 15.0
+    assert simulated["wristband"]["yaw_rate_bias_sd_degps"] == 0.25
+    assert (localizer["method"], localizer["position_m"]) == ("fixed", (9.0, 9.0, 0.0))
 
 
 SECURED = SimpleNamespace(link=SimpleNamespace(endpoints=("tls/hall:7450",)))
-
-
-@pytest.fixture
-def plans(monkeypatch: pytest.MonkeyPatch) -> list[Plan]:
-    plans: list[Plan] = []
-
-    def execute(plan: Plan, _log_level: str) -> int:
-        plans.append(plan)
-        return 0
-
-    monkeypatch.setattr(run_command, "execute", execute)
-    return plans
 
 
 @pytest.mark.parametrize(

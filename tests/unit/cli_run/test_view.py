@@ -77,19 +77,13 @@ async def test_mark_shows_that_the_site_is_recorded() -> None:
     await bus.close()
 
 
-def test_two_pixels_stand_in_a_cell_from_the_start_of_the_line_to_its_end() -> None:
-    monitor = monitor_of(strip())
+@pytest.mark.parametrize(("direction", "lit", "pair"), [(1, 0, (RED, BLUE)), (-1, 19, (BLUE, RED))])
+def test_two_pixels_stand_in_a_cell_from_the_start_of_the_line_to_its_end_however_it_is_wired(
+    direction: int, lit: int, pair: tuple[object, object]
+) -> None:
+    monitor = monitor_of(strip(direction=direction))
     monitor.frame = frame([RED, BLUE] + [DARK] * 38)
-    drawn = cells(monitor)
-    assert (len(drawn), drawn[0], set(drawn[1:])) == (20, (RED, BLUE), {(DARK, DARK)})
-
-
-def test_a_strip_that_runs_backwards_is_drawn_forwards() -> None:
-    monitor = monitor_of(strip(direction=-1))
-    monitor.frame = frame([RED, BLUE] + [DARK] * 38)
-    drawn = cells(monitor)
-    assert (drawn[-1], set(drawn[:-1])) == ((BLUE, RED), {(DARK, DARK)})
-    assert pixels_along(monitor.frame, strip(direction=-1))[-1] == RED
+    assert cells(monitor) == [pair if cell == lit else (DARK, DARK) for cell in range(20)]
 
 
 def test_a_strip_longer_than_the_terminal_is_thinned_out() -> None:

@@ -259,8 +259,11 @@ def test_a_summary_says_what_was_refused_and_who_was_not_found() -> None:
 
 def test_a_summary_says_where_people_were_found_and_how_far_off_that_is() -> None:
     found = {"position_m": [2.031, -0.48], "position_sigma_m": 0.123, "yaw_sigma_deg": 2.06}
-    people = {"anna": {**found, "position_error_m": 0.087}, "ben": {**found, "position_error_m": None}}
+    people = {
+        "anna": {**found, "position_error_m": 0.087, "yaw_error_deg": 2.13},
+        "ben": {**found, "position_error_m": None},
+    }
     assert summary_lines({**SUMMARY, "people": people})[2:4] == [
-        "anna was found at 2.03, -0.48 m ±0.12 m, yaw ±2.1°, 0.09 m from the true place.",
+        "anna was found at 2.03, -0.48 m ±0.12 m, yaw ±2.1°, 0.09 m from the true place, yaw 2.1° off.",
         "ben was found at 2.03, -0.48 m ±0.12 m, yaw ±2.1°.",
     ]

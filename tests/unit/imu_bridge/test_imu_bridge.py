@@ -24,7 +24,6 @@ from pointit.services.imu_bridge.arm_frame import WRAP_NS, YawEpoch
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.reading import Item, Reading
 from pointit.services.imu_bridge.replay_source import ReplayConfig, ReplaySource
-from pointit.services.imu_bridge.serial import detection
 from pointit.services.imu_bridge.serial.config import SerialConfig
 from pointit.services.imu_bridge.service import ImuBridge
 from pointit.services.imu_bridge.simulated import SimulatedConfig, SimulatedDevice
@@ -346,30 +345,3 @@ async def test_requests_that_turn_the_yaw_raise_it_and_others_do_not() -> None:
         await bench.bus.call(SET_MOUNTING, turned, "anna")
         await until(lambda: samples[-1].yaw_epoch > 1, what="a new mounting")
         assert {sample.yaw_epoch for sample in samples} == {0, 1, 2}
-
-
-async def test_a_serial_device_that_comes_back_or_is_restarted_raises_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    async with memory_bench(WallClock()) as bench:
-        samples = bench.collect(IMU)
-        with pty_device(tmp_path / "imu") as device:
-            config = ImuBridgeConfig.model_validate(
-                {"source": "serial", "serial": SerialConfig(port=str(device.path))}
-            )
-            bench.start(ImuBridge, config, user="anna")
-            await send_until(device, b"9000000,1,0,0,0\n", lambda: bool(samples), what="a sample")
-            assert samples[0].yaw_epoch == 0
-            device.send(b"2000000,1,0,0,0\n")
-            await until(lambda: samples[-1].yaw_epoch == 1, what="a restart")
-            monkeypatch.setattr(detection, "SILENT_S", 0.3)
-            await send_until(
-                device, b"0.8,0,0,0.6\n", lambda: samples[-1].device_time_ns is None, what="a turn"
-            )
-            await asyncio.sleep(0.5)
-            await send_until(device, b"1,0,0,0\n", lambda: samples[-1].yaw_epoch == 2, what="a start")
-            device.unplug()
-            device.plug()
-            await send_until(
-                device, b"9000000,1,0,0,0\n", lambda: samples[-1].yaw_epoch == 3, what="a reconnection"
-            )

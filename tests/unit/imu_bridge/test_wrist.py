@@ -125,15 +125,6 @@ def test_connections_again_and_again_are_named() -> None:
     assert not said(wrist, 120.0, is_explained=True)
 
 
-def test_low_battery_is_a_warning() -> None:
-    wrist = monitor()
-    wrist.battery = 0.5
-    assert figures(wrist, 1.0)["battery"] == 50
-    assert not said(wrist, 1.0)
-    wrist.battery = 0.07
-    assert said(wrist, 1.0) == ["the battery of anna's wrist (fake) is at 7%: charge it"]
-
-
 MS = NS_PER_S // 1000
 HOST_NS = 1_700_000_000 * NS_PER_S
 SEEDS = 20

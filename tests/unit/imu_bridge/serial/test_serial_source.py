@@ -143,16 +143,6 @@ async def test_forced_format_is_kept_and_named_in_the_warning(tmp_path: Path) ->
             assert not run.readings
 
 
-async def test_loss_of_the_device_is_delivered(tmp_path: Path) -> None:
-    with pty_device(tmp_path / "imu") as device:
-        async with running(port=str(device.path)) as run:
-            async with sending(lambda: device.send(LINE)):
-                await until(lambda: bool(run.readings))
-            device.unplug()
-            await until(lambda: any(isinstance(item, Disconnected) for item in run.items))
-            assert "plug the device in" in run.health.warnings["port"]
-
-
 async def test_cue_flashes_the_led_of_an_ximu3(tmp_path: Path) -> None:
     with pty_device(tmp_path / "imu") as device:
         received = bytearray()

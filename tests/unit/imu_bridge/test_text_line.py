@@ -14,8 +14,6 @@ from pointit.services.imu_bridge.serial.text_line import (
     QuaternionLine,
 )
 
-unit_numbers = st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: math.hypot(*q) > 0.1)
-
 
 def quaternion(line: bytes, parser: LineParser | None = None) -> QuaternionLine:
     parsed = (parser or LineParser()).parse(line)
@@ -101,20 +99,6 @@ def test_random_almost_lines_give_unit_quaternions_or_reasons(text: str) -> None
         return
     if isinstance(parsed, QuaternionLine):
         assert math.isclose(math.hypot(*parsed.orientation_xyzw), 1.0, abs_tol=1e-9)
-
-
-@given(unit_numbers, st.sampled_from(["wxyz", "xyzw"]), st.integers(2, 2**40) | st.none())
-def test_what_a_device_prints_is_read_back(
-    numbers: tuple[float, ...], order: str, time_us: int | None
-) -> None:
-    norm = math.hypot(*numbers)
-    x, y, z, w = (value / norm for value in numbers)
-    printed = (w, x, y, z) if order == "wxyz" else (x, y, z, w)
-    words = [f"{value:.6f}" for value in printed]
-    line = ",".join(words if time_us is None else [str(time_us), *words])
-    parsed = quaternion(line.encode(), LineParser("wxyz" if order == "wxyz" else "xyzw"))
-    assert parsed.orientation_xyzw == pytest.approx((x, y, z, w), abs=2e-6)
-    assert parsed.device_time_ns == (None if time_us is None else time_us * 1000)
 
 
 def test_the_first_partial_line_is_thrown_away() -> None:

@@ -185,6 +185,20 @@ async def test_sensor_that_the_tracker_lacks_is_named() -> None:
         await until(told)
 
 
+async def test_port_of_another_program_is_told_and_taken_when_it_is_free(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("pointit.services.imu_bridge.network.udp_server.RETRY_S", 0.02)
+    port = free_udp_port()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("127.0.0.1", port))
+        async with running(SLIMEVR, port=port) as wrist, phone_at(port) as phone:
+            await until(lambda: "such as a SlimeVR server" in wrist.warnings.get("port", ""))
+            other.close()
+            await connect(wrist, phone)
+            assert "port" not in wrist.warnings
+
+
 @pytest.mark.parametrize(
     ("given", "kept"), [("a4-e5-7c-b6-01-02", "A4:E5:7C:B6:01:02"), ("192.168.1.5", "192.168.1.5"), ("", "")]
 )

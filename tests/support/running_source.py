@@ -36,11 +36,13 @@ class Health(NullHealth):
 
 @dataclass
 class Running:
-    """A source, its port, its warnings, and what it has delivered."""
+    """A source, what it shows, and what it has delivered."""
 
     source: Any
     port: int
+    """UDP port, or 0 if it has none."""
     warnings: dict[str, str]
+    metrics: dict[str, float]
     items: list[Item] = field(default_factory=list[Item])
 
     def of(self, kind: type[Any]) -> list[Any]:
@@ -49,15 +51,14 @@ class Running:
 
 @contextlib.asynccontextmanager
 async def running(plugin: ImuSource, **parameters: object) -> AsyncGenerator[Running]:
-    """Run a source, by default at a free port."""
+    """Run a source, by default at a free UDP port."""
     port = parameters.setdefault("port", free_udp_port())
-    assert isinstance(port, int)
     health = Health()
     around = Surroundings(
         clock=WallClock(), health=health, folder=Surroundings.detached().folder, user="anna"
     )
     source = plugin.make(plugin.config.model_validate(parameters), around)
-    found = Running(source, port, health.warnings)
+    found = Running(source, port if isinstance(port, int) else 0, health.warnings, health.metrics)
     task = asyncio.create_task(source.run(found.items.append))
     try:
         yield found

@@ -151,14 +151,6 @@ async def test_yaw_origin_is_new_after_a_reconnection_unless_the_device_kept_it(
     assert [sample.yaw_epoch for sample in samples] == [0, epoch]
 
 
-async def test_device_that_connects_ten_times_a_second_is_named(bench: Bench, puppet: Puppet) -> None:
-    health = bench.collect(HEALTH, INSTANCE)
-    for _ in range(30):
-        puppet.give(Reconnected(), Reading(bench.clock.now_ns(), LEVEL))
-        await asyncio.sleep(0.1)
-    assert "was connected 5 times within 10 s" in said(health)
-
-
 async def test_cue_of_the_person_reaches_the_device_at_once_and_that_of_others_does_not(
     bench: Bench, puppet: Puppet
 ) -> None:

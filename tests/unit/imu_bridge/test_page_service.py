@@ -1,7 +1,6 @@
 """imu-bridge with a page: its own source held back and going on, requests, mountings, what health says."""
 
 import asyncio
-import math
 from collections.abc import AsyncGenerator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from pointit.geometry import rotation, vector
+from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import RefusedError
@@ -159,23 +158,6 @@ async def test_presses_of_the_device_are_held_back_and_its_restart_is_noticed(tm
             device.send(b"button\n")
             await until(lambda: len(here.presses) == 1)
             assert here.presses[0].seq == 1
-
-
-async def test_centring_turns_the_page_and_not_the_device() -> None:
-    def azimuth(sample: ImuSample) -> float:
-        return vector.azimuth(rotation.rotate(sample.orientation_xyzw, (1.0, 0.0, 0.0)))
-
-    async with site(simulated=STILL) as here:
-        await until(lambda: bool(here.samples))
-        async with here.held(device="phone", session=1):
-            assert azimuth(here.samples[-1]) == pytest.approx(0.7 + math.pi / 2.0, abs=0.1)
-            epoch = here.samples[-1].yaw_epoch
-            await here.bench.bus.call(SET_YAW_ORIGIN, SetYawOrigin(yaw_rad=-0.4), ANNA)
-            centred = await some_more(here.samples, lambda _: True)
-            assert azimuth(centred) == pytest.approx(-0.4)
-            assert centred.yaw_epoch == epoch + 1
-        await until(lambda: here.samples[-1].yaw_epoch == 0, what="the device again")
-        assert azimuth(here.samples[-1]) == pytest.approx(0.0)
 
 
 async def test_a_simulated_person_beside_it_has_the_number_0() -> None:

@@ -62,7 +62,7 @@ def test_pauses_of_a_slow_device_are_no_gaps() -> None:
     assert figures(wrist, 20.0)["gaps"] == 0
 
 
-def test_connected_device_that_sends_nothing_is_silent_and_a_lost_one_is_not() -> None:
+def test_connected_device_that_sends_nothing_for_longer_than_its_limit_is_silent() -> None:
     wrist = monitor()
     send(wrist, at_50_hz(0.0, 5.0))
     list(wrist.report(7.0))
@@ -70,11 +70,6 @@ def test_connected_device_that_sends_nothing_is_silent_and_a_lost_one_is_not() -
     list(wrist.report(8.5))
     (text,) = said(wrist, 8.5)
     assert text.startswith("anna's wrist (fake) is connected, but has sent nothing for 4 s: ")
-    assert not said(wrist, 8.5, is_explained=True)
-    wrist.on_disconnected("it is out of reach")
-    assert said(wrist, 9.0) == ["it is out of reach"]
-    wrist.on_connected(10.0)
-    assert not said(wrist, 10.5)
 
 
 def test_silence_is_not_judged_after_this_machine_has_stalled() -> None:
@@ -123,15 +118,6 @@ def test_connections_again_and_again_are_named() -> None:
         "anna's wrist (fake) was connected 5 times within 10 s"
     ]
     assert not said(wrist, 120.0, is_explained=True)
-
-
-def test_low_battery_is_a_warning() -> None:
-    wrist = monitor()
-    wrist.battery = 0.5
-    assert figures(wrist, 1.0)["battery"] == 50
-    assert not said(wrist, 1.0)
-    wrist.battery = 0.07
-    assert said(wrist, 1.0) == ["the battery of anna's wrist (fake) is at 7%: charge it"]
 
 
 MS = NS_PER_S // 1000

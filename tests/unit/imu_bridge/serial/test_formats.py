@@ -217,21 +217,6 @@ def test_angles_are_used_when_no_quaternion_comes() -> None:
     assert items[0].world_from_sensor == pytest.approx(rotation.from_yaw(math.radians(90)))
 
 
-def test_angles_turn_about_z_then_y_then_x() -> None:
-    packet = witmotion_packet(ANGLES, 5461, -3641, 10923, 0)  # 30°, -20°, 60°
-    reader = framer()
-    item = [item for _ in range(20) for item in reader.feed(packet, 0)][-1]
-    assert isinstance(item, Reading)
-    x, y, z = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-    turn = rotation.multiply(
-        rotation.from_axis_angle(z, math.radians(60)),
-        rotation.multiply(
-            rotation.from_axis_angle(y, math.radians(-20)), rotation.from_axis_angle(x, math.radians(30))
-        ),
-    )
-    assert item.world_from_sensor == pytest.approx(turn, abs=1e-3)
-
-
 def test_quaternions_are_preferred_over_angles_and_raw_values() -> None:
     cycle = (
         witmotion_packet(ACCELERATION, 0, 0, 2048, 0)
@@ -242,14 +227,6 @@ def test_quaternions_are_preferred_over_angles_and_raw_values() -> None:
     items = framer().feed(cycle * 50, 0)
     assert len(items) == 50
     assert all(isinstance(item, Reading) and item.world_from_sensor[2] > 0.7 for item in items)
-
-
-def test_rate_and_acceleration_are_used_when_nothing_else_comes() -> None:
-    cycle = witmotion_packet(ACCELERATION, 0, 0, 2048, 0) + witmotion_packet(RATE, 16384, 0, -1, 0)
-    item = framer().feed(cycle * 20, 7)[-1]
-    assert isinstance(item, RawReading)
-    assert item.acceleration_mps2 == pytest.approx((0, 0, 9.80665))
-    assert item.angular_velocity_radps == pytest.approx((math.radians(1000), 0, -math.radians(2000) / 32768))
 
 
 def test_quaternion_of_a_wrong_norm_is_no_reading() -> None:

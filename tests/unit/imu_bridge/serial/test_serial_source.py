@@ -17,16 +17,14 @@ from serial import Serial
 from serial.tools import list_ports
 
 from pointit.geometry import rotation
-from pointit.runtime.clock import WallClock
 from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.host.serial_port import PortSettings, is_open_elsewhere, open_port
 from pointit.schemas import Feedback
-from pointit.services.imu_bridge.reading import Disconnected, Item, Reading, Reconnected
+from pointit.services.imu_bridge.reading import Disconnected, Reading, Reconnected
 from pointit.services.imu_bridge.serial import ports as serial_ports
 from pointit.services.imu_bridge.serial import source as serial_source
-from pointit.services.imu_bridge.serial.config import SerialConfig
 from pointit.services.imu_bridge.serial.ports import discover, set_speed
-from pointit.services.imu_bridge.serial.source import SerialSource
+from pointit.services.imu_bridge.serial.source import SERIAL
 from pointit_lab.devices.serial_formats import (
     bno085_orientation,
     witmotion_packet,
@@ -35,35 +33,11 @@ from pointit_lab.devices.serial_formats import (
 )
 from tests.support.bench import until
 from tests.support.pty_device import PtyDevice, pty_device
-from tests.support.running_source import Health
+from tests.support.running_source import running
 
 pytestmark = pytest.mark.wall_time
 POSTURE = rotation.from_azimuth_elevation(0.7, -0.3)
 LINE = b"1,0,0,0\n"
-
-
-class Run:
-    """A running source, and what it delivers."""
-
-    def __init__(self, config: SerialConfig) -> None:
-        self.health = Health()
-        self.source = SerialSource(config, WallClock(), self.health)
-        self.items: list[Item] = []
-
-    @property
-    def readings(self) -> list[Reading]:
-        return [item for item in self.items if isinstance(item, Reading)]
-
-
-@asynccontextmanager
-async def running(**values: object) -> AsyncGenerator[Run]:
-    run = Run(SerialConfig.model_validate(values))
-    task = asyncio.create_task(run.source.run(run.items.append))
-    try:
-        yield run
-    finally:
-        task.cancel()
-        await asyncio.wait({task})
 
 
 @asynccontextmanager
@@ -109,48 +83,38 @@ class FreshWitMotion:
 async def test_device_as_sold_is_found_at_its_speed_and_switched_to_quaternions(tmp_path: Path) -> None:
     with pty_device(tmp_path / "imu") as device:
         wrist = FreshWitMotion(device)
-        async with running(port=str(device.path)) as run, sending(wrist.step):
+        async with running(SERIAL, port=str(device.path)) as run, sending(wrist.step):
             await until(lambda: wrist.received.endswith(bytes.fromhex("ff aa 03 08 00")))
-            assert run.health.metrics == {"port of WitMotion": 9600.0}
+            assert run.metrics == {"port of WitMotion": 9600.0}
             run.items.clear()
-            await until(lambda: len(run.readings) > 5)
-            assert run.readings[-1].world_from_sensor == pytest.approx(POSTURE, abs=1e-3)
-            assert not run.health.warnings
+            await until(lambda: len(run.of(Reading)) > 5)
+            assert run.of(Reading)[-1].world_from_sensor == pytest.approx(POSTURE, abs=1e-3)
+            assert not run.warnings
 
 
 async def test_other_format_on_the_same_connection_is_recognized_after_the_time_limit(tmp_path: Path) -> None:
     with pty_device(tmp_path / "imu") as device:
         packets = [LINE]
         async with (
-            running(port=str(device.path), timeout_s=0.2) as run,
+            running(SERIAL, port=str(device.path), timeout_s=0.2) as run,
             sending(lambda: device.send(packets[-1])),
         ):
-            await until(lambda: "port of lines of text" in run.health.metrics)
+            await until(lambda: "port of lines of text" in run.metrics)
             packets.append(bno085_orientation(POSTURE))
-            await until(lambda: "port of BNO085 (UART-RVC)" in run.health.metrics)
-            await until(lambda: "silent" not in run.health.warnings)
+            await until(lambda: "port of BNO085 (UART-RVC)" in run.metrics)
+            await until(lambda: "silent" not in run.warnings)
             assert [type(item) for item in run.items].count(Reconnected) == 1
 
 
 async def test_forced_format_is_kept_and_named_in_the_warning(tmp_path: Path) -> None:
     with pty_device(tmp_path / "imu") as device:
         async with (
-            running(port=str(device.path), timeout_s=0.2, format="witmotion", baud=57600) as run,
+            running(SERIAL, port=str(device.path), timeout_s=0.2, format="witmotion", baud=57600) as run,
             sending(lambda: device.send(LINE)),
         ):
-            await until(lambda: "tried WitMotion at 57600 baud" in run.health.warnings.get("silent", ""))
+            await until(lambda: "tried WitMotion at 57600 baud" in run.warnings.get("silent", ""))
             assert termios.tcgetattr(device.master)[5] == termios.B57600
-            assert not run.readings
-
-
-async def test_loss_of_the_device_is_delivered(tmp_path: Path) -> None:
-    with pty_device(tmp_path / "imu") as device:
-        async with running(port=str(device.path)) as run:
-            async with sending(lambda: device.send(LINE)):
-                await until(lambda: bool(run.readings))
-            device.unplug()
-            await until(lambda: any(isinstance(item, Disconnected) for item in run.items))
-            assert "plug the device in" in run.health.warnings["port"]
+            assert not run.of(Reading)
 
 
 async def test_cue_flashes_the_led_of_an_ximu3(tmp_path: Path) -> None:
@@ -161,11 +125,11 @@ async def test_cue_flashes_the_led_of_an_ximu3(tmp_path: Path) -> None:
             device.send(ximu3_text("Q", 1, 1, 0, 0, 0))
             received.extend(device.receive(0))
 
-        async with running(port=str(device.path)) as run:
+        async with running(SERIAL, port=str(device.path)) as run:
             cue = Feedback(stamp_ns=0, seq=1, cue="selected", color=(0, 255, 0))
             run.source.cue(cue)  # not connected yet: dropped
             async with sending(step):
-                await until(lambda: bool(run.readings))
+                await until(lambda: bool(run.of(Reading)))
                 run.source.cue(cue)
                 await until(lambda: bytes(received) == b'{"colour":"00FF00"}\n{"colour":null}\n')
 
@@ -189,11 +153,11 @@ async def test_only_port_that_answers_is_used_when_none_is_named(
 ) -> None:
     with pty_device(tmp_path / "one") as silent, pty_device(tmp_path / "two") as wrist:
         present(monkeypatch, silent, wrist)
-        async with running() as run:
-            await until(lambda: "no serial port answers" in run.health.warnings.get("port", ""))
+        async with running(SERIAL, port="") as run:
+            await until(lambda: "no serial port answers" in run.warnings.get("port", ""))
             async with sending(lambda: wrist.send(LINE)):
-                await until(lambda: bool(run.readings))
-            assert not run.health.warnings
+                await until(lambda: bool(run.of(Reading)))
+            assert not run.warnings
 
 
 async def test_wrist_that_comes_back_at_another_port_is_found_when_none_is_named(
@@ -201,16 +165,16 @@ async def test_wrist_that_comes_back_at_another_port_is_found_when_none_is_named
 ) -> None:
     with pty_device(tmp_path / "one") as first, pty_device(tmp_path / "two") as second:
         present(monkeypatch, first)
-        async with running() as run:
+        async with running(SERIAL, port="") as run:
             async with sending(lambda: first.send(LINE)):
-                await until(lambda: bool(run.readings))
+                await until(lambda: bool(run.of(Reading)))
             present(monkeypatch, second)
             first.unplug()
             await until(lambda: any(isinstance(item, Disconnected) for item in run.items))
             run.items.clear()
             async with sending(lambda: second.send(LINE)):
-                await until(lambda: bool(run.readings))
-            assert not run.health.warnings
+                await until(lambda: bool(run.of(Reading)))
+            assert not run.warnings
 
 
 async def test_port_that_was_silent_is_left_to_others_while_a_new_one_is_tried(
@@ -226,12 +190,12 @@ async def test_port_that_was_silent_is_left_to_others_while_a_new_one_is_tried(
         present(monkeypatch, silent)
         monkeypatch.setattr(serial_source, "SEARCH_PAUSE_S", (600.0, 600.0))
         monkeypatch.setattr(serial_ports, "open_port", opening)
-        async with sending(lambda: wrist.send(LINE)), running() as run:
-            await until(lambda: "no serial port answers" in run.health.warnings.get("port", ""))
+        async with sending(lambda: wrist.send(LINE)), running(SERIAL, port="") as run:
+            await until(lambda: "no serial port answers" in run.warnings.get("port", ""))
             with open_port(PortSettings(port=terminal(silent), baud=9600)):
                 present(monkeypatch, silent, wrist)
                 monkeypatch.setattr(serial_source, "SEARCH_PAUSE_S", (600.0, 600.0))
-                await until(lambda: bool(run.readings))
+                await until(lambda: bool(run.of(Reading)))
         assert opened.count(terminal(silent)) == 1
 
 
@@ -256,9 +220,9 @@ async def test_ports_are_named_when_several_answer(tmp_path: Path, monkeypatch: 
             first.send(LINE)
             second.send(bno085_orientation(POSTURE))
 
-        async with sending(step), running() as run:
-            await until(lambda: "2 serial ports answer" in run.health.warnings.get("port", ""))
-            said = run.health.warnings["port"]
+        async with sending(step), running(SERIAL, port="") as run:
+            await until(lambda: "2 serial ports answer" in run.warnings.get("port", ""))
+            said = run.warnings["port"]
             for device in (first, second):
                 assert terminal(device) in said
             assert "--imu serial:/dev/" in said

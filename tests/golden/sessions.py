@@ -20,6 +20,7 @@ from pointit.runtime.service.service import Launch, run_services
 from pointit.runtime.virtual_time import START_NS, VirtualClock, run_virtually
 from pointit.schemas import NS_PER_S
 from tests.golden import scripts
+from tests.golden.bad_link import BadLink
 
 L = TypeVar("L")
 
@@ -69,6 +70,12 @@ SESSIONS: dict[str, Session] = {
         duration_s=40.0,
         happens=("selection/events=selected", "selection/events=dispatched"),
     ),
+    "scenario 3, hold": Session(
+        scenario="scenario_3",
+        duration_s=20.0,
+        choices=choices(method="hold"),
+        happens=("selection/events=selected",),
+    ),
     "send_a_robot": Session(scenario="send_a_robot", duration_s=30.0, happens=("users/anna/goal",)),
     "localized by lamps": Session(
         scenario="scenario_2",
@@ -84,6 +91,44 @@ SESSIONS: dict[str, Session] = {
         choices=choices("localizer.method=moving_target", localize=True),
         site={"robot-replay": {"recording": ROBOT}},
         happens=("users/anna/pose=moving_target", "users/anna/cursor=strip"),
+    ),
+    "two people": Session(
+        scenario="scenario_3",
+        duration_s=45.0,
+        choices=choices(localize=True),
+        users=("anna", "ben"),
+        happens=(
+            "users/anna/pose=static_targets",
+            "users/ben/pose=static_targets",
+            "selection/events=selected",
+        ),
+    ),
+    "four people": Session(
+        scenario="scenario_4",
+        duration_s=35.0,
+        users=("anna", "ben", "carl", "dora"),
+        happens=("selection/events=dispatched", "users/dora/hover"),
+    ),
+    "a restart of each service": Session(
+        scenario="scenario_3", duration_s=30.0, restarts=True, happens=("selection/events=selected",)
+    ),
+    "a bad link": Session(
+        scenario="scenario_3", duration_s=30.0, link=BadLink, happens=("selection/events=selected",)
+    ),
+    "an offset": Session(
+        scenario="scenario_2",
+        duration_s=48.0,
+        choices=choices("user-sim.aim.elevation_bias_deg=6", localize=True),
+        script=scripts.calibrates,
+        happens=("users/anna/pose=static_targets", "users/anna/cursor=strip"),
+    ),
+    "taken back": Session(
+        scenario="scenario_3",
+        duration_s=25.0,
+        choices=choices(method="gauge"),
+        users=("anna", "ben"),
+        script=scripts.takes_back,
+        happens=("selection/events=undo", "selection/events=release", "selection/events=clear"),
     ),
     "another method": Session(
         scenario="scenario_3",
@@ -103,6 +148,35 @@ SESSIONS: dict[str, Session] = {
         ),
         script=scripts.runs_belts,
         happens=("selection/events=dispatched", "conveyor/state"),
+    ),
+    "a shard and workspaces": Session(
+        scenario="scenario_2",
+        duration_s=20.0,
+        choices=choices("pui.map=room.yaml", services=("selector",)),
+        users=("anna", "ben"),
+        script=scripts.moves_on_workspaces,
+        shard_s=17.8,
+        room=scripts.ROOM,
+        happens=(
+            "users/anna/cursor=workspace/horizontal",
+            "users/anna/cursor=workspace/facing",
+            "users/anna/cursor=workspace/cylinder",
+            "users/anna/cursor=workspace/sphere",
+        ),
+    ),
+    "solids": Session(
+        scenario="scenario_3",
+        duration_s=18.0,
+        choices=choices(
+            "pui.map=room.yaml",
+            "pui.surfaces=[strip,box,cylinder,sphere,plane]",
+            "conveyor-sim.feeder.sequence=[]",
+            "selector.confirm=press",
+            "supervisor.press_while_pointing=confirms",
+        ),
+        script=scripts.presses,
+        room=scripts.ROOM,
+        happens=("selection/events=selected", "selection/events=deselected", "users/anna/cursor=crate"),
     ),
     "a quadrotor and a visitor": Session(
         scenario="scenario_5",

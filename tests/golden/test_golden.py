@@ -23,7 +23,7 @@ import pytest
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.schemas import Feedback, UserPose
 from pointit.schemas.topics import FEEDBACK, POSE, Topic
-from tests.golden.record import Record, difference, read_hashes
+from tests.golden.record import SENTENCES, Record, difference, read_hashes
 from tests.golden.sessions import SESSIONS, play
 
 HELP = "; the docstring of tests/golden/test_golden.py says how to look at the change, and how to record it"
@@ -60,7 +60,25 @@ def pose(x_m: float, seq: int = 0) -> UserPose:
     return UserPose(stamp_ns=1, seq=seq, position_m=(x_m, 0.0, 0.0), yaw_rad=0.0)
 
 
+def test_a_difference_names_the_first_changed_key_with_both_counts() -> None:
+    cue = Feedback(stamp_ns=1, cue="stopped")
+    before, after = hashes_of(pose(1.0), pose(2.0, seq=1), cue), hashes_of(pose(1.0))
+    assert difference(before, before) == ""
+    assert difference(before, after).startswith(
+        "users/anna/pose changed first: 2 messages were recorded, 1 came"
+    )
+    assert "also changed: users/anna/feedback" in difference(before, after)
+
+
 def test_order_and_micrometres_count_and_last_digits_do_not() -> None:
     assert hashes_of(pose(1.0)) == hashes_of(pose(1.0 + 1e-12))
     assert hashes_of(pose(1.0)) != hashes_of(pose(1.000002))
     assert hashes_of(pose(1.0), pose(2.0)) != hashes_of(pose(2.0), pose(1.0))
+
+
+def test_a_change_of_wording_changes_the_entry_for_sentences_alone() -> None:
+    before, after = (
+        hashes_of(Feedback(stamp_ns=1, cue="refused", text=t)) for t in ("go on", "wait, please")
+    )
+    assert difference(before, after).startswith(f"users/anna/feedback{SENTENCES} changed first")
+    assert "also" not in difference(before, after)

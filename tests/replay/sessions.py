@@ -13,9 +13,9 @@ from pointit.runtime.virtual_time import START_NS, VirtualClock
 from pointit.schemas import NS_PER_S
 from pointit.schemas.system import split_instance
 from pointit.schemas.topics import CONFIGURATION, HEALTH, MAP, SERVICE_ALIVE, Request
-from tests.golden import scripts
 from tests.golden.bad_link import BadLink
 from tests.golden.sessions import ROBOT, Session, choices, play
+from tests.golden.sessions import SESSIONS as GOLDEN
 
 RECORDINGS = Path(__file__).with_name("recordings")
 
@@ -72,50 +72,10 @@ SESSIONS: dict[str, Session] = {
     "bad_link": Session(
         scenario="scenario_3", duration_s=20.0, link=BadLink, happens=("selection/events=selected",)
     ),
-    "offset": Session(
-        scenario="scenario_2",
-        duration_s=48.0,
-        choices=choices("user-sim.aim.elevation_bias_deg=6", localize=True),
-        script=scripts.calibrates,
-        happens=("users/anna/pose=static_targets", "users/anna/cursor=strip"),
-    ),
-    "taken_back": Session(
-        scenario="scenario_3",
-        duration_s=25.0,
-        choices=choices(method="gauge"),
-        users=("anna", "ben"),
-        script=scripts.takes_back,
-        happens=("selection/events=undo", "selection/events=release", "selection/events=clear"),
-    ),
-    "workspaces": Session(
-        scenario="scenario_2",
-        duration_s=20.0,
-        choices=choices("pui.map=room.yaml", services=("selector",)),
-        users=("anna", "ben"),
-        script=scripts.moves_on_workspaces,
-        shard_s=17.8,
-        room=scripts.ROOM,
-        happens=(
-            "users/anna/cursor=workspace/horizontal",
-            "users/anna/cursor=workspace/facing",
-            "users/anna/cursor=workspace/cylinder",
-            "users/anna/cursor=workspace/sphere",
-        ),
-    ),
-    "solids": Session(
-        scenario="scenario_3",
-        duration_s=18.0,
-        choices=choices(
-            "pui.map=room.yaml",
-            "pui.surfaces=[strip,box,cylinder,sphere,plane]",
-            "conveyor-sim.feeder.sequence=[]",
-            "selector.confirm=press",
-            "supervisor.press_while_pointing=confirms",
-        ),
-        script=scripts.presses,
-        room=scripts.ROOM,
-        happens=("selection/events=selected", "selection/events=deselected", "users/anna/cursor=crate"),
-    ),
+    "offset": GOLDEN["an offset"],
+    "taken_back": GOLDEN["taken back"],
+    "workspaces": GOLDEN["a shard and workspaces"],
+    "solids": GOLDEN["solids"],
 }
 
 

@@ -13,7 +13,7 @@ from pointit.schemas import NS_PER_S, TrackedObject, TrackedObjects, UserPose
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.outputs import Output
 from pointit.services.localizer.procedures.moving_target import CONTRADICTED, WRIST_SIGMA_S, MovingTarget
-from pointit.services.localizer.procedures.time_sync import Track
+from pointit.services.localizer.procedures.time_sync import RayWindow, Track
 from tests.unit.localizer.person import START_NS, Person, config, poses, told, yaw_difference
 
 PERSON = Person(0.5, -0.3, 1.1, math.radians(-4.0))
@@ -233,6 +233,13 @@ def test_a_tracker_whose_clock_is_set_back_is_followed() -> None:
     for at_s in (5000, 5001, 100, 101, 102):
         track.add(at_s * NS_PER_S, (1.0, 2.0, 3.0))
     assert track.newest_ns == 102 * NS_PER_S
+
+
+def test_a_window_forgets_and_takes_no_older_ray() -> None:
+    window = RayWindow(2.0)
+    for t_s in (0.0, 1.0, 0.5, 1.0, 2.0, 2.5):
+        window.add(PERSON.ray((1.0, 1.0, 1.0), START_NS + round(t_s * NS_PER_S)))
+    assert (len(window), window.newest_ns) == (3, START_NS + round(2.5 * NS_PER_S))
 
 
 def test_a_robot_that_stands_is_the_reason_and_no_second_place_is_asked_for() -> None:

@@ -103,19 +103,19 @@ async def test_capture_in_simulated_time_is_compared_in_wall_time() -> None:
     assert trace.path[0].total_s == pytest.approx(0.003)
 
 
+@pytest.mark.parametrize(("own", "service"), [((), "pui.hall"), (("pui.anna",), "pui.anna")])
 @in_virtual_time
-async def test_a_hop_is_of_the_persons_own_service_in_the_process_that_published_it() -> None:
+async def test_a_hop_is_of_the_service_in_the_process_that_published_it(
+    own: tuple[str, ...], service: str
+) -> None:
     wire, tracer = await begun()
-    for process, report in (
-        ("site", health("pui", CURSOR)),
-        ("wrist", health("pui.ben", CURSOR, user="ben", host="wrist")),
-        ("wrist", health("pui.anna", CURSOR, host="wrist")),
-        ("wrist", health("pui.hall", CURSOR, host="wrist")),
-    ):
-        wire.put(HEALTH, report, Sent(NOW_NS, process))
+    wire.put(HEALTH, health("pui", CURSOR), Sent(NOW_NS, "site"))
+    wire.put(HEALTH, health("pui.ben", CURSOR, user="ben", host="wrist"), Sent(NOW_NS, "wrist"))
+    for instance in ("pui.hall", *own):
+        wire.put(HEALTH, health(instance, CURSOR, host="wrist"), Sent(NOW_NS, "wrist"))
     wire.put(CURSOR, Cursor(stamp_ns=NOW_NS), Sent(NOW_NS + 2 * MS, "wrist"))
     (hop,) = (await traced(tracer)).path
-    assert (hop.hop, hop.service, hop.host) == ("cursor", "pui.anna", "wrist")
+    assert (hop.hop, hop.service, hop.host) == ("cursor", service, "wrist")
     assert hop.total_s == pytest.approx(0.002)
 
 

@@ -1,8 +1,7 @@
 """`pointit map`: what is printed, the exit code, the picture."""
 
-import importlib.util
 import json
-from importlib.machinery import ModuleSpec
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -260,12 +259,7 @@ def test_a_picture_that_cannot_be_is_refused(tmp_path: Path, picture: str, sente
 
 
 def test_without_matplotlib_it_is_said_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    find = importlib.util.find_spec
-
-    def without(name: str, package: str | None = None) -> ModuleSpec | None:
-        return None if name == "matplotlib" else find(name, package)
-
-    monkeypatch.setattr(importlib.util, "find_spec", without)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
     result = invoke("plot", "lab", "-o", str(tmp_path / "lab.svg"))
     assert isinstance(result.exception, ConfigError)
     assert str(result.exception).endswith("run `scripts/setup plot` in the folder of PointIt")

@@ -12,22 +12,17 @@ from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.errors import NoAnswerError
 from pointit.schemas import topics
 from pointit.services.supervisor.service import Supervisor
-from tests.support.bench import Bench, memory_bench, until
+from tests.support.bench import memory_bench, until
 
 ANNA = "anna"
-
-
-def put_pose(bench: Bench) -> None:
-    bench.put(
-        topics.POSE, models.UserPose(stamp_ns=bench.clock.now_ns(), position_m=(0, 0, 0), yaw_rad=0), ANNA
-    )
 
 
 async def test_it_presses_and_returns_what_followed() -> None:
     async with memory_bench() as bench:
         buttons: list[models.ButtonEvent] = bench.collect(topics.BUTTON, ANNA)
         bench.start(Supervisor, user=ANNA)
-        put_pose(bench)
+        pose = models.UserPose(stamp_ns=bench.clock.now_ns(), position_m=(0, 0, 0), yaw_rad=0)
+        bench.put(topics.POSE, pose, ANNA)
         await bench.settle()
         assert (await press(bench.bus, SiteClock(bench.bus), ANNA, "press")).state == "pointing"
         assert "set right" in (await press(bench.bus, SiteClock(bench.bus), ANNA, "double")).reason

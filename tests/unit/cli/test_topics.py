@@ -103,12 +103,6 @@ def test_keys_stand_for_rows_and_names(typed: str, wanted: list[Wanted]) -> None
     assert [pair for pair in resolve(typed) if pair[0].key != "clock"] == wanted
 
 
-def test_all_of_one_person() -> None:
-    found = resolve("users/anna/*")
-    assert {name for _, name in found} == {"anna"}
-    assert [topic for topic, _ in found] == [topic for topic in topics.TOPICS if topic.placeholder == "user"]
-
-
 def test_everything_is_every_row() -> None:
     assert [topic for topic, _ in resolve("**")] == list(topics.TOPICS)
 

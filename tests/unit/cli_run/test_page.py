@@ -3,8 +3,6 @@
 import importlib.metadata
 import socket
 import sys
-from collections.abc import Generator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -40,16 +38,6 @@ def page_with(*settings: str, **asked: Any) -> Page:
     return page_of(Settings(settings=settings), asked={"port": 0, **asked})
 
 
-@contextmanager
-def taken(*ports: int) -> Generator[None]:
-    sockets = [socket.create_server(("127.0.0.1", port)) for port in ports]
-    try:
-        yield
-    finally:
-        for server in sockets:
-            server.close()
-
-
 def test_the_address_has_the_port_and_the_token_of_who_may_control() -> None:
     made = page_with()
     config = made.config
@@ -66,14 +54,14 @@ def test_without_a_wish_the_next_port_is_taken(monkeypatch: pytest.MonkeyPatch) 
     first = free_port()
     monkeypatch.setattr(page, "PORT", first)
     assert page_of(Settings()).config.port == first
-    with taken(first):
+    with socket.create_server(("127.0.0.1", first)):
         assert page_of(Settings()).config.port in range(first + 1, first + PORTS_TO_TRY)
     assert PORT == 8090
 
 
 def test_a_port_that_was_asked_for_and_is_taken_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     port = free_port()
-    with taken(port):
+    with socket.create_server(("127.0.0.1", port)):
         error = invoke(monkeypatch, "dashboard", "--port", str(port))
         assert isinstance(error, ListenError)
         assert str(error).endswith("Address already in use; choose another port with --port")

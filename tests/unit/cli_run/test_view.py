@@ -292,12 +292,9 @@ def test_many_strips_stand_side_by_side_each_as_long_as_it_is(width: int) -> Non
 
 
 def test_what_services_say_is_wrong_is_told_with_their_names() -> None:
-    monitor = monitor_of(strip())
-    health = {"stamp_ns": 0, "pid": 7, "uptime_s": 1.0}
-    for name, warnings in (("pui", ()), ("conveyor-sim", ("no belt 'x'", "two"))):
-        monitor.health[name] = Health.model_validate(
-            {**health, "service": name, "instance": name, "warnings": warnings}
-        )
+    monitor = monitor_of()
+    for each in (health("pui"), health("conveyor-sim", "no belt 'x'", "two")):
+        monitor.health[each.instance] = each
     assert monitor.warnings() == ["conveyor-sim: no belt 'x'", "conveyor-sim: two"]
 
 
@@ -305,8 +302,7 @@ def test_a_lost_router_is_one_sentence_instead_of_every_service_by_name() -> Non
     monitor = monitor_of()
     lost = ROUTER_LOST.format(where="tcp/10.0.0.1:7447", ago_s=5)
     for name in ("pui", "selector", "keeper", "pointing.anna"):
-        health = Health(stamp_ns=0, service=name, instance=name, pid=1, warnings=(lost,))
-        monitor.health[name], monitor.heard_s[name] = health, time.monotonic()
+        monitor.health[name], monitor.heard_s[name] = health(name, lost), time.monotonic()
     text = figures(monitor).plain
     assert "the router at tcp/10.0.0.1:7447 does not answer: nothing arrives from other machines; " in text
     assert "look at" not in text

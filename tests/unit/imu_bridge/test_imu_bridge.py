@@ -191,7 +191,6 @@ async def test_serial_lines_become_samples_and_buttons(tmp_path: Path) -> None:
             assert samples[0].orientation_xyzw == pytest.approx((0, 0, 0.8, 0.6))
             assert [press.gesture for press in presses] == ["press", "hold"]
             await until(lambda: has_warning(reports, "is not text"))
-            assert has_warning(reports, "is not text")
 
 
 async def test_unplugged_and_back_is_said_once_each(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -164,11 +164,6 @@ async def test_source_without_its_settings_is_refused(values: dict[str, object],
     await bus.close()
 
 
-def test_source_that_may_be_there_later_is_accepted() -> None:
-    ImuBridge.validate_config(ImuBridgeConfig())
-    ImuBridge.validate_config(serial_config(Path("/dev/absent")))
-
-
 def test_a_mounting_that_is_no_rotation_is_refused() -> None:
     with pytest.raises(ValueError, match="norm 1"):
         ImuBridgeConfig(mounting_xyzw=(0, 0, 0, 2))

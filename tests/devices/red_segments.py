@@ -1,15 +1,15 @@
 """A person who points at red segments of scenario_3 with a device of theirs."""
 
 import asyncio
-import contextlib
 import math
-from collections.abc import AsyncGenerator, Awaitable, Callable, Mapping
+from collections.abc import Callable, Mapping
 
 import pointit
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
 from pointit.schemas import BodyMeasures, SelectionEvent
 from pointit.sim.aim import Stance
+from tests.support.bench import repeated
 
 USER = "user1"
 PERIOD_S = 0.01
@@ -54,27 +54,6 @@ class Follower:
         turns = (math.remainder(azimuth - self._aim[0], math.tau), elevation - self._aim[1])
         right, up = (max(-STEP_RAD, min(STEP_RAD, turn)) for turn in turns)
         self._aim = (self._aim[0] + right, self._aim[1] + up)
-
-
-@contextlib.asynccontextmanager
-async def repeated(period_s: float, step: Callable[[], object]) -> AsyncGenerator[None]:
-    """Call `step` each period, and await what it returns if that can be awaited."""
-
-    async def repeat() -> None:
-        while True:
-            result = step()
-            if isinstance(result, Awaitable):
-                await result
-            await asyncio.sleep(period_s)
-
-    task = asyncio.create_task(repeat())
-    try:
-        yield
-    finally:
-        task.cancel()
-        await asyncio.wait({task})
-        if not task.cancelled():
-            task.result()
 
 
 async def first_selected(

@@ -24,8 +24,8 @@ from pointit_lab.devices.serial_formats import (
     ximu3_quaternion,
     ximu3_text,
 )
-from tests.devices.red_segments import Follower, repeated
-from tests.support.bench import until
+from tests.devices.red_segments import Follower
+from tests.support.bench import repeated, until
 
 RATE_HZ = 100.0
 PATIENCE_S = 60.0

@@ -3,6 +3,7 @@
 import asyncio
 import itertools
 import math
+import statistics
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -26,7 +27,7 @@ from pointit.services.imu_bridge.replay_source import ReplayConfig, ReplaySource
 from pointit.services.imu_bridge.serial.config import SerialConfig
 from pointit.services.imu_bridge.service import ImuBridge
 from pointit.services.imu_bridge.simulated import SimulatedConfig, SimulatedDevice
-from tests.support.bench import PATIENCE_S, ManualClock, in_virtual_time, memory_bench, until
+from tests.support.bench import PATIENCE_S, ManualClock, in_virtual_time, memory_bench, repeated, until
 from tests.support.pty_device import PtyDevice, pty_device
 
 pytestmark = pytest.mark.wall_time
@@ -48,39 +49,20 @@ def has_warning(reports: list[Health], text: str) -> bool:
 
 async def send_until(device: PtyDevice, line: bytes, condition: Callable[[], bool], what: str) -> None:
     """Send `line` over and over: until the port is open, a real device talks to nobody as well."""
-
-    async def send() -> None:
-        while True:
-            device.send(line)
-            await asyncio.sleep(0.01)
-
-    sending = asyncio.create_task(send(), name="a device that sends")
-    try:
+    async with repeated(0.01, lambda: device.send(line)):
         await until(condition, 3 * PATIENCE_S, what)
-    finally:
-        sending.cancel()
-        await asyncio.wait({sending})
 
 
 def test_the_simulated_device_is_the_same_for_the_same_seed_and_as_noisy_as_told() -> None:
     config = SimulatedConfig(noise_deg=1.0, yaw_drift_degps=2.0, seed=3)
-    first, second, other = (
-        SimulatedDevice(config),
-        SimulatedDevice(config),
-        SimulatedDevice(config.model_copy(update={"seed": 4})),
-    )
-    assert first.read(1.0) == second.read(1.0)
-    assert other.read(1.0) != second.read(1.0)
     device = SimulatedDevice(config)
-    angles: list[float] = []
-    for _ in range(500):
-        error = rotation.multiply(
-            rotation.inverse(rotation.multiply(rotation.from_yaw(math.radians(20)), device.arm(10.0))),
-            device.read(10.0),
-        )
-        angles.append(2 * math.degrees(math.asin(min(1.0, math.hypot(*error[:3])))))
-    rms = math.sqrt(sum(a * a for a in angles) / len(angles))
-    assert 1.5 < rms < 2.0  # three axes of 1° each: 1.73°
+    first = device.read(1.0)
+    assert SimulatedDevice(config).read(1.0) == first
+    assert SimulatedDevice(config.model_copy(update={"seed": 4})).read(1.0) != first
+    drifted = rotation.multiply(rotation.from_yaw(math.radians(20)), device.arm(10.0))
+    errors = [rotation.multiply(rotation.inverse(drifted), device.read(10.0)) for _ in range(500)]
+    angles_deg = [2 * math.degrees(math.asin(math.hypot(*error[:3]))) for error in errors]
+    assert 1.5 < math.sqrt(statistics.fmean(angle**2 for angle in angles_deg)) < 2.0  # three of 1°: 1.73°
 
 
 @pytest.mark.parametrize("mounting", ["plus_x", "minus_x", "metamotion"])
@@ -182,11 +164,6 @@ async def test_source_without_its_settings_is_refused(values: dict[str, object],
     await bus.close()
 
 
-def test_source_that_may_be_there_later_is_accepted() -> None:
-    ImuBridge.validate_config(ImuBridgeConfig())
-    ImuBridge.validate_config(serial_config(Path("/dev/absent")))
-
-
 def test_a_mounting_that_is_no_rotation_is_refused() -> None:
     with pytest.raises(ValueError, match="norm 1"):
         ImuBridgeConfig(mounting_xyzw=(0, 0, 0, 2))
@@ -209,7 +186,6 @@ async def test_serial_lines_become_samples_and_buttons(tmp_path: Path) -> None:
             assert samples[0].orientation_xyzw == pytest.approx((0, 0, 0.8, 0.6))
             assert [press.gesture for press in presses] == ["press", "hold"]
             await until(lambda: has_warning(reports, "is not text"))
-            assert has_warning(reports, "is not text")
 
 
 async def test_unplugged_and_back_is_said_once_each(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -30,7 +30,7 @@ from pointit.services.imu_bridge.serial.config import SerialConfig
 from pointit.services.imu_bridge.service import ImuBridge
 from pointit.services.imu_bridge.simulated import SimulatedConfig
 from pointit.services.imu_bridge.stored_mounting import PURPOSE, StoredMountings
-from tests.support.bench import Bench, memory_bench, until
+from tests.support.bench import Bench, memory_bench, repeated, until
 from tests.support.pty_device import pty_device
 
 pytestmark = pytest.mark.wall_time
@@ -56,18 +56,9 @@ class Site:
 
     @asynccontextmanager
     async def held(self, turned: Quaternion = AHEAD, **fields: Any) -> AsyncGenerator[None]:
-        async def send() -> None:
-            while True:
-                self.send(turned, **fields)
-                await asyncio.sleep(0.1)
-
-        sending = asyncio.create_task(send(), name="a page")
-        try:
+        async with repeated(0.1, lambda: self.send(turned, **fields)):
             await until(lambda: bool(self.samples) and is_by_page(self.samples[-1], turned), what="the page")
             yield
-        finally:
-            sending.cancel()
-            await asyncio.wait({sending})
 
     def figures(self) -> dict[str, float]:
         return {figure.name: figure.value for figure in self.reports[-1].figures} if self.reports else {}
@@ -109,50 +100,34 @@ async def test_the_own_device_is_held_back_while_a_page_has_the_wrist_and_goes_o
         assert {sample.yaw_epoch for sample in here.samples} == {0}
 
 
-async def test_the_sample_is_the_pages_with_stamp_battery_and_device_time() -> None:
+async def test_a_page_is_waited_for_without_a_warning_and_its_sample_passed_on_with_all_it_says() -> None:
     async with site(source="page") as here:
-        await asyncio.sleep(0.05)
+        await until(lambda: len(here.reports) > 1)
+        assert here.reports[-1].warnings == ()
+        with pytest.raises(RefusedError, match="nothing moves the wrist"):
+            await here.bench.bus.call(SET_YAW_ORIGIN, SetYawOrigin(), ANNA)
         assert here.samples == []
         sent = here.send(device="phone", battery=0.5, device_time_ns=12)
         await until(lambda: bool(here.samples))
         [sample] = here.samples
-        assert (sample.stamp_ns, sample.seq, sample.battery, sample.device_time_ns, sample.yaw_epoch) == (
-            sent.stamp_ns,
-            1,
-            0.5,
-            12,
-            1,
-        )
-
-
-async def test_a_page_that_is_waited_for_is_no_warning() -> None:
-    async with site(source="page") as here:
-        await until(lambda: len(here.reports) > 1)
-        assert here.reports[-1].warnings == ()
-        assert here.samples == []
-        with pytest.raises(RefusedError, match="nothing moves the wrist"):
-            await here.bench.bus.call(SET_YAW_ORIGIN, SetYawOrigin(), ANNA)
+        assert (sample.stamp_ns, sample.seq) == (sent.stamp_ns, 1)
+        assert (sample.battery, sample.device_time_ns, sample.yaw_epoch) == (0.5, 12, 1)
 
 
 async def test_presses_of_the_device_are_held_back_and_its_restart_is_noticed(tmp_path: Path) -> None:
     with pty_device(tmp_path / "imu") as device:
         serial = SerialConfig(port=str(device.path))
         async with site(source="serial", serial=serial) as here:
-
-            async def talk(line: bytes, until_true: Callable[[], bool]) -> None:
-                async with asyncio.timeout(60):
-                    while not until_true():
-                        device.send(line)
-                        await asyncio.sleep(0.01)
-
-            await talk(b"90000000,1,0,0,0\n", lambda: bool(here.samples))
+            async with repeated(0.01, lambda: device.send(b"90000000,1,0,0,0\n")):
+                await until(lambda: bool(here.samples))
             async with here.held():
                 began = len(here.samples)
                 device.send(b"button\n1000,1,0,0,0\n")  # it was switched off and on
                 await until(lambda: len(here.samples) > began + 3)
                 assert all(is_by_page(sample) for sample in here.samples[began:])
                 assert {sample.yaw_epoch for sample in here.samples} == {0}
-            await talk(b"2000,1,0,0,0\n", lambda: not is_by_page(here.samples[-1]))
+            async with repeated(0.01, lambda: device.send(b"2000,1,0,0,0\n")):
+                await until(lambda: not is_by_page(here.samples[-1]))
             assert here.presses == []
             assert here.samples[-1].yaw_epoch == 1
             device.send(b"button\n")

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pythonosc.osc_bundle_builder import OscBundleBuilder
-from pythonosc.osc_message_builder import OscMessageBuilder, build_msg
+from pythonosc.osc_message_builder import build_msg
 
 from pointit.schemas import NS_PER_S
 from pointit.services.imu_bridge.network.contents import DatagramError
@@ -77,11 +77,8 @@ def test_address_and_order_are_configurable() -> None:
 
 
 def test_time_of_a_bundle_is_the_time_of_the_device() -> None:
-    message = OscMessageBuilder("/quaternion")
-    for number in WXYZ:
-        message.add_arg(number)
     bundle = OscBundleBuilder(1_700_000_000)
-    bundle.add_content(message.build())
+    bundle.add_content(build_msg("/quaternion", WXYZ))
     data = bytes(bundle.build().dgram)
     assert OscDecoder(OscConfig()).items(data, NOW) == [Reading(NOW, XYZW, 1_700_000_000 * NS_PER_S)]
 
@@ -130,9 +127,9 @@ def test_arguments_of_every_type() -> None:
 
 def test_bundles_in_bundles_have_the_time_of_the_sender() -> None:
     inner = OscBundleBuilder(1_700_000_000)
-    inner.add_content(OscMessageBuilder("/inner").build())
+    inner.add_content(build_msg("/inner"))
     outer = OscBundleBuilder(1)  # immediately
-    outer.add_content(OscMessageBuilder("/outer").build())
+    outer.add_content(build_msg("/outer"))
     outer.add_content(inner.build())
     found = parse(outer.build().dgram)
     assert [each.address for each in found] == ["/outer", "/inner"]

@@ -185,6 +185,15 @@ async def test_sensor_that_the_tracker_lacks_is_named() -> None:
         await until(told)
 
 
+async def test_fault_of_the_sensor_is_named_until_the_tracker_says_that_it_works() -> None:
+    async with running(SLIMEVR) as wrist, phone_at(wrist.port) as phone:
+        await connect(wrist, phone)
+        phone.say(struct.pack(">IQBB", 14, 1001, 0, 5))
+        await until(lambda: "sensor 0 reports the error 5" in wrist.warnings.get("sensor", ""))
+        phone.say(struct.pack(">IQBB", 15, 1002, 0, 1))
+        await until(lambda: "sensor" not in wrist.warnings)
+
+
 async def test_port_of_another_program_is_told_and_taken_when_it_is_free(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

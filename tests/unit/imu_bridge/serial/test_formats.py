@@ -177,10 +177,8 @@ def test_times_whose_bytes_must_be_stuffed_come_back() -> None:
         assert item.device_time_ns == time_us * 1000
 
 
-def test_cue_lets_the_led_flash_in_its_color() -> None:
+def test_led_flashes_for_a_cue_without_a_color_and_not_for_one_without_a_signal() -> None:
     framer = Ximu3Framer()
-    begin, end = framer.cue(Feedback(stamp_ns=0, seq=1, cue="selected", color=(255, 0, 16)))
-    assert (begin, end) == (b'{"colour":"FF0010"}\n', b'{"colour":null}\n')
     assert framer.cue(Feedback(stamp_ns=0, seq=1, cue="selected", haptic_ms=(40,)))[0] != b""
     assert framer.cue(Feedback(stamp_ns=0, seq=1, cue="target")) == (b"", b"")
 

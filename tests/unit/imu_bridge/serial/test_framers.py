@@ -234,14 +234,7 @@ def test_sensor_that_starts_near_its_power_on_yaw_after_a_silence_has_a_new_orig
 @each_format
 @pytest.mark.parametrize(
     ("before_deg", "after_deg", "seconds"),
-    [
-        (40.0, 4.0, 5.0),
-        (40.0, 40.0, 5.0),
-        (40.0, 25.0, 5.0),
-        (-100.0, 100.0, 60.0),
-        (4.0, -2.0, 5.0),
-        (40.0, 0.0, 1.5),
-    ],
+    [(40.0, 4.0, 5.0), (40.0, 40.0, 5.0), (-100.0, 100.0, 60.0), (4.0, -2.0, 5.0), (40.0, 0.0, 1.5)],
 )
 def test_radio_that_paused_keeps_the_origin(
     name: Format, before_deg: float, after_deg: float, seconds: float

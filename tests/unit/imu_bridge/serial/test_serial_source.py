@@ -1,14 +1,11 @@
 """A serial wrist's port, speed and format found by trying, its commands and cues, over pseudo-terminals."""
 
-import asyncio
 import contextlib
 import errno
 import os
 import random
 import subprocess
 import termios
-from collections.abc import AsyncGenerator, Callable
-from contextlib import asynccontextmanager
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -31,30 +28,15 @@ from pointit_lab.devices.serial_formats import (
     witmotion_quaternion,
     ximu3_text,
 )
-from tests.support.bench import until
+from tests.support.bench import repeated, until
 from tests.support.pty_device import PtyDevice, pty_device
 from tests.support.running_source import running
 
 pytestmark = pytest.mark.wall_time
 POSTURE = rotation.from_azimuth_elevation(0.7, -0.3)
 LINE = b"1,0,0,0\n"
-
-
-@asynccontextmanager
-async def sending(step: Callable[[], object]) -> AsyncGenerator[None]:
-    """Call `step` 100 times a second."""
-
-    async def work() -> None:
-        while True:
-            step()
-            await asyncio.sleep(0.01)
-
-    task = asyncio.create_task(work())
-    try:
-        yield
-    finally:
-        task.cancel()
-        await asyncio.wait({task})
+PERIOD_S = 0.01
+"""Period of a device's packets, s."""
 
 
 class FreshWitMotion:
@@ -83,7 +65,7 @@ class FreshWitMotion:
 async def test_device_as_sold_is_found_at_its_speed_and_switched_to_quaternions(tmp_path: Path) -> None:
     with pty_device(tmp_path / "imu") as device:
         wrist = FreshWitMotion(device)
-        async with running(SERIAL, port=str(device.path)) as run, sending(wrist.step):
+        async with running(SERIAL, port=str(device.path)) as run, repeated(PERIOD_S, wrist.step):
             await until(lambda: wrist.received.endswith(bytes.fromhex("ff aa 03 08 00")))
             assert run.metrics == {"port of WitMotion": 9600.0}
             run.items.clear()
@@ -97,7 +79,7 @@ async def test_other_format_on_the_same_connection_is_recognized_after_the_time_
         packets = [LINE]
         async with (
             running(SERIAL, port=str(device.path), timeout_s=0.2) as run,
-            sending(lambda: device.send(packets[-1])),
+            repeated(PERIOD_S, lambda: device.send(packets[-1])),
         ):
             await until(lambda: "port of lines of text" in run.metrics)
             packets.append(bno085_orientation(POSTURE))
@@ -110,7 +92,7 @@ async def test_forced_format_is_kept_and_named_in_the_warning(tmp_path: Path) ->
     with pty_device(tmp_path / "imu") as device:
         async with (
             running(SERIAL, port=str(device.path), timeout_s=0.2, format="witmotion", baud=57600) as run,
-            sending(lambda: device.send(LINE)),
+            repeated(PERIOD_S, lambda: device.send(LINE)),
         ):
             await until(lambda: "tried WitMotion at 57600 baud" in run.warnings.get("silent", ""))
             assert termios.tcgetattr(device.master)[5] == termios.B57600
@@ -128,7 +110,7 @@ async def test_cue_flashes_the_led_of_an_ximu3(tmp_path: Path) -> None:
         async with running(SERIAL, port=str(device.path)) as run:
             cue = Feedback(stamp_ns=0, seq=1, cue="selected", color=(0, 255, 0))
             run.source.cue(cue)  # not connected yet: dropped
-            async with sending(step):
+            async with repeated(PERIOD_S, step):
                 await until(lambda: bool(run.of(Reading)))
                 run.source.cue(cue)
                 await until(lambda: bytes(received) == b'{"colour":"00FF00"}\n{"colour":null}\n')
@@ -155,7 +137,7 @@ async def test_only_port_that_answers_is_used_when_none_is_named(
         present(monkeypatch, silent, wrist)
         async with running(SERIAL, port="") as run:
             await until(lambda: "no serial port answers" in run.warnings.get("port", ""))
-            async with sending(lambda: wrist.send(LINE)):
+            async with repeated(PERIOD_S, lambda: wrist.send(LINE)):
                 await until(lambda: bool(run.of(Reading)))
             assert not run.warnings
 
@@ -166,13 +148,13 @@ async def test_wrist_that_comes_back_at_another_port_is_found_when_none_is_named
     with pty_device(tmp_path / "one") as first, pty_device(tmp_path / "two") as second:
         present(monkeypatch, first)
         async with running(SERIAL, port="") as run:
-            async with sending(lambda: first.send(LINE)):
+            async with repeated(PERIOD_S, lambda: first.send(LINE)):
                 await until(lambda: bool(run.of(Reading)))
             present(monkeypatch, second)
             first.unplug()
             await until(lambda: any(isinstance(item, Disconnected) for item in run.items))
             run.items.clear()
-            async with sending(lambda: second.send(LINE)):
+            async with repeated(PERIOD_S, lambda: second.send(LINE)):
                 await until(lambda: bool(run.of(Reading)))
             assert not run.warnings
 
@@ -190,7 +172,7 @@ async def test_port_that_was_silent_is_left_to_others_while_a_new_one_is_tried(
         present(monkeypatch, silent)
         monkeypatch.setattr(serial_source, "SEARCH_PAUSE_S", (600.0, 600.0))
         monkeypatch.setattr(serial_ports, "open_port", opening)
-        async with sending(lambda: wrist.send(LINE)), running(SERIAL, port="") as run:
+        async with repeated(PERIOD_S, lambda: wrist.send(LINE)), running(SERIAL, port="") as run:
             await until(lambda: "no serial port answers" in run.warnings.get("port", ""))
             with open_port(PortSettings(port=terminal(silent), baud=9600)):
                 present(monkeypatch, silent, wrist)
@@ -220,7 +202,7 @@ async def test_ports_are_named_when_several_answer(tmp_path: Path, monkeypatch: 
             first.send(LINE)
             second.send(bno085_orientation(POSTURE))
 
-        async with sending(step), running(SERIAL, port="") as run:
+        async with repeated(PERIOD_S, step), running(SERIAL, port="") as run:
             await until(lambda: "2 serial ports answer" in run.warnings.get("port", ""))
             said = run.warnings["port"]
             for device in (first, second):
@@ -249,7 +231,7 @@ async def test_search_lists_all_ports_and_leaves_alone_those_of_other_programs(
 
             details: object = {}
             found: dict[str, FoundDevice] = {}
-            async with sending(step):
+            async with repeated(PERIOD_S, step):
                 while not details:  # on a busy machine, one search may be too short
                     found = {device.address: device for device in await discover(0.3)}
                     details = found[terminal(wrist)].details

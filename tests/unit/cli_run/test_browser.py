@@ -21,7 +21,7 @@ LINK = "http://127.0.0.1:8090/?token=of-the-operator"
 
 @pytest.fixture
 def opened(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[str]:
-    """Return what the browser, a snap's, is given; copies for it are below `tmp_path`."""
+    """Return the addresses that the browser, a snap, is given; copies for it are below `tmp_path`."""
     opened: list[str] = []
     monkeypatch.setattr("webbrowser.open", opened.append)
     monkeypatch.setattr(Path, "home", lambda: tmp_path)

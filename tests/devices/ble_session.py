@@ -18,6 +18,7 @@ from pointit_lab.devices.wrists.wrist import SimulatedWrist
 from tests.devices.bumble_radio import air
 from tests.devices.bumble_wrist import BumbleWrist
 from tests.devices.red_segments import Follower
+from tests.support.bench import background
 from tests.support.running_source import Health
 
 POSTURE = rotation.from_azimuth_elevation(0.7, -0.3)
@@ -109,19 +110,6 @@ async def worn(
         session.task = asyncio.create_task(running)
         stack.push_async_callback(session.end)
         yield session
-
-
-@asynccontextmanager
-async def background(work: Any) -> AsyncGenerator[None]:
-    """Run a coroutine beside the block, and cancel it at its end."""
-    task = asyncio.create_task(work)
-    try:
-        yield
-    finally:
-        task.cancel()
-        await asyncio.wait({task})
-        if not task.cancelled():
-            task.result()
 
 
 async def require_selection(name: str, simulated: SimulatedWrist, rate_hz: float = RATE_HZ) -> None:

@@ -91,7 +91,14 @@ async def repeated(period_s: float, step: Callable[[], object]) -> AsyncGenerato
                 await result
             await asyncio.sleep(period_s)
 
-    task = asyncio.create_task(repeat())
+    async with background(repeat()):
+        yield
+
+
+@asynccontextmanager
+async def background(work: Coroutine[Any, Any, None]) -> AsyncGenerator[None]:
+    """Run a coroutine beside the block, and cancel it at its end; what failed in it is raised."""
+    task = asyncio.create_task(work)
     try:
         yield
     finally:

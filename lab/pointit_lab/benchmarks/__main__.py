@@ -75,14 +75,28 @@ def free_endpoint() -> str:
 
 
 @click.command()
-@click.option("--duration", default=5.0, show_default=True, help="seconds for each measurement")
 @click.option(
-    "--rate", default=RATE_HZ, show_default=True, help="samples per second of one wrist, for latency"
+    "--duration",
+    type=click.FloatRange(0.5),
+    default=5.0,
+    show_default=True,
+    help="seconds for each measurement",
+)
+@click.option(
+    "--rate",
+    type=click.FloatRange(1.0, 1000.0),
+    default=RATE_HZ,
+    show_default=True,
+    help="samples per second of one wrist, for latency",
 )
 @click.option("--json", "path", type=click.Path(path_type=Path), help="write everything to this file")
 @click.option("--only", type=click.Choice(PARTS), multiple=True, help="just these parts")
 @click.option(
-    "--against", "commit", metavar="COMMIT", help="compare latency and CPU time with those of COMMIT instead"
+    "--against",
+    "commit",
+    metavar="COMMIT",
+    callback=lambda _context, _option, commit: commit and against.resolved(commit),
+    help="compare latency and CPU time with those of COMMIT instead",
 )
 @click.option(
     "--rounds",

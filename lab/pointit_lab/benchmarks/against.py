@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import click
 from rich.table import Table
 
 from pointit_lab.benchmarks.our_chain import DELIVERED, costs
@@ -62,11 +63,24 @@ A figure that one of the trees does not write, or whose fit lacks rows, is left 
 """
 
 
+def resolved(commit: str) -> str:
+    """Return `commit`.
+
+    Raises:
+        click.BadParameter: This repository has no such commit.
+    """
+    command = ["git", "-C", str(ROOT), "rev-parse", "--quiet", "--verify", f"{commit}^{{commit}}"]
+    if subprocess.run(command, stdout=subprocess.DEVNULL, check=False).returncode != 0:
+        sentence = f"this repository has no commit {commit}; `git log --oneline` lists them"
+        raise click.BadParameter(sentence)
+    return commit
+
+
 def compare(commit: str, duration_s: float, rounds: int) -> dict[str, Any]:
     """Return each figure here and at `commit`, and the ratio here / there, as one number a round.
 
     Raises:
-        subprocess.CalledProcessError: There is no such commit, or a benchmark failed.
+        subprocess.CalledProcessError: A benchmark failed.
     """
     here: list[dict[str, Any]] = []
     there: list[dict[str, Any]] = []

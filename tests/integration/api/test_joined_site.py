@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import subprocess
 import sys
-from collections.abc import AsyncGenerator, AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from functools import partial
 from pathlib import Path
 
@@ -28,7 +28,9 @@ from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Done, PointingRay, ReleaseObject, SelectionEvent, TrackedObject
 from pointit.schemas.topics import CURSOR, RAY, RELEASE_OBJECT, SELECTION_EVENTS, SERVICE_ALIVE
 from tests.integration.access.secured import link_of, make_site, routed
-from tests.support.bench import PATIENCE_S, until
+from tests.support.bench import PATIENCE_S, repeated, until
+
+PERIOD_S = 0.05
 
 FORGETFUL = """
 import sys
@@ -46,21 +48,6 @@ async def home(endpoint: str) -> AsyncIterator[ZenohBus]:
     bus.announce(SERVICE_ALIVE, "pui")
     yield bus
     await bus.close()
-
-
-@contextlib.asynccontextmanager
-async def repeated(put: Callable[[], object]) -> AsyncGenerator[None]:
-    async def putting() -> None:
-        while True:
-            put()
-            await asyncio.sleep(0.05)
-
-    task = asyncio.create_task(putting())
-    try:
-        yield
-    finally:
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
 
 
 async def test_a_whole_site_is_joined_and_answers(endpoint: str) -> None:
@@ -87,7 +74,7 @@ async def test_loops_go_on_after_the_router_was_lost(home: ZenohBus, endpoint: s
         try:
             await until(lambda: site.problem == "", what="the connection to be back")
             event = SelectionEvent(stamp_ns=1, event="selected", object_id="1")
-            async with repeated(partial(again.publisher(SELECTION_EVENTS).put, event)):
+            async with repeated(PERIOD_S, partial(again.publisher(SELECTION_EVENTS).put, event)):
                 assert (await anext(events)).object_id == "1"
         finally:
             await again.close()
@@ -114,7 +101,7 @@ async def test_another_site_is_named(endpoint: str) -> None:
 async def test_messages_of_another_version_are_one_sentence(home: ZenohBus, endpoint: str) -> None:
     async with pointit.connect(endpoint, patience_s=PATIENCE_S) as site:
         cursors = site.cursors("anna")
-        async with repeated(lambda: home.session.put(CURSOR.at("anna"), b"\x81\xa1x\x01")):
+        async with repeated(PERIOD_S, lambda: home.session.put(CURSOR.at("anna"), b"\x81\xa1x\x01")):
             with pytest.raises(VersionError, match=r"none could be read .*install the same version"):
                 await anext(cursors)
 
@@ -184,7 +171,7 @@ async def test_a_person_has_the_latest_of_their_own_on_a_secured_site(tmp_path: 
         try:
             async with (
                 pointit.connect(credentials=folder.identity_folder("anna"), patience_s=PATIENCE_S) as site,
-                repeated(partial(wrist.publisher(RAY, "anna").put, ray)),
+                repeated(PERIOD_S, partial(wrist.publisher(RAY, "anna").put, ray)),
             ):
                 assert await site.latest.ray.wait("anna", patience_s=60) == site.latest.ray["anna"]
         finally:

@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 
 from pointit_lab.benchmarks import against
+from pointit_lab.benchmarks.__main__ import main
 from pointit_lab.benchmarks.our_chain import carried, costs
 from tests.support.buses import free_port
 
@@ -94,3 +96,16 @@ def test_the_drivers_cost_is_not_the_services(*, is_apart: bool) -> None:
     assert row["services_share_of_a_core"] == pytest.approx(share, rel=0.05, abs=0.002)
     parts = row["services_us_per_sample"] + (driver_us or 0.0)
     assert parts == pytest.approx(row["cpu_us_per_sample"], abs=0.2)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--against", "nowhere"], "this repository has no commit nowhere"),
+        (["--duration", "-1"], "-1.0 is not in the range"),
+        (["--rate", "0"], "0.0 is not in the range"),
+    ],
+)
+def test_what_cannot_be_measured_is_a_sentence(arguments: list[str], sentence: str) -> None:
+    ended = CliRunner().invoke(main, arguments)
+    assert (ended.exit_code, sentence in ended.output) == (2, True), ended.output

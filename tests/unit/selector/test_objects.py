@@ -1,6 +1,7 @@
 """Objects seen along a ray or under a cursor: angles, positions at its time, occlusion, several trackers."""
 
 import math
+from typing import Literal
 
 import pytest
 from hypothesis import given
@@ -88,6 +89,38 @@ def test_objects_are_where_they_were_shown_at_the_time_of_the_ray(
     assert view.pick(None, 1e-4, 0.3) == "a"
     assert view.confidence("a", 0.001) == 1.0
     assert picked(looked, pointing(age_s, shown_m + 0.6)) is None
+
+
+@given(
+    st.floats(1, 9),
+    st.floats(-2, 2),
+    st.floats(-1.5, 1.5),
+    st.floats(-1, 1),
+    st.sampled_from(["ray", "cursor"]),
+)
+def test_one_object_is_seen_as_among_all(
+    x_m: float, speed_mps: float, age_s: float, beside_m: float, aim: Literal["ray", "cursor"]
+) -> None:
+    looked = SeenObjects(display_lag_s=0.1, aim=aim)
+    looked.on_map(MAP)
+    free = TrackedObject(
+        id="free", kind="red", position_m=(x_m, 0.1, 1.0), velocity_mps=(0.0, speed_mps, 0.1)
+    )
+    looked.update("conveyor", packages(0, package("a", x_m, speed_mps=speed_mps), package("b", 5.0), free))
+    cursor = pointing(age_s, x_m + beside_m, raised_rad=0.01)
+    among = look(looked, cursor)
+    for name in ("a", "free"):
+        alone = looked.view_of(name, cursor)
+        assert alone is not None
+        assert alone.near(name, SNAP, 1.0) == among.near(name, SNAP, 1.0)
+        assert (alone.confidence(name, SNAP) is None) == (among.confidence(name, SNAP) is None)
+        assert alone.miss_rad(name, cursor) == pytest.approx(among.miss_rad(name, cursor))
+        snapped, expected = alone.snapped(name, cursor, SNAP), among.snapped(name, cursor, SNAP)
+        assert (snapped is None) == (expected is None)
+        if snapped is not None and expected is not None:
+            assert snapped[0] == pytest.approx(expected[0])
+            assert snapped[1] == pytest.approx(expected[1])
+    assert looked.view_of("unknown", cursor) is None
 
 
 @given(st.floats(0.2, 2.5), st.floats(-1.0, 1.0), st.floats(-0.9, 0.9))

@@ -124,7 +124,7 @@ class SeenObjects:
         return View(direction, seen)
 
     def view_of(self, object_id: str, cursor: Cursor) -> View | None:
-        """Return as `view_from`, but of one object, in a tenth of the time."""
+        """Return as `view_from`, but of one object, without arrays."""
         direction, origin_m = cursor.direction, cursor.origin_m
         index = self._indices.get(object_id)
         if origin_m is None or direction is None or index is None:

@@ -7,7 +7,7 @@ import pytest
 from pointit.schemas import TrackedObject
 from pointit.services.conveyor_sim.feeding.infeed import NoRoomError
 from pointit.services.conveyor_sim.plant import Plant
-from tests.unit.conveyor_sim.rooms import CHAIN, CROSS, FORK, MERGE, S, plant
+from tests.unit.conveyor_sim.rooms import CHAIN, CROSS, FORK, MERGE, S, check_apart, plant
 from tests.unit.conveyor_sim.test_network_properties import SHIPPED
 
 
@@ -94,6 +94,19 @@ def test_package_without_room_behind_a_junction_does_not_enter_it() -> None:
     counts = {(bay.bay, bay.kind): bay.count for bay in belts.state(0).bays}
     assert counts[("1", "blue")] >= 25
     assert ("3", "red") not in counts
+
+
+def test_one_that_waits_where_belts_cross_does_not_touch_those_that_pass() -> None:
+    crossing = CROSS.model_copy(update={"links": CROSS.links[:1]})
+    belts = plant(crossing, feeders={"w": every("w", 1.0, kind="red"), "n": every("n", 1.3, kind="blue")})
+    held = 0
+    for objects in run(belts, 50.0, step_s=0.1):
+        check_apart(CROSS, objects)
+        held += any(tracked.surface_speed_mps == 0.0 for tracked in objects)
+    assert held, "nobody ever had to wait: this tests nothing"
+    counts = {(count.bay, count.kind): count.count for count in belts.state(0).bays}
+    assert counts["3", "red"] >= 10
+    assert counts["1", "blue"] >= 10
 
 
 def test_a_linked_belt_that_runs_backwards_holds_at_its_start() -> None:

@@ -23,6 +23,7 @@ from pointit.schemas.environment import (
     Strip,
     StripFrame,
     StripsFrame,
+    Thing,
     TrackedObject,
     TrackedObjects,
 )
@@ -114,6 +115,6 @@ __all__ = [
     "SetBrightness", "SetFeeding", "SetHeading", "SetLamp", "SetMethod", "SetMethodReply", "SetMounting",
     "SetMountingReply", "SetOffset", "SetPose", "SetSpeed", "SetTolerance", "SetToleranceReply",
     "SetWorkspace", "SetYawOrigin", "Sphere", "StartLocalization", "Steering", "StopRobot", "Strip",
-    "StripFrame", "StripsFrame", "TrackedObject", "TrackedObjects", "UndoSelection", "UserPose",
+    "StripFrame", "StripsFrame", "Thing", "TrackedObject", "TrackedObjects", "UndoSelection", "UserPose",
     "UserProfile", "WristSample", "decode", "encode", "pack", "summarize_validation_error",
 ]  # fmt: skip

@@ -135,6 +135,37 @@ class Fence(SchemaModel):
     high_m: Annotated[Real | None, Field(description="greatest height in {W}, None if unbounded")] = None
 
 
+ThingMode = Literal["claim", "button", "switch"]
+"""Effect of selecting an object. `claim`: it is the person's, until they deselect it. `button`: something
+happens each time, for anybody. `switch`: it is on until anybody switches it off."""
+
+DwellS = Annotated[
+    float | None, Field(gt=0, le=10, description="time of pointing at it that selects it, s; None: the usual")
+]
+
+
+class Thing(SchemaModel):
+    """A place in the room that reacts when somebody points at it: a box, with a light if it has one.
+
+    `pui` lists all things of the map as tracked objects of the tracker `things`, by which they are selected.
+    """
+
+    id: Name
+    label: Annotated[Id, Field(description="its name in messages to people; if empty, the id")] = ""
+    center_m: Vec3
+    size_m: Annotated[tuple[Size, Size, Size], Field(description="along its own x, y and z")]
+    yaw_rad: Annotated[Real, Field(description="of its x axis in {W}")] = 0.0
+    mode: ThingMode = "button"
+    press: Annotated[bool, Field(description="pointing at it is not enough: the person presses, too")] = False
+    dwell_s: DwellS = None
+    lamp: Annotated[Id, Field(description="single light that shows its state, or empty")] = ""
+    strip: Annotated[Id, Field(description="strip a part of which shows its state, or empty")] = ""
+    part_m: Annotated[tuple[Along, Along], Field(description="arc lengths of that part, from and to")] = (
+        0.0,
+        0.0,
+    )
+
+
 class Frame(SchemaModel):
     """The coordinates of a tracker, or of a robot: where their origin is in {W}, and their rotation."""
 
@@ -148,7 +179,7 @@ class Frame(SchemaModel):
 class Environment(Message):
     """The map of the room in {W}; the ROS toolkit's `belts`, `leds`, `strips`, `links`, and more."""
 
-    version: ClassVar[int] = 3
+    version: ClassVar[int] = 4
 
     max_bytes: ClassVar[int] = 1024 * 1024
     """Room for 10 000 strips."""
@@ -166,6 +197,7 @@ class Environment(Message):
     clouds: Many[Cloud] = ()
     fences: Many[Fence] = ()
     frames: Many[Frame] = ()
+    things: Many[Thing] = ()
 
 
 KIND_COLORS: dict[str, Rgb] = {
@@ -209,12 +241,19 @@ class TrackedObject(SchemaModel):
     position_sigma_m: Annotated[
         Extent | None, Field(description="1 sigma of the position along the worst direction, if known")
     ] = None
+    size_m: Annotated[
+        tuple[Size, Size, Size] | None,
+        Field(description="of the upright box that it fills, turned by `yaw_rad`; None: only its length counts"),
+    ] = None
+    mode: ThingMode = "claim"
+    press: Annotated[bool, Field(description="selected by pressing while pointing at it only")] = False
+    dwell_s: DwellS = None
 
 
 class TrackedObjects(Message):
     """All tracked objects of one tracker at one time. An object that is no longer listed has left."""
 
-    version: ClassVar[int] = 4
+    version: ClassVar[int] = 5
 
     max_bytes: ClassVar[int] = 640 * 1024
     """Room for 2000 objects with all fields."""

@@ -248,6 +248,7 @@ class TrackedObject(SchemaModel):
     mode: ThingMode = "claim"
     press: Annotated[bool, Field(description="selected by pressing while pointing at it only")] = False
     dwell_s: DwellS = None
+    lit: Annotated[bool, Field(description="a light shows people that they point at it")] = False
 
 
 class TrackedObjects(Message):

@@ -127,8 +127,8 @@ MAP = Topic(
 )
 OBJECTS = Topic(
     key="objects/{tracker}", message=environment.TrackedObjects, delivery=_LATEST, rate_hz=25,
-    writers=("conveyor-sim", "robot-replay", "robot", "agv-tracker", "ros2", "external"),
-    about="moving objects; each tracker lists its own",
+    writers=("conveyor-sim", "robot-replay", "robot", "agv-tracker", "ros2", "external", "pui"),
+    about="moving objects, and the things of the map; each tracker lists its own",
 )
 SELECTION = Topic(
     key="selection", message=selection.Selection, delivery=_STATE, rate_hz=None, writers=("selector",),

@@ -163,7 +163,7 @@ PROCESSES: list[Process] = [
         shard_serves=(topics.SET_WORKSPACE,),
         about="rays, poses and the map to cursors",
         reads=(topics.RAY, topics.POSE, topics.INTERACTION, topics.OBJECTS, topics.MAP),
-        writes=(topics.MAP, topics.CURSOR, topics.FEEDBACK),
+        writes=(topics.MAP, topics.CURSOR, topics.FEEDBACK, topics.OBJECTS),
         serves=(topics.SET_WORKSPACE, topics.SET_TOLERANCE),
     ),
     Process(

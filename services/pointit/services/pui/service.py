@@ -10,6 +10,7 @@ from typing import ClassVar, NamedTuple
 
 from pointit.maps.file import load_map_and_clouds
 from pointit.runtime.bus.contract import Publisher
+from pointit.runtime.clock import sleep
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.service.people_share import PeopleShare
 from pointit.runtime.service.service import Context, Scope, Service
@@ -42,6 +43,7 @@ from pointit.services.pui.config import PuiConfig
 from pointit.services.pui.cursor import NearbyLamps, PersonCursor
 from pointit.services.pui.shapes import Clouds, group_by_priority
 from pointit.services.pui.surfaces import Surfaces
+from pointit.services.pui.things import PERIOD_S, TRACKER, listing
 from pointit.services.pui.tracked_objects import Tracked, TwinFinder
 from pointit.services.pui.workspace import WorkspaceError, WorkspaceStart
 
@@ -85,6 +87,7 @@ class Pui(Service[PuiConfig]):
         self._has_map = bool(config.map_to_read)
         """False in a shard while the site has no map at which its people can point."""
         self._map_came = asyncio.Event()
+        self._environment = nowhere
         if config.map_to_read:
             environment, clouds = load_map_and_clouds(config.map_to_read, self.clock.now_ns())
             try:
@@ -93,6 +96,7 @@ class Pui(Service[PuiConfig]):
                 raise ConfigError(f"pui: {error}") from error
             if not config.people:
                 self.bus.publisher(MAP).put(environment)
+                self._environment = environment
         else:
             self.bus.subscribe(MAP, self._on_map)
         self._share.serve(SET_WORKSPACE, self._on_workspace)
@@ -123,7 +127,12 @@ class Pui(Service[PuiConfig]):
             raise ConfigError(str(error)) from error
 
     async def run(self) -> None:
-        """Serve the people of a shard as long as there is a map."""
+        """Serve the people of a shard as long as there is a map; list the things of the site's map."""
+        if self._environment.things:
+            listed = self.bus.publisher(OBJECTS, TRACKER)
+            while True:
+                listed.put(listing(self._environment, self.clock.now_ns()))
+                await sleep(self.clock, PERIOD_S)
         while True:
             self._map_came.clear()
             if self._has_map:

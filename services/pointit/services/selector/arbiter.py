@@ -21,6 +21,9 @@ MAX_DECIDED = 64
 MAX_RESERVED = 2
 """Limit of objects that a shard can reserve for a person: the one that they point at and the one before."""
 
+SHOWN_NS = 600_000_000
+"""Time for which a button is selected at least, ns. It ends with the next tick."""
+
 NEWS_NS = 50_000_000
 """Shortest time between selections that only claims to reservations have changed, ns."""
 
@@ -145,7 +148,13 @@ class Arbiter:
             )
         else:
             record = self._ledger.toggle(
-                object_id, kind, user, at_ns, cause=cause, confidence=claim.confidence
+                object_id,
+                kind,
+                user,
+                at_ns,
+                cause=cause,
+                confidence=claim.confidence,
+                mode=self._positions.mode(object_id),
             )
             if record.event != "refused":
                 self._reservations.free(object_id)
@@ -246,9 +255,20 @@ class Arbiter:
         return self._close(self._ledger.drop(left, now_ns), now_ns)
 
     def tick(self, now_ns: int) -> list[Output]:
-        """Handle departed objects and expired reservations."""
+        """Handle departed objects, expired reservations, and buttons that were shown for long enough."""
         self._is_news |= self._reservations.expire(now_ns)
-        return self.depart(now_ns) or self.news(now_ns)
+        shown = [
+            object_id
+            for object_id, entry in self._ledger.entries.items()
+            if self._positions.mode(object_id) == "button" and not 0 <= now_ns - entry.since_ns < SHOWN_NS
+        ]
+        outputs = [
+            output
+            for object_id in shown
+            for output in self._publisher.event(self._ledger.end(object_id, now_ns))
+        ]
+        self._is_news |= bool(outputs)
+        return outputs + (self.depart(now_ns) or self.news(now_ns))
 
     def undo(self, user: str, now_ns: int) -> list[Output]:
         """Undo `user`'s last step. Refused with a cue if there is none."""

@@ -106,6 +106,7 @@ class HoverEngine:
             view,
             None if tracked is None else tracked.id,
             lambda object_id: self._ownership.action(user, object_id, now_ns)[0] != "",
+            self._positions.is_pressed,
         )
         if pointer.is_new and pointed.object_id is not None:
             pointer.is_new = False
@@ -124,18 +125,21 @@ class HoverEngine:
         if wanted is not None and not self._is_reserved(user, wanted, now_ns):
             outputs.append(Output(user, Claim(stamp_ns=now_ns, object_id=wanted, wish="reserve")))
         if pointed.fired is not None:
-            confidence = None if view is None else view.confidence(pointed.fired, self._aim_rad)
+            confidence = pointed.confidence
+            if confidence is None and view is not None:
+                confidence = view.confidence(pointed.fired, self._aim_rad)
             outputs += self._toggle(user, pointed.fired, now_ns, "dwell", confidence)
         return outputs
 
     def on_button(self, user: str, button: ButtonEvent) -> list[Output]:
         """Process a button gesture of `user`, which confirms the hovered object if so configured."""
         pointer = self._people.get(user)
-        wanted = self._config.confirm == "press" and button.gesture == self._config.confirm_gesture
-        if pointer is None or not wanted:
+        if pointer is None or button.gesture != self._config.confirm_gesture:
             return []
         object_id = pointer.press(button.stamp_ns)
-        if object_id is None:
+        if object_id is None or not (
+            self._config.confirm == "press" or self._positions.is_pressed(object_id)
+        ):
             return []
         pointer.latch(object_id)
         return self._toggle(user, object_id, button.stamp_ns, "button")

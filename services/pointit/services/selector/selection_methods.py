@@ -40,6 +40,8 @@ class SelectionProgress(NamedTuple):
     """Object to select or deselect now, or None."""
     spent_s: float | None = None
     """Time that led to this progress, s. None: this share of the dwell time."""
+    confidence: float | None = None
+    """Probability that the object is meant. None: it is judged by the angles of those around it."""
 
 
 class PersonMethod(Protocol):

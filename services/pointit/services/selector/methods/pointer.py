@@ -35,6 +35,8 @@ class PointerResult(NamedTuple):
     """Progress towards firing, 0 to 1. 0 while it is too little to show."""
     is_shown: bool
     """True if progress is enough to show. From then on the object is reserved."""
+    confidence: float | None = None
+    """Probability that the object is meant, if the method tells."""
 
 
 class PersonPointer:
@@ -80,7 +82,12 @@ class PersonPointer:
         return True
 
     def step(
-        self, cursor: Cursor, view: View | None, under: str | None, acts: Callable[[str], bool]
+        self,
+        cursor: Cursor,
+        view: View | None,
+        under: str | None,
+        acts: Callable[[str], bool],
+        presses: Callable[[str], bool] = lambda _object_id: False,
     ) -> PointerResult:
         """Process a timely cursor.
 
@@ -89,16 +96,17 @@ class PersonPointer:
             view: objects along its ray. None without a ray, without objects, or for methods by metres.
             under: object under it by metres, for the methods of the paper and cursors without a ray.
             acts: returns True if staying on an object has an effect.
+            presses: returns True if an object is selected by a press only.
         """
         self._stamp_ns = cursor.stamp_ns
         pointed = self._result(self._method.step(PointingSample(cursor, under, view, acts)))
         self.hovered = pointed.object_id
-        if pointed.fired is not None and self._config.confirm == "press":
+        if pointed.fired is not None and (self._config.confirm == "press" or presses(pointed.fired)):
             self._ready = pointed.fired
         if pointed.object_id != self._ready:
             self._ready = None
         elif self._ready is not None:
-            pointed = PointerResult(pointed.object_id, None, 1.0, is_shown=True)
+            pointed = pointed._replace(fired=None, progress=1.0, is_shown=True)
         self._remember(cursor.stamp_ns, pointed.object_id)
         return pointed
 
@@ -134,8 +142,8 @@ class PersonPointer:
         if spent_s is None and made.progress > 0.0:
             spent_s = made.progress * self._dwell_s
         if made.object_id is None or spent_s is None or spent_s < self._config.show_after_s:
-            return PointerResult(made.object_id, made.fired, 0.0, is_shown=False)
-        return PointerResult(made.object_id, made.fired, made.progress, is_shown=True)
+            return PointerResult(made.object_id, made.fired, 0.0, False, made.confidence)
+        return PointerResult(made.object_id, made.fired, made.progress, True, made.confidence)
 
     def _forget(self) -> None:
         self._set_method(self._config)
@@ -228,5 +236,7 @@ def check_progress(result: SelectionProgress) -> None:
             raise TypeError(f"{name} {value!r}, expected text or None")
     if not 0.0 <= result.progress <= 1.0:
         raise ValueError(f"progress {result.progress}, expected 0 to 1")
+    if result.confidence is not None and not 0.0 <= result.confidence <= 1.0:
+        raise ValueError(f"confidence {result.confidence}, expected 0 to 1")
     if result.spent_s is not None and not 0.0 <= result.spent_s < math.inf:
         raise ValueError(f"spent_s {result.spent_s}, expected 0 or more")

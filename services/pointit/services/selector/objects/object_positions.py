@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor, TrackedObject, TrackedObjects
+from pointit.schemas.environment import ThingMode
 from pointit.schemas.pointing import LINES
 
 Array = NDArray[np.float64]
@@ -127,6 +128,16 @@ class ObjectPositions:
             for listing in self._trackers.values()
             for object_id, tracked in listing.objects.items()
         }
+
+    def mode(self, object_id: str) -> ThingMode:
+        """Return the effect of selecting an object. Unknown ones are claimed."""
+        tracked = self._objects.get(object_id)
+        return "claim" if tracked is None else tracked.mode
+
+    def is_pressed(self, object_id: str) -> bool:
+        """Return True if an object is selected by pressing while pointing at it only."""
+        tracked = self._objects.get(object_id)
+        return tracked is not None and tracked.press
 
     def too_late(self, object_id: str, now_ns: int) -> str:
         """Return the reason for which the bay of an object cannot be changed at `now_ns`, or `""`.

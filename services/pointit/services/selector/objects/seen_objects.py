@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pointit.geometry import vector
 from pointit.geometry.polyline import Polyline
+from pointit.geometry.solids import BoxSolid
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor, Environment, TrackedObject, TrackedObjects
 from pointit.schemas.pointing import LINES
@@ -104,9 +105,11 @@ class SeenObjects:
         reach_m = centers_m - cursor.origin_m
         # slightly more than it is: avoids division by zero and keeps cosines above -1
         ranges_m = np.sqrt((reach_m * reach_m) @ XYZ) + HAIR_M
-        angles = np.arccos(
-            np.minimum(reach_m @ self._aim(cursor, cursor.origin_m, direction) / ranges_m, 1.0)
-        )
+        aim = self._aim(cursor, cursor.origin_m, direction)
+        along_m = reach_m @ aim
+        if self._solids and aim is not direction:
+            along_m[self._solid] = reach_m[self._solid] @ direction
+        angles = np.arccos(np.minimum(along_m / ranges_m, 1.0))
         near = (angles <= self._leave_factor * (self._halves_m / ranges_m) + self._reach_rad).nonzero()[0]
         if len(near) > MAX_SEEN:
             near = near[angles[near].argpartition(MAX_SEEN)[:MAX_SEEN]]
@@ -137,7 +140,8 @@ class SeenObjects:
         center_m = (x + u * elapsed_s, y + v * elapsed_s, z + w * elapsed_s)
         reach_m = vector.subtract(center_m, origin_m)
         range_m = vector.norm(reach_m) + HAIR_M
-        angle = math.acos(min(vector.dot(reach_m, self._aim(cursor, origin_m, direction)) / range_m, 1.0))
+        aim = direction if index in self._solids else self._aim(cursor, origin_m, direction)
+        angle = math.acos(min(vector.dot(reach_m, aim) / range_m, 1.0))
         half_m = float(self._halves_m[index])
         is_near = angle <= self._leave_factor * (half_m / range_m) + self._reach_rad
         if not is_near or not self._is_fresh(index, age_s) or _is_hidden(range_m - half_m, cursor):
@@ -174,16 +178,29 @@ class SeenObjects:
             reach = vector.subtract(center_m, cursor.origin_m or center_m)
             foreshortened = vector.dot(along, reach) / range_m
             across = math.sqrt(max(0.0, 1.0 - foreshortened * foreshortened))
+        half_rad, outline_m = math.atan(half_m * across / range_m), None
+        size_m = self._solids.get(index)
+        if size_m is not None and cursor.origin_m is not None and cursor.direction is not None:
+            solid = BoxSolid(center_m, size_m, tracked.yaw_rad or 0.0)
+            if solid.intersect(cursor.origin_m, cursor.direction) is None:
+                outline_m = solid.closest_approach(cursor.origin_m, cursor.direction, "angle")
+            if outline_m is None:
+                half_rad = max(angle_rad, half_rad)
+            else:
+                beside = vector.subtract(outline_m, cursor.origin_m)
+                half_rad = max(angle_rad - vector.angle_between(cursor.direction, beside), 0.0)
         return VisibleObject(
             tracked.id,
             angle_rad,
-            math.atan(half_m * across / range_m),
+            half_rad,
             center_m,
             velocity_mps,
             along,
             half_m,
             range_m,
             place,
+            outline_m,
+            tracked,
         )
 
     def _is_fresh(self, index: int, age_s: float) -> bool:
@@ -222,7 +239,14 @@ class SeenObjects:
             self._ages_s = np.array([(self._base_ns - stamp_ns) / NS_PER_S for stamp_ns in stamps_ns])
         count = self._on_lines = len(on_lines)
         lined = self._tracked[:count]
-        self._halves_m: Array = np.array([one.length_m / 2.0 for one in self._tracked])
+        self._solids = {
+            index: one.size_m for index, one in enumerate(self._tracked) if one.size_m is not None
+        }
+        """Sizes of the objects that are boxes, by index."""
+        self._solid = np.array(list(self._solids), dtype=np.intp)
+        self._halves_m: Array = np.array(
+            [(one.length_m if one.size_m is None else vector.norm(one.size_m)) / 2.0 for one in self._tracked]
+        )
         self._centers_m: Array = np.array([one.position_m for one in self._tracked]).reshape(-1, 3)
         self._velocities_mps: Array = np.array([one.velocity_mps for one in self._tracked]).reshape(-1, 3)
         self._straight_s = (-math.inf, math.inf)

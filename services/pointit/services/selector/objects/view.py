@@ -1,14 +1,14 @@
 """Objects near one ray: the object pointed at, its probability, and the snapped cursor."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import NamedTuple
 
 from pointit.geometry import vector
 from pointit.geometry.closest import nearest_in_angle
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
-from pointit.schemas import Cursor
+from pointit.schemas import Cursor, TrackedObject
 from pointit.schemas.pointing import LINES
 
 SAME_M = 1e-9
@@ -40,6 +40,9 @@ class VisibleObject(NamedTuple):
     range_m: float
     """Distance from the eyes to its centre."""
     place: OnLine | None
+    outline_m: Vec3 | None
+    """Point of its outline nearest to the ray, if its `size_m` is known and the ray passes it."""
+    tracked: TrackedObject
 
 
 class View:
@@ -49,6 +52,11 @@ class View:
         """Create from what is seen along the unit `direction` in {W}."""
         self._direction = direction
         self._seen = {one.id: one for one in seen}
+
+    @property
+    def seen(self) -> Collection[VisibleObject]:
+        """Return the objects."""
+        return self._seen.values()
 
     def pick(self, kept: str | None, snap_rad: float, hysteresis: float) -> str | None:
         """Return the object at the smallest angle, among those within half width and `snap_rad`.

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TypedDict, Unpack
 
 from pointit.schemas import SelectedObject
+from pointit.schemas.environment import ThingMode
 from pointit.services.selector.outputs import Cause, Event, Owned, Record
 
 MAX_RELEASED = 100
@@ -96,13 +97,15 @@ class Ledger:
         *,
         cause: Cause = "dwell",
         confidence: float | None = None,
+        mode: ThingMode = "claim",
     ) -> Record:
         """Select or deselect `object_id` for `user`.
 
-        Refused if it belongs to another person who is present.
+        Refused if it belongs to another person who is present, unless its `mode` lets anybody change it. What
+        a button started is not undone.
         """
         entry = self._entries.get(object_id)
-        owner = self.blocking_owner(object_id, user, now_ns)
+        owner = self.blocking_owner(object_id, user, now_ns) if mode == "claim" else ""
         if entry is not None and owner:
             reason = f"{entry.kind or 'object'} is selected by {owner}; only {owner} can deselect it"
         else:
@@ -114,10 +117,15 @@ class Ledger:
         if entry is None:
             after = Owned(user, kind, now_ns, confidence)
             record = self._select(object_id, after, user, now_ns, cause=cause)
-            self._remember(user, [_Change(object_id, None, after)])
+            if mode != "button":
+                self._remember(user, [_Change(object_id, None, after)])
             return record
         self._remember(user, [_Change(object_id, entry, None)])
         return self._deselect(object_id, user, now_ns, cause=cause, confidence=confidence)
+
+    def end(self, object_id: str, now_ns: int) -> Record:
+        """Deselect a selected object by itself, as a button that was shown for long enough."""
+        return self._deselect(object_id, self._entries[object_id].user, now_ns, cause="")
 
     def clear(self, user: str, now_ns: int) -> list[Record]:
         """Deselect all objects of `user` as one step. Those for which it is too late are refused."""

@@ -37,14 +37,15 @@ class Ownership:
 
     def action(self, user: str, object_id: str, now_ns: int) -> tuple[Action, str]:
         """Return the effect of staying on an object, and the other person who has it, or `""`."""
-        owner = self.ledger.blocking_owner(object_id, user, now_ns)
+        mode = self.positions.mode(object_id)
+        owner = "" if mode != "claim" else self.ledger.blocking_owner(object_id, user, now_ns)
         if owner:
             return "refuse", owner
         holder = self.reservations.holder(object_id)
         if holder and holder != user:
             return "refuse", holder
         is_selected = object_id in self.ledger.entries
-        if is_selected and not self._may_deselect:
+        if is_selected and (mode == "button" or (mode == "claim" and not self._may_deselect)):
             return "", ""
         if self.positions.too_late(object_id, now_ns):
             return "refuse", ""

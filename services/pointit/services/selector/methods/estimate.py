@@ -1,0 +1,235 @@
+"""Method `estimate`: the probability that each object near the ray is meant, or none of them.
+
+People miss what they point at by some degrees, and correct that only where they see what reacts. So an object
+is shown from the first guess on; that a person stays although another one is shown would be seen as an error
+of theirs, so staying makes the object that is shown more probable. It fires when it is sure, after the dwell.
+"""
+
+import math
+from collections.abc import Collection
+
+from pydantic import Field
+
+from pointit.geometry import vector
+from pointit.geometry.closest import nearest_in_angle
+from pointit.geometry.vector import Vec3
+from pointit.schemas import NS_PER_S, Cursor
+from pointit.schemas.pointing import LINES
+from pointit.services.selector.methods.gauge import RaySpeedEstimator
+from pointit.services.selector.objects.view import View, VisibleObject
+from pointit.services.selector.selection_methods import (
+    MethodConfig,
+    PointingSample,
+    SelectionMethod,
+    SelectionProgress,
+)
+
+SIDEWAYS_RAD = math.radians(3.5)
+"""Standard deviation of people's aim without feedback, sideways (pointing.md §3)."""
+UPWARDS_RAD = math.radians(3.5)
+"""The same upwards: between people 2.8 degrees, within a person 1.0, and their pose."""
+LOW_RAD = math.radians(1.5)
+"""People point lower than what they mean; half of their mean error, since offsets may be calibrated."""
+ATTENTION = 0.2
+"""Probability of each object near the ray before the ray is known."""
+AIMLESS = 0.25 / (math.radians(80.0) * math.radians(50.0))
+"""Probability density of a ray that is meant for nothing, 1/rad²."""
+ON_LIGHT = 0.1 / math.radians(60.0)
+"""The same along a strip or belt, across which a ray misses as beside an object, 1/rad."""
+RESTING_PER_S = 1.0
+"""Rate at which a steady arm speaks against pointing at nothing, nats/s, up to `RESTING`."""
+RESTING = 2.5
+SEEN_AFTER_S = 0.45
+"""Time from light to hand: a person who sees that the wrong object is shown has begun to correct that."""
+SEEN_PER_S = 2.5
+"""Rate at which staying speaks for the object whose light shows that it is pointed at, nats/s."""
+SEEN = 4.0
+SMOOTHING_S = 0.12
+"""Time constant of the angles to objects, which averages tremor out."""
+FAST_RADPS = math.radians(40.0)
+"""Speed above which nothing is shown."""
+MOVED = 0.3
+"""Share of the way to the next object by which an arm moves when it corrects: staying begins again."""
+MOST_MOVED_RAD = math.radians(5.0)
+"""The same without another object near; restless arms wander by less."""
+SHOWN = 0.25
+"""Probability from which an object is shown."""
+KEPT = 0.7
+"""Share of the most probable one's probability above which the object that is shown is kept."""
+LEFT_S = 0.3
+"""Time after which an object that fired can fire again, once it is left."""
+LONGEST_GAP_S = 0.25
+
+
+class EstimateConfig(MethodConfig):
+    """Parameters of method `estimate`."""
+
+    dwell_s: float = Field(default=1.0, gt=0, le=10, description="time on an object that selects it, s")
+    sure: float = Field(default=0.7, ge=0.5, lt=1, description="probability from which an object is selected")
+
+
+class EstimateMethod:
+    """Method `estimate` for one person."""
+
+    def __init__(self, config: EstimateConfig) -> None:
+        self._config = config
+        self._speed = RaySpeedEstimator(0.15)
+        self._beside: dict[str, tuple[float, float]] = {}
+        """Smoothed angles to the right and up from the ray to each object near it."""
+        self._stamp_ns = 0
+        self._shown: str | None = None
+        self._shown_ns = 0
+        self._anchor: tuple[float, float] = (0.0, 0.0)
+        """Angles to the object that is shown when staying on it began."""
+        self._stays_ns = 0
+        self._left: dict[str, int | None] = {}
+        """Objects that fired, with the time since which they are left, ns, or None."""
+
+    @property
+    def latched(self) -> Collection[str]:
+        """Return the objects that fired and were not left since."""
+        return self._left
+
+    def latch(self, object_id: str) -> None:
+        """Ignore `object_id` until it is left."""
+        self._left[object_id] = None
+
+    def step(self, pointing: PointingSample) -> SelectionProgress:
+        """Process a cursor."""
+        cursor, view = pointing.cursor, pointing.view
+        now_ns = cursor.stamp_ns
+        elapsed_s = (now_ns - self._stamp_ns) / NS_PER_S
+        self._stamp_ns = now_ns
+        if cursor.direction is None or cursor.origin_m is None or view is None:
+            self._beside.clear()
+            self._show(None, now_ns)
+            return SelectionProgress()
+        if elapsed_s > LONGEST_GAP_S:
+            self._speed.clear()
+            self._beside.clear()
+            self._show(None, now_ns)
+        self._speed.add(now_ns, cursor.direction)
+        share = 1.0 - math.exp(-elapsed_s / SMOOTHING_S)
+        before, self._beside = self._beside, {}
+        for one in view.seen:
+            right, up = _beside(one, cursor.origin_m, cursor.direction)
+            was = before.get(one.id, (right, up))
+            self._beside[one.id] = (was[0] + share * (right - was[0]), was[1] + share * (up - was[1]))
+        probabilities = self._probabilities(view, cursor, now_ns)
+        self._choose(view, probabilities, now_ns)
+        return self._progress(pointing, view, probabilities, now_ns)
+
+    def _probabilities(self, view: View, cursor: Cursor, now_ns: int) -> dict[str, float]:
+        """Return the probability of each object near the ray. The rest is that of none."""
+        stayed_s = (now_ns - self._stays_ns) / NS_PER_S if self._shown is not None else 0.0
+        logs: dict[str, float] = {}
+        lines: set[tuple[str, str]] = set()
+        for one in view.seen:
+            wide, high = _extent(one)
+            area = (2.0 * wide + _FLAT * SIDEWAYS_RAD) * (2.0 * high + _FLAT * UPWARDS_RAD)
+            right, up = self._beside[one.id]
+            up = up - LOW_RAD if up < 0.0 else max(up - LOW_RAD, 0.0)
+            miss = (right / SIDEWAYS_RAD) ** 2 + (up / UPWARDS_RAD) ** 2
+            logs[one.id] = math.log(ATTENTION / area) - 0.5 * miss
+            if one.id == self._shown and one.tracked.lit:
+                logs[one.id] += min(SEEN_PER_S * max(stayed_s - SEEN_AFTER_S, 0.0), SEEN)
+            if one.place is not None:
+                lines.add((one.place.surface, one.place.surface_id))
+        none = math.log(AIMLESS) - min(RESTING_PER_S * stayed_s, RESTING)
+        if cursor.surface in LINES and (cursor.surface, cursor.surface_id) not in lines:
+            across = math.log(ON_LIGHT / (_FLAT * UPWARDS_RAD)) - 0.5 * (cursor.miss_rad / UPWARDS_RAD) ** 2
+            none = max(none, across) + math.log1p(math.exp(-abs(none - across)))
+        highest = max(none, *logs.values()) if logs else none
+        weights = {name: math.exp(log - highest) for name, log in logs.items()}
+        total = math.fsum(weights.values()) + math.exp(none - highest)
+        return {name: weight / total for name, weight in weights.items()}
+
+    def _choose(self, view: View, probabilities: dict[str, float], now_ns: int) -> None:
+        """Choose the object to show, and note since when the person stays on it."""
+        best = max(probabilities, key=probabilities.__getitem__, default=None)
+        rate = self._speed.rate()
+        if best is not None and rate is not None:
+            kept = self._shown
+            if kept in probabilities and probabilities[kept] >= KEPT * probabilities[best]:
+                best = kept
+            speed = view.relative_rate(best, rate)
+            if speed < FAST_RADPS and probabilities[best] >= SHOWN:
+                self._show(best, now_ns)
+                if math.dist(self._beside[best], self._anchor) > _corrected_rad(view, best):
+                    self._stays_ns, self._anchor = now_ns, self._beside[best]
+                return
+        self._show(None, now_ns)
+
+    def _show(self, object_id: str | None, now_ns: int) -> None:
+        if object_id != self._shown:
+            self._shown, self._stays_ns = object_id, now_ns
+            self._anchor = self._beside.get(object_id or "", (0.0, 0.0))
+        for name, since_ns in list(self._left.items()):
+            if name == object_id:
+                self._left[name] = None
+            elif since_ns is None:
+                self._left[name] = now_ns
+            elif now_ns - since_ns >= LEFT_S * NS_PER_S:
+                del self._left[name]
+
+    def _progress(
+        self, pointing: PointingSample, view: View, probabilities: dict[str, float], now_ns: int
+    ) -> SelectionProgress:
+        shown = self._shown
+        if shown is None:
+            return SelectionProgress()
+        probability = probabilities[shown]
+        if shown in self._left or not pointing.acts(shown):
+            return SelectionProgress(shown, confidence=probability)
+        dwell_s = next(one.tracked.dwell_s for one in view.seen if one.id == shown) or self._config.dwell_s
+        stayed_s = (now_ns - self._stays_ns) / NS_PER_S
+        progress = min(stayed_s / dwell_s, 1.0) * min(probability / self._config.sure, 1.0)
+        if progress < 1.0:
+            return SelectionProgress(shown, progress, None, stayed_s, probability)
+        self._left[shown] = None
+        return SelectionProgress(shown, 1.0, shown, stayed_s, probability)
+
+
+def _corrected_rad(view: View, object_id: str) -> float:
+    """Return the angle from which a movement on an object may be a correction towards another one."""
+    own = next(one for one in view.seen if one.id == object_id)
+    apart_m = min(
+        (math.dist(own.center_m, one.center_m) for one in view.seen if one is not own), default=math.inf
+    )
+    return min(MOVED * math.atan(apart_m / own.range_m), MOST_MOVED_RAD)
+
+
+_FLAT = math.sqrt(2.0 * math.pi)
+
+
+def _extent(one: VisibleObject) -> tuple[float, float]:
+    """Return half its width and half its height, as angles at the eyes."""
+    size_m = one.tracked.size_m
+    if size_m is None:
+        return one.half_rad, 0.0
+    return math.atan(max(size_m[:2]) / 2.0 / one.range_m), math.atan(size_m[2] / 2.0 / one.range_m)
+
+
+def _beside(one: VisibleObject, origin_m: Vec3, direction: Vec3) -> tuple[float, float]:
+    """Return the angles to the right and up from the ray to the nearest point of the object, 0 if on it."""
+    if one.tracked.size_m is None:
+        start_m = vector.subtract(
+            vector.subtract(one.center_m, vector.scale(one.along, one.half_m)), origin_m
+        )
+        step_m = vector.scale(one.along, 2.0 * one.half_m)
+        reach = vector.add(start_m, vector.scale(step_m, nearest_in_angle(start_m, step_m, direction)[0]))
+    elif one.outline_m is None:
+        return 0.0, 0.0
+    else:
+        reach = vector.subtract(one.outline_m, origin_m)
+    turned = vector.wrap(vector.azimuth(direction) - vector.azimuth(reach))
+    up = vector.elevation(reach) - vector.elevation(direction)
+    return turned * math.cos(vector.elevation(direction)), up
+
+
+ESTIMATE = SelectionMethod(
+    summary="the object that is probably meant, shown from the first guess, once it is sure",
+    config=EstimateConfig,
+    make=lambda config, _surroundings: EstimateMethod(config),
+    by_angle=True,
+)

@@ -92,12 +92,15 @@ def group_by_priority(
 def shapes_of(
     environment: Environment, kinds: Collection[Kind], clouds: Clouds, grazing_rad: float
 ) -> list[Shape]:
-    """Return the things of `kinds`.
+    """Return the things of `kinds`, and the boxes of those that react.
 
     Raises:
         ValueError: If the map names a cloud that is not among `clouds`.
     """
-    shapes: list[Shape] = []
+    shapes = [
+        Shape(Surface("box", thing.id), BoxSolid(thing.center_m, thing.size_m, thing.yaw_rad))
+        for thing in environment.things
+    ]
     if "strip" in kinds:
         shapes += [Shape(Surface("strip", strip.id), Polyline(strip.line_m)) for strip in environment.strips]
     if "belt" in kinds:

@@ -7,6 +7,7 @@ of theirs, so staying makes the object that is shown more probable. It fires whe
 
 import math
 from collections.abc import Collection
+from typing import NamedTuple
 
 from pydantic import Field
 
@@ -68,18 +69,27 @@ class EstimateConfig(MethodConfig):
     sure: float = Field(default=0.7, ge=0.5, lt=1, description="probability from which an object is selected")
 
 
+class _Angles(NamedTuple):
+    """Angles from a ray to an object, rad: to its nearest point, 0 if the ray is on it, and to its centre."""
+
+    right: float
+    up: float
+    center_right: float
+    center_up: float
+
+
 class EstimateMethod:
     """Method `estimate` for one person."""
 
     def __init__(self, config: EstimateConfig) -> None:
         self._config = config
         self._speed = RaySpeedEstimator(0.15)
-        self._beside: dict[str, tuple[float, float]] = {}
-        """Smoothed angles to the right and up from the ray to each object near it."""
+        self._beside: dict[str, _Angles] = {}
+        """Smoothed angles from the ray to each object near it."""
         self._stamp_ns = 0
         self._shown: str | None = None
         self._shown_ns = 0
-        self._anchor: tuple[float, float] = (0.0, 0.0)
+        self._anchor = _Angles(0.0, 0.0, 0.0, 0.0)
         """Angles to the object that is shown when staying on it began."""
         self._stays_ns = 0
         self._left: dict[str, int | None] = {}
@@ -112,9 +122,9 @@ class EstimateMethod:
         share = 1.0 - math.exp(-elapsed_s / SMOOTHING_S)
         before, self._beside = self._beside, {}
         for one in view.seen:
-            right, up = _beside(one, cursor.origin_m, cursor.direction)
-            was = before.get(one.id, (right, up))
-            self._beside[one.id] = (was[0] + share * (right - was[0]), was[1] + share * (up - was[1]))
+            now = _angles(one, cursor.origin_m, cursor.direction)
+            was = before.get(one.id, now)
+            self._beside[one.id] = _Angles(*[a + share * (b - a) for a, b in zip(was, now, strict=True)])
         probabilities = self._probabilities(view, cursor, now_ns)
         self._choose(view, probabilities, now_ns)
         return self._progress(pointing, view, probabilities, now_ns)
@@ -127,7 +137,7 @@ class EstimateMethod:
         for one in view.seen:
             wide, high = _extent(one)
             area = (2.0 * wide + _FLAT * SIDEWAYS_RAD) * (2.0 * high + _FLAT * UPWARDS_RAD)
-            right, up = self._beside[one.id]
+            right, up, *_ = self._beside[one.id]
             up = up - LOW_RAD if up < 0.0 else max(up - LOW_RAD, 0.0)
             miss = (right / SIDEWAYS_RAD) ** 2 + (up / UPWARDS_RAD) ** 2
             logs[one.id] = math.log(ATTENTION / area) - 0.5 * miss
@@ -155,7 +165,7 @@ class EstimateMethod:
             speed = view.relative_rate(best, rate)
             if speed < FAST_RADPS and probabilities[best] >= SHOWN:
                 self._show(best, now_ns)
-                if math.dist(self._beside[best], self._anchor) > _corrected_rad(view, best):
+                if math.dist(self._beside[best][2:], self._anchor[2:]) > _corrected_rad(view, best):
                     self._stays_ns, self._anchor = now_ns, self._beside[best]
                 return
         self._show(None, now_ns)
@@ -163,7 +173,7 @@ class EstimateMethod:
     def _show(self, object_id: str | None, now_ns: int) -> None:
         if object_id != self._shown:
             self._shown, self._stays_ns = object_id, now_ns
-            self._anchor = self._beside.get(object_id or "", (0.0, 0.0))
+            self._anchor = self._beside.get(object_id or "", self._anchor)
         for name, since_ns in list(self._left.items()):
             if name == object_id:
                 self._left[name] = None
@@ -210,21 +220,28 @@ def _extent(one: VisibleObject) -> tuple[float, float]:
     return math.atan(max(size_m[:2]) / 2.0 / one.range_m), math.atan(size_m[2] / 2.0 / one.range_m)
 
 
-def _beside(one: VisibleObject, origin_m: Vec3, direction: Vec3) -> tuple[float, float]:
-    """Return the angles to the right and up from the ray to the nearest point of the object, 0 if on it."""
+def _angles(one: VisibleObject, origin_m: Vec3, direction: Vec3) -> _Angles:
+    center_m = vector.subtract(one.center_m, origin_m)
+    center = _to(center_m, direction)
     if one.tracked.size_m is None:
-        start_m = vector.subtract(
-            vector.subtract(one.center_m, vector.scale(one.along, one.half_m)), origin_m
-        )
+        start_m = vector.subtract(center_m, vector.scale(one.along, one.half_m))
         step_m = vector.scale(one.along, 2.0 * one.half_m)
-        reach = vector.add(start_m, vector.scale(step_m, nearest_in_angle(start_m, step_m, direction)[0]))
+        nearest = _to(
+            vector.add(start_m, vector.scale(step_m, nearest_in_angle(start_m, step_m, direction)[0])),
+            direction,
+        )
     elif one.outline_m is None:
-        return 0.0, 0.0
+        nearest = (0.0, 0.0)
     else:
-        reach = vector.subtract(one.outline_m, origin_m)
+        nearest = _to(vector.subtract(one.outline_m, origin_m), direction)
+    return _Angles(*nearest, *center)
+
+
+def _to(reach: Vec3, direction: Vec3) -> tuple[float, float]:
+    """Return the angles to the right and up from `direction` to `reach`."""
+    elevation = vector.elevation(direction)
     turned = vector.wrap(vector.azimuth(direction) - vector.azimuth(reach))
-    up = vector.elevation(reach) - vector.elevation(direction)
-    return turned * math.cos(vector.elevation(direction)), up
+    return turned * math.cos(elevation), vector.elevation(reach) - elevation
 
 
 ESTIMATE = SelectionMethod(

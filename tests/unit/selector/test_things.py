@@ -1,0 +1,154 @@
+"""Things of a room: pointing at them judged by method `estimate`; buttons, switches, presses."""
+
+import math
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pointit.geometry import vector
+from pointit.geometry.vector import Vec3
+from pointit.schemas import ButtonEvent, Cursor, Environment, Hover, SelectionEvent, Thing
+from pointit.services.pui.things import TRACKER, listing
+from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.outputs import Output
+from pointit.services.selector.selection_engine import SelectionEngine
+from tests.unit.selector.room import MAP, at, package, packages, pointing
+
+EYES: Vec3 = (0.0, 0.0, 1.6)
+RATE_HZ = 50
+
+
+def thing(name: str, y_m: float = 0.0, **fields: Any) -> Thing:
+    return Thing(**{"id": name, "center_m": (2.6, y_m, 1.4), "size_m": (0.4, 0.4, 0.4)} | fields)
+
+
+class Things:
+    """An engine for a room with things, and people who point at directions."""
+
+    def __init__(self, *things: Thing, **estimate: float) -> None:
+        config = SelectorConfig.model_validate({"method": "estimate", "estimate": estimate})
+        self.engine = SelectionEngine(config, lambda _record: None)
+        self.room = Environment(stamp_ns=0, name="room", things=things)
+        self.time_s = 0.0
+        self.events: list[SelectionEvent] = []
+        self.hover = Hover(stamp_ns=0)
+
+    def point(
+        self, azimuth_deg: float, seconds: float = 2.0, user: str = "anna", *, turning: float = 0.0, **on: Any
+    ) -> list[tuple[str, str]]:
+        """Point to the left by `azimuth_deg`, turning by so many degrees a second. Return what happened."""
+        before = len(self.events)
+        for _ in range(round(seconds * RATE_HZ)):
+            self.time_s += 1.0 / RATE_HZ
+            azimuth_deg += turning / RATE_HZ
+            now_ns = at(self.time_s)
+            self.take(self.engine.on_objects(TRACKER, listing(self.room, now_ns)))
+            ray = vector.direction(math.radians(azimuth_deg), math.radians(-4.4))
+            self.take(
+                self.engine.on_cursor(user, Cursor(stamp_ns=now_ns, origin_m=EYES, direction=ray, **on))
+            )
+            self.take(self.engine.tick(now_ns))
+        return [(event.event, event.object_id) for event in self.events[before:]]
+
+    def press(self, user: str = "anna") -> list[tuple[str, str]]:
+        before = len(self.events)
+        self.take(self.engine.on_button(user, ButtonEvent(stamp_ns=at(self.time_s + 0.1), gesture="press")))
+        return [(event.event, event.object_id) for event in self.events[before:]]
+
+    def take(self, outputs: list[Output]) -> None:
+        for output in outputs:
+            if isinstance(output.message, SelectionEvent):
+                self.events.append(output.message)
+            elif isinstance(output.message, Hover):
+                self.hover = output.message
+
+
+def test_a_button_fires_once_for_each_time_that_somebody_points_at_it() -> None:
+    room = Things(thing("screws"))
+    assert room.point(0.0, 0.9) == []
+    assert room.hover.object_id == "screws"
+    assert room.hover.progress > 0.7
+    assert room.point(0.0, 3.0) == [("selected", "screws"), ("deselected", "screws")]
+    assert 0.59 < (room.events[1].stamp_ns - room.events[0].stamp_ns) / 1e9 < 0.65
+    assert room.events[0].confidence is not None
+    assert room.events[0].confidence > 0.7
+    assert room.point(60.0, 0.5) == []
+    assert room.point(0.0, 3.0, "bert") == [("selected", "screws"), ("deselected", "screws")]
+    undone = room.engine.undo("bert", at(room.time_s))
+    assert [output.message.text for output in undone if hasattr(output.message, "text")] == [
+        "there is nothing to take back"
+    ]
+
+
+def test_a_switch_is_on_until_anybody_switches_it_off() -> None:
+    room = Things(thing("radio", mode="switch"))
+    assert room.point(0.0, 3.0) == [("selected", "radio")]
+    assert room.point(0.0, 3.0, "bert") == [("deselected", "radio")]
+
+
+def test_what_is_claimed_stays_with_who_claimed_it() -> None:
+    room = Things(thing("crate", mode="claim"))
+    assert room.point(0.0, 3.0) == [("selected", "crate")]
+    assert room.point(0.0, 3.0, "bert") == [("refused", "crate")]
+
+
+def test_some_things_want_a_press_too() -> None:
+    room = Things(thing("kettle", press=True))
+    assert room.point(0.0, 3.0) == []
+    assert room.hover.progress == 1.0
+    assert room.press() == [("selected", "kettle")]
+    room = Things(thing("screws"))
+    room.point(0.0, 0.5)
+    assert room.press() == []
+
+
+def test_the_time_on_a_thing_is_its_own() -> None:
+    room = Things(thing("slow", dwell_s=2.5))
+    assert room.point(0.0, 2.4) == []
+    assert room.point(0.0, 0.5) == [("selected", "slow")]
+
+
+@pytest.mark.parametrize("speed_deg_s", [15.0, 30.0, 90.0])
+def test_who_passes_by_fires_nothing(speed_deg_s: float) -> None:
+    room = Things(*[thing(name, y_m) for name, y_m in zip("abc", (-0.7, 0.0, 0.7), strict=True)])
+    assert room.point(-45.0, 90.0 / speed_deg_s, turning=speed_deg_s) == []
+
+
+def test_between_two_things_light_decides() -> None:
+    dark = Things(thing("a", 0.25, size_m=(0.2, 0.2, 0.2)), thing("b", -0.25, size_m=(0.2, 0.2, 0.2)))
+    assert dark.point(0.3, 5.0) == []
+    lit = {"size_m": (0.2, 0.2, 0.2), "lamp": "lamp"}
+    room = Things(thing("a", 0.25, **lit), thing("b", -0.25, **lit))
+    assert room.point(0.3, 3.0)[:1] == [("selected", "a")]
+    assert Things(thing("a", 0.25, **lit), thing("b", -0.25, **lit)).point(40.0, 5.0) == []
+
+
+def test_who_holds_a_point_of_a_strip_means_the_strip() -> None:
+    on_strip: dict[str, Any] = {"surface": "strip", "surface_id": "s", "point_m": (2.6, 0.8, 1.4)}
+    assert Things(thing("a", lamp="lamp")).point(13.0, 6.0, **on_strip) == []
+    assert Things(thing("a", lamp="lamp")).point(8.0, 6.0)[:1] == [("selected", "a")]
+
+
+def test_a_moving_package_is_selected_as_well() -> None:
+    config = SelectorConfig.model_validate({"method": "estimate"})
+    engine = SelectionEngine(config, lambda _record: None)
+    engine.on_map(MAP)
+    found: list[str] = []
+    for index in range(150):
+        time_s = index / RATE_HZ
+        red = package("red", 3.0 + 0.3 * time_s, speed_mps=0.3)
+        engine.on_objects("conveyor", packages(time_s, red, package("far", 9.0)))
+        outputs = engine.on_cursor("anna", pointing(time_s, 3.0 + 0.3 * time_s))
+        found += [each.message.object_id for each in outputs if isinstance(each.message, SelectionEvent)]
+    assert found == ["red"]
+
+
+@given(
+    st.lists(st.tuples(st.floats(-3, 3), st.floats(0.01, 2.0)), min_size=1, max_size=5), st.floats(-60, 60)
+)
+def test_what_is_stated_is_a_probability(boxes: list[tuple[float, float]], azimuth_deg: float) -> None:
+    room = Things(*[thing(f"t{i}", y, size_m=(w, w, w)) for i, (y, w) in enumerate(boxes)])
+    room.point(azimuth_deg, 1.6)
+    assert all(event.confidence is not None and 0.7 <= event.confidence <= 1.0 for event in room.events[:1])

@@ -69,7 +69,7 @@ def test_method_of_a_package_selects_after_its_own_time_or_the_one_that_is_set()
 
 def test_parameters_of_a_package_are_validated_and_ours_have_no_section() -> None:
     for values, sentence in (
-        ({"method": "absent"}, "use one of fraction, gauge, hold, lost, patient"),
+        ({"method": "absent"}, "use one of estimate, fraction, gauge, hold, lost, patient"),
         ({"patient": {"dwell_s": 11}}, "10"),
         ({"hold": {"window_s": 1}}, "Extra inputs"),
     ):

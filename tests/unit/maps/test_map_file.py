@@ -256,7 +256,7 @@ BROKEN = [
     ("planes: {p: {center: [0, 0, 0], normal: [0, 0, 0]}}", "planes.p.normal: |has no direction"),
     ("planes: {p: {center: [0, 0, 0], normal: [0, 0, 1], size: [1, -1]}}", "planes.p.size: write 2 sizes"),
     ("cylinders: {c: {center: [0, 0, 0], radius: -1, height: 1}}", "cylinders.c.radius: |above 0, not -1"),
-    (THINGS.replace("shelf, from: 0.5", "shelv, from: 0.5"), "there is no strip 'shelv'; did you mean shelf?"),
+    (THINGS.replace("shelf, from: 0.5", "shelv, from: 0.5"), "no strip 'shelv'; did you mean shelf?"),
     (THINGS.replace("light: lamp", "light: lamb"), "things.radio.light: there is no lamp 'lamb'|lamp"),
     (THINGS.replace("to: 3", "to: 5"), "things.corner.light: goes from 1.5 to 5 m and strip shelf"),
     (THINGS.replace("from: 1.5", "from: 3"), "things.corner.light: goes from 3 to 3 m"),

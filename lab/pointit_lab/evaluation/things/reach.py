@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
@@ -21,17 +22,25 @@ HALFWAY = 0.6
 POSE_RAD = (math.radians(1.5), math.radians(0.7))
 """Standard deviation of the error of the pose at the eyes: sideways by yaw and place, upwards by place."""
 
-Angles = tuple[float, float]
+Vector = NDArray[np.float64]
 
 
 class Reach:
     """Azimuth and elevation of the ray of one person, who begins somewhere and reaches for a target."""
 
-    def __init__(self, eyes_m: Vec3, targets_m: dict[str, Vec3], goal: str, rng: np.random.Generator) -> None:
+    def __init__(
+        self,
+        eyes_m: Vec3,
+        targets_m: dict[str, Vec3],
+        goal: str,
+        rng: np.random.Generator,
+        begin: "Reach | None" = None,
+    ) -> None:
+        """Begin where the reach `begin` ended, or with the arm low somewhere before the person."""
         self._rng = rng
         self._aim = AimConfig()
         self._arm = ArmConfig()
-        self._errors = OpenLoopError(self._aim, 0.0, rng)
+        self.errors: OpenLoopError = OpenLoopError(self._aim, 0.0, rng) if begin is None else begin.errors
         self._pose = np.array([rng.normal(0.0, sigma) for sigma in POSE_RAD])
         self._at = {name: _angles(vector.subtract(at_m, eyes_m)) for name, at_m in targets_m.items()}
         self._goal = goal
@@ -40,13 +49,15 @@ class Reach:
         self._hold = self._hold * math.exp(rng.normal(0.0, self._arm.hold_spread))
         self._noise = np.zeros(2)
         self._tries = 0
-        self._now = np.radians([rng.uniform(-30.0, 30.0), rng.uniform(-40.0, -20.0)])
-        amplitude = float(np.linalg.norm(self._at[goal] - self._now))
-        self._errors.draw(amplitude)
+        low = np.radians([rng.uniform(-30.0, 30.0), rng.uniform(-40.0, -20.0)])
+        self.now: Vector = low if begin is None else begin.now
+        amplitude = float(np.linalg.norm(self._at[goal] - self.now))
+        self.errors.draw(amplitude)
         took_s = self._arm.reach_base_s + self._arm.reach_per_bit_s * math.log2(
             amplitude / math.radians(self._arm.reach_width_deg) + 1.0
         )
         took_s *= math.exp(rng.normal(0.0, self._arm.reach_spread)) * self._arm.reach_with_cursor
+        self.took_s = took_s
         self._move(0.0, took_s)
         self._look_s = self._lit_s = took_s + self._aim.reaction_s
         self._shown: list[tuple[float, str | None]] = []
@@ -62,8 +73,8 @@ class Reach:
         keep = math.exp(-1.0 / RATE_HZ / self._arm.hold_correlation_s)
         step = self._hold * math.sqrt(1.0 - keep * keep)
         self._noise = keep * self._noise + step * self._rng.standard_normal(2)
-        self._now = self._from + (self._to - self._from) * done + self._noise
-        return vector.direction(float(self._now[0]), float(self._now[1]))
+        self.now = self._from + (self._to - self._from) * done + self._noise
+        return vector.direction(float(self.now[0]), float(self.now[1]))
 
     def correct(self, time_s: float) -> None:
         """Move on if the light that was seen a moment ago is not that of the goal."""
@@ -89,9 +100,9 @@ class Reach:
         self._look_s = self._lit_s = time_s + self._aim.correction_s + self._aim.correction_period_s
 
     def _move(self, time_s: float, took_s: float) -> None:
-        self._from, self._from_s, self._took_s = self._now - self._noise, time_s, took_s
-        self._to = self._at[self._goal] + self._errors.now_rad + self._pose + self._corrected
+        self._from, self._from_s, self._took_s = self.now - self._noise, time_s, took_s
+        self._to = self._at[self._goal] + self.errors.now_rad + self._pose + self._corrected
 
 
-def _angles(sight: Vec3) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def _angles(sight: Vec3) -> Vector:
     return np.array([vector.azimuth(sight), vector.elevation(sight)])

@@ -1,14 +1,18 @@
 """Reaches for things in rooms: how often the right one fires, a wrong one, or none, and how soon."""
 
 import math
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy.stats import binomtest
 
+from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
-from pointit.schemas import NS_PER_S, Cursor, Environment, Hover, SelectionEvent, Thing
+from pointit.schemas import NS_PER_S, Cursor, Environment, Hover, SelectionEvent, Strip, Thing
+from pointit.services.pui.surfaces import Surfaces
 from pointit.services.pui.things import PERIOD_S, TRACKER, listing
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.selection_engine import SelectionEngine
@@ -18,6 +22,11 @@ EYES_M: Vec3 = (0.0, 0.0, 1.64)
 LIMIT_S = 8.0
 """Time after which a reach counts as nothing."""
 PERSON = "person"
+Elsewhere = Literal["strip", "nothing"]
+HOLDS_S: dict[Elsewhere, tuple[float, float]] = {"strip": (2.0, 6.0), "nothing": (1.0, 4.0)}
+"""Times for which people hold what is no thing."""
+BESIDE_RAD = math.radians(20.0)
+"""Angle from the middle of every thing beyond which a point is nothing: people err by up to 10 degrees."""
 START_NS = 1_000 * NS_PER_S
 
 
@@ -69,6 +78,56 @@ class Result:
     confidence: float | None
 
 
+@dataclass(frozen=True)
+class Share:
+    """How often reaches ended in one way, with its 95 % interval (Wilson)."""
+
+    count: int
+    of: int
+
+    @property
+    def value(self) -> float:
+        """Return the share."""
+        return self.count / self.of
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Return the bounds of the interval."""
+        found = binomtest(self.count, self.of).proportion_ci(method="wilson")
+        return float(found.low), float(found.high)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReachRow:
+    """All reaches of a row."""
+
+    name: str
+    right: Share
+    wrong: Share
+    nothing: Share
+    median_s: float
+    p90_s: float
+    stated: float
+    """Mean probability stated of what fired."""
+
+
+def row_of(row: Row, results: Sequence[Result]) -> ReachRow:
+    """Return how often the right thing fired, a wrong one or none."""
+    ends = Counter(result.end for result in results)
+    took_s = [result.took_s for result in results if result.end == "right"] or [math.nan]
+    stated = [result.confidence for result in results if result.confidence is not None] or [math.nan]
+    right, wrong, nothing = (Share(ends[end], len(results)) for end in ("right", "wrong", "nothing"))
+    return ReachRow(
+        name=row.name,
+        right=right,
+        wrong=wrong,
+        nothing=nothing,
+        median_s=float(np.median(took_s)),
+        p90_s=float(np.percentile(took_s, 90)),
+        stated=float(np.mean(stated)),
+    )
+
+
 def reach(row: Row, config: SelectorConfig, seed: int) -> Result:
     """Return the result of one person's reach for one thing of `row`."""
     rng = np.random.default_rng([seed, row.count])
@@ -93,6 +152,63 @@ def reach(row: Row, config: SelectorConfig, seed: int) -> Result:
                 end: Literal["right", "wrong"] = "right" if output.message.object_id == goal else "wrong"
                 return Result(end, time_s, output.message.confidence)
     return Result("nothing", LIMIT_S, None)
+
+
+def strays(kind: Elsewhere, config: SelectorConfig, seed: int, minutes: float = 30.0) -> int:
+    """Return how often things fire for a person who points elsewhere: at a strip below, or at nothing."""
+    rng = np.random.default_rng([seed, 7])
+    row = ROWS[0]
+    strip = Strip(id="below", line_m=((row.away_m, 1.5, 0.9), (row.away_m, -1.5, 0.9)), pixels=180)
+    environment = row.environment().model_copy(update={"strips": (strip,)})
+    surfaces = Surfaces(environment)
+    engine = SelectionEngine(config, lambda _record: None)
+    engine.on_map(environment)
+    fired, begun_s, listed_s, arm = 0, 0.0, -math.inf, None
+    while begun_s < minutes * 60.0:
+        arm = Reach(EYES_M, {"point": _elsewhere(kind, row, rng)}, "point", rng, arm)
+        holds_s = arm.took_s + float(rng.uniform(*HOLDS_S[kind]))
+        for index in range(round(holds_s * RATE_HZ)):
+            time_s = begun_s + index / RATE_HZ
+            now_ns = START_NS + round(time_s * NS_PER_S)
+            if time_s - listed_s >= PERIOD_S:
+                engine.on_objects(TRACKER, listing(environment, now_ns))
+                listed_s = time_s
+                engine.tick(now_ns)
+            outputs = engine.on_cursor(PERSON, _cursor(surfaces, arm.direction(index / RATE_HZ), now_ns))
+            fired += sum(isinstance(each.message, SelectionEvent) for each in outputs)
+        begun_s += round(holds_s * RATE_HZ) / RATE_HZ
+    return fired
+
+
+def _elsewhere(kind: Elsewhere, row: Row, rng: np.random.Generator) -> Vec3:
+    """Return a point of the strip, or one beside all things by more than people err."""
+    if kind == "strip":
+        return (row.away_m, float(rng.uniform(-1.5, 1.5)), 0.9)
+    while True:
+        azimuth, elevation = (math.radians(rng.uniform(-most, most)) for most in (40.0, 30.0))
+        point_m = vector.add(EYES_M, vector.scale(vector.direction(azimuth, elevation), row.away_m))
+        away = (vector.subtract(thing.center_m, EYES_M) for thing in row.environment().things)
+        if all(vector.angle_between(reach, vector.subtract(point_m, EYES_M)) > BESIDE_RAD for reach in away):
+            return point_m
+
+
+def _cursor(surfaces: Surfaces, direction: Vec3, now_ns: int) -> Cursor:
+    met = surfaces.hit_test(EYES_M, direction)
+    if met is None or met[0].kind != "strip":
+        return Cursor(stamp_ns=now_ns, origin_m=EYES_M, direction=direction)
+    surface, hit = met
+    return Cursor(
+        stamp_ns=now_ns,
+        surface="strip",
+        surface_id=surface.id,
+        point_m=hit.point_m,
+        position_m=hit.position_m,
+        miss_m=hit.miss_m,
+        miss_rad=hit.miss_rad,
+        range_m=hit.range_m,
+        origin_m=EYES_M,
+        direction=direction,
+    )
 
 
 def _times() -> Iterator[float]:

@@ -39,12 +39,13 @@ ON_LIGHT = 0.1 / math.radians(60.0)
 """The same along a strip or belt, across which a ray misses as beside an object, 1/rad."""
 RESTING_PER_S = 1.0
 """Rate at which a steady arm speaks against pointing at nothing, nats/s, up to `RESTING`."""
-RESTING = 2.5
+RESTING = 1.5
 SEEN_AFTER_S = 0.45
 """Time from light to hand: a person who sees that the wrong object is shown has begun to correct that."""
 SEEN_PER_S = 2.5
 """Rate at which staying speaks for the object whose light shows that it is pointed at, nats/s."""
-SEEN = 4.0
+SEEN = 1.5
+"""Limit of that: who points far beside what is shown may not look at it."""
 SMOOTHING_S = 0.12
 """Time constant of the angles to objects, which averages tremor out."""
 FAST_RADPS = math.radians(40.0)
@@ -132,6 +133,7 @@ class EstimateMethod:
     def _probabilities(self, view: View, cursor: Cursor, now_ns: int) -> dict[str, float]:
         """Return the probability of each object near the ray. The rest is that of none."""
         stayed_s = (now_ns - self._stays_ns) / NS_PER_S if self._shown is not None else 0.0
+        accepted = min(SEEN_PER_S * max(stayed_s - SEEN_AFTER_S, 0.0), SEEN)
         logs: dict[str, float] = {}
         lines: set[tuple[str, str]] = set()
         for one in view.seen:
@@ -142,12 +144,13 @@ class EstimateMethod:
             miss = (right / SIDEWAYS_RAD) ** 2 + (up / UPWARDS_RAD) ** 2
             logs[one.id] = math.log(ATTENTION / area) - 0.5 * miss
             if one.id == self._shown and one.tracked.lit:
-                logs[one.id] += min(SEEN_PER_S * max(stayed_s - SEEN_AFTER_S, 0.0), SEEN)
+                logs[one.id] += accepted
             if one.place is not None:
                 lines.add((one.place.surface, one.place.surface_id))
         none = math.log(AIMLESS) - min(RESTING_PER_S * stayed_s, RESTING)
         if cursor.surface in LINES and (cursor.surface, cursor.surface_id) not in lines:
             across = math.log(ON_LIGHT / (_FLAT * UPWARDS_RAD)) - 0.5 * (cursor.miss_rad / UPWARDS_RAD) ** 2
+            across += accepted  # they see the cursor there, too
             none = max(none, across) + math.log1p(math.exp(-abs(none - across)))
         highest = max(none, *logs.values()) if logs else none
         weights = {name: math.exp(log - highest) for name, log in logs.items()}

@@ -1,5 +1,6 @@
 """Lights of things: single lamps and parts of strips that show who points at a thing and who selected it."""
 
+import functools
 import itertools
 from typing import Any
 
@@ -114,7 +115,7 @@ def test_hover_of_a_person_who_falls_silent_ends_also_while_others_localize() ->
 
 def test_lamp_of_a_thing_flashes_three_times_a_second_at_most() -> None:
     shining = lights()
-    shown: list[Color] = []
+    shown = [DARK]
     for step in range(50):
         shining.things.on_hover("anna", hover(1.0, "" if step % 2 else "radio"), NOW_NS + step * 20 * MS)
         shown.append(shining.lamps.colors(NOW_NS + step * 20 * MS)["lamp"])
@@ -123,6 +124,10 @@ def test_lamp_of_a_thing_flashes_three_times_a_second_at_most() -> None:
 
 async def test_driver_updates_a_lamp_when_a_hover_begins_grows_ends_and_when_its_thing_is_selected() -> None:
     clock, told = ManualClock(), list[Color]()
+
+    def is_last(color: Color) -> bool:
+        return told[-1:] == [color]
+
     async with memory_bench(clock) as bench:
         bench.bus.subscribe(
             at.LAMP_COLOR, lambda news, lamp: told.append(news.color) if lamp == "lamp" else None
@@ -137,7 +142,7 @@ async def test_driver_updates_a_lamp_when_a_hover_begins_grows_ends_and_when_its
             (hover(0.0), (60, 30, 0)),
         ):
             bench.put(at.HOVER, message, "anna")
-            await until(lambda wanted=color: told[-1:] == [wanted])
+            await until(functools.partial(is_last, color))
         bench.put(at.SELECTION, selection(("radio", "anna")))
         await until(lambda: told[-1] == ANNA)
         bench.put(at.PROFILE, UserProfile(stamp_ns=1, cursor_color=GREEN), "anna")

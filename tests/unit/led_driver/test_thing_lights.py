@@ -78,11 +78,19 @@ def test_lamp_shows_its_set_colour_then_a_growing_level_of_the_hovering_person_t
     assert shining.lamps.colors(NOW_NS)["lamp"] == (60, 30, 0)
     assert shining.things.set_selection(selection(("radio", "ben")))
     assert not shining.things.set_selection(selection(("radio", "ben"), ("a package", "anna")))
-    shining.on_map(ROOM)  # forgets who hovers, not who has selected
     assert shining.lamps.colors(NOW_NS)["lamp"] == BEN
     assert shining.lamps.colors(NOW_NS + 60 * NS_PER_S)["lamp"] == BEN  # a switch stays on
     assert shining.things.set_selection(selection())
     assert shining.lamps.colors(NOW_NS + 60 * NS_PER_S)["lamp"] == GREEN
+
+
+def test_new_map_shows_what_was_selected_before_it_came() -> None:
+    shining = lights()
+    shining.on_map(ROOM.model_copy(update={"things": ()}))
+    shining.things.set_selection(selection(("radio", "ben")))
+    assert shining.lamps.colors(NOW_NS)["lamp"] == DARK
+    shining.on_map(ROOM)
+    assert shining.lamps.colors(NOW_NS)["lamp"] == BEN
 
 
 def test_changes_of_level_below_a_twentieth_are_not_shown() -> None:
@@ -132,7 +140,7 @@ async def test_driver_updates_a_lamp_when_a_hover_begins_grows_ends_and_when_its
         bench.bus.subscribe(
             at.LAMP_COLOR, lambda news, lamp: told.append(news.color) if lamp == "lamp" else None
         )
-        await started(bench, FAST)
+        await started(bench, FAST.model_copy(update={"cursor_timeout_s": 60.0}))  # no expiry helps
         bench.put(at.MAP, ROOM)
         bench.put(at.PROFILE, UserProfile(stamp_ns=1, cursor_color=ANNA), "anna")
         for message, color in (

@@ -17,24 +17,18 @@ Change = Literal["none", "level", "lamps"]
 
 
 class _Hovered(NamedTuple):
-    """The lamp of the thing at which a person points."""
+    """The lamp of the thing at which a person points, and its brightness as last shown."""
 
     heard_ns: int
     lamp: str
     level: float
-    """Brightness as last shown."""
 
 
 class ThingLamps:
     """Colours of the lamps of things that are hovered or selected. Pure."""
 
     def __init__(self, color_of: Callable[[str], Rgb], timeout_ns: int) -> None:
-        """Create without things.
-
-        Args:
-            color_of: returns the colour of a person.
-            timeout_ns: age at which a hover has ended.
-        """
+        """Create without things. `color_of`: a person's colour. `timeout_ns`: age at which a hover has ended."""
         self._color_of = color_of
         self._timeout_ns = timeout_ns
         self.lamps: dict[str, str] = {}

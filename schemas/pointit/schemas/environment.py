@@ -144,17 +144,13 @@ DwellS = Annotated[
 ]
 
 
-class Thing(SchemaModel):
+class Thing(Box):
     """A place in the room that reacts when somebody points at it: a box, with a light if it has one.
 
     `pui` lists all things of the map as tracked objects of the tracker `things`, by which they are selected.
     """
 
-    id: Name
     label: Annotated[Id, Field(description="its name in messages to people; if empty, the id")] = ""
-    center_m: Vec3
-    size_m: Annotated[tuple[Size, Size, Size], Field(description="along its own x, y and z")]
-    yaw_rad: Annotated[Real, Field(description="of its x axis in {W}")] = 0.0
     mode: ThingMode = "button"
     press: Annotated[bool, Field(description="pointing at it is not enough: the person presses, too")] = False
     dwell_s: DwellS = None

@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import functools
 import weakref
-from collections.abc import AsyncGenerator, Awaitable, Callable
+from collections.abc import AsyncGenerator, Awaitable, Callable, Collection, Coroutine
 from operator import itemgetter
 from typing import Any, Literal, Self, TypeVar
 
@@ -13,12 +13,13 @@ from pointit.api.feed import Feed, PresentNames, ReceiveBuffer
 from pointit.api.latest import Latest
 from pointit.api.loop_thread import closed_error
 from pointit.api.press import press
+from pointit.api.reactions import F, check_things, is_reaction, react
 from pointit.api.requests import Lamp
 from pointit.api.tracker import Tracker
 from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S, Closable, Subscription
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import Clock
-from pointit.runtime.errors import AccessDeniedError
+from pointit.runtime.errors import AccessDeniedError, PointItError
 from pointit.schemas import (
     AddPackageReply,
     Cursor,
@@ -153,6 +154,39 @@ class Site:
         check_name(user, "user")
         return self._feed(topics.SELECTION_EVENTS, "", lambda event: event.user == user)
 
+    def pointed(self, *things: str) -> Feed[SelectionEvent]:
+        """Return an iterator over what people did by pointing at things of the map, all without names.
+
+        `object_id` is the thing. Its event is `selected`, and `deselected` when a switch goes off.
+
+        Raises, in the loop:
+            ConfigError: If the map has no such thing.
+        """
+        newest = self.latest.map
+        newest.get("")  # received from now on
+        return self._feed(
+            topics.SELECTION_EVENTS,
+            "",
+            lambda event: is_reaction(event, things, newest.get("")),
+            self._check_things(things) if things else None,
+        )
+
+    def on_pointed(self, *things: str) -> Callable[[F], F]:
+        """Return a decorator: call the function with each event of `pointed(*things)`.
+
+        A plain function is called in a thread, so that it may take its time; at most 8 calls run at once. One
+        that fails is logged.
+        """
+
+        def register(function: F) -> F:
+            self._bus.spawn(react(self.pointed(*things), function), f"reactions to {', '.join(things)}")
+            return function
+
+        return register
+
+    async def _check_things(self, things: Collection[str]) -> None:
+        check_things(things, await self.latest.map.wait())
+
     def people(self) -> Feed[frozenset[str]]:
         """Return an iterator over the people who are present: now, and after each change."""
         return self._presence(topics.USER_ALIVE)
@@ -252,7 +286,14 @@ class Site:
         buffer.put(present.names, "")
         return Feed(buffer, itemgetter(1), self._speed)
 
-    def _feed(self, topic: Topic[M], name: str, fits: Callable[[M], bool] | None) -> Feed[M]:
+    def _feed(
+        self,
+        topic: Topic[M],
+        name: str,
+        fits: Callable[[M], bool] | None,
+        check: Coroutine[Any, Any, None] | None = None,
+    ) -> Feed[M]:
+        """Return the messages that fit. If `check` fails, they end with its error."""
         self._check_open()
         buffer = ReceiveBuffer[M](topic.delivery, one_writer=name != ANY)
         reference = weakref.ref(buffer)
@@ -267,9 +308,18 @@ class Site:
         subscription: Subscription = self._bus.subscribe(topic, on_message, name or ANY)
         buffer.source = subscription
         self._buffers.add(buffer)
+        if check is not None:
+            self._bus.spawn(self._end_unless(check, buffer), f"check of {topic.key}")
         if self._bus.is_restricted:
             self._bus.spawn(self._check_access(buffer, topic, name), f"access to {topic.key}")
         return Feed(buffer, itemgetter(1), self._speed)
+
+    @staticmethod
+    async def _end_unless(check: Coroutine[Any, Any, None], buffer: ReceiveBuffer[Any]) -> None:
+        try:
+            await check
+        except PointItError as error:
+            buffer.close(error)
 
     async def _check_access(self, buffer: ReceiveBuffer[Any], topic: Topic[Any], name: str) -> None:
         if denied := await self._bus.denial_reason("reads", topic, name):

@@ -17,6 +17,7 @@ from pointit.api import requests
 from pointit.api.feed import Feed
 from pointit.api.latest import PATIENCE_S, Latest, Newest
 from pointit.api.loop_thread import LoopThread
+from pointit.api.reactions import F, check_things
 from pointit.api.requests import Lamp
 from pointit.api.site import Site
 from pointit.api.tracker import Tracker
@@ -196,12 +197,23 @@ class SyncSite:
     objects = _iterating(Site.objects)
     health = _iterating(Site.health)
     selections = _iterating(Site.selections)
+    pointed = _iterating(Site.pointed)
     people = _iterating(Site.people)
     services = _iterating(Site.services)
     messages = _iterating(Site.messages)
     sleep = _waiting(Site.sleep)
     call = _waiting(Site.call)
     press = _waiting(Site.press)
+
+    def on_pointed(self, *things: str) -> Callable[[F], F]:
+        """Return a decorator: call the function with each event of `pointed(*things)`; see `Site.on_pointed`.
+
+        Raises:
+            ConfigError: If the map has no such thing.
+        """
+        if things:
+            check_things(things, self.latest.map.value)
+        return lambda function: self._thread.call(lambda: self._site.on_pointed(*things)(function))
 
     def tracker(
         self, name: str, *, frame: str = "", latency_s: float = 0.0, latency_sigma_s: float | None = None

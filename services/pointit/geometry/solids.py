@@ -76,7 +76,7 @@ class BoxSolid:
             return None
         return first if first >= 0.0 else last
 
-    def closest_approach(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3 | None:
+    def closest_approach(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3:
         """Return the closest point to a ray that does not intersect it."""
         own, ahead = self._own(origin_m), vector.rotate_z(direction, -self._yaw)
         found = nearest_on_edges(self._edges, own, ahead, measure)

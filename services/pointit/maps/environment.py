@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from pointit.geometry.vector import Vec3
 from pointit.maps.lanes import enters_at, lanes_of, leaves_at
 from pointit.maps.model import MapFile
+from pointit.maps.things import things_of
 from pointit.schemas import Environment
 from pointit.schemas.environment import (
     Bay,
@@ -28,7 +29,7 @@ from pointit.schemas.environment import (
 def environment(
     file: MapFile, clouds: Mapping[str, NDArray[np.float64]], *, name: str, stamp_ns: int
 ) -> Environment:
-    """Return the message of `file`, whose links and bays are valid; `clouds` are in {W}, n x 3."""
+    """Return the message of `file`, whose links, bays and things are valid; `clouds` are in {W}, n x 3."""
     return Environment(
         stamp_ns=stamp_ns,
         name=name,
@@ -74,6 +75,7 @@ def environment(
             Fence(id=key, kind=each.kind, outline_m=each.outline, low_m=each.low, high_m=each.high)
             for key, each in file.fences.items()
         ),
+        things=things_of(file),
     )
 
 

@@ -16,6 +16,7 @@ from pointit.maps.cloud_file import read_cloud
 from pointit.maps.environment import environment
 from pointit.maps.lanes import broken_references
 from pointit.maps.model import ENTRIES, CloudEntry, MapFile
+from pointit.maps.things import broken_things
 from pointit.runtime.config.similar_names import did_you_mean
 from pointit.runtime.config.validation_message import (
     field_names,
@@ -110,7 +111,7 @@ def read_whole_map(path: Path, stamp_ns: int) -> tuple[MapFile, Environment, Clo
         ConfigError: If it is invalid. One sentence with file, key, value and remedy.
     """
     file = read_map_file(path)
-    broken = list(broken_references(file))
+    broken = [*broken_references(file), *broken_things(file)]
     if broken:
         raise MapError(path, broken)
     clouds = read_clouds(path, file)
@@ -262,6 +263,7 @@ def contents(file: MapFile, clouds: Mapping[str, NDArray[np.float64]]) -> str:
         (len(clouds), "cloud", _with(sum(len(points) for points in clouds.values()), "point")),
         (len(file.fences), "fence", ""),
         (len(file.frames), "frame", ""),
+        (len(file.things), "thing", ""),
     )
     plural = {"box": "boxes"}
     return ", ".join(

@@ -1,7 +1,8 @@
 """Content of a map file: the sections of the ROS toolkit, with additions. {W}, metres, z up."""
 
 import math
-from typing import Annotated, Literal, Self, cast
+from collections.abc import Mapping
+from typing import Annotated, Literal, Self, cast, get_args
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
@@ -12,9 +13,11 @@ from pointit.geometry.rotation import normalized as normalized_quaternion
 from pointit.geometry.vector import Vec3, norm, normalized
 from pointit.runtime.config.validation_message import format_value
 from pointit.schemas import FARTHEST
+from pointit.schemas.environment import ThingMode
 
 MAX_PIXELS = 4096
 LEAST_AREA_M2 = 1e-4
+MODES: tuple[str, ...] = get_args(ThingMode)
 
 
 def _number(value: object) -> float:
@@ -263,6 +266,75 @@ class CloudEntry(_Entry):
     position: _Point = (0.0, 0.0, 0.0)
 
 
+def _mode(value: object) -> str:
+    if value not in MODES:
+        raise ValueError(f"write {', '.join(MODES[:-1])} or {MODES[-1]}, not {format_value(value)}")
+    return str(value)
+
+
+def _light(value: object) -> object:
+    if isinstance(value, Mapping):
+        part = cast("Mapping[object, object]", value)
+        if set(part) == {"strip", "from", "to"}:
+            return {**part, "strip": str(part["strip"])}
+    elif isinstance(value, str | int) and not isinstance(value, bool):
+        return str(value)
+    raise ValueError(
+        "write the name of a lamp, or a part of a strip as {strip: NAME, from: METRES, to: METRES}, "
+        f"not {format_value(value)}"
+    )
+
+
+def _dwell(value: object) -> float:
+    try:
+        seconds = _number(value)
+    except (ValueError, TypeError):
+        seconds = 0.0
+    if not 0.1 <= seconds <= 10.0:
+        raise ValueError(f"write a number of seconds from 0.1 to 10, not {format_value(value)}")
+    return seconds
+
+
+def _label(value: object) -> str:
+    if not isinstance(value, str) or not 0 < len(value) <= 64 or not value.isprintable():
+        raise ValueError(f"write a name of at most 64 letters for people, not {format_value(value)}")
+    return value
+
+
+class PartEntry(_Entry):
+    """A part of a strip, arc lengths from its first point."""
+
+    strip: str
+    start: Annotated[float, BeforeValidator(lambda value: _finite(value, "metres")), Field(alias="from")]
+    end: Annotated[float, BeforeValidator(lambda value: _finite(value, "metres")), Field(alias="to")]
+
+
+class ThingEntry(_Entry):
+    """Something that reacts when people point at it. Without `center` it is where its light is."""
+
+    center: _Point | None = None
+    size: Annotated[Vec3, BeforeValidator(lambda value: _sizes(value, 3))] | None = None
+    yaw_deg: _Degrees = 0.0
+    light: Annotated[str | PartEntry, BeforeValidator(_light)] | None = None
+    mode: Annotated[ThingMode, BeforeValidator(_mode)] = "button"
+    press: bool = False
+    dwell_s: Annotated[float, BeforeValidator(_dwell)] | None = None
+    label: Annotated[str, BeforeValidator(_label)] = ""
+
+    @property
+    def yaw_rad(self) -> float:
+        """Return the azimuth of its x axis."""
+        return math.radians(self.yaw_deg)
+
+    @model_validator(mode="after")
+    def _is_somewhere(self) -> Self:
+        if self.center is None and self.light is None:
+            raise ValueError("is nowhere; give its center and size, or a light")
+        if self.center is not None and self.size is None:
+            raise ValueError("has no size; add it, three sizes in metres")
+        return self
+
+
 class FenceEntry(_Entry):
     """A volume for robots, upright over `outline`; without `low` or `high` it has no end there."""
 
@@ -293,6 +365,7 @@ class MapFile(_Entry):
     spheres: dict[_Name, SphereEntry] = {}
     clouds: dict[_Name, CloudEntry] = {}
     fences: dict[_Name, FenceEntry] = {}
+    things: dict[_Name, ThingEntry] = {}
 
 
 ENTRIES: dict[str, type[BaseModel]] = {
@@ -307,5 +380,6 @@ ENTRIES: dict[str, type[BaseModel]] = {
     "spheres": SphereEntry,
     "clouds": CloudEntry,
     "fences": FenceEntry,
+    "things": ThingEntry,
 }
 """Models of the entries of each section. `bays` are plain names."""

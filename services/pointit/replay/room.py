@@ -9,7 +9,7 @@ import yaml
 
 from pointit.maps.file import shipped_maps
 from pointit.replay.levels import ReplayError
-from pointit.schemas import Environment
+from pointit.schemas import Environment, Thing
 
 MAX_NAME = 64
 """Characters of a name that are used, at most."""
@@ -99,11 +99,29 @@ def _sections(room: Environment) -> dict[str, Any]:
             | ({} if each.high_m is None else {"high": each.high_m})
             for each in room.fences
         },
+        "things": {each.id: _thing(each) for each in room.things},
     }
     for link in sections["links"]:
         if link["from_position"] is None:
             del link["from_position"]
     return {name: entries for name, entries in sections.items() if entries}
+
+
+def _thing(thing: Thing) -> dict[str, object]:
+    entry: dict[str, object] = {
+        "center": list(thing.center_m),
+        "size": list(thing.size_m),
+        "yaw_deg": math.degrees(thing.yaw_rad),
+        "mode": thing.mode,
+        "press": thing.press,
+    }
+    if thing.strip:
+        entry["light"] = {"strip": thing.strip, "from": thing.part_m[0], "to": thing.part_m[1]}
+    elif thing.lamp:
+        entry["light"] = thing.lamp
+    if thing.dwell_s is not None:
+        entry["dwell_s"] = thing.dwell_s
+    return entry | ({"label": thing.label} if thing.label else {})
 
 
 def _line(line: tuple[tuple[float, float, float], ...]) -> list[list[float]]:

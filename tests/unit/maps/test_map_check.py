@@ -260,6 +260,32 @@ def test_belts_that_are_far_apart_are_not_measured_against_each_other(
 GUIDE = (Path(__file__).parents[3] / "docs/reference/maps.md").read_text(encoding="utf-8")
 
 
+SHELF = """
+leds: {a: {position: [0, 3, 1]}, b: {position: [3, 3, 2]}}
+things:
+  t1: {center: [2.6, 0.2, 1.4], size: [0.3, 0.3, 0.3], light: a}
+  t2: {center: [2.6, -0.2, 1.4], size: [0.3, 0.3, 0.3], light: a, label: t1}
+  t3: {center: [2.6, 0.2, 1.4], size: [1, 0.1, 1]}
+  t4: {center: [0, -3, -1], size: [1, 1, 1]}
+"""
+
+
+def test_things_that_hide_or_confuse_each_other_are_named(tmp_path: Path) -> None:
+    assert [(each.severity, each.where, each.text.partition(";")[0]) for each in found(tmp_path, SHELF)] == [
+        ("error", "things.t4", "ends 0.5 m below the floor"),
+        ("warning", "things.t2", "has the light of t1"),
+        ("warning", "things.t2", "is called as t1 is"),
+        ("warning", "things.t1", "lies in t3"),
+        ("warning", "things.t3", "lies in t1"),
+    ]
+    confused = [each for each in found(tmp_path, SHELF, (0.0, 0.0)) if "from there" in each.text]
+    assert [(each.where, each.text.partition(" from")[0]) for each in confused] == [
+        ("things.t1", "is 0° beside t3"),
+        ("things.t1", "is 2° beside t2"),
+        ("things.t2", "is 4° beside t3"),
+    ]
+
+
 def test_the_guides_example_is_in_order(tmp_path: Path) -> None:
     (tmp_path / "shelf.ply").write_text(
         "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"

@@ -47,6 +47,15 @@ spheres:
   globe: {center: [0, 1, 1], radius: 0.25}
 """
 
+THINGS = """
+leds: {lamp: {position: [0, 3, 1]}}
+strips: {shelf: {line: [[0, 0, 1], [2, 0, 1], [2, 2, 1]], pixels: 60}}
+things:
+  box: {center: [1, 2, 1], size: [0.4, 0.3, 0.2], yaw_deg: 90, light: {strip: shelf, from: 0.5, to: 1}}
+  corner: {light: {strip: shelf, from: 1.5, to: 3}, label: the corner, dwell_s: 2}
+  radio: {light: lamp, mode: switch, press: true}
+"""
+
 FENCE = "fences: {f: {kind: keep_in, outline: [[0, 0], [1, 0], [0, 1]]}}"
 
 
@@ -78,6 +87,17 @@ def test_every_part_of_a_map_is_read(tmp_path: Path) -> None:
     ]
     assert [(link.source, link.target) for link in read.links] == [("main", "side")]
     assert decode(Environment, encode(read)) == read
+
+
+def test_things_are_where_they_or_their_lights_are(tmp_path: Path) -> None:
+    box, corner, radio = loaded(write(tmp_path, THINGS), 0).things
+    assert (box.center_m, box.size_m, box.yaw_rad) == ((1, 2, 1), (0.4, 0.3, 0.2), math.pi / 2)
+    assert (box.strip, box.part_m, box.lamp, box.mode) == ("shelf", (0.5, 1.0), "", "button")
+    assert corner.center_m == pytest.approx((1.75, 0.5, 1.0))  # from (1.5, 0) by (2, 0) to (2, 1)
+    assert corner.size_m == pytest.approx((0.5, 1.0, 0.1))
+    assert (corner.label, corner.dwell_s) == ("the corner", 2.0)
+    assert (radio.center_m, radio.size_m, radio.lamp) == ((0, 3, 1), (0.2, 0.2, 0.2), "lamp")
+    assert (radio.mode, radio.press, radio.dwell_s) == ("switch", True, None)
 
 
 def test_solids_are_read(tmp_path: Path) -> None:
@@ -236,6 +256,24 @@ BROKEN = [
     ("planes: {p: {center: [0, 0, 0], normal: [0, 0, 0]}}", "planes.p.normal: |has no direction"),
     ("planes: {p: {center: [0, 0, 0], normal: [0, 0, 1], size: [1, -1]}}", "planes.p.size: write 2 sizes"),
     ("cylinders: {c: {center: [0, 0, 0], radius: -1, height: 1}}", "cylinders.c.radius: |above 0, not -1"),
+    (THINGS.replace("shelf, from: 0.5", "shelv, from: 0.5"), "no strip 'shelv'; did you mean shelf?"),
+    (THINGS.replace("light: lamp", "light: lamb"), "things.radio.light: there is no lamp 'lamb'|lamp"),
+    (THINGS.replace("to: 3", "to: 5"), "things.corner.light: goes from 1.5 to 5 m and strip shelf"),
+    (THINGS.replace("from: 1.5", "from: 3"), "things.corner.light: goes from 3 to 3 m"),
+    (THINGS.replace("from: 1.5, ", ""), "things.corner.light: |{strip: NAME, from: METRES, to: METRES}"),
+    (THINGS.replace("switch", "toggle"), "things.radio.mode: write claim, button or switch, not 'toggle'"),
+    (THINGS.replace("[0.4, 0.3, 0.2]", "[0.4, 0, 0.2]"), "things.box.size: |above 0"),
+    (THINGS.replace("[1, 2, 1]", "[1, .nan, 1]"), "things.box.center: a point is three numbers"),
+    (THINGS.replace("size: [0.4, 0.3, 0.2], ", ""), "things.box: has no size"),
+    (THINGS.replace("light: lamp, ", ""), "things.radio: is nowhere; give its center and size, or a light"),
+    (THINGS.replace("dwell_s: 2", "dwell_s: 0"), "things.corner.dwell_s: write a number of seconds from"),
+    (THINGS.replace("  radio:", "  ../x:"), "things: |../x"),
+    (THINGS.replace("  radio:", "  <script>:"), "things: |<script>"),
+    (THINGS.replace("the corner", '"a\\u0007b"'), "things.corner.label: write a name of at most 64 letters"),
+    (
+        "things: {" + ", ".join(f"t{i}: {{center: [0, 0, 1], size: [1, 1, 1]}}" for i in range(1001)) + "}",
+        "things: there are 1001, limit 1000",
+    ),
     (FENCE.replace("keep_in", "inside"), "fences.f.kind: write keep_in (robots stay inside)|not 'inside'"),
     (FENCE.replace("[0, 1]]", "[0, 1, 2]]"), "fences.f.outline: |corners [x, y] in metres|[0, 1, 2]"),
     (FENCE.replace(", [0, 1]]", "]"), "fences.f.outline: an outline needs at least three corners|not 2"),

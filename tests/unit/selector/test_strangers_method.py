@@ -89,7 +89,7 @@ async def test_service_offers_the_methods_of_packages_and_names_one_that_fails()
     async with served() as site:
         reply = await site.bus.call(SET_METHOD, SetMethod(name="patient", dwell_s=0.4))
         assert (reply.name, reply.method, reply.dwell_s) == ("patient", "hold", 0.4)
-        assert reply.installed == ("fraction", "gauge", "hold", "lost", "patient")
+        assert reply.installed == ("estimate", "fraction", "gauge", "hold", "lost", "patient")
         await site.stay("anna", 1.0, "a", "b")
         assert site.owners == [("a", "anna")]
         with pytest.raises(RefusedError, match="'lost' of strangers-parts cannot be imported"):

@@ -93,12 +93,16 @@ def room(environment: Environment, lines: Lines, now_ns: int) -> list[NamedEntit
     if lines.strips:
         drawn = [shapes.line(line.vertices_m.tolist(), BELT) for line, _ in lines.strips.values()]
         entities.append(shapes.entity("strips", now_ns, lines=drawn))
-    for box in environment.boxes:
+    boxes = [
+        *(("box", each) for each in environment.boxes),
+        *(("thing", each) for each in environment.things),
+    ]
+    for kind, box in boxes:
         turned = rotation.from_yaw(box.yaw_rad)
         pose, size = shapes.pose(box.center_m, turned), shapes.size(*box.size_m)
         cube = CubePrimitive(pose=pose, size=size, color=shapes.color(SOLID, GLASS))
         edges = shapes.line(shapes.box_edges(box.center_m, box.size_m, turned), RIM, kind="list", pixels=1.0)
-        entities.append(made("box", box.id, cubes=[cube], lines=[edges]))
+        entities.append(made(kind, box.id, cubes=[cube], lines=[edges]))
     entities += [made("plane", plane.id, **_plane(plane)) for plane in environment.planes]
     for each in environment.cylinders:
         shape = shapes.cylinder(each.center_m, each.height_m, 2.0 * each.radius_m, SOLID, alpha=GLASS)

@@ -7,6 +7,7 @@ from typing import Any, Self
 
 from pydantic import Field, PrivateAttr
 
+from pointit.maps.file import read_map_file
 from pointit.maps.model import MapFile
 from pointit.runtime.config.config import Config, Layers
 from pointit.runtime.config.similar_names import did_you_mean
@@ -19,6 +20,8 @@ from pointit.services.supervisor.config import measures
 SHIPPED = resources.files("pointit.launch") / "scenarios"
 LONGEST_NAME = 60
 """Characters of a scenario's name: 64 fit into the key of its run, with `schemas.system.RUN` before it."""
+THINGS = "shelf"
+"""Scenario of a map with things that is run itself."""
 USUAL = "scenario_4"
 """Default scenario, also the source of a person's parameters if the site runs no shipped one."""
 
@@ -63,6 +66,8 @@ class Scenario(Config):
         """Return the scenario in the file at `path`, called `source` in errors."""
         layers, content = Layers(), read_yaml(path)
         if content.keys() & MapFile.model_fields.keys() and not content.keys() & cls.model_fields.keys():
+            if content.get("things"):
+                return cls._of_things(path, source)
             raise ConfigError(
                 f"{source}: is a map, not a scenario; run a scenario in it: `pointit run scenario_2 --set "
                 f"pui.map={source}`"
@@ -73,6 +78,16 @@ class Scenario(Config):
         room = scenario.site.get("pui", {}).get("map")
         if isinstance(room, str) and Path(room).suffix:  # a file, relative to the scenario's
             scenario.site["pui"]["map"] = str(path.parent / room)
+        return scenario
+
+    @classmethod
+    def _of_things(cls, path: Path, source: str) -> Self:
+        """Return the scenario `THINGS` in the room of the map at `path`."""
+        with resources.as_file(SHIPPED / f"{THINGS}.yaml") as shipped:
+            scenario = cls.read(shipped, source)
+        things = read_map_file(path).things
+        scenario.site["pui"]["map"] = str(path)
+        scenario.user["user-sim"]["target_kinds"] = [each.label or name for name, each in things.items()]
         return scenario
 
 

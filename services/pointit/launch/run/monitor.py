@@ -173,10 +173,10 @@ class Monitor:
         kind = self.score.kinds.get(event.object_id, "object")
         where = f" at bay {event.bay}" if event.bay else ""
         who = f"{where} by {event.user}" if event.user and not where else where
-        number = event.object_id.rpartition("-")[2]
+        number = f" {event.object_id.rpartition('-')[2]}" if event.object_id != kind else ""
         reason = f": {event.reason}" if event.reason else ""
         if not self.person or event.user == self.person:
-            self._news(f"{kind} {number} {event.event}{who}{reason}")
+            self._news(f"{kind}{number} {event.event}{who}{reason}")
 
     def _on_interaction(self, interaction: Interaction, user: str) -> None:
         before = self.interactions.get(user)

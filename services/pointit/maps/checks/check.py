@@ -10,8 +10,10 @@ from pointit.geometry.vector import Vec3
 from pointit.maps.checks.belts import check_belts
 from pointit.maps.checks.finding import Finding, error, warning
 from pointit.maps.checks.strips import check_lines, check_strips
+from pointit.maps.checks.things import check_things
 from pointit.maps.lanes import broken_references, lanes_of
 from pointit.maps.model import FenceEntry, MapFile
+from pointit.maps.things import broken_things
 
 FLOOR_M = 0.0
 
@@ -42,7 +44,7 @@ def check_map(
     file: MapFile, clouds: Mapping[str, NDArray[np.float64]], *, person_m: Point | None = None
 ) -> list[Finding]:
     """Return the findings, errors first; `clouds` are in {W}, n x 3; a person may stand anywhere if None."""
-    broken = [error(where, text) for where, text in broken_references(file)]
+    broken = [error(*each) for each in (*broken_references(file), *broken_things(file))]
     lanes = lanes_of(file)
     links = [
         (index, link)
@@ -58,6 +60,7 @@ def check_map(
         *_check_solids(file),
         *_check_clouds(clouds),
         *check_fences(file.fences),
+        *check_things(file, person_m),
         *_check_twins(file),
         *_check_extent(file),
     ]

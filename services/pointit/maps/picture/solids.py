@@ -25,10 +25,11 @@ MAX_NAMED = 200
 
 def draw_solids(axes: Axes, room: Environment) -> list[Any]:
     """Draw the solids of `room`. Return their entries of the legend."""
-    solids = len(room.boxes) + len(room.planes) + len(room.cylinders) + len(room.spheres)
+    boxes: tuple[Box, ...] = (*room.boxes, *room.things)
+    solids = len(boxes) + len(room.planes) + len(room.cylinders) + len(room.spheres)
     is_named = solids <= MAX_NAMED
     outlines: list[Patch] = []
-    for box in room.boxes:
+    for box in boxes:
         c, s = math.cos(box.yaw_rad), math.sin(box.yaw_rad)
         corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * np.array(box.size_m[:2]) / 2
         outline = corners @ np.array([[c, s], [-s, c]]) + np.array(box.center_m[:2])
@@ -41,14 +42,14 @@ def draw_solids(axes: Axes, room: Environment) -> list[Any]:
     axes.add_collection(PatchCollection(outlines, match_original=True, zorder=_FILL["zorder"]))
     legend: list[Any] = []
     if is_named:
-        named: tuple[Box | Cylinder | Sphere, ...] = (*room.boxes, *room.cylinders, *room.spheres)
+        named: tuple[Box | Cylinder | Sphere, ...] = (*boxes, *room.cylinders, *room.spheres)
         for each in named:
             _name(axes, each.id, each.center_m)
     else:
         legend.append(Line2D([], [], ls="", label=f"{solids} solids, names left out"))
     if solids:
         legend.append(
-            Patch(facecolor=SOLID_FILL, edgecolor=SOLID, label="box, plane, cylinder; sphere dashed")
+            Patch(facecolor=SOLID_FILL, edgecolor=SOLID, label="box, thing, plane, cylinder; sphere dashed")
         )
     floors = [plane.id for plane in room.planes if plane.size_m is None and abs(plane.normal[2]) >= LEVEL]
     legend += [Line2D([], [], ls="", label=f"{name}: level, without end") for name in floors]

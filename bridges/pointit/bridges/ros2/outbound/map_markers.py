@@ -80,7 +80,7 @@ def _fences(pen: MarkerBuilder, room: Environment) -> Iterator[Any]:
 
 
 def _solids(pen: MarkerBuilder, room: Environment) -> Iterator[Any]:
-    for number, box in enumerate(room.boxes):
+    for number, box in enumerate((*room.boxes, *room.things)):
         turned = rotation.from_yaw(box.yaw_rad)
         yield pen.shape(
             *("cube", "boxes", number),

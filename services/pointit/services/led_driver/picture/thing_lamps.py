@@ -28,7 +28,7 @@ class ThingLamps:
     """Colours of the lamps of things that are hovered or selected. Pure."""
 
     def __init__(self, color_of: Callable[[str], Rgb], timeout_ns: int) -> None:
-        """Create without things. `color_of`: a person's colour. `timeout_ns`: time without a hover that ends it."""
+        """Create without things. `color_of`: a person's colour. `timeout_ns`: age of an ended hover."""
         self._color_of = color_of
         self._timeout_ns = timeout_ns
         self.lamps: dict[str, str] = {}

@@ -184,11 +184,10 @@ class SeenObjects:
             solid = BoxSolid(center_m, size_m, tracked.yaw_rad or 0.0)
             if solid.intersect(cursor.origin_m, cursor.direction) is None:
                 outline_m = solid.closest_approach(cursor.origin_m, cursor.direction, "angle")
-            if outline_m is None:
-                half_rad = max(angle_rad, half_rad)
-            else:
                 beside = vector.subtract(outline_m, cursor.origin_m)
                 half_rad = max(angle_rad - vector.angle_between(cursor.direction, beside), 0.0)
+            else:
+                half_rad = max(angle_rad, half_rad)
         return VisibleObject(
             tracked.id,
             angle_rad,

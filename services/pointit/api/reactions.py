@@ -1,0 +1,80 @@
+"""Functions that are called when somebody points at a thing."""
+
+import asyncio
+import functools
+import inspect
+import logging
+from collections.abc import Awaitable, Callable, Collection
+from typing import TypeVar
+
+from pointit.api.feed import Feed
+from pointit.runtime.config.similar_names import nearest
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.threads import in_daemon_thread
+from pointit.schemas import Environment, SelectionEvent
+
+log = logging.getLogger(__name__)
+
+Reaction = Callable[[SelectionEvent], Awaitable[object] | object]
+"""Called with an event: `object_id` is the thing, `user` who pointed, `event` `selected` or `deselected`."""
+F = TypeVar("F", bound=Reaction)
+
+MOST_AT_ONCE = 8
+"""Limit of calls of one function that run at once. Further events are left out, and named."""
+
+
+def is_reaction(event: SelectionEvent, names: Collection[str], room: Environment | None) -> bool:
+    """Return True if `event` is of a thing among `names`, or of any without names: it fired, or was switched.
+
+    That a button is over, which nobody did, is no event.
+    """
+    if event.event == "deselected" and not event.cause:
+        return False
+    if event.event not in ("selected", "deselected"):
+        return False
+    if names:
+        return event.object_id in names
+    return room is not None and any(thing.id == event.object_id for thing in room.things)
+
+
+def check_things(names: Collection[str], room: Environment) -> None:
+    """Check that the map has things of these names.
+
+    Raises:
+        ConfigError: If it has not. The message names similar ones.
+    """
+    known = [thing.id for thing in room.things]
+    for name in names:
+        if name not in known:
+            raise ConfigError(
+                f"the map has no thing {name!r}; {nearest(name, known) if known else 'it has none'}"
+            )
+
+
+async def react(feed: Feed[SelectionEvent], function: Reaction) -> None:
+    """Call `function` with each event: a plain one in a thread, so that it holds up nothing."""
+    name = getattr(function, "__qualname__", repr(function))
+    running: set[asyncio.Task[None]] = set()
+    try:
+        async for event in feed:
+            if len(running) >= MOST_AT_ONCE:
+                log.warning("%s still runs %d times: left out %s", name, len(running), event.object_id)
+                continue
+            task = asyncio.create_task(_called(function, event, name), name=f"reaction {name}")
+            running.add(task)
+            task.add_done_callback(running.discard)
+    finally:
+        for task in running:
+            task.cancel()
+
+
+async def _called(function: Reaction, event: SelectionEvent, name: str) -> None:
+    try:
+        if inspect.iscoroutinefunction(function):
+            await function(event)
+        else:
+            result = await in_daemon_thread(functools.partial(function, event), f"reaction {name}")
+            if inspect.isawaitable(result):
+                await result
+    except Exception:
+        log.exception("%s failed for %s", name, event.object_id)

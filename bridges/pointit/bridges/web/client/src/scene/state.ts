@@ -29,7 +29,7 @@ export function state(site: Site, things: Things, marks: Marks, labels: Labels, 
     const owner = site.selection?.objects.find((each) => each.id === id);
     const pointing = [...site.people.values()].filter(({ hover }) => hover?.object_id === id);
     const [first] = pointing.sort((one, other) => other.hover!.progress - one.hover!.progress);
-    const worn = (user: string) => visibleColor(site.people.get(user)?.profile?.cursor_color ?? WHITE, dark);
+    const worn = (user: string) => site.people.get(user)?.profile?.cursor_color ?? WHITE;
     return boxColor(kind, owner ? worn(owner.user) : null, first ? { color: worn(first.user), progress: first.hover!.progress } : null);
   });
   let rank = 0;

@@ -12,11 +12,11 @@ import { Things } from "./things";
 
 test("an object with a size is a box of that size and yaw: dim, in the colour of who points at it, bright once selected", () => {
   const kit = new Kit(true, DARK), things = new Things(kit, () => new Polyline([[0, 0, 0], [1, 0, 0]]));
-  const site = emptySite(), ada = emptyPerson("ada"), texts: string[] = [], color: Rgb = [0, 200, 255];
+  const site = emptySite(), ada = emptyPerson("ada"), texts: string[] = [], color: Rgb = [255, 255, 200];
   const object = { id: "t", kind: "screws", position_m: [1, 2, 1.4], velocity_mps: [0, 0, 0], length_m: 0.6, size_m: [0.4, 0.2, 0.3],
     yaw_rad: Math.PI / 2, surface: "strip", surface_id: "shelf", surface_position_m: 0.5, surface_speed_mps: 0 } as unknown as TrackedObject;
   const drawn = (): Rgb => {
-    state(site, things, { add: () => undefined } as never, { add: (_key: string, _at: unknown, _up: number, [piece]: { text: string }[]) => texts.push(piece!.text) } as never, true);
+    state(site, things, { add: () => undefined } as never, { add: (_key: string, _at: unknown, _up: number, [piece]: { text: string }[]) => texts.push(piece!.text) } as never, false);
     return [...box.instanceColor!.array.slice(0, 3)] as unknown as Rgb;
   };
   const linear = (shown: Rgb) => shown.map((part) => (part / 255 <= 0.04045 ? part / 255 / 12.92 : ((part / 255 + 0.055) / 1.055) ** 2.4));

@@ -4,12 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pointit.schemas import Cursor, Environment, StripFrame, StripsFrame
+from pointit.schemas import NS_PER_S, Cursor, Environment, StripFrame, StripsFrame
 from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.picture.lamps import Lamps
 from pointit.services.led_driver.picture.layout import Layout
 from pointit.services.led_driver.picture.render import Bytes, Renderer
 from pointit.services.led_driver.picture.strip_content import StripContent
+from pointit.services.led_driver.picture.thing_lamps import ThingLamps
 
 
 class LightState:
@@ -19,7 +20,8 @@ class LightState:
         """Create without a map."""
         self._config = config
         self.content = StripContent(config)
-        self.lamps = Lamps(config)
+        self.things = ThingLamps(self.content.profile_color, int(config.cursor_timeout_s * NS_PER_S))
+        self.lamps = Lamps(config, self.things)
         self._renderer: Renderer | None = None
         self._strips: dict[str, StripFrame] = {}
         """Strips of the last frame. One that does not change is the same object in the next."""
@@ -61,6 +63,7 @@ class LightState:
         }
         self.content.set_layout(layout)
         self.lamps.set_lamps(dict.fromkeys(lamp.id for lamp in environment.lamps))
+        self.things.set_map(environment)
 
     def on_cursor(self, user: str, cursor: Cursor, now_ns: int) -> bool:
         """Set `user`'s cursor. Return True if the strips change."""

@@ -55,8 +55,8 @@ from pointit.services.led_driver.picture.lamp_queue import LampService
 from pointit.services.led_driver.picture.lamps import DARK
 
 LAMP_PERIOD_S = 1 / 20
-"""Minimum time between changes of a lamp's appearance, s. The lamp that a person is to point at is lit at
-once."""
+"""Minimum time between changes of a lamp's appearance, s. The lamp that a person is to point at, and that of
+a thing at which they begin to point, is lit at once."""
 LOCALIZER = "localizer."
 """First part of the instance of a person's localizer, before the user."""
 
@@ -149,18 +149,29 @@ class LedDriver(Service[LedDriverConfig]):
         else:
             self.bus.clear(f"profile {user}")
         self._wish()
+        if self._lights.things.lamps:
+            self._look_at_lamps_in(0.0)
 
     def _on_selection(self, selection: Selection, _name: str) -> None:
         self._lights.content.set_selection(selection)
         self._wish()
+        if self._lights.things.set_selection(selection):
+            self._shine()
 
     def _on_objects(self, objects: TrackedObjects, tracker: str) -> None:
         self._lights.content.set_objects(tracker, objects, self.clock.now_ns())
         self._wish()
 
     def _on_hover(self, hover: Hover, user: str) -> None:
-        self._lights.content.set_hover(user, hover, self.clock.now_ns())
+        now_ns = self.clock.now_ns()
+        self._lights.content.set_hover(user, hover, now_ns)
         self._wish()
+        if self._lights.things.lamps:
+            change = self._lights.things.on_hover(user, hover, now_ns)
+            if change == "lamps":
+                self._shine()
+            elif change == "level":
+                self._look_at_lamps_in(0.0)
 
     def _on_cursor(self, cursor: Cursor, user: str) -> None:
         # only a cursor on a line is drawn at once, so that no other delays it

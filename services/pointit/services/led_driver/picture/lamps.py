@@ -9,6 +9,7 @@ from pointit.schemas import NS_PER_S, Cursor, Feedback
 from pointit.schemas.base import Rgb
 from pointit.services.led_driver.config import LedDriverConfig, StateLampConfig
 from pointit.services.led_driver.picture.lamp_queue import LampQueue
+from pointit.services.led_driver.picture.thing_lamps import ThingLamps
 
 DARK: Rgb = (0, 0, 0)
 TARGET: Rgb = (255, 255, 255)
@@ -27,12 +28,13 @@ class Lamps:
     """Colours of all lamps. Pure.
 
     While a person localizes, only lamps that they are to point at are lit, and the state lamp. Otherwise a
-    lamp shows what it was set to.
+    lamp shows the state of its thing while that is hovered or selected, and else what it was set to.
     """
 
-    def __init__(self, config: LedDriverConfig) -> None:
+    def __init__(self, config: LedDriverConfig, things: ThingLamps) -> None:
         """Create without lamps except the state lamp."""
         self._config = config.lamps
+        self._things = things
         self._id = config.state_lamp
         self._state = _StateLamp(config.state)
         self._timeout_ns = int(config.cursor_timeout_s * NS_PER_S)
@@ -92,11 +94,12 @@ class Lamps:
             if not 0 <= now_ns - at_ns < self._timeout_ns:
                 del self._cursors[user]
         is_localizing = self.queue.is_in_use
+        of_things = self._things.colors(now_ns) if self._things.lamps else {}
         wanted = dict.fromkeys(self._guards, DARK)
         if self._cursors and not is_localizing:
             wanted |= {lamp_id: self._by_angle(lamp_id) for lamp_id in self._near}
         if not is_localizing:
-            wanted |= self._set
+            wanted |= self._set | of_things
         if self._id:
             state = "localizing" if is_localizing else "pointing" if self._cursors else "idle"
             wanted[self._id] = self._state.color(state, now_ns)
@@ -106,6 +109,7 @@ class Lamps:
     def next_change_ns(self, now_ns: int) -> int | None:
         """Return the time at which colours change without new messages, or None."""
         times = [at + self._timeout_ns for at, _ in self._cursors.values()]
+        times += self._things.ends_ns()
         times += [guard.free_ns for guard in self._guards.values() if guard.free_ns is not None]
         if (expiry_ns := self.queue.next_expiry_ns()) is not None:
             times.append(expiry_ns)

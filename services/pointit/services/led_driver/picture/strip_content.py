@@ -93,6 +93,10 @@ class StripContent:
         _, cursor = self._cursors.get(user, (0, NOWHERE))
         return self._color(self._profiles.get(user, NOBODY), cursor)
 
+    def profile_color(self, user: str) -> Rgb:
+        """Return the colour of `user`'s profile."""
+        return self._profiles.get(user, NOBODY).cursor_color
+
     @property
     def people_with_cursors(self) -> frozenset[str]:
         """People whose cursor had not expired at the last call of `forget`."""

@@ -32,6 +32,7 @@ export interface Everything {
   Plane: Plane;
   Sphere: Sphere;
   Strip: Strip;
+  Thing: Thing;
   Environment: Environment;
   EraseMemory: EraseMemory;
   Feedback: Feedback;
@@ -713,6 +714,58 @@ export interface Strip {
   pixels: number;
 }
 /**
+ * A place in the room that reacts when somebody points at it: a box, with a light if it has one.
+ *
+ * `pui` lists all things of the map as tracked objects of the tracker `things`, by which they are selected.
+ */
+export interface Thing {
+  /**
+   * @minItems 3
+   * @maxItems 3
+   */
+  center_m: [number, number, number];
+  /**
+   * time of pointing at it that selects it, s; None: the usual
+   */
+  dwell_s: number | null;
+  id: string;
+  /**
+   * its name in messages to people; if empty, the id
+   */
+  label: string;
+  /**
+   * single light that shows its state, or empty
+   */
+  lamp: string;
+  mode: "claim" | "button" | "switch";
+  /**
+   * arc lengths of that part, from and to
+   *
+   * @minItems 2
+   * @maxItems 2
+   */
+  part_m: [number, number];
+  /**
+   * pointing at it is not enough: the person presses, too
+   */
+  press: boolean;
+  /**
+   * along its own x, y and z
+   *
+   * @minItems 3
+   * @maxItems 3
+   */
+  size_m: [number, number, number];
+  /**
+   * strip a part of which shows its state, or empty
+   */
+  strip: string;
+  /**
+   * of its x axis in {W}
+   */
+  yaw_rad: number;
+}
+/**
  * The map of the room in {W}; the ROS toolkit's `belts`, `leds`, `strips`, `links`, and more.
  */
 export interface Environment {
@@ -737,6 +790,7 @@ export interface Environment {
    */
   stamp_ns: number;
   strips: Strip[];
+  things: Thing[];
 }
 /**
  * Forget what localizations have found of a person's pointing.
@@ -1833,12 +1887,21 @@ export interface TrackedObject {
    * until then, at the present speeds, (de)selecting it changes its bay; 0: it is too late; None if no limit is known
    */
   bay_until_ns: number | null;
+  /**
+   * time of pointing at it that selects it, s; None: the usual
+   */
+  dwell_s: number | null;
   id: string;
   kind: string;
   /**
    * extent along its surface, or diameter
    */
   length_m: number;
+  /**
+   * a light shows people that they point at it
+   */
+  lit: boolean;
+  mode: "claim" | "button" | "switch";
   /**
    * its centre at the message's stamp, {W}
    *
@@ -1850,6 +1913,14 @@ export interface TrackedObject {
    * 1 sigma of the position along the worst direction, if known
    */
   position_sigma_m: number | null;
+  /**
+   * selected by pressing while pointing at it only
+   */
+  press: boolean;
+  /**
+   * of the upright box that it fills, turned by `yaw_rad`; None: only its length counts
+   */
+  size_m: [number, number, number] | null;
   surface: "none" | "strip" | "belt" | "lamp" | "points";
   surface_id: string;
   /**

@@ -122,6 +122,7 @@ test("a pointing arm has its finger on the ray, whatever hand and direction; lim
 const OBJECT: TrackedObject = {
   id: "a", kind: "red", bay: "", length_m: 0.2, position_m: [9, 9, 9], velocity_mps: [1, 2, 0],
   surface: "belt", surface_id: "b", surface_position_m: 0.9, surface_speed_mps: 0.5, bay_until_ns: null, yaw_rad: null, position_sigma_m: null,
+  size_m: null, mode: "claim", press: false, dwell_s: null, lit: false,
 };
 
 test("objects are carried on along their surface, around corners and past its end; others straight", () => {
@@ -139,7 +140,7 @@ test("objects are carried on along their surface, around corners and past its en
 
 const EMPTY: Environment = {
   name: "", seq: 0, stamp_ns: 0, bays: [], belts: [], boxes: [], clouds: [], fences: [], frames: [], cylinders: [], lamps: [], links: [],
-  planes: [], spheres: [], strips: [],
+  planes: [], spheres: [], strips: [], things: [],
 };
 
 test("bounds take in everything with an end, and the floor", () => {

@@ -32,9 +32,17 @@ export const ROBOT_M = 0.3;
 /** A ray that meets nothing is drawn so far, m. */
 export const FREE_RAY_M = 4;
 
-/** Length (along its belt or strip), width and height of `object`, m. */
-export function sizeOf(object: Pick<TrackedObject, "surface" | "length_m">): Vec3 {
-  const { surface, length_m } = object;
+type Sized = Pick<TrackedObject, "surface" | "length_m"> & { readonly size_m?: TrackedObject["size_m"] };
+
+/** Whether `object` is drawn as the upright box that it fills, also where a part of a strip is its light. */
+export function isBox({ surface, size_m }: Pick<Sized, "surface" | "size_m">): boolean {
+  return Boolean(size_m) && surface !== "belt";
+}
+
+/** Length (along its belt or strip, or its own x axis), width and height of `object`, m. */
+export function sizeOf(object: Sized): Vec3 {
+  const { surface, length_m, size_m } = object;
+  if (size_m && isBox(object)) return [...size_m];
   if (surface !== "belt" && surface !== "strip") return [length_m || ROBOT_M, length_m || ROBOT_M, length_m || ROBOT_M];
   const long = length_m || USUAL_LENGTH_M;
   if (surface === "strip") return [long, ...SEGMENT];
@@ -43,6 +51,16 @@ export function sizeOf(object: Pick<TrackedObject, "surface" | "length_m">): Vec
 
 export function kindColor(kind: string): Rgb {
   return KIND_COLORS[kind] ?? OTHER_COLOR;
+}
+
+/** Brightness of an idle box, and the share of a person's colour when they begin to point at it, as on its light. */
+const IDLE = 0.45, HOVERED = 0.3;
+
+/** Colour of a box: its kind's, dim; the more that of who points at it, the nearer they are to selecting it; its owner's. */
+export function boxColor(kind: string, owner: Rgb | null, hover: { readonly color: Rgb; readonly progress: number } | null): Rgb {
+  if (owner) return owner;
+  const idle = kindColor(kind).map((part) => IDLE * part), share = hover ? HOVERED + (1 - HOVERED) * hover.progress : 0;
+  return idle.map((part, i) => part + share * ((hover?.color[i] ?? 0) - part)) as [number, number, number];
 }
 
 /** The letter that stands on objects of a kind: its first, in capitals; kinds without a name have none. */

@@ -1,6 +1,7 @@
 /** Where tracked objects are now: extrapolated along their surface, as the server does it. */
 
 import type { TrackedObject } from "../messages";
+import { isBox } from "./looks";
 import type { Polyline } from "./polyline";
 import type { Vec3 } from "./vec";
 
@@ -11,7 +12,7 @@ export const LONGEST_S = 0.5;
 export interface Placed {
   /** Its centre on the surface, {W}. */
   at: Vec3;
-  /** Azimuth of its length, rad. */
+  /** Azimuth of its length or of its box, rad. */
   heading: number;
   /** Arc length on its surface, m; 0 when it is on none. */
   along: number;
@@ -25,11 +26,14 @@ export function elapsed(stamp_ns: number, now_ns: number): number {
 /**
  * Where `object` is, `seconds` after it was where its message says.
  *
+ * A box is where its centre is, not on the strip a part of which is its light.
+ *
  * @param line of its strip or belt; null where it has none
  * @param out changed and returned, so that a frame allocates nothing
  */
 export function carriedOn(object: TrackedObject, seconds: number, line: Polyline | null, out: Placed): Placed {
-  if (line && (object.surface === "belt" || object.surface === "strip")) {
+  const asBox = isBox(object);
+  if (line && !asBox && (object.surface === "belt" || object.surface === "strip")) {
     out.along = object.surface_position_m + object.surface_speed_mps * seconds;
     line.pointAt(out.along, true, out.at);
     out.heading = line.headingAt(out.along, object.length_m);
@@ -37,7 +41,8 @@ export function carriedOn(object: TrackedObject, seconds: number, line: Polyline
   }
   for (let axis = 0; axis < 3; axis++) out.at[axis] = object.position_m[axis]! + object.velocity_mps[axis]! * seconds;
   const [vx, vy] = object.velocity_mps;
-  if (vx !== 0 || vy !== 0) out.heading = Math.atan2(vy, vx);
+  if (asBox) out.heading = object.yaw_rad ?? 0;
+  else if (vx !== 0 || vy !== 0) out.heading = Math.atan2(vy, vx);
   out.along = 0;
   return out;
 }

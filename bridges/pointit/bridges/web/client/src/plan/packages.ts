@@ -2,7 +2,7 @@
 
 import type { TrackedObject } from "../messages";
 import { siteNow, thingsOf, type Site } from "../site/site";
-import { cssColor, inkOn, kindColor, kindLetter, sizeOf } from "../geometry/looks";
+import { cssColor, inkOn, isBox, kindColor, kindLetter, sizeOf } from "../geometry/looks";
 import type { Lanes } from "./lanes";
 import { signOf } from "./signs";
 import { cm, draw, say, set, show, turned, xy } from "./svg";
@@ -30,6 +30,10 @@ const RING_M = 0.035;
 /** Segments are drawn wider than they are, m: their strip's pixels are to be seen between their edges. */
 const SEGMENT_M = 0.16;
 
+function isSegment(object: TrackedObject): boolean {
+  return object.surface === "strip" && !isBox(object);
+}
+
 export class Packages {
   /** By id: where objects are drawn; of this frame. */
   readonly drawn = new Map<string, Drawn>();
@@ -46,7 +50,7 @@ export class Packages {
     for (const { object, stamp_ns } of thingsOf(site)) {
       const { at, heading } = lanes.placed(object, stamp_ns, now);
       const [long, wide] = sizeOf(object);
-      const drawn: Drawn = { object, at, heading, halfLength: long / 2, halfBreadth: (object.surface === "strip" ? SEGMENT_M : wide) / 2 };
+      const drawn: Drawn = { object, at, heading, halfLength: long / 2, halfBreadth: (isSegment(object) ? SEGMENT_M : wide) / 2 };
       this.drawn.set(object.id, drawn);
       const figure = this.figures.get(object.id) ?? this.make(object);
       this.place(figure, drawn);
@@ -69,16 +73,16 @@ export class Packages {
 
   private make(object: TrackedObject): Figure {
     const turning = draw(this.boxes, "g");
-    const isRound = object.surface === "none" || object.surface === "points";
+    const isRound = !isBox(object) && (object.surface === "none" || object.surface === "points");
     const shape = (name: string) => draw(turning, isRound ? "circle" : "rect", { class: name });
     const [hold, edge, ring, box] = [shape("plan-held"), shape("plan-owned-edge"), shape("plan-owned"), shape("plan-box")];
     const color = kindColor(object.kind);
     set(box, "fill", cssColor(color));
-    if (object.surface === "strip") set(box, "fill-opacity", 0.4);
+    if (isSegment(object)) set(box, "fill-opacity", 0.4);
     const place = draw(this.letters, "g");
     const upright = draw(place, "g", { class: "plan-upright" });
     const below = draw(place, "g");
-    const isThin = object.surface === "strip";
+    const isThin = isSegment(object);
     const letter = draw(upright, "text", { class: isThin ? "plan-letter plan-beside" : "plan-letter", "text-anchor": "middle", y: 5 }, kindLetter(object.kind));
     if (!isThin) set(letter, "fill", inkOn(color));
     const owner = draw(draw(below, "g", { class: "plan-upright" }), "text", { class: "plan-owner", "text-anchor": "middle", y: 15 });
@@ -89,7 +93,7 @@ export class Packages {
 
   private place(figure: Figure, { object, at, heading, halfLength, halfBreadth }: Drawn): void {
     set(figure.turning, "transform", `translate(${xy(at)}) rotate(${turned(heading)})`);
-    const isThin = object.surface === "strip";
+    const isThin = isSegment(object);
     const aside = isThin ? halfBreadth + 0.1 : 0;
     set(figure.place, "transform", `translate(${xy([at[0] - aside * Math.sin(heading), at[1] + aside * Math.cos(heading)])})`);
     const tall = isThin ? 0.05 : Math.abs(Math.sin(heading)) * halfLength + Math.abs(Math.cos(heading)) * halfBreadth + RING_M;

@@ -13,11 +13,11 @@ import { under } from "./under";
 const STRIP: Strip = { id: "0", line_m: [[0, 0, 1], [2, 0, 1]], direction: 1, pixels: 4 };
 
 function room(parts: Partial<Environment> = {}): Environment {
-  return { stamp_ns: 0, seq: 0, name: "room", lamps: [], strips: [], belts: [], links: [], bays: [], boxes: [], planes: [], cylinders: [], spheres: [], clouds: [], fences: [], frames: [], ...parts };
+  return { stamp_ns: 0, seq: 0, name: "room", lamps: [], strips: [], belts: [], links: [], bays: [], boxes: [], planes: [], cylinders: [], spheres: [], clouds: [], fences: [], frames: [], things: [], ...parts };
 }
 
 function thing(parts: Partial<TrackedObject> = {}): TrackedObject {
-  return { id: "x-1", kind: "red", position_m: [0, 0, 1], velocity_mps: [0, 0, 0], length_m: 0.4, surface: "belt", surface_id: "a", surface_position_m: 1, surface_speed_mps: 0, bay: "", bay_until_ns: null, yaw_rad: null, position_sigma_m: null, ...parts };
+  return { id: "x-1", kind: "red", position_m: [0, 0, 1], velocity_mps: [0, 0, 0], length_m: 0.4, surface: "belt", surface_id: "a", surface_position_m: 1, surface_speed_mps: 0, bay: "", bay_until_ns: null, yaw_rad: null, position_sigma_m: null, size_m: null, mode: "claim", press: false, dwell_s: null, lit: false, ...parts };
 }
 
 test("neighbours of one colour are one stroke, pixels that are off none", () => {

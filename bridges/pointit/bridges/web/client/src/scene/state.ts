@@ -1,14 +1,14 @@
 /** What is selected, about to be, or under a cursor: outlines, rings in the owner's pattern, gauges. */
 
-import { cssColor, kindColor, kindLetter, visibleColor, type Pattern } from "../geometry/looks";
-import type { Read3, Vec3 } from "../geometry/vec";
+import { boxColor, cssColor, kindColor, kindLetter, visibleColor, type Pattern, type Rgb } from "../geometry/looks";
+import type { Vec3 } from "../geometry/vec";
 import type { Site } from "../site/site";
 import type { Labels } from "./labels";
 import type { Marks } from "./marks";
 import type { Thing, Things } from "./things";
 
-const WHITE: Read3 = [255, 255, 255];
-const REFUSED: Read3 = [255, 70, 60];
+const WHITE: Rgb = [255, 255, 255];
+const REFUSED: Rgb = [255, 70, 60];
 
 /** Draw the state of every thing of `site`. */
 export function state(site: Site, things: Things, marks: Marks, labels: Labels, dark: boolean): void {
@@ -25,6 +25,13 @@ export function state(site: Site, things: Things, marks: Marks, labels: Labels, 
     if (thing) ring(thing, marks, visibleColor(site.people.get(user)?.profile?.cursor_color ?? WHITE, dark), "dotted", 0.7);
   }
   things.endOutlines();
+  things.paintBoxes(({ object: { id, kind } }) => {
+    const owner = site.selection?.objects.find((each) => each.id === id);
+    const pointing = [...site.people.values()].filter(({ hover }) => hover?.object_id === id);
+    const [first] = pointing.sort((one, other) => other.hover!.progress - one.hover!.progress);
+    const worn = (user: string) => site.people.get(user)?.profile?.cursor_color ?? WHITE;
+    return boxColor(kind, owner ? worn(owner.user) : null, first ? { color: worn(first.user), progress: first.hover!.progress } : null);
+  });
   let rank = 0;
   for (const { hover, profile, user } of site.people.values()) {
     const thing = hover?.object_id ? things.byId.get(hover.object_id) : undefined;
@@ -40,6 +47,10 @@ export function state(site: Site, things: Things, marks: Marks, labels: Labels, 
   for (const thing of things.byId.values()) {
     if (thing.form === "package") continue;
     const { kind, id } = thing.object;
+    if (thing.form === "box") {
+      labels.add(`thing ${id}`, thing.placed.at, thing.size[2] / 2 + 0.08, [{ text: kind || id }]);
+      continue;
+    }
     const letter = { text: kindLetter(kind) || "?", color: kindColor(kind) };
     labels.add(`thing ${id}`, thing.placed.at, thing.form === "segment" ? 0.06 : 0.2, thing.form === "robot" ? [{ text: id }] : [letter]);
     if (thing.form === "robot") marks.add([thing.placed.at[0], thing.placed.at[1], 0], 0.12, WHITE, { thick: 0.12, alpha: 0.4 }, 0.01);
@@ -57,9 +68,9 @@ export function counts(site: Site, bays: readonly { id: string; at: Vec3 }[], la
   }
 }
 
-function ring(thing: Thing, marks: Marks, color: Read3, pattern: Pattern, alpha: number): void {
+function ring(thing: Thing, marks: Marks, color: Rgb, pattern: Pattern, alpha: number): void {
   const { form, placed, size, up } = thing;
-  if (form === "package") {
+  if (form === "package" || form === "box") {
     marks.add(placed.at, 0.62 * Math.max(size[0], size[1]), color, { pattern, thick: 0.17, alpha }, up + size[2] / 2 + 0.035);
   } else {
     marks.add(placed.at, 0.13, color, { pattern, faces: true, thick: 0.2, alpha }, form === "segment" ? 0.1 : 0);

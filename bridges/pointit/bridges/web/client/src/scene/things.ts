@@ -1,9 +1,9 @@
-/** What moves: packages on belts, segments on strips, robots; carried on to now in every frame. */
+/** What moves or reacts: packages on belts, segments on strips, boxes, robots; carried on to now in every frame. */
 
 import * as THREE from "three";
 import { mergeGeometries } from "three/addons/utils/BufferGeometryUtils.js";
 import type { TrackedObject, TrackedObjects } from "../messages";
-import { cssColor, inkOn, kindColor, kindLetter, sizeOf } from "../geometry/looks";
+import { cssColor, inkOn, isBox, kindColor, kindLetter, sizeOf, type Rgb } from "../geometry/looks";
 import { carriedOn, elapsed, LONGEST_S, type Placed } from "../geometry/motion";
 import type { Polyline } from "../geometry/polyline";
 import type { Vec3 } from "../geometry/vec";
@@ -11,7 +11,7 @@ import type { Site } from "../site/site";
 import { setMatrix, type Kit } from "./kit";
 import { quadrotor } from "./robot_shapes";
 
-type Form = "package" | "segment" | "robot";
+type Form = "package" | "segment" | "box" | "robot";
 
 /** One object and where it is in this frame. */
 export interface Thing {
@@ -68,7 +68,7 @@ export class Things {
         if (robots.get(object.id)?.state) continue;
         const form = formOf(object), line = this.lines(object.surface, object.surface_id);
         let thing = before.get(object.id);
-        if (!thing || thing.form !== form || thing.object.length_m !== object.length_m) thing = made(object, form);
+        if (!thing || thing.form !== form || String(sizeOf(thing.object)) !== String(sizeOf(object))) thing = made(object, form);
         thing.object = object;
         thing.line = line;
         thing.stamp_ns = message.stamp_ns;
@@ -101,17 +101,30 @@ export class Things {
     return moves;
   }
 
+  /** Colour every box. */
+  paintBoxes(colorOf: (thing: Thing) => Rgb): void {
+    for (const { mesh, form, things } of this.crowds.values()) {
+      if (form !== "box" || !things.length) continue;
+      for (let i = 0; i < mesh.count; i++) mesh.setColorAt(i, this.painted(colorOf(things[i]!)));
+      mesh.instanceColor!.needsUpdate = true;
+    }
+  }
+
   /** Draw an outline about things; `begin` first. */
   beginOutlines(): void {
     this.hull.count = 0;
   }
 
-  outline(thing: Thing, color: readonly number[]): void {
+  private painted([r, g, b]: Rgb): THREE.Color {
+    return this.paint.setRGB(r / 255, g / 255, b / 255, THREE.SRGBColorSpace);
+  }
+
+  outline(thing: Thing, color: Rgb): void {
     const i = this.hull.count;
     if (i >= this.hull.instanceMatrix.count || thing.form === "robot") return;
     const [x, y, z] = thing.placed.at, [long, wide, tall] = thing.size, rim = 0.026;
     setMatrix(this.hull.instanceMatrix.array, i, x, y, z + thing.up, thing.placed.heading, long + rim, wide + rim, tall + rim);
-    this.hull.setColorAt(i, this.paint.setRGB(color[0]! / 255, color[1]! / 255, color[2]! / 255, THREE.SRGBColorSpace));
+    this.hull.setColorAt(i, this.painted(color));
     this.hull.count = i + 1;
   }
 
@@ -128,7 +141,7 @@ export class Things {
     const room = Math.max(16, 2 * needed), things = crowd?.things ?? [];
     crowd?.mesh.removeFromParent();
     crowd?.mesh.dispose();
-    const mesh = this.grown(key, form === "robot" ? quadrotor() : lettered(), this.skin(form, kind), room, form === "segment" ? "" : "both");
+    const mesh = this.grown(key, shapeOf(form), this.skin(form, kind), room, form === "segment" ? "" : "both");
     crowd = { mesh, form, kind, things };
     this.crowds.set(key, crowd);
     return crowd;
@@ -144,6 +157,7 @@ export class Things {
   private skin(form: Form, kind: string): THREE.Material {
     const paint = kindColor(kind), color = cssColor(paint);
     if (form === "robot") return this.kit.matt(0xffffff, { vertexColors: true, roughness: 0.45 });
+    if (form === "box") return this.kit.matt(0xffffff);
     if (form === "segment") return this.kit.plain(color, { transparent: true, opacity: 0.34, depthWrite: false });
     const map = this.kit.texture(128, 128, (c) => {
       c.fillStyle = color;
@@ -165,6 +179,7 @@ export class Things {
 
 function formOf(object: TrackedObject): Form {
   if (object.surface === "belt") return "package";
+  if (isBox(object)) return "box";
   return object.surface === "strip" ? "segment" : "robot";
 }
 
@@ -172,6 +187,10 @@ function made(object: TrackedObject, form: Form): Thing {
   const size = sizeOf(object);
   const up = form === "package" ? size[2] / 2 + 0.004 : form === "segment" ? 0.012 : 0;
   return { object, form, size, up, placed: { at: [...object.position_m], heading: 0, along: 0 }, stamp_ns: 0, line: null };
+}
+
+function shapeOf(form: Form): THREE.BufferGeometry {
+  return form === "robot" ? quadrotor() : form === "box" ? new THREE.BoxGeometry(1, 1, 1) : lettered();
 }
 
 /** A box of 1 m without a bottom; its texture is upright on every side, and on top as seen from -y. */

@@ -4,8 +4,8 @@ from pointit.cli.common.lazy import command, group
 
 EVALUATE = """Measure the accuracy of the estimates on recordings of people, compared with known baselines.
 
-The recordings are not part of PointIt; give their folder by --data or POINTIT_DATA. `selection` and
-`robots` need none: they simulate people.
+The recordings are not part of PointIt; give their folder by --data or POINTIT_DATA. `selection`,
+`things` and `robots` need none: they simulate people.
 
 Example: pointit evaluate localization --data recordings --only-ours
 """
@@ -33,6 +33,11 @@ evaluate = group(
             "selection",
             "simulated people select: time, wrong, missed, by method",
             "pointit_lab.cli.selection:selection",
+        ),
+        command(
+            "things",
+            "simulated people point at things: right, wrong, unintended",
+            "pointit_lab.cli.things:things",
         ),
         command(
             "robots",

@@ -4,7 +4,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from scipy.stats import binomtest
@@ -23,6 +23,7 @@ LIMIT_S = 8.0
 """Time after which a reach counts as nothing."""
 PERSON = "person"
 Elsewhere = Literal["strip", "nothing"]
+ELSEWHERE: tuple[Elsewhere, ...] = get_args(Elsewhere)
 HOLDS_S: dict[Elsewhere, tuple[float, float]] = {"strip": (2.0, 6.0), "nothing": (1.0, 4.0)}
 """Times for which people hold what is no thing."""
 BESIDE_RAD = math.radians(20.0)
@@ -128,6 +129,12 @@ def row_of(row: Row, results: Sequence[Result]) -> ReachRow:
     )
 
 
+def reaches(config: SelectorConfig, piece: tuple[Row, int, int]) -> list[Result]:
+    """Return the results of one person each, from a seed on, for so many seeds."""
+    row, first, count = piece
+    return [reach(row, config, seed) for seed in range(first, first + count)]
+
+
 def reach(row: Row, config: SelectorConfig, seed: int) -> Result:
     """Return the result of one person's reach for one thing of `row`."""
     rng = np.random.default_rng([seed, row.count])
@@ -154,8 +161,12 @@ def reach(row: Row, config: SelectorConfig, seed: int) -> Result:
     return Result("nothing", LIMIT_S, None)
 
 
-def strays(kind: Elsewhere, config: SelectorConfig, seed: int, minutes: float = 30.0) -> int:
-    """Return how often things fire for a person who points elsewhere: at a strip below, or at nothing."""
+def strays(config: SelectorConfig, piece: tuple[Elsewhere, int, float]) -> int:
+    """Return how often things fire for a person who points elsewhere: at a strip below, or at nothing.
+
+    They move away from things that light up, as those do who see a wrong one.
+    """
+    kind, seed, minutes = piece
     rng = np.random.default_rng([seed, 7])
     row = ROWS[0]
     strip = Strip(id="below", line_m=((row.away_m, 1.5, 0.9), (row.away_m, -1.5, 0.9)), pixels=180)
@@ -163,9 +174,10 @@ def strays(kind: Elsewhere, config: SelectorConfig, seed: int, minutes: float = 
     surfaces = Surfaces(environment)
     engine = SelectionEngine(config, lambda _record: None)
     engine.on_map(environment)
+    places_m = {thing.id: thing.center_m for thing in environment.things}
     fired, begun_s, listed_s, arm = 0, 0.0, -math.inf, None
     while begun_s < minutes * 60.0:
-        arm = Reach(EYES_M, {"point": _elsewhere(kind, row, rng)}, "point", rng, arm)
+        arm = Reach(EYES_M, {**places_m, "point": _elsewhere(kind, row, rng)}, "point", rng, arm)
         holds_s = arm.took_s + float(rng.uniform(*HOLDS_S[kind]))
         for index in range(round(holds_s * RATE_HZ)):
             time_s = begun_s + index / RATE_HZ
@@ -174,8 +186,11 @@ def strays(kind: Elsewhere, config: SelectorConfig, seed: int, minutes: float = 
                 engine.on_objects(TRACKER, listing(environment, now_ns))
                 listed_s = time_s
                 engine.tick(now_ns)
-            outputs = engine.on_cursor(PERSON, _cursor(surfaces, arm.direction(index / RATE_HZ), now_ns))
-            fired += sum(isinstance(each.message, SelectionEvent) for each in outputs)
+            arm.correct(index / RATE_HZ)
+            for output in engine.on_cursor(PERSON, _cursor(surfaces, arm.direction(index / RATE_HZ), now_ns)):
+                if isinstance(output.message, Hover):
+                    arm.see(index / RATE_HZ, output.message.object_id or "point")
+                fired += isinstance(output.message, SelectionEvent) and output.message.event == "selected"
         begun_s += round(holds_s * RATE_HZ) / RATE_HZ
     return fired
 

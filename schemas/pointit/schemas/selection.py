@@ -64,6 +64,16 @@ class SelectionEvent(Message):
     ] = ""
     confidence: Annotated[Fraction | None, Field(description="that this object was meant")] = None
 
+    @property
+    def thing(self) -> str:
+        """Id of the object, for programs that react to things of the map."""
+        return self.object_id
+
+    @property
+    def is_on(self) -> bool:
+        """True if it was selected, False if a switch went off."""
+        return self.event == "selected"
+
 
 class Claim(Message):
     """A person served by a shard of the selector wants an object. The site's selector decides.

@@ -1,40 +1,64 @@
-"""Functions that are called when somebody points at a thing."""
+"""Things of the map for programs: what is known of them, and functions called when somebody points at one."""
 
 import asyncio
 import functools
 import inspect
 import logging
 from collections.abc import Awaitable, Callable, Collection
+from dataclasses import dataclass
 from typing import TypeVar
 
 from pointit.api.feed import Feed
 from pointit.runtime.config.similar_names import nearest
-from pointit.runtime.errors import ConfigError
+from pointit.runtime.errors import ConfigError, PointItError
 from pointit.runtime.host.threads import in_daemon_thread
-from pointit.schemas import Environment, SelectionEvent
+from pointit.schemas import Environment, Selection, SelectionEvent
+from pointit.schemas.environment import Thing
 
 log = logging.getLogger(__name__)
 
 Reaction = Callable[[SelectionEvent], Awaitable[object] | object]
-"""Called with an event: `object_id` is the thing, `user` who pointed, `event` `selected` or `deselected`."""
+"""Called with an event: `thing`, `user` who pointed, `stamp_ns`, `confidence`, `cause` and `is_on`."""
 F = TypeVar("F", bound=Reaction)
 
 MOST_AT_ONCE = 8
 """Limit of calls of one function that run at once. Further events are left out, and named."""
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ThingState:
+    """A thing of the newest map, and what the newest selection says of it."""
+
+    thing: Thing
+    """Its row of the map: position, size, mode, light."""
+    is_on: bool | None
+    """True if it is selected. None if no selection has come yet."""
+    user: str
+    """Person who has selected it, or `""`."""
+
+
+def states_of(room: Environment, selection: Selection | None) -> dict[str, ThingState]:
+    """Return the things of the map by id, in its order."""
+    users = {} if selection is None else {one.id: one.user for one in selection.objects}
+    return {
+        thing.id: ThingState(
+            thing=thing, is_on=None if selection is None else thing.id in users, user=users.get(thing.id, "")
+        )
+        for thing in room.things
+    }
+
+
 def is_reaction(event: SelectionEvent, names: Collection[str], room: Environment | None) -> bool:
     """Return True if `event` is of a thing among `names`, or of any without names: it fired, or was switched.
 
-    That a button is over, which nobody did, is no event.
+    That a button is over, or a claim, is no event. Before the map has come nothing is deselected.
     """
-    if event.event == "deselected" and not event.cause:
+    if event.event not in ("selected", "deselected") or (names and event.object_id not in names):
         return False
-    if event.event not in ("selected", "deselected"):
-        return False
-    if names:
-        return event.object_id in names
-    return room is not None and any(thing.id == event.object_id for thing in room.things)
+    if room is None:
+        return bool(names) and event.is_on
+    modes = (thing.mode for thing in room.things if thing.id == event.object_id)
+    return any(event.is_on or mode == "switch" for mode in modes)
 
 
 def check_things(names: Collection[str], room: Environment) -> None:
@@ -51,8 +75,13 @@ def check_things(names: Collection[str], room: Environment) -> None:
             )
 
 
-async def react(feed: Feed[SelectionEvent], function: Reaction) -> None:
-    """Call `function` with each event: a plain one in a thread, so that it holds up nothing."""
+async def react(
+    feed: Feed[SelectionEvent], function: Reaction, fail: Callable[[PointItError], object]
+) -> None:
+    """Call `function` with each event: a plain one in a thread, so that it holds up nothing.
+
+    `fail` gets the error that ends the events, such as a thing that the map does not have.
+    """
     name = getattr(function, "__qualname__", repr(function))
     running: set[asyncio.Task[None]] = set()
     try:
@@ -63,9 +92,15 @@ async def react(feed: Feed[SelectionEvent], function: Reaction) -> None:
             task = asyncio.create_task(_called(function, event, name), name=f"reaction {name}")
             running.add(task)
             task.add_done_callback(running.discard)
+            for _ in range(2):  # a call that ends at once has ended for the next event
+                await asyncio.sleep(0)
+    except PointItError as error:
+        fail(error)
     finally:
-        for task in running:
+        ending = list(running)
+        for task in ending:
             task.cancel()
+        await asyncio.gather(*ending, return_exceptions=True)
 
 
 async def _called(function: Reaction, event: SelectionEvent, name: str) -> None:
@@ -73,8 +108,16 @@ async def _called(function: Reaction, event: SelectionEvent, name: str) -> None:
         if inspect.iscoroutinefunction(function):
             await function(event)
         else:
-            result = await in_daemon_thread(functools.partial(function, event), f"reaction {name}")
+            result = await in_daemon_thread(functools.partial(_kept, function, event), f"reaction {name}")
             if inspect.isawaitable(result):
                 await result
     except Exception:
         log.exception("%s failed for %s", name, event.object_id)
+
+
+def _kept(function: Reaction, event: SelectionEvent) -> object:
+    """Call `function`; `sys.exit` would end its thread without a result."""
+    try:
+        return function(event)
+    except SystemExit as error:
+        raise RuntimeError("sys.exit() in a thread does not end the program") from error

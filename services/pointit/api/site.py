@@ -13,7 +13,7 @@ from pointit.api.feed import Feed, PresentNames, ReceiveBuffer
 from pointit.api.latest import Latest
 from pointit.api.loop_thread import closed_error
 from pointit.api.press import press
-from pointit.api.reactions import F, check_things, is_reaction, react
+from pointit.api.reactions import F, ThingState, check_things, is_reaction, react, states_of
 from pointit.api.requests import Lamp
 from pointit.api.tracker import Tracker
 from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S, Closable, Subscription
@@ -67,6 +67,7 @@ class Site:
         self._ended = asyncio.Event()
         self._present: dict[str, PresentNames] = {}
         self._watches: list[Closable] = []
+        self._reactions = set[asyncio.Task[None]]()
         self.latest = Latest(bus, self._check_open)
         """The newest messages by topic and name."""
         send = self.call
@@ -95,6 +96,9 @@ class Site:
             yield site
         finally:
             site._close()
+            for task in site._reactions:
+                task.cancel()
+            await asyncio.gather(*site._reactions, return_exceptions=True)
 
     @property
     def name(self) -> str:
@@ -154,32 +158,41 @@ class Site:
         check_name(user, "user")
         return self._feed(topics.SELECTION_EVENTS, "", lambda event: event.user == user)
 
+    @property
+    def things(self) -> dict[str, ThingState]:
+        """The things of the newest map, by id, as the newest selection says. Raises as `latest.map.value`."""
+        return states_of(self.latest.map.value, self.latest.selection.get(""))
+
     def pointed(self, *things: str) -> Feed[SelectionEvent]:
         """Return an iterator over what people did by pointing at things of the map, all without names.
 
-        `object_id` is the thing. Its event is `selected`, and `deselected` when a switch goes off.
+        `thing` is its id. `is_on` is False when a switch goes off.
 
-        Raises, in the loop:
+        Raises, at once, or in the loop if the map comes later:
             ConfigError: If the map has no such thing.
         """
         newest = self.latest.map
-        newest.get("")  # received from now on
+        if (room := newest.get("")) is not None:  # received from now on
+            check_things(things, room)
         return self._feed(
             topics.SELECTION_EVENTS,
             "",
             lambda event: is_reaction(event, things, newest.get("")),
-            self._check_things(things) if things else None,
+            self._check_things(things) if things and room is None else None,
         )
 
     def on_pointed(self, *things: str) -> Callable[[F], F]:
         """Return a decorator: call the function with each event of `pointed(*things)`.
 
         A plain function is called in a thread, so that it may take its time; at most 8 calls run at once. One
-        that fails is logged.
+        that fails is logged. If the map comes later and lacks a thing, this ends all iterators and `sleep`.
         """
 
         def register(function: F) -> F:
-            self._bus.spawn(react(self.pointed(*things), function), f"reactions to {', '.join(things)}")
+            work = react(self.pointed(*things), function, self.fail)
+            task = asyncio.get_running_loop().create_task(work)
+            self._reactions.add(task)
+            task.add_done_callback(self._reactions.discard)
             return function
 
         return register

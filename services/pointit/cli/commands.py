@@ -38,6 +38,11 @@ People steer robots by pointing; see docs/how-to/robots.md.
 Example: pointit robot list
 """
 
+THINGS = """See the things of a running site's map, which react when people point at them.
+
+Example: pointit things list
+"""
+
 SERVICE = """List services, run one, or send a request to one that runs.
 
 Example: pointit service run selector --help
@@ -142,6 +147,12 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
                 "robots.robot:list_robots",
             ),
             ours("stop", "stop one robot, some, or all", "robots.robot:stop"),
+        ),
+        noun(
+            "things",
+            "list what reacts to pointing, and how often it did",
+            THINGS,
+            ours("list", "list things: mode, light, how often they fired", "things.things_list"),
         ),
         noun(
             "service",

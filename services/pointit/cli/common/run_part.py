@@ -7,6 +7,7 @@ from typing import Any
 from pointit.launch.plan.launches import Choices
 from pointit.launch.plan.plan import Beside
 from pointit.launch.plan.scenario import Scenario
+from pointit.launch.plan.watcher import MakeWatcher
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,6 +21,8 @@ class Added:
     """Sentences to print at the start."""
     afterword: str = ""
     """Sentence to print below the summary."""
+    watchers: Sequence[MakeWatcher] = ()
+    """Makers of what else observes each scenario of the run."""
     moves_wrists: bool = False
     """People may point with it, so that each gets an imu-bridge."""
 

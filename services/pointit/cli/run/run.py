@@ -161,6 +161,7 @@ def run(
         summary=summary,
         as_json=as_json,
         beside=[beside for each in added for beside in each.beside],
+        watchers=[watcher for each in added for watcher in each.watchers],
         scenario=name,
         scenarios=() if program is None else program.offered,
         localizes=choices.localize,

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
+from pointit.launch.plan.watcher import MakeWatcher
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.link.link import Link
 from pointit.runtime.service.service import Launch
@@ -88,6 +89,8 @@ class Plan:
     as_json: bool = False
     beside: Sequence[Beside] = ()
     """Services that stay when the scenario changes, such as a page and a recorder."""
+    watchers: Sequence[MakeWatcher] = ()
+    """Makers of what observes each scenario, beside those of optional rooms."""
     scenario: str = ""
     """Name of the running scenario, or `""` for one person's part."""
     scenarios: Sequence[str] = ()

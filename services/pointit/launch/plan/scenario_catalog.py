@@ -160,9 +160,7 @@ def check_map_fits(launches: Sequence[Launch]) -> None:
     Raises:
         ConfigError: If it lacks some; names the map, what it has and the option to set.
     """
-    configs = [launch.config for launch in launches]
-    maps = (config.map_to_read for config in configs if isinstance(config, PuiConfig))
-    room = next((_map_without_points(name) for name in maps if name), None)
+    room = room_of(launches)
     if room is None:
         return
     for launch in launches:
@@ -170,6 +168,17 @@ def check_map_fits(launches: Sequence[Launch]) -> None:
             launch.service.validate_map(launch.config, room)
         except ConfigError as error:
             raise ConfigError(f"{launch.instance}: {error}") from error
+
+
+def room_of(launches: Sequence[Launch]) -> Environment | None:
+    """Return the map of `launches` without the points of its clouds, or None if they have none to check.
+
+    Raises:
+        ConfigError: If it cannot be read.
+    """
+    configs = [launch.config for launch in launches]
+    maps = (config.map_to_read for config in configs if isinstance(config, PuiConfig))
+    return next((_map_without_points(name) for name in maps if name), None)
 
 
 def _map_without_points(name_or_path: str) -> Environment | None:

@@ -181,7 +181,7 @@ class RunningScenario:
             self.clock,
             person=plan.person,
             tell=self._news,
-            watchers=[watcher(plan.launches) for watcher in present(WATCHERS)],
+            watchers=[watcher(plan.launches) for watcher in (*present(WATCHERS), *plan.watchers)],
         )
         self.monitor.attach(self.bus)
         for launch in plan.launches:

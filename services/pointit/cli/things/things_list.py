@@ -1,0 +1,68 @@
+"""`pointit things list`: the things of a running site's map."""
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Unpack
+
+import click
+
+from pointit.api.reactions import is_reaction
+from pointit.cli.common.output import Row, Section, json_option, say, show
+from pointit.cli.common.site_link import PATIENCE_S, AtSite, LatestMessage, join_site, quiet, site_options
+from pointit.runtime.errors import NoMessageError, RequestError
+from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
+from pointit.schemas import Environment, ReadHistory, SelectionEvent
+from pointit.schemas.environment import Thing
+from pointit.schemas.topics import MAP, READ_HISTORY
+
+
+@click.command("list", params=site_options())
+@json_option
+def command(*, as_json: bool, **at: Unpack[AtSite]) -> int:
+    """List the things of a site's map: mode, light, and how often each fired.
+
+    Counts are among the last 200 events in the selector's journal; - means that no selector replies. The
+    exit code is 1 if the map has no things.
+
+    Example: pointit things list --json
+    """
+    quiet()
+    return run_until_shutdown(_list(as_json=as_json, **at))
+
+
+async def _list(*, as_json: bool, **at: Unpack[AtSite]) -> int:
+    async with join_site(**at) as bus:
+        room = await LatestMessage(bus, MAP).wait(PATIENCE_S)
+        if room is None:
+            raise NoMessageError("no map has come, which `pui` publishes; see `pointit doctor`")
+        events: Sequence[SelectionEvent] | None
+        try:
+            events = (await bus.call(READ_HISTORY, ReadHistory())).events
+        except RequestError as error:
+            say(f"how often things fired is unknown: {error}", err=True)
+            events = None
+    if not room.things and not as_json:
+        say(f"the map {room.name} has no things; add a section `things`", err=True)
+    else:
+        show([Section(name="things", about=f"of map {room.name}", rows=rows(room, events))], as_json=as_json)
+    return 0 if room.things else EXIT_FAILED
+
+
+def rows(room: Environment, events: Sequence[SelectionEvent] | None) -> tuple[Row, ...]:
+    """Return a row for each thing. `events`: those that are counted, or None if unknown."""
+    fired = Counter(event.thing for event in events or () if event.is_on and is_reaction(event, (), room))
+    return tuple(
+        {
+            "thing": thing.id,
+            "label": thing.label or thing.id,
+            "mode": thing.mode,
+            "light": _light(thing),
+            "fired": None if events is None else fired[thing.id],
+        }
+        for thing in room.things
+    )
+
+
+def _light(thing: Thing) -> str:
+    start_m, end_m = thing.part_m
+    return f"{thing.strip} {start_m:g}-{end_m:g} m" if thing.strip else thing.lamp

@@ -1,0 +1,249 @@
+"""Things of the map for programs: their state, misspelt names, and limits of functions that are called."""
+
+import asyncio
+import contextlib
+import logging
+import threading
+from collections.abc import AsyncGenerator, Iterator
+
+import pytest
+
+from pointit.api.loop_thread import LoopThread
+from pointit.api.reactions import MOST_AT_ONCE
+from pointit.api.site import Site
+from pointit.api.sync_site import SyncSite
+from pointit.errors import BusClosedError, ConfigError, NoMessageError
+from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.virtual_time import VirtualClock
+from pointit.schemas import Environment, SelectedObject, Selection, SelectionEvent
+from pointit.schemas.environment import Thing, ThingMode
+from pointit.schemas.topics import MAP, SELECTION, SELECTION_EVENTS
+from tests.contract.public_api import in_memory
+from tests.support.bench import PATIENCE_S, Bench, in_virtual_time, until
+
+
+def thing(name: str, mode: ThingMode = "button") -> Thing:
+    return Thing(id=name, center_m=(1.0, 2.0, 1.0), size_m=(0.2, 0.2, 0.2), mode=mode)
+
+
+ROOM = Environment(
+    stamp_ns=1, name="shop", things=(thing("screws"), thing("radio", "switch"), thing("door", "claim"))
+)
+MISSPELT = r"the map has no thing 'scews'; did you mean screws\?"
+
+
+@contextlib.asynccontextmanager
+async def shop(*, has_map: bool = True) -> AsyncGenerator[tuple[Site, Bench]]:
+    """Yield a site without services, and what publishes on it."""
+    bus = MemoryBus()
+    bench = Bench(bus, VirtualClock())
+    try:
+        async with Site.on(bus, VirtualClock()) as site:
+            if has_map:
+                bench.put(MAP, ROOM)
+                await site.latest.map.wait()
+            yield site, bench
+    finally:
+        await bus.close()
+
+
+def point(bench: Bench, name: str, event: str = "selected", cause: str = "dwell", stamp_ns: int = 1) -> None:
+    fields = {"stamp_ns": stamp_ns, "event": event, "object_id": name, "user": "anna", "cause": cause}
+    bench.put(SELECTION_EVENTS, SelectionEvent.model_validate(fields))
+
+
+async def settled() -> None:
+    """Return when all that is under way has arrived."""
+    await asyncio.sleep(0.01)
+
+
+@in_virtual_time
+async def test_only_switches_are_switched_off() -> None:
+    async with shop() as (site, bench):
+        events = site.pointed()
+        for name in ("door", "screws", "radio", "box_7"):
+            for event in ("selected", "deselected"):
+                point(bench, name, event)
+        await settled()
+        assert [(each.thing, each.is_on) async for each in events.during(0)] == [
+            *(("door", True), ("screws", True), ("radio", True), ("radio", False))
+        ]
+
+
+@in_virtual_time
+async def test_misspelt_thing_is_refused_at_once() -> None:
+    async with shop() as (site, _bench):
+        with pytest.raises(ConfigError, match=MISSPELT):
+            site.pointed("radio", "scews")
+        with pytest.raises(ConfigError, match=MISSPELT):
+            site.on_pointed("scews")(print)
+
+
+@in_virtual_time
+async def test_misspelt_thing_is_refused_when_the_map_has_come() -> None:
+    async with shop(has_map=False) as (site, bench):
+        events = site.pointed("scews")
+        site.on_pointed("scews")(print)
+        bench.put(MAP, ROOM)
+        with pytest.raises(ConfigError, match=MISSPELT):
+            await anext(events)
+        with pytest.raises(ConfigError, match=MISSPELT):
+            await site.sleep(60)
+
+
+@in_virtual_time
+async def test_map_that_does_not_come_is_named() -> None:
+    async with shop(has_map=False) as (site, _bench):
+        with pytest.raises(NoMessageError, match="nothing has come on map yet"):
+            _ = site.things
+        with pytest.raises(NoMessageError, match="nothing came on map within 2 s"):
+            await anext(site.pointed("screws"))
+
+
+@in_virtual_time
+async def test_things_have_their_row_of_the_map_and_whether_they_are_selected() -> None:
+    async with shop() as (site, bench):
+        assert [(name, state.is_on) for name, state in site.things.items()] == [
+            *(("screws", None), ("radio", None), ("door", None))
+        ]
+        chosen = SelectedObject(id="radio", user="anna", since_ns=1)
+        bench.put(SELECTION, Selection(stamp_ns=2, objects=(chosen,)))
+        await site.latest.selection.wait()
+        radio, door = site.things["radio"], site.things["door"]
+        assert (radio.is_on, radio.user, radio.thing.mode) == (True, "anna", "switch")
+        assert (door.is_on, door.user) == (False, "")
+
+
+@in_virtual_time
+async def test_slow_function_delays_no_other_and_leaves_out_what_exceeds_eight_calls(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    async with shop() as (site, bench):
+        begun: list[int] = []
+        others: list[int] = []
+
+        @site.on_pointed("screws")
+        async def prints(event: SelectionEvent) -> None:
+            begun.append(event.stamp_ns)
+            await asyncio.sleep(3600)
+
+        @site.on_pointed("screws")
+        async def counts(event: SelectionEvent) -> None:
+            others.append(event.stamp_ns)
+
+        assert callable(prints)
+        assert callable(counts)
+        for stamp_ns in range(100):
+            point(bench, "screws", stamp_ns=stamp_ns)
+        await settled()
+        assert begun == list(range(MOST_AT_ONCE))
+        assert others == list(range(100))
+        warnings = [each.getMessage() for each in caplog.records if each.levelno == logging.WARNING]
+        assert len(warnings) == 100 - MOST_AT_ONCE
+        assert warnings[0].endswith("prints still runs 8 times: left out screws")
+        await asyncio.sleep(3600)
+        point(bench, "screws", stamp_ns=200)
+        await settled()
+        assert begun[-1] == 200
+
+
+@in_virtual_time
+async def test_nothing_runs_after_the_site_has_closed() -> None:
+    before = asyncio.all_tasks()
+    cancelled: list[bool] = []
+    bus = MemoryBus()
+    bench = Bench(bus, VirtualClock())
+    bench.put(MAP, ROOM)
+    async with Site.on(bus, VirtualClock()) as site:
+
+        @site.on_pointed("screws")
+        async def waits(_event: SelectionEvent) -> None:
+            try:
+                await asyncio.sleep(3600)
+            finally:
+                cancelled.append(True)
+
+        assert callable(waits)
+        point(bench, "screws")
+        await settled()
+        assert not cancelled
+    assert cancelled == [True]
+    assert asyncio.all_tasks() == before
+    await bus.close()
+
+
+class Shop:
+    """A site of a script without services, and what publishes on it."""
+
+    def __init__(self) -> None:
+        self.thread = LoopThread()
+        self._bench: Bench
+        self.site = SyncSite(self._joined(), self.thread)
+
+    @contextlib.asynccontextmanager
+    async def _joined(self) -> AsyncGenerator[Site]:
+        async with shop() as (site, self._bench):
+            self._bench.put(SELECTION, Selection(stamp_ns=1))
+            yield site
+
+    def point(self, name: str) -> None:
+        self.thread.call(lambda: point(self._bench, name))
+
+
+@pytest.fixture
+def script() -> Iterator[Shop]:
+    script = Shop()
+    with script.site:
+        yield script
+
+
+def test_script_reads_things_and_iterates_over_events(script: Shop) -> None:
+    assert {name: state.is_on for name, state in script.site.things.items()} == dict.fromkeys(
+        ("screws", "radio", "door"), False
+    )
+    events = script.site.pointed("radio")
+    script.point("screws")
+    script.point("radio")
+    assert next(events).thing == "radio"
+
+
+def test_misspelt_thing_is_refused_where_the_script_has_it(script: Shop) -> None:
+    with pytest.raises(ConfigError, match=MISSPELT):
+        script.site.pointed("scews")
+    with pytest.raises(ConfigError, match=MISSPELT):
+        script.site.on_pointed("scews")(print)
+
+
+def test_script_waits_for_the_map_and_says_that_it_has_not_come() -> None:
+    with SyncSite(in_memory(), LoopThread(virtual=True)) as site:
+        for act in (site.pointed, site.on_pointed, lambda: site.things):
+            with pytest.raises(NoMessageError, match="nothing came on map within 2 s"):
+                act()
+
+
+def test_function_that_exits_is_named(script: Shop, caplog: pytest.LogCaptureFixture) -> None:
+    @script.site.on_pointed("screws")
+    def leaves(_event: SelectionEvent) -> None:
+        raise SystemExit
+
+    assert callable(leaves)
+    script.point("screws")
+    script.thread.run(until(lambda: "leaves failed for screws" in caplog.text))
+
+
+def test_function_may_use_the_site_and_close_it(script: Shop) -> None:
+    events = script.site.pointed("door")
+    problems: list[str] = []
+
+    @script.site.on_pointed("screws")
+    def closes(_event: SelectionEvent) -> None:
+        problems.append(script.site.problem)
+        script.site.close()
+
+    assert callable(closes)
+    script.point("screws")
+    with contextlib.suppress(BusClosedError):  # the loop ends where it waits: with its items or this error
+        assert list(events) == []
+    script.thread._thread.join(PATIENCE_S)
+    assert not script.thread._thread.is_alive()
+    assert problems == [""]

@@ -1,0 +1,256 @@
+"""Programs that are started when people point at things: arguments, limits, failures, their end."""
+
+import asyncio
+import os
+import signal
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pointit.cli.things import programs
+from pointit.cli.things.programs import MAX_PROGRAMS, Command, Programs, program_lines
+from pointit.cli.things.run_programs import PROGRAMS_PART
+from pointit.launch.plan import scenario_catalog
+from pointit.launch.plan.launches import Choices
+from pointit.launch.plan.scenario import read_scenario
+from pointit.runtime.errors import ConfigError
+from pointit.schemas import Environment, SelectionEvent
+from pointit.schemas.environment import Thing
+from pointit.schemas.topics import SELECTION_EVENTS
+from tests.support.bench import Bench, in_virtual_time, memory_bench
+
+SIZE_M = (0.2, 0.2, 0.2)
+ROOM = Environment(
+    stamp_ns=1,
+    name="shop",
+    things=(
+        Thing(id="screws", center_m=(1.0, 2.0, 1.0), size_m=SIZE_M),
+        Thing(id="radio", center_m=(1.0, 3.0, 1.0), size_m=SIZE_M, mode="switch"),
+    ),
+)
+
+
+class FakeProgram:
+    """A process that ends when it is told to, or by a signal to its group."""
+
+    def __init__(self, pid: int, arguments: Sequence[str]) -> None:
+        self.pid = pid
+        self.arguments = arguments
+        self.signals: list[int] = []
+        self.code: asyncio.Future[int] = asyncio.get_running_loop().create_future()
+
+    async def wait(self) -> int:
+        return await asyncio.shield(self.code)
+
+
+class Machine:
+    """The processes that were started, in order."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.started: list[FakeProgram] = []
+        self.error: OSError | None = None
+        self.options: dict[str, Any] = {}
+        monkeypatch.setattr(asyncio, "create_subprocess_exec", self._start)
+        monkeypatch.setattr(os, "killpg", self._signal)
+
+    async def _start(self, *arguments: str, **options: Any) -> FakeProgram:
+        if self.error is not None:
+            raise self.error
+        self.options = options
+        self.started.append(FakeProgram(len(self.started), arguments))
+        return self.started[-1]
+
+    def _signal(self, group: int, number: int) -> None:
+        program = self.started[group]
+        if program.code.done():
+            raise ProcessLookupError
+        program.signals.append(number)
+        if number == signal.SIGKILL:
+            program.code.set_result(-number)
+
+
+@pytest.fixture
+def machine(monkeypatch: pytest.MonkeyPatch) -> Machine:
+    return Machine(monkeypatch)
+
+
+def point(bench: Bench, name: str, event: str = "selected", **fields: Any) -> None:
+    usual: dict[str, Any] = {"stamp_ns": 1, "object_id": name, "user": "anna", "confidence": 0.876}
+    bench.put(SELECTION_EVENTS, SelectionEvent.model_validate(usual | {"event": event} | fields))
+
+
+def begun(bench: Bench, *commands: str) -> Programs:
+    watcher = Programs([Command.parse(text) for text in commands])
+    watcher.attach(bench.bus, lambda _text, _user: None)
+    watcher.on_map(ROOM)
+    return watcher
+
+
+def run_summary(watcher: Programs) -> list[str]:
+    return program_lines(watcher.summary()["programs"])
+
+
+async def settled() -> None:
+    await asyncio.sleep(0.01)
+
+
+@in_virtual_time
+async def test_program_gets_its_arguments_as_they_are_without_a_shell(machine: Machine) -> None:
+    async with memory_bench() as bench:
+        begun(bench, "radio=echo '{user} turns it {state};' {thing} {confidence} '$HOME {\"a\": 1}'")
+        point(bench, "radio")
+        point(bench, "radio", "deselected", confidence=None)
+        point(bench, "screws")
+        point(bench, "box_7")
+        await settled()
+        arguments = [program.arguments for program in machine.started]
+        assert arguments == [
+            ("echo", "anna turns it on;", "radio", "0.88", '$HOME {"a": 1}'),
+            ("echo", "anna turns it off;", "radio", "", '$HOME {"a": 1}'),
+        ]
+        assert machine.options["start_new_session"]
+
+
+@in_virtual_time
+async def test_button_starts_its_program_once_for_each_pointing(machine: Machine) -> None:
+    async with memory_bench() as bench:
+        begun(bench, "screws=true")
+        point(bench, "screws")
+        point(bench, "screws", "deselected")
+        await settled()
+        assert len(machine.started) == 1
+
+
+@in_virtual_time
+async def test_failure_is_a_sentence_with_the_exit_code(
+    machine: Machine, caplog: pytest.LogCaptureFixture
+) -> None:
+    async with memory_bench() as bench:
+        watcher = begun(bench, "screws=false 'a b'")
+        for code in (0, 3, -9):
+            point(bench, "screws")
+            await settled()
+            machine.started[-1].code.set_result(code)
+            await settled()
+        machine.error = PermissionError(13, "Permission denied")
+        point(bench, "screws")
+        await settled()
+        sentences = [
+            "screws: false 'a b' ended with exit code 3",
+            "screws: false 'a b' ended with signal 9",
+            "screws: false 'a b' could not be started (Permission denied)",
+        ]
+        assert [record.getMessage() for record in caplog.records] == sentences
+        lines = run_summary(watcher)
+        assert lines == ["Programs: 4 started, 3 failed.", *(f"{each}." for each in sentences)]
+
+
+@in_virtual_time
+async def test_program_is_ended_with_its_group_after_60_s(machine: Machine) -> None:
+    async with memory_bench() as bench:
+        watcher = begun(bench, "screws=true")
+        point(bench, "screws")
+        await asyncio.sleep(59.9)
+        (program,) = machine.started
+        assert program.signals == []
+        await asyncio.sleep(0.2)
+        assert program.signals == [signal.SIGTERM]
+        await asyncio.sleep(1.0)
+        assert program.signals == [signal.SIGTERM, signal.SIGKILL]
+        assert run_summary(watcher)[1:] == ["screws: true was ended after 60 s."]
+
+
+@in_virtual_time
+async def test_ninth_program_is_not_started_and_named(machine: Machine) -> None:
+    async with memory_bench() as bench:
+        watcher = begun(bench, "screws=true")
+        for _ in range(MAX_PROGRAMS + 1):
+            point(bench, "screws")
+        await settled()
+        assert len(machine.started) == MAX_PROGRAMS
+        assert run_summary(watcher) == [
+            "Programs: 8 started, 1 failed.",
+            "screws: true was not started, as 8 programs still run.",
+        ]
+        machine.started[0].code.set_result(0)
+        await settled()
+        point(bench, "screws")
+        await settled()
+        assert len(machine.started) == MAX_PROGRAMS + 1
+
+
+@in_virtual_time
+async def test_programs_end_with_the_scenario_and_are_no_failures(machine: Machine) -> None:
+    async with memory_bench() as bench:
+        watcher = Programs([Command.parse("screws=true")])
+        listening = watcher.attach(bench.bus, lambda _text, _user: None)
+        watcher.on_map(ROOM)
+        point(bench, "screws")
+        await settled()
+        for each in listening:
+            each.close()
+        await asyncio.sleep(programs.GRACE_S + 0.1)
+        assert machine.started[0].signals == [signal.SIGTERM, signal.SIGKILL]
+        assert run_summary(watcher) == ["Programs: 1 started."]
+        assert asyncio.all_tasks() == {asyncio.current_task()}
+
+
+@in_virtual_time
+async def test_failures_in_the_summary_are_bounded(machine: Machine) -> None:
+    async with memory_bench() as bench:
+        watcher = begun(bench, "screws=true")
+        machine.error = FileNotFoundError(2, "No such file")
+        for _ in range(30):
+            point(bench, "screws")
+            await settled()
+        assert watcher.summary()["programs"]["failed"] == 30
+        assert len(run_summary(watcher)) == 1 + programs.MAX_FAILURES
+
+
+def test_thing_that_a_later_map_lacks_is_a_failure(caplog: pytest.LogCaptureFixture) -> None:
+    watcher = Programs([Command.parse("scews=true")])
+    watcher.on_map(ROOM)
+    sentence = "--on scews: the map has no thing 'scews'; did you mean screws?"
+    assert caplog.messages == [sentence] == watcher.summary()["programs"]["failures"]
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("screws", "write THING=PROGRAM"),
+        ("=true", "write THING=PROGRAM"),
+        ("screws=", "write THING=PROGRAM"),
+        ("screws=true 'a", "no closing quotation; close it"),
+        ("screws=true {usr}", r"--on screws: there is no \{usr\}; did you mean user\?"),
+        ("screws=./nothing-here.sh", r"--on screws: no program \./nothing-here\.sh; give a path"),
+    ],
+)
+def test_what_cannot_be_started_is_one_sentence(text: str, sentence: str) -> None:
+    with pytest.raises(ConfigError, match=sentence):
+        Command.parse(text)
+
+
+def test_script_that_may_not_run_is_named(tmp_path: Path) -> None:
+    script = tmp_path / "order.sh"
+    script.write_text("#!/bin/sh\n")
+    with pytest.raises(ConfigError, match="`chmod \\+x` a script"):
+        Command.parse(f"screws={script}")
+    script.chmod(0o755)
+    assert Command.parse(f"screws={script} {{user}}").arguments == [str(script), "{user}"]
+
+
+def test_unknown_thing_is_refused_before_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    def read(_name: str) -> Environment:
+        return ROOM
+
+    monkeypatch.setattr(scenario_catalog, "_map_without_points", read)
+    scenario = read_scenario("scenario_2")
+    with pytest.raises(
+        ConfigError, match=r"^--on scews: the map has no thing 'scews'; did you mean screws\?"
+    ):
+        PROGRAMS_PART.add(scenario, Choices(), {"on": ("scews=true",)})
+    (make,) = PROGRAMS_PART.add(scenario, Choices(), {"on": ("screws=true",)}).watchers
+    assert isinstance(make([]), Programs)
+    assert not PROGRAMS_PART.add(scenario, Choices(), {"on": ()}).watchers

@@ -140,7 +140,7 @@ ThingMode = Literal["claim", "button", "switch"]
 happens each time, for anybody. `switch`: it is on until anybody switches it off."""
 
 DwellS = Annotated[
-    float | None, Field(gt=0, le=10, description="time of pointing at it that selects it, s; None: the usual")
+    float | None, Field(gt=0, le=10, description="time on it that selects it, s; the method's if empty")
 ]
 
 
@@ -239,7 +239,7 @@ class TrackedObject(SchemaModel):
     ] = None
     size_m: Annotated[
         tuple[Size, Size, Size] | None,
-        Field(description="of the upright box that it fills, turned by `yaw_rad`; None: only its length counts"),
+        Field(description="of its upright box, turned by `yaw_rad`; only its length counts if empty"),
     ] = None
     mode: ThingMode = "claim"
     press: Annotated[bool, Field(description="selected by pressing while pointing at it only")] = False

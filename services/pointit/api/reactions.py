@@ -1,19 +1,17 @@
-"""Things of the map for programs: what is known of them, and functions called when somebody points at one."""
+"""Functions that are called when somebody points at a thing."""
 
 import asyncio
 import functools
 import inspect
 import logging
 from collections.abc import Awaitable, Callable, Collection
-from dataclasses import dataclass
 from typing import TypeVar
 
 from pointit.api.feed import Feed
 from pointit.runtime.config.similar_names import nearest
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.runtime.host.threads import in_daemon_thread
-from pointit.schemas import Environment, Selection, SelectionEvent
-from pointit.schemas.environment import Thing
+from pointit.schemas import Environment, SelectionEvent
 
 log = logging.getLogger(__name__)
 
@@ -23,29 +21,6 @@ F = TypeVar("F", bound=Reaction)
 
 MOST_AT_ONCE = 8
 """Limit of calls of one function that run at once. Further events are left out, and named."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class ThingState:
-    """A thing of the newest map, and what the newest selection says of it."""
-
-    thing: Thing
-    """Its row of the map: position, size, mode, light."""
-    is_on: bool | None
-    """True if it is selected. None if no selection has come yet."""
-    user: str
-    """Person who has selected it, or `""`."""
-
-
-def states_of(room: Environment, selection: Selection | None) -> dict[str, ThingState]:
-    """Return the things of the map by id, in its order."""
-    users = {} if selection is None else {one.id: one.user for one in selection.objects}
-    return {
-        thing.id: ThingState(
-            thing=thing, is_on=None if selection is None else thing.id in users, user=users.get(thing.id, "")
-        )
-        for thing in room.things
-    }
 
 
 def is_reaction(event: SelectionEvent, names: Collection[str], room: Environment | None) -> bool:

@@ -13,7 +13,7 @@ from pointit.api.feed import Feed, PresentNames, ReceiveBuffer
 from pointit.api.latest import Latest
 from pointit.api.loop_thread import closed_error
 from pointit.api.press import press
-from pointit.api.reactions import F, ThingState, check_things, is_reaction, react, states_of
+from pointit.api.reactions import F, check_things, is_reaction, react
 from pointit.api.requests import Lamp
 from pointit.api.tracker import Tracker
 from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S, Closable, Subscription
@@ -158,11 +158,6 @@ class Site:
         check_name(user, "user")
         return self._feed(topics.SELECTION_EVENTS, "", lambda event: event.user == user)
 
-    @property
-    def things(self) -> dict[str, ThingState]:
-        """The things of the newest map, by id, as the newest selection says. Raises as `latest.map.value`."""
-        return states_of(self.latest.map.value, self.latest.selection.get(""))
-
     def pointed(self, *things: str) -> Feed[SelectionEvent]:
         """Return an iterator over what people did by pointing at things of the map, all without names.
 
@@ -171,13 +166,12 @@ class Site:
         Raises, at once, or in the loop if the map comes later:
             ConfigError: If the map has no such thing.
         """
-        newest = self.latest.map
-        if (room := newest.get("")) is not None:  # received from now on
+        if (room := self.latest.map.get("")) is not None:  # received from now on
             check_things(things, room)
         return self._feed(
             topics.SELECTION_EVENTS,
             "",
-            lambda event: is_reaction(event, things, newest.get("")),
+            lambda event: is_reaction(event, things, self.latest.map.get("")),
             self._check_things(things) if things and room is None else None,
         )
 

@@ -4,7 +4,6 @@
 
 import asyncio
 import atexit
-import contextlib
 import functools
 import inspect
 import types
@@ -18,11 +17,10 @@ from pointit.api import requests
 from pointit.api.feed import Feed
 from pointit.api.latest import PATIENCE_S, Latest, Newest
 from pointit.api.loop_thread import LoopThread
-from pointit.api.reactions import F, ThingState
+from pointit.api.reactions import F
 from pointit.api.requests import Lamp
 from pointit.api.site import Site
 from pointit.api.tracker import Tracker
-from pointit.runtime.errors import AccessDeniedError, NoMessageError
 from pointit.schemas import (
     AddPackageReply,
     Done,
@@ -30,7 +28,6 @@ from pointit.schemas import (
     Message,
     ReadHistoryReply,
     ReadMemoryReply,
-    SelectionEvent,
     SetMethodReply,
     SetMountingReply,
     SetToleranceReply,
@@ -200,6 +197,7 @@ class SyncSite:
     objects = _iterating(Site.objects)
     health = _iterating(Site.health)
     selections = _iterating(Site.selections)
+    pointed = _iterating(Site.pointed)
     people = _iterating(Site.people)
     services = _iterating(Site.services)
     messages = _iterating(Site.messages)
@@ -207,28 +205,12 @@ class SyncSite:
     call = _waiting(Site.call)
     press = _waiting(Site.press)
 
-    @property
-    def things(self) -> dict[str, ThingState]:
-        """The things of the newest map, by id, as the newest selection says; waits up to 2 s for each."""
-        self.latest.map.wait()
-        with contextlib.suppress(NoMessageError, AccessDeniedError):
-            self.latest.selection.wait()
-        return self._thread.call(lambda: self._site.things)
-
-    def pointed(self, *things: str) -> SyncFeed[SelectionEvent]:
-        """Return an iterator over what people did by pointing at things; see `Site.pointed`.
+    def on_pointed(self, *things: str) -> Callable[[F], F]:
+        """Return a decorator: call the function with each event of `pointed(*things)`; see `Site.on_pointed`.
 
         Raises:
             ConfigError: If the map has no such thing.
             NoMessageError: If the map does not come within 2 s.
-        """
-        self.latest.map.wait()
-        return SyncFeed(self._thread.call(lambda: self._site.pointed(*things)), self._thread)
-
-    def on_pointed(self, *things: str) -> Callable[[F], F]:
-        """Return a decorator: call the function with each event of `pointed(*things)`; see `Site.on_pointed`.
-
-        Raises what `pointed` raises.
         """
         self.latest.map.wait()
         return lambda function: self._thread.call(lambda: self._site.on_pointed(*things)(function))

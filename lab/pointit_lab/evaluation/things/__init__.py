@@ -1,1 +1,1 @@
-"""Which thing of a room people mean: simulated reaches with recorded errors, with and without light."""
+"""Things that people mean: simulated reaches with recorded errors, with and without light."""

@@ -72,7 +72,7 @@ ROWS = tuple(
 
 @dataclass(frozen=True)
 class Result:
-    """How one reach ended."""
+    """End of one reach."""
 
     end: Literal["right", "wrong", "nothing"]
     took_s: float
@@ -81,7 +81,7 @@ class Result:
 
 @dataclass(frozen=True)
 class Share:
-    """How often reaches ended in one way, with its 95 % interval (Wilson)."""
+    """Share of the reaches that ended in one way, with its 95 % interval (Wilson)."""
 
     count: int
     of: int
@@ -113,7 +113,7 @@ class ReachRow:
 
 
 def row_of(row: Row, results: Sequence[Result]) -> ReachRow:
-    """Return how often the right thing fired, a wrong one or none."""
+    """Return the shares of reaches at which the right thing fired, a wrong one or none."""
     ends = Counter(result.end for result in results)
     took_s = [result.took_s for result in results if result.end == "right"] or [math.nan]
     stated = [result.confidence for result in results if result.confidence is not None] or [math.nan]
@@ -162,7 +162,7 @@ def reach(row: Row, config: SelectorConfig, seed: int) -> Result:
 
 
 def strays(config: SelectorConfig, piece: tuple[Elsewhere, int, float]) -> int:
-    """Return how often things fire for a person who points elsewhere: at a strip below, or at nothing.
+    """Return the number of firings for a person who points elsewhere: at a strip below, or at nothing.
 
     They move away from things that light up, as those do who see a wrong one.
     """

@@ -25,7 +25,7 @@ _option = click.option(
 
 
 def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Added:
-    """Return what starts programs, if any; ConfigError: there is no such program, or no such thing."""
+    """Return the watcher that starts them; ConfigError: there is no such program, or no such thing."""
     commands = [Command.parse(text) for text in options["on"]]
     if not commands:
         return Added()

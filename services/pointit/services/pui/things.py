@@ -11,31 +11,23 @@ PERIOD_S = 0.4
 def listing(environment: Environment, stamp_ns: int) -> TrackedObjects:
     """Return the things of `environment`, those with a part of a strip as objects on it."""
     lines = {strip.id: strip.line_m for strip in environment.strips}
-    return TrackedObjects(
-        stamp_ns=stamp_ns, objects=tuple(_tracked(thing, lines) for thing in environment.things)
-    )
+    objects = tuple(_tracked(thing, lines) for thing in environment.things)
+    return TrackedObjects(stamp_ns=stamp_ns, objects=objects)
 
 
 def _tracked(thing: Thing, lines: dict[str, tuple[tuple[float, float, float], ...]]) -> TrackedObject:
-    tracked = TrackedObject(
+    on_strip = thing.strip in lines
+    length_m = Polyline(lines[thing.strip]).length_m if on_strip else 0.0
+    start_m, end_m = (min(max(at_m, 0.0), length_m) for at_m in thing.part_m)
+    return TrackedObject(
         id=thing.id,
         kind=thing.label or thing.id,
         position_m=thing.center_m,
-        length_m=max(thing.size_m[:2]),
+        length_m=end_m - start_m if on_strip else max(thing.size_m[:2]),
+        surface="strip" if on_strip else "none",
+        surface_id=thing.strip if on_strip else "",
+        surface_position_m=(start_m + end_m) / 2.0,
         yaw_rad=thing.yaw_rad,
-        size_m=thing.size_m,
-        mode=thing.mode,
-        press=thing.press,
-        dwell_s=thing.dwell_s,
+        **thing.model_dump(include={"size_m", "mode", "press", "dwell_s"}),
         lit=bool(thing.lamp or thing.strip),
     )
-    if thing.strip not in lines:
-        return tracked
-    start_m, end_m = (min(max(at_m, 0.0), Polyline(lines[thing.strip]).length_m) for at_m in thing.part_m)
-    part = {
-        "surface": "strip",
-        "surface_id": thing.strip,
-        "surface_position_m": (start_m + end_m) / 2.0,
-        "length_m": end_m - start_m,
-    }
-    return tracked.model_copy(update=part)

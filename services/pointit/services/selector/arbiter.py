@@ -257,16 +257,10 @@ class Arbiter:
     def tick(self, now_ns: int) -> list[Output]:
         """Handle departed objects, expired reservations, and buttons that were shown for long enough."""
         self._is_news |= self._reservations.expire(now_ns)
-        shown = [
-            object_id
-            for object_id, entry in self._ledger.entries.items()
-            if self._positions.mode(object_id) == "button" and not 0 <= now_ns - entry.since_ns < SHOWN_NS
-        ]
-        outputs = [
-            output
-            for object_id in shown
-            for output in self._publisher.event(self._ledger.end(object_id, now_ns))
-        ]
+        outputs: list[Output] = []
+        for object_id, entry in list(self._ledger.entries.items()):
+            if self._positions.mode(object_id) == "button" and not 0 <= now_ns - entry.since_ns < SHOWN_NS:
+                outputs += self._publisher.event(self._ledger.end(object_id, now_ns))
         self._is_news |= bool(outputs)
         return outputs + (self.depart(now_ns) or self.news(now_ns))
 

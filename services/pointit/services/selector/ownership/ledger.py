@@ -99,10 +99,9 @@ class Ledger:
         confidence: float | None = None,
         mode: ThingMode = "claim",
     ) -> Record:
-        """Select or deselect `object_id` for `user`.
+        """Select or deselect `object_id` for `user`; what a button started is not undone.
 
-        Refused if it belongs to another person who is present, unless its `mode` lets anybody change it. What
-        a button started is not undone.
+        Refused if it belongs to another person who is present, unless its `mode` lets anybody change it.
         """
         entry = self._entries.get(object_id)
         owner = self.blocking_owner(object_id, user, now_ns) if mode == "claim" else ""

@@ -725,7 +725,7 @@ export interface Thing {
    */
   center_m: [number, number, number];
   /**
-   * time of pointing at it that selects it, s; None: the usual
+   * time on it that selects it, s; the method's if empty
    */
   dwell_s: number | null;
   id: string;
@@ -1888,7 +1888,7 @@ export interface TrackedObject {
    */
   bay_until_ns: number | null;
   /**
-   * time of pointing at it that selects it, s; None: the usual
+   * time on it that selects it, s; the method's if empty
    */
   dwell_s: number | null;
   id: string;
@@ -1918,7 +1918,7 @@ export interface TrackedObject {
    */
   press: boolean;
   /**
-   * of the upright box that it fills, turned by `yaw_rad`; None: only its length counts
+   * of its upright box, turned by `yaw_rad`; only its length counts if empty
    */
   size_m: [number, number, number] | null;
   surface: "none" | "strip" | "belt" | "lamp" | "points";

@@ -16,7 +16,6 @@ from pointit.maps.cloud_file import read_cloud
 from pointit.maps.environment import environment
 from pointit.maps.lanes import broken_references
 from pointit.maps.model import ENTRIES, CloudEntry, MapFile
-from pointit.maps.things import broken_things
 from pointit.runtime.config.similar_names import did_you_mean
 from pointit.runtime.config.validation_message import (
     field_names,
@@ -111,7 +110,7 @@ def read_whole_map(path: Path, stamp_ns: int) -> tuple[MapFile, Environment, Clo
         ConfigError: If it is invalid. One sentence with file, key, value and remedy.
     """
     file = read_map_file(path)
-    broken = [*broken_references(file), *broken_things(file)]
+    broken = list(broken_references(file))
     if broken:
         raise MapError(path, broken)
     clouds = read_clouds(path, file)
@@ -119,7 +118,7 @@ def read_whole_map(path: Path, stamp_ns: int) -> tuple[MapFile, Environment, Clo
 
 
 def read_map_file(path: Path) -> MapFile:
-    """Return the content of the file at `path`. Names in `links` and `bays` may not exist.
+    """Return the content of the file at `path`. Names in `links`, `bays` and `things` may not exist.
 
     Raises:
         ConfigError: If it is invalid. One sentence with file, key, value and remedy.
@@ -245,7 +244,7 @@ def _sentence(detail: ErrorDetails) -> str:
     if len(loc) == 1:
         return f"write a mapping of names to entries, not {format_value(value)}"
     known = [field.alias or name for name, field in model.model_fields.items() if field.is_required()]
-    return f"write a mapping with {join_names(known)}, not {format_value(value)}"
+    return f"write a mapping with {join_names(known or field_names(model))}, not {format_value(value)}"
 
 
 def contents(file: MapFile, clouds: Mapping[str, NDArray[np.float64]]) -> str:

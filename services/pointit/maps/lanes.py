@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from pointit.geometry.polyline import Polyline
 from pointit.maps.model import LinkEntry, MapFile
+from pointit.maps.things import broken_things
 from pointit.runtime.config.validation_message import join_names
 
 OVERHANG_M = 0.01
@@ -43,7 +44,7 @@ def enters_at(link: LinkEntry, target: Lane) -> float:
 
 
 def broken_references(file: MapFile) -> Iterator[tuple[str, str]]:
-    """Yield place and message for each link and bay with an unknown lane, or a position off its lane."""
+    """Yield place and message for each link, bay and thing that names what does not exist, or is off it."""
     kind, lanes = ("belt" if file.belts else "strip"), lanes_of(file)
     known = f"use one of {join_names(lanes)}" if lanes else "the map has neither belts nor strips"
     for index, link in enumerate(file.links):
@@ -63,3 +64,4 @@ def broken_references(file: MapFile) -> Iterator[tuple[str, str]]:
     for bay, name in file.bays.items():
         if name not in lanes:
             yield f"bays.{bay}", f"there is no {kind} {name!r}; {known}"
+    yield from broken_things(file)

@@ -1,8 +1,8 @@
 """Content of a map file: the sections of the ROS toolkit, with additions. {W}, metres, z up."""
 
 import math
-from collections.abc import Mapping
-from typing import Annotated, Literal, Self, cast, get_args
+from collections.abc import Callable
+from typing import Annotated, Any, Literal, NamedTuple, Self, cast, get_args
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
@@ -17,7 +17,18 @@ from pointit.schemas.environment import ThingMode
 
 MAX_PIXELS = 4096
 LEAST_AREA_M2 = 1e-4
-MODES: tuple[str, ...] = get_args(ThingMode)
+MAX_LABEL = 64
+
+
+def _if(is_valid: Callable[[Any], bool], wanted: str) -> BeforeValidator:
+    """Return a validator that raises `write WANTED, not VALUE` unless `is_valid` of the value."""
+
+    def check(value: object) -> object:
+        if not is_valid(value):
+            raise ValueError(f"write {wanted}, not {format_value(value)}")
+        return value
+
+    return BeforeValidator(check)
 
 
 def _number(value: object) -> float:
@@ -77,14 +88,6 @@ def _outline(value: object) -> tuple[Vec2, ...]:
     return tuple(corners)
 
 
-def _kind(value: object) -> str:
-    if value not in ("keep_in", "keep_out"):
-        raise ValueError(
-            f"write keep_in (robots stay inside) or keep_out (they stay outside), not {format_value(value)}"
-        )
-    return str(value)
-
-
 def _above_zero(value: object) -> float:
     try:
         number = _number(value)
@@ -135,26 +138,28 @@ def _name(value: object) -> str:
     return str(value)
 
 
-def _file(value: object) -> str:
-    if not isinstance(value, str) or not value or "\0" in value:
-        raise ValueError(
-            f"write the path of a .ply or .xyz file, relative to the map, not {format_value(value)}"
-        )
-    return value
+class StripPart(NamedTuple):
+    """A part of a strip, arc lengths from its first point."""
+
+    strip: str
+    start: float
+    end: float
 
 
-def _pixels(value: object) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not 0 < value <= MAX_PIXELS:
-        raise ValueError(f"write a whole number of pixels from 1 to {MAX_PIXELS}, not {format_value(value)}")
-    return value
-
-
-def _direction(value: object) -> int:
-    if isinstance(value, bool) or value not in (1, -1):
-        raise ValueError(
-            f"write 1, or -1 where pixel 0 sits at the line's last point, not {format_value(value)}"
-        )
-    return 1 if value == 1 else -1
+def _light(value: object) -> str | StripPart:
+    try:
+        if not isinstance(value, dict):
+            return _name(value)
+        part = dict(cast("dict[str, object]", value))
+        light = StripPart(_name(part.pop("strip")), _number(part.pop("from")), _number(part.pop("to")))
+        if not part:
+            return light
+    except (KeyError, ValueError):
+        pass
+    raise ValueError(
+        "write the name of a lamp, or a part of a strip as {strip: NAME, from: METRES, to: METRES}, "
+        f"not {format_value(value)}"
+    )
 
 
 _Point = Annotated[Vec3, BeforeValidator(_point)]
@@ -164,6 +169,31 @@ _Along = Annotated[float, BeforeValidator(lambda value: _finite(value, "metres a
 _Degrees = Annotated[float, BeforeValidator(lambda value: _finite(value, "degrees"))]
 _Height = Annotated[float, BeforeValidator(lambda value: _finite(value, "metres above the floor"))]
 _Name = Annotated[str, BeforeValidator(_name)]
+_KIND = _if(
+    lambda value: value in ("keep_in", "keep_out"),
+    "keep_in (robots stay inside) or keep_out (they stay outside)",
+)
+_FILE = _if(
+    lambda value: isinstance(value, str) and value != "" and "\0" not in value,
+    "the path of a .ply or .xyz file, relative to the map",
+)
+_PIXELS = _if(
+    lambda value: type(value) is int and 0 < value <= MAX_PIXELS,
+    f"a whole number of pixels from 1 to {MAX_PIXELS}",
+)
+_DIRECTION = _if(
+    lambda value: not isinstance(value, bool) and value in (1, -1),
+    "1, or -1 where pixel 0 sits at the line's last point",
+)
+_MODE = _if(lambda value: value in get_args(ThingMode), "claim, button or switch")
+_FLAG = _if(lambda value: isinstance(value, bool), "true or false")
+_DWELL = _if(
+    lambda value: type(value) in (int, float) and 0.1 <= value <= 10, "a number of seconds from 0.1 to 10"
+)
+_LABEL = _if(
+    lambda value: isinstance(value, str) and 0 < len(value) <= MAX_LABEL and value.isprintable(),
+    f"a name of at most {MAX_LABEL} letters for people",
+)
 
 
 class _Entry(BaseModel):
@@ -180,8 +210,8 @@ class StripEntry(_Entry):
     """A strip. The `length` that the toolkit's files repeat is ignored in favour of the line's."""
 
     line: _Line
-    pixels: Annotated[int, BeforeValidator(_pixels)]
-    direction: Annotated[Literal[1, -1], BeforeValidator(_direction)] = 1
+    pixels: Annotated[int, _PIXELS]
+    direction: Annotated[Literal[1, -1], _DIRECTION] = 1
     length: _Metres | None = None
 
 
@@ -260,53 +290,10 @@ class SphereEntry(_Entry):
 class CloudEntry(_Entry):
     """A point cloud in a file: its points times `scale`, rotated by `yaw_deg` about z, plus `position`."""
 
-    file: Annotated[str, BeforeValidator(_file)]
+    file: Annotated[str, _FILE]
     scale: _Metres = 1.0
     yaw_deg: _Degrees = 0.0
     position: _Point = (0.0, 0.0, 0.0)
-
-
-def _mode(value: object) -> str:
-    if value not in MODES:
-        raise ValueError(f"write {', '.join(MODES[:-1])} or {MODES[-1]}, not {format_value(value)}")
-    return str(value)
-
-
-def _light(value: object) -> object:
-    if isinstance(value, Mapping):
-        part = cast("Mapping[object, object]", value)
-        if set(part) == {"strip", "from", "to"}:
-            return {**part, "strip": str(part["strip"])}
-    elif isinstance(value, str | int) and not isinstance(value, bool):
-        return str(value)
-    raise ValueError(
-        "write the name of a lamp, or a part of a strip as {strip: NAME, from: METRES, to: METRES}, "
-        f"not {format_value(value)}"
-    )
-
-
-def _dwell(value: object) -> float:
-    try:
-        seconds = _number(value)
-    except (ValueError, TypeError):
-        seconds = 0.0
-    if not 0.1 <= seconds <= 10.0:
-        raise ValueError(f"write a number of seconds from 0.1 to 10, not {format_value(value)}")
-    return seconds
-
-
-def _label(value: object) -> str:
-    if not isinstance(value, str) or not 0 < len(value) <= 64 or not value.isprintable():
-        raise ValueError(f"write a name of at most 64 letters for people, not {format_value(value)}")
-    return value
-
-
-class PartEntry(_Entry):
-    """A part of a strip, arc lengths from its first point."""
-
-    strip: str
-    start: Annotated[float, BeforeValidator(lambda value: _finite(value, "metres")), Field(alias="from")]
-    end: Annotated[float, BeforeValidator(lambda value: _finite(value, "metres")), Field(alias="to")]
 
 
 class ThingEntry(_Entry):
@@ -315,11 +302,11 @@ class ThingEntry(_Entry):
     center: _Point | None = None
     size: Annotated[Vec3, BeforeValidator(lambda value: _sizes(value, 3))] | None = None
     yaw_deg: _Degrees = 0.0
-    light: Annotated[str | PartEntry, BeforeValidator(_light)] | None = None
-    mode: Annotated[ThingMode, BeforeValidator(_mode)] = "button"
-    press: bool = False
-    dwell_s: Annotated[float, BeforeValidator(_dwell)] | None = None
-    label: Annotated[str, BeforeValidator(_label)] = ""
+    light: Annotated[str | StripPart, BeforeValidator(_light)] | None = None
+    mode: Annotated[ThingMode, _MODE] = "button"
+    press: Annotated[bool, _FLAG] = False
+    dwell_s: Annotated[float, _DWELL] | None = None
+    label: Annotated[str, _LABEL] = ""
 
     @property
     def yaw_rad(self) -> float:
@@ -338,7 +325,7 @@ class ThingEntry(_Entry):
 class FenceEntry(_Entry):
     """A volume for robots, upright over `outline`; without `low` or `high` it has no end there."""
 
-    kind: Annotated[Literal["keep_in", "keep_out"], BeforeValidator(_kind)]
+    kind: Annotated[Literal["keep_in", "keep_out"], _KIND]
     outline: Annotated[tuple[Vec2, ...], BeforeValidator(_outline)]
     low: _Height | None = None
     high: _Height | None = None

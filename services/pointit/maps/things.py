@@ -6,7 +6,7 @@ import numpy as np
 
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
-from pointit.maps.model import MapFile, PartEntry, ThingEntry
+from pointit.maps.model import MapFile, StripPart, ThingEntry
 from pointit.runtime.config.similar_names import did_you_mean
 from pointit.schemas import Thing
 
@@ -61,7 +61,7 @@ def _thing(file: MapFile, name: str, entry: ThingEntry) -> Thing:
     light = entry.light
     center_m, size_m = entry.center, entry.size
     strip, part_m = "", (0.0, 0.0)
-    if isinstance(light, PartEntry):
+    if isinstance(light, StripPart):
         line = Polyline(file.strips[light.strip].line)
         strip, part_m = light.strip, (max(light.start, 0.0), min(light.end, line.length_m))
         if center_m is None:

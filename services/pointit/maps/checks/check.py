@@ -13,7 +13,6 @@ from pointit.maps.checks.strips import check_lines, check_strips
 from pointit.maps.checks.things import check_things
 from pointit.maps.lanes import broken_references, lanes_of
 from pointit.maps.model import FenceEntry, MapFile
-from pointit.maps.things import broken_things
 
 FLOOR_M = 0.0
 
@@ -44,7 +43,7 @@ def check_map(
     file: MapFile, clouds: Mapping[str, NDArray[np.float64]], *, person_m: Point | None = None
 ) -> list[Finding]:
     """Return the findings, errors first; `clouds` are in {W}, n x 3; a person may stand anywhere if None."""
-    broken = [error(*each) for each in (*broken_references(file), *broken_things(file))]
+    broken = [error(where, text) for where, text in broken_references(file)]
     lanes = lanes_of(file)
     links = [
         (index, link)

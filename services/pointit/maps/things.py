@@ -40,6 +40,8 @@ def _broken(file: MapFile, entry: ThingEntry) -> tuple[str, str] | None:
     if light is None:
         return None
     if isinstance(light, str):
+        if light in file.strips and light not in file.leds:
+            return "", f"{light} is a strip; write {{strip: {light}, from: METRES, to: METRES}}"
         return None if light in file.leds else ("", _absent("lamp", light, file.leds))
     if light.strip not in file.strips:
         return ".strip", _absent("strip", light.strip, file.strips)

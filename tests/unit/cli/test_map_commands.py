@@ -37,6 +37,7 @@ clouds: {shelf: {file: shelf.xyz}}
 fences:
   yard: {kind: keep_in, outline: [[-3, -3], [8, -3], [8, 5], [-3, 5]], high: 2.5}
   stairs: {kind: keep_out, outline: [[6, 1], [7, 1], [7, 2]]}
+things: {nuts: {center: [5, 3, 1], size: [0.4, 0.3, 0.3], label: the nuts}}
 """
 
 
@@ -57,7 +58,7 @@ def test_a_map_in_order_is_one_line_that_says_what_it_has(room: Path) -> None:
     assert result.exit_code == 0
     assert result.output == (
         f"{room}: no findings; 1 belt, 1 bay, 1 strip with 90 pixels, 2 lamps, 1 box, 4 planes, 1 cylinder, "
-        "1 sphere, 1 cloud with 2 points, 2 fences\n"
+        "1 sphere, 1 cloud with 2 points, 2 fences, 1 thing\n"
     )
 
 
@@ -136,6 +137,19 @@ def test_where_a_person_stands_counts(room: Path) -> None:
     assert invoke("check", str(room), "--person=0,0").exit_code == 1
 
 
+def test_things_are_compared_as_seen_from_every_position(room: Path) -> None:
+    boxes = [f"t{index}: {{center: [{index}, 9, 1], size: [0.9, 1, 1]}}" for index in range(14)]
+    room.write_text("things: {" + ", ".join(boxes) + "}", encoding="utf-8")
+    assert "as seen" not in invoke("check", str(room)).output
+    output = invoke("check", str(room), "--pose=6.5,-9", "--pose=-3,9.1", "--person=0,8").output
+    lines = [line for line in output.splitlines() if line.startswith("warning things")]
+    assert any(line.partition("as seen from ")[2].startswith("0,8: ") for line in lines)
+    for place, further in (("6.5,-9", 15), ("-3,9.1", 81)):
+        told = [line for line in lines if f"as seen from {place}" in line]
+        assert len(told) == 11
+        assert told[-1].startswith(f"warning things: {further} more pairs")
+
+
 @pytest.mark.parametrize("text", ["1", "1,2,3", "a,b", "nan,1", ""])
 def test_a_place_is_two_numbers(text: str) -> None:
     result = invoke("check", "lab", f"--person={text}")
@@ -171,7 +185,7 @@ def test_a_picture_shows_everything_by_name(room: Path) -> None:
         *("a title", "door", "1.80 m high", "edge", "main", "bay 7", "desk", "wall", "table", "column"),
         *("globe", "shelf", "curtain (without end)", "ground: level, without end", "x (m)", "y (m)"),
         *("its pixel 0", "belt, arrows: where it moves", "bay, where things leave", "point cloud"),
-        *("yard", "to 2.5 m", "stairs", "robots stay inside", "robots stay outside"),
+        *("the nuts", "yard", "to 2.5 m", "stairs", "robots stay inside", "robots stay outside"),
         "person at -1, 0.5",
     }
     assert expected <= written(str(room), (-1.0, 0.5))

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from pointit.bridges.foxglove.room import SHARPEST, Lines, ribbon, room
 from pointit.bridges.foxglove.scene import PARTS, Scene
 from pointit.geometry.polyline import Polyline
-from pointit.schemas import Belt, Environment, Lamp, Strip
+from pointit.schemas import Belt, Environment, Lamp, Strip, Thing
 from pointit.schemas.environment import Bay, Box, Cloud, Cylinder, Fence, Plane, Sphere
 from tests.integration.foxglove.protobuf import read
 
@@ -79,18 +79,21 @@ def test_every_kind_of_thing_is_drawn_where_it_is() -> None:
             ),
             cylinders=(Cylinder(id="c", center_m=(5, 5, 0), radius_m=0.25, height_m=2),),
             spheres=(Sphere(id="ball", center_m=(1, 0, 2), radius_m=0.5),),
+            things=(Thing(id="nuts", label="the nuts", center_m=(3, 3, 1), size_m=(1, 1, 0.4)),),
             clouds=(Cloud(id="scan", points=7, low_m=(0, 0, 0), high_m=(2, 2, 2)),),
         )
     )
     assert set(shown) == {
         *("belt b", "strips", "box box", "plane wall", "plane floor"),
-        *("cylinder c", "sphere ball", "cloud scan", "pole l"),
+        *("cylinder c", "sphere ball", "cloud scan", "pole l", "thing nuts"),
     }
     assert all(entity["frame_id"] == "world" for entity in shown.values())
     assert shown["belt b"]["timestamp"] == {"seconds": 1_700_000_000, "nanos": 123_456_789}
     (box,) = shown["box box"]["cubes"]
     assert xyz(box["size"]) == (1, 2, 3)
     assert box["pose"]["orientation"] == pytest.approx({"z": math.sqrt(0.5), "w": math.sqrt(0.5)})
+    (name,) = shown["thing nuts"]["texts"]
+    assert (name["text"], xyz(name["pose"]["position"])) == ("the nuts", (3, 3, pytest.approx(1.29)))
     corners = {xyz(point) for point in shown["plane wall"]["triangles"][0]["points"]}
     assert corners == {(-2, 3, 0), (2, 3, 0), (2, 3, 2), (-2, 3, 2)}
     (column,) = shown["cylinder c"]["cylinders"]

@@ -10,6 +10,7 @@ from pointit.launch.plan.launches import Choices
 from pointit.launch.plan.plan import Plan
 from pointit.launch.plan.scenario import Pose, read_scenario, scenario_names
 from pointit.launch.plan.scenario_catalog import ScenarioCatalog, scenario_launches
+from pointit.maps.file import load_map
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.link import Link
 from pointit.schemas import RunScenario
@@ -145,6 +146,15 @@ def test_a_room_is_no_scenario_and_the_sentence_says_how_to_run_one_in_it(tmp_pa
         read_scenario(str(path))
     assert str(caught.value).startswith(f"{path}: is a map, not a scenario; ")
     assert f"`pointit run scenario_2 --set pui.map={path}`" in str(caught.value)
+
+
+def test_a_thing_with_a_light_that_does_not_exist_ends_the_start_with_a_sentence(tmp_path: Path) -> None:
+    path = tmp_path / "my_room.yaml"
+    path.write_text("strips: {shelf: {line: [[0, 0, 1], [2, 0, 1]], pixels: 9}}\n"
+        "things: {nuts: {light: {strip: shelv, from: 0, to: 1}}}\n", encoding="utf-8")  # fmt: skip
+    with pytest.raises(ConfigError, match=r"things.nuts.light.strip: there is no strip 'shelv'"):
+        load_map(str(path), 0)
+    beginning(str(path))  # does not fail before pui says that
 
 
 ROOM = """

@@ -164,6 +164,31 @@ FINDINGS: dict[str, tuple[str, list[tuple[str, str, str]]]] = {
             "  c: {kind: keep_out, outline: [[0, -1], [4, -1], [4, 4], [0, 4]], high: 1},\n"
             "  d: {kind: keep_out, outline: [[0, -1], [4, -1], [4, 4], [0, 4]], low: 1}}"),
         [("error", "fences.a, b", "leave no place for a robot: it stays inside every keep_in")]),
+    "things one in the other": (
+        ("things: {box: {center: [1, 3, 1], size: [1, 1, 1]}, lid: {center: [1, 3, 1], size: [1, 1, 0.1]},\n"
+            "  pot: {center: [2, 3, 1], size: [1, 1, 1]}, hob: {center: [2, 3.4, 1], size: [0.9, 0.9, 1]}}"),
+        [("warning", "things.lid", "lies to 100% in box"), ("warning", "things.hob", "lies to 67% in pot")]),
+    "things that are turned beside each other": (
+        ("things: {a: {center: [1, 3, 1], size: [2, 0.2, 1], yaw_deg: 90},\n"
+            "  b: {center: [1.4, 3, 1], size: [0.5, 0.5, 0.5]}}"),
+        []),
+    "things beside the room and in the floor": (
+        ("things: {far: {center: [1, -9, 1], size: [1, 1, 1]}, pot: {center: [2, 1, 0.5], size: [1, 1, 1]},\n"
+            "  deep: {center: [1, 2, 0.1], size: [1, 1, 1]}, near: {center: [6, 3, 1], size: [1, 1, 1]}}"),
+        [
+            ("warning", "things.far", "is 10.0 m outside of all else"),
+            ("warning", "things.deep", "reaches 0.4 m below the floor")]),
+    "things with parts of a strip in common, and one with its name": (
+        (f"strips: {{s: {strip((0, 3), (3, 3))}}}\n"
+            "things: {s: {light: {strip: s, from: 0, to: 1}}, t: {light: {strip: s, from: 1, to: 1.5}},\n"
+            "  u: {light: {strip: s, from: 1.4, to: 2}}, a: {light: a}}"),
+        [("warning", "things.u", "has the light of t; give each a light of its own")]),
+    "things that are too thin, or too many": (
+        "things: {" + ", ".join(f"t{i}: {{center: [{i % 20}, {i // 20}, 1], size: [0.4, 0.4, {h}]}}"
+            for i, h in enumerate(["0.0001"] + ["0.4"] * 200)) + "}",
+        [
+            ("error", "things.t0", "is 0.0001 m small"),
+            ("warning", "things", "are 201, tested are up to 200")]),
     "fences that leave a gap": (
         ("fences: {a: {kind: keep_in, outline: [[0, 0], [2, 0], [2, 2], [0, 2]], low: 0},\n"
             "  c: {kind: keep_out, outline: [[0, -1], [4, -1], [4, 4], [0, 4]], high: 1},\n"
@@ -273,13 +298,12 @@ things:
 def test_things_that_hide_or_confuse_each_other_are_named(tmp_path: Path) -> None:
     assert [(each.severity, each.where, each.text.partition(";")[0]) for each in found(tmp_path, SHELF)] == [
         ("error", "things.t4", "ends 0.5 m below the floor"),
-        ("warning", "things.t2", "has the light of t1"),
         ("warning", "things.t2", "is called as t1 is"),
-        ("warning", "things.t1", "lies in t3"),
-        ("warning", "things.t3", "lies in t1"),
+        ("warning", "things.t2", "has the light of t1"),
+        ("warning", "things.t1", "lies to 33% in t3"),
     ]
-    confused = [each for each in found(tmp_path, SHELF, (0.0, 0.0)) if "from there" in each.text]
-    assert [(each.where, each.text.partition(" from")[0]) for each in confused] == [
+    confused = [each for each in found(tmp_path, SHELF, (0.0, 0.0)) if "as seen from 0,0" in each.text]
+    assert [(each.where, each.text.partition(" as")[0]) for each in confused] == [
         ("things.t1", "is 0° beside t3"),
         ("things.t1", "is 2° beside t2"),
         ("things.t2", "is 4° beside t3"),

@@ -44,7 +44,12 @@ def test_what_the_parameters_are_called() -> None:
         "strips": {"1": {"line": [[0, 0.6, 1], [3, 0.6, 1]], "pixels": 90}},
         "links": [{"from": "main"}],
         "bays": {"7": "main"},
+        "things": {
+            "a.light": {"light": {"strip": "1", "from": 0, "to": 0.5}, "press": True},
+            "b": {"light": "x"},
+        },
     }
+    assert tree_of(parameters_of(tree)) == tree
     assert parameters_of(tree, "site") == {
         "site.leds.door.position": [-1.5, 3.2, 1.8],
         "site.leds.up.left.position": [2, -1, 1],
@@ -52,6 +57,11 @@ def test_what_the_parameters_are_called() -> None:
         "site.strips.1.pixels": 90,
         "site.links.0.from": "main",
         "site.bays.7": "main",
+        "site.things.a.light.light.strip": "1",
+        "site.things.a.light.light.from": 0,
+        "site.things.a.light.light.to": 0.5,
+        "site.things.a.light.press": True,
+        "site.things.b.light": "x",
     }
 
 

@@ -76,6 +76,7 @@ def test_the_map_replaces_what_was_drawn_before(table: Routes) -> None:
     room = ROOM.model_copy(
         update={
             "boxes": (models.Box(id="b", center_m=(1.0, 1.0, 1.0), size_m=(1.0, 2.0, 3.0)),),
+            "things": (models.Thing(id="nuts", center_m=(1.0, 1.0, 1.0), size_m=(1.0, 2.0, 3.0)),),
             "planes": (
                 models.Plane(id="p", center_m=(0.0, 0.0, 0.0), normal=(1.0, 0.0, 0.0), size_m=(2.0, 4.0)),
             ),
@@ -85,9 +86,10 @@ def test_the_map_replaces_what_was_drawn_before(table: Routes) -> None:
     assert value.markers[0].action == DELETE_ALL
     assert keys(value) == {
         *(("belts", number) for number in (0, 1)),
-        *((group, 0) for group in ("lamps", "lamps/names", "boxes", "planes")),
-        ("strips", 2),
+        *((group, 0) for group in ("lamps", "lamps/names", "boxes", "things/names", "planes")),
+        *(("boxes", 1), ("strips", 2)),
     }
+    assert [marker.text for marker in value.markers if marker.ns == "things/names"] == ["nuts"]
     plane = next(marker for marker in value.markers if marker.ns == "planes")
     normal = rotation.rotate(turned(plane.pose.orientation), (0.0, 0.0, 1.0))
     assert abs(vector.dot(normal, (1.0, 0.0, 0.0))) == pytest.approx(1.0)

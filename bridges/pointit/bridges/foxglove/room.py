@@ -11,7 +11,7 @@ from pointit.bridges.foxglove.shapes import NamedEntity, Places
 from pointit.geometry import rotation, vector
 from pointit.geometry.plane import plane_axes
 from pointit.geometry.polyline import Polyline
-from pointit.schemas import Belt, ConveyorState, Environment, Lamp, LampColor, Strip
+from pointit.schemas import Belt, ConveyorState, Environment, Lamp, LampColor, Strip, Thing
 from pointit.schemas.base import Rgb
 from pointit.schemas.environment import Cloud, Fence, Plane
 
@@ -102,7 +102,9 @@ def room(environment: Environment, lines: Lines, now_ns: int) -> list[NamedEntit
         pose, size = shapes.pose(box.center_m, turned), shapes.size(*box.size_m)
         cube = CubePrimitive(pose=pose, size=size, color=shapes.color(SOLID, GLASS))
         edges = shapes.line(shapes.box_edges(box.center_m, box.size_m, turned), RIM, kind="list", pixels=1.0)
-        entities.append(made(kind, box.id, cubes=[cube], lines=[edges]))
+        above = vector.add(box.center_m, (0.0, 0.0, box.size_m[2] / 2.0 + LAMP_M))
+        texts = [shapes.label(box.label or box.id, above)] if isinstance(box, Thing) else []
+        entities.append(made(kind, box.id, cubes=[cube], lines=[edges], texts=texts))
     entities += [made("plane", plane.id, **_plane(plane)) for plane in environment.planes]
     for each in environment.cylinders:
         shape = shapes.cylinder(each.center_m, each.height_m, 2.0 * each.radius_m, SOLID, alpha=GLASS)

@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from pointit.cli.common.completed_names import maps
-from pointit.cli.common.option_types import Point, person_option
+from pointit.cli.common.option_types import Point, person_option, point
 from pointit.cli.common.output import json_option, print_json
 from pointit.maps.checks.check import check_map
 from pointit.maps.checks.finding import Finding, error
@@ -24,9 +24,19 @@ LONGEST = 1000
 @click.command("check")
 @click.argument("name_or_path", metavar="MAP", shell_complete=maps)
 @person_option
+@click.option(
+    "--pose",
+    "poses_m",
+    metavar="X,Y",
+    multiple=True,
+    callback=lambda context, option, texts: [point(context, option, text) for text in texts],
+    help="position from which people point at things, m: names those that are hard to tell apart; repeatable",
+)
 @click.option("--strict", is_flag=True, help="exit with code 1 also for warnings")
 @json_option
-def command(*, name_or_path: str, person_m: Point | None, strict: bool, as_json: bool) -> None:
+def command(
+    *, name_or_path: str, person_m: Point | None, poses_m: Sequence[Point], strict: bool, as_json: bool
+) -> None:
     """Show errors and warnings of MAP, a shipped one or the path of a file, and what to do.
 
     Errors make something impossible: belts that do not meet, positions off a belt, bays on belts that
@@ -37,7 +47,7 @@ def command(*, name_or_path: str, person_m: Point | None, strict: bool, as_json:
     Example: pointit map check ./site.yaml
     """
     with map_path(name_or_path) as path:
-        has, findings = examined(str(path), path, lambda: read_map_file(path), person_m)
+        has, findings = examined(str(path), path, lambda: read_map_file(path), person_m, poses_m)
     if as_json:
         rows = [{"severity": each.severity, "where": each.where, "text": each.text} for each in findings]
         print_json({"map": name_or_path, "has": has, "findings": rows})
@@ -48,7 +58,11 @@ def command(*, name_or_path: str, person_m: Point | None, strict: bool, as_json:
 
 
 def examined(
-    name: str, path: Path, read: Callable[[], MapFile], person_m: Point | None = None
+    name: str,
+    path: Path,
+    read: Callable[[], MapFile],
+    person_m: Point | None = None,
+    poses_m: Sequence[Point] = (),
 ) -> tuple[str, list[Finding]]:
     """Return a description of a map's contents, and the findings on all readable sections.
 
@@ -57,6 +71,7 @@ def examined(
         path: its current or future path; its clouds lie beside it.
         read: returns the map, or raises `ConfigError`.
         person_m: position of the person. None: anywhere.
+        poses_m: further positions from which people point at things.
     """
     has = ""
     try:
@@ -67,7 +82,7 @@ def examined(
     except ConfigError as unreadable:
         return has, [error(name, str(unreadable).removeprefix(f"{path}: "))]
     has = contents(file, clouds)
-    findings = check_map(file, clouds, person_m=person_m)
+    findings = check_map(file, clouds, person_m=person_m, poses_m=poses_m)
     if not any(each.severity == "error" for each in findings):
         try:
             to_message(path, file, clouds, 0)

@@ -10,7 +10,7 @@ from pointit.geometry.vector import Vec3
 from pointit.maps.checks.belts import check_belts
 from pointit.maps.checks.finding import Finding, error, warning
 from pointit.maps.checks.strips import check_lines, check_strips
-from pointit.maps.checks.things import check_things
+from pointit.maps.checks.things import check_things, line_places
 from pointit.maps.lanes import broken_references, lanes_of
 from pointit.maps.model import FenceEntry, MapFile
 
@@ -40,9 +40,16 @@ GRID = 48
 
 
 def check_map(
-    file: MapFile, clouds: Mapping[str, NDArray[np.float64]], *, person_m: Point | None = None
+    file: MapFile,
+    clouds: Mapping[str, NDArray[np.float64]],
+    *,
+    person_m: Point | None = None,
+    poses_m: Sequence[Point] = (),
 ) -> list[Finding]:
-    """Return the findings, errors first; `clouds` are in {W}, n x 3; a person may stand anywhere if None."""
+    """Return the findings, errors first; `clouds` are in {W}, n x 3; a person may stand anywhere if None.
+
+    Things are also compared as seen from `poses_m`.
+    """
     broken = [error(where, text) for where, text in broken_references(file)]
     lanes = lanes_of(file)
     links = [
@@ -59,7 +66,7 @@ def check_map(
         *_check_solids(file),
         *_check_clouds(clouds),
         *check_fences(file.fences),
-        *check_things(file, person_m),
+        *check_things(file, clouds, [*((person_m,) if person_m else ()), *poses_m]),
         *_check_twins(file),
         *_check_extent(file),
     ]
@@ -104,6 +111,7 @@ def _one_bearing(places: Sequence[Vec3], person_m: Point | None) -> bool:
 def _check_solids(file: MapFile) -> Iterator[Finding]:
     sizes = {
         **{f"boxes.{name}": box.size for name, box in file.boxes.items()},
+        **{f"things.{name}": thing.size for name, thing in file.things.items() if thing.size},
         **{f"planes.{name}": plane.size for name, plane in file.planes.items() if plane.size},
         **{f"cylinders.{name}": (each.radius, each.height) for name, each in file.cylinders.items()},
         **{f"spheres.{name}": (each.radius,) for name, each in file.spheres.items()},
@@ -141,9 +149,7 @@ def _twins(section: str, entries: Mapping[str, object]) -> Iterator[Finding]:
 
 
 def _check_extent(file: MapFile) -> Iterator[Finding]:
-    places = [led.position for led in file.leds.values()]
-    places += [place for strip in file.strips.values() for place in strip.line]
-    places += [place for belt in file.belts.values() for place in belt.centerline]
+    places = line_places(file)
     extent = float(np.ptp(np.array(places), axis=0).max()) if places else 0.0
     if extent > WIDEST_M:
         yield warning("map", f"is {extent:.0f} m wide; give positions in metres, if these are millimetres")

@@ -1,17 +1,18 @@
 """Checks of things: below the floor, in each other, with the same light, hard to tell apart."""
 
 import math
-from collections.abc import Iterator, Sequence
-from itertools import permutations
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pointit.geometry import vector
 from pointit.geometry.solids import BoxSolid
 from pointit.geometry.vector import Vec3
 from pointit.maps.checks.finding import Finding, error, warning
 from pointit.maps.model import MapFile
-from pointit.maps.things import broken_things, things_of
+from pointit.maps.things import ROUNDED_M, broken_things, things_of
 from pointit.schemas import Thing
 
 EYES_M = 1.64
@@ -20,31 +21,96 @@ APART_DEG = 5.0
 """Angle between two things, edge to edge, below which pointing alone does not tell which one is meant."""
 NAMED = 10
 """Pairs of things that are named."""
+TESTED = 200
+"""Number of things up to which pointing at them is measured."""
+FLOOR_M = 0.01
+BEYOND_M = 3.0
+"""Distance from all else in the map above which a thing is probably misplaced."""
+PARTS: NDArray[np.float64] = np.array(list(product((np.arange(6) - 2.5) / 6, repeat=3)))
+"""Centres of the equal parts of a cube of edge 1."""
 
 
-def check_things(file: MapFile, person_m: tuple[float, float] | None) -> Iterator[Finding]:
-    """Yield problems of things; with a place of a person, which of them are hard to tell apart from there."""
+def check_things(
+    file: MapFile, clouds: Mapping[str, NDArray[np.float64]], places_m: Sequence[tuple[float, float]]
+) -> Iterator[Finding]:
+    """Yield problems of things, and those that are hard to tell apart as seen from each of `places_m`."""
     if not file.things or any(broken_things(file)):
         return
     things = things_of(file)
-    lights: dict[tuple[object, ...], str] = {}
+    if len(things) > TESTED:
+        text = f"are {len(things)}, tested are up to {TESTED}; leave out what nobody points at"
+        yield warning("things", text)
     names: dict[str, str] = {}
     for thing in things:
-        where = f"things.{thing.id}"
-        top_m = thing.center_m[2] + thing.size_m[2] / 2.0
-        if top_m <= 0.0:
-            yield error(where, f"ends {-top_m:g} m below the floor; correct its center")
-        light = (thing.lamp, thing.strip, thing.part_m)
-        if (thing.lamp or thing.strip) and (other := lights.setdefault(light, thing.id)) != thing.id:
-            yield warning(where, f"has the light of {other}; give each a light of its own")
         if (twin := names.setdefault(thing.label or thing.id, thing.id)) != thing.id:
-            yield warning(where, f"is called as {twin} is; change one label")
+            yield warning(f"things.{thing.id}", f"is called as {twin} is; change one label")
+    yield from _check_lights(things)
+    yield from _check_places(things, file, clouds)
+    yield from _check_overlaps(sorted(things, key=lambda thing: math.prod(thing.size_m)))
     solids = [BoxSolid(thing.center_m, thing.size_m, thing.yaw_rad) for thing in things]
-    for (inner, _), (outer, solid) in permutations(zip(things, solids, strict=True), 2):
-        if solid.contains(inner.center_m):
-            yield warning(f"things.{inner.id}", f"lies in {outer.id}; move it, or make {outer.id} smaller")
-    if person_m is not None:
-        yield from _confused(things, solids, (*person_m, EYES_M))
+    for x, y in places_m:
+        yield from _confused(things, solids, (x, y, EYES_M))
+
+
+def _check_lights(things: Sequence[Thing]) -> Iterator[Finding]:
+    until: dict[str, tuple[float, str]] = {}
+    for thing in sorted(things, key=lambda each: each.part_m):
+        if light := thing.strip or (thing.lamp and f"lamp {thing.lamp}"):
+            until_m, other = until.get(light, (-math.inf, ""))
+            if other and (thing.lamp or thing.part_m[0] < until_m - ROUNDED_M):
+                yield warning(f"things.{thing.id}", f"has the light of {other}; give each a light of its own")
+            until[light] = max((until_m, other), (thing.part_m[1], thing.id))
+
+
+def _check_places(
+    things: Sequence[Thing], file: MapFile, clouds: Mapping[str, NDArray[np.float64]]
+) -> Iterator[Finding]:
+    places = line_places(file)
+    for solids in (file.boxes, file.planes, file.cylinders, file.spheres):
+        places += [solid.center for solid in solids.values()]
+    places += [(x, y, 0.0) for fence in file.fences.values() for x, y in fence.outline]
+    corners = [corner for points in clouds.values() for corner in (points.min(axis=0), points.max(axis=0))]
+    room = np.array([*places, *corners]).reshape(-1, 3)
+    room = np.array([room.min(axis=0), room.max(axis=0)]) if len(room) else room
+    centers = np.array([thing.center_m for thing in things])
+    for index, (thing, center) in enumerate(zip(things, centers, strict=True)):
+        where, half_m = f"things.{thing.id}", thing.size_m[2] / 2.0
+        if (top_m := thing.center_m[2] + half_m) <= 0.0:
+            yield error(where, f"ends {-top_m:g} m below the floor; correct its center")
+        elif (below_m := half_m - thing.center_m[2]) > FLOOR_M:
+            yield warning(where, f"reaches {below_m:.2g} m below the floor; correct its center or size")
+        rest = np.vstack([room, np.delete(centers, index, axis=0), *([center] if not len(room) else [])])
+        beyond_m = float(np.maximum(rest.min(axis=0) - center, center - rest.max(axis=0)).max())
+        if beyond_m > BEYOND_M:
+            yield warning(where, f"is {beyond_m:.1f} m outside of all else in the map; correct its center")
+
+
+def line_places(file: MapFile) -> list[Vec3]:
+    """Return the places of lamps, strips and belts."""
+    places = [led.position for led in file.leds.values()]
+    places += [place for strip in file.strips.values() for place in strip.line]
+    return places + [place for belt in file.belts.values() for place in belt.centerline]
+
+
+def _check_overlaps(things: Sequence[Thing]) -> Iterator[Finding]:
+    """Yield each of `things`, smallest first, of which the centre or more than half is inside a later one."""
+    for index, thing in enumerate(things):
+        for other in things[index + 1 :]:
+            if math.dist(thing.center_m, other.center_m) > math.hypot(*thing.size_m, *other.size_m):
+                continue  # a bound above half the sum of their diagonals
+            places = _turned(PARTS * thing.size_m, thing.yaw_rad) + thing.center_m - np.array(other.center_m)
+            own, half = _turned(places, -other.yaw_rad), np.array(other.size_m) / 2.0
+            share = float(np.all(np.abs(own) <= half, axis=1).mean())
+            if share > 0.5 or np.all(np.abs(own.mean(axis=0)) < half):
+                text = f"lies to {share:.0%} in {other.id}; move it, or make {other.id} smaller"
+                yield warning(f"things.{thing.id}", text)
+                break
+
+
+def _turned(places: NDArray[np.float64], yaw_rad: float) -> NDArray[np.float64]:
+    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+    turned: NDArray[np.float64] = places @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    return turned
 
 
 def _confused(things: Sequence[Thing], solids: Sequence[BoxSolid], eyes_m: Vec3) -> Iterator[Finding]:
@@ -53,14 +119,15 @@ def _confused(things: Sequence[Thing], solids: Sequence[BoxSolid], eyes_m: Vec3)
         for one, other in _near(things, eyes_m)
         if (apart_deg := _apart_deg(solids[one], solids[other], things[one].center_m, eyes_m)) < APART_DEG
     )
+    place = f"{eyes_m[0]:g},{eyes_m[1]:g}"
     for apart_deg, name, other_name in near[:NAMED]:
         yield warning(
             f"things.{name}",
-            f"is {apart_deg:.0f}° beside {other_name} from there: people need light to tell them apart; move "
-            "one, or let people stand nearer",
+            f"is {apart_deg:.0f}° beside {other_name} as seen from {place}: people need light to tell them "
+            "apart; move one, or let people stand nearer",
         )
-    if len(near) > NAMED:
-        yield warning("things", f"{len(near) - NAMED} more pairs are as near to each other")
+    if (more := len(near) - NAMED) > 0:
+        yield warning("things", f"{more} more pairs are as near as seen from {place}; stand nearer")
 
 
 def _near(things: Sequence[Thing], eyes_m: Vec3) -> Iterator[tuple[int, int]]:

@@ -11,7 +11,7 @@ from matplotlib.patches import Circle, Patch, Polygon
 from pointit.geometry.plane import plane_axes
 from pointit.geometry.vector import Vec3, scale
 from pointit.maps.picture.palette import ON_TOP, SOLID, SOLID_FILL, Axes
-from pointit.schemas import Environment
+from pointit.schemas import Environment, Thing
 from pointit.schemas.environment import Box, Cylinder, Plane, Sphere
 
 _FILL: dict[str, Any] = {"facecolor": SOLID_FILL, "edgecolor": SOLID, "linewidth": 1.1, "zorder": 1.8}
@@ -44,7 +44,7 @@ def draw_solids(axes: Axes, room: Environment) -> list[Any]:
     if is_named:
         named: tuple[Box | Cylinder | Sphere, ...] = (*boxes, *room.cylinders, *room.spheres)
         for each in named:
-            _name(axes, each.id, each.center_m)
+            _name(axes, (isinstance(each, Thing) and each.label) or each.id, each.center_m)
     else:
         legend.append(Line2D([], [], ls="", label=f"{solids} solids, names left out"))
     if solids:

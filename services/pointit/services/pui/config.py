@@ -15,7 +15,7 @@ class PuiConfig(Config):
     map: str | None = Field(
         default=None,
         min_length=1,
-        description="shipped map (lab, conveyor, vr_belts, arena), or path of a YAML file, from the "
+        description="shipped map (lab, conveyor, vr_belts, arena, shelf), or path of a YAML file, from the "
         "current folder; lab if empty, but in a shard the site's map, unless that has point clouds",
     )
     people: tuple[str, ...] = Field(

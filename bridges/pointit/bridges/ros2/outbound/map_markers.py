@@ -1,4 +1,4 @@
-"""Markers of the static room: belts, strips, lamps, solids, fences; sent once per map."""
+"""Markers of the static room: belts, strips, lamps, solids, things, fences; sent once per map."""
 
 from collections.abc import Iterator
 from itertools import islice, pairwise
@@ -90,6 +90,9 @@ def _solids(pen: MarkerBuilder, room: Environment) -> Iterator[Any]:
             at_m=box.center_m,
             turned=turned,
         )
+    for number, thing in enumerate(room.things):
+        above_m = vector.add(thing.center_m, (0.0, 0.0, thing.size_m[2] / 2.0 + LAMP_M))
+        yield pen.label(thing.label or thing.id, "things/names", number, above_m, LAMP_M)
     for number, plane in enumerate(room.planes):
         u, v = plane_axes(plane.normal)
         wide_m, high_m = plane.size_m or (ENDLESS_M, ENDLESS_M)

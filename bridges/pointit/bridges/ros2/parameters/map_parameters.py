@@ -1,7 +1,8 @@
 """A map as the parameters of a ROS node: `strips.1.line: [x, y, z, x, y, z]`, and back.
 
 A parameter is called SECTION.NAME.KEY. The name may have dots in it, so nothing is nested deeper, whatever a
-node says. Bays have no keys, `bays.1: side`; links have numbers, `links.0.from: main`.
+node says. Bays have no keys, `bays.1: side`; links have numbers, `links.0.from: main`. Only the light of a
+thing is nested: `things.nuts.light.strip`.
 """
 
 import re
@@ -25,11 +26,15 @@ SECTIONS = frozenset(
         "clouds",
         "fences",
         "frames",
+        "things",
     )
 )
 """Sections of a map's file; docs/reference/maps.md describes them."""
 LINES = {"line": "x, y, z", "centerline": "x, y, z", "outline": "x, y"}
 """Keys of lists of points, flattened: ROS has no lists of lists. Coordinates of each point."""
+
+LIGHT, PART = ".light", frozenset(("strip", "from", "to"))
+"""Key of a thing whose value may be a part of a strip, and the keys of that."""
 
 NUMBER = re.compile(r"[0-9]{1,6}")
 """Number of a link."""
@@ -78,6 +83,9 @@ def tree_of(parameters: Mapping[str, Value], prefix: str = "") -> dict[str, Any]
         if section == LINKS and not NUMBER.fullmatch(entry):
             raise ValueError(f"{name}: links have numbers, as in {start}links.0.{key}")
         entries = tree.setdefault(section, {})
+        if section == "things" and key in PART and entry.endswith(LIGHT):
+            entries.setdefault(entry.removesuffix(LIGHT), {}).setdefault(LIGHT[1:], {})[key] = value
+            continue
         entries.setdefault(entry, {})[key] = _points(name, value, LINES[key]) if key in LINES else value
     if LINKS in tree:
         links = cast("dict[str, Any]", tree[LINKS])
@@ -94,7 +102,10 @@ def parameters_of(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Value]
             if section == BAYS:
                 parameters[f"{start}{section}.{name}"] = entry
             else:
-                parameters |= {f"{start}{section}.{name}.{key}": _flat(entry[key]) for key in entry}
+                for key, value in entry.items():
+                    part = cast("dict[str, Any]", value) if isinstance(value, dict) else {"": value}
+                    where = f"{start}{section}.{name}.{key}"
+                    parameters |= {f"{where}.{each}".rstrip("."): _flat(part[each]) for each in part}
     return parameters
 
 

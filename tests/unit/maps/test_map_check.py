@@ -164,14 +164,10 @@ FINDINGS: dict[str, tuple[str, list[tuple[str, str, str]]]] = {
             "  c: {kind: keep_out, outline: [[0, -1], [4, -1], [4, 4], [0, 4]], high: 1},\n"
             "  d: {kind: keep_out, outline: [[0, -1], [4, -1], [4, 4], [0, 4]], low: 1}}"),
         [("error", "fences.a, b", "leave no place for a robot: it stays inside every keep_in")]),
-    "things one in the other": (
-        ("things: {box: {center: [1, 3, 1], size: [1, 1, 1]}, lid: {center: [1, 3, 1], size: [1, 1, 0.1]},\n"
-            "  pot: {center: [2, 3, 1], size: [1, 1, 1]}, hob: {center: [2, 3.4, 1], size: [0.9, 0.9, 1]}}"),
-        [("warning", "things.lid", "lies to 100% in box"), ("warning", "things.hob", "lies to 67% in pot")]),
-    "things that are turned beside each other": (
-        ("things: {a: {center: [1, 3, 1], size: [2, 0.2, 1], yaw_deg: 90},\n"
-            "  b: {center: [1.4, 3, 1], size: [0.5, 0.5, 0.5]}}"),
-        []),
+    "things of which one is half in another, and one is turned beside it": (
+        ("things: {pot: {center: [2, 3, 1], size: [1, 1, 1]}, hob: {center: [2, 3.4, 1], size: [1, 1, 1]},\n"
+            "  bar: {center: [1.4, 3, 1], size: [3, 0.1, 1], yaw_deg: 90}}"),
+        [("warning", "things.hob", "lies in pot"), ("warning", "things.pot", "lies in hob")]),
     "things beside the room and in the floor": (
         ("things: {far: {center: [1, -9, 1], size: [1, 1, 1]}, pot: {center: [2, 1, 0.5], size: [1, 1, 1]},\n"
             "  deep: {center: [1, 2, 0.1], size: [1, 1, 1]}, near: {center: [6, 3, 1], size: [1, 1, 1]}}"),
@@ -300,7 +296,8 @@ def test_things_that_hide_or_confuse_each_other_are_named(tmp_path: Path) -> Non
         ("error", "things.t4", "ends 0.5 m below the floor"),
         ("warning", "things.t2", "is called as t1 is"),
         ("warning", "things.t2", "has the light of t1"),
-        ("warning", "things.t1", "lies to 33% in t3"),
+        ("warning", "things.t1", "lies in t3"),
+        ("warning", "things.t3", "lies in t1"),
     ]
     confused = [each for each in found(tmp_path, SHELF, (0.0, 0.0)) if "as seen from 0,0" in each.text]
     assert [(each.where, each.text.partition(" as")[0]) for each in confused] == [

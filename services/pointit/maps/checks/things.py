@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import product
+from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +26,6 @@ TESTED = 200
 FLOOR_M = 0.01
 BEYOND_M = 3.0
 """Distance from all else in the map above which a thing is probably misplaced."""
-PARTS: NDArray[np.float64] = np.array(list(product((np.arange(6) - 2.5) / 6, repeat=3)))
-"""Centres of the equal parts of a cube of edge 1."""
 
 
 def check_things(
@@ -46,8 +44,10 @@ def check_things(
             yield warning(f"things.{thing.id}", f"is called as {twin} is; change one label")
     yield from _check_lights(things)
     yield from _check_places(things, file, clouds)
-    yield from _check_overlaps(sorted(things, key=lambda thing: math.prod(thing.size_m)))
     solids = [BoxSolid(thing.center_m, thing.size_m, thing.yaw_rad) for thing in things]
+    for (inner, _), (outer, solid) in permutations(zip(things, solids, strict=True), 2):
+        if solid.contains(inner.center_m):  # as is the case if more than half of it is inside
+            yield warning(f"things.{inner.id}", f"lies in {outer.id}; move it, or make {outer.id} smaller")
     for x, y in places_m:
         yield from _confused(things, solids, (x, y, EYES_M))
 
@@ -79,7 +79,8 @@ def _check_places(
             yield error(where, f"ends {-top_m:g} m below the floor; correct its center")
         elif (below_m := half_m - thing.center_m[2]) > FLOOR_M:
             yield warning(where, f"reaches {below_m:.2g} m below the floor; correct its center or size")
-        rest = np.vstack([room, np.delete(centers, index, axis=0), *([center] if not len(room) else [])])
+        if not len(rest := np.vstack([room, np.delete(centers, index, axis=0)])):
+            continue
         beyond_m = float(np.maximum(rest.min(axis=0) - center, center - rest.max(axis=0)).max())
         if beyond_m > BEYOND_M:
             yield warning(where, f"is {beyond_m:.1f} m outside of all else in the map; correct its center")
@@ -90,27 +91,6 @@ def line_places(file: MapFile) -> list[Vec3]:
     places = [led.position for led in file.leds.values()]
     places += [place for strip in file.strips.values() for place in strip.line]
     return places + [place for belt in file.belts.values() for place in belt.centerline]
-
-
-def _check_overlaps(things: Sequence[Thing]) -> Iterator[Finding]:
-    """Yield each of `things`, smallest first, of which the centre or more than half is inside a later one."""
-    for index, thing in enumerate(things):
-        for other in things[index + 1 :]:
-            if math.dist(thing.center_m, other.center_m) > math.hypot(*thing.size_m, *other.size_m):
-                continue  # a bound above half the sum of their diagonals
-            places = _turned(PARTS * thing.size_m, thing.yaw_rad) + thing.center_m - np.array(other.center_m)
-            own, half = _turned(places, -other.yaw_rad), np.array(other.size_m) / 2.0
-            share = float(np.all(np.abs(own) <= half, axis=1).mean())
-            if share > 0.5 or np.all(np.abs(own.mean(axis=0)) < half):
-                text = f"lies to {share:.0%} in {other.id}; move it, or make {other.id} smaller"
-                yield warning(f"things.{thing.id}", text)
-                break
-
-
-def _turned(places: NDArray[np.float64], yaw_rad: float) -> NDArray[np.float64]:
-    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
-    turned: NDArray[np.float64] = places @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    return turned
 
 
 def _confused(things: Sequence[Thing], solids: Sequence[BoxSolid], eyes_m: Vec3) -> Iterator[Finding]:

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pointit.schemas import Claim, Feedback, Selection, SelectionEvent
+from pointit.services.selector.arbiter import MAX_CLAIM_AGE_NS
 from pointit.services.selector.claim_budget import MAX_CLAIMS, TOLD_NS
 from pointit.services.selector.outputs import Action
 from pointit.services.selector.selection_engine import SelectionEngine
@@ -153,6 +154,19 @@ def test_reserving_takes_few_claims_and_others_see_the_package_as_taken() -> Non
     site.deliver("ben")
     site.step(0.02, {"ben": 3.0})
     assert site.hovers["ben"].taken_by == ""
+
+
+def test_a_claim_that_was_held_up_is_refused_with_an_event_and_a_reason() -> None:
+    site = a_site(("anna",))
+    dwell(site, deliver=False, anna=3.0)
+    site.links["anna"].is_cut = True
+    site.step(MAX_CLAIM_AGE_NS / 1e9 + 1.0, {})
+    site.links["anna"].is_cut = False
+    site.deliver("anna")
+    assert [event.event for event in site.events] == ["refused"]
+    assert "ago" in site.events[0].reason
+    assert site.events[0].stamp_ns == site.claims[0][1].stamp_ns
+    assert site.owners == {}
 
 
 @pytest.mark.parametrize(

@@ -111,6 +111,28 @@ def test_who_has_pointed_at_a_lamp_while_they_steer_goes_on_steering() -> None:
     assert carol.wait(0.1).goal.closed_loop
 
 
+@pytest.mark.parametrize("waits", [False, True])
+def test_after_a_turn_she_leaves_the_robot_to_others_the_longer_if_there_are_any(waits: bool) -> None:  # noqa: FBT001
+    carol = Carol(GroundRobotUser).wait(3.0)
+    if waits:
+        carol.hear("refused", "rover is steered by anna").wait(8.0)
+    carol.hear("selected")
+    for _ in range(2):
+        carol.wait(1.0).hear("selected").hear("selected").wait(1.5)
+        carol.hear("selected", sign_of="localized")
+    assert carol.goal.gesture == "hold"
+    assert carol.wait(9.0).goal == REST
+    assert (carol.wait(2.0).goal == REST) == waits
+    assert carol.wait(50.0).goal != REST
+
+
+def test_who_has_followed_a_waiting_quadrotor_past_everything_points_at_the_spot_anew() -> None:
+    carol = Carol(QuadrotorUser).wait(3.0).hear("selected").wait(1.0)
+    before = carol.goal
+    assert carol.hear("refused", "quad: carol points past everything").wait(0.1).goal.key != before.key
+    assert carol.goal.point_m == before.point_m
+
+
 @pytest.mark.parametrize("behaviour", [QuadrotorUser, GroundRobotUser])
 def test_a_lost_robot_or_a_pause_of_pointing_begins_anew(
     behaviour: type[QuadrotorUser] | type[GroundRobotUser],

@@ -147,13 +147,13 @@ class StripPart(NamedTuple):
 
 
 def _light(value: object) -> str | StripPart:
+    part = value
     try:
-        if not isinstance(value, dict):
+        if not isinstance(part, dict):
             return _name(value)
-        part = dict(cast("dict[str, object]", value))
-        light = StripPart(_name(part.pop("strip")), _number(part.pop("from")), _number(part.pop("to")))
-        if not part:
-            return light
+        part = cast("dict[str, object]", part)
+        if len(part) == 3:
+            return StripPart(_name(part["strip"]), _number(part["from"]), _number(part["to"]))
     except (KeyError, ValueError):
         pass
     raise ValueError(

@@ -21,6 +21,10 @@ LONGEST = 1000
 """Limit of one finding in characters, since it contains names from the file."""
 
 
+def _points(ctx: click.Context, parameter: click.Parameter, texts: Sequence[str]) -> list[Point | None]:
+    return [point(ctx, parameter, text) for text in texts]
+
+
 @click.command("check")
 @click.argument("name_or_path", metavar="MAP", shell_complete=maps)
 @person_option
@@ -29,7 +33,7 @@ LONGEST = 1000
     "poses_m",
     metavar="X,Y",
     multiple=True,
-    callback=lambda context, option, texts: [point(context, option, text) for text in texts],
+    callback=_points,
     help="position from which people point at things, m: names those that are hard to tell apart; repeatable",
 )
 @click.option("--strict", is_flag=True, help="exit with code 1 also for warnings")

@@ -32,13 +32,13 @@ def _recorder() -> "RunPart":
 
 
 def _programs() -> "RunPart":
-    from pointit.cli.things.run_programs import PROGRAMS_PART
+    from pointit.cli.things.programs import PROGRAMS_PART
 
     return PROGRAMS_PART
 
 
 def _programs_display() -> "DisplayPart":
-    from pointit.cli.things.run_programs import PROGRAMS_DISPLAY
+    from pointit.cli.things.programs import PROGRAMS_DISPLAY
 
     return PROGRAMS_DISPLAY
 

@@ -10,8 +10,7 @@ from typing import Any
 import pytest
 
 from pointit.cli.things import programs
-from pointit.cli.things.programs import MAX_PROGRAMS, Command, Programs, program_lines
-from pointit.cli.things.run_programs import PROGRAMS_PART
+from pointit.cli.things.programs import MAX_PROGRAMS, PROGRAMS_DISPLAY, PROGRAMS_PART, Command, Programs
 from pointit.launch.plan import scenario_catalog
 from pointit.launch.plan.launches import Choices
 from pointit.launch.plan.scenario import read_scenario
@@ -89,7 +88,7 @@ def begun(bench: Bench, *commands: str) -> Programs:
 
 
 def run_summary(watcher: Programs) -> list[str]:
-    return program_lines(watcher.summary()["programs"])
+    return list(PROGRAMS_DISPLAY.summary(watcher.summary()))
 
 
 async def settled() -> None:

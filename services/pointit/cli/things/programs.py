@@ -1,4 +1,4 @@
-"""Programs that are started when people point at things."""
+"""The programs of `pointit run --on`, which are started when people point at things."""
 
 import asyncio
 import contextlib
@@ -8,11 +8,19 @@ import re
 import shlex
 import shutil
 import signal
+from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
+import click
+
 from pointit.api.reactions import check_things, is_reaction
+from pointit.cli.common.run_part import Added, RunPart
+from pointit.cli.display.display_part import DisplayPart
+from pointit.launch.plan.launches import Choices, site_launches
+from pointit.launch.plan.scenario import Scenario
+from pointit.launch.plan.scenario_catalog import room_of
 from pointit.launch.plan.watcher import News
 from pointit.runtime.bus.contract import Bus, Closable
 from pointit.runtime.config.similar_names import nearest
@@ -29,7 +37,7 @@ MAX_S = 60.0
 GRACE_S = 1.0
 """Time from SIGTERM to SIGKILL, s."""
 MAX_FAILURES = 20
-"""Number of failures in the summary. Further ones are only counted."""
+"""Number of last failures in the summary. Earlier ones are only counted."""
 
 PLACEHOLDER = re.compile(r"\{(\w+)\}")
 PLACEHOLDERS = ("thing", "user", "confidence", "state")
@@ -65,6 +73,13 @@ class Command:
             raise ConfigError(f"--on {thing}: no program {program}; give a path, and `chmod +x` a script")
         return cls(thing=thing.strip(), arguments=arguments)
 
+    def check(self, room: Environment) -> None:
+        """Check that the map has the thing. Raises ConfigError."""
+        try:
+            check_things([self.thing], room)
+        except ConfigError as error:
+            raise ConfigError(f"--on {self.thing}: {error}") from error
+
     def filled(self, event: SelectionEvent) -> list[str]:
         """Return program and arguments for an event. An unknown confidence is empty."""
         values = {
@@ -86,7 +101,7 @@ class Programs:
         self._running = set[asyncio.Task[None]]()
         self._started = 0
         self._failed = 0
-        self._failures: list[str] = []
+        self._failures: deque[str] = deque(maxlen=MAX_FAILURES)
 
     def attach(self, bus: Bus, news: News) -> Sequence[Closable]:
         """Subscribe on `bus`. Return the subscription, and what ends all programs."""
@@ -100,9 +115,9 @@ class Programs:
         self._room = environment
         for command in self._commands:
             try:
-                check_things([command.thing], environment)
+                command.check(environment)
             except ConfigError as error:
-                self._fail(f"--on {command.thing}: {error}")
+                self._fail(str(error))
 
     def on_service(self, instance: str, *, is_present: bool) -> None:
         """Ignore services."""
@@ -151,8 +166,7 @@ class Programs:
     def _fail(self, sentence: str) -> None:
         log.warning("%s", sentence)
         self._failed += 1
-        if len(self._failures) < MAX_FAILURES:
-            self._failures.append(sentence)
+        self._failures.append(sentence)
 
     def _end(self) -> None:
         for task in self._running:
@@ -171,12 +185,39 @@ async def _end_group(group: int) -> None:
             os.killpg(group, signal.SIGKILL)
 
 
-def program_lines(programs: Mapping[str, Any]) -> list[str]:
-    """Return sentences on the programs of a summary."""
-    if not programs:
+_option = click.option(
+    "--on",
+    multiple=True,
+    metavar="THING=PROGRAM",
+    help="start this program, without a shell, when somebody points at the thing of the map; its arguments "
+    "may have {thing}, {user}, {confidence} and {state} (on or off). Repeatable",
+)
+
+
+def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Added:
+    """Return the watcher that starts them; ConfigError: there is no such program, or no such thing."""
+    commands = [Command.parse(text) for text in options["on"]]
+    if not commands:
+        return Added()
+    room = room_of(site_launches(scenario, choices))
+    for command in commands:
+        if room is not None:
+            command.check(room)
+    return Added(watchers=[lambda _launches: Programs(commands)])
+
+
+def _summary(summary: Mapping[str, Any]) -> list[str]:
+    programs = summary.get("programs")
+    if programs is None:
         return []
     failed = f", {programs['failed']} failed" if programs["failed"] else ""
     return [
         f"Programs: {programs['started']} started{failed}.",
         *(f"{each}." for each in programs["failures"]),
     ]
+
+
+PROGRAMS_PART = RunPart(heading="Things", names=("on",), options=_option, add=_add)
+PROGRAMS_DISPLAY = DisplayPart(
+    rows=lambda _monitor, _width: None, lines=lambda _monitor: (), summary=_summary
+)

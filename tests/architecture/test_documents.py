@@ -25,7 +25,13 @@ TOP = (
     *("deploy/", "requirements/"),
 )
 GENERATED = {ROOT / "docs" / page for page in PAGES}
-MADE_BY_READERS = {"deploy/.env", "fake.py", "src/my_wrist/__init__.py", "src/my_wrist/fake.py"}
+MADE_BY_READERS = {
+    "deploy/.env",
+    "fake.py",
+    "my_order.py",
+    "src/my_wrist/__init__.py",
+    "src/my_wrist/fake.py",
+}
 MODULES = (
     *all_modules(),
     *(ROOT / "examples").rglob("*.py"),

@@ -74,6 +74,10 @@ def free_endpoint() -> str:
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
+def _resolved(_context: click.Context, _option: click.Parameter, commit: str | None) -> str | None:
+    return commit and against.resolved(commit)
+
+
 @click.command()
 @click.option(
     "--duration",
@@ -95,7 +99,7 @@ def free_endpoint() -> str:
     "--against",
     "commit",
     metavar="COMMIT",
-    callback=lambda _context, _option, commit: commit and against.resolved(commit),
+    callback=_resolved,
     help="compare latency and CPU time with those of COMMIT instead",
 )
 @click.option(

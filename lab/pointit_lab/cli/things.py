@@ -16,7 +16,7 @@ from pointit_lab.cli.options import JOBS, JSON, check_writable, write_json
 from pointit_lab.cli.table import evaluation_console
 
 if TYPE_CHECKING:
-    from pointit_lab.evaluation.things.things import ReachRow, Share
+    from pointit_lab.evaluation.things.things import Elsewhere, ReachRow, Share
 
 FIRST_SEED = 2000
 """First seed for claims; constants of the method were chosen with seeds from 1000 to 1149."""
@@ -24,7 +24,7 @@ PLACES = {"strip": "a strip 0.5 m below", "nothing": "nothing"}
 BATCH = 20
 """Reaches that a process does at once."""
 NOTES = (
-    "`right`, `wrong`, `nothing`: which thing fires within 8 s, with 95 % intervals (Wilson). `median`, "
+    "`right`, `wrong`, `nothing`: which thing fires within 8 s, %, with 95 % intervals (Wilson). `median`, "
     "`p90`: time from the beginning of the reach until the right one fires, s. `stated`: mean probability "
     "stated of what fires."
 )
@@ -89,9 +89,11 @@ def things(
         for row in ROWS
         for first in range(seed, seed + trials, BATCH)
     ]
-    others = [(kind, seed + index, minutes) for kind in ELSEWHERE for index in range(people)]
+    others: list[tuple[Elsewhere, int, float]] = [
+        (kind, seed + index, minutes) for kind in ELSEWHERE for index in range(people)
+    ]
     found: dict[str, list[Result]] = {row.name: [] for row in ROWS}
-    fired = dict.fromkeys(ELSEWHERE, 0)
+    fired: dict[Elsewhere, int] = dict.fromkeys(ELSEWHERE, 0)
     with interruptible():
         with progress(len(pieces) + len(others)) as tell_progress:
             for done, (index, results) in enumerate(map_parallel(partial(reaches, config), pieces, jobs)):
@@ -125,4 +127,4 @@ def _print(rows: "Sequence[ReachRow]", per_half_hour: Mapping[Any, float]) -> No
 
 def _share(share: "Share") -> str:
     low, high = share.interval
-    return f"{share.value:.1%} [{low:.1%}, {high:.1%}]"
+    return f"{100.0 * share.value:.1f} [{100.0 * low:.0f}, {100.0 * high:.0f}]"

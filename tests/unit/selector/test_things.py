@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
-from pointit.schemas import ButtonEvent, Cursor, Environment, Hover, SelectionEvent, Thing
+from pointit.schemas import ButtonEvent, Cursor, Environment, Feedback, Hover, SelectionEvent, Thing
 from pointit.services.pui.things import TRACKER, listing
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.outputs import Output
@@ -21,7 +21,8 @@ RATE_HZ = 50
 
 
 def thing(name: str, y_m: float = 0.0, **fields: Any) -> Thing:
-    return Thing(**{"id": name, "center_m": (2.6, y_m, 1.4), "size_m": (0.4, 0.4, 0.4)} | fields)
+    usual = {"id": name, "center_m": (2.6, y_m, 1.4), "size_m": (0.4, 0.4, 0.4)}
+    return Thing.model_validate(usual | fields)
 
 
 class Things:
@@ -77,9 +78,8 @@ def test_a_button_fires_once_for_each_time_that_somebody_points_at_it() -> None:
     assert room.point(60.0, 0.5) == []
     assert room.point(0.0, 3.0, "bert") == [("selected", "screws"), ("deselected", "screws")]
     undone = room.engine.undo("bert", at(room.time_s))
-    assert [output.message.text for output in undone if hasattr(output.message, "text")] == [
-        "there is nothing to take back"
-    ]
+    cues = [output.message.text for output in undone if isinstance(output.message, Feedback)]
+    assert cues == ["there is nothing to take back"]
 
 
 def test_a_switch_is_on_until_anybody_switches_it_off() -> None:

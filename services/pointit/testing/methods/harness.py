@@ -17,6 +17,7 @@ from pointit.plugins import (
     View,
 )
 from pointit.runtime.virtual_time import START_NS
+from pointit.schemas import TrackedObject
 from pointit.services.selector.objects.view import VisibleObject
 from pointit.testing.check import Harness, called
 
@@ -128,9 +129,7 @@ def _view(direction: Vec3, prefix: str) -> View:
             angle_rad = vector.angle_between(direction, center_m)
             still = (0.0, 0.0, 0.0)
             half_rad = math.atan(HALF_M / RANGE_M)
-            seen.append(
-                VisibleObject(
-                    f"{prefix}{number}", angle_rad, half_rad, center_m, still, still, HALF_M, RANGE_M, None
-                )
-            )
+            tracked = TrackedObject(id=f"{prefix}{number}", kind="", position_m=center_m, length_m=2 * HALF_M)
+            around = (center_m, still, still, HALF_M, RANGE_M, None, tracked)
+            seen.append(VisibleObject(tracked.id, angle_rad, half_rad, *around))
     return View(direction, seen)

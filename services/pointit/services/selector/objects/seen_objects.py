@@ -198,8 +198,8 @@ class SeenObjects:
             half_m,
             range_m,
             place,
-            outline_m,
             tracked,
+            outline_m,
         )
 
     def _is_fresh(self, index: int, age_s: float) -> bool:

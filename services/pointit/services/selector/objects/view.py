@@ -40,9 +40,9 @@ class VisibleObject(NamedTuple):
     range_m: float
     """Distance from the eyes to its centre."""
     place: OnLine | None
-    outline_m: Vec3 | None
-    """Point of its outline nearest to the ray, if its `size_m` is known and the ray passes it."""
     tracked: TrackedObject
+    outline_m: Vec3 | None = None
+    """Point of its outline nearest to the ray, if its `size_m` is known and the ray passes it."""
 
 
 class View:

@@ -7,6 +7,7 @@ from pointit.recording.entries import AnyRow, Entry
 from pointit.runtime.errors import PointItError
 from pointit.schemas import Feedback, SelectionEvent, UserPose, topics
 from pointit.schemas.system import instance_of, split_instance
+from pointit.services.pui.things import TRACKER
 
 Level = Literal["edge", "rays", "cursors"]
 """Inputs taken from the recording: those of devices and other systems, or also rays, or also cursors."""
@@ -91,7 +92,7 @@ class Split:
             return self.runs("selector", "")
         if row is topics.FEEDBACK:
             return self.runs("supervisor", entry.name)
-        return any(self.runs(writer, entry.name) for writer in row.writers)
+        return any(self.runs(writer, entry.name) for writer in _writers(row, entry.name))
 
     def rank(self, instance: str) -> int:
         """Return the place of a service in the order of starts."""
@@ -101,3 +102,10 @@ class Split:
     def runs(self, service: str, name: str) -> bool:
         """Return True if `service` runs again, for the person `name` if it is one of a person."""
         return service in self.instances or instance_of(service, name) in self.instances
+
+
+def _writers(row: topics.Topic[Any], name: str) -> Iterable[str]:
+    """Return the services that write `name` of a topic: `pui` lists the things of the map alone."""
+    if row is not topics.OBJECTS:
+        return row.writers
+    return ("pui",) if name == TRACKER else (writer for writer in row.writers if writer != "pui")

@@ -109,7 +109,7 @@ class EstimateMethod:
         """Process a cursor."""
         cursor, view = pointing.cursor, pointing.view
         now_ns = cursor.stamp_ns
-        elapsed_s = (now_ns - self._stamp_ns) / NS_PER_S
+        elapsed_s = max(now_ns - self._stamp_ns, 0) / NS_PER_S
         self._stamp_ns = now_ns
         if cursor.direction is None or cursor.origin_m is None or view is None:
             self._beside.clear()

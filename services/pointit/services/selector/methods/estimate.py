@@ -87,6 +87,8 @@ class EstimateMethod:
         self._speed = RaySpeedEstimator(0.15)
         self._beside: dict[str, _Angles] = {}
         """Smoothed angles from the ray to each object near it."""
+        self._now: dict[str, _Angles] = {}
+        """The same of the last ray alone."""
         self._stamp_ns = 0
         self._shown: str | None = None
         self._shown_ns = 0
@@ -121,9 +123,9 @@ class EstimateMethod:
             self._show(None, now_ns)
         self._speed.add(now_ns, cursor.direction)
         share = 1.0 - math.exp(-elapsed_s / SMOOTHING_S)
-        before, self._beside = self._beside, {}
+        before, self._beside, self._now = self._beside, {}, {}
         for one in view.seen:
-            now = _angles(one, cursor.origin_m, cursor.direction)
+            now = self._now[one.id] = _angles(one, cursor.origin_m, cursor.direction)
             was = before.get(one.id, now)
             self._beside[one.id] = _Angles(*[a + share * (b - a) for a, b in zip(was, now, strict=True)])
         probabilities = self._probabilities(view, cursor, now_ns)
@@ -135,6 +137,7 @@ class EstimateMethod:
         stayed_s = (now_ns - self._stays_ns) / NS_PER_S if self._shown is not None else 0.0
         accepted = min(SEEN_PER_S * max(stayed_s - SEEN_AFTER_S, 0.0), SEEN)
         logs: dict[str, float] = {}
+        # lines on which objects move, or that light them: who points at these means an object
         lines: set[tuple[str, str]] = set()
         for one in view.seen:
             wide, high = _extent(one)
@@ -147,6 +150,8 @@ class EstimateMethod:
                 logs[one.id] += accepted
             if one.place is not None:
                 lines.add((one.place.surface, one.place.surface_id))
+            elif one.tracked.size_m is None:  # it may be on the line of the cursor
+                lines.add((cursor.surface, cursor.surface_id))
         none = math.log(AIMLESS) - min(RESTING_PER_S * stayed_s, RESTING)
         if cursor.surface in LINES and (cursor.surface, cursor.surface_id) not in lines:
             across = math.log(ON_LIGHT / (_FLAT * UPWARDS_RAD)) - 0.5 * (cursor.miss_rad / UPWARDS_RAD) ** 2
@@ -168,7 +173,9 @@ class EstimateMethod:
             speed = view.relative_rate(best, rate)
             if speed < FAST_RADPS and probabilities[best] >= SHOWN:
                 self._show(best, now_ns)
-                if math.dist(self._beside[best][2:], self._anchor[2:]) > _corrected_rad(view, best):
+                moved_rad = math.dist(self._beside[best][2:], self._anchor[2:])
+                jumped_rad = math.dist(self._now[best][2:], self._anchor[2:]) / 2.0  # not smoothed
+                if max(moved_rad, jumped_rad) > _corrected_rad(view, best):
                     self._stays_ns, self._anchor = now_ns, self._beside[best]
                 return
         self._show(None, now_ns)

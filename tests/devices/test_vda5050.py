@@ -220,7 +220,11 @@ async def test_a_person_points_and_the_agv_comes_and_drives_on_along_a_path(
                 return state.phase == "idle" and math.dist(state.position_m, (0.0, 2.5, 0.0)) < 0.01
 
             await pilotage.until(has_arrived, PATIENCE_S)
-            assert pilotage.objects[-1].objects[0].position_m == pytest.approx((0.0, 2.5, 0.0), abs=0.01)
+
+            def is_shown_there() -> bool:  # the object has its own pace, which may be behind the state's
+                return math.dist(pilotage.objects[-1].objects[0].position_m, (0.0, 2.5, 0.0)) < 0.01
+
+            await until(is_shown_there, PATIENCE_S, "the object where the state is")
 
 
 def message_of_another(number: int, **body: object) -> str:
@@ -255,6 +259,13 @@ def order_of_another(*points: tuple[float, float]) -> str:
     return message_of_another(1, orderId="theirs", orderUpdateId=0, nodes=nodes, edges=edges)
 
 
+async def publish_again(client: aiomqtt.Client, order: str) -> None:
+    """Publish an order every five seconds."""
+    while True:
+        await client.publish(f"{TOPICS}/order", order)
+        await asyncio.sleep(5.0)
+
+
 async def test_an_order_of_another_master_is_left_alone_and_shown_while_pointit_starts_idles_and_stops(
     port: int, node: tuple[str, Path]
 ) -> None:
@@ -269,8 +280,15 @@ async def test_an_order_of_another_master_is_left_alone_and_shown_while_pointit_
         aiomqtt.Client("127.0.0.1", port) as other,
         memory_bench(WallClock()) as bench,
     ):
-        await other.publish(f"{TOPICS}/order", order_of_another(START, end))
-        await until(lambda: bool(states) and bool(states[-1][1]["nodeStates"]), PATIENCE_S, "their order")
+        # the AGV refuses an order for which it is not ready: masters send it again, and it ignores one that it has
+        orders = asyncio.create_task(publish_again(other, order_of_another(START, end)))
+        try:
+            await until(
+                lambda: bool(states) and states[-1][1]["orderId"] == "theirs", PATIENCE_S, "their order"
+            )
+        finally:
+            orders.cancel()
+            await asyncio.gather(orders, return_exceptions=True)
         pilotage = Pilotage(bench)
         async with running(run_service(launch, bench.bus, bench.clock)):
             shown = await pilotage.until(lambda state: "another master control" in state.reason)

@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from pointit.cli.common.progress import interruptible, progress
+from pointit.runtime.errors import ConfigError
 from pointit_lab.cli.options import JOBS, JSON, check_writable, write_json
 from pointit_lab.cli.table import evaluation_console
 
@@ -79,11 +80,14 @@ def things(
     Example: pointit evaluate things --trials 100 --people 4
     """
     from pointit.services.selector.config import SelectorConfig  # noqa: PLC0415 - all of the selector
+    from pointit.services.selector.selection_methods import METHODS  # noqa: PLC0415 - as above
     from pointit_lab.evaluation.recordings.parallel import map_parallel  # noqa: PLC0415 - as above
     from pointit_lab.evaluation.things.things import ELSEWHERE, ROWS, Result, reaches, row_of, strays  # noqa: PLC0415 - as above
 
     check_writable(json_file)
-    config = SelectorConfig.model_validate({"method": method})
+    if method not in METHODS.names:
+        raise ConfigError(f"--method {method}: there is no such method; there are {', '.join(METHODS.names)}")
+    config = SelectorConfig(method=method)
     pieces = [
         (row, first, min(BATCH, seed + trials - first))
         for row in ROWS

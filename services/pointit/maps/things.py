@@ -7,7 +7,7 @@ import numpy as np
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
 from pointit.maps.model import MapFile, StripPart, ThingEntry
-from pointit.runtime.config.similar_names import did_you_mean
+from pointit.runtime.config.similar_names import nearest
 from pointit.schemas import Thing
 
 MOST = 1000
@@ -55,8 +55,7 @@ def _broken(file: MapFile, entry: ThingEntry) -> tuple[str, str] | None:
 
 
 def _absent(kind: str, name: str, there: Mapping[str, object]) -> str:
-    near = did_you_mean(name, tuple(there))
-    return f"there is no {kind} {name!r}; {near or 'use one of ' + (', '.join(there) or 'none: add one')}"
+    return f"there is no {kind} {name!r}; {nearest(name, there) if there else 'add one to the map'}"
 
 
 def _thing(file: MapFile, name: str, entry: ThingEntry) -> Thing:

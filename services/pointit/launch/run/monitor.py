@@ -170,6 +170,8 @@ class Monitor:
 
     def _on_event(self, event: SelectionEvent, _name: str) -> None:
         self.score.on_event(event)
+        if event.event == "deselected" and not (event.cause or event.reason):
+            return  # a button is over
         kind = self.score.kinds.get(event.object_id, "object")
         where = f" at bay {event.bay}" if event.bay else ""
         who = f"{where} by {event.user}" if event.user and not where else where

@@ -12,6 +12,7 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import ButtonEvent, Cursor, Environment, Feedback, Hover, SelectionEvent, Thing
 from pointit.services.pui.things import TRACKER, listing
 from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.objects.seen_objects import MAX_SOLIDS, SeenObjects
 from pointit.services.selector.outputs import Output
 from pointit.services.selector.selection_engine import SelectionEngine
 from tests.unit.selector.room import MAP, at, package, packages, pointing
@@ -152,3 +153,21 @@ def test_what_is_stated_is_a_probability(boxes: list[tuple[float, float]], azimu
     room = Things(*[thing(f"t{i}", y, size_m=(w, w, w)) for i, (y, w) in enumerate(boxes)])
     room.point(azimuth_deg, 1.6)
     assert all(event.confidence is not None and 0.7 <= event.confidence <= 1.0 for event in room.events[:1])
+
+
+@given(st.integers(0, 29))
+def test_of_a_crowd_of_boxes_those_nearest_to_the_ray_are_seen(aimed: int) -> None:
+    row = tuple(thing(str(index), 0.02 * (index - 15)) for index in range(30))
+    seen = SeenObjects(display_lag_s=0.0, aim="ray")
+    room = Environment(stamp_ns=0, name="room", things=row)
+    seen.on_map(room)
+    seen.update(TRACKER, listing(room, at(0.0)))
+    ray = vector.subtract(row[aimed].center_m, EYES)
+    length_m = math.hypot(*ray)
+    x, y, z = (each / length_m for each in ray)
+    view = seen.view_from(Cursor(stamp_ns=at(0.0), origin_m=EYES, direction=(x, y, z)))
+    assert view is not None
+    names = {int(each.id) for each in view.seen}
+    assert len(names) == MAX_SOLIDS
+    assert aimed in names
+    assert max(abs(name - aimed) for name in names) <= MAX_SOLIDS, "neighbours"

@@ -106,9 +106,9 @@ def run(
     scenario_1: lamps show by colour how close the ray passes. scenario_2: a cursor on the strips.
     scenario_3: select moving segments. scenario_4 (default): packages on a conveyor, sent to bays.
     scenario_5: fly a quadrotor. scenario_6: drive a robot along a path.
-    send_a_robot: goals on the floor. `--list` explains them.
+    send_a_robot: goals on the floor. shelf: things that react. `--list` explains them.
 
-    A .yaml file is a scenario of your own.
+    A .yaml file is a scenario of your own, or a map with things.
 
     Opens a page in the browser, and prints its address. Watch the scene there, or point with the mouse or a
     phone. The run ends by itself with a summary, unless a page is open; --duration sets a fixed time.

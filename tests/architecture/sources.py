@@ -63,17 +63,20 @@ def importers(module: str, paths: tuple[Path, ...]) -> Iterator[str]:
             yield from dict.fromkeys(shown(path, node) for node in found)
 
 
+def imports_in(code: ast.AST) -> Iterator[tuple[str, ast.stmt | ast.expr]]:
+    """What is imported at any depth of `code`, in whatever form, and where."""
+    for node in ast.walk(code):
+        if isinstance(node, ast.Import):
+            yield from ((alias.name, node) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            yield from ((f"{node.module}.{alias.name}", node) for alias in node.names)
+        elif isinstance(node, ast.Call) and _is_dynamic_import(node):
+            yield from ((str(each.value), node) for each in node.args[:1] if isinstance(each, ast.Constant))
+
+
 @cache
 def _imports(path: Path) -> tuple[tuple[str, ast.stmt | ast.expr], ...]:
-    found: list[tuple[str, ast.stmt | ast.expr]] = []
-    for node in ast.walk(tree(path)):
-        if isinstance(node, ast.Import):
-            found += [(alias.name, node) for alias in node.names]
-        elif isinstance(node, ast.ImportFrom) and not node.level:
-            found += [(f"{node.module}.{alias.name}", node) for alias in node.names]
-        elif isinstance(node, ast.Call) and _is_dynamic_import(node):
-            found += [(str(each.value), node) for each in node.args[:1] if isinstance(each, ast.Constant)]
-    return tuple(found)
+    return tuple(imports_in(tree(path)))
 
 
 def literals(path: Path) -> Iterator[ast.Constant]:

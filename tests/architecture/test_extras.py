@@ -1,15 +1,19 @@
 """The table of extras names those of pyproject.toml with their libraries, messages how to install them."""
 
+import ast
+import contextlib
 import re
 import tomllib
+from importlib.metadata import PackageNotFoundError, packages_distributions, requires
 from pathlib import Path
 
 import pytest
 from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 from pointit.runtime.host import extras
 from pointit.services.registry import PROCESSES
-from tests.architecture.sources import ROOT, shipped
+from tests.architecture.sources import ROOT, imports_in, shipped, tree
 from tests.support.invoked import python
 
 PAGE = ROOT / "docs" / "reference" / "extras.md"
@@ -82,3 +86,34 @@ def test_what_decides_loads_no_zenoh() -> None:
     )
     done = python("-c", script, input="\n".join(names))
     assert done.returncode == 0, done.stderr
+
+
+def installed_with(lines: list[str]) -> set[str]:
+    """Return the distributions that requirements bring, with what these need."""
+    found: set[str] = set()
+    left = [Requirement(line) for line in lines]
+    while left:
+        each = left.pop()
+        if each.name == "pointit":
+            left += [Requirement(line) for extra in each.extras for line in EXTRAS[extra]]
+        elif each.name not in found:
+            found.add(each.name)
+            with contextlib.suppress(PackageNotFoundError):  # of another system
+                needed = [Requirement(line) for line in requires(each.name) or ()]
+                left += [one for one in needed if one.marker is None or one.marker.evaluate({"extra": ""})]
+    return {canonicalize_name(name) for name in found}
+
+
+def test_what_scripts_test_imports_is_what_it_installs() -> None:
+    """Of the statements without which a file of tests cannot be loaded."""
+    there = installed_with([*PROJECT["dependencies"], *EXTRAS["test"]]) | {"pointit", "pointit-lab"}
+    makers = packages_distributions()
+    absent: set[tuple[str, str]] = set()
+    for path in (each for room in ("unit", "integration") for each in (ROOT / "tests" / room).rglob("*.py")):
+        for statement in tree(path).body:
+            if isinstance(statement, ast.Import | ast.ImportFrom | ast.Assign | ast.AnnAssign):
+                for module, _ in imports_in(statement):
+                    by = {canonicalize_name(name) for name in makers.get(module.partition(".")[0], ())}
+                    if by and not by & there:
+                        absent.add((path.name, module))
+    assert not absent

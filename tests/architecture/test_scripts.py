@@ -301,3 +301,26 @@ def test_ci_runs_failed_files_once_more(machine: Machine, failed: list[str], alo
     assert told == (failed if status == 0 else [])
     assert done.stdout.endswith(f"\nUNSTABLE: {len(told)}\n")
     assert ("4 tests failed, too many to run again" in done.stdout) == (len(failed) == 4)
+
+
+FALLEN_PAGE = """#!/bin/sh
+mkdir -p "$PYTEST_CACHE/v/cache"
+echo '{"tests/docs/test_pages.py::test_a[b]": true}' > "$PYTEST_CACHE/v/cache/lastfailed"
+exit 1
+"""
+
+
+@pytest.mark.parametrize("alone", [0, 1])
+def test_ci_runs_pages_that_fell_once_more(machine: Machine, alone: int) -> None:
+    shutil.copytree(ROOT / ".ci", machine.root / ".ci")
+    for script in ("../.ci/versions", "../.ci/containers", "setup", "check", "mutants"):
+        (machine.root / "scripts" / script).write_text("#!/bin/sh\n", encoding="utf-8")
+    (machine.root / "scripts" / "docs").write_text(FALLEN_PAGE, encoding="utf-8")
+    again = f'#!/bin/sh\ncase "$*" in *tests/docs/*.py) exit {alone} ;; esac\n'
+    (machine.root / "scripts" / "test").write_text(again, encoding="utf-8")
+    (machine.root / ".venv" / "bin").mkdir(parents=True)
+    (machine.root / ".venv" / "bin" / "python").symlink_to(sys.executable)
+    machine.add("id", "#!/bin/sh\necho 1\n")
+    done = machine.run("../.ci/run")
+    assert done.returncode == alone
+    assert ("UNSTABLE: tests/docs/test_pages.py::test_a[b] failed beside" in done.stdout) == (alone == 0)

@@ -8,7 +8,7 @@ from collections.abc import AsyncGenerator, Iterator
 import pytest
 
 from pointit.api.loop_thread import LoopThread
-from pointit.api.reactions import MOST_AT_ONCE
+from pointit.api.reactions import MOST_AT_ONCE, is_reaction
 from pointit.api.site import Site
 from pointit.api.sync_site import SyncSite
 from pointit.errors import BusClosedError, ConfigError, NoMessageError
@@ -67,6 +67,17 @@ async def test_only_switches_are_switched_off() -> None:
         assert [(each.thing, each.is_on) async for each in events.during(0)] == [
             *(("door", True), ("screws", True), ("radio", True), ("radio", False))
         ]
+
+
+@pytest.mark.parametrize(
+    ("event", "names", "counts"),
+    [("selected", ("screws",), True), ("selected", (), False), ("deselected", ("screws",), False)],
+)
+def test_before_the_map_has_come_only_a_named_thing_fires(
+    event: str, names: tuple[str, ...], *, counts: bool
+) -> None:
+    told = {"stamp_ns": 1, "event": event, "object_id": "screws", "user": "anna", "cause": "dwell"}
+    assert is_reaction(SelectionEvent.model_validate(told), names, None) == counts
 
 
 @in_virtual_time

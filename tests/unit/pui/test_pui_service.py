@@ -1,5 +1,6 @@
 """The service on a bus: cursors of people, workspaces and the tolerance as asked for, what is refused."""
 
+import asyncio
 import math
 from pathlib import Path
 from typing import Any
@@ -9,10 +10,12 @@ import pytest
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import ConfigError, RefusedError
+from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import SetTolerance, SetToleranceReply, SetWorkspace, TrackedObject, TrackedObjects
 from pointit.schemas.topics import MAP, OBJECTS, SET_TOLERANCE, SET_WORKSPACE, USER_ALIVE
 from pointit.services.pui.config import PuiConfig
 from pointit.services.pui.service import Pui
+from tests.support.bench import in_virtual_time, memory_bench
 from tests.support.known import known
 from tests.unit.pui.room import EYES, LAB, Room, S, pose_at, ray_to, room
 from tests.unit.pui.test_cursor import on_strip
@@ -57,6 +60,18 @@ async def test_what_is_configured_decides_what_is_met(
     async with room(map=str(path), **config) as here:
         await here.pose()
         assert (await here.point_at(target)).surface_id == met
+
+
+@in_virtual_time
+async def test_things_are_listed_again_as_long_as_the_service_runs(tmp_path: Path) -> None:
+    path = tmp_path / "shelf.yaml"
+    path.write_text("things: {screws: {center: [2.6, 0, 1.4], size: [0.4, 0.4, 0.3]}}")
+    async with memory_bench(VirtualClock()) as bench:
+        listed = bench.collect(OBJECTS, "things")
+        bench.start(Pui, PuiConfig(map=str(path)))
+        await asyncio.sleep(1.0)
+    assert [[each.id for each in one.objects] for one in listed] == [["screws"]] * 3
+    assert listed[-1].stamp_ns - listed[0].stamp_ns == pytest.approx(0.8 * S, abs=0.01 * S)
 
 
 async def test_two_people_have_their_own_cursors() -> None:

@@ -21,6 +21,7 @@ from pointit.schemas import (
     PointingRay,
     Sphere,
     Strip,
+    Thing,
     UserPose,
 )
 from pointit.services.pui.cursor import NearbyLamps, PersonCursor
@@ -78,6 +79,13 @@ def met(on: Surfaces, target: Vec3) -> tuple[str, str] | None:
 def test_every_kind_can_be_pointed_at(target: Vec3, expected: tuple[str, str]) -> None:
     # narrow: nothing thin is near enough to what has an area
     assert met(surfaces(tolerance_rad=math.radians(2)), target) == expected
+
+
+def test_things_that_react_are_met_whatever_kinds_are_pointed_at() -> None:
+    thing = Thing(id="screws", center_m=(3.0, 0.0, 1.6), size_m=(0.4, 0.4, 0.3))
+    room = ROOM.model_copy(update={"things": (thing,)})
+    assert met(surfaces("strip", room=room), (3.0, 0.0, 1.6)) == ("box", "screws")
+    assert met(surfaces("strip"), (3.0, 0.0, 1.6)) is None
 
 
 # priority

@@ -86,7 +86,24 @@ def test_a_button_fires_once_for_each_time_that_somebody_points_at_it() -> None:
 def test_a_switch_is_on_until_anybody_switches_it_off() -> None:
     room = Things(thing("radio", mode="switch"))
     assert room.point(0.0, 3.0) == [("selected", "radio")]
-    assert room.point(0.0, 3.0, "bert") == [("deselected", "radio")]
+    assert room.point(0.0, 0.5, "bert") == []
+    assert (room.hover.action, room.hover.taken_by) == ("deselect", "")
+    assert room.point(0.0, 2.5, "bert") == [("deselected", "radio")]
+
+
+def test_a_button_that_is_shown_is_not_undone_by_the_next_person() -> None:
+    room = Things(thing("kettle", press=True))
+    for _ in range(100):
+        room.point(0.0, 0.02)
+        room.point(0.0, 0.02, "bert")
+    assert room.press() == [("selected", "kettle")]
+    assert room.press("bert") == []
+
+
+def test_a_box_is_where_it_is_turned_to() -> None:
+    across: dict[str, Any] = {"size_m": (0.2, 2.0, 0.2)}
+    assert Things(thing("bar", **across)).point(12.0, 3.0)[:1] == [("selected", "bar")]
+    assert Things(thing("bar", **across, yaw_rad=math.pi / 2)).point(12.0, 3.0) == []
 
 
 def test_what_is_claimed_stays_with_who_claimed_it() -> None:

@@ -259,7 +259,7 @@ class Arbiter:
         self._is_news |= self._reservations.expire(now_ns)
         outputs: list[Output] = []
         for object_id, entry in list(self._ledger.entries.items()):
-            if self._positions.mode(object_id) == "button" and not 0 <= now_ns - entry.since_ns < SHOWN_NS:
+            if self._positions.mode(object_id) == "button" and now_ns - entry.since_ns >= SHOWN_NS:
                 outputs += self._publisher.event(self._ledger.end(object_id, now_ns))
         self._is_news |= bool(outputs)
         return outputs + (self.depart(now_ns) or self.news(now_ns))

@@ -64,7 +64,7 @@ def importers(module: str, paths: tuple[Path, ...]) -> Iterator[str]:
 
 
 def imports_in(code: ast.AST) -> Iterator[tuple[str, ast.stmt | ast.expr]]:
-    """What is imported at any depth of `code`, in whatever form, and where."""
+    """Imports at any depth of `code`, in whatever form, and their places."""
     for node in ast.walk(code):
         if isinstance(node, ast.Import):
             yield from ((alias.name, node) for alias in node.names)

@@ -105,7 +105,7 @@ def installed_with(lines: list[str]) -> set[str]:
 
 
 def test_what_scripts_test_imports_is_what_it_installs() -> None:
-    """Of the statements without which a file of tests cannot be loaded."""
+    """Statements count without which a file of tests cannot be loaded."""
     there = installed_with([*PROJECT["dependencies"], *EXTRAS["test"]]) | {"pointit", "pointit-lab"}
     makers = packages_distributions()
     absent: set[tuple[str, str]] = set()

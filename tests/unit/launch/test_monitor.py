@@ -1,4 +1,4 @@
-"""What a run prints of events."""
+"""Event lines that a run prints."""
 
 import pytest
 

@@ -93,7 +93,7 @@ class Announcements:
         ]
 
     def event(self, thing: Thing, event: SelectionEvent) -> Publication | None:
-        """Return the message of an event, or None if it is of a switch, which has states, or none of its mode."""
+        """Return the message of an event, or None for those of switches and the end of buttons."""
         told = EVENTS.get(event.event)
         if told is None or thing.mode == "switch" or (thing.mode == "button" and not event.is_on):
             return None

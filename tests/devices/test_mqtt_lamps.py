@@ -251,7 +251,7 @@ async def test_a_broker_without_room_for_last_wills_is_said(
 
 
 async def test_a_run_that_is_killed_leaves_no_lamp_lit(port: int) -> None:
-    arguments = ["run", "scenario_1", "--leds", f"mqtt:127.0.0.1:{port}", "--no-view", "--no-web"]
+    arguments = ["run", "scenario_1", "--output", f"mqtt:127.0.0.1:{port}", "--no-view", "--no-web"]
     shown: dict[str, Any] = {}
     async with overheard(port, "zigbee2mqtt/+/set") as heard:
 

@@ -252,9 +252,9 @@ def test_recorded_leds_are_named_and_driven_if_told(tmp_path: Path, monkeypatch:
     result = invoke(file, "--live")
     assert "/dev/ttyS7" in result.stderr
     assert "is left out" in result.stderr
-    assert "is driven" in invoke(file, "--live", "--leds", "recorded").stderr
+    assert "is driven" in invoke(file, "--live", "--output", "recorded").stderr
     assert driven == [False, True]
-    assert "give --live, too" in str(invoke(file, "--leds", "recorded").exception)
+    assert "give --live, too" in str(invoke(file, "--output", "recorded").exception)
 
 
 def test_a_result_that_cannot_be_written_ends_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -114,7 +114,7 @@ async def test_commands_find_what_they_read(plain: Path, commands: Commands) -> 
 
     assert "conveyor" in await says("map", "list")
     listed = await says("list")
-    assert all(name in listed for name in ("scenario_3", "conveyor", "--imu serial", "--leds expander:"))
+    assert all(name in listed for name in ("scenario_3", "conveyor", "--imu serial", "--output expander:"))
     assert "of pointit cannot be imported" not in listed
     assert "is up to date" in await says("schema", "--check")
     assert "ImuSample.v1" in await says("schema", "ImuSample.v1")

@@ -77,9 +77,10 @@ def run(
     seed: int = 0,
     localize: bool | str = False,
     imu: str | Sequence[str] = (),
-    leds: str = "",
+    output: str = "",
     settings: Mapping[str, object] | None = None,
     listen: str = "",
+    leds: str = "",
 ) -> Run:
     """Start a whole site in this process, as `pointit run` does, without a page and without stored state.
 
@@ -94,9 +95,10 @@ def run(
         localize: people are located by pointing: at lamps (True or `lamps`), or by following a robot
             (`robot` or `robot:NAME`).
         imu: IMU of the first person, or of each in turn, as for `pointit run --imu`. Others are simulated.
-        leds: LED output, as for `pointit run --leds`.
+        output: of light, as for `pointit run --output`.
         settings: parameters of services, such as `{"selector.dwell_s": 0.8}`.
         listen: address at which other processes may join, such as `tcp/127.0.0.1:7447`; not in virtual time.
+        leds: old name of `output`.
 
     Raises:
         ConfigError: On entering, if the scenario or a parameter cannot be used.
@@ -112,7 +114,7 @@ def run(
             localize=bool(localize),
             robot=robot_of(localize) if isinstance(localize, str) else None,
             imu=listed(imu),
-            leds=leds,
+            output=output or leds,
             settings=[_setting(name, value) for name, value in (settings or {}).items()],
         )
         people = users if isinstance(users, int) else listed(users)

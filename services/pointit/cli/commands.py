@@ -86,9 +86,9 @@ SITE_USER = """Add, remove and list the people of a site; the router follows wit
 Example: pointit site user add carla --folder lab
 """
 
-LEDS = """Test LED strips and how they are connected, and find where a moving head hangs.
+OUTPUT = """Test LED strips and how they are connected, and find where a moving head hangs.
 
-Example: pointit leds test scenario_3 --leds ddp:wled-kitchen.local
+Example: pointit output test scenario_3 --output ddp:wled-kitchen.local
 """
 
 _ROUTER = ours("router", "run a router that joins several machines", "site.router")
@@ -192,18 +192,18 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
             ours("list", "list the shipped maps", "run.list:list_maps"),
         ),
         noun(
-            "leds",
+            "output",
             "test LED strips, find where a moving head hangs",
-            LEDS,
+            OUTPUT,
             ours(
                 "calibrate",
                 "find the pose of a moving head by pointing its beam at known places",
-                "leds.leds_calibrate",
+                "outputs.output_calibrate",
             ),
             ours(
                 "test",
                 "light the pixels of each strip in turn, and say where the map has them",
-                "leds.leds_test",
+                "outputs.output_test",
             ),
         ),
         noun(
@@ -255,5 +255,6 @@ OLD_SPELLINGS = {
     "calibrate": ("person", "calibrate"),
     "press": ("person", "press"),
     "call": ("service", "call"),
+    "leds": ("output",),
 }
 """First words of version 0.1, which are understood until the next version. `service NAME` is one, too."""

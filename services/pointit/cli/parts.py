@@ -31,16 +31,16 @@ def _recorder() -> "RunPart":
     return RECORDER_PART
 
 
-def _programs() -> "RunPart":
-    from pointit.cli.things.programs import PROGRAMS_PART
+def _things() -> "RunPart":
+    from pointit.cli.things.run_things import THINGS_PART
 
-    return PROGRAMS_PART
+    return THINGS_PART
 
 
-def _programs_display() -> "DisplayPart":
-    from pointit.cli.things.programs import PROGRAMS_DISPLAY
+def _things_display() -> "DisplayPart":
+    from pointit.cli.things.run_things import THINGS_DISPLAY
 
-    return PROGRAMS_DISPLAY
+    return THINGS_DISPLAY
 
 
 def _robots() -> "DisplayPart":
@@ -64,13 +64,13 @@ def _plugins() -> PluginGroups:
 RUN_PARTS: Sequence[Part["RunPart"]] = (
     (("pointit.cli.page", "pointit.launch.page", "pointit.bridges.web"), _page),
     (("pointit.cli.recordings", "pointit.launch.recorder", "pointit.services.recorder"), _recorder),
-    (("pointit.cli.things",), _programs),
+    (("pointit.cli.things",), _things),
 )
 """Panels of options of `run`, in the order of its help."""
 
 DISPLAY_PARTS: Sequence[Part["DisplayPart"]] = (
     (("pointit.cli.robots", "pointit.launch.robots", "pointit.services.user_sim"), _robots),
-    (("pointit.cli.things",), _programs_display),
+    (("pointit.cli.things",), _things_display),
 )
 """Parts of the view and the summary of a run, in their order."""
 

@@ -33,7 +33,7 @@ def environment(
     return Environment(
         stamp_ns=stamp_ns,
         name=name,
-        lamps=tuple(Lamp(id=key, position_m=led.position) for key, led in file.leds.items()),
+        lamps=tuple(Lamp(id=key, position_m=lamp.position) for key, lamp in file.lamps.items()),
         strips=tuple(
             Strip(id=key, line_m=strip.line, pixels=strip.pixels, direction=strip.direction)
             for key, strip in file.strips.items()

@@ -137,6 +137,8 @@ def parse_map_file(content: bytes, path: Path) -> MapFile:
 
 def _map_of(sections: Mapping[str, Any], path: Path) -> MapFile:
     data = {section: value for section, value in sections.items() if value is not None}
+    if "lamps" not in data and "leds" in data:  # as the ROS toolkit's maps and PointIt's first ones say
+        data["lamps"] = data.pop("leds")
     mistakes = [each for section in MapFile.model_fields for each in _wrong_names(section, data.get(section))]
     try:
         file = MapFile.model_validate(data)
@@ -150,7 +152,7 @@ def _map_of(sections: Mapping[str, Any], path: Path) -> MapFile:
         for section in MapFile.model_fields
         if section not in ("links", "bays", "frames")
     ):
-        raise ConfigError(f"{path}: the map is empty; give at least one of leds, strips, belts")
+        raise ConfigError(f"{path}: the map is empty; give at least one of lamps, strips, belts")
     return file
 
 
@@ -254,7 +256,7 @@ def contents(file: MapFile, clouds: Mapping[str, NDArray[np.float64]]) -> str:
         (len(file.links), "link", ""),
         (len(file.bays), "bay", ""),
         (len(file.strips), "strip", _with(sum(strip.pixels for strip in file.strips.values()), "pixel")),
-        (len(file.leds), "lamp", ""),
+        (len(file.lamps), "lamp", ""),
         (len(file.boxes), "box", ""),
         (len(file.planes), "plane", ""),
         (len(file.cylinders), "cylinder", ""),

@@ -200,7 +200,7 @@ class _Entry(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
 
 
-class LedEntry(_Entry):
+class LampEntry(_Entry):
     """A lamp."""
 
     position: _Point
@@ -340,7 +340,7 @@ class FenceEntry(_Entry):
 class MapFile(_Entry):
     """The whole file. {W}, metres, z up."""
 
-    leds: dict[_Name, LedEntry] = {}
+    lamps: dict[_Name, LampEntry] = {}
     strips: dict[_Name, StripEntry] = {}
     belts: dict[_Name, BeltEntry] = {}
     links: tuple[LinkEntry, ...] = ()
@@ -356,17 +356,9 @@ class MapFile(_Entry):
 
 
 ENTRIES: dict[str, type[BaseModel]] = {
-    "leds": LedEntry,
-    "strips": StripEntry,
-    "belts": BeltEntry,
-    "links": LinkEntry,
-    "frames": FrameEntry,
-    "boxes": BoxEntry,
-    "planes": PlaneEntry,
-    "cylinders": CylinderEntry,
-    "spheres": SphereEntry,
-    "clouds": CloudEntry,
-    "fences": FenceEntry,
-    "things": ThingEntry,
+    section: entry
+    for section, field in MapFile.model_fields.items()
+    for entry in get_args(field.annotation)
+    if isinstance(entry, type) and issubclass(entry, BaseModel)
 }
 """Models of the entries of each section. `bays` are plain names."""

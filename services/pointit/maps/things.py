@@ -40,9 +40,9 @@ def _broken(file: MapFile, entry: ThingEntry) -> tuple[str, str] | None:
     if light is None:
         return None
     if isinstance(light, str):
-        if light in file.strips and light not in file.leds:
+        if light in file.strips and light not in file.lamps:
             return "", f"{light} is a strip; write {{strip: {light}, from: METRES, to: METRES}}"
-        return None if light in file.leds else ("", _absent("lamp", light, file.leds))
+        return None if light in file.lamps else ("", _absent("lamp", light, file.lamps))
     if light.strip not in file.strips:
         return ".strip", _absent("strip", light.strip, file.strips)
     length_m = Polyline(file.strips[light.strip].line).length_m
@@ -69,7 +69,7 @@ def _thing(file: MapFile, name: str, entry: ThingEntry) -> Thing:
             center_m, around_m = _around(line, *part_m)
             size_m = size_m or around_m
     elif light is not None and center_m is None:
-        center_m = file.leds[light].position
+        center_m = file.lamps[light].position
     size_m = size_m or (LAMP_M, LAMP_M, LAMP_M)
     return Thing(
         id=name,

@@ -53,7 +53,7 @@ def _is_file_here(name: str) -> bool:
 
 def _sections(room: Environment) -> dict[str, Any]:
     sections: dict[str, Any] = {
-        "leds": {lamp.id: {"position": list(lamp.position_m)} for lamp in room.lamps},
+        "lamps": {lamp.id: {"position": list(lamp.position_m)} for lamp in room.lamps},
         "strips": {
             each.id: {"line": _line(each.line_m), "pixels": each.pixels, "direction": each.direction}
             for each in room.strips

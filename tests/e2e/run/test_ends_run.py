@@ -184,7 +184,7 @@ def one_sentence(ended: Ended, *parts: str, code: int = 2) -> None:
         (("--set", "selector.window_s=soon"), ["--set selector.window_s=soon: window_s: ", "'soon'"]),
         (("--set", "pui.map={folder}/none.yaml"), ["{folder}/none.yaml: cannot be read"]),
         (("--imu", "sim", "--imu", "sim"), ["--imu is given for 2 people", "--users"]),
-        (("--leds", "nonsense"), ["--leds 'nonsense': no LED output 'nonsense' is installed"]),
+        (("--output", "nonsense"), ["--output 'nonsense': no LED output 'nonsense' is installed"]),
         (("--summary", "{folder}"), ["--summary {folder}: is a directory"]),
         (("--listen", "tcp/127.0.0.1"), ["'tcp/127.0.0.1' is no address"]),
         (("--connect", "tcp/h:1", "--listen", "tcp/h:2"), ["--listen and --connect exclude each other"]),

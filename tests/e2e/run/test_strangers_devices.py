@@ -41,7 +41,7 @@ async def test_a_package_adds_any_kind(commands: Commands, installed: dict[str, 
     shown, seen, state = tmp_path / "shown.txt", tmp_path / "seen.txt", tmp_path / "state"
     run = commands.start_program(
         *("run", "scenario_3", "--duration", "10", "--no-view"),
-        *("--imu", "waving:40", "--leds", f"notebook:{shown}", "--method", "eager", "--with", "witness"),
+        *("--imu", "waving:40", "--output", f"notebook:{shown}", "--method", "eager", "--with", "witness"),
         *("--set", f"witness.path={seen}", "--set", "selector.eager.dwell_s=0.2"),
         environment=installed | {"POINTIT_STATE": str(state)},
     )

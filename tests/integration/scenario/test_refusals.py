@@ -10,7 +10,7 @@ from tests.integration.scenario.play import Outcome, play
 
 EYES_M = 1.64
 ROOM = """\
-leds:
+lamps:
 {lamps}
 strips:
   0: {{line: [[4.0, -2.0, 0.9], [4.0, 2.0, 0.9]], direction: 1, pixels: 60}}

@@ -97,7 +97,7 @@ async def test_routes_work_and_those_of_missing_types_are_named(rclpy_python: Pa
         await bus.close()
 
 
-TEXT = "leds: {door: {position: [-1.5, 3.2, 1.8]}}\n"
+TEXT = "lamps: {door: {position: [-1.5, 3.2, 1.8]}}\n"
 
 
 @pytest.fixture
@@ -126,7 +126,7 @@ async def test_a_map_comes_out_of_a_genuine_nodes_parameters(ours: Driven, their
     await theirs.do("declare", parameters=parameters | {"room": TEXT})
     values = {"node": "/robot", "parameter": None, "prefix": None, "timeout_s": 20.0}
     assert await ours.do("fetch", **values) == tree_of(parameters)
-    room = {"leds": {"door": {"position": [-1.5, 3.2, 1.8]}}}
+    room = {"lamps": {"door": {"position": [-1.5, 3.2, 1.8]}}}
     assert await ours.do("fetch", **values | {"parameter": "room"}) == room
     with pytest.raises(AssertionError, match="NoAnswerError: there is no node /robbot in domain"):
         await ours.do("fetch", **values | {"node": "/robbot", "timeout_s": 4.0})

@@ -106,7 +106,7 @@ def test_found_devices_are_shown_with_the_option_that_uses_them() -> None:
     lines = [" ".join(line.split()) for line in wrists.splitlines()]
     assert "--imu finds:F1:22 Wristband ?[31m, 80 %" in lines
     assert "--imu finds Any one" in lines
-    assert """--leds 'spaced:Anna'"'"'s phone'""" in lights
+    assert """--output 'spaced:Anna'"'"'s phone'""" in lights
     assert shown.stderr == ""
 
 

@@ -208,7 +208,7 @@ def test_every_old_spelling_leads_to_a_command_of_the_help_and_is_not_shown_itse
     assert set(OLD_SPELLINGS.values()) <= set(PATHS)
     assert not {(word,) for word in OLD_SPELLINGS} & set(PATHS)
     renamed = {old: new[-1] for old, new in OLD_SPELLINGS.items() if old != new[-1]}
-    assert renamed == {"topics": "list", "user": "add"}
+    assert renamed == {"topics": "list", "user": "add", "leds": "output"}
 
 
 WAVES = """

@@ -21,7 +21,7 @@ from pointit.schemas import Environment
 
 ROOM = """\
 # A room with everything.
-leds: {door: {position: [-1.5, 3.2, 1.8]}, window: {position: [2, -1, 0.9]}}
+lamps: {door: {position: [-1.5, 3.2, 1.8]}, window: {position: [2, -1, 0.9]}}
 strips: {edge: {line: [[0, 0.6, 1], [3, 0.6, 1]], pixels: 90, direction: -1}}
 belts: {main: {centerline: [[0, 0, 1], [3, 0, 1]], width: 1.0}}
 bays: {7: main}
@@ -78,16 +78,16 @@ def test_warnings_are_no_failure_unless_asked_for() -> None:
 
 def test_check_names_all_mistakes_of_a_map_that_cannot_be_read(room: Path) -> None:
     room.write_text(
-        "leds: {a: {position: [1, 2]}, b/c: {position: [1, 2, 3]}}\nbelts: {m: {width: 0}}\n",
+        "lamps: {a: {position: [1, 2]}, b/c: {position: [1, 2, 3]}}\nbelts: {m: {width: 0}}\n",
         encoding="utf-8",
     )
     result = invoke("check", str(room))
     assert result.exit_code == 1
     name, *others = result.output.splitlines()
-    assert name.startswith("error leds: ")
+    assert name.startswith("error lamps: ")
     assert "b/c" in name
     assert others == [
-        "error leds.a.position: a point is three numbers [x, y, z] in metres, not [1, 2]",
+        "error lamps.a.position: a point is three numbers [x, y, z] in metres, not [1, 2]",
         "error belts.m.centerline: is missing; add it beside width",
         "error belts.m.width: write a number of metres above 0, not 0",
         f"{room}: 4 errors",
@@ -102,7 +102,7 @@ def test_check_names_all_clouds_that_cannot_be_read(room: Path) -> None:
 
 def test_check_prints_at_most_a_hundred_findings_and_counts_the_others(room: Path) -> None:
     lamps = "".join(f"  l{index}: {{position: [{index}]}}\n" for index in range(150))
-    room.write_text(f"leds:\n{lamps}", encoding="utf-8")
+    room.write_text(f"lamps:\n{lamps}", encoding="utf-8")
     lines = invoke("check", str(room)).output.splitlines()
     assert (lines[-2:], len(lines)) == (["... and 50 more: --json lists all", f"{room}: 150 errors"], 102)
 
@@ -132,7 +132,7 @@ def test_findings_as_json() -> None:
 
 
 def test_where_a_person_stands_counts(room: Path) -> None:
-    room.write_text("leds: {a: {position: [-2, -0.05, 1]}, b: {position: [-4, 0.05, 2]}}", encoding="utf-8")
+    room.write_text("lamps: {a: {position: [-2, -0.05, 1]}, b: {position: [-4, 0.05, 2]}}", encoding="utf-8")
     assert invoke("check", str(room)).exit_code == 0
     assert invoke("check", str(room), "--person=0,0").exit_code == 1
 
@@ -218,7 +218,7 @@ def test_a_belt_that_is_all_but_upright_is_drawn(tmp_path: Path) -> None:
     path = tmp_path / "lift.yaml"
     path.write_text(
         "belts: {lift: {centerline: [[1, 0, 0], [1.000000001, 0, 3]], width: 0.5}}\n"
-        "leds: {door: {position: [0, 0, 1]}}\n"
+        "lamps: {door: {position: [0, 0, 1]}}\n"
     )
     assert {"lift", "door"} <= written(str(path))
 

@@ -23,13 +23,13 @@ from tests.support.parameter_server import OneNode, ParameterServer
 TYPES = Types("jazzy")
 ROOM = """\
 # What stands here is not written.
-leds: {door: {position: [-1.5, 3.2, 1.8]}, window: {position: [2, -1, 0.9]}}
+lamps: {door: {position: [-1.5, 3.2, 1.8]}, window: {position: [2, -1, 0.9]}}
 strips: {1: {line: [[0, 0.6, 1], [3, 0.6, 1]], pixels: 90, direction: -1}}
 belts: {main: {centerline: [[0, 0, 1], [3, 0, 1]], width: 1.0}}
 bays: {7: main}
 """
 TREE: dict[str, Any] = yaml.safe_load(ROOM)
-ADVICE = "--parameter names the one that holds a map, --prefix what stands before leds., strips., belts."
+ADVICE = "--parameter names the one that holds a map, --prefix what stands before lamps., strips., belts."
 NOTHING = "nothing in the parameters of /pui is a map; it has use_sim_time"
 SUMMARY = "no findings; 1 belt, 1 bay, 1 strip with 90 pixels, 2 lamps"
 
@@ -85,7 +85,7 @@ def test_a_map_of_many_parameters_is_written(graph: Graph, prefix: str, argument
 
 @pytest.mark.parametrize(("name", "arguments"), [("map", ()), ("the_room", ("--parameter", "the_room"))])
 def test_a_map_in_a_text_is_read(graph: Graph, tmp_path: Path, name: str, arguments: tuple[str, ...]) -> None:
-    graph.has({name: ROOM, "leds.other.position": [1.0, 2.0, 3.0]})
+    graph.has({name: ROOM, "lamps.other.position": [1.0, 2.0, 3.0]})
     path = tmp_path / "site.yaml"
     result = fetch("-o", str(path), *arguments)
     assert (result.exit_code, result.stdout, result.stderr) == (0, f"{path}: {SUMMARY}\n", "")
@@ -111,7 +111,7 @@ def test_a_path_is_taken_where_the_file_is_here_too(graph: Graph, tmp_path: Path
     graph.has({"map": f"{path}"})
     result = fetch()
     assert result.exit_code == 0
-    assert set(yaml.safe_load(result.stdout)) == {"leds", "strips", "belts", "bays"}
+    assert set(yaml.safe_load(result.stdout)) == {"lamps", "strips", "belts", "bays"}
     assert f"parameter map of /pui is the path {path}, of a file that is here too" in result.stderr
     (tmp_path / "secret.txt").write_text(ROOM, encoding="utf-8")
     endless = "/proc/kmsg"  # a file, as far as the system says; only root would wait for its next line
@@ -126,7 +126,7 @@ def test_a_path_is_taken_where_the_file_is_here_too(graph: Graph, tmp_path: Path
 
 
 @pytest.mark.parametrize(
-    "bad", ["leds: [", "a: 1\na: 2", "a: &a [*a]\n", "- a\n- b: c", "leds: {a: \x1b[2J}\n"]
+    "bad", ["lamps: [", "a: 1\na: 2", "a: &a [*a]\n", "- a\n- b: c", "lamps: {a: \x1b[2J}\n"]
 )
 def test_a_text_that_is_no_map_is_one_sentence(graph: Graph, bad: str) -> None:
     graph.has({"map": bad})
@@ -144,8 +144,8 @@ def test_a_text_that_is_no_map_is_one_sentence(graph: Graph, bad: str) -> None:
     "bad",
     [
         '"\\e]0;x\\a": 1\nleds: {a: {position: [1, 2, 3]}}\n',
-        'leds: {a: {position: [1, 2, 3], "\\e[2J\\n": 3}}\n',
-        f'leds: {{a: {{position: [1, 2, 3]}}}}\nclouds: {{c: {{file: "/\\e[2J{"x" * 100_000}.csv"}}}}\n',
+        'lamps: {a: {position: [1, 2, 3], "\\e[2J\\n": 3}}\n',
+        f'lamps: {{a: {{position: [1, 2, 3]}}}}\nclouds: {{c: {{file: "/\\e[2J{"x" * 100_000}.csv"}}}}\n',
     ],
 )
 def test_foreign_names_neither_write_on_the_terminal_nor_fill_it(graph: Graph, bad: str) -> None:
@@ -175,32 +175,32 @@ def test_devices_and_links_stay_what_they_are(graph: Graph, tmp_path: Path) -> N
 
 def test_a_map_with_an_error_is_told_as_by_map_check_and_not_written(graph: Graph, tmp_path: Path) -> None:
     path = tmp_path / "site.yaml"
-    graph.has(parameters_of(TREE) | {"leds.door.position": [-1.5, 3.2, -1.8], "bays.8": "mian"})
+    graph.has(parameters_of(TREE) | {"lamps.door.position": [-1.5, 3.2, -1.8], "bays.8": "mian"})
     result = fetch("-o", str(path))
     assert result.exit_code == 1
     assert result.stderr.splitlines() == [
         "error bays.8: there is no belt 'mian'; use one of main",
-        "error leds.door: is 1.8 m below the floor; correct its z",
+        "error lamps.door: is 1.8 m below the floor; correct its z",
         f"{path}: 2 errors; 1 belt, 2 bays, 1 strip with 90 pixels, 2 lamps",
         f"{path}: not written because of errors; correct the parameters of /pui",
     ]
     assert not path.exists()
     graph.has({"strips.1.line": [0.0, 0.0, 1.0, 2.0, 0.0, 1.0]})
     assert fetch().stderr.splitlines()[0] == "error strips.1.pixels: is missing; add it beside line"
-    graph.has({"leds.a b.position": [0.0, 0.0, 1.0]})
-    assert "error leds: name 'a b': use 1 to 64 letters" in fetch().stderr
-    graph.has({"leds.a.position": [0.0, float("1e300"), 1.0]})
-    assert "leds.a.position: a point is three numbers [x, y, z] in metres" in fetch().stderr
-    graph.has({"map.leds.a.position": [0.0, 0.0, 1.0], "map.colour": "red"})
+    graph.has({"lamps.a b.position": [0.0, 0.0, 1.0]})
+    assert "error lamps: name 'a b': use 1 to 64 letters" in fetch().stderr
+    graph.has({"lamps.a.position": [0.0, float("1e300"), 1.0]})
+    assert "lamps.a.position: a point is three numbers [x, y, z] in metres" in fetch().stderr
+    graph.has({"map.lamps.a.position": [0.0, 0.0, 1.0], "map.colour": "red"})
     assert "map.colour is not a parameter of a map" in sentence(fetch("--prefix", "map"))
 
 
 def test_warnings_are_told_and_the_map_is_written(graph: Graph) -> None:
-    graph.has({"leds.door.position": [0.0, 0.0, 6.0]})
+    graph.has({"lamps.door.position": [0.0, 0.0, 6.0]})
     result = fetch()
     assert result.exit_code == 0
-    assert "warning leds.door: is 6 m high" in result.stderr
-    assert yaml.safe_load(result.stdout) == {"leds": {"door": {"position": [0.0, 0.0, 6.0]}}}
+    assert "warning lamps.door: is 6 m high" in result.stderr
+    assert yaml.safe_load(result.stdout) == {"lamps": {"door": {"position": [0.0, 0.0, 6.0]}}}
 
 
 def test_points_of_a_cloud_lie_beside_the_file_that_is_written(graph: Graph, tmp_path: Path) -> None:
@@ -217,7 +217,7 @@ def test_points_of_a_cloud_lie_beside_the_file_that_is_written(graph: Graph, tmp
     ("parameters", "words", "said"),
     [
         ({"speed": 1.0}, "", f"{NOTHING}, speed; {ADVICE}"),
-        ({"map": "", "x.map.leds.a.at": [1.0]}, "", f"{NOTHING}, map, x.map.leds.a.at; try --prefix x.map"),
+        ({"map": "", "x.map.lamps.a.at": [1.0]}, "", f"{NOTHING}, map, x.map.lamps.a.at; try --prefix x.map"),
         (
             *({"a": 1}, "--prefix site"),
             f"no parameter of /pui begins with 'site.'; it has use_sim_time, a; {ADVICE}",

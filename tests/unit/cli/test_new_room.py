@@ -43,8 +43,8 @@ def test_a_new_room_has_no_findings(width: str, depth: str, lamps: int, strips: 
     path = Path("room.yaml")
     file = read_map_file(path)
     assert check_map(file, read_clouds(path, file), person_m=(0.0, 0.0)) == []
-    assert (len(file.leds), len(file.strips)) == (lamps, strips)
-    points = [led.position for led in file.leds.values()]
+    assert (len(file.lamps), len(file.strips)) == (lamps, strips)
+    points = [lamp.position for lamp in file.lamps.values()]
     points += [point for strip in file.strips.values() for point in strip.line]
     assert all(abs(x) <= float(width) / 2 and abs(y) <= float(depth) / 2 for x, y, _ in points)
     assert all(abs(x) == float(width) / 2 or abs(y) == float(depth) / 2 for x, y, _ in points)  # on a wall
@@ -85,5 +85,5 @@ def test_in_a_terminal_it_asks_for_what_is_missing(terminal: int, capfd: pytest.
     assert all(question in asked for question in questions)
     assert "number of lamps" not in asked
     file = read_map_file(Path("room.yaml"))
-    assert (len(file.leds), len(file.strips)) == (2, 3)
+    assert (len(file.lamps), len(file.strips)) == (2, 3)
     assert max(x for strip in file.strips.values() for x, _, _ in strip.line) == 3.0

@@ -151,14 +151,14 @@ def test_another_device_is_refused(device: str) -> None:
 
 
 def test_real_strips(tmp_path: Path) -> None:
-    (output,) = config_of(site(leds="expander:/dev/ttyUSB0"), "led-driver")["outputs"]
+    (output,) = config_of(site(output="expander:/dev/ttyUSB0"), "led-driver")["outputs"]
     assert (output["kind"], output["port"]) == ("expander", "/dev/ttyUSB0")
     for wrong in ("expander", "expander:", "ddp", "nonsense:x"):
-        with pytest.raises(ConfigError, match="--leds"):
-            site(leds=wrong)
+        with pytest.raises(ConfigError, match="--output"):
+            site(output=wrong)
     path = written(tmp_path / "a.yaml", GOOD + "site: {pui: {}}\n")
     with pytest.raises(ConfigError, match="no led-driver"):
-        site(str(path), leds="expander:/dev/x")
+        site(str(path), output="expander:/dev/x")
 
 
 def written(path: Path, text: str) -> Path:

@@ -141,7 +141,7 @@ def test_a_duration_that_was_asked_for_stays() -> None:
 
 def test_a_room_is_no_scenario_and_the_sentence_says_how_to_run_one_in_it(tmp_path: Path) -> None:
     path = tmp_path / "my_room.yaml"
-    path.write_text("leds:\n  led_0:\n    position: [3, 1, 2]\n", encoding="utf-8")
+    path.write_text("lamps:\n  led_0:\n    position: [3, 1, 2]\n", encoding="utf-8")
     with pytest.raises(ConfigError) as caught:
         read_scenario(str(path))
     assert str(caught.value).startswith(f"{path}: is a map, not a scenario; ")
@@ -158,7 +158,7 @@ def test_a_thing_with_a_light_that_does_not_exist_ends_the_start_with_a_sentence
 
 
 ROOM = """
-leds: {a: {position: [0, 0, 1]}, b: {position: [1, 2, 1]}}
+lamps: {a: {position: [0, 0, 1]}, b: {position: [1, 2, 1]}}
 strips: {1: {line: [[0, 0.3, 1], [4, 0.3, 1]], pixels: 120, direction: 1}}
 belts:
   main: {centerline: [[0, 0, 1], [2, 0, 1]], width: 0.5}
@@ -210,17 +210,17 @@ def test_bay_that_a_map_of_several_bays_lacks_is_refused(tmp_path: Path) -> None
     assert scenario_launches(read_scenario("scenario_4"), Choices(settings=settings), 1)
 
 
-@pytest.mark.parametrize(("leds", "count"), [("{}", "no lamps"), ("{a: {position: [0, 0, 1]}}", "1 lamp")])
-def test_localizing_by_lamps_takes_two_lamps(tmp_path: Path, leds: str, count: str) -> None:
+@pytest.mark.parametrize(("lamps", "count"), [("{}", "no lamps"), ("{a: {position: [0, 0, 1]}}", "1 lamp")])
+def test_localizing_by_lamps_takes_two_lamps(tmp_path: Path, lamps: str, count: str) -> None:
     strip = "strips: {1: {line: [[0, 0.3, 1], [4, 0.3, 1]], pixels: 120, direction: 1}}"
-    room = written(tmp_path, f"leds: {leds}\n{strip}")
+    room = written(tmp_path, f"lamps: {lamps}\n{strip}")
     choices = Choices(settings=[f"pui.map={room}"], localize=True)
     with pytest.raises(ConfigError, match=rf"^localizer.user1: map 'room' has {count} and .* --localize out"):
         scenario_launches(read_scenario("scenario_2"), choices, 1)
 
 
 def test_localizing_by_a_moving_robot_takes_no_lamps(tmp_path: Path) -> None:
-    room = written(tmp_path, ROOM.replace("leds: {a: {position: [0, 0, 1]}, b: {position: [1, 2, 1]}}", ""))
+    room = written(tmp_path, ROOM.replace("lamps: {a: {position: [0, 0, 1]}, b: {position: [1, 2, 1]}}", ""))
     settings = (f"pui.map={room}", "localizer.method=moving_target")
     configs = [
         launch.config

@@ -11,7 +11,7 @@ from pointit.runtime.errors import ConfigError
 from pointit.schemas import Environment, TrackedObject
 
 MAP = """
-leds:
+lamps:
   lamp: {position: [1, 2, 3]}
 frames:
   optitrack: {position: [1.5, 0.8, 0.2], yaw_deg: 90}
@@ -49,7 +49,7 @@ def test_an_unknown_frame_is_told_with_the_known_ones(tmp_path: Path) -> None:
         ConfigError, match=r"has no frame 'optitrak'; it has optitrack, slam: did you mean optit"
     ):
         frame_of(room(tmp_path), "optitrak")
-    bare = room(tmp_path, "leds: {lamp: {position: [1, 2, 3]}}")
+    bare = room(tmp_path, "lamps: {lamp: {position: [1, 2, 3]}}")
     with pytest.raises(ConfigError, match="the map site has no frame 'camera': add it to the map's frames"):
         frame_of(bare, "camera")
 
@@ -64,7 +64,7 @@ def test_an_unknown_frame_is_told_with_the_known_ones(tmp_path: Path) -> None:
 def test_a_wrong_frame_is_told_with_file_key_and_remedy(tmp_path: Path, entry: str, message: str) -> None:
     path = tmp_path / "site.yaml"
     path.write_text(
-        f"leds: {{lamp: {{position: [1, 2, 3]}}}}\nframes: {{optitrack: {entry}}}\n", encoding="utf-8"
+        f"lamps: {{lamp: {{position: [1, 2, 3]}}}}\nframes: {{optitrack: {entry}}}\n", encoding="utf-8"
     )
     with pytest.raises(ConfigError, match=rf"site\.yaml: frames\.optitrack.*{message}"):
         read_map_file(path)

@@ -13,7 +13,7 @@ from pointit.maps.model import ENTRIES, MapFile
 from pointit.runtime.config.validation_message import field_names
 from tests.support.data import data_file
 
-LAMPS = "leds: {a: {position: [0, 3, 1]}, b: {position: [3, 3, 2]}}\n"
+LAMPS = "lamps: {a: {position: [0, 3, 1]}, b: {position: [3, 3, 2]}}\n"
 
 
 def found(folder: Path, text: str, person: tuple[float, float] | None = None) -> list[Finding]:
@@ -120,19 +120,19 @@ FINDINGS: dict[str, tuple[str, list[tuple[str, str, str]]]] = {
             ("warning", "strips.s", "turns by 177° at vertex 2, [3.0, 0.0, 1.0]; put vertices in order"),
             ("warning", "strips.s", "turns by 179° at vertex 3, [1.0, 0.1, 1.0]")]),
     "lamps that hardly anyone can point at": (
-        "leds: {a: {position: [0, 0, -0.2]}, b: {position: [2, 0, 5.5]}, c: {position: [4, 0, 5]}}",
+        "lamps: {a: {position: [0, 0, -0.2]}, b: {position: [2, 0, 5.5]}, c: {position: [4, 0, 5]}}",
         [
-            ("error", "leds.a", "is 0.2 m below the floor"),
-            ("warning", "leds.b", "is 5.5 m high, where pointing is difficult; mount it below 5 m")]),
+            ("error", "lamps.a", "is 0.2 m below the floor"),
+            ("warning", "lamps.b", "is 5.5 m high, where pointing is difficult; mount it below 5 m")]),
     "lamps at one place": (
-        "leds: {a: {position: [0, 0, 1]}, b: {position: [2, 0, 1]}, c: {position: [2, 0, 1.005]}}",
-        [("error", "leds.c", "is where b is, [2.0, 0.0, 1.005]; correct one")]),
+        "lamps: {a: {position: [0, 0, 1]}, b: {position: [2, 0, 1]}, c: {position: [2, 0, 1.005]}}",
+        [("error", "lamps.c", "is where b is, [2.0, 0.0, 1.005]; correct one")]),
     "three lamps at one place": (
-        "leds: {a: {position: [0, 0, 1]}, b: &here {position: [2, 0, 1]}, c: *here, d: *here}",
-        [("error", "leds.c", "is where b is"), ("error", "leds.d", "is where b is")]),
+        "lamps: {a: {position: [0, 0, 1]}, b: &here {position: [2, 0, 1]}, c: *here, d: *here}",
+        [("error", "lamps.c", "is where b is"), ("error", "lamps.d", "is where b is")]),
     "one lamp": (
-        "leds: {a: {position: [2, 0, 1]}}",
-        [("warning", "leds", "there is one lamp and localizing by pointing needs two")]),
+        "lamps: {a: {position: [2, 0, 1]}}",
+        [("warning", "lamps", "there is one lamp and localizing by pointing needs two")]),
     "solids without an area": (
         ("boxes: {b: {center: [0, 0, 0], size: [1, 0.0005, 1]}}\n"
             "planes: {p: {center: [0, 0, 0], normal: [0, 0, 1], size: [1e-6, 1]},\n"
@@ -196,7 +196,7 @@ FINDINGS: dict[str, tuple[str, list[tuple[str, str, str]]]] = {
 @pytest.mark.parametrize("case", FINDINGS)
 def test_just_this_is_found(tmp_path: Path, case: str) -> None:
     text, expected = FINDINGS[case]
-    lamps = "" if "leds" in text else LAMPS
+    lamps = "" if "lamps" in text else LAMPS
     findings = found(tmp_path, lamps + text)
     told = "\n".join(f"{each.severity} {each.where}: {each.text}" for each in findings)
     assert sorted((each.severity, each.where) for each in findings) == sorted(
@@ -214,7 +214,7 @@ def test_just_this_is_found(tmp_path: Path, case: str) -> None:
 def test_whether_lamps_are_at_one_bearing_depends_on_where_one_stands(
     tmp_path: Path, person: tuple[float, float] | None, told: int
 ) -> None:
-    text = "leds: {a: {position: [-2, -0.05, 1]}, b: {position: [-4, 0.05, 2]}}"
+    text = "lamps: {a: {position: [-2, -0.05, 1]}, b: {position: [-4, 0.05, 2]}}"
     findings = found(tmp_path, text, person)
     assert [each.text.partition(",")[0] for each in findings] == ["all lie in one direction from [0.0"] * told
 
@@ -282,7 +282,7 @@ GUIDE = (Path(__file__).parents[3] / "docs/reference/maps.md").read_text(encodin
 
 
 SHELF = """
-leds: {a: {position: [0, 3, 1]}, b: {position: [3, 3, 2]}}
+lamps: {a: {position: [0, 3, 1]}, b: {position: [3, 3, 2]}}
 things:
   t1: {center: [2.6, 0.2, 1.4], size: [0.3, 0.3, 0.3], light: a}
   t2: {center: [2.6, -0.2, 1.4], size: [0.3, 0.3, 0.3], light: a, label: t1}

@@ -15,7 +15,7 @@ from pointit.schemas.environment import Environment
 from tests.support.data import data_file
 
 WHOLE = """
-leds:
+lamps:
   lamp-a:
     position: [1, 2.5, 3]
 strips:
@@ -48,7 +48,7 @@ spheres:
 """
 
 THINGS = """
-leds: {lamp: {position: [0, 3, 1]}}
+lamps: {lamp: {position: [0, 3, 1]}}
 strips: {shelf: {line: [[0, 0, 1], [2, 0, 1], [2, 2, 1]], pixels: 60}}
 things:
   box: {center: [1, 2, 1], size: [0.4, 0.3, 0.2], yaw_deg: 90, light: {strip: shelf, from: 0.5, to: 1}}
@@ -202,7 +202,7 @@ def test_a_path_is_relative_to_the_current_directory(tmp_path: Path, monkeypatch
     write(tmp_path, WHOLE)
     monkeypatch.chdir(tmp_path)
     assert (load_map("site.yaml", 0).name, load_map("./site.yaml", 0).name) == ("site", "site")
-    (tmp_path / "lab.yaml").write_text("leds: {a: {position: [0, 0, 0]}}", encoding="utf-8")
+    (tmp_path / "lab.yaml").write_text("lamps: {a: {position: [0, 0, 0]}}", encoding="utf-8")
     assert len(load_map("lab", 0).strips) == 2, "a bare name is the shipped map"
     assert len(load_map("lab.yaml", 0).strips) == 0
 
@@ -218,16 +218,17 @@ def test_an_unknown_name_lists_the_shipped_maps() -> None:
 BROKEN = [
     ("", "the map is empty"),
     ("- 1", "a mapping"),
-    ("leds: [", "is not YAML"),
-    ("lamps: {a: {position: [0, 0, 0]}}", "lamps: is not known|use one of leds, strips, belts, links"),
-    ("leds: 3", "leds: write a mapping of names to entries, not 3"),
-    ("leds: {a: 3}", "leds.a: write a mapping with position, not 3"),
-    ("leds: {a: {position: [1, 2]}}", "leds.a.position: |three numbers|[1, 2]"),
-    ("leds: {a: {position: [1, 2, x]}}", "leds.a.position: |'x'"),
-    ("leds: {a: {position: [1, 2, .nan]}}", "leds.a.position: |nan"),
-    ("leds: {a: {position: [1, 2, 3], color: red}}", "leds.a.color: is not known|'red'|remove it"),
-    ("leds: {'a/b': {position: [1, 2, 3]}}", "leds: |'a/b'|letters"),
-    ("leds: {1: {position: [1, 2, 3]}, '1': {position: [1, 2, 3]}}", "leds: 1 is defined twice"),
+    ("lamps: [", "is not YAML"),
+    ("lights: {a: {position: [0, 0, 0]}}", "lights: is not known|use one of lamps, strips, belts, links"),
+    ("leds: {}\nlamps: {}", "leds: is not known"),
+    ("lamps: 3", "lamps: write a mapping of names to entries, not 3"),
+    ("lamps: {a: 3}", "lamps.a: write a mapping with position, not 3"),
+    ("lamps: {a: {position: [1, 2]}}", "lamps.a.position: |three numbers|[1, 2]"),
+    ("lamps: {a: {position: [1, 2, x]}}", "lamps.a.position: |'x'"),
+    ("lamps: {a: {position: [1, 2, .nan]}}", "lamps.a.position: |nan"),
+    ("lamps: {a: {position: [1, 2, 3], color: red}}", "lamps.a.color: is not known|'red'|remove it"),
+    ("lamps: {'a/b': {position: [1, 2, 3]}}", "lamps: |'a/b'|letters"),
+    ("lamps: {1: {position: [1, 2, 3]}, '1': {position: [1, 2, 3]}}", "lamps: 1 is defined twice"),
     ("strips: {s: {line: [[0, 0, 0], [1, 0, 0]], direction: 1}}", "strips.s.pixels: is missing"),
     ("strips: {s: {line: [[0, 0, 0]], pixels: 9, direction: 1}}", "strips.s.line: |at least two points"),
     ("strips: {s: {line: [[0, 0, 0], [1, 0]], pixels: 9, direction: 1}}", "strips.s.line: vertex 1: |[1, 0]"),
@@ -250,7 +251,7 @@ BROKEN = [
         WHOLE.replace("to: side}", "to: side, from_position: 2.02}"),
         "links.0.from_position: 2.02 m is off belt main; write 0 to 2"),
     (WHOLE + "bays: [side]", "bays: write a mapping of bays to belts such as {1: belt}, not ['side']"),
-    ("leds: {a: {position: [1, 2, 3]}}\nbays: {1: b}", "bays.1: |the map has neither belts nor strips"),
+    ("lamps: {a: {position: [1, 2, 3]}}\nbays: {1: b}", "bays.1: |the map has neither belts nor strips"),
     ("boxes: {b: {center: [0, 0, 0], size: [1, 1]}}", "boxes.b.size: write 3 sizes in metres, all above 0"),
     ("boxes: {b: {center: [0, 0, 0], size: [1, 1, 0]}}", "boxes.b.size: |not [1, 1, 0]"),
     ("planes: {p: {center: [0, 0, 0], normal: [0, 0, 0]}}", "planes.p.normal: |has no direction"),
@@ -313,7 +314,7 @@ def test_a_map_too_large_to_travel_is_refused(tmp_path: Path, monkeypatch: pytes
 
 
 def test_numbers_that_yaml_takes_for_text_are_numbers(tmp_path: Path) -> None:
-    read = loaded(write(tmp_path, "leds: {a: {position: [1e-3, 2, 3]}}"), 0)
+    read = loaded(write(tmp_path, "lamps: {a: {position: [1e-3, 2, 3]}}"), 0)
     assert read.lamps[0].position_m == (0.001, 2.0, 3.0)
 
 

@@ -239,7 +239,7 @@ async def test_a_workspace_is_laid_through_a_robot_and_left_again() -> None:
 
 async def test_workspace_needs_nothing_else_in_the_map(tmp_path: Path) -> None:
     path = tmp_path / "lamps.yaml"
-    path.write_text("leds: {a: {position: [0, 0, 1]}, b: {position: [1, 2, 1]}}", encoding="utf-8")
+    path.write_text("lamps: {a: {position: [0, 0, 1]}, b: {position: [1, 2, 1]}}", encoding="utf-8")
     Pui.validate_config(PuiConfig(map=str(path), workspace="horizontal"))
     with pytest.raises(ConfigError, match=r"has no strip or belt .*--set pui\.surfaces=\[lamp\]"):
         Pui.validate_config(PuiConfig(map=str(path)))

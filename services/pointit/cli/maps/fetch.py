@@ -74,7 +74,7 @@ def _options() -> list[click.Parameter]:
 @click.option(
     "--prefix",
     metavar="NAME",
-    help="prefix of leds., strips., belts. if each has parameters of its own: site.map",
+    help="prefix of lamps., strips., belts. if each has parameters of its own: site.map",
 )
 @click.option(
     "--timeout",
@@ -96,7 +96,7 @@ def command(
     """Fetch the map from the parameters of the ROS 2 node NODE, check it and write it to a file.
 
     Either one parameter holds its text or its path, or each value is a parameter, nested as in ROS:
-    leds.door.position [x, y, z], strips.1.line [x, y, z, x, y, z], strips.1.pixels 25. A map with an error
+    lamps.door.position [x, y, z], strips.1.line [x, y, z, x, y, z], strips.1.pixels 25. A map with an error
     is not written; the exit code is 1 then. No ROS is needed here: it joins as `pointit service run ros2`
     does.
 

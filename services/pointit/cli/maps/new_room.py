@@ -85,7 +85,7 @@ def room_map(file: Path, width_m: float, depth_m: float, lamps: int, strips: int
     has = " and ".join(f"{count} {word}{'s' * (count > 1)}" for count, word in counts if count)
     sections = [HEADER.format(width=width_m, depth=depth_m, has=has, path=file)]
     if lamps:
-        sections += ["leds:", *_lamps(width_m / 2, depth_m / 2, lamps)]
+        sections += ["lamps:", *_lamps(width_m / 2, depth_m / 2, lamps)]
     if strips:
         sections += ["strips:", *_strips(width_m / 2, depth_m / 2, strips)]
     return "\n".join([*sections, ""])

@@ -154,7 +154,7 @@ async def _lamps(bus: Bus, user: str, wanted: Sequence[str]) -> list[str]:
     await found(bus, user, pose, news)
     known = [lamp.id for lamp in environment.lamps]
     if not known:
-        raise PointItError(f"map {environment.name!r} has no lamps to point at; add `leds` to it")
+        raise PointItError(f"map {environment.name!r} has no lamps to point at; add `lamps` to it")
     for name in wanted:
         if name not in known:
             raise UnknownNameError(

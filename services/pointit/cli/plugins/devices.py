@@ -14,7 +14,7 @@ from pointit.runtime.service.logs import setup_logging
 
 SECTIONS = {
     "imu-source": ("wrists", "--imu"),
-    "led-output": ("lights", "--leds"),
+    "led-output": ("lights", "--output"),
     "robot": ("robots", "--set"),
 }
 """Name of the table and option of `pointit run` by the kind of plug-in."""

@@ -16,7 +16,7 @@ from pointit.services.selector.config import SelectorConfig
 
 KINDS = {
     "imu-source": ("imu_source", "pointit.imu_sources", "SOURCE", "run --imu $name:HOST"),
-    "led-output": ("led_output", "pointit.led_outputs", "OUTPUT", "run --leds $name:HOST"),
+    "led-output": ("led_output", "pointit.led_outputs", "OUTPUT", "run --output $name:HOST"),
     "selection-method": ("selection_method", "pointit.selection_methods", "METHOD", "run --method $name"),
     "service": ("service", "pointit.services", "SERVICE", "run --with $name"),
 }

@@ -55,7 +55,9 @@ MAX_FIELDS = 3
     "--live", is_flag=True, help="play on a site at --speed, 1 by default; it must not run the same services"
 )
 @click.option(
+    "--output",
     "--leds",
+    "outputs",
     type=click.Choice(["none", "recorded"]),
     default="none",
     show_default=True,
@@ -71,7 +73,7 @@ def command(
     overwrite: bool,
     compare: bool,
     live: bool,
-    leds: str,
+    outputs: str,
     as_json: bool,
     site: str,
     connect: tuple[str, ...],
@@ -79,14 +81,14 @@ def command(
     """Run the services of FILE, a recording, again on what the devices of its site wrote.
 
     They have their recorded parameters, map and states, and the recording's time. Without --live no site is
-    joined, and without --leds recorded no light is lit. The same file gives the same result, byte for byte.
+    joined, and without --output recorded no light is lit. The same file gives the same result, byte for byte.
     --compare shows by topic how many messages differ from the recorded ones, by how much, and the first
     that does.
 
     Example: pointit replay session.mcap --compare
     """
-    if leds == "recorded" and not live:
-        raise click.UsageError("--leds recorded drives lights in recorded time: give --live, too")
+    if outputs == "recorded" and not live:
+        raise click.UsageError("--output recorded drives lights in recorded time: give --live, too")
     setup_logging("warning")
     with contextlib.ExitStack() as stack:
         stack.enter_context(interruptible())
@@ -106,7 +108,7 @@ def command(
             lambda time_ns: tell("seconds replayed", (time_ns - recording.began_ns) // NS_PER_S),
         )
         if live:
-            lights = leds == "recorded"
+            lights = outputs == "recorded"
             _print_outputs(recorded_outputs(recording), lights=lights)
             say(f"playing {length_s:.1f} s on site {site}; Ctrl-C ends it", err=True)
             asyncio.run(_play_live(plan, result, speed or 1.0, site, connect, lights=lights))
@@ -153,7 +155,7 @@ def _print_outputs(outputs: Sequence[str], *, lights: bool) -> None:
     for output in outputs:
         say(f"LED output {output} is driven" if lights else f"LED output {output} is left out", err=True)
     if outputs and not lights:
-        say("--leds recorded drives them", err=True)
+        say("--output recorded drives them", err=True)
 
 
 class _Result:

@@ -72,7 +72,7 @@ def maps() -> Section:
 
 OPTIONS = {
     "imu-source": "--imu",
-    "led-output": "--leds",
+    "led-output": "--output",
     "robot": "--set robot.driver=",
     "selection-method": "--method",
     "service": "--with",

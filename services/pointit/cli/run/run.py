@@ -68,7 +68,9 @@ def _explain(context: click.Context, _parameter: click.Parameter, wanted: bool) 
     "`pointit list plugins` lists others  [default: the scenario's]",
 )
 @click.option(
-    "--leds",
+    "--output",
+    "--leds",  # of version 0.1
+    "output",
     default="",
     metavar="OUTPUT",
     help="expander:PORT drives strips; `pointit plugin list` lists others",
@@ -93,7 +95,7 @@ def _explain(context: click.Context, _parameter: click.Parameter, wanted: bool) 
 def run(
     scenario: str,
     users: int,
-    leds: str,
+    output: str,
     *,
     site_only: bool,
     speed: float,
@@ -126,7 +128,7 @@ def run(
     if options["listen"] and options["connect"]:
         raise ConfigError("--listen and --connect exclude each other: a run is joined, or joins another")
     chosen = read_scenario(scenario)
-    choices = run_options.choices_of(options, leds)
+    choices = run_options.choices_of(options, output)
     people = 0 if site_only else users
     _check_people(choices, people)
     added = [part.add(chosen, choices, options) for part in run_options.PARTS]

@@ -30,7 +30,7 @@ PANELS = {
         *("users", "site_only", "scenario", "place", "here", "localize", "targets", "poses", "hand"),
         *("stature_m", "method"),
     ),
-    "Devices": ("imu", "leds", "ros2"),
+    "Devices": ("imu", "output", "ros2"),
     **{part.heading: part.names for part in PARTS},
     "Network": ("connect", "listen", "site", "credentials"),
 }
@@ -128,8 +128,8 @@ def part_options(function: Any) -> Any:
     return function
 
 
-def choices_of(options: dict[str, Any], leds: str = "") -> Choices:
-    """Return the changes to a scenario by the options of `run` or `user` and `--leds`.
+def choices_of(options: dict[str, Any], output: str = "") -> Choices:
+    """Return the changes to a scenario by the options of `run` or `user` and `--output`.
 
     Raises:
         ConfigError: If an environment variable is for a service that does not exist.
@@ -145,7 +145,7 @@ def choices_of(options: dict[str, Any], leds: str = "") -> Choices:
         hand=options["hand"] or "",
         stature_m=options["stature_m"],
         imu=options["imu"],
-        leds=leds,
+        output=output,
         services=options["services"],
         ros2=options.get("ros2", False),
         files=options["files"],

@@ -75,7 +75,7 @@ class Choices(Settings):
     stature_m: float | None = None
     imu: Sequence[str] = ()
     """IMU per person: `sim`, `page`, `simulated`, `serial:PORT` or `replay:FILE`."""
-    leds: str = ""
+    output: str = ""
     """`expander:PORT`, or `""`."""
     services: Sequence[str] = ()
     """Services to add to those of the scenario, also of other packages."""
@@ -100,10 +100,10 @@ def site_launches(scenario: Scenario, choices: Choices) -> list[Launch]:
         ConfigError: a service or parameter is wrong.
     """
     extra: dict[str, dict[str, Any]] = {}
-    if choices.leds:
-        kind, parameters = _choose("--leds", choices.leds, OUTPUTS)
+    if choices.output:
+        kind, parameters = _choose("--output", choices.output, OUTPUTS)
         if "led-driver" not in scenario.site:
-            raise ConfigError(f"--leds {choices.leds!r}: the scenario has no led-driver")
+            raise ConfigError(f"--output {choices.output!r}: the scenario has no led-driver")
         extra["led-driver"] = {"outputs": [{"kind": kind, **parameters}]}
     if choices.method:
         if "selector" not in scenario.site:

@@ -123,7 +123,7 @@ class ScenarioCatalog:
             targets=choices.targets if localize else None,
             poses=poses,
             method=choices.method if "selector" in scenario.site else "",
-            leds=choices.leds if "led-driver" in scenario.site else "",
+            output=choices.output if "led-driver" in scenario.site else "",
             settings=[
                 setting
                 for setting in choices.settings
@@ -135,7 +135,7 @@ class ScenarioCatalog:
         choices, there = self.choices, _services(scenario)
         said = [(f"--set {setting}", service_of(setting)) for setting in choices.settings]
         said += [(f"--method {choices.method}", "selector")] if choices.method else []
-        said += [(f"--leds {choices.leds}", "led-driver")] if choices.leds else []
+        said += [(f"--output {choices.output}", "led-driver")] if choices.output else []
         for option, service in said:
             if service not in there and service != PAGE:
                 yield f"{option} is ignored: {scenario.source} has no {service}"

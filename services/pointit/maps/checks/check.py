@@ -62,7 +62,7 @@ def check_map(
         *check_belts(file, lanes, links),
         *check_lines(file),
         *check_strips(file),
-        *_check_lamps({name: led.position for name, led in file.leds.items()}, person_m),
+        *_check_lamps({name: lamp.position for name, lamp in file.lamps.items()}, person_m),
         *_check_solids(file),
         *_check_clouds(clouds),
         *check_fences(file.fences),
@@ -76,10 +76,10 @@ def check_map(
 def _check_lamps(lamps: Mapping[str, Vec3], person_m: Point | None) -> Iterator[Finding]:
     for name, (_, _, z) in lamps.items():
         if z < FLOOR_M:
-            yield error(f"leds.{name}", f"is {-z:g} m below the floor; correct its z")
+            yield error(f"lamps.{name}", f"is {-z:g} m below the floor; correct its z")
         elif z > HIGHEST_LAMP_M:
             yield warning(
-                f"leds.{name}",
+                f"lamps.{name}",
                 f"is {z:g} m high, where pointing is difficult; mount it below {HIGHEST_LAMP_M:g} m",
             )
     names, places = list(lamps), np.array(list(lamps.values()))
@@ -87,16 +87,16 @@ def _check_lamps(lamps: Mapping[str, Vec3], person_m: Point | None) -> Iterator[
         near = np.linalg.norm(places[:index] - places[index], axis=1) < SAME_PLACE_M
         if near.any():  # report one pair only
             other = names[int(near.argmax())]
-            yield error(f"leds.{name}", f"is where {other} is, {list(lamps[name])}; correct one of them")
+            yield error(f"lamps.{name}", f"is where {other} is, {list(lamps[name])}; correct one of them")
     if len(lamps) < 2:
         yield warning(
-            "leds",
+            "lamps",
             f"{'there is one lamp' if lamps else 'there are no lamps'} and localizing by pointing needs two; "
             "add lamps, or say where people stand",
         )
     elif _one_bearing(list(lamps.values()), person_m):
         seen = "one above the other" if person_m is None else f"in one direction from {list(person_m)}"
-        yield error("leds", f"all lie {seen}, which determines no position; move one of them aside")
+        yield error("lamps", f"all lie {seen}, which determines no position; move one of them aside")
 
 
 def _one_bearing(places: Sequence[Vec3], person_m: Point | None) -> bool:

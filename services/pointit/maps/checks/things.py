@@ -88,7 +88,7 @@ def _check_places(
 
 def line_places(file: MapFile) -> list[Vec3]:
     """Return the places of lamps, strips and belts."""
-    places = [led.position for led in file.leds.values()]
+    places = [lamp.position for lamp in file.lamps.values()]
     places += [place for strip in file.strips.values() for place in strip.line]
     return places + [place for belt in file.belts.values() for place in belt.centerline]
 

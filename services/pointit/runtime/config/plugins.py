@@ -50,7 +50,7 @@ class FoundDevice:
     """A device that a search has found."""
 
     address: str
-    """Text behind `--imu NAME:` or `--leds NAME:` that chooses it, or `""` if the name alone does."""
+    """Text behind `--imu NAME:` or `--output NAME:` that chooses it, or `""` if the name alone does."""
     label: str
     """Description for people, such as model, name, battery and signal."""
     details: Mapping[str, str | float] = field(default_factory=dict[str, str | float])

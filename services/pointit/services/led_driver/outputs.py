@@ -154,7 +154,7 @@ def make_outputs(
             which = str(getattr(config, plugin.argument))
             where = f"outputs.{number}.{plugin.argument}"
             if not which:
-                raise ConfigError(f"{where}: is missing; `--leds {config.kind}:{plugin.example}` sets it")
+                raise ConfigError(f"{where}: is missing; `--output {config.kind}:{plugin.example}` sets it")
             remedy = "remove one"
             if plugin.divided_by:
                 which += f" {plugin.divided_by} {getattr(config, plugin.divided_by)}"

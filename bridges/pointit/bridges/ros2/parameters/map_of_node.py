@@ -169,7 +169,7 @@ def _nothing(wish: FetchRequest, names: Sequence[str]) -> str:
         advice = f"try --prefix {shown(below[0], MAX_PATH)}"
     else:
         advice = (
-            "--parameter names the one that holds a map, --prefix what stands before leds., strips., belts."
+            "--parameter names the one that holds a map, --prefix what stands before lamps., strips., belts."
         )
     return f"{what}; {_there(names)}; {advice}"
 

@@ -14,7 +14,8 @@ from pointit.bridges.ros2.parameters.values import Value
 BAYS, LINKS = "bays", "links"
 SECTIONS = frozenset(
     (
-        "leds",
+        "lamps",
+        "leds",  # of the ROS toolkit
         "strips",
         "belts",
         LINKS,

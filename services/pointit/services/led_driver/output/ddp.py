@@ -105,7 +105,7 @@ def _encode(pixels: bytes, pixel_map: PixelMap, number: int) -> Sequence[Datagra
 
 def _make(config: DdpConfig, around: Surroundings) -> NetworkOutput:
     if not config.host:
-        raise ConfigError("host: is missing; give the controller's name or address, as in --leds ddp:HOST")
+        raise ConfigError("host: is missing; give the controller's name or address, as in --output ddp:HOST")
     destination = Destination(host=config.host, port=config.port)
     wire = Wire(encode=_encode, max_rate_hz=config.max_rate_hz)
     address = config.host if config.port == ddp_protocol.PORT else f"{config.host}:{config.port}"

@@ -48,7 +48,7 @@ class MqttLamps:
         """
         require_client("lamps by MQTT")
         if not config.broker:
-            raise ConfigError("broker: is missing; `--leds mqtt:HOST` sets it")
+            raise ConfigError("broker: is missing; `--output mqtt:HOST` sets it")
         self._config = config
         self._health = health
         self._options = client_options(config)

@@ -36,7 +36,7 @@ class PrintedHealth(NullHealth):
 
 
 def setup_options(function: F) -> F:
-    """Add the argument and options that `read_setup` takes: `scenario`, `leds`, `files`, `settings`."""
+    """Add the argument and options that `read_setup` takes: `scenario`, `output`, `files`, `settings`."""
     for add in (
         click.option(
             "--set", "settings", multiple=True, metavar="SERVICE.PARAMETER=VALUE", help="change one parameter"
@@ -48,7 +48,9 @@ def setup_options(function: F) -> F:
             type=click.Path(path_type=Path),
             help="YAML file that maps services to parameters, as for `pointit run`",
         ),
-        click.option("--leds", default="", metavar="OUTPUT", help="output, as for `pointit run`"),
+        click.option(
+            "--output", "--leds", "output", default="", metavar="OUTPUT", help="output, as for `pointit run`"
+        ),
         click.argument("scenario", default=USUAL, shell_complete=scenarios),
     ):
         function = add(function)
@@ -56,7 +58,7 @@ def setup_options(function: F) -> F:
 
 
 def read_setup(
-    scenario: str, leds: str, files: Sequence[Path], settings: Sequence[str]
+    scenario: str, output: str, files: Sequence[Path], settings: Sequence[str]
 ) -> tuple[Environment, LedDriverConfig]:
     """Return the map of a scenario, and the parameters of its outputs, of which there is at least one.
 
@@ -64,10 +66,12 @@ def read_setup(
         ConfigError: If there is none, or anything is wrong.
     """
     chosen = read_scenario(scenario)
-    launches = scenario_launches(chosen, Choices(leds=leds, files=tuple(files), settings=tuple(settings)), 1)
+    launches = scenario_launches(
+        chosen, Choices(output=output, files=tuple(files), settings=tuple(settings)), 1
+    )
     configs = [launch.config for launch in launches]
     room = next((load_map(each.map_to_read, 0) for each in configs if isinstance(each, PuiConfig)), None)
     driver = next((each for each in configs if isinstance(each, LedDriverConfig)), None)
     if room is None or driver is None or all(each.kind == NONE for each in driver.outputs):
-        raise ConfigError(f"{scenario} has no LED output: add --leds, as in --leds ddp:HOST")
+        raise ConfigError(f"{scenario} has no LED output: add --output, as in --output ddp:HOST")
     return room, driver

@@ -1,4 +1,4 @@
-"""Programs that are started when people point at things: arguments, limits, failures, their end."""
+"""Reactions of `--on` when people point at things: arguments of programs, limits, failures, their end."""
 
 import asyncio
 import os
@@ -9,8 +9,10 @@ from typing import Any
 
 import pytest
 
-from pointit.cli.things import programs
-from pointit.cli.things.programs import MAX_PROGRAMS, PROGRAMS_DISPLAY, PROGRAMS_PART, Command, Programs
+from pointit.cli.things import program, reactions
+from pointit.cli.things.program import Program
+from pointit.cli.things.reactions import MAX_AT_ONCE, Reaction, Reactions, reactions_in
+from pointit.cli.things.run_things import THINGS_DISPLAY, THINGS_PART
 from pointit.launch.plan import scenario_catalog
 from pointit.launch.plan.launches import Choices
 from pointit.launch.plan.scenario import read_scenario
@@ -80,15 +82,15 @@ def point(bench: Bench, name: str, event: str = "selected", **fields: Any) -> No
     bench.put(SELECTION_EVENTS, SelectionEvent.model_validate(usual | {"event": event} | fields))
 
 
-def begun(bench: Bench, *commands: str) -> Programs:
-    watcher = Programs([Command.parse(text) for text in commands])
+def begun(bench: Bench, *commands: str) -> Reactions:
+    watcher = Reactions([Reaction.parse(text) for text in commands])
     watcher.attach(bench.bus, lambda _text, _user: None)
     watcher.on_map(ROOM)
     return watcher
 
 
-def run_summary(watcher: Programs) -> list[str]:
-    return list(PROGRAMS_DISPLAY.summary(watcher.summary()))
+def run_summary(watcher: Reactions) -> list[str]:
+    return list(THINGS_DISPLAY.summary(watcher.summary()))
 
 
 async def settled() -> None:
@@ -143,7 +145,7 @@ async def test_failure_is_a_sentence_with_the_exit_code(
         ]
         assert [record.getMessage() for record in caplog.records] == sentences
         lines = run_summary(watcher)
-        assert lines == ["Programs: 4 started, 3 failed.", *(f"{each}." for each in sentences)]
+        assert lines == ["Reactions: 4 started, 3 failed.", *(f"{each}." for each in sentences)]
 
 
 @in_virtual_time
@@ -165,34 +167,34 @@ async def test_program_is_ended_with_its_group_after_60_s(machine: Machine) -> N
 async def test_ninth_program_is_not_started_and_named(machine: Machine) -> None:
     async with memory_bench() as bench:
         watcher = begun(bench, "screws=true")
-        for _ in range(MAX_PROGRAMS + 1):
+        for _ in range(MAX_AT_ONCE + 1):
             point(bench, "screws")
         await settled()
-        assert len(machine.started) == MAX_PROGRAMS
+        assert len(machine.started) == MAX_AT_ONCE
         assert run_summary(watcher) == [
-            "Programs: 8 started, 1 failed.",
-            "screws: true was not started, as 8 programs still run.",
+            "Reactions: 8 started, 1 failed.",
+            "screws: true was not started, as 8 reactions still run.",
         ]
         machine.started[0].code.set_result(0)
         await settled()
         point(bench, "screws")
         await settled()
-        assert len(machine.started) == MAX_PROGRAMS + 1
+        assert len(machine.started) == MAX_AT_ONCE + 1
 
 
 @in_virtual_time
 async def test_programs_end_with_the_scenario_and_are_no_failures(machine: Machine) -> None:
     async with memory_bench() as bench:
-        watcher = Programs([Command.parse("screws=true")])
+        watcher = Reactions([Reaction.parse("screws=true")])
         listening = watcher.attach(bench.bus, lambda _text, _user: None)
         watcher.on_map(ROOM)
         point(bench, "screws")
         await settled()
         for each in listening:
             each.close()
-        await asyncio.sleep(programs.GRACE_S + 0.1)
+        await asyncio.sleep(program.GRACE_S + 0.1)
         assert machine.started[0].signals == [signal.SIGTERM, signal.SIGKILL]
-        assert run_summary(watcher) == ["Programs: 1 started."]
+        assert run_summary(watcher) == ["Reactions: 1 started."]
         assert asyncio.all_tasks() == {asyncio.current_task()}
 
 
@@ -204,15 +206,15 @@ async def test_failures_in_the_summary_are_bounded(machine: Machine) -> None:
         for _ in range(30):
             point(bench, "screws")
             await settled()
-        assert watcher.summary()["programs"]["failed"] == 30
-        assert len(run_summary(watcher)) == 1 + programs.MAX_FAILURES
+        assert watcher.summary()["reactions"]["failed"] == 30
+        assert len(run_summary(watcher)) == 1 + reactions.MAX_FAILURES
 
 
 def test_thing_that_a_later_map_lacks_is_a_failure(caplog: pytest.LogCaptureFixture) -> None:
-    watcher = Programs([Command.parse("scews=true")])
+    watcher = Reactions([Reaction.parse("scews=true")])
     watcher.on_map(ROOM)
     sentence = "--on scews: the map has no thing 'scews'; did you mean screws?"
-    assert caplog.messages == [sentence] == watcher.summary()["programs"]["failures"]
+    assert caplog.messages == [sentence] == watcher.summary()["reactions"]["failures"]
 
 
 @pytest.mark.parametrize(
@@ -228,16 +230,16 @@ def test_thing_that_a_later_map_lacks_is_a_failure(caplog: pytest.LogCaptureFixt
 )
 def test_what_cannot_be_started_is_one_sentence(text: str, sentence: str) -> None:
     with pytest.raises(ConfigError, match=sentence):
-        Command.parse(text)
+        Reaction.parse(text)
 
 
 def test_script_that_may_not_run_is_named(tmp_path: Path) -> None:
     script = tmp_path / "order.sh"
     script.write_text("#!/bin/sh\n")
     with pytest.raises(ConfigError, match="`chmod \\+x` a script"):
-        Command.parse(f"screws={script}")
+        Program.parse(str(script))
     script.chmod(0o755)
-    assert Command.parse(f"screws={script} {{user}}").arguments == [str(script), "{user}"]
+    assert Program.parse(f"{script} {{user}}").arguments == [str(script), "{user}"]
 
 
 def test_unknown_thing_is_refused_before_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -249,7 +251,32 @@ def test_unknown_thing_is_refused_before_the_run(monkeypatch: pytest.MonkeyPatch
     with pytest.raises(
         ConfigError, match=r"^--on scews: the map has no thing 'scews'; did you mean screws\?"
     ):
-        PROGRAMS_PART.add(scenario, Choices(), {"on": ("scews=true",)})
-    (make,) = PROGRAMS_PART.add(scenario, Choices(), {"on": ("screws=true",)}).watchers
-    assert isinstance(make([]), Programs)
-    assert not PROGRAMS_PART.add(scenario, Choices(), {"on": ()}).watchers
+        THINGS_PART.add(scenario, Choices(), {"on": ("scews=true",), "mqtt": ""})
+    (make,) = THINGS_PART.add(scenario, Choices(), {"on": ("screws=true",), "mqtt": ""}).watchers
+    assert isinstance(make([]), Reactions)
+    assert not THINGS_PART.add(scenario, Choices(), {"on": (), "mqtt": ""}).watchers
+
+
+def test_file_has_several_reactions(tmp_path: Path) -> None:
+    path = tmp_path / "site.yaml"
+    path.write_text("screws: ['true', 'http://home/hook']\nradio: echo {state}\n")
+    assert [each.thing for each in reactions_in(str(path))] == ["screws", "screws", "radio"]
+    assert [each.thing for each in reactions_in("screws=echo x.yaml")] == ["screws"]
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("screws: 3", r"screws: write a program or a URL, or a list of them, not 3"),
+        ("screws: [{a: b}]", r"screws: write a program or a URL"),
+        ("screws: ./nothing-here.sh", r"site\.yaml: screws: no program \./nothing-here\.sh"),
+        ("screws: ''", r"write THING=PROGRAM"),
+        ("- screws", r"site\.yaml"),
+        ("screws: [", r"is not YAML"),
+    ],
+)
+def test_file_that_is_wrong_is_one_sentence(tmp_path: Path, text: str, sentence: str) -> None:
+    path = tmp_path / "site.yaml"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=sentence):
+        list(reactions_in(str(path)))

@@ -67,6 +67,6 @@ async def test_program_that_forks_and_never_ends_is_ended_with_the_run(
     assert all(is_running(int(pid)) for pid in family)
     await run.stop()
     await until(lambda: not any(is_running(int(pid)) for pid in family), what="the end of the program")
-    programs = json.loads(summary.read_text())["programs"]
+    programs = json.loads(summary.read_text())["reactions"]
     assert failed in programs["failures"]
     assert programs["failed"] == programs["started"] - 1

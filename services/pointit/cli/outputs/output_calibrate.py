@@ -1,4 +1,4 @@
-"""`pointit leds calibrate`: the pose of a moving head, from known places that its beam is pointed at."""
+"""`pointit output calibrate`: the pose of a moving head, from known places that its beam is pointed at."""
 
 import asyncio
 import math
@@ -10,7 +10,7 @@ import click
 from pointit.cli.common.keyboard import has_keyboard, key_bytes
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import say
-from pointit.cli.leds.leds_setup import PrintedHealth, read_setup, setup_options
+from pointit.cli.outputs.output_setup import PrintedHealth, read_setup, setup_options
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.runtime.service.logs import setup_logging
@@ -38,7 +38,12 @@ KEYS = "arrows turn the beam, + and - change the step, Enter when it is there"
 )
 @setup_options
 def command(
-    *, scenario: str, leds: str, files: tuple[Path, ...], settings: tuple[str, ...], places: tuple[Vec3, ...]
+    *,
+    scenario: str,
+    output: str,
+    files: tuple[Path, ...],
+    settings: tuple[str, ...],
+    places: tuple[Vec3, ...],
 ) -> int:
     """Find where a moving head hangs: point its beam at known places, by default the lamps of SCENARIO's map.
 
@@ -48,15 +53,15 @@ def command(
 
     It sends to the fixture itself: end a running site first. Ctrl-C ends it. The beam is dark afterwards.
 
-    Example: pointit leds calibrate scenario_3 --leds spotlight:192.168.1.50
+    Example: pointit output calibrate scenario_3 --output spotlight:192.168.1.50
     """
     setup_logging("error")
-    room, driver = read_setup(scenario, leds, files, settings)
+    room, driver = read_setup(scenario, output, files, settings)
     config = next((each for each in driver.outputs if isinstance(each, SpotlightConfig)), None)
     if config is None:
-        raise ConfigError(f"{scenario} has no moving head: add --leds, as in --leds spotlight:ADDRESS")
+        raise ConfigError(f"{scenario} has no moving head: add --output, as in --output spotlight:ADDRESS")
     if not config.host:
-        raise ConfigError("host: is missing; `--leds spotlight:ADDRESS` sets it")
+        raise ConfigError("host: is missing; `--output spotlight:ADDRESS` sets it")
     targets = {f"({x:g}, {y:g}, {z:g}) m": (x, y, z) for x, y, z in places} or {
         f"lamp {lamp.id}": lamp.position_m for lamp in room.lamps
     }

@@ -1,4 +1,4 @@
-"""`pointit leds calibrate`: keys turn the beam, and the pose of the head is printed."""
+"""`pointit output calibrate`: keys turn the beam, and the pose of the head is printed."""
 
 import asyncio
 import functools
@@ -10,8 +10,8 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.cli.leds import leds_calibrate
-from pointit.cli.leds.leds_calibrate import pointed, report
+from pointit.cli.outputs import output_calibrate
+from pointit.cli.outputs.output_calibrate import pointed, report
 from pointit.runtime.errors import PointItError
 from pointit.runtime.service.surroundings import NullHealth
 from pointit.services.led_driver.output.spotlight.config import SpotlightConfig
@@ -32,7 +32,7 @@ UP, DOWN, RIGHT, LEFT = (b"\x1b[" + letter for letter in (b"A", b"B", b"C", b"D"
 @pytest.fixture(autouse=True)
 def _same_logs(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave the logs of the tests that follow as they are."""
-    monkeypatch.setattr(leds_calibrate, "setup_logging", str)
+    monkeypatch.setattr(output_calibrate, "setup_logging", str)
 
 
 def keys(start: Angles, end: Angles) -> bytes:
@@ -106,11 +106,11 @@ def test_pan_that_turns_the_other_way_is_to_be_configured() -> None:
 @pytest.mark.parametrize(
     ("arguments", "problem"),
     [
-        (["scenario_3", "--leds", "ddp:x"], "no moving head"),
-        (["scenario_3", "--leds", "spotlight:x", "--at", "1", "2", "3"], "1 known places, 3 needed"),
-        (["scenario_3", "--leds", "spotlight:x"], "no keyboard"),
+        (["scenario_3", "--output", "ddp:x"], "no moving head"),
+        (["scenario_3", "--output", "spotlight:x", "--at", "1", "2", "3"], "1 known places, 3 needed"),
+        (["scenario_3", "--output", "spotlight:x"], "no keyboard"),
     ],
 )
 def test_what_is_missing_is_said(arguments: list[str], problem: str) -> None:
-    done = CliRunner().invoke(leds_calibrate.command, arguments)
+    done = CliRunner().invoke(output_calibrate.command, arguments)
     assert problem in str(done.exception)

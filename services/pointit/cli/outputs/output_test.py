@@ -1,4 +1,4 @@
-"""`pointit leds test`: shows which pixel is where, strip by strip."""
+"""`pointit output test`: shows which pixel is where, strip by strip."""
 
 import asyncio
 import contextlib
@@ -12,7 +12,7 @@ import click
 
 from pointit.cli.common.keyboard import has_keyboard, keys
 from pointit.cli.common.progress import interruptible
-from pointit.cli.leds.leds_setup import PrintedHealth, read_setup, setup_options
+from pointit.cli.outputs.output_setup import PrintedHealth, read_setup, setup_options
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.logs import setup_logging
@@ -89,7 +89,7 @@ def _place(position_m: Vec3) -> str:
 )
 @setup_options
 def command(
-    *, scenario: str, leds: str, names: tuple[str, ...], files: tuple[Path, ...], settings: tuple[str, ...]
+    *, scenario: str, output: str, names: tuple[str, ...], files: tuple[Path, ...], settings: tuple[str, ...]
 ) -> None:
     """Light the pixels of each strip of SCENARIO's map one after the other, to test the connection.
 
@@ -104,10 +104,10 @@ def command(
     It opens the outputs itself. End a running site first: a serial port has one user, and a controller in
     the network would show both. Ctrl-C ends it. The strips are dark afterwards.
 
-    Example: pointit leds test scenario_3 --leds ddp:wled-kitchen.local
+    Example: pointit output test scenario_3 --output ddp:wled-kitchen.local
     """
     setup_logging("error")
-    room, driver = read_setup(scenario, leds, files, settings)
+    room, driver = read_setup(scenario, output, files, settings)
     known = [strip.id for strip in room.strips]
     if missing := [name for name in names if name not in known]:
         raise ConfigError(f"--strip {missing[0]}: the map has no such strip; it has {', '.join(known)}")

@@ -1,0 +1,114 @@
+"""Topics and messages of things on an MQTT broker, with the discovery of Home Assistant. Pure.
+
+https://www.home-assistant.io/integrations/mqtt, "MQTT discovery", "Event" and "Binary sensor".
+"""
+
+import json
+import re
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from pointit.runtime.host.extras import pointit_version
+from pointit.schemas import SelectedObject, SelectionEvent
+from pointit.schemas.environment import Thing
+
+PREFIX = "homeassistant"
+"""Usual prefix of topics of the discovery."""
+ONLINE, OFFLINE = "online", "offline"
+NOT_OF_IDS = re.compile(r"[^A-Za-z0-9_-]")
+EVENTS = {"selected": "pointed", "deselected": "released"}
+"""Types of events of things by the event of the selection."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Publication:
+    """A message to the broker."""
+
+    topic: str
+    payload: str
+    retain: bool = False
+
+
+@dataclass(frozen=True)
+class Announcements:
+    """Topics and messages of one site."""
+
+    site: str
+
+    @property
+    def status_topic(self) -> str:
+        """Return the topic that is `online` while things are published."""
+        return f"pointit/{_id_of(self.site)}/status"
+
+    @property
+    def found(self) -> str:
+        """Return the filter of what was announced for this site before."""
+        return f"{PREFIX}/+/{self._node}/+/config"
+
+    @property
+    def _node(self) -> str:
+        return f"pointit_{_id_of(self.site)}"
+
+    def discovery(self, thing: Thing) -> Publication:
+        """Return the announcement of a thing: a binary sensor if it is a switch, else events."""
+        name, topic = _id_of(thing.id), self._topic(thing.id)
+        config: dict[str, Any] = {
+            "name": thing.label or thing.id,
+            "unique_id": f"{self._node}_{name}",
+            "state_topic": topic,
+            "availability_topic": self.status_topic,
+            "device": {
+                "identifiers": [self._node],
+                "name": f"PointIt {self.site}",
+                "manufacturer": "PointIt",
+            },
+            "origin": {"name": "PointIt", "sw_version": pointit_version()},
+        }
+        if thing.mode == "switch":
+            config |= {"value_template": "{{ value_json.state }}", "json_attributes_topic": topic}
+        else:
+            config["event_types"] = ["pointed"] if thing.mode == "button" else list(EVENTS.values())
+        return Publication(topic=self._config_topic(thing), payload=json.dumps(config), retain=True)
+
+    def outdated(self, topics: Sequence[str], things: Sequence[Thing]) -> list[Publication]:
+        """Return empty messages for those of `topics` that announce none of `things`."""
+        known = {self._config_topic(thing) for thing in things}
+        return [Publication(topic=each, payload="", retain=True) for each in topics if each not in known]
+
+    def states(self, things: Sequence[Thing], selected: Sequence[SelectedObject]) -> list[Publication]:
+        """Return the states of all switches; `selected`: all objects that are selected."""
+        users = {each.id: each.user for each in selected}
+        return [
+            Publication(
+                topic=self._topic(thing.id),
+                payload=json.dumps(
+                    {"state": "ON" if thing.id in users else "OFF", "user": users.get(thing.id, "")}
+                ),
+                retain=True,
+            )
+            for thing in things
+            if thing.mode == "switch"
+        ]
+
+    def event(self, thing: Thing, event: SelectionEvent) -> Publication | None:
+        """Return the message of an event, or None for those of switches and the end of buttons."""
+        told = EVENTS.get(event.event)
+        if told is None or thing.mode == "switch" or (thing.mode == "button" and not event.is_on):
+            return None
+        payload = {"event_type": told, "user": event.user, "confidence": event.confidence}
+        return Publication(topic=self._topic(thing.id), payload=json.dumps(payload))
+
+    def _topic(self, thing_id: str) -> str:
+        return f"pointit/{_id_of(self.site)}/things/{_id_of(thing_id)}"
+
+    def _config_topic(self, thing: Thing) -> str:
+        kind = "binary_sensor" if thing.mode == "switch" else "event"
+        return f"{PREFIX}/{kind}/{self._node}/{_id_of(thing.id)}/config"
+
+
+def _id_of(name: str) -> str:
+    """Return `name` as a part of topics and ids, different for each name."""
+    clean = NOT_OF_IDS.sub("_", name)
+    return clean if clean == name else f"{clean}_{zlib.crc32(name.encode()):08x}"

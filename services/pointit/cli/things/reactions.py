@@ -1,0 +1,167 @@
+"""Reactions of `pointit run --on`: programs and webhooks, when people point at things."""
+
+import asyncio
+import contextlib
+import logging
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol, Self, cast
+
+from pointit.api.reactions import check_things, is_reaction
+from pointit.cli.things.program import Program
+from pointit.cli.things.webhook import Webhook
+from pointit.launch.plan.watcher import News
+from pointit.runtime.bus.contract import Bus, Closable
+from pointit.runtime.config.yaml_file import read_yaml
+from pointit.runtime.errors import ConfigError
+from pointit.schemas import Environment, SelectionEvent
+from pointit.schemas.topics import SELECTION_EVENTS
+
+log = logging.getLogger(__name__)
+
+MAX_AT_ONCE = 8
+"""Maximum number of reactions at a time. Further ones are dropped, and count as failures."""
+MAX_FAILURES = 20
+"""Number of last failures in the summary. Earlier ones are only counted."""
+FILES = (".yaml", ".yml")
+
+
+class Target(Protocol):
+    """Program or webhook."""
+
+    def describe(self, values: Mapping[str, str], /) -> str:
+        """Return a description for logs."""
+        ...
+
+    async def react(self, values: Mapping[str, str], /) -> str:
+        """Do it. Return what went wrong, or `""`. `values`: those of placeholders, and `stamp_ns`."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reaction:
+    """Thing, and the program or webhook for when somebody points at it."""
+
+    thing: str
+    target: Target
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Return the reaction in `THING=PROGRAM ARGUMENTS...` or `THING=URL`.
+
+        Raises:
+            ConfigError: If it is none, or what it names cannot be used.
+        """
+        thing, _, line = (part.strip() for part in text.partition("="))
+        if not thing or not line:
+            raise ConfigError(
+                f"--on {text!r}: write THING=PROGRAM, such as 'screws=./order.sh {{user}}', "
+                "THING=URL or FILE.yaml"
+            )
+        is_url = line.startswith(("http://", "https://"))
+        try:
+            return cls(thing=thing, target=Webhook.parse(line) if is_url else Program.parse(line))
+        except ConfigError as error:
+            raise ConfigError(f"--on {thing}: {error}") from error
+
+    def check(self, room: Environment) -> None:
+        """Check that the map has the thing. Raises ConfigError."""
+        try:
+            check_things([self.thing], room)
+        except ConfigError as error:
+            raise ConfigError(f"--on {self.thing}: {error}") from error
+
+
+def reactions_in(text: str) -> Iterator[Reaction]:
+    """Yield the reactions of a value of `--on`: one, or those of a file `THING: [PROGRAM or URL, ...]`.
+
+    Raises:
+        ConfigError: If one cannot be used, or the file is none.
+    """
+    if "=" in text or not text.endswith(FILES):
+        yield Reaction.parse(text)
+        return
+    for thing, lines in read_yaml(Path(text)).items():
+        for line in cast("list[object]", lines) if isinstance(lines, list) else [lines]:
+            if not isinstance(line, str):
+                raise ConfigError(
+                    f"{text}: {thing}: write a program or a URL, or a list of them, not {line!r}"
+                )
+            try:
+                yield Reaction.parse(f"{thing}={line}")
+            except ConfigError as error:
+                raise ConfigError(f"{text}: {str(error).removeprefix('--on ')}") from error
+
+
+class Reactions:
+    """Watcher of a run that reacts, and ends all with the scenario."""
+
+    def __init__(self, reactions: Sequence[Reaction]) -> None:
+        """Do those of `reactions` whose thing is pointed at."""
+        self._reactions = reactions
+        self._room: Environment | None = None
+        self._running = set[asyncio.Task[None]]()
+        self._started = 0
+        self._failed = 0
+        self._failures: deque[str] = deque(maxlen=MAX_FAILURES)
+
+    def attach(self, bus: Bus, news: News) -> Sequence[Closable]:
+        """Subscribe on `bus`. Return the subscription, and what ends all reactions."""
+        del news
+        ending = contextlib.ExitStack()
+        ending.callback(self._end)
+        return ending, bus.subscribe(SELECTION_EVENTS, self._on_event)
+
+    def on_map(self, environment: Environment) -> None:
+        """Update the things, and report those that it lacks."""
+        self._room = environment
+        for reaction in self._reactions:
+            try:
+                reaction.check(environment)
+            except ConfigError as error:
+                self._fail(str(error))
+
+    def on_service(self, instance: str, *, is_present: bool) -> None:
+        """Ignore services."""
+
+    def summary(self) -> Mapping[str, Any]:
+        """Return the number of reactions that were started and that failed, and sentences on these."""
+        counts = {"started": self._started, "failed": self._failed, "failures": list(self._failures)}
+        return {"reactions": counts}
+
+    def _on_event(self, event: SelectionEvent, _name: str) -> None:
+        for reaction in self._reactions:
+            if is_reaction(event, [reaction.thing], self._room):
+                self._start(event, reaction.target)
+
+    def _start(self, event: SelectionEvent, target: Target) -> None:
+        values = {
+            "thing": event.thing,
+            "user": event.user,
+            "confidence": "" if event.confidence is None else f"{event.confidence:.2f}",
+            "state": "on" if event.is_on else "off",
+            "stamp_ns": str(event.stamp_ns),
+        }
+        about = f"{event.thing}: {target.describe(values)}"
+        if len(self._running) >= MAX_AT_ONCE:
+            self._fail(f"{about} was not started, as {MAX_AT_ONCE} reactions still run")
+            return
+        self._started += 1
+        task = asyncio.create_task(self._run(about, target, values), name=about)
+        self._running.add(task)
+        task.add_done_callback(self._running.discard)
+
+    async def _run(self, about: str, target: Target, values: Mapping[str, str]) -> None:
+        if problem := await target.react(values):
+            self._fail(f"{about} {problem}")
+
+    def _fail(self, sentence: str) -> None:
+        log.warning("%s", sentence)
+        self._failed += 1
+        self._failures.append(sentence)
+
+    def _end(self) -> None:
+        for task in self._running:
+            task.cancel()

@@ -1,0 +1,70 @@
+"""Options `--on` and `--mqtt` of `pointit run`."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import click
+
+from pointit.cli.common.run_part import Added, RunPart
+from pointit.cli.display.display_part import DisplayPart
+from pointit.cli.things.mqtt_events import MqttThings, broker_of
+from pointit.cli.things.reactions import Reactions, reactions_in
+from pointit.launch.plan.launches import Choices, site_launches
+from pointit.launch.plan.scenario import Scenario
+from pointit.launch.plan.scenario_catalog import room_of
+from pointit.launch.plan.watcher import MakeWatcher
+
+
+def _options(function: Any) -> Any:
+    """Add the options."""
+    on = click.option(
+        "--on",
+        multiple=True,
+        metavar="THING=PROGRAM|URL",
+        help="start this program, without a shell, or send a request to this web server, when somebody "
+        "points at the thing; both may have {thing}, {user}, {confidence} and {state} (on or off). FILE.yaml "
+        "has several, `THING: PROGRAM or URL`. Repeatable",
+    )
+    mqtt = click.option(
+        "--mqtt",
+        default="",
+        metavar="BROKER",
+        help="announce the things of the map to Home Assistant at this MQTT broker, HOST or "
+        "mqtts://USER@HOST (password: variable MQTT_PASSWORD), and publish when they are pointed at",
+    )
+    return on(mqtt(function))
+
+
+def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Added:
+    """Return the watchers; ConfigError: no such program, thing or extra, or no address of a broker."""
+    watchers: list[MakeWatcher] = []
+    reactions = [each for text in options["on"] for each in reactions_in(text)]
+    if reactions:
+        room = room_of(site_launches(scenario, choices))
+        for reaction in reactions:
+            if room is not None:
+                reaction.check(room)
+        watchers.append(lambda _launches: Reactions(reactions))
+    if options["mqtt"]:
+        config = broker_of(options["mqtt"])
+        watchers.append(lambda _launches: MqttThings(config))
+    return Added(watchers=watchers)
+
+
+def _summary(summary: Mapping[str, Any]) -> list[str]:
+    lines: list[str] = []
+    if reactions := summary.get("reactions"):
+        failed = f", {reactions['failed']} failed" if reactions["failed"] else ""
+        lines += [
+            f"Reactions: {reactions['started']} started{failed}.",
+            *(f"{e}." for e in reactions["failures"]),
+        ]
+    if mqtt := summary.get("mqtt"):
+        dropped = f", {mqtt['dropped']} lost" if mqtt["dropped"] else ""
+        lines += [f"MQTT: {mqtt['events']} events published{dropped}."]
+        lines += [f"MQTT: {mqtt['problem']}."] if mqtt["problem"] else []
+    return lines
+
+
+THINGS_PART = RunPart(heading="Things", names=("on", "mqtt"), options=_options, add=_add)
+THINGS_DISPLAY = DisplayPart(rows=lambda _monitor, _width: None, lines=lambda _monitor: (), summary=_summary)

@@ -1,0 +1,83 @@
+"""Requests to web servers when people point at a thing."""
+
+import asyncio
+import importlib.util
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Self
+from urllib.parse import quote, urlsplit
+
+from pointit.cli.things.program import check_placeholders, filled
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.extras import remedy
+
+TIMEOUT_S = 5.0
+"""Maximum time of a try, s."""
+PAUSES_S = (1.0, 4.0)
+"""Pauses before the second and the third try, s."""
+TOO_MANY_REQUESTS = 429
+SERVER_ERROR = 500
+
+
+@dataclass(frozen=True, kw_only=True)
+class Webhook:
+    """A URL that gets a request with a JSON object: `thing`, `user`, `state`, `confidence`, `stamp_ns`."""
+
+    url: str
+
+    @classmethod
+    def parse(cls, url: str) -> Self:
+        """Return the webhook with this URL, in which there may be placeholders.
+
+        Raises:
+            ConfigError: If it has no host, an unknown placeholder, or the extra is missing.
+        """
+        try:
+            host = urlsplit(url).hostname
+        except ValueError as error:
+            raise ConfigError(f"{url} is no URL ({error})") from error
+        if not host:
+            raise ConfigError(f"{url} has no host; write http://HOST/PATH")
+        check_placeholders(url)
+        if importlib.util.find_spec("httpx") is None:
+            raise ConfigError(f"webhooks need an extra: run {remedy('webhooks')}")
+        return cls(url=url)
+
+    def describe(self, _values: Mapping[str, str]) -> str:
+        """Return its scheme and host: what follows them is often a secret."""
+        parts = urlsplit(self.url)
+        return f"{parts.scheme}://{parts.netloc.rpartition('@')[2]}/..."
+
+    async def react(self, values: Mapping[str, str]) -> str:
+        """Send it, up to three times, always with the same key. Return what went wrong, or `""`."""
+        import httpx  # noqa: PLC0415 - an extra
+
+        url = filled(self.url, {name: quote(value, safe="") for name, value in values.items()})
+        confidence, stamp = values["confidence"], values["stamp_ns"]
+        body = {
+            **{name: values[name] for name in ("thing", "user", "state")},
+            "confidence": float(confidence) if confidence else None,
+            "stamp_ns": int(stamp),
+        }
+        headers = {
+            "Content-Type": "application/json",
+            "Idempotency-Key": quote(f"{values['thing']}-{values['user']}-{stamp}"),
+        }
+        problem = ""
+        for pause_s in (0.0, *PAUSES_S):
+            await asyncio.sleep(pause_s)
+            try:
+                async with asyncio.timeout(TIMEOUT_S), httpx.AsyncClient(timeout=TIMEOUT_S) as client:
+                    answer = await client.post(url, content=json.dumps(body), headers=headers)
+            except (TimeoutError, httpx.TimeoutException):
+                problem = f"did not answer within {TIMEOUT_S:g} s"
+            except (httpx.HTTPError, httpx.InvalidURL, OSError) as error:
+                problem = f"could not be reached ({str(error) or type(error).__name__})"
+            else:
+                if answer.is_success:
+                    return ""
+                problem = f"answered {answer.status_code} {answer.reason_phrase}".rstrip()
+                if answer.status_code < SERVER_ERROR and answer.status_code != TOO_MANY_REQUESTS:
+                    return problem
+        return f"{problem}, {1 + len(PAUSES_S)} times"

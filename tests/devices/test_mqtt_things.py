@@ -1,0 +1,180 @@
+"""Things of a run on a genuine MQTT broker (mosquitto), as Home Assistant would find and follow them."""
+
+import asyncio
+import contextlib
+import json
+from collections.abc import AsyncGenerator, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import aiomqtt
+import pytest
+from ha_mqtt_discoverable.sensors import BinarySensorInfo
+
+from pointit.cli.things import mqtt_events
+from pointit.cli.things.mqtt_events import MqttThings, broker_of
+from pointit.runtime.errors import ConfigError
+from pointit.schemas import Environment, SelectedObject, Selection, SelectionEvent
+from pointit.schemas.environment import Thing, ThingMode
+from pointit.schemas.topics import SELECTION, SELECTION_EVENTS
+from tests.support.bench import Bench, memory_bench, until
+from tests.support.buses import free_port
+from tests.support.mqtt import broker, overheard
+
+Heard = list[tuple[str, bytes]]
+
+
+@pytest.fixture
+def port(tmp_path: Path) -> Iterator[int]:
+    with broker(tmp_path) as port:
+        yield port
+
+
+def thing(name: str, mode: ThingMode = "button", label: str = "") -> Thing:
+    return Thing(id=name, center_m=(1.0, 2.0, 1.0), size_m=(0.2, 0.2, 0.2), mode=mode, label=label)
+
+
+def room(*things: Thing) -> Environment:
+    return Environment(stamp_ns=1, name="shop", things=things)
+
+
+ROOM = room(thing("screws", label="Screws, 4 mm"), thing("radio", "switch"), thing("seat", "claim"))
+
+
+@contextlib.asynccontextmanager
+async def published(port: int, bench: Bench) -> AsyncGenerator[MqttThings]:
+    watcher = MqttThings(broker_of(f"127.0.0.1:{port}"))
+    listening = watcher.attach(bench.bus, lambda _text, _user: None)
+    try:
+        yield watcher
+    finally:
+        for each in listening:
+            each.close()
+        ended = [task for task in asyncio.all_tasks() if task.get_name() == "things by MQTT"]
+        await asyncio.gather(*ended, return_exceptions=True)
+
+
+def point(bench: Bench, name: str, event: str = "selected") -> None:
+    fields = {"stamp_ns": 1, "event": event, "object_id": name, "user": "anna", "confidence": 0.9}
+    bench.put(SELECTION_EVENTS, SelectionEvent.model_validate(fields))
+
+
+def found(heard: Heard) -> Mapping[str, Any]:
+    """Return the announcements that are in force, by their kind and the id of their thing."""
+    last = {topic: payload for topic, payload in heard if topic.endswith("/config")}
+    split = {topic: topic.split("/") for topic in last}
+    return {f"{split[topic][1]} {split[topic][3]}": json.loads(text) for topic, text in last.items() if text}
+
+
+def told(heard: Heard, topic: str) -> list[Any]:
+    return [json.loads(payload) for at, payload in heard if at == topic]
+
+
+async def test_each_thing_is_announced_and_what_is_pointed_at_arrives(port: int) -> None:
+    async with memory_bench() as bench, overheard(port, "#") as heard, published(port, bench) as watcher:
+        watcher.on_map(ROOM)
+        await until(lambda: len(found(heard)) == 3, what="announcements")
+        screws, seat = found(heard)["event screws"], found(heard)["event seat"]
+        radio = found(heard)["binary_sensor radio"]
+        assert (screws["name"], screws["event_types"]) == ("Screws, 4 mm", ["pointed"])
+        assert seat["event_types"] == ["pointed", "released"]
+        assert BinarySensorInfo.model_validate(radio).unique_id == radio["unique_id"]
+        assert len({each["unique_id"] for each in (screws, seat, radio)}) == 3
+        await until(lambda: (screws["availability_topic"], b"online") in heard, what="availability")
+        await until(lambda: bool(told(heard, radio["state_topic"])), what="the state of the switch")
+        for name in ("screws", "seat"):
+            point(bench, name)
+            point(bench, name, "deselected")
+        chosen = SelectedObject(id="radio", user="anna", since_ns=1)
+        bench.put(SELECTION, Selection(stamp_ns=2, objects=(chosen,)))
+        pointed = {"event_type": "pointed", "user": "anna", "confidence": 0.9}
+        await until(lambda: len(told(heard, seat["state_topic"])) == 2, what="events")
+        assert told(heard, screws["state_topic"]) == [pointed], "that a button is over is no event"
+        assert told(heard, seat["state_topic"]) == [pointed, {**pointed, "event_type": "released"}]
+        await until(
+            lambda: [each["state"] for each in told(heard, radio["state_topic"])] == ["OFF", "ON"],
+            what="the switch to be on",
+        )
+        assert watcher.summary()["mqtt"] == {"events": 3, "dropped": 0, "problem": ""}
+    await until_retained(port, screws["availability_topic"], b"offline")
+
+
+async def until_retained(port: int, topic: str, payload: bytes) -> None:
+    async with overheard(port, topic) as heard:
+        await until(lambda: bool(heard) and heard[-1][1] == payload, what=f"{topic} to be {payload!r}")
+
+
+async def test_a_thing_that_is_gone_is_taken_back_also_after_a_restart(port: int) -> None:
+    async with memory_bench() as bench, overheard(port, "homeassistant/#") as heard:
+        async with published(port, bench) as watcher:
+            watcher.on_map(ROOM)
+            await until(lambda: len(found(heard)) == 3, what="announcements")
+            watcher.on_map(room(thing("screws", "switch"), thing("radio", "switch")))
+            await until(
+                lambda: set(found(heard)) == {"binary_sensor screws", "binary_sensor radio"},
+                what="the other map",
+            )
+        async with published(port, bench) as watcher:
+            watcher.on_map(room())
+            await until(lambda: not found(heard), what="all to be taken back")
+
+
+async def test_what_is_pointed_at_without_a_broker_is_counted_and_never_told_later(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mqtt_events, "RETRY_S", 0.1)
+    port = free_port()
+    async with memory_bench() as bench, published(port, bench) as watcher:
+        watcher.on_map(ROOM)
+        await until(lambda: "cannot be reached" in watcher.summary()["mqtt"]["problem"], what="the problem")
+        point(bench, "screws")
+        await until(lambda: watcher.summary()["mqtt"]["dropped"] == 1, what="the event")
+        with broker(tmp_path, port):
+            async with overheard(port, "#") as heard:
+                await until(lambda: len(found(heard)) == 3, what="announcements")
+                topic = found(heard)["event screws"]["state_topic"]
+                point(bench, "screws")
+                await until(lambda: bool(told(heard, topic)), what="the next event")
+                assert watcher.summary()["mqtt"] == {"events": 1, "dropped": 1, "problem": ""}
+
+
+async def test_names_of_things_are_neither_topics_nor_confused(port: int) -> None:
+    names = ("a.b", "a_b", "a-b", "_.")
+    async with memory_bench() as bench, overheard(port, "homeassistant/#") as heard:
+        async with published(port, bench) as watcher:
+            watcher.on_map(room(*(thing(name) for name in names)))
+            await until(lambda: len(found(heard)) == len(names), what="announcements")
+        assert {each["name"] for each in found(heard).values()} == set(names)
+        for topic, payload in heard:
+            assert topic.count("/") == 4
+            if payload:
+                assert set(json.loads(payload)["state_topic"]) <= set(
+                    "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-/"
+                )
+
+
+async def test_bytes_of_others_below_its_announcements_are_taken_back(port: int) -> None:
+    async with (
+        overheard(port, "homeassistant/#") as heard,
+        aiomqtt.Client("127.0.0.1", port) as other,
+        memory_bench() as bench,
+    ):
+        topic = f"homeassistant/event/pointit_{bench.bus.site}/ghost/config"
+        await other.publish(topic, b"\xff{", retain=True)
+        async with published(port, bench) as watcher:
+            watcher.on_map(room())
+            await until(lambda: heard[-1:] == [(topic, b"")], what="the last message to be empty")
+
+
+@pytest.mark.parametrize("address", ["", "http://x", "mqtt://u:secret@x", "x:70000", "mqtt://x/y", "mqtt://"])
+def test_what_is_no_broker_is_one_sentence(address: str) -> None:
+    with pytest.raises(ConfigError, match="--mqtt"):
+        broker_of(address)
+
+
+def test_the_ways_to_write_a_broker() -> None:
+    assert broker_of("home").address() == ("home", 1883)
+    assert broker_of("home:1884").address() == ("home", 1884)
+    assert broker_of("[::1]:1884").address() == ("::1", 1884)
+    secured = broker_of("mqtts://anna@home")
+    assert (secured.address(), secured.tls, secured.username) == (("home", 8883), True, "anna")

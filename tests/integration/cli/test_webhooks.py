@@ -1,0 +1,163 @@
+"""Webhooks of `--on` at a real web server: what it gets, and servers that stall, refuse, or are not there."""
+
+import asyncio
+import contextlib
+import json
+from collections.abc import AsyncGenerator, Callable, Generator
+from dataclasses import dataclass, field
+
+import pytest
+
+from pointit.cli.things import webhook
+from pointit.cli.things.reactions import MAX_AT_ONCE, Reaction, Reactions
+from pointit.runtime.errors import ConfigError
+from pointit.schemas import Environment, SelectionEvent
+from pointit.schemas.environment import Thing
+from pointit.schemas.topics import SELECTION_EVENTS
+from tests.support.bench import Bench, memory_bench, until
+from tests.support.buses import free_port
+
+ROOM = Environment(
+    stamp_ns=1, name="shop", things=(Thing(id="screws", center_m=(1.0, 2.0, 1.0), size_m=(0.2, 0.2, 0.2)),)
+)
+STALLED = 0
+"""Status of a server that does not answer."""
+
+
+@dataclass
+class Server:
+    """A web server that answers with one status after the other, then with the last one."""
+
+    port: int
+    statuses: list[int]
+    heads: list[str] = field(default_factory=list[str])
+    bodies: list[str] = field(default_factory=list[str])
+    served: "set[asyncio.Task[None]]" = field(default_factory=set["asyncio.Task[None]"])
+
+    def accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self.served.add(asyncio.create_task(self.answer(reader, writer)))
+
+    async def answer(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        head = (await reader.readuntil(b"\r\n\r\n")).decode()
+        length = next(line for line in head.splitlines() if line.lower().startswith("content-length"))
+        body = await reader.readexactly(int(length.split(":")[1]))
+        status = self.statuses[min(len(self.bodies), len(self.statuses) - 1)]
+        self.heads.append(head)
+        self.bodies.append(body.decode())
+        with contextlib.closing(writer):
+            if status == STALLED:
+                await reader.read()  # until the other side goes
+            else:
+                writer.write(f"HTTP/1.1 {status} Some Words\r\nContent-Length: 0\r\n\r\n".encode())
+
+
+@contextlib.asynccontextmanager
+async def serving(*statuses: int) -> AsyncGenerator[Server]:
+    server = Server(free_port(), list(statuses))
+    async with await asyncio.start_server(server.accept, "127.0.0.1", server.port):
+        yield server
+        await asyncio.gather(*server.served)
+
+
+@pytest.fixture(autouse=True)
+def impatience(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(webhook, "PAUSES_S", (0.01, 0.01))
+
+
+@contextlib.contextmanager
+def reacting(bench: Bench, url: str) -> Generator[Reactions]:
+    watcher = Reactions([Reaction.parse(f"screws={url}")])
+    with contextlib.ExitStack() as ending:
+        for each in watcher.attach(bench.bus, lambda _text, _user: None):
+            ending.callback(each.close)
+        watcher.on_map(ROOM)
+        yield watcher
+
+
+def point(bench: Bench, user: str = "anna") -> None:
+    fields = {"stamp_ns": 7, "event": "selected", "object_id": "screws", "user": user, "confidence": 0.876}
+    bench.put(SELECTION_EVENTS, SelectionEvent.model_validate(fields))
+
+
+def failed(watcher: Reactions) -> Callable[[], bool]:
+    return lambda: watcher.summary()["reactions"]["failed"] > 0
+
+
+async def test_the_server_gets_one_request_with_what_happened() -> None:
+    async with memory_bench() as bench, serving(204) as server:
+        with reacting(bench, f"http://127.0.0.1:{server.port}/hook?by={{user}}") as watcher:
+            point(bench, "anna b&c")
+            await until(lambda: bool(server.bodies), what="the request")
+            assert server.heads[0].startswith("POST /hook?by=anna%20b%26c HTTP/1.1\r\n")
+            assert json.loads(server.bodies[0]) == {
+                "thing": "screws", "user": "anna b&c", "state": "on", "confidence": 0.88, "stamp_ns": 7,
+            }  # fmt: skip
+            assert watcher.summary()["reactions"] == {"started": 1, "failed": 0, "failures": []}
+
+
+async def test_a_busy_server_is_asked_again_with_the_same_key() -> None:
+    async with memory_bench() as bench, serving(503, 429, 200) as server:
+        with reacting(bench, f"http://127.0.0.1:{server.port}/") as watcher:
+            point(bench)
+            await until(lambda: len(server.bodies) == 3, what="the third request")
+            keys = [
+                line for head in server.heads for line in head.splitlines() if "idempotency" in line.lower()
+            ]
+            assert len(keys) == 3
+            assert len(set(keys)) == 1
+            assert not failed(watcher)()
+
+
+@pytest.mark.parametrize(
+    ("status", "requests", "sentence"),
+    [
+        (404, 1, "screws: http://127.0.0.1:PORT/... answered 404 Some Words"),
+        (500, 3, "screws: http://127.0.0.1:PORT/... answered 500 Some Words, 3 times"),
+        (302, 1, "screws: http://127.0.0.1:PORT/... answered 302 Some Words"),
+        (STALLED, 3, "screws: http://127.0.0.1:PORT/... did not answer within 0.2 s, 3 times"),
+    ],
+)
+async def test_a_failure_is_a_sentence_without_the_secret(
+    monkeypatch: pytest.MonkeyPatch, status: int, requests: int, sentence: str
+) -> None:
+    monkeypatch.setattr(webhook, "TIMEOUT_S", 0.2 if status == STALLED else 10.0)
+    async with memory_bench() as bench, serving(status) as server:
+        with reacting(bench, f"http://127.0.0.1:{server.port}/secret") as watcher:
+            point(bench)
+            await until(failed(watcher), what="the failure")
+            assert watcher.summary()["reactions"]["failures"] == [sentence.replace("PORT", str(server.port))]
+            assert len(server.bodies) == requests
+
+
+async def test_no_server_is_a_failure() -> None:
+    async with memory_bench() as bench:
+        with reacting(bench, f"http://me:secret@127.0.0.1:{free_port()}/") as watcher:
+            point(bench)
+            await until(failed(watcher), what="the failure")
+            (sentence,) = watcher.summary()["reactions"]["failures"]
+            assert "could not be reached" in sentence
+            assert "secret" not in sentence
+
+
+async def test_a_flood_at_a_stalled_server_is_bounded_and_named() -> None:
+    async with memory_bench() as bench, serving(STALLED) as server:
+        with reacting(bench, f"http://127.0.0.1:{server.port}/") as watcher:
+            for _ in range(50):
+                point(bench)
+            await until(lambda: len(server.bodies) == MAX_AT_ONCE, what="the requests")
+            summary = watcher.summary()["reactions"]
+            assert (summary["started"], summary["failed"]) == (MAX_AT_ONCE, 50 - MAX_AT_ONCE)
+
+
+@pytest.mark.parametrize(
+    ("url", "sentence"),
+    [
+        ("http://", "has no host"),
+        ("https:///path", "has no host"),
+        ("http://[::1/", "is no URL"),
+        ("http://x/{usr}", "did you mean user"),
+    ],
+)
+def test_what_is_no_webhook_is_one_sentence(url: str, sentence: str) -> None:
+    with pytest.raises(ConfigError, match=sentence):
+        Reaction.parse(f"screws={url}")

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from pointit.maps.cloud_file import read_cloud
 from pointit.maps.environment import environment
 from pointit.maps.lanes import broken_references
 from pointit.maps.model import ENTRIES, CloudEntry, MapFile
@@ -25,6 +24,7 @@ from pointit.runtime.config.validation_message import (
 )
 from pointit.runtime.config.yaml_file import parse_yaml, read_yaml
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.optional_rooms import import_room
 from pointit.schemas import FARTHEST, Environment, KeyNameError, encode
 from pointit.schemas.topics import check_name
 
@@ -161,12 +161,16 @@ def read_clouds(path: Path, file: MapFile) -> Clouds:
 
     Raises:
         MapError: If a file of a cloud is invalid.
+        ConfigError: If this build of PointIt has no clouds.
     """
     clouds: Clouds = {}
     mistakes: list[tuple[str, str]] = []
+    if not file.clouds:
+        return clouds
+    reader = import_room("pointit.maps.cloud_file", "reading point clouds")
     for name, entry in file.clouds.items():
         try:
-            clouds[name] = _placed(read_cloud(path.parent / entry.file), entry)
+            clouds[name] = _placed(reader.read_cloud(path.parent / entry.file), entry)
         except ConfigError as error:
             mistakes.append((f"clouds.{name}.file", str(error)))
     if mistakes:

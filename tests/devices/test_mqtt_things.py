@@ -9,14 +9,14 @@ from typing import Any
 
 import aiomqtt
 import pytest
-from ha_mqtt_discoverable.sensors import BinarySensorInfo
+from ha_mqtt_discoverable.sensors import SwitchInfo
 
 from pointit.cli.things import mqtt_events
 from pointit.cli.things.mqtt_events import MqttThings, broker_of
-from pointit.runtime.errors import ConfigError
-from pointit.schemas import Environment, SelectedObject, Selection, SelectionEvent
+from pointit.runtime.errors import ConfigError, RefusedError
+from pointit.schemas import Done, Environment, SelectedObject, Selection, SelectionEvent, SetThing
 from pointit.schemas.environment import Thing, ThingMode
-from pointit.schemas.topics import SELECTION, SELECTION_EVENTS
+from pointit.schemas.topics import SELECTION, SELECTION_EVENTS, SET_THING
 from tests.support.bench import Bench, memory_bench, until
 from tests.support.buses import free_port
 from tests.support.mqtt import broker, overheard
@@ -75,10 +75,10 @@ async def test_each_thing_is_announced_and_what_is_pointed_at_arrives(port: int)
         watcher.on_map(ROOM)
         await until(lambda: len(found(heard)) == 3, what="announcements")
         screws, seat = found(heard)["event screws"], found(heard)["event seat"]
-        radio = found(heard)["binary_sensor radio"]
+        radio = found(heard)["switch radio"]
         assert (screws["name"], screws["event_types"]) == ("Screws, 4 mm", ["pointed"])
         assert seat["event_types"] == ["pointed", "released"]
-        assert BinarySensorInfo.model_validate(radio).unique_id == radio["unique_id"]
+        assert SwitchInfo.model_validate(radio).unique_id == radio["unique_id"]
         assert len({each["unique_id"] for each in (screws, seat, radio)}) == 3
         await until(lambda: (screws["availability_topic"], b"online") in heard, what="availability")
         await until(lambda: bool(told(heard, radio["state_topic"])), what="the state of the switch")
@@ -110,10 +110,7 @@ async def test_a_thing_that_is_gone_is_taken_back_also_after_a_restart(port: int
             watcher.on_map(ROOM)
             await until(lambda: len(found(heard)) == 3, what="announcements")
             watcher.on_map(room(thing("screws", "switch"), thing("radio", "switch")))
-            await until(
-                lambda: set(found(heard)) == {"binary_sensor screws", "binary_sensor radio"},
-                what="the other map",
-            )
+            await until(lambda: set(found(heard)) == {"switch screws", "switch radio"}, what="the other map")
         async with published(port, bench) as watcher:
             watcher.on_map(room())
             await until(lambda: not found(heard), what="all to be taken back")
@@ -136,6 +133,31 @@ async def test_what_is_pointed_at_without_a_broker_is_counted_and_never_told_lat
                 point(bench, "screws")
                 await until(lambda: bool(told(heard, topic)), what="the next event")
                 assert watcher.summary()["mqtt"] == {"events": 1, "dropped": 1, "problem": ""}
+
+
+async def test_a_switch_obeys_the_broker_and_nothing_else_does(port: int) -> None:
+    asked: list[tuple[str, bool | None]] = []
+
+    async def answer(query: SetThing, user: str) -> Done:
+        assert user == "mqtt"
+        asked.append((query.thing, query.on))
+        if query.on is False:
+            raise RefusedError("not now")
+        return Done(message="done")
+
+    async with memory_bench() as bench, overheard(port, "#") as heard, published(port, bench) as watcher:
+        bench.bus.serve(SET_THING, answer)
+        watcher.on_map(ROOM)
+        await until(lambda: "switch radio" in found(heard), what="announcements")
+        topic = found(heard)["switch radio"]["command_topic"]
+        async with aiomqtt.Client("127.0.0.1", port) as home:
+            for payload in (b"ON", b"on?", b"\xff", b"OFF"):
+                await home.publish(topic, payload)
+            for other in ("screws", "nothing", "a b"):
+                await home.publish(topic.replace("radio", other), b"ON")
+            await home.publish(topic, b"ON")
+            await until(lambda: len(asked) == 3, what="the commands")
+        assert asked == [("radio", True), ("radio", False), ("radio", True)]
 
 
 async def test_names_of_things_are_neither_topics_nor_confused(port: int) -> None:

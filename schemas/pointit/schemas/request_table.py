@@ -67,6 +67,10 @@ RELEASE_OBJECT = Request(
     key="selector/{user}/release", query=requests.ReleaseObject, reply=requests.Done, server="selector",
     about="deselect or take over an object of any person: operators only",
 )
+SET_THING = Request(
+    key="selector/{user}/set_thing", query=requests.SetThing, reply=requests.Done, server="selector",
+    about="fire or switch a thing without pointing: operators only",
+)
 SET_WORKSPACE = Request(
     key="pui/{user}/set_workspace", query=requests.SetWorkspace, reply=requests.Done, server="pui",
     about="a surface about the person for their cursor",
@@ -111,8 +115,8 @@ SET_MOUNTING = Request(
 REQUESTS: list[Request[Any, Any]] = [
     ADD_PACKAGE, SET_SPEED, SET_FEEDING, RESET_CONVEYOR, START_LOCALIZATION, CANCEL_LOCALIZATION, SET_POSE,
     SET_HEADING, POINT_ANCHOR, READ_MEMORY, ERASE_MEMORY, SET_OFFSET, CLEAR_SELECTION, UNDO_SELECTION,
-    RELEASE_OBJECT, SET_WORKSPACE, SET_METHOD, READ_HISTORY, SET_TOLERANCE, STOP_ROBOT, RUN_SCENARIO,
-    SET_BRIGHTNESS, SET_LAMP, SET_YAW_ORIGIN, SET_MOUNTING,
+    RELEASE_OBJECT, SET_THING, SET_WORKSPACE, SET_METHOD, READ_HISTORY, SET_TOLERANCE, STOP_ROBOT,
+    RUN_SCENARIO, SET_BRIGHTNESS, SET_LAMP, SET_YAW_ORIGIN, SET_MOUNTING,
 ]
 # fmt: on
 """All requests. Services of other packages add theirs when they are loaded."""

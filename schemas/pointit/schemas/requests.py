@@ -144,6 +144,15 @@ class ReleaseObject(Query):
     take_over: Annotated[bool, Field(description="select it at once for the requesting person")] = False
 
 
+class SetThing(Query):
+    """Fire a thing, or switch it, without pointing at it: for who tries it, or knows its true state."""
+
+    thing: Annotated[Id, Field(min_length=1), WithJsonSchema({"type": "string", "minLength": 1})]
+    on: Annotated[bool | None, Field(description="state of a switch; None toggles it, or fires a button")] = (
+        None
+    )
+
+
 class SetWorkspace(Query):
     """Choose a surface about a person on which their cursor moves, instead of the things of the map."""
 

@@ -23,6 +23,7 @@ from pointit.schemas.topics import (
     RUN_SCENARIO,
     SERVED,
     SERVICE_ALIVE,
+    SET_THING,
     SHARD_ALIVE,
     STOP_ROBOT,
     TOPICS,
@@ -47,7 +48,7 @@ RECALLED: tuple[Request[Any, Any], ...] = (READ_HISTORY,)
 """Requests open to all roles: they change nothing, and repeat what all may read."""
 OF_PEOPLE: tuple[Request[Any, Any], ...] = (READ_MEMORY, ERASE_MEMORY)
 """Requests of the person and operators only: what is remembered of people. No bridge offers them."""
-OF_OPERATORS: tuple[Request[Any, Any], ...] = (RELEASE_OBJECT,)
+OF_OPERATORS: tuple[Request[Any, Any], ...] = (RELEASE_OBJECT, SET_THING)
 """Requests of operators, the page's too, and the supervisor only: they take from others what is theirs."""
 FOR_ALL = (*RECALLED, STOP_ROBOT)
 """Requests of all roles: who sees a robot may stop it."""

@@ -150,9 +150,10 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
         ),
         noun(
             "things",
-            "list what reacts to pointing, and how often it did",
+            "list and try what reacts to pointing",
             THINGS,
             ours("list", "list things: mode, light, how often they fired", "things.things_list"),
+            ours("try", "fire a thing without pointing at it", "things.things_try"),
         ),
         noun(
             "service",

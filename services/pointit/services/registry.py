@@ -187,6 +187,7 @@ PROCESSES: list[Process] = [
             topics.CLEAR_SELECTION,
             topics.UNDO_SELECTION,
             topics.RELEASE_OBJECT,
+            topics.SET_THING,
             topics.SET_METHOD,
             topics.READ_HISTORY,
         ),

@@ -1,11 +1,11 @@
-"""`pointit things list` against a real bus."""
+"""`pointit things` against a real bus."""
 
 import json
 from typing import Any
 
-from pointit.schemas import Environment, ReadHistory, ReadHistoryReply, SelectionEvent
+from pointit.schemas import Done, Environment, ReadHistory, ReadHistoryReply, SelectionEvent, SetThing
 from pointit.schemas.environment import Thing
-from pointit.schemas.topics import MAP, READ_HISTORY
+from pointit.schemas.topics import MAP, READ_HISTORY, SET_THING
 from tests.support.cli_site import Site
 
 PLACE: dict[str, Any] = {"center_m": (1.0, 2.0, 1.0), "size_m": (0.2, 0.2, 0.2)}
@@ -42,3 +42,23 @@ async def test_map_without_things_is_said(site: Site) -> None:
     ended = await site.pointit("things", "list")
     assert ended.code == 1
     assert "the map shop has no things; add a section `things`" in ended.err
+
+
+async def test_thing_is_tried_without_pointing(site: Site) -> None:
+    asked: list[tuple[str, SetThing]] = []
+
+    async def answer(query: SetThing, user: str) -> Done:
+        asked.append((user, query))
+        return Done(message="the screws screws selected")
+
+    site.bus.publisher(MAP).put(Environment(stamp_ns=1, name="shop", things=(SCREWS, RADIO)))
+    ended = await site.pointit("things", "try", "screws")
+    assert ended.code == 1
+    assert "selector does not answer" in ended.err
+    site.bus.serve(SET_THING, answer)
+    ended = await site.pointit("things", "try", "screws")
+    assert (ended.code, ended.out.strip()) == (0, "the screws screws selected")
+    await site.pointit("things", "try", "radio", "--off", "--user", "anna")
+    assert asked == [("operator", SetThing(thing="screws")), ("anna", SetThing(thing="radio", on=False))]
+    ended = await site.pointit("things", "try", "scews")
+    assert "the map has no thing 'scews'; did you mean screws?" in ended.err

@@ -188,3 +188,39 @@ def test_of_a_crowd_of_boxes_those_nearest_to_the_ray_are_seen(aimed: int) -> No
     assert len(names) == MAX_SOLIDS
     assert aimed in names
     assert max(abs(name - aimed) for name in names) <= MAX_SOLIDS, "neighbours"
+
+
+def set_thing(room: Things, name: str, *, on: bool | None = None) -> tuple[list[str], list[str]]:
+    """Return the events, and the texts of the cues."""
+    outputs = room.engine.set_thing("home", name, on, at(room.time_s))
+    messages = [output.message for output in outputs]
+    events = [each.event for each in messages if isinstance(each, SelectionEvent)]
+    room.take(outputs)
+    return events, [each.text for each in messages if isinstance(each, Feedback) and each.cue == "refused"]
+
+
+def test_programs_switch_switches_and_fire_buttons() -> None:
+    room = Things(thing("radio", mode="switch"), thing("screws", 1.0))
+    room.point(80.0, 0.1)
+    assert set_thing(room, "radio", on=True) == (["selected"], [])
+    assert set_thing(room, "radio", on=True) == ([], [])
+    assert set_thing(room, "radio") == (["deselected"], [])
+    assert set_thing(room, "radio", on=False) == ([], [])
+    assert set_thing(room, "screws") == (["selected"], [])
+    assert set_thing(room, "screws") == ([], ["screws is a button, which goes off by itself"])
+    assert room.point(80.0, 1.0) == [("deselected", "screws")]
+    assert set_thing(room, "screws", on=True) == (["selected"], [])
+
+
+def test_programs_change_nothing_that_is_owned_or_unknown() -> None:
+    room = Things(thing("seat", mode="claim"))
+    room.point(80.0, 0.1)
+    for name in ("seat", "nothing"):
+        assert set_thing(room, name) == ([], [f"there is no button or switch {name} now"])
+
+
+def test_who_rests_on_a_switch_does_not_undo_what_a_program_does() -> None:
+    room = Things(thing("radio", mode="switch"))
+    assert room.point(0.0, 3.0) == [("selected", "radio")]
+    assert set_thing(room, "radio", on=False) == (["deselected"], [])
+    assert room.point(0.0, 3.0) == []

@@ -1,6 +1,6 @@
 """Topics and messages of things on an MQTT broker, with the discovery of Home Assistant. Pure.
 
-https://www.home-assistant.io/integrations/mqtt, "MQTT discovery", "Event" and "Binary sensor".
+https://www.home-assistant.io/integrations/mqtt, "MQTT discovery", "Event" and "Switch".
 """
 
 import json
@@ -16,6 +16,8 @@ from pointit.schemas.environment import Thing
 
 PREFIX = "homeassistant"
 """Usual prefix of topics of the discovery."""
+SET = "/set"
+"""End of the topic of a switch's commands, `ON` and `OFF`."""
 ONLINE, OFFLINE = "online", "offline"
 NOT_OF_IDS = re.compile(r"[^A-Za-z0-9_-]")
 EVENTS = {"selected": "pointed", "deselected": "released"}
@@ -48,11 +50,23 @@ class Announcements:
         return f"{PREFIX}/+/{self._node}/+/config"
 
     @property
+    def commands(self) -> str:
+        """Return the filter of commands to switches."""
+        return f"pointit/{_id_of(self.site)}/things/+{SET}"
+
+    def command(self, things: Sequence[Thing], topic: str, payload: object) -> tuple[str, bool] | None:
+        """Return a switch among `things` and the state that a message commands, or None if it does not."""
+        on = {b"ON": True, b"OFF": False}.get(payload) if isinstance(payload, bytes) else None
+        names = (each.id for each in things if each.mode == "switch" and self._topic(each.id) + SET == topic)
+        name = next(names, None)
+        return None if name is None or on is None else (name, on)
+
+    @property
     def _node(self) -> str:
         return f"pointit_{_id_of(self.site)}"
 
     def discovery(self, thing: Thing) -> Publication:
-        """Return the announcement of a thing: a binary sensor if it is a switch, else events."""
+        """Return the announcement of a thing: a switch, or events."""
         name, topic = _id_of(thing.id), self._topic(thing.id)
         config: dict[str, Any] = {
             "name": thing.label or thing.id,
@@ -67,7 +81,11 @@ class Announcements:
             "origin": {"name": "PointIt", "sw_version": pointit_version()},
         }
         if thing.mode == "switch":
-            config |= {"value_template": "{{ value_json.state }}", "json_attributes_topic": topic}
+            config |= {
+                "value_template": "{{ value_json.state }}",
+                "json_attributes_topic": topic,
+                "command_topic": topic + SET,
+            }
         else:
             config["event_types"] = ["pointed"] if thing.mode == "button" else list(EVENTS.values())
         return Publication(topic=self._config_topic(thing), payload=json.dumps(config), retain=True)
@@ -104,7 +122,7 @@ class Announcements:
         return f"pointit/{_id_of(self.site)}/things/{_id_of(thing_id)}"
 
     def _config_topic(self, thing: Thing) -> str:
-        kind = "binary_sensor" if thing.mode == "switch" else "event"
+        kind = "switch" if thing.mode == "switch" else "event"
         return f"{PREFIX}/{kind}/{self._node}/{_id_of(thing.id)}/config"
 
 

@@ -10,19 +10,21 @@ from urllib.parse import urlsplit
 from pointit.cli.things.home_assistant import OFFLINE, ONLINE, Announcements, Publication
 from pointit.launch.plan.watcher import News
 from pointit.runtime.bus.contract import Bus, Closable
-from pointit.runtime.errors import ConfigError
+from pointit.runtime.errors import ConfigError, PointItError
 from pointit.runtime.mqtt.broker import client_options, connected, describe_error, require_client, uncancelled
 from pointit.runtime.mqtt.broker_config import BrokerConfig
 from pointit.runtime.service.shutdown import first_cause
-from pointit.schemas import Environment, Selection, SelectionEvent
+from pointit.schemas import Environment, Selection, SelectionEvent, SetThing
 from pointit.schemas.environment import Thing
-from pointit.schemas.topics import SELECTION, SELECTION_EVENTS
+from pointit.schemas.topics import SELECTION, SELECTION_EVENTS, SET_THING
 
 if TYPE_CHECKING:
     import aiomqtt
 
 log = logging.getLogger(__name__)
 
+USER = "mqtt"
+"""Name by which it switches things."""
 RETRY_S = 2.0
 """Pause before the next connection, s."""
 OLD_FOUND_S = 0.5
@@ -72,7 +74,7 @@ class MqttThings:
     def attach(self, bus: Bus, news: News) -> Sequence[Closable]:
         """Subscribe on `bus`, and connect. Return the subscriptions, and what ends the connection."""
         del news
-        self._announcements = Announcements(bus.site)
+        self._bus, self._announcements = bus, Announcements(bus.site)
         running = asyncio.create_task(self._run(), name="things by MQTT")
         ending = contextlib.ExitStack()
         ending.callback(running.cancel)
@@ -138,7 +140,7 @@ class MqttThings:
                 async with asyncio.TaskGroup() as tasks:
                     tasks.create_task(self._publish_states(client, old), name="states by MQTT")
                     tasks.create_task(self._publish_events(client), name="events by MQTT")
-                    tasks.create_task(_until_lost(client), name="connection to the MQTT broker")
+                    tasks.create_task(self._obey(client), name="commands by MQTT")
             finally:
                 self._is_connected = False
                 self._dropped += self._events.qsize()
@@ -192,8 +194,16 @@ class MqttThings:
             self._dropped -= 1
             self._sent += 1
 
-
-async def _until_lost(client: "aiomqtt.Client") -> None:
-    """Read until the connection is lost, which raises MqttError."""
-    async for _ in client.messages:
-        pass
+    async def _obey(self, client: "aiomqtt.Client") -> None:
+        """Switch things as the broker says, until the connection is lost, which raises MqttError."""
+        await uncancelled(client.subscribe(self._announcements.commands, qos=1))
+        async for message in client.messages:
+            topic = message.topic.value
+            command = self._announcements.command([*self._things.values()], topic, message.payload)
+            if command is None or message.retain:  # a retained command is of another time
+                log.warning("%s is no command to a switch, and ignored", topic)
+                continue
+            try:
+                await self._bus.call(SET_THING, SetThing(thing=command[0], on=command[1]), USER)
+            except PointItError as error:
+                log.warning("%s: %s", topic, error)

@@ -294,6 +294,24 @@ class Arbiter:
             outputs.append(self._publisher.cue(entry.user, "deselected", text, now_ns))
         return outputs
 
+    def set_thing(self, user: str, thing: str, on: bool | None, now_ns: int) -> list[Output]:  # noqa: FBT001
+        """Fire a button or switch a switch without pointing. Returns nothing if its state is `on` already.
+
+        `user` is the caller. `on`: state of a switch, or None to toggle it.
+        """
+        tracked, is_on = self._positions.objects.get(thing), self._ownership.is_selected(thing)
+        if tracked is None or tracked.mode == "claim":
+            text = f"there is no button or switch {thing} now"
+            return [self._publisher.cue(user, "refused", text, now_ns)]
+        if on is is_on:
+            return []
+        if tracked.mode == "button" and (is_on or on is False):
+            text = f"{thing} is a button, which goes off by itself"
+            return [self._publisher.cue(user, "refused", text, now_ns)]
+        self._reservations.free(thing)
+        record = self._ledger.toggle(thing, tracked.kind, user, now_ns, cause="", mode=tracked.mode)
+        return self._publish(user, [record], now_ns)
+
     def _close(self, left: Sequence[Record], now_ns: int) -> list[Output]:
         """Free and journal objects that have left. Return the selection if there are any."""
         for record in left:

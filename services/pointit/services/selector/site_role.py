@@ -18,6 +18,7 @@ from pointit.schemas import (
     SelectionEvent,
     SetMethod,
     SetMethodReply,
+    SetThing,
     UndoSelection,
     topics,
 )
@@ -74,6 +75,7 @@ class SiteRole:
         self._bus.serve(topics.CLEAR_SELECTION, self._clear)
         self._bus.serve(topics.UNDO_SELECTION, self._undo)
         self._bus.serve(topics.RELEASE_OBJECT, self._release)
+        self._bus.serve(topics.SET_THING, self._set_thing)
         self._bus.serve(topics.SET_METHOD, self._set_method)
         self._bus.serve(topics.READ_HISTORY, History(self._journal.path if self._is_kept else None).answer)
 
@@ -130,6 +132,12 @@ class SiteRole:
     async def _release(self, query: ReleaseObject, user: str) -> Done:
         now_ns = self._clock.now_ns()
         outputs = self._put(self.engine.release(user, query.object_id, query.take_over, now_ns))
+        return Done(message=_done_message(outputs))
+
+    async def _set_thing(self, query: SetThing, user: str) -> Done:
+        outputs = self._put(self.engine.set_thing(user, query.thing, query.on, self._clock.now_ns()))
+        if not outputs:
+            return Done(message=f"{query.thing} is {'on' if query.on else 'off'} already")
         return Done(message=_done_message(outputs))
 
     async def _set_method(self, query: SetMethod, _name: str) -> SetMethodReply:

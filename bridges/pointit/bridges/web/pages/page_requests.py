@@ -38,6 +38,7 @@ OPERATORS: tuple[topics.Request[Any, Any], ...] = (
     topics.CLEAR_SELECTION,
     topics.UNDO_SELECTION,
     topics.RELEASE_OBJECT,
+    topics.SET_THING,
     topics.SET_METHOD,
     topics.SET_TOLERANCE,
     topics.RUN_SCENARIO,

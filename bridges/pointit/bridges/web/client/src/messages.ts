@@ -79,6 +79,7 @@ export interface Everything {
   SetOffset: SetOffset;
   SetPose: SetPose;
   SetSpeed: SetSpeed;
+  SetThing: SetThing;
   SetTolerance: SetTolerance;
   SetToleranceReply: SetToleranceReply;
   SetWorkspace: SetWorkspace;
@@ -1752,6 +1753,16 @@ export interface SetSpeed {
    */
   belts: string[];
   speed_mps: number;
+}
+/**
+ * Fire a thing, or switch it, without pointing at it: for who tries it, or knows its true state.
+ */
+export interface SetThing {
+  /**
+   * state of a switch; None toggles it, or fires a button
+   */
+  on: boolean | null;
+  thing: string;
 }
 /**
  * Choose how far a ray may pass its target. Without values it only reads the tolerance.

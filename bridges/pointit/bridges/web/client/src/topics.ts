@@ -64,6 +64,7 @@ export const SERVERS = {
   "selector/method": "selector",
   "selector/{user}/clear": "selector",
   "selector/{user}/release": "selector",
+  "selector/{user}/set_thing": "selector",
   "selector/{user}/undo": "selector",
 } as const;
 

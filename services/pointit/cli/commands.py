@@ -152,8 +152,8 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
             "things",
             "list and try what reacts to pointing",
             THINGS,
-            ours("list", "list things: mode, light, how often they fired", "things.things_list"),
-            ours("try", "fire a thing without pointing at it", "things.things_try"),
+            ours("list", "list things: mode, light, how often they fired", "things.things:list_things"),
+            ours("try", "fire a thing without pointing at it", "things.things:try_thing"),
         ),
         noun(
             "service",

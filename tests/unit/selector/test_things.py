@@ -194,7 +194,7 @@ def set_thing(room: Things, name: str, *, on: bool | None = None) -> tuple[list[
     """Return the events, and the texts of the cues."""
     outputs = room.engine.set_thing("home", name, on, at(room.time_s))
     messages = [output.message for output in outputs]
-    events = [each.event for each in messages if isinstance(each, SelectionEvent)]
+    events: list[str] = [each.event for each in messages if isinstance(each, SelectionEvent)]
     room.take(outputs)
     return events, [each.text for each in messages if isinstance(each, Feedback) and each.cue == "refused"]
 

@@ -1,4 +1,4 @@
-"""`pointit things list`: the things of a running site's map."""
+"""`pointit things`: the things of a running site's map."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -6,19 +6,20 @@ from typing import Unpack
 
 import click
 
-from pointit.api.reactions import is_reaction
+from pointit.api.reactions import check_things, is_reaction
 from pointit.cli.common.output import Row, Section, json_option, say, show
 from pointit.cli.common.site_link import PATIENCE_S, AtSite, LatestMessage, join_site, quiet, site_options
+from pointit.runtime.bus.contract import Bus
 from pointit.runtime.errors import NoMessageError, RequestError
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
-from pointit.schemas import Environment, ReadHistory, SelectionEvent
+from pointit.schemas import Environment, ReadHistory, SelectionEvent, SetThing
 from pointit.schemas.environment import Thing
-from pointit.schemas.topics import MAP, READ_HISTORY
+from pointit.schemas.topics import MAP, READ_HISTORY, SET_THING
 
 
 @click.command("list", params=site_options())
 @json_option
-def command(*, as_json: bool, **at: Unpack[AtSite]) -> int:
+def list_things(*, as_json: bool, **at: Unpack[AtSite]) -> int:
     """List the things of a site's map: mode, light, and how often each fired.
 
     Counts are among the last 200 events in the selector's journal; - means that no selector replies. The
@@ -32,9 +33,7 @@ def command(*, as_json: bool, **at: Unpack[AtSite]) -> int:
 
 async def _list(*, as_json: bool, **at: Unpack[AtSite]) -> int:
     async with join_site(**at) as bus:
-        room = await LatestMessage(bus, MAP).wait(PATIENCE_S)
-        if room is None:
-            raise NoMessageError("no map has come, which `pui` publishes; see `pointit doctor`")
+        room = await _map(bus)
         events: Sequence[SelectionEvent] | None
         try:
             events = (await bus.call(READ_HISTORY, ReadHistory())).events
@@ -46,6 +45,13 @@ async def _list(*, as_json: bool, **at: Unpack[AtSite]) -> int:
     else:
         show([Section(name="things", about=f"of map {room.name}", rows=rows(room, events))], as_json=as_json)
     return 0 if room.things else EXIT_FAILED
+
+
+async def _map(bus: Bus) -> Environment:
+    room = await LatestMessage(bus, MAP).wait(PATIENCE_S)
+    if room is None:
+        raise NoMessageError("no map has come, which `pui` publishes; see `pointit doctor`")
+    return room
 
 
 def rows(room: Environment, events: Sequence[SelectionEvent] | None) -> tuple[Row, ...]:
@@ -66,3 +72,27 @@ def rows(room: Environment, events: Sequence[SelectionEvent] | None) -> tuple[Ro
 def _light(thing: Thing) -> str:
     start_m, end_m = thing.part_m
     return f"{thing.strip} {start_m:g}-{end_m:g} m" if thing.strip else thing.lamp
+
+
+@click.command("try", params=site_options())
+@click.argument("thing")
+@click.option("--user", default="operator", show_default=True, help="name of who does it, in events")
+@click.option("--on/--off", default=None, help="state of a switch  [default: the other one]")
+def try_thing(*, thing: str, user: str, on: bool | None, **at: Unpack[AtSite]) -> int:
+    """Fire THING, as if somebody had pointed at it: its light, and all that reacts to it.
+
+    A switch goes on or off. On a secured site only operators may do this.
+
+    Example: pointit things try screws
+    """
+    quiet()
+    return run_until_shutdown(_try(thing, user, on=on, **at))
+
+
+async def _try(thing: str, user: str, *, on: bool | None, **at: Unpack[AtSite]) -> int:
+    async with join_site(**at) as bus:
+        room = await _map(bus)
+        check_things([thing], room)
+        reply = await bus.call(SET_THING, SetThing(thing=thing, on=on), user)
+    say(reply.message)
+    return 0

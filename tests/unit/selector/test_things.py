@@ -36,6 +36,8 @@ class Things:
         self.time_s = 0.0
         self.events: list[SelectionEvent] = []
         self.hover = Hover(stamp_ns=0)
+        self.unclear: list[tuple[str, str]] = []
+        """People, and the cues that they get while nothing is selected."""
 
     def point(
         self, azimuth_deg: float, seconds: float = 2.0, user: str = "anna", *, turning: float = 0.0, **on: Any
@@ -65,6 +67,8 @@ class Things:
                 self.events.append(output.message)
             elif isinstance(output.message, Hover):
                 self.hover = output.message
+            elif isinstance(output.message, Feedback) and output.message.cue == "refused":
+                self.unclear.append((output.user, output.message.text))
 
 
 def test_a_button_fires_once_for_each_time_that_somebody_points_at_it() -> None:
@@ -224,3 +228,33 @@ def test_who_rests_on_a_switch_does_not_undo_what_a_program_does() -> None:
     assert room.point(0.0, 3.0) == [("selected", "radio")]
     assert set_thing(room, "radio", on=False) == (["deselected"], [])
     assert room.point(0.0, 3.0) == []
+
+
+def test_two_that_cannot_be_told_apart_are_named_now_and_then_and_neither_fires() -> None:
+    room = Things(thing("screws", 0.16, size_m=(0.2, 0.2, 0.2)), thing("nuts", -0.16, size_m=(0.2, 0.2, 0.2)))
+    assert room.point(0.0, 2.0) == []
+    assert room.unclear == []
+    assert room.point(0.0, 10.0) == []
+    texts = {text for _, text in room.unclear}
+    assert len(texts) == 1
+    assert texts.pop().startswith(("screws or nuts? ", "nuts or screws? "))
+    assert len(room.unclear) == 2
+
+
+def test_only_who_is_in_doubt_is_told() -> None:
+    room = Things(
+        *(thing(name, y_m, size_m=(0.2, 0.2, 0.2)) for name, y_m in (("screws", 0.16), ("nuts", -0.16))),
+        thing("radio", 3.0),
+    )
+    azimuths_deg = {"anna": 0.0, "bert": 49.0, "carla": 0.0}
+    for _ in range(150):
+        for user, azimuth_deg in azimuths_deg.items():
+            room.point(azimuth_deg, 0.02, user)
+    assert {user for user, _ in room.unclear} == {"anna", "carla"}
+    assert ("selected", "radio") in [(event.event, event.object_id) for event in room.events]
+
+
+def test_one_thing_that_is_not_sure_is_not_confused_with_another() -> None:
+    room = Things(thing("screws", 0.0), thing("nuts", 1.5))
+    room.point(9.0, 10.0)
+    assert room.unclear == []

@@ -14,6 +14,7 @@ from pointit.services.selector.objects.seen_objects import SeenObjects
 from pointit.services.selector.objects.view import View
 from pointit.services.selector.outputs import CHANGES, Action, Output
 from pointit.services.selector.ownership.ownership import Ownership
+from pointit.services.selector.selection_publisher import make_cue
 
 _empty_hover = unchecked(Hover)
 
@@ -96,7 +97,7 @@ class HoverEngine:
         return pointer.is_timely(stamp_ns)
 
     def on_cursor(self, user: str, cursor: Cursor) -> list[Output]:
-        """Process a timely cursor of `user`. Return their hover, and what they claim by it."""
+        """Process a timely cursor of `user`. Return their hover, claims, and cues without a number."""
         pointer = self._people[user]
         now_ns = cursor.stamp_ns
         view = None if self._is_by_metres else self._scene.view_from(cursor)
@@ -124,6 +125,10 @@ class HoverEngine:
         wanted = pointed.object_id if pointed.is_shown and standing[0] in CHANGES else None
         if wanted is not None and not self._is_reserved(user, wanted, now_ns):
             outputs.append(Output(user, Claim(stamp_ns=now_ns, object_id=wanted, wish="reserve")))
+        if pointed.rival is not None:
+            names = " or ".join(self._name(each) for each in (pointed.object_id, pointed.rival))
+            unclear = f"{names}? From here both may be meant: step closer, or point beside the other one"
+            outputs.append(Output(user, make_cue("refused", unclear, now_ns, 0)))
         if pointed.fired is not None:
             confidence = pointed.confidence
             if confidence is None and view is not None:
@@ -180,6 +185,10 @@ class HoverEngine:
             confidence=confidence,
         )
         return [Output(user, claim)]
+
+    def _name(self, object_id: str | None) -> str:
+        tracked = self._positions.objects.get(object_id or "")
+        return (tracked.kind if tracked is not None else "") or object_id or "nothing"
 
     def _standing(
         self, user: str, pointer: PersonPointer, pointed: PointerResult, now_ns: int

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from pointit.schemas import ButtonEvent, Claim, Cursor, TrackedObjects
+from pointit.schemas import ButtonEvent, Claim, Cursor, Feedback, TrackedObjects
 from pointit.services.selector.arbiter import Arbiter
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.hover_engine import HoverEngine, PointingEngine
@@ -61,6 +61,8 @@ class SelectionEngine(PointingEngine, Arbiter):
             message = output.message
             if isinstance(message, Claim):
                 outputs += self.claim(output.user, message, message.stamp_ns)
+            elif isinstance(message, Feedback):
+                outputs.append(self._publisher.cue(output.user, "refused", message.text, message.stamp_ns))
             else:
                 outputs.append(output)
         return outputs

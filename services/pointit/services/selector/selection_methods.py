@@ -42,6 +42,8 @@ class SelectionProgress(NamedTuple):
     """Time that led to this progress, s. None: this share of the dwell time."""
     confidence: float | None = None
     """Probability that the object is meant. None: it is judged by the angles of those around it."""
+    rival: str | None = None
+    """Another object that is as probable although the person stays, of which they are told now, or None."""
 
 
 class PersonMethod(Protocol):

@@ -3,7 +3,16 @@
 from collections import Counter
 from dataclasses import dataclass
 
-from pointit.schemas import NS_PER_S, ButtonEvent, Claim, Cursor, Selection, SelectionEvent, TrackedObjects
+from pointit.schemas import (
+    NS_PER_S,
+    ButtonEvent,
+    Claim,
+    Cursor,
+    Feedback,
+    Selection,
+    SelectionEvent,
+    TrackedObjects,
+)
 from pointit.services.selector.arbiter import MAX_CLAIM_AGE_NS
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.hover_engine import HoverEngine, PointingEngine
@@ -111,7 +120,9 @@ class ShardEngine(PointingEngine):
     def _send(self, pointed: list[Output], now_ns: int) -> list[Output]:
         outputs: list[Output] = []
         for user, message in pointed:
-            if not isinstance(message, Claim):
+            if isinstance(message, Feedback):
+                outputs.append(self._cue(user, message.text, now_ns))
+            elif not isinstance(message, Claim):
                 outputs.append(Output(user, message))
             elif message.wish == "reserve":
                 self._reserved[user] = numbered = self._numbered(user, message)
@@ -136,5 +147,8 @@ class ShardEngine(PointingEngine):
         return claim.model_copy(update={"seq": self._sent["claim", user]})
 
     def _unanswered(self, user: str, now_ns: int) -> Output:
+        return self._cue(user, NO_ARBITER, now_ns)
+
+    def _cue(self, user: str, text: str, now_ns: int) -> Output:
         self._sent["cue", user] += 1
-        return Output(user, make_cue("refused", NO_ARBITER, now_ns, self._sent["cue", user]))
+        return Output(user, make_cue("refused", text, now_ns, self._sent["cue", user]))

@@ -58,6 +58,14 @@ SHOWN = 0.25
 """Probability from which an object is shown."""
 KEPT = 0.7
 """Share of the most probable one's probability above which the object that is shown is kept."""
+UNCLEAR_S = 2.5
+"""Time of staying after which the person is told of another object that is as probable."""
+ALIKE = 0.5
+"""Share of the most probable one's probability from which another is as probable."""
+BOTH = 0.7
+"""Least probability of both together."""
+UNTOLD_S = 6.0
+"""Least time between two such cues."""
 LEFT_S = 0.3
 """Time after which an object that fired can fire again, once it is left."""
 LONGEST_GAP_S = 0.25
@@ -95,6 +103,8 @@ class EstimateMethod:
         self._anchor = _Angles(0.0, 0.0, 0.0, 0.0)
         """Angles to the object that is shown when staying on it began."""
         self._stays_ns = 0
+        self._told_ns: int | None = None
+        """Time of the last cue that two objects are alike."""
         self._left: dict[str, int | None] = {}
         """Objects that fired, with the time since which they are left, ns, or None."""
 
@@ -205,9 +215,22 @@ class EstimateMethod:
         stayed_s = (now_ns - self._stays_ns) / NS_PER_S
         progress = min(stayed_s / dwell_s, 1.0) * min(probability / self._config.sure, 1.0)
         if progress < 1.0:
-            return SelectionProgress(shown, progress, None, stayed_s, probability)
+            rival = self._rival(shown, probabilities, now_ns) if stayed_s > UNCLEAR_S else None
+            return SelectionProgress(shown, progress, None, stayed_s, probability, rival)
         self._left[shown] = None
         return SelectionProgress(shown, 1.0, shown, stayed_s, probability)
+
+    def _rival(self, shown: str, probabilities: dict[str, float], now_ns: int) -> str | None:
+        """Return the object that is about as probable as the one that is shown, now and then, or None."""
+        others = {name: probability for name, probability in probabilities.items() if name != shown}
+        rival = max(others, key=others.__getitem__, default=None)
+        if rival is None or not ALIKE * probabilities[shown] <= others[rival]:
+            return None
+        was_told = self._told_ns is not None and now_ns - self._told_ns < UNTOLD_S * NS_PER_S
+        if was_told or probabilities[shown] + others[rival] < BOTH:
+            return None
+        self._told_ns = now_ns
+        return rival
 
 
 def _corrected_rad(view: View, object_id: str) -> float:

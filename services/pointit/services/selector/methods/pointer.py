@@ -37,6 +37,8 @@ class PointerResult(NamedTuple):
     """True if progress is enough to show. From then on the object is reserved."""
     confidence: float | None = None
     """Probability that the object is meant, if the method tells."""
+    rival: str | None = None
+    """Another object that is as probable, of which the person is told now, or None."""
 
 
 class PersonPointer:
@@ -142,8 +144,8 @@ class PersonPointer:
         if spent_s is None and made.progress > 0.0:
             spent_s = made.progress * self._dwell_s
         if made.object_id is None or spent_s is None or spent_s < self._config.show_after_s:
-            return PointerResult(made.object_id, made.fired, 0.0, False, made.confidence)
-        return PointerResult(made.object_id, made.fired, made.progress, True, made.confidence)
+            return PointerResult(made.object_id, made.fired, 0.0, False, made.confidence, made.rival)
+        return PointerResult(made.object_id, made.fired, made.progress, True, made.confidence, made.rival)
 
     def _forget(self) -> None:
         self._set_method(self._config)
@@ -230,7 +232,7 @@ def check_progress(result: SelectionProgress) -> None:
         TypeError: If a value is of another type.
         ValueError: If a number is out of range.
     """
-    for name in ("object_id", "fired"):
+    for name in ("object_id", "fired", "rival"):
         value: Any = getattr(result, name)  # of others, whose types nobody has checked
         if not (value is None or isinstance(value, str)):
             raise TypeError(f"{name} {value!r}, expected text or None")

@@ -7,6 +7,7 @@ import click
 
 from pointit.cli.common.completed_names import maps
 from pointit.cli.common.option_types import Point, person_option
+from pointit.maps.checks.things import told_apart
 from pointit.maps.file import contents, map_path, read_whole_map
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import remedy
@@ -26,13 +27,22 @@ SUFFIXES = (".svg", ".png", ".pdf")
     help="file of the picture: .svg, .png or .pdf",
 )
 @person_option
-def command(*, name_or_path: str, picture: Path, person_m: Point | None) -> None:
-    """Draw MAP, a shipped one or the path of a file, from above and to scale.
+@click.option(
+    "--told-apart",
+    "shades",
+    is_flag=True,
+    help="colour the floor by the share of things that people who stand there tell apart by pointing alone",
+)
+def command(*, name_or_path: str, picture: Path, person_m: Point | None, shades: bool) -> None:
+    r"""Draw MAP, a shipped one or the path of a file, from above and to scale.
 
     Shows belts with their direction, strips with their pixel 0, lamps with their height, links, bays,
     solids and point clouds. Needs the extra `plot`: matplotlib
 
-    Example: pointit map plot conveyor -o conveyor.svg --person 0.5,-0.5
+    \b
+    Examples:
+      pointit map plot conveyor -o conveyor.svg --person 0.5,-0.5
+      pointit map plot shelf -o shelf.png --told-apart
     """
     if picture.suffix.lower() not in SUFFIXES:
         raise ConfigError(
@@ -42,10 +52,11 @@ def command(*, name_or_path: str, picture: Path, person_m: Point | None) -> None
         raise ConfigError(f"pictures need matplotlib, which is not installed; run {remedy('plot')}")
     with map_path(name_or_path) as path:
         file, room, clouds = read_whole_map(path, 0)
+    shares = told_apart(file) if shades else None
     from pointit.maps.picture.picture import draw_map  # noqa: PLC0415 - takes half a second and an extra
 
     try:
-        draw_map(picture, room, clouds, f"{room.name}: {contents(file, clouds)}", person_m)
+        draw_map(picture, room, clouds, f"{room.name}: {contents(file, clouds)}", person_m, told_apart=shares)
     except OSError as error:
         raise ConfigError(f"-o {picture}: cannot be written ({error.strerror or error})") from error
     click.echo(f"{picture}: {contents(file, clouds)}")

@@ -1,7 +1,7 @@
 """Checks of things: below the floor, in each other, with the same light, hard to tell apart."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import permutations
 
 import numpy as np
@@ -13,6 +13,7 @@ from pointit.geometry.vector import Vec3
 from pointit.maps.checks.finding import Finding, error, warning
 from pointit.maps.model import MapFile
 from pointit.maps.things import ROUNDED_M, broken_things, things_of
+from pointit.runtime.errors import ConfigError
 from pointit.schemas import Thing
 
 EYES_M = 1.64
@@ -108,6 +109,28 @@ def _confused(things: Sequence[Thing], solids: Sequence[BoxSolid], eyes_m: Vec3)
         )
     if (more := len(near) - NAMED) > 0:
         yield warning("things", f"{more} more pairs are as near as seen from {place}; stand nearer")
+
+
+def told_apart(file: MapFile) -> Callable[[float, float], float]:
+    """Return a function of a place (x, y) of a person: the share of things that pointing alone tells apart.
+
+    Raises:
+        ConfigError: If the map has no things, or they are broken.
+    """
+    if not file.things or any(broken_things(file)):
+        raise ConfigError("the map has no things that could be told apart; add a section `things`")
+    things = things_of(file)
+    solids = [BoxSolid(thing.center_m, thing.size_m, thing.yaw_rad) for thing in things]
+
+    def share(x: float, y: float) -> float:
+        eyes_m, confused = (x, y, EYES_M), set[int]()
+        for one, other in _near(things, eyes_m):
+            if not {one, other} <= confused:
+                apart_deg = _apart_deg(solids[one], solids[other], things[one].center_m, eyes_m)
+                confused |= {one, other} if apart_deg < APART_DEG else set()
+        return 1.0 - len(confused) / len(things)
+
+    return share
 
 
 def _near(things: Sequence[Thing], eyes_m: Vec3) -> Iterator[tuple[int, int]]:

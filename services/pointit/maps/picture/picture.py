@@ -1,7 +1,8 @@
 """Draws a map from above: to scale, on white, in colours distinguishable for colour-blind people."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,8 @@ MARGIN_M = 0.6
 
 MARGIN_SHARE = 0.06
 """Margin for text beside things, as a share of the longer side."""
+FLOOR_CELLS = 24
+"""Number of squares along the longer side in which the floor is coloured."""
 
 LEAST_ASPECT = 0.65
 """Minimum width by height, as a narrow map has space for text beside it."""
@@ -59,15 +62,19 @@ def draw_map(
     clouds: Mapping[str, NDArray[np.float64]],
     title: str,
     person_m: tuple[float, float] | None = None,
+    *,
+    told_apart: Callable[[float, float], float] | None = None,
 ) -> None:
     """Write a picture of `room` from above to `path` (svg, png, pdf), with clouds (n x 3), a person (x, y).
+
+    `told_apart`: share of things that pointing tells apart from a place, by which the floor is coloured.
 
     Raises:
         OSError: If the file cannot be written.
     """
     settings: Any = mpl  # its stubs list every parameter there is
     with settings.rc_context(_STYLE):
-        figure: Any = map_figure(room, clouds, title, person_m)
+        figure: Any = map_figure(room, clouds, title, person_m, told_apart=told_apart)
         metadata = {"Date": None} if path.suffix.lower() == ".svg" else None  # reproducible
         figure.savefig(path, dpi=DPI, metadata=metadata, bbox_inches="tight", pad_inches=0.15)
 
@@ -77,6 +84,8 @@ def map_figure(
     clouds: Mapping[str, NDArray[np.float64]],
     title: str,
     person_m: tuple[float, float] | None = None,
+    *,
+    told_apart: Callable[[float, float], float] | None = None,
 ) -> Any:
     """Return matplotlib's figure for `draw_map`, in the current style."""
     low, high = _extent(room, clouds, person_m)
@@ -90,6 +99,7 @@ def map_figure(
     axes.set_ylim(low[1], high[1])
     _grid(axes, side)
     legend = [
+        *(() if told_apart is None else _draw_told_apart(axes, low, high, told_apart)),
         *_draw_clouds(axes, clouds),
         *draw_solids(axes, room),
         *draw_fences(axes, room),
@@ -136,6 +146,24 @@ def _extent(
     low, high = low - margin, high + margin
     more = np.array([max(0.0, LEAST_ASPECT * (high - low)[1] - (high - low)[0]) / 2, 0.0])
     return low - more, high + more
+
+
+def _draw_told_apart(
+    axes: Axes, low: NDArray[np.float64], high: NDArray[np.float64], share: Callable[[float, float], float]
+) -> list[Any]:
+    """Colour the floor, squares of about the 24th part of the longer side."""
+    side_m = float((high - low).max()) / FLOOR_CELLS
+    x_m, y_m = (_edges(*ends, side_m) for ends in zip(low.tolist(), high.tolist(), strict=True))
+    shares = [[share((x + x2) / 2.0, (y + y2) / 2.0) for x, x2 in pairwise(x_m)] for y, y2 in pairwise(y_m)]
+    style: dict[str, Any] = {"cmap": "RdYlBu", "vmin": 0.0, "vmax": 1.0, "alpha": 0.55}
+    mesh = axes.pcolormesh(x_m, y_m, np.array(shares), zorder=0.2, linewidth=0, rasterized=True, **style)
+    texts = {1.0: "from here all things are told apart", 0.5: "half of them", 0.0: "none, without light"}
+    return [Patch(facecolor=mesh.cmap(at), alpha=style["alpha"], label=text) for at, text in texts.items()]
+
+
+def _edges(low_m: float, high_m: float, step_m: float) -> list[float]:
+    count = max(1, round((high_m - low_m) / step_m))
+    return [low_m + (high_m - low_m) * number / count for number in range(count + 1)]
 
 
 def _grid(axes: Axes, side_m: float) -> None:

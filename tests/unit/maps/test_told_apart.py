@@ -1,0 +1,55 @@
+"""The share of things that are told apart by pointing, by place, and the picture of it."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from matplotlib.collections import QuadMesh
+
+from pointit.cli.main import command
+from pointit.maps.checks.things import told_apart
+from pointit.maps.file import load_map, parse_map_file
+from pointit.maps.picture.picture import map_figure
+from pointit.runtime.errors import ConfigError
+
+TWO_AND_ONE = """
+things:
+  screws: {center: [3, 0.3, 1.6], size: [0.2, 0.2, 0.2]}
+  nuts: {center: [3, -0.3, 1.6], size: [0.2, 0.2, 0.2]}
+  radio: {center: [-3, 0, 1.6], size: [0.2, 0.2, 0.2]}
+"""
+
+
+def test_things_are_told_apart_from_near_and_from_the_right_side() -> None:
+    share = told_apart(parse_map_file(TWO_AND_ONE.encode(), Path("two.yaml")))
+    apart_m = 0.6 - 0.2
+    assert share(3.0 - apart_m / math.tan(math.radians(7.0)) + 0.1, 0.0) == 1.0
+    assert share(-2.5, 0.0) == pytest.approx(1 / 3), "the two are 4 degrees apart"
+    assert share(3.0, 3.0) == pytest.approx(1 / 3), "one is behind the other"
+    assert share(-9.0, 0.0) == 0.0, "the radio hides both"
+
+
+def test_the_floor_is_coloured_by_it(tmp_path: Path) -> None:
+    path = tmp_path / "two.yaml"
+    path.write_text(TWO_AND_ONE)
+
+    def share(x: float, _y: float) -> float:
+        return 1.0 if x > 0.0 else 0.0
+
+    figure = map_figure(load_map(str(path), 0), {}, "two", told_apart=share)
+    (mesh,) = (each for each in figure.axes[0].collections if isinstance(each, QuadMesh))
+    shares = np.asarray(mesh.get_array())
+    assert set(shares[:, 0].ravel()) == {0.0}
+    assert set(shares[:, -1].ravel()) == {1.0}
+    done = CliRunner().invoke(
+        command, ["map", "plot", str(path), "-o", str(tmp_path / "a.png"), "--told-apart"]
+    )
+    assert done.exit_code == 0
+    assert picture.stat().st_size > 10_000
+
+
+def test_a_map_without_things_is_one_sentence() -> None:
+    with pytest.raises(ConfigError, match="add a section `things`"):
+        told_apart(parse_map_file(b"lamps: {a: {position: [0, 0, 1]}}", Path("lamps.yaml")))

@@ -43,9 +43,8 @@ def test_the_floor_is_coloured_by_it(tmp_path: Path) -> None:
     shares = np.asarray(mesh.get_array())
     assert set(shares[:, 0].ravel()) == {0.0}
     assert set(shares[:, -1].ravel()) == {1.0}
-    done = CliRunner().invoke(
-        command, ["map", "plot", str(path), "-o", str(tmp_path / "a.png"), "--told-apart"]
-    )
+    picture = tmp_path / "a.png"
+    done = CliRunner().invoke(command, ["map", "plot", str(path), "-o", str(picture), "--told-apart"])
     assert done.exit_code == 0
     assert picture.stat().st_size > 10_000
 

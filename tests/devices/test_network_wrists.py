@@ -5,7 +5,7 @@ import json
 import socket
 import subprocess
 from collections.abc import AsyncGenerator, Sequence
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -117,11 +117,9 @@ async def test_trackers_that_call_are_found(node: tuple[str, str]) -> None:
     async with tracker(node, PORT, host="127.255.255.255"):
         while not trackers:
             assert not patience.is_over(), "no tracker was found"
-            try:
+            with suppress(ConfigError):  # the tests of the kit take this port for a moment
                 trackers = await discover(1.5)  # it calls each second
-            except ConfigError as error:  # the tests of the kit take this port for a moment
-                assert "Address already in use" in str(error)
-                await asyncio.sleep(0.2)
+            await asyncio.sleep(0.1)
     (found,) = trackers
     assert found.address == MAC
     assert found.label.startswith(f"{MAC} (emulated at 127.0.0.1)")

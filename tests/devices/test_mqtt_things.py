@@ -133,6 +133,13 @@ async def test_what_is_pointed_at_without_a_broker_is_counted_and_never_told_lat
                 point(bench, "screws")
                 await until(lambda: bool(told(heard, topic)), what="the next event")
                 assert watcher.summary()["mqtt"] == {"events": 1, "dropped": 1, "problem": ""}
+        await until(lambda: watcher.summary()["mqtt"]["problem"] != "", what="the loss of the broker")
+        point(bench, "screws")
+        await until(lambda: watcher.summary()["mqtt"]["dropped"] == 2, what="the event")
+        with broker(tmp_path, port):
+            async with overheard(port, "#") as heard:
+                await until(lambda: len(found(heard)) == 3, what="announcements to a broker that forgot them")
+                assert told(heard, topic) == []
 
 
 async def test_a_switch_obeys_the_broker_and_nothing_else_does(port: int) -> None:
@@ -158,6 +165,19 @@ async def test_a_switch_obeys_the_broker_and_nothing_else_does(port: int) -> Non
             await home.publish(topic, b"ON")
             await until(lambda: len(asked) == 3, what="the commands")
         assert asked == [("radio", True), ("radio", False), ("radio", True)]
+
+
+async def test_a_command_that_the_broker_has_kept_is_of_another_time(
+    port: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    async with memory_bench() as bench, aiomqtt.Client("127.0.0.1", port) as home:
+        topic = f"pointit/{bench.bus.site}/things/radio/set"
+        await home.publish(topic, b"ON", qos=1, retain=True)
+        async with published(port, bench) as watcher:
+            watcher.on_map(ROOM)
+            await until(
+                lambda: f"{topic} is no command to a switch, and ignored" in caplog.messages, what="it"
+            )
 
 
 async def test_names_of_things_are_neither_topics_nor_confused(port: int) -> None:

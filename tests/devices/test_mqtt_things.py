@@ -170,9 +170,10 @@ async def test_a_switch_obeys_the_broker_and_nothing_else_does(port: int) -> Non
 async def test_a_command_that_the_broker_has_kept_is_of_another_time(
     port: int, caplog: pytest.LogCaptureFixture
 ) -> None:
-    async with memory_bench() as bench, aiomqtt.Client("127.0.0.1", port) as home:
+    async with memory_bench() as bench, overheard(port, "#"):
         topic = f"pointit/{bench.bus.site}/things/radio/set"
-        await home.publish(topic, b"ON", qos=1, retain=True)
+        async with aiomqtt.Client("127.0.0.1", port) as home:
+            await home.publish(topic, b"ON", qos=1, retain=True)
         async with published(port, bench) as watcher:
             watcher.on_map(ROOM)
             await until(

@@ -137,7 +137,9 @@ async def is_served_by(seen: Onlooker, pui: str, selector: str) -> None:
             and (heard("pui", RAY), heard("selector", CURSOR)) == ({pui}, {selector})
         ),
         TAKEN_OVER_S,
-        f"{pui} and {selector} alone to hear her",
+        lambda: (
+            f"{pui} and {selector} alone to hear her, not {heard('pui', RAY)}, {heard('selector', CURSOR)}"
+        ),
     )
     await seen.sees_cursors("anna", patience_s=TAKEN_OVER_S)
 

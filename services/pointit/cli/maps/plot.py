@@ -34,15 +34,12 @@ SUFFIXES = (".svg", ".png", ".pdf")
     help="colour the floor by the share of things that people who stand there tell apart by pointing alone",
 )
 def command(*, name_or_path: str, picture: Path, person_m: Point | None, shades: bool) -> None:
-    r"""Draw MAP, a shipped one or the path of a file, from above and to scale.
+    """Draw MAP, a shipped one or the path of a file, from above and to scale.
 
     Shows belts with their direction, strips with their pixel 0, lamps with their height, links, bays,
     solids and point clouds. Needs the extra `plot`: matplotlib
 
-    \b
-    Examples:
-      pointit map plot conveyor -o conveyor.svg --person 0.5,-0.5
-      pointit map plot shelf -o shelf.png --told-apart
+    Example: pointit map plot shelf -o shelf.png --told-apart --person 0.5,-0.5
     """
     if picture.suffix.lower() not in SUFFIXES:
         raise ConfigError(

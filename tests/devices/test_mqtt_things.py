@@ -82,7 +82,7 @@ async def test_each_thing_is_announced_and_what_is_pointed_at_arrives(port: int)
         assert len({each["unique_id"] for each in (screws, seat, radio)}) == 3
         await until(lambda: (screws["availability_topic"], b"online") in heard, what="availability")
         await until(lambda: bool(told(heard, radio["state_topic"])), what="the state of the switch")
-        for name in ("screws", "seat"):
+        for name in ("screws", "seat", "radio"):
             point(bench, name)
             point(bench, name, "deselected")
         chosen = SelectedObject(id="radio", user="anna", since_ns=1)

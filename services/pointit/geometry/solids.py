@@ -7,6 +7,7 @@ intersects the wall from within.
 
 import math
 from collections.abc import Iterable
+from functools import lru_cache
 from itertools import product
 from typing import Protocol
 
@@ -16,6 +17,16 @@ from pointit.geometry.vector import Vec3
 
 Edge = tuple[Vec3, Vec3]
 """Start of an edge, and vector to its end."""
+
+MOST_EYES = 32
+"""Limit of origins of rays for which a box keeps its outline."""
+
+_BOX_EDGES = [
+    (axis, [(axis - 2, signs[0]), (axis - 1, signs[1])])
+    for axis in range(3)
+    for signs in product((-1.0, 1.0), repeat=2)
+]
+"""Axis along which each edge of a box goes, and the faces beside it: the axis across each, and its side."""
 
 
 class Solid(Protocol):
@@ -52,8 +63,10 @@ class BoxSolid:
         """Create from centre, extents along its own axes, and the azimuth of its x axis."""
         self._center = center_m
         self._half = vector.scale(size_m, 0.5)
-        self._yaw = yaw_rad
-        self._edges = _box_edges(self._half)
+        self._turn = (math.cos(yaw_rad), math.sin(yaw_rad))
+        self._outlines: dict[Vec3, tuple[Vec3, list[tuple[Vec3, Edge]]]] = {}
+        """Its own coordinates of an origin of rays, and from there its outline: the edges, and outward
+        normals of their planes through the origin. People's eyes mostly stay while they point."""
         self.bounding_sphere = (center_m, vector.norm(self._half))
 
     def contains(self, point_m: Vec3) -> bool:
@@ -64,7 +77,7 @@ class BoxSolid:
     def intersect(self, origin_m: Vec3, direction: Vec3) -> float | None:
         """Return the distance to the first intersection, or to the exit for a ray from inside, or None."""
         first, last = -math.inf, math.inf
-        own, ahead = self._own(origin_m), vector.rotate_z(direction, -self._yaw)
+        own, ahead = self._own(origin_m), self._turned(direction)
         for x, d, half in zip(own, ahead, self._half, strict=True):
             if abs(d) < TINY:
                 if abs(x) > half:
@@ -78,12 +91,32 @@ class BoxSolid:
 
     def closest_approach(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3:
         """Return the closest point to a ray that does not intersect it."""
-        own, ahead = self._own(origin_m), vector.rotate_z(direction, -self._yaw)
-        found = nearest_on_edges(self._edges, own, ahead, measure)
+        passed_m = self.passed_at(origin_m, direction) if measure == "angle" else None
+        if passed_m is not None:
+            return passed_m
+        own, ahead = self._own(origin_m), self._turned(direction)
+        found = nearest_on_edges(_box_edges(self._half), own, ahead, measure)
         if measure == "metres":
             foot = tuple(min(max(x, -half), half) for x, half in zip(own, self._half, strict=True))
             found = nearer((foot[0], foot[1], foot[2]), found, own, ahead)
-        return vector.add(self._center, vector.rotate_z(found, self._yaw))
+        return self._in_room(found)
+
+    def passed_at(self, origin_m: Vec3, direction: Vec3) -> Vec3 | None:
+        """Return the point at the smallest angle from a ray, or None if the ray intersects the box."""
+        known = self._outlines.get(origin_m)
+        if known is None:
+            if len(self._outlines) >= MOST_EYES:
+                self._outlines.clear()
+            own = self._own(origin_m)
+            known = self._outlines[origin_m] = (own, _outline(self._half, own))
+        own, outline = known
+        x, y, z = ahead = self._turned(direction)
+        edges = [edge for (u, v, w), edge in outline if u * x + v * y + w * z > 0.0]  # on its outer side
+        if not edges:
+            return None
+        if vector.dot(ahead, own) > 0.0:  # it points away, and any edge may be the nearest
+            edges = [edge for _, edge in outline]
+        return self._in_room(nearest_on_edges(edges, own, ahead, "angle"))
 
     def uv_at(self, point_m: Vec3) -> tuple[float, float]:
         """Return the position on the face of `point_m`."""
@@ -93,7 +126,15 @@ class BoxSolid:
         return ((y, z), (x, z), (x, y))[face]
 
     def _own(self, point_m: Vec3) -> Vec3:
-        return vector.rotate_z(vector.subtract(point_m, self._center), -self._yaw)
+        return self._turned(vector.subtract(point_m, self._center))
+
+    def _turned(self, a: Vec3) -> Vec3:
+        (c, s), (x, y, z) = self._turn, a
+        return (c * x + s * y, c * y - s * x, z)
+
+    def _in_room(self, own_m: Vec3) -> Vec3:
+        (c, s), (x, y, z) = self._turn, own_m
+        return vector.add(self._center, (c * x - s * y, s * x + c * y, z))
 
 
 class SphereSolid:
@@ -173,16 +214,24 @@ def distance_to_ray(point_m: Vec3, origin_m: Vec3, direction: Vec3) -> float:
     return math.dist(point_m, vector.add(origin_m, vector.scale(direction, ahead)))
 
 
+@lru_cache(1024)
 def _box_edges(half: Vec3) -> list[Edge]:
     edges: list[Edge] = []
-    for axis in range(3):
-        for signs in product((-1.0, 1.0), repeat=2):
-            start = [sign * half[other] for sign, other in zip(signs, _others(axis), strict=True)]
-            start.insert(axis, -half[axis])
-            span = [2.0 * half[i] if i == axis else 0.0 for i in range(3)]
-            edges.append(((start[0], start[1], start[2]), (span[0], span[1], span[2])))
+    for axis, faces in _BOX_EDGES:
+        start, span = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
+        start[axis], span[axis] = -half[axis], 2.0 * half[axis]
+        for across, side in faces:
+            start[across] = side * half[across]
+        edges.append(((start[0], start[1], start[2]), (span[0], span[1], span[2])))
     return edges
 
 
-def _others(axis: int) -> list[int]:
-    return [other for other in range(3) if other != axis]
+def _outline(half: Vec3, origin_m: Vec3) -> list[tuple[Vec3, Edge]]:
+    """Return the edges between a face that is seen from `origin_m` and one that is not; none from inside."""
+    outline: list[tuple[Vec3, Edge]] = []
+    for (_, faces), (start, span) in zip(_BOX_EDGES, _box_edges(half), strict=True):
+        if sum(side * origin_m[across] > half[across] for across, side in faces) == 1:
+            normal = vector.cross(vector.subtract(start, origin_m), span)
+            inwards = vector.dot(normal, origin_m) < 0.0  # towards the box's centre
+            outline.append((vector.scale(normal, -1.0 if inwards else 1.0), (start, span)))
+    return outline

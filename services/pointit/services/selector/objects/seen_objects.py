@@ -191,8 +191,8 @@ class SeenObjects:
         size_m = self._solids.get(index)
         if size_m is not None and cursor.origin_m is not None and cursor.direction is not None:
             solid = _box(center_m, size_m, tracked.yaw_rad or 0.0)
-            if solid.intersect(cursor.origin_m, cursor.direction) is None:
-                outline_m = solid.closest_approach(cursor.origin_m, cursor.direction, "angle")
+            outline_m = solid.passed_at(cursor.origin_m, cursor.direction)
+            if outline_m is not None:
                 beside = vector.subtract(outline_m, cursor.origin_m)
                 half_rad = max(angle_rad - vector.angle_between(cursor.direction, beside), 0.0)
             else:

@@ -2,18 +2,24 @@
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pointit.geometry import vector
 from pointit.geometry.closest import Hit, Measure, make_hit
-from pointit.geometry.solids import Solid
+from pointit.geometry.solids import MOST_EYES, Solid
 from pointit.geometry.vector import Vec3
+
+Array = NDArray[np.float64]
 
 FEW = 6
 """Number of solids up to which plain Python on each ball is faster than arrays."""
 SLACK_RAD = 1e-6
 """Margin of cones around balls, rad."""
+ROUNDING = 1e-14
+"""Margin of cosines."""
 SAME = 1e-9
 """Difference below which misses are equal. The nearer solid wins then."""
 
@@ -34,6 +40,7 @@ class SolidCaster:
         self._centres = np.array([solid.bounding_sphere[0] for solid in solids]).T.copy()
         """3 x n."""
         self._radii = np.array([solid.bounding_sphere[1] for solid in solids])
+        self._cones = lru_cache(MOST_EYES)(self._cones_from)
 
     def cast(
         self, origin_m: Vec3, direction: Vec3, tolerance: float = math.inf, reach_m: float = math.inf
@@ -49,7 +56,10 @@ class SolidCaster:
         direction = vector.normalized(direction)
         near = self._near(origin_m, direction, tolerance)
         met = [
-            (ahead, i) for i in near if (ahead := self._solids[i].intersect(origin_m, direction)) is not None
+            (ahead, i)
+            for i in near
+            if self._is_near(i, origin_m, direction, 0.0)
+            and (ahead := self._solids[i].intersect(origin_m, direction)) is not None
         ]
         first, index = min(met, default=(math.inf, -1))
         if index >= 0 and first <= reach_m:  # all misses are larger
@@ -97,21 +107,24 @@ class SolidCaster:
         """Return the solids whose ball comes within `tolerance` of the ray."""
         if len(self._solids) <= FEW:
             return [i for i in range(len(self._solids)) if self._is_near(i, origin_m, direction, tolerance)]
-        d = np.array(direction)
-        c = self._centres - np.array(origin_m)[:, None]
-        along = d @ c
-        square = np.einsum("ij,ij->j", c, c)
         if self.measure == "angle":
-            distances = np.sqrt(square)
-            sines = np.minimum(self._radii / np.maximum(distances, 1e-12), 1.0)
-            angles = np.arctan2(np.sqrt(np.maximum(square - along * along, 0.0)), along)
-            inside = distances <= self._radii
-            near = inside | (angles - np.arcsin(sines) <= tolerance + SLACK_RAD)
+            sights, least = self._cones(origin_m, tolerance)
+            near = np.array(direction) @ sights >= least
         else:
-            ahead = np.maximum(along, 0.0)
+            c = self._centres - np.array(origin_m)[:, None]
+            ahead = np.maximum(np.array(direction) @ c, 0.0)
+            square = np.einsum("ij,ij->j", c, c)
             near = np.sqrt(np.maximum(square - ahead * ahead, 0.0)) - self._radii <= tolerance + SLACK_RAD
         found: list[int] = np.flatnonzero(near).tolist()
         return found
+
+    def _cones_from(self, origin_m: Vec3, tolerance: float) -> tuple[Array, Array]:
+        """Return unit vectors to the centres (3 x n), and the least cosines of rays near each ball (n)."""
+        c = self._centres - np.array(origin_m)[:, None]
+        distances = np.maximum(np.sqrt(np.einsum("ij,ij->j", c, c)), 1e-12)
+        angles = np.arcsin(np.minimum(self._radii / distances, 1.0)) + (tolerance + SLACK_RAD)
+        least = np.cos(np.minimum(angles, math.pi)) - ROUNDING
+        return c / distances, np.where(distances <= self._radii, -2.0, least)
 
     def _is_near(self, index: int, origin_m: Vec3, direction: Vec3, tolerance: float) -> bool:
         centre, radius = self._solids[index].bounding_sphere

@@ -7,6 +7,7 @@ of theirs, so staying makes the object that is shown more probable. It fires whe
 
 import math
 from collections.abc import Collection
+from functools import lru_cache
 from typing import NamedTuple
 
 from pydantic import Field
@@ -69,6 +70,8 @@ UNTOLD_S = 6.0
 LEFT_S = 0.3
 """Time after which an object that fired can fire again, once it is left."""
 LONGEST_GAP_S = 0.25
+MOST_KEPT = 4096
+"""Limit of objects as seen from some eyes whose values are kept: most stand still, as do people's eyes."""
 
 
 class EstimateConfig(MethodConfig):
@@ -134,10 +137,17 @@ class EstimateMethod:
         self._speed.add(now_ns, cursor.direction)
         share = 1.0 - math.exp(-elapsed_s / SMOOTHING_S)
         before, self._beside, self._now = self._beside, {}, {}
+        ray = _sight(cursor.direction)
         for one in view.seen:
-            now = self._now[one.id] = _angles(one, cursor.origin_m, cursor.direction)
-            was = before.get(one.id, now)
-            self._beside[one.id] = _Angles(*[a + share * (b - a) for a, b in zip(was, now, strict=True)])
+            now = self._now[one.id] = _angles(one, cursor.origin_m, cursor.direction, ray)
+            a, b, c, d = before.get(one.id, now)
+            right, up, center_right, center_up = now
+            self._beside[one.id] = _Angles(
+                a + share * (right - a),
+                b + share * (up - b),
+                c + share * (center_right - c),
+                d + share * (center_up - d),
+            )
         probabilities = self._probabilities(view, cursor, now_ns)
         self._choose(view, probabilities, now_ns)
         return self._progress(pointing, view, probabilities, now_ns)
@@ -150,12 +160,13 @@ class EstimateMethod:
         # lines on which objects move, or that light them: who points at these means an object
         lines: set[tuple[str, str]] = set()
         for one in view.seen:
-            wide, high = _extent(one)
-            area = (2.0 * wide + _FLAT * SIDEWAYS_RAD) * (2.0 * high + _FLAT * UPWARDS_RAD)
             right, up, *_ = self._beside[one.id]
             up = up - LOW_RAD if up < 0.0 else max(up - LOW_RAD, 0.0)
             miss = (right / SIDEWAYS_RAD) ** 2 + (up / UPWARDS_RAD) ** 2
-            logs[one.id] = math.log(ATTENTION / area) - 0.5 * miss
+            size_m = one.tracked.size_m
+            logs[one.id] = (
+                _log(one.half_rad) if size_m is None else _box_log(size_m, one.range_m)
+            ) - 0.5 * miss
             if one.id == self._shown and one.tracked.lit:
                 logs[one.id] += accepted
             if one.place is not None:
@@ -245,36 +256,50 @@ def _corrected_rad(view: View, object_id: str) -> float:
 _FLAT = math.sqrt(2.0 * math.pi)
 
 
-def _extent(one: VisibleObject) -> tuple[float, float]:
-    """Return half its width and half its height, as angles at the eyes."""
-    size_m = one.tracked.size_m
-    if size_m is None:
-        return one.half_rad, 0.0
-    return math.atan(max(size_m[:2]) / 2.0 / one.range_m), math.atan(size_m[2] / 2.0 / one.range_m)
+def _log(wide_rad: float, high_rad: float = 0.0) -> float:
+    """Return the log of the density of rays at an object that are meant for it, by half its width and height."""
+    area = (2.0 * wide_rad + _FLAT * SIDEWAYS_RAD) * (2.0 * high_rad + _FLAT * UPWARDS_RAD)
+    return math.log(ATTENTION / area)
 
 
-def _angles(one: VisibleObject, origin_m: Vec3, direction: Vec3) -> _Angles:
-    center_m = vector.subtract(one.center_m, origin_m)
-    center = _to(center_m, direction)
+@lru_cache(MOST_KEPT)
+def _box_log(size_m: Vec3, range_m: float) -> float:
+    return _log(math.atan(max(size_m[:2]) / 2.0 / range_m), math.atan(size_m[2] / 2.0 / range_m))
+
+
+def _angles(one: VisibleObject, origin_m: Vec3, direction: Vec3, ray: tuple[float, float]) -> _Angles:
+    """Return the angles from the ray along `direction`, of which `ray` are azimuth and elevation."""
+    center = _sight_of(one.center_m, origin_m)
     if one.tracked.size_m is None:
-        start_m = vector.subtract(center_m, vector.scale(one.along, one.half_m))
+        start_m = vector.subtract(
+            vector.subtract(one.center_m, origin_m), vector.scale(one.along, one.half_m)
+        )
         step_m = vector.scale(one.along, 2.0 * one.half_m)
-        nearest = _to(
-            vector.add(start_m, vector.scale(step_m, nearest_in_angle(start_m, step_m, direction)[0])),
-            direction,
+        nearest = _sight(
+            vector.add(start_m, vector.scale(step_m, nearest_in_angle(start_m, step_m, direction)[0]))
         )
     elif one.outline_m is None:
-        nearest = (0.0, 0.0)
+        nearest = ray
     else:
-        nearest = _to(vector.subtract(one.outline_m, origin_m), direction)
-    return _Angles(*nearest, *center)
+        nearest = _sight(vector.subtract(one.outline_m, origin_m))
+    level = math.cos(ray[1])
+    return _Angles(
+        vector.wrap(ray[0] - nearest[0]) * level,
+        nearest[1] - ray[1],
+        vector.wrap(ray[0] - center[0]) * level,
+        center[1] - ray[1],
+    )
 
 
-def _to(reach: Vec3, direction: Vec3) -> tuple[float, float]:
-    """Return the angles to the right and up from `direction` to `reach`."""
-    elevation = vector.elevation(direction)
-    turned = vector.wrap(vector.azimuth(direction) - vector.azimuth(reach))
-    return turned * math.cos(elevation), vector.elevation(reach) - elevation
+def _sight(reach: Vec3) -> tuple[float, float]:
+    """Return azimuth and elevation."""
+    x, y, z = reach
+    return math.atan2(y, x), math.atan2(z, math.hypot(x, y))
+
+
+@lru_cache(MOST_KEPT)
+def _sight_of(point_m: Vec3, origin_m: Vec3) -> tuple[float, float]:
+    return _sight(vector.subtract(point_m, origin_m))
 
 
 ESTIMATE = SelectionMethod(

@@ -1,16 +1,16 @@
 """Objects as seen from a person's eyes: angles to their ray, at the time of their ray."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pointit.geometry import vector
 from pointit.geometry.polyline import Polyline
-from pointit.geometry.solids import BoxSolid
+from pointit.geometry.solids import MOST_EYES, BoxSolid
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor, Environment, TrackedObject, TrackedObjects
 from pointit.schemas.pointing import LINES
@@ -40,6 +40,17 @@ OPAQUE = frozenset({"box", "cylinder", "sphere"})
 """Solids that hide what is behind them. Planes are floors and table tops, on which objects stand."""
 
 XYZ = np.ones(3)
+
+
+class _Sights(NamedTuple):
+    """Objects that stand still, as seen from one place."""
+
+    units: Array
+    """Unit vectors to their centres, n x 3."""
+    least: Array
+    """Cosines of the angles from these up to which they are near a ray, n."""
+    ranges_m: list[float]
+    halves_rad: list[float]
 
 
 class SeenObjects:
@@ -103,6 +114,8 @@ class SeenObjects:
             return None
         age_s = (cursor.stamp_ns - self._base_ns) / NS_PER_S
         elapsed_s = age_s - self._lag_s
+        if self._are_still and self._ages_s is None:
+            return View(direction, self._still(cursor, cursor.origin_m, direction, age_s))
         if self._ages_s is not None:
             centers_m = self._moved_m(elapsed_s + self._ages_s)
         elif self._straight_s[0] <= elapsed_s <= self._straight_s[1]:
@@ -134,6 +147,34 @@ class SeenObjects:
             if self._is_fresh(index, age_s) and not _is_hidden(range_m - self._halves_m[index], cursor)
         ]
         return View(direction, seen)
+
+    def _still(
+        self, cursor: Cursor, origin_m: Vec3, direction: Vec3, age_s: float
+    ) -> Iterator[VisibleObject]:
+        """Yield the same as `view_from`, of boxes that stand still, prepared once for each place of eyes."""
+        if abs(age_s) > self._stale_s:
+            return
+        sights = self._sights.get(origin_m)
+        if sights is None:
+            if len(self._sights) >= MOST_EYES:
+                self._sights.clear()
+            sights = self._sights[origin_m] = self._sights_from(origin_m)
+        cosines = sights.units @ np.array(direction)
+        near: list[int] = (cosines >= sights.least).nonzero()[0].tolist()
+        angles = {index: math.acos(min(float(cosines[index]), 1.0)) for index in near}
+        if len(near) > MAX_SOLIDS:
+            near.sort(key=lambda index: angles[index] - sights.halves_rad[index])
+        for index in near[:MAX_SOLIDS]:
+            range_m = sights.ranges_m[index]
+            if not _is_hidden(range_m - self._halves_m[index], cursor):
+                yield self._seen(index, cursor, self._tracked[index].position_m, angles[index], range_m)
+
+    def _sights_from(self, origin_m: Vec3) -> "_Sights":
+        reach_m = self._centers_m - origin_m
+        ranges_m = np.sqrt((reach_m * reach_m) @ XYZ) + HAIR_M
+        halves = self._halves_m / ranges_m
+        least = np.cos(np.minimum(self._leave_factor * halves + self._reach_rad, math.pi))
+        return _Sights(reach_m / ranges_m[:, None], least, ranges_m.tolist(), halves.tolist())
 
     def view_of(self, object_id: str, cursor: Cursor) -> View | None:
         """Return as `view_from`, but of one object, without arrays."""
@@ -268,6 +309,9 @@ class SeenObjects:
             self._velocities_mps[:count] = tangents * self._speeds_mps[:, None]
             self._tangents: list[Vec3] = [(x, y, z) for x, y, z in tangents.tolist()]
             self._straight_s = _straight_s(self._speeds_mps, before_m, after_m)
+        self._are_still = len(self._solids) == len(everything) and not self._velocities_mps.any()
+        self._sights: dict[Vec3, _Sights] = {}
+        """The objects as seen from the eyes of people, if they are boxes that stand still."""
 
 
 def _straight_s(speeds_mps: Array, before_m: Array, after_m: Array) -> tuple[float, float]:

@@ -1,7 +1,7 @@
 """Objects near one ray: the object pointed at, its probability, and the snapped cursor."""
 
 import math
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable
 from typing import NamedTuple
 
 from pointit.geometry import vector
@@ -48,7 +48,7 @@ class VisibleObject(NamedTuple):
 class View:
     """The objects near one ray."""
 
-    def __init__(self, direction: Vec3, seen: Sequence[VisibleObject]) -> None:
+    def __init__(self, direction: Vec3, seen: Iterable[VisibleObject]) -> None:
         """Create from what is seen along the unit `direction` in {W}."""
         self._direction = direction
         self._seen = {one.id: one for one in seen}

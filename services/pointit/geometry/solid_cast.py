@@ -54,18 +54,17 @@ class SolidCaster:
             reach_m: points further along the ray are ignored.
         """
         direction = vector.normalized(direction)
-        near = self._near(origin_m, direction, tolerance)
+        near = sorted(self._near(origin_m, direction, tolerance))
         met = [
             (ahead, i)
-            for i in near
-            if self._is_near(i, origin_m, direction, 0.0)
-            and (ahead := self._solids[i].intersect(origin_m, direction)) is not None
+            for bound, i in near
+            if bound <= SLACK_RAD and (ahead := self._solids[i].intersect(origin_m, direction)) is not None
         ]
         first, index = min(met, default=(math.inf, -1))
         if index >= 0 and first <= reach_m:  # all misses are larger
             return self._hit(index, first, origin_m, direction)
         behind = {i for _, i in met}
-        passed = [i for i in near if i not in behind]
+        passed = [each for each in near if each[1] not in behind]
         return self._closest(passed, origin_m, direction, tolerance, reach_m)
 
     def first_hit_m(self, origin_m: Vec3, direction: Vec3) -> float:
@@ -75,7 +74,7 @@ class SolidCaster:
         """
         direction = vector.normalized(direction)
         ahead = math.inf
-        for i in self._near(origin_m, direction, 0.0):
+        for _, i in self._near(origin_m, direction, 0.0):
             solid = self._solids[i]
             met = solid.intersect(origin_m, direction)
             if met is not None and met < ahead and not solid.contains(origin_m):
@@ -87,13 +86,13 @@ class SolidCaster:
         return Hit(index, 0.0, point, 0.0, 0.0, ahead, self._solids[index].uv_at(point))
 
     def _closest(
-        self, near: list[int], origin_m: Vec3, direction: Vec3, tolerance: float, reach_m: float
+        self, near: list[tuple[float, int]], origin_m: Vec3, direction: Vec3, tolerance: float, reach_m: float
     ) -> Hit | None:
         best: Hit | None = None
         least = tolerance
-        for i in near:
-            if not self._is_near(i, origin_m, direction, least):
-                continue
+        for bound, i in near:
+            if bound > least + SLACK_RAD:
+                break
             point = self._solids[i].closest_approach(origin_m, direction, self.measure)
             if point is None or vector.dot(direction, vector.subtract(point, origin_m)) > reach_m:
                 continue
@@ -103,20 +102,21 @@ class SolidCaster:
                 best, least = hit, miss
         return None if best is None else best._replace(uv_m=self._solids[best.target].uv_at(best.point_m))
 
-    def _near(self, origin_m: Vec3, direction: Vec3, tolerance: float) -> list[int]:
-        """Return the solids whose ball comes within `tolerance` of the ray."""
-        if len(self._solids) <= FEW:
-            return [i for i in range(len(self._solids)) if self._is_near(i, origin_m, direction, tolerance)]
-        if self.measure == "angle":
-            sights, least = self._cones(origin_m, tolerance)
-            near = np.array(direction) @ sights >= least
-        else:
-            c = self._centres - np.array(origin_m)[:, None]
-            ahead = np.maximum(np.array(direction) @ c, 0.0)
-            square = np.einsum("ij,ij->j", c, c)
-            near = np.sqrt(np.maximum(square - ahead * ahead, 0.0)) - self._radii <= tolerance + SLACK_RAD
-        found: list[int] = np.flatnonzero(near).tolist()
-        return found
+    def _near(self, origin_m: Vec3, direction: Vec3, tolerance: float) -> list[tuple[float, int]]:
+        """Return the least possible misses of the solids whose ball comes within `tolerance` of the ray."""
+        chosen: Sequence[int] = range(len(self._solids))
+        if len(chosen) > FEW:
+            if self.measure == "angle":
+                sights, least = self._cones(origin_m, tolerance)
+                near = np.array(direction) @ sights >= least
+            else:
+                c = self._centres - np.array(origin_m)[:, None]
+                ahead = np.maximum(np.array(direction) @ c, 0.0)
+                square = np.einsum("ij,ij->j", c, c)
+                near = np.sqrt(np.maximum(square - ahead * ahead, 0.0)) - self._radii <= tolerance + SLACK_RAD
+            chosen = near.nonzero()[0].tolist()
+        bounds = [(self._bound(i, origin_m, direction), i) for i in chosen]
+        return [each for each in bounds if each[0] <= tolerance + SLACK_RAD]
 
     def _cones_from(self, origin_m: Vec3, tolerance: float) -> tuple[Array, Array]:
         """Return unit vectors to the centres (3 x n), and the least cosines of rays near each ball (n)."""
@@ -126,14 +126,14 @@ class SolidCaster:
         least = np.cos(np.minimum(angles, math.pi)) - ROUNDING
         return c / distances, np.where(distances <= self._radii, -2.0, least)
 
-    def _is_near(self, index: int, origin_m: Vec3, direction: Vec3, tolerance: float) -> bool:
+    def _bound(self, index: int, origin_m: Vec3, direction: Vec3) -> float:
+        """Return the miss of the solid's ball, negative if the ray meets it or begins inside."""
         centre, radius = self._solids[index].bounding_sphere
         reach = vector.subtract(centre, origin_m)
         distance = vector.norm(reach)
         if distance <= radius:
-            return True
+            return -math.inf
         if self.measure == "angle":
-            angle = vector.angle_between(direction, reach) - math.asin(radius / distance)
-            return angle <= tolerance + SLACK_RAD
+            return vector.angle_between(direction, reach) - math.asin(radius / distance)
         ahead = max(vector.dot(direction, reach), 0.0)
-        return math.sqrt(max(distance * distance - ahead * ahead, 0.0)) - radius <= tolerance + SLACK_RAD
+        return math.sqrt(max(distance * distance - ahead * ahead, 0.0)) - radius

@@ -8,7 +8,6 @@ of theirs, so staying makes the object that is shown more probable. It fires whe
 import math
 from collections.abc import Collection
 from functools import lru_cache
-from typing import NamedTuple
 
 from pydantic import Field
 
@@ -81,13 +80,9 @@ class EstimateConfig(MethodConfig):
     sure: float = Field(default=0.7, ge=0.5, lt=1, description="probability from which an object is selected")
 
 
-class _Angles(NamedTuple):
-    """Angles from a ray to an object, rad: to its nearest point, 0 if the ray is on it, and to its centre."""
-
-    right: float
-    up: float
-    center_right: float
-    center_up: float
+_Angles = tuple[float, float, float, float]
+"""Angles from a ray to an object, rad: right and up to its nearest point, 0 if the ray is on it, and to its
+centre."""
 
 
 class EstimateMethod:
@@ -103,7 +98,7 @@ class EstimateMethod:
         self._stamp_ns = 0
         self._shown: str | None = None
         self._shown_ns = 0
-        self._anchor = _Angles(0.0, 0.0, 0.0, 0.0)
+        self._anchor: _Angles = (0.0, 0.0, 0.0, 0.0)
         """Angles to the object that is shown when staying on it began."""
         self._stays_ns = 0
         self._told_ns: int | None = None
@@ -142,7 +137,7 @@ class EstimateMethod:
             now = self._now[one.id] = _angles(one, cursor.origin_m, cursor.direction, ray)
             a, b, c, d = before.get(one.id, now)
             right, up, center_right, center_up = now
-            self._beside[one.id] = _Angles(
+            self._beside[one.id] = (
                 a + share * (right - a),
                 b + share * (up - b),
                 c + share * (center_right - c),
@@ -283,7 +278,7 @@ def _angles(one: VisibleObject, origin_m: Vec3, direction: Vec3, ray: tuple[floa
     else:
         nearest = _sight(vector.subtract(one.outline_m, origin_m))
     level = math.cos(ray[1])
-    return _Angles(
+    return (
         vector.wrap(ray[0] - nearest[0]) * level,
         nearest[1] - ray[1],
         vector.wrap(ray[0] - center[0]) * level,

@@ -104,27 +104,32 @@ class SolidCaster:
 
     def _near(self, origin_m: Vec3, direction: Vec3, tolerance: float) -> list[tuple[float, int]]:
         """Return the least possible misses of the solids whose ball comes within `tolerance` of the ray."""
-        chosen: Sequence[int] = range(len(self._solids))
-        if len(chosen) > FEW:
-            if self.measure == "angle":
-                sights, least = self._cones(origin_m, tolerance)
-                near = np.array(direction) @ sights >= least
-            else:
-                c = self._centres - np.array(origin_m)[:, None]
-                ahead = np.maximum(np.array(direction) @ c, 0.0)
-                square = np.einsum("ij,ij->j", c, c)
-                near = np.sqrt(np.maximum(square - ahead * ahead, 0.0)) - self._radii <= tolerance + SLACK_RAD
-            chosen = near.nonzero()[0].tolist()
-        bounds = [(self._bound(i, origin_m, direction), i) for i in chosen]
-        return [each for each in bounds if each[0] <= tolerance + SLACK_RAD]
+        if len(self._solids) <= FEW:
+            bounds = [(self._bound(i, origin_m, direction), i) for i in range(len(self._solids))]
+            return [each for each in bounds if each[0] <= tolerance + SLACK_RAD]
+        if self.measure == "angle":
+            sights, balls, least = self._cones(origin_m, tolerance)
+            cosines = np.array(direction) @ sights
+            near = (cosines >= least).nonzero()[0]
+            misses = np.arccos(np.minimum(cosines[near], 1.0)) - balls[near]
+        else:
+            c = self._centres - np.array(origin_m)[:, None]
+            ahead = np.maximum(np.array(direction) @ c, 0.0)
+            square = np.einsum("ij,ij->j", c, c)
+            misses = np.sqrt(np.maximum(square - ahead * ahead, 0.0)) - self._radii
+            near = (misses <= tolerance + SLACK_RAD).nonzero()[0]
+            misses = misses[near]
+        return list(zip(misses.tolist(), near.tolist(), strict=True))
 
-    def _cones_from(self, origin_m: Vec3, tolerance: float) -> tuple[Array, Array]:
-        """Return unit vectors to the centres (3 x n), and the least cosines of rays near each ball (n)."""
+    def _cones_from(self, origin_m: Vec3, tolerance: float) -> tuple[Array, Array, Array]:
+        """Return unit vectors to the centres (3 x n), angles of the balls, and least cosines of rays near."""
         c = self._centres - np.array(origin_m)[:, None]
         distances = np.maximum(np.sqrt(np.einsum("ij,ij->j", c, c)), 1e-12)
-        angles = np.arcsin(np.minimum(self._radii / distances, 1.0)) + (tolerance + SLACK_RAD)
-        least = np.cos(np.minimum(angles, math.pi)) - ROUNDING
-        return c / distances, np.where(distances <= self._radii, -2.0, least)
+        balls = np.where(
+            distances <= self._radii, np.inf, np.arcsin(np.minimum(self._radii / distances, 1.0))
+        )
+        least = np.cos(np.minimum(balls + (tolerance + SLACK_RAD), math.pi)) - ROUNDING
+        return c / distances, balls, least
 
     def _bound(self, index: int, origin_m: Vec3, direction: Vec3) -> float:
         """Return the miss of the solid's ball, negative if the ray meets it or begins inside."""

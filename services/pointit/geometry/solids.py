@@ -64,9 +64,8 @@ class BoxSolid:
         self._center = center_m
         self._half = vector.scale(size_m, 0.5)
         self._turn = (math.cos(yaw_rad), math.sin(yaw_rad))
-        self._outlines: dict[Vec3, tuple[Vec3, list[tuple[Vec3, Edge]]]] = {}
-        """Its own coordinates of an origin of rays, and from there its outline: the edges, and outward
-        normals of their planes through the origin. People's eyes mostly stay while they point."""
+        self._outlines: dict[Vec3, tuple[Vec3, list[_Outer]]] = {}
+        """Its own coordinates of an origin of rays, and its outline from there: eyes mostly stay."""
         self.bounding_sphere = (center_m, vector.norm(self._half))
 
     def contains(self, point_m: Vec3) -> bool:
@@ -111,12 +110,25 @@ class BoxSolid:
             known = self._outlines[origin_m] = (own, _outline(self._half, own))
         own, outline = known
         x, y, z = ahead = self._turned(direction)
-        edges = [edge for (u, v, w), edge in outline if u * x + v * y + w * z > 0.0]  # on its outer side
-        if not edges:
+        passed = [edge for edge in outline if edge[0] * x + edge[1] * y + edge[2] * z > 0.0]
+        if not passed:
             return None
         if vector.dot(ahead, own) > 0.0:  # it points away, and any edge may be the nearest
-            edges = [edge for _, edge in outline]
-        return self._in_room(nearest_on_edges(edges, own, ahead, "angle"))
+            passed = outline
+        best, least = (own, own, 0.0), math.inf
+        for _, _, _, start, span, (i, j, k), (aa, au, uu), (first_m, last_m) in passed:  # `nearest_in_angle`
+            p, q = x * i + y * j + z * k, x * span[0] + y * span[1] + z * span[2]
+            t = (q * aa - p * au) / max(p * uu - q * au, TINY)
+            if 0.0 < t < 1.0:
+                cost = -(p + t * q) / math.sqrt(aa + t * (2.0 * au + t * uu))
+            else:
+                t, cost = 0.0, -p / first_m
+                if -(p + q) / last_m < cost:
+                    t, cost = 1.0, -(p + q) / last_m
+            if cost < least:
+                best, least = (start, span, t), cost
+        start, span, t = best
+        return self._in_room(vector.add(start, vector.scale(span, t)))
 
     def uv_at(self, point_m: Vec3) -> tuple[float, float]:
         """Return the position on the face of `point_m`."""
@@ -226,12 +238,20 @@ def _box_edges(half: Vec3) -> list[Edge]:
     return edges
 
 
-def _outline(half: Vec3, origin_m: Vec3) -> list[tuple[Vec3, Edge]]:
+_Outer = tuple[float, float, float, Vec3, Vec3, Vec3, Vec3, tuple[float, float]]
+"""Edge of an outline: x, y, z of the outward normal of its plane through the origin; start; span u; vector a
+from the origin to the start; a², a·u and u²; distances of start and end."""
+
+
+def _outline(half: Vec3, origin_m: Vec3) -> list[_Outer]:
     """Return the edges between a face that is seen from `origin_m` and one that is not; none from inside."""
-    outline: list[tuple[Vec3, Edge]] = []
+    outline: list[_Outer] = []
     for (_, faces), (start, span) in zip(_BOX_EDGES, _box_edges(half), strict=True):
         if sum(side * origin_m[across] > half[across] for across, side in faces) == 1:
-            normal = vector.cross(vector.subtract(start, origin_m), span)
-            inwards = vector.dot(normal, origin_m) < 0.0  # towards the box's centre
-            outline.append((vector.scale(normal, -1.0 if inwards else 1.0), (start, span)))
+            a = vector.subtract(start, origin_m)
+            normal = vector.cross(a, span)
+            outward = -1.0 if vector.dot(normal, origin_m) < 0.0 else 1.0  # away from the box's centre
+            squares = (vector.dot(a, a), vector.dot(a, span), vector.dot(span, span))
+            ends = (vector.norm(a), vector.norm(vector.add(a, span)))
+            outline.append((*vector.scale(normal, outward), start, span, a, squares, ends))
     return outline

@@ -131,37 +131,41 @@ class EstimateMethod:
             self._show(None, now_ns)
         self._speed.add(now_ns, cursor.direction)
         share = 1.0 - math.exp(-elapsed_s / SMOOTHING_S)
-        before, self._beside, self._now = self._beside, {}, {}
-        ray = _sight(cursor.direction)
-        for one in view.seen:
-            now = self._now[one.id] = _angles(one, cursor.origin_m, cursor.direction, ray)
-            a, b, c, d = before.get(one.id, now)
-            right, up, center_right, center_up = now
-            self._beside[one.id] = (
-                a + share * (right - a),
-                b + share * (up - b),
-                c + share * (center_right - c),
-                d + share * (center_up - d),
-            )
-        probabilities = self._probabilities(view, cursor, now_ns)
+        logs = self._look(view, cursor.origin_m, cursor.direction, share)
+        probabilities = self._probabilities(view, cursor, logs, now_ns)
         self._choose(view, probabilities, now_ns)
         return self._progress(pointing, view, probabilities, now_ns)
 
-    def _probabilities(self, view: View, cursor: Cursor, now_ns: int) -> dict[str, float]:
+    def _look(self, view: View, origin_m: Vec3, direction: Vec3, share: float) -> dict[str, float]:
+        """Smooth the angles to each object. Return the logarithms of the densities of the ray if it is meant."""
+        azimuth, elevation = ray = _sight(direction)
+        level = math.cos(elevation)
+        before, self._beside, self._now = self._beside, {}, {}
+        logs: dict[str, float] = {}
+        for one in view.seen:
+            (nearest, near_up), (center, center_up), prior = _places(one, origin_m, direction, ray)
+            now = self._now[one.id] = (
+                vector.wrap(azimuth - nearest) * level,
+                near_up - elevation,
+                vector.wrap(azimuth - center) * level,
+                center_up - elevation,
+            )
+            a, b, c, d = before.get(one.id, now)
+            right, up = a + share * (now[0] - a), b + share * (now[1] - b)
+            self._beside[one.id] = (right, up, c + share * (now[2] - c), d + share * (now[3] - d))
+            up = up - LOW_RAD if up < 0.0 else max(up - LOW_RAD, 0.0)
+            logs[one.id] = prior - 0.5 * ((right / SIDEWAYS_RAD) ** 2 + (up / UPWARDS_RAD) ** 2)
+        return logs
+
+    def _probabilities(
+        self, view: View, cursor: Cursor, logs: dict[str, float], now_ns: int
+    ) -> dict[str, float]:
         """Return the probability of each object near the ray. The rest is that of none."""
         stayed_s = (now_ns - self._stays_ns) / NS_PER_S if self._shown is not None else 0.0
         accepted = min(SEEN_PER_S * max(stayed_s - SEEN_AFTER_S, 0.0), SEEN)
-        logs: dict[str, float] = {}
         # lines on which objects move, or that light them: who points at these means an object
         lines: set[tuple[str, str]] = set()
         for one in view.seen:
-            right, up, *_ = self._beside[one.id]
-            up = up - LOW_RAD if up < 0.0 else max(up - LOW_RAD, 0.0)
-            miss = (right / SIDEWAYS_RAD) ** 2 + (up / UPWARDS_RAD) ** 2
-            size_m = one.tracked.size_m
-            logs[one.id] = (
-                _log(one.half_rad) if size_m is None else _box_log(size_m, one.range_m)
-            ) - 0.5 * miss
             if one.id == self._shown and one.tracked.lit:
                 logs[one.id] += accepted
             if one.place is not None:
@@ -251,50 +255,39 @@ def _corrected_rad(view: View, object_id: str) -> float:
 _FLAT = math.sqrt(2.0 * math.pi)
 
 
-def _log(wide_rad: float, high_rad: float = 0.0) -> float:
-    """Return the log of the density of rays at an object that are meant for it, by half its width and height."""
+_Sight = tuple[float, float]
+"""Azimuth and elevation, rad."""
+
+
+def _places(one: VisibleObject, origin_m: Vec3, direction: Vec3, ray: _Sight) -> tuple[_Sight, _Sight, float]:
+    """Return where the object is nearest to a ray and where its centre is, and `_log` of it."""
+    size_m = one.tracked.size_m
+    if size_m is not None:
+        center, log = _box_place(one.center_m, origin_m, size_m, one.range_m)
+        return ray if one.beside_m is None else _sight(one.beside_m), center, log
+    reach_m = vector.subtract(one.center_m, origin_m)
+    start_m = vector.subtract(reach_m, vector.scale(one.along, one.half_m))
+    step_m = vector.scale(one.along, 2.0 * one.half_m)
+    nearest_m = vector.add(start_m, vector.scale(step_m, nearest_in_angle(start_m, step_m, direction)[0]))
+    return _sight(nearest_m), _sight(reach_m), _log(one.half_rad, 0.0)
+
+
+@lru_cache(MOST_KEPT)
+def _box_place(center_m: Vec3, origin_m: Vec3, size_m: Vec3, range_m: float) -> tuple[_Sight, float]:
+    wide_m, high_m = max(size_m[:2]), size_m[2]
+    log = _log(math.atan(wide_m / 2.0 / range_m), math.atan(high_m / 2.0 / range_m))
+    return _sight(vector.subtract(center_m, origin_m)), log
+
+
+def _log(wide_rad: float, high_rad: float) -> float:
+    """Return the logarithm of the density of rays, 1/rad², at an object of half this extent that is meant."""
     area = (2.0 * wide_rad + _FLAT * SIDEWAYS_RAD) * (2.0 * high_rad + _FLAT * UPWARDS_RAD)
     return math.log(ATTENTION / area)
 
 
-@lru_cache(MOST_KEPT)
-def _box_log(size_m: Vec3, range_m: float) -> float:
-    return _log(math.atan(max(size_m[:2]) / 2.0 / range_m), math.atan(size_m[2] / 2.0 / range_m))
-
-
-def _angles(one: VisibleObject, origin_m: Vec3, direction: Vec3, ray: tuple[float, float]) -> _Angles:
-    """Return the angles from the ray along `direction`, of which `ray` are azimuth and elevation."""
-    center = _sight_of(one.center_m, origin_m)
-    if one.tracked.size_m is None:
-        start_m = vector.subtract(
-            vector.subtract(one.center_m, origin_m), vector.scale(one.along, one.half_m)
-        )
-        step_m = vector.scale(one.along, 2.0 * one.half_m)
-        nearest = _sight(
-            vector.add(start_m, vector.scale(step_m, nearest_in_angle(start_m, step_m, direction)[0]))
-        )
-    elif one.outline_m is None:
-        nearest = ray
-    else:
-        nearest = _sight(vector.subtract(one.outline_m, origin_m))
-    level = math.cos(ray[1])
-    return (
-        vector.wrap(ray[0] - nearest[0]) * level,
-        nearest[1] - ray[1],
-        vector.wrap(ray[0] - center[0]) * level,
-        center[1] - ray[1],
-    )
-
-
-def _sight(reach: Vec3) -> tuple[float, float]:
-    """Return azimuth and elevation."""
+def _sight(reach: Vec3) -> _Sight:
     x, y, z = reach
     return math.atan2(y, x), math.atan2(z, math.hypot(x, y))
-
-
-@lru_cache(MOST_KEPT)
-def _sight_of(point_m: Vec3, origin_m: Vec3) -> tuple[float, float]:
-    return _sight(vector.subtract(point_m, origin_m))
 
 
 ESTIMATE = SelectionMethod(

@@ -83,7 +83,7 @@ class SeenObjects:
         self._aims_at_cursor = aim == "cursor"
         self._lines = LineTable({})
         self._listings: dict[str, TrackedObjects] = {}
-        self._set([], [])
+        self._relist()
 
     def on_map(self, environment: Environment) -> None:
         """Set the lines of the map. A line without length is ignored."""
@@ -99,8 +99,12 @@ class SeenObjects:
 
     def update(self, tracker: str, message: TrackedObjects) -> None:
         """Replace the list of `tracker`."""
+        before = self._listings.get(tracker)
         self._listings[tracker] = message
-        self._relist()
+        if before is None or before.objects != message.objects:
+            self._relist()
+        else:
+            self._set_times()
 
     def forget(self, tracker: str) -> None:
         """Forget the objects of `tracker`."""
@@ -228,16 +232,19 @@ class SeenObjects:
             reach = vector.subtract(center_m, cursor.origin_m or center_m)
             foreshortened = vector.dot(along, reach) / range_m
             across = math.sqrt(max(0.0, 1.0 - foreshortened * foreshortened))
-        half_rad, outline_m = math.atan(half_m * across / range_m), None
+        half_rad, beside_m = math.atan(half_m * across / range_m), None
         size_m = self._solids.get(index)
         if size_m is not None and cursor.origin_m is not None and cursor.direction is not None:
-            solid = _box(center_m, size_m, tracked.yaw_rad or 0.0)
+            solid = self._boxes.get(index)
+            if solid is None:
+                solid = _box(center_m, size_m, tracked.yaw_rad or 0.0)
+                if self._are_still:
+                    self._boxes[index] = solid
             outline_m = solid.passed_at(cursor.origin_m, cursor.direction)
+            half_rad = max(angle_rad, half_rad)
             if outline_m is not None:
-                beside = vector.subtract(outline_m, cursor.origin_m)
-                half_rad = max(angle_rad - vector.angle_between(cursor.direction, beside), 0.0)
-            else:
-                half_rad = max(angle_rad, half_rad)
+                beside_m = vector.subtract(outline_m, cursor.origin_m)
+                half_rad = max(angle_rad - vector.angle_between(cursor.direction, beside_m), 0.0)
         return VisibleObject(
             tracked.id,
             angle_rad,
@@ -249,7 +256,7 @@ class SeenObjects:
             range_m,
             place,
             tracked,
-            outline_m,
+            beside_m,
         )
 
     def _is_fresh(self, index: int, age_s: float) -> bool:
@@ -266,27 +273,25 @@ class SeenObjects:
             centers_m[:count] = self._beside_m + self._lines.at(self._which, along_m)[0]
         return centers_m
 
-    def _relist(self) -> None:
-        on_lines: list[tuple[TrackedObject, int]] = []
-        free: list[tuple[TrackedObject, int]] = []
-        for message in self._listings.values():
-            for tracked in message.objects:
-                is_on_line = self._lines.has(tracked.surface, tracked.surface_id)
-                (on_lines if is_on_line else free).append((tracked, message.stamp_ns))
-        self._set(on_lines, free)
-
-    def _set(
-        self, on_lines: Sequence[tuple[TrackedObject, int]], free: Sequence[tuple[TrackedObject, int]]
-    ) -> None:
-        everything = [*on_lines, *free]
-        self._tracked = [tracked for tracked, _ in everything]
-        self._indices = {tracked.id: index for index, tracked in enumerate(self._tracked)}
-        stamps_ns = [stamp_ns for _, stamp_ns in everything]
+    def _set_times(self) -> None:
+        """Set the age of each object, from the stamp of its list to the newest one."""
+        stamps_ns = [self._listings[tracker].stamp_ns for tracker in self._trackers]
         self._base_ns = max(stamps_ns, default=0)
         self._ages_s: Array | None = None
         if min(stamps_ns, default=0) != self._base_ns:  # from several trackers
             self._ages_s = np.array([(self._base_ns - stamp_ns) / NS_PER_S for stamp_ns in stamps_ns])
-        count = self._on_lines = len(on_lines)
+
+    def _relist(self) -> None:
+        everything = [
+            (tracked, tracker) for tracker, message in self._listings.items() for tracked in message.objects
+        ]
+        everything.sort(key=lambda each: not self._lines.has(each[0].surface, each[0].surface_id))
+        self._tracked = [tracked for tracked, _ in everything]
+        self._trackers = [tracker for _, tracker in everything]
+        self._indices = {tracked.id: index for index, tracked in enumerate(self._tracked)}
+        self._set_times()
+        count = sum(self._lines.has(each.surface, each.surface_id) for each in self._tracked)
+        self._on_lines = count
         lined = self._tracked[:count]
         self._solids = {
             index: one.size_m for index, one in enumerate(self._tracked) if one.size_m is not None
@@ -309,9 +314,10 @@ class SeenObjects:
             self._velocities_mps[:count] = tangents * self._speeds_mps[:, None]
             self._tangents: list[Vec3] = [(x, y, z) for x, y, z in tangents.tolist()]
             self._straight_s = _straight_s(self._speeds_mps, before_m, after_m)
-        self._are_still = len(self._solids) == len(everything) and not self._velocities_mps.any()
+        self._are_still = len(self._solids) == len(self._tracked) and not self._velocities_mps.any()
         self._sights: dict[Vec3, _Sights] = {}
-        """The objects as seen from the eyes of people, if they are boxes that stand still."""
+        self._boxes: dict[int, BoxSolid] = {}
+        """The objects as seen from the eyes of people, and those seen, if all are boxes that stand still."""
 
 
 def _straight_s(speeds_mps: Array, before_m: Array, after_m: Array) -> tuple[float, float]:

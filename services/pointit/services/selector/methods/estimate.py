@@ -137,7 +137,7 @@ class EstimateMethod:
         return self._progress(pointing, view, probabilities, now_ns)
 
     def _look(self, view: View, origin_m: Vec3, direction: Vec3, share: float) -> dict[str, float]:
-        """Smooth the angles to each object. Return the logarithms of the densities of the ray if it is meant."""
+        """Smooth the angles to each object. Return the logarithm of the density of the ray if it is meant."""
         azimuth, elevation = ray = _sight(direction)
         level = math.cos(elevation)
         before, self._beside, self._now = self._beside, {}, {}
@@ -163,17 +163,11 @@ class EstimateMethod:
         """Return the probability of each object near the ray. The rest is that of none."""
         stayed_s = (now_ns - self._stays_ns) / NS_PER_S if self._shown is not None else 0.0
         accepted = min(SEEN_PER_S * max(stayed_s - SEEN_AFTER_S, 0.0), SEEN)
-        # lines on which objects move, or that light them: who points at these means an object
-        lines: set[tuple[str, str]] = set()
-        for one in view.seen:
-            if one.id == self._shown and one.tracked.lit:
-                logs[one.id] += accepted
-            if one.place is not None:
-                lines.add((one.place.surface, one.place.surface_id))
-            elif one.tracked.size_m is None:  # it may be on the line of the cursor
-                lines.add((cursor.surface, cursor.surface_id))
+        shown = view.get(self._shown)
+        if shown is not None and shown.tracked.lit:
+            logs[shown.id] += accepted
         none = math.log(AIMLESS) - min(RESTING_PER_S * stayed_s, RESTING)
-        if cursor.surface in LINES and (cursor.surface, cursor.surface_id) not in lines:
+        if cursor.surface in LINES and not _is_of_objects(cursor, view):
             across = math.log(ON_LIGHT / (_FLAT * UPWARDS_RAD)) - 0.5 * (cursor.miss_rad / UPWARDS_RAD) ** 2
             across += accepted  # they see the cursor there, too
             none = max(none, across) + math.log1p(math.exp(-abs(none - across)))
@@ -221,7 +215,8 @@ class EstimateMethod:
         probability = probabilities[shown]
         if shown in self._left or not pointing.acts(shown):
             return SelectionProgress(shown, confidence=probability)
-        dwell_s = next(one.tracked.dwell_s for one in view.seen if one.id == shown) or self._config.dwell_s
+        seen = view.get(shown)
+        dwell_s = (None if seen is None else seen.tracked.dwell_s) or self._config.dwell_s
         stayed_s = (now_ns - self._stays_ns) / NS_PER_S
         progress = min(stayed_s / dwell_s, 1.0) * min(probability / self._config.sure, 1.0)
         if progress < 1.0:
@@ -241,6 +236,18 @@ class EstimateMethod:
             return None
         self._told_ns = now_ns
         return rival
+
+
+def _is_of_objects(cursor: Cursor, view: View) -> bool:
+    """Return True if the line of the cursor is one on which objects move, or that lights them.
+
+    Who points at that means an object. Objects that are no boxes may be on any line.
+    """
+    line = (cursor.surface, cursor.surface_id)
+    return any(
+        one.tracked.size_m is None if one.place is None else (one.place.surface, one.place.surface_id) == line
+        for one in view.seen
+    )
 
 
 def _corrected_rad(view: View, object_id: str) -> float:

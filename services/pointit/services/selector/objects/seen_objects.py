@@ -12,7 +12,7 @@ from pointit.geometry import vector
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.solids import MOST_EYES, BoxSolid
 from pointit.geometry.vector import Vec3
-from pointit.schemas import NS_PER_S, Cursor, Environment, TrackedObject, TrackedObjects
+from pointit.schemas import NS_PER_S, Cursor, Environment, TrackedObjects
 from pointit.schemas.pointing import LINES
 from pointit.services.selector.objects.object_positions import LineTable
 from pointit.services.selector.objects.view import OnLine, View, VisibleObject
@@ -50,7 +50,7 @@ class _Sights(NamedTuple):
     least: Array
     """Cosines of the angles from these up to which they are near a ray, n."""
     ranges_m: list[float]
-    halves_rad: list[float]
+    halves_rad: Array
 
 
 class SeenObjects:
@@ -164,21 +164,22 @@ class SeenObjects:
                 self._sights.clear()
             sights = self._sights[origin_m] = self._sights_from(origin_m)
         cosines = sights.units @ np.array(direction)
-        near: list[int] = (cosines >= sights.least).nonzero()[0].tolist()
-        angles = {index: math.acos(min(float(cosines[index]), 1.0)) for index in near}
+        near = (cosines >= sights.least).nonzero()[0]
+        angles = np.arccos(np.minimum(cosines[near], 1.0))
         if len(near) > MAX_SOLIDS:
-            near.sort(key=lambda index: angles[index] - sights.halves_rad[index])
-        for index in near[:MAX_SOLIDS]:
+            nearest = (angles - sights.halves_rad[near]).argpartition(MAX_SOLIDS)[:MAX_SOLIDS]
+            near, angles = near[nearest], angles[nearest]
+        for index, angle_rad in zip(near.tolist(), angles.tolist(), strict=True):
             range_m = sights.ranges_m[index]
             if not _is_hidden(range_m - self._halves_m[index], cursor):
-                yield self._seen(index, cursor, self._tracked[index].position_m, angles[index], range_m)
+                yield self._seen(index, cursor, self._tracked[index].position_m, angle_rad, range_m)
 
     def _sights_from(self, origin_m: Vec3) -> "_Sights":
         reach_m = self._centers_m - origin_m
         ranges_m = np.sqrt((reach_m * reach_m) @ XYZ) + HAIR_M
         halves = self._halves_m / ranges_m
         least = np.cos(np.minimum(self._leave_factor * halves + self._reach_rad, math.pi))
-        return _Sights(reach_m / ranges_m[:, None], least, ranges_m.tolist(), halves.tolist())
+        return _Sights(reach_m / ranges_m[:, None], least, ranges_m.tolist(), halves)
 
     def view_of(self, object_id: str, cursor: Cursor) -> View | None:
         """Return as `view_from`, but of one object, without arrays."""

@@ -66,9 +66,10 @@ make_venv() {
 
 # Takes what pip takes; an environment that uv has made has no pip, and uv has options of the same names.
 pip_install() {
-    local sentence="Installing PointIt into .venv (only when pyproject.toml has changed) ..."
-    if command -v uv >/dev/null; then
-        quietly "$sentence" uv pip install --quiet --python "$PYTHON" "$@"
+    local sentence="Installing PointIt into .venv (only when pyproject.toml has changed) ..." uv
+    uv="$(command -v uv || { [ -z "${LOCKED:-}" ] || command -v "$VENV/bin/uv"; } || true)"
+    if [ -n "$uv" ]; then
+        quietly "$sentence" "$uv" pip install --quiet --python "$PYTHON" "$@"
     else
         "$PYTHON" -m pip --version >/dev/null 2>&1 || "$PYTHON" -m ensurepip >/dev/null 2>&1 || true
         quietly "$sentence" "$PYTHON" -m pip install --quiet --disable-pip-version-check "$@"
@@ -84,7 +85,9 @@ install() {
             *) pip_install -e "$ROOT${1:+[$1]}" ;;
         esac
     else
-        pip_install --require-hashes -r "$ROOT/requirements/ci.txt" &&
+        # first uv alone, which takes a twentieth of pip's CPU for the rest
+        pip_install --require-hashes -r <(sed -n '/^uv==/,/[^\\]$/p' "$ROOT/requirements/ci.txt") &&
+            pip_install --require-hashes -r "$ROOT/requirements/ci.txt" &&
             pip_install --no-deps --no-build-isolation -e "$ROOT" -e "$ROOT/lab"
     fi
 }

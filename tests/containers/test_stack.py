@@ -168,12 +168,17 @@ def test_who_is_not_published_has_no_way_out(stack: Stack) -> None:
         assert stack.inside(name, "python3", "-c", code).stdout.strip() == "101"  # ENETUNREACH
 
 
-def test_credentials_that_are_carried_away_join_from_there(stack: Stack, tmp_path: Path) -> None:
-    for name in ("dashboard1", "guest1"):
-        podman("cp", f"{stack.name('init')}:/site/identities/{name}", str(tmp_path))
-        folder = str(tmp_path / name)
-        done = python("-m", "pointit.cli", "doctor", "--only", "pui", "--credentials", folder)
-        assert done.returncode == 0, done.stderr + done.stdout
+@pytest.mark.parametrize("name", ["dashboard1", "guest1"])
+def test_credentials_that_are_carried_away_join_from_there(stack: Stack, tmp_path: Path, name: str) -> None:
+    podman("cp", f"{stack.name('init')}:/site/identities/{name}", str(tmp_path))
+    told: list[str] = []
+
+    def well() -> bool:  # a busy machine may be late for a while, of which doctor warns
+        done = python("-m", "pointit.cli", "doctor", "--only", "pui", "--credentials", str(tmp_path / name))
+        told[:] = [done.stderr, done.stdout]
+        return done.returncode == 0
+
+    until(well, lambda: "".join(told))
 
 
 @pytest.mark.parametrize("name", ["selector", "router", "anna"])

@@ -21,13 +21,6 @@ Edge = tuple[Vec3, Vec3]
 MOST_EYES = 32
 """Limit of origins of rays for which a box keeps its outline."""
 
-_BOX_EDGES = [
-    (axis, [(axis - 2, signs[0]), (axis - 1, signs[1])])
-    for axis in range(3)
-    for signs in product((-1.0, 1.0), repeat=2)
-]
-"""Axis along which each edge of a box goes, and the faces beside it: the axis across each, and its side."""
-
 
 class Solid(Protocol):
     """A convex solid."""
@@ -229,13 +222,17 @@ def distance_to_ray(point_m: Vec3, origin_m: Vec3, direction: Vec3) -> float:
 @lru_cache(1024)
 def _box_edges(half: Vec3) -> list[Edge]:
     edges: list[Edge] = []
-    for axis, faces in _BOX_EDGES:
-        start, span = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
-        start[axis], span[axis] = -half[axis], 2.0 * half[axis]
-        for across, side in faces:
-            start[across] = side * half[across]
-        edges.append(((start[0], start[1], start[2]), (span[0], span[1], span[2])))
+    for axis in range(3):
+        for signs in product((-1.0, 1.0), repeat=2):
+            start = [sign * half[other] for sign, other in zip(signs, _others(axis), strict=True)]
+            start.insert(axis, -half[axis])
+            span = [2.0 * half[i] if i == axis else 0.0 for i in range(3)]
+            edges.append(((start[0], start[1], start[2]), (span[0], span[1], span[2])))
     return edges
+
+
+def _others(axis: int) -> list[int]:
+    return [other for other in range(3) if other != axis]
 
 
 _Outer = tuple[float, float, float, Vec3, Vec3, Vec3, Vec3, tuple[float, float]]
@@ -246,8 +243,8 @@ from the origin to the start; a², a·u and u²; distances of start and end."""
 def _outline(half: Vec3, origin_m: Vec3) -> list[_Outer]:
     """Return the edges between a face that is seen from `origin_m` and one that is not; none from inside."""
     outline: list[_Outer] = []
-    for (_, faces), (start, span) in zip(_BOX_EDGES, _box_edges(half), strict=True):
-        if sum(side * origin_m[across] > half[across] for across, side in faces) == 1:
+    for number, (start, span) in enumerate(_box_edges(half)):
+        if sum(math.copysign(1.0, start[k]) * origin_m[k] > half[k] for k in _others(number // 4)) == 1:
             a = vector.subtract(start, origin_m)
             normal = vector.cross(a, span)
             outward = -1.0 if vector.dot(normal, origin_m) < 0.0 else 1.0  # away from the box's centre

@@ -1,9 +1,9 @@
 """Objects as seen from a person's eyes: angles to their ray, at the time of their ray."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,17 +40,6 @@ OPAQUE = frozenset({"box", "cylinder", "sphere"})
 """Solids that hide what is behind them. Planes are floors and table tops, on which objects stand."""
 
 XYZ = np.ones(3)
-
-
-class _Sights(NamedTuple):
-    """Objects that stand still, as seen from one place."""
-
-    units: Array
-    """Unit vectors to their centres, n x 3."""
-    least: Array
-    """Cosines of the angles from these up to which they are near a ray, n."""
-    ranges_m: list[float]
-    halves_rad: Array
 
 
 class SeenObjects:
@@ -118,25 +107,16 @@ class SeenObjects:
             return None
         age_s = (cursor.stamp_ns - self._base_ns) / NS_PER_S
         elapsed_s = age_s - self._lag_s
-        if self._are_still and self._ages_s is None:
-            return View(direction, self._still(cursor, cursor.origin_m, direction, age_s))
-        if self._ages_s is not None:
-            centers_m = self._moved_m(elapsed_s + self._ages_s)
-        elif self._straight_s[0] <= elapsed_s <= self._straight_s[1]:
-            centers_m = self._centers_m + self._velocities_mps * elapsed_s
-        else:
-            centers_m = self._moved_m(np.full(len(self._tracked), elapsed_s))
-        reach_m = centers_m - cursor.origin_m
-        # slightly more than it is: avoids division by zero and keeps cosines above -1
-        ranges_m = np.sqrt((reach_m * reach_m) @ XYZ) + HAIR_M
+        sights = self._sights.get(cursor.origin_m) or self._look_from(cursor.origin_m, elapsed_s)
+        centers_m, reach_m, ranges_m, halves_rad, limits_rad = sights
         aim = self._aim(cursor, cursor.origin_m, direction)
         along_m = reach_m @ aim
         if self._solids and aim is not direction:
             along_m[self._solid] = reach_m[self._solid] @ direction
         angles = np.arccos(np.minimum(along_m / ranges_m, 1.0))
-        near = (angles <= self._leave_factor * (self._halves_m / ranges_m) + self._reach_rad).nonzero()[0]
+        near = (angles <= limits_rad).nonzero()[0]
         if self._solids and len(near) > MAX_SOLIDS:
-            near = near[(angles - self._halves_m / ranges_m)[near].argpartition(MAX_SOLIDS)[:MAX_SOLIDS]]
+            near = near[(angles - halves_rad)[near].argpartition(MAX_SOLIDS)[:MAX_SOLIDS]]
         elif len(near) > MAX_SEEN:
             near = near[angles[near].argpartition(MAX_SEEN)[:MAX_SEEN]]
         seen = [
@@ -152,34 +132,23 @@ class SeenObjects:
         ]
         return View(direction, seen)
 
-    def _still(
-        self, cursor: Cursor, origin_m: Vec3, direction: Vec3, age_s: float
-    ) -> Iterator[VisibleObject]:
-        """Yield the same as `view_from`, of boxes that stand still, prepared once for each place of eyes."""
-        if abs(age_s) > self._stale_s:
-            return
-        sights = self._sights.get(origin_m)
-        if sights is None:
+    def _look_from(self, origin_m: Vec3, elapsed_s: float) -> "_Sights":
+        if self._ages_s is not None:
+            centers_m = self._moved_m(elapsed_s + self._ages_s)
+        elif self._straight_s[0] <= elapsed_s <= self._straight_s[1]:
+            centers_m = self._centers_m + self._velocities_mps * elapsed_s
+        else:
+            centers_m = self._moved_m(np.full(len(self._tracked), elapsed_s))
+        reach_m = centers_m - origin_m
+        # slightly more than it is: avoids division by zero and keeps cosines above -1
+        ranges_m = np.sqrt((reach_m * reach_m) @ XYZ) + HAIR_M
+        halves_rad = self._halves_m / ranges_m
+        sights = (centers_m, reach_m, ranges_m, halves_rad, self._leave_factor * halves_rad + self._reach_rad)
+        if self._are_still:
             if len(self._sights) >= MOST_EYES:
                 self._sights.clear()
-            sights = self._sights[origin_m] = self._sights_from(origin_m)
-        cosines = sights.units @ np.array(direction)
-        near = (cosines >= sights.least).nonzero()[0]
-        angles = np.arccos(np.minimum(cosines[near], 1.0))
-        if len(near) > MAX_SOLIDS:
-            nearest = (angles - sights.halves_rad[near]).argpartition(MAX_SOLIDS)[:MAX_SOLIDS]
-            near, angles = near[nearest], angles[nearest]
-        for index, angle_rad in zip(near.tolist(), angles.tolist(), strict=True):
-            range_m = sights.ranges_m[index]
-            if not _is_hidden(range_m - self._halves_m[index], cursor):
-                yield self._seen(index, cursor, self._tracked[index].position_m, angle_rad, range_m)
-
-    def _sights_from(self, origin_m: Vec3) -> "_Sights":
-        reach_m = self._centers_m - origin_m
-        ranges_m = np.sqrt((reach_m * reach_m) @ XYZ) + HAIR_M
-        halves = self._halves_m / ranges_m
-        least = np.cos(np.minimum(self._leave_factor * halves + self._reach_rad, math.pi))
-        return _Sights(reach_m / ranges_m[:, None], least, ranges_m.tolist(), halves)
+            self._sights[origin_m] = sights
+        return sights
 
     def view_of(self, object_id: str, cursor: Cursor) -> View | None:
         """Return as `view_from`, but of one object, without arrays."""
@@ -315,10 +284,15 @@ class SeenObjects:
             self._velocities_mps[:count] = tangents * self._speeds_mps[:, None]
             self._tangents: list[Vec3] = [(x, y, z) for x, y, z in tangents.tolist()]
             self._straight_s = _straight_s(self._speeds_mps, before_m, after_m)
-        self._are_still = len(self._solids) == len(self._tracked) and not self._velocities_mps.any()
+        self._are_still = not self._velocities_mps.any()
         self._sights: dict[Vec3, _Sights] = {}
         self._boxes: dict[int, BoxSolid] = {}
-        """The objects as seen from the eyes of people, and those seen, if all are boxes that stand still."""
+        """What is seen of all objects from the eyes of people, and boxes by index, while nothing moves."""
+
+
+_Sights = tuple[Array, Array, Array, Array, Array]
+"""Centres of objects and vectors to them, n x 3; distances, m; half widths, and angles up to which they are
+near a ray, rad, n each."""
 
 
 def _straight_s(speeds_mps: Array, before_m: Array, after_m: Array) -> tuple[float, float]:

@@ -167,7 +167,14 @@ class EstimateMethod:
         if shown is not None and shown.tracked.lit:
             logs[shown.id] += accepted
         none = math.log(AIMLESS) - min(RESTING_PER_S * stayed_s, RESTING)
-        if cursor.surface in LINES and not _is_of_objects(cursor, view):
+        line = (cursor.surface, cursor.surface_id)
+        # who points at a line on which objects move, or that lights them, means an object
+        if cursor.surface in LINES and not any(
+            (one.place.surface, one.place.surface_id) == line
+            if one.place is not None
+            else one.tracked.size_m is None  # it may be on any line
+            for one in view.seen
+        ):
             across = math.log(ON_LIGHT / (_FLAT * UPWARDS_RAD)) - 0.5 * (cursor.miss_rad / UPWARDS_RAD) ** 2
             across += accepted  # they see the cursor there, too
             none = max(none, across) + math.log1p(math.exp(-abs(none - across)))
@@ -236,18 +243,6 @@ class EstimateMethod:
             return None
         self._told_ns = now_ns
         return rival
-
-
-def _is_of_objects(cursor: Cursor, view: View) -> bool:
-    """Return True if the line of the cursor is one on which objects move, or that lights them.
-
-    Who points at that means an object. Objects that are no boxes may be on any line.
-    """
-    line = (cursor.surface, cursor.surface_id)
-    return any(
-        one.tracked.size_m is None if one.place is None else (one.place.surface, one.place.surface_id) == line
-        for one in view.seen
-    )
 
 
 def _corrected_rad(view: View, object_id: str) -> float:

@@ -12,7 +12,7 @@ from pointit.geometry import vector
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.solids import MOST_EYES, BoxSolid
 from pointit.geometry.vector import Vec3
-from pointit.schemas import NS_PER_S, Cursor, Environment, TrackedObjects
+from pointit.schemas import NS_PER_S, Cursor, Environment, TrackedObject, TrackedObjects
 from pointit.schemas.pointing import LINES
 from pointit.services.selector.objects.object_positions import LineTable
 from pointit.services.selector.objects.view import OnLine, View, VisibleObject
@@ -72,7 +72,7 @@ class SeenObjects:
         self._aims_at_cursor = aim == "cursor"
         self._lines = LineTable({})
         self._listings: dict[str, TrackedObjects] = {}
-        self._relist()
+        self._set([], [])
 
     def on_map(self, environment: Environment) -> None:
         """Set the lines of the map. A line without length is ignored."""
@@ -88,12 +88,8 @@ class SeenObjects:
 
     def update(self, tracker: str, message: TrackedObjects) -> None:
         """Replace the list of `tracker`."""
-        before = self._listings.get(tracker)
         self._listings[tracker] = message
-        if before is None or before.objects != message.objects:
-            self._relist()
-        else:
-            self._set_times()
+        self._relist()
 
     def forget(self, tracker: str) -> None:
         """Forget the objects of `tracker`."""
@@ -110,9 +106,9 @@ class SeenObjects:
         sights = self._sights.get(cursor.origin_m) or self._look_from(cursor.origin_m, elapsed_s)
         centers_m, reach_m, ranges_m, halves_rad, limits_rad = sights
         aim = self._aim(cursor, cursor.origin_m, direction)
-        along_m = reach_m @ aim
+        along_m = reach_m @ np.array(aim)
         if self._solids and aim is not direction:
-            along_m[self._solid] = reach_m[self._solid] @ direction
+            along_m[self._solid] = reach_m[self._solid] @ np.array(direction)
         angles = np.arccos(np.minimum(along_m / ranges_m, 1.0))
         near = (angles <= limits_rad).nonzero()[0]
         if self._solids and len(near) > MAX_SOLIDS:
@@ -205,11 +201,7 @@ class SeenObjects:
         half_rad, beside_m = math.atan(half_m * across / range_m), None
         size_m = self._solids.get(index)
         if size_m is not None and cursor.origin_m is not None and cursor.direction is not None:
-            solid = self._boxes.get(index)
-            if solid is None:
-                solid = _box(center_m, size_m, tracked.yaw_rad or 0.0)
-                if self._are_still:
-                    self._boxes[index] = solid
+            solid = _box(center_m, size_m, tracked.yaw_rad or 0.0)
             outline_m = solid.passed_at(cursor.origin_m, cursor.direction)
             half_rad = max(angle_rad, half_rad)
             if outline_m is not None:
@@ -243,25 +235,27 @@ class SeenObjects:
             centers_m[:count] = self._beside_m + self._lines.at(self._which, along_m)[0]
         return centers_m
 
-    def _set_times(self) -> None:
-        """Set the age of each object, from the stamp of its list to the newest one."""
-        stamps_ns = [self._listings[tracker].stamp_ns for tracker in self._trackers]
+    def _relist(self) -> None:
+        on_lines: list[tuple[TrackedObject, int]] = []
+        free: list[tuple[TrackedObject, int]] = []
+        for message in self._listings.values():
+            for tracked in message.objects:
+                is_on_line = self._lines.has(tracked.surface, tracked.surface_id)
+                (on_lines if is_on_line else free).append((tracked, message.stamp_ns))
+        self._set(on_lines, free)
+
+    def _set(
+        self, on_lines: Sequence[tuple[TrackedObject, int]], free: Sequence[tuple[TrackedObject, int]]
+    ) -> None:
+        everything = [*on_lines, *free]
+        self._tracked = [tracked for tracked, _ in everything]
+        self._indices = {tracked.id: index for index, tracked in enumerate(self._tracked)}
+        stamps_ns = [stamp_ns for _, stamp_ns in everything]
         self._base_ns = max(stamps_ns, default=0)
         self._ages_s: Array | None = None
         if min(stamps_ns, default=0) != self._base_ns:  # from several trackers
             self._ages_s = np.array([(self._base_ns - stamp_ns) / NS_PER_S for stamp_ns in stamps_ns])
-
-    def _relist(self) -> None:
-        everything = [
-            (tracked, tracker) for tracker, message in self._listings.items() for tracked in message.objects
-        ]
-        everything.sort(key=lambda each: not self._lines.has(each[0].surface, each[0].surface_id))
-        self._tracked = [tracked for tracked, _ in everything]
-        self._trackers = [tracker for _, tracker in everything]
-        self._indices = {tracked.id: index for index, tracked in enumerate(self._tracked)}
-        self._set_times()
-        count = sum(self._lines.has(each.surface, each.surface_id) for each in self._tracked)
-        self._on_lines = count
+        count = self._on_lines = len(on_lines)
         lined = self._tracked[:count]
         self._solids = {
             index: one.size_m for index, one in enumerate(self._tracked) if one.size_m is not None
@@ -286,8 +280,7 @@ class SeenObjects:
             self._straight_s = _straight_s(self._speeds_mps, before_m, after_m)
         self._are_still = not self._velocities_mps.any()
         self._sights: dict[Vec3, _Sights] = {}
-        self._boxes: dict[int, BoxSolid] = {}
-        """What is seen of all objects from the eyes of people, and boxes by index, while nothing moves."""
+        """Objects as seen from the eyes of people, kept while nothing moves."""
 
 
 _Sights = tuple[Array, Array, Array, Array, Array]

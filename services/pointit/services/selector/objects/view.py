@@ -1,7 +1,7 @@
 """Objects near one ray: the object pointed at, its probability, and the snapped cursor."""
 
 import math
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from typing import NamedTuple
 
 from pointit.geometry import vector
@@ -48,7 +48,7 @@ class VisibleObject(NamedTuple):
 class View:
     """The objects near one ray."""
 
-    def __init__(self, direction: Vec3, seen: Iterable[VisibleObject]) -> None:
+    def __init__(self, direction: Vec3, seen: Sequence[VisibleObject]) -> None:
         """Create from what is seen along the unit `direction` in {W}."""
         self._direction = direction
         self._seen = {one.id: one for one in seen}
@@ -60,7 +60,7 @@ class View:
 
     def get(self, object_id: str | None) -> VisibleObject | None:
         """Return an object by its id, or None if it is not near."""
-        return self._seen.get(object_id or "")
+        return None if object_id is None else self._seen.get(object_id)
 
     def pick(self, kept: str | None, snap_rad: float, hysteresis: float) -> str | None:
         """Return the object at the smallest angle, among those within half width and `snap_rad`.

@@ -115,6 +115,12 @@ class SeenObjects:
             near = near[(angles - halves_rad)[near].argpartition(MAX_SOLIDS)[:MAX_SOLIDS]]
         elif len(near) > MAX_SEEN:
             near = near[angles[near].argpartition(MAX_SEEN)[:MAX_SEEN]]
+        if self._ages_s is not None:
+            near = near[np.abs(age_s + self._ages_s[near]) <= self._stale_s]
+        elif abs(age_s) > self._stale_s:
+            near = near[:0]
+        if cursor.solid in OPAQUE:
+            near = near[ranges_m[near] - self._halves_m[near] <= cursor.range_m]
         seen = [
             self._seen(index, cursor, center, angle, range_m)
             for index, center, angle, range_m in zip(
@@ -124,7 +130,6 @@ class SeenObjects:
                 ranges_m[near].tolist(),
                 strict=True,
             )
-            if self._is_fresh(index, age_s) and not _is_hidden(range_m - self._halves_m[index], cursor)
         ]
         return View(direction, seen)
 
@@ -164,7 +169,8 @@ class SeenObjects:
         angle = math.acos(min(vector.dot(reach_m, aim) / range_m, 1.0))
         half_m = float(self._halves_m[index])
         is_near = angle <= self._leave_factor * (half_m / range_m) + self._reach_rad
-        if not is_near or not self._is_fresh(index, age_s) or _is_hidden(range_m - half_m, cursor):
+        is_hidden = cursor.solid in OPAQUE and range_m - half_m > cursor.range_m
+        if not is_near or abs(age_s) > self._stale_s or is_hidden:
             return View(direction, ())
         return View(direction, (self._seen(index, cursor, center_m, angle, range_m),))
 
@@ -220,11 +226,6 @@ class SeenObjects:
             tracked,
             beside_m,
         )
-
-    def _is_fresh(self, index: int, age_s: float) -> bool:
-        if self._ages_s is not None:
-            age_s += float(self._ages_s[index])
-        return abs(age_s) <= self._stale_s
 
     def _moved_m(self, elapsed_s: Array) -> Array:
         """Return the centres after `elapsed_s` (n), moved along their lines or straight."""
@@ -294,7 +295,3 @@ def _straight_s(speeds_mps: Array, before_m: Array, after_m: Array) -> tuple[flo
     onwards = np.maximum(np.where(speeds_mps >= 0.0, after_m, before_m), STRAIGHT_M) / fast
     backwards = np.maximum(np.where(speeds_mps >= 0.0, before_m, after_m), STRAIGHT_M) / fast
     return -float(backwards.min()), float(onwards.min())
-
-
-def _is_hidden(begins_m: float, cursor: Cursor) -> bool:
-    return cursor.solid in OPAQUE and begins_m > cursor.range_m

@@ -57,8 +57,8 @@ class BoxSolid:
         self._center = center_m
         self._half = vector.scale(size_m, 0.5)
         self._turn = (math.cos(yaw_rad), math.sin(yaw_rad))
-        self._outlines: dict[Vec3, tuple[Vec3, list[_Outer]]] = {}
-        """Its own coordinates of an origin of rays, and its outline from there: eyes mostly stay."""
+        self._outlines: dict[Vec3, list[_Outer]] = {}
+        """Its outlines, by the origins of rays: people's eyes mostly stay."""
         self.bounding_sphere = (center_m, vector.norm(self._half))
 
     def contains(self, point_m: Vec3) -> bool:
@@ -95,25 +95,22 @@ class BoxSolid:
 
     def passed_at(self, origin_m: Vec3, direction: Vec3) -> Vec3 | None:
         """Return the point at the smallest angle from a ray, or None if the ray intersects the box."""
-        known = self._outlines.get(origin_m)
-        if known is None:
+        outline = self._outlines.get(origin_m)
+        if outline is None:
             if len(self._outlines) >= MOST_EYES:
                 self._outlines.clear()
-            own = self._own(origin_m)
-            known = self._outlines[origin_m] = (own, _outline(self._half, own))
-        own, outline = known
+            outline = self._outlines[origin_m] = _outline(self._half, self._own(origin_m))
         x, y, z = ahead = self._turned(direction)
+        # the outline is convex: the nearest point is on an edge that has the ray on its outer side
         passed = [edge for edge in outline if edge[0] * x + edge[1] * y + edge[2] * z > 0.0]
         if not passed:
             return None
-        if vector.dot(ahead, own) > 0.0:  # it points away, and any edge may be the nearest
-            passed = outline
-        best, least = (own, own, 0.0), math.inf
+        best, least = (ahead, ahead, 0.0), math.inf
         for _, _, _, start, span, (i, j, k), (aa, au, uu), (first_m, last_m) in passed:  # `nearest_in_angle`
             p, q = x * i + y * j + z * k, x * span[0] + y * span[1] + z * span[2]
             t = (q * aa - p * au) / max(p * uu - q * au, TINY)
             if 0.0 < t < 1.0:
-                cost = -(p + t * q) / math.sqrt(aa + t * (2.0 * au + t * uu))
+                cost = -(p + t * q) / math.sqrt(max(aa + t * (2.0 * au + t * uu), TINY))
             else:
                 t, cost = 0.0, -p / first_m
                 if -(p + q) / last_m < cost:
@@ -249,6 +246,6 @@ def _outline(half: Vec3, origin_m: Vec3) -> list[_Outer]:
             normal = vector.cross(a, span)
             outward = -1.0 if vector.dot(normal, origin_m) < 0.0 else 1.0  # away from the box's centre
             squares = (vector.dot(a, a), vector.dot(a, span), vector.dot(span, span))
-            ends = (vector.norm(a), vector.norm(vector.add(a, span)))
+            ends = (max(vector.norm(a), TINY), max(vector.norm(vector.add(a, span)), TINY))
             outline.append((*vector.scale(normal, outward), start, span, a, squares, ends))
     return outline

@@ -14,11 +14,15 @@ from pointit.geometry import vector
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
 from pointit.maps.file import load_map
-from pointit.schemas import Cloud, Environment, PointingRay, UserPose
+from pointit.schemas import NS_PER_S, Cloud, Environment, PointingRay, Thing, TrackedObjects, UserPose
+from pointit.schemas.codec import decode, encode
 from pointit.services.localizer.estimation.estimator import Pointings, Solution, solve
 from pointit.services.pui.cursor import PersonCursor
 from pointit.services.pui.shapes import Kind
 from pointit.services.pui.surfaces import Surfaces
+from pointit.services.pui.things import PERIOD_S, TRACKER, listing
+from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.selection_engine import SelectionEngine
 from pointit_lab.benchmarks.light import frame_rows
 from pointit_lab.evaluation.localization.baselines import mean_angle_4dof, mean_angle_z0
 
@@ -32,6 +36,11 @@ TARGETS_M = ((2.0, -2.0, 0.5), (3.0, 2.0, 1.0), (-2.0, 1.0, 0.2))
 SAMPLES = 300
 POINTS = 1_000_000
 ROUNDS = 5
+COUNTS = ((4, 1), (20, 10))
+"""Columns and rows of shelves of few and of many things."""
+SHELVES = {"boxes .4 m": (0.4, 0.7, 2.6), "boxes .15 m": (0.15, 0.2, 1.5)}
+"""Size of the things, distance between them, and distance from the eyes, m."""
+RATE_HZ = 50
 
 
 def run() -> list[dict[str, Any]]:
@@ -41,7 +50,7 @@ def run() -> list[dict[str, Any]]:
     for room in rooms:
         rows += _cursors(room)
         rows += frame_rows(room)
-    return rows + _localizations()
+    return rows + _things() + _localizations()
 
 
 def _cursors(room: Environment) -> list[dict[str, Any]]:
@@ -99,6 +108,87 @@ def _in_turn(
         {"core": f"{core}, {name}", "map": room, "us": round(us, 1), "times_ours": round(us / ours_us, 1)}
         for name, us in medians.items()
     ]
+
+
+def _things() -> list[dict[str, Any]]:
+    """Return alternating CPU times of a cursor and its hover before few and many things of a shelf.
+
+    The list of things, made by `pui` every `PERIOD_S`, comes as to a selector that is a process of its own.
+    """
+    rows: list[dict[str, Any]] = []
+    for name, shelf in SHELVES.items():
+        people = [PersonBeforeThings(shelf, *counts) for counts in COUNTS]
+        for _ in range(ROUNDS):
+            for person in people:
+                person.point(SAMPLES)
+        few, many = (
+            {part: 1e6 * float(np.median(times)) for part, times in one.times_s.items()} for one in people
+        )
+        rows += [
+            {
+                "core": f"{part}, {count} things",
+                "map": name,
+                "us": round(us, 1),
+                "times_ours": round(us / few[part], 2),
+            }
+            for count, parts in ((4, few), (200, many))
+            for part, us in parts.items()
+        ]
+    return rows
+
+
+class PersonBeforeThings:
+    """A person whose ray wanders over four things in the middle of a shelf, judged by method `estimate`."""
+
+    def __init__(self, shelf: tuple[float, float, float], columns: int, rows: int) -> None:
+        """Create from size of the things, distance between them and from the eyes, m, and their number."""
+        size_m, apart_m, away_m = shelf
+        self._wide_rad = math.atan(2.0 * apart_m / away_m)
+        y_m, z_m = -(columns - 1) / 2.0 * apart_m, 1.4 - (rows - 1) / 2.0 * apart_m
+        things = tuple(
+            Thing(
+                id=f"t{column}_{row}",
+                center_m=(away_m, y_m + column * apart_m, z_m + row * apart_m),
+                size_m=(size_m, size_m, size_m),
+                lamp="lamp",
+            )
+            for column in range(columns)
+            for row in range(rows)
+        )
+        self._room = Environment(stamp_ns=0, name="shelf", things=things)
+        self._cursors = PersonCursor(Surfaces(self._room))
+        self._cursors.set_pose(UserPose(stamp_ns=0, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0))
+        self._selector = SelectionEngine(SelectorConfig(method="estimate"), lambda _record: None)
+        self._selector.on_map(self._room)
+        self._listed = listing(self._room, 0)
+        self._samples = 0
+        self.times_s: dict[str, list[float]] = {"cursor and hover": [], "hover alone": [], "list": []}
+
+    def point(self, samples: int) -> None:
+        """Point with so many further samples."""
+        for sample in range(self._samples, self._samples + samples):
+            now_ns = 100 * NS_PER_S + sample * (NS_PER_S // RATE_HZ)
+            if sample % round(PERIOD_S * RATE_HZ) == 0:
+                self._list(now_ns)
+            azimuth, elevation = self._wide_rad * math.sin(sample / 40), 0.15 * math.sin(sample / 13) - 0.09
+            ray = PointingRay.model_construct(
+                stamp_ns=now_ns, origin_m=EYES_M, direction=vector.direction(azimuth, elevation)
+            )
+            began_s = time.thread_time()
+            cursor = self._cursors.cursor(ray)
+            drawn_s = time.thread_time()
+            if cursor is not None:
+                self._selector.on_cursor("anna", cursor)
+            ended_s = time.thread_time()
+            self.times_s["cursor and hover"].append(ended_s - began_s)
+            self.times_s["hover alone"].append(ended_s - drawn_s)
+        self._samples += samples
+
+    def _list(self, now_ns: int) -> None:
+        began_s = time.thread_time()
+        sent = encode(self._listed.model_copy(update={"stamp_ns": now_ns}))
+        self._selector.on_objects(TRACKER, decode(TrackedObjects, sent))
+        self.times_s["list"].append(time.thread_time() - began_s)
 
 
 def _localizations() -> list[dict[str, Any]]:

@@ -24,6 +24,8 @@ FIRST_SEED = 2000
 PLACES = {"strip": "a strip 0.5 m below", "nothing": "nothing"}
 BATCH = 20
 """Reaches that a process does at once."""
+WRONG = 0.03
+"""Share of wrong things for which the bound is stated."""
 NOTES = (
     "`right`, `wrong`, `nothing`: which thing fires within 8 s, %, with 95 % intervals (Wilson). `median`, "
     "`p90`: time from the beginning of the reach until the right one fires, s. `stated`: mean probability "
@@ -82,6 +84,7 @@ def things(
     from pointit.services.selector.config import SelectorConfig  # noqa: PLC0415 - all of the selector
     from pointit.services.selector.selection_methods import METHODS  # noqa: PLC0415 - as above
     from pointit_lab.evaluation.recordings.parallel import map_parallel  # noqa: PLC0415 - as above
+    from pointit_lab.evaluation.things.ideal import most_right  # noqa: PLC0415 - as above
     from pointit_lab.evaluation.things.things import ELSEWHERE, ROWS, Result, reaches, row_of, strays  # noqa: PLC0415 - as above
 
     check_writable(json_file)
@@ -108,12 +111,19 @@ def things(
                 tell_progress("parts", len(pieces) + done + 1)
         rows = [row_of(row, found[row.name]) for row in ROWS]
         per_half_hour = {kind: 30.0 * count / (people * minutes) for kind, count in fired.items() if people}
-        document = {"rows": [asdict(row) for row in rows], "unintended_per_30_min": per_half_hour}
+        bounds = {row.name: most_right(row, seed, trials, WRONG) for row in ROWS if not row.lit}
+        document = {
+            "rows": [asdict(row) for row in rows],
+            "unintended_per_30_min": per_half_hour,
+            "right_at_best": bounds,
+        }
         if not write_json(document, json_file):
-            _print(rows, per_half_hour)
+            _print(rows, per_half_hour, bounds)
 
 
-def _print(rows: "Sequence[ReachRow]", per_half_hour: Mapping[Any, float]) -> None:
+def _print(
+    rows: "Sequence[ReachRow]", per_half_hour: Mapping[Any, float], bounds: Mapping[str, float]
+) -> None:
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column("things")
     for name in ("n", "right", "wrong", "nothing", "median", "p90", "stated"):
@@ -125,6 +135,8 @@ def _print(rows: "Sequence[ReachRow]", per_half_hour: Mapping[Any, float]) -> No
     screen = evaluation_console()
     screen.print(table)
     screen.print(Text(NOTES))
+    for name, right in bounds.items():
+        screen.print(Text(f"{name}: an ideal judge gets {right:.1%} right, {WRONG:.0%} wrong"))
     for kind, rate in per_half_hour.items():
         screen.print(Text(f"Unintended firings in 30 min of pointing at {PLACES[kind]}: {rate:.1f}"))
 

@@ -2,18 +2,24 @@
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pointit.geometry import vector
 from pointit.geometry.closest import Hit, Measure, make_hit
-from pointit.geometry.solids import Solid
+from pointit.geometry.solids import MOST_EYES, Solid
 from pointit.geometry.vector import Vec3
+
+Array = NDArray[np.float64]
 
 FEW = 6
 """Number of solids up to which plain Python on each ball is faster than arrays."""
 SLACK_RAD = 1e-6
 """Margin of cones around balls, rad."""
+ROUNDING = 1e-14
+"""Margin of cosines."""
 SAME = 1e-9
 """Difference below which misses are equal. The nearer solid wins then."""
 
@@ -34,6 +40,7 @@ class SolidCaster:
         self._centres = np.array([solid.bounding_sphere[0] for solid in solids]).T.copy()
         """3 x n."""
         self._radii = np.array([solid.bounding_sphere[1] for solid in solids])
+        self._cones = lru_cache(MOST_EYES)(self._cones_from)
 
     def cast(
         self, origin_m: Vec3, direction: Vec3, tolerance: float = math.inf, reach_m: float = math.inf
@@ -47,15 +54,17 @@ class SolidCaster:
             reach_m: points further along the ray are ignored.
         """
         direction = vector.normalized(direction)
-        near = self._near(origin_m, direction, tolerance)
+        near = sorted(self._near(origin_m, direction, tolerance))
         met = [
-            (ahead, i) for i in near if (ahead := self._solids[i].intersect(origin_m, direction)) is not None
+            (ahead, i)
+            for bound, i in near
+            if bound <= SLACK_RAD and (ahead := self._solids[i].intersect(origin_m, direction)) is not None
         ]
         first, index = min(met, default=(math.inf, -1))
         if index >= 0 and first <= reach_m:  # all misses are larger
             return self._hit(index, first, origin_m, direction)
         behind = {i for _, i in met}
-        passed = [i for i in near if i not in behind]
+        passed = [each for each in near if each[1] not in behind]
         return self._closest(passed, origin_m, direction, tolerance, reach_m)
 
     def first_hit_m(self, origin_m: Vec3, direction: Vec3) -> float:
@@ -65,7 +74,7 @@ class SolidCaster:
         """
         direction = vector.normalized(direction)
         ahead = math.inf
-        for i in self._near(origin_m, direction, 0.0):
+        for _, i in self._near(origin_m, direction, 0.0):
             solid = self._solids[i]
             met = solid.intersect(origin_m, direction)
             if met is not None and met < ahead and not solid.contains(origin_m):
@@ -77,13 +86,13 @@ class SolidCaster:
         return Hit(index, 0.0, point, 0.0, 0.0, ahead, self._solids[index].uv_at(point))
 
     def _closest(
-        self, near: list[int], origin_m: Vec3, direction: Vec3, tolerance: float, reach_m: float
+        self, near: list[tuple[float, int]], origin_m: Vec3, direction: Vec3, tolerance: float, reach_m: float
     ) -> Hit | None:
         best: Hit | None = None
         least = tolerance
-        for i in near:
-            if not self._is_near(i, origin_m, direction, least):
-                continue
+        for bound, i in near:
+            if bound > least + SLACK_RAD:
+                break
             point = self._solids[i].closest_approach(origin_m, direction, self.measure)
             if point is None or vector.dot(direction, vector.subtract(point, origin_m)) > reach_m:
                 continue
@@ -93,34 +102,43 @@ class SolidCaster:
                 best, least = hit, miss
         return None if best is None else best._replace(uv_m=self._solids[best.target].uv_at(best.point_m))
 
-    def _near(self, origin_m: Vec3, direction: Vec3, tolerance: float) -> list[int]:
-        """Return the solids whose ball comes within `tolerance` of the ray."""
+    def _near(self, origin_m: Vec3, direction: Vec3, tolerance: float) -> list[tuple[float, int]]:
+        """Return the least possible misses of the solids whose ball comes within `tolerance` of the ray."""
         if len(self._solids) <= FEW:
-            return [i for i in range(len(self._solids)) if self._is_near(i, origin_m, direction, tolerance)]
-        d = np.array(direction)
-        c = self._centres - np.array(origin_m)[:, None]
-        along = d @ c
-        square = np.einsum("ij,ij->j", c, c)
+            bounds = [(self._bound(i, origin_m, direction), i) for i in range(len(self._solids))]
+            return [each for each in bounds if each[0] <= tolerance + SLACK_RAD]
         if self.measure == "angle":
-            distances = np.sqrt(square)
-            sines = np.minimum(self._radii / np.maximum(distances, 1e-12), 1.0)
-            angles = np.arctan2(np.sqrt(np.maximum(square - along * along, 0.0)), along)
-            inside = distances <= self._radii
-            near = inside | (angles - np.arcsin(sines) <= tolerance + SLACK_RAD)
+            sights, balls, least = self._cones(origin_m, tolerance)
+            cosines = np.array(direction) @ sights
+            near = (cosines >= least).nonzero()[0]
+            misses = np.arccos(np.minimum(cosines[near], 1.0)) - balls[near]
         else:
-            ahead = np.maximum(along, 0.0)
-            near = np.sqrt(np.maximum(square - ahead * ahead, 0.0)) - self._radii <= tolerance + SLACK_RAD
-        found: list[int] = np.flatnonzero(near).tolist()
-        return found
+            c = self._centres - np.array(origin_m)[:, None]
+            ahead = np.maximum(np.array(direction) @ c, 0.0)
+            square = np.einsum("ij,ij->j", c, c)
+            misses = np.sqrt(np.maximum(square - ahead * ahead, 0.0)) - self._radii
+            near = (misses <= tolerance + SLACK_RAD).nonzero()[0]
+            misses = misses[near]
+        return list(zip(misses.tolist(), near.tolist(), strict=True))
 
-    def _is_near(self, index: int, origin_m: Vec3, direction: Vec3, tolerance: float) -> bool:
+    def _cones_from(self, origin_m: Vec3, tolerance: float) -> tuple[Array, Array, Array]:
+        """Return unit vectors to the centres (3 x n), angles of the balls, and least cosines of rays near."""
+        c = self._centres - np.array(origin_m)[:, None]
+        distances = np.maximum(np.sqrt(np.einsum("ij,ij->j", c, c)), 1e-12)
+        balls = np.where(
+            distances <= self._radii, np.inf, np.arcsin(np.minimum(self._radii / distances, 1.0))
+        )
+        least = np.cos(np.minimum(balls + (tolerance + SLACK_RAD), math.pi)) - ROUNDING
+        return c / distances, balls, least
+
+    def _bound(self, index: int, origin_m: Vec3, direction: Vec3) -> float:
+        """Return the miss of the solid's ball, negative if the ray meets it or begins inside."""
         centre, radius = self._solids[index].bounding_sphere
         reach = vector.subtract(centre, origin_m)
         distance = vector.norm(reach)
         if distance <= radius:
-            return True
+            return -math.inf
         if self.measure == "angle":
-            angle = vector.angle_between(direction, reach) - math.asin(radius / distance)
-            return angle <= tolerance + SLACK_RAD
+            return vector.angle_between(direction, reach) - math.asin(radius / distance)
         ahead = max(vector.dot(direction, reach), 0.0)
-        return math.sqrt(max(distance * distance - ahead * ahead, 0.0)) - radius <= tolerance + SLACK_RAD
+        return math.sqrt(max(distance * distance - ahead * ahead, 0.0)) - radius

@@ -7,6 +7,7 @@ intersects the wall from within.
 
 import math
 from collections.abc import Iterable
+from functools import lru_cache
 from itertools import product
 from typing import Protocol
 
@@ -16,6 +17,9 @@ from pointit.geometry.vector import Vec3
 
 Edge = tuple[Vec3, Vec3]
 """Start of an edge, and vector to its end."""
+
+MOST_EYES = 32
+"""Limit of origins of rays for which a box keeps its outline."""
 
 
 class Solid(Protocol):
@@ -52,8 +56,9 @@ class BoxSolid:
         """Create from centre, extents along its own axes, and the azimuth of its x axis."""
         self._center = center_m
         self._half = vector.scale(size_m, 0.5)
-        self._yaw = yaw_rad
-        self._edges = _box_edges(self._half)
+        self._turn = (math.cos(yaw_rad), math.sin(yaw_rad))
+        self._outlines: dict[Vec3, list[_Outer]] = {}
+        """Its outlines, by the origins of rays: people's eyes mostly stay."""
         self.bounding_sphere = (center_m, vector.norm(self._half))
 
     def contains(self, point_m: Vec3) -> bool:
@@ -64,7 +69,7 @@ class BoxSolid:
     def intersect(self, origin_m: Vec3, direction: Vec3) -> float | None:
         """Return the distance to the first intersection, or to the exit for a ray from inside, or None."""
         first, last = -math.inf, math.inf
-        own, ahead = self._own(origin_m), vector.rotate_z(direction, -self._yaw)
+        own, ahead = self._own(origin_m), self._turned(direction)
         for x, d, half in zip(own, ahead, self._half, strict=True):
             if abs(d) < TINY:
                 if abs(x) > half:
@@ -78,12 +83,42 @@ class BoxSolid:
 
     def closest_approach(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3:
         """Return the closest point to a ray that does not intersect it."""
-        own, ahead = self._own(origin_m), vector.rotate_z(direction, -self._yaw)
-        found = nearest_on_edges(self._edges, own, ahead, measure)
+        passed_m = self.passed_at(origin_m, direction) if measure == "angle" else None
+        if passed_m is not None:
+            return passed_m
+        own, ahead = self._own(origin_m), self._turned(direction)
+        found = nearest_on_edges(_box_edges(self._half), own, ahead, measure)
         if measure == "metres":
             foot = tuple(min(max(x, -half), half) for x, half in zip(own, self._half, strict=True))
             found = nearer((foot[0], foot[1], foot[2]), found, own, ahead)
-        return vector.add(self._center, vector.rotate_z(found, self._yaw))
+        return self._in_room(found)
+
+    def passed_at(self, origin_m: Vec3, direction: Vec3) -> Vec3 | None:
+        """Return the point at the smallest angle from a ray, or None if the ray intersects the box."""
+        outline = self._outlines.get(origin_m)
+        if outline is None:
+            if len(self._outlines) >= MOST_EYES:
+                self._outlines.clear()
+            outline = self._outlines[origin_m] = _outline(self._half, self._own(origin_m))
+        x, y, z = ahead = self._turned(direction)
+        # the outline is convex: the nearest point is on an edge that has the ray on its outer side
+        passed = [edge for edge in outline if edge[0] * x + edge[1] * y + edge[2] * z > 0.0]
+        if not passed:
+            return None
+        best, least = (ahead, ahead, 0.0), math.inf
+        for _, _, _, start, span, (i, j, k), (aa, au, uu), (first_m, last_m) in passed:  # `nearest_in_angle`
+            p, q = x * i + y * j + z * k, x * span[0] + y * span[1] + z * span[2]
+            t = (q * aa - p * au) / max(p * uu - q * au, TINY)
+            if 0.0 < t < 1.0:
+                cost = -(p + t * q) / math.sqrt(max(aa + t * (2.0 * au + t * uu), TINY))
+            else:
+                t, cost = 0.0, -p / first_m
+                if -(p + q) / last_m < cost:
+                    t, cost = 1.0, -(p + q) / last_m
+            if cost < least:
+                best, least = (start, span, t), cost
+        start, span, t = best
+        return self._in_room(vector.add(start, vector.scale(span, t)))
 
     def uv_at(self, point_m: Vec3) -> tuple[float, float]:
         """Return the position on the face of `point_m`."""
@@ -93,7 +128,15 @@ class BoxSolid:
         return ((y, z), (x, z), (x, y))[face]
 
     def _own(self, point_m: Vec3) -> Vec3:
-        return vector.rotate_z(vector.subtract(point_m, self._center), -self._yaw)
+        return self._turned(vector.subtract(point_m, self._center))
+
+    def _turned(self, a: Vec3) -> Vec3:
+        (c, s), (x, y, z) = self._turn, a
+        return (c * x + s * y, c * y - s * x, z)
+
+    def _in_room(self, own_m: Vec3) -> Vec3:
+        (c, s), (x, y, z) = self._turn, own_m
+        return vector.add(self._center, (c * x - s * y, s * x + c * y, z))
 
 
 class SphereSolid:
@@ -173,6 +216,7 @@ def distance_to_ray(point_m: Vec3, origin_m: Vec3, direction: Vec3) -> float:
     return math.dist(point_m, vector.add(origin_m, vector.scale(direction, ahead)))
 
 
+@lru_cache(1024)
 def _box_edges(half: Vec3) -> list[Edge]:
     edges: list[Edge] = []
     for axis in range(3):
@@ -186,3 +230,22 @@ def _box_edges(half: Vec3) -> list[Edge]:
 
 def _others(axis: int) -> list[int]:
     return [other for other in range(3) if other != axis]
+
+
+_Outer = tuple[float, float, float, Vec3, Vec3, Vec3, Vec3, tuple[float, float]]
+"""Edge of an outline: x, y, z of the outward normal of its plane through the origin; start; span u; vector a
+from the origin to the start; a², a·u and u²; distances of start and end."""
+
+
+def _outline(half: Vec3, origin_m: Vec3) -> list[_Outer]:
+    """Return the edges between a face that is seen from `origin_m` and one that is not; none from inside."""
+    outline: list[_Outer] = []
+    for number, (start, span) in enumerate(_box_edges(half)):
+        if sum(math.copysign(1.0, start[k]) * origin_m[k] > half[k] for k in _others(number // 4)) == 1:
+            a = vector.subtract(start, origin_m)
+            normal = vector.cross(a, span)
+            outward = -1.0 if vector.dot(normal, origin_m) < 0.0 else 1.0  # away from the box's centre
+            squares = (vector.dot(a, a), vector.dot(a, span), vector.dot(span, span))
+            ends = (max(vector.norm(a), TINY), max(vector.norm(vector.add(a, span)), TINY))
+            outline.append((*vector.scale(normal, outward), start, span, a, squares, ends))
+    return outline

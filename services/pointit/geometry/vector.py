@@ -51,7 +51,8 @@ def normalized(a: Vec3) -> Vec3:
 
 def angle_between(a: Vec3, b: Vec3) -> float:
     """Return the angle from a to b, 0 to pi; exact for small angles too (Kahan)."""
-    return math.atan2(norm(cross(a, b)), dot(a, b))
+    (x, y, z), (u, v, w) = a, b
+    return math.atan2(math.hypot(y * w - z * v, z * u - x * w, x * v - y * u), x * u + y * v + z * w)
 
 
 def azimuth(a: Vec3) -> float:

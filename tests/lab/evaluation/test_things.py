@@ -7,10 +7,11 @@ from click.testing import CliRunner
 
 from pointit.services.selector.config import SelectorConfig
 from pointit_lab.cli.things import things
+from pointit_lab.evaluation.things.ideal import most_right
 from pointit_lab.evaluation.things.things import ROWS, Share, reaches, row_of, strays
 
 CONFIG = SelectorConfig(method="estimate")
-LIT, DARK, NEAR_LIT, NEAR_DARK = ROWS
+LIT, DARK, NEAR_LIT, NEAR_DARK, CALIBRATED = ROWS
 
 
 def test_light_lets_people_find_what_is_hard_to_point_at() -> None:
@@ -21,6 +22,16 @@ def test_light_lets_people_find_what_is_hard_to_point_at() -> None:
     assert 1.5 < lit.median_s < 3.5
     assert lit.right.count + lit.wrong.count + lit.nothing.count == 20
     assert reaches(CONFIG, (LIT, 2000, 2)) == reaches(CONFIG, (LIT, 2000, 2))
+
+
+def test_without_light_no_method_beats_the_ideal_judge() -> None:
+    found = row_of(DARK, reaches(CONFIG, (DARK, 2000, 60)))
+    at_best = most_right(DARK, 2000, 60, found.wrong.value)
+    assert found.right.value <= at_best + 0.05
+    assert most_right(DARK, 2000, 60, 0.0) < at_best <= most_right(DARK, 2000, 60, 1.0) < 1.0
+    assert most_right(NEAR_DARK, 2000, 60, 0.03) < 0.5
+    assert most_right(DARK, 2000, 400, 0.03) == pytest.approx(0.84, abs=0.04)
+    assert most_right(CALIBRATED, 2000, 60, 0.03) == pytest.approx(most_right(DARK, 2000, 60, 0.03), abs=0.1)
 
 
 def test_the_interval_is_wilsons() -> None:
@@ -42,3 +53,4 @@ def test_the_command_gives_the_same_rows_as_json() -> None:
     document = json.loads(ended.stdout)
     assert [row["name"] for row in document["rows"]] == [row.name for row in ROWS]
     assert set(document["unintended_per_30_min"]) == {"strip", "nothing"}
+    assert set(document["right_at_best"]) == {row.name for row in ROWS if not row.lit}

@@ -14,7 +14,7 @@ from pointit.geometry.closest import Measure
 from pointit.geometry.cylinder import CylinderSolid
 from pointit.geometry.plane import PlaneSolid, plane_axes
 from pointit.geometry.solid_cast import SolidCaster
-from pointit.geometry.solids import BoxSolid, Solid, SphereSolid
+from pointit.geometry.solids import MOST_EYES, BoxSolid, Solid, SphereSolid
 from pointit.geometry.vector import Vec3
 from tests.support.known import known
 from tests.unit.geometry.test_cloud_tree import misses
@@ -97,6 +97,23 @@ def test_no_point_of_the_skin_is_missed_by_less(seed: int, form: str, measure: M
     else:
         assert solid.contains(vector.add(hit.point_m, inwards))
         assert not solid.contains(vector.subtract(hit.point_m, inwards))
+
+
+@settings(max_examples=20)
+@given(seeds)
+def test_a_box_is_passed_at_its_outline_from_any_number_of_eyes_that_come_back(seed: int) -> None:
+    rng = random.Random(seed)
+    solid, skin = some_solid(rng, "box")
+    assert isinstance(solid, BoxSolid)
+    eyes = [some_point(rng) for _ in range(MOST_EYES + 1)]
+    for origin in (*eyes, *eyes[:3]):
+        for direction in (some_direction(rng), vector.normalized(vector.subtract(some_point(rng), origin))):
+            passed = solid.passed_at(origin, direction)
+            assert (passed is None) == (solid.intersect(origin, direction) is not None)
+            if passed is not None:
+                miss = vector.angle_between(direction, vector.subtract(passed, origin))
+                assert miss <= misses(skin, origin, direction, "angle").min() + 1e-7
+                assert solid.closest_approach(origin, direction, "angle") == passed
 
 
 @given(seeds, forms)

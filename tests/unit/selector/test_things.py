@@ -258,3 +258,28 @@ def test_one_thing_that_is_not_sure_is_not_confused_with_another() -> None:
     room = Things(thing("screws", 0.0), thing("nuts", 1.5))
     room.point(9.0, 10.0)
     assert room.unclear == []
+
+
+def test_a_thing_that_was_moved_is_found_at_its_new_place_by_the_same_eyes() -> None:
+    room = Things(thing("screws"))
+    assert room.point(0.0, 0.2) == []
+    assert room.hover.object_id == "screws"
+    room.room = room.room.model_copy(update={"things": (thing("screws", 2.6),)})
+    room.point(0.0, 0.5)
+    assert room.hover.object_id == ""
+    assert room.point(45.0, 2.0)[:1] == [("selected", "screws")]
+
+
+def test_a_box_that_moves_is_seen_where_it_is_by_the_time_of_the_ray() -> None:
+    seen = SeenObjects(aim="ray")
+    box = listing(Environment(stamp_ns=0, name="room", things=(thing("crate"),)), at(0.0))
+    (crate,) = box.objects
+    moving = crate.model_copy(update={"velocity_mps": (0.0, 1.0, 0.0)})
+    seen.update(TRACKER, box.model_copy(update={"objects": (moving,)}))
+    for time_s in (0.0, 0.4, 0.8):
+        ray = vector.normalized(vector.subtract((2.6, time_s, 1.4), EYES))
+        view = seen.view_from(Cursor(stamp_ns=at(time_s), origin_m=EYES, direction=ray))
+        assert view is not None
+        (one,) = view.seen
+        assert one.beside_m is None
+        assert one.center_m == pytest.approx((2.6, time_s, 1.4))

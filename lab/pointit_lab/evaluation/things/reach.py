@@ -35,14 +35,19 @@ class Reach:
         goal: str,
         rng: np.random.Generator,
         begin: "Reach | None" = None,
+        *,
+        bias_deg: float | None = None,
     ) -> None:
-        """Begin where the reach `begin` ended, or with the arm low somewhere before the person."""
+        """Begin where the reach `begin` ended, or with the arm low somewhere before the person.
+
+        `bias_deg` is the person's mean elevation error, random if None.
+        """
         self._rng = rng
-        self._aim = AimConfig()
+        self._aim = AimConfig(elevation_bias_deg=bias_deg)
         self._arm = ArmConfig()
         self.errors: OpenLoopError = OpenLoopError(self._aim, 0.0, rng) if begin is None else begin.errors
         self._pose = np.array([rng.normal(0.0, sigma) for sigma in POSE_RAD])
-        self._at = {name: _angles(vector.subtract(at_m, eyes_m)) for name, at_m in targets_m.items()}
+        self._at = {name: angles(vector.subtract(at_m, eyes_m)) for name, at_m in targets_m.items()}
         self._goal = goal
         self._corrected = np.zeros(2)
         self._hold = np.radians([self._arm.hold_yaw_sd_deg, self._arm.hold_pitch_sd_deg])
@@ -61,6 +66,11 @@ class Reach:
         self._move(0.0, took_s)
         self._look_s = self._lit_s = took_s + self._aim.reaction_s
         self._shown: list[tuple[float, str | None]] = []
+
+    @property
+    def rest(self) -> Vector:
+        """Return the azimuth and elevation to which the arm moves, rad."""
+        return self._to
 
     def see(self, time_s: float, shown: str | None) -> None:
         """Note the thing whose light shows that it is pointed at."""
@@ -104,5 +114,6 @@ class Reach:
         self._to = self._at[self._goal] + self.errors.now_rad + self._pose + self._corrected
 
 
-def _angles(sight: Vec3) -> Vector:
+def angles(sight: Vec3) -> Vector:
+    """Return azimuth and elevation, rad."""
     return np.array([vector.azimuth(sight), vector.elevation(sight)])

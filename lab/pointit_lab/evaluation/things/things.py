@@ -3,7 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -42,6 +42,8 @@ class Row:
     away_m: float
     height_m: float = 1.4
     lit: bool = True
+    bias_deg: float | None = None
+    """Mean elevation error of all people, e.g. 0 with calibrated offsets. Each has their own if None."""
 
     def environment(self) -> Environment:
         """Return the map."""
@@ -68,6 +70,7 @@ ROWS = tuple(
     )
     for lit in (True, False)
 )
+ROWS = (*ROWS, replace(ROWS[1], name=f"{ROWS[1].name}, offset calibrated", bias_deg=0.0))
 
 
 @dataclass(frozen=True)
@@ -139,8 +142,8 @@ def reach(row: Row, config: SelectorConfig, seed: int) -> Result:
     """Return the result of one person's reach for one thing of `row`."""
     rng = np.random.default_rng([seed, row.count])
     environment = row.environment()
-    goal = environment.things[int(rng.integers(row.count))].id
-    person = Reach(EYES_M, {each.id: each.center_m for each in environment.things}, goal, rng)
+    index, person = begin(row, rng)
+    goal = environment.things[index].id
     engine = SelectionEngine(config, lambda _record: None)
     engine.on_map(environment)
     listed_s = -math.inf
@@ -159,6 +162,13 @@ def reach(row: Row, config: SelectorConfig, seed: int) -> Result:
                 end: Literal["right", "wrong"] = "right" if output.message.object_id == goal else "wrong"
                 return Result(end, time_s, output.message.confidence)
     return Result("nothing", LIMIT_S, None)
+
+
+def begin(row: Row, rng: np.random.Generator) -> tuple[int, Reach]:
+    """Return the index of the thing that a person means, and their reach for it."""
+    places_m = {thing.id: thing.center_m for thing in row.environment().things}
+    goal = int(rng.integers(row.count))
+    return goal, Reach(EYES_M, places_m, list(places_m)[goal], rng, bias_deg=row.bias_deg)
 
 
 def strays(config: SelectorConfig, piece: tuple[Elsewhere, int, float]) -> int:

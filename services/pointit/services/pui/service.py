@@ -129,9 +129,9 @@ class Pui(Service[PuiConfig]):
     async def run(self) -> None:
         """Serve the people of a shard as long as there is a map; list the things of the site's map."""
         if self._environment.things:
-            listed = self.bus.publisher(OBJECTS, TRACKER)
+            listed, things = self.bus.publisher(OBJECTS, TRACKER), listing(self._environment, 0)
             while True:
-                listed.put(listing(self._environment, self.clock.now_ns()))
+                listed.put(things.model_copy(update={"stamp_ns": self.clock.now_ns()}))
                 await sleep(self.clock, PERIOD_S)
         while True:
             self._map_came.clear()

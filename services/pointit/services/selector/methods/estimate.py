@@ -7,7 +7,7 @@ of theirs, so staying makes the object that is shown more probable. It fires whe
 
 import math
 from collections.abc import Collection
-from typing import NamedTuple
+from functools import lru_cache
 
 from pydantic import Field
 
@@ -69,6 +69,8 @@ UNTOLD_S = 6.0
 LEFT_S = 0.3
 """Time after which an object that fired can fire again, once it is left."""
 LONGEST_GAP_S = 0.25
+MOST_KEPT = 4096
+"""Limit of objects as seen from some eyes whose values are kept: most stand still, as do people's eyes."""
 
 
 class EstimateConfig(MethodConfig):
@@ -78,13 +80,9 @@ class EstimateConfig(MethodConfig):
     sure: float = Field(default=0.7, ge=0.5, lt=1, description="probability from which an object is selected")
 
 
-class _Angles(NamedTuple):
-    """Angles from a ray to an object, rad: to its nearest point, 0 if the ray is on it, and to its centre."""
-
-    right: float
-    up: float
-    center_right: float
-    center_up: float
+_Angles = tuple[float, float, float, float]
+"""Angles from a ray to an object, rad: right and up to its nearest point, 0 if the ray is on it, and to its
+centre."""
 
 
 class EstimateMethod:
@@ -100,7 +98,7 @@ class EstimateMethod:
         self._stamp_ns = 0
         self._shown: str | None = None
         self._shown_ns = 0
-        self._anchor = _Angles(0.0, 0.0, 0.0, 0.0)
+        self._anchor: _Angles = (0.0, 0.0, 0.0, 0.0)
         """Angles to the object that is shown when staying on it began."""
         self._stays_ns = 0
         self._told_ns: int | None = None
@@ -133,37 +131,50 @@ class EstimateMethod:
             self._show(None, now_ns)
         self._speed.add(now_ns, cursor.direction)
         share = 1.0 - math.exp(-elapsed_s / SMOOTHING_S)
-        before, self._beside, self._now = self._beside, {}, {}
-        for one in view.seen:
-            now = self._now[one.id] = _angles(one, cursor.origin_m, cursor.direction)
-            was = before.get(one.id, now)
-            self._beside[one.id] = _Angles(*[a + share * (b - a) for a, b in zip(was, now, strict=True)])
-        probabilities = self._probabilities(view, cursor, now_ns)
+        logs = self._look(view, cursor.origin_m, cursor.direction, share)
+        probabilities = self._probabilities(view, cursor, logs, now_ns)
         self._choose(view, probabilities, now_ns)
         return self._progress(pointing, view, probabilities, now_ns)
 
-    def _probabilities(self, view: View, cursor: Cursor, now_ns: int) -> dict[str, float]:
+    def _look(self, view: View, origin_m: Vec3, direction: Vec3, share: float) -> dict[str, float]:
+        """Smooth the angles to each object. Return the logarithm of the density of the ray if it is meant."""
+        azimuth, elevation = ray = _sight(direction)
+        level = math.cos(elevation)
+        before, self._beside, self._now = self._beside, {}, {}
+        logs: dict[str, float] = {}
+        for one in view.seen:
+            (nearest, near_up), (center, center_up), prior = _places(one, origin_m, direction, ray)
+            now = self._now[one.id] = (
+                vector.wrap(azimuth - nearest) * level,
+                near_up - elevation,
+                vector.wrap(azimuth - center) * level,
+                center_up - elevation,
+            )
+            a, b, c, d = before.get(one.id, now)
+            right, up = a + share * (now[0] - a), b + share * (now[1] - b)
+            self._beside[one.id] = (right, up, c + share * (now[2] - c), d + share * (now[3] - d))
+            up = up - LOW_RAD if up < 0.0 else max(up - LOW_RAD, 0.0)
+            logs[one.id] = prior - 0.5 * ((right / SIDEWAYS_RAD) ** 2 + (up / UPWARDS_RAD) ** 2)
+        return logs
+
+    def _probabilities(
+        self, view: View, cursor: Cursor, logs: dict[str, float], now_ns: int
+    ) -> dict[str, float]:
         """Return the probability of each object near the ray. The rest is that of none."""
         stayed_s = (now_ns - self._stays_ns) / NS_PER_S if self._shown is not None else 0.0
         accepted = min(SEEN_PER_S * max(stayed_s - SEEN_AFTER_S, 0.0), SEEN)
-        logs: dict[str, float] = {}
-        # lines on which objects move, or that light them: who points at these means an object
-        lines: set[tuple[str, str]] = set()
-        for one in view.seen:
-            wide, high = _extent(one)
-            area = (2.0 * wide + _FLAT * SIDEWAYS_RAD) * (2.0 * high + _FLAT * UPWARDS_RAD)
-            right, up, *_ = self._beside[one.id]
-            up = up - LOW_RAD if up < 0.0 else max(up - LOW_RAD, 0.0)
-            miss = (right / SIDEWAYS_RAD) ** 2 + (up / UPWARDS_RAD) ** 2
-            logs[one.id] = math.log(ATTENTION / area) - 0.5 * miss
-            if one.id == self._shown and one.tracked.lit:
-                logs[one.id] += accepted
-            if one.place is not None:
-                lines.add((one.place.surface, one.place.surface_id))
-            elif one.tracked.size_m is None:  # it may be on the line of the cursor
-                lines.add((cursor.surface, cursor.surface_id))
+        shown = view.get(self._shown)
+        if shown is not None and shown.tracked.lit:
+            logs[shown.id] += accepted
         none = math.log(AIMLESS) - min(RESTING_PER_S * stayed_s, RESTING)
-        if cursor.surface in LINES and (cursor.surface, cursor.surface_id) not in lines:
+        line = (cursor.surface, cursor.surface_id)
+        # who points at a line on which objects move, or that lights them, means an object
+        if cursor.surface in LINES and not any(
+            (one.place.surface, one.place.surface_id) == line
+            if one.place is not None
+            else one.tracked.size_m is None  # it may be on any line
+            for one in view.seen
+        ):
             across = math.log(ON_LIGHT / (_FLAT * UPWARDS_RAD)) - 0.5 * (cursor.miss_rad / UPWARDS_RAD) ** 2
             across += accepted  # they see the cursor there, too
             none = max(none, across) + math.log1p(math.exp(-abs(none - across)))
@@ -211,7 +222,8 @@ class EstimateMethod:
         probability = probabilities[shown]
         if shown in self._left or not pointing.acts(shown):
             return SelectionProgress(shown, confidence=probability)
-        dwell_s = next(one.tracked.dwell_s for one in view.seen if one.id == shown) or self._config.dwell_s
+        seen = view.get(shown)
+        dwell_s = (None if seen is None else seen.tracked.dwell_s) or self._config.dwell_s
         stayed_s = (now_ns - self._stays_ns) / NS_PER_S
         progress = min(stayed_s / dwell_s, 1.0) * min(probability / self._config.sure, 1.0)
         if progress < 1.0:
@@ -245,36 +257,39 @@ def _corrected_rad(view: View, object_id: str) -> float:
 _FLAT = math.sqrt(2.0 * math.pi)
 
 
-def _extent(one: VisibleObject) -> tuple[float, float]:
-    """Return half its width and half its height, as angles at the eyes."""
+_Sight = tuple[float, float]
+"""Azimuth and elevation, rad."""
+
+
+def _places(one: VisibleObject, origin_m: Vec3, direction: Vec3, ray: _Sight) -> tuple[_Sight, _Sight, float]:
+    """Return where the object is nearest to a ray and where its centre is, and `_log` of it."""
     size_m = one.tracked.size_m
-    if size_m is None:
-        return one.half_rad, 0.0
-    return math.atan(max(size_m[:2]) / 2.0 / one.range_m), math.atan(size_m[2] / 2.0 / one.range_m)
+    if size_m is not None:
+        center, log = _box_place(one.center_m, origin_m, size_m, one.range_m)
+        return ray if one.beside_m is None else _sight(one.beside_m), center, log
+    reach_m = vector.subtract(one.center_m, origin_m)
+    start_m = vector.subtract(reach_m, vector.scale(one.along, one.half_m))
+    step_m = vector.scale(one.along, 2.0 * one.half_m)
+    nearest_m = vector.add(start_m, vector.scale(step_m, nearest_in_angle(start_m, step_m, direction)[0]))
+    return _sight(nearest_m), _sight(reach_m), _log(one.half_rad, 0.0)
 
 
-def _angles(one: VisibleObject, origin_m: Vec3, direction: Vec3) -> _Angles:
-    center_m = vector.subtract(one.center_m, origin_m)
-    center = _to(center_m, direction)
-    if one.tracked.size_m is None:
-        start_m = vector.subtract(center_m, vector.scale(one.along, one.half_m))
-        step_m = vector.scale(one.along, 2.0 * one.half_m)
-        nearest = _to(
-            vector.add(start_m, vector.scale(step_m, nearest_in_angle(start_m, step_m, direction)[0])),
-            direction,
-        )
-    elif one.outline_m is None:
-        nearest = (0.0, 0.0)
-    else:
-        nearest = _to(vector.subtract(one.outline_m, origin_m), direction)
-    return _Angles(*nearest, *center)
+@lru_cache(MOST_KEPT)
+def _box_place(center_m: Vec3, origin_m: Vec3, size_m: Vec3, range_m: float) -> tuple[_Sight, float]:
+    wide_m, high_m = max(size_m[:2]), size_m[2]
+    log = _log(math.atan(wide_m / 2.0 / range_m), math.atan(high_m / 2.0 / range_m))
+    return _sight(vector.subtract(center_m, origin_m)), log
 
 
-def _to(reach: Vec3, direction: Vec3) -> tuple[float, float]:
-    """Return the angles to the right and up from `direction` to `reach`."""
-    elevation = vector.elevation(direction)
-    turned = vector.wrap(vector.azimuth(direction) - vector.azimuth(reach))
-    return turned * math.cos(elevation), vector.elevation(reach) - elevation
+def _log(wide_rad: float, high_rad: float) -> float:
+    """Return the logarithm of the density of rays, 1/rad², at an object of half this extent that is meant."""
+    area = (2.0 * wide_rad + _FLAT * SIDEWAYS_RAD) * (2.0 * high_rad + _FLAT * UPWARDS_RAD)
+    return math.log(ATTENTION / area)
+
+
+def _sight(reach: Vec3) -> _Sight:
+    x, y, z = reach
+    return math.atan2(y, x), math.atan2(z, math.hypot(x, y))
 
 
 ESTIMATE = SelectionMethod(

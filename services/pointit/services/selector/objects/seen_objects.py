@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pointit.geometry import vector
 from pointit.geometry.polyline import Polyline
-from pointit.geometry.solids import BoxSolid
+from pointit.geometry.solids import MOST_EYES, BoxSolid
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor, Environment, TrackedObject, TrackedObjects
 from pointit.schemas.pointing import LINES
@@ -103,25 +103,24 @@ class SeenObjects:
             return None
         age_s = (cursor.stamp_ns - self._base_ns) / NS_PER_S
         elapsed_s = age_s - self._lag_s
-        if self._ages_s is not None:
-            centers_m = self._moved_m(elapsed_s + self._ages_s)
-        elif self._straight_s[0] <= elapsed_s <= self._straight_s[1]:
-            centers_m = self._centers_m + self._velocities_mps * elapsed_s
-        else:
-            centers_m = self._moved_m(np.full(len(self._tracked), elapsed_s))
-        reach_m = centers_m - cursor.origin_m
-        # slightly more than it is: avoids division by zero and keeps cosines above -1
-        ranges_m = np.sqrt((reach_m * reach_m) @ XYZ) + HAIR_M
+        sights = self._sights.get(cursor.origin_m) or self._look_from(cursor.origin_m, elapsed_s)
+        centers_m, reach_m, ranges_m, halves_rad, limits_rad = sights
         aim = self._aim(cursor, cursor.origin_m, direction)
-        along_m = reach_m @ aim
+        along_m = reach_m @ np.array(aim)
         if self._solids and aim is not direction:
-            along_m[self._solid] = reach_m[self._solid] @ direction
+            along_m[self._solid] = reach_m[self._solid] @ np.array(direction)
         angles = np.arccos(np.minimum(along_m / ranges_m, 1.0))
-        near = (angles <= self._leave_factor * (self._halves_m / ranges_m) + self._reach_rad).nonzero()[0]
+        near = (angles <= limits_rad).nonzero()[0]
         if self._solids and len(near) > MAX_SOLIDS:
-            near = near[(angles - self._halves_m / ranges_m)[near].argpartition(MAX_SOLIDS)[:MAX_SOLIDS]]
+            near = near[(angles - halves_rad)[near].argpartition(MAX_SOLIDS)[:MAX_SOLIDS]]
         elif len(near) > MAX_SEEN:
             near = near[angles[near].argpartition(MAX_SEEN)[:MAX_SEEN]]
+        if self._ages_s is not None:
+            near = near[np.abs(age_s + self._ages_s[near]) <= self._stale_s]
+        elif abs(age_s) > self._stale_s:
+            near = near[:0]
+        if cursor.solid in OPAQUE:
+            near = near[ranges_m[near] - self._halves_m[near] <= cursor.range_m]
         seen = [
             self._seen(index, cursor, center, angle, range_m)
             for index, center, angle, range_m in zip(
@@ -131,9 +130,26 @@ class SeenObjects:
                 ranges_m[near].tolist(),
                 strict=True,
             )
-            if self._is_fresh(index, age_s) and not _is_hidden(range_m - self._halves_m[index], cursor)
         ]
         return View(direction, seen)
+
+    def _look_from(self, origin_m: Vec3, elapsed_s: float) -> "_Sights":
+        if self._ages_s is not None:
+            centers_m = self._moved_m(elapsed_s + self._ages_s)
+        elif self._straight_s[0] <= elapsed_s <= self._straight_s[1]:
+            centers_m = self._centers_m + self._velocities_mps * elapsed_s
+        else:
+            centers_m = self._moved_m(np.full(len(self._tracked), elapsed_s))
+        reach_m = centers_m - origin_m
+        # slightly more than it is: avoids division by zero and keeps cosines above -1
+        ranges_m = np.sqrt((reach_m * reach_m) @ XYZ) + HAIR_M
+        halves_rad = self._halves_m / ranges_m
+        sights = (centers_m, reach_m, ranges_m, halves_rad, self._leave_factor * halves_rad + self._reach_rad)
+        if self._are_still:
+            if len(self._sights) >= MOST_EYES:
+                self._sights.clear()
+            self._sights[origin_m] = sights
+        return sights
 
     def view_of(self, object_id: str, cursor: Cursor) -> View | None:
         """Return as `view_from`, but of one object, without arrays."""
@@ -153,7 +169,8 @@ class SeenObjects:
         angle = math.acos(min(vector.dot(reach_m, aim) / range_m, 1.0))
         half_m = float(self._halves_m[index])
         is_near = angle <= self._leave_factor * (half_m / range_m) + self._reach_rad
-        if not is_near or not self._is_fresh(index, age_s) or _is_hidden(range_m - half_m, cursor):
+        is_hidden = cursor.solid in OPAQUE and range_m - half_m > cursor.range_m
+        if not is_near or abs(age_s) > self._stale_s or is_hidden:
             return View(direction, ())
         return View(direction, (self._seen(index, cursor, center_m, angle, range_m),))
 
@@ -187,16 +204,15 @@ class SeenObjects:
             reach = vector.subtract(center_m, cursor.origin_m or center_m)
             foreshortened = vector.dot(along, reach) / range_m
             across = math.sqrt(max(0.0, 1.0 - foreshortened * foreshortened))
-        half_rad, outline_m = math.atan(half_m * across / range_m), None
+        half_rad, beside_m = math.atan(half_m * across / range_m), None
         size_m = self._solids.get(index)
         if size_m is not None and cursor.origin_m is not None and cursor.direction is not None:
             solid = _box(center_m, size_m, tracked.yaw_rad or 0.0)
-            if solid.intersect(cursor.origin_m, cursor.direction) is None:
-                outline_m = solid.closest_approach(cursor.origin_m, cursor.direction, "angle")
-                beside = vector.subtract(outline_m, cursor.origin_m)
-                half_rad = max(angle_rad - vector.angle_between(cursor.direction, beside), 0.0)
-            else:
-                half_rad = max(angle_rad, half_rad)
+            outline_m = solid.passed_at(cursor.origin_m, cursor.direction)
+            half_rad = max(angle_rad, half_rad)
+            if outline_m is not None:
+                beside_m = vector.subtract(outline_m, cursor.origin_m)
+                half_rad = max(angle_rad - vector.angle_between(cursor.direction, beside_m), 0.0)
         return VisibleObject(
             tracked.id,
             angle_rad,
@@ -208,13 +224,8 @@ class SeenObjects:
             range_m,
             place,
             tracked,
-            outline_m,
+            beside_m,
         )
-
-    def _is_fresh(self, index: int, age_s: float) -> bool:
-        if self._ages_s is not None:
-            age_s += float(self._ages_s[index])
-        return abs(age_s) <= self._stale_s
 
     def _moved_m(self, elapsed_s: Array) -> Array:
         """Return the centres after `elapsed_s` (n), moved along their lines or straight."""
@@ -268,6 +279,14 @@ class SeenObjects:
             self._velocities_mps[:count] = tangents * self._speeds_mps[:, None]
             self._tangents: list[Vec3] = [(x, y, z) for x, y, z in tangents.tolist()]
             self._straight_s = _straight_s(self._speeds_mps, before_m, after_m)
+        self._are_still = not self._velocities_mps.any()
+        self._sights: dict[Vec3, _Sights] = {}
+        """Objects as seen from the eyes of people, kept while nothing moves."""
+
+
+_Sights = tuple[Array, Array, Array, Array, Array]
+"""Centres of objects and vectors to them, n x 3; distances, m; half widths, and angles up to which they are
+near a ray, rad, n each."""
 
 
 def _straight_s(speeds_mps: Array, before_m: Array, after_m: Array) -> tuple[float, float]:
@@ -276,7 +295,3 @@ def _straight_s(speeds_mps: Array, before_m: Array, after_m: Array) -> tuple[flo
     onwards = np.maximum(np.where(speeds_mps >= 0.0, after_m, before_m), STRAIGHT_M) / fast
     backwards = np.maximum(np.where(speeds_mps >= 0.0, before_m, after_m), STRAIGHT_M) / fast
     return -float(backwards.min()), float(onwards.min())
-
-
-def _is_hidden(begins_m: float, cursor: Cursor) -> bool:
-    return cursor.solid in OPAQUE and begins_m > cursor.range_m

@@ -41,8 +41,8 @@ class VisibleObject(NamedTuple):
     """Distance from the eyes to its centre."""
     place: OnLine | None
     tracked: TrackedObject
-    outline_m: Vec3 | None = None
-    """Point of its outline nearest to the ray, if its `size_m` is known and the ray passes it."""
+    beside_m: Vec3 | None = None
+    """From the eyes to the point of its outline nearest to the ray, if it is a box that the ray passes."""
 
 
 class View:
@@ -57,6 +57,10 @@ class View:
     def seen(self) -> Collection[VisibleObject]:
         """Return the objects."""
         return self._seen.values()
+
+    def get(self, object_id: str | None) -> VisibleObject | None:
+        """Return an object by its id, or None if it is not near."""
+        return None if object_id is None else self._seen.get(object_id)
 
     def pick(self, kept: str | None, snap_rad: float, hysteresis: float) -> str | None:
         """Return the object at the smallest angle, among those within half width and `snap_rad`.

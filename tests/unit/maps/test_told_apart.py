@@ -12,6 +12,7 @@ from pointit.cli.main import command
 from pointit.maps.checks.things import told_apart
 from pointit.maps.file import load_map, parse_map_file
 from pointit.maps.picture.picture import map_figure
+from pointit.maps.things import things_of
 from pointit.runtime.errors import ConfigError
 
 TWO_AND_ONE = """
@@ -23,7 +24,7 @@ things:
 
 
 def test_things_are_told_apart_from_near_and_from_the_right_side() -> None:
-    share = told_apart(parse_map_file(TWO_AND_ONE.encode(), Path("two.yaml")))
+    share = told_apart(things_of(parse_map_file(TWO_AND_ONE.encode(), Path("two.yaml"))))
     apart_m = 0.6 - 0.2
     assert share(3.0 - apart_m / math.tan(math.radians(7.0)) + 0.1, 0.0) == 1.0
     assert share(-2.5, 0.0) == pytest.approx(1 / 3), "the two are 4 degrees apart"
@@ -51,4 +52,4 @@ def test_the_floor_is_coloured_by_it(tmp_path: Path) -> None:
 
 def test_a_map_without_things_is_one_sentence() -> None:
     with pytest.raises(ConfigError, match="add a section `things`"):
-        told_apart(parse_map_file(b"lamps: {a: {position: [0, 0, 1]}}", Path("lamps.yaml")))
+        told_apart(())

@@ -76,10 +76,7 @@ class SelectionEvent(Message):
         return self.event == "selected"
 
     def is_reaction(self, mode: ThingMode) -> bool:
-        """Return True if a thing of `mode` fired, or was switched.
-
-        That a button is over, or a claim, is no event.
-        """
+        """Return True if a thing of `mode` fired, or was switched; not if a button or a claim is over."""
         return self.is_on or (self.event == "deselected" and mode == "switch")
 
 

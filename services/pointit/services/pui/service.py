@@ -128,7 +128,7 @@ class Pui(Service[PuiConfig]):
 
     async def run(self) -> None:
         """Serve the people of a shard as long as there is a map; list the things of the site's map."""
-        if self._environment.things:
+        if self._environment.fixed_things:
             listed = self.bus.publisher(OBJECTS, TRACKER)
             while True:
                 listed.put(listing(self._environment, self.clock.now_ns()))

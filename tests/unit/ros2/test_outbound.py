@@ -195,7 +195,7 @@ def test_packages_of_all_trackers_are_listed_as_shares_of_their_belts(table: Rou
     (value,) = row.convert(objects(), "conveyor", scene)
     assert [each.uid for each in value.packages] == [2], "the other tracker is silent"
     thing = models.Thing(id="19-2", center_m=(0.0, 1.0, 0.0), size_m=(0.3, 0.3, 0.3), strip="0")
-    scene.take("", ROOM.model_copy(update={"things": (thing,)}), NOW_NS)
+    scene.take("", ROOM.model_copy(update={"things": (thing,)}), NOW_NS + TRACKED_NS + 1)
     (value,) = row.convert(objects(), "conveyor", scene)
     assert not value.packages, "a thing of the map is none"
 

@@ -33,7 +33,7 @@ def list_things(*, as_json: bool, **at: Unpack[AtSite]) -> int:
 
 async def _list(*, as_json: bool, **at: Unpack[AtSite]) -> int:
     async with join_site(**at) as bus:
-        room = await _map(bus)
+        room = await read_map(bus)
         events: Sequence[SelectionEvent] | None
         try:
             events = (await bus.call(READ_HISTORY, ReadHistory())).events
@@ -47,7 +47,8 @@ async def _list(*, as_json: bool, **at: Unpack[AtSite]) -> int:
     return 0 if room.things else EXIT_FAILED
 
 
-async def _map(bus: Bus) -> Environment:
+async def read_map(bus: Bus) -> Environment:
+    """Return the site's map. Raises NoMessageError if none comes."""
     room = await LatestMessage(bus, MAP).wait(PATIENCE_S)
     if room is None:
         raise NoMessageError("no map has come, which `pui` publishes; see `pointit doctor`")
@@ -91,7 +92,7 @@ def try_thing(*, thing: str, user: str, on: bool | None, **at: Unpack[AtSite]) -
 
 async def _try(thing: str, user: str, *, on: bool | None, **at: Unpack[AtSite]) -> int:
     async with join_site(**at) as bus:
-        room = await _map(bus)
+        room = await read_map(bus)
         check_things([thing], room)
         reply = await bus.call(SET_THING, SetThing(thing=thing, on=on), user)
     say(reply.message)

@@ -35,7 +35,7 @@ def check_things(
     """Yield problems of things, and those that are hard to tell apart as seen from each of `places_m`."""
     if not file.things or any(broken_things(file)):
         return
-    things = things_of(file)
+    things = [thing for thing in things_of(file) if not thing.is_tracked]
     if len(things) > TESTED:
         text = f"are {len(things)}, tested are up to {TESTED}; leave out what nobody points at"
         yield warning("things", text)

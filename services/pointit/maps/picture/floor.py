@@ -30,7 +30,7 @@ def extent(
         for x, y, _ in belt.line_m:
             places += [(x - half, y - half), (x + half, y + half)]
     round_things = [
-        *((box.center_m, math.hypot(*box.size_m[:2]) / 2) for box in (*room.boxes, *room.things)),
+        *((box.center_m, math.hypot(*box.size_m[:2]) / 2) for box in (*room.boxes, *room.fixed_things)),
         *((each.center_m, math.hypot(*each.size_m) / 2 if each.size_m else 1.0) for each in room.planes),
         *((cylinder.center_m, cylinder.radius_m) for cylinder in room.cylinders),
         *((sphere.center_m, sphere.radius_m) for sphere in room.spheres),

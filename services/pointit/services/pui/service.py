@@ -128,7 +128,7 @@ class Pui(Service[PuiConfig]):
 
     async def run(self) -> None:
         """Serve the people of a shard as long as there is a map; list the things of the site's map."""
-        if self._environment.things:
+        if self._environment.fixed_things:
             listed, things = self.bus.publisher(OBJECTS, TRACKER), listing(self._environment, 0)
             while True:
                 listed.put(things.model_copy(update={"stamp_ns": self.clock.now_ns()}))

@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Literal
 
 from pointit.schemas import ButtonEvent, Claim, Cursor, Environment, Hover, TrackedObjects
@@ -59,6 +59,8 @@ class HoverEngine:
             leave_factor=config.gauge.leave_factor,
             aim=config.gauge.aim,
         )
+        self._things: Mapping[str, Mapping[str, object]] = {}
+        """Fields that the map gives tracked objects, by id."""
         self._people: dict[str, PersonPointer] = {}
         self._sent: Counter[str] = Counter()
         """Number of hovers by person."""
@@ -75,11 +77,15 @@ class HoverEngine:
         return next((pointer.fault for pointer in self._people.values() if pointer.fault), "")
 
     def on_map(self, environment: Environment) -> None:
-        """Set the lines on which objects move."""
+        """Set the lines on which objects move, and what tracked objects do."""
         self._scene.on_map(environment)
+        self._things = {each.id: each.told for each in environment.things if each.is_tracked}
 
     def on_objects(self, tracker: str, objects: TrackedObjects) -> None:
         """Update the objects of `tracker`."""
+        if self._things and any(one.id in self._things for one in objects.objects):
+            told = tuple(one.model_copy(update=self._things.get(one.id)) for one in objects.objects)
+            objects = objects.model_copy(update={"objects": told})
         for forgotten in self._positions.update(tracker, objects):
             self._scene.forget(forgotten)
         self._scene.update(tracker, objects)

@@ -32,26 +32,30 @@ def steady_time() -> Callable[[], float]:
 class DurationWindow:
     """Durations between two reports: all are counted. Used in the event loop only."""
 
-    def __init__(self) -> None:
-        """Begin with none."""
+    def __init__(self, per_s: float = 1.0) -> None:
+        """Begin with none; `per_s` is the number of units in a second in which they are added."""
+        self.per_s = per_s
         self.values: list[float] = []
-        """The newest, s. Who adds to them without `add`, which is a call, calls `fold` if they are `FULL`."""
+        """The newest. Who adds to them without `add`, which is a call, calls `fold` if they are `FULL`."""
         self._counts = [0] * (len(DURATION_BOUNDS_S) + 1)
         """Number of older ones in each bucket."""
         self._sum_s = 0.0
         """Sum of the older ones."""
 
-    def add(self, duration_s: float) -> None:
-        """Take one, s."""
-        self.values.append(duration_s)
+    def add(self, duration: float) -> None:
+        """Take one."""
+        self.values.append(duration)
         if len(self.values) >= FULL:
             self.fold()
 
     def fold(self) -> None:
         """Count all but the newest `SAMPLES`."""
         # many are sorted into their buckets at once: 0.06 us each, 0.15 us beyond 8192; one at a time 0.2 us
-        self._count(sorted(self.values[:-SAMPLES]))
+        self._count(self._sorted_s(self.values[:-SAMPLES]))
         del self.values[:-SAMPLES]
+
+    def _sorted_s(self, values: list[float]) -> list[float]:
+        return sorted(value / self.per_s for value in values)
 
     def _count(self, ordered: list[float]) -> None:
         up_to = [*(bisect.bisect_right(ordered, bound_s) for bound_s in DURATION_BOUNDS_S), len(ordered)]
@@ -63,7 +67,7 @@ class DurationWindow:
         """Return quantiles and histogram of the values since the last call, or None without values."""
         if not self.values:
             return None
-        ordered = sorted(self.values)
+        ordered = self._sorted_s(self.values)
         self._count(ordered)
 
         def quantile(share: float) -> float:  # nearest rank: one of the values, never below the share

@@ -1,6 +1,7 @@
 """Subscribes to cursors, objects, departures, buttons and the map; publishes hovers and the selection."""
 
 import logging
+from operator import attrgetter
 from typing import ClassVar
 
 from pointit.runtime.bus.contract import Publisher
@@ -67,7 +68,7 @@ class Selector(Service[SelectorConfig]):
         self._role.subscribe()
         self._share = PeopleShare(self.bus, self.NAME, config.people, name=self.name, lost=self._on_shard)
         # a cursor without a point only resets the hover, which is never too late
-        self._share.subscribe(CURSOR, self._on_cursor, drops_late=lambda cursor: cursor.point_m is not None)
+        self._share.subscribe(CURSOR, self._on_cursor, drops_late=attrgetter("point_m"))
         self._share.subscribe(BUTTON, self._on_button)
         self.bus.watch(USER_ALIVE, self._on_presence)
 
@@ -140,7 +141,10 @@ class Selector(Service[SelectorConfig]):
         """Publish `outputs`, after the journal has committed them, and return them."""
         if self._is_over:
             return []
-        self._role.commit()
+        if len(outputs) != 1 or not isinstance(
+            outputs[0].message, Hover
+        ):  # of which the journal keeps nothing
+            self._role.commit()
         for output in outputs:
             message = output.message
             if isinstance(message, Hover):

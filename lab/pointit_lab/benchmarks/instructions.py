@@ -13,6 +13,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from pointit.launch.plan.launches import Choices
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.service.service import run_services
@@ -58,7 +59,7 @@ async def drive() -> int:
 
     Return the number of cursors that came meanwhile.
     """
-    site, people = load_launches(PEOPLE)
+    site, people = load_launches(PEOPLE, choices=Choices(seed=1))
     bus, clock = MemoryBus(LocalBroker()), VirtualClock()
     services = asyncio.create_task(run_services([*site, *itertools.chain(*people.values())], bus, clock))
     cursors: list[Cursor] = []

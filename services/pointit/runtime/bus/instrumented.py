@@ -89,15 +89,16 @@ def instrument_handler(
     def filter_and_time(batch: Iterable[tuple[str, M]]) -> None:
         began_s = time_s()
         for name, message in batch:
+            stamp_ns = message.stamp_ns
             if order is not None:
-                newest, stamp_ns = newest_by_name.get(name), message.stamp_ns
+                newest = newest_by_name.get(name)
                 if newest is not None and 0 <= stamp_ns - newest.stamp_ns <= STRAY_NS:  # most: without a call
                     newest.stamp_ns, newest.came_s = stamp_ns, began_s
                 elif not order.accepts(name, stamp_ns, began_s):
                     continue
             if drops_late is not None and drops_late(message):
                 # seconds of the wall; but where time is slow its own, as such a clock is coarse
-                age_s = (now_ns() - message.stamp_ns) / NS_PER_S
+                age_s = (now_ns() - stamp_ns) / NS_PER_S
                 speed = clock.speed
                 if speed > 1.0:
                     age_s /= speed

@@ -145,14 +145,13 @@ class Selector(Service[SelectorConfig]):
             outputs[0].message, Hover
         ):  # of which the journal keeps nothing
             self._role.commit()
-        for output in outputs:
-            message = output.message
+        for user, message in outputs:
             if isinstance(message, Hover):
-                self._person(output.user)[0].put(message)
+                self._person(user)[0].put(message)
             elif isinstance(message, Feedback):
-                self._person(output.user)[1].put(message)
+                self._person(user)[1].put(message)
             else:
-                self._role.publish(output.user, message)
+                self._role.publish(user, message)
         return outputs
 
     def _person(self, user: str) -> tuple[Publisher[Hover], Publisher[Feedback]]:

@@ -39,7 +39,7 @@ class InstrumentedPublisher(Generic[M]):
         self._inner = inner
         self._meter = meter
         self._latency = latency if meter.topic.delivery is Delivery.LATEST else None
-        self._clock = clock
+        self._now_ns = clock.now_ns
         self._time_s = steady_time()
 
     def put(self, message: M) -> None:
@@ -50,8 +50,11 @@ class InstrumentedPublisher(Generic[M]):
         if self._latency is None:
             meter.newest_s = self._time_s()
         else:  # one reading of a clock for both
-            meter.newest_ns = now_ns = self._clock.now_ns()
-            self._latency.add((now_ns - message.stamp_ns) / NS_PER_S / self._clock.speed)
+            meter.newest_ns = now_ns = self._now_ns()
+            ages_ns = self._latency.values
+            ages_ns.append(now_ns - message.stamp_ns)
+            if len(ages_ns) >= FULL:
+                self._latency.fold()
 
     def close(self) -> None:
         """Undeclare."""
@@ -67,34 +70,35 @@ def instrument_handler(
     meter: TopicMeter,
     steps: DurationWindow,
     clock: Clock,
-    drops_late: Callable[[M], bool] | None,
+    drops_late: Callable[[M], object] | None,
     *,
     counts: ReaderCounts,
     in_order: bool = True,
 ) -> BatchHandler:
     """Return `handler` for one subscriber, behind its filters, with messages counted and calls timed (s).
 
-    `drops_late` returns True for messages that are dropped if late, None accepts them all; `in_order` drops
-    messages of a stream that are older than its newest.
+    `drops_late` is true of messages that are dropped if late, None accepts them all. `in_order` drops those
+    of a stream that are older than its newest.
     """
     order = counts.order if in_order and meter.topic in STREAMS else None
     newest_by_name = counts.order.newest
     is_in_time = counts.lateness.accepts
-    time_s = steady_time()
+    time_s, now_ns = steady_time(), clock.now_ns
     durations_s = steps.values
 
     def filter_and_time(batch: Iterable[tuple[str, M]]) -> None:
         began_s = time_s()
         for name, message in batch:
+            stamp_ns = message.stamp_ns
             if order is not None:
-                newest, stamp_ns = newest_by_name.get(name), message.stamp_ns
+                newest = newest_by_name.get(name)
                 if newest is not None and 0 <= stamp_ns - newest.stamp_ns <= STRAY_NS:  # most: without a call
                     newest.stamp_ns, newest.came_s = stamp_ns, began_s
                 elif not order.accepts(name, stamp_ns, began_s):
                     continue
             if drops_late is not None and drops_late(message):
                 # seconds of the wall; but where time is slow its own, as such a clock is coarse
-                age_s = (clock.now_ns() - message.stamp_ns) / NS_PER_S
+                age_s = (now_ns() - stamp_ns) / NS_PER_S
                 speed = clock.speed
                 if speed > 1.0:
                     age_s /= speed

@@ -86,8 +86,6 @@ class Mailbox:
         if self._arrived or threading.get_ident() != self._thread:
             self.offer(name, message)
             return
-        traffic = self.traffic
-        traffic.received += 1
         if self._keeps_newest:
             newest = self._newest_here
             if not newest:  # `schedule`, without a call for each message
@@ -95,14 +93,14 @@ class Mailbox:
                 if not self._dispatcher.is_awake:
                     self._dispatcher.wake()
             elif name in newest:
-                traffic.dropped += 1
+                self._count_dropped(1)
             newest[name] = message
         else:
             queue = self._queue_here
             if not queue:
                 self._dispatcher.schedule(self)
             elif len(queue) == EVENT_CAPACITY:
-                traffic.dropped += 1
+                self._count_dropped(1)
             queue.append((name, message))
 
     def offer(self, name: str, item: Any) -> None:
@@ -138,16 +136,12 @@ class Mailbox:
 
     def drain(self) -> None:
         """Handle everything that is there; in the loop."""
-        has_arrived = self._arrived > 0
-        if has_arrived:
-            self._fetch()
         batch: Collection[tuple[str, Any]]
-        if self._keeps_newest:
-            batch, self._newest_here = self._newest_here.items(), {}
+        if self._arrived or self._looks:
+            batch = self._look_through(self._fetch())
         else:
-            batch, self._queue_here = self._queue_here, collections.deque(maxlen=EVENT_CAPACITY)
-        if has_arrived or self._looks:
-            batch = self._look_through(batch)
+            batch, self._newest_here = self._newest_here.items(), {}
+            self.traffic.received += len(batch)
         rest = self._rest = iter(batch)
         for _ in batch:  # a call takes all of it, unless a handler raises: then another takes the rest
             try:
@@ -159,18 +153,25 @@ class Mailbox:
         if self._kept:
             self._drain_kept()
 
-    def _fetch(self) -> None:
-        """Put what other threads brought behind what waits here."""
-        traffic, newest, queue = self.traffic, self._newest_here, self._queue_here
+    def _fetch(self) -> Collection[tuple[str, Any]]:
+        """Return all that waits: what was put here, and behind it what other threads brought."""
+        newest, queue = self._newest_here, self._queue_here
         with self._lock:
-            arrived, self._arrived = self._arrived, 0
-            waiting = arrived + len(newest) + len(queue)
+            waiting, self._arrived = self._arrived + len(newest) + len(queue), 0
             newest.update(self._newest)
             self._newest.clear()
             queue.extend(self._queue)
             self._queue.clear()
-        traffic.received += arrived
-        traffic.dropped += waiting - len(newest) - len(queue)
+        self._newest_here, self._queue_here = {}, collections.deque(maxlen=EVENT_CAPACITY)
+        batch = newest.items() if self._keeps_newest else queue
+        self.traffic.received += len(batch)
+        self._count_dropped(waiting - len(batch))
+        return batch
+
+    def _count_dropped(self, count: int) -> None:
+        """Count what was replaced or did not fit; in the loop."""
+        self.traffic.received += count
+        self.traffic.dropped += count
 
     def _look_through(self, batch: Iterable[tuple[str, Any]]) -> list[tuple[str, Message]]:
         """Return the messages of `batch` that are to be handled, unpacked."""

@@ -115,31 +115,31 @@ class HoverEngine:
             lambda object_id: self._ownership.action(user, object_id, now_ns)[0] != "",
             self._positions.is_pressed,
         )
-        if pointer.is_new and pointed.object_id is not None:
+        object_id, fired, _, is_shown, confidence, rival = pointed
+        if pointer.is_new and object_id is not None:
             pointer.is_new = False
-            if self._ownership.owner(pointed.object_id) == user:
-                pointer.latch(pointed.object_id)  # another selector may have selected it just now
-        if self._is_by_metres and (pointed.object_id is not None or pointed.fired is not None):
+            if self._ownership.owner(object_id) == user:
+                pointer.latch(object_id)  # another selector may have selected it just now
+        if self._is_by_metres and (object_id is not None or fired is not None):
             # to tell how the object lies about the ray; if one is fired, how those around it do, too
             view = (
-                self._scene.view_of(pointed.object_id, cursor)
-                if pointed.fired is None and pointed.object_id is not None
+                self._scene.view_of(object_id, cursor)
+                if fired is None and object_id is not None
                 else self._scene.view_from(cursor)
             )
         standing = self._standing(user, pointer, pointed, now_ns)
         outputs = [Output(user, self._hover(user, cursor, view, pointed, standing))]
-        wanted = pointed.object_id if pointed.is_shown and standing[0] in CHANGES else None
+        wanted = object_id if is_shown and standing[0] in CHANGES else None
         if wanted is not None and not self._is_reserved(user, wanted, now_ns):
             outputs.append(Output(user, Claim(stamp_ns=now_ns, object_id=wanted, wish="reserve")))
-        if pointed.rival is not None:
-            names = " or ".join(self._name(each) for each in (pointed.object_id, pointed.rival))
+        if rival is not None:
+            names = " or ".join(self._name(each) for each in (object_id, rival))
             unclear = f"{names}? From here both may be meant: step closer, or point beside the other one"
             outputs.append(Output(user, make_cue("refused", unclear, now_ns, 0)))
-        if pointed.fired is not None:
-            confidence = pointed.confidence
+        if fired is not None:
             if confidence is None and view is not None:
-                confidence = view.confidence(pointed.fired, self._aim_rad)
-            outputs += self._toggle(user, pointed.fired, now_ns, "dwell", confidence)
+                confidence = view.confidence(fired, self._aim_rad)
+            outputs += self._toggle(user, fired, now_ns, "dwell", confidence)
         return outputs
 
     def on_button(self, user: str, button: ButtonEvent) -> list[Output]:

@@ -36,9 +36,10 @@ class ToldApart:
             RefusedError: If the map has no things, or more than can be computed in a few seconds.
         """
         room = self._room
-        if room is None or not room.fixed_things:
+        things = () if room is None else room.fixed_things
+        if room is None or not things:
             raise RefusedError("the map has no things that could be told apart; add a section `things`")
-        if (count := len(room.fixed_things)) > TESTED:
+        if (count := len(things)) > TESTED:
             raise RefusedError(
                 f"the map has {count} things, limit {TESTED} for colouring the floor of the page; "
                 "use `pointit map plot --told-apart`"
@@ -61,12 +62,13 @@ def floor(room: Environment) -> dict[str, Any]:
     """
     clouds = {cloud.id: np.array([cloud.low_m, cloud.high_m]) for cloud in room.clouds}
     x_m, y_m = floor_edges(*extent(room, clouds, None))
-    pairs = confusions(room.fixed_things)
+    things = room.fixed_things
+    pairs = confusions(things)
     found = [[pairs((x + x2) / 2.0, (y + y2) / 2.0) for x, x2 in pairwise(x_m)] for y, y2 in pairwise(y_m)]
     return {
         "x_m": x_m,
         "y_m": y_m,
-        "things": [thing.label or thing.id for thing in room.fixed_things],
-        "told_apart": [[len(room.fixed_things) - len(set(chain(*each))) for each in row] for row in found],
+        "things": [thing.label or thing.id for thing in things],
+        "told_apart": [[len(things) - len(set(chain(*each))) for each in row] for row in found],
         "confused": [[each[:MOST_PAIRS] for each in row] for row in found],
     }

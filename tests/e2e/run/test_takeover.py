@@ -174,7 +174,7 @@ async def test_a_persons_process_computes_the_cursor_until_it_ends(commands: Com
         await doctor_is_content(commands, endpoint)
         person.process.kill()
         await until(lambda: not {"pui.anna", "selector.anna"} & seen.present, TAKEN_OVER_S, "her end")
-        assert (await seen.bus.call(SET_TOLERANCE, SetTolerance())).tolerance_rad
+        assert (await seen.bus.call(SET_TOLERANCE, SetTolerance(), timeout_s=TAKEN_OVER_S)).tolerance_rad
         commands.start(*join)
         await is_served_by(seen, "pui.anna", "selector.anna")
 

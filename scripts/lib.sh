@@ -68,7 +68,7 @@ make_venv() {
 pip_install() {
     local sentence="Installing PointIt into .venv (only when pyproject.toml has changed) ..."
     if command -v uv >/dev/null; then
-        quietly "$sentence" uv pip install --quiet --python "$PYTHON" "$@"
+        quietly "$sentence" uv pip install --quiet ${PYTHONDONTWRITEBYTECODE:+--compile-bytecode} --python "$PYTHON" "$@"
     else
         "$PYTHON" -m pip --version >/dev/null 2>&1 || "$PYTHON" -m ensurepip >/dev/null 2>&1 || true
         quietly "$sentence" "$PYTHON" -m pip install --quiet --disable-pip-version-check "$@"
@@ -105,7 +105,8 @@ ensure_venv() {
         tail -n 20 "$LOG" >&2
         die "PointIt could not be installed into .venv; what was said stands above"
     fi
-    # where Python writes no bytecode, as in many containers, each start would compile its modules for 0.2 s
-    "$PYTHON" -m compileall -q "$ROOT"/{services,schemas,bridges}/pointit "$ROOT/lab/pointit_lab" >/dev/null || true
+    if [ -n "${PYTHONDONTWRITEBYTECODE:-}" ]; then # set in many containers: each start would compile for 0.25 s
+        "$PYTHON" -m compileall -qq "$ROOT"/{services,schemas,bridges}/pointit "$ROOT/lab/pointit_lab" || true
+    fi
     printf '%s\n' "$wanted" >"$VENV/.installed${extra:+-$extra}"
 }

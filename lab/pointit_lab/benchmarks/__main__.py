@@ -310,7 +310,8 @@ def ros2_table(ros2_result: dict[str, Any]) -> Table:
 
 def _startup_lines(run: dict[str, Any], starts_cpu_ms: dict[str, float]) -> str:
     first = (
-        f"command to first light {run['command_to_first_light_s']} s, "
+        f"command to first light {run['command_to_first_light_s']} s, without waiting for a core "
+        f"{run['first_light_without_queue_s']} s, CPU until then {run['first_light_cpu_s']} s, "
         f"to first cursor {run['command_to_first_cursor_s']} s, "
         f"peak memory {run['memory_peak_mb']} MB"
     )

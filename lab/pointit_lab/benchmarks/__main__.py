@@ -34,7 +34,7 @@ RATE_HZ = 100.0
 PARTS = ("latency", "users", "calls", "startup", "cores", "lights", "things", "page", "ros2", "recorder")
 COMPARISON_ROUNDS = 3
 THINGS = 24.0
-"""Multiple of the duration for which people point at things, of which each fires one in ten seconds."""
+"""Multiple of the duration for which people point at things, of which each fires one in four seconds."""
 ROUNDS = 3
 """Alternations of baseline and ours, so that both have the same machine load."""
 

@@ -32,10 +32,12 @@ from pointit_lab.benchmarks import (
 from pointit_lab.benchmarks.statistics import Figures, machine
 
 RATE_HZ = 100.0
-PARTS = ("latency", "users", "calls", "startup", "cores", "lights", "page", "ros2", "recorder")
+PARTS = ("latency", "users", "calls", "startup", "cores", "lights", "things", "page", "ros2", "recorder")
 ON_REQUEST = ("instructions",)
 """Parts that run only if named: Valgrind must be installed, and takes minutes."""
 COMPARISON_ROUNDS = 3
+THINGS = 24.0
+"""Multiple of the duration for which people point at things, of which each fires one in four seconds."""
 ROUNDS = 3
 """Alternations of baseline and ours, so that both have the same machine load."""
 
@@ -186,7 +188,16 @@ def _measure_sample(wanted: Sequence[str], result: dict[str, Any], console: Cons
 def _measure_bridges(
     wanted: Sequence[str], duration: float, result: dict[str, Any], console: Console
 ) -> None:
-    """Measure what runs beside the services: page, ROS bridge, recorder."""
+    """Measure what runs beside the services: functions, page, ROS bridge, recorder."""
+    if "things" in wanted:
+        console.print("things: IMU sample to the call of a function for what it fires …")
+        figures = Figures.of(asyncio.run(our_chain.pointed(THINGS * duration)))
+        result["things"] = figures.as_dict()
+        console.print(
+            "p50 {p50_ms:.2f} ms, p99 {p99_ms:.2f} ms, max {max_ms:.1f} ms, n = {count}".format(
+                **result["things"]
+            )
+        )
     if "page" in wanted:
         console.print("page: browsers and bare clients of a run …")
         result["page"] = asyncio.run(page.measure(max(duration, page.MIN_S)))

@@ -9,12 +9,13 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
+import pointit
 from pointit.launch.plan.launches import Choices
 from pointit.launch.run.service_group import Processes
 from pointit.runtime.link.link import Link
 from pointit.runtime.service.service import Launch
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
-from pointit.schemas import Cursor, StripsFrame, UserPose
+from pointit.schemas import Cursor, SelectionEvent, StripsFrame, UserPose
 from pointit.schemas.topics import CURSOR, IMU, POSE, STRIPS_FRAME
 from pointit_lab.benchmarks.statistics import Figures
 from pointit_lab.loadtest.layout import load_launches
@@ -36,6 +37,11 @@ UNLIMITED = "led-driver.max_rate_hz=1000"
 """Raises the limit of the frame rate, which would determine the result."""
 
 USER = "load0"
+
+AT_SHELF = 3
+"""People who point at a shelf: one at each of its places."""
+QUICK = {"selector.estimate.dwell_s": 0.3}
+"""Lets them fire things more often."""
 
 RATE_HZ = 100.0
 
@@ -90,6 +96,22 @@ async def processes(rate_hz: float, duration_s: float, endpoint: str) -> list[fl
             return await _drive(bus, rate_hz, duration_s)
     finally:
         await bus.close()
+
+
+async def pointed(duration_s: float) -> list[float]:
+    """Return the times from the sample by which a thing fires to the call of a function for it, seconds.
+
+    All of scenario `shelf` is in this process, with simulated people who go from box to box.
+    """
+    times_s: list[float] = []
+
+    async def hear(event: SelectionEvent) -> None:
+        times_s.append((time.time_ns() - event.stamp_ns) / 1e9)
+
+    async with pointit.run("shelf", users=AT_SHELF, settings=QUICK) as site:
+        site.on_pointed()(hear)
+        await site.sleep(duration_s)
+    return times_s
 
 
 async def _drive(bus: ZenohBus, rate_hz: float, duration_s: float) -> list[float]:

@@ -309,5 +309,5 @@ def test_a_box_that_moves_is_seen_where_it_is_by_the_time_of_the_ray() -> None:
         view = seen.view_from(Cursor(stamp_ns=at(time_s), origin_m=EYES, direction=ray))
         assert view is not None
         (one,) = view.seen
-        assert one.beside_m is None
+        assert one.outline_m is None
         assert one.center_m == pytest.approx((2.6, time_s, 1.4))

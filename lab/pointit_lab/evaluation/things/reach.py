@@ -111,7 +111,7 @@ class Reach:
 
     def _move(self, time_s: float, took_s: float) -> None:
         self._from, self._from_s, self._took_s = self.now - self._noise, time_s, took_s
-        self._to = self._at[self._goal] + self.errors.now_rad + self._pose + self._corrected
+        self._to: Vector = self._at[self._goal] + self.errors.now_rad + self._pose + self._corrected
 
 
 def angles(sight: Vec3) -> Vector:

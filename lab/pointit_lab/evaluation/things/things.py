@@ -62,7 +62,7 @@ class Row:
         )
 
 
-ROWS = tuple(
+_ROWS = tuple(
     Row(name=f"{name}, {'light' if lit else 'no light'}", lit=lit, count=count, size_m=a, apart_m=b, away_m=c)
     for name, count, a, b, c in (
         (".4 m boxes .7 m apart, 2.6 m away", 4, 0.4, 0.7, 2.6),
@@ -70,7 +70,7 @@ ROWS = tuple(
     )
     for lit in (True, False)
 )
-ROWS = (*ROWS, replace(ROWS[1], name=f"{ROWS[1].name}, offset calibrated", bias_deg=0.0))
+ROWS = (*_ROWS, replace(_ROWS[1], name=f"{_ROWS[1].name}, offset calibrated", bias_deg=0.0))
 
 
 @dataclass(frozen=True)

@@ -266,7 +266,8 @@ def _places(one: VisibleObject, origin_m: Vec3, direction: Vec3, ray: _Sight) ->
     size_m = one.tracked.size_m
     if size_m is not None:
         center, log = _box_place(one.center_m, origin_m, size_m, one.range_m)
-        return ray if one.beside_m is None else _sight(one.beside_m), center, log
+        nearest = ray if one.outline_m is None else _sight(vector.subtract(one.outline_m, origin_m))
+        return nearest, center, log
     reach_m = vector.subtract(one.center_m, origin_m)
     start_m = vector.subtract(reach_m, vector.scale(one.along, one.half_m))
     step_m = vector.scale(one.along, 2.0 * one.half_m)

@@ -204,15 +204,15 @@ class SeenObjects:
             reach = vector.subtract(center_m, cursor.origin_m or center_m)
             foreshortened = vector.dot(along, reach) / range_m
             across = math.sqrt(max(0.0, 1.0 - foreshortened * foreshortened))
-        half_rad, beside_m = math.atan(half_m * across / range_m), None
+        half_rad, outline_m = math.atan(half_m * across / range_m), None
         size_m = self._solids.get(index)
         if size_m is not None and cursor.origin_m is not None and cursor.direction is not None:
             solid = _box(center_m, size_m, tracked.yaw_rad or 0.0)
             outline_m = solid.passed_at(cursor.origin_m, cursor.direction)
             half_rad = max(angle_rad, half_rad)
             if outline_m is not None:
-                beside_m = vector.subtract(outline_m, cursor.origin_m)
-                half_rad = max(angle_rad - vector.angle_between(cursor.direction, beside_m), 0.0)
+                beside = vector.subtract(outline_m, cursor.origin_m)
+                half_rad = max(angle_rad - vector.angle_between(cursor.direction, beside), 0.0)
         return VisibleObject(
             tracked.id,
             angle_rad,
@@ -224,7 +224,7 @@ class SeenObjects:
             range_m,
             place,
             tracked,
-            beside_m,
+            outline_m,
         )
 
     def _moved_m(self, elapsed_s: Array) -> Array:

@@ -41,8 +41,8 @@ class VisibleObject(NamedTuple):
     """Distance from the eyes to its centre."""
     place: OnLine | None
     tracked: TrackedObject
-    beside_m: Vec3 | None = None
-    """From the eyes to the point of its outline nearest to the ray, if it is a box that the ray passes."""
+    outline_m: Vec3 | None = None
+    """Point of its outline nearest to the ray, if its `size_m` is known and the ray passes it."""
 
 
 class View:

@@ -7,10 +7,10 @@ the event loop.
 import collections
 import logging
 import threading
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable
 from typing import Any
 
-from pointit.runtime.bus.contract import EVENT_CAPACITY, AnyTopic, BatchHandler, SubscriptionStats, Tap
+from pointit.runtime.bus.contract import EVENT_CAPACITY, AnyTopic, SubscriptionStats
 from pointit.runtime.bus.dispatcher import Dispatcher
 from pointit.schemas import DecodeError, Message
 from pointit.schemas.topics import Delivery
@@ -48,7 +48,7 @@ class Mailbox:
         """
         self.topic = topic
         self.traffic = SubscriptionStats()
-        self._take = handler.take if isinstance(handler, BatchHandler) else _one_by_one(handler)
+        self._handler = handler
         self._dispatcher = dispatcher
         self._make_ready = dispatcher.ready.append
         self._thread = dispatcher.thread
@@ -62,8 +62,6 @@ class Mailbox:
         self._queue: collections.deque[tuple[str, Any]] = collections.deque(maxlen=EVENT_CAPACITY)
         self._arrived = 0
         """Number of items that other threads brought into these two since they were drained."""
-        self._rest: Iterator[tuple[str, Any]] = iter(())
-        """Rest of the batch that is being handled."""
         self._overflowed = 0
         """Number of overflows at the last report."""
         self._takes_kept = kept and topic.delivery is Delivery.STATE
@@ -136,20 +134,20 @@ class Mailbox:
 
     def drain(self) -> None:
         """Handle everything that is there; in the loop."""
-        batch: Collection[tuple[str, Any]]
+        batch: Iterable[tuple[str, Any]]
         if self._arrived or self._looks:
             batch = self._look_through(self._fetch())
         else:
-            batch, self._newest_here = self._newest_here.items(), {}
-            self.traffic.received += len(batch)
-        rest = self._rest = iter(batch)
-        for _ in batch:  # a call takes all of it, unless a handler raises: then another takes the rest
+            newest, self._newest_here = self._newest_here, {}
+            self.traffic.received += len(newest)
+            batch = newest.items()
+        for name, message in batch:
+            if self._closed:
+                return
             try:
-                self._take(rest)
+                self._handler(message, name)
             except Exception as error:  # noqa: BLE001 - a handler's fault must not stop the others
                 self._count_error(error)
-            else:
-                break
         if self._kept:
             self._drain_kept()
 
@@ -199,7 +197,7 @@ class Mailbox:
             if name not in self._live:
                 self._recalled[name] = message
                 try:
-                    self._take(((name, message),))
+                    self._handler(message, name)
                 except Exception as error:  # noqa: BLE001 - as above
                     self._count_error(error)
 
@@ -230,10 +228,8 @@ class Mailbox:
             self._closed = True
         self._thread = 0  # sends `put` to `offer`, which takes nothing
         self._fetch()
-        for rest in (self._newest_here, self._queue_here, self._live, self._recalled, self._kept):
+        for rest in (self._live, self._recalled, self._kept):
             rest.clear()
-        for _ in self._rest:  # nobody handles it
-            pass
 
     def _open(self, item: Any, name: str) -> Message | None:
         try:
@@ -251,10 +247,6 @@ class Mailbox:
 class TapMailbox(Mailbox):
     """A mailbox that keeps nothing: what arrives goes to the handler, on the thread on which it arrives."""
 
-    def __init__(self, topic: AnyTopic, handler: Tap, dispatcher: Dispatcher) -> None:
-        super().__init__(topic, handler, dispatcher)
-        self._handler = handler
-
     def put(self, name: str, message: Message) -> None:
         """Hand over `message`; from any thread."""
         self.offer(name, message)
@@ -271,11 +263,3 @@ class TapMailbox(Mailbox):
     def drain(self) -> None:
         """Hand over what was kept of states."""
         self._drain_kept()
-
-
-def _one_by_one(handler: Callable[[Any, str], None]) -> Callable[[Iterable[tuple[str, Any]]], None]:
-    def take(batch: Iterable[tuple[str, Any]]) -> None:
-        for name, message in batch:
-            handler(message, name)
-
-    return take

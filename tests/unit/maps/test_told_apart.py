@@ -50,6 +50,16 @@ def test_the_floor_is_coloured_by_it(tmp_path: Path) -> None:
     assert picture.stat().st_size > 10_000
 
 
-def test_a_map_without_things_is_one_sentence() -> None:
+@pytest.mark.parametrize("action", [["check", "--pose=0,0"], ["plot", "-o", "tracked.svg"]])
+def test_a_map_of_nothing_but_a_tracked_object_is_checked_and_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, action: list[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("tracked.yaml").write_text("things: {agv1: {at: object}}")
+    done = CliRunner().invoke(command, ["map", action[0], "tracked.yaml", *action[1:]])
+    assert (done.exit_code, "1 thing" in done.output) == (0, True), done.output
+
+
+def test_a_map_without_things_that_have_a_place_is_one_sentence() -> None:
     with pytest.raises(ConfigError, match="add a section `things`"):
         told_apart(())

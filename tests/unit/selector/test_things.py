@@ -142,6 +142,7 @@ def test_what_is_claimed_stays_with_who_claimed_it() -> None:
     room = Things(thing("crate", mode="claim"))
     assert room.point(0.0, 3.0) == [("selected", "crate")]
     assert room.point(0.0, 3.0, "bert") == [("refused", "crate")]
+    assert package("red", 1.0).mode == "claim", "as packages do"
 
 
 def test_some_things_want_a_press_too() -> None:

@@ -35,15 +35,16 @@ def check_things(
     """Yield problems of things, and those that are hard to tell apart as seen from each of `places_m`."""
     if not file.things or any(broken_things(file)):
         return
-    things = [thing for thing in things_of(file) if not thing.is_tracked]
+    everything = things_of(file)
+    things = [thing for thing in everything if not thing.is_tracked]
     if len(things) > TESTED:
         text = f"are {len(things)}, tested are up to {TESTED}; leave out what nobody points at"
         yield warning("things", text)
     names: dict[str, str] = {}
-    for thing in things:
+    for thing in everything:
         if (twin := names.setdefault(thing.label or thing.id, thing.id)) != thing.id:
             yield warning(f"things.{thing.id}", f"is called as {twin} is; change one label")
-    yield from _check_lights(things)
+    yield from _check_lights(everything)
     yield from _check_places(things, file, clouds)
     solids = [BoxSolid(thing.center_m, thing.size_m, thing.yaw_rad) for thing in things]
     for (inner, _), (outer, solid) in permutations(zip(things, solids, strict=True), 2):
@@ -149,9 +150,10 @@ def told_apart(things: Sequence[Thing]) -> Callable[[float, float], float]:
 
 def _near(things: Sequence[Thing], eyes_m: Vec3) -> Iterator[tuple[int, int]]:
     """Yield pairs that may be as near to each other, by the balls around them."""
-    reach = np.array([thing.center_m for thing in things]) - eyes_m
+    reach = np.array([thing.center_m for thing in things]).reshape(-1, 3) - eyes_m
     range_m = np.linalg.norm(reach, axis=1) + 1e-9
-    halves = np.arctan(np.linalg.norm([thing.size_m for thing in things], axis=1) / 2.0 / range_m)
+    sizes_m = np.array([thing.size_m for thing in things]).reshape(-1, 3)
+    halves = np.arctan(np.linalg.norm(sizes_m, axis=1) / 2.0 / range_m)
     towards = reach / range_m[:, None]
     for one in range(len(things)):
         angles = np.arccos(np.clip(towards[one + 1 :] @ towards[one], -1.0, 1.0))

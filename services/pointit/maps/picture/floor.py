@@ -42,7 +42,7 @@ def extent(
     for points in clouds.values():
         flat = points[:, :2]
         places += [tuple(flat.min(axis=0)), tuple(flat.max(axis=0))]
-    array = np.array(places, dtype=np.float64)
+    array = np.array(places or [(0.0, 0.0)], dtype=np.float64)  # tracked objects have no place
     low, high = array.min(axis=0), array.max(axis=0)
     margin = max(MARGIN_M, MARGIN_SHARE * float((high - low).max()))
     low, high = low - margin, high + margin

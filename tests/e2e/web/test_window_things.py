@@ -9,6 +9,7 @@ from playwright.async_api import Browser, expect
 
 from pointit.bridges.web.model.told_apart import floor
 from pointit.maps.file import load_map
+from tests.e2e.web.axe import violations as axe_violations
 from tests.e2e.web.site import SitePage
 from tests.e2e.web.window import NO_WEBGL, Theme, Window
 from tests.support.pace import Patience
@@ -94,19 +95,20 @@ async def test_floor_is_coloured_by_what_is_told_apart_there_for_viewers_too(
     patience = Patience(10)
     while await purple(window) < plain + 0.2:
         assert not patience.is_over(), "the scene's floor has no colour"
-    await button.click()
-    await expect(legend).to_be_hidden()
-
     plan = await Window.open(browser, shared_site.viewer_url, theme="dark", scripts=(NO_WEBGL,))
     await plan.is_shown()
     await plan.page.get_by_role("button", name="Told apart").click()
     squares = plan.page.locator(".plan-apart")
     told = np.asarray(floor(SHELF)["told_apart"])
     await expect(squares).to_have_count(int((told < 6).sum()))
+    for each in (window, plan):
+        assert await axe_violations(each.page) == []
     await squares.first.hover(force=True)
     await expect(plan.page.locator(".apart")).to_contain_text("Under the mouse: 2 of 6 told apart")
     await plan.page.locator("body").press("t")
     await expect(squares).to_have_count(0)
+    await button.click()
+    await expect(legend).to_be_hidden()
     for each in (window, plan):
         assert each.faults == []
         assert await each.violations() == []

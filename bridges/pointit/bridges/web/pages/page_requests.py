@@ -57,19 +57,12 @@ REQUESTS: dict[Role, tuple[topics.Request[Any, Any], ...]] = {
 }
 """Requests by role. Everybody who sees a robot may stop it."""
 
+LOOKS: tuple[Deed, ...] = ("told_apart",)
+"""Deeds that change nothing."""
+
 DEEDS: dict[Role, tuple[Deed, ...]] = {
-    "operator": (
-        "press",
-        "take",
-        "give",
-        "tremor",
-        "pair",
-        "open_lan",
-        "find_wrists",
-        "told_apart",
-        "centre",
-    ),
-    "viewer": ("told_apart",),
+    "operator": ("press", "take", "give", "tremor", "pair", "open_lan", "find_wrists", "centre", *LOOKS),
+    "viewer": LOOKS,
     "wrist": ("press", "take", "give", "centre"),
 }
 

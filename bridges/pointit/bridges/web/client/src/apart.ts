@@ -10,7 +10,7 @@ const PATIENCE_MS = 60_000;
 export const APART_KEY = "T";
 
 export class ApartToggle {
-  readonly button = el("button", { type: "button", "aria-keyshortcuts": APART_KEY, onclick: () => this.toggle() }, icon("floor"), el("span", { text: "Told apart" }), key(APART_KEY));
+  readonly button = el("button", { type: "button", "aria-label": "Told apart", "aria-keyshortcuts": APART_KEY, onclick: () => this.toggle() }, icon("floor"), el("span", { text: "Told apart" }), key(APART_KEY));
   readonly legend: HTMLElement;
   /** What the floor shows, or null. */
   shown: Apart | null = null;

@@ -8,6 +8,8 @@ import type { Picture } from "./picture";
 
 /** Just above the floor and below fences, m. */
 const ABOVE_M = 0.003;
+/** The grid's lines are on the floor: from aside, some of their pixels are nearer than those of the squares. */
+const OVER_LINES = { polygonOffset: true, polygonOffsetFactor: -2, polygonOffsetUnits: -2 };
 const UP = new THREE.Plane(new THREE.Vector3(0, 0, 1));
 
 /** Put the squares into the scene, and a line around them. */
@@ -25,7 +27,7 @@ export function drawApart(kit: Kit, apart: Apart): void {
   squares.generateMipmaps = false;
   const [left, right, low, high] = [x_m[0]!, x_m[columns]!, y_m[0]!, y_m[rows.length]!];
   const floor = new THREE.PlaneGeometry(right - left, high - low);
-  const mesh = kit.mesh(floor, kit.plain(0xffffff, { map: squares, transparent: true, depthWrite: false }), "");
+  const mesh = kit.mesh(floor, kit.plain(0xffffff, { map: squares, transparent: true, depthWrite: false, ...OVER_LINES }), "");
   mesh.position.set((left + right) / 2, (low + high) / 2, ABOVE_M);
   mesh.add(new THREE.LineSegments(kit.own(new THREE.EdgesGeometry(floor)), kit.own(new THREE.LineBasicMaterial({ color }))));
 }

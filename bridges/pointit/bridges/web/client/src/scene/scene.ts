@@ -6,7 +6,7 @@ import { boundsOf, cornersOf, pointsOf, type Bounds } from "../geometry/bounds";
 import type { Rect } from "../geometry/placing";
 import type { Vec3 } from "../geometry/vec";
 import type { Environment } from "../messages";
-import { siteNow, standingOf, type Site } from "../site/site";
+import { isOfThing, siteNow, standingOf, type Site } from "../site/site";
 import type { Camera, MakeView, View, ViewOptions } from "../view";
 import { Aim } from "./aim";
 import { drawApart, floorAt } from "./apart";
@@ -226,7 +226,7 @@ class Scene implements View {
     world.strips.set(site.strips);
     world.lamps.set(site.lamps, this.theme.dark);
     world.lamps.mark(world.marks);
-    for (const [id, at] of world.lamps.places) this.labels.add(`lamp ${id}`, at, 0.16, [{ text: id }]);
+    for (const [id, at] of world.lamps.places) if (!isOfThing(site.map, id)) this.labels.add(`lamp ${id}`, at, 0.16, [{ text: id }]);
     world.things.set(site);
     let moves = world.things.place(now_ns);
     if (site.connected) moves = world.belts.run(passed) || moves;

@@ -228,21 +228,21 @@ class PersonCursor:
                 lamps=lamps,
                 passed=passed,
             )
-        (surface, solid), name, hit = met
-        self._point = hit.point_m
+        (surface, solid), name, (_, position_m, point_m, miss_m, miss_rad, range_m, uv_m) = met
+        self._point = point_m
         self._passing.end()
         return _calculated_cursor(
             stamp_ns=stamp_ns,
             seq=self._seq,
             surface=surface,
             surface_id=name,
-            point_m=hit.point_m,
-            position_m=hit.position_m,
-            miss_m=hit.miss_m,
-            miss_rad=hit.miss_rad,
-            range_m=hit.range_m,
+            point_m=point_m,
+            position_m=position_m,
+            miss_m=miss_m,
+            miss_rad=miss_rad,
+            range_m=range_m,
             solid=solid,
-            uv_m=hit.uv_m,
+            uv_m=uv_m,
             origin_m=eyes,
             direction=direction,
             lamps=lamps,

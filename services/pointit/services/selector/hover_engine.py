@@ -127,7 +127,9 @@ class HoverEngine:
                 if fired is None and object_id is not None
                 else self._scene.view_from(cursor)
             )
-        standing = self._standing(user, pointer, pointed, now_ns)
+        standing: tuple[Action, str] = ("", "")
+        if object_id is not None:
+            standing = self._standing(user, pointer, object_id, pointed.progress, now_ns)
         outputs = [Output(user, self._hover(user, cursor, view, pointed, standing))]
         wanted = object_id if is_shown and standing[0] in CHANGES else None
         if wanted is not None and not self._is_reserved(user, wanted, now_ns):
@@ -197,14 +199,11 @@ class HoverEngine:
         return (tracked.kind if tracked is not None else "") or object_id or "nothing"
 
     def _standing(
-        self, user: str, pointer: PersonPointer, pointed: PointerResult, now_ns: int
+        self, user: str, pointer: PersonPointer, object_id: str, progress: float, now_ns: int
     ) -> tuple[Action, str]:
         """Return the effect of staying on the hovered object, and the other person who has it, or `""`."""
-        object_id = pointed.object_id
-        if object_id is None:
-            return "", ""
         action, taken_by = self._ownership.action(user, object_id, now_ns)
-        is_done = pointer.is_latched(object_id) and pointed.progress == 0.0
+        is_done = pointer.is_latched(object_id) and progress == 0.0
         return ("", taken_by) if is_done else (action, taken_by)
 
     def _hover(

@@ -102,7 +102,7 @@ class PersonPointer:
         """
         self._stamp_ns = stamp_ns = cursor.stamp_ns
         pointed = self._result(self._method.step(PointingSample(cursor, under, view, acts)))
-        self.hovered, fired, *_ = pointed
+        self.hovered, fired = pointed[:2]
         if fired is not None and (self._config.confirm == "press" or presses(fired)):
             self._ready = fired
         if self.hovered != self._ready:
@@ -233,10 +233,11 @@ def check_progress(result: SelectionProgress) -> None:
         ValueError: If a number is out of range.
     """
     object_id, progress, fired, spent_s, confidence, rival = result
-    texts: dict[str, Any] = {"object_id": object_id, "fired": fired, "rival": rival}  # unchecked, of others
-    for name, value in texts.items():
-        if value is not None and not isinstance(value, str):
-            raise TypeError(f"{name} {value!r}, expected text or None")
+    if object_id is not None or fired is not None or rival is not None:
+        texts: dict[str, Any] = {"object_id": object_id, "fired": fired, "rival": rival}  # not checked before
+        for name, value in texts.items():
+            if value is not None and not isinstance(value, str):
+                raise TypeError(f"{name} {value!r}, expected text or None")
     if not 0.0 <= progress <= 1.0:
         raise ValueError(f"progress {progress}, expected 0 to 1")
     if confidence is not None and not 0.0 <= confidence <= 1.0:

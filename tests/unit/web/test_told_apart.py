@@ -1,4 +1,4 @@
-"""What a page is told of the things that are told apart from each place of the floor."""
+"""Numbers of things that are told apart from each place of the floor, as pages get them."""
 
 import asyncio
 import threading
@@ -9,7 +9,7 @@ import pytest
 from matplotlib.collections import QuadMesh
 
 from pointit.bridges.web.model import told_apart
-from pointit.bridges.web.model.told_apart import ToldApart
+from pointit.bridges.web.model.told_apart import Floor, ToldApart
 from pointit.maps.checks.things import TESTED
 from pointit.maps.checks.things import told_apart as share_of
 from pointit.maps.file import load_map
@@ -23,13 +23,14 @@ SHELF = load_map("shelf", 0)
 def test_the_page_has_the_squares_and_the_numbers_of_the_command() -> None:
     figure = map_figure(SHELF, {}, "shelf", told_apart=share_of(SHELF.things))
     (mesh,) = (each for each in figure.axes[0].collections if isinstance(each, QuadMesh))
-    floor = told_apart.floor(SHELF)
-    corners = np.stack(np.meshgrid(floor["x_m"], floor["y_m"]), axis=-1)
-    np.testing.assert_allclose(mesh.get_coordinates(), corners)
-    shares = np.asarray(floor["told_apart"]) / len(floor["things"])
-    np.testing.assert_allclose(np.asarray(mesh.get_array()), shares)
-    for told, pairs in zip(np.ravel(floor["told_apart"]), chain(*floor["confused"]), strict=True):
-        assert (told == len(floor["things"])) == (pairs == []), "who is not told apart has a name"
+    floor, count = told_apart.floor(SHELF), len(SHELF.things)
+    x_m, y_m = np.asarray(mesh.get_coordinates(), dtype=np.float64).transpose(2, 0, 1)
+    np.testing.assert_allclose(x_m[0], floor["x_m"])
+    np.testing.assert_allclose(y_m[:, 0], floor["y_m"])
+    shares = np.asarray(floor["told_apart"]) / count
+    np.testing.assert_allclose(np.asarray(mesh.get_array(), dtype=np.float64), shares)
+    for told, pairs in zip(chain(*floor["told_apart"]), chain(*floor["confused"]), strict=True):
+        assert (told == count) == (pairs == []), "a thing that is not told apart has a name"
 
 
 async def test_the_floor_is_computed_beside_the_loop_and_once_for_each_map(
@@ -37,18 +38,19 @@ async def test_the_floor_is_computed_beside_the_loop_and_once_for_each_map(
 ) -> None:
     computed: list[tuple[str, bool]] = []
 
-    def floor(room: Environment) -> dict[str, str]:
+    def floor(room: Environment) -> Floor:
         computed.append((room.name, threading.current_thread() is threading.main_thread()))
-        return {"of": room.name}
+        return Floor(x_m=[], y_m=[], things=[room.name], told_apart=[], confused=[])
 
     monkeypatch.setattr(told_apart, "floor", floor)
     asked = ToldApart()
     asked.take(SHELF)
-    assert await asyncio.gather(asked.answer(), asked.answer()) == [{"of": "shelf"}] * 2
+    both = await asyncio.gather(asked.answer(), asked.answer())
+    assert [each["things"] for each in both] == [["shelf"]] * 2
     asked.take(SHELF.model_copy(update={"stamp_ns": 7, "seq": 9}))  # published again
-    assert await asked.answer() == {"of": "shelf"}
+    assert (await asked.answer())["things"] == ["shelf"]
     asked.take(SHELF.model_copy(update={"name": "other"}))
-    assert await asked.answer() == {"of": "other"}
+    assert (await asked.answer())["things"] == ["other"]
     assert computed == [("shelf", False), ("other", False)]
 
 

@@ -3,7 +3,7 @@
 import asyncio
 import functools
 from itertools import chain, pairwise
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
@@ -17,20 +17,34 @@ MOST_PAIRS = 3
 """Maximum number of confused pairs that are named for a square of the floor."""
 
 
+class Floor(TypedDict):
+    """Squares of the floor, by row from low to high y, then by column."""
+
+    x_m: list[float]
+    """Edges of the squares, as `y_m`."""
+    y_m: list[float]
+    things: list[str]
+    """Names."""
+    told_apart: list[list[int]]
+    """Number of things that a person there tells apart."""
+    confused: list[list[list[tuple[int, int]]]]
+    """Pairs of indices of things that they do not, at most `MOST_PAIRS` a square."""
+
+
 class ToldApart:
     """Computes it in a thread when a page first asks, and keeps it until the map changes."""
 
     def __init__(self) -> None:
         self._room: Environment | None = None
-        self._work: asyncio.Task[dict[str, Any]] | None = None
+        self._work: asyncio.Task[Floor] | None = None
 
     def take(self, room: Environment) -> None:
         """Use `room` from now on."""
         if self._room is None or room.model_copy(update=_stamps(self._room)) != self._room:
             self._room, self._work = room, None
 
-    async def answer(self) -> dict[str, Any]:
-        """Return the squares of the floor, see `floor`.
+    async def answer(self) -> Floor:
+        """Return the squares of the floor, see `Floor`.
 
         Raises:
             RefusedError: If the map has no things, or more than can be computed in a few seconds.
@@ -54,12 +68,8 @@ def _stamps(room: Environment) -> dict[str, int]:
     return {"stamp_ns": room.stamp_ns, "seq": room.seq}
 
 
-def floor(room: Environment) -> dict[str, Any]:
-    """Return the squares of the floor as `pointit map plot --told-apart` colours them.
-
-    `x_m` and `y_m`: edges of the squares; `things`: their names; `told_apart`: number of things that are, by
-    row from low to high y; `confused`: pairs of things that are not, by index, at most `MOST_PAIRS` a square.
-    """
+def floor(room: Environment) -> Floor:
+    """Return the squares of the floor as `pointit map plot --told-apart` colours them."""
     clouds = {cloud.id: np.array([cloud.low_m, cloud.high_m]) for cloud in room.clouds}
     x_m, y_m = floor_edges(*extent(room, clouds, None))
     things = room.fixed_things

@@ -13,7 +13,7 @@ the query's fields. Deeds are handled by this server; `name` is the person:
 - `find_wrists`: search for wrists within reach of this machine; the reply has `wrists`, each with `use`,
   the option that chooses it, and `label`, and `problems`, a sentence for each search that could not run.
 - `told_apart`: number of things that pointing alone tells apart, by place on the floor; the reply has the
-  fields of `model/told_apart.py`, `floor`.
+  fields of `Floor` in `model/told_apart.py`.
 - `centre`: the person's arm points at the middle of the room right now.
 """
 

@@ -96,7 +96,7 @@ class RequestDispatcher:
             async with self.searching:
                 return await _find_wrists()
         if wish.deed == "told_apart":
-            return await self.told_apart.answer()
+            return {**await self.told_apart.answer()}
         self.people.check(user)
         if wish.deed == "press":
             assert isinstance(wish.extras, Press)  # noqa: S101 - so says `asks`

@@ -1,4 +1,4 @@
-/** Things that pointing alone tells apart, by the person's place on the floor: `floor` of `model/told_apart.py`. */
+/** Things that pointing alone tells apart, by the person's place on the floor: `Floor` of `model/told_apart.py`. */
 
 export interface Apart {
   /** Edges of the squares, m in {W}, ascending. */

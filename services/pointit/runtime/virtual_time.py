@@ -6,7 +6,7 @@ Real services run in it unchanged, as fast as the machine computes, and every ru
 import asyncio
 import selectors
 from collections.abc import Callable, Coroutine
-from typing import Any, TypeVar, TypeVarTuple, Unpack, cast
+from typing import Any, TypeVar, TypeVarTuple, Unpack
 
 T = TypeVar("T")
 Ts = TypeVarTuple("Ts")
@@ -29,8 +29,9 @@ class _NoWaiting(selectors.DefaultSelector):
         if not events:
             if timeout is None:
                 raise RuntimeError("everything waits for something that will never happen")
-            self.passed_s += max(timeout, 0.0)
-            self.now_ns = START_NS + round(self.passed_s * 1e9)
+            if timeout > 0.0:
+                self.passed_s += timeout
+                self.now_ns = START_NS + round(self.passed_s * 1e9)
         return events
 
 
@@ -78,7 +79,9 @@ class VirtualClock:
 
     def now_ns(self) -> int:
         """Return the time, Unix ns."""
-        return cast("VirtualTimeLoop", asyncio.get_running_loop()).virtual.now_ns
+        loop: Any = asyncio.get_running_loop()
+        now_ns: int = loop.virtual.now_ns
+        return now_ns
 
 
 def run_virtually(main: Coroutine[Any, Any, T]) -> T:

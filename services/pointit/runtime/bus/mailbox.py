@@ -142,8 +142,6 @@ class Mailbox:
             self.traffic.received += len(newest)
             batch = newest.items()
         for name, message in batch:
-            if self._closed:
-                return
             try:
                 self._handler(message, name)
             except Exception as error:  # noqa: BLE001 - a handler's fault must not stop the others
@@ -227,6 +225,7 @@ class Mailbox:
         with self._lock:
             self._closed = True
         self._thread = 0  # sends `put` to `offer`, which takes nothing
+        self._handler = _ignore  # what a drain that goes on still has
         self._fetch()
         for rest in (self._live, self._recalled, self._kept):
             rest.clear()
@@ -263,3 +262,7 @@ class TapMailbox(Mailbox):
     def drain(self) -> None:
         """Hand over what was kept of states."""
         self._drain_kept()
+
+
+def _ignore(_message: Any, _name: str) -> None:
+    """Take nothing."""

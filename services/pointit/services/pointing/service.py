@@ -67,7 +67,8 @@ class Pointing(Service[PointingConfig]):
             self._judge(sample, now_ns)
         else:
             self._fresh_ns = now_ns
-        if not 0 <= now_ns - self._metrics_ns < METRICS_NS:
+        is_due = not 0 <= now_ns - self._metrics_ns < METRICS_NS
+        if is_due or self._pointer.freshness.restarts > self._restarts:
             self._show_metrics(now_ns)
 
     def _judge(self, sample: ImuSample, now_ns: int) -> None:

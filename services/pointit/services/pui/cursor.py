@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TypeAlias
 
 from pointit.geometry import vector
 from pointit.geometry.closest import Hit
@@ -60,11 +60,8 @@ class NearbyLamps:
         )
 
 
-class _Cast(NamedTuple):
-    eyes_m: Vec3
-    direction: Vec3
-    feet_m: Vec3
-    stamp_ns: int
+_Cast: TypeAlias = tuple[Vec3, Vec3, Vec3, int]
+"""Eyes, direction and feet of a ray in {W}, m, and its stamp, ns. A named tuple takes longer to make."""
 
 
 class PersonCursor:
@@ -141,15 +138,15 @@ class PersonCursor:
             return
         if self._pose is None:
             raise WorkspaceError("no pose is known: localize first")
-        cast = self._cast
-        if cast is None:
+        if self._cast is None:
             raise WorkspaceError("no ray has come yet: start the IMU, and point")
-        through = self._anchor(query, tracked, cast.stamp_ns)
+        eyes, direction, feet, stamp_ns = self._cast
+        through = self._anchor(query, tracked, stamp_ns)
         workspace = Workspace(
-            query.kind, through, feet_m=cast.feet_m, eyes_m=cast.eyes_m, grazing_rad=self._start.grazing_rad
+            query.kind, through, feet_m=feet, eyes_m=eyes, grazing_rad=self._start.grazing_rad
         )
         if query.anchor == "pointer":
-            workspace.steer(cast.direction, cast.eyes_m, cast.feet_m, through)
+            workspace.steer(direction, eyes, feet, through)
         self._change_workspace(workspace)
 
     def _change_workspace(self, workspace: Workspace | None) -> None:
@@ -192,14 +189,14 @@ class PersonCursor:
         x, y, z = ray.direction if self._bias_rad == 0.0 else _lowered(ray.direction, self._bias_rad)
         direction = vector.normalized((c * x - s * y, s * x + c * y, z))
         stamp_ns = ray.stamp_ns
-        self._cast = _Cast(eyes, direction, feet, stamp_ns)
+        self._cast = cast = eyes, direction, feet, stamp_ns
         if not self._pointing:
             return None
         self._newest_ns = stamp_ns
         self._shown = True
         if self._workspace is None and not self._is_chosen:
             self._workspace = self._start.create(eyes, direction, feet)
-        return self._cursor(self._cast)
+        return self._cursor(cast)
 
     def cue(self) -> Feedback | None:
         """Return a cue if the person has pointed past everything for a while with the last ray."""
@@ -207,13 +204,13 @@ class PersonCursor:
 
     def _cursor(self, cast: _Cast) -> Cursor:
         self._seq += 1
-        eyes, direction, _, stamp_ns = cast
+        eyes, direction, feet, stamp_ns = cast
         if not is_in_range(eyes):  # a pose beyond the limits of messages
             self._point = None
             self._passing.end()
             return Cursor(stamp_ns=stamp_ns, seq=self._seq)
         lamps = () if self._lamps is None else self._lamps.near(eyes, direction)
-        met = self._met(cast)
+        met = self._met(eyes, direction, feet)
         if met is None or not is_in_range(met[2].point_m):
             self._point = passed = None
             if self._workspace is None:
@@ -248,13 +245,15 @@ class PersonCursor:
             lamps=lamps,
         )
 
-    def _met(self, cast: _Cast) -> tuple[tuple[SurfaceKind, Solid], str, Hit] | None:
+    def _met(
+        self, eyes: Vec3, direction: Vec3, feet: Vec3
+    ) -> tuple[tuple[SurfaceKind, Solid], str, Hit] | None:
         """Return the intersection of the ray: kind for the cursor, id, and hit. None if there is none."""
         workspace = self._workspace
         if workspace is not None:
-            hit = workspace.meet(cast.eyes_m, cast.direction, cast.feet_m)
+            hit = workspace.meet(eyes, direction, feet)
             return None if hit is None else (("none", workspace.solid), WORKSPACE_ID + workspace.kind, hit)
-        met = self._surfaces.hit_test(cast.eyes_m, cast.direction)
+        met = self._surfaces.hit_test(eyes, direction)
         return None if met is None else (PLACES[met[0].kind], met[0].id, met[1])
 
 

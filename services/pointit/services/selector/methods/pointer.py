@@ -41,6 +41,9 @@ class PointerResult(NamedTuple):
     """Another object that is as probable, of which the person is told now, or None."""
 
 
+NOTHING = PointerResult(None, None, 0.0, False)
+
+
 class PersonPointer:
     """Applies the configured method to one person's cursors."""
 
@@ -141,6 +144,8 @@ class PersonPointer:
 
     def _result(self, made: SelectionProgress) -> PointerResult:
         object_id, progress, fired, spent_s, confidence, rival = made
+        if object_id is fired is rival is None and confidence is None:
+            return NOTHING
         if spent_s is None and progress > 0.0:
             spent_s = progress * self._dwell_s
         if object_id is None or spent_s is None or spent_s < self._config.show_after_s:

@@ -10,6 +10,8 @@ from pointit.services.selector.methods.dwell import Dwell
 from pointit.services.selector.methods.gauge import Gauges, RaySpeedEstimator
 from pointit.services.selector.selection_methods import PointingSample, SelectionMethod, SelectionProgress
 
+NOTHING = SelectionProgress()
+
 
 class DwellMethod:
     """Method `hold` or `fraction` for one person."""
@@ -34,6 +36,8 @@ class DwellMethod:
         """Process a cursor."""
         cursor, under, _, acts = pointing
         fired = self._dwell.step(cursor.stamp_ns, under)
+        if under is fired is None:
+            return NOTHING
         if under is None or not acts(under):
             return SelectionProgress(under, 0.0, fired)
         return SelectionProgress(under, self._dwell.progress(under), fired)

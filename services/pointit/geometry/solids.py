@@ -57,8 +57,8 @@ class BoxSolid:
         self._center = center_m
         self._half = vector.scale(size_m, 0.5)
         self._turn = (math.cos(yaw_rad), math.sin(yaw_rad))
-        self._outlines: dict[Vec3, list[_Outer]] = {}
-        """Its outlines, by the origins of rays: people's eyes mostly stay."""
+        self._outlines: dict[Vec3, list[_Outer] | None] = {}
+        """Its outlines, by the origins of rays: people's eyes mostly stay. None after the first ray."""
         self.bounding_sphere = (center_m, vector.norm(self._half))
 
     def contains(self, point_m: Vec3) -> bool:
@@ -84,21 +84,18 @@ class BoxSolid:
     def closest_approach(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3:
         """Return the closest point to a ray that does not intersect it."""
         passed_m = self.passed_at(origin_m, direction) if measure == "angle" else None
-        if passed_m is not None:
-            return passed_m
-        own, ahead = self._own(origin_m), self._turned(direction)
-        found = nearest_on_edges(_box_edges(self._half), own, ahead, measure)
-        if measure == "metres":
-            foot = tuple(min(max(x, -half), half) for x, half in zip(own, self._half, strict=True))
-            found = nearer((foot[0], foot[1], foot[2]), found, own, ahead)
-        return self._in_room(found)
+        return self._on_edges(origin_m, direction, measure) if passed_m is None else passed_m
 
     def passed_at(self, origin_m: Vec3, direction: Vec3) -> Vec3 | None:
         """Return the point at the smallest angle from a ray, or None if the ray intersects the box."""
-        outline = self._outlines.get(origin_m)
-        if outline is None:
+        if origin_m not in self._outlines:  # eyes that move with every ray are not worth an outline
             if len(self._outlines) >= MOST_EYES:
                 self._outlines.clear()
+            self._outlines[origin_m] = None
+            met = self.intersect(origin_m, direction)
+            return self._on_edges(origin_m, direction, "angle") if met is None else None
+        outline = self._outlines[origin_m]
+        if outline is None:
             outline = self._outlines[origin_m] = _outline(self._half, self._own(origin_m))
         x, y, z = ahead = self._turned(direction)
         # the outline is convex: the nearest point is on an edge that has the ray on its outer side
@@ -119,6 +116,14 @@ class BoxSolid:
                 best, least = (start, span, t), cost
         start, span, t = best
         return self._in_room(vector.add(start, vector.scale(span, t)))
+
+    def _on_edges(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3:
+        own, ahead = self._own(origin_m), self._turned(direction)
+        found = nearest_on_edges(_box_edges(self._half), own, ahead, measure)
+        if measure == "metres":
+            foot = tuple(min(max(x, -half), half) for x, half in zip(own, self._half, strict=True))
+            found = nearer((foot[0], foot[1], foot[2]), found, own, ahead)
+        return self._in_room(found)
 
     def uv_at(self, point_m: Vec3) -> tuple[float, float]:
         """Return the position on the face of `point_m`."""

@@ -56,7 +56,7 @@ class BoxSolid:
         """Create from centre, extents along its own axes, and the azimuth of its x axis."""
         self._center = center_m
         self._half = vector.scale(size_m, 0.5)
-        self._turn = (math.cos(yaw_rad), math.sin(yaw_rad))
+        self._yaw = yaw_rad
         self._outlines: dict[Vec3, list[_Outer] | None] = {}
         """Its outlines, by the origins of rays: people's eyes mostly stay. None after the first ray."""
         self.bounding_sphere = (center_m, vector.norm(self._half))
@@ -69,7 +69,7 @@ class BoxSolid:
     def intersect(self, origin_m: Vec3, direction: Vec3) -> float | None:
         """Return the distance to the first intersection, or to the exit for a ray from inside, or None."""
         first, last = -math.inf, math.inf
-        own, ahead = self._own(origin_m), self._turned(direction)
+        own, ahead = self._own(origin_m), vector.rotate_z(direction, -self._yaw)
         for x, d, half in zip(own, ahead, self._half, strict=True):
             if abs(d) < TINY:
                 if abs(x) > half:
@@ -97,7 +97,7 @@ class BoxSolid:
         outline = self._outlines[origin_m]
         if outline is None:
             outline = self._outlines[origin_m] = _outline(self._half, self._own(origin_m))
-        x, y, z = ahead = self._turned(direction)
+        x, y, z = ahead = vector.rotate_z(direction, -self._yaw)
         # the outline is convex: the nearest point is on an edge that has the ray on its outer side
         passed = [edge for edge in outline if edge[0] * x + edge[1] * y + edge[2] * z > 0.0]
         if not passed:
@@ -118,7 +118,7 @@ class BoxSolid:
         return self._in_room(vector.add(start, vector.scale(span, t)))
 
     def _on_edges(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3:
-        own, ahead = self._own(origin_m), self._turned(direction)
+        own, ahead = self._own(origin_m), vector.rotate_z(direction, -self._yaw)
         found = nearest_on_edges(_box_edges(self._half), own, ahead, measure)
         if measure == "metres":
             foot = tuple(min(max(x, -half), half) for x, half in zip(own, self._half, strict=True))
@@ -133,15 +133,10 @@ class BoxSolid:
         return ((y, z), (x, z), (x, y))[face]
 
     def _own(self, point_m: Vec3) -> Vec3:
-        return self._turned(vector.subtract(point_m, self._center))
-
-    def _turned(self, a: Vec3) -> Vec3:
-        (c, s), (x, y, z) = self._turn, a
-        return (c * x + s * y, c * y - s * x, z)
+        return vector.rotate_z(vector.subtract(point_m, self._center), -self._yaw)
 
     def _in_room(self, own_m: Vec3) -> Vec3:
-        (c, s), (x, y, z) = self._turn, own_m
-        return vector.add(self._center, (c * x - s * y, s * x + c * y, z))
+        return vector.add(self._center, vector.rotate_z(own_m, self._yaw))
 
 
 class SphereSolid:
@@ -243,7 +238,7 @@ from the origin to the start; a², a·u and u²; distances of start and end."""
 
 
 def _outline(half: Vec3, origin_m: Vec3) -> list[_Outer]:
-    """Return the edges between a face that is seen from `origin_m` and one that is not; none from inside."""
+    """Return the edges between a face that is seen from `origin_m` and one that is not, from outside."""
     outline: list[_Outer] = []
     for number, (start, span) in enumerate(_box_edges(half)):
         if sum(math.copysign(1.0, start[k]) * origin_m[k] > half[k] for k in _others(number // 4)) == 1:

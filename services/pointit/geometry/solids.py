@@ -102,19 +102,8 @@ class BoxSolid:
         passed = [edge for edge in outline if edge[0] * x + edge[1] * y + edge[2] * z > 0.0]
         if not passed:
             return None
-        best, least = (ahead, ahead, 0.0), math.inf
-        for _, _, _, start, span, (i, j, k), (aa, au, uu), (first_m, last_m) in passed:  # `nearest_in_angle`
-            p, q = x * i + y * j + z * k, x * span[0] + y * span[1] + z * span[2]
-            t = (q * aa - p * au) / max(p * uu - q * au, TINY)
-            if 0.0 < t < 1.0:
-                cost = -(p + t * q) / math.sqrt(max(aa + t * (2.0 * au + t * uu), TINY))
-            else:
-                t, cost = 0.0, -p / first_m
-                if -(p + q) / last_m < cost:
-                    t, cost = 1.0, -(p + q) / last_m
-            if cost < least:
-                best, least = (start, span, t), cost
-        start, span, t = best
+        found = [(nearest_in_angle(reach, span, ahead), start, span) for *_, start, span, reach in passed]
+        (t, _), start, span = min(found, key=lambda each: each[0][1])
         return self._in_room(vector.add(start, vector.scale(span, t)))
 
     def _on_edges(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3:
@@ -232,9 +221,9 @@ def _others(axis: int) -> list[int]:
     return [other for other in range(3) if other != axis]
 
 
-_Outer = tuple[float, float, float, Vec3, Vec3, Vec3, Vec3, tuple[float, float]]
-"""Edge of an outline: x, y, z of the outward normal of its plane through the origin; start; span u; vector a
-from the origin to the start; a², a·u and u²; distances of start and end."""
+_Outer = tuple[float, float, float, Vec3, Vec3, Vec3]
+"""Edge of an outline: x, y, z of the outward normal of its plane through the origin; start, span, and start
+seen from the origin."""
 
 
 def _outline(half: Vec3, origin_m: Vec3) -> list[_Outer]:
@@ -242,10 +231,8 @@ def _outline(half: Vec3, origin_m: Vec3) -> list[_Outer]:
     outline: list[_Outer] = []
     for number, (start, span) in enumerate(_box_edges(half)):
         if sum(math.copysign(1.0, start[k]) * origin_m[k] > half[k] for k in _others(number // 4)) == 1:
-            a = vector.subtract(start, origin_m)
-            normal = vector.cross(a, span)
+            reach = vector.subtract(start, origin_m)
+            normal = vector.cross(reach, span)
             outward = -1.0 if vector.dot(normal, origin_m) < 0.0 else 1.0  # away from the box's centre
-            squares = (vector.dot(a, a), vector.dot(a, span), vector.dot(span, span))
-            ends = (max(vector.norm(a), TINY), max(vector.norm(vector.add(a, span)), TINY))
-            outline.append((*vector.scale(normal, outward), start, span, a, squares, ends))
+            outline.append((*vector.scale(normal, outward), start, span, reach))
     return outline

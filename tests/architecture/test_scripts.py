@@ -105,6 +105,21 @@ def test_uv_is_used_when_it_is_there(machine: Machine) -> None:
 
 
 @pytest.mark.parametrize("uv", [False, True])
+def test_modules_are_compiled_once_when_python_writes_no_bytecode(machine: Machine, *, uv: bool) -> None:
+    machine.add("python3", PYTHON)
+    if uv:
+        machine.add("uv", UV)
+    done = machine.run("setup", PYTHONDONTWRITEBYTECODE="1")
+    assert (done.returncode, done.stderr) == (0, "PointIt is in .venv: source .venv/bin/activate\n")
+    folders = [f"{room}/pointit" for room in ("services", "schemas", "bridges")] + ["lab/pointit_lab"]
+    compiled = " ".join(f"{machine.root}/{folder}" for folder in folders)
+    assert machine.calls[-1] == f"python -m compileall -qq {compiled}"
+    assert not uv or machine.calls[-2].startswith("uv pip install --quiet --compile-bytecode --python ")
+    machine.run("setup", PYTHONDONTWRITEBYTECODE="1")
+    assert machine.calls == []
+
+
+@pytest.mark.parametrize("uv", [False, True])
 def test_an_extra_goes_into_the_venv_with_uv_and_without(machine: Machine, *, uv: bool) -> None:
     machine.add("python3", PYTHON)
     if uv:

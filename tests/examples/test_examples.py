@@ -1,7 +1,6 @@
 """The examples that use the API, beside a simulated site, a genuine broker, and in a browser."""
 
 import ast
-import asyncio
 import contextlib
 import inspect
 import json
@@ -166,11 +165,10 @@ async def listening(port: int) -> AsyncGenerator[tuple[aiomqtt.Client, dict[str,
 async def test_relay_sends_selections_takes_speed(broker_port: int, caplog: pytest.LogCaptureFixture) -> None:
     await until(lambda: is_listening(broker_port), what="the broker")
     async with (
-        pointit.run("scenario_3") as site,
+        pointit.run("scenario_3", settings={"conveyor-sim.feeder.count": 0}) as site,  # never out of objects
         listening(broker_port) as (client, received),
         aiomqtt.Client("127.0.0.1", broker_port) as relays,
         running(mqtt_relay.relay(site, relays)),
-        asyncio.timeout(RELAY_S),
     ):
         await client.publish(mqtt_relay.SPEED, "0.125", retain=True)  # the relay may not have come yet
         async for state in site.messages(CONVEYOR_STATE):
@@ -178,7 +176,8 @@ async def test_relay_sends_selections_takes_speed(broker_port: int, caplog: pyte
                 break
         await client.publish(mqtt_relay.SPEED, "fast")
         await until(lambda: "could not convert string to float" in caplog.text, RELAY_S, "a warning")
-        await until(lambda: received.get("pointit/selection", [[]])[-1] != [], RELAY_S, "a selection")
-    (selected,) = received["pointit/selection"][-1]
-    (event,) = (each for each in received["pointit/events"] if each["event"] == "selected")
+        await until(lambda: any(received.get("pointit/selection", ())), RELAY_S, "a selection")
+        await until(lambda: "selected" in [each["event"] for each in received.get("pointit/events", ())])
+    selected = next(filter(None, received["pointit/selection"]))[0]
+    event = next(each for each in received["pointit/events"] if each["event"] == "selected")
     assert (selected["id"], selected["kind"], selected["user"]) == (event["object_id"], "red", "user1")

@@ -22,6 +22,19 @@ OFFSET = models.PointingOffset(
 )  # fmt: skip
 
 
+THINGS = """
+lamps: {radio: {position: [2.2, -1.9, 1.1]}, kettle: {position: [2.4, -1.0, 1.25]}}
+strips: {shelf: {line: [[2.4, 1.4, 1.25], [2.4, -1.4, 1.25]], pixels: 84}}
+things:
+  screws: {center: [2.6, 1.0, 1.4], size: [0.4, 0.4, 0.3], light: {strip: shelf, from: 0.2, to: 0.6}}
+  crate: {center: [2.6, 0, 1.4], size: [0.4, 0.4, .3], mode: claim, light: {strip: shelf, from: 1.2, to: 1.6}}
+  kettle: {center: [2.6, -1.0, 1.4], size: [0.4, 0.4, 0.3], light: kettle, press: true}
+  radio: {light: radio, mode: switch}
+  cart: {at: object, mode: switch}
+"""
+"""A thing of each mode, one that wants a press, and one that a camera tracks."""
+
+
 class _Desk:
     """Place of those others, who know the time of the session and what is selected."""
 
@@ -164,6 +177,27 @@ async def presses(bus: MemoryBus) -> None:
         await desk.at(3.0 + 0.6 * tick)
         desk.press("anna")
     await objects
+
+
+async def tries_things(bus: MemoryBus) -> None:
+    """A camera tracks a cart for a while. Things are fired by a press, and without pointing, too."""
+    desk, camera = _Desk(bus), bus.publisher(topics.OBJECTS, "camera")
+    pressed: list[int] = []
+
+    def on_hover(hover: models.Hover, user: str) -> None:
+        if hover.object_id == "kettle" and hover.progress == 1.0 and not pressed:
+            pressed.append(hover.stamp_ns)
+            desk.press(user)
+
+    bus.subscribe(topics.HOVER, on_hover)
+    for tick in range(90):
+        await desk.at(1.0 + 0.2 * tick)
+        cart = models.TrackedObject(id="cart", kind="cart", position_m=(0.2, 2.6, 0.5), length_m=0.5)
+        camera.put(models.TrackedObjects(stamp_ns=VirtualClock().now_ns(), seq=tick, objects=(cart,)))
+        if tick in (30, 60):
+            await desk.ask(topics.SET_THING, models.SetThing(thing="cart"), "ben")
+    for thing in ("radio", "screws", "cart"):
+        await desk.ask(topics.SET_THING, models.SetThing(thing=thing), "ben")
 
 
 async def tracks(bus: MemoryBus) -> None:

@@ -13,6 +13,7 @@ from pointit.runtime.virtual_time import START_NS, VirtualClock
 from pointit.schemas import NS_PER_S
 from pointit.schemas.system import split_instance
 from pointit.schemas.topics import CONFIGURATION, HEALTH, MAP, SERVICE_ALIVE, Request
+from tests.golden import scripts
 from tests.golden.bad_link import BadLink
 from tests.golden.sessions import ROBOT, Session, choices, play
 from tests.golden.sessions import SESSIONS as GOLDEN
@@ -76,6 +77,17 @@ SESSIONS: dict[str, Session] = {
     "taken_back": GOLDEN["taken back"],
     "workspaces": GOLDEN["a shard and workspaces"],
     "solids": GOLDEN["solids"],
+    "things": Session(
+        scenario="shelf",
+        duration_s=28.0,
+        choices=choices("pui.map=room.yaml", "user-sim.target_kinds=[kettle,screws,crate]"),
+        script=scripts.tries_things,
+        room=scripts.THINGS,
+        happens=(
+            *("selection/events=screws", "selection/events=crate", "selection/events=kettle"),
+            *("selection/events=radio", "selection/events=cart", "leds/radio/color"),
+        ),
+    ),
 }
 
 

@@ -20,6 +20,7 @@ from pointit_lab.benchmarks import (
     against,
     bare_chain,
     cores,
+    instructions,
     light,
     our_chain,
     page,
@@ -32,6 +33,8 @@ from pointit_lab.benchmarks.statistics import Figures, machine
 
 RATE_HZ = 100.0
 PARTS = ("latency", "users", "calls", "startup", "cores", "lights", "things", "page", "ros2", "recorder")
+ON_REQUEST = ("instructions",)
+"""Parts that run only if named: Valgrind must be installed, and takes minutes."""
 COMPARISON_ROUNDS = 3
 THINGS = 24.0
 """Multiple of the duration for which people point at things, of which each fires one in four seconds."""
@@ -96,7 +99,7 @@ def _resolved(_context: click.Context, _option: click.Parameter, commit: str | N
     help="samples per second of one wrist, for latency",
 )
 @click.option("--json", "path", type=click.Path(path_type=Path), help="write everything to this file")
-@click.option("--only", type=click.Choice(PARTS), multiple=True, help="just these parts")
+@click.option("--only", type=click.Choice(PARTS + ON_REQUEST), multiple=True, help="just these parts")
 @click.option(
     "--against",
     "commit",
@@ -140,13 +143,7 @@ def main(
         result |= our_chain.user_rows(duration, free_endpoint)
         titles = our_chain.USERS.items()
         console.print(*(users_table(title, result[part]) for part, title in titles), sep="\n")
-    if "calls" in wanted:
-        console.print("calls: IMU sample to LED frame, over TCP …")
-        result["calls"] = asyncio.run(sample_path.measure(free_endpoint()))
-        console.print(
-            "{calls} Python calls in {files} files, of them {own_calls} in {own_files} of PointIt, "
-            "{cpu_us} µs of CPU".format(**result["calls"])
-        )
+    _measure_sample(wanted, result, console)
     if "startup" in wanted:
         console.print("start-up …")
         result["startup"] = startup.start()
@@ -171,6 +168,21 @@ def main(
         f"machine: {result['before']['cores']} cores, load {result['before']['load_average']} before"
     )
     _write(path, result)
+
+
+def _measure_sample(wanted: Sequence[str], result: dict[str, Any], console: Console) -> None:
+    """Count what one sample takes."""
+    if "calls" in wanted:
+        console.print("calls: IMU sample to LED frame, over TCP …")
+        result["calls"] = asyncio.run(sample_path.measure(free_endpoint()))
+        console.print(
+            "{calls} Python calls in {files} files, of them {own_calls} in {own_files} of PointIt, "
+            "{cpu_us} µs of CPU".format(**result["calls"])
+        )
+    if "instructions" in wanted:
+        console.print("instructions: IMU sample to LED frame, counted by Valgrind …")
+        result["instructions"] = instructions.measure()
+        console.print("{per_sample} instructions a sample, {people} people".format(**result["instructions"]))
 
 
 def _measure_bridges(
@@ -309,7 +321,8 @@ def ros2_table(ros2_result: dict[str, Any]) -> Table:
 
 def _startup_lines(run: dict[str, Any], starts_cpu_ms: dict[str, float]) -> str:
     first = (
-        f"command to first light {run['command_to_first_light_s']} s, "
+        f"command to first light {run['command_to_first_light_s']} s, without waiting for a core "
+        f"{run['first_light_without_queue_s']} s, CPU until then {run['first_light_cpu_s']} s, "
         f"to first cursor {run['command_to_first_cursor_s']} s, "
         f"peak memory {run['memory_peak_mb']} MB"
     )

@@ -2,11 +2,11 @@
 
 import asyncio
 import math
-import time
 from collections.abc import Sequence
 
 from pointit.geometry import rotation
 from pointit.runtime.bus.contract import Publisher
+from pointit.runtime.clock import Clock, WallClock
 from pointit.schemas import ImuSample
 
 SWEEP_RAD = 0.3
@@ -14,13 +14,18 @@ SWEEP_RAD = 0.3
 
 ELEVATION_RAD = -0.02
 
+WALL_CLOCK = WallClock()
+
 
 class Wrist:
     """Publishes samples of an arm that sweeps to and fro."""
 
-    def __init__(self, publisher: Publisher[ImuSample], phase_rad: float = 0.0) -> None:
+    def __init__(
+        self, publisher: Publisher[ImuSample], phase_rad: float = 0.0, clock: Clock = WALL_CLOCK
+    ) -> None:
         self._publisher = publisher
         self._phase_rad = phase_rad
+        self._clock = clock
         self.sent = 0
         self.stamp_ns = 0
         """Stamp of the newest sample."""
@@ -28,7 +33,7 @@ class Wrist:
     def put(self) -> None:
         """Publish one sample, captured now."""
         self.sent += 1
-        self.stamp_ns = time.time_ns()
+        self.stamp_ns = self._clock.now_ns()
         azimuth_rad = SWEEP_RAD * math.sin(self.sent / 50 + self._phase_rad)
         self._publisher.put(
             ImuSample(

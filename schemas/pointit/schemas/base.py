@@ -138,16 +138,21 @@ def unchecked(kind: Callable[P, M]) -> Callable[P, M]:
     model = cast("type[M]", kind)
     fields = model.model_fields
     names = set(fields)
-    new, set_attribute = object.__new__, object.__setattr__
+    new = object.__new__
+    # as `object.__setattr__`, which looks for the slot at each call
+    set_fields, set_names, set_extra, set_private = (
+        vars(BaseModel)[slot].__set__
+        for slot in ("__dict__", "__pydantic_fields_set__", "__pydantic_extra__", "__pydantic_private__")
+    )
     defaults = {name: field.default for name, field in fields.items()}  # in order, as it travels
 
     def make(*args: P.args, **values: P.kwargs) -> M:
         message = new(model)
         # as BaseModel.model_construct does, which has no signature and is slower than validation
-        set_attribute(message, "__dict__", {**defaults, **values})
-        set_attribute(message, "__pydantic_fields_set__", names)
-        set_attribute(message, "__pydantic_extra__", None)
-        set_attribute(message, "__pydantic_private__", None)
+        set_fields(message, {**defaults, **values})
+        set_names(message, names)
+        set_extra(message, None)
+        set_private(message, None)
         if ConstructorChecks.are_on and repr(kind(*args, **values)) != repr(message):
             raise TypeError(f"{message!r}: validation converts a value; calculate it in its field's type")
         return message

@@ -1,6 +1,6 @@
 """The room: lamps, LED strips, belts, and what moves on them."""
 
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
@@ -160,6 +160,16 @@ class Thing(Box):
         0.0,
         0.0,
     )
+    is_tracked: Annotated[bool, Field(description="the tracked object of this id, wherever that is")] = False
+
+    @property
+    def told(self) -> dict[str, Any]:
+        """Fields that its tracked object gets."""
+        lit = bool(self.lamp or self.strip)
+        return self.model_dump(include={"mode", "press", "dwell_s"}) | {
+            "kind": self.label or self.id,
+            "lit": lit,
+        }
 
 
 class Frame(SchemaModel):
@@ -175,7 +185,7 @@ class Frame(SchemaModel):
 class Environment(Message):
     """The map of the room in {W}; the ROS toolkit's `belts`, `leds`, `strips`, `links`, and more."""
 
-    version: ClassVar[int] = 4
+    version: ClassVar[int] = 5
 
     max_bytes: ClassVar[int] = 1024 * 1024
     """Room for 10 000 strips."""
@@ -194,6 +204,11 @@ class Environment(Message):
     fences: Many[Fence] = ()
     frames: Many[Frame] = ()
     things: Many[Thing] = ()
+
+    @property
+    def fixed_things(self) -> tuple[Thing, ...]:
+        """Things that have a place in the room: all but tracked objects."""
+        return tuple(thing for thing in self.things if not thing.is_tracked)
 
 
 KIND_COLORS: dict[str, Rgb] = {

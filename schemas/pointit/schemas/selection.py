@@ -5,6 +5,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 
 from pointit.schemas.base import Fraction, Id, Many, Message, Ns, SchemaModel
+from pointit.schemas.environment import ThingMode
 
 
 class SelectedObject(SchemaModel):
@@ -73,6 +74,10 @@ class SelectionEvent(Message):
     def is_on(self) -> bool:
         """True if it was selected, False if a switch went off."""
         return self.event == "selected"
+
+    def is_reaction(self, mode: ThingMode) -> bool:
+        """Return True if a thing of `mode` fired, or was switched; not if a button or a claim is over."""
+        return self.is_on or (self.event == "deselected" and mode == "switch")
 
 
 class Claim(Message):

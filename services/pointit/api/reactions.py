@@ -26,14 +26,13 @@ MOST_AT_ONCE = 8
 def is_reaction(event: SelectionEvent, names: Collection[str], room: Environment | None) -> bool:
     """Return True if `event` is of a thing among `names`, or of any without names: it fired, or was switched.
 
-    That a button is over, or a claim, is no event. Before the map has come nothing is deselected.
+    Before the map has come nothing is deselected.
     """
-    if event.event not in ("selected", "deselected") or (names and event.object_id not in names):
+    if names and event.object_id not in names:
         return False
     if room is None:
         return bool(names) and event.is_on
-    modes = (thing.mode for thing in room.things if thing.id == event.object_id)
-    return any(event.is_on or mode == "switch" for mode in modes)
+    return any(thing.id == event.object_id and event.is_reaction(thing.mode) for thing in room.things)
 
 
 def check_things(names: Collection[str], room: Environment) -> None:

@@ -153,6 +153,7 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
             "list and try what reacts to pointing",
             THINGS,
             ours("list", "list things: mode, light, how often they fired", "things.things:list_things"),
+            ours("react", "start programs when people point at things", "things.things:react_to_things"),
             ours("try", "fire a thing without pointing at it", "things.things:try_thing"),
         ),
         noun(

@@ -37,7 +37,8 @@ class Hit(NamedTuple):
 
 def make_hit(target: int, position_m: float, point_m: Vec3, origin_m: Vec3, direction: Vec3) -> Hit:
     """Return the hit of `point_m` with its misses by the ray from `origin_m` along the unit `direction`."""
-    (x, y, z), (dx, dy, dz) = vector.subtract(point_m, origin_m), direction
+    (px, py, pz), (ox, oy, oz), (dx, dy, dz) = point_m, origin_m, direction
+    x, y, z = px - ox, py - oy, pz - oz
     along = dx * x + dy * y + dz * z
     across = math.hypot(dy * z - dz * y, dz * x - dx * z, dx * y - dy * x)
     range_m = math.hypot(x, y, z)
@@ -60,7 +61,8 @@ def nearest_in_angle(a: Vec3, u: Vec3, d: Vec3) -> tuple[float, float]:
     cost = -(p + q) / math.sqrt(square) if square > TINY else 1.0
     if cost < best_cost:
         best_t, best_cost = 1.0, cost
-    t = (q * aa - p * au) / max(p * uu - q * au, TINY)
+    along = p * uu - q * au
+    t = (q * aa - p * au) / (along if along > TINY else TINY)  # noqa: FURB136 - `max` costs as much as all this
     if 0.0 < t < 1.0:  # beyond, it is an end
         square = aa + t * (2.0 * au + t * uu)
         cost = -(p + t * q) / math.sqrt(square) if square > TINY else 1.0

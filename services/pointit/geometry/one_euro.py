@@ -66,30 +66,21 @@ class OneEuro:
             self._came = direction
             return self._gave
         self._at_s = at_s
-        rate, came = self._rate, self._came
-        weight = _weight(self._derivative, passed_s)
+        turn = self._derivative * passed_s
+        weight = turn / (1.0 + turn)  # 1/(1 + 1/(2π f Δt)), here and below
         # cross and dot products are written out: this runs for every sample
-        (x, y, z), (ax, ay, az) = direction, came
+        (x, y, z), (ax, ay, az) = direction, self._came
         turn_x, turn_y, turn_z = ay * z - az * y, az * x - ax * z, ax * y - ay * x
         sine = math.hypot(turn_x, turn_y, turn_z)
         angle = math.atan2(sine, ax * x + ay * y + az * z)
         gain = weight * (angle / sine if sine > 0.0 else 0.0) / passed_s
         keep = 1.0 - weight
-        rate = (
-            keep * rate[0] + gain * turn_x,
-            keep * rate[1] + gain * turn_y,
-            keep * rate[2] + gain * turn_z,
-        )
-        self._rate, self._came = rate, direction
-        cutoff = self._least + self._rise * math.hypot(*rate)
-        self._gave = _between(self._gave, direction, _weight(cutoff, passed_s))
-        return self._gave
-
-
-def _weight(cutoff_radps: float, passed_s: float) -> float:
-    """Return the new value's weight, 1/(1 + 1/(2π f Δt))."""
-    turn = cutoff_radps * passed_s
-    return turn / (1.0 + turn)
+        x, y, z = self._rate
+        x, y, z = keep * x + gain * turn_x, keep * y + gain * turn_y, keep * z + gain * turn_z
+        self._rate, self._came = (x, y, z), direction
+        turn = (self._least + self._rise * math.hypot(x, y, z)) * passed_s
+        self._gave = gave = _between(self._gave, direction, turn / (1.0 + turn))
+        return gave
 
 
 def _between(start: Vec3, end: Vec3, share: float) -> Vec3:

@@ -70,7 +70,8 @@ class RayCaster:
             _Segment(point, (0.0, 0.0, 0.0), 0.0, 0.0, len(lines) + index)
             for index, point in enumerate(points)
         ]
-        self._few = [*whole, *alone] if len(whole) + len(alone) <= FEW else []
+        few = [*whole, *alone] if len(whole) + len(alone) <= FEW else []
+        self._few = [(segment.start_m, segment.span_m, segment) for segment in few]
         if not self._few:
             self._lay_out(lines, alone)
 
@@ -116,10 +117,9 @@ class RayCaster:
         if found is None:
             return None
         segment, t = found
-        (x, y, z), (u, v, w) = segment.start_m, segment.span_m
+        (x, y, z), (u, v, w), position_m, length_m, target = segment
         point = (x + u * t, y + v * t, z + w * t)
-        position = segment.position_m + t * segment.length_m
-        hit = make_hit(segment.target, position, point, origin_m, direction)
+        hit = make_hit(target, position_m + t * length_m, point, origin_m, direction)
         miss = hit.miss_rad if self.measure == "angle" else hit.miss_m
         return hit if miss <= tolerance else None
 
@@ -128,17 +128,16 @@ class RayCaster:
         best: tuple[_Segment, float] | None = None
         least = math.inf
         ox, oy, oz = origin_m
-        for segment in self._few:
-            (x, y, z), u = segment.start_m, segment.span_m
+        for (x, y, z), span, segment in self._few:
             a = (x - ox, y - oy, z - oz)
             if reach_m < math.inf:
-                within = clip_to_reach(vector.dot(direction, a), vector.dot(direction, u), reach_m)
+                within = clip_to_reach(vector.dot(direction, a), vector.dot(direction, span), reach_m)
                 if within is None:
                     continue
                 low, high = within
-                a, u = vector.add(a, vector.scale(u, low)), vector.scale(u, high - low)
+                a, u = vector.add(a, vector.scale(span, low)), vector.scale(span, high - low)
             else:
-                low, high = 0.0, 1.0
+                low, high, u = 0.0, 1.0, span
             t, cost = nearest(a, u, direction)
             if cost < least:
                 best, least = (segment, low + t * (high - low)), cost

@@ -227,7 +227,7 @@ seen from the origin."""
 
 
 def _outline(half: Vec3, origin_m: Vec3) -> list[_Outer]:
-    """Return the edges between a face that is seen from `origin_m` and one that is not, from outside."""
+    """Return the edges between a face seen from `origin_m` and one that is not: none for an origin inside."""
     outline: list[_Outer] = []
     for number, (start, span) in enumerate(_box_edges(half)):
         if sum(math.copysign(1.0, start[k]) * origin_m[k] > half[k] for k in _others(number // 4)) == 1:

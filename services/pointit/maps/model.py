@@ -18,6 +18,8 @@ from pointit.schemas.environment import ThingMode
 MAX_PIXELS = 4096
 LEAST_AREA_M2 = 1e-4
 MAX_LABEL = 64
+OBJECT = "object"
+"""Place of a thing that is the tracked object of its name."""
 
 
 def _if(is_valid: Callable[[Any], bool], wanted: str) -> BeforeValidator:
@@ -138,26 +140,27 @@ def _name(value: object) -> str:
     return str(value)
 
 
-class StripPart(NamedTuple):
-    """A part of a strip, arc lengths from its first point."""
+class LinePart(NamedTuple):
+    """A part of a strip or belt, arc lengths from its first point."""
 
-    strip: str
+    line: str
     start: float
     end: float
 
 
-def _light(value: object) -> str | StripPart:
+def _part(value: object, kind: str, name: str, *, is_name: bool) -> str | LinePart:
+    """Return a part of a line of `kind`, or what `name` describes, if `is_name`."""
     part = value
     try:
-        if not isinstance(part, dict):
+        if not isinstance(part, dict) and is_name:
             return _name(value)
         part = cast("dict[str, object]", part)
         if len(part) == 3:
-            return StripPart(_name(part["strip"]), _number(part["from"]), _number(part["to"]))
-    except (KeyError, ValueError):
+            return LinePart(_name(part[kind]), _number(part["from"]), _number(part["to"]))
+    except (KeyError, TypeError, ValueError):
         pass
     raise ValueError(
-        "write the name of a lamp, or a part of a strip as {strip: NAME, from: METRES, to: METRES}, "
+        f"write {name}, or a part of a {kind} as {{{kind}: NAME, from: METRES, to: METRES}}, "
         f"not {format_value(value)}"
     )
 
@@ -186,6 +189,10 @@ _DIRECTION = _if(
     "1, or -1 where pixel 0 sits at the line's last point",
 )
 _MODE = _if(lambda value: value in get_args(ThingMode), "claim, button or switch")
+_LIGHT = BeforeValidator(lambda value: _part(value, "strip", "the name of a lamp", is_name=True))
+_AT = BeforeValidator(
+    lambda value: _part(value, "belt", "object, for the tracked object of that name", is_name=value == OBJECT)
+)
 _FLAG = _if(lambda value: isinstance(value, bool), "true or false")
 _DWELL = _if(
     lambda value: type(value) in (int, float) and 0.1 <= value <= 10, "a number of seconds from 0.1 to 10"
@@ -297,16 +304,17 @@ class CloudEntry(_Entry):
 
 
 class ThingEntry(_Entry):
-    """Something that reacts when people point at it. Without `center` it is where its light is."""
+    """Something that reacts when people point at it. Without `center` and `at` it is where its light is."""
 
     center: _Point | None = None
     size: Annotated[Vec3, BeforeValidator(lambda value: _sizes(value, 3))] | None = None
     yaw_deg: _Degrees = 0.0
-    light: Annotated[str | StripPart, BeforeValidator(_light)] | None = None
+    light: Annotated[str | LinePart, _LIGHT] | None = None
     mode: Annotated[ThingMode, _MODE] = "button"
     press: Annotated[bool, _FLAG] = False
     dwell_s: Annotated[float, _DWELL] | None = None
     label: Annotated[str, _LABEL] = ""
+    at: Annotated[str | LinePart, _AT] | None = None
 
     @property
     def yaw_rad(self) -> float:
@@ -315,7 +323,11 @@ class ThingEntry(_Entry):
 
     @model_validator(mode="after")
     def _is_somewhere(self) -> Self:
-        if self.center is None and self.light is None:
+        if self.at is not None and (self.center is not None or self.size is not None):
+            raise ValueError("has at, which says where it is; remove its center and size")
+        if (self.at, type(self.light)) == (OBJECT, LinePart):
+            raise ValueError("is a tracked object, which has a lamp as its light or none; change light")
+        if self.center is None and self.light is None and self.at is None:
             raise ValueError("is nowhere; give its center and size, or a light")
         if self.center is not None and self.size is None:
             raise ValueError("has no size; add it, three sizes in metres")

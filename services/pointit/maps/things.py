@@ -1,14 +1,17 @@
 """Things of a map file: where they are and what lights them."""
 
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
-from pointit.maps.model import MapFile, StripPart, ThingEntry
+from pointit.maps.model import LinePart, MapFile, ThingEntry
 from pointit.runtime.config.similar_names import nearest
 from pointit.schemas import Thing
+from pointit.schemas.environment import BESIDE_BELT_M
 
 MOST = 1000
 """Limit of things, which are listed in one message several times a second."""
@@ -16,18 +19,28 @@ LAMP_M = 0.2
 """Size of a thing that is a lamp, m."""
 THINNEST_M = 0.1
 """Least size of a thing that is a part of a strip, m: people point at it as at a box."""
+SAMPLES = 20
+"""Number of places of a part of a belt at which strips beside it are searched."""
 ROUNDED_M = 1e-3
 """Length by which a part may end beyond its strip, since people round, m."""
 
 
 def broken_things(file: MapFile) -> Iterator[tuple[str, str]]:
-    """Yield the things whose light does not exist: place in the file, and problem with remedy."""
+    """Yield the things whose light or belt does not exist: place in the file, and problem with remedy."""
     if len(file.things) > MOST:
         yield "things", f"there are {len(file.things)}, limit {MOST}; split the room into several sites"
+    strips = {name: strip.line for name, strip in file.strips.items()}
+    belts = {name: belt.centerline for name, belt in file.belts.items()}
     for name, entry in file.things.items():
-        if problem := _broken(file, entry):
-            where, text = problem
-            yield f"things.{name}.light{where}", text
+        where, light = f"things.{name}", entry.light
+        if isinstance(light, LinePart):
+            yield from _broken_part(f"{where}.light", "strip", light, strips)
+        elif light in file.strips and light not in file.lamps:
+            yield f"{where}.light", f"{light} is a strip; write {{strip: {light}, from: METRES, to: METRES}}"
+        elif light is not None and light not in file.lamps:
+            yield f"{where}.light", _absent("lamp", light, file.lamps)
+        if isinstance(entry.at, LinePart):
+            yield from _broken_part(f"{where}.at", "belt", entry.at, belts)
 
 
 def things_of(file: MapFile) -> tuple[Thing, ...]:
@@ -35,23 +48,16 @@ def things_of(file: MapFile) -> tuple[Thing, ...]:
     return tuple(_thing(file, name, entry) for name, entry in file.things.items())
 
 
-def _broken(file: MapFile, entry: ThingEntry) -> tuple[str, str] | None:
-    light = entry.light
-    if light is None:
-        return None
-    if isinstance(light, str):
-        if light in file.strips and light not in file.lamps:
-            return "", f"{light} is a strip; write {{strip: {light}, from: METRES, to: METRES}}"
-        return None if light in file.lamps else ("", _absent("lamp", light, file.lamps))
-    if light.strip not in file.strips:
-        return ".strip", _absent("strip", light.strip, file.strips)
-    length_m = Polyline(file.strips[light.strip].line).length_m
-    if not -ROUNDED_M <= light.start < light.end <= length_m + ROUNDED_M:
-        return "", (
-            f"goes from {light.start:g} to {light.end:g} m and strip {light.strip} from 0 to "
-            f"{length_m:.3g} m; give a part of it, from before to"
-        )
-    return None
+def _broken_part(
+    where: str, kind: str, part: LinePart, lines: Mapping[str, Sequence[Vec3]]
+) -> Iterator[tuple[str, str]]:
+    if part.line not in lines:
+        yield f"{where}.{kind}", _absent(kind, part.line, lines)
+        return
+    length_m = Polyline(lines[part.line]).length_m
+    if not -ROUNDED_M <= part.start < part.end <= length_m + ROUNDED_M:
+        span = f"goes from {part.start:g} to {part.end:g} m and {kind} {part.line} from 0 to {length_m:.3g} m"
+        yield where, f"{span}; give a part of it, from before to"
 
 
 def _absent(kind: str, name: str, there: Mapping[str, object]) -> str:
@@ -59,37 +65,65 @@ def _absent(kind: str, name: str, there: Mapping[str, object]) -> str:
 
 
 def _thing(file: MapFile, name: str, entry: ThingEntry) -> Thing:
-    light = entry.light
-    center_m, size_m = entry.center, entry.size
+    light, at = entry.light, entry.at
+    center_m, size_m, yaw_rad = entry.center, entry.size, entry.yaw_rad
     strip, part_m = "", (0.0, 0.0)
-    if isinstance(light, StripPart):
-        line = Polyline(file.strips[light.strip].line)
-        strip, part_m = light.strip, (max(light.start, 0.0), min(light.end, line.length_m))
+    if isinstance(at, LinePart):
+        belt = file.belts[at.line]
+        line, part_m = _part(at, belt.centerline)
+        center_m, size_m, yaw_rad = _around(line, part_m, belt.width)
+        light = light or _beside(file, line.points_at(np.linspace(*part_m, SAMPLES)), belt.width / 2.0)
+    if isinstance(light, LinePart):
+        strip = light.line
+        line, part_m = _part(light, file.strips[strip].line)
         if center_m is None:
-            center_m, around_m = _around(line, *part_m)
+            center_m, around_m, _ = _around(line, part_m)
             size_m = size_m or around_m
     elif light is not None and center_m is None:
         center_m = file.lamps[light].position
-    size_m = size_m or (LAMP_M, LAMP_M, LAMP_M)
     return Thing(
         id=name,
-        label=entry.label,
+        **entry.model_dump(include={"label", "mode", "press", "dwell_s"}),
         center_m=center_m or (0.0, 0.0, 0.0),
-        size_m=size_m,
-        yaw_rad=entry.yaw_rad,
-        mode=entry.mode,
-        press=entry.press,
-        dwell_s=entry.dwell_s,
+        size_m=size_m or (LAMP_M, LAMP_M, LAMP_M),
+        yaw_rad=yaw_rad,
         lamp=light if isinstance(light, str) else "",
         strip=strip,
-        part_m=part_m,
+        part_m=part_m if strip else (0.0, 0.0),
+        is_tracked=isinstance(at, str),
     )
 
 
-def _around(line: Polyline, start_m: float, end_m: float) -> tuple[Vec3, Vec3]:
-    """Return centre and size of the upright box around a part of a line."""
+def _part(part: LinePart, line: Sequence[Vec3]) -> tuple[Polyline, tuple[float, float]]:
+    """Return the whole line, and the arc lengths of the part, which may have been rounded beyond its ends."""
+    whole = Polyline(line)
+    return whole, (max(part.start, 0.0), min(part.end, whole.length_m))
+
+
+def _around(line: Polyline, part_m: tuple[float, float], width_m: float = 0.0) -> tuple[Vec3, Vec3, float]:
+    """Return centre, size and azimuth of the upright box around a part of a line.
+
+    With a width the box lies along the line; else its azimuth is 0.
+    """
+    start_m, end_m = part_m
     inner = line.starts_m[(line.starts_m > start_m) & (line.starts_m < end_m)]
     points = line.points_at(np.r_[start_m, inner, end_m])
-    low, high = points.min(axis=0), points.max(axis=0)
-    (x, y, z), (a, b, c) = ((low + high) / 2.0).tolist(), np.maximum(high - low, THINNEST_M).tolist()
-    return (x, y, z), (a, b, c)
+    x, y, _ = points[-1] - points[0]
+    yaw_rad = math.atan2(y, x) if width_m else 0.0
+    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+    axes = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    low, high = (points @ axes).min(axis=0), (points @ axes).max(axis=0)
+    x, y, z = (axes @ (low + high) / 2.0).tolist()
+    a, b, c = np.maximum(high - low + (0.0, width_m, 0.0), THINNEST_M).tolist()
+    return (x, y, z), (a, b, c), yaw_rad
+
+
+def _beside(file: MapFile, places_m: NDArray[np.float64], half_m: float) -> LinePart | None:
+    """Return the part of a strip beside `places_m` of a belt: of the strip that is beside most of them."""
+    found, most = None, 1
+    for name, strip in file.strips.items():
+        along_m, apart_m = Polyline(strip.line).nearest_to(places_m)
+        beside_m = along_m[apart_m <= half_m + BESIDE_BELT_M]
+        if len(beside_m) > most and np.ptp(beside_m) > ROUNDED_M:
+            found, most = LinePart(name, float(beside_m.min()), float(beside_m.max())), len(beside_m)
+    return found

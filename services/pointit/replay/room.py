@@ -8,6 +8,7 @@ from typing import Any
 import yaml
 
 from pointit.maps.file import shipped_maps
+from pointit.maps.model import OBJECT
 from pointit.replay.levels import ReplayError
 from pointit.schemas import Environment, Thing
 
@@ -108,13 +109,12 @@ def _sections(room: Environment) -> dict[str, Any]:
 
 
 def _thing(thing: Thing) -> dict[str, object]:
-    entry: dict[str, object] = {
-        "center": list(thing.center_m),
-        "size": list(thing.size_m),
-        "yaw_deg": math.degrees(thing.yaw_rad),
-        "mode": thing.mode,
-        "press": thing.press,
-    }
+    entry: dict[str, object] = {"mode": thing.mode, "press": thing.press}
+    if thing.is_tracked:
+        entry["at"] = OBJECT
+    else:
+        entry |= {"center": list(thing.center_m), "size": list(thing.size_m)}
+        entry["yaw_deg"] = math.degrees(thing.yaw_rad)
     if thing.strip:
         entry["light"] = {"strip": thing.strip, "from": thing.part_m[0], "to": thing.part_m[1]}
     elif thing.lamp:

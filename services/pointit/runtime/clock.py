@@ -75,8 +75,11 @@ class SteadyClock:
     def __init__(self, clock: Clock, *, may_step: bool = False) -> None:
         """Follow `clock` from now on; `may_step`: also back, by more than `MAX_SLEW_S`."""
         self._clock = clock
+        self._read = clock.now_ns
         self._may_step = may_step
         self._read_ns = self._now_ns = clock.now_ns()
+        self._follows_ns: float = self._now_ns
+        """Least reading of the other clock that is the time, ns: the last one, infinite while both differ."""
 
     @property
     def speed(self) -> float:
@@ -85,20 +88,27 @@ class SteadyClock:
 
     def now_ns(self) -> int:
         """Return the time, at least that of the call before, Unix ns."""
-        read_ns = self._clock.now_ns()
-        if self._now_ns == self._read_ns <= read_ns:
-            self._now_ns = self._read_ns = read_ns
+        read_ns = self._read()
+        if read_ns >= self._follows_ns:
+            self._follows_ns = read_ns
             return read_ns
+        return self._slewed_ns(read_ns)
+
+    def _slewed_ns(self, read_ns: int) -> int:
+        if self._follows_ns < math.inf:
+            self._now_ns = self._read_ns = int(self._follows_ns)
         slowed_ns = self._now_ns + max(0, read_ns - self._read_ns) // 2
         self._read_ns = read_ns
         self._now_ns = max(read_ns, slowed_ns)
         if self._may_step and self._now_ns - read_ns > MAX_SLEW_S * NS_PER_S:
             self._now_ns = read_ns
+        self._follows_ns = read_ns if self._now_ns == read_ns else math.inf
         return self._now_ns
 
     def needs_restart(self) -> bool:
         """Return True if the other clock was set back too far to be slewed."""
-        return self.now_ns() - self._read_ns > MAX_SLEW_S * NS_PER_S
+        now_ns = self.now_ns()
+        return self._follows_ns == math.inf and now_ns - self._read_ns > MAX_SLEW_S * NS_PER_S
 
 
 async def sleep(clock: Clock, duration_s: float) -> None:

@@ -6,7 +6,7 @@ Real services run in it unchanged, as fast as the machine computes, and every ru
 import asyncio
 import selectors
 from collections.abc import Callable, Coroutine
-from typing import Any, TypeVar, TypeVarTuple, Unpack
+from typing import Any, TypeVar, TypeVarTuple, Unpack, cast
 
 T = TypeVar("T")
 Ts = TypeVarTuple("Ts")
@@ -19,6 +19,7 @@ class _NoWaiting(selectors.DefaultSelector):
     """A selector that looks at files without waiting and lets virtual time pass instead."""
 
     passed_s = 0.0
+    now_ns = START_NS
     is_paused = False
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
@@ -29,6 +30,7 @@ class _NoWaiting(selectors.DefaultSelector):
             if timeout is None:
                 raise RuntimeError("everything waits for something that will never happen")
             self.passed_s += max(timeout, 0.0)
+            self.now_ns = START_NS + round(self.passed_s * 1e9)
         return events
 
 
@@ -37,16 +39,16 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
 
     def __init__(self) -> None:
         """Begin at 0 s."""
-        self._virtual = _NoWaiting()
-        super().__init__(self._virtual)
+        self.virtual = _NoWaiting()
+        super().__init__(self.virtual)
 
     def time(self) -> float:
         """Return the virtual time, s."""
-        return self._virtual.passed_s
+        return self.virtual.passed_s
 
     def pause(self, is_paused: bool) -> None:  # noqa: FBT001 - a state, said by its only argument
         """Let no time pass: what is due now is done, and the rest waits until another thread calls."""
-        self._virtual.is_paused = is_paused
+        self.virtual.is_paused = is_paused
 
     def run_in_executor(
         self, executor: Any, func: Callable[[Unpack[Ts]], T], *args: *Ts
@@ -76,7 +78,7 @@ class VirtualClock:
 
     def now_ns(self) -> int:
         """Return the time, Unix ns."""
-        return START_NS + round(asyncio.get_running_loop().time() * 1e9)
+        return cast("VirtualTimeLoop", asyncio.get_running_loop()).virtual.now_ns
 
 
 def run_virtually(main: Coroutine[Any, Any, T]) -> T:

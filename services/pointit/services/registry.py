@@ -319,6 +319,7 @@ PROCESSES: list[Process] = [
             topics.ROBOT_STATE,
             topics.ROBOT_PLAN,
             topics.SELECTION,
+            topics.SELECTION_EVENTS,
             topics.LAMP_COLOR,
             topics.STRIPS_FRAME,
             topics.CONVEYOR_STATE,

@@ -47,14 +47,25 @@ async def site(commands: Commands, request: pytest.FixtureRequest) -> SitePage:
 
 
 @pytest.fixture(scope="module")
-def shared_site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SitePage]:
-    """Run `scenario_4` for all tests of a file; each leaves it as it was."""
+def shared_site(
+    tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest
+) -> Iterator[SitePage]:
+    """Run `scenario_4`, or the parameter, for all tests of a file; each leaves it as it was."""
     page_is_built()
     folder = tmp_path_factory.mktemp("printed")
     started = Commands(folder)
     try:
         lan = ("--lan", "--set", "web.lan_port=0")
         # an explicit end, so that it does not end between two tests when no page is open
-        yield asyncio.run(running(started, "scenario_4", *lan, "--duration", "900", state=folder / "state"))
+        yield asyncio.run(
+            running(
+                started,
+                getattr(request, "param", "scenario_4"),
+                *lan,
+                "--duration",
+                "900",
+                state=folder / "state",
+            )
+        )
     finally:
         started.kill_all()

@@ -1,12 +1,16 @@
 """`pointit things` against a real bus."""
 
+import asyncio
 import json
+import signal
+from pathlib import Path
 from typing import Any
 
 from pointit.schemas import Done, Environment, ReadHistory, ReadHistoryReply, SelectionEvent, SetThing
 from pointit.schemas.environment import Thing
-from pointit.schemas.topics import MAP, READ_HISTORY, SET_THING
-from tests.support.cli_site import Site
+from pointit.schemas.topics import MAP, READ_HISTORY, SELECTION_EVENTS, SET_THING
+from tests.support.bench import until
+from tests.support.cli_site import Site, next_line
 
 PLACE: dict[str, Any] = {"center_m": (1.0, 2.0, 1.0), "size_m": (0.2, 0.2, 0.2)}
 SCREWS = Thing(id="screws", strip="shelf", part_m=(0.1, 0.5), label="the screws", **PLACE)
@@ -62,3 +66,32 @@ async def test_thing_is_tried_without_pointing(site: Site) -> None:
     assert asked == [("operator", SetThing(thing="screws")), ("anna", SetThing(thing="radio", on=False))]
     ended = await site.pointit("things", "try", "scews")
     assert "the map has no thing 'scews'; did you mean screws?" in ended.err
+
+
+async def test_programs_react_beside_a_running_site_until_they_are_ended(site: Site, tmp_path: Path) -> None:
+    told, file = tmp_path / "told", tmp_path / "my_site.yaml"
+    file.write_text(f"screws: sh -c 'echo {{user}} {{state}} >> {told}'\nradio: [sh -c 'exit 3']\n")
+    site.bus.publisher(MAP).put(Environment(stamp_ns=1, name="shop", things=(SCREWS, RADIO)))
+    events = site.bus.publisher(SELECTION_EVENTS)
+    async with site.command("things", "react", str(file), "screws=sleep 55") as process:
+        assert process.stdout is not None
+        assert await process.stdout.readline() == b"reacting to things of map shop; Ctrl-C ends it\n"
+        for thing, event in (("screws", "selected"), ("screws", "deselected"), ("radio", "selected")):
+            events.put(happened(thing, event))
+        await until(told.is_file, 20)
+        assert "radio: sh -c 'exit 3' ended with exit code 3" in await next_line(process.stderr)
+        began_s = asyncio.get_running_loop().time()
+        process.send_signal(signal.SIGINT)
+        lines = (await process.stdout.read()).decode().splitlines()
+        assert await process.wait() == 0
+        assert asyncio.get_running_loop().time() - began_s < 10.0
+    assert told.read_text() == "anna on\n"
+    assert lines == ["Reactions: 3 started, 1 failed.", "radio: sh -c 'exit 3' ended with exit code 3."]
+
+
+async def test_reactions_to_things_that_the_map_lacks_are_refused(site: Site) -> None:
+    site.bus.publisher(MAP).put(Environment(stamp_ns=1, name="shop", things=(SCREWS, RADIO)))
+    ended = await site.pointit("things", "react", "scews=true", code=2)
+    assert "--on scews: the map has no thing 'scews'; did you mean screws?" in ended.err
+    ended = await site.pointit("things", "react", code=2)
+    assert "nothing to do: name a FILE.yaml" in ended.err

@@ -17,8 +17,9 @@ from pointit.bridges.ros2.graph.backend import LATCHED, ROSOUT, SENSOR, Qos
 from pointit.bridges.ros2.routing.route_types import InboundRoute, OutboundRoute, ServiceRoute
 from pointit.bridges.ros2.routing.routes import routes
 from pointit.geometry import rotation
+from pointit.maps.file import map_path
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
-from pointit.schemas import ConveyorState, Goal, Health, Interaction, LampColor, Message
+from pointit.schemas import ConveyorState, Goal, Health, Interaction, LampColor, Message, SelectionEvent
 from pointit.schemas import topics as ours
 from pointit.schemas.topics import Topic
 from tests.interop.ros2.ament import hash_of
@@ -42,6 +43,7 @@ ROWS = [row for row in routes(ros4hri=True).all if row.enabled]
 LOOKED_AT: tuple[Topic[Any], ...] = (
     *(ours.POSE, ours.RAY, ours.IMU, ours.CURSOR, ours.OBJECTS, ours.STRIPS_FRAME, ours.MAP),
 )
+THINGS = "things: {lever: {center: [9, 9, 1], size: [1, 1, 1], mode: switch}}"
 COLD = "the oven is cold: light it"
 INFO, WARN = 20, 30
 GOAL = Goal(
@@ -53,7 +55,12 @@ GOAL = Goal(
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory, peers_python: Path) -> Iterator[Site]:
     with site(tmp_path_factory.mktemp("site"), peers_python) as made:
-        made.run_with_bridge("--set", "ros2.ros4hri=true", "--set", "ros2.people=[anna]")
+        room = tmp_path_factory.mktemp("map") / "room.yaml"
+        with map_path("conveyor") as path:
+            room.write_text(path.read_text("utf-8") + THINGS, encoding="utf-8")
+        made.run_with_bridge(
+            *("--set", "ros2.ros4hri=true", "--set", "ros2.people=[anna]", "--set", f"pui.map={room}")
+        )
         made.dora.start()
         yield made
 
@@ -199,6 +206,8 @@ CHECKS: dict[str, Callable[[Any, Seen], bool]] = {
         and _near(value["point"], cursor.point_m)
     ),
     "goal_pose": lambda value, _: _near(value["pose"]["position"], GOAL.position_m),
+    "thing_on": lambda value, _: _is_pull(value),
+    "thing_off": lambda value, _: _is_pull(value),
     "is_pointing": lambda value, _: value == {"data": True},
     "diagnostics": lambda value, _: value["status"][0]["name"].startswith("pointit: "),
     "rosout": lambda value, _: (value["level"], value["msg"]) == (INFO, f"over: {COLD}"),
@@ -235,6 +244,11 @@ CHECKS: dict[str, Callable[[Any, Seen], bool]] = {
 }
 
 
+def _is_pull(value: Any) -> bool:
+    told = value["results"][0]["hypothesis"]
+    return (value["id"], told["class_id"], told["score"]) == ("visitor", "lever", 0.75)
+
+
 @contextlib.asynccontextmanager
 async def _reports(bus: ZenohBus, *warnings: str) -> AsyncGenerator[None]:
     """Be a service that says this of itself."""
@@ -263,6 +277,10 @@ async def _provoke(dora: Dora, seen: Seen) -> None:
     seen.bus.publisher(ours.CONVEYOR_STATE).put(ConveyorState(stamp_ns=1, speed_mps=0.2, step="3"))
     seen.bus.publisher(ours.INTERACTION, "visitor").put(Interaction(stamp_ns=1, state="pointing"))
     seen.bus.publisher(ours.GOAL, "user1").put(GOAL)
+    for event in ("selected", "deselected"):
+        seen.bus.publisher(ours.SELECTION_EVENTS).put(
+            SelectionEvent(stamp_ns=1, event=event, object_id="lever", user="visitor", confidence=0.75)
+        )
 
 
 SIMULATED = "clock"

@@ -15,6 +15,7 @@ from pointit.schemas import (
     SelectedObject,
     Selection,
     Thing,
+    TrackedObjects,
     UserProfile,
 )
 from pointit.schemas import topics as at
@@ -24,7 +25,7 @@ from pointit.services.led_driver.picture.lamps import DARK, TARGET
 from pointit.services.pui.things import listing
 from tests.support.bench import ManualClock, memory_bench, until
 from tests.unit.led_driver.driving import FAST, started
-from tests.unit.led_driver.stage import BLACK, FORTH, GREEN, NOW_NS, Color, colors
+from tests.unit.led_driver.stage import BLACK, FORTH, GREEN, NOW_NS, Color, colors, item
 
 MS = NS_PER_S // 1000
 ANNA, BEN = (200, 100, 0), (0, 0, 100)
@@ -178,3 +179,14 @@ def test_part_of_a_strip_shows_its_thing_and_leaves_the_next_one_as_it_is(
     frame = shining.frame(NOW_NS)
     assert frame is not None
     assert colors(frame.strips[0].rgb) == [*[BLACK] * 2, *screws, *[DIM] * 4, *[BLACK] * 8]
+
+
+def test_what_moves_over_the_light_of_a_thing_is_above_it() -> None:
+    shining = lights()
+    moving = TrackedObjects(stamp_ns=NOW_NS, objects=(item(0.5, 0.2, kind="red"),))
+    shining.content.set_objects("conveyor", moving, NOW_NS)
+    shining.content.set_objects("things", listing(ROOM, NOW_NS), NOW_NS)
+    frame = shining.frame(NOW_NS)
+    assert frame is not None
+    shown = colors(frame.strips[0].rgb)
+    assert [color == DIM for color in shown[2:8]] == [True, True, False, False, True, True]

@@ -179,6 +179,13 @@ FINDINGS: dict[str, tuple[str, list[tuple[str, str, str]]]] = {
             "things: {s: {light: {strip: s, from: 0, to: 1}}, t: {light: {strip: s, from: 1, to: 1.5}},\n"
             "  u: {light: {strip: s, from: 1.4, to: 2}}, a: {light: a}}"),
         [("warning", "things.u", "has the light of t; give each a light of its own")]),
+    "a station of a belt, and tracked objects, with the light of others": (
+        (f"strips: {{s: {strip((0, 3.3), (3, 3.3))}}}\nbelts: {{m: {belt((0, 3), (3, 3))}}}\nbays: {{1: m}}\n"
+            "things: {t: {light: {strip: s, from: 0.2, to: 1}}, u: {at: {belt: m, from: 0.8, to: 2}},\n"
+            "  agv1: {at: object, light: a}, agv2: {at: object, light: a}}"),
+        [
+            ("warning", "things.agv2", "has the light of agv1"),
+            ("warning", "things.u", "has the light of t")]),
     "things that are too thin, or too many": (
         "things: {" + ", ".join(f"t{i}: {{center: [{i % 20}, {i // 20}, 1], size: [0.4, 0.4, {h}]}}"
             for i, h in enumerate(["0.0001"] + ["0.4"] * 200)) + "}",

@@ -8,6 +8,7 @@ import pytest
 import yaml
 
 from pointit.geometry.polyline import Polyline
+from pointit.geometry.solids import BoxSolid
 from pointit.maps.file import load_map, shipped_maps
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import decode, encode
@@ -56,6 +57,20 @@ things:
   radio: {light: lamp, mode: switch, press: true}
 """
 
+AT = """
+lamps: {lamp: {position: [0, 3, 1]}}
+strips:
+  beside: {line: [[1, 3.4, 1], [1, -0.2, 1]], pixels: 60}
+  across: {line: [[0, 2, 1], [2, 2, 1]], pixels: 60}
+belts:
+  main: {centerline: [[1.2, 0, 1], [1.2, 4, 1]], width: 0.4}
+  bent: {centerline: [[5, 0, 1], [6, 1, 1], [6, 2, 1]], width: 0.4}
+things:
+  exit: {at: {belt: main, from: 3, to: 4.0005}}
+  corner: {at: {belt: bent, from: 0.2, to: 2.4}, light: lamp}
+  agv1: {at: object, mode: switch, press: true, dwell_s: 2, label: the cart}
+"""
+
 FENCE = "fences: {f: {kind: keep_in, outline: [[0, 0], [1, 0], [0, 1]]}}"
 
 
@@ -98,6 +113,22 @@ def test_things_are_where_they_or_their_lights_are(tmp_path: Path) -> None:
     assert (corner.label, corner.dwell_s) == ("the corner", 2.0)
     assert (radio.center_m, radio.size_m, radio.lamp) == ((0, 3, 1), (0.2, 0.2, 0.2), "lamp")
     assert (radio.mode, radio.press, radio.dwell_s) == ("switch", True, None)
+
+
+def test_a_part_of_a_belt_is_a_box_along_it_lit_by_the_strip_beside_it(tmp_path: Path) -> None:
+    read = loaded(write(tmp_path, AT), 0)
+    exit_, corner, cart = read.things
+    assert exit_.center_m == pytest.approx((1.2, 3.5, 1.0))
+    assert exit_.size_m == pytest.approx((1.0, 0.4, 0.1))
+    assert exit_.yaw_rad == pytest.approx(math.pi / 2)
+    assert (exit_.strip, exit_.lamp) == ("beside", "")
+    assert exit_.part_m == pytest.approx((0.0, 0.4), abs=0.06)  # the strip ends at 3.4 m
+    assert (corner.strip, corner.lamp) == ("", "lamp")
+    solid = BoxSolid(corner.center_m, corner.size_m, corner.yaw_rad)
+    assert all(solid.contains(place) for place in ((5.3, 0.3, 1), (5.9, 0.9, 1), (6, 1, 1), (6, 1.9, 1)))
+    assert not solid.contains((5, 0, 1))
+    assert (cart.is_tracked, cart.mode, cart.press, cart.dwell_s) == (True, "switch", True, 2.0)
+    assert read.fixed_things == (exit_, corner)
 
 
 def test_solids_are_read(tmp_path: Path) -> None:
@@ -272,6 +303,15 @@ BROKEN = [
     (THINGS.replace("size: [0.4, 0.3, 0.2], ", ""), "things.box: has no size"),
     (THINGS.replace("light: lamp, ", ""), "things.radio: is nowhere; give its center and size, or a light"),
     (THINGS.replace("dwell_s: 2", "dwell_s: 0"), "things.corner.dwell_s: write a number of seconds from"),
+    (AT.replace("belt: main", "belt: maim"), "exit.at.belt: there is no belt 'maim'; did you mean main?"),
+    ("things: {t: {at: {belt: b, from: 0, to: 1}}}", "things.t.at.belt: |'b'; add one to the map"),
+    (AT.replace("to: 4.0005", "to: 5"), "things.exit.at: goes from 3 to 5 m and belt main from 0 to 4 m"),
+    (AT.replace("at: object", "at: agv1"), "things.agv1.at: write object, for the tracked object|'agv1'"),
+    (AT.replace("belt: main, ", ""), "things.exit.at: |{belt: NAME, from: METRES, to: METRES}"),
+    (AT.replace("at: object", "at: object, center: [0, 0, 1]"), "things.agv1: has at|remove its center"),
+    (
+        AT.replace("at: object", "at: object, light: {strip: across, from: 0, to: 1}"),
+        "things.agv1: is a tracked object, which has a lamp as its light or none"),
     (THINGS.replace("  radio:", "  ../x:"), "things: |../x"),
     (THINGS.replace("  radio:", "  <script>:"), "things: |<script>"),
     (THINGS.replace("the corner", '"a\\u0007b"'), "things.corner.label: write a name of at most 64 letters"),

@@ -12,6 +12,7 @@ from pointit.cli.main import command
 from pointit.maps.checks.things import told_apart
 from pointit.maps.file import load_map, parse_map_file
 from pointit.maps.picture.picture import map_figure
+from pointit.maps.things import things_of
 from pointit.runtime.errors import ConfigError
 
 TWO_AND_ONE = """
@@ -23,7 +24,7 @@ things:
 
 
 def test_things_are_told_apart_from_near_and_from_the_right_side() -> None:
-    share = told_apart(parse_map_file(TWO_AND_ONE.encode(), Path("two.yaml")))
+    share = told_apart(things_of(parse_map_file(TWO_AND_ONE.encode(), Path("two.yaml"))))
     apart_m = 0.6 - 0.2
     assert share(3.0 - apart_m / math.tan(math.radians(7.0)) + 0.1, 0.0) == 1.0
     assert share(-2.5, 0.0) == pytest.approx(1 / 3), "the two are 4 degrees apart"
@@ -49,6 +50,16 @@ def test_the_floor_is_coloured_by_it(tmp_path: Path) -> None:
     assert picture.stat().st_size > 10_000
 
 
-def test_a_map_without_things_is_one_sentence() -> None:
+@pytest.mark.parametrize("action", [["check", "--pose=0,0"], ["plot", "-o", "tracked.svg"]])
+def test_a_map_of_nothing_but_a_tracked_object_is_checked_and_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, action: list[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("tracked.yaml").write_text("things: {agv1: {at: object}}")
+    done = CliRunner().invoke(command, ["map", action[0], "tracked.yaml", *action[1:]])
+    assert (done.exit_code, "1 thing" in done.output) == (0, True), done.output
+
+
+def test_a_map_without_things_that_have_a_place_is_one_sentence() -> None:
     with pytest.raises(ConfigError, match="add a section `things`"):
-        told_apart(parse_map_file(b"lamps: {a: {position: [0, 0, 1]}}", Path("lamps.yaml")))
+        told_apart(())

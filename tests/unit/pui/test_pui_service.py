@@ -74,6 +74,21 @@ async def test_things_are_listed_again_as_long_as_the_service_runs(tmp_path: Pat
     assert listed[-1].stamp_ns - listed[0].stamp_ns == pytest.approx(0.8 * S, abs=0.01 * S)
 
 
+@pytest.mark.parametrize(("center", "met"), [("[2, 0, 1]", "pot"), ("[2, 0.1, 0.5]", "")])
+async def test_boxes_of_things_are_met_but_on_belts_and_of_tracked_objects(
+    tmp_path: Path, center: str, met: str
+) -> None:
+    path = tmp_path / "things.yaml"
+    path.write_text(
+        "belts: {main: {centerline: [[2, -1, 0.5], [2, 1, 0.5]], width: 0.4}}\n"
+        f"things: {{pot: {{center: {center}, size: [1, 1, 1]}}, agv: {{at: object}}}}"
+    )
+    async with room(map=str(path), surfaces=("strip",)) as here:
+        await here.pose(pose=pose_at((0.0, 0.0, 0.0), 0.0))
+        assert (await here.point_at((2.0, 0.1, 0.5))).surface_id == met
+        assert (await here.point_at((0.05, 0.0, 0.0))).surface_id == ""
+
+
 async def test_two_people_have_their_own_cursors() -> None:
     async with room() as here:
         await here.pose("anna", pose_at((1.0, 0.5, 0.0), 0.7))

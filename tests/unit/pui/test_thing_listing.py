@@ -24,6 +24,11 @@ def test_a_thing_without_light_is_a_box_that_is_not_lit() -> None:
     assert tracked.length_m == 0.4
 
 
+def test_a_tracked_object_is_listed_by_its_tracker_only() -> None:
+    cart = Thing(id="cart", center_m=(0, 0, 0), size_m=(1, 1, 1), is_tracked=True)
+    assert listing(Environment(stamp_ns=0, name="room", things=(cart,)), 7).objects == ()
+
+
 def test_label_mode_press_and_dwell_travel_with_it() -> None:
     tracked = listed(label="M4 nuts", mode="switch", press=True, dwell_s=2.0, yaw_rad=0.5)
     assert (tracked.kind, tracked.mode, tracked.press, tracked.dwell_s) == ("M4 nuts", "switch", True, 2.0)

@@ -10,7 +10,7 @@ from pointit.recording.entries import AnyRow, entry
 from pointit.replay.levels import Level, ReplayError, Split
 from pointit.replay.room import check_map, write_room
 from pointit.schemas import Environment, Feedback, ImuSample, PointingRay, SelectionEvent, UserPose, topics
-from pointit.schemas.environment import Box, Cloud, Cylinder, Fence, Plane, Sphere
+from pointit.schemas.environment import Box, Cloud, Cylinder, Fence, Plane, Sphere, Thing
 
 ALL = (
     "pui",
@@ -75,7 +75,7 @@ def test_shipped_maps_are_read_again_as_they_were(name: str, tmp_path: Path) -> 
     assert again(room, tmp_path) == room
 
 
-def test_solids_and_fences_are_read_again_as_they_were(tmp_path: Path) -> None:
+def test_solids_things_and_fences_are_read_again_as_they_were(tmp_path: Path) -> None:
     room = load_map("lab", 5).model_copy(
         update={
             "boxes": (Box(id="table", center_m=(1.0, 2.0, 0.4), size_m=(1.0, 0.6, 0.8), yaw_rad=0.5),),
@@ -85,6 +85,10 @@ def test_solids_and_fences_are_read_again_as_they_were(tmp_path: Path) -> None:
             ),
             "cylinders": (Cylinder(id="tank", center_m=(3.0, 0.0, 0.0), radius_m=0.4, height_m=1.5),),
             "spheres": (Sphere(id="ball", center_m=(2.0, 2.0, 1.0), radius_m=0.2),),
+            "things": (
+                Thing(id="kettle", center_m=(1.0, 2.0, 1.0), size_m=(0.2, 0.2, 0.3), press=True, dwell_s=2.0),
+                Thing(id="agv1", center_m=(0, 0, 0), size_m=(0.2, 0.2, 0.2), mode="switch", is_tracked=True),
+            ),
             "fences": (
                 Fence(id="hall", kind="keep_in", outline_m=((0.0, 0.0), (9.0, 0.0), (0.0, 9.0)), low_m=0.0),
                 Fence(id="desk", kind="keep_out", outline_m=((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)), high_m=1.0),

@@ -46,7 +46,8 @@ def test_what_the_parameters_are_called() -> None:
         "bays": {"7": "main"},
         "things": {
             "a.light": {"light": {"strip": "1", "from": 0, "to": 0.5}, "press": True},
-            "b": {"light": "x"},
+            "b": {"light": "x", "at": "object"},
+            "c.at": {"at": {"belt": "main", "from": 0, "to": 0.5}},
         },
     }
     assert tree_of(parameters_of(tree)) == tree
@@ -62,6 +63,10 @@ def test_what_the_parameters_are_called() -> None:
         "site.things.a.light.light.to": 0.5,
         "site.things.a.light.press": True,
         "site.things.b.light": "x",
+        "site.things.b.at": "object",
+        "site.things.c.at.at.belt": "main",
+        "site.things.c.at.at.from": 0,
+        "site.things.c.at.at.to": 0.5,
     }
 
 

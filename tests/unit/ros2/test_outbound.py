@@ -194,6 +194,10 @@ def test_packages_of_all_trackers_are_listed_as_shares_of_their_belts(table: Rou
     scene.take("conveyor", objects(package(2)), NOW_NS + TRACKED_NS + 1)
     (value,) = row.convert(objects(), "conveyor", scene)
     assert [each.uid for each in value.packages] == [2], "the other tracker is silent"
+    thing = models.Thing(id="19-2", center_m=(0.0, 1.0, 0.0), size_m=(0.3, 0.3, 0.3), strip="0")
+    scene.take("", ROOM.model_copy(update={"things": (thing,)}), NOW_NS + TRACKED_NS + 1)
+    (value,) = row.convert(objects(), "conveyor", scene)
+    assert not value.packages, "a thing of the map is none"
 
 
 def test_selected_are_told_by_the_numbers_of_packages(table: Routes) -> None:
@@ -226,6 +230,51 @@ def test_pointers_tell_who_points_at_what(table: Routes) -> None:
     scene.forget("user2")
     (value,) = sent(out(table, "pointers"), CURSOR, scene)
     assert [each.user_name for each in value.pointers] == ["user1"]
+
+
+@pytest.mark.parametrize(
+    ("thing", "event", "told"),
+    [
+        ("screws", "selected", "thing_on"),
+        ("screws", "deselected", ""),  # a button is over
+        ("radio", "selected", "thing_on"),
+        ("radio", "deselected", "thing_off"),
+        ("radio", "refused", ""),
+        ("19-4", "selected", ""),  # a package
+    ],
+)
+def test_who_points_at_which_thing_is_a_detection(table: Routes, thing: str, event: Any, told: str) -> None:
+    scene, size_m = furnished(), (0.4, 0.3, 0.2)
+    things = (
+        models.Thing(id="screws", center_m=(1.0, 2.0, 3.0), size_m=size_m),
+        models.Thing(id="radio", center_m=(1.0, 2.0, 3.0), size_m=size_m, mode="switch"),
+    )
+    scene.take("", ROOM.model_copy(update={"things": things}), NOW_NS)
+    listed = [
+        package(4).model_copy(update={"id": each.id, "size_m": size_m, "yaw_rad": 1.0}) for each in things
+    ]
+    scene.take("things", objects(*listed, package(4)), NOW_NS)
+    message = models.SelectionEvent(
+        stamp_ns=NOW_NS, event=event, object_id=thing, user="anna", confidence=0.93
+    )
+    values = {name: sent(out(table, name), message, scene, "") for name in ("thing_on", "thing_off")}
+    assert [name for name, value in values.items() if value] == ([told] if told else [])
+    for value in values.get(told, []):
+        (result,) = value.results
+        assert (value.id, result.hypothesis.class_id, result.hypothesis.score) == ("anna", thing, 0.93)
+        assert (value.header.frame_id, value.header.stamp.nanosec) == ("world", 5)
+        size = value.bbox.size
+        assert (value.bbox.center.position.y, size.x, size.y, size.z) == (1.0, *size_m)
+        assert turned(value.bbox.center.orientation) == rotation.from_yaw(1.0)
+
+
+def test_a_detection_of_a_press_has_no_score_and_of_an_unlisted_thing_no_box(table: Routes) -> None:
+    scene = furnished()
+    thing = models.Thing(id="screws", center_m=(1.0, 2.0, 3.0), size_m=(1.0, 1.0, 1.0))
+    scene.take("", ROOM.model_copy(update={"things": (thing,)}), NOW_NS)
+    event = models.SelectionEvent(stamp_ns=NOW_NS, event="selected", object_id="screws", user="anna")
+    (value,) = sent(out(table, "thing_on"), event, scene, "")
+    assert (value.results[0].hypothesis.score, value.bbox.size.x) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize(

@@ -76,7 +76,10 @@ def test_the_map_replaces_what_was_drawn_before(table: Routes) -> None:
     room = ROOM.model_copy(
         update={
             "boxes": (models.Box(id="b", center_m=(1.0, 1.0, 1.0), size_m=(1.0, 2.0, 3.0)),),
-            "things": (models.Thing(id="nuts", center_m=(1.0, 1.0, 1.0), size_m=(1.0, 2.0, 3.0)),),
+            "things": (
+                models.Thing(id="nuts", center_m=(1.0, 1.0, 1.0), size_m=(1.0, 2.0, 3.0)),
+                models.Thing(id="agv", center_m=(0, 0, 0), size_m=(1, 1, 1), is_tracked=True),
+            ),
             "planes": (
                 models.Plane(id="p", center_m=(0.0, 0.0, 0.0), normal=(1.0, 0.0, 0.0), size_m=(2.0, 4.0)),
             ),

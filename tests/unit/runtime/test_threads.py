@@ -4,16 +4,17 @@ import asyncio
 import subprocess
 import sys
 import threading
-import time
 
 import pytest
 
-from pointit.runtime.host.threads import EXIT_PATIENCE_S, in_daemon_thread
+from pointit.runtime.host.threads import in_daemon_thread
 from tests.support.bench import until
 
 pytestmark = pytest.mark.wall_time
 
 PATIENCE_S = 20.0
+HANGS_S = 300.0
+"""A program that takes so long never ends."""
 
 
 async def test_the_result_or_error_of_the_work_is_passed_on() -> None:
@@ -43,10 +44,8 @@ def test_the_loop_ends_while_the_work_goes_on() -> None:
             async with asyncio.timeout(0.01):
                 await in_daemon_thread(work, "slow", discard=discard)
 
-    began_s = time.monotonic()
     asyncio.run(main())
-    assert time.monotonic() - began_s < PATIENCE_S / 2
-    release.set()
+    release.set()  # if the loop had waited for the work, that had given up
     assert is_dropped.wait(PATIENCE_S)
     assert dropped == [4]
 
@@ -102,7 +101,10 @@ async def test_an_error_raised_after_cancellation_is_discarded() -> None:
 
 LEAVING = """
 import asyncio, sys, threading
+from pointit.runtime.host import threads
 from pointit.runtime.host.threads import exit_now, has_running_threads, in_daemon_thread
+
+threads.EXIT_PATIENCE_S = None
 
 async def main():
     try:
@@ -119,20 +121,20 @@ sys.exit(4)
 """
 
 
-def ends(program: str, within_s: float) -> tuple[int, str, str]:
+def ends(program: str) -> tuple[int, str, str]:
     command = [sys.executable, "-c", program]
-    done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=within_s)
+    done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=HANGS_S)
     return done.returncode, done.stdout, done.stderr
 
 
 @pytest.mark.parametrize(("first", "code"), [("asyncio.run(main())", 3), ("", 4)])
 def test_a_program_leaves_at_once_what_still_runs(first: str, code: int) -> None:
-    assert ends(LEAVING.format(first=first), EXIT_PATIENCE_S) == (code, "said", "")
+    assert ends(LEAVING.format(first=first)) == (code, "said", "")
 
 
 WAITING = """
 import asyncio, time
-from pointit.runtime.host.threads import EXIT_PATIENCE_S, in_daemon_thread
+from pointit.runtime.host.threads import in_daemon_thread
 
 def work():
     time.sleep(0.3)
@@ -150,4 +152,4 @@ asyncio.run(main())
 
 
 def test_any_other_process_waits_for_it_at_its_exit() -> None:
-    assert ends(WAITING, PATIENCE_S) == (0, "done\n", "")
+    assert ends(WAITING) == (0, "done\n", "")

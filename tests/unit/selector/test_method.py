@@ -170,7 +170,7 @@ def stepped(method: Method) -> tuple[GuardedMethod, SelectionProgress]:
         (SelectionProgress("a", fired=cast("Any", b"a")), "TypeError: fired b'a', expected text or None"),
         (SelectionProgress("a", 1.5), "ValueError: progress 1.5, expected 0 to 1"),
         (SelectionProgress("a", 0.5, None, -1.0), "ValueError: spent_s -1.0, expected 0 or more"),
-        (None, "AttributeError: "),
+        (None, "TypeError: "),
     ],
 )
 def test_wrong_result_is_a_fault_and_selects_nothing(progress: SelectionProgress | None, fault: str) -> None:
@@ -193,7 +193,7 @@ def test_method_that_works_for_a_while_counts_as_sound_again() -> None:
     guarded.step(sample_at(1.0))
     method.progress = SelectionProgress("a", 0.5)
     assert [guarded.step(sample_at(now_s)).progress for now_s in (1.9, 2.0, 31.9)] == [0.0, 0.5, 0.5]
-    assert guarded.fault.startswith("AttributeError: ")
+    assert guarded.fault.startswith("TypeError: ")
     guarded.step(sample_at(32.1))
     assert guarded.fault == ""
 

@@ -110,10 +110,39 @@ def test_a_box_is_where_it_is_turned_to() -> None:
     assert Things(thing("bar", **across, yaw_rad=math.pi / 2)).point(12.0, 3.0) == []
 
 
+def test_a_tracked_object_does_what_the_map_says_of_it_while_it_is_tracked() -> None:
+    def stay(name: str, seconds: float) -> None:
+        for _ in range(round(5 * seconds)):
+            listed = listing(Environment(stamp_ns=0, name="", things=(thing(name),)), at(room.time_s))
+            claimed = listed.objects[0].model_copy(update={"mode": "claim"})
+            room.engine.on_objects("camera", listed.model_copy(update={"objects": (claimed,)}))
+            room.point(0.0, 0.2)
+
+    room = Things()
+    stay("cart", 3.0)
+    assert [event.event for event in room.events] == ["selected"], "without the map, it is claimed by staying"
+    room = Things()
+    cart = thing("cart", is_tracked=True, mode="switch", press=True, label="the cart")
+    room.engine.on_map(Environment(stamp_ns=0, name="room", things=(cart,)))
+    stay("cart", 3.0)
+    assert (room.events, room.hover.object_id) == ([], "cart")
+    assert room.press() == [("selected", "cart")]
+    assert room.events[-1].kind == "the cart"
+    stay("other", 0.2)
+    told = [output.message for output in room.engine.set_thing("anna", "cart", None, at(room.time_s))]
+    assert [each.text for each in told if isinstance(each, Feedback)] == [
+        "there is no button or switch cart now"
+    ]
+    assert [one.id for one in room.engine.selection(at(room.time_s)).objects] == ["cart"]
+    stay("other", 40.0)
+    assert "cart" not in [one.id for one in room.engine.selection(at(room.time_s)).objects], "it has left"
+
+
 def test_what_is_claimed_stays_with_who_claimed_it() -> None:
     room = Things(thing("crate", mode="claim"))
     assert room.point(0.0, 3.0) == [("selected", "crate")]
     assert room.point(0.0, 3.0, "bert") == [("refused", "crate")]
+    assert package("red", 1.0).mode == "claim", "as packages do"
 
 
 def test_some_things_want_a_press_too() -> None:

@@ -13,6 +13,7 @@ from pydantic import TypeAdapter, ValidationError
 from pointit.bridges.web import wire
 from pointit.bridges.web.pages.page_requests import (
     DEEDS,
+    LOOKS,
     OPERATORS,
     REQUESTS,
     Call,
@@ -37,11 +38,14 @@ def test_everybody_who_sees_a_robot_may_stop_it() -> None:
         assert call == Call(request=topics.STOP_ROBOT, query=StopRobot(reason="too near"), name="quad")
 
 
-def test_a_viewer_may_do_nothing_else() -> None:
-    assert (REQUESTS["viewer"], DEEDS["viewer"]) == ((topics.STOP_ROBOT,), ())
+def test_a_viewer_may_do_nothing_else_but_look() -> None:
+    assert (REQUESTS["viewer"], DEEDS["viewer"]) == ((topics.STOP_ROBOT,), ("told_apart",))
     rows = [row for row in OPERATORS if row is not topics.STOP_ROBOT]
     requests = [ask(row.key, name="anna" if row.placeholder else "") for row in rows]
-    for wish in (*requests, *(ask(deed=deed, name="anna") for deed in DEEDS["operator"])):
+    for wish in (
+        *requests,
+        *(ask(deed=deed, name="anna") for deed in DEEDS["operator"] if deed not in LOOKS),
+    ):
         with pytest.raises(RefusedError, match="only looks on"):
             parse_request(wish, "viewer")
 

@@ -95,7 +95,7 @@ def room(environment: Environment, lines: Lines, now_ns: int) -> list[NamedEntit
         entities.append(shapes.entity("strips", now_ns, lines=drawn))
     boxes = [
         *(("box", each) for each in environment.boxes),
-        *(("thing", each) for each in environment.things),
+        *(("thing", each) for each in environment.fixed_things),
     ]
     for kind, box in boxes:
         turned = rotation.from_yaw(box.yaw_rad)

@@ -15,6 +15,7 @@ from pointit.bridges.web.metrics.site_metrics import READS, SiteMetrics
 from pointit.bridges.web.model.history import Past
 from pointit.bridges.web.model.people import People, WristMotion
 from pointit.bridges.web.model.site_model import SiteModel
+from pointit.bridges.web.model.told_apart import ToldApart
 from pointit.bridges.web.pages.latest_values import MAX_KEYS
 from pointit.bridges.web.pages.open_pages import Pages
 from pointit.bridges.web.pages.page_session import PageSession
@@ -121,6 +122,7 @@ class Web(Service[WebConfig]):
         self._phones = Phones(host, self._pairing, bundle)
         routes = [*self._phones.routes, metrics_route(self._metrics, doors)]
         app = application(doors, bundle, self._open, self._downloads.answer, routes)
+        self._told_apart = ToldApart()
         self._lan = Lan(config, self.bus.site, app)
         self._answers = RequestDispatcher(
             bus=self.bus,
@@ -130,6 +132,7 @@ class Web(Service[WebConfig]):
             phones=self._phones,
             lan=self._lan,
             doors=doors,
+            told_apart=self._told_apart,
             present=lambda: self._belief.present,
             changed=self._changed,
         )
@@ -258,6 +261,7 @@ class Web(Service[WebConfig]):
                 self._link.hear(message, self._wall.now_ns(), self._now_s())
             case Environment():
                 self._wrists.room(message)
+                self._told_apart.take(message)
             case UserProfile():
                 self._wrists.profile(name, message)
             case UserPose():

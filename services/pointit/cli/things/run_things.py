@@ -14,6 +14,14 @@ from pointit.launch.plan.scenario import Scenario
 from pointit.launch.plan.scenario_catalog import room_of
 from pointit.launch.plan.watcher import MakeWatcher
 
+mqtt_option = click.option(
+    "--mqtt",
+    default="",
+    metavar="BROKER",
+    help="announce the things of the map to Home Assistant at this MQTT broker, HOST or "
+    "mqtts://USER@HOST (password: variable MQTT_PASSWORD), and publish when they are pointed at",
+)
+
 
 def _options(function: Any) -> Any:
     """Add the options."""
@@ -25,14 +33,7 @@ def _options(function: Any) -> Any:
         "points at the thing; both may have {thing}, {user}, {confidence} and {state} (on or off). FILE.yaml "
         "has several, `THING: PROGRAM or URL`. Repeatable",
     )
-    mqtt = click.option(
-        "--mqtt",
-        default="",
-        metavar="BROKER",
-        help="announce the things of the map to Home Assistant at this MQTT broker, HOST or "
-        "mqtts://USER@HOST (password: variable MQTT_PASSWORD), and publish when they are pointed at",
-    )
-    return on(mqtt(function))
+    return on(mqtt_option(function))
 
 
 def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Added:
@@ -51,7 +52,8 @@ def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Ad
     return Added(watchers=watchers)
 
 
-def _summary(summary: Mapping[str, Any]) -> list[str]:
+def summary_lines(summary: Mapping[str, Any]) -> list[str]:
+    """Return sentences on the entries of reactions and of the broker in a summary."""
     lines: list[str] = []
     if reactions := summary.get("reactions"):
         failed = f", {reactions['failed']} failed" if reactions["failed"] else ""
@@ -67,4 +69,6 @@ def _summary(summary: Mapping[str, Any]) -> list[str]:
 
 
 THINGS_PART = RunPart(heading="Things", names=("on", "mqtt"), options=_options, add=_add)
-THINGS_DISPLAY = DisplayPart(rows=lambda _monitor, _width: None, lines=lambda _monitor: (), summary=_summary)
+THINGS_DISPLAY = DisplayPart(
+    rows=lambda _monitor, _width: None, lines=lambda _monitor: (), summary=summary_lines
+)

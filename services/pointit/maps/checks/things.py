@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from itertools import permutations
+from itertools import chain, permutations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,15 +35,16 @@ def check_things(
     """Yield problems of things, and those that are hard to tell apart as seen from each of `places_m`."""
     if not file.things or any(broken_things(file)):
         return
-    things = things_of(file)
+    everything = things_of(file)
+    things = [thing for thing in everything if not thing.is_tracked]
     if len(things) > TESTED:
         text = f"are {len(things)}, tested are up to {TESTED}; leave out what nobody points at"
         yield warning("things", text)
     names: dict[str, str] = {}
-    for thing in things:
+    for thing in everything:
         if (twin := names.setdefault(thing.label or thing.id, thing.id)) != thing.id:
             yield warning(f"things.{thing.id}", f"is called as {twin} is; change one label")
-    yield from _check_lights(things)
+    yield from _check_lights(everything)
     yield from _check_places(things, file, clouds)
     solids = [BoxSolid(thing.center_m, thing.size_m, thing.yaw_rad) for thing in things]
     for (inner, _), (outer, solid) in permutations(zip(things, solids, strict=True), 2):
@@ -111,33 +112,48 @@ def _confused(things: Sequence[Thing], solids: Sequence[BoxSolid], eyes_m: Vec3)
         yield warning("things", f"{more} more pairs are as near as seen from {place}; stand nearer")
 
 
-def told_apart(file: MapFile) -> Callable[[float, float], float]:
+def confusions(things: Sequence[Thing]) -> Callable[[float, float], list[tuple[int, int]]]:
+    """Return a function of a place (x, y) of a person: pairs of things that pointing does not tell apart.
+
+    Pairs are of indices. Each thing that is not told apart from another is in a pair. Further pairs of
+    such things are left out.
+
+    Raises:
+        ConfigError: If there are no things.
+    """
+    if not things:
+        raise ConfigError("the map has no things that could be told apart; add a section `things`")
+    solids = [BoxSolid(thing.center_m, thing.size_m, thing.yaw_rad) for thing in things]
+
+    def pairs(x: float, y: float) -> list[tuple[int, int]]:
+        eyes_m, confused, found = (x, y, EYES_M), set[int](), list[tuple[int, int]]()
+        for one, other in _near(things, eyes_m):
+            if not {one, other} <= confused:
+                start_m = things[one].center_m
+                if _apart_deg(solids[one], solids[other], start_m, eyes_m, APART_DEG) < APART_DEG:
+                    confused |= {one, other}
+                    found.append((one, other))
+        return found
+
+    return pairs
+
+
+def told_apart(things: Sequence[Thing]) -> Callable[[float, float], float]:
     """Return a function of a place (x, y) of a person: the share of things that pointing alone tells apart.
 
     Raises:
-        ConfigError: If the map has no things, or they are broken.
+        ConfigError: If there are no things.
     """
-    if not file.things or any(broken_things(file)):
-        raise ConfigError("the map has no things that could be told apart; add a section `things`")
-    things = things_of(file)
-    solids = [BoxSolid(thing.center_m, thing.size_m, thing.yaw_rad) for thing in things]
-
-    def share(x: float, y: float) -> float:
-        eyes_m, confused = (x, y, EYES_M), set[int]()
-        for one, other in _near(things, eyes_m):
-            if not {one, other} <= confused:
-                apart_deg = _apart_deg(solids[one], solids[other], things[one].center_m, eyes_m)
-                confused |= {one, other} if apart_deg < APART_DEG else set()
-        return 1.0 - len(confused) / len(things)
-
-    return share
+    pairs = confusions(things)
+    return lambda x, y: 1.0 - len(set(chain(*pairs(x, y)))) / len(things)
 
 
 def _near(things: Sequence[Thing], eyes_m: Vec3) -> Iterator[tuple[int, int]]:
     """Yield pairs that may be as near to each other, by the balls around them."""
-    reach = np.array([thing.center_m for thing in things]) - eyes_m
+    reach = np.array([thing.center_m for thing in things]).reshape(-1, 3) - eyes_m
     range_m = np.linalg.norm(reach, axis=1) + 1e-9
-    halves = np.arctan(np.linalg.norm([thing.size_m for thing in things], axis=1) / 2.0 / range_m)
+    sizes_m = np.array([thing.size_m for thing in things]).reshape(-1, 3)
+    halves = np.arctan(np.linalg.norm(sizes_m, axis=1) / 2.0 / range_m)
     towards = reach / range_m[:, None]
     for one in range(len(things)):
         angles = np.arccos(np.clip(towards[one + 1 :] @ towards[one], -1.0, 1.0))
@@ -145,10 +161,11 @@ def _near(things: Sequence[Thing], eyes_m: Vec3) -> Iterator[tuple[int, int]]:
         yield from ((one, one + 1 + int(other)) for other in np.flatnonzero(close))
 
 
-def _apart_deg(one: BoxSolid, other: BoxSolid, start_m: Vec3, eyes_m: Vec3) -> float:
+def _apart_deg(one: BoxSolid, other: BoxSolid, start_m: Vec3, eyes_m: Vec3, enough_deg: float = 0.0) -> float:
     """Return the angle from edge to edge, as seen from `eyes_m`, 0 if they overlap.
 
-    The nearest point of one to the other is found in turns, from `start_m` on.
+    The nearest point of one to the other is found in turns, from `start_m` on, each nearer than the one
+    before. The search ends below `enough_deg`.
     """
     if one.contains(eyes_m) or other.contains(eyes_m):
         return 0.0
@@ -159,4 +176,6 @@ def _apart_deg(one: BoxSolid, other: BoxSolid, start_m: Vec3, eyes_m: Vec3) -> f
             return 0.0
         point_m = solid.closest_approach(eyes_m, towards, "angle")
         apart_rad = vector.angle_between(towards, vector.subtract(point_m, eyes_m))
+        if apart_rad < math.radians(enough_deg):
+            break
     return math.degrees(apart_rad)

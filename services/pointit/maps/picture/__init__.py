@@ -1,1 +1,1 @@
-"""A map drawn from above. It needs matplotlib."""
+"""A map drawn from above. All but `floor` needs matplotlib."""

@@ -16,22 +16,13 @@ from numpy.typing import NDArray
 
 from pointit.geometry.polyline import Polyline
 from pointit.maps.picture.belts import draw_bays, draw_belts, draw_links, draw_strips
+from pointit.maps.picture.floor import extent, floor_edges
 from pointit.maps.picture.palette import CLOUD, INK, KEEP_IN, KEEP_OUT, LAMP, ON_TOP, SOLID, Axes
 from pointit.maps.picture.solids import draw_solids
 from pointit.schemas import Environment
 from pointit.schemas.environment import Fence
 
 MAX_CLOUD_POINTS = 20_000
-
-MARGIN_M = 0.6
-
-MARGIN_SHARE = 0.06
-"""Margin for text beside things, as a share of the longer side."""
-FLOOR_CELLS = 24
-"""Number of squares along the longer side in which the floor is coloured."""
-
-LEAST_ASPECT = 0.65
-"""Minimum width by height, as a narrow map has space for text beside it."""
 
 WIDEST_IN, TALLEST_IN = 10.5, 8.5
 
@@ -88,7 +79,7 @@ def map_figure(
     told_apart: Callable[[float, float], float] | None = None,
 ) -> Any:
     """Return matplotlib's figure for `draw_map`, in the current style."""
-    low, high = _extent(room, clouds, person_m)
+    low, high = extent(room, clouds, person_m)
     wide, tall = high - low
     side = float(max(wide, tall))
     scale = min(WIDEST_IN / wide, TALLEST_IN / tall)
@@ -115,55 +106,16 @@ def map_figure(
     return figure
 
 
-def _extent(
-    room: Environment, clouds: Mapping[str, NDArray[np.float64]], person_m: tuple[float, float] | None
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the minimum and maximum x and y of the picture, with a margin."""
-    places: list[tuple[float, float]] = [] if person_m is None else [person_m]
-    places += [lamp.position_m[:2] for lamp in room.lamps]
-    for strip in room.strips:
-        places += [vertex[:2] for vertex in strip.line_m]
-    for belt in room.belts:
-        half = belt.width_m / 2
-        for x, y, _ in belt.line_m:
-            places += [(x - half, y - half), (x + half, y + half)]
-    round_things = [
-        *((box.center_m, math.hypot(*box.size_m[:2]) / 2) for box in (*room.boxes, *room.things)),
-        *((each.center_m, math.hypot(*each.size_m) / 2 if each.size_m else 1.0) for each in room.planes),
-        *((cylinder.center_m, cylinder.radius_m) for cylinder in room.cylinders),
-        *((sphere.center_m, sphere.radius_m) for sphere in room.spheres),
-    ]
-    for (x, y, _), radius in round_things:
-        places += [(x - radius, y - radius), (x + radius, y + radius)]
-    for fence in room.fences:
-        places += fence.outline_m
-    for points in clouds.values():
-        flat = points[:, :2]
-        places += [tuple(flat.min(axis=0)), tuple(flat.max(axis=0))]
-    array = np.array(places, dtype=np.float64)
-    low, high = array.min(axis=0), array.max(axis=0)
-    margin = max(MARGIN_M, MARGIN_SHARE * float((high - low).max()))
-    low, high = low - margin, high + margin
-    more = np.array([max(0.0, LEAST_ASPECT * (high - low)[1] - (high - low)[0]) / 2, 0.0])
-    return low - more, high + more
-
-
 def _draw_told_apart(
     axes: Axes, low: NDArray[np.float64], high: NDArray[np.float64], share: Callable[[float, float], float]
 ) -> list[Any]:
     """Colour the floor, squares of about the 24th part of the longer side."""
-    side_m = float((high - low).max()) / FLOOR_CELLS
-    x_m, y_m = (_edges(*ends, side_m) for ends in zip(low.tolist(), high.tolist(), strict=True))
+    x_m, y_m = floor_edges(low, high)
     shares = [[share((x + x2) / 2.0, (y + y2) / 2.0) for x, x2 in pairwise(x_m)] for y, y2 in pairwise(y_m)]
     style: dict[str, Any] = {"cmap": "RdYlBu", "vmin": 0.0, "vmax": 1.0, "alpha": 0.55}
     mesh = axes.pcolormesh(x_m, y_m, np.array(shares), zorder=0.2, linewidth=0, rasterized=True, **style)
     texts = {1.0: "from here all things are told apart", 0.5: "half of them", 0.0: "none, without light"}
     return [Patch(facecolor=mesh.cmap(at), alpha=style["alpha"], label=text) for at, text in texts.items()]
-
-
-def _edges(low_m: float, high_m: float, step_m: float) -> list[float]:
-    count = max(1, round((high_m - low_m) / step_m))
-    return [low_m + (high_m - low_m) * number / count for number in range(count + 1)]
 
 
 def _grid(axes: Axes, side_m: float) -> None:

@@ -25,7 +25,7 @@ MAX_NAMED = 200
 
 def draw_solids(axes: Axes, room: Environment) -> list[Any]:
     """Draw the solids of `room`. Return their entries of the legend."""
-    boxes: tuple[Box, ...] = (*room.boxes, *room.things)
+    boxes: tuple[Box, ...] = (*room.boxes, *room.fixed_things)
     solids = len(boxes) + len(room.planes) + len(room.cylinders) + len(room.spheres)
     is_named = solids <= MAX_NAMED
     outlines: list[Patch] = []

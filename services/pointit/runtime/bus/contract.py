@@ -24,18 +24,6 @@ Handler = Callable[[M, str], None]
 """Takes a message and what stands for the key's placeholder (empty where there is none)."""
 
 
-class BatchHandler:
-    """A handler that takes at once all that has come for it, so that much is done once for several."""
-
-    def __init__(self, take: Callable[[Iterable[tuple[str, Any]]], None]) -> None:
-        """`take` gets names and messages in order, or none. If it raises, it is called again for the rest."""
-        self.take = take
-
-    def __call__(self, message: Message, name: str) -> None:
-        """Take one."""
-        self.take(((name, message),))
-
-
 Server = Callable[[Q, str], Awaitable[R]]
 """Takes a query and the placeholder's name; raises `RefusedError` with a sentence to refuse.
 

@@ -73,13 +73,14 @@ class Dispatcher:
     def _drain_all(self) -> None:
         ready = self.ready
         try:
-            for _ in range(MAX_ROUNDS):
-                if not ready:
-                    break
-                for _ in range(len(ready)):
-                    if self._closed:
-                        return
-                    ready.popleft().drain()
+            rounds, left = MAX_ROUNDS, len(ready)
+            while ready and not self._closed:
+                if not left:
+                    rounds, left = rounds - 1, len(ready)
+                    if not rounds:
+                        break
+                left -= 1
+                ready.popleft().drain()
         finally:
             # A thread that added between the last look and this line saw us awake: look again afterwards.
             self.is_awake = False

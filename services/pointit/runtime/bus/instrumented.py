@@ -1,18 +1,10 @@
 """The ends of topics and requests as a service has them: what passes there is measured or published."""
 
 import logging
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Generic, TypeVar
 
-from pointit.runtime.bus.contract import (
-    BatchHandler,
-    Closable,
-    Handler,
-    Publisher,
-    Server,
-    Subscription,
-    SubscriptionStats,
-)
+from pointit.runtime.bus.contract import Closable, Handler, Publisher, Server, Subscription, SubscriptionStats
 from pointit.runtime.bus.metrics import FULL, DurationWindow, ReaderCounts, TopicMeter, steady_time
 from pointit.runtime.bus.timeliness import STRAY_NS, STREAMS
 from pointit.runtime.clock import Clock
@@ -39,7 +31,7 @@ class InstrumentedPublisher(Generic[M]):
         self._inner = inner
         self._meter = meter
         self._latency = latency if meter.topic.delivery is Delivery.LATEST else None
-        self._clock = clock
+        self._now_ns = clock.now_ns
         self._time_s = steady_time()
 
     def put(self, message: M) -> None:
@@ -50,8 +42,11 @@ class InstrumentedPublisher(Generic[M]):
         if self._latency is None:
             meter.newest_s = self._time_s()
         else:  # one reading of a clock for both
-            meter.newest_ns = now_ns = self._clock.now_ns()
-            self._latency.add((now_ns - message.stamp_ns) / NS_PER_S / self._clock.speed)
+            meter.newest_ns = now_ns = self._now_ns()
+            ages_ns = self._latency.values
+            ages_ns.append(now_ns - message.stamp_ns)
+            if len(ages_ns) >= FULL:
+                self._latency.fold()
 
     def close(self) -> None:
         """Undeclare."""
@@ -67,49 +62,46 @@ def instrument_handler(
     meter: TopicMeter,
     steps: DurationWindow,
     clock: Clock,
-    drops_late: Callable[[M], bool] | None,
+    drops_late: Callable[[M], object] | None,
     *,
     counts: ReaderCounts,
     in_order: bool = True,
-) -> BatchHandler:
+) -> Handler[M]:
     """Return `handler` for one subscriber, behind its filters, with messages counted and calls timed (s).
 
-    `drops_late` returns True for messages that are dropped if late, None accepts them all; `in_order` drops
-    messages of a stream that are older than its newest.
+    `drops_late` is true of messages that are dropped if late, None accepts them all. `in_order` drops those
+    of a stream that are older than its newest.
     """
     order = counts.order if in_order and meter.topic in STREAMS else None
     newest_by_name = counts.order.newest
     is_in_time = counts.lateness.accepts
-    time_s = steady_time()
+    time_s, now_ns = steady_time(), clock.now_ns
     durations_s = steps.values
 
-    def filter_and_time(batch: Iterable[tuple[str, M]]) -> None:
-        began_s = time_s()
-        for name, message in batch:
-            if order is not None:
-                newest, stamp_ns = newest_by_name.get(name), message.stamp_ns
-                if newest is not None and 0 <= stamp_ns - newest.stamp_ns <= STRAY_NS:  # most: without a call
-                    newest.stamp_ns, newest.came_s = stamp_ns, began_s
-                elif not order.accepts(name, stamp_ns, began_s):
-                    continue
-            if drops_late is not None and drops_late(message):
-                # seconds of the wall; but where time is slow its own, as such a clock is coarse
-                age_s = (clock.now_ns() - message.stamp_ns) / NS_PER_S
-                speed = clock.speed
-                if speed > 1.0:
-                    age_s /= speed
-                if not is_in_time(name, age_s, began_s):
-                    continue
-            meter.count += 1
-            meter.newest_s = began_s
-            handler(message, name)
-            ended_s = time_s()
-            durations_s.append(ended_s - began_s)
-            began_s = ended_s
+    def filter_and_time(message: M, name: str) -> None:
+        began_s, stamp_ns = time_s(), message.stamp_ns
+        if order is not None:
+            newest = newest_by_name.get(name)
+            if newest is not None and 0 <= stamp_ns - newest.stamp_ns <= STRAY_NS:  # most: without a call
+                newest.stamp_ns, newest.came_s = stamp_ns, began_s
+            elif not order.accepts(name, stamp_ns, began_s):
+                return
+        if drops_late is not None and drops_late(message):
+            # seconds of the wall; but where time is slow its own, as such a clock is coarse
+            age_s = (now_ns() - stamp_ns) / NS_PER_S
+            speed = clock.speed
+            if speed > 1.0:
+                age_s /= speed
+            if not is_in_time(name, age_s, began_s):
+                return
+        meter.count += 1
+        meter.newest_s = began_s
+        handler(message, name)
+        durations_s.append(time_s() - began_s)
         if len(durations_s) >= FULL:
             steps.fold()
 
-    return BatchHandler(filter_and_time)
+    return filter_and_time
 
 
 class Declared:

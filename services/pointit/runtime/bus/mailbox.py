@@ -7,10 +7,10 @@ the event loop.
 import collections
 import logging
 import threading
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable
 from typing import Any
 
-from pointit.runtime.bus.contract import EVENT_CAPACITY, AnyTopic, BatchHandler, SubscriptionStats, Tap
+from pointit.runtime.bus.contract import EVENT_CAPACITY, AnyTopic, SubscriptionStats
 from pointit.runtime.bus.dispatcher import Dispatcher
 from pointit.schemas import DecodeError, Message
 from pointit.schemas.topics import Delivery
@@ -48,7 +48,7 @@ class Mailbox:
         """
         self.topic = topic
         self.traffic = SubscriptionStats()
-        self._take = handler.take if isinstance(handler, BatchHandler) else _one_by_one(handler)
+        self._handler = handler
         self._dispatcher = dispatcher
         self._make_ready = dispatcher.ready.append
         self._thread = dispatcher.thread
@@ -62,8 +62,6 @@ class Mailbox:
         self._queue: collections.deque[tuple[str, Any]] = collections.deque(maxlen=EVENT_CAPACITY)
         self._arrived = 0
         """Number of items that other threads brought into these two since they were drained."""
-        self._rest: Iterator[tuple[str, Any]] = iter(())
-        """Rest of the batch that is being handled."""
         self._overflowed = 0
         """Number of overflows at the last report."""
         self._takes_kept = kept and topic.delivery is Delivery.STATE
@@ -86,8 +84,6 @@ class Mailbox:
         if self._arrived or threading.get_ident() != self._thread:
             self.offer(name, message)
             return
-        traffic = self.traffic
-        traffic.received += 1
         if self._keeps_newest:
             newest = self._newest_here
             if not newest:  # `schedule`, without a call for each message
@@ -95,14 +91,14 @@ class Mailbox:
                 if not self._dispatcher.is_awake:
                     self._dispatcher.wake()
             elif name in newest:
-                traffic.dropped += 1
+                self._count_dropped(1)
             newest[name] = message
         else:
             queue = self._queue_here
             if not queue:
                 self._dispatcher.schedule(self)
             elif len(queue) == EVENT_CAPACITY:
-                traffic.dropped += 1
+                self._count_dropped(1)
             queue.append((name, message))
 
     def offer(self, name: str, item: Any) -> None:
@@ -138,39 +134,42 @@ class Mailbox:
 
     def drain(self) -> None:
         """Handle everything that is there; in the loop."""
-        has_arrived = self._arrived > 0
-        if has_arrived:
-            self._fetch()
-        batch: Collection[tuple[str, Any]]
-        if self._keeps_newest:
-            batch, self._newest_here = self._newest_here.items(), {}
+        batch: Iterable[tuple[str, Any]]
+        if self._arrived or self._looks:
+            batch = self._look_through(self._fetch())
         else:
-            batch, self._queue_here = self._queue_here, collections.deque(maxlen=EVENT_CAPACITY)
-        if has_arrived or self._looks:
-            batch = self._look_through(batch)
-        rest = self._rest = iter(batch)
-        for _ in batch:  # a call takes all of it, unless a handler raises: then another takes the rest
+            newest, self._newest_here = self._newest_here, {}
+            self.traffic.received += len(newest)
+            batch = newest.items()
+        for name, message in batch:
+            if self._closed:
+                return
             try:
-                self._take(rest)
+                self._handler(message, name)
             except Exception as error:  # noqa: BLE001 - a handler's fault must not stop the others
                 self._count_error(error)
-            else:
-                break
         if self._kept:
             self._drain_kept()
 
-    def _fetch(self) -> None:
-        """Put what other threads brought behind what waits here."""
-        traffic, newest, queue = self.traffic, self._newest_here, self._queue_here
+    def _fetch(self) -> Collection[tuple[str, Any]]:
+        """Return all that waits: what was put here, and behind it what other threads brought."""
+        newest, queue = self._newest_here, self._queue_here
         with self._lock:
-            arrived, self._arrived = self._arrived, 0
-            waiting = arrived + len(newest) + len(queue)
+            waiting, self._arrived = self._arrived + len(newest) + len(queue), 0
             newest.update(self._newest)
             self._newest.clear()
             queue.extend(self._queue)
             self._queue.clear()
-        traffic.received += arrived
-        traffic.dropped += waiting - len(newest) - len(queue)
+        self._newest_here, self._queue_here = {}, collections.deque(maxlen=EVENT_CAPACITY)
+        batch = newest.items() if self._keeps_newest else queue
+        self.traffic.received += len(batch)
+        self._count_dropped(waiting - len(batch))
+        return batch
+
+    def _count_dropped(self, count: int) -> None:
+        """Count what was replaced or did not fit; in the loop."""
+        self.traffic.received += count
+        self.traffic.dropped += count
 
     def _look_through(self, batch: Iterable[tuple[str, Any]]) -> list[tuple[str, Message]]:
         """Return the messages of `batch` that are to be handled, unpacked."""
@@ -198,7 +197,7 @@ class Mailbox:
             if name not in self._live:
                 self._recalled[name] = message
                 try:
-                    self._take(((name, message),))
+                    self._handler(message, name)
                 except Exception as error:  # noqa: BLE001 - as above
                     self._count_error(error)
 
@@ -229,10 +228,8 @@ class Mailbox:
             self._closed = True
         self._thread = 0  # sends `put` to `offer`, which takes nothing
         self._fetch()
-        for rest in (self._newest_here, self._queue_here, self._live, self._recalled, self._kept):
+        for rest in (self._live, self._recalled, self._kept):
             rest.clear()
-        for _ in self._rest:  # nobody handles it
-            pass
 
     def _open(self, item: Any, name: str) -> Message | None:
         try:
@@ -250,10 +247,6 @@ class Mailbox:
 class TapMailbox(Mailbox):
     """A mailbox that keeps nothing: what arrives goes to the handler, on the thread on which it arrives."""
 
-    def __init__(self, topic: AnyTopic, handler: Tap, dispatcher: Dispatcher) -> None:
-        super().__init__(topic, handler, dispatcher)
-        self._handler = handler
-
     def put(self, name: str, message: Message) -> None:
         """Hand over `message`; from any thread."""
         self.offer(name, message)
@@ -270,11 +263,3 @@ class TapMailbox(Mailbox):
     def drain(self) -> None:
         """Hand over what was kept of states."""
         self._drain_kept()
-
-
-def _one_by_one(handler: Callable[[Any, str], None]) -> Callable[[Iterable[tuple[str, Any]]], None]:
-    def take(batch: Iterable[tuple[str, Any]]) -> None:
-        for name, message in batch:
-            handler(message, name)
-
-    return take

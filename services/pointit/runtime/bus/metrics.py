@@ -32,18 +32,19 @@ def steady_time() -> Callable[[], float]:
 class DurationWindow:
     """Durations between two reports: all are counted. Used in the event loop only."""
 
-    def __init__(self) -> None:
-        """Begin with none."""
+    def __init__(self, per_s: float = 1.0) -> None:
+        """Begin with none; `per_s` is the number of units in a second in which they are added."""
+        self.per_s = per_s
         self.values: list[float] = []
-        """The newest, s. Who adds to them without `add`, which is a call, calls `fold` if they are `FULL`."""
+        """The newest. Who adds to them without `add`, which is a call, calls `fold` if they are `FULL`."""
         self._counts = [0] * (len(DURATION_BOUNDS_S) + 1)
         """Number of older ones in each bucket."""
         self._sum_s = 0.0
         """Sum of the older ones."""
 
-    def add(self, duration_s: float) -> None:
-        """Take one, s."""
-        self.values.append(duration_s)
+    def add(self, duration: float) -> None:
+        """Take one."""
+        self.values.append(duration)
         if len(self.values) >= FULL:
             self.fold()
 
@@ -54,10 +55,11 @@ class DurationWindow:
         del self.values[:-SAMPLES]
 
     def _count(self, ordered: list[float]) -> None:
-        up_to = [*(bisect.bisect_right(ordered, bound_s) for bound_s in DURATION_BOUNDS_S), len(ordered)]
+        bounds = (bound_s * self.per_s for bound_s in DURATION_BOUNDS_S)
+        up_to = [*(bisect.bisect_right(ordered, bound) for bound in bounds), len(ordered)]
         for index, (before, after) in enumerate(itertools.pairwise([0, *up_to])):
             self._counts[index] += after - before
-        self._sum_s += math.fsum(ordered)
+        self._sum_s += math.fsum(ordered) / self.per_s
 
     def take(self) -> Quantiles | None:
         """Return quantiles and histogram of the values since the last call, or None without values."""
@@ -67,7 +69,7 @@ class DurationWindow:
         self._count(ordered)
 
         def quantile(share: float) -> float:  # nearest rank: one of the values, never below the share
-            return ordered[math.ceil(share * len(ordered)) - 1]
+            return ordered[math.ceil(share * len(ordered)) - 1] / self.per_s
 
         p50_s, p99_s = quantile(0.5), quantile(0.99)
         taken = Quantiles(p50_s=p50_s, p99_s=p99_s, counts=tuple(self._counts), sum_s=self._sum_s)

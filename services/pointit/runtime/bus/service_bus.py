@@ -34,7 +34,7 @@ from pointit.runtime.bus.instrumented import (
 )
 from pointit.runtime.bus.metrics import DurationWindow, ReaderCounts, TopicMeter, steady_time
 from pointit.runtime.clock import Clock
-from pointit.schemas import Figure, Health, KeyHealth, Message, Query, Reply
+from pointit.schemas import NS_PER_S, Figure, Health, KeyHealth, Message, Query, Reply
 from pointit.schemas.topics import ANY, SERVED, Presence, Request, Topic
 
 M = TypeVar("M", bound=Message)
@@ -60,7 +60,8 @@ class ServiceBus:
         self._began_s = self._reported_s = self._time_s()
         self._meters: dict[tuple[str, str], TopicMeter] = {}
         self._steps = DurationWindow()
-        self._latency = DurationWindow()
+        self._latency = DurationWindow(NS_PER_S * clock.speed)
+        """Ages by the clock of the service, ns."""
         self._declared: dict[Declared, None] = {}
         self._publishers: list[Publisher[Any]] = []
         self._tokens: dict[Declared, None] = {}
@@ -94,7 +95,7 @@ class ServiceBus:
 
     def reached(self, latency_s: float) -> None:
         """Count how old what was captured is when it leaves the service other than by the bus."""
-        self._latency.add(latency_s)
+        self._latency.add(latency_s * self._latency.per_s)
 
     def subscribe(
         self,
@@ -104,7 +105,7 @@ class ServiceBus:
         *,
         kept: bool = True,
         every: bool = False,
-        drops_late: Callable[[M], bool] | None = None,
+        drops_late: Callable[[M], object] | None = None,
     ) -> MeteredSubscription:
         """Call `handler(message, name)` for each arriving message.
 
@@ -271,6 +272,7 @@ class ServiceBus:
             )
             meter.count = 0
         self._seq += 1
+        self._latency.per_s = NS_PER_S * self._clock.speed
         trouble = (self.problem,) if self.problem else ()
         complaints = (each for meter in self._meters.values() for each in meter.warnings(now_s))
         warnings = (*trouble, *complaints, *self._warnings.values())

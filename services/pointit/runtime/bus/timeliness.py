@@ -82,12 +82,12 @@ REMEDY = "synchronize both by NTP: `timedatectl set-ntp true`, or chrony on a si
 @dataclass(slots=True)
 class _Pace:
     quickest_s: float
-    in_time_s: float
-    """Arrival of the last message in time, s (monotonic)."""
     came_s: float
     """Arrival of the last message, s (monotonic)."""
     late_since_s: float | None = None
     """Arrival of the first of the late messages in a row, s. None if the last message was in time."""
+    in_time_s: float = 0.0
+    """Arrival of the last message before them, s."""
     least_s: float = 0.0
     most_s: float = 0.0
     """Largest lateness since then, s."""
@@ -109,20 +109,23 @@ class LateMessageFilter:
         `age_s`: arrival minus stamp, s; the two clocks may differ. `now_s`: arrival, s (monotonic).
         """
         pace = self._paces.get(name)
-        if pace is None or now_s - pace.in_time_s > FORGOTTEN_S:
-            self._paces[name] = _Pace(age_s, now_s, now_s)
+        if pace is None:
+            self._paces[name] = _Pace(age_s, now_s)
             return True
         silent_s, pace.came_s = now_s - pace.came_s, now_s
         # no `min`, of which a call costs as much as all the rest here
         usual_s = pace.quickest_s + (FOLLOWS * silent_s if silent_s < GAP_S else FOLLOWS_MOST_S)
-        if age_s <= usual_s + LATE_S:
+        if age_s <= usual_s + LATE_S and silent_s <= FORGOTTEN_S:
             pace.quickest_s = usual_s
             if age_s < usual_s:
                 pace.quickest_s = age_s
-            pace.in_time_s, pace.late_since_s = now_s, None
+            if pace.late_since_s is not None:
+                pace.late_since_s = None
             return True
-        if self._is_steady(pace, age_s, now_s, silent_s):
-            self._paces[name] = _Pace(age_s, now_s, now_s)
+        if pace.late_since_s is None:
+            pace.in_time_s = now_s - silent_s
+        if now_s - pace.in_time_s > FORGOTTEN_S or self._is_steady(pace, age_s, now_s, silent_s):
+            self._paces[name] = _Pace(age_s, now_s)
             return True
         self.refused += 1
         self.by_s = age_s - pace.quickest_s

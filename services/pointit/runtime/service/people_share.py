@@ -83,7 +83,7 @@ class PeopleShare:
         return user in self._mine if self._mine else user not in self._elsewhere
 
     def subscribe(
-        self, topic: Topic[M], handler: Handler[M], *, drops_late: Callable[[M], bool] | None = None
+        self, topic: Topic[M], handler: Handler[M], *, drops_late: Callable[[M], object] | None = None
     ) -> None:
         """Call `handler(message, user)` for what arrives on `topic` of each person served."""
         if not self._mine and topic.delivery is not Delivery.LATEST:

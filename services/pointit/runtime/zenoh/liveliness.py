@@ -3,7 +3,9 @@
 """Presence on Zenoh: tokens that come and go, and who is present here or elsewhere."""
 
 import contextlib
+import functools
 import threading
+from collections import Counter
 from collections.abc import Callable, Mapping
 
 import zenoh
@@ -25,6 +27,10 @@ class LivelinessSubscriber:
 
     While the loop is busy, only the tokens wait whose last change differs from what was reported: never more
     than are present or reported, however many come and go.
+
+    Zenoh reports the end of a connection on another thread than what the next one declares. If the successor
+    of a killed process declares the same token at once, the arrival may be reported before the departure.
+    Changes are therefore counted, and Zenoh is asked if a change does not agree with their sum.
     """
 
     def __init__(
@@ -35,6 +41,7 @@ class LivelinessSubscriber:
         dispatcher: Dispatcher,
     ) -> None:
         """Begin to look at `pattern`; `dispatcher` calls `handler` with what came (True) and went (False)."""
+        self._session = session
         self._handler = handler
         self._dispatcher = dispatcher
         self._lock = threading.Lock()
@@ -42,6 +49,10 @@ class LivelinessSubscriber:
         """Present tokens, as last reported to the handler."""
         self._changed: dict[str, None] = {}
         """Tokens to report, in order: each is the opposite of what was reported."""
+        self._sums = Counter[str]()
+        """Number of arrivals less departures by token: 1 if it is present, unless they are out of order."""
+        self._doubted: dict[str, list[zenoh.Reply] | None] = {}
+        """Tokens to ask for (None), or the answers so far to the last question."""
         self._marked = False
         self._closed = False
         self._subscriber = session.liveliness().declare_subscriber(
@@ -56,10 +67,35 @@ class LivelinessSubscriber:
 
     def _on_token(self, sample: zenoh.Sample) -> None:  # on Zenoh's threads
         token = str(sample.key_expr)[:MAX_TOKEN_CHARACTERS]
+        step = 1 if sample.kind == zenoh.SampleKind.PUT else -1
         with self._lock:
-            self._changed.pop(token, None)
-            if (sample.kind == zenoh.SampleKind.PUT) != (token in self._reported):
-                self._changed[token] = None
+            count = self._sums[token] + step
+            self._set(token, count)
+            if token in self._doubted or (count > 0) != (step > 0):
+                self._doubted[token] = None  # an answer that is on its way may be older than this
+        self._wake()
+
+    def _on_answer(self, token: str, answers: list[zenoh.Reply]) -> None:  # on Zenoh's threads
+        with self._lock:
+            if self._doubted.get(token) is not answers:
+                return  # it is asked for again
+            if any(answer.ok is None for answer in answers):
+                self._doubted[token] = None
+            else:
+                del self._doubted[token]
+                self._set(token, int(bool(answers)))
+        self._wake()
+
+    def _set(self, token: str, count: int) -> None:
+        self._sums[token] = count
+        if not count:
+            del self._sums[token]
+        self._changed.pop(token, None)
+        if (count > 0) != (token in self._reported):
+            self._changed[token] = None
+
+    def _wake(self) -> None:
+        with self._lock:
             if self._marked:
                 return
             self._marked = True
@@ -67,12 +103,21 @@ class LivelinessSubscriber:
 
     def drain(self) -> None:
         """Report the changes. Runs in the loop."""
+        questions: dict[str, list[zenoh.Reply]]
         with self._lock:
             changed, self._changed = self._changed, {}
+            questions = {token: [] for token, answers in self._doubted.items() if answers is None}
+            self._doubted |= questions
             self._marked = False
             self._reported ^= changed.keys()
-        if changed and not self._closed:
+        if self._closed:
+            return
+        if changed:
             self._handler({token: token in self._reported for token in changed})
+        for token, answers in questions.items():
+            end = functools.partial(self._on_answer, token, answers)
+            with contextlib.suppress(zenoh.ZError):  # a token that was cut
+                self._session.liveliness().get(token, Callback(answers.append, end, indirect=False))
 
 
 class ZenohWatcher(PresenceWatcher):

@@ -5,6 +5,7 @@ It is the only writer of lamps, and decides which person may localize by which o
 
 import asyncio
 from collections import Counter
+from operator import attrgetter
 from typing import ClassVar
 
 from pointit.geometry.colormap import UnknownColormapError
@@ -111,7 +112,7 @@ class LedDriver(Service[LedDriverConfig]):
         self.bus.subscribe(OBJECTS, self._on_objects)
         self.bus.subscribe(HOVER, self._on_hover)
         # a cursor without a point removes what was shown, which is never too late
-        self.bus.subscribe(CURSOR, self._on_cursor, drops_late=lambda cursor: cursor.point_m is not None)
+        self.bus.subscribe(CURSOR, self._on_cursor, drops_late=attrgetter("point_m"))
 
     async def run(self) -> None:
         """Run the outputs. Drawing is triggered by messages. Switches the lamps off at the end."""

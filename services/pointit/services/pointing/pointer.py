@@ -45,6 +45,7 @@ class Pointer:
 
     def ray(self, sample: ImuSample, now_ns: int) -> PointingRay | None:
         """Return the ray of `sample`, or None if `verdict` is not "fresh"."""
+        stamp_ns = sample.stamp_ns
         self.verdict = self.freshness.classify(sample, now_ns)
         if self.verdict != "fresh":
             return None
@@ -64,10 +65,10 @@ class Pointer:
             direction = vector.direction(azimuth + by_azimuth, elevation + by_elevation)
             sigma = offset.sigma_rad
         if self._smoothing is not None:
-            direction = self._smoothing.smooth(direction, sample.stamp_ns / NS_PER_S)
+            direction = self._smoothing.smooth(direction, stamp_ns / NS_PER_S)
         self._seq += 1
         return _calculated_ray(
-            stamp_ns=sample.stamp_ns,
+            stamp_ns=stamp_ns,
             seq=self._seq,
             origin_m=origin,
             direction=direction,
@@ -107,7 +108,8 @@ class Freshness:
         are samples out of order.
         """
         self.count += 1
-        if abs(now_ns - sample.stamp_ns) > self._stale_ns or sample.stamp_ns < self._newest_ns:
+        stamp_ns = sample.stamp_ns
+        if abs(now_ns - stamp_ns) > self._stale_ns or stamp_ns < self._newest_ns:
             self.stale += 1
             return "stale"
         device_ns, before_ns = sample.device_time_ns, self._device_ns
@@ -121,5 +123,5 @@ class Freshness:
                     return "stale"
                 self.restarts += 1
             self._device_ns = device_ns
-        self._newest_ns = sample.stamp_ns
+        self._newest_ns = stamp_ns
         return "fresh"

@@ -28,6 +28,7 @@ class Pointing(Service[PointingConfig]):
         self._waits = True
         self._fresh_ns: int | None = None
         """Time of the last fresh sample, or None before the first sample."""
+        self._is_warned = False
         self._metrics_ns = 0
         self._count = self._repeated = self._restarts = 0
         """Counts at the last update of the metrics."""
@@ -62,16 +63,27 @@ class Pointing(Service[PointingConfig]):
         ray = self._pointer.ray(sample, now_ns)
         if ray is not None:
             self._rays.put(ray)
-        self._update_health(sample, now_ns)
+        if self._pointer.verdict != "fresh" or self._is_warned:
+            self._judge(sample, now_ns)
+        else:
+            self._fresh_ns = now_ns
+        if not 0 <= now_ns - self._metrics_ns < METRICS_NS:
+            self._show_metrics(now_ns)
 
-    def _update_health(self, sample: ImuSample, now_ns: int) -> None:
-        freshness, verdict = self._pointer.freshness, self._pointer.verdict
+    def _judge(self, sample: ImuSample, now_ns: int) -> None:
+        """Warn in health about samples that make no ray, until one does."""
+        verdict = self._pointer.verdict
         if self._fresh_ns is None or verdict in ("fresh", "no direction"):
             self._fresh_ns = now_ns
         if verdict == "fresh":
+            self._is_warned = False
             self.bus.clear("samples")
         elif verdict != "repeated" or now_ns - self._fresh_ns > self.config.stale_after_s * NS_PER_S:
+            self._is_warned = True
             self.bus.warn("samples", self._problem(now_ns - sample.stamp_ns))
+
+    def _show_metrics(self, now_ns: int) -> None:
+        freshness = self._pointer.freshness
         if freshness.restarts > self._restarts:
             if not self._restarts:
                 log.warning(
@@ -80,12 +92,11 @@ class Pointing(Service[PointingConfig]):
                 )
             self._restarts = freshness.restarts
             self.bus.set_metric("restarts of the wrist", self._restarts)
-        if not 0 <= now_ns - self._metrics_ns < METRICS_NS:
-            count, repeated = freshness.count - self._count, freshness.repeated - self._repeated
-            share = 100.0 * repeated / count if freshness.repeated else None  # most devices never do
-            self.bus.set_metric("repeated samples", share, "%")
-            self._metrics_ns = now_ns
-            self._count, self._repeated = freshness.count, freshness.repeated
+        count, repeated = freshness.count - self._count, freshness.repeated - self._repeated
+        share = 100.0 * repeated / count if freshness.repeated else None  # most devices never do
+        self.bus.set_metric("repeated samples", share, "%")
+        self._metrics_ns = now_ns
+        self._count, self._repeated = freshness.count, freshness.repeated
 
     def _problem(self, age_ns: int) -> str:
         freshness, verdict = self._pointer.freshness, self._pointer.verdict

@@ -85,10 +85,13 @@ class PersonCursor:
         self._workspace: Workspace | None = None
         self._is_chosen = False
         """True if the person chose the workspace, or the map, instead of the initial one."""
-        self._interaction: Interaction | None = None
+        self._pointing = True
         self._pose: UserPose | None = None
         self._turn = (1.0, 0.0)
         """Cosine and sine of the pose's yaw."""
+        self._feet_m: Vec3 = (0.0, 0.0, 0.0)
+        self._bias_rad = 0.0
+        """Position and elevation bias of the pose."""
         self._pose_came_ns = 0
         self._newest_ns = 0
         self._cast: _Cast | None = None
@@ -101,10 +104,6 @@ class PersonCursor:
     def lacks_pose(self) -> bool:
         """Return True if rays give no cursor because no pose is known."""
         return self._pose is None and self._pointing
-
-    @property
-    def _pointing(self) -> bool:
-        return self._interaction is None or self._interaction.state == "pointing"
 
     def use(self, surfaces: Surfaces, lamps: NearbyLamps | None) -> None:
         """Point at `surfaces` and `lamps`, of another map, from now on."""
@@ -124,10 +123,11 @@ class PersonCursor:
             self._pose_came_ns = now_ns
         self._pose = pose
         self._turn = (math.cos(pose.yaw_rad), math.sin(pose.yaw_rad))
+        self._feet_m, self._bias_rad = pose.position_m, pose.elevation_bias_rad
 
     def set_interaction(self, interaction: Interaction) -> Cursor | None:
         """Set the person's interaction. Return the cursor that ends the pointing, once, if this ends it."""
-        self._interaction = interaction
+        self._pointing = interaction.state == "pointing"
         return None if self._pointing else self.clear(interaction.stamp_ns)
 
     def set_workspace(self, query: SetWorkspace, tracked: Tracked) -> None:
@@ -183,21 +183,22 @@ class PersonCursor:
 
     def cursor(self, ray: PointingRay) -> Cursor | None:
         """Return the cursor of `ray` with its stamp, or None while there is none."""
-        pose = self._pose
-        if pose is None:
+        if self._pose is None:
             return None
-        (feet_x, feet_y, feet_z), (x, y, z) = pose.position_m, ray.origin_m
+        feet = feet_x, feet_y, feet_z = self._feet_m
+        x, y, z = ray.origin_m
         c, s = self._turn
         eyes = (feet_x + (c * x - s * y), feet_y + (s * x + c * y), feet_z + z)
-        x, y, z = _lowered(ray.direction, pose.elevation_bias_rad)
+        x, y, z = ray.direction if self._bias_rad == 0.0 else _lowered(ray.direction, self._bias_rad)
         direction = vector.normalized((c * x - s * y, s * x + c * y, z))
-        self._cast = _Cast(eyes, direction, pose.position_m, ray.stamp_ns)
+        stamp_ns = ray.stamp_ns
+        self._cast = _Cast(eyes, direction, feet, stamp_ns)
         if not self._pointing:
             return None
-        self._newest_ns = ray.stamp_ns
+        self._newest_ns = stamp_ns
         self._shown = True
         if self._workspace is None and not self._is_chosen:
-            self._workspace = self._start.create(eyes, direction, pose.position_m)
+            self._workspace = self._start.create(eyes, direction, feet)
         return self._cursor(self._cast)
 
     def cue(self) -> Feedback | None:
@@ -227,21 +228,21 @@ class PersonCursor:
                 lamps=lamps,
                 passed=passed,
             )
-        (surface, solid), name, hit = met
-        self._point = hit.point_m
+        (surface, solid), name, (_, position_m, point_m, miss_m, miss_rad, range_m, uv_m) = met
+        self._point = point_m
         self._passing.end()
         return _calculated_cursor(
             stamp_ns=stamp_ns,
             seq=self._seq,
             surface=surface,
             surface_id=name,
-            point_m=hit.point_m,
-            position_m=hit.position_m,
-            miss_m=hit.miss_m,
-            miss_rad=hit.miss_rad,
-            range_m=hit.range_m,
+            point_m=point_m,
+            position_m=position_m,
+            miss_m=miss_m,
+            miss_rad=miss_rad,
+            range_m=range_m,
             solid=solid,
-            uv_m=hit.uv_m,
+            uv_m=uv_m,
             origin_m=eyes,
             direction=direction,
             lamps=lamps,
@@ -259,8 +260,6 @@ class PersonCursor:
 
 def _lowered(direction: Vec3, bias_rad: float) -> Vec3:
     """Return `direction` with its elevation reduced by `bias_rad`, at most straight up or down."""
-    if bias_rad == 0.0:
-        return direction
     bias_rad = max(-MOST_BIAS_RAD, min(MOST_BIAS_RAD, bias_rad))
     elevation_rad = vector.elevation(direction) - bias_rad
     return vector.direction(vector.azimuth(direction), max(-STEEPEST_RAD, min(STEEPEST_RAD, elevation_rad)))

@@ -105,7 +105,7 @@ class Pui(Service[PuiConfig]):
         self.bus.subscribe(OBJECTS, self._on_objects)
         self._share.subscribe(POSE, self._on_pose)
         self._share.subscribe(INTERACTION, self._on_interaction)
-        self._share.subscribe(RAY, self._on_ray, drops_late=lambda _ray: True)
+        self._share.subscribe(RAY, self._on_ray, drops_late=bool)
         self.bus.watch(USER_ALIVE, self._on_presence)
 
     @classmethod
@@ -128,7 +128,7 @@ class Pui(Service[PuiConfig]):
 
     async def run(self) -> None:
         """Serve the people of a shard as long as there is a map; list the things of the site's map."""
-        if self._environment.things:
+        if self._environment.fixed_things:
             listed, things = self.bus.publisher(OBJECTS, TRACKER), listing(self._environment, 0)
             while True:
                 listed.put(things.model_copy(update={"stamp_ns": self.clock.now_ns()}))

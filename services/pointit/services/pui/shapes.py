@@ -3,6 +3,7 @@
 from collections.abc import Collection, Mapping
 from typing import Any, Literal, NamedTuple, get_args
 
+import numpy as np
 from numpy.typing import NDArray
 
 from pointit.geometry.cylinder import CylinderSolid
@@ -65,10 +66,11 @@ def group_by_priority(
     """Return the things of `kinds` by their priority, which is that of the id or else of the kind.
 
     Raises:
-        ValueError: If there are none (unless `may_be_empty`), a cloud is missing, or a priority has no thing.
+        ValueError: If there are none (unless `may_be_empty`, or all that reacts is elsewhere), a cloud is
+            missing, or a priority has no thing.
     """
     shapes = shapes_of(environment, kinds, clouds, grazing_rad)
-    if not shapes and not may_be_empty:
+    if not shapes and not may_be_empty and not environment.things:
         has = ",".join(kind for kind in ALL_KINDS if shapes_of(environment, [kind], clouds, grazing_rad))
         raise ValueError(
             f"surfaces: map {environment.name!r} has no {' or '.join(kinds)} to point at; "
@@ -92,14 +94,17 @@ def group_by_priority(
 def shapes_of(
     environment: Environment, kinds: Collection[Kind], clouds: Clouds, grazing_rad: float
 ) -> list[Shape]:
-    """Return the things of `kinds`, and the boxes of those that react.
+    """Return the things of `kinds`, and the boxes of those that react, but on belts: packages are in these.
 
     Raises:
         ValueError: If the map names a cloud that is not among `clouds`.
     """
+    things = environment.fixed_things
+    belts = [(Polyline(belt.line_m), belt.width_m / 2.0) for belt in environment.belts if things]
     shapes = [
         Shape(Surface("box", thing.id), BoxSolid(thing.center_m, thing.size_m, thing.yaw_rad))
-        for thing in environment.things
+        for thing in things
+        if not any(line.nearest_to(np.array([thing.center_m]))[1] <= half_m for line, half_m in belts)
     ]
     if "strip" in kinds:
         shapes += [Shape(Surface("strip", strip.id), Polyline(strip.line_m)) for strip in environment.strips]

@@ -11,7 +11,7 @@ PERIOD_S = 0.4
 def listing(environment: Environment, stamp_ns: int) -> TrackedObjects:
     """Return the things of `environment`, those with a part of a strip as objects on it."""
     lines = {strip.id: strip.line_m for strip in environment.strips}
-    objects = tuple(_tracked(thing, lines) for thing in environment.things)
+    objects = tuple(_tracked(thing, lines) for thing in environment.fixed_things)
     return TrackedObjects(stamp_ns=stamp_ns, objects=objects)
 
 
@@ -21,13 +21,12 @@ def _tracked(thing: Thing, lines: dict[str, tuple[tuple[float, float, float], ..
     start_m, end_m = (min(max(at_m, 0.0), length_m) for at_m in thing.part_m)
     return TrackedObject(
         id=thing.id,
-        kind=thing.label or thing.id,
         position_m=thing.center_m,
         length_m=end_m - start_m if on_strip else max(thing.size_m[:2]),
         surface="strip" if on_strip else "none",
         surface_id=thing.strip if on_strip else "",
         surface_position_m=(start_m + end_m) / 2.0,
         yaw_rad=thing.yaw_rad,
-        **thing.model_dump(include={"size_m", "mode", "press", "dwell_s"}),
-        lit=bool(thing.lamp or thing.strip),
+        size_m=thing.size_m,
+        **thing.told,
     )

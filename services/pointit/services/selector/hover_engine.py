@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Literal
 
 from pointit.schemas import ButtonEvent, Claim, Cursor, Environment, Hover, TrackedObjects
@@ -59,6 +59,8 @@ class HoverEngine:
             leave_factor=config.gauge.leave_factor,
             aim=config.gauge.aim,
         )
+        self._things: Mapping[str, Mapping[str, object]] = {}
+        """Fields that the map gives tracked objects, by id."""
         self._people: dict[str, PersonPointer] = {}
         self._sent: Counter[str] = Counter()
         """Number of hovers by person."""
@@ -75,11 +77,15 @@ class HoverEngine:
         return next((pointer.fault for pointer in self._people.values() if pointer.fault), "")
 
     def on_map(self, environment: Environment) -> None:
-        """Set the lines on which objects move."""
+        """Set the lines on which objects move, and what tracked objects do."""
         self._scene.on_map(environment)
+        self._things = {each.id: each.told for each in environment.things if each.is_tracked}
 
     def on_objects(self, tracker: str, objects: TrackedObjects) -> None:
         """Update the objects of `tracker`."""
+        if self._things and any(one.id in self._things for one in objects.objects):
+            told = tuple(one.model_copy(update=self._things.get(one.id)) for one in objects.objects)
+            objects = objects.model_copy(update={"objects": told})
         for forgotten in self._positions.update(tracker, objects):
             self._scene.forget(forgotten)
         self._scene.update(tracker, objects)
@@ -109,31 +115,33 @@ class HoverEngine:
             lambda object_id: self._ownership.action(user, object_id, now_ns)[0] != "",
             self._positions.is_pressed,
         )
-        if pointer.is_new and pointed.object_id is not None:
+        object_id, fired, _, is_shown, confidence, rival = pointed
+        if pointer.is_new and object_id is not None:
             pointer.is_new = False
-            if self._ownership.owner(pointed.object_id) == user:
-                pointer.latch(pointed.object_id)  # another selector may have selected it just now
-        if self._is_by_metres and (pointed.object_id is not None or pointed.fired is not None):
+            if self._ownership.owner(object_id) == user:
+                pointer.latch(object_id)  # another selector may have selected it just now
+        if self._is_by_metres and (object_id is not None or fired is not None):
             # to tell how the object lies about the ray; if one is fired, how those around it do, too
             view = (
-                self._scene.view_of(pointed.object_id, cursor)
-                if pointed.fired is None and pointed.object_id is not None
+                self._scene.view_of(object_id, cursor)
+                if fired is None and object_id is not None
                 else self._scene.view_from(cursor)
             )
-        standing = self._standing(user, pointer, pointed, now_ns)
+        standing: tuple[Action, str] = ("", "")
+        if object_id is not None:
+            standing = self._standing(user, pointer, object_id, pointed.progress, now_ns)
         outputs = [Output(user, self._hover(user, cursor, view, pointed, standing))]
-        wanted = pointed.object_id if pointed.is_shown and standing[0] in CHANGES else None
+        wanted = object_id if is_shown and standing[0] in CHANGES else None
         if wanted is not None and not self._is_reserved(user, wanted, now_ns):
             outputs.append(Output(user, Claim(stamp_ns=now_ns, object_id=wanted, wish="reserve")))
-        if pointed.rival is not None:
-            names = " or ".join(self._name(each) for each in (pointed.object_id, pointed.rival))
+        if rival is not None:
+            names = " or ".join(self._name(each) for each in (object_id, rival))
             unclear = f"{names}? From here both may be meant: step closer, or point beside the other one"
             outputs.append(Output(user, make_cue("refused", unclear, now_ns, 0)))
-        if pointed.fired is not None:
-            confidence = pointed.confidence
+        if fired is not None:
             if confidence is None and view is not None:
-                confidence = view.confidence(pointed.fired, self._aim_rad)
-            outputs += self._toggle(user, pointed.fired, now_ns, "dwell", confidence)
+                confidence = view.confidence(fired, self._aim_rad)
+            outputs += self._toggle(user, fired, now_ns, "dwell", confidence)
         return outputs
 
     def on_button(self, user: str, button: ButtonEvent) -> list[Output]:
@@ -191,14 +199,11 @@ class HoverEngine:
         return (tracked.kind if tracked is not None else "") or object_id or "nothing"
 
     def _standing(
-        self, user: str, pointer: PersonPointer, pointed: PointerResult, now_ns: int
+        self, user: str, pointer: PersonPointer, object_id: str, progress: float, now_ns: int
     ) -> tuple[Action, str]:
         """Return the effect of staying on the hovered object, and the other person who has it, or `""`."""
-        object_id = pointed.object_id
-        if object_id is None:
-            return "", ""
         action, taken_by = self._ownership.action(user, object_id, now_ns)
-        is_done = pointer.is_latched(object_id) and pointed.progress == 0.0
+        is_done = pointer.is_latched(object_id) and progress == 0.0
         return ("", taken_by) if is_done else (action, taken_by)
 
     def _hover(

@@ -43,8 +43,10 @@ class SelectionEngine(PointingEngine, Arbiter):
         if not self._hovers.is_timely(user, now_ns):
             return []
         self.on_activity(user, now_ns)
-        outputs = self._decide(self._hovers.on_cursor(user, cursor))
-        return outputs + self.news(now_ns)
+        outputs = self._hovers.on_cursor(user, cursor)
+        if len(outputs) > 1:  # mostly there is a hover alone
+            outputs = self._decide(outputs)
+        return outputs + self.news(now_ns) if self._is_news else outputs
 
     def on_button(self, user: str, button: ButtonEvent) -> list[Output]:
         """Process a button gesture of `user`, which confirms the hovered object if so configured."""

@@ -1,6 +1,7 @@
 """Subscribes to cursors, objects, departures, buttons and the map; publishes hovers and the selection."""
 
 import logging
+from operator import attrgetter
 from typing import ClassVar
 
 from pointit.runtime.bus.contract import Publisher
@@ -67,7 +68,7 @@ class Selector(Service[SelectorConfig]):
         self._role.subscribe()
         self._share = PeopleShare(self.bus, self.NAME, config.people, name=self.name, lost=self._on_shard)
         # a cursor without a point only resets the hover, which is never too late
-        self._share.subscribe(CURSOR, self._on_cursor, drops_late=lambda cursor: cursor.point_m is not None)
+        self._share.subscribe(CURSOR, self._on_cursor, drops_late=attrgetter("point_m"))
         self._share.subscribe(BUTTON, self._on_button)
         self.bus.watch(USER_ALIVE, self._on_presence)
 
@@ -140,15 +141,17 @@ class Selector(Service[SelectorConfig]):
         """Publish `outputs`, after the journal has committed them, and return them."""
         if self._is_over:
             return []
-        self._role.commit()
-        for output in outputs:
-            message = output.message
+        if len(outputs) != 1 or not isinstance(
+            outputs[0].message, Hover
+        ):  # of which the journal keeps nothing
+            self._role.commit()
+        for user, message in outputs:
             if isinstance(message, Hover):
-                self._person(output.user)[0].put(message)
+                self._person(user)[0].put(message)
             elif isinstance(message, Feedback):
-                self._person(output.user)[1].put(message)
+                self._person(user)[1].put(message)
             else:
-                self._role.publish(output.user, message)
+                self._role.publish(user, message)
         return outputs
 
     def _person(self, user: str) -> tuple[Publisher[Hover], Publisher[Feedback]]:

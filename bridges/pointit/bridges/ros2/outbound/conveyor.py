@@ -17,10 +17,16 @@ _NONE = np.empty(0, dtype=np.uint32)
 
 
 def packages(_message: Message, about: ConversionContext) -> Converted:
-    """Return the objects of all trackers on belts and strips. The message has no place for others."""
+    """Return the objects of all trackers on belts and strips, without things of the map.
+
+    The message has no place for others.
+    """
     scene = about.scene
     made: list[Any] = []
+    things = set[str]() if scene.room is None else {thing.id for thing in scene.room.fixed_things}
     for item in scene.tracked():
+        if item.id in things:
+            continue
         place = _along(scene, item.surface, item.surface_id, item.surface_position_m)
         if place is not None and len(made) < MAX_PACKAGES:
             made.append(_package(scene, item, place))

@@ -80,7 +80,7 @@ def _fences(pen: MarkerBuilder, room: Environment) -> Iterator[Any]:
 
 
 def _solids(pen: MarkerBuilder, room: Environment) -> Iterator[Any]:
-    for number, box in enumerate((*room.boxes, *room.things)):
+    for number, box in enumerate((*room.boxes, *room.fixed_things)):
         turned = rotation.from_yaw(box.yaw_rad)
         yield pen.shape(
             *("cube", "boxes", number),
@@ -90,7 +90,7 @@ def _solids(pen: MarkerBuilder, room: Environment) -> Iterator[Any]:
             at_m=box.center_m,
             turned=turned,
         )
-    for number, thing in enumerate(room.things):
+    for number, thing in enumerate(room.fixed_things):
         above_m = vector.add(thing.center_m, (0.0, 0.0, thing.size_m[2] / 2.0 + LAMP_M))
         yield pen.label(thing.label or thing.id, "things/names", number, above_m, LAMP_M)
     for number, plane in enumerate(room.planes):

@@ -1,7 +1,7 @@
 """Routes to ROS: standard types first, then the ROS toolkit's messages under its names."""
 
 from pointit.bridges.ros2.graph.backend import LATCHED, ROSOUT, Qos
-from pointit.bridges.ros2.outbound import conveyor, person, room
+from pointit.bridges.ros2.outbound import conveyor, person, room, things
 from pointit.bridges.ros2.outbound.map_markers import map_markers
 from pointit.bridges.ros2.outbound.markers import Markers
 from pointit.bridges.ros2.outbound.rosout import Rosout
@@ -80,6 +80,16 @@ def _standard() -> tuple[OutboundRoute, ...]:
             *("goal_pose", "/{user}/goal_pose", "geometry_msgs/msg/PoseStamped"),
             *(_STREAM, (topics.GOAL,), person.goal),
             about="where a person sends a robot, confirmed",
+        ),
+        OutboundRoute(
+            *("thing_on", "/pointit/thing_on", "vision_msgs/msg/Detection3D"),
+            *(_STREAM, (topics.SELECTION_EVENTS,), things.turned_on),
+            about="a thing of the map fired, or was switched on: which, by whom, how sure",
+        ),
+        OutboundRoute(
+            *("thing_off", "/pointit/thing_off", "vision_msgs/msg/Detection3D"),
+            *(_STREAM, (topics.SELECTION_EVENTS,), things.turned_off),
+            about="a thing of the map was switched off",
         ),
         OutboundRoute(
             *("is_pointing", "/{user}/is_pointing", "std_msgs/msg/Bool"),

@@ -1,8 +1,8 @@
 """A map as the parameters of a ROS node: `strips.1.line: [x, y, z, x, y, z]`, and back.
 
 A parameter is called SECTION.NAME.KEY. The name may have dots in it, so nothing is nested deeper, whatever a
-node says. Bays have no keys, `bays.1: side`; links have numbers, `links.0.from: main`. Only the light of a
-thing is nested: `things.nuts.light.strip`.
+node says. Bays have no keys, `bays.1: side`; links have numbers, `links.0.from: main`. Only the light and the
+place of a thing are nested: `things.nuts.light.strip`, `things.exit.at.belt`.
 """
 
 import re
@@ -34,8 +34,8 @@ SECTIONS = frozenset(
 LINES = {"line": "x, y, z", "centerline": "x, y, z", "outline": "x, y"}
 """Keys of lists of points, flattened: ROS has no lists of lists. Coordinates of each point."""
 
-LIGHT, PART = ".light", frozenset(("strip", "from", "to"))
-"""Key of a thing whose value may be a part of a strip, and the keys of that."""
+NESTED, PART = ("light", "at"), frozenset(("strip", "belt", "from", "to"))
+"""Keys of a thing whose value may be a part of a strip or belt, and the keys of that."""
 
 NUMBER = re.compile(r"[0-9]{1,6}")
 """Number of a link."""
@@ -84,8 +84,9 @@ def tree_of(parameters: Mapping[str, Value], prefix: str = "") -> dict[str, Any]
         if section == LINKS and not NUMBER.fullmatch(entry):
             raise ValueError(f"{name}: links have numbers, as in {start}links.0.{key}")
         entries = tree.setdefault(section, {})
-        if section == "things" and key in PART and entry.endswith(LIGHT):
-            entries.setdefault(entry.removesuffix(LIGHT), {}).setdefault(LIGHT[1:], {})[key] = value
+        thing, _, outer = entry.rpartition(".")
+        if section == "things" and key in PART and thing and outer in NESTED:
+            entries.setdefault(thing, {}).setdefault(outer, {})[key] = value
             continue
         entries.setdefault(entry, {})[key] = _points(name, value, LINES[key]) if key in LINES else value
     if LINKS in tree:

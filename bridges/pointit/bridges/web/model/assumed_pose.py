@@ -25,7 +25,7 @@ def places(room: Environment) -> NDArray[np.float64]:
     lines = [*(strip.line_m for strip in room.strips), *(belt.line_m for belt in room.belts)]
     found = [point for line in lines for point in _along(line)]
     found += [lamp.position_m for lamp in room.lamps]
-    found += [box.center_m for box in (*room.boxes, *room.things)]
+    found += [box.center_m for box in (*room.boxes, *room.fixed_things)]
     found += [cylinder.center_m for cylinder in room.cylinders]
     found += [sphere.center_m for sphere in room.spheres]
     found += [plane.center_m for plane in room.planes if plane.size_m is not None]

@@ -12,6 +12,8 @@ the query's fields. Deeds are handled by this server; `name` is the person:
 - `open_lan`: open the page to the local network; the reply has `url`, `fingerprint`.
 - `find_wrists`: search for wrists within reach of this machine; the reply has `wrists`, each with `use`,
   the option that chooses it, and `label`, and `problems`, a sentence for each search that could not run.
+- `told_apart`: number of things that pointing alone tells apart, by place on the floor; the reply has the
+  fields of `model/told_apart.py`, `floor`.
 - `centre`: the person's arm points at the middle of the room right now.
 """
 
@@ -55,13 +57,16 @@ REQUESTS: dict[Role, tuple[topics.Request[Any, Any], ...]] = {
 }
 """Requests by role. Everybody who sees a robot may stop it."""
 
+LOOKS: tuple[Deed, ...] = ("told_apart",)
+"""Deeds that change nothing."""
+
 DEEDS: dict[Role, tuple[Deed, ...]] = {
-    "operator": ("press", "take", "give", "tremor", "pair", "open_lan", "find_wrists", "centre"),
-    "viewer": (),
+    "operator": ("press", "take", "give", "tremor", "pair", "open_lan", "find_wrists", "centre", *LOOKS),
+    "viewer": LOOKS,
     "wrist": ("press", "take", "give", "centre"),
 }
 
-SITE_DEEDS: tuple[Deed, ...] = ("open_lan", "find_wrists")
+SITE_DEEDS: tuple[Deed, ...] = ("open_lan", "find_wrists", "told_apart")
 """Deeds that are about no person."""
 
 TIMEOUTS_S = {topics.RUN_SCENARIO.key: 15.0}

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, cast
 
 from pointit.bridges.web.model.people import People
+from pointit.bridges.web.model.told_apart import ToldApart
 from pointit.bridges.web.pages.page_requests import (
     TIMEOUTS_S,
     Call,
@@ -48,6 +49,7 @@ class RequestDispatcher:
     phones: Phones
     lan: Lan
     doors: Access
+    told_apart: ToldApart
     present: Callable[[], Collection[str]]
     """Returns the instances that are present."""
     changed: Callable[[], None]
@@ -93,6 +95,8 @@ class RequestDispatcher:
         if wish.deed == "find_wrists":
             async with self.searching:
                 return await _find_wrists()
+        if wish.deed == "told_apart":
+            return await self.told_apart.answer()
         self.people.check(user)
         if wish.deed == "press":
             assert isinstance(wish.extras, Press)  # noqa: S101 - so says `asks`

@@ -82,7 +82,9 @@ class StripContent:
         _, before = self._cursors.get(user, (0, NOWHERE))
         self._cursors[user] = (now_ns, cursor)
         if cursor.surface in LINES:
-            self._new_ns = max(cursor.stamp_ns, self._new_ns or 0)
+            stamp_ns = cursor.stamp_ns
+            if self._new_ns is None or self._new_ns < stamp_ns:
+                self._new_ns = stamp_ns
             return True
         if before.surface in LINES:
             return True
@@ -244,6 +246,7 @@ class StripContent:
         rows: list[tuple[int, TrackedObject, int]] = []
         for _, tracked in self._objects.values():
             rows += [(line, item, tracked.stamp_ns) for line, item in self._on_lines(tracked.objects)]
+        rows.sort(key=lambda row: not row[1].lit)  # what moves over a thing's light is on top of it
         ids: dict[str, list[int]] = {}
         for index, (_, item, _) in enumerate(rows):
             ids.setdefault(item.id, []).append(index)

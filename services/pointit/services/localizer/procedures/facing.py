@@ -36,11 +36,11 @@ class HeadingWindow:
 
     def add(self, ray: PointingRay) -> None:
         """Add `ray` unless it is not newer than the last one."""
-        rays = self._rays
-        if rays and ray.stamp_ns <= rays[-1].stamp_ns:
+        rays, stamp_ns = self._rays, ray.stamp_ns
+        if rays and stamp_ns <= rays[-1].stamp_ns:
             return
         rays.append(ray)
-        while rays[0].stamp_ns < ray.stamp_ns - RECENT_NS:
+        while rays[0].stamp_ns < stamp_ns - RECENT_NS:
             rays.popleft()
 
     @property

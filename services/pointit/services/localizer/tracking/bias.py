@@ -28,7 +28,8 @@ class Bias:
     def on_ray(self, ray: PointingRay) -> float | None:
         """Update the offset from `ray`. Return the bias if it changed, else None."""
         self._correction_rad = ray.elevation_correction_rad
-        if ray.elevation_sigma_rad == self._calibration_rad:
+        sigma_rad = ray.elevation_sigma_rad
+        if sigma_rad == self._calibration_rad:
             return None
-        self._calibration_rad = ray.elevation_sigma_rad
-        return self._raw_rad if ray.elevation_sigma_rad is None else 0.0
+        self._calibration_rad = sigma_rad
+        return self._raw_rad if sigma_rad is None else 0.0

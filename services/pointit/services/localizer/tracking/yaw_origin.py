@@ -20,11 +20,12 @@ class YawOrigin:
 
     def add(self, sample: ImuSample) -> Change:
         """Return the change since the sample before."""
-        epoch, self._epoch = self._epoch, sample.yaw_epoch
+        epoch = self._epoch
+        self._epoch = now = sample.yaw_epoch
         before_ns, device_ns = self._device_ns, sample.device_time_ns
         fallen_ns = 0 if before_ns is None or device_ns is None else before_ns - device_ns
         if device_ns is not None and not 0 < fallen_ns <= BACK_NS:
             self._device_ns = device_ns
         if fallen_ns > BACK_NS:
             return "restarted"
-        return "set" if epoch is not None and epoch != sample.yaw_epoch else ""
+        return "set" if epoch is not None and epoch != now else ""

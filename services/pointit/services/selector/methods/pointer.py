@@ -100,16 +100,16 @@ class PersonPointer:
             acts: returns True if staying on an object has an effect.
             presses: returns True if an object is selected by a press only.
         """
-        self._stamp_ns = cursor.stamp_ns
+        self._stamp_ns = stamp_ns = cursor.stamp_ns
         pointed = self._result(self._method.step(PointingSample(cursor, under, view, acts)))
-        self.hovered = pointed.object_id
-        if pointed.fired is not None and (self._config.confirm == "press" or presses(pointed.fired)):
-            self._ready = pointed.fired
-        if pointed.object_id != self._ready:
+        self.hovered, fired = pointed[:2]
+        if fired is not None and (self._config.confirm == "press" or presses(fired)):
+            self._ready = fired
+        if self.hovered != self._ready:
             self._ready = None
         elif self._ready is not None:
             pointed = pointed._replace(fired=None, progress=1.0, is_shown=True)
-        self._remember(cursor.stamp_ns, pointed.object_id)
+        self._remember(stamp_ns, self.hovered)
         return pointed
 
     def press(self, stamp_ns: int) -> str | None:
@@ -140,12 +140,12 @@ class PersonPointer:
         self._method = GuardedMethod(lambda: self._make(config, self._user))
 
     def _result(self, made: SelectionProgress) -> PointerResult:
-        spent_s = made.spent_s
-        if spent_s is None and made.progress > 0.0:
-            spent_s = made.progress * self._dwell_s
-        if made.object_id is None or spent_s is None or spent_s < self._config.show_after_s:
-            return PointerResult(made.object_id, made.fired, 0.0, False, made.confidence, made.rival)
-        return PointerResult(made.object_id, made.fired, made.progress, True, made.confidence, made.rival)
+        object_id, progress, fired, spent_s, confidence, rival = made
+        if spent_s is None and progress > 0.0:
+            spent_s = progress * self._dwell_s
+        if object_id is None or spent_s is None or spent_s < self._config.show_after_s:
+            return PointerResult(object_id, fired, 0.0, False, confidence, rival)
+        return PointerResult(object_id, fired, progress, True, confidence, rival)
 
     def _forget(self) -> None:
         self._set_method(self._config)
@@ -232,13 +232,15 @@ def check_progress(result: SelectionProgress) -> None:
         TypeError: If a value is of another type.
         ValueError: If a number is out of range.
     """
-    for name in ("object_id", "fired", "rival"):
-        value: Any = getattr(result, name)  # of others, whose types nobody has checked
-        if not (value is None or isinstance(value, str)):
-            raise TypeError(f"{name} {value!r}, expected text or None")
-    if not 0.0 <= result.progress <= 1.0:
-        raise ValueError(f"progress {result.progress}, expected 0 to 1")
-    if result.confidence is not None and not 0.0 <= result.confidence <= 1.0:
-        raise ValueError(f"confidence {result.confidence}, expected 0 to 1")
-    if result.spent_s is not None and not 0.0 <= result.spent_s < math.inf:
-        raise ValueError(f"spent_s {result.spent_s}, expected 0 or more")
+    object_id, progress, fired, spent_s, confidence, rival = result
+    if object_id is not None or fired is not None or rival is not None:
+        texts: dict[str, Any] = {"object_id": object_id, "fired": fired, "rival": rival}  # not checked before
+        for name, value in texts.items():
+            if value is not None and not isinstance(value, str):
+                raise TypeError(f"{name} {value!r}, expected text or None")
+    if not 0.0 <= progress <= 1.0:
+        raise ValueError(f"progress {progress}, expected 0 to 1")
+    if confidence is not None and not 0.0 <= confidence <= 1.0:
+        raise ValueError(f"confidence {confidence}, expected 0 to 1")
+    if spent_s is not None and not 0.0 <= spent_s < math.inf:
+        raise ValueError(f"spent_s {spent_s}, expected 0 or more")

@@ -32,10 +32,10 @@ class DwellMethod:
 
     def step(self, pointing: PointingSample) -> SelectionProgress:
         """Process a cursor."""
-        under = pointing.under
-        fired = self._dwell.step(pointing.cursor.stamp_ns, under)
-        if under is None or not pointing.acts(under):
-            return SelectionProgress(under, fired=fired)
+        cursor, under, _, acts = pointing
+        fired = self._dwell.step(cursor.stamp_ns, under)
+        if under is None or not acts(under):
+            return SelectionProgress(under, 0.0, fired)
         return SelectionProgress(under, self._dwell.progress(under), fired)
 
 

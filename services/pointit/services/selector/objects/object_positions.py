@@ -179,10 +179,11 @@ class ObjectPositions:
         point.
         """
         best: tuple[float, TrackedObject] | None = None
+        stamp_ns = cursor.stamp_ns
         for listing in self._trackers.values():
-            if not self._fits(listing, cursor.stamp_ns):
+            if not self._fits(listing, stamp_ns):
                 continue
-            elapsed_s = (cursor.stamp_ns - listing.stamp_ns) / NS_PER_S - self._lag_s
+            elapsed_s = (stamp_ns - listing.stamp_ns) / NS_PER_S - self._lag_s
             line = listing.lines.get((cursor.surface, cursor.surface_id))
             if line is not None:
                 best = _nearer(best, line.nearest(cursor.position_m, elapsed_s))

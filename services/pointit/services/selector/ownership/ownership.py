@@ -138,16 +138,14 @@ class Reservations:
 
         A reservation that ends later than possible was made by another machine's clock.
         """
-        if not self._held:
+        last_ns = now_ns + self._for_ns + NS_PER_S
+        for _, until_ns in self._held.values():
+            if not now_ns <= until_ns <= last_ns:
+                break
+        else:
             return False
-        over = [
-            object_id
-            for object_id, (_, until_ns) in self._held.items()
-            if until_ns < now_ns or until_ns > now_ns + self._for_ns + NS_PER_S
-        ]
-        for object_id in over:
-            del self._held[object_id]
-        return bool(over)
+        self._held = {name: held for name, held in self._held.items() if now_ns <= held[1] <= last_ns}
+        return True
 
     def objects(self) -> tuple[ReservedObject, ...]:
         """Return all reservations."""

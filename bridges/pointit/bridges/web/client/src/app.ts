@@ -37,7 +37,7 @@ import { Stage } from "./stage";
 import { applyTheme, watchSystem } from "./theme";
 import { Toasts } from "./toasts";
 import type { ViewStats } from "./view";
-import { called, plainly, stateTitle } from "./words";
+import { called, outcome, plainly, stateTitle } from "./words";
 
 declare global {
   interface Window {
@@ -154,11 +154,14 @@ function tell(happened: Happened): void {
   if (event.event === "selected") {
     guide.selected(event);
     if (settings.sound && mine) chime(isWrong ? "buzz" : "tick");
-    say(isWrong ? `Not wanted: ${what}` : `Selected: ${what}`, mine !== "", isWrong);
+    say(`${isWrong ? "Not wanted" : outcome(site, event)}: ${what}`, mine !== "", isWrong);
   } else if (isWrong && (event.event === "dispatched" || event.event === "left")) {
     if (settings.sound && mine) chime("buzz");
     say(`Not wanted, and left${event.bay ? ` at bay ${event.bay}` : ""}: ${what}`, mine !== "", true);
-  } else if (event.event === "deselected") say(`Taken back: ${what}`, mine !== "");
+  } else if (event.event === "deselected") {
+    const ended = outcome(site, event);
+    if (ended) say(`${ended}: ${what}`, mine !== "");
+  }
   else if (event.event === "refused" && mine) controls.toasts.show("info", plainly(event) || `${capital(what)} could not be selected.`);
   isStale = true;
 }

@@ -7,7 +7,7 @@ import { guidance, type Guidance } from "./guidance";
 import type { SelectionEvent } from "./messages";
 import type { Mouse } from "./mouse";
 import type { Pairing } from "./panel/pairing";
-import { thing } from "./words";
+import { isNamed, thing } from "./words";
 
 const SUCCESS_MS = 2500;
 const SIGNS: Record<Guidance["mode"], string> = {
@@ -82,7 +82,7 @@ export function makeGuide(host: HTMLElement, controls: Controls, mouse: Mouse, p
     },
     selected(event) {
       success = {
-        what: `a ${thing(site, event.object_id, event.kind)}`, user: event.user, isWrong: !controls.isWanted(event.kind), at: performance.now(),
+        what: `${isNamed(site, event.object_id) ? "" : "a "}${thing(site, event.object_id, event.kind)}`, user: event.user, isWrong: !controls.isWanted(event.kind), at: performance.now(),
       };
       setTimeout(() => self.update(), SUCCESS_MS + 50);
     },

@@ -731,6 +731,10 @@ export interface Thing {
   dwell_s: number | null;
   id: string;
   /**
+   * the tracked object of this id, wherever that is
+   */
+  is_tracked: boolean;
+  /**
    * its name in messages to people; if empty, the id
    */
   label: string;

@@ -1,5 +1,6 @@
 /** What each key does. */
 
+import { APART_KEY } from "./apart";
 import type { Controls } from "./controls";
 import type { Help } from "./help";
 import type { Shortcut } from "./keys";
@@ -79,6 +80,7 @@ export function makeShortcuts({ controls, mouse, stage, belts, look, pairing, pa
       },
     },
     camera("1", "room", "See the room"), camera("2", "top", "See it from above"), camera("3", "eyes", "See it with the person's eyes"),
+    { keys: [APART_KEY.toLowerCase()], shown: APART_KEY, does: "Which things are told apart from where? Colour the floor", isOffered: () => stage.apart.isOffered, run: () => stage.apart.toggle() },
     { keys: ["h"], shown: "H", does: "Controls, or health", isOffered: () => true, run: () => panel.turn() },
     { keys: ["v"], shown: "V", does: "Sounds on or off", isOffered: () => true, run: () => look.toggleSound() },
     { keys: ["?"], shown: "?", does: "This help", isOffered: () => true, run: () => help.open(), isSafe: true },

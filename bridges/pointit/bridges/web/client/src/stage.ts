@@ -1,5 +1,6 @@
 /** The large part of the page: the view, which one it is, from where it looks. */
 
+import { ApartToggle } from "./apart";
 import { choice } from "./choice";
 import type { Controls } from "./controls";
 import { show, write } from "./dom";
@@ -26,6 +27,7 @@ function hasWebGl(): boolean {
 export class Stage {
   view: View | null = null;
   private readonly cameras = choice("View from", (value) => this.look(value as Camera));
+  readonly apart: ApartToggle;
   private camera: Camera = "room";
   private user = "";
   private making = 0;
@@ -43,7 +45,10 @@ export class Stage {
     private readonly cards: readonly HTMLElement[], private readonly controls: Controls, private readonly onAim: (at: Vec3) => void, private readonly onNew: () => void,
   ) {
     this.cameras.element.classList.add("bare");
-    cameras.append(this.cameras.element);
+    this.apart = new ApartToggle(controls, () => this.view?.setApart(this.apart.shown));
+    cameras.append(this.apart.legend, this.cameras.element, this.apart.button);
+    host.addEventListener("pointermove", ({ clientX, clientY }) => this.apart.over(this.view?.floorAt(clientX, clientY) ?? null));
+    host.addEventListener("pointerleave", () => this.apart.over(null));
   }
 
   /** Make the view that is wanted, or, where it cannot be had, the plan. */
@@ -93,6 +98,7 @@ export class Stage {
     if (!view) return;
     if (this.camera === "eyes" && this.user !== this.controls.user) this.look("eyes");
     this.cameras.set(this.camera);
+    this.apart.update();
     view.keepClear?.(this.covered());
     const { software, renderer } = view.stats;
     show(this.chip, software);
@@ -123,6 +129,7 @@ export class Stage {
     show(this.cameras.element, cameras.length > 1);
     if (!cameras.includes(this.camera)) this.camera = cameras[0] ?? "room";
     this.look(this.camera);
+    this.view.setApart(this.apart.shown);
     this.failures = 0;
     this.onNew();
     this.draw();

@@ -1,5 +1,6 @@
 /** What draws the site: the 3-D scene (`scene/`) and the plan (`plan/`, SVG) are views with one interface. */
 
+import type { Apart } from "./geometry/apart";
 import type { Rect } from "./geometry/placing";
 import type { Vec3 } from "./geometry/vec";
 import type { Site } from "./site/site";
@@ -30,6 +31,10 @@ export interface View {
   draw(site: Site): void;
   setTheme(dark: boolean): void;
   setCamera(camera: Camera, user: string): void;
+  /** Colour the floor by the things that are not told apart from there, or no longer. */
+  setApart(apart: Apart | null): void;
+  /** Place on the floor, {W}, below the browser window's (x, y), px; null where there is no floor. */
+  floorAt(x: number, y: number): readonly [number, number] | null;
   /** Put no label there: cards lie over these parts of the view, px. A view that begins below them has no need of it. */
   keepClear?(covered: readonly Rect[]): void;
   /** While on, moving over the view aims (a cross-hair shows, dragging still turns the camera); `user`: whose arm. */

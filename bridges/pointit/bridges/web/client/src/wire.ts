@@ -62,7 +62,7 @@ export interface Answer {
  * Request of the table by its key pattern, or a deed of this server.
  */
 export interface Ask {
-  deed: ("press" | "take" | "give" | "tremor" | "pair" | "open_lan" | "find_wrists" | "centre") | null;
+  deed: ("press" | "take" | "give" | "tremor" | "pair" | "open_lan" | "find_wrists" | "told_apart" | "centre") | null;
   id: number;
   /**
    * of the table of requests; empty for a deed
@@ -136,7 +136,7 @@ export interface FindingLine {
  * Greeting: the page's role and rights.
  */
 export interface Hello {
-  deeds: ("press" | "take" | "give" | "tremor" | "pair" | "open_lan" | "find_wrists" | "centre")[];
+  deeds: ("press" | "take" | "give" | "tremor" | "pair" | "open_lan" | "find_wrists" | "told_apart" | "centre")[];
   kind: "hello";
   /**
    * keys of the requests that this page may make

@@ -1,6 +1,7 @@
 /** What the page calls things. */
 
 import { capital } from "./format";
+import { isBox } from "./geometry/looks";
 import type { Interaction, SelectionEvent, TrackedObject } from "./messages";
 import type { LogLine, Site } from "./site/site";
 
@@ -35,9 +36,16 @@ export function objectOf(site: Site, id: string): TrackedObject | null {
   return null;
 }
 
-/** `red package`, `blue segment`. */
+/** Whether the object is one of the map's things, which have names of their own. */
+export function isNamed(site: Site, id: string): boolean {
+  const object = objectOf(site, id);
+  return object !== null && isBox(object);
+}
+
+/** `red package`, `blue segment`, `screws`. */
 export function thing(site: Site, id: string, kind = ""): string {
   const object = objectOf(site, id);
+  if (object && isBox(object)) return object.kind || id;
   const noun = object?.surface === "strip" ? "segment" : object?.surface === "belt" || site.conveyor ? "package" : "object";
   return [kind || object?.kind, noun].filter(Boolean).join(" ");
 }
@@ -49,6 +57,7 @@ function ending(id: string): string {
 
 /** An object among others: `red 24`. */
 export function called(site: Site, id: string, kind = ""): string {
+  if (isNamed(site, id)) return thing(site, id);
   return `${kind || objectOf(site, id)?.kind || thing(site, id)} ${ending(id)}`;
 }
 
@@ -57,10 +66,20 @@ export function plainly({ object_id: id, reason }: SelectionEvent): string {
   return id ? reason.replaceAll(id, ending(id)) : reason;
 }
 
+const OUTCOMES = { claim: ["Selected", "Taken back"], button: ["Fired", ""], switch: ["Switched on", "Switched off"] } as const;
+
+/** Name of a selection or its end, by the object's mode; "" if there is nothing to tell. */
+export function outcome(site: Site, { object_id: id, event }: SelectionEvent): string {
+  return OUTCOMES[objectOf(site, id)?.mode ?? "claim"][event === "selected" ? 0 : 1];
+}
+
 /** Text of a selection event in the log. */
 export function eventLine(site: Site, event: SelectionEvent): { severity: LogLine["severity"]; text: string } {
   const what = called(site, event.object_id, event.kind);
   const why = event.reason ? `: ${plainly(event)}` : "";
+  if (isNamed(site, event.object_id) && (event.event === "selected" || event.event === "deselected")) {
+    return { severity: "info", text: `${what}: ${outcome(site, event).toLowerCase() || "ready again"}${why}` };
+  }
   switch (event.event) {
     case "selected": return { severity: "info", text: `selected ${what}` };
     case "deselected": return { severity: "info", text: `took back ${what}${why}` };

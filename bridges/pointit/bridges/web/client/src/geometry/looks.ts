@@ -21,6 +21,9 @@ export const FENCE_COLORS: Readonly<Record<"keep_in" | "keep_out", { readonly da
   keep_in: { dark: "#47d1a8", light: "#00664a" }, keep_out: { dark: "#ff9088", light: "#b0211b" },
 };
 
+/** Floor from where things are not told apart: with its opacity it differs from the floor in lightness, too. */
+export const APART_COLORS = { dark: "#e58ac9", light: "#8e2c78" } as const;
+
 /** Width and height of a package, by its length: share, least and most, m. */
 export const PACKAGE_WIDE = [0.75, 0.1, 0.34] as const;
 export const PACKAGE_HIGH = [0.6, 0.1, 0.26] as const;

@@ -2,6 +2,7 @@
 
 import type { Environment } from "../messages";
 import { outline, ribbon } from "../geometry/ribbon";
+import { confusion, type Apart } from "../geometry/apart";
 import type { Bounds } from "../geometry/bounds";
 import { cm, draw, path, turned, xy } from "./svg";
 import type { Lanes } from "./lanes";
@@ -18,6 +19,17 @@ export function drawFloor(layer: Element, bounds: Bounds): void {
   for (let x = left; x <= right; x++) lines.push(`M${xy([x, low])}V${cm(-high)}`);
   for (let y = low; y <= high; y++) lines.push(`M${xy([left, y])}H${cm(right)}`);
   draw(layer, "path", { class: "plan-grid", d: lines.join("") });
+}
+
+/** Squares of the floor from where things are not told apart, and a line around all squares. */
+export function drawApart(layer: Element, apart: Apart): void {
+  const { x_m, y_m, told_apart } = apart, box = (x: number, y: number, right: number, high: number) =>
+    ({ x: cm(x), y: cm(-high), width: cm(right - x), height: cm(high - y) });
+  told_apart.forEach((row, j) => row.forEach((told, i) => {
+    if (told === apart.things.length) return;
+    draw(layer, "rect", { class: "plan-apart", "fill-opacity": confusion(apart, told).toFixed(2), ...box(x_m[i]!, y_m[j]!, x_m[i + 1]!, y_m[j + 1]!) });
+  }));
+  draw(layer, "rect", { class: "plan-apart-edge", ...box(x_m[0]!, y_m[0]!, x_m.at(-1)!, y_m.at(-1)!) });
 }
 
 /** Belts as ribbons with arrows along them. */

@@ -2,6 +2,7 @@
 
 import type { TrackedObject } from "../messages";
 import { siteNow, thingsOf, type Site } from "../site/site";
+import { boxLook } from "../site/looks";
 import { cssColor, inkOn, isBox, kindColor, kindLetter, sizeOf } from "../geometry/looks";
 import type { Lanes } from "./lanes";
 import { signOf } from "./signs";
@@ -22,7 +23,7 @@ interface Figure {
   place: SVGGElement;
   below: SVGGElement;
   letter: SVGTextElement;
-  owner: SVGTextElement;
+  owner: SVGTSpanElement;
 }
 
 /** How far beyond its outline an object's ring is drawn, m. */
@@ -54,7 +55,7 @@ export class Packages {
       this.drawn.set(object.id, drawn);
       const figure = this.figures.get(object.id) ?? this.make(object);
       this.place(figure, drawn);
-      this.mark(figure, site, owners.get(object.id) ?? "", holders.get(object.id) ?? "");
+      this.mark(figure, site, object, owners.get(object.id) ?? "", holders.get(object.id) ?? "");
     }
     for (const [id, figure] of this.figures) {
       if (this.drawn.has(id)) continue;
@@ -84,8 +85,10 @@ export class Packages {
     const below = draw(place, "g");
     const isThin = isSegment(object);
     const letter = draw(upright, "text", { class: isThin ? "plan-letter plan-beside" : "plan-letter", "text-anchor": "middle", y: 5 }, kindLetter(object.kind));
-    if (!isThin) set(letter, "fill", inkOn(color));
-    const owner = draw(draw(below, "g", { class: "plan-upright" }), "text", { class: "plan-owner", "text-anchor": "middle", y: 15 });
+    if (!isThin) letter.style.fill = inkOn(color); // an attribute counts less than the style sheet
+    const text = draw(draw(below, "g", { class: "plan-upright" }), "text", { class: "plan-owner", "text-anchor": "middle", y: 15 });
+    if (isBox(object)) draw(text, "tspan", { class: "plan-thing" }, `${object.kind || object.id} `);
+    const owner = draw(text, "tspan");
     const figure = { turning, box, edge, ring, hold, place, below, letter, owner };
     this.figures.set(object.id, figure);
     return figure;
@@ -98,8 +101,8 @@ export class Packages {
     set(figure.place, "transform", `translate(${xy([at[0] - aside * Math.sin(heading), at[1] + aside * Math.cos(heading)])})`);
     const tall = isThin ? 0.05 : Math.abs(Math.sin(heading)) * halfLength + Math.abs(Math.cos(heading)) * halfBreadth + RING_M;
     const isBeside = isThin && Math.abs(Math.sin(heading)) > 0.5;
-    set(figure.owner, "text-anchor", isBeside ? "end" : "middle");
-    set(figure.owner, "x", isBeside ? 8 : 0);
+    set(figure.owner.parentElement!, "text-anchor", isBeside ? "end" : "middle");
+    set(figure.owner.parentElement!, "x", isBeside ? 8 : 0);
     set(figure.below, "transform", `translate(0 ${cm(tall)})`);
     for (const [shape, by] of [[figure.box, 0], [figure.edge, RING_M], [figure.ring, RING_M], [figure.hold, 2 * RING_M]] as const) {
       if (shape.tagName === "circle") {
@@ -115,7 +118,7 @@ export class Packages {
     }
   }
 
-  private mark(figure: Figure, site: Site, owner: string, holder: string): void {
+  private mark(figure: Figure, site: Site, object: TrackedObject, owner: string, holder: string): void {
     for (const element of [figure.edge, figure.ring]) show(element, owner !== "");
     show(figure.hold, holder !== "" && holder !== owner);
     for (const [element, user] of [[figure.ring, owner], [figure.hold, holder]] as const) {
@@ -123,6 +126,11 @@ export class Packages {
       const sign = signOf(site.people.get(user)?.profile);
       set(element, "stroke", sign.color);
       set(element, "stroke-dasharray", sign.dashes);
+    }
+    if (isBox(object)) {
+      const look = boxLook(site, object);
+      set(figure.box, "fill", cssColor(look));
+      figure.letter.style.fill = inkOn(look);
     }
     say(figure.owner, owner ? owner : holder ? `${holder} …` : "");
   }

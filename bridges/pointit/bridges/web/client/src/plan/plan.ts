@@ -4,12 +4,13 @@ import "./plan.css";
 import { seenRobots } from "../site/robots";
 import { standingOf, type Site } from "../site/site";
 import type { Camera, MakeView, View, ViewOptions, ViewStats } from "../view";
+import type { Apart } from "../geometry/apart";
 import { boundsOf } from "../geometry/bounds";
 import type { Vec3 } from "../geometry/vec";
 import { Frame, grown, scaleBar } from "./frame";
 import { Gestures } from "./gestures";
 import { drawFences } from "./fences";
-import { drawBays, drawBelts, drawFloor, drawSolids } from "./ground";
+import { drawApart, drawBays, drawBelts, drawFloor, drawSolids } from "./ground";
 import { Lanes } from "./lanes";
 import { Lights } from "./lights";
 import { PlanList } from "./list";
@@ -21,7 +22,7 @@ import { under } from "./under";
 
 /** The pointer snaps to a lamp or strip within this distance, px. */
 const NEAR_PX = 10;
-const LAYERS = ["ground", "fences", "belts", "bays", "floor", "packages", "strips", "lamps", "bodies", "letters", "top", "aim"] as const;
+const LAYERS = ["apart", "ground", "fences", "belts", "bays", "floor", "packages", "strips", "lamps", "bodies", "letters", "top", "aim"] as const;
 
 class Plan implements View {
   readonly stats: ViewStats = { fps: 0, renderer: "SVG", software: false };
@@ -101,6 +102,16 @@ class Plan implements View {
 
   setTheme(dark: boolean): void {
     this.box.classList.toggle("plan-dark", dark);
+  }
+
+  setApart(apart: Apart | null): void {
+    this.layers.apart.replaceChildren();
+    if (apart) drawApart(this.layers.apart, apart);
+  }
+
+  floorAt(x: number, y: number): readonly [number, number] {
+    const { left, top } = this.svg.getBoundingClientRect();
+    return this.frame.toWorld(x - left, y - top);
   }
 
   setCamera(_camera: Camera, _user: string): void {

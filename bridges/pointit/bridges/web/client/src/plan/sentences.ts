@@ -4,6 +4,7 @@ import { robotLine, seenRobots } from "../site/robots";
 import { standingOf, thingsOf, type Person, type Site } from "../site/site";
 import type { TrackedObject } from "../messages";
 import { byName } from "../format";
+import { isBox } from "../geometry/looks";
 import { stateTitle, thing } from "../words";
 
 export interface Row {
@@ -33,7 +34,7 @@ export function objectRows(site: Site): (Row & { object: TrackedObject })[] {
   return all.sort((a, b) => byName(a.id, b.id)).map((object) => {
     const owner = owners.get(object.id), holder = holders.get(object.id);
     const state = owner ? `selected by ${owner}` : holder ? `${holder} is about to select it` : "not selected";
-    return { key: object.id, name: `${thing(site, object.id)} ${short.get(object.id)!}`, text: `${whereItIs(object)}; ${state}`, object };
+    return { key: object.id, name: isBox(object) ? thing(site, object.id) : `${thing(site, object.id)} ${short.get(object.id)!}`, text: `${whereItIs(object)}; ${state}`, object };
   });
 }
 

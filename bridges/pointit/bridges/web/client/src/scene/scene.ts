@@ -1,13 +1,15 @@
 /** The 3-D scene: a view of the site; drawn when something has changed or moves, never else. */
 
 import type * as THREE from "three";
+import type { Apart } from "../geometry/apart";
 import { boundsOf, cornersOf, pointsOf, type Bounds } from "../geometry/bounds";
 import type { Rect } from "../geometry/placing";
 import type { Vec3 } from "../geometry/vec";
 import type { Environment } from "../messages";
-import { siteNow, standingOf, type Site } from "../site/site";
+import { isOfThing, siteNow, standingOf, type Site } from "../site/site";
 import type { Camera, MakeView, View, ViewOptions } from "../view";
 import { Aim } from "./aim";
+import { drawApart, floorAt } from "./apart";
 import { Cameras } from "./cameras";
 import { DARK, Kit, LIGHT, type Theme } from "./kit";
 import { Labels } from "./labels";
@@ -30,6 +32,7 @@ class Scene implements View {
   private readonly isStill = matchMedia("(prefers-reduced-motion: reduce)").matches;
   private theme: Theme = DARK;
   private world: World | null = null;
+  private apart: Apart | null = null;
   private site: Site | null = null;
   private mapVersion = -1;
   private posed = 0;
@@ -111,6 +114,17 @@ class Scene implements View {
     this.wake();
   }
 
+  setApart(apart: Apart | null): void {
+    if (this.apart === apart) return;
+    this.apart = apart;
+    this.build(this.site?.map ?? NOTHING);
+    this.wake();
+  }
+
+  floorAt(x: number, y: number): [number, number] | null {
+    return floorAt(this.picture, x, y);
+  }
+
   setCamera(camera: Camera, user: string): void {
     const direction = this.site?.people.get(user)?.cursor?.direction;
     if (camera === "eyes" && direction && (this.camera.mode !== "eyes" || this.camera.user !== user)) this.camera.face(direction);
@@ -155,6 +169,7 @@ class Scene implements View {
     if (this.picture.isLost) return;
     const kit = new Kit(this.picture.stats.software, this.theme);
     this.world = makeWorld(kit, map, this.bounds, this.labels, this.isStill);
+    if (this.apart) drawApart(kit, this.apart);
     this.picture.light(this.theme, this.bounds);
     this.picture.scene.add(kit.group);
     this.dirty = true;
@@ -211,7 +226,7 @@ class Scene implements View {
     world.strips.set(site.strips);
     world.lamps.set(site.lamps, this.theme.dark);
     world.lamps.mark(world.marks);
-    for (const [id, at] of world.lamps.places) this.labels.add(`lamp ${id}`, at, 0.16, [{ text: id }]);
+    for (const [id, at] of world.lamps.places) if (!isOfThing(site.map, id)) this.labels.add(`lamp ${id}`, at, 0.16, [{ text: id }]);
     world.things.set(site);
     let moves = world.things.place(now_ns);
     if (site.connected) moves = world.belts.run(passed) || moves;

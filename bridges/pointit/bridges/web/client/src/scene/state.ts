@@ -1,13 +1,13 @@
 /** What is selected, about to be, or under a cursor: outlines, rings in the owner's pattern, gauges. */
 
-import { boxColor, cssColor, kindColor, kindLetter, visibleColor, type Pattern, type Rgb } from "../geometry/looks";
+import { cssColor, kindColor, kindLetter, visibleColor, type Pattern, type Rgb } from "../geometry/looks";
 import type { Vec3 } from "../geometry/vec";
+import { boxLook, WHITE } from "../site/looks";
 import type { Site } from "../site/site";
 import type { Labels } from "./labels";
 import type { Marks } from "./marks";
 import type { Thing, Things } from "./things";
 
-const WHITE: Rgb = [255, 255, 255];
 const REFUSED: Rgb = [255, 70, 60];
 
 /** Draw the state of every thing of `site`. */
@@ -25,18 +25,12 @@ export function state(site: Site, things: Things, marks: Marks, labels: Labels, 
     if (thing) ring(thing, marks, visibleColor(site.people.get(user)?.profile?.cursor_color ?? WHITE, dark), "dotted", 0.7);
   }
   things.endOutlines();
-  things.paintBoxes(({ object: { id, kind } }) => {
-    const owner = site.selection?.objects.find((each) => each.id === id);
-    const pointing = [...site.people.values()].filter(({ hover }) => hover?.object_id === id);
-    const [first] = pointing.sort((one, other) => other.hover!.progress - one.hover!.progress);
-    const worn = (user: string) => site.people.get(user)?.profile?.cursor_color ?? WHITE;
-    return boxColor(kind, owner ? worn(owner.user) : null, first ? { color: worn(first.user), progress: first.hover!.progress } : null);
-  });
+  things.paintBoxes(({ object }) => boxLook(site, object));
   let rank = 0;
   for (const { hover, profile, user } of site.people.values()) {
     const thing = hover?.object_id ? things.byId.get(hover.object_id) : undefined;
     if (!thing || !hover) continue;
-    const color = visibleColor(profile?.cursor_color ?? WHITE, dark), up = thing.up + thing.size[2] / 2 + 0.2;
+    const color = visibleColor(profile?.cursor_color ?? WHITE, dark), up = thing.up + thing.size[2] / 2 + (thing.form === "box" ? 0.34 : 0.2); // above its name
     const shown = hover.action === "refuse" ? REFUSED : color, radius = 0.1 + 0.035 * (rank++ % 3);
     if (!dark) marks.add(thing.placed.at, radius * 1.06, [20, 25, 32], { faces: true, thick: 0.34, alpha: 0.4 }, up);
     marks.add(thing.placed.at, radius, shown, { faces: true, thick: 0.28, progress: hover.progress }, up);

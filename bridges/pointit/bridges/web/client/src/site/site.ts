@@ -112,6 +112,11 @@ export function thingsOf(site: Site): { object: TrackedObject; stamp_ns: number 
     objects.filter(({ id }) => !site.robots.get(id)?.state).map((object) => ({ object, stamp_ns })));
 }
 
+/** Whether the lamp is the light of a thing, whose name is shown instead. */
+export function isOfThing(map: Environment | null, lamp: string): boolean {
+  return map?.things.some((thing) => thing.lamp === lamp) ?? false;
+}
+
 /** A cursor that is older says nothing of now, ms: that wrist is not heard. */
 const HEARD_MS = 800;
 

@@ -1,0 +1,114 @@
+"""Things of a map in the page: fired by mouse, and the floor coloured by which are told apart from there."""
+
+from io import BytesIO
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+from playwright.async_api import Browser, expect
+
+from pointit.bridges.web.model.told_apart import floor
+from pointit.maps.file import load_map
+from tests.e2e.web.axe import violations as axe_violations
+from tests.e2e.web.site import SitePage
+from tests.e2e.web.window import NO_WEBGL, Theme, Window
+from tests.support.pace import Patience
+
+pytestmark = [pytest.mark.slow, pytest.mark.parametrize("shared_site", ["shelf"], indirect=True)]
+
+SHELF = load_map("shelf", 0)
+BELOW_PX = 38
+"""From the middle of a box's name down to the box."""
+NAME = """name => {
+  for (const label of document.querySelectorAll("#view > div > div")) {
+    if (label.textContent !== name || label.style.visibility === "hidden") continue;
+    const { x, y, width, height } = label.getBoundingClientRect();
+    return [x + width / 2, y + height / 2];
+  }
+  return null;
+}"""
+SELECTED = "(window.pointit.site.selection?.objects ?? []).map(({ id }) => id)"
+
+
+async def light(window: Window, x: float, y: float) -> float:
+    """Return the mean brightness, 0 to 1, beside a place, where the mouse's own mark does not cover it."""
+    clip = {"x": x + 14, "y": y - 6, "width": 12, "height": 12}
+    return float(imread(BytesIO(await window.page.screenshot(clip=clip)))[:, :, :3].mean())  # type: ignore[arg-type]
+
+
+async def purple(window: Window) -> float:
+    """Return the share of the scene that has the colour of confusion."""
+    picture = imread(BytesIO(await window.page.locator("#view canvas").screenshot()))
+    red, green, blue = (picture[:, :, band] for band in range(3))
+    return float(((red > green + 0.06) & (blue > green + 0.06)).mean())
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+async def test_boxes_of_a_shelf_fire_and_a_switch_stays_on(
+    browser: Browser, shared_site: SitePage, theme: Theme
+) -> None:
+    window = await Window.open(browser, shared_site.url, theme=theme)
+    page = window.page
+    await window.is_shown()
+    await page.get_by_role("button", name="Point with the mouse").click()
+    await expect(page.locator("#guide")).to_contain_text("You are the arm now")
+    for name, told in (
+        ("screws", "Fired"),
+        ("bolts", "Fired"),
+        ("washers", "Fired"),
+        ("radio", "Switched on"),
+    ):
+        x, y = await window.until(f"({NAME})('{name}')", f"the name of {name} is shown")
+        y += BELOW_PX
+        (thing,) = (each for each in SHELF.things if each.id == name)
+        idle = await light(window, x, y)
+        at_m = await window.aimed_at(x, y, 10.0, settle_s=0.3)
+        assert at_m is not None
+        assert at_m[1] == pytest.approx(thing.center_m[1], abs=0.25), f"{name} is not below its name"
+        patience = Patience(30)
+        seen: list[float] = []
+        while not await page.locator("#toasts", has_text=f"{told}: {name}").count():
+            assert not patience.is_over(), f"{name} did not react"
+            seen.append(await light(window, x, y))
+        seen.append(await light(window, x, y))
+        assert max(seen) > idle + 0.15, f"{name} shows nobody that it is pointed at: {idle}, {seen}"
+    await page.mouse.move(1100, 600)
+    await expect(page.locator("#toasts")).to_have_text("")
+    assert await page.evaluate(SELECTED) == ["radio"], "buttons are ready again, the switch is on"
+    assert await light(window, x, y) > idle + 0.15
+    await page.locator("body").press("x")
+    await window.until(f"{SELECTED}.length === 0", "the switch is off again")
+    await page.context.close()
+    assert window.faults == []
+
+
+async def test_floor_is_coloured_by_what_is_told_apart_there_for_viewers_too(
+    browser: Browser, shared_site: SitePage
+) -> None:
+    window = await Window.open(browser, shared_site.viewer_url)
+    await window.is_shown()
+    button, legend = window.page.get_by_role("button", name="Told apart"), window.page.locator(".apart")
+    await expect(button).to_have_attribute("aria-pressed", "false")
+    plain = await purple(window)
+    await window.page.locator("body").press("t")
+    await expect(legend).to_contain_text("Where user1 stands: 2 of 6 told apart, not screws and nuts")
+    patience = Patience(10)
+    while await purple(window) < plain + 0.2:
+        assert not patience.is_over(), "the scene's floor has no colour"
+    plan = await Window.open(browser, shared_site.viewer_url, theme="dark", scripts=(NO_WEBGL,))
+    await plan.is_shown()
+    await plan.page.get_by_role("button", name="Told apart").click()
+    squares = plan.page.locator(".plan-apart")
+    told = np.asarray(floor(SHELF)["told_apart"])
+    await expect(squares).to_have_count(int((told < 6).sum()))
+    for each in (window, plan):
+        assert await axe_violations(each.page) == []
+    await squares.first.hover(force=True)
+    await expect(plan.page.locator(".apart")).to_contain_text("Under the mouse: 2 of 6 told apart")
+    await plan.page.locator("body").press("t")
+    await expect(squares).to_have_count(0)
+    await button.click()
+    await expect(legend).to_be_hidden()
+    for each in (window, plan):
+        assert each.faults == []
+        assert await each.violations() == []

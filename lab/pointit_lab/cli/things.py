@@ -111,7 +111,11 @@ def things(
                 tell_progress("parts", len(pieces) + done + 1)
         rows = [row_of(row, found[row.name]) for row in ROWS]
         per_half_hour = {kind: 30.0 * count / (people * minutes) for kind, count in fired.items() if people}
-        bounds = {row.name: most_right(row, seed, trials, WRONG) for row in ROWS if not row.lit}
+        bounds = {
+            row.name: {wrong: most_right(row, seed, trials, wrong) for wrong in (WRONG, judged.wrong.value)}
+            for row, judged in zip(ROWS, rows, strict=True)
+            if not row.lit
+        }
         document = {
             "rows": [asdict(row) for row in rows],
             "unintended_per_30_min": per_half_hour,
@@ -122,7 +126,9 @@ def things(
 
 
 def _print(
-    rows: "Sequence[ReachRow]", per_half_hour: Mapping[Any, float], bounds: Mapping[str, float]
+    rows: "Sequence[ReachRow]",
+    per_half_hour: Mapping[Any, float],
+    bounds: Mapping[str, Mapping[float, float]],
 ) -> None:
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column("things")
@@ -135,8 +141,9 @@ def _print(
     screen = evaluation_console()
     screen.print(table)
     screen.print(Text(NOTES))
-    for name, right in bounds.items():
-        screen.print(Text(f"{name}: an ideal judge gets {right:.1%} right, {WRONG:.0%} wrong"))
+    for name, at_best in bounds.items():
+        best = " or ".join(f"{right:.1%} right, {wrong:.1%} wrong" for wrong, right in at_best.items())
+        screen.print(Text(f"{name}: an ideal judge gets {best}"))
     for kind, rate in per_half_hour.items():
         screen.print(Text(f"Unintended firings in 30 min of pointing at {PLACES[kind]}: {rate:.1f}"))
 

@@ -56,9 +56,9 @@ class BoxSolid:
         """Create from centre, extents along its own axes, and the azimuth of its x axis."""
         self._center = center_m
         self._half = vector.scale(size_m, 0.5)
-        self._turn = (math.cos(yaw_rad), math.sin(yaw_rad))
-        self._outlines: dict[Vec3, list[_Outer]] = {}
-        """Its outlines, by the origins of rays: people's eyes mostly stay."""
+        self._yaw = yaw_rad
+        self._outlines: dict[Vec3, list[_Outer] | None] = {}
+        """Its outlines, by the origins of rays: people's eyes mostly stay. None after the first ray."""
         self.bounding_sphere = (center_m, vector.norm(self._half))
 
     def contains(self, point_m: Vec3) -> bool:
@@ -69,7 +69,7 @@ class BoxSolid:
     def intersect(self, origin_m: Vec3, direction: Vec3) -> float | None:
         """Return the distance to the first intersection, or to the exit for a ray from inside, or None."""
         first, last = -math.inf, math.inf
-        own, ahead = self._own(origin_m), self._turned(direction)
+        own, ahead = self._own(origin_m), vector.rotate_z(direction, -self._yaw)
         for x, d, half in zip(own, ahead, self._half, strict=True):
             if abs(d) < TINY:
                 if abs(x) > half:
@@ -84,41 +84,35 @@ class BoxSolid:
     def closest_approach(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3:
         """Return the closest point to a ray that does not intersect it."""
         passed_m = self.passed_at(origin_m, direction) if measure == "angle" else None
-        if passed_m is not None:
-            return passed_m
-        own, ahead = self._own(origin_m), self._turned(direction)
+        return self._on_edges(origin_m, direction, measure) if passed_m is None else passed_m
+
+    def passed_at(self, origin_m: Vec3, direction: Vec3) -> Vec3 | None:
+        """Return the point at the smallest angle from a ray, or None if the ray intersects the box."""
+        if origin_m not in self._outlines:  # eyes that move with every ray are not worth an outline
+            if len(self._outlines) >= MOST_EYES:
+                self._outlines.clear()
+            self._outlines[origin_m] = None
+            met = self.intersect(origin_m, direction)
+            return self._on_edges(origin_m, direction, "angle") if met is None else None
+        outline = self._outlines[origin_m]
+        if outline is None:
+            outline = self._outlines[origin_m] = _outline(self._half, self._own(origin_m))
+        x, y, z = ahead = vector.rotate_z(direction, -self._yaw)
+        # the outline is convex: the nearest point is on an edge that has the ray on its outer side
+        passed = [edge for edge in outline if edge[0] * x + edge[1] * y + edge[2] * z > 0.0]
+        if not passed:
+            return None
+        found = [(nearest_in_angle(reach, span, ahead), start, span) for *_, start, span, reach in passed]
+        (t, _), start, span = min(found, key=lambda each: each[0][1])
+        return self._in_room(vector.add(start, vector.scale(span, t)))
+
+    def _on_edges(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3:
+        own, ahead = self._own(origin_m), vector.rotate_z(direction, -self._yaw)
         found = nearest_on_edges(_box_edges(self._half), own, ahead, measure)
         if measure == "metres":
             foot = tuple(min(max(x, -half), half) for x, half in zip(own, self._half, strict=True))
             found = nearer((foot[0], foot[1], foot[2]), found, own, ahead)
         return self._in_room(found)
-
-    def passed_at(self, origin_m: Vec3, direction: Vec3) -> Vec3 | None:
-        """Return the point at the smallest angle from a ray, or None if the ray intersects the box."""
-        outline = self._outlines.get(origin_m)
-        if outline is None:
-            if len(self._outlines) >= MOST_EYES:
-                self._outlines.clear()
-            outline = self._outlines[origin_m] = _outline(self._half, self._own(origin_m))
-        x, y, z = ahead = self._turned(direction)
-        # the outline is convex: the nearest point is on an edge that has the ray on its outer side
-        passed = [edge for edge in outline if edge[0] * x + edge[1] * y + edge[2] * z > 0.0]
-        if not passed:
-            return None
-        best, least = (ahead, ahead, 0.0), math.inf
-        for _, _, _, start, span, (i, j, k), (aa, au, uu), (first_m, last_m) in passed:  # `nearest_in_angle`
-            p, q = x * i + y * j + z * k, x * span[0] + y * span[1] + z * span[2]
-            t = (q * aa - p * au) / max(p * uu - q * au, TINY)
-            if 0.0 < t < 1.0:
-                cost = -(p + t * q) / math.sqrt(max(aa + t * (2.0 * au + t * uu), TINY))
-            else:
-                t, cost = 0.0, -p / first_m
-                if -(p + q) / last_m < cost:
-                    t, cost = 1.0, -(p + q) / last_m
-            if cost < least:
-                best, least = (start, span, t), cost
-        start, span, t = best
-        return self._in_room(vector.add(start, vector.scale(span, t)))
 
     def uv_at(self, point_m: Vec3) -> tuple[float, float]:
         """Return the position on the face of `point_m`."""
@@ -128,15 +122,10 @@ class BoxSolid:
         return ((y, z), (x, z), (x, y))[face]
 
     def _own(self, point_m: Vec3) -> Vec3:
-        return self._turned(vector.subtract(point_m, self._center))
-
-    def _turned(self, a: Vec3) -> Vec3:
-        (c, s), (x, y, z) = self._turn, a
-        return (c * x + s * y, c * y - s * x, z)
+        return vector.rotate_z(vector.subtract(point_m, self._center), -self._yaw)
 
     def _in_room(self, own_m: Vec3) -> Vec3:
-        (c, s), (x, y, z) = self._turn, own_m
-        return vector.add(self._center, (c * x - s * y, s * x + c * y, z))
+        return vector.add(self._center, vector.rotate_z(own_m, self._yaw))
 
 
 class SphereSolid:
@@ -232,9 +221,9 @@ def _others(axis: int) -> list[int]:
     return [other for other in range(3) if other != axis]
 
 
-_Outer = tuple[float, float, float, Vec3, Vec3, Vec3, Vec3, tuple[float, float]]
-"""Edge of an outline: x, y, z of the outward normal of its plane through the origin; start; span u; vector a
-from the origin to the start; a², a·u and u²; distances of start and end."""
+_Outer = tuple[float, float, float, Vec3, Vec3, Vec3]
+"""Edge of an outline: x, y, z of the outward normal of its plane through the origin; start, span, and start
+seen from the origin."""
 
 
 def _outline(half: Vec3, origin_m: Vec3) -> list[_Outer]:
@@ -242,10 +231,8 @@ def _outline(half: Vec3, origin_m: Vec3) -> list[_Outer]:
     outline: list[_Outer] = []
     for number, (start, span) in enumerate(_box_edges(half)):
         if sum(math.copysign(1.0, start[k]) * origin_m[k] > half[k] for k in _others(number // 4)) == 1:
-            a = vector.subtract(start, origin_m)
-            normal = vector.cross(a, span)
+            reach = vector.subtract(start, origin_m)
+            normal = vector.cross(reach, span)
             outward = -1.0 if vector.dot(normal, origin_m) < 0.0 else 1.0  # away from the box's centre
-            squares = (vector.dot(a, a), vector.dot(a, span), vector.dot(span, span))
-            ends = (max(vector.norm(a), TINY), max(vector.norm(vector.add(a, span)), TINY))
-            outline.append((*vector.scale(normal, outward), start, span, a, squares, ends))
+            outline.append((*vector.scale(normal, outward), start, span, reach))
     return outline

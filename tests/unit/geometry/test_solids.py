@@ -113,7 +113,7 @@ def test_a_box_is_passed_at_its_outline_from_any_number_of_eyes_that_come_back(s
             if passed is not None:
                 miss = vector.angle_between(direction, vector.subtract(passed, origin))
                 assert miss <= misses(skin, origin, direction, "angle").min() + 1e-7
-                assert solid.closest_approach(origin, direction, "angle") == passed
+                assert solid.closest_approach(origin, direction, "angle") == pytest.approx(passed)
 
 
 @given(seeds, forms)

@@ -163,18 +163,11 @@ class EstimateMethod:
         """Return the probability of each object near the ray. The rest is that of none."""
         stayed_s = (now_ns - self._stays_ns) / NS_PER_S if self._shown is not None else 0.0
         accepted = min(SEEN_PER_S * max(stayed_s - SEEN_AFTER_S, 0.0), SEEN)
-        shown = view.get(self._shown)
-        if shown is not None and shown.tracked.lit:
-            logs[shown.id] += accepted
+        if any(one.id == self._shown and one.tracked.lit for one in view.seen):
+            logs[self._shown or ""] += accepted
         none = math.log(AIMLESS) - min(RESTING_PER_S * stayed_s, RESTING)
-        line = (cursor.surface, cursor.surface_id)
         # who points at a line on which objects move, or that lights them, means an object
-        if cursor.surface in LINES and not any(
-            (one.place.surface, one.place.surface_id) == line
-            if one.place is not None
-            else one.tracked.size_m is None  # it may be on any line
-            for one in view.seen
-        ):
+        if cursor.surface in LINES and not any(_may_be_on(one, cursor) for one in view.seen):
             across = math.log(ON_LIGHT / (_FLAT * UPWARDS_RAD)) - 0.5 * (cursor.miss_rad / UPWARDS_RAD) ** 2
             across += accepted  # they see the cursor there, too
             none = max(none, across) + math.log1p(math.exp(-abs(none - across)))
@@ -222,8 +215,7 @@ class EstimateMethod:
         probability = probabilities[shown]
         if shown in self._left or not pointing.acts(shown):
             return SelectionProgress(shown, confidence=probability)
-        seen = view.get(shown)
-        dwell_s = (None if seen is None else seen.tracked.dwell_s) or self._config.dwell_s
+        dwell_s = next(one.tracked.dwell_s for one in view.seen if one.id == shown) or self._config.dwell_s
         stayed_s = (now_ns - self._stays_ns) / NS_PER_S
         progress = min(stayed_s / dwell_s, 1.0) * min(probability / self._config.sure, 1.0)
         if progress < 1.0:
@@ -261,14 +253,18 @@ _Sight = tuple[float, float]
 """Azimuth and elevation, rad."""
 
 
+def _may_be_on(one: VisibleObject, cursor: Cursor) -> bool:
+    if one.place is None:
+        return one.tracked.size_m is None
+    return (one.place.surface, one.place.surface_id) == (cursor.surface, cursor.surface_id)
+
+
 def _places(one: VisibleObject, origin_m: Vec3, direction: Vec3, ray: _Sight) -> tuple[_Sight, _Sight, float]:
     """Return where the object is nearest to a ray and where its centre is, and `_log` of it."""
-    size_m = one.tracked.size_m
+    size_m, reach_m = one.tracked.size_m, vector.subtract(one.center_m, origin_m)
     if size_m is not None:
-        center, log = _box_place(one.center_m, origin_m, size_m, one.range_m)
-        nearest = ray if one.outline_m is None else _sight(vector.subtract(one.outline_m, origin_m))
-        return nearest, center, log
-    reach_m = vector.subtract(one.center_m, origin_m)
+        center, log = _box_place(reach_m, size_m, one.range_m)
+        return ray if one.outline_m is None else _sight(vector.subtract(one.outline_m, origin_m)), center, log
     start_m = vector.subtract(reach_m, vector.scale(one.along, one.half_m))
     step_m = vector.scale(one.along, 2.0 * one.half_m)
     nearest_m = vector.add(start_m, vector.scale(step_m, nearest_in_angle(start_m, step_m, direction)[0]))
@@ -276,10 +272,9 @@ def _places(one: VisibleObject, origin_m: Vec3, direction: Vec3, ray: _Sight) ->
 
 
 @lru_cache(MOST_KEPT)
-def _box_place(center_m: Vec3, origin_m: Vec3, size_m: Vec3, range_m: float) -> tuple[_Sight, float]:
+def _box_place(reach_m: Vec3, size_m: Vec3, range_m: float) -> tuple[_Sight, float]:
     wide_m, high_m = max(size_m[:2]), size_m[2]
-    log = _log(math.atan(wide_m / 2.0 / range_m), math.atan(high_m / 2.0 / range_m))
-    return _sight(vector.subtract(center_m, origin_m)), log
+    return _sight(reach_m), _log(math.atan(wide_m / 2.0 / range_m), math.atan(high_m / 2.0 / range_m))
 
 
 def _log(wide_rad: float, high_rad: float) -> float:

@@ -58,10 +58,6 @@ class View:
         """Return the objects."""
         return self._seen.values()
 
-    def get(self, object_id: str | None) -> VisibleObject | None:
-        """Return an object by its id, or None if it is not near."""
-        return None if object_id is None else self._seen.get(object_id)
-
     def pick(self, kept: str | None, snap_rad: float, hysteresis: float) -> str | None:
         """Return the object at the smallest angle, among those within half width and `snap_rad`.
 

@@ -13,6 +13,8 @@ from tests.docs.blocks import ROOT, Block, difference
 from tests.support import there
 from tests.support.pace import Patience
 
+ENDLESS = 'pointit() { [ "$1" != run ] || set -- "$@" --duration 3600; command pointit "$@"; }'
+"""A run in a terminal ends when its reader is through, however long a busy machine takes for the page."""
 PATIENCE_S = 60.0
 """Longest time of a block on a quiet machine."""
 STOPPED = {0, 128 + signal.SIGINT}
@@ -90,7 +92,7 @@ class Shell:
         """Press Ctrl-C in its terminal, then run a block until it has printed what is shown, or anything."""
         if block.terminal in self._terminals:
             await self._stop(block.terminal)
-        process = await self._say(f"(. {code}) >{output} 2>&1 </dev/null & printf '%s ' $!", block)
+        process = await self._say(f"({ENDLESS}; . {code}) >{output} 2>&1 </dev/null & printf '%s ' $!", block)
         self._terminals[block.terminal] = Terminal(block=block, process=int(process), output=output)
         patience = Patience(PATIENCE_S)
         while not (printed := _read(output)) or (block.output and difference(block.output, printed)):

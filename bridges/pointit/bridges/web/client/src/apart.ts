@@ -32,7 +32,7 @@ export class ApartToggle {
 
   get isOffered(): boolean {
     const { map, hello } = this.controls.site;
-    return (map?.things.length ?? 0) > 0 && (hello?.deeds.includes("told_apart") ?? false);
+    return (map?.things.some((thing) => !thing.is_tracked) ?? false) && (hello?.deeds.includes("told_apart") ?? false);
   }
 
   toggle(): void {

@@ -25,7 +25,7 @@ export function pointsOf(map: Environment): Vec3[] {
   for (const lamp of map.lamps) take(lamp.position_m);
   for (const strip of map.strips) strip.line_m.forEach((vertex) => take(vertex));
   for (const belt of map.belts) belt.line_m.forEach((vertex) => take(vertex, belt.width_m / 2, ABOVE_M));
-  for (const box of [...map.boxes, ...map.things]) take(box.center_m, Math.hypot(box.size_m[0], box.size_m[1]) / 2, box.size_m[2] / 2);
+  for (const box of [...map.boxes, ...map.things.filter((thing) => !thing.is_tracked)]) take(box.center_m, Math.hypot(box.size_m[0], box.size_m[1]) / 2, box.size_m[2] / 2);
   for (const ball of map.spheres) take(ball.center_m, ball.radius_m, ball.radius_m);
   for (const tank of map.cylinders) take(tank.center_m, tank.radius_m, tank.height_m);
   for (const { center_m, normal, size_m } of map.planes) {

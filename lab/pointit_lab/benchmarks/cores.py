@@ -126,12 +126,12 @@ def _things() -> list[dict[str, Any]]:
         )
         rows += [
             {
-                "core": f"{part}, {count} things",
+                "core": f"{part}, {columns * shelves} things",
                 "map": name,
                 "us": round(us, 1),
                 "times_ours": round(us / few[part], 2),
             }
-            for count, parts in ((4, few), (200, many))
+            for (columns, shelves), parts in zip(COUNTS, (few, many), strict=True)
             for part, us in parts.items()
         ]
     return rows

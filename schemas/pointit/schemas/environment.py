@@ -163,13 +163,10 @@ class Thing(Box):
     is_tracked: Annotated[bool, Field(description="the tracked object of this id, wherever that is")] = False
 
     @property
-    def told(self) -> dict[str, Any]:
-        """Fields that its tracked object gets."""
-        lit = bool(self.lamp or self.strip)
-        return self.model_dump(include={"mode", "press", "dwell_s"}) | {
-            "kind": self.label or self.id,
-            "lit": lit,
-        }
+    def object_fields(self) -> dict[str, Any]:
+        """Fields of `TrackedObject` that the thing sets in its tracked object."""
+        own = self.model_dump(include={"mode", "press", "dwell_s"})
+        return own | {"kind": self.label or self.id, "lit": bool(self.lamp or self.strip)}
 
 
 class Frame(SchemaModel):

@@ -70,8 +70,7 @@ class RayCaster:
             _Segment(point, (0.0, 0.0, 0.0), 0.0, 0.0, len(lines) + index)
             for index, point in enumerate(points)
         ]
-        few = [*whole, *alone] if len(whole) + len(alone) <= FEW else []
-        self._few = [(segment.start_m, segment.span_m, segment) for segment in few]
+        self._few = [*whole, *alone] if len(whole) + len(alone) <= FEW else []
         if not self._few:
             self._lay_out(lines, alone)
 
@@ -128,7 +127,8 @@ class RayCaster:
         best: tuple[_Segment, float] | None = None
         least = math.inf
         ox, oy, oz = origin_m
-        for (x, y, z), span, segment in self._few:
+        for segment in self._few:
+            (x, y, z), span = segment.start_m, segment.span_m
             a = (x - ox, y - oy, z - oz)
             if reach_m < math.inf:
                 within = clip_to_reach(vector.dot(direction, a), vector.dot(direction, span), reach_m)

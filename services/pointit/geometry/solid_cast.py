@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 FEW = 6
 """Number of solids up to which plain Python on each ball is faster than arrays."""
 SLACK_RAD = 1e-6
-"""Margin of cones around balls, rad."""
+"""Margin of bounds by balls, rad (m by metres)."""
 ROUNDING = 1e-14
 """Margin of cosines."""
 SAME = 1e-9
@@ -103,7 +103,7 @@ class SolidCaster:
         return None if best is None else best._replace(uv_m=self._solids[best.target].uv_at(best.point_m))
 
     def _near(self, origin_m: Vec3, direction: Vec3, tolerance: float) -> list[tuple[float, int]]:
-        """Return the least possible misses of the solids whose ball comes within `tolerance` of the ray."""
+        """Return least miss and number of each solid whose ball comes within `tolerance` of the ray."""
         if len(self._solids) <= FEW:
             bounds = [(self._bound(i, origin_m, direction), i) for i in range(len(self._solids))]
             return [each for each in bounds if each[0] <= tolerance + SLACK_RAD]

@@ -325,7 +325,7 @@ class ThingEntry(_Entry):
     def _is_somewhere(self) -> Self:
         if self.at is not None and (self.center is not None or self.size is not None):
             raise ValueError("has at, which says where it is; remove its center and size")
-        if (self.at, type(self.light)) == (OBJECT, LinePart):
+        if self.at == OBJECT and isinstance(self.light, LinePart):
             raise ValueError("is a tracked object, which has a lamp as its light or none; change light")
         if self.center is None and self.light is None and self.at is None:
             raise ValueError("is nowhere; give its center and size, or a light")

@@ -79,7 +79,8 @@ class SteadyClock:
         self._may_step = may_step
         self._read_ns = self._now_ns = clock.now_ns()
         self._follows_ns: float = self._now_ns
-        """Least reading of the other clock that is the time, ns: the last one, infinite while both differ."""
+        """Last reading of the other clock if that is the time, an integer, ns. Infinite while both differ:
+        then `_read_ns` and `_now_ns` hold."""
 
     @property
     def speed(self) -> float:

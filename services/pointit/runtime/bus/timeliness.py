@@ -87,7 +87,7 @@ class _Pace:
     late_since_s: float | None = None
     """Arrival of the first of the late messages in a row, s. None if the last message was in time."""
     in_time_s: float = 0.0
-    """Arrival of the last message before them, s."""
+    """Arrival of the last message in time, s (monotonic), while later ones are late."""
     least_s: float = 0.0
     most_s: float = 0.0
     """Largest lateness since then, s."""
@@ -119,8 +119,7 @@ class LateMessageFilter:
             pace.quickest_s = usual_s
             if age_s < usual_s:
                 pace.quickest_s = age_s
-            if pace.late_since_s is not None:
-                pace.late_since_s = None
+            pace.late_since_s = None
             return True
         if pace.late_since_s is None:
             pace.in_time_s = now_s - silent_s

@@ -29,8 +29,7 @@ class FrameLimiter:
             return 0.0
         if self._due_s is not None:
             return None
-        if wait_s < self._patience_s:  # noqa: PLR1730 - a call of `max` costs as much as all this
-            wait_s = self._patience_s
+        wait_s = max(wait_s, self._patience_s)
         if wait_s <= 0.0:
             return 0.0
         self._due_s = now_s + wait_s

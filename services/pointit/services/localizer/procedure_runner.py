@@ -76,6 +76,7 @@ class ProcedureRunner:
     @property
     def is_following(self) -> bool:
         """Return True if the arm follows a moving target."""
+        # asked for each ray: `isinstance` is slow for abstract classes
         return self._running is not None and isinstance(self._running, MovingTarget)
 
     @property
@@ -130,7 +131,7 @@ class ProcedureRunner:
     def on_wrist(self, latency_sigma_s: float | None) -> None:
         """Update 1 sigma of the time of the person's rays, None if unknown."""
         self._wrist_sigma_s = latency_sigma_s
-        if self._running is not None and isinstance(self._running, MovingTarget):
+        if isinstance(self._running, MovingTarget):
             self._running.wrist_sigma_s = latency_sigma_s
 
     def on_ray(self, ray: PointingRay) -> None:

@@ -167,16 +167,14 @@ class Localizer(Service[LocalizerConfig]):
 
     def _on_ray(self, ray: PointingRay, _user: str) -> None:
         now_ns = self.clock.now_ns()
-        stamp_ns = ray.stamp_ns
-        if (stamp_ns <= now_ns and not self._ahead) or self._is_timely(RAY.key, stamp_ns, now_ns):
+        if self._is_timely(RAY.key, ray.stamp_ns, now_ns):
             outputs = self._locating.on_ray(ray, now_ns)
             if outputs:
                 self._emit(outputs)
 
     def _on_imu(self, sample: ImuSample, _user: str) -> None:
         now_ns = self.clock.now_ns()
-        stamp_ns = sample.stamp_ns
-        if (stamp_ns <= now_ns and not self._ahead) or self._is_timely(IMU.key, stamp_ns, now_ns):
+        if self._is_timely(IMU.key, sample.stamp_ns, now_ns):
             outputs = self._locating.on_imu(sample, now_ns)
             if outputs:
                 self._emit(outputs)
@@ -191,6 +189,8 @@ class Localizer(Service[LocalizerConfig]):
     def _is_timely(self, key: str, stamp_ns: int, now_ns: int) -> bool:
         """Return True if `stamp_ns` is at most `MAX_AHEAD_NS` in the future; otherwise warn."""
         ahead_ns = stamp_ns - now_ns
+        if ahead_ns <= 0 and not self._ahead:  # nearly all
+            return True
         if ahead_ns <= MAX_AHEAD_NS * self.clock.speed:
             self._ahead.discard(key)
             self.bus.clear(f"future {key}")

@@ -78,10 +78,7 @@ class ArmRay:
         ahead, left, up = square - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)
         shoulder_x = shoulder_y = 0.0
         if self._side_m:
-            level, least = math.hypot(ahead, left), VERTICAL * square
-            if level < least:  # noqa: PLR1730 - a call of `max` costs as much as all this
-                level = least
-            beside = self._side_m / level
+            beside = self._side_m / max(math.hypot(ahead, left), VERTICAL * square)
             shoulder_x, shoulder_y = -beside * left, beside * ahead
         if not self._is_from_eyes:
             length = math.hypot(ahead, left, up)

@@ -105,7 +105,7 @@ class Pui(Service[PuiConfig]):
         self.bus.subscribe(OBJECTS, self._on_objects)
         self._share.subscribe(POSE, self._on_pose)
         self._share.subscribe(INTERACTION, self._on_interaction)
-        self._share.subscribe(RAY, self._on_ray, drops_late=bool)
+        self._share.subscribe(RAY, self._on_ray, drops_late=bool)  # all: a message is true
         self.bus.watch(USER_ALIVE, self._on_presence)
 
     @classmethod

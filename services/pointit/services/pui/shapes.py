@@ -66,7 +66,7 @@ def group_by_priority(
     """Return the things of `kinds` by their priority, which is that of the id or else of the kind.
 
     Raises:
-        ValueError: If there are none (unless `may_be_empty`, or all that reacts is elsewhere), a cloud is
+        ValueError: If there are none (unless `may_be_empty`, or the map has things that react), a cloud is
             missing, or a priority has no thing.
     """
     shapes = shapes_of(environment, kinds, clouds, grazing_rad)
@@ -94,7 +94,9 @@ def group_by_priority(
 def shapes_of(
     environment: Environment, kinds: Collection[Kind], clouds: Clouds, grazing_rad: float
 ) -> list[Shape]:
-    """Return the things of `kinds`, and the boxes of those that react, but on belts: packages are in these.
+    """Return the things of `kinds`, and the boxes of those that react.
+
+    A box whose centre is on a belt has none: it would hide the packages that pass through it.
 
     Raises:
         ValueError: If the map names a cloud that is not among `clouds`.

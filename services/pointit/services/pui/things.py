@@ -28,5 +28,5 @@ def _tracked(thing: Thing, lines: dict[str, tuple[tuple[float, float, float], ..
         surface_position_m=(start_m + end_m) / 2.0,
         yaw_rad=thing.yaw_rad,
         size_m=thing.size_m,
-        **thing.told,
+        **thing.object_fields,
     )

@@ -79,7 +79,7 @@ class HoverEngine:
     def on_map(self, environment: Environment) -> None:
         """Set the lines on which objects move, and what tracked objects do."""
         self._scene.on_map(environment)
-        self._things = {each.id: each.told for each in environment.things if each.is_tracked}
+        self._things = {each.id: each.object_fields for each in environment.things if each.is_tracked}
 
     def on_objects(self, tracker: str, objects: TrackedObjects) -> None:
         """Update the objects of `tracker`."""

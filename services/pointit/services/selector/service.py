@@ -141,9 +141,8 @@ class Selector(Service[SelectorConfig]):
         """Publish `outputs`, after the journal has committed them, and return them."""
         if self._is_over:
             return []
-        if len(outputs) != 1 or not isinstance(
-            outputs[0].message, Hover
-        ):  # of which the journal keeps nothing
+        is_hover = len(outputs) == 1 and isinstance(outputs[0].message, Hover)
+        if not is_hover:  # the journal keeps nothing of a hover
             self._role.commit()
         for user, message in outputs:
             if isinstance(message, Hover):

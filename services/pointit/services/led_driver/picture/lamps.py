@@ -44,15 +44,17 @@ class Lamps:
         """Colours of lamps that were set."""
         self._near: set[str] = set()
         """Lamps that were ever near a ray, and are in the map."""
-        self.follow_people = bool(self._id)
-        """True if the colour of any lamp depends on cursors."""
         self._guards: dict[str, FlashGuard] = {self._id: FlashGuard()} if self._id else {}
         """By lamp: all that were ever in a map or near a ray. Those without another colour are dark."""
+
+    @property
+    def follow_people(self) -> bool:
+        """True if the colour of any lamp depends on cursors."""
+        return bool(self._id or self._near)
 
     def set_lamps(self, ids: Collection[str]) -> None:
         """Set the `ids` of the lamps of a new map. Those that are gone are switched off."""
         self._near.intersection_update(ids)
-        self.follow_people = bool(self._id or self._near)
         self._set = {lamp_id: color for lamp_id, color in self._set.items() if lamp_id in ids}
         self._guard(ids)
 
@@ -62,7 +64,6 @@ class Lamps:
         if cursor.lamps:
             new = [lamp.id for lamp in cursor.lamps if lamp.id not in self._near]
             self._near.update(new)
-            self.follow_people = True
             self._guard(new)
 
     def set_color(self, lamp_id: str, color: Rgb | None) -> None:

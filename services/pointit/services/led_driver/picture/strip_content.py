@@ -82,9 +82,7 @@ class StripContent:
         _, before = self._cursors.get(user, (0, NOWHERE))
         self._cursors[user] = (now_ns, cursor)
         if cursor.surface in LINES:
-            stamp_ns = cursor.stamp_ns
-            if self._new_ns is None or self._new_ns < stamp_ns:
-                self._new_ns = stamp_ns
+            self._new_ns = max(cursor.stamp_ns, self._new_ns or 0)
             return True
         if before.surface in LINES:
             return True

@@ -131,13 +131,13 @@ class EstimateMethod:
             self._show(None, now_ns)
         self._speed.add(now_ns, cursor.direction)
         share = 1.0 - math.exp(-elapsed_s / SMOOTHING_S)
-        logs = self._look(view, cursor.origin_m, cursor.direction, share)
+        logs = self._log_likelihoods(view, cursor.origin_m, cursor.direction, share)
         probabilities = self._probabilities(view, cursor, logs, now_ns)
         self._choose(view, probabilities, now_ns)
         return self._progress(pointing, view, probabilities, now_ns)
 
-    def _look(self, view: View, origin_m: Vec3, direction: Vec3, share: float) -> dict[str, float]:
-        """Smooth the angles to each object. Return the logarithm of the density of the ray if it is meant."""
+    def _log_likelihoods(self, view: View, origin_m: Vec3, direction: Vec3, share: float) -> dict[str, float]:
+        """Smooth the angles to each object. Return the log of `ATTENTION` times the ray's density, 1/rad²."""
         azimuth, elevation = ray = _sight(direction)
         level = math.cos(elevation)
         before, self._beside, self._now = self._beside, {}, {}
@@ -163,8 +163,9 @@ class EstimateMethod:
         """Return the probability of each object near the ray. The rest is that of none."""
         stayed_s = (now_ns - self._stays_ns) / NS_PER_S if self._shown is not None else 0.0
         accepted = min(SEEN_PER_S * max(stayed_s - SEEN_AFTER_S, 0.0), SEEN)
-        if any(one.id == self._shown and one.tracked.lit for one in view.seen):
-            logs[self._shown or ""] += accepted
+        shown = self._shown
+        if shown is not None and any(one.id == shown and one.tracked.lit for one in view.seen):
+            logs[shown] += accepted
         none = math.log(AIMLESS) - min(RESTING_PER_S * stayed_s, RESTING)
         # who points at a line on which objects move, or that lights them, means an object
         if cursor.surface in LINES and not any(_may_be_on(one, cursor) for one in view.seen):
@@ -260,7 +261,7 @@ def _may_be_on(one: VisibleObject, cursor: Cursor) -> bool:
 
 
 def _places(one: VisibleObject, origin_m: Vec3, direction: Vec3, ray: _Sight) -> tuple[_Sight, _Sight, float]:
-    """Return where the object is nearest to a ray and where its centre is, and `_log` of it."""
+    """Return where the object is nearest to a ray and where its centre is, and its `_log_peak`."""
     size_m, reach_m = one.tracked.size_m, vector.subtract(one.center_m, origin_m)
     if size_m is not None:
         center, log = _box_place(reach_m, size_m, one.range_m)
@@ -268,17 +269,18 @@ def _places(one: VisibleObject, origin_m: Vec3, direction: Vec3, ray: _Sight) ->
     start_m = vector.subtract(reach_m, vector.scale(one.along, one.half_m))
     step_m = vector.scale(one.along, 2.0 * one.half_m)
     nearest_m = vector.add(start_m, vector.scale(step_m, nearest_in_angle(start_m, step_m, direction)[0]))
-    return _sight(nearest_m), _sight(reach_m), _log(one.half_rad, 0.0)
+    return _sight(nearest_m), _sight(reach_m), _log_peak(one.half_rad, 0.0)
 
 
 @lru_cache(MOST_KEPT)
 def _box_place(reach_m: Vec3, size_m: Vec3, range_m: float) -> tuple[_Sight, float]:
     wide_m, high_m = max(size_m[:2]), size_m[2]
-    return _sight(reach_m), _log(math.atan(wide_m / 2.0 / range_m), math.atan(high_m / 2.0 / range_m))
+    wide_rad, high_rad = math.atan(wide_m / 2.0 / range_m), math.atan(high_m / 2.0 / range_m)
+    return _sight(reach_m), _log_peak(wide_rad, high_rad)
 
 
-def _log(wide_rad: float, high_rad: float) -> float:
-    """Return the logarithm of the density of rays, 1/rad², at an object of half this extent that is meant."""
+def _log_peak(wide_rad: float, high_rad: float) -> float:
+    """Return the log of `ATTENTION` times the density of rays, 1/rad², on an object of half this extent."""
     area = (2.0 * wide_rad + _FLAT * SIDEWAYS_RAD) * (2.0 * high_rad + _FLAT * UPWARDS_RAD)
     return math.log(ATTENTION / area)
 

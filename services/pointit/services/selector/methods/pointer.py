@@ -144,7 +144,7 @@ class PersonPointer:
 
     def _result(self, made: SelectionProgress) -> PointerResult:
         object_id, progress, fired, spent_s, confidence, rival = made
-        if object_id is fired is rival is None and confidence is None:
+        if object_id is None and fired is None and rival is None and confidence is None:
             return NOTHING
         if spent_s is None and progress > 0.0:
             spent_s = progress * self._dwell_s
@@ -239,7 +239,8 @@ def check_progress(result: SelectionProgress) -> None:
     """
     object_id, progress, fired, spent_s, confidence, rival = result
     if object_id is not None or fired is not None or rival is not None:
-        texts: dict[str, Any] = {"object_id": object_id, "fired": fired, "rival": rival}  # not checked before
+        # of methods of other packages, whose types nobody has checked
+        texts: dict[str, Any] = {"object_id": object_id, "fired": fired, "rival": rival}
         for name, value in texts.items():
             if value is not None and not isinstance(value, str):
                 raise TypeError(f"{name} {value!r}, expected text or None")

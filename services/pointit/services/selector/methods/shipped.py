@@ -36,7 +36,7 @@ class DwellMethod:
         """Process a cursor."""
         cursor, under, _, acts = pointing
         fired = self._dwell.step(cursor.stamp_ns, under)
-        if under is fired is None:
+        if under is None and fired is None:
             return NOTHING
         if under is None or not acts(under):
             return SelectionProgress(under, 0.0, fired)

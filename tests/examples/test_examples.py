@@ -178,6 +178,6 @@ async def test_relay_sends_selections_takes_speed(broker_port: int, caplog: pyte
         await until(lambda: "could not convert string to float" in caplog.text, RELAY_S, "a warning")
         await until(lambda: any(received.get("pointit/selection", ())), RELAY_S, "a selection")
         await until(lambda: "selected" in [each["event"] for each in received.get("pointit/events", ())])
-    selected = next(filter(None, received["pointit/selection"]))[0]
+    selected = next(each for each in received["pointit/selection"] if each)[0]
     event = next(each for each in received["pointit/events"] if each["event"] == "selected")
     assert (selected["id"], selected["kind"], selected["user"]) == (event["object_id"], "red", "user1")

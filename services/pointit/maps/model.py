@@ -323,8 +323,8 @@ class ThingEntry(_Entry):
 
     @model_validator(mode="after")
     def _is_somewhere(self) -> Self:
-        if self.at is not None and (self.center is not None or self.size is not None):
-            raise ValueError("has at, which says where it is; remove its center and size")
+        if self.at is not None and (self.center is not None or self.size is not None or self.yaw_deg):
+            raise ValueError("has at, which says where it is; remove its center, size and yaw_deg")
         if self.at == OBJECT and isinstance(self.light, LinePart):
             raise ValueError("is a tracked object, which has a lamp as its light or none; change light")
         if self.center is None and self.light is None and self.at is None:

@@ -54,9 +54,11 @@ def _broken_part(
     if part.line not in lines:
         yield f"{where}.{kind}", _absent(kind, part.line, lines)
         return
-    length_m = Polyline(lines[part.line]).length_m
-    if not -ROUNDED_M <= part.start < part.end <= length_m + ROUNDED_M:
-        span = f"goes from {part.start:g} to {part.end:g} m and {kind} {part.line} from 0 to {length_m:.3g} m"
+    line, (start_m, end_m) = _part(part, lines[part.line])
+    is_on_it = part.start >= -ROUNDED_M and part.end <= line.length_m + ROUNDED_M
+    if not is_on_it or start_m >= end_m:
+        length = f"{line.length_m:.3g}"
+        span = f"goes from {part.start:g} to {part.end:g} m and {kind} {part.line} from 0 to {length} m"
         yield where, f"{span}; give a part of it, from before to"
 
 

@@ -296,6 +296,8 @@ BROKEN = [
     ("things: {t: 3}", "things.t: write a mapping with center, size, yaw_deg, light, mode|, not 3"),
     (THINGS.replace("to: 3", "to: 5"), "things.corner.light: goes from 1.5 to 5 m and strip shelf"),
     (THINGS.replace("from: 1.5", "from: 3"), "things.corner.light: goes from 3 to 3 m"),
+    (THINGS.replace("from: 1.5, to: 3", "from: 4.0002, to: 4.0009"), "things.corner.light: goes from 4.0002"),
+    (THINGS.replace("from: 1.5, to: 3", "from: -0.0009, to: -0.0002"), "things.corner.light: goes from -0.0"),
     (THINGS.replace("from: 1.5, ", ""), "things.corner.light: |{strip: NAME, from: METRES, to: METRES}"),
     (THINGS.replace("switch", "toggle"), "things.radio.mode: write claim, button or switch, not 'toggle'"),
     (THINGS.replace("[0.4, 0.3, 0.2]", "[0.4, 0, 0.2]"), "things.box.size: |above 0"),
@@ -309,6 +311,7 @@ BROKEN = [
     (AT.replace("at: object", "at: agv1"), "things.agv1.at: write object, for the tracked object|'agv1'"),
     (AT.replace("belt: main, ", ""), "things.exit.at: |{belt: NAME, from: METRES, to: METRES}"),
     (AT.replace("at: object", "at: object, center: [0, 0, 1]"), "things.agv1: has at|remove its center"),
+    (AT.replace("4.0005}", "4.0005}, yaw_deg: 9"), "things.exit: has at|remove its center, size and yaw"),
     (
         AT.replace("at: object", "at: object, light: {strip: across, from: 0, to: 1}"),
         "things.agv1: is a tracked object, which has a lamp as its light or none"),

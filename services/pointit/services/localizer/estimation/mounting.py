@@ -143,12 +143,7 @@ def _best_fit(
     if isinstance(result, Solution) or result.residual_rad is None:
         return result
     unlimited = replace(
-        trust,
-        max_residual_rad=math.inf,
-        max_act_residual_rad=math.inf,
-        bias_sigma_limit=math.inf,
-        max_position_sigma_m=math.inf,
-        max_yaw_sigma_rad=math.inf,
+        trust.unlimited(), max_residual_rad=math.inf, max_act_residual_rad=math.inf, bias_sigma_limit=math.inf
     )
     return solve(pointings, unlimited, floor_m=floor_m)
 

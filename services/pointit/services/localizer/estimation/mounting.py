@@ -35,10 +35,6 @@ FEWEST_HOLDS = 4
 LEAST_SPREAD_RAD = math.radians(0.8)
 """Smallest standard deviation of the target's elevation that gives a slope."""
 
-DOUBT_SIGMAS = 0.8
-"""Sigmas by which a slope must exceed `LEAST_SLOPE` to be beyond doubt. At 1, 2.04 % of the accepted windows
-of recorded people were doubted; at 0.8 and at 0.75, no turned sensor is missed."""
-
 LARGEST_SIGMA = 0.25
 """Largest standard deviation of a slope that is reported as doubtful."""
 
@@ -78,8 +74,8 @@ class Slope:
 
     @property
     def is_doubtful(self) -> bool:
-        """Return True if the sensor may be across the arm."""
-        return self.value - DOUBT_SIGMAS * self.sigma < LEAST_SLOPE and self.sigma < LARGEST_SIGMA
+        """Return True if the sensor is rather across the arm than along it."""
+        return self.value < LEAST_SLOPE and self.sigma < LARGEST_SIGMA
 
 
 def mounting_fault(
@@ -143,12 +139,7 @@ def _best_fit(
     if isinstance(result, Solution) or result.residual_rad is None:
         return result
     unlimited = replace(
-        trust,
-        max_residual_rad=math.inf,
-        max_act_residual_rad=math.inf,
-        bias_sigma_limit=math.inf,
-        max_position_sigma_m=math.inf,
-        max_yaw_sigma_rad=math.inf,
+        trust.unlimited(), max_residual_rad=math.inf, max_act_residual_rad=math.inf, bias_sigma_limit=math.inf
     )
     return solve(pointings, unlimited, floor_m=floor_m)
 

@@ -69,6 +69,10 @@ class SolverSettings:
             trims=False,
         )
 
+    def unlimited(self) -> "SolverSettings":
+        """Return the settings that accept poses of any uncertainty."""
+        return replace(self, max_position_sigma_m=math.inf, max_yaw_sigma_rad=math.inf)
+
     def weights(self) -> Weights:
         """Return the weights of the descent."""
         prior = np.zeros(PARAMETERS)

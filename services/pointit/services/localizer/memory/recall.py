@@ -48,9 +48,8 @@ def solve(
     if not isinstance(trust, RecalledSettings):
         return estimator.solve(pointings, trust, floor_m=floor_m, start=start)
     forgotten = trust.forgotten()
-    unlimited = replace(forgotten, max_position_sigma_m=math.inf, max_yaw_sigma_rad=math.inf)
     known = estimator.solve(pointings, trust, floor_m=floor_m, start=start)
-    general = estimator.solve(pointings, unlimited, floor_m=floor_m, start=start)
+    general = estimator.solve(pointings, forgotten.unlimited(), floor_m=floor_m, start=start)
     if isinstance(known, Solution) and isinstance(general, Solution):
         both = _combined(known, general, _wrong(trust, forgotten, general))
         if (

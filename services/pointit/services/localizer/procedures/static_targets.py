@@ -7,7 +7,6 @@ out.
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -126,8 +125,7 @@ class StaticTargets(LampProcedure):
 
     def _so_far(self) -> Solution | Refusal:
         """Return the pose however uncertain it is, to choose the next lamp."""
-        unlimited = replace(self._believed(), max_position_sigma_m=math.inf, max_yaw_sigma_rad=math.inf)
-        return solve(self._pointings(), unlimited, floor_m=self._config.floor_m)
+        return solve(self._pointings(), self._believed().unlimited(), floor_m=self._config.floor_m)
 
     def _believed(self) -> SolverSettings:
         return ray_math.believed(self._memory.recall(self._trust), self._rays)

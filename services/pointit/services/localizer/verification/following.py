@@ -7,9 +7,6 @@ tenths of their movement or more. An arm that comes up within 2 or 3 s misses by
 the closer the rays must follow. `floor_m` is the height of the floor in {W}.
 """
 
-import math
-from dataclasses import replace
-
 import numpy as np
 
 from pointit.services.localizer.estimation.sample_blocks import Pointings
@@ -58,7 +55,7 @@ def followed(
 
 def doubt(pointings: Pointings, found: Solution, trust: SolverSettings, *, floor_m: float = 0.0) -> str:
     """Return the reason not to take the pose `found` although it is certain, or `""`."""
-    half = solve(newest_half(pointings), _unlimited(trust), floor_m=floor_m, start=found)
+    half = solve(newest_half(pointings), trust.unlimited(), floor_m=floor_m, start=found)
     is_noisy = pointings.span_s >= NOISY_S and (half.residual_rad or 0.0) >= AS_MUCH * found.residual_rad
     if not is_settled(pointings, found.residual_rad, trust, NOISY if is_noisy else CLOSE):
         return UNSETTLED
@@ -92,12 +89,8 @@ def has_settled(
     if missed.residual_rad is None or is_settled(pointings, missed.residual_rad, trust):
         return False
     half = newest_half(pointings)
-    found = solve(half, _unlimited(trust), floor_m=floor_m)
+    found = solve(half, trust.unlimited(), floor_m=floor_m)
     return isinstance(found, Solution) and is_settled(half, found.residual_rad, trust)
-
-
-def _unlimited(trust: SolverSettings) -> SolverSettings:
-    return replace(trust, max_position_sigma_m=math.inf, max_yaw_sigma_rad=math.inf)
 
 
 def newest_half(pointings: Pointings) -> Pointings:

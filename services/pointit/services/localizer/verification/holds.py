@@ -62,7 +62,7 @@ def odd_hold(pointings: Pointings, trust: SolverSettings, *, floor_m: float = 0.
     steady = without_spikes(pointings)
     numbers = hold_numbers(steady)
     count = int(numbers[-1]) + 1 if len(numbers) else 0
-    unlimited = _unlimited(trust)
+    unlimited = replace(trust.unlimited(), max_act_residual_rad=math.inf)
     whole = solve(steady, unlimited, floor_m=floor_m) if count > LEAST_OTHERS else None
     if not isinstance(whole, Solution) or whole.residual_rad <= AGREEING * trust.act_sigma_rad:
         return None
@@ -93,12 +93,6 @@ def _miss_rad(hold: Pointings, pose: Solution, floor_m: float) -> float:
     turned = np.array([[0.0, 0.0, pose.yaw_rad, pose.bias_rad, pose.z_m]])
     left, above = angular_errors(rays, turned)
     return float(np.median(2.0 * np.arctan(0.5 * np.hypot(left, above))))
-
-
-def _unlimited(trust: SolverSettings) -> SolverSettings:
-    return replace(
-        trust, max_act_residual_rad=math.inf, max_position_sigma_m=math.inf, max_yaw_sigma_rad=math.inf
-    )
 
 
 def without_spikes(pointings: Pointings) -> Pointings:

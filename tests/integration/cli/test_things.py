@@ -92,6 +92,6 @@ async def test_programs_react_beside_a_running_site_until_they_are_ended(site: S
 async def test_reactions_to_things_that_the_map_lacks_are_refused(site: Site) -> None:
     site.bus.publisher(MAP).put(Environment(stamp_ns=1, name="shop", things=(SCREWS, RADIO)))
     ended = await site.pointit("things", "react", "scews=true", code=2)
-    assert "--on scews: the map has no thing 'scews'; did you mean screws?" in ended.err
+    assert "scews: the map has no thing 'scews'; did you mean screws?" in ended.err
     ended = await site.pointit("things", "react", code=2)
     assert "nothing to do: name a FILE.yaml" in ended.err

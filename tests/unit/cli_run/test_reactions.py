@@ -213,7 +213,7 @@ async def test_failures_in_the_summary_are_bounded(machine: Machine) -> None:
 def test_thing_that_a_later_map_lacks_is_a_failure(caplog: pytest.LogCaptureFixture) -> None:
     watcher = Reactions([Reaction.parse("scews=true")])
     watcher.on_map(ROOM)
-    sentence = "--on scews: the map has no thing 'scews'; did you mean screws?"
+    sentence = "scews: the map has no thing 'scews'; did you mean screws?"
     assert caplog.messages == [sentence] == watcher.summary()["reactions"]["failures"]
 
 
@@ -224,8 +224,8 @@ def test_thing_that_a_later_map_lacks_is_a_failure(caplog: pytest.LogCaptureFixt
         ("=true", "write THING=PROGRAM"),
         ("screws=", "write THING=PROGRAM"),
         ("screws=true 'a", "no closing quotation; close it"),
-        ("screws=true {usr}", r"--on screws: there is no \{usr\}; did you mean user\?"),
-        ("screws=./nothing-here.sh", r"--on screws: no program \./nothing-here\.sh; give a path"),
+        ("screws=true {usr}", r"screws: there is no \{usr\}; did you mean user\?"),
+        ("screws=./nothing-here.sh", r"screws: no program \./nothing-here\.sh; give a path"),
     ],
 )
 def test_what_cannot_be_started_is_one_sentence(text: str, sentence: str) -> None:
@@ -249,7 +249,7 @@ def test_unknown_thing_is_refused_before_the_run(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(scenario_catalog, "_map_without_points", read)
     scenario = read_scenario("scenario_2")
     with pytest.raises(
-        ConfigError, match=r"^--on scews: the map has no thing 'scews'; did you mean screws\?"
+        ConfigError, match=r"^scews: the map has no thing 'scews'; did you mean screws\?"
     ):
         THINGS_PART.add(scenario, Choices(), {"on": ("scews=true",), "mqtt": ""})
     (make,) = THINGS_PART.add(scenario, Choices(), {"on": ("screws=true",), "mqtt": ""}).watchers

@@ -57,21 +57,20 @@ class Reaction:
         thing, _, line = (part.strip() for part in text.partition("="))
         if not thing or not line:
             raise ConfigError(
-                f"--on {text!r}: write THING=PROGRAM, such as 'screws=./order.sh {{user}}', "
-                "THING=URL or FILE.yaml"
+                f"{text!r}: write THING=PROGRAM, such as 'screws=./order.sh {{user}}', THING=URL or FILE.yaml"
             )
         is_url = line.startswith(("http://", "https://"))
         try:
             return cls(thing=thing, target=Webhook.parse(line) if is_url else Program.parse(line))
         except ConfigError as error:
-            raise ConfigError(f"--on {thing}: {error}") from error
+            raise ConfigError(f"{thing}: {error}") from error
 
     def check(self, room: Environment) -> None:
         """Check that the map has the thing. Raises ConfigError."""
         try:
             check_things([self.thing], room)
         except ConfigError as error:
-            raise ConfigError(f"--on {self.thing}: {error}") from error
+            raise ConfigError(f"{self.thing}: {error}") from error
 
 
 def reactions_in(text: str) -> Iterator[Reaction]:
@@ -92,7 +91,7 @@ def reactions_in(text: str) -> Iterator[Reaction]:
             try:
                 yield Reaction.parse(f"{thing}={line}")
             except ConfigError as error:
-                raise ConfigError(f"{text}: {str(error).removeprefix('--on ')}") from error
+                raise ConfigError(f"{text}: {error}") from error
 
 
 class Reactions:

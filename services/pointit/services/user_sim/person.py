@@ -111,12 +111,14 @@ class Person:
             self._perception.belief,
             known_ns=self._sight.profile_ns,
             off_rad=correction.off_rad if closed and not self.goal.robot else 0.0,  # a robot is slow
-            sees=self._perception.cursor is not None if closed and self._sees_light() else None,
+            sees=self._perception.cursor is not None
+            if closed and self.goal.on_line and self._sees_light()
+            else None,
         )
         return self._band.sample(now_ns, orientation), press
 
     def _sees_light(self) -> bool:
-        return self._sight.frame_ns is not None and not self.goal.robot
+        return self._sight.frame_ns is not None and self.goal.on_line and not self.goal.robot
 
     def _wants(self, now_ns: int) -> Goal:
         belief = self._perception.belief

@@ -34,6 +34,8 @@ class Goal:
     along_m: float = 0.0
     speed_mps: float = 0.0
     object_id: str = ""
+    on_line: bool = True
+    """False for an object at which no strip or belt shows the cursor."""
     robot: str = ""
     """Robot that follows the hand and so shows the cursor, or `""`: light does."""
     presses: int = 0
@@ -70,4 +72,5 @@ def on_object(seen: SeenObject, sight: Sight, *, closed_loop: bool) -> Goal:
         along_m=thing.surface_position_m,
         speed_mps=thing.surface_speed_mps,
         object_id=thing.id,
+        on_line=seen.key is not None,
     )

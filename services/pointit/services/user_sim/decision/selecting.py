@@ -1,6 +1,7 @@
 """Selecting every object of some kinds, one after the other, and deselecting wrong ones."""
 
 import math
+from dataclasses import replace
 
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
@@ -14,13 +15,16 @@ DWELL_S = 0.8
 """Time on a thing until it is selected, as people learn it, s."""
 LEAVE_S = (1.0, 1.5)
 """Range of times after turning to a thing at which a person leaves who considers it selected too early, s."""
+CONFIRM_S = 2.0
+"""Time after turning to a thing that wants a press until the person presses, s."""
 
 
 class Selecting:
     """Stays with one object until it is done, gone or timed out, then finds the next.
 
-    That is the one that leaves first among those with enough time left, or of resting ones the nearest to the
-    last one. Objects that other people have, or are about to have, are left alone.
+    That is the one that leaves first among those with enough time left, or of resting ones the one that has
+    fired least recently, then the nearest to the last one. Objects that other people have, or are about to
+    have, are left alone.
     """
 
     def __init__(self, config: UserSimConfig, things: ObjectBeliefs, pace: DecisionTimes) -> None:
@@ -43,6 +47,11 @@ class Selecting:
         self._leave_ns: int | None = None
         self._goal = REST
         self._pause_until_ns: dict[str, int] = {}
+        self._fired_ns: dict[str, int] = {}
+        """Time at which each button fired last, ns."""
+        self._presses = 0
+        self._confirmed_ns = 0
+        """Time of turning to the object that was confirmed last, ns."""
 
     def goal(self, now_ns: int, sight: Sight) -> Goal:
         """Return the object on which to hold the cursor, or rest."""
@@ -55,12 +64,16 @@ class Selecting:
         elif self._goal.object_id:  # the hand stays during the search for the next one
             seen = sight.find(self._goal.object_id, now_ns)
             self._goal = REST if seen is None else on_object(seen, sight, closed_loop=True)
-        return self._goal
+        return replace(self._goal, presses=self._presses) if self._presses else self._goal
 
     def _go_on(self, now_ns: int, sight: Sight) -> None:
         """End with the current object if it is done or timed out."""
         seen = sight.find(self._current, now_ns)
-        if seen is None or not self._is_task(seen) or self._is_decided(seen, now_ns):
+        if seen is not None and seen.thing.mode == "button" and self._things.status(self._current) == "mine":
+            self._fired_ns[self._current] = now_ns
+            self._things.believe(self._current, "free", now_ns)  # anybody may fire it again
+            self._end()
+        elif seen is None or not self._is_task(seen) or self._is_decided(seen, now_ns):
             self._end()
         elif self._leave_ns is not None and now_ns >= self._leave_ns:
             self._things.believe(self._current, "mine", now_ns)
@@ -68,6 +81,9 @@ class Selecting:
         elif not 0 <= now_ns - self._since_ns <= self._give_up_ns:
             self._pause_until_ns[self._current] = now_ns + self._retry_ns
             self._end()
+        elif seen.thing.press and self._confirmed_ns != self._since_ns <= now_ns - CONFIRM_S * NS_PER_S:
+            self._confirmed_ns = self._since_ns
+            self._presses += 1
 
     def _end(self) -> None:
         self._current = self._mistaken = ""
@@ -93,7 +109,7 @@ class Selecting:
         tasks = [seen for seen in objects if self._is_worth(seen, now_ns, sight)]
         if not tasks:
             return
-        chosen = min(tasks, key=lambda seen: (sight.time_left_s(seen, now_ns), self._way_m(seen)))
+        chosen = min(tasks, key=lambda seen: (sight.time_left_s(seen, now_ns), *self._last(seen)))
         if self._pace.lapses():
             chosen = self._mistake(chosen, objects)
         self._next = chosen.thing.id
@@ -120,9 +136,11 @@ class Selecting:
         is_paused = 0 < until_ns - now_ns <= self._retry_ns
         return not is_paused and sight.time_left_s(seen, now_ns) >= self._needed_s
 
-    def _way_m(self, seen: SeenObject) -> float:
+    def _last(self, seen: SeenObject) -> tuple[int, float]:
+        """Return the time at which the object fired last, ns, and its distance from the last one, m."""
         here: Vec3 | None = self._goal.point_m
-        return 0.0 if here is None else math.dist(here, seen.thing.position_m)
+        way_m = 0.0 if here is None else math.dist(here, seen.thing.position_m)
+        return self._fired_ns.get(seen.thing.id, 0), way_m
 
     def _mistake(self, target: SeenObject, objects: list[SeenObject]) -> SeenObject:
         """Return the thing nearest to `target`, which is mistaken for it."""

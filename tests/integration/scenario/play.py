@@ -140,7 +140,7 @@ def play(
 ) -> Outcome:
     """Run `scenario` for one person or nobody, on nothing kept before; the same choices: the same outcome."""
     plan = read_scenario(scenario) if isinstance(scenario, str) else scenario
-    return with_fresh_state(_play(plan, choices, duration_s or plan.duration_s, users))
+    return with_fresh_state(_play(plan, choices, duration_s or plan.duration_s or 60.0, users))
 
 
 def _words(monitor: Monitor, width: int) -> str:

@@ -248,9 +248,7 @@ def test_unknown_thing_is_refused_before_the_run(monkeypatch: pytest.MonkeyPatch
 
     monkeypatch.setattr(scenario_catalog, "_map_without_points", read)
     scenario = read_scenario("scenario_2")
-    with pytest.raises(
-        ConfigError, match=r"^scews: the map has no thing 'scews'; did you mean screws\?"
-    ):
+    with pytest.raises(ConfigError, match=r"^scews: the map has no thing 'scews'; did you mean screws\?"):
         THINGS_PART.add(scenario, Choices(), {"on": ("scews=true",), "mqtt": ""})
     (make,) = THINGS_PART.add(scenario, Choices(), {"on": ("screws=true",), "mqtt": ""}).watchers
     assert isinstance(make([]), Reactions)

@@ -57,6 +57,7 @@ def test_every_shipped_scenario_builds(name: str, localize: bool) -> None:  # no
     assert everybodys | of_their_own == names(user)
     assert all(launch.service.SCOPE == "site" for launch in site)
     assert scenario.about.endswith(("m", "s"))
+    assert scenario.duration_s is not None
     assert scenario.duration_s > 0
 
 

@@ -113,8 +113,8 @@ def run(
     A .yaml file is a scenario of your own, or a map with things.
 
     Opens a page in the browser, and prints its address. Watch the scene there, or point with the mouse or a
-    phone. The run ends by itself with a summary, unless a page is open; --duration sets a fixed time.
-    Ctrl-C ends it at once.
+    phone. The run ends by itself with a summary, unless a page is open or it is a map of your own;
+    --duration sets a fixed time. Ctrl-C ends it at once.
 
     Example: pointit run scenario_4 --users 2 --method gauge
     """

@@ -45,7 +45,7 @@ class Scenario(Config):
 
     about: str = Field(description="one sentence")
     explained: str = Field(default="", description="what happens and what to look at, some sentences")
-    duration_s: float = Field(default=60.0, gt=0, description="default duration, s")
+    duration_s: float | None = Field(default=60.0, gt=0, description="default duration, s; null: no end")
     target_kinds: tuple[str, ...] = Field(default=(), description="kinds of objects to select")
     places: tuple[Place, ...] = Field(min_length=1, description="where people stand, in turn")
     site: dict[str, dict[str, Any]] = Field(default={}, description="services for all, by name")
@@ -82,13 +82,13 @@ class Scenario(Config):
 
     @classmethod
     def _of_things(cls, path: Path, source: str) -> Self:
-        """Return the scenario `THINGS` in the room of the map at `path`."""
+        """Return the scenario `THINGS` in the room of the map at `path`, until Ctrl-C."""
         with resources.as_file(SHIPPED / f"{THINGS}.yaml") as shipped:
             scenario = cls.read(shipped, source)
         things = read_map_file(path).things
         scenario.site["pui"]["map"] = str(path)
         scenario.user["user-sim"]["target_kinds"] = [each.label or name for name, each in things.items()]
-        return scenario
+        return scenario.model_copy(update={"duration_s": None})
 
 
 def scenario_names() -> list[str]:

@@ -117,6 +117,8 @@ class Selecting:
 
     def _is_task(self, seen: SeenObject) -> bool:
         thing = seen.thing
+        if thing.mode == "button":  # nobody has it
+            return self._is_target(seen)
         status = self._things.status(thing.id)
         return status == "free" if self._is_target(seen) else status == "mine"
 

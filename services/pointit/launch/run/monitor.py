@@ -175,7 +175,9 @@ class Monitor:
         kind = self.score.kinds.get(event.object_id, "object")
         where = f" at bay {event.bay}" if event.bay else ""
         who = f"{where} by {event.user}" if event.user and not where else where
-        number = f" {event.object_id.rpartition('-')[2]}" if event.object_id != kind else ""
+        room = self.environment
+        has_label = room is not None and any(thing.id == event.object_id for thing in room.things)
+        number = "" if has_label or event.object_id == kind else f" {event.object_id.rpartition('-')[2]}"
         reason = f": {event.reason}" if event.reason else ""
         if not self.person or event.user == self.person:
             self._news(f"{kind}{number} {event.event}{who}{reason}")

@@ -24,6 +24,10 @@ FOCALS = (0.65, 0.8, 1.0)
 EXPECTED_FOCAL = 0.78
 PAIRS = 4
 GOOD_PX = 6.0
+MOST = 0.6
+"""Share of sightings, or lines, that counts as most."""
+LONG = 0.3
+"""Extent of a line, as a share of the image, from which it ties a view to the others alone."""
 WIDE_PX, NARROW_PX = 20.0, 6.0
 
 
@@ -34,7 +38,9 @@ class Placed:
     Attributes:
         views: numbers of the placed views, in the order of `state`.
         pieces: pieces, in the order of `state`, two vertices each.
-        good: number of sightings with an error of less than `GOOD_PX`, and their number in all.
+        good, of: number of sightings with an error of less than `GOOD_PX`, and their number in all, of the
+            pieces that two or more of the views see.
+        ties: pieces that tie each view to the others: most of its sightings of them are good.
     """
 
     views: list[int]
@@ -42,6 +48,7 @@ class Placed:
     state: State
     good: int = 0
     of: int = 0
+    ties: tuple[tuple[Piece, ...], ...] = ()
 
 
 class FirstPoses:
@@ -66,7 +73,8 @@ class FirstPoses:
             if shared[base, other]:
                 for focal in FOCALS:
                     start = self._begin(base, focal * self._side_px)
-                    if placed := self._add(start, other):
+                    placed = self._add(start, other)
+                    if placed and self._is_tied(placed) and len(placed.ties[-1]) > 1:
                         found.append((placed, placed.good - 0.5 * (placed.of - placed.good)))
         best: Placed | None = None
         for placed, _ in sorted(found, key=lambda each: -each[1])[:3]:
@@ -172,7 +180,7 @@ class FirstPoses:
                 return placed
             view = max(waiting)[1]
             grown = self._add(placed, view)
-            if grown is None or grown.good - placed.good < 0.4 * (grown.of - placed.of):
+            if grown is None or not self._is_tied(grown):
                 refused.add(view)
             else:
                 placed, refused = grown, set()
@@ -181,8 +189,36 @@ class FirstPoses:
         adjustment = Adjustment(self._layout(placed))
         state = adjustment.solve(placed.state, 10, WIDE_PX)
         state = adjustment.solve(state, 5, NARROW_PX)
-        errors = np.linalg.norm(adjustment.errors(state), axis=1)
-        return Placed(placed.views, placed.pieces, state, int((errors < GOOD_PX).sum()), len(errors))
+        is_good = np.linalg.norm(adjustment.errors(state), axis=1) < GOOD_PX
+        layout = adjustment.layout
+        table = np.zeros((len(placed.views), len(placed.pieces)))
+        goods = table.copy()
+        np.add.at(table, (layout.view, layout.chain), 1.0)
+        np.add.at(goods, (layout.view, layout.chain), is_good)
+        shared = (table > 0).sum(axis=0) > 1
+        holds = (goods > MOST * table) & shared
+        holds &= holds.sum(axis=0) > 1
+        return Placed(
+            placed.views,
+            placed.pieces,
+            state,
+            int(goods[:, shared].sum()),
+            int(table[:, shared].sum()),
+            tuple(tuple(placed.pieces[index] for index in np.flatnonzero(row)) for row in holds),
+        )
+
+    def _is_tied(self, placed: Placed) -> bool:
+        """Return True if the last view hangs together with the others by more than chance."""
+        view, ties = placed.views[-1], placed.ties[-1]
+        shown = [piece for piece in self._lines[view] if self._is_shared(placed, piece)]
+        if len(ties) < MOST * len(shown):
+            return False
+        extents = [self._lines[view][piece].extent_px / self._side_px for piece in ties]
+        is_level = np.isfinite(self._downs[view][0])
+        return len(ties) >= 2 or (is_level and len(ties) == 1 and extents[0] > LONG)
+
+    def _is_shared(self, placed: Placed, piece: Piece) -> bool:
+        return sum(piece in self._lines[view] for view in placed.views) > 1
 
     def _layout(self, placed: Placed) -> Layout:
         parts = [

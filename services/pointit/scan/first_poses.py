@@ -5,13 +5,13 @@ in the frame of each camera that sees it; shared lines give the motion from view
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
 from pointit.scan.adjustment import Adjustment, Array, Layout, State
-from pointit.scan.alignment import best_pose, upright
+from pointit.scan.alignment import candidate_poses, upright
 from pointit.scan.lines import ImageLine
 
 Piece = tuple[int, int]
@@ -26,6 +26,12 @@ PAIRS = 4
 GOOD_PX = 6.0
 MOST = 0.6
 """Share of sightings, or lines, that counts as most."""
+MAX_STRETCH = 0.04
+"""Relative error of a pitch with which a line does not count."""
+DISTINCT_RAD = np.radians(12.0)
+"""Angle of two poses that are not the same one, differently far refined."""
+RIVAL = 2.0
+"""Ratio of costs up to which two poses are not distinguished."""
 LONG = 0.3
 """Extent of a line, as a share of the image, from which it ties a view to the others alone."""
 WIDE_PX, NARROW_PX = 20.0, 6.0
@@ -41,6 +47,7 @@ class Placed:
         good, of: number of sightings with an error of less than `GOOD_PX`, and their number in all, of the
             pieces that two or more of the views see.
         ties: pieces that tie each view to the others: most of its sightings of them are good.
+        cost: mean square of these sightings' errors, each clipped, image pixels².
     """
 
     views: list[int]
@@ -49,6 +56,12 @@ class Placed:
     good: int = 0
     of: int = 0
     ties: tuple[tuple[Piece, ...], ...] = ()
+    cost: float = np.inf
+
+    @property
+    def last_turn(self) -> Array:
+        """Return the rotation from the frame of the first view to that of the last."""
+        return self.state.rotations[-1] @ self.state.rotations[0].T
 
 
 class FirstPoses:
@@ -145,7 +158,7 @@ class FirstPoses:
             images.append(line.at(numbers))
         down = self._downs[view]
         is_level = np.isfinite(down[0]) and bool(np.isfinite(self._downs[placed.views][:, 0]).any())
-        pose = best_pose(
+        poses = candidate_poses(
             np.array(room),
             np.array(camera),
             np.array(images),
@@ -153,18 +166,26 @@ class FirstPoses:
             self._side_px,
             down if is_level else None,
         )
-        if pose is None or pose[2].sum() < (1 if is_level else 2):
+        found = [
+            self._adjusted(
+                self._with_lines(
+                    Placed(
+                        [*placed.views, view],
+                        placed.pieces,
+                        replace(
+                            state,
+                            rotations=np.concatenate([state.rotations, rotation[None]]),
+                            translations=np.concatenate([state.translations, translation[None]]),
+                        ),
+                    )
+                )
+            )
+            for rotation, translation in poses
+        ]
+        found.sort(key=lambda each: each.cost)
+        if not found or any(_is_rival(found[0], other) for other in found[1:]):
             return None
-        state = State(
-            state.log_focal,
-            state.distortion,
-            np.concatenate([state.rotations, pose[0][None]]),
-            np.concatenate([state.translations, pose[1][None]]),
-            state.vertices,
-            state.knots,
-            state.stretch,
-        )
-        return self._adjusted(self._with_lines(Placed([*placed.views, view], placed.pieces, state)))
+        return found[0]
 
     def _grown(self, placed: Placed) -> Placed:
         """Return `placed` with all further views that agree, those that share the most lines first."""
@@ -189,8 +210,9 @@ class FirstPoses:
         adjustment = Adjustment(self._layout(placed))
         state = adjustment.solve(placed.state, 10, WIDE_PX)
         state = adjustment.solve(state, 5, NARROW_PX)
-        is_good = np.linalg.norm(adjustment.errors(state), axis=1) < GOOD_PX
         layout = adjustment.layout
+        errors = np.linalg.norm(adjustment.errors(state), axis=1)
+        is_good = (errors < GOOD_PX) & (np.abs(state.stretch[layout.chain]) < MAX_STRETCH)
         table = np.zeros((len(placed.views), len(placed.pieces)))
         goods = table.copy()
         np.add.at(table, (layout.view, layout.chain), 1.0)
@@ -198,6 +220,7 @@ class FirstPoses:
         shared = (table > 0).sum(axis=0) > 1
         holds = (goods > MOST * table) & shared
         holds &= holds.sum(axis=0) > 1
+        clipped = np.where(is_good, np.minimum(errors, GOOD_PX), GOOD_PX)[shared[layout.chain]]
         return Placed(
             placed.views,
             placed.pieces,
@@ -205,6 +228,7 @@ class FirstPoses:
             int(goods[:, shared].sum()),
             int(table[:, shared].sum()),
             tuple(tuple(placed.pieces[index] for index in np.flatnonzero(row)) for row in holds),
+            float(np.mean(clipped**2)) if len(clipped) else np.inf,
         )
 
     def _is_tied(self, placed: Placed) -> bool:
@@ -240,6 +264,13 @@ class FirstPoses:
             down=self._downs[placed.views],
             log_focal=float(np.log(EXPECTED_FOCAL * self._side_px)),
         )
+
+
+def _is_rival(best: Placed, other: Placed) -> bool:
+    """Return True if another pose of the last view explains the images nearly as well."""
+    turn = best.last_turn @ other.last_turn.T
+    is_turned = float(np.trace(turn)) < 1.0 + 2.0 * np.cos(DISTINCT_RAD)
+    return is_turned and other.cost < RIVAL * best.cost
 
 
 _NOTHING = (np.zeros((0, 3)), np.zeros(0), np.zeros(0))

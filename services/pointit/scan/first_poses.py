@@ -24,8 +24,12 @@ FOCALS = (0.65, 0.8, 1.0)
 EXPECTED_FOCAL = 0.78
 PAIRS = 4
 GOOD_PX = 6.0
-MOST = 0.6
-"""Share of sightings, or lines, that counts as most."""
+MOST = 0.7
+"""Share of a line's sightings in a view that are good if it is in its place."""
+MOST_LINES = 0.75
+"""Share of a view's shared lines that are in their places if the view is; others are reflections."""
+WORSE = 1.5
+"""Ratio of costs up to which a further view fits the others."""
 MAX_STRETCH = 0.04
 """Relative error of a pitch with which a line does not count."""
 DISTINCT_RAD = np.radians(12.0)
@@ -47,7 +51,7 @@ class Placed:
         good, of: number of sightings with an error of less than `GOOD_PX`, and their number in all, of the
             pieces that two or more of the views see.
         ties: pieces that tie each view to the others: most of its sightings of them are good.
-        cost: mean square of these sightings' errors, each clipped, image pixels².
+        cost: mean square of the errors of good sightings of the ties, image pixels².
     """
 
     views: list[int]
@@ -182,7 +186,7 @@ class FirstPoses:
             )
             for rotation, translation in poses
         ]
-        found.sort(key=lambda each: each.cost)
+        found.sort(key=lambda each: (-len(each.ties[-1]), each.cost))
         if not found or any(_is_rival(found[0], other) for other in found[1:]):
             return None
         return found[0]
@@ -190,6 +194,7 @@ class FirstPoses:
     def _grown(self, placed: Placed) -> Placed:
         """Return `placed` with all further views that agree, those that share the most lines first."""
         refused: set[int] = set()
+        start = placed
         while True:
             known = set(placed.pieces)
             waiting = [
@@ -201,7 +206,7 @@ class FirstPoses:
                 return placed
             view = max(waiting)[1]
             grown = self._add(placed, view)
-            if grown is None or not self._is_tied(grown):
+            if grown is None or not self._is_tied(grown) or grown.cost > WORSE * start.cost + 0.2:
                 refused.add(view)
             else:
                 placed, refused = grown, set()
@@ -220,7 +225,7 @@ class FirstPoses:
         shared = (table > 0).sum(axis=0) > 1
         holds = (goods > MOST * table) & shared
         holds &= holds.sum(axis=0) > 1
-        clipped = np.where(is_good, np.minimum(errors, GOOD_PX), GOOD_PX)[shared[layout.chain]]
+        held = errors[holds[layout.view, layout.chain] & is_good]
         return Placed(
             placed.views,
             placed.pieces,
@@ -228,14 +233,14 @@ class FirstPoses:
             int(goods[:, shared].sum()),
             int(table[:, shared].sum()),
             tuple(tuple(placed.pieces[index] for index in np.flatnonzero(row)) for row in holds),
-            float(np.mean(clipped**2)) if len(clipped) else np.inf,
+            float(np.mean(held**2)) if len(held) else np.inf,
         )
 
     def _is_tied(self, placed: Placed) -> bool:
         """Return True if the last view hangs together with the others by more than chance."""
         view, ties = placed.views[-1], placed.ties[-1]
         shown = [piece for piece in self._lines[view] if self._is_shared(placed, piece)]
-        if len(ties) < MOST * len(shown):
+        if len(ties) < MOST_LINES * len(shown):
             return False
         extents = [self._lines[view][piece].extent_px / self._side_px for piece in ties]
         is_level = np.isfinite(self._downs[view][0])
@@ -270,7 +275,8 @@ def _is_rival(best: Placed, other: Placed) -> bool:
     """Return True if another pose of the last view explains the images nearly as well."""
     turn = best.last_turn @ other.last_turn.T
     is_turned = float(np.trace(turn)) < 1.0 + 2.0 * np.cos(DISTINCT_RAD)
-    return is_turned and other.cost < RIVAL * best.cost
+    is_as_good = other.cost < RIVAL * best.cost and len(other.ties[-1]) >= len(best.ties[-1])
+    return is_turned and is_as_good
 
 
 _NOTHING = (np.zeros((0, 3)), np.zeros(0), np.zeros(0))

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -33,6 +34,7 @@ STRAIGHT_RAD = math.radians(2.5)
 STRIPS_LEVEL_SIGMA = math.radians(1.5)
 """Standard deviation of a level that is taken from the strips."""
 SCALE_SIGMA = PITCH_SIGMA
+REFLECTED = "one view has it elsewhere and nearer: what the others show may be a mirror image, cover the mirror"
 
 
 def scan_of(
@@ -40,8 +42,9 @@ def scan_of(
     strips: Sequence[StripSpec],
     lamps: Sequence[LampSpec],
     known_length: KnownLength | None,
+    reflections: frozenset[int],
 ) -> Scan:
-    """Return the scan of an adjustment; `known_length` scales it."""
+    """Return the scan of an adjustment; `known_length` scales it; `reflections` are numbers of strips."""
     specs = (*strips, *lamps)
     state, layout = adjusted.state, adjusted.adjustment.layout
     turn, level_sigma, level_from = _level(adjusted)
@@ -73,7 +76,10 @@ def scan_of(
             )
         else:
             strip = strips[chain]
-            found_strips[strip.name] = _strip(adjusted, number, chain, strip, vertices[part], own, views, factor)
+            found = _strip(adjusted, number, chain, strip, vertices[part], own, views)
+            if chain in reflections and found.identified:
+                found = replace(found, identified=False, reason=REFLECTED)
+            found_strips[strip.name] = found
     missing = tuple(
         spec.name for spec in specs if spec.name not in found_strips and spec.name not in found_lamps
     )
@@ -224,7 +230,6 @@ def _strip(
     vertices: Array,
     covariance: Array,
     views: Sequence[int],
-    factor: float,
 ) -> ScannedStrip:
     vertices, covariance = _without_straight_corners(vertices, covariance)
     length_m = float(np.linalg.norm(np.diff(vertices, axis=0), axis=1).sum())

@@ -18,7 +18,7 @@ from pointit.scan.views import KnownLength, LampSpec, StripSpec
 LEAST_PARALLAX_RAD = math.radians(4.0)
 LEAST_SIGHTINGS = 3
 """Minimum number of pixels for a view to count for a strip."""
-MAX_SIGMA_M = 0.05
+MAX_SIGMA_M = 0.03
 """Largest sigma with which a strip counts as identified."""
 LEAST_SIGMA_M = 0.001
 MAX_STRETCH = 0.04

@@ -1,0 +1,69 @@
+"""Scans as maps: the model of a map file, its text, and the message."""
+
+import json
+import math
+
+from pointit.maps.environment import environment
+from pointit.maps.model import MapFile
+from pointit.schemas import Environment
+from pointit.scan.result import Scan
+from pointit.geometry.vector import Vec3
+
+
+def to_map_file(scan: Scan, *, only_identified: bool = True) -> MapFile:
+    """Return the map of `scan`: its strips and lamps, positions to the millimetre."""
+    return MapFile.model_validate(
+        {
+            "lamps": {
+                name: {"position": _rounded(lamp.position_m)}
+                for name, lamp in scan.lamps.items()
+                if lamp.identified or not only_identified
+            },
+            "strips": {
+                name: {"line": [_rounded(point) for point in strip.line_m], "pixels": strip.count}
+                for name, strip in scan.strips.items()
+                if strip.identified or not only_identified
+            },
+        }
+    )
+
+
+def to_environment(scan: Scan, *, name: str, stamp_ns: int, only_identified: bool = True) -> Environment:
+    """Return the message of the map of `scan`."""
+    return environment(to_map_file(scan, only_identified=only_identified), {}, name=name, stamp_ns=stamp_ns)
+
+
+def map_text(scan: Scan, *, only_identified: bool = True) -> str:
+    """Return the text of a map file: each strip and lamp with its sigma and what is to be known of it."""
+    file = to_map_file(scan, only_identified=only_identified)
+    lines = [
+        f"# A room scanned from {sum(camera is not None for camera in scan.cameras)} photographs.",
+        f"# Lengths: within {100 * scan.scale_sigma:.1f} %, from "
+        f"{'the known length' if scan.scale_from == 'length' else 'the pitch of the strips'}.",
+        f"# Level: within {math.degrees(scan.level_sigma_rad):.1f} degrees, from "
+        f"{'gravity' if scan.level_from == 'gravity' else 'the strips, most of which are level or upright'}.",
+    ]
+    if file.lamps:
+        lines.append("lamps:")
+        for name, lamp in file.lamps.items():
+            note = _note(scan.lamps[name].sigma_m, scan.lamps[name].reason)
+            lines.append(f"  {json.dumps(name)}: {{position: {list(lamp.position)}}}  {note}")
+    if file.strips:
+        lines.append("strips:")
+        for name, strip in file.strips.items():
+            note = _note(scan.strips[name].sigma_m, scan.strips[name].reason)
+            lines += [
+                f"  {json.dumps(name)}:  {note}",
+                f"    line: {[list(point) for point in strip.line]}",
+                f"    pixels: {strip.pixels}",
+            ]
+    return "\n".join([*lines, ""])
+
+
+def _note(sigma_m: float, reason: str) -> str:
+    return f"# within {1000 * sigma_m:.0f} mm (1 sigma){'; ' + reason if reason else ''}"
+
+
+def _rounded(point: Vec3) -> Vec3:
+    x, y, z = (round(value, 3) + 0.0 for value in point)
+    return (x, y, z)

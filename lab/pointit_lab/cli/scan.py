@@ -35,7 +35,11 @@ NOTES = (
     "--rooms", type=click.IntRange(1, 10_000), default=50, show_default=True, metavar="N", help="random rooms"
 )
 @click.option(
-    "--seed", type=click.IntRange(min=0), default=FIRST_SEED, show_default=True, metavar="SEED",
+    "--seed",
+    type=click.IntRange(min=0),
+    default=FIRST_SEED,
+    show_default=True,
+    metavar="SEED",
     help="first seed",
 )
 @JOBS

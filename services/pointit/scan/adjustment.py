@@ -117,7 +117,9 @@ class Adjustment:
         first = layout.first
         sizes = np.diff(first)
         self._chain_of_vertex = np.repeat(np.arange(len(sizes)), sizes)
-        self._piece_starts = np.concatenate([np.arange(a, b - 1) for a, b in zip(first, first[1:], strict=False)])
+        self._piece_starts = np.concatenate(
+            [np.arange(a, b - 1) for a, b in zip(first, first[1:], strict=False)]
+        )
         views = len(layout.down)
         inner = np.ones(first[-1], dtype=bool)
         inner[first[:-1]] = inner[first[1:] - 1] = False
@@ -371,9 +373,10 @@ def _projection(state: State, camera: Array) -> tuple[Array, Array, Array]:
     by_flat = focal * (
         factor[..., None] * np.eye(2) + 2.0 * state.distortion * flat[:, :, None] * flat[:, None, :]
     )
-    flat_by_camera = np.concatenate(
-        [np.broadcast_to(np.eye(2), (len(camera), 2, 2)), -flat[..., None]], axis=2
-    ) / depth[..., None]
+    flat_by_camera = (
+        np.concatenate([np.broadcast_to(np.eye(2), (len(camera), 2, 2)), -flat[..., None]], axis=2)
+        / depth[..., None]
+    )
     by_lens = np.stack([images, focal * square * flat], axis=2)
     return images, by_flat @ flat_by_camera, by_lens
 

@@ -44,7 +44,8 @@ def next_view(scan: Scan, limit_m: float = COMPLETE_M) -> Advice | None:
         )
     found = (*scan.strips.values(), *scan.lamps.values())
     open_ones = sorted(
-        (each for each in found if not each.identified or each.sigma_m > limit_m), key=lambda each: -each.sigma_m
+        (each for each in found if not each.identified or each.sigma_m > limit_m),
+        key=lambda each: -each.sigma_m,
     )
     if not open_ones:
         return None
@@ -85,9 +86,7 @@ def _candidates(scan: Scan, middle: Array) -> Iterator[tuple[str, Array]]:
             yield f"from nearer than photograph {number}", at + (1.0 - NEARER) * sight
 
 
-def _expected_sigma_m(
-    scan: Scan, found: ScannedStrip | ScannedLamp, points: Array, position: Array
-) -> float:
+def _expected_sigma_m(scan: Scan, found: ScannedStrip | ScannedLamp, points: Array, position: Array) -> float:
     """Return the largest sigma of the vertices with a further view from `position`."""
     covariance = found.covariance + 1e-8 * np.eye(len(found.covariance))
     sight = points.mean(axis=0) - position
@@ -104,7 +103,9 @@ def _expected_sigma_m(
         part = slice(3 * row, 3 * row + 3)
         information[part, part] += jacobian.T @ jacobian
     after = np.linalg.inv(information)
-    return float(np.sqrt(max(np.linalg.eigvalsh(after[r : r + 3, r : r + 3])[-1] for r in range(0, len(after), 3))))
+    return float(
+        np.sqrt(max(np.linalg.eigvalsh(after[r : r + 3, r : r + 3])[-1] for r in range(0, len(after), 3)))
+    )
 
 
 def _vec3(values: Array) -> Vec3:

@@ -96,9 +96,10 @@ def _refined(
         flat = camera[..., :2] / depth
         errors = focal_px * flat - targets
         weights = 1.0 / np.sqrt(1.0 + np.sum(errors**2, axis=2, keepdims=True) / scale**2)
-        by_camera = np.concatenate(
-            [np.broadcast_to(np.eye(2), (*flat.shape, 2)), -flat[..., None]], axis=3
-        ) * (focal_px * weights / depth)[..., None]
+        by_camera = (
+            np.concatenate([np.broadcast_to(np.eye(2), (*flat.shape, 2)), -flat[..., None]], axis=3)
+            * (focal_px * weights / depth)[..., None]
+        )
         cross = skew(seen.reshape(-1, 3)).reshape(*seen.shape, 3)
         jacobian = np.concatenate([-by_camera @ cross, by_camera], axis=3)
         jacobian = jacobian.reshape(len(rotations), -1, 6)

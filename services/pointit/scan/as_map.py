@@ -2,12 +2,14 @@
 
 import json
 import math
+from collections.abc import Sequence
 
+from pointit.geometry.vector import Vec3
 from pointit.maps.environment import environment
 from pointit.maps.model import MapFile
-from pointit.schemas import Environment
+from pointit.scan.by_pointing import Survey, box_of, screen_of
 from pointit.scan.result import Scan
-from pointit.geometry.vector import Vec3
+from pointit.schemas import Environment
 
 
 def to_map_file(scan: Scan, *, only_identified: bool = True) -> MapFile:
@@ -67,3 +69,31 @@ def _note(sigma_m: float, reason: str) -> str:
 def _rounded(point: Vec3) -> Vec3:
     x, y, z = (round(value, 3) + 0.0 for value in point)
     return (x, y, z)
+
+
+def pointed_text(survey: Survey, names: Sequence[str], kind: str) -> str:
+    """Return the text of a map of things that were pointed at; `kind`: lamp, box, screen or table.
+
+    Raises:
+        RefusedError: If the corners of a box, screen or table span none.
+    """
+    section = {"lamp": "lamps", "box": "boxes"}.get(kind, "planes")
+    lines = ["# Positions found by pointing.", f"{section}:"]
+    for name in names:
+        own = {
+            target: each
+            for target, each in survey.targets.items()
+            if target == name or target.rpartition(".")[0] == name
+        }
+        corners = [each.position_m for each in own.values()]
+        sigma_m = max(each.sigma_m for each in own.values())
+        reason = next((each.reason for each in own.values() if each.reason), "")
+        if kind == "lamp":
+            entry: dict[str, object] = {"position": list(_rounded(corners[0]))}
+        elif kind == "box":
+            entry = box_of(corners).model_dump(mode="json")
+        else:
+            entry = screen_of(corners).model_dump(mode="json")
+        fields = ", ".join(f"{key}: {json.dumps(value)}" for key, value in entry.items() if value is not None)
+        lines.append(f"  {json.dumps(name)}: {{{fields}}}  {_note(sigma_m, reason)}")
+    return "\n".join([*lines, ""])

@@ -41,7 +41,6 @@ FLAT = 0.15
 """Ratio of the third and second extent of points up to which they lie in a plane."""
 
 
-
 @dataclass(frozen=True)
 class Placed:
     """Views with poses, and lines with places.
@@ -109,9 +108,7 @@ class FirstPoses:
     def _begin(self, base: int, focal_px: float) -> Placed:
         down = self._downs[base]
         rotation = upright(-down).T if np.isfinite(down[0]) else np.eye(3)
-        state = State(
-            float(np.log(focal_px)), 0.0, rotation[None], np.zeros((1, 3)), *_NOTHING
-        )
+        state = State(float(np.log(focal_px)), 0.0, rotation[None], np.zeros((1, 3)), *_NOTHING)
         return self._with_lines(Placed([base], [], state))
 
     def _with_lines(self, placed: Placed) -> Placed:
@@ -284,9 +281,7 @@ def _is_from_behind(placed: Placed) -> bool:
         return False
     cameras = -np.einsum("vji,vj->vi", state.rotations, state.translations)
     sides = (cameras - middle) @ axes[2]
-    others = [
-        sides[index] for index, ties in enumerate(placed.ties[:-1]) if set(ties) & set(placed.ties[-1])
-    ]
+    others = [sides[index] for index, ties in enumerate(placed.ties[:-1]) if set(ties) & set(placed.ties[-1])]
     return any(side * sides[-1] < 0 for side in others)
 
 

@@ -142,9 +142,7 @@ class Scan:
             self,
             cameras=tuple(
                 camera
-                and Camera(
-                    camera.rotation @ turn.T, camera.translation_m - camera.rotation @ turn.T @ shift
-                )
+                and Camera(camera.rotation @ turn.T, camera.translation_m - camera.rotation @ turn.T @ shift)
                 for camera in self.cameras
             ),
             strips={

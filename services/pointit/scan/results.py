@@ -12,7 +12,7 @@ from pointit.runtime.errors import ConfigError
 from pointit.scan.adjustment import PITCH_SIGMA, Array
 from pointit.scan.alignment import levelled, upright
 from pointit.scan.final_adjustment import Adjusted
-from pointit.scan.result import Camera, ScannedLamp, ScannedStrip, Scan
+from pointit.scan.result import Camera, Scan, ScannedLamp, ScannedStrip
 from pointit.scan.views import KnownLength, LampSpec, StripSpec
 
 LEAST_PARALLAX_RAD = math.radians(4.0)
@@ -34,7 +34,9 @@ STRAIGHT_RAD = math.radians(2.5)
 STRIPS_LEVEL_SIGMA = math.radians(1.5)
 """Standard deviation of a level that is taken from the strips."""
 SCALE_SIGMA = PITCH_SIGMA
-REFLECTED = "one view has it elsewhere and nearer: what the others show may be a mirror image, cover the mirror"
+REFLECTED = (
+    "one view has it elsewhere and nearer: what the others show may be a mirror image, cover the mirror"
+)
 
 
 def scan_of(
@@ -84,7 +86,12 @@ def scan_of(
         spec.name for spec in specs if spec.name not in found_strips and spec.name not in found_lamps
     )
     problems += [f"{name!r} is not seen from two places: photograph it once more" for name in missing]
-    problems += _swapped(found_strips, strips)
+    problems += _swapped(found_strips, strips, factor)
+    if abs(math.log(factor)) > MAX_STRETCH:
+        problems.append(
+            f"the known length makes all pitches {abs(factor - 1.0):.0%} "
+            f"{'larger' if factor > 1 else 'smaller'} than given: measure it again, or correct the pitches"
+        )
     cameras: list[Camera | None] = [None] * len(adjusted.seen.downs)
     for index, view in enumerate(adjusted.views):
         rotation = state.rotations[index] @ turn.T
@@ -195,9 +202,7 @@ def _disagreement(adjusted: Adjusted, chain: int) -> str:
     """Return which part of a strip is not where its line has it, or `""`."""
     seen = adjusted.seen
     shown = (seen.chain == chain) & np.isin(seen.view, adjusted.views)
-    pairs, inverse = np.unique(
-        np.column_stack([seen.pixel, seen.view])[shown], axis=0, return_inverse=True
-    )
+    pairs, inverse = np.unique(np.column_stack([seen.pixel, seen.view])[shown], axis=0, return_inverse=True)
     agrees = np.bincount(inverse.ravel(), adjusted.used[shown]) > 0  # a pixel and its reflection are one
     bounds = np.linspace(pairs[0, 0], pairs[-1, 0], WINDOWS + 1)
     for low, high in zip(bounds[:-2], bounds[2:], strict=True):
@@ -247,7 +252,9 @@ def _strip(
                 if unseen == pixels.min()
                 else f"{pixels.max() + 1:.0f} to {spec.count - 1}"
             )
-            reason = f"no view shows pixels {which}: photograph that end, or correct the count of {spec.count}"
+            reason = (
+                f"no view shows pixels {which}: photograph that end, or correct the count of {spec.count}"
+            )
     stretch = float(adjusted.state.stretch[number])
     if not reason and spec.pitch_m is not None and abs(stretch) > MAX_STRETCH:
         reason = (
@@ -273,12 +280,12 @@ def _without_straight_corners(vertices: Array, covariance: Array) -> tuple[Array
     return vertices[keep], covariance[np.ix_(rows, rows)]
 
 
-def _swapped(found: dict[str, ScannedStrip], strips: Sequence[StripSpec]) -> list[str]:
+def _swapped(found: dict[str, ScannedStrip], strips: Sequence[StripSpec], factor: float) -> list[str]:
     """Return a sentence for each two strips of which each measures the pitch of the other."""
     known = {strip.name: strip.pitch_m for strip in strips if strip.pitch_m and strip.name in found}
 
     def fits(name: str, pitch_m: float) -> bool:
-        return abs(math.log(found[name].pitch_m / pitch_m)) < 2 * MAX_STRETCH
+        return abs(math.log(found[name].pitch_m / factor / pitch_m)) < 2 * MAX_STRETCH
 
     return [
         f"{a!r} and {b!r} look swapped at the controller: each has the pitch of the other"

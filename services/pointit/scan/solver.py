@@ -1,7 +1,6 @@
 """From sightings to a room: lines in each view, poses of the views, then all in one adjustment."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -164,7 +163,11 @@ def _add_unknown_pitches(
             start, step = line.in_camera(float(np.exp(state.log_focal)), float(pitch_m))
             there = (start + ends[:, None] * step - state.translations[best]) @ state.rotations[best]
             error = sum(
-                float(np.linalg.norm(_image(state, index, there) - lines[placed.views[index]][strip, 0].at(ends)))
+                float(
+                    np.linalg.norm(
+                        _image(state, index, there) - lines[placed.views[index]][strip, 0].at(ends)
+                    )
+                )
                 for index in having
                 if index != best
             )

@@ -169,7 +169,7 @@ def _strip(
         corners = np.array([[width, 0.0], [width, depth], [0.0, depth], [0.0, 0.0]])
         corner = np.array([*corners[wall], start[2]])
         to_corner = float(np.linalg.norm(corner - start))
-        is_bent = kind == "corners" and rng.random() < 0.5 or kind == "mixed" and rng.random() < 0.25
+        is_bent = (kind == "corners" and rng.random() < 0.5) or (kind == "mixed" and rng.random() < 0.25)
         if is_bent:
             first = min(to_corner, float(rng.uniform(0.5, 2.0)))
             turn = np.array([-along[1], along[0], 0.0]) if rng.random() < 0.6 else np.array([0.0, 0.0, 1.0])

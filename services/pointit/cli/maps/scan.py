@@ -27,7 +27,9 @@ A pitch is the distance from pixel to pixel, m. u and v are image pixels, right 
 unit vector of down in the camera's frame (x right, y down, z forward), and may be left out."""
 
 
-def _point(ctx: click.Context, parameter: click.Parameter, text: str | None) -> tuple[float, float, float] | None:
+def _point(
+    ctx: click.Context, parameter: click.Parameter, text: str | None
+) -> tuple[float, float, float] | None:
     if text is None:
         return None
     try:
@@ -36,7 +38,9 @@ def _point(ctx: click.Context, parameter: click.Parameter, text: str | None) -> 
             return x, y, z
     except ValueError:
         pass
-    raise click.BadParameter(f"{text!r} is not a point; write x, y and z in metres, such as 1,2,0.5", ctx, parameter)
+    raise click.BadParameter(
+        f"{text!r} is not a point; write x, y and z in metres, such as 1,2,0.5", ctx, parameter
+    )
 
 
 def _known(ctx: click.Context, parameter: click.Parameter, text: str | None) -> KnownLength | None:
@@ -124,7 +128,7 @@ def command(
     if output is not None:
         path = output
         has, findings = examined(str(path), path, lambda: parse_map_file(text.encode(), path))
-        _write_new(path, text)
+        write_new(path, text)
         print_findings(str(path), has, findings, err=True)
     elif not as_json:
         click.echo(text, nl=False)
@@ -132,7 +136,12 @@ def command(
         click.echo(sentence, err=True)
 
 
-def _write_new(path: Path, text: str) -> None:
+def write_new(path: Path, text: str) -> None:
+    """Write `text` to a new file.
+
+    Raises:
+        ConfigError: If it exists already, or cannot be written.
+    """
     try:
         with path.open("x", encoding="utf-8") as opened:
             opened.write(text)
@@ -159,7 +168,9 @@ def _document(scan: Scan) -> dict[str, object]:
         "complete": scan.complete(),
         "strips": {name: plain(each) for name, each in scan.strips.items()},
         "lamps": {name: plain(each) for name, each in scan.lamps.items()},
-        "cameras": [camera and {"position_m": camera.position_m, "ahead": camera.ahead} for camera in scan.cameras],
+        "cameras": [
+            camera and {"position_m": camera.position_m, "ahead": camera.ahead} for camera in scan.cameras
+        ],
         "focal_px": scan.focal_px,
         "level_sigma_deg": math.degrees(scan.level_sigma_rad),
         "level_from": scan.level_from,

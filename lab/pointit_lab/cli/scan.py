@@ -23,10 +23,10 @@ VIEWS = tuple(range(3, 9))
 FIRST_SEED = 100
 """First seed for claims; the method was made with seeds from 0 to 49."""
 NOTES = (
-    "`refused`: rooms of which there is no scan, a sentence instead. `strips`: identified, % of all. `median`, "
-    "`p95`, `max`: errors of their ends beside the other strips, mm. `wrong`: rooms with an end more than 3 cm "
-    "off at a stated sigma below 1 cm. `within 3σ`: ends. `one more`: rooms that ask for one more view. "
-    "`tilt`: error of the level, median, degrees. `scale`: error of lengths, rms, %. `CPU`: maximum, s."
+    "`refused`: rooms of which there is no scan, a sentence instead. `strips`: identified, % of all. "
+    "`median`, `p95`, `max`: errors of their ends beside the other strips, mm. `wrong`: rooms with an end "
+    "more than 3 cm off at a stated sigma below 1 cm. `in 3 sigma`: ends. `one more`: rooms that ask for one more "
+    "view. `tilt`: error of the level, median, degrees. `scale`: error of lengths, rms, %. `CPU`: maximum, s."
 )
 
 
@@ -74,7 +74,7 @@ def scan(*, rooms: int, seed: int, jobs: int, json_file: Path | None) -> None:
 def _print(by_views: "dict[int, list[Trial]]") -> None:
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for name in (
-        *("views", "rooms", "refused", "strips", "median", "p95", "max", "wrong", "within 3σ", "one more"),
+        *("views", "rooms", "refused", "strips", "median", "p95", "max", "wrong", "in 3 sigma", "one more"),
         *("tilt", "scale", "CPU"),
     ):
         table.add_column(name, justify="right", no_wrap=True)

@@ -37,12 +37,12 @@ class Advice:
 def next_view(scan: Scan, limit_m: float = COMPLETE_M) -> Advice | None:
     """Return from where to take a further photograph, or None if the scan is complete."""
     if scan.missing:
-        names = ", ".join(scan.missing[:3])
+        listed = ", ".join(scan.missing[:3])
         return Advice(
-            f"photograph {names} from two positions, each time together with two strips that are known",
+            f"photograph {listed} from two positions, each time together with two strips that are known",
             scan.missing,
         )
-    found = (*scan.strips.values(), *scan.lamps.values())
+    found: list[ScannedStrip | ScannedLamp] = [*scan.strips.values(), *scan.lamps.values()]
     open_ones = sorted(
         (each for each in found if not each.identified or each.sigma_m > limit_m),
         key=lambda each: -each.sigma_m,

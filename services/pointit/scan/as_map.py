@@ -38,12 +38,12 @@ def to_environment(scan: Scan, *, name: str, stamp_ns: int, only_identified: boo
 def map_text(scan: Scan, *, only_identified: bool = True) -> str:
     """Return the text of a map file: each strip and lamp with its sigma and what is to be known of it."""
     file = to_map_file(scan, only_identified=only_identified)
+    scale = "the known length" if scan.scale_from == "length" else "the pitch of the strips"
+    level = "gravity" if scan.level_from == "gravity" else "the strips, most of which are level or upright"
     lines = [
         f"# A room scanned from {sum(camera is not None for camera in scan.cameras)} photographs.",
-        f"# Lengths: within {100 * scan.scale_sigma:.1f} %, from "
-        f"{'the known length' if scan.scale_from == 'length' else 'the pitch of the strips'}.",
-        f"# Level: within {math.degrees(scan.level_sigma_rad):.1f} degrees, from "
-        f"{'gravity' if scan.level_from == 'gravity' else 'the strips, most of which are level or upright'}.",
+        f"# Lengths: within {100 * scan.scale_sigma:.1f} %, from {scale}.",
+        f"# Level: within {math.degrees(scan.level_sigma_rad):.1f} degrees, from {level}.",
     ]
     if file.lamps:
         lines.append("lamps:")

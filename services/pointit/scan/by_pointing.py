@@ -122,7 +122,7 @@ def locate(pointings: Sequence[Pointing]) -> Survey:
         if np.abs(step).max() < 1e-7:
             break
     residuals, jacobian = model.equations(values)
-    covariance = np.linalg.pinv(jacobian.T @ jacobian)
+    covariance = np.asarray(np.linalg.pinv(jacobian.T @ jacobian), dtype=np.float64)
     return model.survey(values, residuals, covariance)
 
 
@@ -144,8 +144,10 @@ class _Model:
         self.origins = np.array([each.origin_m for each in pointings])
         self.directions = np.array([each.direction for each in pointings])
         sigmas = [np.full(2 * len(self._people), BIAS_SIGMA_RAD)]
-        for each in self._places.values():
-            sigmas.append(np.array([each.place_sigma_m, each.place_sigma_m, each.heading_sigma_rad]))
+        sigmas += [
+            np.array([each.place_sigma_m, each.place_sigma_m, each.heading_sigma_rad])
+            for each in self._places.values()
+        ]
         self._prior_sigmas = np.concatenate(sigmas)
 
     def start(self) -> Array:
@@ -213,7 +215,7 @@ class _Model:
                 places,
                 angle,
                 float(np.sqrt(np.mean(left**2))),
-                _reason(places, angle, behind, float(np.sqrt(np.mean(left**2)))),
+                _reason(places, angle, float(np.sqrt(np.mean(left**2))), is_behind=behind),
             )
         first = 3 * len(self._targets)
         biases = {
@@ -223,7 +225,7 @@ class _Model:
         return Survey(targets, biases)
 
 
-def _reason(places: int, angle_rad: float, is_behind: bool, residual_rad: float) -> str:
+def _reason(places: int, angle_rad: float, residual_rad: float, *, is_behind: bool) -> str:
     if places < 2:
         return "pointed at from one place only: point at it from a second one"
     if is_behind:
@@ -272,7 +274,7 @@ def box_of(corners: Sequence[Vec3]) -> BoxEntry:
 
 
 def screen_of(corners: Sequence[Vec3]) -> PlaneEntry:
-    """Return the plane through `corners`, three or four of a screen or a table; its normal points up or aside.
+    """Return the plane through `corners`, three or four of a screen or a table; its normal is up or aside.
 
     Raises:
         RefusedError: If they are fewer than three or in one line.

@@ -11,7 +11,7 @@ from itertools import combinations
 import numpy as np
 
 from pointit.scan.adjustment import Adjustment, Array, Layout, State
-from pointit.scan.alignment import candidate_poses, upright
+from pointit.scan.alignment import Shared, candidate_poses, upright
 from pointit.scan.lines import ImageLine
 
 Piece = tuple[int, int]
@@ -65,7 +65,7 @@ class Placed:
     @property
     def last_turn(self) -> Array:
         """Return the rotation from the frame of the first view to that of the last."""
-        return self.state.rotations[-1] @ self.state.rotations[0].T
+        return np.asarray(self.state.rotations[-1] @ self.state.rotations[0].T)
 
 
 class FirstPoses:
@@ -161,12 +161,14 @@ class FirstPoses:
         down = self._downs[view]
         is_level = np.isfinite(down[0]) and bool(np.isfinite(self._downs[placed.views][:, 0]).any())
         poses = candidate_poses(
-            np.array(room),
-            np.array(camera),
-            np.array(images),
-            focal,
-            self._side_px,
-            down if is_level else None,
+            Shared(
+                np.array(room),
+                np.array(camera),
+                np.array(images),
+                focal,
+                self._side_px,
+                down if is_level else None,
+            )
         )
         found = [
             self._adjusted(

@@ -34,9 +34,7 @@ STRAIGHT_RAD = math.radians(2.5)
 STRIPS_LEVEL_SIGMA = math.radians(1.5)
 """Standard deviation of a level that is taken from the strips."""
 SCALE_SIGMA = PITCH_SIGMA
-REFLECTED = (
-    "one view has it elsewhere and nearer: what the others show may be a mirror image, cover the mirror"
-)
+REFLECTED = "one view has it elsewhere and nearer: the others may show a mirror image, cover the mirror"
 
 
 def scan_of(
@@ -47,7 +45,7 @@ def scan_of(
     reflections: frozenset[int],
 ) -> Scan:
     """Return the scan of an adjustment; `known_length` scales it; `reflections` are numbers of strips."""
-    specs = (*strips, *lamps)
+    specs: list[StripSpec | LampSpec] = [*strips, *lamps]
     state, layout = adjusted.state, adjusted.adjustment.layout
     turn, level_sigma, level_from = _level(adjusted)
     factor, scale_sigma, scale_from = _scale(adjusted, specs, known_length)
@@ -68,7 +66,7 @@ def scan_of(
         part = slice(int(layout.first[number]), int(layout.first[number + 1]))
         rows = np.arange(3 * part.start, 3 * part.stop)
         own = covariance[np.ix_(rows, rows)]
-        views = _views(adjusted, number, chain)
+        views = _views(adjusted, chain)
         if chain >= len(strips):
             lamp = lamps[chain - len(strips)]
             sigma = _sigma(own)
@@ -78,7 +76,7 @@ def scan_of(
             )
         else:
             strip = strips[chain]
-            found = _strip(adjusted, number, chain, strip, vertices[part], own, views)
+            found = _strip(adjusted, number, strip, vertices[part], own)
             if chain in reflections and found.identified:
                 found = replace(found, identified=False, reason=REFLECTED)
             found_strips[strip.name] = found
@@ -173,7 +171,7 @@ def _beside_each_other(covariance: Array, vertices: Array) -> Array:
     return np.asarray(result)
 
 
-def _views(adjusted: Adjusted, number: int, chain: int) -> list[int]:
+def _views(adjusted: Adjusted, chain: int) -> list[int]:
     """Return the views, as numbers in the state, that count for a chain."""
     seen = adjusted.seen
     least = LEAST_SIGHTINGS if chain < seen.strips else 1
@@ -228,14 +226,10 @@ def _parallax_rad(adjusted: Adjusted, number: int, views: Sequence[int]) -> floa
 
 
 def _strip(
-    adjusted: Adjusted,
-    number: int,
-    chain: int,
-    spec: StripSpec,
-    vertices: Array,
-    covariance: Array,
-    views: Sequence[int],
+    adjusted: Adjusted, number: int, spec: StripSpec, vertices: Array, covariance: Array
 ) -> ScannedStrip:
+    chain = adjusted.chains[number]
+    views = _views(adjusted, chain)
     vertices, covariance = _without_straight_corners(vertices, covariance)
     length_m = float(np.linalg.norm(np.diff(vertices, axis=0), axis=1).sum())
     pitch_m = length_m / spec.count
@@ -252,9 +246,7 @@ def _strip(
                 if unseen == pixels.min()
                 else f"{pixels.max() + 1:.0f} to {spec.count - 1}"
             )
-            reason = (
-                f"no view shows pixels {which}: photograph that end, or correct the count of {spec.count}"
-            )
+            reason = f"no view shows pixels {which}: photograph that end, or correct its count"
     stretch = float(adjusted.state.stretch[number])
     if not reason and spec.pitch_m is not None and abs(stretch) > MAX_STRETCH:
         reason = (

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from pointit.scan.adjustment import Array, State
+from pointit.scan.adjustment import Array, State, project
 from pointit.scan.final_adjustment import Adjusted, Final, Seen
 from pointit.scan.first_poses import FirstPoses, Piece, Placed
 from pointit.scan.lines import LEAST, ImageLine, corners, fit_lines
@@ -44,7 +44,7 @@ def solve(
     if all(strip.pitch_m is None for strip in strips):
         raise ScanError("no strip has a pitch (pixels a metre): without one there is no beginning, give it")
     rng = np.random.default_rng(0)
-    seen = Seen.of(strips, lamps, views, MAX_MARKS, rng)
+    seen = Seen.of(strips, lamps, views, MAX_MARKS)
     knots = {
         number: [-0.5, *corners(seen.of_strip(number), strip.count, rng), strip.count - 0.5]
         for number, strip in enumerate(strips)
@@ -178,6 +178,4 @@ def _add_unknown_pitches(
 
 
 def _image(state: State, view: int, points: Array) -> Array:
-    from pointit.scan.adjustment import project
-
     return project(state, np.full(len(points), view), points)[0]

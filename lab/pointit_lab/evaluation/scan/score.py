@@ -107,8 +107,7 @@ def aligned(measured: Array, actual: Array, sigmas: Array) -> tuple[float, Array
         cost = float(np.minimum(off**2, 16.0).sum()) + (1e6 if abs(scale - 1.0) > 0.05 else 0.0)
         if best is None or cost < best[0]:
             best = (cost, off)
-    assert best is not None
-    off = best[1]
+    off = np.zeros(len(measured)) if best is None else best[1]
     result = _similarity(measured, actual, sigmas * np.sqrt(1.0 + (off / 3.0) ** 2) ** 3)
     for _ in range(5):
         scale, rotation, shift = result

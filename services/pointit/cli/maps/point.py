@@ -1,7 +1,6 @@
 """`pointit map point`: positions of lamps, boxes, screens and tables by pointing at them."""
 
 import asyncio
-import math
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
@@ -60,7 +59,7 @@ PATIENCE_S = 3.0
 def command(
     user: str, names: Sequence[str], *, kind: Kind, output: Path | None, **at: Unpack[site_link.AtSite]
 ) -> int:
-    """Find positions by pointing: USER points at NAMES one after the other, from two or three places.
+    r"""Find positions by pointing: USER points at NAMES one after the other, from two or three places.
 
     USER stands at a place with a known pose (`pointit person pose`), points at each thing with a straight arm
     and presses their button, or Space here; then from a second place that is at least 60 degrees aside as
@@ -117,7 +116,7 @@ class PointingSession:
         bus.subscribe(BUTTON, self._on_button, user)
 
     async def run(self, names: Sequence[str], corners: Sequence[str]) -> Survey:
-        """Return the positions of all corners, called `NAME` or `NAME.NUMBER`, after as many places as needed.
+        """Return the positions of all corners, called `NAME` or `NAME.NUMBER`, from as many places as needed.
 
         Raises:
             NoMessageError: If there are no rays or no pose of the person.
@@ -169,9 +168,9 @@ class PointingSession:
         def is_new(pose: UserPose) -> bool:
             return all(norm(subtract(pose.position_m, old.position_m)) > SAME_PLACE_M for old in stood)
 
-        pose = await self._pose.wait(math.inf, is_new)
-        assert pose is not None
-        return pose
+        while True:
+            if pose := await self._pose.wait(PATIENCE_S, is_new):
+                return pose
 
     async def _press(self) -> None:
         self._pressed.clear()

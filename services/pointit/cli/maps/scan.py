@@ -13,7 +13,7 @@ from pointit.maps.file import parse_map_file
 from pointit.runtime.errors import ConfigError
 from pointit.scan.advice import next_view
 from pointit.scan.as_map import map_text
-from pointit.scan.result import Scan
+from pointit.scan.result import Scan, ScannedLamp, ScannedStrip
 from pointit.scan.solver import solve
 from pointit.scan.views import KnownLength, Mark, read_survey
 
@@ -102,7 +102,7 @@ def command(
     also_doubtful: bool,
     as_json: bool,
 ) -> None:
-    """Compute a map from photographs in which strips and lamps blink their numbers.
+    r"""Compute a map from photographs in which strips and lamps blink their numbers.
 
     Two photographs suffice for what both show from a step apart, and four to six for a room. Each should
     show three strips of an earlier one. Strips are found to about 1 cm, with the standard deviation of each
@@ -153,7 +153,7 @@ def write_new(path: Path, text: str) -> None:
 
 def _sentences(scan: Scan) -> list[str]:
     """Return what to know of a scan, and what to do next."""
-    found = [*scan.strips.values(), *scan.lamps.values()]
+    found: list[ScannedStrip | ScannedLamp] = [*scan.strips.values(), *scan.lamps.values()]
     doubts = [f"{each.name}: {each.reason}" for each in found if each.reason]
     advice = next_view(scan)
     return [*scan.problems, *doubts, *([f"next: {advice.text}"] if advice else ["complete"])]

@@ -126,7 +126,7 @@ def _strip_through(points: Array) -> StripEntry:
 
 
 def _corners(points: Array, first: int, last: int, limit_m: float) -> Iterator[int]:
-    """Yield the indices between which all points are within `limit_m` of a straight line (Douglas-Peucker)."""
+    """Yield the corners: between them all points are within `limit_m` of a line (Douglas-Peucker)."""
     stack = [(first, last)]
     while stack:
         low, high = stack.pop()
@@ -169,12 +169,10 @@ def from_segments(text: str) -> dict[str, int]:
     counts: dict[str, int] = {}
     try:
         for segment in cast("list[Mapping[str, Any]]", data):
-            start, stop = segment["start"], segment["stop"]
-            if type(start) is not int or type(stop) is not int:
-                raise TypeError
-            if stop > start:
+            pixels = _whole(segment["stop"]) - _whole(segment["start"])
+            if pixels > 0:
                 name = str(segment.get("n") or f"segment_{segment.get('id', len(counts))}")
-                counts[name] = stop - start
+                counts[name] = pixels
     except (KeyError, TypeError, AttributeError):
         raise ConfigError('no segments of WLED: {"seg": [{"start": 0, "stop": 60, "n": "desk"}]}') from None
     if not counts:
@@ -230,14 +228,12 @@ def from_ledmap(text: str, cell_m: float) -> dict[str, StripEntry]:
     """
     data = _json(text)
     try:
-        width, height = data["width"], data["height"]
-        cells = cast("list[int]", data["map"])
-        if not (type(width) is int and type(height) is int and 0 < width * height <= MAX_CELLS):
-            raise ValueError
-        if len(cells) != width * height or not all(type(number) is int for number in cells):
-            raise ValueError
-    except (KeyError, TypeError, ValueError):
-        raise ConfigError("no ledmap of WLED with width, height and as many numbers in map") from None
+        width, height = _whole(data["width"]), _whole(data["height"])
+        cells = [_whole(number) for number in data["map"]]
+    except (KeyError, TypeError):
+        width, height, cells = 0, 0, []
+    if not (0 < width * height <= MAX_CELLS and width > 0 and len(cells) == width * height):
+        raise ConfigError("no ledmap of WLED with width, height and as many numbers in map")
     lit = sorted((number, index) for index, number in enumerate(cells) if number >= 0)
     if len(lit) < 2:
         raise ConfigError("the ledmap has fewer than two pixels")
@@ -249,6 +245,12 @@ def from_ledmap(text: str, cell_m: float) -> dict[str, StripEntry]:
         if len(part) > 1:
             found[f"strip_{len(found) + 1}"] = _strip_through(part)
     return found
+
+
+def _whole(value: object) -> int:
+    if type(value) is not int:
+        raise TypeError
+    return value
 
 
 def _json(text: str) -> Any:

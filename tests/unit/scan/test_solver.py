@@ -31,7 +31,7 @@ def test_strips_are_found_to_about_a_centimetre_when_four_views_have_10_percent_
     assert max(distances(scan).values()) < 0.015
     assert all(strip.identified for strip in scan.strips.values())
     assert scan.complete(0.02)
-    assert scan.focal_px == pytest.approx(950.0, rel=0.01)
+    assert scan.focal_px == pytest.approx(950.0, rel=0.02)
 
 
 def test_a_bent_strip_has_its_corner_and_straight_ones_have_none() -> None:

@@ -125,7 +125,7 @@ class PointingSession:
             raise NoMessageError(
                 f"{self._user} has no pose: set it by `pointit person pose {self._user} X,Y`, or localize"
             )
-        targets = {
+        targets: dict[str, str] = {
             target_name(name, number, corners): f"{corner + ' of ' if corner else ''}{name}"
             for name in names
             for number, corner in enumerate(corners)

@@ -64,7 +64,7 @@ def command(
     USER stands at a place with a known pose (`pointit person pose`), points at each thing with a straight arm
     and presses their button, or Space here; then from a second place that is at least 60 degrees aside as
     seen from the things. A third place is asked for where two do not suffice. A person's common error is
-    estimated along. Positions are good to about 0.1 m at 3 m, with the standard deviation stated: enough for
+    estimated along. Positions are good to 0.2 or 0.3 m, with the standard deviation stated: enough for
     lamps, boxes and screens, too little for strips, which `pointit map scan` finds.
 
     \b

@@ -17,14 +17,18 @@ from pointit.scan.result import Scan, ScannedLamp, ScannedStrip
 from pointit.scan.solver import solve
 from pointit.scan.views import KnownLength, Mark, read_survey
 
-FORM = """\b
-FILE is what the page sends, JSON:
-  {"strips": [{"name": "desk", "count": 60, "pitch_m": 0.01667}],
-   "lamps": [{"name": "door"}],
-   "views": [{"width": 1280, "height": 720, "gravity": [0.02, 0.98, 0.17],
-              "sightings": [{"name": "desk", "pixel": 0, "u": 401.2, "v": 311.9}]}]}
+FORM = """FILE is what the page sends, JSON:
+
+\b
+{"strips": [{"name": "desk", "count": 60, "pitch_m": 0.01667}],
+ "lamps": [{"name": "door"}],
+ "views": [{"width": 1280, "height": 720,
+            "gravity": [0.02, 0.98, 0.17], "sightings": [
+            {"name": "desk", "pixel": 0, "u": 401.2, "v": 311.9}]}]}
+
 A pitch is the distance from pixel to pixel, m. u and v are image pixels, right and down. gravity is the
-unit vector of down in the camera's frame (x right, y down, z forward), and may be left out."""
+unit vector of down in the camera's frame (x right, y down, z forward), and may be left out.
+"""
 
 
 def _point(
@@ -102,16 +106,13 @@ def command(
     also_doubtful: bool,
     as_json: bool,
 ) -> None:
-    r"""Compute a map from photographs in which strips and lamps blink their numbers.
+    """Compute a map from photographs in which strips and lamps blink their numbers.
 
     Two photographs suffice for what both show from a step apart, and four to six for a room. Each should
     show three strips of an earlier one. Strips are found to about 1 cm, with the standard deviation of each
     stated. What is doubtful is left out, with the reason and from where to take one more photograph.
 
-    \b
-    Example:
-      pointit map scan --from views.json -o room.yaml
-      pointit map scan --from views.json --known desk:0,desk:59,0.98 --origin 1,2,0 --heading 90 -o room.yaml
+    Example: pointit map scan --from views.json --known desk:0,desk:59,0.98 -o room.yaml
     """
     survey = read_survey(source)
     if known is not None:
@@ -152,7 +153,7 @@ def write_new(path: Path, text: str) -> None:
 
 
 def _sentences(scan: Scan) -> list[str]:
-    """Return what to know of a scan, and what to do next."""
+    """Return sentences about a scan: problems, doubts, the next step."""
     found: list[ScannedStrip | ScannedLamp] = [*scan.strips.values(), *scan.lamps.values()]
     doubts = [f"{each.name}: {each.reason}" for each in found if each.reason]
     advice = next_view(scan)

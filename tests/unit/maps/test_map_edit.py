@@ -254,9 +254,11 @@ def test_any_edits_give_the_values_that_were_meant_and_keep_comments_and_order(
             edits.append({"op": "add", "section": section, "name": name, "value": value})
             wanted.setdefault(section, {})[name] = value
     result = edit(text, *edits)
-    found = {name: entries for name, entries in (yaml.safe_load(result) or {}).items() if entries}
+    loaded: dict[str, dict[object, Any]] = yaml.safe_load(result) or {}
     named = {
-        section: {str(name): entry for name, entry in entries.items()} for section, entries in found.items()
+        section: {str(name): entry for name, entry in entries.items()}
+        for section, entries in loaded.items()
+        if entries
     }
     assert named == {section: entries for section, entries in wanted.items() if entries}
     for section, entries in named.items():

@@ -219,7 +219,7 @@ class _Document:
             if isinstance(node, yaml.ScalarNode) and isinstance(value, dict):
                 if value:  # nothing yet
                     start = self._text.index(":", self._at(key.end_mark)) + 1
-                    yield _Splice(start, self._end(node), self._block(value))
+                    yield _Splice(start, self._end(node), self._block(cast("Data", value)))
             else:
                 yield from self._node(key, node, value, names.get(section, {}))
         if missing:
@@ -311,12 +311,13 @@ def _is_as_long(value: Any, node: Any) -> bool:
     return isinstance(value, list) and len(cast("list[Any]", value)) == len(node.value)
 
 
-def _value(node: Any) -> Any:
+def _value(node: Any) -> object:
     """Return the value of a scalar, None of others."""
     if not isinstance(node, yaml.ScalarNode):
         return None
     loader: Any = Loader("")
     try:
-        return loader.construct_object(node)
+        value: object = loader.construct_object(node)
+        return value
     finally:
         loader.dispose()

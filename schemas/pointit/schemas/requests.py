@@ -234,9 +234,9 @@ class SetToleranceReply(Reply):
 
 
 class UseMap(Query):
-    """Use another map, or the same file again after it has changed. Without a map only tell which it is."""
+    """Use another map, or the same file again after it has changed. Without a path only tell which it is."""
 
-    map: Annotated[
+    path: Annotated[
         str, Field(max_length=4096, description="shipped map, or path on pui's machine; empty to keep it")
     ] = ""
 
@@ -244,7 +244,7 @@ class UseMap(Query):
 class UseMapReply(Reply):
     """The map in use now."""
 
-    map: Annotated[str, Field(description="shipped map, or absolute path on pui's machine")]
+    path: Annotated[str, Field(max_length=4096, description="shipped map, or absolute path on pui's machine")]
 
 
 class StopRobot(Query):

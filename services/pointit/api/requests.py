@@ -207,9 +207,9 @@ class PuiRequests(_Requests[D], Generic[D, R, S]):
         reply: R = self._ask(topics.SET_TOLERANCE, tolerance_rad=tolerance_rad)
         return reply
 
-    def map(self, map: str = "") -> S:  # noqa: A002 - named as in the query
+    def map(self, path: str = "") -> S:
         """Use another map, a shipped one or a path on pui's machine. Without one, only return its name."""
-        reply: S = self._ask(topics.USE_MAP, map=map)
+        reply: S = self._ask(topics.USE_MAP, path=path)
         return reply
 
 

@@ -310,9 +310,9 @@ async def test_a_changed_map_is_used_at_once_and_keeps_the_tolerance(tmp_path: P
         await tolerate(here, 3.0)
         await here.pose()
         assert (await here.point_at((2.0, 0.5, 1.5))).surface_id == ""
-        assert (await here.bench.bus.call(USE_MAP, UseMap())).map == str(path)
+        assert (await here.bench.bus.call(USE_MAP, UseMap())).path == str(path)
         path.write_text(STRIP.format(z=1.5))
-        assert (await here.bench.bus.call(USE_MAP, UseMap(map=str(path)))).map == str(path)
+        assert (await here.bench.bus.call(USE_MAP, UseMap(path=str(path)))).path == str(path)
         await here.bench.settle()
         assert (await here.point_at((2.0, 0.5, 1.5))).surface_id == "s"
         assert [each.strips[0].line_m[0][2] for each in maps] == [1.0, 1.5]
@@ -331,10 +331,10 @@ async def test_a_map_that_cannot_be_used_is_refused_and_the_old_one_stays(
     async with room() as here:
         maps = here.bench.collect(MAP)
         with pytest.raises(RefusedError, match=sentence):
-            await here.bench.bus.call(USE_MAP, UseMap(map=str(other)))
+            await here.bench.bus.call(USE_MAP, UseMap(path=str(other)))
         await here.pose()
         assert (await here.point_at(PLACE)).surface == "strip"
-        assert (await here.bench.bus.call(USE_MAP, UseMap())).map == "lab"
+        assert (await here.bench.bus.call(USE_MAP, UseMap())).path == "lab"
         assert [each.name for each in maps] == ["lab"]
 
 
@@ -345,5 +345,5 @@ async def test_things_of_the_old_map_are_listed_no_more_and_those_of_the_new_one
         listed = here.bench.collect(OBJECTS, "things")
         for text, ids in ((THING.format(x=2), ["pot"]), (STRIP.format(z=1), list[str]())):
             path.write_text(text)
-            await here.bench.bus.call(USE_MAP, UseMap(map=str(path)))
+            await here.bench.bus.call(USE_MAP, UseMap(path=str(path)))
             await until(lambda ids=ids: bool(listed) and [each.id for each in listed[-1].objects] == ids)

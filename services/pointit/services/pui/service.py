@@ -230,16 +230,16 @@ class Pui(Service[PuiConfig]):
         return Done(message=f"{user}'s cursor moves on a {query.kind} workspace")
 
     async def _on_use_map(self, query: UseMap, _name: str) -> UseMapReply:
-        if query.map:
+        if query.path:
             # beside the loop: people go on pointing while a large map is read
-            environment, room = await asyncio.to_thread(self._read_room, query.map)
+            environment, room = await asyncio.to_thread(self._read_room, query.path)
             if (tolerance_rad := self._room.surfaces.tolerance_rad) is not None:
                 room.surfaces.set_tolerance(tolerance_rad)
             self._enter(room)
-            self._map, self._environment = _full_name(query.map), environment
+            self._map, self._environment = _full_name(query.path), environment
             self._maps.put(environment)
             self._map_came.set()
-        return UseMapReply(message=f"people point at the map {self._map}", map=self._map)
+        return UseMapReply(message=f"people point at the map {self._map}", path=self._map)
 
     def _read_room(self, name_or_path: str) -> tuple[Environment, _Room]:
         """Return the map of that name or path, and its room.

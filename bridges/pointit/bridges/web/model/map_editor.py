@@ -9,16 +9,15 @@ import dataclasses
 import functools
 import hashlib
 import logging
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from pointit.maps.checks.examine import examined
-from pointit.maps.checks.finding import Finding
 from pointit.maps.edit.document import edited
 from pointit.maps.edit.edits import Edit
 from pointit.maps.file import FOLDER, PACKAGE, SUFFIX, map_path, parse_map_file
+from pointit.maps.model import MapFile
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.config.yaml_file import MAX_YAML_BYTES
 from pointit.runtime.errors import ConfigError, PointItError, RefusedError
@@ -77,13 +76,13 @@ class MapEditor:
         if name:
             message += f"; from the next start on with --set pui.map={path}"
         try:
-            await self._bus.call(USE_MAP, UseMap(map=str(path)))
+            await self._bus.call(USE_MAP, UseMap(path=str(path)))
         except (PointItError, SchemaError) as error:
             message = f"saved to {path}, but the site still uses the map as it was: {error}"
         return {**await self._beside(_read, str(path)), "message": message}
 
     async def _used(self) -> str:
-        return (await self._bus.call(USE_MAP, UseMap())).map
+        return (await self._bus.call(USE_MAP, UseMap())).path
 
     async def _beside(self, work: Any, *arguments: Any) -> Any:
         async with self._work:
@@ -111,20 +110,24 @@ def _is_shipped(path: Path) -> bool:
     return isinstance(folder, Path) and path.resolve().parent == folder.resolve()
 
 
-def _told(findings: Sequence[Finding]) -> list[dict[str, Any]]:
-    return [dataclasses.asdict(each) for each in findings[:MAX_FINDINGS]]
+def _examined(path: Path, read: Callable[[], MapFile]) -> tuple[str, list[dict[str, str]]]:
+    """Return a map's contents in words, `""` if it cannot be read, and the first findings."""
+    from pointit.maps.checks.examine import examined  # noqa: PLC0415 - loads scipy, which most pages never need
+
+    has, findings = examined(path.stem, path, read)
+    return has, [dataclasses.asdict(each) for each in findings[:MAX_FINDINGS]]
 
 
 def _read(name_or_path: str) -> dict[str, Any]:
     with _opened(name_or_path) as (path, content):
         file = parse_map_file(content, path)
-        _, findings = examined(path.stem, path, lambda: file)
+        _, findings = _examined(path, lambda: file)
         return {
             "path": str(path),
             "shipped": _is_shipped(path),
             "digest": _digest(content),
             "sections": file.model_dump(mode="json", by_alias=True, exclude_unset=True),
-            "findings": _told(findings),
+            "findings": findings,
         }
 
 
@@ -137,8 +140,8 @@ def _after(path: Path, content: bytes, edits: Sequence[Edit], digest: str) -> by
 def _check(name_or_path: str, edits: Sequence[Edit], digest: str) -> dict[str, Any]:
     with _opened(name_or_path) as (path, content):
         text = _after(path, content, edits, digest)
-        _, findings = examined(path.stem, path, lambda: parse_map_file(text, path))
-        return {"findings": _told(findings)}
+        _, findings = _examined(path, lambda: parse_map_file(text, path))
+        return {"findings": findings}
 
 
 def _save(name_or_path: str, edits: Sequence[Edit], digest: str, name: str) -> Path:
@@ -151,9 +154,9 @@ def _save(name_or_path: str, edits: Sequence[Edit], digest: str, name: str) -> P
         if name:
             check_name(name.removesuffix(SUFFIX))
             target = (Path.cwd() if is_shipped else path.parent) / f"{name.removesuffix(SUFFIX)}{SUFFIX}"
-        has, findings = examined(target.stem, target, lambda: parse_map_file(text, target))
+        has, findings = _examined(target, lambda: parse_map_file(text, target))
         if not has:
-            raise RefusedError(f"not saved: {findings[0].where}: {findings[0].text}")
+            raise RefusedError(f"not saved: {findings[0]['where']}: {findings[0]['text']}")
         if not name:
             write_atomically(target, text, mode=target.stat().st_mode & 0o777)
             return target

@@ -1983,26 +1983,26 @@ export interface TrackedObjects {
  */
 export interface UndoSelection {}
 /**
- * Use another map, or the same file again after it has changed. Without a map only tell which it is.
+ * Use another map, or the same file again after it has changed. Without a path only tell which it is.
  */
 export interface UseMap {
   /**
    * shipped map, or path on pui's machine; empty to keep it
    */
-  map: string;
+  path: string;
 }
 /**
  * The map in use now.
  */
 export interface UseMapReply {
   /**
-   * shipped map, or absolute path on pui's machine
-   */
-  map: string;
-  /**
    * the effect, in one sentence for a person
    */
   message: string;
+  /**
+   * shipped map, or absolute path on pui's machine
+   */
+  path: string;
 }
 /**
  * {H} in {W}: where the person stands and how their IMU's yaw origin lies in the room.

@@ -249,10 +249,10 @@ def test_any_edits_give_the_values_that_were_meant_and_keep_comments_and_order(
         entry.pop(key, None)
         wanted[section][name] = entry if value is None else {**entry, key: value}
     for section in data.draw(st.sets(st.sampled_from(["lamps", "strips", "boxes"]))):
-        name, value = data.draw(NAMES), {"label": data.draw(LABELS)}
+        name, fresh = data.draw(NAMES), {"label": data.draw(LABELS)}
         if name not in sections.get(section, {}):
-            edits.append({"op": "add", "section": section, "name": name, "value": value})
-            wanted.setdefault(section, {})[name] = value
+            edits.append({"op": "add", "section": section, "name": name, "value": fresh})
+            wanted.setdefault(section, {})[name] = fresh
     result = edit(text, *edits)
     loaded: dict[str, dict[object, Any]] = yaml.safe_load(result) or {}
     named = {

@@ -1,6 +1,7 @@
 """The service on a bus: cursors of people, workspaces and the tolerance as asked for, what is refused."""
 
 import asyncio
+import functools
 import math
 from pathlib import Path
 from typing import Any
@@ -338,6 +339,10 @@ async def test_a_map_that_cannot_be_used_is_refused_and_the_old_one_stays(
         assert [each.name for each in maps] == ["lab"]
 
 
+def lists(listed: list[TrackedObjects], ids: list[str]) -> bool:
+    return bool(listed) and [each.id for each in listed[-1].objects] == ids
+
+
 async def test_things_of_the_old_map_are_listed_no_more_and_those_of_the_new_one_are(tmp_path: Path) -> None:
     path = tmp_path / "room.yaml"
     path.write_text(STRIP.format(z=1))
@@ -346,4 +351,4 @@ async def test_things_of_the_old_map_are_listed_no_more_and_those_of_the_new_one
         for text, ids in ((THING.format(x=2), ["pot"]), (STRIP.format(z=1), list[str]())):
             path.write_text(text)
             await here.bench.bus.call(USE_MAP, UseMap(path=str(path)))
-            await until(lambda ids=ids: bool(listed) and [each.id for each in listed[-1].objects] == ids)
+            await until(functools.partial(lists, listed, ids))

@@ -92,7 +92,7 @@ def _rounded(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _rounded(each) for key, each in cast("Data", value).items()}
     if isinstance(value, list):
-        return [_rounded(each) for each in cast("list[Any]", value)]
+        return [_rounded(each) for each in cast("Sequence[Any]", value)]
     if isinstance(value, float) and not math.isfinite(value):
         raise RefusedError(f"{value} is no number; write metres or degrees")
     return round(value, DIGITS) if isinstance(value, float) else value
@@ -123,9 +123,8 @@ def _apply(data: Data, edits: Sequence[Edit]) -> Names:
     is_set = {(each.name, each.key) for each in edits if isinstance(each, SetValue)}
     for section, renamed in names.items():
         _rename(data, section, renamed, is_set)
-    for edit in edits:
-        if isinstance(edit, Add):
-            _add(data, edit.section, edit.name, _rounded(edit.value))
+    for added in (each for each in edits if isinstance(each, Add)):
+        _add(data, added.section, added.name, _rounded(added.value))
     return names
 
 
@@ -177,7 +176,7 @@ def _flow(value: Any) -> str:
             "{" + ", ".join(f"{_key(key)}: {_flow(each)}" for key, each in cast("Data", value).items()) + "}"
         )
     if isinstance(value, list):
-        return "[" + ", ".join(_flow(each) for each in cast("list[Any]", value)) + "]"
+        return "[" + ", ".join(_flow(each) for each in cast("Sequence[Any]", value)) + "]"
     if isinstance(value, str):
         return value if PLAIN.fullmatch(value) and yaml.safe_load(value) == value else json.dumps(value)
     if isinstance(value, float):
@@ -292,7 +291,8 @@ class _Document:
 
     def _at(self, mark: Any) -> int:
         """Return the place of `mark` in the text; the parser's own index counts otherwise."""
-        return self._lines[mark.line] + int(mark.column)
+        line, column = int(mark.line), int(mark.column)
+        return self._lines[line] + column
 
     def _end(self, node: Any) -> int:
         """Return where the text of `node` ends; the parser ends a block where the next thing begins."""
@@ -308,7 +308,7 @@ class _Document:
 
 
 def _is_as_long(value: Any, node: Any) -> bool:
-    return isinstance(value, list) and len(cast("list[Any]", value)) == len(node.value)
+    return isinstance(value, list) and len(cast("Sequence[Any]", value)) == len(node.value)
 
 
 def _value(node: Any) -> object:

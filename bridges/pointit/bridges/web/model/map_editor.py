@@ -12,7 +12,7 @@ import logging
 from collections.abc import Callable, Generator, Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from pointit.maps.edit.document import edited
 from pointit.maps.edit.edits import Edit
@@ -27,6 +27,8 @@ from pointit.schemas import SchemaError, UseMap
 from pointit.schemas.topics import USE_MAP, check_name
 
 log = logging.getLogger(__name__)
+
+T = TypeVar("T")
 
 MAX_FINDINGS = 100
 """Maximum of findings in a reply."""
@@ -84,7 +86,7 @@ class MapEditor:
     async def _used(self) -> str:
         return (await self._bus.call(USE_MAP, UseMap())).path
 
-    async def _beside(self, work: Any, *arguments: Any) -> Any:
+    async def _beside(self, work: Callable[..., T], *arguments: Any) -> T:
         async with self._work:
             return await in_daemon_thread(functools.partial(work, *arguments), "map editor")
 

@@ -47,6 +47,7 @@ export class Canvas {
   private readonly sized: ResizeObserver;
   private map: Environment | null = null;
   private isFitted = true;
+  private pressed = [0, 0] as [number, number];
 
   constructor(host: HTMLElement, private readonly events: CanvasEvents, isDark: boolean) {
     this.box = document.createElement("div");
@@ -58,7 +59,11 @@ export class Canvas {
     this.bar = { line: draw(bar, "path", {}), text: draw(bar, "text", { x: 14 }) };
     host.append(this.box);
     this.gestures = new Gestures(this.svg, this.frame, { moved: () => this.apply(false), points: () => undefined, fit: () => this.fit() });
-    this.svg.addEventListener("click", (event) => this.events.click(this.at(event)));
+    this.svg.addEventListener("pointerdown", ({ clientX, clientY }) => (this.pressed = [clientX, clientY]));
+    this.svg.addEventListener("click", (event) => {
+      const [x, y] = this.pressed;
+      if (Math.hypot(event.clientX - x, event.clientY - y) < 4) this.events.click(this.at(event)); // else it moved the plan
+    });
     this.sized = new ResizeObserver(() => this.resize());
     this.sized.observe(this.svg);
   }

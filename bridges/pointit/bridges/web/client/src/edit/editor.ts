@@ -160,6 +160,7 @@ class Editor {
     if (!reply) return;
     this.base = wanted;
     this.took(reply);
+    this.plan.keepFor(this.file.path);
     this.say(String(reply["message"]));
     this.copy.value = "";
   }

@@ -37,6 +37,12 @@ export class FloorPlan {
     this.refresh();
   }
 
+  /** Keep the picture for the map at `path`, which is a copy. */
+  keepFor(path: string): void {
+    if (path !== this.path && this.picture) keepPicture(path, this.picture);
+    this.path = path;
+  }
+
   /** A click at that place, {W}; true if it was for the scale. */
   click(at: Place): boolean {
     if (!this.clicks || this.clicks.length === 2) return false;

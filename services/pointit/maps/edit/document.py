@@ -1,7 +1,7 @@
 """Applies edits to the text of a map: only the characters of changed values, names and entries change.
 
 PyYAML's parser tells where each value is in the text. A round trip through a tree of values would lay out
-the whole file again: it moves comments within flow collections and breaks long lines anew. The result is read
+the whole file again: it moves comments within flow collections and wraps long lines again. The result is read
 again and compared with the edited values, so that a file whose form defeats this (anchors, block scalars) is
 refused, not damaged.
 """

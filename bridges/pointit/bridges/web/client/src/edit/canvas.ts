@@ -9,7 +9,7 @@ import { drawBelts, drawFloor, drawSolids } from "../plan/ground";
 import { Lanes } from "../plan/lanes";
 import { cm, draw, path, say, set, show, xy } from "../plan/svg";
 import type { Picture } from "./picture";
-import type { Item, Items, Sorted } from "./model";
+import type { Item, Items, Section, Sorted } from "./model";
 import { middleOf, outlineOf, verticesOf, yawOf } from "./shape";
 
 export interface CanvasEvents {
@@ -28,6 +28,8 @@ export const MOST_HANDLES = 12;
 /** Distance of the handle that turns, px. */
 const TURN_PX = 44;
 const LAYERS = ["picture", "ground", "fences", "belts", "items", "handles"] as const;
+/** Sections from the lowest to the uppermost: what is on a wall or a box lies over it. Tab goes in this order. */
+const ORDER = ["planes", "boxes", "things", "strips", "lamps"] as const;
 const KINDS = { strips: "Strip", lamps: "Lamp", boxes: "Box", things: "Thing", planes: "Wall" } as const;
 
 /** What an item is called when it is read out. */
@@ -42,6 +44,7 @@ export class Canvas {
   private readonly world: SVGGElement;
   private readonly layers: Record<(typeof LAYERS)[number], SVGGElement>;
   private readonly bar: { line: SVGElement; text: SVGTextElement };
+  private readonly sections: Record<Section, SVGGElement>;
   private readonly groups = new Map<number, SVGGElement>();
   private readonly gestures: Gestures;
   private readonly sized: ResizeObserver;
@@ -55,6 +58,7 @@ export class Canvas {
     this.svg = draw(this.box, "svg", { class: "plan-map", tabindex: 0, role: "group", "aria-label": "Plan of the map from above. Tab goes to the next thing; plus, minus and 0 zoom, arrows move the plan." });
     this.world = draw(this.svg, "g");
     this.layers = Object.fromEntries(LAYERS.map((name) => [name, draw(this.world, "g", { class: `plan-layer-${name}` })])) as typeof this.layers;
+    this.sections = Object.fromEntries(ORDER.map((section) => [section, draw(this.layers.items, "g")])) as typeof this.sections;
     const bar = draw(this.svg, "g", { class: "plan-scale", "aria-hidden": "true" });
     this.bar = { line: draw(bar, "path", {}), text: draw(bar, "text", { x: 14 }) };
     host.append(this.box);
@@ -98,7 +102,7 @@ export class Canvas {
     for (const item of items) {
       if (!middleOf(item)) continue;
       gone.delete(item.id);
-      const group = this.groups.get(item.id) ?? this.begin(item.id);
+      const group = this.groups.get(item.id) ?? this.begin(item);
       const worst = [...findings.of(item).values()].flat().map(({ severity }) => severity).sort()[0] ?? "";
       set(group, "class", `edit-item edit-${item.section} ${worst && `edit-${worst}`}${item === chosen ? " edit-chosen" : ""}`);
       set(group, "aria-label", `${titleOf(item)}${worst && `, ${worst}`}`);
@@ -122,8 +126,8 @@ export class Canvas {
     return this.frame.toWorld(event.clientX - left, event.clientY - top);
   }
 
-  private begin(id: number): SVGGElement {
-    const group = draw(this.layers.items, "g", { tabindex: 0, role: "button" });
+  private begin({ id, section }: Item): SVGGElement {
+    const group = draw(this.sections[section], "g", { tabindex: 0, role: "button" });
     this.groups.set(id, group);
     group.addEventListener("focus", () => this.events.choose(id));
     group.addEventListener("keydown", (event) => {

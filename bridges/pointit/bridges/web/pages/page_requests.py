@@ -116,9 +116,7 @@ class SaveMap(MapEdits):
     """Edits of the map, and where to save it."""
 
     name: str = Field(
-        default="",
-        max_length=64,
-        description="of a new file beside it, without suffix; the file itself if empty",
+        default="", max_length=64, description="of a new file, without suffix; the file itself if empty"
     )
 
 

@@ -44,6 +44,7 @@ class Editor {
   private timer: ReturnType<typeof setTimeout> | undefined;
   private turn = 0;
   private isSure = false;
+  private mapVersion = -1;
   private readonly canvas: Canvas;
   private readonly fields = new Fields((item) => this.put(item));
   private readonly plan: FloorPlan;
@@ -192,7 +193,9 @@ class Editor {
   private refresh(): void {
     const { chosen, items } = this, found = sorted(this.findings, items), edits = this.edits.length;
     const errors = this.findings.filter(({ severity }) => severity === "error").length, warnings = this.findings.length - errors;
-    if (this.controls.site.map) this.canvas.setMap(this.controls.site.map);
+    const { map, mapVersion } = this.controls.site;
+    if (map && mapVersion !== this.mapVersion) this.canvas.setMap(map);
+    this.mapVersion = mapVersion;
     this.canvas.draw(items, chosen, found);
     this.fields.update(chosen, items, chosen ? found.of(chosen) : new Map());
     write(this.path, `${this.file.path}${edits ? " · changed" : ""}`);

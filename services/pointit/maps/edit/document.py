@@ -51,10 +51,10 @@ def edited(content: bytes, edits: Sequence[Edit], path: Path) -> bytes:
     document = _Document(content.decode("utf-8"))
     result = document.holding(wanted, names)
     try:
-        is_meant = result is not None and _whole(_data(result.encode(), path)) == _whole(wanted)
+        is_meant = _whole(_data(result.encode(), path)) == _whole(wanted)
     except Exception:  # noqa: BLE001 - whatever it is, the text is not what was meant
         is_meant = False
-    if result is None or not is_meant:
+    if not is_meant:
         raise RefusedError(
             f"{path}: the file's form does not allow this change here (anchors, values over several lines); "
             "change it with a text editor"
@@ -199,13 +199,11 @@ class _Document:
         root: Any = yaml.compose(text, Loader=Loader)
         self._pairs: list[tuple[Any, Any]] = [] if root is None else root.value
 
-    def holding(self, data: Data, names: Names) -> str | None:
-        """Return the text with the least changes that make it hold `data`, or None if they overlap."""
+    def holding(self, data: Data, names: Names) -> str:
+        """Return the text with the least changes that make it hold `data`; another one if they overlap."""
         parts: list[str] = []
         done = 0
         for start, end, text in sorted(self._sections(data, names), key=lambda splice: splice[:2]):
-            if start < done:
-                return None
             parts += (self._text[done:start], text)
             done = end
         return "".join((*parts, self._text[done:]))

@@ -136,10 +136,13 @@ class Pui(Service[PuiConfig]):
     async def run(self) -> None:
         """Serve the people of a shard as long as there is a map; list the things of the site's map."""
         listed: Publisher[TrackedObjects] | None = None
+        room, things = self._environment, listing(self._environment, 0)
         while True:
             while listed is not None or self._environment.fixed_things:
                 listed = listed or self.bus.publisher(OBJECTS, TRACKER)
-                listed.put(listing(self._environment, self.clock.now_ns()))
+                if room is not self._environment:
+                    room, things = self._environment, listing(self._environment, 0)
+                listed.put(things.model_copy(update={"stamp_ns": self.clock.now_ns()}))
                 await sleep(self.clock, PERIOD_S)
             self._map_came.clear()
             if self._has_map:

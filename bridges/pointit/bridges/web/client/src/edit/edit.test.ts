@@ -107,7 +107,7 @@ test("a move snaps onto walls and ends within reach, ends first, and onto nothin
 });
 
 test("a turn snaps to directions of others and of the room, a right angle too", () => {
-  near([snapTurn(named("top"), ITEMS, 1.55).by], [Math.PI / 2]);
+  for (const by of [1.55, -1.55]) near([snapTurn(named("top"), [], by).by], [(Math.sign(by) * Math.PI) / 2]);
   const free = snapTurn(named("top"), ITEMS, 0.5);
   assert.deepEqual([free.by, free.onto], [0.5, ""]);
   const slanted = turned(named("low"), 0.3), items = put(slanted);

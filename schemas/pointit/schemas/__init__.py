@@ -87,6 +87,8 @@ from pointit.schemas.requests import (
     StartLocalization,
     StopRobot,
     UndoSelection,
+    UseMap,
+    UseMapReply,
 )
 from pointit.schemas.robots import RobotKind, RobotPhase, RobotPlan, RobotState, Steering
 from pointit.schemas.selection import Claim, ReservedObject, SelectedObject, Selection, SelectionEvent
@@ -205,6 +207,8 @@ __all__ = [
     "TrackedObject",
     "TrackedObjects",
     "UndoSelection",
+    "UseMap",
+    "UseMapReply",
     "UserPose",
     "UserProfile",
     "WristSample",

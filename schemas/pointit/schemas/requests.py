@@ -233,6 +233,20 @@ class SetToleranceReply(Reply):
     ] = None
 
 
+class UseMap(Query):
+    """Use another map, or the same file again after it has changed. Without a path only tell which it is."""
+
+    path: Annotated[
+        str, Field(max_length=4096, description="shipped map, or path on pui's machine; empty to keep it")
+    ] = ""
+
+
+class UseMapReply(Reply):
+    """The map in use now."""
+
+    path: Annotated[str, Field(max_length=4096, description="shipped map, or absolute path on pui's machine")]
+
+
 class StopRobot(Query):
     """Stop a robot: nobody steers it any more until somebody takes it again. Not a safety function."""
 

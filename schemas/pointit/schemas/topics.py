@@ -35,6 +35,7 @@ from pointit.schemas.request_table import (
     START_LOCALIZATION,
     STOP_ROBOT,
     UNDO_SELECTION,
+    USE_MAP,
 )
 from pointit.schemas.robots import ROBOT_PLAN, ROBOT_STATE, STEERING
 from pointit.schemas.table_types import (
@@ -60,7 +61,7 @@ __all__ = [
     "SET_BRIGHTNESS", "SET_FEEDING", "SET_HEADING", "SET_LAMP", "SET_METHOD", "SET_MOUNTING", "SET_OFFSET",
     "SET_POSE", "SET_SPEED", "SET_THING", "SET_TOLERANCE", "SET_WORKSPACE", "SET_YAW_ORIGIN",
     "SHARD_ALIVE", "STALE_PERIODS", "START_LOCALIZATION", "STEERING", "STOP_ROBOT", "STRIPS_FRAME",
-    "TOPICS", "UNDO_SELECTION", "USER_ALIVE", "WRIST", "Delivery", "Presence", "Request", "Topic",
+    "TOPICS", "UNDO_SELECTION", "USER_ALIVE", "USE_MAP", "WRIST", "Delivery", "Presence", "Request", "Topic",
     "check_name", "topic_of",
 ]
 

@@ -185,7 +185,7 @@ class ProfileRequests(_Requests[D]):
         return self._do(topics.SET_OFFSET, user, offset=offset)
 
 
-class PuiRequests(_Requests[D], Generic[D, R]):
+class PuiRequests(_Requests[D], Generic[D, R, S]):
     """Requests to the service that computes cursors."""
 
     def set_workspace(
@@ -205,6 +205,11 @@ class PuiRequests(_Requests[D], Generic[D, R]):
     def tolerance(self, tolerance_rad: float | None = None) -> R:
         """Set how far a ray may pass its target. Without a value, only return the tolerance in use."""
         reply: R = self._ask(topics.SET_TOLERANCE, tolerance_rad=tolerance_rad)
+        return reply
+
+    def map(self, path: str = "") -> S:
+        """Use another map, a shipped one or a path on pui's machine. Without one, only return its name."""
+        reply: S = self._ask(topics.USE_MAP, path=path)
         return reply
 
 

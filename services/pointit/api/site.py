@@ -39,6 +39,7 @@ from pointit.schemas import (
     SetMountingReply,
     SetToleranceReply,
     TrackedObjects,
+    UseMapReply,
     UserPose,
     topics,
 )
@@ -77,7 +78,9 @@ class Site:
         self.conveyor = requests.ConveyorRequests[Awaitable[Done], Awaitable[AddPackageReply]](send)
         self.localizer = requests.LocalizerRequests[Awaitable[Done], Awaitable[ReadMemoryReply]](send)
         self.profile = requests.ProfileRequests[Awaitable[Done]](send)
-        self.pui = requests.PuiRequests[Awaitable[Done], Awaitable[SetToleranceReply]](send)
+        self.pui = requests.PuiRequests[
+            Awaitable[Done], Awaitable[SetToleranceReply], Awaitable[UseMapReply]
+        ](send)
         self.robots = requests.RobotsRequests[Awaitable[Done]](send)
         self.run = requests.RunRequests[Awaitable[Done]](send)
         self.leds = requests.LedsRequests[Awaitable[Done]](send)

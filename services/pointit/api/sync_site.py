@@ -32,6 +32,7 @@ from pointit.schemas import (
     SetMountingReply,
     SetToleranceReply,
     TrackedObject,
+    UseMapReply,
 )
 from pointit.schemas.topics import LAMP_COLOR, check_name
 
@@ -151,7 +152,7 @@ class SyncSite:
         self.conveyor = requests.ConveyorRequests[Done, AddPackageReply](send)
         self.localizer = requests.LocalizerRequests[Done, ReadMemoryReply](send)
         self.profile = requests.ProfileRequests[Done](send)
-        self.pui = requests.PuiRequests[Done, SetToleranceReply](send)
+        self.pui = requests.PuiRequests[Done, SetToleranceReply, UseMapReply](send)
         self.robots = requests.RobotsRequests[Done](send)
         self.run = requests.RunRequests[Done](send)
         self.leds = requests.LedsRequests[Done](send)

@@ -164,7 +164,7 @@ PROCESSES: list[Process] = [
         about="rays, poses and the map to cursors",
         reads=(topics.RAY, topics.POSE, topics.INTERACTION, topics.OBJECTS, topics.MAP),
         writes=(topics.MAP, topics.CURSOR, topics.FEEDBACK, topics.OBJECTS),
-        serves=(topics.SET_WORKSPACE, topics.SET_TOLERANCE),
+        serves=(topics.SET_WORKSPACE, topics.SET_TOLERANCE, topics.USE_MAP),
     ),
     Process(
         name="selector",

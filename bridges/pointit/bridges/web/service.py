@@ -13,6 +13,7 @@ from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.metrics.door import metrics_route
 from pointit.bridges.web.metrics.site_metrics import READS, SiteMetrics
 from pointit.bridges.web.model.history import Past
+from pointit.bridges.web.model.map_editor import MapEditor
 from pointit.bridges.web.model.people import People, WristMotion
 from pointit.bridges.web.model.site_model import SiteModel
 from pointit.bridges.web.model.told_apart import ToldApart
@@ -133,6 +134,7 @@ class Web(Service[WebConfig]):
             lan=self._lan,
             doors=doors,
             told_apart=self._told_apart,
+            maps=MapEditor(self.bus),
             present=lambda: self._belief.present,
             changed=self._changed,
         )

@@ -63,11 +63,24 @@ Role = Literal["operator", "viewer", "wrist"]
 Mover = Literal["own", "mouse", "phone"]
 """Mover of a person's wrist: their own device or the simulation, a page's mouse, a phone."""
 
-Deed = Literal["press", "take", "give", "tremor", "pair", "open_lan", "find_wrists", "told_apart", "centre"]
+Deed = Literal[
+    "press",
+    "take",
+    "give",
+    "tremor",
+    "pair",
+    "open_lan",
+    "find_wrists",
+    "told_apart",
+    "centre",
+    "read_map",
+    "check_map",
+    "save_map",
+]
 """Actions of this server that a page can request: press a person's button; take their wrist with the mouse,
 give it back; set the tremor of the mouse's arm; pair or unpair a phone; open the page to the local
 network; find wrists within reach of this machine; tell from where which things are told apart; a phone, as
-it is held now, points ahead."""
+it is held now, points ahead; read the map of the site, check it with edits, save it."""
 
 LATEST_MS = 9e12
 """Maximum of a device's clock: as many ns fit 64 bits."""

@@ -6,14 +6,18 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from typing import Any, cast
 
+from pointit.bridges.web.model.map_editor import MapEditor
 from pointit.bridges.web.model.people import People
 from pointit.bridges.web.model.told_apart import ToldApart
 from pointit.bridges.web.pages.page_requests import (
+    SITE_DEEDS,
     TIMEOUTS_S,
     Call,
+    MapEdits,
     PageAction,
     Pair,
     Press,
+    SaveMap,
     Tremor,
     parse_request,
 )
@@ -50,6 +54,7 @@ class RequestDispatcher:
     lan: Lan
     doors: Access
     told_apart: ToldApart
+    maps: MapEditor
     present: Callable[[], Collection[str]]
     """Returns the instances that are present."""
     changed: Callable[[], None]
@@ -89,14 +94,9 @@ class RequestDispatcher:
         return cast("dict[str, Any]", reply.model_dump(mode="json"))
 
     async def _do(self, wish: PageAction, page: str, role: Role) -> dict[str, Any]:
+        if wish.deed in SITE_DEEDS:
+            return await self._do_of_site(wish)
         user = wish.user
-        if wish.deed == "open_lan":
-            return await self.open_lan()
-        if wish.deed == "find_wrists":
-            async with self.searching:
-                return await _find_wrists()
-        if wish.deed == "told_apart":
-            return {**await self.told_apart.answer()}
         self.people.check(user)
         if wish.deed == "press":
             assert isinstance(wish.extras, Press)  # noqa: S101 - so says `asks`
@@ -115,6 +115,23 @@ class RequestDispatcher:
             assert isinstance(wish.extras, Pair)  # noqa: S101 - so says `asks`
             return await (self._unpair(user) if wish.extras.off else self._pair(user))
         return await self._centre(user)
+
+    async def _do_of_site(self, wish: PageAction) -> dict[str, Any]:
+        match wish.extras:
+            case SaveMap(edits=edits, digest=digest, name=name):
+                return await self.maps.save(edits, digest, name)
+            case MapEdits(edits=edits, digest=digest):
+                return await self.maps.check(edits, digest)
+            case _:
+                pass
+        if wish.deed == "read_map":
+            return await self.maps.read()
+        if wish.deed == "told_apart":
+            return {**await self.told_apart.answer()}
+        if wish.deed == "find_wrists":
+            async with self.searching:
+                return await _find_wrists()
+        return await self.open_lan()
 
     def _take(self, user: str, page: str, by: Hold) -> dict[str, Any]:
         if instance_of(IMU_BRIDGE, user) not in self.present():

@@ -92,6 +92,8 @@ export interface Everything {
   TrackedObject: TrackedObject;
   TrackedObjects: TrackedObjects;
   UndoSelection: UndoSelection;
+  UseMap: UseMap;
+  UseMapReply: UseMapReply;
   UserPose: UserPose;
   BodyMeasures: BodyMeasures;
   UserProfile: UserProfile;
@@ -1980,6 +1982,28 @@ export interface TrackedObjects {
  * Undo the last selection or deselection of a person.
  */
 export interface UndoSelection {}
+/**
+ * Use another map, or the same file again after it has changed. Without a path only tell which it is.
+ */
+export interface UseMap {
+  /**
+   * shipped map, or path on pui's machine; empty to keep it
+   */
+  path: string;
+}
+/**
+ * The map in use now.
+ */
+export interface UseMapReply {
+  /**
+   * the effect, in one sentence for a person
+   */
+  message: string;
+  /**
+   * shipped map, or absolute path on pui's machine
+   */
+  path: string;
+}
 /**
  * {H} in {W}: where the person stands and how their IMU's yaw origin lies in the room.
  */

@@ -56,6 +56,7 @@ export const SERVERS = {
   "localizer/{user}/set_pose": "localizer",
   "localizer/{user}/start": "localizer",
   "profile/{user}/set_offset": "supervisor",
+  "pui/map": "pui",
   "pui/tolerance": "pui",
   "pui/{user}/set_workspace": "pui",
   "robots/{robot}/stop": "robot",

@@ -62,7 +62,22 @@ export interface Answer {
  * Request of the table by its key pattern, or a deed of this server.
  */
 export interface Ask {
-  deed: ("press" | "take" | "give" | "tremor" | "pair" | "open_lan" | "find_wrists" | "told_apart" | "centre") | null;
+  deed:
+    | (
+        | "press"
+        | "take"
+        | "give"
+        | "tremor"
+        | "pair"
+        | "open_lan"
+        | "find_wrists"
+        | "told_apart"
+        | "centre"
+        | "read_map"
+        | "check_map"
+        | "save_map"
+      )
+    | null;
   id: number;
   /**
    * of the table of requests; empty for a deed
@@ -136,7 +151,20 @@ export interface FindingLine {
  * Greeting: the page's role and rights.
  */
 export interface Hello {
-  deeds: ("press" | "take" | "give" | "tremor" | "pair" | "open_lan" | "find_wrists" | "told_apart" | "centre")[];
+  deeds: (
+    | "press"
+    | "take"
+    | "give"
+    | "tremor"
+    | "pair"
+    | "open_lan"
+    | "find_wrists"
+    | "told_apart"
+    | "centre"
+    | "read_map"
+    | "check_map"
+    | "save_map"
+  )[];
   kind: "hello";
   /**
    * keys of the requests that this page may make

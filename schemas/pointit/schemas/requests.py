@@ -5,6 +5,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, WithJsonSchema
 
 from pointit.schemas.base import Fraction, Id, Many, Name, Ns, QuaternionXyzw, Query, Real, Reply, Rgb, Vec3
+from pointit.schemas.environment import StripFrame
 from pointit.schemas.person import LearntPointing, PointingOffset
 from pointit.schemas.pointing import Covariance
 from pointit.schemas.selection import SelectionEvent
@@ -258,6 +259,17 @@ class SetBrightness(Query):
 
     brightness: Fraction
     strips: Annotated[Many[Id], Field(description="ids of strips, or empty for all")] = ()
+
+
+class ShowPixels(Query):
+    """Show these pixels on the strips, undimmed, and nothing else, for a while."""
+
+    max_bytes: ClassVar[int] = 1024 * 1024
+
+    strips: Annotated[Many[StripFrame], Field(description="missing strips are dark")] = ()
+    for_s: Annotated[
+        float, Field(ge=0, le=60, description="until they show cursors and objects again, s; 0: from now on")
+    ] = 5.0
 
 
 class SetLamp(Query):

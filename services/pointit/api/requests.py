@@ -5,7 +5,7 @@ what `Done` becomes there, other parameters for other replies. `tests/contract` 
 """
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Generic, Literal, TypeVar
 
 from pydantic import ValidationError
@@ -230,6 +230,11 @@ class LedsRequests(_Requests[D]):
     def brightness(self, brightness: float, *, strips: str | Sequence[str] = ()) -> D:
         """Dim all strips, or `strips`, to `brightness`, 0 to 1."""
         return self._do(topics.SET_BRIGHTNESS, brightness=brightness, strips=listed(strips))
+
+    def show(self, strips: Mapping[str, bytes], *, for_s: float = 5.0) -> D:
+        """Show only these pixels for a while: of each strip 3 bytes a pixel. `for_s` 0 ends it."""
+        shown = [{"id": name, "rgb": rgb} for name, rgb in strips.items()]
+        return self._do(topics.SHOW_PIXELS, strips=shown, for_s=for_s)
 
     def set_color(self, lamp: str, color: str | Rgb | None = None) -> D:
         """Show `color` on `lamp`: `#rrggbb` or (red, green, blue). None gives it back to the site."""

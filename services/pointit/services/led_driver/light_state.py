@@ -30,6 +30,8 @@ class LightState:
         """Brightness of all strips except those in `_own_dimming`, 0 to 1."""
         self._dimming = _table(config.brightness)
         self._own_dimming: dict[str, Bytes] = {}
+        self._shown: tuple[bytes, int] | None = None
+        """Pixels that are shown instead of the picture, and the time when that ends, ns."""
 
     def set_brightness(self, brightness: float, strips: Sequence[str] = ()) -> None:
         """Dim `strips`, or all of them if empty, to `brightness`, 0 to 1.
@@ -48,6 +50,26 @@ class LightState:
             self._dimming = _table(brightness)
             self._own_dimming.clear()
 
+    def show(self, strips: Sequence[StripFrame], until_ns: int) -> None:
+        """Show the pixels of `strips`, undimmed, and no others before `until_ns` or the next map.
+
+        Raises:
+            ValueError: If there is no such strip, or it has another number of pixels.
+        """
+        slices = {} if self._renderer is None else self._renderer.layout.slices
+        pixels = bytearray(0 if self._renderer is None else 3 * self._renderer.layout.count)
+        for strip in strips:
+            where = slices.get(strip.id)
+            if where is None:
+                raise ValueError(f"there is no strip {strip.id!r}; there are {', '.join(slices) or 'none'}")
+            if len(strip.rgb) != where.stop - where.start:
+                raise ValueError(
+                    f"strip {strip.id} has {(where.stop - where.start) // 3} pixels, 3 bytes each, got "
+                    f"{len(strip.rgb)} bytes"
+                )
+            pixels[where] = strip.rgb
+        self._shown = bytes(pixels), until_ns
+
     def on_map(self, environment: Environment) -> None:
         """Rebuild the layout of the strips.
 
@@ -58,6 +80,7 @@ class LightState:
         layout = Layout(environment.strips, environment.belts)
         self._renderer = Renderer(layout, self._config.style)
         self._strips.clear()
+        self._shown = None
         self._own_dimming = {
             name: table for name, table in self._own_dimming.items() if name in layout.slices
         }
@@ -78,6 +101,8 @@ class LightState:
         layout = self._renderer.layout
         pixels = self._renderer.render(self.content.segments(now_ns), self.content.cursors(now_ns))
         data = self._dimmed(pixels.ravel(), layout).tobytes()
+        if self._shown is not None and now_ns < self._shown[1]:
+            data = self._shown[0]
         new_ns = self.content.pop_newest_capture_ns()
         self._seq += 1
         return StripsFrame(

@@ -130,7 +130,7 @@ RECEIVED: TypeAdapter[wire.Ack | wire.Ask | wire.AimAt | wire.Play | wire.Turn] 
 
 @pytest.mark.skipif(not CLIENT.parent.is_dir(), reason="the client's sources are not installed")
 def test_the_clients_schema_is_the_models() -> None:
-    assert json.loads(CLIENT.read_text(encoding="utf-8")) == json.loads(json.dumps(wire.json_schema())), (
+    assert json.loads(CLIENT.read_text(encoding="utf-8")) == json.loads(json.dumps(json_schema())), (
         "run scripts/page and commit what it writes"
     )
 

@@ -24,7 +24,7 @@ class WebConfig(Config):
         description="port of 127.0.0.1 at which the page is opened, where a container's engine or ssh passes "
         "it on (a container may have host: 0.0.0.0 then); 0: as port",
     )
-    SECRETS = frozenset({"operator_token", "viewer_token"})
+    SECRETS = frozenset({"operator_token", "viewer_token", "scan_token"})
 
     operator_token: str = Field(
         default="", description="token for control; if empty, a random one, written to a file"
@@ -44,6 +44,15 @@ class WebConfig(Config):
     record_s: float = Field(default=60.0, ge=0, le=600, description="length of a recording, s")
     most_viewers: int = Field(
         default=100, ge=1, le=10_000, description="maximum number of open pages; more are refused"
+    )
+    scan_file: str = Field(
+        default="", description="suggested name of the map that *Map this room* writes to the current folder"
+    )
+    scan_token: str = Field(
+        default="", description="token of the link to *Map this room* for a phone, until it is used; if empty, none"
+    )
+    scan_simulated: bool = Field(
+        default=False, description="*Map this room* has a simulated camera in a simulated room"
     )
     places: dict[str, Place] = Field(
         default_factory=dict[str, Place],

@@ -5,6 +5,8 @@ import contextlib
 import functools
 import logging
 import socket
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, ClassVar
 
 from starlette.websockets import WebSocket
@@ -23,6 +25,10 @@ from pointit.bridges.web.pages.request_dispatcher import RequestDispatcher
 from pointit.bridges.web.pages.slow_link import SlowLink
 from pointit.bridges.web.playback.past_page import Visits
 from pointit.bridges.web.playback.recent import Recent
+from pointit.bridges.web.scan.door import ScanDoor
+from pointit.bridges.web.scan.session import ScanSession
+from pointit.bridges.web.scan.simulated_room import SimulatedRoom
+from pointit.bridges.web.scan.solver_process import SolverProcess
 from pointit.bridges.web.server import exposure_check
 from pointit.bridges.web.server.access import Access, new_token
 from pointit.bridges.web.server.app import PAST, application
@@ -49,10 +55,13 @@ from pointit.schemas import (
     Localization,
     Message,
     SelectionEvent,
+    ShowPixels,
+    StripFrame,
+    StripsFrame,
     UserPose,
     UserProfile,
 )
-from pointit.schemas.topics import SERVICE_ALIVE, STRIPS_FRAME, USER_ALIVE, Topic
+from pointit.schemas.topics import SERVICE_ALIVE, SHOW_PIXELS, STRIPS_FRAME, USER_ALIVE, Topic
 from pointit.services.shown_topics import SHOWN
 
 log = logging.getLogger(__name__)
@@ -120,7 +129,19 @@ class Web(Service[WebConfig]):
             site=self.bus.site,
         )
         self._phones = Phones(host, self._pairing, bundle)
-        routes = [*self._phones.routes, metrics_route(self._metrics, doors)]
+        self._solver = SolverProcess()
+        self._scan = ScanSession(
+            show=self._show, solve=self._solver.solve, folder=Path.cwd(), file=config.scan_file
+        )
+        self._camera = ScanDoor(
+            self._scan,
+            doors,
+            bundle,
+            is_wrist=self._phones.is_paired,
+            token=config.scan_token,
+            room=SimulatedRoom() if config.scan_simulated else None,
+        )
+        routes = [*self._phones.routes, *self._camera.routes, metrics_route(self._metrics, doors)]
         app = application(doors, bundle, self._open, self._downloads.answer, routes)
         self._told_apart = ToldApart()
         self._lan = Lan(config, self.bus.site, app)
@@ -133,6 +154,7 @@ class Web(Service[WebConfig]):
             lan=self._lan,
             doors=doors,
             told_apart=self._told_apart,
+            scan=self._camera,
             present=lambda: self._belief.present,
             changed=self._changed,
         )
@@ -164,6 +186,8 @@ class Web(Service[WebConfig]):
                 group.create_task(self._motion.run(), name="web wrists")
         finally:
             self._downloads.close()
+            await self._scan.close()
+            self._solver.close()
             await self._phones.close()
             await self._lan.close()
             await self._listener.close()
@@ -238,6 +262,11 @@ class Web(Service[WebConfig]):
             speed=self.clock.speed,
         )
 
+    async def _show(self, strips: Mapping[str, bytes], for_s: float) -> None:
+        """Show pixels on the strips for the camera that maps the room."""
+        shown = tuple(StripFrame(id=name, rgb=rgb) for name, rgb in strips.items())
+        await self.bus.call(SHOW_PIXELS, ShowPixels(strips=shown, for_s=for_s))
+
     # Input from the bus.
 
     def _on(self, topic: Topic[Any], message: Message, name: str) -> None:
@@ -262,6 +291,9 @@ class Web(Service[WebConfig]):
             case Environment():
                 self._wrists.room(message)
                 self._told_apart.take(message)
+                self._scan.set_strips({strip.id: strip.pixels for strip in message.strips})
+            case StripsFrame():
+                self._camera.lights(message)
             case UserProfile():
                 self._wrists.profile(name, message)
             case UserPose():

@@ -14,6 +14,7 @@ the query's fields. Deeds are handled by this server; `name` is the person:
   the option that chooses it, and `label`, and `problems`, a sentence for each search that could not run.
 - `told_apart`: number of things that pointing alone tells apart, by place on the floor; the reply has the
   fields of `Floor` in `model/told_apart.py`.
+- `map_room`: let a phone map the room by its camera; the reply is as that of `pair`.
 - `centre`: the person's arm points at the middle of the room right now.
 """
 
@@ -61,12 +62,12 @@ LOOKS: tuple[Deed, ...] = ("told_apart",)
 """Deeds that change nothing."""
 
 DEEDS: dict[Role, tuple[Deed, ...]] = {
-    "operator": ("press", "take", "give", "tremor", "pair", "open_lan", "find_wrists", "centre", *LOOKS),
+    "operator": ("press", "take", "give", "tremor", "pair", "open_lan", "find_wrists", "centre", "map_room", *LOOKS),
     "viewer": LOOKS,
     "wrist": ("press", "take", "give", "centre"),
 }
 
-SITE_DEEDS: tuple[Deed, ...] = ("open_lan", "find_wrists", "told_apart")
+SITE_DEEDS: tuple[Deed, ...] = ("open_lan", "find_wrists", "told_apart", "map_room")
 """Deeds that are about no person."""
 
 TIMEOUTS_S = {topics.RUN_SCENARIO.key: 15.0}

@@ -23,6 +23,7 @@ from pointit.bridges.web.pages.page_requests import (
     parse_request,
 )
 from pointit.bridges.web.wire import Ask, Deed, Role
+from pointit.bridges.web.wire_schema import json_schema
 from pointit.runtime.errors import PointItError, RefusedError
 from pointit.schemas import SchemaError, StopRobot, topics
 from pointit.services.shown_topics import SHOWN

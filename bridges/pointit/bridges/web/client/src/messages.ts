@@ -84,10 +84,11 @@ export interface Everything {
   SetToleranceReply: SetToleranceReply;
   SetWorkspace: SetWorkspace;
   SetYawOrigin: SetYawOrigin;
+  StripFrame: StripFrame;
+  ShowPixels: ShowPixels;
   StartLocalization: StartLocalization;
   Steering: Steering;
   StopRobot: StopRobot;
-  StripFrame: StripFrame;
   StripsFrame: StripsFrame;
   TrackedObject: TrackedObject;
   TrackedObjects: TrackedObjects;
@@ -1812,6 +1813,29 @@ export interface SetYawOrigin {
   yaw_rad: number;
 }
 /**
+ * The pixels of one strip.
+ */
+export interface StripFrame {
+  id: string;
+  /**
+   * 3 bytes a pixel, red green blue, pixel 0 first
+   */
+  rgb: Uint8Array;
+}
+/**
+ * Show these pixels on the strips, undimmed, and nothing else, for a while.
+ */
+export interface ShowPixels {
+  /**
+   * until they show cursors and objects again, s; 0: from now on
+   */
+  for_s: number;
+  /**
+   * missing strips are dark
+   */
+  strips: StripFrame[];
+}
+/**
  * Begin to localize a person.
  */
 export interface StartLocalization {
@@ -1861,16 +1885,6 @@ export interface StopRobot {
    * why, in a few words, for who steers it
    */
   reason: string;
-}
-/**
- * The pixels of one strip.
- */
-export interface StripFrame {
-  id: string;
-  /**
-   * 3 bytes a pixel, red green blue, pixel 0 first
-   */
-  rgb: Uint8Array;
 }
 /**
  * The pixels of every strip; `stamp_ns`: when the newest cursor new in it was captured, else its own.

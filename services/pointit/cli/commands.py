@@ -192,6 +192,7 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
             ours("plot", "draw a map from above: svg, png or pdf", "maps.plot"),
             ours("fetch", "fetch a map from the parameters of a ROS 2 node", "maps.fetch"),
             ours("list", "list the shipped maps", "run.list:list_maps"),
+            ours("scan", "map a room by a camera: its strips blink, a phone sees them", "maps.scan_live"),
         ),
         noun(
             "output",

@@ -46,7 +46,7 @@ class WebConfig(Config):
         default=100, ge=1, le=10_000, description="maximum number of open pages; more are refused"
     )
     scan_file: str = Field(
-        default="", description="suggested name of the map that *Map this room* writes to the current folder"
+        default="", description="suggested path of the map that *Map this room* writes  [default: room.yaml]"
     )
     scan_token: str = Field(
         default="", description="token of the link to *Map this room* for a phone, until it is used; if empty, none"

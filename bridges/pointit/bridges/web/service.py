@@ -131,7 +131,7 @@ class Web(Service[WebConfig]):
         self._phones = Phones(host, self._pairing, bundle)
         self._solver = SolverProcess()
         self._scan = ScanSession(
-            show=self._show, solve=self._solver.solve, folder=Path.cwd(), file=config.scan_file
+            show=self._show, solve=self._solver.solve, file=Path(config.scan_file or "room.yaml")
         )
         self._camera = ScanDoor(
             self._scan,

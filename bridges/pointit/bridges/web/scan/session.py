@@ -26,9 +26,12 @@ SHOWN_S = 6.0
 """Time after which the strips are given back if the page asks for nothing more, s."""
 MAX_VIEWS = 40
 MAX_LIGHTS = 4096
-FIRST_ADVICE = "Stand where the camera sees most of the strips, and take the first view."
+ADVICE = (
+    "Stand where the camera sees most of the strips, and take the first view.",
+    "Step a metre to the side, keep the strips in the picture, and take the second view.",
+)
+"""Advice before the first and second view. Then the solver has one."""
 FILE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,58}\.ya?ml")
-ORIGIN = (0.0, 0.0, 0.0)
 
 Show = Callable[[Mapping[str, bytes], float], Awaitable[None]]
 """Shows the pixels of strips for a time, s. Raises RefusedError."""
@@ -53,19 +56,18 @@ Solve = Callable[[Survey], Awaitable[Solution]]
 class ScanSession:
     """The scan of one room. Not for several cameras at once: the last one that begins has it."""
 
-    def __init__(self, *, show: Show, solve: Solve, folder: Path, file: str = "") -> None:
+    def __init__(self, *, show: Show, solve: Solve, file: Path) -> None:
         """Create without strips.
 
         Args:
             show: shows pixels on the strips.
             solve: solves views.
-            folder: folder for the map.
-            file: suggested name of the map.
+            file: suggested path of the map. One of another name is written to the same folder.
         """
         self._show = show
         self._solve = solve
-        self._folder = folder
-        self._file = file
+        self._folder = file.absolute().parent
+        self._file = file.name
         self._counts: dict[str, int] = {}
         self._begun = ScanBegin()
         self._lights: tuple[tuple[str, int], ...] = ()
@@ -186,7 +188,9 @@ class ScanSession:
             views=len(self._views),
             is_solving=self._solving is not None,
             is_complete=self._solution is not None and self._solution.is_complete,
-            advice=FIRST_ADVICE if not self._views else "" if self._solution is None else self._solution.advice,
+            advice=ADVICE[len(self._views)]
+            if len(self._views) < len(ADVICE)
+            else (self._solution.advice if self._solution else ""),
             problem=self._problem,
             is_simulated=is_simulated,
             file=self._file,
@@ -231,7 +235,7 @@ class ScanSession:
             while views != tuple(self._views):
                 views = tuple(self._views)
                 self._problem, self._solution = "", None if not views else self._solution
-                if views:
+                if len(views) > 1:
                     try:
                         self._solution = await self._solve(self._survey(views))
                     except ConfigError as error:

@@ -1,6 +1,7 @@
 """The solver of scans for pages: a survey to what a page shows, and to the text of a map."""
 
 import functools
+import json
 import math
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,9 @@ from pointit.scan.views import Survey
 
 if TYPE_CHECKING:
     from pointit.scan.result import Scan
+
+UPRIGHT_M = 0.1
+"""Level distance of a strip's ends below which it gives no heading, m."""
 
 
 def solve_survey(survey: Survey) -> "Scan":
@@ -55,4 +59,25 @@ def _advice(scan: "Scan") -> str:
 
 
 def _map_text(scan: "Scan", origin: str) -> str:
-    return f"{scan}{origin}"
+    """Return the map as YAML. Strips that are not determined are comments with the reason."""
+    names = [name for name, strip in scan.strips.items() if strip.identified]
+    if not names or (origin and origin not in scan.strips):
+        raise ConfigError(f"strip {origin!r} is not known yet" if origin else "no strip is known yet")
+    base = scan.strips[origin or names[0]]
+    (x_m, y_m, _), (along_m, across_m) = base.start, (base.end[0] - base.start[0], base.end[1] - base.start[1])
+    is_upright = math.hypot(along_m, across_m) < UPRIGHT_M
+    placed = scan.placed((x_m, y_m, 0.0), 0.0 if is_upright else math.atan2(across_m, along_m))
+    lines = [
+        "# Mapped from photographs of its blinking strips, in metres: z is up, 0 at the lowest light.",
+        f"# The origin is below the first LED of {base.name}, x points towards its last LED.",
+        f"# All lengths are known to {100 * scan.scale_sigma:.1f} % (from the {scan.scale_from}).",
+        "strips:",
+    ]
+    for name, strip in placed.strips.items():
+        if strip.reason:
+            lines.append(f"  # {name}: {strip.reason}")
+        places = ", ".join(f"[{x:.4f}, {y:.4f}, {z:.4f}]" for x, y, z in strip.line_m)
+        text = f"{json.dumps(name)}: {{line: [{places}], pixels: {strip.count}}}"
+        lines.append(f"  {'' if strip.identified else '# '}{text}  # ends to {1000 * strip.sigma_m:.0f} mm")
+    lines += [f"  # not known: {name}" for name in scan.missing]
+    return "\n".join([*lines, ""])

@@ -1,0 +1,145 @@
+"""`pointit map scan`: a site whose strips blink, and the page in which a camera maps them."""
+
+import re
+import secrets
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import click
+
+from pointit.maps.file import load_map
+from pointit.runtime.errors import ConfigError
+
+ROW_M = 0.1
+"""Distance of the strips in the map to begin with, of which only names and numbers are right."""
+SCENARIO = """\
+about: a room that is being mapped
+places: [{position_m: [0, 0, 0]}]
+site:
+  pui: {map: begin.yaml, surfaces: [strip]}
+  led-driver: {}
+  keeper: {}
+user: {}
+"""
+
+
+def scan_live(
+    context: click.Context,
+    file: Path,
+    *,
+    map_name: str,
+    strips: Sequence[str],
+    output: str,
+    simulated: bool,
+    run_options: Sequence[str] = (),
+) -> int:
+    """Run a site with these strips until Ctrl-C, and print where the page is.
+
+    Args:
+        context: of the command.
+        file: map to write.
+        map_name: a map whose strips' names and numbers of pixels are right, or `""`.
+        strips: `NAME=PIXELS` of further strips.
+        output: LED output, as for `pointit run`, or `""`.
+        simulated: True for a simulated camera in a simulated room.
+        run_options: further options of `pointit run`.
+
+    Raises:
+        ConfigError: If there are no strips, something is wrong with them, or the file exists.
+    """
+    if file.exists():
+        raise ConfigError(f"{file}: exists already; choose another name or move it away")
+    if not file.absolute().parent.is_dir():
+        raise ConfigError(f"{file}: there is no folder {file.parent}")
+    counts = {name: count for name, count in map(_strip, strips)}
+    if simulated:
+        from pointit.bridges.web.scan.simulated_room import ROOM  # noqa: PLC0415 - of the page's extra
+
+        map_name = map_name or str(ROOM)
+    if map_name:
+        counts = {strip.id: strip.pixels for strip in load_map(map_name, 0).strips} | counts
+    if not counts:
+        raise ConfigError("no strips are given: add --strip NAME=PIXELS for each, or --simulated to try it")
+    command = context.find_root().command
+    assert isinstance(command, click.Group)  # noqa: S101 - the root of all commands
+    run = command.get_command(context, "run")
+    assert run is not None  # noqa: S101 - of the core
+    with tempfile.TemporaryDirectory(prefix="pointit-scan-") as folder:
+        scenario = Path(folder) / "scan.yaml"
+        scenario.write_text(SCENARIO, encoding="utf-8")
+        begin = Path(folder) / "begin.yaml"
+        begin.write_text(first_map(counts), encoding="utf-8")
+        settings = {
+            "pui.map": str(begin),
+            "web.scan_file": str(file.absolute()),
+            "web.scan_token": secrets.token_urlsafe(24),
+            "web.scan_simulated": str(simulated).lower(),
+        }
+        arguments = [str(scenario), "--site-only", "--no-view", *run_options]
+        arguments += [f"--set={name}={value}" for name, value in settings.items()]
+        arguments += [] if simulated else ["--lan"]
+        arguments += [f"--output={output}"] if output else []
+        result: int = run.main(arguments, prog_name="pointit map scan", standalone_mode=False)
+    return result
+
+
+def first_map(counts: Mapping[str, int]) -> str:
+    """Return a map of strips side by side, whose places are wrong, as YAML."""
+    rows = [
+        f"  {name}: {{line: [[0, {ROW_M * row:.1f}, 1], [{count / 60:.3f}, {ROW_M * row:.1f}, 1]], "
+        f"pixels: {count}}}"
+        for row, (name, count) in enumerate(counts.items())
+    ]
+    return "\n".join(["strips:", *rows, ""])
+
+
+def _strip(text: str) -> tuple[str, int]:
+    found = re.fullmatch(r"([A-Za-z0-9_][A-Za-z0-9_.-]{0,63})=([0-9]{1,4})", text)
+    if found is None or not 2 <= int(found[2]) <= 4096:
+        raise ConfigError(f"--strip {text}: write NAME=PIXELS, such as shelf=90, with 2 to 4096 pixels")
+    return found[1], int(found[2])
+
+
+@click.command("scan")
+@click.argument("file", type=click.Path(path_type=Path, dir_okay=False), default=Path("room.yaml"))
+@click.option(
+    "--strip",
+    "strips",
+    multiple=True,
+    metavar="NAME=PIXELS",
+    help="a strip, in the order of the controller's pixels. Repeatable",
+)
+@click.option("--map", "map_name", default="", metavar="MAP", help="map with the strips, wherever it has them")
+@click.option("--output", default="", metavar="OUTPUT", help="LED output, as for `pointit run`")
+@click.option("--simulated", is_flag=True, help="a simulated camera in a simulated room")
+@click.argument("run_options", nargs=-1, type=click.UNPROCESSED)
+@click.pass_context
+def command(
+    context: click.Context,
+    *,
+    file: Path,
+    strips: tuple[str, ...],
+    map_name: str,
+    output: str,
+    simulated: bool,
+    run_options: tuple[str, ...],
+) -> int:
+    """Map a room by a camera: its strips blink, and a phone's page finds where they are.
+
+    Prints a link, and a QR code for a phone in the same network. The page leads from view to view, and
+    writes FILE, room.yaml by default. No picture leaves the phone.
+
+    Arguments after `--` are options of `pointit run`.
+
+    Example: pointit map scan room.yaml --strip shelf=90 --strip desk=60 --output ddp:192.168.1.40
+    """
+    return scan_live(
+        context,
+        file,
+        map_name=map_name,
+        strips=strips,
+        output=output,
+        simulated=simulated,
+        run_options=run_options,
+    )

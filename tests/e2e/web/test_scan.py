@@ -1,0 +1,90 @@
+"""A room that maps itself: from the button in the page to the map, and a cursor on it."""
+
+import math
+from pathlib import Path
+
+import pytest
+from playwright.async_api import Browser, Page, expect
+
+from pointit.bridges.web.scan.simulated_room import ROOM, pixel_places
+from pointit.geometry import vector
+from pointit.geometry.vector import Vec3
+from pointit.maps.file import load_map
+from pointit.schemas import Strip
+from tests.e2e.web.axe import violations
+from tests.e2e.web.conftest import page_is_built
+from tests.support.commands import Commands
+from tests.support.links import link_in
+from tests.unit.pui.room import pose_at, room
+
+pytestmark = pytest.mark.slow
+
+ORIGIN = "shelf_low"
+VIEWS = 3
+PHONE = {"viewport": {"width": 390, "height": 844}}
+
+
+async def scanning(commands: Commands, file: Path) -> str:
+    """Start a scan with a simulated camera, and return the link of its page."""
+    page_is_built()
+    command = commands.start("map", "scan", str(file), "--simulated", "--", "--web-port", "0", "--no-browser")
+    await command.says("map this room: open")
+    return link_in("\n".join(command.logged()))
+
+
+async def take_view(page: Page, number: int) -> None:
+    await page.get_by_role("button", name="Take this view").click()
+    await expect(page.locator("#strips")).to_contain_text(f"{number} view", timeout=30_000)
+    await expect(page.locator("#trouble")).to_be_hidden()
+    await expect(page.locator("#advice")).not_to_have_text("Calculating …", timeout=30_000)
+
+
+def seen_from_origin(strips: tuple[Strip, ...]) -> dict[str, tuple[Vec3, ...]]:
+    """Return the true places of pixels, as the map that begins at `ORIGIN` should have them."""
+    base = next(strip for strip in strips if strip.id == ORIGIN)
+    (x0, y0, _), (x1, y1, _) = base.line_m[0], base.line_m[-1]
+    low = min(z for strip in strips for _, _, z in strip.line_m)
+    heading = math.atan2(y1 - y0, x1 - x0)
+    return {
+        strip.id: tuple(
+            vector.rotate_z(vector.subtract(place, (x0, y0, low)), -heading) for place in pixel_places(strip)
+        )
+        for strip in strips
+    }
+
+
+async def test_from_the_button_to_a_map_whose_cursor_is_at_the_true_place(
+    browser: Browser, commands: Commands, tmp_path: Path
+) -> None:
+    """The lights really blink through led-driver, a rendered camera sees them with noise and tremor."""
+    file = tmp_path / "room.yaml"
+    url = await scanning(commands, file)
+    page = await (await browser.new_context(**PHONE)).new_page()  # type: ignore[arg-type]  # a size
+    faults: list[str] = []
+    page.on("pageerror", lambda error: faults.append(str(error)))
+    page.on("console", lambda message: faults.append(message.text) if message.type == "error" else None)
+    await page.goto(url)
+    await page.get_by_role("button", name="Start the simulated camera").click()
+    for number in range(1, VIEWS + 1):
+        await take_view(page, number)
+    await expect(page.locator("#advice")).to_contain_text("Every strip is known to 1 cm")
+    assert await page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
+    assert await violations(page) == []
+    await page.get_by_role("button", name="Save the map").click()
+    await expect(page.locator("#saved")).to_contain_text("pointit map check")
+    assert faults == []
+    before = file.read_bytes()
+    await page.get_by_role("button", name="Save the map").click()
+    await expect(page.locator("#trouble")).to_contain_text("exists already")
+    assert file.read_bytes() == before
+    checked = await commands.start("map", "check", str(file)).end(code=0)
+    assert "5 strips" in checked.out
+    true_places = seen_from_origin(load_map(str(ROOM), 0).strips)
+    async with room(map=str(file), surfaces=("strip",)) as here:
+        await here.pose(pose=pose_at((0.4, -2.5, 0.0), 1.5))
+        for name, places in true_places.items():
+            for place in places[:: len(places) // 4]:
+                cursor = await here.point_at(place)
+                assert cursor.surface_id == name
+                assert cursor.point_m is not None
+                assert math.dist(cursor.point_m, place) < 0.03, (name, place, cursor.point_m)

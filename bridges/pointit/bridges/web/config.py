@@ -49,7 +49,7 @@ class WebConfig(Config):
         default="", description="suggested path of the map that *Map this room* writes  [default: room.yaml]"
     )
     scan_token: str = Field(
-        default="", description="token of the link to *Map this room* for a phone, until it is used; if empty, none"
+        default="", description="token of the link with which a phone maps the room; no link if empty"
     )
     scan_simulated: bool = Field(
         default=False, description="*Map this room* has a simulated camera in a simulated room"

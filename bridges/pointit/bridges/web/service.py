@@ -274,6 +274,8 @@ class Web(Service[WebConfig]):
             self.bus.warn("keys", f"more than {MAX_KEYS} keys: {topic.key} of {name} is not shown to pages")
             return
         self._attend(message, name)
+        if isinstance(message, StripsFrame):
+            self._camera.lights(message)
         self._pages.notify_pages(now=topic is STRIPS_FRAME)
 
     def _on_measured(self, topic: Topic[Any], message: Message, name: str) -> None:
@@ -292,8 +294,6 @@ class Web(Service[WebConfig]):
                 self._wrists.room(message)
                 self._told_apart.take(message)
                 self._scan.set_strips({strip.id: strip.pixels for strip in message.strips})
-            case StripsFrame():
-                self._camera.lights(message)
             case UserProfile():
                 self._wrists.profile(name, message)
             case UserPose():

@@ -62,7 +62,9 @@ Role = Literal["operator", "viewer", "wrist"]
 Mover = Literal["own", "mouse", "phone"]
 """Mover of a person's wrist: their own device or the simulation, a page's mouse, a phone."""
 
-Deed = Literal["press", "take", "give", "tremor", "pair", "open_lan", "find_wrists", "told_apart", "centre", "map_room"]
+Deed = Literal[
+    "press", "take", "give", "tremor", "pair", "open_lan", "find_wrists", "told_apart", "centre", "map_room"
+]
 """Actions of this server that a page can request: press a person's button; take their wrist with the mouse,
 give it back; set the tremor of the mouse's arm; pair or unpair a phone; open the page to the local
 network; find wrists within reach of this machine; tell from where which things are told apart; a phone, as

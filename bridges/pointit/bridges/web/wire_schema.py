@@ -1,4 +1,4 @@
-"""JSON Schema of all messages to and from pages, from which `client/wire.json` and its types are generated."""
+"""JSON Schema of all messages to and from pages, from which `client/wire.json` is generated."""
 
 from typing import Any
 

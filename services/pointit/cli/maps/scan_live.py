@@ -52,7 +52,7 @@ def scan_live(
         raise ConfigError(f"{file}: exists already; choose another name or move it away")
     if not file.absolute().parent.is_dir():
         raise ConfigError(f"{file}: there is no folder {file.parent}")
-    counts = {name: count for name, count in map(_strip, strips)}
+    counts = dict(map(_strip, strips))
     if simulated:
         from pointit.bridges.web.scan.simulated_room import ROOM  # noqa: PLC0415 - of the page's extra
 
@@ -110,7 +110,9 @@ def _strip(text: str) -> tuple[str, int]:
     metavar="NAME=PIXELS",
     help="a strip, in the order of the controller's pixels. Repeatable",
 )
-@click.option("--map", "map_name", default="", metavar="MAP", help="map with the strips, wherever it has them")
+@click.option(
+    "--map", "map_name", default="", metavar="MAP", help="map with the strips, anywhere in the room"
+)
 @click.option("--output", default="", metavar="OUTPUT", help="LED output, as for `pointit run`")
 @click.option("--simulated", is_flag=True, help="a simulated camera in a simulated room")
 @click.argument("run_options", nargs=-1, type=click.UNPROCESSED)

@@ -62,7 +62,18 @@ LOOKS: tuple[Deed, ...] = ("told_apart",)
 """Deeds that change nothing."""
 
 DEEDS: dict[Role, tuple[Deed, ...]] = {
-    "operator": ("press", "take", "give", "tremor", "pair", "open_lan", "find_wrists", "centre", "map_room", *LOOKS),
+    "operator": (
+        "press",
+        "take",
+        "give",
+        "tremor",
+        "pair",
+        "open_lan",
+        "find_wrists",
+        "centre",
+        "map_room",
+        *LOOKS,
+    ),
     "viewer": LOOKS,
     "wrist": ("press", "take", "give", "centre"),
 }

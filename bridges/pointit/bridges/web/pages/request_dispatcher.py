@@ -9,6 +9,7 @@ from typing import Any, cast
 from pointit.bridges.web.model.people import People
 from pointit.bridges.web.model.told_apart import ToldApart
 from pointit.bridges.web.pages.page_requests import (
+    SITE_DEEDS,
     TIMEOUTS_S,
     Call,
     PageAction,
@@ -20,7 +21,7 @@ from pointit.bridges.web.pages.page_requests import (
 from pointit.bridges.web.scan.door import ScanDoor
 from pointit.bridges.web.server.access import Access
 from pointit.bridges.web.server.lan import Lan
-from pointit.bridges.web.wire import Answer, Ask, Role
+from pointit.bridges.web.wire import Answer, Ask, Deed, Role
 from pointit.bridges.web.wrists.pairing import Pairing, offer
 from pointit.bridges.web.wrists.phone import Phones
 from pointit.bridges.web.wrists.wrist_control import Hold, WristControl
@@ -92,15 +93,8 @@ class RequestDispatcher:
 
     async def _do(self, wish: PageAction, page: str, role: Role) -> dict[str, Any]:
         user = wish.user
-        if wish.deed == "open_lan":
-            return await self.open_lan()
-        if wish.deed == "find_wrists":
-            async with self.searching:
-                return await _find_wrists()
-        if wish.deed == "told_apart":
-            return {**await self.told_apart.answer()}
-        if wish.deed == "map_room":
-            return await self._offer("scan", self.scan.pair)
+        if wish.deed in SITE_DEEDS:
+            return await self._do_for_site(wish.deed)
         self.people.check(user)
         if wish.deed == "press":
             assert isinstance(wish.extras, Press)  # noqa: S101 - so says `asks`
@@ -119,6 +113,16 @@ class RequestDispatcher:
             assert isinstance(wish.extras, Pair)  # noqa: S101 - so says `asks`
             return await (self._unpair(user) if wish.extras.off else self._pair(user))
         return await self._centre(user)
+
+    async def _do_for_site(self, deed: Deed) -> dict[str, Any]:
+        if deed == "open_lan":
+            return await self.open_lan()
+        if deed == "map_room":
+            return await self._offer("scan", self.scan.pair)
+        if deed == "told_apart":
+            return {**await self.told_apart.answer()}
+        async with self.searching:
+            return await _find_wrists()
 
     def _take(self, user: str, page: str, by: Hold) -> dict[str, Any]:
         if instance_of(IMU_BRIDGE, user) not in self.present():

@@ -28,15 +28,13 @@ class SimulatedRoom:
         Raises:
             ConfigError: If it cannot be read.
         """
-        strips = load_map(path, 0).strips
+        strips = load_map(str(path), 0).strips
         places = [pixel_places(strip) for strip in strips]
         x_m, y_m = np.mean([place for each in places for place in each], axis=0)[:2]
         cameras: list[Vec3] = []
         for azimuth_deg, height_m in PLACES:
             angle = math.radians(azimuth_deg)
-            cameras.append(
-                (x_m + DISTANCE_M * math.sin(angle), y_m - DISTANCE_M * math.cos(angle), height_m)
-            )
+            cameras.append((x_m + DISTANCE_M * math.sin(angle), y_m - DISTANCE_M * math.cos(angle), height_m))
         self.seen = ScanRoom(
             strips=tuple(
                 ScanRoomStrip(name=strip.id, places_m=places)

@@ -6,7 +6,7 @@ import signal
 from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
 
 from pointit.bridges.web.scan.session import Solution
-from pointit.bridges.web.scan.solving import solve_survey, solution_of
+from pointit.bridges.web.scan.solving import solution_of, solve_survey
 from pointit.runtime.errors import ConfigError
 from pointit.scan.views import Survey
 

@@ -64,7 +64,10 @@ def _map_text(scan: "Scan", origin: str) -> str:
     if not names or (origin and origin not in scan.strips):
         raise ConfigError(f"strip {origin!r} is not known yet" if origin else "no strip is known yet")
     base = scan.strips[origin or names[0]]
-    (x_m, y_m, _), (along_m, across_m) = base.start, (base.end[0] - base.start[0], base.end[1] - base.start[1])
+    (x_m, y_m, _), (along_m, across_m) = (
+        base.start,
+        (base.end[0] - base.start[0], base.end[1] - base.start[1]),
+    )
     is_upright = math.hypot(along_m, across_m) < UPRIGHT_M
     placed = scan.placed((x_m, y_m, 0.0), 0.0 if is_upright else math.atan2(across_m, along_m))
     lines = [

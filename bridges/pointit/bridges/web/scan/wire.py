@@ -1,8 +1,8 @@
 """The wire between the site and a page whose camera maps the room: `POST /scan`, a JSON object each way.
 
-The page leads: it asks for each step of the lights (`ScanLight`, answered when they are sent to the controllers),
-and sends image positions of the lights once it has read all steps (`ScanView`). Pictures never leave the page.
-All but `ScanLight` are answered with `ScanState`, and refusals with status 409 and a sentence.
+The page leads: it asks for each step of the lights (`ScanLight`, answered when they are sent to the
+controllers), and sends image positions of the lights once it has read all steps (`ScanView`). Pictures never
+leave the page. All but `ScanLight` are answered with `ScanState`, refusals with status 409 and a sentence.
 """
 
 from typing import Annotated, Literal
@@ -26,12 +26,12 @@ class ScanBegin(WireModel):
     kind: Literal["begin"] = "begin"
     leds_per_m: Annotated[
         dict[str, Annotated[float, Field(gt=1, le=1000)]],
-        Field(max_length=256, description="by strip; empty if unknown"),
-    ] = {}
+        Field(default_factory=dict, max_length=256, description="by strip; empty if unknown"),
+    ]
     known_strip: Annotated[str, Field(max_length=64, description="a strip of known length, or empty")] = ""
-    known_m: Annotated[
-        float | None, Field(gt=0, le=100, description="from its first to its last pixel")
-    ] = None
+    known_m: Annotated[float | None, Field(gt=0, le=100, description="from its first to its last pixel")] = (
+        None
+    )
 
 
 class ScanLight(WireModel):

@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+from typing import Any
 
 import pytest
 from playwright.async_api import Browser, Page, expect
@@ -13,6 +14,8 @@ from pointit.maps.file import load_map
 from pointit.schemas import Strip
 from tests.e2e.web.axe import violations
 from tests.e2e.web.conftest import page_is_built
+from tests.e2e.web.site import SitePage
+from tests.e2e.web.window import NO_WEBGL, Theme, Window
 from tests.support.commands import Commands
 from tests.support.links import link_in
 from tests.unit.pui.room import pose_at, room
@@ -21,7 +24,11 @@ pytestmark = pytest.mark.slow
 
 ORIGIN = "shelf_low"
 VIEWS = 3
-PHONE = {"viewport": {"width": 390, "height": 844}}
+PHONE: dict[str, Any] = {"viewport": {"width": 390, "height": 844}, "ignore_https_errors": True}
+REFUSED = """
+navigator.mediaDevices.getUserMedia = () => Promise.reject(new DOMException("no", "NotAllowedError"));
+"""
+INSECURE = "Object.defineProperty(window, 'isSecureContext', { value: false });"
 
 
 async def scanning(commands: Commands, file: Path) -> str:
@@ -59,7 +66,7 @@ async def test_from_the_button_to_a_map_whose_cursor_is_at_the_true_place(
     """The lights really blink through led-driver, a rendered camera sees them with noise and tremor."""
     file = tmp_path / "room.yaml"
     url = await scanning(commands, file)
-    page = await (await browser.new_context(**PHONE)).new_page()  # type: ignore[arg-type]  # a size
+    page = await (await browser.new_context(**PHONE)).new_page()
     faults: list[str] = []
     page.on("pageerror", lambda error: faults.append(str(error)))
     page.on("console", lambda message: faults.append(message.text) if message.type == "error" else None)
@@ -88,3 +95,26 @@ async def test_from_the_button_to_a_map_whose_cursor_is_at_the_true_place(
                 assert cursor.surface_id == name
                 assert cursor.point_m is not None
                 assert math.dist(cursor.point_m, place) < 0.03, (name, place, cursor.point_m)
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+async def test_the_operators_page_lets_a_phone_map_the_room(
+    browser: Browser, shared_site: SitePage, theme: Theme
+) -> None:
+    window = await Window.open(browser, shared_site.url, theme=theme, scripts=(NO_WEBGL,))
+    page = window.page
+    await page.locator("summary", has_text="Map this room").click()
+    await page.get_by_role("button", name="With a phone").click()
+    dialog = page.get_by_role("dialog", name="Map this room with a phone")
+    await expect(dialog.get_by_role("img", name="QR code")).to_be_visible()
+    url = await dialog.locator("a").get_attribute("href")
+    assert url is not None
+    assert window.faults == []
+    for script, sentence in ((REFUSED, "The camera was refused"), (INSECURE, "only over https")):
+        phone = await (await browser.new_context(**PHONE, color_scheme=theme)).new_page()
+        await phone.add_init_script(script)
+        await phone.goto(url)
+        assert await violations(phone) == []
+        await phone.get_by_role("button", name="Start the camera").click()
+        await expect(phone.locator("#trouble")).to_contain_text(sentence)
+        await expect(phone.get_by_role("button", name="Start the camera")).to_be_enabled()

@@ -13,6 +13,8 @@ from pointit.scan.views import Survey
 if TYPE_CHECKING:
     from pointit.scan.result import Scan
 
+COMPLETE_M = 0.01
+"""Standard deviation of the ends at which a strip is known, m."""
 UPRIGHT_M = 0.1
 """Level distance of a strip's ends below which it gives no heading, m."""
 
@@ -48,14 +50,20 @@ def solution_of(scan: "Scan") -> Solution:
     return Solution(
         strips=strips,
         cameras_m=tuple(camera.position_m for camera in scan.cameras if camera is not None),
-        is_complete=scan.complete(),
+        is_complete=scan.complete(COMPLETE_M),
         advice=_advice(scan),
         map_text=functools.partial(_map_text, scan),
     )
 
 
 def _advice(scan: "Scan") -> str:
-    return " ".join(scan.problems)
+    """Return what the next view should show, or `""` if everything is known."""
+    unknown = [*scan.missing, *(name for name, strip in scan.strips.items() if not strip.identified)]
+    unsure = [name for name, strip in scan.strips.items() if strip.sigma_m > COMPLETE_M]
+    if not unknown and not unsure:
+        return " ".join(scan.problems)
+    wanted = unknown or sorted(unsure, key=lambda name: -scan.strips[name].sigma_m)
+    return f"Now show {' and '.join(wanted[:2])} large in the picture, from a step to the side, with others."
 
 
 def _map_text(scan: "Scan", origin: str) -> str:
@@ -64,10 +72,8 @@ def _map_text(scan: "Scan", origin: str) -> str:
     if not names or (origin and origin not in scan.strips):
         raise ConfigError(f"strip {origin!r} is not known yet" if origin else "no strip is known yet")
     base = scan.strips[origin or names[0]]
-    (x_m, y_m, _), (along_m, across_m) = (
-        base.start,
-        (base.end[0] - base.start[0], base.end[1] - base.start[1]),
-    )
+    x_m, y_m, _ = base.start
+    along_m, across_m = base.end[0] - x_m, base.end[1] - y_m
     is_upright = math.hypot(along_m, across_m) < UPRIGHT_M
     placed = scan.placed((x_m, y_m, 0.0), 0.0 if is_upright else math.atan2(across_m, along_m))
     lines = [

@@ -17,6 +17,8 @@ import { ask, capital, light, lights, Refused, simulatedRoom } from "./scan/site
 const POLL_MS = 400;
 const USUAL_LEDS_PER_M = 60;
 const GIVE_BACK = -2;
+/** Step that is shown between views, so that the person sees what the camera has to see, and how often it is renewed, ms. */
+const AIM = { step: 1, brightness: 0.35, period: 3000 };
 
 const part = <T extends Element = HTMLElement>(id: string) => document.getElementById(id) as unknown as T;
 const button = (id: string) => part<HTMLButtonElement>(id);
@@ -30,6 +32,8 @@ class Page {
   private sensing: Sensing | null = null;
   private held: Quaternion | null = null;
   private isTaking = false;
+  private aimed: Promise<void> = Promise.resolve();
+  private aiming: ReturnType<typeof setInterval> | undefined;
 
   constructor() {
     const taps: Record<string, () => Promise<void>> = {
@@ -42,7 +46,10 @@ class Page {
       void this.attempt(() => this.save());
     });
     part("origin").addEventListener("change", () => this.link());
-    addEventListener("pagehide", () => void light(GIVE_BACK, 0).catch(() => undefined));
+    addEventListener("pagehide", () => {
+      clearInterval(this.aiming);
+      void light(GIVE_BACK, 0).catch(() => undefined);
+    });
     void this.attempt(async () => this.offer(await ask({ kind: "look" })));
   }
 
@@ -92,6 +99,8 @@ class Page {
     part("running").hidden = false;
     button("walk").hidden = !this.simulated;
     await this.begin();
+    this.aim();
+    this.aiming = setInterval(() => this.aim(), AIM.period);
     button("take").focus({ preventScroll: true });
   }
 
@@ -111,6 +120,7 @@ class Page {
     button("take").disabled = true;
     this.say("Hold still …");
     try {
+      await this.aimed;
       const down = this.gravity();
       const { seen, width, height } = await this.capturer.take(this.state.lights.length, (share) => this.count(share));
       chime("tick");
@@ -126,8 +136,13 @@ class Page {
       this.isTaking = false;
       button("take").disabled = false;
       part("count").textContent = "";
-      await light(GIVE_BACK, 0).catch(() => undefined);
+      this.aim();
     }
+  }
+
+  /** Show the lights between views. */
+  private aim(): void {
+    if (!this.isTaking && document.visibilityState === "visible") this.aimed = light(AIM.step, AIM.brightness).catch(() => undefined);
   }
 
   private gravity(): [number, number, number] | null {

@@ -8,6 +8,9 @@ const MARGIN = 44;
 /** Uncertainty is drawn this many times as large as it is. */
 const ENLARGED = 10;
 const SURE_M = 0.01;
+/** Height of a label, and its usual width. */
+const LINE = 20;
+const LABEL = 90;
 
 function svg(name: string, attributes: Record<string, string | number>, text = ""): SVGElement {
   const element = document.createElementNS("http://www.w3.org/2000/svg", name);
@@ -31,6 +34,14 @@ export function drawPlan(host: SVGSVGElement, state: ScanState): void {
   const place = ([x, y]: readonly number[]) =>
     [WIDTH / 2 + scale * (x! - (left + right) / 2), HEIGHT / 2 - scale * (y! - (low + high) / 2)] as const;
   const parts: SVGElement[] = [];
+  const labels: { x: number; y: number }[] = [];
+  /** A label that lies on no other. */
+  const label = (x: number, y: number, text: string) => {
+    const at = { x: Math.min(WIDTH - MARGIN, Math.max(MARGIN, x)), y };
+    while (labels.some((other) => Math.abs(other.y - at.y) < LINE && Math.abs(other.x - at.x) < LABEL)) at.y -= LINE;
+    labels.push(at);
+    parts.push(svg("text", { ...at, "text-anchor": "middle" }, text));
+  };
   for (const { name, line_m, sigma_m } of lines) {
     const at = line_m.map(place);
     const isUnsure = sigma_m === null || sigma_m > SURE_M;
@@ -41,7 +52,7 @@ export function drawPlan(host: SVGSVGElement, state: ScanState): void {
     parts.push(svg("circle", { class: "first", cx: at[0]![0], cy: at[0]![1], r: 5 }));
     const middle = at[at.length >> 1]!;
     const [x, y] = [(at[0]![0] + middle[0]) / 2, (at[0]![1] + middle[1]) / 2];
-    parts.push(svg("text", { x: Math.min(WIDTH - MARGIN, Math.max(MARGIN, x)), y: y - 8, "text-anchor": "middle" }, name));
+    label(x, y - 9, name);
   }
   state.cameras_m.forEach((camera, i) => {
     const [x, y] = place(camera);

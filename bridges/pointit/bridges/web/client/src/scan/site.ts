@@ -12,7 +12,8 @@ const PATIENCE_MS = 10_000;
 
 async function post(said: object): Promise<Response> {
   const sent = fetch("/scan", {
-    method: "POST", body: JSON.stringify(said), headers: { "Content-Type": "application/json" }, signal: AbortSignal.timeout(PATIENCE_MS),
+    method: "POST", body: JSON.stringify(said), headers: { "Content-Type": "application/json" }, keepalive: true,
+    signal: AbortSignal.timeout(PATIENCE_MS),
   });
   const answer = await sent.catch(() => {
     throw new Refused(GONE);

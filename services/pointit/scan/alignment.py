@@ -4,11 +4,16 @@ from itertools import combinations
 
 import numpy as np
 
-from pointit.scan.adjustment import DOWN, Array
+from pointit.scan.adjustment import DOWN, GRAVITY_SIGMA, Array, skew, turned
 
 MAX_PAIRS = 300
 COARSE = 0.05
 """Tolerance of a first pose, as a share of the image's width: depth from one photograph is coarse."""
+ORBIT_RAD = tuple(np.radians([-90.0, -60.0, -40.0, -20.0, 20.0, 40.0, 60.0, 90.0]))
+"""Angles about the lines, upright, at which further poses are searched."""
+DISTINCT_M = 0.15
+"""Distance of poses that differ."""
+MAX_POSES = 3
 GRAVITY_ARM_M = 0.5
 """Gravity counts as a point at this distance."""
 
@@ -22,10 +27,13 @@ def _nearest(matrix: Array) -> Array:
     return left @ right
 
 
-def best_pose(
+def candidate_poses(
     room: Array, camera: Array, images: Array, focal_px: float, width_px: float, down: Array | None
-) -> tuple[Array, Array, Array] | None:
-    """Return the rotation and translation that most lines agree with, and which lines do.
+) -> list[tuple[Array, Array]]:
+    """Return the rotation and translation of poses that explain the images of lines, the best first.
+
+    More than one if the images fit several poses, for example of a short strip seen obliquely, from the left
+    or from the right.
 
     Args:
         room: three points of each line in the room, m, n x 3 x 3.
@@ -39,22 +47,86 @@ def best_pose(
     if down is not None:
         sets += [(each, each) for each in range(count)]
     if not sets:
-        return None
+        return []
     if len(sets) > MAX_PAIRS:
         sets = [sets[k] for k in np.linspace(0, len(sets) - 1, MAX_PAIRS).astype(int)]
     members = np.zeros((len(sets), count))
     for row, pair in enumerate(sets):
         members[row, list(pair)] = 1.0
     rotations, translations = _fit(room, camera, members, down)
-    hits, scores = _score(rotations, translations, room, images, focal_px, width_px)
-    best = int(np.argmax(scores))
-    if hits[best].sum() > 2:
-        rotations, translations = _fit(room, camera, hits[best][None].astype(float), down)
-        more, score = _score(rotations, translations, room, images, focal_px, width_px)
-        if score[0] >= scores[best]:
-            return rotations[0], translations[0], more[0]
-        rotations, translations = _fit(room, camera, members, down)
-    return rotations[best], translations[best], hits[best]
+    middle = room[:, 1].mean(axis=0)
+    best = int(np.argmin(_costs(rotations, translations, room, images, focal_px, width_px)))
+    for angle in ORBIT_RAD:  # the same view from elsewhere around the lines
+        turn = _about_z(angle)
+        rotations = np.concatenate([rotations, (rotations[best] @ turn.T)[None]])
+        shift = translations[best] + rotations[best] @ middle - rotations[-1] @ middle
+        translations = np.concatenate([translations, shift[None]])
+    rotations, translations = _refined(rotations, translations, room, images, focal_px, width_px, down)
+    costs = _costs(rotations, translations, room, images, focal_px, width_px)
+    found: list[int] = []
+    places = -np.einsum("hji,hj->hi", rotations, translations)
+    for index in np.argsort(costs):
+        is_new = all(np.linalg.norm(places[index] - places[other]) > DISTINCT_M for other in found)
+        if costs[index] < len(room) and is_new:
+            found.append(int(index))
+    return [(rotations[index], translations[index]) for index in found[:MAX_POSES]]
+
+
+def _about_z(angle: float) -> Array:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _refined(
+    rotations: Array,
+    translations: Array,
+    room: Array,
+    images: Array,
+    focal_px: float,
+    width_px: float,
+    down: Array | None,
+) -> tuple[Array, Array]:
+    """Return poses after some steps of Levenberg-Marquardt, all at once, with robust weights."""
+    points, targets = room.reshape(-1, 3), images.reshape(-1, 2)
+    scale = 0.2 * COARSE * width_px
+    for _ in range(12):
+        seen = np.einsum("hij,kj->hki", rotations, points)
+        camera = seen + translations[:, None]
+        depth = np.maximum(camera[..., 2:], 0.1)
+        flat = camera[..., :2] / depth
+        errors = focal_px * flat - targets
+        weights = 1.0 / np.sqrt(1.0 + np.sum(errors**2, axis=2, keepdims=True) / scale**2)
+        by_camera = np.concatenate(
+            [np.broadcast_to(np.eye(2), (*flat.shape, 2)), -flat[..., None]], axis=3
+        ) * (focal_px * weights / depth)[..., None]
+        cross = skew(seen.reshape(-1, 3)).reshape(*seen.shape, 3)
+        jacobian = np.concatenate([-by_camera @ cross, by_camera], axis=3)
+        jacobian = jacobian.reshape(len(rotations), -1, 6)
+        residuals = (errors * weights).reshape(len(rotations), -1)
+        normal = jacobian.transpose(0, 2, 1) @ jacobian
+        gradient = np.einsum("hri,hr->hi", jacobian, residuals)
+        if down is not None:
+            sunk = rotations @ DOWN
+            tilts = -skew(sunk) / GRAVITY_SIGMA
+            normal[:, :3, :3] += tilts.transpose(0, 2, 1) @ tilts
+            gradient[:, :3] += np.einsum("hij,hi->hj", tilts, (sunk - down) / GRAVITY_SIGMA)
+        normal += np.eye(6) * (1e-3 * np.einsum("hii->hi", normal)[:, None] + 1e-6)
+        step = -np.linalg.solve(normal, gradient[..., None])[..., 0]
+        step *= np.minimum(1.0, 0.3 / np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-9))
+        rotations, translations = turned(rotations, step[:, :3]), translations + step[:, 3:]
+    return rotations, translations
+
+
+def _costs(
+    rotations: Array, translations: Array, room: Array, images: Array, focal_px: float, width_px: float
+) -> Array:
+    """Return for each pose the sum over lines of their errors, 1 at most each."""
+    points = np.einsum("hij,nkj->hnki", rotations, room) + translations[:, None, None]
+    depth = points[..., 2:]
+    flat = focal_px * points[..., :2] / np.maximum(depth, 0.05)
+    error = np.linalg.norm(flat - images, axis=3).mean(axis=2)
+    error = np.where(np.min(depth[..., 0], axis=2) > 0.05, error, np.inf)
+    return np.minimum(error / (COARSE * width_px), 1.0).sum(axis=1)
 
 
 def _fit(room: Array, camera: Array, members: Array, down: Array | None) -> tuple[Array, Array]:
@@ -71,19 +143,6 @@ def _fit(room: Array, camera: Array, members: Array, down: Array | None) -> tupl
         matrix = matrix + GRAVITY_ARM_M**2 * np.outer(down, DOWN)
     rotations = _nearest(matrix)
     return rotations, camera_mean - np.einsum("hij,hj->hi", rotations, room_mean)
-
-
-def _score(
-    rotations: Array, translations: Array, room: Array, images: Array, focal_px: float, width_px: float
-) -> tuple[Array, Array]:
-    """Return which lines agree with each pose, h x n, and the sum of their agreement, h."""
-    points = np.einsum("hij,nkj->hnki", rotations, room) + translations[:, None, None]
-    depth = points[..., 2:]
-    flat = focal_px * points[..., :2] / np.maximum(depth, 0.05)
-    error = np.linalg.norm(flat - images, axis=3).mean(axis=2)
-    error = np.where(np.min(depth[..., 0], axis=2) > 0.05, error, np.inf)
-    tolerance = COARSE * width_px
-    return error < tolerance, np.clip(1.0 - error / tolerance, 0.0, None).sum(axis=1)
 
 
 def levelled(directions: Array, lengths: Array, up: Array) -> Array:

@@ -5,13 +5,13 @@ in the frame of each camera that sees it; shared lines give the motion from view
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
 from pointit.scan.adjustment import Adjustment, Array, Layout, State
-from pointit.scan.alignment import best_pose, upright
+from pointit.scan.alignment import candidate_poses, upright
 from pointit.scan.lines import ImageLine
 
 Piece = tuple[int, int]
@@ -24,6 +24,20 @@ FOCALS = (0.65, 0.8, 1.0)
 EXPECTED_FOCAL = 0.78
 PAIRS = 4
 GOOD_PX = 6.0
+MOST = 0.7
+"""Share of a line's sightings in a view that are good if it is in its place."""
+MOST_LINES = 0.75
+"""Share of a view's shared lines that are in their places if the view is; others are reflections."""
+WORSE = 1.5
+"""Ratio of costs up to which a further view fits the others."""
+MAX_STRETCH = 0.04
+"""Relative error of a pitch with which a line does not count."""
+DISTINCT_RAD = np.radians(12.0)
+"""Angle of two poses that are not the same one, differently far refined."""
+RIVAL = 2.0
+"""Ratio of costs up to which two poses are not distinguished."""
+LONG = 0.3
+"""Extent of a line, as a share of the image, from which it ties a view to the others alone."""
 WIDE_PX, NARROW_PX = 20.0, 6.0
 
 
@@ -34,7 +48,10 @@ class Placed:
     Attributes:
         views: numbers of the placed views, in the order of `state`.
         pieces: pieces, in the order of `state`, two vertices each.
-        good: number of sightings with an error of less than `GOOD_PX`, and their number in all.
+        good, of: number of sightings with an error of less than `GOOD_PX`, and their number in all, of the
+            pieces that two or more of the views see.
+        ties: pieces that tie each view to the others: most of its sightings of them are good.
+        cost: mean square of the errors of good sightings of the ties, image pixels².
     """
 
     views: list[int]
@@ -42,6 +59,13 @@ class Placed:
     state: State
     good: int = 0
     of: int = 0
+    ties: tuple[tuple[Piece, ...], ...] = ()
+    cost: float = np.inf
+
+    @property
+    def last_turn(self) -> Array:
+        """Return the rotation from the frame of the first view to that of the last."""
+        return self.state.rotations[-1] @ self.state.rotations[0].T
 
 
 class FirstPoses:
@@ -66,7 +90,8 @@ class FirstPoses:
             if shared[base, other]:
                 for focal in FOCALS:
                     start = self._begin(base, focal * self._side_px)
-                    if placed := self._add(start, other):
+                    placed = self._add(start, other)
+                    if placed and self._is_tied(placed) and len(placed.ties[-1]) > 1:
                         found.append((placed, placed.good - 0.5 * (placed.of - placed.good)))
         best: Placed | None = None
         for placed, _ in sorted(found, key=lambda each: -each[1])[:3]:
@@ -137,7 +162,7 @@ class FirstPoses:
             images.append(line.at(numbers))
         down = self._downs[view]
         is_level = np.isfinite(down[0]) and bool(np.isfinite(self._downs[placed.views][:, 0]).any())
-        pose = best_pose(
+        poses = candidate_poses(
             np.array(room),
             np.array(camera),
             np.array(images),
@@ -145,22 +170,31 @@ class FirstPoses:
             self._side_px,
             down if is_level else None,
         )
-        if pose is None or pose[2].sum() < (1 if is_level else 2):
+        found = [
+            self._adjusted(
+                self._with_lines(
+                    Placed(
+                        [*placed.views, view],
+                        placed.pieces,
+                        replace(
+                            state,
+                            rotations=np.concatenate([state.rotations, rotation[None]]),
+                            translations=np.concatenate([state.translations, translation[None]]),
+                        ),
+                    )
+                )
+            )
+            for rotation, translation in poses
+        ]
+        found.sort(key=lambda each: (-len(each.ties[-1]), each.cost))
+        if not found or any(_is_rival(found[0], other) for other in found[1:]):
             return None
-        state = State(
-            state.log_focal,
-            state.distortion,
-            np.concatenate([state.rotations, pose[0][None]]),
-            np.concatenate([state.translations, pose[1][None]]),
-            state.vertices,
-            state.knots,
-            state.stretch,
-        )
-        return self._adjusted(self._with_lines(Placed([*placed.views, view], placed.pieces, state)))
+        return found[0]
 
     def _grown(self, placed: Placed) -> Placed:
         """Return `placed` with all further views that agree, those that share the most lines first."""
         refused: set[int] = set()
+        start = placed
         while True:
             known = set(placed.pieces)
             waiting = [
@@ -172,7 +206,7 @@ class FirstPoses:
                 return placed
             view = max(waiting)[1]
             grown = self._add(placed, view)
-            if grown is None or grown.good - placed.good < 0.4 * (grown.of - placed.of):
+            if grown is None or not self._is_tied(grown) or grown.cost > WORSE * start.cost + 0.2:
                 refused.add(view)
             else:
                 placed, refused = grown, set()
@@ -181,8 +215,39 @@ class FirstPoses:
         adjustment = Adjustment(self._layout(placed))
         state = adjustment.solve(placed.state, 10, WIDE_PX)
         state = adjustment.solve(state, 5, NARROW_PX)
+        layout = adjustment.layout
         errors = np.linalg.norm(adjustment.errors(state), axis=1)
-        return Placed(placed.views, placed.pieces, state, int((errors < GOOD_PX).sum()), len(errors))
+        is_good = (errors < GOOD_PX) & (np.abs(state.stretch[layout.chain]) < MAX_STRETCH)
+        table = np.zeros((len(placed.views), len(placed.pieces)))
+        goods = table.copy()
+        np.add.at(table, (layout.view, layout.chain), 1.0)
+        np.add.at(goods, (layout.view, layout.chain), is_good)
+        shared = (table > 0).sum(axis=0) > 1
+        holds = (goods > MOST * table) & shared
+        holds &= holds.sum(axis=0) > 1
+        held = errors[holds[layout.view, layout.chain] & is_good]
+        return Placed(
+            placed.views,
+            placed.pieces,
+            state,
+            int(goods[:, shared].sum()),
+            int(table[:, shared].sum()),
+            tuple(tuple(placed.pieces[index] for index in np.flatnonzero(row)) for row in holds),
+            float(np.mean(held**2)) if len(held) else np.inf,
+        )
+
+    def _is_tied(self, placed: Placed) -> bool:
+        """Return True if the last view hangs together with the others by more than chance."""
+        view, ties = placed.views[-1], placed.ties[-1]
+        shown = [piece for piece in self._lines[view] if self._is_shared(placed, piece)]
+        if len(ties) < MOST_LINES * len(shown):
+            return False
+        extents = [self._lines[view][piece].extent_px / self._side_px for piece in ties]
+        is_level = np.isfinite(self._downs[view][0])
+        return len(ties) >= 2 or (is_level and len(ties) == 1 and extents[0] > LONG)
+
+    def _is_shared(self, placed: Placed, piece: Piece) -> bool:
+        return sum(piece in self._lines[view] for view in placed.views) > 1
 
     def _layout(self, placed: Placed) -> Layout:
         parts = [
@@ -204,6 +269,14 @@ class FirstPoses:
             down=self._downs[placed.views],
             log_focal=float(np.log(EXPECTED_FOCAL * self._side_px)),
         )
+
+
+def _is_rival(best: Placed, other: Placed) -> bool:
+    """Return True if another pose of the last view explains the images nearly as well."""
+    turn = best.last_turn @ other.last_turn.T
+    is_turned = float(np.trace(turn)) < 1.0 + 2.0 * np.cos(DISTINCT_RAD)
+    is_as_good = other.cost < RIVAL * best.cost and len(other.ties[-1]) >= len(best.ties[-1])
+    return is_turned and is_as_good
 
 
 _NOTHING = (np.zeros((0, 3)), np.zeros(0), np.zeros(0))

@@ -23,7 +23,10 @@ LEAST_SIGMA_M = 0.001
 MAX_STRETCH = 0.04
 """Relative difference of a measured pitch from the one that a strip is said to have."""
 LEAST_SHARE = 0.5
-"""Share of a strip's pixels, in the views that show it, that have to agree with its place."""
+"""Share of the sightings of each part of a strip that have to agree with its place."""
+WINDOWS = 8
+"""Number of parts of a strip; two neighbours are judged together."""
+LEAST_IN_WINDOW = 4
 UNSEEN_SIGMA = 0.1
 """Standard deviation of an end that was never seen, as a share of the unseen length: it may bend."""
 STRAIGHT_RAD = math.radians(2.5)
@@ -179,11 +182,25 @@ def _doubt(adjusted: Adjusted, number: int, chain: int, views: Sequence[int], si
         return "seen from one direction only: photograph it from a step further aside"
     if sigma_m > MAX_SIGMA_M:
         return f"its place is uncertain by {sigma_m:.2f} m: photograph it once more, from nearer"
+    return _disagreement(adjusted, chain) if chain < adjusted.seen.strips else ""
+
+
+def _disagreement(adjusted: Adjusted, chain: int) -> str:
+    """Return which part of a strip is not where its line has it, or `""`."""
     seen = adjusted.seen
-    shown = (seen.chain == chain) & np.isin(seen.view, [adjusted.views[index] for index in views])
-    pairs = len(np.unique(np.column_stack([seen.view, seen.pixel])[shown], axis=0))
-    if (adjusted.used & shown).sum() < LEAST_SHARE * pairs:
-        return "its pixels do not lie on straight lines: it is bent more often, or has another pixel count"
+    shown = (seen.chain == chain) & np.isin(seen.view, adjusted.views)
+    pairs, inverse = np.unique(
+        np.column_stack([seen.pixel, seen.view])[shown], axis=0, return_inverse=True
+    )
+    agrees = np.bincount(inverse.ravel(), adjusted.used[shown]) > 0  # a pixel and its reflection are one
+    bounds = np.linspace(pairs[0, 0], pairs[-1, 0], WINDOWS + 1)
+    for low, high in zip(bounds[:-2], bounds[2:], strict=True):
+        window = (pairs[:, 0] >= low) & (pairs[:, 0] <= high)
+        if window.sum() >= LEAST_IN_WINDOW and agrees[window].mean() < LEAST_SHARE:
+            return (
+                f"pixels {low:.0f} to {high:.0f} are not in line with the others: is it bent there, or seen "
+                "in a mirror? Photograph that part once more, with its neighbours"
+            )
     return ""
 
 

@@ -1,4 +1,4 @@
-"""`pointit map scan`: the site that it starts, and what it refuses; the rest is in `tests/e2e/web/test_scan.py`."""
+"""`pointit map scan`: the site that it starts, and what it refuses. Whole scans: `tests/e2e/web`."""
 
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from pointit.schemas import Environment
 
 
 class Started:
-    """What `pointit run` was given."""
+    """Arguments of `pointit run`."""
 
     def __init__(self) -> None:
         self.arguments: list[str] = []

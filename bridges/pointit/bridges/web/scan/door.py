@@ -1,7 +1,7 @@
-"""Who may map the room, and the paths of its page.
+"""Access to the scan, and the paths of its page.
 
 - `GET /scan` opens the page: for operators by their cookie, and for a phone that was paired for it, with
-  `?token=...` from a QR code, or as somebody's wrist while a scan is open.
+  `?token=...` from a QR code, or is a person's wrist while a scan is open.
 - `POST /scan`: see `wire`. `GET /scan/map.yaml`: the map of what is known.
 - `GET /scan/room` and `/scan/lights`: what a simulated camera sees, if the configuration has one.
 """

@@ -39,7 +39,7 @@ Show = Callable[[Mapping[str, bytes], float], Awaitable[None]]
 
 @dataclass(frozen=True, kw_only=True)
 class Solution:
-    """What the solver has found."""
+    """Result of the solver."""
 
     strips: tuple[ScanStrip, ...]
     cameras_m: tuple[tuple[float, float, float], ...] = ()

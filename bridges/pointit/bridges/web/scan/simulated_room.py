@@ -20,7 +20,7 @@ PLACES = ((0.0, 1.5), (-38.0, 1.1), (35.0, 1.9), (-18.0, 2.1), (20.0, 0.8), (-52
 
 
 class SimulatedRoom:
-    """What a simulated camera sees. Its places lie in front of the strips, on the side of negative y."""
+    """Strips that a simulated camera sees, and its places. These lie in front of the strips, on the side of negative y."""
 
     def __init__(self, path: Path = ROOM) -> None:
         """Read the room's map.

@@ -36,7 +36,7 @@ def solve_survey(survey: Survey) -> "Scan":
 
 
 def solution_of(scan: "Scan") -> Solution:
-    """Return what pages show of `scan`."""
+    """Return the solution for pages."""
     strips = tuple(
         ScanStrip(
             name=name,
@@ -57,7 +57,7 @@ def solution_of(scan: "Scan") -> Solution:
 
 
 def _advice(scan: "Scan") -> str:
-    """Return what the next view should show, or `""` if everything is known."""
+    """Return advice for the next view, or problems of the scan if everything is known."""
     unknown = [*scan.missing, *(name for name, strip in scan.strips.items() if not strip.identified)]
     unsure = [name for name, strip in scan.strips.items() if strip.sigma_m > COMPLETE_M]
     if not unknown and not unsure:

@@ -83,7 +83,7 @@ SAID: TypeAdapter[ScanBegin | ScanLight | ScanView | ScanUndo | ScanSave | ScanL
 
 
 class ScanStrip(WireModel):
-    """What is known of a strip."""
+    """A strip, its line as far as it is known."""
 
     name: str
     pixels: int

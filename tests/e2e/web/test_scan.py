@@ -28,6 +28,20 @@ PHONE: dict[str, Any] = {"viewport": {"width": 390, "height": 844}, "ignore_http
 REFUSED = """
 navigator.mediaDevices.getUserMedia = () => Promise.reject(new DOMException("no", "NotAllowedError"));
 """
+ANOTHER_VIDEO = """
+navigator.mediaDevices.getUserMedia = async () => {
+  const canvas = document.createElement("canvas");
+  [canvas.width, canvas.height] = [320, 180];
+  const context = canvas.getContext("2d");
+  setInterval(() => {
+    context.fillStyle = "#333";
+    context.fillRect(0, 0, 320, 180);
+    context.fillStyle = "#fa3";
+    context.fillRect(performance.now() / 9 % 300, 50, 20, 20);
+  }, 66);
+  return canvas.captureStream(15);
+};
+"""
 INSECURE = "Object.defineProperty(window, 'isSecureContext', { value: false });"
 
 
@@ -118,3 +132,15 @@ async def test_the_operators_page_lets_a_phone_map_the_room(
         await phone.get_by_role("button", name="Start the camera").click()
         await expect(phone.locator("#trouble")).to_contain_text(sentence)
         await expect(phone.get_by_role("button", name="Start the camera")).to_be_enabled()
+
+
+async def test_a_video_of_something_else_is_no_view(browser: Browser, shared_site: SitePage) -> None:
+    page = await (await browser.new_context(**PHONE)).new_page()
+    await page.add_init_script(ANOTHER_VIDEO)
+    await page.goto(shared_site.url)
+    await page.goto(f"{shared_site.origin}/scan")
+    await page.get_by_role("button", name="Start the camera").click()
+    await page.get_by_role("button", name="Take this view").click()
+    await expect(page.locator("#trouble")).to_contain_text("The camera sees no lights that blink")
+    await expect(page.get_by_role("button", name="Take this view")).to_be_enabled()
+    await expect(page.locator("#finish")).to_be_hidden()

@@ -348,7 +348,7 @@ export interface ScanState {
   views: number;
 }
 /**
- * What is known of a strip.
+ * A strip, its line as far as it is known.
  */
 export interface ScanStrip {
   /**

@@ -19,7 +19,9 @@ export type Verdict =
   | { kind: "trouble"; trouble: Trouble; /** Colour that was seen in place of the one asked for. */ shown?: Colour };
 
 /** Time without the awaited change, ms: the lights, the network or the camera do not follow. */
-export const PATIENCE_MS = 2500;
+export const PATIENCE_MS = 2000;
+/** Frames that are looked at after this time: the page itself may have been held up. */
+const LEAST_FRAMES = 5;
 /** A light that is larger than this share of the image's width outshines its neighbours. */
 const WIDEST = 0.02;
 /** Share of the image's width that a light may move from one frame to the next, and in a whole view. */
@@ -29,6 +31,8 @@ const FARTHEST = 0.05;
 const ENOUGH = 0.9;
 /** Share of the first lights that must be left at the end. */
 const LEAST_LEFT = 0.4;
+/** Frames more for lights that have not changed when `ENOUGH` have. */
+const GRACE = 2;
 const WAIT: Verdict = { kind: "wait" };
 
 interface Track {
@@ -37,6 +41,8 @@ interface Track {
   u: number;
   v: number;
   count: number;
+  /** Number of frames of the present step in which it had each colour. */
+  readonly votes: [number, number, number];
 }
 
 export class Reader {
@@ -47,7 +53,10 @@ export class Reader {
   private readonly shift: Place = { u: 0, v: 0 };
   private first: Blob[] = [];
   private tracks: Track[] = [];
-  private before: (Blob | null)[] = [];
+  /** Frames that came late in the present step. */
+  private frames = 0;
+  /** Frames for which the step has waited for the last lights. */
+  private grace = 0;
   private beforeCount = -1;
 
   constructor(private readonly count: number, private readonly width: number) {
@@ -57,7 +66,7 @@ export class Reader {
 
   /** Take the spots of a frame that came `sinceMs` after the present step was shown; null: too many spots. */
   take(blobs: readonly Blob[] | null, sinceMs: number): Verdict {
-    const isLate = sinceMs > PATIENCE_MS;
+    const isLate = sinceMs > PATIENCE_MS && ++this.frames > LEAST_FRAMES;
     if (!blobs) return isLate ? { kind: "trouble", trouble: "crowd" } : WAIT;
     if (this.step === 0) return this.takeFirst(blobs, isLate);
     if (this.step === 1) return this.takeSecond(blobs, isLate);
@@ -91,35 +100,39 @@ export class Reader {
     if (median(areas) < 4) return { kind: "trouble", trouble: "faint" };
     this.tracks = right.map(({ first, now: blob }) => ({
       start: first, colours: [0, 1],
-      u: first.u + blob.u - this.shift.u, v: first.v + blob.v - this.shift.v, count: 2,
+      u: first.u + blob.u - this.shift.u, v: first.v + blob.v - this.shift.v, count: 2, votes: [0, 0, 0],
     }));
-    this.before = right.map(({ now: blob }) => blob);
     return this.next();
   }
 
+  /** A light has its next colour when two frames agree; controllers may be of different delays. */
   private takeBit(blobs: readonly Blob[], isLate: boolean): Verdict {
     const now = followed(this.tracks.map(({ start }) => start), blobs, this.shift, this.reach);
-    const changed = this.tracks.map(({ colours }, i) => now[i] != null && colours.at(-1) != null && now[i].colour !== colours.at(-1));
-    const live = this.tracks.filter(({ colours }) => colours.at(-1) != null).length;
-    const share = changed.filter(Boolean).length / Math.max(1, live);
-    const flickering = this.before.filter((blob, i) => changed[i] && blob?.colour !== now[i]?.colour).length;
-    const isSame = flickering <= (1 - ENOUGH) / 2 * live;
-    this.before = now;
     if (Math.hypot(this.shift.u, this.shift.v) > FARTHEST * this.width) return { kind: "trouble", trouble: "moved" };
-    if (share < (isLate ? LEAST_LEFT : ENOUGH) || !isSame) return isLate ? { kind: "trouble", trouble: "lost" } : WAIT;
     this.tracks.forEach((track, i) => {
       const blob = now[i];
-      track.colours.push(changed[i] && blob ? blob.colour : null);
-      if (!changed[i] || !blob) return;
+      const last = track.colours.at(-1);
+      if (!blob || last == null || blob.colour === last) return;
+      track.votes[blob.colour]++;
       track.u += blob.u - this.shift.u;
       track.v += blob.v - this.shift.v;
       track.count++;
     });
+    const live = this.tracks.filter(({ colours }) => colours.at(-1) != null);
+    const share = live.filter(({ votes }) => Math.max(...votes) > 1).length / Math.max(1, live.length);
+    if (share < (isLate ? LEAST_LEFT : ENOUGH)) return isLate ? { kind: "trouble", trouble: "lost" } : WAIT;
+    if (share < 1 && !isLate && this.grace++ < GRACE) return WAIT;
+    for (const { colours, votes } of this.tracks) {
+      const most = Math.max(...votes);
+      colours.push(most > 1 ? (votes.indexOf(most) as Colour) : null);
+      votes.fill(0);
+    }
     return this.step + 1 < this.steps ? this.next() : this.read();
   }
 
   private next(): Verdict {
     this.beforeCount = -1;
+    this.grace = this.frames = 0;
     return { kind: "show", step: ++this.step };
   }
 

@@ -96,10 +96,12 @@ interface World {
   /** Lights hidden from a step on. */
   hidden?: { from: number; share: number };
   isDark?: boolean;
+  /** Lights are dark in some frames, others in each, as those that a slow PWM dims. */
+  flickers?: boolean;
 }
 
 /** Read a view of `PLACES`. */
-function read({ delay = 2, radius = 1.2, peak = 200, drift = 0.3, order = [0, 1, 2], hidden, isDark = false }: World): Verdict {
+function read({ delay = 2, radius = 1.2, peak = 200, drift = 0.3, order = [0, 1, 2], hidden, isDark = false, flickers = false }: World): Verdict {
   const reader = new Reader(PLACES.length, WIDTH);
   const dark = frame([]);
   const threshold = thresholdOf(dark, frame([], { seed: 3 }));
@@ -107,7 +109,7 @@ function read({ delay = 2, radius = 1.2, peak = 200, drift = 0.3, order = [0, 1,
   for (let n = 0; n < 2000; n++) {
     if (since++ >= delay) shown = reader.step;
     const lights = shown < 0 || isDark ? [] : PLACES.flatMap(([u, v], i) =>
-      (hidden && shown >= hidden.from && i < hidden.share * PLACES.length ? [] : [[u, v, order[wordOf(i, PLACES.length)[shown]!]!] as Light]));
+      ((hidden && shown >= hidden.from && i < hidden.share * PLACES.length) || (flickers && shown > 1 && (i + n) % 4 === 0) ? [] : [[u, v, order[wordOf(i, PLACES.length)[shown]!]!] as Light]));
     const blobs = blobsOf(frame(lights, { seed: 100 + n, radius, peak, shift: drift * Math.max(0, shown) }), dark, WIDTH, HEIGHT, threshold);
     const verdict = reader.take(blobs, since * 100);
     if (verdict.kind === "show") since = 0;
@@ -135,6 +137,11 @@ test("lights that vanish on the way are left out, and the others have their numb
   if (verdict.kind === "done") assert.deepEqual(verdict.seen.map(({ index }) => index), Array.from({ length: 18 }, (_, i) => 6 + i));
 });
 
+test("lights that flicker are read all the same", () => {
+  const verdict = read({ flickers: true });
+  assert.equal(verdict.kind === "done" ? verdict.seen.length : verdict, PLACES.length);
+});
+
 for (const [trouble, world] of [
   ["nothing", { isDark: true }], ["moved", { drift: 3 }], ["bloom", { radius: 2.6, peak: 3000 }], ["faint", { radius: 0.5, peak: 120 }],
   ["lost", { hidden: { from: 4, share: 0.8 } }], ["colours", { order: [1, 0, 2] }], ["colours", { order: [0, 2, 1] }],
@@ -148,6 +155,7 @@ for (const [trouble, world] of [
 test("a picture full of spots is no view", () => {
   const reader = new Reader(24, WIDTH);
   assert.equal(reader.take(null, 10).kind, "wait");
+  for (let i = 0; i < 5; i++) assert.equal(reader.take(null, PATIENCE_MS + 1).kind, "wait");
   assert.deepEqual(reader.take(null, PATIENCE_MS + 1), { kind: "trouble", trouble: "crowd" });
 });
 

@@ -36,9 +36,10 @@ DISTINCT_RAD = np.radians(12.0)
 """Angle of two poses that are not the same one, differently far refined."""
 RIVAL = 2.0
 """Ratio of costs up to which two poses are not distinguished."""
-LONG = 0.3
-"""Extent of a line, as a share of the image, from which it ties a view to the others alone."""
 WIDE_PX, NARROW_PX = 20.0, 6.0
+FLAT = 0.15
+"""Ratio of the third and second extent of points up to which they lie in a plane."""
+
 
 
 @dataclass(frozen=True)
@@ -242,9 +243,7 @@ class FirstPoses:
         shown = [piece for piece in self._lines[view] if self._is_shared(placed, piece)]
         if len(ties) < MOST_LINES * len(shown):
             return False
-        extents = [self._lines[view][piece].extent_px / self._side_px for piece in ties]
-        is_level = np.isfinite(self._downs[view][0])
-        return len(ties) >= 2 or (is_level and len(ties) == 1 and extents[0] > LONG)
+        return len(ties) > 1 and not _is_from_behind(placed)
 
     def _is_shared(self, placed: Placed, piece: Piece) -> bool:
         return sum(piece in self._lines[view] for view in placed.views) > 1
@@ -269,6 +268,26 @@ class FirstPoses:
             down=self._downs[placed.views],
             log_focal=float(np.log(EXPECTED_FOCAL * self._side_px)),
         )
+
+
+def _is_from_behind(placed: Placed) -> bool:
+    """Return True if the last view sees its ties, all in one plane, from the other side than other views.
+
+    The mirror image of strips in one plane, such as on a wall, is congruent with them seen from behind.
+    """
+    numbers = [placed.pieces.index(piece) for piece in placed.ties[-1]]
+    state = placed.state
+    points = state.vertices[[row for number in numbers for row in (2 * number, 2 * number + 1)]]
+    middle = points.mean(axis=0)
+    _, sizes, axes = np.linalg.svd(points - middle)
+    if sizes[2] > FLAT * sizes[1]:
+        return False
+    cameras = -np.einsum("vji,vj->vi", state.rotations, state.translations)
+    sides = (cameras - middle) @ axes[2]
+    others = [
+        sides[index] for index, ties in enumerate(placed.ties[:-1]) if set(ties) & set(placed.ties[-1])
+    ]
+    return any(side * sides[-1] < 0 for side in others)
 
 
 def _is_rival(best: Placed, other: Placed) -> bool:

@@ -20,6 +20,10 @@ UNSEEN = 0.15
 NOISE_PX = 0.7
 SIZE_PX = (1280, 720)
 HELD_M = 1.5
+TRIES = 12
+"""Number of poses that a person considers for each photograph."""
+SHARED = 3
+"""Number of strips that a photograph has to share with an earlier one."""
 MIRRORED = 0.8
 """Share of pixels that are also seen in a mirror if it is in the way."""
 
@@ -71,6 +75,14 @@ class Room:
     mirrors: tuple[Mirror, ...]
     box_m: tuple[Array, Array] | None
     kind: str
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Position of a camera, and the rotation of the room into its frame."""
+
+    at: Array
+    rotation: Array
 
 
 @dataclass(frozen=True)
@@ -184,89 +196,110 @@ def _strip(
     )
 
 
-def standing(rng: np.random.Generator, room: Room, count: int) -> list[tuple[Array, Array]]:
-    """Return positions and aims of a person who walks round the room, photographing across it."""
-    width, depth, height = room.size_m
-    lines = np.array([strip.points(np.array([0.0, strip.spec.count / 2, strip.spec.count - 1.0])) for strip in room.strips])
-    middle = lines.reshape(-1, 3).mean(axis=0)
-    start = rng.uniform(0, 2 * math.pi)
-    places: list[tuple[Array, Array]] = []
-    for number in range(count):
-        angle = start + 2 * math.pi * number / count * rng.uniform(0.85, 1.15)
-        if room.kind == "plane":
-            reach = rng.uniform(0.75, 0.98)
-        else:
-            reach = rng.uniform(0.7, 0.95)
-        at = np.array(
-            [
-                width / 2 + reach * (width / 2 - 0.1) * math.cos(angle),
-                depth / 2 + reach * (depth / 2 - 0.1) * math.sin(angle),
-                rng.normal(HELD_M, 0.15),
-            ]
-        )
-        aim = middle + rng.normal(0.0, 0.35, 3)
-        places.append((at, aim))
-    return places
+def standing(rng: np.random.Generator, room: Room, phone: Phone, count: int) -> list[Pose]:
+    """Return camera poses of a person who goes round, and is told when a photograph shares too little.
+
+    Each next one is the one of some tries that shows the most strips not yet seen twice, of those that share
+    three strips (or all) with an earlier one.
+    """
+    poses: list[Pose] = []
+    shown: list[frozenset[str]] = []
+    for _ in range(count):
+        tries = [_somewhere(rng, room) for _ in range(TRIES)]
+        sights = [_sights(room, phone, pose) for pose in tries]
+        seen_twice = {name for name in set().union(*shown) if sum(name in each for each in shown) > 1}
+
+        def worth(sight: frozenset[str], seen_twice: set[str] = seen_twice) -> float:
+            shared = max((len(sight & each) for each in shown), default=0)
+            return min(shared, SHARED) * 100.0 + len(sight - seen_twice) + 0.1 * len(sight)
+
+        best = max(range(TRIES), key=lambda index: worth(sights[index]))
+        poses.append(tries[best])
+        shown.append(sights[best])
+    return poses
 
 
-def photograph(rng: np.random.Generator, room: Room, phone: Phone, at: Array, aim: Array) -> View:
-    """Return what `phone` sees at `at`, pointed to `aim`: with noise, gaps, wrong numbers and reflections."""
-    forward = (aim - at) / np.linalg.norm(aim - at)
+def _somewhere(rng: np.random.Generator, room: Room) -> Pose:
+    """Return a pose near a wall that looks across the room, held roughly upright."""
+    width, depth, _ = room.size_m
+    angle, reach = rng.uniform(0, 2 * math.pi), rng.uniform(0.5, 0.95)
+    at = np.array(
+        [
+            width / 2 + reach * (width / 2 - 0.1) * math.cos(angle),
+            depth / 2 + reach * (depth / 2 - 0.1) * math.sin(angle),
+            rng.normal(HELD_M, 0.15),
+        ]
+    )
+    if room.kind == "plane":
+        aim = np.mean([strip.points(np.zeros(1))[0] for strip in room.strips], axis=0)
+    else:
+        aim = np.array([width / 2, depth / 2, 1.2]) - 0.6 * (at - [width / 2, depth / 2, at[2]])
+    forward = aim + rng.normal(0.0, 0.4, 3) - at
+    forward /= np.linalg.norm(forward)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
-    roll = rng.normal(0.0, 0.05)
-    down = np.cross(forward, right)
-    right, down = math.cos(roll) * right + math.sin(roll) * down, math.cos(roll) * down - math.sin(roll) * right
-    rotation = np.array([right, down, forward])
+    down, roll = np.cross(forward, right), rng.normal(0.0, 0.05)
+    cosine, sine = math.cos(roll), math.sin(roll)
+    return Pose(at, np.array([cosine * right + sine * down, cosine * down - sine * right, forward]))
+
+
+def _sights(room: Room, phone: Phone, pose: Pose) -> frozenset[str]:
+    """Return the names of the strips of which a good part is in the image."""
+    names = []
+    for strip in room.strips:
+        points = strip.points(np.linspace(0, strip.spec.count - 1, 12))
+        if _visible(room, phone, pose, points)[1].sum() >= 6:
+            names.append(strip.spec.name)
+    return frozenset(names)
+
+
+def _visible(room: Room, phone: Phone, pose: Pose, points: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the images of `points`, n x 2, and True for those within the image that no box hides."""
+    camera = (points - pose.at) @ pose.rotation.T
+    flat = camera[:, :2] / np.maximum(camera[:, 2:], 0.2)
+    square = np.sum(flat**2, axis=1, keepdims=True)
+    uv = phone.focal_px * flat * (1.0 + phone.distortion * square) + np.array(SIZE_PX) / 2.0
+    visible = (camera[:, 2] > 0.2) & (square[:, 0] < 1.0) & np.all((uv >= 0) & (uv < SIZE_PX), axis=1)
+    if room.box_m is not None:
+        visible &= ~_is_behind(pose.at, points, *room.box_m)
+    return uv, visible
+
+
+def photograph(rng: np.random.Generator, room: Room, phone: Phone, pose: Pose) -> View:
+    """Return what `phone` sees from `pose`: with noise, gaps, wrong numbers and reflections."""
     sightings: list[Sighting] = []
     for strip in room.strips:
         count = strip.spec.count
         marks = np.unique(np.linspace(0, count - 1, min(MARKS, count)).round())
-        points = strip.points(marks)
-        _see(rng, room, phone, rotation, at, strip.spec.name, count, marks, points, sightings)
+        sightings += _seen(rng, room, phone, pose, strip.spec.name, marks, strip.points(marks))
     for lamp, place in room.lamps:
-        _see(rng, room, phone, rotation, at, lamp.name, 1, np.zeros(1), np.array([place]), sightings)
+        sightings += _seen(rng, room, phone, pose, lamp.name, np.zeros(1), np.array([place]))
     order = rng.permutation(len(sightings))
     gravity = None
     if phone.has_gravity:
-        sunk = rotation @ [0.0, 0.0, -1.0] + phone.gravity_bias + rng.normal(0.0, math.radians(1.0), 3)
+        sunk = pose.rotation @ [0.0, 0.0, -1.0] + phone.gravity_bias + rng.normal(0.0, math.radians(1.0), 3)
         sunk /= np.linalg.norm(sunk)
         gravity = (float(sunk[0]), float(sunk[1]), float(sunk[2]))
     return View(*SIZE_PX, tuple(sightings[index] for index in order), gravity)
 
 
-def _see(
-    rng: np.random.Generator,
-    room: Room,
-    phone: Phone,
-    rotation: Array,
-    at: Array,
-    name: str,
-    count: int,
-    marks: Array,
-    points: Array,
-    sightings: list[Sighting],
-) -> None:
+def _seen(
+    rng: np.random.Generator, room: Room, phone: Phone, pose: Pose, name: str, marks: Array, points: Array
+) -> list[Sighting]:
+    """Return the sightings of `points`, the pixels `marks` of a strip or lamp, also in mirrors."""
+    found: list[Sighting] = []
     for mirror in (None, *room.mirrors):
         shown = points if mirror is None else mirror.image_of(points)
-        visible = rng.random(len(points)) >= (UNSEEN if mirror is None else 1.0 - MIRRORED * (1.0 - UNSEEN))
+        uv, visible = _visible(room, phone, pose, shown)
         if mirror is not None:
-            visible &= mirror.is_hit(at, shown)
-        elif room.box_m is not None:
-            visible &= ~_is_behind(at, shown, *room.box_m)
-        camera = (shown - at) @ rotation.T
-        visible &= camera[:, 2] > 0.2
-        flat = camera[:, :2] / np.maximum(camera[:, 2:], 0.2)
-        square = np.sum(flat**2, axis=1, keepdims=True)
-        visible &= square[:, 0] < 1.0
-        uv = phone.focal_px * flat * (1.0 + phone.distortion * square) + rng.normal(0.0, NOISE_PX, flat.shape)
-        uv += np.array(SIZE_PX) / 2.0
-        visible &= np.all((uv >= 0) & (uv < SIZE_PX), axis=1)
+            visible &= mirror.is_hit(pose.at, shown) & (rng.random(len(points)) < MIRRORED)
+        visible &= rng.random(len(points)) >= UNSEEN
+        uv += rng.normal(0.0, NOISE_PX, uv.shape)
         for index in np.flatnonzero(visible):
-            number = int(marks[index])
-            if count > 1 and rng.random() < WRONG:
-                number = int(rng.choice(marks))
-            sightings.append(Sighting(name, number, float(uv[index, 0]), float(uv[index, 1])))
+            is_wrong = len(marks) > 1 and rng.random() < WRONG
+            number = int(rng.choice(marks)) if is_wrong else int(marks[index])
+            found.append(Sighting(name, number, float(uv[index, 0]), float(uv[index, 1])))
+    return found
 
 
 def _is_behind(at: Array, points: Array, low: Array, high: Array) -> NDArray[np.bool_]:

@@ -231,10 +231,17 @@ class LedsRequests(_Requests[D]):
         """Dim all strips, or `strips`, to `brightness`, 0 to 1."""
         return self._do(topics.SET_BRIGHTNESS, brightness=brightness, strips=listed(strips))
 
-    def show(self, strips: Mapping[str, bytes], *, for_s: float = 5.0) -> D:
-        """Show only these pixels for a while: of each strip 3 bytes a pixel. `for_s` 0 ends it."""
-        shown = [{"id": name, "rgb": rgb} for name, rgb in strips.items()]
-        return self._do(topics.SHOW_PIXELS, strips=shown, for_s=for_s)
+    def show(self, strips: Mapping[str, Mapping[int, str | Rgb]], *, for_s: float = 5.0) -> D:
+        """Show only these pixels for a while: by strip and number, `#rrggbb` or (red, green, blue).
+
+        `for_s` 0 ends it.
+        """
+        lit = [
+            {"id": name, "pixels": (pixel,), "color": rgb_of(color)}
+            for name, pixels in strips.items()
+            for pixel, color in pixels.items()
+        ]
+        return self._do(topics.SHOW_PIXELS, lit=tuple(lit), for_s=for_s)
 
     def set_color(self, lamp: str, color: str | Rgb | None = None) -> D:
         """Show `color` on `lamp`: `#rrggbb` or (red, green, blue). None gives it back to the site."""

@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
+from pointit.bridges.web.scan.session import leds_per_m
 from pointit.cli.main import command
 from pointit.cli.run.run import run
 from pointit.maps.file import load_map
@@ -63,10 +64,12 @@ def test_a_site_with_the_named_strips_is_open_to_phones(started: Started, tmp_pa
         "--no-browser",
     )
     assert started.strips == {"shelf": 90, "desk": 60}
+    assert started.map is not None
+    assert leds_per_m(started.map.strips) == {"shelf": 30.0, "desk": 30.0}
     assert {"--lan", "--site-only", "--no-browser", "--output=ddp:10.0.0.9"} <= set(started.arguments)
     assert started.setting("web.scan_file") == str(tmp_path / "hall.yaml")
     assert len(started.setting("web.scan_token")) >= 24
-    assert started.setting("web.scan_simulated") == "false"
+    assert started.setting("web.scan_room") == ""
     assert not Path(started.arguments[0]).exists(), "it is removed afterwards"
 
 
@@ -79,7 +82,7 @@ def test_strips_of_a_map_count_wherever_they_are_in_it(started: Started) -> None
 def test_a_simulated_room_is_open_to_this_machine_only(started: Started) -> None:
     scan("--simulated")
     assert len(started.strips) == 5
-    assert started.setting("web.scan_simulated") == "true"
+    assert started.setting("web.scan_room").endswith("simulated_room.yaml")
     assert "--lan" not in started.arguments
 
 

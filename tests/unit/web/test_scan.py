@@ -1,7 +1,7 @@
 """The site's side of a scan: who may, what is refused, what becomes of views; the solver is not needed."""
 
 import asyncio
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from pointit.bridges.web.server.bundle import Bundle
 from pointit.bridges.web.wire import Role
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.scan.views import Survey
-from pointit.schemas import StripFrame, StripsFrame
+from pointit.schemas import LitPixels, StripFrame, StripsFrame
 from tests.support.bench import until
 
 HERE = "http://127.0.0.1:8090"
@@ -39,7 +39,7 @@ VIEW: dict[str, Any] = {
 class Bench:
     def __init__(self, folder: Path) -> None:
         (folder / "scan.html").write_text("<!doctype html><title>scan</title>")
-        self.shown: list[tuple[Mapping[str, bytes], float]] = []
+        self.shown: list[tuple[Sequence[LitPixels], float]] = []
         self.solved: list[Survey] = []
         self.fault: Exception | None = None
         self.may_solve = asyncio.Event()
@@ -61,10 +61,10 @@ class Bench:
         transport = httpx.ASGITransport(self.app)
         return httpx.AsyncClient(transport=transport, base_url=HERE, headers={"Origin": HERE})
 
-    async def _show(self, strips: Mapping[str, bytes], for_s: float) -> None:
+    async def _show(self, lit: Sequence[LitPixels], for_s: float) -> None:
         if self.fault is not None:
             raise self.fault
-        self.shown.append((strips, for_s))
+        self.shown.append((lit, for_s))
 
     async def _solve(self, survey: Survey) -> Solution:
         await self.may_solve.wait()
@@ -139,13 +139,14 @@ async def test_each_step_lights_the_marked_pixels_for_a_while(bench: Bench, phon
     assert state["lights"][:2] == [["shelf", 0], ["shelf", 2]]
     assert state["lights"][-1] == ["desk", 29]
     await said(phone, 204, kind="light", step=0, brightness=0.5)
-    strips, for_s = bench.shown[-1]
-    assert strips["shelf"][:3] == b"\x80\0\0"
+    lit, for_s = bench.shown[-1]
+    assert [(each.id, each.color) for each in lit] == [("shelf", (128, 0, 0)), ("desk", (128, 0, 0))]
+    assert lit[0].pixels[:2] == (0, 2)
     assert for_s == 6.0
     await said(phone, 204, kind="light", step=-1, brightness=0.5)
-    assert not any(bench.shown[-1][0]["desk"])
+    assert bench.shown[-1] == ((), 6.0)
     await said(phone, 204, kind="light", step=-2, brightness=0.5)
-    assert bench.shown[-1] == ({}, 0.0)
+    assert bench.shown[-1] == ((), 0.0)
     assert "load the page again" in await said(phone, 409, kind="light", step=9, brightness=0.5)
     bench.fault = RefusedError("led-driver does not answer")
     assert await said(phone, 409, kind="light", step=1, brightness=0.5) == "led-driver does not answer"

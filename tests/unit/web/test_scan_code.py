@@ -34,10 +34,8 @@ def test_long_strips_are_marked_from_end_to_end() -> None:
 def test_a_step_shows_every_light_in_its_colour_and_nothing_else() -> None:
     lights = [("a", 0), ("a", 3), ("b", 1)]
     for step in range(steps_of(3)):
-        shown = picture({"a": 4, "b": 2}, lights, step, 0.5)
-        for index, (name, pixel) in enumerate(lights):
-            color = COLORS[word_of(index, 3)[step]]
-            assert shown[name][3 * pixel : 3 * pixel + 3] == bytes(value * 128 // 255 for value in color)
-        assert sum(map(any, shown.values())) == 2
-        assert sum(value > 0 for data in shown.values() for value in data) == 3
-    assert picture({"a": 4}, [("a", 0)], -1, 1.0) == {"a": bytes(12)}
+        shown = {(each.id, pixel): each.color for each in picture(lights, step, 0.5) for pixel in each.pixels}
+        for index, light in enumerate(lights):
+            assert shown[light] == tuple(value * 128 // 255 for value in COLORS[word_of(index, 3)[step]])
+        assert len(shown) == 3
+    assert picture(lights, -1, 1.0) == ()

@@ -51,8 +51,8 @@ class WebConfig(Config):
     scan_token: str = Field(
         default="", description="token of the link with which a phone maps the room; no link if empty"
     )
-    scan_simulated: bool = Field(
-        default=False, description="*Map this room* has a simulated camera in a simulated room"
+    scan_room: str = Field(
+        default="", description="map of the room that a simulated camera maps; no such camera if empty"
     )
     places: dict[str, Place] = Field(
         default_factory=dict[str, Place],

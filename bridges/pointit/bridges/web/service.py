@@ -5,7 +5,7 @@ import contextlib
 import functools
 import logging
 import socket
-from collections.abc import Mapping
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -26,7 +26,7 @@ from pointit.bridges.web.pages.slow_link import SlowLink
 from pointit.bridges.web.playback.past_page import Visits
 from pointit.bridges.web.playback.recent import Recent
 from pointit.bridges.web.scan.door import ScanDoor
-from pointit.bridges.web.scan.session import ScanSession
+from pointit.bridges.web.scan.session import ScanSession, leds_per_m
 from pointit.bridges.web.scan.simulated_room import SimulatedRoom
 from pointit.bridges.web.scan.solver_process import SolverProcess
 from pointit.bridges.web.server import exposure_check
@@ -52,11 +52,11 @@ from pointit.schemas import (
     Feedback,
     Health,
     Interaction,
+    LitPixels,
     Localization,
     Message,
     SelectionEvent,
     ShowPixels,
-    StripFrame,
     StripsFrame,
     UserPose,
     UserProfile,
@@ -139,7 +139,7 @@ class Web(Service[WebConfig]):
             bundle,
             is_wrist=self._phones.is_paired,
             token=config.scan_token,
-            room=SimulatedRoom() if config.scan_simulated else None,
+            room=SimulatedRoom(config.scan_room) if config.scan_room else None,
         )
         routes = [*self._phones.routes, *self._camera.routes, metrics_route(self._metrics, doors)]
         app = application(doors, bundle, self._open, self._downloads.answer, routes)
@@ -262,10 +262,9 @@ class Web(Service[WebConfig]):
             speed=self.clock.speed,
         )
 
-    async def _show(self, strips: Mapping[str, bytes], for_s: float) -> None:
+    async def _show(self, lit: Sequence[LitPixels], for_s: float) -> None:
         """Show pixels on the strips for the camera that maps the room."""
-        shown = tuple(StripFrame(id=name, rgb=rgb) for name, rgb in strips.items())
-        await self.bus.call(SHOW_PIXELS, ShowPixels(strips=shown, for_s=for_s))
+        await self.bus.call(SHOW_PIXELS, ShowPixels(lit=tuple(lit), for_s=for_s))
 
     # Input from the bus.
 
@@ -293,7 +292,8 @@ class Web(Service[WebConfig]):
             case Environment():
                 self._wrists.room(message)
                 self._told_apart.take(message)
-                self._scan.set_strips({strip.id: strip.pixels for strip in message.strips})
+                counts = {strip.id: strip.pixels for strip in message.strips}
+                self._scan.set_strips(counts, leds_per_m(message.strips))
             case UserProfile():
                 self._wrists.profile(name, message)
             case UserPose():

@@ -1,5 +1,6 @@
 """`pointit map scan`: a site whose strips blink, and the page in which a camera maps them."""
 
+import json
 import re
 import secrets
 import tempfile
@@ -8,6 +9,7 @@ from pathlib import Path
 
 import click
 
+from pointit.geometry.polyline import Polyline
 from pointit.maps.file import load_map
 from pointit.runtime.errors import ConfigError
 
@@ -30,6 +32,7 @@ def scan_live(
     *,
     map_name: str,
     strips: Sequence[str],
+    per_m: float,
     output: str,
     simulated: bool,
     run_options: Sequence[str] = (),
@@ -39,8 +42,10 @@ def scan_live(
     Args:
         context: of the command.
         file: map to write.
-        map_name: a map whose strips' names and numbers of pixels are right, or `""`.
+        map_name: a map whose strips' names and numbers of pixels are right, or `""`. For a simulated camera
+            it is the room.
         strips: `NAME=PIXELS` of further strips.
+        per_m: LEDs per metre of `strips`; the page asks for each.
         output: LED output, as for `pointit run`, or `""`.
         simulated: True for a simulated camera in a simulated room.
         run_options: further options of `pointit run`.
@@ -53,12 +58,15 @@ def scan_live(
     if not file.absolute().parent.is_dir():
         raise ConfigError(f"{file}: there is no folder {file.parent}")
     counts = dict(map(_strip, strips))
+    lengths_m = {name: count / per_m for name, count in counts.items()}
     if simulated:
         from pointit.bridges.web.scan.simulated_room import ROOM  # noqa: PLC0415 - of the page's extra
 
         map_name = map_name or str(ROOM)
     if map_name:
-        counts = {strip.id: strip.pixels for strip in load_map(map_name, 0).strips} | counts
+        known = load_map(map_name, 0).strips
+        counts = {strip.id: strip.pixels for strip in known} | counts
+        lengths_m = {strip.id: Polyline(strip.line_m).length_m for strip in known} | lengths_m
     if not counts:
         raise ConfigError("no strips are given: add --strip NAME=PIXELS for each, or --simulated to try it")
     command = context.find_root().command
@@ -69,12 +77,12 @@ def scan_live(
         scenario = Path(folder) / "scan.yaml"
         scenario.write_text(SCENARIO, encoding="utf-8")
         begin = Path(folder) / "begin.yaml"
-        begin.write_text(first_map(counts), encoding="utf-8")
+        begin.write_text(first_map(counts, lengths_m), encoding="utf-8")
         settings = {
             "pui.map": str(begin),
             "web.scan_file": str(file.absolute()),
             "web.scan_token": secrets.token_urlsafe(24),
-            "web.scan_simulated": str(simulated).lower(),
+            "web.scan_room": map_name if simulated else "",
         }
         arguments = [str(scenario), "--site-only", "--no-view", *run_options]
         arguments += [f"--set={name}={value}" for name, value in settings.items()]
@@ -84,13 +92,12 @@ def scan_live(
     return result
 
 
-def first_map(counts: Mapping[str, int]) -> str:
+def first_map(counts: Mapping[str, int], lengths_m: Mapping[str, float]) -> str:
     """Return a map of strips side by side, whose places are wrong, as YAML."""
-    rows = [
-        f"  {name}: {{line: [[0, {ROW_M * row:.1f}, 1], [{count / 60:.3f}, {ROW_M * row:.1f}, 1]], "
-        f"pixels: {count}}}"
-        for row, (name, count) in enumerate(counts.items())
-    ]
+    rows = list[str]()
+    for row, (name, count) in enumerate(counts.items()):
+        line = f"[[0, {ROW_M * row:.1f}, 1], [{lengths_m[name]:.3f}, {ROW_M * row:.1f}, 1]]"
+        rows.append(f"  {json.dumps(name)}: {{line: {line}, pixels: {count}}}")
     return "\n".join(["strips:", *rows, ""])
 
 
@@ -111,7 +118,19 @@ def _strip(text: str) -> tuple[str, int]:
     help="a strip, in the order of the controller's pixels. Repeatable",
 )
 @click.option(
-    "--map", "map_name", default="", metavar="MAP", help="map with the strips, anywhere in the room"
+    "--map",
+    "map_name",
+    default="",
+    metavar="MAP",
+    help="map with the strips, anywhere; with --simulated, the room",
+)
+@click.option(
+    "--leds-per-m",
+    "per_m",
+    type=click.FloatRange(2, 1000),
+    default=60.0,
+    show_default=True,
+    help="of the strips; the page asks for each",
 )
 @click.option("--output", default="", metavar="OUTPUT", help="LED output, as for `pointit run`")
 @click.option("--simulated", is_flag=True, help="a simulated camera in a simulated room")
@@ -123,6 +142,7 @@ def command(
     file: Path,
     strips: tuple[str, ...],
     map_name: str,
+    per_m: float,
     output: str,
     simulated: bool,
     run_options: tuple[str, ...],
@@ -141,6 +161,7 @@ def command(
         file,
         map_name=map_name,
         strips=strips,
+        per_m=per_m,
         output=output,
         simulated=simulated,
         run_options=run_options,

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pointit.schemas import NS_PER_S, Cursor, Environment, StripFrame, StripsFrame
+from pointit.schemas import NS_PER_S, Cursor, Environment, LitPixels, StripFrame, StripsFrame
 from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.picture.lamps import Lamps
 from pointit.services.led_driver.picture.layout import Layout
@@ -50,24 +50,24 @@ class LightState:
             self._dimming = _table(brightness)
             self._own_dimming.clear()
 
-    def show(self, strips: Sequence[StripFrame], until_ns: int) -> None:
-        """Show the pixels of `strips`, undimmed, and no others before `until_ns` or the next map.
+    def show(self, lit: Sequence[LitPixels], until_ns: int) -> None:
+        """Show the pixels `lit`, undimmed, and no others before `until_ns` or the next map.
 
         Raises:
-            ValueError: If there is no such strip, or it has another number of pixels.
+            ValueError: If there is no such strip or pixel.
         """
         slices = {} if self._renderer is None else self._renderer.layout.slices
         pixels = bytearray(0 if self._renderer is None else 3 * self._renderer.layout.count)
-        for strip in strips:
-            where = slices.get(strip.id)
+        for each in lit:
+            where = slices.get(each.id)
             if where is None:
-                raise ValueError(f"there is no strip {strip.id!r}; there are {', '.join(slices) or 'none'}")
-            if len(strip.rgb) != where.stop - where.start:
-                raise ValueError(
-                    f"strip {strip.id} has {(where.stop - where.start) // 3} pixels, 3 bytes each, got "
-                    f"{len(strip.rgb)} bytes"
-                )
-            pixels[where] = strip.rgb
+                raise ValueError(f"there is no strip {each.id!r}; there are {', '.join(slices) or 'none'}")
+            count = (where.stop - where.start) // 3
+            for pixel in each.pixels:
+                if pixel >= count:
+                    raise ValueError(f"strip {each.id} has {count} pixels, no pixel {pixel}")
+                first = where.start + 3 * pixel
+                pixels[first : first + 3] = bytes(each.color)
         self._shown = bytes(pixels), until_ns
 
     def on_map(self, environment: Environment) -> None:

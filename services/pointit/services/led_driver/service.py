@@ -235,7 +235,7 @@ class LedDriver(Service[LedDriverConfig]):
     async def _show_pixels(self, query: ShowPixels, _name: str) -> Done:
         until_ns = self.clock.now_ns() + int(query.for_s * self.clock.speed * NS_PER_S)
         try:
-            self._lights.show(query.strips, until_ns)
+            self._lights.show(query.lit, until_ns)
         except ValueError as error:
             raise RefusedError(str(error)) from error
         if self._shown_timer is not None:

@@ -4,9 +4,12 @@ Step 0 is red, step 1 green. Every further step changes the colour of every ligh
 blue for a bit 0 and by two for a 1: the bits of its index, the highest first, then two check bits.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Sequence
 
-COLORS = ((255, 0, 0), (0, 255, 0), (0, 0, 255))
+from pointit.schemas import LitPixels
+from pointit.schemas.base import Rgb
+
+COLORS: tuple[Rgb, ...] = ((255, 0, 0), (0, 255, 0), (0, 0, 255))
 FIRST_BIT = 2
 CHECK_BITS = 2
 MARKS = 10
@@ -40,21 +43,24 @@ def word_of(index: int, lights: int) -> list[int]:
     return word
 
 
-def picture(
-    counts: Mapping[str, int], lights: Iterable[tuple[str, int]], step: int, brightness: float
-) -> dict[str, bytes]:
-    """Return the pixels of each strip at `step`; dark before step 0.
+def picture(lights: Sequence[tuple[str, int]], step: int, brightness: float) -> tuple[LitPixels, ...]:
+    """Return the lit pixels at `step`; none before step 0.
 
     Args:
-        counts: number of pixels by strip.
         lights: strip and pixel of each light.
         step: number of the step, from 0.
         brightness: 0 to 1.
     """
-    pixels = {name: bytearray(3 * count) for name, count in counts.items()}
-    marked = list(lights)
-    for index, (name, pixel) in enumerate(marked):
-        if step >= 0:
-            color = COLORS[word_of(index, len(marked))[step]]
-            pixels[name][3 * pixel : 3 * pixel + 3] = bytes(round(brightness * value) for value in color)
-    return {name: bytes(data) for name, data in pixels.items()}
+    lit: dict[tuple[str, int], list[int]] = {}
+    if step >= 0:
+        for index, (name, pixel) in enumerate(lights):
+            lit.setdefault((name, word_of(index, len(lights))[step]), []).append(pixel)
+    return tuple(
+        LitPixels(id=name, pixels=tuple(pixels), color=_dimmed(COLORS[color], brightness))
+        for (name, color), pixels in lit.items()
+    )
+
+
+def _dimmed(color: Rgb, brightness: float) -> Rgb:
+    red, green, blue = (round(brightness * value) for value in color)
+    return red, green, blue

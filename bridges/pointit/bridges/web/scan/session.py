@@ -2,8 +2,9 @@
 
 import asyncio
 import logging
+import math
 import re
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from pointit.bridges.web.scan.wire import (
 )
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.scan.views import KnownLength, Mark, Sighting, StripSpec, Survey, View, check_survey
+from pointit.schemas import LitPixels, Strip
 
 log = logging.getLogger(__name__)
 
@@ -33,8 +35,8 @@ ADVICE = (
 """Advice before the first and second view. Then the solver has one."""
 FILE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,58}\.ya?ml")
 
-Show = Callable[[Mapping[str, bytes], float], Awaitable[None]]
-"""Shows the pixels of strips for a time, s. Raises RefusedError."""
+Show = Callable[[Sequence[LitPixels], float], Awaitable[None]]
+"""Shows pixels of strips, and no others, for a time, s. Raises RefusedError."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,6 +71,7 @@ class ScanSession:
         self._folder = file.absolute().parent
         self._file = file.name
         self._counts: dict[str, int] = {}
+        self._leds_per_m: dict[str, float] = {}
         self._begun = ScanBegin()
         self._lights: tuple[tuple[str, int], ...] = ()
         self._views: list[View] = []
@@ -77,8 +80,12 @@ class ScanSession:
         self._problem = ""
         self._saved = ""
 
-    def set_strips(self, counts: Mapping[str, int]) -> None:
-        """Set the strips of the site's map and their numbers of pixels; others begin a new scan."""
+    def set_strips(self, counts: Mapping[str, int], leds_per_m: Mapping[str, float] | None = None) -> None:
+        """Set the strips of the site's map, their numbers of pixels, and pixels per metre if known.
+
+        Other strips, or numbers, begin a new scan.
+        """
+        self._leds_per_m = dict(leds_per_m or {})
         if dict(counts) != self._counts:
             self._counts = dict(counts)
             self._restart(ScanBegin())
@@ -108,9 +115,9 @@ class ScanSession:
         if said.step >= steps_of(len(self._lights)):
             raise RefusedError(f"step {said.step} of {steps_of(len(self._lights))}: load the page again")
         if said.step < -1:
-            await self._show({}, 0.0)
+            await self._show((), 0.0)
         else:
-            await self._show(picture(self._counts, self._lights, said.step, said.brightness), SHOWN_S)
+            await self._show(picture(self._lights, said.step, said.brightness), SHOWN_S)
 
     def view(self, said: ScanView) -> None:
         """Add a view, and solve.
@@ -180,7 +187,9 @@ class ScanSession:
         }
         return ScanState(
             strips=tuple(
-                known.get(name, ScanStrip(name=name, pixels=count)).model_copy(update={"seen": seen[name]})
+                known.get(name, ScanStrip(name=name, pixels=count)).model_copy(
+                    update={"seen": seen[name], "leds_per_m": self._leds_per_m.get(name)}
+                )
                 for name, count in self._counts.items()
             ),
             lights=self._lights,
@@ -245,3 +254,13 @@ class ScanSession:
             self._problem = "the views could not be solved, a fault of PointIt itself, see its log"
         finally:
             self._solving = None
+
+
+def leds_per_m(strips: Sequence[Strip]) -> dict[str, float]:
+    """Return the pixels per metre of each of `strips` that has a length, to 0.1."""
+    lengths_m = {strip.id: sum(map(math.dist, strip.line_m, strip.line_m[1:])) for strip in strips}
+    return {
+        strip.id: round(strip.pixels / lengths_m[strip.id], 1)
+        for strip in strips
+        if 1.0 < strip.pixels / max(lengths_m[strip.id], 1e-9) <= 1000.0
+    }

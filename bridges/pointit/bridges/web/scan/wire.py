@@ -87,6 +87,7 @@ class ScanStrip(WireModel):
 
     name: str
     pixels: int
+    leds_per_m: Annotated[float | None, Field(description="in the map in use, which may be wrong")] = None
     line_m: Annotated[tuple[Vec3, ...], Field(description="from the first pixel on; empty if unknown")] = ()
     sigma_m: Annotated[float | None, Field(description="of its worse end; empty if unknown")] = None
     seen: Annotated[int, Field(description="number of views that show it")] = 0

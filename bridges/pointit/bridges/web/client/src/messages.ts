@@ -84,11 +84,12 @@ export interface Everything {
   SetToleranceReply: SetToleranceReply;
   SetWorkspace: SetWorkspace;
   SetYawOrigin: SetYawOrigin;
-  StripFrame: StripFrame;
+  LitPixels: LitPixels;
   ShowPixels: ShowPixels;
   StartLocalization: StartLocalization;
   Steering: Steering;
   StopRobot: StopRobot;
+  StripFrame: StripFrame;
   StripsFrame: StripsFrame;
   TrackedObject: TrackedObject;
   TrackedObjects: TrackedObjects;
@@ -1813,14 +1814,22 @@ export interface SetYawOrigin {
   yaw_rad: number;
 }
 /**
- * The pixels of one strip.
+ * Pixels of one strip in one colour.
  */
-export interface StripFrame {
+export interface LitPixels {
+  /**
+   * @minItems 3
+   * @maxItems 3
+   */
+  color: [number, number, number];
+  /**
+   * of the strip
+   */
   id: string;
   /**
-   * 3 bytes a pixel, red green blue, pixel 0 first
+   * Items: numbers on the strip
    */
-  rgb: Uint8Array;
+  pixels: number[];
 }
 /**
  * Show these pixels on the strips, undimmed, and nothing else, for a while.
@@ -1831,9 +1840,9 @@ export interface ShowPixels {
    */
   for_s: number;
   /**
-   * missing strips are dark
+   * all other pixels are dark
    */
-  strips: StripFrame[];
+  lit: LitPixels[];
 }
 /**
  * Begin to localize a person.
@@ -1885,6 +1894,16 @@ export interface StopRobot {
    * why, in a few words, for who steers it
    */
   reason: string;
+}
+/**
+ * The pixels of one strip.
+ */
+export interface StripFrame {
+  id: string;
+  /**
+   * 3 bytes a pixel, red green blue, pixel 0 first
+   */
+  rgb: Uint8Array;
 }
 /**
  * The pixels of every strip; `stamp_ns`: when the newest cursor new in it was captured, else its own.

@@ -68,8 +68,8 @@ class Page {
   private offer(state: ScanState): void {
     const names = state.strips.map(({ name }) => name);
     part("pitches").className = "fields";
-    part("pitches").replaceChildren(...state.strips.map(({ name, pixels }) => el("label", {}, `${name}: ${pixels} LEDs, per metre `,
-      el("input", { type: "number", min: 5, max: 500, step: "any", inputmode: "decimal", value: USUAL_LEDS_PER_M, "data-strip": name }))));
+    part("pitches").replaceChildren(...state.strips.map(({ name, pixels, leds_per_m }) => el("label", {}, `${name}: ${pixels} LEDs, per metre `,
+      el("input", { type: "number", min: 5, max: 500, step: "any", inputmode: "decimal", value: leds_per_m ?? USUAL_LEDS_PER_M, "data-strip": name }))));
     part("known-strip").replaceChildren(el("option", { value: "", text: "none" }), ...names.map((name) => el("option", { value: name, text: name })));
     part("origin").replaceChildren(...names.map((name) => el("option", { value: name, text: name })));
     part<HTMLInputElement>("name").value = state.file || "room.yaml";
@@ -130,7 +130,7 @@ class Page {
       void this.attempt(() => this.follow());
     } catch (error) {
       chime("buzz");
-      this.say(this.state.advice);
+      this.show(this.state);
       throw error;
     } finally {
       this.isTaking = false;

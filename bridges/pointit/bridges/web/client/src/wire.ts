@@ -352,6 +352,10 @@ export interface ScanState {
  */
 export interface ScanStrip {
   /**
+   * in the map in use, which may be wrong
+   */
+  leds_per_m: number | null;
+  /**
    * from the first pixel on; empty if unknown
    */
   line_m: [number, number, number][];

@@ -12,6 +12,8 @@ const FOCAL = 640;
 const FRAME_MS = 66;
 const TREMOR_RAD = 0.0006;
 const NOISE = 3;
+/** Level of a light at full brightness from 1 m; a camera takes 255. */
+const POWER = 5000;
 
 type Vec = readonly [number, number, number];
 type Lights = Record<string, string>;
@@ -20,6 +22,11 @@ interface Led {
   strip: string;
   pixel: number;
   at: Vec;
+}
+
+interface Lit {
+  at: Vec;
+  rgb: readonly number[];
 }
 
 /** A camera's place, and the unit vectors to its right, down and ahead. */
@@ -51,8 +58,8 @@ export class SimulatedCamera {
   private readonly noise = new Float32Array(8192);
   private readonly leds: Led[];
   private readonly middle: Vec;
-  private lights: Lights = {};
-  private before: Lights = {};
+  private lit: Lit[] = [];
+  private before: Lit[] = [];
   private place = 0;
   private frame = 0;
   private timer: ReturnType<typeof setTimeout> | undefined;
@@ -97,7 +104,7 @@ export class SimulatedCamera {
     for (;;) {
       const lights = await this.next().catch(() => null);
       if (this.timer === undefined) return;
-      if (lights) this.lights = lights;
+      if (lights) this.lit = this.leds.flatMap((led) => litOf(led, lights[led.strip]));
       else await new Promise((resolve) => setTimeout(resolve, 500));
     }
   }
@@ -131,16 +138,15 @@ export class SimulatedCamera {
       for (let c = 0; c < 3; c++) data[j + c] = this.wall[i++]! * gain + this.noise[n++ & 8191]!;
     }
     const pose = this.pose(TREMOR_RAD);
-    const shutter = this.frame % 3 ? HEIGHT : HEIGHT * Math.random(); // rows below it were exposed before the change
-    for (const { strip, pixel, at } of this.leds) {
-      const [u, v, ahead] = projected(pose, at);
-      if (ahead < 0.1 || u < -20 || v < -20 || u > WIDTH + 20 || v > HEIGHT + 20) continue;
-      const shown = (v > shutter ? this.before : this.lights)[strip];
-      if (!shown) continue;
-      const rgb = [0, 2, 4].map((k) => parseInt(shown.substr(6 * pixel + k, 2), 16) / 255);
-      if (rgb.some((value) => value > 0)) this.splat(u, v, ahead, rgb, gain);
+    const shutter = this.frame % 3 ? Infinity : HEIGHT * Math.random(); // rows below it were exposed before the change
+    for (const [lights, isBefore] of [[this.lit, false], [this.before, true]] as const) {
+      for (const { at, rgb } of lights) {
+        const [u, v, ahead] = projected(pose, at);
+        if (v > shutter !== isBefore || ahead < 0.1) continue;
+        if (u > -20 && v > -20 && u < WIDTH + 20 && v < HEIGHT + 20) this.splat(u, v, ahead, rgb, gain);
+      }
     }
-    this.before = this.lights;
+    this.before = this.lit;
     this.context.putImageData(this.image, 0, 0);
     this.timer = setTimeout(() => this.draw(), FRAME_MS);
   }
@@ -148,7 +154,7 @@ export class SimulatedCamera {
   /** A light: its core saturates every channel, and its halo grows with its brightness. */
   private splat(u: number, v: number, ahead: number, rgb: readonly number[], gain: number): void {
     const { data } = this.image;
-    const power = 1700 * gain / (ahead * ahead);
+    const power = POWER * gain / (ahead * ahead);
     const sigma = 1.1, halo = 4;
     const reach = 12;
     for (let y = Math.max(0, Math.floor(v - reach)); y <= Math.min(HEIGHT - 1, v + reach); y++) {
@@ -162,6 +168,12 @@ export class SimulatedCamera {
       }
     }
   }
+}
+
+/** The LED with its colour, 0 to 1, if it is lit. */
+function litOf({ pixel, at }: Led, shown = ""): Lit[] {
+  const value = parseInt(shown.slice(6 * pixel, 6 * pixel + 6), 16) || 0;
+  return value ? [{ at, rgb: [value >> 16, (value >> 8) & 255, value & 255].map((level) => level / 255) }] : [];
 }
 
 function unit(a: Vec): Vec {

@@ -58,6 +58,8 @@ def test_a_site_with_the_named_strips_is_open_to_phones(started: Started, tmp_pa
         "shelf=90",
         "--strip",
         "desk=60",
+        "--leds-per-m",
+        "30",
         "--output",
         "ddp:10.0.0.9",
         "--",

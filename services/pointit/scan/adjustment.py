@@ -7,7 +7,8 @@ equations of the analytic Jacobian are dense and small: a few hundred unknowns.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,7 +106,7 @@ def turned(rotations: Array, by: Array) -> Array:
     """Return `rotations` (n x 3 x 3), each then rotated by a vector of `by` (n x 3, rad)."""
     angle = np.linalg.norm(by, axis=1)[:, None, None]
     axis = skew(by / np.maximum(angle[:, 0], 1e-12))
-    return (np.eye(3) + np.sin(angle) * axis + (1.0 - np.cos(angle)) * axis @ axis) @ rotations
+    return np.asarray((np.eye(3) + np.sin(angle) * axis + (1.0 - np.cos(angle)) * axis @ axis) @ rotations)
 
 
 class Adjustment:
@@ -117,7 +118,7 @@ class Adjustment:
         first = layout.first
         sizes = np.diff(first)
         self._chain_of_vertex = np.repeat(np.arange(len(sizes)), sizes)
-        self._piece_starts = np.concatenate([np.arange(a, b - 1) for a, b in zip(first, first[1:], strict=False)])
+        self._piece_starts = np.concatenate([np.arange(a, b - 1) for a, b in pairwise(first)])
         views = len(layout.down)
         inner = np.ones(first[-1], dtype=bool)
         inner[first[:-1]] = inner[first[1:] - 1] = False
@@ -142,7 +143,7 @@ class Adjustment:
         return points, before, after, share
 
     def images(self, state: State, view: Indices, chain: Indices, pixel: Array) -> tuple[Array, Array]:
-        """Return the images of `pixel` of chains in views, n x 2, and the depths in the cameras' frames, m."""
+        """Return the images of `pixel` of chains in views, n x 2, and their depths, m."""
         points = self.places(state, chain, pixel)[0]
         return project(state, view, points)
 
@@ -199,7 +200,7 @@ class Adjustment:
         end = columns.vertices + state.vertices.size
         padded = np.append(step, 0.0)  # -1 is not an unknown
         knots = state.knots + np.clip(padded[columns.knots], -2.0, 2.0)
-        for low, high in zip(self.layout.first, self.layout.first[1:], strict=False):
+        for low, high in pairwise(self.layout.first):
             if high - low > 2:  # pieces stay longer than a pixel
                 knots[low + 1 : high - 1] = np.clip(
                     np.maximum.accumulate(knots[low + 1 : high - 1]), knots[low] + 1.0, knots[high - 1] - 1.0
@@ -282,7 +283,7 @@ class Adjustment:
     def _priors(self, state: State) -> tuple[Array, Indices, Indices, Array]:
         """Return residuals of the priors, and the rows, columns and values of their Jacobian."""
         layout, columns = self.layout, self._columns
-        parts: list[tuple[Array, Array, Array]] = [
+        parts: list[tuple[Array, Indices, Array]] = [
             (
                 np.array(
                     [(state.log_focal - layout.log_focal) / FOCAL_SIGMA, state.distortion / DISTORTION_SIGMA]
@@ -335,7 +336,7 @@ class Adjustment:
         return _joined(parts)
 
 
-def _joined(parts: Sequence[tuple[Array, Array, Array]]) -> tuple[Array, Indices, Indices, Array]:
+def _joined(parts: Sequence[tuple[Array, Indices, Array]]) -> tuple[Array, Indices, Indices, Array]:
     rows: list[Indices] = []
     begin = 0
     for residuals, columns, _ in parts:
@@ -371,18 +372,9 @@ def _projection(state: State, camera: Array) -> tuple[Array, Array, Array]:
     by_flat = focal * (
         factor[..., None] * np.eye(2) + 2.0 * state.distortion * flat[:, :, None] * flat[:, None, :]
     )
-    flat_by_camera = np.concatenate(
-        [np.broadcast_to(np.eye(2), (len(camera), 2, 2)), -flat[..., None]], axis=2
-    ) / depth[..., None]
+    flat_by_camera = (
+        np.concatenate([np.broadcast_to(np.eye(2), (len(camera), 2, 2)), -flat[..., None]], axis=2)
+        / depth[..., None]
+    )
     by_lens = np.stack([images, focal * square * flat], axis=2)
     return images, by_flat @ flat_by_camera, by_lens
-
-
-def scaled(state: State, factor: float) -> State:
-    """Return `state` with all lengths multiplied by `factor`."""
-    return replace(
-        state,
-        translations=state.translations * factor,
-        vertices=state.vertices * factor,
-        stretch=state.stretch + np.log(factor),
-    )

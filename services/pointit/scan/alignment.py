@@ -1,5 +1,6 @@
 """Poses of views by the strips they share: rigid motions between sets of points (Kabsch), by consensus."""
 
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -24,24 +25,37 @@ def _nearest(matrix: Array) -> Array:
     sign = np.sign(np.linalg.det(left @ right))
     left = left.copy()
     left[:, :, 2] *= sign[:, None]
-    return left @ right
+    return np.asarray(left @ right)
 
 
-def candidate_poses(
-    room: Array, camera: Array, images: Array, focal_px: float, width_px: float, down: Array | None
-) -> list[tuple[Array, Array]]:
+@dataclass(frozen=True)
+class Shared:
+    """Lines that the room and a view share.
+
+    Attributes:
+        room: three points of each line in the room, m, n x 3 x 3.
+        camera: the same points in the camera's frame, m, coarse along the line of sight.
+        images: their images from the centre, image pixels, n x 3 x 2.
+        focal_px: focal length.
+        width_px: longer side of the image.
+        down: direction of gravity in the camera's frame, if that and the room's level are known.
+    """
+
+    room: Array
+    camera: Array
+    images: Array
+    focal_px: float
+    width_px: float
+    down: Array | None
+
+
+def candidate_poses(shared: Shared) -> list[tuple[Array, Array]]:
     """Return the rotation and translation of poses that explain the images of lines, the best first.
 
     More than one if the images fit several poses, for example of a short strip seen obliquely, from the left
     or from the right.
-
-    Args:
-        room: three points of each line in the room, m, n x 3 x 3.
-        camera: the same points in the camera's frame, m, coarse along the line of sight.
-        images: their images from the centre, image pixels, n x 3 x 2.
-        focal_px, width_px: focal length and width of the image.
-        down: direction of gravity in the camera's frame, if that and the room's level are known.
     """
+    room, down = shared.room, shared.down
     count = len(room)
     sets = list(combinations(range(count), 2))
     if down is not None:
@@ -53,16 +67,16 @@ def candidate_poses(
     members = np.zeros((len(sets), count))
     for row, pair in enumerate(sets):
         members[row, list(pair)] = 1.0
-    rotations, translations = _fit(room, camera, members, down)
+    rotations, translations = _fit(shared, members)
     middle = room[:, 1].mean(axis=0)
-    best = int(np.argmin(_costs(rotations, translations, room, images, focal_px, width_px)))
+    best = int(np.argmin(_costs(shared, rotations, translations)))
     for angle in ORBIT_RAD:  # the same view from elsewhere around the lines
         turn = _about_z(angle)
         rotations = np.concatenate([rotations, (rotations[best] @ turn.T)[None]])
         shift = translations[best] + rotations[best] @ middle - rotations[-1] @ middle
         translations = np.concatenate([translations, shift[None]])
-    rotations, translations = _refined(rotations, translations, room, images, focal_px, width_px, down)
-    costs = _costs(rotations, translations, room, images, focal_px, width_px)
+    rotations, translations = _refined(shared, rotations, translations)
+    costs = _costs(shared, rotations, translations)
     found: list[int] = []
     places = -np.einsum("hji,hj->hi", rotations, translations)
     for index in np.argsort(costs):
@@ -77,18 +91,11 @@ def _about_z(angle: float) -> Array:
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def _refined(
-    rotations: Array,
-    translations: Array,
-    room: Array,
-    images: Array,
-    focal_px: float,
-    width_px: float,
-    down: Array | None,
-) -> tuple[Array, Array]:
+def _refined(shared: Shared, rotations: Array, translations: Array) -> tuple[Array, Array]:
     """Return poses after some steps of Levenberg-Marquardt, all at once, with robust weights."""
-    points, targets = room.reshape(-1, 3), images.reshape(-1, 2)
-    scale = 0.2 * COARSE * width_px
+    down, focal_px = shared.down, shared.focal_px
+    points, targets = shared.room.reshape(-1, 3), shared.images.reshape(-1, 2)
+    scale = 0.2 * COARSE * shared.width_px
     for _ in range(12):
         seen = np.einsum("hij,kj->hki", rotations, points)
         camera = seen + translations[:, None]
@@ -96,9 +103,10 @@ def _refined(
         flat = camera[..., :2] / depth
         errors = focal_px * flat - targets
         weights = 1.0 / np.sqrt(1.0 + np.sum(errors**2, axis=2, keepdims=True) / scale**2)
-        by_camera = np.concatenate(
-            [np.broadcast_to(np.eye(2), (*flat.shape, 2)), -flat[..., None]], axis=3
-        ) * (focal_px * weights / depth)[..., None]
+        by_camera = (
+            np.concatenate([np.broadcast_to(np.eye(2), (*flat.shape, 2)), -flat[..., None]], axis=3)
+            * (focal_px * weights / depth)[..., None]
+        )
         cross = skew(seen.reshape(-1, 3)).reshape(*seen.shape, 3)
         jacobian = np.concatenate([-by_camera @ cross, by_camera], axis=3)
         jacobian = jacobian.reshape(len(rotations), -1, 6)
@@ -117,20 +125,19 @@ def _refined(
     return rotations, translations
 
 
-def _costs(
-    rotations: Array, translations: Array, room: Array, images: Array, focal_px: float, width_px: float
-) -> Array:
+def _costs(shared: Shared, rotations: Array, translations: Array) -> Array:
     """Return for each pose the sum over lines of their errors, 1 at most each."""
-    points = np.einsum("hij,nkj->hnki", rotations, room) + translations[:, None, None]
+    points = np.einsum("hij,nkj->hnki", rotations, shared.room) + translations[:, None, None]
     depth = points[..., 2:]
-    flat = focal_px * points[..., :2] / np.maximum(depth, 0.05)
-    error = np.linalg.norm(flat - images, axis=3).mean(axis=2)
+    flat = shared.focal_px * points[..., :2] / np.maximum(depth, 0.05)
+    error = np.linalg.norm(flat - shared.images, axis=3).mean(axis=2)
     error = np.where(np.min(depth[..., 0], axis=2) > 0.05, error, np.inf)
-    return np.minimum(error / (COARSE * width_px), 1.0).sum(axis=1)
+    return np.asarray(np.minimum(error / (COARSE * shared.width_px), 1.0).sum(axis=1))
 
 
-def _fit(room: Array, camera: Array, members: Array, down: Array | None) -> tuple[Array, Array]:
+def _fit(shared: Shared, members: Array) -> tuple[Array, Array]:
     """Return poses from the lines that are `members` (h x n) of each hypothesis."""
+    room, camera, down = shared.room, shared.camera, shared.down
     near = 1.0 / np.linalg.norm(camera[:, 1], axis=1) ** 2  # depth errs by the square of the distance
     weights = members * near
     weights /= weights.sum(axis=1, keepdims=True)
@@ -149,7 +156,8 @@ def levelled(directions: Array, lengths: Array, up: Array) -> Array:
     """Return the rotation into a level room in which most strips are level or upright.
 
     Args:
-        directions, lengths: of straight pieces, n x 3 (unit) and n.
+        directions: unit directions of straight pieces, n x 3.
+        lengths: their lengths, m, n.
         up: rough direction of up, from the way in which the cameras were held, unit.
     """
     candidates = [up, *directions, *(np.cross(a, b) for a, b in combinations(directions, 2))]

@@ -16,6 +16,7 @@ from pointit.scan.adjustment import (
     project,
 )
 from pointit.scan.first_poses import EXPECTED_FOCAL, Placed
+from pointit.scan.lines import Mask
 from pointit.scan.views import LampSpec, StripSpec, View
 
 GATES_PX = (40.0, 15.0, 8.0)
@@ -46,15 +47,11 @@ class Seen:
 
     @classmethod
     def of(
-        cls,
-        strips: Sequence[StripSpec],
-        lamps: Sequence[LampSpec],
-        views: Sequence[View],
-        max_marks: int,
-        rng: np.random.Generator,
+        cls, strips: Sequence[StripSpec], lamps: Sequence[LampSpec], views: Sequence[View], max_marks: int
     ) -> "Seen":
         """Return the sightings of `views`, of at most `max_marks` different pixels of a strip in a view."""
-        numbers = {each.name: number for number, each in enumerate((*strips, *lamps))}
+        specs: list[StripSpec | LampSpec] = [*strips, *lamps]
+        numbers = {each.name: number for number, each in enumerate(specs)}
         rows = [
             (index, numbers[seen.name], seen.pixel, seen.u - view.width / 2.0, seen.v - view.height / 2.0)
             for index, view in enumerate(views)
@@ -105,7 +102,7 @@ class Adjusted:
     state: State
     chains: list[int]
     views: list[int]
-    used: Array
+    used: Mask
     noise_px: float
     loss_px: float
 
@@ -183,7 +180,7 @@ class Final:
         mask[used] = True
         return Adjusted(seen, adjustment, state, chains, placed.views, mask, noise_px, loss_px)
 
-    def _agreeing(self, candidates: Indices, errors: Array, limit_px: float) -> Array:
+    def _agreeing(self, candidates: Indices, errors: Array, limit_px: float) -> Mask:
         """Return which candidates to use: within the limit, the nearest of its pixel, with its strip."""
         seen = self._seen
         good = errors < limit_px

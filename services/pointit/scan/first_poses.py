@@ -11,7 +11,7 @@ from itertools import combinations
 import numpy as np
 
 from pointit.scan.adjustment import Adjustment, Array, Layout, State
-from pointit.scan.alignment import candidate_poses, upright
+from pointit.scan.alignment import Shared, candidate_poses, upright
 from pointit.scan.lines import ImageLine
 
 Piece = tuple[int, int]
@@ -41,7 +41,6 @@ FLAT = 0.15
 """Ratio of the third and second extent of points up to which they lie in a plane."""
 
 
-
 @dataclass(frozen=True)
 class Placed:
     """Views with poses, and lines with places.
@@ -66,7 +65,7 @@ class Placed:
     @property
     def last_turn(self) -> Array:
         """Return the rotation from the frame of the first view to that of the last."""
-        return self.state.rotations[-1] @ self.state.rotations[0].T
+        return np.asarray(self.state.rotations[-1] @ self.state.rotations[0].T)
 
 
 class FirstPoses:
@@ -109,9 +108,7 @@ class FirstPoses:
     def _begin(self, base: int, focal_px: float) -> Placed:
         down = self._downs[base]
         rotation = upright(-down).T if np.isfinite(down[0]) else np.eye(3)
-        state = State(
-            float(np.log(focal_px)), 0.0, rotation[None], np.zeros((1, 3)), *_NOTHING
-        )
+        state = State(float(np.log(focal_px)), 0.0, rotation[None], np.zeros((1, 3)), *_NOTHING)
         return self._with_lines(Placed([base], [], state))
 
     def _with_lines(self, placed: Placed) -> Placed:
@@ -164,12 +161,14 @@ class FirstPoses:
         down = self._downs[view]
         is_level = np.isfinite(down[0]) and bool(np.isfinite(self._downs[placed.views][:, 0]).any())
         poses = candidate_poses(
-            np.array(room),
-            np.array(camera),
-            np.array(images),
-            focal,
-            self._side_px,
-            down if is_level else None,
+            Shared(
+                np.array(room),
+                np.array(camera),
+                np.array(images),
+                focal,
+                self._side_px,
+                down if is_level else None,
+            )
         )
         found = [
             self._adjusted(
@@ -284,9 +283,7 @@ def _is_from_behind(placed: Placed) -> bool:
         return False
     cameras = -np.einsum("vji,vj->vi", state.rotations, state.translations)
     sides = (cameras - middle) @ axes[2]
-    others = [
-        sides[index] for index, ties in enumerate(placed.ties[:-1]) if set(ties) & set(placed.ties[-1])
-    ]
+    others = [sides[index] for index, ties in enumerate(placed.ties[:-1]) if set(ties) & set(placed.ties[-1])]
     return any(side * sides[-1] < 0 for side in others)
 
 

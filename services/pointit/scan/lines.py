@@ -132,7 +132,7 @@ def _refined(pixels: Array, uv: Array) -> ImageLine | None:
     for _ in range(3):  # equations of the image, not of the homogeneous coordinates
         rows = np.zeros((2 * len(n), 6))
         for axis in (0, 1):
-            part = rows[axis :: 2]
+            part = rows[axis::2]
             part[:, axis], part[:, 3 + axis] = weights, weights * n
             part[:, 2], part[:, 5] = -weights * u[:, axis], -weights * n * u[:, axis]
         solution = np.linalg.svd(rows, full_matrices=False)[2][-1]

@@ -114,7 +114,7 @@ class Scan:
 
     def complete(self, limit_m: float = COMPLETE_M) -> bool:
         """Return True if all strips and lamps are identified with sigma of at most `limit_m`."""
-        found = (*self.strips.values(), *self.lamps.values())
+        found: list[ScannedStrip | ScannedLamp] = [*self.strips.values(), *self.lamps.values()]
         return not self.missing and all(each.identified and each.sigma_m <= limit_m for each in found)
 
     def placed(self, origin_m: Vec3, heading_rad: float) -> "Scan":
@@ -142,9 +142,7 @@ class Scan:
             self,
             cameras=tuple(
                 camera
-                and Camera(
-                    camera.rotation @ turn.T, camera.translation_m - camera.rotation @ turn.T @ shift
-                )
+                and Camera(camera.rotation @ turn.T, camera.translation_m - camera.rotation @ turn.T @ shift)
                 for camera in self.cameras
             ),
             strips={

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,13 +12,13 @@ from pointit.runtime.errors import ConfigError
 from pointit.scan.adjustment import PITCH_SIGMA, Array
 from pointit.scan.alignment import levelled, upright
 from pointit.scan.final_adjustment import Adjusted
-from pointit.scan.result import Camera, ScannedLamp, ScannedStrip, Scan
+from pointit.scan.result import Camera, Scan, ScannedLamp, ScannedStrip
 from pointit.scan.views import KnownLength, LampSpec, StripSpec
 
 LEAST_PARALLAX_RAD = math.radians(4.0)
 LEAST_SIGHTINGS = 3
 """Minimum number of pixels for a view to count for a strip."""
-MAX_SIGMA_M = 0.05
+MAX_SIGMA_M = 0.03
 """Largest sigma with which a strip counts as identified."""
 LEAST_SIGMA_M = 0.001
 MAX_STRETCH = 0.04
@@ -33,6 +34,7 @@ STRAIGHT_RAD = math.radians(2.5)
 STRIPS_LEVEL_SIGMA = math.radians(1.5)
 """Standard deviation of a level that is taken from the strips."""
 SCALE_SIGMA = PITCH_SIGMA
+REFLECTED = "one view has it elsewhere and nearer: the others may show a mirror image, cover the mirror"
 
 
 def scan_of(
@@ -40,9 +42,10 @@ def scan_of(
     strips: Sequence[StripSpec],
     lamps: Sequence[LampSpec],
     known_length: KnownLength | None,
+    reflections: frozenset[int],
 ) -> Scan:
-    """Return the scan of an adjustment; `known_length` scales it."""
-    specs = (*strips, *lamps)
+    """Return the scan of an adjustment; `known_length` scales it; `reflections` are numbers of strips."""
+    specs: list[StripSpec | LampSpec] = [*strips, *lamps]
     state, layout = adjusted.state, adjusted.adjustment.layout
     turn, level_sigma, level_from = _level(adjusted)
     factor, scale_sigma, scale_from = _scale(adjusted, specs, known_length)
@@ -63,7 +66,7 @@ def scan_of(
         part = slice(int(layout.first[number]), int(layout.first[number + 1]))
         rows = np.arange(3 * part.start, 3 * part.stop)
         own = covariance[np.ix_(rows, rows)]
-        views = _views(adjusted, number, chain)
+        views = _views(adjusted, chain)
         if chain >= len(strips):
             lamp = lamps[chain - len(strips)]
             sigma = _sigma(own)
@@ -73,12 +76,20 @@ def scan_of(
             )
         else:
             strip = strips[chain]
-            found_strips[strip.name] = _strip(adjusted, number, chain, strip, vertices[part], own, views, factor)
+            found = _strip(adjusted, number, strip, vertices[part], own)
+            if chain in reflections and found.identified:
+                found = replace(found, identified=False, reason=REFLECTED)
+            found_strips[strip.name] = found
     missing = tuple(
         spec.name for spec in specs if spec.name not in found_strips and spec.name not in found_lamps
     )
     problems += [f"{name!r} is not seen from two places: photograph it once more" for name in missing]
-    problems += _swapped(found_strips, strips)
+    problems += _swapped(found_strips, strips, factor)
+    if abs(math.log(factor)) > MAX_STRETCH:
+        problems.append(
+            f"the known length makes all pitches {abs(factor - 1.0):.0%} "
+            f"{'larger' if factor > 1 else 'smaller'} than given: measure it again, or correct the pitches"
+        )
     cameras: list[Camera | None] = [None] * len(adjusted.seen.downs)
     for index, view in enumerate(adjusted.views):
         rotation = state.rotations[index] @ turn.T
@@ -160,7 +171,7 @@ def _beside_each_other(covariance: Array, vertices: Array) -> Array:
     return np.asarray(result)
 
 
-def _views(adjusted: Adjusted, number: int, chain: int) -> list[int]:
+def _views(adjusted: Adjusted, chain: int) -> list[int]:
     """Return the views, as numbers in the state, that count for a chain."""
     seen = adjusted.seen
     least = LEAST_SIGHTINGS if chain < seen.strips else 1
@@ -189,9 +200,7 @@ def _disagreement(adjusted: Adjusted, chain: int) -> str:
     """Return which part of a strip is not where its line has it, or `""`."""
     seen = adjusted.seen
     shown = (seen.chain == chain) & np.isin(seen.view, adjusted.views)
-    pairs, inverse = np.unique(
-        np.column_stack([seen.pixel, seen.view])[shown], axis=0, return_inverse=True
-    )
+    pairs, inverse = np.unique(np.column_stack([seen.pixel, seen.view])[shown], axis=0, return_inverse=True)
     agrees = np.bincount(inverse.ravel(), adjusted.used[shown]) > 0  # a pixel and its reflection are one
     bounds = np.linspace(pairs[0, 0], pairs[-1, 0], WINDOWS + 1)
     for low, high in zip(bounds[:-2], bounds[2:], strict=True):
@@ -217,15 +226,10 @@ def _parallax_rad(adjusted: Adjusted, number: int, views: Sequence[int]) -> floa
 
 
 def _strip(
-    adjusted: Adjusted,
-    number: int,
-    chain: int,
-    spec: StripSpec,
-    vertices: Array,
-    covariance: Array,
-    views: Sequence[int],
-    factor: float,
+    adjusted: Adjusted, number: int, spec: StripSpec, vertices: Array, covariance: Array
 ) -> ScannedStrip:
+    chain = adjusted.chains[number]
+    views = _views(adjusted, chain)
     vertices, covariance = _without_straight_corners(vertices, covariance)
     length_m = float(np.linalg.norm(np.diff(vertices, axis=0), axis=1).sum())
     pitch_m = length_m / spec.count
@@ -242,7 +246,7 @@ def _strip(
                 if unseen == pixels.min()
                 else f"{pixels.max() + 1:.0f} to {spec.count - 1}"
             )
-            reason = f"no view shows pixels {which}: photograph that end, or correct the count of {spec.count}"
+            reason = f"no view shows pixels {which}: photograph that end, or correct its count"
     stretch = float(adjusted.state.stretch[number])
     if not reason and spec.pitch_m is not None and abs(stretch) > MAX_STRETCH:
         reason = (
@@ -268,12 +272,12 @@ def _without_straight_corners(vertices: Array, covariance: Array) -> tuple[Array
     return vertices[keep], covariance[np.ix_(rows, rows)]
 
 
-def _swapped(found: dict[str, ScannedStrip], strips: Sequence[StripSpec]) -> list[str]:
+def _swapped(found: dict[str, ScannedStrip], strips: Sequence[StripSpec], factor: float) -> list[str]:
     """Return a sentence for each two strips of which each measures the pitch of the other."""
     known = {strip.name: strip.pitch_m for strip in strips if strip.pitch_m and strip.name in found}
 
     def fits(name: str, pitch_m: float) -> bool:
-        return abs(math.log(found[name].pitch_m / pitch_m)) < 2 * MAX_STRETCH
+        return abs(math.log(found[name].pitch_m / factor / pitch_m)) < 2 * MAX_STRETCH
 
     return [
         f"{a!r} and {b!r} look swapped at the controller: each has the pitch of the other"

@@ -1,13 +1,12 @@
 """From sightings to a room: lines in each view, poses of the views, then all in one adjustment."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
-from pointit.scan.adjustment import Array, State
-from pointit.scan.final_adjustment import Final, Seen
+from pointit.scan.adjustment import Array, State, project
+from pointit.scan.final_adjustment import Adjusted, Final, Seen
 from pointit.scan.first_poses import FirstPoses, Piece, Placed
 from pointit.scan.lines import LEAST, ImageLine, corners, fit_lines
 from pointit.scan.result import Scan, ScanError
@@ -16,6 +15,10 @@ from pointit.scan.views import KnownLength, LampSpec, StripSpec, View, check_sur
 
 MAX_MARKS = 60
 """Maximum number of different pixels of one strip that are used of one view."""
+ELSEWHERE_PX = 25.0
+"""Distance in the image from which a strip is seen elsewhere than where it is placed."""
+NEARER = 0.85
+"""Ratio of distances from which a strip is seen nearer than where it is placed."""
 UNKNOWN_PITCHES_M = np.geomspace(0.004, 0.12, 80)
 
 
@@ -41,7 +44,7 @@ def solve(
     if all(strip.pitch_m is None for strip in strips):
         raise ScanError("no strip has a pitch (pixels a metre): without one there is no beginning, give it")
     rng = np.random.default_rng(0)
-    seen = Seen.of(strips, lamps, views, MAX_MARKS, rng)
+    seen = Seen.of(strips, lamps, views, MAX_MARKS)
     knots = {
         number: [-0.5, *corners(seen.of_strip(number), strip.count, rng), strip.count - 0.5]
         for number, strip in enumerate(strips)
@@ -60,7 +63,8 @@ def solve(
     final = Final(seen, strips, lamps, side)
     starts = _chains(placed, knots)
     _add_unknown_pitches(starts, placed, strips, knots, lines)
-    return scan_of(final.adjusted(placed, starts), strips, lamps, known_length)
+    adjusted = final.adjusted(placed, starts)
+    return scan_of(adjusted, strips, lamps, known_length, _reflections(adjusted, lines, pitches))
 
 
 def _lines_of(
@@ -83,6 +87,26 @@ def _distance(line: ImageLine, low: float, high: float) -> float:
     """Return the distance of a piece's middle in units of its pitch, for a usual focal length."""
     start, step = line.in_camera(1000.0, 1.0)
     return float(np.linalg.norm(start + (low + high) / 2.0 * step))
+
+
+def _reflections(
+    adjusted: Adjusted, lines: Sequence[Mapping[Piece, ImageLine]], pitches_m: Mapping[int, float]
+) -> frozenset[int]:
+    """Return the strips that a view has elsewhere and nearer: what the other views saw was a reflection."""
+    state = adjusted.state
+    found: set[int] = set()
+    for index, view in enumerate(adjusted.views):
+        for (strip, _), line in lines[view].items():
+            if strip not in adjusted.chains or strip not in pitches_m:
+                continue
+            chain = np.full(len(line.pixels), adjusted.chains.index(strip))
+            images, depths = adjusted.adjustment.images(state, np.full_like(chain, index), chain, line.pixels)
+            start, step = line.in_camera(float(np.exp(state.log_focal)), pitches_m[strip])
+            nearness = (start + line.pixels[:, None] * step)[:, 2] / np.maximum(depths, 1e-3)
+            is_elsewhere = np.median(np.linalg.norm(images - line.uv, axis=1)) > ELSEWHERE_PX
+            if is_elsewhere and (np.median(nearness) < NEARER or np.median(depths) < 0):
+                found.add(strip)
+    return frozenset(found)
 
 
 def _chains(placed: Placed, knots: Mapping[int, Sequence[float]]) -> dict[int, tuple[Array, Array]]:
@@ -139,7 +163,11 @@ def _add_unknown_pitches(
             start, step = line.in_camera(float(np.exp(state.log_focal)), float(pitch_m))
             there = (start + ends[:, None] * step - state.translations[best]) @ state.rotations[best]
             error = sum(
-                float(np.linalg.norm(_image(state, index, there) - lines[placed.views[index]][strip, 0].at(ends)))
+                float(
+                    np.linalg.norm(
+                        _image(state, index, there) - lines[placed.views[index]][strip, 0].at(ends)
+                    )
+                )
                 for index in having
                 if index != best
             )
@@ -150,6 +178,4 @@ def _add_unknown_pitches(
 
 
 def _image(state: State, view: int, points: Array) -> Array:
-    from pointit.scan.adjustment import project
-
     return project(state, np.full(len(points), view), points)[0]

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +44,7 @@ class TrueStrip:
 
 @dataclass(frozen=True)
 class Mirror:
-    """An upright rectangle that reflects: `centre`, unit `normal` into the room, half `width` and `height`."""
+    """A rectangle that reflects: `centre`, unit `normal` into the room, half width and height."""
 
     centre: Array
     normal: Array
@@ -62,7 +63,7 @@ class Mirror:
         side = np.cross(self.normal, [0.0, 0.0, 1.0] if abs(self.normal[2]) < 0.9 else [1.0, 0.0, 0.0])
         up = np.cross(side, self.normal)
         inside = (np.abs(at @ side) < self.half_m[0]) & (np.abs(at @ up) < self.half_m[1])
-        return inside & (to < 0) & (here > 0)
+        return np.asarray(inside & (to < 0) & (here > 0))
 
 
 @dataclass(frozen=True)
@@ -131,7 +132,7 @@ def random_room(rng: np.random.Generator) -> Room:
     box = None
     if rng.random() < 0.5:
         low = np.array([rng.uniform(0.8, width - 1.6), rng.uniform(0.8, depth - 1.6), 0.0])
-        box = (low, low + [rng.uniform(0.3, 0.8), rng.uniform(0.3, 0.8), rng.uniform(0.5, 1.2)])
+        box = (low, low + rng.uniform([0.3, 0.3, 0.5], [0.8, 0.8, 1.2]))
     return Room((width, depth, height), strips, lamps, tuple(mirrors), box, kind)
 
 
@@ -169,7 +170,7 @@ def _strip(
         corners = np.array([[width, 0.0], [width, depth], [0.0, depth], [0.0, 0.0]])
         corner = np.array([*corners[wall], start[2]])
         to_corner = float(np.linalg.norm(corner - start))
-        is_bent = kind == "corners" and rng.random() < 0.5 or kind == "mixed" and rng.random() < 0.25
+        is_bent = (kind == "corners" and rng.random() < 0.5) or (kind == "mixed" and rng.random() < 0.25)
         if is_bent:
             first = min(to_corner, float(rng.uniform(0.5, 2.0)))
             turn = np.array([-along[1], along[0], 0.0]) if rng.random() < 0.6 else np.array([0.0, 0.0, 1.0])
@@ -180,7 +181,7 @@ def _strip(
             line = [corner - first * along, corner, corner + second * turn]
         elif rng.random() < 0.25:
             start[2] = rng.uniform(0.1, 0.8)
-            line = [start, start + [0.0, 0.0, min(length, 1.8)]]
+            line = [start, start + np.array([0.0, 0.0, min(length, 1.8)])]
         else:
             line = [start, start + min(length, to_corner) * along]
     if rng.random() < 0.5:
@@ -189,7 +190,7 @@ def _strip(
     count = max(12, round(total / pitch_m))
     factor = count * pitch_m / total  # a whole number of pixels: the line ends a little sooner or later
     vertices = [line[0]]
-    for a, b in zip(line, line[1:], strict=False):
+    for a, b in pairwise(line):
         vertices.append(vertices[-1] + factor * (b - a))
     return TrueStrip(
         StripSpec(name, count, 1.0 / per_m), tuple((float(v[0]), float(v[1]), float(v[2])) for v in vertices)
@@ -271,9 +272,9 @@ def photograph(rng: np.random.Generator, room: Room, phone: Phone, pose: Pose) -
     for strip in room.strips:
         count = strip.spec.count
         marks = np.unique(np.linspace(0, count - 1, min(MARKS, count)).round())
-        sightings += _seen(rng, room, phone, pose, strip.spec.name, marks, strip.points(marks))
+        sightings += _seen(rng, room, phone, pose, (strip.spec.name, marks, strip.points(marks)))
     for lamp, place in room.lamps:
-        sightings += _seen(rng, room, phone, pose, lamp.name, np.zeros(1), np.array([place]))
+        sightings += _seen(rng, room, phone, pose, (lamp.name, np.zeros(1), np.array([place])))
     order = rng.permutation(len(sightings))
     gravity = None
     if phone.has_gravity:
@@ -284,9 +285,10 @@ def photograph(rng: np.random.Generator, room: Room, phone: Phone, pose: Pose) -
 
 
 def _seen(
-    rng: np.random.Generator, room: Room, phone: Phone, pose: Pose, name: str, marks: Array, points: Array
+    rng: np.random.Generator, room: Room, phone: Phone, pose: Pose, named: tuple[str, Array, Array]
 ) -> list[Sighting]:
-    """Return the sightings of `points`, the pixels `marks` of a strip or lamp, also in mirrors."""
+    """Return the sightings of a strip or lamp (name, pixels, their positions), also in mirrors."""
+    name, marks, points = named
     found: list[Sighting] = []
     for mirror in (None, *room.mirrors):
         shown = points if mirror is None else mirror.image_of(points)
@@ -309,4 +311,4 @@ def _is_behind(at: Array, points: Array, low: Array, high: Array) -> NDArray[np.
         first, second = (low - at) / step, (high - at) / step
     enters = np.nanmax(np.minimum(first, second), axis=1)
     leaves = np.nanmin(np.maximum(first, second), axis=1)
-    return (enters < leaves) & (leaves > 0) & (enters < 1.0)
+    return np.asarray((enters < leaves) & (leaves > 0) & (enters < 1.0))

@@ -5,12 +5,12 @@ what `Done` becomes there, other parameters for other replies. `tests/contract` 
 """
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Generic, Literal, TypeVar
 
 from pydantic import ValidationError
 
-from pointit.schemas import PointingOffset, Query, SchemaError, summarize_validation_error, topics
+from pointit.schemas import LitPixels, PointingOffset, Query, SchemaError, summarize_validation_error, topics
 from pointit.schemas.base import Rgb
 from pointit.schemas.topics import Request
 
@@ -231,17 +231,9 @@ class LedsRequests(_Requests[D]):
         """Dim all strips, or `strips`, to `brightness`, 0 to 1."""
         return self._do(topics.SET_BRIGHTNESS, brightness=brightness, strips=listed(strips))
 
-    def show(self, strips: Mapping[str, Mapping[int, str | Rgb]], *, for_s: float = 5.0) -> D:
-        """Show only these pixels for a while: by strip and number, `#rrggbb` or (red, green, blue).
-
-        `for_s` 0 ends it.
-        """
-        lit = [
-            {"id": name, "pixels": (pixel,), "color": rgb_of(color)}
-            for name, pixels in strips.items()
-            for pixel, color in pixels.items()
-        ]
-        return self._do(topics.SHOW_PIXELS, lit=tuple(lit), for_s=for_s)
+    def show(self, lit: tuple[LitPixels, ...] = (), *, for_s: float = 5.0) -> D:
+        """Show only the pixels `lit` for a while, undimmed. `for_s` 0 ends it."""
+        return self._do(topics.SHOW_PIXELS, lit=lit, for_s=for_s)
 
     def set_color(self, lamp: str, color: str | Rgb | None = None) -> D:
         """Show `color` on `lamp`: `#rrggbb` or (red, green, blue). None gives it back to the site."""

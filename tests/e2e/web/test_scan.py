@@ -48,7 +48,9 @@ INSECURE = "Object.defineProperty(window, 'isSecureContext', { value: false });"
 async def scanning(commands: Commands, file: Path) -> str:
     """Start a scan with a simulated camera, and return the link of its page."""
     page_is_built()
-    command = commands.start("map", "scan", str(file), "--simulated", "--", "--web-port", "0", "--no-browser")
+    command = commands.start(
+        "map", "scan", "-o", str(file), "--simulated", "--", "--web-port", "0", "--no-browser"
+    )
     await command.says("map this room: open")
     return link_in("\n".join(command.logged()))
 

@@ -53,6 +53,7 @@ def scan(*arguments: str) -> None:
 
 def test_a_site_with_the_named_strips_is_open_to_phones(started: Started, tmp_path: Path) -> None:
     scan(
+        "-o",
         "hall.yaml",
         "--strip",
         "shelf=90",
@@ -60,7 +61,7 @@ def test_a_site_with_the_named_strips_is_open_to_phones(started: Started, tmp_pa
         "desk=60",
         "--leds-per-m",
         "30",
-        "--output",
+        "--leds",
         "ddp:10.0.0.9",
         "--",
         "--no-browser",
@@ -92,11 +93,12 @@ def test_a_simulated_room_is_open_to_this_machine_only(started: Started) -> None
     ("arguments", "sentence"),
     [
         ((), "no strips are given: add --strip NAME=PIXELS"),
+        (("--simulated", "--heading", "90"), "--heading goes with --from only"),
         (("--strip", "shelf"), "--strip shelf: write NAME=PIXELS, such as shelf=90"),
         (("--strip", "shelf=1"), "with 2 to 4096 pixels"),
         (("--strip", "a b=10"), "write NAME=PIXELS"),
-        (("--simulated", "there.yaml"), "there.yaml: exists already; choose another name"),
-        (("--simulated", "no/where.yaml"), "no/where.yaml: there is no folder no"),
+        (("--simulated", "-o", "there.yaml"), "there.yaml: exists already; choose another name"),
+        (("--simulated", "-o", "no/where.yaml"), "no/where.yaml: there is no folder no"),
     ],
 )
 def test_what_is_wrong_is_said_before_anything_starts(

@@ -242,7 +242,7 @@ async def test_what_is_malformed_or_of_another_scan_is_refused(
     assert "load the page again" in await said(phone, 409, **VIEW | {"seen": [[20, 1.0, 1.0]]})
     assert "no unit vector" in await said(phone, 409, **VIEW, gravity=[0.0, 2.0, 0.0])
     bench.session.set_strips({})
-    assert "pointit map scan FILE --strip" in await said(phone, 409, kind="begin")
+    assert "pointit map scan -o FILE --strip" in await said(phone, 409, kind="begin")
 
 
 async def test_another_map_begins_a_new_scan(bench: Bench, phone: httpx.AsyncClient) -> None:

@@ -1,14 +1,16 @@
-"""`pointit map scan`: a map from photographs of blinking strips and lamps."""
+"""`pointit map scan`: a map from photographs of blinking strips and lamps, taken now or in a file."""
 
 import math
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import click
 
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import json_option, print_json
 from pointit.cli.maps.check import examined, print_findings
+from pointit.cli.maps.scan_live import live_options, scan_live
 from pointit.maps.file import parse_map_file
 from pointit.runtime.errors import ConfigError
 from pointit.scan.advice import next_view
@@ -66,17 +68,16 @@ def _mark(text: str) -> Mark:
 @click.option(
     "--from",
     "source",
-    required=True,
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE",
-    help="file of views, see below",
+    help="file of views, see below, instead of a camera",
 )
 @click.option(
     "-o",
     "--output",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="MAP",
-    help="map to write; an existing file is never overwritten  [default: standard output]",
+    help="map to write; a new file  [default: room.yaml; with --from, standard output]",
 )
 @click.option(
     "--known",
@@ -91,18 +92,26 @@ def _mark(text: str) -> Mark:
     "--heading", type=Finite(-360, 360), default=0.0, metavar="DEG", help="direction that becomes x, degrees"
 )
 @click.option("--all", "also_doubtful", is_flag=True, help="write what is not identified, too")
+@live_options
 @json_option
+@click.pass_context
 def command(
+    context: click.Context,
     *,
-    source: Path,
+    source: Path | None,
     output: Path | None,
     known: KnownLength | None,
     origin: tuple[float, float, float] | None,
     heading: float,
     also_doubtful: bool,
     as_json: bool,
-) -> None:
-    r"""Compute a map from photographs in which strips and lamps blink their numbers.
+    **live: Any,
+) -> int:
+    r"""Map a room by a camera: its strips blink their numbers, and a phone's page finds where they are.
+
+    Starts a site with the strips, and prints a link, and a QR code for a phone in the same network. The page
+    leads from view to view, and writes the map. No picture leaves the phone. With --from, the map is
+    computed from views in a file. Arguments after `--` are options of `pointit run`.
 
     Two photographs suffice for what both show from a step apart, and four to six for a room. Each should
     show three strips of an earlier one. Strips are found to about 1 cm, with the standard deviation of each
@@ -110,9 +119,13 @@ def command(
 
     \b
     Example:
+      pointit map scan -o room.yaml --strip shelf=90 --strip desk=60 --leds ddp:192.168.1.40
       pointit map scan --from views.json -o room.yaml
       pointit map scan --from views.json --known desk:0,desk:59,0.98 --origin 1,2,0 --heading 90 -o room.yaml
     """
+    if source is None:
+        _check_live(known, origin, heading, also_doubtful, as_json)
+        return scan_live(context, output or Path("room.yaml"), **live)
     survey = read_survey(source)
     if known is not None:
         survey = replace(survey, known_length=known)
@@ -134,6 +147,14 @@ def command(
         click.echo(text, nl=False)
     for sentence in _sentences(scan):
         click.echo(sentence, err=True)
+    return 0
+
+
+def _check_live(*given: object) -> None:
+    """Check that no option of --from is given. Raises ConfigError otherwise."""
+    for option, value in zip(("--known", "--origin", "--heading", "--all", "--json"), given, strict=True):
+        if value:
+            raise ConfigError(f"{option} goes with --from only; the page has such a choice")
 
 
 def write_new(path: Path, text: str) -> None:

@@ -4,14 +4,17 @@ import json
 import re
 import secrets
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any, TypeVar
 
 import click
 
 from pointit.geometry.polyline import Polyline
 from pointit.maps.file import load_map
 from pointit.runtime.errors import ConfigError
+
+F = TypeVar("F", bound=Callable[..., Any])
 
 ROW_M = 0.1
 """Distance of the strips in the map to begin with, of which only names and numbers are right."""
@@ -33,7 +36,7 @@ def scan_live(
     map_name: str,
     strips: Sequence[str],
     per_m: float,
-    output: str,
+    leds: str,
     simulated: bool,
     run_options: Sequence[str] = (),
 ) -> int:
@@ -46,7 +49,7 @@ def scan_live(
             it is the room.
         strips: `NAME=PIXELS` of further strips.
         per_m: LEDs per metre of `strips`; the page asks for each.
-        output: LED output, as for `pointit run`, or `""`.
+        leds: LED output, as for `pointit run`, or `""`.
         simulated: True for a simulated camera in a simulated room.
         run_options: further options of `pointit run`.
 
@@ -87,7 +90,7 @@ def scan_live(
         arguments = [str(scenario), "--site-only", "--no-view", *run_options]
         arguments += [f"--set={name}={value}" for name, value in settings.items()]
         arguments += [] if simulated else ["--lan"]
-        arguments += [f"--output={output}"] if output else []
+        arguments += [f"--output={leds}"] if leds else []
         result: int = run.main(arguments, prog_name="pointit map scan", standalone_mode=False)
     return result
 
@@ -108,61 +111,34 @@ def _strip(text: str) -> tuple[str, int]:
     return found[1], int(found[2])
 
 
-@click.command("scan")
-@click.argument("file", type=click.Path(path_type=Path, dir_okay=False), default=Path("room.yaml"))
-@click.option(
-    "--strip",
-    "strips",
-    multiple=True,
-    metavar="NAME=PIXELS",
-    help="a strip, in the order of the controller's pixels. Repeatable",
-)
-@click.option(
-    "--map",
-    "map_name",
-    default="",
-    metavar="MAP",
-    help="map with the strips, anywhere; with --simulated, the room",
-)
-@click.option(
-    "--leds-per-m",
-    "per_m",
-    type=click.FloatRange(2, 1000),
-    default=60.0,
-    show_default=True,
-    help="of the strips; the page asks for each",
-)
-@click.option("--output", default="", metavar="OUTPUT", help="LED output, as for `pointit run`")
-@click.option("--simulated", is_flag=True, help="a simulated camera in a simulated room")
-@click.argument("run_options", nargs=-1, type=click.UNPROCESSED)
-@click.pass_context
-def command(
-    context: click.Context,
-    *,
-    file: Path,
-    strips: tuple[str, ...],
-    map_name: str,
-    per_m: float,
-    output: str,
-    simulated: bool,
-    run_options: tuple[str, ...],
-) -> int:
-    """Map a room by a camera: its strips blink, and a phone's page finds where they are.
-
-    Prints a link, and a QR code for a phone in the same network. The page leads from view to view, and
-    writes FILE, room.yaml by default. No picture leaves the phone.
-
-    Arguments after `--` are options of `pointit run`.
-
-    Example: pointit map scan room.yaml --strip shelf=90 --strip desk=60 --output ddp:192.168.1.40
-    """
-    return scan_live(
-        context,
-        file,
-        map_name=map_name,
-        strips=strips,
-        per_m=per_m,
-        output=output,
-        simulated=simulated,
-        run_options=run_options,
-    )
+def live_options(function: F) -> F:
+    """Add the options and the argument that `scan_live` takes."""
+    for add in (
+        click.argument("run_options", nargs=-1, type=click.UNPROCESSED),
+        click.option("--simulated", is_flag=True, help="a simulated camera in a simulated room"),
+        click.option("--leds", default="", metavar="OUTPUT", help="LED output, as for `pointit run`"),
+        click.option(
+            "--leds-per-m",
+            "per_m",
+            type=click.FloatRange(2, 1000),
+            default=60.0,
+            show_default=True,
+            help="of the strips; the page asks for each",
+        ),
+        click.option(
+            "--map",
+            "map_name",
+            default="",
+            metavar="MAP",
+            help="map with the strips, anywhere; with --simulated, the room",
+        ),
+        click.option(
+            "--strip",
+            "strips",
+            multiple=True,
+            metavar="NAME=PIXELS",
+            help="a strip, in the order of the controller's pixels. Repeatable",
+        ),
+    ):
+        function = add(function)
+    return function

@@ -18,7 +18,8 @@ from pointit.bridges.web.scan.wire import (
     ScanUndo,
     ScanView,
 )
-from pointit.runtime.errors import ConfigError, RefusedError
+from pointit.geometry.vector import Vec3
+from pointit.runtime.errors import ConfigError, PointItError, RefusedError
 from pointit.scan.views import KnownLength, Mark, Sighting, StripSpec, Survey, View, check_survey
 from pointit.schemas import LitPixels, Strip
 
@@ -44,15 +45,17 @@ class Solution:
     """Result of the solver."""
 
     strips: tuple[ScanStrip, ...]
-    cameras_m: tuple[tuple[float, float, float], ...] = ()
+    cameras_m: tuple[Vec3, ...] = ()
     is_complete: bool = False
     advice: str = ""
+    next_m: Vec3 | None = None
+    """Place of the camera for the next view, if one is advised."""
     map_text: Callable[[str], str] = field(default=lambda _origin: "")
     """Returns the map with its origin at a strip, as YAML. Raises ConfigError."""
 
 
 Solve = Callable[[Survey], Awaitable[Solution]]
-"""Solves views. Raises ConfigError if they determine nothing yet."""
+"""Solves views. Raises PointItError if they determine nothing yet."""
 
 
 class ScanSession:
@@ -99,7 +102,7 @@ class ScanSession:
         if not self._counts:
             raise RefusedError(
                 "the map of the site has no strips: add them with their numbers of pixels, anywhere in the "
-                "room, or start `pointit map scan FILE --strip NAME=PIXELS`"
+                "room, or start `pointit map scan -o FILE --strip NAME=PIXELS`"
             )
         for name in (*said.leds_per_m, *([said.known_strip] if said.known_strip else [])):
             if name not in self._counts:
@@ -200,6 +203,7 @@ class ScanSession:
             advice=ADVICE[len(self._views)]
             if len(self._views) < len(ADVICE)
             else (self._solution.advice if self._solution else ""),
+            next_m=None if self._solution is None else self._solution.next_m,
             problem=self._problem,
             is_simulated=is_simulated,
             file=self._file,
@@ -247,7 +251,7 @@ class ScanSession:
                 if len(views) > 1:
                     try:
                         self._solution = await self._solve(self._survey(views))
-                    except ConfigError as error:
+                    except PointItError as error:
                         self._problem = str(error)
         except Exception:  # a later view may be solved
             log.exception("the views could not be solved")

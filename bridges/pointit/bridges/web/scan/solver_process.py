@@ -21,7 +21,7 @@ class SolverProcess:
         """Solve `survey`.
 
         Raises:
-            ConfigError: If its views determine nothing yet, or the process has ended.
+            PointItError: If its views determine nothing yet, or the process has ended.
         """
         if self._pool is None:
             self._pool = ProcessPoolExecutor(

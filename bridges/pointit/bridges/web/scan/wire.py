@@ -105,6 +105,9 @@ class ScanState(WireModel):
     is_solving: bool = False
     is_complete: Annotated[bool, Field(description="both ends of every strip are known to 1 cm")] = False
     advice: str = ""
+    next_m: Annotated[
+        Vec3 | None, Field(description="place of the camera for the next view; empty if none is advised")
+    ] = None
     problem: str = ""
     is_simulated: bool = False
     file: Annotated[str, Field(description="suggested name of the map")] = ""

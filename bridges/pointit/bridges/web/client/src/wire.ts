@@ -336,6 +336,10 @@ export interface ScanState {
    * strip and pixel of each marked light
    */
   lights: [string, number][];
+  /**
+   * place of the camera for the next view; empty if none is advised
+   */
+  next_m: [number, number, number] | null;
   problem: string;
   /**
    * path of the written map; empty if none

@@ -23,7 +23,8 @@ export function drawPlan(host: SVGSVGElement, state: ScanState): void {
   host.setAttribute("viewBox", `0 0 ${WIDTH} ${HEIGHT}`);
   const title = host.querySelector("title")!;
   const lines = state.strips.filter(({ line_m }) => line_m.length > 1);
-  const points = [...lines.flatMap(({ line_m }) => line_m), ...state.cameras_m];
+  const next = state.next_m ? [state.next_m] : [];
+  const points = [...lines.flatMap(({ line_m }) => line_m), ...state.cameras_m, ...next];
   if (!points.length) {
     host.replaceChildren(title, svg("text", { x: WIDTH / 2, y: HEIGHT / 2, "text-anchor": "middle" }, "The plan appears after the second view."));
     return;
@@ -58,5 +59,9 @@ export function drawPlan(host: SVGSVGElement, state: ScanState): void {
     const [x, y] = place(camera);
     parts.push(svg("circle", { class: "camera", cx: x, cy: y, r: 7 }), svg("text", { x: x + 11, y: y + 4 }, String(i + 1)));
   });
+  for (const [x, y] of next.map(place)) {
+    parts.push(svg("path", { class: "next", d: `M${x - 9} ${y}h18M${x} ${y - 9}v18` }));
+    label(x, y - 14, "next");
+  }
   host.replaceChildren(title, ...parts);
 }

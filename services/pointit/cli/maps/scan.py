@@ -24,9 +24,10 @@ FILE is what the page sends, JSON:
   {"strips": [{"name": "desk", "count": 60, "pitch_m": 0.01667}],
    "lamps": [{"name": "door"}],
    "views": [{"width": 1280, "height": 720, "gravity": [0.02, 0.98, 0.17],
-              "sightings": [{"name": "desk", "pixel": 0, "u": 401.2, "v": 311.9}]}]}
-A pitch is the distance from pixel to pixel, m. u and v are image pixels, right and down. gravity is the
-unit vector of down in the camera's frame (x right, y down, z forward), and may be left out."""
+     "sightings": [{"name": "desk", "pixel": 0, "u": 401.2, "v": 311.9}]}]}
+A pitch is the distance from pixel to pixel, m. u and v are image pixels,
+right and down. gravity is the unit vector of down in the camera's frame
+(x right, y down, z forward), and may be left out."""
 
 
 def _point(

@@ -108,7 +108,7 @@ def command(
     as_json: bool,
     **live: Any,
 ) -> int:
-    r"""Map a room by a camera: its strips blink their numbers, and a phone's page finds where they are.
+    """Map a room by a camera: its strips blink their numbers, and a phone's page finds where they are.
 
     Starts a site with the strips, and prints a link, and a QR code for a phone in the same network. The page
     leads from view to view, and writes the map. No picture leaves the phone. With --from, the map is
@@ -118,11 +118,7 @@ def command(
     show three strips of an earlier one. Strips are found to about 1 cm, with the standard deviation of each
     stated. What is doubtful is left out, with the reason and from where to take one more photograph.
 
-    \b
-    Example:
-      pointit map scan -o room.yaml --strip shelf=90 --strip desk=60 --leds ddp:192.168.1.40
-      pointit map scan --from views.json -o room.yaml
-      pointit map scan --from views.json --known desk:0,desk:59,0.98 --origin 1,2,0 --heading 90 -o room.yaml
+    Example: pointit map scan -o room.yaml --strip shelf=90 --leds ddp:192.168.1.40
     """
     if source is None:
         _check_live(known, origin, heading, also_doubtful, as_json)

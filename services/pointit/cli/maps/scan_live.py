@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 import click
 
+from pointit.cli.common.option_types import Finite
 from pointit.geometry.polyline import Polyline
 from pointit.maps.file import load_map
 from pointit.runtime.errors import ConfigError
@@ -120,7 +121,7 @@ def live_options(function: F) -> F:
         click.option(
             "--leds-per-m",
             "per_m",
-            type=click.FloatRange(2, 1000),
+            type=Finite(2, 1000),
             default=60.0,
             show_default=True,
             help="of the strips; the page asks for each",

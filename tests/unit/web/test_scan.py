@@ -153,7 +153,7 @@ async def test_each_step_lights_the_marked_pixels_for_a_while(bench: Bench, phon
 
 
 async def test_views_are_solved_with_what_the_person_knows(bench: Bench, phone: httpx.AsyncClient) -> None:
-    begun = {"leds_per_m": {"shelf": 50.0}, "known_strip": "desk", "known_m": 0.9}
+    begun: dict[str, Any] = {"leds_per_m": {"shelf": 50.0}, "known_strip": "desk", "known_m": 0.9}
     assert "first view" in (await said(phone, kind="begin", **begun))["advice"]
     await said(phone, **VIEW, gravity=[0.0, 1.0, 0.0])
     assert "second view" in (await solved(bench, phone))["advice"]

@@ -98,6 +98,7 @@ def _mark(text: str) -> Mark:
 @click.pass_context
 def command(
     context: click.Context,
+    /,
     *,
     source: Path | None,
     output: Path | None,

@@ -24,10 +24,9 @@ class ScanBegin(WireModel):
     """Begin, or begin again: all views are forgotten."""
 
     kind: Literal["begin"] = "begin"
-    leds_per_m: Annotated[
-        dict[str, Annotated[float, Field(gt=1, le=1000)]],
-        Field(default_factory=dict, max_length=256, description="by strip; empty if unknown"),
-    ]
+    leds_per_m: dict[str, Annotated[float, Field(gt=1, le=1000)]] = Field(
+        default_factory=dict[str, float], max_length=256, description="by strip; empty if unknown"
+    )
     known_strip: Annotated[str, Field(max_length=64, description="a strip of known length, or empty")] = ""
     known_m: Annotated[float | None, Field(gt=0, le=100, description="from its first to its last pixel")] = (
         None

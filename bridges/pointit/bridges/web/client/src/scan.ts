@@ -87,7 +87,7 @@ class Page {
     chime("tick");
     button("start").disabled = true;
     try {
-      if (this.state?.is_simulated) this.simulated = new SimulatedCamera(await simulatedRoom(), lights);
+      if (this.state?.is_simulated) this.simulated = new SimulatedCamera(await simulatedRoom(), lights, this.state.views);
       this.camera = await Camera.open(part<HTMLVideoElement>("video"), this.simulated?.stream ?? null);
     } finally {
       button("start").disabled = false;
@@ -98,7 +98,10 @@ class Page {
     part("before").hidden = true;
     part("running").hidden = false;
     button("walk").hidden = !this.simulated;
-    await this.begin();
+    const before = await ask({ kind: "look" });
+    if (before.views) this.show(before); // the page was loaded again
+    else await this.begin();
+    void this.attempt(() => this.follow());
     this.aim();
     this.aiming = setInterval(() => this.aim(), AIM.period);
     button("take").focus({ preventScroll: true });

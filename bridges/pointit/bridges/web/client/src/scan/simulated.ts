@@ -60,12 +60,14 @@ export class SimulatedCamera {
   private readonly middle: Vec;
   private lit: Lit[] = [];
   private before: Lit[] = [];
-  private place = 0;
   private frame = 0;
   private timer: ReturnType<typeof setTimeout> | undefined;
 
-  /** `lights`: waits for the next change of the lights, and returns all, by strip, as hexadecimal digits. */
-  constructor(private readonly room: ScanRoom, private readonly next: () => Promise<Lights>) {
+  /**
+   * `next`: waits for the next change of the lights, and returns all, by strip, as hexadecimal digits.
+   * `place`: number of the first place.
+   */
+  constructor(private readonly room: ScanRoom, private readonly next: () => Promise<Lights>, private place: number) {
     const canvas = document.createElement("canvas");
     [canvas.width, canvas.height] = [WIDTH, HEIGHT];
     this.context = canvas.getContext("2d", { alpha: false })!;

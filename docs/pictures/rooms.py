@@ -29,6 +29,7 @@ ROOMS = {
     "plugins": (1010, 604, 290, "names for authors of plug-ins"),
     "access": (1280, 604, 230, "rights and certificates"),
     "diagnosis": (1530, 604, 220, "faults of a site, and remedies"),
+    "scan": (740, 604, 210, "photographs of strips to maps"),
     "services": (740, 702, 1000, "one folder per process"),
     "sim": (400, 800, 260, "recordings, simulated arms"),
     "recording": (740, 800, 260, "files of messages (MCAP)"),

@@ -103,6 +103,10 @@ SET_BRIGHTNESS = Request(
     key="leds/brightness", query=requests.SetBrightness, reply=requests.Done, server="led-driver",
     about="dim all strips",
 )
+SHOW_PIXELS = Request(
+    key="leds/show", query=requests.ShowPixels, reply=requests.Done, server="led-driver",
+    about="show given pixels on the strips for a while, to test or to map them",
+)
 SET_LAMP = Request(
     key="leds/{led}/set_color", query=requests.SetLamp, reply=requests.Done, server="led-driver",
     about="show a colour on a lamp that nobody needs to localize",
@@ -119,8 +123,8 @@ SET_MOUNTING = Request(
 REQUESTS: list[Request[Any, Any]] = [
     ADD_PACKAGE, SET_SPEED, SET_FEEDING, RESET_CONVEYOR, START_LOCALIZATION, CANCEL_LOCALIZATION, SET_POSE,
     SET_HEADING, POINT_ANCHOR, READ_MEMORY, ERASE_MEMORY, SET_OFFSET, CLEAR_SELECTION, UNDO_SELECTION,
-    RELEASE_OBJECT, SET_THING, SET_WORKSPACE, SET_METHOD, READ_HISTORY, SET_TOLERANCE, USE_MAP,
-    STOP_ROBOT, RUN_SCENARIO, SET_BRIGHTNESS, SET_LAMP, SET_YAW_ORIGIN, SET_MOUNTING,
+    RELEASE_OBJECT, SET_THING, SET_WORKSPACE, SET_METHOD, READ_HISTORY, SET_TOLERANCE, USE_MAP, STOP_ROBOT,
+    RUN_SCENARIO, SET_BRIGHTNESS, SHOW_PIXELS, SET_LAMP, SET_YAW_ORIGIN, SET_MOUNTING,
 ]
 # fmt: on
 """All requests. Services of other packages add theirs when they are loaded."""

@@ -4,7 +4,20 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, WithJsonSchema
 
-from pointit.schemas.base import Fraction, Id, Many, Name, Ns, QuaternionXyzw, Query, Real, Reply, Rgb, Vec3
+from pointit.schemas.base import (
+    Fraction,
+    Id,
+    Many,
+    Name,
+    Ns,
+    QuaternionXyzw,
+    Query,
+    Real,
+    Reply,
+    Rgb,
+    SchemaModel,
+    Vec3,
+)
 from pointit.schemas.person import LearntPointing, PointingOffset
 from pointit.schemas.pointing import Covariance
 from pointit.schemas.selection import SelectionEvent
@@ -272,6 +285,25 @@ class SetBrightness(Query):
 
     brightness: Fraction
     strips: Annotated[Many[Id], Field(description="ids of strips, or empty for all")] = ()
+
+
+class LitPixels(SchemaModel):
+    """Pixels of one strip in one colour."""
+
+    id: Annotated[Id, Field(description="of the strip")]
+    pixels: Many[Annotated[int, Field(ge=0, lt=4096, description="numbers on the strip")]]
+    color: Rgb
+
+
+class ShowPixels(Query):
+    """Show these pixels on the strips, undimmed, and nothing else, for a while."""
+
+    max_bytes: ClassVar[int] = 256 * 1024
+
+    lit: Annotated[Many[LitPixels], Field(description="all other pixels are dark")] = ()
+    for_s: Annotated[
+        float, Field(ge=0, le=60, description="until they show cursors and objects again, s; 0: from now on")
+    ] = 5.0
 
 
 class SetLamp(Query):

@@ -32,6 +32,7 @@ from pointit.schemas.request_table import (
     SET_TOLERANCE,
     SET_WORKSPACE,
     SET_YAW_ORIGIN,
+    SHOW_PIXELS,
     START_LOCALIZATION,
     STOP_ROBOT,
     UNDO_SELECTION,
@@ -60,9 +61,9 @@ __all__ = [
     "ROBOT_STATE", "RUN_SCENARIO", "SELECTION", "SELECTION_EVENTS", "SERVED", "SERVICE_ALIVE",
     "SET_BRIGHTNESS", "SET_FEEDING", "SET_HEADING", "SET_LAMP", "SET_METHOD", "SET_MOUNTING", "SET_OFFSET",
     "SET_POSE", "SET_SPEED", "SET_THING", "SET_TOLERANCE", "SET_WORKSPACE", "SET_YAW_ORIGIN",
-    "SHARD_ALIVE", "STALE_PERIODS", "START_LOCALIZATION", "STEERING", "STOP_ROBOT", "STRIPS_FRAME",
-    "TOPICS", "UNDO_SELECTION", "USER_ALIVE", "USE_MAP", "WRIST", "Delivery", "Presence", "Request", "Topic",
-    "check_name", "topic_of",
+    "SHARD_ALIVE", "SHOW_PIXELS", "STALE_PERIODS", "START_LOCALIZATION", "STEERING", "STOP_ROBOT",
+    "STRIPS_FRAME", "TOPICS", "UNDO_SELECTION", "USER_ALIVE", "USE_MAP", "WRIST", "Delivery", "Presence",
+    "Request", "Topic", "check_name", "topic_of",
 ]
 
 _LATEST, _EVENT, _STATE = Delivery.LATEST, Delivery.EVENT, Delivery.STATE

@@ -10,7 +10,7 @@ from typing import Any, Generic, Literal, TypeVar
 
 from pydantic import ValidationError
 
-from pointit.schemas import PointingOffset, Query, SchemaError, summarize_validation_error, topics
+from pointit.schemas import LitPixels, PointingOffset, Query, SchemaError, summarize_validation_error, topics
 from pointit.schemas.base import Rgb
 from pointit.schemas.topics import Request
 
@@ -235,6 +235,10 @@ class LedsRequests(_Requests[D]):
     def brightness(self, brightness: float, *, strips: str | Sequence[str] = ()) -> D:
         """Dim all strips, or `strips`, to `brightness`, 0 to 1."""
         return self._do(topics.SET_BRIGHTNESS, brightness=brightness, strips=listed(strips))
+
+    def show(self, lit: tuple[LitPixels, ...] = (), *, for_s: float = 5.0) -> D:
+        """Show only the pixels `lit` for a while, undimmed. `for_s` 0 ends it."""
+        return self._do(topics.SHOW_PIXELS, lit=lit, for_s=for_s)
 
     def set_color(self, lamp: str, color: str | Rgb | None = None) -> D:
         """Show `color` on `lamp`: `#rrggbb` or (red, green, blue). None gives it back to the site."""

@@ -207,7 +207,7 @@ PROCESSES: list[Process] = [
             topics.FEEDBACK,
         ),
         writes=(topics.STRIPS_FRAME, topics.LAMP_COLOR, topics.LAMP_LEASES),
-        serves=(topics.SET_BRIGHTNESS, topics.SET_LAMP),
+        serves=(topics.SET_BRIGHTNESS, topics.SET_LAMP, topics.SHOW_PIXELS),
     ),
     Process(
         name="conveyor-sim",

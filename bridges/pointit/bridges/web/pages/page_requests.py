@@ -14,6 +14,7 @@ the query's fields. Deeds are handled by this server; `name` is the person:
   the option that chooses it, and `label`, and `problems`, a sentence for each search that could not run.
 - `told_apart`: number of things that pointing alone tells apart, by place on the floor; the reply has the
   fields of `Floor` in `model/told_apart.py`.
+- `map_room`: let a phone map the room by its camera; the reply is as that of `pair`.
 - `centre`: the person's arm points at the middle of the room right now.
 - `read_map`, `check_map`, `save_map`: the map of the site in the plan editor, see `model/map_editor.py`.
 """
@@ -67,12 +68,12 @@ MAPS: tuple[Deed, ...] = ("read_map", "check_map", "save_map")
 WRIST: tuple[Deed, ...] = ("press", "take", "give", "centre")
 
 DEEDS: dict[Role, tuple[Deed, ...]] = {
-    "operator": (*WRIST, "tremor", "pair", "open_lan", "find_wrists", *MAPS, *LOOKS),
+    "operator": (*WRIST, "tremor", "pair", "open_lan", "find_wrists", "map_room", *MAPS, *LOOKS),
     "viewer": LOOKS,
     "wrist": WRIST,
 }
 
-SITE_DEEDS: tuple[Deed, ...] = ("open_lan", "find_wrists", *MAPS, *LOOKS)
+SITE_DEEDS: tuple[Deed, ...] = ("open_lan", "find_wrists", "map_room", *MAPS, *LOOKS)
 """Deeds that are about no person."""
 
 MAX_EDITS = 1000

@@ -21,6 +21,7 @@ from pointit.bridges.web.pages.page_requests import (
     Tremor,
     parse_request,
 )
+from pointit.bridges.web.scan.door import ScanDoor
 from pointit.bridges.web.server.access import Access
 from pointit.bridges.web.server.lan import Lan
 from pointit.bridges.web.wire import Answer, Ask, Role
@@ -55,6 +56,7 @@ class RequestDispatcher:
     doors: Access
     told_apart: ToldApart
     maps: MapEditor
+    scan: ScanDoor
     present: Callable[[], Collection[str]]
     """Returns the instances that are present."""
     changed: Callable[[], None]
@@ -128,6 +130,8 @@ class RequestDispatcher:
             return await self.maps.read()
         if wish.deed == "told_apart":
             return {**await self.told_apart.answer()}
+        if wish.deed == "map_room":
+            return await self._offer("scan", self.scan.pair)
         if wish.deed == "find_wrists":
             async with self.searching:
                 return await _find_wrists()
@@ -155,12 +159,23 @@ class RequestDispatcher:
         return {"message": f"{user}'s arm is their own again"}
 
     async def _pair(self, user: str) -> dict[str, Any]:
-        if not self.lan.url:
-            raise RefusedError("phones cannot find this page yet: open it to the local network first")
-        token, replaced = self.pairing.pair(user, time.monotonic())
+        replaced = ""
+
+        def pair() -> str:
+            nonlocal replaced
+            token, replaced = self.pairing.pair(user, time.monotonic())
+            return token
+
+        offered = await self._offer("phone", pair)
         await self.phones.cut(replaced)
         self.changed()
-        url = f"{self.lan.url}/phone?token={token}"
+        return offered
+
+    async def _offer(self, path: str, pair: Callable[[], str]) -> dict[str, Any]:
+        """Return the QR code that opens the page at `path` with the token of `pair`."""
+        if not self.lan.url:
+            raise RefusedError("phones cannot find this page yet: open it to the local network first")
+        url = f"{self.lan.url}/{path}?token={pair()}"
         async with self.drawing:  # takes 20 ms, which repeated requests must not take from other pages
             return await asyncio.to_thread(offer, url, self.lan.fingerprint)
 

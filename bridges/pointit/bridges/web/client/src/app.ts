@@ -25,6 +25,7 @@ import { makePanel } from "./panel/panel";
 import { peoplePart } from "./panel/people";
 import { robotsPart, stopAll } from "./panel/robots";
 import { tuningPart } from "./panel/tuning";
+import { mapRoomPart } from "./panel/map_room";
 import { wristsPart } from "./panel/wrists";
 import { makeTimeline } from "./past/timeline";
 import { makeScenario } from "./scenario";
@@ -81,7 +82,7 @@ const belts = beltsPart(controls);
 const tuning = tuningPart(controls);
 const look = lookPart(controls, changeLook);
 const panel = makePanel(at("panel"), controls, [
-  { name: "Control", icon: "sliders", parts: [nowPart(controls), robotsPart(controls), moverPart(controls, mouse, pairing), belts, peoplePart(controls, scenario), wristsPart(controls), tuning, mapPart(controls), look] },
+  { name: "Control", icon: "sliders", parts: [nowPart(controls), robotsPart(controls), moverPart(controls, mouse, pairing), belts, peoplePart(controls, scenario), wristsPart(controls), mapRoomPart(controls), tuning, mapPart(controls), look] },
   { name: "Health", icon: "pulse", parts: [healthPart(controls, () => stage.view?.stats ?? null), messagesPart(controls)] },
 ]);
 const stop = stopAll(at("stop"), controls);

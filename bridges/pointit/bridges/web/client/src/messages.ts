@@ -84,6 +84,8 @@ export interface Everything {
   SetToleranceReply: SetToleranceReply;
   SetWorkspace: SetWorkspace;
   SetYawOrigin: SetYawOrigin;
+  LitPixels: LitPixels;
+  ShowPixels: ShowPixels;
   StartLocalization: StartLocalization;
   Steering: Steering;
   StopRobot: StopRobot;
@@ -1812,6 +1814,37 @@ export interface SetWorkspace {
  */
 export interface SetYawOrigin {
   yaw_rad: number;
+}
+/**
+ * Pixels of one strip in one colour.
+ */
+export interface LitPixels {
+  /**
+   * @minItems 3
+   * @maxItems 3
+   */
+  color: [number, number, number];
+  /**
+   * of the strip
+   */
+  id: string;
+  /**
+   * Items: numbers on the strip
+   */
+  pixels: number[];
+}
+/**
+ * Show these pixels on the strips, undimmed, and nothing else, for a while.
+ */
+export interface ShowPixels {
+  /**
+   * until they show cursors and objects again, s; 0: from now on
+   */
+  for_s: number;
+  /**
+   * all other pixels are dark
+   */
+  lit: LitPixels[];
 }
 /**
  * Begin to localize a person.

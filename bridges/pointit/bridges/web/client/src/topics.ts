@@ -47,6 +47,7 @@ export const SERVERS = {
   "imu/{user}/set_mounting": "imu-bridge",
   "imu/{user}/set_yaw_origin": "imu-bridge",
   "leds/brightness": "led-driver",
+  "leds/show": "led-driver",
   "leds/{led}/set_color": "led-driver",
   "localizer/{user}/cancel": "localizer",
   "localizer/{user}/erase_memory": "localizer",

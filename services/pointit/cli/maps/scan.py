@@ -9,8 +9,9 @@ import click
 
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import json_option, print_json
-from pointit.cli.maps.check import examined, print_findings
+from pointit.cli.maps.check import print_findings
 from pointit.cli.maps.scan_live import live_options, scan_live
+from pointit.maps.checks.examine import examined
 from pointit.maps.file import parse_map_file
 from pointit.runtime.errors import ConfigError
 from pointit.scan.advice import next_view

@@ -91,6 +91,10 @@ STOP_ROBOT = Request(
     key="robots/{robot}/stop", query=requests.StopRobot, reply=requests.Done, server="robot",
     about="stop it where it is, and let nobody steer it until somebody takes it again",
 )
+SAY = Request(
+    key="feedback/{user}/say", query=requests.Say, reply=requests.Done, server="supervisor",
+    about="tell the person something, by a cue with a text",
+)
 RUN_SCENARIO = Request(
     key="run/scenario", query=requests.RunScenario, reply=requests.Done, server="cli",
     about="run another scenario in its place",
@@ -116,7 +120,7 @@ REQUESTS: list[Request[Any, Any]] = [
     ADD_PACKAGE, SET_SPEED, SET_FEEDING, RESET_CONVEYOR, START_LOCALIZATION, CANCEL_LOCALIZATION, SET_POSE,
     SET_HEADING, POINT_ANCHOR, READ_MEMORY, ERASE_MEMORY, SET_OFFSET, CLEAR_SELECTION, UNDO_SELECTION,
     RELEASE_OBJECT, SET_THING, SET_WORKSPACE, SET_METHOD, READ_HISTORY, SET_TOLERANCE, STOP_ROBOT,
-    RUN_SCENARIO, SET_BRIGHTNESS, SET_LAMP, SET_YAW_ORIGIN, SET_MOUNTING,
+    RUN_SCENARIO, SET_BRIGHTNESS, SET_LAMP, SET_YAW_ORIGIN, SET_MOUNTING, SAY,
 ]
 # fmt: on
 """All requests. Services of other packages add theirs when they are loaded."""

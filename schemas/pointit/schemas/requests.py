@@ -239,6 +239,12 @@ class StopRobot(Query):
     reason: Annotated[str, Field(max_length=200, description="why, in a few words, for who steers it")] = ""
 
 
+class Say(Query):
+    """Tell a person something, by a cue with a text."""
+
+    text: Annotated[str, Field(min_length=1, max_length=200)]
+
+
 class RunScenario(Query):
     """Replace the running scenario by another one, on the same site."""
 

@@ -253,6 +253,14 @@ class ImuRequests(_Requests[D], Generic[D, R]):
         return reply
 
 
+class FeedbackRequests(_Requests[D]):
+    """Requests about what a person is told."""
+
+    def say(self, user: str, text: str) -> D:
+        """Show `text`, at most 200 characters, on the page and phone of `user`, with a chime."""
+        return self._do(topics.SAY, user, text=text)
+
+
 F = TypeVar("F")
 
 

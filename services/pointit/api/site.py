@@ -82,6 +82,7 @@ class Site:
         self.run = requests.RunRequests[Awaitable[Done]](send)
         self.leds = requests.LedsRequests[Awaitable[Done]](send)
         self.imu = requests.ImuRequests[Awaitable[Done], Awaitable[SetMountingReply]](send)
+        self.feedback = requests.FeedbackRequests[Awaitable[Done]](send)
 
     @classmethod
     @contextlib.asynccontextmanager

@@ -156,6 +156,7 @@ class SyncSite:
         self.run = requests.RunRequests[Done](send)
         self.leds = requests.LedsRequests[Done](send)
         self.imu = requests.ImuRequests[Done, SetMountingReply](send)
+        self.feedback = requests.FeedbackRequests[Done](send)
 
     def __enter__(self) -> Self:
         return self
@@ -285,6 +286,7 @@ class SyncLatest:
         self.pose = SyncNewest(latest.pose, thread)
         self.interaction = SyncNewest(latest.interaction, thread)
         self.objects = SyncNewest(latest.objects, thread)
+        self.robot = SyncNewest(latest.robot, thread)
         self.health = SyncNewest(latest.health, thread)
         self.lamp = SyncNewest(latest.lamp, thread)
         self.selection = SyncNewest(latest.selection, thread)

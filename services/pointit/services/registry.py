@@ -123,7 +123,7 @@ PROCESSES: list[Process] = [
         about="the interaction's life cycle; owns the profile",
         reads=(topics.BUTTON, topics.IMU, topics.LOCALIZATION, topics.POSE, topics.INTERACTION),
         writes=(topics.PROFILE, topics.INTERACTION, topics.FEEDBACK),
-        serves=(topics.SET_OFFSET,),
+        serves=(topics.SET_OFFSET, topics.SAY),
     ),
     Process(
         name="goal",

@@ -8,6 +8,7 @@ from pointit.schemas.base import Fraction, Id, Many, Name, Ns, QuaternionXyzw, Q
 from pointit.schemas.person import LearntPointing, PointingOffset
 from pointit.schemas.pointing import Covariance
 from pointit.schemas.selection import SelectionEvent
+from pointit.schemas.speech import MAX_WORDS, Deictic, Referent
 
 
 class AddPackage(Query):
@@ -243,6 +244,38 @@ class Say(Query):
     """Tell a person something, by a cue with a text."""
 
     text: Annotated[str, Field(min_length=1, max_length=200)]
+
+
+class FindReferents(Query):
+    """Find what a person meant by a word, from where they pointed before, at and after it.
+
+    Answered at once, from the rays that are there: ask a moment after the word.
+    """
+
+    at_ns: Annotated[Ns | None, Field(description="middle of the word; None for now")] = None
+    within_s: Annotated[
+        float, Field(gt=0, le=3, description="rays count up to so long before and after the word, s")
+    ] = 1.0
+    word: Annotated[Deictic, Field(description="the word; empty for any")] = ""
+    others_ns: Annotated[
+        tuple[Ns, ...],
+        Field(max_length=MAX_WORDS, description="middles of the other deictic words of the sentence"),
+    ] = ()
+
+
+class Referents(Reply):
+    """What a person may have meant by a word. `message`: problem of the rays or the clock, or empty."""
+
+    candidates: Annotated[tuple[Referent, ...], Field(description="the most probable first")] = ()
+    none: Annotated[Fraction, Field(description="probability of none of these")] = 1.0
+    rays: Annotated[int, Field(ge=0, description="number of rays that count")] = 0
+
+
+class SendRobot(Query):
+    """Send a robot to a place, in the name of the person, with the checks of a place pointed at."""
+
+    robot: Annotated[Id, Field(description="empty: the one they have, or any if it is not steered")] = ""
+    position_m: Annotated[Vec3, Field(description="place on a level surface, {W}")]
 
 
 class RunScenario(Query):

@@ -12,6 +12,7 @@ from pydantic import ValidationError
 
 from pointit.schemas import PointingOffset, Query, SchemaError, summarize_validation_error, topics
 from pointit.schemas.base import Rgb
+from pointit.schemas.speech import Deictic
 from pointit.schemas.topics import Request
 
 D = TypeVar("D")
@@ -214,6 +215,47 @@ class RobotsRequests(_Requests[D]):
     def stop(self, robot: str, reason: str = "") -> D:
         """Stop `robot`; nobody steers it until somebody takes it again. `reason`: why, in a few words."""
         return self._do(topics.STOP_ROBOT, robot, reason=reason)
+
+
+class ListenerRequests(_Requests[D], Generic[D, R]):
+    """Requests about what a person means by words."""
+
+    def referents(
+        self,
+        user: str,
+        at_ns: int | None = None,
+        within_s: float = 1.0,
+        *,
+        word: Deictic = "",
+        others_ns: Sequence[int] = (),
+    ) -> R:
+        """Return what `user` may have meant by a word spoken at `at_ns`, the most probable first.
+
+        Needs service `listener` of that person, which keeps their last ten seconds. On a secured site only
+        the person and operators may ask.
+
+        Args:
+            user: who spoke.
+            at_ns: middle of the word, Unix ns of the site's time. None: now.
+            within_s: rays count up to so long before and after, s. Answered at once: ask a moment later.
+            word: that was spoken, `""` for any.
+            others_ns: middles of the other deictic words of the sentence.
+        """
+        reply: R = self._ask(
+            topics.FIND_REFERENTS, user, at_ns=at_ns, within_s=within_s, word=word, others_ns=tuple(others_ns)
+        )
+        return reply
+
+
+class GoalRequests(_Requests[D]):
+    """Requests to a person's service that sends robots."""
+
+    def send(self, user: str, position_m: Vector, *, robot: str = "") -> D:
+        """Send `robot` to a place of the floor in the name of `user`, with the checks of a place pointed at.
+
+        `robot`: `""` is the one that they have, or any where robots are not taken by pointing.
+        """
+        return self._do(topics.SEND_ROBOT, user, robot=robot, position_m=position_m)
 
 
 class RunRequests(_Requests[D]):

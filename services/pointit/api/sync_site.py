@@ -28,6 +28,7 @@ from pointit.schemas import (
     Message,
     ReadHistoryReply,
     ReadMemoryReply,
+    Referents,
     SetMethodReply,
     SetMountingReply,
     SetToleranceReply,
@@ -153,6 +154,8 @@ class SyncSite:
         self.profile = requests.ProfileRequests[Done](send)
         self.pui = requests.PuiRequests[Done, SetToleranceReply](send)
         self.robots = requests.RobotsRequests[Done](send)
+        self.goal = requests.GoalRequests[Done](send)
+        self.listener = requests.ListenerRequests[Done, Referents](send)
         self.run = requests.RunRequests[Done](send)
         self.leds = requests.LedsRequests[Done](send)
         self.imu = requests.ImuRequests[Done, SetMountingReply](send)
@@ -205,6 +208,7 @@ class SyncSite:
     sleep = _waiting(Site.sleep)
     call = _waiting(Site.call)
     press = _waiting(Site.press)
+    referents = _waiting(Site.referents)
 
     def on_pointed(self, *things: str) -> Callable[[F], F]:
         """Return a decorator: call the function with each event of `pointed(*things)`; see `Site.on_pointed`.

@@ -139,6 +139,15 @@ PROCESSES: list[Process] = [
             topics.ROBOT_STATE,
         ),
         writes=(topics.GOAL, topics.STEERING, topics.FEEDBACK),
+        serves=(topics.SEND_ROBOT,),
+    ),
+    Process(
+        name="listener",
+        scope="user",
+        about="the last ten seconds of a person's pointing, and what they mean by a word",
+        reads=(topics.CURSOR, topics.POSE, topics.OBJECTS, topics.ROBOT_STATE, topics.MAP, topics.SPEECH),
+        writes=(),
+        serves=(topics.FIND_REFERENTS,),
     ),
     Process(
         name="user-sim",

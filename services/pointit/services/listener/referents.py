@@ -4,13 +4,13 @@ The apex of a gesture comes near its word, mostly a little before it (Levelt, Ri
 and the recogniser dates the word with an error of its own. So the apex is one of the rays around the word,
 with a probability by its time and by how slowly the arm moves then: staying counts more than passing. For
 each such ray a target has the density of people's aim without feedback around its outline, as in method
-`estimate`. What no ray shows, since it is missing or the arm was moving, says nothing for or against a target.
+`estimate`. What no ray shows, since it is missing or the arm was moving, speaks for and against nothing.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ Floats: TypeAlias = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class ReferentModel:
-    """Constants of the model, fitted by `pointit evaluate referents` on people other than those it reports."""
+    """Constants of the model, fitted on other simulated people than `pointit evaluate referents` reports."""
 
     lag_s: float = -0.1
     """Mean time from the middle of the word to the apex; negative: the apex is earlier."""
@@ -44,6 +44,7 @@ class ReferentModel:
     """Solid angle over which rays spread that are meant for none of the targets."""
 
 
+MODEL = ReferentModel()
 LISTED = 8
 """Number of candidates of a reply, at most."""
 LEAST = 0.005
@@ -68,7 +69,7 @@ AROUND_S = 0.25
 """Half the time about the apex over which the place of a cursor is averaged, s."""
 
 
-def referents(  # noqa: PLR0913 - what is known, each once
+def referents(
     cursors: Sequence[Cursor],
     targets: Sequence[Target],
     at_ns: int,
@@ -77,7 +78,7 @@ def referents(  # noqa: PLR0913 - what is known, each once
     others_ns: Sequence[int] = (),
     own_m: Vec3 | None = None,
     user: str = "",
-    model: ReferentModel = ReferentModel(),  # noqa: B008 - frozen
+    model: ReferentModel = MODEL,
 ) -> Referents:
     """Return what a word spoken at `at_ns` may refer to.
 
@@ -212,15 +213,21 @@ def _place(cursors: Sequence[Cursor], times_s: Floats, apex: Floats) -> tuple[fl
         return 0.0, None
     near = np.abs(times_s[:, None] - times_s[None, :]) <= AROUND_S
     middle = int(np.argmax(near @ apex))
-    around = [index for index in np.flatnonzero(near[middle]) if apex[index] > 0.0]
     here = cursors[middle]
-    surface = here.surface_id
-    there = [i for i in around if cursors[i].surface_id == surface and cursors[i].point_m is not None]
-    if here.point_m is None or not there:
+    points_m: list[Vec3] = []
+    weights: list[float] = []
+    for cursor, is_near, weight in zip(cursors, near[middle].tolist(), apex.tolist(), strict=True):
+        if is_near and weight > 0.0 and cursor.point_m is not None and _is_same(cursor, here):
+            points_m.append(cursor.point_m)
+            weights.append(weight)
+    if here.point_m is None or not points_m:
         return seen, Referent(kind="direction", name="", probability=0.0)
-    points: Any = np.array([cursors[i].point_m for i in there])
-    x, y, z = (float(each) for each in np.average(points, axis=0, weights=apex[there]))
-    return seen, Referent(kind="place", name=surface, probability=0.0, place_m=(x, y, z))
+    x, y, z = np.average(np.array(points_m), axis=0, weights=weights).tolist()
+    return seen, Referent(kind="place", name=here.surface_id, probability=0.0, place_m=(x, y, z))
+
+
+def _is_same(one: Cursor, other: Cursor) -> bool:
+    return (one.surface, one.solid, one.surface_id) == (other.surface, other.solid, other.surface_id)
 
 
 def _swept(

@@ -36,6 +36,7 @@ export interface Everything {
   Environment: Environment;
   EraseMemory: EraseMemory;
   Feedback: Feedback;
+  FindReferents: FindReferents;
   Goal: Goal;
   Figure: Figure;
   KeyHealth: KeyHealth;
@@ -58,6 +59,8 @@ export interface Everything {
   Gaussian: Gaussian;
   LearntPointing: LearntPointing;
   ReadMemoryReply: ReadMemoryReply;
+  Referent: Referent;
+  Referents: Referents;
   ReleaseObject: ReleaseObject;
   ResetConveyor: ResetConveyor;
   RobotPlan: RobotPlan;
@@ -66,6 +69,7 @@ export interface Everything {
   ReservedObject: ReservedObject;
   SelectedObject: SelectedObject;
   Selection: Selection;
+  SendRobot: SendRobot;
   ServedRequest: ServedRequest;
   SetBrightness: SetBrightness;
   SetFeeding: SetFeeding;
@@ -84,6 +88,8 @@ export interface Everything {
   SetToleranceReply: SetToleranceReply;
   SetWorkspace: SetWorkspace;
   SetYawOrigin: SetYawOrigin;
+  Word: Word;
+  Speech: Speech;
   StartLocalization: StartLocalization;
   Steering: Steering;
   StopRobot: StopRobot;
@@ -91,6 +97,7 @@ export interface Everything {
   StripsFrame: StripsFrame;
   TrackedObject: TrackedObject;
   TrackedObjects: TrackedObjects;
+  Understood: Understood;
   UndoSelection: UndoSelection;
   UserPose: UserPose;
   BodyMeasures: BodyMeasures;
@@ -845,6 +852,29 @@ export interface Feedback {
   waits: boolean;
 }
 /**
+ * Find what a person meant by a word, from where they pointed before, at and after it.
+ *
+ * Answered at once, from the rays that are there: ask a moment after the word.
+ */
+export interface FindReferents {
+  /**
+   * middle of the word; None for now
+   */
+  at_ns: number | null;
+  /**
+   * middles of the other deictic words of the sentence
+   */
+  others_ns: number[];
+  /**
+   * rays count up to so long before and after the word, s
+   */
+  within_s: number;
+  /**
+   * the word; empty for any
+   */
+  word: "" | "this" | "that" | "here" | "there" | "these";
+}
+/**
  * A place at which a person pointed in two steps, where a robot is to go, {W}; no safety function.
  *
  * `stamp_ns`: of the ray with which it was confirmed. Who receives it judges it: late, or unsure, it is not
@@ -1374,6 +1404,42 @@ export interface ReadMemoryReply {
   message: string;
 }
 /**
+ * Something that a word may refer to.
+ */
+export interface Referent {
+  kind: "thing" | "robot" | "object" | "person" | "place" | "direction";
+  /**
+   * of the thing, robot, object or person; of a place its surface
+   */
+  name: string;
+  /**
+   * where it is, {W}; None of a direction
+   */
+  place_m: [number, number, number] | null;
+  probability: number;
+}
+/**
+ * What a person may have meant by a word. `message`: problem of the rays or the clock, or empty.
+ */
+export interface Referents {
+  /**
+   * the most probable first
+   */
+  candidates: Referent[];
+  /**
+   * the effect, in one sentence for a person
+   */
+  message: string;
+  /**
+   * probability of none of these
+   */
+  none: number;
+  /**
+   * number of rays that count
+   */
+  rays: number;
+}
+/**
  * Deselect one object of any person: for a supervisor, or to take it over.
  */
 export interface ReleaseObject {
@@ -1529,6 +1595,22 @@ export interface Selection {
    * time of capture, Unix ns; derived data keep it
    */
   stamp_ns: number;
+}
+/**
+ * Send a robot to a place, in the name of the person, with the checks of a place pointed at.
+ */
+export interface SendRobot {
+  /**
+   * place on a level surface, {W}
+   *
+   * @minItems 3
+   * @maxItems 3
+   */
+  position_m: [number, number, number];
+  /**
+   * empty: the one they have, or any if it is not steered
+   */
+  robot: string;
 }
 /**
  * A request that a service has answered; `stamp_ns` is when it got it.
@@ -1812,6 +1894,43 @@ export interface SetYawOrigin {
   yaw_rad: number;
 }
 /**
+ * One spoken word.
+ */
+export interface Word {
+  /**
+   * of the recogniser; None if unknown
+   */
+  confidence: number | null;
+  end_ns: number;
+  /**
+   * its onset, Unix ns of the site's time
+   */
+  start_ns: number;
+  text: string;
+}
+/**
+ * Words of one utterance of a person. `stamp_ns`: end of the last word, or the time of an empty one.
+ */
+export interface Speech {
+  /**
+   * false: the recogniser may still change them; nothing is done yet
+   */
+  is_final: boolean;
+  /**
+   * name of what recognised them
+   */
+  recogniser: string;
+  /**
+   * counts this writer's messages on this key
+   */
+  seq: number;
+  /**
+   * time of capture, Unix ns; derived data keep it
+   */
+  stamp_ns: number;
+  words: Word[];
+}
+/**
  * Begin to localize a person.
  */
 export interface StartLocalization {
@@ -1975,6 +2094,36 @@ export interface TrackedObjects {
    * time of capture, Unix ns; derived data keep it
    */
   stamp_ns: number;
+}
+/**
+ * What was understood of an utterance, and what came of it. `stamp_ns`: that of the speech.
+ */
+export interface Understood {
+  /**
+   * verb of the command, or empty if it is none
+   */
+  command: string;
+  /**
+   * result, in one sentence for a person
+   */
+  message: string;
+  /**
+   * of its words, in their order
+   */
+  referents: Referent[];
+  result: "done" | "asked" | "refused" | "ignored";
+  /**
+   * counts this writer's messages on this key
+   */
+  seq: number;
+  /**
+   * time of capture, Unix ns; derived data keep it
+   */
+  stamp_ns: number;
+  /**
+   * the words
+   */
+  text: string;
 }
 /**
  * Undo the last selection or deselection of a person.

@@ -66,6 +66,7 @@ export interface Everything {
   RobotPlan: RobotPlan;
   RobotState: RobotState;
   RunScenario: RunScenario;
+  Say: Say;
   ReservedObject: ReservedObject;
   SelectedObject: SelectedObject;
   Selection: Selection;
@@ -1548,6 +1549,12 @@ export interface RunScenario {
    * number of people, or None to keep it
    */
   users: number | null;
+}
+/**
+ * Tell a person something, by a cue with a text.
+ */
+export interface Say {
+  text: string;
 }
 /**
  * An object that a person is about to select. To others it is not available.

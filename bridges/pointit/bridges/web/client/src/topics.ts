@@ -46,6 +46,7 @@ export const SERVERS = {
   "conveyor/reset": "conveyor-sim",
   "conveyor/set_feeding": "conveyor-sim",
   "conveyor/set_speed": "conveyor-sim",
+  "feedback/{user}/say": "supervisor",
   "goal/{user}/send": "goal",
   "imu/{user}/set_mounting": "imu-bridge",
   "imu/{user}/set_yaw_origin": "imu-bridge",

@@ -125,7 +125,9 @@ def text_of(result: CallToolResult) -> str:
 
 
 @contextlib.asynccontextmanager
-async def assistant_of(played: Played, role: Role = "operator", folder: Path | None = None) -> AsyncGenerator[Assistant]:
+async def assistant_of(
+    played: Played, role: Role = "operator", folder: Path | None = None
+) -> AsyncGenerator[Assistant]:
     """Yield a client of a server on the site."""
 
     @contextlib.asynccontextmanager

@@ -56,7 +56,9 @@ async def test_a_word_is_asked_for_at_its_time(assistant: Assistant, played: Pla
     assert played.asked[-1][1] == FindReferents(at_ns=None)
 
 
-@pytest.mark.parametrize("text", ["soon", "2026-03-01T14:30:05", "1900-01-01T00:00:00+00:00", "nan", "9" * 30])
+@pytest.mark.parametrize(
+    "text", ["soon", "2026-03-01T14:30:05", "1900-01-01T00:00:00+00:00", "nan", "9" * 30]
+)
 def test_a_time_of_a_word_without_zone_or_sense_is_refused(text: str) -> None:
     with pytest.raises(SchemaError, match="word_time"):
         ns_of(text)
@@ -69,7 +71,9 @@ async def test_who_is_not_there_is_said(assistant: Assistant) -> None:
 
 async def test_waiting_ends_when_two_looks_agree(assistant: Assistant, played: Played) -> None:
     played.point("kettle", 0.5)
-    waiting = asyncio.create_task(assistant.call("wait_for_pointing", user="anna", what=["the kettle"], timeout=9))
+    waiting = asyncio.create_task(
+        assistant.call("wait_for_pointing", user="anna", what=["the kettle"], timeout=9)
+    )
     for look in range(1, 4):
         await asyncio.sleep(0.01)
         played.cursor(look * 10**9)
@@ -92,7 +96,9 @@ async def test_waiting_ends_in_time(assistant: Assistant, played: Played) -> Non
 
 
 async def test_a_cancelled_call_ends_and_is_in_the_audit(assistant: Assistant) -> None:
-    call = asyncio.create_task(assistant.client.call_tool("wait_for_pointing", {"user": "anna", "timeout": 100}))
+    call = asyncio.create_task(
+        assistant.client.call_tool("wait_for_pointing", {"user": "anna", "timeout": 100})
+    )
     await asyncio.sleep(0.01)
     call.cancel()
     await asyncio.wait({call})
@@ -125,7 +131,9 @@ async def test_a_press_answers_a_question_by_light(assistant: Assistant, played:
 
 
 @pytest.mark.parametrize("ends", ["by a timeout", "by a cancellation"])
-async def test_lamps_are_given_back_when_a_question_ends(assistant: Assistant, played: Played, ends: str) -> None:
+async def test_lamps_are_given_back_when_a_question_ends(
+    assistant: Assistant, played: Played, ends: str
+) -> None:
     asked = {"user": "anna", "candidates": ["kettle", "radio"], "timeout": 2 * TURN_S}
     asking = asyncio.create_task(assistant.client.call_tool("ask_by_light", asked))
     if ends == "by a cancellation":

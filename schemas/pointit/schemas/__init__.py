@@ -36,7 +36,11 @@ from pointit.schemas.person import (
     ImuSample,
     LearntPointing,
     PointingOffset,
+    Referent,
+    Speech,
+    Understood,
     UserProfile,
+    Word,
     WristSample,
 )
 from pointit.schemas.pointing import (
@@ -94,7 +98,6 @@ from pointit.schemas.requests import (
 )
 from pointit.schemas.robots import RobotKind, RobotPhase, RobotPlan, RobotState, Steering
 from pointit.schemas.selection import Claim, ReservedObject, SelectedObject, Selection, SelectionEvent
-from pointit.schemas.speech import Referent, Speech, Understood, Word
 from pointit.schemas.system import (
     ClockTick,
     Configuration,

@@ -5,10 +5,9 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, WithJsonSchema
 
 from pointit.schemas.base import Fraction, Id, Many, Name, Ns, QuaternionXyzw, Query, Real, Reply, Rgb, Vec3
-from pointit.schemas.person import LearntPointing, PointingOffset
+from pointit.schemas.person import MAX_WORDS, Deictic, LearntPointing, PointingOffset, Referent
 from pointit.schemas.pointing import Covariance
 from pointit.schemas.selection import SelectionEvent
-from pointit.schemas.speech import MAX_WORDS, Deictic, Referent
 
 
 class AddPackage(Query):
@@ -274,8 +273,8 @@ class Referents(Reply):
 class SendRobot(Query):
     """Send a robot to a place, in the name of the person, with the checks of a place pointed at."""
 
-    robot: Annotated[Id, Field(description="empty: the one they have, or any if it is not steered")] = ""
-    position_m: Annotated[Vec3, Field(description="place on a level surface, {W}")]
+    position_m: Annotated[Vec3, Field(description="on the person's floor, {W}")]
+    robot: Annotated[Id, Field(description="empty: the one they have, or any if robots are not taken")] = ""
 
 
 class RunScenario(Query):

@@ -6,7 +6,7 @@ No other module spells a key: services name the rows of this table.
 
 from typing import Any
 
-from pointit.schemas import environment, person, pointing, selection, speech, system
+from pointit.schemas import environment, person, pointing, selection, system
 from pointit.schemas.request_table import (
     ADD_PACKAGE,
     CANCEL_LOCALIZATION,
@@ -127,11 +127,11 @@ GOAL = Topic(
     about="where the person sends a robot",
 )
 SPEECH = Topic(
-    key="users/{user}/speech", message=speech.Speech, delivery=_EVENT, rate_hz=None,
+    key="users/{user}/speech", message=person.Speech, delivery=_EVENT, rate_hz=None,
     writers=("cli", "external"), about="words of the person, with their times",
 )
 UNDERSTOOD = Topic(
-    key="users/{user}/understood", message=speech.Understood, delivery=_EVENT, rate_hz=None,
+    key="users/{user}/understood", message=person.Understood, delivery=_EVENT, rate_hz=None,
     writers=("cli", "external"), about="what was understood of the person's words, and what came of it",
 )
 MAP = Topic(

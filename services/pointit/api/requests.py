@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from pointit.schemas import PointingOffset, Query, SchemaError, summarize_validation_error, topics
 from pointit.schemas.base import Rgb
-from pointit.schemas.speech import Deictic
+from pointit.schemas.person import Deictic
 from pointit.schemas.topics import Request
 
 D = TypeVar("D")
@@ -227,22 +227,19 @@ class ListenerRequests(_Requests[D], Generic[D, R]):
         within_s: float = 1.0,
         *,
         word: Deictic = "",
-        others_ns: Sequence[int] = (),
+        others_ns: tuple[int, ...] = (),
     ) -> R:
         """Return what `user` may have meant by a word spoken at `at_ns`, the most probable first.
 
-        Needs service `listener` of that person, which keeps their last ten seconds. On a secured site only
-        the person and operators may ask.
-
         Args:
-            user: who spoke.
+            user: who spoke. Their service `listener` keeps their last ten seconds.
             at_ns: middle of the word, Unix ns of the site's time. None: now.
-            within_s: rays count up to so long before and after, s. Answered at once: ask a moment later.
+            within_s: rays count up to so long before and after, s. Those that are there: ask a moment later.
             word: that was spoken, `""` for any.
             others_ns: middles of the other deictic words of the sentence.
         """
         reply: R = self._ask(
-            topics.FIND_REFERENTS, user, at_ns=at_ns, within_s=within_s, word=word, others_ns=tuple(others_ns)
+            topics.FIND_REFERENTS, user, at_ns=at_ns, within_s=within_s, word=word, others_ns=others_ns
         )
         return reply
 

@@ -226,9 +226,7 @@ class Site:
         return await self._bus.call(request, query, name, timeout_s=timeout_s)
 
     async def referents(self, user: str, at_ns: int | None = None, within_s: float = 1.0) -> Referents:
-        """Return what `user` may mean by a word spoken at `at_ns`; see `listener.referents`.
-
-        `candidates` are sorted by their probability; that of none of them is `none`.
+        """Return what `user` may mean by a word at `at_ns`, and the probabilities; see `listener.referents`.
 
         Raises:
             NoAnswerError: If no service `listener` runs for `user` (`pointit run ... --with listener`).

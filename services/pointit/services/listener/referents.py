@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor, Referent, Referents
-from pointit.schemas.speech import Deictic
+from pointit.schemas.person import Deictic
 from pointit.services.listener.surroundings import Target
 
 Floats: TypeAlias = NDArray[np.float64]

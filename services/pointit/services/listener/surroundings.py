@@ -7,7 +7,7 @@ from typing import TypeVar
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Environment, Message, RobotState, TrackedObjects, UserPose
-from pointit.schemas.speech import ReferentKind
+from pointit.schemas.person import ReferentKind
 
 M = TypeVar("M", bound=Message)
 

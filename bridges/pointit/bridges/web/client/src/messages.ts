@@ -1608,14 +1608,14 @@ export interface Selection {
  */
 export interface SendRobot {
   /**
-   * place on a level surface, {W}
+   * on the person's floor, {W}
    *
    * @minItems 3
    * @maxItems 3
    */
   position_m: [number, number, number];
   /**
-   * empty: the one they have, or any if it is not steered
+   * empty: the one they have, or any if robots are not taken
    */
   robot: string;
 }

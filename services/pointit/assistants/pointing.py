@@ -7,6 +7,7 @@ from pointit.assistants.data import MAX_SENTENCE, Meant, Pointed, Waited, plain
 from pointit.assistants.room_items import check_present
 from pointit.errors import NoAnswerError
 from pointit.schemas import NS_PER_S
+from pointit.schemas.person import Deictic
 
 MAX_CANDIDATES = 8
 LOOK_S = 0.2
@@ -17,7 +18,7 @@ ITEMS = ("thing", "robot", "object", "person")
 """Kinds of referents that have a name of their own."""
 
 
-async def pointed(site: Site, user: str, at_ns: int | None, within_s: float = 1.0) -> Pointed:
+async def pointed(site: Site, user: str, at_ns: int | None, word: Deictic = "") -> Pointed:
     """Return what `user` pointed at, at `at_ns` of the site's time, or now.
 
     Raises:
@@ -25,7 +26,7 @@ async def pointed(site: Site, user: str, at_ns: int | None, within_s: float = 1.
     """
     await check_present(site, user)
     try:
-        found = await site.referents(user, at_ns, within_s)
+        found = await site.listener.referents(user, at_ns, word=word)
     except NoAnswerError as error:
         raise NoAnswerError(
             f"nobody keeps where {user} points: run `pointit service run listener --user {user}`"

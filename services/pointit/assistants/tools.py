@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import datetime as dt
 import inspect
+import math
 from collections.abc import Awaitable, Callable, Generator
 from typing import Annotated, Any, Literal
 
@@ -11,6 +12,7 @@ from mcp.server.mcpserver import Context
 from mcp.server.mcpserver.exceptions import ToolError
 from pydantic import Field
 
+from pointit.api.feed import Feed
 from pointit.api.site import Site
 from pointit.assistants.audit_file import AuditFile
 from pointit.assistants.data import Asked, Deed, Items, People, Pointed, Waited, refusal
@@ -19,8 +21,10 @@ from pointit.assistants.pointing import pointed, wait_for
 from pointit.assistants.room_items import check_present, find, items, people, present
 from pointit.assistants.site_door import SiteDoor
 from pointit.errors import AccessDeniedError, PointItError, SchemaError
-from pointit.schemas import NS_PER_S
-from pointit.schemas.base import FARTHEST
+from pointit.schemas import NS_PER_S, RobotState
+from pointit.schemas.base import FARTHEST, Vec3
+from pointit.schemas.person import Deictic
+from pointit.schemas.topics import ROBOT_STATE
 
 Role = Literal["operator", "viewer"]
 """Who calls: by the token of its request, or by the command's option over stdio."""
@@ -29,6 +33,12 @@ Ctx = Context[Any, Any]
 SCOPE_KEY = "pointit.role"
 """Key of an HTTP request's scope that holds the role of its token."""
 MAX_WAIT_S = 120.0
+SET_OFF_S = 4.0
+"""Time within which a robot that was sent sets off, s."""
+OLD_S = 1.0
+"""Time after which the reason of a robot that obeys the person is no earlier one, s."""
+NEAR_M = 0.3
+"""Distance within which a robot's target is the place where it was sent, m."""
 
 User = Annotated[str, Field(max_length=64, description="name of a person who is present")]
 Name = Annotated[str, Field(min_length=1, max_length=256, description="name or label, as `things` lists it")]
@@ -124,6 +134,7 @@ class Tools:
                 description="instead: when a word such as 'that' was spoken, ISO 8601 with zone",
             ),
         ] = "",
+        word: Annotated[Deictic, Field(description="the word itself, or empty for any")] = "",
     ) -> Pointed:
         """Say what a person means by pointing: candidates with probabilities, and that of none of them.
 
@@ -132,7 +143,7 @@ class Tools:
         at_ns = site.now_ns() - round(seconds_ago * NS_PER_S) if seconds_ago else None
         if word_time:
             at_ns = ns_of(word_time)
-        return await pointed(site, user, at_ns)
+        return await pointed(site, user, at_ns, word)
 
     async def wait_for_pointing(
         self,
@@ -201,8 +212,12 @@ class Tools:
             if target.position_m is None:
                 raise PointItError(f"nobody knows where {target.kind} {target.name!r} is")
             goal = (*target.position_m[:2], machine.position_m[2])
-        reply = await site.goal.send(user, goal, robot=machine.name)
-        return Deed(message=reply.message)
+        states = site.messages(ROBOT_STATE, machine.name)
+        try:
+            await site.goal.send(user, goal, robot=machine.name)
+            return Deed(message=await set_off(states, machine.name, user, goal))
+        finally:
+            states.close()
 
     async def stop_robot(
         self, site: Site, robot: Name, reason: Annotated[str, Field(max_length=200)] = ""
@@ -223,6 +238,26 @@ class Tools:
             await check_present(site, each)
             await site.feedback.say(each, text)
         return Deed(message=f"told {', '.join(to) or 'nobody'}")
+
+
+async def set_off(states: Feed[RobotState], robot: str, user: str, goal_m: Vec3) -> str:
+    """Return that `robot` is on its way to `goal_m` for `user`, once it is, or is there.
+
+    Raises:
+        PointItError: If it is not in time. Gives the robot's reason.
+    """
+    reason, first_ns = "it does not answer", 0
+    async for state in states.during(SET_OFF_S):
+        first_ns = first_ns or state.stamp_ns
+        if state.user != user:
+            reason = state.reason or (f"{state.user} steers it" if state.user else reason)
+            continue
+        if math.dist((state.target_m or state.position_m)[:2], goal_m[:2]) < NEAR_M:
+            return f"{robot} is on its way"
+        reason = state.reason or reason
+        if state.reason and state.stamp_ns - first_ns > OLD_S * NS_PER_S:
+            break
+    raise PointItError(f"{robot} does not set off: {reason}")
 
 
 def caller_of(context: Ctx) -> str:

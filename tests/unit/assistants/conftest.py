@@ -176,9 +176,7 @@ async def assistant(played: Played) -> AsyncIterator[Assistant]:
             await over.wait()
 
     keeping = asyncio.create_task(keep())
-    await asyncio.wait({keeping, opened}, return_when=asyncio.FIRST_COMPLETED)
-    if keeping.done():
-        keeping.result()
-    yield opened.result()
+    keeping.add_done_callback(lambda _: opened.cancel())  # it could not be opened: the error is its own
+    yield await opened
     over.set()
     await keeping

@@ -1,4 +1,4 @@
-"""Tools as the genuine client sees them: effects, rights, audit, data of others, and what they ask the site."""
+"""Tools as the genuine client sees them: effects, rights, audit, data of others, requests to the site."""
 
 import asyncio
 import json
@@ -158,7 +158,8 @@ async def test_a_robot_is_sent_in_the_name_of_a_person(assistant: Assistant, pla
         ("anna", SendRobot(robot="rover", position_m=(3.0, 2.0, 0.0))),
         ("anna", SendRobot(robot="rover", position_m=(4.0, 0.0, 0.0))),
     ]
-    for fields in ({}, {"thing": "radio", "place": [3, 2, 0]}):
+    both: dict[str, Any] = {"thing": "radio", "place": [3, 2, 0]}
+    for fields in ({}, both):
         reason = await assistant.refused("send_robot", robot="rover", user="anna", **fields)
         assert reason == "name a thing or a place, one of them"
     assert "is no robot" in await assistant.refused("send_robot", robot="kettle", user="anna", thing="radio")

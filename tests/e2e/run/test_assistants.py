@@ -6,7 +6,7 @@ import os
 import sys
 from collections.abc import Awaitable, Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 from mcp import Client, StdioServerParameters
@@ -50,8 +50,7 @@ async def called(client: Client, tool: str, **arguments: Any) -> tuple[dict[str,
     result = await client.call_tool(tool, arguments)
     if result.is_error:
         return {}, getattr(result.content[0], "text", "")
-    assert isinstance(result.structured_content, dict)
-    return result.structured_content, ""
+    return cast("dict[str, Any]", result.structured_content), ""
 
 
 def is_far(candidate: dict[str, Any]) -> bool:

@@ -6,7 +6,7 @@ import json
 from collections.abc import AsyncGenerator, AsyncIterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest_asyncio
 from mcp import Client
@@ -66,6 +66,8 @@ class Played:
     """Lamps and their colours, in order."""
     meant: Referents = field(default_factory=Referents)
     refusal: str = ""
+    rover: RobotState | None = None
+    """State of the rover after it was sent. None: it drives."""
 
     def point(self, name: str, probability: float = 0.9) -> None:
         referent = Referent(kind="thing", name=name, probability=probability, place_m=(1.0, 2.0, 3.0))
@@ -86,6 +88,9 @@ class Played:
         self.asked.append((name, query))
         if self.refusal:
             raise RefusedError(self.refusal)
+        if isinstance(query, SendRobot):
+            state = ROVER.model_copy(update={"user": "anna", "phase": "moving", "target_m": query.position_m})
+            self.bus.publisher(topics.ROBOT_STATE, "rover").put(self.rover or state)
         return Done(message="done")
 
 
@@ -100,8 +105,7 @@ class Assistant:
         """Return the result of a tool, or fail with what it says."""
         result = await self.client.call_tool(tool, arguments)
         assert not result.is_error, text_of(result)
-        assert isinstance(result.structured_content, dict)
-        return result.structured_content
+        return cast("dict[str, Any]", result.structured_content)
 
     async def refused(self, tool: str, **arguments: Any) -> str:
         """Return why a tool refuses."""

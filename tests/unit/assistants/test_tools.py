@@ -14,7 +14,7 @@ from pointit.errors import SchemaError
 from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import ButtonEvent, FindReferents, Say, SendRobot, TrackedObject, TrackedObjects, topics
 from tests.support.bench import until
-from tests.unit.assistants.conftest import Assistant, Played, assistant_of, text_of
+from tests.unit.assistants.conftest import ROVER, Assistant, Played, assistant_of, text_of
 
 LOOKS = {"who_is_here", "things", "what_is_pointed_at", "wait_for_pointing"}
 DEEDS = {"light", "ask_by_light", "send_robot", "stop_robot", "say"}
@@ -158,12 +158,28 @@ async def test_a_robot_is_sent_in_the_name_of_a_person(assistant: Assistant, pla
         ("anna", SendRobot(robot="rover", position_m=(3.0, 2.0, 0.0))),
         ("anna", SendRobot(robot="rover", position_m=(4.0, 0.0, 0.0))),
     ]
-    both: dict[str, Any] = {"thing": "radio", "place": [3, 2, 0]}
-    for fields in ({}, both):
+    wrong: tuple[dict[str, Any], ...] = ({}, {"thing": "radio", "place": [3, 2, 0]})
+    for fields in wrong:
         reason = await assistant.refused("send_robot", robot="rover", user="anna", **fields)
         assert reason == "name a thing or a place, one of them"
     assert "is no robot" in await assistant.refused("send_robot", robot="kettle", user="anna", thing="radio")
     assert len(played.asked) == 2
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"user": "anna", "reason": "the place is beyond fence area"}, "the place is beyond fence area"),
+        ({"user": "ben"}, "ben steers it"),
+        ({}, "it does not answer"),
+    ],
+)
+async def test_a_robot_that_does_not_set_off_says_why(
+    assistant: Assistant, played: Played, changes: dict[str, Any], reason: str
+) -> None:
+    played.rover = ROVER.model_copy(update=changes)
+    why = await assistant.refused("send_robot", robot="rover", user="anna", thing="radio")
+    assert why == f"rover does not set off: {reason}"
 
 
 async def test_numbers_without_sense_reach_no_robot(assistant: Assistant, played: Played) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Collection
 from pointit.api.site import Site
 from pointit.assistants.data import MAX_SENTENCE, Meant, Pointed, Waited, plain
 from pointit.assistants.room_items import check_present
-from pointit.errors import NoAnswerError
+from pointit.errors import AccessDeniedError, NoAnswerError
 from pointit.schemas import NS_PER_S
 from pointit.schemas.person import Deictic
 
@@ -27,6 +27,8 @@ async def pointed(site: Site, user: str, at_ns: int | None, word: Deictic = "") 
     await check_present(site, user)
     try:
         found = await site.listener.referents(user, at_ns, word=word)
+    except AccessDeniedError:
+        raise
     except NoAnswerError as error:
         raise NoAnswerError(
             f"nobody keeps where {user} points: run `pointit service run listener --user {user}`"

@@ -74,6 +74,11 @@ ROOMS = {
             ),
         ),
     ),
+    "assistants": Room(
+        (f"{PRODUCT}assistants", f"{PRODUCT}cli/assistants"),
+        ("tests/unit/assistants", "tests/integration/assistants", "tests/e2e/run/test_assistants.py"),
+        ("tests/unit/cli",),
+    ),
     "robots": Room(
         (
             *(f"{PRODUCT}services/{name}" for name in ("goal", "robot", "robot_replay")),

@@ -1,4 +1,4 @@
-"""On a secured site, an assistant may what the identity may by which `pointit mcp` joins, whatever its token."""
+"""On a secured site an assistant may do what the identity may by which it has joined, whatever its token."""
 
 import contextlib
 from collections.abc import AsyncGenerator

@@ -8,7 +8,7 @@ from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S, Cursor, FindReferents, Message, Referents, Speech, topics
 from pointit.services.listener.config import ListenerConfig
 from pointit.services.listener.memory import PointingMemory
-from pointit.services.listener.referents import referents
+from pointit.services.listener.referents import Spoken, referents
 from pointit.services.listener.surroundings import Room
 
 M = TypeVar("M", bound=Message)
@@ -74,16 +74,17 @@ class Listener(Service[ListenerConfig]):
         if ago_s < -AHEAD_S:
             raise RefusedError(f"that is {-ago_s:.1f} s ahead of the site's time: synchronize the clocks")
         self._memory.forget(now_ns)
-        own = self._room.poses.get(user)
-        return referents(
-            self._memory.around(at_ns, query.within_s),
-            self._room.targets(user, at_ns, now_ns),
-            at_ns,
+        pose = self._room.poses.get(user)
+        said = Spoken(
+            at_ns=at_ns,
             word=query.word,
             others_ns=query.others_ns,
-            own_m=None if own is None else own.position_m,
+            within_s=query.within_s,
             user=user,
+            own_m=None if pose is None else pose.position_m,
         )
+        targets = self._room.targets(user, at_ns, now_ns)
+        return referents(self._memory.between(*said.span_ns), targets, said)
 
 
 def _into(kept: dict[str, M]) -> Callable[[M, str], None]:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
 
+import numpy as np
+
 from pointit.geometry import vector
 from pointit.schemas import NS_PER_S, Cursor
 from pointit.services.listener.decision import decide
@@ -125,7 +127,8 @@ class ReliabilityRow:
 def rows_of(scene: Scene, found: Sequence[Answer]) -> list[ReferentRow]:
     """Return the row of the model and of each simpler rule."""
     ends: list[tuple[str, list[End]]] = [("referents", [each.end for each in found])]
-    ends += [(rule, [each.others[index] for each in found]) for index, rule in enumerate(RULES)]
+    for index, rule in enumerate(RULES):
+        ends.append((rule, [each.others[index] for each in found]))
 
     def share(of: Sequence[End], *which: End) -> Share:
         return Share(sum(end in which for end in of), len(of))
@@ -153,3 +156,9 @@ def reliability(found: Sequence[Answer]) -> list[ReliabilityRow]:
             right = Share(sum(each.is_best for each in there), len(there))
             rows.append(ReliabilityRow(low=low, high=high, stated=stated, right=right))
     return rows
+
+
+def times_ms(found: Sequence[Answer]) -> tuple[float, float]:
+    """Return the median and the 99th percentile of the time that an answer took, ms."""
+    median, p99 = np.percentile([1e3 * each.took_s for each in found], (50, 99)).tolist()
+    return median, p99

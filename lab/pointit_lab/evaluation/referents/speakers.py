@@ -26,8 +26,8 @@ WORD_S = 0.3
 """Length of a word, s."""
 SIZE_M = 0.2
 AWAY_M = 2.5
-COUNT = 5
-"""Number of things in a row."""
+WIDEST_DEG = 80.0
+"""Width of a row of five things; of wider ones there are three."""
 NOTHING = "nothing"
 
 
@@ -48,7 +48,8 @@ class Scene:
 
     def targets(self) -> list[Target]:
         """Return the things."""
-        angles = [math.radians(self.apart_deg) * (index - (COUNT - 1) / 2.0) for index in range(COUNT)]
+        count = 5 if 4 * self.apart_deg <= WIDEST_DEG else 3
+        angles = [math.radians(self.apart_deg) * (index - (count - 1) / 2.0) for index in range(count)]
         return [
             Target(
                 kind="thing",
@@ -73,55 +74,43 @@ class Utterance:
 
 
 def speak(scene: Scene, seed: int) -> Utterance:
-    """Return what one person says and does; `seed` is that of the person."""
-    rng = np.random.default_rng([seed, round(10 * scene.apart_deg), scene.words, int(scene.is_nothing)])
+    """Return what one person says and does; `seed` is that of the person.
+
+    Who says two words waits with the second one until the arm can be there.
+    """
+    key = [seed, round(10 * scene.apart_deg), scene.words, int(scene.is_nothing)]
+    rng = np.random.default_rng(key)
     places_m = {target.name: target.center_m for target in scene.targets()}
-    names = list(places_m)
-    goals = [str(name) for name in rng.permutation(names)[: scene.words]]
+    goals = [str(name) for name in rng.permutation(list(places_m))[: scene.words]]
     if scene.is_nothing:
         places_m[NOTHING] = _beside(list(places_m.values()), rng)
         goals = [NOTHING] * scene.words
-    words_s = np.cumsum([2.5, *(rng.uniform(*NEXT_S) for _ in goals[1:])])
-    arrivals_s = words_s + rng.normal(*LAG_S, len(goals))
     places_m["rest"] = vector.add(EYES_M, vector.direction(rng.uniform(-0.5, 0.5), -0.6))
     arm = Reach(EYES_M, places_m, "rest", rng)
     cursors: list[Cursor] = []
+    words_s: list[float] = []
     presses_s: list[float] = []
-    now_s = 0.0
+    now_s, ready_s, word_s = 0.0, 1.5, 2.5
     for index, goal in enumerate(goals):
-        reach_s, now_s = _until_reach(arm, places_m, goal, float(arrivals_s[index]), cursors, now_s, rng)
-        arm = reach_s
+        probe = Reach(EYES_M, places_m, goal, np.random.default_rng([*key, index]), arm)
+        lag_s = float(rng.normal(*LAG_S))
+        leaves_s = max(word_s + lag_s - probe.took_s, ready_s)
+        now_s = _move(arm, now_s, leaves_s, cursors)
+        arm = Reach(EYES_M, places_m, goal, np.random.default_rng([*key, index]), arm)
         arrived_s = now_s + arm.took_s
+        words_s.append(arrived_s - lag_s)
         presses_s.append(arrived_s + float(rng.normal(*PRESS_S)))
-        ends_s = arrived_s + float(rng.uniform(*HOLD_S))
-        now_s = _move(arm, now_s, ends_s, cursors)
-    arm = Reach(EYES_M, places_m, "rest", rng, arm)
-    _move(arm, now_s, now_s + 1.5, cursors)
-    told_s = words_s + rng.normal(0.0, RECOGNISER_S, len(goals))
+        ready_s = arrived_s + float(rng.uniform(*HOLD_S))
+        word_s = words_s[-1] + float(rng.uniform(*NEXT_S))
+    now_s = _move(arm, now_s, ready_s, cursors)
+    _move(Reach(EYES_M, places_m, "rest", rng, arm), now_s, now_s + 1.5, cursors)
+    told_s = [each + float(rng.normal(0.0, RECOGNISER_S)) for each in words_s]
     return Utterance(
         goals=tuple(goals),
-        words_ns=tuple(_ns(float(each)) for each in told_s),
+        words_ns=tuple(_ns(each) for each in told_s),
         presses_ns=tuple(_ns(each) for each in presses_s),
         cursors=tuple(cursors),
     )
-
-
-def _until_reach(
-    arm: Reach,
-    places_m: dict[str, Vec3],
-    goal: str,
-    arrival_s: float,
-    cursors: list[Cursor],
-    now_s: float,
-    rng: np.random.Generator,
-) -> tuple[Reach, float]:
-    """Keep the arm where it is until it has to leave for `goal`. Return the reach, and when it begins."""
-    state = rng.bit_generator.state
-    took_s = Reach(EYES_M, places_m, goal, rng, arm).took_s  # of the same reach, which begins where it is now
-    rng.bit_generator.state = state
-    now_s = _move(arm, now_s, max(arrival_s - took_s, now_s), cursors)
-    rng.bit_generator.state = state
-    return Reach(EYES_M, places_m, goal, rng, arm), now_s
 
 
 def _move(arm: Reach, from_s: float, to_s: float, cursors: list[Cursor]) -> float:

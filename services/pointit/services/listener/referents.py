@@ -24,17 +24,17 @@ from pointit.services.listener.surroundings import Target
 class ReferentModel(TimingModel):
     """Constants of the model, fitted on other simulated people than `pointit evaluate referents` reports."""
 
-    sideways_rad: float = math.radians(5.0)
+    sideways_rad: float = math.radians(4.2)
     """Standard deviation of people's aim sideways after a usual way of the arm (pointing.md §3)."""
     pose_rad: float = math.radians(1.5)
     """Standard deviation of what does not grow with the way, sideways."""
-    upwards_rad: float = math.radians(3.2)
+    upwards_rad: float = math.radians(3.9)
     """Standard deviation upwards, mostly between people."""
-    low_rad: float = math.radians(2.8)
+    low_rad: float = math.radians(3.0)
     """Mean by which people point lower than what they mean."""
-    careless: float = 0.06
+    careless: float = 0.02
     """Share of careless gestures, such as with a bent arm, which are less exact by `CARELESS`."""
-    any_target: float = 0.85
+    any_target: float = 0.9
     """Probability before the rays that one of the targets is meant."""
 
 

@@ -16,19 +16,19 @@ Floats: TypeAlias = NDArray[np.float64]
 class TimingModel:
     """Times of gestures about words; fitted on other simulated people than `pointit evaluate` reports."""
 
-    lag_s: float = -0.1
-    """Mean time from the middle of the word to the arrival of the arm; negative: the arm is earlier."""
-    lag_sigma_s: float = 0.37
-    """Standard deviation of that, of people (0.3) and recognisers (0.2)."""
-    slow_radps: float = math.radians(25.0)
+    lag_s: float = -0.15
+    """Mean time from the middle of the word to the begin of the stay; negative: the arm is earlier."""
+    lag_sigma_s: float = 0.45
+    """Standard deviation of that, of people (0.3), recognisers (0.2) and where a stay begins."""
+    slow_radps: float = math.radians(10.0)
     """Angular speed below which the arm stays."""
-    shortest_s: float = 0.1
+    shortest_s: float = 0.06
     """Shortest stay."""
-    held: float = 0.15
-    """Weight of staying during the word, beside 1 for arriving at its usual time: a long stay is meant, too."""
-    missed: float = 0.05
+    held: float = 0.1
+    """Weight of staying during the word, beside 1 for arriving at its usual time."""
+    missed: float = 0.01
     """Weight of a gesture that was not seen."""
-    shared: float = 0.1
+    shared: float = 0.02
     """Weight of one stay for two words, beside two stays in their order."""
 
 
@@ -49,7 +49,7 @@ SPEED_S = 0.06
 """Time on both sides over which the speed is measured, s."""
 GAP_S = 0.3
 """Time without rays that ends a stay, s."""
-APART_RAD = math.radians(1.5)
+APART_RAD = math.radians(4.0)
 """Angle between two stays in succession below which they are one."""
 
 

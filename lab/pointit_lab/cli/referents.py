@@ -25,8 +25,8 @@ BATCH = 20
 """People whom a process does at once."""
 NOTES = (
     "One person for each seed; per word, %, with 95 % intervals (Wilson). `asked`: which one of two, and "
-    "what was meant is among them. `nothing`: not understood, or asked about others. Rules: the thing nearest to "
-    "the cursor at the onset of the word, at its end, and at a press of a button after the arm has arrived."
+    "what was meant is among them. `nothing`: not understood, or asked about others. Rules: the thing "
+    "nearest to the cursor at the word's onset, at its end, and at a press after the arm has arrived."
 )
 
 

@@ -34,7 +34,7 @@ class ReferentModel(TimingModel):
     """Mean by which people point lower than what they mean."""
     careless: float = 0.02
     """Share of careless gestures, such as with a bent arm, which are less exact by `CARELESS`."""
-    any_target: float = 0.9
+    any_target: float = 0.8
     """Probability before the rays that one of the targets is meant."""
 
 
@@ -50,7 +50,7 @@ LEAST = 0.005
 """Least probability of a candidate of a reply."""
 SWEPT = 0.3
 """The same of `these`: a ray that swept between two of them does not count for both."""
-OF_PLACES: dict[Deictic, float] = {"": 0.25, "this": 0.1, "that": 0.1, "here": 0.6, "there": 0.6}
+OF_PLACES: dict[Deictic, float] = {"": 0.25, "this": 0.1, "that": 0.1, "here": 0.9, "there": 0.98}
 """Share of places and directions in what is not one of the targets."""
 NEARER = 0.7
 """Exponent of the distance by which `this` prefers what is near, and `that` what is far."""
@@ -74,6 +74,8 @@ class Spoken:
     user: str = ""
     own_m: Vec3 | None = None
     """Place of the speaker, or None if unknown."""
+    yaw_sigma_rad: float = 0.0
+    """Uncertainty of the direction of their rays, as after the yaw of the wrist has drifted."""
 
     @property
     def span_ns(self) -> tuple[int, int]:
@@ -107,7 +109,7 @@ def referents(
     means = [slice(stay.first, stay.last + 1) for stay in stays]
     sights = np.array([directions[each].mean(axis=0) for each in means])
     ways = np.minimum(np.array([stay.way_rad for stay in stays]) / USUAL_WAY_RAD, 1.0)
-    sideways = np.hypot(model.pose_rad, model.sideways_rad * ways)
+    sideways = np.hypot(math.hypot(model.pose_rad, said.yaw_sigma_rad), model.sideways_rad * ways)
     at = np.array([origins[each].mean(axis=0) for each in means])
     flat, unseen = 1.0 / FIELD_SR, 1.0 - float(shares.sum())
     likelihoods = _densities(at, sights, targets, model, sideways) @ shares + unseen * flat

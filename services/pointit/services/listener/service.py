@@ -1,5 +1,6 @@
 """Memory of a person's pointing: cursors, objects, robots, people and words in; referents on request."""
 
+import math
 from collections.abc import Callable
 from typing import ClassVar, TypeVar
 
@@ -15,7 +16,7 @@ M = TypeVar("M", bound=Message)
 
 AHEAD_S = 0.25
 """Time by which a word may be later than now, s: two clocks are never the same."""
-LEAVES = 5
+UTTERANCES = 5
 """Number of utterances whose times decide about the recogniser's clock."""
 
 
@@ -52,7 +53,7 @@ class Listener(Service[ListenerConfig]):
         if not speech.words or not speech.is_final:
             return
         ahead_s = (speech.words[-1].end_ns - self.clock.now_ns()) / NS_PER_S
-        self._clock_errors_s = [*self._clock_errors_s[1 - LEAVES :], ahead_s]
+        self._clock_errors_s = [*self._clock_errors_s[1 - UTTERANCES :], ahead_s]
         self.bus.warn("clock", self._clock_problem())
 
     def _clock_problem(self) -> str:
@@ -82,6 +83,7 @@ class Listener(Service[ListenerConfig]):
             within_s=query.within_s,
             user=user,
             own_m=None if pose is None else pose.position_m,
+            yaw_sigma_rad=0.0 if pose is None else math.sqrt(max(pose.covariance[8], 0.0)),
         )
         targets = self._room.targets(user, at_ns, now_ns)
         return referents(self._memory.between(*said.span_ns), targets, said)

@@ -26,7 +26,7 @@ class TimingModel:
     """Shortest stay."""
     held: float = 0.1
     """Weight of staying during the word, beside 1 for arriving at its usual time."""
-    missed: float = 0.01
+    missed: float = 0.005
     """Weight of a gesture that was not seen."""
     shared: float = 0.02
     """Weight of one stay for two words, beside two stays in their order."""

@@ -37,9 +37,9 @@ class PointingMemory:
         while self._cursors and self._cursors[0].stamp_ns < now_ns - self._memory_ns:
             self._cursors.popleft()
 
-    def around(self, at_ns: int, within_s: float) -> list[Cursor]:
-        """Return the cursors from `within_s` before to `within_s` after `at_ns`."""
-        kept, span_ns = list(self._cursors), round(within_s * NS_PER_S)
-        first = bisect_left(kept, at_ns - span_ns, key=lambda cursor: cursor.stamp_ns)
-        last = bisect_left(kept, at_ns + span_ns + 1, key=lambda cursor: cursor.stamp_ns)
+    def between(self, first_ns: int, last_ns: int) -> list[Cursor]:
+        """Return the cursors from `first_ns` to `last_ns`."""
+        kept = list(self._cursors)
+        first = bisect_left(kept, first_ns, key=lambda cursor: cursor.stamp_ns)
+        last = bisect_left(kept, last_ns + 1, key=lambda cursor: cursor.stamp_ns)
         return kept[first:last]

@@ -1,5 +1,6 @@
 """Memory of a person's pointing: cursors, objects, robots, people and words in; referents on request."""
 
+import math
 from collections.abc import Callable
 from typing import ClassVar, TypeVar
 
@@ -8,14 +9,14 @@ from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S, Cursor, FindReferents, Message, Referents, Speech, topics
 from pointit.services.listener.config import ListenerConfig
 from pointit.services.listener.memory import PointingMemory
-from pointit.services.listener.referents import referents
+from pointit.services.listener.referents import Spoken, referents
 from pointit.services.listener.surroundings import Room
 
 M = TypeVar("M", bound=Message)
 
 AHEAD_S = 0.25
 """Time by which a word may be later than now, s: two clocks are never the same."""
-LEAVES = 5
+UTTERANCES = 5
 """Number of utterances whose times decide about the recogniser's clock."""
 
 
@@ -52,7 +53,7 @@ class Listener(Service[ListenerConfig]):
         if not speech.words or not speech.is_final:
             return
         ahead_s = (speech.words[-1].end_ns - self.clock.now_ns()) / NS_PER_S
-        self._clock_errors_s = [*self._clock_errors_s[1 - LEAVES :], ahead_s]
+        self._clock_errors_s = [*self._clock_errors_s[1 - UTTERANCES :], ahead_s]
         self.bus.warn("clock", self._clock_problem())
 
     def _clock_problem(self) -> str:
@@ -74,16 +75,18 @@ class Listener(Service[ListenerConfig]):
         if ago_s < -AHEAD_S:
             raise RefusedError(f"that is {-ago_s:.1f} s ahead of the site's time: synchronize the clocks")
         self._memory.forget(now_ns)
-        own = self._room.poses.get(user)
-        return referents(
-            self._memory.around(at_ns, query.within_s),
-            self._room.targets(user, at_ns, now_ns),
-            at_ns,
+        pose = self._room.poses.get(user)
+        said = Spoken(
+            at_ns=at_ns,
             word=query.word,
             others_ns=query.others_ns,
-            own_m=None if own is None else own.position_m,
+            within_s=query.within_s,
             user=user,
+            own_m=None if pose is None else pose.position_m,
+            yaw_sigma_rad=0.0 if pose is None else math.sqrt(max(pose.covariance[8], 0.0)),
         )
+        targets = self._room.targets(user, at_ns, now_ns)
+        return referents(self._memory.between(*said.span_ns), targets, said)
 
 
 def _into(kept: dict[str, M]) -> Callable[[M, str], None]:

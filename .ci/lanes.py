@@ -71,6 +71,7 @@ ROOMS = {
                 "tests/devices/test_mqtt_lamps.py",
                 "tests/devices/test_network_wrists.py",
                 "tests/e2e/run/test_page.py",
+                "tests/integration/assistants/test_http.py",
             ),
         ),
     ),

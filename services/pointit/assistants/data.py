@@ -18,8 +18,8 @@ MAX_ITEMS = 300
 def plain(text: str, limit: int = MAX_NAME) -> str:
     """Return `text` on one line, without control and format characters, cut to `limit` characters.
 
-    Labels, ids of objects and reasons may be of anybody's making. So they cannot imitate the structure of a
-    result, which quotes them as JSON.
+    Anybody may have written labels, ids of objects and reasons. On one line and quoted as JSON, they cannot
+    imitate the structure of a result.
     """
     line = " ".join("".join(each if each.isprintable() else " " for each in text).split())
     return line if len(line) <= limit else f"{line[: limit - 1]}…"
@@ -78,7 +78,7 @@ class Meant(_Result):
 
 
 class Pointed(_Result):
-    """What a person points or pointed at. The probabilities, with `none`, add up to 1."""
+    """Candidates for what a person points or pointed at. The probabilities, with `none`, add up to 1."""
 
     user: str
     seconds_ago: float

@@ -1,4 +1,4 @@
-"""What a person points at, now or at the time of a word, and waiting for it."""
+"""Referents of a person's pointing, now or at the time of a word, and waiting for it."""
 
 from collections.abc import Collection
 
@@ -19,7 +19,7 @@ ITEMS = ("thing", "robot", "object", "person")
 
 
 async def pointed(site: Site, user: str, at_ns: int | None, word: Deictic = "") -> Pointed:
-    """Return what `user` pointed at, at `at_ns` of the site's time, or now.
+    """Return the candidates for what `user` pointed at, at `at_ns` of the site's time, or now.
 
     Raises:
         PointItError: If they are not there, nobody keeps where they point, or that time is not kept.

@@ -62,7 +62,7 @@ async def items(site: Site) -> Items:
 
 
 async def find(site: Site, name: str) -> Item:
-    """Return what is called `name`, by its name or else by its label.
+    """Return the item of this `name`, by its name or else by its label.
 
     Raises:
         PointItError: If nothing is, or several are. Names what is similar.

@@ -37,7 +37,6 @@ class LiveState(BaseModel):
     site: str
     people: People
     robots: dict[str, str]
-    problem: str = ""
 
 
 def make_server(tools: Tools) -> MCPServer[Any]:
@@ -61,7 +60,7 @@ def make_server(tools: Tools) -> MCPServer[Any]:
 
     @server.resource("pointit://state", title="Live state", mime_type="application/json")
     async def state() -> str:
-        """Who is there and points, and what each robot does."""
+        """People who are there, whether they point, and the activity of each robot."""
         return await _read(tools, "pointit://state", _state)
 
     async def _room() -> Items:
@@ -79,7 +78,7 @@ def make_server(tools: Tools) -> MCPServer[Any]:
 
 
 async def _read(tools: Tools, uri: str, look: Any) -> str:
-    """Return what `look` returns as JSON, and record it. All roles may read it."""
+    """Return the result of `look` as JSON, and record that it was read. All roles may."""
     try:
         with tools.recorded("", "viewer", uri, {}):
             found: BaseModel = await look()

@@ -27,7 +27,7 @@ from pointit.schemas.person import Deictic
 from pointit.schemas.topics import ROBOT_STATE
 
 Role = Literal["operator", "viewer"]
-"""Who calls: by the token of its request, or by the command's option over stdio."""
+"""Role of a caller, by the token of its request, or over stdio by the command's option."""
 Ctx = Context[Any, Any]
 
 SCOPE_KEY = "pointit.role"
@@ -150,7 +150,7 @@ class Tools:
         site: Site,
         user: User,
         what: Annotated[
-            tuple[Name, ...], Field(max_length=32, description="names; none: anything named")
+            tuple[Name, ...], Field(max_length=32, description="names; anything that has one if empty")
         ] = (),
         timeout: Seconds = 20.0,  # noqa: ASYNC109 - time on the site, a parameter of the protocol
     ) -> Waited:
@@ -230,7 +230,9 @@ class Tools:
         self,
         site: Site,
         text: Annotated[str, Field(min_length=1, max_length=200)],
-        user: Annotated[str, Field(max_length=64, description="to whom; empty: to all who are present")] = "",
+        user: Annotated[
+            str, Field(max_length=64, description="to whom; to all who are present if empty")
+        ] = "",
     ) -> Deed:
         """Show a text to a person on their page and phone, with a chime."""
         to = [user] if user else sorted(await present(site))

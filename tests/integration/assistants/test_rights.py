@@ -42,8 +42,9 @@ async def services(folder: SiteFolder) -> AsyncGenerator[None]:
         room = bus.publisher(topics.MAP)
         room.put(MAP)
         bus.serve(topics.FIND_REFERENTS, found)
-        for request in (topics.SET_LAMP, topics.SAY, topics.STOP_ROBOT):
-            bus.serve(request, done)
+        bus.serve(topics.SET_LAMP, done)
+        bus.serve(topics.SAY, done)
+        bus.serve(topics.STOP_ROBOT, done)
         yield
     finally:
         await bus.close()

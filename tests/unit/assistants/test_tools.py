@@ -199,14 +199,15 @@ async def test_a_viewer_looks_and_stops_robots_only(played: Played) -> None:
         await viewer.call("who_is_here")
         await viewer.call("stop_robot", robot="rover", reason="a child")
         before = list(played.asked)
-        for tool, arguments in {
+        deeds: dict[str, dict[str, Any]] = {
             "light": {"thing": "desk", "colour": "red"},
             "ask_by_light": {"user": "anna", "candidates": ["kettle", "radio"]},
             "send_robot": {"robot": "rover", "user": "anna", "thing": "radio"},
             "say": {"text": "hello"},
             "what_is_pointed_at": {"user": "anna"},
             "wait_for_pointing": {"user": "anna"},
-        }.items():
+        }
+        for tool, arguments in deeds.items():
             assert "needs the operator's token" in await viewer.refused(tool, **arguments)
         assert (played.asked, played.lamps) == (before, [])
         assert viewer.audit[1:3] == [("stop_robot", "done"), ("light", "refused")]

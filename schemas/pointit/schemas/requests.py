@@ -18,7 +18,7 @@ from pointit.schemas.base import (
     SchemaModel,
     Vec3,
 )
-from pointit.schemas.person import LearntPointing, PointingOffset
+from pointit.schemas.person import MAX_WORDS, Deictic, LearntPointing, PointingOffset, Referent
 from pointit.schemas.pointing import Covariance
 from pointit.schemas.selection import SelectionEvent
 
@@ -264,6 +264,44 @@ class StopRobot(Query):
     """Stop a robot: nobody steers it any more until somebody takes it again. Not a safety function."""
 
     reason: Annotated[str, Field(max_length=200, description="why, in a few words, for who steers it")] = ""
+
+
+class Say(Query):
+    """Tell a person something, by a cue with a text."""
+
+    text: Annotated[str, Field(min_length=1, max_length=200)]
+
+
+class FindReferents(Query):
+    """Find what a person meant by a word, from where they pointed before, at and after it.
+
+    Answered at once, from the rays that are there: ask a moment after the word.
+    """
+
+    at_ns: Annotated[Ns | None, Field(description="middle of the word; None for now")] = None
+    within_s: Annotated[
+        float, Field(gt=0, le=3, description="rays count up to so long before and after the word, s")
+    ] = 1.0
+    word: Annotated[Deictic, Field(description="the word; empty for any")] = ""
+    others_ns: Annotated[
+        tuple[Ns, ...],
+        Field(max_length=MAX_WORDS, description="middles of the other deictic words of the sentence"),
+    ] = ()
+
+
+class Referents(Reply):
+    """What a person may have meant by a word. `message`: problem of the rays or the clock, or empty."""
+
+    candidates: Annotated[tuple[Referent, ...], Field(description="the most probable first")] = ()
+    none: Annotated[Fraction, Field(description="probability of none of these")] = 1.0
+    rays: Annotated[int, Field(ge=0, description="number of rays that count")] = 0
+
+
+class SendRobot(Query):
+    """Send a robot to a place, in the name of the person, with the checks of a place pointed at."""
+
+    position_m: Annotated[Vec3, Field(description="on the person's floor, {W}")]
+    robot: Annotated[Id, Field(description="empty: the one they have, or any if robots are not taken")] = ""
 
 
 class RunScenario(Query):

@@ -12,6 +12,7 @@ from pydantic import ValidationError
 
 from pointit.schemas import LitPixels, PointingOffset, Query, SchemaError, summarize_validation_error, topics
 from pointit.schemas.base import Rgb
+from pointit.schemas.person import Deictic
 from pointit.schemas.topics import Request
 
 D = TypeVar("D")
@@ -221,6 +222,44 @@ class RobotsRequests(_Requests[D]):
         return self._do(topics.STOP_ROBOT, robot, reason=reason)
 
 
+class ListenerRequests(_Requests[D], Generic[D, R]):
+    """Requests about what a person means by words."""
+
+    def referents(
+        self,
+        user: str,
+        at_ns: int | None = None,
+        within_s: float = 1.0,
+        *,
+        word: Deictic = "",
+        others_ns: tuple[int, ...] = (),
+    ) -> R:
+        """Return what `user` may have meant by a word spoken at `at_ns`, the most probable first.
+
+        Args:
+            user: who spoke. Their service `listener` keeps their last ten seconds.
+            at_ns: middle of the word, Unix ns of the site's time. None: now.
+            within_s: rays count up to so long before and after, s. Those that are there: ask a moment later.
+            word: that was spoken, `""` for any.
+            others_ns: middles of the other deictic words of the sentence.
+        """
+        reply: R = self._ask(
+            topics.FIND_REFERENTS, user, at_ns=at_ns, within_s=within_s, word=word, others_ns=others_ns
+        )
+        return reply
+
+
+class GoalRequests(_Requests[D]):
+    """Requests to a person's service that sends robots."""
+
+    def send(self, user: str, position_m: Vector, *, robot: str = "") -> D:
+        """Send `robot` to a place of the floor in the name of `user`, with the checks of a place pointed at.
+
+        `robot`: `""` is the one that they have, or any where robots are not taken by pointing.
+        """
+        return self._do(topics.SEND_ROBOT, user, robot=robot, position_m=position_m)
+
+
 class RunRequests(_Requests[D]):
     """Requests to the run that started the site."""
 
@@ -260,6 +299,14 @@ class ImuRequests(_Requests[D], Generic[D, R]):
             topics.SET_MOUNTING, user, sensor_from_arm_xyzw=sensor_from_arm_xyzw, is_relative=is_relative
         )
         return reply
+
+
+class FeedbackRequests(_Requests[D]):
+    """Requests about what a person is told."""
+
+    def say(self, user: str, text: str) -> D:
+        """Show `text`, at most 200 characters, on the page and phone of `user`, with a chime."""
+        return self._do(topics.SAY, user, text=text)
 
 
 F = TypeVar("F")

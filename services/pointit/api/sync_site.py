@@ -28,6 +28,7 @@ from pointit.schemas import (
     Message,
     ReadHistoryReply,
     ReadMemoryReply,
+    Referents,
     SetMethodReply,
     SetMountingReply,
     SetToleranceReply,
@@ -154,9 +155,12 @@ class SyncSite:
         self.profile = requests.ProfileRequests[Done](send)
         self.pui = requests.PuiRequests[Done, SetToleranceReply, UseMapReply](send)
         self.robots = requests.RobotsRequests[Done](send)
+        self.goal = requests.GoalRequests[Done](send)
+        self.listener = requests.ListenerRequests[Done, Referents](send)
         self.run = requests.RunRequests[Done](send)
         self.leds = requests.LedsRequests[Done](send)
         self.imu = requests.ImuRequests[Done, SetMountingReply](send)
+        self.feedback = requests.FeedbackRequests[Done](send)
 
     def __enter__(self) -> Self:
         return self
@@ -205,6 +209,7 @@ class SyncSite:
     sleep = _waiting(Site.sleep)
     call = _waiting(Site.call)
     press = _waiting(Site.press)
+    referents = _waiting(Site.referents)
 
     def on_pointed(self, *things: str) -> Callable[[F], F]:
         """Return a decorator: call the function with each event of `pointed(*things)`; see `Site.on_pointed`.
@@ -286,6 +291,7 @@ class SyncLatest:
         self.pose = SyncNewest(latest.pose, thread)
         self.interaction = SyncNewest(latest.interaction, thread)
         self.objects = SyncNewest(latest.objects, thread)
+        self.robot = SyncNewest(latest.robot, thread)
         self.health = SyncNewest(latest.health, thread)
         self.lamp = SyncNewest(latest.lamp, thread)
         self.selection = SyncNewest(latest.selection, thread)

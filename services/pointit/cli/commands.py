@@ -164,6 +164,7 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
             ours("run", "run one service; its --help documents every parameter", "run.service"),
             ours("call", "send a request to a service; without arguments, list requests", "inspect.call"),
         ),
+        ours("mcp", "let assistants ask and act, by the Model Context Protocol", "assistants.mcp"),
         ours("metrics", "serve metrics of the site to Prometheus", "inspect.metrics"),
         ours("audit", "show who selected what, when and how confidently", "inspect.audit"),
     ),

@@ -126,10 +126,22 @@ def _print_pointing(people: int, seed: int, json_file: Path | None) -> None:
         places: [each for person in range(seed, seed + people) for each in point_at_lamps(person, places)]
         for places in PLACES
     }
-    if write_json({str(places): [asdict(each) for each in all_of] for places, all_of in found.items()}, json_file):
+    if write_json(
+        {str(places): [asdict(each) for each in all_of] for places, all_of in found.items()}, json_file
+    ):
         return
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for name in ("places", "lamps", "one more", "median", "p90", "sigma", "in 1 sigma", "in 2 sigma", "in 3 sigma"):
+    for name in (
+        "places",
+        "lamps",
+        "one more",
+        "median",
+        "p90",
+        "sigma",
+        "in 1 sigma",
+        "in 2 sigma",
+        "in 3 sigma",
+    ):
         table.add_column(name, justify="right", no_wrap=True)
     for places, all_of in found.items():
         errors, sigmas = np.array([x.error_m for x in all_of]), np.array([x.sigma_m for x in all_of])

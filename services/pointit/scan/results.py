@@ -11,23 +11,12 @@ from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import ConfigError
 from pointit.scan.adjustment import PITCH_SIGMA, Array
 from pointit.scan.alignment import levelled, upright
+from pointit.scan.doubts import MAX_STRETCH, doubt, seen_twice, swapped, views_of
 from pointit.scan.final_adjustment import Adjusted
 from pointit.scan.result import Camera, Scan, ScannedLamp, ScannedStrip
 from pointit.scan.views import KnownLength, LampSpec, StripSpec
 
-LEAST_PARALLAX_RAD = math.radians(4.0)
-LEAST_SIGHTINGS = 3
-"""Minimum number of pixels for a view to count for a strip."""
-MAX_SIGMA_M = 0.03
-"""Largest sigma with which a strip counts as identified."""
 LEAST_SIGMA_M = 0.001
-MAX_STRETCH = 0.04
-"""Relative difference of a measured pitch from the one that a strip is said to have."""
-LEAST_SHARE = 0.5
-"""Share of the sightings of each part of a strip that have to agree with its place."""
-WINDOWS = 8
-"""Number of parts of a strip; two neighbours are judged together."""
-LEAST_IN_WINDOW = 4
 UNSEEN_SIGMA = 0.1
 """Standard deviation of an end that was never seen, as a share of the unseen length: it may bend."""
 STRAIGHT_RAD = math.radians(2.5)
@@ -66,11 +55,11 @@ def scan_of(
         part = slice(int(layout.first[number]), int(layout.first[number + 1]))
         rows = np.arange(3 * part.start, 3 * part.stop)
         own = covariance[np.ix_(rows, rows)]
-        views = _views(adjusted, chain)
+        views = views_of(adjusted, chain)
         if chain >= len(strips):
             lamp = lamps[chain - len(strips)]
-            sigma = _sigma(own)
-            reason = _doubt(adjusted, number, chain, views, sigma)
+            sigma = _sigma(own, len(views))
+            reason = doubt(adjusted, number, chain, views, sigma)
             found_lamps[lamp.name] = ScannedLamp(
                 lamp.name, _vec3(vertices[part.start]), sigma, len(views), not reason, reason, own
             )
@@ -84,7 +73,7 @@ def scan_of(
         spec.name for spec in specs if spec.name not in found_strips and spec.name not in found_lamps
     )
     problems += [f"{name!r} is not seen from two places: photograph it once more" for name in missing]
-    problems += _swapped(found_strips, strips, factor)
+    problems += swapped(found_strips, strips, factor)
     if abs(math.log(factor)) > MAX_STRETCH:
         problems.append(
             f"the known length makes all pitches {abs(factor - 1.0):.0%} "
@@ -171,82 +160,30 @@ def _beside_each_other(covariance: Array, vertices: Array) -> Array:
     return np.asarray(result)
 
 
-def _views(adjusted: Adjusted, chain: int) -> list[int]:
-    """Return the views, as numbers in the state, that count for a chain."""
-    seen = adjusted.seen
-    least = LEAST_SIGHTINGS if chain < seen.strips else 1
-    own = adjusted.used & (seen.chain == chain)
-    return [index for index, view in enumerate(adjusted.views) if (own & (seen.view == view)).sum() >= least]
-
-
-def _sigma(covariance: Array) -> float:
+def _sigma(covariance: Array, views: int) -> float:
+    """Return the largest standard deviation of a vertex; few views hardly notice their outliers."""
     blocks = [covariance[row : row + 3, row : row + 3] for row in range(0, len(covariance), 3)]
     largest = max(float(np.linalg.eigvalsh(block)[-1]) for block in blocks)
-    return math.hypot(math.sqrt(max(largest, 0.0)), LEAST_SIGMA_M)
-
-
-def _doubt(adjusted: Adjusted, number: int, chain: int, views: Sequence[int], sigma_m: float) -> str:
-    """Return why a strip or lamp is not identified, or `""`."""
-    if len(views) < 2:
-        return "seen from one place only: photograph it from another one"
-    if _parallax_rad(adjusted, number, views) < LEAST_PARALLAX_RAD:
-        return "seen from one direction only: photograph it from a step further aside"
-    if sigma_m > MAX_SIGMA_M:
-        return f"its place is uncertain by {sigma_m:.2f} m: photograph it once more, from nearer"
-    return _disagreement(adjusted, chain) if chain < adjusted.seen.strips else ""
-
-
-def _disagreement(adjusted: Adjusted, chain: int) -> str:
-    """Return which part of a strip is not where its line has it, or `""`."""
-    seen = adjusted.seen
-    shown = (seen.chain == chain) & np.isin(seen.view, adjusted.views)
-    pairs, inverse = np.unique(np.column_stack([seen.pixel, seen.view])[shown], axis=0, return_inverse=True)
-    agrees = np.bincount(inverse.ravel(), adjusted.used[shown]) > 0  # a pixel and its reflection are one
-    bounds = np.linspace(pairs[0, 0], pairs[-1, 0], WINDOWS + 1)
-    for low, high in zip(bounds[:-2], bounds[2:], strict=True):
-        window = (pairs[:, 0] >= low) & (pairs[:, 0] <= high)
-        if window.sum() >= LEAST_IN_WINDOW and agrees[window].mean() < LEAST_SHARE:
-            return (
-                f"pixels {low:.0f} to {high:.0f} are not in line with the others: is it bent there, or seen "
-                "in a mirror? Photograph that part once more, with its neighbours"
-            )
-    return ""
-
-
-def _parallax_rad(adjusted: Adjusted, number: int, views: Sequence[int]) -> float:
-    """Return the largest angle between two lines of sight to the middle of a chain."""
-    state, layout = adjusted.state, adjusted.adjustment.layout
-    middle = state.vertices[layout.first[number] : layout.first[number + 1]].mean(axis=0)
-    sights = []
-    for index in views:
-        sight = middle + state.rotations[index].T @ state.translations[index]
-        sights.append(sight / np.linalg.norm(sight))
-    cosines = np.array(sights) @ np.array(sights).T
-    return float(np.arccos(np.clip(cosines.min(), -1.0, 1.0)))
+    return math.hypot(math.sqrt(max(largest, 0.0) * (1.0 + 2.0 / max(views - 1, 1))), LEAST_SIGMA_M)
 
 
 def _strip(
     adjusted: Adjusted, number: int, spec: StripSpec, vertices: Array, covariance: Array
 ) -> ScannedStrip:
     chain = adjusted.chains[number]
-    views = _views(adjusted, chain)
+    views = views_of(adjusted, chain)
     vertices, covariance = _without_straight_corners(vertices, covariance)
     length_m = float(np.linalg.norm(np.diff(vertices, axis=0), axis=1).sum())
     pitch_m = length_m / spec.count
-    own = adjusted.used & (adjusted.seen.chain == chain)
-    pixels = adjusted.seen.pixel[own]
-    sigma_m = _sigma(covariance)
-    reason = _doubt(adjusted, number, chain, views, sigma_m)
-    unseen = max(pixels.min(), spec.count - 1 - pixels.max()) if len(pixels) else spec.count
+    sigma_m = _sigma(covariance, len(views))
+    reason = doubt(adjusted, number, chain, views, sigma_m)
+    low, high = seen_twice(adjusted, chain)
+    unseen = max(low, spec.count - 1 - high)
     if unseen > max(2.0, 0.08 * spec.count):
         sigma_m = math.hypot(sigma_m, UNSEEN_SIGMA * unseen * pitch_m)
         if not reason:
-            which = (
-                f"0 to {pixels.min() - 1:.0f}"
-                if unseen == pixels.min()
-                else f"{pixels.max() + 1:.0f} to {spec.count - 1}"
-            )
-            reason = f"no view shows pixels {which}: photograph that end, or correct its count"
+            which = f"0 to {low - 1:.0f}" if unseen == low else f"{high + 1:.0f} to {spec.count - 1}"
+            reason = f"no two views show pixels {which}: photograph that end, or correct its count"
     stretch = float(adjusted.state.stretch[number])
     if not reason and spec.pitch_m is not None and abs(stretch) > MAX_STRETCH:
         reason = (
@@ -270,24 +207,6 @@ def _without_straight_corners(vertices: Array, covariance: Array) -> tuple[Array
     keep.append(len(vertices) - 1)
     rows = (3 * np.array(keep)[:, None] + np.arange(3)).ravel()
     return vertices[keep], covariance[np.ix_(rows, rows)]
-
-
-def _swapped(found: dict[str, ScannedStrip], strips: Sequence[StripSpec], factor: float) -> list[str]:
-    """Return a sentence for each two strips of which each measures the pitch of the other."""
-    known = {strip.name: strip.pitch_m for strip in strips if strip.pitch_m and strip.name in found}
-
-    def fits(name: str, pitch_m: float) -> bool:
-        return abs(math.log(found[name].pitch_m / factor / pitch_m)) < 2 * MAX_STRETCH
-
-    return [
-        f"{a!r} and {b!r} look swapped at the controller: each has the pitch of the other"
-        for a in known
-        for b in known
-        if a < b
-        and not fits(a, known[a])
-        and not fits(b, known[b])
-        and abs(math.log(found[a].pitch_m * known[a] / found[b].pitch_m / known[b])) < 2 * MAX_STRETCH
-    ]
 
 
 def _vec3(values: Array) -> Vec3:

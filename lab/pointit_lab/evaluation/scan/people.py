@@ -34,7 +34,9 @@ def point_at_lamps(seed: int, places: int) -> list[Found]:
     for place in range(places):
         angle = first + (0.6, -0.6, 0.0, 0.3)[place] + rng.normal(0.0, 0.1)
         reach = (0.45, 0.45, 0.2, 0.3)[place] * depth
-        stands = np.array([2.0 * reach * math.cos(angle), depth / 2 - 0.3 - 1.6 * reach * abs(math.sin(angle)), EYES_M])
+        stands = np.array(
+            [2.0 * reach * math.cos(angle), depth / 2 - 0.3 - 1.6 * reach * abs(math.sin(angle)), EYES_M]
+        )
         said = stands + [*rng.normal(0.0, PLACE_SIGMA_M, 2), 0.0]
         heading = rng.normal(0.0, HEADING_SIGMA_RAD)
         for number, lamp in enumerate(lamps):

@@ -1,12 +1,12 @@
 """`pointit map scan`: the site that it starts, and what it refuses. Whole scans: `tests/e2e/web`."""
 
+import math
 from pathlib import Path
 from typing import Any
 
 import pytest
 from click.testing import CliRunner
 
-from pointit.bridges.web.scan.session import leds_per_m
 from pointit.cli.main import command
 from pointit.cli.run.run import run
 from pointit.maps.file import load_map
@@ -68,7 +68,7 @@ def test_a_site_with_the_named_strips_is_open_to_phones(started: Started, tmp_pa
     )
     assert started.strips == {"shelf": 90, "desk": 60}
     assert started.map is not None
-    assert leds_per_m(started.map.strips) == {"shelf": 30.0, "desk": 30.0}
+    assert [math.dist(*strip.line_m) for strip in started.map.strips] == [3.0, 2.0]
     assert {"--lan", "--site-only", "--no-browser", "--output=ddp:10.0.0.9"} <= set(started.arguments)
     assert started.setting("web.scan_file") == str(tmp_path / "hall.yaml")
     assert len(started.setting("web.scan_token")) >= 24

@@ -52,7 +52,7 @@ async def served(most: Role = "operator") -> AsyncGenerator[tuple[str, MemoryBus
     bus.serve(topics.FIND_REFERENTS, found)
 
     door = SiteDoor(lambda: Site.on(bus, WallClock()), "site shop")
-    server = make_server(Tools(door, AuditFile(site_folder(SITE, FOLDER)), most))
+    server = make_server(Tools(door, AuditFile(site_folder(SITE, FOLDER)), most, is_remote=True))
     http = HttpDoor(server, Access(OPERATOR, VIEWER), "127.0.0.1", 0)
     async with door.opened():
         serving = asyncio.create_task(http.run())

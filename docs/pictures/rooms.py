@@ -30,6 +30,7 @@ ROOMS = {
     "plugins": (1010, 702, 290, "names for authors of plug-ins"),
     "access": (1280, 702, 230, "rights and certificates"),
     "diagnosis": (1530, 702, 220, "faults of a site, and remedies"),
+    "scan": (740, 702, 210, "photographs of strips to maps"),
     "services": (740, 800, 1000, "one folder per process"),
     "sim": (400, 898, 260, "recordings, simulated arms"),
     "recording": (740, 898, 260, "files of messages (MCAP)"),

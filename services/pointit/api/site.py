@@ -40,6 +40,7 @@ from pointit.schemas import (
     SetMountingReply,
     SetToleranceReply,
     TrackedObjects,
+    UseMapReply,
     UserPose,
     topics,
 )
@@ -78,7 +79,9 @@ class Site:
         self.conveyor = requests.ConveyorRequests[Awaitable[Done], Awaitable[AddPackageReply]](send)
         self.localizer = requests.LocalizerRequests[Awaitable[Done], Awaitable[ReadMemoryReply]](send)
         self.profile = requests.ProfileRequests[Awaitable[Done]](send)
-        self.pui = requests.PuiRequests[Awaitable[Done], Awaitable[SetToleranceReply]](send)
+        self.pui = requests.PuiRequests[
+            Awaitable[Done], Awaitable[SetToleranceReply], Awaitable[UseMapReply]
+        ](send)
         self.robots = requests.RobotsRequests[Awaitable[Done]](send)
         self.goal = requests.GoalRequests[Awaitable[Done]](send)
         self.listener = requests.ListenerRequests[Awaitable[Done], Awaitable[Referents]](send)

@@ -33,6 +33,7 @@ from pointit.schemas import (
     SetMountingReply,
     SetToleranceReply,
     TrackedObject,
+    UseMapReply,
 )
 from pointit.schemas.topics import LAMP_COLOR, check_name
 
@@ -152,7 +153,7 @@ class SyncSite:
         self.conveyor = requests.ConveyorRequests[Done, AddPackageReply](send)
         self.localizer = requests.LocalizerRequests[Done, ReadMemoryReply](send)
         self.profile = requests.ProfileRequests[Done](send)
-        self.pui = requests.PuiRequests[Done, SetToleranceReply](send)
+        self.pui = requests.PuiRequests[Done, SetToleranceReply, UseMapReply](send)
         self.robots = requests.RobotsRequests[Done](send)
         self.goal = requests.GoalRequests[Done](send)
         self.listener = requests.ListenerRequests[Done, Referents](send)

@@ -49,11 +49,12 @@ Metre = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST)]
 class Tools:
     """The tools. Their docstrings are what an assistant reads."""
 
-    def __init__(self, door: SiteDoor, audit: AuditFile, most: Role) -> None:
-        """Use the site of `door`. `most`: role of callers over stdio, and the highest of others."""
+    def __init__(self, door: SiteDoor, audit: AuditFile, most: Role, *, is_remote: bool = False) -> None:
+        """Use the site of `door`. `most`: the highest role. `is_remote`: a caller has it by a token only."""
         self._door = door
         self._audit = audit
         self._most: Role = most
+        self._unknown: Role = "viewer" if is_remote else most
         self._lights = Lights()
 
     def guarded(self, tool: Callable[..., Awaitable[Any]], *, needs: Role) -> Callable[..., Awaitable[Any]]:
@@ -111,7 +112,7 @@ class Tools:
     def role_of(self, context: Ctx) -> Role:
         """Return the role of the caller of this request."""
         request = context.request_context.request
-        role: Role = self._most if request is None else request.scope[SCOPE_KEY]
+        role: Role = self._unknown if request is None else request.scope[SCOPE_KEY]
         return role if self._most == "operator" else "viewer"
 
     async def who_is_here(self, site: Site) -> People:

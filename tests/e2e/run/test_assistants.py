@@ -8,10 +8,14 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any, cast
 
+import httpx2
 import pytest
 from mcp import Client, StdioServerParameters
+from mcp.client.streamable_http import streamable_http_client
 
 from pointit.assistants.audit_file import read_audit
+from pointit.launch.page.page_tokens import kept_tokens
+from tests.support.buses import free_port
 from tests.support.commands import Commands
 from tests.support.pace import Patience
 
@@ -109,3 +113,31 @@ async def test_a_rover_goes_where_a_person_points_and_a_lost_site_comes_back(
         await until_true(is_pointing, lambda: "the site is back")
     outcomes = {each["outcome"] for each in read_audit("lab") if "outcome" in each}
     assert outcomes == {"done", "refused"}
+
+
+async def test_over_http_it_takes_the_tokens_of_the_page_and_ends_with_ctrl_c(commands: Commands) -> None:
+    nowhere = f"tcp/127.0.0.1:{free_port()}"
+    server = commands.start("mcp", "--listen", "127.0.0.1:0", "--connect", nowhere)
+    await server.says("tokens in ")
+    address, _, _ = server.out.partition(": tokens in ")
+    tokens, _ = kept_tokens("lab")
+    headers = {"Authorization": f"Bearer {tokens.viewer}"}
+    async with (
+        httpx2.AsyncClient(headers=headers, timeout=PATIENCE_S) as http,
+        Client(streamable_http_client(address, http_client=http)) as client,
+    ):
+        _, why = await called(client, "who_is_here")
+        assert f"site lab at {nowhere} does not answer" in why
+    ended = await server.stop(code=0)
+    assert tokens.operator not in ended.out + ended.err
+
+
+async def test_a_stopped_assistant_ends_it(commands: Commands, endpoint: str) -> None:
+    """Its standard input is at its end from the start, as if the assistant had gone."""
+    ended = await commands.pointit("mcp", "--connect", endpoint, code=0)
+    assert ended.out == ""
+
+
+async def test_an_address_that_others_reach_is_refused(commands: Commands, endpoint: str) -> None:
+    ended = await commands.pointit("mcp", "--listen", "0.0.0.0:0", "--connect", endpoint, code=2)
+    assert "SSH tunnel" in ended.sentence

@@ -15,7 +15,7 @@ from pointit.assistants.audit_file import FOLDER, AuditFile, read_audit
 from pointit.assistants.http_door import MAX_BODY, HttpDoor
 from pointit.assistants.server import make_server
 from pointit.assistants.site_door import SiteDoor
-from pointit.assistants.tools import Tools
+from pointit.assistants.tools import Role, Tools
 from pointit.bridges.web.server.access import Access
 from pointit.errors import ConfigError
 from pointit.runtime.bus.memory_bus import MemoryBus
@@ -44,7 +44,7 @@ async def found(_query: FindReferents, _user: str) -> Referents:
 
 
 @contextlib.asynccontextmanager
-async def served() -> AsyncGenerator[tuple[str, MemoryBus]]:
+async def served(most: Role = "operator") -> AsyncGenerator[tuple[str, MemoryBus]]:
     """Yield the address of a server, and the bus of its site."""
     bus = MemoryBus()
     bus.announce(topics.USER_ALIVE, "anna")
@@ -52,7 +52,7 @@ async def served() -> AsyncGenerator[tuple[str, MemoryBus]]:
     bus.serve(topics.FIND_REFERENTS, found)
 
     door = SiteDoor(lambda: Site.on(bus, WallClock()), "site shop")
-    server = make_server(Tools(door, AuditFile(site_folder(SITE, FOLDER)), "operator"))
+    server = make_server(Tools(door, AuditFile(site_folder(SITE, FOLDER)), most, is_remote=True))
     http = HttpDoor(server, Access(OPERATOR, VIEWER), "127.0.0.1", 0)
     async with door.opened():
         serving = asyncio.create_task(http.run())
@@ -91,6 +91,12 @@ async def test_a_client_lists_and_calls_with_the_rights_of_its_token(mode: str) 
             assert "say needs the operator" in str(refused.content)
         calls = [(each["role"], each["tool"]) for each in read_audit(SITE) if "tool" in each]
         assert calls == [("operator", "who_is_here"), ("viewer", "stop_robot"), ("viewer", "say")]
+
+
+async def test_the_operators_token_only_looks_where_that_is_all_that_is_allowed() -> None:
+    async with served("viewer") as (url, _bus), client_of(url, OPERATOR) as client:
+        assert (await client.call_tool("say", {"text": "hello"})).is_error
+        assert not (await client.call_tool("who_is_here", {})).is_error
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])

@@ -130,18 +130,14 @@ def text_of(result: CallToolResult) -> str:
 
 @contextlib.asynccontextmanager
 async def assistant_of(
-    played: Played, role: Role = "operator", folder: Path | None = None
+    played: Played, role: Role = "operator", folder: Path | None = None, *, is_remote: bool = False
 ) -> AsyncGenerator[Assistant]:
     """Yield a client of a server on the site."""
 
-    @contextlib.asynccontextmanager
-    async def join() -> AsyncGenerator[Site]:
-        async with Site.on(played.bus, VirtualClock()) as site:
-            yield site
-
-    door = SiteDoor(join, "site shop")
+    door = SiteDoor(lambda: Site.on(played.bus, VirtualClock()), "site shop")
     audit = AuditFile(site_folder(SITE, FOLDER) if folder is None else folder)
-    async with door.opened(), Client(make_server(Tools(door, audit, role))) as client:
+    tools = Tools(door, audit, role, is_remote=is_remote)
+    async with door.opened(), Client(make_server(tools)) as client:
         await settled(door, played)
         yield Assistant(client, played)
 

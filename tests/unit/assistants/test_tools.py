@@ -213,6 +213,11 @@ async def test_a_viewer_looks_and_stops_robots_only(played: Played) -> None:
         assert viewer.audit[1:3] == [("stop_robot", "done"), ("light", "refused")]
 
 
+async def test_a_caller_without_a_token_is_a_viewer_where_tokens_count(played: Played) -> None:
+    async with assistant_of(played, is_remote=True) as unknown:
+        assert "needs the operator's token" in await unknown.refused("say", text="hello")
+
+
 async def test_every_call_is_in_the_audit_or_is_not_done(played: Played, tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     async with assistant_of(played, folder=tmp_path / "file") as assistant:

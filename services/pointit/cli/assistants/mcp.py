@@ -55,7 +55,8 @@ async def _serve(
     from pointit.assistants.tools import Tools  # noqa: PLC0415
 
     door = SiteDoor(lambda: join(connect, site=site, patience_s=None), address(site, connect))
-    server = make_server(Tools(door, AuditFile(site_folder(site, FOLDER)), most))
+    audit = AuditFile(site_folder(site, FOLDER))
+    server = make_server(Tools(door, audit, most, is_remote=listen is not None))
     async with contextlib.AsyncExitStack() as stack:
         if listen is None:
             await stack.enter_async_context(door.opened())

@@ -23,7 +23,7 @@ from tests.unit.pui.room import pose_at, room
 pytestmark = pytest.mark.slow
 
 ORIGIN = "shelf_low"
-VIEWS = 3
+MOST_VIEWS = 6
 PHONE: dict[str, Any] = {"viewport": {"width": 390, "height": 844}, "ignore_https_errors": True}
 REFUSED = """
 navigator.mediaDevices.getUserMedia = () => Promise.reject(new DOMException("no", "NotAllowedError"));
@@ -91,9 +91,11 @@ async def test_from_the_button_to_a_map_whose_cursor_is_at_the_true_place(
     await take_view(page, 1)
     await page.reload()  # as when the phone has slept
     await page.get_by_role("button", name="Start the simulated camera").click()
-    for number in range(2, VIEWS + 1):
+    for number in range(2, MOST_VIEWS + 1):
         await take_view(page, number)
-    await expect(page.locator("#advice")).to_contain_text("Every strip is known to 1 cm")
+        if "Every strip is known to 1 cm" in (await page.locator("#advice").text_content() or ""):
+            break
+    await expect(page.locator("#advice")).to_contain_text("Every strip is known to 1 cm", timeout=1000)
     assert await page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
     assert await violations(page) == []
     await page.get_by_role("button", name="Save the map").click()

@@ -23,7 +23,7 @@ COUNTS = {strip.name: len(strip.places_m) for strip in ROOM.strips}
 
 
 def view_from(at_m: Vec3, seed: int) -> View:
-    """Return what a level camera at `at_m` sees, pointed at the middle of the strips."""
+    """Return the view of a level camera at `at_m`, pointed at the middle of the strips."""
     rng = np.random.default_rng(seed)
     middle = np.mean([place for strip in ROOM.strips for place in strip.places_m], axis=0)
     ahead = (middle - at_m) / np.linalg.norm(middle - at_m)

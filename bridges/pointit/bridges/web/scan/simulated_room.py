@@ -13,7 +13,7 @@ from pointit.schemas import Strip
 
 ROOM = Path(__file__).with_name("simulated_room.yaml")
 """The map of the room."""
-AWAY = 1.15
+AWAY = 1.3
 """Level distance of the camera's places from the middle of the strips, in widths or depths of the room."""
 PLACES = ((0.0, 1.5), (-38.0, 1.1), (35.0, 1.9), (-18.0, 2.1), (20.0, 0.8), (-52.0, 1.7), (50.0, 1.2))
 """Azimuth (deg) of each of the camera's places from the strips' front, and height, m."""

@@ -31,9 +31,13 @@ HEADING_SIGMA_RAD = math.radians(1.0)
 """The same of the heading."""
 LEAST_ANGLE_RAD = math.radians(60.0)
 """Angle between two rays from which two places suffice."""
+RESIDUAL = 2.2
+"""Rms error of a target's rays, in those of one ray, from which they do not meet."""
 START_M = 2.0
 NEAREST_M = 0.2
 STEPS = 30
+LEAST_SIDE_M = 0.02
+"""Smallest side of a box, m."""
 
 
 @dataclass(frozen=True)
@@ -230,7 +234,7 @@ def _reason(places: int, angle_rad: float, residual_rad: float, *, is_behind: bo
         return "pointed at from one place only: point at it from a second one"
     if is_behind:
         return "the rays do not meet in front of the person: was it another thing? Point at it once more"
-    if residual_rad > 4.0 * HOLD_SIGMA_RAD:
+    if residual_rad > RESIDUAL * HOLD_SIGMA_RAD:
         return "the rays do not meet: was it another thing? Point at it from a third place"
     if places == 2 and angle_rad < LEAST_ANGLE_RAD:
         return (
@@ -241,33 +245,35 @@ def _reason(places: int, angle_rad: float, residual_rad: float, *, is_behind: bo
 
 
 def box_of(corners: Sequence[Vec3]) -> BoxEntry:
-    """Return the smallest upright box around `corners`, at least three, such as of its top and one below.
+    """Return the upright box through three corners of its top, one after the other, and others below.
 
     Raises:
         RefusedError: If they span no volume.
     """
     points = np.array(corners, dtype=np.float64).reshape(-1, 3)
-    flat = points[:, :2] - points[:, :2].mean(axis=0)
-    best: tuple[float, float, Array, Array] | None = None
-    for step in flat[:, None] - flat[None]:
-        for dx, dy in step:
-            if math.hypot(dx, dy) > 0.02:
-                yaw = math.atan2(dy, dx) % (math.pi / 2)
-                turn = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
-                turned = points[:, :2] @ turn.T
-                low, high = turned.min(axis=0), turned.max(axis=0)
-                if best is None or np.prod(high - low) < best[0]:
-                    best = (float(np.prod(high - low)), yaw, (low + high) / 2 @ turn, high - low)
-    low_z, high_z = float(points[:, 2].min()), float(points[:, 2].max())
-    if best is None or min(*best[3], high_z - low_z) < 0.02:
-        raise RefusedError(
-            "these corners span no box: point at three corners of its top, and one at its foot"
-        )
-    _, yaw, centre, size = best
+    refusal = "these corners span no box: point at three corners of its top, and one at its foot"
+    if len(points) < 4:
+        raise RefusedError(refusal)
+    (ax, ay), (bx, by) = np.diff(points[:3, :2], axis=0).tolist()
+    first, second = math.atan2(ay, ax), math.atan2(by, bx)
+    # both sides of the top say where it is turned to, up to right angles: the longer one counts more
+    sides = ((math.hypot(ax, ay), first), (math.hypot(bx, by), second))
+    sine = sum(length * math.sin(4.0 * angle) for length, angle in sides)
+    yaw = math.atan2(sine, sum(length * math.cos(4.0 * angle) for length, angle in sides)) / 4.0
+    turn = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
+    turned = points[:, :2] @ turn.T
+    low, high = (
+        np.append(turned.min(axis=0), points[:, 2].min()),
+        np.append(turned.max(axis=0), points[:, 2].max()),
+    )
+    if float((high - low).min()) < LEAST_SIDE_M:
+        raise RefusedError(refusal)
+    centre = (low + high) / 2.0
+    centre[:2] = centre[:2] @ turn
     return BoxEntry.model_validate(
         {
-            "center": [*(round(float(v), 3) for v in centre), round((low_z + high_z) / 2, 3)],
-            "size": [*(round(float(v), 3) for v in size), round(high_z - low_z, 3)],
+            "center": [round(float(v), 3) for v in centre],
+            "size": [round(float(v), 3) for v in high - low],
             "yaw_deg": round(math.degrees(yaw), 1),
         }
     )
@@ -280,9 +286,9 @@ def screen_of(corners: Sequence[Vec3]) -> PlaneEntry:
         RefusedError: If they are fewer than three or in one line.
     """
     points = np.array(corners, dtype=np.float64).reshape(-1, 3)
-    middle = (points.min(axis=0) + points.max(axis=0)) / 2
     if len(points) < 3:
         raise RefusedError("a screen or table needs three corners or four")
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
     _, sizes, axes = np.linalg.svd(points - points.mean(axis=0))
     if sizes[1] < 0.05:
         raise RefusedError("these corners are in one line: point at three corners of it")

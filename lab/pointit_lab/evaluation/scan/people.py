@@ -37,7 +37,7 @@ def point_at_lamps(seed: int, places: int) -> list[Found]:
         stands = np.array(
             [2.0 * reach * math.cos(angle), depth / 2 - 0.3 - 1.6 * reach * abs(math.sin(angle)), EYES_M]
         )
-        said = stands + [*rng.normal(0.0, PLACE_SIGMA_M, 2), 0.0]
+        said = stands + np.append(rng.normal(0.0, PLACE_SIGMA_M, 2), 0.0)
         heading = rng.normal(0.0, HEADING_SIGMA_RAD)
         for number, lamp in enumerate(lamps):
             x, y, z = lamp - stands

@@ -174,6 +174,7 @@ class PointingSession:
 
     async def _press(self) -> None:
         self._pressed.clear()
+        self._rays.clear()
         await self._pressed.wait()
 
     def press(self) -> None:

@@ -61,12 +61,7 @@ async def _what(site: Site, _command: Command, found: Sequence[Referent]) -> str
     if not found:
         raise RefusedError("what is what? point at it, and say `what is this`")
     one = found[0]
-    label = (
-        next((thing.label for thing in site.room.map.things if thing.id == one.name), "")
-        if site.room.map
-        else ""
-    )
-    return f"{one.kind} {label or one.name}, sure by {one.probability:.0%}".replace("  ", " ")
+    return f"{one.kind} {site.room.label(one)}, sure by {one.probability:.0%}"
 
 
 async def _stop(site: Site, _command: Command, found: Sequence[Referent]) -> str:

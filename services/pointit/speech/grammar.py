@@ -14,11 +14,11 @@ Names: TypeAlias = Mapping[tuple[str, ...], str]
 """Names of things, robots and objects by the words in which they are spoken."""
 
 _VERBS: Mapping[str, Verb] = {
-    "take": "take", "pick": "take", "get": "take", "put": "put", "move": "put", "bring": "put", "send": "send",
-    "go": "send", "drive": "send", "what": "what", "stop": "stop", "halt": "stop",
+    "take": "take", "pick": "take", "get": "take", "put": "put", "move": "put", "bring": "put",
+    "send": "send", "go": "send", "drive": "send", "what": "what", "stop": "stop", "halt": "stop",
 }  # fmt: skip
 _DEICTIC: Mapping[str, Deictic] = {
-    "this": "this", "that": "that", "it": "", "here": "here", "there": "there", "these": "these", "those": "these",
+    "this": "this", "that": "that", "here": "here", "there": "there", "these": "these", "those": "these",
 }  # fmt: skip
 _SWITCH = {"turn", "switch"}
 YES = {"yes", "yeah", "right", "okay"}
@@ -58,10 +58,8 @@ class Command:
 
 def spoken(name: str) -> tuple[str, ...]:
     """Return the words in which `name` is spoken: `led_1` is `led one`. Empty if there are none."""
-    found: list[str] = []
-    for part in re.findall(r"[a-z']+|\d", name.lower()):
-        found.append(DIGITS[int(part)] if part.isdigit() else part)
-    return tuple(found)
+    parts: list[str] = re.findall(r"[a-z']+|[0-9]", name.lower())
+    return tuple(DIGITS[int(part)] if part.isdigit() else part for part in parts)
 
 
 def names_of(names: Iterable[str]) -> Names:
@@ -94,7 +92,7 @@ def parse(words: Sequence[Word], names: Names) -> Command | None:
         name, length = _name_at(texts, index, names)
         if length:
             objects.append(Mention(name=name))
-        elif (word := _DEICTIC.get(texts[index])) is not None and texts[index] != "it":
+        elif (word := _DEICTIC.get(texts[index])) is not None:
             mention = Mention(word=word, at_ns=(words[index].start_ns + words[index].end_ns) // 2)
             (places if word in PLACES else objects).append(mention)
         index += max(length, 1)
@@ -139,5 +137,6 @@ grammar pointit;
 <place> = here | there{named};
 <switch> = ( turn | switch ) ( <thing> ( on | off ) | ( on | off ) <thing> );
 <move> = ( put | move | bring | send ) <thing> <place> | go <place>;
-public <command> = ( take | pick ) <thing> | <switch> | <move> | what is <thing> | stop [ <thing> ] | yes | no;
+<rest> = ( take | pick ) <thing> | what is <thing> | stop [ <thing> ] | yes | no;
+public <command> = <switch> | <move> | <rest>;
 """

@@ -1,13 +1,14 @@
-"""Does what a person says while they point: words in, referents asked, requests sent, what was understood out."""
+"""Does what a person says while they point: words in, requests out, and what was understood."""
 
 import asyncio
+import contextlib
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.clock import Clock
 from pointit.runtime.errors import RequestError
-from pointit.schemas import NS_PER_S, FindReferents, Referent, Speech, Understood
+from pointit.schemas import NS_PER_S, Environment, FindReferents, Referent, Speech, Understood
 from pointit.schemas.topics import FIND_REFERENTS, MAP, OBJECTS, ROBOT_STATE, SPEECH, UNDERSTOOD
 from pointit.services.listener.decision import decide
 from pointit.speech.actions import ACTIONS, Action, Site
@@ -51,12 +52,14 @@ class Interpreter:
         self._actions: dict[Verb, Action] = {**ACTIONS, **(actions or {})}
         self._question = Question(bus, clock, user, room)
         self._waiting: deque[Speech] = deque()
-        self._arrived = asyncio.Event()
+        self._arrived, self._idle, self._has_map = asyncio.Event(), asyncio.Event(), asyncio.Event()
+        self._idle.set()
         self._understood = bus.publisher(UNDERSTOOD, user)
-        self._last_ns = 0
+        self._stopping = set[asyncio.Task[None]]()
+        self._changed, self._count = asyncio.Event(), 0
         self.on_understood: Callable[[Understood], None] = lambda _understood: None
         """Called with all that is published."""
-        bus.subscribe(MAP, lambda environment, _name: setattr(room, "map", environment))
+        bus.subscribe(MAP, self._on_map)
         bus.subscribe(ROBOT_STATE, lambda state, name: room.robots.__setitem__(name, state))
         bus.subscribe(OBJECTS, lambda objects, name: room.objects.__setitem__(name, objects))
         bus.subscribe(SPEECH, self._on_speech, user)
@@ -66,10 +69,17 @@ class Interpreter:
         """Return what is known of the room."""
         return self._room
 
-    @property
-    def is_idle(self) -> bool:
-        """Return True if no utterance is being followed or waits."""
-        return not self._waiting and not self._arrived.is_set()
+    async def wait_for_map(self, patience_s: float) -> None:
+        """Wait until the map is there, or not longer than `patience_s`: names come from it."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(patience_s):
+                await self._has_map.wait()
+
+    async def finish(self, count: int) -> None:
+        """Wait until `count` utterances have come, and none is being followed."""
+        while self._count < count or not self._idle.is_set() or self._stopping:
+            self._changed.clear()
+            await self._changed.wait()
 
     async def run(self) -> None:
         """Follow utterances, one after the other, until cancelled."""
@@ -77,23 +87,38 @@ class Interpreter:
             while self._waiting:
                 await self._follow(self._waiting[0])
                 self._waiting.popleft()
+            self._idle.set()
+            self._changed.set()
             self._arrived.clear()
             await self._arrived.wait()
+
+    def _on_map(self, environment: Environment, _name: str) -> None:
+        self._room.map = environment
+        self._has_map.set()
 
     def _on_speech(self, speech: Speech, _user: str) -> None:
         if not speech.is_final or not speech.words:
             return
+        self._count += 1
+        self._changed.set()
         if (said := answer(speech.words)) is not None and self._question.answer(said):
             return
         command = parse(speech.words, self._room.names)
         if command is not None and command.verb == "stop":
             self._question.answer("no")
-            self._bus.spawn(self._follow(speech), "stop")  # it waits for nothing
+            stopping = asyncio.get_running_loop().create_task(self._follow(speech))  # it waits for nothing
+            self._stopping.add(stopping)
+            stopping.add_done_callback(self._stopped)
         elif len(self._waiting) >= MOST_WAITING:
             self._publish(speech, command, (), "refused", "too many words at once: say it again, slowly")
         else:
             self._waiting.append(speech)
+            self._idle.clear()
             self._arrived.set()
+
+    def _stopped(self, task: asyncio.Task[None]) -> None:
+        self._stopping.discard(task)
+        self._changed.set()
 
     async def _follow(self, speech: Speech) -> None:
         command = parse(speech.words, self._room.names)
@@ -106,10 +131,7 @@ class Interpreter:
             await self._settle(command)
             for mention in command.mentions:
                 found.append(await self._resolve(speech, command, mention, found))
-            action = self._actions.get(command.verb)
-            if action is None:
-                raise NotUnderstood(f"nothing is attached to {command.verb!r}")
-            message = await action(self._site, command, found)
+            message = await self._actions[command.verb](self._site, command, found)
         except (NotUnderstood, RequestError) as error:
             self._publish(speech, command, found, "refused", str(error))
         else:
@@ -143,14 +165,11 @@ class Interpreter:
         if decision.do == "act":
             return decision.candidates[0]
         if decision.do == "refuse" or is_place:
-            where = "where" if is_place else "what"
-            raise NotUnderstood(
-                reply.message or f"{where} is meant by {mention.word!r} is not clear: {AGAIN}"
-            )
-        names = " or ".join(one.name for one in decision.candidates)
-        self._publish(
-            speech, command, (*before, *decision.candidates), "asked", f"{names}? say yes, or press"
-        )
+            unclear = f"{'where' if is_place else 'what'} {mention.word!r} is, is not clear: {AGAIN}"
+            raise NotUnderstood(reply.message or unclear)
+        names = " or ".join(self._room.label(one) for one in decision.candidates)
+        asked = f"{names}? Say yes, or press, while it blinks"
+        self._publish(speech, command, (*before, *decision.candidates), "asked", asked)
         chosen = await self._question.ask(decision.candidates)
         if chosen is None:
             raise NotUnderstood(f"neither {names.replace(' or ', ' nor ')} was confirmed: {AGAIN}")

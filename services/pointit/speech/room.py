@@ -34,6 +34,11 @@ class SpokenRoom:
                 return Referent(kind="thing", name=name, probability=1.0, place_m=thing.center_m)
         return Referent(kind="object", name=name, probability=1.0)
 
+    def label(self, one: Referent) -> str:
+        """Return its name for people: its label in the map, or its own name."""
+        things = () if self.map is None else self.map.things
+        return next((thing.label for thing in things if thing.id == one.name), "") or one.name
+
     def lamp(self, one: Referent) -> str:
         """Return the single lamp that shows the thing, or empty."""
         things = () if self.map is None else self.map.things

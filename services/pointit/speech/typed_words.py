@@ -28,7 +28,7 @@ def words_in(line: str) -> list[TimedWord]:
 
     A time that is not finite or negative, or later than a day, is no time but a word.
     """
-    texts = line.split("#", maxsplit=1)[0].split()
+    texts = line.partition("#")[0].split()
     if len(texts) == 2 and (time_s := _time(texts[0])) is not None:
         return [TimedWord(texts[1], time_s)]
     return [TimedWord(text, None) for text in texts if text != "."]

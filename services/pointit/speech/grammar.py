@@ -96,6 +96,8 @@ def parse(words: Sequence[Word], names: Names) -> Command | None:
             mention = Mention(word=word, at_ns=(words[index].start_ns + words[index].end_ns) // 2)
             (places if word in PLACES else objects).append(mention)
         index += max(length, 1)
+    if verb == "stop":  # of a robot by its name or of all: stopping waits for no doubt
+        return Command(verb=verb, about=next((each for each in objects if each.name), None))
     if verb in ("put", "send"):
         to = places[-1] if places else objects[1] if len(objects) > 1 else None
         return Command(verb=verb, about=objects[0] if objects else None, to=to)
@@ -130,13 +132,13 @@ def jsgf(names: Names, known: Iterable[str] | None = None) -> str:
     """
     words = None if known is None else set(known)
     lines = sorted(" ".join(each) for each in names if words is None or words.issuperset(each))
-    named = f" | {' | '.join(lines)}" if lines else ""
+    named = f" | [ the ] ( {' | '.join(lines)} )" if lines else ""
     return f"""#JSGF V1.0;
 grammar pointit;
-<thing> = this | that | this one | that one | these | those | it{named} | the ( thing | robot | box | lamp );
-<place> = here | there{named};
+<thing> = this [ one ] | that [ one ] | these | those | the robot{named};
+<place> = here | there;
 <switch> = ( turn | switch ) ( <thing> ( on | off ) | ( on | off ) <thing> );
 <move> = ( put | move | bring | send ) <thing> <place> | go <place>;
-<rest> = ( take | pick ) <thing> | what is <thing> | stop [ <thing> ] | yes | no;
+<rest> = ( take | pick ) <thing> | what is <thing> | stop | yes | no;
 public <command> = <switch> | <move> | <rest>;
 """

@@ -66,15 +66,15 @@ async def _listen(
             await interpreter.wait_for_map(MAP_PATIENCE_S)
             say(f"listening to {user}; Ctrl-C ends it")
             if text is None and audio is None:
-                count = await _publish(bus, user, _nothing())
-            spoken = (
-                _typed(text, clock)
-                if text is not None
-                else _heard(audio or "", recogniser, interpreter, clock)
-            )
-            await _publish(bus, user, spoken)
-            async with asyncio.timeout(END_PATIENCE_S):
-                await interpreter.finish()
+                spoken = _nothing()
+            elif text is not None:
+                spoken = _typed(text, clock)
+            else:
+                spoken = _heard(audio or "", recogniser, interpreter, clock)
+            count = await _publish(bus, user, spoken)
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(END_PATIENCE_S):
+                    await interpreter.finish(count)
         finally:
             following.cancel()
             await asyncio.wait({following})

@@ -45,13 +45,14 @@ def _time(text: str) -> float | None:
 def speech(words: Sequence[TimedWord], start_ns: int, now_ns: int) -> Speech:
     """Return an utterance; `start_ns` is the beginning of times, and words without one end at `now_ns`."""
     found: list[Word] = []
+    words = words[:MAX_WORDS]
     untimed = sum(word.time_s is None for word in words)
-    for word in words[:MAX_WORDS]:
+    for word in words:
         if word.time_s is None:
             begin_ns = now_ns - round(untimed * WORD_S * NS_PER_S)
             untimed -= 1
         else:
             begin_ns = start_ns + round(word.time_s * NS_PER_S)
-        text = word.text[:64].lower()
+        text = word.text.lower()[:64]
         found.append(Word(text=text, start_ns=begin_ns, end_ns=begin_ns + round(WORD_S * NS_PER_S)))
     return Speech(stamp_ns=found[-1].end_ns if found else now_ns, words=tuple(found), recogniser=TEXT)

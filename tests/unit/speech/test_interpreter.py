@@ -74,13 +74,10 @@ class Room:
 
     def say(self, text: str, ago_s: float = 0.5, *, is_final: bool = True) -> None:
         now_ns = self.bench.clock.now_ns() - round(ago_s * NS_PER_S)
+        begins_ns = [now_ns + index * NS_PER_S // 10 for index in range(len(text.split()))]
         words = tuple(
-            Word(
-                text=each,
-                start_ns=now_ns + index * NS_PER_S // 10,
-                end_ns=now_ns + (index + 1) * NS_PER_S // 10,
-            )
-            for index, each in enumerate(text.split())
+            Word(text=each, start_ns=begin_ns, end_ns=begin_ns + NS_PER_S // 10)
+            for each, begin_ns in zip(text.split(), begins_ns, strict=True)
         )
         self.bench.put(SPEECH, Speech(stamp_ns=now_ns, words=words, is_final=is_final), USER)
 
@@ -142,10 +139,7 @@ async def test_put_that_there_sends_the_robot_to_the_place_by_the_checked_reques
 @in_virtual_time
 async def test_what_the_goal_service_refuses_is_said_and_not_done() -> None:
     async with room() as here:
-        here.found, here.refusal = (
-            {"there": sure("place", "floor")},
-            "you are not pointing: press your button",
-        )
+        here.found, here.refusal = ({"there": sure("place", "floor")}, "you are not pointing")
         here.say("go there")
         said = await here.result()
         assert (said.result, said.message) == ("refused", here.refusal)
@@ -182,7 +176,7 @@ async def test_two_candidates_blink_in_turn_and_the_second_is_confirmed(by: str)
         done = await here.result(2)
         assert done.result == "done"
         assert here.queries(SetThing) == [(USER, SetThing(thing=HOSTILE))]
-        last = {name: query for name, query in here.queries(SetLamp)}
+        last = dict(here.queries(SetLamp))
         assert last == {lamp: SetLamp(color=None) for lamp in ("led_1", "led_2")}, "given back to the site"
 
 

@@ -48,17 +48,14 @@ CELL = click.option(
 @CELL
 @OUTPUT
 def import_(*, source: Path, kind: str, per_metre: float, cell_m: float, output: Path | None) -> None:
-    r"""Make a map of FILE: strips with their lines and pixels.
+    """Make a map of FILE: strips with their lines and pixels.
 
     csv has a pixel a line: x,y,z in metres, as xLights and mapping programs write them, with a header or
     without. ledmap is WLED's, with width and height, laid on an upright plane. segments are WLED's names and
     counts (http://WLED/json/state): they have no positions, so strips lie one above the other until they
     are scanned or moved.
 
-    \b
-    Example:
-      pointit map import tree.csv --as csv -o tree.yaml
-      pointit map import state.json --as segments --per-metre 30 -o wled.yaml
+    Example: pointit map import state.json --as segments --per-metre 30 -o wled.yaml
     """
     try:
         data = read_limited(source, MAX_FILE + 1)
@@ -98,15 +95,12 @@ def import_(*, source: Path, kind: str, per_metre: float, cell_m: float, output:
 @CELL
 @OUTPUT
 def export(*, name_or_path: str, kind: str, view: str, cell_m: float, output: Path | None) -> None:
-    r"""Write the pixels of MAP for other programs.
+    """Write the pixels of MAP for other programs.
 
     csv has a pixel a line: x,y,z in metres, its strip and number. segments and ledmap are for WLED with all
     strips on one wire, in the order of the map.
 
-    \b
-    Example:
-      pointit map export ./room.yaml --as csv -o room.csv
-      pointit map export ./room.yaml --as ledmap --view front --cell 0.05 -o ledmap1.json
+    Example: pointit map export ./room.yaml --as csv -o room.csv
     """
     with map_path(name_or_path) as path:
         file = read_map_file(path)

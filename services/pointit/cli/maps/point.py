@@ -59,7 +59,7 @@ PATIENCE_S = 3.0
 def command(
     user: str, names: Sequence[str], *, kind: Kind, output: Path | None, **at: Unpack[site_link.AtSite]
 ) -> int:
-    r"""Find positions by pointing: USER points at NAMES one after the other, from two or three places.
+    """Find positions by pointing: USER points at NAMES one after the other, from two or three places.
 
     USER stands at a place with a known pose (`pointit person pose`), points at each thing with a straight arm
     and presses their button, or Space here; then from a second place that is at least 60 degrees aside as
@@ -67,10 +67,7 @@ def command(
     estimated along. Positions are good to about 0.1 m at 3 m, with the standard deviation stated: enough for
     lamps, boxes and screens, too little for strips, which `pointit map scan` finds.
 
-    \b
-    Example:
-      pointit map point anna door window -o lamps.yaml
-      pointit map point anna shelf --as box
+    Example: pointit map point anna door window -o lamps.yaml
     """
     check_name(user, "user")
     for name in names:

@@ -43,12 +43,20 @@ class Stay(NamedTuple):
     end_s: float
     way_rad: float
     """Angle from the stay before, infinite if unknown: people's errors grow with the way."""
+    weight: float = 1.0
+    """Less than 1 if the arm left soon for a place nearby: people correct what they see."""
 
 
 SPEED_S = 0.06
 """Time on both sides over which the speed is measured, s."""
 GAP_S = 0.3
 """Time without rays that ends a stay, s."""
+CORRECTED_S = 0.4
+"""Longest stay before a correction, and longest time until the next stay, s."""
+CORRECTED_RAD = math.radians(8.0)
+"""Largest correction."""
+CORRECTED = 0.2
+"""Weight of a stay that was corrected."""
 APART_RAD = math.radians(4.0)
 """Angle between two stays in succession below which they are one."""
 
@@ -69,6 +77,8 @@ def stays_of(times_s: Floats, directions: Floats, model: TimingModel) -> list[St
         direction = directions[first : last + 1].mean(axis=0)
         way = math.inf if before is None else _angle(before, direction)
         begin_s = -math.inf if first == 0 else float(times_s[first])
+        if found and way <= CORRECTED_RAD and _is_short(found[-1], begin_s):
+            found[-1] = found[-1]._replace(weight=CORRECTED)
         found.append(Stay(first, last, begin_s, float(times_s[last]), way))
         before = direction
     return found
@@ -104,7 +114,7 @@ def _fit(stay: Stay, at_s: float, model: TimingModel) -> float:
     arrives = math.exp(-0.5 * z * z)
     low_s, high_s = at_s + model.lag_s - model.lag_sigma_s, at_s + model.lag_s + model.lag_sigma_s
     overlap_s = min(stay.end_s, high_s) - max(stay.begin_s, low_s)
-    return arrives + model.held * max(overlap_s, 0.0) / (high_s - low_s)
+    return stay.weight * (arrives + model.held * max(overlap_s, 0.0) / (high_s - low_s))
 
 
 def _speeds(times_s: Floats, directions: Floats) -> Floats:
@@ -130,6 +140,10 @@ def _merged(runs: Sequence[tuple[int, int]], times_s: Floats, directions: Floats
                 continue
         merged.append((first, last))
     return merged
+
+
+def _is_short(stay: Stay, next_s: float) -> bool:
+    return max(stay.end_s - stay.begin_s, next_s - stay.end_s) <= CORRECTED_S
 
 
 def _lasts(run: tuple[int, int], times_s: Floats, shortest_s: float) -> bool:

@@ -77,7 +77,11 @@ def from_csv(text: str) -> dict[str, StripEntry]:
 
 def _rows(text: str) -> Iterator[tuple[str, float | None, Array]]:
     columns: dict[str, int] | None = None
-    for number, row in enumerate(csv.reader(io.StringIO(text)), 1):
+    try:
+        rows = list(csv.reader(text.splitlines()))
+    except csv.Error as error:
+        raise ConfigError(f"no CSV: {error}") from error
+    for number, row in enumerate(rows, 1):
         cells = [cell.strip() for cell in row]
         if not any(cells):
             continue
@@ -162,10 +166,9 @@ def from_segments(text: str) -> dict[str, int]:
         ConfigError: If it is not such.
     """
     data = _json(text)
-    if isinstance(data, Mapping):
-        state = cast("Mapping[str, Any]", data)
-        state = state.get("state", state)
-        data = state.get("seg") if isinstance(state, Mapping) else None
+    for key in ("state", "seg"):
+        if isinstance(data, dict):
+            data = cast("dict[str, Any]", data).get(key, data)
     counts: dict[str, int] = {}
     try:
         for segment in cast("list[Mapping[str, Any]]", data):
@@ -213,7 +216,8 @@ def to_ledmap(file: MapFile, view: str, cell_m: float) -> str:
     if width * height > MAX_CELLS:
         raise ConfigError(f"{width} x {height} cells are too many; write a larger --cell")
     grid = np.full((height, width), -1)
-    for number, (column, row) in reversed(list(enumerate(cells))):
+    for number in reversed(range(len(cells))):
+        column, row = int(cells[number, 0]), int(cells[number, 1])
         grid[height - 1 - row, column] = number
     return json.dumps(
         {"n": view, "width": width, "height": height, "map": grid.ravel().tolist()}, separators=(",", ":")

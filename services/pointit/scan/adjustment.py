@@ -118,7 +118,7 @@ class Adjustment:
         first = layout.first
         sizes = np.diff(first)
         self._chain_of_vertex = np.repeat(np.arange(len(sizes)), sizes)
-        self._piece_starts = np.concatenate([np.arange(a, b - 1) for a, b in pairwise(first)])
+        self._piece_starts: Indices = np.delete(np.arange(int(first[-1])), first[1:] - 1)
         views = len(layout.down)
         inner = np.ones(first[-1], dtype=bool)
         inner[first[:-1]] = inner[first[1:] - 1] = False
@@ -190,7 +190,7 @@ class Adjustment:
         known = np.isfinite(down[:, 0])
         if not known.any():
             return np.inf
-        sunk = np.einsum("vij,vi->vj", state.rotations[known], down[known])[:, :2]
+        sunk: Array = np.einsum("vij,vi->vj", state.rotations[known], down[known])[:, :2]
         rms = float(np.sqrt(np.mean(sunk**2)))
         return max(rms, GRAVITY_SIGMA / 2.0) / float(np.sqrt(known.sum()))
 

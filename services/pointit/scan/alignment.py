@@ -57,13 +57,13 @@ def candidate_poses(shared: Shared) -> list[tuple[Array, Array]]:
     """
     room, down = shared.room, shared.down
     count = len(room)
-    sets = list(combinations(range(count), 2))
+    sets: list[tuple[int, int]] = list(combinations(range(count), 2))
     if down is not None:
         sets += [(each, each) for each in range(count)]
     if not sets:
         return []
     if len(sets) > MAX_PAIRS:
-        sets = [sets[k] for k in np.linspace(0, len(sets) - 1, MAX_PAIRS).astype(int)]
+        sets = sets[:: -(-len(sets) // MAX_PAIRS)]
     members = np.zeros((len(sets), count))
     for row, pair in enumerate(sets):
         members[row, list(pair)] = 1.0
@@ -97,7 +97,7 @@ def _refined(shared: Shared, rotations: Array, translations: Array) -> tuple[Arr
     points, targets = shared.room.reshape(-1, 3), shared.images.reshape(-1, 2)
     scale = 0.2 * COARSE * shared.width_px
     for _ in range(12):
-        seen = np.einsum("hij,kj->hki", rotations, points)
+        seen = np.asarray(np.einsum("hij,kj->hki", rotations, points), dtype=np.float64)
         camera = seen + translations[:, None]
         depth = np.maximum(camera[..., 2:], 0.1)
         flat = camera[..., :2] / depth
@@ -119,7 +119,7 @@ def _refined(shared: Shared, rotations: Array, translations: Array) -> tuple[Arr
             normal[:, :3, :3] += tilts.transpose(0, 2, 1) @ tilts
             gradient[:, :3] += np.einsum("hij,hi->hj", tilts, (sunk - down) / GRAVITY_SIGMA)
         normal += np.eye(6) * (1e-3 * np.einsum("hii->hi", normal)[:, None] + 1e-6)
-        step = -np.linalg.solve(normal, gradient[..., None])[..., 0]
+        step = -np.asarray(np.linalg.solve(normal, gradient[..., None]), dtype=np.float64)[..., 0]
         step *= np.minimum(1.0, 0.3 / np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-9))
         rotations, translations = turned(rotations, step[:, :3]), translations + step[:, 3:]
     return rotations, translations

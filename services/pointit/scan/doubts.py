@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from pointit.scan.adjustment import Array
 from pointit.scan.final_adjustment import Adjusted
 from pointit.scan.result import ScannedStrip
 from pointit.scan.views import StripSpec
@@ -61,7 +62,7 @@ def _lonely_piece(adjusted: Adjusted, number: int, chain: int) -> str:
 
 
 def seen_twice(adjusted: Adjusted, chain: int) -> tuple[float, float]:
-    """Return the first and last pixel of a strip up to which several sightings of two views reach.
+    """Return the first and last pixel of a strip up to which the sightings of two views reach.
 
     The whole strip counts as unseen, 0 and -1, if there are none.
     """
@@ -70,7 +71,7 @@ def seen_twice(adjusted: Adjusted, chain: int) -> tuple[float, float]:
     pixels, views = adjusted.seen.pixel[own], adjusted.seen.view[own]
     ends: list[float] = []
     for order in (np.arange(len(own)), np.arange(len(own))[::-1]):
-        for count in range(2, len(own)):
+        for count in range(1, len(own)):
             if len(set(views[order[: count + 1]].tolist())) > 1:
                 ends.append(float(pixels[order[count]]))
                 break
@@ -83,7 +84,7 @@ def _disagreement(adjusted: Adjusted, chain: int) -> str:
     shown = (seen.chain == chain) & np.isin(seen.view, adjusted.views)
     pairs, inverse = np.unique(np.column_stack([seen.pixel, seen.view])[shown], axis=0, return_inverse=True)
     agrees = np.bincount(inverse.ravel(), adjusted.used[shown]) > 0  # a pixel and its reflection are one
-    bounds = np.linspace(pairs[0, 0], pairs[-1, 0], WINDOWS + 1)
+    bounds: list[float] = np.linspace(float(pairs[0, 0]), float(pairs[-1, 0]), WINDOWS + 1).tolist()
     for low, high in zip(bounds[:-2], bounds[2:], strict=True):
         window = (pairs[:, 0] >= low) & (pairs[:, 0] <= high)
         if window.sum() >= LEAST_IN_WINDOW and agrees[window].mean() < LEAST_SHARE:
@@ -98,7 +99,7 @@ def _parallax_rad(adjusted: Adjusted, number: int, views: Sequence[int]) -> floa
     """Return the largest angle between two lines of sight to the middle of a chain."""
     state, layout = adjusted.state, adjusted.adjustment.layout
     middle = state.vertices[layout.first[number] : layout.first[number + 1]].mean(axis=0)
-    sights = []
+    sights: list[Array] = []
     for index in views:
         sight = middle + state.rotations[index].T @ state.translations[index]
         sights.append(sight / np.linalg.norm(sight))

@@ -211,13 +211,14 @@ class Final:
         origins = -np.einsum("nji,nj->ni", state.rotations[views], state.translations[views])
         across = np.eye(3) - rays[:, :, None] * rays[:, None, :]
         moments = np.einsum("nij,nj->ni", across, origins)
-        best, best_score = None, -1.0
+        best: Array | None = None
+        best_score = -1.0
         for a in range(len(rows)):
             for b in range(a):
                 matrix = across[a] + across[b]
                 if views[a] == views[b] or np.linalg.det(matrix) < 1e-3:
                     continue
-                point = np.linalg.solve(matrix, moments[a] + moments[b])
+                point = np.asarray(np.linalg.solve(matrix, moments[a] + moments[b]), dtype=np.float64)
                 images, depths = project(state, views, np.broadcast_to(point, (len(rows), 3)))
                 errors = np.linalg.norm(images - uv, axis=1)
                 score = float(np.clip(1.0 - errors / GATES_PX[0], 0.0, None)[depths > 0].sum())

@@ -6,7 +6,7 @@ in the frame of each camera that sees it; shared lines give the motion from view
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, compress
 
 import numpy as np
 
@@ -146,12 +146,14 @@ class FirstPoses:
         common = [index for index, piece in enumerate(placed.pieces) if piece in self._lines[view]]
         if not common:
             return None
-        room, camera, images = [], [], []
+        room: list[Array] = []
+        camera: list[Array] = []
+        images: list[Array] = []
         focal = float(np.exp(state.log_focal))
         for index in common:
             piece = placed.pieces[index]
             line = self._lines[view][piece]
-            numbers = np.linspace(line.pixels.min(), line.pixels.max(), 3)
+            numbers: Array = np.linspace(float(line.pixels.min()), float(line.pixels.max()), 3)
             start, step = line.in_camera(focal, self._pitches_m[piece[0]])
             low, high = state.knots[2 * index], state.knots[2 * index + 1]
             first, last = state.vertices[2 * index], state.vertices[2 * index + 1]
@@ -225,14 +227,15 @@ class FirstPoses:
         shared = (table > 0).sum(axis=0) > 1
         holds = (goods > MOST * table) & shared
         holds &= holds.sum(axis=0) > 1
-        held = errors[holds[layout.view, layout.chain] & is_good]
+        held: Array = errors[holds[layout.view, layout.chain] & is_good]
+        rows: list[list[bool]] = holds.tolist()
         return Placed(
             placed.views,
             placed.pieces,
             state,
             int(goods[:, shared].sum()),
             int(table[:, shared].sum()),
-            tuple(tuple(placed.pieces[index] for index in np.flatnonzero(row)) for row in holds),
+            tuple(tuple(compress(placed.pieces, row)) for row in rows),
             float(np.mean(held**2)) if len(held) else np.inf,
         )
 

@@ -107,7 +107,8 @@ def _consensus(pixels: Array, uv: Array, rng: np.random.Generator) -> Mask | Non
     n = pixels[picks] / max(float(pixels.max()), 1.0)
     system = np.stack([n, np.ones_like(n), -n * s], axis=2)
     system += np.eye(3) * 1e-12
-    f, g, h = np.linalg.solve(system, s[..., None])[..., 0].T
+    solution = np.asarray(np.linalg.solve(system, s[..., None]), dtype=np.float64)[..., 0]
+    f, g, h = solution[:, 0], solution[:, 1], solution[:, 2]
     share = pixels / max(float(pixels.max()), 1.0)
     depth = h[:, None] * share + 1.0
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -128,7 +129,7 @@ def _refined(pixels: Array, uv: Array) -> ImageLine | None:
     n0, n_scale = float(pixels.mean()), max(float(pixels.std()), 1e-6)
     u, n = (uv - middle) / scale, (pixels - n0) / n_scale
     weights = np.ones(len(n))
-    solution = np.zeros(6)
+    solution, depth = np.zeros(6), np.zeros(len(n))
     for _ in range(3):  # equations of the image, not of the homogeneous coordinates
         rows = np.zeros((2 * len(n), 6))
         for axis in (0, 1):

@@ -17,6 +17,8 @@ from pointit.scan.result import Camera, Scan, ScannedLamp, ScannedStrip
 from pointit.scan.views import KnownLength, LampSpec, StripSpec
 
 LEAST_SIGMA_M = 0.001
+MAX_UNSEEN = 0.1
+"""Share of a strip's pixels, at an end, that may be unseen."""
 UNSEEN_SIGMA = 0.1
 """Standard deviation of an end that was never seen, as a share of the unseen length: it may bend."""
 STRAIGHT_RAD = math.radians(2.5)
@@ -179,7 +181,7 @@ def _strip(
     reason = doubt(adjusted, number, chain, views, sigma_m)
     low, high = seen_twice(adjusted, chain)
     unseen = max(low, spec.count - 1 - high)
-    if unseen > max(2.0, 0.08 * spec.count):
+    if unseen > max(2.0, MAX_UNSEEN * spec.count):
         sigma_m = math.hypot(sigma_m, UNSEEN_SIGMA * unseen * pitch_m)
         if not reason:
             which = f"0 to {low - 1:.0f}" if unseen == low else f"{high + 1:.0f} to {spec.count - 1}"

@@ -58,13 +58,12 @@ def test_csv_of_something_else_is_an_error_of_one_sentence(text: str) -> None:
 
 @given(st.text(max_size=60))
 def test_any_text_is_an_error_of_one_sentence_or_strips(text: str) -> None:
-    for read in (
-        exchange.from_csv,
-        exchange.from_segments,
-        lambda any_text: exchange.from_ledmap(any_text, 0.05),
-    ):
-        with contextlib.suppress(ConfigError):
-            assert read(text)
+    with contextlib.suppress(ConfigError):
+        assert exchange.from_csv(text)
+    with contextlib.suppress(ConfigError):
+        assert exchange.from_segments(text)
+    with contextlib.suppress(ConfigError):
+        assert exchange.from_ledmap(text, 0.05)
 
 
 def test_segments_give_back_names_and_counts() -> None:

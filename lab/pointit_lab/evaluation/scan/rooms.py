@@ -208,7 +208,9 @@ def standing(rng: np.random.Generator, room: Room, phone: Phone, count: int) -> 
     for _ in range(count):
         tries = [_somewhere(rng, room) for _ in range(TRIES)]
         sights = [_sights(room, phone, pose) for pose in tries]
-        seen_twice = {name for name in set().union(*shown) if sum(name in each for each in shown) > 1}
+        seen_twice = {
+            name for name in frozenset[str]().union(*shown) if sum(name in each for each in shown) > 1
+        }
 
         def worth(sight: frozenset[str], seen_twice: set[str] = seen_twice) -> float:
             shared = max((len(sight & each) for each in shown), default=0)
@@ -246,7 +248,7 @@ def _somewhere(rng: np.random.Generator, room: Room) -> Pose:
 
 def _sights(room: Room, phone: Phone, pose: Pose) -> frozenset[str]:
     """Return the names of the strips of which a good part is in the image."""
-    names = []
+    names: list[str] = []
     for strip in room.strips:
         points = strip.points(np.linspace(0, strip.spec.count - 1, 12))
         if _visible(room, phone, pose, points)[1].sum() >= 6:
@@ -275,7 +277,7 @@ def photograph(rng: np.random.Generator, room: Room, phone: Phone, pose: Pose) -
         sightings += _seen(rng, room, phone, pose, (strip.spec.name, marks, strip.points(marks)))
     for lamp, place in room.lamps:
         sightings += _seen(rng, room, phone, pose, (lamp.name, np.zeros(1), np.array([place])))
-    order = rng.permutation(len(sightings))
+    order: list[int] = rng.permutation(len(sightings)).tolist()
     gravity = None
     if phone.has_gravity:
         sunk = pose.rotation @ [0.0, 0.0, -1.0] + phone.gravity_bias + rng.normal(0.0, math.radians(1.0), 3)

@@ -53,7 +53,7 @@ def trials(seed: int, counts: Sequence[int]) -> list[Trial]:
     rng = np.random.default_rng(seed)
     room, phone = random_room(rng), Phone.random(rng)
     views = [photograph(rng, room, phone, pose) for pose in standing(rng, room, phone, max(counts))]
-    results = []
+    results: list[Trial] = []
     for count in counts:
         began = time.process_time()
         scan: Scan | None = None

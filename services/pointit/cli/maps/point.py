@@ -64,7 +64,7 @@ def command(
     USER stands at a place with a known pose (`pointit person pose`), points at each thing with a straight arm
     and presses their button, or Space here; then from a second place that is at least 60 degrees aside as
     seen from the things. A third place is asked for where two do not suffice. A person's common error is
-    estimated along. Positions are good to about 0.1 m at 3 m, with the standard deviation stated: enough for
+    estimated along. Positions are good to 0.2 or 0.3 m, with the standard deviation stated: enough for
     lamps, boxes and screens, too little for strips, which `pointit map scan` finds.
 
     Example: pointit map point anna door window -o lamps.yaml
@@ -122,7 +122,7 @@ class PointingSession:
             raise NoMessageError(
                 f"{self._user} has no pose: set it by `pointit person pose {self._user} X,Y`, or localize"
             )
-        targets = {
+        targets: dict[str, str] = {
             target_name(name, number, corners): f"{corner + ' of ' if corner else ''}{name}"
             for name in names
             for number, corner in enumerate(corners)

@@ -145,7 +145,7 @@ def test_an_extra_that_does_not_exist_is_refused(machine: Machine) -> None:
     machine.add("python3", PYTHON)
     done = machine.run("setup", "web", "ros")
     assert done.returncode == 1
-    extras = "lab plot web record site ble fusion mcp mqtt webhooks discovery docs foxglove ros2 test dev"
+    extras = "lab plot web record site ble fusion mcp mqtt webhooks speech discovery docs foxglove ros2 test dev"
     assert done.stderr == f"setup: there is no extra 'ros'; there are: {extras}\n"
     assert machine.calls == []
 
@@ -217,7 +217,8 @@ def test_ci_installs_what_tests_need_and_says_what_is_missing(machine: Machine, 
     machine.add("apt-get", '#!/bin/sh\necho "apt-get $*" >> "$CALLS"; echo "E: no net"; exit 100\n')
     needed = [
         *("ip", "tc", "nft", "unshare", "sysctl", "script", "podman", "podman-compose", "runc"),
-        *("catatonit", "debootstrap", "mosquitto", "olad", "prometheus", "promtool", "systemd-analyze"),
+        *("catatonit", "debootstrap", "mosquitto", "olad", "prometheus", "espeak-ng", "sox"),
+        *("promtool", "systemd-analyze"),
     ]
     for tool in (*needed, "google-chrome") if there else ():
         machine.add(tool, "#!/bin/sh\n")

@@ -99,7 +99,7 @@ def _print(
     screen = evaluation_console()
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for name in ("things", "by"):
-        table.add_column(name)
+        table.add_column(name, no_wrap=True)
     for name in ("n", "right", "asked", "wrong", "nothing"):
         table.add_column(name, justify="right", no_wrap=True)
     for row in rows:

@@ -98,9 +98,9 @@ async def _nothing() -> AsyncIterator[Speech]:
 
 
 def _tell(understood: Understood) -> None:
-    about = ", ".join(f"{one.kind} {one.name} {one.probability:.0%}" for one in understood.referents)
-    what = " ".join(filter(None, (understood.command, f"({about})" if about else "")))
-    say(f'"{understood.text}": {understood.result}: {" ".join(filter(None, (what, understood.message)))}')
+    about = ", ".join(f"{one.name or one.kind} {one.probability:.0%}" for one in understood.referents)
+    parts = (understood.result, understood.message, f"({about})" if about else "")
+    say(f'"{understood.text}": {" ".join(filter(None, parts))}')
 
 
 def _heard(audio: str, recogniser: str, interpreter: "Interpreter", clock: Clock) -> AsyncIterator[Speech]:

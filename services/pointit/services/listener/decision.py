@@ -5,7 +5,7 @@ from typing import Literal, NamedTuple
 
 from pointit.schemas import Referent, Referents
 
-SURE = 0.9
+SURE = 0.85
 """Probability from which what is most probable is taken as meant."""
 ASKED = 0.25
 """Probability from which a candidate is asked about."""

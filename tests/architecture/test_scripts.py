@@ -145,7 +145,9 @@ def test_an_extra_that_does_not_exist_is_refused(machine: Machine) -> None:
     machine.add("python3", PYTHON)
     done = machine.run("setup", "web", "ros")
     assert done.returncode == 1
-    extras = "lab plot web record site ble fusion mqtt webhooks discovery docs foxglove ros2 test dev"
+    extras = (
+        "lab plot web record site ble fusion mcp mqtt webhooks speech discovery docs foxglove ros2 test dev"
+    )
     assert done.stderr == f"setup: there is no extra 'ros'; there are: {extras}\n"
     assert machine.calls == []
 
@@ -217,7 +219,8 @@ def test_ci_installs_what_tests_need_and_says_what_is_missing(machine: Machine, 
     machine.add("apt-get", '#!/bin/sh\necho "apt-get $*" >> "$CALLS"; echo "E: no net"; exit 100\n')
     needed = [
         *("ip", "tc", "nft", "unshare", "sysctl", "script", "podman", "podman-compose", "runc"),
-        *("catatonit", "debootstrap", "mosquitto", "olad", "prometheus", "promtool", "systemd-analyze"),
+        *("catatonit", "debootstrap", "mosquitto", "olad", "prometheus", "espeak-ng", "sox"),
+        *("promtool", "systemd-analyze"),
     ]
     for tool in (*needed, "google-chrome") if there else ():
         machine.add(tool, "#!/bin/sh\n")
@@ -339,3 +342,29 @@ def test_ci_runs_pages_that_fell_once_more(machine: Machine, alone: int) -> None
     done = machine.run("../.ci/run")
     assert done.returncode == alone
     assert ("UNSTABLE: tests/docs/test_pages.py::test_a[b] failed beside" in done.stdout) == (alone == 0)
+
+
+OTHER_PYTHON = """#!/bin/sh
+case "$*" in
+    *last-failed*) exit "$ALONE" ;;
+    *pytest*) for each in "$@"; do case "$each" in cache_dir=*) cache="${each#*=}/v/cache" ;; esac; done
+        mkdir -p "$cache" && echo '{"tests/a.py::test_a": true}' > "$cache/lastfailed" && exit 1 ;;
+esac
+"""
+
+
+@pytest.mark.parametrize("alone", [0, 1])
+def test_what_fails_with_other_versions_runs_once_more(machine: Machine, alone: int) -> None:
+    shutil.copytree(ROOT / ".ci", machine.root / ".ci")
+    bin_ = machine.root / ".venv" / "bin"
+    bin_.mkdir(parents=True)
+    (bin_ / "python").symlink_to(sys.executable)
+    for path in (bin_ / "uv", machine.root / ".venv-lowest" / "bin" / "python"):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(OTHER_PYTHON if path.name == "python" else "#!/bin/sh\n", encoding="utf-8")
+        path.chmod(0o755)
+    machine.add("python3.11", '#!/bin/sh\n[ "$1" = -c ]\n')
+    done = machine.run("../.ci/versions", ALONE=str(alone), PYTEST_CACHE=str(machine.root))
+    assert done.returncode == alone
+    assert ("UNSTABLE with lowest" in done.stdout) == (alone == 0)
+    assert (machine.root / "unstable").exists() == (alone == 0)

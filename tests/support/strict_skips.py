@@ -12,6 +12,7 @@ ALLOWED = (
     r"set POINTIT_DATA to the folder with the recordings",
     r"root may write everywhere",
     r"no IPv6 here",
+    r"no espeak-ng or sox here",
 )
 """Regular expressions, found in reasons."""
 

@@ -182,7 +182,10 @@ def _measure_sample(wanted: Sequence[str], result: dict[str, Any], console: Cons
     if "instructions" in wanted:
         console.print("instructions: IMU sample to LED frame, counted by Valgrind …")
         result["instructions"] = instructions.measure()
-        console.print("{per_sample} instructions a sample, {people} people".format(**result["instructions"]))
+        console.print(
+            "{per_sample} instructions a sample, {people} people; {bytecodes} bytecodes, "
+            "{different} different ones".format(**result["instructions"])
+        )
 
 
 def _measure_bridges(

@@ -2,6 +2,10 @@
 
 They are counted by Valgrind (`callgrind`) in virtual time, so that other work on the machine changes nothing.
 Wrists are included, as is what the services do each second without samples.
+
+Instructions alone do not tell the CPU time. Bytecodes are counted beside them: all, and the different ones. A
+processor predicts where the interpreter goes next by what went before, and that is lost where a sample passes
+too many different ones.
 """
 
 import asyncio
@@ -10,7 +14,10 @@ import os
 import subprocess
 import sys
 import tempfile
+from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
+from types import CodeType, FrameType
 from typing import Any
 
 from pointit.launch.plan.launches import Choices
@@ -30,10 +37,12 @@ WARM_UP_S = 0.5
 DURATION_S = 1.0
 MARK = "getloadavg"
 """C function at each call of which Valgrind writes what it has counted since the last one."""
+USUAL = 0.3
+"""Bytecodes that fewer of the samples execute are not among the different ones."""
 
 
 def measure() -> dict[str, Any]:
-    """Return the number of people and samples, and the instructions per sample.
+    """Return the number of people and samples, and the instructions and bytecodes per sample.
 
     Raises:
         FileNotFoundError: Valgrind is not installed.
@@ -51,11 +60,42 @@ def measure() -> dict[str, Any]:
         counted = Path(f"{out}.2").read_text(encoding="utf-8")  # .1: before the first call of MARK
     total = next(int(line.split()[1]) for line in counted.splitlines() if line.startswith("totals:"))
     samples = round(PEOPLE * RATE_HZ * DURATION_S)
-    return {"people": PEOPLE, "samples": samples, "per_sample": round(total / samples)}
+    counter = BytecodeCounter()
+    run_virtually(drive(counter.toggle))
+    return {
+        "people": PEOPLE,
+        "samples": samples,
+        "per_sample": round(total / samples),
+        "bytecodes": round(counter.executed.total() / samples),
+        "different": sum(count >= USUAL * samples for count in counter.executed.values()),
+    }
 
 
-async def drive() -> int:
-    """Run services and wrists, with a call of `MARK` before and after the measured time.
+class BytecodeCounter:
+    """Counts the bytecodes that this thread executes between two calls of `toggle`."""
+
+    def __init__(self) -> None:
+        self.executed = Counter[tuple[CodeType, int]]()
+        """By code and place in it."""
+
+    def toggle(self) -> None:
+        """Begin to count, or end."""
+        sys.settrace(None if sys.gettrace() else self._on_call)
+
+    def _on_call(self, frame: FrameType, event: str, argument: object) -> Callable[..., Any]:
+        del event, argument
+        frame.f_trace_lines, frame.f_trace_opcodes = False, True
+        return self._on_event
+
+    def _on_event(self, frame: FrameType, event: str, argument: object) -> Callable[..., Any]:
+        del argument
+        if event == "opcode":
+            self.executed[frame.f_code, frame.f_lasti] += 1
+        return self._on_event
+
+
+async def drive(mark: Callable[[], object]) -> int:
+    """Run services and wrists, with a call of `mark` before and after the measured time.
 
     Return the number of cursors that came meanwhile.
     """
@@ -68,9 +108,9 @@ async def drive() -> int:
     await asyncio.sleep(SETTLE_S)
     await drive_wrists(wrists, RATE_HZ, WARM_UP_S)
     cursors.clear()
-    os.getloadavg()
+    mark()
     await drive_wrists(wrists, RATE_HZ, DURATION_S)
-    os.getloadavg()
+    mark()
     services.cancel()
     await asyncio.wait({services})
     await bus.close()
@@ -78,5 +118,5 @@ async def drive() -> int:
 
 
 if __name__ == "__main__":
-    if run_virtually(drive()) < 0.99 * PEOPLE * RATE_HZ * DURATION_S:
+    if run_virtually(drive(os.getloadavg)) < 0.99 * PEOPLE * RATE_HZ * DURATION_S:
         raise SystemExit("cursors are missing")

@@ -5,7 +5,7 @@ from pointit.cli.common.lazy import command, group
 EVALUATE = """Measure the accuracy of the estimates on recordings of people, compared with known baselines.
 
 The recordings are not part of PointIt; give their folder by --data or POINTIT_DATA. `selection`,
-`things`, `robots` and `scan` need none: they simulate.
+`things`, `referents`, `robots` and `scan` need none: they simulate.
 
 Example: pointit evaluate localization --data recordings --only-ours
 """
@@ -38,6 +38,11 @@ evaluate = group(
             "things",
             "simulated people point at things: right, wrong, unintended",
             "pointit_lab.cli.things:things",
+        ),
+        command(
+            "referents",
+            "simulated people speak and point: right, asked back, wrong",
+            "pointit_lab.cli.referents:referents",
         ),
         command(
             "robots",

@@ -1,4 +1,4 @@
-"""Messages of a person's devices and profile: IMU samples, button presses, body measures."""
+"""Messages of a person's devices, profile and words: IMU samples, button presses, body measures, speech."""
 
 from typing import Annotated, ClassVar, Literal
 
@@ -9,6 +9,7 @@ from pointit.schemas.base import (
     Extent,
     Fraction,
     Id,
+    Many,
     Message,
     Ns,
     QuaternionXyzw,
@@ -23,6 +24,15 @@ WRIST_PATIENCE_S = 1.0
 
 Other sources of that wrist's motion pause meanwhile. All use the same time, or two would move it at once.
 """
+
+MAX_WORDS = 64
+"""Limit of words of a message, and of deictic words of a request."""
+
+ReferentKind = Literal["thing", "robot", "object", "person", "place", "direction"]
+"""What a word may refer to: `object` is a tracked one that is no thing of the map."""
+
+Deictic = Literal["", "this", "that", "here", "there", "these"]
+"""Word that refers by pointing, or `""` for any: `these` to all that is swept over."""
 
 
 class ImuSample(Message):
@@ -164,3 +174,41 @@ class UserProfile(Message):
         Literal["solid", "dashed", "dotted", "striped", "hollow", "tailed"],
         Field(description="mark of this person's things, besides the colour"),
     ] = "solid"
+
+
+class Word(SchemaModel):
+    """One spoken word."""
+
+    text: Annotated[str, Field(min_length=1, max_length=64)]
+    start_ns: Annotated[Ns, Field(description="its onset, Unix ns of the site's time")]
+    end_ns: Ns
+    confidence: Annotated[Fraction | None, Field(description="of the recogniser; None if unknown")] = None
+
+
+class Speech(Message):
+    """Words of one utterance of a person. `stamp_ns`: end of the last word, or the time of an empty one."""
+
+    words: Annotated[tuple[Word, ...], Field(max_length=MAX_WORDS)] = ()
+    is_final: Annotated[
+        bool, Field(description="false: the recogniser may still change them; nothing is done yet")
+    ] = True
+    recogniser: Annotated[Id, Field(description="name of what recognised them")] = ""
+
+
+class Referent(SchemaModel):
+    """Something that a word may refer to."""
+
+    kind: ReferentKind
+    name: Annotated[Id, Field(description="of the thing, robot, object or person; of a place its surface")]
+    probability: Fraction
+    place_m: Annotated[Vec3 | None, Field(description="where it is, {W}; None of a direction")] = None
+
+
+class Understood(Message):
+    """What was understood of an utterance, and what came of it. `stamp_ns`: that of the speech."""
+
+    text: Annotated[str, Field(max_length=4096, description="the words")]
+    command: Annotated[Id, Field(description="verb of the command, or empty if it is none")] = ""
+    referents: Annotated[Many[Referent], Field(description="of its words, in their order")] = ()
+    result: Literal["done", "asked", "refused", "ignored"]
+    message: Annotated[str, Field(description="result, in one sentence for a person")] = ""

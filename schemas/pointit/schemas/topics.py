@@ -12,6 +12,7 @@ from pointit.schemas.request_table import (
     CANCEL_LOCALIZATION,
     CLEAR_SELECTION,
     ERASE_MEMORY,
+    FIND_REFERENTS,
     POINT_ANCHOR,
     READ_HISTORY,
     READ_MEMORY,
@@ -19,6 +20,8 @@ from pointit.schemas.request_table import (
     REQUESTS,
     RESET_CONVEYOR,
     RUN_SCENARIO,
+    SAY,
+    SEND_ROBOT,
     SET_BRIGHTNESS,
     SET_FEEDING,
     SET_HEADING,
@@ -32,9 +35,11 @@ from pointit.schemas.request_table import (
     SET_TOLERANCE,
     SET_WORKSPACE,
     SET_YAW_ORIGIN,
+    SHOW_PIXELS,
     START_LOCALIZATION,
     STOP_ROBOT,
     UNDO_SELECTION,
+    USE_MAP,
 )
 from pointit.schemas.robots import ROBOT_PLAN, ROBOT_STATE, STEERING
 from pointit.schemas.table_types import (
@@ -53,14 +58,15 @@ from pointit.schemas.table_types import (
 __all__ = [
     "ACCOUNTS", "ADD_PACKAGE", "ANCHOR", "ANY", "BUTTON", "CANCEL_LOCALIZATION", "CLAIM",
     "CLEAR_SELECTION", "CLOCK", "CONFIGURATION", "CONVEYOR_STATE", "CURSOR", "DEPLOYMENT", "ERASE_MEMORY",
-    "FEEDBACK", "GOAL", "HEALTH", "HOVER", "IMU", "INTERACTION", "KEEPER_ALIVE", "LAMP_COLOR",
-    "LAMP_LEASES", "LOCALIZATION", "MAP", "OBJECTS", "POINT_ANCHOR", "POSE", "PRESENCES", "PROFILE", "RAY",
-    "READ_HISTORY", "READ_MEMORY", "RELEASE_OBJECT", "REQUESTS", "RESET_CONVEYOR", "ROBOT_PLAN",
-    "ROBOT_STATE", "RUN_SCENARIO", "SELECTION", "SELECTION_EVENTS", "SERVED", "SERVICE_ALIVE",
-    "SET_BRIGHTNESS", "SET_FEEDING", "SET_HEADING", "SET_LAMP", "SET_METHOD", "SET_MOUNTING", "SET_OFFSET",
-    "SET_POSE", "SET_SPEED", "SET_THING", "SET_TOLERANCE", "SET_WORKSPACE", "SET_YAW_ORIGIN",
-    "SHARD_ALIVE", "STALE_PERIODS", "START_LOCALIZATION", "STEERING", "STOP_ROBOT", "STRIPS_FRAME",
-    "TOPICS", "UNDO_SELECTION", "USER_ALIVE", "WRIST", "Delivery", "Presence", "Request", "Topic",
+    "FEEDBACK", "FIND_REFERENTS", "GOAL", "HEALTH", "HOVER", "IMU", "INTERACTION", "KEEPER_ALIVE",
+    "LAMP_COLOR", "LAMP_LEASES", "LOCALIZATION", "MAP", "OBJECTS", "POINT_ANCHOR", "POSE", "PRESENCES",
+    "PROFILE", "RAY", "READ_HISTORY", "READ_MEMORY", "RELEASE_OBJECT", "REQUESTS", "RESET_CONVEYOR",
+    "ROBOT_PLAN", "ROBOT_STATE", "RUN_SCENARIO", "SAY", "SELECTION", "SELECTION_EVENTS", "SEND_ROBOT",
+    "SERVED", "SERVICE_ALIVE", "SET_BRIGHTNESS", "SET_FEEDING", "SET_HEADING", "SET_LAMP", "SET_METHOD",
+    "SET_MOUNTING", "SET_OFFSET", "SET_POSE", "SET_SPEED", "SET_THING", "SET_TOLERANCE",
+    "SET_WORKSPACE", "SET_YAW_ORIGIN", "SHARD_ALIVE", "SHOW_PIXELS", "SPEECH", "STALE_PERIODS",
+    "START_LOCALIZATION", "STEERING", "STOP_ROBOT", "STRIPS_FRAME", "TOPICS", "UNDERSTOOD",
+    "UNDO_SELECTION", "USER_ALIVE", "USE_MAP", "WRIST", "Delivery", "Presence", "Request", "Topic",
     "check_name", "topic_of",
 ]
 
@@ -123,6 +129,14 @@ GOAL = Topic(
     key="users/{user}/goal", message=pointing.Goal, delivery=_EVENT, rate_hz=None, writers=("goal",),
     about="where the person sends a robot",
 )
+SPEECH = Topic(
+    key="users/{user}/speech", message=person.Speech, delivery=_EVENT, rate_hz=None,
+    writers=("cli", "external"), about="words of the person, with their times",
+)
+UNDERSTOOD = Topic(
+    key="users/{user}/understood", message=person.Understood, delivery=_EVENT, rate_hz=None,
+    writers=("cli", "external"), about="what was understood of the person's words, and what came of it",
+)
 MAP = Topic(
     key="map", message=environment.Environment, delivery=_STATE, rate_hz=None, writers=("pui",),
     about="the room",
@@ -180,8 +194,8 @@ DEPLOYMENT = Topic(
 
 TOPICS: list[Topic[Any]] = [
     IMU, WRIST, BUTTON, PROFILE, RAY, POSE, LOCALIZATION, ANCHOR, CURSOR, HOVER, CLAIM, INTERACTION, FEEDBACK,
-    GOAL, STEERING, MAP, OBJECTS, ROBOT_STATE, ROBOT_PLAN, SELECTION, SELECTION_EVENTS, LAMP_COLOR,
-    LAMP_LEASES, STRIPS_FRAME, CONVEYOR_STATE, CLOCK, HEALTH, CONFIGURATION, SERVED, DEPLOYMENT,
+    GOAL, STEERING, SPEECH, UNDERSTOOD, MAP, OBJECTS, ROBOT_STATE, ROBOT_PLAN, SELECTION, SELECTION_EVENTS,
+    LAMP_COLOR, LAMP_LEASES, STRIPS_FRAME, CONVEYOR_STATE, CLOCK, HEALTH, CONFIGURATION, SERVED, DEPLOYMENT,
 ]
 """All topics. Services of other packages add theirs when they are loaded (`pointit.services.registry`)."""
 

@@ -13,6 +13,7 @@ from pointit.schemas.topics import (
     CONFIGURATION,
     DEPLOYMENT,
     ERASE_MEMORY,
+    FIND_REFERENTS,
     IMU,
     PRESENCES,
     RAY,
@@ -25,8 +26,11 @@ from pointit.schemas.topics import (
     SERVICE_ALIVE,
     SET_THING,
     SHARD_ALIVE,
+    SPEECH,
     STOP_ROBOT,
     TOPICS,
+    UNDERSTOOD,
+    USE_MAP,
     USER_ALIVE,
     WRIST,
     Delivery,
@@ -42,14 +46,14 @@ viewer; a viewer who may send requests; unlimited; another router of the site.""
 ROLES: tuple[Role, ...] = get_args(Role)
 INTERNAL: tuple[Topic[Any], ...] = (CONFIGURATION, SERVED)
 """Topics for who operates the site."""
-PRIVATE: tuple[Topic[Any], ...] = (IMU, WRIST, RAY)
-"""Topics that viewers and other people never get: a person's movements."""
+PRIVATE: tuple[Topic[Any], ...] = (IMU, WRIST, RAY, SPEECH)
+"""Topics that viewers and other people never get: a person's movements and words."""
 RECALLED: tuple[Request[Any, Any], ...] = (READ_HISTORY,)
 """Requests open to all roles: they change nothing, and repeat what all may read."""
-OF_PEOPLE: tuple[Request[Any, Any], ...] = (READ_MEMORY, ERASE_MEMORY)
+OF_PEOPLE: tuple[Request[Any, Any], ...] = (READ_MEMORY, ERASE_MEMORY, FIND_REFERENTS)
 """Requests of the person and operators only: what is remembered of people. No bridge offers them."""
-OF_OPERATORS: tuple[Request[Any, Any], ...] = (RELEASE_OBJECT, SET_THING)
-"""Requests of operators, the page's too, and the supervisor only: they take from others what is theirs."""
+OF_OPERATORS: tuple[Request[Any, Any], ...] = (RELEASE_OBJECT, SET_THING, USE_MAP)
+"""Requests of operators, the page's too, and the supervisor only: they change what others have or use."""
 FOR_ALL = (*RECALLED, STOP_ROBOT)
 """Requests of all roles: who sees a robot may stop it."""
 ALL = "**"
@@ -132,7 +136,7 @@ def _user(name: str) -> Rights:
             [
                 *(topic.at(name) for row in mine for topic in row.writes),
                 *(topic.at(name) for row in shards for topic in row.writes if _is_personal(topic)),
-                BUTTON.at(name),
+                *(topic.at(name) for topic in (BUTTON, SPEECH, UNDERSTOOD)),
                 *([] if name.startswith(RUN) else [DEPLOYMENT.at(name)]),
                 *(topic.at(instance) for topic in ACCOUNTS for instance in instances),
             ]

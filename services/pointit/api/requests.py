@@ -10,8 +10,9 @@ from typing import Any, Generic, Literal, TypeVar
 
 from pydantic import ValidationError
 
-from pointit.schemas import PointingOffset, Query, SchemaError, summarize_validation_error, topics
+from pointit.schemas import LitPixels, PointingOffset, Query, SchemaError, summarize_validation_error, topics
 from pointit.schemas.base import Rgb
+from pointit.schemas.person import Deictic
 from pointit.schemas.topics import Request
 
 D = TypeVar("D")
@@ -185,7 +186,7 @@ class ProfileRequests(_Requests[D]):
         return self._do(topics.SET_OFFSET, user, offset=offset)
 
 
-class PuiRequests(_Requests[D], Generic[D, R]):
+class PuiRequests(_Requests[D], Generic[D, R, S]):
     """Requests to the service that computes cursors."""
 
     def set_workspace(
@@ -207,6 +208,11 @@ class PuiRequests(_Requests[D], Generic[D, R]):
         reply: R = self._ask(topics.SET_TOLERANCE, tolerance_rad=tolerance_rad)
         return reply
 
+    def map(self, path: str = "") -> S:
+        """Use another map, a shipped one or a path on pui's machine. Without one, only return its name."""
+        reply: S = self._ask(topics.USE_MAP, path=path)
+        return reply
+
 
 class RobotsRequests(_Requests[D]):
     """Requests to robots."""
@@ -214,6 +220,44 @@ class RobotsRequests(_Requests[D]):
     def stop(self, robot: str, reason: str = "") -> D:
         """Stop `robot`; nobody steers it until somebody takes it again. `reason`: why, in a few words."""
         return self._do(topics.STOP_ROBOT, robot, reason=reason)
+
+
+class ListenerRequests(_Requests[D], Generic[D, R]):
+    """Requests about what a person means by words."""
+
+    def referents(
+        self,
+        user: str,
+        at_ns: int | None = None,
+        within_s: float = 1.0,
+        *,
+        word: Deictic = "",
+        others_ns: tuple[int, ...] = (),
+    ) -> R:
+        """Return what `user` may have meant by a word spoken at `at_ns`, the most probable first.
+
+        Args:
+            user: who spoke. Their service `listener` keeps their last ten seconds.
+            at_ns: middle of the word, Unix ns of the site's time. None: now.
+            within_s: rays count up to so long before and after, s. Those that are there: ask a moment later.
+            word: that was spoken, `""` for any.
+            others_ns: middles of the other deictic words of the sentence.
+        """
+        reply: R = self._ask(
+            topics.FIND_REFERENTS, user, at_ns=at_ns, within_s=within_s, word=word, others_ns=others_ns
+        )
+        return reply
+
+
+class GoalRequests(_Requests[D]):
+    """Requests to a person's service that sends robots."""
+
+    def send(self, user: str, position_m: Vector, *, robot: str = "") -> D:
+        """Send `robot` to a place of the floor in the name of `user`, with the checks of a place pointed at.
+
+        `robot`: `""` is the one that they have, or any where robots are not taken by pointing.
+        """
+        return self._do(topics.SEND_ROBOT, user, robot=robot, position_m=position_m)
 
 
 class RunRequests(_Requests[D]):
@@ -230,6 +274,10 @@ class LedsRequests(_Requests[D]):
     def brightness(self, brightness: float, *, strips: str | Sequence[str] = ()) -> D:
         """Dim all strips, or `strips`, to `brightness`, 0 to 1."""
         return self._do(topics.SET_BRIGHTNESS, brightness=brightness, strips=listed(strips))
+
+    def show(self, lit: tuple[LitPixels, ...] = (), *, for_s: float = 5.0) -> D:
+        """Show only the pixels `lit` for a while, undimmed. `for_s` 0 ends it."""
+        return self._do(topics.SHOW_PIXELS, lit=lit, for_s=for_s)
 
     def set_color(self, lamp: str, color: str | Rgb | None = None) -> D:
         """Show `color` on `lamp`: `#rrggbb` or (red, green, blue). None gives it back to the site."""
@@ -251,6 +299,14 @@ class ImuRequests(_Requests[D], Generic[D, R]):
             topics.SET_MOUNTING, user, sensor_from_arm_xyzw=sensor_from_arm_xyzw, is_relative=is_relative
         )
         return reply
+
+
+class FeedbackRequests(_Requests[D]):
+    """Requests about what a person is told."""
+
+    def say(self, user: str, text: str) -> D:
+        """Show `text`, at most 200 characters, on the page and phone of `user`, with a chime."""
+        return self._do(topics.SAY, user, text=text)
 
 
 F = TypeVar("F")

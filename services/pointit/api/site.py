@@ -33,12 +33,14 @@ from pointit.schemas import (
     Query,
     ReadHistoryReply,
     ReadMemoryReply,
+    Referents,
     Reply,
     SelectionEvent,
     SetMethodReply,
     SetMountingReply,
     SetToleranceReply,
     TrackedObjects,
+    UseMapReply,
     UserPose,
     topics,
 )
@@ -77,11 +79,16 @@ class Site:
         self.conveyor = requests.ConveyorRequests[Awaitable[Done], Awaitable[AddPackageReply]](send)
         self.localizer = requests.LocalizerRequests[Awaitable[Done], Awaitable[ReadMemoryReply]](send)
         self.profile = requests.ProfileRequests[Awaitable[Done]](send)
-        self.pui = requests.PuiRequests[Awaitable[Done], Awaitable[SetToleranceReply]](send)
+        self.pui = requests.PuiRequests[
+            Awaitable[Done], Awaitable[SetToleranceReply], Awaitable[UseMapReply]
+        ](send)
         self.robots = requests.RobotsRequests[Awaitable[Done]](send)
+        self.goal = requests.GoalRequests[Awaitable[Done]](send)
+        self.listener = requests.ListenerRequests[Awaitable[Done], Awaitable[Referents]](send)
         self.run = requests.RunRequests[Awaitable[Done]](send)
         self.leds = requests.LedsRequests[Awaitable[Done]](send)
         self.imu = requests.ImuRequests[Awaitable[Done], Awaitable[SetMountingReply]](send)
+        self.feedback = requests.FeedbackRequests[Awaitable[Done]](send)
 
     @classmethod
     @contextlib.asynccontextmanager
@@ -220,6 +227,16 @@ class Site:
         """
         self._check_open()
         return await self._bus.call(request, query, name, timeout_s=timeout_s)
+
+    async def referents(self, user: str, at_ns: int | None = None, within_s: float = 1.0) -> Referents:
+        """Return what `user` may mean by a word at `at_ns`, and the probabilities; see `listener.referents`.
+
+        Raises:
+            NoAnswerError: If no service `listener` runs for `user` (`pointit run ... --with listener`).
+            AccessDeniedError: If this identity is neither `user` nor an operator.
+            RefusedError: If that time is gone, or not yet there.
+        """
+        return await self.listener.referents(user, at_ns, within_s)
 
     def tracker(
         self, name: str, *, frame: str = "", latency_s: float = 0.0, latency_sigma_s: float | None = None

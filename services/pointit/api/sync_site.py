@@ -28,10 +28,12 @@ from pointit.schemas import (
     Message,
     ReadHistoryReply,
     ReadMemoryReply,
+    Referents,
     SetMethodReply,
     SetMountingReply,
     SetToleranceReply,
     TrackedObject,
+    UseMapReply,
 )
 from pointit.schemas.topics import LAMP_COLOR, check_name
 
@@ -151,11 +153,14 @@ class SyncSite:
         self.conveyor = requests.ConveyorRequests[Done, AddPackageReply](send)
         self.localizer = requests.LocalizerRequests[Done, ReadMemoryReply](send)
         self.profile = requests.ProfileRequests[Done](send)
-        self.pui = requests.PuiRequests[Done, SetToleranceReply](send)
+        self.pui = requests.PuiRequests[Done, SetToleranceReply, UseMapReply](send)
         self.robots = requests.RobotsRequests[Done](send)
+        self.goal = requests.GoalRequests[Done](send)
+        self.listener = requests.ListenerRequests[Done, Referents](send)
         self.run = requests.RunRequests[Done](send)
         self.leds = requests.LedsRequests[Done](send)
         self.imu = requests.ImuRequests[Done, SetMountingReply](send)
+        self.feedback = requests.FeedbackRequests[Done](send)
 
     def __enter__(self) -> Self:
         return self
@@ -204,6 +209,7 @@ class SyncSite:
     sleep = _waiting(Site.sleep)
     call = _waiting(Site.call)
     press = _waiting(Site.press)
+    referents = _waiting(Site.referents)
 
     def on_pointed(self, *things: str) -> Callable[[F], F]:
         """Return a decorator: call the function with each event of `pointed(*things)`; see `Site.on_pointed`.
@@ -285,6 +291,7 @@ class SyncLatest:
         self.pose = SyncNewest(latest.pose, thread)
         self.interaction = SyncNewest(latest.interaction, thread)
         self.objects = SyncNewest(latest.objects, thread)
+        self.robot = SyncNewest(latest.robot, thread)
         self.health = SyncNewest(latest.health, thread)
         self.lamp = SyncNewest(latest.lamp, thread)
         self.selection = SyncNewest(latest.selection, thread)

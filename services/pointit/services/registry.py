@@ -76,6 +76,46 @@ class Process:
 RECORDER = "recorder"
 """The process that records a site. Only an identity that may read everything records everything."""
 
+LOCALIZER = Process(
+    name="localizer", scope="user",
+    about="where the person stands: fixed, by pointing at lamps, or at a moving robot",
+    reads=(
+        topics.RAY, topics.IMU, topics.MAP, topics.OBJECTS, topics.ROBOT_STATE, topics.LAMP_LEASES,
+        topics.POSE, topics.INTERACTION,
+    ),
+    writes=(topics.POSE, topics.LOCALIZATION, topics.ANCHOR),
+    serves=(
+        topics.START_LOCALIZATION, topics.CANCEL_LOCALIZATION, topics.SET_POSE, topics.SET_HEADING,
+        topics.POINT_ANCHOR, topics.READ_MEMORY, topics.ERASE_MEMORY,
+    ),
+)  # fmt: skip
+KEEPER = Process(
+    name="keeper", scope="site",
+    about="the newest of every state, for who comes when its writer is gone; whose clock is apart",
+    reads=(
+        topics.PROFILE, topics.POSE, topics.LOCALIZATION, topics.INTERACTION, topics.STEERING,
+        topics.MAP, topics.ROBOT_PLAN, topics.SELECTION, topics.LAMP_COLOR, topics.CONVEYOR_STATE,
+        topics.DEPLOYMENT, topics.HEALTH,
+    ),
+    writes=(),
+)  # fmt: skip
+ROS2 = Process(
+    name="ros2", scope="site", room="bridges", extra="ros2",
+    about="a node in a ROS 2 graph: every topic under the names and types that robots know, both ways",
+    reads=(
+        topics.IMU, topics.BUTTON, topics.PROFILE, topics.RAY, topics.POSE, topics.CURSOR,
+        topics.HOVER, topics.INTERACTION, topics.GOAL, topics.STEERING, topics.MAP, topics.OBJECTS,
+        topics.ROBOT_STATE, topics.ROBOT_PLAN, topics.SELECTION, topics.SELECTION_EVENTS,
+        topics.LAMP_COLOR, topics.STRIPS_FRAME, topics.CONVEYOR_STATE, topics.CLOCK, topics.HEALTH,
+    ),
+    writes=(
+        topics.WRIST, topics.BUTTON, topics.POSE, topics.CLOCK, topics.RAY, topics.INTERACTION,
+        topics.PROFILE, topics.OBJECTS,
+    ),
+    announces=(topics.USER_ALIVE,),
+)  # fmt: skip
+"""The processes with the longest lists."""
+
 PROCESSES: list[Process] = [
     Process(
         name="imu-bridge",
@@ -92,38 +132,14 @@ PROCESSES: list[Process] = [
         reads=(topics.IMU, topics.PROFILE, topics.POSE),
         writes=(topics.RAY,),
     ),
-    Process(
-        name="localizer",
-        scope="user",
-        about="where the person stands: fixed, by pointing at lamps, or at a moving robot",
-        reads=(
-            topics.RAY,
-            topics.IMU,
-            topics.MAP,
-            topics.OBJECTS,
-            topics.ROBOT_STATE,
-            topics.LAMP_LEASES,
-            topics.POSE,
-            topics.INTERACTION,
-        ),
-        writes=(topics.POSE, topics.LOCALIZATION, topics.ANCHOR),
-        serves=(
-            topics.START_LOCALIZATION,
-            topics.CANCEL_LOCALIZATION,
-            topics.SET_POSE,
-            topics.SET_HEADING,
-            topics.POINT_ANCHOR,
-            topics.READ_MEMORY,
-            topics.ERASE_MEMORY,
-        ),
-    ),
+    LOCALIZER,
     Process(
         name="supervisor",
         scope="user",
         about="the interaction's life cycle; owns the profile",
         reads=(topics.BUTTON, topics.IMU, topics.LOCALIZATION, topics.POSE, topics.INTERACTION),
         writes=(topics.PROFILE, topics.INTERACTION, topics.FEEDBACK),
-        serves=(topics.SET_OFFSET,),
+        serves=(topics.SET_OFFSET, topics.SAY),
     ),
     Process(
         name="goal",
@@ -139,6 +155,15 @@ PROCESSES: list[Process] = [
             topics.ROBOT_STATE,
         ),
         writes=(topics.GOAL, topics.STEERING, topics.FEEDBACK),
+        serves=(topics.SEND_ROBOT,),
+    ),
+    Process(
+        name="listener",
+        scope="user",
+        about="the last ten seconds of a person's pointing, and what they mean by a word",
+        reads=(topics.CURSOR, topics.POSE, topics.OBJECTS, topics.ROBOT_STATE, topics.MAP, topics.SPEECH),
+        writes=(),
+        serves=(topics.FIND_REFERENTS,),
     ),
     Process(
         name="user-sim",
@@ -164,7 +189,7 @@ PROCESSES: list[Process] = [
         about="rays, poses and the map to cursors",
         reads=(topics.RAY, topics.POSE, topics.INTERACTION, topics.OBJECTS, topics.MAP),
         writes=(topics.MAP, topics.CURSOR, topics.FEEDBACK, topics.OBJECTS),
-        serves=(topics.SET_WORKSPACE, topics.SET_TOLERANCE),
+        serves=(topics.SET_WORKSPACE, topics.SET_TOLERANCE, topics.USE_MAP),
     ),
     Process(
         name="selector",
@@ -207,7 +232,7 @@ PROCESSES: list[Process] = [
             topics.FEEDBACK,
         ),
         writes=(topics.STRIPS_FRAME, topics.LAMP_COLOR, topics.LAMP_LEASES),
-        serves=(topics.SET_BRIGHTNESS, topics.SET_LAMP),
+        serves=(topics.SET_BRIGHTNESS, topics.SET_LAMP, topics.SHOW_PIXELS),
     ),
     Process(
         name="conveyor-sim",
@@ -251,26 +276,7 @@ PROCESSES: list[Process] = [
         writes=(topics.OBJECTS, topics.ROBOT_STATE, topics.ROBOT_PLAN),
         serves=(topics.STOP_ROBOT,),
     ),
-    Process(
-        name="keeper",
-        scope="site",
-        about="the newest of every state, for who comes when its writer is gone; whose clock is apart",
-        reads=(
-            topics.PROFILE,
-            topics.POSE,
-            topics.LOCALIZATION,
-            topics.INTERACTION,
-            topics.STEERING,
-            topics.MAP,
-            topics.ROBOT_PLAN,
-            topics.SELECTION,
-            topics.LAMP_COLOR,
-            topics.CONVEYOR_STATE,
-            topics.DEPLOYMENT,
-            topics.HEALTH,
-        ),
-        writes=(),
-    ),
+    KEEPER,
     Process(
         name=RECORDER,
         scope="site",
@@ -297,47 +303,7 @@ PROCESSES: list[Process] = [
         reads=SHOWN,
         writes=(),
     ),
-    Process(
-        name="ros2",
-        scope="site",
-        room="bridges",
-        extra="ros2",
-        about="a node in a ROS 2 graph: every topic under the names and types that robots know, both ways",
-        reads=(
-            topics.IMU,
-            topics.BUTTON,
-            topics.PROFILE,
-            topics.RAY,
-            topics.POSE,
-            topics.CURSOR,
-            topics.HOVER,
-            topics.INTERACTION,
-            topics.GOAL,
-            topics.STEERING,
-            topics.MAP,
-            topics.OBJECTS,
-            topics.ROBOT_STATE,
-            topics.ROBOT_PLAN,
-            topics.SELECTION,
-            topics.SELECTION_EVENTS,
-            topics.LAMP_COLOR,
-            topics.STRIPS_FRAME,
-            topics.CONVEYOR_STATE,
-            topics.CLOCK,
-            topics.HEALTH,
-        ),
-        writes=(
-            topics.WRIST,
-            topics.BUTTON,
-            topics.POSE,
-            topics.CLOCK,
-            topics.RAY,
-            topics.INTERACTION,
-            topics.PROFILE,
-            topics.OBJECTS,
-        ),
-        announces=(topics.USER_ALIVE,),
-    ),
+    ROS2,
 ]
 """All rows: ours, and those of other packages that were added."""
 

@@ -8,15 +8,39 @@ import pytest
 from pointit.runtime.virtual_time import run_virtually
 from pointit_lab.benchmarks import instructions
 
+pytestmark = pytest.mark.usefixtures("own_state")
 
-@pytest.mark.usefixtures("own_state")
-def test_all_samples_give_cursors_between_the_two_marks(monkeypatch: pytest.MonkeyPatch) -> None:
-    marks: list[None] = []
-    monkeypatch.setattr(os, instructions.MARK, lambda: marks.append(None))
+
+@pytest.fixture(autouse=True)
+def _small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(instructions, "PEOPLE", 2)
     monkeypatch.setattr(instructions, "DURATION_S", 0.2)
-    assert run_virtually(instructions.drive()) >= 0.99 * 2 * 0.2 * instructions.RATE_HZ
+
+
+def test_all_samples_give_cursors_between_the_two_marks() -> None:
+    marks: list[None] = []
+    assert (
+        run_virtually(instructions.drive(lambda: marks.append(None))) >= 0.99 * 2 * 0.2 * instructions.RATE_HZ
+    )
     assert len(marks) == 2
+
+
+def test_bytecodes_are_counted_by_their_place() -> None:
+    def loop(turns: int) -> None:
+        for _ in range(turns):
+            pass
+
+    counts: list[int] = []
+    for turns in (10, 20):
+        counter = instructions.BytecodeCounter()
+        counter.toggle()
+        loop(turns)
+        counter.toggle()
+        loop(turns)
+        of_loop = [count for (code, _), count in counter.executed.items() if code is loop.__code__]
+        assert max(of_loop) <= turns + 1
+        counts.append(sum(of_loop))
+    assert counts[1] > counts[0]
 
 
 def test_only_what_is_counted_between_the_marks_is_divided_by_the_samples(
@@ -33,4 +57,6 @@ def test_only_what_is_counted_between_the_marks_is_divided_by_the_samples(
     )
     valgrind.chmod(0o755)
     monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
-    assert instructions.measure() == {"people": 20, "samples": 2000, "per_sample": 2000}
+    measured = instructions.measure()
+    assert (measured["samples"], measured["per_sample"]) == (40, 100_000)
+    assert measured["bytecodes"] > measured["different"] > 1000

@@ -56,7 +56,7 @@ def test_the_version_is_the_distributions() -> None:
     [
         ("toppics", "no command 'toppics'; did you mean topic?"),
         ("plott", "no command 'plott'; did you mean map plot or map point?"),
-        ("lst", "no command 'lst'; did you mean list?"),
+        ("lst", "no command 'lst'; did you mean list or listen?"),
         ("topic echoo", "no action 'echoo'; did you mean echo?"),
         ("service lst", "no action 'lst'; did you mean list?"),  # not taken for a service
         ("service run pointin", "no service 'pointin'; did you mean pointing?"),

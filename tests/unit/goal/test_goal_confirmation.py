@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.geometry.vector import Vec3
+from pointit.runtime.errors import RefusedError
 from pointit.schemas import ButtonEvent, Feedback, Goal, Interaction, UserPose
 from pointit.schemas.topics import BUTTON, CURSOR, FEEDBACK, GOAL, INTERACTION, MAP, POSE
 from pointit.services.goal.config import GoalConfig
@@ -331,3 +332,39 @@ async def test_unconfirmed_proposal_is_withdrawn_without_further_messages() -> N
         assert len(anna.cues) == 1
         anna.clock.advance(1.0)
         await anna.until_cues("selected", "deselected")
+
+
+def test_a_request_sends_a_robot_to_a_place_as_two_stays_do() -> None:
+    anna = Anna().stay(ELSEWHERE, 0.2)
+    anna.outputs += anna.steps.send("", THERE, anna.now_ns)
+    (goal,) = anna.goals
+    assert (goal.position_m, goal.yaw_rad) == (THERE, pytest.approx(math.atan2(1.0, 2.0)))
+    assert anna.last_text == "the robot is sent there"
+
+
+@pytest.mark.parametrize(
+    ("place", "why"),
+    [
+        ((0.3, 0.0, 0.0), "0.3 m from you"),
+        ((2.0, 1.0, 1.0), "1.0 m above the floor"),
+        ((30.0, 1.0, 0.0), "choose one nearer to you"),
+    ],
+)
+def test_a_requested_place_is_refused_for_the_reasons_of_pointing(place: Vec3, why: str) -> None:
+    anna = Anna().stay(ELSEWHERE, 0.2)
+    with pytest.raises(RefusedError, match=why):
+        anna.steps.send("", place, anna.now_ns)
+    assert anna.goals == []
+
+
+def test_a_request_needs_a_person_who_points_now() -> None:
+    with pytest.raises(RefusedError, match="point while you speak"):
+        Anna().steps.send("", THERE, START_NS)
+    anna = Anna().stay(ELSEWHERE, 0.2)
+    with pytest.raises(RefusedError, match="s old"):
+        anna.steps.send("", THERE, anna.now_ns + 10**9)
+    anna.steps.on_interaction(POINTING.model_copy(update={"state": "idle"}), anna.now_ns)
+    with pytest.raises(RefusedError, match="you are not pointing"):
+        anna.steps.send("", THERE, anna.now_ns)
+    with pytest.raises(RefusedError, match="rover cannot be chosen here"):
+        anna.steps.send("rover", THERE, anna.now_ns)

@@ -6,9 +6,10 @@ import click
 
 from pointit.cli.common.completed_names import maps
 from pointit.cli.common.option_types import Finite
-from pointit.cli.maps.check import examined, print_findings
+from pointit.cli.maps.check import print_findings
 from pointit.cli.maps.scan import write_new
 from pointit.maps import exchange
+from pointit.maps.checks.examine import examined
 from pointit.maps.file import map_path, parse_map_file, read_map_file
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.atomic_file import read_limited
@@ -99,7 +100,11 @@ def export(*, name_or_path: str, kind: str, view: str, cell_m: float, output: Pa
     csv has a pixel a line: x,y,z in metres, its strip and number. segments and ledmap are for WLED with all
     strips on one wire, in the order of the map.
 
+<<<<<<< HEAD
     Example: pointit map export ./room.yaml --as ledmap --view front -o ledmap1.json
+=======
+    Example: pointit map export ./room.yaml --as csv -o room.csv
+>>>>>>> origin/main
     """
     with map_path(name_or_path) as path:
         file = read_map_file(path)

@@ -1,14 +1,17 @@
-"""`pointit map scan`: a map from photographs of blinking strips and lamps."""
+"""`pointit map scan`: a map from photographs of blinking strips and lamps, taken now or in a file."""
 
 import math
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import click
 
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import json_option, print_json
-from pointit.cli.maps.check import examined, print_findings
+from pointit.cli.maps.check import print_findings
+from pointit.cli.maps.scan_live import live_options, scan_live
+from pointit.maps.checks.examine import examined
 from pointit.maps.file import parse_map_file
 from pointit.runtime.errors import ConfigError
 from pointit.scan.advice import next_view
@@ -17,18 +20,15 @@ from pointit.scan.result import Scan, ScannedLamp, ScannedStrip
 from pointit.scan.solver import solve
 from pointit.scan.views import KnownLength, Mark, read_survey
 
-FORM = """FILE is what the page sends, JSON:
-
-\b
-{"strips": [{"name": "desk", "count": 60, "pitch_m": 0.01667}],
- "lamps": [{"name": "door"}],
- "views": [{"width": 1280, "height": 720,
-            "gravity": [0.02, 0.98, 0.17], "sightings": [
-            {"name": "desk", "pixel": 0, "u": 401.2, "v": 311.9}]}]}
-
-A pitch is the distance from pixel to pixel, m. u and v are image pixels, right and down. gravity is the
-unit vector of down in the camera's frame (x right, y down, z forward), and may be left out.
-"""
+FORM = """\b
+FILE is what the page sends, JSON:
+  {"strips": [{"name": "desk", "count": 60, "pitch_m": 0.01667}],
+   "lamps": [{"name": "door"}],
+   "views": [{"width": 1280, "height": 720, "gravity": [0.02, 0.98, 0.17],
+     "sightings": [{"name": "desk", "pixel": 0, "u": 401.2, "v": 311.9}]}]}
+A pitch is the distance from pixel to pixel, m. u and v are image pixels,
+right and down. gravity is the unit vector of down in the camera's frame
+(x right, y down, z forward), and may be left out."""
 
 
 def _point(
@@ -70,17 +70,16 @@ def _mark(text: str) -> Mark:
 @click.option(
     "--from",
     "source",
-    required=True,
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE",
-    help="file of views, see below",
+    help="file of views, see below, instead of a camera",
 )
 @click.option(
     "-o",
     "--output",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="MAP",
-    help="map to write; an existing file is never overwritten  [default: standard output]",
+    help="map to write; a new file  [default: room.yaml; with --from, standard output]",
 )
 @click.option(
     "--known",
@@ -95,25 +94,37 @@ def _mark(text: str) -> Mark:
     "--heading", type=Finite(-360, 360), default=0.0, metavar="DEG", help="direction that becomes x, degrees"
 )
 @click.option("--all", "also_doubtful", is_flag=True, help="write what is not identified, too")
+@live_options
 @json_option
+@click.pass_context
 def command(
+    context: click.Context,
+    /,
     *,
-    source: Path,
+    source: Path | None,
     output: Path | None,
     known: KnownLength | None,
     origin: tuple[float, float, float] | None,
     heading: float,
     also_doubtful: bool,
     as_json: bool,
-) -> None:
-    """Compute a map from photographs in which strips and lamps blink their numbers.
+    **live: Any,
+) -> int:
+    """Map a room by a camera: its strips blink their numbers, and a phone's page finds where they are.
+
+    Starts a site with the strips, and prints a link, and a QR code for a phone in the same network. The page
+    leads from view to view, and writes the map. No picture leaves the phone. With --from, the map is
+    computed from views in a file. Arguments after `--` are options of `pointit run`.
 
     Two photographs suffice for what both show from a step apart, and four to six for a room. Each should
     show three strips of an earlier one. Strips are found to about 1 cm, with the standard deviation of each
     stated. What is doubtful is left out, with the reason and from where to take one more photograph.
 
-    Example: pointit map scan --from views.json --known desk:0,desk:59,0.98 -o room.yaml
+    Example: pointit map scan -o room.yaml --strip shelf=90 --leds ddp:192.168.1.40
     """
+    if source is None:
+        _check_live(known, origin, heading, also_doubtful, as_json)
+        return scan_live(context, output or Path("room.yaml"), **live)
     survey = read_survey(source)
     if known is not None:
         survey = replace(survey, known_length=known)
@@ -135,6 +146,14 @@ def command(
         click.echo(text, nl=False)
     for sentence in _sentences(scan):
         click.echo(sentence, err=True)
+    return 0
+
+
+def _check_live(*given: object) -> None:
+    """Check that no option of --from is given. Raises ConfigError otherwise."""
+    for option, value in zip(("--known", "--origin", "--heading", "--all", "--json"), given, strict=True):
+        if value:
+            raise ConfigError(f"{option} goes with --from only; the page has such a choice")
 
 
 def write_new(path: Path, text: str) -> None:

@@ -8,6 +8,9 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor, Environment, Interaction, UserPose
 from pointit.services.goal.config import GoalConfig
 
+LEVEL_M = 0.3
+"""Height above or below the person's floor up to which a requested place is on it, m."""
+
 
 class GoalChecker:
     """Checks places by the level surfaces, people's positions and the person's interaction."""
@@ -91,3 +94,19 @@ class GoalChecker:
                 whom = "you" if user == self._user else user
                 return f"the place is {gap_m:.1f} m from {whom}: choose one {config.keep_out_m:g} m away"
         return ""
+
+    def request_problem(self, place_m: Vec3, cursor: Cursor | None, now_ns: int) -> str:
+        """Return the reason not to send a robot to a place that was not pointed at twice, or `""`.
+
+        A person who speaks has to point meanwhile, as for any other goal; the place is on their floor.
+        """
+        if cursor is None:
+            return "nothing is known of your arm: point while you speak"
+        if reason := self.rejection_reason(place_m, cursor, now_ns):
+            return reason
+        above_m = place_m[2] - self._poses[self._user].position_m[2]
+        return (
+            ""
+            if abs(above_m) <= LEVEL_M
+            else f"the place is {above_m:.1f} m above the floor: choose one on it"
+        )

@@ -9,6 +9,7 @@ import math
 from typing import Literal, NamedTuple
 
 from pointit.geometry.vector import Vec3
+from pointit.runtime.errors import RefusedError
 from pointit.schemas import NS_PER_S, ButtonEvent, Cursor, Environment, Feedback, Goal, Interaction, UserPose
 from pointit.services.goal.config import GoalConfig
 from pointit.services.goal.goal_checks import GoalChecker
@@ -98,6 +99,21 @@ class GoalConfirmation:
         if self._stays.is_away(here, self._cursor.surface_id, proposal.surface_id, proposal.place_m):
             return [*outputs, *self._refuse("you pointed elsewhere: point at the place as you press", now_ns)]
         return [*outputs, *self._confirm(proposal, self._cursor, "press", now_ns)]
+
+    def send(self, robot: str, place_m: Vec3, now_ns: int) -> list[Output]:
+        """Send a robot to a place at once, as a person asks, with all checks; it counts as confirmed.
+
+        Raises:
+            RefusedError: If a check fails. Gives the reason.
+        """
+        if robot:
+            raise RefusedError(f"{robot} cannot be chosen here: any robot takes goals (goal.steer)")
+        cursor = self._cursor
+        reason = self._checker.request_problem(place_m, cursor, now_ns)
+        if reason or cursor is None:
+            raise RefusedError(reason)
+        proposal = _Proposal(place_m, "", cursor.stamp_ns, now_ns)
+        return self._confirm(proposal, cursor, "press", now_ns)
 
     def tick(self, now_ns: int) -> list[Output]:
         """Advance to `now_ns`; an unconfirmed proposal is withdrawn in time."""

@@ -9,6 +9,7 @@ from typing import Literal
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
+from pointit.runtime.errors import RefusedError
 from pointit.schemas import (
     NS_PER_S,
     ButtonEvent,
@@ -62,6 +63,8 @@ class RobotSteering:
         self._mode: Literal["none", "follow", "goals", "land"] = "none"
         self._landing_m: Vec3 | None = None
         self._waypoints: list[Vec3] = []
+        self._requested_m: Vec3 | None = None
+        """Place to which the robot is sent as soon as it obeys the person, or None."""
         self._places: deque[tuple[int, Vec3, str]] = deque()
         """Stamp, place and surface of the cursors of the last `LAND_BEFORE_S`."""
         self._cursor: Cursor | None = None
@@ -121,7 +124,10 @@ class RobotSteering:
         is_new = abs(now_ns - self._pointing_since_ns) <= DECIDED_NS  # its reason is that of before
         if self._taken is None or self._taken.name != name or is_new or not self._checker.is_pointing:
             return []
-        return self._answered(self._taken.on_state(state, self._mode, now_ns), now_ns)
+        outputs = self._answered(self._taken.on_state(state, self._mode, now_ns), now_ns)
+        if self._requested_m is not None and self._is_owner:
+            outputs += self._output(self._send_requested(now_ns), now_ns)
+        return outputs
 
     def on_cursor(self, cursor: Cursor, now_ns: int) -> list[Output]:
         """Process a cursor; cursors out of order are ignored."""
@@ -171,6 +177,47 @@ class RobotSteering:
         else:
             outputs += self._change(now_ns)
         return self._output(outputs, now_ns)
+
+    def send(self, robot: str, place_m: Vec3, now_ns: int) -> list[Output]:
+        """Send `robot`, or the one that the person has, to a place as they ask, with all checks.
+
+        One that they do not have is taken first, and sent once it obeys them.
+
+        Raises:
+            RefusedError: If a check fails. Gives the reason.
+        """
+        name = robot or self.robot
+        if name not in self._robots:
+            raise RefusedError(f"no robot {name!r}; there are {', '.join(sorted(self._robots)) or 'none'}")
+        if self._robots[name][0].kind == "quadrotor":
+            raise RefusedError(f"{name} is not sent: take it by pointing, it follows where you point")
+        if reason := self._request_problem(name, place_m, now_ns):
+            raise RefusedError(reason)
+        if name == self.robot and self._is_owner:
+            self._waypoints = [place_m]
+            return self._output(self._go(now_ns), now_ns)
+        self._release()
+        outputs = self._take(name, now_ns)
+        if self._taken is None:
+            raise RefusedError("".join(each.text for each in outputs if isinstance(each, Feedback)))
+        self._requested_m = place_m
+        return self._output(outputs, now_ns)
+
+    def _request_problem(self, name: str, place_m: Vec3, now_ns: int) -> str:
+        other = self._robot_at(place_m)
+        if other and other != name:
+            return f"{other} stands there: choose another place"
+        return self._checker.request_problem(place_m, self._cursor, now_ns)
+
+    def _send_requested(self, now_ns: int) -> list[Output]:
+        """Send the robot where it was asked to go before it obeyed the person, checked once more."""
+        place_m, self._requested_m = self._requested_m, None
+        if place_m is None:
+            return []
+        if reason := self._request_problem(self.robot, place_m, now_ns):
+            return [self._cues.make("refused", reason, now_ns, place_m)]
+        self._waypoints = [place_m]
+        return self._go(now_ns)
 
     def tick(self, now_ns: int) -> list[Output]:
         """Advance to `now_ns`: robots that fall silent are not waited for."""
@@ -292,6 +339,7 @@ class RobotSteering:
 
     def _release(self) -> None:
         self._taken, self._mode, self._landing_m = None, "none", None
+        self._requested_m = None
         self._waypoints.clear()
 
     def _bar_stays(self) -> None:

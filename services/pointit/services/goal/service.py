@@ -10,11 +10,13 @@ from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import (
     ButtonEvent,
     Cursor,
+    Done,
     Environment,
     Feedback,
     Goal,
     Interaction,
     RobotState,
+    SendRobot,
     Steering,
     UserPose,
 )
@@ -28,6 +30,7 @@ from pointit.schemas.topics import (
     POSE,
     RAY,
     ROBOT_STATE,
+    SEND_ROBOT,
     STEERING,
 )
 from pointit.services.goal.config import GoalConfig
@@ -55,6 +58,7 @@ class Goals(Service[GoalConfig]):
         else:
             self._steps = GoalConfirmation(config, self.user)
         self._feedback = self.bus.publisher(FEEDBACK, self.user)
+        self.bus.serve(SEND_ROBOT, self._send, self.user)
         self.bus.subscribe(MAP, self._on_map)
         self.bus.subscribe(POSE, self._on_pose)
         self.bus.subscribe(INTERACTION, self._on_interaction, self.user)
@@ -85,6 +89,11 @@ class Goals(Service[GoalConfig]):
 
     def _on_robot(self, robots: RobotSteering, state: RobotState, name: str) -> None:
         self._put(robots.on_robot(name, state, self.clock.now_ns()))
+
+    async def _send(self, query: SendRobot, _user: str) -> Done:
+        """Send a robot as the person asks; raises RefusedError with the reason not to."""
+        self._put(self._steps.send(query.robot, query.position_m, self.clock.now_ns()))
+        return Done(message=f"{query.robot or 'the robot'} is sent there")
 
     def _put(self, outputs: Sequence[Goal | Feedback | Steering]) -> None:
         for output in outputs:

@@ -36,6 +36,7 @@ export interface Everything {
   Environment: Environment;
   EraseMemory: EraseMemory;
   Feedback: Feedback;
+  FindReferents: FindReferents;
   Goal: Goal;
   Figure: Figure;
   KeyHealth: KeyHealth;
@@ -58,14 +59,18 @@ export interface Everything {
   Gaussian: Gaussian;
   LearntPointing: LearntPointing;
   ReadMemoryReply: ReadMemoryReply;
+  Referent: Referent;
+  Referents: Referents;
   ReleaseObject: ReleaseObject;
   ResetConveyor: ResetConveyor;
   RobotPlan: RobotPlan;
   RobotState: RobotState;
   RunScenario: RunScenario;
+  Say: Say;
   ReservedObject: ReservedObject;
   SelectedObject: SelectedObject;
   Selection: Selection;
+  SendRobot: SendRobot;
   ServedRequest: ServedRequest;
   SetBrightness: SetBrightness;
   SetFeeding: SetFeeding;
@@ -84,6 +89,10 @@ export interface Everything {
   SetToleranceReply: SetToleranceReply;
   SetWorkspace: SetWorkspace;
   SetYawOrigin: SetYawOrigin;
+  LitPixels: LitPixels;
+  ShowPixels: ShowPixels;
+  Word: Word;
+  Speech: Speech;
   StartLocalization: StartLocalization;
   Steering: Steering;
   StopRobot: StopRobot;
@@ -91,7 +100,10 @@ export interface Everything {
   StripsFrame: StripsFrame;
   TrackedObject: TrackedObject;
   TrackedObjects: TrackedObjects;
+  Understood: Understood;
   UndoSelection: UndoSelection;
+  UseMap: UseMap;
+  UseMapReply: UseMapReply;
   UserPose: UserPose;
   BodyMeasures: BodyMeasures;
   UserProfile: UserProfile;
@@ -845,6 +857,29 @@ export interface Feedback {
   waits: boolean;
 }
 /**
+ * Find what a person meant by a word, from where they pointed before, at and after it.
+ *
+ * Answered at once, from the rays that are there: ask a moment after the word.
+ */
+export interface FindReferents {
+  /**
+   * middle of the word; None for now
+   */
+  at_ns: number | null;
+  /**
+   * middles of the other deictic words of the sentence
+   */
+  others_ns: number[];
+  /**
+   * rays count up to so long before and after the word, s
+   */
+  within_s: number;
+  /**
+   * the word; empty for any
+   */
+  word: "" | "this" | "that" | "here" | "there" | "these";
+}
+/**
  * A place at which a person pointed in two steps, where a robot is to go, {W}; no safety function.
  *
  * `stamp_ns`: of the ray with which it was confirmed. Who receives it judges it: late, or unsure, it is not
@@ -1374,6 +1409,42 @@ export interface ReadMemoryReply {
   message: string;
 }
 /**
+ * Something that a word may refer to.
+ */
+export interface Referent {
+  kind: "thing" | "robot" | "object" | "person" | "place" | "direction";
+  /**
+   * of the thing, robot, object or person; of a place its surface
+   */
+  name: string;
+  /**
+   * where it is, {W}; None of a direction
+   */
+  place_m: [number, number, number] | null;
+  probability: number;
+}
+/**
+ * What a person may have meant by a word. `message`: problem of the rays or the clock, or empty.
+ */
+export interface Referents {
+  /**
+   * the most probable first
+   */
+  candidates: Referent[];
+  /**
+   * the effect, in one sentence for a person
+   */
+  message: string;
+  /**
+   * probability of none of these
+   */
+  none: number;
+  /**
+   * number of rays that count
+   */
+  rays: number;
+}
+/**
  * Deselect one object of any person: for a supervisor, or to take it over.
  */
 export interface ReleaseObject {
@@ -1484,6 +1555,12 @@ export interface RunScenario {
   users: number | null;
 }
 /**
+ * Tell a person something, by a cue with a text.
+ */
+export interface Say {
+  text: string;
+}
+/**
  * An object that a person is about to select. To others it is not available.
  */
 export interface ReservedObject {
@@ -1529,6 +1606,22 @@ export interface Selection {
    * time of capture, Unix ns; derived data keep it
    */
   stamp_ns: number;
+}
+/**
+ * Send a robot to a place, in the name of the person, with the checks of a place pointed at.
+ */
+export interface SendRobot {
+  /**
+   * on the person's floor, {W}
+   *
+   * @minItems 3
+   * @maxItems 3
+   */
+  position_m: [number, number, number];
+  /**
+   * empty: the one they have, or any if robots are not taken
+   */
+  robot: string;
 }
 /**
  * A request that a service has answered; `stamp_ns` is when it got it.
@@ -1812,6 +1905,74 @@ export interface SetYawOrigin {
   yaw_rad: number;
 }
 /**
+ * Pixels of one strip in one colour.
+ */
+export interface LitPixels {
+  /**
+   * @minItems 3
+   * @maxItems 3
+   */
+  color: [number, number, number];
+  /**
+   * of the strip
+   */
+  id: string;
+  /**
+   * Items: numbers on the strip
+   */
+  pixels: number[];
+}
+/**
+ * Show these pixels on the strips, undimmed, and nothing else, for a while.
+ */
+export interface ShowPixels {
+  /**
+   * until they show cursors and objects again, s; 0: from now on
+   */
+  for_s: number;
+  /**
+   * all other pixels are dark
+   */
+  lit: LitPixels[];
+}
+/**
+ * One spoken word.
+ */
+export interface Word {
+  /**
+   * of the recogniser; None if unknown
+   */
+  confidence: number | null;
+  end_ns: number;
+  /**
+   * its onset, Unix ns of the site's time
+   */
+  start_ns: number;
+  text: string;
+}
+/**
+ * Words of one utterance of a person. `stamp_ns`: end of the last word, or the time of an empty one.
+ */
+export interface Speech {
+  /**
+   * false: the recogniser may still change them; nothing is done yet
+   */
+  is_final: boolean;
+  /**
+   * name of what recognised them
+   */
+  recogniser: string;
+  /**
+   * counts this writer's messages on this key
+   */
+  seq: number;
+  /**
+   * time of capture, Unix ns; derived data keep it
+   */
+  stamp_ns: number;
+  words: Word[];
+}
+/**
  * Begin to localize a person.
  */
 export interface StartLocalization {
@@ -1977,9 +2138,61 @@ export interface TrackedObjects {
   stamp_ns: number;
 }
 /**
+ * What was understood of an utterance, and what came of it. `stamp_ns`: that of the speech.
+ */
+export interface Understood {
+  /**
+   * verb of the command, or empty if it is none
+   */
+  command: string;
+  /**
+   * result, in one sentence for a person
+   */
+  message: string;
+  /**
+   * of its words, in their order
+   */
+  referents: Referent[];
+  result: "done" | "asked" | "refused" | "ignored";
+  /**
+   * counts this writer's messages on this key
+   */
+  seq: number;
+  /**
+   * time of capture, Unix ns; derived data keep it
+   */
+  stamp_ns: number;
+  /**
+   * the words
+   */
+  text: string;
+}
+/**
  * Undo the last selection or deselection of a person.
  */
 export interface UndoSelection {}
+/**
+ * Use another map, or the same file again after it has changed. Without a path only tell which it is.
+ */
+export interface UseMap {
+  /**
+   * shipped map, or path on pui's machine; empty to keep it
+   */
+  path: string;
+}
+/**
+ * The map in use now.
+ */
+export interface UseMapReply {
+  /**
+   * the effect, in one sentence for a person
+   */
+  message: string;
+  /**
+   * shipped map, or absolute path on pui's machine
+   */
+  path: string;
+}
 /**
  * {H} in {W}: where the person stands and how their IMU's yaw origin lies in the room.
  */

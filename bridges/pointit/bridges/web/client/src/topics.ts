@@ -1,7 +1,7 @@
 // Rows of the bus's tables, from schemas/catalogue. Written by `npm run types`; do not edit.
 
 import type {
-  Anchor, ButtonEvent, Claim, ClockTick, Configuration, ConveyorState, Cursor, Deployment, Environment, Feedback, Goal, Health, Hover, ImuSample, Interaction, LampColor, LampLeases, Localization, PointingRay, RobotPlan, RobotState, Selection, SelectionEvent, ServedRequest, Steering, StripsFrame, TrackedObjects, UserPose, UserProfile, WristSample,
+  Anchor, ButtonEvent, Claim, ClockTick, Configuration, ConveyorState, Cursor, Deployment, Environment, Feedback, Goal, Health, Hover, ImuSample, Interaction, LampColor, LampLeases, Localization, PointingRay, RobotPlan, RobotState, Selection, SelectionEvent, ServedRequest, Speech, Steering, StripsFrame, TrackedObjects, Understood, UserPose, UserProfile, WristSample,
 } from "./messages";
 
 /** The message of every topic, by the key's pattern. */
@@ -34,7 +34,9 @@ export interface Topics {
   "users/{user}/pose": UserPose;
   "users/{user}/profile": UserProfile;
   "users/{user}/ray": PointingRay;
+  "users/{user}/speech": Speech;
   "users/{user}/steering": Steering;
+  "users/{user}/understood": Understood;
   "users/{user}/wrist": WristSample;
 }
 
@@ -44,10 +46,14 @@ export const SERVERS = {
   "conveyor/reset": "conveyor-sim",
   "conveyor/set_feeding": "conveyor-sim",
   "conveyor/set_speed": "conveyor-sim",
+  "feedback/{user}/say": "supervisor",
+  "goal/{user}/send": "goal",
   "imu/{user}/set_mounting": "imu-bridge",
   "imu/{user}/set_yaw_origin": "imu-bridge",
   "leds/brightness": "led-driver",
+  "leds/show": "led-driver",
   "leds/{led}/set_color": "led-driver",
+  "listener/{user}/referents": "listener",
   "localizer/{user}/cancel": "localizer",
   "localizer/{user}/erase_memory": "localizer",
   "localizer/{user}/memory": "localizer",
@@ -56,6 +62,7 @@ export const SERVERS = {
   "localizer/{user}/set_pose": "localizer",
   "localizer/{user}/start": "localizer",
   "profile/{user}/set_offset": "supervisor",
+  "pui/map": "pui",
   "pui/tolerance": "pui",
   "pui/{user}/set_workspace": "pui",
   "robots/{robot}/stop": "robot",

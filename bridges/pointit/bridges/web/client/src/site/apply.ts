@@ -12,7 +12,8 @@ import { eventLine } from "../words";
 /** Topics that pages are not shown; the others are `registry.SHOWN`. */
 type Unseen =
   | "clock" | "leds/leases" | "users/{user}/imu" | "users/{user}/wrist" | "users/{user}/button" | "users/{user}/ray"
-  | "users/{user}/anchor" | "users/{user}/claim" | "configuration/{service}" | "requests/{service}";
+  | "users/{user}/anchor" | "users/{user}/claim" | "users/{user}/speech" | "users/{user}/understood"
+  | "configuration/{service}" | "requests/{service}";
 type Shown = Omit<Topics, Unseen>;
 
 type Taker<M> = (keeper: Keeper, message: M, name: string, at: number) => void;

@@ -1,0 +1,148 @@
+"""`pointit listen USER`: follow what a person says while they point."""
+
+import asyncio
+import contextlib
+import sys
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Unpack
+
+import click
+
+from pointit.cli.common.output import say
+from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
+from pointit.runtime.bus.contract import Bus
+from pointit.runtime.bus.site_clock import SiteClock
+from pointit.runtime.clock import Clock
+from pointit.runtime.errors import AccessDeniedError, ConfigError
+from pointit.runtime.service.shutdown import run_until_shutdown
+from pointit.schemas import NS_PER_S, Speech, Understood
+from pointit.schemas.topics import SPEECH, check_name
+
+if TYPE_CHECKING:
+    from pointit.speech.interpreter import Interpreter
+
+MAP_PATIENCE_S = 2.0
+END_PATIENCE_S = 15.0
+"""Time for the last utterance to be followed, questions included, s."""
+
+
+@click.command("listen", params=site_options())
+@click.argument("user")
+@click.option("--text", metavar="FILE", help="words from lines `TIME WORD` or `WORD...`; - is standard input")
+@click.option("--audio", metavar="FILE", help="a WAV file, - for raw samples of 16 kHz, or `microphone`")
+@click.option(
+    "--recogniser", default="pocketsphinx", show_default=True, metavar="NAME", help="of --audio; a plug-in"
+)
+def command(user: str, *, text: str | None, audio: str | None, recogniser: str, **at: Unpack[AtSite]) -> int:
+    """Follow what USER says while they point: take that, put that there, turn this on, stop.
+
+    Words come from --text or --audio, and from any program on the topic users/USER/speech; without either
+    only from there. Prints what was understood. What is not clear is asked back: candidates blink in turn.
+    The person needs the service listener: pointit run ... --with listener.
+
+    Example: echo "turn that on" | pointit listen anna --text -
+    """
+    check_name(user, "user")
+    if text and audio:
+        raise click.UsageError("--text or --audio, not both")
+    quiet()
+    return run_until_shutdown(_listen(user, text, audio, recogniser, **at))
+
+
+async def _listen(
+    user: str, text: str | None, audio: str | None, recogniser: str, **at: Unpack[AtSite]
+) -> int:
+    from pointit.speech.interpreter import Interpreter  # noqa: PLC0415 - only if the room is there
+
+    async with join_site(**at) as bus:
+        if denied := await bus.denial_reason("writes", SPEECH, user):
+            raise AccessDeniedError(denied)
+        clock = SiteClock(bus)
+        interpreter = Interpreter(bus, clock, user)
+        interpreter.on_understood = _tell
+        following = asyncio.create_task(interpreter.run())
+        try:
+            await interpreter.wait_for_map(MAP_PATIENCE_S)
+            say(f"listening to {user}; Ctrl-C ends it")
+            if text is None and audio is None:
+                spoken = _nothing()
+            elif text is not None:
+                spoken = _typed(text, clock)
+            else:
+                spoken = _heard(audio or "", recogniser, interpreter, clock)
+            count = await _publish(bus, user, spoken)
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(END_PATIENCE_S):
+                    await interpreter.finish(count)
+        finally:
+            following.cancel()
+            await asyncio.wait({following})
+    return 0
+
+
+async def _publish(bus: Bus, user: str, spoken: AsyncIterator[Speech]) -> int:
+    """Publish utterances until there are no more. Return their number."""
+    publisher, count = bus.publisher(SPEECH, user), 0
+    async for speech in spoken:
+        publisher.put(speech)
+        count += 1
+    return count
+
+
+async def _nothing() -> AsyncIterator[Speech]:
+    """Yield nothing, and never end: others publish."""
+    await asyncio.Event().wait()
+    for speech in ():
+        yield speech
+
+
+def _tell(understood: Understood) -> None:
+    about = ", ".join(f"{one.name or one.kind} {one.probability:.0%}" for one in understood.referents)
+    parts = (understood.result, understood.message, f"({about})" if about else "")
+    say(f'"{understood.text}": {" ".join(filter(None, parts))}')
+
+
+def _heard(audio: str, recogniser: str, interpreter: "Interpreter", clock: Clock) -> AsyncIterator[Speech]:
+    from pointit.speech.audio import MICROPHONE, Stream, WavFile  # noqa: PLC0415 - as above
+    from pointit.speech.recogniser import make  # noqa: PLC0415 - as above
+
+    hears = make(recogniser, {})
+    is_stream = audio in ("-", MICROPHONE)
+    source = Stream(clock, is_microphone=audio == MICROPHONE) if is_stream else WavFile(Path(audio), clock)
+    return hears.hear(source, interpreter.room.names)
+
+
+async def _typed(text: str, clock: Clock) -> AsyncIterator[Speech]:
+    """Yield utterances when they would have been said: each ends with its line, an empty one or a pause."""
+    from pointit.speech.typed_words import PAUSE_S, TimedWord, speech, words_in  # noqa: PLC0415 - as above
+
+    try:
+        file = sys.stdin if text == "-" else Path(text).open(encoding="utf-8")  # noqa: SIM115, ASYNC230 - closed below
+    except OSError as error:
+        raise ConfigError(f"{text}: {error.strerror}") from error
+    start_ns, kept = clock.now_ns(), list[TimedWord]()
+    try:
+        while True:
+            line = await asyncio.to_thread(file.readline)
+            words = words_in(line)
+            last_s = kept[-1].time_s if kept else None
+            is_apart = (
+                not words
+                or words[0].time_s is None
+                or (last_s is not None and words[0].time_s - last_s > PAUSE_S)
+            )
+            if kept and is_apart:
+                said = speech(kept, start_ns, clock.now_ns())
+                await asyncio.sleep(max((said.stamp_ns - clock.now_ns()) / NS_PER_S, 0.0) / clock.speed)
+                yield said
+                kept = []
+            if words and words[0].time_s is None:
+                yield speech(words, start_ns, clock.now_ns())
+            else:
+                kept += words
+            if not line:
+                return
+    finally:
+        if file is not sys.stdin:
+            file.close()

@@ -1,0 +1,39 @@
+"""Whether a word is clear enough to act on, or the person has to be asked."""
+
+from collections.abc import Sequence
+from typing import Literal, NamedTuple
+
+from pointit.schemas import Referent, Referents
+
+SURE = 0.85
+"""Probability from which what is most probable is taken as meant."""
+ASKED = 0.25
+"""Probability from which a candidate is asked about."""
+EITHER = 0.6
+"""Probability of two candidates together from which the person is asked which one is meant."""
+
+
+class Decision(NamedTuple):
+    """What to do about a word."""
+
+    do: Literal["act", "ask", "refuse"]
+    candidates: Sequence[Referent]
+    """The referent, or those to ask about, the most probable first. Empty if refused."""
+
+
+def decide(found: Referents, kinds: Sequence[str] = ()) -> Decision:
+    """Return what to do about a word with these referents, of which only some `kinds` fit; empty: all fit.
+
+    Candidates that do not fit are excluded by what was said, and the others become more probable, but not
+    more than they are beside `none`.
+    """
+    fitting = [one for one in found.candidates if not kinds or one.kind in kinds]
+    total = found.none + sum(one.probability for one in fitting)
+    if not fitting or total <= 0.0:
+        return Decision("refuse", ())
+    chances = [one.probability / total for one in fitting]
+    if chances[0] >= SURE:
+        return Decision("act", fitting[:1])
+    if chances[0] < ASKED or sum(chances[:2]) < EITHER:
+        return Decision("refuse", ())
+    return Decision("ask", fitting[: 2 if len(chances) > 1 and chances[1] >= (1.0 - SURE) / 2.0 else 1])

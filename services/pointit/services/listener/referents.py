@@ -1,0 +1,223 @@
+"""Probability of each thing, robot, person or place that a word may refer to.
+
+A gesture's arm arrives near its word, mostly a little before it (Levelt, Richardson and La Heij 1985), and
+the recogniser dates the word with an error of its own. So each stay of the arm belongs to the word with a
+probability by its times (`stays`), and none of them with the rest. For each stay a target has the density of
+people's aim without feedback around its outline, as in method `estimate`. What was not seen speaks for and
+against nothing.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pointit.geometry.vector import Vec3
+from pointit.schemas import NS_PER_S, Cursor, Referent, Referents
+from pointit.schemas.person import Deictic
+from pointit.services.listener.stays import Floats, Stay, TimingModel, chances, stays_of
+from pointit.services.listener.surroundings import Target
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReferentModel(TimingModel):
+    """Constants of the model, fitted on other simulated people than `pointit evaluate referents` reports."""
+
+    sideways_rad: float = math.radians(4.2)
+    """Standard deviation of people's aim sideways after a usual way of the arm (pointing.md §3)."""
+    pose_rad: float = math.radians(1.5)
+    """Standard deviation of what does not grow with the way, sideways."""
+    upwards_rad: float = math.radians(3.9)
+    """Standard deviation upwards, mostly between people."""
+    low_rad: float = math.radians(3.0)
+    """Mean by which people point lower than what they mean."""
+    careless: float = 0.02
+    """Share of careless gestures, such as with a bent arm, which are less exact by `CARELESS`."""
+    any_target: float = 0.8
+    """Probability before the rays that one of the targets is meant."""
+
+
+MODEL = ReferentModel()
+USUAL_WAY_RAD = math.radians(39.0)
+"""Way of the arm from which `sideways_rad` holds; for a shorter one it is less in proportion."""
+CARELESS = 2.5
+FIELD_SR = math.radians(80.0) * math.radians(50.0)
+"""Solid angle over which rays spread that are meant for none of the targets."""
+LISTED = 8
+"""Largest number of candidates of a reply, and four times as many of `these`."""
+LEAST = 0.005
+"""Least probability of a candidate of a reply."""
+SWEPT = 0.3
+"""The same of `these`: a ray that swept between two of them does not count for both."""
+OF_PLACES: dict[Deictic, float] = {"": 0.25, "this": 0.1, "that": 0.1, "here": 0.9, "there": 0.98}
+"""Share of places and directions in what is not one of the targets."""
+NEARER = 0.7
+"""Exponent of the distance by which `this` prefers what is near, and `that` what is far."""
+BY_DISTANCE: dict[Deictic, float] = {"this": -NEARER, "these": -NEARER, "here": -NEARER, "that": NEARER}
+OWN_PLACE = 0.5
+"""Probability before the rays that `here` is the speaker's own place, if no target is meant."""
+NO_RAYS = "no rays at that time: the person did not point, or is not localized"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spoken:
+    """A deictic word and who said it."""
+
+    at_ns: int
+    """Its middle."""
+    word: Deictic = ""
+    others_ns: Sequence[int] = ()
+    """Middles of the other deictic words of the sentence."""
+    within_s: float = 1.0
+    """Time before and after the words in which rays count."""
+    user: str = ""
+    own_m: Vec3 | None = None
+    """Place of the speaker, or None if unknown."""
+    yaw_sigma_rad: float = 0.0
+    """Uncertainty of the direction of their rays, as after the yaw of the wrist has drifted."""
+
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """Return the first and last time of rays that count."""
+        within_ns = round(self.within_s * NS_PER_S)
+        times_ns = (self.at_ns, *(() if self.word == "these" else self.others_ns))
+        return min(times_ns) - within_ns, max(times_ns) + within_ns
+
+
+def referents(
+    cursors: Sequence[Cursor], targets: Sequence[Target], said: Spoken, model: ReferentModel = MODEL
+) -> Referents:
+    """Return what a word may refer to.
+
+    Args:
+        cursors: rays of its span, in the order of their times, each with origin and direction in {W}.
+        targets: what the person may mean, where it is at that time.
+        said: the word.
+        model: constants.
+    """
+    if not cursors:
+        return _without_rays(said)
+    origins = np.array([cursor.origin_m for cursor in cursors], dtype=np.float64)
+    directions = np.array([cursor.direction for cursor in cursors], dtype=np.float64)
+    times_s = np.array([(cursor.stamp_ns - said.at_ns) / NS_PER_S for cursor in cursors])
+    if said.word == "these":
+        return _swept(targets, _densities(origins, directions, targets, model), model)
+    stays = stays_of(times_s, directions, model)
+    words_s = sorted((0.0, *((each - said.at_ns) / NS_PER_S for each in said.others_ns)))
+    shares = np.array(chances(stays, words_s, words_s.index(0.0), model))
+    means = [slice(stay.first, stay.last + 1) for stay in stays]
+    sights = np.array([directions[each].mean(axis=0) for each in means])
+    ways = np.minimum(np.array([stay.way_rad for stay in stays]) / USUAL_WAY_RAD, 1.0)
+    sideways = np.hypot(math.hypot(model.pose_rad, said.yaw_sigma_rad), model.sideways_rad * ways)
+    at = np.array([origins[each].mean(axis=0) for each in means])
+    flat, unseen = 1.0 / FIELD_SR, 1.0 - float(shares.sum())
+    likelihoods = _densities(at, sights, targets, model, sideways) @ shares + unseen * flat
+    priors = _priors(targets, origins, said.word) * model.any_target
+    weights = priors * likelihoods
+    rest = (1.0 - float(priors.sum())) * flat
+    own = rest * OWN_PLACE if said.word == "here" and said.own_m is not None else 0.0
+    total = float(weights.sum()) + rest
+    found = [
+        Referent(kind=one.kind, name=one.name, probability=min(float(w) / total, 1.0), place_m=one.center_m)
+        for one, w in zip(targets, weights, strict=True)
+    ]
+    best = int(np.argmax(shares))
+    if shares[best] > 0.0:
+        share = (rest - own) * OF_PLACES[said.word] * float(shares[best]) / total
+        found.append(_place(cursors, stays[best], share))
+    if own and said.own_m is not None:
+        found.append(Referent(kind="place", name=said.user, probability=own / total, place_m=said.own_m))
+    return _listed(found, len(cursors))
+
+
+def _without_rays(said: Spoken) -> Referents:
+    if said.word != "here" or said.own_m is None:
+        return Referents(message=NO_RAYS)
+    own = Referent(kind="place", name=said.user, probability=OWN_PLACE, place_m=said.own_m)
+    return Referents(candidates=(own,), none=1.0 - OWN_PLACE, message=NO_RAYS)
+
+
+def _listed(found: list[Referent], rays: int) -> Referents:
+    found.sort(key=lambda one: -one.probability)
+    kept = tuple(one for one in found[:LISTED] if one.probability >= LEAST)
+    none = 1.0 - math.fsum(one.probability for one in kept)
+    return Referents(candidates=kept, none=min(max(none, 0.0), 1.0), rays=rays)
+
+
+def _densities(
+    origins: Floats,
+    directions: Floats,
+    targets: Sequence[Target],
+    model: ReferentModel,
+    sideways_rad: Floats | None = None,
+) -> Floats:
+    """Return the density of each ray if each target is meant, shape (targets, rays), 1/sr."""
+    if not targets:
+        return np.zeros((0, len(origins)))
+    sideways = np.full(len(origins), model.sideways_rad) if sideways_rad is None else sideways_rad
+    reach = np.array([one.center_m for one in targets])[:, None, :] - origins[None, :, :]
+    flat_m = np.hypot(reach[..., 0], reach[..., 1])
+    range_m = np.maximum(np.hypot(flat_m, reach[..., 2]), 0.05)
+    sizes = np.array([one.size_m for one in targets])
+    wide = np.arctan(sizes[:, 0, None] / 2.0 / range_m)
+    high = np.arctan(sizes[:, 2, None] / 2.0 / range_m)
+    elevation = np.arctan2(directions[:, 2], np.hypot(directions[:, 0], directions[:, 1]))
+    turn = np.arctan2(reach[..., 1], reach[..., 0]) - np.arctan2(directions[:, 1], directions[:, 0])
+    turn = (turn + math.pi) % (2.0 * math.pi) - math.pi
+    right = np.maximum(np.abs(turn) * np.cos(elevation) - wide, 0.0) / sideways
+    up = np.arctan2(reach[..., 2], flat_m) - elevation - model.low_rad
+    up = np.maximum(np.abs(up) - high, 0.0) / model.upwards_rad
+    root = math.sqrt(2.0 * math.pi)
+    squares = right**2 + up**2
+    exact = np.exp(-0.5 * squares) / (2.0 * wide + root * sideways) / (2.0 * high + root * model.upwards_rad)
+    spread = root * CARELESS
+    careless = np.exp(-0.5 * squares / CARELESS**2) / (2.0 * wide + spread * sideways)
+    careless = careless / (2.0 * high + spread * model.upwards_rad)
+    found: Floats = (1.0 - model.careless) * exact + model.careless * careless
+    return found
+
+
+def _priors(targets: Sequence[Target], origins: Floats, word: Deictic) -> Floats:
+    """Return the share of each target before the rays. They add up to 1."""
+    if not targets:
+        return np.zeros(0)
+    ranges_m = np.linalg.norm(np.array([one.center_m for one in targets]) - origins.mean(axis=0), axis=1)
+    weights: Floats = np.maximum(ranges_m, 0.3) ** BY_DISTANCE.get(word, 0.0)
+    shares: Floats = weights / weights.sum()
+    return shares
+
+
+def _place(cursors: Sequence[Cursor], stay: Stay, probability: float) -> Referent:
+    """Return the place on a surface where the arm stayed, or the mere direction."""
+    here = cursors[(stay.first + stay.last) // 2]
+    points_m = [
+        cursor.point_m
+        for cursor in cursors[stay.first : stay.last + 1]
+        if cursor.point_m is not None and _surface(cursor) == _surface(here)
+    ]
+    if here.point_m is None or not points_m:
+        return Referent(kind="direction", name="", probability=probability)
+    x, y, z = np.array(points_m).mean(axis=0).tolist()
+    return Referent(kind="place", name=here.surface_id, probability=probability, place_m=(x, y, z))
+
+
+def _surface(cursor: Cursor) -> tuple[str, str, str]:
+    return cursor.surface, cursor.solid, cursor.surface_id
+
+
+def _swept(targets: Sequence[Target], densities: Floats, model: ReferentModel) -> Referents:
+    """Return all that the rays swept over, each with the probability that it is among what is meant."""
+    rays = densities.shape[1]
+    if not targets:
+        return Referents(rays=rays)
+    weights = model.any_target / len(targets) * densities
+    nearest = (weights / (weights.sum(axis=0) + (1.0 - model.any_target) / FIELD_SR)).max(axis=1)
+    found = [
+        Referent(kind=one.kind, name=one.name, probability=float(chance), place_m=one.center_m)
+        for one, chance in zip(targets, nearest, strict=True)
+        if chance >= SWEPT
+    ]
+    found.sort(key=lambda one: -one.probability)
+    none = math.prod(1.0 - one.probability for one in found)
+    return Referents(candidates=tuple(found[: 4 * LISTED]), none=none, rays=rays)

@@ -1,0 +1,101 @@
+"""Memory of a person's pointing: cursors, objects, robots, people and words in; referents on request."""
+
+import math
+from collections.abc import Callable
+from typing import ClassVar, TypeVar
+
+from pointit.runtime.errors import RefusedError
+from pointit.runtime.service.service import Context, Scope, Service
+from pointit.schemas import NS_PER_S, Cursor, FindReferents, Message, Referents, Speech, topics
+from pointit.services.listener.config import ListenerConfig
+from pointit.services.listener.memory import PointingMemory
+from pointit.services.listener.referents import Spoken, referents
+from pointit.services.listener.surroundings import Room
+
+M = TypeVar("M", bound=Message)
+
+AHEAD_S = 0.25
+"""Time by which a word may be later than now, s: two clocks are never the same."""
+UTTERANCES = 5
+"""Number of utterances whose times decide about the recogniser's clock."""
+
+
+class Listener(Service[ListenerConfig]):
+    """Keeps the last seconds of one person, in memory only, and answers what they mean by a word."""
+
+    NAME: ClassVar[str] = "listener"
+    SCOPE: ClassVar[Scope] = "user"
+    CONFIG = ListenerConfig
+
+    def __init__(self, config: ListenerConfig, context: Context) -> None:
+        super().__init__(config, context)
+        self._memory = PointingMemory(config.memory_s)
+        self._room = room = Room()
+        self._clock_errors_s: list[float] = []
+        self.bus.serve(topics.FIND_REFERENTS, self._find, self.user)
+        self.bus.watch(topics.USER_ALIVE, self._on_presence)
+        self.bus.subscribe(topics.MAP, lambda environment, _name: room.on_map(environment))
+        self.bus.subscribe(topics.POSE, _into(room.poses))
+        self.bus.subscribe(topics.OBJECTS, _into(room.objects))
+        self.bus.subscribe(topics.ROBOT_STATE, _into(room.robots))
+        self.bus.subscribe(topics.CURSOR, self._on_cursor, self.user)
+        self.bus.subscribe(topics.SPEECH, self._on_speech, self.user)
+
+    def _on_cursor(self, cursor: Cursor, _user: str) -> None:
+        self._memory.add(cursor)
+
+    def _on_presence(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        if not present:
+            self._room.on_absence(user)
+
+    def _on_speech(self, speech: Speech, _user: str) -> None:
+        """Check the clock of the recogniser: no word ends after it has arrived."""
+        if not speech.words or not speech.is_final:
+            return
+        ahead_s = (speech.words[-1].end_ns - self.clock.now_ns()) / NS_PER_S
+        self._clock_errors_s = [*self._clock_errors_s[1 - UTTERANCES :], ahead_s]
+        self.bus.warn("clock", self._clock_problem())
+
+    def _clock_problem(self) -> str:
+        ahead_s = max(self._clock_errors_s)
+        if ahead_s <= self.config.clock_s:
+            return ""
+        return (
+            f"words end {ahead_s:.1f} s after they arrive: the recogniser's clock is ahead; synchronize it, "
+            "or send the site's time"
+        )
+
+    async def _find(self, query: FindReferents, user: str) -> Referents:
+        now_ns = self.clock.now_ns()
+        at_ns = now_ns if query.at_ns is None else query.at_ns
+        ago_s = (now_ns - at_ns) / NS_PER_S
+        if ago_s > self._memory.memory_s:
+            kept = f"only the last {self._memory.memory_s:g} s are kept"
+            raise RefusedError(f"that was {ago_s:.1f} s ago: {kept}")
+        if ago_s < -AHEAD_S:
+            raise RefusedError(f"that is {-ago_s:.1f} s ahead of the site's time: synchronize the clocks")
+        self._memory.forget(now_ns)
+        pose = self._room.poses.get(user)
+        said = Spoken(
+            at_ns=at_ns,
+            word=query.word,
+            others_ns=query.others_ns,
+            within_s=query.within_s,
+            user=user,
+            own_m=None if pose is None else pose.position_m,
+            yaw_sigma_rad=0.0 if pose is None else math.sqrt(max(pose.covariance[8], 0.0)),
+        )
+        targets = self._room.targets(user, at_ns, now_ns)
+        return referents(self._memory.between(*said.span_ns), targets, said)
+
+
+def _into(kept: dict[str, M]) -> Callable[[M, str], None]:
+    """Return a handler that keeps the newest message of each name."""
+
+    def keep(message: M, name: str) -> None:
+        kept[name] = message
+
+    return keep
+
+
+SERVICE = Listener

@@ -1,0 +1,144 @@
+"""The grammar of spoken commands: words to a command with what it is about, and the same for recognisers."""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeAlias, get_args
+
+from pointit.schemas.person import Deictic, Word
+
+Verb = Literal["take", "put", "on", "off", "send", "what", "stop"]
+VERBS: tuple[Verb, ...] = get_args(Verb)
+Answer = Literal["yes", "no"]
+Names: TypeAlias = Mapping[tuple[str, ...], str]
+"""Names of things, robots and objects by the words in which they are spoken."""
+
+_VERBS: Mapping[str, Verb] = {
+    "take": "take", "pick": "take", "get": "take", "put": "put", "move": "put", "bring": "put",
+    "send": "send", "go": "send", "drive": "send", "what": "what", "stop": "stop", "halt": "stop",
+}  # fmt: skip
+_DEICTIC: Mapping[str, Deictic] = {
+    "this": "this", "that": "that", "here": "here", "there": "there", "these": "these", "those": "these",
+}  # fmt: skip
+_SWITCH = {"turn", "switch"}
+YES = {"yes", "yeah", "right", "okay"}
+NO = {"no", "wrong", "neither"}
+PLACES: frozenset[Deictic] = frozenset(("here", "there"))
+DIGITS = ["zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine"]
+MOST_NAMES = 200
+"""Largest number of names in a grammar."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mention:
+    """A part of a command that refers to something: by a deictic word, or by a name."""
+
+    word: Deictic = ""
+    at_ns: int = 0
+    """Middle of the deictic word."""
+    name: str = ""
+    """The name, or empty for a deictic word."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Command:
+    """What a person wants."""
+
+    verb: Verb
+    about: Mention | None = None
+    """What it is about, or None if nothing was said of it."""
+    to: Mention | None = None
+    """Where to, or None."""
+
+    @property
+    def mentions(self) -> tuple[Mention, ...]:
+        """Return all that it mentions, in order."""
+        return tuple(each for each in (self.about, self.to) if each is not None)
+
+
+def spoken(name: str) -> tuple[str, ...]:
+    """Return the words in which `name` is spoken: `led_1` is `led one`. Empty if there are none."""
+    parts: list[str] = re.findall(r"[a-z']+|[0-9]", name.lower())
+    return tuple(DIGITS[int(part)] if part.isdigit() else part for part in parts)
+
+
+def names_of(names: Iterable[str]) -> Names:
+    """Return `names` by their spoken words; the first one of two that sound alike."""
+    found: dict[tuple[str, ...], str] = {}
+    for name in names:
+        if (words := spoken(name)) and len(found) < MOST_NAMES:
+            found.setdefault(words, name)
+    return found
+
+
+def answer(words: Sequence[Word]) -> Answer | None:
+    """Return whether the words say yes or no, or None if neither."""
+    said = {word.text.lower() for word in words}
+    if said & NO:
+        return "no"
+    return "yes" if said & YES else None
+
+
+def parse(words: Sequence[Word], names: Names) -> Command | None:
+    """Return the command in `words`, or None if there is none. Words that mean nothing here are skipped."""
+    texts = [word.text.lower() for word in words]
+    verb = _verb(texts)
+    if verb is None:
+        return None
+    objects: list[Mention] = []
+    places: list[Mention] = []
+    index = 0
+    while index < len(texts):
+        name, length = _name_at(texts, index, names)
+        if length:
+            objects.append(Mention(name=name))
+        elif (word := _DEICTIC.get(texts[index])) is not None:
+            mention = Mention(word=word, at_ns=(words[index].start_ns + words[index].end_ns) // 2)
+            (places if word in PLACES else objects).append(mention)
+        index += max(length, 1)
+    if verb == "stop":  # of a robot by its name or of all: stopping waits for no doubt
+        return Command(verb=verb, about=next((each for each in objects if each.name), None))
+    if verb in ("put", "send"):
+        to = places[-1] if places else objects[1] if len(objects) > 1 else None
+        return Command(verb=verb, about=objects[0] if objects else None, to=to)
+    about = next(iter([*objects, *places]), None)
+    return Command(verb=verb, about=about)
+
+
+def _verb(texts: Sequence[str]) -> Verb | None:
+    if any(text in ("stop", "halt") for text in texts):
+        return "stop"
+    for index, text in enumerate(texts):
+        if text in _SWITCH:
+            rest = texts[index + 1 :]
+            return "on" if "on" in rest else "off" if "off" in rest else None
+        if (verb := _VERBS.get(text)) is not None:
+            return verb
+    return None
+
+
+def _name_at(texts: Sequence[str], index: int, names: Names) -> tuple[str, int]:
+    """Return the name spoken at `index` and the number of its words, the longest one; 0: none."""
+    for length in range(min(8, len(texts) - index), 0, -1):
+        if (name := names.get(tuple(texts[index : index + length]))) is not None:
+            return name, length
+    return "", 0
+
+
+def jsgf(names: Names, known: Iterable[str] | None = None) -> str:
+    """Return the grammar as JSGF for a recogniser, without names that have a word that it does not know.
+
+    Names are data: only letters and apostrophes of them stand in the text.
+    """
+    words = None if known is None else set(known)
+    lines = sorted(" ".join(each) for each in names if words is None or words.issuperset(each))
+    named = f" | [ the ] ( {' | '.join(lines)} )" if lines else ""
+    return f"""#JSGF V1.0;
+grammar pointit;
+<thing> = this [ one ] | that [ one ] | these | those | the robot{named};
+<place> = here | there;
+<switch> = ( turn | switch ) ( <thing> ( on | off ) | ( on | off ) <thing> );
+<move> = ( put | move | bring | send ) <thing> <place> | go <place>;
+<rest> = ( take | pick ) <thing> | what is <thing> | stop | yes | no;
+public <command> = <switch> | <move> | <rest>;
+"""

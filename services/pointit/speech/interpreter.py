@@ -1,0 +1,192 @@
+"""Does what a person says while they point: words in, requests out, and what was understood."""
+
+import asyncio
+import contextlib
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+
+from pointit.runtime.bus.contract import Bus
+from pointit.runtime.clock import Clock
+from pointit.runtime.errors import RequestError
+from pointit.schemas import NS_PER_S, Environment, FindReferents, Referent, Speech, Understood
+from pointit.schemas.topics import FIND_REFERENTS, MAP, OBJECTS, ROBOT_STATE, SPEECH, UNDERSTOOD
+from pointit.services.listener.decision import decide
+from pointit.speech.actions import ACTIONS, Action, Site
+from pointit.speech.grammar import PLACES, Command, Mention, Verb, answer, parse
+from pointit.speech.question import Question
+from pointit.speech.room import SpokenRoom
+
+SETTLE_S = 0.4
+"""Time after the last deictic word for which rays are awaited, s."""
+OLDEST_S = 8.0
+"""Age of an utterance from which it is not followed."""
+MOST_WAITING = 4
+"""Number of utterances that may wait for an earlier one; further ones are refused."""
+KINDS: Mapping[str, Sequence[str]] = {
+    "take": ("thing", "object", "robot"),
+    "put": ("robot", "thing", "object"),
+    "on": ("thing",),
+    "off": ("thing",),
+    "send": ("robot",),
+    "what": (),
+    "stop": ("robot",),
+}
+"""Kinds of what a verb may be about; empty: any."""
+AGAIN = "point at it, and say it again"
+
+
+class NotUnderstood(Exception):  # noqa: N818 - no error of the program
+    """A command that cannot be followed. The message says why, and what to do."""
+
+
+class Interpreter:
+    """Follows the words of one person."""
+
+    def __init__(
+        self, bus: Bus, clock: Clock, user: str, actions: Mapping[Verb, Action] | None = None
+    ) -> None:
+        """Subscribe to the person's words; `actions` replace or add what verbs do."""
+        self._bus, self._clock, self._user = bus, clock, user
+        self._room = room = SpokenRoom()
+        self._site = Site(bus, user, room)
+        self._actions: dict[Verb, Action] = {**ACTIONS, **(actions or {})}
+        self._question = Question(bus, clock, user, room)
+        self._waiting: deque[Speech] = deque()
+        self._arrived, self._idle, self._has_map = asyncio.Event(), asyncio.Event(), asyncio.Event()
+        self._idle.set()
+        self._understood = bus.publisher(UNDERSTOOD, user)
+        self._stopping = set[asyncio.Task[None]]()
+        self._changed, self._count = asyncio.Event(), 0
+        self.on_understood: Callable[[Understood], None] = lambda _understood: None
+        """Called with all that is published."""
+        bus.subscribe(MAP, self._on_map)
+        bus.subscribe(ROBOT_STATE, lambda state, name: room.robots.__setitem__(name, state))
+        bus.subscribe(OBJECTS, lambda objects, name: room.objects.__setitem__(name, objects))
+        bus.subscribe(SPEECH, self._on_speech, user)
+
+    @property
+    def room(self) -> SpokenRoom:
+        """Return what is known of the room."""
+        return self._room
+
+    async def wait_for_map(self, patience_s: float) -> None:
+        """Wait until the map is there, or not longer than `patience_s`: names come from it."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(patience_s):
+                await self._has_map.wait()
+
+    async def finish(self, count: int) -> None:
+        """Wait until `count` utterances have come, and none is being followed."""
+        while self._count < count or not self._idle.is_set() or self._stopping:
+            self._changed.clear()
+            await self._changed.wait()
+
+    async def run(self) -> None:
+        """Follow utterances, one after the other, until cancelled."""
+        while True:
+            while self._waiting:
+                await self._follow(self._waiting[0])
+                self._waiting.popleft()
+            self._idle.set()
+            self._changed.set()
+            self._arrived.clear()
+            await self._arrived.wait()
+
+    def _on_map(self, environment: Environment, _name: str) -> None:
+        self._room.map = environment
+        self._has_map.set()
+
+    def _on_speech(self, speech: Speech, _user: str) -> None:
+        if not speech.is_final or not speech.words:
+            return
+        self._count += 1
+        self._changed.set()
+        if (said := answer(speech.words)) is not None and self._question.answer(said):
+            return
+        command = parse(speech.words, self._room.names)
+        if command is not None and command.verb == "stop":
+            self._question.answer("no")
+            stopping = asyncio.get_running_loop().create_task(self._follow(speech))  # it waits for nothing
+            self._stopping.add(stopping)
+            stopping.add_done_callback(self._stopped)
+        elif len(self._waiting) >= MOST_WAITING:
+            self._publish(speech, command, (), "refused", "too many words at once: say it again, slowly")
+        else:
+            self._waiting.append(speech)
+            self._idle.clear()
+            self._arrived.set()
+
+    def _stopped(self, task: asyncio.Task[None]) -> None:
+        self._stopping.discard(task)
+        self._changed.set()
+
+    async def _follow(self, speech: Speech) -> None:
+        command = parse(speech.words, self._room.names)
+        if command is None:
+            self._publish(speech, None, (), "ignored", "")
+            return
+        found: list[Referent] = []
+        try:
+            self._check_age(speech)
+            await self._settle(command)
+            for mention in command.mentions:
+                found.append(await self._resolve(speech, command, mention, found))
+            message = await self._actions[command.verb](self._site, command, found)
+        except (NotUnderstood, RequestError) as error:
+            self._publish(speech, command, found, "refused", str(error))
+        else:
+            self._publish(speech, command, found, "done", message)
+
+    def _check_age(self, speech: Speech) -> None:
+        age_s = (self._clock.now_ns() - speech.words[-1].end_ns) / NS_PER_S
+        if age_s > OLDEST_S:
+            raise NotUnderstood(f"that was said {age_s:.0f} s ago: say it again")
+
+    async def _settle(self, command: Command) -> None:
+        """Wait until the rays after the last deictic word are there."""
+        last_ns = max((each.at_ns for each in command.mentions), default=0)
+        wait_s = SETTLE_S - (self._clock.now_ns() - last_ns) / NS_PER_S
+        if last_ns and wait_s > 0.0:
+            await asyncio.sleep(min(wait_s, 2.0 * SETTLE_S) / self._clock.speed)
+
+    async def _resolve(
+        self, speech: Speech, command: Command, mention: Mention, before: Sequence[Referent]
+    ) -> Referent:
+        """Return what a mention refers to, asked back if it is not clear."""
+        if mention.name:
+            return self._room.named(mention.name)
+        others_ns = tuple(
+            each.at_ns for each in command.mentions if not each.name and each.at_ns != mention.at_ns
+        )
+        query = FindReferents(at_ns=mention.at_ns, word=mention.word, others_ns=others_ns)
+        reply = await self._bus.call(FIND_REFERENTS, query, self._user)
+        is_place = mention is command.to and mention.word in PLACES
+        decision = decide(reply, ("place",) if is_place else KINDS[command.verb])
+        if decision.do == "act":
+            return decision.candidates[0]
+        if decision.do == "refuse" or is_place:
+            unclear = f"{'where' if is_place else 'what'} {mention.word!r} is, is not clear: {AGAIN}"
+            raise NotUnderstood(reply.message or unclear)
+        names = " or ".join(self._room.label(one) for one in decision.candidates)
+        asked = f"{names}? Say yes, or press, while it blinks"
+        self._publish(speech, command, (*before, *decision.candidates), "asked", asked)
+        chosen = await self._question.ask(decision.candidates)
+        if chosen is None:
+            raise NotUnderstood(f"neither {names.replace(' or ', ' nor ')} was confirmed: {AGAIN}")
+        return chosen
+
+    def _publish(
+        self, speech: Speech, command: Command | None, found: Sequence[Referent], result: str, message: str
+    ) -> None:
+        understood = Understood.model_validate(
+            {
+                "stamp_ns": speech.stamp_ns,
+                "text": " ".join(word.text for word in speech.words),
+                "command": "" if command is None else command.verb,
+                "referents": tuple(found),
+                "result": result,
+                "message": message,
+            }
+        )
+        self._understood.put(understood)
+        self.on_understood(understood)

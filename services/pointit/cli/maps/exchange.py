@@ -100,11 +100,7 @@ def export(*, name_or_path: str, kind: str, view: str, cell_m: float, output: Pa
     csv has a pixel a line: x,y,z in metres, its strip and number. segments and ledmap are for WLED with all
     strips on one wire, in the order of the map.
 
-<<<<<<< HEAD
-    Example: pointit map export ./room.yaml --as ledmap --view front -o ledmap1.json
-=======
     Example: pointit map export ./room.yaml --as csv -o room.csv
->>>>>>> origin/main
     """
     with map_path(name_or_path) as path:
         file = read_map_file(path)

@@ -71,8 +71,16 @@ ROOMS = {
                 "tests/devices/test_mqtt_lamps.py",
                 "tests/devices/test_network_wrists.py",
                 "tests/e2e/run/test_page.py",
+                "tests/integration/assistants/test_http.py",
+                "tests/e2e/run/test_assistants.py",
+                "tests/unit/cli/test_scan_live.py",
             ),
         ),
+    ),
+    "assistants": Room(
+        (f"{PRODUCT}assistants", f"{PRODUCT}cli/assistants"),
+        ("tests/unit/assistants", "tests/integration/assistants", "tests/e2e/run/test_assistants.py"),
+        ("tests/unit/cli",),
     ),
     "robots": Room(
         (

@@ -1,7 +1,7 @@
-"""Makes the pictures of the page, `docs/pictures/window-*.webp`, from a run: `python -m docs.pictures.page`.
+"""Makes the pictures of the page, `docs/pictures/window-*.webp` and `plan-editor.webp`, from runs.
 
-It needs the tests' dependencies (`scripts/test` once) and Chromium. Without a graphics processor it is slow,
-but the quality is the same.
+`python -m docs.pictures.page` needs the tests' dependencies (`scripts/test` once) and Chromium. Without a
+graphics processor it is slow, but the quality is the same.
 """
 
 import asyncio
@@ -18,7 +18,7 @@ from playwright.async_api import Browser, Page, expect
 
 from tests.e2e.web.phone import PhonePage
 from tests.e2e.web.site import SitePage, running
-from tests.e2e.web.window import Window
+from tests.e2e.web.window import NO_WEBGL, Window
 from tests.support.browser import chromium, installed
 from tests.support.commands import Commands, Onlooker, onlooker
 
@@ -43,6 +43,20 @@ window.WebSocket = class extends Socket { constructor(...all) { super(...all); w
 Object.defineProperty(document, "hidden", { get: () => true });  // who is not seen may be slow
 """
 """Makes the page draw with shadows and all pixels despite a slow renderer, and exposes its socket."""
+ROOM = """\
+lamps:
+  door: {position: [0.2, 1.5, 2.0]}
+  window: {position: [3.8, 0.6, 1.4]}
+  desk: {position: [2.0, 2.4, 0.9]}
+strips:
+  shelf: {line: [[1.0, 3.0, 1.2], [3.0, 3.0, 1.2]], pixels: 120}
+  side: {line: [[4.0, 1.0, 1.0], [4.0, 2.5, 1.0]], pixels: 90, direction: -1}
+boxes: {table: {center: [1.0, 1.0, 0.4], size: [1.2, 0.7, 0.8], yaw_deg: 20}}
+planes:
+  back: {center: [2, 3, 1.25], normal: [0, -1, 0], size: [4, 2.5]}
+  right: {center: [4, 1.5, 1.25], normal: [-1, 0, 0], size: [3, 2.5]}
+things: {radio: {center: [2.8, 2.6, 1.4], size: [0.4, 0.3, 0.2], mode: switch}}
+"""
 SHOWS_GAUGE = """(() => {
   const value = document.querySelector("#guide progress[data-shown]")?.value ?? 0;
   const text = document.querySelector("#guide").textContent;
@@ -64,6 +78,7 @@ async def photograph() -> None:
             await by_phone(browser, site)
         async with run("--users", "2") as site:
             await two_people(browser, site)
+        await plan_editor(browser)
 
 
 @asynccontextmanager
@@ -77,6 +92,29 @@ async def run(*arguments: str) -> AsyncGenerator[SitePage]:
                 await seen.hears("selector")
                 await operator.ask(key="selector/method", query={"dwell_s": DWELL_S})
             yield site
+        finally:
+            commands.kill_all()
+
+
+async def plan_editor(browser: Browser) -> None:
+    """Take the plan editor's picture: a strip on its wall, and a lamp that was moved below the floor."""
+    with tempfile.TemporaryDirectory() as folder:
+        commands, path = Commands(Path(folder)), Path(folder) / "my_room.yaml"
+        path.write_text(ROOM, encoding="utf-8")
+        try:
+            arguments = ("scenario_2", "--set", f"pui.map={path}", "--pose", "2,0.8")
+            site = await running(commands, *arguments, state=Path(folder) / "state")
+            window = await Window.open(browser, site.url, size=SIZE, theme="light", scripts=(NO_WEBGL,))
+            await window.page.get_by_role("button", name="Edit the map").click()
+            await window.page.get_by_role("button", name="Lamp desk").focus()
+            for _ in range(10):
+                await window.page.keyboard.press("Shift+PageDown")
+            await expect(window.page.get_by_text("below the floor")).to_be_visible()
+            await window.page.get_by_role("button", name="Strip shelf").focus()
+            shown = "path => path.textContent = 'my_room.yaml · changed'"  # not this machine's folder
+            await window.page.locator(".edit-path").evaluate(shown)
+            await save(window.page, "plan-editor.webp")
+            await window.page.context.close()
         finally:
             commands.kill_all()
 

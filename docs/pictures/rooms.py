@@ -14,29 +14,31 @@ import grimp
 import pointit  # noqa: F401 # pyright: ignore[reportUnusedImport] - loads all its three folders
 
 ROOT = Path(__file__).resolve().parents[2]
-WIDTH, HEIGHT = 1650, 1078
+WIDTH, HEIGHT = 1650, 1176
 BOX_HEIGHT = 66
 LAB = "lab"
 ROOMS = {
     LAB: (750, 16, 1180, "the laboratory, not in the wheel: evaluation, load test, benchmarks"),
     "cli": (750, 114, 1180, "the commands of the program pointit"),
-    "api": (1400, 212, 430, "a site from Python: import pointit"),
-    "launch": (1400, 310, 430, "a scenario becomes running services"),
-    "conversion": (860, 408, 270, "export and import of recordings"),
-    "replay": (570, 506, 310, "a recording in virtual time"),
-    "testing": (1060, 506, 310, "checks of plug-ins"),
-    "bridges": (1430, 506, 360, "web page, ROS 2, Foxglove"),
-    "plugins": (1010, 604, 290, "names for authors of plug-ins"),
-    "access": (1280, 604, 230, "rights and certificates"),
-    "diagnosis": (1530, 604, 220, "faults of a site, and remedies"),
-    "services": (740, 702, 1000, "one folder per process"),
-    "sim": (400, 800, 260, "recordings, simulated arms"),
-    "recording": (740, 800, 260, "files of messages (MCAP)"),
-    "maps": (1080, 800, 260, "map files and checks"),
-    "vda5050": (1420, 800, 260, "messages of AGVs"),
-    "runtime": (640, 898, 260, "bus, clock, configuration, health"),
-    "schemas": (640, 996, 260, "messages, codec, topic table"),
-    "geometry": (1080, 996, 260, "pure mathematics"),
+    "assistants": (1400, 212, 430, "a site for assistants: pointit mcp"),
+    "api": (1400, 310, 430, "a site from Python: import pointit"),
+    "launch": (1400, 408, 430, "a scenario becomes running services"),
+    "conversion": (860, 506, 270, "export and import of recordings"),
+    "replay": (570, 604, 310, "a recording in virtual time"),
+    "testing": (1060, 604, 310, "checks of plug-ins"),
+    "bridges": (1430, 604, 360, "web page, ROS 2, Foxglove"),
+    "plugins": (1010, 702, 290, "names for authors of plug-ins"),
+    "access": (1280, 702, 230, "rights and certificates"),
+    "diagnosis": (1530, 702, 220, "faults of a site, and remedies"),
+    "scan": (740, 702, 210, "photographs of strips to maps"),
+    "services": (740, 800, 1000, "one folder per process"),
+    "sim": (400, 898, 260, "recordings, simulated arms"),
+    "recording": (740, 898, 260, "files of messages (MCAP)"),
+    "maps": (1080, 898, 260, "map files and checks"),
+    "vda5050": (1420, 898, 260, "messages of AGVs"),
+    "runtime": (640, 996, 260, "bus, clock, configuration, health"),
+    "schemas": (640, 1094, 260, "messages, codec, topic table"),
+    "geometry": (1080, 1094, 260, "pure mathematics"),
 }
 """Middle x, top y and width of each room's box, px, and its purpose. The order is that of the layers."""
 MOST_OTHERS = 2

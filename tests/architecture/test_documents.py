@@ -171,3 +171,13 @@ def test_commands_in_all_texts_are_those_of_the_help() -> None:
 )
 def test_a_command_that_the_help_does_not_show_is_found(text: str, words: str) -> None:
     assert misspelt(text) == ({words} if words else set())
+
+
+def test_every_finding_of_doctor_has_a_row_of_troubleshooting() -> None:
+    sources = "".join(path.read_text() for path in sorted((ROOT / "services/pointit/diagnosis").glob("*.py")))
+    codes = set(re.findall(r'(?:Finding|_finding|_counter)\(\s*(?:"\w+"|severity), "([\w-]+)"', sources))
+    page = (ROOT / "docs/how-to/troubleshooting.md").read_text()
+    rows = set(
+        re.findall(r"`([\w-]+)`", "".join(re.findall(r"(?m)^\|([^|]*)\|", page.split("## Findings")[1])))
+    )
+    assert rows == codes

@@ -5,7 +5,7 @@ from pointit.cli.common.lazy import command, group
 EVALUATE = """Measure the accuracy of the estimates on recordings of people, compared with known baselines.
 
 The recordings are not part of PointIt; give their folder by --data or POINTIT_DATA. `selection`,
-`things`, `referents` and `robots` need none: they simulate people.
+`things`, `referents`, `robots` and `scan` need none: they simulate.
 
 Example: pointit evaluate localization --data recordings --only-ours
 """
@@ -48,6 +48,11 @@ evaluate = group(
             "robots",
             "simulated people steer robots: landing error, time, identification",
             "pointit_lab.cli.robots:robots",
+        ),
+        command(
+            "scan",
+            "simulated rooms are photographed and scanned: errors, what is stated",
+            "pointit_lab.cli.scan:scan",
         ),
     ),
 )

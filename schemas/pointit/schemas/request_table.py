@@ -87,9 +87,17 @@ SET_TOLERANCE = Request(
     key="pui/tolerance", query=requests.SetTolerance, reply=requests.SetToleranceReply, server="pui",
     about="how far a ray may pass its target",
 )
+USE_MAP = Request(
+    key="pui/map", query=requests.UseMap, reply=requests.UseMapReply, server="pui",
+    about="use another map, or its changed file: operators only",
+)
 STOP_ROBOT = Request(
     key="robots/{robot}/stop", query=requests.StopRobot, reply=requests.Done, server="robot",
     about="stop it where it is, and let nobody steer it until somebody takes it again",
+)
+SAY = Request(
+    key="feedback/{user}/say", query=requests.Say, reply=requests.Done, server="supervisor",
+    about="tell the person something, by a cue with a text",
 )
 FIND_REFERENTS = Request(
     key="listener/{user}/referents", query=requests.FindReferents, reply=requests.Referents,
@@ -107,6 +115,10 @@ SET_BRIGHTNESS = Request(
     key="leds/brightness", query=requests.SetBrightness, reply=requests.Done, server="led-driver",
     about="dim all strips",
 )
+SHOW_PIXELS = Request(
+    key="leds/show", query=requests.ShowPixels, reply=requests.Done, server="led-driver",
+    about="show given pixels on the strips for a while, to test or to map them",
+)
 SET_LAMP = Request(
     key="leds/{led}/set_color", query=requests.SetLamp, reply=requests.Done, server="led-driver",
     about="show a colour on a lamp that nobody needs to localize",
@@ -123,8 +135,9 @@ SET_MOUNTING = Request(
 REQUESTS: list[Request[Any, Any]] = [
     ADD_PACKAGE, SET_SPEED, SET_FEEDING, RESET_CONVEYOR, START_LOCALIZATION, CANCEL_LOCALIZATION, SET_POSE,
     SET_HEADING, POINT_ANCHOR, READ_MEMORY, ERASE_MEMORY, SET_OFFSET, CLEAR_SELECTION, UNDO_SELECTION,
-    RELEASE_OBJECT, SET_THING, SET_WORKSPACE, SET_METHOD, READ_HISTORY, SET_TOLERANCE, STOP_ROBOT,
-    FIND_REFERENTS, SEND_ROBOT, RUN_SCENARIO, SET_BRIGHTNESS, SET_LAMP, SET_YAW_ORIGIN, SET_MOUNTING,
+    RELEASE_OBJECT, SET_THING, SET_WORKSPACE, SET_METHOD, READ_HISTORY, SET_TOLERANCE, USE_MAP, STOP_ROBOT,
+    FIND_REFERENTS, SEND_ROBOT, RUN_SCENARIO, SET_BRIGHTNESS, SHOW_PIXELS, SET_LAMP, SET_YAW_ORIGIN,
+    SET_MOUNTING, SAY,
 ]
 # fmt: on
 """All requests. Services of other packages add theirs when they are loaded."""

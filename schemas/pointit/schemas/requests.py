@@ -4,7 +4,20 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, WithJsonSchema
 
-from pointit.schemas.base import Fraction, Id, Many, Name, Ns, QuaternionXyzw, Query, Real, Reply, Rgb, Vec3
+from pointit.schemas.base import (
+    Fraction,
+    Id,
+    Many,
+    Name,
+    Ns,
+    QuaternionXyzw,
+    Query,
+    Real,
+    Reply,
+    Rgb,
+    SchemaModel,
+    Vec3,
+)
 from pointit.schemas.person import MAX_WORDS, Deictic, LearntPointing, PointingOffset, Referent
 from pointit.schemas.pointing import Covariance
 from pointit.schemas.selection import SelectionEvent
@@ -233,10 +246,30 @@ class SetToleranceReply(Reply):
     ] = None
 
 
+class UseMap(Query):
+    """Use another map, or the same file again after it has changed. Without a path only tell which it is."""
+
+    path: Annotated[
+        str, Field(max_length=4096, description="shipped map, or path on pui's machine; empty to keep it")
+    ] = ""
+
+
+class UseMapReply(Reply):
+    """The map in use now."""
+
+    path: Annotated[str, Field(max_length=4096, description="shipped map, or absolute path on pui's machine")]
+
+
 class StopRobot(Query):
     """Stop a robot: nobody steers it any more until somebody takes it again. Not a safety function."""
 
     reason: Annotated[str, Field(max_length=200, description="why, in a few words, for who steers it")] = ""
+
+
+class Say(Query):
+    """Tell a person something, by a cue with a text."""
+
+    text: Annotated[str, Field(min_length=1, max_length=200)]
 
 
 class FindReferents(Query):
@@ -290,6 +323,25 @@ class SetBrightness(Query):
 
     brightness: Fraction
     strips: Annotated[Many[Id], Field(description="ids of strips, or empty for all")] = ()
+
+
+class LitPixels(SchemaModel):
+    """Pixels of one strip in one colour."""
+
+    id: Annotated[Id, Field(description="of the strip")]
+    pixels: Many[Annotated[int, Field(ge=0, lt=4096, description="numbers on the strip")]]
+    color: Rgb
+
+
+class ShowPixels(Query):
+    """Show these pixels on the strips, undimmed, and nothing else, for a while."""
+
+    max_bytes: ClassVar[int] = 256 * 1024
+
+    lit: Annotated[Many[LitPixels], Field(description="all other pixels are dark")] = ()
+    for_s: Annotated[
+        float, Field(ge=0, le=60, description="until they show cursors and objects again, s; 0: from now on")
+    ] = 5.0
 
 
 class SetLamp(Query):

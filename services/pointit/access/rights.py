@@ -30,6 +30,7 @@ from pointit.schemas.topics import (
     STOP_ROBOT,
     TOPICS,
     UNDERSTOOD,
+    USE_MAP,
     USER_ALIVE,
     WRIST,
     Delivery,
@@ -51,8 +52,8 @@ RECALLED: tuple[Request[Any, Any], ...] = (READ_HISTORY,)
 """Requests open to all roles: they change nothing, and repeat what all may read."""
 OF_PEOPLE: tuple[Request[Any, Any], ...] = (READ_MEMORY, ERASE_MEMORY, FIND_REFERENTS)
 """Requests of the person and operators only: what is remembered of people. No bridge offers them."""
-OF_OPERATORS: tuple[Request[Any, Any], ...] = (RELEASE_OBJECT, SET_THING)
-"""Requests of operators, the page's too, and the supervisor only: they take from others what is theirs."""
+OF_OPERATORS: tuple[Request[Any, Any], ...] = (RELEASE_OBJECT, SET_THING, USE_MAP)
+"""Requests of operators, the page's too, and the supervisor only: they change what others have or use."""
 FOR_ALL = (*RECALLED, STOP_ROBOT)
 """Requests of all roles: who sees a robot may stop it."""
 ALL = "**"

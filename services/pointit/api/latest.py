@@ -112,6 +112,8 @@ class Latest:
         """States of the interaction by person."""
         self.objects = Newest(bus, topics.OBJECTS, check_open)
         """Objects by tracker."""
+        self.robot = Newest(bus, topics.ROBOT_STATE, check_open)
+        """States by robot."""
         self.health = Newest(bus, topics.HEALTH, check_open)
         """Reports by service instance."""
         self.lamp = Newest(bus, topics.LAMP_COLOR, check_open)

@@ -10,7 +10,7 @@ from typing import Any, Generic, Literal, TypeVar
 
 from pydantic import ValidationError
 
-from pointit.schemas import PointingOffset, Query, SchemaError, summarize_validation_error, topics
+from pointit.schemas import LitPixels, PointingOffset, Query, SchemaError, summarize_validation_error, topics
 from pointit.schemas.base import Rgb
 from pointit.schemas.person import Deictic
 from pointit.schemas.topics import Request
@@ -186,7 +186,7 @@ class ProfileRequests(_Requests[D]):
         return self._do(topics.SET_OFFSET, user, offset=offset)
 
 
-class PuiRequests(_Requests[D], Generic[D, R]):
+class PuiRequests(_Requests[D], Generic[D, R, S]):
     """Requests to the service that computes cursors."""
 
     def set_workspace(
@@ -206,6 +206,11 @@ class PuiRequests(_Requests[D], Generic[D, R]):
     def tolerance(self, tolerance_rad: float | None = None) -> R:
         """Set how far a ray may pass its target. Without a value, only return the tolerance in use."""
         reply: R = self._ask(topics.SET_TOLERANCE, tolerance_rad=tolerance_rad)
+        return reply
+
+    def map(self, path: str = "") -> S:
+        """Use another map, a shipped one or a path on pui's machine. Without one, only return its name."""
+        reply: S = self._ask(topics.USE_MAP, path=path)
         return reply
 
 
@@ -270,6 +275,10 @@ class LedsRequests(_Requests[D]):
         """Dim all strips, or `strips`, to `brightness`, 0 to 1."""
         return self._do(topics.SET_BRIGHTNESS, brightness=brightness, strips=listed(strips))
 
+    def show(self, lit: tuple[LitPixels, ...] = (), *, for_s: float = 5.0) -> D:
+        """Show only the pixels `lit` for a while, undimmed. `for_s` 0 ends it."""
+        return self._do(topics.SHOW_PIXELS, lit=lit, for_s=for_s)
+
     def set_color(self, lamp: str, color: str | Rgb | None = None) -> D:
         """Show `color` on `lamp`: `#rrggbb` or (red, green, blue). None gives it back to the site."""
         return self._do(topics.SET_LAMP, lamp, color=rgb_of(color))
@@ -290,6 +299,14 @@ class ImuRequests(_Requests[D], Generic[D, R]):
             topics.SET_MOUNTING, user, sensor_from_arm_xyzw=sensor_from_arm_xyzw, is_relative=is_relative
         )
         return reply
+
+
+class FeedbackRequests(_Requests[D]):
+    """Requests about what a person is told."""
+
+    def say(self, user: str, text: str) -> D:
+        """Show `text`, at most 200 characters, on the page and phone of `user`, with a chime."""
+        return self._do(topics.SAY, user, text=text)
 
 
 F = TypeVar("F")

@@ -40,6 +40,7 @@ from pointit.schemas import (
     SetMountingReply,
     SetToleranceReply,
     TrackedObjects,
+    UseMapReply,
     UserPose,
     topics,
 )
@@ -78,13 +79,16 @@ class Site:
         self.conveyor = requests.ConveyorRequests[Awaitable[Done], Awaitable[AddPackageReply]](send)
         self.localizer = requests.LocalizerRequests[Awaitable[Done], Awaitable[ReadMemoryReply]](send)
         self.profile = requests.ProfileRequests[Awaitable[Done]](send)
-        self.pui = requests.PuiRequests[Awaitable[Done], Awaitable[SetToleranceReply]](send)
+        self.pui = requests.PuiRequests[
+            Awaitable[Done], Awaitable[SetToleranceReply], Awaitable[UseMapReply]
+        ](send)
         self.robots = requests.RobotsRequests[Awaitable[Done]](send)
         self.goal = requests.GoalRequests[Awaitable[Done]](send)
         self.listener = requests.ListenerRequests[Awaitable[Done], Awaitable[Referents]](send)
         self.run = requests.RunRequests[Awaitable[Done]](send)
         self.leds = requests.LedsRequests[Awaitable[Done]](send)
         self.imu = requests.ImuRequests[Awaitable[Done], Awaitable[SetMountingReply]](send)
+        self.feedback = requests.FeedbackRequests[Awaitable[Done]](send)
 
     @classmethod
     @contextlib.asynccontextmanager

@@ -33,6 +33,7 @@ from pointit.schemas import (
     SetMountingReply,
     SetToleranceReply,
     TrackedObject,
+    UseMapReply,
 )
 from pointit.schemas.topics import LAMP_COLOR, check_name
 
@@ -152,13 +153,14 @@ class SyncSite:
         self.conveyor = requests.ConveyorRequests[Done, AddPackageReply](send)
         self.localizer = requests.LocalizerRequests[Done, ReadMemoryReply](send)
         self.profile = requests.ProfileRequests[Done](send)
-        self.pui = requests.PuiRequests[Done, SetToleranceReply](send)
+        self.pui = requests.PuiRequests[Done, SetToleranceReply, UseMapReply](send)
         self.robots = requests.RobotsRequests[Done](send)
         self.goal = requests.GoalRequests[Done](send)
         self.listener = requests.ListenerRequests[Done, Referents](send)
         self.run = requests.RunRequests[Done](send)
         self.leds = requests.LedsRequests[Done](send)
         self.imu = requests.ImuRequests[Done, SetMountingReply](send)
+        self.feedback = requests.FeedbackRequests[Done](send)
 
     def __enter__(self) -> Self:
         return self
@@ -289,6 +291,7 @@ class SyncLatest:
         self.pose = SyncNewest(latest.pose, thread)
         self.interaction = SyncNewest(latest.interaction, thread)
         self.objects = SyncNewest(latest.objects, thread)
+        self.robot = SyncNewest(latest.robot, thread)
         self.health = SyncNewest(latest.health, thread)
         self.lamp = SyncNewest(latest.lamp, thread)
         self.selection = SyncNewest(latest.selection, thread)

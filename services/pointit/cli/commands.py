@@ -165,6 +165,7 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
             ours("run", "run one service; its --help documents every parameter", "run.service"),
             ours("call", "send a request to a service; without arguments, list requests", "inspect.call"),
         ),
+        ours("mcp", "let assistants ask and act, by the Model Context Protocol", "assistants.mcp"),
         ours("metrics", "serve metrics of the site to Prometheus", "inspect.metrics"),
         ours("audit", "show who selected what, when and how confidently", "inspect.audit"),
     ),
@@ -192,6 +193,10 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
             ours("check", "show errors of a map, and what to do", "maps.check"),
             ours("plot", "draw a map from above: svg, png or pdf", "maps.plot"),
             ours("fetch", "fetch a map from the parameters of a ROS 2 node", "maps.fetch"),
+            ours("scan", "map a room by a camera: its strips blink, a phone sees them", "maps.scan"),
+            ours("point", "find lamps and boxes by pointing from two places", "maps.point"),
+            ours("import", "make a map of a file of WLED or xLights", "maps.exchange:import_"),
+            ours("export", "write the pixels of a map for WLED or xLights", "maps.exchange:export"),
             ours("list", "list the shipped maps", "run.list:list_maps"),
         ),
         noun(

@@ -139,7 +139,7 @@ PROCESSES: list[Process] = [
         about="the interaction's life cycle; owns the profile",
         reads=(topics.BUTTON, topics.IMU, topics.LOCALIZATION, topics.POSE, topics.INTERACTION),
         writes=(topics.PROFILE, topics.INTERACTION, topics.FEEDBACK),
-        serves=(topics.SET_OFFSET,),
+        serves=(topics.SET_OFFSET, topics.SAY),
     ),
     Process(
         name="goal",
@@ -189,7 +189,7 @@ PROCESSES: list[Process] = [
         about="rays, poses and the map to cursors",
         reads=(topics.RAY, topics.POSE, topics.INTERACTION, topics.OBJECTS, topics.MAP),
         writes=(topics.MAP, topics.CURSOR, topics.FEEDBACK, topics.OBJECTS),
-        serves=(topics.SET_WORKSPACE, topics.SET_TOLERANCE),
+        serves=(topics.SET_WORKSPACE, topics.SET_TOLERANCE, topics.USE_MAP),
     ),
     Process(
         name="selector",
@@ -232,7 +232,7 @@ PROCESSES: list[Process] = [
             topics.FEEDBACK,
         ),
         writes=(topics.STRIPS_FRAME, topics.LAMP_COLOR, topics.LAMP_LEASES),
-        serves=(topics.SET_BRIGHTNESS, topics.SET_LAMP),
+        serves=(topics.SET_BRIGHTNESS, topics.SET_LAMP, topics.SHOW_PIXELS),
     ),
     Process(
         name="conveyor-sim",

@@ -65,13 +65,15 @@ async def test_boxes_of_a_shelf_fire_and_a_switch_stays_on(
         at_m = await window.aimed_at(x, y, 10.0, settle_s=0.3)
         assert at_m is not None
         assert at_m[1] == pytest.approx(thing.center_m[1], abs=0.25), f"{name} is not below its name"
-        patience = Patience(30)
-        seen: list[float] = []
-        while not await page.locator("#toasts", has_text=f"{told}: {name}").count():
-            assert not patience.is_over(), f"{name} did not react"
-            seen.append(await light(window, x, y))
-        seen.append(await light(window, x, y))
-        assert max(seen) > idle + 0.15, f"{name} shows nobody that it is pointed at: {idle}, {seen}"
+        patience = Patience(60)
+        reacted = page.locator("#toasts", has_text=f"{told}: {name}")
+        while (brightest := await light(window, x, y)) < idle + 0.15:
+            assert not patience.is_over(), f"{name} shows nobody that it is pointed at: {idle}, {brightest}"
+            if told == "Fired" and await reacted.count():  # before a slow machine made a picture: once more
+                await page.mouse.move(1100, 600)
+                await expect(reacted).to_have_count(0)
+                await window.aimed_at(x, y, 10.0, settle_s=0.3)
+        await expect(reacted).to_have_count(1, timeout=30_000)
     await page.mouse.move(1100, 600)
     await expect(page.locator("#toasts")).to_have_text("")
     assert await page.evaluate(SELECTED) == ["radio"], "buttons are ready again, the switch is on"

@@ -55,8 +55,8 @@ def test_the_version_is_the_distributions() -> None:
     ("words", "sentence"),
     [
         ("toppics", "no command 'toppics'; did you mean topic?"),
-        ("plott", "no command 'plott'; did you mean map plot?"),
-        ("lst", "no command 'lst'; did you mean list?"),
+        ("plott", "no command 'plott'; did you mean map plot or map point?"),
+        ("lst", "no command 'lst'; did you mean list or listen?"),
         ("topic echoo", "no action 'echoo'; did you mean echo?"),
         ("service lst", "no action 'lst'; did you mean list?"),  # not taken for a service
         ("service run pointin", "no service 'pointin'; did you mean pointing?"),

@@ -1,6 +1,7 @@
 """The service on a bus: cursors of people, workspaces and the tolerance as asked for, what is refused."""
 
 import asyncio
+import functools
 import math
 from pathlib import Path
 from typing import Any
@@ -11,11 +12,18 @@ from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.virtual_time import VirtualClock
-from pointit.schemas import SetTolerance, SetToleranceReply, SetWorkspace, TrackedObject, TrackedObjects
-from pointit.schemas.topics import MAP, OBJECTS, SET_TOLERANCE, SET_WORKSPACE, USER_ALIVE
+from pointit.schemas import (
+    SetTolerance,
+    SetToleranceReply,
+    SetWorkspace,
+    TrackedObject,
+    TrackedObjects,
+    UseMap,
+)
+from pointit.schemas.topics import MAP, OBJECTS, SET_TOLERANCE, SET_WORKSPACE, USE_MAP, USER_ALIVE
 from pointit.services.pui.config import PuiConfig
 from pointit.services.pui.service import Pui
-from tests.support.bench import in_virtual_time, memory_bench
+from tests.support.bench import in_virtual_time, memory_bench, until
 from tests.support.known import known
 from tests.unit.pui.room import EYES, LAB, Room, S, pose_at, ray_to, room
 from tests.unit.pui.test_cursor import on_strip
@@ -289,3 +297,58 @@ def test_parameters_that_do_not_fit_are_refused_before_pui_joins(config: dict[st
     Pui.validate_config(PuiConfig())
     with pytest.raises(ConfigError, match=said):
         Pui.validate_config(PuiConfig(**config))
+
+
+STRIP = "strips: {{s: {{line: [[2, -1, {z}], [2, 1, {z}]], pixels: 60}}}}"
+THING = "things: {{pot: {{center: [{x}, 2, 1], size: [0.2, 0.2, 0.2]}}}}"
+
+
+async def test_a_changed_map_is_used_at_once_and_keeps_the_tolerance(tmp_path: Path) -> None:
+    path = tmp_path / "room.yaml"
+    path.write_text(STRIP.format(z=1))
+    async with room(map=str(path)) as here:
+        maps = here.bench.collect(MAP)
+        await tolerate(here, 3.0)
+        await here.pose()
+        assert (await here.point_at((2.0, 0.5, 1.5))).surface_id == ""
+        assert (await here.bench.bus.call(USE_MAP, UseMap())).path == str(path)
+        path.write_text(STRIP.format(z=1.5))
+        assert (await here.bench.bus.call(USE_MAP, UseMap(path=str(path)))).path == str(path)
+        await here.bench.settle()
+        assert (await here.point_at((2.0, 0.5, 1.5))).surface_id == "s"
+        assert [each.strips[0].line_m[0][2] for each in maps] == [1.0, 1.5]
+        assert (await tolerate(here)).tolerance_rad == pytest.approx(math.radians(3.0))
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [("strips: {s: {line: 7, pixels: 60}}", "strips.s.line"), ("lamps: {a: {position: [0, 0, 1]}}", "lamp")],
+)
+async def test_a_map_that_cannot_be_used_is_refused_and_the_old_one_stays(
+    tmp_path: Path, text: str, sentence: str
+) -> None:
+    other = tmp_path / "other.yaml"
+    other.write_text(text)
+    async with room() as here:
+        maps = here.bench.collect(MAP)
+        with pytest.raises(RefusedError, match=sentence):
+            await here.bench.bus.call(USE_MAP, UseMap(path=str(other)))
+        await here.pose()
+        assert (await here.point_at(PLACE)).surface == "strip"
+        assert (await here.bench.bus.call(USE_MAP, UseMap())).path == "lab"
+        assert [each.name for each in maps] == ["lab"]
+
+
+def lists(listed: list[TrackedObjects], ids: list[str]) -> bool:
+    return bool(listed) and [each.id for each in listed[-1].objects] == ids
+
+
+async def test_things_of_the_old_map_are_listed_no_more_and_those_of_the_new_one_are(tmp_path: Path) -> None:
+    path = tmp_path / "room.yaml"
+    path.write_text(STRIP.format(z=1))
+    async with room(map=str(path)) as here:
+        listed = here.bench.collect(OBJECTS, "things")
+        for text, ids in ((THING.format(x=2), ["pot"]), (STRIP.format(z=1), list[str]())):
+            path.write_text(text)
+            await here.bench.bus.call(USE_MAP, UseMap(path=str(path)))
+            await until(functools.partial(lists, listed, ids))

@@ -240,8 +240,8 @@ def test_numbers_that_nothing_can_be_calculated_with_do_not_travel(
 
 SENTENCES = {"next_step", "message", "reason", "refusal", "text", "warnings"}
 """Texts for people, that are no ids."""
-DOCUMENTS = {"command", "parameters", "query", "reply"}
-"""JSON, and commands to show: only who runs the site writes them."""
+DOCUMENTS = {"command", "parameters", "path", "query", "reply"}
+"""JSON, commands to show, and paths of files: only who runs the site writes them."""
 
 
 def texts(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:

@@ -20,12 +20,14 @@ from pointit.schemas import (
     Localization,
     PointAnchor,
     PointingOffset,
+    Say,
     SetOffset,
     topics,
 )
 from pointit.services.registry import process
 from pointit.services.supervisor.config import SupervisorConfig
 from pointit.services.supervisor.service import Supervisor
+from pointit.services.user_sim.decision.belief import Belief
 from tests.support.bench import Bench, ManualClock, memory_bench, until
 from tests.unit.supervisor.played import Gesture, S, pose, press
 
@@ -274,3 +276,15 @@ async def test_an_offset_that_nobody_has_is_refused(anna: Person) -> None:
         await anna.bench.bus.call(topics.SET_OFFSET, SetOffset(offset=absurd), ANNA)
     await anna.bench.settle()
     assert [profile.offset for profile in anna.profiles] == [None]
+
+
+async def test_a_text_for_the_person_is_a_cue_that_changes_nothing(anna: Person) -> None:
+    await anna.start()
+    await until(lambda: anna.states == ["idle"])
+    said = await anna.bench.bus.call(topics.SAY, Say(text="tea is ready"), ANNA)
+    await until(lambda: len(anna.cues) == 1)
+    (cue,) = anna.cues
+    assert (cue.text, cue.chime, cue.target_id) == ("tea is ready", "single", "")
+    belief = Belief()
+    belief.on_cue(cue, 1)
+    assert (said.message, belief.state, anna.states) == ("anna is told", "idle", ["idle"])

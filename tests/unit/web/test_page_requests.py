@@ -23,6 +23,7 @@ from pointit.bridges.web.pages.page_requests import (
     parse_request,
 )
 from pointit.bridges.web.wire import Ask, Deed, Role
+from pointit.bridges.web.wire_schema import json_schema
 from pointit.runtime.errors import PointItError, RefusedError
 from pointit.schemas import SchemaError, StopRobot, topics
 from pointit.services.shown_topics import SHOWN
@@ -130,7 +131,7 @@ RECEIVED: TypeAdapter[wire.Ack | wire.Ask | wire.AimAt | wire.Play | wire.Turn] 
 
 @pytest.mark.skipif(not CLIENT.parent.is_dir(), reason="the client's sources are not installed")
 def test_the_clients_schema_is_the_models() -> None:
-    assert json.loads(CLIENT.read_text(encoding="utf-8")) == json.loads(json.dumps(wire.json_schema())), (
+    assert json.loads(CLIENT.read_text(encoding="utf-8")) == json.loads(json.dumps(json_schema())), (
         "run scripts/page and commit what it writes"
     )
 

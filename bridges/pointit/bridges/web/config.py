@@ -24,7 +24,7 @@ class WebConfig(Config):
         description="port of 127.0.0.1 at which the page is opened, where a container's engine or ssh passes "
         "it on (a container may have host: 0.0.0.0 then); 0: as port",
     )
-    SECRETS = frozenset({"operator_token", "viewer_token"})
+    SECRETS = frozenset({"operator_token", "viewer_token", "scan_token"})
 
     operator_token: str = Field(
         default="", description="token for control; if empty, a random one, written to a file"
@@ -44,6 +44,15 @@ class WebConfig(Config):
     record_s: float = Field(default=60.0, ge=0, le=600, description="length of a recording, s")
     most_viewers: int = Field(
         default=100, ge=1, le=10_000, description="maximum number of open pages; more are refused"
+    )
+    scan_file: str = Field(
+        default="", description="suggested path of the map that *Map this room* writes  [default: room.yaml]"
+    )
+    scan_token: str = Field(
+        default="", description="token of the link with which a phone maps the room; no link if empty"
+    )
+    scan_room: str = Field(
+        default="", description="map of the room that a simulated camera maps; no such camera if empty"
     )
     places: dict[str, Place] = Field(
         default_factory=dict[str, Place],

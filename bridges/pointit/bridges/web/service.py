@@ -5,6 +5,8 @@ import contextlib
 import functools
 import logging
 import socket
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, ClassVar
 
 from starlette.websockets import WebSocket
@@ -13,6 +15,7 @@ from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.metrics.door import metrics_route
 from pointit.bridges.web.metrics.site_metrics import READS, SiteMetrics
 from pointit.bridges.web.model.history import Past
+from pointit.bridges.web.model.map_editor import MapEditor
 from pointit.bridges.web.model.people import People, WristMotion
 from pointit.bridges.web.model.site_model import SiteModel
 from pointit.bridges.web.model.told_apart import ToldApart
@@ -23,6 +26,10 @@ from pointit.bridges.web.pages.request_dispatcher import RequestDispatcher
 from pointit.bridges.web.pages.slow_link import SlowLink
 from pointit.bridges.web.playback.past_page import Visits
 from pointit.bridges.web.playback.recent import Recent
+from pointit.bridges.web.scan.door import ScanDoor
+from pointit.bridges.web.scan.session import ScanSession, leds_per_m
+from pointit.bridges.web.scan.simulated_room import SimulatedRoom
+from pointit.bridges.web.scan.solver_process import SolverProcess
 from pointit.bridges.web.server import exposure_check
 from pointit.bridges.web.server.access import Access, new_token
 from pointit.bridges.web.server.app import PAST, application
@@ -46,13 +53,16 @@ from pointit.schemas import (
     Feedback,
     Health,
     Interaction,
+    LitPixels,
     Localization,
     Message,
     SelectionEvent,
+    ShowPixels,
+    StripsFrame,
     UserPose,
     UserProfile,
 )
-from pointit.schemas.topics import SERVICE_ALIVE, STRIPS_FRAME, USER_ALIVE, Topic
+from pointit.schemas.topics import SERVICE_ALIVE, SHOW_PIXELS, STRIPS_FRAME, USER_ALIVE, Topic
 from pointit.services.shown_topics import SHOWN
 
 log = logging.getLogger(__name__)
@@ -120,7 +130,19 @@ class Web(Service[WebConfig]):
             site=self.bus.site,
         )
         self._phones = Phones(host, self._pairing, bundle)
-        routes = [*self._phones.routes, metrics_route(self._metrics, doors)]
+        self._solver = SolverProcess()
+        self._scan = ScanSession(
+            show=self._show, solve=self._solver.solve, file=Path(config.scan_file or "room.yaml")
+        )
+        self._camera = ScanDoor(
+            self._scan,
+            doors,
+            bundle,
+            is_wrist=self._phones.is_paired,
+            token=config.scan_token,
+            room=SimulatedRoom(config.scan_room) if config.scan_room else None,
+        )
+        routes = [*self._phones.routes, *self._camera.routes, metrics_route(self._metrics, doors)]
         app = application(doors, bundle, self._open, self._downloads.answer, routes)
         self._told_apart = ToldApart()
         self._lan = Lan(config, self.bus.site, app)
@@ -133,6 +155,8 @@ class Web(Service[WebConfig]):
             lan=self._lan,
             doors=doors,
             told_apart=self._told_apart,
+            maps=MapEditor(self.bus),
+            scan=self._camera,
             present=lambda: self._belief.present,
             changed=self._changed,
         )
@@ -164,6 +188,8 @@ class Web(Service[WebConfig]):
                 group.create_task(self._motion.run(), name="web wrists")
         finally:
             self._downloads.close()
+            await self._scan.close()
+            self._solver.close()
             await self._phones.close()
             await self._lan.close()
             await self._listener.close()
@@ -238,6 +264,10 @@ class Web(Service[WebConfig]):
             speed=self.clock.speed,
         )
 
+    async def _show(self, lit: Sequence[LitPixels], for_s: float) -> None:
+        """Show pixels on the strips for the camera that maps the room."""
+        await self.bus.call(SHOW_PIXELS, ShowPixels(lit=tuple(lit), for_s=for_s))
+
     # Input from the bus.
 
     def _on(self, topic: Topic[Any], message: Message, name: str) -> None:
@@ -245,6 +275,8 @@ class Web(Service[WebConfig]):
             self.bus.warn("keys", f"more than {MAX_KEYS} keys: {topic.key} of {name} is not shown to pages")
             return
         self._attend(message, name)
+        if isinstance(message, StripsFrame):
+            self._camera.lights(message)
         self._pages.notify_pages(now=topic is STRIPS_FRAME)
 
     def _on_measured(self, topic: Topic[Any], message: Message, name: str) -> None:
@@ -262,6 +294,8 @@ class Web(Service[WebConfig]):
             case Environment():
                 self._wrists.room(message)
                 self._told_apart.take(message)
+                counts = {strip.id: strip.pixels for strip in message.strips}
+                self._scan.set_strips(counts, leds_per_m(message.strips))
             case UserProfile():
                 self._wrists.profile(name, message)
             case UserPose():

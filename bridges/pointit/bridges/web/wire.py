@@ -41,7 +41,6 @@ refused at once. Its socket is closed with `UNPAIRED` or `REPLACED` where it is 
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
-from pydantic.json_schema import models_json_schema
 
 from pointit.schemas.base import Fraction, Name, QuaternionXyzw, Vec3
 
@@ -63,11 +62,26 @@ Role = Literal["operator", "viewer", "wrist"]
 Mover = Literal["own", "mouse", "phone"]
 """Mover of a person's wrist: their own device or the simulation, a page's mouse, a phone."""
 
-Deed = Literal["press", "take", "give", "tremor", "pair", "open_lan", "find_wrists", "told_apart", "centre"]
+Deed = Literal[
+    "press",
+    "take",
+    "give",
+    "tremor",
+    "pair",
+    "open_lan",
+    "find_wrists",
+    "told_apart",
+    "centre",
+    "map_room",
+    "read_map",
+    "check_map",
+    "save_map",
+]
 """Actions of this server that a page can request: press a person's button; take their wrist with the mouse,
 give it back; set the tremor of the mouse's arm; pair or unpair a phone; open the page to the local
 network; find wrists within reach of this machine; tell from where which things are told apart; a phone, as
-it is held now, points ahead."""
+it is held now, points ahead; let a phone map the room; read the map of the site, check it with edits, save
+it."""
 
 LATEST_MS = 9e12
 """Maximum of a device's clock: as many ns fit 64 bits."""
@@ -260,11 +274,4 @@ Received = Annotated[Ack | Ask | AimAt | Play | Turn, Field(discriminator="kind"
 """Messages that a page or phone may send."""
 
 MODELS = (Hello, Status, Answer, Cue, Timeline, Playing, Ack, Ask, AimAt, Play, Turn)
-
-
-def json_schema() -> dict[str, Any]:
-    """Return the JSON Schema of all messages, from which `client/wire.json` and its types are generated."""
-    _, schema = models_json_schema(
-        [(model, "validation") for model in MODELS], ref_template="#/$defs/{model}"
-    )
-    return schema
+"""All of them but those of a scan, see `scan/wire.py`."""

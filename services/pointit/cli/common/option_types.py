@@ -6,6 +6,7 @@ from typing import Any
 import click
 
 Point = tuple[float, float]
+MAX_PORT = 65535
 
 
 class Finite(click.FloatRange):
@@ -36,6 +37,20 @@ def point(ctx: click.Context, parameter: click.Parameter, text: str | None) -> P
             f"{text!r} is not a position; write x and y in metres, such as 1.5,-2", ctx=ctx, param=parameter
         )
     return x, y
+
+
+def host_port(_ctx: click.Context, _parameter: click.Parameter, text: str | None) -> tuple[str, int] | None:
+    """Return host and port of `text`, an IPv6 address in brackets, or None without a text.
+
+    Raises:
+        click.BadParameter: If it is anything else.
+    """
+    if text is None:
+        return None
+    host, _, port = text.rpartition(":")
+    if not host or not port.isdecimal() or int(port) > MAX_PORT:
+        raise click.BadParameter(f"{text!r} is not an address; write one such as 127.0.0.1:9464")
+    return host.removeprefix("[").removesuffix("]"), int(port)
 
 
 person_option = click.option(

@@ -5,6 +5,7 @@ import re
 import sqlite3
 import time
 from collections import deque
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import click
 
 from pointit.cli.common.output import Section, json_option, show
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.optional_rooms import import_room
 from pointit.runtime.host.state_file import site_folder
 from pointit.schemas import NS_PER_S
 from pointit.schemas.topics import check_name
@@ -34,8 +36,11 @@ UNITS_S = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
     "--since", default="", metavar="WHEN", help="such as 30min, 2h, 7d, 2026-03-01 or 2026-03-01T14:30"
 )
 @click.option("--last", type=click.IntRange(1, MOST), metavar="N", help="the last N events only")
+@click.option("--assistants", is_flag=True, help="instead, what assistants asked and did by `pointit mcp`")
 @json_option
-def command(*, site: str, user: str, object_id: str, since: str, last: int | None, as_json: bool) -> None:
+def command(
+    *, site: str, user: str, object_id: str, since: str, last: int | None, assistants: bool, as_json: bool
+) -> None:
     """Show who selected what and when, with which confidence, and the outcome.
 
     Reads the journal of the selector that runs, or ran, on this machine, without disturbing it. A confidence
@@ -44,6 +49,15 @@ def command(*, site: str, user: str, object_id: str, since: str, last: int | Non
     Example: pointit audit --user anna --since 2h
     """
     check_name(site, "site")
+    if assistants:
+        if user or object_id:
+            raise ConfigError(
+                "--assistants: has no --user or --object; use --json, and look in its arguments"
+            )
+        calls = deque(_calls(site, since_ns(since, time.time_ns())), maxlen=last)
+        plain = tuple(calls if as_json else map(_call_row, calls))
+        show([Section(name="calls", about=f"of site {site}, the latest last", rows=plain)], as_json=as_json)
+        return
     path = site_folder(site, "selector") / FILE
     records = _read(path, site, user=user, object_id=object_id, since_ns=since_ns(since, time.time_ns()))
     kept = deque(records, maxlen=last)
@@ -52,6 +66,16 @@ def command(*, site: str, user: str, object_id: str, since: str, last: int | Non
         click.echo(f"nothing of that kind is in {path}")
         return
     show([Section(name="events", about=f"of site {site}, the latest last", rows=rows)], as_json=as_json)
+
+
+def _calls(site: str, since_ns: int) -> Iterator[dict[str, Any]]:
+    module = import_room("pointit.assistants.audit_file", "mcp")
+    return (each for each in module.read_audit(site) if each.get("stamp_ns", 0) >= since_ns)
+
+
+def _call_row(record: dict[str, Any]) -> dict[str, Any]:
+    names = ("call", "caller", "role", "tool", "arguments", "outcome", "text")
+    return {"when": _when(record["stamp_ns"]), **{name: record.get(name, "") for name in names}}
 
 
 def since_ns(text: str, now_ns: int) -> int:
@@ -89,9 +113,8 @@ def _read(path: Path, site: str, *, user: str, object_id: str, since_ns: int) ->
 
 
 def _row(record: Record) -> dict[str, Any]:
-    when = dt.datetime.fromtimestamp(record.stamp_ns / NS_PER_S).astimezone()
     return {
-        "when": when.strftime("%Y-%m-%d %H:%M:%S.") + f"{when.microsecond // 1000:03d}",
+        "when": _when(record.stamp_ns),
         "who": record.user,
         "event": record.event,
         "what": record.kind,
@@ -102,6 +125,11 @@ def _row(record: Record) -> dict[str, Any]:
         "whose": record.owner,
         "reason": record.reason,
     }
+
+
+def _when(stamp_ns: int) -> str:
+    when = dt.datetime.fromtimestamp(stamp_ns / NS_PER_S).astimezone()
+    return when.strftime("%Y-%m-%d %H:%M:%S.") + f"{when.microsecond // 1000:03d}"
 
 
 def _plain(record: Record) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from pointit.cli.common.option_types import host_port
 from pointit.cli.common.site_link import join_site, quiet, site_options
 from pointit.launch.page.page import is_available, page_unavailable_error
 from pointit.runtime.bus.contract import Bus
@@ -19,22 +20,12 @@ if TYPE_CHECKING:
 LISTEN_S = 2.2
 """Listening time of `--once`, s: two reports of each service."""
 
-MAX_PORT = 65535
-
-
-def _address(_ctx: click.Context, _parameter: click.Parameter, text: str) -> tuple[str, int]:
-    """Return host and port of `text`, an IPv6 address in brackets; raises BadParameter for anything else."""
-    host, _, port = text.rpartition(":")
-    if not host or not port.isdecimal() or int(port) > MAX_PORT:
-        raise click.BadParameter(f"{text!r} is not an address; write one such as 127.0.0.1:9464")
-    return host.removeprefix("[").removesuffix("]"), int(port)
-
 
 @click.command("metrics", params=site_options())
 @click.option(
     "--listen",
     metavar="HOST:PORT",
-    callback=_address,
+    callback=host_port,
     default="127.0.0.1:9464",
     show_default=True,
     help="loopback address to serve at; port 0: any free one",

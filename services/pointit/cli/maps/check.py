@@ -1,18 +1,15 @@
 """`pointit map check`: errors and warnings of a map."""
 
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 
 import click
 
 from pointit.cli.common.completed_names import maps
 from pointit.cli.common.option_types import Point, person_option, point
 from pointit.cli.common.output import json_option, print_json
-from pointit.maps.checks.check import check_map
-from pointit.maps.checks.finding import Finding, error
-from pointit.maps.file import MapError, contents, map_path, read_clouds, read_map_file, to_message
-from pointit.maps.model import MapFile
-from pointit.runtime.errors import ConfigError
+from pointit.maps.checks.examine import examined
+from pointit.maps.checks.finding import Finding
+from pointit.maps.file import map_path, read_map_file
 
 COLORS = {"error": "red", "warning": "yellow"}
 MAX_PRINTED = 100
@@ -59,40 +56,6 @@ def command(
         print_findings(name_or_path, has, findings)
     if any(strict or each.severity == "error" for each in findings):
         raise SystemExit(1)
-
-
-def examined(
-    name: str,
-    path: Path,
-    read: Callable[[], MapFile],
-    person_m: Point | None = None,
-    poses_m: Sequence[Point] = (),
-) -> tuple[str, list[Finding]]:
-    """Return a description of a map's contents, and the findings on all readable sections.
-
-    Args:
-        name: name of the map, for findings without a section.
-        path: its current or future path; its clouds lie beside it.
-        read: returns the map, or raises `ConfigError`.
-        person_m: position of the person. None: anywhere.
-        poses_m: further positions from which people point at things.
-    """
-    has = ""
-    try:
-        file = read()
-        clouds = read_clouds(path, file)
-    except MapError as unreadable:
-        return has, [error(where, text) for where, text in unreadable.mistakes]
-    except ConfigError as unreadable:
-        return has, [error(name, str(unreadable).removeprefix(f"{path}: "))]
-    has = contents(file, clouds)
-    findings = check_map(file, clouds, person_m=person_m, poses_m=poses_m)
-    if not any(each.severity == "error" for each in findings):
-        try:
-            to_message(path, file, clouds, 0)
-        except ConfigError as too_large:
-            findings.append(error(name, str(too_large).removeprefix(f"{path}: ")))
-    return has, findings
 
 
 def print_findings(name: str, has: str, findings: Sequence[Finding], *, err: bool = False) -> None:

@@ -13,8 +13,9 @@ from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED
 from pointit.cli.common.site_link import notify_if_slow, quiet
-from pointit.cli.maps.check import examined, print_findings
+from pointit.cli.maps.check import print_findings
 from pointit.launch.plan.extras import has_extra
+from pointit.maps.checks.examine import examined
 from pointit.maps.file import parse_map_file
 from pointit.runtime.config.config import Layers
 from pointit.runtime.config.parameters import ParameterInfo, iter_parameters

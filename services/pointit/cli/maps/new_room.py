@@ -9,7 +9,8 @@ from typing import Any, TypeVar
 import click
 
 from pointit.cli.common.option_types import Finite
-from pointit.cli.maps.check import examined, print_findings
+from pointit.cli.maps.check import print_findings
+from pointit.maps.checks.examine import examined
 from pointit.maps.file import parse_map_file
 from pointit.runtime.errors import ConfigError
 

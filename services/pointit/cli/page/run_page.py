@@ -1,6 +1,7 @@
 """The page of `pointit run`: its options, its link, and the browser that opens it."""
 
 import contextlib
+import io
 from collections.abc import Callable, Generator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
@@ -85,7 +86,8 @@ class RunPage(Beside):
     def joined(self, bus: Bus) -> Generator[None]:
         """Keep its link in a file, and open the browser as soon as it is present."""
         with contextlib.ExitStack() as stack:
-            self._link = stack.enter_context(kept_link(bus.site, self.page.url, self.page.lan_url))
+            links = (self.page.scan_url, self.page.url, self.page.lan_url)
+            self._link = stack.enter_context(kept_link(bus.site, *filter(None, links)))
             if self._link is not None and self._opens_browser and browser.is_wanted():
                 stack.callback(browser.PageOpener(bus, self.instance, self._link).close)
             yield
@@ -93,6 +95,8 @@ class RunPage(Beside):
     def greeting(self, *, is_drawn: bool) -> Sequence[str]:
         """Return where it is, unless the view shows it, and where in the local network."""
         here = [] if is_drawn else [f"page: {where(self.page.url, self._link)}"]
+        if self.page.scan_url:
+            here += _scan_lines(self.page.scan_url, where(self.page.scan_url, self._link))
         if not self.page.lan_url:
             return here
         address = where(self.page.lan_url, self._link)
@@ -102,6 +106,18 @@ class RunPage(Beside):
     def address(self) -> str:
         """Return its URL."""
         return self.page.url
+
+
+def _scan_lines(url: str, shown: str) -> list[str]:
+    """Return where the room is mapped; on a terminal also as a QR code for a phone."""
+    lines = [f"map this room: open {shown}"]
+    if shown == url and url.startswith("https:"):
+        import segno  # noqa: PLC0415 - of the page's extra
+
+        drawn = io.StringIO()
+        segno.make(url, error="l", micro=False).terminal(out=drawn, compact=True)
+        lines += ["with the phone, in the same network: scan this code", *drawn.getvalue().splitlines()]
+    return lines
 
 
 def _options(function: Any) -> Any:

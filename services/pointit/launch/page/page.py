@@ -61,6 +61,8 @@ class Page:
     lan_url: str = ""
     """URL with control rights from the local network, or `""` if the page is not open to it."""
     viewer_lan_url: str = ""
+    scan_url: str = ""
+    """URL with which a phone, or a browser here, maps the room. `""`: no scan is open from the start."""
     is_usual: bool = True
     """True if no parameter was set by hand, so that none needs to be checked."""
     load: Callable[[], type[AnyService]] = _load
@@ -119,9 +121,14 @@ def page_of(
         viewer_url=here + config.viewer_token,
         lan_url=there and there + config.operator_token,
         viewer_lan_url=there and there + config.viewer_token,
+        scan_url=_scan_url(there or here, config.scan_token),
         is_usual=all(layers.values.get(name) == value for name, value in usual.items())
         and layers.values.keys() <= {*usual, "port", "lan"},
     )
+
+
+def _scan_url(link: str, token: str) -> str:
+    return token and f"{link.partition('/?')[0]}/scan?token={token}"
 
 
 def is_asked_of_page(settings: Iterable[str]) -> bool:

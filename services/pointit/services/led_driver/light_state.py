@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pointit.schemas import NS_PER_S, Cursor, Environment, StripFrame, StripsFrame
+from pointit.schemas import NS_PER_S, Cursor, Environment, LitPixels, StripFrame, StripsFrame
 from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.picture.lamps import Lamps
 from pointit.services.led_driver.picture.layout import Layout
@@ -30,6 +30,8 @@ class LightState:
         """Brightness of all strips except those in `_own_dimming`, 0 to 1."""
         self._dimming = _table(config.brightness)
         self._own_dimming: dict[str, Bytes] = {}
+        self._shown: tuple[bytes, int] | None = None
+        """Pixels that are shown instead of the picture, and the time when that ends, ns."""
 
     def set_brightness(self, brightness: float, strips: Sequence[str] = ()) -> None:
         """Dim `strips`, or all of them if empty, to `brightness`, 0 to 1.
@@ -48,6 +50,26 @@ class LightState:
             self._dimming = _table(brightness)
             self._own_dimming.clear()
 
+    def show(self, lit: Sequence[LitPixels], until_ns: int) -> None:
+        """Show the pixels `lit`, undimmed, and no others before `until_ns` or the next map.
+
+        Raises:
+            ValueError: If there is no such strip or pixel.
+        """
+        slices = {} if self._renderer is None else self._renderer.layout.slices
+        pixels = bytearray(0 if self._renderer is None else 3 * self._renderer.layout.count)
+        for each in lit:
+            where = slices.get(each.id)
+            if where is None:
+                raise ValueError(f"there is no strip {each.id!r}; there are {', '.join(slices) or 'none'}")
+            count = (where.stop - where.start) // 3
+            for pixel in each.pixels:
+                if pixel >= count:
+                    raise ValueError(f"strip {each.id} has {count} pixels, no pixel {pixel}")
+                first = where.start + 3 * pixel
+                pixels[first : first + 3] = bytes(each.color)
+        self._shown = bytes(pixels), until_ns
+
     def on_map(self, environment: Environment) -> None:
         """Rebuild the layout of the strips.
 
@@ -58,6 +80,7 @@ class LightState:
         layout = Layout(environment.strips, environment.belts)
         self._renderer = Renderer(layout, self._config.style)
         self._strips.clear()
+        self._shown = None
         self._own_dimming = {
             name: table for name, table in self._own_dimming.items() if name in layout.slices
         }
@@ -78,6 +101,8 @@ class LightState:
         layout = self._renderer.layout
         pixels = self._renderer.render(self.content.segments(now_ns), self.content.cursors(now_ns))
         data = self._dimmed(pixels.ravel(), layout).tobytes()
+        if self._shown is not None and now_ns < self._shown[1]:
+            data = self._shown[0]
         new_ns = self.content.pop_newest_capture_ns()
         self._seq += 1
         return StripsFrame(

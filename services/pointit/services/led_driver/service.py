@@ -25,6 +25,7 @@ from pointit.schemas import (
     Selection,
     SetBrightness,
     SetLamp,
+    ShowPixels,
     TrackedObjects,
     UserProfile,
 )
@@ -44,6 +45,7 @@ from pointit.schemas.topics import (
     SERVICE_ALIVE,
     SET_BRIGHTNESS,
     SET_LAMP,
+    SHOW_PIXELS,
     STRIPS_FRAME,
     USER_ALIVE,
 )
@@ -81,6 +83,7 @@ class LedDriver(Service[LedDriverConfig]):
         self._frame_timer: asyncio.TimerHandle | None = None
         self._expiry_timer: asyncio.TimerHandle | None = None
         self._lamp_timer: asyncio.TimerHandle | None = None
+        self._shown_timer: asyncio.TimerHandle | None = None
         self._lamps_s = -LAMP_PERIOD_S
         self._lamps: dict[str, Publisher[LampColor]] = {}
         self._lit: dict[str, Rgb] = {}
@@ -102,6 +105,7 @@ class LedDriver(Service[LedDriverConfig]):
         self._leases.put(LampLeases(stamp_ns=self.clock.now_ns()))  # replaces a crashed instance's
         self.bus.serve(SET_BRIGHTNESS, self._set_brightness)
         self.bus.serve(SET_LAMP, self._set_lamp)
+        self.bus.serve(SHOW_PIXELS, self._show_pixels)
         self.bus.watch(USER_ALIVE, self._on_person)
         self.bus.watch(SERVICE_ALIVE, self._on_service)
         self.bus.subscribe(MAP, self._on_map)
@@ -123,7 +127,7 @@ class LedDriver(Service[LedDriverConfig]):
                 await asyncio.Event().wait()
         finally:
             self._ended = True
-            for timer in (self._frame_timer, self._expiry_timer, self._lamp_timer):
+            for timer in (self._frame_timer, self._expiry_timer, self._lamp_timer, self._shown_timer):
                 if timer is not None:
                     timer.cancel()
             self._light(dict.fromkeys(self._lit, DARK))
@@ -227,6 +231,18 @@ class LedDriver(Service[LedDriverConfig]):
         people = [lease.user for lease in self._lights.lamps.queue.service().leases if not lease.ahead]
         later = f" once {', '.join(people)} need no lamps any more" if people else ""
         return Done(message=f"lamp {lamp_id} shows #{bytes(query.color).hex()}{later}")
+
+    async def _show_pixels(self, query: ShowPixels, _name: str) -> Done:
+        until_ns = self.clock.now_ns() + int(query.for_s * self.clock.speed * NS_PER_S)
+        try:
+            self._lights.show(query.lit, until_ns)
+        except ValueError as error:
+            raise RefusedError(str(error)) from error
+        if self._shown_timer is not None:
+            self._shown_timer.cancel()
+        self._shown_timer = self.bus.call_later(query.for_s, self._wish)
+        self._draw()  # at once: the caller waits for the light
+        return Done(message=f"shown for {query.for_s:g} s")
 
     def _wish(self, *, fresh: bool = False) -> None:
         """Schedule a frame, at once if a `fresh` cursor came and the rate allows."""

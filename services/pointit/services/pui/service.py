@@ -6,9 +6,10 @@ those of its people.
 
 import asyncio
 import math
+from pathlib import Path
 from typing import ClassVar, NamedTuple
 
-from pointit.maps.file import load_map_and_clouds
+from pointit.maps.file import load_map_and_clouds, shipped_maps
 from pointit.runtime.bus.contract import Publisher
 from pointit.runtime.clock import sleep
 from pointit.runtime.errors import ConfigError, RefusedError
@@ -25,6 +26,8 @@ from pointit.schemas import (
     SetToleranceReply,
     SetWorkspace,
     TrackedObjects,
+    UseMap,
+    UseMapReply,
     UserPose,
 )
 from pointit.schemas.topics import (
@@ -37,6 +40,7 @@ from pointit.schemas.topics import (
     RAY,
     SET_TOLERANCE,
     SET_WORKSPACE,
+    USE_MAP,
     USER_ALIVE,
 )
 from pointit.services.pui.config import PuiConfig
@@ -88,6 +92,7 @@ class Pui(Service[PuiConfig]):
         """False in a shard while the site has no map at which its people can point."""
         self._map_came = asyncio.Event()
         self._environment = nowhere
+        self._map = _full_name(config.map_to_read)
         if config.map_to_read:
             environment, clouds = load_map_and_clouds(config.map_to_read, self.clock.now_ns())
             try:
@@ -95,13 +100,15 @@ class Pui(Service[PuiConfig]):
             except ValueError as error:
                 raise ConfigError(f"pui: {error}") from error
             if not config.people:
-                self.bus.publisher(MAP).put(environment)
+                self._maps = self.bus.publisher(MAP)
+                self._maps.put(environment)
                 self._environment = environment
         else:
             self.bus.subscribe(MAP, self._on_map)
         self._share.serve(SET_WORKSPACE, self._on_workspace)
         if not config.people:
             self.bus.serve(SET_TOLERANCE, self._on_tolerance)
+            self.bus.serve(USE_MAP, self._on_use_map)
         self.bus.subscribe(OBJECTS, self._on_objects)
         self._share.subscribe(POSE, self._on_pose)
         self._share.subscribe(INTERACTION, self._on_interaction)
@@ -128,12 +135,15 @@ class Pui(Service[PuiConfig]):
 
     async def run(self) -> None:
         """Serve the people of a shard as long as there is a map; list the things of the site's map."""
-        if self._environment.fixed_things:
-            listed, things = self.bus.publisher(OBJECTS, TRACKER), listing(self._environment, 0)
-            while True:
+        listed: Publisher[TrackedObjects] | None = None
+        room, things = self._environment, listing(self._environment, 0)
+        while True:
+            while listed is not None or self._environment.fixed_things:
+                listed = listed or self.bus.publisher(OBJECTS, TRACKER)
+                if room is not self._environment:
+                    room, things = self._environment, listing(self._environment, 0)
                 listed.put(things.model_copy(update={"stamp_ns": self.clock.now_ns()}))
                 await sleep(self.clock, PERIOD_S)
-        while True:
             self._map_came.clear()
             if self._has_map:
                 await self._share.announce()
@@ -166,6 +176,12 @@ class Pui(Service[PuiConfig]):
         lamps = NearbyLamps(environment.lamps, within_rad) if within_rad else None
         return _Room(surfaces, lamps, Tracked(environment))
 
+    def _enter(self, room: _Room) -> None:
+        """Have all people point at the things of `room`, another map, from now on."""
+        self._room = room
+        for person in self._persons.values():
+            person.use(room.surfaces, room.lamps)
+
     def _on_map(self, environment: Environment, _name: str) -> None:
         """Take the site's map in a shard; one that cannot be used leaves its people to the default pui."""
         self._map_came.set()
@@ -176,9 +192,7 @@ class Pui(Service[PuiConfig]):
                     f"map {environment.name!r} has point clouds, which no message carries; give this "
                     "instance the file of the map, too (parameter map)"
                 )
-            self._room = self._make_room(environment, {})
-            for person in self._persons.values():
-                person.use(self._room.surfaces, self._room.lamps)
+            self._enter(self._make_room(environment, {}))
         except ValueError as error:
             self._has_map, problem = (
                 False,
@@ -217,6 +231,31 @@ class Pui(Service[PuiConfig]):
         if query.kind == "none":
             return Done(message=f"{user} points at the things of the map")
         return Done(message=f"{user}'s cursor moves on a {query.kind} workspace")
+
+    async def _on_use_map(self, query: UseMap, _name: str) -> UseMapReply:
+        if query.path:
+            # beside the loop: people go on pointing while a large map is read
+            environment, room = await asyncio.to_thread(self._read_room, query.path)
+            if (tolerance_rad := self._room.surfaces.tolerance_rad) is not None:
+                room.surfaces.set_tolerance(tolerance_rad)
+            self._enter(room)
+            self._map, self._environment = _full_name(query.path), environment
+            self._maps.put(environment)
+            self._map_came.set()
+        return UseMapReply(message=f"people point at the map {self._map}", path=self._map)
+
+    def _read_room(self, name_or_path: str) -> tuple[Environment, _Room]:
+        """Return the map of that name or path, and its room.
+
+        Raises:
+            ConfigError: If it is invalid.
+            RefusedError: If there is nothing to point at.
+        """
+        environment, clouds = load_map_and_clouds(name_or_path, self.clock.now_ns())
+        try:
+            return environment, self._make_room(environment, clouds)
+        except ValueError as error:
+            raise RefusedError(str(error)) from error
 
     async def _on_tolerance(self, query: SetTolerance, _name: str) -> SetToleranceReply:
         surfaces = self._room.surfaces
@@ -287,6 +326,11 @@ class Pui(Service[PuiConfig]):
         if publisher is None:
             publisher = self._cursors[user] = self.bus.publisher(CURSOR, user)
         publisher.put(cursor)
+
+
+def _full_name(name_or_path: str) -> str:
+    """Return the name of a shipped map, or the absolute path."""
+    return name_or_path if name_or_path in shipped_maps() else str(Path(name_or_path).resolve())
 
 
 SERVICE = Pui

@@ -147,6 +147,14 @@ class LifeCycle:
         if self._attempt is None:
             self._over_ns = max(self._over_ns, now_ns)
 
+    def said(self, text: str, now_ns: int) -> list[Output]:
+        """Return the cue of a `text` for the person that is not about the life cycle.
+
+        Its turn of 0 rad says that there is nothing to point at, as a missing one would.
+        """
+        cue = self._publisher.cue(now_ns, "target", text)
+        return [cue.model_copy(update={"turn_rad": (0.0, 0.0)})]
+
     def tick(self, now_ns: int) -> list[Output]:
         """Advance to `now_ns` and end what has timed out."""
         deadline_ns = self.deadline_ns

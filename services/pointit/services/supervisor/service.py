@@ -19,6 +19,7 @@ from pointit.schemas import (
     Localization,
     PointAnchor,
     PointingOffset,
+    Say,
     SetOffset,
     SetPose,
     StartLocalization,
@@ -69,6 +70,7 @@ class Supervisor(Service[SupervisorConfig]):
         self.bus.subscribe(topics.BUTTON, self._on_button, self.user)
         self.bus.watch(topics.SERVICE_ALIVE, self._on_presence)
         self.bus.serve(topics.SET_OFFSET, self._set_offset, self.user)
+        self.bus.serve(topics.SAY, self._say, self.user)
 
     async def run(self) -> None:
         """Send requests to the localizer one by one, watch the deadlines, and store the last interaction."""
@@ -210,6 +212,10 @@ class Supervisor(Service[SupervisorConfig]):
         if problem:
             what = f"{what}, but a restart restores the previous one: {problem}"
         return Done(message=what)
+
+    async def _say(self, query: Say, _user: str) -> Done:
+        self._do(self._cycle.said(query.text, self.clock.now_ns()))
+        return Done(message=f"{self.user} is told")
 
     async def _store_offset(self) -> str:
         try:

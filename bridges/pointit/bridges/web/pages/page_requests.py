@@ -14,7 +14,9 @@ the query's fields. Deeds are handled by this server; `name` is the person:
   the option that chooses it, and `label`, and `problems`, a sentence for each search that could not run.
 - `told_apart`: number of things that pointing alone tells apart, by place on the floor; the reply has the
   fields of `Floor` in `model/told_apart.py`.
+- `map_room`: let a phone map the room by its camera; the reply is as that of `pair`.
 - `centre`: the person's arm points at the middle of the room right now.
+- `read_map`, `check_map`, `save_map`: the map of the site in the plan editor, see `model/map_editor.py`.
 """
 
 import json
@@ -25,6 +27,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from pointit.bridges.web.wire import Ask, Deed, Hello, Role
 from pointit.bridges.web.wrists.wrist_control import MAX_TREMOR_DEG
+from pointit.maps.edit.edits import Edit
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import Query, summarize_validation_error, topics
 
@@ -60,14 +63,20 @@ REQUESTS: dict[Role, tuple[topics.Request[Any, Any], ...]] = {
 LOOKS: tuple[Deed, ...] = ("told_apart",)
 """Deeds that change nothing."""
 
+MAPS: tuple[Deed, ...] = ("read_map", "check_map", "save_map")
+
+WRIST: tuple[Deed, ...] = ("press", "take", "give", "centre")
+
 DEEDS: dict[Role, tuple[Deed, ...]] = {
-    "operator": ("press", "take", "give", "tremor", "pair", "open_lan", "find_wrists", "centre", *LOOKS),
+    "operator": (*WRIST, "tremor", "pair", "open_lan", "find_wrists", "map_room", *MAPS, *LOOKS),
     "viewer": LOOKS,
-    "wrist": ("press", "take", "give", "centre"),
+    "wrist": WRIST,
 }
 
-SITE_DEEDS: tuple[Deed, ...] = ("open_lan", "find_wrists", "told_apart")
+SITE_DEEDS: tuple[Deed, ...] = ("open_lan", "find_wrists", "map_room", *MAPS, *LOOKS)
 """Deeds that are about no person."""
+
+MAX_EDITS = 1000
 
 TIMEOUTS_S = {topics.RUN_SCENARIO.key: 15.0}
 """Timeouts (s) of replies that take longer than usual."""
@@ -97,11 +106,32 @@ class Pair(_Extras):
     off: bool = False
 
 
+class MapEdits(_Extras):
+    """Edits of the map."""
+
+    edits: tuple[Edit, ...] = Field(max_length=MAX_EDITS)
+    digest: str = Field(max_length=64, description="of the file that was read")
+
+
+class SaveMap(MapEdits):
+    """Edits of the map, and where to save it."""
+
+    name: str = Field(
+        default="", max_length=64, description="of a new file, without suffix; the file itself if empty"
+    )
+
+
 class Plain(_Extras):
     """No parameters."""
 
 
-EXTRAS: dict[Deed, type[_Extras]] = {"press": Press, "tremor": Tremor, "pair": Pair}
+EXTRAS: dict[Deed, type[_Extras]] = {
+    "press": Press,
+    "tremor": Tremor,
+    "pair": Pair,
+    "check_map": MapEdits,
+    "save_map": SaveMap,
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,17 +6,22 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from typing import Any, cast
 
+from pointit.bridges.web.model.map_editor import MapEditor
 from pointit.bridges.web.model.people import People
 from pointit.bridges.web.model.told_apart import ToldApart
 from pointit.bridges.web.pages.page_requests import (
+    SITE_DEEDS,
     TIMEOUTS_S,
     Call,
+    MapEdits,
     PageAction,
     Pair,
     Press,
+    SaveMap,
     Tremor,
     parse_request,
 )
+from pointit.bridges.web.scan.door import ScanDoor
 from pointit.bridges.web.server.access import Access
 from pointit.bridges.web.server.lan import Lan
 from pointit.bridges.web.wire import Answer, Ask, Role
@@ -50,6 +55,8 @@ class RequestDispatcher:
     lan: Lan
     doors: Access
     told_apart: ToldApart
+    maps: MapEditor
+    scan: ScanDoor
     present: Callable[[], Collection[str]]
     """Returns the instances that are present."""
     changed: Callable[[], None]
@@ -89,14 +96,9 @@ class RequestDispatcher:
         return cast("dict[str, Any]", reply.model_dump(mode="json"))
 
     async def _do(self, wish: PageAction, page: str, role: Role) -> dict[str, Any]:
+        if wish.deed in SITE_DEEDS:
+            return await self._do_of_site(wish)
         user = wish.user
-        if wish.deed == "open_lan":
-            return await self.open_lan()
-        if wish.deed == "find_wrists":
-            async with self.searching:
-                return await _find_wrists()
-        if wish.deed == "told_apart":
-            return {**await self.told_apart.answer()}
         self.people.check(user)
         if wish.deed == "press":
             assert isinstance(wish.extras, Press)  # noqa: S101 - so says `asks`
@@ -115,6 +117,25 @@ class RequestDispatcher:
             assert isinstance(wish.extras, Pair)  # noqa: S101 - so says `asks`
             return await (self._unpair(user) if wish.extras.off else self._pair(user))
         return await self._centre(user)
+
+    async def _do_of_site(self, wish: PageAction) -> dict[str, Any]:
+        match wish.extras:
+            case SaveMap(edits=edits, digest=digest, name=name):
+                return await self.maps.save(edits, digest, name)
+            case MapEdits(edits=edits, digest=digest):
+                return await self.maps.check(edits, digest)
+            case _:
+                pass
+        if wish.deed == "read_map":
+            return await self.maps.read()
+        if wish.deed == "told_apart":
+            return {**await self.told_apart.answer()}
+        if wish.deed == "map_room":
+            return await self._offer("scan", self.scan.pair)
+        if wish.deed == "find_wrists":
+            async with self.searching:
+                return await _find_wrists()
+        return await self.open_lan()
 
     def _take(self, user: str, page: str, by: Hold) -> dict[str, Any]:
         if instance_of(IMU_BRIDGE, user) not in self.present():
@@ -138,12 +159,23 @@ class RequestDispatcher:
         return {"message": f"{user}'s arm is their own again"}
 
     async def _pair(self, user: str) -> dict[str, Any]:
-        if not self.lan.url:
-            raise RefusedError("phones cannot find this page yet: open it to the local network first")
-        token, replaced = self.pairing.pair(user, time.monotonic())
+        replaced = ""
+
+        def pair() -> str:
+            nonlocal replaced
+            token, replaced = self.pairing.pair(user, time.monotonic())
+            return token
+
+        offered = await self._offer("phone", pair)
         await self.phones.cut(replaced)
         self.changed()
-        url = f"{self.lan.url}/phone?token={token}"
+        return offered
+
+    async def _offer(self, path: str, pair: Callable[[], str]) -> dict[str, Any]:
+        """Return the QR code that opens the page at `path` with the token of `pair`."""
+        if not self.lan.url:
+            raise RefusedError("phones cannot find this page yet: open it to the local network first")
+        url = f"{self.lan.url}/{path}?token={pair()}"
         async with self.drawing:  # takes 20 ms, which repeated requests must not take from other pages
             return await asyncio.to_thread(offer, url, self.lan.fingerprint)
 

@@ -131,7 +131,7 @@ class SecurityMiddleware:
         """Serve one request or websocket."""
         if scope["type"] not in ("http", "websocket"):
             return
-        asked = _asked(scope)
+        asked = request_info(scope)
         scope["pointit.asked"] = asked
         answered = False
 
@@ -178,7 +178,8 @@ class SecurityMiddleware:
         return None
 
 
-def _asked(scope: Scope) -> RequestInfo:
+def request_info(scope: Scope) -> RequestInfo:
+    """Return the fields of a request that matter for access."""
     connection = HTTPConnection(scope)
     headers = connection.headers
     scheme, _, credentials = headers.get("authorization", "").partition(" ")

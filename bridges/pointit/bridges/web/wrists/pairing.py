@@ -36,10 +36,13 @@ class Pairing:
         self._phones: dict[str, Phone] = {}
         self._count = 0
 
-    def pair(self, user: str, now_s: float) -> tuple[str, str]:
-        """Return a new token for a phone of `user`, and the page id of the one it replaces, or `""`."""
+    def pair(self, user: str, now_s: float, token: str = "") -> tuple[str, str]:
+        """Return a token for a phone of `user`, and the page id of the one it replaces, or `""`.
+
+        The token is a new one unless it is given.
+        """
         replaced = self.unpair(user)
-        token = secrets.token_urlsafe(24)
+        token = token or secrets.token_urlsafe(24)
         self._count += 1
         self._phones[user] = Phone(
             user=user, page=f"phone{self._count}", expires_s=now_s + UNUSED_S, token=_digest(token)

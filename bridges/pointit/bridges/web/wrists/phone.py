@@ -67,6 +67,10 @@ class Phones:
             WebSocketRoute("/ws/wrist", self._connect),
         ]
 
+    def is_paired(self, connection: HTTPConnection) -> bool:
+        """Return True if a request comes from a paired phone."""
+        return self._phone(connection) is not None
+
     def feedback(self, user: str, feedback: Feedback) -> None:
         """Send a cue to the phone of `user`."""
         self._tell(user, self._cues.get(user, Cues()).feedback(feedback))  # may be of an unknown person

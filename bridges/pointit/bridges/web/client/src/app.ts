@@ -14,6 +14,7 @@ import { makeHelp } from "./help";
 import { listen, type Shortcut } from "./keys";
 import { Mouse } from "./mouse";
 import { beltsPart } from "./panel/belts";
+import { mapPart } from "./edit/part";
 import { healthPart } from "./panel/health";
 import { lookPart } from "./panel/look";
 import { messagesPart } from "./panel/messages";
@@ -24,6 +25,7 @@ import { makePanel } from "./panel/panel";
 import { peoplePart } from "./panel/people";
 import { robotsPart, stopAll } from "./panel/robots";
 import { tuningPart } from "./panel/tuning";
+import { mapRoomPart } from "./panel/map_room";
 import { wristsPart } from "./panel/wrists";
 import { makeTimeline } from "./past/timeline";
 import { makeScenario } from "./scenario";
@@ -80,7 +82,7 @@ const belts = beltsPart(controls);
 const tuning = tuningPart(controls);
 const look = lookPart(controls, changeLook);
 const panel = makePanel(at("panel"), controls, [
-  { name: "Control", icon: "sliders", parts: [nowPart(controls), robotsPart(controls), moverPart(controls, mouse, pairing), belts, peoplePart(controls, scenario), wristsPart(controls), tuning, look] },
+  { name: "Control", icon: "sliders", parts: [nowPart(controls), robotsPart(controls), moverPart(controls, mouse, pairing), belts, peoplePart(controls, scenario), wristsPart(controls), mapRoomPart(controls), tuning, mapPart(controls), look] },
   { name: "Health", icon: "pulse", parts: [healthPart(controls, () => stage.view?.stats ?? null), messagesPart(controls)] },
 ]);
 const stop = stopAll(at("stop"), controls);

@@ -66,6 +66,7 @@ export interface Everything {
   RobotPlan: RobotPlan;
   RobotState: RobotState;
   RunScenario: RunScenario;
+  Say: Say;
   ReservedObject: ReservedObject;
   SelectedObject: SelectedObject;
   Selection: Selection;
@@ -88,6 +89,8 @@ export interface Everything {
   SetToleranceReply: SetToleranceReply;
   SetWorkspace: SetWorkspace;
   SetYawOrigin: SetYawOrigin;
+  LitPixels: LitPixels;
+  ShowPixels: ShowPixels;
   Word: Word;
   Speech: Speech;
   StartLocalization: StartLocalization;
@@ -99,6 +102,8 @@ export interface Everything {
   TrackedObjects: TrackedObjects;
   Understood: Understood;
   UndoSelection: UndoSelection;
+  UseMap: UseMap;
+  UseMapReply: UseMapReply;
   UserPose: UserPose;
   BodyMeasures: BodyMeasures;
   UserProfile: UserProfile;
@@ -1550,6 +1555,12 @@ export interface RunScenario {
   users: number | null;
 }
 /**
+ * Tell a person something, by a cue with a text.
+ */
+export interface Say {
+  text: string;
+}
+/**
  * An object that a person is about to select. To others it is not available.
  */
 export interface ReservedObject {
@@ -1894,6 +1905,37 @@ export interface SetYawOrigin {
   yaw_rad: number;
 }
 /**
+ * Pixels of one strip in one colour.
+ */
+export interface LitPixels {
+  /**
+   * @minItems 3
+   * @maxItems 3
+   */
+  color: [number, number, number];
+  /**
+   * of the strip
+   */
+  id: string;
+  /**
+   * Items: numbers on the strip
+   */
+  pixels: number[];
+}
+/**
+ * Show these pixels on the strips, undimmed, and nothing else, for a while.
+ */
+export interface ShowPixels {
+  /**
+   * until they show cursors and objects again, s; 0: from now on
+   */
+  for_s: number;
+  /**
+   * all other pixels are dark
+   */
+  lit: LitPixels[];
+}
+/**
  * One spoken word.
  */
 export interface Word {
@@ -2129,6 +2171,28 @@ export interface Understood {
  * Undo the last selection or deselection of a person.
  */
 export interface UndoSelection {}
+/**
+ * Use another map, or the same file again after it has changed. Without a path only tell which it is.
+ */
+export interface UseMap {
+  /**
+   * shipped map, or path on pui's machine; empty to keep it
+   */
+  path: string;
+}
+/**
+ * The map in use now.
+ */
+export interface UseMapReply {
+  /**
+   * the effect, in one sentence for a person
+   */
+  message: string;
+  /**
+   * shipped map, or absolute path on pui's machine
+   */
+  path: string;
+}
 /**
  * {H} in {W}: where the person stands and how their IMU's yaw origin lies in the room.
  */

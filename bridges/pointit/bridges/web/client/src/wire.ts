@@ -13,6 +13,16 @@ export interface Everything {
   PersonLine: PersonLine;
   Play: Play;
   Playing: Playing;
+  ScanBegin: ScanBegin;
+  ScanLight: ScanLight;
+  ScanLook: ScanLook;
+  ScanRoom: ScanRoom;
+  ScanRoomStrip: ScanRoomStrip;
+  ScanSave: ScanSave;
+  ScanState: ScanState;
+  ScanStrip: ScanStrip;
+  ScanUndo: ScanUndo;
+  ScanView: ScanView;
   ServiceLine: ServiceLine;
   Status: Status;
   Timeline: Timeline;
@@ -62,7 +72,23 @@ export interface Answer {
  * Request of the table by its key pattern, or a deed of this server.
  */
 export interface Ask {
-  deed: ("press" | "take" | "give" | "tremor" | "pair" | "open_lan" | "find_wrists" | "told_apart" | "centre") | null;
+  deed:
+    | (
+        | "press"
+        | "take"
+        | "give"
+        | "tremor"
+        | "pair"
+        | "open_lan"
+        | "find_wrists"
+        | "told_apart"
+        | "centre"
+        | "map_room"
+        | "read_map"
+        | "check_map"
+        | "save_map"
+      )
+    | null;
   id: number;
   /**
    * of the table of requests; empty for a deed
@@ -136,7 +162,21 @@ export interface FindingLine {
  * Greeting: the page's role and rights.
  */
 export interface Hello {
-  deeds: ("press" | "take" | "give" | "tremor" | "pair" | "open_lan" | "find_wrists" | "told_apart" | "centre")[];
+  deeds: (
+    | "press"
+    | "take"
+    | "give"
+    | "tremor"
+    | "pair"
+    | "open_lan"
+    | "find_wrists"
+    | "told_apart"
+    | "centre"
+    | "map_room"
+    | "read_map"
+    | "check_map"
+    | "save_map"
+  )[];
   kind: "hello";
   /**
    * keys of the requests that this page may make
@@ -218,6 +258,159 @@ export interface Playing {
   is_playing: boolean;
   kind: "playing";
   speed: number;
+}
+/**
+ * Begin, or begin again: all views are forgotten.
+ */
+export interface ScanBegin {
+  kind: "begin";
+  /**
+   * from its first to its last pixel
+   */
+  known_m: number | null;
+  /**
+   * a strip of known length, or empty
+   */
+  known_strip: string;
+  /**
+   * by strip; empty if unknown
+   */
+  leds_per_m: {
+    [k: string]: number;
+  };
+}
+/**
+ * Show a step of the code; -1: all dark; -2: give the strips back.
+ */
+export interface ScanLight {
+  brightness: number;
+  kind: "light";
+  step: number;
+}
+/**
+ * Ask for the state.
+ */
+export interface ScanLook {
+  kind: "look";
+}
+/**
+ * The room of a simulated camera.
+ */
+export interface ScanRoom {
+  /**
+   * places from which the camera looks, in turn
+   */
+  places_m: [number, number, number][];
+  strips: ScanRoomStrip[];
+}
+/**
+ * A strip as a simulated camera sees it.
+ */
+export interface ScanRoomStrip {
+  name: string;
+  /**
+   * of its pixels
+   */
+  places_m: [number, number, number][];
+}
+/**
+ * Write the map: the origin on the floor below the first pixel of `origin`, x towards its last pixel.
+ */
+export interface ScanSave {
+  kind: "save";
+  /**
+   * of the file, without a folder
+   */
+  name: string;
+  /**
+   * strip, or empty for any
+   */
+  origin: string;
+}
+/**
+ * State of the scan.
+ */
+export interface ScanState {
+  advice: string;
+  /**
+   * of the views that could be placed
+   */
+  cameras_m: [number, number, number][];
+  /**
+   * suggested name of the map
+   */
+  file: string;
+  /**
+   * both ends of every strip are known to 1 cm
+   */
+  is_complete: boolean;
+  is_simulated: boolean;
+  is_solving: boolean;
+  kind: "scan";
+  /**
+   * strip and pixel of each marked light
+   */
+  lights: [string, number][];
+  /**
+   * place of the camera for the next view; empty if none is advised
+   */
+  next_m: [number, number, number] | null;
+  problem: string;
+  /**
+   * path of the written map; empty if none
+   */
+  saved: string;
+  strips: ScanStrip[];
+  /**
+   * taken so far
+   */
+  views: number;
+}
+/**
+ * A strip, its line as far as it is known.
+ */
+export interface ScanStrip {
+  /**
+   * in the map in use, which may be wrong
+   */
+  leds_per_m: number | null;
+  /**
+   * from the first pixel on; empty if unknown
+   */
+  line_m: [number, number, number][];
+  name: string;
+  pixels: number;
+  /**
+   * why it is unknown; empty if it is known
+   */
+  reason: string;
+  /**
+   * number of views that show it
+   */
+  seen: number;
+  /**
+   * of its worse end; empty if unknown
+   */
+  sigma_m: number | null;
+}
+/**
+ * Forget the last view.
+ */
+export interface ScanUndo {
+  kind: "undo";
+}
+/**
+ * A view: lights by their index in `ScanState.lights`, and image positions, pixels right and down.
+ */
+export interface ScanView {
+  /**
+   * unit vector of down; x right, y down, z ahead in the picture
+   */
+  gravity: [number, number, number] | null;
+  height: number;
+  kind: "view";
+  seen: [number, number, number][];
+  width: number;
 }
 /**
  * A service that is, was or should be present.

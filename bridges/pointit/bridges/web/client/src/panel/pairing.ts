@@ -1,4 +1,4 @@
-/** The dialog that makes a phone a person's wrist: QR code, steps, fingerprint. */
+/** The dialog that makes a phone a person's wrist, or lets it map the room: QR code, steps, fingerprint. */
 
 import type { Reply } from "../site/asks";
 import type { Controls } from "../controls";
@@ -26,22 +26,25 @@ function drawing(markup: string): Element | null {
   return root;
 }
 
-export function pairingDialog(controls: Controls): Pairing {
+/** `deed`: `pair` for a wrist, `map_room` for a camera that maps the room. */
+export function pairingDialog(controls: Controls, deed: "pair" | "map_room" = "pair"): Pairing {
+  const isWrist = deed === "pair";
+  const id = `${deed}-title`;
   const code = el("div", { className: "qr", role: "img", "aria-label": "QR code that opens the phone's page" });
   const link = el("a", { target: "_blank", rel: "noreferrer" });
   const print = el("code", {});
   const offer = el("div", { className: "offer", hidden: true }, code, el("ol", {},
     el("li", { text: "Join the same Wi-Fi with your phone and scan the code." }),
     el("li", { text: "The phone warns once that it does not know this page: go on. To be sure, compare the fingerprint." }),
-    el("li", { text: "Allow the motion sensors, hold the phone like a remote control, and point." })),
+    el("li", { text: isWrist ? "Allow the motion sensors, hold the phone like a remote control, and point." : "Allow the camera, and follow the phone's page from view to view." })),
     el("details", {}, el("summary", {}, "Address and fingerprint", icon("chevron")), el("p", {}, link), el("p", {}, print)));
   const openLan = el("button", { className: "primary", type: "button", autofocus: true, onclick: () => void lan() }, icon("wifi"), el("span", { text: "Open to the local network" }));
   const closed = el("div", { hidden: true },
     el("p", { text: "A phone reaches this page over the local network, encrypted. So far, the page is open to this computer only." }), openLan);
   const wait = el("p", { role: "status" });
   const close = el("button", { type: "button", className: "quiet", "aria-label": "Close", onclick: () => dialog.close() }, icon("close"));
-  const title = el("h2", { id: "pairing-title", text: "Point with your phone" });
-  const dialog = el("dialog", { className: "sheet", "aria-labelledby": "pairing-title" }, el("header", {}, title, close), closed, wait, offer);
+  const title = el("h2", { id, text: isWrist ? "Point with your phone" : "Map this room with a phone" });
+  const dialog = el("dialog", { className: "sheet", "aria-labelledby": id }, el("header", {}, title, close), closed, wait, offer);
   document.body.append(dialog);
   dialog.addEventListener("close", () => controls.changed());
   let user = "";
@@ -60,7 +63,7 @@ export function pairingDialog(controls: Controls): Pairing {
     isAsking = true;
     show(closed, false);
     write(wait, "One moment …");
-    const reply = await controls.ask({ deed: "pair", name: user }, { isQuiet: true, patienceMs: 15_000 });
+    const reply = await controls.ask({ deed, name: isWrist ? user : "" }, { isQuiet: true, patienceMs: 15_000 });
     isAsking = false;
     write(wait, "");
     if (reply) present(reply);
@@ -81,7 +84,7 @@ export function pairingDialog(controls: Controls): Pairing {
   return {
     open() {
       user = controls.user;
-      write(title, controls.site.people.size > 1 ? `Point as ${user} with your phone` : "Point with your phone");
+      if (isWrist) write(title, controls.site.people.size > 1 ? `Point as ${user} with your phone` : "Point with your phone");
       show(offer, false);
       offeredTo = "";
       const isClosed = !controls.site.status?.lan_url;

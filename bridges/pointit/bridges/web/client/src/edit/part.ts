@@ -1,0 +1,22 @@
+/** The way into the plan editor, for operators; it is loaded when it is opened. */
+
+import "./edit.css";
+import type { Controls } from "../controls";
+import { el, icon, section, show } from "../dom";
+import type { Part } from "../panel/part";
+
+export function mapPart(controls: Controls): Part {
+  const button = el("button", { type: "button", onclick: () => void open() }, icon("map"), el("span", { text: "Edit the map" }));
+  const element = section("Map", button);
+
+  async function open(): Promise<void> {
+    button.disabled = true;
+    try {
+      await (await import("./editor")).openEditor(controls);
+    } finally {
+      button.disabled = false;
+    }
+  }
+
+  return { element, update: () => show(element, controls.mayDo("read_map") && controls.site.timeline === null && controls.isPresent("pui")) };
+}

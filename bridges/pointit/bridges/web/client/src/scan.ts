@@ -1,0 +1,206 @@
+/** The page that maps the room by a camera. */
+
+import "./scan.css";
+import { el } from "./dom";
+import type { Quaternion } from "./phone/orientation";
+import { sense, type Sensing } from "./phone/sensing";
+import { Wake } from "./phone/wake";
+import { chime } from "./sound";
+import type { ScanState } from "./wire";
+import { Camera, NoCamera } from "./scan/camera";
+import { Capturer, Unread } from "./scan/capture";
+import { gravity } from "./scan/gravity";
+import { drawPlan } from "./scan/plan";
+import { SimulatedCamera } from "./scan/simulated";
+import { ask, capital, light, lights, Refused, simulatedRoom } from "./scan/site";
+
+const POLL_MS = 400;
+const USUAL_LEDS_PER_M = 60;
+const GIVE_BACK = -2;
+/** Step that is shown between views, so that the person sees what the camera has to see, and how often it is renewed, ms. */
+const AIM = { step: 1, brightness: 0.35, period: 3000 };
+
+const part = <T extends Element = HTMLElement>(id: string) => document.getElementById(id) as unknown as T;
+const button = (id: string) => part<HTMLButtonElement>(id);
+
+class Page {
+  private readonly wake = new Wake();
+  private state: ScanState | null = null;
+  private camera: Camera | null = null;
+  private capturer: Capturer | null = null;
+  private simulated: SimulatedCamera | null = null;
+  private sensing: Sensing | null = null;
+  private held: Quaternion | null = null;
+  private isTaking = false;
+  private aimed: Promise<void> = Promise.resolve();
+  private aiming: ReturnType<typeof setInterval> | undefined;
+
+  constructor() {
+    const taps: Record<string, () => Promise<void>> = {
+      start: () => this.start(), take: () => this.take(), walk: () => this.walk(),
+      undo: async () => this.show(await ask({ kind: "undo" })), again: () => this.begin(),
+    };
+    for (const [id, deed] of Object.entries(taps)) button(id).addEventListener("click", () => void this.attempt(deed));
+    part<HTMLFormElement>("finish").addEventListener("submit", (event) => {
+      event.preventDefault();
+      void this.attempt(() => this.save());
+    });
+    part("origin").addEventListener("change", () => this.link());
+    addEventListener("pagehide", () => {
+      clearInterval(this.aiming);
+      void light(GIVE_BACK, 0).catch(() => undefined);
+    });
+    void this.attempt(async () => this.offer(await ask({ kind: "look" })));
+  }
+
+  /** Do it, and say what hinders. */
+  private async attempt(deed: () => Promise<void>): Promise<void> {
+    this.trouble("");
+    try {
+      await deed();
+    } catch (error) {
+      const isKnown = error instanceof Refused || error instanceof NoCamera || error instanceof Unread;
+      this.trouble(isKnown ? error.message : `This did not work: ${String(error)}.`);
+    }
+  }
+
+  /** Ask for the LEDs per metre of each strip. */
+  private offer(state: ScanState): void {
+    const names = state.strips.map(({ name }) => name);
+    part("pitches").className = "fields";
+    part("pitches").replaceChildren(...state.strips.map(({ name, pixels, leds_per_m }) => el("label", {}, `${name}: ${pixels} LEDs, per metre `,
+      el("input", { type: "number", min: 5, max: 500, step: "any", inputmode: "decimal", value: leds_per_m ?? USUAL_LEDS_PER_M, "data-strip": name }))));
+    part("known-strip").replaceChildren(el("option", { value: "", text: "none" }), ...names.map((name) => el("option", { value: name, text: name })));
+    part("origin").replaceChildren(...names.map((name) => el("option", { value: name, text: name })));
+    part<HTMLInputElement>("name").value = state.file || "room.yaml";
+    button("start").textContent = state.is_simulated ? "Start the simulated camera" : "Start the camera";
+    if (!names.length) this.trouble("The site's map has no strips yet: add them with their numbers of LEDs, and load this page again.");
+    button("start").disabled = !names.length;
+    this.state = state;
+    this.link();
+  }
+
+  /** Within a tap: the camera and the sensors ask for permission. */
+  private async start(): Promise<void> {
+    if (this.camera) return;
+    const sensing = sense({ turned: (q) => (this.held = q), ended: () => (this.held = null) }).catch(() => null);
+    chime("tick");
+    button("start").disabled = true;
+    try {
+      if (this.state?.is_simulated) this.simulated = new SimulatedCamera(await simulatedRoom(), lights, this.state.views);
+      this.camera = await Camera.open(part<HTMLVideoElement>("video"), this.simulated?.stream ?? null);
+    } finally {
+      button("start").disabled = false;
+    }
+    this.sensing = await sensing;
+    this.capturer = new Capturer(this.camera, { show: light });
+    this.wake.want(true);
+    part("before").hidden = true;
+    part("running").hidden = false;
+    button("walk").hidden = !this.simulated;
+    const before = await ask({ kind: "look" });
+    if (before.views) this.show(before); // the page was loaded again
+    else await this.begin();
+    void this.attempt(() => this.follow());
+    this.aim();
+    this.aiming = setInterval(() => this.aim(), AIM.period);
+    button("take").focus({ preventScroll: true });
+  }
+
+  private async begin(): Promise<void> {
+    const per = [...document.querySelectorAll<HTMLInputElement>("[data-strip]")].filter(({ valueAsNumber }) => valueAsNumber > 1);
+    const known = part<HTMLSelectElement>("known-strip").value;
+    const metres = part<HTMLInputElement>("known-m").valueAsNumber;
+    this.show(await ask({
+      kind: "begin", leds_per_m: Object.fromEntries(per.map((input) => [input.dataset.strip!, input.valueAsNumber])),
+      known_strip: metres > 0 ? known : "", known_m: known && metres > 0 ? metres : null,
+    }));
+  }
+
+  private async take(): Promise<void> {
+    if (this.isTaking || !this.capturer || !this.state) return;
+    this.isTaking = true;
+    button("take").disabled = true;
+    this.say("Hold still …");
+    try {
+      await this.aimed;
+      const down = this.gravity();
+      const { seen, width, height } = await this.capturer.take(this.state.lights.length, (share) => this.count(share));
+      chime("tick");
+      navigator.vibrate?.(40);
+      this.show(await ask({ kind: "view", width, height, gravity: down, seen: seen.map(({ index, u, v }) => [index, u, v]) }));
+      this.simulated?.walk();
+      void this.attempt(() => this.follow());
+    } catch (error) {
+      chime("buzz");
+      this.show(this.state);
+      throw error;
+    } finally {
+      this.isTaking = false;
+      button("take").disabled = false;
+      part("count").textContent = "";
+      this.aim();
+    }
+  }
+
+  /** Show the lights between views. */
+  private aim(): void {
+    if (!this.isTaking && document.visibilityState === "visible") this.aimed = light(AIM.step, AIM.brightness).catch(() => undefined);
+  }
+
+  private gravity(): [number, number, number] | null {
+    if (this.simulated) return this.simulated.gravity;
+    if (!this.held || !this.sensing || !this.camera?.looksAhead) return null;
+    return gravity(this.held, screen.orientation.angle);
+  }
+
+  private async walk(): Promise<void> {
+    this.simulated?.walk();
+  }
+
+  private async follow(): Promise<void> {
+    while (this.state?.is_solving) {
+      await new Promise((resolve) => setTimeout(resolve, POLL_MS));
+      this.show(await ask({ kind: "look" }));
+    }
+  }
+
+  private async save(): Promise<void> {
+    const name = part<HTMLInputElement>("name").value.trim();
+    const state = await ask({ kind: "save", name, origin: part<HTMLSelectElement>("origin").value });
+    part("saved").textContent = `The map is in ${state.saved}. Check it: pointit map check ${state.saved}`;
+    chime("up");
+  }
+
+  private show(state: ScanState): void {
+    this.state = state;
+    drawPlan(part<SVGSVGElement>("plan"), state);
+    part("strips").replaceChildren(...state.strips.map(({ name, seen, line_m, sigma_m, reason }) => el("tr", {},
+      el("th", { scope: "row", text: name }), el("td", { text: `${seen} ${seen === 1 ? "view" : "views"}` }),
+      el("td", { text: line_m.length ? `${sigma_m === null ? "?" : `± ${(100 * sigma_m).toFixed(1)} cm`}${reason ? `: ${reason}` : ""}` : reason || "not yet" }))));
+    const done = state.is_complete ? "Every strip is known to 1 cm. Save the map, or take more views. " : "";
+    this.say(state.is_solving ? "Calculating …" : `${done}${state.problem ? capital(state.problem) : state.advice}`);
+    button("undo").disabled = !state.views;
+    part("finish").hidden = !state.strips.some(({ line_m }) => line_m.length);
+    if (!state.saved) part("saved").textContent = "";
+  }
+
+  private link(): void {
+    part<HTMLAnchorElement>("download").href = `/scan/map.yaml?origin=${encodeURIComponent(part<HTMLSelectElement>("origin").value)}`;
+  }
+
+  private count(share: number): void {
+    part("count").textContent = `Hold still: ${Math.round(100 * share)} %`;
+  }
+
+  private say(text: string): void {
+    if (part("advice").textContent !== text) part("advice").textContent = text;
+  }
+
+  private trouble(text: string): void {
+    part("trouble").textContent = text;
+    part("trouble").hidden = !text;
+  }
+}
+
+new Page();

@@ -1,0 +1,50 @@
+/** What the page says to the site, and hears of it. */
+
+import type { ScanBegin, ScanLook, ScanRoom, ScanSave, ScanState, ScanUndo, ScanView } from "../wire";
+
+/** The site refuses, and says why; or it is not reachable. */
+export class Refused extends Error {}
+
+type Said = ScanBegin | ScanView | ScanUndo | ScanSave | ScanLook;
+
+const GONE = "The site does not answer: is it still running, and the phone in the same network?";
+const PATIENCE_MS = 10_000;
+
+async function post(said: object): Promise<Response> {
+  const sent = fetch("/scan", {
+    method: "POST", body: JSON.stringify(said), headers: { "Content-Type": "application/json" }, keepalive: true,
+    signal: AbortSignal.timeout(PATIENCE_MS),
+  });
+  const answer = await sent.catch(() => {
+    throw new Refused(GONE);
+  });
+  if (!answer.ok) throw new Refused(capital(await answer.text()));
+  return answer;
+}
+
+export async function ask(said: Said): Promise<ScanState> {
+  return (await post(said)).json() as Promise<ScanState>;
+}
+
+/** Show a step of the code; returns when it was sent to the lights. */
+export async function light(step: number, brightness: number): Promise<void> {
+  await post({ kind: "light", step, brightness });
+}
+
+export async function simulatedRoom(): Promise<ScanRoom> {
+  return (await fetch("/scan/room")).json() as Promise<ScanRoom>;
+}
+
+let seq = "";
+
+/** Wait for the next change of the lights, a second at most. */
+export async function lights(): Promise<Record<string, string>> {
+  const heard = (await (await fetch(`/scan/lights?after=${seq}`)).json()) as { seq: number; strips: Record<string, string> };
+  seq = String(heard.seq);
+  return heard.strips;
+}
+
+export function capital(sentence: string): string {
+  const ended = /[.?!]$/.test(sentence) ? sentence : `${sentence}.`;
+  return ended.charAt(0).toUpperCase() + ended.slice(1);
+}

@@ -1,0 +1,172 @@
+"""The map of the site in the plan editor of pages: read, checked with edits, saved, and used from then on.
+
+The page's process reads and writes the file at the path that `pui` has, so both run on one machine.
+"""
+
+import asyncio
+import contextlib
+import dataclasses
+import functools
+import hashlib
+import logging
+from collections.abc import Callable, Generator, Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pointit.maps.edit.document import edited
+from pointit.maps.edit.edits import Edit
+from pointit.maps.file import FOLDER, PACKAGE, SUFFIX, map_path, parse_map_file
+from pointit.maps.model import MapFile
+from pointit.runtime.bus.contract import Bus
+from pointit.runtime.config.yaml_file import MAX_YAML_BYTES
+from pointit.runtime.errors import ConfigError, PointItError, RefusedError
+from pointit.runtime.host.atomic_file import read_limited, write_atomically
+from pointit.runtime.host.threads import in_daemon_thread
+from pointit.schemas import SchemaError, UseMap
+from pointit.schemas.topics import USE_MAP, check_name
+
+log = logging.getLogger(__name__)
+
+T = TypeVar("T")
+
+MAX_FINDINGS = 100
+"""Maximum of findings in a reply."""
+
+
+class MapEditor:
+    """Reads, checks and saves the map that people point at."""
+
+    def __init__(self, bus: Bus) -> None:
+        self._bus = bus
+        self._work = asyncio.Lock()
+        """Held while a file is read or written: requests of several pages come one after the other."""
+
+    async def read(self) -> dict[str, Any]:
+        """Return the map that is in use.
+
+        `path`: of its file; `shipped`: true if it comes with PointIt, so that only a copy can be saved;
+        `digest`: of the file's content; `sections`: entries by section and name, in the words of the file;
+        `findings`: `severity`, `where` and `text`, as of `pointit map check`.
+
+        Raises:
+            PointItError: If it cannot be read here.
+        """
+        return await self._beside(_read, await self._used())
+
+    async def check(self, edits: Sequence[Edit], digest: str) -> dict[str, Any]:
+        """Return the `findings` on the map after `edits`.
+
+        Raises:
+            PointItError: If the edits are impossible, or the file is not that of `digest` any more.
+        """
+        return await self._beside(_check, await self._used(), edits, digest)
+
+    async def save(self, edits: Sequence[Edit], digest: str, name: str) -> dict[str, Any]:
+        """Save the map after `edits`, as another file beside it if `name` is one, and have it used.
+
+        Returns:
+            That of `read`, and `message`.
+
+        Raises:
+            PointItError: If the edits are impossible, the file is not that of `digest` any more, a file
+                `name` is there already, or it cannot be written. Then nothing is.
+        """
+        path = await self._beside(_save, await self._used(), edits, digest, name)
+        log.info("a page has saved the map %s with %d edits", path, len(edits))
+        message = f"saved to {path}, and people point at it"
+        if name:
+            message += f"; from the next start on with --set pui.map={path}"
+        try:
+            await self._bus.call(USE_MAP, UseMap(path=str(path)))
+        except (PointItError, SchemaError) as error:
+            message = f"saved to {path}, but the site still uses the map as it was: {error}"
+        return {**await self._beside(_read, str(path)), "message": message}
+
+    async def _used(self) -> str:
+        return (await self._bus.call(USE_MAP, UseMap())).path
+
+    async def _beside(self, work: Callable[..., T], *arguments: Any) -> T:
+        async with self._work:
+            return await in_daemon_thread(functools.partial(work, *arguments), "map editor")
+
+
+@contextlib.contextmanager
+def _opened(name_or_path: str) -> Generator[tuple[Path, bytes]]:
+    """Yield the path and content of a map."""
+    with map_path(name_or_path) as path:
+        try:
+            yield path, read_limited(path, MAX_YAML_BYTES + 1)
+        except FileNotFoundError as error:
+            raise RefusedError(
+                f"{path} is not on the machine of this page; open a page where `pui` runs"
+            ) from error
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def _is_shipped(path: Path) -> bool:
+    folder = files(PACKAGE).joinpath(FOLDER)
+    return isinstance(folder, Path) and path.resolve().parent == folder.resolve()
+
+
+def _examined(path: Path, read: Callable[[], MapFile]) -> tuple[str, list[dict[str, str]]]:
+    """Return a map's contents in words, `""` if it cannot be read, and the first findings."""
+    from pointit.maps.checks.examine import examined  # noqa: PLC0415 - loads scipy, which most pages never need
+
+    has, findings = examined(path.stem, path, read)
+    return has, [dataclasses.asdict(each) for each in findings[:MAX_FINDINGS]]
+
+
+def _read(name_or_path: str) -> dict[str, Any]:
+    with _opened(name_or_path) as (path, content):
+        file = parse_map_file(content, path)
+        _, findings = _examined(path, lambda: file)
+        return {
+            "path": str(path),
+            "shipped": _is_shipped(path),
+            "digest": _digest(content),
+            "sections": file.model_dump(mode="json", by_alias=True, exclude_unset=True),
+            "findings": findings,
+        }
+
+
+def _after(path: Path, content: bytes, edits: Sequence[Edit], digest: str) -> bytes:
+    if _digest(content) != digest:
+        raise RefusedError(f"{path} was changed by somebody else since it was loaded here: load it again")
+    return edited(content, edits, path)
+
+
+def _check(name_or_path: str, edits: Sequence[Edit], digest: str) -> dict[str, Any]:
+    with _opened(name_or_path) as (path, content):
+        text = _after(path, content, edits, digest)
+        _, findings = _examined(path, lambda: parse_map_file(text, path))
+        return {"findings": findings}
+
+
+def _save(name_or_path: str, edits: Sequence[Edit], digest: str, name: str) -> Path:
+    with _opened(name_or_path) as (path, content):
+        text = _after(path, content, edits, digest)
+        is_shipped = _is_shipped(path)
+        if is_shipped and not name:
+            raise RefusedError(f"{path.stem} comes with PointIt and stays as it is: give your copy a name")
+        target = path
+        if name:
+            check_name(name.removesuffix(SUFFIX))
+            target = (Path.cwd() if is_shipped else path.parent) / f"{name.removesuffix(SUFFIX)}{SUFFIX}"
+        has, findings = _examined(target, lambda: parse_map_file(text, target))
+        if not has:
+            raise RefusedError(f"not saved: {findings[0]['where']}: {findings[0]['text']}")
+        if not name:
+            write_atomically(target, text, mode=target.stat().st_mode & 0o777)
+            return target
+        try:
+            with target.open("xb") as file:
+                file.write(text)
+        except FileExistsError as error:
+            raise RefusedError(f"{target} is there already; choose another name") from error
+        except OSError as error:
+            raise ConfigError(f"{target}: cannot be written ({error.strerror or error})") from error
+        return target

@@ -1,0 +1,190 @@
+"""Access to the scan, and the paths of its page.
+
+- `GET /scan` opens the page: for operators by their cookie, and for a phone that was paired for it, with
+  `?token=...` from a QR code, or is a person's wrist while a scan is open.
+- `POST /scan`: see `wire`. `GET /scan/map.yaml`: the map of what is known.
+- `GET /scan/room` and `/scan/lights`: what a simulated camera sees, if the configuration has one.
+"""
+
+import asyncio
+import time
+from collections.abc import Callable
+
+from pydantic import BaseModel, ValidationError
+from starlette.requests import HTTPConnection, Request
+from starlette.responses import JSONResponse, PlainTextResponse, RedirectResponse, Response
+from starlette.routing import BaseRoute, Route
+
+from pointit.bridges.web.scan import wire
+from pointit.bridges.web.scan.session import ScanSession
+from pointit.bridges.web.scan.simulated_room import SimulatedRoom
+from pointit.bridges.web.server.access import Access
+from pointit.bridges.web.server.app import asked_of
+from pointit.bridges.web.server.bundle import Bundle, file_response, refusal
+from pointit.bridges.web.wrists.pairing import Pairing
+from pointit.runtime.errors import PointItError
+from pointit.schemas import SchemaError, StripsFrame, summarize_validation_error
+
+COOKIE_S = 2 * 3600
+CAMERA = "camera"
+"""Name under which the one phone is paired that maps the room."""
+LIGHTS_S = 1.0
+"""A request for lights waits this long (s) for their next change."""
+CLOSED = (
+    "Nobody has opened a scan, or this phone is not paired: press Map this room in the operator's page, or "
+    "start `pointit map scan`, and scan the QR code that is shown."
+)
+
+
+class ScanDoor:
+    """Serves the page that maps the room."""
+
+    def __init__(
+        self,
+        session: ScanSession,
+        doors: Access,
+        bundle: Bundle,
+        *,
+        is_wrist: Callable[[HTTPConnection], bool],
+        token: str = "",
+        room: SimulatedRoom | None = None,
+    ) -> None:
+        """Create it.
+
+        Args:
+            session: the scan.
+            doors: access of operators.
+            bundle: files of the page.
+            is_wrist: returns True for requests of phones that are paired as wrists.
+            token: pairs phones for the scan from the start. `""`: none does, and no scan is open.
+            room: what a simulated camera sees, None: there is none.
+        """
+        self._session = session
+        self._doors = doors
+        self._bundle = bundle
+        self._is_wrist = is_wrist
+        self._pairing = Pairing()
+        self._room = room
+        self._frame = StripsFrame(stamp_ns=0, seq=0, strips=())
+        self._changed = asyncio.Event()
+        self._is_open = bool(token)
+        if token:
+            self._pairing.pair(CAMERA, time.monotonic(), token)
+
+    @property
+    def routes(self) -> list[BaseRoute]:
+        """Return the routes for pages that map the room."""
+        routes: list[BaseRoute] = [
+            Route("/scan", self._open, methods=["GET"]),
+            Route("/scan", self._said, methods=["POST"]),
+            Route("/scan/map.yaml", self._map, methods=["GET"]),
+        ]
+        if self._room is not None:
+            routes.append(Route("/scan/room", self._see_room, methods=["GET"]))
+            routes.append(Route("/scan/lights", self._see_lights, methods=["GET"]))
+        return routes
+
+    def pair(self) -> str:
+        """Open a scan, and return a token for a phone. It replaces the phone paired before."""
+        self._is_open = True
+        return self._pairing.pair(CAMERA, time.monotonic())[0]
+
+    def lights(self, frame: StripsFrame) -> None:
+        """Show a frame of the LED driver to the simulated camera."""
+        if self._room is not None:
+            self._frame = frame
+            self._changed.set()
+
+    async def _open(self, request: Request) -> Response:
+        token = request.query_params.get("token")
+        if token is not None:
+            secret = self._pairing.redeem(token, time.monotonic())
+            if secret is None:
+                return refusal(403, "Not paired", CLOSED)
+            response = RedirectResponse("/scan", 303, {"Cache-Control": "no-store"})
+            response.set_cookie(
+                _cookie(request),
+                secret,
+                max_age=COOKIE_S,
+                httponly=True,
+                secure=request.url.scheme == "https",
+                samesite="lax",  # the QR code may have been scanned in another site's page
+            )
+            return response
+        if not self._is_admitted(request):
+            return refusal(403, "Not paired", CLOSED)
+        return file_response(request, self._bundle, "scan.html")
+
+    async def _said(self, request: Request) -> Response:
+        if not self._is_admitted(request):
+            return PlainTextResponse(CLOSED, 403)
+        session = self._session
+        try:
+            said = wire.SAID.validate_json(await request.body())
+            match said:
+                case wire.ScanLight():
+                    await session.light(said)
+                    return Response(status_code=204)
+                case wire.ScanBegin():
+                    session.begin(said)
+                case wire.ScanView():
+                    session.view(said)
+                case wire.ScanUndo():
+                    session.undo(said)
+                case wire.ScanSave():
+                    await asyncio.to_thread(session.save, said)
+                case wire.ScanLook():
+                    pass
+        except ValidationError as error:
+            return PlainTextResponse(f"malformed: {summarize_validation_error(error)}", 400)
+        except (PointItError, SchemaError) as error:
+            return PlainTextResponse(str(error), 409)
+        return _json(session.state(is_simulated=self._room is not None))
+
+    async def _map(self, request: Request) -> Response:
+        if not self._is_admitted(request):
+            return PlainTextResponse(CLOSED, 403)
+        try:
+            text = self._session.map_text(request.query_params.get("origin", ""))
+        except PointItError as error:
+            return PlainTextResponse(str(error), 409)
+        headers = {"Content-Disposition": 'attachment; filename="room.yaml"', "Cache-Control": "no-store"}
+        return Response(text, headers=headers, media_type="application/yaml")
+
+    async def _see_room(self, request: Request) -> Response:
+        if self._room is None or not self._is_admitted(request):
+            return PlainTextResponse(CLOSED, 403)
+        return _json(self._room.seen)
+
+    async def _see_lights(self, request: Request) -> Response:
+        if not self._is_admitted(request):
+            return PlainTextResponse(CLOSED, 403)
+        if str(self._frame.seq) == request.query_params.get("after"):
+            self._changed.clear()
+            try:
+                async with asyncio.timeout(LIGHTS_S):
+                    await self._changed.wait()
+            except TimeoutError:
+                pass
+        strips = {strip.id: strip.rgb.hex() for strip in self._frame.strips}
+        return JSONResponse({"seq": self._frame.seq, "strips": strips})
+
+    def _is_admitted(self, request: Request) -> bool:
+        if self._pairing.phone(request.cookies.get(_cookie(request), "")) is not None:
+            return True
+        if self._is_open and self._is_wrist(request):
+            return True
+        if self._doors.admit(asked_of(request), time.monotonic()) == "operator":
+            self._is_open = True
+            return True
+        return False
+
+
+def _cookie(connection: HTTPConnection) -> str:
+    return f"pointit-scan-{connection.url.port or ''}"
+
+
+def _json(model: BaseModel) -> Response:
+    return Response(
+        model.model_dump_json(), headers={"Cache-Control": "no-store"}, media_type="application/json"
+    )

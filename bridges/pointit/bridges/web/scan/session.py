@@ -1,0 +1,270 @@
+"""One scan of the room: its lights, the views so far, and what the solver makes of them."""
+
+import asyncio
+import logging
+import math
+import re
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pointit.bridges.web.scan.code import marked_pixels, picture, steps_of
+from pointit.bridges.web.scan.wire import (
+    ScanBegin,
+    ScanLight,
+    ScanSave,
+    ScanState,
+    ScanStrip,
+    ScanUndo,
+    ScanView,
+)
+from pointit.geometry.vector import Vec3
+from pointit.runtime.errors import ConfigError, PointItError, RefusedError
+from pointit.scan.views import KnownLength, Mark, Sighting, StripSpec, Survey, View, check_survey
+from pointit.schemas import LitPixels, Strip
+
+log = logging.getLogger(__name__)
+
+SHOWN_S = 6.0
+"""Time after which the strips are given back if the page asks for nothing more, s."""
+MAX_VIEWS = 40
+MAX_LIGHTS = 4096
+ADVICE = (
+    "Stand where the camera sees most of the strips, and take the first view.",
+    "Step a metre to the side, keep the strips in the picture, and take the second view.",
+)
+"""Advice before the first and second view. Then the solver has one."""
+FILE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,58}\.ya?ml")
+
+Show = Callable[[Sequence[LitPixels], float], Awaitable[None]]
+"""Shows pixels of strips, and no others, for a time, s. Raises RefusedError."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Solution:
+    """Result of the solver."""
+
+    strips: tuple[ScanStrip, ...]
+    cameras_m: tuple[Vec3, ...] = ()
+    is_complete: bool = False
+    advice: str = ""
+    next_m: Vec3 | None = None
+    """Place of the camera for the next view, if one is advised."""
+    map_text: Callable[[str], str] = field(default=lambda _origin: "")
+    """Returns the map with its origin at a strip, as YAML. Raises ConfigError."""
+
+
+Solve = Callable[[Survey], Awaitable[Solution]]
+"""Solves views. Raises PointItError if they determine nothing yet."""
+
+
+class ScanSession:
+    """The scan of one room. Not for several cameras at once: the last one that begins has it."""
+
+    def __init__(self, *, show: Show, solve: Solve, file: Path) -> None:
+        """Create without strips.
+
+        Args:
+            show: shows pixels on the strips.
+            solve: solves views.
+            file: suggested path of the map. One of another name is written to the same folder.
+        """
+        self._show = show
+        self._solve = solve
+        self._folder = file.absolute().parent
+        self._file = file.name
+        self._counts: dict[str, int] = {}
+        self._leds_per_m: dict[str, float] = {}
+        self._begun = ScanBegin()
+        self._lights: tuple[tuple[str, int], ...] = ()
+        self._views: list[View] = []
+        self._solution: Solution | None = None
+        self._solving: asyncio.Task[None] | None = None
+        self._problem = ""
+        self._saved = ""
+
+    def set_strips(self, counts: Mapping[str, int], leds_per_m: Mapping[str, float] | None = None) -> None:
+        """Set the strips of the site's map, their numbers of pixels, and pixels per metre if known.
+
+        Other strips, or numbers, begin a new scan.
+        """
+        self._leds_per_m = dict(leds_per_m or {})
+        if dict(counts) != self._counts:
+            self._counts = dict(counts)
+            self._restart(ScanBegin())
+
+    def begin(self, said: ScanBegin) -> None:
+        """Forget all views, and begin.
+
+        Raises:
+            RefusedError: If there are no strips, or a strip is unknown.
+        """
+        if not self._counts:
+            raise RefusedError(
+                "the map of the site has no strips: add them with their numbers of pixels, anywhere in the "
+                "room, or start `pointit map scan -o FILE --strip NAME=PIXELS`"
+            )
+        for name in (*said.leds_per_m, *([said.known_strip] if said.known_strip else [])):
+            if name not in self._counts:
+                raise RefusedError(f"there is no strip {name!r}; there are {', '.join(self._counts)}")
+        self._restart(said)
+
+    async def light(self, said: ScanLight) -> None:
+        """Show a step of the code.
+
+        Raises:
+            RefusedError: If there is no such step, or the strips cannot show it.
+        """
+        if said.step >= steps_of(len(self._lights)):
+            raise RefusedError(f"step {said.step} of {steps_of(len(self._lights))}: load the page again")
+        if said.step < -1:
+            await self._show((), 0.0)
+        else:
+            await self._show(picture(self._lights, said.step, said.brightness), SHOWN_S)
+
+    def view(self, said: ScanView) -> None:
+        """Add a view, and solve.
+
+        Raises:
+            RefusedError: If it is not of this scan, or there are too many.
+        """
+        if len(self._views) >= MAX_VIEWS:
+            raise RefusedError(f"{MAX_VIEWS} views are enough: save the map, or begin again")
+        if any(index >= len(self._lights) for index, _, _ in said.seen):
+            raise RefusedError("the strips have changed meanwhile: load the page again")
+        seen = tuple(Sighting(*self._lights[index], u, v) for index, u, v in said.seen)
+        view = View(said.width, said.height, seen, said.gravity)
+        try:
+            check_survey(self._survey(()).strips, (), (view,))
+        except ConfigError as error:
+            raise RefusedError(str(error)) from error
+        self._views.append(view)
+        self._begin_to_solve()
+
+    def undo(self, _said: ScanUndo) -> None:
+        """Forget the last view."""
+        if self._views:
+            self._views.pop()
+        self._begin_to_solve()
+
+    def map_text(self, origin: str) -> str:
+        """Return the map of what is known, as YAML.
+
+        Raises:
+            RefusedError: If nothing is known yet.
+        """
+        if self._solution is None or not any(strip.line_m for strip in self._solution.strips):
+            raise RefusedError("nothing is known yet: take two views or more first")
+        try:
+            return self._solution.map_text(origin)
+        except ConfigError as error:
+            raise RefusedError(str(error)) from error
+
+    def save(self, said: ScanSave) -> None:
+        """Write the map to a new file.
+
+        Raises:
+            RefusedError: If its name is unusable, the file exists, or nothing is known yet.
+        """
+        name = said.name if said.name.endswith((".yaml", ".yml")) else f"{said.name}.yaml"
+        if not FILE_NAME.fullmatch(name):
+            raise RefusedError(f"{said.name!r} is no name for a map: use letters, digits, - and _")
+        text = self.map_text(said.origin)
+        path = self._folder / name
+        try:
+            with path.open("x", encoding="utf-8") as file:
+                file.write(text)
+        except FileExistsError as error:
+            raise RefusedError(f"{name} exists already in {self._folder}: choose another name") from error
+        except OSError as error:
+            raise RefusedError(f"{path} cannot be written ({error.strerror or error})") from error
+        self._saved = str(path)
+        log.info("the scanned map is in %s: check it with `pointit map check %s`", path, path)
+
+    def state(self, *, is_simulated: bool = False) -> ScanState:
+        """Return the state for a page."""
+        known = {} if self._solution is None else {strip.name: strip for strip in self._solution.strips}
+        seen = {
+            name: sum(any(each.name == name for each in view.sightings) for view in self._views)
+            for name in self._counts
+        }
+        return ScanState(
+            strips=tuple(
+                known.get(name, ScanStrip(name=name, pixels=count)).model_copy(
+                    update={"seen": seen[name], "leds_per_m": self._leds_per_m.get(name)}
+                )
+                for name, count in self._counts.items()
+            ),
+            lights=self._lights,
+            cameras_m=() if self._solution is None else self._solution.cameras_m,
+            views=len(self._views),
+            is_solving=self._solving is not None,
+            is_complete=self._solution is not None and self._solution.is_complete,
+            advice=ADVICE[len(self._views)]
+            if len(self._views) < len(ADVICE)
+            else (self._solution.advice if self._solution else ""),
+            next_m=None if self._solution is None else self._solution.next_m,
+            problem=self._problem,
+            is_simulated=is_simulated,
+            file=self._file,
+            saved=self._saved,
+        )
+
+    async def close(self) -> None:
+        """Stop solving."""
+        if self._solving is not None:
+            self._solving.cancel()
+            await asyncio.gather(self._solving, return_exceptions=True)
+
+    def _restart(self, begun: ScanBegin) -> None:
+        self._begun = begun
+        self._views.clear()
+        self._solution = None
+        self._problem = self._saved = ""
+        lights = [(name, pixel) for name, count in self._counts.items() for pixel in marked_pixels(count)]
+        self._lights = tuple(lights[:MAX_LIGHTS])
+
+    def _survey(self, views: tuple[View, ...]) -> Survey:
+        per_m = self._begun.leds_per_m
+        strips = tuple(
+            StripSpec(name, count, 1.0 / per_m[name] if name in per_m else None)
+            for name, count in self._counts.items()
+            if count > 1
+        )
+        known = None
+        if self._begun.known_strip and self._begun.known_m is not None:
+            name = self._begun.known_strip
+            known = KnownLength(Mark(name, 0), Mark(name, self._counts[name] - 1), self._begun.known_m)
+        return Survey(strips, (), views, known)
+
+    def _begin_to_solve(self) -> None:
+        if self._solving is None:
+            self._solving = asyncio.create_task(self._solve_all(), name="scan")
+
+    async def _solve_all(self) -> None:
+        """Solve until no view has come meanwhile."""
+        views: tuple[View, ...] | None = None
+        try:
+            while views != tuple(self._views):
+                views = tuple(self._views)
+                self._problem, self._solution = "", None if not views else self._solution
+                if len(views) > 1:
+                    try:
+                        self._solution = await self._solve(self._survey(views))
+                    except PointItError as error:
+                        self._problem = str(error)
+        except Exception:  # a later view may be solved
+            log.exception("the views could not be solved")
+            self._problem = "the views could not be solved, a fault of PointIt itself, see its log"
+        finally:
+            self._solving = None
+
+
+def leds_per_m(strips: Sequence[Strip]) -> dict[str, float]:
+    """Return the pixels per metre of each of `strips` that has a length, to 0.1."""
+    lengths_m = {strip.id: sum(map(math.dist, strip.line_m, strip.line_m[1:])) for strip in strips}
+    return {
+        strip.id: round(strip.pixels / lengths_m[strip.id], 1)
+        for strip in strips
+        if 1.0 < strip.pixels / max(lengths_m[strip.id], 1e-9) <= 1000.0
+    }

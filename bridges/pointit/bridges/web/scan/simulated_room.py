@@ -1,0 +1,55 @@
+"""A room for a simulated camera: true places of the strips, which the site's map does not know."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from pointit.bridges.web.scan.wire import ScanRoom, ScanRoomStrip
+from pointit.geometry.polyline import Polyline
+from pointit.geometry.vector import Vec3
+from pointit.maps.file import load_map
+from pointit.schemas import Strip
+
+ROOM = Path(__file__).with_name("simulated_room.yaml")
+"""The map of the room."""
+AWAY = 1.3
+"""Level distance of the camera's places from the middle of the strips, in widths or depths of the room."""
+PLACES = ((0.0, 1.5), (-38.0, 1.1), (35.0, 1.9), (-18.0, 2.1), (20.0, 0.8), (-52.0, 1.7), (50.0, 1.2))
+"""Azimuth (deg) of each of the camera's places from the strips' front, and height, m."""
+
+
+class SimulatedRoom:
+    """Strips that a simulated camera sees, and its places, which lie in front of them: on the side of -y."""
+
+    def __init__(self, name_or_path: str = str(ROOM)) -> None:
+        """Read the room's map, a shipped one or a file.
+
+        Raises:
+            ConfigError: If it cannot be read.
+        """
+        strips = load_map(name_or_path, 0).strips
+        places = [pixel_places(strip) for strip in strips]
+        all_m = np.array([place for each in places for place in each])
+        x_m, y_m = np.mean(all_m, axis=0)[:2]
+        away_m = AWAY * float(np.max(np.ptp(all_m[:, :2], axis=0)))
+        cameras: list[Vec3] = []
+        for azimuth_deg, height_m in PLACES:
+            angle = math.radians(azimuth_deg)
+            cameras.append((x_m + away_m * math.sin(angle), y_m - away_m * math.cos(angle), height_m))
+        self.seen = ScanRoom(
+            strips=tuple(
+                ScanRoomStrip(name=strip.id, places_m=places)
+                for strip, places in zip(strips, places, strict=True)
+            ),
+            places_m=tuple(cameras),
+        )
+
+
+def pixel_places(strip: Strip) -> tuple[Vec3, ...]:
+    """Return the position of each pixel of `strip` in {W}, m, pixel 0 first."""
+    line = Polyline(strip.line_m)
+    at_m = (np.arange(strip.pixels) + 0.5) * line.length_m / strip.pixels
+    points = line.points_at(at_m)
+    ordered = points if strip.direction == 1 else points[::-1]
+    return tuple((float(x), float(y), float(z)) for x, y, z in ordered)

@@ -1,0 +1,130 @@
+"""The wire between the site and a page whose camera maps the room: `POST /scan`, a JSON object each way.
+
+The page leads: it asks for each step of the lights (`ScanLight`, answered when they are sent to the
+controllers), and sends image positions of the lights once it has read all steps (`ScanView`). Pictures never
+leave the page. All but `ScanLight` are answered with `ScanState`, refusals with status 409 and a sentence.
+"""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, TypeAdapter
+
+from pointit.bridges.web.wire import WireModel
+from pointit.schemas.base import Fraction, Vec3
+
+MAX_SIGHTINGS = 2000
+"""Limit of the sightings of one view; a body of a post has room for as many."""
+
+LightIndex = Annotated[int, Field(ge=0, lt=4096)]
+ImagePosition = Annotated[float, Field(ge=-20_000, le=20_000)]
+ImageSize = Annotated[int, Field(ge=16, le=16_384)]
+
+
+class ScanBegin(WireModel):
+    """Begin, or begin again: all views are forgotten."""
+
+    kind: Literal["begin"] = "begin"
+    leds_per_m: dict[str, Annotated[float, Field(gt=1, le=1000)]] = Field(
+        default_factory=dict[str, float], max_length=256, description="by strip; empty if unknown"
+    )
+    known_strip: Annotated[str, Field(max_length=64, description="a strip of known length, or empty")] = ""
+    known_m: Annotated[float | None, Field(gt=0, le=100, description="from its first to its last pixel")] = (
+        None
+    )
+
+
+class ScanLight(WireModel):
+    """Show a step of the code; -1: all dark; -2: give the strips back."""
+
+    kind: Literal["light"] = "light"
+    step: Annotated[int, Field(ge=-2, le=32)]
+    brightness: Fraction
+
+
+class ScanView(WireModel):
+    """A view: lights by their index in `ScanState.lights`, and image positions, pixels right and down."""
+
+    kind: Literal["view"] = "view"
+    width: ImageSize
+    height: ImageSize
+    seen: Annotated[
+        tuple[tuple[LightIndex, ImagePosition, ImagePosition], ...], Field(max_length=MAX_SIGHTINGS)
+    ]
+    gravity: Annotated[
+        Vec3 | None, Field(description="unit vector of down; x right, y down, z ahead in the picture")
+    ] = None
+
+
+class ScanUndo(WireModel):
+    """Forget the last view."""
+
+    kind: Literal["undo"] = "undo"
+
+
+class ScanSave(WireModel):
+    """Write the map: the origin on the floor below the first pixel of `origin`, x towards its last pixel."""
+
+    kind: Literal["save"] = "save"
+    name: Annotated[str, Field(max_length=64, description="of the file, without a folder")]
+    origin: Annotated[str, Field(max_length=64, description="strip, or empty for any")] = ""
+
+
+class ScanLook(WireModel):
+    """Ask for the state."""
+
+    kind: Literal["look"] = "look"
+
+
+ScanSaid = Annotated[
+    ScanBegin | ScanLight | ScanView | ScanUndo | ScanSave | ScanLook, Field(discriminator="kind")
+]
+SAID: TypeAdapter[ScanBegin | ScanLight | ScanView | ScanUndo | ScanSave | ScanLook] = TypeAdapter(ScanSaid)
+
+
+class ScanStrip(WireModel):
+    """A strip, its line as far as it is known."""
+
+    name: str
+    pixels: int
+    leds_per_m: Annotated[float | None, Field(description="in the map in use, which may be wrong")] = None
+    line_m: Annotated[tuple[Vec3, ...], Field(description="from the first pixel on; empty if unknown")] = ()
+    sigma_m: Annotated[float | None, Field(description="of its worse end; empty if unknown")] = None
+    seen: Annotated[int, Field(description="number of views that show it")] = 0
+    reason: Annotated[str, Field(description="why it is unknown; empty if it is known")] = ""
+
+
+class ScanState(WireModel):
+    """State of the scan."""
+
+    kind: Literal["scan"] = "scan"
+    strips: tuple[ScanStrip, ...]
+    lights: Annotated[tuple[tuple[str, int], ...], Field(description="strip and pixel of each marked light")]
+    cameras_m: Annotated[tuple[Vec3, ...], Field(description="of the views that could be placed")] = ()
+    views: Annotated[int, Field(description="taken so far")] = 0
+    is_solving: bool = False
+    is_complete: Annotated[bool, Field(description="both ends of every strip are known to 1 cm")] = False
+    advice: str = ""
+    next_m: Annotated[
+        Vec3 | None, Field(description="place of the camera for the next view; empty if none is advised")
+    ] = None
+    problem: str = ""
+    is_simulated: bool = False
+    file: Annotated[str, Field(description="suggested name of the map")] = ""
+    saved: Annotated[str, Field(description="path of the written map; empty if none")] = ""
+
+
+class ScanRoomStrip(WireModel):
+    """A strip as a simulated camera sees it."""
+
+    name: str
+    places_m: Annotated[tuple[Vec3, ...], Field(description="of its pixels")]
+
+
+class ScanRoom(WireModel):
+    """The room of a simulated camera."""
+
+    strips: tuple[ScanRoomStrip, ...]
+    places_m: Annotated[tuple[Vec3, ...], Field(description="places from which the camera looks, in turn")]
+
+
+MODELS = (ScanBegin, ScanLight, ScanView, ScanUndo, ScanSave, ScanLook, ScanState, ScanRoom)

@@ -1,0 +1,17 @@
+"""JSON Schema of all messages to and from pages, from which `client/wire.json` is generated."""
+
+from typing import Any
+
+from pydantic.json_schema import models_json_schema
+
+from pointit.bridges.web import wire
+from pointit.bridges.web.scan import wire as scan_wire
+
+
+def json_schema() -> dict[str, Any]:
+    """Return the JSON Schema of all messages."""
+    models = (*wire.MODELS, *scan_wire.MODELS)
+    _, schema = models_json_schema(
+        [(model, "validation") for model in models], ref_template="#/$defs/{model}"
+    )
+    return schema

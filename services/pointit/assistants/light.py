@@ -1,0 +1,129 @@
+"""Light for things: colours by name, and questions that a person answers by a press."""
+
+import asyncio
+import contextlib
+from collections.abc import Sequence
+
+from pointit.api.requests import HEX
+from pointit.api.site import Site
+from pointit.assistants.data import Asked, Item
+from pointit.assistants.room_items import check_present
+from pointit.errors import PointItError, SchemaError
+from pointit.schemas import NS_PER_S, ButtonEvent
+from pointit.schemas.topics import BUTTON
+
+COLORS = {
+    "red": "#ff1e00",
+    "orange": "#ff7800",
+    "yellow": "#ffc814",
+    "green": "#009e50",
+    "blue": "#0050dc",
+    "purple": "#be50aa",
+    "white": "#ffffff",
+    "warm white": "#ffc58f",
+    "cold white": "#d6e4ff",
+}
+"""Colours that have a name."""
+ASKING: tuple[str, ...] = ("orange", "blue", "white", "purple")
+"""Colours of the candidates of a question, in turn: told apart by colour-blind people, too."""
+TURN_S = 1.5
+"""Time for which a candidate is lit, s. Slower than flashes that can cause seizures."""
+REACTION_S = 0.3
+"""Time from seeing a light to the press for it, s."""
+GIVE_BACK_S = 2.0
+"""Time limit of giving lamps back, s."""
+
+
+def color_of(text: str) -> str | None:
+    """Return `#rrggbb` of a colour, or None of `off`, which gives the lamp back to the site.
+
+    Raises:
+        SchemaError: If it is neither `#rrggbb` nor a name of `COLORS`.
+    """
+    name = text.strip().lower()
+    if name == "off":
+        return None
+    if HEX.fullmatch(name):
+        return name
+    if name in COLORS:
+        return COLORS[name]
+    raise SchemaError(f"{text!r} is no colour: write #rrggbb, off, or one of {', '.join(COLORS)}")
+
+
+class Lights:
+    """Lamps that assistants have set, so that a question gives them back as they were."""
+
+    def __init__(self) -> None:
+        self._shown: dict[str, str] = {}
+        self._giving = set[asyncio.Task[None]]()
+        """Lamps that are given back although the question was cancelled."""
+
+    async def show(self, site: Site, item: Item, color: str | None) -> str:
+        """Light the lamp of `item`. Return what was done.
+
+        Raises:
+            PointItError: If it has no lamp, or the site refuses.
+        """
+        lamp = _lamp(item)
+        reply = await site.lamp(lamp).set(color)
+        self._shown.pop(lamp, None)
+        if color is not None:
+            self._shown[lamp] = color
+        return reply.message
+
+    async def ask(self, site: Site, user: str, candidates: Sequence[Item], timeout_s: float) -> Asked:
+        """Light the candidates in turn until `user` presses their button. Then lamps are as before.
+
+        Raises:
+            PointItError: If they are not there, or two candidates have no lamp of their own.
+        """
+        await check_present(site, user)
+        lamps = {item.name: _lamp(item) for item in candidates}
+        if len(set(lamps.values())) < len(candidates):
+            raise PointItError(
+                "two candidates have the same lamp, so light cannot tell them apart: ask in words"
+            )
+        shown: dict[str, str] = dict(zip(lamps, ASKING, strict=False))
+        presses = site.messages(BUTTON, user)
+        turns: list[tuple[int, str]] = []
+        try:
+            async with asyncio.timeout(timeout_s):
+                while True:
+                    for name, lamp in lamps.items():
+                        await site.lamp(lamp).set(COLORS[shown[name]])
+                        turns.append((site.now_ns(), name))
+                        async for press in presses.during(TURN_S):
+                            if chosen := _lit_at(press, turns):
+                                return Asked(chosen=chosen, shown=shown)
+                        await self._give_back(site, lamp)
+        except TimeoutError:
+            return Asked(chosen="", shown=shown)
+        finally:
+            presses.close()
+            giving = asyncio.create_task(self._give_all_back(site, list(lamps.values())), name="lamps back")
+            self._giving.add(giving)
+            giving.add_done_callback(self._giving.discard)
+            await asyncio.shield(giving)
+
+    async def _give_all_back(self, site: Site, lamps: Sequence[str]) -> None:
+        with contextlib.suppress(PointItError, TimeoutError):
+            async with asyncio.timeout(GIVE_BACK_S):
+                for lamp in lamps:
+                    await self._give_back(site, lamp)
+
+    async def _give_back(self, site: Site, lamp: str) -> None:
+        await site.lamp(lamp).set(self._shown.get(lamp))
+
+
+def _lamp(item: Item) -> str:
+    if not item.lamp:
+        raise PointItError(f"{item.kind} {item.name!r} has no lamp, and none is near it: ask in words")
+    return item.lamp
+
+
+def _lit_at(press: ButtonEvent, turns: Sequence[tuple[int, str]]) -> str:
+    """Return the candidate that was lit when the person decided to press, or `""`."""
+    decided_ns = press.stamp_ns - round(REACTION_S * NS_PER_S)
+    lit = [name for since_ns, name in turns if since_ns <= max(decided_ns, turns[0][0])]
+    is_recent = press.stamp_ns >= turns[0][0]
+    return lit[-1] if is_recent and press.gesture == "press" else ""

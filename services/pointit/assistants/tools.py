@@ -1,0 +1,284 @@
+"""Tools of an assistant: each asks the site, with the rights of its caller, and is in the audit."""
+
+import asyncio
+import contextlib
+import datetime as dt
+import inspect
+import math
+from collections.abc import Awaitable, Callable, Generator
+from typing import Annotated, Any, Literal
+
+from mcp.server.mcpserver import Context
+from mcp.server.mcpserver.exceptions import ToolError
+from pydantic import Field
+
+from pointit.api.feed import Feed
+from pointit.api.site import Site
+from pointit.assistants.audit_file import AuditFile
+from pointit.assistants.data import Asked, Deed, Items, People, Pointed, Waited, refusal
+from pointit.assistants.light import ASKING, COLORS, Lights, color_of
+from pointit.assistants.pointing import pointed, wait_for
+from pointit.assistants.room_items import check_present, find, items, people, present
+from pointit.assistants.site_door import SiteDoor
+from pointit.errors import AccessDeniedError, PointItError, SchemaError
+from pointit.schemas import NS_PER_S, RobotState
+from pointit.schemas.base import FARTHEST, Vec3
+from pointit.schemas.person import Deictic
+from pointit.schemas.topics import ROBOT_STATE
+
+Role = Literal["operator", "viewer"]
+"""Role of a caller, by the token of its request, or over stdio by the command's option."""
+Ctx = Context[Any, Any]
+
+SCOPE_KEY = "pointit.role"
+"""Key of an HTTP request's scope that holds the role of its token."""
+MAX_WAIT_S = 120.0
+SET_OFF_S = 4.0
+"""Time within which a robot that was sent sets off, s."""
+OLD_S = 1.0
+"""Time after which the reason of a robot that obeys the person is no earlier one, s."""
+NEAR_M = 0.3
+"""Distance within which a robot's target is the place where it was sent, m."""
+
+User = Annotated[str, Field(max_length=64, description="name of a person who is present")]
+Name = Annotated[str, Field(min_length=1, max_length=256, description="name or label, as `things` lists it")]
+Seconds = Annotated[float, Field(ge=0, le=MAX_WAIT_S)]
+Metre = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST)]
+
+
+class Tools:
+    """The tools. Their docstrings are what an assistant reads."""
+
+    def __init__(self, door: SiteDoor, audit: AuditFile, most: Role, *, is_remote: bool = False) -> None:
+        """Use the site of `door`. `most`: the highest role. `is_remote`: a caller has it by a token only."""
+        self._door = door
+        self._audit = audit
+        self._most: Role = most
+        self._unknown: Role = "viewer" if is_remote else most
+        self._lights = Lights()
+
+    def guarded(self, tool: Callable[..., Awaitable[Any]], *, needs: Role) -> Callable[..., Awaitable[Any]]:
+        """Return `tool` for the server: called with the site, for the role `needs` only, and audited.
+
+        The first parameter of `tool` is the site. Operators may all that viewers may.
+        """
+
+        async def called(ctx: Ctx, **asked: Any) -> Any:
+            role = self.role_of(ctx)
+            try:
+                with self.recorded(caller_of(ctx), role, tool.__name__, asked):
+                    if role not in (needs, "operator"):
+                        raise AccessDeniedError(
+                            f"{tool.__name__} needs the operator's token, this is a viewer's"
+                        )
+                    return await tool(self.site, **asked)
+            except (PointItError, SchemaError) as error:
+                raise ToolError(refusal(str(error))) from error
+
+        shown = inspect.signature(tool)
+        context = inspect.Parameter("ctx", inspect.Parameter.POSITIONAL_OR_KEYWORD, annotation=Ctx)
+        parameters = [context, *list(shown.parameters.values())[1:]]
+        called.__name__, called.__doc__ = tool.__name__, tool.__doc__
+        called.__annotations__ = {each.name: each.annotation for each in parameters}
+        vars(called)["__signature__"] = shown.replace(parameters=parameters)
+        return called
+
+    @property
+    def site(self) -> Site:
+        """The site. Raises ConnectError if it is not reachable now."""
+        return self._door.site
+
+    @contextlib.contextmanager
+    def recorded(self, caller: str, role: str, what: str, asked: dict[str, Any]) -> Generator[None]:
+        """Record in the audit that the block is begun, and how it ends.
+
+        Raises:
+            PointItError: If that cannot be written, before the block.
+        """
+        call = self._audit.begin(caller, role, what, asked)
+        outcome, text = "failed", ""
+        try:
+            yield
+            outcome = "done"
+        except (PointItError, SchemaError) as error:
+            outcome, text = "refused", str(error)
+            raise
+        except asyncio.CancelledError:
+            outcome = "cancelled"
+            raise
+        finally:
+            self._audit.end(call, outcome, text)
+
+    def role_of(self, context: Ctx) -> Role:
+        """Return the role of the caller of this request."""
+        request = context.request_context.request
+        role: Role = self._unknown if request is None else request.scope[SCOPE_KEY]
+        return role if self._most == "operator" else "viewer"
+
+    async def who_is_here(self, site: Site) -> People:
+        """List the people who are present, where they stand, and whether they point."""
+        return await people(site)
+
+    async def things(self, site: Site) -> Items:
+        """List what has a name in the room: things, lamps, robots, tracked objects. Positions are in m."""
+        return await items(site)
+
+    async def what_is_pointed_at(
+        self,
+        site: Site,
+        user: User,
+        seconds_ago: Annotated[float, Field(ge=0, le=30, description="0: now")] = 0.0,
+        word_time: Annotated[
+            str,
+            Field(
+                max_length=40,
+                description="instead: when a word such as 'that' was spoken, ISO 8601 with zone",
+            ),
+        ] = "",
+        word: Annotated[Deictic, Field(description="the word itself, or empty for any")] = "",
+    ) -> Pointed:
+        """Say what a person means by pointing: candidates with probabilities, and that of none of them.
+
+        If the best one is below 0.8, ask the person, or use `ask_by_light`. Do not guess.
+        """
+        at_ns = site.now_ns() - round(seconds_ago * NS_PER_S) if seconds_ago else None
+        if word_time:
+            at_ns = ns_of(word_time)
+        return await pointed(site, user, at_ns, word)
+
+    async def wait_for_pointing(
+        self,
+        site: Site,
+        user: User,
+        what: Annotated[
+            tuple[Name, ...], Field(max_length=32, description="names; anything that has one if empty")
+        ] = (),
+        timeout: Seconds = 20.0,  # noqa: ASYNC109 - time on the site, a parameter of the protocol
+    ) -> Waited:
+        """Wait until a person points at one of some things, or at anything that has a name."""
+        names = [(await find(site, name)).name for name in what]
+        waited = await wait_for(site, user, names, timeout)
+        if not waited.came:
+            _ = self.site  # says that the site was lost meanwhile
+        return waited
+
+    async def light(
+        self,
+        site: Site,
+        thing: Name,
+        colour: Annotated[str, Field(max_length=20, description=f"#rrggbb, off, {', '.join(COLORS)}")],
+    ) -> Deed:
+        """Light the lamp of a thing, or a lamp, until it is set to `off`, which gives it back to the site."""
+        color = color_of(colour)
+        return Deed(message=await self._lights.show(site, await find(site, thing), color))
+
+    async def ask_by_light(
+        self,
+        site: Site,
+        user: User,
+        candidates: Annotated[tuple[Name, ...], Field(min_length=2, max_length=len(ASKING))],
+        timeout: Seconds = 20.0,  # noqa: ASYNC109 - as above
+    ) -> Asked:
+        """Light candidates in turn, each in its colour, until the person presses their button for one.
+
+        While it waits, the person may also be asked in words for the colour.
+        """
+        found = [await find(site, name) for name in candidates]
+        return await self._lights.ask(site, user, found, timeout)
+
+    async def send_robot(
+        self,
+        site: Site,
+        robot: Name,
+        user: Annotated[str, Field(max_length=64, description="in whose name: who wants it, and points")],
+        thing: Annotated[str, Field(max_length=256, description="go to the floor at this thing")] = "",
+        place: Annotated[
+            tuple[Metre, Metre, Metre] | None, Field(description="or to this place, x y z in m")
+        ] = None,
+    ) -> Deed:
+        """Send a robot to a thing or a place, in the name of a person who points.
+
+        The robot's own checks hold: fences, people near the place, a person who is sure of their direction.
+        It may refuse, and says why. It moves in the real room.
+        """
+        if bool(thing) == (place is not None):
+            raise PointItError("name a thing or a place, one of them")
+        await check_present(site, user)
+        machine = await find(site, robot)
+        if machine.kind != "robot" or machine.position_m is None:
+            raise PointItError(f"{machine.kind} {machine.name!r} is no robot")
+        goal = place
+        if goal is None:
+            target = await find(site, thing)
+            if target.position_m is None:
+                raise PointItError(f"nobody knows where {target.kind} {target.name!r} is")
+            goal = (*target.position_m[:2], machine.position_m[2])
+        states = site.messages(ROBOT_STATE, machine.name)
+        try:
+            await site.goal.send(user, goal, robot=machine.name)
+            return Deed(message=await set_off(states, machine.name, user, goal))
+        finally:
+            states.close()
+
+    async def stop_robot(
+        self, site: Site, robot: Name, reason: Annotated[str, Field(max_length=200)] = ""
+    ) -> Deed:
+        """Stop a robot where it is. Nobody steers it until somebody takes it again. No safety function."""
+        reply = await site.robots.stop(robot, reason)
+        return Deed(message=reply.message)
+
+    async def say(
+        self,
+        site: Site,
+        text: Annotated[str, Field(min_length=1, max_length=200)],
+        user: Annotated[
+            str, Field(max_length=64, description="to whom; to all who are present if empty")
+        ] = "",
+    ) -> Deed:
+        """Show a text to a person on their page and phone, with a chime."""
+        to = [user] if user else sorted(await present(site))
+        for each in to:
+            await check_present(site, each)
+            await site.feedback.say(each, text)
+        return Deed(message=f"told {', '.join(to) or 'nobody'}")
+
+
+async def set_off(states: Feed[RobotState], robot: str, user: str, goal_m: Vec3) -> str:
+    """Return that `robot` is on its way to `goal_m` for `user`, once it is, or is there.
+
+    Raises:
+        PointItError: If it is not in time. Gives the robot's reason.
+    """
+    reason, first_ns = "it does not answer", 0
+    async for state in states.during(SET_OFF_S):
+        first_ns = first_ns or state.stamp_ns
+        if state.user != user:
+            reason = state.reason or (f"{state.user} steers it" if state.user else reason)
+            continue
+        if math.dist((state.target_m or state.position_m)[:2], goal_m[:2]) < NEAR_M:
+            return f"{robot} is on its way"
+        reason = state.reason or reason
+        if state.reason and state.stamp_ns - first_ns > OLD_S * NS_PER_S:
+            break
+    raise PointItError(f"{robot} does not set off: {reason}")
+
+
+def caller_of(context: Ctx) -> str:
+    """Return the name and version that the client gives itself."""
+    parameters = context.session.client_params
+    return "" if parameters is None else f"{parameters.client_info.name} {parameters.client_info.version}"
+
+
+def ns_of(text: str) -> int:
+    """Return a time in ISO 8601 as Unix ns.
+
+    Raises:
+        SchemaError: If it is none, or has no zone.
+    """
+    try:
+        when = dt.datetime.fromisoformat(text)
+    except ValueError:
+        when = None
+    if when is None or when.tzinfo is None or when.timestamp() < 0:
+        raise SchemaError(f"word_time {text!r}: write one such as 2026-03-01T14:30:05.250+01:00")
+    return round(when.timestamp() * 1e6) * 1000  # a date has µs

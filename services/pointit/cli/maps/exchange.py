@@ -1,0 +1,122 @@
+"""`pointit map import` and `pointit map export`: files of WLED, xLights and others."""
+
+from pathlib import Path
+
+import click
+
+from pointit.cli.common.completed_names import maps
+from pointit.cli.common.option_types import Finite
+from pointit.cli.maps.check import print_findings
+from pointit.cli.maps.scan import write_new
+from pointit.maps import exchange
+from pointit.maps.checks.examine import examined
+from pointit.maps.file import map_path, parse_map_file, read_map_file
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.atomic_file import read_limited
+
+MAX_FILE = 16 * 2**20
+FORMATS = ("csv", "segments", "ledmap")
+OUTPUT = click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="file to write; an existing one is never overwritten  [default: standard output]",
+)
+CELL = click.option(
+    "--cell",
+    "cell_m",
+    type=Finite(0.001, 10),
+    default=0.05,
+    show_default=True,
+    metavar="M",
+    help="size of a cell of a ledmap, m",
+)
+
+
+@click.command("import")
+@click.argument("source", metavar="FILE", type=click.Path(path_type=Path, dir_okay=False))
+@click.option("--as", "kind", type=click.Choice(FORMATS), required=True, help="format of FILE")
+@click.option(
+    "--per-metre",
+    type=Finite(1, 1000),
+    default=60.0,
+    show_default=True,
+    metavar="N",
+    help="pixels a metre of segments",
+)
+@CELL
+@OUTPUT
+def import_(*, source: Path, kind: str, per_metre: float, cell_m: float, output: Path | None) -> None:
+    """Make a map of FILE: strips with their lines and pixels.
+
+    csv has a pixel a line: x,y,z in metres, as xLights and mapping programs write them, with a header or
+    without. ledmap is WLED's, with width and height, laid on an upright plane. segments are WLED's names and
+    counts (http://WLED/json/state): they have no positions, so strips lie one above the other until they
+    are scanned or moved.
+
+    Example: pointit map import state.json --as segments --per-metre 30 -o wled.yaml
+    """
+    try:
+        data = read_limited(source, MAX_FILE + 1)
+        text = data.decode("utf-8-sig")
+    except FileNotFoundError:
+        raise ConfigError(f"{source}: there is no such file") from None
+    except UnicodeDecodeError:
+        raise ConfigError(f"{source}: no text file") from None
+    if len(data) > MAX_FILE:
+        raise ConfigError(f"{source}: more than {MAX_FILE} bytes")
+    try:
+        if kind == "csv":
+            strips = exchange.from_csv(text)
+        elif kind == "ledmap":
+            strips = exchange.from_ledmap(text, cell_m)
+        else:
+            strips = exchange.laid_out(exchange.from_segments(text), 1.0 / per_metre)
+    except ConfigError as error:
+        raise ConfigError(f"{source}: {error}") from None
+    content = exchange.strips_text(strips)
+    path = output or Path(f"{source.stem}.yaml")
+    has, findings = examined(str(path), path, lambda: parse_map_file(content.encode(), path))
+    _write(output, content)
+    print_findings(str(path), has, findings, err=True)
+
+
+@click.command("export")
+@click.argument("name_or_path", metavar="MAP", shell_complete=maps)
+@click.option("--as", "kind", type=click.Choice(FORMATS), required=True, help="format to write")
+@click.option(
+    "--view",
+    type=click.Choice(list(exchange.VIEWS)),
+    default="front",
+    show_default=True,
+    help="from where a ledmap is seen",
+)
+@CELL
+@OUTPUT
+def export(*, name_or_path: str, kind: str, view: str, cell_m: float, output: Path | None) -> None:
+    """Write the pixels of MAP for other programs.
+
+    csv has a pixel a line: x,y,z in metres, its strip and number. segments and ledmap are for WLED with all
+    strips on one wire, in the order of the map.
+
+    Example: pointit map export ./room.yaml --as csv -o room.csv
+    """
+    with map_path(name_or_path) as path:
+        file = read_map_file(path)
+    if not file.strips:
+        raise ConfigError(f"{name_or_path}: has no strips")
+    if kind == "csv":
+        content = exchange.to_csv(file)
+    elif kind == "segments":
+        content = exchange.to_segments(file) + "\n"
+    else:
+        content = exchange.to_ledmap(file, view, cell_m) + "\n"
+    _write(output, content)
+
+
+def _write(output: Path | None, content: str) -> None:
+    if output is None:
+        click.echo(content, nl=False)
+    else:
+        write_new(output, content)

@@ -1,0 +1,202 @@
+"""`pointit map scan`: a map from photographs of blinking strips and lamps, taken now or in a file."""
+
+import math
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import click
+
+from pointit.cli.common.option_types import Finite
+from pointit.cli.common.output import json_option, print_json
+from pointit.cli.maps.check import print_findings
+from pointit.cli.maps.scan_live import live_options, scan_live
+from pointit.maps.checks.examine import examined
+from pointit.maps.file import parse_map_file
+from pointit.runtime.errors import ConfigError
+from pointit.scan.advice import next_view
+from pointit.scan.as_map import map_text
+from pointit.scan.result import Scan, ScannedLamp, ScannedStrip
+from pointit.scan.solver import solve
+from pointit.scan.views import KnownLength, Mark, read_survey
+
+FORM = """\b
+FILE is what the page sends, JSON:
+  {"strips": [{"name": "desk", "count": 60, "pitch_m": 0.01667}],
+   "lamps": [{"name": "door"}],
+   "views": [{"width": 1280, "height": 720, "gravity": [0.02, 0.98, 0.17],
+     "sightings": [{"name": "desk", "pixel": 0, "u": 401.2, "v": 311.9}]}]}
+A pitch is the distance from pixel to pixel, m. u and v are image pixels,
+right and down. gravity is the unit vector of down in the camera's frame
+(x right, y down, z forward), and may be left out."""
+
+
+def _point(
+    ctx: click.Context, parameter: click.Parameter, text: str | None
+) -> tuple[float, float, float] | None:
+    if text is None:
+        return None
+    try:
+        x, y, z = (float(word) for word in text.split(","))
+        if math.isfinite(x + y + z):
+            return x, y, z
+    except ValueError:
+        pass
+    raise click.BadParameter(
+        f"{text!r} is not a point; write x, y and z in metres, such as 1,2,0.5", ctx, parameter
+    )
+
+
+def _known(ctx: click.Context, parameter: click.Parameter, text: str | None) -> KnownLength | None:
+    if text is None:
+        return None
+    try:
+        start, end, metres = text.split(",")
+        return KnownLength(_mark(start), _mark(end), float(metres))
+    except ValueError:
+        raise click.BadParameter(
+            f"{text!r} is no known length; write NAME:PIXEL,NAME:PIXEL,METRES such as desk:0,desk:59,0.98",
+            ctx,
+            parameter,
+        ) from None
+
+
+def _mark(text: str) -> Mark:
+    name, _, pixel = text.rpartition(":")
+    return Mark(name, int(pixel)) if name else Mark(text)
+
+
+@click.command("scan", epilog=FORM)
+@click.option(
+    "--from",
+    "source",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="file of views, see below, instead of a camera",
+)
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="MAP",
+    help="map to write; a new file  [default: room.yaml; with --from, standard output]",
+)
+@click.option(
+    "--known",
+    callback=_known,
+    metavar="NAME:PIXEL,NAME:PIXEL,M",
+    help="a measured distance between two pixels or lamps, m; scales everything",
+)
+@click.option(
+    "--origin", callback=_point, metavar="X,Y,Z", help="point of the scan that becomes the origin, m"
+)
+@click.option(
+    "--heading", type=Finite(-360, 360), default=0.0, metavar="DEG", help="direction that becomes x, degrees"
+)
+@click.option("--all", "also_doubtful", is_flag=True, help="write what is not identified, too")
+@live_options
+@json_option
+@click.pass_context
+def command(
+    context: click.Context,
+    /,
+    *,
+    source: Path | None,
+    output: Path | None,
+    known: KnownLength | None,
+    origin: tuple[float, float, float] | None,
+    heading: float,
+    also_doubtful: bool,
+    as_json: bool,
+    **live: Any,
+) -> int:
+    """Map a room by a camera: its strips blink their numbers, and a phone's page finds where they are.
+
+    Starts a site with the strips, and prints a link, and a QR code for a phone in the same network. The page
+    leads from view to view, and writes the map. No picture leaves the phone. With --from, the map is
+    computed from views in a file. Arguments after `--` are options of `pointit run`.
+
+    Two photographs suffice for what both show from a step apart, and four to six for a room. Each should
+    show three strips of an earlier one. Strips are found to about 1 cm, with the standard deviation of each
+    stated. What is doubtful is left out, with the reason and from where to take one more photograph.
+
+    Example: pointit map scan -o room.yaml --strip shelf=90 --leds ddp:192.168.1.40
+    """
+    if source is None:
+        _check_live(known, origin, heading, also_doubtful, as_json)
+        return scan_live(context, output or Path("room.yaml"), **live)
+    survey = read_survey(source)
+    if known is not None:
+        survey = replace(survey, known_length=known)
+    try:
+        scan = solve(survey.strips, survey.lamps, survey.views, known_length=survey.known_length)
+    except ConfigError as error:
+        raise ConfigError(f"{source}: {error}") from None
+    if origin is not None or heading:
+        scan = scan.placed(origin or (0.0, 0.0, 0.0), math.radians(heading))
+    text = map_text(scan, only_identified=not also_doubtful)
+    if as_json:
+        print_json(_document(scan))
+    if output is not None:
+        path = output
+        has, findings = examined(str(path), path, lambda: parse_map_file(text.encode(), path))
+        write_new(path, text)
+        print_findings(str(path), has, findings, err=True)
+    elif not as_json:
+        click.echo(text, nl=False)
+    for sentence in _sentences(scan):
+        click.echo(sentence, err=True)
+    return 0
+
+
+def _check_live(*given: object) -> None:
+    """Check that no option of --from is given. Raises ConfigError otherwise."""
+    for option, value in zip(("--known", "--origin", "--heading", "--all", "--json"), given, strict=True):
+        if value:
+            raise ConfigError(f"{option} goes with --from only; the page has such a choice")
+
+
+def write_new(path: Path, text: str) -> None:
+    """Write `text` to a new file.
+
+    Raises:
+        ConfigError: If it exists already, or cannot be written.
+    """
+    try:
+        with path.open("x", encoding="utf-8") as opened:
+            opened.write(text)
+    except FileExistsError as error:
+        raise ConfigError(f"{path}: exists already; choose another name or move it away") from error
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written ({error.strerror or error})") from error
+
+
+def _sentences(scan: Scan) -> list[str]:
+    """Return what to know of a scan, and what to do next."""
+    found: list[ScannedStrip | ScannedLamp] = [*scan.strips.values(), *scan.lamps.values()]
+    doubts = [f"{each.name}: {each.reason}" for each in found if each.reason]
+    advice = next_view(scan)
+    return [*scan.problems, *doubts, *([f"next: {advice.text}"] if advice else ["complete"])]
+
+
+def _document(scan: Scan) -> dict[str, object]:
+    def plain(found: object) -> object:
+        return {k: v for k, v in asdict(found).items() if k not in ("covariance", "name")}  # type: ignore[call-overload]
+
+    advice = next_view(scan)
+    return {
+        "complete": scan.complete(),
+        "strips": {name: plain(each) for name, each in scan.strips.items()},
+        "lamps": {name: plain(each) for name, each in scan.lamps.items()},
+        "cameras": [
+            camera and {"position_m": camera.position_m, "ahead": camera.ahead} for camera in scan.cameras
+        ],
+        "focal_px": scan.focal_px,
+        "level_sigma_deg": math.degrees(scan.level_sigma_rad),
+        "level_from": scan.level_from,
+        "scale_sigma": scan.scale_sigma,
+        "scale_from": scan.scale_from,
+        "missing": scan.missing,
+        "problems": scan.problems,
+        "next_view": advice and asdict(advice),
+    }

@@ -1,0 +1,1 @@
+"""Maps a room from photographs of its blinking strips and lamps, or by pointing."""

@@ -1,0 +1,204 @@
+"""Straight pieces of strips in single photographs: the number of a pixel to its place in the image.
+
+Along a straight strip, p + n d in the camera's frame, the image of pixel n is (a + n b) up to scale, with
+a = K p and b = K d: six numbers without a scale, from three pixels. The pitch gives |d| and so the scale.
+Wrong numbers, reflections and the rest of a bent strip are outliers (random sample consensus).
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+TOLERANCE_PX = 3.0
+BOW = 0.015
+"""Tolerance for the distortion of the lens, as a share of the line's extent in the image."""
+LEAST = 4
+"""Minimum number of pixels of a line: three determine it, one confirms it."""
+TRIALS = 60
+STRAIGHT_SHARE = 0.75
+"""Share of a strip's pixels that lie on one line if it is straight; 10 % of all numbers may be wrong."""
+MAX_PIECES = 5
+MAX_SPLITS = 16
+"""Maximum number of places that are tried for one corner."""
+
+
+@dataclass(frozen=True)
+class ImageLine:
+    """The image of a straight piece: pixel n is at (a + n b), homogeneous, pixels from the centre.
+
+    Attributes:
+        a, b: 3 each.
+        pixels: numbers of the pixels that lie on it, k.
+        uv: their images, k x 2, from the image's centre.
+    """
+
+    a: Array
+    b: Array
+    pixels: Array
+    uv: Array
+
+    def at(self, pixels: Array) -> Array:
+        """Return the images of `pixels` (k), k x 2."""
+        points = self.a + pixels[:, None] * self.b
+        return points[:, :2] / points[:, 2:]
+
+    @property
+    def extent_px(self) -> float:
+        """Return the length in the image."""
+        return float(np.linalg.norm(np.ptp(self.uv, axis=0)))
+
+    def in_camera(self, focal_px: float, pitch_m: float) -> tuple[Array, Array]:
+        """Return the strip's place of pixel 0 and its step from pixel to pixel, camera frame, m."""
+        scale = np.array([1.0 / focal_px, 1.0 / focal_px, 1.0])
+        start, step = self.a * scale, self.b * scale
+        size = pitch_m / float(np.linalg.norm(step))
+        return start * size, step * size
+
+
+def fit_lines(pixels: Array, uv: Array, rng: np.random.Generator) -> list[ImageLine]:
+    """Return the line that most of `pixels` (k, at `uv`, k x 2) lie on, then a second one, if there is one.
+
+    The second is a reflection, or the rest of a bent strip.
+    """
+    found: list[ImageLine] = []
+    for _ in range(2):
+        on_line = _consensus(pixels, uv, rng)
+        if on_line is None:
+            break
+        line = _refined(pixels[on_line], uv[on_line])
+        if line is None:
+            break
+        found.append(line)
+        pixels, uv = pixels[~on_line], uv[~on_line]
+    return found
+
+
+def covered(line: ImageLine | None, pixels: Array) -> int:
+    """Return the number of different `pixels` on the line."""
+    return 0 if line is None else len(np.intersect1d(line.pixels, pixels))
+
+
+def _consensus(pixels: Array, uv: Array, rng: np.random.Generator) -> Mask | None:
+    """Return the largest set of pixels that lie on one line, or None if there are too few."""
+    if len(np.unique(pixels)) < LEAST:
+        return None
+    picks = np.argsort(rng.random((TRIALS, len(pixels))), axis=1)[:, :3]
+    picks = picks[np.min(np.abs(np.diff(np.sort(pixels[picks], axis=1), axis=1)), axis=1) > 0]
+    if not len(picks):
+        return None
+    # along the chord of the first and last of the three: s = (f n + g) / (h n + 1)
+    order = np.argsort(pixels[picks], axis=1)
+    picks = np.take_along_axis(picks, order, axis=1)
+    first, last = uv[picks[:, 0]], uv[picks[:, 2]]
+    chord = last - first
+    length = np.linalg.norm(chord, axis=1)
+    usable = length > 2.0 * TOLERANCE_PX
+    picks, first, chord, length = picks[usable], first[usable], chord[usable], length[usable]
+    if not len(picks):
+        return None
+    along = chord / length[:, None]
+    s = np.einsum("tkx,tx->tk", uv[picks] - first[:, None], along)
+    n = pixels[picks] / max(float(pixels.max()), 1.0)
+    system = np.stack([n, np.ones_like(n), -n * s], axis=2)
+    system += np.eye(3) * 1e-12
+    solution = np.asarray(np.linalg.solve(system, s[..., None]), dtype=np.float64)[..., 0]
+    f, g, h = solution[:, 0], solution[:, 1], solution[:, 2]
+    share = pixels / max(float(pixels.max()), 1.0)
+    depth = h[:, None] * share + 1.0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        reach = (f[:, None] * share + g[:, None]) / depth
+        images = first[:, None] + reach[..., None] * along[:, None]
+        error = np.linalg.norm(images - uv, axis=2)
+    extent = np.minimum(length, float(np.linalg.norm(np.ptp(uv, axis=0))))
+    in_front = np.all(depth[:, [int(np.argmin(pixels)), int(np.argmax(pixels))]] > 0.02, axis=1)
+    hits = (error < TOLERANCE_PX + BOW * extent[:, None]) & in_front[:, None]
+    counts = hits.sum(axis=1) - error.clip(max=10.0).sum(axis=1) / (1e3 * len(pixels))
+    best = hits[int(np.argmax(counts))]
+    return best if len(np.unique(pixels[best])) >= LEAST else None
+
+
+def _refined(pixels: Array, uv: Array) -> ImageLine | None:
+    """Return the line of least squares through `pixels`, or None if it runs through the camera's plane."""
+    middle, scale = uv.mean(axis=0), max(float(uv.std()), 1e-6)
+    n0, n_scale = float(pixels.mean()), max(float(pixels.std()), 1e-6)
+    u, n = (uv - middle) / scale, (pixels - n0) / n_scale
+    weights = np.ones(len(n))
+    solution, depth = np.zeros(6), np.zeros(len(n))
+    for _ in range(3):  # equations of the image, not of the homogeneous coordinates
+        rows = np.zeros((2 * len(n), 6))
+        for axis in (0, 1):
+            part = rows[axis::2]
+            part[:, axis], part[:, 3 + axis] = weights, weights * n
+            part[:, 2], part[:, 5] = -weights * u[:, axis], -weights * n * u[:, axis]
+        solution = np.linalg.svd(rows, full_matrices=False)[2][-1]
+        depth = solution[2] + n * solution[5]
+        weights = 1.0 / np.maximum(np.abs(depth), 1e-9)
+    if not (np.all(depth > 0) or np.all(depth < 0)):
+        return None
+    a, b = solution[:3] * np.sign(depth[0]), solution[3:] * np.sign(depth[0])
+    back = np.array([[scale, 0, middle[0]], [0, scale, middle[1]], [0, 0, 1.0]])
+    a, b = back @ (a - b * n0 / n_scale), back @ b / n_scale
+    return ImageLine(a, b, pixels, uv)
+
+
+def corners(views: Sequence[tuple[Array, Array]], count: int, rng: np.random.Generator) -> list[float]:
+    """Return the pixel numbers at which a strip of `count` pixels bends, seen in `views` (pixels and images).
+
+    A number between two pixels that were seen, to be refined by the adjustment.
+    """
+    knots = [-0.5, count - 0.5]
+    searched: set[float] = set()
+    while len(knots) <= MAX_PIECES:
+        for low, high in pairwise(knots):
+            if low not in searched:
+                split = _split([_between(view, low, high) for view in views], rng)
+                if split is not None:
+                    knots = sorted([*knots, split])
+                    break
+                searched.add(low)
+        else:
+            break
+    return knots[1:-1]
+
+
+def _between(view: tuple[Array, Array], low: float, high: float) -> tuple[Array, Array]:
+    pixels, uv = view
+    part = (pixels > low) & (pixels < high)
+    return pixels[part], uv[part]
+
+
+def _split(views: Sequence[tuple[Array, Array]], rng: np.random.Generator) -> float | None:
+    """Return the place where a corner explains the most additional pixels, or None if it is straight."""
+    views = [view for view in views if len(np.unique(view[0])) >= 2 * LEAST]
+    seen = sum(len(np.unique(pixels)) for pixels, _ in views)
+    straight = sum(_covered(view, rng) for view in views)
+    if straight >= STRAIGHT_SHARE * seen:
+        return None
+    numbers = np.unique(np.concatenate([pixels for pixels, _ in views]))
+    middles = (numbers[LEAST - 1 : -LEAST] + numbers[LEAST : 1 - LEAST]) / 2.0
+    if len(middles) > MAX_SPLITS:
+        middles = middles[np.linspace(0, len(middles) - 1, MAX_SPLITS).astype(int)]
+    scores = [
+        sum(_covered(_between(view, *part), rng) for view in views for part in ((-1.0, at), (at, np.inf)))
+        for at in middles
+    ]
+    if not scores or max(scores) < straight + max(3, 0.12 * seen):
+        return None
+    best = np.flatnonzero(np.array(scores) >= max(scores) - 0.5)
+    return float(np.mean(middles[best]))
+
+
+def _covered(view: tuple[Array, Array], rng: np.random.Generator) -> int:
+    on_line = _consensus(*view, rng)
+    return 0 if on_line is None else len(np.unique(view[0][on_line]))
+
+
+def pieces(knots: Sequence[float]) -> Iterator[tuple[float, float]]:
+    """Yield the first and last place of each straight piece, pixel numbers."""
+    yield from pairwise(knots)

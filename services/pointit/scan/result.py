@@ -1,0 +1,164 @@
+"""The result of a scan: positions with their uncertainty, in a level room frame or as it is placed."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from pointit.geometry.vector import Vec3
+from pointit.runtime.errors import PointItError
+from pointit.scan.adjustment import Array
+
+COMPLETE_M = 0.01
+
+
+class ScanError(PointItError):
+    """The views determine no room. One sentence: what is seen, and what to do."""
+
+
+@dataclass(frozen=True)
+class Camera:
+    """The pose of a view. `rotation` (3 x 3) and `translation_m` (3) move room points into its frame."""
+
+    rotation: Array
+    translation_m: Array
+
+    @property
+    def position_m(self) -> Vec3:
+        """Return the position in the room."""
+        return _vec3(-self.rotation.T @ self.translation_m)
+
+    @property
+    def ahead(self) -> Vec3:
+        """Return the unit direction of view in the room."""
+        return _vec3(self.rotation[2])
+
+
+@dataclass(frozen=True)
+class ScannedStrip:
+    """A strip in the room.
+
+    Attributes:
+        name, count: as given.
+        line_m: its line from half a pixel before pixel 0 to half a pixel after the last, with its corners.
+        sigma_m: largest standard deviation of an end or corner, in the worst direction, beside the other
+            strips (the room's position, heading and scale apart).
+        pitch_m: measured distance from pixel to pixel along the line.
+        views: number of views that determine it.
+        identified: True if ends and corners are determined, and agree with what the strip is said to be.
+        reason: what is wrong or to be known, or `""`. One sentence.
+        covariance: of the vertices of `line_m`, 3 v x 3 v, m².
+    """
+
+    name: str
+    count: int
+    line_m: tuple[Vec3, ...]
+    sigma_m: float
+    pitch_m: float
+    views: int
+    identified: bool
+    reason: str = ""
+    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False, compare=False)
+
+    @property
+    def start(self) -> Vec3:
+        """Return the end at pixel 0, m."""
+        return self.line_m[0]
+
+    @property
+    def end(self) -> Vec3:
+        """Return the end at the last pixel, m."""
+        return self.line_m[-1]
+
+
+@dataclass(frozen=True)
+class ScannedLamp:
+    """A lamp in the room; fields as of `ScannedStrip`."""
+
+    name: str
+    position_m: Vec3
+    sigma_m: float
+    views: int
+    identified: bool
+    reason: str = ""
+    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False, compare=False)
+
+
+@dataclass(frozen=True)
+class Scan:
+    """A scanned room: level, z up, z = 0 at the lowest point until it is placed.
+
+    Attributes:
+        cameras: pose of each view, None if it could not be placed.
+        focal_px, distortion: lens; distortion is k1 of normalized image coordinates.
+        strips, lamps: by name. Those that no view determines are not among them, but in `problems`.
+        level_sigma_rad: standard deviation of the level per axis. `level_from`: gravity or strips.
+        scale_sigma: relative standard deviation of all lengths. `scale_from`: length or pitch.
+        noise_px: standard deviation of the images' errors.
+        problems: sentences about the scan as a whole, and strips that are not determined.
+    """
+
+    cameras: tuple[Camera | None, ...]
+    focal_px: float
+    distortion: float
+    strips: Mapping[str, ScannedStrip]
+    lamps: Mapping[str, ScannedLamp]
+    level_sigma_rad: float
+    level_from: str
+    scale_sigma: float
+    scale_from: str
+    noise_px: float
+    missing: tuple[str, ...] = ()
+    problems: tuple[str, ...] = ()
+
+    def complete(self, limit_m: float = COMPLETE_M) -> bool:
+        """Return True if all strips and lamps are identified with sigma of at most `limit_m`."""
+        found: list[ScannedStrip | ScannedLamp] = [*self.strips.values(), *self.lamps.values()]
+        return not self.missing and all(each.identified and each.sigma_m <= limit_m for each in found)
+
+    def placed(self, origin_m: Vec3, heading_rad: float) -> "Scan":
+        """Return the scan in the room's frame {W}: z stays up.
+
+        Args:
+            origin_m: point of this scan's frame that becomes [0, 0, 0].
+            heading_rad: direction of this scan's frame, about z from its x, that becomes x.
+        """
+        cosine, sine = math.cos(heading_rad), math.sin(heading_rad)
+        turn = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+        return self.moved(turn, -turn @ np.array(origin_m))
+
+    def moved(self, turn: Array, shift: Array) -> "Scan":
+        """Return the scan with every point X at `turn` (3 x 3 rotation) X + `shift` (3)."""
+
+        def there(point: Vec3) -> Vec3:
+            return _vec3(turn @ np.array(point) + shift)
+
+        def spread(covariance: Array) -> Array:
+            block = np.kron(np.eye(len(covariance) // 3), turn)
+            return np.asarray(block @ covariance @ block.T)
+
+        return replace(
+            self,
+            cameras=tuple(
+                camera
+                and Camera(camera.rotation @ turn.T, camera.translation_m - camera.rotation @ turn.T @ shift)
+                for camera in self.cameras
+            ),
+            strips={
+                name: replace(
+                    each,
+                    line_m=tuple(there(point) for point in each.line_m),
+                    covariance=spread(each.covariance),
+                )
+                for name, each in self.strips.items()
+            },
+            lamps={
+                name: replace(each, position_m=there(each.position_m), covariance=spread(each.covariance))
+                for name, each in self.lamps.items()
+            },
+        )
+
+
+def _vec3(values: Array) -> Vec3:
+    return (float(values[0]), float(values[1]), float(values[2]))

@@ -1,0 +1,99 @@
+"""Maps beside the files of WLED and xLights."""
+
+import contextlib
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pointit.maps import exchange
+from pointit.maps.model import MapFile
+from pointit.runtime.errors import ConfigError
+
+BENT = MapFile.model_validate(
+    {
+        "strips": {
+            "desk": {"line": [[0, 0, 1], [1.2, 0, 1], [1.2, 0.8, 1]], "pixels": 60},
+            "wall": {"line": [[0, 2, 0], [0, 2, 1.5]], "pixels": 45, "direction": -1},
+        }
+    }
+)
+
+
+def test_csv_gives_back_lines_pixels_and_corners() -> None:
+    back = exchange.from_csv(exchange.to_csv(BENT))
+    assert [strip.pixels for strip in back.values()] == [60, 45]
+    assert back["desk"].line[0] == pytest.approx((0, 0, 1), abs=0.02)
+    assert back["desk"].line[1] == pytest.approx((1.2, 0, 1), abs=0.03)
+    assert back["desk"].line[-1] == pytest.approx((1.2, 0.8, 1), abs=0.02)
+    assert len(back["desk"].line) == 3
+
+
+def test_csv_begins_with_pixel_0_when_the_strip_runs_backwards() -> None:
+    assert exchange.from_csv(exchange.to_csv(BENT))["wall"].line[0] == pytest.approx((0, 2, 1.5), abs=0.02)
+
+
+def test_csv_without_names_is_split_at_gaps() -> None:
+    text = (
+        "\n".join(f"{0.1 * n},0,0" for n in range(10))
+        + "\n"
+        + "\n".join(f"{5 + 0.1 * n},1,0" for n in range(5))
+    )
+    assert [strip.pixels for strip in exchange.from_csv(text).values()] == [10, 5]
+
+
+def test_csv_of_index_x_y_z_is_in_the_order_of_the_index() -> None:
+    (strip,) = exchange.from_csv("2,0.2,0,0\n0,0,0,0\n1,0.1,0,0").values()
+    assert strip.line == ((-0.05, 0, 0), (0.25, 0, 0))
+
+
+@pytest.mark.parametrize(
+    "text", ["", "a,b\n", "1,2\n", "1,2,nan\n", "x,y,z\n1,2\n", "0,0,0\n", "0,0,0\n0,0,0\n"]
+)
+def test_csv_of_something_else_is_an_error_of_one_sentence(text: str) -> None:
+    with pytest.raises(ConfigError):
+        exchange.from_csv(text)
+
+
+@given(st.text(max_size=60))
+def test_any_text_is_an_error_of_one_sentence_or_strips(text: str) -> None:
+    with contextlib.suppress(ConfigError):
+        assert exchange.from_csv(text)
+    with contextlib.suppress(ConfigError):
+        assert exchange.from_segments(text)
+    with contextlib.suppress(ConfigError):
+        assert exchange.from_ledmap(text, 0.05)
+
+
+def test_segments_give_back_names_and_counts() -> None:
+    assert exchange.from_segments(exchange.to_segments(BENT)) == {"desk": 60, "wall": 45}
+
+
+def test_segments_of_a_state_without_names_are_numbered() -> None:
+    state = {
+        "state": {"on": True, "seg": [{"id": 3, "start": 5, "stop": 9}, {"id": 4, "start": 0, "stop": 0}]}
+    }
+    assert exchange.from_segments(json.dumps(state)) == {"segment_3": 4}
+
+
+@pytest.mark.parametrize(
+    "text", ["[]", "{}", '{"seg": 1}', '{"seg": [{"start": "a", "stop": 2}]}', "[1]", "x"]
+)
+def test_other_json_is_no_segments(text: str) -> None:
+    with pytest.raises(ConfigError):
+        exchange.from_segments(text)
+
+
+def test_ledmap_gives_back_a_line_seen_from_the_front() -> None:
+    line = MapFile.model_validate({"strips": {"a": {"line": [[0, 3, 1], [1, 3, 1]], "pixels": 20}}})
+    text = exchange.to_ledmap(line, "front", 0.05)
+    assert json.loads(text)["map"] == list(range(20))
+    (strip,) = exchange.from_ledmap(text, 0.05).values()
+    assert strip.pixels == 20
+    assert strip.line[-1][0] - strip.line[0][0] == pytest.approx(1.0)
+
+
+def test_ledmap_with_too_many_cells_is_refused() -> None:
+    with pytest.raises(ConfigError, match="too many"):
+        exchange.to_ledmap(BENT, "side", 0.0001)

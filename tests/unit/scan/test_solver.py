@@ -1,0 +1,186 @@
+"""Rooms from photographs: positions, what is stated of them, and what is refused."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pointit.runtime.errors import ConfigError
+from pointit.scan.advice import next_view
+from pointit.scan.as_map import map_text, to_environment
+from pointit.scan.result import Scan, ScanError
+from pointit.scan.solver import solve
+from pointit.scan.views import KnownLength, Mark, Sighting, StripSpec, View
+from tests.unit.scan.photographs import LAMP, LAMPS, LINES, PITCH_M, PLACES, photograph, photographs, specs
+
+
+def distances(scan: Scan) -> dict[str, float]:
+    """Return the largest error of an end of each strip after the best motion to the truth, m."""
+    names = [name for name in LINES if name in scan.strips]
+    found = np.array([end for name in names for end in (scan.strips[name].start, scan.strips[name].end)])
+    true = np.array([end for name in names for end in (LINES[name][0], LINES[name][-1])])
+    left, _, right = np.linalg.svd((true - true.mean(axis=0)).T @ (found - found.mean(axis=0)))
+    turn = left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right
+    off = np.linalg.norm((found - found.mean(axis=0)) @ turn.T - (true - true.mean(axis=0)), axis=1)
+    return {name: float(off[2 * row : 2 * row + 2].max()) for row, name in enumerate(names)}
+
+
+def test_strips_are_found_to_about_a_centimetre_when_four_views_have_10_percent_wrong_numbers() -> None:
+    scan = solve(specs(), LAMPS, photographs(4, wrong=0.1))
+    assert max(distances(scan).values()) < 0.015
+    assert all(strip.identified for strip in scan.strips.values())
+    assert scan.complete(0.02)
+    assert scan.focal_px == pytest.approx(950.0, rel=0.02)
+
+
+def test_a_bent_strip_has_its_corner_and_straight_ones_have_none() -> None:
+    scan = solve(specs(), LAMPS, photographs(4))
+    assert {name: len(strip.line_m) for name, strip in scan.strips.items()} == {
+        "left": 2, "back": 2, "post": 2, "table": 2, "bent": 3,
+    }  # fmt: skip
+    start, corner, end = (np.array(point) for point in scan.strips["bent"].line_m)
+    assert np.linalg.norm(corner - start) == pytest.approx(1.4, abs=0.02)
+    assert np.linalg.norm(end - corner) == pytest.approx(1.2, abs=0.02)
+
+
+@pytest.mark.parametrize("gravity", [True, False])
+def test_the_room_is_level(gravity: bool) -> None:  # noqa: FBT001 - a parameter of the test
+    scan = solve(specs(), LAMPS, photographs(4, gravity=gravity))
+    along = np.subtract(scan.strips["post"].end, scan.strips["post"].start)
+    assert along[2] / np.linalg.norm(along) == pytest.approx(1.0, abs=1e-3)
+    assert scan.level_from == ("gravity" if gravity else "strips")
+
+
+def test_a_known_length_scales_everything_and_says_so_when_it_contradicts_the_pitch() -> None:
+    known = KnownLength(Mark("post", 0), Mark("post", 59), 59 * PITCH_M * 1.1)
+    scan = solve(specs(), LAMPS, photographs(4), known_length=known)
+    assert scan.scale_from == "length"
+    assert np.linalg.norm(np.subtract(scan.strips["back"].end, scan.strips["back"].start)) == pytest.approx(
+        2.2, rel=0.005
+    )
+    assert "the known length makes all pitches" in " ".join(scan.problems)
+
+
+def test_a_lamp_is_found_beside_the_strips() -> None:
+    scan = solve(specs(), LAMPS, photographs(4))
+    apart = np.linalg.norm(np.subtract(scan.lamps["lamp"].position_m, scan.strips["back"].start))
+    assert apart == pytest.approx(math.dist(LAMP, LINES["back"][0]), abs=0.02)
+
+
+def test_a_strip_of_unknown_pitch_is_found_by_the_others() -> None:
+    strips = [replace(spec, pitch_m=None) if spec.name == "table" else spec for spec in specs()]
+    scan = solve(strips, LAMPS, photographs(4))
+    assert scan.strips["table"].pitch_m == pytest.approx(PITCH_M, rel=0.02)
+
+
+def test_the_nearer_of_a_strip_and_its_reflection_is_taken() -> None:
+    rng = np.random.default_rng(3)
+    mirrored = {"table": [[x, y, -z] for x, y, z in LINES["table"]]}
+    views = [
+        replace(view, sightings=view.sightings + photograph(at, rng, lines=mirrored).sightings)
+        for view, at in zip(photographs(4), PLACES, strict=True)
+    ]
+    assert distances(solve(specs(), LAMPS, views))["table"] < 0.01
+
+
+def test_origin_and_heading_move_the_scan_and_keep_it_level() -> None:
+    scan = solve(specs(), LAMPS, photographs(3))
+    start, end = scan.strips["back"].line_m
+    heading = math.atan2(end[1] - start[1], end[0] - start[0])
+    placed = scan.placed(start, heading)
+    assert placed.strips["back"].start == pytest.approx((0, 0, 0), abs=1e-9)
+    assert placed.strips["back"].end == pytest.approx(
+        (math.dist(start[:2], end[:2]), 0, end[2] - start[2]), abs=1e-9
+    )
+    camera, before = placed.cameras[0], scan.cameras[0]
+    assert camera is not None
+    assert before is not None
+    assert math.dist(camera.position_m, (0, 0, 0)) == pytest.approx(math.dist(before.position_m, start))
+
+
+def test_the_map_has_the_strips_and_what_is_to_be_known() -> None:
+    scan = solve(specs(), LAMPS, photographs(4))
+    room = to_environment(scan, name="room", stamp_ns=0)
+    assert [strip.id for strip in room.strips] == list(LINES)
+    assert "# within" in map_text(scan)
+
+
+def test_an_end_that_no_view_shows_is_not_identified() -> None:
+    views = [
+        replace(view, sightings=tuple(s for s in view.sightings if s.name != "back" or s.pixel < 80))
+        for view in photographs(4)
+    ]
+    back = solve(specs(), LAMPS, views).strips["back"]
+    assert not back.identified
+    assert back.sigma_m > 0.02
+    assert "no two views show pixels" in back.reason
+
+
+def test_a_strip_that_is_swapped_with_one_of_another_pitch_is_not_identified() -> None:
+    strips = [replace(spec, pitch_m=1 / 30) if spec.name == "left" else spec for spec in specs()]
+    rng = np.random.default_rng(4)
+    count = {spec.name: spec.count for spec in strips}
+    swap = {"left": "post", "post": "left"}
+    views = [
+        View(
+            1280,
+            720,
+            tuple(
+                Sighting(seen.name, min(seen.pixel, count.get(seen.name, 1) - 1), seen.u, seen.v)
+                for seen in photograph(at, rng, names=swap).sightings
+            ),
+        )
+        for at in PLACES
+    ]
+    scan = solve(strips, LAMPS, views)
+    found = scan.strips.get("left")
+    assert found is None or not found.identified
+    assert any("'left'" in each for each in (*scan.problems, "'left'" if found and found.reason else ""))
+
+
+def test_advice_names_a_strip_that_was_seen_once() -> None:
+    views = [
+        replace(view, sightings=tuple(s for s in view.sightings if s.name != "table" or number == 0))
+        for number, view in enumerate(photographs(4))
+    ]
+    scan = solve(specs(), LAMPS, views)
+    advice = next_view(scan)
+    assert not scan.complete(0.05)
+    assert advice is not None
+    assert "table" in advice.text
+
+
+def test_no_advice_is_left_when_the_scan_is_complete() -> None:
+    scan = solve(specs(), LAMPS, photographs(4))
+    assert next_view(scan, 0.05) is None
+
+
+def test_a_picture_of_something_else_is_refused_in_a_sentence() -> None:
+    rng = np.random.default_rng(5)
+    noise = [
+        View(
+            1280,
+            720,
+            tuple(Sighting("left", int(n), *rng.uniform(0, 700, 2)) for n in rng.integers(0, 90, 30)),
+        )
+        for _ in range(3)
+    ]
+    with pytest.raises(ScanError):
+        solve(specs(), [], noise)
+
+
+def test_one_view_or_none_is_refused() -> None:
+    for views in ([], photographs(1)):
+        with pytest.raises(ScanError, match="two positions"):
+            solve(specs(), LAMPS, views)
+
+
+def test_strips_without_any_pitch_are_refused() -> None:
+    with pytest.raises(ScanError, match="pitch"):
+        solve([StripSpec("left", 90)], [], photographs(0) + [View(1280, 720, ())] * 2)
+
+
+def test_a_pixel_beyond_the_strips_count_is_an_error_that_names_it() -> None:
+    with pytest.raises(ConfigError, match="has no pixel"):
+        solve([StripSpec(s.name, 20, s.pitch_m) for s in specs()], LAMPS, photographs(2))

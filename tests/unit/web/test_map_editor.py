@@ -1,0 +1,152 @@
+"""The plan editor's server: the map in use is read, checked with edits, saved in place or as a copy."""
+
+from pathlib import Path
+from typing import cast
+
+import pytest
+
+from pointit.bridges.web.model.map_editor import MapEditor
+from pointit.maps.edit.edits import Add, Edit, SetValue
+from pointit.maps.file import load_map
+from pointit.runtime.bus.contract import Bus
+from pointit.runtime.errors import PointItError, RefusedError
+from pointit.schemas import KeyNameError, UseMap, UseMapReply
+
+pytestmark = pytest.mark.wall_time  # files are read in threads
+
+ROOM = """\
+# my room
+lamps:
+  door: {position: [0, 1, 2]}
+  desk: {position: [3, 1, 1]}   # beside the screen
+strips:
+  top: {line: [[0, 0, 1], [1, 0, 1]], pixels: 60, length: 1.0}
+"""
+HIGHER = SetValue(section="lamps", name="desk", key="position", value=[3, 1, 1.25])
+
+
+class Site:
+    """A site whose `pui` uses `map`, or refuses to change it with the sentence `refuses`."""
+
+    def __init__(self, used: str) -> None:
+        self.map = used
+        self.refuses = ""
+        self.editor = MapEditor(cast("Bus", self))
+
+    async def call(self, _request: object, query: UseMap) -> UseMapReply:
+        if query.path and self.refuses:
+            raise RefusedError(self.refuses)
+        self.map = query.path or self.map
+        return UseMapReply(path=self.map)
+
+
+def text_of(path: str) -> str:
+    return Path(path).read_text()
+
+
+def texts_in(folder: Path) -> dict[str, str]:
+    return {path.name: path.read_text() for path in folder.iterdir()}
+
+
+def mode_of(path: str) -> int:
+    return Path(path).stat().st_mode & 0o777
+
+
+def put(path: str, text: str, mode: int = 0o644) -> str:
+    Path(path).write_text(text)
+    Path(path).chmod(mode)
+    return text
+
+
+@pytest.fixture
+def site(tmp_path: Path) -> Site:
+    path = tmp_path / "room.yaml"
+    path.write_text(ROOM)
+    return Site(str(path))
+
+
+async def test_the_map_in_use_is_read_in_the_words_of_its_file(site: Site) -> None:
+    found = await site.editor.read()
+    assert (found["path"], found["shipped"], found["findings"]) == (site.map, False, [])
+    assert found["sections"]["strips"] == {
+        "top": {"line": [[0, 0, 1], [1, 0, 1]], "pixels": 60, "length": 1.0}
+    }
+
+
+async def test_findings_are_those_on_the_edited_map_and_the_file_stays(site: Site) -> None:
+    digest = (await site.editor.read())["digest"]
+    below = SetValue(section="lamps", name="desk", key="position", value=[3, 1, -1])
+    none = SetValue(section="strips", name="top", key="pixels", value=0)
+    cases: tuple[tuple[list[Edit], tuple[str, str, str]], ...] = (
+        ([below], ("error", "lamps.desk", "below the floor")),
+        ([below, none], ("error", "strips.top.pixels", "write")),
+    )
+    for edits, (severity, where, text) in cases:
+        (found,) = (await site.editor.check(edits, digest))["findings"]
+        assert (found["severity"], found["where"]) == (severity, where)
+        assert text in found["text"]
+    assert text_of(site.map) == ROOM
+
+
+async def test_a_saved_map_has_its_comments_and_mode_and_is_used_at_once(site: Site) -> None:
+    put(site.map, ROOM, mode=0o640)
+    digest = (await site.editor.read())["digest"]
+    saved = await site.editor.save([HIGHER], digest, "")
+    assert text_of(site.map) == ROOM.replace("[3, 1, 1]", "[3, 1, 1.25]")
+    assert mode_of(site.map) == 0o640
+    assert saved["message"] == f"saved to {site.map}, and people point at it"
+    await site.editor.save([], saved["digest"], "")  # what was saved is what is edited next
+
+
+async def test_a_file_that_somebody_else_changed_is_not_overwritten(site: Site) -> None:
+    digest = (await site.editor.read())["digest"]
+    theirs = put(site.map, ROOM + "# theirs\n")
+    with pytest.raises(RefusedError, match="was changed by somebody else since"):
+        await site.editor.check([HIGHER], digest)
+    with pytest.raises(RefusedError, match="was changed by somebody else since"):
+        await site.editor.save([HIGHER], digest, "")
+    assert text_of(site.map) == theirs
+
+
+async def test_a_shipped_map_is_saved_as_a_copy_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    site = Site("lab")
+    found = await site.editor.read()
+    assert found["shipped"] is True
+    edit = Add(section="lamps", name="new", value={"position": [0, 0, 1]})
+    with pytest.raises(RefusedError, match="lab comes with PointIt and stays as it is"):
+        await site.editor.save([edit], found["digest"], "")
+    saved = await site.editor.save([edit], found["digest"], "mine")
+    assert site.map == saved["path"] == str(tmp_path / "mine.yaml")
+    assert saved["message"].endswith(f"with --set pui.map={site.map}")
+    assert [lamp.id for lamp in load_map(site.map, 0).lamps][-1] == "new"
+
+
+@pytest.mark.parametrize(
+    ("name", "error", "sentence"),
+    [
+        ("other", RefusedError, "is there already; choose another name"),
+        ("../other", KeyNameError, "other"),
+        ("", RefusedError, "not saved: strips.top.pixels: write"),
+    ],
+)
+async def test_what_cannot_be_saved_changes_no_file(
+    site: Site, tmp_path: Path, name: str, error: type[Exception], sentence: str
+) -> None:
+    put(str(tmp_path / "other.yaml"), "theirs")
+    edits: list[Edit] = [HIGHER] if name else [SetValue(section="strips", name="top", key="pixels", value=0)]
+    with pytest.raises(error, match=sentence):
+        await site.editor.save(edits, (await site.editor.read())["digest"], name)
+    assert texts_in(tmp_path) == {"room.yaml": ROOM, "other.yaml": "theirs"}
+
+
+async def test_that_the_site_does_not_take_a_saved_map_is_said(site: Site) -> None:
+    digest = (await site.editor.read())["digest"]
+    site.refuses = "nothing to point at"
+    saved = await site.editor.save([HIGHER], digest, "")
+    assert saved["message"].endswith("but the site still uses the map as it was: nothing to point at")
+
+
+async def test_a_map_on_another_machine_is_not_edited_here() -> None:
+    with pytest.raises(PointItError, match="not on the machine of this page; open a page where `pui` runs"):
+        await Site("/no/such/room.yaml").editor.read()

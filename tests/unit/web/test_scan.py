@@ -1,0 +1,269 @@
+"""The site's side of a scan: who may, what is refused, what becomes of views; the solver is not needed."""
+
+import asyncio
+from collections.abc import AsyncIterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+import pytest_asyncio
+from starlette.requests import HTTPConnection, Request
+from starlette.responses import Response
+from starlette.websockets import WebSocket
+
+from pointit.bridges.web.scan.door import ScanDoor
+from pointit.bridges.web.scan.session import ScanSession, Solution
+from pointit.bridges.web.scan.simulated_room import SimulatedRoom
+from pointit.bridges.web.scan.wire import ScanStrip
+from pointit.bridges.web.server.access import Access
+from pointit.bridges.web.server.app import application
+from pointit.bridges.web.server.bundle import Bundle
+from pointit.bridges.web.wire import Role
+from pointit.runtime.errors import ConfigError, RefusedError
+from pointit.scan.views import Survey
+from pointit.schemas import LitPixels, StripFrame, StripsFrame
+from tests.support.bench import until
+
+HERE = "http://127.0.0.1:8090"
+TOKEN = "of-the-qr-code"  # noqa: S105 - of tests only
+LINE = ((0.0, 0.0, 1.0), (1.0, 0.0, 1.0))
+VIEW: dict[str, Any] = {
+    "kind": "view",
+    "width": 640,
+    "height": 360,
+    "seen": [[0, 10.5, 20.5], [1, 30.0, 40.0]],
+}
+
+
+class Bench:
+    def __init__(self, folder: Path) -> None:
+        (folder / "scan.html").write_text("<!doctype html><title>scan</title>")
+        self.shown: list[tuple[Sequence[LitPixels], float]] = []
+        self.solved: list[Survey] = []
+        self.fault: Exception | None = None
+        self.may_solve = asyncio.Event()
+        self.may_solve.set()
+        self.file = folder / "room.yaml"
+        self.session = ScanSession(show=self._show, solve=self._solve, file=self.file)
+        self.doors = Access("operator-token", "viewer-token")
+        self.is_wrist = False
+
+        def wrist(_connection: HTTPConnection) -> bool:
+            return self.is_wrist
+
+        self.door = ScanDoor(
+            self.session, self.doors, Bundle(folder), is_wrist=wrist, token=TOKEN, room=SimulatedRoom()
+        )
+        self.app = application(self.doors, Bundle(folder), self._no_page, self._no_file, self.door.routes)
+
+    def client(self) -> httpx.AsyncClient:
+        transport = httpx.ASGITransport(self.app)
+        return httpx.AsyncClient(transport=transport, base_url=HERE, headers={"Origin": HERE})
+
+    async def _show(self, lit: Sequence[LitPixels], for_s: float) -> None:
+        if self.fault is not None:
+            raise self.fault
+        self.shown.append((lit, for_s))
+
+    async def _solve(self, survey: Survey) -> Solution:
+        await self.may_solve.wait()
+        self.solved.append(survey)
+        if self.fault is not None:
+            raise self.fault
+        strips = (ScanStrip(name="shelf", pixels=20, line_m=LINE, sigma_m=0.004),)
+        return Solution(
+            strips=strips, is_complete=True, advice="enough", map_text=lambda origin: f"# {origin}\n"
+        )
+
+    async def _no_page(self, _socket: WebSocket, _role: Role) -> None:
+        raise AssertionError
+
+    async def _no_file(self, _request: Request) -> Response:
+        raise AssertionError
+
+
+@pytest_asyncio.fixture
+async def bench(tmp_path: Path) -> AsyncIterator[Bench]:
+    bench = Bench(tmp_path)
+    bench.session.set_strips({"shelf": 20, "desk": 30})
+    yield bench
+    await bench.session.close()
+
+
+@pytest_asyncio.fixture
+async def phone(bench: Bench) -> AsyncIterator[httpx.AsyncClient]:
+    async with bench.client() as client:
+        assert (await client.get(f"/scan?token={TOKEN}")).status_code == 303
+        yield client
+
+
+async def said(client: httpx.AsyncClient, status: int = 200, **what: Any) -> Any:
+    response = await client.post("/scan", json=what)
+    assert response.status_code == status, response.text
+    return response.json() if status == 200 else response.text
+
+
+async def solved(bench: Bench, client: httpx.AsyncClient) -> Any:
+    await until(lambda: not bench.session.state().is_solving)
+    return await said(client, kind="look")
+
+
+async def test_nobody_maps_the_room_without_the_code_or_the_operators_cookie(bench: Bench) -> None:
+    async with bench.client() as client:
+        for path in ("/scan", "/scan?token=another", "/scan/map.yaml", "/scan/room", "/scan/lights"):
+            assert (await client.get(path)).status_code == 403, path
+        assert "Map this room" in await said(client, 403, kind="look")
+        foreign = await client.post("/scan", json={"kind": "look"}, headers={"Origin": "http://x"})
+        assert foreign.status_code == 403
+
+
+async def test_the_code_opens_the_page_without_its_token(bench: Bench) -> None:
+    async with bench.client() as client:
+        response = await client.get(f"/scan?token={TOKEN}")
+        assert response.headers["location"] == "/scan"
+        assert all(word in response.headers["set-cookie"] for word in ("HttpOnly", "SameSite=lax"))
+        assert (await client.get("/scan")).status_code == 200
+        assert bench.door.pair() != TOKEN
+        assert (await client.get("/scan")).status_code == 403, "another phone has it now"
+
+
+async def test_a_wrist_may_map_the_room_while_a_scan_is_open(bench: Bench) -> None:
+    bench.is_wrist = True
+    async with bench.client() as client:
+        assert (await client.get("/scan")).status_code == 200
+
+
+async def test_each_step_lights_the_marked_pixels_for_a_while(bench: Bench, phone: httpx.AsyncClient) -> None:
+    state = await said(phone, kind="begin")
+    assert state["lights"][:2] == [["shelf", 0], ["shelf", 2]]
+    assert state["lights"][-1] == ["desk", 29]
+    await said(phone, 204, kind="light", step=0, brightness=0.5)
+    lit, for_s = bench.shown[-1]
+    assert [(each.id, each.color) for each in lit] == [("shelf", (128, 0, 0)), ("desk", (128, 0, 0))]
+    assert lit[0].pixels[:2] == (0, 2)
+    assert for_s == 6.0
+    await said(phone, 204, kind="light", step=-1, brightness=0.5)
+    assert bench.shown[-1] == ((), 6.0)
+    await said(phone, 204, kind="light", step=-2, brightness=0.5)
+    assert bench.shown[-1] == ((), 0.0)
+    assert "load the page again" in await said(phone, 409, kind="light", step=9, brightness=0.5)
+    bench.fault = RefusedError("led-driver does not answer")
+    assert await said(phone, 409, kind="light", step=1, brightness=0.5) == "led-driver does not answer"
+
+
+async def test_views_are_solved_with_what_the_person_knows(bench: Bench, phone: httpx.AsyncClient) -> None:
+    begun: dict[str, Any] = {"leds_per_m": {"shelf": 50.0}, "known_strip": "desk", "known_m": 0.9}
+    assert "first view" in (await said(phone, kind="begin", **begun))["advice"]
+    await said(phone, **VIEW, gravity=[0.0, 1.0, 0.0])
+    assert "second view" in (await solved(bench, phone))["advice"]
+    assert bench.solved == []
+    await said(phone, **VIEW)
+    state = await solved(bench, phone)
+    (survey,) = bench.solved
+    assert [(each.name, each.count, each.pitch_m) for each in survey.strips] == [
+        ("shelf", 20, 0.02),
+        ("desk", 30, None),
+    ]
+    assert survey.known_length is not None
+    assert (survey.known_length.end.pixel, survey.known_length.metres) == (29, 0.9)
+    assert survey.views[0].gravity == (0.0, 1.0, 0.0)
+    assert [(seen.name, seen.pixel, seen.u) for seen in survey.views[1].sightings] == [
+        ("shelf", 0, 10.5),
+        ("shelf", 2, 30.0),
+    ]
+    known, unknown = state["strips"]
+    assert (known["seen"], known["sigma_m"], unknown["line_m"]) == (2, 0.004, [])
+    assert (state["is_complete"], state["advice"]) == (True, "enough")
+
+
+async def test_views_that_come_while_it_solves_are_solved_together(
+    bench: Bench, phone: httpx.AsyncClient
+) -> None:
+    await said(phone, kind="begin")
+    bench.may_solve.clear()
+    for _ in range(4):
+        await said(phone, **VIEW)
+    assert (await said(phone, kind="look"))["is_solving"]
+    bench.may_solve.set()
+    await solved(bench, phone)
+    assert [len(survey.views) for survey in bench.solved][-1] == 4
+    await said(phone, kind="undo")
+    assert (await solved(bench, phone))["views"] == 3
+
+
+@pytest.mark.parametrize(
+    ("fault", "sentence"),
+    [(ConfigError("no two views agree"), "no two views agree"), (ValueError("x"), "a fault of PointIt")],
+)
+async def test_views_that_determine_nothing_leave_what_was_known(
+    bench: Bench, phone: httpx.AsyncClient, fault: Exception, sentence: str
+) -> None:
+    await said(phone, kind="begin")
+    for _ in range(2):
+        await said(phone, **VIEW)
+    await solved(bench, phone)
+    bench.fault = fault
+    await said(phone, **VIEW)
+    state = await solved(bench, phone)
+    assert sentence in state["problem"]
+    assert state["strips"][0]["line_m"]
+
+
+async def test_the_map_is_a_new_file_or_a_download(bench: Bench, phone: httpx.AsyncClient) -> None:
+    await said(phone, kind="begin")
+    assert "nothing is known yet" in await said(phone, 409, kind="save", name="room")
+    assert (await phone.get("/scan/map.yaml")).status_code == 409
+    for _ in range(2):
+        await said(phone, **VIEW)
+    await solved(bench, phone)
+    state = await said(phone, kind="save", name="room", origin="shelf")
+    assert state["saved"] == str(bench.file)
+    assert bench.file.read_text() == "# shelf\n"
+    assert "exists already" in await said(phone, 409, kind="save", name="room.yaml", origin="desk")
+    assert bench.file.read_text() == "# shelf\n"
+    for name in ("../other", "a/b.yaml", "", ".hidden", "x" * 60, "con\n"):
+        assert "no name for a map" in await said(phone, 409, kind="save", name=name)
+    assert (await phone.get("/scan/map.yaml?origin=desk")).text == "# desk\n"
+
+
+async def test_what_is_malformed_or_of_another_scan_is_refused(
+    bench: Bench, phone: httpx.AsyncClient
+) -> None:
+    await said(phone, kind="begin")
+    for wrong in (
+        {"kind": "view"},
+        {"kind": "else"},
+        {"kind": "begin", "known_m": -1.0},
+        VIEW | {"width": 1},
+    ):
+        assert "malformed" in await said(phone, 400, **wrong)
+    assert "there is no strip 'door'" in await said(phone, 409, kind="begin", leds_per_m={"door": 60})
+    assert "load the page again" in await said(phone, 409, **VIEW | {"seen": [[20, 1.0, 1.0]]})
+    assert "no unit vector" in await said(phone, 409, **VIEW, gravity=[0.0, 2.0, 0.0])
+    bench.session.set_strips({})
+    assert "pointit map scan -o FILE --strip" in await said(phone, 409, kind="begin")
+
+
+async def test_another_map_begins_a_new_scan(bench: Bench, phone: httpx.AsyncClient) -> None:
+    await said(phone, kind="begin")
+    await said(phone, **VIEW)
+    bench.session.set_strips({"shelf": 20, "desk": 30})
+    assert (await said(phone, kind="look"))["views"] == 1
+    bench.session.set_strips({"shelf": 21, "desk": 30})
+    assert (await said(phone, kind="look"))["views"] == 0
+
+
+async def test_a_simulated_camera_sees_what_the_led_driver_shows(
+    bench: Bench, phone: httpx.AsyncClient
+) -> None:
+    room = (await phone.get("/scan/room")).json()
+    assert len(room["strips"]) == 5
+    assert len(room["strips"][0]["places_m"]) == 90
+    bench.door.lights(StripsFrame(stamp_ns=1, seq=7, strips=(StripFrame(id="shelf", rgb=b"\1\2\3"),)))
+    first = (await phone.get("/scan/lights")).json()
+    assert first == {"seq": 7, "strips": {"shelf": "010203"}}
+    waiting = asyncio.create_task(phone.get("/scan/lights?after=7"))
+    await asyncio.sleep(0)
+    bench.door.lights(StripsFrame(stamp_ns=1, seq=8, strips=()))
+    assert (await waiting).json()["seq"] == 8

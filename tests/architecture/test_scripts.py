@@ -145,7 +145,9 @@ def test_an_extra_that_does_not_exist_is_refused(machine: Machine) -> None:
     machine.add("python3", PYTHON)
     done = machine.run("setup", "web", "ros")
     assert done.returncode == 1
-    extras = "lab plot web record site ble fusion mcp mqtt webhooks speech discovery docs foxglove ros2 test dev"
+    extras = (
+        "lab plot web record site ble fusion mcp mqtt webhooks speech discovery docs foxglove ros2 test dev"
+    )
     assert done.stderr == f"setup: there is no extra 'ros'; there are: {extras}\n"
     assert machine.calls == []
 

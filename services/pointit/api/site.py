@@ -247,7 +247,7 @@ class Site:
         publisher.put(speech)
 
     async def referents(self, user: str, at_ns: int | None = None, within_s: float = 1.0) -> Referents:
-        """Return what `user` may mean by a word at `at_ns`, and the probabilities; see `listener.referents`.
+        """Return the candidates for a word of `user` at `at_ns`; see `listener.referents`.
 
         Raises:
             NoAnswerError: If no service `listener` runs for `user` (`pointit run ... --with listener`).

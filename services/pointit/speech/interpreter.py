@@ -31,7 +31,7 @@ KINDS: Mapping[str, Sequence[str]] = {
     "what": (),
     "stop": ("robot",),
 }
-"""Kinds of what a verb may be about; empty: any."""
+"""Kinds of objects that a verb takes. It takes any if there are none."""
 AGAIN = "point at it, and say it again"
 
 
@@ -66,7 +66,7 @@ class Interpreter:
 
     @property
     def room(self) -> SpokenRoom:
-        """Return what is known of the room."""
+        """Return the room as far as it is known."""
         return self._room
 
     async def wait_for_map(self, patience_s: float) -> None:
@@ -152,7 +152,7 @@ class Interpreter:
     async def _resolve(
         self, speech: Speech, command: Command, mention: Mention, before: Sequence[Referent]
     ) -> Referent:
-        """Return what a mention refers to, asked back if it is not clear."""
+        """Return the referent of a mention, asked back if it is not clear."""
         if mention.name:
             return self._room.named(mention.name)
         others_ns = tuple(

@@ -1,4 +1,4 @@
-"""What a word refers to: timing, order, distance, own place, what is swept over, and doubt."""
+"""Referents of a word: timing, order, distance, own place, sweeps, and doubt."""
 
 import math
 import time

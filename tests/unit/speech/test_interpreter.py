@@ -1,4 +1,4 @@
-"""What is done about what a person says: requests, questions by light, refusals, and any flood of words."""
+"""Reactions to spoken commands: requests, questions by light, refusals, and any flood of words."""
 
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager

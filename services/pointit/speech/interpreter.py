@@ -58,7 +58,7 @@ class Interpreter:
         self._stopping = set[asyncio.Task[None]]()
         self._changed, self._count = asyncio.Event(), 0
         self.on_understood: Callable[[Understood], None] = lambda _understood: None
-        """Called with all that is published."""
+        """Called with all that is published, and with what is ignored."""
         bus.subscribe(MAP, self._on_map)
         bus.subscribe(ROBOT_STATE, lambda state, name: room.robots.__setitem__(name, state))
         bus.subscribe(OBJECTS, lambda objects, name: room.objects.__setitem__(name, objects))
@@ -188,5 +188,6 @@ class Interpreter:
                 "message": message,
             }
         )
-        self._understood.put(understood)
+        if result != "ignored":  # what is no command concerns nobody else
+            self._understood.put(understood)
         self.on_understood(understood)

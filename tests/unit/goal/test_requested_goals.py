@@ -28,6 +28,7 @@ def test_a_person_who_comes_near_before_the_robot_obeys_keeps_it_where_it_is() -
     ben.point(THERE, 0.3)
     assert ben.goals == []
     assert "from anna" in ben.text
+    assert ben.steering.waypoints_m == (), "a press does not send it there either"
 
 
 @pytest.mark.parametrize(

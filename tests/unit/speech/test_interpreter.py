@@ -181,6 +181,19 @@ async def test_two_candidates_blink_in_turn_and_the_second_is_confirmed(by: str)
 
 
 @in_virtual_time
+async def test_no_is_no_and_the_next_candidate_is_asked_about() -> None:
+    async with room() as here:
+        here.found = {"that": either("radio", HOSTILE)}
+        here.say("take that")
+        await here.result()
+        asked_ns = here.bench.clock.now_ns()
+        here.say("no", 0.0)
+        await until(lambda: any(name == "led_2" for name, _ in here.queries(SetLamp)))
+        assert here.bench.clock.now_ns() - asked_ns < NS_PER_S, "at once"
+        assert here.queries(SetThing) == []
+
+
+@in_virtual_time
 async def test_without_an_answer_nothing_is_done() -> None:
     async with room() as here:
         here.found = {"that": either("radio", HOSTILE)}

@@ -29,7 +29,7 @@ MAX_WORDS = 64
 """Limit of words of a message, and of deictic words of a request."""
 
 ReferentKind = Literal["thing", "robot", "object", "person", "place", "direction"]
-"""What a word may refer to: `object` is a tracked one that is no thing of the map."""
+"""Kind of a referent: `object` is a tracked one that is no thing of the map."""
 
 Deictic = Literal["", "this", "that", "here", "there", "these"]
 """Word that refers by pointing, or `""` for any: `these` to all that is swept over."""
@@ -205,7 +205,7 @@ class Referent(SchemaModel):
 
 
 class Understood(Message):
-    """What was understood of an utterance, and what came of it. `stamp_ns`: that of the speech."""
+    """Meaning of an utterance, and the result. `stamp_ns`: that of the speech."""
 
     text: Annotated[str, Field(max_length=4096, description="the words")]
     command: Annotated[Id, Field(description="verb of the command, or empty if it is none")] = ""

@@ -290,7 +290,7 @@ class FindReferents(Query):
 
 
 class Referents(Reply):
-    """What a person may have meant by a word. `message`: problem of the rays or the clock, or empty."""
+    """Candidates for a word of a person. `message`: problem of the rays, or empty."""
 
     candidates: Annotated[tuple[Referent, ...], Field(description="the most probable first")] = ()
     none: Annotated[Fraction, Field(description="probability of none of these")] = 1.0

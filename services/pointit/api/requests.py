@@ -234,7 +234,7 @@ class ListenerRequests(_Requests[D], Generic[D, R]):
         word: Deictic = "",
         others_ns: tuple[int, ...] = (),
     ) -> R:
-        """Return what `user` may have meant by a word spoken at `at_ns`, the most probable first.
+        """Return the candidates for a word that `user` spoke at `at_ns`, the most probable first.
 
         Args:
             user: who spoke. Their service `listener` keeps their last ten seconds.

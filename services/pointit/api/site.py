@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import functools
 import weakref
-from collections.abc import AsyncGenerator, Awaitable, Callable, Collection, Coroutine
+from collections.abc import AsyncGenerator, Awaitable, Callable, Collection, Coroutine, Sequence
 from operator import itemgetter
 from typing import Any, Literal, Self, TypeVar
 
@@ -16,7 +16,7 @@ from pointit.api.press import press
 from pointit.api.reactions import F, check_things, is_reaction, react
 from pointit.api.requests import Lamp
 from pointit.api.tracker import Tracker
-from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S, Closable, Subscription
+from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S, Closable, Publisher, Subscription
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import Clock
 from pointit.runtime.errors import AccessDeniedError, PointItError
@@ -39,9 +39,11 @@ from pointit.schemas import (
     SetMethodReply,
     SetMountingReply,
     SetToleranceReply,
+    Speech,
     TrackedObjects,
     UseMapReply,
     UserPose,
+    Word,
     topics,
 )
 from pointit.schemas.topics import ANY, Delivery, Presence, Request, Topic, check_name
@@ -70,6 +72,7 @@ class Site:
         self._present: dict[str, PresentNames] = {}
         self._watches: list[Closable] = []
         self._reactions = set[asyncio.Task[None]]()
+        self._speakers: dict[str, Publisher[Speech]] = {}
         self.latest = Latest(bus, self._check_open)
         """The newest messages by topic and name."""
         send = self.call
@@ -228,8 +231,23 @@ class Site:
         self._check_open()
         return await self._bus.call(request, query, name, timeout_s=timeout_s)
 
+    async def hear(self, user: str, words: Sequence[Word], *, is_final: bool = True) -> None:
+        """Publish what a recogniser heard of `user`; while it may change, not final.
+
+        Raises:
+            AccessDeniedError: If this identity may not speak for them.
+        """
+        self._check_open()
+        if denied := await self._bus.denial_reason("writes", topics.SPEECH, user):
+            raise AccessDeniedError(denied)
+        stamp_ns = words[-1].end_ns if words else self._clock.now_ns()
+        speech = Speech(stamp_ns=stamp_ns, words=tuple(words), is_final=is_final, recogniser="api")
+        publisher = self._speakers.get(user) or self._bus.publisher(topics.SPEECH, user)
+        self._speakers[user] = publisher
+        publisher.put(speech)
+
     async def referents(self, user: str, at_ns: int | None = None, within_s: float = 1.0) -> Referents:
-        """Return what `user` may mean by a word at `at_ns`, and the probabilities; see `listener.referents`.
+        """Return the candidates for a word of `user` at `at_ns`; see `listener.referents`.
 
         Raises:
             NoAnswerError: If no service `listener` runs for `user` (`pointit run ... --with listener`).

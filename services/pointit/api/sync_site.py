@@ -209,6 +209,7 @@ class SyncSite:
     sleep = _waiting(Site.sleep)
     call = _waiting(Site.call)
     press = _waiting(Site.press)
+    hear = _waiting(Site.hear)
     referents = _waiting(Site.referents)
 
     def on_pointed(self, *things: str) -> Callable[[F], F]:

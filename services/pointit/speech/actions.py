@@ -1,4 +1,4 @@
-"""What verbs do: requests to things and robots, with the checks that pointing has."""
+"""Actions of verbs: requests to things and robots, with the checks that pointing has."""
 
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from pointit.speech.room import SpokenRoom
 
 @dataclass(frozen=True)
 class Site:
-    """What an action may use."""
+    """Bus, person and room for an action."""
 
     bus: Bus
     user: str

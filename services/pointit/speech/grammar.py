@@ -42,13 +42,13 @@ class Mention:
 
 @dataclass(frozen=True, kw_only=True)
 class Command:
-    """What a person wants."""
+    """Verb with the things and places that it is about."""
 
     verb: Verb
     about: Mention | None = None
-    """What it is about, or None if nothing was said of it."""
+    """Object of the verb, or None if there is none."""
     to: Mention | None = None
-    """Where to, or None."""
+    """Destination, or None if there is none."""
 
     @property
     def mentions(self) -> tuple[Mention, ...]:
@@ -72,7 +72,7 @@ def names_of(names: Iterable[str]) -> Names:
 
 
 def answer(words: Sequence[Word]) -> Answer | None:
-    """Return whether the words say yes or no, or None if neither."""
+    """Return the answer that the words give, or None if they give none."""
     said = {word.text.lower() for word in words}
     if said & NO:
         return "no"

@@ -31,7 +31,7 @@ KINDS: Mapping[str, Sequence[str]] = {
     "what": (),
     "stop": ("robot",),
 }
-"""Kinds of what a verb may be about; empty: any."""
+"""Kinds of objects that a verb takes. It takes any if there are none."""
 AGAIN = "point at it, and say it again"
 
 
@@ -58,7 +58,7 @@ class Interpreter:
         self._stopping = set[asyncio.Task[None]]()
         self._changed, self._count = asyncio.Event(), 0
         self.on_understood: Callable[[Understood], None] = lambda _understood: None
-        """Called with all that is published."""
+        """Called with all that is published, and with what is ignored."""
         bus.subscribe(MAP, self._on_map)
         bus.subscribe(ROBOT_STATE, lambda state, name: room.robots.__setitem__(name, state))
         bus.subscribe(OBJECTS, lambda objects, name: room.objects.__setitem__(name, objects))
@@ -66,7 +66,7 @@ class Interpreter:
 
     @property
     def room(self) -> SpokenRoom:
-        """Return what is known of the room."""
+        """Return the room as far as it is known."""
         return self._room
 
     async def wait_for_map(self, patience_s: float) -> None:
@@ -152,7 +152,7 @@ class Interpreter:
     async def _resolve(
         self, speech: Speech, command: Command, mention: Mention, before: Sequence[Referent]
     ) -> Referent:
-        """Return what a mention refers to, asked back if it is not clear."""
+        """Return the referent of a mention, asked back if it is not clear."""
         if mention.name:
             return self._room.named(mention.name)
         others_ns = tuple(
@@ -188,5 +188,6 @@ class Interpreter:
                 "message": message,
             }
         )
-        self._understood.put(understood)
+        if result != "ignored":  # what is no command concerns nobody else
+            self._understood.put(understood)
         self.on_understood(understood)

@@ -1,4 +1,4 @@
-"""What a command may be about: things with their lights, robots and objects, by their names."""
+"""Objects of commands by their names: things with their lights, robots and tracked objects."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field

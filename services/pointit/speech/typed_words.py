@@ -17,14 +17,14 @@ TEXT = "text"
 
 
 class TimedWord(NamedTuple):
-    """A word and the time of its onset since the beginning, s; None: when its line arrives."""
+    """A word and the time of its onset since the beginning, s, or None if it comes with its line."""
 
     text: str
     time_s: float | None
 
 
 def words_in(line: str) -> list[TimedWord]:
-    """Return the words of a line: one with its time before it, or some without; none end the utterance.
+    """Return the words of a line: one with its time before it, or some without, or none.
 
     A time that is not finite or negative, or later than a day, is no time but a word.
     """

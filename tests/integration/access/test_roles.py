@@ -66,7 +66,7 @@ def may_write(me: str, topic: object, name: str) -> bool:
         # cursor and hovers, which a person's shards write
         return name == me and (
             any(row.scope == "user" for row in writers)
-            or topic in (topics.CURSOR, topics.HOVER, topics.CLAIM)
+            or topic in (topics.CURSOR, topics.HOVER, topics.CLAIM, topics.SPEECH, topics.UNDERSTOOD)
         )
     if role == "services":
         shared_writers = any(row.scope == "site" and row.room == "services" for row in writers)
@@ -74,9 +74,12 @@ def may_write(me: str, topic: object, name: str) -> bool:
     return role == "web" and topic in (topics.WRIST, topics.BUTTON)
 
 
+OF_PEOPLE = (topics.READ_MEMORY, topics.ERASE_MEMORY, topics.FIND_REFERENTS)
+
+
 def may_read(me: str, topic: object, name: str) -> bool:
     # named here again on purpose: with `rights.PRIVATE` this could not fail when one is left out of it
-    if topic in (topics.IMU, topics.WRIST, topics.RAY):
+    if topic in (topics.IMU, topics.WRIST, topics.RAY, topics.SPEECH):
         if NAMES[me] == "user":
             return name == me
         return NAMES[me] == "services" and topic is topics.RAY  # pui needs rays; nobody shared needs the rest
@@ -151,7 +154,7 @@ def test_requests_are_answered_for_whom_they_may_be(members: dict[str, Member]) 
                 key
                 for key, (row, name) in keys.items()
                 if NAMES[me] == "operator"
-                or (NAMES[me] == "web" and row not in (topics.READ_MEMORY, topics.ERASE_MEMORY))
+                or (NAMES[me] == "web" and row not in OF_PEOPLE)
                 or row in (topics.READ_HISTORY, topics.STOP_ROBOT)
                 or (
                     NAMES[me] == "user"

@@ -46,7 +46,7 @@ def voice(text: str, name: str, folder: Path) -> bytes:
     raw = folder / f"{name}.wav"
     subprocess.run([espeak, "-v", name, "-s", "130", "-w", raw, text], check=True)
     form = ["-t", "raw", "-r", str(RATE_HZ), "-b", "16", "-e", "signed", "-c", "1", "-"]
-    command = [sox, "-q", raw, *form, "pad", "0.4", "0.5", "gain", "-3"]
+    command: list[str | Path] = [sox, "-q", raw, *form, "pad", "0.4", "0.5", "gain", "-3"]
     done = subprocess.run(command, check=True, capture_output=True)
     return done.stdout
 

@@ -15,7 +15,7 @@ ONE, TWO = (Scene(apart_deg=20.0, words=words) for words in (1, 2))
 
 @pytest.mark.parametrize("scene", [ONE, TWO], ids=["one word", "two words"])
 def test_things_20_degrees_apart_are_understood_or_asked_about(scene: Scene) -> None:
-    model, *rules = rows_of(scene, answers(MODEL, (scene, 4000, 100)))
+    model, *rules = rows_of(scene, answers(MODEL, (scene, 4000, 300)))
     assert model.right.value + model.asked.value >= 0.95
     assert model.wrong.value <= 0.02
     assert [row.rule for row in rules] == list(RULES)

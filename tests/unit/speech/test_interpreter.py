@@ -1,4 +1,4 @@
-"""What is done about what a person says: requests, questions by light, refusals, and any flood of words."""
+"""Reactions to spoken commands: requests, questions by light, refusals, and any flood of words."""
 
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
@@ -181,6 +181,19 @@ async def test_two_candidates_blink_in_turn_and_the_second_is_confirmed(by: str)
 
 
 @in_virtual_time
+async def test_no_is_no_and_the_next_candidate_is_asked_about() -> None:
+    async with room() as here:
+        here.found = {"that": either("radio", HOSTILE)}
+        here.say("take that")
+        await here.result()
+        asked_ns = here.bench.clock.now_ns()
+        here.say("no", 0.0)
+        await until(lambda: any(name == "led_2" for name, _ in here.queries(SetLamp)))
+        assert here.bench.clock.now_ns() - asked_ns < NS_PER_S, "at once"
+        assert here.queries(SetThing) == []
+
+
+@in_virtual_time
 async def test_without_an_answer_nothing_is_done() -> None:
     async with room() as here:
         here.found = {"that": either("radio", HOSTILE)}
@@ -201,7 +214,8 @@ async def test_what_is_unclear_or_without_rays_is_refused_with_the_reason() -> N
         here.say("take that", ago_s=60.0)
         assert "s ago: say it again" in (await here.result(3)).message
         here.say("hello there")
-        assert (await here.result(4)).result == "ignored"
+        here.say("take that", ago_s=60.0)
+        assert (await here.result(4)).text == "take that", "what is no command is not published"
 
 
 @in_virtual_time
@@ -238,4 +252,5 @@ async def test_words_of_others_are_not_followed() -> None:
         word = Word(text="stop", start_ns=1, end_ns=here.bench.clock.now_ns())
         here.bench.put(SPEECH, Speech(stamp_ns=1, words=(word,)), "ben")
         await here.bench.settle()
-        assert here.understood == here.asked == []
+        assert not here.understood
+        assert not here.asked

@@ -1,1 +1,1 @@
-"""What people mean by words while they point: simulated speakers, the model and simpler rules."""
+"""Referents of words of people who point: simulated speakers, the model and simpler rules."""

@@ -1,4 +1,4 @@
-"""How often a word is understood rightly, wrongly, or asked about; whether its probabilities are honest."""
+"""Shares of words understood rightly, wrongly, or asked about, and reliability of the probabilities."""
 
 import math
 import time
@@ -39,7 +39,7 @@ class Answer:
     """True if that is what was meant."""
     took_s: float
     others: tuple[End, ...]
-    """Of the cursor at the word's onset, the nearest thing at its end, a press of the button."""
+    """Results of `RULES`."""
 
 
 RULES = ("cursor at the onset", "nearest at the end", "button")
@@ -147,7 +147,7 @@ def rows_of(scene: Scene, found: Sequence[Answer]) -> list[ReferentRow]:
 
 
 def reliability(found: Sequence[Answer]) -> list[ReliabilityRow]:
-    """Return how often what is most probable is meant, by its stated probability."""
+    """Return the share of most probable answers that are right, by their stated probability."""
     rows: list[ReliabilityRow] = []
     for low, high in pairwise(BINS):
         there = [each for each in found if low <= each.stated < high or (high == 1.0 == each.stated)]

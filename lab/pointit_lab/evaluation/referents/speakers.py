@@ -63,7 +63,7 @@ class Scene:
 
 @dataclass(frozen=True, kw_only=True)
 class Utterance:
-    """What a person meant, and what was recorded of it."""
+    """Words of a person with their true referents and the recorded cursors."""
 
     goals: tuple[str, ...]
     words_ns: tuple[int, ...]
@@ -74,7 +74,7 @@ class Utterance:
 
 
 def speak(scene: Scene, seed: int) -> Utterance:
-    """Return what one person says and does; `seed` is that of the person.
+    """Return the words and gestures of one person, whose seed is `seed`.
 
     Who says two words waits with the second one until the arm can be there.
     """

@@ -93,14 +93,13 @@ async def _publish(bus: Bus, user: str, spoken: AsyncIterator[Speech]) -> int:
 async def _nothing() -> AsyncIterator[Speech]:
     """Yield nothing, and never end: others publish."""
     await asyncio.Event().wait()
-    for speech in ():
-        yield speech
+    yield Speech(stamp_ns=0)  # not reached
 
 
 def _tell(understood: Understood) -> None:
     about = ", ".join(f"{one.name or one.kind} {one.probability:.0%}" for one in understood.referents)
-    parts = (understood.result, understood.message, f"({about})" if about else "")
-    say(f'"{understood.text}": {" ".join(filter(None, parts))}')
+    said = ": ".join(filter(None, (understood.result, understood.message)))
+    say(f'"{understood.text}": {said}{f" ({about})" if about else ""}')
 
 
 def _heard(audio: str, recogniser: str, interpreter: "Interpreter", clock: Clock) -> AsyncIterator[Speech]:

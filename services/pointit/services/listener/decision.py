@@ -14,7 +14,7 @@ EITHER = 0.6
 
 
 class Decision(NamedTuple):
-    """What to do about a word."""
+    """Next step for a word: act, ask which one is meant, or refuse."""
 
     do: Literal["act", "ask", "refuse"]
     candidates: Sequence[Referent]
@@ -22,7 +22,7 @@ class Decision(NamedTuple):
 
 
 def decide(found: Referents, kinds: Sequence[str] = ()) -> Decision:
-    """Return what to do about a word with these referents, of which only some `kinds` fit; empty: all fit.
+    """Return the next step for a word with these referents. Only some `kinds` fit, or all if it is empty.
 
     Candidates that do not fit are excluded by what was said, and the others become more probable, but not
     more than they are beside `none`.

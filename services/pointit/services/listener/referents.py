@@ -88,7 +88,7 @@ class Spoken:
 def referents(
     cursors: Sequence[Cursor], targets: Sequence[Target], said: Spoken, model: ReferentModel = MODEL
 ) -> Referents:
-    """Return what a word may refer to.
+    """Return the candidates for a word, with their probabilities.
 
     Args:
         cursors: rays of its span, in the order of their times, each with origin and direction in {W}.

@@ -100,7 +100,7 @@ def chances(stays: Sequence[Stay], words_s: Sequence[float], which: int, model: 
 
 
 def _messages(rows: Sequence[Sequence[float]], count: int, model: TimingModel) -> list[float]:
-    """Return how well the words before fit if the next word has each stay."""
+    """Return the fit of the words before, for each stay that the next word may have."""
     told = [1.0] * count
     for row in rows:
         mine = [fit * each for fit, each in zip(row, told, strict=True)]
@@ -109,7 +109,7 @@ def _messages(rows: Sequence[Sequence[float]], count: int, model: TimingModel) -
 
 
 def _fit(stay: Stay, at_s: float, model: TimingModel) -> float:
-    """Return how well a stay fits a word at `at_s` by its times alone, 0 to 1 and more."""
+    """Return the fit of a stay and a word at `at_s` by their times alone, about 0 to 1."""
     z = (stay.begin_s - at_s - model.lag_s) / model.lag_sigma_s
     arrives = math.exp(-0.5 * z * z)
     low_s, high_s = at_s + model.lag_s - model.lag_sigma_s, at_s + model.lag_s + model.lag_sigma_s

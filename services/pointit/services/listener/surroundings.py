@@ -1,4 +1,4 @@
-"""What is in the room at a time: things, tracked objects, robots and people, as targets of a word."""
+"""Targets of words in the room at one time: things, tracked objects, robots and people."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

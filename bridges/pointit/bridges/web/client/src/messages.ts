@@ -1424,7 +1424,7 @@ export interface Referent {
   probability: number;
 }
 /**
- * What a person may have meant by a word. `message`: problem of the rays or the clock, or empty.
+ * Candidates for a word of a person. `message`: problem of the rays, or empty.
  */
 export interface Referents {
   /**
@@ -2138,7 +2138,7 @@ export interface TrackedObjects {
   stamp_ns: number;
 }
 /**
- * What was understood of an utterance, and what came of it. `stamp_ns`: that of the speech.
+ * Meaning of an utterance, and the result. `stamp_ns`: that of the speech.
  */
 export interface Understood {
   /**

@@ -29,8 +29,7 @@ def test_a_survey_is_the_same_after_json() -> None:
         ('{"views": [{"width": 0, "height": 0, "sightings": []}]}', "image"),
         ('{"views": [{"width": 64, "height": 64, "sightings": [], "gravity": [0, 9.8, 0]}]}', "gravity"),
         (
-            '{"views": [{"width": 64, "height": 64, "sightings": ['
-            '{"name": "b", "pixel": 0, "u": 1, "v": 1}]}]}',
+            '{"views": [{"width": 64, "height": 64, "sightings": [{"name":"b","pixel":0,"u":1,"v":1}]}]}',
             "'b'",
         ),
     ],

@@ -3,15 +3,19 @@
 import csv
 import io
 import json
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Container, Iterator, Mapping, Sequence
+from itertools import count
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
 from pointit.geometry.polyline import Polyline
 from pointit.maps.model import MAX_PIXELS, MapFile, StripEntry
 from pointit.runtime.errors import ConfigError
+from pointit.schemas import FARTHEST
 
 Array = NDArray[np.float64]
 
@@ -66,7 +70,7 @@ def from_csv(text: str) -> dict[str, StripEntry]:
     for name, pixels in strips.items():
         points = np.array([point for _, point in sorted(pixels, key=lambda each: each[0])])
         for part in _runs(points) if not name else [points]:
-            key = name or f"strip_{len(found) + 1}"
+            key = name or _free(f"strip_{len(found) + 1}", {*strips, *found})
             if len(part) < 2:
                 raise ConfigError(f"{key}: one pixel alone is no strip; it needs two")
             found[key] = _strip_through(part)
@@ -102,8 +106,10 @@ def _rows(text: str) -> Iterator[tuple[str, float | None, Array]]:
             raise ConfigError(
                 f"line {number}: {','.join(row)[:60]!r} is no pixel; write x,y,z in metres"
             ) from None
-        if not np.all(np.isfinite(point)):
-            raise ConfigError(f"line {number}: {','.join(row)[:60]!r} is no pixel; write finite numbers")
+        if not np.all(np.abs([*point, pixel or 0.0]) <= FARTHEST):
+            raise ConfigError(
+                f"line {number}: {','.join(row)[:60]!r} is no pixel; write numbers up to {FARTHEST:g}"
+            )
         yield name, pixel, point
 
 
@@ -125,8 +131,23 @@ def _strip_through(points: Array) -> StripEntry:
     first, last = vertices[1] - vertices[0], vertices[-1] - vertices[-2]
     vertices[0] -= first / np.linalg.norm(first) * step / 2  # a line reaches half a pixel beyond its ends
     vertices[-1] += last / np.linalg.norm(last) * step / 2
-    line = [[round(float(value), 4) for value in vertex] for vertex in vertices]
-    return StripEntry.model_validate({"line": line, "pixels": len(points)})
+    return _entry([[round(float(value), 4) for value in vertex] for vertex in vertices], len(points))
+
+
+def _entry(line: Sequence[Sequence[float]], pixels: int) -> StripEntry:
+    """Return a strip. Raises ConfigError if no map can have it."""
+    try:
+        return StripEntry.model_validate({"line": line, "pixels": pixels})
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise ConfigError(f"a strip of {pixels} pixels: {where}: {first['msg']}") from None
+
+
+def _free(name: str, taken: Container[str]) -> str:
+    """Return `name`, with a number if it is `taken`."""
+    numbered = (f"{name[:60]}_{number}" for number in count(2))
+    return name if name not in taken else next(each for each in numbered if each not in taken)
 
 
 def _corners(points: Array, first: int, last: int, limit_m: float) -> Iterator[int]:
@@ -162,6 +183,8 @@ def to_segments(file: MapFile) -> str:
 def from_segments(text: str) -> dict[str, int]:
     """Return the names and pixel counts of WLED segments: a state, what has one, or a list of segments.
 
+    What a map's names cannot have becomes `_`, and a second segment of a name gets a number.
+
     Raises:
         ConfigError: If it is not such.
     """
@@ -174,8 +197,8 @@ def from_segments(text: str) -> dict[str, int]:
         for segment in cast("list[Mapping[str, Any]]", data):
             pixels = _whole(segment["stop"]) - _whole(segment["start"])
             if pixels > 0:
-                name = str(segment.get("n") or f"segment_{segment.get('id', len(counts))}")
-                counts[name] = pixels
+                name = re.sub(r"[^A-Za-z0-9_.-]+", "_", str(segment.get("n") or "")).lstrip("-.")[:64]
+                counts[_free(name or f"segment_{segment.get('id', len(counts))}", counts)] = pixels
     except (KeyError, TypeError, AttributeError):
         raise ConfigError('no segments of WLED: {"seg": [{"start": 0, "stop": 60, "n": "desk"}]}') from None
     if not counts:
@@ -186,16 +209,10 @@ def from_segments(text: str) -> dict[str, int]:
 def laid_out(counts: Mapping[str, int], pitch_m: float) -> dict[str, StripEntry]:
     """Return strips of `counts` pixels one above the other, to be moved to where they are."""
     return {
-        name: StripEntry.model_validate(
-            {
-                "line": [
-                    [0.0, 0.0, round(0.1 * row, 1)],
-                    [round(count * pitch_m, 4), 0.0, round(0.1 * row, 1)],
-                ],
-                "pixels": count,
-            }
+        name: _entry(
+            [[0.0, 0.0, round(0.1 * row, 1)], [round(pixels * pitch_m, 4), 0.0, round(0.1 * row, 1)]], pixels
         )
-        for row, (name, count) in enumerate(counts.items())
+        for row, (name, pixels) in enumerate(counts.items())
     }
 
 
@@ -246,8 +263,9 @@ def from_ledmap(text: str, cell_m: float) -> dict[str, StripEntry]:
     )
     found: dict[str, StripEntry] = {}
     for part in _runs(places * cell_m):
-        if len(part) > 1:
-            found[f"strip_{len(found) + 1}"] = _strip_through(part)
+        if len(part) < 2:
+            raise ConfigError("one pixel is far from those before and after it, and alone is no strip")
+        found[f"strip_{len(found) + 1}"] = _strip_through(part)
     return found
 
 
@@ -260,7 +278,7 @@ def _whole(value: object) -> int:
 def _json(text: str) -> Any:
     try:
         return json.loads(text)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ConfigError(f"no JSON: {error}") from None
 
 

@@ -1,15 +1,13 @@
-"""Scans as maps: the model of a map file, its text, and the message."""
+"""Scans as maps: the model of a map file, and its text."""
 
 import json
 import math
 from collections.abc import Sequence
 
 from pointit.geometry.vector import Vec3
-from pointit.maps.environment import environment
 from pointit.maps.model import MapFile
 from pointit.scan.by_pointing import Survey, box_of, screen_of
 from pointit.scan.result import Scan
-from pointit.schemas import Environment
 
 
 def to_map_file(scan: Scan, *, only_identified: bool = True) -> MapFile:
@@ -28,11 +26,6 @@ def to_map_file(scan: Scan, *, only_identified: bool = True) -> MapFile:
             },
         }
     )
-
-
-def to_environment(scan: Scan, *, name: str, stamp_ns: int, only_identified: bool = True) -> Environment:
-    """Return the message of the map of `scan`."""
-    return environment(to_map_file(scan, only_identified=only_identified), {}, name=name, stamp_ns=stamp_ns)
 
 
 def map_text(scan: Scan, *, only_identified: bool = True) -> str:

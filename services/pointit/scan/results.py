@@ -25,6 +25,8 @@ STRAIGHT_RAD = math.radians(2.5)
 STRIPS_LEVEL_SIGMA = math.radians(1.5)
 """Standard deviation of a level that is taken from the strips."""
 SCALE_SIGMA = PITCH_SIGMA
+MAX_RATIO = 10.0
+"""Ratio of a known length and the pitches, either way, from which one of them is wrong."""
 REFLECTED = "one view has it elsewhere and nearer: the others may show a mirror image, cover the mirror"
 
 
@@ -125,8 +127,6 @@ def _scale(
     if known is None:
         return 1.0, SCALE_SIGMA, "pitch"
     names = [specs[chain].name for chain in adjusted.chains]
-    if not known.metres > 0 or known.start == known.end:
-        raise ConfigError("a known length is above 0 m, between two different pixels or lamps")
     for mark in (known.start, known.end):
         if mark.name not in names:
             raise ConfigError(f"the known length is at {mark.name!r}, which the views do not determine")
@@ -134,6 +134,11 @@ def _scale(
     pixel = np.array([known.start.pixel, known.end.pixel], dtype=np.float64)
     a, b = adjusted.adjustment.places(adjusted.state, chain, pixel)[0]
     measured_m = float(np.linalg.norm(b - a))
+    if not 1.0 / MAX_RATIO < known.metres / measured_m < MAX_RATIO:
+        raise ConfigError(
+            f"the known length of {known.metres:g} m is {measured_m:.3g} m by the pitches: measure it again, "
+            "or correct the pitches"
+        )
     return known.metres / measured_m, math.hypot(known.sigma_m / known.metres, 0.001), "length"
 
 
@@ -183,7 +188,9 @@ def _strip(
     unseen = max(low, spec.count - 1 - high)
     if unseen > max(2.0, MAX_UNSEEN * spec.count):
         sigma_m = math.hypot(sigma_m, UNSEEN_SIGMA * unseen * pitch_m)
-        if not reason:
+        if not reason and _is_in_both(adjusted, chain, views, spec.count):
+            reason = "only two views show its ends: a third one makes sure of their numbers"
+        elif not reason:
             which = f"0 to {low - 1:.0f}" if unseen == low else f"{high + 1:.0f} to {spec.count - 1}"
             reason = f"no two views show pixels {which}: photograph that end, or correct its count"
     stretch = float(adjusted.state.stretch[number])
@@ -196,6 +203,13 @@ def _strip(
     return ScannedStrip(
         spec.name, spec.count, line, sigma_m, pitch_m, len(views), not reason, reason, covariance
     )
+
+
+def _is_in_both(adjusted: Adjusted, chain: int, views: Sequence[int], count: int) -> bool:
+    """Return True if there are two views, and each shows both ends of a strip of `count` pixels."""
+    own = adjusted.used & (adjusted.seen.chain == chain)
+    shown = [adjusted.seen.pixel[own & (adjusted.seen.view == adjusted.views[index])] for index in views]
+    return len(shown) == 2 and all(each.min() < 1 and each.max() > count - 2 for each in shown)
 
 
 def _without_straight_corners(vertices: Array, covariance: Array) -> tuple[Array, Array]:

@@ -11,7 +11,7 @@ from pointit.scan.first_poses import FirstPoses, Piece, Placed
 from pointit.scan.lines import LEAST, ImageLine, corners, fit_lines
 from pointit.scan.result import Scan, ScanError
 from pointit.scan.results import scan_of
-from pointit.scan.views import KnownLength, LampSpec, StripSpec, View, check_survey
+from pointit.scan.views import KnownLength, LampSpec, StripSpec, View, check_known_length, check_survey
 
 MAX_MARKS = 60
 """Maximum number of different pixels of one strip that are used of one view."""
@@ -39,6 +39,8 @@ def solve(
         ScanError: If the views determine no room. One sentence: what is seen, and what to do.
     """
     check_survey(tuple(strips), tuple(lamps), tuple(views))
+    if known_length is not None:
+        check_known_length(known_length, strips, lamps)
     if len(views) < 2:
         raise ScanError("one view determines no room: take photographs from two positions at least")
     if all(strip.pitch_m is None for strip in strips):

@@ -1,7 +1,7 @@
 """Views of cameras: the image positions of the pixels of named strips and lamps in each photograph."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,12 +11,16 @@ from pointit.geometry.vector import Vec3
 from pointit.maps.model import MAX_PIXELS
 from pointit.runtime.config.validation_message import format_value
 from pointit.runtime.errors import ConfigError
+from pointit.schemas import KeyNameError
+from pointit.schemas.topics import check_name
 
 MAX_VIEWS = 64
 MAX_SIGHTINGS = 20_000
 """Limit of the sightings of one view."""
 MAX_IMAGE = 16_384
 """Limit of an image's width and height, pixels."""
+MIN_KNOWN_M, MAX_KNOWN_M = 0.01, 1000
+"""Limits of a known length, m."""
 MAX_FILE = 64 * 2**20
 """Limit of a file of views, bytes."""
 
@@ -89,7 +93,7 @@ class KnownLength:
 
 @dataclass(frozen=True)
 class Survey:
-    """All that a scan is computed from; the JSON that the page sends and `pointit map scan --from` reads."""
+    """All that a scan is computed from; the JSON that `pointit map scan --from` reads."""
 
     strips: tuple[StripSpec, ...] = ()
     lamps: tuple[LampSpec, ...] = ()
@@ -148,12 +152,37 @@ def check_survey(strips: tuple[StripSpec, ...], lamps: tuple[LampSpec, ...], vie
         raise ConfigError("two strips or lamps have the same name; rename one of them")
     if len(views) > MAX_VIEWS:
         raise ConfigError(f"{len(views)} views; {MAX_VIEWS} at most")
+    for name in counts:
+        try:
+            check_name(name)
+        except KeyNameError as error:
+            raise ConfigError(str(error)[:200]) from None
     for strip in strips:
         if problem := _strip_problem(strip):
             raise ConfigError(f"strip {strip.name!r}: {problem}")
     for number, view in enumerate(views, 1):
         for problem in _view_problems(view, counts):
             raise ConfigError(f"view {number}: {problem}")
+
+
+def check_known_length(known: KnownLength, strips: Sequence[StripSpec], lamps: Sequence[LampSpec]) -> None:
+    """Check a known length.
+
+    Raises:
+        ConfigError: If it is outside its limits, or not between two different pixels. One sentence.
+    """
+    counts = {lamp.name: 1 for lamp in lamps} | {strip.name: strip.count for strip in strips}
+    for mark in (known.start, known.end):
+        if not 0 <= mark.pixel < counts.get(mark.name, 0):
+            raise ConfigError(
+                f"the known length is at pixel {mark.pixel} of {mark.name!r}, which is not there"
+            )
+    if known.start == known.end or not MIN_KNOWN_M <= known.metres <= MAX_KNOWN_M:
+        raise ConfigError(
+            f"a known length is {MIN_KNOWN_M} to {MAX_KNOWN_M} m, between two different pixels or lamps"
+        )
+    if not 0 < known.sigma_m <= known.metres:
+        raise ConfigError(f"sigma_m of the known length: {known.sigma_m:g}; write above 0, up to its metres")
 
 
 def _strip_problem(strip: StripSpec) -> str:

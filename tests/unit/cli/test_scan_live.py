@@ -10,6 +10,7 @@ from click.testing import CliRunner
 from pointit.cli.main import command
 from pointit.cli.run.run import run
 from pointit.maps.file import load_map
+from pointit.runtime.config.yaml_file import parse_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import Environment
 
@@ -29,7 +30,9 @@ class Started:
 
     def setting(self, name: str) -> str:
         (found,) = [each for each in self.arguments if each.startswith(f"--set={name}=")]
-        return found.rpartition("=")[2]
+        value = parse_yaml(f"value: {found.split('=', 2)[2]}".encode(), "--set")["value"]
+        assert isinstance(value, str), f"{found}: `pointit run` wants text"
+        return value
 
     @property
     def strips(self) -> dict[str, int]:

@@ -21,6 +21,12 @@ BENT = MapFile.model_validate(
 )
 
 
+NAMES = ("Living room", "Living room", "../x", "..", "Livi\ud800")
+BEYOND = "0,0,0\n1e9,0,0\n2e9,0,0\n"
+LONG = f"0,0,0\n{'1' * 200_000},0,0\n"
+INDEX = "x,y,z,pixel\n0,0,0,nan\n0.1,0,0,1\n"
+
+
 def test_csv_gives_back_lines_pixels_and_corners() -> None:
     back = exchange.from_csv(exchange.to_csv(BENT))
     assert [strip.pixels for strip in back.values()] == [60, 45]
@@ -43,13 +49,20 @@ def test_csv_without_names_is_split_at_gaps() -> None:
     assert [strip.pixels for strip in exchange.from_csv(text).values()] == [10, 5]
 
 
+def test_csv_of_strips_with_and_without_names_has_all_of_them() -> None:
+    text = "x,y,z,strip\n0,0,0,\n0.1,0,0,\n0,1,0,strip_1\n0.1,1,0,strip_1\n0.2,1,0,strip_1\n"
+    pixels = {name: strip.pixels for name, strip in exchange.from_csv(text).items()}
+    assert pixels == {"strip_1_2": 2, "strip_1": 3}
+
+
 def test_csv_of_index_x_y_z_is_in_the_order_of_the_index() -> None:
     (strip,) = exchange.from_csv("2,0.2,0,0\n0,0,0,0\n1,0.1,0,0").values()
     assert strip.line == ((-0.05, 0, 0), (0.25, 0, 0))
 
 
 @pytest.mark.parametrize(
-    "text", ["", "a,b\n", "1,2\n", "1,2,nan\n", "x,y,z\n1,2\n", "0,0,0\n", "0,0,0\n0,0,0\n"]
+    "text",
+    ["", "a,b\n", "1,2\n", "1,2,nan\n", "x,y,z\n1,2\n", "0,0,0\n", "0,0,0\n0,0,0\n", BEYOND, LONG, INDEX],
 )
 def test_csv_of_something_else_is_an_error_of_one_sentence(text: str) -> None:
     with pytest.raises(ConfigError):
@@ -70,6 +83,26 @@ def test_segments_give_back_names_and_counts() -> None:
     assert exchange.from_segments(exchange.to_segments(BENT)) == {"desk": 60, "wall": 45}
 
 
+def test_segments_have_names_that_a_map_can_have_and_none_is_lost() -> None:
+    named = [{"start": 10 * n, "stop": 10 * n + 9 + n, "n": name} for n, name in enumerate(NAMES)]
+    counts = exchange.from_segments(json.dumps({"seg": named}))
+    assert counts == {"Living_room": 9, "Living_room_2": 10, "_x": 11, "segment_3": 12, "Livi_": 13}
+    MapFile.model_validate({"strips": exchange.laid_out(counts, 0.1)})
+
+
+@pytest.mark.parametrize("stop", [5000, 10**9])
+def test_segments_with_more_pixels_than_a_strip_are_refused(stop: int) -> None:
+    counts = exchange.from_segments(json.dumps({"seg": [{"start": 0, "stop": stop}]}))
+    with pytest.raises(ConfigError, match=f"a strip of {stop} pixels"):
+        exchange.laid_out(counts, 0.01)
+
+
+def test_a_lonely_pixel_of_a_ledmap_is_refused() -> None:
+    cells = {"width": 9, "height": 1, "map": [0, -1, -1, -1, -1, -1, 1, 2, 3]}
+    with pytest.raises(ConfigError, match="alone is no strip"):
+        exchange.from_ledmap(json.dumps(cells), 0.05)
+
+
 def test_segments_of_a_state_without_names_are_numbered() -> None:
     state = {
         "state": {"on": True, "seg": [{"id": 3, "start": 5, "stop": 9}, {"id": 4, "start": 0, "stop": 0}]}
@@ -78,7 +111,7 @@ def test_segments_of_a_state_without_names_are_numbered() -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["[]", "{}", '{"seg": 1}', '{"seg": [{"start": "a", "stop": 2}]}', "[1]", "x"]
+    "text", ["[" * 100_000, "[]", "{}", '{"seg": 1}', '{"seg": [{"start": "a", "stop": 2}]}', "[1]", "x"]
 )
 def test_other_json_is_no_segments(text: str) -> None:
     with pytest.raises(ConfigError):

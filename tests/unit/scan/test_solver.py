@@ -8,7 +8,7 @@ import pytest
 
 from pointit.runtime.errors import ConfigError
 from pointit.scan.advice import next_view
-from pointit.scan.as_map import map_text, to_environment
+from pointit.scan.as_map import map_text, to_map_file
 from pointit.scan.result import Scan, ScanError
 from pointit.scan.solver import solve
 from pointit.scan.views import KnownLength, Mark, Sighting, StripSpec, View
@@ -101,8 +101,7 @@ def test_origin_and_heading_move_the_scan_and_keep_it_level() -> None:
 
 def test_the_map_has_the_strips_and_what_is_to_be_known() -> None:
     scan = solve(specs(), LAMPS, photographs(4))
-    room = to_environment(scan, name="room", stamp_ns=0)
-    assert [strip.id for strip in room.strips] == list(LINES)
+    assert list(to_map_file(scan).strips) == list(LINES)
     assert "# within" in map_text(scan)
 
 
@@ -115,6 +114,34 @@ def test_an_end_that_no_view_shows_is_not_identified() -> None:
     assert not back.identified
     assert back.sigma_m > 0.02
     assert "no two views show pixels" in back.reason
+
+
+def test_two_views_that_show_all_ends_need_a_third_and_no_other_count() -> None:
+    rng = np.random.default_rng(1)
+    views = [photograph(at, rng, marks=10) for at in PLACES[:2]]
+    scan = solve(specs(), LAMPS, views)
+    assert {strip.reason for strip in scan.strips.values() if strip.name != "bent"} == {
+        "only two views show its ends: a third one makes sure of their numbers"
+    }
+
+
+@pytest.mark.parametrize(
+    ("known", "sentence"),
+    [
+        (KnownLength(Mark("back", 0), Mark("back", 9999), 1.0), "pixel 9999 of 'back', which is not there"),
+        (KnownLength(Mark("back", 0), Mark("back", -1), 1.0), "pixel -1 of 'back'"),
+        (KnownLength(Mark("back", 0), Mark("nobody"), 1.0), "'nobody'"),
+        (KnownLength(Mark("back", 0), Mark("back", 0), 1.0), "between two different pixels"),
+        (KnownLength(Mark("back", 0), Mark("back", 9), math.inf), "0.01 to 1000 m"),
+        (KnownLength(Mark("back", 0), Mark("back", 9), math.nan), "0.01 to 1000 m"),
+        (KnownLength(Mark("back", 0), Mark("back", 9), 1e-9), "0.01 to 1000 m"),
+        (KnownLength(Mark("back", 0), Mark("back", 9), 1.0, 1e9), "sigma_m of the known length"),
+        (KnownLength(Mark("back", 0), Mark("back", 9), 100.0), "is 0.15 m by the pitches"),
+    ],
+)
+def test_a_known_length_that_cannot_be_is_an_error_that_names_it(known: KnownLength, sentence: str) -> None:
+    with pytest.raises(ConfigError, match=sentence):
+        solve(specs(), LAMPS, photographs(3), known_length=known)
 
 
 def test_a_strip_that_is_swapped_with_one_of_another_pitch_is_not_identified() -> None:

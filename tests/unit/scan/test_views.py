@@ -24,6 +24,8 @@ def test_a_survey_is_the_same_after_json() -> None:
         ('{"strips": [{"name": "a", "count": 1}]}', "1 pixels"),
         ('{"strips": [{"name": "a", "count": 9}, {"name": "a", "count": 9}]}', "same name"),
         ('{"strips": [{"name": "a", "count": 9, "pitch_m": 60}]}', "pitch"),
+        ('{"strips": [{"name": "../a", "count": 9}]}', "use 1 to 64 letters"),
+        ('{"lamps": [{"name": "a\\nb"}]}', "use 1 to 64 letters"),
         ('{"views": [{"width": 0, "height": 0, "sightings": []}]}', "image"),
         ('{"views": [{"width": 64, "height": 64, "sightings": [], "gravity": [0, 9.8, 0]}]}', "gravity"),
         ('{"views":[{"width":99,"height":99,"sightings":[{"name":"b","pixel":0,"u":1,"v":1}]}]}', "'b'"),

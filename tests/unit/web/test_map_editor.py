@@ -98,6 +98,16 @@ async def test_a_saved_map_has_its_comments_and_mode_and_is_used_at_once(site: S
     await site.editor.save([], saved["digest"], "")  # what was saved is what is edited next
 
 
+async def test_a_map_behind_a_link_is_saved_where_the_link_leads(site: Site, tmp_path: Path) -> None:
+    link = tmp_path / "link.yaml"
+    link.symlink_to(site.map)
+    there, site.map = site.map, str(link)
+    digest = (await site.editor.read())["digest"]
+    await site.editor.save([HIGHER], digest, "")
+    assert link.is_symlink()
+    assert "[3, 1, 1.25]" in text_of(there)
+
+
 async def test_a_file_that_somebody_else_changed_is_not_overwritten(site: Site) -> None:
     digest = (await site.editor.read())["digest"]
     theirs = put(site.map, ROOM + "# theirs\n")

@@ -192,6 +192,16 @@ async def test_views_that_come_while_it_solves_are_solved_together(
     assert (await solved(bench, phone))["views"] == 3
 
 
+async def test_one_view_that_is_left_determines_nothing(bench: Bench, phone: httpx.AsyncClient) -> None:
+    await said(phone, kind="begin")
+    for _ in range(2):
+        await said(phone, **VIEW)
+    assert (await solved(bench, phone))["is_complete"]
+    await said(phone, kind="undo")
+    state = await solved(bench, phone)
+    assert (state["views"], state["is_complete"], state["strips"][0]["line_m"]) == (1, False, [])
+
+
 @pytest.mark.parametrize(
     ("fault", "sentence"),
     [(ConfigError("no two views agree"), "no two views agree"), (ValueError("x"), "a fault of PointIt")],

@@ -78,8 +78,10 @@ def import_(*, source: Path, kind: str, per_metre: float, cell_m: float, output:
     content = exchange.strips_text(strips)
     path = output or Path(f"{source.stem}.yaml")
     has, findings = examined(str(path), path, lambda: parse_map_file(content.encode(), path))
-    _write(output, content)
     print_findings(str(path), has, findings, err=True)
+    if not has:
+        raise ConfigError(f"{source}: makes no map that can be read, see above; correct the file")
+    _write(output, content)
 
 
 @click.command("export")

@@ -21,7 +21,7 @@ from pointit.scan.solver import solve
 from pointit.scan.views import KnownLength, Mark, read_survey
 
 FORM = """\b
-FILE is what the page sends, JSON:
+FILE is JSON:
   {"strips": [{"name": "desk", "count": 60, "pitch_m": 0.01667}],
    "lamps": [{"name": "door"}],
    "views": [{"width": 1280, "height": 720, "gravity": [0.02, 0.98, 0.17],

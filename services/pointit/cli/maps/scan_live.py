@@ -85,11 +85,11 @@ def scan_live(
         settings = {
             "pui.map": str(begin),
             "web.scan_file": str(file.absolute()),
-            "web.scan_token": secrets.token_urlsafe(24),
+            "web.scan_token": secrets.token_urlsafe(18),
             "web.scan_room": map_name if simulated else "",
         }
         arguments = [str(scenario), "--site-only", "--no-view", *run_options]
-        arguments += [f"--set={name}={value}" for name, value in settings.items()]
+        arguments += [f"--set={name}={json.dumps(value)}" for name, value in settings.items()]
         arguments += [] if simulated else ["--lan"]
         arguments += [f"--output={leds}"] if leds else []
         result: int = run.main(arguments, prog_name="pointit map scan", standalone_mode=False)

@@ -160,7 +160,7 @@ def _save(name_or_path: str, edits: Sequence[Edit], digest: str, name: str) -> P
         if not has:
             raise RefusedError(f"not saved: {findings[0]['where']}: {findings[0]['text']}")
         if not name:
-            write_atomically(target, text, mode=target.stat().st_mode & 0o777)
+            write_atomically(target.resolve(), text, mode=target.stat().st_mode & 0o777)  # a link stays one
             return target
         try:
             with target.open("xb") as file:

@@ -44,7 +44,7 @@ def word_of(index: int, lights: int) -> list[int]:
 
 
 def picture(lights: Sequence[tuple[str, int]], step: int, brightness: float) -> tuple[LitPixels, ...]:
-    """Return the lit pixels at `step`; none before step 0.
+    """Return the lit pixels at `step`, or `()` before step 0.
 
     Args:
         lights: strip and pixel of each light.

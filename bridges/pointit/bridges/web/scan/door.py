@@ -130,7 +130,7 @@ class ScanDoor:
                 case wire.ScanView():
                     session.view(said)
                 case wire.ScanUndo():
-                    session.undo(said)
+                    session.undo()
                 case wire.ScanSave():
                     await asyncio.to_thread(session.save, said)
                 case wire.ScanLook():

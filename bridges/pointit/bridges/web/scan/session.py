@@ -9,15 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from pointit.bridges.web.scan.code import marked_pixels, picture, steps_of
-from pointit.bridges.web.scan.wire import (
-    ScanBegin,
-    ScanLight,
-    ScanSave,
-    ScanState,
-    ScanStrip,
-    ScanUndo,
-    ScanView,
-)
+from pointit.bridges.web.scan.wire import ScanBegin, ScanLight, ScanSave, ScanState, ScanStrip, ScanView
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import ConfigError, PointItError, RefusedError
 from pointit.scan.views import KnownLength, Mark, Sighting, StripSpec, Survey, View, check_survey
@@ -141,7 +133,7 @@ class ScanSession:
         self._views.append(view)
         self._begin_to_solve()
 
-    def undo(self, _said: ScanUndo) -> None:
+    def undo(self) -> None:
         """Forget the last view."""
         if self._views:
             self._views.pop()
@@ -247,7 +239,7 @@ class ScanSession:
         try:
             while views != tuple(self._views):
                 views = tuple(self._views)
-                self._problem, self._solution = "", None if not views else self._solution
+                self._problem, self._solution = "", None if len(views) < 2 else self._solution
                 if len(views) > 1:
                     try:
                         self._solution = await self._solve(self._survey(views))

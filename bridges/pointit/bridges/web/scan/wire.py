@@ -62,7 +62,7 @@ class ScanUndo(WireModel):
 
 
 class ScanSave(WireModel):
-    """Write the map: the origin on the floor below the first pixel of `origin`, x towards its last pixel."""
+    """Write the map: x from the first to the last pixel of `origin`, z = 0 at the lowest light."""
 
     kind: Literal["save"] = "save"
     name: Annotated[str, Field(max_length=64, description="of the file, without a folder")]

@@ -20,6 +20,9 @@ const GIVE_BACK = -2;
 /** Step that is shown between views, so that the person sees what the camera has to see, and how often it is renewed, ms. */
 const AIM = { step: 1, brightness: 0.35, period: 3000 };
 
+/** To 0.01 image pixels, so that a view of all lights fits a body. */
+const rounded = (value: number) => Math.round(100 * value) / 100;
+
 const part = <T extends Element = HTMLElement>(id: string) => document.getElementById(id) as unknown as T;
 const button = (id: string) => part<HTMLButtonElement>(id);
 
@@ -128,7 +131,7 @@ class Page {
       const { seen, width, height } = await this.capturer.take(this.state.lights.length, (share) => this.count(share));
       chime("tick");
       navigator.vibrate?.(40);
-      this.show(await ask({ kind: "view", width, height, gravity: down, seen: seen.map(({ index, u, v }) => [index, u, v]) }));
+      this.show(await ask({ kind: "view", width, height, gravity: down, seen: seen.map(({ index, u, v }) => [index, rounded(u), rounded(v)]) }));
       this.simulated?.walk();
       void this.attempt(() => this.follow());
     } catch (error) {

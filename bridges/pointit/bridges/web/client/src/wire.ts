@@ -314,7 +314,7 @@ export interface ScanRoomStrip {
   places_m: [number, number, number][];
 }
 /**
- * Write the map: the origin on the floor below the first pixel of `origin`, x towards its last pixel.
+ * Write the map: x from the first to the last pixel of `origin`, z = 0 at the lowest light.
  */
 export interface ScanSave {
   kind: "save";

@@ -39,7 +39,8 @@ export function drawPlan(host: SVGSVGElement, state: ScanState): void {
   /** A label that lies on no other. */
   const label = (x: number, y: number, text: string) => {
     const at = { x: Math.min(WIDTH - MARGIN, Math.max(MARGIN, x)), y };
-    while (labels.some((other) => Math.abs(other.y - at.y) < LINE && Math.abs(other.x - at.x) < LABEL)) at.y -= LINE;
+    const step = y < HEIGHT / 2 ? LINE : -LINE; // away from the edge
+    while (labels.some((other) => Math.abs(other.y - at.y) < LINE && Math.abs(other.x - at.x) < LABEL)) at.y += step;
     labels.push(at);
     parts.push(svg("text", { ...at, "text-anchor": "middle" }, text));
   };

@@ -41,7 +41,7 @@ _ANYWHERE = 0.1
 
 @dataclass(frozen=True)
 class Layout:
-    """What is seen and what is known of it.
+    """Sightings, and prior knowledge about views and chains.
 
     Attributes:
         view, chain: numbers of the view and of the chain of each sighting, n.

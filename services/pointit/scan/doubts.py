@@ -34,7 +34,7 @@ def views_of(adjusted: Adjusted, chain: int) -> list[int]:
 
 
 def doubt(adjusted: Adjusted, number: int, chain: int, views: Sequence[int], sigma_m: float) -> str:
-    """Return why a strip or lamp is not identified, or `""`."""
+    """Return the reason why a strip or lamp is not identified, or `""`."""
     if len(views) < 2:
         return "seen from one place only: photograph it from another one"
     if _parallax_rad(adjusted, number, views) < LEAST_PARALLAX_RAD:

@@ -1,4 +1,4 @@
-"""What the cameras saw: the image positions of the pixels of named strips and lamps in each photograph."""
+"""Views of cameras: the image positions of the pixels of named strips and lamps in each photograph."""
 
 import math
 from collections.abc import Iterator

@@ -24,7 +24,7 @@ class Found:
 
 
 def point_at_lamps(seed: int, places: int) -> list[Found]:
-    """Return what one person finds of five lamps, pointed at once each from `places` places."""
+    """Return the five lamps that one person finds, pointed at once each from `places` places."""
     rng = np.random.default_rng(seed)
     width, depth = rng.uniform(3.5, 6.0, 2)
     lamps = rng.uniform([-width / 2, depth / 2 - 0.2, 0.4], [width / 2, depth / 2, 2.2], (LAMPS, 3))

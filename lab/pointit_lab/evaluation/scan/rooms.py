@@ -269,7 +269,7 @@ def _visible(room: Room, phone: Phone, pose: Pose, points: Array) -> tuple[Array
 
 
 def photograph(rng: np.random.Generator, room: Room, phone: Phone, pose: Pose) -> View:
-    """Return what `phone` sees from `pose`: with noise, gaps, wrong numbers and reflections."""
+    """Return the view of `phone` from `pose`: with noise, gaps, wrong numbers and reflections."""
     sightings: list[Sighting] = []
     for strip in room.strips:
         count = strip.spec.count

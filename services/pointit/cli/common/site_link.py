@@ -3,13 +3,14 @@
 import asyncio
 import contextlib
 import socket
-from collections.abc import AsyncGenerator, Callable, Generator, Sequence
+from collections.abc import AsyncGenerator, Callable, Sequence
 from contextlib import asynccontextmanager
 from typing import Generic, TypedDict, TypeVar
 
 import click
 from click.core import ParameterSource
 
+from pointit.cli.common.progress import notify_if_slow as notify_if_slow  # noqa: PLC0414 - where commands expect it
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.errors import ConnectError, PointItError
 from pointit.runtime.host.threads import in_daemon_thread
@@ -31,9 +32,6 @@ PROBE_S = 1.0
 
 PATIENCE_S = 2.0
 """Timeout of a site's first message, s."""
-
-SILENT_S = 1.0
-"""Wait after which a notice is printed, s."""
 
 M = TypeVar("M", bound=Message)
 
@@ -114,20 +112,6 @@ def default_address_note(site: str, connect: Sequence[str]) -> str:
 def quiet() -> None:
     """Log only warnings and errors, so that the command's output stays readable."""
     setup_logging("warning")
-
-
-@contextlib.contextmanager
-def notify_if_slow(text: str) -> Generator[None]:
-    """Print `text` to standard error if the block takes longer than `SILENT_S`."""
-
-    def tell() -> None:
-        click.echo(text, err=True)
-
-    handle = asyncio.get_running_loop().call_later(SILENT_S, tell)
-    try:
-        yield
-    finally:
-        handle.cancel()
 
 
 def _any(_message: Message) -> bool:

@@ -29,7 +29,7 @@ CORNERS: dict[str, tuple[str, ...]] = {
     "screen": ("its first corner", "the next corner", "the third corner"),
     "table": ("its first corner", "the next corner", "the third corner"),
 }
-"""What is pointed at of each kind."""
+"""Corners of each kind that are pointed at."""
 HOLD_RAYS = 25
 """Number of rays before a press that are averaged."""
 MOST_PLACES = 4

@@ -172,7 +172,7 @@ def write_new(path: Path, text: str) -> None:
 
 
 def _sentences(scan: Scan) -> list[str]:
-    """Return what to know of a scan, and what to do next."""
+    """Return sentences about a scan: problems, doubts, the next step."""
     found: list[ScannedStrip | ScannedLamp] = [*scan.strips.values(), *scan.lamps.values()]
     doubts = [f"{each.name}: {each.reason}" for each in found if each.reason]
     advice = next_view(scan)

@@ -4,13 +4,15 @@ import asyncio
 import contextlib
 from collections.abc import Callable, Sequence
 
-from pointit.cli.common.site_link import PATIENCE_S, notify_if_slow
+from pointit.cli.common.progress import notify_if_slow
 from pointit.cli.people.pose_text import missing_reason
 from pointit.runtime.bus.contract import Bus, list_present
 from pointit.runtime.errors import NoAnswerError, RefusedError, RequestError
 from pointit.schemas import Anchor, CancelLocalization, Localization, PointAnchor
 from pointit.schemas.topics import ANCHOR, CANCEL_LOCALIZATION, LOCALIZATION, POINT_ANCHOR, SERVICE_ALIVE
 
+PATIENCE_S = 2.0
+"""Timeout of the localizer's first message, s."""
 LATE_S = 1.0
 """Time an anchor may arrive after the Localization that ends it: they have different keys."""
 CANCEL_PATIENCE_S = 0.5

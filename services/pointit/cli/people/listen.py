@@ -29,7 +29,7 @@ END_PATIENCE_S = 15.0
 
 @click.command("listen", params=site_options())
 @click.argument("user")
-@click.option("--text", metavar="FILE", help="words from lines `TIME WORD` or `WORD...`; - is standard input")
+@click.option("--text", metavar="FILE", help="lines `TIME WORD`, or of words alone; - is standard input")
 @click.option("--audio", metavar="FILE", help="a WAV file, - for raw samples of 16 kHz, or `microphone`")
 @click.option(
     "--recogniser", default="pocketsphinx", show_default=True, metavar="NAME", help="of --audio; a plug-in"
@@ -39,7 +39,7 @@ def command(user: str, *, text: str | None, audio: str | None, recogniser: str, 
 
     Words come from --text or --audio, and from any program on the topic users/USER/speech; without either
     only from there. Prints what was understood. What is not clear is asked back: candidates blink in turn.
-    The person needs the service listener: pointit run ... --with listener.
+    The person needs the service listener, which `pointit run --with listener` starts.
 
     Example: echo "turn that on" | pointit listen anna --text -
     """

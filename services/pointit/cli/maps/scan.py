@@ -116,7 +116,7 @@ def command(
     leads from view to view, and writes the map. No picture leaves the phone. With --from, the map is
     computed from views in a file. Arguments after `--` are options of `pointit run`.
 
-    Two photographs suffice for what both show from a step apart, and four to six for a room. Each should
+    Three photographs suffice for what all show, a step apart, and four to six for a room. Each should
     show three strips of an earlier one. Strips are found to about 1 cm, with the standard deviation of each
     stated. What is doubtful is left out, with the reason and from where to take one more photograph.
 

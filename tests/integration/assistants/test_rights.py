@@ -51,7 +51,7 @@ async def services(folder: SiteFolder) -> AsyncGenerator[None]:
 
 
 async def allowed(folder: SiteFolder, name: str) -> dict[str, bool]:
-    """Return what an assistant of the identity `name` may do."""
+    """Return the answers to an assistant of the identity `name`."""
     asked: dict[str, tuple[str, dict[str, Any]]] = {
         "own": ("what_is_pointed_at", {"user": "anna"}),
         "another's": ("what_is_pointed_at", {"user": "ben"}),

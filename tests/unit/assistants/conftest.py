@@ -57,7 +57,7 @@ ROVER = RobotState(
 
 @dataclass
 class Played:
-    """What the services of the site are asked, and what they answer."""
+    """Requests to the services of the site, and their answers."""
 
     bus: MemoryBus
     asked: list[tuple[str, Any]] = field(default_factory=list[tuple[str, Any]])
@@ -108,7 +108,7 @@ class Assistant:
         return cast("dict[str, Any]", result.structured_content)
 
     async def refused(self, tool: str, **arguments: Any) -> str:
-        """Return why a tool refuses."""
+        """Return the sentence by which a tool refuses."""
         result = await self.client.call_tool(tool, arguments)
         assert result.is_error, text_of(result)
         reason: str = json.loads(text_of(result).partition(": ")[2])["refused"]

@@ -38,7 +38,7 @@ class Joiner:
             await self.bus.close()
 
     def why(self) -> str:
-        """Return why there is no site, or `""`."""
+        """Return the reason for which there is no site, or `""`."""
         with contextlib.suppress(ConnectError):
             return self.door.site.problem
         with pytest.raises(ConnectError) as raised:

@@ -116,13 +116,13 @@ def test_an_end_that_no_view_shows_is_not_identified() -> None:
     assert "no two views show pixels" in back.reason
 
 
-def test_two_views_that_show_all_ends_need_a_third_and_no_other_count() -> None:
+def test_two_views_that_show_all_ends_ask_for_no_other_count() -> None:
     rng = np.random.default_rng(1)
     views = [photograph(at, rng, marks=10) for at in PLACES[:2]]
     scan = solve(specs(), LAMPS, views)
-    assert {strip.reason for strip in scan.strips.values() if strip.name != "bent"} == {
-        "only two views show its ends: a third one makes sure of their numbers"
-    }
+    assert not [
+        strip.reason for strip in scan.strips.values() if strip.name != "bent" and "count" in strip.reason
+    ]
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,8 @@
 
 The azimuths alone determine a pose, whatever the elevations, and with it the elevations of the targets. Along
 the arm, rays have these and a bias. Across it their pitch is the roll of the arm, about constant, and
-backwards they are negative. Each mounting is fitted. `floor_m` is the height of the floor in {W}.
+backwards they are negative. Each mounting is fitted. Of 900 windows of people with a sensor along the arm,
+another one was 20 times likelier in none. `floor_m` is the height of the floor in {W}.
 """
 
 import math

@@ -9,7 +9,8 @@ People's slopes and an offset of the finger are considered (Schmidt-Kalman): the
 made poses of recorded people worse, but what they can do to the pose is in its covariance.
 
 Errors of pointing are correlated: of following by exp(-t / τ), so that differences of neighbouring blocks
-count; all rays of a hold at a target at rest are one pointing. Their size is estimated for the covariance.
+count; all rays of a hold at a target at rest are one pointing. Their size is estimated, with a prior, from
+innovations of the residuals. The pose keeps the assumed sigmas: its errors on recorded people are least then.
 """
 
 import math

@@ -138,9 +138,7 @@ def test_each_solver_has_its_row(rows: list[Row]) -> None:
     assert {row.subject for row in rows} == {"all", "user9"}
     assert {row.condition for row in rows} == {"1 s", "2 s", "3 s", "5 s", "8 s"}  # too short for `UNTIL`
     taken = {row.condition: row.taken for row in rows if row.solver == OURS and row.subject == "all"}
-    assert taken["8 s"] == 1.0
-    assert taken["1 s"] is not None
-    assert taken["1 s"] < 0.5
+    assert (taken["8 s"], taken["1 s"]) == (1.0, 0.0)
     assert all(row.taken is None for row in rows if row.solver != OURS)
 
 

@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -205,10 +204,8 @@ def test_less_known_about_a_person_is_less_known_about_their_pose(name: str) -> 
     known: list[dict[str, Any]] = [{name: sigma} for sigma in (0.0001, 0.05, 0.3)]
     for rays in (pointings(Person(0.6, -0.4, 1.0), CORNERS), pointings(Person(), WAY, each=1)):
         sigmas_m = [solved(rays, dataclasses.replace(UNLIMITED, **each)).position_sigma_m for each in known]
-        assert all(
-            more > 0.99 * less for less, more in pairwise(sigmas_m)
-        )  # the size of errors is estimated, too
-        assert name == "rate_sigma_radps" or sigmas_m[-1] > sigmas_m[0]
+        assert sigmas_m == sorted(sigmas_m)
+        assert sigmas_m[-1] > sigmas_m[0]
 
 
 @pytest.mark.parametrize("rate_degps", [-0.3, 0.0, 0.3])

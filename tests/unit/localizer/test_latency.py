@@ -80,7 +80,7 @@ def judged(people: int, late_s: float, trust: SolverSettings) -> tuple[int, floa
 
 
 def test_stated_sigma_covers_a_tracker_that_is_late_by_less_than_two_sigma() -> None:
-    assert judged(40, 0.2, PUNCTUAL)[1] >= 0.8  # what a latency does that nobody allows for
+    assert judged(40, 0.2, PUNCTUAL)[1] > 0.9  # what a latency does that nobody allows for
     accepted, outside = judged(200, 0.2, SolverSettings())
     assert accepted >= 190
     assert outside <= 0.05
@@ -119,8 +119,8 @@ def test_tracker_states_its_latency_with_every_report(stated_s: float | None) ->
     pose = poses(fly(MovingTarget(config(autostart=True)), 15.0, reports=stating))[-1]
     assert error_m(pose) < 0.1
     sigma_rad = math.sqrt(pose.covariance[8])
-    # 2.3° without a latency, 2.7° and 2.8° with: what of it the rays tell adds nothing
-    assert (sigma_rad > math.radians(2.5)) == (stated_s != 0.0)
+    # 2.2° without a latency, 3.9° and 4.3° with: what of it the rays tell adds nothing
+    assert (sigma_rad > math.radians(3.0)) == (stated_s != 0.0)
 
 
 def test_refusal_names_the_latency_when_it_alone_makes_the_pose_uncertain() -> None:

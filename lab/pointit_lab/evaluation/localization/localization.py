@@ -4,7 +4,7 @@ import math
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pointit.services.localizer.estimation.estimator import (
     Pointings,
@@ -16,7 +16,7 @@ from pointit.services.localizer.estimation.estimator import (
 from pointit.services.localizer.estimation.mounting import mounting_fault
 from pointit.services.localizer.estimation.sample_blocks import blocks
 from pointit.services.localizer.verification.following import followed
-from pointit.services.localizer.verification.holds import held, without_spikes
+from pointit.services.localizer.verification.holds import held
 from pointit_lab.evaluation.localization.baselines import BaselineEstimate, mean_angle_4dof, mean_angle_z0
 from pointit_lab.evaluation.localization.cramer_rao import median_bounds_m
 from pointit_lab.evaluation.localization.scoring import Key, Outcome, rows_of, until_taken_rows
@@ -32,7 +32,7 @@ STATED = SolverSettings(max_position_sigma_m=math.inf, max_yaw_sigma_rad=math.in
 """The localizer's settings, but poses of any stated sigma are accepted: errors of certain poses alone would
 be too optimistic."""
 
-ANY = SolverSettings().anyhow()
+ANY = replace(STATED, max_residual_rad=math.inf, max_act_residual_rad=math.inf, bias_sigma_limit=math.inf)
 """Accepts the best fit, as the baselines do."""
 
 LIMITS = SolverSettings()
@@ -182,5 +182,5 @@ def judged(pointings: Pointings, trust: SolverSettings = LIMITS) -> Solution | R
     if blocks(pointings).is_still:
         return held(pointings, trust)
     found = followed(pointings, trust)
-    wrong = mounting_fault(without_spikes(pointings), found, trust, 0.0)
+    wrong = mounting_fault(pointings, found, trust, 0.0)
     return Refusal(wrong, found.residual_rad) if wrong else found

@@ -32,9 +32,6 @@ TRIMMED = 0.1
 LESS = math.sqrt(1.0 + TRIMMED * math.log(TRIMMED) / (1.0 - TRIMMED))
 """Ratio of the others' rms to that of all, for normal errors on both axes (exponential squares)."""
 
-LATEST_S = 0.3
-"""Largest latency of reports, found against that expected."""
-
 SAME_PLACE_M = 0.05
 """Targets closer together than this count as one."""
 
@@ -99,7 +96,7 @@ def solve(
         return Refusal(NOWHERE)
     solution = _solution(rays, summary, poses, trust)
     missed = _missed_rad(trust.rays(timely, centre), poses[0])
-    residual_rad = min(_rms(missed), _timely_rms(timely, summary, solution, centre, trust))
+    residual_rad = math.sqrt(float(np.mean(missed * missed)))
     limit_rad = trust.residual_limit_rad(is_still=summary.is_still)
     if residual_rad > limit_rad and trust.trims:
         kept = missed <= np.quantile(missed, 1.0 - TRIMMED)
@@ -137,11 +134,11 @@ def _solution(rays: Rays, summary: Blocks, poses: Array, trust: SolverSettings) 
     likely = odds >= NEGLIGIBLE
     likely[0] = True
     found = [refine(rays, pose, summary, noise) for pose in poses[likely]]
-    best, spread = found[0][0], np.zeros_like(found[0][1])
-    for (state, covariance), share in zip(found, odds[likely], strict=True):
-        off = state - best
+    best, spread = found[0].state, np.zeros_like(found[0].covariance)
+    for each, share in zip(found, odds[likely], strict=True):
+        off = each.state - best
         off[2] = math.remainder(float(off[2]), math.tau)
-        spread += share * (covariance + np.outer(off, off))
+        spread += share * (each.covariance + np.outer(off, off))
     x_m, y_m, yaw_rad, bias_rad, z_m, _, latency_s = best.tolist()
     sigma = np.sqrt(np.maximum(np.diag(spread), 0.0)).tolist()
     return Solution(
@@ -177,21 +174,6 @@ def _missed_rad(rays: Rays, pose: Array) -> Array:
     return np.asarray(2.0 * np.arctan(0.5 * np.hypot(left, above)), dtype=np.float64).ravel()
 
 
-def _timely_rms(
-    timely: Pointings, summary: Blocks, solution: Solution, centre: Array, trust: SolverSettings
-) -> float:
-    """Return the rms angle of rays without the latency that was found, infinite if it is within its sigma."""
-    late_s = solution.latency_s - trust.latency_s
-    if abs(late_s) <= solution.latency_sigma_s:
-        return math.inf
-    rays = trust.rays(in_time(timely, late_s, summary), centre)
-    return _rms(_missed_rad(rays, _pose_of(solution, np.zeros(3), trust)))
-
-
-def _rms(values: Array) -> float:
-    return math.sqrt(float(np.mean(values * values)))
-
-
 def _pose_of(solution: Solution, centre: Array, trust: SolverSettings) -> Array:
     place = [solution.x_m - centre[0], solution.y_m - centre[1]]
     return np.array([*place, solution.yaw_rad, solution.bias_rad - trust.bias_rad, solution.z_m])
@@ -208,11 +190,6 @@ def check_solution(
         return Refusal(ONE_VIEW if _is_one_view(rays) else NOWHERE)
     if residual_rad > limit_rad:
         return Refusal(_missed(residual_rad, rays, limit_rad), residual_rad)
-    late_s = solution.latency_s - trust.latency_s
-    if abs(late_s) > LATEST_S:
-        how = "late" if late_s > 0.0 else "early"
-        how += "; check the clocks of its tracker and of the wrist, and point at where it is"
-        return Refusal(f"the target is reported {abs(late_s):.1f} s {how}", residual_rad)
     if abs(solution.bias_rad - trust.bias_rad) > trust.bias_sigma_limit * trust.bias_sigma_rad:
         return Refusal(
             f"the rays would lie {math.degrees(solution.bias_rad):+.0f}° too high all the time, which is not "

@@ -181,20 +181,19 @@ def _linearized(rays: Rays, poses: Array, weights: Weights) -> tuple[Array, Arra
     gradient = (weighted @ angles.reshape(len(poses), -1, 1))[:, :, 0]
     hessian += weights.prior * _EYE
     gradient += weights.prior * poses
-    return huber_loss(squares, weight).sum(axis=1) + _prior_cost(poses, weights), gradient, hessian
+    return _loss(squares, weight).sum(axis=1) + _prior_cost(poses, weights), gradient, hessian
 
 
 def evaluate_costs(rays: Rays, poses: Array, weights: Weights, sample_weights: Array | float = 1.0) -> Array:
     """Return the costs (k) of `poses` (k x 5) with sample weights `sample_weights` (n)."""
     left, above = angular_errors(rays, poses)
     squares = (left / weights.sigma_rad[0]) ** 2 + (above / weights.sigma_rad[1]) ** 2
-    losses = sample_weights * huber_loss(squares)
+    losses = sample_weights * _loss(squares, huber_weight(np.sqrt(squares)))
     return np.asarray(losses.sum(axis=1) + _prior_cost(poses, weights), dtype=np.float64)
 
 
-def huber_loss(squares: Array, weight: Array | None = None) -> Array:
-    """Return Huber's loss of each sample: half the square, and linear beyond `HUBER`; of these weights."""
-    weight = huber_weight(np.sqrt(squares)) if weight is None else weight
+def _loss(squares: Array, weight: Array) -> Array:
+    """Return Huber's loss of each sample: half the square, and linear beyond `HUBER`."""
     return np.asarray(weight * (1.0 - 0.5 * weight) * squares, dtype=np.float64)
 
 

@@ -9,11 +9,9 @@ People's slopes and an offset of the finger are considered (Schmidt-Kalman): the
 made poses of recorded people worse, but what they can do to the pose is in its covariance.
 
 Errors of pointing are correlated: of following by exp(-t / τ), so that differences of neighbouring blocks
-count; all rays of a hold at a target at rest are one pointing. Their size is estimated, with a prior, from
-innovations of the residuals. The pose keeps the assumed sigmas: its errors on recorded people are least then.
+count; all rays of a hold at a target at rest are one pointing. Their size is estimated, with a prior.
 """
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -38,20 +36,12 @@ DAMPING = 1.0
 BELIEF = 3.0
 """Weight of the assumed sigmas against the residuals, in measured angles."""
 
-SLOW = 0.2
-"""Ratio of the rate of independent errors by which their size is estimated. Errors of people who follow also
-have slow parts, which fast innovations do not show."""
-
-LEAST_VARIANCE, HIDDEN_VARIANCE = 0.05, 0.7
-HIDDEN_S = 0.15
-"""Least variance of following, 1 if it is as assumed; the same if the latency is known to 1 sigma of
-`HIDDEN_S` only, since the course does not show it."""
-
-LATE = 2.0
-"""Ratio of the latency's sigma in the covariance to that stated: an arm is late, too, by up to 0.25 s."""
-
 GROSS = 5.0
 """Number of sigmas at which residuals are clipped as outliers."""
+
+TAILS = 1.0
+"""The precision of the latency's prior is that stated near 0 and falls by 1 / (σ² + x²), as Cauchy's: some
+trackers are late by far."""
 
 STEEP = 0.2
 """Lower bound of the cosine of the elevation: a steeper ray has no usable azimuth."""
@@ -81,6 +71,20 @@ class NoiseModel:
     """Inverse prior variance of each state, all expected at 0; 0 if unknown. Shape (`STATES`)."""
 
 
+@dataclass(frozen=True)
+class Refined:
+    """A pose and what else was found."""
+
+    state: Array
+    """`STATES`."""
+    covariance: Array
+    """Covariance of the state, `VAGUE` in unknown directions.
+
+    The yaw is that of pointing: a model error that turns all rays equally stays in the yaw when the person
+    points later, and does not count.
+    """
+
+
 def effective_samples(blocks: Blocks, rate_hz: float) -> Array:
     """Return the number (m) of independent pointings of each block; at least one for each hold."""
     sample_weights = np.maximum(1.0, rate_hz * blocks.held_s)
@@ -88,21 +92,20 @@ def effective_samples(blocks: Blocks, rate_hz: float) -> Array:
     return np.asarray(sample_weights[hold] / np.bincount(hold)[hold], dtype=np.float64)
 
 
-def refine(rays: Rays, pose: Array, blocks: Blocks, noise: NoiseModel) -> tuple[Array, Array]:
-    """Return state (`STATES`) and covariance of `pose` (5), which the descent found for `rays`, refined.
+def refine(rays: Rays, pose: Array, blocks: Blocks, noise: NoiseModel) -> Refined:
+    """Return the refined `pose` (5), a result of the descent for `rays`, the means of `blocks`.
 
-    Targets at rest leave the pose as it is: refined ones of recorded people were no better. The covariance is
-    `VAGUE` in unknown directions. A model error that turns all rays equally is part of the yaw of pointing.
+    Of targets at rest the pose stays as it is: refined ones of recorded people were no better.
     """
+    sample_weights = effective_samples(blocks, noise.independent_hz)
     likeness, share = _correlation(blocks, noise.independent_hz)
     state = np.concatenate([pose, np.zeros(STATES - PARAMETERS)])
     rounds = ROUNDS if noise.independent_hz else 1
     while True:
         rounds -= 1
         angles, jacobian = _linearized(rays, state, blocks)
-        sizes = angles / noise.sigma_rad[:, None]
-        variance = _scatter(sizes, blocks, noise)
-        unit = np.sqrt(huber_weight(np.hypot(*sizes)) / max(variance, 1.0)) / noise.sigma_rad[:, None]
+        weight, variance = _scatter(angles, sample_weights, noise)
+        unit = np.sqrt(weight / max(variance, 1.0)) / noise.sigma_rad[:, None]
         flat = _independent(jacobian * unit, likeness, share).reshape(STATES, -1)
         information, slope = flat @ flat.T, flat @ _independent(angles * unit, likeness, share).ravel()
         if not np.all(np.isfinite(information)):
@@ -110,46 +113,31 @@ def refine(rays: Rays, pose: Array, blocks: Blocks, noise: NoiseModel) -> tuple[
         prior, moved = noise.prior.copy(), np.zeros(STATES)
         for _ in range(STEPS):
             moved = -np.linalg.solve(information + np.diag(prior + DAMPING), slope + prior * state)
-            # Cauchy's tails, 1 / (σ² + x²), since some trackers are late by far
-            prior[LATENCY] = 1.0 / (1.0 / noise.prior[LATENCY] + (state + moved)[LATENCY] ** 2)
+            prior[LATENCY] = TAILS / (1.0 / noise.prior[LATENCY] + (state + moved)[LATENCY] ** 2)
         state = state + moved
         if rounds == 0 or np.abs(moved[:3]).max() < LINEAR:
             break
     if not noise.independent_hz:
         state[:PARAMETERS] = pose
-    elif np.all(np.isfinite(information)):
-        scale = max(variance, 1.0) / max(variance, _least_variance(information * max(variance, 1.0), noise))
-        information, flat, unit = information * scale, flat * math.sqrt(scale), unit * math.sqrt(scale)
-    prior = noise.prior.copy()
-    prior[LATENCY] = 1.0 / (LATE**2 / noise.prior[LATENCY] + state[LATENCY] ** 2)
-    out, unknown = _inverse(information + np.diag(prior))
+    out, unknown = _inverse(information + np.diag(noise.prior))
     turned = noise.considered[:, None, None] * _considered(rays)
     shifted = out @ flat @ _independent(turned * unit, likeness, share).reshape(len(turned), -1).T
     shifted[2] += (turned[:, 0] / np.maximum(rays.elevation_phasor.real, STEEP)).mean(axis=1)
     out = out + shifted @ shifted.T + VAGUE * unknown @ unknown.T
     out[[0, 1], [0, 1]] += noise.body_sigma_m**2
-    return state, np.asarray(0.5 * (out + out.T), dtype=np.float64)
+    return Refined(state, np.asarray(0.5 * (out + out.T), dtype=np.float64))
 
 
-def _scatter(sizes: Array, blocks: Blocks, noise: NoiseModel) -> float:
-    """Return the variance of the normalized residuals `sizes` (2 x m), 1 if it is as assumed.
+def _scatter(angles: Array, sample_weights: Array, noise: NoiseModel) -> tuple[Array, float]:
+    """Return the Huber weights (m) of `angles` (2 x m) and their variance, 1 if it is as assumed.
 
     The size of a person's errors is the same share of both sigmas and is estimated (Student's variance).
     """
-    clipped = np.clip(sizes, -GROSS, GROSS)
-    steps = _independent(clipped, *_correlation(blocks, SLOW * noise.independent_hz))
-    squares = float((steps**2).sum())
-    measured = sizes.size if noise.independent_hz else 2.0 * len(blocks.held_s)
-    return (BELIEF + squares) / (BELIEF + max(measured - PARAMETERS, 0.0) - 2.0)
-
-
-def _least_variance(information: Array, noise: NoiseModel) -> float:
-    """Return the least variance of following: a latency that a course hides turns poses, and shows in no ray.
-
-    `information` (`STATES` x `STATES`) is that of rays with the assumed sigmas.
-    """
-    known = np.linalg.inv(information + np.diag(np.maximum(noise.prior, NOTHING)))
-    return max(LEAST_VARIANCE, HIDDEN_VARIANCE * min(float(known[LATENCY, LATENCY]) / HIDDEN_S**2, 1.0))
+    sizes = np.hypot(*(angles / noise.sigma_rad[:, None]))
+    weight = huber_weight(sizes)
+    squares = float((sample_weights * np.minimum(sizes, GROSS) ** 2).sum())
+    freedom = max(2.0 * float(sample_weights.sum()) - PARAMETERS, 0.0)
+    return weight, (BELIEF + squares) / (BELIEF + freedom - 2.0)
 
 
 def _correlation(blocks: Blocks, independent_hz: float) -> tuple[Array, Array]:

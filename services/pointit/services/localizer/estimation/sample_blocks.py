@@ -69,8 +69,7 @@ class Blocks:
     samples: Array
     """m: number of samples in each block."""
     hold: Array
-    """m: index of the block's hold, at one target without a pause. At rest all holds at a target are one, as
-    people err there in the same way (recorded ones: intraclass correlation 0.4 sideways, 0.7 upwards)."""
+    """m: index of the block's hold, a stretch without a pause at one target."""
     held_s: Array
     """Duration of each hold."""
     velocities_mps: Array
@@ -103,36 +102,23 @@ def blocks(pointings: Pointings) -> Blocks:
 
     directions = mean(pointings.directions)
     directions /= np.linalg.norm(directions, axis=1)[:, None]
-    is_still = bool(np.abs(targets - targets[first][hold]).max() <= STILL_M)
+    drift = np.abs(targets - targets[first][hold]).max()
     means_m = mean(targets)
-    velocities_mps = _velocities(mean(t[:, None]), means_m, hold[where])
-    error = hold[where]
-    if is_still:
-        lamps = lamp_numbers(targets[first])
-        error, held_s = lamps[error], np.asarray(np.bincount(lamps, held_s), dtype=np.float64)
     return Blocks(
         Pointings(t[where], mean(pointings.origins_m), directions, means_m),
         count,
-        error.astype(np.float64),
+        hold[where].astype(np.float64),
         held_s,
-        velocities_mps,
-        is_still=is_still,
+        _velocities(mean(t[:, None]), means_m, hold[where]),
+        is_still=bool(drift <= STILL_M),
     )
 
 
-def lamp_numbers(targets_m: Array) -> NDArray[np.intp]:
-    """Return the number (n) of each of `targets_m` (n x 3) at rest, in order of their first appearance."""
-    _, firsts, which = np.unique(
-        np.round(targets_m / STILL_M), axis=0, return_index=True, return_inverse=True
-    )
-    return np.asarray(np.argsort(np.argsort(firsts))[which.ravel()], dtype=np.intp)
-
-
-def in_time(pointings: Pointings, latency_s: float, means: Blocks | None = None) -> Pointings:
-    """Return `pointings` (of these `means`) with targets where they were when reported `latency_s` late."""
+def in_time(pointings: Pointings, latency_s: float) -> Pointings:
+    """Return `pointings` with the targets where they were when they are reported `latency_s` late."""
     if latency_s == 0.0 or not len(pointings):
         return pointings
-    means = means or blocks(pointings)
+    means = blocks(pointings)
     moves_m = latency_s * np.repeat(means.velocities_mps, means.samples.astype(np.intp), axis=0)
     return replace(pointings, targets_m=pointings.targets_m + moves_m)
 

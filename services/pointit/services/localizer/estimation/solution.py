@@ -73,11 +73,6 @@ class SolverSettings:
         """Return the settings that accept poses of any uncertainty."""
         return replace(self, max_position_sigma_m=math.inf, max_yaw_sigma_rad=math.inf)
 
-    def anyhow(self) -> "SolverSettings":
-        """Return the settings that accept the best fit."""
-        any_residual = replace(self, max_residual_rad=math.inf, max_act_residual_rad=math.inf)
-        return replace(any_residual, bias_sigma_limit=math.inf).unlimited()
-
     def weights(self) -> Weights:
         """Return the weights of the descent."""
         prior = np.zeros(PARAMETERS)
@@ -128,7 +123,7 @@ class Solution:
     The yaw is that of pointing: an error that turns all of a person's rays equally is part of it.
     """
     residual_rad: float
-    """Rms angle between rays and targets, whose latency is taken out if it exceeds its sigma."""
+    """Rms angle between rays and targets, as reported: their latency counts."""
     samples: int
     z_m: float = 0.0
     """Error of the eye height from the body measures; the floor's height if that was left free."""

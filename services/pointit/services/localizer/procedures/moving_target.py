@@ -21,7 +21,6 @@ from pointit.services.localizer.estimation.estimator import (
 )
 from pointit.services.localizer.estimation.mounting import mounting_fault
 from pointit.services.localizer.memory.person_memory import PersonMemory, Remember
-from pointit.services.localizer.memory.recall import RecalledSettings
 from pointit.services.localizer.outputs import Output, Phase, pose_message
 from pointit.services.localizer.procedures.procedure import Procedure
 from pointit.services.localizer.procedures.target_disambiguation import (
@@ -37,7 +36,6 @@ from pointit.services.localizer.verification.following import (
     followed,
     has_settled,
 )
-from pointit.services.localizer.verification.holds import without_spikes
 
 ROBOT = "robot"
 """Kind of the objects that are followed if no id is given."""
@@ -196,13 +194,11 @@ class MovingTarget(Procedure):
         meant = next((track for _, track, each in solved if each is result), None)
         if meant is None:  # refused because two robots move in the same way, not because of one robot's rays
             return result
-        pointings, floor_m = without_spikes(self._rays.pointings(meant)), self._config.floor_m
+        pointings, floor_m = self._rays.pointings(meant), self._config.floor_m
         if isinstance(result, Refusal) and has_settled(pointings, result, trust, floor_m=floor_m):
             self._rays.forget_older_half()
             return result
-        wrong = mounting_fault(
-            pointings, result, trust, floor_m, is_known=isinstance(trust, RecalledSettings)
-        )
+        wrong = mounting_fault(pointings, result, trust, floor_m)
         if not wrong and isinstance(result, Solution):
             wrong = self._unsure(pointings, result)
         return Refusal(wrong, result.residual_rad) if wrong else result

@@ -69,7 +69,7 @@ async def test_boxes_of_a_shelf_fire_and_a_switch_stays_on(
         reacted = page.locator("#toasts", has_text=f"{told}: {name}")
         while (brightest := await light(window, x, y)) < idle + 0.15:
             assert not patience.is_over(), f"{name} shows nobody that it is pointed at: {idle}, {brightest}"
-            idle = min(idle, brightest)  # it may have been lit by whoever pointed before
+            idle = min(idle, brightest)  # it may still be lit from the page before
             if told == "Fired" and await reacted.count():  # before a slow machine made a picture: once more
                 await page.mouse.move(1100, 600)
                 await expect(reacted).to_have_count(0)

@@ -155,7 +155,7 @@ async def test_identity_records_what_it_may_read_and_says_what_it_may_not(
     path = tmp_path / "session.mcap"
     folder = f"{site.identity_folder(identity)}"
     try:
-        ended = await commands.pointit("record", f"{path}", "--credentials", folder, "--duration", "3")
+        ended = await commands.pointit("record", f"{path}", "--credentials", folder, "--duration", "8")
     finally:
         feeding.cancel()
         await bus.close()

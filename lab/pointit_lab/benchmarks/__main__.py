@@ -183,7 +183,8 @@ def _measure_sample(wanted: Sequence[str], result: dict[str, Any], console: Cons
         console.print("instructions: IMU sample to LED frame, counted by Valgrind …")
         result["instructions"] = instructions.measure()
         console.print(
-            "{per_sample} instructions a sample, {people} people; {bytecodes} bytecodes, "
+            "{per_sample} instructions a sample, {people} people; {cpu_us} µs of CPU without Valgrind; "
+            "{bytecodes} bytecodes, "
             "{different} different ones".format(**result["instructions"])
         )
 

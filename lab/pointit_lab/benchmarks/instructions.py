@@ -14,6 +14,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import time
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -42,7 +43,7 @@ USUAL = 0.3
 
 
 def measure() -> dict[str, Any]:
-    """Return the number of people and samples, and the instructions and bytecodes per sample.
+    """Return the number of people and samples; instructions, CPU time (µs) and bytecodes per sample.
 
     Raises:
         FileNotFoundError: Valgrind is not installed.
@@ -60,12 +61,15 @@ def measure() -> dict[str, Any]:
         counted = Path(f"{out}.2").read_text(encoding="utf-8")  # .1: before the first call of MARK
     total = next(int(line.split()[1]) for line in counted.splitlines() if line.startswith("totals:"))
     samples = round(PEOPLE * RATE_HZ * DURATION_S)
+    times_s: list[float] = []
+    run_virtually(drive(lambda: times_s.append(time.thread_time())))
     counter = BytecodeCounter()
     run_virtually(drive(counter.toggle))
     return {
         "people": PEOPLE,
         "samples": samples,
         "per_sample": round(total / samples),
+        "cpu_us": round((times_s[1] - times_s[0]) / samples * 1e6, 1),
         "bytecodes": round(counter.executed.total() / samples),
         "different": sum(count >= USUAL * samples for count in counter.executed.values()),
     }

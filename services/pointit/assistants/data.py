@@ -68,7 +68,7 @@ class Items(_Result):
     left_out: Annotated[int, Field(description="further ones, left out for their number")] = 0
 
 
-class Meant(_Result):
+class PossibleReferent(_Result):
     """Something that may be meant."""
 
     kind: Annotated[str, Field(description="thing, robot, object, person, place or direction")]
@@ -77,12 +77,12 @@ class Meant(_Result):
     position_m: Vec3 | None = None
 
 
-class Pointed(_Result):
+class PossibleReferents(_Result):
     """Candidates for what a person points or pointed at. The probabilities, with `none`, add up to 1."""
 
     user: str
     seconds_ago: float
-    candidates: Annotated[tuple[Meant, ...], Field(description="the most probable first")] = ()
+    candidates: Annotated[tuple[PossibleReferent, ...], Field(description="the most probable first")] = ()
     none: Annotated[float, Field(description="probability of none of these")] = 1.0
     note: Annotated[str, Field(description="problem of the data, or empty")] = ""
 
@@ -91,10 +91,10 @@ class Waited(_Result):
     """Result of waiting for a person to point."""
 
     came: Annotated[bool, Field(description="false: not within the timeout")]
-    pointed: Annotated[Pointed | None, Field(description="the last that was seen")] = None
+    pointed: Annotated[PossibleReferents | None, Field(description="the last that was seen")] = None
 
 
-class Asked(_Result):
+class AnswerByLight(_Result):
     """Result of a question by light."""
 
     chosen: Annotated[str, Field(description="the candidate for which they pressed, or empty")]

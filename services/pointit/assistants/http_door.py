@@ -27,7 +27,7 @@ TICK_S = 1.0
 NEEDS_TOKEN = "a token of the page is needed: Authorization: Bearer ...; see docs/how-to/assistants.md\n"  # noqa: S105
 
 
-class Gate:
+class TokenMiddleware:
     """Lets requests in by the page's tokens: with its host, no foreign origin, as operator or viewer."""
 
     def __init__(self, app: ASGIApp, doors: Access) -> None:
@@ -76,7 +76,7 @@ class HttpDoor:
             streamable_http_path=PATH, max_request_body_size=MAX_BODY, max_sessions=MAX_SESSIONS, host=host
         )
         self._sessions = server.session_manager
-        self._listener = Listener(Gate(app, doors), bind(host, port, "--listen"))
+        self._listener = Listener(TokenMiddleware(app, doors), bind(host, port, "--listen"))
         self.url = f"{url('http', host, self._listener.port)}{PATH}"
         """Address for clients."""
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from pointit.api.requests import HEX
 from pointit.api.site import Site
-from pointit.assistants.data import Asked, Item
+from pointit.assistants.data import AnswerByLight, Item
 from pointit.assistants.room_items import check_present
 from pointit.errors import PointItError, SchemaError
 from pointit.schemas import NS_PER_S, ButtonEvent
@@ -71,7 +71,7 @@ class Lights:
             self._shown[lamp] = color
         return reply.message
 
-    async def ask(self, site: Site, user: str, candidates: Sequence[Item], timeout_s: float) -> Asked:
+    async def ask(self, site: Site, user: str, candidates: Sequence[Item], timeout_s: float) -> AnswerByLight:
         """Light the candidates in turn until `user` presses their button. Then lamps are as before.
 
         Raises:
@@ -94,10 +94,10 @@ class Lights:
                         turns.append((site.now_ns(), name))
                         async for press in presses.during(TURN_S):
                             if chosen := _lit_at(press, turns):
-                                return Asked(chosen=chosen, shown=shown)
+                                return AnswerByLight(chosen=chosen, shown=shown)
                         await self._give_back(site, lamp)
         except TimeoutError:
-            return Asked(chosen="", shown=shown)
+            return AnswerByLight(chosen="", shown=shown)
         finally:
             presses.close()
             giving = asyncio.create_task(self._give_all_back(site, list(lamps.values())), name="lamps back")

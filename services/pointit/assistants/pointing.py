@@ -3,7 +3,7 @@
 from collections.abc import Collection
 
 from pointit.api.site import Site
-from pointit.assistants.data import MAX_SENTENCE, Meant, Pointed, Waited, plain
+from pointit.assistants.data import MAX_SENTENCE, PossibleReferent, PossibleReferents, Waited, plain
 from pointit.assistants.room_items import check_present
 from pointit.errors import AccessDeniedError, NoAnswerError
 from pointit.schemas import NS_PER_S
@@ -18,7 +18,7 @@ ITEMS = ("thing", "robot", "object", "person")
 """Kinds of referents that have a name of their own."""
 
 
-async def pointed(site: Site, user: str, at_ns: int | None, word: Deictic = "") -> Pointed:
+async def pointed(site: Site, user: str, at_ns: int | None, word: Deictic = "") -> PossibleReferents:
     """Return the candidates for what `user` pointed at, at `at_ns` of the site's time, or now.
 
     Raises:
@@ -35,7 +35,7 @@ async def pointed(site: Site, user: str, at_ns: int | None, word: Deictic = "") 
         ) from error
     ago_s = 0.0 if at_ns is None else (site.now_ns() - at_ns) / NS_PER_S
     meant = [
-        Meant(
+        PossibleReferent(
             kind=each.kind,
             name=plain(each.name),
             probability=round(each.probability, 3),
@@ -43,7 +43,7 @@ async def pointed(site: Site, user: str, at_ns: int | None, word: Deictic = "") 
         )
         for each in found.candidates[:MAX_CANDIDATES]
     ]
-    return Pointed(
+    return PossibleReferents(
         user=user,
         seconds_ago=round(ago_s, 2),
         candidates=tuple(meant),
@@ -76,7 +76,7 @@ async def wait_for(site: Site, user: str, names: Collection[str], timeout_s: flo
     return Waited(came=False, pointed=last)
 
 
-def _sure_of(seen: Pointed, names: Collection[str]) -> str:
+def _sure_of(seen: PossibleReferents, names: Collection[str]) -> str:
     """Return the name of what is pointed at, if it is surely one of `names`, else `""`."""
     for best in seen.candidates[:1]:
         is_wanted = best.name in names if names else best.kind in ITEMS

@@ -15,7 +15,7 @@ from pydantic import Field
 from pointit.api.feed import Feed
 from pointit.api.site import Site
 from pointit.assistants.audit_file import AuditFile
-from pointit.assistants.data import Asked, Deed, Items, People, Pointed, Waited, refusal
+from pointit.assistants.data import AnswerByLight, Deed, Items, People, PossibleReferents, Waited, refusal
 from pointit.assistants.light import ASKING, COLORS, Lights, color_of
 from pointit.assistants.pointing import pointed, wait_for
 from pointit.assistants.room_items import check_present, find, items, people, present
@@ -136,7 +136,7 @@ class Tools:
             ),
         ] = "",
         word: Annotated[Deictic, Field(description="the word itself, or empty for any")] = "",
-    ) -> Pointed:
+    ) -> PossibleReferents:
         """Say what a person means by pointing: candidates with probabilities, and that of none of them.
 
         If the best one is below 0.8, ask the person, or use `ask_by_light`. Do not guess.
@@ -178,7 +178,7 @@ class Tools:
         user: User,
         candidates: Annotated[tuple[Name, ...], Field(min_length=2, max_length=len(ASKING))],
         timeout: Seconds = 20.0,  # noqa: ASYNC109 - as above
-    ) -> Asked:
+    ) -> AnswerByLight:
         """Light candidates in turn, each in its colour, until the person presses their button for one.
 
         While it waits, the person may also be asked in words for the colour.

@@ -107,7 +107,7 @@ class Adjusted:
     loss_px: float
 
 
-class Final:
+class FinalAdjustment:
     """Adjusts chains and lamps from first places."""
 
     def __init__(

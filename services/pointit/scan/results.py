@@ -188,9 +188,7 @@ def _strip(
     unseen = max(low, spec.count - 1 - high)
     if unseen > max(2.0, MAX_UNSEEN * spec.count):
         sigma_m = math.hypot(sigma_m, UNSEEN_SIGMA * unseen * pitch_m)
-        if not reason and _is_in_both(adjusted, chain, views, spec.count):
-            reason = "only two views show its ends: a third one makes sure of their numbers"
-        elif not reason:
+        if not reason:
             which = f"0 to {low - 1:.0f}" if unseen == low else f"{high + 1:.0f} to {spec.count - 1}"
             reason = f"no two views show pixels {which}: photograph that end, or correct its count"
     stretch = float(adjusted.state.stretch[number])
@@ -203,13 +201,6 @@ def _strip(
     return ScannedStrip(
         spec.name, spec.count, line, sigma_m, pitch_m, len(views), not reason, reason, covariance
     )
-
-
-def _is_in_both(adjusted: Adjusted, chain: int, views: Sequence[int], count: int) -> bool:
-    """Return True if there are two views, and each shows both ends of a strip of `count` pixels."""
-    own = adjusted.used & (adjusted.seen.chain == chain)
-    shown = [adjusted.seen.pixel[own & (adjusted.seen.view == adjusted.views[index])] for index in views]
-    return len(shown) == 2 and all(each.min() < 1 and each.max() > count - 2 for each in shown)
 
 
 def _without_straight_corners(vertices: Array, covariance: Array) -> tuple[Array, Array]:

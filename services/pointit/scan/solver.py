@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from pointit.scan.adjustment import Array, State, project
-from pointit.scan.final_adjustment import Adjusted, Final, Seen
+from pointit.scan.final_adjustment import Adjusted, FinalAdjustment, Seen
 from pointit.scan.first_poses import FirstPoses, Piece, Placed
 from pointit.scan.lines import LEAST, ImageLine, corners, fit_lines
 from pointit.scan.result import Scan, ScanError
@@ -62,7 +62,7 @@ def solve(
         raise ScanError(
             "no two views agree on two strips: take photographs that show the same strips, a step apart"
         )
-    final = Final(seen, strips, lamps, side)
+    final = FinalAdjustment(seen, strips, lamps, side)
     starts = _chains(placed, knots)
     _add_unknown_pitches(starts, placed, strips, knots, lines)
     adjusted = final.adjusted(placed, starts)

@@ -4,8 +4,9 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from pointit.geometry.vector import Vec3
 from pointit.maps.model import MAX_PIXELS
@@ -23,12 +24,15 @@ MIN_KNOWN_M, MAX_KNOWN_M = 0.01, 1000
 """Limits of a known length, m."""
 MAX_FILE = 64 * 2**20
 """Limit of a file of views, bytes."""
+STRICT = ConfigDict(extra="forbid")
+"""A misspelt field of a file is an error."""
 
 
 @dataclass(frozen=True)
 class StripSpec:
     """A strip as it is sold: `count` pixels, `pitch_m` from pixel to pixel, None if that is unknown."""
 
+    __pydantic_config__: ClassVar = STRICT
     name: str
     count: int
     pitch_m: float | None = None
@@ -67,6 +71,7 @@ class View:
         gravity: unit vector of "down" in the camera's frame (x right, y down, z forward). None if unknown.
     """
 
+    __pydantic_config__: ClassVar = STRICT
     width: int
     height: int
     sightings: tuple[Sighting, ...]
@@ -85,6 +90,7 @@ class Mark:
 class KnownLength:
     """A measured distance from pixel to pixel, m, and its standard deviation, m."""
 
+    __pydantic_config__: ClassVar = STRICT
     start: Mark
     end: Mark
     metres: float
@@ -95,6 +101,7 @@ class KnownLength:
 class Survey:
     """All that a scan is computed from; the JSON that `pointit map scan --from` reads."""
 
+    __pydantic_config__: ClassVar = STRICT
     strips: tuple[StripSpec, ...] = ()
     lamps: tuple[LampSpec, ...] = ()
     views: tuple[View, ...] = ()

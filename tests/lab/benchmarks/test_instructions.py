@@ -60,3 +60,4 @@ def test_only_what_is_counted_between_the_marks_is_divided_by_the_samples(
     measured = instructions.measure()
     assert (measured["samples"], measured["per_sample"]) == (40, 100_000)
     assert measured["bytecodes"] > measured["different"] > 1000
+    assert 0.0 < measured["cpu_us"] < 1e5

@@ -120,9 +120,8 @@ def test_two_views_that_show_all_ends_ask_for_no_other_count() -> None:
     rng = np.random.default_rng(1)
     views = [photograph(at, rng, marks=10) for at in PLACES[:2]]
     scan = solve(specs(), LAMPS, views)
-    assert not [
-        strip.reason for strip in scan.strips.values() if strip.name != "bent" and "count" in strip.reason
-    ]
+    assert {(strip.identified, strip.reason) for strip in scan.strips.values()} == {(True, "")}
+    assert not scan.complete(0.01), "two views say where the ends are, but not to 1 cm"
 
 
 @pytest.mark.parametrize(

@@ -30,7 +30,7 @@ test("edits are what differs from the file, by the names there", () => {
   ]);
 });
 
-test("undo goes back step by step, one gesture at once, and what is done anew ends redo", () => {
+test("undo goes back step by step, one gesture at once, and a further edit ends redo", () => {
   const history = new History([]), steps = [1, 2, 3, 4].map((n) => ITEMS.slice(0, n));
   history.put(steps[0]!);
   history.put(steps[1]!, "drag 1");

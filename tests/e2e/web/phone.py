@@ -87,11 +87,11 @@ class PhonePage:
         await self.turn(yaw_deg, pitch_deg)
         await self.page.get_by_role("button", name="Start").tap()
         running = self.page.locator("#running")
-        patience = Patience(30.0)
+        patience = Patience(60.0)
         for i in itertools.count():
             await self.turn(yaw_deg + 0.5 * (i % 2), pitch_deg)
             if await running.is_visible() or patience.is_over():
                 break
             await self.page.wait_for_timeout(50)
-        await expect(running).to_be_visible()
+        assert await running.is_visible(), f"the page has not started: {self.faults}"
         await expect(self.page.locator("#link")).to_have_text("Connected", timeout=30_000)

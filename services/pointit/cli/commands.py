@@ -91,6 +91,11 @@ OUTPUT = """Test LED strips and how they are connected, and find where a moving 
 Example: pointit output test scenario_3 --output ddp:wled-kitchen.local
 """
 
+STUDY = """Run a study with people, and report it.
+
+Example: pointit study report my_study
+"""
+
 _ROUTER = ours("router", "run a router that joins several machines", "site.router")
 
 COMMANDS: dict[str, tuple[Entry, ...]] = {
@@ -245,6 +250,13 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
         _ROUTER,
     ),
     "Measure": (
+        noun(
+            "study",
+            "run a study with people, report it",
+            STUDY,
+            ours("report", "tables and figures of a study, as a page and a notebook", "study.report"),
+            ours("power", "how many participants find an effect of a stated size", "study.power"),
+        ),
         of_package(LAB, "evaluate", "measure the accuracy of the estimates on recordings of people"),
         of_package(LAB, "load", "measure the number of people this machine, or a site, carries"),
     ),

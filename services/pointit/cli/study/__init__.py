@@ -1,0 +1,1 @@
+"""`pointit study`: run studies, and report them."""

@@ -10,7 +10,7 @@ from scipy import stats
 
 from pointit.runtime.errors import ConfigError
 from pointit.study_report.reading import MEASURES, OUTCOMES, Trial, Trials
-from pointit.study_report.table import LEVEL, Table, interval
+from pointit.study_report.table import LEVEL, Table, summary
 
 BINS = 10
 """Most groups of trials in which learning is shown."""
@@ -55,21 +55,9 @@ def medians(study: Trials, measure: str = "selection_s") -> Table:
     Raises: ConfigError: If nothing is known of `measure`.
     """
     found = participant_medians(study, measure, *study.factors)
-    table = Table()
-    for levels in study.conditions:
-        values = [*found.get(levels, {}).values()]
-        low, high = interval(values)
-        median = float(np.median(values)) if values else None
-        table.append(
-            {
-                **dict(zip(study.factors, levels, strict=True)),
-                "participants": len(values),
-                "median": median,
-                "low": low,
-                "high": high,
-            }
-        )
-    return table
+    people = ([*found.get(levels, {}).values()] for levels in study.conditions)
+    rows = zip(study.conditions, people, strict=True)
+    return Table({**study.named(levels), **summary(values, "median")} for levels, values in rows)
 
 
 def differences(study: Trials, measure: str = "selection_s") -> Table:
@@ -151,18 +139,9 @@ def outcomes(study: Trials) -> Table:
         }
         done = [(one, sum(one.values()) - one["skipped"]) for one in counts.values()]
         missed = [1 - one["hit"] / total for one, total in done if total]
-        low, high = interval(missed, np.mean)
-        table.append(
-            {
-                **dict(zip(study.factors, levels, strict=True)),
-                "participants": len(counts),
-                "trials": sum(sum(one.values()) for one in counts.values()),
-                **shares,
-                "missed": float(np.mean(missed)) if missed else None,
-                "low": low,
-                "high": high,
-            }
-        )
+        trials = sum(sum(one.values()) for one in counts.values())
+        row = summary(missed, "missed", np.mean, trials=trials, **shares)
+        table.append({**study.named(levels), **row, "participants": len(counts)})
     return table
 
 
@@ -184,20 +163,9 @@ def learning(study: Trials, measure: str = "selection_s") -> Table:
                 if condition == levels
                 and (inside := [value for number, value in points if begin <= number < begin + width])
             ]
-            if not values:
-                continue
-            low, high = interval(values)
-            table.append(
-                {
-                    **dict(zip(study.factors, levels, strict=True)),
-                    "first_trial": begin,
-                    "last_trial": min(begin + width - 1, most),
-                    "participants": len(values),
-                    "median": float(np.median(values)),
-                    "low": low,
-                    "high": high,
-                }
-            )
+            if values:
+                row = summary(values, "median", first_trial=begin, last_trial=min(begin + width - 1, most))
+                table.append({**study.named(levels), **row})
     return table
 
 
@@ -217,16 +185,7 @@ def learning_rate(study: Trials, measure: str = "selection_s") -> Table:
             if condition == levels and len(known) >= 3:
                 fit: Any = stats.linregress(*np.log2(np.array(known, dtype=float)).T)
                 slopes.append(2.0**fit.slope - 1)
-        low, high = interval(slopes, np.mean)
-        table.append(
-            {
-                **dict(zip(study.factors, levels, strict=True)),
-                "participants": len(slopes),
-                "change_per_doubling": float(np.mean(slopes)) if slopes else None,
-                "low": low,
-                "high": high,
-            }
-        )
+        table.append({**study.named(levels), **summary(slopes, "change_per_doubling", np.mean)})
     return table
 
 

@@ -19,6 +19,8 @@ TEXTS = ("participant", "task", "target", "outcome")
 COUNTS = ("block", "trial", "attempt", "practice")
 """Columns of whole numbers that the analysis needs."""
 OUTCOMES = ("hit", "wrong", "timeout", "skipped")
+REPEATED = "repeated"
+"""First word of the reason of an attempt that does not count."""
 MEASURES: Mapping[str, str] = {
     "selection_s": "time to selection, s",
     "first_hover_s": "time to the first hover of the target, s",
@@ -28,9 +30,9 @@ MEASURES: Mapping[str, str] = {
     "corrections": "corrections",
 }
 """What a report compares, with their titles."""
-POINTS = tuple(f"{what}_{axis}_m" for what in ("target", "selected") for axis in "xyz")
+TARGET, SELECTED = ([f"{what}_{axis}_m" for axis in "xyz"] for what in ("target", "selected"))
 SIZES = ("target_distance_m", "target_width_m", "target_distance_deg", "target_width_deg")
-NUMBERS = (*MEASURES, *SIZES, *POINTS)
+NUMBERS = (*MEASURES, *SIZES, *TARGET, *SELECTED)
 """Columns of numbers that may be empty, which means not known."""
 
 
@@ -49,6 +51,7 @@ class Trial:
     target: str
     outcome: str
     """One of `OUTCOMES`."""
+    reason: str
     numbers: Mapping[str, float]
     """Known values of `NUMBERS`."""
 
@@ -83,8 +86,9 @@ class Trials:
 
     @cached_property
     def counted(self) -> tuple[Trial, ...]:
-        """The last attempt at each trial, without practice."""
-        last = {(row.participant, row.block, row.trial): row for row in self.rows if not row.is_practice}
+        """The last attempt at each trial, without practice and attempts to be repeated."""
+        rows = (row for row in self.rows if not row.is_practice and not row.reason.startswith(REPEATED))
+        last = {(row.participant, row.block, row.trial): row for row in rows}
         return tuple(last.values())
 
     @cached_property
@@ -117,6 +121,10 @@ class Trials:
     def label(self, levels: Iterable[str]) -> str:
         """Return the name of a condition, such as `press, 0.3`; `all` without factors."""
         return ", ".join(levels) or "all"
+
+    def named(self, levels: Iterable[str]) -> dict[str, str]:
+        """Return the levels of a condition by factor, the first columns of a table."""
+        return dict(zip(self.factors, levels, strict=True))
 
 
 def trials(folder: str | Path) -> Trials:
@@ -216,7 +224,7 @@ def _table(
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: cannot be read ({error})") from error
     reader = csv.reader(text.splitlines(keepends=True))
-    header: list[str] = next(reader, [])
+    header = next(reader, list[str]())
     if missing := [name for name in needed if name not in header]:
         raise ConfigError(f"{path}: no column {', '.join(missing)}; restore the table as the study wrote it")
     lines: list[tuple[int, dict[str, str]]] = []
@@ -273,6 +281,7 @@ def _trial(path: Path, number: int, line: Mapping[str, str], factors: tuple[str,
         task=line["task"],
         target=line["target"],
         outcome=line["outcome"],
+        reason=line.get("reason", ""),
         numbers=numbers,
     )
 

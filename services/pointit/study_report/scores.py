@@ -8,7 +8,7 @@ import numpy as np
 
 from pointit.runtime.errors import ConfigError
 from pointit.study_report.reading import Answer, Trials
-from pointit.study_report.table import Table, interval
+from pointit.study_report.table import Table, summary
 
 SUS_ITEMS = 10
 
@@ -55,18 +55,8 @@ def questionnaires(study: Trials) -> Table:
     table = Table()
     for (name, item, condition), people in scores.items():
         means = [float(np.mean(values)) for values in people.values()]
-        low, high = interval(means, np.mean)
-        table.append(
-            {
-                "questionnaire": name,
-                "item": item,
-                "condition": condition or "all",
-                "participants": len(means),
-                "mean": float(np.mean(means)),
-                "low": low,
-                "high": high,
-            }
-        )
+        row = {"questionnaire": name, "item": item, "condition": condition or "all"}
+        table.append({**row, **summary(means, "mean", np.mean)})
     return table
 
 

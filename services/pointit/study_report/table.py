@@ -1,5 +1,6 @@
 """Tables of results, and intervals over participants."""
 
+from collections.abc import Sequence
 from html import escape
 from typing import Any, Protocol
 
@@ -56,6 +57,15 @@ def interval(values: ArrayLike, statistic: Statistic = np.median) -> tuple[float
     if len(array) < 2:
         return None, None
     return bounds(statistic(array[picks(len(array))], axis=1))
+
+
+def summary(
+    values: Sequence[float], name: str, statistic: Statistic = np.median, **columns: object
+) -> dict[str, Any]:
+    """Return the last columns of a row: participants, `columns`, a statistic of the values, its interval."""
+    low, high = interval(values, statistic)
+    middle = float(statistic(np.array(values), axis=0)) if values else None
+    return {"participants": len(values), **columns, name: middle, "low": low, "high": high}
 
 
 def bounds(resampled: NDArray[np.float64]) -> tuple[float, float]:

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from pointit.runtime.errors import ConfigError
-from pointit.study_report.reading import POINTS, Trial, Trials
-from pointit.study_report.table import Table, bounds, interval, picks
+from pointit.study_report.reading import SELECTED, TARGET, Trial, Trials
+from pointit.study_report.table import Table, bounds, picks, summary
 
 Unit = Literal["m", "deg"]
 Index = Literal["m", "deg", "kopper"]
@@ -60,13 +60,6 @@ class Effective:
         return self.bits / self.seconds
 
 
-def along(start: Floats, target: Floats, selected: Floats) -> tuple[Floats, Floats]:
-    """Return distances from `start` to `target` and errors along that line, (n,), of points (n, d)."""
-    line = target - start
-    distance = np.linalg.norm(line, axis=1)
-    return distance, np.sum((selected - target) * line, axis=1) / distance
-
-
 def effective(distance: Floats, error: Floats, before: Floats, seconds: Floats) -> Effective:
     """Return the effective distance and width of a sequence of trials, of arrays of shape (n,).
 
@@ -95,16 +88,23 @@ def throughput(study: Trials, unit: Unit = "m") -> Table:
     """
     found: dict[tuple[str, ...], dict[str, list[Effective]]] = defaultdict(lambda: defaultdict(list))
     gross: Counter[tuple[str, ...]] = Counter()
-    for rows in _sequences(study, unit):
-        distance, error, seconds = _movements(rows, unit)
+    sequences: dict[tuple[object, ...], list[Movement]] = defaultdict(list)
+    for each in movements(study):
+        row = each.trial
+        needed = ("selection_s", *(("error_deg", "error_m", "target_distance_deg") if unit == "deg" else ()))
+        if row.outcome in ("hit", "wrong") and not np.isnan(each.error_m) and row.numbers.keys() >= {*needed}:
+            sequences[row.participant, row.block, row.levels, each.size_m].append(each)
+    for moved in sequences.values():
+        trial = moved[0].trial
+        distance, error, before = (
+            np.array(column) for column in zip(*(_in(one, unit) for one in moved), strict=True)
+        )
         far = np.abs(error) > distance / 2
-        gross[rows[0][1].levels] += int(far.sum())
+        gross[trial.levels] += int(far.sum())
         error[far] = np.nan
-        ended = {id(row): each for (_, row), each in zip(rows, error, strict=True)}
-        before = np.array([ended.get(id(start), np.nan) for start, _ in rows])
         if np.sum(~np.isnan(error)) < LEAST_TRIALS or np.nanstd(error) == 0:
             continue
-        trial = rows[0][1]
+        seconds = np.array([one.trial.numbers["selection_s"] for one in moved])
         found[trial.levels][trial.participant].append(effective(distance, error, before, seconds))
     if not found:
         raise ConfigError(
@@ -120,23 +120,11 @@ def throughput(study: Trials, unit: Unit = "m") -> Table:
         if not people:
             continue
         means = np.array([np.mean(one, axis=0) for one in people])
-        low, high = interval(means[:, 0], np.mean)
-        mean = [float(each) for each in means.mean(axis=0)]
-        table.append(
-            {
-                **dict(zip(study.factors, levels, strict=True)),
-                "participants": len(people),
-                "sequences": sum(map(len, people)),
-                "throughput_bit_per_s": mean[0],
-                "low": low,
-                "high": high,
-                "effective_bits": mean[1],
-                f"effective_distance_{unit}": mean[2],
-                f"effective_width_{unit}": mean[3],
-                "movement_s": mean[4],
-                "left_out": gross[levels],
-            }
-        )
+        _, *mean = (float(each) for each in means.mean(axis=0))
+        names = ("effective_bits", f"effective_distance_{unit}", f"effective_width_{unit}", "movement_s")
+        row = summary(means[:, 0].tolist(), "throughput_bit_per_s", np.mean, sequences=sum(map(len, people)))
+        more = dict(zip(names, mean, strict=True))
+        table.append({**study.named(levels), **row, **more, "left_out": gross[levels]})
     return table
 
 
@@ -152,21 +140,25 @@ def fitts_points(study: Trials, index: Index = "m") -> dict[tuple[str, ...], tup
 
     A time is the mean of a participant's hits with that distance and width, NaN if there is none.
     """
-    unit: Unit = "m" if index == "m" else "deg"
-    rows = [row for row in _sized(study, unit) if row.outcome == "hit"]
-    size = {id(row): key for row, key in zip(rows, _sizes(rows, unit), strict=True)}
+    names = ("target_distance_deg", "target_width_deg")
+    cells: dict[tuple[str, ...], dict[tuple[float, float], list[Trial]]] = defaultdict(
+        lambda: defaultdict(list)
+    )
+    for each in movements(study):
+        if each.trial.outcome == "hit" and (index == "m" or each.trial.numbers.keys() >= {*names}):
+            cells[each.trial.levels][each.size_m].append(each.trial)
     found: dict[tuple[str, ...], tuple[Floats, Floats]] = {}
-    for levels in study.conditions:
-        own = [row for row in rows if row.levels == levels]
-        keys = sorted({size[id(row)] for row in own})
-        cells: dict[tuple[str, tuple[float, float]], list[float]] = defaultdict(list)
-        for row in own:
-            cells[row.participant, size[id(row)]].append(row.numbers["selection_s"])
-        people = sorted({row.participant for row in own})
-        times = [[np.mean(cells[who, key]) if cells[who, key] else np.nan for key in keys] for who in people]
-        if keys:
-            sizes = np.array(keys)
-            found[levels] = bits(sizes[:, 0], sizes[:, 1], index), np.array(times)
+    for levels, sizes in sorted(cells.items(), key=lambda item: study.conditions.index(item[0])):
+        size = np.array(sorted(sizes))
+        people = sorted({row.participant for rows in sizes.values() for row in rows})
+        times = np.full((len(people), len(size)), np.nan)
+        for column, rows in enumerate(sizes[key] for key in sorted(sizes)):
+            for place, who in enumerate(people):
+                if own := [row.numbers["selection_s"] for row in rows if row.participant == who]:
+                    times[place, column] = np.mean(own)
+            if index != "m":
+                size[column] = np.mean([[row.numbers[name] for name in names] for row in rows], axis=0)
+        found[levels] = bits(size[:, 0], size[:, 1], index), times
     return found
 
 
@@ -189,20 +181,10 @@ def fitts(study: Trials, index: Index = "m") -> Table:
             centred = difficulty - difficulty.mean()
             slopes = resampled @ centred / (centred @ centred)
             limits = [*bounds(resampled.mean(axis=1) - slopes * difficulty.mean()), *bounds(slopes)]
-        table.append(
-            {
-                **dict(zip(study.factors, levels, strict=True)),
-                "participants": len(whole),
-                "points": len(difficulty),
-                "intercept_s": float(fit.intercept),
-                "intercept_low": limits[0],
-                "intercept_high": limits[1],
-                "slope_s_per_bit": float(fit.slope),
-                "slope_low": limits[2],
-                "slope_high": limits[3],
-                "r2": float(fit.rvalue) ** 2,
-            }
-        )
+        row = {"participants": len(whole), "points": len(difficulty), "intercept_s": float(fit.intercept)}
+        row |= {"intercept_low": limits[0], "intercept_high": limits[1], "slope_s_per_bit": float(fit.slope)}
+        row |= {"slope_low": limits[2], "slope_high": limits[3], "r2": float(fit.rvalue) ** 2}
+        table.append({**study.named(levels), **row})
     if not table:
         raise ConfigError(
             f"{study.folder}: no condition has three different distances or widths of all its"
@@ -211,21 +193,66 @@ def fitts(study: Trials, index: Index = "m") -> Table:
     return table
 
 
-def _sized(study: Trials, unit: Unit) -> list[Trial]:
-    """Return the counted trials with a distance and a width, whether they were hit or not."""
-    names = (f"target_distance_{unit}", f"target_width_{unit}")
-    return [row for row in study.counted if all(row.numbers.get(name, 0) > 0 for name in names)]
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Movement:
+    """A trial that began at the known target of the trial before, in the same block."""
+
+    trial: Trial
+    distance_m: float
+    """From target to target."""
+    error_m: float
+    """Along that line, positive beyond the target. NaN if nothing was selected."""
+    before_m: float
+    """Error with which the trial before ended, along its own line. NaN if not known."""
+    size_m: tuple[float, float]
+    """Distance and width, where those that are nearly equal are the same."""
 
 
-def _sizes(rows: Sequence[Trial], unit: Unit) -> list[tuple[float, float]]:
-    """Return distance and width of each of `rows`, where those that are nearly equal get the same."""
-    distances, widths = (
-        _merged([row.numbers[f"target_{what}_{unit}"] for row in rows]) for what in ("distance", "width")
-    )
+def movements(study: Trials) -> list[Movement]:
+    """Return the movements of all counted trials that have a width, a target and a target before."""
+    found: list[tuple[Trial, float, float, float]] = []
+    error_m = np.nan
+    for start, row in zip(study.counted, study.counted[1:], strict=False):
+        is_next = (start.participant, start.block) == (row.participant, row.block)
+        if not is_next or not all(name in each.numbers for name in TARGET for each in (start, row)):
+            error_m = np.nan
+            continue
+        target = _point(row, TARGET)
+        line = target - _point(start, TARGET)
+        distance_m = float(np.linalg.norm(line))
+        before_m, error_m = error_m, np.nan
+        if distance_m > 0 and row.numbers.get("target_width_m", 0) > 0:
+            if all(name in row.numbers for name in SELECTED):
+                error_m = float((_point(row, SELECTED) - target) @ line) / distance_m
+            found.append((row, distance_m, error_m, before_m))
+    distances = _merged([distance_m for _, distance_m, _, _ in found])
+    widths = _merged([row.numbers["target_width_m"] for row, _, _, _ in found])
     return [
-        (distances[row.numbers[f"target_distance_{unit}"]], widths[row.numbers[f"target_width_{unit}"]])
-        for row in rows
+        Movement(
+            trial=row,
+            distance_m=distance_m,
+            error_m=error,
+            before_m=before_m,
+            size_m=(distances[distance_m], widths[row.numbers["target_width_m"]]),
+        )
+        for row, distance_m, error, before_m in found
     ]
+
+
+def _point(trial: Trial, names: Sequence[str]) -> Floats:
+    return np.array([trial.numbers[name] for name in names])
+
+
+def _in(moved: Movement, unit: Unit) -> tuple[float, float, float]:
+    """Return distance, error along the line and the error before in `unit`.
+
+    In degrees the distance is measured from where the ray was, which includes the error before.
+    """
+    if unit == "m":
+        return moved.distance_m, moved.error_m, moved.before_m
+    numbers = moved.trial.numbers
+    share = moved.error_m / numbers["error_m"] if numbers["error_m"] > 0 else 0.0
+    return numbers["target_distance_deg"], share * numbers["error_deg"], np.nan
 
 
 def _merged(values: Sequence[float]) -> dict[float, float]:
@@ -236,43 +263,3 @@ def _merged(values: Sequence[float]) -> dict[float, float]:
             groups.append([])
         groups[-1].append(value)
     return {value: sum(group) / len(group) for group in groups for value in group}
-
-
-def _sequences(study: Trials, unit: Unit) -> list[list[tuple[Trial, Trial]]]:
-    """Return sequences of pairs: the trial before, from whose target the movement begins, and the trial."""
-    rows = _sized(study, "m")
-    size = {id(row): key for row, key in zip(rows, _sizes(rows, "m"), strict=True)}
-    before: dict[int, Trial] = {}
-    for first, second in zip(study.counted, study.counted[1:], strict=False):
-        if (first.participant, first.block) == (second.participant, second.block):
-            before[id(second)] = first
-    found: dict[tuple[object, ...], list[tuple[Trial, Trial]]] = defaultdict(list)
-    for row in rows:
-        start = before.get(id(row))
-        needed = (*POINTS, "selection_s", *(("error_deg", "target_distance_deg") if unit == "deg" else ()))
-        if (
-            start is None
-            or row.outcome not in ("hit", "wrong")
-            or not all(name in row.numbers for name in needed)
-        ):
-            continue
-        if all(name in start.numbers for name in POINTS[:3]) and _point(start, 0) != _point(row, 0):
-            found[row.participant, row.block, row.levels, size[id(row)]].append((start, row))
-    return [*found.values()]
-
-
-def _point(trial: Trial, begin: int) -> tuple[float, ...]:
-    return tuple(trial.numbers[name] for name in POINTS[begin : begin + 3])
-
-
-def _movements(rows: Sequence[tuple[Trial, Trial]], unit: Unit) -> tuple[Floats, Floats, Floats]:
-    """Return distances, errors along the line and times of a sequence, in `unit` and s."""
-    target = np.array([_point(row, 0) for _, row in rows])
-    selected = np.array([_point(row, 3) for _, row in rows])
-    distance, error = along(np.array([_point(start, 0) for start, _ in rows]), target, selected)
-    if unit == "deg":
-        whole = np.linalg.norm(selected - target, axis=1)
-        share = np.divide(error, whole, out=np.zeros_like(error), where=whole > 0)
-        error = share * np.array([row.numbers["error_deg"] for _, row in rows])
-        distance = np.array([row.numbers["target_distance_deg"] for _, row in rows])
-    return distance, error, np.array([row.numbers["selection_s"] for _, row in rows])

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from pointit.runtime.errors import ConfigError
-from pointit.study_report.reading import MEASURES, OUTCOMES, Trial, Trials
+from pointit.study_report.model import MEASURES, OUTCOMES, Trial, Trials
 from pointit.study_report.table import LEVEL, Table, summary
 
 BINS = 10

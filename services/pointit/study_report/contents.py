@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pointit.study_report import comparisons, figures, mixed, scores, tapping
-from pointit.study_report.reading import MEASURES, Trials
+from pointit.study_report.model import MEASURES, Trials
 
 
 @dataclass(frozen=True)

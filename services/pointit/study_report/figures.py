@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pointit.study_report import comparisons, tapping
-from pointit.study_report.reading import MEASURES, OUTCOMES, Trials
+from pointit.study_report.model import MEASURES, OUTCOMES, Trials
 from pointit.study_report.table import Table
 from pointit.study_report.tapping import Index, Unit
 

@@ -9,7 +9,7 @@ from scipy import optimize, stats
 
 from pointit.runtime.errors import ConfigError
 from pointit.study_report.comparisons import values_of
-from pointit.study_report.reading import Trials
+from pointit.study_report.model import Trials
 from pointit.study_report.table import LEVEL, Table
 
 Floats = NDArray[np.float64]

@@ -9,7 +9,7 @@ from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import pointit_version
 from pointit.study_report import figures
 from pointit.study_report.contents import Section, sections
-from pointit.study_report.reading import Trials
+from pointit.study_report.model import Trials
 from pointit.study_report.table import Table
 
 STYLE = """

@@ -10,7 +10,7 @@ from scipy import stats
 
 from pointit.runtime.errors import ConfigError
 from pointit.study_report.comparisons import participant_medians
-from pointit.study_report.reading import Trials
+from pointit.study_report.model import Trials
 from pointit.study_report.table import LEVEL, Table
 
 Floats = NDArray[np.float64]

@@ -1,130 +1,23 @@
-"""Trials and answers of a study, read from its folder of tables."""
+"""The folder of a study: its tables are read and joined."""
 
 import csv
 import importlib
 import importlib.util
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import replace
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import yaml
 
 from pointit.runtime.errors import ConfigError
+from pointit.study_report.model import NUMBERS, OUTCOMES, Answer, Trial, Trials
 
 TEXTS = ("participant", "task", "target", "outcome")
 """Columns of text that the analysis needs."""
 COUNTS = ("block", "trial", "attempt", "practice")
 """Columns of whole numbers that the analysis needs."""
-OUTCOMES = ("hit", "wrong", "timeout", "skipped")
-REPEATED = "repeated"
-"""First word of the reason of an attempt that does not count."""
-MEASURES: Mapping[str, str] = {
-    "selection_s": "time to selection, s",
-    "first_hover_s": "time to the first hover of the target, s",
-    "error_deg": "error of the selection, °",
-    "error_m": "error of the selection, m",
-    "path_length_deg": "length of the ray's path, °",
-    "corrections": "corrections",
-}
-"""What a report compares, with their titles."""
-TARGET, SELECTED = ([f"{what}_{axis}_m" for axis in "xyz"] for what in ("target", "selected"))
-SIZES = ("target_distance_m", "target_width_m", "target_distance_deg", "target_width_deg")
-NUMBERS = (*MEASURES, *SIZES, *TARGET, *SELECTED)
-"""Columns of numbers that may be empty, which means not known."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Trial:
-    """One attempt at a trial: a row of `trials.csv`."""
-
-    participant: str
-    block: int
-    trial: int
-    attempt: int
-    is_practice: bool
-    levels: tuple[str, ...]
-    """Level of each factor of `Trials.factors`."""
-    task: str
-    target: str
-    outcome: str
-    """One of `OUTCOMES`."""
-    reason: str
-    numbers: Mapping[str, float]
-    """Known values of `NUMBERS`."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Answer:
-    """One answer to one item of a questionnaire."""
-
-    participant: str
-    questionnaire: str
-    item: str
-    condition: str
-    block: str
-    value: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class Trials:
-    """All attempts at all trials of a study, in the order of participants, blocks, trials and attempts."""
-
-    folder: Path
-    factors: tuple[str, ...]
-    rows: tuple[Trial, ...]
-    answers: tuple[Answer, ...] = ()
-    notes: tuple[str, ...] = ()
-    """Sentences about rows and participants that are left out."""
-
-    @cached_property
-    def participants(self) -> tuple[str, ...]:
-        """Pseudonyms, sorted."""
-        return tuple(sorted({row.participant for row in self.rows}))
-
-    @cached_property
-    def counted(self) -> tuple[Trial, ...]:
-        """The last attempt at each trial, without practice and attempts to be repeated."""
-        rows = (row for row in self.rows if not row.is_practice and not row.reason.startswith(REPEATED))
-        last = {(row.participant, row.block, row.trial): row for row in rows}
-        return tuple(last.values())
-
-    @cached_property
-    def conditions(self) -> tuple[tuple[str, ...], ...]:
-        """Combinations of levels with a counted trial; numbers are sorted as numbers."""
-        return tuple(sorted({row.levels for row in self.counted}, key=lambda each: [*map(_order, each)]))
-
-    def levels(self, factor: str) -> tuple[str, ...]:
-        """Return the levels of `factor`, sorted. Raises: ConfigError: If the study has no such factor."""
-        index = self.index(factor)
-        return tuple(sorted({row.levels[index] for row in self.counted}, key=_order))
-
-    def index(self, factor: str) -> int:
-        """Return the position of `factor`. Raises: ConfigError: If the study has no such factor."""
-        if factor not in self.factors:
-            named = ", ".join(self.factors) or "none"
-            raise ConfigError(f"{self.folder}: no factor {factor!r}; factors of this study: {named}")
-        return self.factors.index(factor)
-
-    def is_within(self, factor: str) -> bool:
-        """Return True if a participant has more than one level of `factor`."""
-        index = self.index(factor)
-        pairs = {(row.participant, row.levels[index]) for row in self.counted}
-        return len(pairs) > len({participant for participant, _ in pairs})
-
-    def has(self, measure: str) -> bool:
-        """Return True if a counted trial has a value of `measure`."""
-        return any(measure in row.numbers for row in self.counted)
-
-    def label(self, levels: Iterable[str]) -> str:
-        """Return the name of a condition, such as `press, 0.3`; `all` without factors."""
-        return ", ".join(levels) or "all"
-
-    def named(self, levels: Iterable[str]) -> dict[str, str]:
-        """Return the levels of a condition by factor, the first columns of a table."""
-        return dict(zip(self.factors, levels, strict=True))
 
 
 def trials(folder: str | Path) -> Trials:
@@ -165,31 +58,53 @@ def trials(folder: str | Path) -> Trials:
         for path in sorted(folder.glob("*/answers.csv"))
         for _, line in _table(path, notes, Answer.__slots__)[1]
     ]
-    made = Trials(folder=folder, factors=factors or (), rows=tuple(rows), answers=tuple(answered))
+    made = Trials(
+        folder=folder,
+        factors=factors or (),
+        rows=tuple(rows),
+        answers=tuple(answered),
+        stated=_stated(folder),
+    )
+    for row in rows:
+        for factor, level in made.named(row.levels).items():
+            if level not in made.stated.get(factor, (level,)):
+                raise ConfigError(
+                    f"{folder}: {row.participant} has {factor} {level!r}, study.yaml has"
+                    f" {', '.join(made.stated[factor])}; correct the one that is wrong"
+                )
     if not made.counted:
         raise ConfigError(f"{folder}: only practice so far; there is nothing to report")
-    notes += _gaps(made)
-    return Trials(
-        folder=folder, factors=made.factors, rows=made.rows, answers=made.answers, notes=tuple(notes)
-    )
+    return replace(made, notes=(*notes, *_gaps(made)))
 
 
 def title(folder: str | Path) -> str:
-    """Return the title, else the name, in the `study.yaml` of `folder`; the folder's name if there is none.
+    """Return the name in the `study.yaml` of `folder`, else the folder's name.
 
     Raises: ConfigError: If `study.yaml` is not YAML.
     """
-    folder = Path(folder)
+    return str(_yaml(Path(folder)).get("name") or Path(folder).resolve().name)
+
+
+def _yaml(folder: Path) -> dict[str, Any]:
     try:
         study = yaml.safe_load((folder / "study.yaml").read_text(encoding="utf-8"))
     except FileNotFoundError:
-        study = None
+        return {}
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise ConfigError(
             f"{folder / 'study.yaml'}: cannot be read ({str(error).splitlines()[0]})"
         ) from error
-    named = cast("dict[str, object]", study) if isinstance(study, dict) else {}
-    return str(named.get("title") or named.get("name") or folder.resolve().name)
+    return cast("dict[str, Any]", study) if isinstance(study, dict) else {}
+
+
+def _stated(folder: Path) -> dict[str, tuple[str, ...]]:
+    factors = _yaml(folder).get("factors")
+    found: dict[str, tuple[str, ...]] = {}
+    for name, factor in cast("dict[str, Any]", factors).items() if isinstance(factors, dict) else ():
+        levels = cast("dict[str, Any]", factor).get("levels") if isinstance(factor, dict) else None
+        if isinstance(levels, dict | list):
+            found[name] = tuple(str(level) for level in cast("list[Any]", levels))
+    return found
 
 
 def write_all_trials(folder: str | Path, to: str | Path) -> list[Path]:
@@ -299,10 +214,3 @@ def _gaps(study: Trials) -> list[str]:
                     " and is left out of comparisons with it."
                 )
     return notes
-
-
-def _order(level: str) -> tuple[int, float, str]:
-    try:
-        return 0, float(level), level
-    except ValueError:
-        return 1, 0.0, level

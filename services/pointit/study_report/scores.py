@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from pointit.runtime.errors import ConfigError
-from pointit.study_report.reading import Answer, Trials
+from pointit.study_report.model import Answer, Trials
 from pointit.study_report.table import Table, summary
 
 SUS_ITEMS = 10

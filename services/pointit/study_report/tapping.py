@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from pointit.runtime.errors import ConfigError
-from pointit.study_report.reading import SELECTED, TARGET, Trial, Trials
+from pointit.study_report.model import SELECTED, TARGET, Trial, Trials
 from pointit.study_report.table import Table, bounds, picks, summary
 
 Unit = Literal["m", "deg"]

@@ -1,1 +1,1 @@
-"""`pointit study`: run studies, and report them."""
+"""Studies: run, checked, reported."""

@@ -134,6 +134,7 @@ def svg(figure: Figure, name: str) -> str:
         saved: Any = figure
         saved.savefig(text, format="svg", metadata={"Date": None, "Creator": None}, bbox_inches="tight")
     shown = text.getvalue()[text.getvalue().index("<svg") :].replace(INK, "currentColor")
+    shown = re.sub(r"<metadata>.*?</metadata>", "", shown, flags=re.DOTALL)
     shown = re.sub(r"font: (\S+) [^;\"]+", r"font-size: \1; font-family: inherit", shown)
     return re.sub(r'(id="|href="#|url\(#)', rf"\g<1>{name}-", shown)
 

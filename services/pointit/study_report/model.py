@@ -1,10 +1,9 @@
 """Trials and answers of a study."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from types import MappingProxyType
 
 from pointit.runtime.errors import ConfigError
 
@@ -66,7 +65,7 @@ class Trials:
     factors: tuple[str, ...]
     rows: tuple[Trial, ...]
     answers: tuple[Answer, ...] = ()
-    stated: Mapping[str, tuple[str, ...]] = MappingProxyType({})
+    stated: Mapping[str, tuple[str, ...]] = field(default_factory=dict[str, tuple[str, ...]])
     """Levels by factor in the order of `study.yaml`, if there is one."""
     notes: tuple[str, ...] = ()
     """Sentences about rows and participants that are left out."""

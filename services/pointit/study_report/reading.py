@@ -31,50 +31,24 @@ def trials(folder: str | Path) -> Trials:
             have different factors.
     """
     folder = Path(folder)
-    files = sorted(folder.glob("*/trials.csv"))
-    if not files:
-        raise ConfigError(f"{folder}: no participant; a study's folder has P01/trials.csv and so on")
     notes: list[str] = []
-    rows: list[Trial] = []
-    factors: tuple[str, ...] | None = None
-    for path in files:
-        header, lines = _table(path, notes)
-        found = _factors(path, header)
-        if factors is None:
-            factors = found
-        elif found != factors:
-            raise ConfigError(
-                f"{path}: factors {', '.join(found) or 'none'}, but {files[0]} has"
-                f" {', '.join(factors) or 'none'}; studies are reported one by one"
-            )
-        if not lines:
-            notes.append(f"{path.parent.name} has no trial.")
-        rows += [_trial(path, number, line, found) for number, line in lines]
-    if not rows:
-        raise ConfigError(f"{folder}: no trial of any participant; run the study first")
+    tables = {path: _table(path, notes) for path in sorted(folder.glob("*/trials.csv"))}
+    if not tables:
+        raise ConfigError(f"{folder}: no participant; a study's folder has P01/trials.csv and so on")
+    factors = _factors(tables)
+    rows = [_trial(path, *line, factors) for path, (_, lines) in tables.items() for line in lines]
+    notes += [f"{path.parent.name} has no trial." for path, (_, lines) in tables.items() if not lines]
     rows.sort(key=lambda row: (row.participant, row.block, row.trial, row.attempt))
-    answered = [
+    answers = tuple(
         Answer(**{name: line[name] for name in Answer.__slots__})
         for path in sorted(folder.glob("*/answers.csv"))
         for _, line in _table(path, notes, Answer.__slots__)[1]
-    ]
-    made = Trials(
-        folder=folder,
-        factors=factors or (),
-        rows=tuple(rows),
-        answers=tuple(answered),
-        stated=_stated(folder),
     )
-    for row in rows:
-        for factor, level in made.named(row.levels).items():
-            if level not in made.stated.get(factor, (level,)):
-                raise ConfigError(
-                    f"{folder}: {row.participant} has {factor} {level!r}, study.yaml has"
-                    f" {', '.join(made.stated[factor])}; correct the one that is wrong"
-                )
-    if not made.counted:
-        raise ConfigError(f"{folder}: only practice so far; there is nothing to report")
-    return replace(made, notes=(*notes, *_gaps(made)))
+    study = Trials(folder=folder, factors=factors, rows=tuple(rows), answers=answers, stated=_stated(folder))
+    if not study.counted:
+        raise ConfigError(f"{folder}: no trial besides practice; there is nothing to report")
+    _check_levels(study)
+    return replace(study, notes=(*notes, *_gaps(study)))
 
 
 def title(folder: str | Path) -> str:
@@ -158,11 +132,30 @@ def _table(
     return header, lines
 
 
-def _factors(path: Path, header: list[str]) -> tuple[str, ...]:
-    begin, end = header.index("practice") + 1, header.index("task")
-    if begin > end:
-        raise ConfigError(f"{path}: column task stands before practice; factors stand between them")
-    return tuple(header[begin:end])
+def _factors(tables: Mapping[Path, tuple[list[str], object]]) -> tuple[str, ...]:
+    """Return the names of the columns between `practice` and `task`, which all tables share."""
+    found = {
+        path: tuple(names[names.index("practice") + 1 : names.index("task")])
+        for path, (names, _) in tables.items()
+    }
+    first, factors = next(iter(found.items()))
+    for path, own in found.items():
+        if own != factors:
+            raise ConfigError(
+                f"{path}: factors {', '.join(own) or 'none'}, but {first} has {', '.join(factors) or 'none'};"
+                " report studies one by one"
+            )
+    return factors
+
+
+def _check_levels(study: Trials) -> None:
+    for row in study.rows:
+        for factor, level in study.named(row.levels).items():
+            if level not in study.stated.get(factor, (level,)):
+                raise ConfigError(
+                    f"{study.folder}: {row.participant} has {factor} {level!r}, but study.yaml"
+                    f" {', '.join(study.stated[factor])}; correct the one that is wrong"
+                )
 
 
 def _trial(path: Path, number: int, line: Mapping[str, str], factors: tuple[str, ...]) -> Trial:

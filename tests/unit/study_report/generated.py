@@ -7,11 +7,31 @@ from pathlib import Path
 
 import numpy as np
 
-NAMES = (
-    "task seed pointit_version target outcome reason began_utc first_hover_s selection_s corrections"
-    " path_length_deg error_m error_deg target_distance_m target_width_m target_distance_deg target_width_deg"
-    " target_x_m target_y_m target_z_m selected_x_m selected_y_m selected_z_m"
-).split()
+NAMES = [
+    "task",
+    "seed",
+    "pointit_version",
+    "target",
+    "outcome",
+    "reason",
+    "began_utc",
+    "first_hover_s",
+    "selection_s",
+    "corrections",
+    "path_length_deg",
+    "error_m",
+    "error_deg",
+    "target_distance_m",
+    "target_width_m",
+    "target_distance_deg",
+    "target_width_deg",
+    "target_x_m",
+    "target_y_m",
+    "target_z_m",
+    "selected_x_m",
+    "selected_y_m",
+    "selected_z_m",
+]
 ANSWERS = ("participant", "questionnaire", "item", "condition", "block", "value")
 RINGS = ((0.4, 0.05), (0.8, 0.1), (1.2, 0.05), (0.8, 0.03))
 """Distance and width of the circles of targets, m: a block each."""
@@ -38,11 +58,13 @@ def write_study(
     between: bool = False,
     rings: tuple[tuple[float, float], ...] = RINGS,
     targets: int = 9,
+    learning: float = 0.0,
 ) -> None:
     """Write a study of tapping circles; `effects` are factors of the time by level of `method`.
 
     The time of a hit is (0.4 + 0.25 bits) s, times the effect, times one of the person, times noise. SD of
-    errors is a fifth of the width. `between`: people have a `group`, of which b is twice as slow.
+    errors is a fifth of the width. `learning` is the exponent of the trial's number. `between`: people have a
+    `group`, of which b is twice as slow.
     """
     random = np.random.default_rng(seed)
     for number in range(people):
@@ -62,7 +84,8 @@ def write_study(
                     bits = math.log2(distance / width + 1)
                     slow = 2.0 if between and group == "b" else 1.0
                     noise = math.exp(random.normal(0, 0.15))
-                    time = (0.4 + 0.25 * bits) * effects[method] * pace * slow * noise
+                    practised = (len(rows) % (len(rings) * (targets + 1)) + 1) ** learning
+                    time = (0.4 + 0.25 * bits) * effects[method] * pace * slow * noise * practised
                     size_m = float(np.linalg.norm(error))
                     point = dict(zip(NAMES[-6:], (*target, *(target + error)), strict=True))
                     numbers: dict[str, float] = {
@@ -80,18 +103,26 @@ def write_study(
                     }
                     rows.append(
                         {
-                            **{"participant": name, "block": block, "trial": trial + 1, "attempt": 1, "practice": 0},
+                            "participant": name,
+                            "block": block,
+                            "trial": len(rows) + 1,
+                            "attempt": 1,
+                            "practice": 0,
                             "method": method,
                             **({"group": group} if between else {}),
                             **dict.fromkeys(NAMES, ""),
-                            **{"task": "tapping", "seed": seed, "target": f"t{trial % targets}"},
+                            "task": "tapping",
+                            "seed": seed,
+                            "target": f"t{trial % targets}",
                             "outcome": "wrong" if random.random() < wrong else "hit",
                             "began_utc": "2026-01-01T10:00:00.000Z",
                             **{key: f"{value:.6f}" for key, value in numbers.items()},
                         }
                     )
         write_rows(folder / name / "trials.csv", rows)
-    write_rows(folder / "columns.csv", [{"column": "selection_s", "unit": "s", "meaning": "time to selection"}])
+    write_rows(
+        folder / "columns.csv", [{"column": "selection_s", "unit": "s", "meaning": "time to selection"}]
+    )
 
 
 def write_answers(folder: Path, participant: str, sheets: Mapping[tuple[str, str], list[float]]) -> None:

@@ -29,6 +29,8 @@ class Spread:
     """True if `first` and `second` are of the same participants, in the same order."""
     mean: float
     """Mean at the first level."""
+    difference: float
+    """Mean at the second level less that at the first, in the pilot."""
 
     @property
     def test(self) -> str:
@@ -59,8 +61,15 @@ def spread(study: Trials, factor: str, first: str, second: str, measure: str = "
             f"{study.folder}: {count} participants with {first} and {second}; a pilot needs 4, better 12"
         )
     values = [np.array([*each.values()]) for each in (one, other)]
+    mean = float(values[0].mean())
     centred = [(each - each.mean()) * np.sqrt(len(each) / (len(each) - 1)) for each in values]
-    return Spread(first=centred[0], second=centred[1], is_within=is_within, mean=float(values[0].mean()))
+    return Spread(
+        first=centred[0],
+        second=centred[1],
+        is_within=is_within,
+        mean=mean,
+        difference=float(values[1].mean()) - mean,
+    )
 
 
 def significant(people: Spread, effect: float, count: int, runs: int, random: np.random.Generator) -> int:

@@ -1,22 +1,22 @@
 """`pointit study power`: how many participants find a stated effect."""
 
-from itertools import islice
+import tempfile
 from pathlib import Path
 
 import click
 
 from pointit.cli.common.output import Section, json_option, show
-from pointit.cli.common.progress import interruptible, progress
+from pointit.cli.common.progress import ProgressCallback, interruptible, progress
 from pointit.runtime.errors import ConfigError
 
 
 @click.command("power")
+@click.argument("file", required=False, metavar="[FILE]", type=click.Path(path_type=Path, dir_okay=False))
 @click.option(
     "--pilot",
-    required=True,
     type=click.Path(path_type=Path, file_okay=False, exists=True),
     metavar="FOLDER",
-    help="study whose participants are drawn, of people or simulated",
+    help="data of a study, whose participants are drawn, instead of simulated ones",
 )
 @click.option("--factor", required=True, metavar="NAME", help="factor whose effect is sought")
 @click.option(
@@ -24,29 +24,26 @@ from pointit.runtime.errors import ConfigError
 )
 @click.option(
     "--effect",
-    required=True,
     metavar="SIZE",
-    help="mean of B minus mean of A, in the unit of the measure, or a share of A: -10%",
+    help="mean of B minus mean of A, in the unit of the measure, or as a share of A, such as -10%"
+    "  [default: that of the pilot]",
 )
 @click.option("--measure", default="selection_s", show_default=True, help="column of trials.csv")
 @click.option(
-    "--most", default=100, show_default=True, type=click.IntRange(4, 1000), help="most participants tried"
+    "--most", default=100, show_default=True, type=click.IntRange(4, 1000), help="most participants"
 )
 @click.option(
-    "--runs",
-    default=2000,
-    show_default=True,
-    type=click.IntRange(100, 100_000),
-    help="studies for each number",
+    "--runs", default=2000, show_default=True, type=click.IntRange(100, 100_000), help="studies of each size"
 )
-@click.option("--seed", default=0, show_default=True, type=click.IntRange(0), help="of the random numbers")
+@click.option("--seed", default=0, show_default=True, type=click.IntRange(0), help="of the draws")
 @json_option
 def command(
     *,
-    pilot: Path,
+    file: Path | None,
+    pilot: Path | None,
     factor: str,
     levels: tuple[str, str] | None,
-    effect: str,
+    effect: str | None,
     measure: str,
     most: int,
     runs: int,
@@ -55,23 +52,31 @@ def command(
 ) -> None:
     """Say how many participants find an effect of a stated size with 80 and with 90 %.
 
-    Participants of the pilot are drawn with replacement, their differences are centred and the effect is
-    added. Each drawn study is tested at 5 %: by a paired two-sided t-test of the participants' medians, or by
-    Welch's test if the factor is between participants (then numbers are of each group). Intervals are of the
-    number of runs. They say nothing of how well the pilot stands for all people.
+    Simulated participants run the study FILE, as many as it names. Participants are drawn of them, or of
+    --pilot, with replacement; their differences are centred and the effect is added. Each drawn study is
+    tested at 5 %: by a paired two-sided t-test of the participants' medians, or by Welch's test if the factor
+    is between participants (then numbers are of each group). Intervals are of the number of runs. They say
+    nothing of how well the pilot stands for all people.
 
-    Example: pointit study power --pilot my_study --factor method --levels dwell press --effect -10%
+    Example: pointit study power my_study.yaml --factor method --levels dwell press --effect -10%
     """
     from pointit import study_report  # noqa: PLC0415 - only what is needed is loaded
     from pointit.study_report import power  # noqa: PLC0415
 
-    study = study_report.trials(pilot)
-    named = [*(levels or islice(study.levels(factor), 2))]
-    if len(named) < 2:
-        raise ConfigError(f"--factor {factor}: has one level only; give a factor with two")
-    people = power.spread(study, factor, named[0], named[1], measure)
-    size = _size(effect, people.mean)
+    if (file is None) == (pilot is None):
+        raise ConfigError("give either the FILE of a study or --pilot FOLDER")
     with interruptible(), progress() as tell:
+        if pilot is not None:
+            study = study_report.trials(pilot)
+        else:
+            with tempfile.TemporaryDirectory() as folder:
+                _simulate(file or Path(), Path(folder), tell)
+                study = study_report.trials(folder)
+        named = levels or study.levels(factor)[:2]
+        if len(named) < 2:
+            raise ConfigError(f"--factor {factor}: has one level only; give a factor with two")
+        people = power.spread(study, factor, named[0], named[1], measure)
+        size = people.difference if effect is None else _size(effect, people.mean)
         table = power.power(
             people,
             size,
@@ -94,6 +99,18 @@ def command(
         else:
             between = f"{low} to {high if high is not None else f'more than {most}'}"
             click.echo(f"{goal:.0%} of studies: {least} participants{group} ({between})")
+
+
+def _simulate(file: Path, folder: Path, tell: ProgressCallback) -> None:
+    from pointit.study.data import StudyFolder  # noqa: PLC0415 - only what is needed is loaded
+    from pointit.study.model import read_study  # noqa: PLC0415
+    from pointit.study.simulated import simulate  # noqa: PLC0415
+
+    study = read_study(file)
+    data = StudyFolder(folder, study, file.read_text(encoding="utf-8"))
+    for participant in study.people:
+        tell(f"simulated participant {participant}")
+        simulate(study, data, participant, lambda _: None)
 
 
 def _size(text: str, mean: float) -> float:

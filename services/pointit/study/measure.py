@@ -48,6 +48,8 @@ class Attempt:
     """`selection`, `press` or `timeout`; any other: `condition` ends it."""
     timeout_s: float
     condition: EndCondition | None = None
+    before_m: Vec3 | None = None
+    """Centre of the last target, from which the way to this one is measured; None: from the first cursor."""
     outcome: Outcome | None = None
     reason: str = ""
     first_hover_s: float | None = None
@@ -131,7 +133,7 @@ class Attempt:
         eyes_m = None if last is None else last.origin_m
         far_m = None if eyes_m is None else math.dist(eyes_m, self.target_m)
         point_m = None if last is None else last.point_m
-        at_start_m = None if first is None else first.point_m
+        at_start_m = self.before_m if self.before_m is not None or first is None else first.point_m
         columns: dict[str, float | int | None] = {
             "first_hover_s": self.first_hover_s,
             "selection_s": self.selection_s,
@@ -141,7 +143,7 @@ class Attempt:
             "error_deg": _angle_deg(last, self.target_m),
             "target_distance_m": None if at_start_m is None else math.dist(at_start_m, self._first_m),
             "target_width_m": self.width_m,
-            "target_distance_deg": _angle_deg(first, self._first_m),
+            "target_distance_deg": _angle_deg(first, self._first_m, self.before_m),
             "target_width_deg": math.degrees(2.0 * math.atan2(self.width_m / 2.0, far_m)) if far_m else None,
         }
         for index, axis in enumerate("xyz"):
@@ -170,9 +172,10 @@ class Attempt:
         return (now_ns - self.began_ns) / NS_PER_S
 
 
-def _angle_deg(cursor: Cursor | None, target_m: Vec3) -> float | None:
-    """Return the angle at the eyes from the ray to `target_m`, deg."""
+def _angle_deg(cursor: Cursor | None, target_m: Vec3, from_m: Vec3 | None = None) -> float | None:
+    """Return the angle at the eyes from the ray, or from the point `from_m`, to `target_m`, deg."""
     if cursor is None or cursor.direction is None or cursor.origin_m is None:
         return None
     way = vector.subtract(target_m, cursor.origin_m)
-    return math.degrees(vector.angle_between(cursor.direction, way)) if vector.norm(way) > 0.0 else None
+    start = cursor.direction if from_m is None else vector.subtract(from_m, cursor.origin_m)
+    return math.degrees(vector.angle_between(start, way)) if vector.norm(way) * vector.norm(start) else None

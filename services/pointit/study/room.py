@@ -107,6 +107,8 @@ class Room:
             if scene.lamp:
                 await self.site.lamp(scene.lamp).set(TARGET_COLOR)
             return Shown(scene.target, scene.target_m)
+        await self.site.conveyor.reset()
+        await self.site.conveyor.set_feeding(False)
         added = [
             await self.site.conveyor.add_package(p.kind, lane=p.lane, length_m=p.length_m, position=p.position)
             for p in scene.packages

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pointit
+from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.study.columns import REPEATED
 from pointit.study.data import ANSWER_COLUMNS, ANSWERS, Row, StudyFolder, Table, read_table, utc
@@ -71,7 +72,6 @@ class Session:
                 f"{participant} has finished; give another participant, or move {folder.path / participant} away"
             )
         self._room: Room | None = None
-        self._scene: tuple[Trial, Scene] | None = None
 
     async def run(self) -> None:
         """Run all trials that are left.
@@ -129,7 +129,7 @@ class Session:
                 Room.at(self._site(trial, settings), self._participant, settings)
             )
         texts = [self._study.instructions[level] for level in trial.cell.values() if level in self._study.instructions]
-        if not is_first and self._study.break_s:
+        if not is_first and self._study.break_s and not self._setup.person:
             self._show(trial, f"a break of {self._study.break_s:g} s")
             await self._here.site.sleep(self._study.break_s)
         if texts or not is_first:
@@ -155,15 +155,15 @@ class Session:
             return  # the experimenter wants the last one again
         if "begun" not in self._about:
             self._put(begun=utc(self._here.site.now_ns()))
-        scene = self._scene_of(trial)
-        attempt, stop = await self._attempt(trial, scene)
+        before, scene = self._scenes_of(trial)
+        attempt, stop = await self._attempt(trial, scene, None if before is None else before.target_m)
         self._table.append(self._row(trial, scene, attempt))
         self._progress.end(is_done=not attempt.reason.startswith(REPEATED))
         self._note(trial, attempt)
         if stop is not None:
             await self._obey(stop, trial)
 
-    async def _attempt(self, trial: Trial, scene: Scene) -> tuple[Attempt, Command | None]:
+    async def _attempt(self, trial: Trial, scene: Scene, before_m: Vec3 | None) -> tuple[Attempt, Command | None]:
         room, study = self._here, self._study
         shown = await room.show(scene)
         attempt = room.attempt = Attempt(
@@ -174,6 +174,7 @@ class Session:
             end=study.end,
             timeout_s=study.timeout_s,
             condition=self._condition,
+            before_m=before_m,
         )
         self._show(trial, "pointing", scene.name)
         later: Command | None = None
@@ -230,17 +231,17 @@ class Session:
             if following.name != "pause":
                 await self._obey(following, trial)
 
-    def _scene_of(self, trial: Trial) -> Scene:
-        """Return the scene of `trial`, which follows those of its block."""
-        before: Scene | None = None
+    def _scenes_of(self, trial: Trial) -> tuple[Scene | None, Scene]:
+        """Return the scene before `trial` in its block, if there is one, and its own."""
+        before, scene = None, None
         for each in self._plan.trials[trial.number - 1 - trial.place : trial.number]:
-            before = self._study.task_in(each.cell).scene(each, self._here.map, before)
-        if before is None:
+            before, scene = scene, self._study.task_in(each.cell).scene(each, self._here.map, scene)
+        if scene is None:
             raise PointItError(f"there is no trial {trial.number}")
         if self._study.end == "press":
-            pressed = tuple(each.model_copy(update={"press": True}) for each in before.objects)
-            return replace(before, objects=pressed)
-        return before
+            pressed = tuple(each.model_copy(update={"press": True}) for each in scene.objects)
+            scene = replace(scene, objects=pressed)
+        return before, scene
 
     def _row(self, trial: Trial, scene: Scene | None, attempt: Attempt) -> dict[str, object]:
         return {

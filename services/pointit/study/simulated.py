@@ -12,6 +12,9 @@ from pointit.study.questionnaires import Scale
 from pointit.study.session import Session, Setup
 from pointit.study.view import Command, Status
 
+LIGHT: dict[str, Value] = {"user-sim.rate_hz": 25.0, "led-driver.max_rate_hz": 25.0}
+"""Lowest rates of a real wrist and of light that moves, for half of the computing."""
+
 
 def person_of(study: Study, participant: str) -> dict[str, Value]:
     """Return the parameters of a simulated participant: people differ in speed, steadiness and errors.
@@ -25,6 +28,7 @@ def person_of(study: Study, participant: str) -> dict[str, Value]:
         return min(most, median * math.exp(spread * float(rng.standard_normal())))
 
     return {
+        **LIGHT,
         "user-sim.aim.reaction_s": round(max(0.2, about(0.35, 0.15, 1.0)), 4),
         "user-sim.aim.elevation_bias_deg": round(float(rng.normal(-2.8, 2.8)), 3),
         "user-sim.aim.correction_period_s": round(about(0.35, 0.15, 1.0), 4),

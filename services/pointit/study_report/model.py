@@ -18,7 +18,7 @@ MEASURES: Mapping[str, str] = {
     "path_length_deg": "length of the ray's path, °",
     "corrections": "corrections",
 }
-"""What a report compares, with their titles."""
+"""Columns that a report compares, with their titles."""
 TARGET, SELECTED = ([f"{what}_{axis}_m" for axis in "xyz"] for what in ("target", "selected"))
 SIZES = ("target_distance_m", "target_width_m", "target_distance_deg", "target_width_deg")
 NUMBERS = (*MEASURES, *SIZES, *TARGET, *SELECTED)

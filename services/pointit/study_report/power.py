@@ -1,4 +1,4 @@
-"""How many participants find a stated effect, of studies that are drawn from a pilot's participants."""
+"""Number of participants that find a stated effect, by studies drawn from a pilot's participants."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass

@@ -40,7 +40,7 @@ KOPPER_EXPONENT = 3
 
 @dataclass(frozen=True, kw_only=True)
 class Effective:
-    """What was done in a sequence of trials with one distance and one width."""
+    """A sequence of trials with one distance and one width, as it was done."""
 
     distance: float
     """Effective distance: the mean of the movements along the line from start to target."""

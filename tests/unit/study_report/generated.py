@@ -127,7 +127,7 @@ def write_study(
 
 def write_answers(folder: Path, participant: str, sheets: Mapping[tuple[str, str], list[float]]) -> None:
     """Write answers by questionnaire and condition."""
-    rows = [
+    rows: list[dict[str, object]] = [
         dict(zip(ANSWERS, (participant, name, f"{name}_{item}", condition, 1, f"{value:g}"), strict=True))
         for (name, condition), values in sheets.items()
         for item, value in enumerate(values, 1)

@@ -34,7 +34,9 @@ def test_no_effect_is_found_where_there_is_none_over_20_seeds(tmp_path: Path) ->
 
 
 def spread(values: np.ndarray, *, is_within: bool = True) -> power.Spread:
-    return power.Spread(first=np.zeros_like(values), second=values, is_within=is_within, mean=1.0, difference=0.0)
+    return power.Spread(
+        first=np.zeros_like(values), second=values, is_within=is_within, mean=1.0, difference=0.0
+    )
 
 
 def test_power_is_that_of_the_noncentral_t_distribution() -> None:
@@ -50,7 +52,9 @@ def test_without_an_effect_five_percent_of_studies_find_one() -> None:
     people = spread(stats.norm.ppf((np.arange(500) + 0.5) / 500))
     (row,) = power.power(people, 0.0, (20,), runs=4000)
     assert row["low"] < 0.05 < row["high"]
-    groups = power.Spread(first=people.second, second=people.second, is_within=False, mean=1.0, difference=0.0)
+    groups = power.Spread(
+        first=people.second, second=people.second, is_within=False, mean=1.0, difference=0.0
+    )
     (row,) = power.power(groups, 0.0, (20,), runs=4000)
     assert row["low"] < 0.05 < row["high"]
 
@@ -67,7 +71,7 @@ def test_power_ends_where_it_suffices_and_needed_is_the_first_number_that_does()
     expected = 34  # G*Power 3: difference between two dependent means, d = 0.5, power 0.8, two-sided
     _, low, high = power.needed(table, 0.8)
     assert (low or 1000) - 1 <= expected <= (high or 0) + 1
-    assert power.needed(table[:1], 0.8) == (None, None, None)
+    assert power.needed(study_report.Table(table[:1]), 0.8) == (None, None, None)
 
 
 def test_a_pilots_own_effect_is_replaced_by_the_stated_one(tmp_path: Path) -> None:

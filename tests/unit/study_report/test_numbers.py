@@ -24,7 +24,7 @@ MACKENZIE = (
     *((215, 243), (571, 255), (215, 252), (521, 210)),
 )
 """x of the selection (pixels) and time (ms) of the example in the documentation of MacKenzie's class
-Throughput (yorku.ca/mack/FittsLawSoftware/doc/Throughput.html): serial tapping in one dimension between 540 and 227."""
+Throughput (yorku.ca/mack/FittsLawSoftware/doc/Throughput.html): serial tapping between 540 and 227."""
 
 RAIL = {1: (55, 53, 54), 2: (26, 37, 32), 3: (78, 91, 85), 4: (92, 100, 96), 5: (49, 51, 50), 6: (80, 85, 83)}
 """Travel times of ultrasonic waves in rails (Pinheiro and Bates, 2000, 1.1)."""
@@ -116,7 +116,7 @@ def test_fitts_regression_is_that_of_the_means_over_participants(
     folder: Path, study: study_report.Trials
 ) -> None:
     hits = read(folder)
-    means = []
+    means: list[float] = []
     for size in RINGS:
         people = [
             np.mean(
@@ -129,7 +129,7 @@ def test_fitts_regression_is_that_of_the_means_over_participants(
             )
             for who in study.participants
         ]
-        means.append(np.mean(people))
+        means.append(float(np.mean(people)))
     expected: Any = stats.linregress([np.log2(distance / width + 1) for distance, width in RINGS], means)
     row = row_of(study_report.fitts(study), method="dwell")
     assert row["slope_s_per_bit"] == pytest.approx(expected.slope, rel=1e-5)

@@ -95,7 +95,7 @@ def test_table_of_all_trials_has_the_rows_of_all_participants_as_they_are(folder
     assert written
     with (folder / "all_trials.csv").open(encoding="utf-8") as file:
         joined = [*csv.DictReader(file)]
-    own = []
+    own: list[dict[str, str]] = []
     for path in sorted(folder.glob("P*/trials.csv")):
         with path.open(encoding="utf-8") as file:
             own += [*csv.DictReader(file)]

@@ -27,6 +27,15 @@ def edited(before: str, after: str, name: str = "P02/trials.csv") -> Callable[[P
     return edit
 
 
+def replaced(name: str, content: bytes) -> Callable[[Path], object]:
+    """Return an edit that replaces or makes a file."""
+
+    def edit(folder: Path) -> None:
+        (folder / name).write_bytes(content)
+
+    return edit
+
+
 def emptied(folder: Path) -> None:
     for path in folder.glob("P*/trials.csv"):
         path.unlink()
@@ -47,19 +56,16 @@ def headed(folder: Path) -> None:
             edited(",hit,", ",Hit,"),
             r"P02/trials\.csv, line 2: outcome is 'Hit', not one of hit, wrong, timeout",
         ),
-        (edited(",0.05", ",nan "), r"line \d+: \w+ is 'nan.*', not a number or empty"),
+        (edited(",0.050000,", ",nan,"), "line 2: target_width_m is 'nan', not a number or empty"),
         (edited("P02,1,1,1,0", "P02,1,1,one,0"), "line 2: attempt is 'one', not a whole number"),
         (
             edited(",method,", ",mode,"),
             "factors mode, but .*P01/trials.csv has method; report studies one by one",
         ),
         (edited("P02,1,2,1", "P02,1,2\nP02,1,2,1"), r"line 3: not \d+ values; correct or delete the line"),
-        (
-            lambda f: (f / "study.yaml").write_text("factors: {method: {levels: {dwell: {}}}}"),
-            "study.yaml dwell",
-        ),
-        (lambda f: (f / "study.yaml").write_text("factors: ["), "study.yaml: cannot be read"),
-        (lambda f: (f / "P02/trials.csv").write_bytes(b"\xff"), "cannot be read"),
+        (replaced("study.yaml", b"factors: {method: {levels: {dwell: {}}}}"), "study.yaml dwell"),
+        (replaced("study.yaml", b"factors: ["), "study.yaml: cannot be read"),
+        (replaced("P02/trials.csv", b"\xff"), "cannot be read"),
     ],
 )
 def test_damaged_folder_is_one_sentence(

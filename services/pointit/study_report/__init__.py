@@ -11,7 +11,6 @@ it needs the extra `plot`.
 
 from pointit.study_report.comparisons import differences as differences
 from pointit.study_report.comparisons import learning as learning
-from pointit.study_report.comparisons import learning_rate as learning_rate
 from pointit.study_report.comparisons import medians as medians
 from pointit.study_report.comparisons import outcomes as outcomes
 from pointit.study_report.comparisons import participant_medians as participant_medians

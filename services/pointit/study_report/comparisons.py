@@ -1,6 +1,6 @@
 """Medians, differences, outcomes and learning, with intervals over participants."""
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from itertools import combinations
 from typing import Any
 
@@ -148,55 +148,27 @@ def outcomes(study: Trials) -> Table:
 def learning(study: Trials, measure: str = "selection_s") -> Table:
     """Return medians by the number of the trial within its condition, in at most `BINS` groups.
 
-    Each value is the median over participants of their medians. Raises: ConfigError: If nothing is known of
-    `measure`.
-    """
-    numbered = _numbered(study, measure)
-    most = max(number for points in numbered.values() for number, _ in points)
-    width = -(-most // BINS)
-    table = Table()
-    for levels in study.conditions:
-        for begin in range(1, most + 1, width):
-            values = [
-                float(np.median(inside))
-                for (condition, _), points in numbered.items()
-                if condition == levels
-                and (inside := [value for number, value in points if begin <= number < begin + width])
-            ]
-            if values:
-                row = summary(values, "median", first_trial=begin, last_trial=min(begin + width - 1, most))
-                table.append({**study.named(levels), **row})
-    return table
-
-
-def learning_rate(study: Trials, measure: str = "selection_s") -> Table:
-    """Return for each condition the mean change of `measure` with each doubling of trials, as a share.
-
-    It is the slope of the logarithm of the measure over that of the trial's number (the power law of
-    practice: Newell and Rosenbloom, 1981), fitted for each participant with three trials or more. Raises:
+    Each value is the median over participants of their medians. Numbers count trials of all outcomes. Raises:
     ConfigError: If nothing is known of `measure`.
     """
-    numbered = _numbered(study, measure)
+    known = {id(row) for row in values_of(study, measure)}
+    seen: Counter[tuple[tuple[str, ...], str]] = Counter()
+    numbered: list[tuple[Trial, int]] = []
+    for row in study.counted:
+        seen[row.levels, row.participant] += 1
+        numbered.append((row, seen[row.levels, row.participant]))
+    most = max(seen.values())
+    width = -(-most // BINS)
+    cells: dict[tuple[tuple[str, ...], int], dict[str, list[float]]] = {}
+    for row, number in numbered:
+        if id(row) in known:
+            people = cells.setdefault((row.levels, (number - 1) // width), {})
+            people.setdefault(row.participant, []).append(row.numbers[measure])
     table = Table()
     for levels in study.conditions:
-        slopes: list[float] = []
-        for (condition, _), points in numbered.items():
-            known = [(number, value) for number, value in points if value > 0]
-            if condition == levels and len(known) >= 3:
-                fit: Any = stats.linregress(*np.log2(np.array(known, dtype=float)).T)
-                slopes.append(2.0**fit.slope - 1)
-        table.append({**study.named(levels), **summary(slopes, "change_per_doubling", np.mean)})
+        for group in range(-(-most // width)):
+            values = [float(np.median(one)) for one in cells.get((levels, group), {}).values()]
+            ends = {"first_trial": group * width + 1, "last_trial": min((group + 1) * width, most)}
+            if values:
+                table.append({**study.named(levels), **summary(values, "median", np.median, **ends)})
     return table
-
-
-def _numbered(study: Trials, measure: str) -> dict[tuple[tuple[str, ...], str], list[tuple[int, float]]]:
-    """Return number and value of each trial, by condition and participant; all outcomes are numbered."""
-    with_value = {id(row) for row in values_of(study, measure)}
-    seen: dict[tuple[tuple[str, ...], str], int] = defaultdict(int)
-    found: dict[tuple[tuple[str, ...], str], list[tuple[int, float]]] = defaultdict(list)
-    for row in study.counted:
-        key = (row.levels, row.participant)
-        seen[key] += 1
-        if id(row) in with_value:
-            found[key].append((seen[key], row.numbers[measure]))
-    return found

@@ -42,32 +42,28 @@ def sections(study: Trials) -> Iterator[Section]:
         yield Section(
             _capital(MEASURES[measure]),
             "For each condition the median over participants of their medians (dots), with the 95 %"
-            " percentile bootstrap"
-            " interval over participants; without practice, the last attempt at each trial"
-            + (", hits and wrong selections." if measure.startswith("error") else ", hits only."),
+            " percentile bootstrap interval over participants; without practice, the last attempt at each"
+            " trial" + (", hits and wrong selections." if measure.startswith("error") else ", hits only."),
             (Step(figures.medians, (measure,)), Step(comparisons.medians, (measure,))),
         )
         if study.factors:
             yield Section(
                 f"Differences: {MEASURES[measure]}",
                 "Differences of participants' medians with 95 % intervals of t distributions: paired"
-                " t-tests, two-sided,"
-                " within participants; Welch's between them. Holm's correction is for the pairs of a factor.",
+                " t-tests, two-sided, within participants; Welch's between them. Holm's correction is for"
+                " the pairs of a factor.",
                 (Step(figures.differences, (measure,)), Step(comparisons.differences, (measure,))),
             )
     yield Section(
         "Outcomes",
-        "Means over participants of the share of each outcome. Missed: all but hits, of trials that were"
-        " not skipped, with its"
-        " 95 % bootstrap interval.",
+        "Means over participants of the share of each outcome. Missed: all but hits, of trials that were not"
+        " skipped, with its 95 % bootstrap interval.",
         (Step(figures.outcomes), Step(comparisons.outcomes)),
     )
     yield Section(
         "Learning",
-        "Medians as above, by the number of the trial within its condition. Change with each doubling of"
-        " the trials, as a"
-        " share: the power law of practice (Newell and Rosenbloom, 1981), fitted for each participant.",
-        (Step(figures.learning), Step(comparisons.learning), Step(comparisons.learning_rate)),
+        "Medians as above, by the number of the trial within its condition.",
+        (Step(figures.learning), Step(comparisons.learning)),
     )
     for unit, title in (("m", "Throughput and Fitts' law"), ("deg", "Throughput and Fitts' law of angles")):
         if study.has(f"target_width_{unit}"):
@@ -76,37 +72,30 @@ def sections(study: Trials) -> Iterator[Section]:
         yield Section(
             "Questionnaires",
             "Means over participants with 95 % bootstrap intervals. SUS: score (Brooke, 1996). NASA-TLX:"
-            " mean of the items"
-            " without weights (Hart, 2006).",
+            " mean of the items without weights (Hart, 2006).",
             (Step(scores.questionnaires),),
         )
     if study.factors and len(study.participants) > 1:
         yield Section(
             "Linear mixed model",
-            "Logarithm of the time of each hit: main effects of the factors as ratios to the first"
-            " level, a random intercept of"
-            " each participant, restricted maximum likelihood, 95 % Wald intervals (Pinheiro and Bates,"
-            " 2000).",
+            "Logarithm of the time of each hit: main effects of the factors as ratios to the first level, a"
+            " random intercept of each participant, restricted maximum likelihood, 95 % Wald intervals"
+            " (Pinheiro and Bates, 2000).",
             (Step(mixed.mixed_model),),
         )
 
 
 _TAPPING = {
-    "m": "ISO/TS 9241-411: effective width 4.133 SD of the errors along the movement, log2(De / We + 1)"
-    " bit over the mean"
-    " time, mean over participants of the means of their sequences (Soukoreff and MacKenzie, 2004)."
-    " Fitts' regression: means"
-    " over participants for each nominal distance and width; bootstrap intervals over participants.",
-    "deg": "As above with angles seen from the person, which tell more of pointing with rays (Kopper et"
-    " al., 2010, Int. J."
-    " Human-Computer Studies 68, 603-615; Lane et al., 2025, arXiv 2505.03027). The second regression"
-    " has the index of Kopper"
-    " et al., log2(D / W³ + 1)².",
+    "m": "ISO/TS 9241-411: effective width 4.133 SD of the errors along the movement, log2(De / We + 1) bit over"
+    " the mean time, mean over participants of the means of their sequences (Soukoreff and MacKenzie, 2004)."
+    " Fitts' regression: means over participants for each nominal distance and width; bootstrap intervals.",
+    "deg": "As above with angles seen from the person, which tell more of pointing with rays (Kopper et al., 2010,"
+    " Int. J. Human-Computer Studies 68, 603-615; Lane et al., 2025, arXiv 2505.03027). The second regression"
+    " has the index of Kopper et al., log2(D / W³ + 1)².",
 }
 
 
 def _tapping(unit: str) -> Iterator[Step]:
-    yield Step(figures.throughput, (unit,))
     yield Step(tapping.throughput, (unit,))
     for index in ("m",) if unit == "m" else ("deg", "kopper"):
         yield Step(figures.fitts, (index,))

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from pointit.study_report import comparisons, tapping
 from pointit.study_report.model import MEASURES, OUTCOMES, Trials
 from pointit.study_report.table import Table
-from pointit.study_report.tapping import Index, Unit
+from pointit.study_report.tapping import Index
 
 INK = "#7a7a7b"
 """Readable on white and on black; `svg` replaces it by the colour of the page's text."""
@@ -84,26 +84,13 @@ def learning(study: Trials, measure: str = "selection_s") -> Figure:
     for place, (label, rows) in enumerate(_by_condition(study, comparisons.learning(study, measure))):
         number = np.array([(row["first_trial"] + row["last_trial"]) / 2 for row in rows])
         axes.plot(number, [row["median"] for row in rows], "o-", ms=4, color=COLOURS[place % 7], label=label)
-        known = [row for row in rows if row["low"] is not None]
-        if len(known) == len(rows):
+        if all(row["low"] is not None for row in rows):
             limits = [[row[name] for row in rows] for name in ("low", "high")]
             axes.fill_between(number, *limits, color=COLOURS[place % 7], alpha=0.15, lw=0)
     axes.set_ylim(bottom=0)
     axes.set_xlabel("number of the trial within its condition")
     axes.set_ylabel(MEASURES.get(measure, measure))
     _key(axes)
-    return figure
-
-
-def throughput(study: Trials, unit: Unit = "m") -> Figure:
-    """Return the table `throughput` as a figure."""
-    table = tapping.throughput(study, unit)
-    figure, axes = _axes(len(table))
-    for place, row in enumerate(table):
-        _interval(axes, place, row, "throughput_bit_per_s")
-    _rows(axes, [study.label(row[factor] for factor in study.factors) for row in table])
-    axes.set_xlim(left=0)
-    axes.set_xlabel(f"throughput, bit/s, of {'metres' if unit == 'm' else 'degrees'}")
     return figure
 
 

@@ -10,7 +10,7 @@ from pointit.runtime.host.extras import pointit_version
 from pointit.study_report import figures
 from pointit.study_report.contents import Section, sections
 from pointit.study_report.model import Trials
-from pointit.study_report.table import Table
+from pointit.study_report.table import RESAMPLES, Table
 
 STYLE = """
 :root { color-scheme: light dark; --ink: #1d2125; --dim: #5b636b; --line: #d5d9dd; --paper: #fff; --code:
@@ -41,12 +41,11 @@ def page(study: Trials, title: str, tell: Callable[[str], object] = lambda _: No
     for number, section in enumerate(sections(study)):
         tell(section.title)
         parts.append(_section(study, section, f"s{number}"))
+    read = escape(f"trials = study_report.trials({str(study.folder)!r})")
     parts.append(
-        f"<footer><p>Made by PointIt {escape(pointit_version())}. Bootstrap: 10 000 draws of"
-        f" participants, fixed seed."
-        " Each grey line makes what is above it, after <code>from pointit import study_report</code> and"
-        f" <code>trials ="
-        f" study_report.trials({escape(repr(str(study.folder)))})</code>.</p></footer></body></html>\n"
+        f"<footer><p>Made by PointIt {escape(pointit_version())}. Bootstrap: {RESAMPLES} draws of participants, fixed"
+        " seed. Each grey line makes what is above it, after <code>from pointit import study_report</code> and"
+        f" <code>{read}</code>.</p></footer></body></html>\n"
     )
     return "\n".join(parts)
 
@@ -94,9 +93,12 @@ def _shown(result: Any, name: str, title: str) -> str:
     return f"<figure>{picture}</figure>"
 
 
-def notebook(study: Trials, title: str) -> str:
-    """Return a notebook (nbformat 4.5, JSON) without results, which makes the page's tables and figures."""
-    cells = [_cell("markdown", f"# {title}"), _cell("code", SETUP.format(folder=str(study.folder)))]
+def notebook(study: Trials, title: str, folder: str) -> str:
+    """Return a notebook (nbformat 4.5, JSON) without results, which makes the page's tables and figures.
+
+    `folder` is the study's, as seen from the notebook's.
+    """
+    cells = [_cell("markdown", f"# {title}"), _cell("code", SETUP.format(folder=folder))]
     for section in sections(study):
         cells.append(_cell("markdown", f"## {section.title}\n\n{section.about}"))
         cells += [_cell("code", step.code) for step in section.steps]

@@ -12,8 +12,7 @@
 
 from collections import Counter, defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,16 +37,13 @@ KOPPER_EXPONENT = 3
 """k of Kopper et al. (2010), for angles in degrees."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Effective:
-    """A sequence of trials with one distance and one width, as it was done."""
+class Effective(NamedTuple):
+    """A sequence of trials with one distance and one width, as it was done: means along the movement."""
 
     distance: float
-    """Effective distance: the mean of the movements along the line from start to target."""
     width: float
-    """Effective width: 4.133 standard deviations of the errors along that line."""
+    """4.133 standard deviations of the errors."""
     seconds: float
-    """Mean time of a movement, s."""
 
     @property
     def bits(self) -> float:
@@ -69,11 +65,8 @@ def effective(distance: Floats, error: Floats, before: Floats, seconds: Floats) 
     """
     moved = distance + error + np.nan_to_num(before)
     known = ~np.isnan(error)
-    return Effective(
-        distance=float(moved[known].mean()),
-        width=WIDTHS_PER_SD * float(error[known].std(ddof=1)),
-        seconds=float(seconds[known].mean()),
-    )
+    width = WIDTHS_PER_SD * float(error[known].std(ddof=1))
+    return Effective(float(moved[known].mean()), width, float(seconds[known].mean()))
 
 
 def throughput(study: Trials, unit: Unit = "m") -> Table:
@@ -89,11 +82,11 @@ def throughput(study: Trials, unit: Unit = "m") -> Table:
     found: dict[tuple[str, ...], dict[str, list[Effective]]] = defaultdict(lambda: defaultdict(list))
     gross: Counter[tuple[str, ...]] = Counter()
     sequences: dict[tuple[object, ...], list[Movement]] = defaultdict(list)
-    for each in movements(study):
+    for each, size in movements(study):
         row = each.trial
         needed = ("selection_s", *(("error_deg", "error_m", "target_distance_deg") if unit == "deg" else ()))
         if row.outcome in ("hit", "wrong") and not np.isnan(each.error_m) and row.numbers.keys() >= {*needed}:
-            sequences[row.participant, row.block, row.levels, each.size_m].append(each)
+            sequences[row.participant, row.block, row.levels, size].append(each)
     for moved in sequences.values():
         trial = moved[0].trial
         distance, error, before = (
@@ -114,7 +107,7 @@ def throughput(study: Trials, unit: Unit = "m") -> Table:
     table = Table()
     for levels in study.conditions:
         people = [
-            [(each.throughput, each.bits, each.distance, each.width, each.seconds) for each in sequences]
+            [(each.throughput, each.bits, *each) for each in sequences]
             for sequences in found.get(levels, {}).values()
         ]
         if not people:
@@ -144,9 +137,9 @@ def fitts_points(study: Trials, index: Index = "m") -> dict[tuple[str, ...], tup
     cells: dict[tuple[str, ...], dict[tuple[float, float], list[Trial]]] = defaultdict(
         lambda: defaultdict(list)
     )
-    for each in movements(study):
+    for each, size_m in movements(study):
         if each.trial.outcome == "hit" and (index == "m" or each.trial.numbers.keys() >= {*names}):
-            cells[each.trial.levels][each.size_m].append(each.trial)
+            cells[each.trial.levels][size_m].append(each.trial)
     found: dict[tuple[str, ...], tuple[Floats, Floats]] = {}
     for levels, sizes in sorted(cells.items(), key=lambda item: study.conditions.index(item[0])):
         size = np.array(sorted(sizes))
@@ -193,8 +186,7 @@ def fitts(study: Trials, index: Index = "m") -> Table:
     return table
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Movement:
+class Movement(NamedTuple):
     """A trial that began at the known target of the trial before, in the same block."""
 
     trial: Trial
@@ -204,38 +196,32 @@ class Movement:
     """Along that line, positive beyond the target. NaN if nothing was selected."""
     before_m: float
     """Error with which the trial before ended, along its own line. NaN if not known."""
-    size_m: tuple[float, float]
-    """Distance and width, where those that are nearly equal are the same."""
 
 
-def movements(study: Trials) -> list[Movement]:
+Size = tuple[float, float]
+"""Distance and width, where those that are nearly equal are the same, m."""
+
+
+def movements(study: Trials) -> list[tuple[Movement, Size]]:
     """Return the movements of all counted trials that have a width, a target and a target before."""
-    found: list[tuple[Trial, float, float, float]] = []
+    found: list[Movement] = []
     error_m = np.nan
     for start, row in zip(study.counted, study.counted[1:], strict=False):
+        before_m, error_m = error_m, np.nan
         is_next = (start.participant, start.block) == (row.participant, row.block)
         if not is_next or not all(name in each.numbers for name in TARGET for each in (start, row)):
-            error_m = np.nan
             continue
         target = _point(row, TARGET)
         line = target - _point(start, TARGET)
         distance_m = float(np.linalg.norm(line))
-        before_m, error_m = error_m, np.nan
         if distance_m > 0 and row.numbers.get("target_width_m", 0) > 0:
             if all(name in row.numbers for name in SELECTED):
                 error_m = float((_point(row, SELECTED) - target) @ line) / distance_m
-            found.append((row, distance_m, error_m, before_m))
-    distances = _merged([distance_m for _, distance_m, _, _ in found])
-    widths = _merged([row.numbers["target_width_m"] for row, _, _, _ in found])
+            found.append(Movement(row, distance_m, error_m, before_m))
+    distances = _merged([each.distance_m for each in found])
+    widths = _merged([each.trial.numbers["target_width_m"] for each in found])
     return [
-        Movement(
-            trial=row,
-            distance_m=distance_m,
-            error_m=error,
-            before_m=before_m,
-            size_m=(distances[distance_m], widths[row.numbers["target_width_m"]]),
-        )
-        for row, distance_m, error, before_m in found
+        (each, (distances[each.distance_m], widths[each.trial.numbers["target_width_m"]])) for each in found
     ]
 
 

@@ -12,7 +12,7 @@ from scipy import stats
 from pointit import study_report
 from pointit.errors import PointItError
 from pointit.study_report.comparisons import _holm
-from pointit.study_report.mixed import fit
+from pointit.study_report.mixed import fit as fit_mixed
 from pointit.study_report.scores import system_usability
 from pointit.study_report.table import interval
 from pointit.study_report.tapping import bits, effective
@@ -193,19 +193,21 @@ def test_outcomes_are_means_of_participants_shares(tmp_path: Path) -> None:
     assert row["low"] < row["missed"] < row["high"]
 
 
-def test_learning_rate_is_the_exponent_that_people_learn_with(tmp_path: Path) -> None:
+def test_learning_falls_with_the_exponent_that_people_learn_with(tmp_path: Path) -> None:
     write_study(tmp_path, {"dwell": 1.0}, rings=((0.5, 0.1),) * 6, learning=-0.2)
     study = study_report.trials(tmp_path)
-    (row,) = study_report.learning_rate(study)
-    assert row["low"] < 2**-0.2 - 1 < row["high"]
-    medians = [each["median"] for each in study_report.learning(study)]
-    assert len(medians) == 10
-    assert medians[0] > 1.5 * medians[-1]
+    table = study_report.learning(study)
+    assert [(row["first_trial"], row["last_trial"]) for row in table] == [
+        (begin, begin + 5) for begin in range(1, 61, 6)
+    ]
+    middle = np.log([(row["first_trial"] + row["last_trial"]) / 2 for row in table])
+    fit: Any = stats.linregress(middle, np.log([row["median"] for row in table]))
+    assert fit.slope == pytest.approx(-0.2, abs=0.03)
 
 
 def test_mixed_model_gives_the_published_estimates_of_rail() -> None:
     values = np.array([value for group in RAIL.values() for value in group], dtype=float)
-    made = fit(values, np.ones((18, 1)), [str(rail) for rail in RAIL for _ in range(3)])
+    made = fit_mixed(values, np.ones((18, 1)), [str(rail) for rail in RAIL for _ in range(3)])
     assert made.effects[0] == pytest.approx(66.5, abs=1e-6)
     assert made.errors[0] == pytest.approx(10.17104, abs=1e-4)
     assert (made.between, made.residual) == pytest.approx((24.80547, 4.020779), abs=1e-3)
@@ -215,7 +217,7 @@ def test_mixed_model_gives_the_published_estimates_of_ergo_stool() -> None:
     values = np.array(ERGO_STOOL, dtype=float).ravel()
     stool = np.tile(np.arange(4), 9)
     design = np.column_stack([np.ones(36), *((stool == each).astype(float) for each in (1, 2, 3))])
-    made = fit(values, design, [str(who) for who in range(9) for _ in range(4)])
+    made = fit_mixed(values, design, [str(who) for who in range(9) for _ in range(4)])
     assert made.effects == pytest.approx([8.555556, 3.888889, 2.222222, 0.666667], abs=1e-5)
     assert made.errors == pytest.approx([0.5760123, 0.5186838, 0.5186838, 0.5186838], abs=1e-5)
     assert (made.between, made.residual) == pytest.approx((1.332465, 1.100295), abs=1e-4)
@@ -233,7 +235,7 @@ def test_mixed_model_of_a_study_finds_the_effects_that_people_were_made_with(
 
 def test_effects_that_cannot_be_told_apart_are_refused() -> None:
     with pytest.raises(PointItError, match="cannot be told apart"):
-        fit(np.arange(4.0), np.ones((4, 2)), ["a", "a", "b", "b"])
+        fit_mixed(np.arange(4.0), np.ones((4, 2)), ["a", "a", "b", "b"])
 
 
 def test_sus_is_scored_by_odd_and_even_items(tmp_path: Path) -> None:

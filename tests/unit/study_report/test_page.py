@@ -73,7 +73,10 @@ def test_every_result_of_the_page_has_its_line_of_code_which_makes_it(folder: Pa
     assert table.html() in written
 
 
-def test_notebook_is_valid_and_runs(folder: Path, written: str) -> None:
+def test_notebook_is_valid_and_runs_where_it_stands(
+    folder: Path, written: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(folder)
     book = json.loads((folder / "report.ipynb").read_text(encoding="utf-8"))
     assert (book["nbformat"], book["nbformat_minor"]) == (4, 5)
     assert len({cell["id"] for cell in book["cells"]}) == len(book["cells"])

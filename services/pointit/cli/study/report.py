@@ -1,6 +1,7 @@
 """`pointit study report`: tables and figures of a study."""
 
 import importlib.util
+import os
 from pathlib import Path
 
 import click
@@ -41,7 +42,9 @@ def command(*, folder: Path, to: Path | None) -> None:
         with interruptible(), progress() as tell:
             html = page.page(study, title, tell)
         (target / "report.html").write_text(html, encoding="utf-8")
-        (target / "report.ipynb").write_text(page.notebook(study, title), encoding="utf-8")
+        (target / "report.ipynb").write_text(
+            page.notebook(study, title, _seen_from(target, folder)), encoding="utf-8"
+        )
         tables = study_report.write_all_trials(folder, target)
     except OSError as error:
         raise ConfigError(f"{target}: cannot be written ({error.strerror or error})") from error
@@ -49,3 +52,11 @@ def command(*, folder: Path, to: Path | None) -> None:
         click.echo(f"note: {note}", err=True)
     for path in (target / "report.html", target / "report.ipynb", *tables):
         click.echo(path)
+
+
+def _seen_from(target: Path, folder: Path) -> str:
+    """Return the path of `folder` from `target`, where notebooks run; absolute on another drive."""
+    try:
+        return os.path.relpath(folder, target)
+    except ValueError:
+        return str(folder.resolve())

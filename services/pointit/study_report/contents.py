@@ -40,7 +40,7 @@ def sections(study: Trials) -> Iterator[Section]:
     """Yield the sections of the report of `study`. Tasks and measures without data are left out."""
     for measure in filter(study.has, MEASURES):
         yield Section(
-            _capital(MEASURES[measure]),
+            capital(MEASURES[measure]),
             "For each condition the median over participants of their medians (dots), with the 95 %"
             " percentile bootstrap interval over participants; without practice, the last attempt at each"
             " trial" + (", hits and wrong selections." if measure.startswith("error") else ", hits only."),
@@ -86,12 +86,12 @@ def sections(study: Trials) -> Iterator[Section]:
 
 
 _TAPPING = {
-    "m": "ISO/TS 9241-411: effective width 4.133 SD of the errors along the movement, log2(De / We + 1) bit over"
-    " the mean time, mean over participants of the means of their sequences (Soukoreff and MacKenzie, 2004)."
-    " Fitts' regression: means over participants for each nominal distance and width; bootstrap intervals.",
-    "deg": "As above with angles seen from the person, which tell more of pointing with rays (Kopper et al., 2010,"
-    " Int. J. Human-Computer Studies 68, 603-615; Lane et al., 2025, arXiv 2505.03027). The second regression"
-    " has the index of Kopper et al., log2(D / W³ + 1)².",
+    "m": "ISO/TS 9241-411: effective width 4.133 SD of the errors along the movement, log2(De / We + 1) bit"
+    " over the mean time, mean over participants of the means of their sequences (Soukoreff and MacKenzie,"
+    " 2004). Fitts' regression: means over participants of each distance and width; bootstrap intervals.",
+    "deg": "As above with angles seen from the person, which tell more of pointing with rays (Kopper et al.,"
+    " 2010, Int. J. Human-Computer Studies 68, 603-615; Lane et al., 2025, arXiv 2505.03027). The second"
+    " regression has the index of Kopper et al., log2(D / W³ + 1)².",
 }
 
 
@@ -102,5 +102,6 @@ def _tapping(unit: str) -> Iterator[Step]:
         yield Step(tapping.fitts, (index,))
 
 
-def _capital(text: str) -> str:
+def capital(text: str) -> str:
+    """Return `text` with a capital letter."""
     return text[0].upper() + text[1:]

@@ -88,6 +88,7 @@ def learning(study: Trials, measure: str = "selection_s") -> Figure:
             limits = [[row[name] for row in rows] for name in ("low", "high")]
             axes.fill_between(number, *limits, color=COLOURS[place % 7], alpha=0.15, lw=0)
     axes.set_ylim(bottom=0)
+    axes.xaxis.get_major_locator().set_params(integer=True)
     axes.set_xlabel("number of the trial within its condition")
     axes.set_ylabel(MEASURES.get(measure, measure))
     _key(axes)
@@ -96,16 +97,16 @@ def learning(study: Trials, measure: str = "selection_s") -> Figure:
 
 def fitts(study: Trials, index: Index = "m") -> Figure:
     """Return the regressions of the table `fitts` as a figure; dots are means over participants."""
-    lines = {label: rows[0] for label, rows in _by_condition(study, tapping.fitts(study, index))}
+    points = tapping.fitts_points(study, index)
     figure, axes = _axes(6)
-    for place, (levels, (bits, times)) in enumerate(tapping.fitts_points(study, index).items()):
-        row = lines.get(study.label(levels))
-        if row is None:
-            continue
+    for place, row in enumerate(tapping.fitts(study, index)):
+        group = tuple((factor, row[factor]) for factor in study.factors if factor in row)
+        bits, times = points[group]
         whole = times[~np.isnan(times).any(axis=1)].mean(axis=0)
-        axes.plot(bits, whole, "o", color=COLOURS[place % 7], ms=5, label=study.label(levels))
+        colour = COLOURS[place % 7]
+        axes.plot(bits, whole, "o", color=colour, ms=5, label=study.label(level for _, level in group))
         ends = np.array([bits.min(), bits.max()])
-        axes.plot(ends, row["intercept_s"] + row["slope_s_per_bit"] * ends, color=COLOURS[place % 7])
+        axes.plot(ends, row["intercept_s"] + row["slope_s_per_bit"] * ends, color=colour)
     axes.set_ylim(bottom=0)
     axes.set_xlabel("index of difficulty" + (", bit" if index != "kopper" else " of Kopper et al."))
     axes.set_ylabel(MEASURES["selection_s"])

@@ -8,7 +8,7 @@ from typing import Any
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import pointit_version
 from pointit.study_report import figures
-from pointit.study_report.contents import Section, sections
+from pointit.study_report.contents import Section, capital, sections
 from pointit.study_report.model import Trials
 from pointit.study_report.table import RESAMPLES, Table
 
@@ -43,8 +43,9 @@ def page(study: Trials, title: str, tell: Callable[[str], object] = lambda _: No
         parts.append(_section(study, section, f"s{number}"))
     read = escape(f"trials = study_report.trials({str(study.folder)!r})")
     parts.append(
-        f"<footer><p>Made by PointIt {escape(pointit_version())}. Bootstrap: {RESAMPLES} draws of participants, fixed"
-        " seed. Each grey line makes what is above it, after <code>from pointit import study_report</code> and"
+        f"<footer><p>Made by PointIt {escape(pointit_version())}. Bootstrap: {RESAMPLES} draws,"
+        " fixed seed. Each grey line makes what is above it, after"
+        " <code>from pointit import study_report</code> and"
         f" <code>{read}</code>.</p></footer></body></html>\n"
     )
     return "\n".join(parts)
@@ -75,9 +76,8 @@ def _section(study: Trials, section: Section, name: str) -> str:
         try:
             result = step.run(study)
         except ConfigError as error:
-            sentence = escape(str(error).removeprefix(f"{study.folder}: "))
-            if f"<p>{sentence}.</p>" not in parts:
-                parts.append(f"<p>{sentence}.</p>")
+            sentence = f"<p>{escape(capital(str(error).removeprefix(f'{study.folder}: ')))}.</p>"
+            parts += [sentence] if sentence not in parts else []
             continue
         parts.append(_shown(result, f"{name}-{number}", section.title))
         parts.append(f"<pre><code>{escape(step.code)}</code></pre>")

@@ -11,7 +11,6 @@
 """
 
 from collections import Counter, defaultdict
-from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -19,7 +18,8 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from pointit.runtime.errors import ConfigError
-from pointit.study_report.model import SELECTED, TARGET, Trial, Trials
+from pointit.study_report.model import Trial, Trials
+from pointit.study_report.movements import Group, Movement, movements
 from pointit.study_report.table import Table, bounds, picks, summary
 
 Unit = Literal["m", "deg"]
@@ -29,8 +29,6 @@ Floats = NDArray[np.float64]
 
 WIDTHS_PER_SD = float(np.sqrt(2 * np.pi * np.e))
 """4.133: the width that 96 % of normally distributed selections hit, in standard deviations."""
-MOST_UNEVEN = 1.05
-"""Highest ratio of distances, and of widths, of trials that are one sequence."""
 LEAST_TRIALS = 5
 """Least trials of a sequence. The standard's circles have 9 to 25."""
 KOPPER_EXPONENT = 3
@@ -70,7 +68,7 @@ def effective(distance: Floats, error: Floats, before: Floats, seconds: Floats) 
 
 
 def throughput(study: Trials, unit: Unit = "m") -> Table:
-    """Return the throughput of each condition: the mean over participants of the means of their sequences.
+    """Return the throughput of each `Group`: the mean over participants of the means of their sequences.
 
     A sequence is the trials of a block with the same condition, distance and width. A movement begins at the
     target before, so that a block's first trial is not counted. Selections further from the target than half
@@ -79,45 +77,40 @@ def throughput(study: Trials, unit: Unit = "m") -> Table:
 
     Raises: ConfigError: If no sequence has `LEAST_TRIALS`.
     """
-    found: dict[tuple[str, ...], dict[str, list[Effective]]] = defaultdict(lambda: defaultdict(list))
-    gross: Counter[tuple[str, ...]] = Counter()
+    found: dict[Group, dict[str, list[Effective]]] = defaultdict(lambda: defaultdict(list))
+    gross: Counter[Group] = Counter()
     sequences: dict[tuple[object, ...], list[Movement]] = defaultdict(list)
-    for each, size in movements(study):
+    for each in movements(study):
         row = each.trial
         needed = ("selection_s", *(("error_deg", "error_m", "target_distance_deg") if unit == "deg" else ()))
         if row.outcome in ("hit", "wrong") and not np.isnan(each.error_m) and row.numbers.keys() >= {*needed}:
-            sequences[row.participant, row.block, row.levels, size].append(each)
+            sequences[row.participant, row.block, row.levels, each.size_m].append(each)
     for moved in sequences.values():
-        trial = moved[0].trial
+        group = moved[0].group
         distance, error, before = (
             np.array(column) for column in zip(*(_in(one, unit) for one in moved), strict=True)
         )
         far = np.abs(error) > distance / 2
-        gross[trial.levels] += int(far.sum())
+        gross[group] += int(far.sum())
         error[far] = np.nan
         if np.sum(~np.isnan(error)) < LEAST_TRIALS or np.nanstd(error) == 0:
             continue
         seconds = np.array([one.trial.numbers["selection_s"] for one in moved])
-        found[trial.levels][trial.participant].append(effective(distance, error, before, seconds))
+        found[group][moved[0].trial.participant].append(effective(distance, error, before, seconds))
     if not found:
         raise ConfigError(
             f"{study.folder}: no block has {LEAST_TRIALS} selections in a row with one distance and width in"
             f" {unit}, so there is no throughput; it is of tapping tasks"
         )
     table = Table()
-    for levels in study.conditions:
-        people = [
-            [(each.throughput, each.bits, *each) for each in sequences]
-            for sequences in found.get(levels, {}).values()
-        ]
-        if not people:
-            continue
+    for group, by_participant in found.items():
+        people = [[(each.throughput, each.bits, *each) for each in one] for one in by_participant.values()]
         means = np.array([np.mean(one, axis=0) for one in people])
         _, *mean = (float(each) for each in means.mean(axis=0))
         names = ("effective_bits", f"effective_distance_{unit}", f"effective_width_{unit}", "movement_s")
         row = summary(means[:, 0].tolist(), "throughput_bit_per_s", np.mean, sequences=sum(map(len, people)))
         more = dict(zip(names, mean, strict=True))
-        table.append({**study.named(levels), **row, **more, "left_out": gross[levels]})
+        table.append({**dict(group), **row, **more, "left_out": gross[group]})
     return table
 
 
@@ -128,20 +121,18 @@ def bits(distance: Floats, width: Floats, index: Index = "m") -> Floats:
     return np.asarray(np.log2(distance / width + 1))
 
 
-def fitts_points(study: Trials, index: Index = "m") -> dict[tuple[str, ...], tuple[Floats, Floats]]:
+def fitts_points(study: Trials, index: Index = "m") -> dict[Group, tuple[Floats, Floats]]:
     """Return for each condition the indices of difficulty (k,) and times of the participants (n, k), s.
 
     A time is the mean of a participant's hits with that distance and width, NaN if there is none.
     """
     names = ("target_distance_deg", "target_width_deg")
-    cells: dict[tuple[str, ...], dict[tuple[float, float], list[Trial]]] = defaultdict(
-        lambda: defaultdict(list)
-    )
-    for each, size_m in movements(study):
+    cells: dict[Group, dict[tuple[float, float], list[Trial]]] = defaultdict(lambda: defaultdict(list))
+    for each in movements(study):
         if each.trial.outcome == "hit" and (index == "m" or each.trial.numbers.keys() >= {*names}):
-            cells[each.trial.levels][size_m].append(each.trial)
-    found: dict[tuple[str, ...], tuple[Floats, Floats]] = {}
-    for levels, sizes in sorted(cells.items(), key=lambda item: study.conditions.index(item[0])):
+            cells[each.group][each.size_m].append(each.trial)
+    found: dict[Group, tuple[Floats, Floats]] = {}
+    for group, sizes in cells.items():
         size = np.array(sorted(sizes))
         people = sorted({row.participant for rows in sizes.values() for row in rows})
         times = np.full((len(people), len(size)), np.nan)
@@ -151,19 +142,19 @@ def fitts_points(study: Trials, index: Index = "m") -> dict[tuple[str, ...], tup
                     times[place, column] = np.mean(own)
             if index != "m":
                 size[column] = np.mean([[row.numbers[name] for name in names] for row in rows], axis=0)
-        found[levels] = bits(size[:, 0], size[:, 1], index), times
+        found[group] = bits(size[:, 0], size[:, 1], index), times
     return found
 
 
 def fitts(study: Trials, index: Index = "m") -> Table:
-    """Return the regression of the time over the index of difficulty, of each condition.
+    """Return the regression of the time over the index of difficulty, of each `Group`.
 
     The points are the means over participants. Intervals are bootstrap intervals over participants.
 
     Raises: ConfigError: If no condition has three indices of difficulty.
     """
     table = Table()
-    for levels, (difficulty, times) in fitts_points(study, index).items():
+    for group, (difficulty, times) in fitts_points(study, index).items():
         whole = times[~np.isnan(times).any(axis=1)]
         if len(set(difficulty.tolist())) < 3 or not len(whole):
             continue
@@ -177,56 +168,13 @@ def fitts(study: Trials, index: Index = "m") -> Table:
         row = {"participants": len(whole), "points": len(difficulty), "intercept_s": float(fit.intercept)}
         row |= {"intercept_low": limits[0], "intercept_high": limits[1], "slope_s_per_bit": float(fit.slope)}
         row |= {"slope_low": limits[2], "slope_high": limits[3], "r2": float(fit.rvalue) ** 2}
-        table.append({**study.named(levels), **row})
+        table.append({**dict(group), **row})
     if not table:
         raise ConfigError(
             f"{study.folder}: no condition has three different distances or widths of all its"
             " participants, so there is no regression; add targets of other sizes"
         )
     return table
-
-
-class Movement(NamedTuple):
-    """A trial that began at the known target of the trial before, in the same block."""
-
-    trial: Trial
-    distance_m: float
-    """From target to target."""
-    error_m: float
-    """Along that line, positive beyond the target. NaN if nothing was selected."""
-    before_m: float
-    """Error with which the trial before ended, along its own line. NaN if not known."""
-
-
-Size = tuple[float, float]
-"""Distance and width, where those that are nearly equal are the same, m."""
-
-
-def movements(study: Trials) -> list[tuple[Movement, Size]]:
-    """Return the movements of all counted trials that have a width, a target and a target before."""
-    found: list[Movement] = []
-    error_m = np.nan
-    for start, row in zip(study.counted, study.counted[1:], strict=False):
-        before_m, error_m = error_m, np.nan
-        is_next = (start.participant, start.block) == (row.participant, row.block)
-        if not is_next or not all(name in each.numbers for name in TARGET for each in (start, row)):
-            continue
-        target = _point(row, TARGET)
-        line = target - _point(start, TARGET)
-        distance_m = float(np.linalg.norm(line))
-        if distance_m > 0 and row.numbers.get("target_width_m", 0) > 0:
-            if all(name in row.numbers for name in SELECTED):
-                error_m = float((_point(row, SELECTED) - target) @ line) / distance_m
-            found.append(Movement(row, distance_m, error_m, before_m))
-    distances = _merged([each.distance_m for each in found])
-    widths = _merged([each.trial.numbers["target_width_m"] for each in found])
-    return [
-        (each, (distances[each.distance_m], widths[each.trial.numbers["target_width_m"]])) for each in found
-    ]
-
-
-def _point(trial: Trial, names: Sequence[str]) -> Floats:
-    return np.array([trial.numbers[name] for name in names])
 
 
 def _in(moved: Movement, unit: Unit) -> tuple[float, float, float]:
@@ -239,13 +187,3 @@ def _in(moved: Movement, unit: Unit) -> tuple[float, float, float]:
     numbers = moved.trial.numbers
     share = moved.error_m / numbers["error_m"] if numbers["error_m"] > 0 else 0.0
     return numbers["target_distance_deg"], share * numbers["error_deg"], np.nan
-
-
-def _merged(values: Sequence[float]) -> dict[float, float]:
-    """Return the mean of the group of each value; groups begin at the least, with at most `MOST_UNEVEN`."""
-    groups: list[list[float]] = []
-    for value in sorted(set(values)):
-        if not groups or value > groups[-1][0] * MOST_UNEVEN:
-            groups.append([])
-        groups[-1].append(value)
-    return {value: sum(group) / len(group) for group in groups for value in group}

@@ -59,12 +59,13 @@ def write_study(
     rings: tuple[tuple[float, float], ...] = RINGS,
     targets: int = 9,
     learning: float = 0.0,
+    sized: bool = False,
 ) -> None:
     """Write a study of tapping circles; `effects` are factors of the time by level of `method`.
 
     The time of a hit is (0.4 + 0.25 bits) s, times the effect, times one of the person, times noise. SD of
     errors is a fifth of the width. `learning` is the exponent of the trial's number. `between`: people have a
-    `group`, of which b is twice as slow.
+    `group`, of which b is twice as slow. `sized`: distance and width are factors.
     """
     random = np.random.default_rng(seed)
     for number in range(people):
@@ -110,6 +111,7 @@ def write_study(
                             "practice": 0,
                             "method": method,
                             **({"group": group} if between else {}),
+                            **({"distance": f"{distance:g}", "width": f"{width:g}"} if sized else {}),
                             **dict.fromkeys(NAMES, ""),
                             "task": "tapping",
                             "seed": seed,

@@ -138,6 +138,17 @@ def test_fitts_regression_is_that_of_the_means_over_participants(
     assert row["slope_low"] < 0.25 < row["slope_high"], "the law that the people were made with"
 
 
+def test_factors_that_set_the_size_are_what_difficulty_is_of_not_conditions(tmp_path: Path) -> None:
+    write_study(tmp_path, {"dwell": 1.0, "press": 0.8}, people=4, sized=True)
+    study = study_report.trials(tmp_path)
+    assert study.factors == ("method", "distance", "width")
+    rows = study_report.fitts(study)
+    assert [(row["method"], row["points"], "width" in row) for row in rows] == [
+        *(("dwell", 4, False), ("press", 4, False))
+    ]
+    assert [row["sequences"] for row in study_report.throughput(study)] == [16, 16]
+
+
 def test_medians_are_of_participants_medians_with_scipys_bootstrap_interval(
     folder: Path, study: study_report.Trials
 ) -> None:

@@ -113,7 +113,7 @@ def test_study_without_factors_or_sizes_has_a_page_that_says_what_is_missing(tmp
     assert done.exit_code == 0, done.output
     text = (tmp_path / "new/place/report.html").read_text(encoding="utf-8")
     assert "One participant: there are no intervals over participants and no tests." in text
-    assert "no condition has three different distances or widths" in text
+    assert "No condition has three different distances or widths" in text
     assert "Linear mixed model" not in text
 
 

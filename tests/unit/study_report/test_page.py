@@ -129,3 +129,24 @@ def test_power_says_how_many_participants_are_needed(folder: Path) -> None:
     assert "80% of studies: not with 6 participants; try --most" in done.stdout
     done = CliRunner().invoke(power_command, [*arguments, "much"])
     assert str(done.exception) == "--effect much: not a number or a share such as -10%"
+
+
+STUDY = """
+name: small
+participants: 4
+task: {kind: reach, width_m: 0.3}
+factors: {method: {levels: {hold: {selector.method: hold}, gauge: {selector.method: gauge}}}}
+"""
+
+
+def test_simulated_participants_run_a_study_for_its_power(tmp_path: Path) -> None:
+    file = tmp_path / "small.yaml"
+    file.write_text(STUDY, encoding="utf-8")
+    arguments = [str(file), "--factor", "method", "--runs", "200", "--effect", "-1", "--most", "12", "--json"]
+    done = CliRunner().invoke(power_command, arguments)
+    assert done.exit_code == 0, done.output
+    rows = json.loads(done.stdout)["power"]
+    assert rows[0]["participants"] == 4
+    assert rows[-1]["power"] > rows[0]["power"]
+    done = CliRunner().invoke(power_command, ["--factor", "method"])
+    assert str(done.exception) == "give either the FILE of a study or --pilot FOLDER"

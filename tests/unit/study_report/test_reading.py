@@ -77,9 +77,10 @@ def test_damaged_folder_is_one_sentence(
     assert "\n" not in str(raised.value)
 
 
-def test_last_line_that_is_not_whole_is_left_out_and_noted(folder: Path) -> None:
+@pytest.mark.parametrize("lost", [3, 20, 100])
+def test_last_line_that_is_not_whole_is_left_out_and_noted(folder: Path, lost: int) -> None:
     path = folder / "P02/trials.csv"
-    path.write_text(path.read_text(encoding="utf-8")[:-20], encoding="utf-8")
+    path.write_text(path.read_text(encoding="utf-8")[:-lost], encoding="utf-8")
     study = study_report.trials(folder)
     assert (len(study.rows), study.notes) == (
         59,

@@ -36,8 +36,6 @@ class Trial:
     is_practice: bool
     levels: tuple[str, ...]
     """Level of each factor of `Trials.factors`."""
-    task: str
-    target: str
     outcome: str
     """One of `OUTCOMES`."""
     reason: str

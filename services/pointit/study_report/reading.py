@@ -14,7 +14,7 @@ import yaml
 from pointit.runtime.errors import ConfigError
 from pointit.study_report.model import NUMBERS, OUTCOMES, Answer, Trial, Trials
 
-TEXTS = ("participant", "task", "target", "outcome")
+TEXTS = ("participant", "task", "outcome")
 """Columns of text that the analysis needs."""
 COUNTS = ("block", "trial", "attempt", "practice")
 """Columns of whole numbers that the analysis needs."""
@@ -27,8 +27,8 @@ def trials(folder: str | Path) -> Trials:
     not whole, of a participant who is writing or whose writer was killed, is left out with a note.
 
     Raises:
-        ConfigError: If there is no participant, a column is missing, a value cannot be used, or participants
-            have different factors.
+        ConfigError: If there is no participant, one is there twice, a column is missing, a value cannot be
+            used, or participants have different factors.
     """
     folder = Path(folder)
     notes: list[str] = []
@@ -36,7 +36,12 @@ def trials(folder: str | Path) -> Trials:
     if not tables:
         raise ConfigError(f"{folder}: no participant; a study's folder has P01/trials.csv and so on")
     factors = _factors(tables)
-    rows = [_trial(path, *line, factors) for path, (_, lines) in tables.items() for line in lines]
+    rows: list[Trial] = []
+    for path, (_, lines) in tables.items():
+        known = {row.participant for row in rows}
+        rows += [_trial(path, *line, factors) for line in lines]
+        if twice := known & {line["participant"] for _, line in lines}:
+            raise ConfigError(f"{path}: {min(twice)} is also in another folder; move one of them away")
     notes += [f"{path.parent.name} has no trial." for path, (_, lines) in tables.items() if not lines]
     rows.sort(key=lambda row: (row.participant, row.block, row.trial, row.attempt))
     answers = tuple(
@@ -186,8 +191,6 @@ def _trial(path: Path, number: int, line: Mapping[str, str], factors: tuple[str,
         attempt=counts["attempt"],
         is_practice=counts["practice"] != 0,
         levels=tuple(line[factor] for factor in factors),
-        task=line["task"],
-        target=line["target"],
         outcome=line["outcome"],
         reason=line.get("reason", ""),
         numbers=numbers,

@@ -1,5 +1,6 @@
 """Folders that are not whole: each is a sentence."""
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -41,6 +42,10 @@ def emptied(folder: Path) -> None:
         path.unlink()
 
 
+def copied(folder: Path) -> None:
+    shutil.copytree(folder / "P01", folder / "P04")
+
+
 def headed(folder: Path) -> None:
     for path in folder.glob("P*/trials.csv"):
         path.write_text(path.read_text(encoding="utf-8").splitlines(keepends=True)[0], encoding="utf-8")
@@ -66,6 +71,7 @@ def headed(folder: Path) -> None:
         (replaced("study.yaml", b"factors: {method: {levels: {dwell: {}}}}"), "study.yaml dwell"),
         (replaced("study.yaml", b"factors: ["), "study.yaml: cannot be read"),
         (replaced("P02/trials.csv", b"\xff"), "cannot be read"),
+        (copied, "P04/trials.csv: P01 is also in another folder; move one of them away"),
     ],
 )
 def test_damaged_folder_is_one_sentence(

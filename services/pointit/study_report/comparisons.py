@@ -140,8 +140,8 @@ def outcomes(study: Trials) -> Table:
         done = [(one, sum(one.values()) - one["skipped"]) for one in counts.values()]
         missed = [1 - one["hit"] / total for one, total in done if total]
         trials = sum(sum(one.values()) for one in counts.values())
-        row = summary(missed, "missed", np.mean, trials=trials, **shares)
-        table.append({**study.named(levels), **row, "participants": len(counts)})
+        columns = summary(missed, "missed", np.mean, trials=trials, **shares)
+        table.append({**study.named(levels), **columns, "participants": len(counts)})
     return table
 
 

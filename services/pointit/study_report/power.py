@@ -121,7 +121,7 @@ def power(
                 "high": float(limits.high),
             }
         )
-        above += limits.low >= GOALS[-1]
+        above += int(limits.low >= GOALS[-1])
         if above > 2:
             break
     return table

@@ -11,7 +11,7 @@
 """
 
 from collections import Counter, defaultdict
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,9 +108,11 @@ def throughput(study: Trials, unit: Unit = "m") -> Table:
         means = np.array([np.mean(one, axis=0) for one in people])
         _, *mean = (float(each) for each in means.mean(axis=0))
         names = ("effective_bits", f"effective_distance_{unit}", f"effective_width_{unit}", "movement_s")
-        row = summary(means[:, 0].tolist(), "throughput_bit_per_s", np.mean, sequences=sum(map(len, people)))
+        columns = summary(
+            means[:, 0].tolist(), "throughput_bit_per_s", np.mean, sequences=sum(map(len, people))
+        )
         more = dict(zip(names, mean, strict=True))
-        table.append({**dict(group), **row, **more, "left_out": gross[group]})
+        table.append({**dict(group), **columns, **more, "left_out": gross[group]})
     return table
 
 
@@ -165,7 +167,11 @@ def fitts(study: Trials, index: Index = "m") -> Table:
             centred = difficulty - difficulty.mean()
             slopes = resampled @ centred / (centred @ centred)
             limits = [*bounds(resampled.mean(axis=1) - slopes * difficulty.mean()), *bounds(slopes)]
-        row = {"participants": len(whole), "points": len(difficulty), "intercept_s": float(fit.intercept)}
+        row: dict[str, Any] = {
+            "participants": len(whole),
+            "points": len(difficulty),
+            "intercept_s": float(fit.intercept),
+        }
         row |= {"intercept_low": limits[0], "intercept_high": limits[1], "slope_s_per_bit": float(fit.slope)}
         row |= {"slope_low": limits[2], "slope_high": limits[3], "r2": float(fit.rvalue) ** 2}
         table.append({**dict(group), **row})

@@ -37,6 +37,9 @@ class Table:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = path.open("a+b", buffering=0)
+        except OSError as error:
+            raise ConfigError(f"{path}: cannot be used ({error.strerror or error})") from error
+        try:
             _lock(self._file, path)
             self._file.seek(0)
             content = self._file.read()
@@ -47,8 +50,9 @@ class Table:
                 self._write(head)
             elif not whole.startswith(head):
                 raise ConfigError(f"{path}: has other columns than this study; use another folder")
-        except OSError as error:
-            raise ConfigError(f"{path}: cannot be used ({error.strerror or error})") from error
+        except BaseException:
+            self._file.close()
+            raise
         self.rows = read_table(path)
 
     def append(self, row: Mapping[str, object]) -> None:

@@ -59,7 +59,7 @@ class Attempt:
     clock_apart_s: float = 0.0
     """Largest difference between the site's time and the stamp of a cursor, s."""
     _first: Cursor | None = None
-    _first_m: Vec3 = (0.0, 0.0, 0.0)
+    _first_m: Vec3 | None = None
     """Centre of the target at that time."""
     _last: Cursor | None = None
     _heard_ns: int = 0
@@ -133,6 +133,7 @@ class Attempt:
         eyes_m = None if last is None else last.origin_m
         far_m = None if eyes_m is None else math.dist(eyes_m, self.target_m)
         point_m = None if last is None else last.point_m
+        first_m = self._first_m or self.target_m
         at_start_m = self.before_m if self.before_m is not None or first is None else first.point_m
         columns: dict[str, float | int | None] = {
             "first_hover_s": self.first_hover_s,
@@ -141,9 +142,9 @@ class Attempt:
             "path_length_deg": math.degrees(self.path_rad),
             "error_m": None if point_m is None else math.dist(point_m, self.target_m),
             "error_deg": _angle_deg(last, self.target_m),
-            "target_distance_m": None if at_start_m is None else math.dist(at_start_m, self._first_m),
+            "target_distance_m": None if at_start_m is None else math.dist(at_start_m, first_m),
             "target_width_m": self.width_m,
-            "target_distance_deg": _angle_deg(first, self._first_m, self.before_m),
+            "target_distance_deg": _angle_deg(first, first_m, self.before_m),
             "target_width_deg": math.degrees(2.0 * math.atan2(self.width_m / 2.0, far_m)) if far_m else None,
         }
         for index, axis in enumerate("xyz"):

@@ -226,7 +226,7 @@ class Session:
             self._progress.end(is_done=True)
         elif command.name == "pause":
             self._show(trial, "paused")
-            while (following := self._view.command()) is None or following.name == "skip":
+            while (following := self._view.command()) is None:
                 await self._here.site.sleep(TICK_S)
             if following.name != "pause":
                 await self._obey(following, trial)

@@ -71,6 +71,7 @@ class TerminalView:
     def _on_key(self, key: str) -> None:
         if self._typed is None:
             if key == "s":
+                self._commands.append(Command("pause"))  # the trial does not go on while the reason is typed
                 self._typed, self._asks_reason = "", True
                 self._write("\r\x1b[Kskip this trial; why? ")
             elif (name := KEYS.get(key.encode())) == "repeat" or name == "pause" or name == "stop":

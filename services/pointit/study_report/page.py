@@ -8,7 +8,7 @@ from typing import Any
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import pointit_version
 from pointit.study_report import figures
-from pointit.study_report.contents import Section, capital, sections
+from pointit.study_report.contents import capital, sections
 from pointit.study_report.model import Trials
 from pointit.study_report.table import RESAMPLES, Table
 
@@ -35,12 +35,31 @@ from pointit.study_report import figures
 trials = study_report.trials({folder!r})"""
 
 
-def page(study: Trials, title: str, tell: Callable[[str], object] = lambda _: None) -> str:
-    """Return the page of `study`. `tell` is called with the title of each section before it is made."""
+def report(
+    study: Trials, title: str, folder: str, tell: Callable[[str], object] = lambda _: None
+) -> tuple[str, str]:
+    """Return the page of `study`, and a notebook (nbformat 4.5, JSON) without results, which makes the same.
+
+    `folder` is the study's, as seen from the notebook's. `tell` is called with the title of each section.
+    """
     parts = [_head(study, title)]
-    for number, section in enumerate(sections(study)):
+    cells = [_cell("markdown", f"# {title}"), _cell("code", SETUP.format(folder=folder))]
+    for place, section in enumerate(sections(study)):
         tell(section.title)
-        parts.append(_section(study, section, f"s{number}"))
+        parts.append(f'<h2>{escape(section.title)}</h2><p class="about">{escape(section.about)}</p>')
+        cells.append(_cell("markdown", f"## {section.title}\n\n{section.about}"))
+        missing = dict[str, None]()
+        for number, step in enumerate(section.steps):
+            try:
+                result = step.run(study)
+            except ConfigError as error:
+                missing[capital(str(error).removeprefix(f"{study.folder}: ")) + "."] = None
+                continue
+            parts.append(_shown(result, f"s{place}-{number}", section.title))
+            parts.append(f"<pre><code>{escape(step.code)}</code></pre>")
+            cells.append(_cell("code", step.code))
+        parts += [f"<p>{escape(sentence)}</p>" for sentence in missing]
+        cells += [_cell("markdown", sentence) for sentence in missing]
     read = escape(f"trials = study_report.trials({str(study.folder)!r})")
     parts.append(
         f"<footer><p>Made by PointIt {escape(pointit_version())}. Bootstrap: {RESAMPLES} draws,"
@@ -48,7 +67,11 @@ def page(study: Trials, title: str, tell: Callable[[str], object] = lambda _: No
         " <code>from pointit import study_report</code> and"
         f" <code>{read}</code>.</p></footer></body></html>\n"
     )
-    return "\n".join(parts)
+    for number, cell in enumerate(cells):
+        cell["id"] = f"cell-{number}"
+    kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
+    book = {"cells": cells, "metadata": {"kernelspec": kernel}, "nbformat": 4, "nbformat_minor": 5}
+    return "\n".join(parts), json.dumps(book, indent=1, ensure_ascii=False) + "\n"
 
 
 def _head(study: Trials, title: str) -> str:
@@ -70,20 +93,6 @@ def _head(study: Trials, title: str) -> str:
     )
 
 
-def _section(study: Trials, section: Section, name: str) -> str:
-    parts = [f'<h2>{escape(section.title)}</h2><p class="about">{escape(section.about)}</p>']
-    for number, step in enumerate(section.steps):
-        try:
-            result = step.run(study)
-        except ConfigError as error:
-            sentence = f"<p>{escape(capital(str(error).removeprefix(f'{study.folder}: ')))}.</p>"
-            parts += [sentence] if sentence not in parts else []
-            continue
-        parts.append(_shown(result, f"{name}-{number}", section.title))
-        parts.append(f"<pre><code>{escape(step.code)}</code></pre>")
-    return "\n".join(parts)
-
-
 def _shown(result: Any, name: str, title: str) -> str:
     if isinstance(result, Table):
         return (
@@ -91,22 +100,6 @@ def _shown(result: Any, name: str, title: str) -> str:
         )
     picture = figures.svg(result, name).replace("<svg", f'<svg role="img" aria-label="{escape(title)}"', 1)
     return f"<figure>{picture}</figure>"
-
-
-def notebook(study: Trials, title: str, folder: str) -> str:
-    """Return a notebook (nbformat 4.5, JSON) without results, which makes the page's tables and figures.
-
-    `folder` is the study's, as seen from the notebook's.
-    """
-    cells = [_cell("markdown", f"# {title}"), _cell("code", SETUP.format(folder=folder))]
-    for section in sections(study):
-        cells.append(_cell("markdown", f"## {section.title}\n\n{section.about}"))
-        cells += [_cell("code", step.code) for step in section.steps]
-    for number, cell in enumerate(cells):
-        cell["id"] = f"cell-{number}"
-    kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
-    made = {"cells": cells, "metadata": {"kernelspec": kernel}, "nbformat": 4, "nbformat_minor": 5}
-    return json.dumps(made, indent=1, ensure_ascii=False) + "\n"
 
 
 def _cell(kind: str, text: str) -> dict[str, Any]:

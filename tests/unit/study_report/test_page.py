@@ -115,6 +115,9 @@ def test_study_without_factors_or_sizes_has_a_page_that_says_what_is_missing(tmp
     assert "One participant: there are no intervals over participants and no tests." in text
     assert "No condition has three different distances or widths" in text
     assert "Linear mixed model" not in text
+    book = (tmp_path / "new/place/report.ipynb").read_text(encoding="utf-8")
+    assert "study_report.fitts(" not in book, "a cell would fail"
+    assert "No condition has three" in book
 
 
 def test_power_says_how_many_participants_are_needed(folder: Path) -> None:

@@ -40,11 +40,9 @@ def command(*, folder: Path, to: Path | None) -> None:
     try:
         target.mkdir(parents=True, exist_ok=True)
         with interruptible(), progress() as tell:
-            html = page.page(study, title, tell)
+            html, notebook = page.report(study, title, _seen_from(target, folder), tell)
         (target / "report.html").write_text(html, encoding="utf-8")
-        (target / "report.ipynb").write_text(
-            page.notebook(study, title, _seen_from(target, folder)), encoding="utf-8"
-        )
+        (target / "report.ipynb").write_text(notebook, encoding="utf-8")
         tables = study_report.write_all_trials(folder, target)
     except OSError as error:
         raise ConfigError(f"{target}: cannot be written ({error.strerror or error})") from error

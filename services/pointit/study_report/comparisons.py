@@ -89,15 +89,10 @@ def _difference(
         both = sorted(first.keys() & second.keys())
         first, second = ({name: one[name] for name in both} for one in (first, second))
     a, b = (np.array([*one.values()]) for one in (first, second))
-    people = len(a) if is_within else len(a) + len(b)
-    row: dict[str, Any] = {
-        "test": "paired t" if is_within else "Welch's t",
-        "participants": people,
-        "mean": float(b.mean() - a.mean()) if a.size and b.size else None,
-        "low": None,
-        "high": None,
-        "p": None,
-    }
+    row: dict[str, Any] = {"test": "paired t" if is_within else "Welch's t"}
+    row["participants"] = len(a) if is_within else len(a) + len(b)
+    row["mean"] = float(b.mean() - a.mean()) if a.size and b.size else None
+    row |= {"low": None, "high": None, "p": None}
     if min(a.size, b.size) < 2 or _is_constant(a, b, is_within=is_within):
         return row
     result: Any = stats.ttest_rel(b, a) if is_within else stats.ttest_ind(b, a, equal_var=False)

@@ -1,7 +1,7 @@
 """A linear mixed model: fixed effects of the factors, a random intercept of each participant."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,18 +15,14 @@ from pointit.study_report.table import LEVEL, Table
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Fit:
-    """A fitted model."""
+class Fit(NamedTuple):
+    """Estimates of the fixed effects and their standard errors, shapes (p,); standard deviations."""
 
     effects: Floats
-    """Estimates of the fixed effects, shape (p,)."""
     errors: Floats
-    """Their standard errors, shape (p,)."""
     between: float
-    """Standard deviation of the random intercepts."""
+    """Of the random intercepts."""
     residual: float
-    """Standard deviation within participants."""
 
 
 def fit(values: Floats, design: Floats, groups: Sequence[str]) -> Fit:
@@ -64,12 +60,8 @@ def fit(values: Floats, design: Floats, groups: Sequence[str]) -> Fit:
     if solved(0.0)[0] <= found.fun:
         ratio = 0.0
     _, effects, inverse, variance = solved(ratio)
-    return Fit(
-        effects=effects,
-        errors=np.sqrt(variance * np.diag(inverse)),
-        between=float(np.sqrt(ratio * variance)),
-        residual=float(np.sqrt(variance)),
-    )
+    errors = np.sqrt(variance * np.diag(inverse))
+    return Fit(effects, errors, float(np.sqrt(ratio * variance)), float(np.sqrt(variance)))
 
 
 def mixed_model(study: Trials, measure: str = "selection_s") -> Table:

@@ -113,14 +113,8 @@ def power(
         tell(count)
         found = significant(people, effect, count, runs, np.random.default_rng((seed, count)))
         limits = stats.binomtest(found, runs).proportion_ci(LEVEL)
-        table.append(
-            {
-                "participants": count,
-                "power": found / runs,
-                "low": float(limits.low),
-                "high": float(limits.high),
-            }
-        )
+        row = {"participants": count, "power": found / runs}
+        table.append({**row, "low": float(limits.low), "high": float(limits.high)})
         above += int(limits.low >= GOALS[-1])
         if above > 2:
             break

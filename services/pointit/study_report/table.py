@@ -1,8 +1,8 @@
 """Tables of results, and intervals over participants."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from html import escape
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,16 +35,13 @@ def _cell(value: Any) -> str:
     return f"<td{number}>{escape(str(value))}</td>"
 
 
-class Statistic(Protocol):
-    """A statistic over one axis of an array, such as `numpy.median`."""
-
-    def __call__(self, values: NDArray[np.float64], /, axis: int) -> Any:
-        """Return the statistic."""
+Statistic = Callable[..., Any]
+"""A statistic over the `axis` of an array, such as `numpy.median`."""
 
 
-def picks(count: int, seed: int = 0) -> NDArray[np.int64]:
+def picks(count: int) -> NDArray[np.int64]:
     """Return indices of draws of `count` participants with replacement, shape (`RESAMPLES`, count)."""
-    return np.random.default_rng(seed).integers(count, size=(RESAMPLES, count))
+    return np.random.default_rng(0).integers(count, size=(RESAMPLES, count))
 
 
 def interval(values: ArrayLike, statistic: Statistic = np.median) -> tuple[float | None, float | None]:

@@ -1,5 +1,7 @@
 """Columns of trials.csv: names, units, meanings."""
 
+import datetime as dt
+
 COLUMNS: tuple[tuple[str, str, str], ...] = (
     ("participant", "", "pseudonym"),
     ("block", "", "number of the block, from 1"),
@@ -17,14 +19,18 @@ COLUMNS: tuple[tuple[str, str, str], ...] = (
     ("selection_s", "s", "from showing the target to the end by the participant"),
     ("corrections", "", "number of times that the pointer left the target before the end"),
     ("path_length_deg", "deg", "way of the ray's direction in the room, in steps of 0.5 deg or more"),
-    ("error_m", "m", "from the target's centre to the cursor at the end"),
+    ("error_m", "m", "from the target's centre to the selected point"),
     ("error_deg", "deg", "from the target's centre to the ray at the end, at the eyes"),
-    ("target_distance_m", "m", "from the last target's centre to this one's; of the first in a block from the cursor at the start"),
+    (
+        "target_distance_m",
+        "m",
+        "from the last target's centre to this one's; of the first in a block from the cursor at the start",
+    ),
     ("target_width_m", "m", "extent of the target"),
     ("target_distance_deg", "deg", "the same as an angle at the eyes"),
     ("target_width_deg", "deg", "extent of the target, at the eyes"),
     *((f"target_{axis}_m", "m", f"{axis} of the target's centre at the end, in the room") for axis in "xyz"),
-    *((f"selected_{axis}_m", "m", f"{axis} of the cursor at the end, in the room") for axis in "xyz"),
+    *((f"selected_{axis}_m", "m", f"{axis} of the cursor at the end, else of the ray's point nearest to the target") for axis in "xyz"),
 )
 """Name, unit, meaning. A column of each factor, its level, stands after `practice`."""
 
@@ -39,3 +45,8 @@ def columns_of(factors: list[str]) -> list[tuple[str, str, str]]:
     at = [name for name, _, _ in COLUMNS].index(FACTORS_AFTER) + 1
     levels = [(name, "", "level of this factor") for name in factors]
     return [*COLUMNS[:at], *levels, *COLUMNS[at:]]
+
+
+def utc(stamp_ns: int) -> str:
+    """Return a time as ISO 8601, UTC, to the microsecond."""
+    return dt.datetime.fromtimestamp(stamp_ns / 1e9, dt.UTC).isoformat(timespec="microseconds")

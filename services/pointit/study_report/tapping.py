@@ -184,12 +184,10 @@ def fitts(study: Trials, index: Index = "m") -> Table:
 
 
 def _in(moved: Movement, unit: Unit) -> tuple[float, float, float]:
-    """Return distance, error along the line and the error before in `unit`.
-
-    In degrees the distance is measured from where the ray was, which includes the error before.
-    """
+    """Return distance, error along the line and the error before in `unit`."""
     if unit == "m":
         return moved.distance_m, moved.error_m, moved.before_m
     numbers = moved.trial.numbers
     share = moved.error_m / numbers["error_m"] if numbers["error_m"] > 0 else 0.0
-    return numbers["target_distance_deg"], share * numbers["error_deg"], np.nan
+    before = moved.before_m * numbers["target_distance_deg"] / moved.distance_m
+    return numbers["target_distance_deg"], share * numbers["error_deg"], before

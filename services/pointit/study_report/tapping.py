@@ -73,7 +73,7 @@ def throughput(study: Trials, unit: Unit = "m") -> Table:
     A sequence is the trials of a block with the same condition, distance and width. A movement begins at the
     target before, so that a block's first trial is not counted. Selections further from the target than half
     the distance are gross errors and left out (Soukoreff and MacKenzie, 2004). Times include reaction and
-    dwell. In degrees, an error's share along the line is that in metres.
+    dwell. Errors in degrees are those in metres, at the distance of the target.
 
     Raises: ConfigError: If no sequence has `LEAST_TRIALS`.
     """
@@ -82,7 +82,7 @@ def throughput(study: Trials, unit: Unit = "m") -> Table:
     sequences: dict[tuple[object, ...], list[Movement]] = defaultdict(list)
     for each in movements(study):
         row = each.trial
-        needed = ("selection_s", *(("error_deg", "error_m", "target_distance_deg") if unit == "deg" else ()))
+        needed = ("selection_s", f"target_distance_{unit}", f"target_width_{unit}")
         if row.outcome in ("hit", "wrong") and not np.isnan(each.error_m) and row.numbers.keys() >= {*needed}:
             sequences[row.participant, row.block, row.levels, each.size_m].append(each)
     for moved in sequences.values():
@@ -188,6 +188,5 @@ def _in(moved: Movement, unit: Unit) -> tuple[float, float, float]:
     if unit == "m":
         return moved.distance_m, moved.error_m, moved.before_m
     numbers = moved.trial.numbers
-    share = moved.error_m / numbers["error_m"] if numbers["error_m"] > 0 else 0.0
-    before = moved.before_m * numbers["target_distance_deg"] / moved.distance_m
-    return numbers["target_distance_deg"], share * numbers["error_deg"], before
+    degrees_per_m = numbers["target_width_deg"] / numbers["target_width_m"]
+    return numbers["target_distance_deg"], moved.error_m * degrees_per_m, moved.before_m * degrees_per_m

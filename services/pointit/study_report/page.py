@@ -28,6 +28,9 @@ vertical-align: bottom; } th { font-weight: 600; } td.number { text-align: right
 code { font: 13px/1.4 ui-monospace, monospace; }
 """
 
+LONG = 15
+"""Tables with more rows are folded."""
+
 SETUP = """%matplotlib inline
 from pointit import study_report
 from pointit.study_report import figures
@@ -95,9 +98,11 @@ def _head(study: Trials, title: str) -> str:
 
 def _shown(result: Any, name: str, title: str) -> str:
     if isinstance(result, Table):
-        return (
+        shown = (
             f'<div class="wide" tabindex="0" role="region" aria-label="{escape(title)}">{result.html()}</div>'
         )
+        long = f"<details><summary>Table of {len(result)} rows</summary>{shown}</details>"
+        return long if len(result) > LONG else shown
     picture = figures.svg(result, name).replace("<svg", f'<svg role="img" aria-label="{escape(title)}"', 1)
     return f"<figure>{picture}</figure>"
 

@@ -79,8 +79,8 @@ class Table:
         if written != len(line):
             self._file.truncate(size)
             raise PointItError(
-                f"{self.path}: a row cannot be written ({reason}); all earlier ones are there: make room, then "
-                "give the same command to go on"
+                f"{self.path}: a row cannot be written ({reason}); all earlier ones are there: make room, "
+                "then give the same command to go on"
             )
 
 

@@ -46,8 +46,8 @@ class Factor(Config):
         for level, parameters in others:
             if different := wanted.keys() ^ parameters.keys():
                 raise ValueError(
-                    f"level {level} and level {first} must set the same parameters; {min(different)} is only in "
-                    "one"
+                    f"level {level} and level {first} must set the same parameters; {min(different)} is "
+                    "only in one"
                 )
         for name in wanted:
             if "." not in name:
@@ -72,8 +72,8 @@ class Study(Config):
     factors: dict[str, Factor] = Field(default={}, description="factors by name")
     order: Order = Field(
         default="williams",
-        description="of blocks: latin_square, williams (balances sequences, too), blocked_random (by seed) or "
-        "as_written",
+        description="of blocks: latin_square, williams (balances sequences, too), blocked_random (by seed) "
+        "or as_written",
     )
     repetitions: int = Field(default=1, ge=1, le=1000, description="trials of each cell of a block")
     practice: int = Field(default=0, ge=0, le=1000, description="practice trials at the start of each block")

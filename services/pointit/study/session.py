@@ -103,6 +103,7 @@ class Session:
         if not self._about:
             self._put(
                 pseudonym=self._participant,
+                simulated=bool(self._setup.person),
                 group=self._plan.group,
                 seed=self._study.seed,
                 order=list(self._plan.order),

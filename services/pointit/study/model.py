@@ -97,6 +97,10 @@ class Study(Config):
         """The folder of the file, to which paths in it are relative."""
         return self._folder
 
+    def place_in(self, folder: Path) -> None:
+        """Set the folder of the file."""
+        self._folder = folder
+
     @property
     def people(self) -> tuple[str, ...]:
         """Pseudonyms of all participants."""
@@ -212,7 +216,7 @@ def read_study(path: Path) -> Study:
     layers = Layers(("factors",))
     layers.add(read_yaml(path), str(path))
     study = layers.build(Study)
-    study._folder = path.absolute().parent  # noqa: SLF001 - its own
+    study.place_in(path.absolute().parent)
     try:
         for block, inner in itertools.product(study.cells("block"), study.cells("trial")):
             for group in study.cells("between"):

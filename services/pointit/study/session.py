@@ -36,7 +36,7 @@ class Setup:
     localize: bool = False
     listen: str = ""
     record: bool = False
-    person: Mapping[str, Value] = field(default_factory=dict)
+    person: Mapping[str, Value] = field(default_factory=dict[str, Value])
     """Parameters of a simulated person."""
 
 

@@ -55,8 +55,8 @@ def command(
     if simulated is not None:
         if participant or simulated > len(study.people):
             raise ConfigError(
-                f"--simulated {simulated}: {study.name} has {len(study.people)} participants; give at most so "
-                "many, and no --participant"
+                f"--simulated {simulated}: {study.name} has {len(study.people)} participants; give at most "
+                "so many, and no --participant"
             )
         return _simulate(
             study, folder, [each for each in left if each in study.people[:simulated]], bool(record)

@@ -30,7 +30,10 @@ COLUMNS: tuple[tuple[str, str, str], ...] = (
     ("target_distance_deg", "deg", "the same as an angle at the eyes"),
     ("target_width_deg", "deg", "extent of the target, at the eyes"),
     *((f"target_{axis}_m", "m", f"{axis} of the target's centre at the end, in the room") for axis in "xyz"),
-    *((f"selected_{axis}_m", "m", f"{axis} of the cursor at the end, else of the ray's point nearest to the target") for axis in "xyz"),
+    *(
+        (f"selected_{axis}_m", "m", f"{axis} of the cursor at the end, or of the ray by the target")
+        for axis in "xyz"
+    ),
 )
 """Name, unit, meaning. A column of each factor, its level, stands after `practice`."""
 

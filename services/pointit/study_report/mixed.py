@@ -21,7 +21,7 @@ class Fit(NamedTuple):
     effects: Floats
     errors: Floats
     between: float
-    """Of the random intercepts."""
+    """Standard deviation of the random intercepts."""
     residual: float
 
 

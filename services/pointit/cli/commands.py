@@ -233,7 +233,7 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
         ),
         _ROUTER,
     ),
-    "Measure": (
+    "Experiments": (
         noun(
             "study",
             "run an experiment, check and analyse its data",
@@ -243,6 +243,8 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
             ours("report", "report a study: a page and a notebook, with tables and figures", "study.report"),
             ours("power", "say how many participants find a stated effect", "study.power"),
         ),
+    ),
+    "Measure": (
         of_package(LAB, "evaluate", "measure the accuracy of the estimates on recordings of people"),
         of_package(LAB, "load", "measure the number of people this machine, or a site, carries"),
     ),

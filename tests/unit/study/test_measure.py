@@ -113,4 +113,5 @@ def test_condition_in_python_ends_an_attempt() -> None:
     one.on_cursor(cursor(0.0, 0.5), S // 2)
     assert one.outcome is None
     one.on_cursor(cursor(0.0, 1.5), 3 * S // 2)
-    assert (one.outcome, one.columns()["selection_s"]) == ("hit", 1.5)
+    measures = one.columns()
+    assert (measures["outcome"], measures["selection_s"]) == ("hit", 1.5)

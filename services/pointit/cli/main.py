@@ -148,7 +148,7 @@ def front() -> click.Group:
         context_settings={"help_option_names": ["-h", "--help"]},
         help=(
             "Point at things and the things react.\n\n"
-            "Start with `pointit run`, or nothing else: it needs no hardware, no router and no configuration. "
+            "Start with `pointit run`, or nothing else: it needs no hardware, router or configuration. "
             "Ctrl-C ends every command at once."
         ),
     )

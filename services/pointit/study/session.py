@@ -171,11 +171,11 @@ class Session:
         self, trial: Trial, scene: Scene, before_m: Vec3 | None
     ) -> tuple[Attempt, Command | None]:
         room, study = self._here, self._study
-        shown = await room.show(scene)
+        target, target_m = await room.show(scene)
         attempt = room.attempt = Attempt(
             began_ns=room.site.now_ns(),
-            target=shown.target,
-            target_m=shown.target_m,
+            target=target,
+            target_m=target_m,
             width_m=scene.width_m,
             end=study.end,
             timeout_s=study.timeout_s,
@@ -188,7 +188,7 @@ class Session:
             while attempt.outcome is None:
                 await room.site.sleep(TICK_S)
                 if scene.packages and attempt.outcome is None:
-                    attempt.target_m = room.position(shown.target) or attempt.target_m
+                    attempt.target_m = room.position(target) or attempt.target_m
                 room.problem  # noqa: B018 - raises what has failed in the background
                 attempt.tick(room.site.now_ns())
                 if (command := self._view.command()) is not None:

@@ -171,15 +171,24 @@ def test_check_finds_what_is_missing_or_wrong(whole: tuple[Study, StudyFolder], 
     ("scenario", "task"),
     [
         ("belts", "{kind: packages, lane: part_e, others: 2}"),
-        ("strips", "{kind: tapping, strip: '0', width_m: 0.3, distance_m: 1.5}"),
+        ("strips\n        end: press", "{kind: tapping, strip: '0', width_m: 0.3, distance_m: 1.5}"),
+        ("strips\n        end: ends.py:on", "{kind: reach, others: 2}"),
         ("space", "{kind: tapping, width_m: 0.6, distance_m: 1.5, targets: 5, center_m: [5.0, 0.5, 1.5]}"),
         ("space", "{kind: places, lamps: [led_0, led_1], places: {door: [4.0, 2.0, 1.0]}, width_m: 0.8}"),
     ],
 )
 def test_ready_task_runs_simulated(scenario: str, task: str, tmp_path: Path) -> None:
-    text = (
-        f"name: one\nparticipants: 1\nscenario: {scenario}\ntask: {task}\norder: as_written\nrepetitions: 4\n"
+    (tmp_path / "ends.py").write_text(
+        "def on(now):\n    return 'hit' if now.hovered == now.target else None\n"
     )
+    text = f"""
+        name: one
+        participants: 1
+        scenario: {scenario}
+        task: {task}
+        order: as_written
+        repetitions: 4
+    """
     study, folder = small(tmp_path, text)
     simulate_all(study, folder)
     rows = read_table(folder.path / "P01/trials.csv")

@@ -1,5 +1,6 @@
 """`pointit study run`: an experiment, with people or with simulated ones."""
 
+import importlib.util
 from pathlib import Path
 
 import click
@@ -64,7 +65,9 @@ def command(
     if not participant and not left:
         raise ConfigError(f"all {len(study.people)} participants of {study.name} have finished")
     check_keyboard("--simulated")
-    setup = Setup(imu=imu, output=output, localize=localize, listen=listen, record=record is not False)
+    if record is None and not (record := importlib.util.find_spec("mcap") is not None):
+        say("no recording: it needs the extra `record`; the tables are written", err=True)
+    setup = Setup(imu=imu, output=output, localize=localize, listen=listen, record=record)
     return run_until_shutdown(_run(study, folder, participant or left[0], setup))
 
 

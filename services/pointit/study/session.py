@@ -11,7 +11,7 @@ import pointit
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.study.columns import REPEATED, utc
-from pointit.study.data import ANSWER_COLUMNS, StudyFolder, Table
+from pointit.study.data import StudyFolder, Table
 from pointit.study.measure import Attempt, load_condition
 from pointit.study.model import Study, Value
 from pointit.study.plan import condition_of, plan_of
@@ -91,7 +91,9 @@ class Session:
                     block = trial.block
                 await self._do(trial)
             await self._ask_after(self._plan.trials[-1].block)
-            self._put(ended=utc(self._here.site.now_ns()) if self._room else self._about.get("begun"))
+            self._put(
+                ended=utc(self._room.site.now_ns()) if self._room else self._table.rows[-1]["began_utc"]
+            )
 
     @property
     def _here(self) -> Room:
@@ -281,10 +283,10 @@ class Session:
             for scale in map(scale_of, self._study.questionnaires):
                 if (scale.name, str(block)) in answered:
                     continue
-                condition = self._plan.order[block - 1]
-                for item, value in enumerate(await self._view.ask(scale), 1):
-                    about = (self._participant, scale.name, item, condition, block, value)
-                    table.append(dict(zip(ANSWER_COLUMNS, about, strict=True)))
+                about = {"participant": self._participant, "questionnaire": scale.name, "block": block}
+                about |= {"condition": self._plan.order[block - 1]}
+                answers = enumerate(await self._view.ask(scale), 1)
+                table.append(*({**about, "item": item, "value": value} for item, value in answers))
 
     def _show(self, trial: Trial, state: str, target: str = "") -> None:
         self._view.status(

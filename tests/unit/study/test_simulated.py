@@ -55,11 +55,9 @@ def test_study_goes_on_at_the_trial_after_kill_9_at_each_step(
 ) -> None:
     """Step 2n ends the process after the row of trial n + 1 is written, 2n + 1 in the middle of the next."""
     study, folder = small(tmp_path)
-    written = 0
     fsync: Callable[[int], None] = os.fsync
 
     def kill(number: int) -> None:
-        nonlocal written
         fsync(number)
         if (folder.path / "P01/trials.csv").exists() and len(
             read_table(folder.path / "P01/trials.csv")
@@ -78,6 +76,10 @@ def test_study_goes_on_at_the_trial_after_kill_9_at_each_step(
     assert [(row["trial"], row["attempt"]) for row in rows] == [(str(n), "1") for n in range(1, 5)]
     targets = [row["target"] for row in read_table(whole[1].path / "P01/trials.csv")]
     assert [row["target"] for row in rows] == targets
+    assert len(read_table(folder.path / "P01/answers.csv")) == 2 * 10
+    assert all(
+        finding.severity == "note" and not finding.participant for finding in check_folder(folder.path)
+    )
 
 
 class _Experimenter(SimulatedView):

@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 from collections.abc import AsyncGenerator, AsyncIterator, Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any, Self
 
 import pointit
@@ -23,6 +24,19 @@ DWELL = {"gauge": "selector.gauge.full_s", "hold": "selector.window_s", "fractio
 """Parameter that is the time of dwelling, by method."""
 LIVE = frozenset({"selector.method", *DWELL.values(), "conveyor-sim.speed_mps"})
 """Parameters that change without a new start."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Setup:
+    """Devices and options of the site of a session."""
+
+    imu: str = ""
+    output: str = ""
+    localize: bool = False
+    listen: str = ""
+    record: bool = False
+    person: Mapping[str, Value] = field(default_factory=dict[str, Value])
+    """Parameters of a simulated person."""
 
 
 class Room:

@@ -4,7 +4,7 @@ import contextlib
 import json
 import platform
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import pointit
@@ -17,7 +17,7 @@ from pointit.study.model import Study, Value
 from pointit.study.plan import condition_of, plan_of
 from pointit.study.progress import Progress
 from pointit.study.questionnaires import scale_of
-from pointit.study.room import Room
+from pointit.study.room import Room, Setup
 from pointit.study.scenario import scenario_file
 from pointit.study.tasks import Scene, Trial
 from pointit.study.view import Command, Status, StudyView
@@ -25,19 +25,6 @@ from pointit.study.view import Command, Status, StudyView
 TICK_S = 0.05
 CLOCK_APART_S = 0.5
 """Difference between the site's time and the stamps of a wrist above which times are doubtful, s."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Setup:
-    """Devices and options of the site of a session."""
-
-    imu: str = ""
-    output: str = ""
-    localize: bool = False
-    listen: str = ""
-    record: bool = False
-    person: Mapping[str, Value] = field(default_factory=dict[str, Value])
-    """Parameters of a simulated person."""
 
 
 class StoppedError(PointItError):

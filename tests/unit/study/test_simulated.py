@@ -13,7 +13,8 @@ from pointit.study.check import check_folder
 from pointit.study.columns import columns_of
 from pointit.study.data import StudyFolder, read_table
 from pointit.study.model import Study
-from pointit.study.session import Session, Setup, StoppedError
+from pointit.study.room import Setup
+from pointit.study.session import Session, StoppedError
 from pointit.study.simulated import SimulatedView, person_of, simulate
 from pointit.study.view import Command, Status
 from tests.unit.study.studies import SMALL, simulate_all, small

@@ -14,7 +14,8 @@ from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.study.data import StudyFolder
 from pointit.study.model import Study, read_study
 from pointit.study.plan import plan_of
-from pointit.study.session import Session, Setup, StoppedError
+from pointit.study.room import Setup
+from pointit.study.session import Session, StoppedError
 from pointit.study.simulated import simulate
 
 PATH = click.Path(path_type=Path)

@@ -1,5 +1,6 @@
 """`pointit study run`: an experiment, with people or with simulated ones."""
 
+import importlib.util
 from pathlib import Path
 
 import click
@@ -13,7 +14,8 @@ from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.study.data import StudyFolder
 from pointit.study.model import Study, read_study
 from pointit.study.plan import plan_of
-from pointit.study.session import Session, Setup, StoppedError
+from pointit.study.room import Setup
+from pointit.study.session import Session, StoppedError
 from pointit.study.simulated import simulate
 
 PATH = click.Path(path_type=Path)
@@ -64,7 +66,9 @@ def command(
     if not participant and not left:
         raise ConfigError(f"all {len(study.people)} participants of {study.name} have finished")
     check_keyboard("--simulated")
-    setup = Setup(imu=imu, output=output, localize=localize, listen=listen, record=record is not False)
+    if record is None and not (record := importlib.util.find_spec("mcap") is not None):
+        say("no recording: it needs the extra `record`; the tables are written", err=True)
+    setup = Setup(imu=imu, output=output, localize=localize, listen=listen, record=record)
     return run_until_shutdown(_run(study, folder, participant or left[0], setup))
 
 

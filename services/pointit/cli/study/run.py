@@ -66,9 +66,10 @@ def command(
     if not participant and not left:
         raise ConfigError(f"all {len(study.people)} participants of {study.name} have finished")
     check_keyboard("--simulated")
-    if record is None and not (record := importlib.util.find_spec("mcap") is not None):
+    records = importlib.util.find_spec("mcap") is not None if record is None else record
+    if record is None and not records:
         say("no recording: it needs the extra `record`; the tables are written", err=True)
-    setup = Setup(imu=imu, output=output, localize=localize, listen=listen, record=record)
+    setup = Setup(imu=imu, output=output, localize=localize, listen=listen, record=records)
     return run_until_shutdown(_run(study, folder, participant or left[0], setup))
 
 

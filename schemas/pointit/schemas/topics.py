@@ -131,7 +131,7 @@ GOAL = Topic(
 )
 SPEECH = Topic(
     key="users/{user}/speech", message=person.Speech, delivery=_EVENT, rate_hz=None,
-    writers=("cli", "external"), about="words of the person, with their times",
+    writers=("web", "cli", "external"), about="words of the person, with their times",
 )
 UNDERSTOOD = Topic(
     key="users/{user}/understood", message=person.Understood, delivery=_EVENT, rate_hz=None,

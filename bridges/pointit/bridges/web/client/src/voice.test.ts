@@ -3,9 +3,9 @@ import { test } from "node:test";
 import { timed } from "./voice";
 
 test("words are spread over the time of speech by their lengths, and none ends after it was shown", () => {
-  const [put, that, there] = timed(" Put that  there ", 0.8, 10, 11.8, 12, [10.9, 11, 11.5]);
+  const [put, that, there] = timed(" Put that  there ", 0.8, 10, 11.8, 12, [10.9, 10.75, 11.5]);
   assert.deepEqual([put, that, there].map((word) => word!.text), ["put", "that", "there"]);
-  assert.ok(put!.start_s === 2 && that!.start_s === put!.end_s && that!.end_s === 1);
+  assert.ok(put!.start_s === 2 && that!.start_s === put!.end_s && that!.end_s === 1.25);
   assert.ok(there!.start_s <= that!.start_s && there!.end_s < there!.start_s && there!.confidence === 0.8);
 });
 

@@ -1,0 +1,49 @@
+"""What was understood is said by a program, and its echo is no word of the person."""
+
+from pathlib import Path
+
+import pytest
+
+from pointit.runtime.errors import ConfigError
+from pointit.schemas import NS_PER_S, Speech, Understood, Word
+from pointit.speech.loudspeaker import PROGRAM, Loudspeaker
+from tests.support.bench import ManualClock
+
+
+def understood(message: str, result: str = "done") -> Understood:
+    return Understood.model_validate(
+        {"stamp_ns": 1, "text": "take that", "result": result, "message": message}
+    )
+
+
+def heard(clock: ManualClock, from_s: float, to_s: float) -> Speech:
+    start_ns, end_ns = (clock.now_ns() + round(each * NS_PER_S) for each in (from_s, to_s))
+    return Speech(stamp_ns=end_ns, words=(Word(text="yes", start_ns=start_ns, end_ns=end_ns),))
+
+
+@pytest.mark.wall_time
+async def test_a_message_and_the_short_question_are_said_and_words_meanwhile_are_its_echo(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program, said = tmp_path / PROGRAM, tmp_path / "said"
+    program.write_text(f"#!/bin/sh\n[ $# = 1 ] && cat >>{said}; echo >>{said}\n", encoding="utf-8")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
+    clock = ManualClock()
+    speaker = Loudspeaker(clock)
+    assert not speaker.is_echo(heard(clock, -1.0, 0.0)), "nothing was said yet"
+    for each in (
+        understood("--help"),
+        understood(""),
+        understood("Radio or nuts? Say yes, or press", "asked"),
+    ):
+        speaker.say(each)
+        clock.advance(1.0)
+        assert bool(each.message) == speaker.is_echo(heard(clock, -0.9, -0.5)) or not each.message
+        await speaker.close()
+    assert said.read_text(encoding="utf-8").split("\n")[:2] == ["--help", "Radio or nuts?"]
+    assert speaker.is_echo(heard(clock, 0.1, 0.5)), "it may still sound"
+    assert not speaker.is_echo(heard(clock, 0.5, 1.0))
+    monkeypatch.setenv("PATH", str(tmp_path / "nothing"))
+    with pytest.raises(ConfigError, match=f"--speak needs `{PROGRAM}`: install it"):
+        Loudspeaker(clock)

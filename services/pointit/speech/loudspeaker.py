@@ -38,6 +38,7 @@ class Loudspeaker:
             return
         if self._saying is not None:
             self._saying.cancel()
+        self._from_ns, self._until_ns = self._clock.now_ns(), 2**62
         self._saying = asyncio.get_running_loop().create_task(self._run(text[:LONGEST]))
 
     def is_echo(self, speech: Speech) -> bool:
@@ -51,8 +52,7 @@ class Loudspeaker:
             await asyncio.wait({self._saying})
 
     async def _run(self, text: str) -> None:
-        """Run the program; the text comes by standard input, so that none is an option."""
-        self._from_ns, self._until_ns = self._clock.now_ns(), 2**62
+        """Run the program. The text comes by standard input, so that none is an option."""
         silent, pipe = asyncio.subprocess.DEVNULL, asyncio.subprocess.PIPE
         process = await asyncio.create_subprocess_exec(
             PROGRAM, "--stdin", stdin=pipe, stdout=silent, stderr=silent

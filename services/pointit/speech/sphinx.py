@@ -84,7 +84,8 @@ class Sphinx:
         if not was_speech:
             decoder.start_utt()
             self._begin_ns = origin_ns + round(ends.speech_start * NS_PER_S)
-        decoder.process_raw(samples)
+        if samples:  # the decoder fails with none, as at the end of a stream
+            decoder.process_raw(samples)
         if ends.in_speech and not is_last:
             return None
         decoder.end_utt()

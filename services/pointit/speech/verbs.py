@@ -37,7 +37,7 @@ Raises:
 
 @dataclass(frozen=True, kw_only=True)
 class Verb:
-    """What a verb may be about, and what it does."""
+    """Kinds and things that a verb may be about, and its action."""
 
     act: Action
     kinds: Sequence[ReferentKind] = ("thing",)

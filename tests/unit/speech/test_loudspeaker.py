@@ -1,4 +1,4 @@
-"""What was understood is said by a program, and its echo is no word of the person."""
+"""A program says the message of what was understood, and its echo is no word of the person."""
 
 from pathlib import Path
 

@@ -67,14 +67,13 @@ async def recognised(samples: bytes, names: list[str]) -> Speech:
     return last
 
 
-def scenario(folder: Path) -> Path:
-    """Return scenario 6 with a listener."""
-    found = read_scenario("scenario_6")
-    path = folder / "rover.yaml"
+def scenario(folder: Path, name: str, places: list[dict[str, object]], **site: object) -> Path:
+    """Return a scenario with a listener."""
+    found = read_scenario(name)
+    path = folder / "spoken.yaml"
     path.write_text(yaml.safe_dump({
-        "about": found.about, "explained": found.explained, "duration_s": 120,
-        "places": [{"position_m": [3.0, 0.0, 0.0], "yaw_deg": 20.0}],
-        "site": dict(found.site), "user": {**found.user, "listener": {}},
+        "about": found.about, "explained": found.explained, "duration_s": 120, "places": places,
+        "site": {**found.site, **site}, "user": {**found.user, "listener": {}},
     }), encoding="utf-8")  # fmt: skip
     return path
 
@@ -139,8 +138,11 @@ def test_a_synthetic_voice_puts_the_rover_where_the_person_points(tmp_path: Path
     times = [word.start_ns for word in said.words]
     assert times == sorted(times)
 
+    places: list[dict[str, object]] = [{"position_m": [3.0, 0.0, 0.0], "yaw_deg": 20.0}]
+    rover = scenario(tmp_path, "scenario_6", places)
+
     async def play() -> None:
-        async with pointit.run(str(scenario(tmp_path)), virtual=True, seed=3) as site:
+        async with pointit.run(str(rover), virtual=True, seed=3) as site:
             news, goal = await put_there(site, words)
             assert (news.result, news.command) == ("done", "put"), news
             that, there = news.referents
@@ -150,6 +152,37 @@ def test_a_synthetic_voice_puts_the_rover_where_the_person_points(tmp_path: Path
             assert goal.position_m == there.place_m
             async for state in site.messages(topics.ROBOT_STATE, "rover"):
                 if state.goal_ns == goal.stamp_ns and state.phase == "moving":
+                    break
+
+    pointit.run_virtually(play())
+
+
+def test_a_package_on_a_belt_is_taken_by_words_and_goes_to_the_bay_of_selected_ones(tmp_path: Path) -> None:
+    places: list[dict[str, object]] = [{"position_m": [-1.3, -1.9, 0.0], "yaw_deg": 20.0}]
+    slowly = {"method": "fraction", "window_s": 4.0}  # words are faster than staying
+    sorter = scenario(tmp_path, "scenario_4", places, selector=slowly)
+
+    async def play() -> None:
+        async with pointit.run(str(sorter), virtual=True, seed=3) as site:
+            understood: list[Understood] = []
+            interpreter = Interpreter(site._bus, site._clock, USER)
+            interpreter.on_understood = understood.append
+            following = asyncio.create_task(interpreter.run())
+            async for hover in site.messages(topics.HOVER, USER):
+                if understood and understood[-1].result == "done":
+                    break
+                if hover.progress > 0.2 and interpreter._idle.is_set():
+                    words = [TimedWord(each, None) for each in ("take", "that")]
+                    site._bus.publisher(topics.SPEECH, USER).put(speech(words, 0, site.now_ns()))
+            following.cancel()
+            await asyncio.wait({following})
+            (taken,) = understood[-1].referents
+            assert understood[-1].message.endswith(f"{taken.name} is {USER}'s")
+            async for selection in site.messages(topics.SELECTION):
+                if taken.name in {one.id for one in selection.objects if one.user == USER}:
+                    break
+            async for listed in site.messages(topics.OBJECTS, "conveyor"):
+                if {"1"} == {one.bay for one in listed.objects if one.id == taken.name}:
                     break
 
     pointit.run_virtually(play())

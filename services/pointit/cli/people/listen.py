@@ -40,8 +40,8 @@ END_PATIENCE_S = 15.0
     "verbs",
     multiple=True,
     metavar="'VERB THING=PROGRAM|URL'",
-    help="a verb of a thing, one word, and what it does, as `pointit run --on`; without = a program of yours "
-    "follows users/USER/understood. Repeatable",
+    help="a verb of a thing, one word, and what it does, as `pointit run --on`; without = programs of "
+    "yours follow what was understood. Repeatable",
 )
 @click.option("--speak", is_flag=True, help="say what was understood, by espeak-ng")
 def command(

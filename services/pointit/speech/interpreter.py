@@ -7,7 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.clock import Clock
-from pointit.runtime.errors import RequestError
+from pointit.runtime.config.similar_names import nearest
+from pointit.runtime.errors import ConfigError, RequestError
 from pointit.schemas import NS_PER_S, Environment, FindReferents, Referent, Speech, Understood
 from pointit.schemas.topics import FIND_REFERENTS, MAP, OBJECTS, ROBOT_STATE, SPEECH, UNDERSTOOD
 from pointit.services.listener.decision import decide
@@ -59,10 +60,18 @@ class Interpreter:
         return Vocabulary(names=self._room.names, verbs=tuple(self._verbs.keys() - VERBS.keys()))
 
     async def wait_for_map(self, patience_s: float) -> None:
-        """Wait until the map is there, or not longer than `patience_s`: names come from it."""
+        """Wait until the map is there, or not longer than `patience_s`: names come from it.
+
+        Raises:
+            ConfigError: If a verb is of a thing that the map does not have.
+        """
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(patience_s):
                 await self._has_map.wait()
+        there = {thing.id for thing in self._room.things}
+        for thing in {each for verb in self._verbs.values() for each in verb.things} - there:
+            if there:
+                raise ConfigError(f"the map has no thing {thing!r}; {nearest(thing, sorted(there))}")
 
     async def finish(self, count: int) -> None:
         """Wait until `count` utterances have come, and none is being followed."""

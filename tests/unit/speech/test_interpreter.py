@@ -362,6 +362,14 @@ async def test_a_verb_starts_its_program_and_says_if_that_fails(program: str, fa
 
 
 @in_virtual_time
+async def test_a_verb_of_a_thing_that_is_not_there_is_refused_with_those_that_are() -> None:
+    async with room() as here:
+        interpreter = Interpreter(here.bench.bus, here.bench.clock, USER, own_verbs(["heat kettel"]))
+        with pytest.raises(ConfigError, match="the map has no thing 'kettel'; did you mean kettle"):
+            await interpreter.wait_for_map(1.0)
+
+
+@in_virtual_time
 async def test_words_of_others_are_not_followed() -> None:
     async with room() as here:
         word = Word(text="stop", start_ns=1, end_ns=here.bench.clock.now_ns())

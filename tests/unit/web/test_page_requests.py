@@ -28,7 +28,6 @@ from pointit.runtime.errors import PointItError, RefusedError
 from pointit.schemas import SchemaError, StopRobot, topics
 from pointit.services.shown_topics import SHOWN
 
-
 SAID = {"text": "stop", "start_s": 1.0, "end_s": 0.5}
 
 

@@ -71,8 +71,11 @@ async def test_words_of_the_browser_are_followed_and_an_open_question_is_answere
     assert ages == sorted(ages, reverse=True)
     assert 0.9 < ages[0][0] < 3.0, "of about 1.1 s of speech"
 
-    places = [await window.until(f"({NAME})('{name}')", name) for name in ("screws", "nuts")]
-    await window.aimed_at(*((a + b) / 2 for a, b in zip(*places, strict=True)), 10.0, settle_s=0.5)
+    (left, top), (right, bottom) = [
+        await window.until(f"({NAME})('{name}')", f"the name of {name} is shown")
+        for name in ("screws", "nuts")
+    ]
+    await window.aimed_at((left + right) / 2, (top + bottom) / 2, 10.0, settle_s=0.5)
     await page.evaluate("window.say('take that')")
     await expect(understood).to_contain_text("? Say yes, or press, while it blinks")
     assert await violations(page) == []

@@ -198,8 +198,8 @@ async def test_two_people_who_speak_at_once_mean_each_their_own() -> None:
         await here.bench.settle()
         for user, azimuth in (("ben", -30.0), (USER, 30.0)):
             await here.points(azimuth, user)
-        found = await asyncio.gather(here.ask(), here.ask(user="ben"))
-        assert found == [[("object", "left")], [("object", "right")]]
+        annas, bens = await asyncio.gather(here.ask(), here.ask(user="ben"))
+        assert (annas, bens) == ([("object", "left")], [("object", "right")])
 
 
 async def test_who_has_left_the_room_is_nobodys_referent_and_means_nothing() -> None:

@@ -1,7 +1,7 @@
 """Reactions to spoken commands: requests, questions by light, refusals, and any flood of words."""
 
 from collections.abc import AsyncGenerator
-from contextlib import asynccontextmanager, nullcontext
+from contextlib import asynccontextmanager
 
 import pytest
 
@@ -48,11 +48,7 @@ from pointit.schemas.topics import (
     STOP_ROBOT,
     UNDERSTOOD,
 )
-from pointit.speech.grammar import Command
 from pointit.speech.interpreter import MOST_WAITING, Interpreter
-from pointit.speech.packages import Packages
-from pointit.speech.room import SpokenRoom
-from pointit.speech.verbs import Site
 from tests.support.bench import Bench, background, in_virtual_time, memory_bench, until
 
 USER = "anna"
@@ -346,19 +342,6 @@ async def test_a_verb_is_of_its_things_alone_and_what_wants_a_press_is_not_fired
 def test_a_verb_that_cannot_be_used_is_refused(text: str) -> None:
     with pytest.raises(ConfigError):
         own_verbs([text])
-
-
-@pytest.mark.parametrize(
-    ("program", "fails"), [("true", ""), ("false", "heat kettle: false anna ended with")]
-)
-@pytest.mark.wall_time
-async def test_a_verb_starts_its_program_and_says_if_that_fails(program: str, fails: str) -> None:
-    async with memory_bench() as bench:
-        known = SpokenRoom()
-        site = Site(bench.bus, bench.clock, USER, known, Packages(bench.bus, bench.clock, USER, known))
-        verb = own_verbs([f"heat kettle={program} {{user}}"])["heat"]
-        with pytest.raises(RefusedError, match=fails) if fails else nullcontext():
-            assert await verb.act(site, Command(verb="heat"), [known.named("kettle")]) == "heat kettle"
 
 
 @in_virtual_time

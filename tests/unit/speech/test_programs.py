@@ -1,13 +1,19 @@
-"""A program says the message of what was understood, and its echo is no word of the person."""
+"""Programs: one says what was understood, whose echo is no word of the person, and those of verbs."""
 
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 
-from pointit.runtime.errors import ConfigError
+from pointit.cli.things.spoken import own_verbs
+from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.schemas import NS_PER_S, Speech, Understood, Word
+from pointit.speech.grammar import Command
 from pointit.speech.loudspeaker import PROGRAM, Loudspeaker
-from tests.support.bench import ManualClock
+from pointit.speech.packages import Packages
+from pointit.speech.room import SpokenRoom
+from pointit.speech.verbs import Site
+from tests.support.bench import ManualClock, memory_bench
 
 
 def understood(message: str, result: str = "done") -> Understood:
@@ -48,3 +54,16 @@ async def test_a_message_and_the_short_question_are_said_and_words_meanwhile_are
     monkeypatch.setenv("PATH", str(tmp_path / "nothing"))
     with pytest.raises(ConfigError, match=f"--speak needs `{PROGRAM}`: install it"):
         Loudspeaker(clock)
+
+
+@pytest.mark.parametrize(
+    ("program", "fails"), [("true", ""), ("false", "heat kettle: false anna ended with")]
+)
+@pytest.mark.wall_time
+async def test_a_verb_starts_its_program_and_says_if_that_fails(program: str, fails: str) -> None:
+    async with memory_bench() as bench:
+        known = SpokenRoom()
+        site = Site(bench.bus, bench.clock, "anna", known, Packages(bench.bus, bench.clock, "anna", known))
+        verb = own_verbs([f"heat kettle={program} {{user}}"])["heat"]
+        with pytest.raises(RefusedError, match=fails) if fails else nullcontext():
+            assert await verb.act(site, Command(verb="heat"), [known.named("kettle")]) == "heat kettle"

@@ -117,7 +117,7 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
             ours("hz", "measure rates against the nominal ones", "inspect.hz"),
             ours("schema", "show the fields of a message; write or check the catalogue", "inspect.schema"),
         ),
-        ours("listen", "follow what a person says while they point", "people.listen"),
+        ours("listen", "follow what a person says while they point", "things.listen"),
         ours("track", "show trackers and objects: rates, latency, positions", "inspect.track"),
         ours("trace", "time a person's samples from capture to light, hop by hop", "inspect.trace"),
         noun(

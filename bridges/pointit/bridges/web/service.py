@@ -59,6 +59,7 @@ from pointit.schemas import (
     SelectionEvent,
     ShowPixels,
     StripsFrame,
+    Understood,
     UserPose,
     UserProfile,
 )
@@ -306,7 +307,7 @@ class Web(Service[WebConfig]):
             case Interaction():
                 self._people.states[name] = message.state
                 self._phones.interaction(name, message)
-            case Feedback():
+            case Feedback() | Understood():
                 self._phones.feedback(name, message)
             case _:
                 pass

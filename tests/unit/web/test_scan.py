@@ -22,7 +22,7 @@ from pointit.bridges.web.server.bundle import Bundle
 from pointit.bridges.web.wire import Role
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.scan.views import Survey
-from pointit.schemas import LitPixels, StripFrame, StripsFrame
+from pointit.schemas import LitPixels
 from tests.support.bench import until
 
 HERE = "http://127.0.0.1:8090"
@@ -73,7 +73,7 @@ class Bench:
             raise self.fault
         strips = (ScanStrip(name="shelf", pixels=20, line_m=LINE, sigma_m=0.004),)
         return Solution(
-            strips=strips, is_complete=True, advice="enough", map_text=lambda origin: f"# {origin}\n"
+            strips=strips, is_complete=True, advice="enough", map_text=lambda origin, _things: f"# {origin}\n"
         )
 
     async def _no_page(self, _socket: WebSocket, _role: Role) -> None:
@@ -268,12 +268,11 @@ async def test_a_simulated_camera_sees_what_the_led_driver_shows(
     bench: Bench, phone: httpx.AsyncClient
 ) -> None:
     room = (await phone.get("/scan/room")).json()
-    assert len(room["strips"]) == 5
-    assert len(room["strips"][0]["places_m"]) == 90
-    bench.door.lights(StripsFrame(stamp_ns=1, seq=7, strips=(StripFrame(id="shelf", rgb=b"\1\2\3"),)))
+    assert [len(each["places_m"]) for each in room["strips"]] == [1, 1, 90, 90, 102, 68, 63]
+    bench.door.lights({"shelf": b"\1\2\3"})
     first = (await phone.get("/scan/lights")).json()
-    assert first == {"seq": 7, "strips": {"shelf": "010203"}}
-    waiting = asyncio.create_task(phone.get("/scan/lights?after=7"))
+    assert first == {"seq": 1, "strips": {"shelf": "010203"}}
+    waiting = asyncio.create_task(phone.get("/scan/lights?after=1"))
     await asyncio.sleep(0)
-    bench.door.lights(StripsFrame(stamp_ns=1, seq=8, strips=()))
-    assert (await waiting).json()["seq"] == 8
+    bench.door.lights({"corner": b"\4\5\6"})
+    assert (await waiting).json() == {"seq": 2, "strips": {"shelf": "010203", "corner": "040506"}}

@@ -15,7 +15,9 @@ from pointit.maps.checks.examine import examined
 from pointit.maps.file import parse_map_file
 from pointit.runtime.errors import ConfigError
 from pointit.scan.advice import next_view
+from pointit.runtime.service.shutdown import EXIT_FAILED
 from pointit.scan.as_map import map_text
+from pointit.scan.gravity import upright
 from pointit.scan.result import Scan, ScannedLamp, ScannedStrip
 from pointit.scan.solver import solve
 from pointit.scan.views import KnownLength, Mark, read_survey
@@ -118,7 +120,8 @@ def command(
 
     Three photographs suffice for what all show, a step apart, and four to six for a room. Each should
     show three strips of an earlier one. Strips are found to about 1 cm, with the standard deviation of each
-    stated. What is doubtful is left out, with the reason and from where to take one more photograph.
+    stated. What is doubtful is left out, with the reason and from where to take one more photograph: with
+    --from, the exit code is 1 then.
 
     Example: pointit map scan -o room.yaml --strip shelf=90 --leds ddp:192.168.1.40
     """
@@ -128,8 +131,9 @@ def command(
     survey = read_survey(source)
     if known is not None:
         survey = replace(survey, known_length=known)
+    views, turned = upright(survey.views)
     try:
-        scan = solve(survey.strips, survey.lamps, survey.views, known_length=survey.known_length)
+        scan = solve(survey.strips, survey.lamps, views, known_length=survey.known_length)
     except ConfigError as error:
         raise ConfigError(f"{source}: {error}") from None
     if origin is not None or heading:
@@ -144,9 +148,11 @@ def command(
         print_findings(str(path), has, findings, err=True)
     elif not as_json:
         click.echo(text, nl=False)
-    for sentence in _sentences(scan):
+    for sentence in [*([turned] if turned else []), *_sentences(scan)]:
         click.echo(sentence, err=True)
-    return 0
+    found: list[ScannedStrip | ScannedLamp] = [*scan.strips.values(), *scan.lamps.values()]
+    is_whole = not scan.missing and (also_doubtful or all(each.identified for each in found))
+    return 0 if is_whole else EXIT_FAILED
 
 
 def _check_live(*given: object) -> None:

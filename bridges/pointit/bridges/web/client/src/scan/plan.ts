@@ -1,4 +1,4 @@
-/** The live picture: strips and cameras from above, with the uncertainty of the strips' ends. */
+/** The live picture: strips, lamps, things and cameras from above, with their uncertainty. */
 
 import type { ScanState } from "../wire";
 
@@ -22,7 +22,7 @@ function svg(name: string, attributes: Record<string, string | number>, text = "
 export function drawPlan(host: SVGSVGElement, state: ScanState): void {
   host.setAttribute("viewBox", `0 0 ${WIDTH} ${HEIGHT}`);
   const title = host.querySelector("title")!;
-  const lines = state.strips.filter(({ line_m }) => line_m.length > 1);
+  const lines = state.strips.filter(({ line_m }) => line_m.length);
   const next = state.next_m ? [state.next_m] : [];
   const points = [...lines.flatMap(({ line_m }) => line_m), ...state.cameras_m, ...next];
   if (!points.length) {
@@ -44,14 +44,14 @@ export function drawPlan(host: SVGSVGElement, state: ScanState): void {
     labels.push(at);
     parts.push(svg("text", { ...at, "text-anchor": "middle" }, text));
   };
-  for (const { name, line_m, sigma_m } of lines) {
+  for (const { name, line_m, sigma_m, pixels } of lines) {
     const at = line_m.map(place);
-    const isUnsure = sigma_m === null || sigma_m > SURE_M;
+    const isUnsure = pixels > 0 && (sigma_m === null || sigma_m > SURE_M);
     for (const [cx, cy] of [at[0]!, at.at(-1)!]) {
       if (sigma_m !== null) parts.push(svg("circle", { class: "spread", cx, cy, r: Math.min(60, ENLARGED * scale * sigma_m) }));
     }
-    parts.push(svg("polyline", { class: isUnsure ? "strip is-unsure" : "strip", points: at.map((each) => each.join()).join(" ") }));
-    parts.push(svg("circle", { class: "first", cx: at[0]![0], cy: at[0]![1], r: 5 }));
+    parts.push(svg("polyline", { class: pixels ? isUnsure ? "strip is-unsure" : "strip" : "thing", points: at.map((each) => each.join()).join(" ") }));
+    if (pixels) parts.push(svg("circle", { class: isUnsure ? "first is-unsure" : "first", cx: at[0]![0], cy: at[0]![1], r: 5 }));
     const middle = at[at.length >> 1]!;
     const [x, y] = [(at[0]![0] + middle[0]) / 2, (at[0]![1] + middle[1]) / 2];
     label(x, y - 9, name);

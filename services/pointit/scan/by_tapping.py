@@ -76,7 +76,10 @@ def locate(scan: Scan, size: tuple[int, int], taps: Sequence[Tap]) -> PointedAt:
 
 
 def tapped_text(things: Mapping[str, tuple[str, Sequence[PointedAt]]]) -> str:
-    """Return sections `boxes` and `planes` of a map; `things`: shape (box, screen, table) and corners by name.
+    """Return sections `boxes` and `planes` of a map.
+
+    Args:
+        things: shape (box, screen or table) and corners, by name.
 
     Raises:
         RefusedError: If corners span no box, screen or table.

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+from pointit.geometry.vector import scale
 from pointit.scan.views import View
 
 TURNED = (
@@ -18,10 +19,5 @@ def upright(views: Sequence[View]) -> tuple[tuple[View, ...], str]:
     """
     if sum(view.gravity[1] for view in views if view.gravity is not None) >= 0.0:
         return tuple(views), ""
-    turned = (
-        replace(view, gravity=(-view.gravity[0], -view.gravity[1], -view.gravity[2]))
-        if view.gravity
-        else view
-        for view in views
-    )
+    turned = (replace(view, gravity=view.gravity and scale(view.gravity, -1.0)) for view in views)
     return tuple(turned), TURNED

@@ -64,7 +64,7 @@ async def take_view(page: Page, number: int) -> None:
 
 
 def view_in(post: str | None) -> list[dict[str, tuple[float, float]]]:
-    """Return the image positions of lights in a view that is posted, if it is one; ends of two strips only."""
+    """Return image positions of ends of strips in a view that is posted, if it is one."""
     said = json.loads(post or "{}")
     names = {0: "shelf_low:0", 9: "shelf_low:89", 10: "shelf_high:0"}
     return (

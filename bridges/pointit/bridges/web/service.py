@@ -5,7 +5,6 @@ import contextlib
 import functools
 import logging
 import socket
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 

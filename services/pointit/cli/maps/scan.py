@@ -14,8 +14,8 @@ from pointit.cli.maps.scan_live import live_options, scan_live
 from pointit.maps.checks.examine import examined
 from pointit.maps.file import parse_map_file
 from pointit.runtime.errors import ConfigError
-from pointit.scan.advice import next_view
 from pointit.runtime.service.shutdown import EXIT_FAILED
+from pointit.scan.advice import next_view
 from pointit.scan.as_map import map_text
 from pointit.scan.gravity import upright
 from pointit.scan.result import Scan, ScannedLamp, ScannedStrip

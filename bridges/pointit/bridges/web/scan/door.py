@@ -128,18 +128,10 @@ class ScanDoor:
                 case wire.ScanLight():
                     await session.light(said)
                     return Response(status_code=204)
-                case wire.ScanBegin():
-                    session.begin(said)
-                case wire.ScanView():
-                    session.view(said)
-                case wire.ScanUndo():
-                    session.undo()
-                case wire.ScanThing():
-                    session.thing(said)
                 case wire.ScanSave():
                     await asyncio.to_thread(session.save, said)
-                case wire.ScanLook():
-                    pass
+                case _:
+                    session.take(said)
         except ValidationError as error:
             return PlainTextResponse(f"malformed: {summarize_validation_error(error)}", 400)
         except (PointItError, SchemaError) as error:

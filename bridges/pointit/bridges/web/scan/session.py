@@ -12,10 +12,12 @@ from pointit.bridges.web.scan.code import marked_pixels, picture, steps_of
 from pointit.bridges.web.scan.wire import (
     ScanBegin,
     ScanLight,
+    ScanLook,
     ScanSave,
     ScanState,
     ScanStrip,
     ScanThing,
+    ScanUndo,
     ScanView,
 )
 from pointit.geometry.vector import Vec3
@@ -97,12 +99,26 @@ class ScanSession:
             self._counts = dict(counts)
             self._restart(ScanBegin())
 
-    def begin(self, said: ScanBegin) -> None:
-        """Forget all views, and begin.
+    def take(self, said: ScanBegin | ScanView | ScanUndo | ScanThing | ScanLook) -> None:
+        """Begin, add a view or a thing, or forget the last view.
 
         Raises:
-            RefusedError: If there are no strips, or a strip is unknown.
+            PointItError: If what is said is impossible, of other lights, or too much. One sentence.
+            KeyNameError: If a thing's name is unusable.
         """
+        match said:
+            case ScanBegin():
+                self._begin(said)
+            case ScanView():
+                self._view(said)
+            case ScanUndo():
+                self._undo()
+            case ScanThing():
+                self._thing(said)
+            case ScanLook():
+                pass
+
+    def _begin(self, said: ScanBegin) -> None:
         if max(self._counts.values(), default=0) < 2:
             raise RefusedError(
                 "the map of the site has no strips: add them with their numbers of pixels, anywhere in the "
@@ -126,12 +142,7 @@ class ScanSession:
         else:
             await self._show(picture(self._lights, said.step, said.brightness), SHOWN_S)
 
-    def view(self, said: ScanView) -> None:
-        """Add a view, and solve.
-
-        Raises:
-            RefusedError: If it is not of this scan, or there are too many.
-        """
+    def _view(self, said: ScanView) -> None:
         if len(self._views) >= MAX_VIEWS:
             raise RefusedError(f"{MAX_VIEWS} views are enough: save the map, or begin again")
         if any(index >= len(self._lights) for index, _, _ in said.seen):
@@ -145,8 +156,7 @@ class ScanSession:
         self._views.append(view)
         self._begin_to_solve()
 
-    def undo(self) -> None:
-        """Forget the last view."""
+    def _undo(self) -> None:
         if self._views:
             self._views.pop()
             self._things = {
@@ -156,13 +166,7 @@ class ScanSession:
             }
         self._begin_to_solve()
 
-    def thing(self, said: ScanThing) -> None:
-        """Add a thing, or forget that of this name if there are no corners.
-
-        Raises:
-            KeyNameError: If its name is unusable.
-            RefusedError: If its corners span none in views whose places are known.
-        """
+    def _thing(self, said: ScanThing) -> None:
         check_name(said.name)
         if not said.corners:
             self._things.pop(said.name, None)

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import RefusedError
+from pointit.scan.adjustment import Array
 from pointit.scan.as_map import pointed_text
 from pointit.scan.by_pointing import PointedAt, Survey
 from pointit.scan.result import Scan
@@ -40,23 +42,26 @@ def locate(scan: Scan, size: tuple[int, int], taps: Sequence[Tap]) -> PointedAt:
     Raises:
         RefusedError: If a tap's view has no place. One sentence.
     """
-    origins, sights = [], []
+    origins: list[Vec3] = []
+    sights: list[Array] = []
     for tap in taps:
         camera = scan.cameras[tap.view] if 0 <= tap.view < len(scan.cameras) else None
         if camera is None:
             raise RefusedError(f"the place of view {tap.view + 1} is not known: tap in another one")
         image = np.array([tap.u - size[0] / 2.0, tap.v - size[1] / 2.0]) / scan.focal_px
-        flat = image
+        flat: Array = image
         for _ in range(10):
             flat = image / (1.0 + scan.distortion * float(flat @ flat))
-        sight = camera.rotation.T @ [*flat, 1.0]
+        sight: Array = camera.rotation.T @ np.append(flat, 1.0)
         origins.append(camera.position_m)
         sights.append(sight / np.linalg.norm(sight))
-    starts, directions = np.array(origins), np.array(sights)
-    across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
+    starts: Array = np.array(origins)
+    directions: Array = np.array(sights)
+    across: Array = np.eye(3) - directions[:, :, None] * directions[:, None, :]
     sigma_rad = TAP_SIGMA * size[0] / scan.focal_px
-    distances = np.ones(len(taps))
-    point = covariance = np.zeros(3)
+    distances: Array = np.ones(len(taps))
+    point: Array = np.zeros(3)
+    covariance: Array = np.zeros((3, 3))
     for _ in range(STEPS):  # a far ray counts less
         weighted = across / (sigma_rad * distances[:, None, None]) ** 2
         covariance = np.linalg.inv(weighted.sum(axis=0) + 1e-9 * np.eye(3))

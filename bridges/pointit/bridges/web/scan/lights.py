@@ -63,10 +63,10 @@ class ScanLights:
             if self._set.get(name) != color:
                 try:
                     await self._bus.call(SET_LAMP, SetLamp(color=color), name)
+                    self._set[name] = color
                 except RefusedError as error:  # it shows the state of the site
                     log.warning("the camera cannot find lamp %s: %s", name, error)
                     self._names -= {name}
-                self._set[name] = color
         try:
             async with asyncio.timeout(PATIENCE_S):
                 while any(

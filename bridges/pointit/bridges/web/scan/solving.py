@@ -59,7 +59,10 @@ def solution_of(scan: "Scan", size: tuple[int, int]) -> Solution:
         strips=strips,
         cameras_m=tuple(camera.position_m for camera in scan.cameras if camera is not None),
         is_complete=scan.complete(),
-        advice=" ".join(f"{each[:1].upper()}{each[1:]}." for each in said),
+        advice=" ".join(
+            each if each.partition(":")[0] in lines | points else f"{each[:1].upper()}{each[1:]}"
+            for each in (f"{sentence}." for sentence in said)
+        ),
         next_m=advice.position_m if advice is not None else None,
         thing=functools.partial(_thing, scan, size),
         map_text=functools.partial(_map_text, scan, size),

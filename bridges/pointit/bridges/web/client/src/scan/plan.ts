@@ -47,7 +47,7 @@ export function drawPlan(host: SVGSVGElement, state: ScanState): void {
   for (const { name, line_m, sigma_m, pixels } of lines) {
     const at = line_m.map(place);
     const isUnsure = pixels > 0 && (sigma_m === null || sigma_m > SURE_M);
-    for (const [cx, cy] of [at[0]!, at.at(-1)!]) {
+    for (const [cx, cy] of pixels ? [at[0]!, at.at(-1)!] : []) {
       if (sigma_m !== null) parts.push(svg("circle", { class: "spread", cx, cy, r: Math.min(60, ENLARGED * scale * sigma_m) }));
     }
     parts.push(svg("polyline", { class: pixels ? isUnsure ? "strip is-unsure" : "strip" : "thing", points: at.map((each) => each.join()).join(" ") }));

@@ -15,8 +15,8 @@ from pointit.cli.common.keyboard import has_keyboard, keys
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED, say
 from pointit.cli.maps import stand
-from pointit.cli.maps.scan import write_new
 from pointit.geometry.vector import Vec3, norm, subtract
+from pointit.maps.edit.new_file import write_new
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.errors import ConfigError, NoMessageError
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown

@@ -12,6 +12,7 @@ from pointit.cli.common.output import json_option, print_json
 from pointit.cli.maps.check import print_findings
 from pointit.cli.maps.scan_live import live_options, scan_live
 from pointit.maps.checks.examine import examined
+from pointit.maps.edit.new_file import write_new
 from pointit.maps.file import parse_map_file
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.shutdown import EXIT_FAILED
@@ -160,21 +161,6 @@ def _check_live(*given: object) -> None:
     for option, value in zip(("--known", "--origin", "--heading", "--all", "--json"), given, strict=True):
         if value:
             raise ConfigError(f"{option} goes with --from only; the page has such a choice")
-
-
-def write_new(path: Path, text: str) -> None:
-    """Write `text` to a new file.
-
-    Raises:
-        ConfigError: If it exists already, or cannot be written.
-    """
-    try:
-        with path.open("x", encoding="utf-8") as opened:
-            opened.write(text)
-    except FileExistsError as error:
-        raise ConfigError(f"{path}: exists already; choose another name or move it away") from error
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be written ({error.strerror or error})") from error
 
 
 def _sentences(scan: Scan) -> list[str]:

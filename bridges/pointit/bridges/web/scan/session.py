@@ -21,6 +21,7 @@ from pointit.bridges.web.scan.wire import (
     ScanView,
 )
 from pointit.geometry.vector import Vec3
+from pointit.maps.edit.new_file import write_new
 from pointit.runtime.errors import ConfigError, PointItError, RefusedError
 from pointit.scan.views import KnownLength, LampSpec, Mark, Sighting, StripSpec, Survey, View, check_survey
 from pointit.schemas import LitPixels, Strip
@@ -193,20 +194,14 @@ class ScanSession:
         """Write the map to a new file.
 
         Raises:
-            RefusedError: If its name is unusable, the file exists, or nothing is known yet.
+            PointItError: If its name is unusable, the file exists, or nothing is known yet.
         """
         name = said.name if said.name.endswith((".yaml", ".yml")) else f"{said.name}.yaml"
         if not FILE_NAME.fullmatch(name):
             raise RefusedError(f"{said.name!r} is no name for a map: use letters, digits, - and _")
         text = self.map_text(said.origin)
         path = self._folder / name
-        try:
-            with path.open("x", encoding="utf-8") as file:
-                file.write(text)
-        except FileExistsError as error:
-            raise RefusedError(f"{name} exists already in {self._folder}: choose another name") from error
-        except OSError as error:
-            raise RefusedError(f"{path} cannot be written ({error.strerror or error})") from error
+        write_new(path, text)
         self._saved = str(path)
         log.info("the scanned map is in %s: check it with `pointit map check %s`", path, path)
 

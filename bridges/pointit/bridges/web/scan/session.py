@@ -275,7 +275,7 @@ class ScanSession:
         if self._begun.known_strip and self._begun.known_m is not None:
             name = self._begun.known_strip
             known = KnownLength(Mark(name, 0), Mark(name, self._counts[name] - 1), self._begun.known_m)
-        lamps = tuple(LampSpec(name) for name, pixel in self._lights if self._counts[name] == 1)
+        lamps = tuple(LampSpec(name) for name, _ in self._lights if self._counts[name] == 1)
         return Survey(strips, lamps, views, known)
 
     def _begin_to_solve(self) -> None:

@@ -153,6 +153,13 @@ def test_gravity_of_the_opposite_sign_is_said_and_the_room_stands_upright() -> N
     assert lines["shelf_high"][0][2] > lines["shelf_low"][0][2] + 0.5
 
 
+def test_a_room_without_gravity_says_how_it_was_levelled() -> None:
+    seen = survey(3)
+    views = tuple(replace(view, gravity=None) for view in seen.views)
+    solution = solution_of(solve_survey(replace(seen, views=views)), (WIDTH, HEIGHT))
+    assert "No view tells where down is" in solution.advice
+
+
 async def test_a_process_of_its_own_solves_and_says_what_hinders() -> None:
     solver = SolverProcess()
     try:

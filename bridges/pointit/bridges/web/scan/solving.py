@@ -53,6 +53,8 @@ def solution_of(scan: "Scan", size: tuple[int, int]) -> Solution:
     )
     advice = next_view(scan)
     said = [each for each in scan.problems if not each.startswith(tuple(map(repr, scan.missing)))]
+    if scan.level_from != "gravity":
+        said.append("no view tells where down is, so that most strips are taken as level or upright")
     if advice is not None:  # says of what is missing where to stand
         said.append(advice.text)
     return Solution(

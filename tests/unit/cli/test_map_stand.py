@@ -21,7 +21,7 @@ STOOD: Vec3 = (0.3, -0.5, -0.4)
 EYES: Vec3 = (0.0, 0.0, 1.6)
 YAW_RAD = 0.7
 ROOM = """\
-# The origin is at the height of the lowest light, below the first LED of shelf.
+# Origin of the scan: at the height of the lowest light, below the first LED of shelf.
 # A room scanned from 3 photographs.
 lamps:
   "door": {position: [-1.4, 1.6, 0.1]}  # within 2 mm (1 sigma)

@@ -23,7 +23,7 @@ FLOOR_SIGMA_M = 1.0
 """Standard deviation of a floor's height that is not known: the person's eye height finds it."""
 POINTS = {"lamps": "position", "strips": "line", "boxes": "center", "planes": "center"}
 """Key of the point or points of each section that can be placed."""
-OLD_NOTE = re.compile(r"^# (The origin is|Placed: ).*\n", re.MULTILINE)
+OLD_NOTE = re.compile(r"^# (Origin of the scan|Placed): .*\n", re.MULTILINE)
 
 
 def read(path: Path) -> tuple[bytes, Environment]:

@@ -109,7 +109,8 @@ def _map_text(scan: "Scan", size: tuple[int, int], origin: str, things: Sequence
     placed = scan.placed((x_m, y_m, 0.0), 0.0 if is_upright else math.atan2(across_m, along_m))
     x_axis = "" if is_upright else ", x points towards its last LED"
     return (
-        f"# The origin is at the height of the lowest light, below the first LED of {base.name}{x_axis}.\n"
+        "# Origin of the scan: at the height of the lowest light, "
+        f"below the first LED of {base.name}{x_axis}.\n"
         + map_text(placed)
         + tapped_text({thing.name: (thing.shape, _corners(placed, size, thing)) for thing in things})
     )

@@ -45,7 +45,7 @@ class Page {
 
   constructor() {
     const taps: Record<string, () => Promise<void>> = {
-      start: () => this.start(), take: () => this.take(), walk: () => this.walk(),
+      start: () => this.start(), take: () => this.take(),
       undo: () => this.undo(), again: () => this.begin(),
     };
     for (const [id, deed] of Object.entries(taps)) button(id).addEventListener("click", () => void this.attempt(deed));
@@ -107,7 +107,6 @@ class Page {
     this.wake.want(true);
     part("before").hidden = true;
     part("running").hidden = false;
-    button("walk").hidden = !this.simulated;
     const before = await ask({ kind: "look" });
     if (before.views) this.show(before); // the page was loaded again
     else await this.begin();
@@ -172,10 +171,6 @@ class Page {
     if (this.simulated) return this.simulated.gravity;
     if (!this.held || !this.sensing || !this.camera?.looksAhead) return null;
     return gravity(this.held, screen.orientation.angle);
-  }
-
-  private async walk(): Promise<void> {
-    this.simulated?.walk();
   }
 
   private async follow(): Promise<void> {

@@ -137,8 +137,8 @@ async def test_from_the_button_to_a_map_whose_cursor_is_at_the_true_place(
     assert "5 strips with 413 pixels, 2 lamps, 1 plane" in checked.out
     found = load_map(str(file), 0)
     assert found.planes[0].size_m == pytest.approx((1.48, 0.8), abs=0.06)
-    reading, corner = (lamp.position_m for lamp in found.lamps)
-    assert math.dist(reading, corner) == pytest.approx(math.dist((-0.4, 1.2, 1.1), (1.2, 1.9, 1.9)), abs=0.03)
+    apart_m = math.dist(*(lamp.position_m for lamp in found.lamps))
+    assert apart_m == pytest.approx(math.dist((-0.4, 1.2, 1.1), (1.2, 1.9, 1.9)), abs=0.03)
     true_places = seen_from_origin(load_map(str(ROOM), 0).strips)
     async with room(map=str(file), surfaces=("strip",)) as here:
         await here.pose(pose=pose_at((0.4, -2.5, 0.0), 1.5))

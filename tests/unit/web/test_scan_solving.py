@@ -14,7 +14,7 @@ from pointit.bridges.web.scan.simulated_room import SimulatedRoom
 from pointit.bridges.web.scan.solver_process import SolverProcess
 from pointit.bridges.web.scan.solving import solution_of, solve_survey
 from pointit.bridges.web.scan.wire import ScanThing
-from pointit.geometry.vector import Vec3
+from pointit.geometry.vector import Vec3, scale
 from pointit.maps.file import load_map
 from pointit.runtime.errors import ConfigError, PointItError, RefusedError
 from pointit.scan.views import LampSpec, Sighting, StripSpec, Survey, View
@@ -146,7 +146,7 @@ def test_taps_that_give_no_thing_are_refused(solution: Solution, thing: ScanThin
 
 def test_gravity_of_the_opposite_sign_is_said_and_the_room_stands_upright() -> None:
     flipped = survey(3)
-    views = [replace(view, gravity=tuple(-value for value in view.gravity or ())) for view in flipped.views]
+    views = [replace(view, gravity=view.gravity and scale(view.gravity, -1.0)) for view in flipped.views]
     solution = solution_of(solve_survey(replace(flipped, views=tuple(views))), (WIDTH, HEIGHT))
     assert solution.advice.startswith("Gravity points up in the pictures")
     lines = {strip.name: strip.line_m for strip in solution.strips}

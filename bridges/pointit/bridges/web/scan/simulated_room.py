@@ -29,7 +29,7 @@ class SimulatedRoom:
             ConfigError: If it cannot be read.
         """
         room = load_map(name_or_path, 0)
-        lights = {lamp.id: (lamp.position_m,) for lamp in room.lamps}
+        lights: dict[str, tuple[Vec3, ...]] = {lamp.id: (lamp.position_m,) for lamp in room.lamps}
         lights |= {strip.id: pixel_places(strip) for strip in room.strips}
         places = lights.values()
         all_m = np.array([place for each in places for place in each])

@@ -13,7 +13,7 @@ from pointit.scan.views import Survey
 
 if TYPE_CHECKING:
     from pointit.scan.by_pointing import PointedAt
-    from pointit.scan.result import Scan
+    from pointit.scan.result import Scan, ScannedLamp, ScannedStrip
 
 UPRIGHT_M = 0.1
 """Level distance of a strip's ends below which it gives no heading, m."""
@@ -41,6 +41,7 @@ def solution_of(scan: "Scan", size: tuple[int, int]) -> Solution:
 
     lines = {name: (strip.count, strip.line_m) for name, strip in scan.strips.items()}
     points = {name: (1, (lamp.position_m,)) for name, lamp in scan.lamps.items()}
+    found: list[ScannedStrip | ScannedLamp] = [*scan.strips.values(), *scan.lamps.values()]
     strips = tuple(
         ScanStrip(
             name=each.name,
@@ -49,7 +50,7 @@ def solution_of(scan: "Scan", size: tuple[int, int]) -> Solution:
             sigma_m=each.sigma_m if math.isfinite(each.sigma_m) else None,
             reason=each.reason,
         )
-        for each in (*scan.strips.values(), *scan.lamps.values())
+        for each in found
     )
     advice = next_view(scan)
     said = [each for each in scan.problems if not each.startswith(tuple(map(repr, scan.missing)))]

@@ -73,7 +73,11 @@ class Bench:
             raise self.fault
         strips = (ScanStrip(name="shelf", pixels=20, line_m=LINE, sigma_m=0.004),)
         return Solution(
-            strips=strips, is_complete=True, advice="enough", map_text=lambda origin, _things: f"# {origin}\n"
+            thing=lambda said: ScanStrip(name=said.name, pixels=0, line_m=LINE, seen=2),
+            strips=strips,
+            is_complete=True,
+            advice="enough",
+            map_text=lambda origin, things: f"# {origin}\n" * (1 + len(things)),
         )
 
     async def _no_page(self, _socket: WebSocket, _role: Role) -> None:
@@ -200,6 +204,36 @@ async def test_one_view_that_is_left_determines_nothing(bench: Bench, phone: htt
     await said(phone, kind="undo")
     state = await solved(bench, phone)
     assert (state["views"], state["is_complete"], state["strips"][0]["line_m"]) == (1, False, [])
+
+
+async def test_lamps_blink_unless_the_person_leaves_them_out(bench: Bench, phone: httpx.AsyncClient) -> None:
+    bench.session.set_strips({"shelf": 20, "door": 1})
+    assert (await said(phone, kind="begin"))["lights"][-1] == ["door", 0]
+    for _ in range(2):
+        await said(phone, **VIEW)
+    await solved(bench, phone)
+    assert [lamp.name for lamp in bench.solved[0].lamps] == ["door"]
+    assert [strip.name for strip in bench.solved[0].strips] == ["shelf"]
+    state = await said(phone, kind="begin", has_lamps=False)
+    assert {name for name, _ in state["lights"]} == {strip["name"] for strip in state["strips"]} == {"shelf"}
+    bench.session.set_strips({"door": 1})
+    assert "has no strips" in await said(phone, 409, kind="begin")
+
+
+async def test_things_are_tapped_kept_and_forgotten(bench: Bench, phone: httpx.AsyncClient) -> None:
+    await said(phone, kind="begin")
+    thing: dict[str, Any] = {"kind": "thing", "name": "crate", "corners": [[[0, 1, 1], [2, 1, 1]]] * 4}
+    assert "nothing is known yet" in await said(phone, 409, **thing)
+    for _ in range(3):
+        await said(phone, **VIEW)
+    await solved(bench, phone)
+    assert (await said(phone, **thing))["strips"][-1]["name"] == "crate"
+    assert (await phone.get("/scan/map.yaml?origin=desk")).text == "# desk\n# desk\n"
+    assert "leading" in await said(phone, 409, **thing | {"name": "-"})
+    assert "crate" not in str((await said(phone, **thing | {"corners": []}))["strips"])
+    await said(phone, **thing)
+    await said(phone, kind="undo")
+    assert "crate" not in str((await solved(bench, phone))["strips"]), "one of its views is gone"
 
 
 @pytest.mark.parametrize(

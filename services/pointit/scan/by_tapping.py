@@ -64,8 +64,9 @@ def locate(scan: Scan, size: tuple[int, int], taps: Sequence[Tap]) -> PointedAt:
     covariance: Array = np.zeros((3, 3))
     for _ in range(STEPS):  # a far ray counts less
         weighted = across / (sigma_rad * distances[:, None, None]) ** 2
-        covariance = np.linalg.inv(weighted.sum(axis=0) + 1e-9 * np.eye(3))
-        point = covariance @ np.einsum("nij,nj->i", weighted, starts)
+        information = weighted.sum(axis=0) + 1e-9 * np.eye(3)
+        covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
+        point = np.asarray(covariance @ np.einsum("nij,nj->i", weighted, starts), dtype=np.float64)
         distances = np.maximum(np.linalg.norm(point - starts, axis=1), 0.1)
     misses = np.linalg.norm(np.einsum("nij,nj->ni", across, point - starts), axis=1) / distances
     residual_rad = float(np.sqrt(np.mean(misses**2)))

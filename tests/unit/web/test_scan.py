@@ -36,6 +36,9 @@ VIEW: dict[str, Any] = {
 }
 
 
+NO_CORNERS: dict[str, Any] = {"corners": []}
+
+
 class Bench:
     def __init__(self, folder: Path) -> None:
         (folder / "scan.html").write_text("<!doctype html><title>scan</title>")
@@ -229,8 +232,8 @@ async def test_things_are_tapped_kept_and_forgotten(bench: Bench, phone: httpx.A
     await solved(bench, phone)
     assert (await said(phone, **thing))["strips"][-1]["name"] == "crate"
     assert (await phone.get("/scan/map.yaml?origin=desk")).text == "# desk\n# desk\n"
-    assert "leading" in await said(phone, 409, **thing | {"name": "-"})
-    assert "crate" not in str((await said(phone, **thing | {"corners": []}))["strips"])
+    assert "leading" in await said(phone, 409, **(thing | {"name": "-"}))
+    assert "crate" not in str((await said(phone, **(thing | NO_CORNERS)))["strips"])
     await said(phone, **thing)
     await said(phone, kind="undo")
     assert "crate" not in str((await solved(bench, phone))["strips"]), "one of its views is gone"

@@ -67,7 +67,7 @@ def locate(scan: Scan, size: tuple[int, int], taps: Sequence[Tap]) -> PointedAt:
         information = weighted.sum(axis=0) + 1e-9 * np.eye(3)
         covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
         point = np.asarray(covariance @ np.einsum("nij,nj->i", weighted, starts), dtype=np.float64)
-        distances = np.maximum(np.linalg.norm(point - starts, axis=1), 0.1)
+        distances = np.maximum(np.sqrt(np.sum((point - starts) ** 2, axis=1)), 0.1)
     misses = np.linalg.norm(np.einsum("nij,nj->ni", across, point - starts), axis=1) / distances
     residual_rad = float(np.sqrt(np.mean(misses**2)))
     sigma_m = float(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))

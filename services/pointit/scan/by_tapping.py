@@ -68,8 +68,8 @@ def locate(scan: Scan, size: tuple[int, int], taps: Sequence[Tap]) -> PointedAt:
         covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
         point = np.asarray(covariance @ np.einsum("nij,nj->i", weighted, starts), dtype=np.float64)
         distances = np.maximum(np.sqrt(np.sum((point - starts) ** 2, axis=1)), 0.1)
-    off = np.asarray(np.einsum("nij,nj->ni", across, point - starts), dtype=np.float64)
-    misses = np.linalg.norm(off, axis=1) / distances
+    off: Array = np.einsum("nij,nj->ni", across, point - starts)
+    misses: Array = np.sqrt(np.sum(off**2, axis=1)) / distances
     residual_rad = float(np.sqrt(np.mean(misses**2)))
     sigma_m = float(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))
     reason = ""

@@ -22,6 +22,8 @@ _SWITCH = {"turn", "switch"}
 _SMALL = {"on", "off", "the", "is", "one", "robot"}
 YES = {"yes", "yeah", "right", "okay"}
 NO = {"no", "wrong", "neither"}
+RESERVED = frozenset({*_VERBS, *_DEICTIC, *_SWITCH, *_SMALL, *YES, *NO})
+"""Words of all rooms, which no thing's verb may be."""
 PLACES: frozenset[Deictic] = frozenset(("here", "there"))
 DIGITS = ["zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine"]
 MOST_NAMES = 200

@@ -99,10 +99,11 @@ class Interpreter:
             return
         self._count += 1
         self._changed.set()
-        if (said := answer(speech.words)) is not None and self._question.answer(said):
-            return
         command = parse(speech.words, self.vocabulary)
-        if command is not None and command.verb == "stop":
+        is_stop = command is not None and command.verb == "stop"  # also in "no, stop", and "stop right there"
+        if not is_stop and (said := answer(speech.words)) is not None and self._question.answer(said):
+            return
+        if is_stop:
             self._question.answer("no")
             stopping = asyncio.get_running_loop().create_task(self._follow(speech))  # it waits for nothing
             self._stopping.add(stopping)
@@ -125,7 +126,8 @@ class Interpreter:
             return
         found: list[Referent] = []
         try:
-            self._check_age(speech)
+            if command.verb != "stop":
+                self._check_age(speech)
             await self._settle(command)
             for mention in command.mentions:
                 found.append(await self._resolve(speech, command, mention, found))
@@ -160,7 +162,7 @@ class Interpreter:
         reply = await self._bus.call(FIND_REFERENTS, query, self._user)
         is_place = mention is command.to and mention.word in PLACES
         verb = self._verbs[command.verb]
-        things = self._room.switches if command.verb in ("on", "off") else verb.things
+        things = self._room.switches if command.verb in ("on", "off") else verb.things or None
         decision = decide(reply, ("place",)) if is_place else decide(reply, verb.kinds, things)
         if decision.do == "act":
             return decision.candidates[0]

@@ -38,7 +38,8 @@ class Loudspeaker:
             return
         if self._saying is not None:
             self._saying.cancel()
-        self._from_ns, self._until_ns = self._clock.now_ns(), 2**62
+        if self._until_ns < 2**62:  # else it goes on speaking
+            self._from_ns, self._until_ns = self._clock.now_ns(), 2**62
         self._saying = asyncio.get_running_loop().create_task(self._run(text[:LONGEST]))
 
     def is_echo(self, speech: Speech) -> bool:
@@ -63,4 +64,5 @@ class Loudspeaker:
             if process.returncode is None:
                 process.kill()
                 await process.wait()
-            self._until_ns = self._clock.now_ns()
+            if self._saying is asyncio.current_task():  # no newer sentence is said
+                self._until_ns = self._clock.now_ns()

@@ -1,5 +1,6 @@
 """Verbs: what they take, and what they do, with the checks that pointing has."""
 
+import asyncio
 from collections.abc import Awaitable, Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -93,8 +94,11 @@ async def _stop(site: Site, _command: Command, found: Sequence[Referent]) -> str
     robots = [one.name for one in found] or site.room.robots_of(site.user) or sorted(site.room.robots)
     if not robots:
         raise RefusedError("there is no robot to stop")
-    for robot in robots:
-        await site.bus.call(STOP_ROBOT, StopRobot(reason=f"{site.user} said stop"), robot)
+    query = StopRobot(reason=f"{site.user} said stop")
+    calls = (site.bus.call(STOP_ROBOT, query, robot) for robot in robots)
+    for done in await asyncio.gather(*calls, return_exceptions=True):  # a refusal leaves no other one driving
+        if isinstance(done, BaseException):
+            raise done
     return f"{', '.join(robots)} stopped"
 
 

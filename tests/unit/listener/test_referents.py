@@ -45,6 +45,7 @@ def test_this_is_nearer_than_that_when_both_are_possible() -> None:
     this, that = (referents(rays, (near, far), Spoken(at_ns=at_ns(1.0), word=w)) for w in ("this", "that"))
     assert (names(this)[0], names(that)[0]) == ("near", "far")
     assert decide(this).do == "ask", "a preference is no certainty"
+    assert decide(this, names=()).do == "refuse", "where nothing has that verb, nothing is meant"
 
 
 def test_here_is_the_place_of_the_speaker_and_there_a_place_on_the_floor() -> None:

@@ -235,13 +235,14 @@ async def test_what_is_unclear_or_without_rays_is_refused_with_the_reason() -> N
         assert (await here.result(4)).text == "take that", "what is no command is not published"
 
 
+@pytest.mark.parametrize("text", ["stop", "no stop", "stop right there"])
 @in_virtual_time
-async def test_stop_stops_at_once_whatever_is_being_asked() -> None:
+async def test_stop_stops_at_once_whatever_is_being_asked_and_however_late_it_is(text: str) -> None:
     async with room() as here:
         here.found = {"that": either("radio", HOSTILE)}
         here.say("take that")
         await here.result()
-        here.say("stop")
+        here.say(text, ago_s=60.0)
         stopped = await here.result(2)
         assert (stopped.command, stopped.result) == ("stop", "done")
         assert [name for name, _ in here.queries(StopRobot)] == ["rover"]
@@ -337,7 +338,8 @@ async def test_a_verb_is_of_its_things_alone_and_what_wants_a_press_is_not_fired
 
 
 @pytest.mark.parametrize(
-    "text", ["heat", "heat the kettle=true", "heat2 kettle=true", "heat kettle=no-such-program"]
+    "text",
+    ["heat", "heat the kettle=true", "heat2 kettle=true", "heat kettle=no-such-program", "stop kettle=true"],
 )
 def test_a_verb_that_cannot_be_used_is_refused(text: str) -> None:
     with pytest.raises(ConfigError):

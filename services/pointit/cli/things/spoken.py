@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pointit.cli.things.reactions import Reaction, Target
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.schemas import Referent
-from pointit.speech.grammar import spoken
+from pointit.speech.grammar import RESERVED, spoken
 from pointit.speech.verbs import Site, Verb, own
 
 
@@ -24,6 +24,8 @@ def own_verbs(texts: Sequence[str]) -> dict[str, Verb]:
                 f"--verb {text!r}: write 'VERB THING=PROGRAM', such as 'heat kettle=./heat.sh {{user}}'"
             )
         verb, thing = words
+        if verb in RESERVED:
+            raise ConfigError(f"--verb {text!r}: {verb!r} has a meaning in all rooms; choose another word")
         verbs[verb][thing] = Reaction.parse(text).target if "=" in text else None
     return {verb: own(targets.keys(), _Reactions(targets)) for verb, targets in verbs.items()}
 

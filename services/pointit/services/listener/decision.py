@@ -21,14 +21,14 @@ class Decision(NamedTuple):
     """The referent, or those to ask about, the most probable first. Empty if refused."""
 
 
-def decide(found: Referents, kinds: Sequence[str] = (), names: Collection[str] = ()) -> Decision:
-    """Return the next step for a word with these referents. Only `kinds` and `names` fit, or any if empty.
+def decide(found: Referents, kinds: Sequence[str] = (), names: Collection[str] | None = None) -> Decision:
+    """Return the next step for a word with these referents.
 
-    Candidates that do not fit are excluded by what was said, and the others become more probable, but not
+    Only `kinds` fit, or any if empty, and only `names`, or any if None. Candidates that do not fit are excluded by what was said, and the others become more probable, but not
     more than they are beside `none`.
     """
     kept = [one for one in found.candidates if not kinds or one.kind in kinds]
-    fitting = [one for one in kept if not names or one.name in names]
+    fitting = [one for one in kept if names is None or one.name in names]
     total = found.none + sum(one.probability for one in fitting)
     if not fitting or total <= 0.0:
         return Decision("refuse", ())

@@ -38,7 +38,11 @@ def check_folder(folder: Path) -> list[Finding]:
     begun: dict[str, list[Row]] = {}
     for path in sorted(folder.glob(f"*/{TRIALS}")):
         name = path.parent.name
-        begun[name] = read_table(path)
+        try:
+            begun[name] = read_table(path)
+        except ConfigError as error:
+            findings.append(Finding("error", name, str(error)))
+            continue
         if name not in study.people:
             findings.append(Finding("error", name, "does not take part in the study; remove the folder"))
         else:
@@ -74,7 +78,7 @@ def _of_one(study: Study, name: str, folder: Path, rows: list[Row]) -> Iterator[
     by_number = {trial.number: trial for trial in plan.trials}
     for row in rows:
         trial = by_number.get(int(row["trial"]))
-        if trial is None or any(row[factor] != level for factor, level in trial.cell.items()):
+        if trial is None or any(row.get(factor) != level for factor, level in trial.cell.items()):
             yield Finding("error", name, f"trial {row['trial']} is not that of the plan")
     if twice := [key for key, n in Counter((row["trial"], row["attempt"]) for row in rows).items() if n > 1]:
         yield Finding("error", name, f"attempt {twice[0][1]} at trial {twice[0][0]} is there twice")

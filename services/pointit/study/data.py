@@ -2,6 +2,7 @@
 
 import contextlib
 import csv
+import datetime as dt
 import io
 import os
 from collections.abc import Mapping, Sequence
@@ -141,9 +142,23 @@ def read_about(folder: Path) -> dict[str, Any]:
 
 
 def read_table(path: Path) -> list[Row]:
-    """Return the whole rows of a table."""
-    with path.open(encoding="utf-8", newline="") as file:
-        return [row for row in csv.DictReader(file) if None not in row.values()]
+    """Return the whole rows of a table.
+
+    Raises:
+        ConfigError: If it is damaged.
+    """
+    with path.open(encoding="utf-8", newline="", errors="replace") as file:
+        rows = [row for row in csv.DictReader(file) if None not in row.values()]
+    for line, row in enumerate(rows, 2):
+        try:
+            for name in ("trial", "attempt", "selection_s"):
+                float(row.get(name) or 0.0)
+            dt.datetime.fromisoformat(row.get("began_utc") or "2000-01-01")
+        except ValueError as error:
+            raise ConfigError(
+                f"{path}:{line}: is damaged ({error}); correct it, or move the folder away"
+            ) from error
+    return rows
 
 
 def counts(row: Row) -> bool:

@@ -75,7 +75,8 @@ class Room:
     def is_live(self, settings: Mapping[str, Value]) -> bool:
         """Return True if `settings` can be used without a new start."""
         changed = {n for n in self._settings | dict(settings) if self._settings.get(n) != settings.get(n)}
-        return changed <= LIVE and changed <= settings.keys()
+        dwell = DWELL.get(str(settings.get("selector.method")), "")  # that of another method is not sent
+        return changed <= LIVE & settings.keys() and changed & set(DWELL.values()) <= {dwell}
 
     async def use(self, settings: Mapping[str, Value]) -> None:
         """Change the live parameters to those of `settings`."""

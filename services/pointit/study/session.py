@@ -92,7 +92,7 @@ class Session:
         if not self._about:
             self._put(
                 pseudonym=self._participant,
-                simulated=bool(self._setup.person),
+                simulated=bool(self._setup.person) or not self._setup.imu,
                 group=self._plan.group,
                 seed=self._study.seed,
                 order=list(self._plan.order),
@@ -153,8 +153,8 @@ class Session:
         self._table.append({**self._row(trial), "target": scene.name, **attempt.columns()})
         self._progress.end(is_done=not attempt.reason.startswith(REPEATED))
         self._note(trial, attempt)
-        if stop is not None:
-            await self._obey(stop, trial)
+        if stop is not None and (following := self._progress.current) is not None:
+            await self._obey(stop, following)
 
     async def _attempt(
         self, trial: Trial, scene: Scene, before_m: Vec3 | None

@@ -28,6 +28,14 @@ def test_row_that_a_crash_has_cut_off_is_removed_at_each_byte(tmp_path: Path) ->
         assert table.path.read_bytes() == content
 
 
+@pytest.mark.parametrize("row", ["x,,", "1,1,soon", "1,\xff,"])
+def test_damaged_row_is_said_with_its_line(tmp_path: Path, row: str) -> None:
+    path = tmp_path / "t.csv"
+    path.write_bytes(b"trial,attempt,selection_s\n1,1,2.0\n" + row.encode("latin-1") + b"\n")
+    with pytest.raises(ConfigError, match=r"t\.csv:3: is damaged"):
+        read_table(path)
+
+
 def test_full_disk_is_said_and_the_rows_before_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     table = Table(tmp_path / "t.csv", COLUMNS)
     table.append({"trial": 1})

@@ -1,6 +1,7 @@
 """The terminal asks until it has an answer, and keys become commands of the experimenter."""
 
 import asyncio
+from dataclasses import replace
 
 import pytest
 
@@ -36,6 +37,13 @@ async def test_keys_are_commands_and_a_skip_pauses_until_its_reason_is_typed(
     assert "P01  trial 3, 9 left  hold  pointing" in capsys.readouterr().out
 
 
+async def test_skip_during_a_pause_does_not_end_the_pause() -> None:
+    view = TerminalView()
+    view.status(replace(STATUS, state="paused"))
+    view.on_bytes(b"sslipped\n")
+    assert [view.command() for _ in range(2)] == [Command("skip", "slipped"), None]
+
+
 async def test_participant_is_asked_until_the_answer_is_one() -> None:
     view = TerminalView()
     scale = Scale(name="own", items=("Easy?", "Fast?"), points=(1, 5))
@@ -43,6 +51,11 @@ async def test_participant_is_asked_until_the_answer_is_one() -> None:
         asked = group.create_task(view.ask(scale))
         await typed(view, "9\n", "yes\n", "4\n", "1\n")
     assert asked.result() == [4, 1]
+    differential = Scale(name="own", items=("Mood?",), points=(-4, 4), step=2)
+    async with asyncio.TaskGroup() as group:
+        asked = group.create_task(view.ask(differential))
+        await typed(view, "3\n", "-2\n")
+    assert asked.result() == [-2]
     for answer, agrees in (("n\n", False), ("y\n", True)):
         async with asyncio.TaskGroup() as group:
             told = group.create_task(view.tell("Do you agree?", go="agree"))

@@ -1,7 +1,6 @@
 """A study in the terminal: texts and questions to the participant; a line and keys for the experimenter."""
 
 import asyncio
-import sys
 from collections import deque
 
 import click
@@ -24,6 +23,7 @@ class TerminalView:
         self._entered = asyncio.Event()
         self._asks_reason = False
         self._shown = ""
+        self._is_paused = False
 
     def on_bytes(self, data: bytes) -> None:
         """Process pressed keys."""
@@ -46,15 +46,16 @@ class TerminalView:
         answers: list[int] = []
         for item in scale.items:
             asks = f"{item}\n{low} = {scale.ends[0]}, {high} = {scale.ends[1]}: "
-            while not (
-                (answer := (await self._read(asks)).strip()).isdecimal() and low <= int(answer) <= high
-            ):
-                click.echo(f"write a whole number from {low} to {high}")
-            answers.append(int(answer))
+            values = {str(value): value for value in range(low, high + 1, scale.step)}
+            while (answer := (await self._read(asks)).strip()) not in values:
+                steps = f" in steps of {scale.step}" if scale.step != 1 else ""
+                click.echo(f"write a whole number from {low} to {high}{steps}")
+            answers.append(values[answer])
         return answers
 
     def status(self, status: Status) -> None:
         """Show where the study stands, in one line."""
+        self._is_paused = status.state == "paused"
         if self._typed is not None:
             return
         target = f" at {status.target}" if status.target else ""
@@ -73,7 +74,8 @@ class TerminalView:
     def _on_key(self, key: str) -> None:
         if self._typed is None:
             if key == "s":
-                self._commands.append(Command("pause"))  # the trial does not go on while the reason is typed
+                if not self._is_paused:  # the trial does not go on while the reason is typed
+                    self._commands.append(Command("pause"))
                 self._typed, self._asks_reason = "", True
                 self._write("\r\x1b[Kskip this trial; why? ")
             elif key in KEYS:
@@ -102,4 +104,3 @@ class TerminalView:
 
     def _write(self, text: str) -> None:
         click.echo(text, nl=False)
-        sys.stdout.flush()

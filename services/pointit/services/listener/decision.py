@@ -24,8 +24,8 @@ class Decision(NamedTuple):
 def decide(found: Referents, kinds: Sequence[str] = (), names: Collection[str] | None = None) -> Decision:
     """Return the next step for a word with these referents.
 
-    Only `kinds` fit, or any if empty, and only `names`, or any if None. Candidates that do not fit are excluded by what was said, and the others become more probable, but not
-    more than they are beside `none`.
+    Only `kinds` fit, or any if empty, and only `names`, or any if None. Candidates that do not fit are
+    excluded by what was said, and the others become more probable, but not more than they are beside `none`.
     """
     kept = [one for one in found.candidates if not kinds or one.kind in kinds]
     fitting = [one for one in kept if names is None or one.name in names]

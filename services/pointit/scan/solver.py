@@ -32,7 +32,8 @@ def solve(
     """Return the room that the views show.
 
     The first view with gravity levels the room; without any, most strips are taken as level or upright.
-    Lengths come from `known_length`, or else from the strips' pitch.
+    Lengths come from `known_length`, or else from the strips' pitch. `Scan.lamps` has the positions and sigmas
+    of the lamps.
 
     Raises:
         ConfigError: If names, numbers or limits are wrong.

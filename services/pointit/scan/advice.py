@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pointit.geometry.vector import Vec3
-from pointit.scan.adjustment import Array
+from pointit.scan.bundle import Array
 from pointit.scan.result import COMPLETE_M, Camera, Scan, ScannedLamp, ScannedStrip
 
 STEP_M = 1.0

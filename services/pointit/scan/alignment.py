@@ -5,7 +5,9 @@ from itertools import combinations
 
 import numpy as np
 
-from pointit.scan.adjustment import DOWN, GRAVITY_SIGMA, Array, skew, turned
+from scipy.spatial.transform import Rotation
+
+from pointit.scan.bundle import DOWN, GRAVITY_SIGMA, Array
 
 MAX_PAIRS = 300
 COARSE = 0.05
@@ -107,21 +109,21 @@ def _refined(shared: Shared, rotations: Array, translations: Array) -> tuple[Arr
             np.concatenate([np.broadcast_to(np.eye(2), (*flat.shape, 2)), -flat[..., None]], axis=3)
             * (focal_px * weights / depth)[..., None]
         )
-        cross = skew(seen.reshape(-1, 3)).reshape(*seen.shape, 3)
-        jacobian = np.concatenate([-by_camera @ cross, by_camera], axis=3)
+        jacobian = np.concatenate([np.cross(seen[:, :, None], by_camera), by_camera], axis=3)
         jacobian = jacobian.reshape(len(rotations), -1, 6)
         residuals = (errors * weights).reshape(len(rotations), -1)
         normal = jacobian.transpose(0, 2, 1) @ jacobian
         gradient = np.einsum("hri,hr->hi", jacobian, residuals)
         if down is not None:
             sunk = rotations @ DOWN
-            tilts = -skew(sunk) / GRAVITY_SIGMA
+            tilts = np.cross(sunk[:, None], np.eye(3)) / GRAVITY_SIGMA
             normal[:, :3, :3] += tilts.transpose(0, 2, 1) @ tilts
             gradient[:, :3] += np.einsum("hij,hi->hj", tilts, (sunk - down) / GRAVITY_SIGMA)
         normal += np.eye(6) * (1e-3 * np.einsum("hii->hi", normal)[:, None] + 1e-6)
         step = -np.asarray(np.linalg.solve(normal, gradient[..., None]), dtype=np.float64)[..., 0]
         step *= np.minimum(1.0, 0.3 / np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-9))
-        rotations, translations = turned(rotations, step[:, :3]), translations + step[:, 3:]
+        turns = np.asarray(Rotation.from_rotvec(step[:, :3]).as_matrix(), dtype=np.float64)
+        rotations, translations = turns @ rotations, translations + step[:, 3:]
     return rotations, translations
 
 

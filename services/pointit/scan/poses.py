@@ -1,7 +1,7 @@
 """First poses of views, which the adjustment refines: a pair of views, then one after another.
 
-Each straight piece of a strip is a line of its own here. Its length in pixels and its pitch give its place
-in the frame of each camera that sees it; shared lines give the motion from view to view.
+The length of a straight piece in pixels and its pitch give its place in the frame of a camera that sees it.
+Shared pieces give the motion from view to view.
 """
 
 from collections.abc import Mapping, Sequence
@@ -10,8 +10,8 @@ from itertools import combinations, compress
 
 import numpy as np
 
-from pointit.scan.adjustment import Adjustment, Array, Layout, State
 from pointit.scan.alignment import Shared, candidate_poses, upright
+from pointit.scan.bundle import Array, Bundle, State
 from pointit.scan.lines import ImageLine
 
 Piece = tuple[int, int]
@@ -23,6 +23,11 @@ FOCALS = (0.65, 0.8, 1.0)
 """Focal lengths to begin with, as shares of the image's longer side."""
 EXPECTED_FOCAL = 0.78
 PAIRS = 4
+"""Number of pairs of views to begin with."""
+STARTS = 3
+"""Number of begun pairs that are grown."""
+PITCH_SIGMA = 0.01
+"""Relative standard deviation of a strip's pitch from the one it is sold with."""
 GOOD_PX = 6.0
 MOST = 0.7
 """Share of a line's sightings in a view that are good if it is in its place."""
@@ -43,11 +48,11 @@ FLAT = 0.15
 
 @dataclass(frozen=True)
 class Placed:
-    """Views with poses, and lines with places.
+    """Views with poses, and pieces with places.
 
     Attributes:
         views: numbers of the placed views, in the order of `state`.
-        pieces: pieces, in the order of `state`, two vertices each.
+        pieces: pieces, in the order of `state`.
         good, of: number of sightings with an error of less than `GOOD_PX`, and their number in all, of the
             pieces that two or more of the views see.
         ties: pieces that tie each view to the others: most of its sightings of them are good.
@@ -69,32 +74,41 @@ class Placed:
 
 
 class FirstPoses:
-    """Places views of the same camera, beginning with the pairs that share the most lines."""
+    """Places views of the same camera, beginning with the pairs that share the most pieces."""
 
-    def __init__(self, lines: Lines, pitches_m: Mapping[int, float], downs: Array, side_px: float) -> None:
-        """Create for `lines` of strips of known pitch; `downs` views x 3, NaN if unknown."""
+    def __init__(
+        self,
+        lines: Lines,
+        bounds: Mapping[Piece, tuple[float, float]],
+        pitches_m: Mapping[int, float],
+        downs: Array,
+        side_px: float,
+    ) -> None:
+        """Create for `lines` of strips of known pitch.
+
+        `bounds` are the pixel numbers of the pieces' ends, `downs` is views x 3, NaN if unknown.
+        """
         self._lines = lines
+        self._bounds = bounds
         self._pitches_m = pitches_m
         self._downs = downs
         self._side_px = side_px
 
     def best(self) -> Placed | None:
         """Return the placement of as many views as possible, or None if no two views share enough."""
-        found: list[tuple[Placed, float]] = []
+        found: list[Placed] = []
         shared = {
             pair: set(self._lines[pair[0]]) & set(self._lines[pair[1]])
             for pair in combinations(range(len(self._lines)), 2)
         }
         pairs = sorted(shared, key=lambda pair: -sum(self._weight(pair, piece) for piece in shared[pair]))
         for base, other in pairs[:PAIRS]:
-            if shared[base, other]:
-                for focal in FOCALS:
-                    start = self._begin(base, focal * self._side_px)
-                    placed = self._add(start, other)
-                    if placed and self._is_tied(placed) and len(placed.ties[-1]) > 1:
-                        found.append((placed, placed.good - 0.5 * (placed.of - placed.good)))
+            for focal in FOCALS:
+                placed = self._add(self._begin(base, focal * self._side_px), other)
+                if placed and len(placed.ties[-1]) > 1:
+                    found.append(placed)
         best: Placed | None = None
-        for placed, _ in sorted(found, key=lambda each: -each[1])[:3]:
+        for placed in sorted(found, key=lambda each: 0.5 * each.of - 1.5 * each.good)[:STARTS]:
             grown = self._grown(placed)
             if best is None or (len(grown.views), grown.good) > (len(best.views), best.good):
                 best = grown
@@ -108,126 +122,96 @@ class FirstPoses:
     def _begin(self, base: int, focal_px: float) -> Placed:
         down = self._downs[base]
         rotation = upright(-down).T if np.isfinite(down[0]) else np.eye(3)
-        state = State(float(np.log(focal_px)), 0.0, rotation[None], np.zeros((1, 3)), *_NOTHING)
-        return self._with_lines(Placed([base], [], state))
+        state = State(float(np.log(focal_px)), 0.0, rotation[None], np.zeros((1, 3)), np.zeros((0, 2, 3)))
+        return self._with_pieces(Placed([base], [], state))
 
-    def _with_lines(self, placed: Placed) -> Placed:
-        """Return `placed` with all lines that a placed view sees, each by the view that sees it largest."""
-        focal = float(np.exp(placed.state.log_focal))
-        pieces, vertices, knots = list(placed.pieces), list(placed.state.vertices), list(placed.state.knots)
-        seen: dict[Piece, tuple[float, int]] = {}
-        for index, view in enumerate(placed.views):
-            for piece, line in self._lines[view].items():
-                if piece not in pieces:
-                    seen[piece] = max(seen.get(piece, (0.0, 0)), (line.extent_px, index))
-        for piece, (_, index) in seen.items():
-            line = self._lines[placed.views[index]][piece]
-            start, step = line.in_camera(focal, self._pitches_m[piece[0]])
-            ends = np.array([line.pixels.min(), line.pixels.max()])
-            points = start + ends[:, None] * step - placed.state.translations[index]
-            vertices += list(points @ placed.state.rotations[index])
-            knots += list(ends)
+    def _with_pieces(self, placed: Placed) -> Placed:
+        """Return `placed` with all pieces that a placed view sees, each by the view that sees it largest."""
+        state, pieces, ends = placed.state, list(placed.pieces), list(placed.state.ends)
+        views = [self._lines[view] for view in placed.views]
+        for piece in sorted(set[Piece]().union(*views) - set(pieces)):
+            having = [index for index, lines in enumerate(views) if piece in lines]
+            index = max(having, key=lambda index: views[index][piece].extent_px)
+            there = self._in_camera(state, views[index][piece], piece, np.array(self._bounds[piece]))
+            ends.append((there - state.translations[index]) @ state.rotations[index])
             pieces.append(piece)
-        old = placed.state
-        state = State(
-            old.log_focal,
-            old.distortion,
-            old.rotations,
-            old.translations,
-            np.array(vertices).reshape(-1, 3),
-            np.array(knots),
-            np.r_[old.stretch, np.zeros(len(pieces) - len(old.stretch))],
-        )
-        return Placed(placed.views, pieces, state)
+        return Placed(placed.views, pieces, replace(state, ends=np.array(ends).reshape(-1, 2, 3)))
+
+    def _in_camera(self, state: State, line: ImageLine, piece: Piece, pixels: Array) -> Array:
+        return line.in_camera(float(np.exp(state.log_focal)), self._pitches_m[piece[0]], pixels)
 
     def _add(self, placed: Placed, view: int) -> Placed | None:
-        """Return `placed` with `view` and its lines, adjusted, or None if the lines do not agree."""
+        """Return `placed` with `view` and its pieces, adjusted, or None if they do not agree."""
         state = placed.state
-        common = [index for index, piece in enumerate(placed.pieces) if piece in self._lines[view]]
-        if not common:
-            return None
         room: list[Array] = []
         camera: list[Array] = []
         images: list[Array] = []
-        focal = float(np.exp(state.log_focal))
-        for index in common:
-            piece = placed.pieces[index]
-            line = self._lines[view][piece]
-            numbers: Array = np.linspace(float(line.pixels.min()), float(line.pixels.max()), 3)
-            start, step = line.in_camera(focal, self._pitches_m[piece[0]])
-            low, high = state.knots[2 * index], state.knots[2 * index + 1]
-            first, last = state.vertices[2 * index], state.vertices[2 * index + 1]
-            room.append(first + ((numbers - low) / (high - low))[:, None] * (last - first))
-            camera.append(start + numbers[:, None] * step)
-            images.append(line.at(numbers))
+        for piece, (first, last) in zip(placed.pieces, state.ends, strict=True):
+            line = self._lines[view].get(piece)
+            if line is not None:
+                low, high = self._bounds[piece]
+                pixels: Array = np.linspace(float(line.pixels.min()), float(line.pixels.max()), 3)
+                room.append(first + ((pixels - low) / (high - low))[:, None] * (last - first))
+                camera.append(self._in_camera(state, line, piece, pixels))
+                images.append(line.at(pixels))
+        if not room:
+            return None
         down = self._downs[view]
         is_level = np.isfinite(down[0]) and bool(np.isfinite(self._downs[placed.views][:, 0]).any())
-        poses = candidate_poses(
-            Shared(
-                np.array(room),
-                np.array(camera),
-                np.array(images),
-                focal,
-                self._side_px,
-                down if is_level else None,
-            )
+        shared = Shared(
+            np.array(room),
+            np.array(camera),
+            np.array(images),
+            float(np.exp(state.log_focal)),
+            self._side_px,
+            down if is_level else None,
         )
-        found = [
-            self._adjusted(
-                self._with_lines(
-                    Placed(
-                        [*placed.views, view],
-                        placed.pieces,
-                        replace(
-                            state,
-                            rotations=np.concatenate([state.rotations, rotation[None]]),
-                            translations=np.concatenate([state.translations, translation[None]]),
-                        ),
-                    )
-                )
+        found: list[Placed] = []
+        for rotation, translation in candidate_poses(shared):
+            start = replace(
+                state,
+                rotations=np.concatenate([state.rotations, rotation[None]]),
+                translations=np.concatenate([state.translations, translation[None]]),
             )
-            for rotation, translation in poses
-        ]
+            placement = self._with_pieces(Placed([*placed.views, view], placed.pieces, start))
+            found.append(self._adjusted(placement))
         found.sort(key=lambda each: (-len(each.ties[-1]), each.cost))
         if not found or any(_is_rival(found[0], other) for other in found[1:]):
             return None
-        return found[0]
+        return found[0] if self._is_tied(found[0]) else None
 
     def _grown(self, placed: Placed) -> Placed:
-        """Return `placed` with all further views that agree, those that share the most lines first."""
+        """Return `placed` with all further views that agree, those that share the most pieces first."""
         refused: set[int] = set()
-        start = placed
+        limit = WORSE * placed.cost + 0.2
         while True:
-            known = set(placed.pieces)
             waiting = [
-                (sum(piece in known for piece in lines), view)
+                (len(set(placed.pieces) & set(lines)), view)
                 for view, lines in enumerate(self._lines)
-                if view not in placed.views and view not in refused and known & set(lines)
+                if view not in placed.views and view not in refused
             ]
             if not waiting:
                 return placed
             view = max(waiting)[1]
             grown = self._add(placed, view)
-            if grown is None or not self._is_tied(grown) or grown.cost > WORSE * start.cost + 0.2:
+            if grown is None or grown.cost > limit:
                 refused.add(view)
             else:
                 placed, refused = grown, set()
 
     def _adjusted(self, placed: Placed) -> Placed:
-        adjustment = Adjustment(self._layout(placed))
-        state = adjustment.solve(placed.state, 10, WIDE_PX)
-        state = adjustment.solve(state, 5, NARROW_PX)
-        layout = adjustment.layout
-        errors = np.linalg.norm(adjustment.errors(state), axis=1)
-        is_good = (errors < GOOD_PX) & (np.abs(state.stretch[layout.chain]) < MAX_STRETCH)
+        bundle = self._bundle(placed)
+        state = bundle.solve(bundle.solve(placed.state, 10, WIDE_PX), 5, NARROW_PX)
+        errors = np.linalg.norm(bundle.errors(state), axis=1)
+        is_good = (errors < GOOD_PX) & (np.abs(bundle.stretch(state)[bundle.piece]) < MAX_STRETCH)
         table = np.zeros((len(placed.views), len(placed.pieces)))
         goods = table.copy()
-        np.add.at(table, (layout.view, layout.chain), 1.0)
-        np.add.at(goods, (layout.view, layout.chain), is_good)
+        np.add.at(table, (bundle.view, bundle.piece), 1.0)
+        np.add.at(goods, (bundle.view, bundle.piece), is_good)
         shared = (table > 0).sum(axis=0) > 1
         holds = (goods > MOST * table) & shared
         holds &= holds.sum(axis=0) > 1
-        held: Array = errors[holds[layout.view, layout.chain] & is_good]
+        held: Array = errors[holds[bundle.view, bundle.piece] & is_good]
         rows: list[list[bool]] = holds.tolist()
         return Placed(
             placed.views,
@@ -241,16 +225,15 @@ class FirstPoses:
 
     def _is_tied(self, placed: Placed) -> bool:
         """Return True if the last view hangs together with the others by more than chance."""
-        view, ties = placed.views[-1], placed.ties[-1]
-        shown = [piece for piece in self._lines[view] if self._is_shared(placed, piece)]
-        if len(ties) < MOST_LINES * len(shown):
-            return False
-        return len(ties) > 1 and not _is_from_behind(placed)
+        ties, others = placed.ties[-1], placed.views[:-1]
+        shown = [
+            piece
+            for piece in self._lines[placed.views[-1]]
+            if any(piece in self._lines[view] for view in others)
+        ]
+        return len(ties) > 1 and len(ties) >= MOST_LINES * len(shown) and not _is_from_behind(placed)
 
-    def _is_shared(self, placed: Placed, piece: Piece) -> bool:
-        return sum(piece in self._lines[view] for view in placed.views) > 1
-
-    def _layout(self, placed: Placed) -> Layout:
+    def _bundle(self, placed: Placed) -> Bundle:
         parts = [
             (index, number, self._lines[view][piece])
             for index, view in enumerate(placed.views)
@@ -258,15 +241,17 @@ class FirstPoses:
             if piece in self._lines[view]
         ]
         sizes = [len(line.pixels) for _, _, line in parts]
-        count = len(placed.pieces)
-        return Layout(
+        bounds = np.array([self._bounds[piece] for piece in placed.pieces])
+        spans = bounds[:, 1] - bounds[:, 0]
+        piece = np.repeat([number for _, number, _ in parts], sizes)
+        pixel = np.concatenate([line.pixels for _, _, line in parts])
+        return Bundle(
             view=np.repeat([index for index, _, _ in parts], sizes),
-            chain=np.repeat([number for _, number, _ in parts], sizes),
-            pixel=np.concatenate([line.pixels for _, _, line in parts]),
+            piece=piece,
+            share=(pixel - bounds[piece, 0]) / spans[piece],
             uv=np.concatenate([line.uv for _, _, line in parts]),
-            first=2 * np.arange(count + 1),
-            log_pitch=np.log([self._pitches_m[strip] for strip, _ in placed.pieces]),
-            pitch_sigma=np.full(count, 0.01),
+            log_length=np.log(spans * [self._pitches_m[strip] for strip, _ in placed.pieces]),
+            length_sigma=np.full(len(spans), PITCH_SIGMA),
             down=self._downs[placed.views],
             log_focal=float(np.log(EXPECTED_FOCAL * self._side_px)),
         )
@@ -279,7 +264,7 @@ def _is_from_behind(placed: Placed) -> bool:
     """
     numbers = [placed.pieces.index(piece) for piece in placed.ties[-1]]
     state = placed.state
-    points = state.vertices[[row for number in numbers for row in (2 * number, 2 * number + 1)]]
+    points = state.ends[numbers].reshape(-1, 3)
     middle = points.mean(axis=0)
     _, sizes, axes = np.linalg.svd(points - middle)
     if sizes[2] > FLAT * sizes[1]:
@@ -296,6 +281,3 @@ def _is_rival(best: Placed, other: Placed) -> bool:
     is_turned = float(np.trace(turn)) < 1.0 + 2.0 * np.cos(DISTINCT_RAD)
     is_as_good = other.cost < RIVAL * best.cost and len(other.ties[-1]) >= len(best.ties[-1])
     return is_turned and is_as_good
-
-
-_NOTHING = (np.zeros((0, 3)), np.zeros(0), np.zeros(0))

@@ -118,7 +118,7 @@ def random_room(rng: np.random.Generator) -> Room:
         _strip(rng, f"s{number}", kind, (width, depth, height), pitch_error) for number in range(count)
     )
     lamps = tuple(
-        (LampSpec(f"l{number}"), _on_wall(rng, (width, depth, height), 0.3)[0])
+        (LampSpec(f"l{number}"), _lamp(rng, kind, (width, depth, height)))
         for number in range(int(rng.integers(0, 5)))
     )
     mirrors: list[Mirror] = []
@@ -150,6 +150,14 @@ def _on_wall(
     along = (b - a) / np.linalg.norm(b - a)
     x, y = a + share * (b - a)
     return (float(x), float(y), z), (float(along[0]), float(along[1]), 0.0), wall
+
+
+def _lamp(rng: np.random.Generator, kind: str, size: tuple[float, float, float]) -> Vec3:
+    """Return the position of a lamp: on a wall, or above the plane of the strips."""
+    if kind == "plane":
+        x, y, z = rng.uniform([0.3, 0.5, 0.9], [0.8 * size[0], 0.8 * size[1], 1.4])
+        return (float(x), float(y), float(z))
+    return _on_wall(rng, size, 0.3)[0]
 
 
 def _strip(
@@ -209,17 +217,19 @@ def next_pose(
 ) -> Pose:
     """Return the next camera pose of a person who is told when a photograph shares too little.
 
-    It is the one of some tries that shows `wanted`, and the most strips not yet seen twice, of those that share
-    three strips (or all) with one of `poses`. `advised` is a position, and a point to look at, that the person
-    tries to follow.
+    It is the one of some tries that shows `wanted`, and the most strips and lamps not yet seen twice, of
+    those that share three strips (or all) with one of `poses`. `advised` is a position, and a point to look
+    at, that the person tries to follow.
     """
     tries = [_somewhere(rng, room) if advised is None else _near(rng, room, *advised) for _ in range(TRIES)]
     shown = [_sights(room, phone, pose) for pose in poses]
     seen_twice = {name for name in frozenset[str]().union(*shown) if sum(name in each for each in shown) > 1}
 
+    strips = {strip.spec.name for strip in room.strips}
+
     def worth(pose: Pose) -> float:
         sight = _sights(room, phone, pose)
-        shared = max((len(sight & each) for each in shown), default=0)
+        shared = max((len(sight & each & strips) for each in shown), default=0)
         is_useful = 100.0 * (min(shared, SHARED) + (wanted in sight))
         return is_useful + len(sight - seen_twice) + 0.1 * len(sight)
 
@@ -270,8 +280,9 @@ def _looking(rng: np.random.Generator, at: Array, aim: Array) -> Pose:
 
 
 def _sights(room: Room, phone: Phone, pose: Pose) -> frozenset[str]:
-    """Return the names of the strips of which a good part is in the image."""
-    names: list[str] = []
+    """Return the names of the lamps in the image, and of the strips of which a good part is in it."""
+    places = np.array([place for _, place in room.lamps]).reshape(-1, 3)
+    names = [room.lamps[index][0].name for index in np.flatnonzero(_visible(room, phone, pose, places)[1])]
     for strip in room.strips:
         points = strip.points(np.linspace(0, strip.spec.count - 1, 12))
         if _visible(room, phone, pose, points)[1].sum() >= 6:

@@ -10,9 +10,10 @@ from itertools import combinations, compress
 
 import numpy as np
 
-from pointit.scan.alignment import Shared, candidate_poses, upright
+from pointit.scan.alignment import COARSE, candidate_poses, upright
 from pointit.scan.bundle import Array, Bundle, State
 from pointit.scan.lines import ImageLine
+from pointit.scan.sightings import Seen
 
 Piece = tuple[int, int]
 """Number of a strip, and of its piece."""
@@ -21,7 +22,6 @@ Lines = Sequence[Mapping[Piece, ImageLine]]
 
 FOCALS = (0.65, 0.8, 1.0)
 """Focal lengths to begin with, as shares of the image's longer side."""
-EXPECTED_FOCAL = 0.78
 PAIRS = 4
 """Number of pairs of views to begin with."""
 STARTS = 3
@@ -31,6 +31,8 @@ PITCH_SIGMA = 0.01
 GOOD_PX = 6.0
 MOST = 0.7
 """Share of a line's sightings in a view that are good if it is in its place."""
+LEAST_TIE = 5
+"""Minimum number of good sightings of a piece that ties a view: a few may fit several poses."""
 MOST_LINES = 0.75
 """Share of a view's shared lines that are in their places if the view is; others are reflections."""
 WORSE = 1.5
@@ -78,21 +80,18 @@ class FirstPoses:
 
     def __init__(
         self,
+        seen: Seen,
         lines: Lines,
         bounds: Mapping[Piece, tuple[float, float]],
         pitches_m: Mapping[int, float],
-        downs: Array,
-        side_px: float,
     ) -> None:
-        """Create for `lines` of strips of known pitch.
-
-        `bounds` are the pixel numbers of the pieces' ends, `downs` is views x 3, NaN if unknown.
-        """
+        """Create for `lines` of strips of known pitch. `bounds`: pixel numbers of the pieces' ends."""
         self._lines = lines
         self._bounds = bounds
         self._pitches_m = pitches_m
-        self._downs = downs
-        self._side_px = side_px
+        self._downs = seen.downs
+        self._side_px = seen.side_px
+        self._log_focal = seen.log_focal
 
     def best(self) -> Placed | None:
         """Return the placement of as many views as possible, or None if no two views share enough."""
@@ -158,16 +157,16 @@ class FirstPoses:
             return None
         down = self._downs[view]
         is_level = np.isfinite(down[0]) and bool(np.isfinite(self._downs[placed.views][:, 0]).any())
-        shared = Shared(
+        found: list[Placed] = []
+        focal = float(np.exp(state.log_focal))
+        poses = candidate_poses(
             np.array(room),
             np.array(camera),
-            np.array(images),
-            float(np.exp(state.log_focal)),
-            self._side_px,
+            np.array(images) / focal,
+            COARSE * self._side_px / focal,
             down if is_level else None,
         )
-        found: list[Placed] = []
-        for rotation, translation in candidate_poses(shared):
+        for rotation, translation in poses:
             start = replace(
                 state,
                 rotations=np.concatenate([state.rotations, rotation[None]]),
@@ -209,7 +208,7 @@ class FirstPoses:
         np.add.at(table, (bundle.view, bundle.piece), 1.0)
         np.add.at(goods, (bundle.view, bundle.piece), is_good)
         shared = (table > 0).sum(axis=0) > 1
-        holds = (goods > MOST * table) & shared
+        holds = (goods > MOST * table) & (goods >= LEAST_TIE) & shared
         holds &= holds.sum(axis=0) > 1
         held: Array = errors[holds[bundle.view, bundle.piece] & is_good]
         rows: list[list[bool]] = holds.tolist()
@@ -253,7 +252,7 @@ class FirstPoses:
             log_length=np.log(spans * [self._pitches_m[strip] for strip, _ in placed.pieces]),
             length_sigma=np.full(len(spans), PITCH_SIGMA),
             down=self._downs[placed.views],
-            log_focal=float(np.log(EXPECTED_FOCAL * self._side_px)),
+            log_focal=self._log_focal,
         )
 
 

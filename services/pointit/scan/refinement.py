@@ -9,10 +9,9 @@ import numpy as np
 from pointit.scan.bundle import Array, Bundle, Indices, Mask, State
 from pointit.scan.lines import ImageLine
 from pointit.scan.poses import PITCH_SIGMA, Piece, Placed
-from pointit.scan.views import LampSpec, StripSpec, View
+from pointit.scan.sightings import Seen
+from pointit.scan.views import LampSpec, StripSpec
 
-MAX_MARKS = 60
-"""Maximum number of different pixels of one strip that are used."""
 GATES_PX = (40.0, 15.0, 8.0)
 """Largest errors of sightings that are used, one step after another; then `GATE_SIGMAS`."""
 GATE_SIGMAS = 5.0
@@ -24,51 +23,6 @@ ANY_LENGTH_SIGMA = 1.0
 """Standard deviation of the logarithm of a piece's length if its pitch is unknown."""
 LEAST_BEND = 0.1
 """Difference of two directions from which their crossing gives the place of a corner."""
-
-
-@dataclass(frozen=True)
-class Seen:
-    """All sightings as arrays.
-
-    Attributes:
-        view, chain, pixel, uv: n, n, n, n x 2 from the images' centres. Chains are strips, then lamps.
-        downs: directions of gravity, views x 3, NaN if unknown.
-        strips: number of strips.
-    """
-
-    view: Indices
-    chain: Indices
-    pixel: Array
-    uv: Array
-    downs: Array
-    strips: int
-
-    @classmethod
-    def of(cls, strips: Sequence[StripSpec], lamps: Sequence[LampSpec], views: Sequence[View]) -> "Seen":
-        """Return the sightings in `views`, of at most `MAX_MARKS` different pixels of each."""
-        numbers = {spec.name: number for number, spec in enumerate([*strips, *lamps])}
-        rows = [
-            (index, numbers[seen.name], seen.pixel, seen.u - view.width / 2.0, seen.v - view.height / 2.0)
-            for index, view in enumerate(views)
-            for seen in view.sightings
-        ]
-        table = np.array(rows, dtype=np.float64).reshape(-1, 5)
-        keep = np.ones(len(table), dtype=bool)
-        for chain in range(len(strips)):
-            pixels = np.unique(table[table[:, 1] == chain, 2])
-            if len(pixels) > MAX_MARKS:
-                chosen = pixels[np.linspace(0, len(pixels) - 1, MAX_MARKS).astype(int)]
-                keep &= (table[:, 1] != chain) | np.isin(table[:, 2], chosen)
-        table = table[keep]
-        downs = np.array([view.gravity or (np.nan,) * 3 for view in views], dtype=np.float64)
-        downs /= np.linalg.norm(downs, axis=1, keepdims=True)
-        view, chain = table[:, :2].T.astype(np.intp)
-        return cls(view, chain, table[:, 2], table[:, 3:], downs, len(strips))
-
-    def of_chain(self, chain: int, view: int) -> tuple[Array, Array]:
-        """Return the pixels and images of one strip or lamp in one view."""
-        part = (self.view == view) & (self.chain == chain)
-        return self.pixel[part], self.uv[part]
 
 
 @dataclass(frozen=True)
@@ -166,7 +120,6 @@ def refined(
     placed: Placed,
     bounds: Mapping[Piece, tuple[float, float]],
     lines: Sequence[Mapping[Piece, ImageLine]],
-    log_focal: float,
 ) -> Refined:
     """Return the adjustment of all sightings from the poses of `placed`."""
     state, model = _started(seen, specs, placed, bounds, lines)
@@ -188,7 +141,7 @@ def refined(
             log_length=np.log(metres * (model.bounds[:, 1] - model.bounds[:, 0])),
             length_sigma=np.where(lamps, np.inf, sigmas),
             down=seen.downs[placed.views],
-            log_focal=log_focal,
+            log_focal=seen.log_focal,
         )
 
     noise_px, loss_px = 1.0, GATES_PX[0]
@@ -236,7 +189,7 @@ def _started(
             views = [placed.views.index(int(seen.view[row])) for row in rows]
             point = triangulated(placed.state, views, seen.uv[rows])
             if point is not None:
-                ends[chain, 0] = np.array([point, point + [0.0, 0.0, 1.0]])
+                ends[chain, 0] = point + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     pieces = sorted(ends)
     grid = np.array([bounds.get(piece, (0.0, 1.0)) for piece in pieces])
     for index, (chain, _) in enumerate(pieces):  # a piece continues where its neighbour was never seen

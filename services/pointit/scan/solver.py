@@ -6,10 +6,11 @@ from itertools import pairwise
 import numpy as np
 
 from pointit.scan.lines import LEAST, ImageLine, corners, fit_lines
-from pointit.scan.poses import EXPECTED_FOCAL, FirstPoses, Piece
-from pointit.scan.refinement import Refined, Seen, refined
+from pointit.scan.poses import FirstPoses, Piece
+from pointit.scan.refinement import Refined, refined
 from pointit.scan.result import Scan, ScanError
 from pointit.scan.results import scan_of
+from pointit.scan.sightings import Seen
 from pointit.scan.views import KnownLength, LampSpec, StripSpec, View, check_known_length, check_survey
 
 ELSEWHERE_PX = 25.0
@@ -54,14 +55,13 @@ def solve(
     lines = [_lines_of(seen, view, bounds, rng) for view in range(len(views))]
     if not any(lines):
         raise ScanError("no view shows a strip's pixels in a row: is it a picture of blinking strips?")
-    side = float(max(views[0].width, views[0].height))
     known = [{piece: line for piece, line in each.items() if piece[0] in pitches} for each in lines]
-    placed = FirstPoses(known, bounds, pitches, seen.downs, side).best()
+    placed = FirstPoses(seen, known, bounds, pitches).best()
     if placed is None or len(placed.views) < 2 or placed.good < 0.3 * placed.of:
         raise ScanError(
             "no two views agree on two strips: take photographs that show the same strips, a step apart"
         )
-    found = refined(seen, specs, placed, bounds, lines, float(np.log(EXPECTED_FOCAL * side)))
+    found = refined(seen, specs, placed, bounds, lines)
     return scan_of(found, strips, lamps, known_length, _reflections(found, lines, pitches))
 
 

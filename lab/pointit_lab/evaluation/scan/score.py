@@ -132,7 +132,7 @@ def _trial(seed: int, room: Room, scan: Scan | None, refused: str, cpu_s: float)
         (scale, rotation, shift), errors, sigmas = _to_the_room(room, found)
         tilt = math.acos(min(1.0, float(rotation[2, 2])))
         level, scale_error = scan.level_sigma_rad, 1.0 / scale - 1.0
-        for spec, place in room.lamps:
+        for spec, place in room.lamps if len(found) > 1 else ():  # one strip gives no direction round it
             lamp = scan.lamps.get(spec.name)
             if lamp is not None and lamp.identified:
                 at = scale * rotation @ np.array(lamp.position_m) + shift

@@ -32,7 +32,7 @@ GOOD_PX = 6.0
 MOST = 0.7
 """Share of a line's sightings in a view that are good if it is in its place."""
 LEAST_TIE = 5
-"""Minimum number of good sightings of a piece that ties a view: a few may fit several poses."""
+"""Minimum number of sightings, on both sides, of the two pieces that tie a view: fewer fit several poses."""
 MOST_LINES = 0.75
 """Share of a view's shared lines that are in their places if the view is; others are reflections."""
 WORSE = 1.5
@@ -208,7 +208,7 @@ class FirstPoses:
         np.add.at(table, (bundle.view, bundle.piece), 1.0)
         np.add.at(goods, (bundle.view, bundle.piece), is_good)
         shared = (table > 0).sum(axis=0) > 1
-        holds = (goods > MOST * table) & (goods >= LEAST_TIE) & shared
+        holds = (goods > MOST * table) & shared
         holds &= holds.sum(axis=0) > 1
         held: Array = errors[holds[bundle.view, bundle.piece] & is_good]
         rows: list[list[bool]] = holds.tolist()
@@ -224,13 +224,16 @@ class FirstPoses:
 
     def _is_tied(self, placed: Placed) -> bool:
         """Return True if the last view hangs together with the others by more than chance."""
-        ties, others = placed.ties[-1], placed.views[:-1]
-        shown = [
+        ties, own = placed.ties[-1], self._lines[placed.views[-1]]
+        others = [self._lines[view] for view in placed.views[:-1]]
+        shown = [piece for piece in own if any(piece in lines for lines in others)]
+        firm = [
             piece
-            for piece in self._lines[placed.views[-1]]
-            if any(piece in self._lines[view] for view in others)
+            for piece in ties
+            if min(len(own[piece].pixels), max(len(x[piece].pixels) for x in others if piece in x))
+            >= LEAST_TIE
         ]
-        return len(ties) > 1 and len(ties) >= MOST_LINES * len(shown) and not _is_from_behind(placed)
+        return len(firm) > 1 and len(ties) >= MOST_LINES * len(shown) and not _is_from_behind(placed)
 
     def _bundle(self, placed: Placed) -> Bundle:
         parts = [

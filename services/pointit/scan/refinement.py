@@ -21,8 +21,8 @@ LEAST_SHARE = 0.4
 """Share of a strip's pixels in a view that have to agree, or all of them are left out of that view."""
 ANY_LENGTH_SIGMA = 1.0
 """Standard deviation of the logarithm of a piece's length if its pitch is unknown."""
-LEAST_BEND = 0.1
-"""Difference of two directions from which their crossing gives the place of a corner."""
+LEAST_BEND = 0.05
+"""Difference of two directions, rad, below which a strip goes on straight."""
 
 
 @dataclass(frozen=True)
@@ -97,12 +97,15 @@ class Refined:
         chains: list[int] = []
         blocks: list[Array] = []  # derivatives of a vertex by all ends, 3 x 2 p x 3
         for piece, chain in enumerate(self.model.chain.tolist()):
-            own = {(piece, 0): np.eye(3)}, {(piece, 1): np.eye(3)}
+            found = [] if piece - 1 in corners else [{(piece, 0): np.eye(3)}]
             if piece in corners:
                 _, steps, bend = corner(self.state, self.model, piece)
                 slip = np.outer(steps.mean(axis=0), bend)
-                own = own[0], {(piece, 1): np.eye(3) / 2.0 - slip, (piece + 1, 0): np.eye(3) / 2.0 + slip}
-            for vertex in own[piece - 1 in corners : 1 + (chain < self.seen.strips)]:
+                if bend.any():
+                    found.append({(piece, 1): np.eye(3) / 2.0 - slip, (piece + 1, 0): np.eye(3) / 2.0 + slip})
+            elif chain < self.seen.strips:
+                found.append({(piece, 1): np.eye(3)})
+            for vertex in found:
                 block = np.zeros((3, len(self.model.chain), 2, 3))
                 for (number, side), part in vertex.items():
                     block[:, number, side] = part

@@ -21,7 +21,6 @@ MAX_UNSEEN = 0.1
 """Share of a strip's pixels, at an end, that may be unseen."""
 UNSEEN_SIGMA = 0.1
 """Standard deviation of an end that was never seen, as a share of the unseen length: it may bend."""
-STRAIGHT_RAD = math.radians(2.5)
 STRIPS_LEVEL_SIGMA = math.radians(1.5)
 """Standard deviation of a level that is taken from the strips."""
 MAX_RATIO = 10.0
@@ -59,7 +58,6 @@ def scan_of(
             reason = doubt(refined, chain, middle, sigma)
             found_lamps[name] = ScannedLamp(name, _vec3(line[0]), sigma, views, not reason, reason, spread)
         else:
-            line, spread = _without_straight_corners(line, spread)
             strip = _strip(refined, chain, strips[chain], middle, (line, spread))
             if chain in reflections and strip.identified:
                 strip = replace(strip, identified=False, reason=REFLECTED)
@@ -196,19 +194,6 @@ def _strip(
         )
     line = tuple(_vec3(vertex) for vertex in vertices)
     return ScannedStrip(spec.name, spec.count, line, sigma_m, pitch_m, views, not reason, reason, covariance)
-
-
-def _without_straight_corners(vertices: Array, covariance: Array) -> tuple[Array, Array]:
-    """Return a chain without corners at which it goes on straight."""
-    keep = [0]
-    for index in range(1, len(vertices) - 1):
-        before, after = vertices[index] - vertices[keep[-1]], vertices[index + 1] - vertices[index]
-        cosine = float(before @ after / np.linalg.norm(before) / np.linalg.norm(after))
-        if math.acos(min(1.0, max(-1.0, cosine))) > STRAIGHT_RAD:
-            keep.append(index)
-    keep.append(len(vertices) - 1)
-    rows = (3 * np.array(keep)[:, None] + np.arange(3)).ravel()
-    return vertices[keep], covariance[np.ix_(rows, rows)]
 
 
 def _vec3(values: Array) -> Vec3:

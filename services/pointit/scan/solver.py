@@ -1,6 +1,7 @@
 """From sightings to a room: lines in each view, poses of the views, then all in one adjustment."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -15,6 +16,8 @@ from pointit.scan.views import KnownLength, LampSpec, StripSpec, View, check_kno
 
 ELSEWHERE_PX = 25.0
 """Distance in the image from which a strip is seen elsewhere than where it is placed."""
+UPSIDE_DOWN = -0.5
+"""Component of gravity along the image's y axis, down, below which it contradicts the image."""
 NEARER = 0.85
 """Ratio of distances from which a strip is seen nearer than where it is placed."""
 
@@ -47,6 +50,12 @@ def solve(
     rng = np.random.default_rng(0)
     specs: list[StripSpec | LampSpec] = [*strips, *lamps]
     seen = Seen.of(strips, lamps, views)
+    upside_down = np.flatnonzero(seen.downs[:, 1] < UPSIDE_DOWN)
+    if 2 * len(upside_down) > np.isfinite(seen.downs[:, 0]).sum():
+        raise ScanError(
+            "gravity points to the top of the photographs: hold the camera upright, or turn gravity's sign"
+        )
+    seen.downs[upside_down] = np.nan
     bounds: dict[Piece, tuple[float, float]] = {}
     for number, strip in enumerate(strips):
         shown = [seen.of_chain(number, view) for view in range(len(views))]
@@ -62,7 +71,9 @@ def solve(
             "no two views agree on two strips: take photographs that show the same strips, a step apart"
         )
     found = refined(seen, specs, placed, bounds, lines)
-    return scan_of(found, strips, lamps, known_length, _reflections(found, lines, pitches))
+    scan = scan_of(found, strips, lamps, known_length, _reflections(found, lines, pitches))
+    ignored = [f"gravity of view {view + 1} points to the top of its image: not used" for view in upside_down]
+    return replace(scan, problems=(*scan.problems, *ignored))
 
 
 def _lines_of(

@@ -1,14 +1,10 @@
 """Reasons to doubt a strip or lamp: seen too little, from too few directions, bent, or another one."""
 
 import math
-from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from pointit.scan.bundle import Array
 from pointit.scan.refinement import Refined
-from pointit.scan.result import ScannedStrip
-from pointit.scan.views import StripSpec
 
 LEAST_PARALLAX_RAD = math.radians(4.0)
 LEAST_SIGHTINGS = 3
@@ -31,48 +27,39 @@ def views_of(found: Refined, chain: int) -> list[int]:
     return [index for index, view in enumerate(found.views) if counts[view] >= least]
 
 
-def doubt(found: Refined, chain: int, middle: Array, sigma_m: float) -> str:
-    """Return the reason why a strip or lamp with its middle at `middle` is not identified, or `""`."""
+def doubt(found: Refined, chain: int, sigma_m: float) -> str:
+    """Return the reason why a strip or lamp is not identified, or `""`."""
     views = views_of(found, chain)
     if len(views) < 2:
         return "seen from one place only: photograph it from another one"
+    ends = found.state.ends[found.model.chain == chain]
+    middle = ends.mean(axis=(0, 1)) if chain < found.seen.strips else ends[0, 0]
     sights = middle - found.cameras[views]
     sights /= np.linalg.norm(sights, axis=1, keepdims=True)
     if np.arccos(np.clip((sights @ sights.T).min(), -1.0, 1.0)) < LEAST_PARALLAX_RAD:
         return "seen from one direction only: photograph it from a step further aside"
     if sigma_m > MAX_SIGMA_M:
         return f"its place is uncertain by {sigma_m:.2f} m: photograph it once more, from nearer"
-    return "" if chain >= found.seen.strips else _lonely_piece(found, chain) or _disagreement(found, chain)
+    return "" if chain >= found.seen.strips else _disagreement(found, chain)
 
 
-def _lonely_piece(found: Refined, chain: int) -> str:
-    """Return which straight piece of a bent strip is seen by fewer than two views, or `""`."""
-    own = found.used & (found.seen.chain == chain)
-    for low, high in found.model.bounds[found.model.chain == chain].tolist():
-        piece = own & (found.seen.pixel > low) & (found.seen.pixel < high)
-        if (np.bincount(found.seen.view[piece], minlength=1) >= LEAST_SIGHTINGS).sum() < 2:
-            return (
-                f"pixels {max(low, 0):.0f} to {high:.0f}, beyond a corner, are seen from one place only: "
-                "photograph them from another one, too"
-            )
-    return ""
+def unseen(found: Refined, chain: int) -> tuple[float, float]:
+    """Return the first and last pixel of the longest part of a strip that no two views show.
 
-
-def seen_twice(found: Refined, chain: int) -> tuple[float, float]:
-    """Return the first and last pixel of a strip up to which the sightings of two views reach.
-
-    The whole strip counts as unseen, 0 and -1, if there are none.
+    It is at an end of the strip, or of a straight piece.
     """
-    own = np.flatnonzero(found.used & (found.seen.chain == chain))
-    own = own[np.argsort(found.seen.pixel[own], kind="stable")]
-    pixels, views = found.seen.pixel[own], found.seen.view[own]
-    ends: list[float] = []
-    for order in (np.arange(len(own)), np.arange(len(own))[::-1]):
-        for count in range(1, len(own)):
-            if len(set(views[order[: count + 1]].tolist())) > 1:
-                ends.append(float(pixels[order[count]]))
-                break
-    return (ends[0], ends[1]) if len(ends) == 2 else (0.0, -1.0)
+    parts: list[tuple[float, float]] = []
+    for low, high in found.model.bounds[found.model.chain == chain].tolist():
+        own = found.used & (found.seen.chain == chain)
+        own &= (found.seen.pixel > low) & (found.seen.pixel < high)
+        shown = [found.seen.pixel[own & (found.seen.view == view)] for view in found.views]
+        shown = [pixels for pixels in shown if len(pixels) >= LEAST_SIGHTINGS]
+        if len(shown) < 2:
+            parts.append((low + 0.5, high - 0.5))
+        else:
+            first, last = sorted(p.min() for p in shown)[1], sorted(p.max() for p in shown)[-2]
+            parts += [(low + 0.5, float(first) - 1.0), (float(last) + 1.0, high - 0.5)]
+    return max(parts, key=lambda part: part[1] - part[0])
 
 
 def _disagreement(found: Refined, chain: int) -> str:
@@ -90,21 +77,3 @@ def _disagreement(found: Refined, chain: int) -> str:
                 "in a mirror? Photograph that part once more, with its neighbours"
             )
     return ""
-
-
-def swapped(scanned: Mapping[str, ScannedStrip], strips: Sequence[StripSpec], factor: float) -> list[str]:
-    """Return a sentence for each two strips of which each measures the pitch of the other."""
-    known = {strip.name: strip.pitch_m for strip in strips if strip.pitch_m and strip.name in scanned}
-
-    def fits(name: str, pitch_m: float) -> bool:
-        return abs(math.log(scanned[name].pitch_m / factor / pitch_m)) < 2 * MAX_STRETCH
-
-    return [
-        f"{a!r} and {b!r} look swapped at the controller: each has the pitch of the other"
-        for a in known
-        for b in known
-        if a < b
-        and not fits(a, known[a])
-        and not fits(b, known[b])
-        and abs(math.log(scanned[a].pitch_m * known[a] / scanned[b].pitch_m / known[b])) < 2 * MAX_STRETCH
-    ]

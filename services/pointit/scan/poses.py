@@ -20,12 +20,8 @@ Piece = tuple[int, int]
 Lines = Sequence[Mapping[Piece, ImageLine]]
 """Lines of each view."""
 
-FOCALS = (0.65, 0.8, 1.0)
-"""Focal lengths to begin with, as shares of the image's longer side."""
 PAIRS = 4
 """Number of pairs of views to begin with."""
-STARTS = 3
-"""Number of begun pairs that are grown."""
 PITCH_SIGMA = 0.01
 """Relative standard deviation of a strip's pitch from the one it is sold with."""
 GOOD_PX = 6.0
@@ -39,10 +35,6 @@ WORSE = 1.5
 """Ratio of costs up to which a further view fits the others."""
 MAX_STRETCH = 0.04
 """Relative error of a pitch with which a line does not count."""
-DISTINCT_RAD = np.radians(12.0)
-"""Angle of two poses that are not the same one, differently far refined."""
-RIVAL = 2.0
-"""Ratio of costs up to which two poses are not distinguished."""
 WIDE_PX, NARROW_PX = 20.0, 6.0
 FLAT = 0.15
 """Ratio of the third and second extent of points up to which they lie in a plane."""
@@ -69,11 +61,6 @@ class Placed:
     ties: tuple[tuple[Piece, ...], ...] = ()
     cost: float = np.inf
 
-    @property
-    def last_turn(self) -> Array:
-        """Return the rotation from the frame of the first view to that of the last."""
-        return np.asarray(self.state.rotations[-1] @ self.state.rotations[0].T)
-
 
 class FirstPoses:
     """Places views of the same camera, beginning with the pairs that share the most pieces."""
@@ -95,33 +82,22 @@ class FirstPoses:
 
     def best(self) -> Placed | None:
         """Return the placement of as many views as possible, or None if no two views share enough."""
-        found: list[Placed] = []
         shared = {
             pair: set(self._lines[pair[0]]) & set(self._lines[pair[1]])
             for pair in combinations(range(len(self._lines)), 2)
         }
         pairs = sorted(shared, key=lambda pair: -sum(self._weight(pair, piece) for piece in shared[pair]))
-        for base, other in pairs[:PAIRS]:
-            for focal in FOCALS:
-                placed = self._add(self._begin(base, focal * self._side_px), other)
-                if placed and len(placed.ties[-1]) > 1:
-                    found.append(placed)
-        best: Placed | None = None
-        for placed in sorted(found, key=lambda each: 0.5 * each.of - 1.5 * each.good)[:STARTS]:
-            grown = self._grown(placed)
-            if best is None or (len(grown.views), grown.good) > (len(best.views), best.good):
-                best = grown
-            if best.good > 0.8 * best.of and len(best.views) == len(self._lines):
-                break
-        return best
+        begun = [self._add(self._begin(base), other) for base, other in pairs[:PAIRS]]
+        best = max(filter(None, begun), key=lambda each: 3 * each.good - each.of, default=None)
+        return best and self._grown(best)
 
     def _weight(self, pair: tuple[int, int], piece: Piece) -> float:
         return min(1.0, min(self._lines[view][piece].extent_px for view in pair) / (0.15 * self._side_px))
 
-    def _begin(self, base: int, focal_px: float) -> Placed:
+    def _begin(self, base: int) -> Placed:
         down = self._downs[base]
         rotation = upright(-down).T if np.isfinite(down[0]) else np.eye(3)
-        state = State(float(np.log(focal_px)), 0.0, rotation[None], np.zeros((1, 3)), np.zeros((0, 2, 3)))
+        state = State(self._log_focal, 0.0, rotation[None], np.zeros((1, 3)), np.zeros((0, 2, 3)))
         return self._with_pieces(Placed([base], [], state))
 
     def _with_pieces(self, placed: Placed) -> Placed:
@@ -174,10 +150,8 @@ class FirstPoses:
             )
             placement = self._with_pieces(Placed([*placed.views, view], placed.pieces, start))
             found.append(self._adjusted(placement))
-        found.sort(key=lambda each: (-len(each.ties[-1]), each.cost))
-        if not found or any(_is_rival(found[0], other) for other in found[1:]):
-            return None
-        return found[0] if self._is_tied(found[0]) else None
+        best = min(found, key=lambda each: (-len(each.ties[-1]), each.cost), default=None)
+        return best if best and self._is_tied(best) else None
 
     def _grown(self, placed: Placed) -> Placed:
         """Return `placed` with all further views that agree, those that share the most pieces first."""
@@ -275,11 +249,3 @@ def _is_from_behind(placed: Placed) -> bool:
     sides = (cameras - middle) @ axes[2]
     others = [sides[index] for index, ties in enumerate(placed.ties[:-1]) if set(ties) & set(placed.ties[-1])]
     return any(side * sides[-1] < 0 for side in others)
-
-
-def _is_rival(best: Placed, other: Placed) -> bool:
-    """Return True if another pose of the last view explains the images nearly as well."""
-    turn = best.last_turn @ other.last_turn.T
-    is_turned = float(np.trace(turn)) < 1.0 + 2.0 * np.cos(DISTINCT_RAD)
-    is_as_good = other.cost < RIVAL * best.cost and len(other.ties[-1]) >= len(best.ties[-1])
-    return is_turned and is_as_good

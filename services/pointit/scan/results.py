@@ -10,7 +10,7 @@ from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import ConfigError
 from pointit.scan.alignment import levelled, upright
 from pointit.scan.bundle import GRAVITY_SIGMA, Array
-from pointit.scan.doubts import MAX_STRETCH, doubt, seen_twice, swapped, views_of
+from pointit.scan.doubts import MAX_STRETCH, doubt, unseen, views_of
 from pointit.scan.poses import PITCH_SIGMA
 from pointit.scan.refinement import Refined
 from pointit.scan.result import Camera, Scan, ScannedLamp, ScannedStrip
@@ -40,8 +40,8 @@ def scan_of(
     state, seen = refined.state, refined.seen
     turn, level_sigma, level_from = _level(refined)
     factor, scale_sigma, scale_from = _scale(refined, specs, known_length)
-    in_state, covariance, chain_of = refined.vertices()
-    vertices = factor * in_state @ turn.T
+    vertices, covariance, chain_of = refined.vertices()
+    vertices = factor * vertices @ turn.T
     block = np.kron(np.eye(len(vertices)), turn)
     covariance = factor**2 * _beside_each_other(block @ covariance @ block.T, vertices)
     shift = np.array([0.0, 0.0, -vertices[:, 2].min()])
@@ -52,13 +52,13 @@ def scan_of(
         own, views = np.flatnonzero(chain_of == chain), len(views_of(refined, chain))
         rows = (3 * own[:, None] + np.arange(3)).ravel()
         line, spread = vertices[own], covariance[np.ix_(rows, rows)]
-        middle, name = in_state[own].mean(axis=0), specs[chain].name
+        name = specs[chain].name
         if chain >= len(strips):
             sigma = _sigma(spread, views)
-            reason = doubt(refined, chain, middle, sigma)
+            reason = doubt(refined, chain, sigma)
             found_lamps[name] = ScannedLamp(name, _vec3(line[0]), sigma, views, not reason, reason, spread)
         else:
-            strip = _strip(refined, chain, strips[chain], middle, (line, spread))
+            strip = _strip(refined, chain, strips, line, spread)
             if chain in reflections and strip.identified:
                 strip = replace(strip, identified=False, reason=REFLECTED)
             found_strips[name] = strip
@@ -69,7 +69,6 @@ def scan_of(
         if view not in refined.views
     ]
     problems += [f"{name!r} is not seen from two places: photograph it once more" for name in missing]
-    problems += swapped(found_strips, strips, factor)
     if abs(math.log(factor)) > MAX_STRETCH:
         problems.append(
             f"the known length makes all pitches {abs(factor - 1.0):.0%} "
@@ -168,32 +167,33 @@ def _sigma(covariance: Array, views: int) -> float:
 
 
 def _strip(
-    refined: Refined, chain: int, spec: StripSpec, middle: Array, found: tuple[Array, Array]
+    refined: Refined, chain: int, strips: Sequence[StripSpec], line: Array, covariance: Array
 ) -> ScannedStrip:
-    vertices, covariance = found
-    views = len(views_of(refined, chain))
-    pitch_m = float(np.linalg.norm(np.diff(vertices, axis=0), axis=1).sum()) / spec.count
+    spec, views = strips[chain], len(views_of(refined, chain))
+    pitch_m = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum()) / spec.count
     sigma_m = _sigma(covariance, views)
-    reason = doubt(refined, chain, middle, sigma_m)
-    low, high = seen_twice(refined, chain)
-    unseen = max(low, spec.count - 1 - high)
-    if unseen > max(2.0, MAX_UNSEEN * spec.count):
-        sigma_m = math.hypot(sigma_m, UNSEEN_SIGMA * unseen * pitch_m)
-        if not reason:
-            which = f"0 to {low - 1:.0f}" if unseen == low else f"{high + 1:.0f} to {spec.count - 1}"
-            reason = f"no two views show pixels {which}: photograph that end, or correct its count"
-    known = spec.pitch_m is not None
-    if (
-        not reason
-        and known
-        and abs(refined.bundle.stretch(refined.state)[refined.model.chain == chain]).max() > MAX_STRETCH
-    ):
-        reason = (
-            f"it measures {1.0 / pitch_m:.0f} pixels a metre and is said to have {1.0 / spec.pitch_m:.0f}: "
-            "correct its pitch, or is it another strip?"
+    reason = doubt(refined, chain, sigma_m)
+    low, high = unseen(refined, chain)
+    if high - low + 1.0 > max(2.0, MAX_UNSEEN * spec.count):
+        sigma_m = math.hypot(sigma_m, UNSEEN_SIGMA * (high - low) * pitch_m)
+        reason = reason or (
+            f"no two views show pixels {low:.0f} to {high:.0f}: photograph that part, or correct its count"
         )
-    line = tuple(_vec3(vertex) for vertex in vertices)
-    return ScannedStrip(spec.name, spec.count, line, sigma_m, pitch_m, views, not reason, reason, covariance)
+    stretch = np.abs(refined.bundle.stretch(refined.state)[refined.model.chain == chain]).max()
+    if spec.pitch_m is not None and stretch > MAX_STRETCH:
+        others = [
+            f"{other.name!r}, swapped at the controller"
+            for other in strips
+            if other.pitch_m and abs(math.log(other.pitch_m / pitch_m)) < MAX_STRETCH
+        ]
+        reason = reason or (
+            f"it measures {1.0 / pitch_m:.0f} pixels a metre and is said to have {1.0 / spec.pitch_m:.0f}: "
+            f"correct its pitch, or is it {' or '.join(others[:2]) or 'another strip'}?"
+        )
+    points = tuple(_vec3(vertex) for vertex in line)
+    return ScannedStrip(
+        spec.name, spec.count, points, sigma_m, pitch_m, views, not reason, reason, covariance
+    )
 
 
 def _vec3(values: Array) -> Vec3:

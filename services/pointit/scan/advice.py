@@ -1,4 +1,4 @@
-"""The next best view: from where a further photograph helps the strip that is known worst."""
+"""The next best view: from where a further photograph helps the most strips that are not known well."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,6 +14,12 @@ STEP_M = 1.0
 NEARER = 0.6
 """Share of the distance to a strip that remains after going nearer."""
 CLOSEST_M = 0.8
+CONE = np.cos(np.radians(28.0))
+"""Cosine of the angle from the middle of an image within which a photograph surely shows a thing."""
+TIES = 3
+"""Number of known strips in a photograph that place it."""
+AIMS = 8
+"""Number of the worst strips that are looked at by turns."""
 
 
 @dataclass(frozen=True)
@@ -32,50 +38,70 @@ class Advice:
 
 def next_view(scan: Scan, limit_m: float = COMPLETE_M) -> Advice | None:
     """Return from where to take a further photograph, or None if the scan is complete."""
-    if scan.missing:
-        listed = ", ".join(scan.missing[:3])
-        return Advice(
-            f"photograph {listed} from two positions, each time together with two strips that are known",
-            scan.missing,
-        )
     found: list[ScannedStrip | ScannedLamp] = [*scan.strips.values(), *scan.lamps.values()]
-    open_ones = sorted(
-        (each for each in found if not each.identified or each.sigma_m > limit_m),
-        key=lambda each: -each.sigma_m,
-    )
-    if not open_ones:
+    found.sort(key=lambda each: -each.sigma_m)
+    is_open = np.array([not each.identified or each.sigma_m > limit_m for each in found], dtype=bool)
+    if not scan.missing and not is_open.any():
         return None
-    worst = open_ones[0]
-    names = tuple(each.name for each in open_ones)
-    points = np.array(worst.line_m if isinstance(worst, ScannedStrip) else (worst.position_m,))
-    blocks = [worst.covariance[row : row + 3, row : row + 3] for row in range(0, 3 * len(points), 3)]
-    sizes, axes = np.linalg.eigh(np.array(blocks))
-    vertex = int(np.argmax(sizes[:, 2]))
+    names = (*(each.name for each, is_it in zip(found, is_open, strict=True) if is_it), *scan.missing)
+    ends = np.array([_points(each)[[0, -1]] for each in found]).reshape(-1, 2, 3)
+    axes = np.array([_least_certain(each) for each in found]).reshape(-1, 3)
+    is_known = np.array([each.views > 1 for each in found], dtype=bool)
 
-    def change(candidate: tuple[str, Array]) -> float:
-        """Return how much the image changes if the vertex moves along its least certain direction."""
-        sight = points[vertex] - candidate[1]
-        return float(np.linalg.norm(np.cross(sight, axes[vertex, :, 2])) / (sight @ sight))
+    def worth(candidate: tuple[str, Array, int]) -> float:
+        """Return what a photograph would show: known strips that place it, and open ones from aside."""
+        sights = ends - candidate[1]
+        sights /= np.maximum(np.linalg.norm(sights, axis=2, keepdims=True), 1e-9)
+        ahead = sights[candidate[2]].sum(axis=0)
+        shows = np.all(sights @ ahead > CONE * np.linalg.norm(ahead), axis=1)
+        aside = np.linalg.norm(np.cross(sights.mean(axis=1), axes), axis=1)
+        return 10.0 * min(float((shows & is_known).sum()), TIES) + float(aside[shows & is_open].sum())
 
-    where, position = max(_candidates(scan, points.mean(axis=0)), key=change)
-    reason = worst.reason or f"its ends are known to {100 * worst.sigma_m:.1f} cm"
-    text = f"{worst.name}: {reason}. Photograph it {where}, with two other strips in the picture"
-    return Advice(text, names, _vec3(position), _vec3(points.mean(axis=0)))
+    best = max(_candidates(scan, ends, np.flatnonzero(is_open)[:AIMS]), key=worth, default=None)
+    if best is None:
+        listed = ", ".join(scan.missing[:3])
+        text = f"photograph {listed} from two positions, each time together with two strips that are known"
+        return Advice(text, names)
+    where, position, aim = best
+    each = found[aim]
+    reason = each.reason or f"its ends are known to {100 * each.sigma_m:.1f} cm"
+    text = f"{each.name}: {reason}. Photograph it {where}, with two other strips in the picture"
+    first = (each.name, *(name for name in names if name != each.name))
+    return Advice(text, first, _vec3(position), _vec3(ends[aim].mean(axis=0)))
 
 
-def _candidates(scan: Scan, middle: Array) -> Iterator[tuple[str, Array]]:
-    """Yield positions a step aside of a camera, or nearer, each with its words."""
+def _points(found: ScannedStrip | ScannedLamp) -> Array:
+    points = found.line_m if isinstance(found, ScannedStrip) else (found.position_m,)
+    return np.array(points, dtype=np.float64)
+
+
+def _least_certain(found: ScannedStrip | ScannedLamp) -> Array:
+    """Return the direction in which a strip or lamp is known worst."""
+    blocks = [found.covariance[row : row + 3, row : row + 3] for row in range(0, len(found.covariance), 3)]
+    return np.asarray(np.linalg.eigh(np.sum(blocks, axis=0))[1][:, -1])
+
+
+def _candidates(scan: Scan, ends: Array, aims: Array) -> Iterator[tuple[str, Array, int]]:
+    """Yield positions a step aside of a camera, or nearer, with their words, and what to look at."""
+    cameras = [np.array(camera.position_m) for camera in scan.cameras if camera is not None]
+    around = np.concatenate([ends.reshape(-1, 3), cameras])
     for number, camera in enumerate(scan.cameras, 1):
         if camera is None:
             continue
         at = np.array(camera.position_m)
-        sight = middle - at
-        right = np.cross(sight, [0.0, 0.0, 1.0])
-        right /= max(float(np.linalg.norm(right)), 1e-9)
-        yield f"from {STEP_M:g} m to the right of photograph {number}", at + STEP_M * right
-        yield f"from {STEP_M:g} m to the left of photograph {number}", at - STEP_M * right
-        if NEARER * float(np.linalg.norm(sight)) > CLOSEST_M:
-            yield f"from nearer than photograph {number}", at + (1.0 - NEARER) * sight
+        for aim in aims.tolist():
+            sight = ends[aim].mean(axis=0) - at
+            right = np.cross(sight, [0.0, 0.0, 1.0])
+            right *= STEP_M / max(float(np.linalg.norm(right)), 1e-9)
+            found = [
+                (f"from {STEP_M:g} m to the right of photograph {number}", at + right, aim),
+                (f"from {STEP_M:g} m to the left of photograph {number}", at - right, aim),
+            ]
+            if NEARER * float(np.linalg.norm(sight)) > CLOSEST_M:
+                found.append((f"from nearer than photograph {number}", at + (1.0 - NEARER) * sight, aim))
+            for candidate in found:  # within the room, as far as it is known
+                if np.all((candidate[1] > around.min(axis=0)) & (candidate[1] < around.max(axis=0))):
+                    yield candidate
 
 
 def _vec3(values: Array) -> Vec3:

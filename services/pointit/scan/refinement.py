@@ -87,28 +87,31 @@ class Refined:
         first, last = self.state.ends[pieces].transpose(1, 0, 2)
         return np.asarray(first + self.model.shares(pieces, pixels)[:, None] * (last - first))
 
-    def images(self, view: int, chain: int, pixels: Array) -> tuple[Array, Array]:
-        """Return the images of pixels of a chain in a view of `state`, n x 2, and their depths, m."""
-        return self.state.image(np.full(len(pixels), view), self.places(chain, pixels))
+    def vertices(self, counts: Sequence[int]) -> tuple[Array, Array, Indices]:
+        """Return ends and corners of all chains, v x 3, their covariance, m², and the chain of each.
 
-    def vertices(self) -> tuple[Array, Array, Indices]:
-        """Return ends and corners of all chains, v x 3, their covariance, m², and the chain of each."""
-        corners = set(self.model.corners().tolist())
+        `counts` are the numbers of pixels of the strips. An end that no view shows is in line with the rest.
+        """
+        model, eye = self.model, np.eye(3)
+        corners = set(model.corners().tolist())
         chains: list[int] = []
         blocks: list[Array] = []  # derivatives of a vertex by all ends, 3 x 2 p x 3
-        for piece, chain in enumerate(self.model.chain.tolist()):
-            found = [] if piece - 1 in corners else [{(piece, 0): np.eye(3)}]
+        for piece, chain in enumerate(model.chain.tolist()):
+            found: list[Array] = []  # derivatives by this piece's first end and those that follow
+            edges = np.array([-0.5, counts[chain] - 0.5]) if chain < len(counts) else np.zeros(2)
+            shares = model.shares(np.array([piece, piece]), edges)
+            if piece - 1 not in corners:
+                found.append(np.array([(1.0 - shares[0]) * eye, shares[0] * eye]))
             if piece in corners:
-                _, steps, bend = corner(self.state, self.model, piece)
-                slip = np.outer(steps.mean(axis=0), bend)
+                _, steps, bend = corner(self.state, model, piece)
                 if bend.any():
-                    found.append({(piece, 1): np.eye(3) / 2.0 - slip, (piece + 1, 0): np.eye(3) / 2.0 + slip})
-            elif chain < self.seen.strips:
-                found.append({(piece, 1): np.eye(3)})
-            for vertex in found:
-                block = np.zeros((3, len(self.model.chain), 2, 3))
-                for (number, side), part in vertex.items():
-                    block[:, number, side] = part
+                    slip = np.outer(steps.mean(axis=0), bend)
+                    found.append(np.array([0.0 * eye, eye / 2.0 - slip, eye / 2.0 + slip]))
+            elif chain < len(counts):
+                found.append(np.array([(1.0 - shares[1]) * eye, shares[1] * eye]))
+            for parts in found:
+                block = np.zeros((3, 2 * len(model.chain), 3))
+                block[:, 2 * piece : 2 * piece + len(parts)] = parts.transpose(1, 0, 2)
                 blocks.append(block.reshape(3, -1))
                 chains.append(chain)
         matrix = np.concatenate(blocks)
@@ -193,18 +196,11 @@ def _started(
             point = triangulated(placed.state, views, seen.uv[rows])
             if point is not None:
                 ends[chain, 0] = point + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    pieces = sorted(ends)
+    pieces: list[Piece] = []
+    for piece in sorted(ends):  # of a strip whose middle was never seen, the part before it
+        if not pieces or pieces[-1][0] != piece[0] or pieces[-1][1] == piece[1] - 1:
+            pieces.append(piece)
     grid = np.array([bounds.get(piece, (0.0, 1.0)) for piece in pieces])
-    for index, (chain, _) in enumerate(pieces):  # a piece continues where its neighbour was never seen
-        spec = specs[chain]
-        if isinstance(spec, StripSpec):
-            is_first = index == 0 or pieces[index - 1][0] != chain
-            is_last = index + 1 == len(pieces) or pieces[index + 1][0] != chain
-            low = -0.5 if is_first else float(grid[index, 0])
-            high = spec.count - 0.5 if is_last else float(grid[index + 1, 0])
-            a, b = ends[pieces[index]]
-            share = ((np.array([low, high]) - grid[index, 0]) / (grid[index, 1] - grid[index, 0]))[:, None]
-            ends[pieces[index]], grid[index] = a + share * (b - a), (low, high)
     state = replace(placed.state, ends=np.array([ends[piece] for piece in pieces]))
     return state, Model(np.array([chain for chain, _ in pieces], dtype=np.intp), grid)
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -10,12 +10,18 @@ from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import ConfigError
 from pointit.scan.alignment import levelled, upright
 from pointit.scan.bundle import GRAVITY_SIGMA, Array
-from pointit.scan.doubts import MAX_STRETCH, doubt, unseen, views_of
 from pointit.scan.poses import PITCH_SIGMA
 from pointit.scan.refinement import Refined
 from pointit.scan.result import Camera, Scan, ScannedLamp, ScannedStrip
 from pointit.scan.views import KnownLength, LampSpec, StripSpec
 
+LEAST_PARALLAX_RAD = math.radians(4.0)
+LEAST_SIGHTINGS = 3
+"""Minimum number of pixels for a view to count for a strip."""
+MAX_SIGMA_M = 0.03
+"""Largest sigma with which a strip counts as identified."""
+MAX_STRETCH = 0.04
+"""Relative difference of a measured pitch from the one that a strip is said to have."""
 LEAST_SIGMA_M = 0.001
 MAX_UNSEEN = 0.1
 """Share of a strip's pixels, at an end, that may be unseen."""
@@ -25,22 +31,17 @@ STRIPS_LEVEL_SIGMA = math.radians(1.5)
 """Standard deviation of a level that is taken from the strips."""
 MAX_RATIO = 10.0
 """Ratio of a known length and the pitches, either way, from which one of them is wrong."""
-REFLECTED = "one view has it elsewhere and nearer: the others may show a mirror image, cover the mirror"
 
 
 def scan_of(
-    refined: Refined,
-    strips: Sequence[StripSpec],
-    lamps: Sequence[LampSpec],
-    known_length: KnownLength | None,
-    reflections: frozenset[int],
+    refined: Refined, strips: Sequence[StripSpec], lamps: Sequence[LampSpec], known_length: KnownLength | None
 ) -> Scan:
-    """Return the scan of an adjustment; `known_length` scales it; `reflections` are numbers of strips."""
+    """Return the scan of an adjustment; `known_length` scales it."""
     specs: list[StripSpec | LampSpec] = [*strips, *lamps]
     state, seen = refined.state, refined.seen
     turn, level_sigma, level_from = _level(refined)
     factor, scale_sigma, scale_from = _scale(refined, specs, known_length)
-    vertices, covariance, chain_of = refined.vertices()
+    vertices, covariance, chain_of = refined.vertices([strip.count for strip in strips])
     vertices = factor * vertices @ turn.T
     block = np.kron(np.eye(len(vertices)), turn)
     covariance = factor**2 * _beside_each_other(block @ covariance @ block.T, vertices)
@@ -49,19 +50,16 @@ def scan_of(
     found_strips: dict[str, ScannedStrip] = {}
     found_lamps: dict[str, ScannedLamp] = {}
     for chain in np.unique(chain_of).tolist():
-        own, views = np.flatnonzero(chain_of == chain), len(views_of(refined, chain))
+        own, views = np.flatnonzero(chain_of == chain), len(_views_of(refined, chain))
         rows = (3 * own[:, None] + np.arange(3)).ravel()
         line, spread = vertices[own], covariance[np.ix_(rows, rows)]
         name = specs[chain].name
         if chain >= len(strips):
             sigma = _sigma(spread, views)
-            reason = doubt(refined, chain, sigma)
+            reason = _doubt(refined, chain, sigma)
             found_lamps[name] = ScannedLamp(name, _vec3(line[0]), sigma, views, not reason, reason, spread)
         else:
-            strip = _strip(refined, chain, strips, line, spread)
-            if chain in reflections and strip.identified:
-                strip = replace(strip, identified=False, reason=REFLECTED)
-            found_strips[name] = strip
+            found_strips[name] = _strip(refined, chain, strips, line, spread)
     missing = tuple(spec.name for spec in specs if spec.name not in found_strips | found_lamps)
     problems = [
         f"view {view + 1} agrees with no other: move less between photographs, and hold still"
@@ -166,14 +164,57 @@ def _sigma(covariance: Array, views: int) -> float:
     return math.hypot(math.sqrt(max(largest, 0.0) * (1.0 + 2.0 / max(views - 1, 1))), LEAST_SIGMA_M)
 
 
+def _views_of(found: Refined, chain: int) -> list[int]:
+    """Return the views, as numbers in the state, that count for a chain."""
+    least = LEAST_SIGHTINGS if chain < found.seen.strips else 1
+    counts = np.bincount(found.seen.view[found.used & (found.seen.chain == chain)], minlength=64)
+    return [index for index, view in enumerate(found.views) if counts[view] >= least]
+
+
+def _doubt(found: Refined, chain: int, sigma_m: float) -> str:
+    """Return the reason why a strip or lamp is not identified, or `""`."""
+    views = _views_of(found, chain)
+    if len(views) < 2:
+        return "seen from one place only: photograph it from another one"
+    ends = found.state.ends[found.model.chain == chain]
+    middle = ends.mean(axis=(0, 1)) if chain < found.seen.strips else ends[0, 0]
+    sights = middle - found.cameras[views]
+    sights /= np.linalg.norm(sights, axis=1, keepdims=True)
+    if np.arccos(np.clip((sights @ sights.T).min(), -1.0, 1.0)) < LEAST_PARALLAX_RAD:
+        return "seen from one direction only: photograph it from a step further aside"
+    if sigma_m > MAX_SIGMA_M:
+        return f"its place is uncertain by {sigma_m:.2f} m: photograph it once more, from nearer"
+    return ""
+
+
+def _unseen(found: Refined, chain: int, count: int) -> tuple[float, float]:
+    """Return the first and last pixel of the longest part of a strip of `count` that no two views show.
+
+    It is at an end of the strip, or of a straight piece.
+    """
+    parts: list[tuple[float, float]] = []
+    inner: list[float] = found.model.bounds[found.model.chain == chain][:-1, 1].tolist()
+    for low, high in pairwise([-0.5, *inner, count - 0.5]):
+        own = found.used & (found.seen.chain == chain)
+        own &= (found.seen.pixel > low) & (found.seen.pixel < high)
+        shown = [found.seen.pixel[own & (found.seen.view == view)] for view in found.views]
+        shown = [pixels for pixels in shown if len(pixels) >= LEAST_SIGHTINGS]
+        if len(shown) < 2:
+            parts.append((low + 0.5, high - 0.5))
+        else:
+            first, last = sorted(p.min() for p in shown)[1], sorted(p.max() for p in shown)[-2]
+            parts += [(low + 0.5, float(first) - 1.0), (float(last) + 1.0, high - 0.5)]
+    return max(parts, key=lambda part: part[1] - part[0])
+
+
 def _strip(
     refined: Refined, chain: int, strips: Sequence[StripSpec], line: Array, covariance: Array
 ) -> ScannedStrip:
-    spec, views = strips[chain], len(views_of(refined, chain))
+    spec, views = strips[chain], len(_views_of(refined, chain))
     pitch_m = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum()) / spec.count
     sigma_m = _sigma(covariance, views)
-    reason = doubt(refined, chain, sigma_m)
-    low, high = unseen(refined, chain)
+    reason = _doubt(refined, chain, sigma_m)
+    low, high = _unseen(refined, chain, spec.count)
     if high - low + 1.0 > max(2.0, MAX_UNSEEN * spec.count):
         sigma_m = math.hypot(sigma_m, UNSEEN_SIGMA * (high - low) * pitch_m)
         reason = reason or (

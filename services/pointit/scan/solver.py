@@ -8,18 +8,14 @@ import numpy as np
 
 from pointit.scan.lines import LEAST, ImageLine, corners, fit_lines
 from pointit.scan.poses import FirstPoses, Piece
-from pointit.scan.refinement import Refined, refined
+from pointit.scan.refinement import refined
 from pointit.scan.result import Scan, ScanError
 from pointit.scan.results import scan_of
 from pointit.scan.sightings import Seen
 from pointit.scan.views import KnownLength, LampSpec, StripSpec, View, check_known_length, check_survey
 
-ELSEWHERE_PX = 25.0
-"""Distance in the image from which a strip is seen elsewhere than where it is placed."""
 UPSIDE_DOWN = -0.5
 """Component of gravity along the image's y axis, down, below which it contradicts the image."""
-NEARER = 0.85
-"""Ratio of distances from which a strip is seen nearer than where it is placed."""
 
 
 def solve(
@@ -71,7 +67,7 @@ def solve(
             "no two views agree on two strips: take photographs that show the same strips, a step apart"
         )
     found = refined(seen, specs, placed, bounds, lines)
-    scan = scan_of(found, strips, lamps, known_length, _reflections(found, lines, pitches))
+    scan = scan_of(found, strips, lamps, known_length)
     ignored = [f"gravity of view {view + 1} points to the top of its image: not used" for view in upside_down]
     return replace(scan, problems=(*scan.problems, *ignored))
 
@@ -94,21 +90,3 @@ def _lines_of(
 
 def _distance(line: ImageLine, pixel: np.ndarray) -> float:
     return float(np.linalg.norm(line.in_camera(1000.0, 1.0, pixel)))
-
-
-def _reflections(
-    found: Refined, lines: Sequence[Mapping[Piece, ImageLine]], pitches_m: Mapping[int, float]
-) -> frozenset[int]:
-    """Return the strips that a view has elsewhere and nearer: what the other views saw was a reflection."""
-    strips: set[int] = set()
-    for index, view in enumerate(found.views):
-        for (strip, _), line in lines[view].items():
-            if strip not in pitches_m or strip not in found.model.chain:
-                continue
-            images, depths = found.images(index, strip, line.pixels)
-            there = line.in_camera(float(np.exp(found.state.log_focal)), pitches_m[strip], line.pixels)
-            nearness = there[:, 2] / np.maximum(depths, 1e-3)
-            is_elsewhere = np.median(np.linalg.norm(images - line.uv, axis=1)) > ELSEWHERE_PX
-            if is_elsewhere and (np.median(nearness) < NEARER or np.median(depths) < 0):
-                strips.add(strip)
-    return frozenset(strips)

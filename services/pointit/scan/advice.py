@@ -38,12 +38,18 @@ class Advice:
 
 def next_view(scan: Scan, limit_m: float = COMPLETE_M) -> Advice | None:
     """Return from where to take a further photograph, or None if the scan is complete."""
+    if scan.missing:
+        listed = ", ".join(scan.missing[:3])
+        return Advice(
+            f"photograph {listed} from two positions, each time together with two strips that are known",
+            scan.missing,
+        )
     found: list[ScannedStrip | ScannedLamp] = [*scan.strips.values(), *scan.lamps.values()]
     found.sort(key=lambda each: -each.sigma_m)
     is_open = np.array([not each.identified or each.sigma_m > limit_m for each in found], dtype=bool)
-    if not scan.missing and not is_open.any():
+    if not is_open.any():
         return None
-    names = (*(each.name for each, is_it in zip(found, is_open, strict=True) if is_it), *scan.missing)
+    names = tuple(each.name for each, is_it in zip(found, is_open, strict=True) if is_it)
     ends = np.array([_points(each)[[0, -1]] for each in found]).reshape(-1, 2, 3)
     axes = np.array([_least_certain(each) for each in found]).reshape(-1, 3)
     is_known = np.array([each.views > 1 for each in found], dtype=bool)
@@ -59,9 +65,7 @@ def next_view(scan: Scan, limit_m: float = COMPLETE_M) -> Advice | None:
 
     best = max(_candidates(scan, ends, np.flatnonzero(is_open)[:AIMS]), key=worth, default=None)
     if best is None:
-        listed = ", ".join(scan.missing[:3])
-        text = f"photograph {listed} from two positions, each time together with two strips that are known"
-        return Advice(text, names)
+        return Advice(f"photograph {names[0]} once more, from another position", names)
     where, position, aim = best
     each = found[aim]
     reason = each.reason or f"its ends are known to {100 * each.sigma_m:.1f} cm"

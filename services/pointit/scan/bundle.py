@@ -6,6 +6,7 @@ loss (Cauchy) by Levenberg-Marquardt, with priors on the focal length, the disto
 the views' gravity. The Jacobian is sparse, its normal equations are dense and small: a few hundred unknowns.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,8 @@ FOCAL_SIGMA = 0.25
 DISTORTION_SIGMA = 0.1
 GRAVITY_SIGMA = 0.026
 """Standard deviation of a phone's gravity, rad per axis."""
+CORNER_SIGMA_M = 0.003
+"""Standard deviation of the gap between two pieces at a corner."""
 NEAREST_M = 0.05
 _LOOSE = 1e-6
 """Information added to each unknown, which makes position and heading of the room determinate."""
@@ -80,6 +83,7 @@ class Bundle:
         log_length, length_sigma: expected logarithm of the length of each piece, and standard deviation.
         down: directions of gravity in the cameras' frames, views x 3. NaN if unknown.
         log_focal: expected logarithm of the focal length in image pixels.
+        corners: pieces of which the second end meets the first end of the next piece.
     """
 
     view: Indices
@@ -90,6 +94,7 @@ class Bundle:
     length_sigma: Array
     down: Array
     log_focal: float
+    corners: Sequence[int] = ()
 
     def errors(self, state: State) -> Array:
         """Return the reprojection error of each sighting, n x 2, image pixels."""
@@ -187,7 +192,7 @@ class Bundle:
         """Return the residuals of the priors, and their Jacobian."""
         views, pieces = len(self.down), len(state.ends)
         known = np.flatnonzero(np.isfinite(self.down[:, 0]))
-        rows = np.zeros((2 + pieces + 3 * len(known), 2 + 6 * views + 6 * pieces))
+        rows = np.zeros((2 + pieces + 3 * len(known) + 3 * len(self.corners), 2 + 6 * views + 6 * pieces))
         rows[0, 0], rows[1, 1] = 1.0 / FOCAL_SIGMA, 1.0 / DISTORTION_SIGMA
         off = self.stretch(state) / self.length_sigma
         edge = state.ends[:, 1] - state.ends[:, 0]
@@ -202,11 +207,21 @@ class Bundle:
             rows[row : row + 3, 2 + 6 * view : 5 + 6 * view] = (
                 np.cross(sunk[number], np.eye(3)) / GRAVITY_SIGMA
             )
+        directions = edge / np.maximum(np.linalg.norm(edge, axis=1, keepdims=True), 1e-6)
+        gaps: list[Array] = []
+        for number, piece in enumerate(self.corners):  # the place of the corner along the strip is free
+            bend = directions[piece] - directions[piece + 1]
+            across = (np.eye(3) - np.outer(bend, bend) / max(float(bend @ bend), 1e-2)) / CORNER_SIGMA_M
+            row, begin = len(rows) - 3 * (len(self.corners) - number), 2 + 6 * views + 6 * piece
+            rows[row : row + 3, begin + 3 : begin + 6] = across
+            rows[row : row + 3, begin + 6 : begin + 9] = -across
+            gaps.append(across @ (state.ends[piece, 1] - state.ends[piece + 1, 0]))
         residuals = np.concatenate(
             [
                 [(state.log_focal - self.log_focal) / FOCAL_SIGMA, state.distortion / DISTORTION_SIGMA],
                 3.0 * np.arcsinh(off / 3.0),
                 ((sunk - self.down[known]) / GRAVITY_SIGMA).ravel(),
+                *gaps,
             ]
         )
         return residuals, rows

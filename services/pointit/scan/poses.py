@@ -20,12 +20,16 @@ Piece = tuple[int, int]
 Lines = Sequence[Mapping[Piece, ImageLine]]
 """Lines of each view."""
 
+FOCALS = (0.65, 0.8, 1.0)
+"""Focal lengths to begin with, as shares of the image's longer side."""
+STARTS = 3
+"""Number of begun pairs that are grown."""
 PAIRS = 4
 """Number of pairs of views to begin with."""
 PITCH_SIGMA = 0.01
 """Relative standard deviation of a strip's pitch from the one it is sold with."""
 GOOD_PX = 6.0
-MOST = 0.7
+MOST = 0.85
 """Share of a line's sightings in a view that are good if it is in its place."""
 LEAST_TIE = 5
 """Minimum number of sightings, on both sides, of the two pieces that tie a view: fewer fit several poses."""
@@ -47,8 +51,6 @@ class Placed:
     Attributes:
         views: numbers of the placed views, in the order of `state`.
         pieces: pieces, in the order of `state`.
-        good, of: number of sightings with an error of less than `GOOD_PX`, and their number in all, of the
-            pieces that two or more of the views see.
         ties: pieces that tie each view to the others: most of its sightings of them are good.
         cost: mean square of the errors of good sightings of the ties, image pixels².
     """
@@ -56,8 +58,6 @@ class Placed:
     views: list[int]
     pieces: list[Piece]
     state: State
-    good: int = 0
-    of: int = 0
     ties: tuple[tuple[Piece, ...], ...] = ()
     cost: float = np.inf
 
@@ -87,17 +87,21 @@ class FirstPoses:
             for pair in combinations(range(len(self._lines)), 2)
         }
         pairs = sorted(shared, key=lambda pair: -sum(self._weight(pair, piece) for piece in shared[pair]))
-        begun = [self._add(self._begin(base), other) for base, other in pairs[:PAIRS]]
-        best = max(filter(None, begun), key=lambda each: 3 * each.good - each.of, default=None)
-        return best and self._grown(best)
+        begun = [
+            self._add(self._begin(base, focal * self._side_px), other)
+            for base, other in pairs[:PAIRS]
+            for focal in FOCALS
+        ]
+        grown = map(self._grown, sorted(filter(None, begun), key=_rank)[:STARTS])
+        return min(grown, key=lambda each: (-len(each.views), each.cost), default=None)
 
     def _weight(self, pair: tuple[int, int], piece: Piece) -> float:
         return min(1.0, min(self._lines[view][piece].extent_px for view in pair) / (0.15 * self._side_px))
 
-    def _begin(self, base: int) -> Placed:
+    def _begin(self, base: int, focal_px: float) -> Placed:
         down = self._downs[base]
         rotation = upright(-down).T if np.isfinite(down[0]) else np.eye(3)
-        state = State(self._log_focal, 0.0, rotation[None], np.zeros((1, 3)), np.zeros((0, 2, 3)))
+        state = State(float(np.log(focal_px)), 0.0, rotation[None], np.zeros((1, 3)), np.zeros((0, 2, 3)))
         return self._with_pieces(Placed([base], [], state))
 
     def _with_pieces(self, placed: Placed) -> Placed:
@@ -150,7 +154,7 @@ class FirstPoses:
             )
             placement = self._with_pieces(Placed([*placed.views, view], placed.pieces, start))
             found.append(self._adjusted(placement))
-        best = min(found, key=lambda each: (-len(each.ties[-1]), each.cost), default=None)
+        best = min(found, key=_rank, default=None)
         return best if best and self._is_tied(best) else None
 
     def _grown(self, placed: Placed) -> Placed:
@@ -190,8 +194,6 @@ class FirstPoses:
             placed.views,
             placed.pieces,
             state,
-            int(goods[:, shared].sum()),
-            int(table[:, shared].sum()),
             tuple(tuple(compress(placed.pieces, row)) for row in rows),
             float(np.mean(held**2)) if len(held) else np.inf,
         )
@@ -231,6 +233,11 @@ class FirstPoses:
             down=self._downs[placed.views],
             log_focal=self._log_focal,
         )
+
+
+def _rank(placed: Placed) -> tuple[int, float]:
+    """Return the order of placements by their last view, the best first."""
+    return -len(placed.ties[-1]), placed.cost
 
 
 def _is_from_behind(placed: Placed) -> bool:

@@ -148,6 +148,7 @@ def refined(
             length_sigma=np.where(lamps, np.inf, sigmas),
             down=seen.downs[placed.views],
             log_focal=seen.log_focal,
+            corners=model.corners().tolist(),
         )
 
     noise_px, loss_px = 1.0, GATES_PX[0]

@@ -190,20 +190,16 @@ def _doubt(found: Refined, chain: int, sigma_m: float) -> str:
 def _unseen(found: Refined, chain: int, count: int) -> tuple[float, float]:
     """Return the first and last pixel of the longest part of a strip of `count` that no two views show.
 
-    It is at an end of the strip, or of a straight piece.
+    It is an end of the strip, or a straight piece.
     """
-    parts: list[tuple[float, float]] = []
+    own = found.used & (found.seen.chain == chain)
+    shown = [found.seen.pixel[own & (found.seen.view == view)] for view in found.views]
+    firsts, lasts = sorted(p.min() for p in shown if len(p)), sorted(p.max() for p in shown if len(p))
+    parts = [(0.0, float(firsts[1]) - 1.0), (float(lasts[-2]) + 1.0, count - 1.0)] if len(firsts) > 1 else []
     inner: list[float] = found.model.bounds[found.model.chain == chain][:-1, 1].tolist()
     for low, high in pairwise([-0.5, *inner, count - 0.5]):
-        own = found.used & (found.seen.chain == chain)
-        own &= (found.seen.pixel > low) & (found.seen.pixel < high)
-        shown = [found.seen.pixel[own & (found.seen.view == view)] for view in found.views]
-        shown = [pixels for pixels in shown if len(pixels) >= LEAST_SIGHTINGS]
-        if len(shown) < 2:
+        if sum(((p > low) & (p < high)).sum() >= LEAST_SIGHTINGS for p in shown) < 2:
             parts.append((low + 0.5, high - 0.5))
-        else:
-            first, last = sorted(p.min() for p in shown)[1], sorted(p.max() for p in shown)[-2]
-            parts += [(low + 0.5, float(first) - 1.0), (float(last) + 1.0, high - 0.5)]
     return max(parts, key=lambda part: part[1] - part[0])
 
 

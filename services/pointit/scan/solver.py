@@ -62,7 +62,7 @@ def solve(
         raise ScanError("no view shows a strip's pixels in a row: is it a picture of blinking strips?")
     known = [{piece: line for piece, line in each.items() if piece[0] in pitches} for each in lines]
     placed = FirstPoses(seen, known, bounds, pitches).best()
-    if placed is None or len(placed.views) < 2 or placed.good < 0.3 * placed.of:
+    if placed is None:
         raise ScanError(
             "no two views agree on two strips: take photographs that show the same strips, a step apart"
         )

@@ -1,6 +1,6 @@
 """The next best view: from where a further photograph helps the most strips that are not known well."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,7 +63,7 @@ def next_view(scan: Scan, limit_m: float = COMPLETE_M) -> Advice | None:
         aside = np.linalg.norm(np.cross(sights.mean(axis=1), axes), axis=1)
         return 10.0 * min(float((shows & is_known).sum()), TIES) + float(aside[shows & is_open].sum())
 
-    best = max(_candidates(scan, ends, np.flatnonzero(is_open)[:AIMS]), key=worth, default=None)
+    best = max(_candidates(scan, ends, np.flatnonzero(is_open)[:AIMS].tolist()), key=worth, default=None)
     if best is None:
         return Advice(f"photograph {names[0]} once more, from another position", names)
     where, position, aim = best
@@ -85,7 +85,7 @@ def _least_certain(found: ScannedStrip | ScannedLamp) -> Array:
     return np.asarray(np.linalg.eigh(np.sum(blocks, axis=0))[1][:, -1])
 
 
-def _candidates(scan: Scan, ends: Array, aims: Array) -> Iterator[tuple[str, Array, int]]:
+def _candidates(scan: Scan, ends: Array, aims: Sequence[int]) -> Iterator[tuple[str, Array, int]]:
     """Yield positions a step aside of a camera, or nearer, with their words, and what to look at."""
     cameras = [np.array(camera.position_m) for camera in scan.cameras if camera is not None]
     around = np.concatenate([ends.reshape(-1, 3), cameras])
@@ -93,7 +93,7 @@ def _candidates(scan: Scan, ends: Array, aims: Array) -> Iterator[tuple[str, Arr
         if camera is None:
             continue
         at = np.array(camera.position_m)
-        for aim in aims.tolist():
+        for aim in aims:
             sight = ends[aim].mean(axis=0) - at
             right = np.cross(sight, [0.0, 0.0, 1.0])
             right *= STEP_M / max(float(np.linalg.norm(right)), 1e-9)

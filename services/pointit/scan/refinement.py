@@ -79,7 +79,7 @@ class Refined:
     @property
     def cameras(self) -> Array:
         """Return the positions of the cameras of `state`, views x 3, m."""
-        return -np.einsum("vji,vj->vi", self.state.rotations, self.state.translations)
+        return np.asarray(-np.einsum("vji,vj->vi", self.state.rotations, self.state.translations))
 
     def places(self, chain: int, pixels: Array) -> Array:
         """Return the points of the room of pixels of a chain, n x 3."""

@@ -36,7 +36,8 @@ class Seen:
     @classmethod
     def of(cls, strips: Sequence[StripSpec], lamps: Sequence[LampSpec], views: Sequence[View]) -> "Seen":
         """Return the sightings in `views`, of at most `MAX_MARKS` different pixels of each."""
-        numbers = {spec.name: number for number, spec in enumerate([*strips, *lamps])}
+        specs: list[StripSpec | LampSpec] = [*strips, *lamps]
+        numbers = {spec.name: number for number, spec in enumerate(specs)}
         rows = [
             (index, numbers[seen.name], seen.pixel, seen.u - view.width / 2.0, seen.v - view.height / 2.0)
             for index, view in enumerate(views)

@@ -54,7 +54,9 @@ def test_the_room_is_level(gravity: bool) -> None:  # noqa: FBT001 - a parameter
 
 def test_gravity_that_is_upside_down_is_refused_and_not_used_if_one_view_has_it() -> None:
     views = [
-        replace(view, gravity=(-x, -y, -z)) for view in photographs(4) for x, y, z in [view.gravity or ()]
+        replace(view, gravity=(-x, -y, -z))
+        for view in photographs(4)
+        for x, y, z in [view.gravity or (0.0, 0.0, 0.0)]
     ]
     with pytest.raises(ScanError, match="gravity points to the top"):
         solve(specs(), LAMPS, views)

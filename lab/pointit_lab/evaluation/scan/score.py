@@ -99,7 +99,7 @@ def _advised_pose(
     rng: np.random.Generator, room: Room, phone: Phone, poses: Sequence[Pose], scan: Scan | None
 ) -> Pose:
     """Return the next pose of a person who follows the advice as far as it goes."""
-    advice = scan and next_view(scan)
+    advice = None if scan is None else next_view(scan)
     if scan is None or advice is None:
         return next_pose(rng, room, phone, poses)
     if advice.position_m is None or advice.look_at_m is None:

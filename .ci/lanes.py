@@ -82,6 +82,11 @@ ROOMS = {
         ("tests/unit/assistants", "tests/integration/assistants", "tests/e2e/run/test_assistants.py"),
         ("tests/unit/cli",),
     ),
+    "studies": Room(
+        tuple(f"{PRODUCT}{name}" for name in ("study", "study_report", "cli/study")),
+        ("tests/unit/study", "tests/unit/study_report", "tests/examples/test_selection_study.py"),
+        ("tests/unit/cli", "tests/wheel"),
+    ),
     "robots": Room(
         (
             *(f"{PRODUCT}services/{name}" for name in ("goal", "robot", "robot_replay")),

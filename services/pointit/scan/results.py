@@ -38,6 +38,7 @@ def scan_of(
 ) -> Scan:
     """Return the scan of an adjustment; `known_length` scales it."""
     specs: list[StripSpec | LampSpec] = [*strips, *lamps]
+    names = [spec.name for spec in specs]
     state, seen = refined.state, refined.seen
     turn, level_sigma, level_from = _level(refined)
     factor, scale_sigma, scale_from = _scale(refined, specs, known_length)
@@ -53,7 +54,7 @@ def scan_of(
         own, views = np.flatnonzero(chain_of == chain), len(_views_of(refined, chain))
         rows = (3 * own[:, None] + np.arange(3)).ravel()
         line, spread = vertices[own], covariance[np.ix_(rows, rows)]
-        name = specs[chain].name
+        name = names[chain]
         if chain >= len(strips):
             sigma = _sigma(spread, views)
             reason = _doubt(refined, chain, sigma)

@@ -177,14 +177,11 @@ class Bundle:
         errors = images - self.uv
         weights = 1.0 / np.sqrt(1.0 + np.sum(errors**2, axis=1) / loss_px**2) / sigma_px
         residuals, rows = self._prior(state)
-        jacobian = csr_array(
-            (
-                (values * weights[:, None, None]).ravel(),
-                np.repeat(columns, 2, axis=0).ravel(),
-                np.arange(0, values.size + 1, columns.shape[1]),
-            ),
-            shape=(2 * len(points), rows.shape[1]),
-        )
+        data: Array = (values * weights[:, None, None]).ravel()
+        indices: Indices = np.repeat(columns, 2, axis=0).ravel()
+        width = int(columns.shape[1])
+        starts: Indices = np.arange(0, len(data) + 1, width, dtype=np.intp)
+        jacobian = csr_array((data, indices, starts), shape=(2 * len(points), rows.shape[1]))
         normal = (jacobian.T @ jacobian).toarray() + rows.T @ rows
         return normal, jacobian.T @ (errors * weights[:, None]).ravel() + rows.T @ residuals
 

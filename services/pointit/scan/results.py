@@ -38,7 +38,6 @@ def scan_of(
 ) -> Scan:
     """Return the scan of an adjustment; `known_length` scales it."""
     specs: list[StripSpec | LampSpec] = [*strips, *lamps]
-    names = [spec.name for spec in specs]
     state, seen = refined.state, refined.seen
     turn, level_sigma, level_from = _level(refined)
     factor, scale_sigma, scale_from = _scale(refined, specs, known_length)
@@ -50,11 +49,12 @@ def scan_of(
     vertices += shift
     found_strips: dict[str, ScannedStrip] = {}
     found_lamps: dict[str, ScannedLamp] = {}
-    for chain in np.unique(chain_of).tolist():
+    chains: list[int] = np.unique(chain_of).tolist()
+    for chain in chains:
         own, views = np.flatnonzero(chain_of == chain), len(_views_of(refined, chain))
         rows = (3 * own[:, None] + np.arange(3)).ravel()
         line, spread = vertices[own], covariance[np.ix_(rows, rows)]
-        name = names[chain]
+        name = specs[chain].name
         if chain >= len(strips):
             sigma = _sigma(spread, views)
             reason = _doubt(refined, chain, sigma)

@@ -55,7 +55,7 @@ def next_view(scan: Scan, limit_m: float = COMPLETE_M) -> Advice | None:
     is_known = np.array([each.views > 1 for each in found], dtype=bool)
 
     def worth(candidate: tuple[str, Array, int]) -> float:
-        """Return what a photograph would show: known strips that place it, and open ones from aside."""
+        """Return the value of a photograph: known strips that place it, and open ones from aside."""
         sights = ends - candidate[1]
         sights /= np.maximum(np.linalg.norm(sights, axis=2, keepdims=True), 1e-9)
         ahead = sights[candidate[2]].sum(axis=0)

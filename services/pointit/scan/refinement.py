@@ -207,7 +207,7 @@ def _started(
 
 
 def corner(state: State, model: Model, piece: int) -> tuple[float, Array, Array]:
-    """Return how a piece meets the next one.
+    """Return the meeting of a piece and the next one.
 
     Returns:
         How many pixels later than their common bound, the directions of both, m a pixel, 2 x 3, and the

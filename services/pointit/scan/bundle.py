@@ -182,8 +182,9 @@ class Bundle:
         width = int(columns.shape[1])
         starts: Indices = np.arange(0, len(data) + 1, width, dtype=np.intp)
         jacobian = csr_array((data, indices, starts), shape=(2 * len(points), rows.shape[1]))
-        normal = (jacobian.T @ jacobian).toarray() + rows.T @ rows
-        return normal, jacobian.T @ (errors * weights[:, None]).ravel() + rows.T @ residuals
+        normal = np.asarray((jacobian.T @ jacobian).toarray() + rows.T @ rows, dtype=np.float64)
+        gradient = jacobian.T @ (errors * weights[:, None]).ravel() + rows.T @ residuals
+        return normal, np.asarray(gradient, dtype=np.float64)
 
     def _prior(self, state: State) -> tuple[Array, Array]:
         """Return the residuals of the priors, and their Jacobian."""

@@ -1,21 +1,25 @@
-"""The next best view: from where a further photograph helps the strip that is known worst."""
+"""The next best view: from where a further photograph helps the most strips that are not known well."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from pointit.geometry.vector import Vec3
-from pointit.scan.adjustment import Array
-from pointit.scan.result import COMPLETE_M, Camera, Scan, ScannedLamp, ScannedStrip
+from pointit.scan.bundle import Array
+from pointit.scan.result import COMPLETE_M, Scan, ScannedLamp, ScannedStrip
 
 STEP_M = 1.0
 """Distance of a step aside."""
 NEARER = 0.6
 """Share of the distance to a strip that remains after going nearer."""
 CLOSEST_M = 0.8
-MARKS = 8
-"""Number of pixels that a photograph is expected to show of a strip."""
+CONE = np.cos(np.radians(28.0))
+"""Cosine of the angle from the middle of an image within which a photograph surely shows a thing."""
+TIES = 3
+"""Number of known strips in a photograph that place it."""
+AIMS = 8
+"""Number of the worst strips that are looked at by turns."""
 
 
 @dataclass(frozen=True)
@@ -24,14 +28,12 @@ class Advice:
 
     Attributes:
         position_m, look_at_m: of the camera, and what it is pointed at, in the scan's frame.
-        expected_sigma_m: sigma of the strip with that view.
     """
 
     text: str
     names: tuple[str, ...]
     position_m: Vec3 | None = None
     look_at_m: Vec3 | None = None
-    expected_sigma_m: float | None = None
 
 
 def next_view(scan: Scan, limit_m: float = COMPLETE_M) -> Advice | None:
@@ -43,27 +45,33 @@ def next_view(scan: Scan, limit_m: float = COMPLETE_M) -> Advice | None:
             scan.missing,
         )
     found: list[ScannedStrip | ScannedLamp] = [*scan.strips.values(), *scan.lamps.values()]
-    open_ones = sorted(
-        (each for each in found if not each.identified or each.sigma_m > limit_m),
-        key=lambda each: -each.sigma_m,
-    )
-    if not open_ones:
+    found.sort(key=lambda each: -each.sigma_m)
+    is_open = np.array([not each.identified or each.sigma_m > limit_m for each in found], dtype=bool)
+    if not is_open.any():
         return None
-    worst = open_ones[0]
-    names = tuple(each.name for each in open_ones)
-    points = _points(worst)
-    middle = points.mean(axis=0)
-    best: tuple[float, str, Array] | None = None
-    for text, position in _candidates(scan, middle):
-        sigma_m = _expected_sigma_m(scan, worst, points, position)
-        if best is None or sigma_m < best[0]:
-            best = (sigma_m, text, position)
+    names = tuple(each.name for each, is_it in zip(found, is_open, strict=True) if is_it)
+    ends = np.array([_points(each)[[0, -1]] for each in found]).reshape(-1, 2, 3)
+    axes = np.array([_least_certain(each) for each in found]).reshape(-1, 3)
+    is_known = np.array([each.views > 1 for each in found], dtype=bool)
+
+    def worth(candidate: tuple[str, Array, int]) -> float:
+        """Return the value of a photograph: known strips that place it, and open ones from aside."""
+        sights = ends - candidate[1]
+        sights /= np.maximum(np.linalg.norm(sights, axis=2, keepdims=True), 1e-9)
+        ahead = sights[candidate[2]].sum(axis=0)
+        shows = np.all(sights @ ahead > CONE * np.linalg.norm(ahead), axis=1)
+        aside = np.linalg.norm(np.cross(sights.mean(axis=1), axes), axis=1)
+        return 10.0 * min(float((shows & is_known).sum()), TIES) + float(aside[shows & is_open].sum())
+
+    best = max(_candidates(scan, ends, np.flatnonzero(is_open)[:AIMS].tolist()), key=worth, default=None)
     if best is None:
-        return Advice(f"photograph {worst.name} once more, from another position", names)
-    sigma_m, where, position = best
-    reason = worst.reason or f"its ends are known to {100 * worst.sigma_m:.1f} cm"
-    text = f"{worst.name}: {reason}. Photograph it {where}, with two other strips in the picture"
-    return Advice(text, names, _vec3(position), _vec3(middle), sigma_m)
+        return Advice(f"photograph {names[0]} once more, from another position", names)
+    where, position, aim = best
+    each = found[aim]
+    reason = each.reason or f"its ends are known to {100 * each.sigma_m:.1f} cm"
+    text = f"{each.name}: {reason}. Photograph it {where}, with two other strips in the picture"
+    first = (each.name, *(name for name in names if name != each.name))
+    return Advice(text, first, _vec3(position), _vec3(ends[aim].mean(axis=0)))
 
 
 def _points(found: ScannedStrip | ScannedLamp) -> Array:
@@ -71,41 +79,33 @@ def _points(found: ScannedStrip | ScannedLamp) -> Array:
     return np.array(points, dtype=np.float64)
 
 
-def _candidates(scan: Scan, middle: Array) -> Iterator[tuple[str, Array]]:
-    """Yield positions a step aside of a camera, or nearer, each with its words."""
+def _least_certain(found: ScannedStrip | ScannedLamp) -> Array:
+    """Return the direction in which a strip or lamp is known worst."""
+    blocks = [found.covariance[row : row + 3, row : row + 3] for row in range(0, len(found.covariance), 3)]
+    return np.asarray(np.linalg.eigh(np.sum(blocks, axis=0))[1][:, -1])
+
+
+def _candidates(scan: Scan, ends: Array, aims: Sequence[int]) -> Iterator[tuple[str, Array, int]]:
+    """Yield positions a step aside of a camera, or nearer, with their words, and what to look at."""
+    cameras = [np.array(camera.position_m) for camera in scan.cameras if camera is not None]
+    around = np.concatenate([ends.reshape(-1, 3), cameras])
     for number, camera in enumerate(scan.cameras, 1):
         if camera is None:
             continue
         at = np.array(camera.position_m)
-        sight = middle - at
-        right = np.cross(sight, [0.0, 0.0, 1.0])
-        right /= max(float(np.linalg.norm(right)), 1e-9)
-        yield f"from {STEP_M:g} m to the right of photograph {number}", at + STEP_M * right
-        yield f"from {STEP_M:g} m to the left of photograph {number}", at - STEP_M * right
-        if NEARER * float(np.linalg.norm(sight)) > CLOSEST_M:
-            yield f"from nearer than photograph {number}", at + (1.0 - NEARER) * sight
-
-
-def _expected_sigma_m(scan: Scan, found: ScannedStrip | ScannedLamp, points: Array, position: Array) -> float:
-    """Return the largest sigma of the vertices with a further view from `position`."""
-    covariance = found.covariance + 1e-8 * np.eye(len(found.covariance))
-    sight = points.mean(axis=0) - position
-    forward = sight / max(float(np.linalg.norm(sight)), 1e-9)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= max(float(np.linalg.norm(right)), 1e-9)
-    camera = Camera(np.array([right, np.cross(forward, right), forward]), np.zeros(3))
-    information = np.linalg.inv(covariance)
-    for row, point in enumerate(points):
-        x, y, z = camera.rotation @ (point - position)
-        z = max(float(z), 0.2)
-        jacobian = scan.focal_px / z * np.array([[1.0, 0.0, -x / z], [0.0, 1.0, -y / z]]) @ camera.rotation
-        jacobian *= np.sqrt(MARKS / len(points)) / scan.noise_px
-        part = slice(3 * row, 3 * row + 3)
-        information[part, part] += jacobian.T @ jacobian
-    after = np.linalg.inv(information)
-    return float(
-        np.sqrt(max(np.linalg.eigvalsh(after[r : r + 3, r : r + 3])[-1] for r in range(0, len(after), 3)))
-    )
+        for aim in aims:
+            sight = ends[aim].mean(axis=0) - at
+            right = np.cross(sight, [0.0, 0.0, 1.0])
+            right *= STEP_M / max(float(np.linalg.norm(right)), 1e-9)
+            found = [
+                (f"from {STEP_M:g} m to the right of photograph {number}", at + right, aim),
+                (f"from {STEP_M:g} m to the left of photograph {number}", at - right, aim),
+            ]
+            if NEARER * float(np.linalg.norm(sight)) > CLOSEST_M:
+                found.append((f"from nearer than photograph {number}", at + (1.0 - NEARER) * sight, aim))
+            for candidate in found:  # within the room, as far as it is known
+                if np.all((candidate[1] > around.min(axis=0)) & (candidate[1] < around.max(axis=0))):
+                    yield candidate
 
 
 def _vec3(values: Array) -> Vec3:

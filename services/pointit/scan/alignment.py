@@ -1,17 +1,14 @@
 """Poses of views by the strips they share: rigid motions between sets of points (Kabsch), by consensus."""
 
-from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
-from pointit.scan.adjustment import DOWN, GRAVITY_SIGMA, Array, skew, turned
+from pointit.scan.bundle import DOWN, Array
 
 MAX_PAIRS = 300
 COARSE = 0.05
 """Tolerance of a first pose, as a share of the image's width: depth from one photograph is coarse."""
-ORBIT_RAD = tuple(np.radians([-90.0, -60.0, -40.0, -20.0, 20.0, 40.0, 60.0, 90.0]))
-"""Angles about the lines, upright, at which further poses are searched."""
 DISTINCT_M = 0.15
 """Distance of poses that differ."""
 MAX_POSES = 3
@@ -19,125 +16,48 @@ GRAVITY_ARM_M = 0.5
 """Gravity counts as a point at this distance."""
 
 
-def _nearest(matrix: Array) -> Array:
-    """Return the rotations that are nearest to `matrix`, h x 3 x 3."""
-    left, _, right = np.linalg.svd(matrix)
-    sign = np.sign(np.linalg.det(left @ right))
-    left = left.copy()
-    left[:, :, 2] *= sign[:, None]
-    return np.asarray(left @ right)
-
-
-@dataclass(frozen=True)
-class Shared:
-    """Lines that the room and a view share.
-
-    Attributes:
-        room: three points of each line in the room, m, n x 3 x 3.
-        camera: the same points in the camera's frame, m, coarse along the line of sight.
-        images: their images from the centre, image pixels, n x 3 x 2.
-        focal_px: focal length.
-        width_px: longer side of the image.
-        down: direction of gravity in the camera's frame, if that and the room's level are known.
-    """
-
-    room: Array
-    camera: Array
-    images: Array
-    focal_px: float
-    width_px: float
-    down: Array | None
-
-
-def candidate_poses(shared: Shared) -> list[tuple[Array, Array]]:
+def candidate_poses(
+    room: Array, camera: Array, images: Array, tolerance: float, down: Array | None
+) -> list[tuple[Array, Array]]:
     """Return the rotation and translation of poses that explain the images of lines, the best first.
 
     More than one if the images fit several poses, for example of a short strip seen obliquely, from the left
     or from the right.
+
+    Args:
+        room: three points of each line in the room, m, n x 3 x 3.
+        camera: the same points in the camera's frame, m, coarse along the line of sight.
+        images: their normalized images (x/z, y/z), n x 3 x 2.
+        tolerance: of an image.
+        down: direction of gravity in the camera's frame, if that and the room's level are known.
     """
-    room, down = shared.room, shared.down
     count = len(room)
     sets: list[tuple[int, int]] = list(combinations(range(count), 2))
     if down is not None:
         sets += [(each, each) for each in range(count)]
     if not sets:
         return []
-    if len(sets) > MAX_PAIRS:
-        sets = sets[:: -(-len(sets) // MAX_PAIRS)]
+    sets = sets[:: -(-len(sets) // MAX_PAIRS)]
     members = np.zeros((len(sets), count))
     for row, pair in enumerate(sets):
         members[row, list(pair)] = 1.0
-    rotations, translations = _fit(shared, members)
-    middle = room[:, 1].mean(axis=0)
-    best = int(np.argmin(_costs(shared, rotations, translations)))
-    for angle in ORBIT_RAD:  # the same view from elsewhere around the lines
-        turn = _about_z(angle)
-        rotations = np.concatenate([rotations, (rotations[best] @ turn.T)[None]])
-        shift = translations[best] + rotations[best] @ middle - rotations[-1] @ middle
-        translations = np.concatenate([translations, shift[None]])
-    rotations, translations = _refined(shared, rotations, translations)
-    costs = _costs(shared, rotations, translations)
+    rotations, translations = _rigid_motions(room, camera, members, down)
+    points = np.einsum("hij,nkj->hnki", rotations, room) + translations[:, None, None]
+    depth = points[..., 2:]
+    error = np.linalg.norm(points[..., :2] / np.maximum(depth, 0.05) - images, axis=3).mean(axis=2)
+    error = np.where(np.min(depth[..., 0], axis=2) > 0.05, error, np.inf)
+    costs = np.minimum(error / tolerance, 1.0).sum(axis=1)
     found: list[int] = []
     places = -np.einsum("hji,hj->hi", rotations, translations)
     for index in np.argsort(costs):
         is_new = all(np.linalg.norm(places[index] - places[other]) > DISTINCT_M for other in found)
-        if costs[index] < len(room) and is_new:
+        if costs[index] < count and is_new:
             found.append(int(index))
     return [(rotations[index], translations[index]) for index in found[:MAX_POSES]]
 
 
-def _about_z(angle: float) -> Array:
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-
-def _refined(shared: Shared, rotations: Array, translations: Array) -> tuple[Array, Array]:
-    """Return poses after some steps of Levenberg-Marquardt, all at once, with robust weights."""
-    down, focal_px = shared.down, shared.focal_px
-    points, targets = shared.room.reshape(-1, 3), shared.images.reshape(-1, 2)
-    scale = 0.2 * COARSE * shared.width_px
-    for _ in range(12):
-        seen = np.asarray(np.einsum("hij,kj->hki", rotations, points), dtype=np.float64)
-        camera = seen + translations[:, None]
-        depth = np.maximum(camera[..., 2:], 0.1)
-        flat = camera[..., :2] / depth
-        errors = focal_px * flat - targets
-        weights = 1.0 / np.sqrt(1.0 + np.sum(errors**2, axis=2, keepdims=True) / scale**2)
-        by_camera = (
-            np.concatenate([np.broadcast_to(np.eye(2), (*flat.shape, 2)), -flat[..., None]], axis=3)
-            * (focal_px * weights / depth)[..., None]
-        )
-        cross = skew(seen.reshape(-1, 3)).reshape(*seen.shape, 3)
-        jacobian = np.concatenate([-by_camera @ cross, by_camera], axis=3)
-        jacobian = jacobian.reshape(len(rotations), -1, 6)
-        residuals = (errors * weights).reshape(len(rotations), -1)
-        normal = jacobian.transpose(0, 2, 1) @ jacobian
-        gradient = np.einsum("hri,hr->hi", jacobian, residuals)
-        if down is not None:
-            sunk = rotations @ DOWN
-            tilts = -skew(sunk) / GRAVITY_SIGMA
-            normal[:, :3, :3] += tilts.transpose(0, 2, 1) @ tilts
-            gradient[:, :3] += np.einsum("hij,hi->hj", tilts, (sunk - down) / GRAVITY_SIGMA)
-        normal += np.eye(6) * (1e-3 * np.einsum("hii->hi", normal)[:, None] + 1e-6)
-        step = -np.asarray(np.linalg.solve(normal, gradient[..., None]), dtype=np.float64)[..., 0]
-        step *= np.minimum(1.0, 0.3 / np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-9))
-        rotations, translations = turned(rotations, step[:, :3]), translations + step[:, 3:]
-    return rotations, translations
-
-
-def _costs(shared: Shared, rotations: Array, translations: Array) -> Array:
-    """Return for each pose the sum over lines of their errors, 1 at most each."""
-    points = np.einsum("hij,nkj->hnki", rotations, shared.room) + translations[:, None, None]
-    depth = points[..., 2:]
-    flat = shared.focal_px * points[..., :2] / np.maximum(depth, 0.05)
-    error = np.linalg.norm(flat - shared.images, axis=3).mean(axis=2)
-    error = np.where(np.min(depth[..., 0], axis=2) > 0.05, error, np.inf)
-    return np.asarray(np.minimum(error / (COARSE * shared.width_px), 1.0).sum(axis=1))
-
-
-def _fit(shared: Shared, members: Array) -> tuple[Array, Array]:
-    """Return poses from the lines that are `members` (h x n) of each hypothesis."""
-    room, camera, down = shared.room, shared.camera, shared.down
+def _rigid_motions(room: Array, camera: Array, members: Array, down: Array | None) -> tuple[Array, Array]:
+    """Return the rotations and translations from the lines that are `members` (h x n) of each hypothesis."""
     near = 1.0 / np.linalg.norm(camera[:, 1], axis=1) ** 2  # depth errs by the square of the distance
     weights = members * near
     weights /= weights.sum(axis=1, keepdims=True)
@@ -148,7 +68,9 @@ def _fit(shared: Shared, members: Array) -> tuple[Array, Array]:
     matrix = np.einsum("hn,nij->hij", weights, products) / 3.0 - camera_mean[:, :, None] * room_mean[:, None]
     if down is not None:
         matrix = matrix + GRAVITY_ARM_M**2 * np.outer(down, DOWN)
-    rotations = _nearest(matrix)
+    left, _, right = np.linalg.svd(matrix)
+    left[:, :, 2] *= np.sign(np.linalg.det(left @ right))[:, None]
+    rotations = left @ right
     return rotations, camera_mean - np.einsum("hij,hj->hi", rotations, room_mean)
 
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import RefusedError
-from pointit.scan.adjustment import Array
 from pointit.scan.as_map import pointed_text
+from pointit.scan.bundle import Array
 from pointit.scan.by_pointing import PointedAt, Survey
 from pointit.scan.result import Scan
 

@@ -5,15 +5,13 @@ a = K p and b = K d: six numbers without a scale, from three pixels. The pitch g
 Wrong numbers, reflections and the rest of a bent strip are outliers (random sample consensus).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from pointit.scan.bundle import Array, Mask
 
 TOLERANCE_PX = 3.0
 BOW = 0.015
@@ -53,12 +51,11 @@ class ImageLine:
         """Return the length in the image."""
         return float(np.linalg.norm(np.ptp(self.uv, axis=0)))
 
-    def in_camera(self, focal_px: float, pitch_m: float) -> tuple[Array, Array]:
-        """Return the strip's place of pixel 0 and its step from pixel to pixel, camera frame, m."""
-        scale = np.array([1.0 / focal_px, 1.0 / focal_px, 1.0])
-        start, step = self.a * scale, self.b * scale
-        size = pitch_m / float(np.linalg.norm(step))
-        return start * size, step * size
+    def in_camera(self, focal_px: float, pitch_m: float, pixels: Array) -> Array:
+        """Return the places of `pixels` (k) in the camera's frame, k x 3, m."""
+        points = (self.a + pixels[:, None] * self.b) / [focal_px, focal_px, 1.0]
+        step = self.b / [focal_px, focal_px, 1.0]
+        return np.asarray(points * (pitch_m / np.linalg.norm(step)))
 
 
 def fit_lines(pixels: Array, uv: Array, rng: np.random.Generator) -> list[ImageLine]:
@@ -77,11 +74,6 @@ def fit_lines(pixels: Array, uv: Array, rng: np.random.Generator) -> list[ImageL
         found.append(line)
         pixels, uv = pixels[~on_line], uv[~on_line]
     return found
-
-
-def covered(line: ImageLine | None, pixels: Array) -> int:
-    """Return the number of different `pixels` on the line."""
-    return 0 if line is None else len(np.intersect1d(line.pixels, pixels))
 
 
 def _consensus(pixels: Array, uv: Array, rng: np.random.Generator) -> Mask | None:
@@ -197,8 +189,3 @@ def _split(views: Sequence[tuple[Array, Array]], rng: np.random.Generator) -> fl
 def _covered(view: tuple[Array, Array], rng: np.random.Generator) -> int:
     on_line = _consensus(*view, rng)
     return 0 if on_line is None else len(np.unique(view[0][on_line]))
-
-
-def pieces(knots: Sequence[float]) -> Iterator[tuple[float, float]]:
-    """Yield the first and last place of each straight piece, pixel numbers."""
-    yield from pairwise(knots)

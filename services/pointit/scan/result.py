@@ -8,7 +8,7 @@ import numpy as np
 
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import PointItError
-from pointit.scan.adjustment import Array
+from pointit.scan.bundle import Array
 
 COMPLETE_M = 0.01
 

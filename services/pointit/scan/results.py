@@ -2,89 +2,79 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import ConfigError
-from pointit.scan.adjustment import PITCH_SIGMA, Array
 from pointit.scan.alignment import levelled, upright
-from pointit.scan.doubts import MAX_STRETCH, doubt, seen_twice, swapped, views_of
-from pointit.scan.final_adjustment import Adjusted
+from pointit.scan.bundle import GRAVITY_SIGMA, Array
+from pointit.scan.poses import PITCH_SIGMA
+from pointit.scan.refinement import Refined
 from pointit.scan.result import Camera, Scan, ScannedLamp, ScannedStrip
 from pointit.scan.views import KnownLength, LampSpec, StripSpec
 
+LEAST_PARALLAX_RAD = math.radians(4.0)
+LEAST_SIGHTINGS = 3
+"""Minimum number of pixels for a view to count for a strip."""
+MAX_SIGMA_M = 0.03
+"""Largest sigma with which a strip counts as identified."""
+MAX_STRETCH = 0.04
+"""Relative difference of a measured pitch from the one that a strip is said to have."""
 LEAST_SIGMA_M = 0.001
 MAX_UNSEEN = 0.1
 """Share of a strip's pixels, at an end, that may be unseen."""
 UNSEEN_SIGMA = 0.1
 """Standard deviation of an end that was never seen, as a share of the unseen length: it may bend."""
-STRAIGHT_RAD = math.radians(2.5)
 STRIPS_LEVEL_SIGMA = math.radians(1.5)
 """Standard deviation of a level that is taken from the strips."""
-SCALE_SIGMA = PITCH_SIGMA
 MAX_RATIO = 10.0
 """Ratio of a known length and the pitches, either way, from which one of them is wrong."""
-REFLECTED = "one view has it elsewhere and nearer: the others may show a mirror image, cover the mirror"
 
 
 def scan_of(
-    adjusted: Adjusted,
-    strips: Sequence[StripSpec],
-    lamps: Sequence[LampSpec],
-    known_length: KnownLength | None,
-    reflections: frozenset[int],
+    refined: Refined, strips: Sequence[StripSpec], lamps: Sequence[LampSpec], known_length: KnownLength | None
 ) -> Scan:
-    """Return the scan of an adjustment; `known_length` scales it; `reflections` are numbers of strips."""
+    """Return the scan of an adjustment; `known_length` scales it."""
     specs: list[StripSpec | LampSpec] = [*strips, *lamps]
-    state, layout = adjusted.state, adjusted.adjustment.layout
-    turn, level_sigma, level_from = _level(adjusted)
-    factor, scale_sigma, scale_from = _scale(adjusted, specs, known_length)
-    vertices = factor * state.vertices @ turn.T
+    state, seen = refined.state, refined.seen
+    turn, level_sigma, level_from = _level(refined)
+    factor, scale_sigma, scale_from = _scale(refined, specs, known_length)
+    vertices, covariance, chain_of = refined.vertices([strip.count for strip in strips])
+    vertices = factor * vertices @ turn.T
     block = np.kron(np.eye(len(vertices)), turn)
-    covariance = adjusted.adjustment.covariance(state, adjusted.loss_px, adjusted.noise_px)
     covariance = factor**2 * _beside_each_other(block @ covariance @ block.T, vertices)
-    vertices -= [0.0, 0.0, vertices[:, 2].min()]
-    shift = vertices[0] - factor * turn @ state.vertices[0]
+    shift = np.array([0.0, 0.0, -vertices[:, 2].min()])
+    vertices += shift
     found_strips: dict[str, ScannedStrip] = {}
     found_lamps: dict[str, ScannedLamp] = {}
+    chains: list[int] = np.unique(chain_of).tolist()
+    for chain in chains:
+        own, views = np.flatnonzero(chain_of == chain), len(_views_of(refined, chain))
+        rows = (3 * own[:, None] + np.arange(3)).ravel()
+        line, spread = vertices[own], covariance[np.ix_(rows, rows)]
+        name = specs[chain].name
+        if chain >= len(strips):
+            sigma = _sigma(spread, views)
+            reason = _doubt(refined, chain, sigma)
+            found_lamps[name] = ScannedLamp(name, _vec3(line[0]), sigma, views, not reason, reason, spread)
+        else:
+            found_strips[name] = _strip(refined, chain, strips, line, spread)
+    missing = tuple(spec.name for spec in specs if spec.name not in found_strips | found_lamps)
     problems = [
         f"view {view + 1} agrees with no other: move less between photographs, and hold still"
-        for view in range(len(adjusted.seen.downs))
-        if view not in adjusted.views
+        for view in range(len(seen.downs))
+        if view not in refined.views
     ]
-    for number, chain in enumerate(adjusted.chains):
-        part = slice(int(layout.first[number]), int(layout.first[number + 1]))
-        rows = np.arange(3 * part.start, 3 * part.stop)
-        own = covariance[np.ix_(rows, rows)]
-        views = views_of(adjusted, chain)
-        if chain >= len(strips):
-            lamp = lamps[chain - len(strips)]
-            sigma = _sigma(own, len(views))
-            reason = doubt(adjusted, number, chain, views, sigma)
-            found_lamps[lamp.name] = ScannedLamp(
-                lamp.name, _vec3(vertices[part.start]), sigma, len(views), not reason, reason, own
-            )
-        else:
-            strip = strips[chain]
-            found = _strip(adjusted, number, strip, vertices[part], own)
-            if chain in reflections and found.identified:
-                found = replace(found, identified=False, reason=REFLECTED)
-            found_strips[strip.name] = found
-    missing = tuple(
-        spec.name for spec in specs if spec.name not in found_strips and spec.name not in found_lamps
-    )
     problems += [f"{name!r} is not seen from two places: photograph it once more" for name in missing]
-    problems += swapped(found_strips, strips, factor)
     if abs(math.log(factor)) > MAX_STRETCH:
         problems.append(
             f"the known length makes all pitches {abs(factor - 1.0):.0%} "
             f"{'larger' if factor > 1 else 'smaller'} than given: measure it again, or correct the pitches"
         )
-    cameras: list[Camera | None] = [None] * len(adjusted.seen.downs)
-    for index, view in enumerate(adjusted.views):
+    cameras: list[Camera | None] = [None] * len(seen.downs)
+    for index, view in enumerate(refined.views):
         rotation = state.rotations[index] @ turn.T
         cameras[view] = Camera(rotation, factor * state.translations[index] - rotation @ shift)
     return Scan(
@@ -97,21 +87,22 @@ def scan_of(
         level_from=level_from,
         scale_sigma=scale_sigma,
         scale_from=scale_from,
-        noise_px=adjusted.noise_px,
+        noise_px=refined.noise_px,
         missing=missing,
         problems=tuple(problems),
     )
 
 
-def _level(adjusted: Adjusted) -> tuple[Array, float, str]:
+def _level(refined: Refined) -> tuple[Array, float, str]:
     """Return the rotation into a level frame, its standard deviation per axis, rad, and its source."""
-    state, layout = adjusted.state, adjusted.adjustment.layout
-    sigma = adjusted.adjustment.tilt(state)
-    if math.isfinite(sigma):
-        return np.eye(3), sigma, "gravity"
-    edges = np.concatenate(
-        [np.diff(state.vertices[a:b], axis=0) for a, b in pairwise(layout.first) if b - a > 1]
-    )
+    state, down = refined.state, refined.bundle.down
+    known = np.isfinite(down[:, 0])
+    if known.any():
+        sunk: Array = np.einsum("vij,vi->vj", state.rotations[known], down[known])[:, :2]
+        rms = max(float(np.sqrt(np.mean(sunk**2))), GRAVITY_SIGMA / 2.0)
+        return np.eye(3), rms / math.sqrt(known.sum()), "gravity"
+    ends = state.ends[refined.model.chain < refined.seen.strips]
+    edges = ends[:, 1] - ends[:, 0]
     lengths = np.linalg.norm(edges, axis=1)
     up = -state.rotations[:, 1].mean(axis=0)  # cameras are held upright, or nearly
     up /= np.linalg.norm(up)
@@ -121,19 +112,19 @@ def _level(adjusted: Adjusted) -> tuple[Array, float, str]:
 
 
 def _scale(
-    adjusted: Adjusted, specs: Sequence[StripSpec | LampSpec], known: KnownLength | None
+    refined: Refined, specs: Sequence[StripSpec | LampSpec], known: KnownLength | None
 ) -> tuple[float, float, str]:
     """Return the factor for all lengths, its relative standard deviation, and its source."""
     if known is None:
-        return 1.0, SCALE_SIGMA, "pitch"
-    names = [specs[chain].name for chain in adjusted.chains]
+        return 1.0, PITCH_SIGMA, "pitch"
+    names = [spec.name for spec in specs]
+    points: list[Array] = []
     for mark in (known.start, known.end):
-        if mark.name not in names:
+        chain = names.index(mark.name)
+        if chain not in refined.model.chain:
             raise ConfigError(f"the known length is at {mark.name!r}, which the views do not determine")
-    chain = np.array([names.index(mark.name) for mark in (known.start, known.end)], dtype=np.intp)
-    pixel = np.array([known.start.pixel, known.end.pixel], dtype=np.float64)
-    a, b = adjusted.adjustment.places(adjusted.state, chain, pixel)[0]
-    measured_m = float(np.linalg.norm(b - a))
+        points.append(refined.places(chain, np.array([float(mark.pixel)]))[0])
+    measured_m = float(np.linalg.norm(points[1] - points[0]))
     if not 1.0 / MAX_RATIO < known.metres / measured_m < MAX_RATIO:
         raise ConfigError(
             f"the known length of {known.metres:g} m is {measured_m:.3g} m by the pitches: measure it again, "
@@ -174,46 +165,73 @@ def _sigma(covariance: Array, views: int) -> float:
     return math.hypot(math.sqrt(max(largest, 0.0) * (1.0 + 2.0 / max(views - 1, 1))), LEAST_SIGMA_M)
 
 
+def _views_of(found: Refined, chain: int) -> list[int]:
+    """Return the views, as numbers in the state, that count for a chain."""
+    least = LEAST_SIGHTINGS if chain < found.seen.strips else 1
+    counts = np.bincount(found.seen.view[found.used & (found.seen.chain == chain)], minlength=64)
+    return [index for index, view in enumerate(found.views) if counts[view] >= least]
+
+
+def _doubt(found: Refined, chain: int, sigma_m: float) -> str:
+    """Return the reason why a strip or lamp is not identified, or `""`."""
+    views = _views_of(found, chain)
+    if len(views) < 2:
+        return "seen from one place only: photograph it from another one"
+    ends = found.state.ends[found.model.chain == chain]
+    middle = ends.mean(axis=(0, 1)) if chain < found.seen.strips else ends[0, 0]
+    sights = middle - found.cameras[views]
+    sights /= np.linalg.norm(sights, axis=1, keepdims=True)
+    if np.arccos(np.clip((sights @ sights.T).min(), -1.0, 1.0)) < LEAST_PARALLAX_RAD:
+        return "seen from one direction only: photograph it from a step further aside"
+    if sigma_m > MAX_SIGMA_M:
+        return f"its place is uncertain by {sigma_m:.2f} m: photograph it once more, from nearer"
+    return ""
+
+
+def _unseen(found: Refined, chain: int, count: int) -> tuple[float, float]:
+    """Return the first and last pixel of the longest part of a strip of `count` that no two views show.
+
+    It is an end of the strip, or a straight piece.
+    """
+    own = found.used & (found.seen.chain == chain)
+    shown = [found.seen.pixel[own & (found.seen.view == view)] for view in found.views]
+    firsts, lasts = sorted(p.min() for p in shown if len(p)), sorted(p.max() for p in shown if len(p))
+    parts = [(0.0, float(firsts[1]) - 1.0), (float(lasts[-2]) + 1.0, count - 1.0)] if len(firsts) > 1 else []
+    inner: list[float] = found.model.bounds[found.model.chain == chain][:-1, 1].tolist()
+    for low, high in pairwise([-0.5, *inner, count - 0.5]):
+        if sum(((p > low) & (p < high)).sum() >= LEAST_SIGHTINGS for p in shown) < 2:
+            parts.append((low + 0.5, high - 0.5))
+    return max(parts, key=lambda part: part[1] - part[0])
+
+
 def _strip(
-    adjusted: Adjusted, number: int, spec: StripSpec, vertices: Array, covariance: Array
+    refined: Refined, chain: int, strips: Sequence[StripSpec], line: Array, covariance: Array
 ) -> ScannedStrip:
-    chain = adjusted.chains[number]
-    views = views_of(adjusted, chain)
-    vertices, covariance = _without_straight_corners(vertices, covariance)
-    length_m = float(np.linalg.norm(np.diff(vertices, axis=0), axis=1).sum())
-    pitch_m = length_m / spec.count
-    sigma_m = _sigma(covariance, len(views))
-    reason = doubt(adjusted, number, chain, views, sigma_m)
-    low, high = seen_twice(adjusted, chain)
-    unseen = max(low, spec.count - 1 - high)
-    if unseen > max(2.0, MAX_UNSEEN * spec.count):
-        sigma_m = math.hypot(sigma_m, UNSEEN_SIGMA * unseen * pitch_m)
-        if not reason:
-            which = f"0 to {low - 1:.0f}" if unseen == low else f"{high + 1:.0f} to {spec.count - 1}"
-            reason = f"no two views show pixels {which}: photograph that end, or correct its count"
-    stretch = float(adjusted.state.stretch[number])
-    if not reason and spec.pitch_m is not None and abs(stretch) > MAX_STRETCH:
-        reason = (
-            f"it measures {1.0 / pitch_m:.0f} pixels a metre and is said to have {1.0 / spec.pitch_m:.0f}: "
-            "correct its pitch, or is it another strip?"
+    spec, views = strips[chain], len(_views_of(refined, chain))
+    pitch_m = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum()) / spec.count
+    sigma_m = _sigma(covariance, views)
+    reason = _doubt(refined, chain, sigma_m)
+    low, high = _unseen(refined, chain, spec.count)
+    if high - low + 1.0 > max(2.0, MAX_UNSEEN * spec.count):
+        sigma_m = math.hypot(sigma_m, UNSEEN_SIGMA * (high - low) * pitch_m)
+        reason = reason or (
+            f"no two views show pixels {low:.0f} to {high:.0f}: photograph that part, or correct its count"
         )
-    line = tuple(_vec3(vertex) for vertex in vertices)
+    stretch = np.abs(refined.bundle.stretch(refined.state)[refined.model.chain == chain]).max()
+    if spec.pitch_m is not None and stretch > MAX_STRETCH:
+        others = [
+            f"{other.name!r}, swapped at the controller"
+            for other in strips
+            if other.pitch_m and abs(math.log(other.pitch_m / pitch_m)) < MAX_STRETCH
+        ]
+        reason = reason or (
+            f"it measures {1.0 / pitch_m:.0f} pixels a metre and is said to have {1.0 / spec.pitch_m:.0f}: "
+            f"correct its pitch, or is it {' or '.join(others[:2]) or 'another strip'}?"
+        )
+    points = tuple(_vec3(vertex) for vertex in line)
     return ScannedStrip(
-        spec.name, spec.count, line, sigma_m, pitch_m, len(views), not reason, reason, covariance
+        spec.name, spec.count, points, sigma_m, pitch_m, views, not reason, reason, covariance
     )
-
-
-def _without_straight_corners(vertices: Array, covariance: Array) -> tuple[Array, Array]:
-    """Return a chain without corners at which it goes on straight."""
-    keep = [0]
-    for index in range(1, len(vertices) - 1):
-        before, after = vertices[index] - vertices[keep[-1]], vertices[index + 1] - vertices[index]
-        cosine = float(before @ after / np.linalg.norm(before) / np.linalg.norm(after))
-        if math.acos(min(1.0, max(-1.0, cosine))) > STRAIGHT_RAD:
-            keep.append(index)
-    keep.append(len(vertices) - 1)
-    rows = (3 * np.array(keep)[:, None] + np.arange(3)).ravel()
-    return vertices[keep], covariance[np.ix_(rows, rows)]
 
 
 def _vec3(values: Array) -> Vec3:

@@ -40,7 +40,11 @@ class StripSpec:
 
 @dataclass(frozen=True)
 class LampSpec:
-    """A lamp: a single point of light."""
+    """A lamp: a single point of light, such as one bulb, or the only pixel of an output.
+
+    Each view that shows it has one sighting of its name with pixel 0: the centroid of its light. Two views
+    from a step apart place it. Lamps help to place no view: strips in common do that.
+    """
 
     name: str
 

@@ -52,6 +52,19 @@ def test_the_room_is_level(gravity: bool) -> None:  # noqa: FBT001 - a parameter
     assert scan.level_from == ("gravity" if gravity else "strips")
 
 
+def test_gravity_that_is_upside_down_is_refused_and_not_used_if_one_view_has_it() -> None:
+    views = [
+        replace(view, gravity=(-x, -y, -z))
+        for view in photographs(4)
+        for x, y, z in [view.gravity or (0.0, 0.0, 0.0)]
+    ]
+    with pytest.raises(ScanError, match="gravity points to the top"):
+        solve(specs(), LAMPS, views)
+    scan = solve(specs(), LAMPS, [*photographs(4)[:1], views[1], *photographs(4)[2:]])
+    assert max(distances(scan).values()) < 0.015
+    assert "gravity of view 2 points to the top of its image: not used" in scan.problems
+
+
 def test_a_known_length_scales_everything_and_says_so_when_it_contradicts_the_pitch() -> None:
     known = KnownLength(Mark("post", 0), Mark("post", 59), 59 * PITCH_M * 1.1)
     scan = solve(specs(), LAMPS, photographs(4), known_length=known)

@@ -1,6 +1,7 @@
 """Random rooms with strips, mirrors and furniture, and what a camera sees of them."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -117,8 +118,8 @@ def random_room(rng: np.random.Generator) -> Room:
         _strip(rng, f"s{number}", kind, (width, depth, height), pitch_error) for number in range(count)
     )
     lamps = tuple(
-        (LampSpec(f"l{number}"), _on_wall(rng, (width, depth, height), 0.3)[0])
-        for number in range(int(rng.integers(0, 4)))
+        (LampSpec(f"l{number}"), _lamp(rng, kind, (width, depth, height)))
+        for number in range(int(rng.integers(0, 5)))
     )
     mirrors: list[Mirror] = []
     if rng.random() < 0.4:
@@ -149,6 +150,14 @@ def _on_wall(
     along = (b - a) / np.linalg.norm(b - a)
     x, y = a + share * (b - a)
     return (float(x), float(y), z), (float(along[0]), float(along[1]), 0.0), wall
+
+
+def _lamp(rng: np.random.Generator, kind: str, size: tuple[float, float, float]) -> Vec3:
+    """Return the position of a lamp: on a wall, or above the plane of the strips."""
+    if kind == "plane":
+        x, y, z = rng.uniform([0.3, 0.5, 0.9], [0.8 * size[0], 0.8 * size[1], 1.4])
+        return (float(x), float(y), float(z))
+    return _on_wall(rng, size, 0.3)[0]
 
 
 def _strip(
@@ -197,33 +206,46 @@ def _strip(
     )
 
 
-def standing(rng: np.random.Generator, room: Room, phone: Phone, count: int) -> list[Pose]:
-    """Return camera poses of a person who goes round, and is told when a photograph shares too little.
+def next_pose(
+    rng: np.random.Generator,
+    room: Room,
+    phone: Phone,
+    poses: Sequence[Pose],
+    *,
+    wanted: str = "",
+    advised: tuple[Array, Array] | None = None,
+) -> Pose:
+    """Return the next camera pose of a person who is told when a photograph shares too little.
 
-    Each next one is the one of some tries that shows the most strips not yet seen twice, of those that share
-    three strips (or all) with an earlier one.
+    It is the one of some tries that shows `wanted`, and the most strips and lamps not yet seen twice, of
+    those that share three strips (or all) with one of `poses`. `advised` is a position, and a point to look
+    at, that the person tries to follow.
     """
+    tries = [_somewhere(rng, room) if advised is None else _near(rng, room, *advised) for _ in range(TRIES)]
+    shown = [_sights(room, phone, pose) for pose in poses]
+    seen_twice = {name for name in frozenset[str]().union(*shown) if sum(name in each for each in shown) > 1}
+
+    strips = {strip.spec.name for strip in room.strips}
+
+    def worth(pose: Pose) -> float:
+        sight = _sights(room, phone, pose)
+        shared = max((len(sight & each & strips) for each in shown), default=0)
+        is_useful = 100.0 * (min(shared, SHARED) + (wanted in sight))
+        return is_useful + len(sight - seen_twice) + 0.1 * len(sight)
+
+    return max(tries, key=worth)
+
+
+def standing(rng: np.random.Generator, room: Room, phone: Phone, count: int) -> list[Pose]:
+    """Return camera poses of a person who goes round."""
     poses: list[Pose] = []
-    shown: list[frozenset[str]] = []
     for _ in range(count):
-        tries = [_somewhere(rng, room) for _ in range(TRIES)]
-        sights = [_sights(room, phone, pose) for pose in tries]
-        seen_twice = {
-            name for name in frozenset[str]().union(*shown) if sum(name in each for each in shown) > 1
-        }
-
-        def worth(sight: frozenset[str], seen_twice: set[str] = seen_twice) -> float:
-            shared = max((len(sight & each) for each in shown), default=0)
-            return min(shared, SHARED) * 100.0 + len(sight - seen_twice) + 0.1 * len(sight)
-
-        best = max(range(TRIES), key=lambda index: worth(sights[index]))
-        poses.append(tries[best])
-        shown.append(sights[best])
+        poses.append(next_pose(rng, room, phone, poses))
     return poses
 
 
 def _somewhere(rng: np.random.Generator, room: Room) -> Pose:
-    """Return a pose near a wall that looks across the room, held roughly upright."""
+    """Return a pose near a wall that looks across the room."""
     width, depth, _ = room.size_m
     angle, reach = rng.uniform(0, 2 * math.pi), rng.uniform(0.5, 0.95)
     at = np.array(
@@ -237,7 +259,18 @@ def _somewhere(rng: np.random.Generator, room: Room) -> Pose:
         aim = np.mean([strip.points(np.zeros(1))[0] for strip in room.strips], axis=0)
     else:
         aim = np.array([width / 2, depth / 2, 1.2]) - 0.6 * (at - [width / 2, depth / 2, at[2]])
-    forward = aim + rng.normal(0.0, 0.4, 3) - at
+    return _looking(rng, at, aim + rng.normal(0.0, 0.4, 3))
+
+
+def _near(rng: np.random.Generator, room: Room, at: Array, aim: Array) -> Pose:
+    """Return a pose within the room, a step or less from `at`, that looks at about `aim`."""
+    inside = np.clip(at + rng.normal(0.0, 0.3, 3), 0.1, np.array(room.size_m) - 0.1)
+    return _looking(rng, inside, aim + rng.normal(0.0, 0.5, 3))
+
+
+def _looking(rng: np.random.Generator, at: Array, aim: Array) -> Pose:
+    """Return the pose at `at` towards `aim`, held roughly upright."""
+    forward = aim - at
     forward /= np.linalg.norm(forward)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
@@ -247,8 +280,9 @@ def _somewhere(rng: np.random.Generator, room: Room) -> Pose:
 
 
 def _sights(room: Room, phone: Phone, pose: Pose) -> frozenset[str]:
-    """Return the names of the strips of which a good part is in the image."""
-    names: list[str] = []
+    """Return the names of the lamps in the image, and of the strips of which a good part is in it."""
+    places = np.array([place for _, place in room.lamps]).reshape(-1, 3)
+    names = [room.lamps[index][0].name for index in np.flatnonzero(_visible(room, phone, pose, places)[1])]
     for strip in room.strips:
         points = strip.points(np.linspace(0, strip.spec.count - 1, 12))
         if _visible(room, phone, pose, points)[1].sum() >= 6:

@@ -1,0 +1,273 @@
+"""The adjustment of all sightings, in which those that do not fit are left out step by step."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from pointit.scan.bundle import Array, Bundle, Indices, Mask, State
+from pointit.scan.lines import ImageLine
+from pointit.scan.poses import PITCH_SIGMA, Piece, Placed
+from pointit.scan.sightings import Seen
+from pointit.scan.views import LampSpec, StripSpec
+
+GATES_PX = (40.0, 15.0, 8.0)
+"""Largest errors of sightings that are used, one step after another; then `GATE_SIGMAS`."""
+GATE_SIGMAS = 5.0
+LEAST_GATE_PX = 2.0
+LEAST_NOISE_PX = 0.3
+LEAST_SHARE = 0.4
+"""Share of a strip's pixels in a view that have to agree, or all of them are left out of that view."""
+ANY_LENGTH_SIGMA = 1.0
+"""Standard deviation of the logarithm of a piece's length if its pitch is unknown."""
+LEAST_BEND = 0.05
+"""Difference of two directions, rad, below which a strip goes on straight."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """Pieces of chains, in order.
+
+    Attributes:
+        chain: chain of each piece, p.
+        bounds: pixel numbers of the ends of each piece, p x 2. Those of a lamp are 0 and 1.
+    """
+
+    chain: Indices
+    bounds: Array
+
+    def pieces(self, chains: Indices, pixels: Array) -> Indices:
+        """Return the piece of each pixel of a chain, n. -1: the chain has none."""
+        found = np.full(len(chains), -1, dtype=np.intp)
+        for chain in np.unique(self.chain):
+            own, part = np.flatnonzero(self.chain == chain), chains == chain
+            found[part] = own[np.searchsorted(self.bounds[own[:-1], 1], pixels[part])]
+        return found
+
+    def shares(self, pieces: Indices, pixels: Array) -> Array:
+        """Return the positions of pixels between the ends of their pieces, n."""
+        low, high = self.bounds[pieces].T
+        return np.asarray((pixels - low) / (high - low))
+
+    def corners(self) -> Indices:
+        """Return the pieces that are followed by another one of the same chain."""
+        return np.flatnonzero(self.chain[:-1] == self.chain[1:])
+
+
+@dataclass(frozen=True)
+class Refined:
+    """The outcome.
+
+    Attributes:
+        seen, bundle, state, model: sightings, equations, unknowns and pieces.
+        views: number in `seen` of each view of `state`.
+        used: True for the sightings of `seen` that were used.
+        noise_px: standard deviation of one coordinate of an image.
+        loss_px: scale of the loss.
+    """
+
+    seen: Seen
+    bundle: Bundle
+    state: State
+    model: Model
+    views: list[int]
+    used: Mask
+    noise_px: float
+    loss_px: float
+
+    @property
+    def cameras(self) -> Array:
+        """Return the positions of the cameras of `state`, views x 3, m."""
+        return np.asarray(-np.einsum("vji,vj->vi", self.state.rotations, self.state.translations))
+
+    def places(self, chain: int, pixels: Array) -> Array:
+        """Return the points of the room of pixels of a chain, n x 3."""
+        pieces = self.model.pieces(np.full(len(pixels), chain), pixels)
+        first, last = self.state.ends[pieces].transpose(1, 0, 2)
+        return np.asarray(first + self.model.shares(pieces, pixels)[:, None] * (last - first))
+
+    def vertices(self, counts: Sequence[int]) -> tuple[Array, Array, Indices]:
+        """Return ends and corners of all chains, v x 3, their covariance, m², and the chain of each.
+
+        `counts` are the numbers of pixels of the strips. An end that no view shows is in line with the rest.
+        """
+        model, eye = self.model, np.eye(3)
+        corners = set(model.corners().tolist())
+        chains: list[int] = []
+        blocks: list[Array] = []  # derivatives of a vertex by all ends, 3 x 2 p x 3
+        for piece, chain in enumerate(model.chain.tolist()):
+            found: list[Array] = []  # derivatives by this piece's first end and those that follow
+            edges = np.array([-0.5, counts[chain] - 0.5]) if chain < len(counts) else np.zeros(2)
+            shares = model.shares(np.array([piece, piece]), edges)
+            if piece - 1 not in corners:
+                found.append(np.array([(1.0 - shares[0]) * eye, shares[0] * eye]))
+            if piece in corners:
+                _, steps, bend = corner(self.state, model, piece)
+                if bend.any():
+                    slip = np.outer(steps.mean(axis=0), bend)
+                    found.append(np.array([0.0 * eye, eye / 2.0 - slip, eye / 2.0 + slip]))
+            elif chain < len(counts):
+                found.append(np.array([(1.0 - shares[1]) * eye, shares[1] * eye]))
+            for parts in found:
+                block = np.zeros((3, 2 * len(model.chain), 3))
+                block[:, 2 * piece : 2 * piece + len(parts)] = parts.transpose(1, 0, 2)
+                blocks.append(block.reshape(3, -1))
+                chains.append(chain)
+        matrix = np.concatenate(blocks)
+        covariance = self.bundle.covariance(self.state, self.loss_px, self.noise_px)
+        vertices = (matrix @ self.state.ends.ravel()).reshape(-1, 3)
+        return vertices, np.asarray(matrix @ covariance @ matrix.T), np.array(chains)
+
+
+def refined(
+    seen: Seen,
+    specs: Sequence[StripSpec | LampSpec],
+    placed: Placed,
+    bounds: Mapping[Piece, tuple[float, float]],
+    lines: Sequence[Mapping[Piece, ImageLine]],
+) -> Refined:
+    """Return the adjustment of all sightings from the poses of `placed`."""
+    state, model = _started(seen, specs, placed, bounds, lines)
+    number = np.full(len(seen.downs), -1)
+    number[placed.views] = np.arange(len(placed.views))
+    candidates = np.flatnonzero((number[seen.view] >= 0) & np.isin(seen.chain, model.chain))
+    pitches = [spec.pitch_m if isinstance(spec, StripSpec) else None for spec in specs]
+    lamps = np.array([isinstance(spec, LampSpec) for spec in specs])[model.chain]
+    sigmas = np.array([PITCH_SIGMA if pitch else ANY_LENGTH_SIGMA for pitch in pitches])[model.chain]
+    metres = np.array([pitch or 1.0 / 60.0 for pitch in pitches])[model.chain]
+
+    def bundle_of(rows: Indices) -> Bundle:
+        pieces = model.pieces(seen.chain[rows], seen.pixel[rows])
+        return Bundle(
+            view=number[seen.view[rows]],
+            piece=pieces,
+            share=model.shares(pieces, seen.pixel[rows]),
+            uv=seen.uv[rows],
+            log_length=np.log(metres * (model.bounds[:, 1] - model.bounds[:, 0])),
+            length_sigma=np.where(lamps, np.inf, sigmas),
+            down=seen.downs[placed.views],
+            log_focal=seen.log_focal,
+            corners=model.corners().tolist(),
+        )
+
+    noise_px, loss_px = 1.0, GATES_PX[0]
+    bundle, used = bundle_of(candidates), candidates
+    for gate in (*GATES_PX, None, None):
+        state, model = _with_corners(state, model)
+        errors = np.linalg.norm(bundle_of(candidates).errors(state), axis=1)
+        good = _agreeing(seen, candidates, errors, gate or max(LEAST_GATE_PX, GATE_SIGMAS * noise_px))
+        if not good.any():
+            break
+        used = candidates[good]
+        bundle = bundle_of(used)
+        loss_px = gate / 4.0 if gate else 3.0 * noise_px
+        state = bundle.solve(state, 12, loss_px, noise_px)
+        noise_px = max(LEAST_NOISE_PX, 1.4826 * float(np.median(np.abs(bundle.errors(state)))))
+    mask = np.zeros(len(seen.view), dtype=bool)
+    mask[used] = True
+    return Refined(seen, bundle, state, model, placed.views, mask, noise_px, loss_px)
+
+
+def _started(
+    seen: Seen,
+    specs: Sequence[StripSpec | LampSpec],
+    placed: Placed,
+    bounds: Mapping[Piece, tuple[float, float]],
+    lines: Sequence[Mapping[Piece, ImageLine]],
+) -> tuple[State, Model]:
+    """Return the first places of all strips and lamps: placed pieces, and what is triangulated."""
+    ends = dict(zip(placed.pieces, placed.state.ends, strict=True))
+    for piece, (low, high) in bounds.items():
+        views = [index for index, view in enumerate(placed.views) if piece in lines[view]]
+        if piece not in ends and len(views) > 1:  # of unknown pitch
+            own = [lines[placed.views[index]][piece] for index in views]
+            both = np.array([max(line.pixels.min() for line in own), min(line.pixels.max() for line in own)])
+            points = [
+                triangulated(placed.state, views, np.array([line.at(both)[side] for line in own]))
+                for side in (0, 1)
+            ]
+            if both[1] > both[0] and points[0] is not None and points[1] is not None:
+                share = ((np.array([low, high]) - both[0]) / (both[1] - both[0]))[:, None]
+                ends[piece] = points[0] + share * (points[1] - points[0])
+    for chain, spec in enumerate(specs):
+        if isinstance(spec, LampSpec):
+            rows = [row for row in np.flatnonzero(seen.chain == chain) if seen.view[row] in placed.views]
+            views = [placed.views.index(int(seen.view[row])) for row in rows]
+            point = triangulated(placed.state, views, seen.uv[rows])
+            if point is not None:
+                ends[chain, 0] = point + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    pieces: list[Piece] = []
+    for piece in sorted(ends):  # of a strip whose middle was never seen, the part before it
+        if not pieces or pieces[-1][0] != piece[0] or pieces[-1][1] == piece[1] - 1:
+            pieces.append(piece)
+    grid = np.array([bounds.get(piece, (0.0, 1.0)) for piece in pieces])
+    state = replace(placed.state, ends=np.array([ends[piece] for piece in pieces]))
+    return state, Model(np.array([chain for chain, _ in pieces], dtype=np.intp), grid)
+
+
+def corner(state: State, model: Model, piece: int) -> tuple[float, Array, Array]:
+    """Return the meeting of a piece and the next one.
+
+    Returns:
+        How many pixels later than their common bound, the directions of both, m a pixel, 2 x 3, and the
+        derivative of the former by the gap, 3.
+    """
+    spans = (model.bounds[piece : piece + 2, 1] - model.bounds[piece : piece + 2, 0])[:, None]
+    steps = (state.ends[piece : piece + 2, 1] - state.ends[piece : piece + 2, 0]) / spans
+    bend = steps[0] - steps[1]
+    if np.linalg.norm(bend) < LEAST_BEND * np.linalg.norm(steps[0]):
+        return 0.0, steps, np.zeros(3)
+    bend /= bend @ bend
+    return -float(bend @ (state.ends[piece, 1] - state.ends[piece + 1, 0])), steps, bend
+
+
+def _with_corners(state: State, model: Model) -> tuple[State, Model]:
+    """Return the same with all corners where two pieces meet, or nearly."""
+    ends, bounds = state.ends.copy(), model.bounds.copy()
+    for piece in model.corners():
+        later, steps, _ = corner(state, model, piece)
+        at = float(np.clip(bounds[piece, 1] + later, bounds[piece, 0] + 1.0, bounds[piece + 1, 1] - 1.0))
+        ends[piece, 1] += (at - bounds[piece, 1]) * steps[0]
+        ends[piece + 1, 0] += (at - bounds[piece, 1]) * steps[1]
+        bounds[piece, 1] = bounds[piece + 1, 0] = at
+    return replace(state, ends=ends), Model(model.chain, bounds)
+
+
+def _agreeing(seen: Seen, candidates: Indices, errors: Array, limit_px: float) -> Mask:
+    """Return which candidates to use: within the limit, the nearest of its pixel, with its strip."""
+    keys = np.column_stack([seen.view, seen.chain, seen.pixel])[candidates]
+    order = np.lexsort((errors, keys[:, 2], keys[:, 1], keys[:, 0]))
+    repeated = np.all(keys[order][1:] == keys[order][:-1], axis=1)
+    first = np.ones(len(candidates), dtype=bool)
+    first[order[1:][repeated]] = False
+    good = first & (errors < limit_px)
+    _, of_pair = np.unique(keys[:, :2], axis=0, return_inverse=True)
+    of_pair = of_pair.ravel()
+    share = np.bincount(of_pair, good) / np.maximum(np.bincount(of_pair, first), 1)
+    return np.asarray(good & (share[of_pair] >= LEAST_SHARE))
+
+
+def triangulated(state: State, views: Sequence[int], uv: Array) -> Array | None:
+    """Return the point in the room that is seen at `uv` (n x 2) in `views` (n), or None if there is none.
+
+    With wrong or double sightings: the point of two rays that most others agree with.
+    """
+    index = np.array(views, dtype=np.intp)
+    flat = np.column_stack([uv.reshape(-1, 2) / np.exp(state.log_focal), np.ones(len(index))])
+    rays = np.einsum("nji,nj->ni", state.rotations[index], flat / np.linalg.norm(flat, axis=1, keepdims=True))
+    across = np.eye(3) - rays[:, :, None] * rays[:, None, :]
+    origins = -np.einsum("nji,nj->ni", state.rotations[index], state.translations[index])
+    moments = np.einsum("nij,nj->ni", across, origins)
+    best: Array | None = None
+    best_score = 0.0
+    for a, b in combinations(range(len(index)), 2):
+        matrix = across[a] + across[b]
+        if index[a] != index[b] and np.linalg.det(matrix) > 1e-3:
+            point = np.asarray(np.linalg.solve(matrix, moments[a] + moments[b]), dtype=np.float64)
+            images, depths = state.image(index, np.broadcast_to(point, (len(index), 3)))
+            errors = np.linalg.norm(images - uv, axis=1)
+            score = float(np.clip(1.0 - errors / GATES_PX[0], 0.0, None)[depths > 0].sum())
+            if min(depths[a], depths[b]) > 0 and score > best_score:
+                best, best_score = point, score
+    return best

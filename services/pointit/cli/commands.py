@@ -131,7 +131,9 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
                 "calibrate",
                 "measure a sensor's mounting, or a person's pointing offset",
                 CALIBRATE,
-                ours("mounting", "mounting of the sensor on the arm, by two poses", "people.calibrate_mounting"),
+                ours(
+                    "mounting", "mounting of the sensor on the arm, by two poses", "people.calibrate_mounting"
+                ),
                 ours("user", "pointing offset of the person, by pointing at lamps", "people.calibrate_user"),
             ),
             ours("memory", "show or erase what localizations found of a person's pointing", "people.memory"),

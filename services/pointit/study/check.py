@@ -24,13 +24,15 @@ class Finding(NamedTuple):
 
 
 def check_folder(folder: Path) -> list[Finding]:
-    """Return what is missing or wrong in the data of a study; errors first.
+    """Return the findings on the data of a study, errors first.
 
     Raises:
         ConfigError: If the folder holds no study, or its copy of the file is damaged.
     """
     if not (folder / STUDY).exists():
-        raise ConfigError(f"{folder}: there is no {STUDY}; give the folder that `pointit study run` has written")
+        raise ConfigError(
+            f"{folder}: there is no {STUDY}; give the folder that `pointit study run` has written"
+        )
     study = read_study(folder / STUDY)
     findings: list[Finding] = []
     begun: dict[str, list[Row]] = {}
@@ -58,7 +60,9 @@ def _of_one(study: Study, name: str, folder: Path, rows: list[Row]) -> Iterator[
         some = ", ".join(map(str, missing[:5])) + (" ..." if len(missing) > 5 else "")
         ended = bool(about.get("ended"))
         text = f"{len(missing)} of {len(plan.trials)} trials are missing: {some}"
-        yield Finding("error" if ended else "note", name, text + ("" if ended else "; the same command goes on"))
+        yield Finding(
+            "error" if ended else "note", name, text + ("" if ended else "; the same command goes on")
+        )
     if about.get("order", list(plan.order)) != list(plan.order):
         yield Finding("error", name, f"had the order {about['order']}, the plan has {list(plan.order)}")
     by_number = {trial.number: trial for trial in plan.trials}
@@ -82,7 +86,9 @@ def _clocks(name: str, rows: list[Row], apart_s: float) -> Iterator[Finding]:
             least_s = float(before["selection_s"] or 0.0)
             passed_s = (_time(row) - _time(before)).total_seconds()
             if passed_s < least_s:
-                text = f"trial {row['trial']} begins before trial {before['trial']} ends: a clock was set back"
+                text = (
+                    f"trial {row['trial']} begins before trial {before['trial']} ends: a clock was set back"
+                )
                 yield Finding("error", name, text)
         before = row
 
@@ -94,7 +100,11 @@ def _twice(begun: dict[str, list[Row]], folder: Path) -> Iterator[str]:
         said = {row["participant"] for row in rows} | {str(read_about(folder / name).get("pseudonym", name))}
         for other in sorted(said):
             if (first := owners.setdefault(other, name)) != name or other != name:
-                yield f"{other} is there twice, in {first} and {name}" if first != name else f"{name} has data of {other}"
+                yield (
+                    f"{other} is there twice, in {first} and {name}"
+                    if first != name
+                    else f"{name} has data of {other}"
+                )
 
 
 def _time(row: Row) -> dt.datetime:

@@ -1,5 +1,7 @@
 """Columns of trials.csv: names, units, meanings."""
 
+import datetime as dt
+
 COLUMNS: tuple[tuple[str, str, str], ...] = (
     ("participant", "", "pseudonym"),
     ("block", "", "number of the block, from 1"),
@@ -19,7 +21,11 @@ COLUMNS: tuple[tuple[str, str, str], ...] = (
     ("path_length_deg", "deg", "way of the ray's direction in the room, in steps of 0.5 deg or more"),
     ("error_m", "m", "from the target's centre to the cursor at the end"),
     ("error_deg", "deg", "from the target's centre to the ray at the end, at the eyes"),
-    ("target_distance_m", "m", "from the last target's centre to this one's; of the first in a block from the cursor at the start"),
+    (
+        "target_distance_m",
+        "m",
+        "from the last target's centre to this one's; of the first in a block from the cursor at the start",
+    ),
     ("target_width_m", "m", "extent of the target"),
     ("target_distance_deg", "deg", "the same as an angle at the eyes"),
     ("target_width_deg", "deg", "extent of the target, at the eyes"),
@@ -39,3 +45,8 @@ def columns_of(factors: list[str]) -> list[tuple[str, str, str]]:
     at = [name for name, _, _ in COLUMNS].index(FACTORS_AFTER) + 1
     levels = [(name, "", "level of this factor") for name in factors]
     return [*COLUMNS[:at], *levels, *COLUMNS[at:]]
+
+
+def utc(stamp_ns: int) -> str:
+    """Return a time as ISO 8601, UTC, to the microsecond."""
+    return dt.datetime.fromtimestamp(stamp_ns / 1e9, dt.UTC).isoformat(timespec="microseconds")

@@ -1,7 +1,7 @@
 """The folder of a study: tables that survive kill -9, and what has been done so far."""
 
+import contextlib
 import csv
-import datetime as dt
 import io
 import os
 from collections.abc import Mapping, Sequence
@@ -39,7 +39,8 @@ class Table:
             self._file = path.open("a+b", buffering=0)
         except OSError as error:
             raise ConfigError(f"{path}: cannot be used ({error.strerror or error})") from error
-        try:
+        with contextlib.ExitStack() as unless_used:
+            unless_used.callback(self._file.close)
             _lock(self._file, path)
             self._file.seek(0)
             content = self._file.read()
@@ -50,9 +51,7 @@ class Table:
                 self._write(head)
             elif not whole.startswith(head):
                 raise ConfigError(f"{path}: has other columns than this study; use another folder")
-        except BaseException:
-            self._file.close()
-            raise
+            unless_used.pop_all()
         self.rows = read_table(path)
 
     def append(self, row: Mapping[str, object]) -> None:
@@ -71,15 +70,18 @@ class Table:
     def _write(self, line: bytes) -> None:
         size = os.fstat(self._file.fileno()).st_size
         try:
-            if self._file.write(line) != len(line):
-                raise OSError(0, "No space left on device")
+            written = self._file.write(line)
             os.fsync(self._file.fileno())
         except OSError as error:
+            written, reason = 0, error.strerror
+        else:
+            reason = "no space left"
+        if written != len(line):
             self._file.truncate(size)
             raise PointItError(
-                f"{self.path}: a row cannot be written ({error.strerror}); all earlier ones are there: make room, "
-                "then give the same command to go on"
-            ) from error
+                f"{self.path}: a row cannot be written ({reason}); all earlier ones are there: make room, then "
+                "give the same command to go on"
+            )
 
 
 class StudyFolder:
@@ -151,11 +153,6 @@ def counts(row: Row) -> bool:
 def done_trials(rows: Sequence[Row]) -> set[int]:
     """Return the numbers of the trials that are done."""
     return {int(row["trial"]) for row in rows if counts(row)}
-
-
-def utc(stamp_ns: int) -> str:
-    """Return a time as ISO 8601, UTC, to the microsecond."""
-    return dt.datetime.fromtimestamp(stamp_ns / 1e9, dt.UTC).isoformat(timespec="microseconds")
 
 
 def _text(value: object) -> str:

@@ -1,13 +1,17 @@
 """One attempt at a trial, measured: messages and the time go in, the outcome and the measures come out."""
 
+import importlib.util
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
+from pointit.runtime.errors import ConfigError
 from pointit.schemas import NS_PER_S, ButtonEvent, Cursor, Hover, SelectionEvent
+from pointit.study.columns import utc
 
 Outcome = Literal["hit", "wrong", "timeout", "skipped"]
 
@@ -42,14 +46,14 @@ class Attempt:
     began_ns: int
     target: str
     target_m: Vec3
-    """Centre of the target, {W}; set anew while it moves."""
+    """Centre of the target, {W}; kept up to date while it moves."""
     width_m: float
     end: str
     """`selection`, `press` or `timeout`; any other: `condition` ends it."""
     timeout_s: float
     condition: EndCondition | None = None
     before_m: Vec3 | None = None
-    """Centre of the last target, from which the way to this one is measured; None: from the first cursor."""
+    """Centre of the last target, the start of the way to this one, or None for the first cursor."""
     outcome: Outcome | None = None
     reason: str = ""
     first_hover_s: float | None = None
@@ -101,7 +105,9 @@ class Attempt:
             return
         if event.event == "selected" and self.end in ("selection", "press"):
             is_hit = event.object_id == self.target
-            self._finish("hit" if is_hit else "wrong", "" if is_hit else f"selected {event.object_id}", now_ns)
+            self._finish(
+                "hit" if is_hit else "wrong", "" if is_hit else f"selected {event.object_id}", now_ns
+            )
         elif event.event in ("left", "dispatched") and event.object_id == self.target:
             self._finish("timeout", "the target has left", None)
 
@@ -127,15 +133,18 @@ class Attempt:
         if self.outcome is None:
             self.outcome, self.reason = "skipped", reason
 
-    def measures(self) -> dict[str, float | int | None]:
-        """Return the measures by their columns."""
+    def columns(self) -> dict[str, str | float | int | None]:
+        """Return outcome and measures by their columns."""
         first, last = self._first, self._last
         eyes_m = None if last is None else last.origin_m
         far_m = None if eyes_m is None else math.dist(eyes_m, self.target_m)
         point_m = None if last is None else last.point_m
         first_m = self._first_m or self.target_m
         at_start_m = self.before_m if self.before_m is not None or first is None else first.point_m
-        columns: dict[str, float | int | None] = {
+        columns: dict[str, str | float | int | None] = {
+            "outcome": self.outcome,
+            "reason": self.reason,
+            "began_utc": utc(self.began_ns),
             "first_hover_s": self.first_hover_s,
             "selection_s": self.selection_s,
             "corrections": self.corrections,
@@ -180,3 +189,25 @@ def _angle_deg(cursor: Cursor | None, target_m: Vec3, from_m: Vec3 | None = None
     way = vector.subtract(target_m, cursor.origin_m)
     start = cursor.direction if from_m is None else vector.subtract(from_m, cursor.origin_m)
     return math.degrees(vector.angle_between(start, way)) if vector.norm(way) * vector.norm(start) else None
+
+
+def load_condition(end: str, folder: Path) -> EndCondition | None:
+    """Return the function that ends a trial, or None if none does.
+
+    Raises:
+        ConfigError: If there is no such file or function, or the file fails.
+    """
+    name, _, function = end.partition(".py:")
+    if not function:
+        return None
+    path = folder / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(Path(name).name, path)
+    if spec is None or spec.loader is None or not path.exists():
+        raise ConfigError(f"end: there is no file {path}")
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+        found: EndCondition = getattr(module, function)
+    except Exception as error:
+        raise ConfigError(f"end: {path} cannot be used ({type(error).__name__}: {error})") from error
+    return found

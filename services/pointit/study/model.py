@@ -46,7 +46,8 @@ class Factor(Config):
         for level, parameters in others:
             if different := wanted.keys() ^ parameters.keys():
                 raise ValueError(
-                    f"level {level} and level {first} must set the same parameters; {min(different)} is only in one"
+                    f"level {level} and level {first} must set the same parameters; {min(different)} is only in "
+                    "one"
                 )
         for name in wanted:
             if "." not in name:
@@ -71,8 +72,8 @@ class Study(Config):
     factors: dict[str, Factor] = Field(default={}, description="factors by name")
     order: Order = Field(
         default="williams",
-        description="of blocks: latin_square, williams (also balanced for sequences), blocked_random (at random "
-        "for each participant, by seed) or as_written",
+        description="of blocks: latin_square, williams (balances sequences, too), blocked_random (by seed) or "
+        "as_written",
     )
     repetitions: int = Field(default=1, ge=1, le=1000, description="trials of each cell of a block")
     practice: int = Field(default=0, ge=0, le=1000, description="practice trials at the start of each block")
@@ -179,7 +180,9 @@ class Study(Config):
         levels = [level for factor in self.factors.values() for level in factor.levels]
         for name in self.factors:
             if not NAME.fullmatch(name) or name in FIXED:
-                raise ValueError(f"factor {name}: use another name; it is a column of trials.csv or not a word")
+                raise ValueError(
+                    f"factor {name}: use another name; it is a column of trials.csv or not a word"
+                )
         if unknown := self.instructions.keys() - set(levels):
             raise ValueError(f"instructions: there is no level {min(unknown)}")
         set_by: dict[str, str] = {}

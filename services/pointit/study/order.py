@@ -1,5 +1,6 @@
 """Orders of conditions: Latin squares, and their balance."""
 
+import itertools
 from collections import Counter
 from collections.abc import Sequence
 from typing import Literal
@@ -11,21 +12,22 @@ def square(order: Order, conditions: int) -> list[tuple[int, ...]]:
     """Return the rows of the square of `order`, each a permutation of 0 to `conditions` - 1.
 
     `latin_square`: each condition once at each position. `williams`: also each before each other one equally
-    often (Williams 1949); with an odd number of conditions that takes two squares. Others: one row, as written.
+    often (Williams 1949), in two squares if their number is odd. Others: one row, as written.
     """
     if order == "latin_square":
-        return [tuple((row + column) % conditions for column in range(conditions)) for row in range(conditions)]
+        return [
+            tuple((row + column) % conditions for column in range(conditions)) for row in range(conditions)
+        ]
     if order != "williams":
         return [tuple(range(conditions))]
     first = [0]
-    for step in range(1, conditions):
-        first.append((step + 1) // 2 if step % 2 else conditions - step // 2)
+    first += [(step + 1) // 2 if step % 2 else conditions - step // 2 for step in range(1, conditions)]
     rows = [tuple((row + column) % conditions for column in first) for row in range(conditions)]
     return rows if conditions % 2 == 0 else rows + [row[::-1] for row in rows]
 
 
 def imbalance(orders: Sequence[Sequence[str]], order: Order) -> str:
-    """Return why `orders`, one a participant, are not balanced as `order` promises, or `""`."""
+    """Return an error message if `orders`, one a participant, are not balanced by `order`, else `""`."""
     if order not in ("latin_square", "williams") or not orders:
         return ""
     conditions = sorted({name for row in orders for name in row})
@@ -33,10 +35,13 @@ def imbalance(orders: Sequence[Sequence[str]], order: Order) -> str:
     counts = {positions[name, place] for name in conditions for place in range(len(conditions))}
     if len(counts) > 1:
         name, place = min(
-            ((name, place) for name in conditions for place in range(len(conditions))), key=positions.__getitem__
+            ((name, place) for name in conditions for place in range(len(conditions))),
+            key=positions.__getitem__,
         )
-        return f"{name} comes {positions[name, place]} times at position {place + 1}, others {max(counts)} times"
-    followers = Counter(pair for row in orders for pair in zip(row, row[1:], strict=False))
+        return (
+            f"{name} comes {positions[name, place]} times at position {place + 1}, others {max(counts)} times"
+        )
+    followers = Counter(pair for row in orders for pair in itertools.pairwise(row))
     pairs = [(one, other) for one in conditions for other in conditions if one != other]
     if order == "williams" and len({followers[pair] for pair in pairs}) > 1:
         one, other = min(pairs, key=followers.__getitem__)

@@ -7,12 +7,12 @@ import numpy as np
 from pointit.runtime.errors import ConfigError
 from pointit.study.model import Study
 from pointit.study.order import square
-from pointit.study.trial import Trial
+from pointit.study.tasks import Trial
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """What one participant does."""
+    """Order and trials of one participant."""
 
     participant: str
     index: int

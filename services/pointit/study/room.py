@@ -37,7 +37,9 @@ class Shown:
 class Room:
     """One participant at a site."""
 
-    def __init__(self, site: pointit.Site, user: str, settings: Mapping[str, Value], environment: Environment) -> None:
+    def __init__(
+        self, site: pointit.Site, user: str, settings: Mapping[str, Value], environment: Environment
+    ) -> None:
         """Use `site`; `at` is the way in."""
         self.site = site
         self.map = environment
@@ -83,7 +85,7 @@ class Room:
 
     @property
     def problem(self) -> str:
-        """What keeps the participant from pointing, and what to do, or `""`."""
+        """Instruction to the participant if they do not point, else `""`."""
         for task in self._tasks:
             if task.done():
                 task.result()
@@ -110,14 +112,18 @@ class Room:
         await self.site.conveyor.reset()
         await self.site.conveyor.set_feeding(False)
         added = [
-            await self.site.conveyor.add_package(p.kind, lane=p.lane, length_m=p.length_m, position=p.position)
+            await self.site.conveyor.add_package(
+                p.kind, lane=p.lane, length_m=p.length_m, position=p.position
+            )
             for p in scene.packages
         ]
         target = added[0].object_id
         end_ns = self.site.now_ns() + PATIENCE_S * NS_PER_S
         while (place_m := self.position(target)) is None:
             if self.site.now_ns() > end_ns:
-                raise PointItError(f"package {target} does not appear within {PATIENCE_S:g} s; see `pointit doctor`")
+                raise PointItError(
+                    f"package {target} does not appear within {PATIENCE_S:g} s; see `pointit doctor`"
+                )
             await self.site.sleep(SHOW_S / 2)
         self._scene = scene
         return Shown(target, place_m)

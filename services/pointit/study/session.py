@@ -1,28 +1,25 @@
 """A session: one participant does what is left of their plan, on a site that the session starts."""
 
 import contextlib
-import importlib.util
 import json
 import platform
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import pointit
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import ConfigError, PointItError
-from pointit.study.columns import REPEATED
-from pointit.study.data import ANSWER_COLUMNS, ANSWERS, Row, StudyFolder, Table, read_table, utc
-from pointit.study.measure import Attempt, EndCondition
+from pointit.study.columns import REPEATED, utc
+from pointit.study.data import ANSWER_COLUMNS, StudyFolder, Table
+from pointit.study.measure import Attempt, load_condition
 from pointit.study.model import Study, Value
 from pointit.study.plan import condition_of, plan_of
 from pointit.study.progress import Progress
 from pointit.study.questionnaires import scale_of
 from pointit.study.room import Room
 from pointit.study.scenario import scenario_file
-from pointit.study.tasks import Scene
-from pointit.study.trial import Trial
+from pointit.study.tasks import Scene, Trial
 from pointit.study.view import Command, Status, StudyView
 
 TICK_S = 0.05
@@ -32,7 +29,7 @@ CLOCK_APART_S = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setup:
-    """How the site of a session is started."""
+    """Devices and options of the site of a session."""
 
     imu: str = ""
     output: str = ""
@@ -48,9 +45,11 @@ class StoppedError(PointItError):
 
 
 class Session:
-    """What one participant does, from where they are."""
+    """One participant, who goes on with their plan."""
 
-    def __init__(self, study: Study, folder: StudyFolder, participant: str, view: StudyView, setup: Setup) -> None:
+    def __init__(
+        self, study: Study, folder: StudyFolder, participant: str, view: StudyView, setup: Setup
+    ) -> None:
         """Read what has been done.
 
         Raises:
@@ -62,14 +61,14 @@ class Session:
         self._view = view
         self._setup = setup
         self._plan = plan_of(study, participant)
-        self._condition = load_condition(study)
+        self._condition = load_condition(study.end, study.folder)
         self._table: Table = folder.trials(participant)
         self._progress = Progress(self._plan, self._table.rows)
         self._about: dict[str, Any] = folder.about(participant)
         if not self._progress.left and self._about.get("ended"):
             self._table.close()
             raise ConfigError(
-                f"{participant} has finished; give another participant, or move {folder.path / participant} away"
+                f"{participant} has finished; give another one, or move {folder.path / participant} away"
             )
         self._room: Room | None = None
 
@@ -128,7 +127,11 @@ class Session:
             self._room = await sites.enter_async_context(
                 Room.at(self._site(trial, settings), self._participant, settings)
             )
-        texts = [self._study.instructions[level] for level in trial.cell.values() if level in self._study.instructions]
+        texts = [
+            self._study.instructions[level]
+            for level in trial.cell.values()
+            if level in self._study.instructions
+        ]
         if not is_first and self._study.break_s and not self._setup.person:
             self._show(trial, f"a break of {self._study.break_s:g} s")
             await self._here.site.sleep(self._study.break_s)
@@ -157,13 +160,15 @@ class Session:
             self._put(begun=utc(self._here.site.now_ns()))
         before, scene = self._scenes_of(trial)
         attempt, stop = await self._attempt(trial, scene, None if before is None else before.target_m)
-        self._table.append(self._row(trial, scene, attempt))
+        self._table.append({**self._row(trial), "target": scene.name, **attempt.columns()})
         self._progress.end(is_done=not attempt.reason.startswith(REPEATED))
         self._note(trial, attempt)
         if stop is not None:
             await self._obey(stop, trial)
 
-    async def _attempt(self, trial: Trial, scene: Scene, before_m: Vec3 | None) -> tuple[Attempt, Command | None]:
+    async def _attempt(
+        self, trial: Trial, scene: Scene, before_m: Vec3 | None
+    ) -> tuple[Attempt, Command | None]:
         room, study = self._here, self._study
         shown = await room.show(scene)
         attempt = room.attempt = Attempt(
@@ -214,15 +219,15 @@ class Session:
             StoppedError: If it is `stop`.
         """
         if command.name == "stop":
-            raise StoppedError(f"{self._participant} is stopped at trial {trial.number}; the same command goes on there")
+            raise StoppedError(
+                f"{self._participant} is stopped at trial {trial.number}; the same command goes on there"
+            )
         if command.name == "repeat":
             self._progress.repeat()
         elif command.name == "skip":
-            skipped = Attempt(
-                began_ns=self._here.site.now_ns(), target="", target_m=(0.0, 0.0, 0.0), width_m=0.0, end="",
-                timeout_s=0.0, outcome="skipped", reason=f"skipped: {command.reason or 'by the experimenter'}",
-            )  # fmt: skip
-            self._table.append(self._row(trial, None, skipped))
+            reason = f"skipped: {command.reason or 'by the experimenter'}"
+            row = {**self._row(trial), "outcome": "skipped", "reason": reason}
+            self._table.append({**row, "began_utc": utc(self._here.site.now_ns())})
             self._progress.end(is_done=True)
         elif command.name == "pause":
             self._show(trial, "paused")
@@ -243,7 +248,8 @@ class Session:
             scene = replace(scene, objects=pressed)
         return before, scene
 
-    def _row(self, trial: Trial, scene: Scene | None, attempt: Attempt) -> dict[str, object]:
+    def _row(self, trial: Trial) -> dict[str, object]:
+        """Return the columns of an attempt at `trial` that are known before it."""
         return {
             "participant": self._participant,
             "block": trial.block,
@@ -254,11 +260,6 @@ class Session:
             "task": self._study.task.kind,
             "seed": trial.seed,
             "pointit_version": pointit.__version__,
-            "target": "" if scene is None else scene.name,
-            "outcome": attempt.outcome,
-            "reason": attempt.reason,
-            "began_utc": utc(attempt.began_ns),
-            **({} if scene is None else attempt.measures()),
         }
 
     def _note(self, trial: Trial, attempt: Attempt) -> None:
@@ -274,19 +275,15 @@ class Session:
         """Ask the questionnaires about a block unless they are answered."""
         if block < 1 or not self._study.questionnaires:
             return
-        answered = self._answers()
-        condition = self._plan.order[block - 1]
         with contextlib.closing(self._folder.answers(self._participant)) as table:
+            answered = {(row["questionnaire"], row["block"]) for row in table.rows}
             for scale in map(scale_of, self._study.questionnaires):
-                if any(row["questionnaire"] == scale.name and row["block"] == str(block) for row in answered):
+                if (scale.name, str(block)) in answered:
                     continue
+                condition = self._plan.order[block - 1]
                 for item, value in enumerate(await self._view.ask(scale), 1):
                     about = (self._participant, scale.name, item, condition, block, value)
                     table.append(dict(zip(ANSWER_COLUMNS, about, strict=True)))
-
-    def _answers(self) -> list[Row]:
-        path = self._folder.path / self._participant / ANSWERS
-        return read_table(path) if path.exists() else []
 
     def _show(self, trial: Trial, state: str, target: str = "") -> None:
         self._view.status(
@@ -304,25 +301,3 @@ class Session:
     def _put(self, **about: object) -> None:
         self._about |= about
         self._folder.put_about(self._participant, self._about)
-
-
-def load_condition(study: Study) -> EndCondition | None:
-    """Return the function that ends a trial, or None if none does.
-
-    Raises:
-        ConfigError: If there is no such file or function, or the file fails.
-    """
-    name, _, function = study.end.partition(".py:")
-    if not function:
-        return None
-    path = study.folder / f"{name}.py"
-    spec = importlib.util.spec_from_file_location(Path(name).name, path)
-    if spec is None or spec.loader is None or not path.exists():
-        raise ConfigError(f"end: there is no file {path}")
-    module = importlib.util.module_from_spec(spec)
-    try:
-        spec.loader.exec_module(module)
-        found: EndCondition = getattr(module, function)
-    except Exception as error:
-        raise ConfigError(f"end: {path} cannot be used ({type(error).__name__}: {error})") from error
-    return found

@@ -19,8 +19,8 @@ LIGHT: dict[str, Value] = {"user-sim.rate_hz": 25.0, "led-driver.max_rate_hz": 2
 def person_of(study: Study, participant: str) -> dict[str, Value]:
     """Return the parameters of a simulated participant: people differ in speed, steadiness and errors.
 
-    Medians are those of user-sim, which were measured. Times spread log-normally by 0.15 to 0.25 between people,
-    as in Fitts tasks; elevation errors as in the recordings (pointing.md, user-sim's config).
+    Medians, and the elevation error, are those of user-sim, which were measured. Spreads of times between
+    people (log-normal, 0.15 to 0.25) are assumed.
     """
     rng = np.random.default_rng([study.seed, study.people.index(participant), 1])
 
@@ -64,7 +64,12 @@ class SimulatedView:
 
 
 def simulate(
-    study: Study, folder: StudyFolder, participant: str, on_status: Callable[[Status], None], *, record: bool = False
+    study: Study,
+    folder: StudyFolder,
+    participant: str,
+    on_status: Callable[[Status], None],
+    *,
+    record: bool = False,
 ) -> None:
     """Run what is left for `participant`, simulated; the same study gives the same data.
 

@@ -13,13 +13,28 @@ from pointit.geometry.vector import Vec3
 from pointit.runtime.config.config import Config
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import Environment, TrackedObject
-from pointit.study.trial import Trial
 
 T = TypeVar("T")
 
 TARGET, OTHER = "red", "blue"
 """Kinds of the target and of all others: those whose colours strips, pages and simulated people know."""
 Width = Annotated[float, Field(gt=0, le=5, description="extent of a target, m")]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Trial:
+    """One trial of a plan."""
+
+    number: int
+    """In the plan of the participant, from 1."""
+    block: int
+    """From 1."""
+    place: int
+    """In its block, from 0."""
+    practice: bool
+    cell: dict[str, str]
+    """Level by factor, of all factors."""
+    seed: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,7 +50,7 @@ class Package:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scene:
-    """What a trial shows."""
+    """The target of a trial, and what stands beside it."""
 
     target: str
     """Id of the target's object; of packages known only when it is there."""
@@ -43,7 +58,7 @@ class Scene:
     """In the table and to the participant."""
     width_m: float
     target_m: Vec3 | None = None
-    """Centre; None: that of the first of `packages`."""
+    """Centre, or None for that of the first of `packages`."""
     objects: tuple[TrackedObject, ...] = ()
     packages: tuple[Package, ...] = ()
     lamp: str = ""
@@ -70,23 +85,31 @@ class Reach(Config):
         rng = np.random.default_rng(trial.seed)
         lines = _lines(room, self.strips)
         half_m = self.width_m / 2.0
-        strip, last_m = before.along if before is not None and before.along else (_pick(list(lines), rng), None)
+        strip, last_m = (
+            before.along if before is not None and before.along else (_pick(list(lines), rng), None)
+        )
         ends = (half_m, lines[strip].length_m - half_m)
         if ends[1] - ends[0] < self.distance_m:
             raise ConfigError(
-                f"strip {strip} is {lines[strip].length_m:g} m long: no two targets {self.width_m:g} m wide are "
-                f"{self.distance_m:g} m apart on it; make task.distance_m smaller"
+                f"strip {strip} is {lines[strip].length_m:g} m long: no two targets {self.width_m:g} m wide "
+                f"are {self.distance_m:g} m apart on it; make task.distance_m smaller"
             )
         if last_m is None:
             at_m = float(rng.uniform(*ends))
         else:
-            fits = [p for p in (last_m - self.distance_m, last_m + self.distance_m) if ends[0] <= p <= ends[1]]
+            fits = [
+                p for p in (last_m - self.distance_m, last_m + self.distance_m) if ends[0] <= p <= ends[1]
+            ]
             at_m = _pick(fits, rng) if fits else max(ends, key=lambda end: abs(end - last_m))
-        free = [p for p in np.arange(ends[0], ends[1], 2.0 * self.width_m) if abs(p - at_m) >= 2.0 * self.width_m]
+        free = [
+            p for p in np.arange(ends[0], ends[1], 2.0 * self.width_m) if abs(p - at_m) >= 2.0 * self.width_m
+        ]
         others = sorted(rng.permutation(len(free))[: self.others].tolist())
         places = [at_m, *(float(free[each]) for each in others)]
         objects = tuple(
-            _on_strip(f"t{trial.number}-{n}", n == 0, strip, lines[strip], place, self.width_m)
+            _on_strip(
+                f"t{trial.number}-{n}", OTHER if n else TARGET, (strip, place), lines[strip], self.width_m
+            )
             for n, place in enumerate(places)
         )
         return Scene(
@@ -128,7 +151,13 @@ class Tapping(Config):
                 raise ConfigError(f"strip {self.strip} is too short for task.distance_m {self.distance_m:g}")
             now = trial.place % 2
             objects = [
-                _on_strip(f"t{trial.number}-{n}", n == now, self.strip, line, at_m, self.width_m)
+                _on_strip(
+                    f"t{trial.number}-{n}",
+                    TARGET if n == now else OTHER,
+                    (self.strip, at_m),
+                    line,
+                    self.width_m,
+                )
                 for n, at_m in enumerate(sides)
             ]
         else:
@@ -181,7 +210,9 @@ class Packages(Config):
             raise ConfigError(f"the map has no belt {lane or 'at all'} for task packages")
         step = (self.width_m + self.gap_m) / lengths[lane]
         if self.start + self.others * step > 1.0:
-            raise ConfigError(f"{self.others + 1} packages do not fit on belt {lane}; make task.others smaller")
+            raise ConfigError(
+                f"{self.others + 1} packages do not fit on belt {lane}; make task.others smaller"
+            )
         now = int(np.random.default_rng(trial.seed).integers(self.others + 1))
         queue = [
             Package(
@@ -247,10 +278,13 @@ def _lines(room: Environment, wanted: Sequence[str]) -> dict[str, Polyline]:
     return {name: lines[name] for name in wanted or lines}
 
 
-def _on_strip(name: str, is_target: bool, strip: str, line: Polyline, at_m: float, width_m: float) -> TrackedObject:  # noqa: FBT001
+def _on_strip(
+    name: str, kind: str, along: tuple[str, float], line: Polyline, width_m: float
+) -> TrackedObject:
+    strip, at_m = along
     return TrackedObject(
         id=name,
-        kind=TARGET if is_target else OTHER,
+        kind=kind,
         position_m=line.point_at(at_m),
         length_m=width_m,
         surface="strip",

@@ -1,4 +1,4 @@
-"""What a study shows to participant and experimenter, and what they say: a terminal, later a page."""
+"""Seam to the view of participant and experimenter: a terminal, later a page."""
 
 from dataclasses import dataclass
 from typing import Literal, Protocol
@@ -8,7 +8,7 @@ from pointit.study.questionnaires import Scale
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Status:
-    """Where the study stands."""
+    """Position in the study."""
 
     participant: str
     trial: int
@@ -19,7 +19,7 @@ class Status:
     """Number of trials to do, with this one."""
     target: str = ""
     state: str = ""
-    """What goes on, in a few words."""
+    """Present activity, in a few words."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class StudyView(Protocol):
     """Shows the study. Used in the event loop of the session."""
 
     async def tell(self, text: str, *, go: str) -> bool:
-        """Show `text` until the participant goes on, by doing `go`; False if the participant does not want to."""
+        """Show `text` until the participant does `go`; return False if they do not want to."""
         ...
 
     async def ask(self, scale: Scale) -> list[int]:

@@ -40,7 +40,7 @@ def test_measures_of_a_selection_are_those_computed_by_hand() -> None:
     one.tick(round(0.8 * S))
     assert one.outcome is None
     one.on_selection(selected("t"), round(1.25 * S))
-    measures = one.measures()
+    measures = one.columns()
     assert one.outcome == "hit"
     assert (measures["first_hover_s"], measures["selection_s"], measures["corrections"]) == (0.4, 1.25, 1)
     assert measures["path_length_deg"] == pytest.approx(20.0 + 15.0 + 7.0)
@@ -49,14 +49,20 @@ def test_measures_of_a_selection_are_those_computed_by_hand() -> None:
     assert measures["target_distance_deg"] == pytest.approx(30.0)
     assert measures["target_distance_m"] == pytest.approx(4.0 * math.tan(math.radians(30.0)))
     assert measures["target_width_deg"] == pytest.approx(2.0 * math.degrees(math.atan(0.05)))
-    assert attempt(before_m=(4.0, -1.0, 1.0)).measures()["target_distance_m"] == 1.0
+    assert attempt(before_m=(4.0, -1.0, 1.0)).columns()["target_distance_m"] == 1.0
 
 
 @pytest.mark.parametrize(
     ("end", "hovered", "happens", "outcome", "reason"),
     [
         ("selection", "t", selected("other"), "wrong", "selected other"),
-        ("selection", "t", SelectionEvent(stamp_ns=0, event="left", object_id="t"), "timeout", "the target has left"),
+        (
+            "selection",
+            "t",
+            SelectionEvent(stamp_ns=0, event="left", object_id="t"),
+            "timeout",
+            "the target has left",
+        ),
         ("selection", "t", None, "timeout", ""),
         ("timeout", "t", selected("other"), "hit", ""),
         ("timeout", "", None, "timeout", ""),
@@ -93,4 +99,4 @@ def test_condition_in_python_ends_an_attempt() -> None:
     one.on_cursor(cursor(0.0, 0.5), S // 2)
     assert one.outcome is None
     one.on_cursor(cursor(0.0, 1.5), 3 * S // 2)
-    assert (one.outcome, one.measures()["selection_s"]) == ("hit", 1.5)
+    assert (one.outcome, one.columns()["selection_s"]) == ("hit", 1.5)

@@ -20,7 +20,10 @@ def study(**fields: object) -> Study:
 
 
 def factor(levels: int, vary: str, parameter: str) -> dict[str, object]:
-    return {"vary": vary, "levels": {f"{parameter[-1]}{n}": {parameter: 0.1 * (n + 1)} for n in range(levels)}}
+    return {
+        "vary": vary,
+        "levels": {f"{parameter[-1]}{n}": {parameter: 0.1 * (n + 1)} for n in range(levels)},
+    }
 
 
 @given(conditions=st.integers(1, 12))
@@ -31,7 +34,9 @@ def test_williams_squares_balance_positions_and_sequences(conditions: int) -> No
         assert imbalance(rows[:-1], "williams")
     followers = Counter(pair for row in rows for pair in zip(row, row[1:], strict=False))
     assert len(followers) == conditions * (conditions - 1) and len(set(followers.values())) <= 1
-    assert imbalance([[str(n) for n in row] for row in square("latin_square", conditions)], "latin_square") == ""
+    assert (
+        imbalance([[str(n) for n in row] for row in square("latin_square", conditions)], "latin_square") == ""
+    )
 
 
 @settings(deadline=None, max_examples=25)
@@ -54,7 +59,12 @@ def test_each_participant_has_each_cell_equally_often_and_orders_balance_in_each
     rows = len(square("williams" if order == "williams" else "latin_square", blocks))
     people = rows * groups * rounds
     made = study(
-        participants=people, factors=factors, order=order, repetitions=repetitions, practice=practice, seed=seed
+        participants=people,
+        factors=factors,
+        order=order,
+        repetitions=repetitions,
+        practice=practice,
+        seed=seed,
     )
     plans = [plan_of(made, name) for name in made.people]
     assert plans == [plan_of(made, name) for name in made.people]
@@ -73,7 +83,10 @@ def test_each_participant_has_each_cell_equally_often_and_orders_balance_in_each
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        ("participants: 5", "5 participants cannot balance 3 conditions in order williams; use a multiple of 6, such as 6"),
+        (
+            "participants: 5",
+            "5 participants cannot balance 3 conditions in order williams; use a multiple of 6, such as 6",
+        ),
         ("participants: [anna, anna]", "participants: anna is there twice"),
         ("task: {kind: reach, width_m: -1}", "task.reach.width_m: must be above 0"),
         ("end: hover", "end: use selection, press, timeout, or FILE.py:FUNCTION"),
@@ -83,7 +96,10 @@ def test_each_participant_has_each_cell_equally_often_and_orders_balance_in_each
             "factors: {m: {levels: {a: {x.y: 1}, b: {x.z: 1}}}}",
             "level b and level a must set the same parameters; x.y is only in one",
         ),
-        ("factors: {m: {vary: trial, levels: {a: {x.y: 1}, b: {x.y: 2}}}}", "x.y cannot change from trial to trial"),
+        (
+            "factors: {m: {vary: trial, levels: {a: {x.y: 1}, b: {x.y: 2}}}}",
+            "x.y cannot change from trial to trial",
+        ),
         (
             "factors: {m: {vary: trial, levels: {a: {task.width: 1}, b: {task.width: 2}}}}",
             "task in a: no parameter width; did you mean width_m",

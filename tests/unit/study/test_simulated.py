@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+import pointit
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.study.check import check_folder
 from pointit.study.columns import columns_of
@@ -15,7 +16,6 @@ from pointit.study.model import Study
 from pointit.study.session import Session, Setup, StoppedError
 from pointit.study.simulated import SimulatedView, person_of, simulate
 from pointit.study.view import Command, Status
-import pointit
 from tests.unit.study.studies import SMALL, simulate_all, small
 
 
@@ -41,7 +41,7 @@ def test_simulated_study_is_whole_and_checked(whole: tuple[Study, StudyFolder], 
     again = small(tmp_path)
     simulate(*again, "P02", lambda _status: None)
     assert (again[1].path / "P02/trials.csv").read_bytes() == (folder.path / "P02/trials.csv").read_bytes()
-    with pytest.raises(ConfigError, match="P02 has finished; give another participant"):
+    with pytest.raises(ConfigError, match="P02 has finished; give another one"):
         simulate(*again, "P02", lambda _status: None)
 
 
@@ -61,7 +61,9 @@ def test_study_goes_on_at_the_trial_after_kill_9_at_each_step(
     def kill(number: int) -> None:
         nonlocal written
         fsync(number)
-        if (folder.path / "P01/trials.csv").exists() and len(read_table(folder.path / "P01/trials.csv")) > step // 2:
+        if (folder.path / "P01/trials.csv").exists() and len(
+            read_table(folder.path / "P01/trials.csv")
+        ) > step // 2:
             raise _KilledError
 
     with monkeypatch.context() as patch, pytest.raises(_KilledError):
@@ -124,9 +126,15 @@ def test_experimenter_repeats_skips_pauses_and_stops(tmp_path: Path) -> None:
     ]
 
 
-def test_wrist_lost_in_mid_trial_costs_that_attempt_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_wrist_lost_in_mid_trial_costs_that_attempt_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     study, folder = small(tmp_path, SMALL.replace("repetitions: 2", "repetitions: 1"))
-    person = {**person_of(study, "P01"), "user-sim.wristband.dropout_share": 0.5, "user-sim.wristband.dropout_burst_s": 4.0}
+    person = {
+        **person_of(study, "P01"),
+        "user-sim.wristband.dropout_share": 0.5,
+        "user-sim.wristband.dropout_burst_s": 4.0,
+    }
     view = SimulatedView(0, lambda _status: None)
     pointit.run_virtually(Session(study, folder, "P01", view, Setup(person=person)).run())
     rows = read_table(folder.path / "P01/trials.csv")
@@ -166,7 +174,9 @@ def test_check_finds_what_is_missing_or_wrong(whole: tuple[Study, StudyFolder], 
     ],
 )
 def test_ready_task_runs_simulated(scenario: str, task: str, tmp_path: Path) -> None:
-    text = f"name: one\nparticipants: 1\nscenario: {scenario}\ntask: {task}\norder: as_written\nrepetitions: 4\n"
+    text = (
+        f"name: one\nparticipants: 1\nscenario: {scenario}\ntask: {task}\norder: as_written\nrepetitions: 4\n"
+    )
     study, folder = small(tmp_path, text)
     simulate_all(study, folder)
     rows = read_table(folder.path / "P01/trials.csv")

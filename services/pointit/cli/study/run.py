@@ -16,16 +16,18 @@ from pointit.study.plan import plan_of
 from pointit.study.session import Session, Setup, StoppedError
 from pointit.study.simulated import simulate
 
+PATH = click.Path(path_type=Path)
+
 
 @click.command("run")
-@click.argument("file", metavar="FILE", type=click.Path(path_type=Path))
-@click.option("--to", "to", type=click.Path(path_type=Path), metavar="DIR", help="folder of the data; by default NAME-data")
+@click.argument("file", metavar="FILE", type=PATH)
+@click.option("--to", type=PATH, metavar="DIR", help="folder of the data; by default NAME-data")
 @click.option("--participant", default="", metavar="NAME", help="who takes part; by default the next one")
-@click.option("--simulated", type=click.IntRange(min=1), metavar="N", help="first N participants, simulated, in virtual time")
+@click.option("--simulated", type=click.IntRange(min=1), metavar="N", help="first N participants, simulated")
 @click.option("--imu", default="", metavar="SOURCE", help="the participant's wrist, as for `pointit run`")
-@click.option("--output", default="", metavar="OUTPUT", help="where light goes, as for `pointit run`")
-@click.option("--localize", is_flag=True, help="the participant is located by pointing at lamps first")
-@click.option("--listen", default="", metavar="ADDRESS", help="where dashboards may join, such as tcp/127.0.0.1:7447")
+@click.option("--output", default="", metavar="OUTPUT", help="output of light, as for `pointit run`")
+@click.option("--localize", is_flag=True, help="the participant points at lamps first, to be located")
+@click.option("--listen", default="", metavar="ADDRESS", help="address for dashboards: tcp/127.0.0.1:7447")
 @click.option("--record/--no-record", default=None, help="write session.mcap; by default of people only")
 def command(
     *,
@@ -53,10 +55,12 @@ def command(
     if simulated is not None:
         if participant or simulated > len(study.people):
             raise ConfigError(
-                f"--simulated {simulated}: {study.name} has {len(study.people)} participants; give at most so many, "
-                "and no --participant"
+                f"--simulated {simulated}: {study.name} has {len(study.people)} participants; give at most so "
+                "many, and no --participant"
             )
-        return _simulate(study, folder, [each for each in left if each in study.people[:simulated]], bool(record))
+        return _simulate(
+            study, folder, [each for each in left if each in study.people[:simulated]], bool(record)
+        )
     if not participant and not left:
         raise ConfigError(f"all {len(study.people)} participants of {study.name} have finished")
     check_keyboard("--simulated")

@@ -1,4 +1,4 @@
-"""A study in the terminal: texts and questions for the participant, one line and keys for the experimenter."""
+"""A study in the terminal: texts and questions to the participant; a line and keys for the experimenter."""
 
 import asyncio
 import sys
@@ -9,7 +9,7 @@ import click
 from pointit.study.questionnaires import Scale
 from pointit.study.view import Command, Status
 
-KEYS = {b"r": "repeat", b"p": "pause", b"q": "stop"}
+KEYS = {"r": Command("repeat"), "p": Command("pause"), "q": Command("stop")}
 HELP = "r repeat  s skip  p pause  q stop"
 
 
@@ -20,7 +20,7 @@ class TerminalView:
         """Create without commands."""
         self._commands = deque[Command]()
         self._typed: str | None = None
-        """Text that is being typed; None if keys are commands."""
+        """Text that is being typed, or None while keys are commands."""
         self._entered = asyncio.Event()
         self._asks_reason = False
         self._shown = ""
@@ -46,7 +46,9 @@ class TerminalView:
         answers: list[int] = []
         for item in scale.items:
             asks = f"{item}\n{low} = {scale.ends[0]}, {high} = {scale.ends[1]}: "
-            while not ((answer := (await self._read(asks)).strip()).isdecimal() and low <= int(answer) <= high):
+            while not (
+                (answer := (await self._read(asks)).strip()).isdecimal() and low <= int(answer) <= high
+            ):
                 click.echo(f"write a whole number from {low} to {high}")
             answers.append(int(answer))
         return answers
@@ -74,8 +76,8 @@ class TerminalView:
                 self._commands.append(Command("pause"))  # the trial does not go on while the reason is typed
                 self._typed, self._asks_reason = "", True
                 self._write("\r\x1b[Kskip this trial; why? ")
-            elif (name := KEYS.get(key.encode())) == "repeat" or name == "pause" or name == "stop":
-                self._commands.append(Command(name))
+            elif key in KEYS:
+                self._commands.append(KEYS[key])
         elif key in "\r\n":
             self._write("\n")
             if self._asks_reason:

@@ -233,7 +233,7 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
         ),
         _ROUTER,
     ),
-    "Measure": (
+    "Experiments": (
         noun(
             "study",
             "run an experiment, check and analyse its data",
@@ -241,6 +241,8 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
             ours("run", "run a study with people, or with simulated ones", "study.run"),
             ours("check", "find missing trials, wrong clocks, broken balance", "study.check"),
         ),
+    ),
+    "Measure": (
         of_package(LAB, "evaluate", "measure the accuracy of the estimates on recordings of people"),
         of_package(LAB, "load", "measure the number of people this machine, or a site, carries"),
     ),

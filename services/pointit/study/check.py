@@ -74,7 +74,8 @@ def _of_one(study: Study, name: str, folder: Path, rows: list[Row]) -> Iterator[
         yield Finding("error", name, f"attempt {twice[0][1]} at trial {twice[0][0]} is there twice")
     if skipped := [row["trial"] for row in rows if counts(row) and row["outcome"] == "skipped"]:
         yield Finding("note", name, f"skipped: trial {', '.join(skipped)}")
-    yield from _clocks(name, rows, float(about.get("clock_apart_s", 0.0)))
+    if not about.get("simulated"):  # virtual time begins again after a crash
+        yield from _clocks(name, rows, float(about.get("clock_apart_s", 0.0)))
 
 
 def _clocks(name: str, rows: list[Row], apart_s: float) -> Iterator[Finding]:

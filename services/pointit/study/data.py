@@ -10,6 +10,7 @@ from typing import Any
 
 import yaml
 
+from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.runtime.host.atomic_file import write_atomically
 from pointit.study.columns import REPEATED, columns_of
@@ -79,8 +80,8 @@ class Table:
         if written != len(line):
             self._file.truncate(size)
             raise PointItError(
-                f"{self.path}: a row cannot be written ({reason}); all earlier ones are there: make room, then "
-                "give the same command to go on"
+                f"{self.path}: a row cannot be written ({reason}); all earlier ones are there: make room, "
+                "then give the same command to go on"
             )
 
 
@@ -135,8 +136,7 @@ class StudyFolder:
 def read_about(folder: Path) -> dict[str, Any]:
     """Return the content of `participant.yaml` in `folder`, empty if there is none."""
     path = folder / PARTICIPANT
-    content = yaml.safe_load(path.read_text(encoding="utf-8")) if path.exists() else {}
-    return content if isinstance(content, dict) else {}
+    return read_yaml(path) if path.exists() else {}
 
 
 def read_table(path: Path) -> list[Row]:

@@ -46,8 +46,8 @@ class Factor(Config):
         for level, parameters in others:
             if different := wanted.keys() ^ parameters.keys():
                 raise ValueError(
-                    f"level {level} and level {first} must set the same parameters; {min(different)} is only in "
-                    "one"
+                    f"level {level} and level {first} must set the same parameters; {min(different)} is "
+                    "only in one"
                 )
         for name in wanted:
             if "." not in name:
@@ -72,8 +72,8 @@ class Study(Config):
     factors: dict[str, Factor] = Field(default={}, description="factors by name")
     order: Order = Field(
         default="williams",
-        description="of blocks: latin_square, williams (balances sequences, too), blocked_random (by seed) or "
-        "as_written",
+        description="of blocks: latin_square, williams (balances sequences, too), blocked_random (by seed) "
+        "or as_written",
     )
     repetitions: int = Field(default=1, ge=1, le=1000, description="trials of each cell of a block")
     practice: int = Field(default=0, ge=0, le=1000, description="practice trials at the start of each block")
@@ -96,6 +96,10 @@ class Study(Config):
     def folder(self) -> Path:
         """The folder of the file, to which paths in it are relative."""
         return self._folder
+
+    def place_in(self, folder: Path) -> None:
+        """Set the folder of the file."""
+        self._folder = folder
 
     @property
     def people(self) -> tuple[str, ...]:
@@ -212,7 +216,7 @@ def read_study(path: Path) -> Study:
     layers = Layers(("factors",))
     layers.add(read_yaml(path), str(path))
     study = layers.build(Study)
-    study._folder = path.absolute().parent  # noqa: SLF001 - its own
+    study.place_in(path.absolute().parent)
     try:
         for block, inner in itertools.product(study.cells("block"), study.cells("trial")):
             for group in study.cells("between"):

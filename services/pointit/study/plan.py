@@ -79,4 +79,4 @@ def _shuffled(study: Study, rng: np.random.Generator, count: int | None = None) 
     cells = study.cells("trial")
     count = len(cells) if count is None else count
     rounds = -(-count // len(cells))
-    return [cells[each] for _ in range(rounds) for each in rng.permutation(len(cells)).tolist()][:count]
+    return [cells[int(each)] for _ in range(rounds) for each in rng.permutation(len(cells))][:count]

@@ -36,7 +36,7 @@ class Setup:
     localize: bool = False
     listen: str = ""
     record: bool = False
-    person: Mapping[str, Value] = field(default_factory=dict)
+    person: Mapping[str, Value] = field(default_factory=dict[str, Value])
     """Parameters of a simulated person."""
 
 
@@ -103,6 +103,7 @@ class Session:
         if not self._about:
             self._put(
                 pseudonym=self._participant,
+                simulated=bool(self._setup.person),
                 group=self._plan.group,
                 seed=self._study.seed,
                 order=list(self._plan.order),

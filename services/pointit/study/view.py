@@ -41,7 +41,7 @@ class StudyView(Protocol):
         """Return the answer to each item of a questionnaire."""
         ...
 
-    def status(self, status: Status) -> None:
+    def status(self, status: Status, /) -> None:
         """Show where the study stands. Called at each change."""
         ...
 

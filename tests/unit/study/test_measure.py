@@ -5,7 +5,7 @@ import math
 import pytest
 
 from pointit.schemas import ButtonEvent, Cursor, Hover, SelectionEvent
-from pointit.study.measure import Attempt
+from pointit.study.measure import Attempt, Now
 
 S = 1_000_000_000
 
@@ -91,12 +91,17 @@ def test_attempt_does_not_count_when_the_wrist_is_lost() -> None:
     one.tick(round(2.9 * S))
     assert one.outcome is None
     one.tick(round(3.1 * S))
-    assert one.outcome == "skipped" and one.reason.startswith("repeated: no ray")
+    assert one.outcome == "skipped"
+    assert one.reason.startswith("repeated: no ray")
 
 
 def test_condition_in_python_ends_an_attempt() -> None:
-    one = attempt("ends.py:ends", condition=lambda now: "hit" if now.passed_s > 1.0 else None)
+    def ends(now: Now) -> str | None:
+        return "hit" if now.passed_s > 1.0 else None
+
+    one = attempt("ends.py:ends", condition=ends)
     one.on_cursor(cursor(0.0, 0.5), S // 2)
     assert one.outcome is None
     one.on_cursor(cursor(0.0, 1.5), 3 * S // 2)
-    assert (one.outcome, one.columns()["selection_s"]) == ("hit", 1.5)
+    measures = one.columns()
+    assert (measures["outcome"], measures["selection_s"]) == ("hit", 1.5)

@@ -1,5 +1,6 @@
 """Orders are balanced, plans are whole and the same each time, and what cannot be balanced is said."""
 
+import itertools
 from collections import Counter
 from pathlib import Path
 
@@ -32,8 +33,9 @@ def test_williams_squares_balance_positions_and_sequences(conditions: int) -> No
     assert imbalance(rows, "williams") == ""
     if conditions > 2:
         assert imbalance(rows[:-1], "williams")
-    followers = Counter(pair for row in rows for pair in zip(row, row[1:], strict=False))
-    assert len(followers) == conditions * (conditions - 1) and len(set(followers.values())) <= 1
+    followers = Counter(pair for row in rows for pair in itertools.pairwise(row))
+    assert len(followers) == conditions * (conditions - 1)
+    assert len(set(followers.values())) <= 1
     assert (
         imbalance([[str(n) for n in row] for row in square("latin_square", conditions)], "latin_square") == ""
     )
@@ -51,7 +53,15 @@ def test_williams_squares_balance_positions_and_sequences(conditions: int) -> No
     seed=st.integers(0, 99),
 )
 def test_each_participant_has_each_cell_equally_often_and_orders_balance_in_each_group(
-    blocks: int, inner: int, groups: int, rounds: int, order: str, repetitions: int, practice: int, seed: int
+    *,
+    blocks: int,
+    inner: int,
+    groups: int,
+    rounds: int,
+    order: str,
+    repetitions: int,
+    practice: int,
+    seed: int,
 ) -> None:
     factors = {"b": factor(blocks, "block", "x.b"), "t": factor(inner, "trial", "task.t")}
     if groups == 2:
@@ -70,7 +80,8 @@ def test_each_participant_has_each_cell_equally_often_and_orders_balance_in_each
     assert plans == [plan_of(made, name) for name in made.people]
     for plan in plans:
         cells = Counter(tuple(trial.cell.values()) for trial in plan.trials if not trial.practice)
-        assert set(cells.values()) == {repetitions} and len(cells) == blocks * inner
+        assert set(cells.values()) == {repetitions}
+        assert len(cells) == blocks * inner
         assert [trial.number for trial in plan.trials] == list(range(1, len(plan.trials) + 1))
         assert sum(trial.practice for trial in plan.trials) == practice * blocks
         assert sorted(plan.order) == sorted(plans[0].order)
@@ -119,4 +130,5 @@ def test_bad_study_is_refused_in_one_sentence(tmp_path: Path, change: str, sente
     with pytest.raises(ConfigError) as refused:
         read_study(file)
     assert sentence in str(refused.value)
-    assert str(refused.value).startswith(str(file)) and "\n" not in str(refused.value)
+    assert str(refused.value).startswith(str(file))
+    assert "\n" not in str(refused.value)

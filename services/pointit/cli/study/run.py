@@ -43,9 +43,9 @@ def command(
 ) -> int:
     """Run the study FILE with one participant, from where they are.
 
-    Each trial is on the disk as soon as it has ended. After a crash, the same command goes on. Keys: r repeats
-    the trial, s skips it with a reason, p pauses, q stops. Without --imu the participant is a simulated one in
-    real time.
+    Each trial is on the disk as soon as it has ended. After a crash, the same command goes on. Keys: r
+    repeats the trial, s skips it with a reason, p pauses, q stops. --simulated takes virtual time. Without it
+    and --imu, the participant is simulated in real time.
 
     Example: pointit study run my_study.yaml --imu page
     """
@@ -55,8 +55,8 @@ def command(
     if simulated is not None:
         if participant or simulated > len(study.people):
             raise ConfigError(
-                f"--simulated {simulated}: {study.name} has {len(study.people)} participants; give at most so "
-                "many, and no --participant"
+                f"--simulated {simulated}: {study.name} has {len(study.people)} participants; give at most "
+                "so many, and no --participant"
             )
         return _simulate(
             study, folder, [each for each in left if each in study.people[:simulated]], bool(record)

@@ -50,9 +50,9 @@ def command(
     """Run the study FILE with one participant, from where they are.
 
     Each trial is on the disk as soon as it has ended. After a crash, the same command goes on. Keys: r
-    repeats the trial, s skips it with a reason, p pauses, q stops; --page has
-    buttons, at two secret links. --simulated takes virtual time. Without it
-    and --imu, the participant is simulated in real time.
+    repeats the trial, s skips it with a reason, p pauses, q stops; --page prints the links of
+    two pages instead, which are secret. --simulated takes virtual time. Without it and --imu, the
+    participant is simulated in real time.
 
     Example: pointit study run my_study.yaml --imu page
     """
@@ -99,9 +99,9 @@ async def _run_in_pages(
 
     view = PageView(study.name, participant)
     session = Session(study, folder, participant, view, setup)
-    async with served(view, lan=lan) as links:
-        say(f"page of {participant}: {links.participant}")
-        say(f"page of the experimenter: {links.experimenter}")
+    async with served(view, lan=lan) as (participants, experimenters):
+        say(f"page of {participant}: {participants}")
+        say(f"page of the experimenter: {experimenters}")
         said = await _outcome(session, folder.path / participant)
         view.end("You may close this page.")
     say(said)

@@ -5,7 +5,7 @@ import contextlib
 import json
 import time
 from collections.abc import AsyncGenerator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from starlette.applications import Starlette
@@ -32,17 +32,10 @@ END_S = 1.0
 REFUSED = "Open a link that `pointit study run` has printed; each run has links of its own."
 
 
-@dataclass(frozen=True, slots=True)
-class Links:
-    """Secret addresses of the pages."""
-
-    participant: str
-    experimenter: str
-
-
 @contextlib.asynccontextmanager
-async def served(view: PageView, *, lan: bool = False) -> AsyncGenerator[Links]:
-    """Serve the pages of `view` on this machine, or in the local network by HTTPS, and yield their links.
+async def served(view: PageView, *, lan: bool = False) -> AsyncGenerator[tuple[str, str]]:
+    """Serve the pages of `view` on this machine, or in the local network by HTTPS, and yield their
+    links: the participant's and the experimenter's.
 
     Raises:
         PointItError: If there is no free port, or no local network.
@@ -69,7 +62,7 @@ async def served(view: PageView, *, lan: bool = False) -> AsyncGenerator[Links]:
 
         task = asyncio.create_task(tidies(), name="pages of the study")
         stack.callback(task.cancel)
-        yield Links(f"{base}/{tokens['participant']}/", f"{base}/{tokens['experimenter']}/")
+        yield f"{base}/{tokens['participant']}/", f"{base}/{tokens['experimenter']}/"
         if view.is_over:
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(END_S):
@@ -112,15 +105,27 @@ def _application(view: PageView, doors: Access) -> ASGIApp:
 
 
 async def _serve(view: PageView, page: Page, socket: WebSocket) -> None:
-    """Send the newest content until the study or the page ends; pass the page's messages on."""
+    """Show a page the newest content and obey its messages until it goes or the study ends."""
+    await socket.accept()
     view.pages[page] += 1
     view.change()
-    hearing: asyncio.Task[None] | None = None
+    sending = asyncio.create_task(_send(view, page, socket), name=f"{page}'s page")
     try:
-        await socket.accept()
-        hearing = asyncio.create_task(_hear(view, page, socket), name=f"{page}'s page")
-        sent = ""
-        while not hearing.done():
+        while (message := await socket.receive())["type"] != "websocket.disconnect":
+            if problem := view.hear(page, message.get("text") or ""):
+                await socket.send_text(json.dumps({"problem": problem}))
+    except WebSocketDisconnect:
+        pass
+    finally:
+        sending.cancel()
+        view.pages[page] -= 1
+        view.change()
+
+
+async def _send(view: PageView, page: Page, socket: WebSocket) -> None:
+    sent = ""
+    with contextlib.suppress(WebSocketDisconnect):
+        while True:
             changed, text = view.changed, json.dumps(view.content(page))
             if text != sent:
                 await socket.send_text(text)
@@ -128,26 +133,4 @@ async def _serve(view: PageView, page: Page, socket: WebSocket) -> None:
             if view.is_over:
                 await socket.close()
                 return
-            await _first(hearing, changed)
-    except WebSocketDisconnect:
-        pass
-    finally:
-        if hearing is not None:
-            hearing.cancel()
-        view.pages[page] -= 1
-        view.change()
-
-
-async def _hear(view: PageView, page: Page, socket: WebSocket) -> None:
-    while (message := await socket.receive())["type"] != "websocket.disconnect":
-        if problem := view.hear(page, message.get("text") or ""):
-            await socket.send_text(json.dumps({"problem": problem}))
-
-
-async def _first(hearing: asyncio.Task[None], changed: asyncio.Event) -> None:
-    """Wait until the page has gone or its content has changed."""
-    waiting = asyncio.create_task(changed.wait())
-    try:
-        await asyncio.wait({hearing, waiting}, return_when=asyncio.FIRST_COMPLETED)
-    finally:
-        waiting.cancel()
+            await changed.wait()

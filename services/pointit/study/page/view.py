@@ -152,7 +152,9 @@ class PageView:
         if order.command == "skip" and not order.reason.strip():
             return "reason: write why the trial is skipped"
         if self._is_asking and self._answer is not None:
-            self._answer.set_exception(StoppedError(f"{self._who['who']} is stopped; the same command goes on"))
+            self._answer.set_exception(
+                StoppedError(f"{self._who['who']} is stopped; the same command goes on")
+            )
         else:
             self._commands.append(Command(order.command, " ".join(order.reason.split())))
         return ""

@@ -25,7 +25,7 @@ function show(content) {
     put("trial", `${status.trial} of ${status.trials}`);
     put("left", String(status.left));
     put("condition", status.condition);
-    put("quality", status.quality || "unknown or given");
+    put("quality", status.quality || "no estimate");
     at("done").max = status.trials;
     at("done").value = status.trials - status.left;
     at("outcomes").replaceChildren(...status.outcomes.map((each) => made("li", each)));

@@ -83,6 +83,12 @@ function scale(content) {
   });
   const next = made("button", "Next", { type: "submit", class: "main" });
   const form = made("form", "", { novalidate: "" }, ...items, next);
+  form.oninput = form.onclick = (event) => {
+    const group = event.target.closest("fieldset");
+    if (!group || valueOf(group) === null) return;
+    group.classList.remove("open");
+    problem.hidden = true;
+  };
   form.onsubmit = (event) => {
     event.preventDefault();
     const answers = items.map(valueOf);

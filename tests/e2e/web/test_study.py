@@ -14,7 +14,7 @@ pytestmark = pytest.mark.slow
 
 STUDY = """
 name: small
-participants: 1
+participants: 2
 task: {kind: reach}
 settings: {selector.gauge.full_s: 2.5}
 repetitions: 3

@@ -34,8 +34,10 @@ REFUSED = "Open a link that `pointit study run` has printed; each run has links 
 
 @contextlib.asynccontextmanager
 async def served(view: PageView, *, lan: bool = False) -> AsyncGenerator[tuple[str, str]]:
-    """Serve the pages of `view` on this machine, or in the local network by HTTPS, and yield their
-    links: the participant's and the experimenter's.
+    """Serve the pages of `view` on this machine, or in the local network by HTTPS.
+
+    Yields:
+        The participant's link, then the experimenter's.
 
     Raises:
         PointItError: If there is no free port, or no local network.

@@ -49,7 +49,13 @@ def check_folder(folder: Path) -> list[Finding]:
         findings.append(Finding("note", "", f"not begun: {', '.join(missing)}"))
     orders = [plan_of(study, name).order for name in study.people if name in begun]
     if broken := imbalance(orders, study.order):
-        findings.append(Finding("note" if missing else "error", "", f"orders are not balanced: {broken}"))
+        findings.append(
+            Finding(
+                "note" if missing else "error",
+                "",
+                f"orders are not balanced{' so far' if missing else ''}: {broken}",
+            )
+        )
     return sorted(findings, key=lambda finding: finding.severity != "error")
 
 

@@ -55,14 +55,15 @@ class Table:
             unless_used.pop_all()
         self.rows = read_table(path)
 
-    def append(self, row: Mapping[str, object]) -> None:
-        """Add a row and wait until it is on the disk.
+    def append(self, *rows: Mapping[str, object]) -> None:
+        """Add rows and wait until they are on the disk.
 
         Raises:
-            PointItError: If it cannot be written; nothing of it is there then.
+            PointItError: If they cannot be written. Nothing of them is there then.
         """
-        self._write(_line([_text(row.get(name)) for name in self._columns]))
-        self.rows.append({name: _text(row.get(name)) for name in self._columns})
+        texts = [{name: _text(row.get(name)) for name in self._columns} for row in rows]
+        self._write(b"".join(_line(list(row.values())) for row in texts))
+        self.rows += texts
 
     def close(self) -> None:
         """Close the file."""

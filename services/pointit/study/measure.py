@@ -23,22 +23,6 @@ PRESS_S = 0.5
 """Time after a press within which a selection is its effect, s."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Now:
-    """The state of an attempt, for a condition in Python that ends it."""
-
-    passed_s: float
-    hovered: str
-    """Id of the object under the cursor, or `""`."""
-    on_target: bool
-    cursor: Cursor
-    target_m: Vec3
-
-
-EndCondition = Callable[[Now], str | None]
-"""Returns `hit` or `wrong` to end the attempt, else None."""
-
-
 @dataclass(slots=True, kw_only=True)
 class Attempt:
     """The measures of one attempt. Times are stamps of the site, ns."""
@@ -51,7 +35,8 @@ class Attempt:
     end: str
     """`selection`, `press` or `timeout`; any other: `condition` ends it."""
     timeout_s: float
-    condition: EndCondition | None = None
+    condition: Callable[["Attempt"], str | None] | None = None
+    """Called with each cursor; `hit` or `wrong` ends the attempt."""
     before_m: Vec3 | None = None
     """Centre of the last target, the start of the way to this one, or None for the first cursor."""
     outcome: Outcome | None = None
@@ -60,15 +45,19 @@ class Attempt:
     selection_s: float | None = None
     corrections: int = 0
     path_rad: float = 0.0
+    passed_s: float = 0.0
+    """Time from the beginning to the last cursor, s."""
+    hovered: str = ""
+    """Id of the object under the cursor, or `""`."""
+    cursor: Cursor | None = None
+    """The last cursor."""
     clock_apart_s: float = 0.0
     """Largest difference between the site's time and the stamp of a cursor, s."""
     _first: Cursor | None = None
     _first_m: Vec3 | None = None
     """Centre of the target at that time."""
-    _last: Cursor | None = None
     _heard_ns: int = 0
     _turned: Vec3 | None = None
-    _hovered: str = ""
     _pressed_ns: int | None = None
 
     def on_cursor(self, cursor: Cursor, now_ns: int) -> None:
@@ -81,23 +70,24 @@ class Attempt:
             return
         if self._first is None:
             self._first, self._first_m = cursor, self.target_m
-        self._last = cursor
+        self.cursor = cursor
         if self._turned is None:
             self._turned = cursor.direction
         if (turned_rad := vector.angle_between(self._turned, cursor.direction)) >= STEP_RAD:
             self.path_rad += turned_rad
             self._turned = cursor.direction
-        if self.condition is not None:
-            self._ask(self.condition, cursor, now_ns)
+        self.passed_s = self._passed_s(now_ns)
+        if self.condition is not None and (verdict := self.condition(self)) is not None:
+            self._finish("hit" if verdict == "hit" else "wrong", "", now_ns)
 
     def on_hover(self, hover: Hover, now_ns: int) -> None:
         """Process a hover that has arrived at `now_ns`."""
-        if self.outcome is not None or hover.object_id == self._hovered:
+        if self.outcome is not None or hover.object_id == self.hovered:
             return
         if hover.object_id == self.target and self.first_hover_s is None:
             self.first_hover_s = self._passed_s(now_ns)
-        self.corrections += self._hovered == self.target
-        self._hovered = hover.object_id
+        self.corrections += self.hovered == self.target
+        self.hovered = hover.object_id
 
     def on_selection(self, event: SelectionEvent, now_ns: int) -> None:
         """Process what happened to an object."""
@@ -125,7 +115,7 @@ class Attempt:
         elif self._pressed_ns is not None and now_ns - self._pressed_ns > PRESS_S * NS_PER_S:
             self._finish("wrong", "pressed beside", self._pressed_ns)
         elif self._passed_s(now_ns) >= self.timeout_s:
-            is_on = self.end == "timeout" and self._hovered == self.target
+            is_on = self.end == "timeout" and self.hovered == self.target
             self._finish("hit" if is_on else "timeout", "", None)
 
     def abandon(self, reason: str) -> None:
@@ -135,7 +125,7 @@ class Attempt:
 
     def columns(self) -> dict[str, str | float | int | None]:
         """Return outcome and measures by their columns."""
-        first, last = self._first, self._last
+        first, last = self._first, self.cursor
         eyes_m = None if last is None else last.origin_m
         far_m = None if eyes_m is None else math.dist(eyes_m, self.target_m)
         point_m = None if last is None else last.point_m
@@ -161,19 +151,6 @@ class Attempt:
             columns[f"selected_{axis}_m"] = None if point_m is None else point_m[index]
         return columns
 
-    def _ask(self, condition: EndCondition, cursor: Cursor, now_ns: int) -> None:
-        verdict = condition(
-            Now(
-                passed_s=self._passed_s(now_ns),
-                hovered=self._hovered,
-                on_target=self._hovered == self.target,
-                cursor=cursor,
-                target_m=self.target_m,
-            )
-        )
-        if verdict is not None:
-            self._finish("hit" if verdict == "hit" else "wrong", "", now_ns)
-
     def _finish(self, outcome: Outcome, reason: str, selected_ns: int | None) -> None:
         self.outcome, self.reason = outcome, reason
         self.selection_s = None if selected_ns is None else self._passed_s(selected_ns)
@@ -191,7 +168,7 @@ def _angle_deg(cursor: Cursor | None, target_m: Vec3, from_m: Vec3 | None = None
     return math.degrees(vector.angle_between(start, way)) if vector.norm(way) * vector.norm(start) else None
 
 
-def load_condition(end: str, folder: Path) -> EndCondition | None:
+def load_condition(end: str, folder: Path) -> Callable[[Attempt], str | None] | None:
     """Return the function that ends a trial, or None if none does.
 
     Raises:
@@ -207,7 +184,7 @@ def load_condition(end: str, folder: Path) -> EndCondition | None:
     module = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)
-        found: EndCondition = getattr(module, function)
+        found: Callable[[Attempt], str | None] = getattr(module, function)
     except Exception as error:
         raise ConfigError(f"end: {path} cannot be used ({type(error).__name__}: {error})") from error
     return found

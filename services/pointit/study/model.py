@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import Any, Literal, Self
 
 from pydantic import Field, PrivateAttr, field_validator, model_validator
+from pydantic_core import PydanticCustomError
 
 from pointit.runtime.config.config import Config, Layers
+from pointit.runtime.config.validation_message import DESCRIBED
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import KeyNameError
@@ -45,15 +47,15 @@ class Factor(Config):
         (first, wanted), *others = self.levels.items()
         for level, parameters in others:
             if different := wanted.keys() ^ parameters.keys():
-                raise ValueError(
+                raise _described(
                     f"level {level} and level {first} must set the same parameters; {min(different)} is "
                     "only in one"
                 )
         for name in wanted:
             if "." not in name:
-                raise ValueError(f"{name} is no parameter: write SERVICE.PARAMETER, or task.PARAMETER")
+                raise _described(f"{name} is no parameter: write SERVICE.PARAMETER, or task.PARAMETER")
             if self.vary == "trial" and not name.startswith(TASK):
-                raise ValueError(f"{name} cannot change from trial to trial: use vary: block")
+                raise _described(f"{name} cannot change from trial to trial: use vary: block")
         return self
 
 
@@ -184,21 +186,21 @@ class Study(Config):
         levels = [level for factor in self.factors.values() for level in factor.levels]
         for name in self.factors:
             if not NAME.fullmatch(name) or name in FIXED:
-                raise ValueError(
+                raise _described(
                     f"factor {name}: use another name; it is a column of trials.csv or not a word"
                 )
         if unknown := self.instructions.keys() - set(levels):
-            raise ValueError(f"instructions: there is no level {min(unknown)}")
+            raise _described(f"instructions: there is no level {min(unknown)}")
         set_by: dict[str, str] = {}
         for name, factor in self.factors.items():
             for parameter in next(iter(factor.levels.values())):
                 if set_by.setdefault(parameter, name) != name:
-                    raise ValueError(f"{parameter} is set by the factors {set_by[parameter]} and {name}")
+                    raise _described(f"{parameter} is set by the factors {set_by[parameter]} and {name}")
         blocks = len(self.cells("block"))
         needed = len(square(self.order, blocks)) * len(self.cells("between"))
         if len(self.people) % needed:
             least = math.ceil(len(self.people) / needed) * needed
-            raise ValueError(
+            raise _described(
                 f"{len(self.people)} participants cannot balance {blocks} conditions in order {self.order}"
                 + (f" and {len(self.cells('between'))} groups" if self.factors_of("between") else "")
                 + f"; use a multiple of {needed}, such as {least}"
@@ -224,3 +226,8 @@ def read_study(path: Path) -> Study:
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
     return study
+
+
+def _described(text: str) -> PydanticCustomError:
+    """Return an error of which the message is `text` alone, without the value."""
+    return PydanticCustomError(DESCRIBED, "{text}", {"text": text})

@@ -3,13 +3,13 @@
 import asyncio
 import contextlib
 from collections.abc import AsyncGenerator, AsyncIterator, Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Self
 
 import pointit
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import NoMessageError, PointItError
-from pointit.schemas import NS_PER_S, Environment, topics
+from pointit.schemas import NS_PER_S, Cursor, Environment, topics
 from pointit.services.localizer.certainty import position_sigma_m, yaw_sigma_deg
 from pointit.study.measure import SILENT_S, Attempt
 from pointit.study.model import Value
@@ -27,12 +27,17 @@ LIVE = frozenset({"selector.method", *DWELL.values(), "conveyor-sim.speed_mps"})
 """Parameters that change without a new start."""
 
 
-@dataclass(frozen=True, slots=True)
-class Shown:
-    """The target that is shown."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Setup:
+    """Devices and options of the site of a session."""
 
-    target: str
-    target_m: Vec3
+    imu: str = ""
+    output: str = ""
+    localize: bool = False
+    listen: str = ""
+    record: bool = False
+    person: Mapping[str, Value] = field(default_factory=dict[str, Value])
+    """Parameters of a simulated person."""
 
 
 class Room:
@@ -106,8 +111,8 @@ class Room:
             return ""
         return f"position ±{position_sigma_m(pose) * 100:.0f} cm, yaw ±{yaw_sigma_deg(pose):.1f}°"
 
-    async def show(self, scene: Scene) -> Shown:
-        """Show the target of `scene`; return it as soon as it is there.
+    async def show(self, scene: Scene) -> tuple[str, Vec3]:
+        """Show the target of `scene`; return its id and position as soon as it is there.
 
         Raises:
             PointItError: If a package does not appear, or a request is refused.
@@ -117,7 +122,7 @@ class Room:
             self._tracker.update(scene.objects)
             if scene.lamp:
                 await self.site.lamp(scene.lamp).set(TARGET_COLOR)
-            return Shown(scene.target, scene.target_m)
+            return scene.target, scene.target_m
         await self.site.conveyor.reset()
         await self.site.conveyor.set_feeding(False)
         added = [
@@ -135,7 +140,7 @@ class Room:
                 )
             await self.site.sleep(SHOW_S / 2)
         self._scene = scene
-        return Shown(target, place_m)
+        return target, place_m
 
     def position(self, object_id: str) -> Vec3 | None:
         """Return the last reported position of an object, {W}, or None."""
@@ -156,37 +161,29 @@ class Room:
         site.latest.interaction.get(user)  # received from now on
         site.latest.objects.get(TRACKER)
         site.latest.pose.get(user)
+        feeds: tuple[tuple[AsyncIterator[Any], Callable[[Attempt, Any, int], None]], ...] = (
+            (site.cursors(user), Attempt.on_cursor),
+            (site.hovers(user), Attempt.on_hover),
+            (site.selections(), Attempt.on_selection),
+            (site.messages(topics.BUTTON, user), Attempt.on_press),
+        )
+        work = [self._pump(*feed) for feed in feeds]
+        work += [self._report(), self._configure()]
+        self._tasks = [asyncio.create_task(each) for each in work]
 
-        def heard(cursor: Any) -> None:
-            self._heard_ns = site.now_ns()
-            self._pass(lambda attempt: attempt.on_cursor(cursor, site.now_ns()))
+    async def _pump(self, feed: AsyncIterator[Any], handle: Callable[[Attempt, Any, int], None]) -> None:
+        """Pass messages to the attempt that goes on."""
+        async for message in feed:
+            if isinstance(message, Cursor):
+                self._heard_ns = self.site.now_ns()
+            if self.attempt is not None:
+                handle(self.attempt, message, self.site.now_ns())
 
-        def configured(message: Any) -> None:
+    async def _configure(self) -> None:
+        async for message in self.site.messages(topics.CONFIGURATION):
             self.configuration[message.instance] = message.parameters
-
-        feeds: list[tuple[AsyncIterator[Any], Callable[[Any], None]]] = [
-            (site.messages(topics.CONFIGURATION), configured),
-            (site.cursors(user), heard),
-            (site.hovers(user), lambda m: self._pass(lambda attempt: attempt.on_hover(m, site.now_ns()))),
-            (site.selections(), lambda m: self._pass(lambda attempt: attempt.on_selection(m, site.now_ns()))),
-            (
-                site.messages(topics.BUTTON, user),
-                lambda m: self._pass(lambda attempt: attempt.on_press(m, site.now_ns())),
-            ),
-        ]
-        self._tasks = [asyncio.create_task(_pump(feed, handle)) for feed, handle in feeds]
-        self._tasks.append(asyncio.create_task(self._report()))
-
-    def _pass(self, to: Callable[[Attempt], None]) -> None:
-        if self.attempt is not None:
-            to(self.attempt)
 
     async def _report(self) -> None:
         while True:
             self._tracker.update(self._scene.objects if self._scene is not None else ())
             await self.site.sleep(SHOW_S)
-
-
-async def _pump(feed: AsyncIterator[Any], handle: Callable[[Any], None]) -> None:
-    async for message in feed:
-        handle(message)

@@ -5,20 +5,20 @@ import json
 import math
 import platform
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import pointit
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.study.columns import REPEATED, utc
-from pointit.study.data import ANSWER_COLUMNS, StudyFolder, Table
+from pointit.study.data import StudyFolder, Table
 from pointit.study.measure import Attempt, load_condition
 from pointit.study.model import Study, Value
 from pointit.study.plan import condition_of, plan_of
 from pointit.study.progress import Progress
 from pointit.study.questionnaires import scale_of
-from pointit.study.room import Room
+from pointit.study.room import Room, Setup
 from pointit.study.scenario import scenario_file
 from pointit.study.tasks import Scene, Trial
 from pointit.study.view import BREAK, Command, Status, StudyView
@@ -26,19 +26,6 @@ from pointit.study.view import BREAK, Command, Status, StudyView
 TICK_S = 0.05
 CLOCK_APART_S = 0.5
 """Difference between the site's time and the stamps of a wrist above which times are doubtful, s."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Setup:
-    """Devices and options of the site of a session."""
-
-    imu: str = ""
-    output: str = ""
-    localize: bool = False
-    listen: str = ""
-    record: bool = False
-    person: Mapping[str, Value] = field(default_factory=dict[str, Value])
-    """Parameters of a simulated person."""
 
 
 class StoppedError(PointItError):
@@ -92,7 +79,9 @@ class Session:
                     block = trial.block
                 await self._do(trial)
             await self._ask_after(self._plan.trials[-1].block)
-            self._put(ended=utc(self._here.site.now_ns()) if self._room else self._about.get("begun"))
+            self._put(
+                ended=utc(self._room.site.now_ns()) if self._room else self._table.rows[-1]["began_utc"]
+            )
 
     @property
     def _here(self) -> Room:
@@ -181,11 +170,11 @@ class Session:
         self, trial: Trial, scene: Scene, before_m: Vec3 | None
     ) -> tuple[Attempt, Command | None]:
         room, study = self._here, self._study
-        shown = await room.show(scene)
+        target, target_m = await room.show(scene)
         attempt = room.attempt = Attempt(
             began_ns=room.site.now_ns(),
-            target=shown.target,
-            target_m=shown.target_m,
+            target=target,
+            target_m=target_m,
             width_m=scene.width_m,
             end=study.end,
             timeout_s=study.timeout_s,
@@ -198,7 +187,7 @@ class Session:
             while attempt.outcome is None:
                 await room.site.sleep(TICK_S)
                 if scene.packages and attempt.outcome is None:
-                    attempt.target_m = room.position(shown.target) or attempt.target_m
+                    attempt.target_m = room.position(target) or attempt.target_m
                 room.problem  # noqa: B018 - raises what has failed in the background
                 attempt.tick(room.site.now_ns())
                 if (command := self._view.command()) is not None:
@@ -291,10 +280,10 @@ class Session:
             for scale in map(scale_of, self._study.questionnaires):
                 if (scale.name, str(block)) in answered:
                     continue
-                condition = self._plan.order[block - 1]
-                for item, value in enumerate(await self._view.ask(scale), 1):
-                    about = (self._participant, scale.name, item, condition, block, value)
-                    table.append(dict(zip(ANSWER_COLUMNS, about, strict=True)))
+                about = {"participant": self._participant, "questionnaire": scale.name, "block": block}
+                about |= {"condition": self._plan.order[block - 1]}
+                answers = enumerate(await self._view.ask(scale), 1)
+                table.append(*({**about, "item": item, "value": value} for item, value in answers))
 
     def _show(self, trial: Trial, state: str, target: str = "") -> None:
         self._view.status(

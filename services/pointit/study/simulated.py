@@ -9,7 +9,8 @@ import pointit
 from pointit.study.data import StudyFolder
 from pointit.study.model import Study, Value
 from pointit.study.questionnaires import Scale
-from pointit.study.session import Session, Setup
+from pointit.study.room import Setup
+from pointit.study.session import Session
 from pointit.study.view import Command, Status
 
 LIGHT: dict[str, Value] = {"user-sim.rate_hz": 25.0, "led-driver.max_rate_hz": 25.0}

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from pointit.schemas import ButtonEvent, Cursor, Hover, SelectionEvent
-from pointit.study.measure import Attempt, Now
+from pointit.study.measure import Attempt
 
 S = 1_000_000_000
 
@@ -96,7 +96,7 @@ def test_attempt_does_not_count_when_the_wrist_is_lost() -> None:
 
 
 def test_condition_in_python_ends_an_attempt() -> None:
-    def ends(now: Now) -> str | None:
+    def ends(now: Attempt) -> str | None:
         return "hit" if now.passed_s > 1.0 else None
 
     one = attempt("ends.py:ends", condition=ends)

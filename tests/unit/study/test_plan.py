@@ -130,5 +130,6 @@ def test_bad_study_is_refused_in_one_sentence(tmp_path: Path, change: str, sente
     with pytest.raises(ConfigError) as refused:
         read_study(file)
     assert sentence in str(refused.value)
+    assert "{" not in str(refused.value)
     assert str(refused.value).startswith(str(file))
     assert "\n" not in str(refused.value)

@@ -13,7 +13,8 @@ from pointit.study.check import check_folder
 from pointit.study.columns import columns_of
 from pointit.study.data import StudyFolder, read_table
 from pointit.study.model import Study
-from pointit.study.session import Session, Setup, StoppedError
+from pointit.study.room import Setup
+from pointit.study.session import Session, StoppedError
 from pointit.study.simulated import SimulatedView, person_of, simulate
 from pointit.study.view import Command, Status
 from tests.unit.study.studies import SMALL, simulate_all, small
@@ -55,11 +56,9 @@ def test_study_goes_on_at_the_trial_after_kill_9_at_each_step(
 ) -> None:
     """Step 2n ends the process after the row of trial n + 1 is written, 2n + 1 in the middle of the next."""
     study, folder = small(tmp_path)
-    written = 0
     fsync: Callable[[int], None] = os.fsync
 
     def kill(number: int) -> None:
-        nonlocal written
         fsync(number)
         if (folder.path / "P01/trials.csv").exists() and len(
             read_table(folder.path / "P01/trials.csv")
@@ -78,6 +77,10 @@ def test_study_goes_on_at_the_trial_after_kill_9_at_each_step(
     assert [(row["trial"], row["attempt"]) for row in rows] == [(str(n), "1") for n in range(1, 5)]
     targets = [row["target"] for row in read_table(whole[1].path / "P01/trials.csv")]
     assert [row["target"] for row in rows] == targets
+    assert len(read_table(folder.path / "P01/answers.csv")) == 2 * 10
+    assert all(
+        finding.severity == "note" and not finding.participant for finding in check_folder(folder.path)
+    )
 
 
 class _Experimenter(SimulatedView):
@@ -171,15 +174,24 @@ def test_check_finds_what_is_missing_or_wrong(whole: tuple[Study, StudyFolder], 
     ("scenario", "task"),
     [
         ("belts", "{kind: packages, lane: part_e, others: 2}"),
-        ("strips", "{kind: tapping, strip: '0', width_m: 0.3, distance_m: 1.5}"),
+        ("strips\n        end: press", "{kind: tapping, strip: '0', width_m: 0.3, distance_m: 1.5}"),
+        ("strips\n        end: ends.py:on", "{kind: reach, others: 2}"),
         ("space", "{kind: tapping, width_m: 0.6, distance_m: 1.5, targets: 5, center_m: [5.0, 0.5, 1.5]}"),
         ("space", "{kind: places, lamps: [led_0, led_1], places: {door: [4.0, 2.0, 1.0]}, width_m: 0.8}"),
     ],
 )
 def test_ready_task_runs_simulated(scenario: str, task: str, tmp_path: Path) -> None:
-    text = (
-        f"name: one\nparticipants: 1\nscenario: {scenario}\ntask: {task}\norder: as_written\nrepetitions: 4\n"
+    (tmp_path / "ends.py").write_text(
+        "def on(now):\n    return 'hit' if now.hovered == now.target else None\n"
     )
+    text = f"""
+        name: one
+        participants: 1
+        scenario: {scenario}
+        task: {task}
+        order: as_written
+        repetitions: 4
+    """
     study, folder = small(tmp_path, text)
     simulate_all(study, folder)
     rows = read_table(folder.path / "P01/trials.csv")

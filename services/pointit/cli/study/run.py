@@ -1,5 +1,6 @@
 """`pointit study run`: an experiment, with people or with simulated ones."""
 
+import importlib.util
 from pathlib import Path
 
 import click
@@ -15,7 +16,8 @@ from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.study.data import StudyFolder
 from pointit.study.model import Study, read_study
 from pointit.study.plan import plan_of
-from pointit.study.session import Session, Setup, StoppedError
+from pointit.study.room import Setup
+from pointit.study.session import Session, StoppedError
 from pointit.study.simulated import simulate
 
 PATH = click.Path(path_type=Path)
@@ -76,7 +78,10 @@ def command(
         raise ConfigError(f"--page needs {remedy('web')}")
     if not in_page:
         check_keyboard("--page or --simulated")
-    setup = Setup(imu=imu, output=output, localize=localize, listen=listen, record=record is not False)
+    records = importlib.util.find_spec("mcap") is not None if record is None else record
+    if record is None and not records:
+        say("no recording: it needs the extra `record`; the tables are written", err=True)
+    setup = Setup(imu=imu, output=output, localize=localize, listen=listen, record=records)
     name = participant or left[0]
     if in_page:
         return run_until_shutdown(_run_in_pages(study, folder, name, setup, lan=lan))

@@ -32,7 +32,7 @@ async def looked_at(*pages: Page) -> None:
     for page in pages:
         assert await page.evaluate(WIDER) <= 0
         for scheme in ("light", "dark"):
-            await page.emulate_media(color_scheme=scheme)  # type: ignore[arg-type]  # a Literal
+            await page.emulate_media(color_scheme=scheme)
             assert await violations(page) == []
 
 

@@ -100,7 +100,7 @@ class PageView:
         self.changed = asyncio.Event()
 
     def content(self, page: Page) -> dict[str, Any]:
-        """Return what a page shows, in types of JSON."""
+        """Return the content of a page, in types of JSON."""
         place = {} if self._status is None else {"trial": self._status.trial, "trials": self._status.trials}
         shown = {**self._shown, **place}
         if page == "participant":

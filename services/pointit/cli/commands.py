@@ -117,7 +117,7 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
             ours("hz", "measure rates against the nominal ones", "inspect.hz"),
             ours("schema", "show the fields of a message; write or check the catalogue", "inspect.schema"),
         ),
-        ours("listen", "follow what a person says while they point", "people.listen"),
+        ours("listen", "follow what a person says while they point", "things.listen"),
         ours("track", "show trackers and objects: rates, latency, positions", "inspect.track"),
         ours("trace", "time a person's samples from capture to light, hop by hop", "inspect.trace"),
         noun(
@@ -240,6 +240,8 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
             STUDY,
             ours("run", "run a study with people, or with simulated ones", "study.run"),
             ours("check", "find missing trials, wrong clocks, broken balance", "study.check"),
+            ours("report", "report a study: a page and a notebook, with tables and figures", "study.report"),
+            ours("power", "say how many participants find a stated effect", "study.power"),
         ),
     ),
     "Measure": (

@@ -19,7 +19,7 @@ COLUMNS: tuple[tuple[str, str, str], ...] = (
     ("selection_s", "s", "from showing the target to the end by the participant"),
     ("corrections", "", "number of times that the pointer left the target before the end"),
     ("path_length_deg", "deg", "way of the ray's direction in the room, in steps of 0.5 deg or more"),
-    ("error_m", "m", "from the target's centre to the cursor at the end"),
+    ("error_m", "m", "from the target's centre to the selected point"),
     ("error_deg", "deg", "from the target's centre to the ray at the end, at the eyes"),
     (
         "target_distance_m",
@@ -30,7 +30,10 @@ COLUMNS: tuple[tuple[str, str, str], ...] = (
     ("target_distance_deg", "deg", "the same as an angle at the eyes"),
     ("target_width_deg", "deg", "extent of the target, at the eyes"),
     *((f"target_{axis}_m", "m", f"{axis} of the target's centre at the end, in the room") for axis in "xyz"),
-    *((f"selected_{axis}_m", "m", f"{axis} of the cursor at the end, in the room") for axis in "xyz"),
+    *(
+        (f"selected_{axis}_m", "m", f"{axis} of the cursor at the end, or of the ray by the target")
+        for axis in "xyz"
+    ),
 )
 """Name, unit, meaning. A column of each factor, its level, stands after `practice`."""
 

@@ -128,7 +128,7 @@ class Attempt:
         first, last = self._first, self.cursor
         eyes_m = None if last is None else last.origin_m
         far_m = None if eyes_m is None else math.dist(eyes_m, self.target_m)
-        point_m = None if last is None else last.point_m
+        point_m = None if last is None else last.point_m or _nearest(last, self.target_m)
         first_m = self._first_m or self.target_m
         at_start_m = self.before_m if self.before_m is not None or first is None else first.point_m
         columns: dict[str, str | float | int | None] = {
@@ -157,6 +157,14 @@ class Attempt:
 
     def _passed_s(self, now_ns: int) -> float:
         return (now_ns - self.began_ns) / NS_PER_S
+
+
+def _nearest(cursor: Cursor, target_m: Vec3) -> Vec3 | None:
+    """Return the point of the ray nearest to the target, which stands for a cursor where no surface is."""
+    if cursor.direction is None or cursor.origin_m is None:
+        return None
+    along_m = vector.dot(vector.subtract(target_m, cursor.origin_m), cursor.direction)
+    return vector.add(cursor.origin_m, vector.scale(cursor.direction, along_m)) if along_m > 0 else None
 
 
 def _angle_deg(cursor: Cursor | None, target_m: Vec3, from_m: Vec3 | None = None) -> float | None:

@@ -162,7 +162,8 @@ class Tapping(Config):
             ]
         else:
             count = self.targets - 1 + self.targets % 2
-            now = trial.place * ((count + 1) // 2) % count
+            step = (count + 1) // 2
+            now, last = (place * step % count for place in (trial.place, trial.place - 1))
             objects = [
                 TrackedObject(
                     id=f"t{trial.number}-{n}",
@@ -171,12 +172,14 @@ class Tapping(Config):
                     length_m=self.width_m,
                 )
                 for n in range(count)
+                if n != last  # where the ray rests, which would be selected first
             ]
+        target = next(each for each in objects if each.kind == TARGET)
         return Scene(
-            target=objects[now].id,
+            target=target.id,
             name=f"place {now + 1}",
             width_m=self.width_m,
-            target_m=objects[now].position_m,
+            target_m=target.position_m,
             objects=tuple(objects),
         )
 

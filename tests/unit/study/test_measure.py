@@ -52,6 +52,16 @@ def test_measures_of_a_selection_are_those_computed_by_hand() -> None:
     assert attempt(before_m=(4.0, -1.0, 1.0)).columns()["target_distance_m"] == 1.0
 
 
+def test_without_a_surface_the_rays_point_nearest_to_the_target_is_selected() -> None:
+    one = attempt()
+    one.on_cursor(cursor(10.0, 0.1).model_copy(update={"point_m": None}), round(0.1 * S))
+    measures = one.columns()
+    angle_rad = math.radians(10.0)
+    assert measures["error_m"] == pytest.approx(4.0 * math.sin(angle_rad))
+    assert measures["selected_x_m"] == pytest.approx(4.0 * math.cos(angle_rad) ** 2)
+    assert measures["selected_y_m"] == pytest.approx(4.0 * math.cos(angle_rad) * math.sin(angle_rad))
+
+
 @pytest.mark.parametrize(
     ("end", "hovered", "happens", "outcome", "reason"),
     [

@@ -74,6 +74,7 @@ ROOMS = {
                 "tests/integration/assistants/test_http.py",
                 "tests/e2e/run/test_assistants.py",
                 "tests/unit/cli/test_scan_live.py",
+                "tests/unit/study/test_page.py",
             ),
         ),
     ),
@@ -85,7 +86,7 @@ ROOMS = {
     "studies": Room(
         tuple(f"{PRODUCT}{name}" for name in ("study", "study_report", "cli/study")),
         ("tests/unit/study", "tests/unit/study_report", "tests/examples/test_selection_study.py"),
-        ("tests/unit/cli", "tests/wheel"),
+        ("tests/unit/cli", "tests/wheel", "tests/e2e/web/test_study.py"),
     ),
     "scan": Room(
         (f"{PRODUCT}scan", "lab/pointit_lab/evaluation/scan"),

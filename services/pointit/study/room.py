@@ -10,6 +10,7 @@ import pointit
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import NoMessageError, PointItError
 from pointit.schemas import NS_PER_S, Cursor, Environment, topics
+from pointit.services.localizer.certainty import position_sigma_m, yaw_sigma_deg
 from pointit.study.measure import SILENT_S, Attempt
 from pointit.study.model import Value
 from pointit.study.tasks import Scene
@@ -103,6 +104,14 @@ class Room:
             return "no ray comes: is the wrist on, and in reach?"
         return ""
 
+    @property
+    def quality(self) -> str:
+        """Standard deviations of the participant's localization, or `""` if it is unknown or given."""
+        pose = self.site.latest.pose.get(self._user)
+        if pose is None or not any(pose.covariance):
+            return ""
+        return f"position ±{position_sigma_m(pose) * 100:.0f} cm, yaw ±{yaw_sigma_deg(pose):.1f}°"
+
     async def show(self, scene: Scene) -> tuple[str, Vec3]:
         """Show the target of `scene`; return its id and position as soon as it is there.
 
@@ -152,6 +161,7 @@ class Room:
         site, user = self.site, self._user
         site.latest.interaction.get(user)  # received from now on
         site.latest.objects.get(TRACKER)
+        site.latest.pose.get(user)
         feeds: tuple[tuple[AsyncIterator[Any], Callable[[Attempt, Any, int], None]], ...] = (
             (site.cursors(user), Attempt.on_cursor),
             (site.hovers(user), Attempt.on_hover),

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import math
 import platform
 from collections.abc import Mapping
 from dataclasses import replace
@@ -20,7 +21,7 @@ from pointit.study.questionnaires import scale_of
 from pointit.study.room import Room, Setup
 from pointit.study.scenario import scenario_file
 from pointit.study.tasks import Scene, Trial
-from pointit.study.view import Command, Status, StudyView
+from pointit.study.view import BREAK, Command, Status, StudyView
 
 TICK_S = 0.05
 CLOCK_APART_S = 0.5
@@ -123,10 +124,19 @@ class Session:
             if level in self._study.instructions
         ]
         if not is_first and self._study.break_s and not self._setup.person:
-            self._show(trial, f"a break of {self._study.break_s:g} s")
-            await self._here.site.sleep(self._study.break_s)
+            await self._rest(trial)
         if texts or not is_first:
             await self._view.tell("\n".join(texts) or "The next block begins.", go="begin")
+
+    async def _rest(self, trial: Trial) -> None:
+        """Wait the break before the block of `trial`; obey commands meanwhile."""
+        site = self._here.site
+        end_ns = site.now_ns() + round(self._study.break_s * 1e9)
+        while (left_ns := end_ns - site.now_ns()) > 0:
+            self._show(trial, f"{BREAK}{math.ceil(left_ns / 1e9)} s left")
+            await site.sleep(TICK_S)
+            if (command := self._view.command()) is not None:
+                await self._obey(command, trial)
 
     def _site(self, trial: Trial, settings: Mapping[str, Value]) -> Any:
         recording = self._folder.recording(self._participant) if self._setup.record else None
@@ -285,6 +295,11 @@ class Session:
                 left=self._progress.left,
                 target=target,
                 state=state,
+                trials=len(self._plan.trials),
+                outcomes=tuple(
+                    f"{row['trial']}: {row['reason'] or row['outcome']}" for row in self._table.rows[:-6:-1]
+                ),
+                quality=self._here.quality,
             )
         )
 

@@ -1,9 +1,12 @@
-"""Seam to the view of participant and experimenter: a terminal, later a page."""
+"""Seam to the view of participant and experimenter: a terminal or pages."""
 
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
 from pointit.study.questionnaires import Scale
+
+BREAK = "break, "
+"""Start of the state of a break; the rest is the time that is left."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -20,6 +23,12 @@ class Status:
     target: str = ""
     state: str = ""
     """Present activity, in a few words."""
+    trials: int = 0
+    """Number of trials in the plan."""
+    outcomes: tuple[str, ...] = ()
+    """Last attempts, the newest first: trial and outcome."""
+    quality: str = ""
+    """Standard deviations of the localization, or `""` if unknown."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,9 @@ from pointit.cli.common.keyboard import check_keyboard, key_bytes
 from pointit.cli.common.output import say
 from pointit.cli.common.progress import interruptible, progress
 from pointit.cli.study.terminal import TerminalView
+from pointit.launch.plan.extras import has_extra
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.extras import remedy
 from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.study.data import StudyFolder
 from pointit.study.model import Study, read_study
@@ -31,6 +33,8 @@ PATH = click.Path(path_type=Path)
 @click.option("--localize", is_flag=True, help="the participant points at lamps first, to be located")
 @click.option("--listen", default="", metavar="ADDRESS", help="address for dashboards: tcp/127.0.0.1:7447")
 @click.option("--record/--no-record", default=None, help="write session.mcap; by default of people only")
+@click.option("--page", "in_page", is_flag=True, help="show it in two browser pages, not in the terminal")
+@click.option("--lan", is_flag=True, help="the pages are open to the local network, by HTTPS")
 def command(
     *,
     file: Path,
@@ -42,12 +46,15 @@ def command(
     localize: bool,
     listen: str,
     record: bool | None,
+    in_page: bool,
+    lan: bool,
 ) -> int:
     """Run the study FILE with one participant, from where they are.
 
     Each trial is on the disk as soon as it has ended. After a crash, the same command goes on. Keys: r
-    repeats the trial, s skips it with a reason, p pauses, q stops. --simulated takes virtual time. Without it
-    and --imu, the participant is simulated in real time.
+    repeats the trial, s skips it with a reason, p pauses, q stops; --page prints the links of
+    two pages instead, which are secret. --simulated takes virtual time. Without it and --imu, the
+    participant is simulated in real time.
 
     Example: pointit study run my_study.yaml --imu page
     """
@@ -65,25 +72,54 @@ def command(
         )
     if not participant and not left:
         raise ConfigError(f"all {len(study.people)} participants of {study.name} have finished")
-    check_keyboard("--simulated")
+    if lan and not in_page:
+        raise ConfigError("--lan opens pages; give --page, too")
+    if in_page and not has_extra("web"):
+        raise ConfigError(f"--page needs {remedy('web')}")
+    if not in_page:
+        check_keyboard("--page or --simulated")
     records = importlib.util.find_spec("mcap") is not None if record is None else record
     if record is None and not records:
         say("no recording: it needs the extra `record`; the tables are written", err=True)
     setup = Setup(imu=imu, output=output, localize=localize, listen=listen, record=records)
-    return run_until_shutdown(_run(study, folder, participant or left[0], setup))
+    name = participant or left[0]
+    if in_page:
+        return run_until_shutdown(_run_in_pages(study, folder, name, setup, lan=lan))
+    return run_until_shutdown(_run(study, folder, name, setup))
 
 
 async def _run(study: Study, folder: StudyFolder, participant: str, setup: Setup) -> int:
     view = TerminalView()
     session = Session(study, folder, participant, view, setup)
     with key_bytes(view.on_bytes):
-        try:
-            await session.run()
-        except StoppedError as stopped:
-            say(f"\n{stopped}")
-            return 0
-    say(f"\n{participant} has finished; the data are in {folder.path / participant}")
+        say(f"\n{await _outcome(session, folder.path / participant)}")
     return 0
+
+
+async def _run_in_pages(
+    study: Study, folder: StudyFolder, participant: str, setup: Setup, *, lan: bool
+) -> int:
+    from pointit.study.page.server import served  # noqa: PLC0415 - needs the extra `web`
+    from pointit.study.page.view import PageView  # noqa: PLC0415 - as above
+
+    view = PageView(study.name, participant)
+    session = Session(study, folder, participant, view, setup)
+    async with served(view, lan=lan) as (participants, experimenters):
+        say(f"page of {participant}: {participants}")
+        say(f"page of the experimenter: {experimenters}")
+        said = await _outcome(session, folder.path / participant)
+        view.end("You may close this page.")
+    say(said)
+    return 0
+
+
+async def _outcome(session: Session, data: Path) -> str:
+    """Run `session`; return how it ended."""
+    try:
+        await session.run()
+    except StoppedError as stopped:
+        return str(stopped)
+    return f"{data.name} has finished; the data are in {data}"
 
 
 def _simulate(study: Study, folder: StudyFolder, people: list[str], record: bool) -> int:  # noqa: FBT001

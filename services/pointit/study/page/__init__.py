@@ -1,0 +1,1 @@
+"""Pages of a study: the participant's and the experimenter's, in browsers."""

@@ -1,0 +1,169 @@
+"""A study in two pages: what each shows, and what is done with its messages."""
+
+import asyncio
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any, Literal, get_args
+
+from pydantic import Field, ValidationError
+
+from pointit.runtime.config.config import Config
+from pointit.study.questionnaires import Scale
+from pointit.study.session import StoppedError
+from pointit.study.view import BREAK, Command, Status
+
+Page = Literal["participant", "experimenter"]
+CommandName = Literal["repeat", "skip", "pause", "stop"]
+MAX_REASON = 200
+"""Maximum length of the reason of a skipped trial."""
+MAX_ANSWERS = 1000
+WAITING = {"show": "wait", "title": "One moment, please", "text": ""}
+POINTING = {"show": "wait", "title": "Point", "text": "Look at the room."}
+TITLES: dict[str, Mapping[str, object]] = {
+    "pointing": POINTING,
+    "pause": POINTING,
+    "paused": {"show": "wait", "title": "Paused", "text": "Please wait."},
+}
+"""Content of the participant's page by `Status.state`."""
+
+
+class Said(Config):
+    """A message of the participant's page."""
+
+    id: int = Field(description="number of the text or questionnaire that is answered")
+    agrees: bool = True
+    answers: tuple[int, ...] = Field(default=(), max_length=MAX_ANSWERS)
+
+
+class Order(Config):
+    """A message of the experimenter's page."""
+
+    command: CommandName
+    reason: str = Field(default="", max_length=MAX_REASON)
+
+
+class PageView:
+    """A `StudyView` of any number of pages: all of one kind show the same, and the first answer counts."""
+
+    def __init__(self, study: str, participant: str) -> None:
+        """Create without pages."""
+        self._who = {"study": study, "who": participant}
+        self._shown: Mapping[str, object] = WAITING
+        self._status: Status | None = None
+        self._commands = deque[Command]()
+        self._number = 0
+        self._scale: Scale | None = None
+        self._answer: asyncio.Future[Said] | None = None
+        self.pages: dict[Page, int] = {"participant": 0, "experimenter": 0}
+        """Number of open pages."""
+        self.changed = asyncio.Event()
+        """Set at the next change of any content, then replaced."""
+        self.is_over = False
+
+    async def tell(self, text: str, *, go: str) -> bool:
+        """Show `text` until the participant does `go`.
+
+        Raises:
+            StoppedError: If the experimenter stops.
+        """
+        return (await self._ask({"show": "text", "text": text, "go": go})).agrees
+
+    async def ask(self, scale: Scale) -> list[int]:
+        """Show a questionnaire until all its items are answered. Raises as `tell` does."""
+        self._scale = scale
+        return list((await self._ask({"show": "scale", **scale.model_dump(mode="json")})).answers)
+
+    def status(self, status: Status, /) -> None:
+        """Show where the study stands."""
+        if status == self._status:
+            return
+        self._status, state = status, status.state
+        if state.startswith(BREAK):
+            self._shown = {"show": "wait", "title": "Break", "text": state.removeprefix(BREAK)}
+        else:
+            self._shown = TITLES.get(state, {"show": "wait", "title": "Wait", "text": state})
+        self.change()
+
+    def command(self) -> Command | None:
+        """Return the next command of the experimenter."""
+        return self._commands.popleft() if self._commands else None
+
+    def end(self, text: str) -> None:
+        """Show `text` as the last content of all pages."""
+        self._shown, self.is_over = {"show": "end", "title": "Thank you", "text": text}, True
+        self.change()
+
+    def change(self) -> None:
+        """Wake all who wait for `changed`."""
+        self.changed.set()
+        self.changed = asyncio.Event()
+
+    def content(self, page: Page) -> dict[str, Any]:
+        """Return the content of a page, in types of JSON."""
+        place = {} if self._status is None else {"trial": self._status.trial, "trials": self._status.trials}
+        shown = {**self._shown, **place}
+        if page == "participant":
+            return shown
+        return {
+            **self._who,
+            "shown": shown,
+            "pages": self.pages["participant"],
+            "can": () if self.is_over else ("stop",) if self._is_asking else get_args(CommandName),
+            "status": None if self._status is None else asdict(self._status),
+        }
+
+    def hear(self, page: Page, text: str) -> str:
+        """Obey a message of a page; return what is wrong with it, or `""`."""
+        try:
+            if page == "participant":
+                return self._on_answer(Said.model_validate_json(text))
+            return self._on_order(Order.model_validate_json(text))
+        except ValidationError as error:
+            first = error.errors(include_url=False, include_input=False)[0]
+            return f"{'.'.join(map(str, first['loc'])) or 'message'}: {first['msg']}"
+
+    @property
+    def _is_asking(self) -> bool:
+        return self._answer is not None and not self._answer.done()
+
+    async def _ask(self, shown: Mapping[str, object]) -> Said:
+        self._number += 1
+        self._shown = {"id": self._number, **shown}
+        self._answer = asyncio.get_running_loop().create_future()
+        self.change()
+        try:
+            return await self._answer
+        finally:
+            self._answer, self._scale, self._shown, self._status = None, None, WAITING, None
+            self.change()
+
+    def _on_answer(self, said: Said) -> str:
+        if self._answer is None or self._answer.done() or said.id != self._number:
+            return ""  # another page was faster
+        if self._scale is not None and (problem := _problem(self._scale, said.answers)):
+            return problem
+        self._answer.set_result(said)
+        return ""
+
+    def _on_order(self, order: Order) -> str:
+        if order.command not in self.content("experimenter")["can"]:
+            return f"{order.command}: the participant reads or answers; wait, or stop"
+        if order.command == "skip" and not order.reason.strip():
+            return "reason: write why the trial is skipped"
+        if self._is_asking and self._answer is not None:
+            self._answer.set_exception(
+                StoppedError(f"{self._who['who']} is stopped; the same command goes on")
+            )
+        else:
+            self._commands.append(Command(order.command, " ".join(order.reason.split())))
+        return ""
+
+
+def _problem(scale: Scale, answers: tuple[int, ...]) -> str:
+    low, high = scale.points
+    if len(answers) != len(scale.items):
+        return f"answers: {len(answers)} of {len(scale.items)} are there"
+    if any(not low <= each <= high or (each - low) % scale.step for each in answers):
+        return f"answers: use values from {low} to {high} in steps of {scale.step}"
+    return ""

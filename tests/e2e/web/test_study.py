@@ -1,0 +1,101 @@
+"""A study in two browsers: the participant's and the experimenter's."""
+
+import csv
+import re
+from pathlib import Path
+
+import pytest
+from playwright.async_api import Browser, Page, expect
+
+from tests.e2e.web.axe import violations
+from tests.support.commands import Commands
+
+pytestmark = pytest.mark.slow
+
+STUDY = """
+name: small
+participants: 2
+task: {kind: reach}
+settings: {selector.gauge.full_s: 2.5}
+repetitions: 3
+consent: Times are <b>recorded</b>.
+instruction: Point at the red segment.
+questionnaires: [nasa-tlx, {name: own, items: [It was fun.]}]
+"""
+PATIENCE_MS = 60_000
+PHONE = {"width": 390, "height": 844}
+WIDER = "document.documentElement.scrollWidth - innerWidth"
+
+
+async def looked_at(*pages: Page) -> None:
+    """Fail if a page is wider than a phone, or axe finds something in light or dark."""
+    for page in pages:
+        assert await page.evaluate(WIDER) <= 0
+        for scheme in ("light", "dark"):
+            await page.emulate_media(color_scheme=scheme)
+            assert await violations(page) == []
+
+
+async def test_study_runs_in_two_browsers(browser: Browser, commands: Commands, tmp_path: Path) -> None:
+    (tmp_path / "small.yaml").write_text(STUDY)
+    arguments = ("study", "run", str(tmp_path / "small.yaml"), "--to", str(tmp_path / "data"), "--no-record")
+    command = commands.start(*arguments, "--page")
+    await command.says("page of the experimenter")
+    links = re.findall(r"http://\S+", command.out)
+    participant, experimenter = [
+        await (await browser.new_context(viewport=PHONE)).new_page()  # type: ignore[arg-type]  # a TypedDict
+        for _ in links
+    ]
+    faults: list[str] = []
+    for page, link in ((participant, links[0]), (experimenter, links[1])):
+        page.on("pageerror", lambda error: faults.append(str(error)))
+        page.set_default_timeout(PATIENCE_MS)
+        await page.goto(link)
+    expect.set_options(timeout=PATIENCE_MS)
+    press = participant.get_by_role
+    order = experimenter.get_by_role
+
+    await expect(participant.get_by_text("Times are <b>recorded</b>.")).to_be_visible()
+    await looked_at(participant)
+    await press("button", name="Next").click()
+    await expect(participant.get_by_role("alert")).to_contain_text("Tick that you agree")
+    await participant.get_by_label("I have read this").check()
+    await press("button", name="Next").click()
+    await press("button", name="Begin").click()
+
+    state = experimenter.locator("#state")
+    await expect(state).to_have_text("pointing")
+    await order("button", name="Repeat").click()
+    await expect(experimenter.locator("#outcomes")).to_contain_text("1: repeated: repeat by the experimenter")
+    await order("button", name="Pause").click()
+    await expect(state).to_have_text("paused")
+    await participant.reload()
+    await expect(participant.get_by_role("heading", name="Paused")).to_be_visible()
+    await looked_at(experimenter)
+    await order("button", name="Skip").click()
+    await expect(experimenter.get_by_role("alert")).to_contain_text("Write why")
+    await experimenter.get_by_label("Reason").fill("sneezed")
+    await order("button", name="Skip").click()
+
+    await expect(participant.get_by_role("slider")).to_have_count(6)
+    await press("button", name="Next").click()
+    await expect(participant.get_by_role("alert")).to_have_text("6 answers are missing.")
+    for slider in await participant.get_by_role("slider").all():
+        await slider.press("ArrowRight")
+    await looked_at(participant)
+    await press("button", name="Next").press("Enter")
+    await participant.get_by_role("radio", name="4").check()
+    await press("button", name="Next").click()
+    for page in (participant, experimenter):
+        await expect(page.get_by_text("You may close this page.")).to_be_visible()
+    assert "P01 has finished" in (await command.end(code=0)).out
+    assert faults == []
+
+    with (tmp_path / "data/P01/trials.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    counted = [row for row in rows if not row["reason"].startswith("repeated")]
+    assert [row["trial"] for row in counted] == ["1", "2", "3"]
+    assert [row["reason"] for row in rows if row["outcome"] == "skipped"][-1] == "skipped: sneezed"
+    assert [row["outcome"] for row in counted].count("hit") == 2
+    with (tmp_path / "data/P01/answers.csv").open(newline="") as file:
+        assert [row["value"] for row in csv.DictReader(file)] == ["55"] * 6 + ["4"]

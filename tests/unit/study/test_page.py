@@ -1,0 +1,139 @@
+"""Pages of a study: who may open them, what their messages do, what is refused."""
+
+import asyncio
+import json
+from collections.abc import AsyncIterator
+from typing import Any
+
+import httpx
+import pytest
+from websockets.asyncio.client import ClientConnection, connect
+from websockets.exceptions import InvalidStatus
+
+from pointit.study.page.server import served
+from pointit.study.page.view import MAX_REASON, Page, PageView
+from pointit.study.questionnaires import SUS
+from pointit.study.session import StoppedError
+from pointit.study.view import Command, Status
+
+STATUS = Status(participant="P01", trial=2, block=1, condition="hold", left=3, state="pointing", trials=4)
+
+
+def shown(view: PageView) -> dict[str, Any]:
+    return view.content("participant")
+
+
+async def begun(work: Any) -> asyncio.Task[Any]:
+    task = asyncio.create_task(work)
+    await asyncio.sleep(0)
+    return task
+
+
+@pytest.mark.parametrize(
+    ("page", "text", "problem"),
+    [
+        ("participant", "{", "message: Invalid JSON"),
+        ("experimenter", "", "message: Invalid JSON"),
+        ("experimenter", "[" * 5000, "message: Invalid JSON"),
+        ("experimenter", '{"command": "delete"}', "command: Input should be 'repeat'"),
+        ("participant", '{"command": "stop"}', "id: Field required"),
+        ("experimenter", '{"command": "skip"}', "reason: write why the trial is skipped"),
+        (
+            "experimenter",
+            json.dumps({"command": "skip", "reason": "x" * (MAX_REASON + 1)}),
+            "reason: String should have at most 200 characters",
+        ),
+    ],
+)
+def test_message_that_cannot_be_obeyed_is_refused_in_words(page: Page, text: str, problem: str) -> None:
+    view = PageView("small", "P01")
+    assert view.hear(page, text).startswith(problem)
+    assert view.command() is None
+
+
+async def test_questionnaire_ends_by_a_whole_answer_to_it_only() -> None:
+    view = PageView("small", "P01")
+    asking = await begun(view.ask(SUS))
+    number = shown(view)["id"]
+    for answers in ([3] * 9, [3] * 9 + [6], [0] + [3] * 9):
+        assert view.hear("participant", json.dumps({"id": number, "answers": answers})).startswith("answers:")
+    assert view.hear("participant", json.dumps({"id": number - 1, "answers": [1] * 10})) == ""
+    assert view.hear("participant", json.dumps({"id": number, "answers": [3] * 10})) == ""
+    assert view.hear("participant", json.dumps({"id": number, "answers": [4] * 10})) == ""  # the first counts
+    assert await asking == [3] * 10
+    assert shown(view)["show"] == "wait"
+
+
+async def test_experimenter_can_only_stop_while_the_participant_reads() -> None:
+    view = PageView("small", "P01")
+    view.status(STATUS)
+    assert view.hear("experimenter", '{"command": "skip", "reason": " a\\n b "}') == ""
+    assert view.command() == Command("skip", "a b")
+    telling = await begun(view.tell("Read.", go="begin"))
+    assert view.hear("experimenter", '{"command": "pause"}').startswith("pause: the participant reads")
+    assert view.command() is None
+    assert view.hear("experimenter", '{"command": "stop"}') == ""
+    with pytest.raises(StoppedError, match="P01 is stopped; the same command goes on"):
+        await telling
+
+
+@pytest.fixture
+async def links() -> AsyncIterator[tuple[PageView, dict[Page, str]]]:
+    view = PageView("small", "P01")
+    async with served(view) as (participants, experimenters):
+        yield view, {"participant": participants, "experimenter": experimenters}
+
+
+def joined(url: str, origin: str = "") -> Any:
+    origin = origin or url.rsplit("/", 2)[0]
+    return connect(f"{url.replace('http', 'ws', 1)}ws", origin=origin)  # type: ignore[arg-type]  # a NewType of str
+
+
+async def received(socket: ClientConnection) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads(await socket.recv())
+    return content
+
+
+@pytest.mark.wall_time
+async def test_wrong_token_and_foreign_origin_are_refused(links: tuple[PageView, dict[Page, str]]) -> None:
+    _, urls = links
+    async with httpx.AsyncClient() as client:
+        for page in urls:
+            answer = await client.get(urls[page])
+            assert (answer.status_code, f"/static/{page}.js" in answer.text) == (200, True)
+            assert "script-src 'self'" in answer.headers["content-security-policy"]
+        url = urls["experimenter"]
+        wrong = url[:-2] + ("a" if url[-2] != "a" else "b") + "/"
+        answer = await client.get(wrong)
+        assert (answer.status_code, "has links of its own" in answer.text) == (403, True)
+        assert (await client.get(url, headers={"Host": "evil.example"})).status_code == 403
+    for address, origin in ((wrong, ""), (urls["participant"], "http://evil.example")):
+        with pytest.raises(InvalidStatus) as refused:
+            await joined(address, origin)
+        assert refused.value.response.status_code == 403
+
+
+@pytest.mark.wall_time
+async def test_pages_show_the_present_content_whenever_they_join_and_outlive_bad_messages(
+    links: tuple[PageView, dict[Page, str]],
+) -> None:
+    view, urls = links
+    telling = await begun(view.tell("Read <b>this</b>.", go="begin"))
+    async with joined(urls["participant"]) as first, joined(urls["experimenter"]) as experimenter:
+        content = await received(first)
+        assert content["text"] == "Read <b>this</b>."
+        for bad in ("{", b"\x00", '{"id": "x"}', '{"command": "stop"}'):
+            await first.send(bad)
+            assert "problem" in await received(first)
+        async with joined(urls["participant"]) as second:  # another screen, or the same one after a loss
+            assert await received(second) == content
+            await second.send(json.dumps({"id": content["id"]}))
+            assert await telling is True
+            assert (await received(first))["show"] == "wait"
+        view.status(STATUS)
+        while (seen := await received(experimenter))["status"] is None:
+            pass
+        assert (seen["status"]["trial"], seen["shown"]["title"]) == (2, "Point")
+        view.end("You may close this page.")
+        while (content := await received(first))["show"] != "end":
+            pass

@@ -14,6 +14,10 @@ from pointit.scan.results import scan_of
 from pointit.scan.sightings import Seen
 from pointit.scan.views import KnownLength, LampSpec, StripSpec, View, check_known_length, check_survey
 
+TURNED = (
+    "gravity points up in the pictures, so it was taken the other way round: if the camera really was upside "
+    "down, turn the pictures"
+)
 UPSIDE_DOWN = -0.5
 """Component of gravity along the image's y axis, down, below which it contradicts the image."""
 
@@ -27,9 +31,10 @@ def solve(
 ) -> Scan:
     """Return the room that the views show.
 
-    The first view with gravity levels the room; without any, most strips are taken as level or upright.
-    Lengths come from `known_length`, or else from the strips' pitch. Positions and sigmas of the lamps are
-    in `Scan.lamps`.
+    The first view with gravity levels the room; without any, most strips are taken as level or upright. Some
+    phones and programs give gravity with the opposite sign: since cameras are held upright, or nearly, all signs
+    are changed if it points up in most pictures. Lengths come from `known_length`, or else from the strips'
+    pitch. Positions and sigmas of the lamps are in `Scan.lamps`.
 
     Raises:
         ConfigError: If names, numbers or limits are wrong.
@@ -46,11 +51,10 @@ def solve(
     rng = np.random.default_rng(0)
     specs: list[StripSpec | LampSpec] = [*strips, *lamps]
     seen = Seen.of(strips, lamps, views)
+    is_turned = np.nansum(seen.downs[:, 1]) < 0.0
+    if is_turned:
+        seen.downs[:] *= -1.0
     upside_down = np.flatnonzero(seen.downs[:, 1] < UPSIDE_DOWN)
-    if 2 * len(upside_down) > np.isfinite(seen.downs[:, 0]).sum():
-        raise ScanError(
-            "gravity points to the top of the photographs: hold the camera upright, or turn gravity's sign"
-        )
     seen.downs[upside_down] = np.nan
     bounds: dict[Piece, tuple[float, float]] = {}
     for number, strip in enumerate(strips):
@@ -68,8 +72,9 @@ def solve(
         )
     found = refined(seen, specs, placed, bounds, lines)
     scan = scan_of(found, strips, lamps, known_length)
-    ignored = [f"gravity of view {view + 1} points to the top of its image: not used" for view in upside_down]
-    return replace(scan, problems=(*scan.problems, *ignored))
+    said = [TURNED] if is_turned else []
+    said += [f"gravity of view {view + 1} points to the top of its image: not used" for view in upside_down]
+    return replace(scan, problems=(*said, *scan.problems))
 
 
 def _lines_of(

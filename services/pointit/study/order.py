@@ -23,7 +23,7 @@ def square(order: Order, conditions: int) -> list[tuple[int, ...]]:
     first = [0]
     first += [(step + 1) // 2 if step % 2 else conditions - step // 2 for step in range(1, conditions)]
     rows = [tuple((row + column) % conditions for column in first) for row in range(conditions)]
-    return rows if conditions % 2 == 0 else rows + [row[::-1] for row in rows]
+    return rows if conditions == 1 or conditions % 2 == 0 else rows + [row[::-1] for row in rows]
 
 
 def imbalance(orders: Sequence[Sequence[str]], order: Order) -> str:

@@ -17,7 +17,6 @@ from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.shutdown import EXIT_FAILED
 from pointit.scan.advice import next_view
 from pointit.scan.as_map import map_text
-from pointit.scan.gravity import upright
 from pointit.scan.result import Scan, ScannedLamp, ScannedStrip
 from pointit.scan.solver import solve
 from pointit.scan.views import KnownLength, Mark, read_survey
@@ -129,9 +128,8 @@ def command(
     survey = read_survey(source)
     if known is not None:
         survey = replace(survey, known_length=known)
-    views, turned = upright(survey.views)
     try:
-        scan = solve(survey.strips, survey.lamps, views, known_length=survey.known_length)
+        scan = solve(survey.strips, survey.lamps, survey.views, known_length=survey.known_length)
     except ConfigError as error:
         raise ConfigError(f"{source}: {error}") from None
     if origin is not None or heading:
@@ -144,7 +142,7 @@ def command(
         print_findings(str(path), has, findings, err=True)
     else:
         click.echo(text, nl=False)
-    for sentence in [*([turned] if turned else []), *_sentences(scan)]:
+    for sentence in _sentences(scan):
         click.echo(sentence, err=True)
     found: list[ScannedStrip | ScannedLamp] = [*scan.strips.values(), *scan.lamps.values()]
     is_whole = not scan.missing and (also_doubtful or all(each.identified for each in found))

@@ -3,7 +3,6 @@
 import functools
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from pointit.bridges.web.scan.session import Solution
@@ -27,12 +26,9 @@ def solve_survey(survey: Survey) -> "Scan":
     Raises:
         PointItError: If the views determine nothing yet. One sentence.
     """
-    from pointit.scan.gravity import upright  # noqa: PLC0415
     from pointit.scan.solver import solve  # noqa: PLC0415
 
-    views, turned = upright(survey.views)
-    scan = solve(survey.strips, survey.lamps, views, known_length=survey.known_length)
-    return replace(scan, problems=(turned, *scan.problems)) if turned else scan
+    return solve(survey.strips, survey.lamps, survey.views, known_length=survey.known_length)
 
 
 def solution_of(scan: "Scan", size: tuple[int, int]) -> Solution:

@@ -12,9 +12,17 @@ from pointit.services.localizer.estimation.estimator import Pointings, Refusal, 
 from pointit.services.pointing.arm_ray import ArmRay
 from pointit_lab.cli.honesty import honesty
 from pointit_lab.evaluation.honesty import injections
-from pointit_lab.evaluation.honesty.honesty import chosen, honesty_rows, sources_of, trials_of, verdict
+from pointit_lab.evaluation.honesty.honesty import (
+    chosen,
+    drawn_again,
+    judged_sources,
+    sources_of,
+    trials_of,
+    verdict,
+)
 from pointit_lab.evaluation.honesty.row import EVERY, Judged, rows_of
 from pointit_lab.evaluation.honesty.simulated_people import followers, rooms
+from pointit_lab.evaluation.honesty.sources import Size
 from pointit_lab.evaluation.honesty.targets import TARGETS
 from pointit_lab.evaluation.localization.arm_rays import STATURE_M, along, scaled_body
 from pointit_lab.evaluation.localization.localization import judged
@@ -199,6 +207,26 @@ def test_a_row_counts_who_is_confidently_wrong() -> None:
     assert there(row.error_m).median == pytest.approx(0.5)
 
 
+def test_people_are_drawn_until_a_row_has_as_many_as_it_needs() -> None:
+    size = Size(people=2, rooms=1, windows=1, taken=5)
+    (none,) = (each for each in injections.INJECTIONS if each.name == injections.NONE)
+    first = judged_sources(sources_of(followers([0, 1]), [], [none], 1), jobs=1, tick=lambda _done, _of: None)
+    found = drawn_again(first, [none], size, 0, jobs=1, tick=lambda _done, _of: None)
+    (row, *_) = rows_of(found)
+    assert found[: len(first)] == first
+    assert row.independent >= 5
+    assert row.provable == pytest.approx(1.0 - 0.05 ** (1.0 / row.independent))
+    assert len({each.subject for each in found}) == row.n // 4
+    one_less = [each.subject for each in found[: -2 * 4] if each.taken]
+    assert len(set(one_less)) < 5
+
+
+def test_windows_of_a_stretch_of_a_recording_are_one_trial(follower: FollowRecording) -> None:
+    recorded = replace(follower, set="motion_relloc", name="walk")
+    ends = [verdict(trial, injections.NONE).unit for trial in recorded.trials([2.0])]
+    assert ends == ["walk 0.0"] * 10
+
+
 def test_a_refused_trial_is_not_taken(following: Trial) -> None:
     turned = injections.backwards(following, rng())
     assert isinstance(judged(turned.pointings), Refusal)
@@ -207,7 +235,7 @@ def test_a_refused_trial_is_not_taken(following: Trial) -> None:
 
 def test_other_processes_find_the_same(follower: FollowRecording, room: Trial) -> None:
     sources = sources_of([follower], [room], injections.INJECTIONS[::6], most=1)
-    alone, together = (honesty_rows(sources, jobs=jobs, tick=lambda _done, _of: None) for jobs in (1, 2))
+    alone, together = (judged_sources(sources, jobs=jobs, tick=lambda _done, _of: None) for jobs in (1, 2))
     assert alone == together
 
 

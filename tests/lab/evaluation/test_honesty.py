@@ -126,7 +126,8 @@ def test_late_reports_are_those_of_before(follower: FollowRecording) -> None:
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize(("wrong_lamp", "expected"), [(False, 0), (True, 1)])
 def test_a_wrong_lamp_was_not_pointed_at(room: Trial, seed: int, *, wrong_lamp: bool, expected: int) -> None:
-    trial = chosen(room, 3, np.random.default_rng(seed), wrong_lamp=wrong_lamp)
+    injection = replace(injections.INJECTIONS[0], wrong_lamp=wrong_lamp)
+    trial = chosen(room, 3, np.random.default_rng(seed), injection)
     lamp_of = dict(zip(rows(room.pointings.directions), rows(room.pointings.targets_m), strict=True))
     pointed = [lamp_of[ray] for ray in rows(trial.pointings.directions[::40])]
     lit = rows(trial.pointings.targets_m[::40])
@@ -136,13 +137,22 @@ def test_a_wrong_lamp_was_not_pointed_at(room: Trial, seed: int, *, wrong_lamp: 
 
 
 def test_lamps_on_one_wall_and_holds_one_after_the_other(room: Trial) -> None:
-    trial = chosen(room, 4, rng(), one_wall=True)
+    trial = chosen(room, 4, rng(), replace(injections.INJECTIONS[0], one_wall=True))
     assert np.ptp(trial.pointings.targets_m[:, 0]) < 1e-6
     assert np.ptp(trial.pointings.targets_m[:, 1]) > 0.5
     steps = np.diff(trial.pointings.stamps_s)
     assert np.all(steps > 0.0)
     assert np.count_nonzero(steps > 1.0) == 3
     assert trial.condition == "4 lamps"
+
+
+def test_each_lamp_is_pointed_at_twice_with_the_same_error(room: Trial) -> None:
+    twice = replace(injections.INJECTIONS[0], visits=2)
+    pointings = chosen(room, 3, rng(), twice).pointings
+    first, second = np.split(np.arange(len(pointings)), 2)
+    assert pointings.directions[first].tolist() == pointings.directions[second].tolist()
+    assert pointings.targets_m[first].tolist() == pointings.targets_m[second].tolist()
+    assert pointings.stamps_s[second[0]] > pointings.stamps_s[first[-1]]
 
 
 def test_each_pass_of_a_person_has_faults_of_its_own(room: Trial) -> None:

@@ -177,9 +177,7 @@ def _plain(source: Source) -> Iterator[Trial]:
     if source.room is not None:
         rng = np.random.default_rng([zlib.crc32(source.room.subject.encode()), source.number])
         for count in COUNTS:
-            yield chosen(
-                source.room, count, rng, wrong_lamp=injection.wrong_lamp, one_wall=injection.one_wall
-            )
+            yield chosen(source.room, count, rng, injection)
 
 
 def verdict(trial: Trial, condition: str) -> Judged:
@@ -214,35 +212,33 @@ def verdict(trial: Trial, condition: str) -> Judged:
     )
 
 
-def chosen(
-    room: Trial, count: int, rng: np.random.Generator, *, wrong_lamp: bool = False, one_wall: bool = False
-) -> Trial:
+def chosen(room: Trial, count: int, rng: np.random.Generator, injection: Injection = INJECTIONS[0]) -> Trial:
     """Return the pointing at `count` random lamps of `room`, one hold after the other.
 
     Args:
         room: a hold at each of more than `count` lamps.
         count: number of lamps.
         rng: for the choice.
-        wrong_lamp: True if during one hold the person pointed at another lamp than the lit one, which was not
-            lit otherwise.
-        one_wall: True to choose lamps of equal x.
+        injection: `wrong_lamp` if the person pointed at another lamp than one that was lit, which was not lit
+            otherwise; `one_wall` to choose lamps of equal x; `visits` of each lamp.
     """
     pointings = room.pointings
     starts = np.append(True, np.any(np.diff(pointings.targets_m, axis=0) != 0.0, axis=1))
     holds: list[NDArray[np.intp]] = np.split(np.arange(len(pointings)), np.flatnonzero(starts)[1:])
     lamps_m = pointings.targets_m[np.flatnonzero(starts)]
     among: NDArray[np.intp] = np.arange(len(holds))
-    if one_wall:
+    if injection.one_wall:
         walls = [np.flatnonzero(np.abs(lamps_m[:, 0] - x_m) < WALL_M) for x_m in lamps_m[:, 0].tolist()]
         walls = [wall for wall in walls if len(wall) >= count]
         among = walls[int(rng.integers(len(walls)))]
-    order: list[int] = rng.choice(among, size=count + wrong_lamp, replace=False).tolist()
+    order: list[int] = rng.choice(among, size=count + injection.wrong_lamp, replace=False).tolist()
     pointed = order[:count]
     lit_m = lamps_m[pointed].copy()
-    if wrong_lamp:
+    if injection.wrong_lamp:
         lit_m[rng.integers(count)] = lamps_m[order[-1]]
     stamps_s: list[Array] = []
     began_s = 0.0
+    pointed, lit_m = pointed * injection.visits, np.tile(lit_m, (injection.visits, 1))
     for index in pointed:
         stamps_s.append(pointings.stamps_s[holds[index]] - pointings.stamps_s[holds[index][0]] + began_s)
         began_s = float(stamps_s[-1][-1]) + PAUSE_S

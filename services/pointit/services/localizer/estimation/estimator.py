@@ -91,7 +91,7 @@ def solve(
     first = initial_poses(rays, weights)
     if start is not None:
         first = np.vstack([first, _pose_of(start, centre, trust)])
-    poses = _out_of_reach(rays, minimize(rays, first, weights).poses)
+    poses = _out_of_reach(rays, minimize(rays, first, weights))
     if not len(poses):
         return Refusal(NOWHERE)
     solution = _solution(rays, summary, poses, trust)
@@ -134,11 +134,11 @@ def _solution(rays: Rays, summary: Blocks, poses: Array, trust: SolverSettings) 
     likely = odds >= NEGLIGIBLE
     likely[0] = True
     found = [refine(rays, pose, summary, noise) for pose in poses[likely]]
-    best, spread = found[0].state, np.zeros_like(found[0].covariance)
-    for each, share in zip(found, odds[likely], strict=True):
-        off = each.state - best
+    best, spread = found[0][0], np.zeros_like(found[0][1])
+    for (state, covariance), share in zip(found, odds[likely], strict=True):
+        off = state - best
         off[2] = math.remainder(float(off[2]), math.tau)
-        spread += share * (each.covariance + np.outer(off, off))
+        spread += share * (covariance + np.outer(off, off))
     x_m, y_m, yaw_rad, bias_rad, z_m, _, latency_s = best.tolist()
     sigma = np.sqrt(np.maximum(np.diag(spread), 0.0)).tolist()
     return Solution(

@@ -17,7 +17,7 @@ import numpy as np
 from pointit.services.localizer.estimation.angular_residuals import Array, Complex, angular_errors
 from pointit.services.localizer.estimation.estimator import solve
 from pointit.services.localizer.estimation.levenberg_marquardt import minimize
-from pointit.services.localizer.estimation.sample_blocks import Pointings, blocks
+from pointit.services.localizer.estimation.sample_blocks import Pointings, blocks, in_time
 from pointit.services.localizer.estimation.solution import Refusal, Solution, SolverSettings
 
 LEAST_SLOPE = 0.5
@@ -150,7 +150,7 @@ def mounting_slope(
     if not len(pointings):
         return None
     freedom = independent - FEWEST
-    means = blocks(pointings).pointings
+    means = blocks(in_time(pointings, trust.latency_s + solution.late_s)).pointings
     place_m = np.array([solution.x_m, solution.y_m, floor_m])
     rays = trust.rays(means, place_m)
     weights = trust.weights()

@@ -14,6 +14,7 @@ from pointit.api.feed import Feed
 from pointit.api.latest import Latest, Newest
 from pointit.api.requests import Lamp
 from pointit.api.tracker import Tracker
+from pointit.cli.common.panels import ALL_OPTIONS
 from pointit.cli.main import front
 from pointit.launch.plan.scenario import read_scenario, scenario_names
 from pointit.maps.file import load_map, shipped_maps
@@ -131,6 +132,7 @@ def commands() -> Iterator[str]:
 def _command(command: click.Command, context: click.Context, depth: int) -> Iterator[str]:
     if depth > 1:
         yield f"{'#' * min(depth, 4)} {context.command_path}"
+    context.meta[ALL_OPTIONS] = True
     yield f"```text\n{command.get_help(context)}\n```"
     if not isinstance(command, click.Group) or context.command_path.endswith(("service", "service run")):
         return

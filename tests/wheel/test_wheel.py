@@ -1,6 +1,7 @@
 """The wheel in environments of its own: everything that commands read is inside."""
 
 import functools
+import json
 import subprocess
 import sys
 import zipfile
@@ -65,10 +66,13 @@ def run(*command: str | Path, cwd: Path) -> str:
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Build the source archives, and from them the wheels; that of the laboratory lies beside ours."""
+    """Build what a release has: archives, from them the wheels; that of the laboratory lies beside ours."""
     folder = tmp_path_factory.mktemp("dist")
-    run(ROOT / "scripts" / "wheel", folder, cwd=folder)
+    run(ROOT / "scripts" / "release", "--dry-run", folder, cwd=folder)
     assert len([*folder.glob("*.tar.gz")]) == 2
+    run("sha256sum", "--check", "SHA256SUMS", cwd=folder)
+    (libraries,) = folder.glob("*.cdx.json")
+    assert "eclipse-zenoh" in {each["name"] for each in json.loads(libraries.read_text())["components"]}
     (built,) = folder.glob("pointit-*.whl")
     return built
 

@@ -148,7 +148,7 @@ def front() -> click.Group:
         context_settings={"help_option_names": ["-h", "--help"]},
         help=(
             "Point at things and the things react.\n\n"
-            "Start with `pointit run`: it needs no hardware, no router and no configuration. "
+            "Start with `pointit run`, or nothing else: it needs no hardware, router or configuration. "
             "Ctrl-C ends every command at once."
         ),
     )
@@ -163,6 +163,9 @@ command = front()
 
 def main() -> NoReturn:
     """Run the command line; entry point of `pointit` and `python -m pointit.cli`."""
+    if len(sys.argv) == 1 and COMPLETE not in os.environ:
+        click.echo("`pointit` alone is `pointit run`; `pointit --help` shows all commands", err=True)
+        sys.argv.append("run")
     words = tuple(word for word in sys.argv[1:] if word not in ("-h", "--help", "--version"))
     if COMPLETE in os.environ or words in GROUPS:
         command.main(prog_name="pointit", complete_var=COMPLETE)

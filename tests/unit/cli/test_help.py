@@ -99,9 +99,9 @@ async def test_a_long_wait_is_told_of_and_a_short_one_is_not(
     assert capsys.readouterr().err == "waiting for the map …\n"
 
 
-@pytest.mark.parametrize("words", ["run", "person add"])
-def test_every_option_is_shown_once(words: str) -> None:
-    text = CliRunner().invoke(command, [*words.split(), "--help"], prog_name="pointit").output
+@pytest.mark.parametrize(("words", "asked"), [("run", "--help-all"), ("person add", "--help")])
+def test_every_option_is_shown_once(words: str, asked: str) -> None:
+    text = CliRunner().invoke(command, [*words.split(), asked], prog_name="pointit").output
     found = loaded(words.split())
     assert isinstance(found, PanelCommand)
     options = [option for option in found.params if isinstance(option, click.Option)]
@@ -110,11 +110,19 @@ def test_every_option_is_shown_once(words: str) -> None:
     assert all(f"\n{heading}:\n" in text for heading in (*found.panels, "Other options"))
 
 
+def test_help_of_run_has_ten_options_and_names_the_one_that_shows_all() -> None:
+    text = CliRunner().invoke(command, ["run", "--help"], prog_name="pointit").output
+    shown = re.findall(r"^  (--[\w-]+)", text, re.MULTILINE)
+    assert (len(shown), shown[-1]) == (11, "--help-all")
+    assert len(text.splitlines()) < 40
+
+
 def test_panels_name_only_options() -> None:
     both = [loaded(["run"]), loaded(["person", "add"])]
     options = {option.name for each in both for option in each.params}
     panels = [each.panels for each in both if isinstance(each, PanelCommand)]
     assert {name for each in panels for names in each.values() for name in names} <= options
+    assert {name for each in both if isinstance(each, PanelCommand) for name in each.usual} <= options
 
 
 FRONT = front()

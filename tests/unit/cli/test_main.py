@@ -7,6 +7,7 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import NoReturn
 
 import click
 import pytest
@@ -16,7 +17,7 @@ from pointit.cli.commands import COMMANDS, OLD_SPELLINGS
 from pointit.cli.common import installed_commands
 from pointit.cli.common.installed_commands import HEADING, LAB
 from pointit.cli.common.lazy import Entry, LazyGroup
-from pointit.cli.main import EXAMPLES, PATHS, command, front
+from pointit.cli.main import EXAMPLES, PATHS, command, front, main
 from pointit.launch.plan.extras import load
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import remedy
@@ -127,6 +128,23 @@ def test_garbage_is_collected_again_once_the_command_is_loaded() -> None:
     )
     done = python("-c", script, "list", "services", check=True)
     assert done.stderr.split() == ["True", "True"]
+
+
+def test_pointit_alone_is_a_run_and_says_so(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    typed: list[str] = []
+
+    def run_program(_command: object) -> NoReturn:
+        typed.extend(sys.argv)
+        raise SystemExit
+
+    monkeypatch.setattr("pointit.runtime.service.process.run_program", run_program)
+    monkeypatch.setattr(sys, "argv", ["pointit"])
+    with pytest.raises(SystemExit):
+        main()
+    assert typed == ["pointit", "run"]
+    assert "`pointit --help` shows all commands" in capsys.readouterr().err
 
 
 def test_a_service_documents_every_parameter_with_type_unit_and_default() -> None:

@@ -128,7 +128,7 @@ def test_people_whose_names_ros_cannot_have_stay_apart() -> None:
 
 
 DOCS = Path(__file__).parents[3] / "docs"
-TEXT = (DOCS / "how-to/ros2.md").read_text(encoding="utf-8")
+TEXT = (DOCS / "reference/ros2.md").read_text(encoding="utf-8")
 PROPOSAL = (DOCS / "explanation/pointing-messages-proposal.md").read_text(encoding="utf-8")
 
 

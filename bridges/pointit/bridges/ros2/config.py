@@ -69,7 +69,7 @@ class Ros2Config(Config):
     routes: Path | None = Field(
         default=None,
         description="YAML file that changes names, rates and frames of routes, or leaves some out; "
-        "`docs/how-to/ros2.md` in the repository lists them",
+        "`docs/reference/ros2.md` in the repository lists them",
     )
     unread: bool = Field(
         default=False,

@@ -8,6 +8,16 @@ from typing import Any
 
 import click
 
+ALL_OPTIONS = "pointit.cli: all options"
+"""Key of a context's `meta` that is set while all options are shown."""
+
+
+def _show_all(ctx: click.Context, _parameter: click.Parameter, wanted: bool) -> None:  # noqa: FBT001 - click's
+    if wanted and not ctx.resilient_parsing:
+        ctx.meta[ALL_OPTIONS] = True
+        click.echo(ctx.get_help())
+        ctx.exit()
+
 
 class PanelCommand(click.Command):
     """A command with options under headings; the others follow under `Other options`."""
@@ -16,6 +26,7 @@ class PanelCommand(click.Command):
         self,
         *arguments: Any,
         panels: Mapping[str, Collection[str]],
+        usual: Collection[str] = (),
         optional: Mapping[str, tuple[str, re.Pattern[str]]] | None = None,
         **attributes: Any,
     ) -> None:
@@ -24,12 +35,18 @@ class PanelCommand(click.Command):
         Args:
             arguments: of `click.Command`.
             panels: headings with names of parameters, in the order shown.
+            usual: names of the parameters that `--help` shows, each by the first clause of its help;
+                `--help-all` shows all. None: `--help` shows all.
             optional: options whose value may be left out, each with its value then, and with what a value
                 looks like: an argument after the option that does not is none.
             attributes: of `click.Command`.
         """
         super().__init__(*arguments, **attributes)
         self.panels = panels
+        self.usual = usual
+        if usual:
+            flag: dict[str, Any] = {"is_flag": True, "is_eager": True, "expose_value": False}
+            self.params.append(click.Option(["--help-all"], callback=_show_all, help="Show all.", **flag))
         self.optional = optional or {}
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -71,12 +88,17 @@ class PanelCommand(click.Command):
             yield argument
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the panels."""
+        """Write the usual options, or all in their panels."""
         rows = {
             parameter.name: row
             for parameter in self.get_params(ctx)
             if isinstance(parameter, click.Option) and (row := parameter.get_help_record(ctx)) is not None
         }
+        if self.usual and ALL_OPTIONS not in ctx.meta:
+            shown = [rows[name] for name in (*self.usual, "help_all", "help") if name in rows]
+            with formatter.section("Usual options"):
+                formatter.write_dl([(name, re.split(r"[.;] |  \[", text)[0]) for name, text in shown])
+            return
         for heading, names in self.panels.items():
             with formatter.section(heading):
                 formatter.write_dl([rows.pop(name) for name in names if name in rows])

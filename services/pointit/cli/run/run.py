@@ -46,7 +46,9 @@ def _explain(context: click.Context, _parameter: click.Parameter, wanted: bool) 
     context.exit()
 
 
-@click.command("run", cls=PanelCommand, panels=run_options.PANELS, optional=run_options.OPTIONAL)
+@click.command(
+    "run", cls=PanelCommand, panels=run_options.PANELS, usual=run_options.USUAL, optional=run_options.OPTIONAL
+)
 @click.argument("scenario", default=USUAL, shell_complete=scenarios)
 @click.option(
     "--list", is_flag=True, is_eager=True, expose_value=False, callback=_explain, help="explain the scenarios"
@@ -73,7 +75,7 @@ def _explain(context: click.Context, _parameter: click.Parameter, wanted: bool) 
     "output",
     default="",
     metavar="OUTPUT",
-    help="expander:PORT drives strips; `pointit plugin list` lists others",
+    help="lights, such as ddp:HOST (WLED) or expander:PORT; `pointit plugin list` lists others",
 )
 @click.option(
     "--ros2",
@@ -105,16 +107,11 @@ def run(
 ) -> int:
     """Run SCENARIO, in which simulated or real people point at objects.
 
-    scenario_1: lamps show by colour how close the ray passes. scenario_2: a cursor on the strips.
-    scenario_3: select moving segments. scenario_4 (default): packages on a conveyor, sent to bays.
-    scenario_5: fly a quadrotor. scenario_6: drive a robot along a path.
-    send_a_robot: goals on the floor. shelf: things that react. `--list` explains them.
+    Packages on a conveyor (scenario_4) by default; `pointit list scenarios` explains the others. A .yaml
+    file is a scenario of your own, or a map with things.
 
-    A .yaml file is a scenario of your own, or a map with things.
-
-    Opens a page in the browser, and prints its address. Watch the scene there, or point with the mouse or a
-    phone. The run ends by itself with a summary, unless a page is open or it is a map of your own;
-    --duration sets a fixed time. Ctrl-C ends it at once.
+    Opens a page in the browser: watch the scene there, or point with the mouse or a phone. The run ends
+    by itself, unless a page is open or it is a map of your own. Ctrl-C ends it at once.
 
     Example: pointit run scenario_4 --users 2 --method gauge
     """

@@ -36,6 +36,9 @@ PANELS = {
 }
 """Names of the options of `run` by the heading of their panel."""
 
+USUAL = ("users", "method", "localize", "imu", "output", "lan", "record", "on", "settings", "duration")
+"""Names of the options that `run --help` shows."""
+
 PERSON_PANELS = {heading: PANELS[heading] for heading in ("People", "Devices", "Network")}
 """The same for `person add`."""
 

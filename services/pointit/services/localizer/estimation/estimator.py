@@ -96,7 +96,7 @@ def solve(
     solution = _solution(rays, summary, poses, trust)
     missed = _missed_rad(trust.rays(timely, centre), poses[0])
     if solution.late_s:
-        late = trust.rays(in_time(timely, solution.late_s), centre)
+        late = trust.rays(in_time(timely, solution.late_s, summary), centre)
         late_rad = _missed_rad(late, _pose_of(solution, np.zeros(3), trust))
         missed = min(missed, late_rad, key=lambda each: float(each @ each))
     residual_rad = math.sqrt(float(np.mean(missed * missed)))

@@ -127,11 +127,11 @@ def _begins(pointings: Pointings) -> NDArray[np.bool_]:
     return np.asarray(pauses | (moves > JUMP_M), dtype=np.bool_)
 
 
-def in_time(pointings: Pointings, latency_s: float) -> Pointings:
-    """Return `pointings` with the targets where they were when they are reported `latency_s` late."""
+def in_time(pointings: Pointings, latency_s: float, means: Blocks | None = None) -> Pointings:
+    """Return `pointings` (of these `means`) with targets where they were when reported `latency_s` late."""
     if latency_s == 0.0 or not len(pointings):
         return pointings
-    means = blocks(pointings)
+    means = means or blocks(pointings)
     moves_m = latency_s * np.repeat(means.velocities_mps, means.samples.astype(np.intp), axis=0)
     return replace(pointings, targets_m=pointings.targets_m + moves_m)
 

@@ -82,6 +82,28 @@ ROOMS = {
         ("tests/unit/assistants", "tests/integration/assistants", "tests/e2e/run/test_assistants.py"),
         ("tests/unit/cli",),
     ),
+    "studies": Room(
+        tuple(f"{PRODUCT}{name}" for name in ("study", "study_report", "cli/study")),
+        ("tests/unit/study", "tests/unit/study_report", "tests/examples/test_selection_study.py"),
+        ("tests/unit/cli", "tests/wheel"),
+    ),
+    "scan": Room(
+        (f"{PRODUCT}scan", "lab/pointit_lab/evaluation/scan"),
+        ("tests/unit/scan", "tests/unit/web/test_scan.py", "tests/unit/web/test_scan_solving.py"),
+        (
+            "tests/e2e/web/test_scan.py",
+            "tests/lab/cli/test_evaluate_scan.py",
+            "tests/unit/cli/test_scan_live.py",
+        ),
+    ),
+    "words": Room(
+        (f"{PRODUCT}speech", f"{PRODUCT}services/listener"),
+        ("tests/unit/speech", "tests/unit/listener", "tests/integration/scenario/test_put_that_there.py"),
+        (
+            *("tests/examples/test_recogniser.py", "tests/lab/evaluation/test_referents.py"),
+            *("tests/e2e/web/test_speech.py", "tests/unit/cli"),
+        ),
+    ),
     "robots": Room(
         (
             *(f"{PRODUCT}services/{name}" for name in ("goal", "robot", "robot_replay")),

@@ -45,7 +45,7 @@ DEVICES = {
             model/history.py model/people.py wrists/phone.py wrists/phone_connection.py
             server/listener.py pages/page_session.py playback/file_past.py playback/past_page.py
              playback/server.py model/told_apart.py model/map_editor.py scan/door.py scan/session.py
-             scan/solver_process.py""",
+             scan/solver_process.py scan/lights.py""",
         "ros2": """
             graph/backends.py routing/calls.py graph/backend_warnings.py
             routing/input_subscription.py routing/guests.py routing/inbox.py routing/outbox.py

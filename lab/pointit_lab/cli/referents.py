@@ -115,7 +115,9 @@ def _print(
             f"{one.low:g} to {one.high:g}", f"{one.stated:.3f}", str(one.right.of), _share(one.right)
         )
     screen.print(table)
-    screen.print(Text(f"Time of one referent: median {median_ms:.1f} ms, 99th percentile {p99_ms:.1f} ms"))
+    screen.print(
+        Text(f"CPU time of one referent: median {median_ms:.1f} ms, 99th percentile {p99_ms:.1f} ms")
+    )
 
 
 def _share(share: "Share") -> str:

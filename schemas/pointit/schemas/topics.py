@@ -114,8 +114,8 @@ HOVER = Topic(
     about="object under the cursor",
 )
 CLAIM = Topic(
-    key="users/{user}/claim", message=selection.Claim, delivery=_EVENT, rate_hz=None, writers=("selector",),
-    about="object that a person wants, from a shard of the selector to the site's",
+    key="users/{user}/claim", message=selection.Claim, delivery=_EVENT, rate_hz=None,
+    writers=("selector", "cli"), about="object that a person wants: from a shard or words to the selector",
 )
 INTERACTION = Topic(
     key="users/{user}/interaction", message=pointing.Interaction, delivery=_STATE, rate_hz=None,
@@ -131,7 +131,7 @@ GOAL = Topic(
 )
 SPEECH = Topic(
     key="users/{user}/speech", message=person.Speech, delivery=_EVENT, rate_hz=None,
-    writers=("cli", "external"), about="words of the person, with their times",
+    writers=("web", "cli", "external"), about="words of the person, with their times",
 )
 UNDERSTOOD = Topic(
     key="users/{user}/understood", message=person.Understood, delivery=_EVENT, rate_hz=None,

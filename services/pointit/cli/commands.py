@@ -91,6 +91,13 @@ OUTPUT = """Test LED strips and how they are connected, and find where a moving 
 Example: pointit output test scenario_3 --output ddp:wled-kitchen.local
 """
 
+STUDY = """Run an experiment with people who point, check its data, analyse it.
+
+A study is a YAML file. Its data are a folder of tables.
+
+Example: pointit study run my_study.yaml --simulated 12
+"""
+
 _ROUTER = ours("router", "run a router that joins several machines", "site.router")
 
 COMMANDS: dict[str, tuple[Entry, ...]] = {
@@ -110,7 +117,7 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
             ours("hz", "measure rates against the nominal ones", "inspect.hz"),
             ours("schema", "show the fields of a message; write or check the catalogue", "inspect.schema"),
         ),
-        ours("listen", "follow what a person says while they point", "people.listen"),
+        ours("listen", "follow what a person says while they point", "things.listen"),
         ours("track", "show trackers and objects: rates, latency, positions", "inspect.track"),
         ours("trace", "time a person's samples from capture to light, hop by hop", "inspect.trace"),
         noun(
@@ -125,15 +132,9 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
                 "measure a sensor's mounting, or a person's pointing offset",
                 CALIBRATE,
                 ours(
-                    "mounting",
-                    "mounting of the sensor on the arm: two poses, arm level ahead and straight up",
-                    "people.calibrate_mounting",
+                    "mounting", "mounting of the sensor on the arm, by two poses", "people.calibrate_mounting"
                 ),
-                ours(
-                    "user",
-                    "pointing offset of the person: pointing at lamps without a cursor",
-                    "people.calibrate_user",
-                ),
+                ours("user", "pointing offset of the person, by pointing at lamps", "people.calibrate_user"),
             ),
             ours("memory", "show or erase what localizations found of a person's pointing", "people.memory"),
             ours("press", "press a person's button from here", "people.press"),
@@ -142,11 +143,7 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
             "robot",
             "list robots: where they are, who steers them; stop them",
             ROBOT,
-            ours(
-                "list",
-                "show where each robot is, who steers it, and why it stands",
-                "robots.robot:list_robots",
-            ),
+            ours("list", "show where each robot is, and who steers it", "robots.robot:list_robots"),
             ours("stop", "stop one robot, some, or all", "robots.robot:stop"),
         ),
         noun(
@@ -203,16 +200,8 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
             "output",
             "test LED strips, find where a moving head hangs",
             OUTPUT,
-            ours(
-                "calibrate",
-                "find the pose of a moving head by pointing its beam at known places",
-                "outputs.output_calibrate",
-            ),
-            ours(
-                "test",
-                "light the pixels of each strip in turn, and say where the map has them",
-                "outputs.output_test",
-            ),
+            ours("calibrate", "find the pose of a moving head by its beam", "outputs.output_calibrate"),
+            ours("test", "light the pixels of each strip in turn", "outputs.output_test"),
         ),
         noun(
             "plugin",
@@ -243,6 +232,17 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
             _ROUTER,
         ),
         _ROUTER,
+    ),
+    "Experiments": (
+        noun(
+            "study",
+            "run an experiment, check and analyse its data",
+            STUDY,
+            ours("run", "run a study with people, or with simulated ones", "study.run"),
+            ours("check", "find missing trials, wrong clocks, broken balance", "study.check"),
+            ours("report", "report a study: a page and a notebook, with tables and figures", "study.report"),
+            ours("power", "say how many participants find a stated effect", "study.power"),
+        ),
     ),
     "Measure": (
         of_package(LAB, "evaluate", "measure the accuracy of the estimates on recordings of people"),

@@ -1,16 +1,18 @@
 """Positions of lamps, corners and tables by pointing at them from two or three places.
 
 Each press gives a ray in the room. Rays of one person share an error of azimuth and elevation, rays of one
-place share an error of position and heading; all are estimated with the targets (least squares with priors,
-Gauss-Newton). The covariance says how well a target is known.
+place share an error of position and heading; all are estimated with the targets (least squares with priors).
+The covariance says how well a target is known.
 """
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from pointit.geometry.plane import plane_axes
 from pointit.geometry.rotation import from_yaw, rotate
@@ -35,7 +37,6 @@ RESIDUAL = 2.2
 """Rms error of a target's rays, in those of one ray, from which they do not meet."""
 START_M = 2.0
 NEAREST_M = 0.2
-STEPS = 30
 LEAST_SIDE_M = 0.02
 """Smallest side of a box, m."""
 
@@ -118,16 +119,9 @@ def locate(pointings: Sequence[Pointing]) -> Survey:
     if not pointings:
         raise RefusedError("nobody has pointed at anything yet")
     model = _Model(pointings)
-    values = model.start()
-    for _ in range(STEPS):
-        residuals, jacobian = model.equations(values)
-        step = np.linalg.lstsq(jacobian, -residuals, rcond=None)[0]
-        values = values + step * min(1.0, 0.5 / max(float(np.abs(step).max()), 1e-9))
-        if np.abs(step).max() < 1e-7:
-            break
-    residuals, jacobian = model.equations(values)
-    covariance = np.asarray(np.linalg.pinv(jacobian.T @ jacobian), dtype=np.float64)
-    return model.survey(values, residuals, covariance)
+    found: Any = least_squares(model.residuals, model.start())
+    covariance = np.asarray(np.linalg.pinv(found.jac.T @ found.jac), dtype=np.float64)
+    return model.survey(found.x, found.fun, covariance)
 
 
 class _Model:
@@ -166,37 +160,20 @@ class _Model:
             values[3 * number : 3 * number + 3] = np.linalg.solve(matrix, moment)
         return values
 
-    def equations(self, values: Array) -> tuple[Array, Array]:
-        """Return weighted residuals and their Jacobian: azimuths, elevations, priors."""
-        count, rows = len(self._all), np.arange(len(self._all))
+    def residuals(self, values: Array) -> Array:
+        """Return weighted residuals: azimuths, elevations, priors."""
         point = values[self.target[:, None] + np.arange(3)]
         origin = self.origins.copy()
         origin[:, :2] += values[self.place[:, None] + np.arange(2)]
         x, y, z = (point - origin).T
-        flat = np.maximum(np.hypot(x, y), NEAREST_M)
-        square = flat**2 + z**2
         measured_az = np.arctan2(self.directions[:, 1], self.directions[:, 0])
         measured_el = np.arcsin(np.clip(self.directions[:, 2], -1.0, 1.0))
         off_az = np.arctan2(y, x) + values[self.person] + values[self.place + 2] - measured_az
         off_az = (off_az + np.pi) % (2 * np.pi) - np.pi
-        off_el = np.arctan2(z, flat) + values[self.person + 1] - measured_el
+        off_el = np.arctan2(z, np.maximum(np.hypot(x, y), NEAREST_M)) + values[self.person + 1] - measured_el
         level = np.cos(measured_el)  # an azimuth error of a steep ray is a smaller angle
-        jacobian = np.zeros((2 * count + len(self._prior_sigmas), self.count))
-        by_az = np.column_stack([-y / flat**2, x / flat**2, np.zeros(count)]) * level[:, None]
-        by_el = np.column_stack([-x * z / flat, -y * z / flat, flat]) / square[:, None]
-        for axis in range(3):
-            jacobian[rows, self.target + axis] = by_az[:, axis]
-            jacobian[count + rows, self.target + axis] = by_el[:, axis]
-            if axis < 2:
-                jacobian[rows, self.place + axis] = -by_az[:, axis]
-                jacobian[count + rows, self.place + axis] = -by_el[:, axis]
-        jacobian[rows, self.person] = jacobian[rows, self.place + 2] = level
-        jacobian[count + rows, self.person + 1] = 1.0
-        jacobian[: 2 * count] /= HOLD_SIGMA_RAD
-        first = self.count - len(self._prior_sigmas)
-        jacobian[2 * count :, first:] = np.diag(1.0 / self._prior_sigmas)
-        residuals = np.concatenate([off_az * level, off_el]) / HOLD_SIGMA_RAD
-        return np.concatenate([residuals, values[first:] / self._prior_sigmas]), jacobian
+        priors = values[self.count - len(self._prior_sigmas) :] / self._prior_sigmas
+        return np.concatenate([off_az * level / HOLD_SIGMA_RAD, off_el / HOLD_SIGMA_RAD, priors])
 
     def survey(self, values: Array, residuals: Array, covariance: Array) -> Survey:
         """Return the targets with what is to be known of them."""

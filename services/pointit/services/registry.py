@@ -292,7 +292,7 @@ PROCESSES: list[Process] = [
         extra="web",
         about="a page in browsers: the scene, controls, health; the mouse or a phone as a wrist",
         reads=SHOWN,
-        writes=(topics.WRIST, topics.BUTTON),
+        writes=(topics.WRIST, topics.BUTTON, topics.SPEECH),
     ),
     Process(
         name="foxglove",

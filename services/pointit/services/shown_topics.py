@@ -3,9 +3,8 @@
 from typing import Any
 
 from pointit.schemas import topics
-from pointit.schemas.topics import Topic
 
-SHOWN: tuple[Topic[Any], ...] = (
+SHOWN: tuple[topics.Topic[Any], ...] = (
     topics.PROFILE,
     topics.POSE,
     topics.LOCALIZATION,
@@ -15,6 +14,7 @@ SHOWN: tuple[Topic[Any], ...] = (
     topics.FEEDBACK,
     topics.GOAL,
     topics.STEERING,
+    topics.UNDERSTOOD,
     topics.MAP,
     topics.OBJECTS,
     topics.ROBOT_STATE,

@@ -3,17 +3,15 @@
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias, get_args
+from typing import Literal, TypeAlias
 
 from pointit.schemas.person import Deictic, Word
 
-Verb = Literal["take", "put", "on", "off", "send", "what", "stop"]
-VERBS: tuple[Verb, ...] = get_args(Verb)
 Answer = Literal["yes", "no"]
 Names: TypeAlias = Mapping[tuple[str, ...], str]
 """Names of things, robots and objects by the words in which they are spoken."""
 
-_VERBS: Mapping[str, Verb] = {
+_VERBS: Mapping[str, str] = {
     "take": "take", "pick": "take", "get": "take", "put": "put", "move": "put", "bring": "put",
     "send": "send", "go": "send", "drive": "send", "what": "what", "stop": "stop", "halt": "stop",
 }  # fmt: skip
@@ -21,6 +19,7 @@ _DEICTIC: Mapping[str, Deictic] = {
     "this": "this", "that": "that", "here": "here", "there": "there", "these": "these", "those": "these",
 }  # fmt: skip
 _SWITCH = {"turn", "switch"}
+_SMALL = {"on", "off", "the", "is", "one", "robot"}
 YES = {"yes", "yeah", "right", "okay"}
 NO = {"no", "wrong", "neither"}
 PLACES: frozenset[Deictic] = frozenset(("here", "there"))
@@ -44,7 +43,7 @@ class Mention:
 class Command:
     """Verb with the things and places that it is about."""
 
-    verb: Verb
+    verb: str
     about: Mention | None = None
     """Object of the verb, or None if there is none."""
     to: Mention | None = None
@@ -54,6 +53,40 @@ class Command:
     def mentions(self) -> tuple[Mention, ...]:
         """Return all that it mentions, in order."""
         return tuple(each for each in (self.about, self.to) if each is not None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Vocabulary:
+    """Words that are said in a room besides those of the grammar. They are data."""
+
+    names: Names
+    verbs: Sequence[str] = ()
+    """Verbs that its things have besides those of all rooms, each one word."""
+
+    @property
+    def words(self) -> set[str]:
+        """Return all words of commands, for recognisers that take a list."""
+        names = {word for name in self.names for word in name}
+        return {*_VERBS, *_DEICTIC, *_SWITCH, *_SMALL, *self.verbs, *YES, *NO, *names}
+
+    def jsgf(self, known: Iterable[str] | None = None) -> str:
+        """Return the grammar as JSGF, without names and verbs that have a word that is not `known`.
+
+        Names are data: only letters and apostrophes of them stand in the text.
+        """
+        words = None if known is None else set(known)
+        lines = sorted(" ".join(each) for each in self.names if words is None or words.issuperset(each))
+        named = f" | [ the ] ( {' | '.join(lines)} )" if lines else ""
+        verbs = " | ".join(["take", "pick", *(each for each in self.verbs if words is None or each in words)])
+        return f"""#JSGF V1.0;
+grammar pointit;
+<thing> = this [ one ] | that [ one ] | these | those | the robot{named};
+<place> = here | there;
+<switch> = ( turn | switch ) ( <thing> ( on | off ) | ( on | off ) <thing> );
+<move> = ( put | move | bring | send ) <thing> <place> | go <place>;
+<rest> = ( {verbs} ) <thing> | what is <thing> | stop | yes | no;
+public <command> = <switch> | <move> | <rest>;
+"""
 
 
 def spoken(name: str) -> tuple[str, ...]:
@@ -79,10 +112,11 @@ def answer(words: Sequence[Word]) -> Answer | None:
     return "yes" if said & YES else None
 
 
-def parse(words: Sequence[Word], names: Names) -> Command | None:
+def parse(words: Sequence[Word], vocabulary: Vocabulary) -> Command | None:
     """Return the command in `words`, or None if there is none. Words that mean nothing here are skipped."""
+    names = vocabulary.names
     texts = [word.text.lower() for word in words]
-    verb = _verb(texts)
+    verb = _verb(texts, vocabulary.verbs)
     if verb is None:
         return None
     objects: list[Mention] = []
@@ -105,13 +139,15 @@ def parse(words: Sequence[Word], names: Names) -> Command | None:
     return Command(verb=verb, about=about)
 
 
-def _verb(texts: Sequence[str]) -> Verb | None:
+def _verb(texts: Sequence[str], own: Iterable[str]) -> str | None:
     if any(text in ("stop", "halt") for text in texts):
         return "stop"
     for index, text in enumerate(texts):
         if text in _SWITCH:
             rest = texts[index + 1 :]
             return "on" if "on" in rest else "off" if "off" in rest else None
+        if text in own:
+            return text
         if (verb := _VERBS.get(text)) is not None:
             return verb
     return None
@@ -123,22 +159,3 @@ def _name_at(texts: Sequence[str], index: int, names: Names) -> tuple[str, int]:
         if (name := names.get(tuple(texts[index : index + length]))) is not None:
             return name, length
     return "", 0
-
-
-def jsgf(names: Names, known: Iterable[str] | None = None) -> str:
-    """Return the grammar as JSGF for a recogniser, without names that have a word that it does not know.
-
-    Names are data: only letters and apostrophes of them stand in the text.
-    """
-    words = None if known is None else set(known)
-    lines = sorted(" ".join(each) for each in names if words is None or words.issuperset(each))
-    named = f" | [ the ] ( {' | '.join(lines)} )" if lines else ""
-    return f"""#JSGF V1.0;
-grammar pointit;
-<thing> = this [ one ] | that [ one ] | these | those | the robot{named};
-<place> = here | there;
-<switch> = ( turn | switch ) ( <thing> ( on | off ) | ( on | off ) <thing> );
-<move> = ( put | move | bring | send ) <thing> <place> | go <place>;
-<rest> = ( take | pick ) <thing> | what is <thing> | stop | yes | no;
-public <command> = <switch> | <move> | <rest>;
-"""

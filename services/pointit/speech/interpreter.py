@@ -7,14 +7,16 @@ from collections.abc import Callable, Mapping, Sequence
 
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.clock import Clock
-from pointit.runtime.errors import RequestError
+from pointit.runtime.config.similar_names import nearest
+from pointit.runtime.errors import ConfigError, RequestError
 from pointit.schemas import NS_PER_S, Environment, FindReferents, Referent, Speech, Understood
 from pointit.schemas.topics import FIND_REFERENTS, MAP, OBJECTS, ROBOT_STATE, SPEECH, UNDERSTOOD
 from pointit.services.listener.decision import decide
-from pointit.speech.actions import ACTIONS, Action, Site
-from pointit.speech.grammar import PLACES, Command, Mention, Verb, answer, parse
+from pointit.speech.grammar import PLACES, Command, Mention, Vocabulary, answer, parse
+from pointit.speech.packages import Packages
 from pointit.speech.question import Question
 from pointit.speech.room import SpokenRoom
+from pointit.speech.verbs import VERBS, Site, Verb
 
 SETTLE_S = 0.4
 """Time after the last deictic word for which rays are awaited, s."""
@@ -22,16 +24,6 @@ OLDEST_S = 8.0
 """Age of an utterance from which it is not followed."""
 MOST_WAITING = 4
 """Number of utterances that may wait for an earlier one; further ones are refused."""
-KINDS: Mapping[str, Sequence[str]] = {
-    "take": ("thing", "object", "robot"),
-    "put": ("robot", "thing", "object"),
-    "on": ("thing",),
-    "off": ("thing",),
-    "send": ("robot",),
-    "what": (),
-    "stop": ("robot",),
-}
-"""Kinds of objects that a verb takes. It takes any if there are none."""
 AGAIN = "point at it, and say it again"
 
 
@@ -42,14 +34,12 @@ class NotUnderstood(Exception):  # noqa: N818 - no error of the program
 class Interpreter:
     """Follows the words of one person."""
 
-    def __init__(
-        self, bus: Bus, clock: Clock, user: str, actions: Mapping[Verb, Action] | None = None
-    ) -> None:
-        """Subscribe to the person's words; `actions` replace or add what verbs do."""
+    def __init__(self, bus: Bus, clock: Clock, user: str, verbs: Mapping[str, Verb] | None = None) -> None:
+        """Subscribe to the person's words; `verbs` replace or add some, each said by its name."""
         self._bus, self._clock, self._user = bus, clock, user
         self._room = room = SpokenRoom()
-        self._site = Site(bus, user, room)
-        self._actions: dict[Verb, Action] = {**ACTIONS, **(actions or {})}
+        self._site = Site(bus, clock, user, room, Packages(bus, clock, user, room))
+        self._verbs: dict[str, Verb] = {**VERBS, **(verbs or {})}
         self._question = Question(bus, clock, user, room)
         self._waiting: deque[Speech] = deque()
         self._arrived, self._idle, self._has_map = asyncio.Event(), asyncio.Event(), asyncio.Event()
@@ -65,15 +55,23 @@ class Interpreter:
         bus.subscribe(SPEECH, self._on_speech, user)
 
     @property
-    def room(self) -> SpokenRoom:
-        """Return the room as far as it is known."""
-        return self._room
+    def vocabulary(self) -> Vocabulary:
+        """Return the words of the room as far as it is known, for recognisers."""
+        return Vocabulary(names=self._room.names, verbs=tuple(self._verbs.keys() - VERBS.keys()))
 
     async def wait_for_map(self, patience_s: float) -> None:
-        """Wait until the map is there, or not longer than `patience_s`: names come from it."""
+        """Wait until the map is there, or not longer than `patience_s`: names come from it.
+
+        Raises:
+            ConfigError: If a verb is of a thing that the map does not have.
+        """
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(patience_s):
                 await self._has_map.wait()
+        there = {thing.id for thing in self._room.things}
+        for thing in {each for verb in self._verbs.values() for each in verb.things} - there:
+            if there:
+                raise ConfigError(f"the map has no thing {thing!r}; {nearest(thing, sorted(there))}")
 
     async def finish(self, count: int) -> None:
         """Wait until `count` utterances have come, and none is being followed."""
@@ -103,7 +101,7 @@ class Interpreter:
         self._changed.set()
         if (said := answer(speech.words)) is not None and self._question.answer(said):
             return
-        command = parse(speech.words, self._room.names)
+        command = parse(speech.words, self.vocabulary)
         if command is not None and command.verb == "stop":
             self._question.answer("no")
             stopping = asyncio.get_running_loop().create_task(self._follow(speech))  # it waits for nothing
@@ -121,7 +119,7 @@ class Interpreter:
         self._changed.set()
 
     async def _follow(self, speech: Speech) -> None:
-        command = parse(speech.words, self._room.names)
+        command = parse(speech.words, self.vocabulary)
         if command is None:
             self._publish(speech, None, (), "ignored", "")
             return
@@ -131,7 +129,7 @@ class Interpreter:
             await self._settle(command)
             for mention in command.mentions:
                 found.append(await self._resolve(speech, command, mention, found))
-            message = await self._actions[command.verb](self._site, command, found)
+            message = await self._verbs[command.verb].act(self._site, command, found)
         except (NotUnderstood, RequestError) as error:
             self._publish(speech, command, found, "refused", str(error))
         else:
@@ -161,7 +159,9 @@ class Interpreter:
         query = FindReferents(at_ns=mention.at_ns, word=mention.word, others_ns=others_ns)
         reply = await self._bus.call(FIND_REFERENTS, query, self._user)
         is_place = mention is command.to and mention.word in PLACES
-        decision = decide(reply, ("place",) if is_place else KINDS[command.verb])
+        verb = self._verbs[command.verb]
+        things = self._room.switches if command.verb in ("on", "off") else verb.things
+        decision = decide(reply, ("place",)) if is_place else decide(reply, verb.kinds, things)
         if decision.do == "act":
             return decision.candidates[0]
         if decision.do == "refuse" or is_place:

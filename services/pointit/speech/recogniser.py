@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 from pointit.runtime.config.plugins import Plugin, PluginGroup
 from pointit.schemas import Speech
-from pointit.speech.grammar import Names
+from pointit.speech.grammar import Vocabulary
 
 RATE_HZ = 16_000
 """Rate of the samples, each of 16 bits, signed, little endian, one channel."""
@@ -23,12 +23,12 @@ class Audio(Protocol):
 class Recogniser(Protocol):
     """Recognises one person's words."""
 
-    def hear(self, audio: Audio, names: Names) -> AsyncIterator[Speech]:
+    def hear(self, audio: Audio, vocabulary: Vocabulary) -> AsyncIterator[Speech]:
         """Yield utterances until the audio ends.
 
         Args:
             audio: samples of 16 kHz.
-            names: of things, robots and objects, by the words in which they are spoken. They are data.
+            vocabulary: words of the room.
         """
         ...
 

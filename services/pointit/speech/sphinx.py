@@ -12,7 +12,7 @@ from pointit.runtime.config.config import Config
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import remedy
 from pointit.schemas import NS_PER_S, Speech, Word
-from pointit.speech.grammar import Names, jsgf
+from pointit.speech.grammar import Vocabulary
 from pointit.speech.recogniser import RATE_HZ, Audio, RecogniserPlugin
 
 FRAMES_PER_S = 100
@@ -45,9 +45,9 @@ class Sphinx:
             raise ConfigError(f"PocketSphinx is missing: {remedy('speech')} installs it") from error
         self._config = config
 
-    async def hear(self, audio: Audio, names: Names) -> AsyncIterator[Speech]:
+    async def hear(self, audio: Audio, vocabulary: Vocabulary) -> AsyncIterator[Speech]:
         """Yield utterances; the decoder works in a thread."""
-        decoder = await asyncio.to_thread(self._decoder, names)
+        decoder = await asyncio.to_thread(self._decoder, vocabulary)
         ends = self._module.Endpointer(window=self._config.window_s, sample_rate=RATE_HZ)
         size = int(ends.frame_bytes)
         kept, kept_ns, origin_ns = b"", 0, 0
@@ -66,10 +66,10 @@ class Sphinx:
         if last is not None:
             yield last
 
-    def _decoder(self, names: Names) -> Any:
+    def _decoder(self, vocabulary: Vocabulary) -> Any:
         decoder = self._module.Decoder(samprate=RATE_HZ, lm=None, loglevel="FATAL")
-        known = {word for words in names for word in words if decoder.lookup_word(word)}
-        decoder.add_jsgf_string(NAME, jsgf(names, known))
+        known = {word for word in vocabulary.words if decoder.lookup_word(word)}
+        decoder.add_jsgf_string(NAME, vocabulary.jsgf(known))
         decoder.activate_search(NAME)
         return decoder
 
@@ -84,7 +84,8 @@ class Sphinx:
         if not was_speech:
             decoder.start_utt()
             self._begin_ns = origin_ns + round(ends.speech_start * NS_PER_S)
-        decoder.process_raw(samples)
+        if samples:  # the decoder fails with none, as at the end of a stream
+            decoder.process_raw(samples)
         if ends.in_speech and not is_last:
             return None
         decoder.end_utt()

@@ -80,8 +80,11 @@ def test_a_site_with_the_named_strips_is_open_to_phones(started: Started, tmp_pa
 
 
 def test_strips_of_a_map_count_wherever_they_are_in_it(started: Started) -> None:
-    scan("--map", "lab", "--strip", "extra=10")
+    scan("--map", "lab", "--strip", "extra=10", "--lamp", "bulb")
     assert started.strips["extra"] == 10
+    assert started.map is not None
+    lamps = [lamp.id for lamp in started.map.lamps]
+    assert lamps == [*(lamp.id for lamp in load_map("lab", 0).lamps), "bulb"]
     assert len(started.strips) == 1 + len(load_map("lab", 0).strips)
 
 

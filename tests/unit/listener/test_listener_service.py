@@ -1,5 +1,6 @@
 """Service `listener`: what it keeps, whom it answers, and what it says of a recogniser's clock."""
 
+import asyncio
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 
@@ -31,6 +32,8 @@ from pointit.schemas.topics import (
     USER_ALIVE,
 )
 from pointit.services.listener.memory import MOST, PointingMemory
+from pointit.services.listener.recogniser_clock import TYPICAL_S, WORDS, RecogniserClock
+from pointit.services.listener.referents import NO_RAYS, Spoken
 from pointit.services.listener.service import Listener
 from tests.support.bench import START_NS, Bench, ManualClock, memory_bench, until
 from tests.unit.listener.gestures import EYES, at_ns, gesture, thing
@@ -156,6 +159,76 @@ async def test_a_recogniser_whose_clock_is_half_a_second_ahead_is_named() -> Non
         for _ in range(5):
             say(-0.4)
         await until(lambda: not is_named())
+
+
+@pytest.mark.parametrize(
+    ("off_s", "named"),
+    [
+        (
+            -0.5,
+            "arms arrive about 0.5 s later about words than they should: the recogniser's clock is behind",
+        ),
+        (0.0, ""),
+        (
+            0.5,
+            "arms arrive about 0.5 s earlier about words than they should: the recogniser's clock is ahead",
+        ),
+    ],
+)
+def test_a_recogniser_whose_clock_is_half_a_second_off_is_named_by_gestures(off_s: float, named: str) -> None:
+    words, memory = RecogniserClock(0.3), PointingMemory(10.0)
+    rays = gesture([(-20.0, 0.0, 1.0), (20.0, 1.5, 2.0), (-20.0, 3.0, 4.0)])
+    for index in range(WORDS):
+        start_s = 8.0 * index
+        for ray in rays:
+            memory.add(ray.model_copy(update={"stamp_ns": ray.stamp_ns + round(start_s * NS_PER_S)}))
+        assert not words.problem
+        words.on_word(Spoken(at_ns=at_ns(start_s + 1.54 - TYPICAL_S + off_s), word="that"))
+        words.compare(memory, at_ns(start_s + 4.0))
+    assert words.problem.startswith(named)
+    assert bool(words.problem) == bool(named)
+
+
+async def test_two_people_who_speak_at_once_mean_each_their_own() -> None:
+    async with room() as here:
+        here.bench.start(Listener, user="ben")
+        await here.bench.settle()
+        boxes = (listed("left", 30.0), listed("right", -30.0))
+        here.bench.put(OBJECTS, TrackedObjects(stamp_ns=START_NS, objects=boxes), "things")
+        await here.bench.settle()
+        for user, azimuth in (("ben", -30.0), (USER, 30.0)):
+            await here.points(azimuth, user)
+        annas, bens = await asyncio.gather(here.ask(), here.ask(user="ben"))
+        assert (annas, bens) == ([("object", "left")], [("object", "right")])
+
+
+async def test_who_has_left_the_room_is_nobodys_referent_and_means_nothing() -> None:
+    async with room() as here:
+        x, y, z = thing("", 0.0).center_m
+        there = here.bench.bus.announce(USER_ALIVE, "ben")
+        here.bench.put(POSE, UserPose(stamp_ns=START_NS, position_m=(x, y, z - 1.2), yaw_rad=0.0), "ben")
+        await here.points()
+        assert await here.ask() == [("person", "ben")]
+        there.close()
+        await here.bench.settle()
+        assert await here.ask() != [("person", "ben")]
+        here.clock.time_ns = at_ns(20.0)
+        for time_s in (19.0, 19.5):  # they are out of the room, and have no ray
+            here.bench.put(CURSOR, Cursor(stamp_ns=at_ns(time_s)), USER)
+        await here.bench.settle()
+        found = await here.bench.bus.call(FIND_REFERENTS, FindReferents(word="that"), USER)
+        assert (found.candidates, found.none, found.message) == ((), 1.0, NO_RAYS)
+
+
+async def test_a_word_before_any_ray_or_long_after_the_last_means_nothing() -> None:
+    async with room() as here:
+        here.bench.put(OBJECTS, TrackedObjects(stamp_ns=START_NS, objects=(listed("a", 0.0),)), "things")
+        here.clock.time_ns = at_ns(0.0)
+        assert await here.ask(0.0) == []
+        await here.points()
+        assert await here.ask(1.0) == [("object", "a")]
+        here.clock.time_ns = at_ns(7.0)
+        assert await here.ask(6.0) == []
 
 
 def test_the_memory_is_bounded_in_time_and_number_and_ignores_late_cursors() -> None:

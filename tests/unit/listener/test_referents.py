@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from pointit.schemas import Referents
 from pointit.services.listener.decision import decide
-from pointit.services.listener.referents import NO_RAYS, Spoken, referents
+from pointit.services.listener.referents import Spoken, referents
 from tests.unit.listener.gestures import at_ns, gesture, thing
 
 LEFT, MIDDLE, RIGHT = thing("left", 30.0), thing("middle", 0.0), thing("right", -30.0)
@@ -69,13 +69,6 @@ def test_these_are_all_that_the_arm_sweeps_over() -> None:
     assert referents(rays, (), Spoken(at_ns=at_ns(0.8), word="these")).candidates == ()
 
 
-def test_a_word_before_any_ray_or_long_after_has_no_referent() -> None:
-    for rays in ([], gesture([(30.0, 0.0, 0.3)])):
-        found = referents(rays, THREE, Spoken(at_ns=at_ns(9.0)))
-        assert found.none > 0.9 or not found.candidates or decide(found).do != "act"
-    assert referents([], THREE, Spoken(at_ns=0)) == Referents(message=NO_RAYS)
-
-
 def test_a_direction_beside_everything_is_none_of_them_and_one_between_two_is_asked_about() -> None:
     beside = referents(gesture([(80.0, 0.0, 2.0)]), THREE, Spoken(at_ns=at_ns(1.0), word="that"))
     assert sum(one.probability for one in beside.candidates if one.kind == "thing") < 0.2
@@ -99,11 +92,11 @@ def test_a_referent_among_two_hundred_things_takes_less_than_20_ms() -> None:
     many = [thing(f"t{index}", float(index % 60 - 30), low_deg=index // 60 * 5.0) for index in range(200)]
     rays = gesture([(0.0, 0.0, 2.0)])
     took_s: list[float] = []
-    for _ in range(9):
+    for _ in range(30):
         begun_s = time.thread_time()
         referents(rays, many, Spoken(at_ns=at_ns(1.0)))
         took_s.append(time.thread_time() - begun_s)
-    assert sorted(took_s)[4] < 0.02
+    assert max(took_s[1:]) < 0.02
 
 
 @given(

@@ -1,5 +1,6 @@
 """`pointit map scan`, `import` and `export` as commands."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,7 @@ from pointit.cli.maps.exchange import export, import_
 from pointit.cli.maps.scan import command
 from pointit.maps.file import load_map
 from pointit.runtime.errors import ConfigError
-from pointit.scan.views import Survey, to_json
+from pointit.scan.views import Survey, read_survey, to_json
 from tests.unit.scan.photographs import LAMPS, photographs, specs
 
 
@@ -33,10 +34,22 @@ def test_it_writes_a_map_that_can_be_read_and_never_overwrites_one(views: Path) 
     assert room.read_bytes() == before
 
 
-def test_json_has_positions_and_the_next_view(views: Path) -> None:
-    result = CliRunner().invoke(command, ["--from", str(views), "--json"], catch_exceptions=False)
-    assert '"line_m"' in result.output
-    assert '"next_view"' in result.output
+def test_what_is_left_out_of_the_map_is_told_by_the_exit_code(views: Path) -> None:
+    survey = read_survey(views)
+    hidden = [
+        replace(
+            view, sightings=tuple(each for each in view.sightings if each.name != "post" or each.pixel < 40)
+        )
+        for view in survey.views
+    ]
+    views.write_bytes(to_json(replace(survey, views=tuple(hidden))))
+    for option, code, count in (("--all", 0, 1), ("--heading=0", 1, 0)):
+        room = views.with_name(f"room{code}.yaml")
+        arguments = ["--from", str(views), "-o", str(room), option]
+        result = CliRunner().invoke(command, arguments, catch_exceptions=False, standalone_mode=False)
+        assert result.return_value == code
+        assert "no two views show pixels" in result.stderr
+        assert sum(strip.id == "post" for strip in load_map(str(room), 0).strips) == count
 
 
 @pytest.mark.parametrize("option", [("--known", "a,b"), ("--known", "a:x,b:1,2"), ("--origin", "1,2")])

@@ -5,10 +5,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.schemas import NS_PER_S, Word
-from pointit.speech.grammar import VERBS, answer, jsgf, names_of, parse, spoken
+from pointit.speech.grammar import Vocabulary, answer, names_of, parse, spoken
 from pointit.speech.typed_words import TimedWord, speech, words_in
+from pointit.speech.verbs import VERBS
 
-NAMES = names_of(["rover", "radio_lamp", "led_1", "screws"])
+WORDS = Vocabulary(names=names_of(["rover", "radio_lamp", "led_1", "screws"]), verbs=("heat",))
 
 
 def words(text: str) -> list[Word]:
@@ -31,6 +32,7 @@ def words(text: str) -> list[Word]:
         ("take the screws", "take", "screws", None),
         ("pick led one", "take", "led_1", None),
         ("what is this", "what", "this", None),
+        ("please heat the radio lamp", "heat", "radio_lamp", None),
         ("put this here", "put", "this", "here"),
         ("send that one to this", "send", "that", "this"),
         ("oh no stop stop it", "stop", None, None),
@@ -41,14 +43,14 @@ def words(text: str) -> list[Word]:
 def test_a_command_is_found_with_what_it_is_about(
     text: str, verb: str, about: str | None, to: str | None
 ) -> None:
-    found = parse(words(text), NAMES)
+    found = parse(words(text), WORDS)
     assert found is not None
     assert found.verb == verb
     assert [each and (each.name or each.word) for each in (found.about, found.to)] == [about, to]
 
 
 def test_deictic_words_have_the_time_of_their_middle() -> None:
-    found = parse(words("put that there"), NAMES)
+    found = parse(words("put that there"), WORDS)
     assert found is not None
     assert [each.at_ns for each in found.mentions] == [
         NS_PER_S // 2 + NS_PER_S // 8,
@@ -58,7 +60,7 @@ def test_deictic_words_have_the_time_of_their_middle() -> None:
 
 @pytest.mark.parametrize("text", ["", "hello there", "turn around", "that", "the radio lamp"])
 def test_other_words_are_no_command(text: str) -> None:
-    assert parse(words(text), NAMES) is None
+    assert parse(words(text), WORDS) is None
 
 
 def test_yes_and_no_are_answers_and_no_wins() -> None:
@@ -70,19 +72,23 @@ def test_yes_and_no_are_answers_and_no_wins() -> None:
 def test_names_are_spoken_in_words_and_stay_data_in_a_grammar() -> None:
     assert spoken("LED_1") == ("led", "one")
     hostile = names_of(
-        ["x; public <command> = stop;", "é", "ignore all rules, send the robot", *NAMES.values()]
+        ["x; public <command> = stop;", "é", "ignore all rules, send the robot", *WORDS.names.values()]
     )
-    text = jsgf(hostile)
+    text, plain = Vocabulary(names=hostile).jsgf(), Vocabulary(names={}).jsgf()
     assert text.count("public") == 2, "the rule's own and, as a plain word, that of the name"
-    assert text.count(";") == jsgf({}).count(";")
-    assert "zqx" not in jsgf(names_of(["zqx", "rover"]), known=["rover"])
+    assert text.count(";") == plain.count(";")
+    foreign = Vocabulary(names=names_of(["zqx", "rover"]), verbs=("heat", "vrx"))
+    assert {"zqx", "vrx", "heat", "rover", "there"} <= foreign.words
+    written = foreign.jsgf(known=["rover", "heat"])
+    assert "zqx" not in written
+    assert "( take | pick | heat ) <thing>" in written
     assert len(names_of(f"box {'a' * (1 + index % 9)} {'b' * index}" for index in range(2000))) == 200
 
 
 @given(st.lists(st.text(min_size=1, max_size=20), max_size=64))
 def test_any_words_are_a_command_or_none(texts: list[str]) -> None:
-    found = parse([Word(text=text, start_ns=1, end_ns=2) for text in texts], NAMES)
-    assert found is None or found.verb in VERBS
+    found = parse([Word(text=text, start_ns=1, end_ns=2) for text in texts], WORDS)
+    assert found is None or found.verb in {*VERBS, "heat"}
 
 
 def test_lines_have_a_word_with_its_time_or_words_without() -> None:

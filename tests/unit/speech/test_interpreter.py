@@ -5,11 +5,15 @@ from contextlib import asynccontextmanager
 
 import pytest
 
-from pointit.runtime.errors import RefusedError
+from pointit.cli.things.spoken import own_verbs
+from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import (
     NS_PER_S,
+    Bay,
+    Belt,
     ButtonEvent,
+    Claim,
     Done,
     Environment,
     FindReferents,
@@ -17,20 +21,26 @@ from pointit.schemas import (
     Referent,
     Referents,
     RobotState,
+    SelectionEvent,
     SendRobot,
     SetLamp,
     SetThing,
     Speech,
     StopRobot,
     Thing,
+    TrackedObject,
+    TrackedObjects,
     Understood,
     Word,
 )
 from pointit.schemas.topics import (
     BUTTON,
+    CLAIM,
     FIND_REFERENTS,
     MAP,
+    OBJECTS,
     ROBOT_STATE,
+    SELECTION_EVENTS,
     SEND_ROBOT,
     SET_LAMP,
     SET_THING,
@@ -93,14 +103,21 @@ class Room:
 async def room() -> AsyncGenerator[Room]:
     async with memory_bench(VirtualClock()) as bench:
         here = Room(bench)
-        interpreter = Interpreter(bench.bus, bench.clock, USER)
+        interpreter = Interpreter(bench.bus, bench.clock, USER, own_verbs(["heat kettle"]))
         box = {"center_m": (2.0, 0.0, 1.0), "size_m": (0.2, 0.2, 0.2)}
         things = (
             Thing(id="radio", label="Radio", lamp="led_1", mode="switch", **box),  # type: ignore[arg-type]
             Thing(id=HOSTILE, lamp="led_2", **box),  # type: ignore[arg-type]
+            Thing(id="kettle", press=True, **box),  # type: ignore[arg-type]
         )
         lamps = tuple(Lamp(id=name, position_m=(2.0, 0.0, 1.0)) for name in ("led_1", "led_2"))
-        bench.put(MAP, Environment(stamp_ns=1, name="room", lamps=lamps, things=things))
+        belts = tuple(
+            Belt(id=name, line_m=((0.0, 0.0, 1.0), (x, 2.0, 0.0))) for name, x in (("p", 1.0), ("q", 9.0))
+        )
+        bays = (Bay(id="1", belt="p"), Bay(id="3", belt="q"))
+        bench.put(
+            MAP, Environment(stamp_ns=1, name="room", lamps=lamps, things=things, belts=belts, bays=bays)
+        )
         rover = RobotState(
             stamp_ns=1, kind="ground", phase="idle", position_m=PLACE, yaw_rad=0.0,
             velocity_mps=(0.0, 0.0, 0.0), radius_m=0.2,
@@ -244,6 +261,95 @@ async def test_what_is_not_final_waits_and_a_flood_of_words_is_bounded() -> None
         assert len(flooded) >= 200 - MOST_WAITING - 1
         here.say("what is that")
         assert (await here.result(len(here.understood) + 1)).result in ("refused", "done")
+
+
+class Conveyor:
+    """Two packages, and a selector that grants all that nobody has; what is selected goes to bay 1."""
+
+    def __init__(self, here: Room, refusal: str = "") -> None:
+        self.here, self.refusal = here, refusal
+        self.bays = {"red_7": "3", "blue_8": "3"}
+        self.claims: list[Claim] = []
+        here.bench.bus.subscribe(CLAIM, self._on_claim, USER)
+        self.show()
+
+    def show(self) -> None:
+        objects = tuple(
+            TrackedObject(id=k, kind=k[:-2], position_m=PLACE, bay=b) for k, b in self.bays.items()
+        )
+        now_ns = self.here.bench.clock.now_ns()
+        self.here.bench.put(OBJECTS, TrackedObjects(stamp_ns=now_ns, objects=objects), "conveyor")
+
+    def _on_claim(self, claim: Claim, user: str) -> None:
+        self.claims.append(claim)
+        name = claim.object_id
+        event = SelectionEvent(
+            stamp_ns=claim.stamp_ns, event="refused" if self.refusal else "selected", object_id=name,
+            kind=name[:-2], user=user, reason=self.refusal,
+        )  # fmt: skip
+        self.here.bench.put(SELECTION_EVENTS, event)
+        if not self.refusal:
+            self.bays[name] = "1"
+            self.show()
+
+
+@in_virtual_time
+async def test_a_package_is_claimed_as_by_pointing_and_sent_to_the_bay_that_is_meant() -> None:
+    async with room() as here:
+        conveyor = Conveyor(here)
+        here.found = {"that": sure("object", "red_7"), "there": sure("place", "p")}
+        here.say("put that there")
+        done = await here.result()
+        assert (done.result, done.message) == ("done", "red red_7 is anna's, and goes to bay 1")
+        (claim,) = conveyor.claims
+        assert (claim.wish, claim.action, claim.cause) == ("toggle", "select", "dwell")
+        here.found = {"that": sure("object", "blue_8")}
+        here.say("put that bay three")
+        assert (await here.result(2)).message == "blue_8 goes to bay 3 already"
+        here.say("take that")
+        assert (await here.result(3)).message == "blue blue_8 is anna's"
+        conveyor.refusal = "blue_8 is past its last way"
+        here.say("take that")
+        assert (await here.result(4)).message == conveyor.refusal
+        here.found["that"] = sure("object", "gone_9")
+        here.say("take that")
+        assert (await here.result(5)).message == "gone_9 has left"
+        conveyor.refusal, here.found["that"] = "", sure("object", "red_7")
+        here.say("put that bay three")  # selected ones go to bay 1
+        assert "goes to bay 1: the conveyor sends it there, not to 3" in (await here.result(6)).message
+
+
+@in_virtual_time
+async def test_a_verb_is_of_its_things_alone_and_what_wants_a_press_is_not_fired_by_words() -> None:
+    async with room() as here:
+        radio, kettle = (Referent(kind="thing", name=each, probability=0.48) for each in ("radio", "kettle"))
+        here.found = {"that": Referents(candidates=(radio, kettle), none=0.04, rays=100)}
+        here.say("heat that")
+        done = await here.result()
+        assert (done.command, done.result, done.message) == ("heat", "done", "heat kettle")
+        here.say("heat the radio")
+        assert (await here.result(2)).message == "nothing is attached to `heat` of Radio"
+        here.say("turn that on")  # only one of them is a switch
+        await here.result(3)
+        here.say("take the kettle")
+        assert (await here.result(4)).message == "kettle wants a press: point at it, and press the button"
+        assert here.queries(SetThing) == [(USER, SetThing(thing="radio", on=True))]
+
+
+@pytest.mark.parametrize(
+    "text", ["heat", "heat the kettle=true", "heat2 kettle=true", "heat kettle=no-such-program"]
+)
+def test_a_verb_that_cannot_be_used_is_refused(text: str) -> None:
+    with pytest.raises(ConfigError):
+        own_verbs([text])
+
+
+@in_virtual_time
+async def test_a_verb_of_a_thing_that_is_not_there_is_refused_with_those_that_are() -> None:
+    async with room() as here:
+        interpreter = Interpreter(here.bench.bus, here.bench.clock, USER, own_verbs(["heat kettel"]))
+        with pytest.raises(ConfigError, match="the map has no thing 'kettel'; did you mean kettle"):
+            await interpreter.wait_for_map(1.0)
 
 
 @in_virtual_time

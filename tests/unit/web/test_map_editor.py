@@ -9,7 +9,7 @@ from pointit.bridges.web.model.map_editor import MapEditor
 from pointit.maps.edit.edits import Add, Edit, SetValue
 from pointit.maps.file import load_map
 from pointit.runtime.bus.contract import Bus
-from pointit.runtime.errors import PointItError, RefusedError
+from pointit.runtime.errors import ConfigError, PointItError, RefusedError
 from pointit.schemas import KeyNameError, UseMap, UseMapReply
 
 pytestmark = pytest.mark.wall_time  # files are read in threads
@@ -135,7 +135,7 @@ async def test_a_shipped_map_is_saved_as_a_copy_only(tmp_path: Path, monkeypatch
 @pytest.mark.parametrize(
     ("name", "error", "sentence"),
     [
-        ("other", RefusedError, "is there already; choose another name"),
+        ("other", ConfigError, "exists already; choose another name"),
         ("../other", KeyNameError, "other"),
         ("", RefusedError, "not saved: strips.top.pixels: write"),
     ],

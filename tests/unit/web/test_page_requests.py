@@ -28,6 +28,8 @@ from pointit.runtime.errors import PointItError, RefusedError
 from pointit.schemas import SchemaError, StopRobot, topics
 from pointit.services.shown_topics import SHOWN
 
+SAID = {"text": "stop", "start_s": 1.0, "end_s": 0.5}
+
 
 def ask(key: str = "", *, deed: Deed | None = None, name: str = "", **query: Any) -> Ask:
     return Ask(id=1, key=key, deed=deed, name=name, query=query)
@@ -71,6 +73,11 @@ def test_a_phone_pairs_no_phones() -> None:
         (ask(deed="press", name="anna", gesture="kick"), "gesture"),
         (ask(deed="tremor", name="anna", rms_deg=50), "rms_deg"),
         (ask(deed="take", name="anna", by="force"), "by"),
+        (ask(deed="speak", name="anna", words=[]), "words"),
+        (ask(deed="speak", name="anna", words=[SAID] * 65), "words"),
+        (ask(deed="speak", name="anna", words=[{**SAID, "start_s": -1}]), "start_s"),
+        (ask(deed="speak", name="anna", words=[{**SAID, "end_s": float("nan")}]), "end_s"),
+        (ask(deed="speak", name="anna", words=[{**SAID, "text": "x" * 65}]), "text"),
         (ask(topics.SET_SPEED.key, deed="press", name="anna"), "one thing at a time"),
     ],
 )

@@ -22,7 +22,7 @@ from pointit.bridges.web.server.bundle import Bundle
 from pointit.bridges.web.wire import Role
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.scan.views import Survey
-from pointit.schemas import LitPixels, StripFrame, StripsFrame
+from pointit.schemas import LitPixels
 from tests.support.bench import until
 
 HERE = "http://127.0.0.1:8090"
@@ -34,6 +34,9 @@ VIEW: dict[str, Any] = {
     "height": 360,
     "seen": [[0, 10.5, 20.5], [1, 30.0, 40.0]],
 }
+
+
+NO_CORNERS: dict[str, Any] = {"corners": []}
 
 
 class Bench:
@@ -73,7 +76,11 @@ class Bench:
             raise self.fault
         strips = (ScanStrip(name="shelf", pixels=20, line_m=LINE, sigma_m=0.004),)
         return Solution(
-            strips=strips, is_complete=True, advice="enough", map_text=lambda origin: f"# {origin}\n"
+            thing=lambda said: ScanStrip(name=said.name, pixels=0, line_m=LINE, seen=2),
+            strips=strips,
+            is_complete=True,
+            advice="enough",
+            map_text=lambda origin, things: f"# {origin}\n" * (1 + len(things)),
         )
 
     async def _no_page(self, _socket: WebSocket, _role: Role) -> None:
@@ -202,6 +209,36 @@ async def test_one_view_that_is_left_determines_nothing(bench: Bench, phone: htt
     assert (state["views"], state["is_complete"], state["strips"][0]["line_m"]) == (1, False, [])
 
 
+async def test_lamps_blink_unless_the_person_leaves_them_out(bench: Bench, phone: httpx.AsyncClient) -> None:
+    bench.session.set_strips({"shelf": 20, "door": 1})
+    assert (await said(phone, kind="begin"))["lights"][-1] == ["door", 0]
+    for _ in range(2):
+        await said(phone, **VIEW)
+    await solved(bench, phone)
+    assert [lamp.name for lamp in bench.solved[0].lamps] == ["door"]
+    assert [strip.name for strip in bench.solved[0].strips] == ["shelf"]
+    state = await said(phone, kind="begin", has_lamps=False)
+    assert {name for name, _ in state["lights"]} == {strip["name"] for strip in state["strips"]} == {"shelf"}
+    bench.session.set_strips({"door": 1})
+    assert "has no strips" in await said(phone, 409, kind="begin")
+
+
+async def test_things_are_tapped_kept_and_forgotten(bench: Bench, phone: httpx.AsyncClient) -> None:
+    await said(phone, kind="begin")
+    thing: dict[str, Any] = {"kind": "thing", "name": "crate", "corners": [[[0, 1, 1], [2, 1, 1]]] * 4}
+    assert "nothing is known yet" in await said(phone, 409, **thing)
+    for _ in range(3):
+        await said(phone, **VIEW)
+    await solved(bench, phone)
+    assert (await said(phone, **thing))["strips"][-1]["name"] == "crate"
+    assert (await phone.get("/scan/map.yaml?origin=desk")).text == "# desk\n# desk\n"
+    assert "leading" in await said(phone, 409, **(thing | {"name": "-"}))
+    assert "crate" not in str((await said(phone, **(thing | NO_CORNERS)))["strips"])
+    await said(phone, **thing)
+    await said(phone, kind="undo")
+    assert "crate" not in str((await solved(bench, phone))["strips"]), "one of its views is gone"
+
+
 @pytest.mark.parametrize(
     ("fault", "sentence"),
     [(ConfigError("no two views agree"), "no two views agree"), (ValueError("x"), "a fault of PointIt")],
@@ -268,12 +305,11 @@ async def test_a_simulated_camera_sees_what_the_led_driver_shows(
     bench: Bench, phone: httpx.AsyncClient
 ) -> None:
     room = (await phone.get("/scan/room")).json()
-    assert len(room["strips"]) == 5
-    assert len(room["strips"][0]["places_m"]) == 90
-    bench.door.lights(StripsFrame(stamp_ns=1, seq=7, strips=(StripFrame(id="shelf", rgb=b"\1\2\3"),)))
+    assert [len(each["places_m"]) for each in room["strips"]] == [1, 1, 90, 90, 102, 68, 63]
+    bench.door.lights({"shelf": b"\1\2\3"})
     first = (await phone.get("/scan/lights")).json()
-    assert first == {"seq": 7, "strips": {"shelf": "010203"}}
-    waiting = asyncio.create_task(phone.get("/scan/lights?after=7"))
+    assert first == {"seq": 1, "strips": {"shelf": "010203"}}
+    waiting = asyncio.create_task(phone.get("/scan/lights?after=1"))
     await asyncio.sleep(0)
-    bench.door.lights(StripsFrame(stamp_ns=1, seq=8, strips=()))
-    assert (await waiting).json()["seq"] == 8
+    bench.door.lights({"corner": b"\4\5\6"})
+    assert (await waiting).json() == {"seq": 2, "strips": {"shelf": "010203", "corner": "040506"}}

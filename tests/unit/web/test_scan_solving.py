@@ -1,56 +1,70 @@
 """The solver behind the page: what it is given, what the page shows, and the map's text."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from pointit.bridges.web.scan.code import marked_pixels
 from pointit.bridges.web.scan.session import Solution
 from pointit.bridges.web.scan.simulated_room import SimulatedRoom
 from pointit.bridges.web.scan.solver_process import SolverProcess
 from pointit.bridges.web.scan.solving import solution_of, solve_survey
-from pointit.geometry.vector import Vec3
+from pointit.bridges.web.scan.wire import ScanThing
+from pointit.geometry.vector import Vec3, scale
 from pointit.maps.file import load_map
-from pointit.runtime.errors import ConfigError, PointItError
-from pointit.scan.views import Sighting, StripSpec, Survey, View
+from pointit.runtime.errors import ConfigError, PointItError, RefusedError
+from pointit.scan.views import LampSpec, Sighting, StripSpec, Survey, View
 
 FOCAL_PX = 900.0
 WIDTH, HEIGHT = 1280, 720
 ROOM = SimulatedRoom().seen
+TRUE = {strip.name: strip.places_m for strip in ROOM.strips}
 COUNTS = {strip.name: len(strip.places_m) for strip in ROOM.strips}
 
 
-def view_from(at_m: Vec3, seed: int) -> View:
-    """Return the view of a level camera at `at_m`, pointed at the middle of the strips."""
-    rng = np.random.default_rng(seed)
+def axes_of(at_m: Vec3) -> NDArray[np.float64]:
+    """Return the axes of a level camera at `at_m`, pointed at the middle of the strips."""
     middle = np.mean([place for strip in ROOM.strips for place in strip.places_m], axis=0)
     ahead = (middle - at_m) / np.linalg.norm(middle - at_m)
     right = np.cross(ahead, (0.0, 0.0, 1.0))
     right /= np.linalg.norm(right)
-    axes = np.array([right, np.cross(ahead, right), ahead])
+    return np.array([right, np.cross(ahead, right), ahead])
+
+
+def image_of(at_m: Vec3, place_m: Vec3) -> tuple[float, float]:
+    x, y, z = axes_of(at_m) @ np.subtract(place_m, at_m)
+    return float(FOCAL_PX * x / z + WIDTH / 2), float(FOCAL_PX * y / z + HEIGHT / 2)
+
+
+def view_from(at_m: Vec3, seed: int) -> View:
+    """Return the view of that camera."""
+    rng = np.random.default_rng(seed)
+    axes = axes_of(at_m)
     seen = list[Sighting]()
     for strip in ROOM.strips:
         for pixel in marked_pixels(len(strip.places_m)):
-            x, y, z = axes @ (np.array(strip.places_m[pixel]) - at_m)
-            u, v = FOCAL_PX * np.array([x, y]) / z + (WIDTH / 2, HEIGHT / 2) + rng.normal(0.0, 0.3, 2)
+            u, v = image_of(at_m, strip.places_m[pixel]) + rng.normal(0.0, 0.3, 2)
             seen.append(Sighting(strip.name, pixel, float(u), float(v)))
     down_x, down_y, down_z = (float(value) for value in -axes[:, 2])
     return View(WIDTH, HEIGHT, tuple(seen), (down_x, down_y, down_z))
 
 
 def survey(views: int) -> Survey:
-    strips = tuple(StripSpec(name, count, 1 / 60) for name, count in COUNTS.items())
-    return Survey(strips, (), tuple(view_from(at, seed) for seed, at in enumerate(ROOM.places_m[:views])))
+    strips = tuple(StripSpec(name, count, 1 / 60) for name, count in COUNTS.items() if count > 1)
+    lamps = tuple(LampSpec(name) for name, count in COUNTS.items() if count == 1)
+    return Survey(strips, lamps, tuple(view_from(at, seed) for seed, at in enumerate(ROOM.places_m[:views])))
 
 
 @pytest.fixture(scope="module")
 def solution() -> Solution:
-    return solution_of(solve_survey(survey(4)))
+    return solution_of(solve_survey(survey(4)), (WIDTH, HEIGHT))
 
 
-def test_the_page_shows_every_strip_with_the_uncertainty_of_its_ends(solution: Solution) -> None:
+def test_the_page_shows_every_strip_and_lamp_with_its_uncertainty(solution: Solution) -> None:
     assert solution.is_complete
     assert {strip.name: strip.pixels for strip in solution.strips} == COUNTS
     assert len(solution.cameras_m) == 4
@@ -64,9 +78,15 @@ def test_the_map_begins_below_the_first_light_and_x_runs_to_the_last(
     solution: Solution, origin: str, tmp_path: Path
 ) -> None:
     path = tmp_path / "room.yaml"
-    path.write_text(solution.map_text(origin))
-    strips = {strip.id: strip for strip in load_map(str(path), 0).strips}
-    assert {name: strip.pixels for name, strip in strips.items()} == COUNTS
+    path.write_text(solution.map_text(origin, ()))
+    room = load_map(str(path), 0)
+    strips = {strip.id: strip for strip in room.strips}
+    assert {name: strip.pixels for name, strip in strips.items()} | {
+        lamp.id: 1 for lamp in room.lamps
+    } == COUNTS
+    lamps = {lamp.id: lamp.position_m for lamp in room.lamps}
+    apart_m = math.dist(*(places[0] for places in TRUE.values() if len(places) == 1))
+    assert math.dist(*lamps.values()) == pytest.approx(apart_m, abs=0.01)
     first, last = strips[origin].line_m
     assert (first[0], first[1], last[1]) == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
     assert last[0] > 0.9
@@ -77,12 +97,67 @@ def test_the_map_begins_below_the_first_light_and_x_runs_to_the_last(
 
 def test_an_upright_strip_is_an_origin_without_a_heading(solution: Solution, tmp_path: Path) -> None:
     path = tmp_path / "room.yaml"
-    path.write_text(solution.map_text("door"))
+    path.write_text(solution.map_text("door", ()))
     assert "x points" not in path.read_text()
     (door,) = (strip for strip in load_map(str(path), 0).strips if strip.id == "door")
     assert door.line_m[0][:2] == pytest.approx((0.0, 0.0), abs=1e-3)
     with pytest.raises(ConfigError, match="'lamp' is not known yet"):
-        solution.map_text("lamp")
+        solution.map_text("lamp", ())
+
+
+def tapped(name: str, shape: str, places: list[Vec3], views: tuple[int, int] = (0, 1)) -> ScanThing:
+    """Return a thing whose corners are tapped where `places` are in the pictures of two views."""
+    taps = [tuple((view, *image_of(ROOM.places_m[view], place)) for view in views) for place in places]
+    return ScanThing.model_validate({"name": name, "shape": shape, "corners": taps})
+
+
+def test_things_are_where_their_corners_were_tapped_in_two_views(solution: Solution, tmp_path: Path) -> None:
+    assert solution.thing is not None
+    low, high = TRUE["shelf_low"], TRUE["shelf_high"]
+    screen = tapped("front", "screen", [low[0], low[-1], high[0]])
+    box = tapped("crate", "box", [(0.0, 1.0, 0.8), (0.6, 1.0, 0.8), (0.6, 1.4, 0.8), (0.6, 1.4, 0.2)])
+    shown = solution.thing(screen)
+    assert shown.sigma_m is not None
+    assert (len(shown.line_m), shown.pixels, shown.sigma_m < 0.08) == (3, 0, True)
+    path = tmp_path / "room.yaml"
+    path.write_text(solution.map_text("shelf_low", (screen, box)))
+    room = load_map(str(path), 0)
+    (crate,) = room.boxes
+    assert crate.size_m == pytest.approx((0.6, 0.4, 0.6), abs=0.02)
+    # the origin is below the first LED of shelf_low, at the height of the lowest light
+    assert crate.center_m == pytest.approx((0.3 - low[0][0], 1.2 - low[0][1], 0.5 - 0.308), abs=0.02)
+    (front,) = room.planes
+    assert front.size_m == pytest.approx((1.483, 0.8), abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("thing", "sentence"),
+    [
+        (tapped("a", "box", [(0.0, 1.0, 0.8)] * 4), "span no box"),
+        (ScanThing(name="a", corners=(((0, 1.0, 1.0), (9, 2.0, 2.0)),)), "view 10 is not known"),
+        (ScanThing(name="a", corners=(((0, 1.0, 1.0), (1, 1200.0, 700.0)),)), "not show the same corner"),
+    ],
+)
+def test_taps_that_give_no_thing_are_refused(solution: Solution, thing: ScanThing, sentence: str) -> None:
+    assert solution.thing is not None
+    with pytest.raises(RefusedError, match=sentence):
+        solution.thing(thing)
+
+
+def test_gravity_of_the_opposite_sign_is_said_and_the_room_stands_upright() -> None:
+    flipped = survey(3)
+    views = [replace(view, gravity=view.gravity and scale(view.gravity, -1.0)) for view in flipped.views]
+    solution = solution_of(solve_survey(replace(flipped, views=tuple(views))), (WIDTH, HEIGHT))
+    assert solution.advice.startswith("Gravity points up in the pictures")
+    lines = {strip.name: strip.line_m for strip in solution.strips}
+    assert lines["shelf_high"][0][2] > lines["shelf_low"][0][2] + 0.5
+
+
+def test_a_room_without_gravity_says_how_it_was_levelled() -> None:
+    seen = survey(3)
+    views = tuple(replace(view, gravity=None) for view in seen.views)
+    solution = solution_of(solve_survey(replace(seen, views=views)), (WIDTH, HEIGHT))
+    assert "No view tells where down is" in solution.advice
 
 
 async def test_a_process_of_its_own_solves_and_says_what_hinders() -> None:

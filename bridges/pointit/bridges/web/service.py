@@ -5,7 +5,6 @@ import contextlib
 import functools
 import logging
 import socket
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -27,6 +26,7 @@ from pointit.bridges.web.pages.slow_link import SlowLink
 from pointit.bridges.web.playback.past_page import Visits
 from pointit.bridges.web.playback.recent import Recent
 from pointit.bridges.web.scan.door import ScanDoor
+from pointit.bridges.web.scan.lights import ScanLights
 from pointit.bridges.web.scan.session import ScanSession, leds_per_m
 from pointit.bridges.web.scan.simulated_room import SimulatedRoom
 from pointit.bridges.web.scan.solver_process import SolverProcess
@@ -53,16 +53,16 @@ from pointit.schemas import (
     Feedback,
     Health,
     Interaction,
-    LitPixels,
+    LampColor,
     Localization,
     Message,
     SelectionEvent,
-    ShowPixels,
     StripsFrame,
+    Understood,
     UserPose,
     UserProfile,
 )
-from pointit.schemas.topics import SERVICE_ALIVE, SHOW_PIXELS, STRIPS_FRAME, USER_ALIVE, Topic
+from pointit.schemas.topics import SERVICE_ALIVE, STRIPS_FRAME, USER_ALIVE, Topic
 from pointit.services.shown_topics import SHOWN
 
 log = logging.getLogger(__name__)
@@ -131,8 +131,9 @@ class Web(Service[WebConfig]):
         )
         self._phones = Phones(host, self._pairing, bundle)
         self._solver = SolverProcess()
+        self._lights = ScanLights(self.bus)
         self._scan = ScanSession(
-            show=self._show, solve=self._solver.solve, file=Path(config.scan_file or "room.yaml")
+            show=self._lights.show, solve=self._solver.solve, file=Path(config.scan_file or "room.yaml")
         )
         self._camera = ScanDoor(
             self._scan,
@@ -189,6 +190,7 @@ class Web(Service[WebConfig]):
         finally:
             self._downloads.close()
             await self._scan.close()
+            self._lights.close()
             self._solver.close()
             await self._phones.close()
             await self._lan.close()
@@ -264,10 +266,6 @@ class Web(Service[WebConfig]):
             speed=self.clock.speed,
         )
 
-    async def _show(self, lit: Sequence[LitPixels], for_s: float) -> None:
-        """Show pixels on the strips for the camera that maps the room."""
-        await self.bus.call(SHOW_PIXELS, ShowPixels(lit=tuple(lit), for_s=for_s))
-
     # Input from the bus.
 
     def _on(self, topic: Topic[Any], message: Message, name: str) -> None:
@@ -276,7 +274,10 @@ class Web(Service[WebConfig]):
             return
         self._attend(message, name)
         if isinstance(message, StripsFrame):
-            self._camera.lights(message)
+            self._camera.lights({strip.id: strip.rgb for strip in message.strips})
+        elif isinstance(message, LampColor):
+            self._lights.hear(name, message.color)
+            self._camera.lights({name: bytes(message.color)})
         self._pages.notify_pages(now=topic is STRIPS_FRAME)
 
     def _on_measured(self, topic: Topic[Any], message: Message, name: str) -> None:
@@ -294,8 +295,10 @@ class Web(Service[WebConfig]):
             case Environment():
                 self._wrists.room(message)
                 self._told_apart.take(message)
-                counts = {strip.id: strip.pixels for strip in message.strips}
-                self._scan.set_strips(counts, leds_per_m(message.strips))
+                strips = {strip.id: strip.pixels for strip in message.strips}
+                lamps = {lamp.id: 1 for lamp in message.lamps if lamp.id not in strips}
+                self._lights.set_lamps(lamps)
+                self._scan.set_strips(strips | lamps, leds_per_m(message.strips))
             case UserProfile():
                 self._wrists.profile(name, message)
             case UserPose():
@@ -306,7 +309,7 @@ class Web(Service[WebConfig]):
             case Interaction():
                 self._people.states[name] = message.state
                 self._phones.interaction(name, message)
-            case Feedback():
+            case Feedback() | Understood():
                 self._phones.feedback(name, message)
             case _:
                 pass

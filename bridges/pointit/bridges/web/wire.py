@@ -72,6 +72,7 @@ Deed = Literal[
     "find_wrists",
     "told_apart",
     "centre",
+    "speak",
     "map_room",
     "read_map",
     "check_map",
@@ -80,8 +81,8 @@ Deed = Literal[
 """Actions of this server that a page can request: press a person's button; take their wrist with the mouse,
 give it back; set the tremor of the mouse's arm; pair or unpair a phone; open the page to the local
 network; find wrists within reach of this machine; tell from where which things are told apart; a phone, as
-it is held now, points ahead; let a phone map the room; read the map of the site, check it with edits, save
-it."""
+it is held now, points ahead; words of a person; let a phone map the room; read the map of the site, check it
+with edits, save it."""
 
 LATEST_MS = 9e12
 """Maximum of a device's clock: as many ns fit 64 bits."""

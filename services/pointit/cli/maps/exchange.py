@@ -7,9 +7,9 @@ import click
 from pointit.cli.common.completed_names import maps
 from pointit.cli.common.option_types import Finite
 from pointit.cli.maps.check import print_findings
-from pointit.cli.maps.scan import write_new
 from pointit.maps import exchange
 from pointit.maps.checks.examine import examined
+from pointit.maps.edit.new_file import write_new
 from pointit.maps.file import map_path, parse_map_file, read_map_file
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.atomic_file import read_limited

@@ -11,6 +11,7 @@ import click
 from pointit.cli.common.option_types import Finite
 from pointit.cli.maps.check import print_findings
 from pointit.maps.checks.examine import examined
+from pointit.maps.edit.new_file import write_new
 from pointit.maps.file import parse_map_file
 from pointit.runtime.errors import ConfigError
 
@@ -66,13 +67,7 @@ def command(*, file: Path, width: float, depth: float, lamps: int, strips: int) 
         raise ConfigError(f"{file}: a map ends in .yaml; write {file}.yaml")
     text = room_map(file, width, depth, lamps, strips)
     has, findings = examined(str(file), file, lambda: parse_map_file(text.encode(), file))
-    try:
-        with file.open("x", encoding="utf-8") as opened:
-            opened.write(text)
-    except FileExistsError as error:
-        raise ConfigError(f"{file}: exists already; choose another name or move it away") from error
-    except OSError as error:
-        raise ConfigError(f"{file}: cannot be written ({error.strerror or error})") from error
+    write_new(file, text)
     print_findings(str(file), has, findings)
     path = file if len(file.parts) > 1 else f"./{file}"
     scenario = "scenario_2" if strips else "scenario_1"

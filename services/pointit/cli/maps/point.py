@@ -1,8 +1,9 @@
 """`pointit map point`: positions of lamps, boxes, screens and tables by pointing at them."""
 
 import asyncio
+import math
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Literal, Unpack
@@ -11,9 +12,11 @@ import click
 
 from pointit.cli.common import site_link
 from pointit.cli.common.keyboard import has_keyboard, keys
+from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED, say
-from pointit.cli.maps.scan import write_new
-from pointit.geometry.vector import norm, subtract
+from pointit.cli.maps import stand
+from pointit.geometry.vector import Vec3, norm, subtract
+from pointit.maps.edit.new_file import write_new
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.errors import ConfigError, NoMessageError
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
@@ -38,6 +41,10 @@ SAME_PLACE_M = 0.5
 PATIENCE_S = 3.0
 
 
+Work = Callable[["PointingSession"], Awaitable[tuple[str, int]]]
+"""Asks a person to point, and returns the text of a map and the exit code."""
+
+
 @click.command("point", params=[*site_link.site_options()])
 @click.argument("user")
 @click.argument("names", nargs=-1, required=True)
@@ -56,8 +63,30 @@ PATIENCE_S = 3.0
     metavar="MAP",
     help="map to write; an existing file is never overwritten  [default: standard output]",
 )
+@click.option(
+    "--origin",
+    "room",
+    type=click.Path(path_type=Path, dir_okay=False, exists=True),
+    metavar="MAP",
+    help="a scanned map: USER stands where its origin shall be, and points at NAMES, its lamps or ends of "
+    "its strips (STRIP:first, STRIP:last); x points to the first one",
+)
+@click.option(
+    "--floor",
+    "floor_m",
+    type=Finite(-10, 10),
+    metavar="M",
+    help="with --origin: z of the floor in MAP  [default: by the eye height, less exactly]",
+)
 def command(
-    user: str, names: Sequence[str], *, kind: Kind, output: Path | None, **at: Unpack[site_link.AtSite]
+    user: str,
+    names: Sequence[str],
+    *,
+    kind: Kind,
+    output: Path | None,
+    room: Path | None,
+    floor_m: float | None,
+    **at: Unpack[site_link.AtSite],
 ) -> int:
     """Find positions by pointing: USER points at NAMES one after the other, from two or three places.
 
@@ -67,36 +96,77 @@ def command(
     estimated along. Positions are good to 0.2 or 0.3 m, with the standard deviation stated: enough for
     lamps, boxes and screens, too little for strips, which `pointit map scan` finds.
 
+    With --origin, one place suffices, whose pose nobody knows: two ends, one of them low and both far apart
+    sideways, place a scanned map, and the floor becomes z = 0.
+
     Example: pointit map point anna door window -o lamps.yaml
     """
     check_name(user, "user")
-    for name in names:
-        check_name(name, "name")
     if output is not None and output.exists():
         raise ConfigError(f"{output}: exists already; choose another name or move it away")
+    if room is None:
+        for name in names:
+            check_name(name, "name")
+        work = _point(names, kind)
+    else:
+        content, environment = stand.read(room)
+        work = stand_at(room, content, stand.ends_in(environment, names), floor_m)
     site_link.quiet()
-    return run_until_shutdown(_point(user, names, kind, output, **at))
+    return run_until_shutdown(_run(user, work, output, **at))
 
 
-async def _point(
-    user: str, names: Sequence[str], kind: Kind, output: Path | None, **at: Unpack[site_link.AtSite]
-) -> int:
+async def _run(user: str, work: Work, output: Path | None, **at: Unpack[site_link.AtSite]) -> int:
     async with site_link.join_site(**at) as bus:
         try:
             session = PointingSession(bus, user, say)
             with keys(session.press) if has_keyboard() else nullcontext():
-                survey = await session.run(names, CORNERS[kind])
+                text, code = await work(session)
         except asyncio.CancelledError:
             return INTERRUPTED
-    text = pointed_text(survey, names, kind)
     if output is None:
         click.echo(text, nl=False)
     else:
         write_new(output, text)
-    open_ones = {target: each.reason for target, each in survey.targets.items() if each.reason}
-    for target, reason in open_ones.items():
-        say(f"{target}: {reason}")
-    return EXIT_FAILED if open_ones else 0
+    return code
+
+
+def _point(names: Sequence[str], kind: Kind) -> Work:
+    async def work(session: "PointingSession") -> tuple[str, int]:
+        survey = await session.run(names, CORNERS[kind])
+        open_ones = {target: each.reason for target, each in survey.targets.items() if each.reason}
+        for target, reason in open_ones.items():
+            say(f"{target}: {reason}")
+        return pointed_text(survey, names, kind), EXIT_FAILED if open_ones else 0
+
+    return work
+
+
+def stand_at(room: Path, content: bytes, ends: Mapping[str, Vec3], floor_m: float | None) -> Work:
+    """Return the work of placing the map `room`, of this content, by a person at its future origin.
+
+    Args:
+        room: path of the map.
+        content: what it contains.
+        ends: places of the lights to point at, in the map as it is, by name.
+        floor_m: z of the floor in it, None if unknown.
+    """
+
+    async def work(session: "PointingSession") -> tuple[str, int]:
+        rays = {name: await session.hold(name) for name in ends}
+        pose = stand.stood(rays, ends, floor_m)
+        first, end_m = next(iter(ends.items()))
+        heading_rad = math.atan2(end_m[1] - pose.y_m, end_m[0] - pose.x_m)
+        z_m, z_sigma_m = (pose.z_m, pose.z_sigma_m) if floor_m is None else (floor_m, 0.0)
+        note = (
+            f"the origin is on the floor where {session.user} stood, within {pose.position_sigma_m:.2f} m "
+            f"and {z_sigma_m:.2f} m in height (1 sigma); x points towards {first}."
+        )
+        say(note)
+        yaw_deg = math.degrees(math.remainder(pose.yaw_rad - heading_rad, math.tau))
+        say(f"{session.user} there: pointit person pose {session.user} 0,0,{yaw_deg:.0f}")
+        return stand.placed(content, room, (pose.x_m, pose.y_m, z_m), heading_rad, note).decode(), 0
+
+    return work
 
 
 class PointingSession:
@@ -104,7 +174,7 @@ class PointingSession:
 
     def __init__(self, bus: Bus, user: str, tell: Callable[[str], None]) -> None:
         """Create for `user`; `tell` gets the instructions."""
-        self._user = user
+        self.user = user
         self._tell = tell
         self._pose = site_link.LatestMessage(bus, POSE, user)
         self._rays: deque[PointingRay] = deque(maxlen=HOLD_RAYS)
@@ -120,7 +190,7 @@ class PointingSession:
         """
         if await self._pose.wait(PATIENCE_S) is None:
             raise NoMessageError(
-                f"{self._user} has no pose: set it by `pointit person pose {self._user} X,Y`, or localize"
+                f"{self.user} has no pose: set it by `pointit person pose {self.user} X,Y`, or localize"
             )
         targets: dict[str, str] = {
             target_name(name, number, corners): f"{corner + ' of ' if corner else ''}{name}"
@@ -133,14 +203,9 @@ class PointingSession:
             pose = await self._next_place(stood)
             stood.append(pose)
             for target, words in targets.items():
-                self._tell(f"{self._user}: point at {words} and press")
-                await self._press()
-                if not self._rays:
-                    raise NoMessageError(f"no rays of {self._user} arrive: is their wrist connected?")
+                rays = await self.hold(words)
                 latest = self._pose.value or pose
-                pointings.append(
-                    pointing_of(target, self._user, f"place {len(stood)}", list(self._rays), latest)
-                )
+                pointings.append(pointing_of(target, self.user, f"place {len(stood)}", rays, latest))
             survey = locate(pointings)
             open_ones = {target for target, each in survey.targets.items() if each.reason}
             for target, each in survey.targets.items():
@@ -156,7 +221,7 @@ class PointingSession:
         if not stood:
             return self._pose.value or await self._pose_elsewhere(stood)
         self._tell(
-            f"{self._user}: go to another place, at least 60 degrees aside as seen from the things, "
+            f"{self.user}: go to another place, at least 60 degrees aside as seen from the things, "
             "and have your pose set there"
         )
         return await self._pose_elsewhere(stood)
@@ -169,10 +234,19 @@ class PointingSession:
             if pose := await self._pose.wait(PATIENCE_S, is_new):
                 return pose
 
-    async def _press(self) -> None:
+    async def hold(self, words: str) -> list[PointingRay]:
+        """Ask the person to point at what `words` say, and return the rays before their press, {H}.
+
+        Raises:
+            NoMessageError: If there are none.
+        """
+        self._tell(f"{self.user}: point at {words} and press")
         self._pressed.clear()
         self._rays.clear()
         await self._pressed.wait()
+        if not self._rays:
+            raise NoMessageError(f"no rays of {self.user} arrive: is their wrist connected?")
+        return list(self._rays)
 
     def press(self) -> None:
         """Take the rays of this moment."""

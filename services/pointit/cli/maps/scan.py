@@ -1,21 +1,23 @@
 """`pointit map scan`: a map from photographs of blinking strips and lamps, taken now or in a file."""
 
 import math
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 
 from pointit.cli.common.option_types import Finite
-from pointit.cli.common.output import json_option, print_json
 from pointit.cli.maps.check import print_findings
 from pointit.cli.maps.scan_live import live_options, scan_live
 from pointit.maps.checks.examine import examined
+from pointit.maps.edit.new_file import write_new
 from pointit.maps.file import parse_map_file
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.service.shutdown import EXIT_FAILED
 from pointit.scan.advice import next_view
 from pointit.scan.as_map import map_text
+from pointit.scan.gravity import upright
 from pointit.scan.result import Scan, ScannedLamp, ScannedStrip
 from pointit.scan.solver import solve
 from pointit.scan.views import KnownLength, Mark, read_survey
@@ -95,7 +97,6 @@ def _mark(text: str) -> Mark:
 )
 @click.option("--all", "also_doubtful", is_flag=True, help="write what is not identified, too")
 @live_options
-@json_option
 @click.pass_context
 def command(
     context: click.Context,
@@ -107,7 +108,6 @@ def command(
     origin: tuple[float, float, float] | None,
     heading: float,
     also_doubtful: bool,
-    as_json: bool,
     **live: Any,
 ) -> int:
     """Map a room by a camera: its strips blink their numbers, and a phone's page finds where they are.
@@ -118,57 +118,44 @@ def command(
 
     Three photographs suffice for what all show, a step apart, and four to six for a room. Each should
     show three strips of an earlier one. Strips are found to about 1 cm, with the standard deviation of each
-    stated. What is doubtful is left out, with the reason and from where to take one more photograph.
+    stated. What is doubtful is left out, with the reason and from where to take one more photograph: with
+    --from, the exit code is 1 then.
 
     Example: pointit map scan -o room.yaml --strip shelf=90 --leds ddp:192.168.1.40
     """
     if source is None:
-        _check_live(known, origin, heading, also_doubtful, as_json)
+        _check_live(known, origin, heading, also_doubtful)
         return scan_live(context, output or Path("room.yaml"), **live)
     survey = read_survey(source)
     if known is not None:
         survey = replace(survey, known_length=known)
+    views, turned = upright(survey.views)
     try:
-        scan = solve(survey.strips, survey.lamps, survey.views, known_length=survey.known_length)
+        scan = solve(survey.strips, survey.lamps, views, known_length=survey.known_length)
     except ConfigError as error:
         raise ConfigError(f"{source}: {error}") from None
     if origin is not None or heading:
         scan = scan.placed(origin or (0.0, 0.0, 0.0), math.radians(heading))
     text = map_text(scan, only_identified=not also_doubtful)
-    if as_json:
-        print_json(_document(scan))
     if output is not None:
         path = output
         has, findings = examined(str(path), path, lambda: parse_map_file(text.encode(), path))
         write_new(path, text)
         print_findings(str(path), has, findings, err=True)
-    elif not as_json:
+    else:
         click.echo(text, nl=False)
-    for sentence in _sentences(scan):
+    for sentence in [*([turned] if turned else []), *_sentences(scan)]:
         click.echo(sentence, err=True)
-    return 0
+    found: list[ScannedStrip | ScannedLamp] = [*scan.strips.values(), *scan.lamps.values()]
+    is_whole = not scan.missing and (also_doubtful or all(each.identified for each in found))
+    return 0 if is_whole else EXIT_FAILED
 
 
 def _check_live(*given: object) -> None:
     """Check that no option of --from is given. Raises ConfigError otherwise."""
-    for option, value in zip(("--known", "--origin", "--heading", "--all", "--json"), given, strict=True):
+    for option, value in zip(("--known", "--origin", "--heading", "--all"), given, strict=True):
         if value:
             raise ConfigError(f"{option} goes with --from only; the page has such a choice")
-
-
-def write_new(path: Path, text: str) -> None:
-    """Write `text` to a new file.
-
-    Raises:
-        ConfigError: If it exists already, or cannot be written.
-    """
-    try:
-        with path.open("x", encoding="utf-8") as opened:
-            opened.write(text)
-    except FileExistsError as error:
-        raise ConfigError(f"{path}: exists already; choose another name or move it away") from error
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be written ({error.strerror or error})") from error
 
 
 def _sentences(scan: Scan) -> list[str]:
@@ -177,26 +164,3 @@ def _sentences(scan: Scan) -> list[str]:
     doubts = [f"{each.name}: {each.reason}" for each in found if each.reason]
     advice = next_view(scan)
     return [*scan.problems, *doubts, *([f"next: {advice.text}"] if advice else ["complete"])]
-
-
-def _document(scan: Scan) -> dict[str, object]:
-    def plain(found: object) -> object:
-        return {k: v for k, v in asdict(found).items() if k not in ("covariance", "name")}  # type: ignore[call-overload]
-
-    advice = next_view(scan)
-    return {
-        "complete": scan.complete(),
-        "strips": {name: plain(each) for name, each in scan.strips.items()},
-        "lamps": {name: plain(each) for name, each in scan.lamps.items()},
-        "cameras": [
-            camera and {"position_m": camera.position_m, "ahead": camera.ahead} for camera in scan.cameras
-        ],
-        "focal_px": scan.focal_px,
-        "level_sigma_deg": math.degrees(scan.level_sigma_rad),
-        "level_from": scan.level_from,
-        "scale_sigma": scan.scale_sigma,
-        "scale_from": scan.scale_from,
-        "missing": scan.missing,
-        "problems": scan.problems,
-        "next_view": advice and asdict(advice),
-    }

@@ -14,6 +14,7 @@ from pointit.cli.common.option_types import Finite
 from pointit.geometry.polyline import Polyline
 from pointit.maps.file import load_map
 from pointit.runtime.errors import ConfigError
+from pointit.schemas.topics import check_name
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -36,6 +37,7 @@ def scan_live(
     *,
     map_name: str,
     strips: Sequence[str],
+    lamps: Sequence[str],
     per_m: float,
     leds: str,
     simulated: bool,
@@ -46,9 +48,10 @@ def scan_live(
     Args:
         context: of the command.
         file: map to write.
-        map_name: a map whose strips' names and numbers of pixels are right, or `""`. For a simulated camera
-            it is the room.
+        map_name: a map whose strips' names and numbers of pixels are right, and whose lamps blink, too, or
+            `""`. For a simulated camera it is the room.
         strips: `NAME=PIXELS` of further strips.
+        lamps: names of further lamps.
         per_m: LEDs per metre of `strips`; the page asks for each.
         leds: LED output, as for `pointit run`, or `""`.
         simulated: True for a simulated camera in a simulated room.
@@ -61,6 +64,8 @@ def scan_live(
         raise ConfigError(f"{file}: exists already; choose another name or move it away")
     if not file.absolute().parent.is_dir():
         raise ConfigError(f"{file}: there is no folder {file.parent}")
+    for name in lamps:
+        check_name(name, "--lamp")
     counts = dict(map(_strip, strips))
     lengths_m = {name: count / per_m for name, count in counts.items()}
     if simulated:
@@ -68,9 +73,10 @@ def scan_live(
 
         map_name = map_name or str(ROOM)
     if map_name:
-        known = load_map(map_name, 0).strips
-        counts = {strip.id: strip.pixels for strip in known} | counts
-        lengths_m = {strip.id: Polyline(strip.line_m).length_m for strip in known} | lengths_m
+        known = load_map(map_name, 0)
+        counts = {strip.id: strip.pixels for strip in known.strips} | counts
+        lengths_m = {strip.id: Polyline(strip.line_m).length_m for strip in known.strips} | lengths_m
+        lamps = [*(lamp.id for lamp in known.lamps), *lamps]
     if not counts:
         raise ConfigError("no strips are given: add --strip NAME=PIXELS for each, or --simulated to try it")
     command = context.find_root().command
@@ -81,7 +87,7 @@ def scan_live(
         scenario = Path(folder) / "scan.yaml"
         scenario.write_text(SCENARIO, encoding="utf-8")
         begin = Path(folder) / "begin.yaml"
-        begin.write_text(first_map(counts, lengths_m), encoding="utf-8")
+        begin.write_text(first_map(counts, lengths_m, lamps), encoding="utf-8")
         settings = {
             "pui.map": str(begin),
             "web.scan_file": str(file.absolute()),
@@ -96,13 +102,16 @@ def scan_live(
     return result
 
 
-def first_map(counts: Mapping[str, int], lengths_m: Mapping[str, float]) -> str:
-    """Return a map of strips side by side, whose places are wrong, as YAML."""
-    rows = list[str]()
+def first_map(counts: Mapping[str, int], lengths_m: Mapping[str, float], lamps: Sequence[str]) -> str:
+    """Return a map of lamps and strips side by side, whose places are wrong, as YAML."""
+    rows = ["lamps:"] if lamps else []
+    for row, name in enumerate(dict.fromkeys(lamps), 1):
+        rows.append(f"  {json.dumps(name)}: {{position: [0, {-ROW_M * row:.1f}, 1]}}")
+    rows.append("strips:")
     for row, (name, count) in enumerate(counts.items()):
         line = f"[[0, {ROW_M * row:.1f}, 1], [{lengths_m[name]:.3f}, {ROW_M * row:.1f}, 1]]"
         rows.append(f"  {json.dumps(name)}: {{line: {line}, pixels: {count}}}")
-    return "\n".join(["strips:", *rows, ""])
+    return "\n".join([*rows, ""])
 
 
 def _strip(text: str) -> tuple[str, int]:
@@ -139,6 +148,9 @@ def live_options(function: F) -> F:
             multiple=True,
             metavar="NAME=PIXELS",
             help="a strip, in the order of the controller's pixels. Repeatable",
+        ),
+        click.option(
+            "--lamp", "lamps", multiple=True, metavar="NAME", help="a lamp of an LED output. Repeatable"
         ),
     ):
         function = add(function)

@@ -1,6 +1,6 @@
 """Whether a word is clear enough to act on, or the person has to be asked."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Literal, NamedTuple
 
 from pointit.schemas import Referent, Referents
@@ -21,13 +21,14 @@ class Decision(NamedTuple):
     """The referent, or those to ask about, the most probable first. Empty if refused."""
 
 
-def decide(found: Referents, kinds: Sequence[str] = ()) -> Decision:
-    """Return the next step for a word with these referents. Only some `kinds` fit, or all if it is empty.
+def decide(found: Referents, kinds: Sequence[str] = (), names: Collection[str] = ()) -> Decision:
+    """Return the next step for a word with these referents. Only `kinds` and `names` fit, or any if empty.
 
     Candidates that do not fit are excluded by what was said, and the others become more probable, but not
     more than they are beside `none`.
     """
-    fitting = [one for one in found.candidates if not kinds or one.kind in kinds]
+    kept = [one for one in found.candidates if not kinds or one.kind in kinds]
+    fitting = [one for one in kept if not names or one.name in names]
     total = found.none + sum(one.probability for one in fitting)
     if not fitting or total <= 0.0:
         return Decision("refuse", ())

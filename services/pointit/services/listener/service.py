@@ -9,6 +9,7 @@ from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S, Cursor, FindReferents, Message, Referents, Speech, topics
 from pointit.services.listener.config import ListenerConfig
 from pointit.services.listener.memory import PointingMemory
+from pointit.services.listener.recogniser_clock import RecogniserClock
 from pointit.services.listener.referents import Spoken, referents
 from pointit.services.listener.surroundings import Room
 
@@ -16,8 +17,6 @@ M = TypeVar("M", bound=Message)
 
 AHEAD_S = 0.25
 """Time by which a word may be later than now, s: two clocks are never the same."""
-UTTERANCES = 5
-"""Number of utterances whose times decide about the recogniser's clock."""
 
 
 class Listener(Service[ListenerConfig]):
@@ -31,7 +30,7 @@ class Listener(Service[ListenerConfig]):
         super().__init__(config, context)
         self._memory = PointingMemory(config.memory_s)
         self._room = room = Room()
-        self._clock_errors_s: list[float] = []
+        self._words = RecogniserClock(config.clock_s)
         self.bus.serve(topics.FIND_REFERENTS, self._find, self.user)
         self.bus.watch(topics.USER_ALIVE, self._on_presence)
         self.bus.subscribe(topics.MAP, lambda environment, _name: room.on_map(environment))
@@ -49,21 +48,8 @@ class Listener(Service[ListenerConfig]):
             self._room.on_absence(user)
 
     def _on_speech(self, speech: Speech, _user: str) -> None:
-        """Check the clock of the recogniser: no word ends after it has arrived."""
-        if not speech.words or not speech.is_final:
-            return
-        ahead_s = (speech.words[-1].end_ns - self.clock.now_ns()) / NS_PER_S
-        self._clock_errors_s = [*self._clock_errors_s[1 - UTTERANCES :], ahead_s]
-        self.bus.warn("clock", self._clock_problem())
-
-    def _clock_problem(self) -> str:
-        ahead_s = max(self._clock_errors_s)
-        if ahead_s <= self.config.clock_s:
-            return ""
-        return (
-            f"words end {ahead_s:.1f} s after they arrive: the recogniser's clock is ahead; synchronize it, "
-            "or send the site's time"
-        )
+        self._words.on_speech(speech, self.clock.now_ns())
+        self.bus.warn("clock", self._words.problem)
 
     async def _find(self, query: FindReferents, user: str) -> Referents:
         now_ns = self.clock.now_ns()
@@ -85,6 +71,9 @@ class Listener(Service[ListenerConfig]):
             own_m=None if pose is None else pose.position_m,
             yaw_sigma_rad=0.0 if pose is None else math.sqrt(max(pose.covariance[8], 0.0)),
         )
+        self._words.compare(self._memory, now_ns)
+        self._words.on_word(said)
+        self.bus.warn("clock", self._words.problem)
         targets = self._room.targets(user, at_ns, now_ns)
         return referents(self._memory.between(*said.span_ns), targets, said)
 

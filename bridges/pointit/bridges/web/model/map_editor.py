@@ -16,11 +16,12 @@ from typing import Any, TypeVar
 
 from pointit.maps.edit.document import edited
 from pointit.maps.edit.edits import Edit
+from pointit.maps.edit.new_file import write_new
 from pointit.maps.file import FOLDER, PACKAGE, SUFFIX, map_path, parse_map_file
 from pointit.maps.model import MapFile
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.config.yaml_file import MAX_YAML_BYTES
-from pointit.runtime.errors import ConfigError, PointItError, RefusedError
+from pointit.runtime.errors import PointItError, RefusedError
 from pointit.runtime.host.atomic_file import read_limited, write_atomically
 from pointit.runtime.host.threads import in_daemon_thread
 from pointit.schemas import SchemaError, UseMap
@@ -162,11 +163,5 @@ def _save(name_or_path: str, edits: Sequence[Edit], digest: str, name: str) -> P
         if not name:
             write_atomically(target.resolve(), text, mode=target.stat().st_mode & 0o777)  # a link stays one
             return target
-        try:
-            with target.open("xb") as file:
-                file.write(text)
-        except FileExistsError as error:
-            raise RefusedError(f"{target} is there already; choose another name") from error
-        except OSError as error:
-            raise ConfigError(f"{target}: cannot be written ({error.strerror or error})") from error
+        write_new(target, text)
         return target

@@ -1,28 +1,38 @@
-"""People present, and what this server publishes for them: button presses and wrist samples."""
+"""People present, and what this server publishes for them: button presses, words and wrist samples."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal, NamedTuple
 
 from pointit.bridges.web.wrists.wrist_control import WristControl
 from pointit.runtime.bus.contract import Publisher
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import Clock
 from pointit.runtime.errors import RefusedError
-from pointit.schemas import ButtonEvent, WristSample
-from pointit.schemas.topics import BUTTON, WRIST
+from pointit.schemas import NS_PER_S, ButtonEvent, Speech, Word, WristSample
+from pointit.schemas.topics import BUTTON, SPEECH, WRIST
 
 Gesture = Literal["press", "double", "hold"]
+BROWSER = "browser"
+"""Name of the recogniser of people's browsers in messages."""
+
+
+class Writers(NamedTuple):
+    """Publishers of one person."""
+
+    button: Publisher[ButtonEvent]
+    wrist: Publisher[WristSample]
+    speech: Publisher[Speech]
 
 
 class People:
-    """Publishes buttons and wrists of people who are present."""
+    """Publishes buttons, wrists and words of people who are present."""
 
     def __init__(self, bus: ServiceBus, clock: Clock) -> None:
         self._bus = bus
         self._clock = clock
-        self._writers: dict[str, tuple[Publisher[ButtonEvent], Publisher[WristSample]]] = {}
+        self._writers: dict[str, Writers] = {}
         self._presses = 0
         self.states: dict[str, str] = {}
         """State of the interaction by user, where known."""
@@ -35,7 +45,10 @@ class People:
     def on_join(self, user: str) -> None:
         """Add `user`."""
         if user not in self._writers:
-            self._writers[user] = (self._bus.publisher(BUTTON, user), self._bus.publisher(WRIST, user))
+            publisher = self._bus.publisher
+            self._writers[user] = Writers(
+                publisher(BUTTON, user), publisher(WRIST, user), publisher(SPEECH, user)
+            )
 
     def on_leave(self, user: str) -> None:
         """Remove `user`."""
@@ -56,15 +69,26 @@ class People:
     def press(self, user: str, gesture: Gesture = "press") -> None:
         """Press the button of `user`, who must be present."""
         self._presses += 1
-        self._writers[user][0].put(
+        self._writers[user].button.put(
             ButtonEvent(stamp_ns=self._clock.now_ns(), seq=self._presses, gesture=gesture, source="page")
         )
+
+    def speak(self, user: str, words: Sequence[Mapping[str, Any]]) -> None:
+        """Publish words of `user`, who must be present; `words` have ages of wall time, s."""
+        now_ns, speed = self._clock.now_ns(), self._clock.speed
+
+        def stamped(word: Mapping[str, Any]) -> Word:
+            start_ns, end_ns = (now_ns - round(word[age] * speed * NS_PER_S) for age in ("start_s", "end_s"))
+            return Word(text=word["text"], start_ns=start_ns, end_ns=end_ns, confidence=word["confidence"])
+
+        said = tuple(stamped(word) for word in words)
+        self._writers[user].speech.put(Speech(stamp_ns=said[-1].end_ns, words=said, recogniser=BROWSER))
 
     def move(self, user: str, sample: WristSample) -> None:
         """Publish the orientation of the wrist of `user` if they are present."""
         writers = self._writers.get(user)
         if writers is not None:
-            writers[1].put(sample)
+            writers.wrist.put(sample)
 
 
 @dataclass(kw_only=True)

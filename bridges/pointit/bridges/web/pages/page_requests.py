@@ -15,6 +15,8 @@ the query's fields. Deeds are handled by this server; `name` is the person:
 - `told_apart`: number of things that pointing alone tells apart, by place on the floor; the reply has the
   fields of `Floor` in `model/told_apart.py`.
 - `map_room`: let a phone map the room by its camera; the reply is as that of `pair`.
+- `speak`, `{"words": [{"text", "start_s", "end_s", "confidence"}]}`: what the person said. Times are ages of
+  onset and end when it is sent, s, so that no clock has to agree.
 - `centre`: the person's arm points at the middle of the room right now.
 - `read_map`, `check_map`, `save_map`: the map of the site in the plan editor, see `model/map_editor.py`.
 """
@@ -30,6 +32,8 @@ from pointit.bridges.web.wrists.wrist_control import MAX_TREMOR_DEG
 from pointit.maps.edit.edits import Edit
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import Query, summarize_validation_error, topics
+from pointit.schemas.base import Fraction
+from pointit.schemas.person import MAX_WORDS
 
 OPERATORS: tuple[topics.Request[Any, Any], ...] = (
     topics.ADD_PACKAGE,
@@ -65,7 +69,7 @@ LOOKS: tuple[Deed, ...] = ("told_apart",)
 
 MAPS: tuple[Deed, ...] = ("read_map", "check_map", "save_map")
 
-WRIST: tuple[Deed, ...] = ("press", "take", "give", "centre")
+WRIST: tuple[Deed, ...] = ("press", "take", "give", "centre", "speak")
 
 DEEDS: dict[Role, tuple[Deed, ...]] = {
     "operator": (*WRIST, "tremor", "pair", "open_lan", "find_wrists", "map_room", *MAPS, *LOOKS),
@@ -77,6 +81,9 @@ SITE_DEEDS: tuple[Deed, ...] = ("open_lan", "find_wrists", "map_room", *MAPS, *L
 """Deeds that are about no person."""
 
 MAX_EDITS = 1000
+
+OLDEST_S = 60.0
+"""Largest age of a word, s."""
 
 TIMEOUTS_S = {topics.RUN_SCENARIO.key: 15.0}
 """Timeouts (s) of replies that take longer than usual."""
@@ -106,6 +113,21 @@ class Pair(_Extras):
     off: bool = False
 
 
+class Said(_Extras):
+    """A word that the browser of the person recognised."""
+
+    text: str = Field(min_length=1, max_length=64)
+    start_s: float = Field(ge=0, le=OLDEST_S, description="age of its onset")
+    end_s: float = Field(ge=0, le=OLDEST_S)
+    confidence: Fraction | None = None
+
+
+class Speak(_Extras):
+    """An utterance of the person."""
+
+    words: tuple[Said, ...] = Field(min_length=1, max_length=MAX_WORDS)
+
+
 class MapEdits(_Extras):
     """Edits of the map."""
 
@@ -129,6 +151,7 @@ EXTRAS: dict[Deed, type[_Extras]] = {
     "press": Press,
     "tremor": Tremor,
     "pair": Pair,
+    "speak": Speak,
     "check_map": MapEdits,
     "save_map": SaveMap,
 }

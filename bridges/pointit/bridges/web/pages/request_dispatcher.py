@@ -18,6 +18,7 @@ from pointit.bridges.web.pages.page_requests import (
     Pair,
     Press,
     SaveMap,
+    Speak,
     Tremor,
     parse_request,
 )
@@ -104,6 +105,10 @@ class RequestDispatcher:
             assert isinstance(wish.extras, Press)  # noqa: S101 - so says `asks`
             self.people.press(user, wish.extras.gesture)
             return {"message": f"{user}'s button was pressed"}
+        if wish.deed == "speak":
+            assert isinstance(wish.extras, Speak)  # noqa: S101 - so says `asks`
+            self.people.speak(user, [word.model_dump() for word in wish.extras.words])
+            return {"message": ""}
         if wish.deed == "take":
             return self._take(user, page, "phone" if role == "wrist" else "mouse")
         if wish.deed == "give":

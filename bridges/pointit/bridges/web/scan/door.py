@@ -8,7 +8,7 @@
 
 import asyncio
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from pydantic import BaseModel, ValidationError
 from starlette.requests import HTTPConnection, Request
@@ -23,7 +23,7 @@ from pointit.bridges.web.server.app import asked_of
 from pointit.bridges.web.server.bundle import Bundle, file_response, refusal
 from pointit.bridges.web.wrists.pairing import Pairing
 from pointit.runtime.errors import PointItError
-from pointit.schemas import SchemaError, StripsFrame, summarize_validation_error
+from pointit.schemas import SchemaError, summarize_validation_error
 
 COOKIE_S = 2 * 3600
 CAMERA = "camera"
@@ -65,7 +65,9 @@ class ScanDoor:
         self._is_wrist = is_wrist
         self._pairing = Pairing()
         self._room = room
-        self._frame = StripsFrame(stamp_ns=0, seq=0, strips=())
+        self._lit: dict[str, str] = {}
+        """Colours of all lights in hexadecimal digits, by strip or lamp, and their number so far."""
+        self._lit_seq = 0
         self._changed = asyncio.Event()
         self._is_open = bool(token)
         if token:
@@ -89,10 +91,11 @@ class ScanDoor:
         self._is_open = True
         return self._pairing.pair(CAMERA, time.monotonic())[0]
 
-    def lights(self, frame: StripsFrame) -> None:
-        """Show a frame of the LED driver to the simulated camera."""
+    def lights(self, colors: Mapping[str, bytes]) -> None:
+        """Show colours of the LED driver to the simulated camera: RGB of each pixel, by strip or lamp."""
         if self._room is not None:
-            self._frame = frame
+            self._lit.update({name: rgb.hex() for name, rgb in colors.items()})
+            self._lit_seq += 1
             self._changed.set()
 
     async def _open(self, request: Request) -> Response:
@@ -125,16 +128,10 @@ class ScanDoor:
                 case wire.ScanLight():
                     await session.light(said)
                     return Response(status_code=204)
-                case wire.ScanBegin():
-                    session.begin(said)
-                case wire.ScanView():
-                    session.view(said)
-                case wire.ScanUndo():
-                    session.undo()
                 case wire.ScanSave():
                     await asyncio.to_thread(session.save, said)
-                case wire.ScanLook():
-                    pass
+                case _:
+                    session.take(said)
         except ValidationError as error:
             return PlainTextResponse(f"malformed: {summarize_validation_error(error)}", 400)
         except (PointItError, SchemaError) as error:
@@ -159,15 +156,14 @@ class ScanDoor:
     async def _see_lights(self, request: Request) -> Response:
         if not self._is_admitted(request):
             return PlainTextResponse(CLOSED, 403)
-        if str(self._frame.seq) == request.query_params.get("after"):
+        if str(self._lit_seq) == request.query_params.get("after"):
             self._changed.clear()
             try:
                 async with asyncio.timeout(LIGHTS_S):
                     await self._changed.wait()
             except TimeoutError:
                 pass
-        strips = {strip.id: strip.rgb.hex() for strip in self._frame.strips}
-        return JSONResponse({"seq": self._frame.seq, "strips": strips})
+        return JSONResponse({"seq": self._lit_seq, "strips": self._lit})
 
     def _is_admitted(self, request: Request) -> bool:
         if self._pairing.phone(request.cookies.get(_cookie(request), "")) is not None:

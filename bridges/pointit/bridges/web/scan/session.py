@@ -9,11 +9,23 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from pointit.bridges.web.scan.code import marked_pixels, picture, steps_of
-from pointit.bridges.web.scan.wire import ScanBegin, ScanLight, ScanSave, ScanState, ScanStrip, ScanView
+from pointit.bridges.web.scan.wire import (
+    ScanBegin,
+    ScanLight,
+    ScanLook,
+    ScanSave,
+    ScanState,
+    ScanStrip,
+    ScanThing,
+    ScanUndo,
+    ScanView,
+)
 from pointit.geometry.vector import Vec3
+from pointit.maps.edit.new_file import write_new
 from pointit.runtime.errors import ConfigError, PointItError, RefusedError
-from pointit.scan.views import KnownLength, Mark, Sighting, StripSpec, Survey, View, check_survey
+from pointit.scan.views import KnownLength, LampSpec, Mark, Sighting, StripSpec, Survey, View, check_survey
 from pointit.schemas import LitPixels, Strip
+from pointit.schemas.topics import check_name
 
 log = logging.getLogger(__name__)
 
@@ -42,8 +54,10 @@ class Solution:
     advice: str = ""
     next_m: Vec3 | None = None
     """Place of the camera for the next view, if one is advised."""
-    map_text: Callable[[str], str] = field(default=lambda _origin: "")
-    """Returns the map with its origin at a strip, as YAML. Raises ConfigError."""
+    thing: Callable[[ScanThing], ScanStrip] | None = None
+    """Returns a thing by its corners. Raises RefusedError."""
+    map_text: Callable[[str, Sequence[ScanThing]], str] = field(default=lambda _origin, _things: "")
+    """Returns the map with its origin at a strip, and with things, as YAML. Raises PointItError."""
 
 
 Solve = Callable[[Survey], Awaitable[Solution]]
@@ -70,6 +84,7 @@ class ScanSession:
         self._begun = ScanBegin()
         self._lights: tuple[tuple[str, int], ...] = ()
         self._views: list[View] = []
+        self._things: dict[str, ScanThing] = {}
         self._solution: Solution | None = None
         self._solving: asyncio.Task[None] | None = None
         self._problem = ""
@@ -78,20 +93,34 @@ class ScanSession:
     def set_strips(self, counts: Mapping[str, int], leds_per_m: Mapping[str, float] | None = None) -> None:
         """Set the strips of the site's map, their numbers of pixels, and pixels per metre if known.
 
-        Other strips, or numbers, begin a new scan.
+        One with a single pixel is a point: a lamp. Other strips, or numbers, begin a new scan.
         """
         self._leds_per_m = dict(leds_per_m or {})
         if dict(counts) != self._counts:
             self._counts = dict(counts)
             self._restart(ScanBegin())
 
-    def begin(self, said: ScanBegin) -> None:
-        """Forget all views, and begin.
+    def take(self, said: ScanBegin | ScanView | ScanUndo | ScanThing | ScanLook) -> None:
+        """Begin, add a view or a thing, or forget the last view.
 
         Raises:
-            RefusedError: If there are no strips, or a strip is unknown.
+            PointItError: If what is said is impossible, of other lights, or too much. One sentence.
+            KeyNameError: If a thing's name is unusable.
         """
-        if not self._counts:
+        match said:
+            case ScanBegin():
+                self._begin(said)
+            case ScanView():
+                self._view(said)
+            case ScanUndo():
+                self._undo()
+            case ScanThing():
+                self._thing(said)
+            case ScanLook():
+                pass
+
+    def _begin(self, said: ScanBegin) -> None:
+        if max(self._counts.values(), default=0) < 2:
             raise RefusedError(
                 "the map of the site has no strips: add them with their numbers of pixels, anywhere in the "
                 "room, or start `pointit map scan -o FILE --strip NAME=PIXELS`"
@@ -114,12 +143,7 @@ class ScanSession:
         else:
             await self._show(picture(self._lights, said.step, said.brightness), SHOWN_S)
 
-    def view(self, said: ScanView) -> None:
-        """Add a view, and solve.
-
-        Raises:
-            RefusedError: If it is not of this scan, or there are too many.
-        """
+    def _view(self, said: ScanView) -> None:
         if len(self._views) >= MAX_VIEWS:
             raise RefusedError(f"{MAX_VIEWS} views are enough: save the map, or begin again")
         if any(index >= len(self._lights) for index, _, _ in said.seen):
@@ -127,17 +151,31 @@ class ScanSession:
         seen = tuple(Sighting(*self._lights[index], u, v) for index, u, v in said.seen)
         view = View(said.width, said.height, seen, said.gravity)
         try:
-            check_survey(self._survey(()).strips, (), (view,))
+            check_survey(self._survey(()).strips, self._survey(()).lamps, (view,))
         except ConfigError as error:
             raise RefusedError(str(error)) from error
         self._views.append(view)
         self._begin_to_solve()
 
-    def undo(self) -> None:
-        """Forget the last view."""
+    def _undo(self) -> None:
         if self._views:
             self._views.pop()
+            self._things = {
+                name: thing
+                for name, thing in self._things.items()
+                if all(view < len(self._views) for taps in thing.corners for view, _, _ in taps)
+            }
         self._begin_to_solve()
+
+    def _thing(self, said: ScanThing) -> None:
+        check_name(said.name)
+        if not said.corners:
+            self._things.pop(said.name, None)
+            return
+        if self._solution is None or self._solution.thing is None:
+            raise RefusedError("nothing is known yet: take two views or more first")
+        self._solution.thing(said)
+        self._things[said.name] = said
 
     def map_text(self, origin: str) -> str:
         """Return the map of what is known, as YAML.
@@ -148,28 +186,22 @@ class ScanSession:
         if self._solution is None or not any(strip.line_m for strip in self._solution.strips):
             raise RefusedError("nothing is known yet: take two views or more first")
         try:
-            return self._solution.map_text(origin)
-        except ConfigError as error:
+            return self._solution.map_text(origin, tuple(self._things.values()))
+        except PointItError as error:
             raise RefusedError(str(error)) from error
 
     def save(self, said: ScanSave) -> None:
         """Write the map to a new file.
 
         Raises:
-            RefusedError: If its name is unusable, the file exists, or nothing is known yet.
+            PointItError: If its name is unusable, the file exists, or nothing is known yet.
         """
         name = said.name if said.name.endswith((".yaml", ".yml")) else f"{said.name}.yaml"
         if not FILE_NAME.fullmatch(name):
             raise RefusedError(f"{said.name!r} is no name for a map: use letters, digits, - and _")
         text = self.map_text(said.origin)
         path = self._folder / name
-        try:
-            with path.open("x", encoding="utf-8") as file:
-                file.write(text)
-        except FileExistsError as error:
-            raise RefusedError(f"{name} exists already in {self._folder}: choose another name") from error
-        except OSError as error:
-            raise RefusedError(f"{path} cannot be written ({error.strerror or error})") from error
+        write_new(path, text)
         self._saved = str(path)
         log.info("the scanned map is in %s: check it with `pointit map check %s`", path, path)
 
@@ -180,13 +212,15 @@ class ScanSession:
             name: sum(any(each.name == name for each in view.sightings) for view in self._views)
             for name in self._counts
         }
+        strips = [
+            known.get(name, ScanStrip(name=name, pixels=count)).model_copy(
+                update={"seen": seen[name], "leds_per_m": self._leds_per_m.get(name)}
+            )
+            for name, count in self._counts.items()
+            if count > 1 or self._begun.has_lamps
+        ]
         return ScanState(
-            strips=tuple(
-                known.get(name, ScanStrip(name=name, pixels=count)).model_copy(
-                    update={"seen": seen[name], "leds_per_m": self._leds_per_m.get(name)}
-                )
-                for name, count in self._counts.items()
-            ),
+            strips=(*strips, *map(self._known_thing, self._things.values())),
             lights=self._lights,
             cameras_m=() if self._solution is None else self._solution.cameras_m,
             views=len(self._views),
@@ -208,12 +242,26 @@ class ScanSession:
             self._solving.cancel()
             await asyncio.gather(self._solving, return_exceptions=True)
 
+    def _known_thing(self, thing: ScanThing) -> ScanStrip:
+        try:
+            if self._solution is not None and self._solution.thing is not None:
+                return self._solution.thing(thing)
+        except RefusedError as error:
+            return ScanStrip(name=thing.name, pixels=0, reason=str(error))
+        return ScanStrip(name=thing.name, pixels=0)
+
     def _restart(self, begun: ScanBegin) -> None:
         self._begun = begun
         self._views.clear()
+        self._things.clear()
         self._solution = None
         self._problem = self._saved = ""
-        lights = [(name, pixel) for name, count in self._counts.items() for pixel in marked_pixels(count)]
+        lights = [
+            (name, pixel)
+            for name, count in self._counts.items()
+            if count > 1 or begun.has_lamps
+            for pixel in marked_pixels(count)
+        ]
         self._lights = tuple(lights[:MAX_LIGHTS])
 
     def _survey(self, views: tuple[View, ...]) -> Survey:
@@ -227,7 +275,8 @@ class ScanSession:
         if self._begun.known_strip and self._begun.known_m is not None:
             name = self._begun.known_strip
             known = KnownLength(Mark(name, 0), Mark(name, self._counts[name] - 1), self._begun.known_m)
-        return Survey(strips, (), views, known)
+        lamps = tuple(LampSpec(name) for name, _ in self._lights if self._counts[name] == 1)
+        return Survey(strips, lamps, views, known)
 
     def _begin_to_solve(self) -> None:
         if self._solving is None:

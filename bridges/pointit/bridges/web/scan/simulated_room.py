@@ -1,4 +1,4 @@
-"""A room for a simulated camera: true places of the strips, which the site's map does not know."""
+"""A room for a simulated camera: true places of its lights, which the site's map does not know."""
 
 import math
 from pathlib import Path
@@ -20,7 +20,7 @@ PLACES = ((0.0, 1.5), (-38.0, 1.1), (35.0, 1.9), (-18.0, 2.1), (20.0, 0.8), (-52
 
 
 class SimulatedRoom:
-    """Strips that a simulated camera sees, and its places, which lie in front of them: on the side of -y."""
+    """Lights that a simulated camera sees, and its places, which lie in front of them: on the side of -y."""
 
     def __init__(self, name_or_path: str = str(ROOM)) -> None:
         """Read the room's map, a shipped one or a file.
@@ -28,8 +28,10 @@ class SimulatedRoom:
         Raises:
             ConfigError: If it cannot be read.
         """
-        strips = load_map(name_or_path, 0).strips
-        places = [pixel_places(strip) for strip in strips]
+        room = load_map(name_or_path, 0)
+        lights: dict[str, tuple[Vec3, ...]] = {lamp.id: (lamp.position_m,) for lamp in room.lamps}
+        lights |= {strip.id: pixel_places(strip) for strip in room.strips}
+        places = lights.values()
         all_m = np.array([place for each in places for place in each])
         x_m, y_m = np.mean(all_m, axis=0)[:2]
         away_m = AWAY * float(np.max(np.ptp(all_m[:, :2], axis=0)))
@@ -38,10 +40,7 @@ class SimulatedRoom:
             angle = math.radians(azimuth_deg)
             cameras.append((x_m + away_m * math.sin(angle), y_m - away_m * math.cos(angle), height_m))
         self.seen = ScanRoom(
-            strips=tuple(
-                ScanRoomStrip(name=strip.id, places_m=places)
-                for strip, places in zip(strips, places, strict=True)
-            ),
+            strips=tuple(ScanRoomStrip(name=name, places_m=places) for name, places in lights.items()),
             places_m=tuple(cameras),
         )
 

@@ -35,7 +35,7 @@ class SolverProcess:
         except BrokenExecutor as error:
             self.close()
             raise ConfigError("the solver's process has ended; take the next view") from error
-        return solution_of(scan)
+        return solution_of(scan, (survey.views[0].width, survey.views[0].height))
 
     def close(self) -> None:
         """End the process."""

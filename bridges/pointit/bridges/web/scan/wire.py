@@ -31,6 +31,7 @@ class ScanBegin(WireModel):
     known_m: Annotated[float | None, Field(gt=0, le=100, description="from its first to its last pixel")] = (
         None
     )
+    has_lamps: Annotated[bool, Field(description="true if the lamps of the map blink, too")] = True
 
 
 class ScanLight(WireModel):
@@ -61,6 +62,27 @@ class ScanUndo(WireModel):
     kind: Literal["undo"] = "undo"
 
 
+class ScanThing(WireModel):
+    """A thing by its corners, or none to forget it: each in two views or more, view (from 0) and position.
+
+    A box: three corners of its top, one after the other, and one of its foot. Others: three corners.
+    """
+
+    kind: Literal["thing"] = "thing"
+    name: Annotated[str, Field(min_length=1, max_length=64)]
+    shape: Literal["box", "screen", "table"] = "box"
+    corners: Annotated[
+        tuple[
+            Annotated[
+                tuple[tuple[Annotated[int, Field(ge=0, lt=64)], ImagePosition, ImagePosition], ...],
+                Field(min_length=2, max_length=8),
+            ],
+            ...,
+        ],
+        Field(max_length=4),
+    ] = ()
+
+
 class ScanSave(WireModel):
     """Write the map: x from the first to the last pixel of `origin`, z = 0 at the lowest light."""
 
@@ -76,13 +98,18 @@ class ScanLook(WireModel):
 
 
 ScanSaid = Annotated[
-    ScanBegin | ScanLight | ScanView | ScanUndo | ScanSave | ScanLook, Field(discriminator="kind")
+    ScanBegin | ScanLight | ScanView | ScanUndo | ScanThing | ScanSave | ScanLook, Field(discriminator="kind")
 ]
-SAID: TypeAdapter[ScanBegin | ScanLight | ScanView | ScanUndo | ScanSave | ScanLook] = TypeAdapter(ScanSaid)
+SAID: TypeAdapter[ScanBegin | ScanLight | ScanView | ScanUndo | ScanThing | ScanSave | ScanLook] = (
+    TypeAdapter(ScanSaid)
+)
 
 
 class ScanStrip(WireModel):
-    """A strip, its line as far as it is known."""
+    """A strip, its line as far as it is known; or a lamp: one pixel, a line of one point.
+
+    Or a thing that was tapped: no pixels, a line of its corners.
+    """
 
     name: str
     pixels: int
@@ -114,7 +141,7 @@ class ScanState(WireModel):
 
 
 class ScanRoomStrip(WireModel):
-    """A strip as a simulated camera sees it."""
+    """A strip, or a lamp of one pixel, as a simulated camera sees it."""
 
     name: str
     places_m: Annotated[tuple[Vec3, ...], Field(description="of its pixels")]
@@ -127,4 +154,4 @@ class ScanRoom(WireModel):
     places_m: Annotated[tuple[Vec3, ...], Field(description="places from which the camera looks, in turn")]
 
 
-MODELS = (ScanBegin, ScanLight, ScanView, ScanUndo, ScanSave, ScanLook, ScanState, ScanRoom)
+MODELS = (ScanBegin, ScanLight, ScanView, ScanUndo, ScanThing, ScanSave, ScanLook, ScanState, ScanRoom)

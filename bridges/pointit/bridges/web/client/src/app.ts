@@ -24,6 +24,7 @@ import { pairingDialog } from "./panel/pairing";
 import { makePanel } from "./panel/panel";
 import { peoplePart } from "./panel/people";
 import { robotsPart, stopAll } from "./panel/robots";
+import { speechPart } from "./panel/speech";
 import { tuningPart } from "./panel/tuning";
 import { mapRoomPart } from "./panel/map_room";
 import { wristsPart } from "./panel/wrists";
@@ -82,7 +83,7 @@ const belts = beltsPart(controls);
 const tuning = tuningPart(controls);
 const look = lookPart(controls, changeLook);
 const panel = makePanel(at("panel"), controls, [
-  { name: "Control", icon: "sliders", parts: [nowPart(controls), robotsPart(controls), moverPart(controls, mouse, pairing), belts, peoplePart(controls, scenario), wristsPart(controls), mapRoomPart(controls), tuning, mapPart(controls), look] },
+  { name: "Control", icon: "sliders", parts: [nowPart(controls), speechPart(controls), robotsPart(controls), moverPart(controls, mouse, pairing), belts, peoplePart(controls, scenario), wristsPart(controls), mapRoomPart(controls), tuning, mapPart(controls), look] },
   { name: "Health", icon: "pulse", parts: [healthPart(controls, () => stage.view?.stats ?? null), messagesPart(controls)] },
 ]);
 const stop = stopAll(at("stop"), controls);

@@ -2,6 +2,7 @@
 
 import "./phone.css";
 import { chime } from "./sound";
+import { Voice } from "./voice";
 import type { Feedback } from "./messages";
 import type { Cue } from "./wire";
 import { watchBattery } from "./phone/battery";
@@ -33,6 +34,17 @@ class Wrist {
   private cue: Cue | null = null;
   private hasArm = true;
   private awaited = new Map<number, string>();
+  private readonly voice = new Voice({
+    hearing: (text) => this.screen.say(`… ${text}`),
+    said: (words) => {
+      this.screen.say(`“${words.map(({ text }) => text).join(" ")}”`);
+      this.ask("speak", "speak", { words });
+    },
+    turned: (isOn, problem) => {
+      this.screen.write("listen", isOn ? "Do not listen" : "Listen");
+      if (problem) this.screen.say(problem);
+    },
+  });
   private ticking: ReturnType<typeof setInterval> | undefined;
   private figuresAt = 0;
 
@@ -46,6 +58,7 @@ class Wrist {
     screen.onTap("skip", () => this.enter("button"));
     screen.onTap("centre", () => this.enter("centre"));
     screen.onTap("place", () => this.findPlace());
+    screen.onTap("listen", () => this.voice.toggle());
     screen.onTap("let-go", () => this.changeHands());
     this.listenToButton();
     document.addEventListener("visibilitychange", () => {
@@ -97,6 +110,7 @@ class Wrist {
     this.sensing?.stop();
     this.sensing = null;
     this.pace.stop();
+    this.voice.stop();
     clearInterval(this.ticking);
     if (!isOver) this.link.stop();
     this.wake.want(false);
@@ -107,6 +121,7 @@ class Wrist {
   private enter(stage: typeof this.stage): void {
     this.stage = stage;
     this.screen.stage(stage);
+    this.screen.show("listen", stage === "button" && this.voice.isThere);
     this.show();
     if (stage === "centre" || stage === "button") this.screen.big.focus({ preventScroll: true });
   }
@@ -128,7 +143,7 @@ class Wrist {
     if (this.link.say({ kind: "turn", q, t_ms: t, session: this.session, battery: this.charge })) this.rate.tick(now);
   }
 
-  private ask(deed: "press" | "take" | "give" | "centre", what: string, query: Record<string, unknown> = {}): void {
+  private ask(deed: "press" | "take" | "give" | "centre" | "speak", what: string, query: Record<string, unknown> = {}): void {
     this.await(this.link.ask({ deed, key: "", name: "", query }), what);
   }
 

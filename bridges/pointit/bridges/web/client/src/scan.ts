@@ -12,6 +12,7 @@ import { Capturer, Unread } from "./scan/capture";
 import { gravity } from "./scan/gravity";
 import { drawPlan } from "./scan/plan";
 import { SimulatedCamera } from "./scan/simulated";
+import { Things } from "./scan/things";
 import { ask, capital, light, lights, Refused, simulatedRoom } from "./scan/site";
 
 const POLL_MS = 400;
@@ -19,6 +20,9 @@ const USUAL_LEDS_PER_M = 60;
 const GIVE_BACK = -2;
 /** Step that is shown between views, so that the person sees what the camera has to see, and how often it is renewed, ms. */
 const AIM = { step: 1, brightness: 0.35, period: 3000 };
+
+/** Time that lamps on a bridge take to change, beyond the answer of the site, ms. */
+const LAMPS_MS = 800;
 
 /** To 0.01 image pixels, so that a view of all lights fits a body. */
 const rounded = (value: number) => Math.round(100 * value) / 100;
@@ -34,14 +38,15 @@ class Page {
   private simulated: SimulatedCamera | null = null;
   private sensing: Sensing | null = null;
   private held: Quaternion | null = null;
+  private readonly things = new Things((thing) => void this.attempt(async () => this.show(await ask({ kind: "thing", ...thing }))));
   private isTaking = false;
   private aimed: Promise<void> = Promise.resolve();
   private aiming: ReturnType<typeof setInterval> | undefined;
 
   constructor() {
     const taps: Record<string, () => Promise<void>> = {
-      start: () => this.start(), take: () => this.take(), walk: () => this.walk(),
-      undo: async () => this.show(await ask({ kind: "undo" })), again: () => this.begin(),
+      start: () => this.start(), take: () => this.take(),
+      undo: () => this.undo(), again: () => this.begin(),
     };
     for (const [id, deed] of Object.entries(taps)) button(id).addEventListener("click", () => void this.attempt(deed));
     part<HTMLFormElement>("finish").addEventListener("submit", (event) => {
@@ -69,9 +74,12 @@ class Page {
 
   /** Ask for the LEDs per metre of each strip. */
   private offer(state: ScanState): void {
-    const names = state.strips.map(({ name }) => name);
+    const strips = state.strips.filter(({ pixels }) => pixels > 1), lamps = state.strips.filter(({ pixels }) => pixels === 1);
+    const names = strips.map(({ name }) => name);
+    part("with-lamps").hidden = !lamps.length;
+    part("lamps").textContent = lamps.map(({ name }) => name).join(", ");
     part("pitches").className = "fields";
-    part("pitches").replaceChildren(...state.strips.map(({ name, pixels, leds_per_m }) => el("label", {}, `${name}: ${pixels} LEDs, per metre `,
+    part("pitches").replaceChildren(...strips.map(({ name, pixels, leds_per_m }) => el("label", {}, `${name}: ${pixels} LEDs, per metre `,
       el("input", { type: "number", min: 5, max: 500, step: "any", inputmode: "decimal", value: leds_per_m ?? USUAL_LEDS_PER_M, "data-strip": name }))));
     part("known-strip").replaceChildren(el("option", { value: "", text: "none" }), ...names.map((name) => el("option", { value: name, text: name })));
     part("origin").replaceChildren(...names.map((name) => el("option", { value: name, text: name })));
@@ -96,11 +104,9 @@ class Page {
       button("start").disabled = false;
     }
     this.sensing = await sensing;
-    this.capturer = new Capturer(this.camera, { show: light });
     this.wake.want(true);
     part("before").hidden = true;
     part("running").hidden = false;
-    button("walk").hidden = !this.simulated;
     const before = await ask({ kind: "look" });
     if (before.views) this.show(before); // the page was loaded again
     else await this.begin();
@@ -114,24 +120,34 @@ class Page {
     const per = [...document.querySelectorAll<HTMLInputElement>("[data-strip]")].filter(({ valueAsNumber }) => valueAsNumber > 1);
     const known = part<HTMLSelectElement>("known-strip").value;
     const metres = part<HTMLInputElement>("known-m").valueAsNumber;
+    this.things.forget(0);
     this.show(await ask({
       kind: "begin", leds_per_m: Object.fromEntries(per.map((input) => [input.dataset.strip!, input.valueAsNumber])),
       known_strip: metres > 0 ? known : "", known_m: known && metres > 0 ? metres : null,
+      has_lamps: part<HTMLInputElement>("has-lamps").checked,
     }));
   }
 
+  private async undo(): Promise<void> {
+    this.show(await ask({ kind: "undo" }));
+    this.things.forget(this.state!.views);
+    void this.attempt(() => this.follow());
+  }
+
   private async take(): Promise<void> {
-    if (this.isTaking || !this.capturer || !this.state) return;
+    if (this.isTaking || !this.camera || !this.state) return;
+    this.capturer ??= new Capturer(this.camera, { show: light }, this.state.strips.some(({ pixels }) => pixels === 1) ? LAMPS_MS : 0);
     this.isTaking = true;
     button("take").disabled = true;
     this.say("Hold still …");
     try {
       await this.aimed;
       const down = this.gravity();
-      const { seen, width, height } = await this.capturer.take(this.state.lights.length, (share) => this.count(share));
+      const { seen, still, width, height } = await this.capturer.take(this.state.lights.length, (share) => this.count(share));
       chime("tick");
       navigator.vibrate?.(40);
       this.show(await ask({ kind: "view", width, height, gravity: down, seen: seen.map(({ index, u, v }) => [index, rounded(u), rounded(v)]) }));
+      this.things.keep(this.state.views - 1, still);
       this.simulated?.walk();
       void this.attempt(() => this.follow());
     } catch (error) {
@@ -157,10 +173,6 @@ class Page {
     return gravity(this.held, screen.orientation.angle);
   }
 
-  private async walk(): Promise<void> {
-    this.simulated?.walk();
-  }
-
   private async follow(): Promise<void> {
     while (this.state?.is_solving) {
       await new Promise((resolve) => setTimeout(resolve, POLL_MS));
@@ -178,13 +190,14 @@ class Page {
   private show(state: ScanState): void {
     this.state = state;
     drawPlan(part<SVGSVGElement>("plan"), state);
-    part("strips").replaceChildren(...state.strips.map(({ name, seen, line_m, sigma_m, reason }) => el("tr", {},
-      el("th", { scope: "row", text: name }), el("td", { text: `${seen} ${seen === 1 ? "view" : "views"}` }),
+    part("strips").replaceChildren(...state.strips.map(({ name, pixels, seen, line_m, sigma_m, reason }) => el("tr", {},
+      el("th", { scope: "row" }, name, pixels ? null : el("button", { type: "button", className: "forget", text: "Forget", "aria-label": `Forget ${name}`,
+        onclick: () => void this.attempt(async () => this.show(await ask({ kind: "thing", name, shape: "box", corners: [] }))) })), el("td", { text: `${seen} ${seen === 1 ? "view" : "views"}` }),
       el("td", { text: line_m.length ? `${sigma_m === null ? "?" : `± ${(100 * sigma_m).toFixed(1)} cm`}${reason ? `: ${reason}` : ""}` : reason || "not yet" }))));
-    const done = state.is_complete ? "Every strip is known to 1 cm. Save the map, or take more views. " : "";
+    const done = state.is_complete ? "All lights are known to 1 cm. Save the map, or take more views. " : "";
     this.say(state.is_solving ? "Calculating …" : `${done}${state.problem ? capital(state.problem) : state.advice}`);
     button("undo").disabled = !state.views;
-    part("finish").hidden = !state.strips.some(({ line_m }) => line_m.length);
+    part("finish").hidden = !state.strips.some(({ line_m }) => line_m.length > 1);
     if (!state.saved) part("saved").textContent = "";
   }
 

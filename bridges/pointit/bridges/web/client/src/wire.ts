@@ -21,6 +21,7 @@ export interface Everything {
   ScanSave: ScanSave;
   ScanState: ScanState;
   ScanStrip: ScanStrip;
+  ScanThing: ScanThing;
   ScanUndo: ScanUndo;
   ScanView: ScanView;
   ServiceLine: ServiceLine;
@@ -83,6 +84,7 @@ export interface Ask {
         | "find_wrists"
         | "told_apart"
         | "centre"
+        | "speak"
         | "map_room"
         | "read_map"
         | "check_map"
@@ -172,6 +174,7 @@ export interface Hello {
     | "find_wrists"
     | "told_apart"
     | "centre"
+    | "speak"
     | "map_room"
     | "read_map"
     | "check_map"
@@ -263,6 +266,10 @@ export interface Playing {
  * Begin, or begin again: all views are forgotten.
  */
 export interface ScanBegin {
+  /**
+   * true if the lamps of the map blink, too
+   */
+  has_lamps: boolean;
   kind: "begin";
   /**
    * from its first to its last pixel
@@ -304,7 +311,7 @@ export interface ScanRoom {
   strips: ScanRoomStrip[];
 }
 /**
- * A strip as a simulated camera sees it.
+ * A strip, or a lamp of one pixel, as a simulated camera sees it.
  */
 export interface ScanRoomStrip {
   name: string;
@@ -367,7 +374,9 @@ export interface ScanState {
   views: number;
 }
 /**
- * A strip, its line as far as it is known.
+ * A strip, its line as far as it is known; or a lamp: one pixel, a line of one point.
+ *
+ * Or a thing that was tapped: no pixels, a line of its corners.
  */
 export interface ScanStrip {
   /**
@@ -392,6 +401,17 @@ export interface ScanStrip {
    * of its worse end; empty if unknown
    */
   sigma_m: number | null;
+}
+/**
+ * A thing by its corners, or none to forget it: each in two views or more, view (from 0) and position.
+ *
+ * A box: three corners of its top, one after the other, and one of its foot. Others: three corners.
+ */
+export interface ScanThing {
+  corners: [number, number, number][][];
+  kind: "thing";
+  name: string;
+  shape: "box" | "screen" | "table";
 }
 /**
  * Forget the last view.

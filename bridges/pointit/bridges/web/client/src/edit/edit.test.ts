@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { editsBetween, freeName, History, itemsOf, nameProblem, numberIn, sorted, type Item, type Items } from "./model";
 import { scaled, widened, type Picture } from "./picture";
-import { distanceTo, lengthOf, moved, outlineOf, turned, verticesOf, withLength, withVertices, yawOf, type Vec } from "./shape";
+import { aboutOrigin, distanceTo, lengthOf, moved, outlineOf, turned, verticesOf, withLength, withVertices, yawOf, type Vec } from "./shape";
 import { level, parallel, snapMove, snapTurn } from "./snap";
 
 const ITEMS: Items = itemsOf({
@@ -83,6 +83,15 @@ test("a strip is moved, turned about its middle, stretched from its first end, a
   assert.equal(moved(named("top"), 1, 1).value["length"], 2);
   const third = withVertices(named("low"), [[0, 0, 0], [1 / 3, 0, 0]]);
   assert.equal(JSON.stringify(third.value["line"]), "[[0,0,0],[0.333,0,0]]");
+});
+
+test("everything moves when a strip becomes the origin, and nothing moves against it", () => {
+  const placed = aboutOrigin(ITEMS, { ...named("top"), value: { ...named("top").value, line: [[1, 2, 1], [1, 4, 1]], direction: -1 } });
+  const now = (name: string) => placed.find((item) => item.name === name)!;
+  near(verticesOf(now("door"))[0]!, [4 - verticesOf(named("door"))[0]![1], verticesOf(named("door"))[0]![0] - 1, verticesOf(named("door"))[0]![2]]);
+  near([Math.sin(yawOf(now("desk"))! - yawOf(named("desk"))!), lengthOf(now("low"))], [1, lengthOf(named("low"))]);
+  near(outlineOf(now("wall"))![0]!, [4 - 2.98, -1 - 1]);
+  assert.equal(now("radio"), named("radio"));
 });
 
 test("boxes and walls are turned by their keys, and what is nowhere stays there", () => {

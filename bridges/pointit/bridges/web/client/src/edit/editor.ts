@@ -8,7 +8,7 @@ import { Canvas, titleOf } from "./canvas";
 import { Fields, findingLine } from "./fields";
 import { FloorPlan } from "./floorplan";
 import { editsBetween, freeName, History, itemsOf, SECTIONS, sorted, type Edit, type Finding, type Item, type Items, type Section, type Value } from "./model";
-import { middleOf, mm, moved, turned, verticesOf, withVertices, yawOf, type Vec } from "./shape";
+import { aboutOrigin, middleOf, mm, moved, turned, verticesOf, withVertices, yawOf, type Vec } from "./shape";
 import { level, parallel, snapMove, snapTurn } from "./snap";
 
 const CHECK_MS = 400;
@@ -35,6 +35,8 @@ const cmOf = (value: number): number => Math.round(value * 100) / 100;
 class Editor {
   private history = new History([]);
   private base: Items = [];
+  /** Sections of the file with places that are not edited here. */
+  private others: string[] = [];
   private file = { path: "", digest: "", shipped: false };
   private findings: readonly Finding[] = [];
   private chosenId = -1;
@@ -61,7 +63,7 @@ class Editor {
   private readonly copyProblem = el("span", { className: "edit-problem", id: "edit-copy-problem", role: "alert" });
   private readonly tools = el("div", { className: "edit-tools" },
     this.button("Parallel to the nearest", "sliders", () => this.snap(parallel)), this.button("Level with the nearest", "floor", () => this.snap(leveled)),
-    this.button("Remove", "clear", () => this.remove(), "Delete"));
+    this.button("Make it the origin", "place", () => this.makeOrigin()), this.button("Remove", "clear", () => this.remove(), "Delete"));
   private readonly dialog = el("dialog", { className: "editor", "aria-labelledby": "edit-title" });
 
   constructor(private readonly controls: Controls) {
@@ -121,6 +123,7 @@ class Editor {
     const reply = await this.ask("read_map", {});
     if (!reply) return false;
     this.base = itemsOf(reply["sections"] as Record<string, unknown>);
+    this.others = Object.keys(reply["sections"] as object).filter((name) => ![...SECTIONS, "links", "bays"].includes(name));
     this.history = new History(this.base);
     this.nextId = this.base.length;
     this.took(reply);
@@ -264,6 +267,15 @@ class Editor {
     if (!found) return this.say("There is nothing to go by.");
     this.put(found.item);
     this.say(`As ${found.to}.`);
+  }
+
+  /** Move everything so that the chosen item is at x = y = 0; what is not edited here would stay behind. */
+  private makeOrigin(): void {
+    const { chosen } = this;
+    if (!chosen || !middleOf(chosen)) return;
+    if (this.others.length) return this.say(`The map has ${this.others.join(", ")}, which would stay: use a text editor.`, true);
+    this.put(aboutOrigin(this.items, chosen));
+    this.say(`${titleOf(chosen)} is at x = y = 0.`);
   }
 
   private click(at: readonly [number, number]): void {

@@ -65,6 +65,18 @@ export function turned(item: Item, by: number): Item {
   return withVertices(item, line.map(([x, y, z]) => [mx + c * (x - mx) - s * (y - my), my + s * (x - mx) + c * (y - my), z]));
 }
 
+/** All items about another origin: that of a strip is its first pixel, with x along it; heights stay. */
+export function aboutOrigin(items: readonly Item[], origin: Item): readonly Item[] {
+  const vertices = verticesOf(origin), [x0, y0] = (origin.value["direction"] === -1 ? vertices.at(-1) : vertices[0])!;
+  const yaw = (yawOf(origin) ?? 0) + (origin.value["direction"] === -1 ? Math.PI : 0), [c, s] = [Math.cos(yaw), Math.sin(yaw)];
+  return items.map((item) => {
+    const middle = middleOf(item);
+    if (!middle) return item;
+    const [x, y] = [middle[0] - x0, middle[1] - y0];
+    return moved(turned(item, -yaw), c * x + s * y - middle[0], c * y - s * x - middle[1]);
+  });
+}
+
 /** Middle between the ends of a strip, or the place of others. */
 export function middleOf(item: Item): Vec | null {
   const vertices = verticesOf(item), a = vertices[0], b = vertices.at(-1);

@@ -5,7 +5,7 @@ export type Stage = "before" | "centre" | "button" | "over";
 
 const IDS = [
   "who", "link", "figures", "before", "start", "trouble", "running", "state", "next", "progress", "said", "big",
-  "big-name", "big-note", "skip", "centre", "place", "let-go",
+  "big-name", "big-note", "skip", "centre", "place", "listen", "let-go",
 ] as const;
 type Id = (typeof IDS)[number];
 
@@ -23,7 +23,7 @@ export class Screen {
   }
 
   /** Call `done` when a button is tapped. */
-  onTap(id: "start" | "skip" | "centre" | "place" | "let-go", done: () => void): void {
+  onTap(id: "start" | "skip" | "centre" | "place" | "listen" | "let-go", done: () => void): void {
     this.parts[id].addEventListener("click", done);
   }
 

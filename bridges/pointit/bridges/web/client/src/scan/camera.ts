@@ -62,9 +62,9 @@ export class Camera {
     });
   }
 
-  close(): void {
-    for (const track of this.stream.getTracks()) track.stop();
-    this.worker.terminate();
+  /** The picture that the camera shows now. */
+  still(): Promise<ImageBitmap> {
+    return createImageBitmap(this.video);
   }
 }
 

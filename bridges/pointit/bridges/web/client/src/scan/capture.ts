@@ -6,6 +6,8 @@ import { Reader, type Seen, type Trouble } from "./reader";
 
 export interface Capture {
   seen: Seen[];
+  /** The first frame in which the lights shone; their positions are those in it. It stays in the page. */
+  still: ImageBitmap;
   width: number;
   height: number;
 }
@@ -39,7 +41,8 @@ const SENTENCES: Record<Trouble, string> = {
 export class Capturer {
   private brightness = BRIGHTNESSES.first;
 
-  constructor(private readonly camera: Camera, private readonly lights: Lights) {}
+  /** `slowMs`: time that the slowest lights take beyond the answer of `lights`, ms. */
+  constructor(private readonly camera: Camera, private readonly lights: Lights, private readonly slowMs = 0) {}
 
   /**
    * Take a view of `count` lights; `progress` gets the share that is done.
@@ -63,17 +66,18 @@ export class Capturer {
     await new Promise((resolve) => setTimeout(resolve, DARK_MS));
     await this.camera.look("dark");
     const { width, height } = await this.camera.look("dark");
-    const reader = new Reader(count, width);
+    const reader = new Reader(count, width, this.slowMs);
     await this.lights.show(0, this.brightness);
-    let shownAt = performance.now();
+    let shownAt = performance.now(), still: ImageBitmap | null = null;
     for (;;) {
       const { blobs } = await this.camera.look("lit");
       if (!this.camera.isLive) throw new Unread("The camera has ended: load the page again.");
       const verdict = reader.take(blobs, performance.now() - shownAt);
-      if (verdict.kind === "done") return { seen: verdict.seen, width, height };
+      if (verdict.kind === "done") return { seen: verdict.seen, still: still!, width, height };
       if (verdict.kind === "trouble") return verdict;
       if (verdict.kind === "show") {
         progress(verdict.step / stepsOf(count));
+        still ??= await this.camera.still();
         await this.lights.show(verdict.step, this.brightness);
         shownAt = performance.now();
       }

@@ -59,7 +59,8 @@ export class Reader {
   private grace = 0;
   private beforeCount = -1;
 
-  constructor(private readonly count: number, private readonly width: number) {
+  /** `slowMs`: lights may change that much later than others, as lamps on a bridge. */
+  constructor(private readonly count: number, private readonly width: number, private readonly slowMs = 0) {
     this.steps = stepsOf(count);
     this.reach = Math.max(3, REACH * width);
   }
@@ -68,14 +69,15 @@ export class Reader {
   take(blobs: readonly Blob[] | null, sinceMs: number): Verdict {
     const isLate = sinceMs > PATIENCE_MS && ++this.frames > LEAST_FRAMES;
     if (!blobs) return isLate ? { kind: "trouble", trouble: "crowd" } : WAIT;
-    if (this.step === 0) return this.takeFirst(blobs, isLate);
-    if (this.step === 1) return this.takeSecond(blobs, isLate);
-    return this.takeBit(blobs, isLate);
+    const isEarly = sinceMs < this.slowMs;
+    if (this.step === 0) return this.takeFirst(blobs, isEarly, isLate);
+    if (this.step === 1) return this.takeSecond(blobs, isEarly, isLate);
+    return this.takeBit(blobs, isEarly, isLate);
   }
 
   /** All are red: as many as in the frame before. */
-  private takeFirst(blobs: readonly Blob[], isLate: boolean): Verdict {
-    const isSettled = blobs.length > 0 && Math.abs(blobs.length - this.beforeCount) <= 0.1 * blobs.length;
+  private takeFirst(blobs: readonly Blob[], isEarly: boolean, isLate: boolean): Verdict {
+    const isSettled = !isEarly && blobs.length > 0 && Math.abs(blobs.length - this.beforeCount) <= 0.1 * blobs.length;
     this.beforeCount = blobs.length;
     if (!isSettled) return isLate ? { kind: "trouble", trouble: "nothing" } : WAIT;
     this.first = [...blobs];
@@ -83,10 +85,10 @@ export class Reader {
   }
 
   /** Those of the red ones that are green now are lights of ours. */
-  private takeSecond(blobs: readonly Blob[], isLate: boolean): Verdict {
+  private takeSecond(blobs: readonly Blob[], isEarly: boolean, isLate: boolean): Verdict {
     const now = followed(this.first, blobs, this.shift, this.reach);
     const pairs = this.first.flatMap((first, i) => (now[i] && now[i].colour !== first.colour ? [{ first, now: now[i] }] : []));
-    const isSettled = pairs.length > 0 && Math.abs(pairs.length - this.beforeCount) <= 0.1 * pairs.length;
+    const isSettled = pairs.length > 0 && !(isEarly && pairs.length < this.first.length) && Math.abs(pairs.length - this.beforeCount) <= 0.1 * pairs.length;
     this.beforeCount = pairs.length;
     if (!isSettled) return isLate ? { kind: "trouble", trouble: "nothing" } : WAIT;
     const right = pairs.filter(({ first, now: blob }) => first.colour === 0 && blob.colour === 1);
@@ -106,7 +108,7 @@ export class Reader {
   }
 
   /** A light has its next colour when two frames agree; controllers may be of different delays. */
-  private takeBit(blobs: readonly Blob[], isLate: boolean): Verdict {
+  private takeBit(blobs: readonly Blob[], isEarly: boolean, isLate: boolean): Verdict {
     const now = followed(this.tracks.map(({ start }) => start), blobs, this.shift, this.reach);
     if (Math.hypot(this.shift.u, this.shift.v) > FARTHEST * this.width) return { kind: "trouble", trouble: "moved" };
     this.tracks.forEach((track, i) => {
@@ -121,7 +123,7 @@ export class Reader {
     const live = this.tracks.filter(({ colours }) => colours.at(-1) != null);
     const share = live.filter(({ votes }) => Math.max(...votes) > 1).length / Math.max(1, live.length);
     if (share < (isLate ? LEAST_LEFT : ENOUGH)) return isLate ? { kind: "trouble", trouble: "lost" } : WAIT;
-    if (share < 1 && !isLate && this.grace++ < GRACE) return WAIT;
+    if (share < 1 && !isLate && (isEarly || this.grace++ < GRACE)) return WAIT;
     for (const { colours, votes } of this.tracks) {
       const most = Math.max(...votes);
       colours.push(most > 1 ? (votes.indexOf(most) as Colour) : null);

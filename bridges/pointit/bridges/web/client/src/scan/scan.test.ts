@@ -96,20 +96,25 @@ interface World {
   /** Lights hidden from a step on. */
   hidden?: { from: number; share: number };
   isDark?: boolean;
+  /** Frames by which the first light changes later than the others, and the reader's patience for it, ms. */
+  slow?: { frames: number; ms: number };
   /** Lights are dark in some frames, others in each, as those that a slow PWM dims. */
   flickers?: boolean;
 }
 
 /** Read a view of `PLACES`. */
-function read({ delay = 2, radius = 1.2, peak = 200, drift = 0.3, order = [0, 1, 2], hidden, isDark = false, flickers = false }: World): Verdict {
-  const reader = new Reader(PLACES.length, WIDTH);
+function read({ delay = 2, radius = 1.2, peak = 200, drift = 0.3, order = [0, 1, 2], hidden, isDark = false, slow = { frames: 0, ms: 0 }, flickers = false }: World): Verdict {
+  const reader = new Reader(PLACES.length, WIDTH, slow.ms);
   const dark = frame([]);
   const threshold = thresholdOf(dark, frame([], { seed: 3 }));
-  let [shown, since] = [-1, 0];
+  let [shown, since, slowShown] = [-1, 0, -1];
   for (let n = 0; n < 2000; n++) {
     if (since++ >= delay) shown = reader.step;
-    const lights = shown < 0 || isDark ? [] : PLACES.flatMap(([u, v], i) =>
-      ((hidden && shown >= hidden.from && i < hidden.share * PLACES.length) || (flickers && shown > 1 && (i + n) % 4 === 0) ? [] : [[u, v, order[wordOf(i, PLACES.length)[shown]!]!] as Light]));
+    if (since > delay + slow.frames) slowShown = reader.step;
+    const lights = isDark ? [] : PLACES.flatMap(([u, v], i) => {
+      const at = i ? shown : slowShown;
+      return at < 0 || (hidden && at >= hidden.from && i < hidden.share * PLACES.length) || (flickers && at > 1 && (i + n) % 4 === 0) ? [] : [[u, v, order[wordOf(i, PLACES.length)[at]!]!] as Light];
+    });
     const blobs = blobsOf(frame(lights, { seed: 100 + n, radius, peak, shift: drift * Math.max(0, shown) }), dark, WIDTH, HEIGHT, threshold);
     const verdict = reader.take(blobs, since * 100);
     if (verdict.kind === "show") since = 0;
@@ -135,6 +140,11 @@ test("lights that vanish on the way are left out, and the others have their numb
   const verdict = read({ hidden: { from: 3, share: 0.25 } });
   assert.equal(verdict.kind, "done");
   if (verdict.kind === "done") assert.deepEqual(verdict.seen.map(({ index }) => index), Array.from({ length: 18 }, (_, i) => 6 + i));
+});
+
+test("a lamp that changes later than the strips is read, too", () => {
+  const verdict = read({ slow: { frames: 6, ms: 1000 } });
+  assert.equal(verdict.kind === "done" ? verdict.seen.length : verdict, PLACES.length);
 });
 
 test("lights that flicker are read all the same", () => {

@@ -3,6 +3,7 @@
  * other, with noise, blur, bloom, changes of exposure, a rolling shutter, and the tremor of a hand.
  */
 
+import { add, cross, scale, subtract, unit, type Read3 } from "../geometry/vec";
 import type { ScanRoom } from "../wire";
 
 export const WIDTH = 800;
@@ -15,39 +16,38 @@ const NOISE = 3;
 /** Level of a light at full brightness from 1 m; a camera takes 255. */
 const POWER = 5000;
 
-type Vec = readonly [number, number, number];
 type Lights = Record<string, string>;
 
 interface Led {
   strip: string;
   pixel: number;
-  at: Vec;
+  at: Read3;
 }
 
 interface Lit {
-  at: Vec;
+  at: Read3;
   rgb: readonly number[];
 }
 
 /** A camera's place, and the unit vectors to its right, down and ahead. */
 export interface Pose {
-  at: Vec;
-  axes: readonly [Vec, Vec, Vec];
+  at: Read3;
+  axes: readonly [Read3, Read3, Read3];
 }
 
 /** Image position of `at`, and its distance ahead, m. */
-export function projected(pose: Pose, at: Vec): [number, number, number] {
+export function projected(pose: Pose, at: Read3): [number, number, number] {
   const [x, y, z] = pose.axes.map((axis) => axis.reduce((sum, value, i) => sum + value * (at[i]! - pose.at[i]!), 0)) as [number, number, number];
   return [WIDTH / 2 + FOCAL * x / z, HEIGHT / 2 + FOCAL * y / z, z];
 }
 
 /** Look from `at` to `to`, rolled about the line of sight by `roll`, rad. */
-export function lookAt(at: Vec, to: Vec, roll = 0): Pose {
-  const ahead = unit([to[0] - at[0], to[1] - at[1], to[2] - at[2]]);
+export function lookAt(at: Read3, to: Read3, roll = 0): Pose {
+  const ahead = unit(subtract(to, at));
   const right = unit([ahead[1], -ahead[0], 0]);
   const down = cross(ahead, right);
   const [c, s] = [Math.cos(roll), Math.sin(roll)];
-  return { at, axes: [mixed(right, c, down, s), mixed(down, c, right, -s), ahead] };
+  return { at, axes: [add(scale(right, c), scale(down, s)), add(scale(down, c), scale(right, -s)), ahead] };
 }
 
 export class SimulatedCamera {
@@ -57,7 +57,7 @@ export class SimulatedCamera {
   private readonly wall = new Float32Array(WIDTH * HEIGHT * 3);
   private readonly noise = new Float32Array(8192);
   private readonly leds: Led[];
-  private readonly middle: Vec;
+  private readonly middle: Read3;
   private lit: Lit[] = [];
   private before: Lit[] = [];
   private frame = 0;
@@ -85,10 +85,7 @@ export class SimulatedCamera {
 
   /** Unit vector of "down" in the camera's frame, with the error of a phone's sensor. */
   get gravity(): [number, number, number] {
-    const { axes } = this.pose(0);
-    const [x, y, z] = axes.map((axis) => -axis[2] + 0.006 * (Math.random() - 0.5)) as [number, number, number];
-    const norm = Math.hypot(x, y, z);
-    return [x / norm, y / norm, z / norm];
+    return unit(this.pose(0).axes.map((axis) => -axis[2] + 0.006 * (Math.random() - 0.5)) as [number, number, number]);
   }
 
   /** Walk to the next place. */
@@ -114,7 +111,7 @@ export class SimulatedCamera {
   private pose(tremor: number): Pose {
     const at = this.room.places_m[this.place % this.room.places_m.length]!;
     const shake = (k: number) => tremor * (Math.sin(this.frame * 0.9 + k) + Math.sin(this.frame * 0.37 + 2 * k)) * 3;
-    const to: Vec = [this.middle[0] + shake(1), this.middle[1] + shake(2), this.middle[2] + shake(3)];
+    const to: Read3 = [this.middle[0] + shake(1), this.middle[1] + shake(2), this.middle[2] + shake(3)];
     return lookAt(at, to, 0.05 * Math.sin(this.place * 2));
   }
 
@@ -176,17 +173,4 @@ export class SimulatedCamera {
 function litOf({ pixel, at }: Led, shown = ""): Lit[] {
   const value = parseInt(shown.slice(6 * pixel, 6 * pixel + 6), 16) || 0;
   return value ? [{ at, rgb: [value >> 16, (value >> 8) & 255, value & 255].map((level) => level / 255) }] : [];
-}
-
-function unit(a: Vec): Vec {
-  const norm = Math.hypot(...a) || 1;
-  return [a[0] / norm, a[1] / norm, a[2] / norm];
-}
-
-function cross(a: Vec, b: Vec): Vec {
-  return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
-}
-
-function mixed(a: Vec, s: number, b: Vec, t: number): Vec {
-  return [s * a[0] + t * b[0], s * a[1] + t * b[1], s * a[2] + t * b[2]];
 }

@@ -1,11 +1,11 @@
 /** What the page says to the site, and hears of it. */
 
-import type { ScanBegin, ScanLook, ScanRoom, ScanSave, ScanState, ScanUndo, ScanView } from "../wire";
+import type { ScanBegin, ScanLook, ScanRoom, ScanSave, ScanState, ScanThing, ScanUndo, ScanView } from "../wire";
 
 /** The site refuses, and says why; or it is not reachable. */
 export class Refused extends Error {}
 
-type Said = ScanBegin | ScanView | ScanUndo | ScanSave | ScanLook;
+type Said = ScanBegin | ScanView | ScanUndo | ScanThing | ScanSave | ScanLook;
 
 const GONE = "The site does not answer: is it still running, and the phone in the same network?";
 const PATIENCE_MS = 10_000;

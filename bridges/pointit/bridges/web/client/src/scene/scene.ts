@@ -230,7 +230,8 @@ class Scene implements View {
     world.things.set(site);
     let moves = world.things.place(now_ns);
     if (site.connected) moves = world.belts.run(passed) || moves;
-    moves = world.people.draw(site, now, seconds, this.camera.mode === "eyes" ? this.camera.user : "") || moves;
+    const at = site.speed ? now : this.toldAt; // nobody grows old in a past that is paused
+    moves = world.people.draw(site, at, seconds, this.camera.mode === "eyes" ? this.camera.user : "") || moves;
     moves = world.robots.draw(site) || moves;
     state(site, world.things, world.marks, this.labels, world.kit.theme.dark);
     counts(site, world.bays, this.labels);

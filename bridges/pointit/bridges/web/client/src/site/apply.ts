@@ -12,7 +12,7 @@ import { eventLine } from "../words";
 /** Topics that pages are not shown; the others are `registry.SHOWN`. */
 type Unseen =
   | "clock" | "leds/leases" | "users/{user}/imu" | "users/{user}/wrist" | "users/{user}/button" | "users/{user}/ray"
-  | "users/{user}/anchor" | "users/{user}/claim" | "users/{user}/speech" | "users/{user}/understood"
+  | "users/{user}/anchor" | "users/{user}/claim" | "users/{user}/speech"
   | "configuration/{service}" | "requests/{service}";
 type Shown = Omit<Topics, Unseen>;
 
@@ -42,6 +42,10 @@ const TAKERS: { [K in keyof Shown]: Taker<Shown[K]> } = {
     if (message.point_m) keeper.person(name).proposed = message.cue === "selected" ? message.point_m : null;
     keeper.tell("users/{user}/feedback", message, name);
     happen(site, { feedback: message, user: name });
+  },
+  "users/{user}/understood": (keeper, message, name) => {
+    keeper.person(name).understood = message;
+    keeper.tell("users/{user}/understood", message, name);
   },
   "users/{user}/goal": (keeper, message, name) => void (keeper.person(name).goal = message),
   "users/{user}/steering": (keeper, message, name) => void (keeper.person(name).steering = message),
@@ -79,12 +83,15 @@ const TAKERS: { [K in keyof Shown]: Taker<Shown[K]> } = {
   "deployment/{name}": ({ site }, message, name) => void site.deployments.set(name, message),
 };
 
-type Told = "users/{user}/feedback" | "selection/events";
+type Told = "users/{user}/feedback" | "users/{user}/understood" | "selection/events";
 
 /** Text of an event in the log, or null if it is not logged. */
 const LINES: { [K in Told]: (site: Site, message: Topics[K], name: string) => Pick<LogLine, "severity" | "who" | "text"> | null } = {
   "users/{user}/feedback": (_site, message, name) => message.text && (message.point_m || (message.cue !== "selected" && message.cue !== "deselected"))
     ? { severity: message.cue === "refused" ? "warning" : "info", who: name, text: message.text } : null,
+  "users/{user}/understood": (_site, message, name) => ({
+    severity: message.result === "refused" ? "warning" : "info", who: name, text: `“${message.text}”: ${message.message || message.result}`,
+  }),
   "selection/events": (site, message) => ({ ...eventLine(site, message), who: message.user }),
 };
 
@@ -98,6 +105,7 @@ const FORGETTERS: Record<keyof Shown, Forgetter> = {
   "users/{user}/hover": (keeper, name) => void (keeper.person(name).hover = null),
   "users/{user}/interaction": (keeper, name) => void (keeper.person(name).interaction = null),
   "users/{user}/feedback": () => undefined,
+  "users/{user}/understood": () => undefined,
   "users/{user}/goal": () => undefined,
   "users/{user}/steering": (keeper, name) => void (keeper.person(name).steering = null),
   "robots/{robot}/state": ({ site }, name) => void site.robots.delete(name),

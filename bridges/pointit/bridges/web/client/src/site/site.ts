@@ -2,7 +2,7 @@
 
 import type {
   ConveyorState, Cursor, Deployment, Environment, Feedback, Goal, Health, Hover, Interaction, LampColor, Localization,
-  Selection, SelectionEvent, Steering, StripsFrame, TrackedObject, TrackedObjects, UserPose, UserProfile,
+  Selection, SelectionEvent, Steering, StripsFrame, TrackedObject, TrackedObjects, Understood, UserPose, UserProfile,
 } from "../messages";
 import type { Robot } from "./robots";
 import type { Hello, PersonLine, Playing, Status, Timeline } from "../wire";
@@ -18,6 +18,8 @@ export interface Person {
   hover: Hover | null;
   interaction: Interaction | null;
   localization: Localization | null;
+  /** What they said last, and what became of it. */
+  understood: Understood | null;
   /** Where they sent a robot last. */
   goal: Goal | null;
   /** Where they may send one, if they confirm it. */
@@ -102,7 +104,7 @@ export function emptySite(): Site {
 export function emptyPerson(user: string): Person {
   return {
     user, profile: null, pose: null, cursor: null, cursorAt: 0, hover: null, interaction: null, localization: null,
-    goal: null, proposed: null, steering: null, line: null,
+    understood: null, goal: null, proposed: null, steering: null, line: null,
   };
 }
 

@@ -3,7 +3,7 @@
 import asyncio
 import contextlib
 import sys
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
@@ -21,6 +21,7 @@ from pointit.schemas.topics import SPEECH, check_name
 
 if TYPE_CHECKING:
     from pointit.speech.interpreter import Interpreter
+    from pointit.speech.loudspeaker import Loudspeaker
 
 MAP_PATIENCE_S = 2.0
 END_PATIENCE_S = 15.0
@@ -34,7 +35,25 @@ END_PATIENCE_S = 15.0
 @click.option(
     "--recogniser", default="pocketsphinx", show_default=True, metavar="NAME", help="of --audio; a plug-in"
 )
-def command(user: str, *, text: str | None, audio: str | None, recogniser: str, **at: Unpack[AtSite]) -> int:
+@click.option(
+    "--verb",
+    "verbs",
+    multiple=True,
+    metavar="'VERB THING=PROGRAM|URL'",
+    help="a verb of a thing, one word, and what it does, as `pointit run --on`; without = programs of "
+    "yours follow what was understood. Repeatable",
+)
+@click.option("--speak", is_flag=True, help="say what was understood, by espeak-ng")
+def command(
+    user: str,
+    *,
+    text: str | None,
+    audio: str | None,
+    recogniser: str,
+    verbs: tuple[str, ...],
+    speak: bool,
+    **at: Unpack[AtSite],
+) -> int:
     """Follow what USER says while they point: take that, put that there, turn this on, stop.
 
     Words come from --text or --audio, and from any program on the topic users/USER/speech; without either
@@ -47,20 +66,37 @@ def command(user: str, *, text: str | None, audio: str | None, recogniser: str, 
     if text and audio:
         raise click.UsageError("--text or --audio, not both")
     quiet()
-    return run_until_shutdown(_listen(user, text, audio, recogniser, **at))
+    return run_until_shutdown(_listen(user, text, audio, recogniser, verbs, speak=speak, **at))
 
 
 async def _listen(
-    user: str, text: str | None, audio: str | None, recogniser: str, **at: Unpack[AtSite]
+    user: str,
+    text: str | None,
+    audio: str | None,
+    recogniser: str,
+    verbs: Sequence[str],
+    *,
+    speak: bool,
+    **at: Unpack[AtSite],
 ) -> int:
-    from pointit.speech.interpreter import Interpreter  # noqa: PLC0415 - only if the room is there
+    from pointit.cli.things.spoken import own_verbs  # noqa: PLC0415 - only if the room is there
+    from pointit.speech.interpreter import Interpreter  # noqa: PLC0415 - as above
+    from pointit.speech.loudspeaker import Loudspeaker  # noqa: PLC0415 - as above
 
+    own = own_verbs(verbs)
     async with join_site(**at) as bus:
         if denied := await bus.denial_reason("writes", SPEECH, user):
             raise AccessDeniedError(denied)
         clock = SiteClock(bus)
-        interpreter = Interpreter(bus, clock, user)
-        interpreter.on_understood = _tell
+        interpreter = Interpreter(bus, clock, user, own)
+        loudspeaker = Loudspeaker(clock) if speak else None
+
+        def tell(understood: Understood) -> None:
+            _tell(understood)
+            if loudspeaker is not None:
+                loudspeaker.say(understood)
+
+        interpreter.on_understood = tell
         following = asyncio.create_task(interpreter.run())
         try:
             await interpreter.wait_for_map(MAP_PATIENCE_S)
@@ -70,11 +106,13 @@ async def _listen(
             elif text is not None:
                 spoken = _typed(text, clock)
             else:
-                spoken = _heard(audio or "", recogniser, interpreter, clock)
+                spoken = _heard(audio or "", recogniser, interpreter, clock, loudspeaker)
             count = await _publish(bus, user, spoken)
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(END_PATIENCE_S):
                     await interpreter.finish(count)
+                    if loudspeaker is not None:
+                        await loudspeaker.close()
         finally:
             following.cancel()
             await asyncio.wait({following})
@@ -102,14 +140,19 @@ def _tell(understood: Understood) -> None:
     say(f'"{understood.text}": {said}{f" ({about})" if about else ""}')
 
 
-def _heard(audio: str, recogniser: str, interpreter: "Interpreter", clock: Clock) -> AsyncIterator[Speech]:
+async def _heard(
+    audio: str, recogniser: str, interpreter: "Interpreter", clock: Clock, loudspeaker: "Loudspeaker | None"
+) -> AsyncIterator[Speech]:
+    """Yield what is recognised, without what the microphone may have heard of the loudspeaker."""
     from pointit.speech.audio import MICROPHONE, Stream, WavFile  # noqa: PLC0415 - as above
     from pointit.speech.recogniser import make  # noqa: PLC0415 - as above
 
     hears = make(recogniser, {})
     is_stream = audio in ("-", MICROPHONE)
     source = Stream(clock, is_microphone=audio == MICROPHONE) if is_stream else WavFile(Path(audio), clock)
-    return hears.hear(source, interpreter.room.names)
+    async for said in hears.hear(source, interpreter.vocabulary):
+        if loudspeaker is None or not loudspeaker.is_echo(said):
+            yield said
 
 
 async def _typed(text: str, clock: Clock) -> AsyncIterator[Speech]:

@@ -1,0 +1,98 @@
+"""`pointit study run`: an experiment, with people or with simulated ones."""
+
+import importlib.util
+from pathlib import Path
+
+import click
+
+from pointit.cli.common.keyboard import check_keyboard, key_bytes
+from pointit.cli.common.output import say
+from pointit.cli.common.progress import interruptible, progress
+from pointit.cli.study.terminal import TerminalView
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.service.shutdown import run_until_shutdown
+from pointit.study.data import StudyFolder
+from pointit.study.model import Study, read_study
+from pointit.study.plan import plan_of
+from pointit.study.room import Setup
+from pointit.study.session import Session, StoppedError
+from pointit.study.simulated import simulate
+
+PATH = click.Path(path_type=Path)
+
+
+@click.command("run")
+@click.argument("file", metavar="FILE", type=PATH)
+@click.option("--to", type=PATH, metavar="DIR", help="folder of the data; by default NAME-data")
+@click.option("--participant", default="", metavar="NAME", help="who takes part; by default the next one")
+@click.option("--simulated", type=click.IntRange(min=1), metavar="N", help="first N participants, simulated")
+@click.option("--imu", default="", metavar="SOURCE", help="the participant's wrist, as for `pointit run`")
+@click.option("--output", default="", metavar="OUTPUT", help="output of light, as for `pointit run`")
+@click.option("--localize", is_flag=True, help="the participant points at lamps first, to be located")
+@click.option("--listen", default="", metavar="ADDRESS", help="address for dashboards: tcp/127.0.0.1:7447")
+@click.option("--record/--no-record", default=None, help="write session.mcap; by default of people only")
+def command(
+    *,
+    file: Path,
+    to: Path | None,
+    participant: str,
+    simulated: int | None,
+    imu: str,
+    output: str,
+    localize: bool,
+    listen: str,
+    record: bool | None,
+) -> int:
+    """Run the study FILE with one participant, from where they are.
+
+    Each trial is on the disk as soon as it has ended. After a crash, the same command goes on. Keys: r
+    repeats the trial, s skips it with a reason, p pauses, q stops. --simulated takes virtual time. Without it
+    and --imu, the participant is simulated in real time.
+
+    Example: pointit study run my_study.yaml --imu page
+    """
+    study = read_study(file)
+    folder = StudyFolder(to or Path(f"{study.name}-data"), study, file.read_text(encoding="utf-8"))
+    left = [name for name in study.people if not folder.about(name).get("ended")]
+    if simulated is not None:
+        if participant or simulated > len(study.people):
+            raise ConfigError(
+                f"--simulated {simulated}: {study.name} has {len(study.people)} participants; give at most "
+                "so many, and no --participant"
+            )
+        return _simulate(
+            study, folder, [each for each in left if each in study.people[:simulated]], bool(record)
+        )
+    if not participant and not left:
+        raise ConfigError(f"all {len(study.people)} participants of {study.name} have finished")
+    check_keyboard("--simulated")
+    records = importlib.util.find_spec("mcap") is not None if record is None else record
+    if record is None and not records:
+        say("no recording: it needs the extra `record`; the tables are written", err=True)
+    setup = Setup(imu=imu, output=output, localize=localize, listen=listen, record=records)
+    return run_until_shutdown(_run(study, folder, participant or left[0], setup))
+
+
+async def _run(study: Study, folder: StudyFolder, participant: str, setup: Setup) -> int:
+    view = TerminalView()
+    session = Session(study, folder, participant, view, setup)
+    with key_bytes(view.on_bytes):
+        try:
+            await session.run()
+        except StoppedError as stopped:
+            say(f"\n{stopped}")
+            return 0
+    say(f"\n{participant} has finished; the data are in {folder.path / participant}")
+    return 0
+
+
+def _simulate(study: Study, folder: StudyFolder, people: list[str], record: bool) -> int:  # noqa: FBT001
+    trials = {name: len(plan_of(study, name).trials) for name in people}
+    done = 0
+    with interruptible(), progress(sum(trials.values())) as tell:
+        for name in people:
+            last = done + trials[name]
+            simulate(study, folder, name, lambda now: tell(now.participant, last - now.left), record=record)  # noqa: B023
+            done = last
+    say(f"{len(people)} simulated participants have done {done} trials; the data are in {folder.path}")
+    return 0

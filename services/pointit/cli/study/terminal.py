@@ -1,0 +1,105 @@
+"""A study in the terminal: texts and questions to the participant; a line and keys for the experimenter."""
+
+import asyncio
+import sys
+from collections import deque
+
+import click
+
+from pointit.study.questionnaires import Scale
+from pointit.study.view import Command, Status
+
+KEYS = {"r": Command("repeat"), "p": Command("pause"), "q": Command("stop")}
+HELP = "r repeat  s skip  p pause  q stop"
+
+
+class TerminalView:
+    """Shows one line that changes, and reads keys. Pass `on_bytes` to the keyboard."""
+
+    def __init__(self) -> None:
+        """Create without commands."""
+        self._commands = deque[Command]()
+        self._typed: str | None = None
+        """Text that is being typed, or None while keys are commands."""
+        self._entered = asyncio.Event()
+        self._asks_reason = False
+        self._shown = ""
+
+    def on_bytes(self, data: bytes) -> None:
+        """Process pressed keys."""
+        for key in data.decode(errors="ignore"):
+            self._on_key(key)
+
+    async def tell(self, text: str, *, go: str) -> bool:
+        """Show `text` until Enter; `agree` wants an answer."""
+        asks = "agree? y or n, then Enter: " if go == "agree" else f"Enter to {go} "
+        while True:
+            answer = (await self._read(f"{text}\n{asks}")).strip().lower()
+            if go != "agree" or answer in ("y", "yes"):
+                return True
+            if answer in ("n", "no"):
+                return False
+
+    async def ask(self, scale: Scale) -> list[int]:
+        """Ask all items of `scale`, each until the answer is one of its values."""
+        low, high = scale.points
+        answers: list[int] = []
+        for item in scale.items:
+            asks = f"{item}\n{low} = {scale.ends[0]}, {high} = {scale.ends[1]}: "
+            while not (
+                (answer := (await self._read(asks)).strip()).isdecimal() and low <= int(answer) <= high
+            ):
+                click.echo(f"write a whole number from {low} to {high}")
+            answers.append(int(answer))
+        return answers
+
+    def status(self, status: Status) -> None:
+        """Show where the study stands, in one line."""
+        if self._typed is not None:
+            return
+        target = f" at {status.target}" if status.target else ""
+        line = (
+            f"{status.participant}  trial {status.trial}, {status.left} left  {status.condition}  "
+            f"{status.state}{target}  [{HELP}]"
+        )
+        if line != self._shown:
+            self._shown = line
+            self._write(f"\r\x1b[K{line}")
+
+    def command(self) -> Command | None:
+        """Return the next command of the experimenter."""
+        return self._commands.popleft() if self._commands else None
+
+    def _on_key(self, key: str) -> None:
+        if self._typed is None:
+            if key == "s":
+                self._commands.append(Command("pause"))  # the trial does not go on while the reason is typed
+                self._typed, self._asks_reason = "", True
+                self._write("\r\x1b[Kskip this trial; why? ")
+            elif key in KEYS:
+                self._commands.append(KEYS[key])
+        elif key in "\r\n":
+            self._write("\n")
+            if self._asks_reason:
+                self._commands.append(Command("skip", self._typed.strip()))
+                self._typed, self._asks_reason = None, False
+            else:
+                self._entered.set()
+        elif key in "\x7f\b":
+            self._typed = self._typed[:-1]
+            self._write("\b \b")
+        elif key.isprintable():
+            self._typed += key
+            self._write(key)
+
+    async def _read(self, text: str) -> str:
+        self._write(f"\r\x1b[K{text}")
+        self._typed, self._asks_reason = "", False
+        self._entered.clear()
+        await self._entered.wait()
+        typed, self._typed = self._typed or "", None
+        return typed
+
+    def _write(self, text: str) -> None:
+        click.echo(text, nl=False)
+        sys.stdout.flush()

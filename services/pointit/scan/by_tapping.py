@@ -1,0 +1,102 @@
+"""Corners of boxes, screens and tables from their image positions in views whose cameras are known."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pointit.geometry.vector import Vec3
+from pointit.runtime.errors import RefusedError
+from pointit.scan.adjustment import Array
+from pointit.scan.as_map import pointed_text
+from pointit.scan.by_pointing import PointedAt, Survey
+from pointit.scan.result import Scan
+
+TAP_SIGMA = 0.004
+"""Standard deviation of a tap, as a share of the image's width: a finger on a phone."""
+MOST_SIGMA_M = 0.1
+"""Sigma of a corner from which the two views are too near each other."""
+RESIDUAL = 3.0
+"""Rms error of a corner's taps, in those of one, from which they show different corners."""
+STEPS = 3
+
+
+@dataclass(frozen=True)
+class Tap:
+    """An image position in view `view`, counted from 0: `u`, `v` as in a `Sighting`."""
+
+    view: int
+    u: float
+    v: float
+
+
+def locate(scan: Scan, size: tuple[int, int], taps: Sequence[Tap]) -> PointedAt:
+    """Return the point that all `taps`, two or more, show, in the frame of `scan`.
+
+    Args:
+        scan: the views' cameras.
+        size: width and height of the images, image pixels.
+        taps: image positions.
+
+    Raises:
+        RefusedError: If a tap's view has no place. One sentence.
+    """
+    origins: list[Vec3] = []
+    sights: list[Array] = []
+    for tap in taps:
+        camera = scan.cameras[tap.view] if 0 <= tap.view < len(scan.cameras) else None
+        if camera is None:
+            raise RefusedError(f"the place of view {tap.view + 1} is not known: tap in another one")
+        image = np.array([tap.u - size[0] / 2.0, tap.v - size[1] / 2.0]) / scan.focal_px
+        flat: Array = image
+        for _ in range(10):
+            flat = image / (1.0 + scan.distortion * float(flat @ flat))
+        sight: Array = camera.rotation.T @ np.append(flat, 1.0)
+        origins.append(camera.position_m)
+        sights.append(sight / np.linalg.norm(sight))
+    starts: Array = np.array(origins)
+    directions: Array = np.array(sights)
+    across: Array = np.eye(3) - directions[:, :, None] * directions[:, None, :]
+    sigma_rad = TAP_SIGMA * size[0] / scan.focal_px
+    distances: Array = np.ones(len(taps))
+    point: Array = np.zeros(3)
+    covariance: Array = np.zeros((3, 3))
+    for _ in range(STEPS):  # a far ray counts less
+        weighted = across / (sigma_rad * distances[:, None, None]) ** 2
+        information = weighted.sum(axis=0) + 1e-9 * np.eye(3)
+        covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
+        point = np.asarray(covariance @ np.einsum("nij,nj->i", weighted, starts), dtype=np.float64)
+        distances = np.maximum(np.sqrt(np.sum((point - starts) ** 2, axis=1)), 0.1)
+    off: Array = np.einsum("nij,nj->ni", across, point - starts)
+    misses: Array = np.sqrt(np.sum(off**2, axis=1)) / distances
+    residual_rad = float(np.sqrt(np.mean(misses**2)))
+    sigma_m = float(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))
+    reason = ""
+    if residual_rad > RESIDUAL * sigma_rad or np.any(np.sum((point - starts) * directions, axis=1) < 0):
+        reason = "the taps do not show the same corner: tap it again in both views"
+    elif sigma_m > MOST_SIGMA_M:
+        reason = "the two views are too near each other: tap in views from farther apart"
+    angle = math.acos(float(np.clip((directions @ directions.T).min(), -1.0, 1.0)))
+    x, y, z = (float(value) for value in point)
+    return PointedAt((x, y, z), sigma_m, len(taps), angle, residual_rad, reason)
+
+
+def tapped_text(things: Mapping[str, tuple[str, Sequence[PointedAt]]]) -> str:
+    """Return sections `boxes` and `planes` of a map.
+
+    Args:
+        things: shape (box, screen or table) and corners, by name.
+
+    Raises:
+        RefusedError: If corners span no box, screen or table.
+    """
+    text = ""
+    for shape, is_box in (("box", True), ("screen", False)):
+        own = {name: corners for name, (each, corners) in things.items() if (each == "box") is is_box}
+        targets = {
+            f"{name}.{n}": corner for name, corners in own.items() for n, corner in enumerate(corners, 1)
+        }
+        if own:
+            text += pointed_text(Survey(targets, {}), list(own), shape).partition("\n")[2]
+    return text

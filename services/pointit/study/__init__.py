@@ -1,0 +1,1 @@
+"""Experiments with people who point: plan, trials, tidy data. Built on the public API alone."""

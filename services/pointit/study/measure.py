@@ -1,0 +1,198 @@
+"""One attempt at a trial, measured: messages and the time go in, the outcome and the measures come out."""
+
+import importlib.util
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from pointit.geometry import vector
+from pointit.geometry.vector import Vec3
+from pointit.runtime.errors import ConfigError
+from pointit.schemas import NS_PER_S, ButtonEvent, Cursor, Hover, SelectionEvent
+from pointit.study.columns import utc
+
+Outcome = Literal["hit", "wrong", "timeout", "skipped"]
+
+STEP_RAD = math.radians(0.5)
+"""Step of the ray that counts as way: smaller ones are tremor and noise."""
+SILENT_S = 2.0
+"""Time without a ray after which the wrist counts as lost, s."""
+PRESS_S = 0.5
+"""Time after a press within which a selection is its effect, s."""
+
+
+@dataclass(slots=True, kw_only=True)
+class Attempt:
+    """The measures of one attempt. Times are stamps of the site, ns."""
+
+    began_ns: int
+    target: str
+    target_m: Vec3
+    """Centre of the target, {W}; kept up to date while it moves."""
+    width_m: float
+    end: str
+    """`selection`, `press` or `timeout`; any other: `condition` ends it."""
+    timeout_s: float
+    condition: Callable[["Attempt"], str | None] | None = None
+    """Called with each cursor; `hit` or `wrong` ends the attempt."""
+    before_m: Vec3 | None = None
+    """Centre of the last target, the start of the way to this one, or None for the first cursor."""
+    outcome: Outcome | None = None
+    reason: str = ""
+    first_hover_s: float | None = None
+    selection_s: float | None = None
+    corrections: int = 0
+    path_rad: float = 0.0
+    passed_s: float = 0.0
+    """Time from the beginning to the last cursor, s."""
+    hovered: str = ""
+    """Id of the object under the cursor, or `""`."""
+    cursor: Cursor | None = None
+    """The last cursor."""
+    clock_apart_s: float = 0.0
+    """Largest difference between the site's time and the stamp of a cursor, s."""
+    _first: Cursor | None = None
+    _first_m: Vec3 | None = None
+    """Centre of the target at that time."""
+    _heard_ns: int = 0
+    _turned: Vec3 | None = None
+    _pressed_ns: int | None = None
+
+    def on_cursor(self, cursor: Cursor, now_ns: int) -> None:
+        """Process a cursor that has arrived at `now_ns`."""
+        if self.outcome is not None:
+            return
+        self._heard_ns = now_ns
+        self.clock_apart_s = max(self.clock_apart_s, abs(now_ns - cursor.stamp_ns) / NS_PER_S)
+        if cursor.direction is None:
+            return
+        if self._first is None:
+            self._first, self._first_m = cursor, self.target_m
+        self.cursor = cursor
+        if self._turned is None:
+            self._turned = cursor.direction
+        if (turned_rad := vector.angle_between(self._turned, cursor.direction)) >= STEP_RAD:
+            self.path_rad += turned_rad
+            self._turned = cursor.direction
+        self.passed_s = self._passed_s(now_ns)
+        if self.condition is not None and (verdict := self.condition(self)) is not None:
+            self._finish("hit" if verdict == "hit" else "wrong", "", now_ns)
+
+    def on_hover(self, hover: Hover, now_ns: int) -> None:
+        """Process a hover that has arrived at `now_ns`."""
+        if self.outcome is not None or hover.object_id == self.hovered:
+            return
+        if hover.object_id == self.target and self.first_hover_s is None:
+            self.first_hover_s = self._passed_s(now_ns)
+        self.corrections += self.hovered == self.target
+        self.hovered = hover.object_id
+
+    def on_selection(self, event: SelectionEvent, now_ns: int) -> None:
+        """Process what happened to an object."""
+        if self.outcome is not None:
+            return
+        if event.event == "selected" and self.end in ("selection", "press"):
+            is_hit = event.object_id == self.target
+            self._finish(
+                "hit" if is_hit else "wrong", "" if is_hit else f"selected {event.object_id}", now_ns
+            )
+        elif event.event in ("left", "dispatched") and event.object_id == self.target:
+            self._finish("timeout", "the target has left", None)
+
+    def on_press(self, press: ButtonEvent, now_ns: int) -> None:
+        """Process a press of the person's button."""
+        if self.end == "press" and press.gesture == "press" and self._pressed_ns is None:
+            self._pressed_ns = now_ns
+
+    def tick(self, now_ns: int) -> None:
+        """End the attempt if it is time, or if the wrist is lost."""
+        if self.outcome is not None:
+            return
+        if now_ns - max(self._heard_ns, self.began_ns) > SILENT_S * NS_PER_S:
+            self.abandon(f"repeated: no ray for {SILENT_S:g} s, the wrist is lost")
+        elif self._pressed_ns is not None and now_ns - self._pressed_ns > PRESS_S * NS_PER_S:
+            self._finish("wrong", "pressed beside", self._pressed_ns)
+        elif self._passed_s(now_ns) >= self.timeout_s:
+            is_on = self.end == "timeout" and self.hovered == self.target
+            self._finish("hit" if is_on else "timeout", "", None)
+
+    def abandon(self, reason: str) -> None:
+        """End it without a result."""
+        if self.outcome is None:
+            self.outcome, self.reason = "skipped", reason
+
+    def columns(self) -> dict[str, str | float | int | None]:
+        """Return outcome and measures by their columns."""
+        first, last = self._first, self.cursor
+        eyes_m = None if last is None else last.origin_m
+        far_m = None if eyes_m is None else math.dist(eyes_m, self.target_m)
+        point_m = None if last is None else last.point_m or _nearest(last, self.target_m)
+        first_m = self._first_m or self.target_m
+        at_start_m = self.before_m if self.before_m is not None or first is None else first.point_m
+        columns: dict[str, str | float | int | None] = {
+            "outcome": self.outcome,
+            "reason": self.reason,
+            "began_utc": utc(self.began_ns),
+            "first_hover_s": self.first_hover_s,
+            "selection_s": self.selection_s,
+            "corrections": self.corrections,
+            "path_length_deg": math.degrees(self.path_rad),
+            "error_m": None if point_m is None else math.dist(point_m, self.target_m),
+            "error_deg": _angle_deg(last, self.target_m),
+            "target_distance_m": None if at_start_m is None else math.dist(at_start_m, first_m),
+            "target_width_m": self.width_m,
+            "target_distance_deg": _angle_deg(first, first_m, self.before_m),
+            "target_width_deg": math.degrees(2.0 * math.atan2(self.width_m / 2.0, far_m)) if far_m else None,
+        }
+        for index, axis in enumerate("xyz"):
+            columns[f"target_{axis}_m"] = self.target_m[index]
+            columns[f"selected_{axis}_m"] = None if point_m is None else point_m[index]
+        return columns
+
+    def _finish(self, outcome: Outcome, reason: str, selected_ns: int | None) -> None:
+        self.outcome, self.reason = outcome, reason
+        self.selection_s = None if selected_ns is None else self._passed_s(selected_ns)
+
+    def _passed_s(self, now_ns: int) -> float:
+        return (now_ns - self.began_ns) / NS_PER_S
+
+
+def _nearest(cursor: Cursor, target_m: Vec3) -> Vec3 | None:
+    """Return the point of the ray nearest to the target, which stands for a cursor where no surface is."""
+    if cursor.direction is None or cursor.origin_m is None:
+        return None
+    along_m = vector.dot(vector.subtract(target_m, cursor.origin_m), cursor.direction)
+    return vector.add(cursor.origin_m, vector.scale(cursor.direction, along_m)) if along_m > 0 else None
+
+
+def _angle_deg(cursor: Cursor | None, target_m: Vec3, from_m: Vec3 | None = None) -> float | None:
+    """Return the angle at the eyes from the ray, or from the point `from_m`, to `target_m`, deg."""
+    if cursor is None or cursor.direction is None or cursor.origin_m is None:
+        return None
+    way = vector.subtract(target_m, cursor.origin_m)
+    start = cursor.direction if from_m is None else vector.subtract(from_m, cursor.origin_m)
+    return math.degrees(vector.angle_between(start, way)) if vector.norm(way) * vector.norm(start) else None
+
+
+def load_condition(end: str, folder: Path) -> Callable[[Attempt], str | None] | None:
+    """Return the function that ends a trial, or None if none does.
+
+    Raises:
+        ConfigError: If there is no such file or function, or the file fails.
+    """
+    name, _, function = end.partition(".py:")
+    if not function:
+        return None
+    path = folder / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(Path(name).name, path)
+    if spec is None or spec.loader is None or not path.exists():
+        raise ConfigError(f"end: there is no file {path}")
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+        found: Callable[[Attempt], str | None] = getattr(module, function)
+    except Exception as error:
+        raise ConfigError(f"end: {path} cannot be used ({type(error).__name__}: {error})") from error
+    return found

@@ -1,0 +1,82 @@
+"""The full list of trials of a participant."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pointit.runtime.errors import ConfigError
+from pointit.study.model import Study
+from pointit.study.order import square
+from pointit.study.tasks import Trial
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    """Order and trials of one participant."""
+
+    participant: str
+    index: int
+    """Among all participants, from 0."""
+    group: dict[str, str]
+    """Levels of the factors between participants."""
+    order: tuple[str, ...]
+    """Names of the conditions of the blocks."""
+    trials: tuple[Trial, ...]
+
+
+def condition_of(cell: dict[str, str]) -> str:
+    """Return the name of a condition, such as `gauge` or `gauge, wide`."""
+    return ", ".join(cell.values())
+
+
+def plan_of(study: Study, participant: str) -> Plan:
+    """Return the plan of `participant`: always the same one for the same study.
+
+    Raises:
+        ConfigError: If nobody of the study is called so.
+    """
+    if participant not in study.people:
+        known = study.people
+        raise ConfigError(
+            f"{participant} does not take part in {study.name}; participants are {known[0]} to {known[-1]}"
+        )
+    index = study.people.index(participant)
+    groups = study.cells("between")
+    rows = square(study.order, len(study.cells("block")))
+    row = rows[index // len(groups) % len(rows)]
+    if study.order == "blocked_random":
+        row = tuple(np.random.default_rng([study.seed, index]).permutation(len(row)).tolist())
+    blocks = [study.cells("block")[each] for each in row]
+    group = groups[index % len(groups)]
+    trials: list[Trial] = []
+    for number, block in enumerate(blocks, 1):
+        rng = np.random.default_rng([study.seed, index, number])
+        practice = _shuffled(study, rng, study.practice)
+        data = [cell for _ in range(study.repetitions) for cell in _shuffled(study, rng)]
+        for place, inner in enumerate(practice + data):
+            seed = int(np.random.SeedSequence([study.seed, index, number, place]).generate_state(1)[0])
+            trials.append(
+                Trial(
+                    number=len(trials) + 1,
+                    block=number,
+                    place=place,
+                    practice=place < len(practice),
+                    cell={name: {**group, **block, **inner}[name] for name in study.factors},
+                    seed=seed,
+                )
+            )
+    return Plan(
+        participant=participant,
+        index=index,
+        group=group,
+        order=tuple(condition_of(block) for block in blocks),
+        trials=tuple(trials),
+    )
+
+
+def _shuffled(study: Study, rng: np.random.Generator, count: int | None = None) -> list[dict[str, str]]:
+    """Return all cells of a block in random order, or `count` of them, repeated if there are fewer."""
+    cells = study.cells("trial")
+    count = len(cells) if count is None else count
+    rounds = -(-count // len(cells))
+    return [cells[int(each)] for _ in range(rounds) for each in rng.permutation(len(cells))][:count]

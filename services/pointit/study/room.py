@@ -1,0 +1,179 @@
+"""The site of a session: shows targets, and passes messages to the attempt that goes on."""
+
+import asyncio
+import contextlib
+from collections.abc import AsyncGenerator, AsyncIterator, Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Self
+
+import pointit
+from pointit.geometry.vector import Vec3
+from pointit.runtime.errors import NoMessageError, PointItError
+from pointit.schemas import NS_PER_S, Cursor, Environment, topics
+from pointit.study.measure import SILENT_S, Attempt
+from pointit.study.model import Value
+from pointit.study.tasks import Scene
+
+TRACKER = "study"
+SHOW_S = 0.1
+"""Time between two reports of the targets, s."""
+PATIENCE_S = 5.0
+"""Time for a package to appear, s."""
+TARGET_COLOR = "#ff1e00"
+DWELL = {"gauge": "selector.gauge.full_s", "hold": "selector.window_s", "fraction": "selector.window_s"}
+"""Parameter that is the time of dwelling, by method."""
+LIVE = frozenset({"selector.method", *DWELL.values(), "conveyor-sim.speed_mps"})
+"""Parameters that change without a new start."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Setup:
+    """Devices and options of the site of a session."""
+
+    imu: str = ""
+    output: str = ""
+    localize: bool = False
+    listen: str = ""
+    record: bool = False
+    person: Mapping[str, Value] = field(default_factory=dict[str, Value])
+    """Parameters of a simulated person."""
+
+
+class Room:
+    """One participant at a site."""
+
+    def __init__(
+        self, site: pointit.Site, user: str, settings: Mapping[str, Value], environment: Environment
+    ) -> None:
+        """Use `site`; `at` is the way in."""
+        self.site = site
+        self.map = environment
+        self.attempt: Attempt | None = None
+        self.configuration: dict[str, str] = {}
+        """Parameters of all services, JSON, by instance."""
+        self._user = user
+        self._settings = dict(settings)
+        self._tracker = site.tracker(TRACKER)
+        self._scene: Scene | None = None
+        self._heard_ns = 0
+        self._tasks: list[asyncio.Task[None]] = []
+
+    @classmethod
+    @contextlib.asynccontextmanager
+    async def at(cls, run: Any, user: str, settings: Mapping[str, Value]) -> AsyncGenerator[Self]:
+        """Yield the room of the site that `run`, from `pointit.run`, starts."""
+        async with run as site:
+            room = cls(site, user, settings, await site.latest.map.wait())
+            room._begin()
+            try:
+                yield room
+            finally:
+                for task in room._tasks:
+                    task.cancel()
+                await asyncio.gather(*room._tasks, return_exceptions=True)
+
+    def is_live(self, settings: Mapping[str, Value]) -> bool:
+        """Return True if `settings` can be used without a new start."""
+        changed = {n for n in self._settings | dict(settings) if self._settings.get(n) != settings.get(n)}
+        return changed <= LIVE and changed <= settings.keys()
+
+    async def use(self, settings: Mapping[str, Value]) -> None:
+        """Change the live parameters to those of `settings`."""
+        method = settings.get("selector.method")
+        dwell_s = settings.get(DWELL.get(str(method), ""))
+        if method is not None or dwell_s is not None:
+            seconds = None if dwell_s is None else float(dwell_s)
+            await self.site.select.method(None if method is None else str(method), dwell_s=seconds)
+        if (speed := settings.get("conveyor-sim.speed_mps")) is not None:
+            await self.site.conveyor.set_speed(float(speed))
+        self._settings = dict(settings)
+
+    @property
+    def problem(self) -> str:
+        """Instruction to the participant if they do not point, else `""`."""
+        for task in self._tasks:
+            if task.done():
+                task.result()
+        with contextlib.suppress(NoMessageError):
+            interaction = self.site.latest.interaction[self._user]
+            if interaction.state != "pointing":
+                return interaction.next_step or "press the button to begin to point"
+        if self.site.now_ns() - self._heard_ns > SILENT_S * NS_PER_S:
+            return "no ray comes: is the wrist on, and in reach?"
+        return ""
+
+    async def show(self, scene: Scene) -> tuple[str, Vec3]:
+        """Show the target of `scene`; return its id and position as soon as it is there.
+
+        Raises:
+            PointItError: If a package does not appear, or a request is refused.
+        """
+        if scene.target_m is not None:
+            self._scene = scene
+            self._tracker.update(scene.objects)
+            if scene.lamp:
+                await self.site.lamp(scene.lamp).set(TARGET_COLOR)
+            return scene.target, scene.target_m
+        await self.site.conveyor.reset()
+        await self.site.conveyor.set_feeding(False)
+        added = [
+            await self.site.conveyor.add_package(
+                p.kind, lane=p.lane, length_m=p.length_m, position=p.position
+            )
+            for p in scene.packages
+        ]
+        target = added[0].object_id
+        end_ns = self.site.now_ns() + PATIENCE_S * NS_PER_S
+        while (place_m := self.position(target)) is None:
+            if self.site.now_ns() > end_ns:
+                raise PointItError(
+                    f"package {target} does not appear within {PATIENCE_S:g} s; see `pointit doctor`"
+                )
+            await self.site.sleep(SHOW_S / 2)
+        self._scene = scene
+        return target, place_m
+
+    def position(self, object_id: str) -> Vec3 | None:
+        """Return the last reported position of an object, {W}, or None."""
+        listed = (each for message in self.site.latest.objects.values() for each in message.objects)
+        return next((each.position_m for each in listed if each.id == object_id), None)
+
+    async def hide(self) -> None:
+        """Hide the target."""
+        scene, self._scene, self.attempt = self._scene, None, None
+        self._tracker.update(())
+        if scene is not None and scene.lamp:
+            await self.site.lamp(scene.lamp).set(None)
+        if scene is not None and scene.packages:
+            await self.site.conveyor.reset()
+
+    def _begin(self) -> None:
+        site, user = self.site, self._user
+        site.latest.interaction.get(user)  # received from now on
+        site.latest.objects.get(TRACKER)
+        feeds: tuple[tuple[AsyncIterator[Any], Callable[[Attempt, Any, int], None]], ...] = (
+            (site.cursors(user), Attempt.on_cursor),
+            (site.hovers(user), Attempt.on_hover),
+            (site.selections(), Attempt.on_selection),
+            (site.messages(topics.BUTTON, user), Attempt.on_press),
+        )
+        work = [self._pump(*feed) for feed in feeds]
+        work += [self._report(), self._configure()]
+        self._tasks = [asyncio.create_task(each) for each in work]
+
+    async def _pump(self, feed: AsyncIterator[Any], handle: Callable[[Attempt, Any, int], None]) -> None:
+        """Pass messages to the attempt that goes on."""
+        async for message in feed:
+            if isinstance(message, Cursor):
+                self._heard_ns = self.site.now_ns()
+            if self.attempt is not None:
+                handle(self.attempt, message, self.site.now_ns())
+
+    async def _configure(self) -> None:
+        async for message in self.site.messages(topics.CONFIGURATION):
+            self.configuration[message.instance] = message.parameters
+
+    async def _report(self) -> None:
+        while True:
+            self._tracker.update(self._scene.objects if self._scene is not None else ())
+            await self.site.sleep(SHOW_S)

@@ -1,0 +1,293 @@
+"""A session: one participant does what is left of their plan, on a site that the session starts."""
+
+import contextlib
+import json
+import platform
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import pointit
+from pointit.geometry.vector import Vec3
+from pointit.runtime.errors import ConfigError, PointItError
+from pointit.study.columns import REPEATED, utc
+from pointit.study.data import StudyFolder, Table
+from pointit.study.measure import Attempt, load_condition
+from pointit.study.model import Study, Value
+from pointit.study.plan import condition_of, plan_of
+from pointit.study.progress import Progress
+from pointit.study.questionnaires import scale_of
+from pointit.study.room import Room, Setup
+from pointit.study.scenario import scenario_file
+from pointit.study.tasks import Scene, Trial
+from pointit.study.view import Command, Status, StudyView
+
+TICK_S = 0.05
+CLOCK_APART_S = 0.5
+"""Difference between the site's time and the stamps of a wrist above which times are doubtful, s."""
+
+
+class StoppedError(PointItError):
+    """The experimenter has stopped the session; it can go on later."""
+
+
+class Session:
+    """One participant, who goes on with their plan."""
+
+    def __init__(
+        self, study: Study, folder: StudyFolder, participant: str, view: StudyView, setup: Setup
+    ) -> None:
+        """Read what has been done.
+
+        Raises:
+            ConfigError: If the participant has finished, is unknown or runs elsewhere, or a file is damaged.
+        """
+        self._study = study
+        self._folder = folder
+        self._participant = participant
+        self._view = view
+        self._setup = setup
+        self._plan = plan_of(study, participant)
+        self._condition = load_condition(study.end, study.folder)
+        self._table: Table = folder.trials(participant)
+        self._progress = Progress(self._plan, self._table.rows)
+        self._about: dict[str, Any] = folder.about(participant)
+        if not self._progress.left and self._about.get("ended"):
+            self._table.close()
+            raise ConfigError(
+                f"{participant} has finished; give another one, or move {folder.path / participant} away"
+            )
+        self._room: Room | None = None
+
+    async def run(self) -> None:
+        """Run all trials that are left.
+
+        Raises:
+            StoppedError: If the experimenter stops it, or the participant does not agree.
+            PointItError: If a service fails, or data cannot be written. What was measured before is kept.
+        """
+        async with contextlib.AsyncExitStack() as stack:
+            stack.callback(self._table.close)
+            await self._begin()
+            block = None
+            sites = await stack.enter_async_context(contextlib.AsyncExitStack())
+            while (trial := self._progress.current) is not None:
+                if trial.block != block:
+                    await self._ask_after(trial.block - 1)
+                    await self._enter(trial, sites, is_first=block is None)
+                    block = trial.block
+                await self._do(trial)
+            await self._ask_after(self._plan.trials[-1].block)
+            self._put(
+                ended=utc(self._room.site.now_ns()) if self._room else self._table.rows[-1]["began_utc"]
+            )
+
+    @property
+    def _here(self) -> Room:
+        if self._room is None:
+            raise PointItError("the site has not been started")
+        return self._room
+
+    async def _begin(self) -> None:
+        if not self._about:
+            self._put(
+                pseudonym=self._participant,
+                simulated=bool(self._setup.person),
+                group=self._plan.group,
+                seed=self._study.seed,
+                order=list(self._plan.order),
+                versions={"pointit": pointit.__version__, "python": platform.python_version()},
+            )
+        if self._study.consent and not self._about.get("consented"):
+            if not await self._view.tell(self._study.consent, go="agree"):
+                raise StoppedError(f"{self._participant} does not agree: nothing is measured")
+            self._put(consented=True)
+        if self._study.instruction:
+            await self._view.tell(self._study.instruction, go="begin")
+
+    async def _enter(self, trial: Trial, sites: contextlib.AsyncExitStack, *, is_first: bool) -> None:
+        """Set the condition of the block of `trial`, and explain it."""
+        settings = {**self._study.services(trial.cell), **self._setup.person}
+        if self._study.end == "press":
+            settings |= {"selector.confirm": "press", "supervisor.press_while_pointing": "confirms"}
+        if self._room is not None and self._room.is_live(settings):
+            await self._room.use(settings)
+        else:
+            await sites.aclose()
+            self._room = await sites.enter_async_context(
+                Room.at(self._site(trial, settings), self._participant, settings)
+            )
+        texts = [
+            self._study.instructions[level]
+            for level in trial.cell.values()
+            if level in self._study.instructions
+        ]
+        if not is_first and self._study.break_s and not self._setup.person:
+            self._show(trial, f"a break of {self._study.break_s:g} s")
+            await self._here.site.sleep(self._study.break_s)
+        if texts or not is_first:
+            await self._view.tell("\n".join(texts) or "The next block begins.", go="begin")
+
+    def _site(self, trial: Trial, settings: Mapping[str, Value]) -> Any:
+        recording = self._folder.recording(self._participant) if self._setup.record else None
+        return pointit.run(
+            scenario_file(self._study, self._folder.path / self._participant, recording),
+            users=[self._participant],
+            seed=trial.seed % 2**31,
+            localize=self._setup.localize,
+            imu=self._setup.imu or (),
+            output=self._setup.output,
+            settings=settings,
+            listen=self._setup.listen,
+        )
+
+    async def _do(self, trial: Trial) -> None:
+        """Make one attempt at `trial`, and write it."""
+        await self._wait_until_ready(trial)
+        if self._progress.current is not trial:
+            return  # the experimenter wants the last one again
+        if "begun" not in self._about:
+            self._put(begun=utc(self._here.site.now_ns()))
+        before, scene = self._scenes_of(trial)
+        attempt, stop = await self._attempt(trial, scene, None if before is None else before.target_m)
+        self._table.append({**self._row(trial), "target": scene.name, **attempt.columns()})
+        self._progress.end(is_done=not attempt.reason.startswith(REPEATED))
+        self._note(trial, attempt)
+        if stop is not None:
+            await self._obey(stop, trial)
+
+    async def _attempt(
+        self, trial: Trial, scene: Scene, before_m: Vec3 | None
+    ) -> tuple[Attempt, Command | None]:
+        room, study = self._here, self._study
+        target, target_m = await room.show(scene)
+        attempt = room.attempt = Attempt(
+            began_ns=room.site.now_ns(),
+            target=target,
+            target_m=target_m,
+            width_m=scene.width_m,
+            end=study.end,
+            timeout_s=study.timeout_s,
+            condition=self._condition,
+            before_m=before_m,
+        )
+        self._show(trial, "pointing", scene.name)
+        later: Command | None = None
+        try:
+            while attempt.outcome is None:
+                await room.site.sleep(TICK_S)
+                if scene.packages and attempt.outcome is None:
+                    attempt.target_m = room.position(target) or attempt.target_m
+                room.problem  # noqa: B018 - raises what has failed in the background
+                attempt.tick(room.site.now_ns())
+                if (command := self._view.command()) is not None:
+                    if command.name == "skip":
+                        attempt.abandon(f"skipped: {command.reason or 'by the experimenter'}")
+                    else:
+                        attempt.abandon(f"{REPEATED}: {command.name} by the experimenter")
+                        later = command if command.name in ("pause", "stop") else None
+        finally:
+            await room.hide()
+        return attempt, later
+
+    async def _wait_until_ready(self, trial: Trial) -> None:
+        """Wait the pause between trials, and until the participant points; obey commands meanwhile."""
+        site = self._here.site
+        at_ns = site.now_ns() + round(self._study.pause_s * 1e9)
+        while (problem := self._here.problem) or site.now_ns() < at_ns:
+            self._show(trial, problem or "pause")
+            await site.sleep(TICK_S)
+            if (command := self._view.command()) is not None:
+                await self._obey(command, trial)
+                if self._progress.current is not trial:
+                    return
+
+    async def _obey(self, command: Command, trial: Trial) -> None:
+        """Obey a command between two attempts.
+
+        Raises:
+            StoppedError: If it is `stop`.
+        """
+        if command.name == "stop":
+            raise StoppedError(
+                f"{self._participant} is stopped at trial {trial.number}; the same command goes on there"
+            )
+        if command.name == "repeat":
+            self._progress.repeat()
+        elif command.name == "skip":
+            reason = f"skipped: {command.reason or 'by the experimenter'}"
+            row = {**self._row(trial), "outcome": "skipped", "reason": reason}
+            self._table.append({**row, "began_utc": utc(self._here.site.now_ns())})
+            self._progress.end(is_done=True)
+        elif command.name == "pause":
+            self._show(trial, "paused")
+            while (following := self._view.command()) is None:
+                await self._here.site.sleep(TICK_S)
+            if following.name != "pause":
+                await self._obey(following, trial)
+
+    def _scenes_of(self, trial: Trial) -> tuple[Scene | None, Scene]:
+        """Return the scene before `trial` in its block, if there is one, and its own."""
+        before, scene = None, None
+        for each in self._plan.trials[trial.number - 1 - trial.place : trial.number]:
+            before, scene = scene, self._study.task_in(each.cell).scene(each, self._here.map, scene)
+        if scene is None:
+            raise PointItError(f"there is no trial {trial.number}")
+        if self._study.end == "press":
+            pressed = tuple(each.model_copy(update={"press": True}) for each in scene.objects)
+            scene = replace(scene, objects=pressed)
+        return before, scene
+
+    def _row(self, trial: Trial) -> dict[str, object]:
+        """Return the columns of an attempt at `trial` that are known before it."""
+        return {
+            "participant": self._participant,
+            "block": trial.block,
+            "trial": trial.number,
+            "attempt": self._progress.attempt,
+            "practice": trial.practice,
+            **trial.cell,
+            "task": self._study.task.kind,
+            "seed": trial.seed,
+            "pointit_version": pointit.__version__,
+        }
+
+    def _note(self, trial: Trial, attempt: Attempt) -> None:
+        """Keep the services' configuration after their start, and a clock that is apart."""
+        kept: list[dict[str, Any]] = self._about.get("configuration", [])
+        services = {name: json.loads(text) for name, text in sorted(self._here.configuration.items())}
+        if services and (not kept or kept[-1]["services"] != services):
+            self._put(configuration=[*kept, {"from_trial": trial.number, "services": services}])
+        if attempt.clock_apart_s > max(CLOCK_APART_S, self._about.get("clock_apart_s", 0.0)):
+            self._put(clock_apart_s=round(attempt.clock_apart_s, 3))
+
+    async def _ask_after(self, block: int) -> None:
+        """Ask the questionnaires about a block unless they are answered."""
+        if block < 1 or not self._study.questionnaires:
+            return
+        with contextlib.closing(self._folder.answers(self._participant)) as table:
+            answered = {(row["questionnaire"], row["block"]) for row in table.rows}
+            for scale in map(scale_of, self._study.questionnaires):
+                if (scale.name, str(block)) in answered:
+                    continue
+                about = {"participant": self._participant, "questionnaire": scale.name, "block": block}
+                about |= {"condition": self._plan.order[block - 1]}
+                answers = enumerate(await self._view.ask(scale), 1)
+                table.append(*({**about, "item": item, "value": value} for item, value in answers))
+
+    def _show(self, trial: Trial, state: str, target: str = "") -> None:
+        self._view.status(
+            Status(
+                participant=self._participant,
+                trial=trial.number,
+                block=trial.block,
+                condition=condition_of(trial.cell),
+                left=self._progress.left,
+                target=target,
+                state=state,
+            )
+        )
+
+    def _put(self, **about: object) -> None:
+        self._about |= about
+        self._folder.put_about(self._participant, self._about)

@@ -1,0 +1,169 @@
+"""Medians, differences, outcomes and learning, with intervals over participants."""
+
+from collections import Counter, defaultdict
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from pointit.runtime.errors import ConfigError
+from pointit.study_report.model import MEASURES, OUTCOMES, Trial, Trials
+from pointit.study_report.table import LEVEL, Table, summary
+
+BINS = 10
+"""Most groups of trials in which learning is shown."""
+
+
+def values_of(study: Trials, measure: str) -> list[Trial]:
+    """Return the counted trials with a value of `measure`: hits, and for errors also wrong selections.
+
+    Raises: ConfigError: If no counted trial has one.
+    """
+    outcomes = ("hit", "wrong") if measure.startswith("error") else ("hit",)
+    rows = [row for row in study.counted if measure in row.numbers and row.outcome in outcomes]
+    if not rows:
+        raise ConfigError(
+            f"{study.folder}: no trial has {measure}; measures are {', '.join(filter(study.has, MEASURES))}"
+        )
+    return rows
+
+
+def participant_medians(
+    study: Trials, measure: str, *factors: str
+) -> dict[tuple[str, ...], dict[str, float]]:
+    """Return each participant's median of `measure`, by the levels of `factors` and the participant.
+
+    Where a study has further factors, it is the mean over their levels of the medians, so that each level
+    weighs the same however many trials were hit. Raises: ConfigError: If nothing is known of `measure`.
+    """
+    kept = [study.index(factor) for factor in factors]
+    cells: dict[tuple[tuple[str, ...], str], dict[tuple[str, ...], list[float]]] = {}
+    for row in values_of(study, measure):
+        key = (tuple(row.levels[index] for index in kept), row.participant)
+        cells.setdefault(key, {}).setdefault(row.levels, []).append(row.numbers[measure])
+    found: dict[tuple[str, ...], dict[str, float]] = defaultdict(dict)
+    for (levels, participant), values in cells.items():
+        found[levels][participant] = float(np.mean([np.median(each) for each in values.values()]))
+    return found
+
+
+def medians(study: Trials, measure: str = "selection_s") -> Table:
+    """Return for each condition the median over participants of their medians, with its bootstrap interval.
+
+    Raises: ConfigError: If nothing is known of `measure`.
+    """
+    found = participant_medians(study, measure, *study.factors)
+    people = ([*found.get(levels, {}).values()] for levels in study.conditions)
+    rows = zip(study.conditions, people, strict=True)
+    return Table({**study.named(levels), **summary(values, "median")} for levels, values in rows)
+
+
+def differences(study: Trials, measure: str = "selection_s") -> Table:
+    """Return the differences between all pairs of levels of each factor, with intervals of t distributions.
+
+    Within participants, differences are of the same people: paired two-sided t-test. Between participants:
+    Welch's test. `p_holm` is corrected for the pairs of a factor (Holm, 1979). Raises: ConfigError: If
+    nothing is known of `measure`.
+    """
+    table = Table()
+    for factor in study.factors:
+        found = participant_medians(study, measure, factor)
+        rows: list[dict[str, Any]] = []
+        for a, b in combinations(study.levels(factor), 2):
+            first, second = found.get((a,), {}), found.get((b,), {})
+            rows.append(
+                {"factor": factor, "difference": f"{b} - {a}", **_difference(study, factor, first, second)}
+            )
+        _holm(rows)
+        table += rows
+    return table
+
+
+def _difference(
+    study: Trials, factor: str, first: dict[str, float], second: dict[str, float]
+) -> dict[str, Any]:
+    is_within = study.is_within(factor)
+    if is_within:
+        both = sorted(first.keys() & second.keys())
+        first, second = ({name: one[name] for name in both} for one in (first, second))
+    a, b = (np.array([*one.values()]) for one in (first, second))
+    row: dict[str, Any] = {"test": "paired t" if is_within else "Welch's t"}
+    row["participants"] = len(a) if is_within else len(a) + len(b)
+    row["mean"] = float(b.mean() - a.mean()) if a.size and b.size else None
+    row |= {"low": None, "high": None, "p": None}
+    if min(a.size, b.size) < 2 or _is_constant(a, b, is_within=is_within):
+        return row
+    result: Any = stats.ttest_rel(b, a) if is_within else stats.ttest_ind(b, a, equal_var=False)
+    limits = result.confidence_interval(LEVEL)
+    return {**row, "low": float(limits.low), "high": float(limits.high), "p": float(result.pvalue)}
+
+
+def _is_constant(a: NDArray[np.float64], b: NDArray[np.float64], *, is_within: bool) -> bool:
+    """Return True if there is no spread that a test could compare with."""
+    scale = 1e-12 * max(abs(a).max(), abs(b).max(), 1e-300)
+    return bool(np.ptp(b - a) <= scale if is_within else max(np.ptp(a), np.ptp(b)) <= scale)
+
+
+def _holm(rows: list[dict[str, Any]]) -> None:
+    tested = sorted((row for row in rows if row["p"] is not None), key=lambda row: row["p"])
+    worst = 0.0
+    for row in rows:
+        row["p_holm"] = None
+    for index, row in enumerate(tested):
+        worst = max(worst, min(1.0, row["p"] * (len(tested) - index)))
+        row["p_holm"] = worst
+
+
+def outcomes(study: Trials) -> Table:
+    """Return for each condition the mean over participants of the share of each outcome.
+
+    `missed` is the share of trials that did not end with a hit, of those that were not skipped, with its
+    bootstrap interval.
+    """
+    table = Table()
+    for levels in study.conditions:
+        counts: dict[str, dict[str, int]] = defaultdict(lambda: dict.fromkeys(OUTCOMES, 0))
+        for row in study.counted:
+            if row.levels == levels:
+                counts[row.participant][row.outcome] += 1
+        shares = {
+            name: float(np.mean([one[name] / sum(one.values()) for one in counts.values()]))
+            for name in OUTCOMES
+        }
+        done = [(one, sum(one.values()) - one["skipped"]) for one in counts.values()]
+        missed = [1 - one["hit"] / total for one, total in done if total]
+        trials = sum(sum(one.values()) for one in counts.values())
+        columns = summary(missed, "missed", np.mean, trials=trials, **shares)
+        table.append({**study.named(levels), **columns, "participants": len(counts)})
+    return table
+
+
+def learning(study: Trials, measure: str = "selection_s") -> Table:
+    """Return medians by the number of the trial within its condition, in at most `BINS` groups.
+
+    Each value is the median over participants of their medians. Numbers count trials of all outcomes. Raises:
+    ConfigError: If nothing is known of `measure`.
+    """
+    known = {id(row) for row in values_of(study, measure)}
+    seen: Counter[tuple[tuple[str, ...], str]] = Counter()
+    numbered: list[tuple[Trial, int]] = []
+    for row in study.counted:
+        seen[row.levels, row.participant] += 1
+        numbered.append((row, seen[row.levels, row.participant]))
+    most = max(seen.values())
+    width = -(-most // BINS)
+    cells: dict[tuple[tuple[str, ...], int], dict[str, list[float]]] = {}
+    for row, number in numbered:
+        if id(row) in known:
+            people = cells.setdefault((row.levels, (number - 1) // width), {})
+            people.setdefault(row.participant, []).append(row.numbers[measure])
+    table = Table()
+    for levels in study.conditions:
+        for group in range(-(-most // width)):
+            values = [float(np.median(one)) for one in cells.get((levels, group), {}).values()]
+            ends = {"first_trial": group * width + 1, "last_trial": min((group + 1) * width, most)}
+            if values:
+                table.append({**study.named(levels), **summary(values, "median", np.median, **ends)})
+    return table

@@ -1,0 +1,162 @@
+"""Figures of a report. They need matplotlib, the extra `plot`.
+
+Text and axes are of a colour that `svg` replaces by that of the page, so that they are readable on light and
+on dark. The palette of the data is that of Okabe and Ito, for all kinds of colour vision.
+"""
+
+import re
+from collections.abc import Sequence
+from io import StringIO
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+from pointit.study_report import comparisons, tapping
+from pointit.study_report.model import MEASURES, OUTCOMES, Trials
+from pointit.study_report.table import Table
+from pointit.study_report.tapping import Index
+
+INK = "#7a7a7b"
+"""Readable on white and on black; `svg` replaces it by the colour of the page's text."""
+COLOURS = ("#1f83c8", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8a8a8a")
+STYLE: dict[str, Any] = {
+    **dict.fromkeys(("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color"), INK),
+    "axes.facecolor": "none",
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "figure.facecolor": "none",
+    "font.size": 10,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "pointit",
+}
+WIDE_IN = 6.4
+
+
+def medians(study: Trials, measure: str = "selection_s") -> Figure:
+    """Return the table `medians` as a figure; small dots are participants."""
+    table = comparisons.medians(study, measure)
+    people = comparisons.participant_medians(study, measure, *study.factors)
+    figure, axes = _axes(len(table))
+    for place, (row, levels) in enumerate(zip(table, study.conditions, strict=True)):
+        values = [*people.get(levels, {}).values()]
+        spread = np.linspace(-0.25, 0.25, len(values)) if len(values) > 1 else [0.0] * len(values)
+        axes.plot(values, place + np.array(spread), "o", color=COLOURS[place % 7], ms=3, alpha=0.55)
+        _interval(axes, place, row, "median")
+    _rows(axes, [study.label(levels) for levels in study.conditions])
+    axes.set_xlim(left=0)
+    axes.set_xlabel(MEASURES.get(measure, measure))
+    return figure
+
+
+def differences(study: Trials, measure: str = "selection_s") -> Figure:
+    """Return the table `differences` as a figure."""
+    table = comparisons.differences(study, measure)
+    figure, axes = _axes(len(table))
+    axes.axvline(0, color=INK, lw=0.8, ls=":")
+    for place, row in enumerate(table):
+        _interval(axes, place, row, "mean")
+    _rows(axes, [f"{row['factor']}: {row['difference']}" for row in table])
+    axes.set_xlabel(f"difference, {MEASURES.get(measure, measure)}")
+    return figure
+
+
+def outcomes(study: Trials) -> Figure:
+    """Return the shares of outcomes as a figure."""
+    table = comparisons.outcomes(study)
+    figure, axes = _axes(len(table), legend=True)
+    begin = np.zeros(len(table))
+    for name, colour in zip(OUTCOMES, ("#009e73", "#d55e00", "#e69f00", "#8a8a8a"), strict=True):
+        shares = np.array([row[name] for row in table])
+        axes.barh(range(len(table)), shares * 100, left=begin * 100, color=colour, height=0.6, label=name)
+        begin += shares
+    _rows(axes, [study.label(levels) for levels in study.conditions])
+    axes.set_xlim(0, 100)
+    axes.set_xlabel("share of trials, %")
+    axes.legend(loc="lower center", bbox_to_anchor=(0.4, 1.0), ncols=4, frameon=False, labelcolor=INK)
+    return figure
+
+
+def learning(study: Trials, measure: str = "selection_s") -> Figure:
+    """Return the table `learning` as a figure, a line for each condition."""
+    figure, axes = _axes(6)
+    for place, (label, rows) in enumerate(_by_condition(study, comparisons.learning(study, measure))):
+        number = np.array([(row["first_trial"] + row["last_trial"]) / 2 for row in rows])
+        axes.plot(number, [row["median"] for row in rows], "o-", ms=4, color=COLOURS[place % 7], label=label)
+        if all(row["low"] is not None for row in rows):
+            limits = [[row[name] for row in rows] for name in ("low", "high")]
+            axes.fill_between(number, *limits, color=COLOURS[place % 7], alpha=0.15, lw=0)
+    axes.set_ylim(bottom=0)
+    axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.set_xlabel("number of the trial within its condition")
+    axes.set_ylabel(MEASURES.get(measure, measure))
+    _key(axes)
+    return figure
+
+
+def fitts(study: Trials, index: Index = "m") -> Figure:
+    """Return the regressions of the table `fitts` as a figure; dots are means over participants."""
+    points = tapping.fitts_points(study, index)
+    figure, axes = _axes(6)
+    for place, row in enumerate(tapping.fitts(study, index)):
+        group = tuple((factor, row[factor]) for factor in study.factors if factor in row)
+        bits, times = points[group]
+        whole = times[~np.isnan(times).any(axis=1)].mean(axis=0)
+        colour = COLOURS[place % 7]
+        axes.plot(bits, whole, "o", color=colour, ms=5, label=study.label(level for _, level in group))
+        ends = np.array([bits.min(), bits.max()])
+        axes.plot(ends, row["intercept_s"] + row["slope_s_per_bit"] * ends, color=colour)
+    axes.set_ylim(bottom=0)
+    axes.set_xlabel("index of difficulty" + (", bit" if index != "kopper" else " of Kopper et al."))
+    axes.set_ylabel(MEASURES["selection_s"])
+    _key(axes)
+    return figure
+
+
+def svg(figure: Figure, name: str) -> str:
+    """Return `figure` as an SVG element for an HTML page; `name` makes the element's ids its own."""
+    text = StringIO()
+    settings: Any = mpl  # its stubs list every parameter there is
+    with settings.rc_context(STYLE):
+        saved: Any = figure
+        saved.savefig(text, format="svg", metadata={"Date": None, "Creator": None}, bbox_inches="tight")
+    shown = text.getvalue()[text.getvalue().index("<svg") :].replace(INK, "currentColor")
+    shown = re.sub(r"<metadata>.*?</metadata>", "", shown, flags=re.DOTALL)
+    shown = re.sub(r"font: (\S+) [^;\"]+", r"font-size: \1; font-family: inherit", shown)
+    return re.sub(r'(id="|href="#|url\(#)', rf"\g<1>{name}-", shown)
+
+
+def _axes(rows: int, *, legend: bool = False) -> tuple[Figure, Any]:
+    settings: Any = mpl
+    with settings.rc_context(STYLE):
+        figure: Any = Figure(figsize=(WIDE_IN, 0.9 + 0.42 * max(rows, 1) + 0.3 * legend))
+        axes: Any = figure.add_subplot()
+    return figure, axes
+
+
+def _rows(axes: Any, labels: Sequence[str]) -> None:
+    axes.set_yticks(range(len(labels)), labels)
+    axes.set_ylim(len(labels) - 0.5, -0.5)
+    axes.tick_params(axis="y", length=0)
+
+
+def _interval(axes: Any, place: int, row: dict[str, Any], column: str) -> None:
+    """Draw the interval of `row` about its `column`."""
+    colour = COLOURS[place % 7]
+    if row["low"] is not None:
+        axes.plot([row["low"], row["high"]], [place, place], color=colour, lw=2.5, solid_capstyle="butt")
+    if row[column] is not None:
+        axes.plot([row[column]], [place], "D", color=colour, ms=6)
+
+
+def _by_condition(study: Trials, table: Table) -> list[tuple[str, list[dict[str, Any]]]]:
+    found: dict[str, list[dict[str, Any]]] = {}
+    for row in table:
+        found.setdefault(study.label(row[factor] for factor in study.factors), []).append(row)
+    return [*found.items()]
+
+
+def _key(axes: Any) -> None:
+    if len(axes.get_legend_handles_labels()[1]) > 1:
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, labelcolor=INK)

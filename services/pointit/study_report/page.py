@@ -1,0 +1,112 @@
+"""The report of a study as one HTML page that needs nothing else, and as a notebook."""
+
+import json
+from collections.abc import Callable
+from html import escape
+from typing import Any
+
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.extras import pointit_version
+from pointit.study_report import figures
+from pointit.study_report.contents import capital, sections
+from pointit.study_report.model import Trials
+from pointit.study_report.table import RESAMPLES, Table
+
+STYLE = """
+:root { color-scheme: light dark; --ink: #1d2125; --dim: #5b636b; --line: #d5d9dd; --paper: #fff; --code:
+#f2f4f6; } @media (prefers-color-scheme: dark) {
+  :root { --ink: #e4e7ea; --dim: #a3abb3; --line: #3b4249; --paper: #14171a; --code: #21262b; } }
+body { background: var(--paper); color: var(--ink); font: 16px/1.5 system-ui, sans-serif; margin: 0 auto;
+  max-width: 56rem; padding: 1rem; }
+h2 { border-top: 1px solid var(--line); margin-top: 2.5rem; padding-top: 1rem; }
+p.about, footer { color: var(--dim); }
+figure { margin: 1rem 0; } figure svg { display: block; height: auto; max-width: 100%; }
+.wide { overflow-x: auto; } table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
+th, td { border-bottom: 1px solid var(--line); padding: .2rem .7rem .2rem 0; text-align: left;
+vertical-align: bottom; } th { font-weight: 600; } td.number { text-align: right; } td { white-space: nowrap;
+} pre { background: var(--code); margin: .3rem 0 1.5rem; overflow-x: auto; padding: .4rem .6rem; }
+code { font: 13px/1.4 ui-monospace, monospace; }
+"""
+
+LONG = 15
+"""Tables with more rows are folded."""
+
+SETUP = """%matplotlib inline
+from pointit import study_report
+from pointit.study_report import figures
+
+trials = study_report.trials({folder!r})"""
+
+
+def report(
+    study: Trials, title: str, folder: str, tell: Callable[[str], object] = lambda _: None
+) -> tuple[str, str]:
+    """Return the page of `study`, and a notebook (nbformat 4.5, JSON) without results, which makes the same.
+
+    `folder` is the study's, as seen from the notebook's. `tell` is called with the title of each section.
+    """
+    parts = [_head(study, title)]
+    cells = [_cell("markdown", f"# {title}"), _cell("code", SETUP.format(folder=folder))]
+    for place, section in enumerate(sections(study)):
+        tell(section.title)
+        parts.append(f'<h2>{escape(section.title)}</h2><p class="about">{escape(section.about)}</p>')
+        cells.append(_cell("markdown", f"## {section.title}\n\n{section.about}"))
+        missing = dict[str, None]()
+        for number, step in enumerate(section.steps):
+            try:
+                result = step.run(study)
+            except ConfigError as error:
+                missing[capital(str(error).removeprefix(f"{study.folder}: ")) + "."] = None
+                continue
+            parts.append(_shown(result, f"s{place}-{number}", section.title))
+            parts.append(f"<pre><code>{escape(step.code)}</code></pre>")
+            cells.append(_cell("code", step.code))
+        parts += [f"<p>{escape(sentence)}</p>" for sentence in missing]
+        cells += [_cell("markdown", sentence) for sentence in missing]
+    read = escape(f"trials = study_report.trials({str(study.folder)!r})")
+    parts.append(
+        f"<footer><p>Made by PointIt {escape(pointit_version())}. Bootstrap: {RESAMPLES} draws,"
+        " fixed seed. Each grey line makes what is above it, after"
+        " <code>from pointit import study_report</code> and"
+        f" <code>{read}</code>.</p></footer></body></html>\n"
+    )
+    for number, cell in enumerate(cells):
+        cell["id"] = f"cell-{number}"
+    kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
+    book = {"cells": cells, "metadata": {"kernelspec": kernel}, "nbformat": 4, "nbformat_minor": 5}
+    return "\n".join(parts), json.dumps(book, indent=1, ensure_ascii=False) + "\n"
+
+
+def _head(study: Trials, title: str) -> str:
+    count = len(study.participants)
+    facts = f"{count} participant{'s' * (count != 1)}, {len(study.counted)} trials"
+    facts += f" in {len(study.conditions)} conditions"
+    for factor in study.factors:
+        kind = "within" if study.is_within(factor) else "between"
+        facts += f"; factor {factor} ({kind} participants): {', '.join(study.levels(factor))}"
+    notes = [*study.notes]
+    if count == 1:
+        notes.append("One participant: there are no intervals over participants and no tests.")
+    listed = "".join(f"<li>{escape(note)}</li>" for note in notes)
+    return (
+        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{escape(title)}</title><style>{STYLE}</style></head><body>"
+        f"<h1>{escape(title)}</h1><p>{escape(facts)}.</p>" + (f"<ul>{listed}</ul>" if listed else "")
+    )
+
+
+def _shown(result: Any, name: str, title: str) -> str:
+    if isinstance(result, Table):
+        shown = (
+            f'<div class="wide" tabindex="0" role="region" aria-label="{escape(title)}">{result.html()}</div>'
+        )
+        long = f"<details><summary>Table of {len(result)} rows</summary>{shown}</details>"
+        return long if len(result) > LONG else shown
+    picture = figures.svg(result, name).replace("<svg", f'<svg role="img" aria-label="{escape(title)}"', 1)
+    return f"<figure>{picture}</figure>"
+
+
+def _cell(kind: str, text: str) -> dict[str, Any]:
+    cell: dict[str, Any] = {"cell_type": kind, "metadata": {}, "source": text.splitlines(keepends=True)}
+    return cell if kind == "markdown" else {**cell, "execution_count": None, "outputs": []}

@@ -1,0 +1,69 @@
+"""Programs: one says what was understood, whose echo is no word of the person, and those of verbs."""
+
+from contextlib import nullcontext
+from pathlib import Path
+
+import pytest
+
+from pointit.cli.things.spoken import own_verbs
+from pointit.runtime.errors import ConfigError, RefusedError
+from pointit.schemas import NS_PER_S, Speech, Understood, Word
+from pointit.speech.grammar import Command
+from pointit.speech.loudspeaker import PROGRAM, Loudspeaker
+from pointit.speech.packages import Packages
+from pointit.speech.room import SpokenRoom
+from pointit.speech.verbs import Site
+from tests.support.bench import ManualClock, memory_bench
+
+
+def understood(message: str, result: str = "done") -> Understood:
+    return Understood.model_validate(
+        {"stamp_ns": 1, "text": "take that", "result": result, "message": message}
+    )
+
+
+def heard(clock: ManualClock, from_s: float, to_s: float) -> Speech:
+    start_ns, end_ns = (clock.now_ns() + round(each * NS_PER_S) for each in (from_s, to_s))
+    return Speech(stamp_ns=end_ns, words=(Word(text="yes", start_ns=start_ns, end_ns=end_ns),))
+
+
+@pytest.mark.wall_time
+async def test_a_message_and_the_short_question_are_said_and_words_meanwhile_are_its_echo(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program, said = tmp_path / PROGRAM, tmp_path / "said"
+    program.write_text(f"#!/bin/sh\necho $1 $(cat) >>{said}\n", encoding="utf-8")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
+    clock = ManualClock()
+    speaker = Loudspeaker(clock)
+    assert not speaker.is_echo(heard(clock, -1.0, 0.0)), "nothing was said yet"
+    for each in (
+        understood("--help"),
+        understood(""),
+        understood("Radio or nuts? Say yes, or press", "asked"),
+    ):
+        speaker.say(each)
+        if each.message:
+            clock.advance(1.0)
+            assert speaker.is_echo(heard(clock, -0.9, -0.5))
+        await speaker.close()
+    assert said.read_text(encoding="utf-8").split("\n")[:2] == ["--stdin --help", "--stdin Radio or nuts?"]
+    assert speaker.is_echo(heard(clock, 0.1, 0.5)), "it may still sound"
+    assert not speaker.is_echo(heard(clock, 0.5, 1.0))
+    monkeypatch.setenv("PATH", str(tmp_path / "nothing"))
+    with pytest.raises(ConfigError, match=f"--speak needs `{PROGRAM}`: install it"):
+        Loudspeaker(clock)
+
+
+@pytest.mark.parametrize(
+    ("program", "fails"), [("true", ""), ("false", "heat kettle: false anna ended with")]
+)
+@pytest.mark.wall_time
+async def test_a_verb_starts_its_program_and_says_if_that_fails(program: str, fails: str) -> None:
+    async with memory_bench() as bench:
+        known = SpokenRoom()
+        site = Site(bench.bus, bench.clock, "anna", known, Packages(bench.bus, bench.clock, "anna", known))
+        verb = own_verbs([f"heat kettle={program} {{user}}"])["heat"]
+        with pytest.raises(RefusedError, match=fails) if fails else nullcontext():
+            assert await verb.act(site, Command(verb="heat"), [known.named("kettle")]) == "heat kettle"

@@ -1,0 +1,59 @@
+"""Rows are whole or not there: after a crash in the middle of one, on a full disk, with two processes."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from pointit.runtime.errors import ConfigError, PointItError
+from pointit.study.data import StudyFolder, Table, read_table
+from pointit.study.model import Study
+
+COLUMNS = ("trial", "reason")
+
+
+def test_row_that_a_crash_has_cut_off_is_removed_at_each_byte(tmp_path: Path) -> None:
+    table = Table(tmp_path / "t.csv", COLUMNS)
+    table.append({"trial": 1, "reason": 'said "no", and\nleft'})
+    whole = table.path.read_bytes()
+    table.append({"trial": 2, "reason": "x"})
+    table.close()
+    content = table.path.read_bytes()
+    for size in range(len(whole), len(content)):
+        table.path.write_bytes(content[:size])
+        again = Table(table.path, COLUMNS)
+        assert [row["trial"] for row in again.rows] == ["1"]
+        again.append({"trial": 2, "reason": "x"})
+        again.close()
+        assert table.path.read_bytes() == content
+
+
+def test_full_disk_is_said_and_the_rows_before_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    table = Table(tmp_path / "t.csv", COLUMNS)
+    table.append({"trial": 1})
+
+    def full(_number: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", full)
+        with pytest.raises(
+            PointItError, match=r"t\.csv: a row cannot be written \(No space left on device\).*make room"
+        ):
+            table.append({"trial": 2})
+    assert [row["trial"] for row in read_table(table.path)] == ["1"]
+    table.append({"trial": 2})
+    table.close()
+    assert [row["trial"] for row in read_table(table.path)] == ["1", "2"]
+
+
+def test_participant_runs_once_at_a_time_and_a_folder_holds_one_study(tmp_path: Path) -> None:
+    study = Study.model_validate({"name": "s", "participants": 2, "task": {"kind": "reach"}})
+    folder = StudyFolder(tmp_path / "data", study, "name: s")
+    table = folder.trials("P01")
+    with pytest.raises(ConfigError, match="another process runs this participant"):
+        folder.trials("P01")
+    table.close()
+    folder.trials("P01").close()
+    with pytest.raises(ConfigError, match="differs from the study; use another folder"):
+        StudyFolder(tmp_path / "data", study, "name: other")

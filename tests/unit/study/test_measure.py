@@ -1,0 +1,117 @@
+"""The measures of an attempt against a case computed by hand, and each end of it."""
+
+import math
+
+import pytest
+
+from pointit.schemas import ButtonEvent, Cursor, Hover, SelectionEvent
+from pointit.study.measure import Attempt
+
+S = 1_000_000_000
+
+
+def attempt(end: str = "selection", **fields: object) -> Attempt:
+    usual = {"began_ns": 0, "target": "t", "target_m": (4.0, 0.0, 1.0), "width_m": 0.4, "timeout_s": 5.0}
+    return Attempt(**{**usual, "end": end, **fields})  # type: ignore[arg-type]
+
+
+def cursor(azimuth_deg: float, now_s: float) -> Cursor:
+    """Return a cursor on a wall at x = 4 m, seen from the origin 1 m high."""
+    angle_rad = math.radians(azimuth_deg)
+    return Cursor(
+        stamp_ns=round(now_s * S),
+        point_m=(4.0, 4.0 * math.tan(angle_rad), 1.0),
+        origin_m=(0.0, 0.0, 1.0),
+        direction=(math.cos(angle_rad), math.sin(angle_rad), 0.0),
+    )
+
+
+def selected(name: str) -> SelectionEvent:
+    return SelectionEvent(stamp_ns=0, event="selected", object_id=name, user="P01")
+
+
+def test_measures_of_a_selection_are_those_computed_by_hand() -> None:
+    one = attempt()
+    for azimuth_deg, now_s in ((30.0, 0.1), (30.2, 0.2), (10.0, 0.3), (-5.0, 0.4), (2.0, 0.5)):
+        one.on_cursor(cursor(azimuth_deg, now_s), round(now_s * S))
+        one.on_hover(Hover(stamp_ns=0, object_id="t" if abs(azimuth_deg) < 6 else ""), round(now_s * S))
+    one.on_hover(Hover(stamp_ns=0, object_id="other"), round(0.6 * S))
+    one.on_hover(Hover(stamp_ns=0, object_id="t"), round(0.7 * S))
+    one.tick(round(0.8 * S))
+    assert one.outcome is None
+    one.on_selection(selected("t"), round(1.25 * S))
+    measures = one.columns()
+    assert one.outcome == "hit"
+    assert (measures["first_hover_s"], measures["selection_s"], measures["corrections"]) == (0.4, 1.25, 1)
+    assert measures["path_length_deg"] == pytest.approx(20.0 + 15.0 + 7.0)
+    assert measures["error_deg"] == pytest.approx(2.0)
+    assert measures["error_m"] == pytest.approx(4.0 * math.tan(math.radians(2.0)))
+    assert measures["target_distance_deg"] == pytest.approx(30.0)
+    assert measures["target_distance_m"] == pytest.approx(4.0 * math.tan(math.radians(30.0)))
+    assert measures["target_width_deg"] == pytest.approx(2.0 * math.degrees(math.atan(0.05)))
+    assert attempt(before_m=(4.0, -1.0, 1.0)).columns()["target_distance_m"] == 1.0
+
+
+def test_without_a_surface_the_rays_point_nearest_to_the_target_is_selected() -> None:
+    one = attempt()
+    one.on_cursor(cursor(10.0, 0.1).model_copy(update={"point_m": None}), round(0.1 * S))
+    measures = one.columns()
+    angle_rad = math.radians(10.0)
+    assert measures["error_m"] == pytest.approx(4.0 * math.sin(angle_rad))
+    assert measures["selected_x_m"] == pytest.approx(4.0 * math.cos(angle_rad) ** 2)
+    assert measures["selected_y_m"] == pytest.approx(4.0 * math.cos(angle_rad) * math.sin(angle_rad))
+
+
+@pytest.mark.parametrize(
+    ("end", "hovered", "happens", "outcome", "reason"),
+    [
+        ("selection", "t", selected("other"), "wrong", "selected other"),
+        (
+            "selection",
+            "t",
+            SelectionEvent(stamp_ns=0, event="left", object_id="t"),
+            "timeout",
+            "the target has left",
+        ),
+        ("selection", "t", None, "timeout", ""),
+        ("timeout", "t", selected("other"), "hit", ""),
+        ("timeout", "", None, "timeout", ""),
+        ("press", "", ButtonEvent(stamp_ns=0), "wrong", "pressed beside"),
+        ("press", "t", selected("t"), "hit", ""),
+    ],
+)
+def test_attempt_ends_as_the_study_says(
+    end: str, hovered: str, happens: SelectionEvent | ButtonEvent | None, outcome: str, reason: str
+) -> None:
+    one = attempt(end)
+    one.on_hover(Hover(stamp_ns=0, object_id=hovered), S // 10)
+    if isinstance(happens, SelectionEvent):
+        one.on_selection(happens, S)
+    elif happens is not None:
+        one.on_press(happens, S)
+    for tenths in range(60):
+        one.on_cursor(cursor(0.0, tenths / 10), tenths * S // 10)
+        one.tick(tenths * S // 10)
+    assert (one.outcome, one.reason) == (outcome, reason)
+
+
+def test_attempt_does_not_count_when_the_wrist_is_lost() -> None:
+    one = attempt()
+    one.on_cursor(cursor(0.0, 1.0), S)
+    one.tick(round(2.9 * S))
+    assert one.outcome is None
+    one.tick(round(3.1 * S))
+    assert one.outcome == "skipped"
+    assert one.reason.startswith("repeated: no ray")
+
+
+def test_condition_in_python_ends_an_attempt() -> None:
+    def ends(now: Attempt) -> str | None:
+        return "hit" if now.passed_s > 1.0 else None
+
+    one = attempt("ends.py:ends", condition=ends)
+    one.on_cursor(cursor(0.0, 0.5), S // 2)
+    assert one.outcome is None
+    one.on_cursor(cursor(0.0, 1.5), 3 * S // 2)
+    measures = one.columns()
+    assert (measures["outcome"], measures["selection_s"]) == ("hit", 1.5)

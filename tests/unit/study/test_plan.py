@@ -1,0 +1,135 @@
+"""Orders are balanced, plans are whole and the same each time, and what cannot be balanced is said."""
+
+import itertools
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pointit.runtime.errors import ConfigError
+from pointit.study.model import Study, read_study
+from pointit.study.order import imbalance, square
+from pointit.study.plan import plan_of
+
+BASE = {"name": "s", "task": {"kind": "reach"}}
+
+
+def study(**fields: object) -> Study:
+    return Study.model_validate({**BASE, **fields}, strict=False)
+
+
+def factor(levels: int, vary: str, parameter: str) -> dict[str, object]:
+    return {
+        "vary": vary,
+        "levels": {f"{parameter[-1]}{n}": {parameter: 0.1 * (n + 1)} for n in range(levels)},
+    }
+
+
+@given(conditions=st.integers(1, 12))
+def test_williams_squares_balance_positions_and_sequences(conditions: int) -> None:
+    rows = [[str(each) for each in row] for row in square("williams", conditions)]
+    assert imbalance(rows, "williams") == ""
+    if conditions > 2:
+        assert imbalance(rows[:-1], "williams")
+    followers = Counter(pair for row in rows for pair in itertools.pairwise(row))
+    assert len(followers) == conditions * (conditions - 1)
+    assert len(set(followers.values())) <= 1
+    assert (
+        imbalance([[str(n) for n in row] for row in square("latin_square", conditions)], "latin_square") == ""
+    )
+
+
+@settings(deadline=None, max_examples=25)
+@given(
+    blocks=st.integers(2, 5),
+    inner=st.integers(2, 4),
+    groups=st.sampled_from([1, 2]),
+    rounds=st.integers(1, 2),
+    order=st.sampled_from(["latin_square", "williams", "blocked_random"]),
+    repetitions=st.integers(1, 3),
+    practice=st.integers(0, 3),
+    seed=st.integers(0, 99),
+)
+def test_each_participant_has_each_cell_equally_often_and_orders_balance_in_each_group(
+    *,
+    blocks: int,
+    inner: int,
+    groups: int,
+    rounds: int,
+    order: str,
+    repetitions: int,
+    practice: int,
+    seed: int,
+) -> None:
+    factors = {"b": factor(blocks, "block", "x.b"), "t": factor(inner, "trial", "task.t")}
+    if groups == 2:
+        factors["g"] = factor(2, "between", "x.g")
+    rows = len(square("williams" if order == "williams" else "latin_square", blocks))
+    people = rows * groups * rounds
+    made = study(
+        participants=people,
+        factors=factors,
+        order=order,
+        repetitions=repetitions,
+        practice=practice,
+        seed=seed,
+    )
+    plans = [plan_of(made, name) for name in made.people]
+    assert plans == [plan_of(made, name) for name in made.people]
+    for plan in plans:
+        cells = Counter(tuple(trial.cell.values()) for trial in plan.trials if not trial.practice)
+        assert set(cells.values()) == {repetitions}
+        assert len(cells) == blocks * inner
+        assert [trial.number for trial in plan.trials] == list(range(1, len(plan.trials) + 1))
+        assert sum(trial.practice for trial in plan.trials) == practice * blocks
+        assert sorted(plan.order) == sorted(plans[0].order)
+    for group in {tuple(plan.group.items()) for plan in plans}:
+        orders = [plan.order for plan in plans if tuple(plan.group.items()) == group]
+        assert len(orders) == people / groups
+        assert imbalance(orders, made.order) == ""
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (
+            "participants: 5",
+            "5 participants cannot balance 3 conditions in order williams; use a multiple of 6, such as 6",
+        ),
+        ("participants: [anna, anna]", "participants: anna is there twice"),
+        ("task: {kind: reach, width_m: -1}", "task.reach.width_m: must be above 0"),
+        ("end: hover", "end: use selection, press, timeout, or FILE.py:FUNCTION"),
+        ("questionnaires: [tlx]", "use one of nasa-tlx, sus or write items"),
+        ("repetitoins: 3", "repetitions"),
+        (
+            "factors: {m: {levels: {a: {x.y: 1}, b: {x.z: 1}}}}",
+            "level b and level a must set the same parameters; x.y is only in one",
+        ),
+        (
+            "factors: {m: {vary: trial, levels: {a: {x.y: 1}, b: {x.y: 2}}}}",
+            "x.y cannot change from trial to trial",
+        ),
+        (
+            "factors: {m: {vary: trial, levels: {a: {task.width: 1}, b: {task.width: 2}}}}",
+            "task in a: no parameter width; did you mean width_m",
+        ),
+        ("factors: {target: {levels: {a: {x.y: 1}, b: {x.y: 2}}}}", "factor target: use another name"),
+    ],
+)
+def test_bad_study_is_refused_in_one_sentence(tmp_path: Path, change: str, sentence: str) -> None:
+    lines = {
+        "name": "name: s",
+        "participants": "participants: 6",
+        "task": "task: {kind: reach}",
+        "factors": "factors: {m: {levels: {a: {x.y: 1}, b: {x.y: 2}, c: {x.y: 3}}}}",
+    }
+    file = tmp_path / "s.yaml"
+    file.write_text("\n".join({**lines, change.partition(":")[0]: change}.values()))
+    with pytest.raises(ConfigError) as refused:
+        read_study(file)
+    assert sentence in str(refused.value)
+    assert "{" not in str(refused.value)
+    assert str(refused.value).startswith(str(file))
+    assert "\n" not in str(refused.value)

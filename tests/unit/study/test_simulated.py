@@ -1,0 +1,215 @@
+"""Whole studies in virtual time: data of all trials, resumed after kill -9 at each step, checked."""
+
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import pointit
+from pointit.runtime.errors import ConfigError, PointItError
+from pointit.study.check import check_folder
+from pointit.study.columns import columns_of
+from pointit.study.data import StudyFolder, read_table
+from pointit.study.model import Study
+from pointit.study.room import Setup
+from pointit.study.session import Session, StoppedError
+from pointit.study.simulated import SimulatedView, person_of, simulate
+from pointit.study.view import Command, Status
+from tests.unit.study.studies import SMALL, simulate_all, small
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Study, StudyFolder]:
+    made = small(tmp_path_factory.mktemp("whole"))
+    simulate_all(*made)
+    return made
+
+
+def test_simulated_study_is_whole_and_checked(whole: tuple[Study, StudyFolder], tmp_path: Path) -> None:
+    study, folder = whole
+    for name in study.people:
+        rows = read_table(folder.path / name / "trials.csv")
+        assert [row["trial"] for row in rows] == ["1", "2", "3", "4"]
+        assert list(rows[0]) == [column for column, _, _ in columns_of(["method"])]
+        assert all(row["outcome"] == "hit" and float(row["selection_s"]) < 10.0 for row in rows)
+        assert len(read_table(folder.path / name / "answers.csv")) == 2 * 10
+        about = folder.about(name)
+        assert about["order"] == [rows[0]["method"], rows[3]["method"]]
+        assert about["configuration"][0]["services"]["selector"]["method"] == about["order"][0]
+    assert check_folder(folder.path) == []
+    again = small(tmp_path)
+    simulate(*again, "P02", lambda _status: None)
+    assert (again[1].path / "P02/trials.csv").read_bytes() == (folder.path / "P02/trials.csv").read_bytes()
+    with pytest.raises(ConfigError, match="P02 has finished; give another one"):
+        simulate(*again, "P02", lambda _status: None)
+
+
+class _KilledError(BaseException):
+    """The process ends here."""
+
+
+@pytest.mark.parametrize("step", range(8))
+def test_study_goes_on_at_the_trial_after_kill_9_at_each_step(
+    step: int, whole: tuple[Study, StudyFolder], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Step 2n ends the process after the row of trial n + 1 is written, 2n + 1 in the middle of the next."""
+    study, folder = small(tmp_path)
+    fsync: Callable[[int], None] = os.fsync
+
+    def kill(number: int) -> None:
+        fsync(number)
+        if (folder.path / "P01/trials.csv").exists() and len(
+            read_table(folder.path / "P01/trials.csv")
+        ) > step // 2:
+            raise _KilledError
+
+    monkeypatch.setattr(os, "fsync", kill)
+    with pytest.raises(_KilledError):
+        simulate(study, folder, "P01", lambda _status: None)
+    monkeypatch.setattr(os, "fsync", fsync)
+    if step % 2:
+        with (folder.path / "P01/trials.csv").open("a") as file:
+            file.write(f"P01,1,{step // 2 + 2},1,0,ho")
+    simulate(study, folder, "P01", lambda _status: None)
+    rows = read_table(folder.path / "P01/trials.csv")
+    assert [(row["trial"], row["attempt"]) for row in rows] == [(str(n), "1") for n in range(1, 5)]
+    targets = [row["target"] for row in read_table(whole[1].path / "P01/trials.csv")]
+    assert [row["target"] for row in rows] == targets
+    assert len(read_table(folder.path / "P01/answers.csv")) == 2 * 10
+    assert all(
+        finding.severity == "note" and not finding.participant for finding in check_folder(folder.path)
+    )
+
+
+class _Experimenter(SimulatedView):
+    """Gives commands by trial number, each at its first status `pointing` or else at any."""
+
+    def __init__(self, commands: list[tuple[int, str, Command]]) -> None:
+        super().__init__(0, self._on_status)
+        self._plan = commands
+        self._now: list[Command] = []
+
+    def _on_status(self, status: Status) -> None:
+        if self._plan and self._plan[0][:2] == (status.trial, status.state):
+            self._now.append(self._plan.pop(0)[2])
+
+    def command(self) -> Command | None:
+        return self._now.pop(0) if self._now else None
+
+
+def _session(study: Study, folder: StudyFolder, commands: list[tuple[int, str, Command]]) -> Session:
+    return Session(study, folder, "P01", _Experimenter(commands), Setup(person=person_of(study, "P01")))
+
+
+def test_experimenter_repeats_skips_pauses_and_stops(tmp_path: Path) -> None:
+    study, folder = small(tmp_path)
+    commands = [
+        (1, "pointing", Command("repeat")),
+        (2, "pause", Command("repeat")),  # the trial before
+        (2, "pointing", Command("pause")),
+        (2, "paused", Command("skip", "sneezed")),
+        (3, "pointing", Command("stop")),
+    ]
+    with pytest.raises(StoppedError, match="P01 is stopped at trial 3; the same command goes on there"):
+        pointit.run_virtually(_session(study, folder, commands).run())
+    notes = [finding.text for finding in check_folder(folder.path)]
+    assert "2 of 4 trials are missing: 3, 4; the same command goes on" in notes
+    pointit.run_virtually(_session(study, folder, []).run())
+    rows = read_table(folder.path / "P01/trials.csv")
+    assert [(row["trial"], row["attempt"], row["outcome"], row["reason"]) for row in rows] == [
+        ("1", "1", "skipped", "repeated: repeat by the experimenter"),
+        ("1", "2", "hit", ""),
+        ("1", "3", "hit", ""),
+        ("2", "1", "skipped", "repeated: pause by the experimenter"),
+        ("2", "2", "skipped", "skipped: sneezed"),
+        ("3", "1", "skipped", "repeated: stop by the experimenter"),
+        ("3", "2", "hit", ""),
+        ("4", "1", "hit", ""),
+    ]
+
+
+def test_wrist_lost_in_mid_trial_costs_that_attempt_only(tmp_path: Path) -> None:
+    study, folder = small(tmp_path, SMALL.replace("repetitions: 2", "repetitions: 1"))
+    person = {
+        **person_of(study, "P01"),
+        "user-sim.wristband.dropout_share": 0.5,
+        "user-sim.wristband.dropout_burst_s": 4.0,
+    }
+    view = SimulatedView(0, lambda _status: None)
+    pointit.run_virtually(Session(study, folder, "P01", view, Setup(person=person)).run())
+    rows = read_table(folder.path / "P01/trials.csv")
+    lost = [row for row in rows if row["reason"].startswith("repeated: no ray")]
+    assert lost
+    assert {row["trial"] for row in rows if not row["reason"].startswith("repeated")} == {"1", "2"}
+
+
+def test_check_finds_what_is_missing_or_wrong(whole: tuple[Study, StudyFolder], tmp_path: Path) -> None:
+    data = tmp_path / "data"
+    shutil.copytree(whole[1].path, data)
+
+    def change(name: str, alter: Callable[[list[str]], list[str]]) -> None:
+        path = data / name / "trials.csv"
+        path.write_text("".join(alter(path.read_text().splitlines(keepends=True))))
+
+    change("P01", lambda lines: [*lines[:2], *lines[3:]])  # trial 2 is gone
+    change("P02", lambda lines: [lines[0], lines[2], lines[1], *lines[3:]])  # a clock was set back
+    about = (data / "P02/participant.yaml").read_text()
+    (data / "P02/participant.yaml").write_text(about.replace("simulated: true", "simulated: false"))
+    shutil.copytree(data / "P02", data / "P03")
+    found = {(finding.participant, finding.text) for finding in check_folder(data)}
+    assert ("P01", "1 of 4 trials are missing: 2") in found
+    assert ("P02", "trial 1 begins before trial 2 ends: a clock was set back") in found
+    assert ("P03", "does not take part in the study; remove the folder") in found
+    assert ("", "P02 is there twice, in P02 and P03") in found
+    shutil.rmtree(data / "P02")
+    shutil.rmtree(data / "P03")
+    texts = [finding.text for finding in check_folder(data)]
+    assert any("orders are not balanced" in text for text in texts)
+    assert "not begun: P02" in texts
+
+
+@pytest.mark.parametrize(
+    ("scenario", "task"),
+    [
+        ("belts", "{kind: packages, lane: part_e, others: 2}"),
+        ("strips\n        end: press", "{kind: tapping, strip: '0', width_m: 0.3, distance_m: 1.5}"),
+        ("strips\n        end: ends.py:on", "{kind: reach, others: 2}"),
+        ("space", "{kind: tapping, width_m: 0.6, distance_m: 1.5, targets: 5, center_m: [5.0, 0.5, 1.5]}"),
+        ("space", "{kind: places, lamps: [led_0, led_1], places: {door: [4.0, 2.0, 1.0]}, width_m: 0.8}"),
+    ],
+)
+def test_ready_task_runs_simulated(scenario: str, task: str, tmp_path: Path) -> None:
+    (tmp_path / "ends.py").write_text(
+        "def on(now):\n    return 'hit' if now.hovered == now.target else None\n"
+    )
+    text = f"""
+        name: one
+        participants: 1
+        scenario: {scenario}
+        task: {task}
+        order: as_written
+        repetitions: 4
+    """
+    study, folder = small(tmp_path, text)
+    simulate_all(study, folder)
+    rows = read_table(folder.path / "P01/trials.csv")
+    assert [row["trial"] for row in rows] == ["1", "2", "3", "4"]
+    assert any(row["outcome"] == "hit" for row in rows)
+    assert all(float(row["target_width_deg"]) > 0.0 for row in rows)
+
+
+@pytest.mark.parametrize(
+    ("task", "sentence"),
+    [
+        ("{kind: reach, distance_m: 9}", "strip . is 5 m long: no two targets 0.2 m wide are 9 m apart"),
+        ("{kind: reach, strips: [x]}", "the map has no strip x; it has 0, 1"),
+        ("{kind: packages}", "the map has no belt"),
+        ("{kind: places}", "task places needs places or lamps"),
+    ],
+)
+def test_task_that_the_room_has_not_is_refused(task: str, sentence: str, tmp_path: Path) -> None:
+    study, folder = small(tmp_path, f"name: one\nparticipants: 1\ntask: {task}\norder: as_written\n")
+    with pytest.raises(PointItError, match=sentence):
+        simulate(study, folder, "P01", lambda _status: None)

@@ -1,0 +1,51 @@
+"""The terminal asks until it has an answer, and keys become commands of the experimenter."""
+
+import asyncio
+
+import pytest
+
+from pointit.cli.study.terminal import TerminalView
+from pointit.study.questionnaires import Scale
+from pointit.study.view import Command, Status
+
+STATUS = Status(participant="P01", trial=3, block=1, condition="hold", left=9, target="", state="pointing")
+
+
+async def typed(view: TerminalView, *lines: str) -> None:
+    for line in lines:
+        await asyncio.sleep(0.01)
+        view.on_bytes(line.encode())
+
+
+async def test_keys_are_commands_and_a_skip_pauses_until_its_reason_is_typed(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    view = TerminalView()
+    view.status(STATUS)
+    view.on_bytes(b"rxs")
+    view.status(STATUS)  # does not overwrite what is typed
+    view.on_bytes(b"slippd\x7fed, q\nq")
+    commands = [view.command() for _ in range(5)]
+    assert commands == [
+        Command("repeat"),
+        Command("pause"),
+        Command("skip", "slipped, q"),
+        Command("stop"),
+        None,
+    ]
+    assert "P01  trial 3, 9 left  hold  pointing" in capsys.readouterr().out
+
+
+async def test_participant_is_asked_until_the_answer_is_one() -> None:
+    view = TerminalView()
+    scale = Scale(name="own", items=("Easy?", "Fast?"), points=(1, 5))
+    async with asyncio.TaskGroup() as group:
+        asked = group.create_task(view.ask(scale))
+        await typed(view, "9\n", "yes\n", "4\n", "1\n")
+    assert asked.result() == [4, 1]
+    for answer, agrees in (("n\n", False), ("y\n", True)):
+        async with asyncio.TaskGroup() as group:
+            told = group.create_task(view.tell("Do you agree?", go="agree"))
+            await typed(view, "\n", answer)
+        assert told.result() is agrees
+    assert view.command() is None

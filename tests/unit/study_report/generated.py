@@ -1,0 +1,137 @@
+"""Folders of studies with a known truth, of the columns that `pointit study run` writes."""
+
+import csv
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+NAMES = [
+    "task",
+    "seed",
+    "pointit_version",
+    "target",
+    "outcome",
+    "reason",
+    "began_utc",
+    "first_hover_s",
+    "selection_s",
+    "corrections",
+    "path_length_deg",
+    "error_m",
+    "error_deg",
+    "target_distance_m",
+    "target_width_m",
+    "target_distance_deg",
+    "target_width_deg",
+    "target_x_m",
+    "target_y_m",
+    "target_z_m",
+    "selected_x_m",
+    "selected_y_m",
+    "selected_z_m",
+]
+ANSWERS = ("participant", "questionnaire", "item", "condition", "block", "value")
+RINGS = ((0.4, 0.05), (0.8, 0.1), (1.2, 0.05), (0.8, 0.03))
+"""Distance and width of the circles of targets, m: a block each."""
+EYES_M = 2.0
+"""Distance of the eyes to the wall of targets."""
+
+
+def write_rows(path: Path, rows: list[dict[str, object]]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, [*rows[0]])
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def write_study(
+    folder: Path,
+    effects: Mapping[str, float],
+    *,
+    people: int = 12,
+    seed: int = 0,
+    spread: float = 0.2,
+    wrong: float = 0.05,
+    between: bool = False,
+    rings: tuple[tuple[float, float], ...] = RINGS,
+    targets: int = 9,
+    learning: float = 0.0,
+    sized: bool = False,
+) -> None:
+    """Write a study of tapping circles; `effects` are factors of the time by level of `method`.
+
+    The time of a hit is (0.4 + 0.25 bits) s, times the effect, times one of the person, times noise. SD of
+    errors is a fifth of the width. `learning` is the exponent of the trial's number. `between`: people have a
+    `group`, of which b is twice as slow. `sized`: distance and width are factors.
+    """
+    random = np.random.default_rng(seed)
+    for number in range(people):
+        name = f"P{number + 1:02d}"
+        pace = math.exp(random.normal(0, spread))
+        group = "ab"[number % 2]
+        rows: list[dict[str, object]] = []
+        block = 0
+        for method in (*effects,) if number % 2 else reversed((*effects,)):
+            for distance, width in rings:
+                block += 1
+                radius = distance / (2 * math.cos(math.pi / (2 * targets)))
+                for trial in range(targets + 1):
+                    angle = 2 * math.pi * (trial * (targets // 2) % targets) / targets
+                    target = np.array([0.0, radius * math.cos(angle), 1.5 + radius * math.sin(angle)])
+                    error = np.array([0.0, *random.normal(0, width / 5, size=2)])
+                    bits = math.log2(distance / width + 1)
+                    slow = 2.0 if between and group == "b" else 1.0
+                    noise = math.exp(random.normal(0, 0.15))
+                    practised = (len(rows) % (len(rings) * (targets + 1)) + 1) ** learning
+                    time = (0.4 + 0.25 * bits) * effects[method] * pace * slow * noise * practised
+                    size_m = float(np.linalg.norm(error))
+                    point = dict(zip(NAMES[-6:], (*target, *(target + error)), strict=True))
+                    numbers: dict[str, float] = {
+                        "first_hover_s": time * 0.7,
+                        "selection_s": time,
+                        "corrections": float(random.poisson(1)),
+                        "path_length_deg": math.degrees(distance / EYES_M) * 1.2,
+                        "error_m": size_m,
+                        "error_deg": math.degrees(size_m / EYES_M),
+                        "target_distance_m": distance,
+                        "target_width_m": width,
+                        "target_distance_deg": math.degrees(distance / EYES_M),
+                        "target_width_deg": math.degrees(width / EYES_M),
+                        **point,
+                    }
+                    rows.append(
+                        {
+                            "participant": name,
+                            "block": block,
+                            "trial": len(rows) + 1,
+                            "attempt": 1,
+                            "practice": 0,
+                            "method": method,
+                            **({"group": group} if between else {}),
+                            **({"distance": f"{distance:g}", "width": f"{width:g}"} if sized else {}),
+                            **dict.fromkeys(NAMES, ""),
+                            "task": "tapping",
+                            "seed": seed,
+                            "target": f"t{trial % targets}",
+                            "outcome": "wrong" if random.random() < wrong else "hit",
+                            "began_utc": "2026-01-01T10:00:00.000Z",
+                            **{key: f"{value:.6f}" for key, value in numbers.items()},
+                        }
+                    )
+        write_rows(folder / name / "trials.csv", rows)
+    write_rows(
+        folder / "columns.csv", [{"column": "selection_s", "unit": "s", "meaning": "time to selection"}]
+    )
+
+
+def write_answers(folder: Path, participant: str, sheets: Mapping[tuple[str, str], list[float]]) -> None:
+    """Write answers by questionnaire and condition."""
+    rows: list[dict[str, object]] = [
+        dict(zip(ANSWERS, (participant, name, f"{name}_{item}", condition, 1, f"{value:g}"), strict=True))
+        for (name, condition), values in sheets.items()
+        for item, value in enumerate(values, 1)
+    ]
+    write_rows(folder / participant / "answers.csv", rows)

@@ -1,0 +1,155 @@
+"""The page, the notebook and the tables that `pointit study report` writes."""
+
+import csv
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from pointit import study_report
+from pointit.cli.study.power import command as power_command
+from pointit.cli.study.report import command as report_command
+from tests.unit.study_report.generated import RINGS, write_answers, write_study
+
+
+class Page(HTMLParser):
+    """Collects what a page is made of."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.ids: list[str] = []
+        self.links: list[str] = []
+        self.open: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given = dict(attrs)
+        self.ids += [given["id"] or ""] if "id" in given else []
+        self.links += [given[name] or "" for name in ("src", "href", "xlink:href") if name in given]
+        self.open.append(tag)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = tmp_path_factory.mktemp("study")
+    write_study(made, {"dwell": 1.0, "<press>": 0.8}, people=6, rings=RINGS)
+    write_answers(made, "P01", {("sus", "dwell"): [3] * 10})
+    (made / "study.yaml").write_text("name: my & study\n")
+    return made
+
+
+@pytest.fixture(scope="module")
+def written(folder: Path) -> str:
+    done = CliRunner().invoke(report_command, [str(folder)])
+    assert done.exit_code == 0, done.output
+    names = ("report.html", "report.ipynb", "all_trials.csv")
+    assert [Path(line).name for line in done.stdout.splitlines()][:3] == [*names]
+    return (folder / "report.html").read_text(encoding="utf-8")
+
+
+def test_page_needs_nothing_else_and_is_well_formed(written: str) -> None:
+    page = Page(written)
+    assert page.ids
+    assert len(page.ids) == len(set(page.ids)), "ids of several figures"
+    assert all(link.startswith("#") and link[1:] in page.ids for link in page.links)
+    assert not re.search(r"https?://", written.replace("http://www.w3.org/", ""))
+    assert "<press>" not in written
+    assert "my &amp; study" in written
+    assert "prefers-color-scheme: dark" in written
+    assert "currentColor" in written
+
+
+def test_every_result_of_the_page_has_its_line_of_code_which_makes_it(folder: Path, written: str) -> None:
+    codes = re.findall(r"<pre><code>(.*?)</code></pre>", written)
+    results = len(re.findall(r"<figure>|<table>", written))
+    assert len(codes) == results >= 20
+    names: dict[str, Any] = {"study_report": study_report, "trials": study_report.trials(folder)}
+    table = eval('study_report.medians(trials, "selection_s")', names)  # noqa: S307 - our own line
+    assert "study_report.medians(trials, &quot;selection_s&quot;)" in codes
+    assert table.html() in written
+
+
+def test_notebook_is_valid_and_runs_where_it_stands(
+    folder: Path, written: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(folder)
+    book = json.loads((folder / "report.ipynb").read_text(encoding="utf-8"))
+    assert (book["nbformat"], book["nbformat_minor"]) == (4, 5)
+    assert len({cell["id"] for cell in book["cells"]}) == len(book["cells"])
+    names: dict[str, Any] = {}
+    run = 0
+    for cell in book["cells"]:
+        assert set(cell) >= {"id", "cell_type", "metadata", "source"}
+        if cell["cell_type"] == "code":
+            assert (cell["execution_count"], cell["outputs"]) == (None, [])
+            source = "".join(cell["source"]).replace("%matplotlib inline\n", "")
+            if "figures." not in source:  # the page has drawn them
+                exec(source, names)  # noqa: S102 - our own cells
+                run += 1
+    assert run >= 12
+    assert written.count("<h2>") == sum("## " in "".join(cell["source"]) for cell in book["cells"])
+
+
+def test_table_of_all_trials_has_the_rows_of_all_participants_as_they_are(folder: Path, written: str) -> None:
+    assert written
+    with (folder / "all_trials.csv").open(encoding="utf-8") as file:
+        joined = [*csv.DictReader(file)]
+    own: list[dict[str, str]] = []
+    for path in sorted(folder.glob("P*/trials.csv")):
+        with path.open(encoding="utf-8") as file:
+            own += [*csv.DictReader(file)]
+    assert joined == own
+
+
+def test_study_without_factors_or_sizes_has_a_page_that_says_what_is_missing(tmp_path: Path) -> None:
+    write_study(tmp_path, {"dwell": 1.0}, people=1, rings=RINGS[:1])
+    path = tmp_path / "P01/trials.csv"
+    path.write_text(path.read_text(encoding="utf-8").replace(",method,", ",").replace(",dwell,", ","))
+    done = CliRunner().invoke(report_command, [str(tmp_path), "--to", str(tmp_path / "new" / "place")])
+    assert done.exit_code == 0, done.output
+    text = (tmp_path / "new/place/report.html").read_text(encoding="utf-8")
+    assert "One participant: there are no intervals over participants and no tests." in text
+    assert "No condition has three different distances or widths" in text
+    assert "Linear mixed model" not in text
+    book = (tmp_path / "new/place/report.ipynb").read_text(encoding="utf-8")
+    assert "study_report.fitts(" not in book, "a cell would fail"
+    assert "No condition has three" in book
+
+
+def test_power_says_how_many_participants_are_needed(folder: Path) -> None:
+    arguments = ["--pilot", str(folder), "--factor", "method", "--runs", "500", "--effect"]
+    done = CliRunner().invoke(power_command, [*arguments, "-10%"])
+    assert done.exit_code == 0, done.output
+    assert "paired t-test, two-sided, selection_s: dwell - <press> = -0." in " ".join(done.stdout.split())
+    assert re.search(r"80% of studies: \d+ participants \(\d+ to \d+\)\n90% of studies: \d+ ", done.stdout)
+    again = CliRunner().invoke(power_command, [*arguments, "-10%"])
+    assert again.stdout == done.stdout
+    done = CliRunner().invoke(power_command, [*arguments, "0.0001", "--most", "6"])
+    assert "80% of studies: not with 6 participants; try --most" in done.stdout
+    done = CliRunner().invoke(power_command, [*arguments, "much"])
+    assert str(done.exception) == "--effect much: not a number or a share such as -10%"
+
+
+STUDY = """
+name: small
+participants: 4
+task: {kind: reach, width_m: 0.3}
+factors: {method: {levels: {hold: {selector.method: hold}, gauge: {selector.method: gauge}}}}
+"""
+
+
+def test_simulated_participants_run_a_study_for_its_power(tmp_path: Path) -> None:
+    file = tmp_path / "small.yaml"
+    file.write_text(STUDY, encoding="utf-8")
+    arguments = [str(file), "--factor", "method", "--runs", "200", "--effect", "-1", "--most", "12", "--json"]
+    done = CliRunner().invoke(power_command, arguments)
+    assert done.exit_code == 0, done.output
+    rows = json.loads(done.stdout)["power"]
+    assert rows[0]["participants"] == 4
+    assert rows[-1]["power"] > rows[0]["power"]
+    done = CliRunner().invoke(power_command, ["--factor", "method"])
+    assert str(done.exception) == "give either the FILE of a study or --pilot FOLDER"

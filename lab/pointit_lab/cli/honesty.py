@@ -56,8 +56,9 @@ def honesty(
     Example: pointit evaluate honesty --quick --json rows.json
     """
     from pointit_lab.cli.honesty_table import print_honesty  # noqa: PLC0415 - wanted only here
-    from pointit_lab.evaluation.honesty.honesty import honesty_rows, sources_of  # noqa: PLC0415 - SciPy is wanted only here
+    from pointit_lab.evaluation.honesty.honesty import drawn_again, judged_sources, sources_of  # noqa: PLC0415 - SciPy is wanted only here
     from pointit_lab.evaluation.honesty.injections import INJECTIONS  # noqa: PLC0415 - as above
+    from pointit_lab.evaluation.honesty.row import rows_of  # noqa: PLC0415 - as above
     from pointit_lab.evaluation.honesty.sources import FULL, QUICK, SETS, SIMULATED, people  # noqa: PLC0415 - as above
     from pointit_lab.evaluation.honesty.targets import missed, regressions  # noqa: PLC0415 - as above
 
@@ -75,7 +76,8 @@ def honesty(
             click.echo(f"note: {note}", err=True)
         sources = sources_of(found.followed, found.rooms, chosen, size.windows)
         with progress(len(sources)) as tell_progress:
-            rows = honesty_rows(sources, jobs=jobs, tick=lambda done, _: tell_progress("people", done))
+            verdicts = judged_sources(sources, jobs=jobs, tick=lambda done, _: tell_progress("people", done))
+        rows = rows_of(drawn_again(verdicts, chosen, size, seed, jobs=jobs, tick=lambda _done, _of: None))
         asked = {
             (name, each.name)
             for name in sets or (SIMULATED if recordings is None else SETS)

@@ -12,9 +12,17 @@ from pointit.services.localizer.estimation.estimator import Pointings, Refusal, 
 from pointit.services.pointing.arm_ray import ArmRay
 from pointit_lab.cli.honesty import honesty
 from pointit_lab.evaluation.honesty import injections
-from pointit_lab.evaluation.honesty.honesty import chosen, honesty_rows, sources_of, trials_of, verdict
+from pointit_lab.evaluation.honesty.honesty import (
+    chosen,
+    drawn_again,
+    judged_sources,
+    sources_of,
+    trials_of,
+    verdict,
+)
 from pointit_lab.evaluation.honesty.row import EVERY, Judged, rows_of
 from pointit_lab.evaluation.honesty.simulated_people import followers, rooms
+from pointit_lab.evaluation.honesty.sources import Size
 from pointit_lab.evaluation.honesty.targets import TARGETS
 from pointit_lab.evaluation.localization.arm_rays import STATURE_M, along, scaled_body
 from pointit_lab.evaluation.localization.localization import judged
@@ -118,7 +126,8 @@ def test_late_reports_are_those_of_before(follower: FollowRecording) -> None:
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize(("wrong_lamp", "expected"), [(False, 0), (True, 1)])
 def test_a_wrong_lamp_was_not_pointed_at(room: Trial, seed: int, *, wrong_lamp: bool, expected: int) -> None:
-    trial = chosen(room, 3, np.random.default_rng(seed), wrong_lamp=wrong_lamp)
+    injection = replace(injections.INJECTIONS[0], wrong_lamp=wrong_lamp)
+    trial = chosen(room, 3, np.random.default_rng(seed), injection)
     lamp_of = dict(zip(rows(room.pointings.directions), rows(room.pointings.targets_m), strict=True))
     pointed = [lamp_of[ray] for ray in rows(trial.pointings.directions[::40])]
     lit = rows(trial.pointings.targets_m[::40])
@@ -128,13 +137,22 @@ def test_a_wrong_lamp_was_not_pointed_at(room: Trial, seed: int, *, wrong_lamp: 
 
 
 def test_lamps_on_one_wall_and_holds_one_after_the_other(room: Trial) -> None:
-    trial = chosen(room, 4, rng(), one_wall=True)
+    trial = chosen(room, 4, rng(), replace(injections.INJECTIONS[0], one_wall=True))
     assert np.ptp(trial.pointings.targets_m[:, 0]) < 1e-6
     assert np.ptp(trial.pointings.targets_m[:, 1]) > 0.5
     steps = np.diff(trial.pointings.stamps_s)
     assert np.all(steps > 0.0)
     assert np.count_nonzero(steps > 1.0) == 3
     assert trial.condition == "4 lamps"
+
+
+def test_each_lamp_is_pointed_at_twice_with_the_same_error(room: Trial) -> None:
+    twice = replace(injections.INJECTIONS[0], visits=2)
+    pointings = chosen(room, 3, rng(), twice).pointings
+    first, second = np.split(np.arange(len(pointings)), 2)
+    assert pointings.directions[first].tolist() == pointings.directions[second].tolist()
+    assert pointings.targets_m[first].tolist() == pointings.targets_m[second].tolist()
+    assert pointings.stamps_s[second[0]] > pointings.stamps_s[first[-1]]
 
 
 def test_each_pass_of_a_person_has_faults_of_its_own(room: Trial) -> None:
@@ -199,6 +217,26 @@ def test_a_row_counts_who_is_confidently_wrong() -> None:
     assert there(row.error_m).median == pytest.approx(0.5)
 
 
+def test_people_are_drawn_until_a_row_has_as_many_as_it_needs() -> None:
+    size = Size(people=2, rooms=1, windows=1, taken=5)
+    (none,) = (each for each in injections.INJECTIONS if each.name == injections.NONE)
+    first = judged_sources(sources_of(followers([0, 1]), [], [none], 1), jobs=1, tick=lambda _done, _of: None)
+    found = drawn_again(first, [none], size, 0, jobs=1, tick=lambda _done, _of: None)
+    (row, *_) = rows_of(found)
+    assert found[: len(first)] == first
+    assert row.independent >= 5
+    assert row.provable == pytest.approx(1.0 - 0.05 ** (1.0 / row.independent))
+    assert len({each.subject for each in found}) == row.n // 4
+    one_less = [each.subject for each in found[: -2 * 4] if each.taken]
+    assert len(set(one_less)) < 5
+
+
+def test_windows_of_a_stretch_of_a_recording_are_one_trial(follower: FollowRecording) -> None:
+    recorded = replace(follower, set="motion_relloc", name="walk")
+    ends = [verdict(trial, injections.NONE).unit for trial in recorded.trials([2.0])]
+    assert ends == ["walk 0.0"] * 10
+
+
 def test_a_refused_trial_is_not_taken(following: Trial) -> None:
     turned = injections.backwards(following, rng())
     assert isinstance(judged(turned.pointings), Refusal)
@@ -207,7 +245,7 @@ def test_a_refused_trial_is_not_taken(following: Trial) -> None:
 
 def test_other_processes_find_the_same(follower: FollowRecording, room: Trial) -> None:
     sources = sources_of([follower], [room], injections.INJECTIONS[::6], most=1)
-    alone, together = (honesty_rows(sources, jobs=jobs, tick=lambda _done, _of: None) for jobs in (1, 2))
+    alone, together = (judged_sources(sources, jobs=jobs, tick=lambda _done, _of: None) for jobs in (1, 2))
     assert alone == together
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from pointit_lab.cli.honesty import honesty
 from pointit_lab.evaluation.honesty import targets
-from pointit_lab.evaluation.honesty.honesty import honesty_rows, sources_of
+from pointit_lab.evaluation.honesty.honesty import judged_sources, sources_of
 from pointit_lab.evaluation.honesty.injections import INJECTIONS, NONE, Injection
 from pointit_lab.evaluation.honesty.row import HonestyRow, Judged, rows_of
 from pointit_lab.evaluation.honesty.simulated_people import followers, rooms
@@ -61,7 +61,7 @@ def test_a_row_worse_than_its_limits_is_a_regression(monkeypatch: pytest.MonkeyP
 def simulated_rows(count: int, names: Sequence[str] = ()) -> list[HonestyRow]:
     injections = [each for each in INJECTIONS if not names or each.name in names]
     sources = sources_of(followers(range(count)), rooms(range(count)), injections, 1)
-    return honesty_rows(sources, jobs=1, tick=lambda _done, _of: None)
+    return rows_of(judged_sources(sources, jobs=1, tick=lambda _done, _of: None))
 
 
 def asked_of(part: Sequence[Injection], *, recorded: bool) -> list[tuple[str, str]]:
@@ -84,7 +84,7 @@ def test_recorded_people_are_no_worse_than_stated(part: Sequence[Injection]) -> 
     """The gate of `pointit evaluate honesty --gate` with recordings."""
     found = people(data_file("recordings/motion_relloc").parent, RECORDED, QUICK)
     sources = sources_of(found.followed, found.rooms, part, QUICK.windows)
-    rows = honesty_rows(sources, jobs=2, tick=lambda _done, _of: None)
+    rows = rows_of(judged_sources(sources, jobs=2, tick=lambda _done, _of: None))
     assert regressions(rows, asked_of(part, recorded=True)) == []
 
 

@@ -180,7 +180,7 @@ def test_the_stated_uncertainty_is_honest() -> None:
     assert 0.87 < float(np.mean(np.array(turned) < 2.0)) < 0.98
 
 
-def test_a_longer_hold_at_a_lamp_tells_no_more_and_longer_following_does() -> None:
+def test_a_longer_hold_at_a_lamp_or_another_one_tells_no_more_and_longer_following_does() -> None:
     person = Person(0.0, 0.0, 0.5)
     trust = SolverSettings(
         body_sigma_m=0.0, model_sigma_rad=0.0, max_position_sigma_m=9.0, max_yaw_sigma_rad=9.0
@@ -191,7 +191,7 @@ def test_a_longer_hold_at_a_lamp_tells_no_more_and_longer_following_does() -> No
     again = solved(pointings(person, CORNERS * 4, each=50, rate_hz=25.0), trust)
     assert denser.yaw_sigma_rad == pytest.approx(base.yaw_sigma_rad, rel=0.05)
     assert longer.yaw_sigma_rad == pytest.approx(base.yaw_sigma_rad, rel=0.05)
-    assert again.yaw_sigma_rad == pytest.approx(base.yaw_sigma_rad / 2.3, rel=0.25)
+    assert again.yaw_sigma_rad == pytest.approx(base.yaw_sigma_rad, rel=0.05)
     path = [
         (2.5 * math.cos(a), 2.5 * math.sin(a), 0.5 + 0.3 * math.sin(3.0 * a)) for a in np.arange(100) / 16
     ]
@@ -215,7 +215,7 @@ def test_constant_errors_stay_with_any_number_of_rays() -> None:
         rate_sigma_radps=0.0,
     )
     noise_only = solved(rounds, exact).position_sigma_m
-    assert noise_only < 0.04
+    assert noise_only < 0.25  # one pointing at each lamp, however often
     body = solved(rounds, dataclasses.replace(exact, body_sigma_m=0.2)).position_sigma_m
     assert body == pytest.approx(math.hypot(noise_only, 0.2), rel=0.02)
     model = dataclasses.replace(exact, model_sigma_rad=0.1)
@@ -277,9 +277,9 @@ def test_a_ray_that_leaps_belongs_to_another_block() -> None:
     assert np.all(np.isfinite(opposite.pointings.directions))
 
 
-def test_a_hold_ends_with_a_pause_or_another_target() -> None:
+def test_holds_at_one_target_at_rest_are_one() -> None:
     summary = blocks(gathered([0.0, 0.1, 2.0, 2.1, 2.2, 2.3], [0.0] * 6, [2.0, 2.0, 2.0, 2.0, 3.0, 3.0]))
-    assert sorted(set(summary.hold.tolist())) == [0.0, 1.0, 2.0]
+    assert sorted(set(summary.hold.tolist())) == [0.0, 1.0]
     assert summary.held_s == pytest.approx([0.1, 0.1, 0.1])
     assert summary.is_still
 

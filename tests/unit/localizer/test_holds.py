@@ -1,5 +1,6 @@
 """A hold: when it begins and ends, and its rays for the solver; pointings at lamps that are not taken."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -14,10 +15,10 @@ from pointit.services.localizer.estimation.rays import Mean, believed, mean, unf
 from pointit.services.localizer.procedures.facing import HeadingWindow
 from pointit.services.localizer.procedures.hold import Hold
 from pointit.services.localizer.procedures.static_targets import StaticTargets
-from pointit.services.localizer.verification.holds import held, odd_hold, without_spikes
+from pointit.services.localizer.verification.holds import held, odd_lamps, without_spikes
 from pointit.services.pointing.arm_ray import ArmRay
 from tests.support.known import known
-from tests.unit.localizer.person import EYES_M, START_NS, Person, config, pointings, told
+from tests.unit.localizer.person import EYES_M, START_NS, Person, config, pointings, solved, told
 from tests.unit.localizer.test_static_targets import TICK_NS
 
 LAMPS: tuple[Vec3, ...] = (
@@ -29,6 +30,8 @@ LAMPS: tuple[Vec3, ...] = (
     (0.5, -3.5, 1.2),
 )
 RAYS = 40
+NAMES = [each.name for each in dataclasses.fields(Pointings)]
+UNLIMITED = dataclasses.replace(SolverSettings().unlimited(), max_act_residual_rad=math.inf)
 TURNS: dict[str, Quaternion] = {
     "across": rotation.from_yaw(math.pi / 2.0),
     "backwards": rotation.from_yaw(math.pi),
@@ -70,6 +73,32 @@ def error_m(found: Solution, person: Person) -> float:
     return math.hypot(found.x_m - person.x, found.y_m - person.y)
 
 
+@pytest.mark.parametrize("swap", [(0, 1), (2, 4), (3, 5)])
+def test_lamps_that_are_swapped_in_the_map_are_named(swap: tuple[int, int]) -> None:
+    reasons: list[str] = []
+    first, second = ("abcdef"[each] for each in swap)
+    order = np.arange(len(LAMPS))
+    order[list(swap)] = swap[::-1]
+    for seed in range(20):
+        rays = pointed(seed, LAMPS)[1]
+        swapped = np.array(LAMPS)[order].repeat(RAYS, axis=0)
+        found = held(dataclasses.replace(rays, targets_m=swapped), SolverSettings(), lamps="abcdef")
+        assert isinstance(found, Refusal)
+        reasons.append(found.reason)
+    assert sum(f"agree if the lamps {first} and {second} are swapped" in reason for reason in reasons) >= 18
+    assert all(f"{first} and {second}" in reason for reason in reasons if "swapped" in reason)
+
+
+def test_a_second_visit_to_each_lamp_tells_nothing_new() -> None:
+    """A lamp that is mistaken is so at both visits."""
+    once = pointed(3, LAMPS[:4])[1]
+    again = dataclasses.replace(once, stamps_s=once.stamps_s + 30.0)
+    twice = Pointings(*(np.concatenate([getattr(each, name) for each in (once, again)]) for name in NAMES))
+    one, two = (solved(each, UNLIMITED) for each in (once, twice))
+    assert two.position_sigma_m == pytest.approx(one.position_sigma_m, rel=0.1)
+    assert two.yaw_sigma_rad == pytest.approx(one.yaw_sigma_rad, rel=0.1)
+
+
 @pytest.mark.parametrize("count", [4, 6])
 def test_people_who_point_at_the_lamps_are_taken(count: int) -> None:
     found = [held(pointed(seed, LAMPS[:count])[1], SolverSettings()) for seed in range(20)]
@@ -81,7 +110,7 @@ def test_one_pointing_at_another_lamp_does_not_count_when_five_others_agree() ->
     for seed in range(20):
         wrong = seed % len(LAMPS)
         person, pointings = pointed(seed, LAMPS, wrong=wrong)
-        assert odd_hold(pointings, SolverSettings()) in {wrong, None}
+        assert odd_lamps(pointings, SolverSettings()) in {(wrong,), ()}
         found = held(pointings, SolverSettings())
         if isinstance(found, Solution):
             taken += 1
@@ -101,7 +130,7 @@ def test_one_of_three_or_four_pointings_at_another_lamp_makes_no_sure_wrong_pose
 
 
 def test_pointings_that_agree_leave_none_out() -> None:
-    assert {odd_hold(pointed(seed, LAMPS)[1], SolverSettings()) for seed in range(20)} == {None}
+    assert {odd_lamps(pointed(seed, LAMPS)[1], SolverSettings()) for seed in range(20)} == {()}
 
 
 @pytest.mark.parametrize("turn", ["across", "backwards"])
@@ -127,7 +156,7 @@ def test_procedure_tells_which_pointing_does_not_count() -> None:
         outputs += procedure.step(now_ns)
     (pose,) = (each for each in outputs if isinstance(each, UserPose))
     assert math.hypot(pose.position_m[0] - person.x, pose.position_m[1] - person.y) < 0.1
-    assert told(outputs)[-1].reason == "pointing 2, at b, missed it by far and does not count"
+    assert told(outputs)[-1].reason == "the pointing at b missed it by far and does not count"
 
 
 STEADY = config(reaction_s=1.0, patience_s=3.0, steady_degps=8.0)

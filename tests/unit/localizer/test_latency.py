@@ -102,6 +102,14 @@ def test_a_level_circle_at_constant_speed_tells_no_latency_and_a_robot_that_rise
     assert seen.latency_s == pytest.approx(0.2, abs=2.0 * seen.latency_sigma_s)
 
 
+def test_residual_is_without_the_latency_that_the_rays_show() -> None:
+    late, punctual = (following(3, late_s, 12.0, 1.0)[0] for late_s in (0.25, 0.0))
+    one, other = (solved(each, SolverSettings()) for each in (late, punctual))
+    assert one.late_s == pytest.approx(0.25, abs=0.1)
+    assert other.late_s == 0.0
+    assert one.residual_rad < 1.2 * other.residual_rad < 0.6 * solved(late, PUNCTUAL).residual_rad
+
+
 def test_known_latency_is_as_good_as_none() -> None:
     punctual, late = (following(5, late_s)[0] for late_s in (0.0, 0.3))
     one = solved(punctual, PUNCTUAL)

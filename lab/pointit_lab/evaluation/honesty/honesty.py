@@ -11,13 +11,17 @@ from numpy.typing import NDArray
 from pointit.services.localizer.estimation.estimator import Pointings, Refusal
 from pointit_lab.evaluation.honesty import simulated_people
 from pointit_lab.evaluation.honesty.injections import INJECTIONS, Injection
-from pointit_lab.evaluation.honesty.row import MEDIAN_SQUARE, WITHIN_SQUARE, HonestyRow, Judged, rows_of
+from pointit_lab.evaluation.honesty.row import MEDIAN_SQUARE, UNIT_S, WITHIN_SQUARE, Judged
+from pointit_lab.evaluation.honesty.sources import SIMULATED, Size, people
 from pointit_lab.evaluation.localization.localization import judged
 from pointit_lab.evaluation.localization.trial import Array, FollowRecording, Trial
 from pointit_lab.evaluation.recordings.parallel import map_parallel
 
 WINDOWS_S = (2.0, 3.0, 5.0, 10.0)
 """Durations of following."""
+
+MOST_DRAWN = 12
+"""Largest number of times that simulated people are drawn: some conditions have hardly a taken pose."""
 
 CHUNK = 8
 """Sources in one piece of work."""
@@ -43,6 +47,12 @@ class Source:
     room: Trial | None = None
     most: int | None = None
     """Largest number of windows of each duration, evenly taken. None if all are."""
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Return the set of the person and the condition."""
+        person = self.followed or self.room
+        return "" if person is None else person.set, self.injection.name
 
 
 def sources_of(
@@ -77,10 +87,49 @@ def sources_of(
     return found
 
 
-def honesty_rows(
-    sources: Sequence[Source], *, jobs: int, tick: Callable[[int, int], None]
-) -> list[HonestyRow]:
-    """Return the table of `sources`.
+def drawn_again(
+    verdicts: Sequence[Judged],
+    injections: Sequence[Injection],
+    size: Size,
+    seed: int,
+    *,
+    jobs: int,
+    tick: Callable[[int, int], None],
+) -> list[Judged]:
+    """Return `verdicts` and those of further simulated people, as many as rows need.
+
+    A row needs `size.taken` people with a taken pose. It ends with `MOST_DRAWN` times the people of `size`.
+
+    Args:
+        verdicts: those of people from `seed` on.
+        injections: conditions.
+        size: amount of trials.
+        seed: of the first simulated person.
+        jobs: number of processes.
+        tick: called with the number of finished sources and of all.
+
+    Raises:
+        PointItError: If a process ended unexpectedly.
+    """
+    found = list(verdicts)
+    for turn in range(1, MOST_DRAWN):
+        taken: dict[tuple[str, str], set[str]] = {
+            (each.set, each.condition): set() for each in found if each.set in SIMULATED
+        }
+        for each in found:
+            if each.taken and each.set in SIMULATED:
+                taken[each.set, each.condition].add(each.subject)
+        short = {key for key, subjects in taken.items() if len(subjects) < size.taken}
+        if not short:
+            break
+        drawn = people(None, sorted({name for name, _ in short}), size, seed + turn * size.people)
+        sources = [each for each in sources_of(drawn.followed, drawn.rooms, injections) if each.key in short]
+        found += judged_sources(sources, jobs=jobs, tick=tick)
+    return found
+
+
+def judged_sources(sources: Sequence[Source], *, jobs: int, tick: Callable[[int, int], None]) -> list[Judged]:
+    """Return the verdicts on `sources`.
 
     Args:
         sources: see `sources_of`.
@@ -99,7 +148,7 @@ def honesty_rows(
         results[number] = found
         done += len(pieces[number])
         tick(done, len(sources))
-    return rows_of(each for _, piece in sorted(results.items()) for each in piece)
+    return [each for _, piece in sorted(results.items()) for each in piece]
 
 
 def verdicts(sources: Sequence[Source]) -> list[Judged]:
@@ -128,16 +177,21 @@ def _plain(source: Source) -> Iterator[Trial]:
     if source.room is not None:
         rng = np.random.default_rng([zlib.crc32(source.room.subject.encode()), source.number])
         for count in COUNTS:
-            yield chosen(
-                source.room, count, rng, wrong_lamp=injection.wrong_lamp, one_wall=injection.one_wall
-            )
+            yield chosen(source.room, count, rng, injection)
 
 
 def verdict(trial: Trial, condition: str) -> Judged:
     """Return the verdict on the pose of `trial`: if the localizer takes it, and if its uncertainty holds."""
     found = judged(trial.pointings)
     one = Judged(
-        set=trial.set, condition=condition, duration=trial.condition, subject=trial.subject, taken=False
+        set=trial.set,
+        condition=condition,
+        duration=trial.condition,
+        subject=trial.subject,
+        unit=f"{trial.recording} {trial.start_s // UNIT_S}"
+        if trial.set not in SIMULATED and trial.recording
+        else "",
+        taken=False,
     )
     if isinstance(found, Refusal):
         return one
@@ -158,35 +212,33 @@ def verdict(trial: Trial, condition: str) -> Judged:
     )
 
 
-def chosen(
-    room: Trial, count: int, rng: np.random.Generator, *, wrong_lamp: bool = False, one_wall: bool = False
-) -> Trial:
+def chosen(room: Trial, count: int, rng: np.random.Generator, injection: Injection = INJECTIONS[0]) -> Trial:
     """Return the pointing at `count` random lamps of `room`, one hold after the other.
 
     Args:
         room: a hold at each of more than `count` lamps.
         count: number of lamps.
         rng: for the choice.
-        wrong_lamp: True if during one hold the person pointed at another lamp than the lit one, which was not
-            lit otherwise.
-        one_wall: True to choose lamps of equal x.
+        injection: `wrong_lamp` if the person pointed at another lamp than one that was lit, which was not lit
+            otherwise; `one_wall` to choose lamps of equal x; `visits` of each lamp.
     """
     pointings = room.pointings
     starts = np.append(True, np.any(np.diff(pointings.targets_m, axis=0) != 0.0, axis=1))
     holds: list[NDArray[np.intp]] = np.split(np.arange(len(pointings)), np.flatnonzero(starts)[1:])
     lamps_m = pointings.targets_m[np.flatnonzero(starts)]
     among: NDArray[np.intp] = np.arange(len(holds))
-    if one_wall:
+    if injection.one_wall:
         walls = [np.flatnonzero(np.abs(lamps_m[:, 0] - x_m) < WALL_M) for x_m in lamps_m[:, 0].tolist()]
         walls = [wall for wall in walls if len(wall) >= count]
         among = walls[int(rng.integers(len(walls)))]
-    order: list[int] = rng.choice(among, size=count + wrong_lamp, replace=False).tolist()
+    order: list[int] = rng.choice(among, size=count + injection.wrong_lamp, replace=False).tolist()
     pointed = order[:count]
     lit_m = lamps_m[pointed].copy()
-    if wrong_lamp:
+    if injection.wrong_lamp:
         lit_m[rng.integers(count)] = lamps_m[order[-1]]
     stamps_s: list[Array] = []
     began_s = 0.0
+    pointed, lit_m = pointed * injection.visits, np.tile(lit_m, (injection.visits, 1))
     for index in pointed:
         stamps_s.append(pointings.stamps_s[holds[index]] - pointings.stamps_s[holds[index][0]] + began_s)
         began_s = float(stamps_s[-1][-1]) + PAUSE_S

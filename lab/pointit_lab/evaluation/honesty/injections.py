@@ -52,6 +52,8 @@ class Injection:
     """True if one of the lamps was not the one pointed at."""
     one_wall: bool = False
     """True if all lamps are on one wall."""
+    visits: int = 1
+    """Number of times that each lamp is pointed at, with the same error."""
 
 
 def arm_directions(trial: Trial, beside_m: Array | None = None) -> Array:
@@ -188,6 +190,7 @@ INJECTIONS = (
     Injection(name="height +0.2 m", change=partial(height, taller_m=TALLER_M)),
     Injection(name="height -0.2 m", change=partial(height, taller_m=-TALLER_M)),
     Injection(name="wrong lamp", follows=False, wrong_lamp=True),
+    Injection(name="wrong lamp, twice", follows=False, wrong_lamp=True, visits=2),
     Injection(name="garbage 5 %", change=partial(garbage, share=0.05)),
     Injection(name="garbage 15 %", change=partial(garbage, share=0.15)),
     Injection(name="drift 60°/min", change=drift),

@@ -20,6 +20,9 @@ WRONG_M = 0.5
 MEDIAN_SQUARE = float(stats.chi2.median(2))
 """Median squared Mahalanobis distance of a place from the stated normal distribution."""
 
+UNIT_S = 10.0
+"""Length of the stretch of a recording whose windows count as one independent trial, that of the longest."""
+
 WITHIN_SQUARE = float(stats.chi2.ppf(stats.chi2.cdf(2.0**2, 1), 2))
 """Its bound of 2 sigma: 95.45 % are within, as of one normal variable (6.18, in two dimensions)."""
 
@@ -35,6 +38,8 @@ class Judged:
     """`2 s`, `3 lamps`."""
     subject: str
     taken: bool
+    unit: str = ""
+    """Name of the trials with which it is counted as one independent trial. Empty: those of its person."""
     error_m: float = 0.0
     square: float = 0.0
     """Squared Mahalanobis distance of the true place, over its nominal median."""
@@ -67,6 +72,11 @@ class HonestyRow:
     wrong: Interval | None
     """Share of the taken poses beyond 2 sigma and `WRONG_M`, with a 95 % interval (Wilson) as if trials were
     independent: windows of a recording overlap, and people have several."""
+    independent: int = 0
+    """Number of independent trials with a taken pose: simulated people, stretches of `UNIT_S` of a recording,
+    or recorded people who pointed at lamps."""
+    provable: float | None = None
+    """Share of wrong poses that as many independent trials without one exclude, with 95 % confidence."""
     without_one: tuple[float, float] | None = None
     """Least and greatest share within 2 sigma if any one person is left out."""
     wrong_without_one: tuple[float, float] | None = None
@@ -90,6 +100,7 @@ def rows_of(verdicts: Iterable[Judged]) -> list[HonestyRow]:
 
 def _row(name: str, condition: str, duration: str, group: Sequence[Judged]) -> HonestyRow:
     taken = [each for each in group if each.taken]
+    independent = len({each.unit or each.subject for each in taken})
     yaws = [each.in_yaw for each in taken if each.in_yaw is not None]
     return HonestyRow(
         set=name,
@@ -102,6 +113,8 @@ def _row(name: str, condition: str, duration: str, group: Sequence[Judged]) -> H
         yaw_within_2_sigma=_mean(yaws),
         square=float(np.median([each.square for each in taken])) if taken else None,
         wrong=share(sum(each.is_wrong for each in taken), len(taken)) if taken else None,
+        independent=independent,
+        provable=1.0 - 0.05 ** (1.0 / independent) if independent else None,
         without_one=_without_one(taken, lambda each: each.in_place),
         wrong_without_one=_without_one(taken, lambda each: each.is_wrong),
     )

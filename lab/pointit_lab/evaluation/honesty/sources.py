@@ -24,9 +24,11 @@ class Size:
     """Passes through all targets of each person of `vr_arm_pointing`, with an act of each."""
     windows: int | None
     """Windows of each recording and duration, evenly taken. None if all are."""
+    taken: int = 0
+    """Simulated people with a taken pose that a row should have: more are drawn until it has."""
 
 
-FULL = Size(people=100, rooms=12, windows=None)
+FULL = Size(people=100, rooms=12, windows=None, taken=300)
 QUICK = Size(people=16, rooms=4, windows=4)
 
 

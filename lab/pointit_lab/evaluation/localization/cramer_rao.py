@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, toeplitz
 from scipy.special import gammaincinv
 
-from pointit.services.localizer.estimation.sample_blocks import BLOCK_S, blocks
+from pointit.services.localizer.estimation.sample_blocks import BLOCK_S, STILL_M, blocks
 from pointit_lab.evaluation.localization.trial import Trial
 
 Array = NDArray[np.float64]
@@ -121,6 +121,9 @@ def median_bounds_m(trials: Sequence[Trial]) -> list[float]:
 def _linearized(trial: Trial) -> _Linearized:
     summary = blocks(trial.pointings)
     means, hold = summary.pointings, summary.hold.astype(np.intp)
+    if summary.is_still:  # the bound takes visits of one lamp as independent
+        moves_m = np.abs(np.diff(means.targets_m, axis=0, prepend=means.targets_m[:1])).max(axis=1)
+        hold = np.cumsum(moves_m > STILL_M)
     away = means.targets_m - (trial.x_m, trial.y_m, 0.0)
     away[:, 2] -= means.origins_m[:, 2]
     level_m = np.maximum(np.hypot(away[:, 0], away[:, 1]), 1e-6)

@@ -88,14 +88,17 @@ def solve(
     centre = np.array([*targets[:, :2].mean(axis=0), floor_m])  # keeps numbers small wherever the origin is
     rays = trust.rays(summary.pointings, centre)
     weights = trust.weights()
-    first = initial_poses(rays, weights)
-    if start is not None:
-        first = np.vstack([first, _pose_of(start, centre, trust)])
-    poses = _out_of_reach(rays, minimize(rays, first, weights).poses)
+    found = () if start is None else (_pose_of(start, centre, trust),)
+    first = np.vstack([initial_poses(rays, weights), *found])
+    poses = _out_of_reach(rays, minimize(rays, first, weights))
     if not len(poses):
         return Refusal(NOWHERE)
     solution = _solution(rays, summary, poses, trust)
     missed = _missed_rad(trust.rays(timely, centre), poses[0])
+    if solution.late_s:
+        late = trust.rays(in_time(timely, solution.late_s, summary), centre)
+        late_rad = _missed_rad(late, _pose_of(solution, np.zeros(3), trust))
+        missed = min(missed, late_rad, key=lambda each: float(each @ each))
     residual_rad = math.sqrt(float(np.mean(missed * missed)))
     limit_rad = trust.residual_limit_rad(is_still=summary.is_still)
     if residual_rad > limit_rad and trust.trims:
@@ -134,11 +137,11 @@ def _solution(rays: Rays, summary: Blocks, poses: Array, trust: SolverSettings) 
     likely = odds >= NEGLIGIBLE
     likely[0] = True
     found = [refine(rays, pose, summary, noise) for pose in poses[likely]]
-    best, spread = found[0].state, np.zeros_like(found[0].covariance)
-    for each, share in zip(found, odds[likely], strict=True):
-        off = each.state - best
+    best, spread = found[0][0], np.zeros_like(found[0][1])
+    for (state, covariance), share in zip(found, odds[likely], strict=True):
+        off = state - best
         off[2] = math.remainder(float(off[2]), math.tau)
-        spread += share * (each.covariance + np.outer(off, off))
+        spread += share * (covariance + np.outer(off, off))
     x_m, y_m, yaw_rad, bias_rad, z_m, _, latency_s = best.tolist()
     sigma = np.sqrt(np.maximum(np.diag(spread), 0.0)).tolist()
     return Solution(
@@ -153,6 +156,7 @@ def _solution(rays: Rays, summary: Blocks, poses: Array, trust: SolverSettings) 
         z_m=z_m,
         z_sigma_m=sigma[4],
         latency_s=trust.latency_s + latency_s,
+        late_s=latency_s if abs(latency_s) > 2.0 * sigma[LATENCY] else 0.0,
         latency_sigma_s=sigma[LATENCY],
         of_latency=spread[:3, LATENCY],
         alternative=float(1.0 - odds[0]),

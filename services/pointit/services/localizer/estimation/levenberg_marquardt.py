@@ -41,11 +41,8 @@ RIVAL_COST = 20.0
 SAME_POSE = 0.3
 """Metres and radians: poses nearer to each other count as one."""
 
-CONVERGED = 3e-4
-"""Metres and radians: largest step of a converged descent."""
-
-NEARLY = 3e-3
-"""The same for rivals, of which only the cost is needed."""
+CONVERGED, NEARLY = 3e-4, 3e-3
+"""Metres and radians: largest step of a converged descent, and of rivals, of which the cost is needed."""
 
 _DAMPING = 1e-3
 _LEAST, _AGAIN, _STUCK = 1e-6, 1e-2, 1e3
@@ -62,16 +59,6 @@ class Weights:
     """2 x 1: standard deviations of one sample, sideways and upwards."""
     prior: Array
     """Inverse prior variance of each parameter; 0 if unknown."""
-
-
-@dataclass(frozen=True)
-class Minima:
-    """Results of the descents."""
-
-    poses: Array
-    """k x 5."""
-    costs: Array
-    """k: half the sum of squares, with Huber's loss beyond `HUBER`, and of the priors."""
 
 
 def initial_poses(rays: Rays, weights: Weights) -> Array:
@@ -103,17 +90,15 @@ def initial_poses(rays: Rays, weights: Weights) -> Array:
     poses = np.zeros((len(biases), STARTS, PARAMETERS))
     poses[..., 0], poses[..., 1], poses[..., 2], poses[..., 3] = spot.real, spot.imag, yaws, biases[:, None]
     costs = evaluate_costs(rays, poses.reshape(-1, PARAMETERS), weights).reshape(len(biases), STARTS)
-    best = np.argmin(costs, axis=0)
-    column = np.arange(STARTS)
-    lowest = costs[best, column]
+    best, lowest = np.argmin(costs, axis=0), costs.min(axis=0)
     valley = (lowest <= np.roll(lowest, 1)) & (lowest <= np.roll(lowest, -1))
     chosen = np.flatnonzero(valley)
     chosen = chosen[np.argsort(lowest[chosen])][:KEPT]
     return np.asarray(poses[best[chosen], chosen], dtype=np.float64)
 
 
-def minimize(rays: Rays, poses: Array, weights: Weights) -> Minima:
-    """Return the relevant minima below `poses` (k x 5), the lowest first.
+def minimize(rays: Rays, poses: Array, weights: Weights) -> Array:
+    """Return the relevant minima (k x 5) below `poses` (k x 5), the lowest first.
 
     Descents that after a few steps are far above the lowest, or coincide with another one, are dropped. Of
     the others the lowest is followed until it converges, its rivals nearly so.
@@ -147,8 +132,7 @@ def minimize(rays: Rays, poses: Array, weights: Weights) -> Minima:
         damping = np.where(better, np.maximum(damping * 0.1, _LEAST), np.maximum(damping * 10.0, _AGAIN))
         if number >= SETTLED and sizes[np.argmin(costs)] < CONVERGED and sizes.max() < NEARLY:
             break
-    order = _apart(poses, costs)
-    return Minima(poses[order], costs[order])
+    return np.asarray(poses[_apart(poses, costs)], dtype=np.float64)
 
 
 def _apart(poses: Array, costs: Array) -> list[int]:

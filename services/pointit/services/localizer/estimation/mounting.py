@@ -17,7 +17,7 @@ import numpy as np
 from pointit.services.localizer.estimation.angular_residuals import Array, Complex, angular_errors
 from pointit.services.localizer.estimation.estimator import solve
 from pointit.services.localizer.estimation.levenberg_marquardt import minimize
-from pointit.services.localizer.estimation.sample_blocks import Pointings, blocks
+from pointit.services.localizer.estimation.sample_blocks import Pointings, blocks, in_time
 from pointit.services.localizer.estimation.solution import Refusal, Solution, SolverSettings
 
 LEAST_SLOPE = 0.5
@@ -49,6 +49,11 @@ FOLLOWS_FREEDOM = 4.0
 
 FOLLOWS = 2.0
 """Rms of the azimuths up to which the arm follows the robot, in sigmas of a ray."""
+
+MOUNTED = (
+    "the rays turn with the {} and {}: the sensor seems to be mounted {} the arm; "
+    "run `pointit person calibrate mounting USER`"
+)
 
 
 @dataclass(frozen=True)
@@ -96,10 +101,7 @@ def mounting_fault(
     if slope.is_wrong:
         is_back = slope.value < BACKWARDS_SLOPE
         does, how = ("sink where it rises", "backwards on") if is_back else ("do not rise with it", "across")
-        return (
-            f"the rays turn with the robot and {does}: the sensor seems to be mounted {how} the arm; "
-            "run `pointit person calibrate mounting USER`"
-        )
+        return MOUNTED.format("robot", does, how)
     if found is result and slope.is_doubtful:
         return (
             f"the rays rise and sink only {max(slope.value, 0.0):.1f} times as much as the robot; keep "
@@ -126,10 +128,7 @@ def held_mounting_fault(
     does, how = (
         ("are low at high ones", "backwards on") if is_back else ("do not rise to high ones", "across")
     )
-    return (
-        f"the rays turn with the lamps and {does}: the sensor seems to be mounted {how} the arm; "
-        "run `pointit person calibrate mounting USER`"
-    )
+    return MOUNTED.format("lamps", does, how)
 
 
 def _best_fit(
@@ -151,13 +150,13 @@ def mounting_slope(
     if not len(pointings):
         return None
     freedom = independent - FEWEST
-    means = blocks(pointings).pointings
+    means = blocks(in_time(pointings, trust.latency_s + solution.late_s)).pointings
     place_m = np.array([solution.x_m, solution.y_m, floor_m])
     rays = trust.rays(means, place_m)
     weights = trust.weights()
     weights = replace(weights, sigma_rad=weights.sigma_rad * np.array([[1.0], [FREE_ELEVATION]]))
     start = np.array([[0.0, 0.0, solution.yaw_rad, solution.bias_rad - trust.bias_rad, solution.z_m]])
-    pose = minimize(rays, start, weights).poses[0]
+    pose = minimize(rays, start, weights)[0]
     turned: Complex = np.exp(1j * float(pose[2])) * rays.origins * np.conj(rays.inverse_azimuth)
     eyes = complex(float(pose[0]), float(pose[1])) + turned
     seen: Array = np.arctan2(rays.heights - pose[4], np.abs(rays.targets - eyes))

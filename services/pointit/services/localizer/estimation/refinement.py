@@ -39,10 +39,6 @@ BELIEF = 3.0
 GROSS = 5.0
 """Number of sigmas at which residuals are clipped as outliers."""
 
-TAILS = 1.0
-"""The precision of the latency's prior is that stated near 0 and falls by 1 / (σ² + x²), as Cauchy's: some
-trackers are late by far."""
-
 STEEP = 0.2
 """Lower bound of the cosine of the elevation: a steeper ray has no usable azimuth."""
 
@@ -71,20 +67,6 @@ class NoiseModel:
     """Inverse prior variance of each state, all expected at 0; 0 if unknown. Shape (`STATES`)."""
 
 
-@dataclass(frozen=True)
-class Refined:
-    """A pose and what else was found."""
-
-    state: Array
-    """`STATES`."""
-    covariance: Array
-    """Covariance of the state, `VAGUE` in unknown directions.
-
-    The yaw is that of pointing: a model error that turns all rays equally stays in the yaw when the person
-    points later, and does not count.
-    """
-
-
 def effective_samples(blocks: Blocks, rate_hz: float) -> Array:
     """Return the number (m) of independent pointings of each block; at least one for each hold."""
     sample_weights = np.maximum(1.0, rate_hz * blocks.held_s)
@@ -92,19 +74,19 @@ def effective_samples(blocks: Blocks, rate_hz: float) -> Array:
     return np.asarray(sample_weights[hold] / np.bincount(hold)[hold], dtype=np.float64)
 
 
-def refine(rays: Rays, pose: Array, blocks: Blocks, noise: NoiseModel) -> Refined:
-    """Return the refined `pose` (5), a result of the descent for `rays`, the means of `blocks`.
+def refine(rays: Rays, pose: Array, blocks: Blocks, noise: NoiseModel) -> tuple[Array, Array]:
+    """Return state (`STATES`) and covariance of `pose` (5), which the descent found for `rays`, refined.
 
-    Of targets at rest the pose stays as it is: refined ones of recorded people were no better.
+    Targets at rest leave the pose as it is: refined ones of recorded people were no better. The covariance is
+    `VAGUE` in unknown directions. A model error that turns all rays equally is part of the yaw of pointing.
     """
-    sample_weights = effective_samples(blocks, noise.independent_hz)
     likeness, share = _correlation(blocks, noise.independent_hz)
     state = np.concatenate([pose, np.zeros(STATES - PARAMETERS)])
     rounds = ROUNDS if noise.independent_hz else 1
     while True:
         rounds -= 1
         angles, jacobian = _linearized(rays, state, blocks)
-        weight, variance = _scatter(angles, sample_weights, noise)
+        weight, variance = _scatter(angles, effective_samples(blocks, noise.independent_hz), noise)
         unit = np.sqrt(weight / max(variance, 1.0)) / noise.sigma_rad[:, None]
         flat = _independent(jacobian * unit, likeness, share).reshape(STATES, -1)
         information, slope = flat @ flat.T, flat @ _independent(angles * unit, likeness, share).ravel()
@@ -113,7 +95,8 @@ def refine(rays: Rays, pose: Array, blocks: Blocks, noise: NoiseModel) -> Refine
         prior, moved = noise.prior.copy(), np.zeros(STATES)
         for _ in range(STEPS):
             moved = -np.linalg.solve(information + np.diag(prior + DAMPING), slope + prior * state)
-            prior[LATENCY] = TAILS / (1.0 / noise.prior[LATENCY] + (state + moved)[LATENCY] ** 2)
+            # Cauchy's tails, 1 / (σ² + x²): some trackers are late by far
+            prior[LATENCY] = 1.0 / (1.0 / noise.prior[LATENCY] + (state + moved)[LATENCY] ** 2)
         state = state + moved
         if rounds == 0 or np.abs(moved[:3]).max() < LINEAR:
             break
@@ -125,7 +108,7 @@ def refine(rays: Rays, pose: Array, blocks: Blocks, noise: NoiseModel) -> Refine
     shifted[2] += (turned[:, 0] / np.maximum(rays.elevation_phasor.real, STEEP)).mean(axis=1)
     out = out + shifted @ shifted.T + VAGUE * unknown @ unknown.T
     out[[0, 1], [0, 1]] += noise.body_sigma_m**2
-    return Refined(state, np.asarray(0.5 * (out + out.T), dtype=np.float64))
+    return state, np.asarray(0.5 * (out + out.T), dtype=np.float64)
 
 
 def _scatter(angles: Array, sample_weights: Array, noise: NoiseModel) -> tuple[Array, float]:

@@ -69,9 +69,10 @@ class Blocks:
     samples: Array
     """m: number of samples in each block."""
     hold: Array
-    """m: index of the block's hold, a stretch without a pause at one target."""
+    """m: index of the block's hold, a stretch without a pause at one target. At rest, all at a target are
+    one: a lamp that is mistaken, or wrong in the map, is so at each visit."""
     held_s: Array
-    """Duration of each hold."""
+    """Duration of each stretch."""
     velocities_mps: Array
     """m x 3: of the targets, {W}."""
     is_still: bool
@@ -81,10 +82,7 @@ class Blocks:
 def blocks(pointings: Pointings) -> Blocks:
     """Return `pointings` in blocks; needs at least one sample and stamps that never fall."""
     t, targets = pointings.stamps_s, pointings.targets_m
-    steps = np.diff(t, prepend=t[0])
-    moves = np.abs(np.diff(targets, axis=0, prepend=targets[:1])).max(axis=1)
-    begins = (steps > GAP_S) | (moves > JUMP_M)
-    begins[0] = True
+    begins = _begins(pointings)
     hold = np.cumsum(begins) - 1
     first = np.flatnonzero(begins)
     last = np.append(first[1:], len(t)) - 1
@@ -102,23 +100,38 @@ def blocks(pointings: Pointings) -> Blocks:
 
     directions = mean(pointings.directions)
     directions /= np.linalg.norm(directions, axis=1)[:, None]
-    drift = np.abs(targets - targets[first][hold]).max()
+    is_still = bool(np.abs(targets - targets[first][hold]).max() <= STILL_M)
     means_m = mean(targets)
     return Blocks(
         Pointings(t[where], mean(pointings.origins_m), directions, means_m),
         count,
-        hold[where].astype(np.float64),
+        (lamp_numbers(pointings) if is_still else hold)[where].astype(np.float64),
         held_s,
         _velocities(mean(t[:, None]), means_m, hold[where]),
-        is_still=bool(drift <= STILL_M),
+        is_still=is_still,
     )
 
 
-def in_time(pointings: Pointings, latency_s: float) -> Pointings:
-    """Return `pointings` with the targets where they were when they are reported `latency_s` late."""
+def lamp_numbers(pointings: Pointings) -> NDArray[np.intp]:
+    """Return the number (n) of the target of each sample, from 0, in the order of the first holds there."""
+    begins = _begins(pointings)
+    places = np.round(pointings.targets_m[begins] / STILL_M)
+    _, firsts, which = np.unique(places, axis=0, return_index=True, return_inverse=True)
+    return np.asarray(np.argsort(np.argsort(firsts))[which.ravel()][np.cumsum(begins) - 1], dtype=np.intp)
+
+
+def _begins(pointings: Pointings) -> NDArray[np.bool_]:
+    """Return True (n) for the first sample of each hold."""
+    pauses = np.diff(pointings.stamps_s, prepend=-np.inf) > GAP_S
+    moves = np.abs(np.diff(pointings.targets_m, axis=0, prepend=pointings.targets_m[:1])).max(axis=1)
+    return np.asarray(pauses | (moves > JUMP_M), dtype=np.bool_)
+
+
+def in_time(pointings: Pointings, latency_s: float, means: Blocks | None = None) -> Pointings:
+    """Return `pointings` (of these `means`) with targets where they were when reported `latency_s` late."""
     if latency_s == 0.0 or not len(pointings):
         return pointings
-    means = blocks(pointings)
+    means = means or blocks(pointings)
     moves_m = latency_s * np.repeat(means.velocities_mps, means.samples.astype(np.intp), axis=0)
     return replace(pointings, targets_m=pointings.targets_m + moves_m)
 

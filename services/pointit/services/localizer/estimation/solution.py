@@ -123,7 +123,7 @@ class Solution:
     The yaw is that of pointing: an error that turns all of a person's rays equally is part of it.
     """
     residual_rad: float
-    """Rms angle between rays and targets, as reported: their latency counts."""
+    """Rms angle between rays and targets, without the latency that they show."""
     samples: int
     z_m: float = 0.0
     """Error of the eye height from the body measures; the floor's height if that was left free."""
@@ -132,6 +132,8 @@ class Solution:
     latency_s: float = 0.0
     """Latency of the reports of a moving target against the rays."""
     latency_sigma_s: float = 0.0
+    late_s: float = 0.0
+    """Difference of this latency from the one expected, 0 unless the rays show it: beyond 2 sigma."""
     alternative: float = 0.0
     """Probability that the person stands at another place that fits, too."""
     of_latency: Array = field(default_factory=lambda: np.zeros(3))

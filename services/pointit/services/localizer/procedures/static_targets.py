@@ -20,13 +20,10 @@ from pointit.services.localizer.outputs import Output, pose_message
 from pointit.services.localizer.procedures.lamp_procedure import LampProcedure
 from pointit.services.localizer.procedures.lamps import max_holds, usable
 from pointit.services.localizer.procedures.next_target import EYES_M, ObservationModel, next_target
-from pointit.services.localizer.verification.holds import held, odd_hold
+from pointit.services.localizer.verification.holds import held, odd_lamps
 
 MIN_LAMPS = 2
 """Number of lamps before a pose can be solved."""
-
-WORTHWHILE = 0.9
-"""A lamp comes again if the last hold reduced the uncertainty by this factor, or no pose is accepted yet."""
 
 
 class StaticTargets(LampProcedure):
@@ -44,8 +41,6 @@ class StaticTargets(LampProcedure):
         super().__init__(
             (lamp.id for lamp in lamps), config, -(-self._trust.min_samples // shared), "start again"
         )
-        self._ratio = math.inf
-        """Ratio of the uncertainty to the one that is needed."""
 
     @property
     def targets(self) -> Sequence[Lamp]:
@@ -96,32 +91,27 @@ class StaticTargets(LampProcedure):
         result = self._solve() if count >= MIN_LAMPS else None
         sofar = self._so_far() if isinstance(result, Refusal) else result
         self._solution = sofar if isinstance(sofar, Solution) else None
-        before, self._ratio = self._ratio, self._uncertainty_ratio()
-        if result is None or (count < self._max_holds and self._goes_on(result, before)):
+        if result is None or (count < self._max_holds and self._goes_on(result)):
             return self._light(now_ns)
         return self._finish(now_ns, result)
 
-    def _goes_on(self, result: Solution | Refusal, before: float) -> bool:
-        """Return True if another hold is useful.
-
-        With a configured number of lamps, always. Otherwise until the pose is certain enough; once all lamps
-        were used and the pose is accepted, only as long as it still improves.
-        """
+    def _goes_on(self, result: Solution | Refusal) -> bool:
+        """Return True if another hold is useful. A second one at a lamp, if accepted, has the same error."""
         if isinstance(result, Refusal) or self._config.targets:
             return True
         is_new = len({lamp.id for _, lamp in self._holds}) < len(self._lamps)
-        return self._ratio > 1.0 and (is_new or self._ratio < WORTHWHILE * before)
+        return is_new and self._uncertainty_ratio() > 1.0
 
     def _uncertainty_ratio(self) -> float:
         """Return the ratio of the pose's uncertainty to the one that is needed, infinite without a pose."""
         solution, enough = self._solution, self._config.enough
         if solution is None:
             return math.inf
-        yaw_sigma_rad = math.radians(enough.yaw_deg)
-        return max(solution.position_sigma_m / enough.position_m, solution.yaw_sigma_rad / yaw_sigma_rad)
+        turned_deg = math.degrees(solution.yaw_sigma_rad)
+        return max(solution.position_sigma_m / enough.position_m, turned_deg / enough.yaw_deg)
 
     def _solve(self) -> Solution | Refusal:
-        return held(self._pointings(), self._believed(), floor_m=self._config.floor_m)
+        return held(self._pointings(), self._believed(), floor_m=self._config.floor_m, lamps=self._lit)
 
     def _so_far(self) -> Solution | Refusal:
         """Return the pose however uncertain it is, to choose the next lamp."""
@@ -154,10 +144,13 @@ class StaticTargets(LampProcedure):
         ]
 
     def _left_out(self) -> str:
-        odd = odd_hold(self._pointings(), self._believed(), floor_m=self._config.floor_m)
-        if odd is None:
-            return ""
-        return f"pointing {odd + 1}, at {self._holds[odd][1].id}, missed it by far and does not count"
+        odd = odd_lamps(self._pointings(), self._believed(), floor_m=self._config.floor_m)
+        return f"the pointing at {self._lit[odd[0]]} missed it by far and does not count" if odd else ""
+
+    @property
+    def _lit(self) -> list[str]:
+        """Return the ids of the lamps, in the order of their first holds."""
+        return list(dict.fromkeys(lamp.id for _, lamp in self._holds))
 
     @property
     def _count(self) -> int:

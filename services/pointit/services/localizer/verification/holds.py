@@ -6,14 +6,15 @@ alone. Rays come one hold after the other; `floor_m` is the height of the floor 
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pointit.services.localizer.estimation.angular_residuals import Rays, angular_errors
 from pointit.services.localizer.estimation.mounting import held_mounting_fault
-from pointit.services.localizer.estimation.sample_blocks import GAP_S, JUMP_M, Pointings
+from pointit.services.localizer.estimation.sample_blocks import Pointings, lamp_numbers
 from pointit.services.localizer.estimation.solution import Refusal, Solution, SolverSettings
 from pointit.services.localizer.memory.recall import solve
 
@@ -21,15 +22,23 @@ AGREEING = 1.2
 """Largest rms of holds that agree, in sigmas of one pointing sideways."""
 
 LEAST_OTHERS = 4
-"""Holds that must agree without another one for it to be left out: three determine a pose almost exactly."""
+"""Lamps that must agree without another one for it to be left out: three determine a pose almost exactly."""
+
+MOST_LAMPS = 12
+"""Number of lamps, the first ones, of which each pair is tried as swapped."""
 
 IMPROVED = 0.5
-"""Ratio of the rms of the others to that of all from which one hold is to blame."""
+"""Ratio of the rms of the others to that of all from which one lamp is to blame, or two are."""
 
 MISSED_RAD = math.radians(15.0)
-"""Least angle by which that hold misses its target."""
+"""Least angle by which that lamp is missed."""
 
 CONTRADICT = "the pointings contradict one another; point at each lamp that is lit, arm straight"
+
+SWAPPED = (
+    "the pointings contradict one another, but agree if the lamps {} and {} are swapped; check their places "
+    "in the map"
+)
 
 NEIGHBOURS = 3
 """Number of samples before and after, with whose median a ray is compared."""
@@ -40,50 +49,63 @@ within 40 ms (pointing.md §7)."""
 
 
 def held(
-    pointings: Pointings, trust: SolverSettings, *, floor_m: float = 0.0, start: Solution | None = None
+    pointings: Pointings,
+    trust: SolverSettings,
+    *,
+    floor_m: float = 0.0,
+    start: Solution | None = None,
+    lamps: Sequence[str] = (),
 ) -> Solution | Refusal:
-    """Return the pose of holds at targets at rest, without one that misses, or the refusal."""
+    """Return the pose of holds at targets at rest, without a lamp that is missed, or the refusal.
+
+    `lamps`: their ids, in the order of first holds. The refusal names those that are swapped in the map.
+    """
     steady = without_spikes(pointings)
     result = solve(steady, trust, floor_m=floor_m, start=start)
-    holds = len(np.unique(hold_numbers(steady)))
-    wrong = held_mounting_fault(steady, result, trust, floor_m, holds=holds)
+    numbers = lamp_numbers(steady)
+    wrong = held_mounting_fault(steady, result, trust, floor_m, holds=len(np.unique(numbers)))
     if wrong:
         return Refusal(wrong, result.residual_rad)
     if result.residual_rad is None or result.residual_rad <= AGREEING * trust.act_sigma_rad:
         return result
-    odd = odd_hold(pointings, trust, floor_m=floor_m)
-    if odd is None:
-        return result if isinstance(result, Refusal) else Refusal(CONTRADICT, result.residual_rad)
-    return solve(steady.only(hold_numbers(steady) != odd), trust, floor_m=floor_m, start=start)
+    odd = odd_lamps(pointings, trust, floor_m=floor_m)
+    if len(odd) == 2:
+        first, second = (lamps[each] if lamps else f"number {each + 1}" for each in odd)
+        return Refusal(SWAPPED.format(first, second), result.residual_rad)
+    if odd:
+        return solve(steady.only(numbers != odd[0]), trust, floor_m=floor_m, start=start)
+    return result if isinstance(result, Refusal) else Refusal(CONTRADICT, result.residual_rad)
 
 
-def odd_hold(pointings: Pointings, trust: SolverSettings, *, floor_m: float = 0.0) -> int | None:
-    """Return the number of the hold that misses while all others agree, or None."""
+def odd_lamps(pointings: Pointings, trust: SolverSettings, *, floor_m: float = 0.0) -> tuple[int, ...]:
+    """Return the lamp that is missed while the others agree, or the two with which all agree if swapped.
+
+    They are numbered by their first holds. Empty if neither explains the rays by far.
+    """
     steady = without_spikes(pointings)
-    numbers = hold_numbers(steady)
-    count = int(numbers[-1]) + 1 if len(numbers) else 0
+    numbers = lamp_numbers(steady)
+    count = int(numbers.max(initial=-1)) + 1
     unlimited = replace(trust.unlimited(), max_act_residual_rad=math.inf)
-    whole = solve(steady, unlimited, floor_m=floor_m) if count > LEAST_OTHERS else None
+    any_bias = replace(unlimited, bias_sigma_limit=math.inf)
+    whole = solve(steady, any_bias, floor_m=floor_m) if count > LEAST_OTHERS else None
     if not isinstance(whole, Solution) or whole.residual_rad <= AGREEING * trust.act_sigma_rad:
-        return None
-    fits = [solve(steady.only(numbers != number), unlimited, floor_m=floor_m) for number in range(count)]
-    rms = [fit.residual_rad if isinstance(fit, Solution) else math.inf for fit in fits]
-    best = int(np.argmin(rms))
-    found = fits[best]
+        return ()
+    places_m = steady.targets_m[np.unique(numbers, return_index=True)[1]]
     limit_rad = min(AGREEING * trust.act_sigma_rad, IMPROVED * whole.residual_rad)
-    if not isinstance(found, Solution) or rms[best] > limit_rad:
-        return None
-    missed_rad = _miss_rad(steady.only(numbers == best), found, floor_m)
-    return best if missed_rad >= MISSED_RAD else None
-
-
-def hold_numbers(pointings: Pointings) -> NDArray[np.intp]:
-    """Return the number (n) of the hold of each sample, from 0."""
-    if not len(pointings):
-        return np.zeros(0, dtype=np.intp)
-    moves = np.abs(np.diff(pointings.targets_m, axis=0, prepend=pointings.targets_m[:1])).max(axis=1)
-    begins = (np.diff(pointings.stamps_s, prepend=pointings.stamps_s[0]) > GAP_S) | (moves > JUMP_M)
-    return np.asarray(np.cumsum(begins), dtype=np.intp)
+    for size, most in ((1, count), (2, min(count, MOST_LAMPS))):
+        found: list[tuple[float, tuple[int, ...], Solution]] = []
+        for odd in combinations(range(most), size):
+            order = np.arange(count)
+            order[list(odd)] = odd[::-1]
+            swapped = replace(steady, targets_m=places_m[order][numbers])
+            fit = solve(steady.only(numbers != odd[0]) if size == 1 else swapped, unlimited, floor_m=floor_m)
+            if isinstance(fit, Solution):
+                found.append((fit.residual_rad, odd, fit))
+        rms, best, fit = min(found, key=lambda each: each[0], default=(math.inf, (), whole))
+        missed = (_miss_rad(steady.only(numbers == number), fit, floor_m) for number in best)
+        if rms <= limit_rad and min(missed) >= MISSED_RAD:
+            return best
+    return ()
 
 
 def _miss_rad(hold: Pointings, pose: Solution, floor_m: float) -> float:

@@ -33,8 +33,8 @@ def solve(
 
     The first view with gravity levels the room; without any, most strips are taken as level or upright. Some
     phones and programs give gravity with the opposite sign: since cameras are held upright, or nearly, all
-    signs are changed if it points up in most pictures. Lengths come from `known_length`, or else from the strips'
-    pitch. Positions and sigmas of the lamps are in `Scan.lamps`.
+    signs are changed if it points up in most pictures. Lengths come from `known_length`, or else from the
+    strips' pitch. Positions and sigmas of the lamps are in `Scan.lamps`.
 
     Raises:
         ConfigError: If names, numbers or limits are wrong.

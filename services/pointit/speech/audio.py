@@ -11,6 +11,7 @@ from pointit.runtime.clock import Clock
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import NS_PER_S
 from pointit.speech.recogniser import RATE_HZ
+from pointit.speech.standard_input import blocks_of
 
 BLOCK_S = 0.05
 BLOCK = round(BLOCK_S * RATE_HZ) * 2
@@ -71,8 +72,14 @@ class Stream:
     async def blocks(self) -> AsyncIterator[tuple[int, bytes]]:
         """Yield blocks as they come. Each ends when it has arrived."""
         if not self._is_microphone:
-            while block := await asyncio.to_thread(sys.stdin.buffer.read, BLOCK):
-                yield self._clock.now_ns() - round(BLOCK_S * NS_PER_S), block
+            rest = b""
+            async for read in blocks_of(sys.stdin.fileno(), BLOCK):
+                rest += read
+                if len(rest) >= BLOCK:
+                    yield self._clock.now_ns() - round(BLOCK_S * NS_PER_S), rest[:BLOCK]
+                    rest = rest[BLOCK:]
+            if rest := rest[: len(rest) // 2 * 2]:
+                yield self._clock.now_ns() - round(BLOCK_S * NS_PER_S), rest
             return
         process = await asyncio.create_subprocess_exec(*RECORDER, stdout=asyncio.subprocess.PIPE)
         try:

@@ -24,6 +24,8 @@ OLDEST_S = 8.0
 """Age of an utterance from which it is not followed."""
 MOST_WAITING = 4
 """Number of utterances that may wait for an earlier one; further ones are refused."""
+MOST_CHARACTERS = 4096
+"""Largest length of `Understood.text`."""
 AGAIN = "point at it, and say it again"
 
 
@@ -164,7 +166,8 @@ class Interpreter:
         verb = self._verbs[command.verb]
         things = self._room.switches if command.verb in ("on", "off") else verb.things or None
         decision = decide(reply, ("place",)) if is_place else decide(reply, verb.kinds, things)
-        if decision.do == "act":
+        is_told = command.verb == "what" and decision.do == "ask"  # with how sure it is
+        if decision.do == "act" or is_told:
             return decision.candidates[0]
         if decision.do == "refuse" or is_place:
             unclear = f"{'where' if is_place else 'what'} {mention.word!r} is, is not clear: {AGAIN}"
@@ -174,7 +177,8 @@ class Interpreter:
         self._publish(speech, command, (*before, *decision.candidates), "asked", asked)
         chosen = await self._question.ask(decision.candidates)
         if chosen is None:
-            raise NotUnderstood(f"neither {names.replace(' or ', ' nor ')} was confirmed: {AGAIN}")
+            doubt = f"neither {names.replace(' or ', ' nor ')} was" if " or " in names else f"{names} was not"
+            raise NotUnderstood(f"{doubt} confirmed: {AGAIN}")
         return chosen
 
     def _publish(
@@ -183,7 +187,7 @@ class Interpreter:
         understood = Understood.model_validate(
             {
                 "stamp_ns": speech.stamp_ns,
-                "text": " ".join(word.text for word in speech.words),
+                "text": " ".join(word.text for word in speech.words)[:MOST_CHARACTERS],
                 "command": "" if command is None else command.verb,
                 "referents": tuple(found),
                 "result": result,

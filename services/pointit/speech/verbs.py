@@ -91,7 +91,8 @@ async def _what(site: Site, _command: Command, found: Sequence[Referent]) -> str
 
 async def _stop(site: Site, _command: Command, found: Sequence[Referent]) -> str:
     """Stop the robot that is meant, those of the person, or all."""
-    robots = [one.name for one in found] or site.room.robots_of(site.user) or sorted(site.room.robots)
+    named = [one.name for one in found if one.kind == "robot"]
+    robots = named or site.room.robots_of(site.user) or sorted(site.room.robots)
     if not robots:
         raise RefusedError("there is no robot to stop")
     query = StopRobot(reason=f"{site.user} said stop")

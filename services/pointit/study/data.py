@@ -107,6 +107,8 @@ class StudyFolder:
         if copy.exists() and copy.read_text(encoding="utf-8") != source:
             raise ConfigError(f"{copy} differs from the study; use another folder, or that file")
         if not copy.exists():
+            if (path / COLUMNS_FILE).exists():
+                raise ConfigError(f"{path / COLUMNS_FILE} is not of this study; use another folder")
             table = "".join(_line(row).decode() for row in [("column", "unit", "meaning"), *self.columns])
             write_atomically(path / COLUMNS_FILE, table.encode(), mode=0o644)
             write_atomically(copy, source.encode(), mode=0o644)
@@ -181,7 +183,7 @@ def _text(value: object) -> str:
 
 def _line(values: Sequence[str]) -> bytes:
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerow([value.replace("\n", " ") for value in values])
+    csv.writer(text, lineterminator="\n").writerow([" ".join(value.splitlines()) for value in values])
     return text.getvalue().encode()
 
 

@@ -5,7 +5,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, cast
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
@@ -77,8 +77,17 @@ class Attempt:
             self.path_rad += turned_rad
             self._turned = cursor.direction
         self.passed_s = self._passed_s(now_ns)
-        if self.condition is not None and (verdict := self.condition(self)) is not None:
-            self._finish("hit" if verdict == "hit" else "wrong", "", now_ns)
+        if self.condition is not None and (verdict := self._verdict(self.condition)) is not None:
+            self._finish(verdict, "", now_ns)
+
+    def _verdict(self, end: "Callable[[Attempt], str | None]") -> Literal["hit", "wrong"] | None:
+        try:
+            verdict = end(self)
+        except Exception as error:
+            raise ConfigError(f"end: the study's function fails ({type(error).__name__}: {error})") from error
+        if verdict not in ("hit", "wrong", None):
+            raise ConfigError(f"end: the study's function returns {verdict!r}; return 'hit', 'wrong' or None")
+        return cast("Literal['hit', 'wrong'] | None", verdict)
 
     def on_hover(self, hover: Hover, now_ns: int) -> None:
         """Process a hover that has arrived at `now_ns`."""
@@ -193,6 +202,6 @@ def load_condition(end: str, folder: Path) -> Callable[[Attempt], str | None] | 
     try:
         spec.loader.exec_module(module)
         found: Callable[[Attempt], str | None] = getattr(module, function)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise ConfigError(f"end: {path} cannot be used ({type(error).__name__}: {error})") from error
     return found

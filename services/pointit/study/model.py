@@ -17,7 +17,7 @@ from pointit.schemas import KeyNameError
 from pointit.schemas.topics import check_name
 from pointit.study.columns import FIXED
 from pointit.study.order import Order, square
-from pointit.study.questionnaires import Questionnaire, check_questionnaire
+from pointit.study.questionnaires import Questionnaire, check_questionnaire, scale_of
 from pointit.study.tasks import Task
 
 Value = bool | int | float | str
@@ -57,6 +57,10 @@ class Factor(Config):
             if self.vary == "trial" and not name.startswith(TASK):
                 raise _described(f"{name} cannot change from trial to trial: use vary: block")
         return self
+
+
+MOST_CELLS = 1000
+"""Largest number of combinations of levels."""
 
 
 class Study(Config):
@@ -179,11 +183,17 @@ class Study(Config):
     def _known_questions(cls, given: tuple[Questionnaire, ...]) -> tuple[Questionnaire, ...]:
         for each in given:
             check_questionnaire(each)
+        names = [scale_of(each).name for each in given]
+        if twice := {name for name in names if names.count(name) > 1}:
+            raise ValueError(f"{min(twice)} is there twice: their answers could not be told apart")
         return given
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         levels = [level for factor in self.factors.values() for level in factor.levels]
+        cells = math.prod(len(factor.levels) for factor in self.factors.values())
+        if cells > MOST_CELLS:
+            raise _described(f"the factors have {cells} combinations of levels; {MOST_CELLS} at most")
         for name in self.factors:
             if not NAME.fullmatch(name) or name in FIXED:
                 raise _described(

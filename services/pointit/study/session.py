@@ -90,10 +90,14 @@ class Session:
         return self._room
 
     async def _begin(self) -> None:
+        simulated = bool(self._setup.person) or not self._setup.imu
+        if self._about.get("simulated", simulated) != simulated:
+            whose = "a person" if simulated else "a simulated person"
+            raise ConfigError(f"{self._participant} was begun by {whose}; give another participant or --to")
         if not self._about:
             self._put(
                 pseudonym=self._participant,
-                simulated=bool(self._setup.person) or not self._setup.imu,
+                simulated=simulated,
                 group=self._plan.group,
                 seed=self._study.seed,
                 order=list(self._plan.order),

@@ -28,6 +28,7 @@ STYLE: dict[str, Any] = {
     "axes.spines.top": False,
     "figure.facecolor": "none",
     "font.size": 10,
+    "text.parse_math": False,  # names of levels are no formulas
     "svg.fonttype": "none",
     "svg.hashsalt": "pointit",
 }

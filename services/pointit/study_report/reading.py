@@ -3,8 +3,9 @@
 import csv
 import importlib
 import importlib.util
+import io
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
@@ -32,7 +33,8 @@ def trials(folder: str | Path) -> Trials:
     """
     folder = Path(folder)
     notes: list[str] = []
-    tables = {path: _table(path, notes) for path in sorted(folder.glob("*/trials.csv"))}
+    needed = (*TEXTS, *COUNTS, *NUMBERS)
+    tables = {path: _table(path, notes, needed) for path in sorted(folder.glob("*/trials.csv"))}
     if not tables:
         raise ConfigError(f"{folder}: no participant; a study's folder has P01/trials.csv and so on")
     factors = _factors(tables)
@@ -117,13 +119,13 @@ def _table(
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: cannot be read ({error})") from error
-    reader = csv.reader(text.splitlines(keepends=True))
+    reader = csv.reader(io.StringIO(text, newline=""))
     header = next(reader, list[str]())
     if missing := [name for name in needed if name not in header]:
         raise ConfigError(f"{path}: no column {', '.join(missing)}; restore the table as the study wrote it")
     lines: list[tuple[int, dict[str, str]]] = []
     broken = 0
-    for values in reader:
+    for values in _values(path, reader):
         if broken:
             raise ConfigError(f"{path}, line {broken}: not {len(header)} values; correct or delete the line")
         if len(values) != len(header):
@@ -135,6 +137,13 @@ def _table(
     if broken:
         notes.append(f"The last line of {path.parent.name}/{path.name} is not whole and left out.")
     return header, lines
+
+
+def _values(path: Path, reader: "Iterator[list[str]]") -> Iterator[list[str]]:
+    try:
+        yield from reader
+    except csv.Error as error:
+        raise ConfigError(f"{path}: cannot be read ({error})") from error
 
 
 def _factors(tables: Mapping[Path, tuple[list[str], object]]) -> tuple[str, ...]:
@@ -169,7 +178,7 @@ def _trial(path: Path, number: int, line: Mapping[str, str], factors: tuple[str,
 
     counts: dict[str, int] = {}
     for name in COUNTS:
-        if not line[name].isdecimal():
+        if not line[name].isdecimal() or len(line[name]) > 9:
             raise wrong(name, "a whole number")
         counts[name] = int(line[name])
     if line["outcome"] not in OUTCOMES:

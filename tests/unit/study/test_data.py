@@ -63,5 +63,8 @@ def test_participant_runs_once_at_a_time_and_a_folder_holds_one_study(tmp_path: 
         folder.trials("P01")
     table.close()
     folder.trials("P01").close()
+    (tmp_path / "columns.csv").write_text("mine")
+    with pytest.raises(ConfigError, match=r"columns\.csv is not of this study"):
+        StudyFolder(tmp_path, study, "name: s")
     with pytest.raises(ConfigError, match="differs from the study; use another folder"):
         StudyFolder(tmp_path / "data", study, "name: other")

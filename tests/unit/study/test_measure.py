@@ -1,9 +1,12 @@
 """The measures of an attempt against a case computed by hand, and each end of it."""
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import pytest
 
+from pointit.runtime.errors import ConfigError
 from pointit.schemas import ButtonEvent, Cursor, Hover, SelectionEvent
 from pointit.study.measure import Attempt
 
@@ -115,3 +118,11 @@ def test_condition_in_python_ends_an_attempt() -> None:
     one.on_cursor(cursor(0.0, 1.5), 3 * S // 2)
     measures = one.columns()
     assert (measures["outcome"], measures["selection_s"]) == ("hit", 1.5)
+
+
+@pytest.mark.parametrize(
+    ("ends", "sentence"), [(lambda _: 5, "returns 5"), (lambda _: 1 / 0, "ZeroDivisionError")]
+)
+def test_condition_in_python_that_fails_is_said(ends: Callable[[Attempt], Any], sentence: str) -> None:
+    with pytest.raises(ConfigError, match=f"end: the study's function .*{sentence}"):
+        attempt("ends.py:ends", condition=ends).on_cursor(cursor(0.0, 0.5), S // 2)

@@ -115,6 +115,11 @@ def test_each_participant_has_each_cell_equally_often_and_orders_balance_in_each
             "factors: {m: {vary: trial, levels: {a: {task.width: 1}, b: {task.width: 2}}}}",
             "task in a: no parameter width; did you mean width_m",
         ),
+        ("questionnaires: [sus, sus]", "sus is there twice: their answers could not be told apart"),
+        (
+            f"factors: {{m: {{levels: {{{', '.join(f'l{n}: {{x.y: {n}}}' for n in range(1001))}}}}}}}",
+            "the factors have 1001 combinations of levels; 1000 at most",
+        ),
         ("factors: {target: {levels: {a: {x.y: 1}, b: {x.y: 2}}}}", "factor target: use another name"),
     ],
 )

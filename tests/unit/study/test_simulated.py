@@ -103,6 +103,13 @@ def _session(study: Study, folder: StudyFolder, commands: list[tuple[int, str, C
     return Session(study, folder, "P01", _Experimenter(commands), Setup(person=person_of(study, "P01")))
 
 
+def test_participant_who_was_begun_by_a_person_is_not_simulated_on(tmp_path: Path) -> None:
+    study, folder = small(tmp_path)
+    folder.put_about("P01", {"pseudonym": "P01", "simulated": False})
+    with pytest.raises(ConfigError, match="P01 was begun by a person"):
+        simulate(study, folder, "P01", lambda _status: None)
+
+
 def test_experimenter_repeats_skips_pauses_and_stops(tmp_path: Path) -> None:
     study, folder = small(tmp_path)
     commands = [

@@ -98,6 +98,7 @@ async def _listen(
 
         interpreter.on_understood = tell
         following = asyncio.create_task(interpreter.run())
+        publishing: asyncio.Task[int] | None = None
         try:
             await interpreter.wait_for_map(MAP_PATIENCE_S)
             say(f"listening to {user}; Ctrl-C ends it")
@@ -107,15 +108,21 @@ async def _listen(
                 spoken = _typed(text, clock)
             else:
                 spoken = _heard(audio or "", recogniser, interpreter, clock, loudspeaker)
-            count = await _publish(bus, user, spoken)
+            publishing = asyncio.create_task(_publish(bus, user, spoken))
+            await asyncio.wait({publishing, following}, return_when=asyncio.FIRST_COMPLETED)
+            if following.done():
+                following.result()
+            count = await publishing
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(END_PATIENCE_S):
                     await interpreter.finish(count)
                     if loudspeaker is not None:
                         await loudspeaker.close()
         finally:
-            following.cancel()
-            await asyncio.wait({following})
+            tasks = [task for task in (following, publishing) if task is not None]
+            for task in tasks:
+                task.cancel()
+            await asyncio.wait(tasks)
     return 0
 
 
@@ -157,16 +164,16 @@ async def _heard(
 
 async def _typed(text: str, clock: Clock) -> AsyncIterator[Speech]:
     """Yield utterances when they would have been said: each ends with its line, an empty one or a pause."""
+    from pointit.speech.standard_input import lines_of  # noqa: PLC0415 - as above
     from pointit.speech.typed_words import PAUSE_S, TimedWord, speech, words_in  # noqa: PLC0415 - as above
 
     try:
-        file = sys.stdin if text == "-" else Path(text).open(encoding="utf-8")  # noqa: SIM115, ASYNC230 - closed below
+        file = sys.stdin if text == "-" else Path(text).open("rb")  # noqa: SIM115, ASYNC230 - closed below
     except OSError as error:
         raise ConfigError(f"{text}: {error.strerror}") from error
     start_ns, kept = clock.now_ns(), list[TimedWord]()
     try:
-        while True:
-            line = await asyncio.to_thread(file.readline)
+        async for line in _with_end(lines_of(file.fileno())):
             words = words_in(line)
             last_s = kept[-1].time_s if kept else None
             is_apart = (
@@ -183,8 +190,13 @@ async def _typed(text: str, clock: Clock) -> AsyncIterator[Speech]:
                 yield speech(words, start_ns, clock.now_ns())
             else:
                 kept += words
-            if not line:
-                return
     finally:
         if file is not sys.stdin:
             file.close()
+
+
+async def _with_end(lines: AsyncIterator[str]) -> AsyncIterator[str]:
+    """Yield the lines and an empty one, which ends the last utterance."""
+    async for line in lines:
+        yield line
+    yield ""

@@ -5,7 +5,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, cast
+from typing import Literal
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
@@ -85,9 +85,17 @@ class Attempt:
             verdict = end(self)
         except Exception as error:
             raise ConfigError(f"end: the study's function fails ({type(error).__name__}: {error})") from error
-        if verdict not in ("hit", "wrong", None):
-            raise ConfigError(f"end: the study's function returns {verdict!r}; return 'hit', 'wrong' or None")
-        return cast("Literal['hit', 'wrong'] | None", verdict)
+        match verdict:
+            case None:
+                return None
+            case "hit":
+                return "hit"
+            case "wrong":
+                return "wrong"
+            case _:
+                raise ConfigError(
+                    f"end: the study's function returns {verdict!r}; return 'hit', 'wrong' or None"
+                )
 
     def on_hover(self, hover: Hover, now_ns: int) -> None:
         """Process a hover that has arrived at `now_ns`."""

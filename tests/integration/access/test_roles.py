@@ -71,7 +71,7 @@ def may_write(me: str, topic: object, name: str) -> bool:
     if role == "services":
         shared_writers = any(row.scope == "site" and row.room == "services" for row in writers)
         return shared_writers or topic in (topics.CLOCK, topics.DEPLOYMENT)
-    return role == "web" and topic in (topics.WRIST, topics.BUTTON)
+    return role == "web" and topic in (topics.WRIST, topics.BUTTON, topics.SPEECH)
 
 
 OF_PEOPLE = (topics.READ_MEMORY, topics.ERASE_MEMORY, topics.FIND_REFERENTS)

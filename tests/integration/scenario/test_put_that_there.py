@@ -42,7 +42,7 @@ class Recorded:
 
 
 def voice(text: str, name: str, folder: Path, noise: float = 0.0) -> bytes:
-    """Return samples of a synthetic voice in pink noise; the test is skipped where its tools are missing."""
+    """Return samples of a synthetic voice in pink noise, always the same (-R); the test is skipped where its tools are missing."""
     espeak, sox = shutil.which("espeak-ng"), shutil.which("sox")
     if espeak is None or sox is None:
         pytest.skip("no espeak-ng or sox here: `apt-get install espeak-ng sox`")
@@ -53,9 +53,9 @@ def voice(text: str, name: str, folder: Path, noise: float = 0.0) -> bytes:
         return subprocess.run(command, check=True, capture_output=True).stdout
 
     run(espeak, "-v", name, "-s", "130", "-w", raw, text)
-    run(sox, "-q", raw, *form, clean, "pad", "0.5", "0.6", "gain", "-n", "-6")
-    run(sox, "-q", clean, hiss, "synth", "pinknoise", "vol", str(noise))
-    return run(sox, "-q", "-m", "-v", "1", clean, "-v", "1", hiss, "-t", "raw", *form, "-")
+    run(sox, "-q", "-R", raw, *form, clean, "pad", "0.5", "0.6", "gain", "-n", "-6")
+    run(sox, "-q", "-R", clean, hiss, "synth", "pinknoise", "vol", str(noise))
+    return run(sox, "-q", "-R", "-m", "-v", "1", clean, "-v", "1", hiss, "-t", "raw", *form, "-")
 
 
 async def recognised(samples: bytes, names: list[str]) -> Speech:

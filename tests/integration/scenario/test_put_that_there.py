@@ -42,7 +42,7 @@ class Recorded:
 
 
 def voice(text: str, name: str, folder: Path, noise: float = 0.0) -> bytes:
-    """Return samples of a synthetic voice in pink noise, always the same (-R); the test is skipped where its tools are missing."""
+    """Return samples of a voice in pink noise, always the same (-R); skips where tools are missing."""
     espeak, sox = shutil.which("espeak-ng"), shutil.which("sox")
     if espeak is None or sox is None:
         pytest.skip("no espeak-ng or sox here: `apt-get install espeak-ng sox`")

@@ -16,7 +16,7 @@ from pointit.speech.grammar import PLACES, Command, Mention, Vocabulary, answer,
 from pointit.speech.packages import Packages
 from pointit.speech.question import Question
 from pointit.speech.room import SpokenRoom
-from pointit.speech.verbs import VERBS, Site, Verb
+from pointit.speech.verbs import VERBS, Verb, VerbContext
 
 SETTLE_S = 0.4
 """Time after the last deictic word for which rays are awaited, s."""
@@ -40,7 +40,7 @@ class Interpreter:
         """Subscribe to the person's words; `verbs` replace or add some, each said by its name."""
         self._bus, self._clock, self._user = bus, clock, user
         self._room = room = SpokenRoom()
-        self._site = Site(bus, clock, user, room, Packages(bus, clock, user, room))
+        self._site = VerbContext(bus, clock, user, room, Packages(bus, clock, user, room))
         self._verbs: dict[str, Verb] = {**VERBS, **(verbs or {})}
         self._question = Question(bus, clock, user, room)
         self._waiting: deque[Speech] = deque()

@@ -17,7 +17,7 @@ from pointit.speech.room import SpokenRoom
 
 
 @dataclass(frozen=True)
-class Site:
+class VerbContext:
     """Bus, time, person and room for an action."""
 
     bus: Bus
@@ -28,7 +28,7 @@ class Site:
     packages: Packages
 
 
-Action: TypeAlias = Callable[[Site, Command, Sequence[Referent]], Awaitable[str]]
+Action: TypeAlias = Callable[[VerbContext, Command, Sequence[Referent]], Awaitable[str]]
 """Does a command. The referents are those of its mentions, in order. Returns what was done, in a sentence.
 
 Raises:
@@ -47,7 +47,7 @@ class Verb:
     """Things of the map that have this verb; all if there are none. What is not among them is not meant."""
 
 
-async def _take(site: Site, command: Command, found: Sequence[Referent]) -> str:
+async def _fire(site: VerbContext, command: Command, found: Sequence[Referent]) -> str:
     """Fire the thing as if the person had pointed at it, or select the object."""
     if not found:
         raise RefusedError("take what? point at it, and say `take that`")
@@ -63,7 +63,7 @@ async def _take(site: Site, command: Command, found: Sequence[Referent]) -> str:
     return (await site.bus.call(SET_THING, SetThing(thing=one.name, on=on), site.user)).message
 
 
-async def _send(site: Site, command: Command, found: Sequence[Referent]) -> str:
+async def _send(site: VerbContext, command: Command, found: Sequence[Referent]) -> str:
     """Send a robot to a place, by the person's service `goal`, which checks it as a place pointed at."""
     if command.to is None:
         raise RefusedError("where to? say `there` while you point at the place")
@@ -81,7 +81,7 @@ async def _send(site: Site, command: Command, found: Sequence[Referent]) -> str:
     return (await site.bus.call(SEND_ROBOT, query, site.user)).message
 
 
-async def _what(site: Site, _command: Command, found: Sequence[Referent]) -> str:
+async def _what(site: VerbContext, _command: Command, found: Sequence[Referent]) -> str:
     """Say what it is."""
     if not found:
         raise RefusedError("what is what? point at it, and say `what is this`")
@@ -89,7 +89,7 @@ async def _what(site: Site, _command: Command, found: Sequence[Referent]) -> str
     return f"{one.kind} {site.room.label(one)}, sure by {one.probability:.0%}"
 
 
-async def _stop(site: Site, _command: Command, found: Sequence[Referent]) -> str:
+async def _stop(site: VerbContext, _command: Command, found: Sequence[Referent]) -> str:
     """Stop the robot that is meant, those of the person, or all."""
     named = [one.name for one in found if one.kind == "robot"]
     robots = named or site.room.robots_of(site.user) or sorted(site.room.robots)
@@ -104,9 +104,9 @@ async def _stop(site: Site, _command: Command, found: Sequence[Referent]) -> str
 
 
 VERBS: Mapping[str, Verb] = {
-    "take": Verb(act=_take, kinds=("thing", "object", "robot")),
-    "on": Verb(act=_take),
-    "off": Verb(act=_take),
+    "take": Verb(act=_fire, kinds=("thing", "object", "robot")),
+    "on": Verb(act=_fire),
+    "off": Verb(act=_fire),
     "put": Verb(act=_send, kinds=("robot", "thing", "object")),
     "send": Verb(act=_send, kinds=("robot", "object")),
     "what": Verb(act=_what, kinds=()),
@@ -115,10 +115,12 @@ VERBS: Mapping[str, Verb] = {
 """The verbs of all rooms; `turn on` and `turn off` are of switches only."""
 
 
-def own(things: Collection[str], do: Callable[[Site, str, Referent], Awaitable[str]]) -> Verb:
+def verb_of_things(
+    things: Collection[str], do: Callable[[VerbContext, str, Referent], Awaitable[str]]
+) -> Verb:
     """Return a verb of some things of the map. `do` gets verb and thing, and returns a sentence."""
 
-    async def act(site: Site, command: Command, found: Sequence[Referent]) -> str:
+    async def act(site: VerbContext, command: Command, found: Sequence[Referent]) -> str:
         if not found:
             raise RefusedError(f"{command.verb} what? point at it, and say `{command.verb} that`")
         if found[0].name not in things:

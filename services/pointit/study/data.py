@@ -24,7 +24,7 @@ ANSWER_COLUMNS = ("participant", "questionnaire", "item", "condition", "block", 
 Row = dict[str, str]
 
 
-class Table:
+class AppendOnlyCsv:
     """A CSV file of which each row is on the disk when `append` returns, or not there at all."""
 
     def __init__(self, path: Path, columns: Sequence[str]) -> None:
@@ -113,13 +113,13 @@ class StudyFolder:
             write_atomically(path / COLUMNS_FILE, table.encode(), mode=0o644)
             write_atomically(copy, source.encode(), mode=0o644)
 
-    def trials(self, participant: str) -> Table:
+    def trials(self, participant: str) -> AppendOnlyCsv:
         """Return the table of the trials of `participant`."""
-        return Table(self.path / participant / TRIALS, [name for name, _, _ in self.columns])
+        return AppendOnlyCsv(self.path / participant / TRIALS, [name for name, _, _ in self.columns])
 
-    def answers(self, participant: str) -> Table:
+    def answers(self, participant: str) -> AppendOnlyCsv:
         """Return the table of the answers of `participant`."""
-        return Table(self.path / participant / ANSWERS, ANSWER_COLUMNS)
+        return AppendOnlyCsv(self.path / participant / ANSWERS, ANSWER_COLUMNS)
 
     def about(self, participant: str) -> dict[str, Any]:
         """Return the content of `participant.yaml`, empty if they have not begun."""

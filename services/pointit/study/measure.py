@@ -33,9 +33,9 @@ class Attempt:
     """Centre of the target, {W}; kept up to date while it moves."""
     width_m: float
     end: str
-    """`selection`, `press` or `timeout`; any other: `condition` ends it."""
+    """`selection`, `press` or `timeout`; any other: `end_rule` ends it."""
     timeout_s: float
-    condition: Callable[["Attempt"], str | None] | None = None
+    end_rule: Callable[["Attempt"], str | None] | None = None
     """Called with each cursor; `hit` or `wrong` ends the attempt."""
     before_m: Vec3 | None = None
     """Centre of the last target, the start of the way to this one, or None for the first cursor."""
@@ -77,7 +77,7 @@ class Attempt:
             self.path_rad += turned_rad
             self._turned = cursor.direction
         self.passed_s = self._passed_s(now_ns)
-        if self.condition is not None and (verdict := self._verdict(self.condition)) is not None:
+        if self.end_rule is not None and (verdict := self._verdict(self.end_rule)) is not None:
             self._finish(verdict, "", now_ns)
 
     def _verdict(self, end: "Callable[[Attempt], str | None]") -> Literal["hit", "wrong"] | None:
@@ -193,7 +193,7 @@ def _angle_deg(cursor: Cursor | None, target_m: Vec3, from_m: Vec3 | None = None
     return math.degrees(vector.angle_between(start, way)) if vector.norm(way) * vector.norm(start) else None
 
 
-def load_condition(end: str, folder: Path) -> Callable[[Attempt], str | None] | None:
+def load_end_rule(end: str, folder: Path) -> Callable[[Attempt], str | None] | None:
     """Return the function that ends a trial, or None if none does.
 
     Raises:

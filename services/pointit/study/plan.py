@@ -15,8 +15,6 @@ class Plan:
     """Order and trials of one participant."""
 
     participant: str
-    index: int
-    """Among all participants, from 0."""
     group: dict[str, str]
     """Levels of the factors between participants."""
     order: tuple[str, ...]
@@ -67,7 +65,6 @@ def plan_of(study: Study, participant: str) -> Plan:
             )
     return Plan(
         participant=participant,
-        index=index,
         group=group,
         order=tuple(condition_of(block) for block in blocks),
         trials=tuple(trials),

@@ -12,14 +12,14 @@ import pointit
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.study.columns import REPEATED, utc
-from pointit.study.data import StudyFolder, Table
-from pointit.study.measure import Attempt, load_condition
+from pointit.study.data import AppendOnlyCsv, StudyFolder
+from pointit.study.measure import Attempt, load_end_rule
 from pointit.study.model import Study, Value
 from pointit.study.plan import condition_of, plan_of
 from pointit.study.progress import Progress
 from pointit.study.questionnaires import scale_of
-from pointit.study.room import Room, Setup
 from pointit.study.scenario import scenario_file
+from pointit.study.study_site import SiteOptions, StudySite
 from pointit.study.tasks import Scene, Trial
 from pointit.study.view import BREAK, Command, Status, StudyView
 
@@ -36,7 +36,7 @@ class Session:
     """One participant, who goes on with their plan."""
 
     def __init__(
-        self, study: Study, folder: StudyFolder, participant: str, view: StudyView, setup: Setup
+        self, study: Study, folder: StudyFolder, participant: str, view: StudyView, setup: SiteOptions
     ) -> None:
         """Read what has been done.
 
@@ -49,8 +49,8 @@ class Session:
         self._view = view
         self._setup = setup
         self._plan = plan_of(study, participant)
-        self._condition = load_condition(study.end, study.folder)
-        self._table: Table = folder.trials(participant)
+        self._end_rule = load_end_rule(study.end, study.folder)
+        self._table: AppendOnlyCsv = folder.trials(participant)
         self._progress = Progress(self._plan, self._table.rows)
         self._about: dict[str, Any] = folder.about(participant)
         if not self._progress.left and self._about.get("ended"):
@@ -58,7 +58,7 @@ class Session:
             raise ConfigError(
                 f"{participant} has finished; give another one, or move {folder.path / participant} away"
             )
-        self._room: Room | None = None
+        self._joined: StudySite | None = None
 
     async def run(self) -> None:
         """Run all trials that are left.
@@ -80,14 +80,14 @@ class Session:
                 await self._do(trial)
             await self._ask_after(self._plan.trials[-1].block)
             self._put(
-                ended=utc(self._room.site.now_ns()) if self._room else self._table.rows[-1]["began_utc"]
+                ended=utc(self._joined.site.now_ns()) if self._joined else self._table.rows[-1]["began_utc"]
             )
 
     @property
-    def _here(self) -> Room:
-        if self._room is None:
+    def _here(self) -> StudySite:
+        if self._joined is None:
             raise PointItError("the site has not been started")
-        return self._room
+        return self._joined
 
     async def _begin(self) -> None:
         simulated = bool(self._setup.person) or not self._setup.imu
@@ -115,12 +115,12 @@ class Session:
         settings = {**self._study.services(trial.cell), **self._setup.person}
         if self._study.end == "press":
             settings |= {"selector.confirm": "press", "supervisor.press_while_pointing": "confirms"}
-        if self._room is not None and self._room.is_live(settings):
-            await self._room.use(settings)
+        if self._joined is not None and self._joined.is_live(settings):
+            await self._joined.use(settings)
         else:
             await sites.aclose()
-            self._room = await sites.enter_async_context(
-                Room.at(self._site(trial, settings), self._participant, settings)
+            self._joined = await sites.enter_async_context(
+                StudySite.at(self._site(trial, settings), self._participant, settings)
             )
         texts = [
             self._study.instructions[level]
@@ -182,7 +182,7 @@ class Session:
             width_m=scene.width_m,
             end=study.end,
             timeout_s=study.timeout_s,
-            condition=self._condition,
+            end_rule=self._end_rule,
             before_m=before_m,
         )
         self._show(trial, "pointing", scene.name)

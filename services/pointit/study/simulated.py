@@ -9,8 +9,8 @@ import pointit
 from pointit.study.data import StudyFolder
 from pointit.study.model import Study, Value
 from pointit.study.questionnaires import Scale
-from pointit.study.room import Setup
 from pointit.study.session import Session
+from pointit.study.study_site import SiteOptions
 from pointit.study.view import Command, Status
 
 LIGHT: dict[str, Value] = {"user-sim.rate_hz": 25.0, "led-driver.max_rate_hz": 25.0}
@@ -79,5 +79,5 @@ def simulate(
         PointItError: If a service fails, or data cannot be written.
     """
     view = SimulatedView(study.seed + study.people.index(participant), on_status)
-    setup = Setup(record=record, person=person_of(study, participant))
+    setup = SiteOptions(record=record, person=person_of(study, participant))
     pointit.run_virtually(Session(study, folder, participant, view, setup).run())

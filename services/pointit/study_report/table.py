@@ -39,7 +39,7 @@ Statistic = Callable[..., Any]
 """A statistic over the `axis` of an array, such as `numpy.median`."""
 
 
-def picks(count: int) -> NDArray[np.int64]:
+def resample_indices(count: int) -> NDArray[np.int64]:
     """Return indices of draws of `count` participants with replacement, shape (`RESAMPLES`, count)."""
     return np.random.default_rng(0).integers(count, size=(RESAMPLES, count))
 
@@ -53,7 +53,7 @@ def interval(values: ArrayLike, statistic: Statistic = np.median) -> tuple[float
     array = np.asarray(values, dtype=np.float64)
     if len(array) < 2:
         return None, None
-    return bounds(statistic(array[picks(len(array))], axis=1))
+    return percentile_interval(statistic(array[resample_indices(len(array))], axis=1))
 
 
 def summary(
@@ -65,7 +65,7 @@ def summary(
     return {"participants": len(values), **columns, name: middle, "low": low, "high": high}
 
 
-def bounds(resampled: NDArray[np.float64]) -> tuple[float, float]:
+def percentile_interval(resampled: NDArray[np.float64]) -> tuple[float, float]:
     """Return the quantiles of resampled statistics between which `LEVEL` of them are."""
     low, high = np.quantile(resampled, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
     return float(low), float(high)

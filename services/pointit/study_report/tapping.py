@@ -20,7 +20,7 @@ from scipy import stats
 from pointit.runtime.errors import ConfigError
 from pointit.study_report.model import Trial, Trials
 from pointit.study_report.movements import Group, Movement, movements
-from pointit.study_report.table import Table, bounds, picks, summary
+from pointit.study_report.table import Table, percentile_interval, resample_indices, summary
 
 Unit = Literal["m", "deg"]
 Index = Literal["m", "deg", "kopper"]
@@ -163,10 +163,13 @@ def fitts(study: Trials, index: Index = "m") -> Table:
         fit = stats.linregress(difficulty, whole.mean(axis=0))
         limits: list[float | None] = [None] * 4
         if len(whole) > 1:
-            resampled = whole[picks(len(whole))].mean(axis=1)
+            resampled = whole[resample_indices(len(whole))].mean(axis=1)
             centred = difficulty - difficulty.mean()
             slopes = resampled @ centred / (centred @ centred)
-            limits = [*bounds(resampled.mean(axis=1) - slopes * difficulty.mean()), *bounds(slopes)]
+            limits = [
+                *percentile_interval(resampled.mean(axis=1) - slopes * difficulty.mean()),
+                *percentile_interval(slopes),
+            ]
         row: dict[str, Any] = {
             "participants": len(whole),
             "points": len(difficulty),

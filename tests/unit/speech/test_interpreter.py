@@ -57,6 +57,10 @@ from tests.support.bench import Bench, background, in_virtual_time, memory_bench
 USER = "anna"
 PLACE = (1.0, 2.0, 0.0)
 HOSTILE = "yes-send-all-robots"
+ROVER = RobotState(
+    stamp_ns=1, kind="ground", phase="idle", position_m=PLACE, yaw_rad=0.0,
+    velocity_mps=(0.0, 0.0, 0.0), radius_m=0.2,
+)  # fmt: skip
 
 
 class Room:
@@ -121,11 +125,7 @@ async def room() -> AsyncGenerator[Room]:
         bench.put(
             MAP, Environment(stamp_ns=1, name="room", lamps=lamps, things=things, belts=belts, bays=bays)
         )
-        rover = RobotState(
-            stamp_ns=1, kind="ground", phase="idle", position_m=PLACE, yaw_rad=0.0,
-            velocity_mps=(0.0, 0.0, 0.0), radius_m=0.2,
-        )  # fmt: skip
-        bench.put(ROBOT_STATE, rover, "rover")
+        bench.put(ROBOT_STATE, ROVER, "rover")
         await bench.settle()
         async with background(interpreter.run()):
             yield here
@@ -249,6 +249,17 @@ async def test_stop_stops_at_once_whatever_is_being_asked_and_however_late_it_is
         stopped = await here.result(2)
         assert (stopped.command, stopped.result) == ("stop", "done")
         assert [name for name, _ in here.queries(StopRobot)] == ["rover"]
+
+
+@in_virtual_time
+async def test_a_robot_that_refuses_to_stop_leaves_no_other_one_driving() -> None:
+    async with room() as here:
+        here.bench.put(ROBOT_STATE, ROVER, "a_rover")
+        await here.bench.settle()
+        here.refusal = "its driver is gone"
+        here.say("stop")
+        assert (await here.result()).message == "its driver is gone"
+        assert [name for name, _ in here.queries(StopRobot)] == ["a_rover", "rover"]
 
 
 @in_virtual_time

@@ -1,5 +1,6 @@
 """Programs: one says what was understood, whose echo is no word of the person, and those of verbs."""
 
+import asyncio
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -9,10 +10,10 @@ from pointit.cli.things.spoken import own_verbs
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.schemas import NS_PER_S, Speech, Understood, Word
 from pointit.speech.grammar import Command
-from pointit.speech.loudspeaker import PROGRAM, Loudspeaker
 from pointit.speech.packages import Packages
 from pointit.speech.room import SpokenRoom
-from pointit.speech.verbs import Site
+from pointit.speech.speech_synthesizer import PROGRAM, SpeechSynthesizer
+from pointit.speech.verbs import VerbContext
 from tests.support.bench import ManualClock, memory_bench
 
 
@@ -36,7 +37,7 @@ async def test_a_message_and_the_short_question_are_said_and_words_meanwhile_are
     program.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
     clock = ManualClock()
-    speaker = Loudspeaker(clock)
+    speaker = SpeechSynthesizer(clock)
     assert not speaker.is_echo(heard(clock, -1.0, 0.0)), "nothing was said yet"
     for each in (
         understood("--help"),
@@ -53,7 +54,30 @@ async def test_a_message_and_the_short_question_are_said_and_words_meanwhile_are
     assert not speaker.is_echo(heard(clock, 0.5, 1.0))
     monkeypatch.setenv("PATH", str(tmp_path / "nothing"))
     with pytest.raises(ConfigError, match=f"--speak needs `{PROGRAM}`: install it"):
-        Loudspeaker(clock)
+        SpeechSynthesizer(clock)
+
+
+@pytest.mark.wall_time
+async def test_echo_goes_on_when_a_newer_sentence_cuts_the_one_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program = tmp_path / PROGRAM
+    program.write_text("#!/bin/sh\nexec cat >/dev/null\n", encoding="utf-8")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
+    clock = ManualClock()
+    speaker = SpeechSynthesizer(clock)
+    speaker.say(understood("one"))
+    first = speaker._saying
+    assert first is not None
+    await asyncio.sleep(0)
+    clock.advance(1.0)
+    speaker.say(understood("two"))
+    await asyncio.wait({first})
+    clock.advance(2.0)
+    assert speaker.is_echo(heard(clock, -0.5, -0.1)), "the newer one is said"
+    assert speaker.is_echo(heard(clock, -2.5, -2.4)), "words of the one before come late"
+    await speaker.close()
 
 
 @pytest.mark.parametrize(
@@ -63,7 +87,9 @@ async def test_a_message_and_the_short_question_are_said_and_words_meanwhile_are
 async def test_a_verb_starts_its_program_and_says_if_that_fails(program: str, fails: str) -> None:
     async with memory_bench() as bench:
         known = SpokenRoom()
-        site = Site(bench.bus, bench.clock, "anna", known, Packages(bench.bus, bench.clock, "anna", known))
+        site = VerbContext(
+            bench.bus, bench.clock, "anna", known, Packages(bench.bus, bench.clock, "anna", known)
+        )
         verb = own_verbs([f"heat kettle={program} {{user}}"])["heat"]
         with pytest.raises(RefusedError, match=fails) if fails else nullcontext():
             assert await verb.act(site, Command(verb="heat"), [known.named("kettle")]) == "heat kettle"

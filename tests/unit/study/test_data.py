@@ -6,14 +6,14 @@ from pathlib import Path
 import pytest
 
 from pointit.runtime.errors import ConfigError, PointItError
-from pointit.study.data import StudyFolder, Table, read_table
+from pointit.study.data import AppendOnlyCsv, StudyFolder, read_table
 from pointit.study.model import Study
 
 COLUMNS = ("trial", "reason")
 
 
 def test_row_that_a_crash_has_cut_off_is_removed_at_each_byte(tmp_path: Path) -> None:
-    table = Table(tmp_path / "t.csv", COLUMNS)
+    table = AppendOnlyCsv(tmp_path / "t.csv", COLUMNS)
     table.append({"trial": 1, "reason": 'said "no", and\nleft'})
     whole = table.path.read_bytes()
     table.append({"trial": 2, "reason": "x"})
@@ -21,7 +21,7 @@ def test_row_that_a_crash_has_cut_off_is_removed_at_each_byte(tmp_path: Path) ->
     content = table.path.read_bytes()
     for size in range(len(whole), len(content)):
         table.path.write_bytes(content[:size])
-        again = Table(table.path, COLUMNS)
+        again = AppendOnlyCsv(table.path, COLUMNS)
         assert [row["trial"] for row in again.rows] == ["1"]
         again.append({"trial": 2, "reason": "x"})
         again.close()
@@ -37,7 +37,7 @@ def test_damaged_row_is_said_with_its_line(tmp_path: Path, row: str) -> None:
 
 
 def test_full_disk_is_said_and_the_rows_before_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    table = Table(tmp_path / "t.csv", COLUMNS)
+    table = AppendOnlyCsv(tmp_path / "t.csv", COLUMNS)
     table.append({"trial": 1})
 
     def full(_number: int) -> None:

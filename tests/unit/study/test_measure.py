@@ -108,11 +108,11 @@ def test_attempt_does_not_count_when_the_wrist_is_lost() -> None:
     assert one.reason.startswith("repeated: no ray")
 
 
-def test_condition_in_python_ends_an_attempt() -> None:
+def test_end_rule_in_python_ends_an_attempt() -> None:
     def ends(now: Attempt) -> str | None:
         return "hit" if now.passed_s > 1.0 else None
 
-    one = attempt("ends.py:ends", condition=ends)
+    one = attempt("ends.py:ends", end_rule=ends)
     one.on_cursor(cursor(0.0, 0.5), S // 2)
     assert one.outcome is None
     one.on_cursor(cursor(0.0, 1.5), 3 * S // 2)
@@ -125,6 +125,6 @@ def divides(_now: Attempt) -> float:
 
 
 @pytest.mark.parametrize(("ends", "sentence"), [(repr, "returns"), (divides, "ZeroDivisionError")])
-def test_condition_in_python_that_fails_is_said(ends: Callable[[Attempt], Any], sentence: str) -> None:
+def test_end_rule_in_python_that_fails_is_said(ends: Callable[[Attempt], Any], sentence: str) -> None:
     with pytest.raises(ConfigError, match=f"(?s)end: the study's function .*{sentence}"):
-        attempt("ends.py:ends", condition=ends).on_cursor(cursor(0.0, 0.5), S // 2)
+        attempt("ends.py:ends", end_rule=ends).on_cursor(cursor(0.0, 0.5), S // 2)

@@ -13,9 +13,9 @@ from pointit.study.check import check_folder
 from pointit.study.columns import columns_of
 from pointit.study.data import StudyFolder, read_table
 from pointit.study.model import Study
-from pointit.study.room import Setup
 from pointit.study.session import Session, StoppedError
 from pointit.study.simulated import SimulatedView, person_of, simulate
+from pointit.study.study_site import SiteOptions
 from pointit.study.view import Command, Status
 from tests.unit.study.studies import SMALL, simulate_all, small
 
@@ -100,7 +100,7 @@ class _Experimenter(SimulatedView):
 
 
 def _session(study: Study, folder: StudyFolder, commands: list[tuple[int, str, Command]]) -> Session:
-    return Session(study, folder, "P01", _Experimenter(commands), Setup(person=person_of(study, "P01")))
+    return Session(study, folder, "P01", _Experimenter(commands), SiteOptions(person=person_of(study, "P01")))
 
 
 def test_participant_who_was_begun_by_a_person_is_not_simulated_on(tmp_path: Path) -> None:
@@ -145,7 +145,7 @@ def test_wrist_lost_in_mid_trial_costs_that_attempt_only(tmp_path: Path) -> None
         "user-sim.wristband.dropout_burst_s": 4.0,
     }
     view = SimulatedView(0, lambda _status: None)
-    pointit.run_virtually(Session(study, folder, "P01", view, Setup(person=person)).run())
+    pointit.run_virtually(Session(study, folder, "P01", view, SiteOptions(person=person)).run())
     rows = read_table(folder.path / "P01/trials.csv")
     lost = [row for row in rows if row["reason"].startswith("repeated: no ray")]
     assert lost

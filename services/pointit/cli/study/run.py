@@ -16,9 +16,9 @@ from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.study.data import StudyFolder
 from pointit.study.model import Study, read_study
 from pointit.study.plan import plan_of
-from pointit.study.room import Setup
 from pointit.study.session import Session, StoppedError
 from pointit.study.simulated import simulate
+from pointit.study.study_site import SiteOptions
 
 PATH = click.Path(path_type=Path)
 
@@ -81,14 +81,14 @@ def command(
     records = importlib.util.find_spec("mcap") is not None if record is None else record
     if record is None and not records:
         say("no recording: it needs the extra `record`; the tables are written", err=True)
-    setup = Setup(imu=imu, output=output, localize=localize, listen=listen, record=records)
+    setup = SiteOptions(imu=imu, output=output, localize=localize, listen=listen, record=records)
     name = participant or left[0]
     if in_page:
         return run_until_shutdown(_run_in_pages(study, folder, name, setup, lan=lan))
     return run_until_shutdown(_run(study, folder, name, setup))
 
 
-async def _run(study: Study, folder: StudyFolder, participant: str, setup: Setup) -> int:
+async def _run(study: Study, folder: StudyFolder, participant: str, setup: SiteOptions) -> int:
     view = TerminalView()
     session = Session(study, folder, participant, view, setup)
     with key_bytes(view.on_bytes):
@@ -97,7 +97,7 @@ async def _run(study: Study, folder: StudyFolder, participant: str, setup: Setup
 
 
 async def _run_in_pages(
-    study: Study, folder: StudyFolder, participant: str, setup: Setup, *, lan: bool
+    study: Study, folder: StudyFolder, participant: str, setup: SiteOptions, *, lan: bool
 ) -> int:
     from pointit.study.page.server import served  # noqa: PLC0415 - needs the extra `web`
     from pointit.study.page.view import PageView  # noqa: PLC0415 - as above

@@ -21,7 +21,7 @@ from pointit.schemas.topics import SPEECH, check_name
 
 if TYPE_CHECKING:
     from pointit.speech.interpreter import Interpreter
-    from pointit.speech.loudspeaker import Loudspeaker
+    from pointit.speech.speech_synthesizer import SpeechSynthesizer
 
 MAP_PATIENCE_S = 2.0
 END_PATIENCE_S = 15.0
@@ -81,7 +81,7 @@ async def _listen(
 ) -> int:
     from pointit.cli.things.spoken import own_verbs  # noqa: PLC0415 - only if the room is there
     from pointit.speech.interpreter import Interpreter  # noqa: PLC0415 - as above
-    from pointit.speech.loudspeaker import Loudspeaker  # noqa: PLC0415 - as above
+    from pointit.speech.speech_synthesizer import SpeechSynthesizer  # noqa: PLC0415 - as above
 
     own = own_verbs(verbs)
     async with join_site(**at) as bus:
@@ -89,12 +89,12 @@ async def _listen(
             raise AccessDeniedError(denied)
         clock = SiteClock(bus)
         interpreter = Interpreter(bus, clock, user, own)
-        loudspeaker = Loudspeaker(clock) if speak else None
+        synthesizer = SpeechSynthesizer(clock) if speak else None
 
         def tell(understood: Understood) -> None:
             _tell(understood)
-            if loudspeaker is not None:
-                loudspeaker.say(understood)
+            if synthesizer is not None:
+                synthesizer.say(understood)
 
         interpreter.on_understood = tell
         following = asyncio.create_task(interpreter.run())
@@ -107,7 +107,7 @@ async def _listen(
             elif text is not None:
                 spoken = _typed(text, clock)
             else:
-                spoken = _heard(audio or "", recogniser, interpreter, clock, loudspeaker)
+                spoken = _heard(audio or "", recogniser, interpreter, clock, synthesizer)
             publishing = asyncio.create_task(_publish(bus, user, spoken))
             await asyncio.wait({publishing, following}, return_when=asyncio.FIRST_COMPLETED)
             if following.done():
@@ -116,8 +116,8 @@ async def _listen(
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(END_PATIENCE_S):
                     await interpreter.finish(count)
-                    if loudspeaker is not None:
-                        await loudspeaker.close()
+                    if synthesizer is not None:
+                        await synthesizer.close()
         finally:
             tasks = [task for task in (following, publishing) if task is not None]
             for task in tasks:
@@ -148,9 +148,13 @@ def _tell(understood: Understood) -> None:
 
 
 async def _heard(
-    audio: str, recogniser: str, interpreter: "Interpreter", clock: Clock, loudspeaker: "Loudspeaker | None"
+    audio: str,
+    recogniser: str,
+    interpreter: "Interpreter",
+    clock: Clock,
+    synthesizer: "SpeechSynthesizer | None",
 ) -> AsyncIterator[Speech]:
-    """Yield what is recognised, without what the microphone may have heard of the loudspeaker."""
+    """Yield what is recognised, without what the microphone may have heard of the synthesizer."""
     from pointit.speech.audio import MICROPHONE, Stream, WavFile  # noqa: PLC0415 - as above
     from pointit.speech.recogniser import make  # noqa: PLC0415 - as above
 
@@ -158,7 +162,7 @@ async def _heard(
     is_stream = audio in ("-", MICROPHONE)
     source = Stream(clock, is_microphone=audio == MICROPHONE) if is_stream else WavFile(Path(audio), clock)
     async for said in hears.hear(source, interpreter.vocabulary):
-        if loudspeaker is None or not loudspeaker.is_echo(said):
+        if synthesizer is None or not synthesizer.is_echo(said):
             yield said
 
 

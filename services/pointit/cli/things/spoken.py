@@ -1,13 +1,13 @@
 """Option `--verb` of `pointit listen`: verbs of things, and the programs that they start."""
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 
 from pointit.cli.things.reactions import Reaction, Target
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.schemas import Referent
 from pointit.speech.grammar import RESERVED, spoken
-from pointit.speech.verbs import Site, Verb, own
+from pointit.speech.verbs import Verb, VerbContext, verb_of_things
 
 
 def own_verbs(texts: Sequence[str]) -> dict[str, Verb]:
@@ -27,21 +27,19 @@ def own_verbs(texts: Sequence[str]) -> dict[str, Verb]:
         if verb in RESERVED:
             raise ConfigError(f"--verb {text!r}: {verb!r} has a meaning in all rooms; choose another word")
         verbs[verb][thing] = Reaction.parse(text).target if "=" in text else None
-    return {verb: own(targets.keys(), _Reactions(targets)) for verb, targets in verbs.items()}
+    return {verb: verb_of_things(targets.keys(), _starts(targets)) for verb, targets in verbs.items()}
 
 
-class _Reactions:
-    """Starts the program of a thing."""
+def _starts(targets: Mapping[str, Target | None]) -> Callable[[VerbContext, str, Referent], Awaitable[str]]:
+    """Return what starts the program of a thing. It raises RefusedError if the program fails."""
 
-    def __init__(self, targets: dict[str, Target | None]) -> None:
-        self._targets = targets
-
-    async def __call__(self, site: Site, verb: str, one: Referent) -> str:
-        """Do it. Raises RefusedError, if the program fails."""
-        what = f"{verb} {site.room.label(one)}"
-        if (target := self._targets[one.name]) is None:
+    async def do(at: VerbContext, verb: str, one: Referent) -> str:
+        what = f"{verb} {at.room.label(one)}"
+        if (target := targets[one.name]) is None:
             return what
-        values = {"thing": one.name, "user": site.user, "confidence": f"{one.probability:.2f}", "state": "on"}
-        if problem := await target.react({**values, "stamp_ns": str(site.clock.now_ns())}):
+        values = {"thing": one.name, "user": at.user, "confidence": f"{one.probability:.2f}", "state": "on"}
+        if problem := await target.react({**values, "stamp_ns": str(at.clock.now_ns())}):
             raise RefusedError(f"{what}: {target.describe(values)} {problem}")
         return what
+
+    return do

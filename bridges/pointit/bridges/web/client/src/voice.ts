@@ -119,7 +119,11 @@ export class Voice {
       this.problem = PROBLEMS[error] ?? `The browser's recogniser fails: ${error}.`;
       this.stop();
     };
-    recognition.onend = () => { if (this.recognition === recognition) recognition.start(); }; // browsers end it after a silence
+    recognition.onend = () => { // browsers end it after a silence
+      began = ended = null; // noise gave no words
+      shown = [];
+      if (this.recognition === recognition) recognition.start();
+    };
     recognition.start();
     this.heard.turned(true, "");
   }

@@ -28,7 +28,7 @@ LIVE = frozenset({"selector.method", *DWELL.values(), "conveyor-sim.speed_mps"})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Setup:
+class SiteOptions:
     """Devices and options of the site of a session."""
 
     imu: str = ""
@@ -40,7 +40,7 @@ class Setup:
     """Parameters of a simulated person."""
 
 
-class Room:
+class StudySite:
     """One participant at a site."""
 
     def __init__(
@@ -62,16 +62,16 @@ class Room:
     @classmethod
     @contextlib.asynccontextmanager
     async def at(cls, run: Any, user: str, settings: Mapping[str, Value]) -> AsyncGenerator[Self]:
-        """Yield the room of the site that `run`, from `pointit.run`, starts."""
+        """Yield the site that `run`, from `pointit.run`, starts."""
         async with run as site:
-            room = cls(site, user, settings, await site.latest.map.wait())
-            room._begin()
+            joined = cls(site, user, settings, await site.latest.map.wait())
+            joined._begin()
             try:
-                yield room
+                yield joined
             finally:
-                for task in room._tasks:
+                for task in joined._tasks:
                     task.cancel()
-                await asyncio.gather(*room._tasks, return_exceptions=True)
+                await asyncio.gather(*joined._tasks, return_exceptions=True)
 
     def is_live(self, settings: Mapping[str, Value]) -> bool:
         """Return True if `settings` can be used without a new start."""

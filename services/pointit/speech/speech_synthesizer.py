@@ -14,7 +14,7 @@ ECHO_NS = NS_PER_S // 4
 """Time after the voice in which a microphone may still hear it, ns."""
 
 
-class Loudspeaker:
+class SpeechSynthesizer:
     """Says one sentence at a time; a newer one ends it."""
 
     def __init__(self, clock: Clock) -> None:

@@ -14,7 +14,7 @@ from pointit.speech.packages import Packages
 from pointit.speech.room import SpokenRoom
 from pointit.speech.speech_synthesizer import PROGRAM, SpeechSynthesizer
 from pointit.speech.verbs import VerbContext
-from tests.support.bench import ManualClock, memory_bench
+from tests.support.bench import ManualClock, memory_bench, until
 
 
 def understood(message: str, result: str = "done") -> Understood:
@@ -61,8 +61,8 @@ async def test_a_message_and_the_short_question_are_said_and_words_meanwhile_are
 async def test_echo_goes_on_when_a_newer_sentence_cuts_the_one_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    program = tmp_path / PROGRAM
-    program.write_text("#!/bin/sh\nexec cat >/dev/null\n", encoding="utf-8")
+    program, begun = tmp_path / PROGRAM, tmp_path / "begun"
+    program.write_text(f"#!/bin/sh\ntouch {begun}\nexec sleep 60\n", encoding="utf-8")
     program.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
     clock = ManualClock()
@@ -70,13 +70,15 @@ async def test_echo_goes_on_when_a_newer_sentence_cuts_the_one_before(
     speaker.say(understood("one"))
     first = speaker._saying
     assert first is not None
-    await asyncio.sleep(0)
+    await until(begun.exists)
     clock.advance(1.0)
     speaker.say(understood("two"))
     await asyncio.wait({first})
     clock.advance(2.0)
     assert speaker.is_echo(heard(clock, -0.5, -0.1)), "the newer one is said"
     assert speaker.is_echo(heard(clock, -2.5, -2.4)), "words of the one before come late"
+    assert speaker._saying is not None
+    speaker._saying.cancel()
     await speaker.close()
 
 

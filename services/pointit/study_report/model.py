@@ -6,10 +6,9 @@ from functools import cached_property
 from pathlib import Path
 
 from pointit.runtime.errors import ConfigError
+from pointit.study.columns import REPEATED
 
 OUTCOMES = ("hit", "wrong", "timeout", "skipped")
-REPEATED = "repeated"
-"""First word of the reason of an attempt that does not count."""
 MEASURES: Mapping[str, str] = {
     "selection_s": "time to selection, s",
     "first_hover_s": "time to the first hover of the target, s",

@@ -10,8 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
-import yaml
-
+from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.study_report.model import NUMBERS, OUTCOMES, Answer, Trial, Trials
 
@@ -67,15 +66,8 @@ def title(folder: str | Path) -> str:
 
 
 def _yaml(folder: Path) -> dict[str, Any]:
-    try:
-        study = yaml.safe_load((folder / "study.yaml").read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        return {}
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ConfigError(
-            f"{folder / 'study.yaml'}: cannot be read ({str(error).splitlines()[0]})"
-        ) from error
-    return cast("dict[str, Any]", study) if isinstance(study, dict) else {}
+    path = folder / "study.yaml"
+    return read_yaml(path) if path.exists() else {}
 
 
 def _stated(folder: Path) -> dict[str, tuple[str, ...]]:

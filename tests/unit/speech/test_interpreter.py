@@ -1,7 +1,5 @@
 """Reactions to spoken commands: requests, questions by light, refusals, and any flood of words."""
 
-import asyncio
-import os
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 
@@ -51,7 +49,6 @@ from pointit.schemas.topics import (
     UNDERSTOOD,
 )
 from pointit.speech.interpreter import MOST_WAITING, Interpreter
-from pointit.speech.standard_input import lines_of
 from tests.support.bench import Bench, background, in_virtual_time, memory_bench, until
 
 USER = "anna"
@@ -272,23 +269,6 @@ async def test_a_thing_is_not_stopped_but_the_robots_are_and_the_longest_words_a
         await here.result(2)
         here.say("turn the radio on")
         assert (await here.result(3)).result == "done"
-
-
-async def test_a_silent_pipe_is_left_at_once_and_lines_are_whole() -> None:
-    reads, writes = os.pipe()
-    lines = lines_of(reads)
-    os.write(writes, b"tak\xffe ")
-    waiting = asyncio.ensure_future(anext(lines))
-    await asyncio.sleep(0.02)
-    os.write(writes, b"that\nth")
-    assert await waiting == "tak\ufffde that"
-    waiting = asyncio.ensure_future(anext(lines))
-    await asyncio.sleep(0.02)
-    waiting.cancel()
-    with pytest.raises(asyncio.CancelledError):
-        await waiting
-    os.close(reads)
-    os.close(writes)
 
 
 @in_virtual_time

@@ -1,6 +1,7 @@
 """Programs: one says what was understood, whose echo is no word of the person, and those of verbs."""
 
 import asyncio
+import os
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from pointit.speech.packages import Packages
 from pointit.speech.room import SpokenRoom
 from pointit.speech.speech_synthesizer import PROGRAM, SpeechSynthesizer
 from pointit.speech.verbs import VerbContext
-from tests.support.bench import ManualClock, memory_bench, until
+from tests.support.bench import ManualClock, memory_bench
 
 
 def understood(message: str, result: str = "done") -> Understood:
@@ -62,7 +63,8 @@ async def test_echo_goes_on_when_a_newer_sentence_cuts_the_one_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     program, begun = tmp_path / PROGRAM, tmp_path / "begun"
-    program.write_text(f"#!/bin/sh\ntouch {begun}\nexec sleep 60\n", encoding="utf-8")
+    os.mkfifo(begun)
+    program.write_text(f"#!/bin/sh\necho >{begun}\nexec sleep 60\n", encoding="utf-8")
     program.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
     clock = ManualClock()
@@ -70,7 +72,7 @@ async def test_echo_goes_on_when_a_newer_sentence_cuts_the_one_before(
     speaker.say(understood("one"))
     first = speaker._saying
     assert first is not None
-    await until(begun.exists)
+    await asyncio.to_thread(begun.read_text)
     clock.advance(1.0)
     speaker.say(understood("two"))
     await asyncio.wait({first})

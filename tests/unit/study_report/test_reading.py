@@ -69,7 +69,7 @@ def headed(folder: Path) -> None:
         ),
         (edited("P02,1,2,1", "P02,1,2\nP02,1,2,1"), r"line 3: not \d+ values; correct or delete the line"),
         (replaced("study.yaml", b"factors: {method: {levels: {dwell: {}}}}"), "study.yaml dwell"),
-        (replaced("study.yaml", b"factors: ["), "study.yaml: cannot be read"),
+        (replaced("study.yaml", b"factors: ["), "study.yaml: is not YAML in line 2"),
         (replaced("P02/trials.csv", b"\xff"), "cannot be read"),
         (copied, "P04/trials.csv: P01 is also in another folder; move one of them away"),
     ],

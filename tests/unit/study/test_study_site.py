@@ -1,7 +1,8 @@
-"""Which changes of parameters a running site takes, and which need another one."""
+"""Changes of parameters: those that a running site takes, and those that need another one."""
 
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import MagicMock
 
 import pytest
 
@@ -25,5 +26,5 @@ def test_dwell_time_is_live_for_the_method_that_is_set_only(
     after: dict[str, Any],
     is_live: bool,  # noqa: FBT001 - a parameter of the test
 ) -> None:
-    site: Any = SimpleNamespace(tracker=lambda _name: None)
+    site: Any = SimpleNamespace(tracker=MagicMock(return_value=None))
     assert StudySite(site, "P01", before, None).is_live(after) is is_live  # type: ignore[arg-type]

@@ -31,7 +31,7 @@ def own_verbs(texts: Sequence[str]) -> dict[str, Verb]:
 
 
 def _starts(targets: Mapping[str, Target | None]) -> Callable[[VerbContext, str, Referent], Awaitable[str]]:
-    """Return what starts the program of a thing. It raises RefusedError if the program fails."""
+    """Return the reaction that starts the program of a thing; it raises RefusedError if the program fails."""
 
     async def do(at: VerbContext, verb: str, one: Referent) -> str:
         what = f"{verb} {at.room.label(one)}"

@@ -130,7 +130,8 @@ class RouterProcess:
     """`pointit router` in a process of its own, always on the same port."""
 
     def __init__(self) -> None:
-        self.endpoint = f"tcp/127.0.0.1:{free_port()}"
+        self.port = free_port()
+        self.endpoint = f"tcp/127.0.0.1:{self.port}"
         self._folder = tempfile.TemporaryDirectory()
         self._process: ForkedProcess | None = None
 

@@ -1,6 +1,10 @@
 """Columns of trials.csv: names, units, meanings."""
 
 import datetime as dt
+from typing import Literal, get_args
+
+Outcome = Literal["hit", "wrong", "timeout", "skipped"]
+OUTCOMES = get_args(Outcome)
 
 COLUMNS: tuple[tuple[str, str, str], ...] = (
     ("participant", "", "pseudonym"),
@@ -38,6 +42,10 @@ COLUMNS: tuple[tuple[str, str, str], ...] = (
 """Name, unit, meaning. A column of each factor, its level, stands after `practice`."""
 
 FIXED = frozenset(name for name, _, _ in COLUMNS)
+COUNTS = ("block", "trial", "attempt", "practice")
+"""Columns of whole numbers, which are never empty."""
+NUMBERS = ("corrections", *(name for name, unit, _ in COLUMNS if unit))
+"""Columns of numbers that may be empty, which means not known."""
 FACTORS_AFTER = "practice"
 REPEATED = "repeated"
 """First word of the reason of an attempt that does not count."""

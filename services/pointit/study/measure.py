@@ -11,9 +11,7 @@ from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import NS_PER_S, ButtonEvent, Cursor, Hover, SelectionEvent
-from pointit.study.columns import utc
-
-Outcome = Literal["hit", "wrong", "timeout", "skipped"]
+from pointit.study.columns import Outcome, utc
 
 STEP_RAD = math.radians(0.5)
 """Step of the ray that counts as way: smaller ones are tremor and noise."""

@@ -6,9 +6,8 @@ from functools import cached_property
 from pathlib import Path
 
 from pointit.runtime.errors import ConfigError
-from pointit.study.columns import REPEATED
+from pointit.study.data import Row
 
-OUTCOMES = ("hit", "wrong", "timeout", "skipped")
 MEASURES: Mapping[str, str] = {
     "selection_s": "time to selection, s",
     "first_hover_s": "time to the first hover of the target, s",
@@ -19,39 +18,24 @@ MEASURES: Mapping[str, str] = {
 }
 """Columns that a report compares, with their titles."""
 TARGET, SELECTED = ([f"{what}_{axis}_m" for axis in "xyz"] for what in ("target", "selected"))
-SIZES = ("target_distance_m", "target_width_m", "target_distance_deg", "target_width_deg")
-NUMBERS = (*MEASURES, *SIZES, *TARGET, *SELECTED)
-"""Columns of numbers that may be empty, which means not known."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Trial:
+class TrialRow:
     """One attempt at a trial: a row of `trials.csv`."""
 
     participant: str
     block: int
     trial: int
     attempt: int
-    is_practice: bool
     levels: tuple[str, ...]
     """Level of each factor of `Trials.factors`."""
     outcome: str
     """One of `OUTCOMES`."""
-    reason: str
+    counts: bool
+    """False for practice and an attempt to be repeated."""
     numbers: Mapping[str, float]
     """Known values of `NUMBERS`."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Answer:
-    """One answer to one item of a questionnaire."""
-
-    participant: str
-    questionnaire: str
-    item: str
-    condition: str
-    block: str
-    value: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,8 +44,9 @@ class Trials:
 
     folder: Path
     factors: tuple[str, ...]
-    rows: tuple[Trial, ...]
-    answers: tuple[Answer, ...] = ()
+    rows: tuple[TrialRow, ...]
+    answers: tuple[Row, ...] = ()
+    """Rows of `answers.csv`."""
     stated: Mapping[str, tuple[str, ...]] = field(default_factory=dict[str, tuple[str, ...]])
     """Levels by factor in the order of `study.yaml`, if there is one."""
     notes: tuple[str, ...] = ()
@@ -73,10 +58,9 @@ class Trials:
         return tuple(sorted({row.participant for row in self.rows}))
 
     @cached_property
-    def counted(self) -> tuple[Trial, ...]:
+    def counted(self) -> tuple[TrialRow, ...]:
         """The last attempt at each trial, without practice and attempts to be repeated."""
-        rows = (row for row in self.rows if not row.is_practice and not row.reason.startswith(REPEATED))
-        last = {(row.participant, row.block, row.trial): row for row in rows}
+        last = {(row.participant, row.block, row.trial): row for row in self.rows if row.counts}
         return tuple(last.values())
 
     @cached_property

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pointit.study_report.model import SELECTED, TARGET, Trial, Trials
+from pointit.study_report.model import SELECTED, TARGET, TrialRow, Trials
 
 MOST_UNEVEN = 1.05
 """Highest ratio of distances, and of widths, that count as equal."""
@@ -18,7 +18,7 @@ Group = tuple[tuple[str, str], ...]
 class Movement(NamedTuple):
     """A trial that began at the known target of the trial before, in the same block."""
 
-    trial: Trial
+    trial: TrialRow
     distance_m: float
     """From target to target."""
     error_m: float
@@ -70,7 +70,7 @@ def _sets_size(factor: int, moved: Sequence[Movement], sizes: Sequence[tuple[flo
     return False
 
 
-def _point(trial: Trial, names: Sequence[str]) -> NDArray[np.float64]:
+def _point(trial: TrialRow, names: Sequence[str]) -> NDArray[np.float64]:
     return np.array([trial.numbers[name] for name in names])
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from pointit.runtime.errors import ConfigError
-from pointit.study_report.model import Trial, Trials
+from pointit.study_report.model import TrialRow, Trials
 from pointit.study_report.movements import Group, Movement, movements
 from pointit.study_report.table import Table, percentile_interval, resample_indices, summary
 
@@ -129,7 +129,7 @@ def fitts_points(study: Trials, index: Index = "m") -> dict[Group, tuple[Floats,
     A time is the mean of a participant's hits with that distance and width, NaN if there is none.
     """
     names = ("target_distance_deg", "target_width_deg")
-    cells: dict[Group, dict[tuple[float, float], list[Trial]]] = defaultdict(lambda: defaultdict(list))
+    cells: dict[Group, dict[tuple[float, float], list[TrialRow]]] = defaultdict(lambda: defaultdict(list))
     for each in movements(study):
         if each.trial.outcome == "hit" and (index == "m" or each.trial.numbers.keys() >= {*names}):
             cells[each.group][each.size_m].append(each.trial)

@@ -11,7 +11,7 @@ import pointit
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.study.check import check_folder
 from pointit.study.columns import columns_of
-from pointit.study.data import StudyFolder, read_table
+from pointit.study.data import ANSWER_COLUMNS, StudyFolder, read_table
 from pointit.study.model import Study
 from pointit.study.session import Session, StoppedError
 from pointit.study.simulated import SimulatedView, person_of, simulate
@@ -34,7 +34,7 @@ def test_simulated_study_is_whole_and_checked(whole: tuple[Study, StudyFolder], 
         assert [row["trial"] for row in rows] == ["1", "2", "3", "4"]
         assert list(rows[0]) == [column for column, _, _ in columns_of(["method"])]
         assert all(row["outcome"] == "hit" and float(row["selection_s"]) < 10.0 for row in rows)
-        assert len(read_table(folder.path / name / "answers.csv")) == 2 * 10
+        assert len(read_table(folder.path / name / "answers.csv", ANSWER_COLUMNS)) == 2 * 10
         about = folder.about(name)
         assert about["order"] == [rows[0]["method"], rows[3]["method"]]
         assert about["configuration"][0]["services"]["selector"]["method"] == about["order"][0]
@@ -77,7 +77,7 @@ def test_study_goes_on_at_the_trial_after_kill_9_at_each_step(
     assert [(row["trial"], row["attempt"]) for row in rows] == [(str(n), "1") for n in range(1, 5)]
     targets = [row["target"] for row in read_table(whole[1].path / "P01/trials.csv")]
     assert [row["target"] for row in rows] == targets
-    assert len(read_table(folder.path / "P01/answers.csv")) == 2 * 10
+    assert len(read_table(folder.path / "P01/answers.csv", ANSWER_COLUMNS)) == 2 * 10
     assert all(
         finding.severity == "note" and not finding.participant for finding in check_folder(folder.path)
     )

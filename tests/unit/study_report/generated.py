@@ -7,32 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-NAMES = [
-    "task",
-    "seed",
-    "pointit_version",
-    "target",
-    "outcome",
-    "reason",
-    "began_utc",
-    "first_hover_s",
-    "selection_s",
-    "corrections",
-    "path_length_deg",
-    "error_m",
-    "error_deg",
-    "target_distance_m",
-    "target_width_m",
-    "target_distance_deg",
-    "target_width_deg",
-    "target_x_m",
-    "target_y_m",
-    "target_z_m",
-    "selected_x_m",
-    "selected_y_m",
-    "selected_z_m",
-]
-ANSWERS = ("participant", "questionnaire", "item", "condition", "block", "value")
+from pointit.study.columns import COLUMNS
+from pointit.study.data import ANSWER_COLUMNS
+
+NAMES = [name for name, _, _ in COLUMNS][5:]
 RINGS = ((0.4, 0.05), (0.8, 0.1), (1.2, 0.05), (0.8, 0.03))
 """Distance and width of the circles of targets, m: a block each."""
 EYES_M = 2.0
@@ -130,7 +108,7 @@ def write_study(
 def write_answers(folder: Path, participant: str, sheets: Mapping[tuple[str, str], list[float]]) -> None:
     """Write answers by questionnaire and condition."""
     rows: list[dict[str, object]] = [
-        dict(zip(ANSWERS, (participant, name, f"{name}_{item}", condition, 1, f"{value:g}"), strict=True))
+        dict(zip(ANSWER_COLUMNS, (participant, name, item, condition, 1, f"{value:g}"), strict=True))
         for (name, condition), values in sheets.items()
         for item, value in enumerate(values, 1)
     ]

@@ -8,9 +8,10 @@ from typing import Literal, NamedTuple
 
 from pointit.runtime.errors import ConfigError
 from pointit.study.data import STUDY, TRIALS, Row, counts, done_trials, read_about, read_table
-from pointit.study.model import Study, read_study
+from pointit.study.model import SHIPPED, Study, read_study
 from pointit.study.order import imbalance
 from pointit.study.plan import plan_of
+from pointit.study.ready import check_services
 from pointit.study.session import CLOCK_APART_S
 
 
@@ -35,6 +36,11 @@ def check_folder(folder: Path) -> list[Finding]:
         )
     study = read_study(folder / STUDY)
     findings: list[Finding] = []
+    if study.scenario in SHIPPED:  # another one is beside the file, which may be elsewhere
+        try:
+            check_services(study)
+        except ConfigError as error:
+            findings.append(Finding("error", "", str(error)))
     begun: dict[str, list[Row]] = {}
     for path in sorted(folder.glob(f"*/{TRIALS}")):
         name = path.parent.name

@@ -18,6 +18,7 @@ from pointit.schemas.topics import check_name
 from pointit.study.columns import FIXED
 from pointit.study.order import Order, square
 from pointit.study.questionnaires import Questionnaire, check_questionnaire, scale_of
+from pointit.study.step import Step
 from pointit.study.tasks import Task
 
 Value = bool | int | float | str
@@ -25,6 +26,8 @@ NAME = re.compile(r"[a-z][a-z0-9_]*")
 FUNCTION = re.compile(r"[\w/.-]+\.py:[A-Za-z_]\w*")
 TASK = "task."
 """Prefix of a parameter of the task among those of services."""
+PRESS: dict[str, Value] = {"selector.confirm": "press", "supervisor.press_while_pointing": "confirms"}
+"""Parameters with which a press ends a trial."""
 SHIPPED = ("belts", "space", "strips")
 """Scenarios of this room."""
 
@@ -90,9 +93,9 @@ class Study(Config):
         default="selection",
         description="end of a trial: selection, press (of the person's button), timeout, or FILE.py:FUNCTION",
     )
-    consent: str = Field(default="", description="text that the participant has to agree to")
-    instruction: str = Field(default="", description="text at the start")
-    instructions: dict[str, str] = Field(default={}, description="text before a block, by level of a factor")
+    consent: Step = Field(default=Step(), description="text that the participant has to agree to")
+    instruction: Step = Field(default=Step(), description="text at the start")
+    instructions: dict[str, Step] = Field(default={}, description="text before a block, by level of a factor")
     questionnaires: tuple[Questionnaire, ...] = Field(
         default=(), description="after each block: nasa-tlx, sus, or one of your own"
     )
@@ -106,6 +109,11 @@ class Study(Config):
     def place_in(self, folder: Path) -> None:
         """Set the folder of the file."""
         self._folder = folder
+
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """All texts for the participant."""
+        return (self.consent, self.instruction, *self.instructions.values())
 
     @property
     def people(self) -> tuple[str, ...]:
@@ -131,7 +139,7 @@ class Study(Config):
     def services(self, cell: dict[str, str]) -> dict[str, Value]:
         """Return the parameters of services in the condition `cell`."""
         ours = {name: value for name, value in self.parameters(cell).items() if not name.startswith(TASK)}
-        return {**self.settings, **ours}
+        return {**self.settings, **(PRESS if self.end == "press" else {}), **ours}
 
     def task_in(self, cell: dict[str, str]) -> Task:
         """Return the task with the parameters of the condition `cell`.

@@ -11,8 +11,8 @@ from pointit.runtime.host.atomic_file import write_atomically
 from pointit.study.model import SHIPPED, Study
 
 
-def scenario_file(study: Study, folder: Path, recording: Path | None) -> Path:
-    """Return the path of the scenario; with a `recording`, of a copy in `folder` with a recorder."""
+def scenario_file(study: Study, recording: Path | None = None) -> Path:
+    """Return the path of the scenario; with a `recording`, of a copy beside it with a recorder."""
     if study.scenario in SHIPPED:
         path = Path(str(resources.files("pointit.study") / "scenarios" / f"{study.scenario}.yaml"))
     else:
@@ -25,6 +25,6 @@ def scenario_file(study: Study, folder: Path, recording: Path | None) -> Path:
     room = site.get("pui", {}).get("map", "")
     if Path(room).suffix:
         site["pui"]["map"] = str((path.parent / room).absolute())
-    copy = folder / "scenario.yaml"
+    copy = recording.with_name("scenario.yaml")
     write_atomically(copy, yaml.safe_dump(content, sort_keys=False).encode(), mode=0o644)
     return copy

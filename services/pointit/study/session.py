@@ -13,12 +13,14 @@ from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.study.columns import REPEATED, utc
 from pointit.study.data import AppendOnlyCsv, StudyFolder
+from pointit.study.lsl import LslOutlets
 from pointit.study.measure import Attempt, load_end_rule
 from pointit.study.model import Study, Value
 from pointit.study.plan import condition_of, plan_of
 from pointit.study.progress import Progress
 from pointit.study.questionnaires import scale_of
 from pointit.study.scenario import scenario_file
+from pointit.study.step import Step
 from pointit.study.study_site import SiteOptions, StudySite
 from pointit.study.tasks import Scene, Trial
 from pointit.study.view import BREAK, Command, Status, StudyView
@@ -59,6 +61,8 @@ class Session:
                 f"{participant} has finished; give another one, or move {folder.path / participant} away"
             )
         self._joined: StudySite | None = None
+        self._scenes: list[Scene] = []
+        self._lsl: LslOutlets | None = None
 
     async def run(self) -> None:
         """Run all trials that are left.
@@ -69,6 +73,8 @@ class Session:
         """
         async with contextlib.AsyncExitStack() as stack:
             stack.callback(self._table.close)
+            if self._setup.lsl:
+                self._lsl = LslOutlets(self._study.name, self._participant)
             await self._begin()
             block = None
             sites = await stack.enter_async_context(contextlib.AsyncExitStack())
@@ -103,18 +109,16 @@ class Session:
                 order=list(self._plan.order),
                 versions={"pointit": pointit.__version__, "python": platform.python_version()},
             )
-        if self._study.consent and not self._about.get("consented"):
+        if self._study.consent != Step() and not self._about.get("consented"):
             if not await self._view.tell(self._study.consent, go="agree"):
                 raise StoppedError(f"{self._participant} does not agree: nothing is measured")
             self._put(consented=True)
-        if self._study.instruction:
+        if self._study.instruction != Step():
             await self._view.tell(self._study.instruction, go="begin")
 
     async def _enter(self, trial: Trial, sites: contextlib.AsyncExitStack, *, is_first: bool) -> None:
         """Set the condition of the block of `trial`, and explain it."""
         settings = {**self._study.services(trial.cell), **self._setup.person}
-        if self._study.end == "press":
-            settings |= {"selector.confirm": "press", "supervisor.press_while_pointing": "confirms"}
         if self._joined is not None and self._joined.is_live(settings):
             await self._joined.use(settings)
         else:
@@ -122,15 +126,16 @@ class Session:
             self._joined = await sites.enter_async_context(
                 StudySite.at(self._site(trial, settings), self._participant, settings)
             )
-        texts = [
-            self._study.instructions[level]
-            for level in trial.cell.values()
-            if level in self._study.instructions
-        ]
+        if not self._scenes:
+            self._set_scenes()
+        if self._lsl is not None:
+            self._joined.on_message = self._lsl.send
+        known = self._study.instructions
+        steps = [known[level] for level in trial.cell.values() if level in known]
         if not is_first and self._study.break_s and not self._setup.person:
             await self._rest(trial)
-        if texts or not is_first:
-            await self._view.tell("\n".join(texts) or "The next block begins.", go="begin")
+        if steps or not is_first:
+            await self._view.tell(*(steps or [Step(text="The next block begins.")]), go="begin")
 
     async def _rest(self, trial: Trial) -> None:
         """Wait the break before the block of `trial`; obey commands meanwhile."""
@@ -145,7 +150,7 @@ class Session:
     def _site(self, trial: Trial, settings: Mapping[str, Value]) -> Any:
         recording = self._folder.recording(self._participant) if self._setup.record else None
         return pointit.run(
-            scenario_file(self._study, self._folder.path / self._participant, recording),
+            scenario_file(self._study, recording),
             users=[self._participant],
             seed=trial.seed % 2**31,
             localize=self._setup.localize,
@@ -162,16 +167,23 @@ class Session:
             return  # the experimenter wants the last one again
         if "begun" not in self._about:
             self._put(begun=utc(self._here.site.now_ns()))
-        before, scene = self._scenes_of(trial)
-        attempt, stop = await self._attempt(trial, scene, None if before is None else before.target_m)
-        self._table.append({**self._row(trial), "target": scene.name, **attempt.columns()})
+        scene = self._scenes[trial.number - 1]
+        before_m = self._scenes[trial.number - 2].target_m if trial.place else None
+        if self._study.end == "press":
+            pressed = tuple(each.model_copy(update={"press": True}) for each in scene.objects)
+            scene = replace(scene, objects=pressed)
+        row = {**self._row(trial), "target": scene.name}
+        attempt, stop = await self._attempt(trial, row, scene, before_m)
+        row |= attempt.columns()
+        self._table.append(row)
+        self._mark("trial_end", row, "outcome", "reason")
         self._progress.end(is_done=not attempt.reason.startswith(REPEATED))
         self._note(trial, attempt)
         if stop is not None and (following := self._progress.current) is not None:
             await self._obey(stop, following)
 
     async def _attempt(
-        self, trial: Trial, scene: Scene, before_m: Vec3 | None
+        self, trial: Trial, row: Mapping[str, object], scene: Scene, before_m: Vec3 | None
     ) -> tuple[Attempt, Command | None]:
         room, study = self._here, self._study
         target, target_m = await room.show(scene)
@@ -185,10 +197,11 @@ class Session:
             end_rule=self._end_rule,
             before_m=before_m,
         )
-        self._show(trial, "pointing", scene.name)
+        self._mark("trial_start", row, *trial.cell, "practice", "target")
         later: Command | None = None
         try:
             while attempt.outcome is None:
+                self._show(trial, "pointing", scene.name)
                 await room.site.sleep(TICK_S)
                 if scene.packages and attempt.outcome is None:
                     attempt.target_m = room.position(target) or attempt.target_m
@@ -240,17 +253,11 @@ class Session:
             if following.name != "pause":
                 await self._obey(following, trial)
 
-    def _scenes_of(self, trial: Trial) -> tuple[Scene | None, Scene]:
-        """Return the scene before `trial` in its block, if there is one, and its own."""
-        before, scene = None, None
-        for each in self._plan.trials[trial.number - 1 - trial.place : trial.number]:
-            before, scene = scene, self._study.task_in(each.cell).scene(each, self._here.map, scene)
-        if scene is None:
-            raise PointItError(f"there is no trial {trial.number}")
-        if self._study.end == "press":
-            pressed = tuple(each.model_copy(update={"press": True}) for each in scene.objects)
-            scene = replace(scene, objects=pressed)
-        return before, scene
+    def _set_scenes(self) -> None:
+        """Set the scenes of all trials, so that what does not fit the room is said before the first."""
+        for trial in self._plan.trials:
+            before = self._scenes[-1] if trial.place else None
+            self._scenes.append(self._study.task_in(trial.cell).scene(trial, self._here.map, before))
 
     def _row(self, trial: Trial) -> dict[str, object]:
         """Return the columns of an attempt at `trial` that are known before it."""
@@ -304,8 +311,14 @@ class Session:
                     f"{row['trial']}: {row['reason'] or row['outcome']}" for row in self._table.rows[:-6:-1]
                 ),
                 quality=self._here.quality,
+                live=None if self._setup.person else self._here.live,
             )
         )
+
+    def _mark(self, event: str, row: Mapping[str, object], *columns: str) -> None:
+        """Send a marker with columns of the row of an attempt."""
+        if self._lsl is not None:
+            self._lsl.mark(event=event, **{name: row[name] for name in ("trial", "attempt", *columns)})
 
     def _put(self, **about: object) -> None:
         self._about |= about

@@ -10,6 +10,7 @@ from pointit.study.data import StudyFolder
 from pointit.study.model import Study, Value
 from pointit.study.questionnaires import Scale
 from pointit.study.session import Session
+from pointit.study.step import Step
 from pointit.study.study_site import SiteOptions
 from pointit.study.view import Command, Status
 
@@ -48,9 +49,9 @@ class SimulatedView:
         self._rng = np.random.default_rng(seed)
         self.status = on_status
 
-    async def tell(self, text: str, *, go: str) -> bool:
+    async def tell(self, *steps: Step, go: str) -> bool:
         """Go on."""
-        del text, go
+        del steps, go
         return True
 
     async def ask(self, scale: Scale) -> list[int]:

@@ -2,7 +2,8 @@
 
 import asyncio
 import contextlib
-from collections.abc import AsyncGenerator, AsyncIterator, Callable, Mapping
+import functools
+from collections.abc import AsyncGenerator, AsyncIterator, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Self
 
@@ -14,6 +15,7 @@ from pointit.services.localizer.certainty import position_sigma_m, yaw_sigma_deg
 from pointit.study.measure import SILENT_S, Attempt
 from pointit.study.model import Value
 from pointit.study.tasks import Scene
+from pointit.study.view import Point, TopView, flat
 
 TRACKER = "study"
 SHOW_S = 0.1
@@ -36,6 +38,7 @@ class SiteOptions:
     localize: bool = False
     listen: str = ""
     record: bool = False
+    lsl: bool = False
     person: Mapping[str, Value] = field(default_factory=dict[str, Value])
     """Parameters of a simulated person."""
 
@@ -50,6 +53,8 @@ class StudySite:
         self.site = site
         self.map = environment
         self.attempt: Attempt | None = None
+        self.on_message: Callable[[object, int], None] = lambda _message, _now_ns: None
+        """Called with each cursor, hover, selection event and press, and the time of its arrival, ns."""
         self.configuration: dict[str, str] = {}
         """Parameters of all services, JSON, by instance."""
         self._user = user
@@ -57,6 +62,7 @@ class StudySite:
         self._tracker = site.tracker(TRACKER)
         self._scene: Scene | None = None
         self._heard_ns = 0
+        self._cursor: Cursor | None = None
         self._tasks: list[asyncio.Task[None]] = []
 
     @classmethod
@@ -111,6 +117,29 @@ class StudySite:
         if pose is None or not any(pose.covariance):
             return ""
         return f"position ±{position_sigma_m(pose) * 100:.0f} cm, yaw ±{yaw_sigma_deg(pose):.1f}°"
+
+    @property
+    def live(self) -> TopView:
+        """What goes on in the room."""
+        pose, attempt = self.site.latest.pose.get(self._user), self.attempt
+        is_silent = self.site.now_ns() - self._heard_ns > SILENT_S * NS_PER_S
+        ray = None if is_silent else self._cursor
+        return TopView(
+            lines=self._lines,
+            person=None if pose is None else flat(pose.position_m),
+            eyes=None if ray is None else flat(ray.origin_m),
+            direction=None if ray is None else flat(ray.direction),
+            cursor=None if ray is None else flat(ray.point_m),
+            target=None if attempt is None else flat(attempt.target_m),
+        )
+
+    @functools.cached_property
+    def _lines(self) -> tuple[tuple[Point, ...], ...]:
+        room = self.map
+        lines: list[Sequence[Sequence[float]]] = [strip.line_m for strip in room.strips]
+        lines += [belt.line_m for belt in room.belts]
+        lines += [(*fence.outline_m, fence.outline_m[0]) for fence in room.fences]
+        return tuple(tuple(filter(None, map(flat, line))) for line in lines)
 
     async def show(self, scene: Scene) -> tuple[str, Vec3]:
         """Show the target of `scene`; return its id and position as soon as it is there.
@@ -175,10 +204,12 @@ class StudySite:
     async def _pump(self, feed: AsyncIterator[Any], handle: Callable[[Attempt, Any, int], None]) -> None:
         """Pass messages to the attempt that goes on."""
         async for message in feed:
+            now_ns = self.site.now_ns()
             if isinstance(message, Cursor):
-                self._heard_ns = self.site.now_ns()
+                self._heard_ns, self._cursor = now_ns, message
             if self.attempt is not None:
-                handle(self.attempt, message, self.site.now_ns())
+                handle(self.attempt, message, now_ns)
+            self.on_message(message, now_ns)
 
     async def _configure(self) -> None:
         async for message in self.site.messages(topics.CONFIGURATION):

@@ -74,8 +74,8 @@ def command(
     left = [name for name in people if not folder.about(name).get("ended")]
     if not participant and not left:
         raise ConfigError(
-            f"all {len(people)} participants of {study.name} have finished, with data in {folder.path}; give "
-            "--to another folder to begin again"
+            f"{people[0]} to {people[-1]} have finished, with data in {folder.path}; give --to another folder "
+            "to begin again"
         )
     if simulated is not None:
         return _simulate(study, folder, left, bool(record))

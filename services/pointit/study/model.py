@@ -19,7 +19,7 @@ from pointit.study.columns import FIXED
 from pointit.study.order import Order, square
 from pointit.study.questionnaires import Questionnaire, check_questionnaire, scale_of
 from pointit.study.step import Step
-from pointit.study.tasks import Task
+from pointit.study.tasks.task import Task
 
 Value = bool | int | float | str
 NAME = re.compile(r"[a-z][a-z0-9_]*")
@@ -28,7 +28,7 @@ TASK = "task."
 """Prefix of a parameter of the task among those of services."""
 PRESS: dict[str, Value] = {"selector.confirm": "press", "supervisor.press_while_pointing": "confirms"}
 """Parameters with which a press ends a trial."""
-SHIPPED = ("belts", "space", "strips")
+SHIPPED = ("belts", "robots", "space", "strips")
 """Scenarios of this room."""
 
 

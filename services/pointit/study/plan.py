@@ -7,7 +7,7 @@ import numpy as np
 from pointit.runtime.errors import ConfigError
 from pointit.study.model import Study
 from pointit.study.order import square
-from pointit.study.tasks import Trial
+from pointit.study.tasks.scene import Trial
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -20,6 +20,10 @@ class Plan:
     order: tuple[str, ...]
     """Names of the conditions of the blocks."""
     trials: tuple[Trial, ...]
+
+    def block(self, number: int) -> tuple[Trial, ...]:
+        """Return the trials of a block."""
+        return tuple(trial for trial in self.trials if trial.block == number)
 
 
 def condition_of(cell: dict[str, str]) -> str:

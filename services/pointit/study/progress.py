@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from pointit.study.data import Row, done_trials
 from pointit.study.plan import Plan
-from pointit.study.tasks import Trial
+from pointit.study.tasks.scene import Trial
 
 
 class Progress:

@@ -1,13 +1,10 @@
 """Checks of a study before its first trial: values of services in all cells, and files beside the YAML."""
 
-import itertools
-
-import pointit
 from pointit.runtime.errors import ConfigError
 from pointit.study.measure import load_end_rule
 from pointit.study.model import Study
-from pointit.study.plan import condition_of
-from pointit.study.scenario import scenario_file
+from pointit.study.plan import plan_of
+from pointit.study.site.scenario import scenes_of
 from pointit.study.step import Picture, read_pictures
 
 
@@ -24,15 +21,16 @@ def check_ready(study: Study) -> dict[str, Picture]:
 
 
 def check_services(study: Study) -> None:
-    """Check the services' parameters in each block of each group.
+    """Check the services' parameters in each block of each group, and that the room has all targets.
 
     Raises:
-        ConfigError: If the scenario or a value cannot be used; names the levels.
+        ConfigError: If the scenario, a value or a target cannot be used; names the levels.
     """
-    for group, block in itertools.product(study.cells("between"), study.cells("block")):
-        cell = group | block
-        run = pointit.run(scenario_file(study), users=[study.people[0]], settings=study.services(cell))
-        try:
-            run.check()
-        except ConfigError as error:
-            raise ConfigError(f"{condition_of(cell)}: {error}" if cell else str(error)) from error
+    for group in range(len(study.cells("between"))):
+        plan = plan_of(study, study.people[group])
+        for block, name in enumerate(plan.order, 1):
+            try:
+                scenes_of(study, plan, block, study.services(plan.block(block)[0].cell))
+            except ConfigError as error:
+                levels = ", ".join([*plan.group.values(), *([name] if name else [])])
+                raise ConfigError(f"{levels}: {error}" if levels else str(error)) from error

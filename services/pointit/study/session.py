@@ -13,16 +13,16 @@ from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.study.columns import REPEATED, utc
 from pointit.study.data import AppendOnlyCsv, StudyFolder
-from pointit.study.lsl import LslOutlets
 from pointit.study.measure import Attempt, load_end_rule
 from pointit.study.model import Study, Value
 from pointit.study.plan import condition_of, plan_of
 from pointit.study.progress import Progress
 from pointit.study.questionnaires import scale_of
-from pointit.study.scenario import scenario_file
+from pointit.study.site.lsl import LslOutlets
+from pointit.study.site.scenario import scenario_file, scenes_of
+from pointit.study.site.study_site import SiteOptions, StudySite
 from pointit.study.step import Step
-from pointit.study.study_site import SiteOptions, StudySite
-from pointit.study.tasks import Scene, Trial
+from pointit.study.tasks.scene import Scene, Trial
 from pointit.study.view import BREAK, Command, Status, StudyView
 
 TICK_S = 0.05
@@ -62,6 +62,7 @@ class Session:
             )
         self._joined: StudySite | None = None
         self._scenes: list[Scene] = []
+        """Scenes of the block, by `Trial.place`."""
         self._lsl: LslOutlets | None = None
 
     async def run(self) -> None:
@@ -118,7 +119,10 @@ class Session:
 
     async def _enter(self, trial: Trial, sites: contextlib.AsyncExitStack, *, is_first: bool) -> None:
         """Set the condition of the block of `trial`, and explain it."""
-        settings = {**self._study.services(trial.cell), **self._setup.person}
+        settings: dict[str, Any] = {**self._study.services(trial.cell), **self._setup.person}
+        self._scenes = scenes_of(self._study, self._plan, trial.block, settings)
+        if not self._setup.imu:
+            settings |= self._study.task_in(trial.cell).simulated(self._scenes[trial.place :])
         if self._joined is not None and self._joined.is_live(settings):
             await self._joined.use(settings)
         else:
@@ -126,8 +130,6 @@ class Session:
             self._joined = await sites.enter_async_context(
                 StudySite.at(self._site(trial, settings), self._participant, settings)
             )
-        if not self._scenes:
-            self._set_scenes()
         if self._lsl is not None:
             self._joined.on_message = self._lsl.send
         known = self._study.instructions
@@ -167,8 +169,8 @@ class Session:
             return  # the experimenter wants the last one again
         if "begun" not in self._about:
             self._put(begun=utc(self._here.site.now_ns()))
-        scene = self._scenes[trial.number - 1]
-        before_m = self._scenes[trial.number - 2].target_m if trial.place else None
+        scene = self._scenes[trial.place]
+        before_m = self._scenes[trial.place - 1].target_m if trial.place else None
         if self._study.end == "press":
             pressed = tuple(each.model_copy(update={"press": True}) for each in scene.objects)
             scene = replace(scene, objects=pressed)
@@ -196,6 +198,7 @@ class Session:
             timeout_s=study.timeout_s,
             end_rule=self._end_rule,
             before_m=before_m,
+            stay_s=scene.stay_s,
         )
         self._mark("trial_start", row, *trial.cell, "practice", "target")
         later: Command | None = None
@@ -252,12 +255,6 @@ class Session:
                 await self._here.site.sleep(TICK_S)
             if following.name != "pause":
                 await self._obey(following, trial)
-
-    def _set_scenes(self) -> None:
-        """Set the scenes of all trials, so that what does not fit the room is said before the first."""
-        for trial in self._plan.trials:
-            before = self._scenes[-1] if trial.place else None
-            self._scenes.append(self._study.task_in(trial.cell).scene(trial, self._here.map, before))
 
     def _row(self, trial: Trial) -> dict[str, object]:
         """Return the columns of an attempt at `trial` that are known before it."""

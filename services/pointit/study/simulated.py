@@ -10,8 +10,8 @@ from pointit.study.data import StudyFolder
 from pointit.study.model import Study, Value
 from pointit.study.questionnaires import Scale
 from pointit.study.session import Session
+from pointit.study.site.study_site import SiteOptions
 from pointit.study.step import Step
-from pointit.study.study_site import SiteOptions
 from pointit.study.view import Command, Status
 
 LIGHT: dict[str, Value] = {"user-sim.rate_hz": 25.0, "led-driver.max_rate_hz": 25.0}

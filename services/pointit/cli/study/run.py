@@ -14,14 +14,14 @@ from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import remedy
 from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.study.data import StudyFolder
-from pointit.study.lsl import check_lsl
 from pointit.study.model import Study, read_study
 from pointit.study.page.view import PageView
 from pointit.study.plan import plan_of
 from pointit.study.ready import check_ready
 from pointit.study.session import Session, StoppedError
 from pointit.study.simulated import simulate
-from pointit.study.study_site import SiteOptions
+from pointit.study.site.lsl import check_lsl
+from pointit.study.site.study_site import SiteOptions
 
 PATH = click.Path(path_type=Path)
 
@@ -74,8 +74,8 @@ def command(
     left = [name for name in people if not folder.about(name).get("ended")]
     if not participant and not left:
         raise ConfigError(
-            f"{people[0]} to {people[-1]} have finished, with data in {folder.path}; give --to another folder "
-            "to begin again"
+            f"{people[0]} to {people[-1]} have finished, with data in {folder.path}; give --to another "
+            "folder to begin again"
         )
     if simulated is not None:
         return _simulate(study, folder, left, bool(record))

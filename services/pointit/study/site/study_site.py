@@ -14,7 +14,7 @@ from pointit.schemas import NS_PER_S, Cursor, Environment, topics
 from pointit.services.localizer.certainty import position_sigma_m, yaw_sigma_deg
 from pointit.study.measure import SILENT_S, Attempt
 from pointit.study.model import Value
-from pointit.study.tasks import Scene
+from pointit.study.tasks.scene import Scene
 from pointit.study.view import Point, TopView, flat
 
 TRACKER = "study"
@@ -147,11 +147,15 @@ class StudySite:
         Raises:
             PointItError: If a package does not appear, or a request is refused.
         """
+        if scene.say:
+            await self.site.feedback.say(self._user, scene.say)
         if scene.target_m is not None:
             self._scene = scene
             self._tracker.update(scene.objects)
             if scene.lamp:
                 await self.site.lamp(scene.lamp).set(TARGET_COLOR)
+            if scene.localize:
+                await self.site.localizer.start(self._user, scene.localize)
             return scene.target, scene.target_m
         await self.site.conveyor.reset()
         await self.site.conveyor.set_feeding(False)
@@ -181,10 +185,16 @@ class StudySite:
         """Hide the target."""
         scene, self._scene, self.attempt = self._scene, None, None
         self._tracker.update(())
-        if scene is not None and scene.lamp:
+        if scene is None:
+            return
+        if scene.lamp:
             await self.site.lamp(scene.lamp).set(None)
-        if scene is not None and scene.packages:
+        if scene.packages:
             await self.site.conveyor.reset()
+        if scene.say:
+            await self.site.feedback.say(self._user, "Wait for the next one.")
+        if scene.localize and self.site.latest.interaction[self._user].state == "localizing":
+            await self.site.localizer.cancel(self._user)
 
     def _begin(self) -> None:
         site, user = self.site, self._user
@@ -198,7 +208,7 @@ class StudySite:
             (site.messages(topics.BUTTON, user), Attempt.on_press),
         )
         work = [self._pump(*feed) for feed in feeds]
-        work += [self._report(), self._configure()]
+        work += [self._report(), self._configure(), self._follow_robots(), self._follow_localization()]
         self._tasks = [asyncio.create_task(each) for each in work]
 
     async def _pump(self, feed: AsyncIterator[Any], handle: Callable[[Attempt, Any, int], None]) -> None:
@@ -210,6 +220,18 @@ class StudySite:
             if self.attempt is not None:
                 handle(self.attempt, message, now_ns)
             self.on_message(message, now_ns)
+
+    async def _follow_robots(self) -> None:
+        async for name, state in self.site.messages(topics.ROBOT_STATE).items():
+            if self.attempt is not None and self._scene is not None and self._scene.robot == name:
+                self.attempt.on_robot(state, self.site.now_ns())
+
+    async def _follow_localization(self) -> None:
+        async for state in self.site.messages(topics.LOCALIZATION, self._user):
+            if self.attempt is not None and self._scene is not None and self._scene.localize:
+                pose = self.site.latest.pose.get(self._user)
+                found_m = None if pose is None else pose.position_m
+                self.attempt.on_localization(state, found_m, self.site.now_ns())
 
     async def _configure(self) -> None:
         async for message in self.site.messages(topics.CONFIGURATION):

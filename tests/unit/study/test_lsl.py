@@ -1,16 +1,25 @@
 """Streams of a session, read back by another process with pylsl alone."""
 
 import asyncio
+import importlib
 import json
 import math
 import os
 import sys
+from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+import pointit
 from pointit.schemas import Cursor, SelectionEvent
+from pointit.study import session
+from pointit.study.data import read_table
+from pointit.study.simulated import SimulatedView, person_of
 from pointit.study.site.lsl import LslOutlets
+from pointit.study.site.study_site import SiteOptions
+from tests.unit.study.studies import SMALL, small
 
 S = 1_000_000_000
 INLET = """
@@ -35,7 +44,7 @@ async def test_streams_are_read_by_another_process_at_the_times_of_capture(
 ) -> None:
     (tmp_path / "lsl_api.cfg").write_text("[multicast]\nResolveScope = machine\n[log]\nlevel = -3\n")
     monkeypatch.setenv("LSLAPICFG", str(tmp_path / "lsl_api.cfg"))
-    import pylsl  # noqa: PLC0415 - it reads the file as it is loaded
+    pylsl = importlib.import_module("pylsl")  # it reads the file as it is loaded
 
     outlets = LslOutlets("small", "P01")
     other = await asyncio.create_subprocess_exec(
@@ -44,9 +53,8 @@ async def test_streams_are_read_by_another_process_at_the_times_of_capture(
     assert other.stdin is not None
     assert other.stdout is not None
     assert json.loads(await other.stdout.readline()) == ["PointIt ray", "origin_x", "m"]
-    cursor = Cursor(
-        stamp_ns=100 * S, origin_m=(1.0, 2.0, 3.0), direction=(0.0, 1.0, 0.0), point_m=(1.0, 5.0, 3.0)
-    )
+    ray = {"origin_m": (1.0, 2.0, 3.0), "direction": (0.0, 1.0, 0.0), "point_m": (1.0, 5.0, 3.0)}
+    cursor = Cursor.model_validate({"stamp_ns": 100 * S, **ray})
     selected = SelectionEvent(stamp_ns=99 * S, event="selected", object_id="t1-0", user="P01")
     begin_s = pylsl.local_clock()
     outlets.mark(event="trial_start", trial=1)
@@ -73,3 +81,42 @@ async def test_streams_are_read_by_another_process_at_the_times_of_capture(
     for samples, ages in ages_s:
         for (_, stamp_s), age_s in zip(samples, ages, strict=True):
             assert begin_s - 1e-6 <= stamp_s + age_s <= end_s + 1e-6
+
+
+def test_session_marks_each_attempt_and_sends_what_it_hears(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    marks: list[dict[str, Any]] = []
+    heard: Counter[type[object]] = Counter()
+
+    class Outlets:
+        def __init__(self, *names: str) -> None:
+            assert names == ("small", "P01")
+
+        def mark(self, **marker: object) -> None:
+            marks.append(marker)
+
+        def send(self, message: object, now_ns: int) -> None:
+            assert now_ns > 0
+            heard[type(message)] += 1
+
+    monkeypatch.setattr(session, "LslOutlets", Outlets)
+    study, folder = small(tmp_path, SMALL.replace("repetitions: 2", "repetitions: 1"))
+    setup = SiteOptions(person=person_of(study, "P01"), lsl=True)
+    view = SimulatedView(0, lambda _status: None)
+    pointit.run_virtually(session.Session(study, folder, "P01", view, setup).run())
+    rows = read_table(folder.path / "P01/trials.csv")
+    starts, ends = marks[::2], marks[1::2]
+    names = ("event", "trial", "attempt", "method", "practice", "target")
+    assert starts == [
+        dict(zip(names, ("trial_start", *marked(row, *names[1:])), strict=True)) for row in rows
+    ]
+    names = ("event", "trial", "attempt", "outcome", "reason")
+    assert ends == [dict(zip(names, ("trial_end", *marked(row, *names[1:])), strict=True)) for row in rows]
+    assert heard[Cursor] > 100
+    assert heard[SelectionEvent] >= 2
+
+
+def marked(row: dict[str, str], *columns: str) -> list[object]:
+    """Return values of a row as markers have them: numbers as numbers."""
+    return [int(row[name]) if row[name].isdecimal() else row[name] for name in columns]

@@ -181,7 +181,11 @@ SHELF = """
 about: buttons on a shelf
 duration_s: null
 places: [{position_m: [0.0, 0.0, 0.0], yaw_deg: 20.0}]
-site: {pui: {map: shelf, surfaces: [strip]}, selector: {journal: {enabled: false}}, led-driver: {}, keeper: {}}
+site:
+  pui: {map: shelf, surfaces: [strip]}
+  selector: {journal: {enabled: false}}
+  led-driver: {}
+  keeper: {}
 user:
   pointing: {}
   localizer: {}

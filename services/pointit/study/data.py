@@ -16,7 +16,7 @@ from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.runtime.host.atomic_file import write_atomically
 from pointit.study.columns import COUNTS, FIXED, NUMBERS, OUTCOMES, REPEATED, columns_of
-from pointit.study.model import Study
+from pointit.study.model import Study, read_study
 
 STUDY, COLUMNS_FILE, TRIALS, PARTICIPANT, ANSWERS = (
     "study.yaml", "columns.csv", "trials.csv", "participant.yaml", "answers.csv",
@@ -32,8 +32,7 @@ class AppendOnlyCsv:
     def __init__(self, path: Path, columns: Sequence[str]) -> None:
         """Open or create the table; a row that was cut off by a crash is removed.
 
-        Raises:
-            ConfigError: If it cannot be read or written, has other columns, or another process writes it.
+        Raises: ConfigError: If it cannot be read or written, has other columns, or another process writes it.
         """
         self.path = path
         self._columns = columns
@@ -61,8 +60,7 @@ class AppendOnlyCsv:
     def append(self, *rows: Mapping[str, object]) -> None:
         """Add rows and wait until they are on the disk.
 
-        Raises:
-            PointItError: If they cannot be written. Nothing of them is there then.
+        Raises: PointItError: If they cannot be written. Nothing of them is there then.
         """
         texts = [{name: _text(row.get(name)) for name in self._columns} for row in rows]
         self._write(b"".join(_line(list(row.values())) for row in texts))
@@ -139,6 +137,15 @@ class StudyFolder:
         return next(path for name in names if not (path := folder / name).exists())
 
 
+def study_in(folder: Path) -> Study:
+    """Return the study whose data are in `folder`. Raises: ConfigError: If it is not there, or damaged."""
+    if not (folder / STUDY).exists():
+        raise ConfigError(
+            f"{folder}: there is no {STUDY}; give the folder that `pointit study run` has written"
+        )
+    return read_study(folder / STUDY)
+
+
 def read_about(folder: Path) -> dict[str, Any]:
     """Return the content of `participant.yaml` in `folder`, empty if there is none."""
     path = folder / PARTICIPANT
@@ -150,8 +157,7 @@ def read_table(
 ) -> list[Row]:
     """Return the rows of a table, without a last line that a crash has cut off, of which `on_cut` is told.
 
-    Raises:
-        ConfigError: If the table cannot be read, lacks one of `columns`, or a value is damaged.
+    Raises: ConfigError: If the table cannot be read, lacks one of `columns`, or a value is damaged.
     """
     try:
         text = path.read_text(encoding="utf-8")

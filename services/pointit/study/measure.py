@@ -231,8 +231,7 @@ def _angle_deg(cursor: Cursor | None, target_m: Vec3, from_m: Vec3 | None = None
 def load_end_rule(end: str, folder: Path) -> Callable[[Attempt], str | None] | None:
     """Return the function that ends a trial, or None if none does.
 
-    Raises:
-        ConfigError: If there is no such file or function, or the file fails.
+    Raises: ConfigError: If there is no such file or function, or the file fails.
     """
     name, _, function = end.partition(".py:")
     if not function:

@@ -144,8 +144,7 @@ class Study(Config):
     def task_in(self, cell: dict[str, str]) -> Task:
         """Return the task with the parameters of the condition `cell`.
 
-        Raises:
-            ConfigError: If a value is wrong.
+        Raises: ConfigError: If a value is wrong.
         """
         values: dict[str, Any] = self.task.model_dump()
         given = self.parameters(cell)
@@ -230,8 +229,7 @@ class Study(Config):
 def read_study(path: Path) -> Study:
     """Return the study in the file `path`.
 
-    Raises:
-        ConfigError: If the file cannot be read, a value is wrong, or the orders cannot be balanced.
+    Raises: ConfigError: If the file cannot be read, a value is wrong, or the orders cannot be balanced.
     """
     layers = Layers(("factors",))
     layers.add(read_yaml(path), str(path))

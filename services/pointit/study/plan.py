@@ -34,8 +34,7 @@ def condition_of(cell: dict[str, str]) -> str:
 def plan_of(study: Study, participant: str) -> Plan:
     """Return the plan of `participant`: always the same one for the same study.
 
-    Raises:
-        ConfigError: If nobody of the study is called so.
+    Raises: ConfigError: If nobody of the study is called so.
     """
     if participant not in study.people:
         known = study.people

@@ -62,11 +62,7 @@ def scale_of(questionnaire: Questionnaire) -> Scale:
 
 
 def check_questionnaire(questionnaire: Questionnaire) -> None:
-    """Check that a named questionnaire is known, and that a scale goes up.
-
-    Raises:
-        ValueError: If not.
-    """
+    """Check that a named questionnaire is known, and that a scale goes up. Raises: ValueError: If not."""
     if isinstance(questionnaire, str):
         if questionnaire not in KNOWN:
             raise ValueError(f"use one of {', '.join(KNOWN)} or write items (got {questionnaire!r})")

@@ -11,8 +11,8 @@ from pointit.study.step import Picture, read_pictures
 def check_ready(study: Study) -> dict[str, Picture]:
     """Check all that could fail after the first trial; return the pictures of the study by `Step.image`.
 
-    Raises:
-        ConfigError: If a picture, the function `end` or a service's parameter in any block cannot be used.
+    Raises: ConfigError: If a picture, the function `end` or a service's parameter in any block cannot be
+    used.
     """
     pictures = read_pictures(study.steps, study.folder)
     load_end_rule(study.end, study.folder)
@@ -23,8 +23,7 @@ def check_ready(study: Study) -> dict[str, Picture]:
 def check_services(study: Study) -> None:
     """Check the services' parameters in each block of each group, and that the room has all targets.
 
-    Raises:
-        ConfigError: If the scenario, a value or a target cannot be used; names the levels.
+    Raises: ConfigError: If the scenario, a value or a target cannot be used; names the levels.
     """
     for group in range(len(study.cells("between"))):
         plan = plan_of(study, study.people[group])

@@ -42,8 +42,8 @@ class Session:
     ) -> None:
         """Read what has been done.
 
-        Raises:
-            ConfigError: If the participant has finished, is unknown or runs elsewhere, or a file is damaged.
+        Raises: ConfigError: If the participant has finished, is unknown or runs elsewhere, or a file is
+        damaged.
         """
         self._study = study
         self._folder = folder
@@ -68,9 +68,8 @@ class Session:
     async def run(self) -> None:
         """Run all trials that are left.
 
-        Raises:
-            StoppedError: If the experimenter stops it, or the participant does not agree.
-            PointItError: If a service fails, or data cannot be written. What was measured before is kept.
+        Raises: StoppedError: If the experimenter stops it, or the participant does not agree. PointItError:
+        If a service fails, or data cannot be written. What was measured before is kept.
         """
         async with contextlib.AsyncExitStack() as stack:
             stack.callback(self._table.close)
@@ -233,11 +232,7 @@ class Session:
                     return
 
     async def _obey(self, command: Command, trial: Trial) -> None:
-        """Obey a command between two attempts.
-
-        Raises:
-            StoppedError: If it is `stop`.
-        """
+        """Obey a command between two attempts. Raises: StoppedError: If it is `stop`."""
         if command.name == "stop":
             raise StoppedError(
                 f"{self._participant} is stopped at trial {trial.number}; the same command goes on there"

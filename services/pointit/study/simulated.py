@@ -75,9 +75,7 @@ def simulate(
 ) -> None:
     """Run what is left for `participant`, simulated; the same study gives the same data.
 
-    Raises:
-        ConfigError: If they have finished.
-        PointItError: If a service fails, or data cannot be written.
+    Raises: ConfigError: If they have finished. PointItError: If a service fails, or data cannot be written.
     """
     view = SimulatedView(study.seed + study.people.index(participant), on_status)
     setup = SiteOptions(record=record, person=person_of(study, participant))

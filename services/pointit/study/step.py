@@ -38,8 +38,7 @@ class Picture(NamedTuple):
 def read_pictures(steps: Iterable[Step], folder: Path) -> dict[str, Picture]:
     """Return the pictures of `steps` by `Step.image`; all are in `folder` or below.
 
-    Raises:
-        ConfigError: If one is missing, elsewhere, too large or no picture.
+    Raises: ConfigError: If one is missing, elsewhere, too large or no picture.
     """
     return {step.image: _picture(step.image, folder) for step in steps if step.image}
 

@@ -1,7 +1,7 @@
 """Trials and answers of a study."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -43,14 +43,19 @@ class Trials:
     """All attempts at all trials of a study, in the order of participants, blocks, trials and attempts."""
 
     folder: Path
-    factors: tuple[str, ...]
+    title: str
+    stated: Mapping[str, tuple[str, ...]]
+    """Levels by factor in the order of `study.yaml`."""
     rows: tuple[TrialRow, ...]
     answers: tuple[Row, ...] = ()
     """Rows of `answers.csv`."""
-    stated: Mapping[str, tuple[str, ...]] = field(default_factory=dict[str, tuple[str, ...]])
-    """Levels by factor in the order of `study.yaml`, if there is one."""
     notes: tuple[str, ...] = ()
     """Sentences about rows and participants that are left out."""
+
+    @cached_property
+    def factors(self) -> tuple[str, ...]:
+        """Names of the factors."""
+        return tuple(self.stated)
 
     @cached_property
     def participants(self) -> tuple[str, ...]:
@@ -73,13 +78,10 @@ class Trials:
         )
 
     def levels(self, factor: str) -> tuple[str, ...]:
-        """Return the levels of `factor`, as in `study.yaml` or sorted, numbers as numbers.
-
-        Raises: ConfigError: If the study has no such factor.
-        """
+        """Return the levels of `factor` in their order. Raises: ConfigError: If there is no such factor."""
         index = self.index(factor)
         found = {row.levels[index] for row in self.counted}
-        return tuple(level for level in self.stated.get(factor, sorted(found, key=_order)) if level in found)
+        return tuple(level for level in self.stated[factor] if level in found)
 
     def index(self, factor: str) -> int:
         """Return the position of `factor`. Raises: ConfigError: If the study has no such factor."""
@@ -105,10 +107,3 @@ class Trials:
     def named(self, levels: Iterable[str]) -> dict[str, str]:
         """Return the levels of a condition by factor, the first columns of a table."""
         return dict(zip(self.factors, levels, strict=True))
-
-
-def _order(level: str) -> tuple[int, float, str]:
-    try:
-        return 0, float(level), level
-    except ValueError:
-        return 1, 0.0, level

@@ -38,15 +38,13 @@ from pointit.study_report import figures
 trials = study_report.trials({folder!r})"""
 
 
-def report(
-    study: Trials, title: str, folder: str, tell: Callable[[str], object] = lambda _: None
-) -> tuple[str, str]:
+def report(study: Trials, folder: str, tell: Callable[[str], object] = lambda _: None) -> tuple[str, str]:
     """Return the page of `study`, and a notebook (nbformat 4.5, JSON) without results, which makes the same.
 
     `folder` is the study's, as seen from the notebook's. `tell` is called with the title of each section.
     """
-    parts = [_head(study, title)]
-    cells = [_cell("markdown", f"# {title}"), _cell("code", SETUP.format(folder=folder))]
+    parts = [_head(study)]
+    cells = [_cell("markdown", f"# {study.title}"), _cell("code", SETUP.format(folder=folder))]
     for place, section in enumerate(sections(study)):
         tell(section.title)
         parts.append(f'<h2>{escape(section.title)}</h2><p class="about">{escape(section.about)}</p>')
@@ -77,7 +75,7 @@ def report(
     return "\n".join(parts), json.dumps(book, indent=1, ensure_ascii=False) + "\n"
 
 
-def _head(study: Trials, title: str) -> str:
+def _head(study: Trials) -> str:
     count = len(study.participants)
     facts = f"{count} participant{'s' * (count != 1)}, {len(study.counted)} trials"
     facts += f" in {len(study.conditions)} conditions"
@@ -91,8 +89,8 @@ def _head(study: Trials, title: str) -> str:
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{escape(title)}</title><style>{STYLE}</style></head><body>"
-        f"<h1>{escape(title)}</h1><p>{escape(facts)}.</p>" + (f"<ul>{listed}</ul>" if listed else "")
+        f"<title>{escape(study.title)}</title><style>{STYLE}</style></head><body>"
+        f"<h1>{escape(study.title)}</h1><p>{escape(facts)}.</p>" + (f"<ul>{listed}</ul>" if listed else "")
     )
 
 

@@ -55,7 +55,7 @@ def read(folder: Path) -> dict[tuple[str, str], list[dict[str, str]]]:
         with path.open(encoding="utf-8") as file:
             for row in csv.DictReader(file):
                 if row["outcome"] == "hit":
-                    found[row["method"], row["participant"]].append(row)
+                    found[row.get("method", ""), row["participant"]].append(row)
     return found
 
 

@@ -69,11 +69,7 @@ class PageView:
         return list(self._pictures.values())
 
     async def tell(self, *steps: Step, go: str) -> bool:
-        """Show `steps` until the participant does `go`.
-
-        Raises:
-            StoppedError: If the experimenter stops.
-        """
+        """Show `steps` until the participant does `go`. Raises: StoppedError: If the experimenter stops."""
         index = list(self._pictures).index
         shown = [
             {"text": step.text, "alt": step.alt, "image": index(step.image) if step.image else None}

@@ -39,8 +39,8 @@ def scenario_file(study: Study, recording: Path | None = None) -> Path:
 def scenes_of(study: Study, plan: Plan, block: int, settings: Mapping[str, object]) -> list[Scene]:
     """Return the scenes of all trials of a block, in their order, without starting anything.
 
-    Raises:
-        ConfigError: If the scenario or a parameter of `settings` cannot be used, or the room lacks a target.
+    Raises: ConfigError: If the scenario or a parameter of `settings` cannot be used, or the room lacks a
+    target.
     """
     run = pointit.run(scenario_file(study), users=[plan.participant], settings=settings)
     if (room := room_of(run.check())) is None:

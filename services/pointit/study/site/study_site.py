@@ -144,8 +144,7 @@ class StudySite:
     async def show(self, scene: Scene) -> tuple[str, Vec3]:
         """Show the target of `scene`; return its id and position as soon as it is there.
 
-        Raises:
-            PointItError: If a package does not appear, or a request is refused.
+        Raises: PointItError: If a package does not appear, or a request is refused.
         """
         if scene.say:
             await self.site.feedback.say(self._user, scene.say)

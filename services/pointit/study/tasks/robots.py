@@ -67,11 +67,7 @@ class Localize(TaskConfig):
     width_m: float = Field(default=1.0, gt=0, le=20, description="twice the error that is accepted, m")
 
     def scene(self, trial: Trial, room: Environment, before: Scene | None) -> Scene:
-        """Return the scene of `trial`.
-
-        Raises:
-            ConfigError: If the map has no lamps for `static_targets`.
-        """
+        """Return the scene of `trial`. Raises: ConfigError: If the map has no lamps for `static_targets`."""
         del trial, before
         if self.method == "static_targets" and not room.lamps:
             raise ConfigError("the map has no lamps to localize by; use task.method moving_target")

@@ -30,8 +30,7 @@ class Reach(TaskConfig):
     def scene(self, trial: Trial, room: Environment, before: Scene | None) -> Scene:
         """Return the scene of `trial`, after the one `before` of its block.
 
-        Raises:
-            ConfigError: If the map has no such strip, or the target does not fit.
+        Raises: ConfigError: If the map has no such strip, or the target does not fit.
         """
         rng = np.random.default_rng(trial.seed)
         lines = _lines(room, self.strips)
@@ -91,8 +90,7 @@ class Tapping(TaskConfig):
     def scene(self, trial: Trial, room: Environment, before: Scene | None) -> Scene:
         """Return the scene of `trial`; the next target is across the circle, one further each time.
 
-        Raises:
-            ConfigError: If the map has no such strip, or it is too short.
+        Raises: ConfigError: If the map has no such strip, or it is too short.
         """
         del before
         if self.strip:
@@ -154,8 +152,7 @@ class Packages(TaskConfig):
     def scene(self, trial: Trial, room: Environment, before: Scene | None) -> Scene:
         """Return the scene of `trial`.
 
-        Raises:
-            ConfigError: If the map has no such lane, or it is too short.
+        Raises: ConfigError: If the map has no such lane, or it is too short.
         """
         del before
         lengths = {belt.id: Polyline(belt.line_m).length_m for belt in room.belts}
@@ -193,8 +190,7 @@ class Places(TaskConfig):
     def scene(self, trial: Trial, room: Environment, before: Scene | None) -> Scene:
         """Return the scene of `trial`: any place but the last one.
 
-        Raises:
-            ConfigError: If there is no place, or the map has no such lamp or button.
+        Raises: ConfigError: If there is no place, or the map has no such lamp or button.
         """
         lamps = {lamp.id: lamp.position_m for lamp in room.lamps}
         things = {thing.id: thing for thing in room.fixed_things if thing.mode == "button"}

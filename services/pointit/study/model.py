@@ -4,7 +4,7 @@ import itertools
 import math
 import re
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 from pydantic_core import PydanticCustomError
@@ -19,8 +19,10 @@ from pointit.study.columns import FIXED
 from pointit.study.order import Order, square
 from pointit.study.questionnaires import Questionnaire, check_questionnaire, scale_of
 from pointit.study.step import Step
-from pointit.study.tasks.task import Task
+from pointit.study.tasks.robots import Localize, Steer
+from pointit.study.tasks.targets import Packages, Places, Reach, Tapping
 
+Task = Annotated[Reach | Tapping | Packages | Places | Steer | Localize, Field(discriminator="kind")]
 Value = bool | int | float | str
 NAME = re.compile(r"[a-z][a-z0-9_]*")
 FUNCTION = re.compile(r"[\w/.-]+\.py:[A-Za-z_]\w*")

@@ -15,8 +15,7 @@ from pointit.study.columns import REPEATED, utc
 from pointit.study.data import AppendOnlyCsv, StudyFolder
 from pointit.study.measure import Attempt, load_end_rule
 from pointit.study.model import Study, Value
-from pointit.study.plan import condition_of, plan_of
-from pointit.study.progress import Progress
+from pointit.study.plan import Progress, condition_of, plan_of
 from pointit.study.questionnaires import scale_of
 from pointit.study.site.lsl import LslOutlets
 from pointit.study.site.scenario import scenario_file, scenes_of

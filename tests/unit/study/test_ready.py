@@ -9,7 +9,7 @@ from pointit.cli.study.check import command as check
 from pointit.cli.study.run import command as run
 from pointit.runtime.errors import ConfigError
 from pointit.study.model import read_study
-from pointit.study.ready import check_ready
+from pointit.study.site.scenario import check_ready
 from pointit.study.step import Picture
 from tests.unit.study.studies import SMALL, small
 

@@ -8,7 +8,7 @@ from pointit.cli.common.output import Section, json_option, say, show
 from pointit.runtime.service.shutdown import EXIT_FAILED
 from pointit.study.check import Finding, check_folder
 from pointit.study.model import read_study
-from pointit.study.ready import check_ready
+from pointit.study.site.scenario import check_ready
 
 
 @click.command("check")

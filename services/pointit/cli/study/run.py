@@ -17,7 +17,7 @@ from pointit.study.data import StudyFolder
 from pointit.study.model import Study, read_study
 from pointit.study.page.view import PageView
 from pointit.study.plan import plan_of
-from pointit.study.ready import check_ready
+from pointit.study.site.scenario import check_ready
 from pointit.study.session import Session, StoppedError
 from pointit.study.simulated import simulate
 from pointit.study.site.lsl import check_lsl

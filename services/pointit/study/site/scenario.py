@@ -1,4 +1,4 @@
-"""The scenario of a session: that of the study, with a recorder if it records; its scenes."""
+"""The scenario of a session: its file, the scenes of trials in its room, and checks before the first."""
 
 from collections.abc import Mapping
 from importlib import resources
@@ -13,7 +13,9 @@ from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.atomic_file import write_atomically
 from pointit.study.model import SHIPPED, Study
-from pointit.study.plan import Plan
+from pointit.study.measure import load_end_rule
+from pointit.study.plan import Plan, plan_of
+from pointit.study.step import Picture, read_pictures
 from pointit.study.tasks.scene import Scene
 
 
@@ -49,3 +51,30 @@ def scenes_of(study: Study, plan: Plan, block: int, settings: Mapping[str, objec
     for trial in plan.block(block):
         scenes.append(study.task_in(trial.cell).scene(trial, room, scenes[-1] if scenes else None))
     return scenes
+
+
+def check_ready(study: Study) -> dict[str, Picture]:
+    """Check all that could fail after the first trial; return the pictures of the study by `Step.image`.
+
+    Raises: ConfigError: If a picture, the function `end` or a service's parameter in any block cannot be
+    used.
+    """
+    pictures = read_pictures(study.steps, study.folder)
+    load_end_rule(study.end, study.folder)
+    check_services(study)
+    return pictures
+
+
+def check_services(study: Study) -> None:
+    """Check the services' parameters in each block of each group, and that the room has all targets.
+
+    Raises: ConfigError: If the scenario, a value or a target cannot be used; names the levels.
+    """
+    for group in range(len(study.cells("between"))):
+        plan = plan_of(study, study.people[group])
+        for block, name in enumerate(plan.order, 1):
+            try:
+                scenes_of(study, plan, block, study.services(plan.block(block)[0].cell))
+            except ConfigError as error:
+                levels = ", ".join([*plan.group.values(), *([name] if name else [])])
+                raise ConfigError(f"{levels}: {error}" if levels else str(error)) from error

@@ -11,8 +11,8 @@ from pointit.study.data import TRIALS, Row, counts, done_trials, read_about, rea
 from pointit.study.model import SHIPPED, Study
 from pointit.study.order import imbalance
 from pointit.study.plan import plan_of
-from pointit.study.site.scenario import check_services
 from pointit.study.session import CLOCK_APART_S
+from pointit.study.site.scenario import check_services
 
 
 class Finding(NamedTuple):

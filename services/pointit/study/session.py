@@ -14,7 +14,7 @@ from pointit.runtime.errors import ConfigError, PointItError
 from pointit.study.columns import REPEATED, utc
 from pointit.study.data import AppendOnlyCsv, StudyFolder
 from pointit.study.measure import Attempt, load_end_rule
-from pointit.study.model import Study, Value
+from pointit.study.model import Study
 from pointit.study.plan import Progress, condition_of, plan_of
 from pointit.study.questionnaires import scale_of
 from pointit.study.site.lsl import LslOutlets
@@ -84,9 +84,8 @@ class Session:
                     block = trial.block
                 await self._do(trial)
             await self._ask_after(self._plan.trials[-1].block)
-            self._put(
-                ended=utc(self._joined.site.now_ns()) if self._joined else self._table.rows[-1]["began_utc"]
-            )
+            joined, rows = self._joined, self._table.rows
+            self._put(ended=utc(joined.site.now_ns()) if joined else rows[-1]["began_utc"])
 
     @property
     def _here(self) -> StudySite:
@@ -125,44 +124,33 @@ class Session:
             await self._joined.use(settings)
         else:
             await sites.aclose()
-            self._joined = await sites.enter_async_context(
-                StudySite.at(self._site(trial, settings), self._participant, settings)
+            setup = self._setup
+            run = pointit.run(
+                scenario_file(
+                    self._study, self._folder.recording(self._participant) if setup.record else None
+                ),
+                users=[self._participant],
+                seed=trial.seed % 2**31,
+                localize=setup.localize,
+                imu=setup.imu or (),
+                output=setup.output,
+                settings=settings,
+                listen=setup.listen,
             )
+            joining = StudySite.at(run, self._participant, settings)
+            self._joined = await sites.enter_async_context(joining)
         if self._lsl is not None:
             self._joined.on_message = self._lsl.send
         known = self._study.instructions
         steps = [known[level] for level in trial.cell.values() if level in known]
         if not is_first and self._study.break_s and not self._setup.person:
-            await self._rest(trial)
+            await self._wait(trial, self._study.break_s, is_break=True)
         if steps or not is_first:
             await self._view.tell(*(steps or [Step(text="The next block begins.")]), go="begin")
 
-    async def _rest(self, trial: Trial) -> None:
-        """Wait the break before the block of `trial`; obey commands meanwhile."""
-        site = self._here.site
-        end_ns = site.now_ns() + round(self._study.break_s * 1e9)
-        while (left_ns := end_ns - site.now_ns()) > 0:
-            self._show(trial, f"{BREAK}{math.ceil(left_ns / 1e9)} s left")
-            await site.sleep(TICK_S)
-            if (command := self._view.command()) is not None:
-                await self._obey(command, trial)
-
-    def _site(self, trial: Trial, settings: Mapping[str, Value]) -> Any:
-        recording = self._folder.recording(self._participant) if self._setup.record else None
-        return pointit.run(
-            scenario_file(self._study, recording),
-            users=[self._participant],
-            seed=trial.seed % 2**31,
-            localize=self._setup.localize,
-            imu=self._setup.imu or (),
-            output=self._setup.output,
-            settings=settings,
-            listen=self._setup.listen,
-        )
-
     async def _do(self, trial: Trial) -> None:
         """Make one attempt at `trial`, and write it."""
-        await self._wait_until_ready(trial)
+        await self._wait(trial, self._study.pause_s)
         if self._progress.current is not trial:
             return  # the experimenter wants the last one again
         if "begun" not in self._about:
@@ -218,16 +206,17 @@ class Session:
             await room.hide()
         return attempt, later
 
-    async def _wait_until_ready(self, trial: Trial) -> None:
-        """Wait the pause between trials, and until the participant points; obey commands meanwhile."""
+    async def _wait(self, trial: Trial, seconds: float, *, is_break: bool = False) -> None:
+        """Wait so long before `trial`, and until the participant points; obey commands meanwhile."""
         site = self._here.site
-        at_ns = site.now_ns() + round(self._study.pause_s * 1e9)
-        while (problem := self._here.problem) or site.now_ns() < at_ns:
-            self._show(trial, problem or "pause")
+        end_ns = site.now_ns() + round(seconds * 1e9)
+        while (left_ns := end_ns - site.now_ns()) > 0 or (self._here.problem and not is_break):
+            rest = f"{BREAK}{math.ceil(left_ns / 1e9)} s left"
+            self._show(trial, rest if is_break else self._here.problem or "pause")
             await site.sleep(TICK_S)
             if (command := self._view.command()) is not None:
                 await self._obey(command, trial)
-                if self._progress.current is not trial:
+                if self._progress.current is not trial and not is_break:
                     return
 
     async def _obey(self, command: Command, trial: Trial) -> None:

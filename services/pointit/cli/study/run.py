@@ -17,10 +17,10 @@ from pointit.study.data import StudyFolder
 from pointit.study.model import Study, read_study
 from pointit.study.page.view import PageView
 from pointit.study.plan import plan_of
-from pointit.study.site.scenario import check_ready
 from pointit.study.session import Session, StoppedError
 from pointit.study.simulated import simulate
 from pointit.study.site.lsl import check_lsl
+from pointit.study.site.scenario import check_ready
 from pointit.study.site.study_site import SiteOptions
 
 PATH = click.Path(path_type=Path)

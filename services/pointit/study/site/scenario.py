@@ -12,8 +12,8 @@ from pointit.launch.plan.scenario_catalog import room_of
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.atomic_file import write_atomically
-from pointit.study.model import SHIPPED, Study
 from pointit.study.measure import load_end_rule
+from pointit.study.model import SHIPPED, Study
 from pointit.study.plan import Plan, plan_of
 from pointit.study.step import Picture, read_pictures
 from pointit.study.tasks.scene import Scene

@@ -124,12 +124,11 @@ class Session:
             await self._joined.use(settings)
         else:
             await sites.aclose()
-            setup = self._setup
+            setup, people = self._setup, [self._participant]
+            file = self._folder.recording(self._participant) if setup.record else None
             run = pointit.run(
-                scenario_file(
-                    self._study, self._folder.recording(self._participant) if setup.record else None
-                ),
-                users=[self._participant],
+                scenario_file(self._study, file),
+                users=people,
                 seed=trial.seed % 2**31,
                 localize=setup.localize,
                 imu=setup.imu or (),

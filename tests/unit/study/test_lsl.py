@@ -7,6 +7,7 @@ import math
 import os
 import sys
 from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -107,16 +108,14 @@ def test_session_marks_each_attempt_and_sends_what_it_hears(
     pointit.run_virtually(session.Session(study, folder, "P01", view, setup).run())
     rows = read_table(folder.path / "P01/trials.csv")
     starts, ends = marks[::2], marks[1::2]
-    names = ("event", "trial", "attempt", "method", "practice", "target")
-    assert starts == [
-        dict(zip(names, ("trial_start", *marked(row, *names[1:])), strict=True)) for row in rows
-    ]
-    names = ("event", "trial", "attempt", "outcome", "reason")
-    assert ends == [dict(zip(names, ("trial_end", *marked(row, *names[1:])), strict=True)) for row in rows]
+    begun = ("trial", "attempt", "method", "practice", "target")
+    ended = ("trial", "attempt", "outcome", "reason")
+    assert starts == [{"event": "trial_start", **marked(row, begun)} for row in rows]
+    assert ends == [{"event": "trial_end", **marked(row, ended)} for row in rows]
     assert heard[Cursor] > 100
     assert heard[SelectionEvent] >= 2
 
 
-def marked(row: dict[str, str], *columns: str) -> list[object]:
+def marked(row: dict[str, str], columns: Iterable[str]) -> dict[str, object]:
     """Return values of a row as markers have them: numbers as numbers."""
-    return [int(row[name]) if row[name].isdecimal() else row[name] for name in columns]
+    return {name: int(row[name]) if row[name].isdecimal() else row[name] for name in columns}

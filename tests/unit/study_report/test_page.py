@@ -1,6 +1,7 @@
 """The page, the notebook and the tables that `pointit study report` writes."""
 
 import csv
+import importlib
 import json
 import re
 from html.parser import HTMLParser
@@ -13,7 +14,11 @@ from click.testing import CliRunner
 from pointit import study_report
 from pointit.cli.study.power import command as power_command
 from pointit.cli.study.report import command as report_command
+from pointit.study.columns import COUNTS, NUMBERS
 from tests.unit.study_report.generated import RINGS, write_answers, write_study
+
+parquet: Any = importlib.import_module("pyarrow.parquet")  # it has no types
+NUMERIC = {*COUNTS, *NUMBERS}
 
 
 class Page(HTMLParser):
@@ -103,6 +108,29 @@ def test_table_of_all_trials_has_the_rows_of_all_participants_as_they_are(folder
         with path.open(encoding="utf-8") as file:
             own += [*csv.DictReader(file)]
     assert joined == own
+
+
+def test_parquet_has_the_same_rows_with_numbers_as_numbers(folder: Path, written: str) -> None:
+    assert written
+    table = parquet.read_table(folder / "all_trials.parquet")
+    with (folder / "all_trials.csv").open(encoding="utf-8") as file:
+        rows = [*csv.DictReader(file)]
+    assert table.column_names == [*rows[0]]
+    kinds = {
+        name: str(table.schema.field(name).type)
+        for name in ("participant", "method", "trial", "error_m", "reason")
+    }
+    assert kinds == {
+        "participant": "string",
+        "method": "string",
+        "trial": "int64",
+        "error_m": "double",
+        "reason": "string",
+    }
+    for read, row in zip(table.to_pylist(), rows, strict=True):
+        assert {name: "" if value is None else value for name, value in read.items()} == {
+            name: float(value) if value and name in NUMERIC else value for name, value in row.items()
+        }
 
 
 def test_study_without_factors_or_sizes_has_a_page_that_says_what_is_missing(tmp_path: Path) -> None:

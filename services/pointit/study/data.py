@@ -167,7 +167,7 @@ def read_table(
     reader = csv.reader(io.StringIO(whole, newline=""), strict=True)
     rows: list[Row] = []
     try:
-        header = next(reader, [])
+        header = next(reader, list[str]())
         if header and (missing := sorted(set(columns) - set(header))):
             raise ConfigError(f"{path}: no column {missing[0]}; restore the table as the study wrote it")
         rows += [_row(header, values) for values in reader]

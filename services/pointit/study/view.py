@@ -22,13 +22,13 @@ def flat(point_m: Sequence[float] | None) -> Point | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TopView:
-    """What goes on in the room, seen from above. None: not known, or not there."""
+    """The room from above. None: not known, or not there."""
 
     lines: tuple[tuple[Point, ...], ...]
     """Strips, belts, and outlines of fences."""
     person: Point | None
     eyes: Point | None
-    """Where the ray begins."""
+    """Origin of the ray."""
     direction: Point | None
     cursor: Point | None
     target: Point | None

@@ -90,7 +90,7 @@ def _application(view: PageView, doors: Access) -> ASGIApp:
         return file_response(request, bundle, request.path_params["name"])
 
     async def image(request: Request) -> Response:
-        number = request.path_params["number"]
+        number: int = request.path_params["number"]
         if page_of(request) is None or number >= len(view.pictures):
             return PlainTextResponse("there is no such picture", 404)
         picture = view.pictures[number]

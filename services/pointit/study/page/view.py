@@ -49,7 +49,7 @@ class PageView:
 
     def __init__(self, study: str, participant: str, pictures: Mapping[str, Picture] | None = None) -> None:
         """Create without pages; `pictures` by `Step.image`."""
-        self._pictures = dict(pictures or {})
+        self._pictures: dict[str, Picture] = {**(pictures or {})}
         self._who = {"study": study, "who": participant}
         self._shown: Mapping[str, object] = WAITING
         self._status: Status | None = None

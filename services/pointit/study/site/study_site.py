@@ -120,7 +120,7 @@ class StudySite:
 
     @property
     def live(self) -> TopView:
-        """What goes on in the room."""
+        """The room from above, as it is now."""
         pose, attempt = self.site.latest.pose.get(self._user), self.attempt
         is_silent = self.site.now_ns() - self._heard_ns > SILENT_S * NS_PER_S
         ray = None if is_silent else self._cursor

@@ -189,7 +189,7 @@ class Session:
         later: Command | None = None
         try:
             while attempt.outcome is None:
-                self._show(trial, "pointing", scene.name)
+                self._show(trial, "pointing", scene)
                 await room.site.sleep(TICK_S)
                 if scene.packages and attempt.outcome is None:
                     attempt.target_m = room.position(target) or attempt.target_m
@@ -275,7 +275,7 @@ class Session:
                 answers = enumerate(await self._view.ask(scale), 1)
                 table.append(*({**about, "item": item, "value": value} for item, value in answers))
 
-    def _show(self, trial: Trial, state: str, target: str = "") -> None:
+    def _show(self, trial: Trial, state: str, scene: Scene | None = None) -> None:
         self._view.status(
             Status(
                 participant=self._participant,
@@ -283,7 +283,8 @@ class Session:
                 block=trial.block,
                 condition=condition_of(trial.cell),
                 left=self._progress.left,
-                target=target,
+                target=scene.name if scene else "",
+                say=scene.say if scene else "",
                 state=state,
                 trials=len(self._plan.trials),
                 outcomes=tuple(

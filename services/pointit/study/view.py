@@ -46,6 +46,8 @@ class Status:
     left: int
     """Number of trials to do, with this one."""
     target: str = ""
+    say: str = ""
+    """Said to the participant, or `""`."""
     state: str = ""
     """Present activity, in a few words."""
     trials: int = 0

@@ -3,6 +3,7 @@
 import asyncio
 import json
 from collections.abc import AsyncIterator
+from dataclasses import replace
 from typing import Any
 
 import httpx
@@ -154,6 +155,9 @@ async def test_pages_show_the_present_content_whenever_they_join_and_outlive_bad
         while (seen := await received(experimenter))["status"] is None:
             pass
         assert (seen["status"]["trial"], seen["shown"]["title"]) == (2, "Point")
+        assert (await received(first))["text"] == "Look at the room."
+        view.status(replace(STATUS, say="Land quad at B."))
+        assert (await received(first))["text"] == "Land quad at B."
         view.end("You may close this page.")
         while (content := await received(first))["show"] != "end":
             pass

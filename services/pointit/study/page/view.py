@@ -91,6 +91,8 @@ class PageView:
             self._shown = {"show": "wait", "title": "Break", "text": state.removeprefix(BREAK)}
         else:
             self._shown = TITLES.get(state, {"show": "wait", "title": "Wait", "text": state})
+        if status.say:
+            self._shown = {**self._shown, "text": status.say}
         self.change()
 
     def command(self) -> Command | None:

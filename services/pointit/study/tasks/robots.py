@@ -71,8 +71,10 @@ class Localize(TaskConfig):
         del trial, before
         if self.method == "static_targets" and not room.lamps:
             raise ConfigError("the map has no lamps to localize by; use task.method moving_target")
+        say = "Follow the robot." if self.method == "moving_target" else "Point at each lamp that is lit."
+        width_m, target_m = self.width_m, self.place_m
         return Scene(
-            target="pose", name="position", width_m=self.width_m, target_m=self.place_m, localize=self.method
+            target="pose", name="position", width_m=width_m, target_m=target_m, localize=self.method, say=say
         )
 
     def simulated(self, scenes: Sequence[Scene]) -> dict[str, object]:

@@ -1,6 +1,7 @@
 """The page and a recording in one HTML file, which plays without a server, from a disk too."""
 
 import base64
+import itertools
 import json
 import re
 import zlib
@@ -15,7 +16,7 @@ from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import pointit_version
 from pointit.schemas import NS_PER_S, pack
 
-RATE_HZ = 30.0
+RATE_HZ = 30
 """Frames of a recorded second, Hz."""
 
 UNPACED_HZ = 1e9
@@ -57,22 +58,20 @@ def page_file(past: Past, tick: Callable[[float], None] = lambda _: None) -> str
 
 def frames(past: Past) -> Iterator[Frame]:
     """Yield what a server sends to a page that plays `past` from its beginning to its end."""
-    now_s, told_s = 0.0, -1
-    playback = Playback(past, now_s)
+    playback = Playback(past, 0.0)
     feed = playback.model.hub.open(UNPACED_HZ)
-    playback.play(now_s, is_playing=True)
-    while True:
+    playback.play(0.0, is_playing=True)
+    for number in itertools.count():
+        now_s = number / RATE_HZ
+        playback.advance(now_s)
         at_s = (playback.at_ns(now_s) - past.began_ns) / NS_PER_S
-        status = playback.status().model_dump_json() if int(at_s) > told_s else ""
-        told_s = int(at_s)
+        status = "" if number % RATE_HZ else playback.status().model_dump_json()
         batch = feed.take(now_s)
         if batch is not None:
             feed.ack(batch.n)
         yield at_s, batch.states if batch else (), batch.events if batch else (), status
         if not playback.is_playing:
             return
-        now_s += 1.0 / RATE_HZ
-        playback.advance(now_s)
 
 
 def _html(recording: bytes) -> str:

@@ -59,7 +59,10 @@ applyTheme(settings.theme);
 
 /** In a page that plays without a server: the recording. */
 const recording = document.getElementById("recording");
-document.body.classList.toggle("framed", window !== window.parent);
+if (window !== window.parent) {
+  document.body.classList.add("framed");
+  at("view").addEventListener("wheel", (event) => event.stopPropagation(), true); // it scrolls the page around
+}
 const connection = new Connection(site, recording ? await (await import("./past/recorded")).play(recording) : toServer, {
   onNews: () => wake(),
   onHello: () => tuning.forget(),
@@ -130,6 +133,7 @@ function frame(): void {
   connection.takeOver();
   for (const happened of site.fresh) tell(happened);
   stage.draw();
+  if (stage.view && site.status) show(at("drawing"), false);
   connection.shown();
   timeline.frame();
   site.fresh.length = 0;
@@ -230,6 +234,7 @@ function showOutage(): void {
 function showConnection(isConnected: boolean, attempt: number): void {
   const isLost = !isConnected && (site.hello !== null || attempt > 1 || connection.isRefused);
   show(at("lost"), isLost);
+  show(at("drawing"), !isLost && site.status === null);
   const text = connection.isRefused ? "PointIt was restarted: open the link that it prints." : site.hello && attempt <= 6
     ? "The connection is lost. What you see is old; trying again …"
     : attempt > 3 ? "PointIt does not answer. Open the link that it printed when it was started." : "Connecting …";

@@ -29,7 +29,7 @@ SOURCES = {
     "services/pointit/plugins": "reference/plug-ins.md",
     "services/pointit/services": "reference/parameters.md",
 }
-"""Files and folders that generated pages are made of, and these pages: a link to the former works without the site."""
+"""Sources of generated pages, and these pages. Links to a source work without the site, too."""
 LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s]+)\)")
 MESSAGE = re.compile(r"schemas/catalogue/messages/(\w+)\.v(\d+)\.json")
 PARAMETERS = re.compile(r"services/pointit/services/(\w+)/config\.py")

@@ -23,8 +23,8 @@ FRAME = r"""<div class="visit" markdown>
 
 </div>
 
-A recorded session in the page itself, [also in a window of its own](visit.html): play it, drag the position, look
-around."""
+A recorded session in the page itself, [also in a window of its own](visit.html): play it, drag the position,
+look around."""
 
 
 @functools.cache

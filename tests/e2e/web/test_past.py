@@ -1,4 +1,4 @@
-"""A recording in a browser: played, paused and scrubbed, and seen as it was; with a server and without one."""
+"""A recording in a browser: played, paused and scrubbed, and seen as it was, also without a server."""
 
 import threading
 from collections.abc import Iterator

@@ -53,6 +53,8 @@ def command(*, file: Path, port: int | None, no_browser: bool, output: Path | No
     from pointit.recording.reader import Recording  # noqa: PLC0415
 
     asked: dict[str, Any] = {} if port is None else {"port": port}
+    if output is not None and port is not None:
+        raise click.UsageError("--port is for a page that is served, --to writes a file: leave one out")
     with Recording.open(file) as recording:
         if output is not None:
             return _write(recording, file.stem, output, overwrite=overwrite)

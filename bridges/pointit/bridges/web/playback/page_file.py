@@ -8,6 +8,7 @@ import zlib
 from collections.abc import Callable, Iterator
 from urllib.parse import quote
 
+from pointit.bridges.web.pages.latest_values import News
 from pointit.bridges.web.playback.past import Past
 from pointit.bridges.web.playback.playback import Playback
 from pointit.bridges.web.server.bundle import STATIC
@@ -31,12 +32,14 @@ MODULE = re.compile(r'"\./(chunk-\w+\.js)"')
 PLAIN = "".join(set(map(chr, range(32, 127))) - set("%#<"))
 """Characters of a module that its address has as they are."""
 
-Frame = tuple[float, object, object, str]
-"""Time from the beginning, s; states and events as in a batch of the wire; the status once a second, else empty."""
+Frame = tuple[float, tuple[News, ...], tuple[News, ...], str]
+"""Time from the beginning, s; states and events as in a batch; status as JSON once a second, else empty."""
 
 
 def page_file(past: Past, tick: Callable[[float], None] = lambda _: None) -> str:
-    """Return the HTML of the page with all of `past`, which has been read; `tick` gets the seconds that are done.
+    """Return the HTML of the page with `past`, which has been read.
+
+    `tick` gets the time of each finished frame, s from the beginning.
 
     Raises:
         ConfigError: If it is too long for a page.
@@ -48,10 +51,10 @@ def page_file(past: Past, tick: Callable[[float], None] = lambda _: None) -> str
         if isinstance(part, tuple):
             tick(part[0])
             if len(packed) > MAX_BYTES:
-                limit, whole_s = MAX_BYTES // 2**20, (past.ended_ns - past.began_ns) / NS_PER_S
+                title, limit, at_s = past.timeline().title, MAX_BYTES / 2**20, part[0]
                 raise ConfigError(
-                    f"{past.timeline().title}: {whole_s:.0f} s are too long for a page: its limit of {limit} MB "
-                    f"is reached after {part[0]:.0f} s. Record a shorter session (--duration)."
+                    f"{title}: too long for a page, whose limit of {limit:.0f} MB is reached after {at_s:.0f} s. "
+                    "Record a shorter session (pointit record --duration)."
                 )
     return _html(bytes(packed + packer.flush()))
 

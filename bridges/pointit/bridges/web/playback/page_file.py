@@ -51,10 +51,9 @@ def page_file(past: Past, tick: Callable[[float], None] = lambda _: None) -> str
         if isinstance(part, tuple):
             tick(part[0])
             if len(packed) > MAX_BYTES:
-                title, limit, at_s = past.timeline().title, MAX_BYTES / 2**20, part[0]
                 raise ConfigError(
-                    f"{title}: too long for a page, whose limit of {limit:.0f} MB is reached after {at_s:.0f} s. "
-                    "Record a shorter session (pointit record --duration)."
+                    f"{past.timeline().title}: too long for a page: its limit of {MAX_BYTES >> 20} MB is reached "
+                    f"after {part[0]:.0f} s. Record a shorter session (pointit record --duration)."
                 )
     return _html(bytes(packed + packer.flush()))
 

@@ -52,8 +52,8 @@ def page_file(past: Past, tick: Callable[[float], None] = lambda _: None) -> str
             tick(part[0])
             if len(packed) > MAX_BYTES:
                 raise ConfigError(
-                    f"{past.timeline().title}: too long for a page: its limit of {MAX_BYTES >> 20} MB is reached "
-                    f"after {part[0]:.0f} s. Record a shorter session (pointit record --duration)."
+                    f"{past.timeline().title}: too long for a page: its limit of {MAX_BYTES >> 20} MB is "
+                    f"reached after {part[0]:.0f} s. Record a shorter session (pointit record --duration)."
                 )
     return _html(bytes(packed + packer.flush()))
 

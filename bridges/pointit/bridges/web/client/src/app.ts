@@ -133,7 +133,6 @@ function frame(): void {
   connection.takeOver();
   for (const happened of site.fresh) tell(happened);
   stage.draw();
-  if (stage.view && site.status) show(at("drawing"), false);
   connection.shown();
   timeline.frame();
   site.fresh.length = 0;
@@ -224,8 +223,10 @@ function showVisit(): void {
   visit.title = `${name} (${isPast ? "Esc" : "W"})`;
 }
 
-/** Say why the scene stands still. */
+/** Say that the scene is not there yet, or why it stands still. */
 function showOutage(): void {
+  const isDrawn = stage.view && site.status && (site.map || !controls.isPresent("pui"));
+  show(at("drawing"), !isDrawn && at("lost").hidden);
   const text = site.connected ? outage(site) : "";
   show(at("outage"), text !== "");
   write(at("outage-text"), text);
@@ -234,7 +235,6 @@ function showOutage(): void {
 function showConnection(isConnected: boolean, attempt: number): void {
   const isLost = !isConnected && (site.hello !== null || attempt > 1 || connection.isRefused);
   show(at("lost"), isLost);
-  show(at("drawing"), !isLost && site.status === null);
   const text = connection.isRefused ? "PointIt was restarted: open the link that it prints." : site.hello && attempt <= 6
     ? "The connection is lost. What you see is old; trying again …"
     : attempt > 3 ? "PointIt does not answer. Open the link that it printed when it was started." : "Connecting …";

@@ -84,8 +84,8 @@ def _html(recording: bytes) -> str:
         (
             f'<script id="recording" type="text/plain">{base64.b64encode(recording).decode()}</script>',
             f'<script type="importmap">{json.dumps({"imports": _modules()})}</script>',
-            '<script type="module">import "app.js";</script>',
-            f"<!--\n{_text('LICENSES.txt')}-->\n</body>",
+            '<script type="module">import "app.js";</script>\n',
+            f'<script id="licences" type="text/plain">{_text("LICENSES.txt")}</script>\n</body>',
         )
     )
     for there, instead in (

@@ -9,8 +9,8 @@ type News = [topic: string, name: string, payload: Uint8Array | null];
 /** As `page_file.py` writes it. */
 export type Frame = [atS: number, states: News[], events: News[], status: string];
 
-/** A machine that is too slow, or a page in the background, plays so much of a time between two animation frames, s. */
-const MOST_S = 0.25;
+/** Played between two animation frames at most, s: a page in the background waits. */
+const MOST_S = 1;
 
 /** Return the parts of the recording in the page. */
 export async function unpacked(base64: string): Promise<[hello: string, timeline: string, ...frames: Frame[]]> {
@@ -67,6 +67,7 @@ export class RecordedSocket implements Socket {
   advance(seconds: number): void {
     if (!this.isPlaying) return;
     this.at = Math.min(this.at + Math.min(seconds, MOST_S) * this.speed, this.end);
+    if (seconds > MOST_S) this.tell(false); // else the page would take what comes for late
     for (let frame = this.next; frame; frame = this.next) {
       this.count += 1;
       for (const news of frame[1]) hold(this.held, news);

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { encode } from "@msgpack/msgpack";
-import { decodeBatch, type Batch } from "../site/batch";
+import { decodeBatch } from "../site/batch";
 import type { Playing } from "../wire";
 import { RecordedSocket, unpacked, type Frame } from "./recorded";
 
@@ -13,20 +13,19 @@ const FRAMES: Frame[] = [
   [2, [["pose", "anna", bytes(2)], ["pose", "ben", null]], [], "status 2"],
 ];
 
-/** A socket that has begun, and what it says: texts, positions, batches. */
-function opened(): { socket: RecordedSocket; said: () => { texts: string[]; playing: Playing[]; batches: Batch[]; states: unknown[] } } {
+/** A socket that has begun, and what it has said since it was asked last. */
+function opened() {
   const socket = new RecordedSocket("hello", '{"began_ns":1e18}', FRAMES, true);
   const heard: (string | ArrayBuffer)[] = [];
   socket.onmessage = ({ data }: MessageEvent<string | ArrayBuffer>) => void heard.push(data);
   socket.open();
-  return { socket, said: () => {
-    const all = heard.splice(0), texts = all.filter((each) => typeof each === "string");
+  const said = () => {
+    const all = heard.splice(0), texts = all.filter((each) => typeof each === "string"), isPlaying = (each: string) => each.startsWith('{"kind":"playing"');
     const batches = all.filter((each) => typeof each !== "string").map((each) => decodeBatch(new Uint8Array(each)));
-    return {
-      texts: texts.filter((each) => !each.includes("playing\"")), playing: texts.filter((each) => each.includes("playing\"")).map((each) => JSON.parse(each) as Playing),
-      batches, states: batches.flatMap(({ states }) => states.map(({ topic, name, payload }) => [topic, name, payload?.[0] ?? null])),
-    };
-  } };
+    const states = batches.flatMap((batch) => batch.states.map(({ topic, name, payload }) => [topic, name, payload?.[0] ?? null]));
+    return { texts: texts.filter((each) => !isPlaying(each)), playing: texts.filter(isPlaying).map((each) => JSON.parse(each) as Playing), batches, states };
+  };
+  return { socket, said };
 }
 
 test("a recording in the page begins as a server does, and stands at its end", () => {

@@ -1,6 +1,5 @@
 """The page and a recording in one file: what it plays, and that it is whole."""
 
-import asyncio
 import base64
 import io
 import json
@@ -20,6 +19,7 @@ from pointit.bridges.web.playback.past import Past
 from pointit.bridges.web.playback.playback import Playback
 from pointit.recording.reader import Recording
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.virtual_time import run_virtually
 from pointit.schemas import NS_PER_S
 from tests.support.recorded import session, write_recording
 
@@ -33,7 +33,7 @@ def past(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Past]:
     write_recording(path, session("scenario_4", LENGTH_S))
     with Recording.open(path) as recording:
         read = FilePast(recording, "lab")
-        asyncio.run(read.read())
+        run_virtually(read.read())
         yield read
 
 

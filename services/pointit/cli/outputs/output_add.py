@@ -92,7 +92,7 @@ async def _show(config: OutputConfig, health: ToldHealth, **at: Unpack[AtSite]) 
         folder = plugin_folder(bus.site, "", OUTPUTS.kind, config.kind)
         around = Surroundings(clock=WallClock(), health=health, folder=folder)
         (output,) = make_outputs([config], lambda _kind, _name, _user, _which: around, health)
-        shown = _Shown(output)
+        shown = SiteFrames(output)
         bus.subscribe(MAP, shown.on_map)
         bus.subscribe(STRIPS_FRAME, shown.on_frame)
         bus.subscribe(LAMP_COLOR, shown.on_lamp)
@@ -102,8 +102,8 @@ async def _show(config: OutputConfig, health: ToldHealth, **at: Unpack[AtSite]) 
     return 0
 
 
-class _Shown:
-    """Passes on to an output what the site shows."""
+class SiteFrames:
+    """Passes on to an output what the site shows; nothing is lit without `LED_DRIVER`."""
 
     def __init__(self, output: GuardedOutput) -> None:
         self._output = output

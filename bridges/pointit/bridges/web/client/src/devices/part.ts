@@ -63,18 +63,18 @@ export function devicesPart(controls: Controls): Part {
   }
 
   function offer(device: FoundDevice): HTMLElement {
-    const title = el("strong", { text: device.label });
-    if (!canConnect) return el("li", {}, title, el("code", { text: command(device) }));
+    const title = el("strong", { text: device.label }), kind = el("p", { className: "muted", text: device.plugin });
+    if (!canConnect) return el("li", {}, title, kind, el("code", { text: command(device) }));
     const button = el("button", { type: "submit" }, icon("plus"), el("span", { text: "Connect" }));
     const field = device.kind === "wrist"
       ? el("input", { type: "text", value: freeName([...site.people.keys()]), maxlength: 64, required: true, autocomplete: "off", spellcheck: "false" })
       : el("select", {}, ...freeStrips(site.map?.strips ?? [], lines()).map(({ id, pixels }) =>
-        el("option", { value: id, text: `Strip ${id}, ${pixels} pixels` })), el("option", { value: NEW_STRIP, text: "A new strip in the map" }));
+        el("option", { value: id, text: `Strip ${id} (${pixels})` })), el("option", { value: NEW_STRIP, text: "A new strip in the map" }));
     const form = el("form", { onsubmit: (event) => {
       event.preventDefault();
       void connect(device, field.value || newStrip(device), button);
     } }, el("label", {}, el("span", { className: "muted", text: device.kind === "wrist" ? "Who wears it" : "Shows" }), field), button);
-    return el("li", {}, title, form);
+    return el("li", {}, title, kind, form);
   }
 
   /** Name of a strip for a light, after the light's own. */
@@ -94,7 +94,7 @@ export function devicesPart(controls: Controls): Part {
     const forget = el("button", { type: "button", "aria-label": `Forget ${line.label}`, onclick: () => void controls.ask({ deed: "forget_device", query: { id: line.id } }) }, el("span", { text: "Forget" }));
     const state = el("p", {});
     states.set(line.id, state);
-    return el("li", {}, el("strong", { text: isWrist ? line.name : `Strip ${line.name}` }), el("p", { className: "muted", text: line.label }), state,
+    return el("li", {}, el("strong", { text: isWrist ? line.name : `Strip ${line.name}` }), el("p", { className: "muted", text: `${line.label} · ${line.plugin}` }), state,
       controls.mayDo("forget_device") ? el("div", { className: "pairs" }, act, forget) : null);
   }
 

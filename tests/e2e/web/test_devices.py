@@ -41,6 +41,8 @@ class Tracker(SlimevrTracker):
         super().__init__()
         self.program_port = PORT
         self.orientation = IDENTITY
+        self.sent = 0
+        """Number of orientations."""
 
     async def wear(self) -> None:
         """Send its orientation and battery until cancelled."""
@@ -49,6 +51,7 @@ class Tracker(SlimevrTracker):
             await self.send(battery)
             for _ in range(50):
                 await self.send(slimevr_rotation(self.orientation))
+                self.sent += 1
                 await asyncio.sleep(0.02)
 
 
@@ -113,6 +116,8 @@ async def test_a_light_and_a_wrist_are_connected_and_come_back_in_the_next_run(
         wrist.orientation = RAISED
         await expect(dialog.get_by_role("status")).to_have_text("It sits as assumed.")
         wrist.orientation = IDENTITY
+        raised = wrist.sent
+        await until(lambda: wrist.sent > raised + 50, what="a level arm")
         await dialog.get_by_role("button", name="I point there now").click()
         await expect(dialog).to_have_count(0)
         await expect(page.get_by_text("battery 82 %")).to_be_visible()

@@ -76,7 +76,8 @@ async def refusal(page: Page, **changes: Any) -> str:
 
 
 def line(page: Page, kind: str) -> dict[str, Any]:
-    return next((each for each in page.status.get("devices", ()) if each["kind"] == kind), {})
+    lines: list[dict[str, Any]] = page.status.get("devices", [])
+    return next((each for each in lines if each["kind"] == kind), dict[str, Any]())
 
 
 async def test_devices_are_found_with_the_words_that_choose_them() -> None:
@@ -202,9 +203,7 @@ async def test_a_broken_file_of_devices_is_named_and_left_alone(own_state: Path)
         file.write_text("{broken")
         async with serving(bench, devices_at=AT) as server, server.page():
             health = bench.collect(topics.HEALTH, "web")
-            await until(
-                lambda: any("devices.json" in each for each in (health and health[-1].warnings) or ())
-            )
+            await until(lambda: any("devices.json" in "".join(each.warnings) for each in health))
         assert file.read_text() == "{broken"
 
 
@@ -215,7 +214,7 @@ async def test_a_process_that_does_not_end_is_killed(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(process, "BEGIN", stubborn)
     monkeypatch.setattr(process, "STOP_PATIENCE_S", 0.05)
     told: list[object] = []
-    running = asyncio.create_task(process.run_command([], str, told.append))
+    running = asyncio.create_task(process.run_command([], lambda _line: None, told.append))
     await until(lambda: bool(told))
     running.cancel()
     with contextlib.suppress(asyncio.CancelledError):

@@ -3,6 +3,7 @@
 import type { Controls } from "../controls";
 import { el, icon, show, write } from "../dom";
 import { capital } from "../format";
+import { Refusal, type Reply, type Wish } from "../site/asks";
 import type { DeviceLine } from "../wire";
 
 /** Both poses may take their whole patience, ms. */
@@ -70,20 +71,28 @@ export function wearingDialog(controls: Controls): Wearing {
     else {
       controls.choose(device.name);
       if (controls.localizes) controls.localize();
-      else if (!(await controls.ask({ deed: "centre", name: device.name }))) return;
+      else if (!(await ask({ deed: "centre", name: device.name }))) return;
       dialog.close();
+    }
+  }
+
+  /** Ask, and say the reason of a refusal here: a toast is behind the dialog. */
+  async function ask(wish: Wish, patienceMs?: number): Promise<Reply | null> {
+    try {
+      return await controls.connection.ask(wish, patienceMs);
+    } catch (error) {
+      if (!(error instanceof Refusal)) throw error;
+      write(said, capital(error.message));
+      return null;
     }
   }
 
   async function measure(line: DeviceLine): Promise<void> {
     isMeasuring = next.disabled = skip.disabled = true;
     write(said, "Waiting for the wrist …");
-    const reply = await controls.ask({ deed: "check_mounting", query: { id: line.id } }, { isQuiet: true, patienceMs: CHECK_MS });
+    const reply = await ask({ deed: "check_mounting", query: { id: line.id } }, CHECK_MS);
     isMeasuring = next.disabled = skip.disabled = false;
-    if (!reply) {
-      write(said, "Not measured. Begin again, or skip this.");
-      return;
-    }
+    if (!reply) return;
     enter(2);
     write(said, fitSentence(reply));
   }

@@ -110,17 +110,21 @@ class SiteFrames:
         self._frame = StripsFrame(stamp_ns=0, strips=())
 
     def on_map(self, room: Environment, _name: str) -> None:
+        """Set the map, and show the last frame again."""
         self._output.set_map(room)
         self._output.show(self._frame)
 
     def on_frame(self, frame: StripsFrame, _name: str) -> None:
+        """Show a frame."""
         self._frame = frame
         self._output.show(frame)
 
     def on_lamp(self, lamp: LampColor, name: str) -> None:
+        """Show the colour of a lamp."""
         self._output.show_lamp(name, lamp.color)
 
     def on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        """Show darkness when `LED_DRIVER` has left."""
         if instance == LED_DRIVER and not present:
             dark = tuple(StripFrame(id=each.id, rgb=bytes(len(each.rgb))) for each in self._frame.strips)
             self.on_frame(StripsFrame(stamp_ns=time.time_ns(), strips=dark), "")

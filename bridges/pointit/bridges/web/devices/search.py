@@ -18,7 +18,7 @@ KINDS = {"wrist": ("imu-source", "--imu"), "light": ("led-output", "--output")}
 
 @dataclass(frozen=True, kw_only=True)
 class Found:
-    """What a search has found."""
+    """Result of a search."""
 
     devices: tuple[Connected, ...]
     """Devices as they would be stored, without the name of a person or strip."""

@@ -1,4 +1,4 @@
-"""What pages ask of devices, what they are told, and what is stored of connected ones."""
+"""Requests of pages about devices, and the stored devices."""
 
 from typing import Annotated, Literal
 

@@ -1,10 +1,6 @@
 """Devices in the page: a WLED and a network wrist are found, connected, tested and remembered."""
 
-import asyncio
 import contextlib
-import struct
-from collections.abc import AsyncGenerator
-from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
@@ -12,14 +8,13 @@ import yaml
 from playwright.async_api import Browser, expect
 
 from pointit.geometry.rotation import IDENTITY, Quaternion
-from pointit.services.imu_bridge.network.slimevr_protocol import PORT
-from pointit_lab.devices.harnesses.network import SlimevrTracker, slimevr_rotation
 from tests.e2e.web.axe import violations as axe_violations
 from tests.e2e.web.conftest import page_is_built
 from tests.e2e.web.site import running
 from tests.e2e.web.window import NO_WEBGL, Window
 from tests.support.bench import until
 from tests.support.commands import Commands
+from tests.support.tracker import MAC, tracker
 from tests.support.wled import Wled, wled
 
 pytestmark = pytest.mark.slow
@@ -31,42 +26,6 @@ strips:
 RAISED: Quaternion = (0.0, -(0.5**0.5), 0.0, 0.5**0.5)
 """The arm straight up, after `IDENTITY`, level ahead."""
 GREEN, RED = b"\0\xff\0", b"\xff\0\0"
-MAC = "02:00:0A:0B:0C:0D"
-
-
-class Tracker(SlimevrTracker):
-    """A wrist in the network, at the port at which all of its kind call."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.program_port = PORT
-        self.orientation = IDENTITY
-        self.sent = 0
-        """Number of orientations."""
-
-    async def wear(self) -> None:
-        """Send its orientation and battery until cancelled."""
-        battery = struct.pack(">IQff", 12, 0, 3.9, 0.82)
-        while True:
-            await self.send(battery)
-            for _ in range(50):
-                await self.send(slimevr_rotation(self.orientation))
-                self.sent += 1
-                await asyncio.sleep(0.02)
-
-
-@asynccontextmanager
-async def tracker() -> AsyncGenerator[Tracker]:
-    device = Tracker()
-    await device.plug()
-    wearing = asyncio.create_task(device.wear())
-    try:
-        yield device
-    finally:
-        wearing.cancel()
-        await asyncio.gather(wearing, return_exceptions=True)
-        await device.unplug()
-        device.close()
 
 
 def shows_pattern(light: Wled) -> bool:

@@ -194,6 +194,12 @@ async def test_a_device_that_ends_is_a_problem_of_the_site_with_its_reason(
         assert not await refusal(page)
         await until(lambda: line(page, "light").get("problem") == "nothing answers")
         await until(lambda: any("Kitchen, 60 pixels: nothing answers" in each.warnings for each in health))
+        monkeypatch.setattr(process, "BEGIN", process.BEGIN.replace("'broken'", "'mended'"))
+        monkeypatch.setitem(FOUND, "led-output", ())
+        await page.ask(deed="find_devices")
+        assert not await refusal(page), "it is connected already, so it is not searched"
+        await until(lambda: bool(line(page, "light")["is_on"]))
+        assert not line(page, "light")["problem"]
 
 
 async def test_a_broken_file_of_devices_is_named_and_left_alone(own_state: Path) -> None:

@@ -121,7 +121,7 @@ class Devices:
         }
 
     async def connect(self, wanted: ConnectDevice) -> dict[str, Any]:
-        """Connect a device that was found, now and at every start.
+        """Connect a device that was found, now and at every start, or start that of a connected one again.
 
         Raises:
             PointItError: If it cannot be connected; the text says why.
@@ -130,9 +130,10 @@ class Devices:
             raise RefusedError(
                 "this page belongs to no run, so it starts nothing: use the command shown beside the device"
             )
-        device = None
-        if self._found is not None:
-            device = self._found.device(wanted.kind, wanted.plugin, wanted.address)
+        before = [each.device for each in self._running.values() if each.device.is_like(wanted)]
+        device = before[0] if before else None
+        if device is None and self._found is not None:
+            device = self._found.device(wanted)
         if device is None:
             raise RefusedError(f"{wanted.plugin} {wanted.address} was not found: look for devices first")
         device = device.model_copy(update={"name": wanted.name})

@@ -4,7 +4,7 @@ import ipaddress
 from dataclasses import dataclass
 from typing import Any
 
-from pointit.bridges.web.devices.wire import Connected
+from pointit.bridges.web.devices.wire import ConnectDevice, Connected
 from pointit.plugins import GROUPS
 from pointit.plugins.device_search import SearchResult, search, words
 from pointit.runtime.config.plugins import FoundDevice
@@ -27,10 +27,9 @@ class Found:
     problems: tuple[str, ...]
     """A sentence for each search that could not run."""
 
-    def device(self, kind: str, plugin: str, address: str) -> Connected | None:
-        """Return the device that was found under these names, or None."""
-        wanted = (kind, plugin, address)
-        return next((each for each in self.devices if (each.kind, each.plugin, each.address) == wanted), None)
+    def device(self, wanted: ConnectDevice) -> Connected | None:
+        """Return the device that `wanted` chooses, or None if it was not found."""
+        return next((each for each in self.devices if each.is_like(wanted)), None)
 
 
 def find() -> Found:

@@ -32,6 +32,10 @@ class ConnectDevice(_Frozen):
         ),
     ]
 
+    def is_like(self, other: "ConnectDevice") -> bool:
+        """Return True if `other` is the same device, whatever it is for."""
+        return (self.kind, self.plugin, self.address) == (other.kind, other.plugin, other.address)
+
 
 class OneDevice(_Frozen):
     """A connected device."""

@@ -54,7 +54,7 @@ export function devicesPart(controls: Controls): Part {
     controls.changed();
   }
 
-  async function connect(device: FoundDevice, name: string, button: HTMLButtonElement): Promise<void> {
+  async function connect(device: FoundDevice | DeviceLine, name: string, button: HTMLButtonElement): Promise<void> {
     button.disabled = true;
     const { kind, plugin, address } = device;
     const reply = await controls.ask({ deed: "connect_device", query: { kind, plugin, address, name } }, { patienceMs: CONNECT_MS });
@@ -88,7 +88,8 @@ export function devicesPart(controls: Controls): Part {
 
   function item(line: DeviceLine): HTMLElement {
     const isWrist = line.kind === "wrist";
-    const act = isWrist
+    const again = el("button", { type: "button", "aria-label": `Connect ${line.name} again`, onclick: () => void connect(line, line.name, again) }, el("span", { text: "Again" }));
+    const act = line.problem && !line.is_on ? again : isWrist
       ? el("button", { type: "button", "aria-label": `How ${line.name} wears it`, disabled: !line.is_on, onclick: () => wearing.open(line) }, el("span", { text: "Fit" }))
       : el("button", { type: "button", "aria-label": `Test pattern on strip ${line.name}`, disabled: !line.is_on, onclick: () => void controls.ask({ deed: "show_device", query: { id: line.id } }) }, el("span", { text: "Test" }));
     const forget = el("button", { type: "button", "aria-label": `Forget ${line.label}`, onclick: () => void controls.ask({ deed: "forget_device", query: { id: line.id } }) }, el("span", { text: "Forget" }));
@@ -109,7 +110,7 @@ export function devicesPart(controls: Controls): Part {
     update() {
       show(element, controls.mayDo("find_devices"));
       const all = lines();
-      renew(connected, JSON.stringify(all.map((line) => [line.id, line.label, line.is_on])), () => all.map(item));
+      renew(connected, JSON.stringify(all.map((line) => [line.id, line.label, line.is_on, line.problem && !line.is_on])), () => all.map(item));
       for (const line of all) {
         const state = states.get(line.id)!;
         state.className = line.problem ? "reason" : "muted";

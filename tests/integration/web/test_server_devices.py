@@ -93,7 +93,7 @@ async def test_devices_are_found_with_the_words_that_choose_them() -> None:
 
 
 async def test_only_an_operator_may_find_connect_test_and_forget(started: Path) -> None:
-    asked = [
+    asked: list[dict[str, Any]] = [
         {"deed": "find_devices"},
         {"deed": "connect_device", "query": LIGHT},
         *(

@@ -69,11 +69,11 @@ export function devicesPart(controls: Controls): Part {
     const field = device.kind === "wrist"
       ? el("input", { type: "text", value: freeName([...site.people.keys()]), maxlength: 64, required: true, autocomplete: "off", spellcheck: "false" })
       : el("select", {}, ...freeStrips(site.map?.strips ?? [], lines()).map(({ id, pixels }) =>
-        el("option", { value: id, text: `Strip ${id} (${pixels})` })), el("option", { value: NEW_STRIP, text: "A new strip in the map" }));
+        el("option", { value: id, text: `${id} (${pixels})` })), el("option", { value: NEW_STRIP, text: "A new strip in the map" }));
     const form = el("form", { onsubmit: (event) => {
       event.preventDefault();
       void connect(device, field.value || newStrip(device), button);
-    } }, el("label", {}, el("span", { className: "muted", text: device.kind === "wrist" ? "Who wears it" : "Shows" }), field), button);
+    } }, el("label", {}, el("span", { className: "muted", text: device.kind === "wrist" ? "Who wears it" : "Shows strip" }), field), button);
     return el("li", {}, title, kind, form);
   }
 

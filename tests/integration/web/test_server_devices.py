@@ -147,7 +147,7 @@ async def test_a_wrist_is_a_person_whose_mounting_is_checked(started: Path) -> N
     async with memory_bench() as bench, serving(bench, devices_at=AT) as server, server.page() as page:
         await room(bench, page)
         reply = (await page.ask(deed="connect_device", query=WRIST))["reply"]
-        await until(lambda: bool(commands(started)))
+        await until(lambda: bool(commands(started) and line(page, "wrist")))
         assert not line(page, "wrist")["is_on"], "no imu-bridge is there"
         bench.bus.announce(topics.SERVICE_ALIVE, "imu-bridge.anna")
         await until(lambda: bool(line(page, "wrist").get("is_on")))

@@ -34,8 +34,6 @@ MOUNTINGS = {"metamotion": "metamotion"}
 """Mounting of wrists that are worn differently from the usual, by plug-in."""
 HEIGHT_M, LEDS_PER_M = 1.0, 60.0
 """Default place of a strip that is added to the map: along x, so high, with so many pixels a metre."""
-REST_S, REST_PATIENCE_S = 2.0, 30.0
-"""Rest of the arm in each pose of the check of the mounting, s, and the time to begin it."""
 
 
 @dataclass(eq=False)
@@ -137,7 +135,13 @@ class Devices:
         if device is None:
             raise RefusedError(f"{wanted.plugin} {wanted.address} was not found: look for devices first")
         device = device.model_copy(update={"name": wanted.name})
-        note = await (self._check_wrist(device) if device.kind == "wrist" else self._check_light(device))
+        if device.id not in self._running and len(self._running) >= MAX_DEVICES:
+            raise RefusedError(f"{MAX_DEVICES} devices are connected, which is the most: forget one first")
+        note = ""
+        if device.kind == "wrist":
+            self._check_wrist(device)
+        else:
+            note = await self._check_light(device)
         await self._end(device.id)
         self._begin(device)
         self._store()
@@ -193,8 +197,7 @@ class Devices:
             self.changed()
 
         measure = ("person", "calibrate", "mounting", device.name, "--non-interactive", "--json")
-        times = ("--seconds", f"{REST_S:g}", "--timeout", f"{REST_PATIENCE_S:g}")
-        problem = await run_command((*measure, *times, *self._link), on_said, told.update)
+        problem = await run_command((*measure, *self._link), on_said, told.update)
         on_said("")
         if problem:
             raise RefusedError(problem)
@@ -272,27 +275,23 @@ class Devices:
     def _device(self, device_id: str) -> Connected:
         running = self._running.get(device_id)
         if running is None:
-            raise RefusedError(f"no device {device_id!r} is connected; connected: {self._listed()}")
+            raise RefusedError(
+                f"no device {device_id!r} is connected; connected: {', '.join(self._running) or 'none'}"
+            )
         return running.device
-
-    def _listed(self) -> str:
-        return ", ".join(self._running) or "none"
 
     # Checks before a connection.
 
-    async def _check_wrist(self, device: Connected) -> str:
+    def _check_wrist(self, device: Connected) -> None:
         check_user(device.name)
         if device.id not in self._running and instance_of(IMU_BRIDGE, device.name) in self.present():
             raise RefusedError(f"{device.name} is there already: choose another name for who wears it")
-        self._check_count(device.id)
-        return ""
 
     async def _check_light(self, device: Connected) -> str:
         """Add the strip to the map if it is not there. Return what is to be done next, or `""`."""
         taken = self._running.get(device.id)
         if taken is not None and taken.device.option != device.option:
             raise RefusedError(f"strip {device.name} is on {taken.device.label}: forget that one first")
-        self._check_count(device.id)
         pixels = self._strips.get(device.name)
         if pixels is not None:
             if device.pixels and device.pixels != pixels:
@@ -308,7 +307,3 @@ class Devices:
         room = await self.maps.read()
         await self.maps.save([strip], room["digest"], "")
         return f"; it is at a default place in the map, {length_m:.2g} m long: move it by Edit the map"
-
-    def _check_count(self, device_id: str) -> None:
-        if device_id not in self._running and len(self._running) >= MAX_DEVICES:
-            raise RefusedError(f"{MAX_DEVICES} devices are connected, which is the most: forget one first")

@@ -64,16 +64,10 @@ async def run_command(
 
 
 async def _lines(stream: asyncio.StreamReader | None, on_line: Callable[[str], None]) -> None:
-    while stream is not None and (line := await _line(stream)) is not None:
-        if text := line.decode(errors="replace").strip():
-            on_line(text)
-
-
-async def _line(stream: asyncio.StreamReader) -> bytes | None:
-    try:
-        return await stream.readline() or None
-    except ValueError:  # longer than `MAX_LINE_BYTES`, and dropped
-        return b"\n"
+    while stream is not None and not stream.at_eof():
+        with contextlib.suppress(ValueError):  # longer than `MAX_LINE_BYTES`, and dropped
+            if text := (await stream.readline()).decode(errors="replace").strip():
+                on_line(text)
 
 
 async def _objects(stream: asyncio.StreamReader | None, on_told: Callable[[Told], None]) -> None:

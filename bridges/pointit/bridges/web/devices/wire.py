@@ -62,18 +62,8 @@ class Connected(ConnectDevice):
 
     def line(self, *, is_on: bool, said: str, problem: str) -> DeviceLine:
         """Return its line for pages."""
-        return DeviceLine(
-            id=self.id,
-            kind=self.kind,
-            name=self.name,
-            plugin=self.plugin,
-            address=self.address,
-            label=self.label,
-            pixels=self.pixels,
-            is_on=is_on,
-            said=said,
-            problem=problem,
-        )
+        own = self.model_dump(exclude={"is_remote"})
+        return DeviceLine(id=self.id, is_on=is_on, said=said, problem=problem, **own)
 
 
 class StoredDevices(_Frozen):

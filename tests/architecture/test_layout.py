@@ -40,6 +40,7 @@ DEVICES = {
         "robot": "drivers/sim/sim_driver.py drivers/vda5050/agv.py drivers/vda5050/driver.py robot_driver.py",
         "selector": "selection_methods.py shard_role.py site_role.py store/history.py",
         "web": """
+            devices/devices.py devices/process.py
             pages/request_dispatcher.py metrics/door.py server/app.py server/certificate.py
             server/download.py server/lan.py server/link_file.py pages/open_pages.py
             model/history.py model/people.py wrists/phone.py wrists/phone_connection.py

@@ -4,17 +4,13 @@ import asyncio
 import contextlib
 import functools
 import importlib
-import json
 import random
-import socket
-import threading
 from collections.abc import AsyncGenerator, Callable, Iterator, Mapping, Sequence
 from contextlib import asynccontextmanager
-from http.server import BaseHTTPRequestHandler, HTTPServer
 from typing import Any
 
 import pytest
-from zeroconf.asyncio import AsyncServiceInfo, AsyncZeroconf
+from zeroconf.asyncio import AsyncZeroconf
 
 import pointit
 from pointit.api.site import Site
@@ -22,15 +18,14 @@ from pointit.plugins import FoundDevice, Surroundings
 from pointit.schemas import Strip, StripFrame, StripsFrame
 from pointit.schemas.topics import HEALTH
 from pointit.services.led_driver.guarded_output import GuardedOutput
-from pointit.services.led_driver.output.ddp import SERVICE, find_wled
+from pointit.services.led_driver.output.ddp import find_wled
 from pointit.services.led_driver.output.dmx.e131 import E131Config, make_e131
 from pointit.testing import PtyDevice, UdpDevice
 from tests.support.bench import until
 from tests.support.buses import free_udp_port
 from tests.support.pace import Patience
+from tests.support.wled import Packet, announcement, served_info
 
-Packet: Any = importlib.import_module("ddp.packet").Packet
-"""Packet of python-led-ddp, which is untyped."""
 FRAMES = 40
 SKETCH_PIXELS = 320
 MIXED = (
@@ -203,30 +198,10 @@ async def test_frames_arrive_and_the_end_of_the_stream_is_noticed() -> None:
         assert listener.shows(bytes(3 * PIXELS))
 
 
-INFO = {"leds": {"count": 120}, "ver": "0.15.1", "name": "Kitchen"}
-
-
-class Info(BaseHTTPRequestHandler):
-    """The answer of WLED to `/json/info`."""
-
-    def do_GET(self) -> None:
-        self.send_response(200 if self.path == "/json/info" else 404)
-        self.end_headers()
-        self.wfile.write(json.dumps(INFO).encode())
-
-    def log_request(self, code: object = "-", size: object = "-") -> None:
-        """Log nothing."""
-
-
 @pytest.fixture
 def web_port() -> Iterator[int]:
-    server = HTTPServer(("127.0.0.1", 0), Info)
-    thread = threading.Thread(target=server.serve_forever, args=(0.01,))
-    thread.start()
-    yield server.server_port
-    server.shutdown()
-    thread.join()
-    server.server_close()
+    with served_info() as port:
+        yield port
 
 
 async def write_garbage(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -242,12 +217,6 @@ async def write_for_ever(reader: asyncio.StreamReader, writer: asyncio.StreamWri
             async with asyncio.timeout(0.1):
                 await reader.read()
     writer.close()
-
-
-def announcement(name: str, port: int) -> AsyncServiceInfo:
-    kind = f"{SERVICE}.local."
-    address = socket.inet_aton("127.0.0.1")
-    return AsyncServiceInfo(kind, f"{name}.{kind}", port=port, addresses=[address], server=f"{name}.local.")
 
 
 async def test_controller_in_the_network_is_found_beside_others_that_answer_nonsense(web_port: int) -> None:

@@ -106,7 +106,7 @@ async def test_requests_of_a_phone_are_for_its_own_person(bench: PhoneBench, pho
 
 
 async def test_a_phone_may_not_control_the_site(bench: PhoneBench, phone: AsyncClient) -> None:
-    wishes = [{"deed": deed} for deed in ("pair", "open_lan", "find_wrists", "tremor")]
+    wishes = [{"deed": deed} for deed in ("pair", "open_lan", "find_devices", "connect_device", "tremor")]
     wishes += [{"key": key} for key in ("conveyor/set_speed", "")]
     answers = await posted(phone, *({"kind": "ask", "id": n, **wish} for n, wish in enumerate(wishes)))
     assert ["a phone cannot ask for" in answer["error"] for answer in answers] == [True] * len(wishes)

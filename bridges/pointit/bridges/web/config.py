@@ -45,6 +45,11 @@ class WebConfig(Config):
     most_viewers: int = Field(
         default=100, ge=1, le=10_000, description="maximum number of open pages; more are refused"
     )
+    devices_at: str = Field(
+        default="",
+        description="address of the site for the processes of devices that a page connects, set by "
+        "`pointit run`; no device can be connected if empty",
+    )
     scan_file: str = Field(
         default="", description="suggested path of the map that *Map this room* writes  [default: room.yaml]"
     )

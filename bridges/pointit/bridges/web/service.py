@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 from starlette.websockets import WebSocket
 
 from pointit.bridges.web.config import WebConfig
+from pointit.bridges.web.devices.devices import Devices
 from pointit.bridges.web.metrics.door import metrics_route
 from pointit.bridges.web.metrics.site_metrics import READS, SiteMetrics
 from pointit.bridges.web.model.history import Past
@@ -146,6 +147,14 @@ class Web(Service[WebConfig]):
         routes = [*self._phones.routes, *self._camera.routes, metrics_route(self._metrics, doors)]
         app = application(doors, bundle, self._open, self._downloads.answer, routes)
         self._told_apart = ToldApart()
+        maps = MapEditor(self.bus)
+        self._devices = Devices(
+            bus=self.bus,
+            maps=maps,
+            address=config.devices_at,
+            present=lambda: self._belief.present,
+            changed=self._changed,
+        )
         self._lan = Lan(config, self.bus.site, app)
         self._answers = RequestDispatcher(
             bus=self.bus,
@@ -156,8 +165,9 @@ class Web(Service[WebConfig]):
             lan=self._lan,
             doors=doors,
             told_apart=self._told_apart,
-            maps=MapEditor(self.bus),
+            maps=maps,
             scan=self._camera,
+            devices=self._devices,
             present=lambda: self._belief.present,
             changed=self._changed,
         )
@@ -186,6 +196,7 @@ class Web(Service[WebConfig]):
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._tick(), name="web tick")
                 group.create_task(self._past.run(), name="web past")
+                group.create_task(self._devices.run(), name="web devices")
                 group.create_task(self._motion.run(), name="web wrists")
         finally:
             self._downloads.close()
@@ -255,7 +266,7 @@ class Web(Service[WebConfig]):
 
     def _status(self, page: str) -> Status:
         now_s = self._now_s()
-        return self._belief.status(
+        status = self._belief.status(
             [
                 self._wrists.line(user, page, self.clock.now_ns(), paired=self._pairing.paired(user, now_s))
                 for user in self._people.names
@@ -265,6 +276,7 @@ class Web(Service[WebConfig]):
             lan_url=self._lan.url,
             speed=self.clock.speed,
         )
+        return status.model_copy(update={"devices": self._devices.lines()})
 
     # Input from the bus.
 
@@ -287,6 +299,7 @@ class Web(Service[WebConfig]):
     def _attend(self, message: Message, name: str) -> None:
         match message:
             case Deployment():
+                self._devices.on_deployment(message)
                 self._changed()
             case SelectionEvent():
                 self._past.hear(message)
@@ -295,6 +308,7 @@ class Web(Service[WebConfig]):
             case Environment():
                 self._wrists.room(message)
                 self._told_apart.take(message)
+                self._devices.on_map(message)
                 strips = {strip.id: strip.pixels for strip in message.strips}
                 lamps = {lamp.id: 1 for lamp in message.lamps if lamp.id not in strips}
                 self._lights.set_lamps(lamps)

@@ -69,7 +69,11 @@ Deed = Literal[
     "tremor",
     "pair",
     "open_lan",
-    "find_wrists",
+    "find_devices",
+    "connect_device",
+    "forget_device",
+    "show_device",
+    "check_mounting",
     "told_apart",
     "centre",
     "speak",
@@ -80,7 +84,8 @@ Deed = Literal[
 ]
 """Actions of this server that a page can request: press a person's button; take their wrist with the mouse,
 give it back; set the tremor of the mouse's arm; pair or unpair a phone; open the page to the local
-network; find wrists within reach of this machine; tell from where which things are told apart; a phone, as
+network; find devices within reach of this machine, connect or forget one, show a test pattern on a light,
+check how a wrist is worn; tell from where which things are told apart; a phone, as
 it is held now, points ahead; words of a person; let a phone map the room; read the map of the site, check it
 with edits, save it."""
 
@@ -146,6 +151,21 @@ class PersonLine(WireModel):
     ] = None
 
 
+class DeviceLine(WireModel):
+    """A wrist or light that pages have connected."""
+
+    id: str
+    kind: Literal["wrist", "light"]
+    name: Annotated[str, Field(description="of the person or strip")]
+    plugin: Annotated[str, Field(description="name of its plug-in")]
+    address: str
+    label: Annotated[str, Field(description="model, name and the like")]
+    pixels: Annotated[int, Field(ge=0, description="of a light; 0 if it does not say")] = 0
+    is_on: Annotated[bool, Field(description="its process runs")]
+    said: Annotated[str, Field(description="last line of the check of its mounting, while that runs")] = ""
+    problem: Annotated[str, Field(description="reason why it does not work; empty if it does")] = ""
+
+
 class Status(WireModel):
     """Status of the site beyond its topics."""
 
@@ -155,6 +175,7 @@ class Status(WireModel):
     people: tuple[PersonLine, ...]
     viewers: Annotated[int, Field(ge=0)]
     lan_url: Annotated[str, Field(description="address in the local network; empty if closed")] = ""
+    devices: tuple[DeviceLine, ...] = ()
 
 
 class Answer(WireModel):

@@ -1,6 +1,7 @@
 """The page of `pointit run`: its options, its link, and the browser that opens it."""
 
 import contextlib
+import dataclasses
 import io
 from collections.abc import Callable, Generator, Mapping, Sequence
 from pathlib import Path
@@ -28,6 +29,7 @@ from pointit.launch.plan.scenario import Scenario
 from pointit.launch.plan.scenario_catalog import places
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.link.link import Link
 from pointit.runtime.service.service import Launch
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -68,6 +70,8 @@ class RunPage(Beside):
         self._opens_browser = opens_browser
         self._link: Path | None = None
         """The file that holds its link."""
+        self._site_address = page.config.devices_at
+        """Address at which processes of devices join."""
 
     @property
     def instance(self) -> str:
@@ -76,7 +80,8 @@ class RunPage(Beside):
 
     def launch(self) -> Launch:
         """Return its launch. Slow: imports the server."""
-        return self.page.launch()
+        config = self.page.config.model_copy(update={"devices_at": self._site_address})
+        return dataclasses.replace(self.page, config=config).launch()
 
     def checked(self) -> Sequence[Launch]:
         """Return it if parameters were set by hand."""
@@ -85,6 +90,9 @@ class RunPage(Beside):
     @contextlib.contextmanager
     def joined(self, bus: Bus) -> Generator[None]:
         """Keep its link in a file, and open the browser as soon as it is present."""
+        link: Link | None = getattr(bus, "link", None)  # that of Zenoh has one
+        if link is not None:
+            self._site_address = self._site_address or link.addresses[0]
         with contextlib.ExitStack() as stack:
             links = (self.page.scan_url, self.page.url, self.page.lan_url)
             self._link = stack.enter_context(kept_link(bus.site, *filter(None, links)))

@@ -274,7 +274,7 @@ async def _keep(user: str, *, erase: bool, as_json: bool, **at: Unpack[site_link
     """Show or delete the mounting: by imu-bridge if it runs, else in the file on this machine."""
     # an identity rotation queries the mounting in use
     query = SetMounting() if erase else SetMounting(sensor_from_arm_xyzw=IDENTITY, is_relative=True)
-    reply = await query_site(lambda bus: bus.call(SET_MOUNTING, query, user), **at)
+    reply = await query_site(lambda bus: bus.call(SET_MOUNTING, query, user), site_link.join_site(**at))
     if reply is not None:
         if as_json:
             print_json({"user": user, "from": "imu-bridge", **_reply_fields(reply)})

@@ -218,7 +218,9 @@ async def _keep(user: str, *, erase: bool, as_json: bool, **at: Unpack[site_link
     """Show or delete the offset: by the supervisor if it runs, else in the file on this machine."""
     file = StateFile(PointingOffset, user, OFFSET_PURPOSE)
     if erase:
-        reply = await query_site(lambda bus: bus.call(SET_OFFSET, SetOffset(), user), **at)
+        reply = await query_site(
+            lambda bus: bus.call(SET_OFFSET, SetOffset(), user), site_link.join_site(**at)
+        )
         if reply is None:
             return erase_local(user, file, "offset", as_json=as_json)
         if as_json:
@@ -226,7 +228,7 @@ async def _keep(user: str, *, erase: bool, as_json: bool, **at: Unpack[site_link
         else:
             say(f"{user}: {reply.message}{site_link.default_address_note(**at)}")
         return 0
-    profile = await query_site(lambda bus: _profile(bus, user), **at)
+    profile = await query_site(lambda bus: _profile(bus, user), site_link.join_site(**at))
     if profile is not None:
         offset = profile.offset
         if as_json:

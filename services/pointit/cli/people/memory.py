@@ -7,7 +7,7 @@ from typing import Unpack
 import click
 
 from pointit.cli.common.output import json_option, print_json, say
-from pointit.cli.common.site_link import AtSite, default_address_note, quiet, site_options
+from pointit.cli.common.site_link import AtSite, default_address_note, join_site, quiet, site_options
 from pointit.cli.people.stored_calibration import erase_local, query_site, read_local
 from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.schemas import EraseMemory, LearntPointing, ReadMemory
@@ -37,7 +37,7 @@ def command(user: str, *, erase: bool, as_json: bool, **at: Unpack[AtSite]) -> i
 async def _memory(user: str, *, erase: bool, as_json: bool, **at: Unpack[AtSite]) -> int:
     file = memory_file(user)
     if erase:
-        done = await query_site(lambda bus: bus.call(ERASE_MEMORY, EraseMemory(), user), **at)
+        done = await query_site(lambda bus: bus.call(ERASE_MEMORY, EraseMemory(), user), join_site(**at))
         if done is None:
             return erase_local(user, file, "memory", as_json=as_json)
         if as_json:
@@ -45,7 +45,7 @@ async def _memory(user: str, *, erase: bool, as_json: bool, **at: Unpack[AtSite]
         else:
             say(f"{user}: {done.message}{default_address_note(**at)}")
         return 0
-    reply = await query_site(lambda bus: bus.call(READ_MEMORY, ReadMemory(), user), **at)
+    reply = await query_site(lambda bus: bus.call(READ_MEMORY, ReadMemory(), user), join_site(**at))
     if reply is None:
         stored = read_local(user, file, "memory", as_json=as_json)
         if stored is not None:

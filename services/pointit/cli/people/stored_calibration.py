@@ -1,13 +1,13 @@
 """Stored calibrations, from the running service or from the state directory of this machine."""
 
 from collections.abc import Awaitable, Callable
-from typing import TypeVar, Unpack
+from contextlib import AbstractAsyncContextManager
+from typing import TypeVar
 
 import click
 from pydantic import BaseModel
 
 from pointit.cli.common.output import print_json
-from pointit.cli.common.site_link import AtSite, join_site
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.errors import ConnectError, NoAnswerError
 from pointit.runtime.host.state_file import StateFile
@@ -16,10 +16,12 @@ R = TypeVar("R")
 K = TypeVar("K", bound=BaseModel)
 
 
-async def query_site(ask: Callable[[Bus], Awaitable[R]], **at: Unpack[AtSite]) -> R | None:
-    """Return the result of `ask` on a site, or None if there is no site or no service replies."""
+async def query_site(
+    ask: Callable[[Bus], Awaitable[R]], joining: AbstractAsyncContextManager[Bus]
+) -> R | None:
+    """Return the result of `ask` on a site that is joined, or None if there is none or no service replies."""
     try:
-        async with join_site(**at) as bus:
+        async with joining as bus:
             return await ask(bus)
     except (ConnectError, NoAnswerError):
         return None

@@ -10,8 +10,8 @@ the query's fields. Deeds are handled by this server; `name` is the person:
 - `pair`: a QR code for the person's phone; the reply has `url`, `qr_svg`, `expires_s`, `fingerprint`.
   `{"off": true}`: unpair their phone and revoke codes shown before.
 - `open_lan`: open the page to the local network; the reply has `url`, `fingerprint`.
-- `find_wrists`: search for wrists within reach of this machine; the reply has `wrists`, each with `use`,
-  the option that chooses it, and `label`, and `problems`, a sentence for each search that could not run.
+- `find_devices`, `connect_device`, `forget_device`, `show_device`, `check_mounting`: wrists and lights, see
+  `devices/devices.py`; their parameters are in `devices/wire.py`.
 - `told_apart`: number of things that pointing alone tells apart, by place on the floor; the reply has the
   fields of `Floor` in `model/told_apart.py`.
 - `map_room`: let a phone map the room by its camera; the reply is as that of `pair`.
@@ -27,6 +27,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from pointit.bridges.web.devices.wire import ConnectDevice, OneDevice
 from pointit.bridges.web.wire import Ask, Deed, Hello, Role
 from pointit.bridges.web.wrists.wrist_control import MAX_TREMOR_DEG
 from pointit.maps.edit.edits import Edit
@@ -69,15 +70,23 @@ LOOKS: tuple[Deed, ...] = ("told_apart",)
 
 MAPS: tuple[Deed, ...] = ("read_map", "check_map", "save_map")
 
+DEVICES: tuple[Deed, ...] = (
+    "find_devices",
+    "connect_device",
+    "forget_device",
+    "show_device",
+    "check_mounting",
+)
+
 WRIST: tuple[Deed, ...] = ("press", "take", "give", "centre", "speak")
 
 DEEDS: dict[Role, tuple[Deed, ...]] = {
-    "operator": (*WRIST, "tremor", "pair", "open_lan", "find_wrists", "map_room", *MAPS, *LOOKS),
+    "operator": (*WRIST, "tremor", "pair", "open_lan", "map_room", *DEVICES, *MAPS, *LOOKS),
     "viewer": LOOKS,
     "wrist": WRIST,
 }
 
-SITE_DEEDS: tuple[Deed, ...] = ("open_lan", "find_wrists", "map_room", *MAPS, *LOOKS)
+SITE_DEEDS: tuple[Deed, ...] = ("open_lan", "map_room", *DEVICES, *MAPS, *LOOKS)
 """Deeds that are about no person."""
 
 MAX_EDITS = 1000
@@ -147,7 +156,11 @@ class Plain(_Extras):
     """No parameters."""
 
 
-EXTRAS: dict[Deed, type[_Extras]] = {
+EXTRAS: dict[Deed, type[BaseModel]] = {
+    "connect_device": ConnectDevice,
+    "forget_device": OneDevice,
+    "show_device": OneDevice,
+    "check_mounting": OneDevice,
     "press": Press,
     "tremor": Tremor,
     "pair": Pair,

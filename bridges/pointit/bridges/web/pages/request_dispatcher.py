@@ -6,10 +6,13 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from typing import Any, cast
 
+from pointit.bridges.web.devices.devices import Devices
+from pointit.bridges.web.devices.wire import ConnectDevice, OneDevice
 from pointit.bridges.web.model.map_editor import MapEditor
 from pointit.bridges.web.model.people import People
 from pointit.bridges.web.model.told_apart import ToldApart
 from pointit.bridges.web.pages.page_requests import (
+    DEVICES,
     SITE_DEEDS,
     TIMEOUTS_S,
     Call,
@@ -31,17 +34,12 @@ from pointit.bridges.web.wrists.phone import Phones
 from pointit.bridges.web.wrists.wrist_control import Hold, WristControl
 from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S, Bus
 from pointit.runtime.errors import RefusedError
-from pointit.runtime.host.threads import in_daemon_thread
 from pointit.schemas import SetYawOrigin
 from pointit.schemas.system import instance_of
 from pointit.schemas.topics import SET_YAW_ORIGIN
 
 IMU_BRIDGE = "imu-bridge"
 """Service that turns messages of a mouse or phone into wrist samples."""
-
-SEARCH_S = 3.0
-"""Time of a search for wrists within reach, s."""
-MAX_WRISTS = 50
 
 
 @dataclass(kw_only=True)
@@ -58,12 +56,12 @@ class RequestDispatcher:
     told_apart: ToldApart
     maps: MapEditor
     scan: ScanDoor
+    devices: Devices
     present: Callable[[], Collection[str]]
     """Returns the instances that are present."""
     changed: Callable[[], None]
     """Called when the status of pages has changed."""
     drawing: asyncio.Lock = field(default_factory=asyncio.Lock)
-    searching: asyncio.Lock = field(default_factory=asyncio.Lock)
 
     async def answer(self, page: str, role: Role, ask: Ask) -> Answer:
         """Handle a request.
@@ -137,10 +135,22 @@ class RequestDispatcher:
             return {**await self.told_apart.answer()}
         if wish.deed == "map_room":
             return await self._offer("scan", self.scan.pair)
-        if wish.deed == "find_wrists":
-            async with self.searching:
-                return await _find_wrists()
+        if wish.deed in DEVICES:
+            return await self._do_of_devices(wish)
         return await self.open_lan()
+
+    async def _do_of_devices(self, wish: PageAction) -> dict[str, Any]:
+        match wish.extras:
+            case ConnectDevice():
+                return await self.devices.connect(wish.extras)
+            case OneDevice(id=device) if wish.deed == "forget_device":
+                return await self.devices.forget(device)
+            case OneDevice(id=device) if wish.deed == "show_device":
+                return await self.devices.show(device)
+            case OneDevice(id=device):
+                return await self.devices.check_mounting(device)
+            case _:
+                return await self.devices.find()
 
     def _take(self, user: str, page: str, by: Hold) -> dict[str, Any]:
         if instance_of(IMU_BRIDGE, user) not in self.present():
@@ -202,23 +212,3 @@ class RequestDispatcher:
         """Notify a phone from which `page` has taken the wrist of `user`. Pages see it in their status."""
         if loser and loser != page and loser == self.pairing.paired(user, time.monotonic()):
             self.phones.lost(user, is_own=is_own)
-
-
-async def _find_wrists() -> dict[str, Any]:
-    # only here: they load what services load, and a page of a site elsewhere may never search
-    from pointit.plugins import GROUPS  # noqa: PLC0415
-    from pointit.plugins.device_search import search, words  # noqa: PLC0415
-
-    def searched() -> dict[str, Any]:
-        results = search({"imu-source": GROUPS["imu-source"]}, SEARCH_S, lambda _done: None)
-        wrists = [
-            {"use": f"--imu {words(result, found)}", "label": found.label}
-            for result in results
-            for found in result.found
-        ]
-        return {
-            "wrists": wrists[:MAX_WRISTS],
-            "problems": [f"{result.name}: {result.problem}" for result in results if result.problem],
-        }
-
-    return await in_daemon_thread(searched, "search for wrists")

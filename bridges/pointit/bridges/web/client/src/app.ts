@@ -7,6 +7,7 @@
 import "./app.css";
 import { Connection, toServer } from "./site/connection";
 import { Controls } from "./controls";
+import { devicesPart } from "./devices/part";
 import { mark, show, write } from "./dom";
 import { capital, milliseconds } from "./format";
 import { makeGuide } from "./guide";
@@ -27,7 +28,6 @@ import { robotsPart, stopAll } from "./panel/robots";
 import { speechPart } from "./panel/speech";
 import { tuningPart } from "./panel/tuning";
 import { mapRoomPart } from "./panel/map_room";
-import { wristsPart } from "./panel/wrists";
 import { makeTimeline } from "./past/timeline";
 import { makeScenario } from "./scenario";
 import { isCutOff, outage } from "./outage";
@@ -89,7 +89,7 @@ const belts = beltsPart(controls);
 const tuning = tuningPart(controls);
 const look = lookPart(controls, changeLook);
 const panel = makePanel(at("panel"), controls, [
-  { name: "Control", icon: "sliders", parts: [nowPart(controls), speechPart(controls), robotsPart(controls), moverPart(controls, mouse, pairing), belts, peoplePart(controls, scenario), wristsPart(controls), mapRoomPart(controls), tuning, mapPart(controls), look] },
+  { name: "Control", icon: "sliders", parts: [nowPart(controls), speechPart(controls), robotsPart(controls), moverPart(controls, mouse, pairing), belts, peoplePart(controls, scenario), devicesPart(controls), mapRoomPart(controls), tuning, mapPart(controls), look] },
   { name: "Health", icon: "pulse", parts: [healthPart(controls, () => stage.view?.stats ?? null), messagesPart(controls)] },
 ]);
 const stop = stopAll(at("stop"), controls);

@@ -3,7 +3,9 @@ import { test } from "node:test";
 import { bytes, duration, figure, latencyTick, milliseconds, rendererName } from "./format";
 import { guidance, type Situation } from "./guidance";
 import { fingerprintLines } from "./panel/pairing";
-import { command, foundWrists } from "./panel/wrists";
+import { command, foundDevices, freeName, freeStrips, isConnected, wristFigures } from "./devices/found";
+import { fitSentence } from "./devices/wearing";
+import type { Health } from "./messages";
 import { readSettings } from "./settings";
 
 test("numbers as people read them", () => {
@@ -15,11 +17,31 @@ test("numbers as people read them", () => {
   assert.equal(fingerprintLines("ab:cd:01"), "AB CD 01");
 });
 
-test("found wrists have the command that connects them, whatever else is in the reply", () => {
-  const wrist = { use: "--imu band:F1:22", label: "Wristband" };
-  assert.deepEqual(foundWrists({ wrists: [wrist, null, 1, { use: 1, label: "x" }, {}] }), [wrist]);
-  for (const bad of [{}, { wrists: null }, { wrists: "x" }]) assert.deepEqual(foundWrists(bad), []);
+test("found devices have the command that connects them, whatever else is in the reply", () => {
+  const wrist = { kind: "wrist" as const, plugin: "band", address: "F1:22", label: "Wristband", pixels: 0, use: "--imu band:F1:22" };
+  const light = { ...wrist, kind: "light" as const, plugin: "ddp", address: "kitchen", pixels: 60, use: "--output ddp:kitchen" };
+  assert.deepEqual(foundDevices({ devices: [wrist, light, null, 1, { ...wrist, kind: "robot" }, { ...wrist, use: 1 }, {}] }), [wrist, light]);
+  for (const bad of [{}, { devices: null }, { devices: "x" }]) assert.deepEqual(foundDevices(bad), []);
   assert.equal(command(wrist), "pointit person add NAME --imu band:F1:22");
+  assert.equal(command(light), "pointit output add ddp:kitchen");
+});
+
+test("a light is offered the strips that no other shows, and a wearer a name that nobody has", () => {
+  const line = { id: "light 0", kind: "light" as const, name: "0", plugin: "ddp", address: "kitchen", label: "", pixels: 60, is_on: true, said: "", problem: "" };
+  assert.deepEqual(freeStrips([{ id: "10" }, { id: "0" }, { id: "2" }], [line, { ...line, kind: "wrist", name: "2" }]).map(({ id }) => id), ["2", "10"]);
+  assert.ok(isConnected({ ...line, use: "" }, [line]));
+  assert.ok(!isConnected({ ...line, address: "hall", use: "" }, [line]));
+  assert.equal(freeName(["user1", "anna", "user3"]), "user2");
+});
+
+test("a connected wrist shows what it tells of its rate, its battery and its fit", () => {
+  const figures = [{ name: "rate", value: 99.6, unit: "Hz" }, { name: "battery", value: 82, unit: "%" }, { name: "gaps", value: 3, unit: "/min" }];
+  const health = { stamp_ns: 0, service: "imu-bridge", user: "anna", warnings: [], figures } as unknown as Health;
+  assert.equal(wristFigures(health), "100 Hz · battery 82 %");
+  assert.equal(wristFigures(undefined), "");
+  assert.equal(fitSentence({ about_arm_deg: -90.2, off_axis_deg: 3.1 }), "It sits turned by 90° about the arm and 3° off its axis; that is corrected from now on.");
+  assert.equal(fitSentence({ about_arm_deg: 2, off_axis_deg: 3 }), "It sits as assumed.");
+  assert.equal(fitSentence({}), "It is measured, and used from now on.");
 });
 
 test("a renderer by its name", () => {

@@ -7,6 +7,7 @@ export interface Everything {
   Ask: Ask;
   AssumedPlace: AssumedPlace;
   Cue: Cue;
+  DeviceLine: DeviceLine;
   FindingLine: FindingLine;
   Hello: Hello;
   Lane: Lane;
@@ -81,7 +82,11 @@ export interface Ask {
         | "tremor"
         | "pair"
         | "open_lan"
-        | "find_wrists"
+        | "find_devices"
+        | "connect_device"
+        | "forget_device"
+        | "show_device"
+        | "check_mounting"
         | "told_apart"
         | "centre"
         | "speak"
@@ -148,6 +153,42 @@ export interface Cue {
   wants_double: boolean;
 }
 /**
+ * A wrist or light that pages have connected.
+ */
+export interface DeviceLine {
+  address: string;
+  id: string;
+  /**
+   * its process runs
+   */
+  is_on: boolean;
+  kind: "wrist" | "light";
+  /**
+   * model, name and the like
+   */
+  label: string;
+  /**
+   * of the person or strip
+   */
+  name: string;
+  /**
+   * of a light; 0 if it does not say
+   */
+  pixels: number;
+  /**
+   * name of its plug-in
+   */
+  plugin: string;
+  /**
+   * reason why it does not work; empty if it does
+   */
+  problem: string;
+  /**
+   * last line of the check of its mounting, while that runs
+   */
+  said: string;
+}
+/**
  * A finding and its remedy.
  */
 export interface FindingLine {
@@ -171,7 +212,11 @@ export interface Hello {
     | "tremor"
     | "pair"
     | "open_lan"
-    | "find_wrists"
+    | "find_devices"
+    | "connect_device"
+    | "forget_device"
+    | "show_device"
+    | "check_mounting"
     | "told_apart"
     | "centre"
     | "speak"
@@ -447,6 +492,7 @@ export interface ServiceLine {
  * Status of the site beyond its topics.
  */
 export interface Status {
+  devices: DeviceLine[];
   findings: FindingLine[];
   kind: "status";
   /**

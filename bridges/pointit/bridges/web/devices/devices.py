@@ -1,0 +1,309 @@
+"""The devices that pages have connected: started with the page's service, remembered, forgotten on request.
+
+A wrist is a `pointit person add`, a light a `pointit output add`, so each is a person or an output like those
+of a terminal, with the rights of this process.
+"""
+
+import asyncio
+import logging
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from pointit.bridges.web.devices.pattern import PATTERN_S, pattern
+from pointit.bridges.web.devices.process import Told, run_command
+from pointit.bridges.web.devices.wire import MAX_DEVICES, ConnectDevice, Connected, StoredDevices
+from pointit.bridges.web.model.map_editor import MapEditor
+from pointit.bridges.web.wire import DeviceLine
+from pointit.maps.edit.edits import Add
+from pointit.runtime.bus.service_bus import ServiceBus
+from pointit.runtime.errors import ConfigError, RefusedError
+from pointit.runtime.host.state_file import StateFile, site_folder
+from pointit.runtime.host.threads import in_daemon_thread
+from pointit.schemas import Deployment, Environment, ShowPixels
+from pointit.schemas.system import check_user, instance_of
+from pointit.schemas.topics import SHOW_PIXELS
+
+if TYPE_CHECKING:  # loads what services load, which a page without a search never needs
+    from pointit.bridges.web.devices.search import Found
+
+log = logging.getLogger(__name__)
+
+IMU_BRIDGE = "imu-bridge"
+MOUNTINGS = {"metamotion": "metamotion"}
+"""Mounting of wrists that are worn differently from the usual, by plug-in."""
+HEIGHT_M, LEDS_PER_M = 1.0, 60.0
+"""Default place of a strip that is added to the map: along x, so high, with so many pixels a metre."""
+
+
+@dataclass(eq=False)
+class _Running:
+    """A connected device and its process."""
+
+    device: Connected
+    task: asyncio.Task[None] | None = None
+    has_begun: bool = False
+    """Its process has said that it works, whatever it warns of."""
+    said: str = ""
+    """Last line of the check of its mounting."""
+    problem: str = ""
+
+
+@dataclass(kw_only=True)
+class Devices:
+    """Connects and forgets devices."""
+
+    bus: ServiceBus
+    maps: MapEditor
+    address: str
+    """Address at which the processes of devices join the site, or `""` if none may be started here."""
+    present: Callable[[], Collection[str]]
+    """Returns the instances that are present."""
+    changed: Callable[[], None]
+    """Called when the lines have changed."""
+    _running: dict[str, _Running] = field(default_factory=dict[str, _Running])
+    _found: "Found | None" = None
+    _strips: Mapping[str, int] = field(default_factory=dict[str, int])
+    """Number of pixels of each strip of the map."""
+    _localizes: bool = False
+    _searching: asyncio.Lock = field(default_factory=asyncio.Lock)
+
+    def on_map(self, room: Environment) -> None:
+        """Set the map's strips."""
+        self._strips = {strip.id: strip.pixels for strip in room.strips}
+
+    def on_deployment(self, deployment: Deployment) -> None:
+        """Note whether people of the run are localized."""
+        if deployment.scenario:
+            self._localizes = deployment.localizes
+
+    def lines(self) -> tuple[DeviceLine, ...]:
+        """Return the connected devices, in the order of their connection."""
+        return tuple(
+            each.device.line(is_on=self._is_on(each), said=each.said, problem=each.problem)
+            for each in self._running.values()
+        )
+
+    async def run(self) -> None:
+        """Connect the stored devices, and end the processes of all when cancelled."""
+        try:
+            if self.address:
+                self._begin_stored()
+            await asyncio.Event().wait()
+        finally:
+            tasks = [each.task for each in self._running.values() if each.task is not None]
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+
+    async def find(self) -> dict[str, Any]:
+        """Search for devices within reach of this machine.
+
+        Returns:
+            `devices`, each with `kind`, `plugin`, `address`, `label`, `pixels` and `use`, the option of
+            `pointit run` that chooses it; `problems`, a sentence for each search that could not run;
+            `can_connect`, True if `connect` is possible here.
+        """
+        async with self._searching:
+            from pointit.bridges.web.devices.search import find  # noqa: PLC0415 - see above
+
+            found = self._found = await in_daemon_thread(find, "search for devices")
+        listed = {"kind", "plugin", "address", "label", "pixels"}
+        return {
+            "devices": [
+                {**device.model_dump(include=listed), "use": use}
+                for device, use in zip(found.devices, found.uses, strict=True)
+            ],
+            "problems": list(found.problems),
+            "can_connect": bool(self.address),
+        }
+
+    async def connect(self, wanted: ConnectDevice) -> dict[str, Any]:
+        """Connect a device that was found, now and at every start, or start that of a connected one again.
+
+        Raises:
+            PointItError: If it cannot be connected; the text says why.
+        """
+        if not self.address:
+            raise RefusedError(
+                "this page belongs to no run, so it starts nothing: use the command shown beside the device"
+            )
+        before = [each.device for each in self._running.values() if each.device.is_like(wanted)]
+        device = before[0] if before else None
+        if device is None and self._found is not None:
+            device = self._found.device(wanted)
+        if device is None:
+            raise RefusedError(f"{wanted.plugin} {wanted.address} was not found: look for devices first")
+        device = device.model_copy(update={"name": wanted.name})
+        if device.id not in self._running and len(self._running) >= MAX_DEVICES:
+            raise RefusedError(f"{MAX_DEVICES} devices are connected, which is the most: forget one first")
+        note = ""
+        if device.kind == "wrist":
+            self._check_wrist(device)
+        else:
+            note = await self._check_light(device)
+        await self._end(device.id)
+        self._begin(device)
+        self._store()
+        what = (
+            f"{device.name} joins" if device.kind == "wrist" else f"strip {device.name} is on {device.label}"
+        )
+        return {"message": f"{what}; it is connected again at the next start{note}", "id": device.id}
+
+    async def forget(self, device_id: str) -> dict[str, Any]:
+        """Disconnect a device, and connect it no more.
+
+        Raises:
+            RefusedError: If there is none.
+        """
+        device = self._device(device_id)
+        await self._end(device_id)
+        self._store()
+        self.changed()
+        return {"message": f"{device.label} is disconnected and forgotten"}
+
+    async def show(self, device_id: str) -> dict[str, Any]:
+        """Show the test pattern on the strip of a light.
+
+        Raises:
+            RefusedError: If it has no such strip, or led-driver does not answer.
+        """
+        device = self._device(device_id)
+        pixels = self._strips.get(device.name)
+        if device.kind != "light" or pixels is None:
+            raise RefusedError(f"the map has no strip {device.name}, on which a pattern could be shown")
+        lit = pattern(device.name, min(pixels, device.pixels or pixels))
+        await self.bus.call(SHOW_PIXELS, ShowPixels(lit=lit, for_s=PATTERN_S))
+        return {
+            "message": f"for {PATTERN_S:g} s, strip {device.name} begins green and ends red, with "
+            "red, green and blue between, in this order"
+        }
+
+    async def check_mounting(self, device_id: str) -> dict[str, Any]:
+        """Measure how a wrist sits on the arm, by two poses, and use the result.
+
+        Returns:
+            That of `pointit person calibrate mounting --json`.
+
+        Raises:
+            RefusedError: If it fails; the text says why.
+        """
+        device = self._device(device_id)
+        running = self._running[device_id]
+        told: Told = {}
+
+        def on_said(line: str) -> None:
+            running.said = line
+            self.changed()
+
+        measure = ("person", "calibrate", "mounting", device.name, "--non-interactive", "--json")
+        problem = await run_command((*measure, *self._link), on_said, told.update)
+        on_said("")
+        if problem:
+            raise RefusedError(problem)
+        return told
+
+    # Processes.
+
+    def _begin_stored(self) -> None:
+        try:
+            stored = self._file.read() or StoredDevices()
+        except ConfigError as error:
+            self.bus.warn("devices", f"connected devices are not known: {error}")
+            return
+        for device in stored.devices:
+            self._begin(device)
+
+    def _begin(self, device: Connected) -> None:
+        running = self._running[device.id] = _Running(device)
+        running.task = asyncio.create_task(self._serve(running), name=f"device {device.id}")
+        self.changed()
+
+    async def _serve(self, running: _Running) -> None:
+        device = running.device
+
+        def on_told(told: Told) -> None:
+            running.has_begun = True
+            self._set_problem(running, "; ".join(map(str, told.get("warnings", ()))))
+
+        log.info("connecting %s: pointit %s", device.label, " ".join(self._arguments(device)))
+        problem = await run_command(self._arguments(device), lambda _line: None, on_told)
+        running.has_begun = False
+        self._set_problem(running, problem or "it has ended")
+
+    def _set_problem(self, running: _Running, problem: str) -> None:
+        running.problem = problem
+        self.bus.warn(f"device {running.device.id}", problem and f"{running.device.label}: {problem}")
+        self.changed()
+
+    def _arguments(self, device: Connected) -> tuple[str, ...]:
+        if device.kind == "light":
+            return ("output", "add", device.option, "--strip", device.name, "--json", *self._link)
+        settings = [f"mounting={MOUNTINGS[device.plugin]}"] if device.plugin in MOUNTINGS else []
+        settings += [f"{device.plugin}.host=0.0.0.0"] if device.is_remote else []
+        return (
+            *("person", "add", device.name, "--imu", device.option, "--no-view", *self._link),
+            *(["--localize"] if self._localizes else []),
+            *(part for setting in settings for part in ("--set", f"{IMU_BRIDGE}.{setting}")),
+        )
+
+    @property
+    def _link(self) -> tuple[str, ...]:
+        return ("--site", self.bus.site, "--connect", self.address)
+
+    async def _end(self, device_id: str) -> None:
+        running = self._running.pop(device_id, None)
+        if running is not None and running.task is not None:
+            running.task.cancel()
+            await asyncio.wait({running.task})
+        self.bus.clear(f"device {device_id}")
+
+    def _is_on(self, running: _Running) -> bool:
+        if running.device.kind == "light":
+            return running.has_begun
+        return instance_of(IMU_BRIDGE, running.device.name) in self.present()
+
+    # What is stored.
+
+    @property
+    def _file(self) -> StateFile[StoredDevices]:
+        return StateFile[StoredDevices].at(site_folder(self.bus.site, "web") / "devices.json", StoredDevices)
+
+    def _store(self) -> None:
+        self._file.write(StoredDevices(devices=tuple(each.device for each in self._running.values())))
+
+    def _device(self, device_id: str) -> Connected:
+        running = self._running.get(device_id)
+        if running is None:
+            raise RefusedError(
+                f"no device {device_id!r} is connected; connected: {', '.join(self._running) or 'none'}"
+            )
+        return running.device
+
+    # Checks before a connection.
+
+    def _check_wrist(self, device: Connected) -> None:
+        check_user(device.name)
+        if device.id not in self._running and instance_of(IMU_BRIDGE, device.name) in self.present():
+            raise RefusedError(f"{device.name} is there already: choose another name for who wears it")
+
+    async def _check_light(self, device: Connected) -> str:
+        """Add the strip to the map if it is not there. Return what is to be done next, or `""`."""
+        taken = self._running.get(device.id)
+        if taken is not None and taken.device.option != device.option:
+            raise RefusedError(f"strip {device.name} is on {taken.device.label}: forget that one first")
+        pixels = self._strips.get(device.name)
+        if pixels is not None:
+            if device.pixels and device.pixels != pixels:
+                return f"; the map gives it {pixels} pixels, the controller has {device.pixels}: correct one"
+            return ""
+        if not device.pixels:
+            raise RefusedError(
+                f"{device.label} does not say how many pixels it has: choose a strip of the map"
+            )
+        length_m = device.pixels / LEDS_PER_M
+        line = [[0.0, 0.0, HEIGHT_M], [length_m, 0.0, HEIGHT_M]]
+        strip = Add(section="strips", name=device.name, value={"line": line, "pixels": device.pixels})
+        room = await self.maps.read()
+        await self.maps.save([strip], room["digest"], "")
+        return f"; it is at a default place in the map, {length_m:.2g} m long: move it by Edit the map"

@@ -1,0 +1,100 @@
+"""A command of `pointit` in a process of its own, which ends with this one."""
+
+import asyncio
+import contextlib
+import json
+import os
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any, cast
+
+from pointit.runtime.host.state_file import VARIABLE, state_directory
+
+BEGIN = (
+    "from pointit.runtime.service.shutdown import exit_with_parent; exit_with_parent(); "
+    "from pointit.cli.__main__ import begin; begin()"
+)
+"""Program of the process. It ends when its standard input closes, so no child survives a killed parent."""
+STOP_PATIENCE_S = 3.0
+"""Time it gets to end before it is killed, s."""
+MAX_LINE_BYTES = 64 * 1024
+ERROR = "Error: "
+"""Beginning of the line in which a command says why it ended."""
+
+Told = dict[str, Any]
+
+
+async def run_command(
+    arguments: Sequence[str], on_said: Callable[[str], None], on_told: Callable[[Told], None]
+) -> str:
+    """Run `pointit` until it ends or this task is cancelled, which ends it.
+
+    Args:
+        arguments: its command line, without `pointit`.
+        on_said: called with each line of its log.
+        on_told: called with each JSON object that it prints.
+
+    Returns:
+        `""` if it succeeded, else the reason in one sentence.
+    """
+    child = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-c", BEGIN, *arguments),
+        stdin=asyncio.subprocess.PIPE,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+        limit=MAX_LINE_BYTES,
+        env={**os.environ, VARIABLE: str(state_directory())},
+        process_group=0,  # a terminal's Ctrl-C goes to the parent, which ends it
+    )
+    last = ""
+
+    def on_log(line: str) -> None:
+        nonlocal last
+        last = line
+        on_said(line.removeprefix(ERROR))
+
+    try:
+        await asyncio.gather(_lines(child.stderr, on_log), _objects(child.stdout, on_told))
+        code = await child.wait()
+    finally:
+        await _end(child)
+    if not code:
+        return ""
+    return last.removeprefix(ERROR).rstrip(".") or f"it ended with exit code {code}"
+
+
+async def _lines(stream: asyncio.StreamReader | None, on_line: Callable[[str], None]) -> None:
+    while stream is not None and not stream.at_eof():
+        with contextlib.suppress(ValueError):  # longer than `MAX_LINE_BYTES`, and dropped
+            if text := (await stream.readline()).decode(errors="replace").strip():
+                on_line(text)
+
+
+async def _objects(stream: asyncio.StreamReader | None, on_told: Callable[[Told], None]) -> None:
+    """Pass on each JSON object, which may have several lines."""
+    parts: list[str] = []
+
+    def on_line(line: str) -> None:
+        parts.append(line)
+        with contextlib.suppress(ValueError):
+            told = json.loads("\n".join(parts))
+            parts.clear()
+            if isinstance(told, dict):
+                on_told(cast("Told", told))
+
+    await _lines(stream, on_line)
+
+
+async def _end(child: asyncio.subprocess.Process) -> None:
+    if child.returncode is None:
+        child.terminate()
+        try:
+            async with asyncio.timeout(STOP_PATIENCE_S):
+                await child.wait()
+        except TimeoutError:
+            child.kill()
+            await child.wait()
+    if child.stdin is not None:
+        child.stdin.close()  # left to the garbage collector, it may outlive the loop, which it needs
+        with contextlib.suppress(OSError):
+            await child.stdin.wait_closed()

@@ -1,0 +1,69 @@
+"""Search for wrists and lights within reach of this machine."""
+
+import ipaddress
+from dataclasses import dataclass
+from typing import Any
+
+from pointit.bridges.web.devices.wire import ConnectDevice, Connected
+from pointit.plugins import GROUPS
+from pointit.plugins.device_search import SearchResult, search, words
+from pointit.runtime.config.plugins import FoundDevice
+
+SEARCH_S = 3.0
+"""Time of a search, s."""
+MAX_FOUND = 100
+KINDS = {"wrist": ("imu-source", "--imu"), "light": ("led-output", "--output")}
+"""Kind of plug-in, and option that chooses a device, by kind of device."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Found:
+    """Result of a search."""
+
+    devices: tuple[Connected, ...]
+    """Devices as they would be stored, without the name of a person or strip."""
+    uses: tuple[str, ...]
+    """Option of `pointit run` that chooses each."""
+    problems: tuple[str, ...]
+    """A sentence for each search that could not run."""
+
+    def device(self, wanted: ConnectDevice) -> Connected | None:
+        """Return the device that `wanted` chooses, or None if it was not found."""
+        return next((each for each in self.devices if each.is_like(wanted)), None)
+
+
+def find() -> Found:
+    """Return the devices within reach. Takes `SEARCH_S` or a little longer."""
+    results = search({kind: GROUPS[kind] for kind, _ in KINDS.values()}, SEARCH_S, lambda _done: None)
+    devices: list[Connected] = []
+    uses: list[str] = []
+    for name, (kind, option) in KINDS.items():
+        for result in results:
+            for each in result.found if result.kind == kind else ():
+                devices.append(_device(name, result, each))
+                uses.append(f"{option} {words(result, each)}")
+    problems = tuple(f"{result.name}: {result.problem}" for result in results if result.problem)
+    return Found(devices=tuple(devices[:MAX_FOUND]), uses=tuple(uses[:MAX_FOUND]), problems=problems)
+
+
+def _device(kind: str, result: SearchResult, found: FoundDevice) -> Connected:
+    label, _, _ = found.label.partition("; set ")  # parameters, which are set here
+    pixels = found.details.get("pixels", 0)
+    values: dict[str, Any] = {
+        "kind": kind,
+        "plugin": result.name,
+        "address": found.address,
+        "name": "unnamed",
+        "label": label[:400],
+        "pixels": max(0, int(pixels)) if isinstance(pixels, int | float) else 0,
+        "is_remote": _is_remote(found.details.get("ip", "")),
+    }
+    return Connected.model_validate(values)
+
+
+def _is_remote(address: str | float) -> bool:
+    """Return True if `address` is that of another machine."""
+    try:
+        return not ipaddress.ip_address(str(address)).is_loopback
+    except ValueError:
+        return False

@@ -1,0 +1,227 @@
+"""Devices: found, connected by a page with the right to, remembered, forgotten; refused to all others."""
+
+import asyncio
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pointit.bridges.web.devices import process
+from pointit.plugins import FoundDevice, device_search
+from pointit.schemas import Done, Environment, ShowPixels, Strip, topics
+from tests.integration.web.pages import VIEWER, Page, serving
+from tests.support.bench import Bench, memory_bench, until
+
+FOUND = {
+    "imu-source": (
+        FoundDevice("02:00", "Tracker 02:00; set imu-bridge.slimevr.host=0.0.0.0", {"ip": "192.168.1.7"}),
+        FoundDevice("Anna's phone", "Phone"),
+    ),
+    "led-output": (FoundDevice("kitchen.local", "Kitchen, 60 pixels", {"pixels": 60}),),
+}
+LIGHT = {"kind": "light", "plugin": "ddp", "address": "kitchen.local", "name": "shelf"}
+WRIST = {"kind": "wrist", "plugin": "slimevr", "address": "02:00", "name": "anna"}
+AT = "tcp/127.0.0.1:1"
+LIKE_A_DEVICE = """
+import json, pathlib, sys
+with pathlib.Path({file!r}).open("a") as file:
+    print(json.dumps(sys.argv[1:]), file=file)
+if "calibrate" in sys.argv:
+    print("anna: good, the arm rested ahead", file=sys.stderr)
+    print(json.dumps({{"about_arm_deg": 90.0}}, indent=2))
+elif "broken" in sys.argv:
+    sys.exit("Error: nothing answers.")
+else:
+    print('{{"warnings": []}}', flush=True)
+    sys.stdin.read()
+"""
+"""In place of `pointit`: notes its arguments in a file, and does what the command would print."""
+
+
+@pytest.fixture(autouse=True)
+def started(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the file of the command lines that were started."""
+
+    def find(*_arguments: object) -> list[device_search.SearchResult]:
+        plugins = {"imu-source": "slimevr", "led-output": "ddp"}
+        results = [
+            device_search.SearchResult(kind=kind, name=plugins[kind], found=found)
+            for kind, found in FOUND.items()
+        ]
+        return [*results, device_search.SearchResult(kind="robot", name="x", problem="no Bluetooth adapter")]
+
+    monkeypatch.setattr(device_search, "search", find)
+    file = tmp_path / "started"
+    file.touch()
+    monkeypatch.setattr(process, "BEGIN", LIKE_A_DEVICE.format(file=str(file)))
+    return file
+
+
+def commands(file: Path) -> list[list[str]]:
+    return [json.loads(line) for line in file.read_text().splitlines()]
+
+
+async def room(bench: Bench, page: Page) -> None:
+    strip = Strip(id="shelf", line_m=((0, 0, 1), (1, 0, 1)), pixels=60)
+    bench.put(topics.MAP, Environment(stamp_ns=0, name="room", strips=(strip,)))
+    await until(lambda: bool(page.states.get(("map", ""))))
+    assert not (await page.ask(deed="find_devices"))["error"]
+
+
+async def refusal(page: Page, **changes: Any) -> str:
+    answer = await page.ask(deed="connect_device", query={**LIGHT, **changes})
+    return str(answer["error"])
+
+
+def line(page: Page, kind: str) -> dict[str, Any]:
+    lines: list[dict[str, Any]] = page.status.get("devices", [])
+    return next((each for each in lines if each["kind"] == kind), dict[str, Any]())
+
+
+async def test_devices_are_found_with_the_words_that_choose_them() -> None:
+    async with memory_bench() as bench, serving(bench) as server, server.page() as page:
+        reply = (await page.ask(deed="find_devices"))["reply"]
+        assert [(each["use"], each["label"], each["pixels"]) for each in reply["devices"]] == [
+            ("--imu slimevr:02:00", "Tracker 02:00", 0),
+            ("""--imu 'slimevr:Anna'"'"'s phone'""", "Phone", 0),
+            ("--output ddp:kitchen.local", "Kitchen, 60 pixels", 60),
+        ]
+        assert (reply["problems"], reply["can_connect"]) == (["x: no Bluetooth adapter"], False)
+        assert "belongs to no run" in await refusal(page)
+
+
+async def test_only_an_operator_may_find_connect_test_and_forget(started: Path) -> None:
+    asked: list[dict[str, Any]] = [
+        {"deed": "find_devices"},
+        {"deed": "connect_device", "query": LIGHT},
+        *(
+            {"deed": deed, "query": {"id": "x"}}
+            for deed in ("forget_device", "show_device", "check_mounting")
+        ),
+    ]
+    async with memory_bench() as bench, serving(bench, devices_at=AT) as server:
+        async with server.page(VIEWER) as page:
+            for wish in asked:
+                assert "only looks on" in (await page.ask(**wish))["error"], wish
+        async with server.page() as page:
+            await room(bench, page)
+            assert not (await page.ask(**asked[1]))["error"]
+            await until(lambda: bool(line(page, "light").get("is_on")))
+            for wish in asked[2:]:
+                assert (
+                    "no device 'x' is connected; connected: light shelf" in (await page.ask(**wish))["error"]
+                )
+    assert len(commands(started)) == 1
+
+
+async def test_a_light_is_connected_tested_remembered_and_forgotten(started: Path) -> None:
+    shown: list[ShowPixels] = []
+
+    async def show(query: ShowPixels, _name: str) -> Done:
+        shown.append(query)
+        return Done()
+
+    expected = ["output", "add", "ddp:kitchen.local", "--strip", "shelf", "--json"]
+    async with memory_bench() as bench:
+        bench.bus.serve(topics.SHOW_PIXELS, show)
+        async with serving(bench, devices_at=AT) as server, server.page() as page:
+            await room(bench, page)
+            reply = (await page.ask(deed="connect_device", query=LIGHT))["reply"]
+            assert reply["message"].startswith("strip shelf is on Kitchen, 60 pixels; it is connected again")
+            await until(lambda: bool(line(page, "light").get("is_on")))
+            assert not (await page.ask(deed="show_device", query={"id": reply["id"]}))["error"]
+            assert {pixel for lit in shown[0].lit for pixel in lit.pixels} <= set(range(60))
+        async with serving(bench, devices_at=AT) as server, server.page() as page:
+            await until(lambda: bool(line(page, "light").get("is_on")))
+            assert not (await page.ask(deed="forget_device", query={"id": reply["id"]}))["error"]
+            await until(lambda: not line(page, "light"))
+        async with serving(bench, devices_at=AT) as server, server.page() as page:
+            await page.ask(deed="find_devices")
+            assert not line(page, "light")
+    assert [each[:6] for each in commands(started)] == [expected, expected]
+    assert commands(started)[0][6:] == ["--site", bench.bus.site, "--connect", AT]
+
+
+async def test_a_wrist_is_a_person_whose_mounting_is_checked(started: Path) -> None:
+    async with memory_bench() as bench, serving(bench, devices_at=AT) as server, server.page() as page:
+        await room(bench, page)
+        reply = (await page.ask(deed="connect_device", query=WRIST))["reply"]
+        await until(lambda: bool(commands(started) and line(page, "wrist")))
+        assert not line(page, "wrist")["is_on"], "no imu-bridge is there"
+        bench.bus.announce(topics.SERVICE_ALIVE, "imu-bridge.anna")
+        await until(lambda: bool(line(page, "wrist").get("is_on")))
+        fit = await page.ask(deed="check_mounting", query={"id": reply["id"]})
+        assert fit["reply"] == {"about_arm_deg": 90.0}
+        other = {**WRIST, "name": "ben"}
+        bench.bus.announce(topics.SERVICE_ALIVE, "imu-bridge.ben")
+        await until(lambda: "imu-bridge.ben" in {each["instance"] for each in page.status["services"]})
+        assert "ben is there already" in (await page.ask(deed="connect_device", query=other))["error"]
+        assert (
+            "user 'a b': use"
+            in (await page.ask(deed="connect_device", query={**WRIST, "name": "a b"}))["error"]
+        )
+    (arguments, measure) = commands(started)
+    assert arguments[:5] == ["person", "add", "anna", "--imu", "slimevr:02:00"]
+    assert arguments[-2:] == ["--set", "imu-bridge.slimevr.host=0.0.0.0"], "it is on another machine"
+    assert measure[:4] == ["person", "calibrate", "mounting", "anna"]
+
+
+async def test_what_cannot_be_connected_is_refused_in_a_sentence(
+    started: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with memory_bench() as bench, serving(bench, devices_at=AT) as server, server.page() as page:
+        await room(bench, page)
+        assert "was not found: look for devices first" in await refusal(page, address="192.168.1.1")
+        assert "was not found" in await refusal(page, plugin="replay", address="file.csv")
+        assert "name" in await refusal(page, name="")
+        assert commands(started) == []
+        assert not await refusal(page)
+        monkeypatch.setitem(FOUND, "led-output", (FoundDevice("hall.local", "Hall"),))
+        await page.ask(deed="find_devices")
+        assert "is on Kitchen, 60 pixels: forget that one first" in await refusal(page, address="hall.local")
+        assert "how many pixels" in await refusal(page, address="hall.local", name="hall")
+
+
+async def test_a_device_that_ends_is_a_problem_of_the_site_with_its_reason(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(process, "BEGIN", f"import sys; sys.argv.append('broken'){process.BEGIN}")
+    async with memory_bench() as bench, serving(bench, devices_at=AT) as server, server.page() as page:
+        health = bench.collect(topics.HEALTH, "web")
+        await room(bench, page)
+        assert not await refusal(page)
+        await until(lambda: line(page, "light").get("problem") == "nothing answers")
+        await until(lambda: any("Kitchen, 60 pixels: nothing answers" in each.warnings for each in health))
+        monkeypatch.setattr(process, "BEGIN", process.BEGIN.replace("'broken'", "'mended'"))
+        monkeypatch.setitem(FOUND, "led-output", ())
+        await page.ask(deed="find_devices")
+        assert not await refusal(page), "it is connected already, so it is not searched"
+        await until(lambda: bool(line(page, "light")["is_on"]))
+        assert not line(page, "light")["problem"]
+
+
+async def test_a_broken_file_of_devices_is_named_and_left_alone(own_state: Path) -> None:
+    async with memory_bench() as bench:
+        file = own_state / bench.bus.site / "web" / "devices.json"
+        file.parent.mkdir(parents=True)
+        file.write_text("{broken")
+        async with serving(bench, devices_at=AT) as server, server.page():
+            health = bench.collect(topics.HEALTH, "web")
+            await until(lambda: any("devices.json" in "".join(each.warnings) for each in health))
+        assert file.read_text() == "{broken"
+
+
+async def test_a_process_that_does_not_end_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
+    stubborn = (
+        "import signal, time; signal.signal(15, signal.SIG_IGN); print('{}', flush=True); time.sleep(60)"
+    )
+    monkeypatch.setattr(process, "BEGIN", stubborn)
+    monkeypatch.setattr(process, "STOP_PATIENCE_S", 0.05)
+    told: list[object] = []
+    running = asyncio.create_task(process.run_command([], lambda _line: None, told.append))
+    await until(lambda: bool(told))
+    running.cancel()
+    done, _ = await asyncio.wait({running}, timeout=30.0)  # it would sleep for a minute
+    assert done
+    assert running.cancelled()

@@ -1,0 +1,52 @@
+"""`pointit output add`: what its output is given, and what it prints."""
+
+import json
+from typing import Any, cast
+
+import pytest
+from click.testing import CliRunner
+
+from pointit.cli.outputs import output_add
+from pointit.cli.outputs.output_add import SiteFrames, ToldHealth
+from pointit.schemas import StripFrame, StripsFrame
+from pointit.services.led_driver.guarded_output import GuardedOutput
+
+
+class Shown:
+    """The frames that an output is given."""
+
+    def __init__(self) -> None:
+        self.rgb: list[bytes] = []
+
+    def show(self, frame: StripsFrame) -> None:
+        self.rgb.append(b"".join(strip.rgb for strip in frame.strips))
+
+
+def test_strips_are_dark_while_no_led_driver_runs() -> None:
+    shown = Shown()
+    frames = SiteFrames(cast("GuardedOutput", shown))
+    frames.on_frame(StripsFrame(stamp_ns=1, strips=(StripFrame(id="a", rgb=b"\1\2\3"),)), "")
+    frames.on_service("pui", False)
+    frames.on_service("led-driver", True)
+    assert shown.rgb == [b"\1\2\3"]
+    frames.on_service("led-driver", False)
+    assert shown.rgb == [b"\1\2\3", b"\0\0\0"]
+
+
+def test_warnings_are_printed_whenever_they_change(capsys: pytest.CaptureFixture[str]) -> None:
+    health = ToldHealth("all is well", as_json=True)
+    for topic, sentence in (("a", "dark"), ("a", "dark"), ("b", "slow"), ("c", ""), ("a", ""), ("b", "")):
+        health.warn(topic, sentence)
+    lines = [json.loads(line)["warnings"] for line in capsys.readouterr().out.splitlines()]
+    assert lines == [["dark"], ["dark", "slow"], ["slow"], []]
+
+
+@pytest.mark.parametrize(
+    ("output", "sentence"), [("no-such:x", "no-such"), ("ddp", "write ddp:HOST"), ("ddp:", "write ddp:HOST")]
+)
+def test_wrong_outputs_are_refused_in_a_sentence(
+    output: str, sentence: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(output_add, "quiet", lambda: None)
+    result: Any = CliRunner().invoke(output_add.command, [output, "--strip", "a"])
+    assert sentence in str(result.exception)

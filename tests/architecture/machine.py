@@ -23,7 +23,13 @@ case "$1 $2" in
         cat "$SELF" > "$3/bin/python"
         printf '#!/bin/sh\\necho "pointit $*" >> "$CALLS"\\n' > "$3/bin/pointit"
         chmod +x "$3/bin/python" "$3/bin/pointit" ;;
-    "-m pip") if [ -n "${NO_NET:-}" ] && [ "$3" = install ]; then echo "$NO_NET"; exit 1; fi ;;
+    "-m pip")
+        if [ "$3" = config ]; then echo "${PIP_CONFIG:-}"; exit; fi
+        if [ -n "${NO_NET:-}" ] && [ "$3" = install ]; then echo "$NO_NET"; exit 1; fi
+        case "$*" in
+            *" uv") printf '#!/bin/sh\\necho "fetched uv $*" >> "$CALLS"; exit ${NO_UV:-0}\\n' > "${0%/*}/uv"
+                chmod +x "${0%/*}/uv" ;;
+        esac ;;
 esac
 """
 
@@ -78,4 +84,5 @@ class Machine:
 
     @property
     def calls(self) -> list[str]:
-        return [call for call in self.calls_file.read_text().splitlines() if not call.startswith("python -c")]
+        asked = ("python -c", "python -m pip --version", "python -m pip config")
+        return [call for call in self.calls_file.read_text().splitlines() if not call.startswith(asked)]

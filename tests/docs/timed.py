@@ -1,0 +1,124 @@
+"""`python -m tests.docs.timed [--installer uv|pip] [--demo] [--of FOLDER]`: how long the first hour takes, by its phases.
+
+Clones the last commit of FOLDER (this checkout) and, with caches that are empty, starts `scripts/demo` in the clone
+until its page answers. Then it runs the blocks of the README and of the tutorial there, as `scripts/docs` does. Each
+line has the seconds since the one before it. Downloads, and takes some minutes: not in CI.
+"""
+
+import argparse
+import asyncio
+import os
+import signal
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import httpx
+import uv
+
+from tests.docs.blocks import ROOT, RUN, blocks
+from tests.docs.shell import shell
+from tests.support.links import FILE, link_in
+
+TUTORIAL = ("index", "shelf", "room", "wrist", "two-people", "secured-site")
+PAGES = ("README.md", *(f"docs/tutorial/{name}.md" for name in TUTORIAL))
+LONGEST_S = 900.0
+"""Longest time until the page answers."""
+
+
+class Timer:
+    """Prints phases, each with the seconds since the one before, and since the beginning."""
+
+    def __init__(self) -> None:
+        self.begin = self._last = time.monotonic()
+
+    def told(self, phase: str) -> None:
+        now = time.monotonic()
+        print(f"{now - self._last:7.1f} s {now - self.begin:7.1f} s  {phase}", flush=True)
+        self._last = now
+
+
+def environment(folder: Path, installer: str) -> dict[str, str]:
+    """Return that of a reader at a new machine: an empty home, empty caches, and uv only if it is the installer."""
+    kept = [
+        each for each in os.environ["PATH"].split(os.pathsep) if each and not (Path(each) / "uv").exists()
+    ]
+    bin_ = folder / "bin"
+    bin_.mkdir()
+    if installer == "uv":
+        (bin_ / "uv").symlink_to(uv.find_uv_bin())
+    foreign = ("POINTIT_", "XDG_", "VIRTUAL_ENV", "PIP_FIND_LINKS", "LOCKED")
+    inherited = {key: value for key, value in os.environ.items() if not key.startswith(foreign)}
+    home = folder / "home"
+    home.mkdir()
+    return {**inherited, "HOME": str(home), "UV_CACHE_DIR": str(home / "uv"), "PIP_CACHE_DIR": str(home / "pip"),
+            "PATH": os.pathsep.join([str(bin_), *kept]), "PYTHONUNBUFFERED": "1"}  # fmt: skip
+
+
+async def demo(clone: Path, timer: Timer, reader: dict[str, str]) -> None:
+    """Start it until its page answers, then press Ctrl-C.
+
+    Raises:
+        SystemExit: If it ends before.
+    """
+    process = await asyncio.create_subprocess_exec(
+        clone / "scripts/demo", "--no-browser", cwd=clone, env=reader, start_new_session=True,
+        stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT,
+    )  # fmt: skip
+    assert process.stdout is not None
+    printed = ""
+    parts = {".venv/bin/python": "has a .venv", ".venv/.installed-web": "has installed"}
+    try:
+        async with asyncio.timeout(LONGEST_S):
+            while not FILE.search(printed):
+                for part in [each for each in parts if (clone / each).exists()]:
+                    timer.told(f"scripts/demo {parts.pop(part)}")
+                try:
+                    line = await asyncio.wait_for(process.stdout.readline(), 0.1)
+                except TimeoutError:
+                    continue
+                if not line:
+                    sys.exit(f"scripts/demo ended and printed\n{printed}")
+                printed += line.decode()
+            timer.told("scripts/demo tells its page")
+        async with httpx.AsyncClient(follow_redirects=True) as client:
+            (await client.get(link_in(printed))).raise_for_status()
+        timer.told(f"scripts/demo shows its page, {time.monotonic() - timer.begin:.1f} s from the beginning")
+    finally:
+        os.killpg(process.pid, signal.SIGINT)
+        await process.communicate()
+    timer.told(f"scripts/demo ended after Ctrl-C, with {process.returncode}")
+
+
+async def main() -> None:
+    """Print the phases."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--installer", choices=("uv", "pip"), default="pip", help="pip: a machine without uv")
+    parser.add_argument("--demo", action="store_true", help="only scripts/demo")
+    parser.add_argument("--of", type=Path, default=ROOT, metavar="FOLDER", help="checkout that is cloned")
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="timed-") as name:
+        folder, timer = Path(name), Timer()
+        reader = environment(folder, arguments.installer)
+        clone = folder / "pointit"
+        git = await asyncio.create_subprocess_exec("git", "clone", "--quiet", arguments.of.resolve(), clone)
+        if await git.wait():
+            sys.exit(f"git could not clone {arguments.of}; the reason stands above")
+        timer.told("git clone")
+        await demo(clone, timer, reader)
+        for page in () if arguments.demo else PAGES:
+            place = folder / Path(page).stem
+            place.mkdir()
+            async with shell(place, clone) as terminal:
+                for block in blocks(ROOT / page, (clone / page).read_text(encoding="utf-8")):
+                    if block.title:
+                        (place / "page" / block.title).write_text(block.code, encoding="utf-8")
+                    elif block.language in RUN and not block.no_run:
+                        await terminal.run(block)
+                        timer.told(f"{block.place}: {block.code.splitlines()[0]}")
+                await terminal.end()
+
+
+if __name__ == "__main__":
+    asyncio.run(main())

@@ -55,22 +55,29 @@ make_venv() {
         quietly "Making .venv" uv venv --quiet --python "${python:-3.12}" "$VENV" && return
     elif [ -z "$python" ]; then
         die "PointIt needs Python 3.11 or newer and found none; install python3.11 or newer and run this again"
-    elif quietly "Making .venv" "$python" -m venv "$VENV"; then
+    elif quietly "Making .venv" "$python" -m venv --without-pip "$VENV"; then
         return
     fi
     rm -rf "$VENV"
-    if grep -q 'ensurepip\|No module named venv' "$LOG"; then
-        die "$python cannot make virtual environments; on Debian and Ubuntu: apt install python3-venv"
-    fi
     tail -n 20 "$LOG" >&2
     die ".venv could not be made; what was said stands above"
 }
 
-# by_pip SENTENCE WHAT...
-by_pip() {
-    "$PYTHON" -m pip --version >/dev/null 2>&1 || "$PYTHON" -m ensurepip >/dev/null 2>&1 || true
-    quietly "$1" "$PYTHON" -m pip install --quiet --disable-pip-version-check "${@:2}"
+# Sets PIP: that of .venv, else the newest Python's, since making one takes seconds, else a new one in .venv.
+find_pip() {
+    local newest
+    PIP=("$PYTHON" -m pip)
+    if "${PIP[@]}" --version >/dev/null 2>&1; then return; fi
+    newest="$(find_python)"
+    if "$newest" -m pip --python "$PYTHON" --version >/dev/null 2>&1; then
+        PIP=("$newest" -m pip --python "$PYTHON")
+    elif ! "$PYTHON" -m ensurepip >/dev/null 2>&1; then
+        die "${newest:-$PYTHON} has no pip; on Debian and Ubuntu: apt install python3-venv"
+    fi
 }
+
+# by_pip SENTENCE WHAT...
+by_pip() { quietly "$1" "${PIP[@]}" install --quiet --disable-pip-version-check "${@:2}"; }
 
 # Takes what pip takes. uv has options of the same names, and does it in a tenth of pip's time; where it is not, pip
 # fetches it first, unless pip is told of an index, which uv would not ask. What such a uv cannot do, pip tries.
@@ -80,8 +87,9 @@ pip_install() {
         quietly "$sentence" uv pip install --quiet --python "$PYTHON" "$@"
         return
     fi
-    if [ ! -x "$VENV/bin/uv" ] && ! "$PYTHON" -m pip config list 2>/dev/null | grep -q index; then
-        by_pip "Fetching uv, which installs faster than pip" uv || true
+    find_pip
+    if [ ! -x "$VENV/bin/uv" ] && ! "${PIP[@]}" config list 2>/dev/null | grep -q index; then
+        by_pip "Fetching uv, which installs faster than pip" uv || ! grep -q "connection broken" "$LOG" || return
     fi
     if [ -x "$VENV/bin/uv" ] && quietly "$sentence" "$VENV/bin/uv" pip install --quiet --python "$PYTHON" "$@"; then
         return
@@ -98,9 +106,11 @@ install() {
             *) pip_install -e "$ROOT${1:+[$1]}" ;;
         esac
     else
-        { command -v uv >/dev/null ||
-            by_pip "Fetching uv" --require-hashes -r <(sed -n '/^uv==/,/[^\\]$/p' "$ROOT/requirements/ci.txt"); } &&
-            pip_install --require-hashes -r "$ROOT/requirements/ci.txt" &&
+        if ! command -v uv >/dev/null; then
+            find_pip
+            by_pip "Fetching uv" --require-hashes -r <(sed -n '/^uv==/,/[^\\]$/p' "$ROOT/requirements/ci.txt") || return
+        fi
+        pip_install --require-hashes -r "$ROOT/requirements/ci.txt" &&
             pip_install --no-deps --no-build-isolation -e "$ROOT" -e "$ROOT/lab"
     fi
 }

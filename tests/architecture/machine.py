@@ -1,5 +1,6 @@
 """A machine on which scripts find nothing but stand-ins, which record their calls."""
 
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -8,7 +9,7 @@ from tests.architecture.sources import ROOT
 
 TOOLS = (
     *("bash", "env", "dirname", "cksum", "cat", "rm", "mktemp", "sleep", "grep", "find", "tail"),
-    *("chmod", "mkdir", "sed", "tr", "date"),
+    *("chmod", "mkdir", "sed", "touch", "tr", "date"),
 )
 
 PYTHON = """#!/bin/sh
@@ -18,18 +19,24 @@ case "$1" in
 esac
 case "$1 $2" in
     "-m venv")
-        if [ -n "${NO_VENV:-}" ]; then echo "$NO_VENV"; exit 1; fi
-        mkdir -p "$3/bin"
-        cat "$SELF" > "$3/bin/python"
-        printf '#!/bin/sh\\necho "pointit $*" >> "$CALLS"\\n' > "$3/bin/pointit"
-        chmod +x "$3/bin/python" "$3/bin/pointit" ;;
+        mkdir -p "$4/bin"
+        cat "$SELF" > "$4/bin/python"
+        printf '#!/bin/sh\\necho "pointit $*" >> "$CALLS"\\n' > "$4/bin/pointit"
+        chmod +x "$4/bin/python" "$4/bin/pointit" ;;
+    "-m ensurepip") if [ -n "${NO_PIP:-}" ]; then exit 1; fi; touch "${0%/*}/pip" ;;
     "-m pip")
-        if [ "$3" = config ]; then echo "${PIP_CONFIG:-}"; exit; fi
-        if [ -n "${NO_NET:-}" ] && [ "$3" = install ]; then echo "$NO_NET"; exit 1; fi
+        if [ ! -e "${0%/*}/pip" ]; then exit 1; fi
         case "$*" in
-            *" uv") printf '#!/bin/sh\\necho "fetched uv $*" >> "$CALLS"; exit ${NO_UV:-0}\\n' > "${0%/*}/uv"
-                chmod +x "${0%/*}/uv" ;;
-        esac ;;
+            *config*) echo "${PIP_CONFIG:-}" ;;
+            *install*) if [ -n "${NO_NET:-}" ]; then echo "$NO_NET"; exit 1; fi ;;
+        esac
+        case "$*" in
+            *" --python "*" uv") uv="${4%/*}/uv" ;;
+            *" uv") uv="${0%/*}/uv" ;;
+            *) exit ;;
+        esac
+        printf '#!/bin/sh\\necho "fetched uv $*" >> "$CALLS"; exit ${NO_UV:-0}\\n' > "$uv"
+        chmod +x "$uv" ;;
 esac
 """
 
@@ -37,7 +44,7 @@ UV = """#!/bin/sh
 echo "uv $*" >> "$CALLS"
 if [ "$1" = venv ]; then
     for folder in "$@"; do :; done
-    python3 -m venv "$folder"
+    python3 -m venv --without-pip "$folder"
 fi
 """
 
@@ -84,5 +91,5 @@ class Machine:
 
     @property
     def calls(self) -> list[str]:
-        asked = ("python -c", "python -m pip --version", "python -m pip config")
-        return [call for call in self.calls_file.read_text().splitlines() if not call.startswith(asked)]
+        asked = re.compile(r"python (-c|-m ensurepip|-m pip .*(--version|config list))")
+        return [call for call in self.calls_file.read_text().splitlines() if not asked.match(call)]

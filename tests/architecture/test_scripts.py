@@ -44,7 +44,7 @@ def test_the_demo_installs_once_and_runs_scenario_4(machine: Machine) -> None:
     assert machine.run("demo").returncode == 0
     install = f"fetched uv pip install --quiet --python {machine.root}/.venv/bin/python -e {machine.root}[web]"
     assert machine.calls == [
-        f"python -m venv {machine.root}/.venv",
+        f"python -m venv --without-pip {machine.root}/.venv",
         f"{PIP} uv",
         install,
         "pointit run scenario_4",
@@ -100,7 +100,7 @@ def test_uv_is_used_when_it_is_there(machine: Machine) -> None:
     assert machine.run("demo").returncode == 0
     assert machine.calls == [
         f"uv venv --quiet --python {machine.bin}/python3 {machine.root}/.venv",
-        f"python -m venv {machine.root}/.venv",
+        f"python -m venv --without-pip {machine.root}/.venv",
         f"uv pip install --quiet --python {machine.root}/.venv/bin/python -e {machine.root}[web]",
         "pointit run scenario_4",
     ]
@@ -111,7 +111,7 @@ def test_pip_fetches_uv_once_which_installs_the_rest(machine: Machine) -> None:
     done = machine.run("setup")
     assert (done.returncode, done.stderr) == (0, "PointIt is in .venv: source .venv/bin/activate\n")
     uv = f"fetched uv pip install --quiet --python {machine.root}/.venv/bin/python"
-    assert machine.calls == [f"python -m venv {machine.root}/.venv", f"{PIP} uv", f"{uv} -e {machine.root}"]
+    assert machine.calls == [f"python -m venv --without-pip {machine.root}/.venv", f"{PIP} uv", f"{uv} -e {machine.root}"]
     machine.run("setup", "plot")
     assert machine.calls == [f"{uv} -e {machine.root}[plot]"]
 
@@ -154,12 +154,24 @@ def test_an_extra_that_does_not_exist_is_refused(machine: Machine) -> None:
     assert machine.calls == []
 
 
-def test_debian_without_its_venv_package_is_told_what_to_install(machine: Machine) -> None:
+def test_a_python_without_any_pip_is_told_what_to_install(machine: Machine) -> None:
     machine.add("python3", PYTHON)
-    done = machine.run("demo", NO_VENV="The virtual environment was not created: ensurepip is not available.")
+    done = machine.run("demo", NO_PIP="1")
     assert (done.returncode, done.stderr.count("\n")) == (1, 1)
-    assert "apt install python3-venv" in done.stderr
-    assert not (machine.root / ".venv").exists()
+    assert "has no pip; on Debian and Ubuntu: apt install python3-venv" in done.stderr
+    assert machine.run("demo").returncode == 0
+
+
+def test_the_pip_of_the_python_fetches_uv_into_the_venv(machine: Machine) -> None:
+    machine.add("python3", PYTHON)
+    machine.add("pip", "")
+    assert machine.run("demo", NO_PIP="1").returncode == 0
+    python = f"{machine.root}/.venv/bin/python"
+    assert machine.calls[1:] == [
+        f"python -m pip --python {python} install --quiet --disable-pip-version-check uv",
+        f"fetched uv pip install --quiet --python {python} -e {machine.root}[web]",
+        "pointit run scenario_4",
+    ]
 
 
 def test_a_failed_installation_shows_why_and_is_tried_again(machine: Machine) -> None:

@@ -8,6 +8,7 @@ line has the seconds since the one before it. Downloads, and takes some minutes:
 import argparse
 import asyncio
 import os
+import resource
 import signal
 import sys
 import tempfile
@@ -81,14 +82,15 @@ async def demo(clone: Path, timer: Timer, reader: dict[str, str]) -> None:
                 if not line:
                     sys.exit(f"scripts/demo ended and printed\n{printed}")
                 printed += line.decode()
-            timer.told("scripts/demo tells its page")
+            timer.told("scripts/demo names its page")
         async with httpx.AsyncClient(follow_redirects=True) as client:
             (await client.get(link_in(printed))).raise_for_status()
         timer.told(f"scripts/demo shows its page, {time.monotonic() - timer.begin:.1f} s from the beginning")
     finally:
         os.killpg(process.pid, signal.SIGINT)
         await process.communicate()
-    timer.told(f"scripts/demo ended after Ctrl-C, with {process.returncode}")
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    timer.told(f"scripts/demo ended with {process.returncode}; CPU {used.ru_utime + used.ru_stime:.1f} s")
 
 
 async def main() -> None:

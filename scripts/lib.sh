@@ -63,14 +63,16 @@ make_venv() {
     die ".venv could not be made; what was said stands above"
 }
 
+has_pip() { "$1" -c 'import pip, sys; sys.exit(int(pip.__version__.split(".")[0]) < 23)' >/dev/null 2>&1; }
+
 # Sets PIP: that of .venv, else the newest Python's, since making one takes seconds, else a new one in .venv.
 find_pip() {
     local newest
     PIP=("$PYTHON" -m pip)
-    if "${PIP[@]}" --version >/dev/null 2>&1; then return; fi
+    if has_pip "$PYTHON"; then return; fi
     newest="$(find_python)"
-    if "$newest" -m pip --python "$PYTHON" --version >/dev/null 2>&1; then
-        PIP=("$newest" -m pip --python "$PYTHON")
+    if has_pip "$newest"; then
+        PIP=("$newest" -m pip --python "$PYTHON") # since pip 22.3
     elif ! "$PYTHON" -m ensurepip >/dev/null 2>&1; then
         die "${newest:-$PYTHON} has no pip; on Debian and Ubuntu: apt install python3-venv"
     fi
@@ -88,7 +90,7 @@ pip_install() {
         return
     fi
     find_pip
-    if [ ! -x "$VENV/bin/uv" ] && ! "${PIP[@]}" config list 2>/dev/null | grep -q index; then
+    if [ ! -x "$VENV/bin/uv" ] && ! "${PIP[0]}" -m pip config list 2>/dev/null | grep -q index; then
         by_pip "Fetching uv, which installs faster than pip" uv || ! grep -q "connection broken" "$LOG" || return
     fi
     if [ -x "$VENV/bin/uv" ] && quietly "$sentence" "$VENV/bin/uv" pip install --quiet --python "$PYTHON" "$@"; then

@@ -42,7 +42,9 @@ def test_an_old_python_is_no_python(machine: Machine) -> None:
 def test_the_demo_installs_once_and_runs_scenario_4(machine: Machine) -> None:
     machine.add("python3", PYTHON)
     assert machine.run("demo").returncode == 0
-    install = f"fetched uv pip install --quiet --python {machine.root}/.venv/bin/python -e {machine.root}[web]"
+    install = (
+        f"fetched uv pip install --quiet --python {machine.root}/.venv/bin/python -e {machine.root}[web]"
+    )
     assert machine.calls == [
         f"python -m venv --without-pip {machine.root}/.venv",
         f"{PIP} uv",
@@ -111,7 +113,11 @@ def test_pip_fetches_uv_once_which_installs_the_rest(machine: Machine) -> None:
     done = machine.run("setup")
     assert (done.returncode, done.stderr) == (0, "PointIt is in .venv: source .venv/bin/activate\n")
     uv = f"fetched uv pip install --quiet --python {machine.root}/.venv/bin/python"
-    assert machine.calls == [f"python -m venv --without-pip {machine.root}/.venv", f"{PIP} uv", f"{uv} -e {machine.root}"]
+    assert machine.calls == [
+        f"python -m venv --without-pip {machine.root}/.venv",
+        f"{PIP} uv",
+        f"{uv} -e {machine.root}",
+    ]
     machine.run("setup", "plot")
     assert machine.calls == [f"{uv} -e {machine.root}[plot]"]
 

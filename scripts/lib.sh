@@ -40,7 +40,9 @@ quietly() {
         sleep 0.1
         tenths=$((tenths + 1))
         if [ "$tenths" -eq 20 ]; then say "$sentence ..."; fi
-        if [ -t 2 ] && [ "$tenths" -ge 20 ]; then printf '\e[A%s ... %d s\n' "$sentence" "$((tenths / 10))" >&2; fi
+        if [ -t 2 ] && [ "$tenths" -gt 20 ] && [ $((tenths % 10)) -eq 0 ]; then
+            printf '\e[A%s ... %d s\n' "$sentence" "$((tenths / 10))" >&2
+        fi
     done
     wait "$job" || status=$?
     trap - INT TERM

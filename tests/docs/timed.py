@@ -1,8 +1,8 @@
-"""`python -m tests.docs.timed [--installer uv|pip] [--demo] [--of FOLDER]`: how long the first hour takes, by its phases.
+"""`python -m tests.docs.timed`: phases of the first hour of a newcomer, each with its duration.
 
-Clones the last commit of FOLDER (this checkout) and, with caches that are empty, starts `scripts/demo` in the clone
-until its page answers. Then it runs the blocks of the README and of the tutorial there, as `scripts/docs` does. Each
-line has the seconds since the one before it. Downloads, and takes some minutes: not in CI.
+Clones the last commit and, with caches that are empty, starts `scripts/demo` in the clone until its page
+answers. Then it runs the blocks of the README and of the tutorial there, as `scripts/docs` does. Downloads,
+and takes minutes: not in CI.
 """
 
 import argparse
@@ -20,12 +20,11 @@ import uv
 
 from tests.docs.blocks import ROOT, RUN, blocks
 from tests.docs.shell import shell
+from tests.support import there
 from tests.support.links import FILE, link_in
 
 TUTORIAL = ("index", "shelf", "room", "wrist", "two-people", "secured-site")
 PAGES = ("README.md", *(f"docs/tutorial/{name}.md" for name in TUTORIAL))
-LONGEST_S = 900.0
-"""Longest time until the page answers."""
 
 
 class Timer:
@@ -36,25 +35,25 @@ class Timer:
 
     def told(self, phase: str) -> None:
         now = time.monotonic()
-        print(f"{now - self._last:7.1f} s {now - self.begin:7.1f} s  {phase}", flush=True)
+        sys.stdout.write(f"{now - self._last:7.1f} s {now - self.begin:7.1f} s  {phase}\n")
+        sys.stdout.flush()
         self._last = now
 
 
 def environment(folder: Path, installer: str) -> dict[str, str]:
-    """Return that of a reader at a new machine: an empty home, empty caches, and uv only if it is the installer."""
-    kept = [
-        each for each in os.environ["PATH"].split(os.pathsep) if each and not (Path(each) / "uv").exists()
-    ]
-    bin_ = folder / "bin"
-    bin_.mkdir()
+    """Return the environment of a new machine: an empty home, empty caches, uv only if it is the installer."""
+    bin_, home = folder / "bin", folder / "home"
+    for each in (bin_, home):
+        each.mkdir()
     if installer == "uv":
         (bin_ / "uv").symlink_to(uv.find_uv_bin())
+    kept = [each for each in os.environ["PATH"].split(os.pathsep) if not (Path(each) / "uv").exists()]
     foreign = ("POINTIT_", "XDG_", "VIRTUAL_ENV", "PIP_FIND_LINKS", "LOCKED")
-    inherited = {key: value for key, value in os.environ.items() if not key.startswith(foreign)}
-    home = folder / "home"
-    home.mkdir()
-    return {**inherited, "HOME": str(home), "UV_CACHE_DIR": str(home / "uv"), "PIP_CACHE_DIR": str(home / "pip"),
-            "PATH": os.pathsep.join([str(bin_), *kept]), "PYTHONUNBUFFERED": "1"}  # fmt: skip
+    return {
+        **{key: value for key, value in os.environ.items() if not key.startswith(foreign)},
+        **{"HOME": str(home), "UV_CACHE_DIR": str(home / "uv"), "PIP_CACHE_DIR": str(home / "pip")},
+        "PATH": os.pathsep.join([str(bin_), *kept]),
+    }
 
 
 async def demo(clone: Path, timer: Timer, reader: dict[str, str]) -> None:
@@ -67,35 +66,34 @@ async def demo(clone: Path, timer: Timer, reader: dict[str, str]) -> None:
         clone / "scripts/demo", "--no-browser", cwd=clone, env=reader, start_new_session=True,
         stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT,
     )  # fmt: skip
-    assert process.stdout is not None
-    printed = ""
+    stdout, printed = there(process.stdout), ""
     parts = {".venv/bin/python": "has a .venv", ".venv/.installed-web": "has installed"}
+    reading = asyncio.ensure_future(stdout.readline())
     try:
-        async with asyncio.timeout(LONGEST_S):
-            while not FILE.search(printed):
-                for part in [each for each in parts if (clone / each).exists()]:
-                    timer.told(f"scripts/demo {parts.pop(part)}")
-                try:
-                    line = await asyncio.wait_for(process.stdout.readline(), 0.1)
-                except TimeoutError:
-                    continue
-                if not line:
-                    sys.exit(f"scripts/demo ended and printed\n{printed}")
+        while not FILE.search(printed):
+            done, _ = await asyncio.wait({reading}, timeout=0.1)
+            for part in [each for each in parts if (clone / each).exists()]:
+                timer.told(f"scripts/demo {parts.pop(part)}")
+            if done and not (line := reading.result()):
+                sys.exit(f"scripts/demo ended and printed\n{printed}")
+            if done:
                 printed += line.decode()
-            timer.told("scripts/demo names its page")
+                reading = asyncio.ensure_future(stdout.readline())
+        timer.told("scripts/demo names its page")
         async with httpx.AsyncClient(follow_redirects=True) as client:
             (await client.get(link_in(printed))).raise_for_status()
         timer.told(f"scripts/demo shows its page, {time.monotonic() - timer.begin:.1f} s from the beginning")
     finally:
+        reading.cancel()
         os.killpg(process.pid, signal.SIGINT)
-        await process.communicate()
+        await process.wait()
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     timer.told(f"scripts/demo ended with {process.returncode}; CPU {used.ru_utime + used.ru_stime:.1f} s")
 
 
 async def main() -> None:
     """Print the phases."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition(": ")[2])
     parser.add_argument("--installer", choices=("uv", "pip"), default="pip", help="pip: a machine without uv")
     parser.add_argument("--demo", action="store_true", help="only scripts/demo")
     parser.add_argument("--of", type=Path, default=ROOT, metavar="FOLDER", help="checkout that is cloned")

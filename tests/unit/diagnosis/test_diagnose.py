@@ -253,7 +253,9 @@ def test_a_peak_is_not_called_slow_nor_is_a_service_that_has_just_started() -> N
 
 
 def test_the_first_slow_service_is_told_and_those_behind_it_follow() -> None:
-    seen = observation(late("selector", 0.3), late("pui", 0.2), late("led-driver", 0.31), late("pointing.anna", 0.1))
+    seen = observation(
+        late("selector", 0.3), late("pui", 0.2), late("led-driver", 0.31), late("pointing.anna", 0.1)
+    )
     found = {each.service: each.follows for each in diagnose(seen)}
     assert found == {"selector": True, "pui": False, "led-driver": True}
 

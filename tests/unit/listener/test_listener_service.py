@@ -31,8 +31,8 @@ from pointit.schemas.topics import (
     SPEECH,
     USER_ALIVE,
 )
-from pointit.services.listener.memory import MOST, PointingMemory
 from pointit.services.listener import recogniser_clock
+from pointit.services.listener.memory import MOST, PointingMemory
 from pointit.services.listener.recogniser_clock import TYPICAL_S, WORDS, RecogniserClock
 from pointit.services.listener.referents import NO_RAYS, Spoken
 from pointit.services.listener.service import Listener

@@ -41,7 +41,7 @@ class Timer:
 
 
 def environment(folder: Path, installer: str) -> dict[str, str]:
-    """Return the environment of a new machine: an empty home, empty caches, uv only if it is the installer."""
+    """Return the environment of a new machine: empty home and caches, uv only if it is the installer."""
     bin_, home = folder / "bin", folder / "home"
     for each in (bin_, home):
         each.mkdir()
@@ -51,17 +51,15 @@ def environment(folder: Path, installer: str) -> dict[str, str]:
     foreign = ("POINTIT_", "XDG_", "VIRTUAL_ENV", "PIP_FIND_LINKS", "LOCKED")
     return {
         **{key: value for key, value in os.environ.items() if not key.startswith(foreign)},
-        **{"HOME": str(home), "UV_CACHE_DIR": str(home / "uv"), "PIP_CACHE_DIR": str(home / "pip")},
+        "HOME": str(home),
+        "UV_CACHE_DIR": str(home / "uv"),
+        "PIP_CACHE_DIR": str(home / "pip"),
         "PATH": os.pathsep.join([str(bin_), *kept]),
     }
 
 
 async def demo(clone: Path, timer: Timer, reader: dict[str, str]) -> None:
-    """Start it until its page answers, then press Ctrl-C.
-
-    Raises:
-        SystemExit: If it ends before.
-    """
+    """Start it until its page answers, then press Ctrl-C."""
     process = await asyncio.create_subprocess_exec(
         clone / "scripts/demo", "--no-browser", cwd=clone, env=reader, start_new_session=True,
         stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT,
@@ -74,9 +72,10 @@ async def demo(clone: Path, timer: Timer, reader: dict[str, str]) -> None:
             done, _ = await asyncio.wait({reading}, timeout=0.1)
             for part in [each for each in parts if (clone / each).exists()]:
                 timer.told(f"scripts/demo {parts.pop(part)}")
-            if done and not (line := reading.result()):
-                sys.exit(f"scripts/demo ended and printed\n{printed}")
             if done:
+                line = reading.result()
+                if not line:
+                    sys.exit(f"scripts/demo ended and printed\n{printed}")
                 printed += line.decode()
                 reading = asyncio.ensure_future(stdout.readline())
         timer.told("scripts/demo names its page")
@@ -121,4 +120,7 @@ async def main() -> None:
 
 
 if __name__ == "__main__":
+    signal.signal(
+        signal.SIGINT, signal.default_int_handler
+    )  # what a background job starts would ignore Ctrl-C
     asyncio.run(main())

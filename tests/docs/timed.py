@@ -48,12 +48,10 @@ def environment(folder: Path, installer: str) -> dict[str, str]:
     if installer == "uv":
         (bin_ / "uv").symlink_to(uv.find_uv_bin())
     kept = [each for each in os.environ["PATH"].split(os.pathsep) if not (Path(each) / "uv").exists()]
-    foreign = ("POINTIT_", "XDG_", "VIRTUAL_ENV", "PIP_FIND_LINKS", "LOCKED")
+    foreign = ("POINTIT_", "XDG_", "VIRTUAL_ENV", "PIP_FIND_LINKS", "LOCKED", "UV_CACHE", "PIP_CACHE")
     return {
         **{key: value for key, value in os.environ.items() if not key.startswith(foreign)},
         "HOME": str(home),
-        "UV_CACHE_DIR": str(home / "uv"),
-        "PIP_CACHE_DIR": str(home / "pip"),
         "PATH": os.pathsep.join([str(bin_), *kept]),
     }
 
@@ -73,10 +71,8 @@ async def demo(clone: Path, timer: Timer, reader: dict[str, str]) -> None:
             for part in [each for each in parts if (clone / each).exists()]:
                 timer.told(f"scripts/demo {parts.pop(part)}")
             if done:
-                line = reading.result()
-                if not line:
-                    sys.exit(f"scripts/demo ended and printed\n{printed}")
-                printed += line.decode()
+                printed += (line := reading.result()).decode()
+                assert line, f"scripts/demo ended and printed\n{printed}"
                 reading = asyncio.ensure_future(stdout.readline())
         timer.told("scripts/demo names its page")
         async with httpx.AsyncClient(follow_redirects=True) as client:
@@ -102,8 +98,7 @@ async def main() -> None:
         reader = environment(folder, arguments.installer)
         clone = folder / "pointit"
         git = await asyncio.create_subprocess_exec("git", "clone", "--quiet", arguments.of.resolve(), clone)
-        if await git.wait():
-            sys.exit(f"git could not clone {arguments.of}; the reason stands above")
+        assert not await git.wait(), f"git could not clone {arguments.of}; the reason stands above"
         timer.told("git clone")
         await demo(clone, timer, reader)
         for page in () if arguments.demo else PAGES:

@@ -108,7 +108,7 @@ def test_a_full_disk_is_no_fault_of_the_program(
     error: OSError, what: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert ended(raising(error)) == 1
-    assert capsys.readouterr().err == f"Error: {what} cannot be written: the disk is full\n"
+    assert capsys.readouterr().err == f"Error: the disk is full: {what} is cut off\n"
 
 
 @pytest.mark.parametrize(("result", "code"), [(0, 0), (3, 3), (None, 0)])

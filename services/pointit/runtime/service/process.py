@@ -80,9 +80,7 @@ def run_command(command: click.Command, arguments: list[str] | None = None) -> N
         sys.exit(EXIT_USAGE if isinstance(error, ConfigError | SchemaError) else EXIT_FAILED)
     except Exception as error:
         if isinstance(error, OSError) and error.errno == errno.ENOSPC:
-            click.echo(
-                f"Error: {error.filename or 'the output'} cannot be written: the disk is full", err=True
-            )
+            click.echo(f"Error: the disk is full: {error.filename or 'the output'} is cut off", err=True)
             sys.exit(EXIT_FAILED)
         log.critical("fault of the program", exc_info=error)
         what = plain(f"{type(error).__name__}: {error}")
@@ -99,11 +97,9 @@ def service_command(service: type[AnyService], plugin: str = "") -> click.Comman
 
     def callback(**options: Any) -> int:
         setup_logging(options["log_level"])
-        user: str = options.get("user") or ""
-        if user:
+        if user := options.get("user") or "":
             check_user(user)
-        name: str = options.get("name") or ""
-        if name:
+        if name := options.get("name") or "":
             check_name(name)
         config = load_config(
             service,

@@ -4,6 +4,7 @@
 ROOT="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)"
 VENV="$ROOT/.venv"
 PYTHON="$VENV/bin/python"
+unset PYTHONDONTWRITEBYTECODE # set in many containers: every start would compile all that it imports
 
 say() { printf '%s\n' "$*" >&2; }
 
@@ -25,8 +26,8 @@ find_python() {
     done
 }
 
-# quietly SENTENCE COMMAND...: runs it without a word; says SENTENCE when it takes more than two seconds,
-# and leaves its output in $LOG.
+# quietly SENTENCE COMMAND...: runs it without a word; says SENTENCE when it takes more than two seconds, with the
+# seconds on a terminal, and leaves its output in $LOG.
 quietly() {
     local sentence=$1 tenths=0 job status=0
     shift
@@ -38,7 +39,10 @@ quietly() {
     while kill -0 "$job" 2>/dev/null; do
         sleep 0.1
         tenths=$((tenths + 1))
-        if [ "$tenths" -eq 20 ]; then say "$sentence"; fi
+        if [ "$tenths" -eq 20 ]; then say "$sentence ..."; fi
+        if [ -t 2 ] && [ "$tenths" -gt 20 ] && [ $((tenths % 10)) -eq 0 ]; then
+            printf '\e[A%s ... %d s\n' "$sentence" "$((tenths / 10))" >&2
+        fi
     done
     wait "$job" || status=$?
     trap - INT TERM
@@ -50,30 +54,51 @@ make_venv() {
     python="$(find_python)"
     if command -v uv >/dev/null; then
         # uv fetches a Python by itself where there is none
-        quietly "Making .venv ..." uv venv --quiet --python "${python:-3.12}" "$VENV" && return
+        quietly "Making .venv" uv venv --quiet --python "${python:-3.12}" "$VENV" && return
     elif [ -z "$python" ]; then
         die "PointIt needs Python 3.11 or newer and found none; install python3.11 or newer and run this again"
-    elif quietly "Making .venv ..." "$python" -m venv "$VENV"; then
+    elif quietly "Making .venv" "$python" -m venv --without-pip "$VENV"; then
         return
     fi
     rm -rf "$VENV"
-    if grep -q 'ensurepip\|No module named venv' "$LOG"; then
-        die "$python cannot make virtual environments; on Debian and Ubuntu: apt install python3-venv"
-    fi
     tail -n 20 "$LOG" >&2
     die ".venv could not be made; what was said stands above"
 }
 
-# Takes what pip takes; an environment that uv has made has no pip, and uv has options of the same names.
-pip_install() {
-    local sentence="Installing PointIt into .venv (only when pyproject.toml has changed) ..." uv
-    uv="$(command -v uv || { [ -z "${LOCKED:-}" ] || command -v "$VENV/bin/uv"; } || true)"
-    if [ -n "$uv" ]; then
-        quietly "$sentence" "$uv" pip install --quiet ${PYTHONDONTWRITEBYTECODE:+--compile-bytecode} --python "$PYTHON" "$@"
-    else
-        "$PYTHON" -m pip --version >/dev/null 2>&1 || "$PYTHON" -m ensurepip >/dev/null 2>&1 || true
-        quietly "$sentence" "$PYTHON" -m pip install --quiet --disable-pip-version-check "$@"
+has_pip() { "$1" -c 'import pip, sys; sys.exit(int(pip.__version__.split(".")[0]) < 23)' >/dev/null 2>&1; }
+
+# Sets PIP: that of .venv, else the newest Python's, since making one takes seconds, else a new one in .venv.
+find_pip() {
+    local newest
+    PIP=("$PYTHON" -m pip)
+    if has_pip "$PYTHON"; then return; fi
+    newest="$(find_python)"
+    if has_pip "$newest"; then
+        PIP=("$newest" -m pip --python "$PYTHON") # since pip 22.3
+    elif ! "$PYTHON" -m ensurepip >/dev/null 2>&1; then
+        die "${newest:-$PYTHON} has no pip; on Debian and Ubuntu: apt install python3-venv"
     fi
+}
+
+# by_pip SENTENCE WHAT...
+by_pip() { quietly "$1" "${PIP[@]}" install --quiet --disable-pip-version-check "${@:2}"; }
+
+# Takes what pip takes. uv has options of the same names, and does it in a tenth of pip's time; where it is not, pip
+# fetches it first, unless pip is told of an index, which uv would not ask. What such a uv cannot do, pip tries.
+pip_install() {
+    local sentence="Installing PointIt into .venv (only when pyproject.toml has changed)"
+    if command -v uv >/dev/null; then
+        quietly "$sentence" uv pip install --quiet --python "$PYTHON" "$@"
+        return
+    fi
+    find_pip
+    if [ ! -x "$VENV/bin/uv" ] && ! "${PIP[0]}" -m pip config list 2>/dev/null | grep -q index; then
+        by_pip "Fetching uv, which installs faster than pip" uv || ! grep -q "connection broken" "$LOG" || return
+    fi
+    if [ -x "$VENV/bin/uv" ] && quietly "$sentence" "$VENV/bin/uv" pip install --quiet --python "$PYTHON" "$@"; then
+        return
+    fi
+    by_pip "$sentence, by pip" "$@"
 }
 
 # install EXTRAS, with commas between them: from what the index has now, or, with LOCKED set, exactly what
@@ -85,9 +110,11 @@ install() {
             *) pip_install -e "$ROOT${1:+[$1]}" ;;
         esac
     else
-        # first uv alone, which takes a twentieth of pip's CPU for the rest
-        pip_install --require-hashes -r <(sed -n '/^uv==/,/[^\\]$/p' "$ROOT/requirements/ci.txt") &&
-            pip_install --require-hashes -r "$ROOT/requirements/ci.txt" &&
+        if ! command -v uv >/dev/null; then
+            find_pip
+            by_pip "Fetching uv" --require-hashes -r <(sed -n '/^uv==/,/[^\\]$/p' "$ROOT/requirements/ci.txt") || return
+        fi
+        pip_install --require-hashes -r "$ROOT/requirements/ci.txt" &&
             pip_install --no-deps --no-build-isolation -e "$ROOT" -e "$ROOT/lab"
     fi
 }
@@ -107,9 +134,6 @@ ensure_venv() {
     if ! install "$extra"; then
         tail -n 20 "$LOG" >&2
         die "PointIt could not be installed into .venv; what was said stands above"
-    fi
-    if [ -n "${PYTHONDONTWRITEBYTECODE:-}" ]; then # set in many containers: each start would compile for 0.25 s
-        "$PYTHON" -m compileall -qq "$ROOT"/{services,schemas,bridges}/pointit "$ROOT/lab/pointit_lab" || true
     fi
     printf '%s\n' "$wanted" >"$VENV/.installed${extra:+-$extra}"
 }

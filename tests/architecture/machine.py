@@ -1,5 +1,6 @@
 """A machine on which scripts find nothing but stand-ins, which record their calls."""
 
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -8,22 +9,35 @@ from tests.architecture.sources import ROOT
 
 TOOLS = (
     *("bash", "env", "dirname", "cksum", "cat", "rm", "mktemp", "sleep", "grep", "find", "tail"),
-    *("chmod", "mkdir", "sed", "tr", "date"),
+    *("chmod", "mkdir", "sed", "touch", "tr", "date"),
 )
 
 PYTHON = """#!/bin/sh
 echo "python $*" >> "$CALLS"
 case "$1" in
-    -c) exit "${OLD:-0}" ;;
+    -c)
+        case "$2" in "import pip"*) test -e "${0%/*}/pip"; exit ;; esac
+        exit "${OLD:-0}" ;;
 esac
 case "$1 $2" in
     "-m venv")
-        if [ -n "${NO_VENV:-}" ]; then echo "$NO_VENV"; exit 1; fi
-        mkdir -p "$3/bin"
-        cat "$SELF" > "$3/bin/python"
-        printf '#!/bin/sh\\necho "pointit $*" >> "$CALLS"\\n' > "$3/bin/pointit"
-        chmod +x "$3/bin/python" "$3/bin/pointit" ;;
-    "-m pip") if [ -n "${NO_NET:-}" ] && [ "$3" = install ]; then echo "$NO_NET"; exit 1; fi ;;
+        mkdir -p "$4/bin"
+        cat "$SELF" > "$4/bin/python"
+        printf '#!/bin/sh\\necho "pointit $*" >> "$CALLS"\\n' > "$4/bin/pointit"
+        chmod +x "$4/bin/python" "$4/bin/pointit" ;;
+    "-m ensurepip") if [ -n "${NO_PIP:-}" ]; then exit 1; fi; touch "${0%/*}/pip" ;;
+    "-m pip")
+        case "$*" in
+            *config*) echo "${PIP_CONFIG:-}" ;;
+            *install*) if [ -n "${NO_NET:-}" ]; then echo "$NO_NET"; exit 1; fi ;;
+        esac
+        case "$*" in
+            *" --python "*" uv") uv="${4%/*}/uv" ;;
+            *" uv") uv="${0%/*}/uv" ;;
+            *) exit ;;
+        esac
+        printf '#!/bin/sh\\necho "fetched uv $*" >> "$CALLS"; exit ${NO_UV:-0}\\n' > "$uv"
+        chmod +x "$uv" ;;
 esac
 """
 
@@ -31,7 +45,7 @@ UV = """#!/bin/sh
 echo "uv $*" >> "$CALLS"
 if [ "$1" = venv ]; then
     for folder in "$@"; do :; done
-    python3 -m venv "$folder"
+    python3 -m venv --without-pip "$folder"
 fi
 """
 
@@ -78,4 +92,5 @@ class Machine:
 
     @property
     def calls(self) -> list[str]:
-        return [call for call in self.calls_file.read_text().splitlines() if not call.startswith("python -c")]
+        asked = re.compile(r"python (-c|-m ensurepip|-m pip config list)")
+        return [call for call in self.calls_file.read_text().splitlines() if not asked.match(call)]

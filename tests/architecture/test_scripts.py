@@ -13,6 +13,8 @@ import pytest
 from tests.architecture.machine import PYTHON, UV, Machine
 from tests.architecture.sources import ROOT
 
+PIP = "python -m pip install --quiet --disable-pip-version-check"
+
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="the scripts are for POSIX shells")
 
 
@@ -40,10 +42,12 @@ def test_an_old_python_is_no_python(machine: Machine) -> None:
 def test_the_demo_installs_once_and_runs_scenario_4(machine: Machine) -> None:
     machine.add("python3", PYTHON)
     assert machine.run("demo").returncode == 0
-    install = f"python -m pip install --quiet --disable-pip-version-check -e {machine.root}[web]"
+    install = (
+        f"fetched uv pip install --quiet --python {machine.root}/.venv/bin/python -e {machine.root}[web]"
+    )
     assert machine.calls == [
-        f"python -m venv {machine.root}/.venv",
-        "python -m pip --version",
+        f"python -m venv --without-pip {machine.root}/.venv",
+        f"{PIP} uv",
         install,
         "pointit run scenario_4",
     ]
@@ -51,7 +55,7 @@ def test_the_demo_installs_once_and_runs_scenario_4(machine: Machine) -> None:
     assert machine.calls == ["pointit run scenario_4 --duration 20"]
     with (machine.root / "pyproject.toml").open("a") as file:
         file.write("# changed\n")
-    assert (machine.run("demo").returncode, machine.calls[1:]) == (0, [install, "pointit run scenario_4"])
+    assert (machine.run("demo").returncode, machine.calls) == (0, [install, "pointit run scenario_4"])
 
 
 @pytest.mark.parametrize("arguments", [("--seed", "1", "scenario_2"), ("my room.yaml",)])
@@ -64,22 +68,22 @@ def test_the_demo_runs_the_scenario_that_is_named(machine: Machine, arguments: t
 def test_tests_need_more_than_the_demo_and_those_that_are_named_need_all(machine: Machine) -> None:
     machine.add("python3", PYTHON)
     machine.run("demo")
-    install = f"python -m pip install --quiet --disable-pip-version-check -e {machine.root}"
+    install = f"fetched uv pip install --quiet --python {machine.root}/.venv/bin/python -e {machine.root}"
     machine.run("test")
-    assert machine.calls[1] == f"{install}[test] -e {machine.root}/lab"
+    assert machine.calls[0] == f"{install}[test] -e {machine.root}/lab"
     workers = int(machine.calls[-1].split()[5])
     assert workers > 1
     options = f"-n {workers} --dist loadfile --no-loadscope-reorder"
     chosen = "-m not slow and not long tests/integration tests/unit"
     assert machine.calls[-1] == f"python -m pytest -q {options} {chosen}"
     assert machine.run("test", "-q", "tests/unit").returncode == 0
-    assert machine.calls[1:] == [f"{install}[dev] -e {machine.root}/lab", "python -m pytest -q tests/unit"]
+    assert machine.calls == [f"{install}[dev] -e {machine.root}/lab", "python -m pytest -q tests/unit"]
     machine.run("test")
     assert len(machine.calls) == 1
     with (machine.root / "pyproject.toml").open("a") as file:
         file.write("# changed\n")
     assert machine.run("test", "-q").returncode == 0
-    assert machine.calls[1] == f"{install}[dev] -e {machine.root}/lab"
+    assert machine.calls[0] == f"{install}[dev] -e {machine.root}/lab"
     machine.run("demo")
     assert machine.calls == ["pointit run scenario_4"]
 
@@ -98,25 +102,33 @@ def test_uv_is_used_when_it_is_there(machine: Machine) -> None:
     assert machine.run("demo").returncode == 0
     assert machine.calls == [
         f"uv venv --quiet --python {machine.bin}/python3 {machine.root}/.venv",
-        f"python -m venv {machine.root}/.venv",
+        f"python -m venv --without-pip {machine.root}/.venv",
         f"uv pip install --quiet --python {machine.root}/.venv/bin/python -e {machine.root}[web]",
         "pointit run scenario_4",
     ]
 
 
-@pytest.mark.parametrize("uv", [False, True])
-def test_modules_are_compiled_once_when_python_writes_no_bytecode(machine: Machine, *, uv: bool) -> None:
+def test_pip_fetches_uv_once_which_installs_the_rest(machine: Machine) -> None:
     machine.add("python3", PYTHON)
-    if uv:
-        machine.add("uv", UV)
-    done = machine.run("setup", PYTHONDONTWRITEBYTECODE="1")
+    done = machine.run("setup")
     assert (done.returncode, done.stderr) == (0, "PointIt is in .venv: source .venv/bin/activate\n")
-    folders = [f"{room}/pointit" for room in ("services", "schemas", "bridges")] + ["lab/pointit_lab"]
-    compiled = " ".join(f"{machine.root}/{folder}" for folder in folders)
-    assert machine.calls[-1] == f"python -m compileall -qq {compiled}"
-    assert not uv or machine.calls[-2].startswith("uv pip install --quiet --compile-bytecode --python ")
-    machine.run("setup", PYTHONDONTWRITEBYTECODE="1")
-    assert machine.calls == []
+    uv = f"fetched uv pip install --quiet --python {machine.root}/.venv/bin/python"
+    assert machine.calls == [
+        f"python -m venv --without-pip {machine.root}/.venv",
+        f"{PIP} uv",
+        f"{uv} -e {machine.root}",
+    ]
+    machine.run("setup", "plot")
+    assert machine.calls == [f"{uv} -e {machine.root}[plot]"]
+
+
+@pytest.mark.parametrize("why", ["pip has an index", "uv fails"])
+def test_pip_installs_where_a_fetched_uv_cannot(machine: Machine, why: str) -> None:
+    machine.add("python3", PYTHON)
+    told = {"PIP_CONFIG": ":env:.index-url='https://pypi.example'"} if "index" in why else {"NO_UV": "1"}
+    assert machine.run("setup", **told).returncode == 0
+    assert machine.calls[-1] == f"{PIP} -e {machine.root}"
+    assert (f"{PIP} uv" in machine.calls) == (why == "uv fails")
 
 
 @pytest.mark.parametrize("uv", [False, True])
@@ -128,11 +140,7 @@ def test_an_extra_goes_into_the_venv_with_uv_and_without(machine: Machine, *, uv
     done = machine.run("setup", "ros2", "plot")
     assert (done.returncode, done.stdout) == (0, "")
     assert done.stderr == "PointIt with ros2 plot is in .venv: source .venv/bin/activate\n"
-    pip = (
-        f"uv pip install --quiet --python {machine.root}/.venv/bin/python"
-        if uv
-        else "python -m pip install --quiet --disable-pip-version-check"
-    )
+    pip = f"{'' if uv else 'fetched '}uv pip install --quiet --python {machine.root}/.venv/bin/python"
     assert machine.calls[-1] == f"{pip} -e {machine.root}[ros2,plot]"
     machine.run("setup", "ros2", "plot")
     assert (machine.calls, machine.run("setup", "web", "lab").returncode) == ([], 0)
@@ -152,12 +160,24 @@ def test_an_extra_that_does_not_exist_is_refused(machine: Machine) -> None:
     assert machine.calls == []
 
 
-def test_debian_without_its_venv_package_is_told_what_to_install(machine: Machine) -> None:
+def test_a_python_without_any_pip_is_told_what_to_install(machine: Machine) -> None:
     machine.add("python3", PYTHON)
-    done = machine.run("demo", NO_VENV="The virtual environment was not created: ensurepip is not available.")
+    done = machine.run("demo", NO_PIP="1")
     assert (done.returncode, done.stderr.count("\n")) == (1, 1)
-    assert "apt install python3-venv" in done.stderr
-    assert not (machine.root / ".venv").exists()
+    assert "has no pip; on Debian and Ubuntu: apt install python3-venv" in done.stderr
+    assert machine.run("demo").returncode == 0
+
+
+def test_the_pip_of_the_python_fetches_uv_into_the_venv(machine: Machine) -> None:
+    machine.add("python3", PYTHON)
+    machine.add("pip", "")
+    assert machine.run("demo", NO_PIP="1").returncode == 0
+    python = f"{machine.root}/.venv/bin/python"
+    assert machine.calls[1:] == [
+        f"python -m pip --python {python} install --quiet --disable-pip-version-check uv",
+        f"fetched uv pip install --quiet --python {python} -e {machine.root}[web]",
+        "pointit run scenario_4",
+    ]
 
 
 def test_a_failed_installation_shows_why_and_is_tried_again(machine: Machine) -> None:

@@ -138,13 +138,13 @@ def _read(output: Path) -> str:
     return output.read_text(encoding="utf-8", errors="replace") if output.exists() else ""
 
 
-def prepare(folder: Path) -> dict[str, str]:
-    """Make the reader's folder, which looks like the project's. Return the environment."""
-    for each in ROOT.iterdir():
+def prepare(folder: Path, root: Path) -> dict[str, str]:
+    """Make the reader's folder, which looks like the checkout `root`. Return the environment."""
+    for each in root.iterdir():
         if each.name != "scripts":
             (folder / each.name).symlink_to(each)
     (folder / "scripts").mkdir()
-    for script in (ROOT / "scripts").iterdir():  # they look for the project beside themselves
+    for script in (root / "scripts").iterdir():  # they look for the project beside themselves
         if script.is_file() and os.access(script, os.X_OK):
             (folder / "scripts" / script.name).write_text(
                 f'#!/bin/sh\nexec {shlex.quote(str(script))} "$@"\n'
@@ -156,19 +156,19 @@ def prepare(folder: Path) -> dict[str, str]:
     return {
         **inherited,
         "HOME": str(home),
-        "PATH": f"{ROOT / '.venv/bin'}:{os.environ['PATH']}",
+        "PATH": f"{root / '.venv/bin'}:{os.environ['PATH']}",
         "COLUMNS": "100",
         "PYTHONUNBUFFERED": "1",
     }
 
 
 @asynccontextmanager
-async def shell(folder: Path) -> AsyncGenerator[Shell]:
-    """Yield a shell in the new folder `folder`/page, with namespaces of its own."""
+async def shell(folder: Path, root: Path = ROOT) -> AsyncGenerator[Shell]:
+    """Yield a shell in the new folder `folder`/page, with namespaces of its own, for a reader of `root`."""
     page, notes = folder / "page", folder / "blocks"
     page.mkdir()
     notes.mkdir()
-    environment = prepare(page)
+    environment = prepare(page, root)
     user = () if os.geteuid() == 0 else ("--user", "--map-root-user")
     with (notes / "bash").open("wb") as errors:
         bash = await asyncio.create_subprocess_exec(

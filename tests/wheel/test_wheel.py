@@ -159,16 +159,17 @@ async def test_laboratory_beside_adds_its_commands(wheel: Path, plain: Path, com
         run(UV, "pip", "uninstall", "--quiet", "--python", python, "pointit-lab", cwd=plain.parent)
 
 
-async def test_uvx_runs_the_wheel_and_serves_the_page(wheel: Path, commands: Commands) -> None:
+async def test_uvx_without_arguments_does_what_scripts_demo_does(wheel: Path, commands: Commands) -> None:
     uvx = functools.partial(commands.run, environment={"UV_PYTHON": sys.executable})
     where = ("tool", "run", "--quiet", *LOCK, "--from", f"{wheel}[web]", "pointit")
-    command = uvx([UV, *where, "run", "scenario_3", "--no-view", "--web-port", "0"])
+    command = uvx([UV, *where])
+    await command.says("`pointit` alone is `pointit run`")
     await command.says("its link is in")
     _, page = await entered(link_in(command.err + command.out))
     assert page.status_code == 200
     assert "text/html" in page.headers["content-type"]
     ended = await command.stop(code=0)
-    assert "scenario_3 ran" in ended.out
+    assert "scenario_4 ran" in ended.out
 
 
 @pytest.mark.parametrize("where", [pytest.param("editable install", marks=pytest.mark.long), "wheel"])

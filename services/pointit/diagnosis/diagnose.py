@@ -1,6 +1,7 @@
 """Problems of a running site, from its services' reports. Pure."""
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 
 from pointit.diagnosis.observation import Finding, Observation, Report, Severity
 from pointit.diagnosis.outage import fold_outage
@@ -26,6 +27,8 @@ from pointit.services.registry import person_of
 
 SLOW_S = 0.1
 """Latency from capture to output, 99th percentile, above which pointing feels detached from the hand, s."""
+STARTING_S = 5.0
+"""Time after its start in which a service is not called slow, s: others are loading modules beside it."""
 UNCERTAIN = "uncertain"
 """Word in the localizer's own warnings about the pose."""
 
@@ -33,9 +36,21 @@ UNCERTAIN = "uncertain"
 def diagnose(seen: Observation, is_sure: Callable[[Finding], bool] = lambda _: True) -> list[Finding]:
     """Return the problems that `is_sure`, the worst first."""
     found = [*_presence(seen), *find_clock_skew(seen), *_reports(seen), *stale_inputs(seen)]
-    findings = fold_outage([finding for finding in found if is_sure(finding)], seen)
+    findings = fold_outage(_fold_slow([finding for finding in found if is_sure(finding)], seen), seen)
     order = ("error", "warning", "note")
     return sorted(findings, key=lambda finding: (order.index(finding.severity), finding.service))
+
+
+def _fold_slow(findings: Sequence[Finding], seen: Observation) -> list[Finding]:
+    """Return `findings`; of services that are slow, all but the first on the way from the person follow."""
+    slow = {each.service: _behind_s(seen.newest(each.service)) for each in findings if each.code == "slow"}
+    first = min(slow, key=lambda instance: slow[instance], default="")
+    return [replace(each, follows=each.code == "slow" and each.service != first) for each in findings]
+
+
+def _behind_s(health: Health | None) -> float:
+    """Return its latency from capture to output, 99th percentile, s."""
+    return 0.0 if health is None or health.latency is None else health.latency.p99_s
 
 
 def is_healthy(findings: Sequence[Finding]) -> bool:
@@ -96,9 +111,10 @@ def _reports(seen: Observation) -> Iterator[Finding]:
         if health.status == "degraded" and not health.warnings:
             sentence = "reports itself as degraded without a reason"
             yield Finding("warning", "degraded", instance, sentence, "look at its log")
-        if health.latency is not None and health.latency.p99_s > SLOW_S:
+        late_s = [_behind_s(each.health) for each in reports if each.health.uptime_s >= STARTING_S]
+        if min(late_s, default=0.0) > SLOW_S:
             sentence = (
-                f"its output is {health.latency.p99_s * 1e3:.0f} ms behind the person "
+                f"its output is {late_s[-1] * 1e3:.0f} ms behind the person "
                 f"(99th percentile; {SLOW_S * 1e3:.0f} ms is too much)"
             )
             remedy = (

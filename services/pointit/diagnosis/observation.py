@@ -42,7 +42,7 @@ class Finding:
     sentence: str
     remedy: str
     follows: bool = False
-    """It follows from the outage of the whole site, which is a finding of its own."""
+    """It follows from another finding: the outage of the whole site, or a slow service before this one."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -242,6 +242,24 @@ def test_high_latency_is_reported() -> None:
     assert "151 ms" in finding.sentence
 
 
+def late(instance: str, p99_s: float, **fields: float) -> Health:
+    return health(instance, latency=Quantiles(p50_s=0.05, p99_s=p99_s), **fields)
+
+
+def test_a_peak_is_not_called_slow_nor_is_a_service_that_has_just_started() -> None:
+    assert diagnose(observation(late("pui", 0.2), before=[late("pui", 0.01)])) == []
+    assert diagnose(observation(late("pui", 0.2, uptime_s=4.9))) == []
+    assert only(observation(late("pui", 0.2), before=[late("pui", 0.2)])).code == "slow"
+
+
+def test_the_first_slow_service_is_told_and_those_behind_it_follow() -> None:
+    seen = observation(
+        late("selector", 0.3), late("pui", 0.2), late("led-driver", 0.31), late("pointing.anna", 0.1)
+    )
+    found = {each.service: each.follows for each in diagnose(seen)}
+    assert found == {"selector": True, "pui": False, "led-driver": True}
+
+
 def certainty(**figures: float) -> Health:
     names = {"age": ("anchor age", "s"), "place": (POSITION_SIGMA, "m"), "yaw": (YAW_SIGMA, "°")}
     return health(

@@ -31,6 +31,7 @@ from pointit.schemas.topics import (
     SPEECH,
     USER_ALIVE,
 )
+from pointit.services.listener import recogniser_clock
 from pointit.services.listener.memory import MOST, PointingMemory
 from pointit.services.listener.recogniser_clock import TYPICAL_S, WORDS, RecogniserClock
 from pointit.services.listener.referents import NO_RAYS, Spoken
@@ -187,6 +188,20 @@ def test_a_recogniser_whose_clock_is_half_a_second_off_is_named_by_gestures(off_
         words.compare(memory, at_ns(start_s + 4.0))
     assert words.problem.startswith(named)
     assert bool(words.problem) == bool(named)
+
+
+async def test_a_clock_is_named_by_its_last_gesture_without_another_question(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(recogniser_clock, "WORDS", 1)
+    async with room() as here:
+        for ray in gesture([(-20.0, 0.0, 1.0), (20.0, 1.5, 2.0), (-20.0, 3.0, 4.0)], rate_hz=25.0):
+            here.clock.time_ns = ray.stamp_ns
+            here.bench.put(CURSOR, ray, USER)
+            await here.bench.settle()
+            if ray.stamp_ns == at_ns(2.0):
+                await here.bench.bus.call(FIND_REFERENTS, FindReferents(at_ns=at_ns(1.24), word="that"), USER)
+        await until(lambda: any("clock is behind" in each for each in here.health[-1].warnings))
 
 
 async def test_two_people_who_speak_at_once_mean_each_their_own() -> None:

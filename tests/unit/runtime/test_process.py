@@ -1,6 +1,7 @@
 """Messages and exit codes of commands."""
 
 import asyncio
+import errno
 import gc
 import logging
 import os
@@ -97,6 +98,17 @@ def test_an_unforeseen_error_gives_a_sentence_a_code_and_a_logged_traceback(
     assert ended(raising(ZeroDivisionError("oops"))) == 70
     assert "Error: a fault of PointIt itself (ZeroDivisionError: oops)" in capsys.readouterr().err
     assert [record.exc_info[0] for record in caplog.records if record.exc_info] == [ZeroDivisionError]
+
+
+@pytest.mark.parametrize(
+    ("error", "what"),
+    [(OSError(errno.ENOSPC, "full"), "the output"), (OSError(errno.ENOSPC, "full", "a.mcap"), "a.mcap")],
+)
+def test_a_full_disk_is_no_fault_of_the_program(
+    error: OSError, what: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert ended(raising(error)) == 1
+    assert capsys.readouterr().err == f"Error: the disk is full: {what} is cut off\n"
 
 
 @pytest.mark.parametrize(("result", "code"), [(0, 0), (3, 3), (None, 0)])

@@ -15,6 +15,7 @@ from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.objects.seen_objects import MAX_SOLIDS, SeenObjects
 from pointit.services.selector.outputs import Output
 from pointit.services.selector.selection_engine import SelectionEngine
+from pointit.services.selector.site_role import _done_message
 from tests.unit.selector.room import MAP, at, package, packages, pointing
 
 EYES: Vec3 = (0.0, 0.0, 1.6)
@@ -236,6 +237,8 @@ def test_programs_switch_switches_and_fire_buttons() -> None:
     room = Things(thing("radio", mode="switch"), thing("screws", 1.0))
     room.point(80.0, 0.1)
     assert set_thing(room, "radio", on=True) == (["selected"], [])
+    assert _done_message(room.engine.set_thing("home", "radio", False, at(room.time_s))) == "radio deselected"
+    set_thing(room, "radio", on=True)
     assert set_thing(room, "radio", on=True) == ([], [])
     assert set_thing(room, "radio") == (["deselected"], [])
     assert set_thing(room, "radio", on=False) == ([], [])

@@ -85,10 +85,12 @@ async def test_echo_goes_on_when_a_newer_sentence_cuts_the_one_before(
 
 
 @pytest.mark.parametrize(
-    ("program", "fails"), [("true", ""), ("false", "heat kettle: false anna ended with")]
+    ("program", "fails"), [("echo", ""), ("false", "heat kettle: false anna ended with")]
 )
 @pytest.mark.wall_time
-async def test_a_verb_starts_its_program_and_says_if_that_fails(program: str, fails: str) -> None:
+async def test_a_verb_starts_its_program_whose_output_is_shown_and_says_if_that_fails(
+    program: str, fails: str, capfd: pytest.CaptureFixture[str]
+) -> None:
     async with memory_bench() as bench:
         known = SpokenRoom()
         site = VerbContext(
@@ -97,3 +99,4 @@ async def test_a_verb_starts_its_program_and_says_if_that_fails(program: str, fa
         verb = own_verbs([f"heat kettle={program} {{user}}"])["heat"]
         with pytest.raises(RefusedError, match=fails) if fails else nullcontext():
             assert await verb.act(site, Command(verb="heat"), [known.named("kettle")]) == "heat kettle"
+        assert capfd.readouterr().out == ("" if fails else "anna\n")

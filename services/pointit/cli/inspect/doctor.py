@@ -20,6 +20,7 @@ from pointit.diagnosis.diagnose import diagnose, filter_findings, is_about, is_h
 from pointit.diagnosis.observation import Finding, Observation, Report
 from pointit.diagnosis.outage import unreachable
 from pointit.runtime.errors import ConnectError
+from pointit.runtime.host.extras import CHECKOUT
 from pointit.runtime.link.link import DEFAULT_ENDPOINT, DEFAULT_SITE, Link
 from pointit.runtime.link.options import given_credentials
 from pointit.runtime.link.outage import SILENT_S
@@ -36,6 +37,9 @@ MIN_S = 1.2
 
 LONGEST_S = SILENT_S + 0.4
 """Maximum listening time: services not heard by then count as silent."""
+
+HELP = CHECKOUT / "docs/how-to/troubleshooting.md"
+"""Page with a line for the code of each finding, in a checkout."""
 
 STYLES = {"error": "red", "warning": "yellow", "note": "dim"}
 
@@ -230,11 +234,15 @@ def _show(
         screen.print(
             Text.assemble(
                 (f"{finding.severity}: ", STYLES[finding.severity]),
-                f"{who}{finding.sentence}" + (f"\n    -> {finding.remedy}" if finding.remedy else ""),
+                f"{who}{finding.sentence}",
+                (f" [{finding.code}]", "dim"),
+                f"\n    -> {finding.remedy}" if finding.remedy else "",
             )
         )
     if folded := sum(each.follows for each in findings):
         screen.print(Text(f"    {folded} more follow from it (--json lists them)", style="dim"))
+    if findings and HELP.is_file():
+        screen.print(Text(f"each word in brackets has a line in {HELP}", style="dim"))
     if healthy:
         many = "1 service runs" if len(instances) == 1 else f"{len(instances)} services run"
         screen.print(Text(f"all is well: {many}", style="green"))

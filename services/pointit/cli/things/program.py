@@ -39,6 +39,8 @@ class Program:
     """A program with its arguments, in which there are placeholders."""
 
     arguments: Sequence[str]
+    is_shown: bool = False
+    """Its output goes to that of this process."""
 
     @classmethod
     def parse(cls, line: str) -> Self:
@@ -63,10 +65,11 @@ class Program:
     async def react(self, values: Mapping[str, str]) -> str:
         """Run it, and end all that it has started. Return what went wrong, or `""`."""
         nothing = asyncio.subprocess.DEVNULL
+        output = None if self.is_shown else nothing
         arguments = [filled(argument, values) for argument in self.arguments]
         try:
             program = await asyncio.create_subprocess_exec(
-                *arguments, stdin=nothing, stdout=nothing, stderr=nothing, start_new_session=True
+                *arguments, stdin=nothing, stdout=output, stderr=output, start_new_session=True
             )
         except OSError as error:
             return f"could not be started ({error.strerror or error})"

@@ -2,7 +2,9 @@
 
 from collections import defaultdict
 from collections.abc import Awaitable, Callable, Mapping, Sequence
+from dataclasses import replace
 
+from pointit.cli.things.program import Program
 from pointit.cli.things.reactions import Reaction, Target
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.schemas import Referent
@@ -26,7 +28,8 @@ def own_verbs(texts: Sequence[str]) -> dict[str, Verb]:
         verb, thing = words
         if verb in RESERVED:
             raise ConfigError(f"--verb {text!r}: {verb!r} has a meaning in all rooms; choose another word")
-        verbs[verb][thing] = Reaction.parse(text).target if "=" in text else None
+        target = Reaction.parse(text).target if "=" in text else None
+        verbs[verb][thing] = replace(target, is_shown=True) if isinstance(target, Program) else target
     return {verb: verb_of_things(targets.keys(), _starts(targets)) for verb, targets in verbs.items()}
 
 

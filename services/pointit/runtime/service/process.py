@@ -1,6 +1,7 @@
 """A process around services: options, configuration, the session, the exit code."""
 
 import asyncio
+import errno
 import logging
 import os
 import sys
@@ -74,13 +75,13 @@ def run_command(command: click.Command, arguments: list[str] | None = None) -> N
     except click.ClickException as error:
         error.show()
         sys.exit(error.exit_code)
-    except (ConfigError, SchemaError) as error:
-        click.echo(f"Error: {plain(str(error))}", err=True)
-        sys.exit(EXIT_USAGE)
     except PointItError as error:
         click.echo(f"Error: {plain(str(error))}", err=True)
-        sys.exit(EXIT_FAILED)
+        sys.exit(EXIT_USAGE if isinstance(error, ConfigError | SchemaError) else EXIT_FAILED)
     except Exception as error:
+        if isinstance(error, OSError) and error.errno == errno.ENOSPC:
+            click.echo(f"Error: the disk is full: {error.filename or 'the output'} is cut off", err=True)
+            sys.exit(EXIT_FAILED)
         log.critical("fault of the program", exc_info=error)
         what = plain(f"{type(error).__name__}: {error}")
         click.echo(f"Error: a fault of PointIt itself ({what}), see the log", err=True)
@@ -96,11 +97,9 @@ def service_command(service: type[AnyService], plugin: str = "") -> click.Comman
 
     def callback(**options: Any) -> int:
         setup_logging(options["log_level"])
-        user: str = options.get("user") or ""
-        if user:
+        if user := options.get("user") or "":
             check_user(user)
-        name: str = options.get("name") or ""
-        if name:
+        if name := options.get("name") or "":
             check_name(name)
         config = load_config(
             service,

@@ -53,12 +53,15 @@ class RecogniserClock:
         if said.word not in ("", "these") and all(each.at_ns != said.at_ns for each in self._asked):
             self._asked.append(said)
 
-    def compare(self, memory: PointingMemory, now_ns: int) -> None:
-        """Compare words with gestures that are complete by now."""
-        window_ns = round(WINDOW_S * NS_PER_S)
-        while self._asked and self._asked[0].at_ns + window_ns <= now_ns:
-            said = self._asked.popleft()
+    def compare(self, memory: PointingMemory, now_ns: int) -> bool:
+        """Compare words with gestures that are complete by now. Return True if there was any."""
+        window_ns, is_news = round(WINDOW_S * NS_PER_S), False
+        while self._asked:
+            said = self._asked[0]
             times_ns = (said.at_ns, *said.others_ns)
+            if max(times_ns) + window_ns > now_ns:
+                break
+            self._asked.popleft()
             cursors = memory.between(min(times_ns) - window_ns, max(times_ns) + window_ns)
             if not cursors:
                 continue
@@ -70,6 +73,8 @@ class RecogniserClock:
             begin_s = stays[int(np.argmax(shares))].begin_s
             if max(shares) > 0.0 and math.isfinite(begin_s):
                 self._lags_s.append(begin_s)
+                is_news = True
+        return is_news
 
     @property
     def problem(self) -> str:

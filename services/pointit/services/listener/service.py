@@ -42,6 +42,8 @@ class Listener(Service[ListenerConfig]):
 
     def _on_cursor(self, cursor: Cursor, _user: str) -> None:
         self._memory.add(cursor)
+        if self._words.compare(self._memory, self.clock.now_ns()):
+            self.bus.warn("clock", self._words.problem)
 
     def _on_presence(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         if not present:
@@ -71,9 +73,7 @@ class Listener(Service[ListenerConfig]):
             own_m=None if pose is None else pose.position_m,
             yaw_sigma_rad=0.0 if pose is None else math.sqrt(max(pose.covariance[8], 0.0)),
         )
-        self._words.compare(self._memory, now_ns)
         self._words.on_word(said)
-        self.bus.warn("clock", self._words.problem)
         targets = self._room.targets(user, at_ns, now_ns)
         return referents(self._memory.between(*said.span_ns), targets, said)
 

@@ -169,4 +169,5 @@ def _done_message(outputs: Sequence[Output]) -> str:
     if not done:
         cues = [output.message.text for output in outputs if isinstance(output.message, Feedback)]
         raise RefusedError(cues[0] if cues else "nothing can be done")
-    return ", ".join(f"{event.kind or 'object'} {event.object_id} {event.event}" for event in done)
+    words = ((event.kind or "object", event.object_id, event.event) for event in done)
+    return ", ".join(" ".join(dict.fromkeys(each)) for each in words)  # a thing's kind may be its name

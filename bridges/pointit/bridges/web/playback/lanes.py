@@ -154,7 +154,7 @@ class Lanes:
         if object_id and not kind:
             every = (each for message in self._objects.values() for each in message.objects)
             kind = next((each.kind for each in every if each.id == object_id), "")
-        return f"{kind} {object_id.rpartition('-')[2]}".strip()
+        return kind if kind == object_id else f"{kind} {object_id.rpartition('-')[2]}".strip()
 
     def _set(self, kind: LaneKind, user: str, instance: str, text: str, at_ns: int) -> None:
         """End the interval that is open, and begin another one if `text` is not empty."""

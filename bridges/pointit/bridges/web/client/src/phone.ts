@@ -121,7 +121,7 @@ class Wrist {
   private enter(stage: typeof this.stage): void {
     this.stage = stage;
     this.screen.stage(stage);
-    this.screen.show("listen", stage === "button" && this.voice.isThere);
+    this.screen.show("listen", this.voice.isOn || (stage === "button" && this.voice.isThere));
     this.show();
     if (stage === "centre" || stage === "button") this.screen.big.focus({ preventScroll: true });
   }

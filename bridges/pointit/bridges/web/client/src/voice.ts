@@ -76,6 +76,8 @@ export class Voice {
   /** Whether this browser recognises speech. */
   get isThere(): boolean { return this.make !== undefined; }
 
+  get isOn(): boolean { return this.recognition !== null; }
+
   toggle(): void {
     if (this.recognition) this.stop();
     else if (this.make) this.begin(new this.make());

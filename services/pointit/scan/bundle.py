@@ -196,15 +196,13 @@ class Bundle:
         edge = state.ends[:, 1] - state.ends[:, 0]
         slope = 1.0 / np.sqrt(1.0 + (off / 3.0) ** 2) / self.length_sigma  # a strip may have another pitch
         by_end = edge * (slope / np.maximum(np.sum(edge**2, axis=1), 1e-12))[:, None]
-        for number in range(pieces):
-            begin = 2 + 6 * views + 6 * number
-            rows[2 + number, begin : begin + 6] = *-by_end[number], *by_end[number]
+        six = np.arange(6)
+        begin = 2 + 6 * views + 6 * np.arange(pieces)[:, None]
+        rows[2 + np.arange(pieces)[:, None], begin + six] = np.concatenate([-by_end, by_end], axis=1)
         sunk = state.rotations[known] @ DOWN
-        for number, view in enumerate(known):
-            row = 2 + pieces + 3 * number
-            rows[row : row + 3, 2 + 6 * view : 5 + 6 * view] = (
-                np.cross(sunk[number], np.eye(3)) / GRAVITY_SIGMA
-            )
+        x, y, z = sunk.T / GRAVITY_SIGMA
+        for row, column, value in ((0, 1, z), (0, 2, -y), (1, 0, -z), (1, 2, x), (2, 0, y), (2, 1, -x)):
+            rows[2 + pieces + row + 3 * np.arange(len(known)), 2 + column + 6 * known] = value
         directions = edge / np.maximum(np.linalg.norm(edge, axis=1, keepdims=True), 1e-6)
         gaps: list[Array] = []
         for number, piece in enumerate(self.corners):  # the place of the corner along the strip is free

@@ -147,7 +147,7 @@ class Page {
       chime("tick");
       navigator.vibrate?.(40);
       this.show(await ask({ kind: "view", width, height, gravity: down, seen: seen.map(({ index, u, v }) => [index, rounded(u), rounded(v)]) }));
-      this.things.keep(this.state.views - 1, still);
+      this.things.keep(this.state.views - 1, still, width);
       this.simulated?.walk();
       void this.attempt(() => this.follow());
     } catch (error) {

@@ -25,6 +25,8 @@ MAX_STRETCH = 0.04
 LEAST_SIGMA_M = 0.001
 MAX_UNSEEN = 0.1
 """Share of a strip's pixels, at an end, that may be unseen."""
+WIDEST_GAP = 0.12
+"""Distance of marked pixels of a strip, as a share of their number: an end between two shows up to the first."""
 UNSEEN_SIGMA = 0.1
 """Standard deviation of an end that was never seen, as a share of the unseen length: it may bend."""
 STRIPS_LEVEL_SIGMA = math.radians(1.5)
@@ -211,27 +213,38 @@ def _strip(
     pitch_m = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum()) / spec.count
     sigma_m = _sigma(covariance, views)
     reason = _doubt(refined, chain, sigma_m)
+    alike = [
+        other
+        for other in strips
+        if other is not spec and other.pitch_m and abs(math.log(other.pitch_m / pitch_m)) < MAX_STRETCH
+    ]
     low, high = _unseen(refined, chain, spec.count)
+    gap = WIDEST_GAP * spec.count
     if high - low + 1.0 > max(2.0, MAX_UNSEEN * spec.count):
         sigma_m = math.hypot(sigma_m, UNSEEN_SIGMA * (high - low) * pitch_m)
+        ends_there = [
+            other for other in alike if high == spec.count - 1.0 and 0.0 <= other.count - low <= gap
+        ]
         reason = reason or (
             f"no two views show pixels {low:.0f} to {high:.0f}: photograph that part, or correct its count"
+            f"{_swapped(ends_there)}"
         )
     stretch = np.abs(refined.bundle.stretch(refined.state)[refined.model.chain == chain]).max()
     if spec.pitch_m is not None and stretch > MAX_STRETCH:
-        others = [
-            f"{other.name!r}, swapped at the controller"
-            for other in strips
-            if other.pitch_m and abs(math.log(other.pitch_m / pitch_m)) < MAX_STRETCH
-        ]
         reason = reason or (
             f"it measures {1.0 / pitch_m:.0f} pixels a metre and is said to have {1.0 / spec.pitch_m:.0f}: "
-            f"correct its pitch, or is it {' or '.join(others[:2]) or 'another strip'}?"
+            f"correct its pitch{_swapped(alike)}"
         )
     points = tuple(_vec3(vertex) for vertex in line)
     return ScannedStrip(
         spec.name, spec.count, points, sigma_m, pitch_m, views, not reason, reason, covariance
     )
+
+
+def _swapped(others: Sequence[StripSpec]) -> str:
+    """Return the end of a sentence about a strip that may be another one, or `""`."""
+    names = " or ".join(f"{other.name!r} ({other.count} pixels)" for other in others[:2])
+    return f", or is it {names}, swapped at the controller?" if names else ""
 
 
 def _vec3(values: Array) -> Vec3:

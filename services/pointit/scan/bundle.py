@@ -15,6 +15,8 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
+from pointit.geometry.vector import Vec3
+
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
@@ -221,6 +223,11 @@ class Bundle:
             ]
         )
         return residuals, rows
+
+
+def vec3(values: Array) -> Vec3:
+    """Return three numbers as a vector."""
+    return (float(values[0]), float(values[1]), float(values[2]))
 
 
 def _pinhole(log_focal: float, distortion: float, camera: Array) -> Array:

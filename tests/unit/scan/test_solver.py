@@ -2,14 +2,16 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from pointit.bridges.web.scan.code import marked_pixels
+from pointit.bridges.web.scan.marks import marked_pixels
+from pointit.maps.file import parse_map_file
 from pointit.runtime.errors import ConfigError
 from pointit.scan.advice import next_view
-from pointit.scan.as_map import map_text, to_map_file
+from pointit.scan.as_map import map_text
 from pointit.scan.result import Scan, ScanError
 from pointit.scan.solver import solve
 from pointit.scan.views import KnownLength, Mark, Sighting, StripSpec, View
@@ -116,8 +118,9 @@ def test_origin_and_heading_move_the_scan_and_keep_it_level() -> None:
 
 def test_the_map_has_the_strips_and_what_is_to_be_known() -> None:
     scan = solve(specs(), LAMPS, photographs(4))
-    assert list(to_map_file(scan).strips) == list(LINES)
-    assert "# within" in map_text(scan)
+    text = map_text(scan)
+    assert list(parse_map_file(text.encode(), Path("room.yaml")).strips) == list(LINES)
+    assert "# within" in text
 
 
 def test_an_end_that_no_view_shows_is_not_identified() -> None:

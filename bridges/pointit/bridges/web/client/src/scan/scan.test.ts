@@ -42,7 +42,7 @@ test("every light's colours give its number back", () => {
   for (const count of [1, 2, 3, 24, 220, 700]) {
     for (let index = 0; index < count; index++) assert.equal(indexOf(wordOf(index, count), count), index);
   }
-  assert.deepEqual(wordOf(5, 24), [0, 1, 2, 0, 2, 0, 2, 0, 1]); // as the site's code, see test_scan_code.py
+  assert.deepEqual(wordOf(5, 24), [0, 1, 2, 0, 2, 0, 2, 0, 1]);
 });
 
 test("a wrong colour, an unknown one and one that did not change are no number, or the right one", () => {

@@ -198,9 +198,8 @@ class Bundle:
         edge = state.ends[:, 1] - state.ends[:, 0]
         slope = 1.0 / np.sqrt(1.0 + (off / 3.0) ** 2) / self.length_sigma  # a strip may have another pitch
         by_end = edge * (slope / np.maximum(np.sum(edge**2, axis=1), 1e-12))[:, None]
-        six = np.arange(6)
-        begin = 2 + 6 * views + 6 * np.arange(pieces)[:, None]
-        rows[2 + np.arange(pieces)[:, None], begin + six] = np.concatenate([-by_end, by_end], axis=1)
+        each = np.arange(pieces)[:, None]
+        rows[2 + each, 2 + 6 * (views + each) + np.arange(6)] = np.concatenate([-by_end, by_end], axis=1)
         sunk = state.rotations[known] @ DOWN
         x, y, z = sunk.T / GRAVITY_SIGMA
         for row, column, value in ((0, 1, z), (0, 2, -y), (1, 0, -z), (1, 2, x), (2, 0, y), (2, 1, -x)):

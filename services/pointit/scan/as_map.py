@@ -45,25 +45,21 @@ def _rounded(point: Vec3) -> Vec3:
     return (x, y, z)
 
 
-def pointed_text(targets: Mapping[str, PointedAt], names: Sequence[str], kind: str) -> str:
-    """Return the text of a map of things that were pointed at; `kind`: lamp, box, screen or table.
+def pointed_text(things: Mapping[str, Sequence[PointedAt]], kind: str) -> str:
+    """Return the section of a map for things of a kind (lamp, box, screen or table): corners by name.
 
     Raises:
         RefusedError: If the corners of a box, screen or table span none.
     """
-    section = {"lamp": "lamps", "box": "boxes"}.get(kind, "planes")
-    lines = ["# Positions found by pointing.", f"{section}:"]
-    for name in names:
-        own = [each for target, each in targets.items() if name in (target, target.rpartition(".")[0])]
+    lines = [{"lamp": "lamps:", "box": "boxes:"}.get(kind, "planes:")]
+    for name, own in things.items():
         corners = [each.position_m for each in own]
-        sigma_m = max(each.sigma_m for each in own)
         reason = next((each.reason for each in own if each.reason), "")
         if kind == "lamp":
             entry: dict[str, object] = {"position": list(_rounded(corners[0]))}
-        elif kind == "box":
-            entry = box_of(corners).model_dump(mode="json")
         else:
-            entry = screen_of(corners).model_dump(mode="json")
+            entry = (box_of if kind == "box" else screen_of)(corners).model_dump(mode="json")
         fields = ", ".join(f"{key}: {json.dumps(value)}" for key, value in entry.items() if value is not None)
-        lines.append(f"  {json.dumps(name)}: {{{fields}}}  {_note(sigma_m, reason)}")
+        note = _note(max(each.sigma_m for each in own), reason)
+        lines.append(f"  {json.dumps(name)}: {{{fields}}}  {note}")
     return "\n".join([*lines, ""])

@@ -91,9 +91,5 @@ def tapped_text(things: Mapping[str, tuple[str, Sequence[PointedAt]]]) -> str:
     text = ""
     for shape, is_box in (("box", True), ("screen", False)):
         own = {name: corners for name, (each, corners) in things.items() if (each == "box") is is_box}
-        targets = {
-            f"{name}.{n}": corner for name, corners in own.items() for n, corner in enumerate(corners, 1)
-        }
-        if own:
-            text += pointed_text(targets, list(own), shape).partition("\n")[2]
+        text += pointed_text(own, shape) if own else ""
     return text

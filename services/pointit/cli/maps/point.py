@@ -136,7 +136,12 @@ def _point(names: Sequence[str], kind: Kind) -> Work:
         open_ones = {target: each.reason for target, each in found.items() if each.reason}
         for target, reason in open_ones.items():
             say(f"{target}: {reason}")
-        return pointed_text(found, names, kind), EXIT_FAILED if open_ones else 0
+        targets = {
+            name: [found[target_name(name, number, CORNERS[kind])] for number in range(len(CORNERS[kind]))]
+            for name in names
+        }
+        text = f"# Positions found by pointing.\n{pointed_text(targets, kind)}"
+        return text, EXIT_FAILED if open_ones else 0
 
     return work
 

@@ -45,7 +45,7 @@ class ScanLight(WireModel):
         tuple[Annotated[int, Field(ge=0, le=2)], ...] | None,
         Field(
             max_length=MAX_LIGHTS,
-            description="0 red, 1 green, 2 blue, of each of `ScanState.lights`; empty: all dark",
+            description="0 red, 1 green, 2 blue, of each of `ScanState.lights`; empty if all are dark",
         ),
     ] = None
     brightness: Fraction = 1.0

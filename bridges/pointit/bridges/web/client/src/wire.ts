@@ -292,7 +292,7 @@ export interface ScanBegin {
 export interface ScanLight {
   brightness: number;
   /**
-   * 0 red, 1 green, 2 blue, of each of `ScanState.lights`; empty: all dark
+   * 0 red, 1 green, 2 blue, of each of `ScanState.lights`; empty if all are dark
    */
   colors: number[] | null;
   kind: "light";

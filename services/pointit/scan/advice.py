@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pointit.geometry.vector import Vec3
-from pointit.scan.bundle import Array
+from pointit.scan.bundle import Array, vec3
 from pointit.scan.result import COMPLETE_M, Scan, ScannedLamp, ScannedStrip
 
 STEP_M = 1.0
@@ -71,7 +71,7 @@ def next_view(scan: Scan, limit_m: float = COMPLETE_M) -> Advice | None:
     reason = each.reason or f"its ends are known to {100 * each.sigma_m:.1f} cm"
     text = f"{each.name}: {reason}. Photograph it {where}, with two other strips in the picture"
     first = (each.name, *(name for name in names if name != each.name))
-    return Advice(text, first, _vec3(position), _vec3(ends[aim].mean(axis=0)))
+    return Advice(text, first, vec3(position), vec3(ends[aim].mean(axis=0)))
 
 
 def _points(found: ScannedStrip | ScannedLamp) -> Array:
@@ -106,7 +106,3 @@ def _candidates(scan: Scan, ends: Array, aims: Sequence[int]) -> Iterator[tuple[
             for candidate in found:  # within the room, as far as it is known
                 if np.all((candidate[1] > around.min(axis=0)) & (candidate[1] < around.max(axis=0))):
                     yield candidate
-
-
-def _vec3(values: Array) -> Vec3:
-    return (float(values[0]), float(values[1]), float(values[2]))

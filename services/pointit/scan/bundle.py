@@ -15,6 +15,8 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
+from pointit.geometry.vector import Vec3
+
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
@@ -196,15 +198,12 @@ class Bundle:
         edge = state.ends[:, 1] - state.ends[:, 0]
         slope = 1.0 / np.sqrt(1.0 + (off / 3.0) ** 2) / self.length_sigma  # a strip may have another pitch
         by_end = edge * (slope / np.maximum(np.sum(edge**2, axis=1), 1e-12))[:, None]
-        for number in range(pieces):
-            begin = 2 + 6 * views + 6 * number
-            rows[2 + number, begin : begin + 6] = *-by_end[number], *by_end[number]
+        each = np.arange(pieces)[:, None]
+        rows[2 + each, 2 + 6 * (views + each) + np.arange(6)] = np.concatenate([-by_end, by_end], axis=1)
         sunk = state.rotations[known] @ DOWN
-        for number, view in enumerate(known):
-            row = 2 + pieces + 3 * number
-            rows[row : row + 3, 2 + 6 * view : 5 + 6 * view] = (
-                np.cross(sunk[number], np.eye(3)) / GRAVITY_SIGMA
-            )
+        x, y, z = sunk.T / GRAVITY_SIGMA
+        for row, column, value in ((0, 1, z), (0, 2, -y), (1, 0, -z), (1, 2, x), (2, 0, y), (2, 1, -x)):
+            rows[2 + pieces + row + 3 * np.arange(len(known)), 2 + column + 6 * known] = value
         directions = edge / np.maximum(np.linalg.norm(edge, axis=1, keepdims=True), 1e-6)
         gaps: list[Array] = []
         for number, piece in enumerate(self.corners):  # the place of the corner along the strip is free
@@ -223,6 +222,11 @@ class Bundle:
             ]
         )
         return residuals, rows
+
+
+def vec3(values: Array) -> Vec3:
+    """Return three numbers as a vector."""
+    return (float(values[0]), float(values[1]), float(values[2]))
 
 
 def _pinhole(log_focal: float, distortion: float, camera: Array) -> Array:

@@ -6,12 +6,11 @@ The covariance says how well a target is known.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from pointit.geometry.plane import plane_axes
@@ -19,9 +18,8 @@ from pointit.geometry.rotation import from_yaw, rotate
 from pointit.geometry.vector import Vec3, add, normalized
 from pointit.maps.model import BoxEntry, PlaneEntry
 from pointit.runtime.errors import RefusedError
+from pointit.scan.bundle import Array, vec3
 from pointit.schemas import PointingRay, UserPose
-
-Array = NDArray[np.float64]
 
 HOLD_SIGMA_RAD = math.radians(1.5)
 """Standard deviation of one ray beside the others of the person, per axis."""
@@ -67,25 +65,14 @@ class PointedAt:
 
     Attributes:
         sigma_m: standard deviation in the worst direction.
-        places, angle_rad: number of places, and the largest angle between two rays.
-        residual_rad: rms of its rays' errors that remain.
+        places: number of places.
         reason: why it needs one more place, or `""`.
     """
 
     position_m: Vec3
     sigma_m: float
     places: int
-    angle_rad: float
-    residual_rad: float
     reason: str = ""
-
-
-@dataclass(frozen=True)
-class Survey:
-    """Targets by name, and the azimuth and elevation error of each person, rad."""
-
-    targets: Mapping[str, PointedAt]
-    biases_rad: Mapping[str, tuple[float, float]]
 
 
 def pointing_of(
@@ -110,8 +97,8 @@ def pointing_of(
     )
 
 
-def locate(pointings: Sequence[Pointing]) -> Survey:
-    """Return all targets of `pointings` of which there are rays from two places, or from one with a reason.
+def locate(pointings: Sequence[Pointing]) -> dict[str, PointedAt]:
+    """Return the targets of `pointings` by name.
 
     Raises:
         RefusedError: If there is no pointing.
@@ -121,7 +108,7 @@ def locate(pointings: Sequence[Pointing]) -> Survey:
     model = _Model(pointings)
     found: Any = least_squares(model.residuals, model.start())
     covariance = np.asarray(np.linalg.pinv(found.jac.T @ found.jac), dtype=np.float64)
-    return model.survey(found.x, found.fun, covariance)
+    return model.targets(found.x, found.fun, covariance)
 
 
 class _Model:
@@ -175,7 +162,7 @@ class _Model:
         priors = values[self.count - len(self._prior_sigmas) :] / self._prior_sigmas
         return np.concatenate([off_az * level / HOLD_SIGMA_RAD, off_el / HOLD_SIGMA_RAD, priors])
 
-    def survey(self, values: Array, residuals: Array, covariance: Array) -> Survey:
+    def targets(self, values: Array, residuals: Array, covariance: Array) -> dict[str, PointedAt]:
         """Return the targets with what is to be known of them."""
         count = len(self._all)
         targets: dict[str, PointedAt] = {}
@@ -190,20 +177,9 @@ class _Model:
             sigma_m = float(np.sqrt(max(np.linalg.eigvalsh(covariance[part, part])[-1], 0.0)))
             places = len(set(self.place[own].tolist()))
             behind = bool(np.any(np.sum(sights * self.directions[own], axis=1) < 0))
-            targets[name] = PointedAt(
-                _vec3(position),
-                sigma_m,
-                places,
-                angle,
-                float(np.sqrt(np.mean(left**2))),
-                _reason(places, angle, float(np.sqrt(np.mean(left**2))), is_behind=behind),
-            )
-        first = 3 * len(self._targets)
-        biases = {
-            person: (float(values[first + 2 * k]), float(values[first + 2 * k + 1]))
-            for k, person in enumerate(self._people)
-        }
-        return Survey(targets, biases)
+            reason = _reason(places, angle, float(np.sqrt(np.mean(left**2))), is_behind=behind)
+            targets[name] = PointedAt(vec3(position), sigma_m, places, reason)
+        return targets
 
 
 def _reason(places: int, angle_rad: float, residual_rad: float, *, is_behind: bool) -> str:
@@ -276,7 +252,7 @@ def screen_of(corners: Sequence[Vec3]) -> PlaneEntry:
         normal = np.array([normal[0], normal[1], 0.0]) / math.hypot(
             normal[0], normal[1]
         )  # a screen is upright
-    extents = [float(np.ptp(points @ np.array(axis))) for axis in plane_axes(_vec3(normal))]
+    extents = [float(np.ptp(points @ np.array(axis))) for axis in plane_axes(vec3(normal))]
     return PlaneEntry.model_validate(
         {
             "center": [round(float(v), 3) for v in middle],
@@ -284,7 +260,3 @@ def screen_of(corners: Sequence[Vec3]) -> PlaneEntry:
             "size": [round(max(extent, 0.01), 3) for extent in extents],
         }
     )
-
-
-def _vec3(values: Array) -> Vec3:
-    return (float(values[0]), float(values[1]), float(values[2]))

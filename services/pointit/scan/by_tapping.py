@@ -1,6 +1,5 @@
 """Corners of boxes, screens and tables from their image positions in views whose cameras are known."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -9,8 +8,8 @@ import numpy as np
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import RefusedError
 from pointit.scan.as_map import pointed_text
-from pointit.scan.bundle import Array
-from pointit.scan.by_pointing import PointedAt, Survey
+from pointit.scan.bundle import Array, vec3
+from pointit.scan.by_pointing import PointedAt
 from pointit.scan.result import Scan
 
 TAP_SIGMA = 0.004
@@ -77,9 +76,7 @@ def locate(scan: Scan, size: tuple[int, int], taps: Sequence[Tap]) -> PointedAt:
         reason = "the taps do not show the same corner: tap it again in both views"
     elif sigma_m > MOST_SIGMA_M:
         reason = "the two views are too near each other: tap in views from farther apart"
-    angle = math.acos(float(np.clip((directions @ directions.T).min(), -1.0, 1.0)))
-    x, y, z = (float(value) for value in point)
-    return PointedAt((x, y, z), sigma_m, len(taps), angle, residual_rad, reason)
+    return PointedAt(vec3(point), sigma_m, len(taps), reason)
 
 
 def tapped_text(things: Mapping[str, tuple[str, Sequence[PointedAt]]]) -> str:
@@ -94,9 +91,5 @@ def tapped_text(things: Mapping[str, tuple[str, Sequence[PointedAt]]]) -> str:
     text = ""
     for shape, is_box in (("box", True), ("screen", False)):
         own = {name: corners for name, (each, corners) in things.items() if (each == "box") is is_box}
-        targets = {
-            f"{name}.{n}": corner for name, corners in own.items() for n, corner in enumerate(corners, 1)
-        }
-        if own:
-            text += pointed_text(Survey(targets, {}), list(own), shape).partition("\n")[2]
+        text += pointed_text(own, shape) if own else ""
     return text

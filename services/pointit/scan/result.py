@@ -8,7 +8,7 @@ import numpy as np
 
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import PointItError
-from pointit.scan.bundle import Array
+from pointit.scan.bundle import Array, vec3
 
 COMPLETE_M = 0.01
 
@@ -27,12 +27,7 @@ class Camera:
     @property
     def position_m(self) -> Vec3:
         """Return the position in the room."""
-        return _vec3(-self.rotation.T @ self.translation_m)
-
-    @property
-    def ahead(self) -> Vec3:
-        """Return the unit direction of view in the room."""
-        return _vec3(self.rotation[2])
+        return vec3(-self.rotation.T @ self.translation_m)
 
 
 @dataclass(frozen=True)
@@ -95,7 +90,6 @@ class Scan:
         strips, lamps: by name. Those that no view determines are not among them, but in `problems`.
         level_sigma_rad: standard deviation of the level per axis. `level_from`: gravity or strips.
         scale_sigma: relative standard deviation of all lengths. `scale_from`: length or pitch.
-        noise_px: standard deviation of the images' errors.
         problems: sentences about the scan as a whole, and strips that are not determined.
     """
 
@@ -108,7 +102,6 @@ class Scan:
     level_from: str
     scale_sigma: float
     scale_from: str
-    noise_px: float
     missing: tuple[str, ...] = ()
     problems: tuple[str, ...] = ()
 
@@ -132,7 +125,7 @@ class Scan:
         """Return the scan with every point X at `turn` (3 x 3 rotation) X + `shift` (3)."""
 
         def there(point: Vec3) -> Vec3:
-            return _vec3(turn @ np.array(point) + shift)
+            return vec3(turn @ np.array(point) + shift)
 
         def spread(covariance: Array) -> Array:
             block = np.kron(np.eye(len(covariance) // 3), turn)
@@ -158,7 +151,3 @@ class Scan:
                 for name, each in self.lamps.items()
             },
         )
-
-
-def _vec3(values: Array) -> Vec3:
-    return (float(values[0]), float(values[1]), float(values[2]))

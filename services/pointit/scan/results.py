@@ -6,10 +6,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import ConfigError
 from pointit.scan.alignment import levelled, upright
-from pointit.scan.bundle import GRAVITY_SIGMA, Array
+from pointit.scan.bundle import GRAVITY_SIGMA, Array, vec3
 from pointit.scan.poses import PITCH_SIGMA
 from pointit.scan.refinement import Refined
 from pointit.scan.result import Camera, Scan, ScannedLamp, ScannedStrip
@@ -25,6 +24,8 @@ MAX_STRETCH = 0.04
 LEAST_SIGMA_M = 0.001
 MAX_UNSEEN = 0.1
 """Share of a strip's pixels, at an end, that may be unseen."""
+WIDEST_GAP = 0.12
+"""Distance of the marked pixels of a strip, as a share of its pixels."""
 UNSEEN_SIGMA = 0.1
 """Standard deviation of an end that was never seen, as a share of the unseen length: it may bend."""
 STRIPS_LEVEL_SIGMA = math.radians(1.5)
@@ -58,7 +59,7 @@ def scan_of(
         if chain >= len(strips):
             sigma = _sigma(spread, views)
             reason = _doubt(refined, chain, sigma)
-            found_lamps[name] = ScannedLamp(name, _vec3(line[0]), sigma, views, not reason, reason, spread)
+            found_lamps[name] = ScannedLamp(name, vec3(line[0]), sigma, views, not reason, reason, spread)
         else:
             found_strips[name] = _strip(refined, chain, strips, line, spread)
     missing = tuple(spec.name for spec in specs if spec.name not in found_strips | found_lamps)
@@ -87,7 +88,6 @@ def scan_of(
         level_from=level_from,
         scale_sigma=scale_sigma,
         scale_from=scale_from,
-        noise_px=refined.noise_px,
         missing=missing,
         problems=tuple(problems),
     )
@@ -211,28 +211,35 @@ def _strip(
     pitch_m = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum()) / spec.count
     sigma_m = _sigma(covariance, views)
     reason = _doubt(refined, chain, sigma_m)
+    alike = [
+        other
+        for other in strips
+        if other is not spec and other.pitch_m and abs(math.log(other.pitch_m / pitch_m)) < MAX_STRETCH
+    ]
     low, high = _unseen(refined, chain, spec.count)
+    gap = WIDEST_GAP * spec.count
     if high - low + 1.0 > max(2.0, MAX_UNSEEN * spec.count):
         sigma_m = math.hypot(sigma_m, UNSEEN_SIGMA * (high - low) * pitch_m)
+        ends_there = [
+            other for other in alike if high == spec.count - 1.0 and 0.0 <= other.count - low <= gap
+        ]
         reason = reason or (
             f"no two views show pixels {low:.0f} to {high:.0f}: photograph that part, or correct its count"
+            f"{_swapped(ends_there)}"
         )
     stretch = np.abs(refined.bundle.stretch(refined.state)[refined.model.chain == chain]).max()
     if spec.pitch_m is not None and stretch > MAX_STRETCH:
-        others = [
-            f"{other.name!r}, swapped at the controller"
-            for other in strips
-            if other.pitch_m and abs(math.log(other.pitch_m / pitch_m)) < MAX_STRETCH
-        ]
         reason = reason or (
             f"it measures {1.0 / pitch_m:.0f} pixels a metre and is said to have {1.0 / spec.pitch_m:.0f}: "
-            f"correct its pitch, or is it {' or '.join(others[:2]) or 'another strip'}?"
+            f"correct its pitch{_swapped(alike)}"
         )
-    points = tuple(_vec3(vertex) for vertex in line)
+    points = tuple(vec3(vertex) for vertex in line)
     return ScannedStrip(
         spec.name, spec.count, points, sigma_m, pitch_m, views, not reason, reason, covariance
     )
 
 
-def _vec3(values: Array) -> Vec3:
-    return (float(values[0]), float(values[1]), float(values[2]))
+def _swapped(others: Sequence[StripSpec]) -> str:
+    """Return the end of a sentence about a strip that may be another one, or `""`."""
+    names = " or ".join(f"{other.name!r} ({other.count} pixels)" for other in others[:2])
+    return f", or is it {names}, swapped at the controller?" if names else ""

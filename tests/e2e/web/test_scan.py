@@ -25,6 +25,7 @@ pytestmark = pytest.mark.slow
 
 ORIGIN = "shelf_low"
 MOST_VIEWS = 6
+CAMERA_WIDTH = 800
 PHONE: dict[str, Any] = {"viewport": {"width": 390, "height": 844}, "ignore_https_errors": True}
 REFUSED = """
 navigator.mediaDevices.getUserMedia = () => Promise.reject(new DOMException("no", "NotAllowedError"));
@@ -73,9 +74,10 @@ def view_in(post: str | None) -> list[dict[str, tuple[float, float]]]:
 
 
 async def tap(page: Page, u: float, v: float) -> None:
-    """Tap the still at an image position."""
+    """Tap the still at an image position of the simulated camera, whose pictures are larger."""
     still = page.locator("#still")
-    scale = float(await still.evaluate("still => still.clientWidth / still.width"))
+    assert int(await still.evaluate("still => still.width")) <= 640, "a phone has no room for whole pictures"
+    scale = float(await still.evaluate(f"still => still.clientWidth / {CAMERA_WIDTH}"))
     await still.click(position={"x": u * scale, "y": v * scale})
 
 

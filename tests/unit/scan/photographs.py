@@ -77,10 +77,12 @@ def _images(points: Array, at: Vec3, rotation: Array, rng: np.random.Generator) 
     return [(float(u), float(v)) for u, v in uv]
 
 
-def photographs(count: int, seed: int = 1, *, wrong: float = 0.0, gravity: bool = True) -> list[View]:
+def photographs(
+    count: int, seed: int = 1, *, wrong: float = 0.0, gravity: bool = True, marks: int = 14
+) -> list[View]:
     """Return views of the room from the first `count` places."""
     rng = np.random.default_rng(seed)
-    return [photograph(at, rng, wrong=wrong, gravity=gravity) for at in PLACES[:count]]
+    return [photograph(at, rng, wrong=wrong, gravity=gravity, marks=marks) for at in PLACES[:count]]
 
 
 LAMPS = [LampSpec("lamp")]

@@ -2,13 +2,16 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from pointit.bridges.web.scan.marks import marked_pixels
+from pointit.maps.file import parse_map_file
 from pointit.runtime.errors import ConfigError
 from pointit.scan.advice import next_view
-from pointit.scan.as_map import map_text, to_map_file
+from pointit.scan.as_map import map_text
 from pointit.scan.result import Scan, ScanError
 from pointit.scan.solver import solve
 from pointit.scan.views import KnownLength, Mark, Sighting, StripSpec, View
@@ -115,8 +118,9 @@ def test_origin_and_heading_move_the_scan_and_keep_it_level() -> None:
 
 def test_the_map_has_the_strips_and_what_is_to_be_known() -> None:
     scan = solve(specs(), LAMPS, photographs(4))
-    assert list(to_map_file(scan).strips) == list(LINES)
-    assert "# within" in map_text(scan)
+    text = map_text(scan)
+    assert list(parse_map_file(text.encode(), Path("room.yaml")).strips) == list(LINES)
+    assert "# within" in text
 
 
 def test_an_end_that_no_view_shows_is_not_identified() -> None:
@@ -177,6 +181,30 @@ def test_a_strip_that_is_swapped_with_one_of_another_pitch_is_not_identified() -
     found = scan.strips.get("left")
     assert found is None or not found.identified
     assert any("'left'" in each for each in (*scan.problems, "'left'" if found and found.reason else ""))
+
+
+def test_a_strip_that_is_swapped_with_a_shorter_one_of_its_pitch_is_named() -> None:
+    counts = {spec.name: spec.count for spec in specs()}
+    shown = {"left": "post", "post": "left"}  # 90 and 60 pixels; those beyond the shorter strip do not shine
+    marks = {name: marked_pixels(count) for name, count in counts.items()}
+    views = [
+        replace(
+            view,
+            sightings=tuple(
+                replace(seen, name=name)
+                for seen in view.sightings
+                for name in [shown.get(seen.name, seen.name)]
+                if seen.pixel in marks.get(name, (0,))
+            ),
+        )
+        for view in photographs(4, marks=200)
+    ]
+    left = solve(specs(), LAMPS, views).strips["left"]
+    assert not left.identified
+    assert left.reason == (
+        "no two views show pixels 60 to 89: photograph that part, or correct its count, "
+        "or is it 'post' (60 pixels) or 'table' (61 pixels), swapped at the controller?"
+    )
 
 
 def test_advice_names_a_strip_that_was_seen_once() -> None:

@@ -29,6 +29,8 @@ def test_a_survey_is_the_same_after_json() -> None:
         ('{"views": [{"width": 0, "height": 0, "sightings": []}]}', "image"),
         ('{"known_lenght": {}}', "known_lenght"),
         ('{"strips": [{"name": "a", "count": 9, "pitch": 0.01}]}', "pitch"),
+        ('{"lamps": [{"name": "a", "colour": 1}]}', "colour"),
+        ('{"views":[{"width":9,"height":9,"sightings":[{"name":"b","pixel":0,"u":1,"v":1,"w":1}]}]}', "w: "),
         ('{"views": [{"width": 64, "height": 64, "sightings": [], "gravity": [0, 9.8, 0]}]}', "gravity"),
         ('{"views":[{"width":99,"height":99,"sightings":[{"name":"b","pixel":0,"u":1,"v":1}]}]}', "'b'"),
     ],

@@ -145,18 +145,19 @@ async def test_each_step_lights_the_marked_pixels_for_a_while(bench: Bench, phon
     state = await said(phone, kind="begin")
     assert state["lights"][:2] == [["shelf", 0], ["shelf", 2]]
     assert state["lights"][-1] == ["desk", 29]
-    await said(phone, 204, kind="light", step=0, brightness=0.5)
+    reds = [0] * len(state["lights"])
+    await said(phone, 204, kind="light", colors=reds, brightness=0.5)
     lit, for_s = bench.shown[-1]
     assert [(each.id, each.color) for each in lit] == [("shelf", (128, 0, 0)), ("desk", (128, 0, 0))]
     assert lit[0].pixels[:2] == (0, 2)
     assert for_s == 6.0
-    await said(phone, 204, kind="light", step=-1, brightness=0.5)
+    await said(phone, 204, kind="light", colors=[])
     assert bench.shown[-1] == ((), 6.0)
-    await said(phone, 204, kind="light", step=-2, brightness=0.5)
+    await said(phone, 204, kind="light", colors=None)
     assert bench.shown[-1] == ((), 0.0)
-    assert "load the page again" in await said(phone, 409, kind="light", step=9, brightness=0.5)
+    assert "load the page again" in await said(phone, 409, kind="light", colors=[0])
     bench.fault = RefusedError("led-driver does not answer")
-    assert await said(phone, 409, kind="light", step=1, brightness=0.5) == "led-driver does not answer"
+    assert await said(phone, 409, kind="light", colors=reds) == "led-driver does not answer"
 
 
 async def test_views_are_solved_with_what_the_person_knows(bench: Bench, phone: httpx.AsyncClient) -> None:

@@ -47,7 +47,7 @@ def point_at_lamps(seed: int, places: int) -> list[Found]:
             direction = (level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation))
             origin = (float(said[0]), float(said[1]), float(said[2]))
             pointings.append(Pointing(f"l{number}", "anna", str(place), origin, direction))
-    found = locate(pointings).targets
+    found = locate(pointings)
     return [
         Found(
             float(np.linalg.norm(np.array(found[f"l{number}"].position_m) - lamp)),

@@ -21,7 +21,7 @@ from pointit.runtime.bus.contract import Bus
 from pointit.runtime.errors import ConfigError, NoMessageError
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
 from pointit.scan.as_map import pointed_text
-from pointit.scan.by_pointing import Pointing, Survey, locate, pointing_of
+from pointit.scan.by_pointing import PointedAt, Pointing, locate, pointing_of
 from pointit.schemas import ButtonEvent, PointingRay, UserPose
 from pointit.schemas.topics import BUTTON, POSE, RAY, check_name
 
@@ -132,11 +132,16 @@ async def _run(user: str, work: Work, output: Path | None, **at: Unpack[site_lin
 
 def _point(names: Sequence[str], kind: Kind) -> Work:
     async def work(session: "PointingSession") -> tuple[str, int]:
-        survey = await session.run(names, CORNERS[kind])
-        open_ones = {target: each.reason for target, each in survey.targets.items() if each.reason}
+        found = await session.run(names, CORNERS[kind])
+        open_ones = {target: each.reason for target, each in found.items() if each.reason}
         for target, reason in open_ones.items():
             say(f"{target}: {reason}")
-        return pointed_text(survey, names, kind), EXIT_FAILED if open_ones else 0
+        targets = {
+            name: [found[target_name(name, number, CORNERS[kind])] for number in range(len(CORNERS[kind]))]
+            for name in names
+        }
+        text = f"# Positions found by pointing.\n{pointed_text(targets, kind)}"
+        return text, EXIT_FAILED if open_ones else 0
 
     return work
 
@@ -182,7 +187,7 @@ class PointingSession:
         bus.subscribe(RAY, self._on_ray, user)
         bus.subscribe(BUTTON, self._on_button, user)
 
-    async def run(self, names: Sequence[str], corners: Sequence[str]) -> Survey:
+    async def run(self, names: Sequence[str], corners: Sequence[str]) -> dict[str, PointedAt]:
         """Return the positions of all corners, called `NAME` or `NAME.NUMBER`, from as many places as needed.
 
         Raises:
@@ -206,13 +211,13 @@ class PointingSession:
                 rays = await self.hold(words)
                 latest = self._pose.value or pose
                 pointings.append(pointing_of(target, self.user, f"place {len(stood)}", rays, latest))
-            survey = locate(pointings)
-            open_ones = {target for target, each in survey.targets.items() if each.reason}
-            for target, each in survey.targets.items():
+            found = locate(pointings)
+            open_ones = {target for target, each in found.items() if each.reason}
+            for target, each in found.items():
                 if not each.reason:
                     self._tell(f"{target}: known to {100 * each.sigma_m:.0f} cm")
             if not open_ones or len(stood) == MOST_PLACES:
-                return survey
+                return found
             if len(stood) > 1:
                 targets = {target: words for target, words in targets.items() if target in open_ones}
 

@@ -1,13 +1,11 @@
 """`pointit map scan`: a map from photographs of blinking strips and lamps, taken now or in a file."""
 
-import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 
-from pointit.cli.common.option_types import Finite
 from pointit.cli.maps.check import print_findings
 from pointit.cli.maps.scan_live import live_options, scan_live
 from pointit.maps.checks.examine import examined
@@ -30,22 +28,6 @@ FILE is JSON:
 A pitch is the distance from pixel to pixel, m. u and v are image pixels,
 right and down. gravity is the unit vector of down in the camera's frame
 (x right, y down, z forward), and may be left out."""
-
-
-def _point(
-    ctx: click.Context, parameter: click.Parameter, text: str | None
-) -> tuple[float, float, float] | None:
-    if text is None:
-        return None
-    try:
-        x, y, z = (float(word) for word in text.split(","))
-        if math.isfinite(x + y + z):
-            return x, y, z
-    except ValueError:
-        pass
-    raise click.BadParameter(
-        f"{text!r} is not a point; write x, y and z in metres, such as 1,2,0.5", ctx, parameter
-    )
 
 
 def _known(ctx: click.Context, parameter: click.Parameter, text: str | None) -> KnownLength | None:
@@ -88,12 +70,6 @@ def _mark(text: str) -> Mark:
     metavar="NAME:PIXEL,NAME:PIXEL,M",
     help="a measured distance between two pixels or lamps, m; scales everything",
 )
-@click.option(
-    "--origin", callback=_point, metavar="X,Y,Z", help="point of the scan that becomes the origin, m"
-)
-@click.option(
-    "--heading", type=Finite(-360, 360), default=0.0, metavar="DEG", help="direction that becomes x, degrees"
-)
 @click.option("--all", "also_doubtful", is_flag=True, help="write what is not identified, too")
 @live_options
 @click.pass_context
@@ -104,8 +80,6 @@ def command(
     source: Path | None,
     output: Path | None,
     known: KnownLength | None,
-    origin: tuple[float, float, float] | None,
-    heading: float,
     also_doubtful: bool,
     **live: Any,
 ) -> int:
@@ -123,7 +97,8 @@ def command(
     Example: pointit map scan -o room.yaml --strip shelf=90 --leds ddp:192.168.1.40
     """
     if source is None:
-        _check_live(known, origin, heading, also_doubtful)
+        if known is not None or also_doubtful:
+            raise ConfigError("--known and --all go with --from only; the page has such a choice")
         return scan_live(context, output or Path("room.yaml"), **live)
     survey = read_survey(source)
     if known is not None:
@@ -132,8 +107,6 @@ def command(
         scan = solve(survey.strips, survey.lamps, survey.views, known_length=survey.known_length)
     except ConfigError as error:
         raise ConfigError(f"{source}: {error}") from None
-    if origin is not None or heading:
-        scan = scan.placed(origin or (0.0, 0.0, 0.0), math.radians(heading))
     text = map_text(scan, only_identified=not also_doubtful)
     if output is not None:
         path = output
@@ -147,13 +120,6 @@ def command(
     found: list[ScannedStrip | ScannedLamp] = [*scan.strips.values(), *scan.lamps.values()]
     is_whole = not scan.missing and (also_doubtful or all(each.identified for each in found))
     return 0 if is_whole else EXIT_FAILED
-
-
-def _check_live(*given: object) -> None:
-    """Check that no option of --from is given. Raises ConfigError otherwise."""
-    for option, value in zip(("--known", "--origin", "--heading", "--all"), given, strict=True):
-        if value:
-            raise ConfigError(f"{option} goes with --from only; the page has such a choice")
 
 
 def _sentences(scan: Scan) -> list[str]:

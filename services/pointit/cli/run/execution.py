@@ -204,7 +204,8 @@ async def _told(stage: RunningScenario, *, is_drawn: bool) -> AsyncGenerator[Non
     async def tell_figures() -> None:
         while True:
             await asyncio.sleep(FIGURES_S)
-            log.info("%s", figures(stage.monitor).plain)
+            if shown := figures(stage.monitor).plain:
+                log.info("%s", shown)
 
     tasks: list[asyncio.Task[None]] = []
     if isinstance(stage.clock, WallClock | SimulatedClock):  # services that join use this clock

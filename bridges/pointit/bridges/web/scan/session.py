@@ -8,8 +8,9 @@ from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pointit.bridges.web.scan.code import marked_pixels, picture, steps_of
+from pointit.bridges.web.scan.marks import marked_pixels, picture
 from pointit.bridges.web.scan.wire import (
+    MAX_LIGHTS,
     ScanBegin,
     ScanLight,
     ScanLook,
@@ -32,12 +33,12 @@ log = logging.getLogger(__name__)
 SHOWN_S = 6.0
 """Time after which the strips are given back if the page asks for nothing more, s."""
 MAX_VIEWS = 40
-MAX_LIGHTS = 4096
 ADVICE = (
     "Stand where the camera sees most of the strips, and take the first view.",
     "Step a metre to the side, keep the strips in the picture, and take the second view.",
 )
 """Advice before the first and second view. Then the solver has one."""
+CHANGED = "the strips have changed meanwhile: load the page again"
 FILE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,58}\.ya?ml")
 
 Show = Callable[[Sequence[LitPixels], float], Awaitable[None]]
@@ -131,23 +132,22 @@ class ScanSession:
         self._restart(said)
 
     async def light(self, said: ScanLight) -> None:
-        """Show a step of the code.
+        """Show the lights, or give them back.
 
         Raises:
-            RefusedError: If there is no such step, or the strips cannot show it.
+            RefusedError: If there are other lights than that, or they cannot show it.
         """
-        if said.step >= steps_of(len(self._lights)):
-            raise RefusedError(f"step {said.step} of {steps_of(len(self._lights))}: load the page again")
-        if said.step < -1:
-            await self._show((), 0.0)
-        else:
-            await self._show(picture(self._lights, said.step, said.brightness), SHOWN_S)
+        if said.colors and len(said.colors) != len(self._lights):
+            raise RefusedError(CHANGED)
+        lights = self._lights if said.colors else ()
+        lit = picture(lights, said.colors or (), said.brightness)
+        await self._show(lit, 0.0 if said.colors is None else SHOWN_S)
 
     def _view(self, said: ScanView) -> None:
         if len(self._views) >= MAX_VIEWS:
             raise RefusedError(f"{MAX_VIEWS} views are enough: save the map, or begin again")
         if any(index >= len(self._lights) for index, _, _ in said.seen):
-            raise RefusedError("the strips have changed meanwhile: load the page again")
+            raise RefusedError(CHANGED)
         seen = tuple(Sighting(*self._lights[index], u, v) for index, u, v in said.seen)
         view = View(said.width, said.height, seen, said.gravity)
         try:

@@ -1,7 +1,8 @@
 """The wire between the site and a page whose camera maps the room: `POST /scan`, a JSON object each way.
 
 The page leads: it asks for each step of the lights (`ScanLight`, answered when they are sent to the
-controllers), and sends image positions of the lights once it has read all steps (`ScanView`). Pictures never
+controllers), and sends image positions of the lights once it has read all steps (`ScanView`). Which colours
+tell the lights apart is known to the page alone (`client/src/scan/code.ts`). Pictures never
 leave the page. All but `ScanLight` are answered with `ScanState`, refusals with status 409 and a sentence.
 """
 
@@ -15,7 +16,9 @@ from pointit.schemas.base import Fraction, Vec3
 MAX_SIGHTINGS = 2000
 """Limit of the sightings of one view; a body of a post has room for as many."""
 
-LightIndex = Annotated[int, Field(ge=0, lt=4096)]
+MAX_LIGHTS = 4096
+
+LightIndex = Annotated[int, Field(ge=0, lt=MAX_LIGHTS)]
 ImagePosition = Annotated[float, Field(ge=-20_000, le=20_000)]
 ImageSize = Annotated[int, Field(ge=16, le=16_384)]
 
@@ -35,11 +38,17 @@ class ScanBegin(WireModel):
 
 
 class ScanLight(WireModel):
-    """Show a step of the code; -1: all dark; -2: give the strips back."""
+    """Show the lights in colours for a while, or give them back if there are none."""
 
     kind: Literal["light"] = "light"
-    step: Annotated[int, Field(ge=-2, le=32)]
-    brightness: Fraction
+    colors: Annotated[
+        tuple[Annotated[int, Field(ge=0, le=2)], ...] | None,
+        Field(
+            max_length=MAX_LIGHTS,
+            description="0 red, 1 green, 2 blue, of each of `ScanState.lights`; empty if all are dark",
+        ),
+    ] = None
+    brightness: Fraction = 1.0
 
 
 class ScanView(WireModel):

@@ -9,6 +9,7 @@ import { chime } from "./sound";
 import type { ScanState } from "./wire";
 import { Camera, NoCamera } from "./scan/camera";
 import { Capturer, Unread } from "./scan/capture";
+import { wordOf, type Colour } from "./scan/code";
 import { gravity } from "./scan/gravity";
 import { drawPlan } from "./scan/plan";
 import { SimulatedCamera } from "./scan/simulated";
@@ -17,7 +18,6 @@ import { ask, capital, light, lights, Refused, simulatedRoom } from "./scan/site
 
 const POLL_MS = 400;
 const USUAL_LEDS_PER_M = 60;
-const GIVE_BACK = -2;
 /** Step that is shown between views, so that the person sees what the camera has to see, and how often it is renewed, ms. */
 const AIM = { step: 1, brightness: 0.35, period: 3000 };
 
@@ -56,7 +56,7 @@ class Page {
     part("origin").addEventListener("change", () => this.link());
     addEventListener("pagehide", () => {
       clearInterval(this.aiming);
-      void light(GIVE_BACK, 0).catch(() => undefined);
+      void light(null).catch(() => undefined);
     });
     void this.attempt(async () => this.offer(await ask({ kind: "look" })));
   }
@@ -136,7 +136,7 @@ class Page {
 
   private async take(): Promise<void> {
     if (this.isTaking || !this.camera || !this.state) return;
-    this.capturer ??= new Capturer(this.camera, { show: light }, this.state.strips.some(({ pixels }) => pixels === 1) ? LAMPS_MS : 0);
+    this.capturer ??= new Capturer(this.camera, { show: (step, brightness) => light(this.colours(step), brightness) }, this.state.strips.some(({ pixels }) => pixels === 1) ? LAMPS_MS : 0);
     this.isTaking = true;
     button("take").disabled = true;
     this.say("Hold still …");
@@ -147,7 +147,7 @@ class Page {
       chime("tick");
       navigator.vibrate?.(40);
       this.show(await ask({ kind: "view", width, height, gravity: down, seen: seen.map(({ index, u, v }) => [index, rounded(u), rounded(v)]) }));
-      this.things.keep(this.state.views - 1, still);
+      this.things.keep(this.state.views - 1, still, width);
       this.simulated?.walk();
       void this.attempt(() => this.follow());
     } catch (error) {
@@ -162,9 +162,15 @@ class Page {
     }
   }
 
+  /** Colours of all lights at a step, none before the first. */
+  private colours(step: number): Colour[] {
+    const count = this.state?.lights.length ?? 0;
+    return step < 0 ? [] : Array.from({ length: count }, (_, index) => wordOf(index, count)[step]!);
+  }
+
   /** Show the lights between views. */
   private aim(): void {
-    if (!this.isTaking && document.visibilityState === "visible") this.aimed = light(AIM.step, AIM.brightness).catch(() => undefined);
+    if (!this.isTaking && document.visibilityState === "visible") this.aimed = light(this.colours(AIM.step), AIM.brightness).catch(() => undefined);
   }
 
   private gravity(): [number, number, number] | null {

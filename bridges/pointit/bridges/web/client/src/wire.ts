@@ -332,12 +332,15 @@ export interface ScanBegin {
   };
 }
 /**
- * Show a step of the code; -1: all dark; -2: give the strips back.
+ * Show the lights in colours for a while, or give them back if there are none.
  */
 export interface ScanLight {
   brightness: number;
+  /**
+   * 0 red, 1 green, 2 blue, of each of `ScanState.lights`; empty if all are dark
+   */
+  colors: number[] | null;
   kind: "light";
-  step: number;
 }
 /**
  * Ask for the state.

@@ -205,7 +205,7 @@ export class Canvas {
   }
 
   private fit(): void {
-    if (this.map) this.frame.fit(boundsOf(this.map), 40);
+    if (this.map) this.frame.fit(boundsOf(this.map), TURN_PX + 8);
     this.apply(true);
   }
 

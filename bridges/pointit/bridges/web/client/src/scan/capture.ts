@@ -6,7 +6,7 @@ import { Reader, type Seen, type Trouble } from "./reader";
 
 export interface Capture {
   seen: Seen[];
-  /** The first frame in which the lights shone; their positions are those in it. It stays in the page. */
+  /** The first frame in which the lights shone, smaller; their positions are those in it. It stays in the page. */
   still: ImageBitmap;
   width: number;
   height: number;

@@ -3,8 +3,7 @@
  *
  * Every light changes its colour at every step, by one place in red-green-blue for a 0 and by two for a 1. A
  * camera's frame is thus new when the lights have changed, whatever the network, controller and camera delay.
- * A light that did not change was hidden, or is no light of ours. Two check bits follow; the site's
- * `scan/code.py` has the same code.
+ * A light that did not change was hidden, or is no light of ours. Two check bits follow.
  */
 
 /** 0 red, 1 green, 2 blue. */

@@ -1,7 +1,9 @@
 import assert from "node:assert/strict";
-import { test } from "node:test";
+import { mock, test } from "node:test";
 import { fromAngles } from "../phone/orientation";
 import { blobsOf, followed, thresholdOf, type Blob } from "./blobs";
+import type { Camera } from "./camera";
+import { Capturer } from "./capture";
 import { indexOf, stepsOf, wordOf, type Colour } from "./code";
 import { gravity } from "./gravity";
 import { PATIENCE_MS, Reader, type Verdict } from "./reader";
@@ -40,7 +42,7 @@ test("every light's colours give its number back", () => {
   for (const count of [1, 2, 3, 24, 220, 700]) {
     for (let index = 0; index < count; index++) assert.equal(indexOf(wordOf(index, count), count), index);
   }
-  assert.deepEqual(wordOf(5, 24), [0, 1, 2, 0, 2, 0, 2, 0, 1]); // as the site's code, see test_scan_code.py
+  assert.deepEqual(wordOf(5, 24), [0, 1, 2, 0, 2, 0, 2, 0, 1]);
 });
 
 test("a wrong colour, an unknown one and one that did not change are no number, or the right one", () => {
@@ -161,6 +163,27 @@ for (const [trouble, world] of [
     assert.equal(verdict.kind === "trouble" ? verdict.trouble : verdict.kind, trouble);
   });
 }
+
+test("a phone that turns away, or shakes, ends its view in a sentence and tries no other brightness", async () => {
+  for (const [away, says] of [[() => [], /the camera turned away/], [(blobs: Blob[]) => blobs.map((blob) => ({ ...blob, u: blob.u + 3 })), /The phone moved/]] as const) {
+    let [now, shown, far, darks] = [0, -1, 0, 0];
+    mock.method(globalThis, "setTimeout", (done: () => void) => queueMicrotask(done));
+    mock.method(performance, "now", () => now);
+    const camera = {
+      isLive: true, hold: async () => undefined, still: async () => ({}),
+      look: async (as: string) => {
+        now += 100;
+        const blobs = PLACES.map(([u, v], i) => ({ u: u + 3 * far, v, area: 9, colour: wordOf(i, PLACES.length)[shown]! }));
+        if (shown > 2) far++;
+        return { width: WIDTH, height: HEIGHT, blobs: as === "dark" || shown < 0 ? [] : shown > 2 ? away(blobs) : blobs };
+      },
+    } as unknown as Camera;
+    const lights = { show: async (step: number) => void (darks += (shown = step) < 0 ? 1 : 0) };
+    await assert.rejects(new Capturer(camera, lights).take(PLACES.length, () => undefined), says);
+    assert.equal(darks, 1);
+    mock.restoreAll();
+  }
+});
 
 test("a picture full of spots is no view", () => {
   const reader = new Reader(24, WIDTH);

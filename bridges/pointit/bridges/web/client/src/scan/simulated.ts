@@ -1,6 +1,7 @@
 /**
  * A camera that does not exist: it sees what the LED driver shows on the strips of a room, from one place after the
- * other, with noise, blur, bloom, changes of exposure, a rolling shutter, and the tremor of a hand.
+ * other, with noise, blur, bloom, changes of exposure, a rolling shutter, and the tremor of a hand, which moves each
+ * row of a frame by another amount.
  */
 
 import { add, cross, scale, subtract, unit, type Read3 } from "../geometry/vec";
@@ -11,7 +12,10 @@ export const HEIGHT = 450;
 /** Focal length, image pixels. */
 const FOCAL = 640;
 const FRAME_MS = 66;
-const TREMOR_RAD = 0.0006;
+/** Amplitude of a hand that holds a phone, about each axis: 2 to 3 image pixels. */
+const TREMOR_RAD = 0.002;
+/** Steps by which the exposure changes, as a share. */
+const EXPOSURE = 0.2;
 const NOISE = 3;
 /** Level of a light at full brightness from 1 m; a camera takes 255. */
 const POWER = 5000;
@@ -108,9 +112,11 @@ export class SimulatedCamera {
     }
   }
 
-  private pose(tremor: number): Pose {
+  /** `row`: share of the frame's height above it, which is exposed earlier. */
+  private pose(tremor: number, row = 0): Pose {
     const at = this.room.places_m[this.place % this.room.places_m.length]!;
-    const shake = (k: number) => tremor * (Math.sin(this.frame * 0.9 + k) + Math.sin(this.frame * 0.37 + 2 * k)) * 3;
+    const now = this.frame + 0.5 * row;
+    const shake = (k: number) => tremor * (Math.sin(now * 0.9 + k) + Math.sin(now * 0.37 + 2 * k)) * 3;
     const to: Read3 = [this.middle[0] + shake(1), this.middle[1] + shake(2), this.middle[2] + shake(3)];
     return lookAt(at, to, 0.05 * Math.sin(this.place * 2));
   }
@@ -130,7 +136,7 @@ export class SimulatedCamera {
 
   private draw(): void {
     this.frame++;
-    const gain = 1 + 0.04 * Math.sin(this.frame * 0.21) + (this.frame % 40 < 12 ? 0.08 : 0);
+    const gain = 1 + 0.04 * Math.sin(this.frame * 0.21) + (this.frame % 40 < 12 ? EXPOSURE : 0);
     const { data } = this.image;
     let n = (Math.random() * 8192) | 0;
     for (let i = 0, j = 0; j < data.length; j += 4) {
@@ -140,7 +146,7 @@ export class SimulatedCamera {
     const shutter = this.frame % 3 ? Infinity : HEIGHT * Math.random(); // rows below it were exposed before the change
     for (const [lights, isBefore] of [[this.lit, false], [this.before, true]] as const) {
       for (const { at, rgb } of lights) {
-        const [u, v, ahead] = projected(pose, at);
+        const [u, v, ahead] = projected(this.pose(TREMOR_RAD, projected(pose, at)[1] / HEIGHT), at);
         if (v > shutter !== isBefore || ahead < 0.1) continue;
         if (u > -20 && v > -20 && u < WIDTH + 20 && v < HEIGHT + 20) this.splat(u, v, ahead, rgb, gain);
       }

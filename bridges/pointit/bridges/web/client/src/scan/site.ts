@@ -1,6 +1,8 @@
 /** What the page says to the site, and hears of it. */
 
-import type { ScanBegin, ScanLook, ScanRoom, ScanSave, ScanState, ScanThing, ScanUndo, ScanView } from "../wire";
+import type { ScanBegin, ScanLight, ScanLook, ScanRoom, ScanSave, ScanState, ScanThing, ScanUndo, ScanView } from "../wire";
+
+import type { Colour } from "./code";
 
 /** The site refuses, and says why; or it is not reachable. */
 export class Refused extends Error {}
@@ -26,9 +28,9 @@ export async function ask(said: Said): Promise<ScanState> {
   return (await post(said)).json() as Promise<ScanState>;
 }
 
-/** Show a step of the code; returns when it was sent to the lights. */
-export async function light(step: number, brightness: number): Promise<void> {
-  await post({ kind: "light", step, brightness });
+/** Show the lights in colours, or none, or give them back (null); returns when it was sent to them. */
+export async function light(colors: Colour[] | null, brightness = 1): Promise<void> {
+  await post({ kind: "light", colors, brightness } satisfies ScanLight);
 }
 
 export async function simulatedRoom(): Promise<ScanRoom> {

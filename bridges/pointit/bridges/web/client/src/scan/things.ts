@@ -10,14 +10,16 @@ const CORNERS: Record<ScanThing["shape"], readonly string[]> = {
   screen: SCREEN, table: SCREEN,
 };
 const ARROWS: Record<string, readonly [number, number]> = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
-/** Step of the cross by an arrow key, and with Shift, image pixels. */
-const STEP = 16, SMALL_STEP = 2;
+/** Step of the cross by an arrow key, and with Shift, pixels of the still. */
+const STEP = 8, SMALL_STEP = 1;
 
 const part = <T extends Element = HTMLElement>(id: string) => document.getElementById(id) as unknown as T;
 
 export class Things {
-  /** By number of the view. */
+  /** By number of the view, smaller than its picture. */
   private readonly stills: ImageBitmap[] = [];
+  /** Width of the pictures, image pixels. */
+  private width = 0;
   private taps: Place[] = [];
   private cross: Place | null = null;
   private readonly canvas = part<HTMLCanvasElement>("still");
@@ -48,9 +50,10 @@ export class Things {
     });
   }
 
-  /** Keep the still of view `number`, counted from 0; those of later ones were forgotten. */
-  keep(number: number, still: ImageBitmap): void {
+  /** Keep the still of view `number`, counted from 0, of a picture `width` wide; those of later ones were forgotten. */
+  keep(number: number, still: ImageBitmap, width: number): void {
     this.forget(number);
+    this.width = width;
     this.stills[number] = still;
     const options = () => Object.keys(this.stills).map((key) => el("option", { value: key, text: String(Number(key) + 1) }));
     for (const field of this.views) field.replaceChildren(...options());
@@ -79,9 +82,10 @@ export class Things {
     this.draw();
     if (this.taps.length < 2 * corners) return;
     if (!this.name.reportValidity()) return void this.taps.pop();
+    const scale = this.width / this.canvas.width;
     this.done({
       name: this.name.value.trim(), shape: this.shape.value as ScanThing["shape"],
-      corners: this.taps.slice(0, corners).map((first, i) => [first, this.taps[corners + i]!].map(({ u, v }, view) => [Number(this.views[view]!.value), u, v] as [number, number, number])),
+      corners: this.taps.slice(0, corners).map((first, i) => [first, this.taps[corners + i]!].map(({ u, v }, view) => [Number(this.views[view]!.value), scale * u, scale * v] as [number, number, number])),
     });
     this.begin();
   }
@@ -95,13 +99,14 @@ export class Things {
     const context = this.canvas.getContext("2d")!;
     context.drawImage(still, 0, 0);
     context.font = `600 ${still.width / 30}px system-ui`;
+    const arm = still.width / 60;
     const mark = ({ u, v }: Place, text: string) => {
       for (const [colour, wider] of [["#000", 3], ["#fff", 1]] as const) {
         context.strokeStyle = context.fillStyle = colour;
         context.lineWidth = wider * still.width / 500;
-        context.stroke(new Path2D(`M${u - 14} ${v}h28M${u} ${v - 14}v28`));
-        if (wider === 1) context.fillText(text, u + 10, v - 10);
-        else context.strokeText(text, u + 10, v - 10);
+        context.stroke(new Path2D(`M${u - arm} ${v}h${2 * arm}M${u} ${v - arm}v${2 * arm}`));
+        if (wider === 1) context.fillText(text, u + 0.7 * arm, v - 0.7 * arm);
+        else context.strokeText(text, u + 0.7 * arm, v - 0.7 * arm);
       }
     };
     this.taps.slice(isSecond ? corners.length : 0).forEach((tap, i) => mark(tap, String(i + 1)));

@@ -72,7 +72,7 @@ const connection = new Connection(site, {
 });
 const controls = new Controls(site, settings, connection, new Toasts(at("toasts")), () => refresh());
 const mouse = new Mouse(controls, () => stage.view, document.querySelector<HTMLElement>(".stage")!);
-const stage: Stage = new Stage(at("view"), at("cameras"), at("chip"), ["lost", "outage", "progress", "guide", "cameras", "stop", "toasts", "chip"].map(at), controls, (place) => mouse.aim(place), () => {
+const stage: Stage = new Stage(at("view"), at("cameras"), at("chip"), ["lost", "outage", "progress", "guide", "cameras", "stop", "toasts", "chip"].map(at), [at("guide"), at("cameras")], controls, (place) => mouse.aim(place), () => {
   mouse.renew();
   wake();
 });
@@ -217,9 +217,11 @@ function showVisit(): void {
   visit.title = `${name} (${isPast ? "Esc" : "W"})`;
 }
 
-/** Say why the scene stands still. */
+/** Say why the scene stands still, or is not yet there; without `pui` there is no map to draw. */
 function showOutage(): void {
   const text = site.connected ? outage(site) : "";
+  const isWaiting = !stage.isDrawn && !text && !site.timeline && (site.status === null || controls.isPresent("pui"));
+  show(at("drawing"), isWaiting && at("lost").hidden);
   show(at("outage"), text !== "");
   write(at("outage-text"), text);
 }

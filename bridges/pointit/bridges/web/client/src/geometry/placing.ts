@@ -15,7 +15,7 @@ export interface Wish {
   readonly y: number;
   readonly width: number;
   readonly height: number;
-  /** Of two that want one place, the greater has it; 0: of a small thing, whose label stays close to it or is left out. */
+  /** Of two that want one place, the greater has it; 0 or less: of a small thing, whose label stays close to it or is left out. */
   readonly rank: number;
 }
 
@@ -39,7 +39,7 @@ export function placed(wishes: readonly Wish[], taken: readonly Rect[], picture:
   for (const i of turns) {
     const wish = wishes[i]!, { width, height } = wish;
     const x = held(wish.x - width / 2, picture.width - width), y = held(wish.y - height, picture.height - height);
-    const at = nearest({ x, y, width, height }, full, picture, REACHES[Math.min(wish.rank, 1)]!);
+    const at = nearest({ x, y, width, height }, full, picture, REACHES[wish.rank > 0 ? 1 : 0]);
     found[i] = at;
     if (at) full.push({ ...at, width, height });
   }

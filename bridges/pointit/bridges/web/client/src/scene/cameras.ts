@@ -2,7 +2,7 @@
 
 import * as THREE from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
-import { framed } from "../geometry/framing";
+import { framed, NO_EDGES, type Edges } from "../geometry/framing";
 import { unit, wrapped, type Read3, type Vec3 } from "../geometry/vec";
 import type { Camera } from "../view";
 import type { Picture } from "./picture";
@@ -47,6 +47,9 @@ export class Cameras {
   /** Nobody has moved the camera since it was framed. */
   private isFramed = true;
   private aspect = 0;
+  /** Covered parts of the picture, px; they only grow until its size changes, so that the camera keeps still. */
+  private edges = NO_EDGES;
+  private edgesOf = "";
   private yaw = 0;
   private pitch = -0.3;
 
@@ -74,6 +77,16 @@ export class Cameras {
   reframe(points: readonly Read3[]): void {
     this.points = points;
     if (this.isFramed && this.mode !== "eyes") this.go(performance.now(), this.isStill);
+  }
+
+  /** Frame between `edges`, px, what is shown; `isSteady`: now nothing may move. */
+  keepClear(edges: Edges, isSteady: boolean): void {
+    const { width, height } = this.picture, size = `${width} ${height}`, before = this.edges;
+    if (isSteady) return;
+    this.edges = size === this.edgesOf ? { top: Math.max(edges.top, before.top), bottom: Math.max(edges.bottom, before.bottom) } : edges;
+    this.edgesOf = size;
+    if (this.edges.top === before.top && this.edges.bottom === before.bottom) return;
+    if (this.isFramed && this.mode !== "eyes") this.go(performance.now(), true);
   }
 
   /** Show all `points`, {W}, at once; `size`: how far they are apart at most, m. */
@@ -156,7 +169,8 @@ export class Cameras {
     }
     const { width, height } = this.picture;
     const along = this.mode === "top" ? ABOVE_ALONG : this.isDeep ? DEEP_ALONG : ROOM_ALONG;
-    const view = framed(this.points, along, (this.to.fov * Math.PI) / 180, width / height);
+    const edges = { top: this.edges.top / height, bottom: this.edges.bottom / height };
+    const view = framed(this.points, along, (this.to.fov * Math.PI) / 180, width / height, edges);
     this.to.position.set(...view.position);
     this.to.target.set(...view.target);
   }

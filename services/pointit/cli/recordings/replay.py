@@ -12,6 +12,7 @@ import click
 
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import Section, console, json_option, print_json, print_table, say, to_line
+from pointit.cli.common.panels import PanelCommand
 from pointit.cli.common.progress import interruptible, progress
 from pointit.cli.common.site_link import join_site, site_options
 from pointit.conversion.recording_file import new_recording
@@ -33,7 +34,12 @@ MAX_FIELDS = 3
 """Fields of a topic that the table names."""
 
 
-@click.command("replay", params=site_options())
+@click.command(
+    "replay",
+    params=site_options(),
+    cls=PanelCommand,
+    usual=("compare", "output", "speed", "level", "live", "outputs", "connect"),
+)
 @click.argument("file", type=click.Path(path_type=Path, dir_okay=False))
 @click.option(
     "--from",

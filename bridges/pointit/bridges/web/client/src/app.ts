@@ -72,7 +72,7 @@ const connection = new Connection(site, {
 });
 const controls = new Controls(site, settings, connection, new Toasts(at("toasts")), () => refresh());
 const mouse = new Mouse(controls, () => stage.view, document.querySelector<HTMLElement>(".stage")!);
-const stage: Stage = new Stage(at("view"), at("cameras"), at("chip"), ["lost", "outage", "progress", "guide", "cameras", "stop", "toasts", "chip"].map(at), [at("guide"), at("cameras")], controls, (place) => mouse.aim(place), () => {
+const stage: Stage = new Stage(at("view"), at("cameras"), at("chip"), ["lost", "outage", "progress", "guide", "cameras", "stop", "toasts", "chip"].map(at), ["guide", "chip"].map(at), controls, (place) => mouse.aim(place), () => {
   mouse.renew();
   wake();
 });

@@ -40,13 +40,13 @@ export class Stage {
    * @param host where the view is drawn.
    * @param chip where is said how it is drawn, when that matters.
    * @param cards what else may lie over the view.
-   * @param edgeCards those that the scene is framed between: at the top, at the foot.
+   * @param edgeCards those that the scene is framed between, with the choice of cameras.
    * @param onAim the mouse points there, {W}.
    * @param onNew a new view is there.
    */
   constructor(
     private readonly host: HTMLElement, cameras: HTMLElement, private readonly chip: HTMLElement,
-    private readonly cards: readonly HTMLElement[], private readonly edgeCards: readonly [HTMLElement, HTMLElement], private readonly controls: Controls, private readonly onAim: (at: Vec3) => void, private readonly onNew: () => void,
+    private readonly cards: readonly HTMLElement[], private readonly edgeCards: readonly HTMLElement[], private readonly controls: Controls, private readonly onAim: (at: Vec3) => void, private readonly onNew: () => void,
   ) {
     this.cameras.element.classList.add("bare");
     this.apart = new ApartToggle(controls, () => this.view?.setApart(this.apart.shown));
@@ -118,10 +118,14 @@ export class Stage {
       .map(({ x, y, width, height }) => ({ x: x - left, y: y - top, width, height }));
   }
 
-  /** What is free of the largest cards: below the guidance, above the choice of cameras. */
+  /** What the cards at the top and at the foot leave free. */
   private edges(): Edges {
-    const { top, bottom } = this.host.getBoundingClientRect(), [above, below] = this.edgeCards.map((card) => card.getBoundingClientRect());
-    return { top: above!.height ? above!.bottom - top : 0, bottom: below!.height ? bottom - below!.top : 0 };
+    const { top, bottom } = this.host.getBoundingClientRect(), edges = { top: 0, bottom: 0 };
+    for (const card of [this.cameras.element, ...this.edgeCards].map((each) => each.getBoundingClientRect())) {
+      if (card.height && card.top + card.bottom < top + bottom) edges.top = Math.max(edges.top, card.bottom - top);
+      else if (card.height) edges.bottom = Math.max(edges.bottom, bottom - card.top);
+    }
+    return edges;
   }
 
   private giveWay(): void {

@@ -47,9 +47,8 @@ export class Cameras {
   /** Nobody has moved the camera since it was framed. */
   private isFramed = true;
   private aspect = 0;
-  /** Covered parts of the picture, px; they only grow until its size changes, so that the camera keeps still. */
+  /** Covered parts of the picture, px. */
   private edges = NO_EDGES;
-  private edgesOf = "";
   private yaw = 0;
   private pitch = -0.3;
 
@@ -79,14 +78,12 @@ export class Cameras {
     if (this.isFramed && this.mode !== "eyes") this.go(performance.now(), this.isStill);
   }
 
-  /** Frame between `edges`, px, what is shown; `isSteady`: now nothing may move. */
-  keepClear(edges: Edges, isSteady: boolean): void {
-    const { width, height } = this.picture, size = `${width} ${height}`, before = this.edges;
-    if (isSteady) return;
-    this.edges = size === this.edgesOf ? { top: Math.max(edges.top, before.top), bottom: Math.max(edges.bottom, before.bottom) } : edges;
-    this.edgesOf = size;
-    if (this.edges.top === before.top && this.edges.bottom === before.bottom) return;
-    if (this.isFramed && this.mode !== "eyes") this.go(performance.now(), true);
+  /** Frame between `edges`, px, what is shown: at once if less is free than before, else gently. */
+  keepClear(edges: Edges): void {
+    const { top, bottom } = this.edges;
+    if (edges.top === top && edges.bottom === bottom) return;
+    this.edges = edges;
+    if (this.isFramed && this.mode !== "eyes") this.go(performance.now(), this.isStill || edges.top > top || edges.bottom > bottom);
   }
 
   /** Show all `points`, {W}, at once; `size`: how far they are apart at most, m. */

@@ -24,6 +24,8 @@ interface Label {
   height: number;
 }
 
+/** Rank of names of lamps and things: aside of a head, rather than left out. */
+export const NAME = 0.5;
 /** Half of what is kept free about a head that is far away, px. */
 const LEAST_HEAD_PX = 4;
 

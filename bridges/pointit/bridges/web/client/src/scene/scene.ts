@@ -14,7 +14,7 @@ import { Aim } from "./aim";
 import { drawApart, floorAt } from "./apart";
 import { Cameras } from "./cameras";
 import { DARK, Kit, LIGHT, type Theme } from "./kit";
-import { Labels } from "./labels";
+import { Labels, NAME } from "./labels";
 import { People } from "./people";
 import { Picture } from "./picture";
 import { counts, state } from "./state";
@@ -139,7 +139,7 @@ class Scene implements View {
   }
 
   keepClear(covered: readonly Rect[], edges: Edges): void {
-    this.camera.keepClear(edges, this.aim.on);
+    if (!this.aim.on) this.camera.keepClear(edges); // who points needs a camera that stands still
     if (JSON.stringify(covered) === JSON.stringify(this.labels.covered)) return;
     this.labels.covered = covered;
     this.wake();
@@ -232,7 +232,7 @@ class Scene implements View {
     world.strips.set(site.strips);
     world.lamps.set(site.lamps, this.theme.dark);
     world.lamps.mark(world.marks);
-    for (const [id, at] of world.lamps.places) if (!isOfThing(site.map, id)) this.labels.add(`lamp ${id}`, at, 0.16, [{ text: id }]);
+    for (const [id, at] of world.lamps.places) if (!isOfThing(site.map, id)) this.labels.add(`lamp ${id}`, at, 0.16, [{ text: id }], "", NAME);
     this.nameSolids(site.map ?? NOTHING);
     world.things.set(site);
     let moves = world.things.place(now_ns);

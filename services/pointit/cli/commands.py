@@ -81,7 +81,7 @@ SITE_USER = """Add, remove and list the people of a site; the router follows wit
 Example: pointit site user add carla --folder lab
 """
 
-OUTPUT = """Test LED strips and how they are connected, and find where a moving head hangs.
+OUTPUT = """Test strips and how they are connected, and find where a moving head hangs.
 
 Example: pointit output test scenario_3 --output ddp:wled-kitchen.local
 """
@@ -186,7 +186,7 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
         ),
         noun(
             "output",
-            "test LED strips, find where a moving head hangs",
+            "test strips, find where a moving head hangs",
             OUTPUT,
             ours("calibrate", "find the pose of a moving head by its beam", "outputs.output_calibrate"),
             ours("test", "light the pixels of each strip in turn", "outputs.output_test"),

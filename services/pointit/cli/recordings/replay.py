@@ -67,7 +67,7 @@ MAX_FIELDS = 3
     type=click.Choice(["none", "recorded"]),
     default="none",
     show_default=True,
-    help="with --live: LED controllers that are driven, those at the recorded addresses or none",
+    help="with --live: outputs that are driven, those at the recorded addresses or none",
 )
 @json_option
 def command(
@@ -157,9 +157,9 @@ def _tell_missing(without: Sequence[str], level: Level) -> None:
 
 
 def _print_outputs(outputs: Sequence[str], *, lights: bool) -> None:
-    """Say which LED controllers the recording drives, or would: it may come from anybody."""
+    """Say which outputs the recording drives, or would: it may come from anybody."""
     for output in outputs:
-        say(f"LED output {output} is driven" if lights else f"LED output {output} is left out", err=True)
+        say(f"output {output} is driven" if lights else f"output {output} is left out", err=True)
     if outputs and not lights:
         say("--output recorded drives them", err=True)
 

@@ -1,6 +1,6 @@
 /** The glossary in `?`: the documents' own table, which the build copies to `static/`. */
 
-import { el } from "./dom";
+import { el, icon } from "./dom";
 
 export interface Word {
   word: string;
@@ -19,7 +19,7 @@ export function glossary(): HTMLDetailsElement {
   const list = el("dl", {}), said = el("p", { className: "muted", role: "status" });
   const element = el("details", { className: "words", ontoggle: () => {
     if (element.open && !list.childElementCount) void load();
-  } }, el("summary", { text: "What the words mean" }), said, list);
+  } }, el("summary", {}, el("span", { text: "What the words mean" }), icon("chevron")), said, list);
 
   async function load(): Promise<void> {
     said.textContent = "Loading …";

@@ -36,7 +36,7 @@ async def photograph() -> None:
             async with chromium(path) as browser:
                 window = await Window.open(browser, site.url, size=SIZE, theme="dark", scripts=(FINE,))
                 await window.is_shown(60)
-                await window.page.get_by_role("button", name="Close").click()
+                await window.page.get_by_role("button", name="Make it small").click()
                 await window.page.wait_for_timeout(3000)
                 await window.until(SHOWS_FLIGHT, "a flight", 180)
                 await save(window.page, "robots.webp")

@@ -177,3 +177,8 @@ def test_every_finding_of_doctor_has_a_row_of_troubleshooting() -> None:
         re.findall(r"`([\w-]+)`", "".join(re.findall(r"(?m)^\|([^|]*)\|", page.split("## Findings")[1])))
     )
     assert rows == codes
+
+
+def test_the_page_has_the_glossary_of_the_documents() -> None:
+    built = ROOT / "bridges/pointit/bridges/web/static/glossary.md"
+    assert built.read_bytes() == (ROOT / "docs/reference/glossary.md").read_bytes(), "run scripts/page"

@@ -1,6 +1,6 @@
 """The tree of commands as data: names, a line each, and the location of those that run."""
 
-from pointit.cli.common.installed_commands import LAB, of_package
+from pointit.cli.common.installed_commands import LAB, LABORATORY, of_package
 from pointit.cli.common.lazy import Entry, command, noun
 
 
@@ -48,15 +48,10 @@ SERVICE = """List services, run one, or send a request to one that runs.
 Example: pointit service run selector --help
 """
 
-NEW = """Write a file of your own to begin with.
-
-Example: pointit new room
-"""
-
-MAP = """Check, draw, fetch and list maps: positions of lamps, LED strips, belts and objects.
+MAP = """Make, check, draw, fetch and list maps: positions of lamps, LED strips, belts and objects.
 
 A map is a YAML file, also that of the ROS toolkit. MAP is the name of a shipped one (conveyor) or the
-path of a file (./site.yaml). `pointit new room` writes one.
+path of a file (./site.yaml). `pointit map new` writes one.
 
 Example: pointit map check ./site.yaml && pointit map plot ./site.yaml -o site.svg
 """
@@ -86,7 +81,7 @@ SITE_USER = """Add, remove and list the people of a site; the router follows wit
 Example: pointit site user add carla --folder lab
 """
 
-OUTPUT = """Test LED strips, add an output to a running site, and find where a moving head hangs.
+OUTPUT = """Test strips, add an output to a running site, and find where a moving head hangs.
 
 Example: pointit output test scenario_3 --output ddp:wled-kitchen.local
 """
@@ -174,19 +169,12 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
         ours("page", "open a recording in the page, with a timeline", "page.page"),
     ),
     "Rooms and devices of your own": (
-        ours(
-            "devices", "find wrists and lights within reach, and the options that use them", "plugins.devices"
-        ),
-        noun(
-            "new",
-            "write the map of a room of your own",
-            NEW,
-            ours("room", "the map of a room with lamps and strips on its walls", "maps.new_room"),
-        ),
+        ours("devices", "find wrists, outputs and robots in reach, and their options", "plugins.devices"),
         noun(
             "map",
-            "check, draw, fetch and list maps of rooms",
+            "make, check, draw, fetch and list maps of rooms",
             MAP,
+            ours("new", "write the map of a room of your own, with lamps and strips", "maps.new"),
             ours("check", "show errors of a map, and what to do", "maps.check"),
             ours("plot", "draw a map from above: svg, png or pdf", "maps.plot"),
             ours("fetch", "fetch a map from the parameters of a ROS 2 node", "maps.fetch"),
@@ -198,7 +186,7 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
         ),
         noun(
             "output",
-            "test LED strips, add one, find where a moving head hangs",
+            "test strips, add an output, find where a moving head hangs",
             OUTPUT,
             ours("add", "show strips of a running site on a further output", "outputs.output_add"),
             ours("calibrate", "find the pose of a moving head by its beam", "outputs.output_calibrate"),
@@ -245,7 +233,7 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
             ours("power", "say how many participants find a stated effect", "study.power"),
         ),
     ),
-    "Measure": (
+    LABORATORY: (
         of_package(LAB, "evaluate", "measure the accuracy of the estimates on recordings of people"),
         of_package(LAB, "load", "measure the number of people this machine, or a site, carries"),
     ),

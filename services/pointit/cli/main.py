@@ -13,7 +13,7 @@ from typing import Any, NoReturn
 import click
 
 from pointit.cli.commands import COMMANDS, OLD_SPELLINGS
-from pointit.cli.common.installed_commands import Installed
+from pointit.cli.common.installed_commands import LABORATORY, Installed
 from pointit.cli.common.lazy import COMPLETE, Entry, LazyGroup, print_help_without_action, walk
 
 EXAMPLES = (
@@ -89,13 +89,20 @@ class RootGroup(LazyGroup):
                 error.args = (wrap_message(str(error)),)
             raise
 
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write a line for each command that is not the laboratory's."""
+        shown = {heading: part for heading, part in self.parts.items() if heading != LABORATORY}
+        LazyGroup(entries=shown).format_commands(ctx, formatter)
+
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the examples, and which commands of other packages are not there."""
+        """Write the examples, the laboratory's commands, and which of other packages are not there."""
         del ctx
         with formatter.section("Examples"):
             formatter.write_dl(list(EXAMPLES))
         formatter.write_paragraph()
         formatter.write_text("More on a command: pointit COMMAND --help")
+        if lab := [f"pointit {entry.name}" for entry in self.parts.get(LABORATORY, ())]:
+            formatter.write_text(f"To measure, from the laboratory: {', '.join(lab)}")
         for sentence in self._installed.refused:
             formatter.write_paragraph()
             formatter.write_text(sentence)
@@ -112,6 +119,8 @@ GROUPS = {path[:-1] for path in PATHS}
 def renamed(arguments: Sequence[str]) -> tuple[int, tuple[str, ...]]:
     """Return the number of first words that are an old spelling, and the new one, or `(0, ())`."""
     word, following = arguments[0], arguments[1] if len(arguments) > 1 else ""
+    if (word, following) == ("new", "room"):
+        return 2, ("map", "new")
     if word in OLD_SPELLINGS:
         return 1, OLD_SPELLINGS[word]
     if word != "service" or not following:

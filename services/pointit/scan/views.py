@@ -40,7 +40,7 @@ class StripSpec:
 
 @dataclass(frozen=True)
 class LampSpec:
-    """A lamp: a single point of light, such as one bulb, or the only pixel of an output.
+    """A lamp: a single point of light, such as a smart lamp, or the only pixel of an output.
 
     Each view that shows it has one sighting of its name with pixel 0: the centroid of its light. Two views
     from a step apart place it. Lamps help to place no view: strips in common do that.

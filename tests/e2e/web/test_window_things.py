@@ -47,7 +47,7 @@ async def purple(window: Window) -> float:
 async def test_boxes_of_a_shelf_fire_and_a_switch_stays_on(
     browser: Browser, shared_site: SitePage, theme: Theme
 ) -> None:
-    window = await Window.open(browser, shared_site.url, theme=theme)
+    window = await Window.open(browser, shared_site.url, size=(1280, 960), theme=theme)
     page = window.page
     await window.is_shown()
     await page.get_by_role("button", name="Point with the mouse").click()

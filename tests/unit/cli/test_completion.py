@@ -56,7 +56,7 @@ def test_names_and_options_are_completed(words: str, expected: list[str]) -> Non
 
 @pytest.mark.parametrize("words", ["run", "person add", "service run led-driver", "topic hz"])
 def test_remembered_options_are_those_of_the_command(words: str) -> None:
-    asked = "--help-all" if words == "run" else "--help"
+    asked = "--help-all" if words in ("run", "person add") else "--help"
     text = CliRunner().invoke(command, [*words.split(), asked]).output
     named = re.findall(r"^  (?:-\w, )?(--[\w.-]+)(?:, (--[\w.-]+))?", text, re.MULTILINE)
     options = {option for names in named for option in names if option}

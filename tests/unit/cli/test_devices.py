@@ -101,7 +101,7 @@ def run(*options: str) -> Result:
 def test_found_devices_are_shown_with_the_option_that_uses_them() -> None:
     shown = run()
     assert shown.exit_code == 0
-    wrists, lights = shown.output.split("Lights:")
+    wrists, lights = shown.output.split("Outputs:")
     assert wrists.startswith("Wrists:")
     lines = [" ".join(line.split()) for line in wrists.splitlines()]
     assert "--imu finds:F1:22 Wristband ?[31m, 80 %" in lines
@@ -159,7 +159,7 @@ def test_a_search_that_fails_hangs_or_blocks_is_named_and_costs_the_others_nothi
 @pytest.mark.usefixtures("package")
 def test_without_devices_it_says_so_and_why_a_search_could_not_run() -> None:
     shown = run()
-    assert shown.stdout == "No wrists found.\nNo lights found.\nNo robots found.\n"
+    assert shown.stdout == "No wrists found.\nNo outputs found.\nNo robots found.\n"
     assert shown.stderr == (
         "adapter, adapter: there is no Bluetooth adapter: plug one in\n"
         "raises: search of LED output 'raises' of strangers-parts failed (SystemExit: no)\n"

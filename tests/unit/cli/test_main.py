@@ -211,6 +211,7 @@ def test_a_bad_parameter_of_a_service_names_source_field_and_value() -> None:
         ("pose", "person pose", "anna x"),
         ("user", "person add", "--help"),
         ("calibrate", "person calibrate", "mounting --help"),
+        ("new room", "map new", "--lamps 0 --strips 0"),
         ("service", "service run", "pui --help"),
         ("service", "service run", "puj"),
         ("service", "service list", "--json"),
@@ -314,7 +315,7 @@ def test_package_without_metadata_hides_no_other_command(tmp_path: Path) -> None
 def test_commands_of_the_laboratory_say_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(installed_commands, "GROUP", "pointit.no_commands")
     help_text = call("--help").output
-    assert "Measure:" not in help_text
+    assert "laboratory" not in help_text
     assert "evaluate" not in help_text
     for name in ("load", "evaluate"):
         assert refusal(name, "--help") == (

@@ -19,6 +19,8 @@ from pointit.cli.common.lazy import Entry
 GROUP = "pointit.commands"
 LAB = "pointit-lab"
 """Distribution of the laboratory, `lab/`, which has commands of the table."""
+LABORATORY = "Laboratory"
+"""Heading of its commands, which the help names in one line."""
 HEADING = "Of other packages"
 
 

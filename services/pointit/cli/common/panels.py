@@ -1,5 +1,7 @@
 """A command whose help shows its options in panels."""
 
+import copy
+import inspect
 import re
 from collections import deque
 from collections.abc import Collection, Iterable, Iterator, Mapping
@@ -25,7 +27,7 @@ class PanelCommand(click.Command):
     def __init__(
         self,
         *arguments: Any,
-        panels: Mapping[str, Collection[str]],
+        panels: Mapping[str, Collection[str]] | None = None,
         usual: Collection[str] = (),
         optional: Mapping[str, tuple[str, re.Pattern[str]]] | None = None,
         **attributes: Any,
@@ -35,14 +37,14 @@ class PanelCommand(click.Command):
         Args:
             arguments: of `click.Command`.
             panels: headings with names of parameters, in the order shown.
-            usual: names of the parameters that `--help` shows, each by the first clause of its help;
-                `--help-all` shows all. None: `--help` shows all.
+            usual: names of the parameters that `--help` shows, each by the first clause of its help, below
+                the first paragraph and the examples; `--help-all` shows all. None: `--help` shows all.
             optional: options whose value may be left out, each with its value then, and with what a value
                 looks like: an argument after the option that does not is none.
             attributes: of `click.Command`.
         """
         super().__init__(*arguments, **attributes)
-        self.panels = panels
+        self.panels = panels or {}
         self.usual = usual
         if usual:
             flag: dict[str, Any] = {"is_flag": True, "is_eager": True, "expose_value": False}
@@ -87,6 +89,15 @@ class PanelCommand(click.Command):
                 argument = f"{argument}={value}"
             yield argument
 
+    def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the help: with usual options only its first paragraph and its examples."""
+        shown = copy.copy(self)
+        if self.usual and ALL_OPTIONS not in ctx.meta:
+            first, *others = inspect.cleandoc(self.help or "").split("\n\n")
+            examples = (each for each in others if each.removeprefix("\b\n").startswith("Example"))
+            shown.help, shown.epilog = "\n\n".join((first, *examples)), None
+        super(PanelCommand, shown).format_help(ctx, formatter)
+
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the usual options, or all in their panels."""
         rows = {
@@ -102,5 +113,5 @@ class PanelCommand(click.Command):
         for heading, names in self.panels.items():
             with formatter.section(heading):
                 formatter.write_dl([rows.pop(name) for name in names if name in rows])
-        with formatter.section("Other options"):
+        with formatter.section("Other options" if self.panels else "Options"):
             formatter.write_dl(list(rows.values()))

@@ -12,6 +12,7 @@ from typing import Unpack
 import click
 
 from pointit.cli.common.output import Section, console, json_option, print_table, say, to_json, write_line
+from pointit.cli.common.panels import PanelCommand
 from pointit.cli.common.progress import progress
 from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
 from pointit.cli.inspect import sample_path
@@ -43,7 +44,9 @@ MAX_WAITING = 65536
 """Maximum number of messages between two of these times; the oldest are dropped."""
 
 
-@click.command("trace", params=site_options())
+@click.command(
+    "trace", params=site_options(), cls=PanelCommand, usual=("count", "watch", "as_json", "connect")
+)
 @click.argument("user")
 @click.option(
     "--count",

@@ -1,5 +1,6 @@
 """`pointit map check`: errors and warnings of a map."""
 
+import re
 from collections.abc import Sequence
 
 import click
@@ -14,6 +15,8 @@ from pointit.maps.file import map_path, read_map_file
 COLORS = {"error": "red", "warning": "yellow"}
 MAX_PRINTED = 100
 """Maximum of printed findings; a file in millimetres or of another kind has thousands."""
+OLD_LAMPS = re.compile(rb"^leds:", re.MULTILINE)
+"""Section of lamps in maps of the ROS toolkit and of version 0.1."""
 LONGEST = 1000
 """Limit of one finding in characters, since it contains names from the file."""
 
@@ -49,6 +52,8 @@ def command(
     """
     with map_path(name_or_path) as path:
         has, findings = examined(str(path), path, lambda: read_map_file(path), person_m, poses_m)
+        if has and OLD_LAMPS.search(path.read_bytes()):
+            click.echo(f"note: {name_or_path}: `leds` is now `lamps`; both are read", err=True)
     if as_json:
         rows = [{"severity": each.severity, "where": each.where, "text": each.text} for each in findings]
         print_json({"map": name_or_path, "has": has, "findings": rows})

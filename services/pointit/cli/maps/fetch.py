@@ -12,6 +12,7 @@ from pointit.bridges.ros2.config import NAME, BackendConfig
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED
+from pointit.cli.common.panels import PanelCommand
 from pointit.cli.common.site_link import notify_if_slow, quiet
 from pointit.cli.maps.check import print_findings
 from pointit.launch.plan.extras import has_extra
@@ -58,7 +59,12 @@ def _options() -> list[click.Parameter]:
     ]
 
 
-@click.command("fetch", params=_options())
+@click.command(
+    "fetch",
+    params=_options(),
+    cls=PanelCommand,
+    usual=("output", "parameter", "prefix", "backend__kind", "backend__endpoint", "backend__distro"),
+)
 @click.argument("node")
 @click.option(
     "-o",

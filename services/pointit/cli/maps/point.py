@@ -14,6 +14,7 @@ from pointit.cli.common import site_link
 from pointit.cli.common.keyboard import has_keyboard, keys
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED, say
+from pointit.cli.common.panels import PanelCommand
 from pointit.cli.maps import stand
 from pointit.geometry.vector import Vec3, norm, subtract
 from pointit.maps.edit.new_file import write_new
@@ -45,7 +46,9 @@ Work = Callable[["PointingSession"], Awaitable[tuple[str, int]]]
 """Asks a person to point, and returns the text of a map and the exit code."""
 
 
-@click.command("point", params=[*site_link.site_options()])
+@click.command(
+    "point", params=[*site_link.site_options()], cls=PanelCommand, usual=("kind", "output", "room", "connect")
+)
 @click.argument("user")
 @click.argument("names", nargs=-1, required=True)
 @click.option(

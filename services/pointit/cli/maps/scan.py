@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 
+from pointit.cli.common.panels import PanelCommand
 from pointit.cli.maps.check import print_findings
 from pointit.cli.maps.scan_live import live_options, scan_live
 from pointit.maps.checks.examine import examined
@@ -49,7 +50,12 @@ def _mark(text: str) -> Mark:
     return Mark(name, int(pixel)) if name else Mark(text)
 
 
-@click.command("scan", epilog=FORM)
+@click.command(
+    "scan",
+    epilog=FORM,
+    cls=PanelCommand,
+    usual=("output", "strips", "lamps", "leds", "map_name", "source", "simulated"),
+)
 @click.option(
     "--from",
     "source",

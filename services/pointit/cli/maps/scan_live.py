@@ -53,7 +53,7 @@ def scan_live(
         strips: `NAME=PIXELS` of further strips.
         lamps: names of further lamps.
         per_m: LEDs per metre of `strips`; the page asks for each.
-        leds: LED output, as for `pointit run`, or `""`.
+        leds: output, as for `pointit run`, or `""`.
         simulated: True for a simulated camera in a simulated room.
         run_options: further options of `pointit run`.
 
@@ -126,7 +126,7 @@ def live_options(function: F) -> F:
     for add in (
         click.argument("run_options", nargs=-1, type=click.UNPROCESSED),
         click.option("--simulated", is_flag=True, help="a simulated camera in a simulated room"),
-        click.option("--leds", default="", metavar="OUTPUT", help="LED output, as for `pointit run`"),
+        click.option("--leds", default="", metavar="OUTPUT", help="output, as for `pointit run`"),
         click.option(
             "--leds-per-m",
             "per_m",
@@ -150,7 +150,7 @@ def live_options(function: F) -> F:
             help="a strip, in the order of the controller's pixels. Repeatable",
         ),
         click.option(
-            "--lamp", "lamps", multiple=True, metavar="NAME", help="a lamp of an LED output. Repeatable"
+            "--lamp", "lamps", multiple=True, metavar="NAME", help="a lamp of the output. Repeatable"
         ),
     ):
         function = add(function)

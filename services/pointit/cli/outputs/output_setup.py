@@ -1,4 +1,4 @@
-"""LED outputs of a scenario and its map, for commands that use them without a site."""
+"""Outputs of a scenario and its map, for commands that use them without a site."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -73,5 +73,5 @@ def read_setup(
     room = next((load_map(each.map_to_read, 0) for each in configs if isinstance(each, PuiConfig)), None)
     driver = next((each for each in configs if isinstance(each, LedDriverConfig)), None)
     if room is None or driver is None or all(each.kind == NONE for each in driver.outputs):
-        raise ConfigError(f"{scenario} has no LED output: add --output, as in --output ddp:HOST")
+        raise ConfigError(f"{scenario} has no output: add --output, as in --output ddp:HOST")
     return room, driver

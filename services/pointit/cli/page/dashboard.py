@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from pointit.cli.common.panels import PanelCommand
 from pointit.cli.common.site_link import site_options
 from pointit.cli.page import browser
 from pointit.cli.page.run_page import NEW_LINK, browser_option, port_option
@@ -36,7 +37,12 @@ from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas.topics import SERVICE_ALIVE
 
 
-@click.command("dashboard", params=[*site_options(), log_option()])
+@click.command(
+    "dashboard",
+    params=[*site_options(), log_option()],
+    cls=PanelCommand,
+    usual=("connect", "port", "lan", "no_browser", "view_only"),
+)
 @port_option("--port")
 @click.option(
     "--host", default="", help="address to listen on  [default: localhost only; with --lan, all addresses]"

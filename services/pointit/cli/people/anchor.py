@@ -7,11 +7,11 @@ from typing import Unpack
 import click
 
 from pointit.cli.common import site_link
-from pointit.cli.common.keyboard import changing_line
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED, json_option, print_json, say
 from pointit.cli.people import pose_text
 from pointit.cli.people.anchoring import LATE_S, Anchoring
+from pointit.cli.people.changing_line import changing_line
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
 from pointit.schemas import Anchor, UserPose
 from pointit.schemas.topics import POSE, check_name

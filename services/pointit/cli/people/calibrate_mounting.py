@@ -9,12 +9,14 @@ from typing import Any, Unpack
 import click
 
 from pointit.cli.common import site_link
-from pointit.cli.common.keyboard import changing_line, wait_for_enter
+from pointit.cli.common.keyboard import wait_for_enter
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED, json_option, print_json, say
+from pointit.cli.common.panels import PanelCommand
 from pointit.cli.people import mounting
 from pointit.cli.people.anchoring import LISTEN_S
+from pointit.cli.people.changing_line import changing_line
 from pointit.cli.people.stored_calibration import erase_local, query_site, read_local
 from pointit.diagnosis.writers import silence_reason
 from pointit.geometry.rotation import IDENTITY, Quaternion
@@ -47,7 +49,12 @@ class GuidanceOptions:
     """Confirm before the result is used."""
 
 
-@click.command("mounting", params=site_link.site_options())
+@click.command(
+    "mounting",
+    params=site_link.site_options(),
+    cls=PanelCommand,
+    usual=("rest_s", "yes", "show", "erase", "connect"),
+)
 @click.argument("user")
 @click.option(
     "--seconds",

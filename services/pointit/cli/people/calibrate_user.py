@@ -9,12 +9,13 @@ from typing import Any, Unpack
 import click
 
 from pointit.cli.common import site_link
-from pointit.cli.common.keyboard import ChangingLine, changing_line
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import INTERRUPTED, Section, console, json_option, print_json, print_table, say
+from pointit.cli.common.panels import PanelCommand
 from pointit.cli.people import offset_report
 from pointit.cli.people.anchor import timeout_option
 from pointit.cli.people.anchoring import LISTEN_S, Anchoring, AnchorNotStartedError
+from pointit.cli.people.changing_line import ChangingLine, changing_line
 from pointit.cli.people.pose import found
 from pointit.cli.people.stored_calibration import erase_local, query_site, read_local
 from pointit.diagnosis.writers import silence_reason
@@ -41,7 +42,12 @@ class CalibrationOptions:
     keeps: bool
 
 
-@click.command("user", params=[timeout_option(), *site_link.site_options()])
+@click.command(
+    "user",
+    params=[timeout_option(), *site_link.site_options()],
+    cls=PanelCommand,
+    usual=("lamps", "count", "dry_run", "show", "erase", "connect"),
+)
 @click.argument("user")
 @click.option(
     "--lamps",

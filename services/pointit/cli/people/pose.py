@@ -12,6 +12,7 @@ from pointit.cli.common.keyboard import check_keyboard, wait_for_enter
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED, json_option, print_json, say
+from pointit.cli.common.panels import PanelCommand
 from pointit.cli.people import pose_text
 from pointit.cli.people.anchoring import LISTEN_S
 from pointit.cli.people.pose_text import localizing, missing_reason, out_of_map_warning, people
@@ -60,6 +61,8 @@ _DEGREES = Finite(-360, 360)
     "pose",
     params=site_link.site_options(),
     help=HELP,
+    cls=PanelCommand,
+    usual=("yaw_deg", "facing_deg", "now", "as_json", "connect"),
     # a position may be negative, which looks like an option
     context_settings={"ignore_unknown_options": True},
 )

@@ -1,4 +1,4 @@
-"""`pointit devices`: the wrists, lights and robots within reach, with the words that choose them."""
+"""`pointit devices`: the wrists, outputs and robots within reach, with the words that choose them."""
 
 import shlex
 from typing import Any
@@ -13,11 +13,11 @@ from pointit.plugins.device_search import SearchResult, search, words
 from pointit.runtime.service.logs import setup_logging
 
 SECTIONS = {
-    "imu-source": ("wrists", "--imu"),
-    "led-output": ("lights", "--output"),
-    "robot": ("robots", "--set"),
+    "imu-source": ("wrists", "wrists", "--imu"),
+    "led-output": ("lights", "outputs", "--output"),
+    "robot": ("robots", "robots", "--set"),
 }
-"""Name of the table and option of `pointit run` by the kind of plug-in."""
+"""Name of the table in JSON, name for people, and option of `pointit run` by the kind of plug-in."""
 
 
 @click.command("devices")
@@ -26,7 +26,7 @@ SECTIONS = {
 )
 @json_option
 def command(*, seconds: float, as_json: bool) -> None:
-    """Find wrists, lights and robots within reach: on serial ports, by Bluetooth, in the network.
+    """Find wrists, outputs and robots within reach: on serial ports, by Bluetooth, in the network.
 
     All installed plug-ins that can search do so at the same time. Each device is shown with the option of
     `pointit run` that uses it. A search that cannot run is named below, with what to do.
@@ -40,12 +40,12 @@ def command(*, seconds: float, as_json: bool) -> None:
     problems = [result for result in results if result.problem]
     if as_json:
         tables: dict[str, list[dict[str, Any]]] = {
-            name: rows(results, kind) for kind, (name, _option) in SECTIONS.items()
+            name: rows(results, kind) for kind, (name, _, _option) in SECTIONS.items()
         }
         not_searched = [{"kind": each.kind, "name": each.name, "reason": each.problem} for each in problems]
         print_json({**tables, "not_searched": not_searched})
         return
-    for kind, (name, option) in SECTIONS.items():
+    for kind, (_, name, option) in SECTIONS.items():
         shown = tuple({"use": row["use"], "found": row["label"]} for row in rows(results, kind))
         if shown:
             about = f"`pointit run {option} …` uses one"
@@ -58,7 +58,7 @@ def command(*, seconds: float, as_json: bool) -> None:
 
 def rows(results: list[SearchResult], kind: str) -> list[dict[str, Any]]:
     """Return the devices that plug-ins of `kind` found, in the order of `results`."""
-    option = SECTIONS[kind][1]
+    option = SECTIONS[kind][2]
     return [
         {
             "use": _parameters(result, each) if kind == "robot" else f"{option} {words(result, each)}",

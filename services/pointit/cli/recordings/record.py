@@ -9,6 +9,7 @@ from typing import ClassVar
 import click
 
 from pointit.cli.common.option_types import Finite
+from pointit.cli.common.panels import PanelCommand
 from pointit.cli.common.site_link import join_site, site_options
 from pointit.cli.recordings.run_recorder import recorder_options
 from pointit.launch.recorder import recorder_launch
@@ -41,7 +42,9 @@ class _CommandRecorder(Recorder):
                 )
 
 
-@click.command("record", params=site_options())
+@click.command(
+    "record", params=site_options(), cls=PanelCommand, usual=("without", "pseudonyms", "duration", "connect")
+)
 @click.argument("file", required=False, type=click.Path(path_type=Path))
 @recorder_options
 @click.option("--duration", type=Finite(min=0.1), help="seconds until it ends by itself  [default: never]")

@@ -12,6 +12,7 @@ import click
 
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import Section, console, json_option, print_json, print_table, say, to_line
+from pointit.cli.common.panels import PanelCommand
 from pointit.cli.common.progress import interruptible, progress
 from pointit.cli.common.site_link import join_site, site_options
 from pointit.conversion.recording_file import new_recording
@@ -33,7 +34,12 @@ MAX_FIELDS = 3
 """Fields of a topic that the table names."""
 
 
-@click.command("replay", params=site_options())
+@click.command(
+    "replay",
+    params=site_options(),
+    cls=PanelCommand,
+    usual=("compare", "output", "speed", "level", "live", "outputs", "connect"),
+)
 @click.argument("file", type=click.Path(path_type=Path, dir_okay=False))
 @click.option(
     "--from",
@@ -61,7 +67,7 @@ MAX_FIELDS = 3
     type=click.Choice(["none", "recorded"]),
     default="none",
     show_default=True,
-    help="with --live: LED controllers that are driven, those at the recorded addresses or none",
+    help="with --live: outputs that are driven, those at the recorded addresses or none",
 )
 @json_option
 def command(
@@ -151,9 +157,9 @@ def _tell_missing(without: Sequence[str], level: Level) -> None:
 
 
 def _print_outputs(outputs: Sequence[str], *, lights: bool) -> None:
-    """Say which LED controllers the recording drives, or would: it may come from anybody."""
+    """Say which outputs the recording drives, or would: it may come from anybody."""
     for output in outputs:
-        say(f"LED output {output} is driven" if lights else f"LED output {output} is left out", err=True)
+        say(f"output {output} is driven" if lights else f"output {output} is left out", err=True)
     if outputs and not lights:
         say("--output recorded drives them", err=True)
 

@@ -75,7 +75,7 @@ def _explain(context: click.Context, _parameter: click.Parameter, wanted: bool) 
     "output",
     default="",
     metavar="OUTPUT",
-    help="lights, such as ddp:HOST (WLED) or expander:PORT; `pointit plugin list` lists others",
+    help="controller of lights: ddp:HOST (WLED), expander:PORT; `pointit plugin list` lists others",
 )
 @click.option(
     "--ros2",
@@ -105,10 +105,9 @@ def run(
     as_json: bool,
     **options: Any,
 ) -> int:
-    """Run SCENARIO, in which simulated or real people point at objects.
+    """Run SCENARIO, in which people point at objects: packages on a conveyor (scenario_4) by default.
 
-    Packages on a conveyor (scenario_4) by default; `pointit list scenarios` explains the others. A .yaml
-    file is a scenario of your own, or a map with things.
+    `pointit list scenarios` explains all. A .yaml file is a scenario of your own, or a map with things.
 
     Opens a page in the browser: watch the scene there, or point with the mouse or a phone. The run ends
     by itself, unless a page is open or it is a map of your own. Ctrl-C ends it at once.

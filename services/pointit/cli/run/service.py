@@ -24,7 +24,17 @@ def _loader(name: str) -> Callable[[], click.Command]:
 
 ABOUT = {row.name: f"({row.scope}) {row.about}" for row in PROCESSES}
 
-command = LazyGroup(
+
+class ServiceGroup(LazyGroup):
+    """The services, whose help has their names only: `pointit service list` describes them."""
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the names of the services."""
+        with formatter.section("Services"):
+            formatter.write_text(", ".join(self.list_commands(ctx)))
+
+
+command = ServiceGroup(
     name="run",
     kind="service",
     entries=[
@@ -35,8 +45,8 @@ command = LazyGroup(
     subcommand_metavar="NAME [OPTIONS]...",
     help="""Run one service by itself.
 
-Services of a person (scope user) need --user; those of scope site are shared by all. `pointit service run
-NAME --help` documents every parameter with its unit and default.
+`pointit service list` says what each does, and its scope: those of a person (user) need --user. `pointit
+service run NAME --help` documents every parameter with its unit and default.
 
 Example: pointit service run pointing --user anna
 """,

@@ -26,8 +26,10 @@ from pointit.runtime.service.process import log_option
 from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.schemas.system import check_user
 
+USUAL_OPTIONS = ("imu", "localize", "poses", "hand", "stature_m", "connect", "duration")
 
-@click.command("add", cls=PanelCommand, panels=PERSON_PANELS, optional=OPTIONAL)
+
+@click.command("add", cls=PanelCommand, panels=PERSON_PANELS, optional=OPTIONAL, usual=USUAL_OPTIONS)
 @click.argument("name")
 @shared_options
 @click.option(

@@ -15,6 +15,7 @@ from pointit.access.limits import MAX_CONNECTIONS, Connection, Limits
 from pointit.access.recent_denials import RecentDenials
 from pointit.access.router_configuration import configuration
 from pointit.access.site_folder import SiteFolder
+from pointit.cli.common.panels import PanelCommand
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.link import DEFAULT_ENDPOINT
 from pointit.runtime.router.router import Router, raise_file_limit, running_router
@@ -31,7 +32,9 @@ BESIDE = ("ca.pem", "cert.pem", "key.pem", "users.txt")
 """Files beside a router configuration of `pointit site` that it refers to."""
 
 
-@click.command("router", params=[log_option()])
+@click.command(
+    "router", params=[log_option()], cls=PanelCommand, usual=("listen", "folders", "file", "uplinks")
+)
 @click.option(
     "--listen",
     multiple=True,

@@ -13,6 +13,7 @@ from pointit.access.site_folder import ROUTER, SiteFolder
 from pointit.access.site_state import SiteState
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import json_option, print_json, show
+from pointit.cli.common.panels import PanelCommand
 from pointit.cli.site import identities_table
 from pointit.launch.run.run_site import check_names
 from pointit.runtime.errors import ConfigError, ConnectError
@@ -41,7 +42,7 @@ folder_option = click.option(
 )
 
 
-@click.command("init")
+@click.command("init", cls=PanelCommand, usual=("users", "guests", "hosts", "port", "password", "folder"))
 @click.argument("name")
 @folder_option
 @click.option("--users", default="", help="names of people, anna,ben, or their number: user1, user2, …")

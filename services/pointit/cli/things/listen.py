@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Unpack
 import click
 
 from pointit.cli.common.output import say
+from pointit.cli.common.panels import PanelCommand
 from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.bus.site_clock import SiteClock
@@ -28,7 +29,12 @@ END_PATIENCE_S = 15.0
 """Time for the last utterance to be followed, questions included, s."""
 
 
-@click.command("listen", params=site_options())
+@click.command(
+    "listen",
+    params=site_options(),
+    cls=PanelCommand,
+    usual=("text", "audio", "recogniser", "verbs", "speak", "connect"),
+)
 @click.argument("user")
 @click.option("--text", metavar="FILE", help="lines `TIME WORD`, or of words alone; - is standard input")
 @click.option("--audio", metavar="FILE", help="a WAV file, - for raw samples of 16 kHz, or `microphone`")

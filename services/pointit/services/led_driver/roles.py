@@ -35,7 +35,7 @@ class Output(Protocol):
 
 @runtime_checkable
 class LampOutput(Protocol):
-    """A connection to single lamps, such as smart lights."""
+    """A connection to single lamps, such as smart lamps."""
 
     def set_lamps(self, lamps: Sequence[Lamp]) -> None:
         """Set the map's lamps."""

@@ -1,5 +1,5 @@
 // Bundles src into ../static: the page (app.js, app.css), the phone's page (phone.js, phone.css), the page that maps the room (scan.js,
-// scan.css) and its worker, the licences.
+// scan.css) and its worker, the glossary, the licences.
 // The same sources and lock file give the same bytes on every machine.
 import { build } from "esbuild";
 import { cpSync, existsSync, mkdirSync, readFileSync, rmSync, writeFileSync } from "node:fs";
@@ -18,6 +18,7 @@ await build({
   charset: "utf8", splitting: true, chunkNames: "chunk-[hash]", // who sees the plan loads no three.js
 });
 cpSync(join(here, "public"), out, { recursive: true });
+cpSync(join(here, "../../../../../docs/reference/glossary.md"), join(out, "glossary.md")); // for `?`
 const bundled = Object.keys(JSON.parse(readFileSync(join(here, "package.json"))).dependencies).sort();
 const licences = bundled.map((name) => {
   const folder = join(here, "node_modules", name);

@@ -78,7 +78,7 @@ const connection = new Connection(site, recording ? await (await import("./past/
 });
 const controls = new Controls(site, settings, connection, new Toasts(at("toasts")), () => refresh());
 const mouse = new Mouse(controls, () => stage.view, document.querySelector<HTMLElement>(".stage")!);
-const stage: Stage = new Stage(at("view"), at("cameras"), at("chip"), ["lost", "outage", "progress", "guide", "cameras", "stop", "toasts", "chip"].map(at), controls, (place) => mouse.aim(place), () => {
+const stage: Stage = new Stage(at("view"), at("cameras"), at("chip"), ["lost", "outage", "progress", "guide", "cameras", "stop", "toasts", "chip"].map(at), ["guide", "chip"].map(at), controls, (place) => mouse.aim(place), () => {
   mouse.renew();
   wake();
 });
@@ -223,11 +223,11 @@ function showVisit(): void {
   visit.title = `${name} (${isPast ? "Esc" : "W"})`;
 }
 
-/** Say that the scene is not there yet, or why it stands still. */
+/** Say why the scene stands still, or is not yet there; without `pui` there is no map to draw. */
 function showOutage(): void {
-  const isDrawn = stage.view && site.status && (site.map || !controls.isPresent("pui"));
-  show(at("drawing"), !isDrawn && at("lost").hidden);
   const text = site.connected ? outage(site) : "";
+  const isWaiting = !stage.isDrawn && !text && (site.status === null || (!site.timeline && controls.isPresent("pui")));
+  show(at("drawing"), isWaiting && at("lost").hidden);
   show(at("outage"), text !== "");
   write(at("outage-text"), text);
 }

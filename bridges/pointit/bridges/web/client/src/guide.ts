@@ -10,6 +10,8 @@ import type { Pairing } from "./panel/pairing";
 import { isNamed, thing } from "./words";
 
 const SUCCESS_MS = 2500;
+/** The card is a chip after so long, ms: it lies over the scene. */
+const LONG_MS = 10_000;
 const SIGNS: Record<Guidance["mode"], string> = {
   none: "point", invite: "point", point: "point", idle: "pause", success: "check", wrong: "close", phone: "phone",
 };
@@ -25,7 +27,7 @@ const isTouch = matchMedia("(hover: none) and (pointer: coarse)").matches;
 
 export function makeGuide(host: HTMLElement, controls: Controls, mouse: Mouse, pairing: Pairing): Guide {
   const { site } = controls;
-  let isDismissed = false;
+  let isShort = false, topic = "", since = 0;
   let success = { what: "", user: "", isWrong: false, at: -Infinity };
   const button = (symbol: string, name: string, shortcut: string, className: string, run: () => void): HTMLButtonElement =>
     el("button", { type: "button", className, onclick: run, ...(shortcut ? { "aria-keyshortcuts": shortcut } : {}) },
@@ -37,16 +39,27 @@ export function makeGuide(host: HTMLElement, controls: Controls, mouse: Mouse, p
   const phone = button("phone", "Point with your phone", "", "", () => pairing.open());
   const press = button("button", "Start pointing", "Space", "primary", () => controls.press());
   const give = button("undo", "Give back", "Escape", "", () => void release());
-  const dismiss = el("button", { type: "button", className: "quiet", "aria-label": "Close", onclick: () => {
-    isDismissed = true;
+  const shrink = el("button", { type: "button", className: "quiet", "aria-label": "Make it small", onclick: () => {
+    isShort = true;
     self.update();
+    take.focus();
   } }, icon("close"));
-  host.append(sign, el("div", { className: "words" }, title, text, gauge), el("div", { className: "does" }, take, phone, press, give), dismiss);
+  host.append(sign, el("div", { className: "words" }, title, text, gauge), el("div", { className: "does" }, take, phone, press, give), shrink);
 
   async function release(): Promise<void> {
-    isDismissed = false;
     if (controls.mine) await mouse.give();
     else await controls.ask({ deed: "give", name: controls.user }, { isQuiet: true });
+  }
+
+  /** Make the card a chip after a while, with all its buttons; not under a pointer or the keyboard's focus. */
+  function shorten(mode: Guidance["mode"]): void {
+    const now = performance.now(), newTopic = mode === "invite" ? "invite" : "arm";
+    if (newTopic !== topic) {
+      topic = newTopic;
+      since = now;
+      isShort = false;
+    }
+    isShort ||= now - since > LONG_MS && !host.matches(":hover, :focus-within");
   }
 
   const self: Guide = {
@@ -64,10 +77,12 @@ export function makeGuide(host: HTMLElement, controls: Controls, mouse: Mouse, p
         isWrong: success.isWrong,
         count: site.selection?.objects.filter((each) => each.user === user).length ?? 0,
       });
-      const isShown = site.connected && now.mode !== "none" && !(now.mode === "invite" && isDismissed) && person !== null;
+      const isShown = site.connected && now.mode !== "none" && person !== null;
       show(host, isShown);
       if (!isShown) return;
       mark(host, "data-mode", now.mode);
+      shorten(now.mode);
+      mark(host, "data-short", isShort ? "" : null);
       mark(sign.firstElementChild!, "href", `#icon-${SIGNS[now.mode]}`);
       write(title, now.title);
       write(text, now.text);
@@ -78,7 +93,7 @@ export function makeGuide(host: HTMLElement, controls: Controls, mouse: Mouse, p
       show(phone, now.mode === "invite" && controls.mayDo("pair") && !isTouch);
       show(press, now.mode === "idle" && controls.mayDo("press"));
       show(give, now.mode !== "invite" && controls.mayDo("give"));
-      show(dismiss, now.mode === "invite");
+      show(shrink, now.mode === "invite" && !isShort);
     },
     selected(event) {
       success = {

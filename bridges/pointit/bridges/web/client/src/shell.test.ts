@@ -6,7 +6,9 @@ import { fingerprintLines } from "./panel/pairing";
 import { command, foundDevices, freeName, freeStrips, isConnected, wristFigures } from "./devices/found";
 import { fitSentence } from "./devices/wearing";
 import type { Health } from "./messages";
+import { wordsOf } from "./glossary";
 import { readSettings } from "./settings";
+import { pressTitle } from "./words";
 
 test("numbers as people read them", () => {
   assert.deepEqual([5.9, 61, 7500, 200_000].map(duration), ["5 s", "1 min", "2 h 05 min", "2 d"]);
@@ -57,6 +59,19 @@ test("settings survive what is not theirs", () => {
   for (const bad of ["", "no json", "[]", '{"theme":7,"sound":"yes"}', "null"]) assert.deepEqual(readSettings(bad), usual);
   assert.equal(readSettings('{"theme":"dark","sound":false}').theme, "dark");
   assert.equal(readSettings('{"theme":"dark","sound":false}').sound, false);
+});
+
+test("the button says what it does", () => {
+  const title = (state: "idle" | "localizing" | "pointing", next_step = "") => pressTitle({ state, next_step });
+  assert.deepEqual([pressTitle(null), title("idle"), title("localizing")], ["Start pointing", "Start pointing", "Stop localizing"]);
+  assert.equal(title("pointing", "Point with your arm straight; press the button to stop."), "Stop pointing");
+  assert.equal(title("pointing", "Point with your arm straight and press the button to confirm; hold it to stop."), "Confirm");
+  assert.equal(title("pointing", "Double press: point at a lamp once, your direction has become uncertain."), "Press the button");
+});
+
+test("the glossary is plain text", () => {
+  const table = "# G\n\n| word | meaning |\n|---|---|\n| `pui` | computes [cursors](x.md) |\n| extra | libraries ([list](extras.md)) |\n";
+  assert.deepEqual(wordsOf(table), [{ word: "pui", meaning: "computes cursors" }, { word: "extra", meaning: "libraries" }]);
 });
 
 const situation: Situation = {

@@ -4,6 +4,7 @@ import { ApartToggle } from "./apart";
 import { choice } from "./choice";
 import type { Controls } from "./controls";
 import { show, write } from "./dom";
+import type { Edges } from "./geometry/framing";
 import type { Rect } from "./geometry/placing";
 import type { Vec3 } from "./geometry/vec";
 import { makePlan } from "./plan/plan";
@@ -26,6 +27,8 @@ function hasWebGl(): boolean {
 
 export class Stage {
   view: View | null = null;
+  /** The room has been drawn once. */
+  isDrawn = false;
   private readonly cameras = choice("View from", (value) => this.look(value as Camera));
   readonly apart: ApartToggle;
   private camera: Camera = "room";
@@ -37,12 +40,13 @@ export class Stage {
    * @param host where the view is drawn.
    * @param chip where is said how it is drawn, when that matters.
    * @param cards what else may lie over the view.
+   * @param edgeCards those that the scene is framed between, with the choice of cameras.
    * @param onAim the mouse points there, {W}.
    * @param onNew a new view is there.
    */
   constructor(
     private readonly host: HTMLElement, cameras: HTMLElement, private readonly chip: HTMLElement,
-    private readonly cards: readonly HTMLElement[], private readonly controls: Controls, private readonly onAim: (at: Vec3) => void, private readonly onNew: () => void,
+    private readonly cards: readonly HTMLElement[], private readonly edgeCards: readonly HTMLElement[], private readonly controls: Controls, private readonly onAim: (at: Vec3) => void, private readonly onNew: () => void,
   ) {
     this.cameras.element.classList.add("bare");
     this.apart = new ApartToggle(controls, () => this.view?.setApart(this.apart.shown));
@@ -73,6 +77,7 @@ export class Stage {
     if (!this.view) return;
     try {
       this.view.draw(this.controls.site);
+      this.isDrawn ||= this.controls.site.map !== null;
       this.failures = 0;
     } catch (error) {
       this.controls.connection.fault(error);
@@ -99,7 +104,7 @@ export class Stage {
     if (this.camera === "eyes" && this.user !== this.controls.user) this.look("eyes");
     this.cameras.set(this.camera);
     this.apart.update();
-    view.keepClear?.(this.covered());
+    view.keepClear?.(this.covered(), this.edges());
     const { software, renderer } = view.stats;
     show(this.chip, software);
     write(this.chip, software ? "Drawn simply: no graphics processor" : "");
@@ -111,6 +116,16 @@ export class Stage {
     const { left, top } = this.host.getBoundingClientRect();
     return this.cards.map((card) => card.getBoundingClientRect()).filter(({ width }) => width > 0)
       .map(({ x, y, width, height }) => ({ x: x - left, y: y - top, width, height }));
+  }
+
+  /** What the cards at the top and at the foot leave free. */
+  private edges(): Edges {
+    const { top, bottom } = this.host.getBoundingClientRect(), edges = { top: 0, bottom: 0 };
+    for (const card of [this.cameras.element, ...this.edgeCards].map((each) => each.getBoundingClientRect())) {
+      if (card.height && card.top + card.bottom < top + bottom) edges.top = Math.max(edges.top, card.bottom - top);
+      else if (card.height) edges.bottom = Math.max(edges.bottom, bottom - card.top);
+    }
+    return edges;
   }
 
   private giveWay(): void {

@@ -1,6 +1,7 @@
 /** What draws the site: the 3-D scene (`scene/`) and the plan (`plan/`, SVG) are views with one interface. */
 
 import type { Apart } from "./geometry/apart";
+import type { Edges } from "./geometry/framing";
 import type { Rect } from "./geometry/placing";
 import type { Vec3 } from "./geometry/vec";
 import type { Site } from "./site/site";
@@ -15,6 +16,8 @@ export interface ViewStats {
   renderer: string;
   /** Drawn without a graphics processor: the view is in its light mode. */
   software: boolean;
+  /** From {W} to clip coordinates, 4 x 4 by columns; empty: of another kind of picture. */
+  readonly lens: readonly number[];
 }
 
 export interface ViewOptions {
@@ -35,8 +38,11 @@ export interface View {
   setApart(apart: Apart | null): void;
   /** Place on the floor, {W}, below the browser window's (x, y), px; null where there is no floor. */
   floorAt(x: number, y: number): readonly [number, number] | null;
-  /** Put no label there: cards lie over these parts of the view, px. A view that begins below them has no need of it. */
-  keepClear?(covered: readonly Rect[]): void;
+  /**
+   * Put no label there: cards lie over these parts of the view, px; and frame between `edges`, px, what people
+   * point at. A view that begins below the cards has no need of it.
+   */
+  keepClear?(covered: readonly Rect[], edges: Edges): void;
   /** While on, moving over the view aims (a cross-hair shows, dragging still turns the camera); `user`: whose arm. */
   setPointing(on: boolean, user: string): void;
   /** Move the aimed-at point by metres to the right of the view and up (away) in it; for arrow keys. */

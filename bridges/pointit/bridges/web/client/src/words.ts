@@ -27,6 +27,14 @@ export function stateTitle(state: Interaction["state"]): string {
   return STATES[state] ?? capital(state);
 }
 
+/** Effect of the button at the wrist now; the supervisor's next step tells what a press does while somebody points. */
+export function pressTitle(interaction: Pick<Interaction, "state" | "next_step"> | null): string {
+  if (!interaction || interaction.state === "idle") return "Start pointing";
+  if (interaction.state === "localizing") return "Stop localizing";
+  if (/button to stop\b/.test(interaction.next_step)) return "Stop pointing";
+  return /button to confirm\b/.test(interaction.next_step) ? "Confirm" : "Press the button";
+}
+
 /** A tracked object by its id, of any tracker. */
 export function objectOf(site: Site, id: string): TrackedObject | null {
   for (const { objects } of site.objects.values()) {

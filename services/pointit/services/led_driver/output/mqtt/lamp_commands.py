@@ -1,4 +1,4 @@
-"""Commands to lamps as they are due: newest colour only, at rates that bulbs take. Pure."""
+"""Commands to lamps as they are due: newest colour only, at rates that lamps take. Pure."""
 
 from collections.abc import Collection
 

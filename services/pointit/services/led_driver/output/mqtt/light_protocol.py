@@ -1,4 +1,4 @@
-"""Messages of smart lights over MQTT, and their announcements, by Zigbee2MQTT and Home Assistant. Pure."""
+"""Messages of smart lamps over MQTT, and their announcements, by Zigbee2MQTT and Home Assistant. Pure."""
 
 import json
 from collections.abc import Iterator, Mapping

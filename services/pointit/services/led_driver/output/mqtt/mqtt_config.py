@@ -25,7 +25,7 @@ class LampTopics(Config):
 
 
 class MqttConfig(BrokerConfig, OutputConfig):
-    """Single lamps as smart lights on an MQTT broker (Zigbee2MQTT, Home Assistant's JSON schema)."""
+    """Lamps of the map as smart lamps on an MQTT broker (Zigbee2MQTT, Home Assistant's JSON schema)."""
 
     kind: str = Field(default="mqtt", description="kind of controller")
     topic: Topic = Field(

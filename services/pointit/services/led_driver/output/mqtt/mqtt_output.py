@@ -38,7 +38,7 @@ MAX_LAMPS = 500
 
 
 class MqttLamps:
-    """Sends the newest colour of each lamp to its topic, at a rate that bulbs take."""
+    """Sends the newest colour of each lamp to its topic, at a rate that lamps take."""
 
     def __init__(self, config: MqttConfig, health: OutputHealth) -> None:
         """Prepare; nothing is opened yet.
@@ -252,7 +252,7 @@ def _found(address: str, light: AnnouncedLight) -> FoundDevice:
 
 
 MQTT = LedOutput(
-    summary="single lamps: smart lights by MQTT (Zigbee2MQTT, Home Assistant)",
+    summary="smart lamps by MQTT (Zigbee2MQTT, Home Assistant)",
     config=MqttConfig,
     make=lambda config, around: MqttLamps(config, OutputHealth(around.health, config.broker)),
     argument="broker",

@@ -14,20 +14,32 @@ export const ENDLESS_M = 40;
 /** What is on a belt, and its labels, takes up so much above it, m. */
 const ABOVE_M = 0.4;
 
-/** Corners of everything in the map that has an end, in {W}; with each thing the floor below it. */
-export function pointsOf(map: Environment): Vec3[] {
-  const points: Vec3[] = [];
-  const take = ([x, y, z]: readonly [number, number, number], aside = 0, up = 0, down = z) => {
+type Take = (at: readonly [number, number, number], aside?: number, up?: number, down?: number) => void;
+
+/** Adds to `points` the corners about a place, and those below it: on the floor, unless `down` says how far. */
+function taking(points: Vec3[]): Take {
+  return ([x, y, z], aside = 0, up = 0, down = z) => {
     for (const [sx, sy] of aside ? [[-aside, -aside], [aside, -aside], [-aside, aside], [aside, aside]] : [[0, 0]]) {
       points.push([x + sx!, y + sy!, z + up], [x + sx!, y + sy!, z - down]);
     }
   };
+}
+
+/** Corners of what people point at, in {W}, with the floor below it: lamps, strips, belts, boxes, things, other solids. */
+export function aimsOf(map: Environment): Vec3[] {
+  const points: Vec3[] = [], take = taking(points);
   for (const lamp of map.lamps) take(lamp.position_m);
   for (const strip of map.strips) strip.line_m.forEach((vertex) => take(vertex));
   for (const belt of map.belts) belt.line_m.forEach((vertex) => take(vertex, belt.width_m / 2, ABOVE_M));
   for (const box of [...map.boxes, ...map.things.filter((thing) => !thing.is_tracked)]) take(box.center_m, Math.hypot(box.size_m[0], box.size_m[1]) / 2, box.size_m[2] / 2);
   for (const ball of map.spheres) take(ball.center_m, ball.radius_m, ball.radius_m);
   for (const tank of map.cylinders) take(tank.center_m, tank.radius_m, tank.height_m);
+  return points;
+}
+
+/** Corners of everything in the map that has an end, in {W}: what people point at, and walls, fences, clouds. */
+export function pointsOf(map: Environment): Vec3[] {
+  const points = aimsOf(map), take = taking(points);
   for (const { center_m, normal, size_m } of map.planes) {
     const half = size_m ? Math.max(...size_m) / 2 : null, rise = Math.hypot(normal[0], normal[1]);
     if (half !== null) take(center_m, half, half * rise, half * rise);

@@ -3,9 +3,9 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import type { Environment, TrackedObject } from "../messages";
 import { DEFAULT_BODY, eyesOf, hangingArm, onRay, pointingArm } from "./body";
-import { boundsOf } from "./bounds";
+import { aimsOf, boundsOf, pointsOf } from "./bounds";
 import { ellipseOf } from "./ellipse";
-import { framed } from "./framing";
+import { framed, NO_EDGES } from "./framing";
 import { contrast, cssColor, FREE_RAY_M, inkOn, kindColor, kindLetter, rayEnd, sizeOf } from "./looks";
 import { carriedOn, elapsed, LONGEST_S, type Placed } from "./motion";
 import { layOut } from "./pixels";
@@ -157,7 +157,7 @@ test("a camera shows everything, and touches the picture's edges on two sides", 
   const along = unit([0.3, 0.8, -0.5]), fov = 0.7;
   for (const aspect of [0.5, 1.8]) {
     const points: Vec3[] = [[-4, -3, 0], [4.6, 2, 1], [0, 0, 2.5], [1, 1, 0], [-2, 3, 1]];
-    const { position, target } = framed(points, along, fov, aspect, 0.1);
+    const { position, target } = framed(points, along, fov, aspect, NO_EDGES, 0.1);
     close(unit(subtract(target, position)), along, 1e-9);
     const right = unit(cross(along, [0, 0, 1])), up = cross(right, along), tall = Math.tan(fov / 2) * 0.9;
     const seen = points.map((point) => {
@@ -168,6 +168,29 @@ test("a camera shows everything, and touches the picture's edges on two sides", 
     const spans = [seen.map(({ x }) => x), seen.map(({ y }) => y)].map((all) => Math.max(...all) - Math.min(...all));
     close([Math.max(...spans)], [2], 1e-9);
   }
+});
+
+test("a camera shows everything between what lies over the picture's top and bottom", () => {
+  const points: Vec3[] = [[0, 0, 0.4], [0.5, 0.1, 0.6], [0.2, -1, 0], [0.2, -1, 2.1]], along = unit([0.34, 0.8, -0.62]);
+  for (const aspect of [0.6, 1, 3]) {
+    const { position } = framed(points, along, 0.7, aspect, { top: 0.25, bottom: 0.1 }, 0);
+    const up = cross(unit(cross(along, [0, 0, 1])), along), tall = Math.tan(0.35);
+    const heights = points.map((point) => {
+      const from = subtract(point, position);
+      return dot(from, up) / (dot(from, along) * tall);
+    });
+    assert.ok(Math.max(...heights) <= 0.5 + 1e-9 && Math.min(...heights) >= -0.8 - 1e-9, `${heights}`);
+    if (aspect > 1) close([Math.max(...heights), Math.min(...heights)], [0.5, -0.8], 1e-9);
+  }
+});
+
+test("what people point at counts for the camera, walls and fences do not", () => {
+  const hall: Environment = {
+    ...EMPTY, lamps: [{ id: "a", position_m: [1, 2, 1.5] }],
+    planes: [{ id: "wall", center_m: [0, 40, 3], normal: [0, -1, 0], size_m: [80, 6] }],
+  };
+  assert.deepEqual(aimsOf(hall), [[1, 2, 1.5], [1, 2, 0]]);
+  assert.ok(pointsOf(hall).length > 2);
 });
 
 test("kinds have a colour and a letter, patterns go round evenly", () => {

@@ -15,14 +15,14 @@ export interface Wish {
   readonly y: number;
   readonly width: number;
   readonly height: number;
-  /** Of two that want one place, the greater has it; 0: of a small thing, whose label stays close to it or is left out. */
+  /** Of two that want one place, the greater has it; 0 or less: of something small, whose label stays close to it or is left out. */
   readonly rank: number;
 }
 
 /** Between labels, px. */
 const GAP = 3;
-/** Maximum distance of a label from its object, px; less for small objects. */
-const REACHES = [30, 120] as const;
+/** Maximum distance of a label from its object, px, by rank; less for small objects. */
+const reachOf = (rank: number): number => rank > 0 ? (rank < 1 ? 70 : 120) : 30;
 
 /**
  * Where the upper left corner of each label is; null: there is no room near what it names.
@@ -39,7 +39,7 @@ export function placed(wishes: readonly Wish[], taken: readonly Rect[], picture:
   for (const i of turns) {
     const wish = wishes[i]!, { width, height } = wish;
     const x = held(wish.x - width / 2, picture.width - width), y = held(wish.y - height, picture.height - height);
-    const at = nearest({ x, y, width, height }, full, picture, REACHES[Math.min(wish.rank, 1)]!);
+    const at = nearest({ x, y, width, height }, full, picture, reachOf(wish.rank));
     found[i] = at;
     if (at) full.push({ ...at, width, height });
   }

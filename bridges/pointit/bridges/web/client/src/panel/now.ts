@@ -6,7 +6,7 @@ import { el, icon, key, mark, show, write } from "../dom";
 import { byName, capital } from "../format";
 import { cssColor } from "../geometry/looks";
 import { standingOf } from "../site/site";
-import { stateTitle, thing } from "../words";
+import { pressTitle, stateTitle, thing } from "../words";
 import type { Part } from "./part";
 
 const ICONS = { idle: "pause", localizing: "place", pointing: "point" } as const;
@@ -21,8 +21,8 @@ export function nowPart(controls: Controls): Part {
   const gauge = el("progress", { max: 1, value: 0, "aria-label": "How far the selection has come" });
   const gaugeText = el("span", { className: "muted" });
   const gaugeRow = el("div", { className: "gauge", hidden: true }, gaugeText, gauge);
-  const press = el("button", { className: "primary", type: "button", "aria-keyshortcuts": "Space", onclick: () => controls.press() },
-    icon("button"), el("span", { text: "Press the button" }), key("Space"));
+  const pressText = el("span", {});
+  const press = el("button", { className: "primary press", type: "button", "aria-keyshortcuts": "Space", onclick: () => controls.press() }, icon("button"), pressText, key("Space"));
   const action = (name: string, symbol: string, shortcut: string, run: () => void): HTMLButtonElement =>
     el("button", { type: "button", onclick: run, "aria-keyshortcuts": shortcut }, icon(symbol), el("span", { text: name }), key(shortcut));
   const localize = action("Localize", "place", "L", () => controls.localize());
@@ -71,6 +71,7 @@ export function nowPart(controls: Controls): Part {
       const name = users.length > 1 ? `${controls.user}: ${stateTitle(now).toLowerCase()}` : stateTitle(now);
       write(state, interaction ? name : "");
       write(next, controls.person?.cursor?.passed?.text || (site.timeline ? "" : interaction?.next_step ?? ""));
+      write(pressText, pressTitle(interaction));
       show(press, controls.mayDo("press") && controls.user !== "");
       const progress = controls.person?.localization;
       const isLocalizing = now === "localizing" || progress?.phase === "sampling";

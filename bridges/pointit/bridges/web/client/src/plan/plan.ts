@@ -25,7 +25,7 @@ const NEAR_PX = 10;
 const LAYERS = ["apart", "ground", "fences", "belts", "bays", "floor", "packages", "strips", "lamps", "bodies", "letters", "top", "aim"] as const;
 
 class Plan implements View {
-  readonly stats: ViewStats = { fps: 0, renderer: "SVG", software: false };
+  readonly stats: ViewStats = { fps: 0, renderer: "SVG", software: false, lens: [] };
   readonly cameras: readonly Camera[] = ["top"];
   private readonly box = document.createElement("div");
   private readonly svg: SVGSVGElement;

@@ -2,7 +2,7 @@
 
 import * as THREE from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
-import { framed } from "../geometry/framing";
+import { framed, NO_EDGES, type Edges } from "../geometry/framing";
 import { unit, wrapped, type Read3, type Vec3 } from "../geometry/vec";
 import type { Camera } from "../view";
 import type { Picture } from "./picture";
@@ -47,6 +47,8 @@ export class Cameras {
   /** Nobody has moved the camera since it was framed. */
   private isFramed = true;
   private aspect = 0;
+  /** Covered parts of the picture, px. */
+  private edges = NO_EDGES;
   private yaw = 0;
   private pitch = -0.3;
 
@@ -74,6 +76,14 @@ export class Cameras {
   reframe(points: readonly Read3[]): void {
     this.points = points;
     if (this.isFramed && this.mode !== "eyes") this.go(performance.now(), this.isStill);
+  }
+
+  /** Frame between `edges`, px, what is shown: at once if less is free than before, else gently. */
+  keepClear(edges: Edges): void {
+    const { top, bottom } = this.edges;
+    if (edges.top === top && edges.bottom === bottom) return;
+    this.edges = edges;
+    if (this.isFramed && this.mode !== "eyes") this.go(performance.now(), this.isStill || edges.top > top || edges.bottom > bottom);
   }
 
   /** Show all `points`, {W}, at once; `size`: how far they are apart at most, m. */
@@ -156,7 +166,8 @@ export class Cameras {
     }
     const { width, height } = this.picture;
     const along = this.mode === "top" ? ABOVE_ALONG : this.isDeep ? DEEP_ALONG : ROOM_ALONG;
-    const view = framed(this.points, along, (this.to.fov * Math.PI) / 180, width / height);
+    const edges = { top: this.edges.top / height, bottom: this.edges.bottom / height };
+    const view = framed(this.points, along, (this.to.fov * Math.PI) / 180, width / height, edges);
     this.to.position.set(...view.position);
     this.to.target.set(...view.target);
   }

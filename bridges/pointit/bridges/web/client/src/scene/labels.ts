@@ -24,6 +24,11 @@ interface Label {
   height: number;
 }
 
+/** Rank of names of lamps and things: aside of a head, rather than left out. */
+export const NAME = 0.5;
+/** Half of what is kept free about a head that is far away, px. */
+const LEAST_HEAD_PX = 4;
+
 /** Labels of one frame: `begin`, `add` …, `end`. */
 export class Labels {
   private readonly layer = document.createElement("div");
@@ -32,6 +37,8 @@ export class Labels {
   private theme: Theme | null = null;
   /** What lies over the picture, px from its upper left corner; no label goes there. */
   covered: readonly Rect[] = [];
+  /** Heads of people in this frame: middle, {W}, and radius, m; no label goes there either. */
+  private readonly heads: { at: Read3; radius: number }[] = [];
 
   constructor(host: HTMLElement) {
     this.layer.setAttribute("aria-hidden", "true");
@@ -42,6 +49,7 @@ export class Labels {
   begin(theme: Theme): void {
     if (theme !== this.theme) this.clear();
     this.theme = theme;
+    this.heads.length = 0;
     for (const label of this.labels.values()) label.used = false;
   }
 
@@ -74,6 +82,11 @@ export class Labels {
     }));
   }
 
+  /** Keep a head free of labels. */
+  keepFree(at: Read3, radius: number): void {
+    this.heads.push({ at, radius });
+  }
+
   /** Put them where the camera sees their places, beside each other and beside what covers the picture. */
   end(camera: THREE.PerspectiveCamera, width: number, height: number): void {
     const seen: Label[] = [], wishes: Wish[] = [];
@@ -96,8 +109,17 @@ export class Labels {
       seen.push(label);
       wishes.push({ x: (x + 1) * width * 0.5, y: (1 - y) * height * 0.5, width: label.width, height: label.height, rank: label.rank });
     }
-    placed(wishes, this.covered, { width, height }).forEach((at, i) =>
+    placed(wishes, [...this.covered, ...this.heads.flatMap((head) => this.seen(head, camera, width, height))], { width, height }).forEach((at, i) =>
       put(seen[i]!, at ? `translate(${at.x.toFixed(1)}px, ${at.y.toFixed(1)}px)` : ""));
+  }
+
+  /** The square that a head takes up in the picture, px; none behind the camera. */
+  private seen({ at, radius }: { at: Read3; radius: number }, camera: THREE.PerspectiveCamera, width: number, height: number): Rect[] {
+    const away = -this.point.set(...at).applyMatrix4(camera.matrixWorldInverse).z;
+    if (away <= 0) return [];
+    this.point.applyMatrix4(camera.projectionMatrix);
+    const half = Math.max((radius * height) / (2 * away * Math.tan((camera.fov * Math.PI) / 360)), LEAST_HEAD_PX);
+    return [{ x: (this.point.x + 1) * width * 0.5 - half, y: (1 - this.point.y) * height * 0.5 - half, width: 2 * half, height: 2 * half }];
   }
 
   private make(): HTMLElement {

@@ -15,6 +15,8 @@ import type { Marks } from "./marks";
 const STALE_MS = 2000;
 /** A name stands at most so high, m. */
 const NAME_M = 2.15;
+/** A head's middle is about where its eyes are; this is more than half its height, m. */
+const HEAD_M = 0.16;
 /** A goal's flag is so high, m. */
 const FLAG_M = 0.8;
 const RAISE_PER_S = 4;
@@ -112,6 +114,7 @@ export class People {
     this.uncertainty(person, feet, color, isStale, isAssumed);
     if (cursor && points) this.pointing(person, arm, origin, color, pattern, isStale, isOwn);
     if (!isOwn) {
+      this.around.labels.keepFree(eyesOf(measures, feet), HEAD_M);
       this.around.labels.add(`user ${person.user}`, feet, measures.footprint_to_neck_m + measures.neck_to_eyes_m + 0.26,
         [{ text: person.user }, ...(isAssumed ? [{ text: "· place to be found" }] : [])], cssColor(color), 2);
     }

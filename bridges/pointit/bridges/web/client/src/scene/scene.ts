@@ -2,17 +2,19 @@
 
 import type * as THREE from "three";
 import type { Apart } from "../geometry/apart";
-import { boundsOf, cornersOf, pointsOf, type Bounds } from "../geometry/bounds";
+import { aimsOf, boundsOf, cornersOf, pointsOf, type Bounds } from "../geometry/bounds";
+import type { Edges } from "../geometry/framing";
 import type { Rect } from "../geometry/placing";
 import type { Vec3 } from "../geometry/vec";
 import type { Environment } from "../messages";
+import { seenRobots } from "../site/robots";
 import { isOfThing, siteNow, standingOf, type Site } from "../site/site";
-import type { Camera, MakeView, View, ViewOptions } from "../view";
+import type { Camera, MakeView, View, ViewOptions, ViewStats } from "../view";
 import { Aim } from "./aim";
 import { drawApart, floorAt } from "./apart";
 import { Cameras } from "./cameras";
 import { DARK, Kit, LIGHT, type Theme } from "./kit";
-import { Labels } from "./labels";
+import { Labels, NAME } from "./labels";
 import { People } from "./people";
 import { Picture } from "./picture";
 import { counts, state } from "./state";
@@ -71,9 +73,10 @@ class Scene implements View {
     this.build(NOTHING);
   }
 
-  get stats(): { fps: number; renderer: string; software: boolean } {
+  get stats(): ViewStats {
+    const { camera } = this.picture;
     this.picture.measure(performance.now());
-    return this.picture.stats;
+    return { ...this.picture.stats, lens: camera.projectionMatrix.clone().multiply(camera.matrixWorldInverse).toArray() };
   }
 
   draw(site: Site): void {
@@ -95,14 +98,16 @@ class Scene implements View {
     this.frame(this.toldAt);
   }
 
+  /** What the camera shows: all that people point at, in a map without any its walls and floors; and the people. */
   private pointsOf(site: Site): Vec3[] {
-    const points = pointsOf(site.map ?? NOTHING);
-    return [...(points.length ? points : cornersOf(this.bounds)), ...People.points(site)];
+    const map = site.map ?? NOTHING, robots = seenRobots(site).map(({ state }) => state.position_m);
+    const points = [aimsOf(map).concat(robots), pointsOf(map), cornersOf(this.bounds)].find((each) => each.length)!;
+    return [...points, ...People.points(site)];
   }
 
-  /** How many people are to be seen. */
+  /** How many people and robots are to be seen. */
   private posedOf(site: Site): number {
-    let count = 0;
+    let count = seenRobots(site).length;
     for (const person of site.people.values()) if (standingOf(person)) count++;
     return count;
   }
@@ -133,7 +138,8 @@ class Scene implements View {
     this.wake();
   }
 
-  keepClear(covered: readonly Rect[]): void {
+  keepClear(covered: readonly Rect[], edges: Edges): void {
+    if (!this.aim.on) this.camera.keepClear(edges); // who points needs a camera that stands still
     if (JSON.stringify(covered) === JSON.stringify(this.labels.covered)) return;
     this.labels.covered = covered;
     this.wake();
@@ -226,7 +232,8 @@ class Scene implements View {
     world.strips.set(site.strips);
     world.lamps.set(site.lamps, this.theme.dark);
     world.lamps.mark(world.marks);
-    for (const [id, at] of world.lamps.places) if (!isOfThing(site.map, id)) this.labels.add(`lamp ${id}`, at, 0.16, [{ text: id }]);
+    for (const [id, at] of world.lamps.places) if (!isOfThing(site.map, id)) this.labels.add(`lamp ${id}`, at, 0.16, [{ text: id }], "", NAME);
+    this.nameSolids(site.map ?? NOTHING);
     world.things.set(site);
     let moves = world.things.place(now_ns);
     if (site.connected) moves = world.belts.run(passed) || moves;
@@ -236,6 +243,16 @@ class Scene implements View {
     state(site, world.things, world.marks, this.labels, world.kit.theme.dark);
     counts(site, world.bays, this.labels);
     return moves;
+  }
+
+  /** Names of what stands still, where there is room; strips of belts go without, the belts are known by what is on them. */
+  private nameSolids(map: Environment): void {
+    const name = (kind: string, id: string, at: Vec3, up: number) => this.labels.add(`${kind} ${id}`, at, up, [{ text: id }], "", -1);
+    for (const { id, center_m, size_m } of map.boxes) name("box", id, center_m, size_m[2] / 2 + 0.05);
+    for (const { id, center_m, radius_m } of map.spheres) name("sphere", id, center_m, radius_m + 0.05);
+    for (const { id, center_m, height_m } of map.cylinders) name("cylinder", id, center_m, height_m + 0.05);
+    if (map.belts.length) return;
+    for (const [id, line] of this.world?.strips.lines ?? []) name("strip", id, line.pointAt(line.length / 2), 0.08);
   }
 
   dispose(): void {

@@ -4,7 +4,7 @@ import { cssColor, kindColor, kindLetter, visibleColor, type Pattern, type Rgb }
 import type { Vec3 } from "../geometry/vec";
 import { boxLook, WHITE } from "../site/looks";
 import type { Site } from "../site/site";
-import type { Labels } from "./labels";
+import { NAME, type Labels } from "./labels";
 import type { Marks } from "./marks";
 import type { Thing, Things } from "./things";
 
@@ -42,7 +42,7 @@ export function state(site: Site, things: Things, marks: Marks, labels: Labels, 
     if (thing.form === "package") continue;
     const { kind, id } = thing.object;
     if (thing.form === "box") {
-      labels.add(`thing ${id}`, thing.placed.at, thing.size[2] / 2 + 0.08, [{ text: kind || id }]);
+      labels.add(`thing ${id}`, thing.placed.at, thing.size[2] / 2 + 0.08, [{ text: kind || id }], "", NAME);
       continue;
     }
     const letter = { text: kindLetter(kind) || "?", color: kindColor(kind) };

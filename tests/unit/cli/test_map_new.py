@@ -1,4 +1,4 @@
-"""`pointit new room` writes maps that `pointit map check` passes, and asks only in a terminal."""
+"""`pointit map new` writes maps that `pointit map check` passes, and asks only in a terminal."""
 
 import os
 import pty
@@ -31,7 +31,7 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
 
 
 def room(*arguments: str) -> Result:
-    return CliRunner().invoke(command, ["new", "room", *arguments])
+    return CliRunner().invoke(command, ["map", "new", *arguments])
 
 
 @pytest.mark.parametrize("width", ["1", "5", "100"])

@@ -1,4 +1,4 @@
-"""`pointit new room`: the map of a room with lamps and strips on its walls."""
+"""`pointit map new`: the map of a room with lamps and strips on its walls."""
 
 import math
 import sys
@@ -47,7 +47,7 @@ def _prompted(name: str, kind: "click.ParamType[Any]", default: float, text: str
     )
 
 
-@click.command("room")
+@click.command("new")
 @click.argument("file", type=click.Path(path_type=Path, dir_okay=False), default=Path("room.yaml"))
 @_prompted("width", Finite(1, 100), 5.0, "width of the room, m")
 @_prompted("depth", Finite(1, 100), 4.0, "depth of the room, m")
@@ -59,7 +59,7 @@ def command(*, file: Path, width: float, depth: float, lamps: int, strips: int) 
     Asks for what is not given by an option. Lamps and strips are spread over the walls; replace their
     positions with measured ones. Prints the next commands.
 
-    Example: pointit new room room.yaml --width 6 --depth 4 --lamps 4 --strips 2
+    Example: pointit map new room.yaml --width 6 --depth 4 --lamps 4 --strips 2
     """
     if lamps + strips == 0:
         raise ConfigError("--lamps 0 and --strips 0: there is nothing to point at; give at least one of them")

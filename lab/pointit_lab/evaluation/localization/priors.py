@@ -1,4 +1,4 @@
-"""Poses with the biases of other people as the prior: mean and standard deviation, for a person never seen."""
+"""Poses whose prior is mean and standard deviation of the biases of other people, for a person never seen."""
 
 import math
 import statistics

@@ -139,9 +139,9 @@ class DriftFilter:
     ) -> AnchorResult:
         """Apply one pointing at a known place without a cursor.
 
-        Rejected if it is likelier that the yaw leaped, the person moved or they pointed elsewhere. The pose is
-        the likeliest of them, after a pointing at the target's height that of the leap, as if anchors were all
-        that is known. Its covariance has the others too, and the next anchor shows which is right.
+        Rejected if it is likelier that the yaw leaped, the person moved or they pointed elsewhere. The pose
+        is the likeliest of them: that of a leap if the ray was as high as the target. Its covariance has the
+        others too, and the next anchor shows which is right.
 
         Args:
             stamp_ns: middle of the hold; the filter advances to it if it is newer.

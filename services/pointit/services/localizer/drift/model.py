@@ -38,8 +38,8 @@ class DriftSettings:
     gate: float = 3.0
     """Rests beyond this number of standard deviations are rejected."""
     rare_share: float = 0.05
-    """Probability that the yaw leaped or the person moved between two measurements of the yaw, and of pointing
-    elsewhere than at the known place; > 0. The elevation tells which: a lamp beside hangs at another height."""
+    """Probability that the yaw leaped or the person moved between two measurements of the yaw, and that of
+    pointing elsewhere than at the known place. The elevation tells which: another lamp is not as high."""
     moved_sigma_m: float = 0.3
     turned_sigma_rad: float = math.radians(60.0)
     """Standard deviations of such a move and leap, and of pointing elsewhere."""

@@ -30,7 +30,6 @@ DEVICES = {
             network/slimevr.py network/udp_server.py network/ximu3.py replay_source.py
             serial/ports.py serial/source.py simulated.py sources.py""",
         "keeper": "record.py",
-        "localizer": "memory/memory_file.py",
         "recorder": "file_series.py sink.py",
         "led-driver": """
             guarded_output.py outputs.py output/serial_port/adalight.py output/datagram_sender.py

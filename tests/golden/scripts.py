@@ -79,7 +79,6 @@ async def calibrates(bus: MemoryBus) -> None:
     await desk.ask(topics.POINT_ANCHOR, models.PointAnchor(lamp="led_1"), "anna")
     await desk.at(36.0)
     await desk.ask(topics.SET_HEADING, models.SetHeading(azimuth_rad=0.3), "anna")
-    await desk.ask(topics.READ_MEMORY, topics.READ_MEMORY.query(), "anna")
     await desk.at(39.0)
     await desk.ask(topics.START_LOCALIZATION, models.StartLocalization(), "anna")
     await desk.at(42.0)
@@ -90,7 +89,6 @@ async def calibrates(bus: MemoryBus) -> None:
         models.SetPose(position_m=(2.1, 0.4, 0.0), yaw_rad=0.4, elevation_bias_rad=0.05),
         "anna",
     )
-    await desk.ask(topics.ERASE_MEMORY, topics.ERASE_MEMORY.query(), "anna")
 
 
 async def takes_back(bus: MemoryBus) -> None:

@@ -143,6 +143,12 @@ _COLUMNS = (
         note=_SIGMA_NOTE,
     ),
     _Column(
+        name="to plain",
+        rank=21,
+        cell=lambda row: None if row.times_plain is None else ", ".join(map(_interval, row.times_plain)),
+        note="`to plain`: median and p90 of yaw as multiples of those of `re-anchored` (95 % over people).",
+    ),
+    _Column(
         name="slope",
         rank=22,
         cell=lambda row: None if row.slope is None else f"{row.slope:.2f} ± {row.slope_sigma:.2f}",

@@ -135,24 +135,6 @@ class PointingOffset(SchemaModel):
     fitted_ns: Annotated[Ns, Field(description="when, Unix ns")] = 0
 
 
-class Gaussian(SchemaModel):
-    """A quantity that is known to a standard deviation."""
-
-    mean: Real
-    sigma: Extent
-
-
-class LearntPointing(SchemaModel):
-    """Systematic errors of a person's pointing with one kind of device and mounting, from localizations."""
-
-    mounting: Annotated[str, Field(max_length=128, description="as in `ImuSample`")] = ""
-    elevation_bias_rad: Annotated[
-        Gaussian | None, Field(description="the person's rays lie higher by it; None if unknown")
-    ] = None
-    localizations: Annotated[Count, Field(description="localizations it was learnt from")] = 1
-    learnt_ns: Annotated[Ns, Field(description="time of the last one, Unix ns")]
-
-
 class UserProfile(Message):
     """Profile of the person: body measures, handedness, colour of the cursor."""
 

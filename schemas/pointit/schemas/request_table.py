@@ -43,14 +43,6 @@ POINT_ANCHOR = Request(
     key="localizer/{user}/point_anchor", query=requests.PointAnchor, reply=requests.Done, server="localizer",
     about="point at one lamp to set the pose right",
 )
-READ_MEMORY = Request(
-    key="localizer/{user}/memory", query=requests.ReadMemory, reply=requests.ReadMemoryReply,
-    server="localizer", about="what localizations found of the person's pointing",
-)
-ERASE_MEMORY = Request(
-    key="localizer/{user}/erase_memory", query=requests.EraseMemory, reply=requests.Done, server="localizer",
-    about="forget what localizations found of the person's pointing",
-)
 SET_OFFSET = Request(
     key="profile/{user}/set_offset", query=requests.SetOffset, reply=requests.Done, server="supervisor",
     about="keep or forget the person's pointing offset",
@@ -134,7 +126,7 @@ SET_MOUNTING = Request(
 
 REQUESTS: list[Request[Any, Any]] = [
     ADD_PACKAGE, SET_SPEED, SET_FEEDING, RESET_CONVEYOR, START_LOCALIZATION, CANCEL_LOCALIZATION, SET_POSE,
-    SET_HEADING, POINT_ANCHOR, READ_MEMORY, ERASE_MEMORY, SET_OFFSET, CLEAR_SELECTION, UNDO_SELECTION,
+    SET_HEADING, POINT_ANCHOR, SET_OFFSET, CLEAR_SELECTION, UNDO_SELECTION,
     RELEASE_OBJECT, SET_THING, SET_WORKSPACE, SET_METHOD, READ_HISTORY, SET_TOLERANCE, USE_MAP, STOP_ROBOT,
     FIND_REFERENTS, SEND_ROBOT, RUN_SCENARIO, SET_BRIGHTNESS, SHOW_PIXELS, SET_LAMP, SET_YAW_ORIGIN,
     SET_MOUNTING, SAY,

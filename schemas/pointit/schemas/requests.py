@@ -18,7 +18,7 @@ from pointit.schemas.base import (
     SchemaModel,
     Vec3,
 )
-from pointit.schemas.person import MAX_WORDS, Deictic, LearntPointing, PointingOffset, Referent
+from pointit.schemas.person import MAX_WORDS, Deictic, PointingOffset, Referent
 from pointit.schemas.pointing import Covariance
 from pointit.schemas.selection import SelectionEvent
 
@@ -107,22 +107,6 @@ class SetOffset(Query):
     """Keep a person's pointing offset."""
 
     offset: Annotated[PointingOffset | None, Field(description="None removes it")] = None
-
-
-class ReadMemory(Query):
-    """Read what localizations have found of a person's pointing."""
-
-
-class ReadMemoryReply(Reply):
-    """Memory of the person now."""
-
-    learnt: Annotated[
-        Many[LearntPointing], Field(description="one for each kind of device and mounting")
-    ] = ()
-
-
-class EraseMemory(Query):
-    """Forget what localizations have found of a person's pointing."""
 
 
 class SetMounting(Query):

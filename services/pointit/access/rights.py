@@ -12,13 +12,11 @@ from pointit.schemas.topics import (
     CLOCK,
     CONFIGURATION,
     DEPLOYMENT,
-    ERASE_MEMORY,
     FIND_REFERENTS,
     IMU,
     PRESENCES,
     RAY,
     READ_HISTORY,
-    READ_MEMORY,
     RELEASE_OBJECT,
     REQUESTS,
     RUN_SCENARIO,
@@ -50,7 +48,7 @@ PRIVATE: tuple[Topic[Any], ...] = (IMU, WRIST, RAY, SPEECH)
 """Topics that viewers and other people never get: a person's movements and words."""
 RECALLED: tuple[Request[Any, Any], ...] = (READ_HISTORY,)
 """Requests open to all roles: they change nothing, and repeat what all may read."""
-OF_PEOPLE: tuple[Request[Any, Any], ...] = (READ_MEMORY, ERASE_MEMORY, FIND_REFERENTS)
+OF_PEOPLE: tuple[Request[Any, Any], ...] = (FIND_REFERENTS,)
 """Requests of the person and operators only: what is remembered of people. No bridge offers them."""
 OF_OPERATORS: tuple[Request[Any, Any], ...] = (RELEASE_OBJECT, SET_THING, USE_MAP)
 """Requests of operators, the page's too, and the supervisor only: they change what others have or use."""

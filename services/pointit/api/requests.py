@@ -128,7 +128,7 @@ class ConveyorRequests(_Requests[D], Generic[D, R]):
         return self._do(topics.RESET_CONVEYOR)
 
 
-class LocalizerRequests(_Requests[D], Generic[D, R]):
+class LocalizerRequests(_Requests[D]):
     """Requests to a person's localizer."""
 
     def start(self, user: str, method: Literal["static_targets", "moving_target"] | None = None) -> D:
@@ -167,15 +167,6 @@ class LocalizerRequests(_Requests[D], Generic[D, R]):
     def point_anchor(self, user: str, lamp: str = "") -> D:
         """Ask `user` to point at one lamp without a cursor, to correct the pose; `""`: the best one."""
         return self._do(topics.POINT_ANCHOR, user, lamp=lamp)
-
-    def memory(self, user: str) -> R:
-        """Read what localizations have found of the pointing of `user`."""
-        reply: R = self._ask(topics.READ_MEMORY, user)
-        return reply
-
-    def erase_memory(self, user: str) -> D:
-        """Forget what localizations have found of the pointing of `user`."""
-        return self._do(topics.ERASE_MEMORY, user)
 
 
 class ProfileRequests(_Requests[D]):

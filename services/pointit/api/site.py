@@ -32,7 +32,6 @@ from pointit.schemas import (
     PointingRay,
     Query,
     ReadHistoryReply,
-    ReadMemoryReply,
     Referents,
     Reply,
     SelectionEvent,
@@ -80,7 +79,7 @@ class Site:
             Awaitable[Done], Awaitable[SetMethodReply], Awaitable[ReadHistoryReply]
         ](send)
         self.conveyor = requests.ConveyorRequests[Awaitable[Done], Awaitable[AddPackageReply]](send)
-        self.localizer = requests.LocalizerRequests[Awaitable[Done], Awaitable[ReadMemoryReply]](send)
+        self.localizer = requests.LocalizerRequests[Awaitable[Done]](send)
         self.profile = requests.ProfileRequests[Awaitable[Done]](send)
         self.pui = requests.PuiRequests[
             Awaitable[Done], Awaitable[SetToleranceReply], Awaitable[UseMapReply]

@@ -27,7 +27,6 @@ from pointit.schemas import (
     LampColor,
     Message,
     ReadHistoryReply,
-    ReadMemoryReply,
     Referents,
     SetMethodReply,
     SetMountingReply,
@@ -151,7 +150,7 @@ class SyncSite:
         send = self.call
         self.select = requests.SelectRequests[Done, SetMethodReply, ReadHistoryReply](send)
         self.conveyor = requests.ConveyorRequests[Done, AddPackageReply](send)
-        self.localizer = requests.LocalizerRequests[Done, ReadMemoryReply](send)
+        self.localizer = requests.LocalizerRequests[Done](send)
         self.profile = requests.ProfileRequests[Done](send)
         self.pui = requests.PuiRequests[Done, SetToleranceReply, UseMapReply](send)
         self.robots = requests.RobotsRequests[Done](send)

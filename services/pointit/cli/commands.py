@@ -131,7 +131,6 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
                 ),
                 ours("user", "pointing offset of the person, by pointing at lamps", "people.calibrate_user"),
             ),
-            ours("memory", "show or erase what localizations found of a person's pointing", "people.memory"),
             ours("press", "press a person's button from here", "people.press"),
         ),
         noun(

@@ -86,7 +86,7 @@ LOCALIZER = Process(
     writes=(topics.POSE, topics.LOCALIZATION, topics.ANCHOR),
     serves=(
         topics.START_LOCALIZATION, topics.CANCEL_LOCALIZATION, topics.SET_POSE, topics.SET_HEADING,
-        topics.POINT_ANCHOR, topics.READ_MEMORY, topics.ERASE_MEMORY,
+        topics.POINT_ANCHOR,
     ),
 )  # fmt: skip
 KEEPER = Process(

@@ -74,7 +74,7 @@ def may_write(me: str, topic: object, name: str) -> bool:
     return role == "web" and topic in (topics.WRIST, topics.BUTTON, topics.SPEECH)
 
 
-OF_PEOPLE = (topics.READ_MEMORY, topics.ERASE_MEMORY, topics.FIND_REFERENTS)
+OF_PEOPLE = (topics.FIND_REFERENTS,)
 
 
 def may_read(me: str, topic: object, name: str) -> bool:

@@ -1,4 +1,4 @@
-"""`pointit person calibrate mounting` against a real imu-bridge, `person memory` with a real localizer."""
+"""`pointit person calibrate mounting` against a real imu-bridge."""
 
 import asyncio
 import json
@@ -17,7 +17,6 @@ from pointit.services.imu_bridge.arm_frame import MOUNTINGS, from_roll_pitch_yaw
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.serial.config import SerialConfig
 from pointit.services.imu_bridge.service import ImuBridge
-from pointit.services.localizer.service import Localizer
 from pointit.services.pointing.service import Pointing
 from tests.support.bench import until
 from tests.support.cli_site import Site, interrupt, next_line
@@ -145,44 +144,6 @@ async def test_with_nobody_there_the_file_here_is_shown_and_erased(site: Site, o
     erased = await site.pointit(*MOUNTING, "--erase", "--json")
     assert json.loads(erased.out)["erased"] is True
     assert not list((own_state / "users").rglob("*.json"))
-
-
-KEPT = {
-    "learnt": [
-        {
-            "mounting": "ble metamotion",
-            "elevation_bias_rad": {"mean": 0.1, "sigma": 0.03},
-            "localizations": 3,
-            "learnt_ns": 1_790_000_000_000_000_000,
-        }
-    ]
-}
-TOLD = (
-    "anna: ble metamotion: points 5.7° too high (1 sigma 1.7°), from 3 localizations, the last one at 2026-"
-)
-
-
-def keep(state: Path, user: str) -> Path:
-    path = state / "users" / user / "memory.json"
-    path.parent.mkdir(parents=True)
-    path.write_text(json.dumps(KEPT), encoding="utf-8")
-    return path
-
-
-async def test_the_localizer_shows_and_erases_it(site: Site, own_state: Path) -> None:
-    path, bens = keep(own_state, ANNA), keep(own_state, "ben")
-    site.start(Localizer, ANNA)
-    await site.arrived("localizer.anna")
-    shown = await site.pointit("person", "memory", ANNA, code=0)
-    assert shown.out.startswith(TOLD)
-    told = json.loads((await site.pointit("person", "memory", ANNA, "--json")).out)
-    assert told["from"] == "localizer"
-    assert [each["mounting"] for each in told["learnt"]] == ["ble metamotion"]
-    erased = await site.pointit("person", "memory", ANNA, "--erase")
-    assert erased.out == "anna: it is forgotten\n"
-    assert not path.exists()
-    assert bens.exists()
-    assert (await site.pointit("person", "memory", ANNA)).out == "anna: nothing is remembered\n"
 
 
 async def test_setting_the_pose_of_a_person_who_is_not_there_names_who_is(site: Site) -> None:

@@ -13,6 +13,7 @@ from pointit_lab.evaluation.pointing import drift_simulated
 from pointit_lab.evaluation.pointing.drift import LEFT_OUT, candidates, left_out, recorded_rows
 from pointit_lab.evaluation.pointing.drift_courses import courses
 from pointit_lab.evaluation.pointing.drift_innovation import innovation_rows
+from pointit_lab.evaluation.pointing.drift_ratio import ratios
 from pointit_lab.evaluation.pointing.drift_solvers import Trial, YawEstimate, filtered, predictable
 from pointit_lab.evaluation.recordings.row import ALL, Row
 from tests.support import there
@@ -126,20 +127,27 @@ def test_simulated_people_are_within_3_degrees_after_three_minutes(hundred: list
         assert within(find(rows, "3 min, 1 anchor/min", one)) >= 0.9
 
 
-def test_one_contradiction_moves_the_pose_in_part_the_next_anchor_tells_which(hundred: list[Row]) -> None:
-    """A turned IMU and a pointing at the wrong lamp look the same until then, so neither may be believed."""
-    rows = hundred
-    for condition in (drift_simulated.TURNED, drift_simulated.WRONG_ANCHOR):
-        after = f"{condition}, after it"
-        again = find(rows, after, "re-anchored")
-        rested = find(rows, condition, "pointit, rests")
-        assert median(rested) < 0.65 * math.degrees(drift_simulated.BESIDE_RAD)
-        assert within(rested) >= 0.95
-        assert median(find(rows, after, "pointit, rests")) <= median(again)
-        assert p90(find(rows, after, "pointit, rests")) <= p90(again)
-        for solver in ("pointit", "pointit, rests"):
-            assert median(find(rows, after, solver)) <= 3.5
-            assert within(find(rows, after, solver)) >= 0.85
+@pytest.mark.parametrize("leap", ["in motion", "at rest", "after the last anchor"])
+def test_a_leap_of_the_yaw_makes_nobody_worse_off_than_anchoring_again(hundred: list[Row], leap: str) -> None:
+    for usual in (drift_simulated.USUAL, f"{drift_simulated.USUAL}, quiet IMU"):
+        condition = f"{usual}, leap {leap}"
+        told, again = (find(hundred, condition, solver) for solver in ("pointit, rests", "re-anchored"))
+        assert median(told) <= 1.1 * median(again)
+        assert p90(told) <= 1.1 * p90(again)
+        if leap != "after the last anchor":
+            assert within(told) >= 0.9
+            assert median(told) < 4.0
+
+
+def test_a_pointing_beside_is_followed_in_doubt_until_the_next_anchor(hundred: list[Row]) -> None:
+    """It looks like a leap, which is followed at once; the stated uncertainty has both."""
+    wrong = find(hundred, drift_simulated.WRONG_ANCHOR, "pointit, rests")
+    assert median(wrong) <= 1.1 * median(find(hundred, drift_simulated.WRONG_ANCHOR, "re-anchored"))
+    assert within(wrong) >= 0.75
+    after = f"{drift_simulated.WRONG_ANCHOR}, after it"
+    for solver in ("pointit", "pointit, rests"):
+        assert median(find(hundred, after, solver)) <= 3.5
+        assert within(find(hundred, after, solver)) >= 0.9
 
 
 def test_with_a_known_place_the_filter_is_as_good_as_can_be() -> None:
@@ -152,16 +160,19 @@ def test_with_a_known_place_the_filter_is_as_good_as_can_be() -> None:
     )
 
 
-def test_one_jump_of_32_degrees_does_not_dominate() -> None:
-    jump, anchors_s = math.radians(32.0), (60.0, 120.0, 150.0)
-    away: dict[str, list[float]] = {"pointit": [], "pointit, rests": []}
-    for seed in range(60):
-        told = drift_simulated.outcome(seed, drift_simulated.DriftPersonModel(), anchors_s, jump)
-        for name, errors in away.items():
-            errors.append(abs(told[name][0]))
-    # with one anchor before it, the drift is not known well enough to see the jump as one; rests tell it
-    assert math.degrees(np.median(away["pointit"])) < 12.0
-    assert math.degrees(np.median(away["pointit, rests"])) < 4.0
+def test_ratios_have_intervals_over_people() -> None:
+    people = [name for name in "abcd" for _ in range(3)]
+    plain = [10.0, 12.0, 14.0] * 4
+    found = ratios(people, [0.5 * error for error in plain], plain)
+    assert found is not None
+    for ratio in found:
+        assert (ratio.value, ratio.low, ratio.high) == pytest.approx((0.5, 0.5, 0.5))
+    worse = ratios(people, [*plain[:9], 20.0, 24.0, 28.0], plain)
+    assert worse is not None
+    assert worse[1].low == pytest.approx(1.0)
+    assert worse[1].value > 1.0
+    assert worse[1].high == pytest.approx(2.0)
+    assert ratios(["a", "b"], [1.0, 1.0], [1.0, 1.0]) is None
 
 
 def test_recorded_people_are_within_3_degrees_after_3_minutes(recordings: Path, recorded: list[Row]) -> None:
@@ -170,7 +181,7 @@ def test_recorded_people_are_within_3_degrees_after_3_minutes(recordings: Path, 
     assert median(find(rows, "3 min, 1 anchor/min", "raw")) > 17.6
     told = find(rows, "3 min, 1 anchor/min", "pointit")
     assert median(told) <= 2.5
-    assert p90(told) <= 15.0  # two chains have a jump of 32° before the hold that is told
+    assert p90(told) <= 15.5  # two chains have a jump of 32° before the hold that is told
     assert within(told) >= 0.9
     soon = find(rows, "90 s, 2 anchors", "pointit")
     assert median(soon) < 0.5 * median(find(rows, "90 s, 2 anchors", "re-anchored"))
@@ -182,12 +193,14 @@ def test_with_rests_nobody_is_worse_off_than_by_anchoring_again(recorded: list[R
     condition = "3 min, 1 anchor/min"
     for solver in ("pointit, rests", LEFT_OUT):
         assert median(find(rows, condition, solver)) <= 2.5
-        assert p90(find(rows, condition, solver)) <= 15.0
+        assert p90(find(rows, condition, solver)) <= 11.0
+        assert within(find(rows, condition, solver)) >= 0.9
         for subject in {row.subject for row in rows if row.condition == condition}:
             again = find(rows, condition, "re-anchored", subject)
             assert median(find(rows, condition, solver, subject)) <= median(again)
-            # p90 of a person is one of six chains: after a leap of 30° it takes the next anchor to believe it
-            assert p90(find(rows, condition, solver, subject)) <= 1.3 * p90(again)
+            assert p90(find(rows, condition, solver, subject)) <= p90(again)
+        over = there(find(rows, condition, solver).times_plain)
+        assert over[0].high < 0.5
 
 
 def test_settings_of_a_person_are_chosen_by_the_others(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from pointit_lab.evaluation.datasets import read_trials
 from pointit_lab.evaluation.datasets.vr_eyefinger import read_wall_trials
 from pointit_lab.evaluation.localization import baselines
 from pointit_lab.evaluation.localization.localization import OURS, localization_rows
-from pointit_lab.evaluation.localization.priors import MEMORY, PEOPLE, known_rows, person_biases, prior_rows
+from pointit_lab.evaluation.localization.priors import PEOPLE, person_biases, prior_rows
 from pointit_lab.evaluation.localization.trial import FollowRecording, Trial
 from pointit_lab.evaluation.pointing.offset import offset_rows
 from pointit_lab.evaluation.recordings.row import ALL, Row
@@ -179,12 +179,6 @@ def median_m(rows: list[Row], solver: str) -> float:
         row for row in rows if (row.solver, row.subject) == (solver, "a") and row.condition.startswith("1 s")
     )
     return there(row.position_m).median
-
-
-def test_the_memory_of_another_recording_makes_short_windows_better() -> None:
-    rows = known_rows(list(trials(recording("a", "1", 9.0, 0), recording("a", "2", 9.5, 1))))
-    assert {row.condition for row in rows} == {"1 s, known", "2 s, known"}
-    assert median_m(rows, MEMORY) < 0.7 * median_m(rows, "pointit")
 
 
 def test_the_prior_of_a_person_is_that_of_all_others() -> None:

@@ -147,10 +147,7 @@ def test_the_bridge_to_ros_stands_for_people_and_no_other_bridge_does(name: str)
     assert may("ros2", "liveliness_token", topics.USER_ALIVE.at(name))
     assert not may("web", "liveliness_token", topics.USER_ALIVE.at(name))
     assert not may("ros2", "liveliness_token", topics.SERVICE_ALIVE.at(f"supervisor.{name}"))
-    of_people_and_operators = (
-        *(topics.READ_MEMORY, topics.ERASE_MEMORY, topics.FIND_REFERENTS),
-        topics.RELEASE_OBJECT,
-    )
+    of_people_and_operators = (topics.FIND_REFERENTS, topics.RELEASE_OBJECT)
     assert not {row.at(topics.ANY) for row in of_people_and_operators} & set(rights_of("ros2", "ros2").asks)
 
 

@@ -86,9 +86,11 @@ def test_an_outlier_is_rejected_named_and_forgotten_after_the_next_anchor() -> N
 
 
 @pytest.mark.parametrize("beside_deg", [-120.0, -60.0, -40.0, 45.0, 60.0, 90.0, 150.0])
-@pytest.mark.parametrize("higher_deg", [0.0, 5.0, 10.0])
-def test_one_stray_pointing_does_not_turn_the_pose(beside_deg: float, higher_deg: float) -> None:
-    """As at another lamp: people err more often than IMUs are turned."""
+@pytest.mark.parametrize("higher_deg", [0.0, 10.0])
+def test_one_stray_pointing_turns_the_pose_if_it_is_as_high_and_the_next_anchor_turns_it_back(
+    beside_deg: float, higher_deg: float
+) -> None:
+    """As high, it looks like a leap of the yaw. As at another lamp, it does not."""
     drift = calibrated(PERSON)
     at_ns = 4 * MINUTE_NS
     truth = drifted(PERSON, at_ns)
@@ -99,9 +101,13 @@ def test_one_stray_pointing_does_not_turn_the_pose(beside_deg: float, higher_deg
     )
     assert not result.accepted
     pose = drift.at(at_ns)
-    error = abs(yaw_difference(pose.yaw_rad, truth.yaw_rad))
-    assert error < 2.0 * pose.yaw_sigma_rad
-    assert error < 0.5 * abs(math.radians(beside_deg))
+    away_deg = math.degrees(yaw_difference(pose.yaw_rad, truth.yaw_rad))
+    assert abs(away_deg) < 2.1 * math.degrees(pose.yaw_sigma_rad)
+    assert away_deg == pytest.approx(0.0 if higher_deg else -beside_deg, abs=3.0)
+    assert point(drift, truth, LAMPS[0], at_ns + NS_PER_S).accepted
+    after = drift.at(at_ns + NS_PER_S)
+    assert abs(yaw_difference(after.yaw_rad, truth.yaw_rad)) < math.radians(1.0)
+    assert after.yaw_sigma_rad < math.radians(15.0)
 
 
 def test_a_fix_that_is_no_pose_leaves_the_state() -> None:
@@ -223,7 +229,7 @@ def test_yaw_origin_change_keeps_position_and_first_anchor_restores_yaw(*, resta
     assert point(drift, turned, LAMPS[0], at_ns + NS_PER_S).accepted
     told = drift.at(at_ns + NS_PER_S)
     assert abs(yaw_difference(told.yaw_rad, turned.yaw_rad)) < math.radians(2.0)
-    assert told.yaw_sigma_rad < math.radians(9.0)  # that one pointing may have been at another lamp
+    assert told.yaw_sigma_rad < math.radians(12.0)  # that one pointing may have been at another lamp
 
 
 @pytest.mark.parametrize("late_s", [5.0, 20.0])

@@ -26,6 +26,7 @@ from pointit_lab.evaluation.datasets import proximity_feedback
 from pointit_lab.evaluation.datasets.proximity_feedback import FloorTrial, read_floor_trials
 from pointit_lab.evaluation.pointing.drift_courses import chained, courses, hold_sigma_rad
 from pointit_lab.evaluation.pointing.drift_innovation import innovation_rows
+from pointit_lab.evaluation.pointing.drift_ratio import PLAIN, ratios
 from pointit_lab.evaluation.pointing.drift_simulated import normal_row, simulated_rows
 from pointit_lab.evaluation.pointing.drift_solvers import SOLVERS, Trial, YawEstimate, filtered, predictable
 from pointit_lab.evaluation.recordings.row import ALL, Row, Spread
@@ -55,7 +56,7 @@ ANCHOR_SIGMA_DEG = (2.0, 2.5, 3.0, 3.5)
 
 RATE_WALK_DEGPS = (0.005, 0.01, 0.02)
 
-OUTLIER_SHARE = (0.005, 0.02)
+RARE_SHARE = (0.02, 0.05, 0.1)
 """Values that are tried; the rest of the settings is kept."""
 
 
@@ -101,10 +102,12 @@ def _rows(
 ) -> list[Row]:
     """Return a row for each person and solver, and for all people together."""
     rows: list[Row] = []
-    for name, solver in SOLVERS.items():
-        guesses = [(one, solver(one.course, one.anchors, one.told)) for one in trials]
-        rows += _solver_rows(condition, name, guesses, sigma_rad)
-    rows += _solver_rows(condition, LEFT_OUT, others, sigma_rad)
+    told = {
+        name: [(one, solver(one.course, one.anchors, one.told)) for one in trials]
+        for name, solver in SOLVERS.items()
+    } | {LEFT_OUT: others}
+    for name, guesses in told.items():
+        rows += _solver_rows(condition, name, guesses, told[PLAIN], sigma_rad)
     if trials:
         rows.append(
             normal_row(proximity_feedback.NAME, condition, "scatter of one hold", len(trials), sigma_rad)
@@ -113,10 +116,16 @@ def _rows(
 
 
 def _solver_rows(
-    condition: str, solver: str, guesses: Sequence[tuple[Trial, YawEstimate]], sigma_rad: float
+    condition: str,
+    solver: str,
+    guesses: Sequence[tuple[Trial, YawEstimate]],
+    plain: Sequence[tuple[Trial, YawEstimate]],
+    sigma_rad: float,
 ) -> list[Row]:
     errors = [(one.course.subject, one.error_rad(guess), guess.sigma_rad) for one, guess in guesses]
     rows: list[Row] = []
+    again = [one.error_rad(guess) for one, guess in plain]
+    over = ratios([s for s, _, _ in errors], [e for _, e, _ in errors], again) if guesses else None
     for subject in (*dict.fromkeys(one[0] for one in errors), ALL):
         mine = [one for one in errors if subject in (one[0], ALL)]
         inside = [abs(e) <= 2.0 * math.hypot(s, sigma_rad) for _, e, s in mine if s is not None]
@@ -129,6 +138,7 @@ def _solver_rows(
                 n=len(mine),
                 yaw_deg=Spread.of(math.degrees(e) for _, e, _ in mine),
                 yaw_within_2_sigma=float(np.mean(inside)) if inside else None,
+                times_plain=over if subject == ALL and solver != PLAIN else None,
             )
         )
     return rows
@@ -136,11 +146,11 @@ def _solver_rows(
 
 def candidates() -> Iterator[DriftSettings]:
     """Yield the settings that are tried."""
-    for anchor_deg, walk_degps, outlier in product(ANCHOR_SIGMA_DEG, RATE_WALK_DEGPS, OUTLIER_SHARE):
+    for anchor_deg, walk_degps, rare in product(ANCHOR_SIGMA_DEG, RATE_WALK_DEGPS, RARE_SHARE):
         yield DriftSettings(
             anchor_sigma_rad=math.radians(anchor_deg),
             rate_walk_radps=math.radians(walk_degps),
-            outlier_share=outlier,
+            rare_share=rare,
         )
 
 

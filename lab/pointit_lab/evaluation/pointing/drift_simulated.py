@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
 from pointit.services.localizer.drift.filter import DriftFilter, Fix
 from pointit.services.localizer.drift.rest_detection import RestDetector
+from pointit_lab.evaluation.pointing.drift_ratio import PLAIN, ratios
 from pointit_lab.evaluation.recordings.row import ALL, Row, Spread
 
 Array = NDArray[np.float64]
@@ -26,14 +28,22 @@ ANCHORS_S = (60.0, 120.0)
 
 TOLD_S = 180.0
 
-TURNED = "3 min, 1 anchor/min, IMU turned"
-"""Condition in which the IMU is turned on the arm between the two anchors; the bound is without the turn."""
+REST_PAUSE_S = 1.0
+"""Time between a rest and the anchor after it."""
+
+LEAP_RAD = (math.radians(20.0), math.radians(90.0))
+"""Range of the angle by which the yaw leaps once, to either side; bounds are without the leap."""
+
+Leap = Literal["", "in motion", "at rest", "after the last anchor"]
+"""Time of the leap: anywhere before the last anchor, or in a rest before an anchor; then in both."""
+
+USUAL = "3 min, 1 anchor/min"
 
 WRONG_ANCHOR = "3 min, 1 anchor/min, wrong anchor"
 """Condition in which people point beside the lamp at the second anchor, as high; the bound is without it."""
 
 BESIDE_RAD = math.radians(40.0)
-"""By how much in both."""
+"""By how much."""
 
 NORMAL_MEDIAN, NORMAL_P90 = 0.6745, 1.6449
 """Quantiles of the absolute value of a standard normal variable."""
@@ -49,9 +59,8 @@ class DriftPersonModel:
     rate_sigma_radps: float = math.radians(0.25)
     rate_walk_radps: float = math.radians(0.002)
     """Standard deviation of the rate's random walk after one second."""
-    turned_rad: float = 0.0
-    """Angle by which the IMU is turned on the arm, at `turned_at_s`."""
-    turned_at_s: float = 90.0
+    leap: Leap = ""
+    """Time of a leap of the yaw by `LEAP_RAD`."""
     azimuth_sigma_rad: float = math.radians(2.0)
     """Standard deviation of the azimuth error of one hold."""
     elevation_sigma_rad: float = math.radians(1.0)
@@ -86,11 +95,19 @@ class DriftingPerson:
         self._drifts = np.append(0.0, np.cumsum(rates) * STEP_S)
         self._yaw_rad = float(rng.uniform(-math.pi, math.pi))
         self.x_m, self.y_m = (float(v) for v in rng.uniform(-2.0, 2.0, 2))
+        rng = np.random.default_rng([seed, 1])
+        self._leap_rad = float(rng.uniform(*LEAP_RAD) * rng.choice((-1.0, 1.0)))
+        self._leap_s = math.inf
+        if ways.leap == "at rest":
+            self._leap_s = float(rng.choice(ANCHORS_S) - REST_PAUSE_S - rng.uniform(0.1, 0.9) * ways.rest_s)
+        elif ways.leap:
+            is_late = ways.leap == "after the last anchor"
+            self._leap_s = float(rng.uniform(*((ANCHORS_S[1], TOLD_S) if is_late else (0.0, ANCHORS_S[1]))))
 
     def yaw_rad(self, at_s: float) -> float:
         """Return the true yaw of {H} in {W}."""
-        turned_rad = self._ways.turned_rad if at_s > self._ways.turned_at_s else 0.0
-        return self._yaw_rad - float(np.interp(at_s, self._times, self._drifts)) + turned_rad
+        leaped_rad = self._leap_rad if at_s > self._leap_s else 0.0
+        return self._yaw_rad - float(np.interp(at_s, self._times, self._drifts)) + leaped_rad
 
     def fix(self) -> Fix:
         """Return the localization at 0 s."""
@@ -123,7 +140,7 @@ class DriftingPerson:
         pitch = self._wander(len(times), ways.hold_pitch_sigma_rad)
         noise = self._rng.normal(0.0, ways.noise_rad, (2, len(times)))
         facing = float(self._rng.uniform(-math.pi, math.pi)) - self._yaw_rad
-        drifts = np.interp(times, self._times, self._drifts)
+        drifts = np.interp(times, self._times, self._drifts) - self._leap_rad * (times > self._leap_s)
         return [
             (
                 rotation.from_azimuth_elevation(float(facing + drift + y), float(p) - 1.4),
@@ -150,23 +167,27 @@ def simulated_rows(people: int, ways: DriftPersonModel | None = None) -> list[Ro
     ways = ways if ways is not None else DriftPersonModel()
     rows: list[Row] = []
     after_s = (*ANCHORS_S, TOLD_S)
-    for condition, anchors_s, how, beside_rad in (
-        ("3 min, 1 anchor/min", ANCHORS_S, ways, 0.0),
-        ("3 min, 1 anchor/min, after it", after_s, ways, 0.0),
-        (
-            "3 min, 1 anchor/min, 5° scatter",
-            ANCHORS_S,
-            replace(ways, azimuth_sigma_rad=math.radians(5.0)),
-            0.0,
-        ),
-        (TURNED, ANCHORS_S, replace(ways, turned_rad=BESIDE_RAD), 0.0),
-        (f"{TURNED}, after it", after_s, replace(ways, turned_rad=BESIDE_RAD), 0.0),
+    quiet = replace(ways, rate_sigma_radps=math.radians(0.02))
+    conditions = [
+        (USUAL, ANCHORS_S, ways, 0.0),
+        (f"{USUAL}, after it", after_s, ways, 0.0),
+        (f"{USUAL}, 5° scatter", ANCHORS_S, replace(ways, azimuth_sigma_rad=math.radians(5.0)), 0.0),
+        (f"{USUAL}, quiet IMU", ANCHORS_S, quiet, 0.0),
         (WRONG_ANCHOR, ANCHORS_S, ways, BESIDE_RAD),
         (f"{WRONG_ANCHOR}, after it", after_s, ways, BESIDE_RAD),
-    ):
+    ]
+    for leap in get_args(Leap)[1:]:
+        conditions += [
+            (f"{USUAL}, leap {leap}", ANCHORS_S, replace(ways, leap=leap), 0.0),
+            (f"{USUAL}, leap {leap}, after it", after_s, replace(ways, leap=leap), 0.0),
+            (f"{USUAL}, quiet IMU, leap {leap}", ANCHORS_S, replace(quiet, leap=leap), 0.0),
+        ]
+    for condition, anchors_s, how, beside_rad in conditions:
         outcomes = [outcome(seed, how, anchors_s, beside_rad) for seed in range(people)]
         for solver in outcomes[0]:
             mine = [one[solver] for one in outcomes]
+            again = [one[PLAIN][0] for one in outcomes]
+            over = ratios([str(seed) for seed in range(people)], [error for error, _ in mine], again)
             inside = [abs(error) <= 2.0 * sigma for error, sigma in mine if sigma is not None]
             rows.append(
                 Row(
@@ -177,6 +198,7 @@ def simulated_rows(people: int, ways: DriftPersonModel | None = None) -> list[Ro
                     n=people,
                     yaw_deg=Spread.of(math.degrees(error) for error, _ in mine),
                     yaw_within_2_sigma=float(np.mean(inside)) if inside else None,
+                    times_plain=None if solver == PLAIN else over,
                 )
             )
         rows.append(normal_row(NAME, condition, "bound", people, bound_rad(how, anchors_s)))
@@ -198,7 +220,7 @@ def outcome(seed: int, ways: DriftPersonModel, anchors_s: Sequence[float], jump_
     told = [(0.0, fix.yaw_rad)]
     for number, at_s in enumerate(anchors_s):
         stillness = RestDetector()
-        samples = person.rest(at_s - ways.rest_s - 1.0)
+        samples = person.rest(at_s - ways.rest_s - REST_PAUSE_S)
         for rest in (*(stillness.add(*sample) for sample in samples), stillness.end()):
             if rest is not None:
                 rested.update_rest_rate(

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from pointit_lab.evaluation.selection.difference import Interval
+
 ALL = "all"
 """Subject of the row over all of a set."""
 
@@ -60,6 +62,8 @@ class Row:
     within_2_sigma: float | None = None
     """Share of true errors of the position within the stated 2 sigma."""
     yaw_within_2_sigma: float | None = None
+    times_plain: tuple[Interval, Interval] | None = None
+    """Median and p90 of the yaw errors as multiples of those of plain re-anchoring, over people."""
     refused: int | None = None
     """Trials without a pose."""
     taken: float | None = None

@@ -103,11 +103,7 @@ class LocalizerConfig(Config):
     free_height: bool = Field(
         default=False, description="estimate the height of the floor, too, for people on a platform"
     )
-    remember: bool = Field(
-        default=True,
-        description="store what localizations find about the person's pointing, for each device and "
-        "mounting, as the prior of the next ones (`pointit person memory`)",
-    )
+    remember: bool | None = Field(default=None, description="without effect, accepted in older files")
     trust: TrustConfig = TrustConfig()
     track_drift: bool | None = Field(
         default=None,

@@ -11,7 +11,6 @@ from pointit.services.localizer.drift.filter import AnchorResult, DriftPose
 from pointit.services.localizer.estimation.angular_residuals import Array
 from pointit.services.localizer.estimation.estimator import Solution
 from pointit.services.localizer.estimation.rays import Mean
-from pointit.services.localizer.memory.person_memory import Remember
 
 
 @dataclass(frozen=True)
@@ -32,7 +31,7 @@ class AnchorOutcome:
     """True if nothing is left to do: the anchor was accepted, or it was only to be measured."""
 
 
-Output = Localization | UserPose | Anchor | WithdrawPose | Remember
+Output = Localization | UserPose | Anchor | WithdrawPose
 
 
 def pose_message(

@@ -23,7 +23,6 @@ from pointit.schemas import (
 from pointit.schemas.topics import SET_POSE, START_LOCALIZATION
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation.estimator import Refusal
-from pointit.services.localizer.memory.person_memory import PersonMemory
 from pointit.services.localizer.outputs import Output, WithdrawPose
 from pointit.services.localizer.procedure_runner import ProcedureRunner
 from pointit.services.localizer.procedures.external_pose import ExternalPose
@@ -50,16 +49,14 @@ class Response:
 class PoseManager:
     """Keeps the pose that was found or set, and starts procedures on request."""
 
-    def __init__(self, user: str, config: LocalizerConfig, memory: PersonMemory | None = None) -> None:
-        """Create the manager; `memory` is of the person's localizations before."""
+    def __init__(self, user: str, config: LocalizerConfig) -> None:
         self._user = user
         self._config = config
         self._tracking = PoseTracker(config.drift.settings(), follow=config.track_drift)
         self._outside = ExternalPose()
         self._facing = HeadingWindow()
         self._origin = YawOrigin()
-        self._memory = memory or PersonMemory()
-        self._procedures = ProcedureRunner(user, config, self._tracking, self._memory)
+        self._procedures = ProcedureRunner(user, config, self._tracking)
         self._is_cursor_shown = False
         self._drivers: dict[str, str] = {}
         """Person who steers each robot, or `""`."""
@@ -98,7 +95,6 @@ class PoseManager:
 
     def on_ray(self, ray: PointingRay, now_ns: int) -> list[Output]:
         """Process a ray of the person."""
-        self._memory.is_calibrated = ray.elevation_sigma_rad is not None
         self._facing.add(ray)
         self._procedures.on_ray(ray)
         changed = self._tracking.on_ray(ray, now_ns)
@@ -124,7 +120,6 @@ class PoseManager:
         If its yaw has another origin than before, the pose's yaw is unknown. While no cursor is shown, a
         resting arm shows the IMU's drift.
         """
-        self._memory.mounting = sample.mounting
         self._procedures.on_wrist(sample.latency_sigma_s)
         change = self._origin.add(sample)
         out: list[Output] = []

@@ -21,7 +21,6 @@ from pointit.schemas import (
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation.estimator import Refusal
 from pointit.services.localizer.estimation.rays import Mean
-from pointit.services.localizer.memory.person_memory import PersonMemory
 from pointit.services.localizer.outputs import AnchorOutcome, Output
 from pointit.services.localizer.procedures import lamps as lamp_choice
 from pointit.services.localizer.procedures.anchoring import STANDS_MPS, Anchoring, KnownRobots
@@ -44,13 +43,10 @@ ARBITER_PATIENCE_NS = 10 * NS_PER_S
 class ProcedureRunner:
     """Creates procedures, runs one at a time, and passes their poses to the tracker."""
 
-    def __init__(
-        self, user: str, config: LocalizerConfig, tracking: PoseTracker, memory: PersonMemory
-    ) -> None:
+    def __init__(self, user: str, config: LocalizerConfig, tracking: PoseTracker) -> None:
         self._user = user
         self._config = config
         self._tracking = tracking
-        self._memory = memory
         self._robots = KnownRobots()
         self._room: Environment | None = None
         self._leases: tuple[LampLease, ...] = ()
@@ -170,7 +166,7 @@ class ProcedureRunner:
     def start_moving_target(self, now_ns: int) -> list[Output]:
         """Start following a robot; stop the procedure that runs."""
         out = self.stop(now_ns)
-        self._running = MovingTarget(self._config, self._memory)
+        self._running = MovingTarget(self._config)
         self._running.wrist_sigma_s = self._wrist_sigma_s
         self._tracking.end_rest()
         return [*out, *self._running.start(now_ns)]
@@ -247,7 +243,7 @@ class ProcedureRunner:
 
     def _static(self, _now_ns: int) -> StaticTargets | Refusal:
         lamps = lamp_choice.lamps_for_pose(self._room, self._config)
-        return lamps if isinstance(lamps, Refusal) else StaticTargets(lamps, self._config, self._memory)
+        return lamps if isinstance(lamps, Refusal) else StaticTargets(lamps, self._config)
 
     def _anchoring(self, lamp_id: str, eyes_m: float, now_ns: int) -> Anchoring | Refusal:
         config = self._config

@@ -16,15 +16,12 @@ from pointit.schemas import (
     CancelLocalization,
     Done,
     Environment,
-    EraseMemory,
     ImuSample,
     Interaction,
     LampLeases,
     Localization,
     PointAnchor,
     PointingRay,
-    ReadMemory,
-    ReadMemoryReply,
     RobotState,
     SetHeading,
     SetPose,
@@ -35,7 +32,6 @@ from pointit.schemas import (
 from pointit.schemas.topics import (
     ANCHOR,
     CANCEL_LOCALIZATION,
-    ERASE_MEMORY,
     IMU,
     INTERACTION,
     LAMP_LEASES,
@@ -45,7 +41,6 @@ from pointit.schemas.topics import (
     POINT_ANCHOR,
     POSE,
     RAY,
-    READ_MEMORY,
     ROBOT_STATE,
     SERVICE_ALIVE,
     SET_HEADING,
@@ -54,8 +49,6 @@ from pointit.schemas.topics import (
 )
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation.estimator import Refusal
-from pointit.services.localizer.memory.memory_file import MemoryFile
-from pointit.services.localizer.memory.person_memory import PersonMemory, Remember
 from pointit.services.localizer.outputs import Output, WithdrawPose
 from pointit.services.localizer.pose_manager import PoseManager, Response
 from pointit.services.localizer.procedures.static_targets import MIN_LAMPS
@@ -90,9 +83,7 @@ class Localizer(Service[LocalizerConfig]):
 
     def __init__(self, config: LocalizerConfig, context: Context) -> None:
         super().__init__(config, context)
-        self._memory_file = MemoryFile(self.user, self.bus)
-        self._memory = PersonMemory(self._memory_file.read(), is_used=config.remember)
-        self._locating = PoseManager(self.user, config, self._memory)
+        self._locating = PoseManager(self.user, config)
         self._busy = asyncio.Event()
         self._followed = asyncio.Event()
         self._sent: Counter[str] = Counter()
@@ -117,8 +108,8 @@ class Localizer(Service[LocalizerConfig]):
         self.bus.serve(SET_POSE, self._set_pose, self.user)
         self.bus.serve(SET_HEADING, self._set_heading, self.user)
         self.bus.serve(POINT_ANCHOR, self._point_anchor, self.user)
-        self.bus.serve(READ_MEMORY, self._read_memory, self.user)
-        self.bus.serve(ERASE_MEMORY, self._erase_memory, self.user)
+        if config.remember is not None:
+            self.bus.warn("remember", "the option localizer.remember has no effect any more; leave it out")
 
     async def run(self) -> None:
         """Step procedures and track the pose. The procedure that runs is cancelled at the end."""
@@ -126,7 +117,6 @@ class Localizer(Service[LocalizerConfig]):
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._step(), name=f"localizer.{self.user} procedure")
                 group.create_task(self._follow(), name=f"localizer.{self.user} drift")
-                group.create_task(self._memory_file.keep(), name=f"localizer.{self.user} memory")
         finally:
             self._emit(self._locating.stop(self.clock.now_ns()))
 
@@ -218,13 +208,6 @@ class Localizer(Service[LocalizerConfig]):
     async def _point_anchor(self, query: PointAnchor, _user: str) -> Done:
         return self._done(self._locating.point_anchor(query.lamp, self.clock.now_ns()))
 
-    async def _read_memory(self, _query: ReadMemory, _user: str) -> ReadMemoryReply:
-        return ReadMemoryReply(learnt=self._memory.learnt)
-
-    async def _erase_memory(self, _query: EraseMemory, _user: str) -> Done:
-        self._memory.erase()
-        return Done(message=await self._memory_file.erase())
-
     def _done(self, answer: Response | Refusal) -> Done:
         """Publish the outputs of an answer and return the reply.
 
@@ -248,8 +231,6 @@ class Localizer(Service[LocalizerConfig]):
                     self._anchors.put(output.model_copy(update={"seq": self._next(ANCHOR.key)}))
                 case WithdrawPose():
                     self._withdraw_pose()
-                case Remember():
-                    self._memory_file.put(output.learnt)
         self._set(self._busy, is_on=self._locating.is_busy)
         self._set(self._followed, is_on=self._locating.is_followed)
 

@@ -139,9 +139,9 @@ class DriftFilter:
     ) -> AnchorResult:
         """Apply one pointing at a known place without a cursor.
 
-        Rejected if it is likelier that the IMU was turned, the person moved or they pointed elsewhere.
-        Then the pose is their mean and its covariance holds them all, and the next anchor shows which of them
-        is right. To point elsewhere is the likeliest, so that one such pointing turns the pose only in part.
+        Rejected if it is likelier that the yaw leaped, the person moved or they pointed elsewhere. The pose
+        is the likeliest of them: that of a leap if the ray was as high as the target. Its covariance has the
+        others too, and the next anchor shows which is right.
 
         Args:
             stamp_ns: middle of the hold; the filter advances to it if it is newer.
@@ -172,7 +172,7 @@ class DriftFilter:
         level = math.cos(sight.elevation_rad)
         azimuth_sigma = math.hypot(settings.anchor_sigma_rad, spread_rad) / level
         noise = np.diag([azimuth_sigma**2, settings.elevation_sigma_rad**2 + spread_rad**2])
-        sideways = settings.outlier_sigma_rad / level
+        sideways = settings.turned_sigma_rad / level
         elsewhere = np.diag([sideways**2, settings.outlier_elevation_sigma_rad**2])
         seen = innovation(state.means, sight, late_s)
         off = -innovation(state.moments()[0][None], sight, late_s).value[0]
@@ -180,8 +180,8 @@ class DriftFilter:
         usual, moved, missed = state.update(
             seen,
             [
-                *self._cases(noise, settings.moved_sigma_m, other=settings.outlier_share),
-                Case(settings.outlier_share, noise + elsewhere, np.zeros(5)),
+                *self._cases(noise, settings.moved_sigma_m),
+                Case(settings.rare_share, noise + elsewhere, np.zeros(5)),
             ],
         )
         accepted = bool(usual >= max(moved, missed))
@@ -279,13 +279,13 @@ class DriftFilter:
         state.update(seen, [Case(1.0, noise, np.zeros(5))])
         return AnchorResult(accepted=True)
 
-    def _cases(self, noise: Array, moved_m: float, other: float = 0.0) -> list[Case]:
-        """Return the cases that nothing unusual happened, and that the IMU was turned or the person moved."""
+    def _cases(self, noise: Array, moved_m: float) -> list[Case]:
+        """Return the cases that nothing unusual happened, and that the yaw leaped or the person moved."""
         settings = self._settings
         moved = np.zeros(5)
         moved[[X, Y, YAW]] = moved_m**2, moved_m**2, settings.turned_sigma_rad**2
-        usual = 1.0 - settings.moved_share - other
-        return [Case(usual, noise, np.zeros(5)), Case(settings.moved_share, noise, moved)]
+        rare = settings.rare_share
+        return [Case(1.0 - 2.0 * rare, noise, np.zeros(5)), Case(rare, noise, moved)]
 
     def _yaw_innovation(self, yaw_rad: float, late_s: float) -> Innovation:
         """Return the comparison of a yaw that was measured `late_s` ago with the state."""

@@ -37,18 +37,14 @@ class DriftSettings:
     """Standard deviation, between people, of the rate at which a raised arm creeps."""
     gate: float = 3.0
     """Rests beyond this number of standard deviations are rejected."""
-    moved_share: float = 0.005
-    """Probability that the IMU was turned or the person moved between two measurements of the yaw, > 0."""
+    rare_share: float = 0.05
+    """Probability that the yaw leaped or the person moved between two measurements of the yaw, and that of
+    pointing elsewhere than at the known place. The elevation tells which: another lamp is not as high."""
     moved_sigma_m: float = 0.3
     turned_sigma_rad: float = math.radians(60.0)
-    """Standard deviations of such a move and turn."""
-    outlier_share: float = 0.02
-    """Probability that a person points elsewhere than at the known place, > 0. People err more often than
-    IMUs are turned."""
-    outlier_sigma_rad: float = math.radians(60.0)
-    """Standard deviation of such a pointing sideways."""
+    """Standard deviations of such a move and leap, and of pointing elsewhere."""
     outlier_elevation_sigma_rad: float = math.radians(10.0)
-    """The same upwards: lamps hang at similar heights, and people mostly point at another lamp."""
+    """The same of pointing elsewhere, upwards."""
     max_late_s: float = 5.0
     """Measurements older than this are rejected."""
     max_elevation_rad: float = math.radians(70.0)
@@ -58,13 +54,13 @@ class DriftSettings:
     """Upper bounds of the standard deviations."""
 
     def __post_init__(self) -> None:
-        """Check the probabilities.
+        """Check the probability.
 
         Raises:
-            ValueError: If a case has no probability.
+            ValueError: If a case has none.
         """
-        if min(self.moved_share, self.outlier_share, 1.0 - self.moved_share - self.outlier_share) <= 0.0:
-            raise ValueError("the shares of moves and outliers must be positive and together below 1")
+        if not 0.0 < self.rare_share < 0.5:
+            raise ValueError("the share of moves and outliers must be between 0 and 0.5")
 
 
 @dataclass(frozen=True, kw_only=True)

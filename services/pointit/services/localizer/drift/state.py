@@ -1,8 +1,9 @@
 """Gaussian mixture of x, y, yaw, yaw rate and creep: a short list of what may have happened to a pose.
 
-Each measurement splits every component into cases (nothing unusual; the IMU was turned or the person moved;
-the person pointed elsewhere), weighs them by their likelihood and keeps the most probable (a Gaussian sum
-filter: Alspach and Sorenson, 1972). So a contradicted rate is forgotten as soon as another past is likelier.
+Each measurement splits every component into cases (nothing unusual; the yaw leaped or the person moved; the
+person pointed elsewhere), weighs them by their likelihood and keeps the most probable (a Gaussian sum filter:
+Alspach and Sorenson, 1972). The pose is that of the most probable component, and the covariance about it
+has all the others: their mean would be where hardly any of them is.
 """
 
 import math
@@ -79,7 +80,7 @@ class DriftState:
         return max(0, self.stamp_ns - stamp_ns) / NS_PER_S
 
     def moments(self) -> tuple[Array, Array]:
-        """Return mean (5) and covariance (5 x 5) of the mixture."""
+        """Return the likeliest state (5) and the covariance (5 x 5) of the mixture about it."""
         return _moments(self.weights, self.means, self.covariances, self._settings)
 
     def at(self, now_ns: int, anchored_ns: int) -> DriftPose:
@@ -178,12 +179,9 @@ class DriftState:
 def _moments(
     weights: Array, means: Array, covariances: Array, settings: DriftSettings
 ) -> tuple[Array, Array]:
-    """Return mean (5) and covariance (5 x 5) of a mixture, yaws taken around that of the first component."""
-    away = means - means[0]
+    """Return the first component's mean (5) and the covariance (5 x 5) of a mixture about it."""
+    away, mean = means - means[0], means[0].copy()
     away[:, YAW] = np.remainder(away[:, YAW] + math.pi, math.tau) - math.pi
-    middle = weights @ away
-    away -= middle
-    mean = means[0] + middle
     mean[YAW] = math.remainder(float(mean[YAW]), math.tau)
     covariance = np.einsum("n,nij->ij", weights, covariances + away[:, :, None] * away[:, None, :])
     return mean, bounded(covariance, settings)

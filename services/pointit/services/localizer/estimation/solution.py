@@ -27,7 +27,7 @@ class SolverSettings:
     bias_sigma_rad: float = math.radians(10.0)
     """Standard deviation of people's elevation bias."""
     bias_rad: float = 0.0
-    """Expected elevation bias: 0, or what was found about the person before."""
+    """Expected elevation bias."""
     elevation_slope_sigma: float = 0.15
     """Standard deviation of how much people exaggerate how high targets are: -0.33 to +0.10 of recorded
     people. 0 for a mouse."""

@@ -20,7 +20,6 @@ from pointit.services.localizer.estimation.estimator import (
     SolverSettings,
 )
 from pointit.services.localizer.estimation.mounting import mounting_fault
-from pointit.services.localizer.memory.person_memory import PersonMemory, Remember
 from pointit.services.localizer.outputs import Output, Phase, pose_message
 from pointit.services.localizer.procedures.procedure import Procedure
 from pointit.services.localizer.procedures.target_disambiguation import (
@@ -89,10 +88,8 @@ class MovingTarget(Procedure):
     _span_s: float
     """Time of pointing in the window at the last solution."""
 
-    def __init__(self, config: LocalizerConfig, memory: PersonMemory | None = None) -> None:
-        """Create the procedure; `memory` is of the person, None if there is none."""
+    def __init__(self, config: LocalizerConfig) -> None:
         super().__init__(config)
-        self._memory = memory or PersonMemory()
         self.wrist_sigma_s: float | None = None
         """1 sigma of the time of the rays, as the wrist states it. None if it does not."""
         self._trust = config.believed()
@@ -134,7 +131,6 @@ class MovingTarget(Procedure):
             del self._tracks[next(iter(self._tracks))]
 
     def _begin(self, now_ns: int) -> list[Output]:
-        self._memory.begin(now_ns)
         self._clear(now_ns)
         return [self._localization(now_ns, "sampling")]
 
@@ -149,16 +145,10 @@ class MovingTarget(Procedure):
             return self._missed(now_ns, result)
         self._solution = result
         pose = pose_message(result, "moving_target", self._rays.newest_ns, self._config)
-        remember = list[Remember]()
         if self._surest is None or result.position_sigma_m <= self._surest[0].position_sigma_m:
             self._surest = (result, self._rays.newest_ns)
-            remember = self._memory.learn(result, self._trust, now_ns)
         self._running = self._config.autostart
-        return [
-            pose,
-            *remember,
-            self._localization(now_ns, "solved", residual_rad=result.residual_rad, progress=1.0),
-        ]
+        return [pose, self._localization(now_ns, "solved", residual_rad=result.residual_rad, progress=1.0)]
 
     def _clear(self, now_ns: int) -> None:
         self._due_ns = now_ns
@@ -181,7 +171,7 @@ class MovingTarget(Procedure):
             return Refusal("no rays come; check that the IMU is on and sends")
         self._forget_left(self._newest_ray_ns)
         self._span_s = 0.0
-        trust = self._rays.believed(self._memory.recall(self._trust))
+        trust = self._rays.believed(self._trust)
         solved = [(key[1], track, self._solve(key, track, trust)) for key, track in self._tracks.items()]
         if not solved:
             return Refusal("the robot is not tracked any more; check its tracker")

@@ -13,9 +13,13 @@ import numpy as np
 from pointit.schemas import NS_PER_S, Lamp, PointingRay
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation import rays as ray_math
-from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution, SolverSettings
-from pointit.services.localizer.memory.person_memory import PersonMemory
-from pointit.services.localizer.memory.recall import solve
+from pointit.services.localizer.estimation.estimator import (
+    Pointings,
+    Refusal,
+    Solution,
+    SolverSettings,
+    solve,
+)
 from pointit.services.localizer.outputs import Output, pose_message
 from pointit.services.localizer.procedures.lamp_procedure import LampProcedure
 from pointit.services.localizer.procedures.lamps import max_holds, usable
@@ -29,11 +33,8 @@ MIN_LAMPS = 2
 class StaticTargets(LampProcedure):
     """One run of the procedure."""
 
-    def __init__(
-        self, lamps: Sequence[Lamp], config: LocalizerConfig, memory: PersonMemory | None = None
-    ) -> None:
+    def __init__(self, lamps: Sequence[Lamp], config: LocalizerConfig) -> None:
         """Create the procedure for `lamps`, at least one, in the order of lighting."""
-        self._memory = memory or PersonMemory()
         self._lamps = tuple(lamps)
         self._trust = config.believed()
         self._max_holds = max_holds(config, len(self._lamps))
@@ -57,14 +58,10 @@ class StaticTargets(LampProcedure):
     def _rays(self) -> list[PointingRay]:
         return [ray for hold, _ in self._holds for ray in hold.rays]
 
-    def _begin(self, now_ns: int) -> list[Output]:
-        self._memory.begin(now_ns)
-        return super()._begin(now_ns)
-
     def _next_lamp(self) -> Lamp:
         if self._config.order == "given":
             return self._lamps[len(self._holds)]
-        trust, rays, solution = self._memory.recall(self._trust), self._rays, self._solution
+        trust, rays, solution = self._trust, self._rays, self._solution
         acuity = ObservationModel(
             ray_sigma_rad=trust.act_sigma_rad,
             elevation_sigma_rad=trust.elevation_sigma_rad,
@@ -118,7 +115,7 @@ class StaticTargets(LampProcedure):
         return solve(self._pointings(), self._believed().unlimited(), floor_m=self._config.floor_m)
 
     def _believed(self) -> SolverSettings:
-        return ray_math.believed(self._memory.recall(self._trust), self._rays)
+        return ray_math.believed(self._trust, self._rays)
 
     def _pointings(self) -> Pointings:
         rays = self._rays
@@ -137,7 +134,6 @@ class StaticTargets(LampProcedure):
         self._running = False
         return [
             pose_message(result, "static_targets", self._rays[-1].stamp_ns, self._config),
-            *self._memory.learn(result, self._trust, now_ns),
             self._localization(
                 now_ns, "solved", residual_rad=result.residual_rad, reason=self._left_out(), progress=1.0
             ),

@@ -9,9 +9,9 @@ the closer the rays must follow. `floor_m` is the height of the floor in {W}.
 
 import numpy as np
 
+from pointit.services.localizer.estimation.estimator import solve
 from pointit.services.localizer.estimation.sample_blocks import Pointings
 from pointit.services.localizer.estimation.solution import Refusal, Solution, SolverSettings
-from pointit.services.localizer.memory.recall import solve
 from pointit.services.localizer.verification.holds import without_spikes
 
 CLOSE = 1.1

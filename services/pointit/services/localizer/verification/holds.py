@@ -13,10 +13,10 @@ from itertools import combinations
 import numpy as np
 
 from pointit.services.localizer.estimation.angular_residuals import Rays, angular_errors
+from pointit.services.localizer.estimation.estimator import solve
 from pointit.services.localizer.estimation.mounting import held_mounting_fault
 from pointit.services.localizer.estimation.sample_blocks import Pointings, lamp_numbers
 from pointit.services.localizer.estimation.solution import Refusal, Solution, SolverSettings
-from pointit.services.localizer.memory.recall import solve
 
 AGREEING = 1.2
 """Largest rms of holds that agree, in sigmas of one pointing sideways."""

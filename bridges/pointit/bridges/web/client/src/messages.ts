@@ -34,7 +34,6 @@ export interface Everything {
   Strip: Strip;
   Thing: Thing;
   Environment: Environment;
-  EraseMemory: EraseMemory;
   Feedback: Feedback;
   FindReferents: FindReferents;
   Goal: Goal;
@@ -55,10 +54,6 @@ export interface Everything {
   ReadHistory: ReadHistory;
   SelectionEvent: SelectionEvent;
   ReadHistoryReply: ReadHistoryReply;
-  ReadMemory: ReadMemory;
-  Gaussian: Gaussian;
-  LearntPointing: LearntPointing;
-  ReadMemoryReply: ReadMemoryReply;
   Referent: Referent;
   Referents: Referents;
   ReleaseObject: ReleaseObject;
@@ -810,10 +805,6 @@ export interface Environment {
   things: Thing[];
 }
 /**
- * Forget what localizations have found of a person's pointing.
- */
-export interface EraseMemory {}
-/**
  * A cue for the person's senses.
  */
 export interface Feedback {
@@ -1358,51 +1349,6 @@ export interface ReadHistoryReply {
    * the latest last; number, stamp, object and event are those of the message then
    */
   events: SelectionEvent[];
-  /**
-   * the effect, in one sentence for a person
-   */
-  message: string;
-}
-/**
- * Read what localizations have found of a person's pointing.
- */
-export interface ReadMemory {}
-/**
- * A quantity that is known to a standard deviation.
- */
-export interface Gaussian {
-  mean: number;
-  sigma: number;
-}
-/**
- * Systematic errors of a person's pointing with one kind of device and mounting, from localizations.
- */
-export interface LearntPointing {
-  /**
-   * the person's rays lie higher by it; None if unknown
-   */
-  elevation_bias_rad: Gaussian | null;
-  /**
-   * time of the last one, Unix ns
-   */
-  learnt_ns: number;
-  /**
-   * localizations it was learnt from
-   */
-  localizations: number;
-  /**
-   * as in `ImuSample`
-   */
-  mounting: string;
-}
-/**
- * Memory of the person now.
- */
-export interface ReadMemoryReply {
-  /**
-   * one for each kind of device and mounting
-   */
-  learnt: LearntPointing[];
   /**
    * the effect, in one sentence for a person
    */

@@ -55,8 +55,6 @@ export const SERVERS = {
   "leds/{led}/set_color": "led-driver",
   "listener/{user}/referents": "listener",
   "localizer/{user}/cancel": "localizer",
-  "localizer/{user}/erase_memory": "localizer",
-  "localizer/{user}/memory": "localizer",
   "localizer/{user}/point_anchor": "localizer",
   "localizer/{user}/set_heading": "localizer",
   "localizer/{user}/set_pose": "localizer",

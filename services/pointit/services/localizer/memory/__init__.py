@@ -1,1 +1,0 @@
-"""Systematic errors of a person's pointing, as the prior of their next localization."""

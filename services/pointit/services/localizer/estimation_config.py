@@ -103,7 +103,7 @@ class TrustConfig(Config):
         default=_TRUST.max_position_sigma_m,
         gt=0,
         le=10,
-        description="poses less certain than this are refused, m",
+        description="poses less certain than this are refused, m; of following, by 1.2 times as much of cursors",
     )
     max_yaw_sigma_deg: float = Field(
         default=_degrees(_TRUST.max_yaw_sigma_rad),
@@ -150,8 +150,7 @@ class DriftConfig(Config):
         default=15.0,
         gt=0,
         le=180,
-        description="health warns if the yaw is less certain than this, degrees; not below "
-        "trust.max_yaw_sigma_deg, or every new pose would raise a warning",
+        description="health warns if the yaw is less certain than this and trust.max_yaw_sigma_deg, degrees",
     )
 
     def settings(self) -> DriftSettings:

@@ -13,6 +13,14 @@ from pointit.services.localizer.estimation.sample_blocks import Pointings
 KNOWN = 1e-4
 """Standard deviation (m, s, rad) of what is known."""
 
+AWAY_M = 3.0
+"""Distance of the cursors by which a pose of following is judged: robots are 2 to 4 m away."""
+
+MISS, LATE = 1.2, 0.46
+"""Largest expected miss of them, and largest sigma of the position by the latency alone (3 % are off by more
+than the limit), as multiples of the limit of the position.
+"""
+
 
 @dataclass(frozen=True, kw_only=True)
 class SolverSettings:
@@ -72,6 +80,12 @@ class SolverSettings:
     def unlimited(self) -> "SolverSettings":
         """Return the settings that accept poses of any uncertainty."""
         return replace(self, max_position_sigma_m=math.inf, max_yaw_sigma_rad=math.inf)
+
+    def accepts(self, pose: "Solution") -> bool:
+        """Return True if `pose` is certain enough to be used: of following, by the cursors it yields."""
+        late_m = float(np.linalg.norm(pose.of_latency[:2])) / max(pose.latency_sigma_s, KNOWN)
+        place_m = max(pose.miss_m / MISS, late_m / LATE) if pose.scatter else pose.position_sigma_m
+        return place_m <= self.max_position_sigma_m and pose.yaw_sigma_rad <= self.max_yaw_sigma_rad
 
     def weights(self) -> Weights:
         """Return the weights of the descent."""
@@ -136,6 +150,8 @@ class Solution:
     """Difference of this latency from the one expected, 0 unless the rays show it: beyond 2 sigma."""
     alternative: float = 0.0
     """Probability that the person stands at another place that fits, too."""
+    scatter: float = 0.0
+    """Variance of the errors of following over the assumed one, as the rays show it; 0 at rest."""
     of_latency: Array = field(default_factory=lambda: np.zeros(3))
     """Covariance of x, y and yaw with the latency of the tracker."""
 
@@ -150,6 +166,12 @@ class Solution:
         """Return the covariance if the latency of the tracker were known."""
         of_latency = self.of_latency / max(self.latency_sigma_s, KNOWN)
         return self.covariance - np.outer(of_latency, of_latency)
+
+    @property
+    def miss_m(self) -> float:
+        """Return the rms miss of cursors `AWAY_M` away all round, by the scatter; without latency."""
+        xx, yy, turned = np.diag(self.timely).tolist()
+        return math.sqrt(max(0.0, self.scatter * (xx + yy + AWAY_M**2 * turned)))
 
     def is_near(self, other: "Solution") -> bool:
         """Return True if the two poses are the same for practical purposes."""

@@ -37,7 +37,7 @@ from tests.unit.localizer.test_moving_target import robots
 from tests.unit.localizer.test_target_disambiguation import TRUST
 
 RISE_S = 0.7
-UNLIMITED = SolverSettings(max_position_sigma_m=math.inf, max_yaw_sigma_rad=math.inf)
+UNLIMITED = SolverSettings().unlimited()
 
 
 @pytest.fixture(scope="module")

@@ -91,8 +91,7 @@ def test_two_targets_that_fit_two_places_are_refused_and_a_third_tells() -> None
 
 
 @pytest.mark.parametrize(
-    "demanding",
-    [dataclasses.replace(LAX, max_position_sigma_m=1e-4), dataclasses.replace(LAX, max_yaw_sigma_rad=1e-4)],
+    "demanding", [dataclasses.replace(LAX, max_miss_m=1e-4), dataclasses.replace(LAX, max_yaw_sigma_rad=1e-4)]
 )
 def test_pose_that_is_less_certain_than_demanded_in_one_respect_is_refused(demanding: SolverSettings) -> None:
     given_pointings = pointings(Person(0.3, 0.2, 0.1), CORNERS)
@@ -182,9 +181,7 @@ def test_the_stated_uncertainty_is_honest() -> None:
 
 def test_a_longer_hold_at_a_lamp_or_another_one_tells_no_more_and_longer_following_does() -> None:
     person = Person(0.0, 0.0, 0.5)
-    trust = SolverSettings(
-        body_sigma_m=0.0, model_sigma_rad=0.0, max_position_sigma_m=9.0, max_yaw_sigma_rad=9.0
-    )
+    trust = SolverSettings(body_sigma_m=0.0, model_sigma_rad=0.0, max_miss_m=30.0, max_yaw_sigma_rad=9.0)
     base = solved(pointings(person, CORNERS, each=50, rate_hz=25.0), trust)
     denser = solved(pointings(person, CORNERS, each=200, rate_hz=100.0), trust)
     longer = solved(pointings(person, CORNERS, each=200, rate_hz=25.0), trust)

@@ -28,7 +28,7 @@ OURS = "pointit"
 
 Solver = Callable[[Pointings], Solution | Refusal | BaselineEstimate]
 
-STATED = SolverSettings(max_position_sigma_m=math.inf, max_yaw_sigma_rad=math.inf)
+STATED = SolverSettings().unlimited()
 """The localizer's settings, but poses of any stated sigma are accepted: errors of certain poses alone would
 be too optimistic."""
 
@@ -149,10 +149,7 @@ def outcome(trial: Trial, bound_m: float, name: str, solver: Solver) -> Outcome:
         yaw_deg = math.degrees(math.remainder(found.yaw_rad - trial.yaw_rad, math.tau))
     sigma_m, yaw_sigma_deg, is_sure = math.nan, math.nan, True
     if isinstance(found, Solution):
-        is_sure = (
-            found.position_sigma_m <= LIMITS.max_position_sigma_m
-            and found.yaw_sigma_rad <= LIMITS.max_yaw_sigma_rad
-        )
+        is_sure = LIMITS.accepts(found)
         sigma_m, yaw_sigma_deg = found.position_sigma_m, math.degrees(found.yaw_sigma_rad)
     return Outcome(
         key=key,

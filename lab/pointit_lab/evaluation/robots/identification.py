@@ -227,7 +227,7 @@ def _with_pose(
 
 def _without_pose(trial: Trial, decoy_m: Array) -> IdentificationResult:
     """Return the result of the localizer's fits."""
-    trust = SolverSettings(max_position_sigma_m=math.inf, max_yaw_sigma_rad=math.inf)
+    trust = SolverSettings().unlimited()
     ours = trial.pointings
     theirs = Pointings(ours.stamps_s, ours.origins_m, ours.directions, decoy_m)
     independent = 1.0 + trust.independent_hz * ours.span_s

@@ -8,9 +8,9 @@ from pointit.services.localizer.config import LocalizerConfig
 
 _LOCALIZER = LocalizerConfig()
 
-UNSURE_M = _LOCALIZER.trust.max_position_sigma_m
+UNSURE_M = _LOCALIZER.trust.max_miss_m
 UNSURE_DEG = _LOCALIZER.trust.max_yaw_sigma_deg
-"""Standard deviations above which the localizer would reject a pose."""
+"""Standard deviations above which a pose is called uncertain."""
 
 OLD_ANCHOR_S = 180.0
 """Age of an anchor at which the yaw of a common IMU may be 45 deg off. It may still be certain."""

@@ -1,9 +1,9 @@
 """Parameters of the localizer."""
 
 import math
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field
 
 from pointit.runtime.config.config import Config
 from pointit.schemas import UserPose
@@ -114,17 +114,6 @@ class LocalizerConfig(Config):
         description="track the pose while the IMU drifts; if empty, it is tracked unless it is fixed",
     )
     drift: DriftConfig = DriftConfig()
-
-    @model_validator(mode="after")
-    def _warns_of_none_that_is_accepted(self) -> Self:
-        warned, accepted = self.drift.max_yaw_sigma_deg, self.trust.max_yaw_sigma_deg
-        if warned < accepted:
-            raise ValueError(
-                f"drift.max_yaw_sigma_deg is {warned:g} and poses of up to {accepted:g}° are accepted "
-                "(trust.max_yaw_sigma_deg), so every new pose would raise a warning: raise the one or "
-                "lower the other"
-            )
-        return self
 
     def fixed(self, stamp_ns: int) -> UserPose:
         """Return the configured pose."""

@@ -99,11 +99,11 @@ class TrustConfig(Config):
         le=10,
         description="sigmas of the elevation bias beyond which the person did not point",
     )
-    max_position_sigma_m: float = Field(
-        default=_TRUST.max_position_sigma_m,
+    max_miss_m: float = Field(
+        default=_TRUST.max_miss_m,
         gt=0,
-        le=10,
-        description="poses less certain than this are refused, m",
+        le=100,
+        description="poses by which cursors 3 m away miss by more than this (rms) are refused, m",
     )
     max_yaw_sigma_deg: float = Field(
         default=_degrees(_TRUST.max_yaw_sigma_rad),
@@ -150,8 +150,7 @@ class DriftConfig(Config):
         default=15.0,
         gt=0,
         le=180,
-        description="health warns if the yaw is less certain than this, degrees; not below "
-        "trust.max_yaw_sigma_deg, or every new pose would raise a warning",
+        description="health warns if the yaw is less certain than this and trust.max_yaw_sigma_deg, degrees",
     )
 
     def settings(self) -> DriftSettings:

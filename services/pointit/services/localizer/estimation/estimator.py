@@ -16,7 +16,7 @@ from pointit.services.localizer.estimation.angular_residuals import Array, Rays,
 from pointit.services.localizer.estimation.levenberg_marquardt import evaluate_costs, initial_poses, minimize
 from pointit.services.localizer.estimation.refinement import LATENCY, NoiseModel, effective_samples, refine
 from pointit.services.localizer.estimation.sample_blocks import GAP_S, Blocks, Pointings, blocks, in_time
-from pointit.services.localizer.estimation.solution import Refusal, Solution, SolverSettings
+from pointit.services.localizer.estimation.solution import AWAY_M, Refusal, Solution, SolverSettings
 
 __all__ = ["AMBIGUOUS_COST", "GAP_S", "Pointings", "Refusal", "Solution", "SolverSettings", "solve"]
 
@@ -114,12 +114,7 @@ def solve(
         samples=count,
     )
     place_m = (float(poses[0, 0]), float(poses[0, 1]))
-    result = check_solution(solution, place_m, rays, trust, limit_rad)
-    if isinstance(result, Refusal) and solution.of_latency.any():
-        sure = replace(solution, covariance=solution.timely)
-        if isinstance(check_solution(sure, place_m, rays, trust, limit_rad), Solution):
-            return Refusal(untimely(solution, trust), result.residual_rad)
-    return result
+    return check_solution(solution, place_m, rays, trust, limit_rad)
 
 
 def _out_of_reach(rays: Rays, poses: Array) -> Array:
@@ -138,7 +133,7 @@ def _solution(rays: Rays, summary: Blocks, poses: Array, trust: SolverSettings) 
     likely[0] = True
     found = [refine(rays, pose, summary, noise) for pose in poses[likely]]
     best, spread = found[0][0], np.zeros_like(found[0][1])
-    for (state, covariance), share in zip(found, odds[likely], strict=True):
+    for (state, covariance, _), share in zip(found, odds[likely], strict=True):
         off = state - best
         off[2] = math.remainder(float(off[2]), math.tau)
         spread += share * (covariance + np.outer(off, off))
@@ -160,6 +155,7 @@ def _solution(rays: Rays, summary: Blocks, poses: Array, trust: SolverSettings) 
         latency_sigma_s=sigma[LATENCY],
         of_latency=spread[:3, LATENCY],
         alternative=float(1.0 - odds[0]),
+        scatter=found[0][2],
     )
 
 
@@ -200,19 +196,7 @@ def check_solution(
             "pointing; point at each target, arm straight",
             residual_rad,
         )
-    position_m, yaw_rad = solution.position_sigma_m, solution.yaw_sigma_rad
-    if position_m > trust.max_position_sigma_m or yaw_rad > trust.max_yaw_sigma_rad:
-        return Refusal(_unsure(solution, rays, trust), residual_rad)
-    return solution
-
-
-def untimely(solution: Solution, trust: SolverSettings) -> str:
-    """Return advice about a pose that is uncertain only because of the tracker's latency."""
-    return (
-        f"{_stated(solution, trust)}: the latency of what tracks the target is uncertain "
-        f"by {trust.latency_sigma_s:.2f} s; "
-        "have the tracker state its `latency_sigma_s`, or the target move slower"
-    )
+    return solution if trust.accepts(solution) else Refusal(_unsure(solution, rays, trust), residual_rad)
 
 
 def _missed(residual_rad: float, rays: Rays, limit_rad: float) -> str:
@@ -232,14 +216,21 @@ def _unsure(solution: Solution, rays: Rays, trust: SolverSettings) -> str:
         return f"{stated}: all targets are at the height of the eyes; add one below the waist"
     if solution.alternative > 1.0 / (1.0 + math.exp(AMBIGUOUS_COST)):
         return f"{stated}: two places fit the pointing equally well; add a target in another direction"
+    if solution.miss_m <= trust.max_miss_m and solution.late_m > trust.max_late_m:
+        return (
+            f"{stated}: the latency of what tracks the target is uncertain by {trust.latency_sigma_s:.2f} s, "
+            f"which moves the person by {solution.late_m:.2f} m, limit {trust.max_late_m:g} m; "
+            "have the tracker state its `latency_sigma_s`, or the target move slower or on another course"
+        )
     return f"{stated}; point longer or at one more target, below the waist or far to the side"
 
 
 def _stated(solution: Solution, trust: SolverSettings) -> str:
     return (
         f"the pose is uncertain by {min(solution.position_sigma_m, 99.0):.2f} m and "
-        f"{min(math.degrees(solution.yaw_sigma_rad), 180.0):.1f}° and at most "
-        f"{trust.max_position_sigma_m:.2f} m, {math.degrees(trust.max_yaw_sigma_rad):.1f}° are accepted"
+        f"{min(math.degrees(solution.yaw_sigma_rad), 180.0):.1f}°, a cursor {AWAY_M:g} m away by "
+        f"{min(solution.miss_m, 99.0):.2f} m; at most {math.degrees(trust.max_yaw_sigma_rad):.1f}° and "
+        f"{trust.max_miss_m:.2f} m are accepted"
     )
 
 

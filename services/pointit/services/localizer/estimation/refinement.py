@@ -74,8 +74,8 @@ def effective_samples(blocks: Blocks, rate_hz: float) -> Array:
     return np.asarray(sample_weights[hold] / np.bincount(hold)[hold], dtype=np.float64)
 
 
-def refine(rays: Rays, pose: Array, blocks: Blocks, noise: NoiseModel) -> tuple[Array, Array]:
-    """Return state (`STATES`) and covariance of `pose` (5), which the descent found for `rays`, refined.
+def refine(rays: Rays, pose: Array, blocks: Blocks, noise: NoiseModel) -> tuple[Array, Array, float]:
+    """Return state (`STATES`), covariance and scatter of `pose` (5) of the descent, refined.
 
     Targets at rest leave the pose as it is: refined ones of recorded people were no better. The covariance is
     `VAGUE` in unknown directions. A model error that turns all rays equally is part of the yaw of pointing.
@@ -108,7 +108,8 @@ def refine(rays: Rays, pose: Array, blocks: Blocks, noise: NoiseModel) -> tuple[
     shifted[2] += (turned[:, 0] / np.maximum(rays.elevation_phasor.real, STEEP)).mean(axis=1)
     out = out + shifted @ shifted.T + VAGUE * unknown @ unknown.T
     out[[0, 1], [0, 1]] += noise.body_sigma_m**2
-    return state, np.asarray(0.5 * (out + out.T), dtype=np.float64)
+    scatter = variance if noise.independent_hz else 1.0  # a few holds do not show it
+    return state, np.asarray(0.5 * (out + out.T), dtype=np.float64), scatter
 
 
 def _scatter(angles: Array, sample_weights: Array, noise: NoiseModel) -> tuple[Array, float]:

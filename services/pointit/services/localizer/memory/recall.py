@@ -52,10 +52,7 @@ def solve(
     general = estimator.solve(pointings, forgotten.unlimited(), floor_m=floor_m, start=start)
     if isinstance(known, Solution) and isinstance(general, Solution):
         both = _combined(known, general, _wrong(trust, forgotten, general))
-        if (
-            both.position_sigma_m <= trust.max_position_sigma_m
-            and both.yaw_sigma_rad <= trust.max_yaw_sigma_rad
-        ):
+        if trust.accepts(both):
             return both
     return estimator.solve(pointings, forgotten, floor_m=floor_m, start=start)
 

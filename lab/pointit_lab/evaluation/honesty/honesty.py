@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pointit.services.localizer.estimation.estimator import Pointings, Refusal
+from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution
 from pointit_lab.evaluation.honesty import simulated_people
 from pointit_lab.evaluation.honesty.injections import INJECTIONS, Injection
 from pointit_lab.evaluation.honesty.row import MEDIAN_SQUARE, UNIT_S, WITHIN_SQUARE, Judged
@@ -197,10 +197,11 @@ def verdict(trial: Trial, condition: str) -> Judged:
         return one
     off = np.array([found.x_m - trial.x_m, found.y_m - trial.y_m])
     error_m = float(np.hypot(*off))
-    in_yaw = None
+    in_yaw = miss_m = None
     if trial.yaw_rad is not None:
-        turned_rad = abs(math.remainder(found.yaw_rad - trial.yaw_rad, math.tau))
-        in_yaw = turned_rad <= 2.0 * found.yaw_sigma_rad
+        turned_rad = math.remainder(found.yaw_rad - trial.yaw_rad, math.tau)
+        in_yaw = abs(turned_rad) <= 2.0 * found.yaw_sigma_rad
+        miss_m = _miss_m(trial, off, turned_rad)
     square = float(off @ np.linalg.solve(found.covariance[:2, :2], off))
     return replace(
         one,
@@ -209,7 +210,24 @@ def verdict(trial: Trial, condition: str) -> Judged:
         square=square / MEDIAN_SQUARE,
         in_place=square <= WITHIN_SQUARE,
         in_yaw=in_yaw,
+        miss_m=miss_m,
+        miss_sigma_m=None if miss_m is None else _stated_miss_m(trial, found),
     )
+
+
+def _miss_m(trial: Trial, off_m: Array, turned_rad: float) -> float:
+    """Return the rms miss of cursors at the targets of `trial` by a pose that is off and turned."""
+    away = (trial.pointings.targets_m[:, :2] - (trial.x_m, trial.y_m)) @ (1.0, 1j)
+    missed = complex(*off_m.tolist()) + (np.exp(1j * turned_rad) - 1.0) * away
+    return float(np.sqrt(np.mean(np.abs(missed) ** 2)))
+
+
+def _stated_miss_m(trial: Trial, found: Solution) -> float:
+    """Return the rms miss of cursors at the targets of `trial` by the covariance of the pose `found`."""
+    east, north = (trial.pointings.targets_m[:, :2] - (found.x_m, found.y_m)).T
+    (xx, _, x_turn), (_, yy, y_turn), (_, _, turn) = found.covariance.tolist()
+    squares = xx + yy + (east**2 + north**2) * turn + 2.0 * (east * y_turn - north * x_turn)
+    return math.sqrt(max(0.0, float(np.mean(squares))))
 
 
 def chosen(room: Trial, count: int, rng: np.random.Generator, injection: Injection = INJECTIONS[0]) -> Trial:

@@ -14,6 +14,9 @@ from pointit_lab.evaluation.selection.difference import Interval
 EVERY = "all"
 """Duration of the row over all durations, or numbers of lamps."""
 
+FAR_M = 1.0
+"""Error above which a pose is far off, however uncertain it says it is."""
+
 WRONG_M = 0.5
 """Error above which a pose beyond 2 sigma is confidently wrong."""
 
@@ -47,6 +50,10 @@ class Judged:
     """True if the place is within 2 sigma: in the ellipse of `WITHIN_SQUARE`."""
     in_yaw: bool | None = None
     """True if the yaw is within 2 sigma. None if the true one is unknown."""
+    miss_m: float | None = None
+    """Rms miss of the cursor at the targets pointed at. None if the true yaw is unknown."""
+    miss_sigma_m: float | None = None
+    """The same, as the covariance of the pose states it."""
 
     @property
     def is_wrong(self) -> bool:
@@ -72,6 +79,12 @@ class HonestyRow:
     wrong: Interval | None
     """Share of the taken poses beyond 2 sigma and `WRONG_M`, with a 95 % interval (Wilson) as if trials were
     independent: windows of a recording overlap, and people have several."""
+    far: Interval | None = None
+    """Share of the taken poses more than `FAR_M` off, with the same interval."""
+    miss_m: float | None = None
+    """Median miss of the cursor at the targets pointed at, None if true yaws are unknown."""
+    miss_sigma_m: float | None = None
+    """Median of what is stated of it."""
     independent: int = 0
     """Number of independent trials with a taken pose: simulated people, stretches of `UNIT_S` of a recording,
     or recorded people who pointed at lamps."""
@@ -111,13 +124,20 @@ def _row(name: str, condition: str, duration: str, group: Sequence[Judged]) -> H
         error_m=Spread.of(each.error_m for each in taken),
         within_2_sigma=_mean([each.in_place for each in taken]),
         yaw_within_2_sigma=_mean(yaws),
-        square=float(np.median([each.square for each in taken])) if taken else None,
+        square=_median([each.square for each in taken]),
         wrong=share(sum(each.is_wrong for each in taken), len(taken)) if taken else None,
+        far=share(sum(each.error_m > FAR_M for each in taken), len(taken)) if taken else None,
+        miss_m=_median([each.miss_m for each in taken if each.miss_m is not None]),
+        miss_sigma_m=_median([each.miss_sigma_m for each in taken if each.miss_sigma_m is not None]),
         independent=independent,
         provable=1.0 - 0.05 ** (1.0 / independent) if independent else None,
         without_one=_without_one(taken, lambda each: each.in_place),
         wrong_without_one=_without_one(taken, lambda each: each.is_wrong),
     )
+
+
+def _median(values: Sequence[float]) -> float | None:
+    return float(np.median(values)) if values else None
 
 
 def _mean(hits: Sequence[bool]) -> float | None:

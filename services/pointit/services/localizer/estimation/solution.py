@@ -61,7 +61,7 @@ class SolverSettings:
     """Expected miss of places `AWAY_M` away. Recorded people miss by a third of it in the median."""
     max_late_m: float = 0.46
     """1 sigma of the position by the latency of the tracker, of which 3 % are more than 1 m off."""
-    max_yaw_sigma_rad: float = math.radians(15.0)
+    max_yaw_sigma_rad: float = math.radians(14.0)
     trims: bool = True
     """True to try rays that miss by more again without the worst of them."""
 

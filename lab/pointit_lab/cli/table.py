@@ -110,6 +110,12 @@ _COLUMNS = (
         note="`after s`: shortest window whose pose is taken, median over starts; `-`: most are never.",
     ),
     *_spread("taken m", lambda row: row.taken_m, 3, (14, 14), "`taken m`: error of the taken poses."),
+    _Column(
+        name="far",
+        rank=14,
+        cell=lambda row: _share(row.taken_above_1m),
+        note="`far`: share of the taken poses that are more than 1 m off.",
+    ),
     *_spread("m", lambda row: row.position_m, 3, (1, 2), "`m`: error of the poses that were stated, median."),
     *_spread(
         "all m",

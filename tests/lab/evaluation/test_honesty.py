@@ -212,9 +212,37 @@ def test_a_row_counts_who_is_confidently_wrong() -> None:
     assert row.wrong is not None
     assert row.wrong.value == pytest.approx(0.25)
     assert row.wrong.low < 0.25 < row.wrong.high
+    assert row.far is not None
+    assert row.far.value == 0.0
     assert row.without_one == pytest.approx((1 / 3, 2 / 3))
     assert row.wrong_without_one == pytest.approx((0.0, 1 / 3))
     assert there(row.error_m).median == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("turned_rad", [0.0, 0.2])
+def test_the_cursor_misses_what_an_honest_covariance_states(
+    monkeypatch: pytest.MonkeyPatch, following: Trial, turned_rad: float
+) -> None:
+    """Poses that are 0.5 m off or turned, and say so: the rows have the cursor's miss and what is stated."""
+    assert following.yaw_rad is not None
+    covariance = np.diag([0.125, 0.125, 1e-9 if turned_rad == 0.0 else turned_rad**2])
+    found = replace(
+        pose(following.x_m + 0.5, following.y_m, 0.5), covariance=covariance, yaw_rad=following.yaw_rad
+    )
+    turned = replace(found, x_m=following.x_m + 1.5, yaw_rad=found.yaw_rad + turned_rad)
+    monkeypatch.setattr(
+        "pointit_lab.evaluation.honesty.honesty.judged", lambda _: turned if turned_rad else found
+    )
+    row = rows_of([verdict(following, injections.NONE)])[0]
+    away = following.pointings.targets_m[:, :2] - (following.x_m, following.y_m)
+    if turned_rad:
+        assert row.far is not None
+        assert row.far.value == 1.0
+        assert row.miss_m == pytest.approx(1.5, abs=1.2 * turned_rad * float(np.hypot(*away.T).max()))
+        assert there(row.miss_sigma_m) > 0.5
+    else:
+        assert row.miss_m == pytest.approx(0.5)
+        assert row.miss_sigma_m == pytest.approx(0.5, abs=1e-3)
 
 
 def test_people_are_drawn_until_a_row_has_as_many_as_it_needs() -> None:

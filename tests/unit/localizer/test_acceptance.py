@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -97,6 +98,38 @@ def test_pose_that_is_less_certain_than_demanded_in_one_respect_is_refused(deman
     given_pointings = pointings(Person(0.3, 0.2, 0.1), CORNERS)
     solved(given_pointings, LAX)
     assert "the pose is uncertain by" in refused(given_pointings, demanding)
+
+
+SURE = Solution(
+    x_m=0.0, y_m=0.0, yaw_rad=0.0, bias_rad=0.0, covariance=np.diag([0.3, 0.3, 0.04]), residual_rad=0.0,
+    samples=99, latency_sigma_s=0.1, of_latency=np.zeros(3),
+)  # fmt: skip
+"""A pose that is just certain enough."""
+
+
+def test_a_pose_is_judged_by_where_cursors_three_metres_away_would_be() -> None:
+    """Errors drawn from the covariance, cursors all round."""
+    drawn = np.random.default_rng(3).multivariate_normal(np.zeros(3), SURE.covariance, 40_000)
+    away = 3.0 * np.exp(1j * np.linspace(0.0, math.tau, 40_000))
+    missed = drawn[:, 0] + 1j * drawn[:, 1] + 1j * drawn[:, 2] * away
+    assert float(np.sqrt(np.mean(np.abs(missed) ** 2))) == pytest.approx(SURE.miss_m, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("worse", "is_taken"),
+    [
+        ({}, True),
+        ({"covariance": np.diag([0.8, 0.8, 0.04])}, False),  # too uncertain a place
+        ({"covariance": np.diag([0.8, 0.8, 0.04]), "scatter": 0.5}, True),  # of rays that follow closely
+        ({"scatter": 2.0}, False),  # rays that scatter
+        ({"covariance": np.diag([0.3, 0.3, 0.065])}, False),  # too uncertain a yaw
+        ({"of_latency": np.array([0.045, 0.0, 0.0])}, True),
+        ({"of_latency": np.array([0.03, 0.04, 0.0])}, False),  # moved by the latency by 0.5 m
+    ],
+)
+def test_latency_scatter_place_and_yaw_decide(worse: dict[str, Any], *, is_taken: bool) -> None:
+    assert SolverSettings().accepts(dataclasses.replace(SURE, **worse)) == is_taken
+    assert SolverSettings().unlimited().accepts(dataclasses.replace(SURE, **worse))
 
 
 @pytest.mark.parametrize("name", ["idle_0", "idle_1", "idle_3", "idle_4"])

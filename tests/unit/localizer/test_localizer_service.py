@@ -7,7 +7,6 @@ from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 
 import pytest
-from pydantic import ValidationError
 
 from pointit.geometry.vector import Vec3
 from pointit.runtime.clock import Clock, sleep

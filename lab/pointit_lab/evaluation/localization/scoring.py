@@ -122,6 +122,7 @@ def _row(name: str, condition: str, subject: str, solver: str, outcomes: Sequenc
     yaw_sigmas = np.array([outcome.yaw_sigma_deg for outcome in accepted])
     bounds = [outcome.bound_m for outcome in accepted if math.isfinite(outcome.bound_m)]
     takes = np.array([outcome.taken_m for outcome in outcomes if outcome.taken_m is not None])
+    taken_m = takes[np.isfinite(takes)]
     states = len(accepted) > 0 and bool(np.all(np.isfinite(sigmas)))
     return Row(
         set=name,
@@ -140,7 +141,8 @@ def _row(name: str, condition: str, subject: str, solver: str, outcomes: Sequenc
         else None,
         refused=len(outcomes) - len(accepted),
         taken=_share(np.isfinite(takes)),
-        taken_m=Spread.of(takes[np.isfinite(takes)]),
+        taken_m=Spread.of(taken_m),
+        taken_above_1m=_share(taken_m > WRONG_M),
         unsure=sum(not outcome.is_sure for outcome in accepted) if states else None,
         solve_ms=Spread.of(outcome.solve_ms for outcome in outcomes if math.isfinite(outcome.solve_ms)),
         bound_m=float(np.median(bounds)) if bounds else None,

@@ -66,6 +66,8 @@ class Row:
     """Share of the trials whose pose the running localizer takes."""
     taken_m: Spread | None = None
     """Position errors of the taken poses."""
+    taken_above_1m: float | None = None
+    """Share of the taken poses that are more than 1 m off."""
     until_taken_s: float | None = None
     """Median of the shortest window whose pose is taken, over all starts. None if most are never."""
     unsure: int | None = None

@@ -19,8 +19,8 @@ SOLVERS = ("pointit", "mean-angle-4dof", "mean-angle-z0")
 def located(condition: str, solver: str, subject: str = ALL) -> Row:
     return Row(
         set="proximity_waypoints", subject=subject, condition=condition, solver=solver, n=1234,
-        position_m=ERROR, every_m=ERROR, yaw_deg=ERROR, share_above_1m=0.03, taken_above_1m=0.02, misled=0.0, within_2_sigma=1.0,
-        yaw_within_2_sigma=0.9, refused=12, unsure=4, solve_ms=TIME, bound_m=0.211,
+        position_m=ERROR, every_m=ERROR, yaw_deg=ERROR, share_above_1m=0.03, misled=0.0, within_2_sigma=1.0,
+        yaw_within_2_sigma=0.9, refused=12, unsure=4, solve_ms=TIME, bound_m=0.211, taken_above_1m=0.02,
     )  # fmt: skip
 
 

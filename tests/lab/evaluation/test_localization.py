@@ -82,6 +82,11 @@ def at(start_s: float, window_s: int, error_m: float, *, taken: bool) -> Outcome
     return dataclasses.replace(found, recording="r", start_s=start_s, taken_m=error_m if taken else math.inf)
 
 
+def test_of_the_taken_poses_those_are_counted_that_are_more_than_a_metre_off() -> None:
+    outcomes = [at(0.0, 2, 0.4, taken=True), at(1.0, 2, 1.5, taken=True), at(2.0, 2, 1.6, taken=False)]
+    assert rows_of(outcomes)[0].taken_above_1m == 0.5
+
+
 def test_what_the_localizer_takes_and_after_which_time() -> None:
     outcomes = [
         *(at(0.0, window_s, 0.1 * window_s, taken=window_s >= 3) for window_s in (2, 3, 10)),

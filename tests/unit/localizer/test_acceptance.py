@@ -92,7 +92,8 @@ def test_two_targets_that_fit_two_places_are_refused_and_a_third_tells() -> None
 
 
 @pytest.mark.parametrize(
-    "demanding", [dataclasses.replace(LAX, max_miss_m=1e-4), dataclasses.replace(LAX, max_yaw_sigma_rad=1e-4)]
+    "demanding",
+    [dataclasses.replace(LAX, max_position_sigma_m=1e-4), dataclasses.replace(LAX, max_yaw_sigma_rad=1e-4)],
 )
 def test_pose_that_is_less_certain_than_demanded_in_one_respect_is_refused(demanding: SolverSettings) -> None:
     given_pointings = pointings(Person(0.3, 0.2, 0.1), CORNERS)
@@ -102,7 +103,7 @@ def test_pose_that_is_less_certain_than_demanded_in_one_respect_is_refused(deman
 
 SURE = Solution(
     x_m=0.0, y_m=0.0, yaw_rad=0.0, bias_rad=0.0, covariance=np.diag([0.3, 0.3, 0.04]), residual_rad=0.0,
-    samples=99, latency_sigma_s=0.1, of_latency=np.zeros(3),
+    samples=99, latency_sigma_s=0.1, of_latency=np.zeros(3), scatter=1.0,
 )  # fmt: skip
 """A pose that is just certain enough."""
 
@@ -125,6 +126,8 @@ def test_a_pose_is_judged_by_where_cursors_three_metres_away_would_be() -> None:
         ({"covariance": np.diag([0.3, 0.3, 0.065])}, False),  # too uncertain a yaw
         ({"of_latency": np.array([0.045, 0.0, 0.0])}, True),
         ({"of_latency": np.array([0.03, 0.04, 0.0])}, False),  # moved by the latency by 0.5 m
+        ({"covariance": np.diag([0.9, 0.9, 0.04]), "scatter": 0.0}, True),  # lamps: by the place alone
+        ({"covariance": np.diag([1.1, 0.9, 0.01]), "scatter": 0.0}, False),
     ],
 )
 def test_latency_scatter_place_and_yaw_decide(worse: dict[str, Any], *, is_taken: bool) -> None:
@@ -214,7 +217,9 @@ def test_the_stated_uncertainty_is_honest() -> None:
 
 def test_a_longer_hold_at_a_lamp_or_another_one_tells_no_more_and_longer_following_does() -> None:
     person = Person(0.0, 0.0, 0.5)
-    trust = SolverSettings(body_sigma_m=0.0, model_sigma_rad=0.0, max_miss_m=30.0, max_yaw_sigma_rad=9.0)
+    trust = SolverSettings(
+        body_sigma_m=0.0, model_sigma_rad=0.0, max_position_sigma_m=9.0, max_yaw_sigma_rad=9.0
+    )
     base = solved(pointings(person, CORNERS, each=50, rate_hz=25.0), trust)
     denser = solved(pointings(person, CORNERS, each=200, rate_hz=100.0), trust)
     longer = solved(pointings(person, CORNERS, each=200, rate_hz=25.0), trust)

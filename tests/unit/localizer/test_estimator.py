@@ -108,7 +108,7 @@ def test_the_height_is_found_when_it_is_left_free_and_believed_otherwise() -> No
     assert free.z_m == pytest.approx(0.4, abs=0.05)
     assert position_error_m(free, person) < 0.05
     assert free.z_sigma_m > 0.03
-    assert abs(solved(raised, SolverSettings(max_miss_m=1.0)).z_m) < 0.1
+    assert abs(solved(raised, SolverSettings(max_position_sigma_m=1.0)).z_m) < 0.1
 
 
 def test_clean_pointing_at_targets_in_a_row_is_no_miss() -> None:

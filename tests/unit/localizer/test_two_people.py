@@ -19,7 +19,7 @@ from tests.support.bench import Bench, in_virtual_time, memory_bench, until
 from tests.unit.localizer.person import LAMPS, PLACES, ROOM, Person
 
 CONFIG = LocalizerConfig(method="static_targets", reaction_s=0.5, hold_s=1.0)
-PEOPLE = {"anna": Person(1.5, 1.2, -2.0), "ben": Person(-0.5, 0.3, 1.0), "carl": Person(0.5, 1.4, 0.2)}
+PEOPLE = {"anna": Person(1.5, 1.2, -2.0), "ben": Person(-0.5, 0.3, 1.0), "carl": Person(0.5, 1.6, 0.2)}
 
 
 class Room:

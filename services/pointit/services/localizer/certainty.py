@@ -5,10 +5,11 @@ import math
 from pointit.geometry import floor_sigma
 from pointit.schemas import Health, UserPose
 from pointit.services.localizer.config import LocalizerConfig
+from pointit.services.localizer.estimation.solution import MISS
 
 _LOCALIZER = LocalizerConfig()
 
-UNSURE_M = _LOCALIZER.trust.max_miss_m
+UNSURE_M = MISS * _LOCALIZER.trust.max_position_sigma_m
 UNSURE_DEG = _LOCALIZER.trust.max_yaw_sigma_deg
 """Standard deviations above which a pose is called uncertain."""
 

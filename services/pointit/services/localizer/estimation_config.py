@@ -99,11 +99,11 @@ class TrustConfig(Config):
         le=10,
         description="sigmas of the elevation bias beyond which the person did not point",
     )
-    max_miss_m: float = Field(
-        default=_TRUST.max_miss_m,
+    max_position_sigma_m: float = Field(
+        default=_TRUST.max_position_sigma_m,
         gt=0,
-        le=100,
-        description="poses by which cursors 3 m away miss by more than this (rms) are refused, m",
+        le=10,
+        description="poses less certain than this are refused, m",
     )
     max_yaw_sigma_deg: float = Field(
         default=_degrees(_TRUST.max_yaw_sigma_rad),

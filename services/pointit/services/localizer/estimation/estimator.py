@@ -16,7 +16,7 @@ from pointit.services.localizer.estimation.angular_residuals import Array, Rays,
 from pointit.services.localizer.estimation.levenberg_marquardt import evaluate_costs, initial_poses, minimize
 from pointit.services.localizer.estimation.refinement import LATENCY, NoiseModel, effective_samples, refine
 from pointit.services.localizer.estimation.sample_blocks import GAP_S, Blocks, Pointings, blocks, in_time
-from pointit.services.localizer.estimation.solution import AWAY_M, Refusal, Solution, SolverSettings
+from pointit.services.localizer.estimation.solution import AWAY_M, MISS, Refusal, Solution, SolverSettings
 
 __all__ = ["AMBIGUOUS_COST", "GAP_S", "Pointings", "Refusal", "Solution", "SolverSettings", "solve"]
 
@@ -155,7 +155,7 @@ def _solution(rays: Rays, summary: Blocks, poses: Array, trust: SolverSettings) 
         latency_sigma_s=sigma[LATENCY],
         of_latency=spread[:3, LATENCY],
         alternative=float(1.0 - odds[0]),
-        scatter=found[0][2],
+        scatter=0.0 if summary.is_still else found[0][2],
     )
 
 
@@ -216,21 +216,22 @@ def _unsure(solution: Solution, rays: Rays, trust: SolverSettings) -> str:
         return f"{stated}: all targets are at the height of the eyes; add one below the waist"
     if solution.alternative > 1.0 / (1.0 + math.exp(AMBIGUOUS_COST)):
         return f"{stated}: two places fit the pointing equally well; add a target in another direction"
-    if solution.miss_m <= trust.max_miss_m and solution.late_m > trust.max_late_m:
+    if trust.accepts(replace(solution, covariance=solution.timely, of_latency=np.zeros(3))):
         return (
-            f"{stated}: the latency of what tracks the target is uncertain by {trust.latency_sigma_s:.2f} s, "
-            f"which moves the person by {solution.late_m:.2f} m, limit {trust.max_late_m:g} m; "
-            "have the tracker state its `latency_sigma_s`, or the target move slower or on another course"
+            f"{stated}: the latency of what tracks the target is uncertain by {trust.latency_sigma_s:.2f} s; "
+            "have the tracker state its `latency_sigma_s`, or the target move slower"
         )
     return f"{stated}; point longer or at one more target, below the waist or far to the side"
 
 
 def _stated(solution: Solution, trust: SolverSettings) -> str:
+    what, sigma_m, limit_m = "the pose", solution.position_sigma_m, trust.max_position_sigma_m
+    if solution.scatter:
+        what, sigma_m, limit_m = f"a cursor {AWAY_M:g} m away", solution.miss_m, MISS * limit_m
     return (
-        f"the pose is uncertain by {min(solution.position_sigma_m, 99.0):.2f} m and "
-        f"{min(math.degrees(solution.yaw_sigma_rad), 180.0):.1f}°, a cursor {AWAY_M:g} m away by "
-        f"{min(solution.miss_m, 99.0):.2f} m; at most {math.degrees(trust.max_yaw_sigma_rad):.1f}° and "
-        f"{trust.max_miss_m:.2f} m are accepted"
+        f"{what} is uncertain by {min(sigma_m, 99.0):.2f} m and "
+        f"{min(math.degrees(solution.yaw_sigma_rad), 180.0):.1f}° and at most "
+        f"{limit_m:.2f} m, {math.degrees(trust.max_yaw_sigma_rad):.1f}° are accepted"
     )
 
 

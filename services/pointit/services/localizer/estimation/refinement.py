@@ -108,8 +108,7 @@ def refine(rays: Rays, pose: Array, blocks: Blocks, noise: NoiseModel) -> tuple[
     shifted[2] += (turned[:, 0] / np.maximum(rays.elevation_phasor.real, STEEP)).mean(axis=1)
     out = out + shifted @ shifted.T + VAGUE * unknown @ unknown.T
     out[[0, 1], [0, 1]] += noise.body_sigma_m**2
-    scatter = variance if noise.independent_hz else 1.0  # a few holds do not show it
-    return state, np.asarray(0.5 * (out + out.T), dtype=np.float64), scatter
+    return state, np.asarray(0.5 * (out + out.T), dtype=np.float64), variance
 
 
 def _scatter(angles: Array, sample_weights: Array, noise: NoiseModel) -> tuple[Array, float]:

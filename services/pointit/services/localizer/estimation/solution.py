@@ -14,7 +14,12 @@ KNOWN = 1e-4
 """Standard deviation (m, s, rad) of what is known."""
 
 AWAY_M = 3.0
-"""Distance of the places by which a pose is judged: people point at lamps and robots 2 to 4 m away."""
+"""Distance of the cursors by which a pose of following is judged: robots are 2 to 4 m away."""
+
+MISS, LATE = 1.3, 0.46
+"""Largest expected miss of them, and largest sigma of the position by the latency alone (3 % are off by more
+than the limit), as multiples of the limit of the position.
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,10 +62,8 @@ class SolverSettings:
     """Rms angle above which the person did not point at targets at rest."""
     bias_sigma_limit: float = 2.5
     """Standard deviations of the elevation bias from the expected one beyond which it is not pointing."""
-    max_miss_m: float = 1.3
-    """Expected miss of cursors `AWAY_M` away. Recorded people miss by 0.1 to 0.4 m in the median."""
-    max_late_m: float = 0.46
-    """Standard deviation of the position by the latency of the tracker: 3 % are more than 1 m off."""
+    max_position_sigma_m: float = 1.0
+    """Poses of recorded people are off by 0.2 to 0.4 m in the median where 0.5 to 1 m are stated."""
     max_yaw_sigma_rad: float = math.radians(14.0)
     trims: bool = True
     """True to try rays that miss by more again without the worst of them."""
@@ -76,12 +79,13 @@ class SolverSettings:
 
     def unlimited(self) -> "SolverSettings":
         """Return the settings that accept poses of any uncertainty."""
-        return replace(self, max_miss_m=math.inf, max_late_m=math.inf, max_yaw_sigma_rad=math.inf)
+        return replace(self, max_position_sigma_m=math.inf, max_yaw_sigma_rad=math.inf)
 
     def accepts(self, pose: "Solution") -> bool:
-        """Return True if `pose` is certain enough to be used."""
-        is_timely = pose.late_m <= self.max_late_m
-        return is_timely and pose.miss_m <= self.max_miss_m and pose.yaw_sigma_rad <= self.max_yaw_sigma_rad
+        """Return True if `pose` is certain enough to be used: of following, by the cursors it yields."""
+        late_m = float(np.linalg.norm(pose.of_latency[:2])) / max(pose.latency_sigma_s, KNOWN)
+        place_m = max(pose.miss_m / MISS, late_m / LATE) if pose.scatter else pose.position_sigma_m
+        return place_m <= self.max_position_sigma_m and pose.yaw_sigma_rad <= self.max_yaw_sigma_rad
 
     def weights(self) -> Weights:
         """Return the weights of the descent."""
@@ -146,8 +150,8 @@ class Solution:
     """Difference of this latency from the one expected, 0 unless the rays show it: beyond 2 sigma."""
     alternative: float = 0.0
     """Probability that the person stands at another place that fits, too."""
-    scatter: float = 1.0
-    """Variance of the errors of following over the assumed one, as the rays show it."""
+    scatter: float = 0.0
+    """Variance of the errors of following over the assumed one, as the rays show it; 0 at rest."""
     of_latency: Array = field(default_factory=lambda: np.zeros(3))
     """Covariance of x, y and yaw with the latency of the tracker."""
 
@@ -168,11 +172,6 @@ class Solution:
         """Return the rms miss of cursors `AWAY_M` away all round, by the scatter; without latency."""
         xx, yy, turned = np.diag(self.timely).tolist()
         return math.sqrt(max(0.0, self.scatter * (xx + yy + AWAY_M**2 * turned)))
-
-    @property
-    def late_m(self) -> float:
-        """Return the standard deviation of the position by the tracker's latency alone."""
-        return math.hypot(self.of_latency[0], self.of_latency[1]) / max(self.latency_sigma_s, KNOWN)
 
     def is_near(self, other: "Solution") -> bool:
         """Return True if the two poses are the same for practical purposes."""

@@ -16,7 +16,7 @@ KNOWN = 1e-4
 AWAY_M = 3.0
 """Distance of the cursors by which a pose of following is judged: robots are 2 to 4 m away."""
 
-MISS, LATE = 1.3, 0.46
+MISS, LATE = 1.2, 0.46
 """Largest expected miss of them, and largest sigma of the position by the latency alone (3 % are off by more
 than the limit), as multiples of the limit of the position.
 """

@@ -230,9 +230,11 @@ def test_the_cursor_misses_what_an_honest_covariance_states(
         pose(following.x_m + 0.5, following.y_m, 0.5), covariance=covariance, yaw_rad=following.yaw_rad
     )
     turned = replace(found, x_m=following.x_m + 1.5, yaw_rad=found.yaw_rad + turned_rad)
-    monkeypatch.setattr(
-        "pointit_lab.evaluation.honesty.honesty.judged", lambda _: turned if turned_rad else found
-    )
+
+    def result(_: Pointings) -> Solution:
+        return turned if turned_rad else found
+
+    monkeypatch.setattr("pointit_lab.evaluation.honesty.honesty.judged", result)
     row = rows_of([verdict(following, injections.NONE)])[0]
     away = following.pointings.targets_m[:, :2] - (following.x_m, following.y_m)
     if turned_rad:

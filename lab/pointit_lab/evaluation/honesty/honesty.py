@@ -218,7 +218,7 @@ def verdict(trial: Trial, condition: str) -> Judged:
 def _miss_m(trial: Trial, off_m: Array, turned_rad: float) -> float:
     """Return the rms miss of cursors at the targets of `trial` by a pose that is off and turned."""
     away = (trial.pointings.targets_m[:, :2] - (trial.x_m, trial.y_m)) @ (1.0, 1j)
-    missed = complex(*off_m.tolist()) + (np.exp(1j * turned_rad) - 1.0) * away
+    missed = complex(float(off_m[0]), float(off_m[1])) + (np.exp(1j * turned_rad) - 1.0) * away
     return float(np.sqrt(np.mean(np.abs(missed) ** 2)))
 
 

@@ -103,7 +103,7 @@ class TrustConfig(Config):
         default=_TRUST.max_position_sigma_m,
         gt=0,
         le=10,
-        description="poses less certain than this are refused, m; of following, by 1.2 times it of cursors",
+        description="poses less certain than this are refused, m; of following, cursors by 1.2 times it",
     )
     max_yaw_sigma_deg: float = Field(
         default=_degrees(_TRUST.max_yaw_sigma_rad),

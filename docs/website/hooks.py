@@ -10,6 +10,7 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 from docs.website.reference import PAGES
+from docs.website.visit import framed, visit
 
 ROOT = Path(__file__).parents[2]
 ELSEWHERE = {
@@ -20,13 +21,24 @@ ELSEWHERE = {
     "schemas/catalogue/README.md": "reference/topics.md",
 }
 """Pages whose files are in other folders of the repository, and their paths below `docs`."""
+SOURCES = {
+    "schemas/catalogue/messages": "reference/messages.md",
+    "services/pointit/__init__.pyi": "reference/api-names.md",
+    "services/pointit/cli/commands.py": "reference/commands.md",
+    "services/pointit/launch/scenarios": "reference/scenarios.md",
+    "services/pointit/plugins": "reference/plug-ins.md",
+    "services/pointit/services": "reference/parameters.md",
+}
+"""Sources of generated pages, and these pages. Links to a source work without the site, too."""
 LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s]+)\)")
 MESSAGE = re.compile(r"schemas/catalogue/messages/(\w+)\.v(\d+)\.json")
+PARAMETERS = re.compile(r"services/pointit/services/(\w+)/config\.py")
 FENCE = re.compile(r"^([ ]*```[a-z]+)((?: title=\"[^\"]*\")?)[^\n`]*$", re.MULTILINE)
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the pages that are not in `docs`."""
+    files.append(File.generated(config, "visit.html", content=visit()))
     for uri, page in PAGES.items():
         files.append(File.generated(config, uri, content="\n\n".join(page()) + "\n"))
     for path, uri in ELSEWHERE.items():
@@ -48,10 +60,15 @@ def on_page_markdown(markdown: str, page: Page, **_others: Any) -> str:
         there = posixpath.normpath(posixpath.join(posixpath.dirname(source), path))
         if message := MESSAGE.fullmatch(there):
             there, fragment = "docs/reference/messages.md", f"{message[1].lower()}v{message[2]}"
+        if not source.startswith("docs/explanation/"):  # there, the files themselves are meant
+            if service := PARAMETERS.fullmatch(there):
+                there, fragment = "docs/reference/parameters.md", service[1].replace("_", "-")
+            there = f"docs/{SOURCES[there]}" if there in SOURCES else there
         there = f"docs/{ELSEWHERE[there]}" if there in ELSEWHERE else there
         if not there.startswith("docs/"):
             return text
         relative = posixpath.relpath(there.removeprefix("docs/"), posixpath.dirname(uri) or ".")
         return f"{picture}[{text}]({relative}{'#' if fragment else ''}{fragment})"
 
-    return FENCE.sub(r"\1\2", LINK.sub(linked, markdown))
+    markdown = FENCE.sub(r"\1\2", LINK.sub(linked, markdown))
+    return framed(markdown) if uri == "index.md" else markdown

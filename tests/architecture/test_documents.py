@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from docs.website.reference import PAGES
 from pointit.cli.main import PATHS
 from pointit.services.registry import PROCESSES
 from pointit_lab.cli.evaluate import evaluate
@@ -24,7 +23,6 @@ TOP = (
     *("schemas/", "services/", "bridges/", "tests/", "lab/", "docs/", "examples/", "scripts/"),
     *("deploy/", "requirements/"),
 )
-GENERATED = {ROOT / "docs" / page for page in PAGES}
 MADE_BY_READERS = {
     "deploy/.env",
     "fake.py",
@@ -58,8 +56,6 @@ def missing_links(text: str, path: Path) -> list[str]:
         if "://" in target:
             continue
         file = (path.parent / target).resolve() if target else path
-        if file in GENERATED:
-            continue  # scripts/docs checks them
         if not file.exists() or (fragment and fragment not in anchors(file.read_text(encoding="utf-8"))):
             missing.append(link)
     return missing

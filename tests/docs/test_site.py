@@ -3,9 +3,11 @@
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
+from docs.website.reference import PAGES
 from tests.docs.blocks import ROOT
 from tests.docs.blocks import blocks as blocks_of
 
@@ -40,6 +42,21 @@ def test_reference_is_generated_from_the_code() -> None:
     assert 'id="cursorv' in page("messages")
     assert "pointit doctor" in page("commands")
     assert "send_a_robot" in page("scenarios")
+
+
+@pytest.mark.usefixtures("_built")
+def test_links_to_sources_of_generated_pages_lead_to_the_pages() -> None:
+    listed = (SITE / "reference" / "index.html").read_text(encoding="utf-8").partition("<article")[2]
+    assert [page for page in PAGES if f'href="{Path(page).stem}.html"' not in listed] == []
+    assert 'href="../reference/parameters.html#imu-bridge"' in (SITE / "how-to/wrist.html").read_text()
+
+
+@pytest.mark.usefixtures("_built")
+def test_first_page_plays_a_recording() -> None:
+    first = (SITE / "index.html").read_text(encoding="utf-8")
+    assert re.search('<iframe [^>]*src="visit.html"', first)
+    assert 'src="pictures/window-light.webp"' in first
+    assert '<script id="recording"' in (SITE / "visit.html").read_text(encoding="utf-8")
 
 
 def test_a_fence_with_unknown_words_is_refused() -> None:

@@ -37,6 +37,8 @@ class Run:
 
     def __init__(self, launches: Callable[[], list[Launch]], listen: str, *, virtual: bool) -> None:
         """Start what `launches` returns; others may join at `listen` unless it is `""`."""
+        self.check = launches
+        """Return the services without starting them. Raises: ConfigError: As on entering."""
         self._site = functools.partial(_running_site, launches, listen)
         self._virtual = virtual
         self._running: AbstractAsyncContextManager[Site] | None = None

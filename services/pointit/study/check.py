@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 from pointit.runtime.errors import ConfigError
-from pointit.study.data import STUDY, TRIALS, Row, counts, done_trials, read_about, read_table
-from pointit.study.model import Study, read_study
+from pointit.study.data import TRIALS, Row, counts, done_trials, read_about, read_table, study_in
+from pointit.study.model import SHIPPED, Study
 from pointit.study.order import imbalance
 from pointit.study.plan import plan_of
 from pointit.study.session import CLOCK_APART_S
+from pointit.study.site.scenario import check_services
 
 
 class Finding(NamedTuple):
@@ -26,15 +27,15 @@ class Finding(NamedTuple):
 def check_folder(folder: Path) -> list[Finding]:
     """Return the findings on the data of a study, errors first.
 
-    Raises:
-        ConfigError: If the folder holds no study, or its copy of the file is damaged.
+    Raises: ConfigError: If the folder holds no study, or its copy of the file is damaged.
     """
-    if not (folder / STUDY).exists():
-        raise ConfigError(
-            f"{folder}: there is no {STUDY}; give the folder that `pointit study run` has written"
-        )
-    study = read_study(folder / STUDY)
+    study = study_in(folder)
     findings: list[Finding] = []
+    if study.scenario in SHIPPED:  # another one is beside the file, which may be elsewhere
+        try:
+            check_services(study)
+        except ConfigError as error:
+            findings.append(Finding("error", "", str(error)))
     begun: dict[str, list[Row]] = {}
     for path in sorted(folder.glob(f"*/{TRIALS}")):
         name = path.parent.name

@@ -5,7 +5,8 @@ import csv
 import datetime as dt
 import io
 import os
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +15,15 @@ import yaml
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.runtime.host.atomic_file import write_atomically
-from pointit.study.columns import REPEATED, columns_of
-from pointit.study.model import Study
+from pointit.study.columns import COUNTS, FIXED, NUMBERS, OUTCOMES, REPEATED, columns_of
+from pointit.study.model import Study, read_study
 
 STUDY, COLUMNS_FILE, TRIALS, PARTICIPANT, ANSWERS = (
     "study.yaml", "columns.csv", "trials.csv", "participant.yaml", "answers.csv",
 )  # fmt: skip
 ANSWER_COLUMNS = ("participant", "questionnaire", "item", "condition", "block", "value")
 Row = dict[str, str]
+NUMBER = re.compile(r"[+-]?\d+(\.\d*)?(e[+-]?\d+)?")
 
 
 class AppendOnlyCsv:
@@ -30,8 +32,7 @@ class AppendOnlyCsv:
     def __init__(self, path: Path, columns: Sequence[str]) -> None:
         """Open or create the table; a row that was cut off by a crash is removed.
 
-        Raises:
-            ConfigError: If it cannot be read or written, has other columns, or another process writes it.
+        Raises: ConfigError: If it cannot be read or written, has other columns, or another process writes it.
         """
         self.path = path
         self._columns = columns
@@ -54,13 +55,12 @@ class AppendOnlyCsv:
             elif not whole.startswith(head):
                 raise ConfigError(f"{path}: has other columns than this study; use another folder")
             unless_used.pop_all()
-        self.rows = read_table(path)
+        self.rows = read_table(path, columns)
 
     def append(self, *rows: Mapping[str, object]) -> None:
         """Add rows and wait until they are on the disk.
 
-        Raises:
-            PointItError: If they cannot be written. Nothing of them is there then.
+        Raises: PointItError: If they cannot be written. Nothing of them is there then.
         """
         texts = [{name: _text(row.get(name)) for name in self._columns} for row in rows]
         self._write(b"".join(_line(list(row.values())) for row in texts))
@@ -137,30 +137,62 @@ class StudyFolder:
         return next(path for name in names if not (path := folder / name).exists())
 
 
+def study_in(folder: Path) -> Study:
+    """Return the study whose data are in `folder`. Raises: ConfigError: If it is not there, or damaged."""
+    if not (folder / STUDY).exists():
+        raise ConfigError(
+            f"{folder}: there is no {STUDY}; give the folder that `pointit study run` has written"
+        )
+    return read_study(folder / STUDY)
+
+
 def read_about(folder: Path) -> dict[str, Any]:
     """Return the content of `participant.yaml` in `folder`, empty if there is none."""
     path = folder / PARTICIPANT
     return read_yaml(path) if path.exists() else {}
 
 
-def read_table(path: Path) -> list[Row]:
-    """Return the whole rows of a table.
+def read_table(
+    path: Path, columns: Iterable[str] = FIXED, on_cut: Callable[[str], object] = lambda _: None
+) -> list[Row]:
+    """Return the rows of a table, without a last line that a crash has cut off, of which `on_cut` is told.
 
-    Raises:
-        ConfigError: If it is damaged.
+    Raises: ConfigError: If the table cannot be read, lacks one of `columns`, or a value is damaged.
     """
-    with path.open(encoding="utf-8", newline="", errors="replace") as file:
-        rows = [row for row in csv.DictReader(file) if None not in row.values()]
-    for line, row in enumerate(rows, 2):
-        try:
-            for name in ("trial", "attempt", "selection_s"):
-                float(row.get(name) or 0.0)
-            dt.datetime.fromisoformat(row.get("began_utc") or "2000-01-01")
-        except ValueError as error:
-            raise ConfigError(
-                f"{path}:{line}: is damaged ({error}); correct it, or move the folder away"
-            ) from error
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read ({error})") from error
+    whole = text[: text.rfind("\n") + 1]
+    reader = csv.reader(io.StringIO(whole, newline=""), strict=True)
+    rows: list[Row] = []
+    try:
+        header = next(reader, list[str]())
+        if header and (missing := sorted(set(columns) - set(header))):
+            raise ConfigError(f"{path}: no column {missing[0]}; restore the table as the study wrote it")
+        rows += [_row(header, values) for values in reader]
+    except (ValueError, csv.Error) as error:
+        raise ConfigError(f"{path}, line {reader.line_num}: {error}; correct or delete the line") from error
+    if whole != text:
+        on_cut(f"The last line of {path.parent.name}/{path.name} is not whole and left out.")
     return rows
+
+
+def _row(header: Sequence[str], values: Sequence[str]) -> Row:
+    """Return a row of a table. Raises ValueError if it is damaged."""
+    if len(values) != len(header):
+        raise ValueError(f"not {len(header)} values")
+    row = dict(zip(header, values, strict=True))
+    for name in filter(row.__contains__, COUNTS):
+        if not row[name].isdecimal() or len(row[name]) > 9:
+            raise ValueError(f"{name} is {row[name]!r}, not a whole number")
+    for name in filter(row.__contains__, NUMBERS):
+        if row[name] and not NUMBER.fullmatch(row[name]):
+            raise ValueError(f"{name} is {row[name]!r}, not a number or empty")
+    if (outcome := row.get("outcome", "hit")) not in OUTCOMES:
+        raise ValueError(f"outcome is {outcome!r}, not one of {', '.join(OUTCOMES)}")
+    dt.datetime.fromisoformat(row.get("began_utc") or "2000-01-01")
+    return row
 
 
 def counts(row: Row) -> bool:

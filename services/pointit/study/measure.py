@@ -10,10 +10,8 @@ from typing import Literal
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import ConfigError
-from pointit.schemas import NS_PER_S, ButtonEvent, Cursor, Hover, SelectionEvent
-from pointit.study.columns import utc
-
-Outcome = Literal["hit", "wrong", "timeout", "skipped"]
+from pointit.schemas import NS_PER_S, ButtonEvent, Cursor, Hover, Localization, RobotState, SelectionEvent
+from pointit.study.columns import Outcome, utc
 
 STEP_RAD = math.radians(0.5)
 """Step of the ray that counts as way: smaller ones are tremor and noise."""
@@ -39,6 +37,10 @@ class Attempt:
     """Called with each cursor; `hit` or `wrong` ends the attempt."""
     before_m: Vec3 | None = None
     """Centre of the last target, the start of the way to this one, or None for the first cursor."""
+    stay_s: float | None = None
+    """Time over the target for which a robot stays, s. None: it lands."""
+    reached_m: Vec3 | None = None
+    """Position of the robot, or the one that was found: it stands for the cursor."""
     outcome: Outcome | None = None
     reason: str = ""
     first_hover_s: float | None = None
@@ -59,6 +61,9 @@ class Attempt:
     _heard_ns: int = 0
     _turned: Vec3 | None = None
     _pressed_ns: int | None = None
+    _over_ns: int | None = None
+    """Time since which the robot is over the target."""
+    _has_flown: bool = False
 
     def on_cursor(self, cursor: Cursor, now_ns: int) -> None:
         """Process a cursor that has arrived at `now_ns`."""
@@ -123,6 +128,34 @@ class Attempt:
         if self.end == "press" and press.gesture == "press" and self._pressed_ns is None:
             self._pressed_ns = now_ns
 
+    def on_robot(self, robot: RobotState, now_ns: int) -> None:
+        """Process the state of the robot that stands for the cursor; end when it lands, or has stayed."""
+        if self.outcome is not None:
+            return
+        self.reached_m = (*robot.position_m[:2], self.target_m[2])  # below it
+        is_over = self._is_near(self.reached_m)
+        self.on_hover(Hover(stamp_ns=now_ns, object_id=self.target if is_over else ""), now_ns)
+        self._over_ns = (self._over_ns or now_ns) if is_over else None
+        if self.stay_s is None and robot.phase == "landed" and self._has_flown:
+            self._finish("hit" if is_over else "wrong", "" if is_over else "landed beside", now_ns)
+        elif self.stay_s is not None and self._over_ns and now_ns - self._over_ns >= self.stay_s * NS_PER_S:
+            self._finish("hit", "", now_ns)
+        self._has_flown |= robot.phase not in ("landed", "lost")
+
+    def on_localization(self, state: Localization, position_m: Vec3 | None, now_ns: int) -> None:
+        """Process the progress of a localization, and the last found position; end with it."""
+        self._heard_ns = now_ns
+        if self.outcome is not None or state.since_ns < self.began_ns:
+            return
+        if state.phase == "solved" and position_m is not None:
+            self.reached_m, is_near = position_m, self._is_near(position_m)
+            self._finish("hit" if is_near else "wrong", "" if is_near else "too far off", now_ns)
+        elif state.phase in ("refused", "cancelled"):
+            self._finish("wrong", state.reason or state.phase, None)
+
+    def _is_near(self, point_m: Vec3) -> bool:
+        return math.dist(point_m[:2], self.target_m[:2]) <= self.width_m / 2.0
+
     def tick(self, now_ns: int) -> None:
         """End the attempt if it is time, or if the wrist is lost."""
         if self.outcome is not None:
@@ -145,7 +178,9 @@ class Attempt:
         first, last = self._first, self.cursor
         eyes_m = None if last is None else last.origin_m
         far_m = None if eyes_m is None else math.dist(eyes_m, self.target_m)
-        point_m = None if last is None else last.point_m or _nearest(last, self.target_m)
+        point_m = self.reached_m
+        if point_m is None and last is not None:
+            point_m = last.point_m or _nearest(last, self.target_m)
         first_m = self._first_m or self.target_m
         at_start_m = self.before_m if self.before_m is not None or first is None else first.point_m
         columns: dict[str, str | float | int | None] = {
@@ -196,8 +231,7 @@ def _angle_deg(cursor: Cursor | None, target_m: Vec3, from_m: Vec3 | None = None
 def load_end_rule(end: str, folder: Path) -> Callable[[Attempt], str | None] | None:
     """Return the function that ends a trial, or None if none does.
 
-    Raises:
-        ConfigError: If there is no such file or function, or the file fails.
+    Raises: ConfigError: If there is no such file or function, or the file fails.
     """
     name, _, function = end.partition(".py:")
     if not function:

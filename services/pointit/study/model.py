@@ -4,7 +4,7 @@ import itertools
 import math
 import re
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 from pydantic_core import PydanticCustomError
@@ -18,14 +18,19 @@ from pointit.schemas.topics import check_name
 from pointit.study.columns import FIXED
 from pointit.study.order import Order, square
 from pointit.study.questionnaires import Questionnaire, check_questionnaire, scale_of
-from pointit.study.tasks import Task
+from pointit.study.step import Step
+from pointit.study.tasks.robots import Localize, Steer
+from pointit.study.tasks.targets import Packages, Places, Reach, Tapping
 
+Task = Annotated[Reach | Tapping | Packages | Places | Steer | Localize, Field(discriminator="kind")]
 Value = bool | int | float | str
 NAME = re.compile(r"[a-z][a-z0-9_]*")
 FUNCTION = re.compile(r"[\w/.-]+\.py:[A-Za-z_]\w*")
 TASK = "task."
 """Prefix of a parameter of the task among those of services."""
-SHIPPED = ("belts", "space", "strips")
+PRESS: dict[str, Value] = {"selector.confirm": "press", "supervisor.press_while_pointing": "confirms"}
+"""Parameters with which a press ends a trial."""
+SHIPPED = ("belts", "robots", "space", "strips")
 """Scenarios of this room."""
 
 
@@ -90,9 +95,9 @@ class Study(Config):
         default="selection",
         description="end of a trial: selection, press (of the person's button), timeout, or FILE.py:FUNCTION",
     )
-    consent: str = Field(default="", description="text that the participant has to agree to")
-    instruction: str = Field(default="", description="text at the start")
-    instructions: dict[str, str] = Field(default={}, description="text before a block, by level of a factor")
+    consent: Step = Field(default=Step(), description="text that the participant has to agree to")
+    instruction: Step = Field(default=Step(), description="text at the start")
+    instructions: dict[str, Step] = Field(default={}, description="text before a block, by level of a factor")
     questionnaires: tuple[Questionnaire, ...] = Field(
         default=(), description="after each block: nasa-tlx, sus, or one of your own"
     )
@@ -106,6 +111,11 @@ class Study(Config):
     def place_in(self, folder: Path) -> None:
         """Set the folder of the file."""
         self._folder = folder
+
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """All texts for the participant."""
+        return (self.consent, self.instruction, *self.instructions.values())
 
     @property
     def people(self) -> tuple[str, ...]:
@@ -131,13 +141,12 @@ class Study(Config):
     def services(self, cell: dict[str, str]) -> dict[str, Value]:
         """Return the parameters of services in the condition `cell`."""
         ours = {name: value for name, value in self.parameters(cell).items() if not name.startswith(TASK)}
-        return {**self.settings, **ours}
+        return {**self.settings, **(PRESS if self.end == "press" else {}), **ours}
 
     def task_in(self, cell: dict[str, str]) -> Task:
         """Return the task with the parameters of the condition `cell`.
 
-        Raises:
-            ConfigError: If a value is wrong.
+        Raises: ConfigError: If a value is wrong.
         """
         values: dict[str, Any] = self.task.model_dump()
         given = self.parameters(cell)
@@ -222,8 +231,7 @@ class Study(Config):
 def read_study(path: Path) -> Study:
     """Return the study in the file `path`.
 
-    Raises:
-        ConfigError: If the file cannot be read, a value is wrong, or the orders cannot be balanced.
+    Raises: ConfigError: If the file cannot be read, a value is wrong, or the orders cannot be balanced.
     """
     layers = Layers(("factors",))
     layers.add(read_yaml(path), str(path))

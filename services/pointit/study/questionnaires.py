@@ -1,5 +1,8 @@
 """Questionnaires: NASA-TLX, SUS, and Likert scales of one's own."""
 
+from importlib import resources
+
+import yaml
 from pydantic import Field
 
 from pointit.runtime.config.config import Config
@@ -19,40 +22,8 @@ class Scale(Config):
 
 Questionnaire = str | Scale
 
-NASA_TLX = Scale(
-    name="nasa-tlx",
-    items=(
-        "Mental demand: how mentally demanding was the task?",
-        "Physical demand: how physically demanding was the task?",
-        "Temporal demand: how hurried or rushed was the pace of the task?",
-        "Performance: how successful were you in accomplishing what you were asked to do? (low is perfect)",
-        "Effort: how hard did you have to work to accomplish your level of performance?",
-        "Frustration: how insecure, discouraged, irritated, stressed and annoyed were you?",
-    ),
-    points=(0, 100),
-    step=5,
-    ends=("very low", "very high"),
-)
-"""Raw task load index (Hart and Staveland 1988)."""
-
-SUS = Scale(
-    name="sus",
-    items=(
-        "I think that I would like to use this system frequently.",
-        "I found the system unnecessarily complex.",
-        "I thought the system was easy to use.",
-        "I think that I would need the support of a technical person to be able to use this system.",
-        "I found the various functions in this system were well integrated.",
-        "I thought there was too much inconsistency in this system.",
-        "I would imagine that most people would learn to use this system very quickly.",
-        "I found the system very cumbersome to use.",
-        "I felt very confident using the system.",
-        "I needed to learn a lot of things before I could get going with this system.",
-    ),
-    points=(1, 5),
-)
-"""System usability scale (Brooke 1996)."""
-
+_FILE = resources.files("pointit.study") / "texts" / "questionnaires.yaml"
+NASA_TLX, SUS = (Scale.model_validate(each) for each in yaml.safe_load(_FILE.read_text(encoding="utf-8")))
 KNOWN = {scale.name: scale for scale in (NASA_TLX, SUS)}
 
 
@@ -62,11 +33,7 @@ def scale_of(questionnaire: Questionnaire) -> Scale:
 
 
 def check_questionnaire(questionnaire: Questionnaire) -> None:
-    """Check that a named questionnaire is known, and that a scale goes up.
-
-    Raises:
-        ValueError: If not.
-    """
+    """Check that a named questionnaire is known, and that a scale goes up. Raises: ValueError: If not."""
     if isinstance(questionnaire, str):
         if questionnaire not in KNOWN:
             raise ValueError(f"use one of {', '.join(KNOWN)} or write items (got {questionnaire!r})")

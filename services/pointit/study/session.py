@@ -14,13 +14,14 @@ from pointit.runtime.errors import ConfigError, PointItError
 from pointit.study.columns import REPEATED, utc
 from pointit.study.data import AppendOnlyCsv, StudyFolder
 from pointit.study.measure import Attempt, load_end_rule
-from pointit.study.model import Study, Value
-from pointit.study.plan import condition_of, plan_of
-from pointit.study.progress import Progress
+from pointit.study.model import Study
+from pointit.study.plan import Progress, condition_of, plan_of
 from pointit.study.questionnaires import scale_of
-from pointit.study.scenario import scenario_file
-from pointit.study.study_site import SiteOptions, StudySite
-from pointit.study.tasks import Scene, Trial
+from pointit.study.site.lsl import LslOutlets
+from pointit.study.site.scenario import scenario_file, scenes_of
+from pointit.study.site.study_site import SiteOptions, StudySite
+from pointit.study.step import Step
+from pointit.study.tasks.scene import Scene, Trial
 from pointit.study.view import BREAK, Command, Status, StudyView
 
 TICK_S = 0.05
@@ -40,8 +41,8 @@ class Session:
     ) -> None:
         """Read what has been done.
 
-        Raises:
-            ConfigError: If the participant has finished, is unknown or runs elsewhere, or a file is damaged.
+        Raises: ConfigError: If the participant has finished, is unknown or runs elsewhere, or a file is
+        damaged.
         """
         self._study = study
         self._folder = folder
@@ -59,16 +60,20 @@ class Session:
                 f"{participant} has finished; give another one, or move {folder.path / participant} away"
             )
         self._joined: StudySite | None = None
+        self._scenes: list[Scene] = []
+        """Scenes of the block, by `Trial.place`."""
+        self._lsl: LslOutlets | None = None
 
     async def run(self) -> None:
         """Run all trials that are left.
 
-        Raises:
-            StoppedError: If the experimenter stops it, or the participant does not agree.
-            PointItError: If a service fails, or data cannot be written. What was measured before is kept.
+        Raises: StoppedError: If the experimenter stops it, or the participant does not agree. PointItError:
+        If a service fails, or data cannot be written. What was measured before is kept.
         """
         async with contextlib.AsyncExitStack() as stack:
             stack.callback(self._table.close)
+            if self._setup.lsl:
+                self._lsl = LslOutlets(self._study.name, self._participant)
             await self._begin()
             block = None
             sites = await stack.enter_async_context(contextlib.AsyncExitStack())
@@ -79,9 +84,8 @@ class Session:
                     block = trial.block
                 await self._do(trial)
             await self._ask_after(self._plan.trials[-1].block)
-            self._put(
-                ended=utc(self._joined.site.now_ns()) if self._joined else self._table.rows[-1]["began_utc"]
-            )
+            joined, rows = self._joined, self._table.rows
+            self._put(ended=utc(joined.site.now_ns()) if joined else rows[-1]["began_utc"])
 
     @property
     def _here(self) -> StudySite:
@@ -103,75 +107,70 @@ class Session:
                 order=list(self._plan.order),
                 versions={"pointit": pointit.__version__, "python": platform.python_version()},
             )
-        if self._study.consent and not self._about.get("consented"):
+        if self._study.consent != Step() and not self._about.get("consented"):
             if not await self._view.tell(self._study.consent, go="agree"):
                 raise StoppedError(f"{self._participant} does not agree: nothing is measured")
             self._put(consented=True)
-        if self._study.instruction:
+        if self._study.instruction != Step():
             await self._view.tell(self._study.instruction, go="begin")
 
     async def _enter(self, trial: Trial, sites: contextlib.AsyncExitStack, *, is_first: bool) -> None:
         """Set the condition of the block of `trial`, and explain it."""
-        settings = {**self._study.services(trial.cell), **self._setup.person}
-        if self._study.end == "press":
-            settings |= {"selector.confirm": "press", "supervisor.press_while_pointing": "confirms"}
+        settings: dict[str, Any] = {**self._study.services(trial.cell), **self._setup.person}
+        self._scenes = scenes_of(self._study, self._plan, trial.block, settings)
+        if not self._setup.imu:
+            settings |= self._study.task_in(trial.cell).simulated(self._scenes[trial.place :])
         if self._joined is not None and self._joined.is_live(settings):
             await self._joined.use(settings)
         else:
             await sites.aclose()
-            self._joined = await sites.enter_async_context(
-                StudySite.at(self._site(trial, settings), self._participant, settings)
+            setup, people = self._setup, [self._participant]
+            file = self._folder.recording(self._participant) if setup.record else None
+            run = pointit.run(
+                scenario_file(self._study, file),
+                users=people,
+                seed=trial.seed % 2**31,
+                localize=setup.localize,
+                imu=setup.imu or (),
+                output=setup.output,
+                settings=settings,
+                listen=setup.listen,
             )
-        texts = [
-            self._study.instructions[level]
-            for level in trial.cell.values()
-            if level in self._study.instructions
-        ]
+            joining = StudySite.at(run, self._participant, settings)
+            self._joined = await sites.enter_async_context(joining)
+        if self._lsl is not None:
+            self._joined.on_message = self._lsl.send
+        known = self._study.instructions
+        steps = [known[level] for level in trial.cell.values() if level in known]
         if not is_first and self._study.break_s and not self._setup.person:
-            await self._rest(trial)
-        if texts or not is_first:
-            await self._view.tell("\n".join(texts) or "The next block begins.", go="begin")
-
-    async def _rest(self, trial: Trial) -> None:
-        """Wait the break before the block of `trial`; obey commands meanwhile."""
-        site = self._here.site
-        end_ns = site.now_ns() + round(self._study.break_s * 1e9)
-        while (left_ns := end_ns - site.now_ns()) > 0:
-            self._show(trial, f"{BREAK}{math.ceil(left_ns / 1e9)} s left")
-            await site.sleep(TICK_S)
-            if (command := self._view.command()) is not None:
-                await self._obey(command, trial)
-
-    def _site(self, trial: Trial, settings: Mapping[str, Value]) -> Any:
-        recording = self._folder.recording(self._participant) if self._setup.record else None
-        return pointit.run(
-            scenario_file(self._study, self._folder.path / self._participant, recording),
-            users=[self._participant],
-            seed=trial.seed % 2**31,
-            localize=self._setup.localize,
-            imu=self._setup.imu or (),
-            output=self._setup.output,
-            settings=settings,
-            listen=self._setup.listen,
-        )
+            await self._wait(trial, self._study.break_s, is_break=True)
+        if steps or not is_first:
+            await self._view.tell(*(steps or [Step(text="The next block begins.")]), go="begin")
 
     async def _do(self, trial: Trial) -> None:
         """Make one attempt at `trial`, and write it."""
-        await self._wait_until_ready(trial)
+        await self._wait(trial, self._study.pause_s)
         if self._progress.current is not trial:
             return  # the experimenter wants the last one again
         if "begun" not in self._about:
             self._put(begun=utc(self._here.site.now_ns()))
-        before, scene = self._scenes_of(trial)
-        attempt, stop = await self._attempt(trial, scene, None if before is None else before.target_m)
-        self._table.append({**self._row(trial), "target": scene.name, **attempt.columns()})
+        scene = self._scenes[trial.place]
+        before_m = self._scenes[trial.place - 1].target_m if trial.place else None
+        if self._study.end == "press":
+            pressed = tuple(each.model_copy(update={"press": True}) for each in scene.objects)
+            scene = replace(scene, objects=pressed)
+        row = {**self._row(trial), "target": scene.name}
+        attempt, stop = await self._attempt(trial, row, scene, before_m)
+        row |= attempt.columns()
+        self._table.append(row)
+        self._mark("trial_end", row, "outcome", "reason")
         self._progress.end(is_done=not attempt.reason.startswith(REPEATED))
         self._note(trial, attempt)
         if stop is not None and (following := self._progress.current) is not None:
             await self._obey(stop, following)
 
     async def _attempt(
-        self, trial: Trial, scene: Scene, before_m: Vec3 | None
+        self, trial: Trial, row: Mapping[str, object], scene: Scene, before_m: Vec3 | None
     ) -> tuple[Attempt, Command | None]:
         room, study = self._here, self._study
         target, target_m = await room.show(scene)
@@ -184,11 +183,13 @@ class Session:
             timeout_s=study.timeout_s,
             end_rule=self._end_rule,
             before_m=before_m,
+            stay_s=scene.stay_s,
         )
-        self._show(trial, "pointing", scene.name)
+        self._mark("trial_start", row, *trial.cell, "practice", "target")
         later: Command | None = None
         try:
             while attempt.outcome is None:
+                self._show(trial, "pointing", scene)
                 await room.site.sleep(TICK_S)
                 if scene.packages and attempt.outcome is None:
                     attempt.target_m = room.position(target) or attempt.target_m
@@ -204,24 +205,21 @@ class Session:
             await room.hide()
         return attempt, later
 
-    async def _wait_until_ready(self, trial: Trial) -> None:
-        """Wait the pause between trials, and until the participant points; obey commands meanwhile."""
+    async def _wait(self, trial: Trial, seconds: float, *, is_break: bool = False) -> None:
+        """Wait so long before `trial`, and until the participant points; obey commands meanwhile."""
         site = self._here.site
-        at_ns = site.now_ns() + round(self._study.pause_s * 1e9)
-        while (problem := self._here.problem) or site.now_ns() < at_ns:
-            self._show(trial, problem or "pause")
+        end_ns = site.now_ns() + round(seconds * 1e9)
+        while (left_ns := end_ns - site.now_ns()) > 0 or (self._here.problem and not is_break):
+            rest = f"{BREAK}{math.ceil(left_ns / 1e9)} s left"
+            self._show(trial, rest if is_break else self._here.problem or "pause")
             await site.sleep(TICK_S)
             if (command := self._view.command()) is not None:
                 await self._obey(command, trial)
-                if self._progress.current is not trial:
+                if self._progress.current is not trial and not is_break:
                     return
 
     async def _obey(self, command: Command, trial: Trial) -> None:
-        """Obey a command between two attempts.
-
-        Raises:
-            StoppedError: If it is `stop`.
-        """
+        """Obey a command between two attempts. Raises: StoppedError: If it is `stop`."""
         if command.name == "stop":
             raise StoppedError(
                 f"{self._participant} is stopped at trial {trial.number}; the same command goes on there"
@@ -239,18 +237,6 @@ class Session:
                 await self._here.site.sleep(TICK_S)
             if following.name != "pause":
                 await self._obey(following, trial)
-
-    def _scenes_of(self, trial: Trial) -> tuple[Scene | None, Scene]:
-        """Return the scene before `trial` in its block, if there is one, and its own."""
-        before, scene = None, None
-        for each in self._plan.trials[trial.number - 1 - trial.place : trial.number]:
-            before, scene = scene, self._study.task_in(each.cell).scene(each, self._here.map, scene)
-        if scene is None:
-            raise PointItError(f"there is no trial {trial.number}")
-        if self._study.end == "press":
-            pressed = tuple(each.model_copy(update={"press": True}) for each in scene.objects)
-            scene = replace(scene, objects=pressed)
-        return before, scene
 
     def _row(self, trial: Trial) -> dict[str, object]:
         """Return the columns of an attempt at `trial` that are known before it."""
@@ -289,7 +275,7 @@ class Session:
                 answers = enumerate(await self._view.ask(scale), 1)
                 table.append(*({**about, "item": item, "value": value} for item, value in answers))
 
-    def _show(self, trial: Trial, state: str, target: str = "") -> None:
+    def _show(self, trial: Trial, state: str, scene: Scene | None = None) -> None:
         self._view.status(
             Status(
                 participant=self._participant,
@@ -297,15 +283,22 @@ class Session:
                 block=trial.block,
                 condition=condition_of(trial.cell),
                 left=self._progress.left,
-                target=target,
+                target=scene.name if scene else "",
+                say=scene.say if scene else "",
                 state=state,
                 trials=len(self._plan.trials),
                 outcomes=tuple(
                     f"{row['trial']}: {row['reason'] or row['outcome']}" for row in self._table.rows[:-6:-1]
                 ),
                 quality=self._here.quality,
+                live=None if self._setup.person else self._here.live,
             )
         )
+
+    def _mark(self, event: str, row: Mapping[str, object], *columns: str) -> None:
+        """Send a marker with columns of the row of an attempt."""
+        if self._lsl is not None:
+            self._lsl.mark(event=event, **{name: row[name] for name in ("trial", "attempt", *columns)})
 
     def _put(self, **about: object) -> None:
         self._about |= about

@@ -10,7 +10,8 @@ from pointit.study.data import StudyFolder
 from pointit.study.model import Study, Value
 from pointit.study.questionnaires import Scale
 from pointit.study.session import Session
-from pointit.study.study_site import SiteOptions
+from pointit.study.site.study_site import SiteOptions
+from pointit.study.step import Step
 from pointit.study.view import Command, Status
 
 LIGHT: dict[str, Value] = {"user-sim.rate_hz": 25.0, "led-driver.max_rate_hz": 25.0}
@@ -48,9 +49,9 @@ class SimulatedView:
         self._rng = np.random.default_rng(seed)
         self.status = on_status
 
-    async def tell(self, text: str, *, go: str) -> bool:
+    async def tell(self, *steps: Step, go: str) -> bool:
         """Go on."""
-        del text, go
+        del steps, go
         return True
 
     async def ask(self, scale: Scale) -> list[int]:
@@ -74,9 +75,7 @@ def simulate(
 ) -> None:
     """Run what is left for `participant`, simulated; the same study gives the same data.
 
-    Raises:
-        ConfigError: If they have finished.
-        PointItError: If a service fails, or data cannot be written.
+    Raises: ConfigError: If they have finished. PointItError: If a service fails, or data cannot be written.
     """
     view = SimulatedView(study.seed + study.people.index(participant), on_status)
     setup = SiteOptions(record=record, person=person_of(study, participant))

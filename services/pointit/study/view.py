@@ -1,12 +1,37 @@
 """Seam to the view of participant and experimenter: a terminal or pages."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
 from pointit.study.questionnaires import Scale
+from pointit.study.step import Step
 
 BREAK = "break, "
 """Start of the state of a break; the rest is the time that is left."""
+
+
+Point = tuple[float, float]
+"""x and y in {W}, m, to the centimetre."""
+
+
+def flat(point_m: Sequence[float] | None) -> Point | None:
+    """Return a point, or a unit vector, seen from above."""
+    return None if point_m is None else (round(point_m[0], 2), round(point_m[1], 2))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TopView:
+    """The room from above. None: not known, or not there."""
+
+    lines: tuple[tuple[Point, ...], ...]
+    """Strips, belts, and outlines of fences."""
+    person: Point | None
+    eyes: Point | None
+    """Origin of the ray."""
+    direction: Point | None
+    cursor: Point | None
+    target: Point | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -21,6 +46,8 @@ class Status:
     left: int
     """Number of trials to do, with this one."""
     target: str = ""
+    say: str = ""
+    """Said to the participant, or `""`."""
     state: str = ""
     """Present activity, in a few words."""
     trials: int = 0
@@ -29,6 +56,7 @@ class Status:
     """Last attempts, the newest first: trial and outcome."""
     quality: str = ""
     """Standard deviations of the localization, or `""` if unknown."""
+    live: TopView | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +70,8 @@ class Command:
 class StudyView(Protocol):
     """Shows the study. Used in the event loop of the session."""
 
-    async def tell(self, text: str, *, go: str) -> bool:
-        """Show `text` until the participant does `go`; return False if they do not want to."""
+    async def tell(self, *steps: Step, go: str) -> bool:
+        """Show `steps` until the participant does `go`; return False if they do not want to."""
         ...
 
     async def ask(self, scale: Scale) -> list[int]:

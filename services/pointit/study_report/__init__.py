@@ -16,7 +16,6 @@ from pointit.study_report.comparisons import outcomes as outcomes
 from pointit.study_report.comparisons import participant_medians as participant_medians
 from pointit.study_report.mixed import mixed_model as mixed_model
 from pointit.study_report.model import Trials as Trials
-from pointit.study_report.reading import title as title
 from pointit.study_report.reading import trials as trials
 from pointit.study_report.reading import write_all_trials as write_all_trials
 from pointit.study_report.scores import questionnaires as questionnaires

@@ -9,14 +9,15 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from pointit.runtime.errors import ConfigError
-from pointit.study_report.model import MEASURES, OUTCOMES, Trial, Trials
+from pointit.study.columns import OUTCOMES
+from pointit.study_report.model import MEASURES, TrialRow, Trials
 from pointit.study_report.table import LEVEL, Table, summary
 
 BINS = 10
 """Most groups of trials in which learning is shown."""
 
 
-def values_of(study: Trials, measure: str) -> list[Trial]:
+def values_of(study: Trials, measure: str) -> list[TrialRow]:
     """Return the counted trials with a value of `measure`: hits, and for errors also wrong selections.
 
     Raises: ConfigError: If no counted trial has one.
@@ -148,7 +149,7 @@ def learning(study: Trials, measure: str = "selection_s") -> Table:
     """
     known = {id(row) for row in values_of(study, measure)}
     seen: Counter[tuple[tuple[str, ...], str]] = Counter()
-    numbered: list[tuple[Trial, int]] = []
+    numbered: list[tuple[TrialRow, int]] = []
     for row in study.counted:
         seen[row.levels, row.participant] += 1
         numbered.append((row, seen[row.levels, row.participant]))

@@ -13,8 +13,9 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
+from pointit.study.columns import OUTCOMES
 from pointit.study_report import comparisons, tapping
-from pointit.study_report.model import MEASURES, OUTCOMES, Trials
+from pointit.study_report.model import MEASURES, Trials
 from pointit.study_report.table import Table
 from pointit.study_report.tapping import Index
 

@@ -1,14 +1,13 @@
 """Trials and answers of a study."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 from pointit.runtime.errors import ConfigError
-from pointit.study.columns import REPEATED
+from pointit.study.data import Row
 
-OUTCOMES = ("hit", "wrong", "timeout", "skipped")
 MEASURES: Mapping[str, str] = {
     "selection_s": "time to selection, s",
     "first_hover_s": "time to the first hover of the target, s",
@@ -19,39 +18,24 @@ MEASURES: Mapping[str, str] = {
 }
 """Columns that a report compares, with their titles."""
 TARGET, SELECTED = ([f"{what}_{axis}_m" for axis in "xyz"] for what in ("target", "selected"))
-SIZES = ("target_distance_m", "target_width_m", "target_distance_deg", "target_width_deg")
-NUMBERS = (*MEASURES, *SIZES, *TARGET, *SELECTED)
-"""Columns of numbers that may be empty, which means not known."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Trial:
+class TrialRow:
     """One attempt at a trial: a row of `trials.csv`."""
 
     participant: str
     block: int
     trial: int
     attempt: int
-    is_practice: bool
     levels: tuple[str, ...]
     """Level of each factor of `Trials.factors`."""
     outcome: str
     """One of `OUTCOMES`."""
-    reason: str
+    counts: bool
+    """False for practice and an attempt to be repeated."""
     numbers: Mapping[str, float]
     """Known values of `NUMBERS`."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Answer:
-    """One answer to one item of a questionnaire."""
-
-    participant: str
-    questionnaire: str
-    item: str
-    condition: str
-    block: str
-    value: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,13 +43,19 @@ class Trials:
     """All attempts at all trials of a study, in the order of participants, blocks, trials and attempts."""
 
     folder: Path
-    factors: tuple[str, ...]
-    rows: tuple[Trial, ...]
-    answers: tuple[Answer, ...] = ()
-    stated: Mapping[str, tuple[str, ...]] = field(default_factory=dict[str, tuple[str, ...]])
-    """Levels by factor in the order of `study.yaml`, if there is one."""
+    title: str
+    stated: Mapping[str, tuple[str, ...]]
+    """Levels by factor in the order of `study.yaml`."""
+    rows: tuple[TrialRow, ...]
+    answers: tuple[Row, ...] = ()
+    """Rows of `answers.csv`."""
     notes: tuple[str, ...] = ()
     """Sentences about rows and participants that are left out."""
+
+    @cached_property
+    def factors(self) -> tuple[str, ...]:
+        """Names of the factors."""
+        return tuple(self.stated)
 
     @cached_property
     def participants(self) -> tuple[str, ...]:
@@ -73,10 +63,9 @@ class Trials:
         return tuple(sorted({row.participant for row in self.rows}))
 
     @cached_property
-    def counted(self) -> tuple[Trial, ...]:
+    def counted(self) -> tuple[TrialRow, ...]:
         """The last attempt at each trial, without practice and attempts to be repeated."""
-        rows = (row for row in self.rows if not row.is_practice and not row.reason.startswith(REPEATED))
-        last = {(row.participant, row.block, row.trial): row for row in rows}
+        last = {(row.participant, row.block, row.trial): row for row in self.rows if row.counts}
         return tuple(last.values())
 
     @cached_property
@@ -89,13 +78,10 @@ class Trials:
         )
 
     def levels(self, factor: str) -> tuple[str, ...]:
-        """Return the levels of `factor`, as in `study.yaml` or sorted, numbers as numbers.
-
-        Raises: ConfigError: If the study has no such factor.
-        """
+        """Return the levels of `factor` in their order. Raises: ConfigError: If there is no such factor."""
         index = self.index(factor)
         found = {row.levels[index] for row in self.counted}
-        return tuple(level for level in self.stated.get(factor, sorted(found, key=_order)) if level in found)
+        return tuple(level for level in self.stated[factor] if level in found)
 
     def index(self, factor: str) -> int:
         """Return the position of `factor`. Raises: ConfigError: If the study has no such factor."""
@@ -121,10 +107,3 @@ class Trials:
     def named(self, levels: Iterable[str]) -> dict[str, str]:
         """Return the levels of a condition by factor, the first columns of a table."""
         return dict(zip(self.factors, levels, strict=True))
-
-
-def _order(level: str) -> tuple[int, float, str]:
-    try:
-        return 0, float(level), level
-    except ValueError:
-        return 1, 0.0, level

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable
 from html import escape
+from importlib import resources
 from typing import Any
 
 from pointit.runtime.errors import ConfigError
@@ -12,22 +13,7 @@ from pointit.study_report.contents import capital, sections
 from pointit.study_report.model import Trials
 from pointit.study_report.table import RESAMPLES, Table
 
-STYLE = """
-:root { color-scheme: light dark; --ink: #1d2125; --dim: #5b636b; --line: #d5d9dd; --paper: #fff; --code:
-#f2f4f6; } @media (prefers-color-scheme: dark) {
-  :root { --ink: #e4e7ea; --dim: #a3abb3; --line: #3b4249; --paper: #14171a; --code: #21262b; } }
-body { background: var(--paper); color: var(--ink); font: 16px/1.5 system-ui, sans-serif; margin: 0 auto;
-  max-width: 56rem; padding: 1rem; }
-h2 { border-top: 1px solid var(--line); margin-top: 2.5rem; padding-top: 1rem; }
-p.about, footer { color: var(--dim); }
-figure { margin: 1rem 0; } figure svg { display: block; height: auto; max-width: 100%; }
-.wide { overflow-x: auto; } table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
-th, td { border-bottom: 1px solid var(--line); padding: .2rem .7rem .2rem 0; text-align: left;
-vertical-align: bottom; } th { font-weight: 600; } td.number { text-align: right; } td { white-space: nowrap;
-} pre { background: var(--code); margin: .3rem 0 1.5rem; overflow-x: auto; padding: .4rem .6rem; }
-code { font: 13px/1.4 ui-monospace, monospace; }
-"""
-
+STYLE = (resources.files("pointit.study_report") / "report.css").read_text(encoding="utf-8")
 LONG = 15
 """Tables with more rows are folded."""
 
@@ -38,15 +24,13 @@ from pointit.study_report import figures
 trials = study_report.trials({folder!r})"""
 
 
-def report(
-    study: Trials, title: str, folder: str, tell: Callable[[str], object] = lambda _: None
-) -> tuple[str, str]:
+def report(study: Trials, folder: str, tell: Callable[[str], object] = lambda _: None) -> tuple[str, str]:
     """Return the page of `study`, and a notebook (nbformat 4.5, JSON) without results, which makes the same.
 
     `folder` is the study's, as seen from the notebook's. `tell` is called with the title of each section.
     """
-    parts = [_head(study, title)]
-    cells = [_cell("markdown", f"# {title}"), _cell("code", SETUP.format(folder=folder))]
+    parts = [_head(study)]
+    cells = [_cell("markdown", f"# {study.title}"), _cell("code", SETUP.format(folder=folder))]
     for place, section in enumerate(sections(study)):
         tell(section.title)
         parts.append(f'<h2>{escape(section.title)}</h2><p class="about">{escape(section.about)}</p>')
@@ -77,7 +61,7 @@ def report(
     return "\n".join(parts), json.dumps(book, indent=1, ensure_ascii=False) + "\n"
 
 
-def _head(study: Trials, title: str) -> str:
+def _head(study: Trials) -> str:
     count = len(study.participants)
     facts = f"{count} participant{'s' * (count != 1)}, {len(study.counted)} trials"
     facts += f" in {len(study.conditions)} conditions"
@@ -91,8 +75,8 @@ def _head(study: Trials, title: str) -> str:
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{escape(title)}</title><style>{STYLE}</style></head><body>"
-        f"<h1>{escape(title)}</h1><p>{escape(facts)}.</p>" + (f"<ul>{listed}</ul>" if listed else "")
+        f"<title>{escape(study.title)}</title><style>{STYLE}</style></head><body>"
+        f"<h1>{escape(study.title)}</h1><p>{escape(facts)}.</p>" + (f"<ul>{listed}</ul>" if listed else "")
     )
 
 

@@ -1,7 +1,12 @@
-"""A recording in a browser: played, paused and scrubbed, and seen as it was."""
+"""A recording in a browser: played, paused and scrubbed, and seen as it was, also without a server."""
 
+import threading
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from typing import Any
 
 import pytest
 from playwright.async_api import Browser, Locator, expect
@@ -10,7 +15,7 @@ from pointit.runtime.virtual_time import START_NS
 from pointit.schemas import NS_PER_S, SelectionEvent
 from tests.e2e.web.axe import violations
 from tests.e2e.web.conftest import page_is_built
-from tests.e2e.web.window import Window
+from tests.e2e.web.window import SHOWN, Window
 from tests.support.commands import Commands
 from tests.support.links import link_in
 from tests.support.recorded import session, write_recording
@@ -68,6 +73,22 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
         if isinstance(each.body, SelectionEvent) and each.body.event == "selected"
     )
     return Recorded(path, event, (time_ns - START_NS) / NS_PER_S)
+
+
+class _Silent(SimpleHTTPRequestHandler):
+    def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 - the base's name
+        """Print nothing."""
+
+
+@pytest.fixture
+def file_server(tmp_path: Path) -> Iterator[str]:
+    """Yield the address of a plain server of the test's folder."""
+    with ThreadingHTTPServer(("127.0.0.1", 0), partial(_Silent, directory=str(tmp_path))) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield f"http://127.0.0.1:{server.server_port}"
+        server.shutdown()
+        thread.join()
 
 
 async def on(lane: Locator, share: float) -> tuple[float, float]:
@@ -140,6 +161,42 @@ async def test_recording_is_played_and_scrubbed(
     assert await violations(page) == []
     assert (window.faults, await window.violations()) == ([], [])
     assert (await command.stop()).code == 0
+
+
+async def test_page_with_its_recording_in_one_file_needs_no_pointit(
+    browser: Browser, commands: Commands, recorded: Recorded, tmp_path: Path, file_server: str
+) -> None:
+    command = commands.start("page", str(recorded.path), "--to", str(tmp_path / "lab.html"))
+    await command.end(code=0)
+
+    window = await Window.open(browser, f"{file_server}/lab.html")
+    page = window.page
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    await window.is_shown()
+    await expect(page.locator("#drawing")).to_be_hidden()
+    await window.until(f"{PLAYS} && {POSITION} > 0.5", "it plays")
+    await page.keyboard.press("Space")
+    await window.until(f"{PLAYS} === false", "it pauses")
+    await page.get_by_role("slider", name="Position").focus()
+    await page.keyboard.press("End")
+    await window.until(f"{POSITION} > {LENGTH_S} - 0.1 && {SELECTED}.length === 1", "what was selected")
+    await page.keyboard.press("Home")
+    await window.until(f"{POSITION} < 0.1 && {SELECTED}.length === 0", "what was selected before")
+    await page.get_by_role("combobox", name="Speed").select_option("8")
+    await page.get_by_role("button", name="Play", exact=True).click()
+    await window.until(f"{PLAYS} === false && {POSITION} > {LENGTH_S} - 0.1", "the end")
+    assert (window.faults, [url for url in asked if not url.startswith("data:")]) == ([], [])
+
+    around = tmp_path / "around.html"
+    around.write_text('<!doctype html><iframe src="lab.html" width="820" height="480"></iframe>')
+    window = await Window.open(browser, around.as_uri())
+    frame = window.page.frames[1]
+    await frame.wait_for_function(SHOWN)
+    await frame.wait_for_function(f"{POSITION} > 0.5")
+    await expect(frame.get_by_role("button", name="Pause")).to_be_visible()
+    await expect(frame.locator("#panel")).to_be_hidden()
+    assert window.faults == []
 
 
 def _called(event: SelectionEvent) -> str:

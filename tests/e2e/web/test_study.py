@@ -1,5 +1,6 @@
 """A study in two browsers: the participant's and the experimenter's."""
 
+import base64
 import csv
 import re
 from pathlib import Path
@@ -19,9 +20,11 @@ task: {kind: reach}
 settings: {selector.gauge.full_s: 2.5}
 repetitions: 3
 consent: Times are <b>recorded</b>.
-instruction: Point at the red segment.
+instruction: {text: Point at the red segment., image: room.png, alt: The room}
 questionnaires: [nasa-tlx, {name: own, items: [It was fun.]}]
 """
+DOT = "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg=="
+"""A picture of one pixel."""
 PATIENCE_MS = 60_000
 PHONE = {"width": 390, "height": 844}
 WIDER = "document.documentElement.scrollWidth - innerWidth"
@@ -38,6 +41,7 @@ async def looked_at(*pages: Page) -> None:
 
 async def test_study_runs_in_two_browsers(browser: Browser, commands: Commands, tmp_path: Path) -> None:
     (tmp_path / "small.yaml").write_text(STUDY)
+    (tmp_path / "room.png").write_bytes(base64.b64decode(DOT))
     arguments = ("study", "run", str(tmp_path / "small.yaml"), "--to", str(tmp_path / "data"), "--no-record")
     command = commands.start(*arguments, "--page")
     await command.says("page of the experimenter")
@@ -61,10 +65,16 @@ async def test_study_runs_in_two_browsers(browser: Browser, commands: Commands, 
     await expect(participant.get_by_role("alert")).to_contain_text("Tick that you agree")
     await participant.get_by_label("I have read this").check()
     await press("button", name="Next").click()
+    picture = participant.get_by_role("img", name="The room")
+    await expect(picture).to_be_visible()
+    assert await picture.evaluate("image => image.complete && image.naturalWidth") == 1
     await press("button", name="Begin").click()
 
     state = experimenter.locator("#state")
     await expect(state).to_have_text("pointing")
+    room = experimenter.get_by_role("img", name="The room from above")
+    for part in ("polyline", ".person", ".ray", ".cursor", ".target"):
+        await expect(room.locator(part).first).to_be_attached()
     await order("button", name="Repeat").click()
     await expect(experimenter.locator("#outcomes")).to_contain_text("1: repeated: repeat by the experimenter")
     await order("button", name="Pause").click()

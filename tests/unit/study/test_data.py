@@ -10,6 +10,7 @@ from pointit.study.data import AppendOnlyCsv, StudyFolder, read_table
 from pointit.study.model import Study
 
 COLUMNS = ("trial", "reason")
+DAMAGED = ("trial", "attempt", "selection_s")
 
 
 def test_row_that_a_crash_has_cut_off_is_removed_at_each_byte(tmp_path: Path) -> None:
@@ -28,12 +29,20 @@ def test_row_that_a_crash_has_cut_off_is_removed_at_each_byte(tmp_path: Path) ->
         assert table.path.read_bytes() == content
 
 
-@pytest.mark.parametrize("row", ["x,,", "1,1,soon", "1,\xff,"])
-def test_damaged_row_is_said_with_its_line(tmp_path: Path, row: str) -> None:
+@pytest.mark.parametrize(
+    ("row", "sentence"),
+    [
+        ("x,,", "line 3: trial is 'x', not a whole number"),
+        ("1,1,soon", "line 3: selection_s is 'soon', not a number or empty; correct or delete the line"),
+        ("1,1", "line 3: not 3 values"),
+        ("1,\xff,", "cannot be read"),
+    ],
+)
+def test_damaged_row_is_said_with_its_line(tmp_path: Path, row: str, sentence: str) -> None:
     path = tmp_path / "t.csv"
     path.write_bytes(b"trial,attempt,selection_s\n1,1,2.0\n" + row.encode("latin-1") + b"\n")
-    with pytest.raises(ConfigError, match=r"t\.csv:3: is damaged"):
-        read_table(path)
+    with pytest.raises(ConfigError, match=rf"t\.csv.* {sentence}"):
+        read_table(path, DAMAGED)
 
 
 def test_full_disk_is_said_and_the_rows_before_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -49,10 +58,10 @@ def test_full_disk_is_said_and_the_rows_before_stay(tmp_path: Path, monkeypatch:
             PointItError, match=r"t\.csv: a row cannot be written \(No space left on device\).*make room"
         ):
             table.append({"trial": 2})
-    assert [row["trial"] for row in read_table(table.path)] == ["1"]
+    assert [row["trial"] for row in read_table(table.path, COLUMNS)] == ["1"]
     table.append({"trial": 2})
     table.close()
-    assert [row["trial"] for row in read_table(table.path)] == ["1", "2"]
+    assert [row["trial"] for row in read_table(table.path, COLUMNS)] == ["1", "2"]
 
 
 def test_participant_runs_once_at_a_time_and_a_folder_holds_one_study(tmp_path: Path) -> None:

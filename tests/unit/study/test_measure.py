@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from pointit.runtime.errors import ConfigError
-from pointit.schemas import ButtonEvent, Cursor, Hover, SelectionEvent
+from pointit.schemas import ButtonEvent, Cursor, Hover, Localization, RobotState, SelectionEvent
 from pointit.study.measure import Attempt
 
 S = 1_000_000_000
@@ -95,6 +95,53 @@ def test_attempt_ends_as_the_study_says(
     for tenths in range(60):
         one.on_cursor(cursor(0.0, tenths / 10), tenths * S // 10)
         one.tick(tenths * S // 10)
+    assert (one.outcome, one.reason) == (outcome, reason)
+
+
+def robot(x_m: float, phase: str = "moving") -> RobotState:
+    state = {"kind": "quadrotor", "phase": phase, "position_m": (x_m, 0.0, 0.2), "yaw_rad": 0.0}
+    return RobotState.model_validate(
+        {**state, "stamp_ns": 0, "velocity_mps": (0.0, 0.0, 0.0), "radius_m": 0.1}
+    )
+
+
+@pytest.mark.parametrize(("x_m", "outcome", "reason"), [(4.1, "hit", ""), (4.3, "wrong", "landed beside")])
+def test_landing_of_a_robot_that_has_flown_ends_an_attempt(x_m: float, outcome: str, reason: str) -> None:
+    one = attempt()
+    for now_s, state in enumerate(
+        (robot(4.0, "landed"), robot(4.0), robot(3.0), robot(x_m), robot(x_m, "landed"))
+    ):
+        assert one.outcome is None
+        one.on_robot(state, now_s * S)
+    measures = one.columns()
+    assert (one.outcome, one.reason, measures["selection_s"]) == (outcome, reason, 4.0)
+    assert (measures["first_hover_s"], measures["corrections"]) == (0.0, 1)
+    assert measures["error_m"] == pytest.approx(abs(x_m - 4.0))
+
+
+def test_robot_that_has_stayed_over_the_target_ends_an_attempt() -> None:
+    one = attempt(stay_s=1.0)
+    for tenths, x_m in enumerate([3.0] * 5 + [4.0] * 5 + [3.0] * 5 + [4.0] * 20):
+        one.on_robot(robot(x_m), tenths * S // 10)
+    assert (one.outcome, one.first_hover_s, one.selection_s, one.corrections) == ("hit", 0.5, 2.5, 1)
+
+
+@pytest.mark.parametrize(
+    ("phase", "since_s", "found_m", "outcome", "reason"),
+    [
+        ("solved", 1, (4.1, 0.1, 0.0), "hit", ""),
+        ("solved", 1, (4.1, 0.3, 0.0), "wrong", "too far off"),
+        ("solved", -1, (4.0, 0.0, 0.0), None, ""),  # an earlier one
+        ("refused", 1, None, "wrong", "no room"),
+        ("sampling", 1, (4.0, 0.0, 0.0), None, ""),
+    ],
+)
+def test_end_of_a_localization_ends_an_attempt(
+    phase: str, since_s: int, found_m: Any, outcome: str | None, reason: str
+) -> None:
+    one = attempt(began_ns=10 * S)
+    state = {"stamp_ns": 0, "phase": phase, "since_ns": (10 + since_s) * S, "reason": "no room"}
+    one.on_localization(Localization.model_validate(state), found_m, 13 * S)
     assert (one.outcome, one.reason) == (outcome, reason)
 
 

@@ -3,6 +3,7 @@
 import asyncio
 import json
 from collections.abc import AsyncIterator
+from dataclasses import replace
 from typing import Any
 
 import httpx
@@ -14,6 +15,7 @@ from pointit.study.page.server import served
 from pointit.study.page.view import MAX_REASON, Page, PageView
 from pointit.study.questionnaires import SUS
 from pointit.study.session import StoppedError
+from pointit.study.step import Picture, Step
 from pointit.study.view import Command, Status
 
 STATUS = Status(participant="P01", trial=2, block=1, condition="hold", left=3, state="pointing", trials=4)
@@ -69,7 +71,7 @@ async def test_experimenter_can_only_stop_while_the_participant_reads() -> None:
     view.status(STATUS)
     assert view.hear("experimenter", '{"command": "skip", "reason": " a\\n b "}') == ""
     assert view.command() == Command("skip", "a b")
-    telling = await begun(view.tell("Read.", go="begin"))
+    telling = await begun(view.tell(Step(text="Read."), go="begin"))
     assert view.hear("experimenter", '{"command": "pause"}').startswith("pause: the participant reads")
     assert view.command() is None
     assert view.hear("experimenter", '{"command": "stop"}') == ""
@@ -79,7 +81,7 @@ async def test_experimenter_can_only_stop_while_the_participant_reads() -> None:
 
 @pytest.fixture
 async def links() -> AsyncIterator[tuple[PageView, dict[Page, str]]]:
-    view = PageView("small", "P01")
+    view = PageView("small", "P01", {"room.png": Picture(b"a picture", "image/png")})
     async with served(view) as (participants, experimenters):
         yield view, {"participant": participants, "experimenter": experimenters}
 
@@ -114,14 +116,33 @@ async def test_wrong_token_and_foreign_origin_are_refused(links: tuple[PageView,
 
 
 @pytest.mark.wall_time
+async def test_pictures_of_the_steps_are_served_and_nothing_else(
+    links: tuple[PageView, dict[Page, str]],
+) -> None:
+    view, urls = links
+    url = urls["participant"]
+    telling = await begun(view.tell(Step(text="Look."), Step(image="room.png", alt="The room"), go="begin"))
+    steps = shown(view)["steps"]
+    assert [(step["image"], step["alt"]) for step in steps] == [(None, ""), (0, "The room")]
+    async with httpx.AsyncClient() as client:
+        answer = await client.get(f"{url}image/0")
+        assert (answer.content, answer.headers["content-type"]) == (b"a picture", "image/png")
+        assert answer.headers["x-content-type-options"] == "nosniff"
+        wrong = url.replace(url[-4:-1], "abc" if url[-4:-1] != "abc" else "abd")
+        for other in (f"{url}image/1", f"{url}image/-1", f"{url}image/..%2f..%2fview.py", f"{wrong}image/0"):
+            assert (await client.get(other)).status_code == 404
+    telling.cancel()
+
+
+@pytest.mark.wall_time
 async def test_pages_show_the_present_content_whenever_they_join_and_outlive_bad_messages(
     links: tuple[PageView, dict[Page, str]],
 ) -> None:
     view, urls = links
-    telling = await begun(view.tell("Read <b>this</b>.", go="begin"))
+    telling = await begun(view.tell(Step(text="Read <b>this</b>."), go="begin"))
     async with joined(urls["participant"]) as first, joined(urls["experimenter"]) as experimenter:
         content = await received(first)
-        assert content["text"] == "Read <b>this</b>."
+        assert content["steps"][0]["text"] == "Read <b>this</b>."
         for bad in ("{", b"\x00", '{"id": "x"}', '{"command": "stop"}'):
             await first.send(bad)
             assert "problem" in await received(first)
@@ -134,6 +155,9 @@ async def test_pages_show_the_present_content_whenever_they_join_and_outlive_bad
         while (seen := await received(experimenter))["status"] is None:
             pass
         assert (seen["status"]["trial"], seen["shown"]["title"]) == (2, "Point")
+        assert (await received(first))["text"] == "Look at the room."
+        view.status(replace(STATUS, say="Land quad at B."))
+        assert (await received(first))["text"] == "Land quad at B."
         view.end("You may close this page.")
         while (content := await received(first))["show"] != "end":
             pass

@@ -11,11 +11,11 @@ import pointit
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.study.check import check_folder
 from pointit.study.columns import columns_of
-from pointit.study.data import StudyFolder, read_table
+from pointit.study.data import ANSWER_COLUMNS, StudyFolder, read_table
 from pointit.study.model import Study
 from pointit.study.session import Session, StoppedError
 from pointit.study.simulated import SimulatedView, person_of, simulate
-from pointit.study.study_site import SiteOptions
+from pointit.study.site.study_site import SiteOptions
 from pointit.study.view import Command, Status
 from tests.unit.study.studies import SMALL, simulate_all, small
 
@@ -34,7 +34,7 @@ def test_simulated_study_is_whole_and_checked(whole: tuple[Study, StudyFolder], 
         assert [row["trial"] for row in rows] == ["1", "2", "3", "4"]
         assert list(rows[0]) == [column for column, _, _ in columns_of(["method"])]
         assert all(row["outcome"] == "hit" and float(row["selection_s"]) < 10.0 for row in rows)
-        assert len(read_table(folder.path / name / "answers.csv")) == 2 * 10
+        assert len(read_table(folder.path / name / "answers.csv", ANSWER_COLUMNS)) == 2 * 10
         about = folder.about(name)
         assert about["order"] == [rows[0]["method"], rows[3]["method"]]
         assert about["configuration"][0]["services"]["selector"]["method"] == about["order"][0]
@@ -77,7 +77,7 @@ def test_study_goes_on_at_the_trial_after_kill_9_at_each_step(
     assert [(row["trial"], row["attempt"]) for row in rows] == [(str(n), "1") for n in range(1, 5)]
     targets = [row["target"] for row in read_table(whole[1].path / "P01/trials.csv")]
     assert [row["target"] for row in rows] == targets
-    assert len(read_table(folder.path / "P01/answers.csv")) == 2 * 10
+    assert len(read_table(folder.path / "P01/answers.csv", ANSWER_COLUMNS)) == 2 * 10
     assert all(
         finding.severity == "note" and not finding.participant for finding in check_folder(folder.path)
     )
@@ -177,6 +177,23 @@ def test_check_finds_what_is_missing_or_wrong(whole: tuple[Study, StudyFolder], 
     assert "not begun: P02" in texts
 
 
+SHELF = """
+about: buttons on a shelf
+duration_s: null
+places: [{position_m: [0.0, 0.0, 0.0], yaw_deg: 20.0}]
+site:
+  pui: {map: shelf, surfaces: [strip]}
+  selector: {journal: {enabled: false}}
+  led-driver: {}
+  keeper: {}
+user:
+  pointing: {}
+  localizer: {}
+  supervisor: {}
+  user-sim: {think_s: 0.0, behaviour: select, target_kinds: [screws], lost_press_s: 0.0}
+"""
+
+
 @pytest.mark.parametrize(
     ("scenario", "task"),
     [
@@ -185,6 +202,7 @@ def test_check_finds_what_is_missing_or_wrong(whole: tuple[Study, StudyFolder], 
         ("strips\n        end: ends.py:on", "{kind: reach, others: 2}"),
         ("space", "{kind: tapping, width_m: 0.6, distance_m: 1.5, targets: 5, center_m: [5.0, 0.5, 1.5]}"),
         ("space", "{kind: places, lamps: [led_0, led_1], places: {door: [4.0, 2.0, 1.0]}, width_m: 0.8}"),
+        ("shelf.yaml", "{kind: places, things: [screws, nuts, bolts]}"),
     ],
 )
 def test_ready_task_runs_simulated(scenario: str, task: str, tmp_path: Path) -> None:
@@ -199,12 +217,30 @@ def test_ready_task_runs_simulated(scenario: str, task: str, tmp_path: Path) -> 
         order: as_written
         repetitions: 4
     """
+    (tmp_path / "shelf.yaml").write_text(SHELF)
     study, folder = small(tmp_path, text)
     simulate_all(study, folder)
     rows = read_table(folder.path / "P01/trials.csv")
     assert [row["trial"] for row in rows] == ["1", "2", "3", "4"]
-    assert any(row["outcome"] == "hit" for row in rows)
+    hits = sum(row["outcome"] == "hit" for row in rows)
+    assert hits >= (4 if "things" in task else 1)  # of things, only the one that was named
     assert all(float(row["target_width_deg"]) > 0.0 for row in rows)
+
+
+@pytest.mark.parametrize(
+    ("task", "trials"), [("land", 2), ("follow, width_m: 0.6, stay_s: 0.3", 1), ("localize", 1)]
+)
+def test_task_with_a_robot_runs_simulated(task: str, trials: int, tmp_path: Path) -> None:
+    study, folder = small(
+        tmp_path,
+        f"name: one\nparticipants: 1\nscenario: robots\ntask: {{kind: {task}}}\norder: as_written\n"
+        f"repetitions: {trials}\ntimeout_s: 60\n",
+    )
+    simulate_all(study, folder)
+    rows = read_table(folder.path / "P01/trials.csv")
+    assert [row["outcome"] for row in rows] == ["hit"] * trials
+    assert len({row["target"] for row in rows}) == trials
+    assert all(2.0 < float(row["selection_s"]) < 60.0 and float(row["error_m"]) < 0.4 for row in rows)
 
 
 @pytest.mark.parametrize(
@@ -213,7 +249,8 @@ def test_ready_task_runs_simulated(scenario: str, task: str, tmp_path: Path) -> 
         ("{kind: reach, distance_m: 9}", "strip . is 5 m long: no two targets 0.2 m wide are 9 m apart"),
         ("{kind: reach, strips: [x]}", "the map has no strip x; it has 0, 1"),
         ("{kind: packages}", "the map has no belt"),
-        ("{kind: places}", "task places needs places or lamps"),
+        ("{kind: places}", "task places needs places, lamps or things"),
+        ("{kind: places, things: [radio]}", "the map has no button radio; it has none"),
     ],
 )
 def test_task_that_the_room_has_not_is_refused(task: str, sentence: str, tmp_path: Path) -> None:

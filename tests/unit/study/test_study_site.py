@@ -6,7 +6,7 @@ from unittest.mock import MagicMock
 
 import pytest
 
-from pointit.study.study_site import StudySite
+from pointit.study.site.study_site import StudySite
 
 GAUGE = {"selector.method": "gauge", "selector.gauge.full_s": 0.8}
 

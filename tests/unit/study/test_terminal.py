@@ -7,6 +7,7 @@ import pytest
 
 from pointit.cli.study.terminal import TerminalView
 from pointit.study.questionnaires import Scale
+from pointit.study.step import Step
 from pointit.study.view import Command, Status
 
 STATUS = Status(participant="P01", trial=3, block=1, condition="hold", left=9, target="", state="pointing")
@@ -58,7 +59,7 @@ async def test_participant_is_asked_until_the_answer_is_one() -> None:
     assert asked.result() == [-2]
     for answer, agrees in (("n\n", False), ("y\n", True)):
         async with asyncio.TaskGroup() as group:
-            told = group.create_task(view.tell("Do you agree?", go="agree"))
+            told = group.create_task(view.tell(Step(text="Do you agree?"), go="agree"))
             await typed(view, "\n", answer)
         assert told.result() is agrees
     assert view.command() is None

@@ -6,33 +6,12 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+import yaml
 
-NAMES = [
-    "task",
-    "seed",
-    "pointit_version",
-    "target",
-    "outcome",
-    "reason",
-    "began_utc",
-    "first_hover_s",
-    "selection_s",
-    "corrections",
-    "path_length_deg",
-    "error_m",
-    "error_deg",
-    "target_distance_m",
-    "target_width_m",
-    "target_distance_deg",
-    "target_width_deg",
-    "target_x_m",
-    "target_y_m",
-    "target_z_m",
-    "selected_x_m",
-    "selected_y_m",
-    "selected_z_m",
-]
-ANSWERS = ("participant", "questionnaire", "item", "condition", "block", "value")
+from pointit.study.columns import COLUMNS
+from pointit.study.data import ANSWER_COLUMNS
+
+NAMES = [name for name, _, _ in COLUMNS][5:]
 RINGS = ((0.4, 0.05), (0.8, 0.1), (1.2, 0.05), (0.8, 0.03))
 """Distance and width of the circles of targets, m: a block each."""
 EYES_M = 2.0
@@ -67,6 +46,14 @@ def write_study(
     errors is a fifth of the width. `learning` is the exponent of the trial's number. `between`: people have a
     `group`, of which b is twice as slow. `sized`: distance and width are factors.
     """
+    write_yaml(
+        folder,
+        people,
+        method=("block", dict.fromkeys(effects, "x.y")),
+        **({"group": ("between", {"a": "x.z", "b": "x.z"})} if between else {}),
+        **({"distance": ("block", {f"{ring[0]:g}": "task.distance_m" for ring in rings})} if sized else {}),
+        **({"width": ("block", {f"{ring[1]:g}": "task.width_m" for ring in rings})} if sized else {}),
+    )
     random = np.random.default_rng(seed)
     for number in range(people):
         name = f"P{number + 1:02d}"
@@ -109,7 +96,7 @@ def write_study(
                             "trial": len(rows) + 1,
                             "attempt": 1,
                             "practice": 0,
-                            "method": method,
+                            **({"method": method} if len(effects) > 1 else {}),
                             **({"group": group} if between else {}),
                             **({"distance": f"{distance:g}", "width": f"{width:g}"} if sized else {}),
                             **dict.fromkeys(NAMES, ""),
@@ -127,10 +114,23 @@ def write_study(
     )
 
 
+def write_yaml(folder: Path, people: int, **factors: tuple[str, dict[str, str]]) -> None:
+    """Write `study.yaml` with factors: how each varies, and by level the parameter that it sets."""
+    named: dict[str, object] = {}
+    for name, (vary, levels) in factors.items():
+        if len(levels) > 1:
+            values = {level: {each: 0.1 + n} for n, (level, each) in enumerate(levels.items())}
+            named[name] = {"vary": vary, "levels": values}
+    study = {"name": "made", "participants": people * 2, "order": "as_written", "factors": named}
+    folder.mkdir(parents=True, exist_ok=True)
+    text = yaml.safe_dump({**study, "task": {"kind": "tapping"}}, sort_keys=False)
+    (folder / "study.yaml").write_text(text, encoding="utf-8")
+
+
 def write_answers(folder: Path, participant: str, sheets: Mapping[tuple[str, str], list[float]]) -> None:
     """Write answers by questionnaire and condition."""
     rows: list[dict[str, object]] = [
-        dict(zip(ANSWERS, (participant, name, f"{name}_{item}", condition, 1, f"{value:g}"), strict=True))
+        dict(zip(ANSWER_COLUMNS, (participant, name, item, condition, 1, f"{value:g}"), strict=True))
         for (name, condition), values in sheets.items()
         for item, value in enumerate(values, 1)
     ]

@@ -1,6 +1,7 @@
 """The page, the notebook and the tables that `pointit study report` writes."""
 
 import csv
+import importlib
 import json
 import re
 from html.parser import HTMLParser
@@ -13,7 +14,11 @@ from click.testing import CliRunner
 from pointit import study_report
 from pointit.cli.study.power import command as power_command
 from pointit.cli.study.report import command as report_command
+from pointit.study.columns import COUNTS, NUMBERS
 from tests.unit.study_report.generated import RINGS, write_answers, write_study
+
+parquet: Any = importlib.import_module("pyarrow.parquet")  # it has no types
+NUMERIC = {*COUNTS, *NUMBERS}
 
 
 class Page(HTMLParser):
@@ -38,7 +43,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = tmp_path_factory.mktemp("study")
     write_study(made, {"dwell": 1.0, "<press>": 0.8}, people=6, rings=RINGS)
     write_answers(made, "P01", {("sus", "dwell"): [3] * 10})
-    (made / "study.yaml").write_text("name: my & study\n")
     return made
 
 
@@ -58,7 +62,8 @@ def test_page_needs_nothing_else_and_is_well_formed(written: str) -> None:
     assert all(link.startswith("#") and link[1:] in page.ids for link in page.links)
     assert not re.search(r"https?://", written.replace("http://www.w3.org/", ""))
     assert "<press>" not in written
-    assert "my &amp; study" in written
+    assert "<h1>made</h1>" in written
+    assert "&lt;press&gt;" in written
     assert "prefers-color-scheme: dark" in written
     assert "currentColor" in written
 
@@ -105,6 +110,29 @@ def test_table_of_all_trials_has_the_rows_of_all_participants_as_they_are(folder
     assert joined == own
 
 
+def test_parquet_has_the_same_rows_with_numbers_as_numbers(folder: Path, written: str) -> None:
+    assert written
+    table = parquet.read_table(folder / "all_trials.parquet")
+    with (folder / "all_trials.csv").open(encoding="utf-8") as file:
+        rows = [*csv.DictReader(file)]
+    assert table.column_names == [*rows[0]]
+    kinds = {
+        name: str(table.schema.field(name).type)
+        for name in ("participant", "method", "trial", "error_m", "reason")
+    }
+    assert kinds == {
+        "participant": "string",
+        "method": "string",
+        "trial": "int64",
+        "error_m": "double",
+        "reason": "string",
+    }
+    for read, row in zip(table.to_pylist(), rows, strict=True):
+        assert {name: "" if value is None else value for name, value in read.items()} == {
+            name: float(value) if value and name in NUMERIC else value for name, value in row.items()
+        }
+
+
 def test_study_without_factors_or_sizes_has_a_page_that_says_what_is_missing(tmp_path: Path) -> None:
     write_study(tmp_path, {"dwell": 1.0}, people=1, rings=RINGS[:1])
     path = tmp_path / "P01/trials.csv"
@@ -124,7 +152,7 @@ def test_power_says_how_many_participants_are_needed(folder: Path) -> None:
     arguments = ["--pilot", str(folder), "--factor", "method", "--runs", "500", "--effect"]
     done = CliRunner().invoke(power_command, [*arguments, "-10%"])
     assert done.exit_code == 0, done.output
-    assert "paired t-test, two-sided, selection_s: dwell - <press> = -0." in " ".join(done.stdout.split())
+    assert "paired t-test, two-sided, selection_s: <press> - dwell = -0." in " ".join(done.stdout.split())
     assert re.search(r"80% of studies: \d+ participants \(\d+ to \d+\)\n90% of studies: \d+ ", done.stdout)
     again = CliRunner().invoke(power_command, [*arguments, "-10%"])
     assert again.stdout == done.stdout

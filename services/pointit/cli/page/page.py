@@ -1,5 +1,6 @@
 """`pointit page FILE`: the page with a recording and a timeline."""
 
+import asyncio
 import contextlib
 import sys
 from pathlib import Path
@@ -7,12 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from pointit.cli.common.progress import interruptible, progress
 from pointit.cli.page import browser
 from pointit.cli.page.run_page import browser_option, port_option
 from pointit.launch.page.page import Page, is_available, kept_link, page_of, page_unavailable_error, where
 from pointit.launch.plan.settings import Settings
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.atomic_file import write_atomically
 from pointit.runtime.service.logs import setup_logging
 from pointit.runtime.service.shutdown import run_until_shutdown
+from pointit.schemas import NS_PER_S
 
 if TYPE_CHECKING:
     from pointit.recording.reader import Recording
@@ -25,10 +30,19 @@ LINK = "recording"
 @click.argument("file", type=click.Path(path_type=Path))
 @port_option("--port")
 @browser_option
-def command(*, file: Path, port: int | None, no_browser: bool) -> int:
+@click.option(
+    "--to",
+    "output",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="HTML",
+    help="write the page and the recording as one file instead, which plays without PointIt",
+)
+@click.option("--overwrite", is_flag=True, help="replace the file of --to if it exists")
+def command(*, file: Path, port: int | None, no_browser: bool, output: Path | None, overwrite: bool) -> int:
     """Open the recording FILE in the page, with a timeline: play, pause, step, scrub.
 
     Prints the address of the page and serves it on this machine until Ctrl-C. Nothing in it can be changed.
+    The file of --to opens in a browser from a disk or any web server.
 
     Example: pointit page lab.mcap
     """
@@ -39,7 +53,11 @@ def command(*, file: Path, port: int | None, no_browser: bool) -> int:
     from pointit.recording.reader import Recording  # noqa: PLC0415
 
     asked: dict[str, Any] = {} if port is None else {"port": port}
+    if output is not None and port is not None:
+        raise click.UsageError("--port is for a page that is served, --to writes a file: leave one out")
     with Recording.open(file) as recording:
+        if output is not None:
+            return _write(recording, file.stem, output, overwrite=overwrite)
         page = page_of(Settings(), asked=asked, option="--port")
         return run_until_shutdown(_serve(recording, file.name, page, is_open=not no_browser))
 
@@ -60,4 +78,21 @@ async def _serve(recording: "Recording", title: str, page: Page, *, is_open: boo
             stack.callback(window.close)
             window.open()
         await server.run()
+    return 0
+
+
+def _write(recording: "Recording", title: str, output: Path, *, overwrite: bool) -> int:
+    from pointit.bridges.web.playback.file_past import FilePast  # noqa: PLC0415
+    from pointit.bridges.web.playback.page_file import page_file  # noqa: PLC0415
+
+    if output.exists() and not overwrite:
+        raise ConfigError(f"{output}: exists already; give another file, or --overwrite to replace it")
+    if recording.problem:
+        click.echo(f"note: {recording.problem}", err=True)
+    past = FilePast(recording, title)
+    with interruptible(), progress(round((past.ended_ns - past.began_ns) / NS_PER_S)) as tell:
+        asyncio.run(past.read())
+        html = page_file(past, lambda at_s: tell("seconds", round(at_s))).encode()
+    write_atomically(output, html, mode=0o644)
+    click.echo(f"{output}: {len(html) / 1e6:.1f} MB, {past.timeline().length_s:.0f} s")
     return 0

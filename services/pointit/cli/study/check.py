@@ -1,4 +1,4 @@
-"""`pointit study check`: what is missing or wrong in a study's folder."""
+"""`pointit study check`: what is missing or wrong in a study's folder, or in its file."""
 
 from pathlib import Path
 
@@ -6,23 +6,31 @@ import click
 
 from pointit.cli.common.output import Section, json_option, say, show
 from pointit.runtime.service.shutdown import EXIT_FAILED
-from pointit.study.check import check_folder
+from pointit.study.check import Finding, check_folder
+from pointit.study.model import read_study
+from pointit.study.site.scenario import check_ready
 
 
 @click.command("check")
-@click.argument("folder", metavar="FOLDER", type=click.Path(path_type=Path))
+@click.argument("path", metavar="FOLDER|FILE", type=click.Path(path_type=Path))
 @json_option
-def command(*, folder: Path, as_json: bool) -> int:
+def command(*, path: Path, as_json: bool) -> int:
     """Find missing trials, wrong clocks, broken balance and mixed-up participants in FOLDER.
 
-    The exit code is 1 if something is wrong. What is only not done yet is a note.
+    Of the FILE of a study, check what would stop it later: values of services in all cells, pictures, and
+    the function that ends a trial. The exit code is 1 if something is wrong. What is only not done yet is a
+    note.
 
     Example: pointit study check three_methods-data
     """
-    findings = check_folder(folder)
+    findings: list[Finding] = []
+    if path.is_file():
+        check_ready(read_study(path))
+    else:
+        findings = check_folder(path)
     if findings or as_json:
         rows = tuple(finding._asdict() for finding in findings)
         show([Section(name="findings", about="missing or wrong", rows=rows)], as_json=as_json)
     else:
-        say(f"{folder}: nothing is missing or wrong")
+        say(f"{path}: nothing is missing or wrong")
     return EXIT_FAILED if any(finding.severity == "error" for finding in findings) else 0

@@ -8,6 +8,9 @@ import click
 from pointit.cli.common.output import Section, json_option, show
 from pointit.cli.common.progress import ProgressCallback, interruptible, progress
 from pointit.runtime.errors import ConfigError
+from pointit.study.data import StudyFolder
+from pointit.study.model import read_study
+from pointit.study.simulated import simulate
 
 
 @click.command("power")
@@ -102,10 +105,6 @@ def command(
 
 
 def _simulate(file: Path, folder: Path, tell: ProgressCallback) -> None:
-    from pointit.study.data import StudyFolder  # noqa: PLC0415 - only what is needed is loaded
-    from pointit.study.model import read_study  # noqa: PLC0415
-    from pointit.study.simulated import simulate  # noqa: PLC0415
-
     study = read_study(file)
     data = StudyFolder(folder, study, file.read_text(encoding="utf-8"))
     for participant in study.people:

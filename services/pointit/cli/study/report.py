@@ -36,11 +36,10 @@ def command(*, folder: Path, to: Path | None) -> None:
 
     study = study_report.trials(folder)
     target = to or folder
-    title = study_report.title(folder)
     try:
         target.mkdir(parents=True, exist_ok=True)
         with interruptible(), progress() as tell:
-            html, notebook = page.report(study, title, _seen_from(target, folder), tell)
+            html, notebook = page.report(study, _seen_from(target, folder), tell)
         (target / "report.html").write_text(html, encoding="utf-8")
         (target / "report.ipynb").write_text(notebook, encoding="utf-8")
         tables = study_report.write_all_trials(folder, target)

@@ -15,10 +15,13 @@ from pointit.runtime.host.extras import remedy
 from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.study.data import StudyFolder
 from pointit.study.model import Study, read_study
+from pointit.study.page.view import PageView
 from pointit.study.plan import plan_of
 from pointit.study.session import Session, StoppedError
 from pointit.study.simulated import simulate
-from pointit.study.study_site import SiteOptions
+from pointit.study.site.lsl import check_lsl
+from pointit.study.site.scenario import check_ready
+from pointit.study.site.study_site import SiteOptions
 
 PATH = click.Path(path_type=Path)
 
@@ -33,6 +36,7 @@ PATH = click.Path(path_type=Path)
 @click.option("--localize", is_flag=True, help="the participant points at lamps first, to be located")
 @click.option("--listen", default="", metavar="ADDRESS", help="address for dashboards: tcp/127.0.0.1:7447")
 @click.option("--record/--no-record", default=None, help="write session.mcap; by default of people only")
+@click.option("--lsl", is_flag=True, help="streams in the Lab Streaming Layer, open to the local network")
 @click.option("--page", "in_page", is_flag=True, help="show it in two browser pages, not in the terminal")
 @click.option("--lan", is_flag=True, help="the pages are open to the local network, by HTTPS")
 def command(
@@ -46,6 +50,7 @@ def command(
     localize: bool,
     listen: str,
     record: bool | None,
+    lsl: bool,
     in_page: bool,
     lan: bool,
 ) -> int:
@@ -59,55 +64,59 @@ def command(
     Example: pointit study run my_study.yaml --imu page
     """
     study = read_study(file)
-    folder = StudyFolder(to or Path(f"{study.name}-data"), study, file.read_text(encoding="utf-8"))
-    left = [name for name in study.people if not folder.about(name).get("ended")]
     if simulated is not None:
-        if participant or simulated > len(study.people):
-            raise ConfigError(
-                f"--simulated {simulated}: {study.name} has {len(study.people)} participants; give at most "
-                "so many, and no --participant"
-            )
-        return _simulate(
-            study, folder, [each for each in left if each in study.people[:simulated]], bool(record)
-        )
+        given = {"--participant": participant, "--imu": imu, "--output": output, "--localize": localize}
+        given |= {"--listen": listen, "--page": in_page, "--lan": lan, "--lsl": lsl}
+        _check_simulated(study, simulated, [name for name, value in given.items() if value])
+    pictures = check_ready(study)
+    folder = StudyFolder(to or Path(f"{study.name}-data"), study, file.read_text(encoding="utf-8"))
+    people = study.people[:simulated]
+    left = [name for name in people if not folder.about(name).get("ended")]
     if not participant and not left:
-        raise ConfigError(f"all {len(study.people)} participants of {study.name} have finished")
+        raise ConfigError(
+            f"{people[0]} to {people[-1]} have finished, with data in {folder.path}; give --to another "
+            "folder to begin again"
+        )
+    if simulated is not None:
+        return _simulate(study, folder, left, bool(record))
     if lan and not in_page:
         raise ConfigError("--lan opens pages; give --page, too")
     if in_page and not has_extra("web"):
         raise ConfigError(f"--page needs {remedy('web')}")
+    if lsl:
+        check_lsl()
     if not in_page:
         check_keyboard("--page or --simulated")
     records = importlib.util.find_spec("mcap") is not None if record is None else record
     if record is None and not records:
         say("no recording: it needs the extra `record`; the tables are written", err=True)
-    setup = SiteOptions(imu=imu, output=output, localize=localize, listen=listen, record=records)
+    setup = SiteOptions(imu=imu, output=output, localize=localize, listen=listen, record=records, lsl=lsl)
     name = participant or left[0]
-    if in_page:
-        return run_until_shutdown(_run_in_pages(study, folder, name, setup, lan=lan))
-    return run_until_shutdown(_run(study, folder, name, setup))
+    view = PageView(study.name, name, pictures) if in_page else TerminalView()
+    session = Session(study, folder, name, view, setup)
+    return run_until_shutdown(_run(session, folder.path / name, view, lan=lan))
 
 
-async def _run(study: Study, folder: StudyFolder, participant: str, setup: SiteOptions) -> int:
-    view = TerminalView()
-    session = Session(study, folder, participant, view, setup)
-    with key_bytes(view.on_bytes):
-        say(f"\n{await _outcome(session, folder.path / participant)}")
-    return 0
+def _check_simulated(study: Study, simulated: int, given: list[str]) -> None:
+    if given:
+        raise ConfigError(f"--simulated {simulated}: {given[0]} is for people; leave one of the two out")
+    if simulated > (most := len(study.people)):
+        raise ConfigError(
+            f"--simulated {simulated}: {study.name} has {most} participants; give at most {most}"
+        )
 
 
-async def _run_in_pages(
-    study: Study, folder: StudyFolder, participant: str, setup: SiteOptions, *, lan: bool
-) -> int:
+async def _run(session: Session, data: Path, view: PageView | TerminalView, *, lan: bool) -> int:
+    if isinstance(view, TerminalView):
+        with key_bytes(view.on_bytes):
+            say(f"\n{await _outcome(session, data)}")
+        return 0
     from pointit.study.page.server import served  # noqa: PLC0415 - needs the extra `web`
-    from pointit.study.page.view import PageView  # noqa: PLC0415 - as above
 
-    view = PageView(study.name, participant)
-    session = Session(study, folder, participant, view, setup)
     async with served(view, lan=lan) as (participants, experimenters):
-        say(f"page of {participant}: {participants}")
+        say(f"page of {data.name}: {participants}")
         say(f"page of the experimenter: {experimenters}")
-        said = await _outcome(session, folder.path / participant)
+        said = await _outcome(session, data)
         view.end("You may close this page.")
     say(said)
     return 0

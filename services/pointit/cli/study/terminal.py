@@ -6,6 +6,7 @@ from collections import deque
 import click
 
 from pointit.study.questionnaires import Scale
+from pointit.study.step import Step
 from pointit.study.view import Command, Status
 
 KEYS = {"r": Command("repeat"), "p": Command("pause"), "q": Command("stop")}
@@ -30,8 +31,10 @@ class TerminalView:
         for key in data.decode(errors="ignore"):
             self._on_key(key)
 
-    async def tell(self, text: str, *, go: str) -> bool:
-        """Show `text` until Enter; `agree` wants an answer."""
+    async def tell(self, *steps: Step, go: str) -> bool:
+        """Show `steps` until Enter, of pictures their names; `agree` wants an answer."""
+        lines = [line for step in steps for line in (step.text, step.image and f"[picture {step.image}]")]
+        text = "\n".join(filter(None, lines))
         asks = "agree? y or n, then Enter: " if go == "agree" else f"Enter to {go} "
         while True:
             answer = (await self._read(f"{text}\n{asks}")).strip().lower()

@@ -18,7 +18,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.server.access import Access, new_token
 from pointit.bridges.web.server.app import SecurityMiddleware, asked_of
-from pointit.bridges.web.server.bundle import Bundle, file_response, refusal
+from pointit.bridges.web.server.bundle import Bundle, Pieces, file_response, refusal
 from pointit.bridges.web.server.lan import Lan
 from pointit.bridges.web.server.listener import Listener, bind, url
 from pointit.study.page.view import Page, PageView
@@ -89,6 +89,13 @@ def _application(view: PageView, doors: Access) -> ASGIApp:
     async def static(request: Request) -> Response:
         return file_response(request, bundle, request.path_params["name"])
 
+    async def image(request: Request) -> Response:
+        number: int = request.path_params["number"]
+        if page_of(request) is None or number >= len(view.pictures):
+            return PlainTextResponse("there is no such picture", 404)
+        picture = view.pictures[number]
+        return Pieces(picture.content, media_type=picture.media_type, headers={"Cache-Control": "no-store"})
+
     async def socket(connection: WebSocket) -> None:
         page = page_of(connection)
         if page is None:
@@ -101,6 +108,7 @@ def _application(view: PageView, doors: Access) -> ASGIApp:
     routes = [
         Route("/static/{name}", static, methods=["GET"]),
         Route("/{token}/", index, methods=["GET"]),
+        Route("/{token}/image/{number:int}", image, methods=["GET"]),
         WebSocketRoute("/{token}/ws", socket),
     ]
     return SecurityMiddleware(Starlette(routes=routes), doors)

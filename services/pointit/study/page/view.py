@@ -11,6 +11,7 @@ from pydantic import Field, ValidationError
 from pointit.runtime.config.config import Config
 from pointit.study.questionnaires import Scale
 from pointit.study.session import StoppedError
+from pointit.study.step import Picture, Step
 from pointit.study.view import BREAK, Command, Status
 
 Page = Literal["participant", "experimenter"]
@@ -46,8 +47,9 @@ class Order(Config):
 class PageView:
     """A `StudyView` of any number of pages: all of one kind show the same, and the first answer counts."""
 
-    def __init__(self, study: str, participant: str) -> None:
-        """Create without pages."""
+    def __init__(self, study: str, participant: str, pictures: Mapping[str, Picture] | None = None) -> None:
+        """Create without pages; `pictures` by `Step.image`."""
+        self._pictures: dict[str, Picture] = {**(pictures or {})}
         self._who = {"study": study, "who": participant}
         self._shown: Mapping[str, object] = WAITING
         self._status: Status | None = None
@@ -61,13 +63,19 @@ class PageView:
         """Set at the next change of any content, then replaced."""
         self.is_over = False
 
-    async def tell(self, text: str, *, go: str) -> bool:
-        """Show `text` until the participant does `go`.
+    @property
+    def pictures(self) -> list[Picture]:
+        """Pictures of all steps; a page asks for them by their index."""
+        return list(self._pictures.values())
 
-        Raises:
-            StoppedError: If the experimenter stops.
-        """
-        return (await self._ask({"show": "text", "text": text, "go": go})).agrees
+    async def tell(self, *steps: Step, go: str) -> bool:
+        """Show `steps` until the participant does `go`. Raises: StoppedError: If the experimenter stops."""
+        index = list(self._pictures).index
+        shown = [
+            {"text": step.text, "alt": step.alt, "image": index(step.image) if step.image else None}
+            for step in steps
+        ]
+        return (await self._ask({"show": "text", "steps": shown, "go": go})).agrees
 
     async def ask(self, scale: Scale) -> list[int]:
         """Show a questionnaire until all its items are answered. Raises as `tell` does."""
@@ -83,6 +91,8 @@ class PageView:
             self._shown = {"show": "wait", "title": "Break", "text": state.removeprefix(BREAK)}
         else:
             self._shown = TITLES.get(state, {"show": "wait", "title": "Wait", "text": state})
+        if status.say:
+            self._shown = {**self._shown, "text": status.say}
         self.change()
 
     def command(self) -> Command | None:

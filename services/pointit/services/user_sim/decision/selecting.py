@@ -49,12 +49,14 @@ class Selecting:
         self._pause_until_ns: dict[str, int] = {}
         self._fired_ns: dict[str, int] = {}
         """Time at which each button fired last, ns."""
+        self._is_told = False
         self._presses = 0
         self._confirmed_ns = 0
         """Time of turning to the object that was confirmed last, ns."""
 
     def goal(self, now_ns: int, sight: Sight) -> Goal:
         """Return the object on which to hold the cursor, or rest."""
+        self._listen(now_ns, sight)
         if self._current:
             self._go_on(now_ns, sight)
         if not self._current:
@@ -65,6 +67,15 @@ class Selecting:
             seen = sight.find(self._goal.object_id, now_ns)
             self._goal = REST if seen is None else on_object(seen, sight, closed_loop=True)
         return replace(self._goal, presses=self._presses) if self._presses else self._goal
+
+    def _listen(self, now_ns: int, sight: Sight) -> None:
+        """Aim only at what a sentence names, such as `Point at nuts.`, and at nothing else from then on."""
+        for cue in sight.cues:
+            if cue.cue == "target" and not cue.target_id:
+                kinds = {seen.thing.kind for seen in sight.objects(now_ns)}
+                named = frozenset(kind for kind in kinds if f" {kind}." in cue.text)
+                if named or self._is_told:
+                    self._kinds, self._is_told, self._current, self._next = named, True, "", ""
 
     def _go_on(self, now_ns: int, sight: Sight) -> None:
         """End with the current object if it is done or timed out."""

@@ -1,4 +1,5 @@
 import { join, made } from "./link.js";
+import { draw } from "./top.js";
 
 const at = (id) => document.getElementById(id);
 const buttons = [...document.querySelectorAll("[data-command]")];
@@ -30,9 +31,11 @@ function show(content) {
     at("done").value = status.trials - status.left;
     at("outcomes").replaceChildren(...status.outcomes.map((each) => made("li", each)));
   }
+  draw(at("top"), status?.live);
   put("target", status?.target ?? "");
   put("pages", ["It is open nowhere.", "It is open once."][content.pages] ?? `It is open ${content.pages} times.`);
-  const lines = shown.items ?? [shown.title, ...(shown.text ?? "").split("\n")];
+  const texts = shown.steps?.map((each) => each.text) ?? [shown.title, shown.text ?? ""];
+  const lines = shown.items ?? texts.flatMap((each) => each.split("\n"));
   at("shown").replaceChildren(...lines.filter(Boolean).map((each) => made("p", each)));
   for (const button of buttons) button.disabled = !content.can.includes(button.dataset.command);
   const isPaused = status?.state === "paused";

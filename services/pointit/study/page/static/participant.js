@@ -47,7 +47,10 @@ function wait(content) {
 }
 
 function paragraphs(content) {
-  return content.text.split("\n").filter((each) => each.trim()).map((each) => made("p", each));
+  return content.steps.flatMap((step) => [
+    ...step.text.split("\n").filter((each) => each.trim()).map((each) => made("p", each)),
+    ...(step.image === null ? [] : [made("img", "", { src: `image/${step.image}`, alt: step.alt })]),
+  ]);
 }
 
 function text(content) {

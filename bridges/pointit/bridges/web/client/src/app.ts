@@ -5,7 +5,7 @@
  */
 
 import "./app.css";
-import { Connection } from "./site/connection";
+import { Connection, toServer } from "./site/connection";
 import { Controls } from "./controls";
 import { mark, show, write } from "./dom";
 import { capital, milliseconds } from "./format";
@@ -57,7 +57,13 @@ const site = emptySite();
 const settings = loadSettings();
 applyTheme(settings.theme);
 
-const connection = new Connection(site, {
+/** In a page that plays without a server: the recording. */
+const recording = document.getElementById("recording");
+if (window !== window.parent) {
+  document.body.classList.add("framed");
+  at("view").addEventListener("wheel", (event) => event.stopPropagation(), true); // it scrolls the page around
+}
+const connection = new Connection(site, recording ? await (await import("./past/recorded")).play(recording) : toServer, {
   onNews: () => wake(),
   onHello: () => tuning.forget(),
   onStatus: () => {

@@ -38,7 +38,7 @@ export function pairingDialog(controls: Controls, deed: "pair" | "map_room" = "p
     el("li", { text: "The phone warns once that it does not know this page: go on. To be sure, compare the fingerprint." }),
     el("li", { text: isWrist ? "Allow the motion sensors, hold the phone like a remote control, and point." : "Allow the camera, and follow the phone's page from view to view." })),
     el("details", {}, el("summary", {}, "Address and fingerprint", icon("chevron")), el("p", {}, link), el("p", {}, print)));
-  const openLan = el("button", { className: "primary", type: "button", autofocus: true, onclick: () => void lan() }, icon("wifi"), el("span", { text: "Open to the local network" }));
+  const openLan = el("button", { className: "primary", type: "button", onclick: () => void lan() }, icon("wifi"), el("span", { text: "Open to the local network" }));
   const closed = el("div", { hidden: true },
     el("p", { text: "A phone reaches this page over the local network, encrypted. So far, the page is open to this computer only." }), openLan);
   const wait = el("p", { role: "status" });
@@ -92,6 +92,7 @@ export function pairingDialog(controls: Controls, deed: "pair" | "map_room" = "p
       show(openLan, controls.mayDo("open_lan"));
       write(wait, isClosed && !controls.mayDo("open_lan") ? "Start PointIt with --lan to allow it." : "");
       if (!dialog.open) dialog.showModal();
+      if (isClosed) openLan.focus();
       if (!isClosed) void pair();
     },
     update() {

@@ -16,6 +16,14 @@ import type { Ack, AimAt, Answer, Ask, Hello, Play, Playing, Status, Timeline } 
 /** Waiting times between attempts to connect, ms; a little is added at random, so that pages do not storm. */
 const BACK_OFF_MS = [250, 500, 1000, 2000, 4000, 8000];
 
+/** What the connection needs of a WebSocket. */
+export type Socket = Pick<WebSocket, "readyState" | "bufferedAmount" | "binaryType" | "onopen" | "onmessage" | "onclose" | "send" | "close">;
+
+/** Open a WebSocket of the server that the page is from. */
+export function toServer(path: string): Socket {
+  return new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}${path}`);
+}
+
 export interface ConnectionEvents {
   /** Something came that a frame should show. */
   onNews(): void;
@@ -34,7 +42,7 @@ export class Connection {
   private clock = new SiteClock();
   /** The server is there and does not let this page in: it is not the one that the page was opened by. */
   isRefused = false;
-  private socket: WebSocket | null = null;
+  private socket: Socket | null = null;
   private path = PRESENT;
   private attempt = 0;
   private timer: ReturnType<typeof setTimeout> | undefined;
@@ -49,7 +57,8 @@ export class Connection {
   /** The next frame tells no latency: what it shows waited for a page in the background, or was told anew. */
   private isCatchingUp = true;
 
-  constructor(private readonly site: Site, private readonly events: ConnectionEvents) {
+  /** @param connect opens the other end at a path. */
+  constructor(private readonly site: Site, private readonly connect: (path: string) => Socket, private readonly events: ConnectionEvents) {
     this.keeper = new Keeper(site);
     setInterval(() => {
       site.traffic = { ...this.second, dropped: this.dropped };
@@ -64,8 +73,7 @@ export class Connection {
 
   /** Begin to connect, and keep at it for ever. */
   open(): void {
-    const scheme = location.protocol === "https:" ? "wss" : "ws";
-    const socket = new WebSocket(`${scheme}://${location.host}${this.path}`);
+    const socket = this.connect(this.path);
     socket.binaryType = "arraybuffer";
     this.socket = socket;
     socket.onopen = () => this.opened();
@@ -168,7 +176,7 @@ export class Connection {
     this.events.onState(true, 0);
   }
 
-  private closed(socket: WebSocket): void {
+  private closed(socket: Socket): void {
     if (socket !== this.socket) return;
     this.socket = null;
     this.path = PRESENT;

@@ -1,73 +1,24 @@
 """Ready tasks: the target of each trial, and its place in the room."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import cos, pi, radians, sin
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
 
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
-from pointit.runtime.config.config import Config
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import Environment, TrackedObject
-
-T = TypeVar("T")
+from pointit.study.tasks.scene import Package, Scene, TaskConfig, Trial, pick
 
 TARGET, OTHER = "red", "blue"
 """Kinds of the target and of all others: those whose colours strips, pages and simulated people know."""
 Width = Annotated[float, Field(gt=0, le=5, description="extent of a target, m")]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Trial:
-    """One trial of a plan."""
-
-    number: int
-    """In the plan of the participant, from 1."""
-    block: int
-    """From 1."""
-    place: int
-    """In its block, from 0."""
-    practice: bool
-    cell: dict[str, str]
-    """Level by factor, of all factors."""
-    seed: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Package:
-    """A package to be put on a lane."""
-
-    kind: str
-    lane: str
-    length_m: float
-    position: float
-    """0 to 1 of the lane's length."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Scene:
-    """The target of a trial, and what stands beside it."""
-
-    target: str
-    """Id of the target's object; of packages known only when it is there."""
-    name: str
-    """In the table and to the participant."""
-    width_m: float
-    target_m: Vec3 | None = None
-    """Centre, or None for that of the first of `packages`."""
-    objects: tuple[TrackedObject, ...] = ()
-    packages: tuple[Package, ...] = ()
-    lamp: str = ""
-    """To be lit."""
-    along: tuple[str, float] | None = None
-    """Strip and arc length on it, m."""
-
-
-class Reach(Config):
+class Reach(TaskConfig):
     """Reach a target on an LED strip, `distance_m` along it from the last one where that fits."""
 
     kind: Literal["reach"]
@@ -79,14 +30,13 @@ class Reach(Config):
     def scene(self, trial: Trial, room: Environment, before: Scene | None) -> Scene:
         """Return the scene of `trial`, after the one `before` of its block.
 
-        Raises:
-            ConfigError: If the map has no such strip, or the target does not fit.
+        Raises: ConfigError: If the map has no such strip, or the target does not fit.
         """
         rng = np.random.default_rng(trial.seed)
         lines = _lines(room, self.strips)
         half_m = self.width_m / 2.0
         strip, last_m = (
-            before.along if before is not None and before.along else (_pick(list(lines), rng), None)
+            before.along if before is not None and before.along else (pick(list(lines), rng), None)
         )
         ends = (half_m, lines[strip].length_m - half_m)
         if ends[1] - ends[0] < self.distance_m:
@@ -100,7 +50,7 @@ class Reach(Config):
             fits = [
                 p for p in (last_m - self.distance_m, last_m + self.distance_m) if ends[0] <= p <= ends[1]
             ]
-            at_m = _pick(fits, rng) if fits else max(ends, key=lambda end: abs(end - last_m))
+            at_m = pick(fits, rng) if fits else max(ends, key=lambda end: abs(end - last_m))
         free = [
             p for p in np.arange(ends[0], ends[1], 2.0 * self.width_m) if abs(p - at_m) >= 2.0 * self.width_m
         ]
@@ -122,7 +72,7 @@ class Reach(Config):
         )
 
 
-class Tapping(Config):
+class Tapping(TaskConfig):
     """Tapping of ISO 9241-411: to and fro between `targets` on a circle, or between two places of a strip.
 
     Widths and distances are also measured as angles at the eyes, by which pointing from afar is described
@@ -140,8 +90,7 @@ class Tapping(Config):
     def scene(self, trial: Trial, room: Environment, before: Scene | None) -> Scene:
         """Return the scene of `trial`; the next target is across the circle, one further each time.
 
-        Raises:
-            ConfigError: If the map has no such strip, or it is too short.
+        Raises: ConfigError: If the map has no such strip, or it is too short.
         """
         del before
         if self.strip:
@@ -190,7 +139,7 @@ class Tapping(Config):
         return (x - side_m * sin(azimuth_rad), y + side_m * cos(azimuth_rad), z + radius_m * sin(angle_rad))
 
 
-class Packages(Config):
+class Packages(TaskConfig):
     """Choose the red one of some packages that move on a lane of the simulated conveyor."""
 
     kind: Literal["packages"]
@@ -203,8 +152,7 @@ class Packages(Config):
     def scene(self, trial: Trial, room: Environment, before: Scene | None) -> Scene:
         """Return the scene of `trial`.
 
-        Raises:
-            ConfigError: If the map has no such lane, or it is too short.
+        Raises: ConfigError: If the map has no such lane, or it is too short.
         """
         del before
         lengths = {belt.id: Polyline(belt.line_m).length_m for belt in room.belts}
@@ -230,46 +178,46 @@ class Packages(Config):
         return Scene(target="", name="red package", width_m=self.width_m, packages=tuple(queue))
 
 
-class Places(Config):
-    """Point at marked places of the room or at its lamps, which are lit, one after the other."""
+class Places(TaskConfig):
+    """Point at marked places of the room, its lamps, which are lit, or its things, one after the other."""
 
     kind: Literal["places"]
     places: dict[str, Vec3] = Field(default={}, description="positions by name, {W}, m")
     lamps: tuple[str, ...] = Field(default=(), description="ids of lamps of the map")
+    things: tuple[str, ...] = Field(default=(), description="ids of things of the map that are buttons")
     width_m: Width = 0.3
 
     def scene(self, trial: Trial, room: Environment, before: Scene | None) -> Scene:
         """Return the scene of `trial`: any place but the last one.
 
-        Raises:
-            ConfigError: If there is no place, or the map has no such lamp.
+        Raises: ConfigError: If there is no place, or the map has no such lamp or button.
         """
-        known = {lamp.id: lamp.position_m for lamp in room.lamps}
-        if unknown := set(self.lamps) - known.keys():
-            raise ConfigError(f"the map has no lamp {min(unknown)}; it has {', '.join(known) or 'none'}")
-        places = {**self.places, **{lamp: known[lamp] for lamp in self.lamps}}
+        lamps = {lamp.id: lamp.position_m for lamp in room.lamps}
+        things = {thing.id: thing for thing in room.fixed_things if thing.mode == "button"}
+        for kind, wanted, known in (("lamp", self.lamps, lamps), ("button", self.things, things)):
+            if unknown := set(wanted) - known.keys():
+                raise ConfigError(
+                    f"the map has no {kind} {min(unknown)}; it has {', '.join(known) or 'none'}"
+                )
+        places = {**self.places, **{lamp: lamps[lamp] for lamp in self.lamps}}
+        places |= {name: things[name].center_m for name in self.things}
         names = [name for name in places if before is None or name != before.name] or list(places)
         if not names:
-            raise ConfigError("task places needs places or lamps")
-        name = _pick(names, np.random.default_rng(trial.seed))
+            raise ConfigError("task places needs places, lamps or things")
+        name = pick(names, np.random.default_rng(trial.seed))
+        thing = things[name] if name in self.things else None
         target = TrackedObject(
             id=f"t{trial.number}-0", kind=TARGET, position_m=places[name], length_m=self.width_m
         )
         return Scene(
-            target=target.id,
+            target=thing.id if thing else target.id,
             name=name,
-            width_m=self.width_m,
+            width_m=max(thing.size_m[:2]) if thing else self.width_m,
             target_m=places[name],
-            objects=(target,),
+            objects=() if thing else (target,),  # the map's own tracker lists things
             lamp=name if name in self.lamps else "",
+            say=f"Point at {thing.label or thing.id}." if thing else "",
         )
-
-
-Task = Annotated[Reach | Tapping | Packages | Places, Field(discriminator="kind")]
-
-
-def _pick(items: Sequence[T], rng: np.random.Generator) -> T:
-    return items[int(rng.integers(len(items)))]
 
 
 def _lines(room: Environment, wanted: Sequence[str]) -> dict[str, Polyline]:

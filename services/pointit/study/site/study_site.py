@@ -2,7 +2,8 @@
 
 import asyncio
 import contextlib
-from collections.abc import AsyncGenerator, AsyncIterator, Callable, Mapping
+import functools
+from collections.abc import AsyncGenerator, AsyncIterator, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Self
 
@@ -13,7 +14,8 @@ from pointit.schemas import NS_PER_S, Cursor, Environment, topics
 from pointit.services.localizer.certainty import position_sigma_m, yaw_sigma_deg
 from pointit.study.measure import SILENT_S, Attempt
 from pointit.study.model import Value
-from pointit.study.tasks import Scene
+from pointit.study.tasks.scene import Scene
+from pointit.study.view import Point, TopView, flat
 
 TRACKER = "study"
 SHOW_S = 0.1
@@ -36,6 +38,7 @@ class SiteOptions:
     localize: bool = False
     listen: str = ""
     record: bool = False
+    lsl: bool = False
     person: Mapping[str, Value] = field(default_factory=dict[str, Value])
     """Parameters of a simulated person."""
 
@@ -50,6 +53,8 @@ class StudySite:
         self.site = site
         self.map = environment
         self.attempt: Attempt | None = None
+        self.on_message: Callable[[object, int], None] = lambda _message, _now_ns: None
+        """Called with each cursor, hover, selection event and press, and the time of its arrival, ns."""
         self.configuration: dict[str, str] = {}
         """Parameters of all services, JSON, by instance."""
         self._user = user
@@ -57,6 +62,7 @@ class StudySite:
         self._tracker = site.tracker(TRACKER)
         self._scene: Scene | None = None
         self._heard_ns = 0
+        self._cursor: Cursor | None = None
         self._tasks: list[asyncio.Task[None]] = []
 
     @classmethod
@@ -112,17 +118,43 @@ class StudySite:
             return ""
         return f"position ±{position_sigma_m(pose) * 100:.0f} cm, yaw ±{yaw_sigma_deg(pose):.1f}°"
 
+    @property
+    def live(self) -> TopView:
+        """The room from above, as it is now."""
+        pose, attempt = self.site.latest.pose.get(self._user), self.attempt
+        is_silent = self.site.now_ns() - self._heard_ns > SILENT_S * NS_PER_S
+        ray = None if is_silent else self._cursor
+        return TopView(
+            lines=self._lines,
+            person=None if pose is None else flat(pose.position_m),
+            eyes=None if ray is None else flat(ray.origin_m),
+            direction=None if ray is None else flat(ray.direction),
+            cursor=None if ray is None else flat(ray.point_m),
+            target=None if attempt is None else flat(attempt.target_m),
+        )
+
+    @functools.cached_property
+    def _lines(self) -> tuple[tuple[Point, ...], ...]:
+        room = self.map
+        lines: list[Sequence[Sequence[float]]] = [strip.line_m for strip in room.strips]
+        lines += [belt.line_m for belt in room.belts]
+        lines += [(*fence.outline_m, fence.outline_m[0]) for fence in room.fences]
+        return tuple(tuple(filter(None, map(flat, line))) for line in lines)
+
     async def show(self, scene: Scene) -> tuple[str, Vec3]:
         """Show the target of `scene`; return its id and position as soon as it is there.
 
-        Raises:
-            PointItError: If a package does not appear, or a request is refused.
+        Raises: PointItError: If a package does not appear, or a request is refused.
         """
+        if scene.say:
+            await self.site.feedback.say(self._user, scene.say)
         if scene.target_m is not None:
             self._scene = scene
             self._tracker.update(scene.objects)
             if scene.lamp:
                 await self.site.lamp(scene.lamp).set(TARGET_COLOR)
+            if scene.localize:
+                await self.site.localizer.start(self._user, scene.localize)
             return scene.target, scene.target_m
         await self.site.conveyor.reset()
         await self.site.conveyor.set_feeding(False)
@@ -152,10 +184,16 @@ class StudySite:
         """Hide the target."""
         scene, self._scene, self.attempt = self._scene, None, None
         self._tracker.update(())
-        if scene is not None and scene.lamp:
+        if scene is None:
+            return
+        if scene.lamp:
             await self.site.lamp(scene.lamp).set(None)
-        if scene is not None and scene.packages:
+        if scene.packages:
             await self.site.conveyor.reset()
+        if scene.say:
+            await self.site.feedback.say(self._user, "Wait for the next one.")
+        if scene.localize and self.site.latest.interaction[self._user].state == "localizing":
+            await self.site.localizer.cancel(self._user)
 
     def _begin(self) -> None:
         site, user = self.site, self._user
@@ -169,16 +207,30 @@ class StudySite:
             (site.messages(topics.BUTTON, user), Attempt.on_press),
         )
         work = [self._pump(*feed) for feed in feeds]
-        work += [self._report(), self._configure()]
+        work += [self._report(), self._configure(), self._follow_robots(), self._follow_localization()]
         self._tasks = [asyncio.create_task(each) for each in work]
 
     async def _pump(self, feed: AsyncIterator[Any], handle: Callable[[Attempt, Any, int], None]) -> None:
         """Pass messages to the attempt that goes on."""
         async for message in feed:
+            now_ns = self.site.now_ns()
             if isinstance(message, Cursor):
-                self._heard_ns = self.site.now_ns()
+                self._heard_ns, self._cursor = now_ns, message
             if self.attempt is not None:
-                handle(self.attempt, message, self.site.now_ns())
+                handle(self.attempt, message, now_ns)
+            self.on_message(message, now_ns)
+
+    async def _follow_robots(self) -> None:
+        async for name, state in self.site.messages(topics.ROBOT_STATE).items():
+            if self.attempt is not None and self._scene is not None and self._scene.robot == name:
+                self.attempt.on_robot(state, self.site.now_ns())
+
+    async def _follow_localization(self) -> None:
+        async for state in self.site.messages(topics.LOCALIZATION, self._user):
+            if self.attempt is not None and self._scene is not None and self._scene.localize:
+                pose = self.site.latest.pose.get(self._user)
+                found_m = None if pose is None else pose.position_m
+                self.attempt.on_localization(state, found_m, self.site.now_ns())
 
     async def _configure(self) -> None:
         async for message in self.site.messages(topics.CONFIGURATION):

@@ -1,0 +1,65 @@
+"""Streams of a session in the Lab Streaming Layer: markers of trials, ray, cursor, selections."""
+
+import importlib
+import importlib.util
+import json
+from typing import Any
+
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.extras import remedy
+from pointit.schemas import NS_PER_S, Cursor, SelectionEvent
+
+NOT_KNOWN = (float("nan"),) * 3
+CHANNELS = {
+    "markers": ("marker",),
+    "ray": ("origin_x", "origin_y", "origin_z", "direction_x", "direction_y", "direction_z"),
+    "cursor": ("x", "y", "z"),
+    "selection": ("event",),
+}
+"""Channels by stream. Points in {W}, m, NaN where the ray meets nothing; texts are JSON."""
+
+
+def check_lsl() -> None:
+    """Check that pylsl is installed. Raises: ConfigError: If it is not."""
+    if importlib.util.find_spec("pylsl") is None:
+        raise ConfigError(f"--lsl needs pylsl, which is not installed; run {remedy('lsl')}")
+
+
+class LslOutlets:
+    """Outlets `PointIt markers`, `ray`, `cursor` and `selection`, whose times are those of capture.
+
+    LSL announces them in the local network to anybody.
+    """
+
+    def __init__(self, study: str, participant: str) -> None:
+        """Open the outlets. Their source ids stay the same, so that inlets find them again after a crash."""
+        lsl: Any = importlib.import_module("pylsl")
+        self._clock = lsl.local_clock
+        self._outlets: dict[str, Any] = {}
+        for stream, channels in CHANNELS.items():
+            is_text = len(channels) == 1
+            kind, form = ("Markers", lsl.cf_string) if is_text else ("Position", lsl.cf_float32)
+            source = f"pointit-{study}-{participant}-{stream}"
+            info = lsl.StreamInfo(f"PointIt {stream}", kind, len(channels), lsl.IRREGULAR_RATE, form, source)
+            described = info.desc().append_child("channels")
+            for label in channels:
+                channel = described.append_child("channel").append_child_value("label", label)
+                channel.append_child_value("unit", "m" if stream == "cursor" or "origin" in label else "")
+            self._outlets[stream] = lsl.StreamOutlet(info)
+
+    def mark(self, **marker: object) -> None:
+        """Send a marker of this moment."""
+        self._push("markers", [json.dumps(marker)], 0)
+
+    def send(self, message: object, now_ns: int) -> None:
+        """Send a cursor, with its ray, or a selection, that has arrived at `now_ns` of the site's time."""
+        if isinstance(message, Cursor):
+            age_ns = now_ns - message.stamp_ns
+            self._push("ray", [*(message.origin_m or NOT_KNOWN), *(message.direction or NOT_KNOWN)], age_ns)
+            self._push("cursor", list(message.point_m or NOT_KNOWN), age_ns)
+        elif isinstance(message, SelectionEvent):
+            text = message.model_dump_json(include={"event", "object_id", "user"})
+            self._push("selection", [text], now_ns - message.stamp_ns)
+
+    def _push(self, stream: str, sample: list[Any], age_ns: int) -> None:
+        self._outlets[stream].push_sample(sample, self._clock() - age_ns / NS_PER_S)

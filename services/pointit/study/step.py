@@ -1,0 +1,59 @@
+"""Texts with pictures that a participant reads: consent and instructions."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from pydantic import Field, model_validator
+
+from pointit.runtime.config.config import Config
+from pointit.runtime.errors import ConfigError
+
+MAX_BYTES = 16 * 1024 * 1024
+"""Maximum size of a picture."""
+KINDS = {b"\x89PNG\r\n\x1a\n": "image/png", b"\xff\xd8\xff": "image/jpeg", b"GIF8": "image/gif"}
+"""Media type by the first bytes of a file."""
+
+
+class Step(Config):
+    """A text, which may have a picture. Written as a mapping, or as the text alone."""
+
+    text: str = ""
+    image: str = Field(default="", description="picture in the folder of the file: PNG, JPEG, GIF or WebP")
+    alt: str = Field(default="", description="what the picture shows, for those who do not see it")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_text(cls, given: Any) -> Any:
+        return {"text": given} if isinstance(given, str) else given
+
+
+class Picture(NamedTuple):
+    """A picture as it is served."""
+
+    content: bytes
+    media_type: str
+
+
+def read_pictures(steps: Iterable[Step], folder: Path) -> dict[str, Picture]:
+    """Return the pictures of `steps` by `Step.image`; all are in `folder` or below.
+
+    Raises: ConfigError: If one is missing, elsewhere, too large or no picture.
+    """
+    return {step.image: _picture(step.image, folder) for step in steps if step.image}
+
+
+def _picture(name: str, folder: Path) -> Picture:
+    path = folder / name
+    if not path.resolve().is_relative_to(folder.resolve()):
+        raise ConfigError(f"image {name}: is not beside the study; copy it to {folder}")
+    try:
+        content = path.read_bytes() if path.stat().st_size <= MAX_BYTES else b""
+    except OSError as error:
+        raise ConfigError(f"image {name}: {path} cannot be read ({error.strerror or error})") from error
+    kind = next((kind for first, kind in KINDS.items() if content.startswith(first)), "")
+    if content[:4] == b"RIFF" and content[8:12] == b"WEBP":
+        kind = "image/webp"
+    if not kind:
+        raise ConfigError(f"image {name}: use a PNG, JPEG, GIF or WebP of at most {MAX_BYTES >> 20} MiB")
+    return Picture(content, kind)

@@ -1,0 +1,1 @@
+"""Tasks: the target of each trial, and its place in the room."""

@@ -1,0 +1,121 @@
+"""Streams of a session, read back by another process with pylsl alone."""
+
+import asyncio
+import importlib
+import json
+import math
+import os
+import sys
+from collections import Counter
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import pointit
+from pointit.schemas import Cursor, SelectionEvent
+from pointit.study import session
+from pointit.study.data import read_table
+from pointit.study.simulated import SimulatedView, person_of
+from pointit.study.site.lsl import LslOutlets
+from pointit.study.site.study_site import SiteOptions
+from tests.unit.study.studies import SMALL, small
+
+S = 1_000_000_000
+INLET = """
+import json, sys, pylsl
+inlets = []
+for kind in ("markers", "ray", "cursor", "selection"):
+    (found,) = pylsl.resolve_byprop("source_id", f"pointit-small-P01-{kind}", 1, 20.0)
+    inlets.append(pylsl.StreamInlet(found, max_buflen=60))
+    inlets[-1].open_stream(20.0)
+info = inlets[1].info(20.0)
+channel = info.desc().child("channels").child("channel")
+print(json.dumps([info.name(), channel.child_value("label"), channel.child_value("unit")]), flush=True)
+sys.stdin.readline()
+for inlet in inlets:
+    print(json.dumps([inlet.pull_sample(20.0), inlet.pull_sample(20.0)]), flush=True)
+"""
+
+
+@pytest.mark.wall_time
+async def test_streams_are_read_by_another_process_at_the_times_of_capture(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "lsl_api.cfg").write_text("[multicast]\nResolveScope = machine\n[log]\nlevel = -3\n")
+    monkeypatch.setenv("LSLAPICFG", str(tmp_path / "lsl_api.cfg"))
+    pylsl = importlib.import_module("pylsl")  # it reads the file as it is loaded
+
+    outlets = LslOutlets("small", "P01")
+    other = await asyncio.create_subprocess_exec(
+        sys.executable, "-c", INLET, stdin=-1, stdout=-1, env={**os.environ}
+    )
+    assert other.stdin is not None
+    assert other.stdout is not None
+    assert json.loads(await other.stdout.readline()) == ["PointIt ray", "origin_x", "m"]
+    ray = {"origin_m": (1.0, 2.0, 3.0), "direction": (0.0, 1.0, 0.0), "point_m": (1.0, 5.0, 3.0)}
+    cursor = Cursor.model_validate({"stamp_ns": 100 * S, **ray})
+    selected = SelectionEvent(stamp_ns=99 * S, event="selected", object_id="t1-0", user="P01")
+    begin_s = pylsl.local_clock()
+    outlets.mark(event="trial_start", trial=1)
+    outlets.mark(event="trial_end", trial=1, outcome="hit")
+    outlets.send(cursor, 100 * S + S // 4)
+    outlets.send(Cursor(stamp_ns=101 * S), 101 * S)
+    outlets.send(selected, 102 * S)
+    outlets.send(selected, 99 * S)
+    end_s = pylsl.local_clock()
+    other.stdin.write(b"\n")
+    await other.stdin.drain()
+    markers, rays, cursors, selections = [json.loads(await other.stdout.readline()) for _ in range(4)]
+    assert await other.wait() == 0
+
+    assert [json.loads(sample[0]) for sample, _ in markers] == [
+        {"event": "trial_start", "trial": 1},
+        {"event": "trial_end", "trial": 1, "outcome": "hit"},
+    ]
+    assert rays[0][0] == [1.0, 2.0, 3.0, 0.0, 1.0, 0.0]
+    assert cursors[0][0] == [1.0, 5.0, 3.0]
+    assert all(math.isnan(value) for value in [*rays[1][0], *cursors[1][0]])
+    assert json.loads(selections[0][0][0]) == {"event": "selected", "object_id": "t1-0", "user": "P01"}
+    ages_s = ((markers, (0.0, 0.0)), (rays, (0.25, 0.0)), (cursors, (0.25, 0.0)), (selections, (3.0, 0.0)))
+    for samples, ages in ages_s:
+        for (_, stamp_s), age_s in zip(samples, ages, strict=True):
+            assert begin_s - 1e-6 <= stamp_s + age_s <= end_s + 1e-6
+
+
+def test_session_marks_each_attempt_and_sends_what_it_hears(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    marks: list[dict[str, Any]] = []
+    heard: Counter[type[object]] = Counter()
+
+    class Outlets:
+        def __init__(self, *names: str) -> None:
+            assert names == ("small", "P01")
+
+        def mark(self, **marker: object) -> None:
+            marks.append(marker)
+
+        def send(self, message: object, now_ns: int) -> None:
+            assert now_ns > 0
+            heard[type(message)] += 1
+
+    monkeypatch.setattr(session, "LslOutlets", Outlets)
+    study, folder = small(tmp_path, SMALL.replace("repetitions: 2", "repetitions: 1"))
+    setup = SiteOptions(person=person_of(study, "P01"), lsl=True)
+    view = SimulatedView(0, lambda _status: None)
+    pointit.run_virtually(session.Session(study, folder, "P01", view, setup).run())
+    rows = read_table(folder.path / "P01/trials.csv")
+    starts, ends = marks[::2], marks[1::2]
+    begun = ("trial", "attempt", "method", "practice", "target")
+    ended = ("trial", "attempt", "outcome", "reason")
+    assert starts == [{"event": "trial_start", **marked(row, begun)} for row in rows]
+    assert ends == [{"event": "trial_end", **marked(row, ended)} for row in rows]
+    assert heard[Cursor] > 100
+    assert heard[SelectionEvent] >= 2
+
+
+def marked(row: dict[str, str], columns: Iterable[str]) -> dict[str, object]:
+    """Return values of a row as markers have them: numbers as numbers."""
+    return {name: int(row[name]) if row[name].isdecimal() else row[name] for name in columns}

@@ -23,7 +23,7 @@ export function makeHelp(shortcuts: () => readonly Shortcut[], settings: Setting
     el("table", { className: "keys" }, el("caption", { className: "unseen", text: "Keys" }),
       el("thead", { className: "unseen" }, el("tr", {}, el("th", { scope: "col", text: "Key" }), el("th", { scope: "col", text: "What it does" }))), rows),
     el("label", { className: "check" }, single, el("span", { text: "Single keys do this (Escape, arrows and ? always do)" })),
-    glossary(),
+    held ? null : glossary(),
     held ? el("details", {}, el("summary", {}, "Licences of this page's components", icon("chevron")), el("pre", { text: held.textContent }))
       : el("p", { className: "muted" }, "Licences of this page's components: ", el("a", { href: "/static/LICENSES.txt", target: "_blank", rel: "noreferrer", text: "LICENSES.txt" })));
   document.body.append(dialog);

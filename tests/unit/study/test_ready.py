@@ -1,4 +1,4 @@
-"""What would stop a study after its first trial is said before it, and options that do not go together."""
+"""Checks before the first trial: what would stop a study later, and options that do not go together."""
 
 from pathlib import Path
 

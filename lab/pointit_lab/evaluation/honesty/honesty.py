@@ -217,16 +217,19 @@ def verdict(trial: Trial, condition: str) -> Judged:
 
 def _miss_m(trial: Trial, off_m: Array, turned_rad: float) -> float:
     """Return the rms miss of cursors at the targets of `trial` by a pose that is off and turned."""
-    away = (trial.pointings.targets_m[:, :2] - (trial.x_m, trial.y_m)) @ (1.0, 1j)
-    missed = complex(float(off_m[0]), float(off_m[1])) + (np.exp(1j * turned_rad) - 1.0) * away
-    return float(np.sqrt(np.mean(np.abs(missed) ** 2)))
+    east, north = (trial.pointings.targets_m[:, :2] - (trial.x_m, trial.y_m)).T
+    cosine, sine = math.cos(turned_rad) - 1.0, math.sin(turned_rad)
+    squares: Array = (off_m[0] + cosine * east - sine * north) ** 2 + (
+        off_m[1] + sine * east + cosine * north
+    ) ** 2
+    return math.sqrt(float(np.mean(squares)))
 
 
 def _stated_miss_m(trial: Trial, found: Solution) -> float:
     """Return the rms miss of cursors at the targets of `trial` by the covariance of the pose `found`."""
     east, north = (trial.pointings.targets_m[:, :2] - (found.x_m, found.y_m)).T
     (xx, _, x_turn), (_, yy, y_turn), (_, _, turn) = found.covariance.tolist()
-    squares = xx + yy + (east**2 + north**2) * turn + 2.0 * (east * y_turn - north * x_turn)
+    squares: Array = xx + yy + (east**2 + north**2) * turn + 2.0 * (east * y_turn - north * x_turn)
     return math.sqrt(max(0.0, float(np.mean(squares))))
 
 

@@ -112,7 +112,8 @@ install() {
     else
         if ! command -v uv >/dev/null; then
             find_pip
-            by_pip "Fetching uv" --require-hashes -r <(sed -n '/^uv==/,/[^\\]$/p' "$ROOT/requirements/ci.txt") || return
+            sed -n '/^uv==/,/[^\\]$/p' "$ROOT/requirements/ci.txt" >"$VENV/uv.txt" # a pip for another Python has no /dev/fd
+            by_pip "Fetching uv" --require-hashes -r "$VENV/uv.txt" || return
         fi
         pip_install --require-hashes -r "$ROOT/requirements/ci.txt" &&
             pip_install --no-deps --no-build-isolation -e "$ROOT" -e "$ROOT/lab"

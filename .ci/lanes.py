@@ -61,10 +61,11 @@ ROOMS = {
     ),
     "page": Room(
         (f"{BRIDGES}web", f"{PRODUCT}launch/page", f"{PRODUCT}cli/page"),
-        ("tests/unit/web", "tests/integration/web", "tests/e2e/web"),
+        ("tests/unit/web", "tests/integration/web", "tests/e2e/web", "tests/e2e/web_devices"),
         (
             *("tests/unit/cli_run", "tests/unit/deploy", "tests/unit/recorder", "tests/wheel"),
             *("tests/integration/cli/test_stage.py", "tests/e2e/run/test_metrics.py"),
+            *("tests/unit/scan/test_solver.py",),
             *("tests/e2e/run/test_terminal.py", "tests/unit/foxglove/test_layout.py"),
             "tests/unit/launch",
             *(

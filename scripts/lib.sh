@@ -92,7 +92,7 @@ pip_install() {
         return
     fi
     find_pip
-    if [ ! -x "$VENV/bin/uv" ] && ! "${PIP[0]}" -m pip config list 2>/dev/null | grep -q index; then
+    if [ ! -x "$VENV/bin/uv" ] && ! "${PIP[0]}" -m pip config list 2>/dev/null | grep index >/dev/null; then
         by_pip "Fetching uv, which installs faster than pip" uv || ! grep -q "connection broken" "$LOG" || return
     fi
     if [ -x "$VENV/bin/uv" ] && quietly "$sentence" "$VENV/bin/uv" pip install --quiet --python "$PYTHON" "$@"; then

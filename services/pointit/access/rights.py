@@ -49,7 +49,7 @@ PRIVATE: tuple[Topic[Any], ...] = (IMU, WRIST, RAY, SPEECH)
 RECALLED: tuple[Request[Any, Any], ...] = (READ_HISTORY,)
 """Requests open to all roles: they change nothing, and repeat what all may read."""
 OF_PEOPLE: tuple[Request[Any, Any], ...] = (FIND_REFERENTS,)
-"""Requests of the person and operators only: what is remembered of people. No bridge offers them."""
+"""Requests of the person and operators only: what a person means by a word. No bridge offers them."""
 OF_OPERATORS: tuple[Request[Any, Any], ...] = (RELEASE_OBJECT, SET_THING, USE_MAP)
 """Requests of operators, the page's too, and the supervisor only: they change what others have or use."""
 FOR_ALL = (*RECALLED, STOP_ROBOT)

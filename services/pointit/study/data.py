@@ -54,8 +54,8 @@ class AppendOnlyCsv:
                 self._write(head)
             elif not whole.startswith(head):
                 raise ConfigError(f"{path}: has other columns than this study; use another folder")
+            self.rows = read_table(path, columns)
             unless_used.pop_all()
-        self.rows = read_table(path, columns)
 
     def append(self, *rows: Mapping[str, object]) -> None:
         """Add rows and wait until they are on the disk.

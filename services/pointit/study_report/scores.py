@@ -45,7 +45,9 @@ def questionnaires(study: Trials) -> Table:
     for (name, condition, _, participant), answers in sheets.items():
         items = dict(answers)
         if name == SUS.name:
-            items = {"score, 0 to 100": system_usability([*answers.values()])}
+            numbers = map(str, range(1, len(SUS.items) + 1))
+            values = [answers[number] for number in numbers if number in answers]
+            items = {"score, 0 to 100": system_usability(values)}
         elif name == NASA_TLX.name:
             items = {"raw TLX": float(np.mean([*answers.values()])), **answers}
         for item, value in items.items():

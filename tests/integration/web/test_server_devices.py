@@ -5,6 +5,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 
 from pointit.bridges.web.devices import process
@@ -112,6 +113,9 @@ async def test_only_an_operator_may_find_connect_test_and_forget(started: Path) 
                 assert (
                     "no device 'x' is connected; connected: light shelf" in (await page.ask(**wish))["error"]
                 )
+            async with server.page(VIEWER) as viewer:
+                await until(lambda: "devices" in viewer.status)
+                assert viewer.status["devices"] == []
     assert len(commands(started)) == 1
 
 
@@ -165,6 +169,33 @@ async def test_a_wrist_is_a_person_whose_mounting_is_checked(started: Path) -> N
     assert arguments[:5] == ["person", "add", "anna", "--imu", "slimevr:02:00"]
     assert arguments[-2:] == ["--set", "imu-bridge.slimevr.host=0.0.0.0"], "it is on another machine"
     assert measure[:4] == ["person", "calibrate", "mounting", "anna"]
+
+
+async def test_a_device_that_two_pages_connect_and_rename_has_one_process(started: Path) -> None:
+    async with (
+        memory_bench() as bench,
+        serving(bench, devices_at=AT) as server,
+        server.page() as page,
+        server.page() as other,
+    ):
+        await room(bench, page)
+        for name in ("anna", "carla"):
+            wanted = {**WRIST, "name": name}
+            asked = [each.ask(deed="connect_device", query=wanted) for each in (page, other)]
+            assert [answer["error"] for answer in await asyncio.gather(*asked)] == ["", ""]
+        await until(lambda: [each["name"] for each in page.status["devices"]] == ["carla"])
+        await until(lambda: len(psutil.Process().children()) == 1, what="one process")
+        await until(lambda: bool(commands(started)) and commands(started)[-1][2] == "carla")
+
+
+async def test_what_was_found_but_cannot_be_used_hides_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    odd = (FoundDevice("x" * 300, "Odd", {"pixels": 1}), *FOUND["led-output"])
+    monkeypatch.setitem(FOUND, "led-output", odd)
+    async with memory_bench() as bench, serving(bench, devices_at=AT) as server, server.page() as page:
+        reply = (await page.ask(deed="find_devices"))["reply"]
+        lights = [each["address"] for each in reply["devices"] if each["kind"] == "light"]
+        assert lights == ["kitchen.local"]
+        assert "ddp: a device has an address that cannot be used" in reply["problems"]
 
 
 async def test_what_cannot_be_connected_is_refused_in_a_sentence(

@@ -7,8 +7,9 @@ import pytest
 from click.testing import CliRunner
 
 from pointit.cli.outputs import output_add
-from pointit.cli.outputs.output_add import SiteFrames, ToldHealth
-from pointit.schemas import StripFrame, StripsFrame
+from pointit.cli.outputs.output_add import PrintedHealth, SiteFrames
+from pointit.schemas import LampColor, StripFrame, StripsFrame
+from pointit.schemas.base import Rgb
 from pointit.services.led_driver.guarded_output import GuardedOutput
 
 
@@ -17,24 +18,29 @@ class Shown:
 
     def __init__(self) -> None:
         self.rgb: list[bytes] = []
+        self.lamps: dict[str, Rgb] = {}
 
     def show(self, frame: StripsFrame) -> None:
         self.rgb.append(b"".join(strip.rgb for strip in frame.strips))
 
+    def show_lamp(self, name: str, color: Rgb) -> None:
+        self.lamps[name] = color
 
-def test_strips_are_dark_while_no_led_driver_runs() -> None:
+
+def test_all_is_dark_while_no_led_driver_runs() -> None:
     shown = Shown()
     frames = SiteFrames(cast("GuardedOutput", shown))
     frames.on_frame(StripsFrame(stamp_ns=1, strips=(StripFrame(id="a", rgb=b"\1\2\3"),)), "")
+    frames.on_lamp(LampColor(stamp_ns=1, color=(1, 2, 3)), "door")
     frames.on_service("pui", False)
     frames.on_service("led-driver", True)
-    assert shown.rgb == [b"\1\2\3"]
+    assert (shown.rgb, shown.lamps) == ([b"\1\2\3"], {"door": (1, 2, 3)})
     frames.on_service("led-driver", False)
-    assert shown.rgb == [b"\1\2\3", b"\0\0\0"]
+    assert (shown.rgb, shown.lamps) == ([b"\1\2\3", b"\0\0\0"], {"door": (0, 0, 0)})
 
 
 def test_warnings_are_printed_whenever_they_change(capsys: pytest.CaptureFixture[str]) -> None:
-    health = ToldHealth("all is well", as_json=True)
+    health = PrintedHealth("all is well", as_json=True)
     for topic, sentence in (("a", "dark"), ("a", "dark"), ("b", "slow"), ("c", ""), ("a", ""), ("b", "")):
         health.warn(topic, sentence)
     lines = [json.loads(line)["warnings"] for line in capsys.readouterr().out.splitlines()]

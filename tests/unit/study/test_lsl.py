@@ -27,7 +27,7 @@ INLET = """
 import json, sys, pylsl
 inlets = []
 for kind in ("markers", "ray", "cursor", "selection"):
-    (found,) = pylsl.resolve_byprop("source_id", f"pointit-small-P01-{kind}", 1, 20.0)
+    (found,) = pylsl.resolve_byprop("source_id", f"pointit-{sys.argv[1]}-P01-{kind}", 1, 20.0)
     inlets.append(pylsl.StreamInlet(found, max_buflen=60))
     inlets[-1].open_stream(20.0)
 info = inlets[1].info(20.0)
@@ -47,9 +47,10 @@ async def test_streams_are_read_by_another_process_at_the_times_of_capture(
     monkeypatch.setenv("LSLAPICFG", str(tmp_path / "lsl_api.cfg"))
     pylsl = importlib.import_module("pylsl")  # it reads the file as it is loaded
 
-    outlets = LslOutlets("small", "P01")
+    study = f"small{os.getpid()}"  # another run of this test on this machine has others
+    outlets = LslOutlets(study, "P01")
     other = await asyncio.create_subprocess_exec(
-        sys.executable, "-c", INLET, stdin=-1, stdout=-1, env={**os.environ}
+        sys.executable, "-c", INLET, study, stdin=-1, stdout=-1, env={**os.environ}
     )
     assert other.stdin is not None
     assert other.stdout is not None

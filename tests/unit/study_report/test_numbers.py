@@ -256,6 +256,9 @@ def test_sus_is_scored_by_odd_and_even_items(tmp_path: Path) -> None:
         tmp_path, "P01", {("sus", "dwell"): [5, 1] * 5, ("nasa-tlx", "dwell"): [0, 10, 20, 30, 40, 80]}
     )
     write_answers(tmp_path, "P02", {("sus", "dwell"): [3, 3] * 5, ("own", "dwell"): [7]})
+    path = next(tmp_path.rglob("P01/**/answers.csv"))
+    head, *rows = path.read_text().splitlines()
+    path.write_text("\n".join([head, *sorted(rows), ""]))  # 1, 10, 2: items tell, not rows
     table = study_report.questionnaires(study_report.trials(tmp_path))
     assert row_of(table, questionnaire="sus")["mean"] == 75
     assert row_of(table, item="raw TLX")["mean"] == 30

@@ -21,7 +21,7 @@ LED_DRIVER = "led-driver"
 """Instance whose frames are shown. Without it the strips are dark."""
 
 
-class ToldHealth(NullHealth):
+class PrintedHealth(NullHealth):
     """Prints all warnings whenever they change."""
 
     def __init__(self, well: str, *, as_json: bool) -> None:
@@ -72,7 +72,7 @@ def command(output: str, *, strips: tuple[str, ...], as_json: bool, **at: Unpack
     quiet()
     config = _config(output, strips)
     shown = ", ".join(f"strip {strip}" for strip in strips) or "all strips"
-    return run_until_shutdown(_show(config, ToldHealth(f"{output} shows {shown}", as_json=as_json), **at))
+    return run_until_shutdown(_show(config, PrintedHealth(f"{output} shows {shown}", as_json=as_json), **at))
 
 
 def _config(output: str, strips: tuple[str, ...]) -> OutputConfig:
@@ -87,11 +87,13 @@ def _config(output: str, strips: tuple[str, ...]) -> OutputConfig:
     return config
 
 
-async def _show(config: OutputConfig, health: ToldHealth, **at: Unpack[AtSite]) -> int:
+async def _show(config: OutputConfig, health: PrintedHealth, **at: Unpack[AtSite]) -> int:
     async with join_site(**at) as bus:
         folder = plugin_folder(bus.site, "", OUTPUTS.kind, config.kind)
         around = Surroundings(clock=WallClock(), health=health, folder=folder)
         (output,) = make_outputs([config], lambda _kind, _name, _user, _which: around, health)
+        if output.follows_cursors:
+            raise ConfigError(f"{config.kind}: follows people's cursors; give it to `pointit run --output`")
         shown = SiteFrames(output)
         bus.subscribe(MAP, shown.on_map)
         bus.subscribe(STRIPS_FRAME, shown.on_frame)
@@ -108,6 +110,7 @@ class SiteFrames:
     def __init__(self, output: GuardedOutput) -> None:
         self._output = output
         self._frame = StripsFrame(stamp_ns=0, strips=())
+        self._lamps: set[str] = set()
 
     def on_map(self, room: Environment, _name: str) -> None:
         """Set the map, and show the last frame again."""
@@ -121,6 +124,7 @@ class SiteFrames:
 
     def on_lamp(self, lamp: LampColor, name: str) -> None:
         """Show the colour of a lamp."""
+        self._lamps.add(name)
         self._output.show_lamp(name, lamp.color)
 
     def on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
@@ -128,3 +132,5 @@ class SiteFrames:
         if instance == LED_DRIVER and not present:
             dark = tuple(StripFrame(id=each.id, rgb=bytes(len(each.rgb))) for each in self._frame.strips)
             self.on_frame(StripsFrame(stamp_ns=time.time_ns(), strips=dark), "")
+            for name in self._lamps:
+                self._output.show_lamp(name, (0, 0, 0))

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from pointit.bridges.web.devices.pattern import PATTERN_S, pattern
-from pointit.bridges.web.devices.process import Told, run_command
+from pointit.bridges.web.devices.process import JsonObject, run_command
 from pointit.bridges.web.devices.wire import MAX_DEVICES, ConnectDevice, Connected, StoredDevices
 from pointit.bridges.web.model.map_editor import MapEditor
 from pointit.bridges.web.wire import DeviceLine
@@ -67,6 +67,8 @@ class Devices:
     """Number of pixels of each strip of the map."""
     _localizes: bool = False
     _searching: asyncio.Lock = field(default_factory=asyncio.Lock)
+    _changing: asyncio.Lock = field(default_factory=asyncio.Lock)
+    """Held while devices are connected or forgotten, by whatever number of pages."""
 
     def on_map(self, room: Environment) -> None:
         """Set the map's strips."""
@@ -128,6 +130,10 @@ class Devices:
             raise RefusedError(
                 "this page belongs to no run, so it starts nothing: use the command shown beside the device"
             )
+        async with self._changing:
+            return await self._connect(wanted)
+
+    async def _connect(self, wanted: ConnectDevice) -> dict[str, Any]:
         before = [each.device for each in self._running.values() if each.device.is_like(wanted)]
         device = before[0] if before else None
         if device is None and self._found is not None:
@@ -142,7 +148,8 @@ class Devices:
             self._check_wrist(device)
         else:
             note = await self._check_light(device)
-        await self._end(device.id)
+        for device_id in {device.id, *(each.id for each in before)}:  # a device has one wearer, or one strip
+            await self._end(device_id)
         self._begin(device)
         self._store()
         what = (
@@ -156,9 +163,10 @@ class Devices:
         Raises:
             RefusedError: If there is none.
         """
-        device = self._device(device_id)
-        await self._end(device_id)
-        self._store()
+        async with self._changing:
+            device = self._device(device_id)
+            await self._end(device_id)
+            self._store()
         self.changed()
         return {"message": f"{device.label} is disconnected and forgotten"}
 
@@ -190,18 +198,23 @@ class Devices:
         """
         device = self._device(device_id)
         running = self._running[device_id]
-        told: Told = {}
+        if running.said:
+            raise RefusedError(f"the mounting of {device.name}'s wrist is being checked: {running.said}")
+        running.said = "the check begins"
+        result: JsonObject = {}
 
         def on_said(line: str) -> None:
             running.said = line
             self.changed()
 
         measure = ("person", "calibrate", "mounting", device.name, "--non-interactive", "--json")
-        problem = await run_command((*measure, *self._link), on_said, told.update)
-        on_said("")
+        try:
+            problem = await run_command((*measure, *self._link), on_said, result.update)
+        finally:
+            on_said("")
         if problem:
             raise RefusedError(problem)
-        return told
+        return result
 
     # Processes.
 
@@ -222,7 +235,7 @@ class Devices:
     async def _serve(self, running: _Running) -> None:
         device = running.device
 
-        def on_told(told: Told) -> None:
+        def on_told(told: JsonObject) -> None:
             running.has_begun = True
             self._set_problem(running, "; ".join(map(str, told.get("warnings", ()))))
 

@@ -21,11 +21,11 @@ MAX_LINE_BYTES = 64 * 1024
 ERROR = "Error: "
 """Beginning of the line in which a command says why it ended."""
 
-Told = dict[str, Any]
+JsonObject = dict[str, Any]
 
 
 async def run_command(
-    arguments: Sequence[str], on_said: Callable[[str], None], on_told: Callable[[Told], None]
+    arguments: Sequence[str], on_said: Callable[[str], None], on_told: Callable[[JsonObject], None]
 ) -> str:
     """Run `pointit` until it ends or this task is cancelled, which ends it.
 
@@ -37,21 +37,26 @@ async def run_command(
     Returns:
         `""` if it succeeded, else the reason in one sentence.
     """
-    child = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-c", BEGIN, *arguments),
-        stdin=asyncio.subprocess.PIPE,
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.PIPE,
-        limit=MAX_LINE_BYTES,
-        env={**os.environ, VARIABLE: str(state_directory())},
-        process_group=0,  # a terminal's Ctrl-C goes to the parent, which ends it
-    )
+    try:
+        child = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-c", BEGIN, *arguments),
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE,
+            limit=MAX_LINE_BYTES,
+            env={**os.environ, VARIABLE: str(state_directory())},
+            process_group=0,  # a terminal's Ctrl-C goes to the parent, which ends it
+        )
+    except OSError as error:
+        return f"no process could be started: {error.strerror or error}"
     last = ""
 
     def on_log(line: str) -> None:
         nonlocal last
-        last = line
-        on_said(line.removeprefix(ERROR))
+        sentence = _sentence(line)
+        if line.startswith(ERROR) or not last.startswith(ERROR):
+            last = line if line.startswith(ERROR) else sentence
+        on_said(sentence)
 
     try:
         await asyncio.gather(_lines(child.stderr, on_log), _objects(child.stdout, on_told))
@@ -63,6 +68,15 @@ async def run_command(
     return last.removeprefix(ERROR).rstrip(".") or f"it ended with exit code {code}"
 
 
+def _sentence(line: str) -> str:
+    """Return the message of a line of a log, which may be a JSON object, as logs on pipes are."""
+    try:
+        message = json.loads(line)["message"]
+    except (ValueError, LookupError, TypeError):
+        message = line.removeprefix(ERROR)
+    return str(message)
+
+
 async def _lines(stream: asyncio.StreamReader | None, on_line: Callable[[str], None]) -> None:
     while stream is not None and not stream.at_eof():
         with contextlib.suppress(ValueError):  # longer than `MAX_LINE_BYTES`, and dropped
@@ -70,7 +84,7 @@ async def _lines(stream: asyncio.StreamReader | None, on_line: Callable[[str], N
                 on_line(text)
 
 
-async def _objects(stream: asyncio.StreamReader | None, on_told: Callable[[Told], None]) -> None:
+async def _objects(stream: asyncio.StreamReader | None, on_told: Callable[[JsonObject], None]) -> None:
     """Pass on each JSON object, which may have several lines."""
     parts: list[str] = []
 
@@ -80,7 +94,7 @@ async def _objects(stream: asyncio.StreamReader | None, on_told: Callable[[Told]
             told = json.loads("\n".join(parts))
             parts.clear()
             if isinstance(told, dict):
-                on_told(cast("Told", told))
+                on_told(cast("JsonObject", told))
 
     await _lines(stream, on_line)
 

@@ -4,6 +4,8 @@ import ipaddress
 from dataclasses import dataclass
 from typing import Any
 
+from pydantic import ValidationError
+
 from pointit.bridges.web.devices.wire import ConnectDevice, Connected
 from pointit.plugins import GROUPS
 from pointit.plugins.device_search import SearchResult, search, words
@@ -37,13 +39,19 @@ def find() -> Found:
     results = search({kind: GROUPS[kind] for kind, _ in KINDS.values()}, SEARCH_S, lambda _done: None)
     devices: list[Connected] = []
     uses: list[str] = []
+    problems = [f"{result.name}: {result.problem}" for result in results if result.problem]
     for name, (kind, option) in KINDS.items():
         for result in results:
             for each in result.found if result.kind == kind else ():
-                devices.append(_device(name, result, each))
-                uses.append(f"{option} {words(result, each)}")
-    problems = tuple(f"{result.name}: {result.problem}" for result in results if result.problem)
-    return Found(devices=tuple(devices[:MAX_FOUND]), uses=tuple(uses[:MAX_FOUND]), problems=problems)
+                try:
+                    devices.append(_device(name, result, each))
+                except ValidationError:
+                    problems.append(f"{result.name}: a device has an address that cannot be used")
+                else:
+                    uses.append(f"{option} {words(result, each)}")
+    return Found(
+        devices=tuple(devices[:MAX_FOUND]), uses=tuple(uses[:MAX_FOUND]), problems=tuple(problems[:MAX_FOUND])
+    )
 
 
 def _device(kind: str, result: SearchResult, found: FoundDevice) -> Connected:

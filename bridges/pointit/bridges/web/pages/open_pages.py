@@ -128,7 +128,10 @@ class Pages:
         """Send every page the status."""
         self._status_timer.cancel()
         for session in self._sessions:
-            session.tell_status(self._status(session.page).model_dump_json())
+            status = self._status(session.page)
+            if session.role != "operator":  # nobody else needs addresses
+                status = status.model_copy(update={"devices": ()})
+            session.tell_status(status.model_dump_json())
 
     def shown(self, ack: Ack) -> None:
         """Process a page's acknowledgement of a batch."""

@@ -63,7 +63,14 @@ if (window !== window.parent) {
   document.body.classList.add("framed");
   at("view").addEventListener("wheel", (event) => event.stopPropagation(), true); // it scrolls the page around
 }
-const connection = new Connection(site, recording ? await (await import("./past/recorded")).play(recording) : toServer, {
+/** Say why a page that plays without a server cannot. */
+function cannotPlay(error: unknown): never {
+  show(at("drawing"), false);
+  show(at("lost"), true);
+  write(at("lost-text"), `This recording cannot be played here: ${String(error)}`);
+  throw error;
+}
+const connection = new Connection(site, recording ? await import("./past/recorded").then(({ play }) => play(recording)).catch(cannotPlay) : toServer, {
   onNews: () => wake(),
   onHello: () => tuning.forget(),
   onStatus: () => {

@@ -64,7 +64,7 @@ async def test_words_of_the_browser_are_followed_and_an_open_question_is_answere
     await window.aimed_at(x, y + BELOW_PX, 10.0)
     await window.until(f"{SELECTED}.includes('radio')", "staying on the radio switches it on")
     await page.evaluate("window.say('turn that off')")
-    await expect(understood).to_contain_text("“turn that off”: radio radio deselected")
+    await expect(understood).to_contain_text("“turn that off”: radio deselected")
     assert await page.evaluate(SELECTED) == []
     ages = [(word["start_s"], word["end_s"]) for word in spoken(window)]
     assert [word["text"] for word in spoken(window)] == ["turn", "that", "off"]

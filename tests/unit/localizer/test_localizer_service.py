@@ -27,7 +27,7 @@ from pointit.services.localizer.certainty import UNSURE_DEG, UNSURE_M
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.drift.filter import DriftSettings
 from pointit.services.localizer.estimation.estimator import SolverSettings
-from pointit.services.localizer.estimation.solution import MISS
+from pointit.services.localizer.estimation.solution import MAX_MISS_RATIO
 from pointit.services.localizer.estimation_config import DriftConfig, TrustConfig
 from pointit.services.localizer.pose_manager import PoseManager
 from pointit.services.localizer.service import Localizer
@@ -283,7 +283,10 @@ def test_defaults_of_configuration_and_cores_are_equal() -> None:
     drift, settings = config.drift.settings(), DriftSettings()
     assert drift.anchor_sigma_rad == pytest.approx(settings.anchor_sigma_rad)
     assert drift.rate_sigma_radps == pytest.approx(settings.rate_sigma_radps)
-    assert (MISS * want.max_position_sigma_m, config.trust.max_yaw_sigma_deg) == (UNSURE_M, UNSURE_DEG)
+    assert (MAX_MISS_RATIO * want.max_position_sigma_m, config.trust.max_yaw_sigma_deg) == (
+        UNSURE_M,
+        UNSURE_DEG,
+    )
 
 
 def test_health_does_not_warn_of_what_localization_accepts() -> None:

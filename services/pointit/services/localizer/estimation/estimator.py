@@ -16,7 +16,13 @@ from pointit.services.localizer.estimation.angular_residuals import Array, Rays,
 from pointit.services.localizer.estimation.levenberg_marquardt import evaluate_costs, initial_poses, minimize
 from pointit.services.localizer.estimation.refinement import LATENCY, NoiseModel, effective_samples, refine
 from pointit.services.localizer.estimation.sample_blocks import GAP_S, Blocks, Pointings, blocks, in_time
-from pointit.services.localizer.estimation.solution import AWAY_M, MISS, Refusal, Solution, SolverSettings
+from pointit.services.localizer.estimation.solution import (
+    AWAY_M,
+    MAX_MISS_RATIO,
+    Refusal,
+    Solution,
+    SolverSettings,
+)
 
 __all__ = ["AMBIGUOUS_COST", "GAP_S", "Pointings", "Refusal", "Solution", "SolverSettings", "solve"]
 
@@ -227,7 +233,7 @@ def _unsure(solution: Solution, rays: Rays, trust: SolverSettings) -> str:
 def _stated(solution: Solution, trust: SolverSettings) -> str:
     what, sigma_m, limit_m = "the pose", solution.position_sigma_m, trust.max_position_sigma_m
     if solution.scatter:
-        what, sigma_m, limit_m = f"a cursor {AWAY_M:g} m away", solution.miss_m, MISS * limit_m
+        what, sigma_m, limit_m = f"a cursor {AWAY_M:g} m away", solution.miss_m, MAX_MISS_RATIO * limit_m
     return (
         f"{what} is uncertain by {min(sigma_m, 99.0):.2f} m and "
         f"{min(math.degrees(solution.yaw_sigma_rad), 180.0):.1f}° and at most "

@@ -16,7 +16,7 @@ KNOWN = 1e-4
 AWAY_M = 3.0
 """Distance of the cursors by which a pose of following is judged: robots are 2 to 4 m away."""
 
-MISS, LATE = 1.2, 0.46
+MAX_MISS_RATIO, MAX_LATENCY_RATIO = 1.2, 0.46
 """Largest expected miss of them, and largest sigma of the position by the latency alone (3 % are off by more
 than the limit), as multiples of the limit of the position.
 """
@@ -83,8 +83,10 @@ class SolverSettings:
 
     def accepts(self, pose: "Solution") -> bool:
         """Return True if `pose` is certain enough to be used: of following, by the cursors it yields."""
-        late_m = float(np.linalg.norm(pose.of_latency[:2])) / max(pose.latency_sigma_s, KNOWN)
-        place_m = max(pose.miss_m / MISS, late_m / LATE) if pose.scatter else pose.position_sigma_m
+        place_m = pose.position_sigma_m
+        if pose.scatter:
+            late_m = float(np.linalg.norm(pose.of_latency[:2])) / max(pose.latency_sigma_s, KNOWN)
+            place_m = max(pose.miss_m / MAX_MISS_RATIO, late_m / MAX_LATENCY_RATIO)
         return place_m <= self.max_position_sigma_m and pose.yaw_sigma_rad <= self.max_yaw_sigma_rad
 
     def weights(self) -> Weights:

@@ -86,7 +86,7 @@ by_pip() { quietly "$1" "${PIP[@]}" install --quiet --disable-pip-version-check 
 # Takes what pip takes. uv has options of the same names, and does it in a tenth of pip's time; where it is not, pip
 # fetches it first, unless pip is told of an index, which uv would not ask. What such a uv cannot do, pip tries.
 pip_install() {
-    local sentence="Installing PointIt into .venv (only when pyproject.toml has changed)"
+    local sentence="Installing PointIt into .venv (only when pyproject.toml or the extras have changed)"
     if command -v uv >/dev/null; then
         quietly "$sentence" uv pip install --quiet --python "$PYTHON" "$@"
         return

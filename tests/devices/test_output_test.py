@@ -118,8 +118,8 @@ def test_enter_goes_on_to_the_next_step(receiver: socket.socket) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["scenario_3"], "has no LED output: add --output"),
-        (["scenario_3", "--set", "led-driver.outputs=[{kind: none}]"], "has no LED output: add --output"),
+        (["scenario_3"], "has no output: add --output"),
+        (["scenario_3", "--set", "led-driver.outputs=[{kind: none}]"], "has no output: add --output"),
         (["scenario_3", "--output", "ddp:x", "--strip", "9"], "the map has no such strip; it has 0, 1"),
     ],
 )

@@ -119,7 +119,7 @@ async def _check_site(bus: ZenohBus) -> None:
     if bus.is_restricted:
         if denied := await bus.denial_reason("reads", HEALTH, ANY):
             raise AccessDeniedError(denied)
-    elif others := await sites_at(bus.link):
+    elif (others := await sites_at(bus.link)) and bus.site not in others:  # it may have come meanwhile
         raise WrongSiteError(
             f"nothing runs on site {bus.site} at {where}; there is site {', '.join(others)}: give its name, "
             f"or start `pointit run --site {bus.site}`"

@@ -157,7 +157,7 @@ def front() -> click.Group:
         context_settings={"help_option_names": ["-h", "--help"]},
         help=(
             "Point at things and the things react.\n\n"
-            "Start with `pointit run`, or nothing else: it needs no hardware, router or configuration. "
+            "Start with `pointit run`, which `pointit` alone is: it needs no hardware or configuration. "
             "Ctrl-C ends every command at once."
         ),
     )

@@ -22,7 +22,7 @@ export function devicesPart(controls: Controls): Part {
   const progress = el("progress", { max: 1, value: 0, "aria-label": "Search for devices", hidden: true });
   const state = el("p", { className: "muted", role: "status", text: "Wristbands, trackers and lights near the machine that serves this page." });
   const list = el("ul", { className: "devices" });
-  const why = el("ul", { className: "muted" });
+  const why = el("ul", { className: "muted devices" });
   const problems = el("details", { hidden: true }, el("summary", {}, "Not searched", icon("chevron")), why);
   const element = folded("Devices", false, connected, look, progress, state, list, problems);
   const states = new Map<string, HTMLElement>();
@@ -49,7 +49,8 @@ export function devicesPart(controls: Controls): Part {
     const reasons = Array.isArray(listed) ? listed.map(String) : [];
     why.replaceChildren(...reasons.map((text) => el("li", { text })));
     show(problems, reasons.length > 0);
-    write(state, !reply ? "" : found.length === 0 ? "None found. Is it switched on, and in the same network?"
+    problems.open = found.length === 0;
+    write(state, !reply ? "" : found.length === 0 ? `None found${reasons.length ? " by the searches that could run" : ""}. Is it switched on, and in the same network?`
       : canConnect ? "" : "This page belongs to no run: a command connects a device, in a terminal on that machine.");
     controls.changed();
   }

@@ -71,7 +71,7 @@ export function beltsPart(controls: Controls): Belts {
       const state = site.conveyor;
       const mayRun = controls.may("conveyor/set_speed");
       const mayAdd = controls.may("conveyor/add_package");
-      show(element, state !== null);
+      show(element, state !== null && (mayRun || mayAdd || state.bays.length > 0));
       if (!state) return;
       show(speed.element, mayRun);
       show(halt, mayRun);

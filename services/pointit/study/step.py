@@ -45,12 +45,15 @@ def read_pictures(steps: Iterable[Step], folder: Path) -> dict[str, Picture]:
 
 def _picture(name: str, folder: Path) -> Picture:
     path = folder / name
-    if not path.resolve().is_relative_to(folder.resolve()):
-        raise ConfigError(f"image {name}: is not beside the study; copy it to {folder}")
     try:
-        content = path.read_bytes() if path.stat().st_size <= MAX_BYTES else b""
+        if not path.resolve().is_relative_to(folder.resolve()):
+            raise ConfigError(f"image {name}: is not beside the study; copy it to {folder}")
+        is_small = path.stat().st_size <= MAX_BYTES
+        content = path.read_bytes() if path.is_file() and is_small else b""
     except OSError as error:
         raise ConfigError(f"image {name}: {path} cannot be read ({error.strerror or error})") from error
+    except (RuntimeError, ValueError) as error:  # links in a circle; a null character
+        raise ConfigError(f"image {name!r}: cannot be read ({error})") from error
     kind = next((kind for first, kind in KINDS.items() if content.startswith(first)), "")
     if content[:4] == b"RIFF" and content[8:12] == b"WEBP":
         kind = "image/webp"

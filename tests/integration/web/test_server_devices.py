@@ -10,6 +10,7 @@ import pytest
 
 from pointit.bridges.web.devices import process
 from pointit.plugins import FoundDevice, device_search
+from pointit.runtime.host.state_file import site_folder
 from pointit.schemas import Done, Environment, ShowPixels, Strip, topics
 from tests.integration.web.pages import VIEWER, Page, serving
 from tests.support.bench import Bench, memory_bench, until
@@ -186,6 +187,20 @@ async def test_a_device_that_two_pages_connect_and_rename_has_one_process(starte
         await until(lambda: [each["name"] for each in page.status["devices"]] == ["carla"])
         await until(lambda: len(psutil.Process().children()) == 1, what="one process")
         await until(lambda: bool(commands(started)) and commands(started)[-1][2] == "carla")
+
+
+async def test_a_damaged_list_is_kept_beside_the_next_one() -> None:
+    async with memory_bench() as bench:
+        file = site_folder(bench.bus.site, "web") / "devices.json"
+        file.parent.mkdir(parents=True)
+        file.write_text("{broken")
+        health = bench.collect(topics.HEALTH, "web")
+        async with serving(bench, devices_at=AT) as server, server.page() as page:
+            await room(bench, page)
+            await until(lambda: any("devices are not known" in str(each.warnings) for each in health))
+            assert not await refusal(page)
+        assert file.with_name("devices.json.bad").read_text() == "{broken"
+        assert "kitchen.local" in file.read_text()
 
 
 async def test_what_was_found_but_cannot_be_used_hides_no_other(monkeypatch: pytest.MonkeyPatch) -> None:

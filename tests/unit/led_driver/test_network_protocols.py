@@ -237,3 +237,5 @@ def test_controller_is_described_by_its_name_pixels_and_version() -> None:
 def test_controller_that_describes_itself_oddly_is_listed_all_the_same(info: object) -> None:
     assert described("10.0.0.9", "wled-1", info).address == "10.0.0.9"
     assert described("10.0.0.9", "wled-1", {"leds": info}).label.startswith("wled-1")
+    for count in (10**4000, -5, True):
+        assert "pixels" not in described("10.0.0.9", "wled-1", {"leds": {"count": count}}).details

@@ -24,6 +24,7 @@ PNG = b"\x89PNG\r\n\x1a\nand so on"
         ("instructions: {hold: {text: Hold., image: text.png}}", r"image text\.png: use a PNG, JPEG"),
         ("consent: {image: ../outside.png}", r"image \.\./outside\.png: is not beside the study; copy it"),
         ("instruction: {image: link.png}", r"image link\.png: is not beside the study"),
+        ("instruction: {image: circle.png}", r"image .?circle\.png.?: .*cannot be read"),
         ("settings: {selector.window: 1}", "hold: .*no parameter window; did you mean window_s"),
         ("settings: {conveyor-sim.speed_mps: 1}", "hold: .*conveyor-sim is not among what this starts"),
         ("scenario: nowhere.yaml", r"hold: .*nowhere\.yaml"),
@@ -42,6 +43,7 @@ def test_what_would_fail_later_is_refused_before_the_first_trial(
     (folder / "text.png").write_text("no picture")
     (tmp_path / "outside.png").write_bytes(PNG)
     (folder / "link.png").symlink_to(tmp_path / "outside.png")
+    (folder / "circle.png").symlink_to(folder / "circle.png")
     lines = [line for line in SMALL.splitlines() if line.split(":")[0] != text.split(":", maxsplit=1)[0]]
     if text.startswith("factors"):
         lines = [line for line in lines if not line.startswith(" ")]

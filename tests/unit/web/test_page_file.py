@@ -3,20 +3,24 @@
 import base64
 import io
 import json
+import os
 import re
 import zlib
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
 import msgpack
 import pytest
+from click.testing import CliRunner
 
 from pointit.bridges.web.playback import page_file as module
 from pointit.bridges.web.playback.file_past import FilePast
 from pointit.bridges.web.playback.page_file import RATE_HZ, frames, page_file
 from pointit.bridges.web.playback.past import Past
 from pointit.bridges.web.playback.playback import Playback
+from pointit.cli.page.page import command
 from pointit.recording.reader import Recording
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.virtual_time import run_virtually
@@ -65,6 +69,12 @@ def test_frames_until_an_instant_have_what_a_server_shows_there(past: Past) -> N
         assert events.count(key) == entries.count(key) > 0
 
 
+def test_recording_in_which_a_clock_leapt_is_refused(past: Past, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "LONGEST_S", LENGTH_S / 2.0)
+    with pytest.raises(ConfigError, match="10 s from its first to its last message are too long"):
+        page_file(past)
+
+
 def test_file_has_the_greeting_the_timeline_and_all_frames(past: Past) -> None:
     told: list[float] = []
     hello, timeline, *played = recording_in(page_file(past, told.append))
@@ -91,3 +101,16 @@ def test_a_recording_too_long_for_a_page_is_refused(past: Past, monkeypatch: pyt
     monkeypatch.setattr(module, "MAX_BYTES", 0)
     with pytest.raises(ConfigError, match=r"limit of 0 MB is reached after 0 s.*--duration"):
         page_file(past)
+
+
+def test_neither_the_recording_nor_what_is_no_plain_file_is_replaced(tmp_path: Path) -> None:
+    recorded = tmp_path / "lab.mcap"
+    write_recording(recorded, session("scenario_4", 1.0))
+    before = recorded.read_bytes()
+    (tmp_path / "link").symlink_to(tmp_path / "nowhere")
+    os.mkfifo(tmp_path / "fifo")
+    for name in ("lab.mcap", "link", "fifo"):
+        arguments = [str(recorded), "--to", str(tmp_path / name), "--overwrite"]
+        result = CliRunner().invoke(command, arguments)
+        assert "give another file" in str(result.exception), name
+    assert recorded.read_bytes() == before

@@ -57,7 +57,7 @@ def command(*, file: Path, port: int | None, no_browser: bool, output: Path | No
         raise click.UsageError("--port is for a page that is served, --to writes a file: leave one out")
     with Recording.open(file) as recording:
         if output is not None:
-            return _write(recording, file.stem, output, overwrite=overwrite)
+            return _write(recording, file, output, overwrite=overwrite)
         page = page_of(Settings(), asked=asked, option="--port")
         return run_until_shutdown(_serve(recording, file.name, page, is_open=not no_browser))
 
@@ -81,15 +81,17 @@ async def _serve(recording: "Recording", title: str, page: Page, *, is_open: boo
     return 0
 
 
-def _write(recording: "Recording", title: str, output: Path, *, overwrite: bool) -> int:
+def _write(recording: "Recording", file: Path, output: Path, *, overwrite: bool) -> int:
     from pointit.bridges.web.playback.file_past import FilePast  # noqa: PLC0415
     from pointit.bridges.web.playback.page_file import page_file  # noqa: PLC0415
 
+    if output.is_symlink() or (output.exists() and (not output.is_file() or output.samefile(file))):
+        raise ConfigError(f"{output}: is the recording, or no plain file; give another file")
     if output.exists() and not overwrite:
         raise ConfigError(f"{output}: exists already; give another file, or --overwrite to replace it")
     if recording.problem:
         click.echo(f"note: {recording.problem}", err=True)
-    past = FilePast(recording, title)
+    past = FilePast(recording, file.stem)
     with interruptible(), progress(round((past.ended_ns - past.began_ns) / NS_PER_S)) as tell:
         asyncio.run(past.read())
         html = page_file(past, lambda at_s: tell("seconds", round(at_s))).encode()

@@ -5,9 +5,11 @@ of a terminal, with the rights of this process.
 """
 
 import asyncio
+import contextlib
 import logging
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pointit.bridges.web.devices.pattern import PATTERN_S, pattern
@@ -66,6 +68,8 @@ class Devices:
     _strips: Mapping[str, int] = field(default_factory=dict[str, int])
     """Number of pixels of each strip of the map."""
     _localizes: bool = False
+    _is_damaged: bool = False
+    """The stored devices could not be read; their file is kept beside the next one."""
     _searching: asyncio.Lock = field(default_factory=asyncio.Lock)
     _changing: asyncio.Lock = field(default_factory=asyncio.Lock)
     """Held while devices are connected or forgotten, by whatever number of pages."""
@@ -148,10 +152,11 @@ class Devices:
             self._check_wrist(device)
         else:
             note = await self._check_light(device)
-        for device_id in {device.id, *(each.id for each in before)}:  # a device has one wearer, or one strip
+        ended = {device.id, *(each.id for each in before)}  # a device has one wearer, or one strip
+        self._store(*(each.device for key, each in self._running.items() if key not in ended), device)
+        for device_id in ended:
             await self._end(device_id)
         self._begin(device)
-        self._store()
         what = (
             f"{device.name} joins" if device.kind == "wrist" else f"strip {device.name} is on {device.label}"
         )
@@ -165,8 +170,8 @@ class Devices:
         """
         async with self._changing:
             device = self._device(device_id)
+            self._store(*(each.device for key, each in self._running.items() if key != device_id))
             await self._end(device_id)
-            self._store()
         self.changed()
         return {"message": f"{device.label} is disconnected and forgotten"}
 
@@ -222,9 +227,10 @@ class Devices:
         try:
             stored = self._file.read() or StoredDevices()
         except ConfigError as error:
+            self._is_damaged = True
             self.bus.warn("devices", f"connected devices are not known: {error}")
             return
-        for device in stored.devices:
+        for device in {each.id: each for each in stored.devices}.values():
             self._begin(device)
 
     def _begin(self, device: Connected) -> None:
@@ -280,10 +286,19 @@ class Devices:
 
     @property
     def _file(self) -> StateFile[StoredDevices]:
-        return StateFile[StoredDevices].at(site_folder(self.bus.site, "web") / "devices.json", StoredDevices)
+        return StateFile[StoredDevices].at(self._path, StoredDevices)
 
-    def _store(self) -> None:
-        self._file.write(StoredDevices(devices=tuple(each.device for each in self._running.values())))
+    @property
+    def _path(self) -> Path:
+        return site_folder(self.bus.site, "web") / "devices.json"
+
+    def _store(self, *devices: Connected) -> None:
+        if self._is_damaged:
+            with contextlib.suppress(OSError):
+                self._path.replace(self._path.with_name("devices.json.bad"))
+            self._is_damaged = False
+            self.bus.clear("devices")
+        self._file.write(StoredDevices(devices=devices))
 
     def _device(self, device_id: str) -> Connected:
         running = self._running.get(device_id)

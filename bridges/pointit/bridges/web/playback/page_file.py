@@ -32,6 +32,9 @@ MODULE = re.compile(r'"\./(chunk-\w+\.js)"')
 PLAIN = "".join(set(map(chr, range(32, 127))) - set("%#<"))
 """Characters of a module that its address has as they are."""
 
+LONGEST_S = 7200.0
+"""Longest recording: each second has `RATE_HZ` frames, whether anything was recorded then or not."""
+
 Frame = tuple[float, tuple[News, ...], tuple[News, ...], str]
 """Time from the beginning, s; states and events as in a batch; status as JSON once a second, else empty."""
 
@@ -44,6 +47,12 @@ def page_file(past: Past, tick: Callable[[float], None] = lambda _: None) -> str
     Raises:
         ConfigError: If it is too long for a page.
     """
+    length_s = past.timeline().length_s
+    if length_s > LONGEST_S:
+        raise ConfigError(
+            f"{past.timeline().title}: {length_s:.0f} s from its first to its last message are too long for "
+            f"a page (limit {LONGEST_S:.0f} s, a clock may have leapt); record a shorter session"
+        )
     hello = Hello(version=pointit_version(), site=past.site, role="viewer", requests=(), deeds=())
     packer, packed = zlib.compressobj(9, wbits=31), bytearray()
     for part in (hello.model_dump_json(), past.timeline().model_dump_json(), *frames(past)):

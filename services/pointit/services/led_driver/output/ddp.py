@@ -23,6 +23,8 @@ SERVICE = "_wled._tcp"
 ANSWER_S = 1.0
 """Maximum time for the description of a controller, s."""
 MAX_INFO_BYTES = 65536
+MAX_PIXELS = 65536
+"""Largest number of pixels that a controller is believed to have."""
 
 
 async def find_wled(seconds: float) -> Sequence[FoundDevice]:
@@ -79,7 +81,7 @@ def described(host: str, name: str, info: object) -> FoundDevice:
     own_name, version = values.get("name"), values.get("ver")
     words = [str(own_name or name)]
     details: dict[str, str | float] = {}
-    if isinstance(pixels, int):
+    if type(pixels) is int and 0 < pixels <= MAX_PIXELS:
         details["pixels"] = pixels
         words.append(f"{pixels} pixels")
     if version:

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from typing import Any
 
 import dora  # type: ignore[import-not-found]  # see above
-import pyarrow as pa  # type: ignore[import-not-found]  # see above
+import pyarrow as pa  # type: ignore[import-untyped]  # see above
 
 END_S = 20.0
 LOOK_S = 0.005

@@ -102,4 +102,6 @@ async def test_a_frozen_router_is_one_sentence_with_its_address(browser: Browser
         await run.says(f"{sentence}: nothing arrives from other machines; is its process stopped")
         ended = await commands.pointit("doctor", *at, "--timeout", "0.5")
         assert ended.code == 1
-        assert ended.out.startswith(f"error: {sentence} [unreachable]\n    -> is its process stopped (`kill -CONT PID`)")
+        said, remedy, *_ = ended.out.splitlines()
+        assert said == f"error: {sentence} [unreachable]"
+        assert remedy.startswith("    -> is its process stopped (`kill -CONT PID`)")

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from pointit.bridges.web.devices.pattern import PATTERN_S, pattern
 from pointit.bridges.web.devices.process import JsonObject, run_command
-from pointit.bridges.web.devices.wire import MAX_DEVICES, ConnectDevice, Connected, StoredDevices
+from pointit.bridges.web.devices.wire import MAX_DEVICES, ConnectDevice, ConnectedDevice, StoredDevices
 from pointit.bridges.web.model.map_editor import MapEditor
 from pointit.bridges.web.wire import DeviceLine
 from pointit.maps.edit.edits import Add
@@ -27,7 +27,7 @@ from pointit.schemas.system import check_user, instance_of
 from pointit.schemas.topics import SHOW_PIXELS
 
 if TYPE_CHECKING:  # loads what services load, which a page without a search never needs
-    from pointit.bridges.web.devices.search import Found
+    from pointit.bridges.web.devices.search import FoundDevices
 
 log = logging.getLogger(__name__)
 
@@ -42,7 +42,7 @@ HEIGHT_M, LEDS_PER_M = 1.0, 60.0
 class _Running:
     """A connected device and its process."""
 
-    device: Connected
+    device: ConnectedDevice
     task: asyncio.Task[None] | None = None
     has_begun: bool = False
     """Its process has said that it works, whatever it warns of."""
@@ -64,7 +64,7 @@ class Devices:
     changed: Callable[[], None]
     """Called when the lines have changed."""
     _running: dict[str, _Running] = field(default_factory=dict[str, _Running])
-    _found: "Found | None" = None
+    _found: "FoundDevices | None" = None
     _strips: Mapping[str, int] = field(default_factory=dict[str, int])
     """Number of pixels of each strip of the map."""
     _localizes: bool = False
@@ -233,7 +233,7 @@ class Devices:
         for device in {each.id: each for each in stored.devices}.values():
             self._begin(device)
 
-    def _begin(self, device: Connected) -> None:
+    def _begin(self, device: ConnectedDevice) -> None:
         running = self._running[device.id] = _Running(device)
         running.task = asyncio.create_task(self._serve(running), name=f"device {device.id}")
         self.changed()
@@ -255,7 +255,7 @@ class Devices:
         self.bus.warn(f"device {running.device.id}", problem and f"{running.device.label}: {problem}")
         self.changed()
 
-    def _arguments(self, device: Connected) -> tuple[str, ...]:
+    def _arguments(self, device: ConnectedDevice) -> tuple[str, ...]:
         if device.kind == "light":
             return ("output", "add", device.option, "--strip", device.name, "--json", *self._link)
         settings = [f"mounting={MOUNTINGS[device.plugin]}"] if device.plugin in MOUNTINGS else []
@@ -292,7 +292,7 @@ class Devices:
     def _path(self) -> Path:
         return site_folder(self.bus.site, "web") / "devices.json"
 
-    def _store(self, *devices: Connected) -> None:
+    def _store(self, *devices: ConnectedDevice) -> None:
         if self._is_damaged:
             with contextlib.suppress(OSError):
                 self._path.replace(self._path.with_name("devices.json.bad"))
@@ -300,7 +300,7 @@ class Devices:
             self.bus.clear("devices")
         self._file.write(StoredDevices(devices=devices))
 
-    def _device(self, device_id: str) -> Connected:
+    def _device(self, device_id: str) -> ConnectedDevice:
         running = self._running.get(device_id)
         if running is None:
             raise RefusedError(
@@ -310,12 +310,12 @@ class Devices:
 
     # Checks before a connection.
 
-    def _check_wrist(self, device: Connected) -> None:
+    def _check_wrist(self, device: ConnectedDevice) -> None:
         check_user(device.name)
         if device.id not in self._running and instance_of(IMU_BRIDGE, device.name) in self.present():
             raise RefusedError(f"{device.name} is there already: choose another name for who wears it")
 
-    async def _check_light(self, device: Connected) -> str:
+    async def _check_light(self, device: ConnectedDevice) -> str:
         """Add the strip to the map if it is not there. Return what is to be done next, or `""`."""
         taken = self._running.get(device.id)
         if taken is not None and taken.device.option != device.option:

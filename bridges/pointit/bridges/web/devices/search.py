@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from pointit.bridges.web.devices.wire import ConnectDevice, Connected
+from pointit.bridges.web.devices.wire import ConnectDevice, ConnectedDevice
 from pointit.plugins import GROUPS
 from pointit.plugins.device_search import SearchResult, search, words
 from pointit.runtime.config.plugins import FoundDevice
@@ -19,25 +19,25 @@ KINDS = {"wrist": ("imu-source", "--imu"), "light": ("led-output", "--output")}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Found:
+class FoundDevices:
     """Result of a search."""
 
-    devices: tuple[Connected, ...]
+    devices: tuple[ConnectedDevice, ...]
     """Devices as they would be stored, without the name of a person or strip."""
     uses: tuple[str, ...]
     """Option of `pointit run` that chooses each."""
     problems: tuple[str, ...]
     """A sentence for each search that could not run."""
 
-    def device(self, wanted: ConnectDevice) -> Connected | None:
+    def device(self, wanted: ConnectDevice) -> ConnectedDevice | None:
         """Return the device that `wanted` chooses, or None if it was not found."""
         return next((each for each in self.devices if each.is_like(wanted)), None)
 
 
-def find() -> Found:
+def find() -> FoundDevices:
     """Return the devices within reach. Takes `SEARCH_S` or a little longer."""
     results = search({kind: GROUPS[kind] for kind, _ in KINDS.values()}, SEARCH_S, lambda _done: None)
-    devices: list[Connected] = []
+    devices: list[ConnectedDevice] = []
     uses: list[str] = []
     problems = [f"{result.name}: {result.problem}" for result in results if result.problem]
     for name, (kind, option) in KINDS.items():
@@ -49,12 +49,12 @@ def find() -> Found:
                     problems.append(f"{result.name}: a device has an address that cannot be used")
                 else:
                     uses.append(f"{option} {words(result, each)}")
-    return Found(
+    return FoundDevices(
         devices=tuple(devices[:MAX_FOUND]), uses=tuple(uses[:MAX_FOUND]), problems=tuple(problems[:MAX_FOUND])
     )
 
 
-def _device(kind: str, result: SearchResult, found: FoundDevice) -> Connected:
+def _device(kind: str, result: SearchResult, found: FoundDevice) -> ConnectedDevice:
     label, _, _ = found.label.partition("; set ")  # parameters, which are set here
     pixels = found.details.get("pixels", 0)
     values: dict[str, Any] = {
@@ -66,7 +66,7 @@ def _device(kind: str, result: SearchResult, found: FoundDevice) -> Connected:
         "pixels": max(0, int(pixels)) if isinstance(pixels, int | float) else 0,
         "is_remote": _is_remote(found.details.get("ip", "")),
     }
-    return Connected.model_validate(values)
+    return ConnectedDevice.model_validate(values)
 
 
 def _is_remote(address: str | float) -> bool:

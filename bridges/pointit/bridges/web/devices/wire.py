@@ -43,7 +43,7 @@ class OneDevice(_Frozen):
     id: Annotated[str, Field(max_length=80, description="as in `DeviceLine`")]
 
 
-class Connected(ConnectDevice):
+class ConnectedDevice(ConnectDevice):
     """A device that is connected at every start."""
 
     label: Annotated[str, Field(max_length=400)]
@@ -69,4 +69,4 @@ class Connected(ConnectDevice):
 class StoredDevices(_Frozen):
     """The devices that are connected at every start."""
 
-    devices: Annotated[tuple[Connected, ...], Field(max_length=MAX_DEVICES)] = ()
+    devices: Annotated[tuple[ConnectedDevice, ...], Field(max_length=MAX_DEVICES)] = ()

@@ -16,7 +16,7 @@ export interface ViewStats {
   renderer: string;
   /** Drawn without a graphics processor: the view is in its light mode. */
   software: boolean;
-  /** From {W} to clip coordinates, 4 x 4 by columns; empty: of another kind of picture. */
+  /** Matrix from {W} to clip coordinates, 4 x 4 by columns; empty in a view without perspective. */
   readonly lens: readonly number[];
 }
 

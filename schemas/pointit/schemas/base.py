@@ -153,7 +153,7 @@ def unchecked(kind: Callable[P, M]) -> Callable[P, M]:
         set_names(message, names)
         set_extra(message, None)
         set_private(message, None)
-        if ConstructorChecks.are_on and repr(kind(*args, **values)) != repr(message):
+        if ConstructorChecks.are_on and repr(vars(kind(*args, **values))) != repr(vars(message)):
             raise TypeError(f"{message!r}: validation converts a value; calculate it in its field's type")
         return message
 

@@ -9,9 +9,10 @@ import os
 import sys
 import time
 from collections import defaultdict
-from collections.abc import AsyncGenerator, Generator, Sequence
+from collections.abc import AsyncGenerator, Generator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from pointit.diagnosis.diagnose import diagnose
@@ -178,6 +179,8 @@ class Plant:
     network: Network
     commands: Commands
     path: Path
+    rates: Mapping[str, str]
+    """Parameters of the processes, as environment variables."""
     a: Host = field(init=False)
     b: Host = field(init=False)
     folder: Path = field(init=False)
@@ -207,7 +210,9 @@ class Plant:
 
     def environment(self, host: Host, name: str) -> dict[str, str]:
         state = {"POINTIT_STATE": str(self.path / f"state-{host.name}")}
-        return state | ({"POINTIT_CREDENTIALS": str(self.folder / "identities" / name)} if name else {})
+        return {**self.rates, **state} | (
+            {"POINTIT_CREDENTIALS": str(self.folder / "identities" / name)} if name else {}
+        )
 
     @property
     def processes(self) -> dict[str, Command]:
@@ -240,14 +245,14 @@ class Plant:
 
 
 @contextlib.contextmanager
-def running(path: Path) -> Generator[Plant]:
+def running(path: Path, rates: Mapping[str, str] = MappingProxyType({})) -> Generator[Plant]:
     """Yield the two hosts with everything that runs there; skip the test where there can be no network."""
     network_or_skip()
     (path / "printed").mkdir()
     commands = Commands(path / "printed")
     with network() as wire:
         try:
-            plant = Plant(wire, commands, path)
+            plant = Plant(wire, commands, path, rates)
             asyncio.run(plant.begin())
             yield plant
         finally:

@@ -30,6 +30,7 @@ NOTICED_S = 15.0
 """Doctor takes 2 s, and its start on a busy machine."""
 BUSY = """\
 conveyor-sim:
+  rate_hz: 10
   feeders:
     entry:
       belt: part_e
@@ -38,9 +39,9 @@ conveyor-sim:
       max_interval_s: 2.2
       length_m: 0.4
 led-driver:
-  max_rate_hz: 10
+  max_rate_hz: 5
 user-sim:
-  rate_hz: 25
+  rate_hz: 15
 """
 """More to select than people would have, and fewer samples and frames: fifteen processes share two cores."""
 DASHBOARD_HZ = 20.0

@@ -37,6 +37,9 @@ GONE_S = 12.0
 """Lease, and as long for TCP to give a write up."""
 RECOVERED_S = 15.0
 MEMORY_MB = 30.0
+RATE_HZ = 20.0
+RATES = {"POINTIT_USER_SIM__RATE_HZ": f"{RATE_HZ}", "POINTIT_LED_DRIVER__MAX_RATE_HZ": "10"}
+"""Less than usual: a site's work goes by its rates."""
 GONE = ("silent", "absent", "left")
 """Doctor's codes for an unreachable person."""
 BAD = (*GONE, "slow", "stale", "clock", "warning")
@@ -52,7 +55,7 @@ class Both:
 @pytest.fixture(scope="module")
 def both(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Both]:
     """Start the two hosts, once for all tests here."""
-    with running(tmp_path_factory.mktemp("links")) as plant:
+    with running(tmp_path_factory.mktemp("links"), RATES) as plant:
         spectator = plant.spectator(plant.b, "operator")
         asyncio.run(until(lambda: bool(spectator.lines()), PATIENCE_S, "somebody who looks on at host B"))
         yield Both(plant, spectator)
@@ -200,4 +203,4 @@ async def test_a_link_that_loses_much(both: Both, account: Account) -> None:
 
 
 def _missing(outcome: Outcome, lasted_s: float) -> str:
-    return f"{max(0.0, 1.0 - len(outcome.during_s) / (50.0 * lasted_s)):.0%}"
+    return f"{max(0.0, 1.0 - len(outcome.during_s) / (RATE_HZ * lasted_s)):.0%}"

@@ -130,6 +130,14 @@ class Window:
     async def is_shown(self, patience_s: float = PATIENCE_S) -> None:
         await self.until(SHOWN, "the site is shown", patience_s)
 
+    async def is_still(self) -> None:
+        """Wait until the camera stands still: cards, at which the page looks each second, make it move."""
+        patience, before = Patience(PATIENCE_S), None
+        while (lens := await self.page.evaluate("[...window.pointit.stats.lens]")) != before:
+            assert not patience.is_over(), f"waited {patience} in vain: the camera moves"
+            before = lens
+            await asyncio.sleep(1.2)
+
     async def until(self, condition: str, what: str = "", patience_s: float = PATIENCE_S) -> Any:
         """Wait until `condition`, JavaScript, is true, and return it.
 

@@ -1,7 +1,8 @@
-"""Messages of a session as hashes: one per key, the same on every machine and supported version."""
+"""Messages of a session as hashes and sums: one per key, the same on every machine and supported version."""
 
 import hashlib
 import json
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -14,8 +15,12 @@ from pointit.schemas.topics import ACCOUNTS, TOPICS, Delivery, Topic, topic_of
 TOPICS_HASHED: tuple[Topic[Any], ...] = tuple(topic for topic in TOPICS if topic not in ACCOUNTS)
 """All but what the runtime reports: load and delays of this machine, parameters, requests."""
 
+TOLERANCE = 1e-5
+"""Largest difference of two weighted sums of floats that are the same: last digits differ between versions of
+Python and NumPy, and CPUs, so that floats, however rounded, cannot be hashed."""
+
 DECIMALS = 6
-"""Floats are rounded before hashing: last digits differ between versions of Python and NumPy, and CPUs."""
+"""Floats of dumps are rounded."""
 
 HASHES = Path(__file__).with_name("hashes.json")
 
@@ -50,12 +55,16 @@ class Record:
         return any(not value or value in vars(message).values() for message in messages)
 
     def hashes(self) -> dict[str, str]:
-        """Return `count hash` by key, and by key and `SENTENCES` where messages have texts."""
+        """Return `count hash sum` by key, and by key and `SENTENCES` where messages have texts.
+
+        The hash is of all but floats, whose sum is weighted: each has its own weight, ±1 to ±2.
+        """
         found: dict[str, str] = {}
         for key, messages in self.by_key().items():
             texts: list[str] = []
-            lines = [line_of(message, texts) for message in messages]
-            found[key] = _hash(lines)
+            floats: list[float] = []
+            lines = [line_of(message, texts, floats) for message in messages]
+            found[key] = f"{_hash(lines)} {_weighted(floats):.9g}"
             if texts:
                 found[key + SENTENCES] = _hash(texts)
         return found
@@ -71,20 +80,26 @@ def _row(key: str) -> int:
     return TOPICS_HASHED.index(found) if (found := topic_of(key)) else -1
 
 
-def line_of(message: Message, texts: list[str] | None = None) -> str:
-    """Return a message's name, version and fields as one line; move texts with spaces to `texts` if given."""
-    fields = _plain(message.model_dump(), texts)
+def line_of(message: Message, texts: list[str] | None = None, floats: list[float] | None = None) -> str:
+    """Return a message's name, version and fields as one line.
+
+    Texts with spaces are moved to `texts`, and floats to `floats`, if these are given.
+    """
+    fields = _plain(message.model_dump(), texts, floats)
     return f"{message.schema_name()} {json.dumps(fields, sort_keys=True, ensure_ascii=False)}"
 
 
-def _plain(value: Any, texts: list[str] | None) -> Any:
+def _plain(value: Any, texts: list[str] | None, floats: list[float] | None) -> Any:
     match value:
+        case float() if floats is not None:
+            floats.append(value)
+            return "~"
         case float():
             return round(value, DECIMALS) + 0.0  # 0.0 instead of -0.0
         case dict():
-            return {key: _plain(item, texts) for key, item in cast("dict[str, Any]", value).items()}
+            return {key: _plain(item, texts, floats) for key, item in cast("dict[str, Any]", value).items()}
         case list() | tuple():
-            return [_plain(item, texts) for item in cast("Sequence[Any]", value)]
+            return [_plain(item, texts, floats) for item in cast("Sequence[Any]", value)]
         case bytes():
             return value.hex()
         case str() if texts is not None and " " in value:
@@ -98,10 +113,25 @@ def _hash(lines: list[str]) -> str:
     return f"{len(lines)} {hashlib.sha256(chr(10).join(lines).encode()).hexdigest()[:16]}"
 
 
+def _weighted(floats: Sequence[float]) -> float:
+    def weight(index: int) -> float:
+        sign = 1.0 if math.modf(index * math.sqrt(2.0))[0] < 0.5 else -1.0
+        return sign * (1.0 + math.modf(index * math.sqrt(5.0))[0])
+
+    return math.fsum(weight(index) * value for index, value in enumerate(floats))
+
+
+def _are_same(one: str, other: str) -> bool:
+    (*ones, its), (*others, that) = one.rsplit(" ", 1), other.rsplit(" ", 1)
+    if ones != others or " " not in ones[0]:  # of sentences
+        return one == other
+    return math.isclose(float(its), float(that), rel_tol=1e-8, abs_tol=TOLERANCE)
+
+
 def difference(recorded: dict[str, str], now: dict[str, str]) -> str:
     """Return the keys that differ in two `Record.hashes`, the first with its counts, or `""` if none does."""
     keys = list(dict.fromkeys([*recorded, *now]))
-    changed = [key for key in keys if recorded.get(key) != now.get(key)]
+    changed = [key for key in keys if not _are_same(recorded.get(key, "- -"), now.get(key, "- -"))]
     if not changed:
         return ""
     was, its = (hashes.get(changed[0], "0").split()[0] for hashes in (recorded, now))

@@ -154,7 +154,7 @@ def front() -> click.Group:
         entries=COMMANDS,
         callback=print_help_without_action,
         invoke_without_command=True,
-        context_settings={"help_option_names": ["-h", "--help"]},
+        context_settings={"help_option_names": ["-h", "--help", "--help-all"]},
         help=(
             "Point at things and the things react.\n\n"
             "Start with `pointit run`, which `pointit` alone is: it needs no hardware or configuration. "

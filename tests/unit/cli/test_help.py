@@ -53,6 +53,13 @@ def test_help_of_a_command_has_24_lines_at_most_and_names_the_rest(path: tuple[s
         assert all(part.split()[-1] in told.output for part in [*paragraphs, found.epilog or "."])
 
 
+@pytest.mark.parametrize("words", [(), ("map",), ("doctor",)], ids=" ".join)
+def test_help_all_is_the_help_when_that_has_no_rest(words: tuple[str, ...]) -> None:
+    short, whole = (CliRunner().invoke(command, [*words, asked]) for asked in ("--help", "--help-all"))
+    assert whole.exit_code == 0
+    assert whole.output == short.output
+
+
 def test_the_laboratory_is_one_line_of_the_help() -> None:
     told = CliRunner().invoke(command, ["--help"], prog_name="pointit", terminal_width=80).output
     (line,) = [each for each in told.splitlines() if "evaluate" in each]

@@ -6,8 +6,9 @@ import threading
 from collections.abc import Callable, Coroutine
 from typing import Any, TypeVar
 
-from pointit.runtime.errors import BusClosedError
+from pointit.runtime.errors import BusClosedError, PointItError
 from pointit.runtime.virtual_time import VirtualTimeLoop
+from pointit.schemas import SchemaError
 
 T = TypeVar("T")
 
@@ -50,6 +51,8 @@ class LoopThread:
             return call.result()
         except concurrent.futures.CancelledError as error:
             raise closed_error() from error
+        except (PointItError, SchemaError) as error:
+            raise error.with_traceback(None)  # frames of this thread would hide the caller's
         except BaseException:
             call.cancel()
             raise

@@ -43,3 +43,9 @@ def test_an_empty_name_is_not_everybodys(site: SyncSite) -> None:
         site.selections("")
     with pytest.raises(KeyNameError, match="lamp ''"):
         site.lamp("")
+
+
+def test_the_traceback_of_a_wrong_name_has_no_frames_of_the_sites_thread(site: SyncSite) -> None:
+    with pytest.raises(KeyNameError, match="user ''") as told:
+        site.cursors("")
+    assert [frame.name for frame in told.traceback[1:]] == ["iterating", "call", "run"]

@@ -219,6 +219,15 @@ def test_check_goes_on_after_a_failure_and_names_what_failed(machine: Machine) -
     assert sorted(machine.calls) == ["pointit topic schema --check", "python scripts/prose"]
 
 
+def test_prose_checks_a_markdown_file(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    text = "A map … that " + "hee" + "ds nothing."  # in one piece it would be an offence here
+    page.write_text(f"# Rooms\n\n{text}\n", encoding="utf-8")
+    done = subprocess.run([ROOT / "scripts" / "prose", page], capture_output=True, text=True, check=False)
+    told = f"{page}:3: use an everyday word: {text}\n"
+    assert (done.returncode, done.stdout) == (1, told), done.stderr
+
+
 def test_all_scripts_are_executable_and_parse() -> None:
     scripts = [*(ROOT / "scripts").iterdir(), *(ROOT / ".ci").iterdir()]
     for script in (each for each in scripts if each.is_file()):

@@ -52,7 +52,7 @@ class LoopThread:
         except concurrent.futures.CancelledError as error:
             raise closed_error() from error
         except (PointItError, SchemaError) as error:
-            raise error.with_traceback(None)  # frames of this thread would hide the caller's
+            raise error.with_traceback(None) from error.__cause__  # this thread's frames hide the caller's
         except BaseException:
             call.cancel()
             raise

@@ -2,6 +2,7 @@
 
 import contextlib
 import datetime as dt
+import functools
 import logging
 import os
 from collections.abc import AsyncGenerator, Sequence
@@ -18,7 +19,7 @@ from pointit.runtime.link.link import DEFAULT_ENDPOINT, DEFAULT_SITE, Link
 from pointit.runtime.virtual_time import is_virtual
 from pointit.runtime.zenoh.sites import sites_at
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
-from pointit.schemas.topics import ANY, HEALTH, SERVICE_ALIVE
+from pointit.schemas.topics import ANY, HEALTH, SERVICE_ALIVE, USER_ALIVE
 
 log = logging.getLogger(__name__)
 
@@ -37,7 +38,7 @@ def connect(
 
     Args:
         address: of a `pointit run` or `pointit router`, such as `tcp/192.168.1.5:7447`, or several in turn.
-            By default those of the credentials, else this machine's.
+            By default those of the credentials, else port 7447 of this machine: whose run that is, is logged.
         site: its name. By default that of the credentials, else `lab`.
         credentials: the folder of an identity on a secured site. By default `$POINTIT_CREDENTIALS`, if set.
         patience_s: time limit, s. None: wait until somebody answers.
@@ -77,10 +78,18 @@ async def _join(
     bus = await ZenohBus.open(link, patience_s=patience_s)
     try:
         await _check_site(bus)
+        if not (address or site or link.credentials):
+            people = ", ".join(sorted(await bus.list_present(USER_ALIVE))) or "nobody"
+            _tell_joined(f"site {bus.site} at {DEFAULT_ENDPOINT}, with {people}")
         async with Site.on(bus, SiteClock(bus)) as joined:
             yield joined
     finally:
         await bus.close()
+
+
+@functools.cache  # once
+def _tell_joined(what: str) -> None:
+    log.warning("joined %s; for another run give the address at which that listens", what)
 
 
 def _link(connect: Sequence[str], site: str, folder: str | Path | None) -> Link:

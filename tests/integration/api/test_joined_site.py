@@ -26,7 +26,7 @@ from pointit.errors import (
 from pointit.runtime.link.link import Link
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Done, PointingRay, ReleaseObject, SelectionEvent, TrackedObject
-from pointit.schemas.topics import CURSOR, RAY, RELEASE_OBJECT, SELECTION_EVENTS, SERVICE_ALIVE
+from pointit.schemas.topics import CURSOR, RAY, RELEASE_OBJECT, SELECTION_EVENTS, SERVICE_ALIVE, USER_ALIVE
 from tests.integration.access.secured import link_of, make_site, routed
 from tests.support.bench import PATIENCE_S, repeated, until
 
@@ -89,6 +89,19 @@ async def test_nobody_there_is_one_sentence(endpoint: str) -> None:
     with pytest.raises(ConfigError, match=r"'here' is no address; write one like tcp/127.0.0.1:7447"):
         async with pointit.connect("here"):
             pass
+
+
+async def test_the_run_that_is_joined_without_a_name_is_told_once(
+    home: ZenohBus, endpoint: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr("pointit.api.connection.DEFAULT_ENDPOINT", endpoint)
+    home.announce(USER_ALIVE, "anna")
+    async with pointit.connect(endpoint, patience_s=PATIENCE_S), pointit.connect(site="lab"):
+        assert "joined" not in caplog.text
+    for _ in range(2):
+        async with pointit.connect(patience_s=PATIENCE_S):
+            pass
+    assert caplog.text.count(f"joined site lab at {endpoint}, with anna; for another run give") == 1
 
 
 @pytest.mark.usefixtures("home")

@@ -248,6 +248,23 @@ def test_lanes_tell_states_selections_refusals_misses_and_warnings_but_not_the_e
     }
 
 
+@pytest.mark.parametrize(("before_s", "is_told"), [(4.0, True), (1.0, False)])
+def test_services_that_leave_together_are_an_outage_but_not_at_the_end(
+    tmp_path: Path, before_s: float, *, is_told: bool
+) -> None:
+    left_s = LENGTH_S - before_s
+    run = [said(LENGTH_S, topics.POSE, "anna", pose(LENGTH_S, 1.0))]
+    for name in ("pui", "selector", "led-driver", "keeper"):
+        run += [said(at_s, topics.SERVICE_ALIVE, name, at_s == 0.0) for at_s in (0.0, left_s)]
+        run += [said(at_s, topics.HEALTH, name, health(at_s)) for at_s in range(1, round(left_s))]
+    write_recording(tmp_path / "run.mcap", sorted(run, key=lambda each: each.time_ns))
+    with Recording.open(tmp_path / "run.mcap") as recording:
+        past = FilePast(recording, "run")
+        asyncio.run(past.read())
+        findings = played_to(past, LENGTH_S + 1.0).status().findings
+    assert any("gone together" in each.sentence for each in findings) is is_told
+
+
 @pytest.mark.parametrize("most", [3, 4])
 def test_states_outlast_dropped_checkpoints(
     most: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -6,6 +6,7 @@ Times in seconds are of any monotonic clock; those in nanoseconds are the site's
 from collections.abc import Iterator
 
 from pointit.bridges.web.model.site_model import SiteModel
+from pointit.bridges.web.playback.lanes import GRACE_NS
 from pointit.bridges.web.playback.past import Past
 from pointit.bridges.web.wire import PersonLine, Status
 from pointit.recording.entries import Entry
@@ -111,7 +112,8 @@ class Playback:
         if isinstance(row, Topic) and isinstance(body, Message):
             model.take(row, name, body, entry.time_ns, at_s)
         elif row is SERVICE_ALIVE:
-            model.set_service(name, bool(body), at_s)
+            if body or self._past.ended_ns - entry.time_ns > GRACE_NS:  # else the recording ends with its run
+                model.set_service(name, bool(body), at_s)
         elif row is USER_ALIVE and body:
             self._users.add(name)
         elif row is USER_ALIVE:

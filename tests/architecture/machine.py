@@ -33,7 +33,7 @@ case "$1 $2" in
         esac
         case "$*" in
             *" --python "*" uv") uv="${4%/*}/uv" ;;
-            *" uv") uv="${0%/*}/uv" ;;
+            *" uv" | *"/uv.txt") uv="${0%/*}/uv" ;;
             *) exit ;;
         esac
         printf '#!/bin/sh\\necho "fetched uv $*" >> "$CALLS"; exit ${NO_UV:-0}\\n' > "$uv"

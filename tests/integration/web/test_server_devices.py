@@ -199,6 +199,25 @@ async def test_a_device_that_two_pages_connect_and_rename_has_one_process(starte
         await until(lambda: bool(commands(started)) and commands(started)[-1][2] == "carla")
 
 
+async def test_a_stored_light_waits_while_the_run_has_its_controller_as_output(started: Path) -> None:
+    async with memory_bench() as bench:
+        async with serving(bench, devices_at=AT) as server, server.page() as page:
+            await room(bench, page)
+            assert not await refusal(page)
+            await until(lambda: len(commands(started)) == 1)
+        taken = {"devices_at": AT, "run_output": "ddp:kitchen.local"}
+        async with serving(bench, **taken) as server, server.page() as page:
+            told = "`--output ddp:kitchen.local` of this run drives it; leave that out, or forget"
+            await until(lambda: str(line(page, "light").get("problem", "")).startswith(told))
+            assert not line(page, "light")["is_on"]
+        assert len(commands(started)) == 1
+        async with (
+            serving(bench, devices_at=AT, run_output="ddp:hall.local") as server,
+            server.page() as page,
+        ):
+            await until(lambda: bool(line(page, "light").get("is_on")))
+
+
 async def test_a_damaged_list_is_kept_beside_the_next_one() -> None:
     async with memory_bench() as bench:
         file = site_folder(bench.bus.site, "web") / "devices.json"

@@ -15,7 +15,7 @@ from click.testing import CliRunner
 from pointit.cli.display.summary import write_summary
 from pointit.cli.main import command
 from pointit.cli.page import dashboard
-from pointit.cli.page.run_page import RunPage
+from pointit.cli.page.run_page import PAGE_PART, RunPage
 from pointit.launch.page import page
 from pointit.launch.page.page import PORT, PORTS_TO_TRY, Page, is_asked_of_page, kept_link, page_of, where
 from pointit.launch.plan.launches import Choices
@@ -48,6 +48,21 @@ def test_the_address_has_the_port_and_the_token_of_who_may_control() -> None:
     assert made.viewer_url.partition("=")[2] == config.viewer_token
     assert not made.lan_url
     assert len(made.url) <= 70  # with `page: ` in a frame of 80 columns
+
+
+def test_the_page_knows_the_output_of_its_run() -> None:
+    chosen = {
+        "no_web": False,
+        "web_port": 0,
+        "lan": False,
+        "no_browser": True,
+        "new_link": False,
+        "site": "lab",
+    }
+    for output in ("ddp:kitchen.local", ""):
+        (beside,) = PAGE_PART.add(read_scenario("shelf"), Choices(output=output), chosen).beside
+        assert isinstance(beside, RunPage)
+        assert (beside.page.config.run_output, beside.page.is_usual) == (output, True)
 
 
 def test_without_a_wish_the_next_port_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -50,6 +50,10 @@ class WebConfig(Config):
         description="address of the site for the processes of devices that a page connects, set by "
         "`pointit run`; no device can be connected if empty",
     )
+    run_output: str = Field(
+        default="",
+        description="the `--output` of the run, set by `pointit run`; a connected light of that name waits",
+    )
     scan_file: str = Field(
         default="", description="suggested path of the map that *Map this room* writes  [default: room.yaml]"
     )

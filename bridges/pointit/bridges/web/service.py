@@ -152,6 +152,7 @@ class Web(Service[WebConfig]):
             bus=self.bus,
             maps=maps,
             address=config.devices_at,
+            run_output=config.run_output,
             present=lambda: self._belief.present,
             changed=self._changed,
         )

@@ -163,7 +163,8 @@ def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Ad
     )
     if options["new_link"] and page.config.operator_token != tokens.operator:
         notes = (*notes, "--new-link does not change the link for control: its token is set by hand")
-    beside = RunPage(page, opens_browser=not options["no_browser"])
+    config = page.config.model_copy(update={"run_output": page.config.run_output or choices.output})
+    beside = RunPage(dataclasses.replace(page, config=config), opens_browser=not options["no_browser"])
     return Added(beside=[beside], services=[PAGE], notes=notes, moves_wrists=True)
 
 

@@ -59,6 +59,8 @@ class Devices:
     maps: MapEditor
     address: str
     """Address at which the processes of devices join the site, or `""` if none may be started here."""
+    run_output: str
+    """The run's own `--output`, which has its controller to itself, or `""`."""
     present: Callable[[], Collection[str]]
     """Returns the instances that are present."""
     changed: Callable[[], None]
@@ -235,6 +237,12 @@ class Devices:
 
     def _begin(self, device: ConnectedDevice) -> None:
         running = self._running[device.id] = _Running(device)
+        if device.kind == "light" and device.option == self.run_output:
+            problem = (
+                f"`--output {device.option}` of this run drives it; leave that out, or forget the device"
+            )
+            self._set_problem(running, problem)
+            return
         running.task = asyncio.create_task(self._serve(running), name=f"device {device.id}")
         self.changed()
 

@@ -96,25 +96,6 @@ def test_a_moved_checkout_is_installed_again(machine: Machine, tmp_path: Path) -
     assert machine.calls[-2].endswith(f"-e {machine.root}[web]")
 
 
-def test_a_locked_installation_fetches_uv_by_its_hash_where_it_is_missing(machine: Machine) -> None:
-    machine.add("python3", PYTHON)
-    (machine.root / "requirements").mkdir()
-    uv = "uv==1.2 \\\n    --hash=sha256:12 \\\n    --hash=sha256:34\n"
-    locked = machine.root / "requirements" / "ci.txt"
-    locked.write_text(
-        f"tqdm==1.0 \\\n    --hash=sha256:56\n{uv}zarr==1.0 \\\n    --hash=sha256:78\n", "utf-8"
-    )
-    assert machine.run("setup", "dev", LOCKED="1").returncode == 0
-    assert (machine.root / ".venv" / "uv.txt").read_text("utf-8") == uv
-    install = f"fetched uv pip install --quiet --python {machine.root}/.venv/bin/python"
-    assert machine.calls == [
-        f"python -m venv --without-pip {machine.root}/.venv",
-        f"{PIP} --require-hashes -r {machine.root}/.venv/uv.txt",
-        f"{install} --require-hashes -r {locked}",
-        f"{install} --no-deps --no-build-isolation -e {machine.root} -e {machine.root}/lab",
-    ]
-
-
 def test_uv_is_used_when_it_is_there(machine: Machine) -> None:
     machine.add("python3", PYTHON)
     machine.add("uv", UV)
@@ -236,15 +217,6 @@ def test_check_goes_on_after_a_failure_and_names_what_failed(machine: Machine) -
     assert "mypy complains" in done.stdout
     assert "ruff complains" not in done.stdout
     assert sorted(machine.calls) == ["pointit topic schema --check", "python scripts/prose"]
-
-
-def test_prose_checks_a_markdown_file(tmp_path: Path) -> None:
-    page = tmp_path / "page.md"
-    text = "A map … that " + "hee" + "ds nothing."  # in one piece it would be an offence here
-    page.write_text(f"# Rooms\n\n{text}\n", encoding="utf-8")
-    done = subprocess.run([ROOT / "scripts" / "prose", page], capture_output=True, text=True, check=False)
-    told = f"{page}:3: use an everyday word: {text}\n"
-    assert (done.returncode, done.stdout) == (1, told), done.stderr
 
 
 def test_all_scripts_are_executable_and_parse() -> None:

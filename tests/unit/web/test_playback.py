@@ -18,7 +18,7 @@ from pointit.bridges.web.playback.playback import Playback
 from pointit.bridges.web.playback.recent import Recent
 from pointit.recording.entries import Body, Entry, entry
 from pointit.recording.reader import Recording
-from pointit.runtime.virtual_time import START_NS
+from pointit.runtime.virtual_time import START_NS, run_virtually
 from pointit.schemas import (
     NS_PER_S,
     Deployment,
@@ -260,7 +260,7 @@ def test_services_that_leave_together_are_an_outage_but_not_at_the_end(
     write_recording(tmp_path / "run.mcap", sorted(run, key=lambda each: each.time_ns))
     with Recording.open(tmp_path / "run.mcap") as recording:
         past = FilePast(recording, "run")
-        asyncio.run(past.read())
+        run_virtually(past.read())
         findings = played_to(past, LENGTH_S + 1.0).status().findings
     assert any("gone together" in each.sentence for each in findings) is is_told
 

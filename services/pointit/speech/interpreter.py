@@ -103,10 +103,11 @@ class Interpreter:
         self._changed.set()
         command = parse(speech.words, self.vocabulary)
         is_stop = command is not None and command.verb == "stop"  # also in "no, stop", and "stop right there"
-        if not is_stop and (said := answer(speech.words)) is not None and self._question.answer(said):
+        said, at_ns = answer(speech.words), speech.words[0].start_ns
+        if not is_stop and said is not None and self._question.answer(said, at_ns):
             return
         if is_stop:
-            self._question.answer("no")
+            self._question.stop()
             stopping = asyncio.get_running_loop().create_task(self._follow(speech))  # it waits for nothing
             self._stopping.add(stopping)
             stopping.add_done_callback(self._stopped)

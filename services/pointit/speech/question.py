@@ -7,16 +7,20 @@ from collections.abc import Sequence
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.clock import Clock
 from pointit.runtime.errors import RequestError
-from pointit.schemas import ButtonEvent, Referent, SetLamp
+from pointit.schemas import NS_PER_S, ButtonEvent, Referent, SetLamp
 from pointit.schemas.base import Rgb
 from pointit.schemas.topics import BUTTON, SET_LAMP
 from pointit.speech.grammar import Answer
 from pointit.speech.room import SpokenRoom
 
-TURN_S = 1.5
+TURN_S = 3.0
 """Time for which one candidate is asked about, s."""
+REACTION_S = 0.3
+"""Time from seeing a light to the answer to it, s."""
+LATE_S = 1.5
+"""Time for which answers are awaited after the last turn, s: recognisers tell words when they are over."""
 ROUNDS = 2
-BLINKS = 3
+BLINKS = 6
 """Number of times that a lamp blinks in a turn."""
 COLOR: Rgb = (255, 255, 255)
 
@@ -26,40 +30,60 @@ class Question:
 
     def __init__(self, bus: Bus, clock: Clock, user: str, room: SpokenRoom) -> None:
         self._bus, self._clock, self._room = bus, clock, room
-        self._answer: asyncio.Future[Answer] | None = None
+        self._turns: list[tuple[int, Referent]] = []
+        """Candidates that were shown, each with the time from which on; empty while nothing is asked."""
+        self._left: list[Referent] = []
+        """Candidates that may still be confirmed."""
+        self._chosen: Referent | None = None
+        self._answered = asyncio.Event()
         bus.subscribe(BUTTON, self._on_button, user)
 
-    def answer(self, said: Answer) -> bool:
-        """Answer the question that is being asked. Return False if there is none."""
-        if self._answer is None or self._answer.done():
+    def answer(self, said: Answer, at_ns: int) -> bool:
+        """Answer what was shown at `at_ns`, when the answer began. Return False if nothing was asked then."""
+        if not self._turns or at_ns < self._turns[0][0]:
             return False
-        self._answer.set_result(said)
+        decided_ns = max(at_ns - round(REACTION_S * NS_PER_S), self._turns[0][0])
+        shown = [one for since_ns, one in self._turns if since_ns <= decided_ns]
+        if said == "yes":
+            self._chosen = shown[-1]
+        self._left = [one for one in self._left if said == "no" and one != shown[-1]]
+        if not self._left or len(shown) == len(self._turns):  # else the next one is shown already
+            self._answered.set()
         return True
+
+    def stop(self) -> None:
+        """Ask no more: nothing is confirmed."""
+        self._left.clear()
+        self._answered.set()
 
     def _on_button(self, event: ButtonEvent, _user: str) -> None:
         if event.gesture == "press":
-            self.answer("yes")
+            self.answer("yes", event.stamp_ns)
 
     async def ask(self, candidates: Sequence[Referent]) -> Referent | None:
         """Return the candidate that is confirmed in its turn, or None if none is."""
-        for index in range(ROUNDS * len(candidates)):
-            one = candidates[index % len(candidates)]
-            self._answer = asyncio.get_running_loop().create_future()
-            blinking = asyncio.create_task(self._blink(self._room.lamp(one)))
-            try:
-                async with asyncio.timeout(TURN_S / self._clock.speed):
-                    said = await self._answer
-            except TimeoutError:
-                said = None
-            finally:
-                self._answer = None
-                blinking.cancel()
-                await asyncio.wait({blinking})
-            if said == "yes":
-                return one
-            if said == "no" and len(candidates) == 1:
-                return None
-        return None
+        self._left, self._chosen = list(candidates), None
+        try:
+            for one in [*candidates] * ROUNDS:
+                if one in self._left:
+                    self._turns.append((self._clock.now_ns(), one))
+                    blinking = asyncio.create_task(self._blink(self._room.lamp(one)))
+                    try:
+                        await self._answer_within(TURN_S)
+                    finally:
+                        blinking.cancel()
+                        await asyncio.wait({blinking})
+            if self._left:
+                await self._answer_within(LATE_S)
+            return self._chosen
+        finally:
+            self._turns.clear()
+
+    async def _answer_within(self, time_s: float) -> None:
+        self._answered.clear()
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(time_s / self._clock.speed):
+                await self._answered.wait()
 
     async def _blink(self, lamp: str) -> None:
         """Blink a lamp, and give it back to the site. Who may not set lamps still asks in words."""

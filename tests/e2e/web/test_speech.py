@@ -1,5 +1,6 @@
 """A person speaks to the page while its mouse points for them: a scripted recogniser of the browser."""
 
+import re
 from typing import Any
 
 import pytest
@@ -55,6 +56,7 @@ async def test_words_of_the_browser_are_followed(
     await listening.says("listening to user1")
     await page.get_by_role("button", name="Point with the mouse").click()
     await expect(page.locator("#guide")).to_contain_text("You are the arm now")
+    await window.is_still()
     speech = page.get_by_label("Speech")
     listen, understood = speech.get_by_role("button", name="Listen"), speech.locator(".understood")
     await listen.click()
@@ -70,6 +72,24 @@ async def test_words_of_the_browser_are_followed(
     assert [word["text"] for word in spoken(window)] == ["turn", "that", "off"]
     assert ages == sorted(ages, reverse=True)
     assert 0.9 < ages[0][0] < 3.0, "of about 1.1 s of speech"
+
+    places = [
+        await window.until(f"({NAME})('{name}')", f"the name of {name} is shown")
+        for name in ("screws", "nuts")
+    ]
+    (x, y), (other_x, other_y) = places
+    assert await window.aimed_at((x + other_x) / 2, (y + other_y) / 2 + BELOW_PX, 10.0)
+    await page.evaluate("window.say('take that')")
+    await expect(understood).to_have_attribute("data-result", "asked")
+    await expect(understood).to_contain_text(
+        re.compile("(screws or nuts|nuts or screws)\\? Say yes", re.IGNORECASE)
+    )
+    assert await violations(page) == []
+    await speech.get_by_role("button", name="Yes").click()
+    await expect(understood).to_have_attribute("data-result", "done")
+    (chosen,) = await page.evaluate(SELECTED)
+    assert chosen in ("screws", "nuts")
+    await expect(understood).to_contain_text(f"{chosen} selected")
 
     await page.evaluate("window.say('good morning')")
     await expect(speech).to_contain_text("No command in that, or nobody follows: pointit listen user1")

@@ -50,6 +50,9 @@ SHOWN = """() => {
   return Boolean(site && site.connected && site.map && site.status && stats && stats.fps > 0);
 }"""
 
+LENS = "Array.from(window.pointit.stats.lens, (value) => Math.round(value * 1000))"
+"""Of a camera that stands still, the last digits change."""
+
 Vec2 = tuple[float, float]
 Vec3 = tuple[float, float, float]
 Theme = Literal["light", "dark"]
@@ -133,7 +136,7 @@ class Window:
     async def is_still(self) -> None:
         """Wait until the camera stands still: cards, at which the page looks each second, make it move."""
         patience, before = Patience(PATIENCE_S), None
-        while (lens := await self.page.evaluate("[...window.pointit.stats.lens]")) != before:
+        while (lens := await self.page.evaluate(LENS)) != before:
             assert not patience.is_over(), f"waited {patience} in vain: the camera moves"
             before = lens
             await asyncio.sleep(1.2)

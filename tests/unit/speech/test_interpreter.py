@@ -1,5 +1,6 @@
 """Reactions to spoken commands: requests, questions by light, refusals, and any flood of words."""
 
+import asyncio
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 
@@ -178,23 +179,37 @@ async def test_things_are_switched_by_pointing_and_by_name() -> None:
 
 @in_virtual_time
 @pytest.mark.parametrize("by", ["yes", "press"])
-async def test_two_candidates_blink_in_turn_and_the_second_is_confirmed(by: str) -> None:
+@pytest.mark.parametrize(
+    ("after_s", "told_s", "chosen"),
+    [
+        (1.0, 0.0, "radio"),
+        (2.8, 1.0, "radio"),
+        (3.1, 0.0, "radio"),
+        (3.6, 1.0, HOSTILE),
+        (12.2, 1.0, HOSTILE),
+    ],
+)
+async def test_the_candidate_that_blinked_when_the_answer_began_is_confirmed(
+    by: str, after_s: float, told_s: float, chosen: str
+) -> None:
+    """Two blink for 3 s each, twice; people take 0.3 s, and recognisers up to 1.5 s."""
     async with room() as here:
         here.found = {"that": either("radio", HOSTILE)}
         here.say("take that")
         asked = await here.result()
         assert asked.result == "asked"
         assert asked.message == f"Radio or {HOSTILE}? Say yes, or press, while it blinks"
-        await until(lambda: any(name == "led_2" for name, _ in here.queries(SetLamp)))
+        await asyncio.sleep(after_s + told_s)
         if by == "yes":
-            here.say("yes", 0.0)
+            here.say("yes", told_s)
         else:
-            here.bench.put(BUTTON, ButtonEvent(stamp_ns=here.bench.clock.now_ns(), gesture="press"), USER)
+            pressed_ns = here.bench.clock.now_ns() - round(told_s * NS_PER_S)
+            here.bench.put(BUTTON, ButtonEvent(stamp_ns=pressed_ns, gesture="press"), USER)
         done = await here.result(2)
         assert done.result == "done"
-        assert here.queries(SetThing) == [(USER, SetThing(thing=HOSTILE))]
+        assert here.queries(SetThing) == [(USER, SetThing(thing=chosen))]
         last = dict(here.queries(SetLamp))
-        assert last == {lamp: SetLamp(color=None) for lamp in ("led_1", "led_2")}, "given back to the site"
+        assert all(query == SetLamp(color=None) for query in last.values()), "given back to the site"
 
 
 @in_virtual_time
@@ -203,10 +218,26 @@ async def test_no_is_no_and_the_next_candidate_is_asked_about() -> None:
         here.found = {"that": either("radio", HOSTILE)}
         here.say("take that")
         await here.result()
+        await asyncio.sleep(0.5)
         asked_ns = here.bench.clock.now_ns()
         here.say("no", 0.0)
         await until(lambda: any(name == "led_2" for name, _ in here.queries(SetLamp)))
         assert here.bench.clock.now_ns() - asked_ns < NS_PER_S, "at once"
+        await asyncio.sleep(0.5)
+        here.say("no that one is wrong", 0.0)
+        assert (await here.result(2)).result == "refused"
+        assert here.bench.clock.now_ns() - asked_ns < 2 * NS_PER_S, "neither is asked about again"
+        assert here.queries(SetThing) == []
+
+
+@in_virtual_time
+async def test_what_was_said_before_the_question_is_no_answer_to_it() -> None:
+    async with room() as here:
+        here.found = {"that": either("radio", HOSTILE)}
+        here.say("take that")
+        await here.result()
+        here.say("okay", 0.6)
+        assert (await here.result(2)).result == "refused"
         assert here.queries(SetThing) == []
 
 
@@ -241,10 +272,12 @@ async def test_stop_stops_at_once_whatever_is_being_asked_and_however_late_it_is
     async with room() as here:
         here.found = {"that": either("radio", HOSTILE)}
         here.say("take that")
-        await here.result()
+        asked = await here.result()
         here.say(text, ago_s=60.0)
-        stopped = await here.result(2)
-        assert (stopped.command, stopped.result) == ("stop", "done")
+        stopped, unconfirmed = await here.result(2), await here.result(3)
+        assert {stopped.command, unconfirmed.command} == {"stop", "take"}
+        assert {stopped.result, unconfirmed.result} == {"done", "refused"}
+        assert here.bench.clock.now_ns() - asked.stamp_ns < 2 * NS_PER_S, "nothing is asked about any more"
         assert [name for name, _ in here.queries(StopRobot)] == ["rover"]
 
 

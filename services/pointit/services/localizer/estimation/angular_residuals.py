@@ -102,12 +102,13 @@ def residuals(rays: Rays, poses: Array) -> tuple[Array, Array]:
         k x 2 x n angles, rad (to the left of the ray, above it), and their k x 5 x 2 x n derivatives.
     """
     place: Complex = (poses[:, 0] + 1j * poses[:, 1])[:, None]
-    turn = np.exp(-1j * poses[:, 2])[:, None] * rays.inverse_azimuth
+    turns = np.exp(-1j * poses[:, 2:4])
+    turn = turns[:, :1] * rays.inverse_azimuth
     seen = (rays.targets - place) * turn
     flat = seen - rays.origins
     ahead, left = flat.real, flat.imag
     up = rays.heights - poses[:, 4, None]
-    tilt = rays.elevation_phasor * np.exp(-1j * poses[:, 3])[:, None]
+    tilt = rays.elevation_phasor * turns[:, 1:]
     cos_el, sin_el = tilt.real, tilt.imag
     along = cos_el * ahead + sin_el * up
     above = cos_el * up - sin_el * ahead
@@ -117,20 +118,17 @@ def residuals(rays: Rays, poses: Array) -> tuple[Array, Array]:
     out[:, 0], out[:, 1] = gain * left, gain * above
 
     # derivatives of (left, above, along + reach) by each parameter, then of the quotients
+    d_flat = np.empty((len(poses), 3, left.shape[1]), dtype=np.complex128)
+    d_flat[:, 0], d_flat[:, 1], d_flat[:, 2] = -turn, -1j * turn, -1j * seen
+    d_ahead, d_left = d_flat.real, d_flat.imag
     slope = np.zeros((len(poses), PARAMETERS, 2, left.shape[1]))
-    d_left, d_above = slope[:, :, 0], slope[:, :, 1]
-    d_reach = np.zeros((len(poses), PARAMETERS, left.shape[1]))
-    d_left[:, 0], d_left[:, 1], d_left[:, 2] = -turn.imag, -turn.real, -seen.real
-    d_ahead = np.empty((len(poses), 3, left.shape[1]))
-    d_ahead[:, 0], d_ahead[:, 1], d_ahead[:, 2] = -turn.real, turn.imag, seen.imag
-    d_above[:, :3] = -sin_el[:, None] * d_ahead
-    d_above[:, 3], d_above[:, 4] = along, -cos_el
-    d_reach[:, :3] = left[:, None] * d_left[:, :3] + ahead[:, None] * d_ahead
-    d_reach[:, 4] = -up
-    d_reach /= np.maximum(reach, _TINY)[:, None]
+    slope[:, :3, 0], slope[:, :3, 1] = d_left, -sin_el[:, None] * d_ahead
+    slope[:, 3, 1], slope[:, 4, 1] = along, -cos_el
+    d_reach = np.empty((len(poses), PARAMETERS, left.shape[1]))
+    far = np.maximum(reach, _TINY)
+    d_reach[:, :3] = (left[:, None] * d_left + ahead[:, None] * d_ahead) / far[:, None]
     d_reach[:, :3] += cos_el[:, None] * d_ahead
-    d_reach[:, 3] -= above
-    d_reach[:, 4] -= sin_el
+    d_reach[:, 3], d_reach[:, 4] = -above, -up / far - sin_el
     slope -= (0.5 * out)[:, None] * d_reach[:, :, None]
     slope *= gain[:, None, None]
     return out, slope

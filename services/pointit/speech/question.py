@@ -31,7 +31,7 @@ class Question:
     def __init__(self, bus: Bus, clock: Clock, user: str, room: SpokenRoom) -> None:
         self._bus, self._clock, self._room = bus, clock, room
         self._turns: list[tuple[int, Referent]] = []
-        """Candidates that were shown, each with the time from which on; empty while nothing is asked."""
+        """The candidates shown since the question began, each with the time of its first blink, ns."""
         self._left: list[Referent] = []
         """Candidates that may still be confirmed."""
         self._chosen: Referent | None = None

@@ -51,7 +51,7 @@ SHOWN = """() => {
 }"""
 
 LENS = "Array.from(window.pointit.stats.lens, (value) => Math.round(value * 1000))"
-"""Of a camera that stands still, the last digits change."""
+"""Rounded, since the last digits change while the camera stands still."""
 
 Vec2 = tuple[float, float]
 Vec3 = tuple[float, float, float]

@@ -91,7 +91,8 @@ def initial_poses(rays: Rays, weights: Weights) -> Array:
     poses[..., 0], poses[..., 1], poses[..., 2], poses[..., 3] = spot.real, spot.imag, yaws, biases[:, None]
     costs = evaluate_costs(rays, poses.reshape(-1, PARAMETERS), weights).reshape(len(biases), STARTS)
     best, lowest = np.argmin(costs, axis=0), costs.min(axis=0)
-    valley = (lowest <= np.roll(lowest, 1)) & (lowest <= np.roll(lowest, -1))
+    before = np.arange(STARTS) - 1
+    valley = (lowest <= lowest[before]) & (lowest <= lowest[before + 2 - STARTS])
     chosen = np.flatnonzero(valley)
     chosen = chosen[np.argsort(lowest[chosen])][:KEPT]
     return np.asarray(poses[best[chosen], chosen], dtype=np.float64)
@@ -110,7 +111,7 @@ def minimize(rays: Rays, poses: Array, weights: Weights) -> Array:
             kept = _apart(poses, costs)
             poses, costs, slopes = poses[kept], costs[kept], slopes[kept]
             hessians, damping = hessians[kept], damping[kept]
-        diagonal = np.einsum("kii->ki", hessians)
+        diagonal = hessians.diagonal(axis1=1, axis2=2)
         damped = hessians + (damping[:, None] * diagonal + _TINY)[:, :, None] * _EYE
         try:
             solved = np.asarray(np.linalg.solve(damped, -slopes[:, :, None]), dtype=np.float64)

@@ -49,6 +49,7 @@ VAGUE = 1e6
 """Variance of unknown directions: m², rad²."""
 
 LATENCY = STATES - 1
+_EYE = np.eye(STATES)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,20 +82,21 @@ def refine(rays: Rays, pose: Array, blocks: Blocks, noise: NoiseModel) -> tuple[
     `VAGUE` in unknown directions. A model error that turns all rays equally is part of the yaw of pointing.
     """
     likeness, share = _correlation(blocks, noise.independent_hz)
+    samples = effective_samples(blocks, noise.independent_hz)
     state = np.concatenate([pose, np.zeros(STATES - PARAMETERS)])
     rounds = ROUNDS if noise.independent_hz else 1
     while True:
         rounds -= 1
         angles, jacobian = _linearized(rays, state, blocks)
-        weight, variance = _scatter(angles, effective_samples(blocks, noise.independent_hz), noise)
+        weight, variance = _scatter(angles, samples, noise)
         unit = np.sqrt(weight / max(variance, 1.0)) / noise.sigma_rad[:, None]
         flat = _independent(jacobian * unit, likeness, share).reshape(STATES, -1)
         information, slope = flat @ flat.T, flat @ _independent(angles * unit, likeness, share).ravel()
-        if not np.all(np.isfinite(information)):
+        if not np.isfinite(information).all():
             break
         prior, moved = noise.prior.copy(), np.zeros(STATES)
         for _ in range(STEPS):
-            moved = -np.linalg.solve(information + np.diag(prior + DAMPING), slope + prior * state)
+            moved = -np.linalg.solve(information + _EYE * (prior + DAMPING), slope + prior * state)
             # Cauchy's tails, 1 / (σ² + x²): some trackers are late by far
             prior[LATENCY] = 1.0 / (1.0 / noise.prior[LATENCY] + (state + moved)[LATENCY] ** 2)
         state = state + moved
@@ -102,12 +104,13 @@ def refine(rays: Rays, pose: Array, blocks: Blocks, noise: NoiseModel) -> tuple[
             break
     if not noise.independent_hz:
         state[:PARAMETERS] = pose
-    out, unknown = _inverse(information + np.diag(noise.prior))
+    out, unknown = _inverse(information + _EYE * noise.prior)
     turned = noise.considered[:, None, None] * _considered(rays)
     shifted = out @ flat @ _independent(turned * unit, likeness, share).reshape(len(turned), -1).T
     shifted[2] += (turned[:, 0] / np.maximum(rays.elevation_phasor.real, STEEP)).mean(axis=1)
     out = out + shifted @ shifted.T + VAGUE * unknown @ unknown.T
-    out[[0, 1], [0, 1]] += noise.body_sigma_m**2
+    out[0, 0] += noise.body_sigma_m**2
+    out[1, 1] += noise.body_sigma_m**2
     return state, np.asarray(0.5 * (out + out.T), dtype=np.float64), variance
 
 
@@ -163,7 +166,9 @@ def _linearized(rays: Rays, state: Array, blocks: Blocks) -> tuple[Array, Array]
         )
     angles, slopes = (values[0] for values in residuals(straight, state[None, :PARAMETERS]))
     passed = np.einsum("pan,np->an", slopes[[0, 1, 4]], blocks.velocities_mps)
-    return angles, np.concatenate([slopes, np.stack([slopes[2] * since_s, -passed])])
+    out = np.empty((STATES, *angles.shape))
+    out[:PARAMETERS], out[PARAMETERS], out[LATENCY] = slopes, slopes[2] * since_s, -passed
+    return angles, out
 
 
 def _considered(rays: Rays) -> Array:
@@ -177,15 +182,11 @@ def _considered(rays: Rays) -> Array:
     cos_az, sin_az = phasor.real, phasor.imag
     cos_el, sin_el = rays.elevation_phasor.real, rays.elevation_phasor.imag
     aside = (phasor * np.conj(phasor.mean())).imag
-    none = np.zeros_like(aside)
-    return np.array(
-        [
-            [-sin_az, -sin_el * cos_az],
-            [cos_az, -sin_el * sin_az],
-            [none, rays.elevations_rad - rays.elevations_rad.mean()],
-            [aside * cos_el, none],
-        ]
-    )
+    out = np.zeros((4, 2, len(aside)))
+    out[0, 0], out[0, 1] = -sin_az, -sin_el * cos_az
+    out[1, 0], out[1, 1] = cos_az, -sin_el * sin_az
+    out[2, 1], out[3, 0] = rays.elevations_rad - rays.elevations_rad.mean(), aside * cos_el
+    return out
 
 
 def _inverse(information: Array) -> tuple[Array, Array]:
@@ -194,7 +195,7 @@ def _inverse(information: Array) -> tuple[Array, Array]:
     Returns:
         n x n, 0 along the unknown ones; n x j, of length 1.
     """
-    if not np.all(np.isfinite(information)):
+    if not np.isfinite(information).all():
         return np.zeros_like(information), np.eye(len(information))
     values, vectors = np.linalg.eigh(information)
     is_known = values > NOTHING

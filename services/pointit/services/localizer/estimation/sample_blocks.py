@@ -90,9 +90,8 @@ def blocks(pointings: Pointings) -> Blocks:
     block_s = max(BLOCK_S, float(held_s.sum()) / MAX_BLOCKS)
     number = np.floor((t - t[first][hold]) / block_s)
     turned = np.einsum("ij,ij->i", pointings.directions[1:], pointings.directions[:-1])
-    edges = begins | (np.diff(number, prepend=-1.0) > 0.0)
-    edges[1:] |= turned < math.cos(LEAP_RAD)
-    where = np.flatnonzero(edges)
+    begins[1:] |= (number[1:] > number[:-1]) | (turned < math.cos(LEAP_RAD))
+    where = np.flatnonzero(begins)
     count = np.diff(np.append(where, len(t))).astype(np.float64)
 
     def mean(values: Array) -> Array:
@@ -105,7 +104,7 @@ def blocks(pointings: Pointings) -> Blocks:
     return Blocks(
         Pointings(t[where], mean(pointings.origins_m), directions, means_m),
         count,
-        (lamp_numbers(pointings) if is_still else hold)[where].astype(np.float64),
+        (_lamp_numbers(targets[first])[hold] if is_still else hold)[where].astype(np.float64),
         held_s,
         _velocities(mean(t[:, None]), means_m, hold[where]),
         is_still=is_still,
@@ -115,16 +114,22 @@ def blocks(pointings: Pointings) -> Blocks:
 def lamp_numbers(pointings: Pointings) -> NDArray[np.intp]:
     """Return the number (n) of the target of each sample, from 0, in the order of the first holds there."""
     begins = _begins(pointings)
-    places = np.round(pointings.targets_m[begins] / STILL_M)
-    _, firsts, which = np.unique(places, axis=0, return_index=True, return_inverse=True)
-    return np.asarray(np.argsort(np.argsort(firsts))[which.ravel()][np.cumsum(begins) - 1], dtype=np.intp)
+    return _lamp_numbers(pointings.targets_m[begins]).take(np.cumsum(begins) - 1)
+
+
+def _lamp_numbers(targets_m: Array) -> NDArray[np.intp]:
+    """Return the number of the target of each hold, of targets `targets_m` (holds x 3)."""
+    known: dict[tuple[float, ...], int] = {}
+    places = map(tuple, np.round(targets_m / STILL_M).tolist())
+    return np.array([known.setdefault(place, len(known)) for place in places], dtype=np.intp)
 
 
 def _begins(pointings: Pointings) -> NDArray[np.bool_]:
     """Return True (n) for the first sample of each hold."""
-    pauses = np.diff(pointings.stamps_s, prepend=-np.inf) > GAP_S
-    moves = np.abs(np.diff(pointings.targets_m, axis=0, prepend=pointings.targets_m[:1])).max(axis=1)
-    return np.asarray(pauses | (moves > JUMP_M), dtype=np.bool_)
+    begins = np.ones(len(pointings), dtype=np.bool_)
+    moves = (np.abs(np.diff(pointings.targets_m, axis=0)) > JUMP_M).any(axis=1)
+    begins[1:] = (np.diff(pointings.stamps_s) > GAP_S) | moves
+    return begins
 
 
 def in_time(pointings: Pointings, latency_s: float, means: Blocks | None = None) -> Pointings:

@@ -49,6 +49,9 @@ SHOWN = """() => {
   const { site, stats } = window.pointit ?? {};
   return Boolean(site && site.connected && site.map && site.status && stats && stats.fps > 0);
 }"""
+DRAWN_ANEW = """() => new Promise((done) => {
+  setTimeout(() => requestAnimationFrame(() => requestAnimationFrame(done)), 1200);
+})"""
 
 Vec2 = tuple[float, float]
 Vec3 = tuple[float, float, float]
@@ -136,7 +139,11 @@ class Window:
         while (lens := await self.page.evaluate("[...window.pointit.stats.lens]")) != before:
             assert not patience.is_over(), f"waited {patience} in vain: the camera moves"
             before = lens
-            await asyncio.sleep(1.2)
+            await self.is_drawn_anew()
+
+    async def is_drawn_anew(self) -> None:
+        """Wait until the page has looked at its cards, and has drawn what follows, however slow it is."""
+        await self.page.evaluate(DRAWN_ANEW)
 
     async def until(self, condition: str, what: str = "", patience_s: float = PATIENCE_S) -> Any:
         """Wait until `condition`, JavaScript, is true, and return it.

@@ -17,6 +17,12 @@ from tests.support.commands import Command, Commands
 from tests.support.links import link_in
 
 VIEWER_TOKEN = "who-only-looks-on"  # noqa: S105 - of runs of tests only
+SELDOM = {
+    "POINTIT_USER_SIM__RATE_HZ": "25",
+    "POINTIT_LED_DRIVER__MAX_RATE_HZ": "20",
+    "POINTIT_WEB__RATE_HZ": "20",
+}
+"""Still more than the page draws here (`FRAME_MS`): a site's work goes by its rates."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +87,7 @@ async def running(commands: Commands, *arguments: str, state: Path | None = None
     command = commands.start(
         *("run", *arguments, *port, "--no-view", "--no-browser", "--listen", endpoint),
         *("--set", f"web.viewer_token={VIEWER_TOKEN}"),
-        environment={} if state is None else {"POINTIT_STATE": str(state)},
+        environment=SELDOM if state is None else SELDOM | {"POINTIT_STATE": str(state)},
     )
     await command.says("its link is in")
     return SitePage(command=command, endpoint=endpoint, url=link_in("\n".join(command.logged())))

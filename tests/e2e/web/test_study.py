@@ -17,12 +17,20 @@ STUDY = """
 name: small
 participants: 2
 task: {kind: reach}
-settings: {selector.gauge.full_s: 2.5}
+end: ends.py:on
+timeout_s: 600
 repetitions: 3
 consent: Times are <b>recorded</b>.
 instruction: {text: Point at the red segment., image: room.png, alt: The room}
 questionnaires: [nasa-tlx, {name: own, items: [It was fun.]}]
 """
+ENDS = """
+from pathlib import Path
+
+def on(now):
+    return "hit" if Path(__file__).with_name("go").exists() and now.hovered == now.target else None
+"""
+"""No trial ends before there is a file `go`, however late the experimenter's orders come."""
 DOT = "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg=="
 """A picture of one pixel."""
 PATIENCE_MS = 60_000
@@ -41,6 +49,7 @@ async def looked_at(*pages: Page) -> None:
 
 async def test_study_runs_in_two_browsers(browser: Browser, commands: Commands, tmp_path: Path) -> None:
     (tmp_path / "small.yaml").write_text(STUDY)
+    (tmp_path / "ends.py").write_text(ENDS)
     (tmp_path / "room.png").write_bytes(base64.b64decode(DOT))
     arguments = ("study", "run", str(tmp_path / "small.yaml"), "--to", str(tmp_path / "data"), "--no-record")
     command = commands.start(*arguments, "--page")
@@ -85,6 +94,7 @@ async def test_study_runs_in_two_browsers(browser: Browser, commands: Commands, 
     await order("button", name="Skip").click()
     await expect(experimenter.get_by_role("alert")).to_contain_text("Write why")
     await experimenter.get_by_label("Reason").fill("sneezed")
+    (tmp_path / "go").touch()
     await order("button", name="Skip").click()
 
     await expect(participant.get_by_role("slider")).to_have_count(6)

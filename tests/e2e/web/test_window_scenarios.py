@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from playwright.async_api import Browser, Page, expect
 
 from tests.e2e.web.site import SitePage
-from tests.e2e.web.window import Window
+from tests.e2e.web.window import TOLD, Window
 from tests.support.pace import Patience
 
 pytestmark = pytest.mark.slow
@@ -45,15 +45,6 @@ LIT = """() => {
   const objects = [...site.objects.values()].flatMap((each) => each.objects).length;
   return { lit, lamps, objects, people: site.people.size };
 }"""
-
-TOLD = """
-window.told = [];
-document.addEventListener("DOMContentLoaded", () => new MutationObserver(() => {
-  const text = ["progress", "toasts"].map((id) => document.getElementById(id).textContent).join(" ");
-  if (text !== window.told.at(-1)) window.told.push(text);
-}).observe(document.body, { childList: true, subtree: true, characterData: true }));
-"""
-"""Keeps what the page says for some seconds only, which a busy machine looks for too seldom."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +106,7 @@ async def test_each_scenario_is_run_from_the_page(browser: Browser, site: SitePa
         if await chooser.input_value() != scenario:
             await chooser.select_option(scenario)
             for words in (f"Starting “{title}”", f"{title} is running."):
-                await window.until(f"window.told.some((text) => text.includes('{words}'))", words, 60)
+                await window.has_told(words)
             await expect(page.locator("#progress")).to_be_hidden()
         await expect(chooser).to_have_value(scenario)
         await window.is_shown()

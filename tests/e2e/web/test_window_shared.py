@@ -11,12 +11,11 @@ from playwright.async_api import Browser, expect
 from pointit.bridges.web.wire import IN_FLIGHT
 from pointit.schemas import ConveyorState, SelectionEvent, SetSpeed
 from pointit.schemas.topics import CONVEYOR_STATE, SELECTION_EVENTS, SET_SPEED
-from pointit.services.conveyor_sim.config import ConveyorSimConfig
 from tests.e2e.web.site import SitePage
-from tests.e2e.web.window import Window
+from tests.e2e.web.window import TOLD, USUAL_MPS, Window
 from tests.support.bench import until
 from tests.support.commands import onlooker
-from tests.support.pace import MOST, Patience, slowness, within
+from tests.support.pace import Patience, within
 
 pytestmark = pytest.mark.slow
 WHAT_IS_SEEN = """() => {
@@ -164,7 +163,7 @@ async def test_the_first_screen_comes_fast_and_clean(browser: Browser, shared_si
 
 
 async def test_newcomer_selects_a_red_package_with_the_mouse(browser: Browser, shared_site: SitePage) -> None:
-    window = await Window.open(browser, shared_site.url)
+    window = await Window.open(browser, shared_site.url, scripts=(TOLD,))
     page = window.page
     await window.is_shown()
     events: list[SelectionEvent] = []
@@ -177,15 +176,11 @@ async def test_newcomer_selects_a_red_package_with_the_mouse(browser: Browser, s
         await page.get_by_role("button", name="Point with the mouse").click()
         await expect(page.locator("#guide")).to_contain_text("You are the arm now")
         await expect(page.get_by_role("radio", name="Mouse")).to_be_checked()
-        lens = await window.survey()
         seen.bus.subscribe(SELECTION_EVENTS, lambda event, _name: events.append(event))
-        usual_mps = ConveyorSimConfig().speed_mps
-        # the mouse is as far behind a package as on a quick machine
-        await seen.bus.call(SET_SPEED, SetSpeed(speed_mps=usual_mps / min(MOST, slowness())))
-        await window.follows(lens, "red", lambda: bool(selected()), 45)
-        await seen.bus.call(SET_SPEED, SetSpeed(speed_mps=usual_mps))
+        await window.selects(seen.bus, "red", lambda: bool(selected()))
         assert selected()[0].cause == "dwell"
-        await expect(page.locator("#guide")).to_contain_text("You selected a red package!")
+        await window.has_told("You selected a red package!")
+        await seen.bus.call(SET_SPEED, SetSpeed(speed_mps=USUAL_MPS))
         await page.get_by_role("button", name="Give back").click()
         await expect(page.get_by_role("radio", name="Demo")).to_be_checked()
         events.clear()

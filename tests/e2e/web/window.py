@@ -8,15 +8,18 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 from urllib.parse import urlsplit
 
-import numpy as np
-from numpy.typing import NDArray
 from playwright.async_api import Browser, ConsoleMessage, Page, WebSocket, expect
 
+from pointit.runtime.bus.contract import Bus
+from pointit.schemas import SetSpeed
+from pointit.schemas.topics import SET_SPEED
+from pointit.services.conveyor_sim.config import ConveyorSimConfig
 from tests.support.pace import Patience
 
 PATIENCE_S = 30.0
-LEAST_PLACES = 10
-MOST_OFF_PX = 12.0
+TRY_S = 5.0
+"""An object is aimed at for so long: it may be hidden by another, or hang together with it."""
+USUAL_MPS = ConveyorSimConfig().speed_mps
 VIOLATIONS = """
 window.violations = [];
 document.addEventListener('securitypolicyviolation',
@@ -45,15 +48,38 @@ HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
   return kind.startsWith("webgl") ? null : context.call(this, kind, ...more);
 };
 """
+TOLD = """
+window.told = [];
+document.addEventListener("DOMContentLoaded", () => new MutationObserver(() => {
+  const text = ["progress", "toasts", "guide"].map((id) => document.getElementById(id).textContent).join(" ");
+  if (text !== window.told.at(-1)) window.told.push(text);
+}).observe(document.body, { childList: true, subtree: true, characterData: true }));
+"""
+"""Keeps what the page says for some seconds only, which a busy machine looks for too seldom."""
 SHOWN = """() => {
   const { site, stats } = window.pointit ?? {};
   return Boolean(site && site.connected && site.map && site.status && stats && stats.fps > 0);
 }"""
+DRAWN_ANEW = """() => new Promise((done) => {
+  setTimeout(() => requestAnimationFrame(() => requestAnimationFrame(done)), 1200);
+})"""
+FREE = """(kind) => {
+  const { site, stats: { lens } } = window.pointit;
+  const { left, top, width, height } = document.querySelector("#view canvas").getBoundingClientRect();
+  const row = (at, i) => [0, 1, 2, 3].reduce((sum, axis) => sum + lens[i + 4 * axis] * [...at, 1][axis], 0);
+  const taken = (site.selection?.objects ?? []).map(({ id }) => id);
+  const found = [...site.objects.values()].flatMap(({ objects }) => objects)
+    .filter((each) => each.kind === kind && !taken.includes(each.id))
+    .map(({ id, position_m: at }) => [id, row(at, 0) / row(at, 3), row(at, 1) / row(at, 3)])
+    .filter(([, x]) => Math.abs(x) < 0.5)
+    .map(([id, x, y]) => [id, [left + (1 + x) * width / 2, top + (1 - y) * height / 2]]);
+  return found.length ? Object.fromEntries(found) : null;
+}"""
+"""Page coordinates of the objects of a kind that nobody has selected, in the middle of the scene, by id."""
 
 LENS = "Array.from(window.pointit.stats.lens, (value) => Math.round(value * 1000))"
 """Rounded, since the last digits change while the camera stands still."""
 
-Vec2 = tuple[float, float]
 Vec3 = tuple[float, float, float]
 Theme = Literal["light", "dark"]
 
@@ -139,7 +165,11 @@ class Window:
         while (lens := await self.page.evaluate(LENS)) != before:
             assert not patience.is_over(), f"waited {patience} in vain: the camera moves"
             before = lens
-            await asyncio.sleep(1.2)
+            await self.is_drawn_anew()
+
+    async def is_drawn_anew(self) -> None:
+        """Wait until the page has looked at its cards, and has drawn what follows, however slow it is."""
+        await self.page.evaluate(DRAWN_ANEW)
 
     async def until(self, condition: str, what: str = "", patience_s: float = PATIENCE_S) -> Any:
         """Wait until `condition`, JavaScript, is true, and return it.
@@ -152,27 +182,12 @@ class Window:
             await asyncio.sleep(0.03)
         return found
 
+    async def has_told(self, words: str) -> None:
+        """Wait until the page, opened with `TOLD`, has ever shown `words`."""
+        await self.until(f"window.told.some((text) => text.includes({json.dumps(words)}))", words, 60)
+
     async def violations(self) -> list[str]:
         return list(await self.page.evaluate("window.violations"))
-
-    async def objects(self) -> list[dict[str, Any]]:
-        found = "[...window.pointit.site.objects.values()].flatMap(({ objects }) => objects)"
-        return list(await self.page.evaluate(found))
-
-    async def survey(self, settle_s: float = FRAME_MS / 1000) -> "Lens":
-        """Move the mouse, which aims already, over the whole scene, and find the page coordinates of points.
-
-        `settle_s` is the duration of the slowest frame.
-        """
-        box = await self.page.locator("#view canvas").bounding_box()
-        assert box is not None
-        places: list[tuple[Vec2, Vec3]] = []
-        for down in (0.3, 0.45, 0.6, 0.75):
-            for across in (0.15, 0.35, 0.5, 0.65, 0.85):
-                x, y = box["x"] + across * box["width"], box["y"] + down * box["height"]
-                if (at_m := await self.aimed_at(x, y, 2.0 + settle_s, settle_s)) is not None:
-                    places.append(((x, y), at_m))
-        return Lens.through(places)
 
     async def aimed_at(
         self, x: float, y: float, patience_s: float = 1.0, settle_s: float = 0.0
@@ -189,53 +204,21 @@ class Window:
             await asyncio.sleep(0.01)
         return None
 
-    async def follows(self, lens: "Lens", kind: str, is_done: Callable[[], bool], patience_s: float) -> None:
-        """Keep the mouse on an object of `kind` that is not selected until `is_done`; then on the next."""
-        patience = Patience(patience_s)
-        chosen = ""
+    async def selects(self, bus: Bus, kind: str, is_done: Callable[[], bool]) -> None:
+        """Keep the mouse on objects of `kind`, one after another, until `is_done`.
+
+        The belts stand still meanwhile and afterwards: a slow mouse would stay behind what moves.
+        """
+        patience = Patience(2 * PATIENCE_S)
         while not is_done():
-            assert not patience.is_over(), f"{patience} of following {kind} ones in vain"
-            taken = set(
-                await self.page.evaluate("(window.pointit.site.selection?.objects ?? []).map(({ id }) => id)")
-            )
-            free = {each["id"]: each for each in await self.objects() if each["kind"] == kind}
-            if chosen not in free or chosen in taken:
-                chosen = next((name for name in free if name not in taken), "")
-            if chosen:
-                await self.page.mouse.move(*lens.to_page(free[chosen]["position_m"]))
-            await asyncio.sleep(0.03)
-
-
-@dataclass(frozen=True)
-class Lens:
-    """The projection of {W} on the page, estimated from points known in both."""
-
-    projection: NDArray[np.float64]
-
-    @classmethod
-    def through(cls, places: list[tuple[Vec2, Vec3]]) -> "Lens":
-        """Return the lens that sees each place where it is on the page, but for a few."""
-        kept = list(places)
-        while len(kept) >= LEAST_PLACES:
-            lens = cls._fitted(kept)
-            off_px = [float(np.hypot(*np.subtract(lens.to_page(at_m), at))) for at, at_m in kept]
-            if max(off_px) < MOST_OFF_PX:
-                return lens
-            kept.pop(off_px.index(max(off_px)))  # aimed at before the mouse was there
-        raise AssertionError(f"the scene is no picture of the room: {places}")
-
-    @classmethod
-    def _fitted(cls, places: list[tuple[Vec2, Vec3]]) -> "Lens":
-        """Return the best fit (direct linear transformation)."""
-        rows: list[list[float]] = []
-        for (x, y), at_m in places:
-            point = [*at_m, 1.0]
-            u, v = x / 1000.0, y / 1000.0
-            rows.append([*point, *([0.0] * 4), *(-u * value for value in point)])
-            rows.append([*([0.0] * 4), *point, *(-v * value for value in point)])
-        projection = np.linalg.svd(np.array(rows))[2][-1].reshape(3, 4)
-        return cls(np.asarray(projection, dtype=np.float64))
-
-    def to_page(self, at_m: Vec3) -> Vec2:
-        u, v, w = self.projection @ np.array([*at_m, 1.0])
-        return float(u / w * 1000.0), float(v / w * 1000.0)
+            assert not patience.is_over(), f"{patience} on {kind} ones in vain"
+            await bus.call(SET_SPEED, SetSpeed(speed_mps=USUAL_MPS))
+            seen = await self.until(f"({FREE})({kind!r})", f"{kind} ones")
+            await bus.call(SET_SPEED, SetSpeed(speed_mps=0.0))
+            for name in seen:
+                trying = Patience(TRY_S)
+                while not is_done() and not trying.is_over():
+                    if (at := (await self.page.evaluate(f"({FREE})({kind!r})") or {}).get(name)) is None:
+                        break
+                    await self.page.mouse.move(*at)
+                    await asyncio.sleep(0.03)

@@ -114,6 +114,8 @@ def test_what_is_let_in_and_dropped_is_too_long() -> None:
     assert sentences(known, let_in, thinned, dropped) == []
     assert sentences(known, let_in, elsewhere) == []
     assert sentences(dropped) == []
+    self_test = known.replace("users/anna/imu", "users/anna/imu/@may/anna/writes")
+    assert sentences(self_test, dropped) == [], "its reader has left"
 
 
 def test_who_writes_too_often_is_told() -> None:

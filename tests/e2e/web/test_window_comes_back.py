@@ -1,6 +1,8 @@
 """The server dies and comes back, or its router is frozen: the page says so and goes on."""
 
+import re
 from collections.abc import AsyncIterator
+from urllib.parse import urlsplit
 
 import pytest
 import pytest_asyncio
@@ -9,11 +11,15 @@ from playwright.async_api import Browser, expect
 from tests.e2e.web.conftest import page_is_built
 from tests.e2e.web.site import SitePage, running
 from tests.e2e.web.window import Window
-from tests.support.buses import free_port, router_process
+from tests.support.bench import until
+from tests.support.buses import free_port, is_listening, router_process
 from tests.support.commands import Commands
 from tests.support.links import link_in
 
 pytestmark = pytest.mark.slow
+
+FOLLOWS = re.compile(r"should run|has left|has not reported|router at \S+ lost")
+"""Findings that say the same of each service."""
 
 
 class Restarting:
@@ -83,7 +89,10 @@ async def test_a_frozen_router_is_one_sentence_with_its_address(browser: Browser
         await run.says("pointing. Your place")
         dashboard = commands.start("dashboard", *at, "--port", "0", "--no-browser")
         await dashboard.says("its link is in")
-        window = await Window.open(browser, link_in(dashboard.out))
+        link = link_in(dashboard.out)
+        port = urlsplit(link).port or 0
+        await until(lambda: is_listening(port), what="the page to be served, after its link is said")
+        window = await Window.open(browser, link)
         await window.is_shown()
         page = window.page
         await expect(page.locator("#pill-text")).to_have_text("Live")
@@ -94,8 +103,9 @@ async def test_a_frozen_router_is_one_sentence_with_its_address(browser: Browser
         await expect(page.locator("#outage-text")).to_contain_text(f"T{sentence[1:]}: ")
         await page.locator("#pill").click()
         findings = page.get_by_role("region", name="Warnings").get_by_role("listitem")
-        await expect(findings).to_have_count(1)
-        await expect(findings).to_contain_text("services are out of reach")
+        await expect(findings.filter(has_text="services are out of reach")).to_have_count(1)
+        # besides, the page's own service may say that this machine is slow
+        await expect(findings.filter(has_text=FOLLOWS)).to_have_count(0)
         await page.get_by_text("What follows from it").click()
         await expect(findings.get_by_text("should run and does not").first).to_be_visible()
 

@@ -4,7 +4,6 @@ import asyncio
 import os
 import re
 import signal
-import socket
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -17,6 +16,7 @@ from tests.e2e.web.axe import violations
 from tests.e2e.web.site import SitePage
 from tests.e2e.web.window import NO_WEBGL, TOLD, USUAL_MPS, Theme, Window
 from tests.support.bench import until
+from tests.support.buses import is_listening
 from tests.support.commands import onlooker
 from tests.support.pace import Patience
 
@@ -108,21 +108,10 @@ async def test_a_wrong_package_is_not_praised(browser: Browser, shared_site: Sit
     assert window.faults == []
 
 
-def accepts(host: str, port: int) -> bool:
-    """Return True if a server listens there."""
-    try:
-        socket.create_connection((host, port), timeout=1.0).close()
-    except OSError:
-        return False
-    return True
-
-
 @pytest.mark.parametrize("site", [("scenario_4", "--processes")], indirect=True)
 async def test_vital_service_that_hangs_is_told_over_the_scene(browser: Browser, site: SitePage) -> None:
-    where = urlsplit(site.origin)
-    await until(
-        lambda: accepts(where.hostname or "", where.port or 0), 30, "the page's own process to listen"
-    )
+    port = urlsplit(site.origin).port or 0
+    await until(lambda: is_listening(port), what="the page's own process to listen")
     window = await Window.open(browser, site.url)
     await window.is_shown()
     outage = window.page.locator("#outage")

@@ -63,6 +63,7 @@ SHOWN = """() => {
 DRAWN_ANEW = """() => new Promise((done) => {
   setTimeout(() => requestAnimationFrame(() => requestAnimationFrame(done)), 1200);
 })"""
+"""The page looks at its cards once a second, and the frame after shows it."""
 FREE = """(kind) => {
   const { site, stats: { lens } } = window.pointit;
   const { left, top, width, height } = document.querySelector("#view canvas").getBoundingClientRect();
@@ -218,7 +219,10 @@ class Window:
             for name in seen:
                 trying = Patience(TRY_S)
                 while not is_done() and not trying.is_over():
-                    if (at := (await self.page.evaluate(f"({FREE})({kind!r})") or {}).get(name)) is None:
+                    free: dict[str, tuple[float, float]] = (
+                        await self.page.evaluate(f"({FREE})({kind!r})") or {}
+                    )
+                    if name not in free:
                         break
-                    await self.page.mouse.move(*at)
+                    await self.page.mouse.move(*free[name])
                     await asyncio.sleep(0.03)

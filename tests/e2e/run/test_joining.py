@@ -12,7 +12,7 @@ from tests.support.pace import within
 
 
 async def test_a_name_stands_for_one_person(commands: Commands, endpoint: str) -> None:
-    commands.start("run", "scenario_2", "--no-view", "--listen", endpoint)
+    commands.start("run", "scenario_2", "--no-view", "--duration", "600", "--listen", endpoint)
     async with onlooker(endpoint) as seen:
         await seen.sees_cursors("user1")
         ended = await commands.pointit("person", "add", "user1", "--connect", endpoint, code=2)

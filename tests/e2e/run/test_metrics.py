@@ -84,7 +84,7 @@ def prometheus(folder: Path, target: str) -> Generator[Prometheus]:
 
 @pytest.mark.slow
 async def test_prometheus_reads_figures_of_a_run(commands: Commands, endpoint: str, tmp_path: Path) -> None:
-    commands.start("run", "scenario_3", "--no-view", "--listen", endpoint)
+    commands.start("run", "scenario_3", "--no-view", "--duration", "600", "--listen", endpoint)
     async with onlooker(endpoint) as seen:
         await seen.sees_cursors("user1", patience_s=START_S)
     target = f"127.0.0.1:{free_port()}"
@@ -104,7 +104,7 @@ async def test_prometheus_reads_figures_of_a_run(commands: Commands, endpoint: s
 
 
 async def test_once_prints_the_metrics_of_a_site(commands: Commands, endpoint: str) -> None:
-    commands.start("run", "scenario_2", "--no-view", "--listen", endpoint)
+    commands.start("run", "scenario_2", "--no-view", "--duration", "600", "--listen", endpoint)
     async with onlooker(endpoint) as seen:
         await seen.sees_cursors("user1", patience_s=START_S)
     patience = Patience(START_S)

@@ -98,7 +98,7 @@ async def test_a_killed_process_is_followed_at_once(commands: Commands, endpoint
 
 
 async def test_a_single_service_is_refused_beside_a_living_one(commands: Commands, endpoint: str) -> None:
-    commands.start("run", "scenario_2", "--no-view", "--listen", endpoint)
+    commands.start("run", "scenario_2", "--no-view", "--duration", "600", "--listen", endpoint)
     async with onlooker(endpoint) as seen:
         await seen.sees_cursors("user1")
         ended = await commands.pointit("service", "run", "pointing", "--user", "user1", "--connect", endpoint)
@@ -209,7 +209,7 @@ async def all_have_reported(seen: Onlooker) -> None:
 
 
 async def test_a_stopped_service_is_noticed(commands: Commands, endpoint: str) -> None:
-    commands.start("run", "scenario_3", "--processes", "--no-view", "--listen", endpoint)
+    commands.start("run", "scenario_3", "--processes", "--no-view", "--duration", "600", "--listen", endpoint)
     async with onlooker(endpoint) as seen:
         await all_have_reported(seen)
         pid = seen.health["pui"].pid

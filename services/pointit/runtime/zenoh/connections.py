@@ -5,6 +5,7 @@
 import asyncio
 import contextlib
 import logging
+from collections import Counter
 from collections.abc import Callable, Sequence
 
 import zenoh
@@ -27,14 +28,21 @@ class Connections:
     """Follows connections as they come and go, and sets their timeouts."""
 
     def __init__(
-        self, session: zenoh.Session, endpoints: Sequence[str], on_change: Callable[[], None]
+        self,
+        session: zenoh.Session,
+        endpoints: Sequence[str],
+        on_change: Callable[[], None],
+        *,
+        one: bool = False,
     ) -> None:
         """Call `on_change` in the loop for each connection of `session` there is now, and after each change.
 
-        `endpoints`: to which it connects, or where it listens.
+        `endpoints`: to which it connects, or where it listens. `one`: a new connection ends the former.
         """
         self.routers: dict[str, bool] = {}
         """Connected sessions by id: True for a router."""
+        self._ups: Counter[str] = Counter()  # by id, less the ends: threads of Zenoh tell them in any order
+        self._one = one
         self._on_change = on_change
         self._ports = ports_of(endpoints)
         self._is_open = True
@@ -63,9 +71,16 @@ class Connections:
             return
         if up:
             set_user_timeout(self._ports, LEASE_MS)
+            if self._one and self.routers:
+                self.routers.clear()
+                self._on_change()
+        self._ups[zid] += 1 if up else -1
+        if self._ups[zid] > 0:
             self.routers[zid] = is_router
         else:
             self.routers.pop(zid, None)
+        if not self._ups[zid]:
+            del self._ups[zid]
         self._on_change()
 
 
@@ -81,7 +96,7 @@ class LinkWatch:
         self._loop = asyncio.get_running_loop()
         self._where = " or ".join(link.connect)
         self._lost_s: float | None = None
-        self._connections = Connections(session, link.connect, self._on_change)
+        self._connections = Connections(session, link.connect, self._on_change, one=True)
 
     @property
     def up(self) -> bool:

@@ -79,7 +79,7 @@ async def test_ctrl_c_ends_it_with_a_page_open(commands: Commands, endpoint: str
 
 async def test_an_open_page_comes_back_after_a_new_start(commands: Commands, endpoint: str) -> None:
     port = str(free_port())
-    start = ("run", "scenario_2", "--no-view", "--web-port", port, "--listen", endpoint)
+    start = ("run", "scenario_2", "--no-view", "--duration", "600", "--web-port", port, "--listen", endpoint)
     first = commands.start(*start)
     url = await address_of(first)
     cookie, _ = await entered(url)
@@ -94,7 +94,9 @@ async def test_an_open_page_comes_back_after_a_new_start(commands: Commands, end
 
 
 async def test_a_dashboard_beside_a_run_with_a_page(commands: Commands, endpoint: str) -> None:
-    commands.start("run", "scenario_2", "--no-view", "--web-port", "0", "--listen", endpoint)
+    commands.start(
+        "run", "scenario_2", "--no-view", "--duration", "600", "--web-port", "0", "--listen", endpoint
+    )
     async with onlooker(endpoint) as seen:
         await until(lambda: "web" in seen.present, CHANGE_S, "the page, loaded beside a run that has begun")
     dashboard = commands.start("dashboard", "--connect", endpoint, "--port", "0")
@@ -120,7 +122,7 @@ async def test_a_dashboard_beside_a_run_with_a_page(commands: Commands, endpoint
 
 
 async def test_a_link_for_who_may_only_look_on(commands: Commands, endpoint: str) -> None:
-    commands.start("run", "scenario_2", "--no-view", "--listen", endpoint)
+    commands.start("run", "scenario_2", "--no-view", "--duration", "600", "--listen", endpoint)
     dashboard = commands.start("dashboard", "--connect", endpoint, "--port", "0", "--view-only")
     async with looking_on(await address_of(dashboard)) as (_, hello):
         assert (hello["role"], hello["requests"]) == ("viewer", [STOP_ROBOT.key])

@@ -228,7 +228,9 @@ async def test_a_stopped_service_is_noticed(commands: Commands, endpoint: str) -
 
 @pytest.mark.parametrize("when", [pytest.param("while it runs", marks=pytest.mark.long), "while it starts"])
 async def test_a_killed_run_leaves_no_orphan(commands: Commands, endpoint: str, when: str) -> None:
-    run = commands.start("run", "scenario_3", "--processes", "--no-view", "--listen", endpoint)
+    run = commands.start(
+        "run", "scenario_3", "--processes", "--no-view", "--duration", "600", "--listen", endpoint
+    )
     count = 1 + len(SERVICES)
     if when == "while it runs":
         async with onlooker(endpoint) as seen:
@@ -250,7 +252,7 @@ def is_alive(process: psutil.Process) -> bool:
 
 async def test_a_child_that_cannot_begin_is_named_with_its_reason(commands: Commands, endpoint: str) -> None:
     run = commands.start(
-        "run", "scenario_3", "--processes", "--no-view", "--set",
+        "run", "scenario_3", "--processes", "--no-view", "--duration", "600", "--set",
         "led-driver.outputs=[{kind: expander, port: /nowhere}, {kind: expander, port: /nowhere}]",
         "--listen", endpoint,
     )  # fmt: skip

@@ -114,7 +114,9 @@ def frames(text: str) -> list[list[str]]:
 
 @pytest.mark.parametrize(("columns", "rows"), [pytest.param(100, 40, marks=pytest.mark.long), (40, 40)])
 async def test_it_draws_and_leaves_the_terminal_as_it_was(endpoint: str, columns: int, rows: int) -> None:
-    with terminal(columns, rows, "run", "scenario_3", "--speed", "4", "--listen", endpoint) as shown:
+    with terminal(
+        columns, rows, "run", "scenario_3", "--speed", "4", "--duration", "600", "--listen", endpoint
+    ) as shown:
         await shown.shows("PointIt scenario_3", "pointing", "▌", "▲", "wrist to light p50", "selected 1")
         assert HIDE in shown.read()
         await until(lambda: len(frames(shown.text)) > 5, PATIENCE_S, "more than five frames")
@@ -180,7 +182,9 @@ async def test_space_and_enter_are_the_persons_button(endpoint: str, key: bytes)
 async def test_logs_stand_above_it(endpoint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A child that is killed is reported while the view is drawn."""
     monkeypatch.setenv("TMPDIR", str(tmp_path))
-    with terminal(120, 50, "run", "scenario_3", "--processes", "--listen", endpoint) as shown:
+    with terminal(
+        120, 50, "run", "scenario_3", "--processes", "--duration", "600", "--listen", endpoint
+    ) as shown:
         async with onlooker(endpoint) as seen:
             await seen.hears("selector")
             await shown.shows("pointing")

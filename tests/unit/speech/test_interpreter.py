@@ -43,6 +43,7 @@ from pointit.schemas.topics import (
     ROBOT_STATE,
     SELECTION_EVENTS,
     SEND_ROBOT,
+    SERVICE_ALIVE,
     SET_LAMP,
     SET_THING,
     SPEECH,
@@ -242,6 +243,119 @@ async def test_what_was_said_before_the_question_is_no_answer_to_it() -> None:
 
 
 @in_virtual_time
+@pytest.mark.parametrize("after_s", [0.0, 0.25])
+async def test_an_answer_that_began_before_the_light_could_be_seen_is_none(after_s: float) -> None:
+    async with room() as here:
+        here.found = {"that": either("radio", HOSTILE)}
+        here.say("take that")
+        await here.result()
+        await asyncio.sleep(after_s)
+        here.say("yes", 0.0)
+        press = ButtonEvent(stamp_ns=here.bench.clock.now_ns(), gesture="press")
+        here.bench.put(BUTTON, press, USER)
+        assert (await here.result(2)).result == "refused"
+        assert here.queries(SetThing) == []
+
+
+@in_virtual_time
+async def test_what_was_denied_is_not_confirmed_by_the_next_answer() -> None:
+    """The `no` of the first candidate is told when the second one blinks already."""
+    async with room() as here:
+        here.found = {"that": either("radio", HOSTILE)}
+        here.say("take that")
+        await here.result()
+        await asyncio.sleep(3.1)
+        here.say("no", 1.0)
+        here.say("yes", 0.0)
+        assert (await here.result(2)).result == "refused"
+        assert here.queries(SetThing) == []
+
+
+@in_virtual_time
+@pytest.mark.parametrize(
+    ("said", "confirmed", "last"), [("yes", [HOSTILE], "led_2"), ("no", list[str](), "led_1")]
+)
+async def test_an_answer_begins_with_its_word(said: str, confirmed: list[str], last: str) -> None:
+    """The sentence begins while the first candidate blinks, its last word when the second one does."""
+    async with room() as here:
+        here.found = {"that": either("radio", HOSTILE)}
+        here.say("take that")
+        await here.result()
+        await asyncio.sleep(4.0)
+        now_ns = here.bench.clock.now_ns()
+        words = tuple(
+            Word(text=each, start_ns=now_ns - at * NS_PER_S // 2, end_ns=now_ns - at * NS_PER_S // 2)
+            for at, each in ((4, "hmm"), (3, "that"), (0, said))
+        )
+        here.bench.put(SPEECH, Speech(stamp_ns=now_ns, words=words), USER)
+        await here.result(2)
+        assert here.queries(SetThing) == [(USER, SetThing(thing=each)) for each in confirmed]
+        assert here.queries(SetLamp)[-1][0] == last, "the other one is asked about after no"
+
+
+@in_virtual_time
+@pytest.mark.parametrize("text", ["the right one", "okay take this", HOSTILE.replace("-", " ")])
+async def test_what_means_something_else_confirms_nothing(text: str) -> None:
+    async with room() as here:
+        here.found = {"that": either("radio", HOSTILE)}
+        here.say("take that")
+        await here.result()
+        await asyncio.sleep(1.0)
+        here.say(text, 0.0)
+        assert (await here.result(2)).result == "refused"
+        assert here.queries(SetThing) == []
+
+
+@in_virtual_time
+async def test_stop_after_yes_confirms_nothing_and_a_second_answer_changes_nothing() -> None:
+    async with room() as here:
+        here.found = {"that": either("radio", HOSTILE)}
+        here.say("take that")
+        await here.result()
+        await asyncio.sleep(4.0)
+        here.say("yes", 0.0)
+        here.say("yes", 2.0)
+        await here.result(2)
+        assert here.queries(SetThing) == [(USER, SetThing(thing=HOSTILE))]
+        here.say("take that")
+        await here.result(3)
+        await asyncio.sleep(1.0)
+        here.say("yes", 0.0)
+        here.say("stop", 0.0)
+        await here.result(5)
+        assert len(here.queries(SetThing)) == 1
+
+
+@in_virtual_time
+async def test_stop_is_of_what_was_said_before_it_too() -> None:
+    async with room() as here:
+        here.found = {"that": sure("robot", "rover"), "there": sure("place", "floor")}
+        here.say("put that there", 0.1)
+        here.say("go there", 0.1)
+        here.say("stop", 0.0)
+        here.say("take the radio", 0.0)
+        await here.result(4)
+        assert here.queries(SendRobot) == []
+        assert [(each.command, each.result) for each in here.understood] == [
+            ("stop", "done"), ("put", "refused"), ("send", "refused"), ("take", "done")
+        ]  # fmt: skip
+
+
+@in_virtual_time
+async def test_all_words_are_looked_up_before_a_question_outlasts_the_memory_of_rays() -> None:
+    async with room() as here:
+        here.found = {"that": either("radio", HOSTILE), "there": sure("place", "floor")}
+        here.say("put that there")
+        await here.result()
+        assert len(here.queries(FindReferents)) == 2
+        here.found["there"] = Referents(none=1.0, rays=100)
+        here.say("stop")
+        here.say("put that there")
+        await here.result(4)
+        assert "where 'there' is, is not clear" in here.understood[3].message, "without a question before"
+
+
+@in_virtual_time
 async def test_without_an_answer_nothing_is_done() -> None:
     async with room() as here:
         here.found = {"that": either("radio", HOSTILE)}
@@ -407,7 +521,34 @@ async def test_a_verb_of_a_thing_that_is_not_there_is_refused_with_those_that_ar
     async with room() as here:
         interpreter = Interpreter(here.bench.bus, here.bench.clock, USER, own_verbs(["heat kettel"]))
         with pytest.raises(ConfigError, match="the map has no thing 'kettel'; did you mean kettle"):
-            await interpreter.wait_for_map(1.0)
+            await interpreter.wait_for_room(1.0)
+
+
+@in_virtual_time
+async def test_only_switches_are_turned_on_by_their_names_too() -> None:
+    async with room() as here:
+        here.say(f"turn the {HOSTILE.replace('-', ' ')} on")
+        assert (await here.result()).message == f"{HOSTILE} is no switch: say `take that`"
+        here.say("turn the raydio on")
+        assert (await here.result(2)).message == "turn what on? point at it, and say `turn that on`"
+        assert here.queries(SetThing) == []
+
+
+@in_virtual_time
+async def test_robots_are_known_before_words_are_and_stop_reaches_those_that_say_nothing() -> None:
+    async with room() as here:
+        here.bench.bus.announce(SERVICE_ALIVE, "robot.silent")
+        here.bench.bus.announce(SERVICE_ALIVE, "robot.late")
+        await here.bench.settle()
+        interpreter = Interpreter(here.bench.bus, here.bench.clock, USER)
+        waiting = asyncio.create_task(interpreter.wait_for_room(2.0))
+        await asyncio.sleep(1.0)
+        here.bench.put(ROBOT_STATE, ROVER, "late")
+        await waiting
+        assert ("late",) in interpreter.vocabulary.names
+        here.say("stop", 0.0)
+        await here.result()
+        assert {name for name, _ in here.queries(StopRobot)} == {"late", "rover", "silent"}
 
 
 @in_virtual_time

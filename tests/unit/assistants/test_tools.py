@@ -130,6 +130,28 @@ async def test_a_press_answers_a_question_by_light(assistant: Assistant, played:
     ]  # fmt: skip
 
 
+async def test_a_press_before_the_light_could_be_seen_is_no_answer(
+    assistant: Assistant, played: Played
+) -> None:
+    asked = {"user": "anna", "candidates": ["kettle", "radio"], "timeout": 2 * TURN_S}
+    asking = asyncio.create_task(assistant.call("ask_by_light", **asked))
+    await until(lambda: bool(played.lamps))
+    press = ButtonEvent(stamp_ns=VirtualClock().now_ns(), gesture="press")
+    played.bus.publisher(topics.BUTTON, "anna").put(press)
+    assert (await asking)["chosen"] == ""
+
+
+async def test_one_press_does_not_answer_two_questions(assistant: Assistant, played: Played) -> None:
+    asked = {"user": "anna", "candidates": ["kettle", "radio"], "timeout": 2 * TURN_S}
+    first = asyncio.create_task(assistant.call("ask_by_light", **asked))
+    await until(lambda: bool(played.lamps))
+    assert await assistant.refused("ask_by_light", **asked) == (
+        "'anna' is being asked by light: wait for the answer"
+    )
+    await first
+    await assistant.call("ask_by_light", **asked)
+
+
 @pytest.mark.parametrize("ends", ["by a timeout", "by a cancellation"])
 async def test_lamps_are_given_back_when_a_question_ends(
     assistant: Assistant, played: Played, ends: str

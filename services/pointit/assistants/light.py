@@ -77,7 +77,7 @@ class Lights:
         """Light the candidates in turn until `user` presses their button. Then lamps are as before.
 
         Raises:
-            PointItError: If they are not there, or are being asked, or two candidates have no lamp of their own.
+            PointItError: If they are not there or are being asked, or two candidates have no own lamp.
         """
         await check_present(site, user)
         lamps = {item.name: _lamp(item) for item in candidates}

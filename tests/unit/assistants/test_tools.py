@@ -57,7 +57,15 @@ async def test_a_word_is_asked_for_at_its_time(assistant: Assistant, played: Pla
 
 
 @pytest.mark.parametrize(
-    "text", ["soon", "2026-03-01T14:30:05", "1900-01-01T00:00:00+00:00", "nan", "9" * 30]
+    "text",
+    [
+        "soon",
+        "2026-03-01T14:30:05",
+        "1900-01-01T00:00:00+00:00",
+        "2300-01-01T00:00:00+00:00",
+        "nan",
+        "9" * 30,
+    ],
 )
 def test_a_time_of_a_word_without_zone_or_sense_is_refused(text: str) -> None:
     with pytest.raises(SchemaError, match="word_time"):

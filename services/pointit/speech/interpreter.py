@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.clock import Clock
 from pointit.runtime.config.similar_names import nearest
-from pointit.runtime.errors import ConfigError, RequestError
+from pointit.runtime.errors import AccessDeniedError, ConfigError, NoAnswerError, RequestError
 from pointit.schemas import NS_PER_S, Environment, FindReferents, Referent, RobotState, Speech, Understood
 from pointit.schemas.system import split_instance
 from pointit.schemas.topics import (
@@ -199,7 +199,13 @@ class Interpreter:
             each.at_ns for each in command.mentions if not each.name and each.at_ns != mention.at_ns
         )
         query = FindReferents(at_ns=mention.at_ns, word=mention.word, others_ns=others_ns)
-        reply = await self._bus.call(FIND_REFERENTS, query, self._user)
+        try:
+            reply = await self._bus.call(FIND_REFERENTS, query, self._user)
+        except AccessDeniedError:
+            raise
+        except NoAnswerError as error:
+            remedy = f"run `pointit service run listener --user {self._user}`"
+            raise NotUnderstood(f"nobody keeps where {self._user} points: {remedy}") from error
         is_place = mention is command.to and mention.word in PLACES
         verb = self._verbs[command.verb]
         things = self._room.switches if command.verb in ("on", "off") else verb.things or None

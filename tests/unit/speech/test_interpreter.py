@@ -23,7 +23,7 @@ from pointit.schemas import (
 )
 from pointit.schemas.topics import CLAIM, OBJECTS, ROBOT_STATE, SELECTION_EVENTS, SERVICE_ALIVE, SPEECH
 from pointit.speech.interpreter import MOST_WAITING, Interpreter
-from tests.support.bench import in_virtual_time, until
+from tests.support.bench import background, in_virtual_time, until
 from tests.unit.speech.spoken_room import HOSTILE, PLACE, ROVER, USER, Room, either, room, sure
 
 
@@ -278,6 +278,19 @@ async def test_robots_are_known_before_words_are_and_stop_reaches_those_that_say
         here.say("stop", 0.0)
         await here.result()
         assert {name for name, _ in here.queries(StopRobot)} == {"late", "rover", "silent"}
+
+
+@in_virtual_time
+async def test_without_a_listener_it_says_how_to_start_one() -> None:
+    async with room() as here:
+        interpreter = Interpreter(here.bench.bus, here.bench.clock, "ben")
+        now_ns = here.bench.clock.now_ns()
+        words = tuple(Word(text=each, start_ns=now_ns, end_ns=now_ns) for each in ("take", "that"))
+        async with background(interpreter.run()):
+            here.bench.put(SPEECH, Speech(stamp_ns=now_ns, words=words), "ben")
+            assert (await here.result()).message == (
+                "nobody keeps where ben points: run `pointit service run listener --user ben`"
+            )
 
 
 @in_virtual_time

@@ -55,6 +55,8 @@ class Lights:
 
     def __init__(self) -> None:
         self._shown: dict[str, str] = {}
+        self._asked = set[str]()
+        """People who are being asked."""
         self._giving = set[asyncio.Task[None]]()
         """Lamps that are given back although the question was cancelled."""
 
@@ -75,7 +77,7 @@ class Lights:
         """Light the candidates in turn until `user` presses their button. Then lamps are as before.
 
         Raises:
-            PointItError: If they are not there, or two candidates have no lamp of their own.
+            PointItError: If they are not there or are being asked, or two candidates have no own lamp.
         """
         await check_present(site, user)
         lamps = {item.name: _lamp(item) for item in candidates}
@@ -84,6 +86,9 @@ class Lights:
                 "two candidates have the same lamp, so light cannot tell them apart: ask in words"
             )
         shown: dict[str, str] = dict(zip(lamps, ASKING, strict=False))
+        if user in self._asked:
+            raise PointItError(f"{user!r} is being asked by light: wait for the answer")
+        self._asked.add(user)
         presses = site.messages(BUTTON, user)
         turns: list[tuple[int, str]] = []
         try:
@@ -103,6 +108,7 @@ class Lights:
             giving = asyncio.create_task(self._give_all_back(site, list(lamps.values())), name="lamps back")
             self._giving.add(giving)
             giving.add_done_callback(self._giving.discard)
+            giving.add_done_callback(lambda _: self._asked.discard(user))
             await asyncio.shield(giving)
 
     async def _give_all_back(self, site: Site, lamps: Sequence[str]) -> None:
@@ -124,6 +130,5 @@ def _lamp(item: Item) -> str:
 def _lit_at(press: ButtonEvent, turns: Sequence[tuple[int, str]]) -> str:
     """Return the candidate that was lit when the person decided to press, or `""`."""
     decided_ns = press.stamp_ns - round(REACTION_S * NS_PER_S)
-    lit = [name for since_ns, name in turns if since_ns <= max(decided_ns, turns[0][0])]
-    is_recent = press.stamp_ns >= turns[0][0]
-    return lit[-1] if is_recent and press.gesture == "press" else ""
+    lit = [name for since_ns, name in turns if since_ns <= decided_ns]
+    return lit[-1] if lit and press.gesture == "press" else ""

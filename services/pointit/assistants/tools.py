@@ -279,6 +279,6 @@ def ns_of(text: str) -> int:
         when = dt.datetime.fromisoformat(text)
     except ValueError:
         when = None
-    if when is None or when.tzinfo is None or when.timestamp() < 0:
+    if when is None or when.tzinfo is None or not 0 <= when.timestamp() < 2**63 / NS_PER_S:
         raise SchemaError(f"word_time {text!r}: write one such as 2026-03-01T14:30:05.250+01:00")
     return round(when.timestamp() * 1e6) * 1000  # a date has µs

@@ -20,7 +20,7 @@ _DEICTIC: Mapping[str, Deictic] = {
 }  # fmt: skip
 _SWITCH = {"turn", "switch"}
 _SMALL = {"on", "off", "the", "is", "one", "robot"}
-YES = {"yes", "yeah", "right", "okay"}
+YES = {"yes", "yeah", "okay"}
 NO = {"no", "wrong", "neither"}
 RESERVED = frozenset({*_VERBS, *_DEICTIC, *_SWITCH, *_SMALL, *YES, *NO})
 """Words of all rooms, which no thing's verb may be."""
@@ -106,18 +106,20 @@ def names_of(names: Iterable[str]) -> Names:
     return found
 
 
-def answer(words: Sequence[Word]) -> Answer | None:
-    """Return the answer that the words give, or None if they give none."""
-    said = {word.text.lower() for word in words}
-    if said & NO:
-        return "no"
-    return "yes" if said & YES else None
+def answer(words: Sequence[Word]) -> tuple[Answer, int] | None:
+    """Return the answer that the words give, and the time of its onset, ns. None if they give none."""
+    answers: tuple[tuple[Answer, set[str]], ...] = (("no", NO), ("yes", YES))
+    for said, meaning in answers:
+        for word in words:
+            if _text(word) in meaning:
+                return said, word.start_ns
+    return None
 
 
 def parse(words: Sequence[Word], vocabulary: Vocabulary) -> Command | None:
     """Return the command in `words`, or None if there is none. Words that mean nothing here are skipped."""
     names = vocabulary.names
-    texts = [word.text.lower() for word in words]
+    texts = [_text(word) for word in words]
     verb = _verb(texts, vocabulary.verbs)
     if verb is None:
         return None
@@ -139,6 +141,10 @@ def parse(words: Sequence[Word], vocabulary: Vocabulary) -> Command | None:
         return Command(verb=verb, about=objects[0] if objects else None, to=to)
     about = next(iter([*objects, *places]), None)
     return Command(verb=verb, about=about)
+
+
+def _text(word: Word) -> str:
+    return word.text.lower().strip(".,;:!?")  # some recognisers write sentences
 
 
 def _verb(texts: Sequence[str], own: Iterable[str]) -> str | None:

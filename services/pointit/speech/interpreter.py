@@ -8,10 +8,20 @@ from collections.abc import Callable, Mapping, Sequence
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.clock import Clock
 from pointit.runtime.config.similar_names import nearest
-from pointit.runtime.errors import ConfigError, RequestError
-from pointit.schemas import NS_PER_S, Environment, FindReferents, Referent, Speech, Understood
-from pointit.schemas.topics import FIND_REFERENTS, MAP, OBJECTS, ROBOT_STATE, SPEECH, UNDERSTOOD
-from pointit.services.listener.decision import decide
+from pointit.runtime.errors import AccessDeniedError, ConfigError, NoAnswerError, RequestError
+from pointit.schemas import NS_PER_S, Environment, FindReferents, Referent, RobotState, Speech, Understood
+from pointit.schemas.system import split_instance
+from pointit.schemas.topics import (
+    FIND_REFERENTS,
+    MAP,
+    OBJECTS,
+    ROBOT_STATE,
+    SERVICE_ALIVE,
+    SPEECH,
+    STOP_ROBOT,
+    UNDERSTOOD,
+)
+from pointit.services.listener.decision import Decision, decide
 from pointit.speech.grammar import PLACES, Command, Mention, Vocabulary, answer, parse
 from pointit.speech.packages import Packages
 from pointit.speech.question import Question
@@ -20,6 +30,8 @@ from pointit.speech.verbs import VERBS, Verb, VerbContext
 
 SETTLE_S = 0.4
 """Time after the last deictic word for which rays are awaited, s."""
+LOOK_S = 0.2
+"""Time in which the robots that are there are found, s."""
 OLDEST_S = 8.0
 """Age of an utterance from which it is not followed."""
 MOST_WAITING = 4
@@ -43,7 +55,9 @@ class Interpreter:
         self._site = VerbContext(bus, clock, user, room, Packages(bus, clock, user, room))
         self._verbs: dict[str, Verb] = {**VERBS, **(verbs or {})}
         self._question = Question(bus, clock, user, room)
-        self._waiting: deque[Speech] = deque()
+        self._waiting: deque[tuple[Speech, int]] = deque()
+        self._stops = 0
+        """Number of times that stop was said: what was said before, and waits, is not followed."""
         self._arrived, self._idle, self._has_map = asyncio.Event(), asyncio.Event(), asyncio.Event()
         self._idle.set()
         self._understood = bus.publisher(UNDERSTOOD, user)
@@ -52,7 +66,8 @@ class Interpreter:
         self.on_understood: Callable[[Understood], None] = lambda _understood: None
         """Called with all that is published, and with what is ignored."""
         bus.subscribe(MAP, self._on_map)
-        bus.subscribe(ROBOT_STATE, lambda state, name: room.robots.__setitem__(name, state))
+        bus.watch(SERVICE_ALIVE, self._on_service)
+        bus.subscribe(ROBOT_STATE, self._on_robot)
         bus.subscribe(OBJECTS, lambda objects, name: room.objects.__setitem__(name, objects))
         bus.subscribe(SPEECH, self._on_speech, user)
 
@@ -61,8 +76,8 @@ class Interpreter:
         """Return the words of the room as far as it is known, for recognisers."""
         return Vocabulary(names=self._room.names, verbs=tuple(self._verbs.keys() - VERBS.keys()))
 
-    async def wait_for_map(self, patience_s: float) -> None:
-        """Wait until the map is there, or not longer than `patience_s`: names come from it.
+    async def wait_for_room(self, patience_s: float) -> None:
+        """Wait until map and robots are known, or not longer than `patience_s`: names come from them.
 
         Raises:
             ConfigError: If a verb is of a thing that the map does not have.
@@ -70,6 +85,10 @@ class Interpreter:
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(patience_s):
                 await self._has_map.wait()
+                await asyncio.sleep(LOOK_S)
+                while self._room.present_robots - self._room.robots.keys():
+                    self._changed.clear()
+                    await self._changed.wait()
         there = {thing.id for thing in self._room.things}
         for thing in {each for verb in self._verbs.values() for each in verb.things} - there:
             if there:
@@ -85,12 +104,22 @@ class Interpreter:
         """Follow utterances, one after the other, until cancelled."""
         while True:
             while self._waiting:
-                await self._follow(self._waiting[0])
+                await self._follow(*self._waiting[0])
                 self._waiting.popleft()
             self._idle.set()
             self._changed.set()
             self._arrived.clear()
             await self._arrived.wait()
+
+    def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        service, name = split_instance(instance)
+        if service == STOP_ROBOT.server:
+            robots = self._room.present_robots
+            (robots.add if present else robots.discard)(name or service)
+
+    def _on_robot(self, state: RobotState, name: str) -> None:
+        self._room.robots[name] = state
+        self._changed.set()
 
     def _on_map(self, environment: Environment, _name: str) -> None:
         self._room.map = environment
@@ -103,18 +132,21 @@ class Interpreter:
         self._changed.set()
         command = parse(speech.words, self.vocabulary)
         is_stop = command is not None and command.verb == "stop"  # also in "no, stop", and "stop right there"
-        said, at_ns = answer(speech.words), speech.words[0].start_ns
-        if not is_stop and said is not None and self._question.answer(said, at_ns):
+        said = answer(speech.words)
+        is_other = command is not None and bool(command.mentions) and said is not None and said[0] == "yes"
+        if said is not None and not is_stop and not is_other and self._question.answer(*said):
             return
         if is_stop:
+            self._stops += 1
             self._question.stop()
-            stopping = asyncio.get_running_loop().create_task(self._follow(speech))  # it waits for nothing
+            following = self._follow(speech, self._stops)  # it waits for nothing
+            stopping = asyncio.get_running_loop().create_task(following)
             self._stopping.add(stopping)
             stopping.add_done_callback(self._stopped)
         elif len(self._waiting) >= MOST_WAITING:
             self._publish(speech, command, (), "refused", "too many words at once: say it again, slowly")
         else:
-            self._waiting.append(speech)
+            self._waiting.append((speech, self._stops))
             self._idle.clear()
             self._arrived.set()
 
@@ -122,7 +154,7 @@ class Interpreter:
         self._stopping.discard(task)
         self._changed.set()
 
-    async def _follow(self, speech: Speech) -> None:
+    async def _follow(self, speech: Speech, stops: int) -> None:
         command = parse(speech.words, self.vocabulary)
         if command is None:
             self._publish(speech, None, (), "ignored", "")
@@ -132,8 +164,11 @@ class Interpreter:
             if command.verb != "stop":
                 self._check_age(speech)
             await self._settle(command)
-            for mention in command.mentions:
-                found.append(await self._resolve(speech, command, mention, found))
+            decisions = [await self._decide(command, mention) for mention in command.mentions]
+            for asked in decisions:  # after all were looked up: questions outlast the memory of rays
+                self._check_not_stopped(command, stops)
+                found.append(await self._clear(speech, command, asked, found))
+            self._check_not_stopped(command, stops)
             message = await self._verbs[command.verb].act(self._site, command, found)
         except (NotUnderstood, RequestError) as error:
             self._publish(speech, command, found, "refused", str(error))
@@ -145,6 +180,10 @@ class Interpreter:
         if age_s > OLDEST_S:
             raise NotUnderstood(f"that was said {age_s:.0f} s ago: say it again")
 
+    def _check_not_stopped(self, command: Command, stops: int) -> None:
+        if command.verb != "stop" and stops != self._stops:
+            raise NotUnderstood("stop was said after it: say it again")
+
     async def _settle(self, command: Command) -> None:
         """Wait until the rays after the last deictic word are there."""
         last_ns = max((each.at_ns for each in command.mentions), default=0)
@@ -152,27 +191,37 @@ class Interpreter:
         if last_ns and wait_s > 0.0:
             await asyncio.sleep(min(wait_s, 2.0 * SETTLE_S) / self._clock.speed)
 
-    async def _resolve(
-        self, speech: Speech, command: Command, mention: Mention, before: Sequence[Referent]
-    ) -> Referent:
-        """Return the referent of a mention, asked back if it is not clear."""
+    async def _decide(self, command: Command, mention: Mention) -> Decision:
+        """Return the referent of a mention, or those to ask about."""
         if mention.name:
-            return self._room.named(mention.name)
+            return Decision("act", (self._room.named(mention.name),))
         others_ns = tuple(
             each.at_ns for each in command.mentions if not each.name and each.at_ns != mention.at_ns
         )
         query = FindReferents(at_ns=mention.at_ns, word=mention.word, others_ns=others_ns)
-        reply = await self._bus.call(FIND_REFERENTS, query, self._user)
+        try:
+            reply = await self._bus.call(FIND_REFERENTS, query, self._user)
+        except AccessDeniedError:
+            raise
+        except NoAnswerError as error:
+            remedy = f"run `pointit service run listener --user {self._user}`"
+            raise NotUnderstood(f"nobody keeps where {self._user} points: {remedy}") from error
         is_place = mention is command.to and mention.word in PLACES
         verb = self._verbs[command.verb]
         things = self._room.switches if command.verb in ("on", "off") else verb.things or None
         decision = decide(reply, ("place",)) if is_place else decide(reply, verb.kinds, things)
-        is_told = command.verb == "what" and decision.do == "ask"  # with how sure it is
-        if decision.do == "act" or is_told:
-            return decision.candidates[0]
-        if decision.do == "refuse" or is_place:
+        if decision.do == "refuse" or (decision.do == "ask" and is_place):
             unclear = f"{'where' if is_place else 'what'} {mention.word!r} is, is not clear: {AGAIN}"
             raise NotUnderstood(reply.message or unclear)
+        return decision
+
+    async def _clear(
+        self, speech: Speech, command: Command, decision: Decision, before: Sequence[Referent]
+    ) -> Referent:
+        """Return the referent, asked back if it is not clear."""
+        is_told = command.verb == "what"  # with how sure it is
+        if decision.do == "act" or is_told:
+            return decision.candidates[0]
         names = " or ".join(self._room.label(one) for one in decision.candidates)
         asked = f"{names}? Say yes, or press, while it blinks"
         self._publish(speech, command, (*before, *decision.candidates), "asked", asked)

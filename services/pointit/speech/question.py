@@ -39,21 +39,25 @@ class Question:
         bus.subscribe(BUTTON, self._on_button, user)
 
     def answer(self, said: Answer, at_ns: int) -> bool:
-        """Answer what was shown at `at_ns`, when the answer began. Return False if nothing was asked then."""
-        if not self._turns or at_ns < self._turns[0][0]:
-            return False
-        decided_ns = max(at_ns - round(REACTION_S * NS_PER_S), self._turns[0][0])
+        """Answer what was shown at `at_ns`, when the answer began. Return False if nothing was asked then.
+
+        A candidate that was denied is not confirmed, and an answer is not taken back.
+        """
+        decided_ns = at_ns - round(REACTION_S * NS_PER_S)
         shown = [one for since_ns, one in self._turns if since_ns <= decided_ns]
-        if said == "yes":
-            self._chosen = shown[-1]
-        self._left = [one for one in self._left if said == "no" and one != shown[-1]]
+        if not shown:
+            return False
+        if said == "no":
+            self._left = [one for one in self._left if one != shown[-1]]
+        elif shown[-1] in self._left:
+            self._left, self._chosen = [], shown[-1]
         if not self._left or len(shown) == len(self._turns):  # else the next one is shown already
             self._answered.set()
         return True
 
     def stop(self) -> None:
         """Ask no more: nothing is confirmed."""
-        self._left.clear()
+        self._left, self._chosen = [], None
         self._answered.set()
 
     def _on_button(self, event: ButtonEvent, _user: str) -> None:

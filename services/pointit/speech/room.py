@@ -17,6 +17,8 @@ class SpokenRoom:
 
     map: Environment | None = None
     robots: dict[str, RobotState] = field(default_factory=dict[str, RobotState])
+    present_robots: set[str] = field(default_factory=set[str])
+    """Robots whose service runs, also those that have not told their state."""
     objects: dict[str, TrackedObjects] = field(default_factory=dict[str, TrackedObjects])
 
     @property

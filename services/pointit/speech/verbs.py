@@ -50,7 +50,8 @@ class Verb:
 async def _fire(site: VerbContext, command: Command, found: Sequence[Referent]) -> str:
     """Fire the thing as if the person had pointed at it, or select the object."""
     if not found:
-        raise RefusedError("take what? point at it, and say `take that`")
+        verb, word = ("take", "") if command.verb == "take" else ("turn", f" {command.verb}")
+        raise RefusedError(f"{verb} what{word}? point at it, and say `{verb} that{word}`")
     one = found[0]
     if one.kind == "object" and command.verb == "take":
         return await site.packages.take(one)
@@ -60,6 +61,8 @@ async def _fire(site: VerbContext, command: Command, found: Sequence[Referent]) 
     if thing is not None and thing.press:
         raise RefusedError(f"{site.room.label(one)} wants a press: point at it, and press the button")
     on = {"on": True, "off": False}.get(command.verb)
+    if on is not None and one.name not in site.room.switches:
+        raise RefusedError(f"{site.room.label(one)} is no switch: say `take that`")
     return (await site.bus.call(SET_THING, SetThing(thing=one.name, on=on), site.user)).message
 
 
@@ -92,7 +95,8 @@ async def _what(site: VerbContext, _command: Command, found: Sequence[Referent])
 async def _stop(site: VerbContext, _command: Command, found: Sequence[Referent]) -> str:
     """Stop the robot that is meant, those of the person, or all."""
     named = [one.name for one in found if one.kind == "robot"]
-    robots = named or site.room.robots_of(site.user) or sorted(site.room.robots)
+    there = sorted(site.room.present_robots.union(site.room.robots))
+    robots = named or site.room.robots_of(site.user) or there
     if not robots:
         raise RefusedError("there is no robot to stop")
     query = StopRobot(reason=f"{site.user} said stop")

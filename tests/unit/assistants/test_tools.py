@@ -57,7 +57,15 @@ async def test_a_word_is_asked_for_at_its_time(assistant: Assistant, played: Pla
 
 
 @pytest.mark.parametrize(
-    "text", ["soon", "2026-03-01T14:30:05", "1900-01-01T00:00:00+00:00", "nan", "9" * 30]
+    "text",
+    [
+        "soon",
+        "2026-03-01T14:30:05",
+        "1900-01-01T00:00:00+00:00",
+        "2300-01-01T00:00:00+00:00",
+        "nan",
+        "9" * 30,
+    ],
 )
 def test_a_time_of_a_word_without_zone_or_sense_is_refused(text: str) -> None:
     with pytest.raises(SchemaError, match="word_time"):
@@ -128,6 +136,28 @@ async def test_a_press_answers_a_question_by_light(assistant: Assistant, played:
     assert played.lamps[1:] == [
         ("desk", ORANGE), ("desk", RED), ("door", BLUE), ("desk", RED), ("door", None)
     ]  # fmt: skip
+
+
+async def test_a_press_before_the_light_could_be_seen_is_no_answer(
+    assistant: Assistant, played: Played
+) -> None:
+    asked = {"user": "anna", "candidates": ["kettle", "radio"], "timeout": 2 * TURN_S}
+    asking = asyncio.create_task(assistant.call("ask_by_light", **asked))
+    await until(lambda: bool(played.lamps))
+    press = ButtonEvent(stamp_ns=VirtualClock().now_ns(), gesture="press")
+    played.bus.publisher(topics.BUTTON, "anna").put(press)
+    assert (await asking)["chosen"] == ""
+
+
+async def test_one_press_does_not_answer_two_questions(assistant: Assistant, played: Played) -> None:
+    asked = {"user": "anna", "candidates": ["kettle", "radio"], "timeout": 2 * TURN_S}
+    first = asyncio.create_task(assistant.call("ask_by_light", **asked))
+    await until(lambda: bool(played.lamps))
+    assert await assistant.refused("ask_by_light", **asked) == (
+        "'anna' is being asked by light: wait for the answer"
+    )
+    await first
+    await assistant.call("ask_by_light", **asked)
 
 
 @pytest.mark.parametrize("ends", ["by a timeout", "by a cancellation"])

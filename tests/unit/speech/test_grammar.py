@@ -38,6 +38,7 @@ def words(text: str) -> list[Word]:
         ("oh no stop stop it", "stop", None, None),
         ("stop that rover", "stop", "rover", None),
         ("stop that", "stop", None, None),
+        ("Put that there.", "put", "that", "there"),
     ],
 )
 def test_a_command_is_found_with_what_it_is_about(
@@ -64,8 +65,10 @@ def test_other_words_are_no_command(text: str) -> None:
 
 
 def test_yes_and_no_are_answers_and_no_wins() -> None:
-    assert answer(words("yes that one")) == "yes"
-    assert answer(words("no not yes")) == "no"
+    assert answer(words("yes that one")) == ("yes", 0)
+    assert answer(words("that one Yes.")) == ("yes", NS_PER_S)
+    assert answer(words("yes no not yes")) == ("no", NS_PER_S // 2)
+    assert answer(words("that is right")) is None, "the name or the place of something"
     assert answer(words("take that")) is None
 
 

@@ -1,142 +1,30 @@
 """Reactions to spoken commands: requests, questions by light, refusals, and any flood of words."""
 
 import asyncio
-from collections.abc import AsyncGenerator
-from contextlib import asynccontextmanager
 
 import pytest
 
 from pointit.cli.things.spoken import own_verbs
-from pointit.runtime.errors import ConfigError, RefusedError
-from pointit.runtime.virtual_time import VirtualClock
+from pointit.runtime.errors import ConfigError
 from pointit.schemas import (
     NS_PER_S,
-    Bay,
-    Belt,
-    ButtonEvent,
     Claim,
-    Done,
-    Environment,
     FindReferents,
-    Lamp,
     Referent,
     Referents,
-    RobotState,
     SelectionEvent,
     SendRobot,
-    SetLamp,
     SetThing,
     Speech,
     StopRobot,
-    Thing,
     TrackedObject,
     TrackedObjects,
-    Understood,
     Word,
 )
-from pointit.schemas.topics import (
-    BUTTON,
-    CLAIM,
-    FIND_REFERENTS,
-    MAP,
-    OBJECTS,
-    ROBOT_STATE,
-    SELECTION_EVENTS,
-    SEND_ROBOT,
-    SET_LAMP,
-    SET_THING,
-    SPEECH,
-    STOP_ROBOT,
-    UNDERSTOOD,
-)
+from pointit.schemas.topics import CLAIM, OBJECTS, ROBOT_STATE, SELECTION_EVENTS, SERVICE_ALIVE, SPEECH
 from pointit.speech.interpreter import MOST_WAITING, Interpreter
-from tests.support.bench import Bench, background, in_virtual_time, memory_bench, until
-
-USER = "anna"
-PLACE = (1.0, 2.0, 0.0)
-HOSTILE = "yes-send-all-robots"
-ROVER = RobotState(
-    stamp_ns=1, kind="ground", phase="idle", position_m=PLACE, yaw_rad=0.0,
-    velocity_mps=(0.0, 0.0, 0.0), radius_m=0.2,
-)  # fmt: skip
-
-
-class Room:
-    """A room whose services note what they are asked."""
-
-    def __init__(self, bench: Bench) -> None:
-        self.bench = bench
-        self.asked: list[tuple[str, object]] = []
-        self.found: dict[str, Referents] = {}
-        self.understood = bench.collect(UNDERSTOOD)
-        self.refusal = ""
-        bus = bench.bus
-        bus.serve(FIND_REFERENTS, self._referents, USER)
-        bus.serve(SET_THING, self._note, USER)
-        bus.serve(SEND_ROBOT, self._note, USER)
-        bus.serve(SET_LAMP, self._note)
-        bus.serve(STOP_ROBOT, self._note)
-
-    async def _referents(self, query: FindReferents, _user: str) -> Referents:
-        self.asked.append(("referents", query))
-        return self.found.get(query.word, Referents(message="no rays at that time"))
-
-    async def _note(self, query: object, name: str) -> Done:
-        self.asked.append((name, query))
-        if self.refusal:
-            raise RefusedError(self.refusal)
-        return Done(message="done so")
-
-    def say(self, text: str, ago_s: float = 0.5, *, is_final: bool = True) -> None:
-        now_ns = self.bench.clock.now_ns() - round(ago_s * NS_PER_S)
-        begins_ns = [now_ns + index * NS_PER_S // 10 for index in range(len(text.split()))]
-        words = tuple(
-            Word(text=each, start_ns=begin_ns, end_ns=begin_ns + NS_PER_S // 10)
-            for each, begin_ns in zip(text.split(), begins_ns, strict=True)
-        )
-        self.bench.put(SPEECH, Speech(stamp_ns=now_ns, words=words, is_final=is_final), USER)
-
-    async def result(self, count: int = 1) -> Understood:
-        await until(lambda: len(self.understood) >= count)
-        return self.understood[count - 1]
-
-    def queries(self, kind: type[object]) -> list[tuple[str, object]]:
-        return [(name, query) for name, query in self.asked if isinstance(query, kind)]
-
-
-@asynccontextmanager
-async def room() -> AsyncGenerator[Room]:
-    async with memory_bench(VirtualClock()) as bench:
-        here = Room(bench)
-        interpreter = Interpreter(bench.bus, bench.clock, USER, own_verbs(["heat kettle"]))
-        box = {"center_m": (2.0, 0.0, 1.0), "size_m": (0.2, 0.2, 0.2)}
-        things = (
-            Thing(id="radio", label="Radio", lamp="led_1", mode="switch", **box),  # type: ignore[arg-type]
-            Thing(id=HOSTILE, lamp="led_2", **box),  # type: ignore[arg-type]
-            Thing(id="kettle", press=True, **box),  # type: ignore[arg-type]
-        )
-        lamps = tuple(Lamp(id=name, position_m=(2.0, 0.0, 1.0)) for name in ("led_1", "led_2"))
-        belts = tuple(
-            Belt(id=name, line_m=((0.0, 0.0, 1.0), (x, 2.0, 0.0))) for name, x in (("p", 1.0), ("q", 9.0))
-        )
-        bays = (Bay(id="1", belt="p"), Bay(id="3", belt="q"))
-        bench.put(
-            MAP, Environment(stamp_ns=1, name="room", lamps=lamps, things=things, belts=belts, bays=bays)
-        )
-        bench.put(ROBOT_STATE, ROVER, "rover")
-        await bench.settle()
-        async with background(interpreter.run()):
-            yield here
-
-
-def sure(kind: str, name: str) -> Referents:
-    one = Referent.model_validate({"kind": kind, "name": name, "probability": 0.95, "place_m": PLACE})
-    return Referents(candidates=(one,), none=0.05, rays=100)
-
-
-def either(*names: str) -> Referents:
-    candidates = tuple(Referent(kind="thing", name=name, probability=0.45) for name in names)
-    return Referents(candidates=candidates, none=0.1, rays=100)
+from tests.support.bench import background, in_virtual_time, until
+from tests.unit.speech.spoken_room import HOSTILE, PLACE, ROVER, USER, Room, either, room, sure
 
 
 @in_virtual_time
@@ -178,77 +66,32 @@ async def test_things_are_switched_by_pointing_and_by_name() -> None:
 
 
 @in_virtual_time
-@pytest.mark.parametrize("by", ["yes", "press"])
-@pytest.mark.parametrize(
-    ("after_s", "told_s", "chosen"),
-    [
-        (1.0, 0.0, "radio"),
-        (2.8, 1.0, "radio"),
-        (3.1, 0.0, "radio"),
-        (3.6, 1.0, HOSTILE),
-        (12.2, 1.0, HOSTILE),
-    ],
-)
-async def test_the_candidate_that_blinked_when_the_answer_began_is_confirmed(
-    by: str, after_s: float, told_s: float, chosen: str
-) -> None:
-    """Two blink for 3 s each, twice; people take 0.3 s, and recognisers up to 1.5 s."""
+async def test_stop_is_of_what_was_said_before_it_too() -> None:
     async with room() as here:
-        here.found = {"that": either("radio", HOSTILE)}
-        here.say("take that")
-        asked = await here.result()
-        assert asked.result == "asked"
-        assert asked.message == f"Radio or {HOSTILE}? Say yes, or press, while it blinks"
-        await asyncio.sleep(after_s + told_s)
-        if by == "yes":
-            here.say("yes", told_s)
-        else:
-            pressed_ns = here.bench.clock.now_ns() - round(told_s * NS_PER_S)
-            here.bench.put(BUTTON, ButtonEvent(stamp_ns=pressed_ns, gesture="press"), USER)
-        done = await here.result(2)
-        assert done.result == "done"
-        assert here.queries(SetThing) == [(USER, SetThing(thing=chosen))]
-        last = dict(here.queries(SetLamp))
-        assert all(query == SetLamp(color=None) for query in last.values()), "given back to the site"
+        here.found = {"that": sure("robot", "rover"), "there": sure("place", "floor")}
+        here.say("put that there", 0.1)
+        here.say("go there", 0.1)
+        here.say("stop", 0.0)
+        here.say("take the radio", 0.0)
+        await here.result(4)
+        assert here.queries(SendRobot) == []
+        assert [(each.command, each.result) for each in here.understood] == [
+            ("stop", "done"), ("put", "refused"), ("send", "refused"), ("take", "done")
+        ]  # fmt: skip
 
 
 @in_virtual_time
-async def test_no_is_no_and_the_next_candidate_is_asked_about() -> None:
+async def test_all_words_are_looked_up_before_a_question_outlasts_the_memory_of_rays() -> None:
     async with room() as here:
-        here.found = {"that": either("radio", HOSTILE)}
-        here.say("take that")
+        here.found = {"that": either("radio", HOSTILE), "there": sure("place", "floor")}
+        here.say("put that there")
         await here.result()
-        await asyncio.sleep(0.5)
-        asked_ns = here.bench.clock.now_ns()
-        here.say("no", 0.0)
-        await until(lambda: any(name == "led_2" for name, _ in here.queries(SetLamp)))
-        assert here.bench.clock.now_ns() - asked_ns < NS_PER_S, "at once"
-        await asyncio.sleep(0.5)
-        here.say("no that one is wrong", 0.0)
-        assert (await here.result(2)).result == "refused"
-        assert here.bench.clock.now_ns() - asked_ns < 2 * NS_PER_S, "neither is asked about again"
-        assert here.queries(SetThing) == []
-
-
-@in_virtual_time
-async def test_what_was_said_before_the_question_is_no_answer_to_it() -> None:
-    async with room() as here:
-        here.found = {"that": either("radio", HOSTILE)}
-        here.say("take that")
-        await here.result()
-        here.say("okay", 0.6)
-        assert (await here.result(2)).result == "refused"
-        assert here.queries(SetThing) == []
-
-
-@in_virtual_time
-async def test_without_an_answer_nothing_is_done() -> None:
-    async with room() as here:
-        here.found = {"that": either("radio", HOSTILE)}
-        here.say("take that")
-        refused = await here.result(2)
-        assert (refused.result, here.queries(SetThing)) == ("refused", [])
-        assert "was confirmed" in refused.message
+        assert len(here.queries(FindReferents)) == 2
+        here.found["there"] = Referents(none=1.0, rays=100)
+        here.say("stop")
+        here.say("put that there")
+        await here.result(4)
+        assert "where 'there' is, is not clear" in here.understood[3].message, "without a question before"
 
 
 @in_virtual_time
@@ -407,7 +250,47 @@ async def test_a_verb_of_a_thing_that_is_not_there_is_refused_with_those_that_ar
     async with room() as here:
         interpreter = Interpreter(here.bench.bus, here.bench.clock, USER, own_verbs(["heat kettel"]))
         with pytest.raises(ConfigError, match="the map has no thing 'kettel'; did you mean kettle"):
-            await interpreter.wait_for_map(1.0)
+            await interpreter.wait_for_room(1.0)
+
+
+@in_virtual_time
+async def test_only_switches_are_turned_on_by_their_names_too() -> None:
+    async with room() as here:
+        here.say(f"turn the {HOSTILE.replace('-', ' ')} on")
+        assert (await here.result()).message == f"{HOSTILE} is no switch: say `take that`"
+        here.say("turn the raydio on")
+        assert (await here.result(2)).message == "turn what on? point at it, and say `turn that on`"
+        assert here.queries(SetThing) == []
+
+
+@in_virtual_time
+async def test_robots_are_known_before_words_are_and_stop_reaches_those_that_say_nothing() -> None:
+    async with room() as here:
+        here.bench.bus.announce(SERVICE_ALIVE, "robot.silent")
+        here.bench.bus.announce(SERVICE_ALIVE, "robot.late")
+        await here.bench.settle()
+        interpreter = Interpreter(here.bench.bus, here.bench.clock, USER)
+        waiting = asyncio.create_task(interpreter.wait_for_room(2.0))
+        await asyncio.sleep(1.0)
+        here.bench.put(ROBOT_STATE, ROVER, "late")
+        await waiting
+        assert ("late",) in interpreter.vocabulary.names
+        here.say("stop", 0.0)
+        await here.result()
+        assert {name for name, _ in here.queries(StopRobot)} == {"late", "rover", "silent"}
+
+
+@in_virtual_time
+async def test_without_a_listener_it_says_how_to_start_one() -> None:
+    async with room() as here:
+        interpreter = Interpreter(here.bench.bus, here.bench.clock, "ben")
+        now_ns = here.bench.clock.now_ns()
+        words = tuple(Word(text=each, start_ns=now_ns, end_ns=now_ns) for each in ("take", "that"))
+        async with background(interpreter.run()):
+            here.bench.put(SPEECH, Speech(stamp_ns=now_ns, words=words), "ben")
+            assert (await here.result()).message == (
+                "nobody keeps where ben points: run `pointit service run listener --user ben`"
+            )
 
 
 @in_virtual_time

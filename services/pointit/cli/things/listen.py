@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from pointit.speech.interpreter import Interpreter
     from pointit.speech.speech_synthesizer import SpeechSynthesizer
 
-MAP_PATIENCE_S = 2.0
+ROOM_PATIENCE_S = 2.0
 END_PATIENCE_S = 15.0
 """Time for the last utterance to be followed, questions included, s."""
 
@@ -106,7 +106,7 @@ async def _listen(
         following = asyncio.create_task(interpreter.run())
         publishing: asyncio.Task[int] | None = None
         try:
-            await interpreter.wait_for_map(MAP_PATIENCE_S)
+            await interpreter.wait_for_room(ROOM_PATIENCE_S)
             say(f"listening to {user}; Ctrl-C ends it")
             if text is None and audio is None:
                 spoken = _nothing()

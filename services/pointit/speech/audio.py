@@ -36,7 +36,8 @@ class WavFile:
                 form = (file.getframerate(), file.getsampwidth(), file.getnchannels())
                 self._samples = file.readframes(file.getnframes())
         except (OSError, EOFError, wave.Error) as error:
-            raise ConfigError(f"{path}: no WAV file that can be read: {error}") from error
+            why = getattr(error, "strerror", None) or error
+            raise ConfigError(f"{path}: no WAV file that can be read: {why}") from error
         if form != (RATE_HZ, 2, 1):
             raise ConfigError(
                 f"{path}: must have 16 kHz, 16 bits and one channel: `sox IN -r 16k -b 16 -c 1 OUT`"

@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from itertools import product
 
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.clock import Clock
@@ -165,15 +166,27 @@ class Interpreter:
                 self._check_age(speech)
             await self._settle(command)
             decisions = [await self._decide(command, mention) for mention in command.mentions]
+            meant: list[Sequence[Referent]] = []
             for asked in decisions:  # after all were looked up: questions outlast the memory of rays
                 self._check_not_stopped(command, stops)
-                found.append(await self._clear(speech, command, asked, found))
-            self._check_not_stopped(command, stops)
-            message = await self._verbs[command.verb].act(self._site, command, found)
+                meant.append(await self._clear(speech, command, asked, found))
+                found.extend(meant[-1])
+            message = await self._act(command, meant, stops)
         except (NotUnderstood, RequestError) as error:
             self._publish(speech, command, found, "refused", str(error))
         else:
             self._publish(speech, command, found, "done", message)
+
+    async def _act(self, command: Command, meant: Sequence[Sequence[Referent]], stops: int) -> str:
+        """Do a command for each of what its words mean, and return what was done, also if it ends halfway."""
+        done: list[str] = []
+        try:
+            for found in product(*meant):
+                self._check_not_stopped(command, stops)
+                done.append(await self._verbs[command.verb].act(self._site, command, found))
+        except (NotUnderstood, RequestError) as error:
+            raise NotUnderstood("; ".join([*done, str(error)])) from error
+        return "; ".join(done)
 
     def _check_age(self, speech: Speech) -> None:
         age_s = (self._clock.now_ns() - speech.words[-1].end_ns) / NS_PER_S
@@ -209,7 +222,10 @@ class Interpreter:
         is_place = mention is command.to and mention.word in PLACES
         verb = self._verbs[command.verb]
         things = self._room.switches if command.verb in ("on", "off") else verb.things or None
-        decision = decide(reply, ("place",)) if is_place else decide(reply, verb.kinds, things)
+        several = mention.word == "these"
+        decision = (
+            decide(reply, ("place",)) if is_place else decide(reply, verb.kinds, things, several=several)
+        )
         if decision.do == "refuse" or (decision.do == "ask" and is_place):
             unclear = f"{'where' if is_place else 'what'} {mention.word!r} is, is not clear: {AGAIN}"
             raise NotUnderstood(reply.message or unclear)
@@ -217,11 +233,12 @@ class Interpreter:
 
     async def _clear(
         self, speech: Speech, command: Command, decision: Decision, before: Sequence[Referent]
-    ) -> Referent:
-        """Return the referent, asked back if it is not clear."""
-        is_told = command.verb == "what"  # with how sure it is
-        if decision.do == "act" or is_told:
-            return decision.candidates[0]
+    ) -> Sequence[Referent]:
+        """Return the referents, asked back if it is not clear which one is meant."""
+        if decision.do == "act":
+            return decision.candidates
+        if command.verb == "what":  # says how sure it is
+            return decision.candidates[:1]
         names = " or ".join(self._room.label(one) for one in decision.candidates)
         asked = f"{names}? Say yes, or press, while it blinks"
         self._publish(speech, command, (*before, *decision.candidates), "asked", asked)
@@ -229,7 +246,7 @@ class Interpreter:
         if chosen is None:
             doubt = f"neither {names.replace(' or ', ' nor ')} was" if " or " in names else f"{names} was not"
             raise NotUnderstood(f"{doubt} confirmed: {AGAIN}")
-        return chosen
+        return (chosen,)
 
     def _publish(
         self, speech: Speech, command: Command | None, found: Sequence[Referent], result: str, message: str

@@ -301,3 +301,19 @@ async def test_words_of_others_are_not_followed() -> None:
         await here.bench.settle()
         assert not here.understood
         assert not here.asked
+
+
+@in_virtual_time
+@pytest.mark.parametrize(("refusal", "result"), [("", "done"), ("somebody has it", "refused")])
+async def test_these_are_all_that_more_probably_were_swept_over_than_not(refusal: str, result: str) -> None:
+    async with room() as here:
+        swept = {"radio": 0.9, HOSTILE: 0.6, "kettle": 0.4}
+        each = tuple(Referent(kind="thing", name=name, probability=p) for name, p in swept.items())
+        here.found = {"these": Referents(candidates=each, none=0.02, rays=100)}
+        here.refusal = refusal
+        here.say("take these")
+        told = await here.result()
+        assert (told.result, told.message) == (result, refusal or "done so; done so")
+        assert [one.name for one in told.referents] == ["radio", HOSTILE]
+        taken = [SetThing(thing=name) for name in ("radio", HOSTILE)]
+        assert [query for _, query in here.queries(SetThing)] == (taken[:1] if refusal else taken)

@@ -9,6 +9,8 @@ SURE = 0.85
 """Probability from which what is most probable is taken as meant."""
 ASKED = 0.25
 """Probability from which a candidate is asked about."""
+EACH = 0.5
+"""Probability from which one of `these` is taken as meant: each is, or is not, whatever the others are."""
 EITHER = 0.6
 """Probability of two candidates together from which the person is asked which one is meant."""
 
@@ -18,17 +20,26 @@ class Decision(NamedTuple):
 
     do: Literal["act", "ask", "refuse"]
     candidates: Sequence[Referent]
-    """The referent, or those to ask about, the most probable first. Empty if refused."""
+    """The referents, or those to ask about, the most probable first. Empty if refused."""
 
 
-def decide(found: Referents, kinds: Sequence[str] = (), names: Collection[str] | None = None) -> Decision:
-    """Return the next step for a word with these referents.
+def decide(
+    found: Referents,
+    kinds: Sequence[str] = (),
+    names: Collection[str] | None = None,
+    *,
+    several: bool = False,
+) -> Decision:
+    """Return the next step for a word with these referents, which may mean `several`.
 
     Only `kinds` fit, or any if empty, and only `names`, or any if None. Candidates that do not fit are
     excluded by what was said, and the others become more probable, but not more than they are beside `none`.
     """
     kept = [one for one in found.candidates if not kinds or one.kind in kinds]
     fitting = [one for one in kept if names is None or one.name in names]
+    if several:
+        meant = [one for one in fitting if one.probability >= EACH]
+        return Decision("act" if meant else "refuse", meant)
     total = found.none + sum(one.probability for one in fitting)
     if not fitting or total <= 0.0:
         return Decision("refuse", ())

@@ -189,7 +189,7 @@ def test_a_killed_container_comes_back(stack: Stack, name: str) -> None:
         pid = stack.about(name)["State"]["Pid"]
         return pid not in (0, before)
 
-    assert until(back, lambda: stack.log(name)) < 10
+    assert within(until(back, lambda: stack.log(name)), 10.0)
     until(lambda: bool(stack.doctor()["healthy"]), lambda: str(stack.doctor()))
 
 

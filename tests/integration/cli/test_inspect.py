@@ -20,6 +20,7 @@ from tests.support import there
 from tests.support.bench import until
 from tests.support.cli_site import Site, interrupt, next_line
 from tests.support.commands import PATIENCE_S
+from tests.support.pace import within
 
 ROOM = models.Environment(
     stamp_ns=1,
@@ -85,7 +86,7 @@ async def test_ctrl_c_ends_it_at_once(site: Site, arguments: tuple[str, ...]) ->
         assert await next_line(process.stdout)
         code, took_s = await interrupt(process)
         assert code == 0
-        assert took_s < 5
+        assert within(took_s, 5.0)
         noted = (await there(process.stderr).read()).decode().splitlines()
         assert [line for line in noted if "rates are too low" not in line] == [], "some are left out"
 

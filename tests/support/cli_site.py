@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import re
 import signal
 import sys
 import time
@@ -66,12 +67,16 @@ class Site:
     def command(self, *arguments: str) -> contextlib.AbstractAsyncContextManager[asyncio.subprocess.Process]:
         return self.python("-m", "pointit.cli", *arguments)
 
-    async def pointit(self, *arguments: str, code: int | None = None) -> Ended:
-        """Run `pointit …` to its end, with `code` if that is given."""
+    async def pointit(self, *arguments: str, code: int | None = None, progress: bool = False) -> Ended:
+        """Run `pointit …` to its end, with `code` if that is given.
+
+        Without `progress`, what a command says while a busy machine lets it connect is left out.
+        """
         began_s = time.monotonic()
         ended = await asyncio.to_thread(run, [*arguments, "--connect", self.endpoint], PATIENCE_S)
         took_s = time.monotonic() - began_s
-        return Ended(code=ended[0], out=ended[1], err=ended[2], took_s=took_s).checked(code)
+        err = ended[2] if progress else re.sub(r"^looking for site .* …\n", "", ended[2])
+        return Ended(code=ended[0], out=ended[1], err=err, took_s=took_s).checked(code)
 
     async def arrived(self, instance: str) -> None:
         await until(lambda: instance in self.present, PATIENCE_S, f"{instance} is present")

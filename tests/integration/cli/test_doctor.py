@@ -126,7 +126,7 @@ async def test_nothing_runs_there(site: Site) -> None:
     ended = await site.pointit("doctor", "--timeout", "0.1", code=1)
     assert f"nothing runs at {site.endpoint}" in ended.out
     assert "`pointit run`" in ended.out
-    assert ended.err in ("", f"looking for site lab at {site.endpoint} …\n")
+    assert ended.err == ""
     parsed = json.loads((await site.pointit("doctor", "--timeout", "0.1", "--json")).out)
     assert parsed["healthy"] is False
     assert parsed["findings"][0]["code"] == "unreachable"

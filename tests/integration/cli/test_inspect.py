@@ -93,7 +93,7 @@ async def test_ctrl_c_ends_it_at_once(site: Site, arguments: tuple[str, ...]) ->
 
 async def test_nobody_answers(site: Site) -> None:
     await site.stop()
-    ended = await site.pointit("topic", "echo", "map", code=1)
+    ended = await site.pointit("topic", "echo", "map", code=1, progress=True)
     assert ended.err.startswith(f"looking for site lab at {site.endpoint} …\nError: nobody answers at ")
     assert (ended.err.count("\n"), ended.out) == (2, "")
 

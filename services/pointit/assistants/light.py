@@ -11,6 +11,7 @@ from pointit.assistants.room_items import check_present
 from pointit.errors import PointItError, SchemaError
 from pointit.schemas import NS_PER_S, ButtonEvent
 from pointit.schemas.topics import BUTTON
+from pointit.services.listener.decision import REACTION_S
 
 COLORS = {
     "red": "#ff1e00",
@@ -28,8 +29,6 @@ ASKING: tuple[str, ...] = ("orange", "blue", "white", "purple")
 """Colours of the candidates of a question, in turn: told apart by colour-blind people, too."""
 TURN_S = 1.5
 """Time for which a candidate is lit, s. Slower than flashes that can cause seizures."""
-REACTION_S = 0.3
-"""Time from seeing a light to the press for it, s."""
 GIVE_BACK_S = 2.0
 """Time limit of giving lamps back, s."""
 
@@ -88,8 +87,8 @@ class Lights:
         shown: dict[str, str] = dict(zip(lamps, ASKING, strict=False))
         if user in self._asked:
             raise PointItError(f"{user!r} is being asked by light: wait for the answer")
-        self._asked.add(user)
         presses = site.messages(BUTTON, user)
+        self._asked.add(user)
         turns: list[tuple[int, str]] = []
         try:
             async with asyncio.timeout(timeout_s):

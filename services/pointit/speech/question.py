@@ -10,13 +10,12 @@ from pointit.runtime.errors import RequestError
 from pointit.schemas import NS_PER_S, ButtonEvent, Referent, SetLamp
 from pointit.schemas.base import Rgb
 from pointit.schemas.topics import BUTTON, SET_LAMP
+from pointit.services.listener.decision import REACTION_S
 from pointit.speech.grammar import Answer
 from pointit.speech.room import SpokenRoom
 
 TURN_S = 3.0
 """Time for which one candidate is asked about, s."""
-REACTION_S = 0.3
-"""Time from seeing a light to the answer to it, s."""
 LATE_S = 1.5
 """Time for which answers are awaited after the last turn, s: recognisers tell words when they are over."""
 ROUNDS = 2

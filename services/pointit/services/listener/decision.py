@@ -13,6 +13,8 @@ EACH = 0.5
 """Probability from which one of `these` is taken as meant: each is, or is not, whatever the others are."""
 EITHER = 0.6
 """Probability of two candidates together from which the person is asked which one is meant."""
+REACTION_S = 0.3
+"""Time from seeing the light of a candidate to the answer to it, s."""
 
 
 class Decision(NamedTuple):
@@ -30,10 +32,11 @@ def decide(
     *,
     several: bool = False,
 ) -> Decision:
-    """Return the next step for a word with these referents, which may mean `several`.
+    """Return the next step for a word with these referents.
 
     Only `kinds` fit, or any if empty, and only `names`, or any if None. Candidates that do not fit are
     excluded by what was said, and the others become more probable, but not more than they are beside `none`.
+    A word that may mean `several` has independent candidates: it acts on each by itself, and never asks.
     """
     kept = [one for one in found.candidates if not kinds or one.kind in kinds]
     fitting = [one for one in kept if names is None or one.name in names]

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Any
 
 from pointit.geometry import vector
@@ -123,7 +122,6 @@ def _acts(_object_id: str) -> bool:
     return True
 
 
-@lru_cache(maxsize=8)  # few: the checks measure memory
 def _view(direction: Vec3, prefix: str) -> View:
     seen: list[VisibleObject] = []
     for number, center_m in enumerate(CENTERS_M):

@@ -84,7 +84,7 @@ def solve(
     if count < trust.min_samples:
         return Refusal(f"only {count} rays were gathered and {trust.min_samples} are needed; check the IMU")
     targets = pointings.targets_m
-    spread_m = np.ptp(targets.T.copy(), axis=1)  # along rows: faster
+    spread_m = np.ptp(targets, axis=0)
     if float(spread_m.max()) < SAME_PLACE_M:
         return Refusal("all pointing was at one place; point at two or more different ones")
     if float(spread_m[:2].max()) < SAME_PLACE_M:

@@ -91,8 +91,7 @@ def initial_poses(rays: Rays, weights: Weights) -> Array:
     poses[..., 0], poses[..., 1], poses[..., 2], poses[..., 3] = spot.real, spot.imag, yaws, biases[:, None]
     costs = evaluate_costs(rays, poses.reshape(-1, PARAMETERS), weights).reshape(len(biases), STARTS)
     best, lowest = np.argmin(costs, axis=0), costs.min(axis=0)
-    before = np.arange(-1, STARTS - 1)  # around the circle: -1 is the last
-    valley = (lowest <= lowest[before]) & (lowest <= lowest[before - (STARTS - 2)])
+    valley = (lowest <= np.roll(lowest, 1)) & (lowest <= np.roll(lowest, -1))
     chosen = np.flatnonzero(valley)
     chosen = chosen[np.argsort(lowest[chosen])][:KEPT]
     return np.asarray(poses[best[chosen], chosen], dtype=np.float64)

@@ -7,10 +7,11 @@ from typing import Any
 
 import pytest
 
+from pointit.api.site import Site
 from pointit.assistants.data import MAX_NAME
 from pointit.assistants.light import TURN_S
 from pointit.assistants.tools import ns_of
-from pointit.errors import SchemaError
+from pointit.errors import PointItError, SchemaError
 from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import ButtonEvent, FindReferents, Say, SendRobot, TrackedObject, TrackedObjects, topics
 from tests.support.bench import until
@@ -158,6 +159,19 @@ async def test_one_press_does_not_answer_two_questions(assistant: Assistant, pla
     )
     await first
     await assistant.call("ask_by_light", **asked)
+
+
+async def test_who_could_not_be_heard_may_be_asked_again(
+    assistant: Assistant, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_about: object) -> None:
+        raise PointItError("the site is lost")
+
+    asked = {"user": "anna", "candidates": ["kettle", "radio"], "timeout": 2 * TURN_S}
+    with monkeypatch.context() as broken:
+        broken.setattr(Site, "messages", fail)
+        assert await assistant.refused("ask_by_light", **asked) == "the site is lost"
+    assert (await assistant.call("ask_by_light", **asked))["chosen"] == ""
 
 
 @pytest.mark.parametrize("ends", ["by a timeout", "by a cancellation"])

@@ -5,7 +5,7 @@ import asyncio
 import pytest
 
 from pointit.cli.things.spoken import own_verbs
-from pointit.runtime.errors import ConfigError
+from pointit.runtime.errors import AccessDeniedError, ConfigError
 from pointit.schemas import (
     NS_PER_S,
     Claim,
@@ -304,16 +304,34 @@ async def test_words_of_others_are_not_followed() -> None:
 
 
 @in_virtual_time
-@pytest.mark.parametrize(("refusal", "result"), [("", "done"), ("somebody has it", "refused")])
-async def test_these_are_all_that_more_probably_were_swept_over_than_not(refusal: str, result: str) -> None:
+@pytest.mark.parametrize(
+    ("last", "result", "said"),
+    [
+        (HOSTILE, "done", "done so"),
+        ("kettle", "refused", "kettle wants a press: point at it, and press the button"),
+    ],
+)
+async def test_these_are_all_that_more_probably_were_swept_over_than_not(
+    last: str, result: str, said: str
+) -> None:
     async with room() as here:
-        swept = {"radio": 0.9, HOSTILE: 0.6, "kettle": 0.4}
+        swept = {"radio": 0.9, last: 0.6, "lamp": 0.4}
         each = tuple(Referent(kind="thing", name=name, probability=p) for name, p in swept.items())
         here.found = {"these": Referents(candidates=each, none=0.02, rays=100)}
-        here.refusal = refusal
         here.say("take these")
         told = await here.result()
-        assert (told.result, told.message) == (result, refusal or "done so; done so")
-        assert [one.name for one in told.referents] == ["radio", HOSTILE]
-        taken = [SetThing(thing=name) for name in ("radio", HOSTILE)]
-        assert [query for _, query in here.queries(SetThing)] == (taken[:1] if refusal else taken)
+        assert (told.result, told.message) == (result, f"done so; {said}")
+        assert [one.name for one in told.referents] == ["radio", last]
+        fired = [SetThing(thing=name) for name in ("radio", HOSTILE)]
+        assert [query for _, query in here.queries(SetThing)] == (fired if result == "done" else fired[:1])
+
+
+@in_virtual_time
+async def test_who_may_not_ask_is_not_told_to_start_a_listener(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def deny(*_about: object) -> None:
+        raise AccessDeniedError("anna may not ask that")
+
+    async with room() as here:
+        monkeypatch.setattr(here.bench.bus, "call", deny)
+        here.say("take that")
+        assert (await here.result()).message == "anna may not ask that"

@@ -6,6 +6,8 @@ import pytest
 
 from pointit.schemas import NS_PER_S, ButtonEvent, SetLamp, SetThing, Speech, Word
 from pointit.schemas.topics import BUTTON, SPEECH
+from pointit.speech.question import Question
+from pointit.speech.room import SpokenRoom
 from tests.support.bench import in_virtual_time, until
 from tests.unit.speech.spoken_room import HOSTILE, USER, either, room
 
@@ -166,3 +168,14 @@ async def test_without_an_answer_nothing_is_done() -> None:
         refused = await here.result(2)
         assert (refused.result, here.queries(SetThing)) == ("refused", [])
         assert "was confirmed" in refused.message
+
+
+@in_virtual_time
+async def test_stop_takes_back_an_answer_of_the_same_instant() -> None:
+    async with room() as here:
+        question = Question(here.bench.bus, here.bench.clock, USER, SpokenRoom())
+        asking = asyncio.create_task(question.ask(either("radio", HOSTILE).candidates))
+        await asyncio.sleep(1.0)
+        assert question.answer("yes", here.bench.clock.now_ns())
+        question.stop()
+        assert await asking is None

@@ -87,9 +87,8 @@ async def test_words_of_the_browser_are_followed(
     assert await violations(page) == []
     await speech.get_by_role("button", name="Yes").click()
     await expect(understood).to_have_attribute("data-result", "done")
-    (chosen,) = await page.evaluate(SELECTED)
-    assert chosen in ("screws", "nuts")
-    await expect(understood).to_contain_text(f"{chosen} selected")
+    # on already: staying between both may have fired one
+    await expect(understood).to_contain_text(re.compile("(screws|nuts) (selected|is on already)"))
 
     await page.evaluate("window.say('good morning')")
     await expect(speech).to_contain_text("No command in that, or nobody follows: pointit listen user1")

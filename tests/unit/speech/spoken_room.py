@@ -17,6 +17,7 @@ from pointit.schemas import (
     Referent,
     Referents,
     RobotState,
+    SetThing,
     Speech,
     Thing,
     Understood,
@@ -43,6 +44,11 @@ ROVER = RobotState(
     stamp_ns=1, kind="ground", phase="idle", position_m=PLACE, yaw_rad=0.0,
     velocity_mps=(0.0, 0.0, 0.0), radius_m=0.2,
 )  # fmt: skip
+
+
+def fired(thing: str) -> SetThing:
+    """Return what `take` asks: a switch is toggled; a button that is on already is not fired again."""
+    return SetThing(thing=thing, on=None if thing == "radio" else True)
 
 
 class Room:

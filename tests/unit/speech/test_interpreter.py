@@ -24,7 +24,7 @@ from pointit.schemas import (
 from pointit.schemas.topics import CLAIM, OBJECTS, ROBOT_STATE, SELECTION_EVENTS, SERVICE_ALIVE, SPEECH
 from pointit.speech.interpreter import MOST_WAITING, Interpreter
 from tests.support.bench import background, in_virtual_time, until
-from tests.unit.speech.spoken_room import HOSTILE, PLACE, ROVER, USER, Room, either, room, sure
+from tests.unit.speech.spoken_room import HOSTILE, PLACE, ROVER, USER, Room, either, fired, room, sure
 
 
 @in_virtual_time
@@ -322,8 +322,8 @@ async def test_these_are_all_that_more_probably_were_swept_over_than_not(
         told = await here.result()
         assert (told.result, told.message) == (result, f"done so; {said}")
         assert [one.name for one in told.referents] == ["radio", last]
-        fired = [SetThing(thing=name) for name in ("radio", HOSTILE)]
-        assert [query for _, query in here.queries(SetThing)] == (fired if result == "done" else fired[:1])
+        both = [fired(name) for name in ("radio", HOSTILE)]
+        assert [query for _, query in here.queries(SetThing)] == (both if result == "done" else both[:1])
 
 
 @in_virtual_time

@@ -9,7 +9,7 @@ from pointit.schemas.topics import BUTTON, SPEECH
 from pointit.speech.question import Question
 from pointit.speech.room import SpokenRoom
 from tests.support.bench import in_virtual_time, until
-from tests.unit.speech.spoken_room import HOSTILE, USER, either, room
+from tests.unit.speech.spoken_room import HOSTILE, USER, either, fired, room
 
 
 @in_virtual_time
@@ -42,7 +42,7 @@ async def test_the_candidate_that_blinked_when_the_answer_began_is_confirmed(
             here.bench.put(BUTTON, ButtonEvent(stamp_ns=pressed_ns, gesture="press"), USER)
         done = await here.result(2)
         assert done.result == "done"
-        assert here.queries(SetThing) == [(USER, SetThing(thing=chosen))]
+        assert here.queries(SetThing) == [(USER, fired(chosen))]
         last = dict(here.queries(SetLamp))
         assert all(query == SetLamp(color=None) for query in last.values()), "given back to the site"
 
@@ -123,7 +123,7 @@ async def test_an_answer_begins_with_its_word(said: str, confirmed: list[str], l
         )
         here.bench.put(SPEECH, Speech(stamp_ns=now_ns, words=words), USER)
         await here.result(2)
-        assert here.queries(SetThing) == [(USER, SetThing(thing=each)) for each in confirmed]
+        assert here.queries(SetThing) == [(USER, fired(each)) for each in confirmed]
         assert here.queries(SetLamp)[-1][0] == last, "the other one is asked about after no"
 
 
@@ -150,7 +150,7 @@ async def test_stop_after_yes_confirms_nothing_and_a_second_answer_changes_nothi
         here.say("yes", 0.0)
         here.say("yes", 2.0)
         await here.result(2)
-        assert here.queries(SetThing) == [(USER, SetThing(thing=HOSTILE))]
+        assert here.queries(SetThing) == [(USER, fired(HOSTILE))]
         here.say("take that")
         await here.result(3)
         await asyncio.sleep(1.0)

@@ -96,6 +96,8 @@ export function pairingDialog(controls: Controls, deed: "pair" | "map_room" = "p
       if (!isClosed) void pair();
     },
     update() {
+      // what `open` read may have been from before the first status, and another page may open it
+      if (dialog.open && !closed.hidden && !openLan.disabled && controls.site.status?.lan_url) void pair();
       if (!dialog.open || !offeredTo) return;
       const line = controls.site.people.get(offeredTo)?.line;
       if (line?.phone && line.moved_by === "phone") {

@@ -267,22 +267,23 @@ async def test_an_order_of_another_master_is_left_alone_and_shown_while_pointit_
     launch = Launch(service=Robot, config=config, name=ROBOT)
     end = (6.0, START[1])
     async with (
-        agv_on(port, node, speed=0.5),
         overheard(port, f"{TOPICS}/instantActions", json.loads) as actions,
         overheard(port, f"{TOPICS}/state", json.loads) as states,
+        agv_on(port, node, speed=0.5),
         aiomqtt.Client("127.0.0.1", port) as other,
         memory_bench(WallClock()) as bench,
     ):
+        await until(lambda: bool(states), PATIENCE_S, "its first report, before which it may refuse orders")
         # it waits at the start until the rest is released, however long that takes here
-        await other.publish(f"{TOPICS}/order", order_of_another(START, end, released=1))
-        await until(lambda: bool(states) and bool(states[-1][1]["nodeStates"]), PATIENCE_S, "their order")
+        await other.publish(f"{TOPICS}/order", order_of_another(START, end, released=1), qos=1)
+        await until(lambda: bool(states[-1][1]["nodeStates"]), PATIENCE_S, lambda: f"their order: {states}")
         pilotage = Pilotage(bench)
         async with running(run_service(launch, bench.bus, bench.clock)):
             shown = await pilotage.until(lambda state: "another master control" in state.reason)
             assert shown.user == ""
             with pytest.raises(RefusedError, match="another master control"):
                 await bench.bus.call(STOP_ROBOT, StopRobot(), ROBOT)
-            await other.publish(f"{TOPICS}/order", order_of_another(START, end, released=2, update=1))
+            await other.publish(f"{TOPICS}/order", order_of_another(START, end, released=2, update=1), qos=1)
             shown = await pilotage.until(lambda state: state.phase == "moving", PATIENCE_S)
             assert shown.user == ""
             # the monitor of standstill, and the end of PointIt, have cancelled it before

@@ -16,6 +16,9 @@ from pointit.runtime.errors import ConfigError
 PATIENCE_S = 2.0
 """Time after its seconds at which a search is cancelled. After this time once more it is given up."""
 
+LONGEST_WAIT_S = 0.5
+"""Python may see a Ctrl-C that comes just before a wait only after it."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class SearchResult:
@@ -56,10 +59,10 @@ def search(
         )
         thread.start()
     until_s = time.monotonic() + seconds + 2 * PATIENCE_S
-    with contextlib.suppress(queue.Empty):
-        while len(results) < len(asked):
-            tell(len(results))
-            which, result = answers.get(timeout=max(0.0, until_s - time.monotonic()))
+    while len(results) < len(asked) and (left_s := until_s - time.monotonic()) > 0:
+        tell(len(results))
+        with contextlib.suppress(queue.Empty):
+            which, result = answers.get(timeout=min(left_s, LONGEST_WAIT_S))
             results[which] = result
     for kind, name in asked:
         if (kind, name) not in results:

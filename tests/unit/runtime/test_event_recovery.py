@@ -92,15 +92,18 @@ async def reader(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Reader]:
     def hand_on(sample: Any) -> None:
         got.append(-1 if sample.source_info is None else sample.source_info.source_sn)
 
-    yield Reader(EventRecovery(bus, writer, hand_on, lost.append), writer, got, lost)  # type: ignore[arg-type]  # Writer
+    reader = Reader(EventRecovery(bus, writer, hand_on, lost.append), writer, got, lost)  # type: ignore[arg-type]  # Writer
+    reader.hear(0)
+    got.clear()
+    yield reader
     await bus.close()
 
 
 async def test_samples_without_gaps_are_passed_on_at_once(reader: Reader) -> None:
-    reader.hear(3, 4, 5)
-    reader.hear(11, 12, of=Id(eid=8))
+    reader.hear(1, 2, 3)
+    reader.hear(0, 1, of=Id(eid=8))
     reader.arrears.on_sample(Heard(None))  # type: ignore[arg-type]  # as far as it is looked at
-    assert reader.got == [3, 4, 5, 11, 12, -1]
+    assert reader.got == [1, 2, 3, 0, 1, -1]
     assert not reader.writer.asked
 
 
@@ -108,10 +111,10 @@ async def test_samples_without_gaps_are_passed_on_at_once(reader: Reader) -> Non
 async def test_a_silent_writer_is_queried_again_and_order_is_kept(reader: Reader, after: int) -> None:
     reader.writer.kept, reader.writer.cut, reader.writer.after = range(20), 3, after
     reader.hear(1, 5, 6)
-    reader.hear(1, of=Id(eid=8))
-    assert reader.got == [1, 1], "another writer's waited, or what came since did not"
+    reader.hear(0, of=Id(eid=8))
+    assert reader.got == [1, 0], "another writer's waited, or what came since did not"
     await until(lambda: len(reader.got) == 7)
-    assert reader.got == [1, 1, 2, 3, 4, 5, 6]
+    assert reader.got == [1, 0, 2, 3, 4, 5, 6]
     reader.hear(7)
     assert reader.got[-1] == 7
     assert not reader.lost
@@ -137,6 +140,25 @@ async def test_what_does_not_come_is_lost(
     reader.hear(1, last)
     await until(lambda: bool(reader.lost))
     assert (reader.lost, reader.got, len(reader.writer.asked)) == ([2], got, asked)
+
+
+@pytest.mark.parametrize("heard", [(3, 4), (3, 6)], ids=["no gap since", "and a gap since"])
+@pytest.mark.parametrize("cut", [0, 1])
+async def test_what_a_writer_sent_before_it_was_first_heard_is_asked_for(
+    reader: Reader, heard: tuple[int, ...], cut: int
+) -> None:
+    reader.writer.kept, reader.writer.cut = range(1, 20), cut
+    reader.hear(*heard, of=Id(eid=8))
+    assert reader.got == []
+    await until(lambda: len(reader.got) == heard[-1])
+    assert reader.got == [*range(1, heard[-1] + 1)]
+    assert not reader.lost, "what is older than the reader"
+
+
+async def test_a_writer_that_keeps_nothing_holds_up_its_first_event_for_three_questions(reader: Reader) -> None:
+    reader.hear(3, 4, of=Id(eid=8))
+    await until(lambda: len(reader.got) == 2)
+    assert (reader.got, reader.lost, len(reader.writer.asked)) == ([3, 4], [], 3)
 
 
 async def test_samples_that_come_late_by_themselves_close_their_gap(reader: Reader) -> None:
@@ -165,20 +187,20 @@ async def test_only_so_many_are_held(reader: Reader, monkeypatch: pytest.MonkeyP
 async def test_more_than_anybody_keeps_is_lost_without_being_asked_for(reader: Reader) -> None:
     far = 10 * EVENT_CAPACITY
     reader.writer.kept = range(far + 1)
-    reader.hear(0, far)
+    reader.hear(far)
     await until(lambda: bool(reader.lost))
     assert reader.lost == [far - 1 - EVENT_CAPACITY]
-    assert reader.got == [0, *range(far - EVENT_CAPACITY, far + 1)]
+    assert reader.got == [*range(far - EVENT_CAPACITY, far + 1)]
 
 
 async def test_only_so_many_writers_are_remembered(reader: Reader) -> None:
-    for eid in range(MAX_WRITERS + 1):
-        reader.hear(1, of=Id(eid=eid))
-    reader.hear(9, of=Id(eid=0))
-    assert reader.got[-1] == 9
-    reader.hear(9, of=Id(eid=MAX_WRITERS))
+    for eid in range(100, 100 + MAX_WRITERS):
+        reader.hear(0, of=Id(eid=eid))
+    reader.hear(9)
+    assert reader.got[-1] == 9, "evicted, and not asked for what was handed on before"
+    reader.hear(9, of=Id(eid=99 + MAX_WRITERS))
     await asyncio.sleep(0)
-    assert len(reader.got) == MAX_WRITERS + 2
+    assert len(reader.got) == MAX_WRITERS + 1
 
 
 async def test_a_closed_reader_gets_nothing_more(reader: Reader) -> None:

@@ -3,7 +3,8 @@
 """Events that a lost link has swallowed: their writer is asked for them until it answers.
 
 Zenoh asks by itself, but once: when the link is lost again before the answer, it gives up and goes on with
-what came later (zenoh-ext 1.10). Here what came later waits, so that events stay in order.
+what came later (zenoh-ext 1.10). Here what came later waits, so that events stay in order. What a writer has
+sent before the first event that was heard of it is asked for, too: the link may have swallowed that.
 """
 
 import asyncio
@@ -21,6 +22,8 @@ from pointit.runtime.zenoh.queries import query_samples
 
 WAITS_S = (0.0, 0.1, 0.2, 0.4, 0.8, 1.6, 2.0, 2.0, 2.0, 2.0, 2.0)
 """Before each question; what has not come after the last one counts as lost."""
+MOST_OF_FIRST = 3
+"""Questions about what was before the first event of a writer; not every writer keeps what it has sent."""
 TIMEOUT_S = 2.0
 MAX_WRITERS = 1000
 """Writers whose last sequence number is kept. The oldest is evicted first, which bounds memory."""
@@ -39,6 +42,8 @@ class _Gap:
     held: dict[int, zenoh.Sample] = field(default_factory=dict[int, zenoh.Sample])
     given_up: int = 0
     """More than any writer keeps are not even asked for."""
+    heard_from: int = 0
+    """What is missing before it may be older than the reader, and is not counted as lost."""
 
 
 class EventRecovery:
@@ -64,6 +69,7 @@ class EventRecovery:
         self._lock = threading.Lock()
         self._last: collections.OrderedDict[Writer, int] = collections.OrderedDict()
         self._gaps: dict[Writer, _Gap] = {}
+        self._has_evicted = False
 
     def close(self) -> None:
         """Hand on nothing that is held, and ask no more."""
@@ -82,6 +88,10 @@ class EventRecovery:
             self._last[writer] = number if last is None else max(last, number)
             if len(self._last) > MAX_WRITERS:
                 self._last.popitem(last=False)
+                self._has_evicted = True  # who is heard for the first time may have been heard before
+            is_first = last is None and not self._has_evicted
+            if is_first:
+                last = -1
             gap = self._gaps.get(writer)
             if last is not None and number > last + 1:
                 if gap is None:
@@ -89,7 +99,10 @@ class EventRecovery:
                     gap = self._gaps[writer] = _Gap(f"{sample.key_expr}/@adv/pub/{zid}/{eid}/**")
                     self._begin(writer, gap)
                 first = max(last + 1, number - EVENT_CAPACITY)
-                gap.given_up += first - last - 1
+                if is_first:
+                    gap.heard_from = number
+                else:
+                    gap.given_up += first - last - 1
                 gap.wanted.update(range(first, number))
             if gap is None:
                 self._hand_on(sample)
@@ -107,13 +120,15 @@ class EventRecovery:
             self._loop.call_soon_threadsafe(ask)
 
     async def _ask(self, writer: Writer, gap: _Gap) -> None:
-        for wait_s in WAITS_S:
+        for asked, wait_s in enumerate(WAITS_S):
             await asyncio.sleep(wait_s)
             with self._lock:
                 if self._gaps.get(writer) is not gap:
                     return
                 missing = gap.wanted - gap.held.keys()
-            if not missing:  # they came late, by themselves
+            if asked >= MOST_OF_FIRST:
+                missing = {number for number in missing if number > gap.heard_from}
+            if not missing:  # they came late, by themselves, or nobody has them
                 break
             # One more than what is missing: its own answer, the last one, tells that the writer has said all.
             first, beyond = min(missing), max(missing) + 1
@@ -133,6 +148,6 @@ class EventRecovery:
         del self._gaps[writer]
         for number in sorted(gap.held):
             self._hand_on(gap.held[number])
-        lost = gap.given_up + len(gap.wanted - gap.held.keys())
+        lost = gap.given_up + sum(number > gap.heard_from for number in gap.wanted - gap.held.keys())
         if lost:
             self._lose(lost)

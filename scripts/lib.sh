@@ -4,6 +4,7 @@
 ROOT="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)"
 VENV="$ROOT/.venv"
 PYTHON="$VENV/bin/python"
+export OPENBLAS_NUM_THREADS="${OPENBLAS_NUM_THREADS:-1}" # as `pointit` has it: matrices are small
 unset PYTHONDONTWRITEBYTECODE # set in many containers: every start would compile all that it imports
 
 say() { printf '%s\n' "$*" >&2; }
@@ -15,10 +16,10 @@ die() {
 
 is_new_enough() { "$1" -c 'import sys; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1; }
 
-# Prints the newest Python that will do, or nothing.
+# Prints the newest Python that will do, or nothing; $BASE_PYTHON goes before all others.
 find_python() {
     local candidate
-    for candidate in python3.13 python3.12 python3.11 python3; do
+    for candidate in ${BASE_PYTHON:+"$BASE_PYTHON"} python3.13 python3.12 python3.11 python3; do
         if command -v "$candidate" >/dev/null && is_new_enough "$candidate"; then
             command -v "$candidate"
             return

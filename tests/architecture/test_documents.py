@@ -76,6 +76,18 @@ def missing_paths(text: str) -> list[str]:
     return missing
 
 
+def missing_symbols(text: str, path: Path) -> list[str]:
+    """Return the names that stand behind a link to a module, ", `name` and `name`", and that it has not."""
+    missing: list[str] = []
+    names = r"`[\w.]+`(?:\([^)]*\))?"
+    for link, named in re.findall(rf"\]\(([^)#]+\.(?:py|ts))\), ({names}(?:(?:, | and ){names})*)", text):
+        file = path.parent / link
+        has = file.read_text(encoding="utf-8") if file.exists() else ""
+        symbols = re.findall(r"`(?:\w+\.)*(\w+)`", named)
+        missing += [f"{link}: {name}" for name in symbols if not re.search(rf"\b{name}\b", has)]
+    return missing
+
+
 def unknown_scripts(text: str) -> set[str]:
     scripts = {f"scripts/{name}" for name in re.findall(r"scripts/(\w+)", text)}
     return {script for script in scripts if not (ROOT / script).is_file()}
@@ -86,6 +98,7 @@ def test_links_paths_and_scripts_exist(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
     assert missing_links(text, path) == []
     assert (missing_paths(text), unknown_scripts(text)) == ([], set())
+    assert missing_symbols(text, path) == []
 
 
 def test_missing_files_and_scripts_are_found() -> None:
@@ -93,6 +106,9 @@ def test_missing_files_and_scripts_are_found() -> None:
     assert missing_links(text, ROOT / "README.md") == ["docs/none.md"]
     assert missing_paths(text) == ["services/none.py", "nothing/service.py"]
     assert unknown_scripts(text) == {"scripts/land"}
+    link = "tests/support/pace.py"
+    text = f"[a]({link}), `Gate` and `Patience`; [b]({link}), `a.slowness`, `there.is_none`"
+    assert missing_symbols(text, ROOT / "README.md") == [f"{link}: {each}" for each in ("Gate", "is_none")]
 
 
 SERVICES = {*(row.name for row in PROCESSES), "counter"}

@@ -136,6 +136,13 @@ def test_of_a_clone_without_history_or_origin_everything_runs(
     assert run(lanes, monkeypatch, clone) == ("everything",)
 
 
+@pytest.mark.parametrize("page", ["explanation/architecture.md", "how-to/contribute.md"])
+def test_every_lane_is_named_where_people_read_of_them(lanes: ModuleType, page: str) -> None:
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    paragraph = next(each for each in text.split("\n\n") if "lane" in each and "`foxglove`" in each)
+    assert [name for name in lanes.ROOMS if f"`{name}`" not in paragraph] == []
+
+
 def test_every_place_of_a_lane_is_there(lanes: ModuleType) -> None:
     places = {*lanes.ALWAYS, *lanes.DOCUMENTS, *lanes.OF_DOCUMENTS}
     for room in lanes.ROOMS.values():

@@ -155,7 +155,7 @@ async def test_what_a_writer_sent_before_it_was_first_heard_is_asked_for(
     assert not reader.lost, "what is older than the reader"
 
 
-async def test_a_writer_that_keeps_nothing_holds_up_its_first_event_for_three_questions(reader: Reader) -> None:
+async def test_a_writer_that_keeps_nothing_is_asked_three_times(reader: Reader) -> None:
     reader.hear(3, 4, of=Id(eid=8))
     await until(lambda: len(reader.got) == 2)
     assert (reader.got, reader.lost, len(reader.writer.asked)) == ([3, 4], [], 3)

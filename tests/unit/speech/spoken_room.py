@@ -47,7 +47,7 @@ ROVER = RobotState(
 
 
 def fired(thing: str) -> SetThing:
-    """Return what `take` asks: a switch is toggled; a button that is on already is not fired again."""
+    """Return the request of `take`: a switch is toggled; a button that is on already is not fired again."""
     return SetThing(thing=thing, on=None if thing == "radio" else True)
 
 

@@ -43,7 +43,7 @@ class _Gap:
     given_up: int = 0
     """More than any writer keeps are not even asked for."""
     heard_from: int = 0
-    """What is missing before it may be older than the reader, and is not counted as lost."""
+    """Missing samples before it may be older than the reader, and are not counted as lost."""
 
 
 class EventRecovery:

@@ -110,7 +110,8 @@ class TakeoverMonitor:
         self._rival_s = 0.0
         self._instance = instance
         self._now_ns = now_ns
-        self._began_s = time.monotonic()
+        self._time = asyncio.get_running_loop().time
+        self._began_s = self._time()
         self._me = (socket.gethostname(), os.getpid())
         self._subscription = bus.subscribe(HEALTH, self._on_health, instance)
 
@@ -120,7 +121,7 @@ class TakeoverMonitor:
 
     def duplicate_instance_warning(self) -> str:
         """Return a warning while another process runs under the name, else `""`."""
-        if not self.duplicate or time.monotonic() - self._rival_s > SILENT_S:
+        if not self.duplicate or self._time() - self._rival_s > SILENT_S:
             self.duplicate = ""
             return ""
         return f"{self._instance} runs twice: here and as {self.duplicate}; end one of the two"
@@ -130,8 +131,8 @@ class TakeoverMonitor:
         if other == self._me:
             return
         self.duplicate = f"process {health.pid} on {health.host or '?'}"
-        self._rival_s = time.monotonic()
-        uptime_ns = int((time.monotonic() - self._began_s) * NS_PER_S)
+        self._rival_s = self._time()
+        uptime_ns = int((self._time() - self._began_s) * NS_PER_S)
         own = (self._now_ns() - uptime_ns, *self._me)
         others = (health.stamp_ns - int(health.uptime_s * NS_PER_S), *other)
         if others > own and not self.superseded.is_set():

@@ -3,7 +3,6 @@
 import asyncio
 import functools
 import socket
-import time
 from pathlib import Path
 from typing import ClassVar
 
@@ -89,10 +88,12 @@ class Keeper(Service[KeeperConfig]):
 
     def _on_health(self, health: Health, _instance: str) -> None:
         if health.host:
-            self._skews.on_report(health.host, health.stamp_ns, self._wall.now_ns(), time.monotonic())
+            self._skews.on_report(
+                health.host, health.stamp_ns, self._wall.now_ns(), asyncio.get_running_loop().time()
+            )
 
     def _compare_clocks(self) -> None:
-        skewed = {skew.host: skew for skew in self._skews.skews(time.monotonic())}
+        skewed = {skew.host: skew for skew in self._skews.skews(asyncio.get_running_loop().time())}
         for host in self._skewed_hosts - skewed.keys():
             self.bus.clear(f"clock of {host}")
         for host, skew in skewed.items():

@@ -170,7 +170,7 @@ class Listener:
             self._hang_up(client)
         closing = {one for one in self._state.connections if one.transport.is_closing()}
         for connection in closing & self._lingering:
-            connection.transport.abort()
+            _cut(connection)
         self._lingering = closing
         for connection, visit in list(self._visits.items()):
             if connection not in self._state.connections:
@@ -180,7 +180,7 @@ class Listener:
             if cycle is not visit.cycle or owed != visit.owed or (_is_busy(connection) and not owed):
                 visit.cycle, visit.owed, visit.since_s = cycle, owed, now_s
             elif now_s - visit.since_s > QUIET_S:
-                connection.transport.abort()
+                _cut(connection)
 
     async def close(self) -> None:
         """Stop accepting, and close or cut every connection."""
@@ -202,7 +202,7 @@ class Listener:
         if tasks:
             await asyncio.wait(tasks, timeout=CLOSE_S)
         for connection in list(state.connections):
-            connection.transport.abort()
+            _cut(connection)
         for task in state.tasks:
             task.cancel()
         if state.tasks:
@@ -282,10 +282,16 @@ class Listener:
         idle = [one for one in crowd[: self._most // 16] if not _is_busy(one)]
         for one in idle or crowd[:1] or [newest]:
             del self._visits[one]
-            one.transport.abort()
+            _cut(one)
 
     def _make_connection(self) -> asyncio.Protocol:
         return H11Protocol(self._config, self._state, {})
+
+
+def _cut(connection: Any) -> None:
+    """Close it at once; before Python 3.11.3, TLS that was closed twice has nothing left that could be."""
+    with contextlib.suppress(AttributeError):
+        connection.transport.abort()
 
 
 def _of_most(addresses: Mapping[Any, str]) -> list[Any]:

@@ -4,6 +4,7 @@ import contextlib
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
@@ -63,6 +64,8 @@ def map_parallel(
                 if process.is_alive():
                     process.kill()
                     process.join()
+            if sys.version_info < (3, 11, 5):  # gh-94777: its thread may wait for ever to write to them
+                getattr(pool, "_call_queue")._reader.close()  # noqa: B009, SLF001
         # wait for the pool's thread: at exit Python would wake it by a pipe that it may be closing
         pool.shutdown(cancel_futures=True)
 

@@ -11,7 +11,14 @@ from pointit.cli.things.home_assistant import OFFLINE, ONLINE, Announcements, Pu
 from pointit.launch.plan.watcher import News
 from pointit.runtime.bus.contract import Bus, Closable
 from pointit.runtime.errors import ConfigError, PointItError
-from pointit.runtime.mqtt.broker import client_options, connected, describe_error, require_client, uncancelled
+from pointit.runtime.mqtt.broker import (
+    client_options,
+    connected,
+    describe_error,
+    in_own_task,
+    require_client,
+    uncancelled,
+)
 from pointit.runtime.mqtt.broker_config import BrokerConfig
 from pointit.runtime.service.shutdown import first_cause
 from pointit.schemas import Environment, Selection, SelectionEvent, SetThing
@@ -118,7 +125,7 @@ class MqttThings:
 
         while True:
             try:
-                await self._serve()
+                await in_own_task(self._serve())
             except* (MqttError, OSError) as errors:
                 problem = describe_error(first_cause(errors), has_user=bool(self._config.username))
                 if problem != self._problem:

@@ -5,7 +5,7 @@ import contextlib
 import importlib.util
 import os
 import ssl
-from collections.abc import AsyncGenerator, Awaitable
+from collections.abc import AsyncGenerator, Awaitable, Coroutine
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -89,6 +89,15 @@ async def connected(options: dict[str, Any]) -> "AsyncGenerator[aiomqtt.Client]"
             async with asyncio.timeout(END_S):
                 await opening
                 await client.__aexit__(None, None, None)
+
+
+async def in_own_task(serving: Coroutine[Any, Any, None]) -> None:
+    """Await `serving`, which has a TaskGroup, so that whoever awaits it can go on after an error.
+
+    Before Python 3.13, a task whose group has failed goes on as cancelled; in 3.11.2, that of Debian 12, its
+    next `asyncio.timeout` then ends it.
+    """
+    await asyncio.create_task(serving)
 
 
 async def uncancelled(call: Awaitable[object]) -> None:

@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING
 
 from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.mqtt.broker import client_options, connected, describe_error, require_client, uncancelled
+from pointit.runtime.mqtt.broker import (
+    client_options,
+    connected,
+    describe_error,
+    in_own_task,
+    require_client,
+    uncancelled,
+)
 from pointit.runtime.mqtt.broker_config import PORT
 from pointit.runtime.mqtt.broker_search import find_on_brokers
 from pointit.runtime.service.shutdown import first_cause
@@ -86,7 +93,7 @@ class MqttLamps:
 
         while True:
             try:
-                await self._serve()
+                await in_own_task(self._serve())
             except* (MqttError, OSError) as errors:
                 has_user = bool(self._config.username)
                 self._health.warn("broker", describe_error(first_cause(errors), has_user=has_user))

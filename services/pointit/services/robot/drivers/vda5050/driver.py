@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING
 
 from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.mqtt.broker import client_options, connected, describe_error, require_client, uncancelled
+from pointit.runtime.mqtt.broker import (
+    client_options,
+    connected,
+    describe_error,
+    in_own_task,
+    require_client,
+    uncancelled,
+)
 from pointit.runtime.mqtt.broker_config import PORT
 from pointit.runtime.mqtt.broker_search import find_on_brokers
 from pointit.runtime.service.shutdown import first_cause
@@ -127,7 +134,7 @@ class Vda5050Driver:
         self._agv.set_report(report)
         while True:
             try:
-                await self._serve()
+                await in_own_task(self._serve())
             except* (MqttError, OSError) as errors:
                 self._agv.on_disconnected(describe_error(first_cause(errors), has_user=self._has_user))
             await asyncio.sleep(RETRY_S)

@@ -92,7 +92,7 @@ async def connected(options: dict[str, Any]) -> "AsyncGenerator[aiomqtt.Client]"
 
 
 async def in_own_task(serving: Coroutine[Any, Any, None]) -> None:
-    """Await `serving`, which has a TaskGroup, so that whoever awaits it can go on after an error.
+    """Await `serving`, which has a TaskGroup, so that the caller can go on after an error.
 
     Before Python 3.13, a task whose group has failed goes on as cancelled; in 3.11.2, that of Debian 12, its
     next `asyncio.timeout` then ends it.

@@ -79,12 +79,14 @@ def missing_paths(text: str) -> list[str]:
 def missing_symbols(text: str, path: Path) -> list[str]:
     """Return the names that stand behind a link to a module, ", `name` and `name`", and that it has not."""
     missing: list[str] = []
+    kinds = "def|class|function|const|interface|type"
+    defined = rf"(?m)\b(?:{kinds})\s+{{0}}\b|^\s*(?:async |get |set |private )*{{0}}\s*[:=(<]"
     names = r"`[\w.]+`(?:\([^)]*\))?"
     for link, named in re.findall(rf"\]\(([^)#]+\.(?:py|ts))\), ({names}(?:(?:, | and ){names})*)", text):
         file = path.parent / link
         has = file.read_text(encoding="utf-8") if file.exists() else ""
         symbols = re.findall(r"`(?:\w+\.)*(\w+)`", named)
-        missing += [f"{link}: {name}" for name in symbols if not re.search(rf"\b{name}\b", has)]
+        missing += [f"{link}: {name}" for name in symbols if not re.search(defined.format(name), has)]
     return missing
 
 

@@ -59,11 +59,16 @@ def search(
         )
         thread.start()
     until_s = time.monotonic() + seconds + 2 * PATIENCE_S
-    while len(results) < len(asked) and (left_s := until_s - time.monotonic()) > 0:
+    while len(results) < len(asked):
         tell(len(results))
-        with contextlib.suppress(queue.Empty):
-            which, result = answers.get(timeout=min(left_s, LONGEST_WAIT_S))
-            results[which] = result
+        left_s = until_s - time.monotonic()
+        try:
+            which, result = answers.get(timeout=max(0.0, min(left_s, LONGEST_WAIT_S)))
+        except queue.Empty:
+            if left_s <= 0.0:
+                break
+            continue
+        results[which] = result
     for kind, name in asked:
         if (kind, name) not in results:
             results[kind, name] = SearchResult(kind=kind, name=name, problem=_hangs(groups[kind], name))

@@ -63,7 +63,7 @@ async def _fire(site: VerbContext, command: Command, found: Sequence[Referent]) 
     on = {"on": True, "off": False}.get(command.verb)
     if on is not None and one.name not in site.room.switches:
         raise RefusedError(f"{site.room.label(one)} is no switch: say `take that`")
-    if one.name not in site.room.switches:
+    if thing is not None and thing.mode == "button":
         on = True  # a button that staying on it has just fired is meant, not a second time
     return (await site.bus.call(SET_THING, SetThing(thing=one.name, on=on), site.user)).message
 

@@ -12,7 +12,7 @@ from pointit.runtime.bus.contract import EVENT_CAPACITY
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.zenoh import event_recovery
-from pointit.runtime.zenoh.event_recovery import MAX_WRITERS, EventRecovery
+from pointit.runtime.zenoh.event_recovery import MAX_GAPS, MAX_WRITERS, EventRecovery
 from tests.support.bench import until
 
 
@@ -191,6 +191,22 @@ async def test_more_than_anybody_keeps_is_lost_without_being_asked_for(reader: R
     await until(lambda: bool(reader.lost))
     assert reader.lost == [far - 1 - EVENT_CAPACITY]
     assert reader.got == [*range(far - EVENT_CAPACITY, far + 1)]
+    reader.hear(far, of=Id(eid=8))
+    await until(lambda: len(reader.got) == 2 * (EVENT_CAPACITY + 1))
+    assert len(reader.lost) == 1, "what a writer sent before the reader began is not lost"
+
+
+async def test_of_many_writers_at_once_only_so_many_are_asked(reader: Reader) -> None:
+    made_up = [Id(eid=eid) for eid in range(100, 100 + 2 * MAX_GAPS)]
+    for each in made_up:
+        reader.hear(5000, of=each)
+    assert reader.got == [5000] * MAX_GAPS, "handed on at once"
+    reader.hear(5003, of=made_up[-1])
+    assert (reader.got[-1], reader.lost) == (5003, [2])
+    await until(lambda: len(reader.got) == 2 * MAX_GAPS + 1)
+    reader.writer.kept = range(10)
+    reader.hear(1, 4)
+    await until(lambda: reader.got[-4:] == [1, 2, 3, 4])
 
 
 async def test_only_so_many_writers_are_remembered(reader: Reader) -> None:

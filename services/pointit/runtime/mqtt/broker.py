@@ -95,9 +95,15 @@ async def in_own_task(serving: Coroutine[Any, Any, None]) -> None:
     """Await `serving`, which has a TaskGroup, so that the caller can go on after an error.
 
     Before Python 3.13, a task whose group has failed goes on as cancelled; in 3.11.2, that of Debian 12, its
-    next `asyncio.timeout` then ends it.
+    next `asyncio.timeout` then ends it. And a group that has just failed loses a cancellation.
     """
-    await asyncio.create_task(serving)
+    try:
+        await asyncio.create_task(serving)
+    except Exception:
+        task = asyncio.current_task()
+        if task is not None and task.cancelling():
+            raise asyncio.CancelledError from None
+        raise
 
 
 async def uncancelled(call: Awaitable[object]) -> None:

@@ -4,7 +4,7 @@
 
 Zenoh asks by itself, but once: when the link is lost again before the answer, it gives up and goes on with
 what came later (zenoh-ext 1.10). Here what came later waits, so that events stay in order. What a writer has
-sent before the first event that was heard of it is asked for, too: the link may have swallowed that.
+sent before the first event that was heard of it is asked for three times: the link may have swallowed that.
 """
 
 import asyncio
@@ -25,6 +25,8 @@ WAITS_S = (0.0, 0.1, 0.2, 0.4, 0.8, 1.6, 2.0, 2.0, 2.0, 2.0, 2.0)
 MOST_OF_FIRST = 3
 """Questions about what was before the first event of a writer; not every writer keeps what it has sent."""
 TIMEOUT_S = 2.0
+MAX_GAPS = 32
+"""Writers that are asked at a time. What others lack is not asked for, which bounds memory."""
 MAX_WRITERS = 1000
 """Writers whose last sequence number is kept. The oldest is evicted first, which bounds memory."""
 
@@ -89,11 +91,14 @@ class EventRecovery:
             if len(self._last) > MAX_WRITERS:
                 self._last.popitem(last=False)
                 self._has_evicted = True  # who is heard for the first time may have been heard before
-            is_first = last is None and not self._has_evicted
+            gap = self._gaps.get(writer)
+            may_ask = gap is not None or len(self._gaps) < MAX_GAPS
+            is_first = last is None and may_ask and not self._has_evicted
             if is_first:
                 last = -1
-            gap = self._gaps.get(writer)
-            if last is not None and number > last + 1:
+            if last is not None and number > last + 1 and not may_ask:
+                self._lose(number - last - 1)
+            elif last is not None and number > last + 1:
                 if gap is None:
                     zid, eid = writer
                     gap = self._gaps[writer] = _Gap(f"{sample.key_expr}/@adv/pub/{zid}/{eid}/**")
@@ -120,15 +125,13 @@ class EventRecovery:
             self._loop.call_soon_threadsafe(ask)
 
     async def _ask(self, writer: Writer, gap: _Gap) -> None:
-        for asked, wait_s in enumerate(WAITS_S):
+        for asked, wait_s in enumerate(WAITS_S, 1):
             await asyncio.sleep(wait_s)
             with self._lock:
                 if self._gaps.get(writer) is not gap:
                     return
                 missing = gap.wanted - gap.held.keys()
-            if asked >= MOST_OF_FIRST:
-                missing = {number for number in missing if number > gap.heard_from}
-            if not missing:  # they came late, by themselves, or nobody has them
+            if not missing:  # they came late, by themselves
                 break
             # One more than what is missing: its own answer, the last one, tells that the writer has said all.
             first, beyond = min(missing), max(missing) + 1
@@ -138,6 +141,8 @@ class EventRecovery:
             with self._lock:
                 gap.held |= {number: each for number, each in found.items() if number in missing}
                 has_said_all = beyond in found and beyond > max(gap.wanted)
+                if asked == MOST_OF_FIRST:
+                    gap.wanted = {number for number in gap.wanted if number > gap.heard_from}
                 if has_said_all or gap.wanted <= gap.held.keys():
                     break
         with self._lock:

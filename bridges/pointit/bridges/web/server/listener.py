@@ -262,6 +262,7 @@ class Listener:
                 accepted,
                 ssl=self._tls,
                 ssl_handshake_timeout=None if self._tls is None else ARRIVING_S,
+                ssl_shutdown_timeout=None if self._tls is None else CLOSE_S,
             )
             self._visits[connection] = _Visit(address=address, since_s=loop.time())
             if len(self._state.connections) > self._most:
@@ -289,7 +290,7 @@ class Listener:
 
 
 def _cut(connection: Any) -> None:
-    """Close it at once; before Python 3.11.3, TLS that was closed twice has nothing left that could be."""
+    """Close it at once; TLS that was closed twice, for which 3.11.2 raises, by `ssl_shutdown_timeout`."""
     with contextlib.suppress(AttributeError):
         connection.transport.abort()
 

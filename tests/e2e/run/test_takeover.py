@@ -127,12 +127,15 @@ async def is_served_by(seen: Onlooker, pui: str, selector: str) -> None:
     seen.health.clear()
 
     def heard(service: str, topic: Topic[Any]) -> set[str]:
-        """Return the instances that have heard her lately."""
+        """Return the instances that have heard her lately; the last report of a gone one may have come late."""
         return {
             health.instance
             for health in seen.health.values()
             for key in health.keys
-            if health.service == service and (key.key, key.direction) == (topic.key, "in") and key.rate_hz > 0
+            if health.service == service
+            and health.instance in seen.present
+            and (key.key, key.direction) == (topic.key, "in")
+            and key.rate_hz > 0
         }
 
     await until(

@@ -127,7 +127,7 @@ async def is_served_by(seen: Onlooker, pui: str, selector: str) -> None:
     seen.health.clear()
 
     def heard(service: str, topic: Topic[Any]) -> set[str]:
-        """Return the instances that have heard her lately; the last report of a gone one may have come late."""
+        """Return those present that have heard her lately; a last report may come late."""
         return {
             health.instance
             for health in seen.health.values()

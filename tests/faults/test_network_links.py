@@ -95,7 +95,7 @@ class Trial:
     async def suffer(
         self, begin: Callable[[], None], lasts_s: float, codes: Collection[str], named: Collection[str] = ()
     ) -> Outcome:
-        """Begin the fault, end it after `lasts_s` and when doctor has found `named`. Check the invariants.
+        """Begin the fault, end it after `lasts_s` and when doctor has found it and `named`. Check the invariants.
 
         Of doctor's findings only `codes` count.
         """
@@ -108,7 +108,7 @@ class Trial:
         found: dict[str, float] = {}
         try:
             begin()
-            while time.monotonic() - began_s < lasts_s or not found.keys() >= set(named):
+            while time.monotonic() - began_s < lasts_s or not found or not found.keys() >= set(named):
                 for finding in view.findings():
                     if finding.code in codes:
                         found.setdefault(finding.code, time.monotonic() - began_s)

@@ -95,9 +95,9 @@ class Trial:
     async def suffer(
         self, begin: Callable[[], None], lasts_s: float, codes: Collection[str], named: Collection[str] = ()
     ) -> Outcome:
-        """Begin the fault, end it after `lasts_s` and when doctor has found it and `named`. Check the invariants.
+        """Begin the fault, end it after `lasts_s` and when doctor has found it. Check the invariants.
 
-        Of doctor's findings only `codes` count.
+        Of doctor's findings only `codes` count, and all that are `named` must be among them.
         """
         view, plant = self.view, self.plant
         await view.flows(HERE, THERE)

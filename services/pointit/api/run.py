@@ -21,11 +21,10 @@ from pointit.launch.plan.settings import check_settings
 from pointit.launch.run.service_group import ServiceGroup
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import WallClock
-from pointit.runtime.errors import ConfigError, PointItError
+from pointit.runtime.errors import ConfigError, PointItError, first_cause
 from pointit.runtime.host.state_file import using_state_directory
 from pointit.runtime.link.link import Link
 from pointit.runtime.service.service import Launch, check_launches
-from pointit.runtime.service.shutdown import first_cause
 from pointit.runtime.virtual_time import VirtualClock, is_virtual
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 

@@ -16,6 +16,8 @@ PointItError                 its text is one sentence for a person: problem, pla
     └── RefusedError         the server refuses with a reason; servers raise it themselves
 """
 
+import typing
+
 from pointit.schemas.errors import PointItError as PointItError  # noqa: PLC0414 - the root, defined lowest
 
 
@@ -67,3 +69,13 @@ class AccessDeniedError(NoAnswerError):
 
 class RefusedError(RequestError):
     """The server refuses and gives the reason. Raised by servers, and again at the caller."""
+
+
+def first_cause(error: BaseException) -> BaseException:
+    """Return the error to show to a person of those that `error` groups: a `PointItError` if there is one."""
+    if isinstance(error, BaseExceptionGroup):
+        group = typing.cast("BaseExceptionGroup[BaseException]", error)
+        error = group.subgroup(PointItError) or group
+    while isinstance(error, BaseExceptionGroup):
+        error = typing.cast("BaseExceptionGroup[BaseException]", error).exceptions[0]
+    return error

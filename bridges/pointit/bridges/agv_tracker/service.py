@@ -7,10 +7,9 @@ from pointit.bridges.agv_tracker.config import AgvTrackerConfig
 from pointit.bridges.agv_tracker.fleet import TOPICS, Fleet
 from pointit.maps.frames import aligned, frame_of
 from pointit.runtime.clock import ticks
-from pointit.runtime.errors import ConfigError
+from pointit.runtime.errors import ConfigError, first_cause
 from pointit.runtime.mqtt.broker import client_options, connected, describe_error, require_client, uncancelled
 from pointit.runtime.service.service import Context, Scope, Service
-from pointit.runtime.service.shutdown import first_cause
 from pointit.schemas import Environment, TrackedObjects
 from pointit.schemas.environment import Frame
 from pointit.schemas.topics import MAP, OBJECTS

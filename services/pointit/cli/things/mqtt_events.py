@@ -11,16 +11,8 @@ from pointit.cli.things.home_assistant import OFFLINE, ONLINE, Announcements, Pu
 from pointit.launch.plan.watcher import News
 from pointit.runtime.bus.contract import Bus, Closable
 from pointit.runtime.errors import ConfigError, PointItError
-from pointit.runtime.mqtt.broker import (
-    client_options,
-    connected,
-    describe_error,
-    in_own_task,
-    require_client,
-    uncancelled,
-)
+from pointit.runtime.mqtt.broker import client_options, connected, keep_connected, require_client, uncancelled
 from pointit.runtime.mqtt.broker_config import BrokerConfig
-from pointit.runtime.service.shutdown import first_cause
 from pointit.schemas import Environment, Selection, SelectionEvent, SetThing
 from pointit.schemas.environment import Thing
 from pointit.schemas.topics import SELECTION, SELECTION_EVENTS, SET_THING
@@ -121,17 +113,13 @@ class MqttThings:
         self._events.put_nowait(publication)
 
     async def _run(self) -> None:
-        from aiomqtt import MqttError  # noqa: PLC0415 - an extra
+        has_user = bool(self._config.username)
+        await keep_connected(self._serve, self._on_lost, has_user=has_user, retry_s=RETRY_S)
 
-        while True:
-            try:
-                await in_own_task(self._serve())
-            except* (MqttError, OSError) as errors:
-                problem = describe_error(first_cause(errors), has_user=bool(self._config.username))
-                if problem != self._problem:
-                    log.warning("%s: %s", self._config.broker, problem)
-                self._problem = problem
-            await asyncio.sleep(RETRY_S)
+    def _on_lost(self, problem: str) -> None:
+        if problem != self._problem:
+            log.warning("%s: %s", self._config.broker, problem)
+        self._problem = problem
 
     async def _serve(self) -> None:
         from aiomqtt import Will  # noqa: PLC0415 - an extra

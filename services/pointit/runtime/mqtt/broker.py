@@ -5,11 +5,11 @@ import contextlib
 import importlib.util
 import os
 import ssl
-from collections.abc import AsyncGenerator, Awaitable, Coroutine
+from collections.abc import AsyncGenerator, Awaitable, Callable, Coroutine
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pointit.runtime.errors import ConfigError
+from pointit.runtime.errors import ConfigError, first_cause
 from pointit.runtime.host.extras import remedy
 from pointit.runtime.mqtt.broker_config import BrokerConfig
 
@@ -91,19 +91,30 @@ async def connected(options: dict[str, Any]) -> "AsyncGenerator[aiomqtt.Client]"
                 await client.__aexit__(None, None, None)
 
 
-async def in_own_task(serving: Coroutine[Any, Any, None]) -> None:
-    """Await `serving`, which has a TaskGroup, so that the caller can go on after an error.
+async def keep_connected(
+    serve: Callable[[], Coroutine[Any, Any, None]],
+    on_lost: Callable[[str], None],
+    *,
+    has_user: bool,
+    retry_s: float,
+) -> None:
+    """Call `serve` again, `retry_s` after its connection was lost, until cancelled.
 
-    Before Python 3.13, a task whose group has failed goes on as cancelled; in 3.11.2, that of Debian 12, its
-    next `asyncio.timeout` then ends it. And a group that has just failed loses a cancellation.
+    `on_lost` is told why, and the remedy. Each `serve` is a task of its own: before Python 3.13, a task whose
+    TaskGroup has failed goes on as cancelled, in 3.11.2, that of Debian 12, to its next `asyncio.timeout`;
+    and the group loses a cancellation that comes while it fails.
     """
-    try:
-        await asyncio.create_task(serving)
-    except Exception:
-        task = asyncio.current_task()
-        if task is not None and task.cancelling():
-            raise asyncio.CancelledError from None
-        raise
+    import aiomqtt  # noqa: PLC0415 - an extra
+
+    this = asyncio.current_task()
+    while True:
+        try:
+            await asyncio.create_task(serve())
+        except* (aiomqtt.MqttError, OSError) as errors:
+            on_lost(describe_error(first_cause(errors), has_user=has_user))
+        if this is not None and this.cancelling():
+            raise asyncio.CancelledError
+        await asyncio.sleep(retry_s)
 
 
 async def uncancelled(call: Awaitable[object]) -> None:

@@ -7,11 +7,10 @@ import os
 import signal
 import sys
 import threading
-import typing
 from collections.abc import Callable, Coroutine, Generator
 from typing import Any
 
-from pointit.runtime.errors import PointItError
+from pointit.runtime.errors import first_cause
 
 EXIT_FAILED = 1
 END_PATIENCE_S = 5.0
@@ -72,16 +71,6 @@ async def _until_signal(work: Coroutine[Any, Any, int], cut_off: threading.Timer
             return 0
         except BaseExceptionGroup as group:
             raise first_cause(group) from group
-
-
-def first_cause(error: BaseException) -> BaseException:
-    """Return the error to show to a person of those that `error` groups: a `PointItError` if there is one."""
-    if isinstance(error, BaseExceptionGroup):
-        group = typing.cast("BaseExceptionGroup[BaseException]", error)
-        error = group.subgroup(PointItError) or group
-    while isinstance(error, BaseExceptionGroup):
-        error = typing.cast("BaseExceptionGroup[BaseException]", error).exceptions[0]
-    return error
 
 
 @contextlib.contextmanager

@@ -9,17 +9,9 @@ from typing import TYPE_CHECKING
 
 from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.mqtt.broker import (
-    client_options,
-    connected,
-    describe_error,
-    in_own_task,
-    require_client,
-    uncancelled,
-)
+from pointit.runtime.mqtt.broker import client_options, connected, keep_connected, require_client, uncancelled
 from pointit.runtime.mqtt.broker_config import PORT
 from pointit.runtime.mqtt.broker_search import find_on_brokers
-from pointit.runtime.service.shutdown import first_cause
 from pointit.schemas import Lamp
 from pointit.schemas.base import Rgb
 from pointit.services.led_driver.output.mqtt import light_protocol
@@ -89,15 +81,10 @@ class MqttLamps:
 
     async def run(self) -> None:
         """Send until cancelled, then switch the lamps off."""
-        from aiomqtt import MqttError  # noqa: PLC0415 - an extra
-
-        while True:
-            try:
-                await in_own_task(self._serve())
-            except* (MqttError, OSError) as errors:
-                has_user = bool(self._config.username)
-                self._health.warn("broker", describe_error(first_cause(errors), has_user=has_user))
-            await asyncio.sleep(RETRY_S)
+        has_user = bool(self._config.username)
+        await keep_connected(
+            self._serve, lambda why: self._health.warn("broker", why), has_user=has_user, retry_s=RETRY_S
+        )
 
     async def _serve(self) -> None:
         status = self._config.status_topic

@@ -6,18 +6,10 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from pointit.runtime.config.plugins import FoundDevice
-from pointit.runtime.errors import ConfigError
-from pointit.runtime.mqtt.broker import (
-    client_options,
-    connected,
-    describe_error,
-    in_own_task,
-    require_client,
-    uncancelled,
-)
+from pointit.runtime.errors import ConfigError, first_cause
+from pointit.runtime.mqtt.broker import client_options, connected, keep_connected, require_client, uncancelled
 from pointit.runtime.mqtt.broker_config import PORT
 from pointit.runtime.mqtt.broker_search import find_on_brokers
-from pointit.runtime.service.shutdown import first_cause
 from pointit.runtime.service.surroundings import Surroundings
 from pointit.services.robot.drivers.vda5050.agv import Agv, MqttPublication
 from pointit.services.robot.drivers.vda5050.vda5050_config import Vda5050Config
@@ -129,15 +121,8 @@ class Vda5050Driver:
 
     async def run(self, report: Report) -> None:
         """Report until cancelled, then stop the AGV if it may move."""
-        from aiomqtt import MqttError  # noqa: PLC0415 - an extra
-
         self._agv.set_report(report)
-        while True:
-            try:
-                await in_own_task(self._serve())
-            except* (MqttError, OSError) as errors:
-                self._agv.on_disconnected(describe_error(first_cause(errors), has_user=self._has_user))
-            await asyncio.sleep(RETRY_S)
+        await keep_connected(self._serve, self._agv.on_disconnected, has_user=self._has_user, retry_s=RETRY_S)
 
     async def _serve(self) -> None:
         """Connect, and steer until the connection is lost; whatever else ends it stops the AGV first."""

@@ -110,6 +110,24 @@ def test_found_devices_are_shown_with_the_option_that_uses_them() -> None:
     assert shown.stderr == ""
 
 
+@pytest.mark.parametrize("package", [("finds", "spaced")], indirect=True)
+@pytest.mark.usefixtures("package")
+def test_what_was_found_while_a_terminal_stood_still_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(device_search, "PATIENCE_S", 0.0)
+
+    def tell(_done: int) -> None:
+        """Return when all have answered, which is later than they may."""
+        for thread in threading.enumerate():
+            if thread.name.startswith("search "):
+                thread.join()
+
+    results = device_search.search(devices.GROUPS, 0.0, tell)
+    assert [(each.name, each.problem) for each in results if each.name != "nothing"] == [
+        ("finds", ""),
+        ("spaced", ""),
+    ]
+
+
 @pytest.mark.parametrize("package", [("nothing", "nothing", "agvs")], indirect=True)
 @pytest.mark.usefixtures("package")
 def test_found_robots_are_shown_with_the_parameters_that_choose_them() -> None:

@@ -66,8 +66,8 @@ UNSEARCHED = DevicePlugin(summary="cannot be found", config=Config)
 @pytest.fixture
 def package(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
-) -> Generator[None]:
-    """Install the wrists, lights and robots that the test names as the only ones."""
+) -> Generator[dict[str, PluginGroup[Any]]]:
+    """Install the wrists, lights and robots that the test names as the only ones, and give their groups."""
     wrists, lights, robots = (
         "\n".join(f"{name} = found_devices:{name.upper()}" for name in names.split())
         for names in (*request.param, "nothing")[:3]
@@ -83,7 +83,7 @@ def package(
         }
         monkeypatch.setattr(devices, "GROUPS", groups)
         try:
-            yield
+            yield groups
         finally:
             sys.modules["found_devices"].END.set()
             for thread in threading.enumerate():
@@ -111,8 +111,9 @@ def test_found_devices_are_shown_with_the_option_that_uses_them() -> None:
 
 
 @pytest.mark.parametrize("package", [("finds", "spaced")], indirect=True)
-@pytest.mark.usefixtures("package")
-def test_what_was_found_while_a_terminal_stood_still_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_was_found_while_a_terminal_stood_still_counts(
+    package: dict[str, PluginGroup[Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(device_search, "PATIENCE_S", 0.0)
 
     def tell(_done: int) -> None:
@@ -121,7 +122,7 @@ def test_what_was_found_while_a_terminal_stood_still_counts(monkeypatch: pytest.
             if thread.name.startswith("search "):
                 thread.join()
 
-    results = device_search.search(devices.GROUPS, 0.0, tell)
+    results = device_search.search(package, 0.0, tell)
     assert [(each.name, each.problem) for each in results if each.name != "nothing"] == [
         ("finds", ""),
         ("spaced", ""),

@@ -1,4 +1,4 @@
-"""The site of a run: its bus and clock, what is there already, who looks on, and requests for a scenario."""
+"""The site of a run: bus, clock, what is there already, the place of who joins, who looks on, requests."""
 
 import asyncio
 import dataclasses

@@ -1,4 +1,4 @@
-"""One person's cursor: pose, pointing state, and intersection of the ray with the room (paper, §II-D)."""
+"""One person's cursor: pose, pointing state, where the ray meets the room, and its end (paper, §II-D)."""
 
 import math
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Types of rows in the route table: a name in ROS, our topic or request, and the converter."""
+"""Rows of the route table: a name in ROS, our topic or request, the converter, its stamp and frame."""
 
 import math
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Results of tools: models, and text of other people as bounded data."""
+"""Results of tools: models, and names and texts of other people, cut and on one line."""
 
 import json
 from typing import Annotated

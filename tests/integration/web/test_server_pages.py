@@ -4,6 +4,7 @@ import asyncio
 import io
 import threading
 import time
+from functools import partial
 from typing import IO, Any
 
 import pytest
@@ -191,8 +192,17 @@ async def test_the_button_is_pressed(bench: Bench, page: Page) -> None:
 async def person(bench: Bench, page: Page, state: str = "pointing") -> None:
     bench.bus.announce(topics.USER_ALIVE, "anna")
     bench.bus.announce(topics.SERVICE_ALIVE, "imu-bridge.anna")
-    bench.put(topics.INTERACTION, models.Interaction.model_validate({**NOW, "state": state}), "anna")
+    if state:
+        tell(bench, state)
     await until(lambda: bool(page.person("anna")))
+
+
+def tell(bench: Bench, state: str) -> None:
+    bench.put(topics.INTERACTION, models.Interaction.model_validate({**NOW, "state": state}), "anna")
+
+
+def shows(page: Page, state: str) -> bool:
+    return page.states.get((topics.INTERACTION.key, "anna"), {}).get("state") == state
 
 
 async def test_the_mouse_moves_the_arm_until_it_is_given_back() -> None:
@@ -224,6 +234,18 @@ async def test_who_is_idle_begins_to_point_when_taken(state: str, presses: int) 
         await person(bench, page, state)
         await page.ask(deed="take", name="anna")
         await page.ask(deed="give", name="anna")
+        assert len(pressed) == presses
+
+
+@pytest.mark.parametrize(("state", "presses"), [("idle", 1), ("pointing", 0)])
+async def test_who_is_taken_before_their_state_is_known_begins_to_point_too(state: str, presses: int) -> None:
+    async with memory_bench() as bench, serving(bench) as server, server.page() as page:
+        pressed = bench.collect(topics.BUTTON, "anna")
+        await person(bench, page, "")
+        assert not (await page.ask(deed="take", name="anna"))["error"]
+        for each in (state, "idle"):  # only the first state makes it press
+            tell(bench, each)
+            await until(partial(shows, page, each))
         assert len(pressed) == presses
 
 

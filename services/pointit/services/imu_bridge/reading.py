@@ -1,4 +1,4 @@
-"""Readings of a source of orientations, its interface, and the check of what it delivers."""
+"""Readings of a source of orientations, its interface, and which are refused: norm, units, times, rate."""
 
 import math
 from collections.abc import Callable

@@ -66,6 +66,16 @@ class People:
             there = ", ".join(self.names) or "nobody"
             raise RefusedError(f"{user} is not there; there: {there}")
 
+    def hear(self, user: str, state: str, *, is_taken: bool) -> None:
+        """Take the state of `user`.
+
+        If it is the first one, and a mouse took their wrist before it was known that they rest, they begin
+        to point now.
+        """
+        if is_taken and state == "idle" and user not in self.states:
+            self.press(user)
+        self.states[user] = state
+
     def press(self, user: str, gesture: Gesture = "press") -> None:
         """Press the button of `user`, who must be present."""
         self._presses += 1

@@ -1,4 +1,4 @@
-"""Error of decoders of datagrams, and their check of orientations."""
+"""Error of decoders of datagrams, and their check of the norm of orientations."""
 
 import math
 from collections.abc import Sequence
@@ -6,9 +6,8 @@ from typing import Literal
 
 from pointit.geometry.rotation import Quaternion, normalized
 from pointit.geometry.vector import Vec3
+from pointit.services.imu_bridge.reading import UNIT_TOLERANCE
 
-NORM_TOLERANCE = 0.05
-"""Largest deviation of a quaternion's norm from 1."""
 Order = Literal["wxyz", "xyzw"]
 """Order of a quaternion's numbers."""
 
@@ -24,9 +23,9 @@ def orientation(numbers: Sequence[float], order: Order) -> Quaternion:
         DatagramError: If their norm is not 1, or one is not finite.
     """
     a, b, c, d = numbers
-    norm = math.hypot(a, b, c, d)
-    if not abs(norm - 1.0) <= NORM_TOLERANCE:  # also if it is not a number
-        raise DatagramError(f"has a quaternion of norm {norm:.3g}, not 1")
+    norm2 = a * a + b * b + c * c + d * d
+    if not abs(norm2 - 1.0) <= UNIT_TOLERANCE:  # also if it is not a number
+        raise DatagramError(f"has a quaternion of norm {norm2**0.5:.3g}, not 1")
     return normalized((b, c, d, a) if order == "wxyz" else (a, b, c, d))
 
 

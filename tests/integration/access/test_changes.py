@@ -99,8 +99,8 @@ async def test_what_a_closed_listener_leaves_keeps_no_router_from_opening_again(
         return f'{{"mode": "router", "listen": {{"endpoints": ["{rules.read_text()}/127.0.0.1:{port}"]}}}}'
 
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as left:
-        left.bind(("127.0.0.1", 0))
-        port = left.getsockname()[1]
+        port = free_port()
+        left.bind(("127.0.0.1", port))
         router = Router(make, tmp_path, [rules])
         await router.open()
         task = asyncio.create_task(router.reload_on_change())

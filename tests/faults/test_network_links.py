@@ -68,6 +68,7 @@ class Outcome:
     recovered_s: float
     during_s: list[float]
     """Ages of anna's cursors."""
+    lasted_s: float
     memory_mb: float
     events: int
     events_s: float
@@ -140,6 +141,7 @@ class Trial:
             by=f"doctor: {', then '.join(codes)}" if codes else "",
             recovered_s=recovered_s,
             during_s=view.ages_s(THERE, began_s, ended_s),
+            lasted_s=ended_s - began_s,
             memory_mb=grown,
             events=len(view.events),
             events_s=events_s,
@@ -199,8 +201,8 @@ async def test_a_link_that_loses_much(both: Both, account: Account) -> None:
         trial = Trial(both, view)
         outcome = await trial.suffer(lambda: trial.wire.lose(trial.b, 20), 8.0, BAD)
     assert outcome.noticed_s is not None
-    outcome.row(account, "20 % of packets lost, both ways", f"{_missing(outcome, 8.0)} of cursors")
+    outcome.row(account, "20 % of packets lost, both ways", f"{_missing(outcome)} of cursors")
 
 
-def _missing(outcome: Outcome, lasted_s: float) -> str:
-    return f"{max(0.0, 1.0 - len(outcome.during_s) / (RATE_HZ * lasted_s)):.0%}"
+def _missing(outcome: Outcome) -> str:
+    return f"{max(0.0, 1.0 - len(outcome.during_s) / (RATE_HZ * outcome.lasted_s)):.0%}"

@@ -4,13 +4,13 @@ import asyncio
 import io
 import threading
 import time
-from functools import partial
 from typing import IO, Any
 
 import pytest
 from mcap.reader import make_reader
 
 import pointit.schemas as models
+from pointit.bridges.web.model import people
 from pointit.bridges.web.pages import request_dispatcher as answers
 from pointit.bridges.web.playback.recent import RecentPast
 from pointit.bridges.web.server import download
@@ -201,10 +201,6 @@ def tell(bench: Bench, state: str) -> None:
     bench.put(topics.INTERACTION, models.Interaction.model_validate({**NOW, "state": state}), "anna")
 
 
-def shows(page: Page, state: str) -> bool:
-    return page.states.get((topics.INTERACTION.key, "anna"), {}).get("state") == state
-
-
 async def test_the_mouse_moves_the_arm_until_it_is_given_back() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench, serving(bench) as server, server.page() as page:
@@ -242,11 +238,22 @@ async def test_who_is_taken_before_their_state_is_known_begins_to_point_too(stat
     async with memory_bench() as bench, serving(bench) as server, server.page() as page:
         pressed = bench.collect(topics.BUTTON, "anna")
         await person(bench, page, "")
+        asked = asyncio.create_task(page.ask(deed="take", name="anna"))
+        await page.ask(deed="take", name="nobody")  # answered after the first request has come
+        assert not asked.done()
+        tell(bench, state)
+        assert not (await asked)["error"]
+        await page.ask(deed="press", name="anna")  # answered after all before it
+        await until(lambda: len(pressed) > presses)
+        assert len(pressed) == presses + 1
+
+
+async def test_who_has_no_supervisor_is_taken_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(people, "FIRST_STATE_S", 0.0)
+    async with memory_bench() as bench, serving(bench) as server, server.page() as page:
+        await person(bench, page, "")
         assert not (await page.ask(deed="take", name="anna"))["error"]
-        for each in (state, "idle"):  # only the first state makes it press
-            tell(bench, each)
-            await until(partial(shows, page, each))
-        assert len(pressed) == presses
+        await until(lambda: page.person("anna")["is_mine"])
 
 
 async def test_without_an_imu_bridge_nothing_is_taken(bench: Bench, page: Page) -> None:

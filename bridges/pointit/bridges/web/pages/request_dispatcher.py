@@ -108,7 +108,7 @@ class RequestDispatcher:
             self.people.speak(user, [word.model_dump() for word in wish.extras.words])
             return {"message": ""}
         if wish.deed == "take":
-            return self._take(user, page, "phone" if role == "wrist" else "mouse")
+            return await self._take(user, page, "phone" if role == "wrist" else "mouse")
         if wish.deed == "give":
             return self._give(user, page, role)
         if wish.deed == "tremor":
@@ -152,15 +152,17 @@ class RequestDispatcher:
             case _:
                 return await self.devices.find()
 
-    def _take(self, user: str, page: str, by: Hold) -> dict[str, Any]:
+    async def _take(self, user: str, page: str, by: Hold) -> dict[str, Any]:
         if instance_of(IMU_BRIDGE, user) not in self.present():
             raise RefusedError(
                 f"no service turns the page's messages into wrist samples: start it with "
                 f"`pointit service run {IMU_BRIDGE} --user {user} --source page`"
             )
+        is_idle = await self.people.state(user) == "idle"  # unknown in the moment after a restart
+        self.people.check(user)
         loser = self.wrists.acquire(user, page, by)
         self._tell_loser(user, loser, page)
-        if self.people.states.get(user) == "idle":
+        if is_idle:
             self.people.press(user)
         self.changed()
         return {"message": f"{user}'s arm follows this {by}"}

@@ -88,7 +88,7 @@ export class Mouse {
     if (line.moved_by !== "own") {
       if (this.hadIt) controls.toasts.show("info", `${line.moved_by === "phone" ? "A phone" : "Another page"} points as ${this.wanted} now.`);
       this.wanted = "";
-    } else if (this.hadIt) {
+    } else if (this.hadIt && controls.isPresent("imu-bridge", this.wanted)) { // without it the server refuses
       this.hadIt = false;
       void this.take(); // after a lost connection or a restarted server
     }

@@ -63,14 +63,14 @@ class Supervisor(Service[SupervisorConfig]):
         self._has_last = asyncio.Event()
         self._restore_last()
         self.bus.subscribe(topics.INTERACTION, self._on_interaction, self.user)
+        self.bus.subscribe(topics.BUTTON, self._on_button, self.user)  # a press may answer the first state
+        self._do(self._cycle.begin(self._began_ns))
         self.bus.subscribe(topics.POSE, self._on_pose, self.user)
         self.bus.subscribe(topics.LOCALIZATION, self._on_localization, self.user)
         self.bus.subscribe(topics.IMU, self._on_imu, self.user)
-        self.bus.subscribe(topics.BUTTON, self._on_button, self.user)
         self.bus.watch(topics.SERVICE_ALIVE, self._on_presence)
         self.bus.serve(topics.SET_OFFSET, self._set_offset, self.user)
         self.bus.serve(topics.SAY, self._say, self.user)
-        self._do(self._cycle.begin(self._began_ns))  # last: the first state is answered at once, by a press
 
     async def run(self) -> None:
         """Send requests to the localizer one by one, watch the deadlines, and store the last interaction."""

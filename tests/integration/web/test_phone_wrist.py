@@ -18,7 +18,7 @@ from pointit.bridges.web.wrists import wrist_control
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 from pointit.runtime.clock import WallClock
-from pointit.schemas.topics import BUTTON, FEEDBACK, IMU, INTERACTION, MAP, POSE, PROFILE, USER_ALIVE, WRIST
+from pointit.schemas.topics import BUTTON, FEEDBACK, IMU, MAP, POSE, PROFILE, USER_ALIVE, WRIST
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.service import ImuBridge
 from tests.integration.web.pages import Page, serving
@@ -63,8 +63,6 @@ async def room() -> AsyncGenerator[Room]:
         bench.put(PROFILE, models.UserProfile(stamp_ns=clock.now_ns()), ANNA)
         pose = models.UserPose(stamp_ns=clock.now_ns(), position_m=(0.0, 2.0, 0.0), yaw_rad=YAW_RAD)
         bench.put(POSE, pose, ANNA)
-        points = models.Interaction(stamp_ns=clock.now_ns(), state="pointing")
-        bench.put(INTERACTION, points, ANNA)
         lan = {"lan_port": 0, "lan_address": "127.0.0.1"}
         async with serving(bench, **lan) as server, server.page() as page:
             site = Room(bench, page)

@@ -10,7 +10,6 @@ import pytest
 from mcap.reader import make_reader
 
 import pointit.schemas as models
-from pointit.bridges.web.model import people
 from pointit.bridges.web.pages import request_dispatcher as answers
 from pointit.bridges.web.playback.recent import RecentPast
 from pointit.bridges.web.server import download
@@ -192,13 +191,8 @@ async def test_the_button_is_pressed(bench: Bench, page: Page) -> None:
 async def person(bench: Bench, page: Page, state: str = "pointing") -> None:
     bench.bus.announce(topics.USER_ALIVE, "anna")
     bench.bus.announce(topics.SERVICE_ALIVE, "imu-bridge.anna")
-    if state:
-        tell(bench, state)
-    await until(lambda: bool(page.person("anna")))
-
-
-def tell(bench: Bench, state: str) -> None:
     bench.put(topics.INTERACTION, models.Interaction.model_validate({**NOW, "state": state}), "anna")
+    await until(lambda: bool(page.person("anna")))
 
 
 async def test_the_mouse_moves_the_arm_until_it_is_given_back() -> None:
@@ -231,29 +225,6 @@ async def test_who_is_idle_begins_to_point_when_taken(state: str, presses: int) 
         await page.ask(deed="take", name="anna")
         await page.ask(deed="give", name="anna")
         assert len(pressed) == presses
-
-
-@pytest.mark.parametrize(("state", "presses"), [("idle", 1), ("pointing", 0)])
-async def test_who_is_taken_before_their_state_is_known_begins_to_point_too(state: str, presses: int) -> None:
-    async with memory_bench() as bench, serving(bench) as server, server.page() as page:
-        pressed = bench.collect(topics.BUTTON, "anna")
-        await person(bench, page, "")
-        asked = asyncio.create_task(page.ask(deed="take", name="anna"))
-        await page.ask(deed="take", name="nobody")  # answered after the first request has come
-        assert not asked.done()
-        tell(bench, state)
-        assert not (await asked)["error"]
-        await page.ask(deed="press", name="anna")  # answered after all before it
-        await until(lambda: len(pressed) > presses)
-        assert len(pressed) == presses + 1
-
-
-async def test_who_has_no_supervisor_is_taken_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(people, "FIRST_STATE_S", 0.0)
-    async with memory_bench() as bench, serving(bench) as server, server.page() as page:
-        await person(bench, page, "")
-        assert not (await page.ask(deed="take", name="anna"))["error"]
-        await until(lambda: page.person("anna")["is_mine"])
 
 
 async def test_without_an_imu_bridge_nothing_is_taken(bench: Bench, page: Page) -> None:

@@ -322,7 +322,7 @@ class Web(Service[WebConfig]):
                 self._wrists.localization(name, message)
                 self._phones.localization(name, message)
             case Interaction():
-                self._people.hear(name, message.state)
+                self._people.states[name] = message.state
                 self._phones.interaction(name, message)
             case Feedback() | Understood():
                 self._phones.feedback(name, message)

@@ -1,7 +1,6 @@
 """People present, and what this server publishes for them: button presses, words and wrist samples."""
 
 import asyncio
-import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
@@ -17,8 +16,6 @@ from pointit.schemas.topics import BUTTON, SPEECH, WRIST
 Gesture = Literal["press", "double", "hold"]
 BROWSER = "browser"
 """Name of the recogniser of people's browsers in messages."""
-FIRST_STATE_S = 3.0
-"""Longest wait for the first state of a person's interaction, s; a page waits for 5 s in all."""
 
 
 class Writers(NamedTuple):
@@ -37,9 +34,8 @@ class People:
         self._clock = clock
         self._writers: dict[str, Writers] = {}
         self._presses = 0
-        self._states: dict[str, str] = {}
+        self.states: dict[str, str] = {}
         """State of the interaction by user, where known."""
-        self._known: dict[str, asyncio.Event] = {}
 
     @property
     def names(self) -> list[str]:
@@ -56,8 +52,7 @@ class People:
 
     def on_leave(self, user: str) -> None:
         """Remove `user`."""
-        self._states.pop(user, None)
-        self._known.pop(user, None)
+        self.states.pop(user, None)
         for writer in self._writers.pop(user, ()):
             writer.close_nowait()
 
@@ -70,24 +65,6 @@ class People:
         if user not in self._writers:
             there = ", ".join(self.names) or "nobody"
             raise RefusedError(f"{user} is not there; there: {there}")
-
-    def hear(self, user: str, state: str) -> None:
-        """Take the state of the interaction of `user`."""
-        self._states[user] = state
-        self._is_known(user).set()
-
-    async def state(self, user: str) -> str:
-        """Return the state of the interaction of `user`; while it is unknown, wait for up to FIRST_STATE_S.
-
-        `""`: it stays unknown.
-        """
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(FIRST_STATE_S):
-                await self._is_known(user).wait()
-        return self._states.get(user, "")
-
-    def _is_known(self, user: str) -> asyncio.Event:
-        return self._known.setdefault(user, asyncio.Event())
 
     def press(self, user: str, gesture: Gesture = "press") -> None:
         """Press the button of `user`, who must be present."""

@@ -108,7 +108,7 @@ class RequestDispatcher:
             self.people.speak(user, [word.model_dump() for word in wish.extras.words])
             return {"message": ""}
         if wish.deed == "take":
-            return await self._take(user, page, "phone" if role == "wrist" else "mouse")
+            return self._take(user, page, "phone" if role == "wrist" else "mouse")
         if wish.deed == "give":
             return self._give(user, page, role)
         if wish.deed == "tremor":
@@ -152,17 +152,15 @@ class RequestDispatcher:
             case _:
                 return await self.devices.find()
 
-    async def _take(self, user: str, page: str, by: Hold) -> dict[str, Any]:
+    def _take(self, user: str, page: str, by: Hold) -> dict[str, Any]:
         if instance_of(IMU_BRIDGE, user) not in self.present():
             raise RefusedError(
                 f"no service turns the page's messages into wrist samples: start it with "
                 f"`pointit service run {IMU_BRIDGE} --user {user} --source page`"
             )
-        is_idle = await self.people.state(user) == "idle"  # unknown in the moment after a restart
-        self.people.check(user)
         loser = self.wrists.acquire(user, page, by)
         self._tell_loser(user, loser, page)
-        if is_idle:
+        if self.people.states.get(user) == "idle":
             self.people.press(user)
         self.changed()
         return {"message": f"{user}'s arm follows this {by}"}

@@ -26,10 +26,9 @@ export class Mouse {
     stage.addEventListener("pointerenter", () => clearTimeout(this.leaving));
   }
 
-  /** Take the wrist of the chosen person; the server has them begin to point. */
-  async take(): Promise<void> {
+  /** Take the wrist of `user`, the chosen person; the server has them begin to point if they rest. */
+  async take(user = this.controls.user): Promise<void> {
     const { controls } = this;
-    const { user } = controls;
     if (!user || !controls.mayDo("take") || this.isAsking) return;
     if (controls.mine && controls.mine.user !== user) await this.give();
     controls.choose(user);
@@ -83,14 +82,15 @@ export class Mouse {
       this.view()?.setPointing(user !== "", user);
     }
     if (user && user === this.wanted) this.hadIt = true;
-    const line = site.people.get(this.wanted)?.line;
+    const person = site.people.get(this.wanted);
+    const line = person?.line;
     if (!this.wanted || user || !line || !site.connected || this.isAsking) return;
     if (line.moved_by !== "own") {
       if (this.hadIt) controls.toasts.show("info", `${line.moved_by === "phone" ? "A phone" : "Another page"} points as ${this.wanted} now.`);
       this.wanted = "";
-    } else if (this.hadIt && controls.isPresent("imu-bridge", this.wanted)) { // without it the server refuses
-      this.hadIt = false;
-      void this.take(); // after a lost connection or a restarted server
+    } else if (this.hadIt && controls.isPresent("imu-bridge", this.wanted) && person?.interaction) {
+      this.hadIt = false; // after a lost connection, or a restarted server, which knows by now whether the person rests
+      void this.take(this.wanted);
     }
   }
 

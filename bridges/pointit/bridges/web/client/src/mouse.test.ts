@@ -25,6 +25,7 @@ test("after a restart the wrist is taken back once, and not before the server ca
   appears({}, { state: "idle" }, false); // the server would refuse
   appears({}, null, true); // the server would not know that the person rests
   assert.deepEqual(asked, []);
+  site.people.set("bea", emptyPerson("bea"));
   controls.choose("bea");
   appears({}, { state: "idle" }, true);
   appears({}, { state: "idle" }, true);

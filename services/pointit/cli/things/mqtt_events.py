@@ -122,7 +122,7 @@ class MqttThings:
         self._problem = problem
 
     async def _serve(self) -> None:
-        from aiomqtt import Will  # noqa: PLC0415 - an extra
+        from aiomqtt import MqttError, Will  # noqa: PLC0415 - an extra
 
         status = self._announcements.status_topic
         will = Will(status, OFFLINE, qos=1, retain=True)
@@ -141,7 +141,7 @@ class MqttThings:
                 self._dropped += self._events.qsize()
                 while not self._events.empty():
                     self._events.get_nowait()
-                with contextlib.suppress(Exception):  # the last will says it then
+                with contextlib.suppress(MqttError, TimeoutError):  # the last will says it then
                     async with asyncio.timeout(OLD_FOUND_S):
                         await client.publish(status, OFFLINE, qos=1, retain=True)
 

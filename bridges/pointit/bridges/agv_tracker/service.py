@@ -7,8 +7,8 @@ from pointit.bridges.agv_tracker.config import AgvTrackerConfig
 from pointit.bridges.agv_tracker.fleet import TOPICS, Fleet
 from pointit.maps.frames import aligned, frame_of
 from pointit.runtime.clock import ticks
-from pointit.runtime.errors import ConfigError, first_cause
-from pointit.runtime.mqtt.broker import client_options, connected, describe_error, require_client, uncancelled
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.mqtt.broker import client_options, connected, keep_connected, require_client, uncancelled
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import Environment, TrackedObjects
 from pointit.schemas.environment import Frame
@@ -52,33 +52,29 @@ class AgvTracker(Service[AgvTrackerConfig]):
 
     async def run(self) -> None:
         """Publish until cancelled."""
+        reading = keep_connected(
+            self._read, self._on_lost, has_user=bool(self.config.username), retry_s=RETRY_S
+        )
         async with asyncio.TaskGroup() as tasks:
-            tasks.create_task(self._read(), name="AGVs' messages")
+            tasks.create_task(reading, name="AGVs' messages")
             async for now_ns in ticks(self.clock, RATE_HZ):
                 self._publish(now_ns)
 
     async def _read(self) -> None:
-        from aiomqtt import MqttError  # noqa: PLC0415 - an extra
+        async with connected(self._options) as client:
+            await uncancelled(client.subscribe([(topic, 1) for topic in TOPICS]))
+            self.bus.clear("broker")
+            async for message in client.messages:
+                topic = str(message.topic)
+                is_known = self._fleet.on_message(topic, message.payload, self.clock.now_ns())
+                self.bus.warn(
+                    "messages",
+                    "" if is_known else f"{topic[:200]}: a message is not one of VDA 5050: update the AGV",
+                )
 
-        while True:
-            try:
-                async with connected(self._options) as client:
-                    await uncancelled(client.subscribe([(topic, 1) for topic in TOPICS]))
-                    self.bus.clear("broker")
-                    async for message in client.messages:
-                        topic = str(message.topic)
-                        is_known = self._fleet.on_message(topic, message.payload, self.clock.now_ns())
-                        self.bus.warn(
-                            "messages",
-                            ""
-                            if is_known
-                            else f"{topic[:200]}: a message is not one of VDA 5050: update the AGV",
-                        )
-            except (MqttError, OSError) as error:
-                told = describe_error(first_cause(error), has_user=bool(self.config.username))
-                self.bus.warn("broker", f"{self.config.broker}: {told}")
-            self._fleet.forget()
-            await asyncio.sleep(RETRY_S)
+    def _on_lost(self, problem: str) -> None:
+        self.bus.warn("broker", f"{self.config.broker}: {problem}")
+        self._fleet.forget()
 
     def _publish(self, now_ns: int) -> None:
         objects = self._fleet.objects(now_ns)

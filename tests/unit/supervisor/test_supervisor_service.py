@@ -112,6 +112,16 @@ async def test_the_profile_and_the_first_state_are_there_for_who_joins_late(anna
     assert late.states == ["idle"]
 
 
+async def test_a_press_in_answer_to_the_first_state_is_heard(anna: Person) -> None:
+    def answer(_payload: object, _name: str) -> None:
+        first.close()
+        anna.press()
+
+    first = anna.bench.bus.tap(topics.INTERACTION, answer, ANNA)
+    await anna.start()
+    assert [cue.cue for cue in anna.cues] == ["refused"]  # no pose is known
+
+
 async def test_from_the_button_through_localizing_to_pointing_and_back(anna: Person) -> None:
     anna.has_localizer()
     await anna.start(localize=True, localization_method="static_targets")

@@ -140,11 +140,11 @@ def describe(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}".partition("\n")[0][:200].rstrip(": ")
 
 
-def first_cause(error: Exception, kind: type[Exception] = Exception) -> Exception | None:
+def first_leaf(error: Exception, kind: type[Exception] = Exception) -> Exception | None:
     """Return the first error of a `kind` that is `error` or in it, if it is a group, or None."""
     if isinstance(error, ExceptionGroup):
         inner = cast("ExceptionGroup[Exception]", error).exceptions
-        return next((found for each in inner if (found := first_cause(each, kind)) is not None), None)
+        return next((found for each in inner if (found := first_leaf(each, kind)) is not None), None)
     return error if isinstance(error, kind) else None
 
 

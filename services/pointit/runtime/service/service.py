@@ -18,7 +18,7 @@ from pointit.runtime.host.extras import pointit_version
 from pointit.runtime.host.state_file import plugin_folder
 from pointit.runtime.service.instance_takeover import TakeoverMonitor
 from pointit.runtime.service.people_share import check_people
-from pointit.runtime.service.plugin_guard import PluginGuard, describe, first_cause, watch_for_stalls
+from pointit.runtime.service.plugin_guard import PluginGuard, describe, first_leaf, watch_for_stalls
 from pointit.runtime.service.surroundings import NullHealth, PluginHealth, Surroundings
 from pointit.schemas import Configuration, Environment, Health
 from pointit.schemas.system import check_user, instance_of
@@ -189,7 +189,7 @@ async def run_service(launch: Launch, bus: Bus, clock: Clock) -> None:
         except Exception as raised:
             if guard is None or bus.is_closed:  # its own closed publishers raise BusClosedError, too
                 raise
-            end, error = "ended", first_cause(raised)
+            end, error = "ended", first_leaf(raised)
         if end == "set back":
             log.warning(
                 "%s restarts: the clock was set back by more than %.0f s", launch.instance, MAX_SLEW_S

@@ -13,10 +13,11 @@ from hypothesis import strategies as st
 from pythonosc.osc_bundle_builder import OscBundleBuilder
 from pythonosc.osc_message_builder import build_msg
 
+from pointit.geometry.rotation import IDENTITY
 from pointit.schemas import NS_PER_S
-from pointit.services.imu_bridge.network.contents import DatagramError
+from pointit.services.imu_bridge.network.contents import DatagramError, orientation
 from pointit.services.imu_bridge.network.osc import MOST_MESSAGES, OscConfig, OscDecoder, OscMessage, parse
-from pointit.services.imu_bridge.reading import Battery, Item, Press, RawReading, Reading
+from pointit.services.imu_bridge.reading import Battery, Item, Press, RawReading, Reading, fault
 
 WXYZ, XYZW = [0.5, -0.5, 0.5, -0.5], (-0.5, 0.5, -0.5, 0.5)
 NOW = 1_800_000_000 * NS_PER_S
@@ -100,6 +101,16 @@ def test_battery_when_it_changes_and_button_when_it_is_pressed() -> None:
     assert items(decoder, "/button") == [Press(NOW)]
     assert items(decoder, "/gyrosc/button", 1.0, 1.0) == [Press(NOW)]
     assert items(decoder, "/gyrosc/button", 1.0, 0.0) == []
+
+
+@pytest.mark.parametrize(("norm", "is_taken"), [(0.97, False), (0.98, True), (1.02, True), (1.03, False)])
+def test_norms_within_2_5_percent_of_1_are_normalized(norm: float, *, is_taken: bool) -> None:
+    if is_taken:
+        assert orientation((norm, 0.0, 0.0, 0.0), "wxyz") == IDENTITY
+    else:
+        with pytest.raises(DatagramError, match=f"a quaternion of norm {norm}, not 1"):
+            orientation((norm, 0.0, 0.0, 0.0), "wxyz")
+    assert bool(fault(Reading(0, (0.0, 0.0, 0.0, norm)))) is not is_taken
 
 
 def test_messages_that_are_too_short_or_not_numbers_are_passed_over() -> None:

@@ -103,13 +103,16 @@ pip_install() {
 }
 
 # install EXTRAS, with commas between them: from what the index has now, or, with LOCKED set, exactly what
-# requirements/ci.txt names, by hash.
+# requirements/ci.txt names, by hash. `lab` is a package in this checkout, not an extra: no index has it.
 install() {
+    local extras=",${1:-}," packages
     if [ -z "${LOCKED:-}" ]; then
-        case ",${1:-}," in
-            *,lab,* | *,test,* | *,dev,*) pip_install -e "$ROOT${1:+[$1]}" -e "$ROOT/lab" ;;
-            *) pip_install -e "$ROOT${1:+[$1]}" ;;
+        case "$extras" in
+            *,lab,* | *,test,* | *,dev,*) packages=(-e "$ROOT/lab") ;;
+            *) packages=() ;;
         esac
+        extras=${extras//,lab,/,} extras=${extras#,} extras=${extras%,}
+        pip_install -e "$ROOT${extras:+[$extras]}" "${packages[@]}"
     else
         if ! command -v uv >/dev/null; then
             find_pip

@@ -33,14 +33,25 @@ def test_examples_name_extras_and_the_version_that_there_are() -> None:
     text = PAGE.read_text(encoding="utf-8")
     listed = [*re.findall(r"scripts/setup ([\w ]+)`", text), *re.findall(r"\[([\w,]+)\]", text)]
     assert len(listed) >= 5
-    assert {name for names in listed for name in re.split(r"[ ,]", names)} <= set(EXTRAS)
+    assert {name for names in listed for name in re.split(r"[ ,]", names)} <= {*EXTRAS, "lab"}
     assert set(re.findall(r"pointit-([\d.]+)-py3", text)) == {PROJECT["version"]}
+
+
+def test_no_extra_names_a_package_of_this_repository_that_no_index_has() -> None:
+    """`pip install` would take it from whoever registers the name."""
+    laboratory = tomllib.loads((ROOT / "lab/pyproject.toml").read_text(encoding="utf-8"))["project"]["name"]
+    needed = {canonicalize_name(Requirement(line).name) for lines in EXTRAS.values() for line in lines}
+    lock = (ROOT / "requirements/ci.txt").read_text(encoding="utf-8")
+    locked = re.findall(r"^([a-z0-9.-]+)==", lock, re.MULTILINE)
+    assert canonicalize_name(laboratory) not in needed
+    assert needed - {"pointit"} <= {canonicalize_name(name) for name in locked}
 
 
 def test_remedy_is_a_script_in_a_checkout_else_pip(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     assert (extras.CHECKOUT, extras.remedy("web")) == (ROOT, "`scripts/setup web` in the folder of PointIt")
     monkeypatch.setattr(extras, "CHECKOUT", tmp_path)
     assert extras.remedy("web") == "`pip install 'pointit[web]'`"
+    assert extras.remedy("lab").startswith(f"`pip install pointit_lab-{PROJECT['version']}-py3-none-any.whl`")
 
 
 def test_extras_are_installed_in_one_way_where_people_read() -> None:
@@ -52,7 +63,7 @@ def test_extras_are_installed_in_one_way_where_people_read() -> None:
         text = path.read_text(encoding="utf-8")
         assert not re.search(r"pip install\b.*\bpointit\b|pointit\[", text), path
         named.update(re.findall(r"scripts/setup (\w+)", text))
-    assert named <= set(EXTRAS)
+    assert named <= {*EXTRAS, "lab"}
 
 
 HARMLESS = ("access", "diagnosis", "geometry", "plugins", "schemas", "sim")

@@ -144,7 +144,9 @@ def test_an_extra_goes_into_the_venv_with_uv_and_without(machine: Machine, *, uv
     assert machine.calls[-1] == f"{pip} -e {machine.root}[ros2,plot]"
     machine.run("setup", "ros2", "plot")
     assert (machine.calls, machine.run("setup", "web", "lab").returncode) == ([], 0)
-    assert machine.calls[-1] == f"{pip} -e {machine.root}[web,lab] -e {machine.root}/lab"
+    assert machine.calls[-1] == f"{pip} -e {machine.root}[web] -e {machine.root}/lab"
+    assert machine.run("setup", "lab").returncode == 0
+    assert machine.calls[-1] == f"{pip} -e {machine.root} -e {machine.root}/lab"
     assert machine.run("setup", "dev").returncode == 0
     assert machine.calls[-1] == f"{pip} -e {machine.root}[dev] -e {machine.root}/lab"
 
@@ -154,8 +156,8 @@ def test_an_extra_that_does_not_exist_is_refused(machine: Machine) -> None:
     done = machine.run("setup", "web", "ros")
     assert done.returncode == 1
     extras = (
-        "lab plot web record site ble fusion mcp mqtt lsl webhooks "
-        "speech discovery docs foxglove ros2 test dev"
+        "plot web record site ble fusion mcp mqtt lsl webhooks "
+        "speech discovery docs foxglove ros2 test dev lab"
     )
     assert done.stderr == f"setup: there is no extra 'ros'; there are: {extras}\n"
     assert machine.calls == []

@@ -135,16 +135,16 @@ async def test_laboratory_beside_adds_its_commands(wheel: Path, plain: Path, com
     ended = await commands.run([str(plain), "--help"]).end()
     assert "evaluate" not in ended.out
     refused = await commands.run([str(plain), "evaluate", "selection"]).end()
-    remedy = "pip install 'pointit[lab]'"
+    remedy = f"`pip install {laboratory.name}`; `scripts/wheel` makes this file in a checkout of PointIt"
     assert (refused.code, refused.out) == (2, "")
     assert refused.err == (
-        f"Error: `pointit evaluate` is a command of pointit-lab, which is not installed; run `{remedy}`\n"
+        f"Error: `pointit evaluate` is a command of pointit-lab, which is not installed; run {remedy}\n"
     )
     ended = await commands.run([str(plain), "plugin", "check", "hold"]).end()
     assert "11 of 11 promises are kept" in ended.out
     refused = await commands.run([str(plain), "plugin", "check", "simulated"]).end()
     assert (refused.code, refused.out) == (2, "")
-    assert f"with devices of pointit-lab, which is not installed; run `{remedy}`" in refused.err
+    assert f"with devices of pointit-lab, which is not installed; run {remedy}" in refused.err
     python = plain.with_name("python")
     run(UV, "pip", "install", "--quiet", "--python", python, *LOCK, laboratory, cwd=plain.parent)
     try:

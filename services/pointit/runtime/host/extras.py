@@ -9,9 +9,15 @@ CHECKOUT = Path(__file__).parents[4]
 
 
 def remedy(extra: str) -> str:
-    """Return the command that installs `extra`, in backticks: in a checkout its script, else pip's."""
+    """Return the command that installs `extra`, in backticks: in a checkout its script, else pip's.
+
+    `lab`, the laboratory, is a package of its own that no index has.
+    """
     if (CHECKOUT / "scripts" / "setup").is_file():
         return f"`scripts/setup {extra}` in the folder of PointIt"
+    if extra == "lab":
+        wheel = f"pointit_lab-{pointit_version()}-py3-none-any.whl"
+        return f"`pip install {wheel}`; `scripts/wheel` makes this file in a checkout of PointIt"
     return f"`pip install 'pointit[{extra}]'`"
 
 

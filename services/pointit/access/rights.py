@@ -37,9 +37,9 @@ from pointit.schemas.topics import (
 )
 from pointit.services.registry import PROCESSES, RECORDER, Process, add_installed
 
-Role = Literal["user", "services", "web", "ros2", "dashboard", "operator", "supervisor", "router"]
-"""Role of an identity: a person's services; the shared services; the page's server; the ROS 2 bridge; a
-viewer; a viewer who may send requests; unlimited; another router of the site."""
+Role = Literal["user", "services", "service", "web", "ros2", "dashboard", "operator", "supervisor", "router"]
+"""Role of an identity: a person's services; the shared services; one shared service with the identity's name;
+the page's server; the ROS 2 bridge; a viewer; a viewer who may send requests; unlimited; another router."""
 
 ROLES: tuple[Role, ...] = get_args(Role)
 INTERNAL: tuple[Topic[Any], ...] = (CONFIGURATION, SERVED)
@@ -88,6 +88,8 @@ def rights_of(role: Role, name: str) -> Rights:
         return _user(name)
     if role == "services":
         return _services()
+    if role == "service":
+        return _service(name)
     if role in ("web", "ros2"):
         return _bridge(role)
     if role == "operator":
@@ -161,15 +163,40 @@ def _user(name: str) -> Rights:
     )
 
 
+def _service(name: str) -> Rights:
+    """Return the rights of the shared service `name`: those of its row, none if it is not installed."""
+    rows = [row for row in shared_services() if row.name == name]
+    return Rights(
+        writes=_sorted([*_anywhere(row.writes for row in rows), *_accounts(rows)]),
+        reads=_anywhere(row.reads for row in rows),
+        serves=_anywhere(row.serves for row in rows),
+        asks=_anywhere([FOR_ALL, _asked(rows)]),
+        announces=_sorted(
+            [*_presences(rows), *(presence.at(ANY) for row in rows for presence in row.announces)]
+        ),
+    )
+
+
+def shared_services() -> list[Process]:
+    """Return the rows of all services of a site but the bridges that have a role of their own."""
+    return [row for row in _of_scope("site") if row.name not in ROLES]
+
+
+def _accounts(rows: Iterable[Process]) -> list[str]:
+    """Return the keys of health and the like of all instances of `rows`."""
+    return [key for topic in ACCOUNTS for row in rows for key in _instances(topic.at(row.name), row)]
+
+
+def _presences(rows: Iterable[Process]) -> list[str]:
+    """Return the keys of presence of all instances of `rows`."""
+    return [key for row in rows for key in _instances(SERVICE_ALIVE.at(row.name), row)]
+
+
 def _services() -> Rights:
-    shared = [row for row in _of_scope("site") if row.room == "services"]
+    shared = shared_services()
     return Rights(
         writes=_sorted(
-            [
-                *_anywhere(row.writes for row in shared),
-                *_anywhere([(CLOCK, DEPLOYMENT)]),
-                *(key for topic in ACCOUNTS for row in shared for key in _instances(topic.at(row.name), row)),
-            ]
+            [*_anywhere(row.writes for row in shared), *_anywhere([(CLOCK, DEPLOYMENT)]), *_accounts(shared)]
         ),
         reads=_anywhere([*(row.reads for row in shared if row.name != RECORDER), viewer_topics()]),
         serves=_anywhere([*(row.serves for row in shared), (RUN_SCENARIO,)]),
@@ -177,7 +204,7 @@ def _services() -> Rights:
         keeps=_anywhere([[topic for topic in TOPICS if topic.delivery is Delivery.STATE]]),
         announces=_sorted(
             [
-                *(key for row in shared for key in _instances(SERVICE_ALIVE.at(row.name), row)),
+                *_presences(shared),
                 *(presence.at(ANY) for presence in PRESENCES if presence not in (SERVICE_ALIVE, USER_ALIVE)),
             ]
         ),

@@ -67,7 +67,7 @@ SITE = """Manage who may join a site, and their rights.
 
 A site's folder holds a small certificate authority, the router's files, and a folder for each identity.
 Copy the latter to its machine and name it there by --credentials (or POINTIT_CREDENTIALS). A person may
-write only under their own name; dashboards can only view. All others are rejected.
+write only under their own name; dashboards only view.
 
 \b
 Example:
@@ -79,6 +79,14 @@ Example:
 SITE_USER = """Add, remove and list the people of a site; the router follows within a second.
 
 Example: pointit site user add carla --folder lab
+"""
+
+SITE_SERVICE = """Add identities that have the rights of one service.
+
+Use them for bridges and for services of other packages, instead of the identity `services`, which has the
+rights of all shared services.
+
+Example: pointit site service add foxglove --folder lab
 """
 
 OUTPUT = """Test strips, add an output to a running site, and find where a moving head hangs.
@@ -214,6 +222,12 @@ COMMANDS: dict[str, tuple[Entry, ...]] = {
                 ours("add", "add people", "site.site:add"),
                 ours("remove", "remove people", "site.site:remove"),
                 ours("list", "list people", "site.site:list_people"),
+            ),
+            noun(
+                "service",
+                "add identities that have the rights of one service",
+                SITE_SERVICE,
+                ours("add", "add services", "site.site:add_service"),
             ),
             ours("renew", "make new certificates", "site.site:renew"),
             ours("revoke", "revoke all rights of an identity", "site.site:revoke"),

@@ -35,7 +35,7 @@ from tests.support.pace import Patience
 PATIENCE_S = 30.0
 NAMES: dict[str, Role] = {
     "anna": "user", "ben": "user", "guest1": "user", "services": "services", "web": "web",
-    "operator": "operator", "dashboard1": "dashboard", "supervisor": "supervisor",
+    "operator": "operator", "dashboard1": "dashboard", "supervisor": "supervisor", "foxglove": "service",
 }  # fmt: skip
 
 

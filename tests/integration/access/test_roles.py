@@ -9,6 +9,7 @@ import pytest
 from pointit.access.site_folder import SiteFolder
 from pointit.schemas import topics
 from pointit.services.registry import PROCESSES
+from pointit.services.shown_topics import SHOWN
 from tests.integration.access.secured import NAMES, Member, make_site, routed
 
 PEOPLE = ("anna", "ben")
@@ -41,6 +42,8 @@ def topic_keys() -> dict[str, tuple[object, str]]:
                 "pointing.anna",
                 "pointing.ben",
                 "web",
+                "foxglove",
+                "agv-tracker",
                 "supervisor",
                 "anna",
             ),
@@ -57,9 +60,10 @@ def may_write(me: str, topic: object, name: str) -> bool:
     if topic in topics.ACCOUNTS:
         personal = [f"{row.name}.{me}" for row in PROCESSES if row.scope == "user"]
         personal += [f"pui.{me}", f"selector.{me}"]
-        shared = [row.name for row in PROCESSES if row.scope == "site" and row.room == "services"]
+        shared = [row.name for row in PROCESSES if row.scope == "site" and row.name not in ("web", "ros2")]
         shared += ["pui.anna", "pui.ben", "selector.anna"]
-        return name in {"user": personal, "services": shared, "web": ["web"]}.get(role, [])
+        own = {"user": personal, "services": shared, "web": ["web"], "service": ["foxglove"]}
+        return name in own.get(role, [])
     if role == "user":
         if topic is topics.DEPLOYMENT:
             return name == me
@@ -69,7 +73,7 @@ def may_write(me: str, topic: object, name: str) -> bool:
             or topic in (topics.CURSOR, topics.HOVER, topics.CLAIM, topics.SPEECH, topics.UNDERSTOOD)
         )
     if role == "services":
-        shared_writers = any(row.scope == "site" and row.room == "services" for row in writers)
+        shared_writers = any(row.scope == "site" and row.name not in ("web", "ros2") for row in writers)
         return shared_writers or topic in (topics.CLOCK, topics.DEPLOYMENT)
     return role == "web" and topic in (topics.WRIST, topics.BUTTON, topics.SPEECH)
 
@@ -85,6 +89,8 @@ def may_read(me: str, topic: object, name: str) -> bool:
         return NAMES[me] == "services" and topic is topics.RAY  # pui needs rays; nobody shared needs the rest
     if topic in (topics.CONFIGURATION, topics.SERVED):
         return NAMES[me] == "operator"
+    if NAMES[me] == "service":
+        return topic in SHOWN
     return True
 
 
@@ -190,7 +196,8 @@ def test_only_who_serves_a_request_is_asked(members: dict[str, Member]) -> None:
 def test_presence_is_told_of_oneself_only_and_seen_by_all(members: dict[str, Member]) -> None:
     everybody = [topics.USER_ALIVE.at("anna"), topics.USER_ALIVE.at("ben")]
     everybody += [
-        topics.SERVICE_ALIVE.at(name) for name in ("pointing.anna", "pointing.ben", "pui", "web", "rogue")
+        topics.SERVICE_ALIVE.at(name)
+        for name in ("pointing.anna", "pointing.ben", "pui", "web", "foxglove", "agv-tracker", "rogue")
     ]
     shards = {
         row.at(name)
@@ -201,8 +208,9 @@ def test_presence_is_told_of_oneself_only_and_seen_by_all(members: dict[str, Mem
     expected = {
         "anna": {topics.USER_ALIVE.at("anna"), topics.SERVICE_ALIVE.at("pointing.anna"), *shards},
         "ben": {topics.USER_ALIVE.at("ben"), topics.SERVICE_ALIVE.at("pointing.ben")},
-        "services": {topics.SERVICE_ALIVE.at("pui"), *shards},
+        "services": {*map(topics.SERVICE_ALIVE.at, ("pui", "foxglove", "agv-tracker")), *shards},
         "web": {topics.SERVICE_ALIVE.at("web")},
+        "foxglove": {topics.SERVICE_ALIVE.at("foxglove")},
     }
     for me in LIMITED:
         with members[me].present(*everybody):

@@ -283,7 +283,7 @@ def test_person_whose_name_begins_like_a_runs_tells_no_deployment() -> None:
 
 @pytest.mark.parametrize("role", ROLES)
 def test_who_reads_selection_events_may_ask_for_those_of_before(role: Role) -> None:
-    rights = rights_of(role, "anna")
+    rights = rights_of(role, "foxglove")  # the name of a service, for the role of single services
     reads, asks = ({ALL, row.at()} for row in (SELECTION_EVENTS, READ_HISTORY))
     assert reads & set(rights.reads)
     assert asks & set(rights.asks)

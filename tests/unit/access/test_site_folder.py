@@ -266,6 +266,14 @@ def test_people_are_added_and_removed(folder: str) -> None:
     assert "carla" not in names_of(folder)
 
 
+def test_a_single_service_gets_an_identity_if_it_is_one(folder: str) -> None:
+    assert site_command("service", "add", "foxglove", "--folder", folder).exit_code == 0
+    assert SiteFolder(Path(folder)).state().identities["foxglove"].role == "service"
+    assert "foxglove exists already, as service" in refused("service", "add", "foxglove", "--folder", folder)
+    unknown = refused("service", "add", "foxglove", "web", "--folder", folder)
+    assert unknown.startswith("web is not a shared service here; there are agv-tracker, ")
+
+
 @pytest.mark.parametrize(
     ("users", "sentence"),
     [

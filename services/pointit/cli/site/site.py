@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import click
 
-from pointit.access.rights import Role
+from pointit.access.rights import Role, shared_services
 from pointit.access.site_folder import ROUTER, SiteFolder
 from pointit.access.site_state import SiteState
 from pointit.cli.common.option_types import Finite
@@ -21,6 +21,7 @@ from pointit.runtime.link.credentials import read_credentials
 from pointit.runtime.link.link import Link
 from pointit.schemas.system import check_user
 from pointit.schemas.topics import check_name
+from pointit.services.registry import add_installed
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -151,6 +152,27 @@ def add(names: tuple[str, ...], folder: Path) -> None:
         roles[name] = "user"
     asyncio.run(_refuse_shards(site, names))
     site.add(roles, _now())
+    for name in names:
+        click.echo(f"{name} may join with the credentials in {site.identity_folder(name)}")
+
+
+@click.command("add")
+@click.argument("names", nargs=-1, required=True)
+@folder_option
+def add_service(names: tuple[str, ...], folder: Path) -> None:
+    """Add identities that may do what the services NAMES need, and nothing else.
+
+    The router must have the same packages of services installed. `pointit site revoke` removes their rights.
+
+    Example: pointit site service add foxglove --folder lab
+    """
+    add_installed()
+    known = sorted(row.name for row in shared_services())
+    for name in names:
+        if name not in known:
+            raise ConfigError(f"{name} is not a shared service here; there are {', '.join(known)}")
+    site = SiteFolder(folder)
+    site.add(dict.fromkeys(names, "service"), _now())
     for name in names:
         click.echo(f"{name} may join with the credentials in {site.identity_folder(name)}")
 

@@ -139,6 +139,8 @@ def _map_of(sections: Mapping[str, Any], path: Path) -> MapFile:
     data = {section: value for section, value in sections.items() if value is not None}
     if "lamps" not in data and "leds" in data:  # as the ROS toolkit's maps and PointIt's first ones say
         data["lamps"] = data.pop("leds")
+    if data and not data.keys() & MapFile.model_fields.keys():  # its values may be secrets of another program
+        raise ConfigError(f"{path}: is not a map; a map has sections such as lamps, strips, belts or boxes")
     mistakes = [each for section in MapFile.model_fields for each in _wrong_names(section, data.get(section))]
     try:
         file = MapFile.model_validate(data)
@@ -240,6 +242,8 @@ def _sentence(detail: ErrorDetails) -> str:
         return f"is missing; add it beside {join_names(value) or 'the name'}"
     if kind == "extra_forbidden":
         names = join_names(field_names(model))
+        if len(loc) == 1:
+            return f"is not a section of maps; remove it, or use one of {names}"
         return f"is not known (got {format_value(value)}); remove it, or use one of {names}"
     if kind == "value_error":
         return detail["msg"].removeprefix("Value error, ")

@@ -3,6 +3,7 @@
 import asyncio
 import functools
 import math
+import os
 from pathlib import Path
 from typing import Any
 
@@ -325,8 +326,9 @@ async def test_a_changed_map_is_used_at_once_and_keeps_the_tolerance(tmp_path: P
     [("strips: {s: {line: 7, pixels: 60}}", "strips.s.line"), ("lamps: {a: {position: [0, 0, 1]}}", "lamp")],
 )
 async def test_a_map_that_cannot_be_used_is_refused_and_the_old_one_stays(
-    tmp_path: Path, text: str, sentence: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, sentence: str
 ) -> None:
+    monkeypatch.chdir(tmp_path)
     other = tmp_path / "other.yaml"
     other.write_text(text)
     async with room() as here:
@@ -337,6 +339,30 @@ async def test_a_map_that_cannot_be_used_is_refused_and_the_old_one_stays(
         assert (await here.point_at(PLACE)).surface == "strip"
         assert (await here.bench.bus.call(USE_MAP, UseMap())).path == "lab"
         assert [each.name for each in maps] == ["lab"]
+
+
+async def test_operators_read_no_files_but_maps_of_the_runs_folder(tmp_path: Path) -> None:
+    maps, elsewhere = tmp_path / "maps", tmp_path / "elsewhere"
+    maps.mkdir()
+    elsewhere.mkdir()
+    (maps / "room.yaml").write_text(STRIP.format(z=1))
+    secret = '{"operator": "s3cret-t0ken"}'
+    for path in (maps / "tokens.json", maps / "tokens.yaml", elsewhere / "tokens.yaml"):
+        path.write_text(secret)
+    (elsewhere / "room.yaml").write_text(STRIP.format(z=2))
+    (maps / "link.yaml").symlink_to(elsewhere / "room.yaml")
+    os.mkfifo(maps / "pipe.yaml")
+    (maps / "mixed.yaml").write_text(STRIP.format(z=1) + "\npassword: s3cret-t0ken\n")
+    async with room(map=str(maps / "room.yaml")) as here:
+        for name in (
+            *("maps/tokens.json", "maps/tokens.yaml", "elsewhere/tokens.yaml", "elsewhere/room.yaml"),
+            *("maps/link.yaml", "maps/pipe.yaml", "maps/mixed.yaml", "maps/../elsewhere/room.yaml", "maps"),
+        ):
+            with pytest.raises(RefusedError) as refused:
+                await here.bench.bus.call(USE_MAP, UseMap(path=str(tmp_path / name)))
+            assert "s3cret" not in str(refused.value), name
+            assert refused.match("is not a YAML file in|is not a map|is not a section of maps"), name
+        assert (await here.bench.bus.call(USE_MAP, UseMap(path="lab"))).path == "lab"
 
 
 def lists(listed: list[TrackedObjects], ids: list[str]) -> bool:

@@ -235,7 +235,7 @@ class Pui(Service[PuiConfig]):
     async def _on_use_map(self, query: UseMap, _name: str) -> UseMapReply:
         if query.path:
             # beside the loop: people go on pointing while a large map is read
-            environment, room = await asyncio.to_thread(self._read_room, query.path)
+            environment, room = await asyncio.to_thread(self._read_room, self._map_file(query.path))
             if (tolerance_rad := self._room.surfaces.tolerance_rad) is not None:
                 room.surfaces.set_tolerance(tolerance_rad)
             self._enter(room)
@@ -243,6 +243,20 @@ class Pui(Service[PuiConfig]):
             self._maps.put(environment)
             self._map_came.set()
         return UseMapReply(message=f"people point at the map {self._map}", path=self._map)
+
+    def _map_file(self, name_or_path: str) -> str:
+        """Return `name_or_path` if it is a shipped map, or a YAML file in the folder of this run's first map.
+
+        Raises:
+            RefusedError: If it is neither. Operators must not read other files of this machine.
+        """
+        if name_or_path in shipped_maps():
+            return name_or_path
+        path, first = Path(name_or_path).resolve(), self.config.map_to_read
+        folder = Path.cwd() if first in ("", *shipped_maps()) else Path(first).resolve().parent
+        if path.suffix in (".yaml", ".yml") and path.is_relative_to(folder) and path.is_file():
+            return name_or_path
+        raise RefusedError(f"{name_or_path}: is not a YAML file in {folder}, the folder of this run's maps")
 
     def _read_room(self, name_or_path: str) -> tuple[Environment, _Room]:
         """Return the map of that name or path, and its room.

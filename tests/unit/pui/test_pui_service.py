@@ -346,9 +346,9 @@ async def test_operators_read_no_files_but_maps_of_the_runs_folder(tmp_path: Pat
     maps.mkdir()
     elsewhere.mkdir()
     (maps / "room.yaml").write_text(STRIP.format(z=1))
-    secret = '{"operator": "s3cret-t0ken"}'
+    foreign = '{"operator": "s3cret-t0ken"}'
     for path in (maps / "tokens.json", maps / "tokens.yaml", elsewhere / "tokens.yaml"):
-        path.write_text(secret)
+        path.write_text(foreign)
     (elsewhere / "room.yaml").write_text(STRIP.format(z=2))
     (maps / "link.yaml").symlink_to(elsewhere / "room.yaml")
     os.mkfifo(maps / "pipe.yaml")

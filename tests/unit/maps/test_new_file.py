@@ -23,7 +23,7 @@ def file_size_limit(limit: int) -> Iterator[None]:
 
 
 def test_no_file_is_left_when_the_disk_is_full(tmp_path: Path) -> None:
-    with file_size_limit(1000), pytest.raises(ConfigError, match="room.yaml: cannot be written"):
+    with file_size_limit(1000), pytest.raises(ConfigError, match=r"room\.yaml: cannot be written"):
         write_new(tmp_path / "room.yaml", b"#" * 100_000)
     assert list(tmp_path.iterdir()) == []
 

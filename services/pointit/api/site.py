@@ -136,6 +136,16 @@ class Site:
                 await self._ended.wait()
         self._check_open()
 
+    async def wait(self) -> None:
+        """Wait until the site is closed or this is cancelled, while functions of `on_pointed` are called.
+
+        Raises:
+            BusClosedError: If the site is closed, as soon as it is.
+            PointItError: If a service of `run` has failed, as soon as it has.
+        """
+        await self._ended.wait()
+        self._check_open()
+
     def cursors(self, user: str | None = None) -> Feed[Cursor]:
         """Return an iterator over cursors: where the ray meets the room. Newest wins."""
         return self.messages(topics.CURSOR, user)
@@ -188,7 +198,8 @@ class Site:
         """Return a decorator: call the function with each event of `pointed(*things)`.
 
         A plain function is called in a thread, so that it may take its time; at most 8 calls run at once. One
-        that fails is logged. If the map comes later and lacks a thing, this ends all iterators and `sleep`.
+        that fails is logged. If the map comes later and lacks a thing, this ends all iterators, `sleep` and
+        `wait`.
         """
 
         def register(function: F) -> F:

@@ -4,6 +4,7 @@
 
 import asyncio
 import atexit
+import contextlib
 import functools
 import inspect
 import types
@@ -210,6 +211,11 @@ class SyncSite:
     press = _waiting(Site.press)
     hear = _waiting(Site.hear)
     referents = _waiting(Site.referents)
+
+    def wait(self) -> None:
+        """Wait until Ctrl-C, while functions of `on_pointed` are called; then return. See `Site.wait`."""
+        with contextlib.suppress(KeyboardInterrupt):
+            self._thread.run(self._site.wait())
 
     def on_pointed(self, *things: str) -> Callable[[F], F]:
         """Return a decorator: call the function with each event of `pointed(*things)`; see `Site.on_pointed`.

@@ -1,6 +1,7 @@
 """Whole sites in this process, in virtual time."""
 
 import asyncio
+import sys
 import threading
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -19,6 +20,7 @@ from pointit.errors import (
 )
 from pointit.schemas import TrackedObject
 from pointit.services.led_driver.service import LedDriver
+from tests.support.commands import Commands
 
 
 async def pointed(seed: int) -> list[tuple[int, float]]:
@@ -31,6 +33,30 @@ def test_the_same_seed_gives_the_same_run(own_state: Path) -> None:
     assert first == again != other
     assert len(first) > 100
     assert not own_state.exists()  # nothing is stored
+
+
+SCRIPT = """
+import pointit
+with pointit.run("shelf", virtual=True) as site:
+
+    @site.on_pointed()
+    def order(event):
+        print(f"{event.user} wants {event.thing}", flush=True)
+
+    site.wait()
+print("closed")
+"""
+
+
+async def test_a_script_that_waits_is_called_until_ctrl_c_and_then_goes_on(
+    tmp_path: Path, commands: Commands
+) -> None:
+    (tmp_path / "order.py").write_text(SCRIPT)
+    script = commands.run([sys.executable, str(tmp_path / "order.py")])
+    await script.says("user1 wants ")
+    ended = await script.stop(code=0)
+    assert ended.out.endswith("closed\n")
+    assert "Traceback" not in ended.err
 
 
 def test_a_script_sees_people_point_and_sends_requests() -> None:

@@ -86,7 +86,8 @@ def test_killed_writer_loses_nothing_and_a_second_writer_is_refused_while_it_run
         assert child.stdout is not None
         assert child.stdout.readline() == "ready\n"
         assert store.open(NOW, read) is None
-        assert f"another clerk writes {store.path}; words are lost: end one" in store.problem
+        assert f"another clerk of this site writes {store.path}; words are lost: end one" in store.problem
+        assert store.problem.endswith("restart this one, or start it with --site NAME")
         assert not write(store, "d")
         store.close()
         assert words_of(store) == ["a", "b", "c"]

@@ -158,7 +158,7 @@ async def test_a_second_selector_warns_and_works_in_memory() -> None:
     async with served(clock) as first:
         await first.stay("anna", 1.0, "a")
         async with served(clock) as second:
-            await until(lambda: second.warns("another selector writes"), what="its health")
+            await until(lambda: second.warns("another selector of this site writes"), what="its health")
             await second.stay("ben", 1.0, "a")
             assert second.told == [("selected", "a", "ben")]
         assert [event["user"] for event in audited()] == ["anna"], "while the first one runs"

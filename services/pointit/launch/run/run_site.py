@@ -54,7 +54,8 @@ async def open_bus(plan: Plan) -> ZenohBus:
         else:
             if number:
                 log.warning(
-                    "%s is in use; listening at %s: give other commands --connect %s",
+                    "%s is in use, probably by another run; listening at %s: give other commands "
+                    "--connect %s, and each of two runs on a machine a --site NAME of its own",
                     plan.link.listen[0],
                     link.listen[0],
                     link.listen[0],

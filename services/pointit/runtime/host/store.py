@@ -85,8 +85,8 @@ class Store:
             self._lock = acquire_lock(self.path.with_name(LOCK))
             if self._lock is None:
                 self._notice = (
-                    f"another {self._layout.writer} writes {self.path}; {loss}: end one of the two, then "
-                    "restart this one"
+                    f"another {self._layout.writer} of this site writes {self.path}; {loss}: end one of the "
+                    "two and restart this one, or start it with --site NAME"
                 )
                 return None
             stored = self._open_or_replace(now_ns, read)

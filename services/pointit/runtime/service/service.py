@@ -62,6 +62,9 @@ class Service(ABC, Generic[C]):
     SHARDS: ClassVar[bool] = False
     """True if those with a name serve some of the people each (`PeopleShare`, their parameter `people`), and
     that without a name all others."""
+    MAKES_USER_PRESENT: ClassVar[bool] = True
+    """True if a person is present while this service of theirs runs. Not for services beside the pointing, which
+    may outlive it, nor for those of other packages."""
     TIME_MAY_STEP: ClassVar[bool] = False
     """If false, the clock never goes back while the service lives (`SteadyClock`). If the site's time goes
     back too far, the service is restarted. True for bridges and for services with more to lose than a
@@ -214,7 +217,7 @@ async def _run_once(
         health = view.account(HEALTH)
         view.account(CONFIGURATION).put(_configuration(launch, clock.now_ns()))
         view.announce(SERVICE_ALIVE, launch.instance)
-        if launch.user:
+        if launch.user and kind.MAKES_USER_PRESENT and not launch.plugin:
             view.announce(USER_ALIVE, launch.user)
         log.debug("%s started", launch.instance)
         async with asyncio.TaskGroup() as group:

@@ -25,6 +25,7 @@ class Listener(Service[ListenerConfig]):
     NAME: ClassVar[str] = "listener"
     SCOPE: ClassVar[Scope] = "user"
     CONFIG = ListenerConfig
+    MAKES_USER_PRESENT: ClassVar[bool] = False
 
     def __init__(self, config: ListenerConfig, context: Context) -> None:
         super().__init__(config, context)

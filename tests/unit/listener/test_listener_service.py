@@ -28,6 +28,7 @@ from pointit.schemas.topics import (
     OBJECTS,
     POSE,
     ROBOT_STATE,
+    SERVICE_ALIVE,
     SPEECH,
     USER_ALIVE,
 )
@@ -36,6 +37,7 @@ from pointit.services.listener.memory import MOST, PointingMemory
 from pointit.services.listener.recogniser_clock import TYPICAL_S, WORDS, RecogniserClock
 from pointit.services.listener.referents import NO_RAYS, Spoken
 from pointit.services.listener.service import Listener
+from pointit.services.pointing.service import Pointing
 from tests.support.bench import START_NS, Bench, ManualClock, memory_bench, until
 from tests.unit.listener.gestures import EYES, at_ns, gesture, thing
 
@@ -119,6 +121,18 @@ async def test_a_moving_object_is_where_it_was_when_the_word_was_spoken() -> Non
         here.bench.put(OBJECTS, TrackedObjects(stamp_ns=stamp_ns, objects=(moving,)), "belt")
         await here.points(0.0)
         assert await here.ask(1.0) == [("object", "box")]
+
+
+async def test_person_with_a_listener_alone_is_not_present() -> None:
+    """A person whose process has ended can join again while their listener runs on."""
+    async with room() as here:
+        await here.bench.settle()
+        bus = here.bench.bus
+        assert await bus.list_present(SERVICE_ALIVE) == {f"listener.{USER}"}
+        assert await bus.list_present(USER_ALIVE) == set()
+        here.bench.start(Pointing, user=USER)
+        await here.bench.settle()
+        assert await bus.list_present(USER_ALIVE) == {USER}
 
 
 async def test_nobody_else_is_answered_for_and_others_rays_are_not_kept() -> None:

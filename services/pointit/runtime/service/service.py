@@ -63,8 +63,8 @@ class Service(ABC, Generic[C]):
     """True if those with a name serve some of the people each (`PeopleShare`, their parameter `people`), and
     that without a name all others."""
     MAKES_USER_PRESENT: ClassVar[bool] = True
-    """True if a person is present while this service of theirs runs. Not for services beside the pointing, which
-    may outlive it, nor for those of other packages."""
+    """True if a person is present while this service of theirs runs. Not for services beside the pointing,
+    which may outlive it, nor for those of other packages."""
     TIME_MAY_STEP: ClassVar[bool] = False
     """If false, the clock never goes back while the service lives (`SteadyClock`). If the site's time goes
     back too far, the service is restarted. True for bridges and for services with more to lose than a

@@ -155,7 +155,7 @@ class Devices:
         else:
             note = await self._check_light(device)
         ended = {device.id, *(each.id for each in before)}  # a device has one wearer, or one strip
-        self._store(*(each.device for key, each in self._running.items() if key not in ended), device)
+        self._store(ended, device)
         for device_id in ended:
             await self._end(device_id)
         self._begin(device)
@@ -172,7 +172,7 @@ class Devices:
         """
         async with self._changing:
             device = self._device(device_id)
-            self._store(*(each.device for key, each in self._running.items() if key != device_id))
+            self._store({device_id})
             await self._end(device_id)
         self.changed()
         return {"message": f"{device.label} is disconnected and forgotten"}
@@ -300,13 +300,19 @@ class Devices:
     def _path(self) -> Path:
         return site_folder(self.bus.site, "web") / "devices.json"
 
-    def _store(self, *devices: ConnectedDevice) -> None:
+    def _store(self, removed_ids: Collection[str], *added: ConnectedDevice) -> None:
+        """Store devices without touching those of another run of the site."""
         if self._is_damaged:
             with contextlib.suppress(OSError):
                 self._path.replace(self._path.with_name("devices.json.bad"))
             self._is_damaged = False
             self.bus.clear("devices")
-        self._file.write(StoredDevices(devices=devices))
+
+        def change(stored: StoredDevices | None) -> StoredDevices:
+            kept = [each for each in (stored.devices if stored else ()) if each.id not in removed_ids]
+            return StoredDevices(devices=(*kept, *added))
+
+        self._file.update(change)
 
     def _device(self, device_id: str) -> ConnectedDevice:
         running = self._running.get(device_id)

@@ -310,6 +310,8 @@ class Devices:
 
         def change(stored: StoredDevices | None) -> StoredDevices:
             kept = [each for each in (stored.devices if stored else ()) if each.id not in removed_ids]
+            if len(kept) + len(added) > MAX_DEVICES:
+                raise RefusedError(f"{MAX_DEVICES} devices are stored, which is the most: forget one first")
             return StoredDevices(devices=(*kept, *added))
 
         self._file.update(change)

@@ -53,6 +53,7 @@ async def test_a_run_keeps_the_devices_that_another_run_of_the_site_has_stored(
     async with memory_bench() as bench:
         first, second, later = (devices_of_a_run(bench) for _ in range(3))
         runs = [asyncio.create_task(each.run()) for each in (first, second)]
+        await asyncio.sleep(0)  # both have begun
         await first.connect(wrist(0, "anna"))
         await second.connect(wrist(1, "ben"))
         await first.connect(wrist(2, "carla"))

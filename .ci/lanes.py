@@ -52,7 +52,7 @@ ROOMS = {
     "foxglove": Room(
         (f"{BRIDGES}foxglove",),
         ("tests/unit/foxglove", "tests/integration/foxglove"),
-        ("tests/examples", "tests/unit/web"),
+        ("tests/examples", "tests/unit/web", "tests/integration/access/test_bridges.py"),
     ),
     "ros2": Room(
         (f"{BRIDGES}ros2",),
@@ -121,6 +121,7 @@ ROOMS = {
             *("tests/unit/cli_run", "tests/unit/launch", "tests/unit/ros2", "tests/unit/testing_kit"),
             *("tests/integration/ros2", "tests/integration/scenario/steered_robots.py"),
             "tests/integration/scenario/test_send_a_robot.py",
+            "tests/integration/access/test_bridges.py",
             "tests/integration/api/test_found_by_following.py",
             *(f"tests/lab/evaluation/test_robot_{what}.py" for what in ("evaluation", "identification")),
             "tests/lab/cli/test_evaluate_selection.py",

@@ -38,7 +38,7 @@ def test_examples_name_extras_and_the_version_that_there_are() -> None:
 
 
 def test_no_extra_names_a_package_of_this_repository_that_no_index_has() -> None:
-    """`pip install` would take it from whoever registers the name."""
+    """`pip install` would fetch it from a stranger who has registered the name."""
     laboratory = tomllib.loads((ROOT / "lab/pyproject.toml").read_text(encoding="utf-8"))["project"]["name"]
     needed = {canonicalize_name(Requirement(line).name) for lines in EXTRAS.values() for line in lines}
     lock = (ROOT / "requirements/ci.txt").read_text(encoding="utf-8")

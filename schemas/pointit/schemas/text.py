@@ -1,4 +1,4 @@
-"""Text that others have written, made safe to show to people: on a terminal, in a log, on a page."""
+"""Text for people: foreign text made safe to show on a terminal, in a log or on a page; rounded numbers."""
 
 import re
 import unicodedata
@@ -27,3 +27,16 @@ def _plain(letter: str) -> str:
     if letter.isprintable() or letter == "\n":
         return letter
     return " " if letter == "\t" or unicodedata.category(letter) == "Zs" else "?"
+
+
+def round_beyond(value: float, limit: float = 0.0, digits: int = 1) -> str:
+    """Return `value` rounded to `digits` behind the point, on the same side of `limit` as `value`.
+
+    A message that compares both stays true: 0.52 beyond a limit of 0.5 is "0.6", not "0.5".
+    """
+    rounded, step = round(value, digits), 10.0**-digits
+    if value > limit >= rounded:
+        rounded += step
+    elif value < limit <= rounded:
+        rounded -= step
+    return f"{rounded:.{digits}f}"

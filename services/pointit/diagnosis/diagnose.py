@@ -11,7 +11,7 @@ from pointit.runtime.bus.timeliness import LONGEST_HOST, REMEDY, ClockSkewMonito
 from pointit.runtime.config.similar_names import did_you_mean
 from pointit.schemas import Health
 from pointit.schemas.system import split_instance
-from pointit.schemas.text import one_line
+from pointit.schemas.text import one_line, round_beyond
 from pointit.schemas.topics import TOPICS, Delivery
 from pointit.services.localizer.certainty import (
     ANCHOR_AGE,
@@ -171,14 +171,20 @@ def _certainty(instance: str, health: Health) -> Iterator[Finding]:
     who = split_instance(instance)[1] or "NAME"
     point = f"have them point at one lamp: `pointit person anchor {who}`, or press the button twice"
     if where_m is not None and where_m > UNSURE_M:
-        sentence = f"the person's position is uncertain by {where_m:.2f} m (1 sigma, limit {UNSURE_M:g} m)"
+        sentence = (
+            f"the person's position is uncertain by {round_beyond(where_m, UNSURE_M, 2)} m "
+            f"(1 sigma, limit {UNSURE_M:g} m)"
+        )
         remedy = (
             f"let them localize again: hold the button, or `pointit person press {who} --gesture hold`; "
             "point at more lamps with --targets"
         )
         yield Finding("warning", "unsure", instance, sentence, remedy)
     elif yaw_deg is not None and yaw_deg > UNSURE_DEG:
-        sentence = f"the person's yaw is uncertain by {yaw_deg:.1f}° (1 sigma, limit {UNSURE_DEG:g}°)"
+        sentence = (
+            f"the person's yaw is uncertain by {round_beyond(yaw_deg, UNSURE_DEG)}° "
+            f"(1 sigma, limit {UNSURE_DEG:g}°)"
+        )
         sentence += "" if age_s is None else f", the last anchor is {age_s:.0f} s old"
         yield Finding("warning", "unsure", instance, sentence, point)
     elif age_s is not None and age_s > OLD_ANCHOR_S and (yaw_deg is None or yaw_deg > SURE_DEG):

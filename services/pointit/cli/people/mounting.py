@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
+from pointit.schemas.text import round_beyond
 
 Orientations = NDArray[np.float64]
 """n x 4, x, y, z, w."""
@@ -113,10 +114,11 @@ def solve_mounting(forward: Hold, up: Hold) -> Mounting:
     """
     for pose, name in ((forward, "ahead"), (up, "up")):
         if pose.spread_rad > STILL_RAD:
+            limit_deg = math.degrees(STILL_RAD)
+            spread_deg = round_beyond(math.degrees(pose.spread_rad), limit_deg)
             raise MountingError(
-                f"the arm did not rest while it was {name}: it wandered by "
-                f"{math.degrees(pose.spread_rad):.1f}° rms, at most {math.degrees(STILL_RAD):.0f}° is "
-                "allowed; hold it still and do it again"
+                f"the arm did not rest while it was {name}: it wandered by {spread_deg}° rms, at most "
+                f"{limit_deg:.0f}° is allowed; hold it still and do it again"
             )
     turned_rad = angle_between(forward.mean_xyzw, up.mean_xyzw)
     if turned_rad < APART_RAD:
@@ -128,10 +130,12 @@ def solve_mounting(forward: Hold, up: Hold) -> Mounting:
     axis = rotation.rotate(rotation.inverse(up.mean_xyzw), _UP)
     slope_rad = math.asin(max(-1.0, min(1.0, vector.dot(axis, level))))
     if abs(slope_rad) > SQUARE_RAD:
+        limit_deg = math.degrees(SQUARE_RAD)
+        slope_deg = round_beyond(abs(math.degrees(slope_rad)), limit_deg, 0)
         raise MountingError(
-            f"up in the second pose is {abs(math.degrees(slope_rad)):.0f}° from level in the first, "
-            f"at most {math.degrees(SQUARE_RAD):.0f}° is allowed: point level ahead, then straight up, with "
-            "the arm stretched and the wrist straight, and without the band slipping"
+            f"up in the second pose is {slope_deg}° from level in the first, at most {limit_deg:.0f}° is "
+            "allowed: point level ahead, then straight up, with the arm stretched and the wrist straight, "
+            "and without the band slipping"
         )
     levelled = vector.normalized(vector.subtract(axis, vector.scale(level, vector.dot(axis, level))))
     x = vector.normalized(vector.add(axis, levelled))

@@ -6,6 +6,7 @@ from pointit.geometry.floor_sigma import place_sigma_m
 from pointit.geometry.plane import is_level
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor, Environment, Interaction, UserPose
+from pointit.schemas.text import round_beyond
 from pointit.services.goal.config import GoalConfig
 
 LEVEL_M = 0.3
@@ -86,13 +87,18 @@ class GoalChecker:
             return self.unsure_reason
         sigma_m = self.sigma_m(place_m, cursor)
         if not sigma_m <= config.max_sigma_m:
-            how = f"sure to {sigma_m:.1f} m only" if math.isfinite(sigma_m) else "not known well enough"
+            how = (
+                f"sure to {round_beyond(sigma_m, config.max_sigma_m)} m only"
+                if math.isfinite(sigma_m)
+                else "not known well enough"
+            )
             return f"the place is {how}: choose one nearer to you, or localize again"
         for user, pose in self._poses.items():
             gap_m = math.dist(place_m[:2], pose.position_m[:2])
             if gap_m < config.keep_out_m:
                 whom = "you" if user == self._user else user
-                return f"the place is {gap_m:.1f} m from {whom}: choose one {config.keep_out_m:g} m away"
+                near_m, limit_m = round_beyond(gap_m, config.keep_out_m), config.keep_out_m
+                return f"the place is {near_m} m from {whom}: choose one {limit_m:g} m away"
         return ""
 
     def request_problem(self, place_m: Vec3, cursor: Cursor | None, now_ns: int) -> str:

@@ -13,6 +13,7 @@ from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
 from pointit.schemas import FARTHEST, NS_PER_S
+from pointit.schemas.text import round_beyond
 
 MAX_TRANSFORMS = 1000
 """Maximum number of transforms read from one message, and of frames stored."""
@@ -101,9 +102,10 @@ class TransformBuffer:
                 apart_s = (at_ns - link.stamp_ns) / NS_PER_S
                 if abs(apart_s) > stale_s:
                     side = "old" if apart_s > 0 else "ahead"
+                    off_s = round_beyond(abs(apart_s), stale_s)
                     return (
                         f"the transform from {checks.named(link.parent)} to {checks.named(here)} is "
-                        f"{abs(apart_s):.1f} s {side}, limit {stale_s:g} s: check its publisher and clock"
+                        f"{off_s} s {side}, limit {stale_s:g} s: check its publisher and clock"
                     )
                 stamp_ns = link.stamp_ns if stamp_ns is None else stamp_ns
             pose, here = compose(link.pose, pose), link.parent

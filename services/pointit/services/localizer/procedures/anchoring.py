@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from pointit.schemas import NS_PER_S, Lamp, TrackedObject, TrackedObjects
+from pointit.schemas.text import round_beyond
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation import rays as ray_math
 from pointit.services.localizer.estimation.estimator import Refusal
@@ -81,9 +82,10 @@ class Anchoring(LampProcedure):
         limit_rad = math.radians(self._config.max_spread_deg)
         problem = ""
         if mean.spread_rad > limit_rad:
+            spread_deg = round_beyond(math.degrees(mean.spread_rad), self._config.max_spread_deg)
             problem = (
-                f"the arm wandered by {math.degrees(mean.spread_rad):.1f}° while {self._lamp.id} was lit and "
-                f"at most {math.degrees(limit_rad):.1f}° is accepted; hold it still and try again"
+                f"the arm wandered by {spread_deg}° while {self._lamp.id} was lit and "
+                f"at most {self._config.max_spread_deg:.1f}° is accepted; hold it still and try again"
             )
         judged = self._judge(self._lamp, mean, problem, now_ns)
         anchor = judged.anchor

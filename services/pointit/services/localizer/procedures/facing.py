@@ -5,6 +5,7 @@ from collections import deque
 
 from pointit.geometry import vector
 from pointit.schemas import NS_PER_S, PointingRay
+from pointit.schemas.text import round_beyond
 from pointit.services.localizer.estimation import rays as ray_math
 from pointit.services.localizer.estimation.estimator import Refusal
 from pointit.services.localizer.estimation.rays import Mean
@@ -55,9 +56,12 @@ class HeadingWindow:
             return Refusal("no rays come; check that the IMU is on and sends, then point and ask again")
         mean = ray_math.mean(list(rays))
         if mean is None or mean.spread_rad > MAX_SPREAD_RAD:
-            wandered = "" if mean is None else f" by {math.degrees(mean.spread_rad):.1f}°"
+            limit_deg = math.degrees(MAX_SPREAD_RAD)
+            wandered = (
+                "" if mean is None else f" by {round_beyond(math.degrees(mean.spread_rad), limit_deg)}°"
+            )
             return Refusal(
-                f"the arm moves{wandered} and at most {math.degrees(MAX_SPREAD_RAD):.1f}° is accepted; "
+                f"the arm moves{wandered} and at most {limit_deg:.1f}° is accepted; "
                 "point at the wall, hold still and ask again"
             )
         elevation_rad = vector.elevation(mean.direction)

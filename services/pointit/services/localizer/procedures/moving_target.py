@@ -11,6 +11,7 @@ import numpy as np
 
 from pointit.geometry.floor_sigma import place_sigma_m
 from pointit.schemas import NS_PER_S, Candidate, PointingRay, TrackedObjects
+from pointit.schemas.text import round_beyond
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation.estimator import (
     SAME_PLACE_M,
@@ -198,8 +199,10 @@ class MovingTarget(Procedure):
         feet = (found.x_m, found.y_m, self._config.floor_m)
         sigma_m = place_sigma_m((x, y, feet[2]), feet, found.covariance.ravel().tolist(), feet, 0.0)
         limit_m = self._config.max_place_sigma_m
-        how = f"a place at the robot is sure to {sigma_m:.2f} m only, limit {limit_m:g} m"
-        return f"{how}: follow on, with the arm straight" if sigma_m > limit_m else ""
+        if sigma_m <= limit_m:
+            return ""
+        how = f"sure to {round_beyond(sigma_m, limit_m, 2)} m only, limit {limit_m:g} m"
+        return f"a place at the robot is {how}: follow on, with the arm straight"
 
     def _forget_left(self, now_ns: int, tracker: str | None = None) -> None:
         """Drop targets not reported for a window, of `tracker` or of all; their clocks may differ."""

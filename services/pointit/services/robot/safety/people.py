@@ -5,6 +5,7 @@ import math
 from pointit.geometry.floor_sigma import place_sigma_m
 from pointit.geometry.plane import is_level
 from pointit.schemas import NS_PER_S, Cursor, Environment, Interaction, UserPose
+from pointit.schemas.text import round_beyond
 from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.robot_safety import StopReason
 from pointit.services.robot.safety.obstacles import CylinderObstacle
@@ -137,7 +138,11 @@ class People:
         limit_m = self._config.max_cursor_sigma_m
         if sigma_m <= limit_m:
             return None
-        how = f"sure to {sigma_m:.1f} m only, limit {limit_m:g} m" if math.isfinite(sigma_m) else "not known"
+        how = (
+            f"sure to {round_beyond(sigma_m, limit_m)} m only, limit {limit_m:g} m"
+            if math.isfinite(sigma_m)
+            else "not known"
+        )
         text = f"the pointed place is {how}: choose one nearer to you, or localize again"
         return StopReason("unsure", text, is_freeing=False)
 

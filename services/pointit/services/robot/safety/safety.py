@@ -6,6 +6,7 @@ from typing import get_args
 
 from pointit.geometry.vector import Vec3, add, norm, scale, subtract
 from pointit.schemas import NS_PER_S, Cursor, Environment, Interaction, RobotState, UserPose
+from pointit.schemas.text import round_beyond
 from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.robot_driver import RobotReport
 from pointit.services.robot.robot_safety import PermittedSetPoint, StopReason
@@ -102,7 +103,7 @@ class Safety:
         if blocker is None:
             return ""
         short_m = -region.clearance_m(blocker, hover_m)
-        near = f"{short_m:.1f} m too near to {blocker.name}"
+        near = f"{round_beyond(short_m)} m too near to {blocker.name}"
         return f"{self._robot} would hover {near}: carry it away, or make room"
 
     def target_problem(self, user: str, points_m: Sequence[Vec3], now_ns: int, *, sigma_m: float) -> str:
@@ -208,7 +209,7 @@ class Safety:
 
     def _stop_for(self, blocker: Obstacle, gap_m: float) -> StopReason:
         if gap_m < 0.0:
-            text = f"{self._robot} is {-gap_m:.1f} m too near to {blocker.name}: point away from it"
+            text = f"{self._robot} is {round_beyond(-gap_m)} m too near to {blocker.name}: point away from it"
         else:
             text = f"{self._robot} stops before {blocker.name}: point elsewhere"
         return StopReason(blocker.kind, text, is_freeing=False)
@@ -224,7 +225,7 @@ class Safety:
         if clearance_m < 0.0 and blocker.kind == "fence":
             return f"{which} is beyond {blocker.name}: choose one on the robot's side of it"
         short_m = MARGIN_M - clearance_m
-        return f"{which} is {short_m:.1f} m too near to {blocker.name}: choose one farther away"
+        return f"{which} is {round_beyond(short_m)} m too near to {blocker.name}: choose one farther away"
 
     def _place_m(self) -> Vec3:
         report = self._reports.newest

@@ -1,0 +1,34 @@
+"""Numbers in sentences that compare them with a limit."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pointit.schemas.text import round_beyond
+
+
+@pytest.mark.parametrize(
+    ("value", "limit", "digits", "text"),
+    [
+        (0.52, 0.5, 1, "0.6"),
+        (0.6003, 0.5, 1, "0.6"),
+        (0.02, 0.0, 1, "0.1"),
+        (1.96, 2.0, 1, "1.9"),
+        (-0.04, 0.0, 1, "-0.1"),
+        (44.6, 45.0, 0, "44"),
+        (float("inf"), 0.5, 1, "inf"),
+        (float("nan"), 0.5, 1, "nan"),
+    ],
+)
+def test_number_is_rounded_away_from_its_limit(value: float, limit: float, digits: int, text: str) -> None:
+    assert round_beyond(value, limit, digits) == text
+
+
+@given(
+    value=st.floats(-1e6, 1e6), limit=st.decimals(-1000, 1000, places=1).map(float), digits=st.integers(1, 3)
+)
+def test_stated_comparison_stays_true(value: float, limit: float, digits: int) -> None:
+    shown = float(round_beyond(value, limit, digits))
+    assert shown >= limit if value > limit else shown <= limit
+    assert abs(shown - value) <= 1.001 * 10**-digits
+    assert shown != limit or value == limit

@@ -215,7 +215,7 @@ def _view_problems(view: View, counts: dict[str, int]) -> Iterator[str]:
         if seen.name not in counts:
             yield f"no strip or lamp is called {seen.name!r}; add it to strips or lamps"
         elif not 0 <= seen.pixel < counts[seen.name]:
-            yield f"{seen.name!r} has no pixel {seen.pixel}, it has {counts[seen.name]}"
+            yield f"{seen.name!r} has no pixel {seen.pixel}; its pixels are 0 to {counts[seen.name] - 1}"
         if not (abs(seen.u) < 4 * MAX_IMAGE and abs(seen.v) < 4 * MAX_IMAGE):
             yield f"a pixel of {seen.name!r} is at {seen.u}, {seen.v}, outside any image"
 

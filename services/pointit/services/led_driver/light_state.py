@@ -65,7 +65,7 @@ class LightState:
             count = (where.stop - where.start) // 3
             for pixel in each.pixels:
                 if pixel >= count:
-                    raise ValueError(f"strip {each.id} has {count} pixels, no pixel {pixel}")
+                    raise ValueError(f"strip {each.id} has no pixel {pixel}; its pixels are 0 to {count - 1}")
                 first = where.start + 3 * pixel
                 pixels[first : first + 3] = bytes(each.color)
         self._shown = bytes(pixels), until_ns

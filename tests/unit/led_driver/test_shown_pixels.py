@@ -51,7 +51,7 @@ async def test_a_new_map_ends_what_was_shown() -> None:
     ("wrong", "sentence"),
     [
         (LitPixels(id="c", pixels=(), color=(1, 2, 3)), "there is no strip 'c'; there are a, b"),
-        (LitPixels(id="a", pixels=(0, 20), color=(1, 2, 3)), "strip a has no pixel 20; its pixels are 0 to 19"),
+        (LitPixels(id="a", pixels=(0, 20), color=(1, 2, 3)), "a has no pixel 20; its pixels are 0 to 19"),
     ],
 )
 async def test_pixels_that_do_not_fit_the_map_are_refused(wrong: LitPixels, sentence: str) -> None:

@@ -250,5 +250,5 @@ def test_strips_without_any_pitch_are_refused() -> None:
 
 
 def test_a_pixel_beyond_the_strips_count_is_an_error_that_names_it() -> None:
-    with pytest.raises(ConfigError, match="has no pixel .*; its pixels are 0 to "):
+    with pytest.raises(ConfigError, match=r"has no pixel .*; its pixels are 0 to "):
         solve([StripSpec(s.name, 20, s.pitch_m) for s in specs()], LAMPS, photographs(2))

@@ -1,113 +1,123 @@
-"""Messages of an AGV by VDA 5050, versions 1.1 to 2.1: `connection`, `state` and `visualization`.
+"""Messages of an AGV by VDA 5050, versions 1.1 to 3.0: `connection`, `state` and `visualization`.
 
-Names and units are those of the specification (https://github.com/VDA5050/VDA5050). Fields that are not used
-here are ignored, since vendors add some. What is kept is bounded.
+Names and units are those of the specification (https://github.com/VDA5050/VDA5050). Where version 3.0 has
+another name, both are read. Fields that are not used here are ignored, since vendors add some.
 """
 
 import math
-from typing import Annotated, Literal, NamedTuple, TypeVar
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
-from pydantic.alias_generators import to_camel
+from pydantic import AliasChoices, Field, StringConstraints
+from pydantic_core import from_json
+
+from pointit.vda5050.tolerant_model import COUNTS, Count, Number, Seconds, Text, TolerantModel, Word
 
 MAX_BYTES = 1 << 20
 """Maximum size of a message."""
-HEADER_IDS = 1 << 32
-"""Number of different header ids."""
 LATE_IDS = 100
 """A header id that is behind the newest by at most this belongs to a message that comes late. One that is
 farther behind is that of an AGV that has started to count again."""
+LATE_S = 10.0
+"""A message is not later than this, s. A timestamp that is farther back is that of a clock that was set."""
+MAX_LATE = 2
+"""Maximum number of messages in a row that are late by their header ids only. With the next one, the AGV has
+started to count again."""
 
 SHORTEST_S = 0.02
 """Shortest time from which a velocity is computed, s."""
 SAME_M = 0.01
 """Distance below which two places are the same, m."""
+MAX_CHARGE = 110.0
+"""Maximum percentage that is read, as full. Chargers overshoot, but 255 means something else."""
 
-Text = Annotated[str, StringConstraints(max_length=500)]
-Number = Annotated[float, Field(ge=-1e6, le=1e6)]
-Count = Annotated[int, Field(ge=0, lt=HEADER_IDS)]
-
-
-class _Part(BaseModel):
-    """Base of messages and their parts."""
-
-    model_config = ConfigDict(
-        frozen=True, extra="ignore", allow_inf_nan=False, alias_generator=to_camel, populate_by_name=True
-    )
+ACTIVE_STOPS = frozenset({"AUTOACK", "MANUAL", "REMOTE"})
+MODES = frozenset({"AUTOMATIC", "SEMIAUTOMATIC", "MANUAL", "SERVICE", "TEACHIN", "STARTUP", "INTERVENED"})
+HARMLESS_LEVELS = frozenset({"WARNING", "URGENT", "CRITICAL"})
+"""Levels of errors with which an AGV accepts new orders."""
+LOST_CONNECTIONS = frozenset({"OFFLINE", "CONNECTIONBROKEN", "HIBERNATING"})
 
 
-class _Headed(_Part):
-    header_id: Count = 0
-    """Rises by 1 with each message of a topic."""
+class _MessageWithHeader(TolerantModel):
+    header_id: Annotated[int, Field(ge=0)] | None = None
+    """Rises by 1 with each message of a topic, by the standard."""
+    timestamp: Seconds = None
+    """Unix s. Only differences count: some AGVs state their local time."""
     manufacturer: Text = ""
     serial_number: Text = ""
 
 
-class Connection(_Headed):
+class Connection(_MessageWithHeader):
     """Connection of the AGV to its broker. CONNECTIONBROKEN is its last will."""
 
-    connection_state: Literal["ONLINE", "OFFLINE", "CONNECTIONBROKEN"]
+    KNOWN_WORDS: ClassVar[Mapping[str, frozenset[str]]] = {"connection_state": LOST_CONNECTIONS | {"ONLINE"}}
+
+    connection_state: Word
 
 
-class AgvPosition(_Part):
+class AgvPosition(TolerantModel):
     """Pose on a map."""
+
+    NEEDED: ClassVar[tuple[str, ...]] = ("theta",)
+    IF_UNREADABLE: ClassVar[Mapping[str, object]] = {"position_initialized": False}
 
     x: Number
     y: Number
-    theta: Annotated[float, Field(ge=-7.0, le=7.0)] = 0.0
+    theta: Annotated[float, Field(ge=-7.0, le=7.0)] | None = None
     map_id: Text = ""
-    position_initialized: bool = True
+    position_initialized: bool = Field(
+        default=True, validation_alias=AliasChoices("positionInitialized", "localized")
+    )
+    """False if the message states something unreadable, True if it states nothing."""
     deviation_range: Annotated[float, Field(ge=0, le=1e6)] | None = None
     """Deviation of the position, m, if the AGV knows it."""
 
 
-class Velocity(_Part):
+class Velocity(TolerantModel):
     """Velocity in the AGV's own frame, m/s; x is forward."""
 
-    vx: Number = 0.0
+    vx: Number | None = None
     vy: Number = 0.0
 
 
-class Visualization(_Headed):
+class Visualization(_MessageWithHeader):
     """Pose and velocity, more often than the state."""
 
-    agv_position: AgvPosition | None = None
+    agv_position: AgvPosition | None = Field(
+        default=None, validation_alias=AliasChoices("agvPosition", "mobileRobotPosition")
+    )
     velocity: Velocity | None = None
 
 
-class NodeState(_Part):
-    """Node that is still to be reached."""
-
-    node_id: Text
-    sequence_id: Count
-
-
-class ActionState(_Part):
+class ActionState(TolerantModel):
     """Progress of an action."""
 
     action_id: Text
-    action_status: Text
+    action_status: Word
 
 
-class Reference(_Part):
+class Reference(TolerantModel):
     """Subject of an error."""
 
     reference_key: Text = ""
     reference_value: Text = ""
 
 
-class AgvError(_Part):
+class AgvError(TolerantModel):
     """Active error."""
 
-    error_type: Text
-    error_level: Text = "WARNING"
+    KNOWN_WORDS: ClassVar[Mapping[str, frozenset[str]]] = {"error_level": HARMLESS_LEVELS | {"FATAL"}}
+    IF_UNREADABLE: ClassVar[Mapping[str, object]] = {"error_level": "FATAL"}
+
+    error_type: Text = "error"
+    error_level: Word = "WARNING"
     error_description: Annotated[str, StringConstraints(max_length=10_000)] = ""
-    error_references: list[Reference] = []
+    error_references: list[Reference] = Field(default_factory=list[Reference])
 
     def describe(self) -> str:
         """Return type and description, on one short line."""
-        told = " ".join(self.error_description.split())[:160]
-        return f"{self.error_type}: {told}" if told else self.error_type
+        description = " ".join(self.error_description.split())[:160]
+        return f"{self.error_type}: {description}" if description else self.error_type
 
     def is_about(self, key: str, value: str, *, default: bool = False) -> bool:
         """Return True if a reference of the error has this key and value; `default` if none has the key."""
@@ -115,47 +125,71 @@ class AgvError(_Part):
         return value in values if values else default
 
 
-class BatteryState(_Part):
+class BatteryState(TolerantModel):
     """Battery."""
 
-    battery_charge: Annotated[float, Field(ge=0, le=100)]
+    battery_charge: Annotated[float, Field(ge=0, le=MAX_CHARGE)] | None = Field(
+        default=None, validation_alias=AliasChoices("batteryCharge", "stateOfCharge")
+    )
     """Percent."""
 
 
-class SafetyState(_Part):
+class SafetyState(TolerantModel):
     """Emergency stop."""
 
-    e_stop: Text = "NONE"
+    NEEDED: ClassVar[tuple[str, ...]] = ("e_stop",)
+    KNOWN_WORDS: ClassVar[Mapping[str, frozenset[str]]] = {"e_stop": ACTIVE_STOPS | {"NONE"}}
+
+    e_stop: Word = Field(default="", validation_alias=AliasChoices("eStop", "activeEmergencyStop"))
 
 
 class State(Visualization):
     """State of the AGV: sent when it changes, else every 30 s at the latest."""
 
+    NEEDED: ClassVar[tuple[str, ...]] = ("driving", "operating_mode", "safety_state")
+    KNOWN_WORDS: ClassVar[Mapping[str, frozenset[str]]] = {"operating_mode": MODES}
+
     order_id: Text = ""
     order_update_id: Count = 0
     last_node_id: Text = ""
     last_node_sequence_id: Count = 0
-    node_states: list[NodeState]
-    action_states: list[ActionState] = []
-    driving: bool = False
+    node_states: list[Any] | None = None
+    """Nodes that are still to be reached. Their number counts, not their content."""
+    action_states: list[ActionState] = Field(default_factory=list[ActionState])
+    driving: bool | None = None
     paused: bool = False
-    operating_mode: Text = "AUTOMATIC"
-    errors: list[AgvError] = []
-    battery_state: BatteryState | None = None
-    safety_state: SafetyState = SafetyState()
+    operating_mode: Word = ""
+    errors: list[AgvError] = Field(default_factory=list[AgvError])
+    battery_state: BatteryState | None = Field(
+        default=None, validation_alias=AliasChoices("batteryState", "powerSupply")
+    )
+    safety_state: SafetyState | None = None
+
+    @property
+    def charge(self) -> float | None:
+        """Return the charge of the battery, percent, or None if it is unknown."""
+        charge = self.battery_state.battery_charge if self.battery_state else None
+        return charge if charge is None else min(charge, 100.0)
+
+    @property
+    def is_executing(self) -> bool:
+        """Return True if the AGV carries out an order, also if it does not say that it is idle."""
+        return self.driving is not False if self.node_states is None else bool(self.node_states)
 
 
-M = TypeVar("M", bound=_Headed)
+M = TypeVar("M", bound=_MessageWithHeader)
 
 
 def parse(kind: type[M], payload: object) -> M | None:
     """Return the message of `kind` in the payload of an MQTT message, or None if it is none."""
     if not isinstance(payload, bytes | bytearray) or len(payload) > MAX_BYTES:
         return None
+    text = bytes(payload).decode("utf-8-sig", "replace").rstrip("\0")
     try:
-        return kind.model_validate_json(bytes(payload))
-    except ValidationError:
+        message = kind.model_validate(from_json(text), context=dict[str, str]())
+    except ValueError:
         return None
+    return message if message.model_fields_set else None
 
 
 class LastPose(NamedTuple):
@@ -175,47 +209,90 @@ def velocity_on_map(message: Visualization, last: LastPose | None) -> tuple[floa
     no velocity at all.
     """
     position, velocity = message.agv_position, message.velocity
-    if position is None or (velocity is None and last is None):
+    forward_mps = velocity.vx if velocity else None
+    if position is None or (forward_mps is None and last is None):
         return (0.0, 0.0)
     gone = (position.x - last.place[0], position.y - last.place[1]) if last else (0.0, 0.0)
     gone_m = math.hypot(*gone)
-    if velocity is None:
+    if velocity is None or forward_mps is None:
         if last is not None and last.age_s < SHORTEST_S:
             return last.velocity
         speed_mps = gone_m / last.age_s if last else 0.0
     else:
-        speed_mps = math.hypot(velocity.vx, velocity.vy)
+        speed_mps = math.hypot(forward_mps, velocity.vy)
     if gone_m > SAME_M:
         return (speed_mps * gone[0] / gone_m, speed_mps * gone[1] / gone_m)
-    if velocity is None:
+    if velocity is None or forward_mps is None or position.theta is None:
         return (0.0, 0.0)
-    azimuth_rad = position.theta + math.atan2(velocity.vy, velocity.vx)
+    azimuth_rad = position.theta + math.atan2(velocity.vy, forward_mps)
     return (speed_mps * math.cos(azimuth_rad), speed_mps * math.sin(azimuth_rad))
 
 
 class HeaderCheck:
-    """Tells messages of one topic that come late, or twice."""
+    """Recognizes messages of one topic that come late, or twice, as far as header id and timestamp tell."""
 
     def __init__(self) -> None:
-        self._newest: int | None = None
+        self._header_id: int | None = None
+        """That of the newest message, or None if it states none."""
+        self._stamp_s: float | None = None
+        self._has_varied = False
+        """True if header id or timestamp tells the newest message from the one before."""
+        self._late_count = 0
 
-    def is_new(self, header_id: int) -> bool:
-        """Return True if the message is newer than those before, or the AGV has started to count again."""
-        if self._newest is not None and (self._newest - header_id) % HEADER_IDS <= LATE_IDS:
-            return False
-        self._newest = header_id
+    def is_new(self, header_id: int | None, stamp_s: float | None = None) -> bool:
+        """Return True unless the message is certainly late or a repetition.
+
+        A counter that starts again, is constant or is missing never suppresses messages for long.
+
+        Args:
+            header_id: None if the message states none.
+            stamp_s: its timestamp, Unix s, or None if it states none.
+        """
+        step, later_s = self._step(header_id), self._later_s(stamp_s)
+        if self._is_late(step, later_s):
+            self._late_count += 1
+            if -LATE_S <= later_s < 0.0 or self._late_count <= MAX_LATE:
+                return False
+        self._has_varied = step != 0 or later_s != 0.0
+        self._late_count = 0
+        self._header_id, self._stamp_s = header_id, stamp_s
         return True
 
     def forget(self) -> None:
-        """Accept any header id next: the AGV, or the connection, is a new one."""
-        self._newest = None
+        """Accept any message next: the AGV, or the connection, is a new one."""
+        self._header_id = self._stamp_s = None
+        self._has_varied = False
+
+    def _step(self, header_id: int | None) -> int:
+        """Return the header id relative to that of the newest message, 0 if it does not tell."""
+        if self._header_id is None or header_id is None:
+            return 0
+        return (header_id - self._header_id + COUNTS // 2) % COUNTS - COUNTS // 2
+
+    def _later_s(self, stamp_s: float | None) -> float:
+        return 0.0 if self._stamp_s is None or stamp_s is None else stamp_s - self._stamp_s
+
+    def _is_late(self, step: int, later_s: float) -> bool:
+        if step > 0 or step < -LATE_IDS or later_s > 0.0:
+            return False
+        return step < 0 or -LATE_S <= later_s < 0.0 or (later_s == 0.0 and self._has_varied)
 
 
 def blocked_by(state: State) -> str:
-    """Return an error message with a remedy if the AGV carries out no order, else `""`."""
+    """Return an error message with a remedy if the AGV carries out no order, or may not, else `""`."""
+    if not state.operating_mode:
+        return "the AGV does not state its operatingMode: update its software"
     if state.operating_mode not in ("AUTOMATIC", "SEMIAUTOMATIC"):
         return f"the AGV is in mode {state.operating_mode[:30]}: switch it to AUTOMATIC"
-    if state.safety_state.e_stop != "NONE":
+    e_stop = state.safety_state.e_stop if state.safety_state else ""
+    if e_stop in ACTIVE_STOPS:
         return "the emergency stop of the AGV is active: release it at the vehicle"
-    fatal = next((error for error in state.errors if error.error_level == "FATAL"), None)
+    if e_stop != "NONE":
+        return (
+            f"safetyState.eStop is {e_stop[:30] or 'not stated'}, so the emergency stop of the AGV may be "
+            "active: update its software, which has to state NONE, AUTOACK, MANUAL or REMOTE"
+        )
+    if "errors" in state.unreadable:
+        return f"errors {state.unreadable['errors']}: look after the AGV, and update its software"
+    fatal = next((error for error in state.errors if error.error_level not in HARMLESS_LEVELS), None)
     return f"the AGV needs help ({fatal.describe()}): look after it" if fatal else ""

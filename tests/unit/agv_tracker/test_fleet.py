@@ -17,7 +17,7 @@ def fleet_of(**parameters: object) -> Fleet:
     return Fleet(AgvTrackerConfig.model_validate({"broker": "hub", **parameters}))
 
 
-def at(x: float, y: float, *, number: int = 1, vx: float = 0.0, **position: Any) -> bytes:
+def at(x: object, y: object, *, number: int = 1, vx: object = 0.0, **position: Any) -> bytes:
     place = {"x": x, "y": y, "theta": 0.5, "mapId": "hall", "positionInitialized": True, **position}
     return json.dumps({"headerId": number, "agvPosition": place, "velocity": {"vx": vx}}).encode()
 
@@ -75,6 +75,92 @@ def test_an_agv_that_is_off_on_another_map_or_silent_has_left() -> None:
     assert places(fleet) == {}
 
 
+def test_an_agv_without_a_counter_or_with_one_that_starts_again_is_shown_where_it_is() -> None:
+    fleet = fleet_of()
+    for x in range(4):
+        fleet.on_message(topic("state"), at(float(x), 0.0, number=0), START_NS)
+        assert places(fleet) == {"acme-7": (float(x), 0.0)}
+    for number in (*range(1, 40), *range(1, 6)):
+        fleet.on_message(topic("visualization", "8"), at(float(number), 0.0, number=number), START_NS)
+    assert places(fleet)["acme-8"] == (5.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    "prefix", ["uagv/2.0", "uagv/2.1.0", "/uagv/v2", "uagv", "plant/hall 3/uagv/v3", "robots"]
+)
+def test_agvs_are_found_whatever_their_topics_begin_with(prefix: str) -> None:
+    fleet = fleet_of()
+    assert fleet.on_message(f"{prefix}/acme/7/state", at(1.0, 2.0), START_NS)
+    assert places(fleet) == {"acme-7": (1.0, 2.0)}
+
+
+def test_other_devices_of_a_broker_are_no_agvs_and_no_problem() -> None:
+    fleet = fleet_of()
+    for name, payload in (
+        ("homeassistant/sensor/door/state", b"ON"),
+        ("homeassistant/light/hall/lamp/state", b'{"state": "ON", "brightness": 200}'),
+        ("zigbee2mqtt/room/lamp/a/state", b'{"linkquality": 90}'),
+    ):
+        assert not fleet.on_message(name, payload, START_NS)
+    assert (fleet.problem, fleet.objects(START_NS)) == ("", ())
+
+
+def test_an_agv_of_two_versions_is_shown_by_the_one_that_reported_first() -> None:
+    fleet = fleet_of()
+    fleet.on_message("uagv/v1/acme/7/state", at(1.0, 2.0), START_NS)
+    fleet.on_message("uagv/v2/acme/7/state", at(9.0, 9.0), START_NS)
+    assert places(fleet) == {"acme-7": (1.0, 2.0)}
+
+
+def test_unreadable_fields_are_named_once_and_the_others_are_shown() -> None:
+    fleet = fleet_of()
+    for number, degrees in enumerate((170.0, 171.0)):
+        message = at(1.0 + number, 2.0, number=number, theta=degrees, deviationRange=-1, vx="fast")
+        assert fleet.on_message(topic("visualization"), message, START_NS)
+    (item,) = fleet.objects(START_NS)
+    assert (item.position_m, item.yaw_rad, item.position_sigma_m) == ((2.0, 2.0, 0.0), None, None)
+    assert fleet.problem == (
+        "uagv/v2/acme/7/visualization: theta is 170.0, deviationRange is -1, vx is 'fast'; correct it at the "
+        "AGV, or update its software to keep VDA 5050"
+    )
+    fleet.on_message(topic("visualization"), at(1.0, 2.0, number=9), START_NS)
+    assert fleet.problem == ""
+
+
+@pytest.mark.parametrize("where", [{"x": "here"}, {"positionInitialized": "perhaps"}])
+def test_an_agv_that_drives_and_whose_position_cannot_be_read_is_not_shown_where_it_was(
+    where: dict[str, Any],
+) -> None:
+    fleet = fleet_of()
+    fleet.on_message(topic("state"), at(1.0, 0.0, vx=1.0), START_NS)
+    now_ns = START_NS
+    for seconds in range(1, 5):
+        now_ns = START_NS + seconds * NS_PER_S
+        fleet.on_message(
+            topic("state"), at(**{"x": 1.0, "y": 0.0, "number": 1 + seconds, "vx": 1.0, **where}), now_ns
+        )
+    assert places(fleet, now_ns) == {}
+    assert next(iter(where)) in fleet.problem
+
+
+def test_an_agv_that_states_no_map_is_reported_if_one_is_wanted() -> None:
+    fleet = fleet_of(map_id="hall")
+    fleet.on_message(topic("state"), at(1.0, 0.0, mapId=None), START_NS)
+    assert places(fleet) == {}
+    assert "mapId is missing" in fleet.problem
+    fleet.on_message(topic("state"), at(1.0, 0.0, number=2), START_NS)
+    assert (len(places(fleet)), fleet.problem) == (1, "")
+
+
+def test_a_message_that_is_none_is_reported_until_the_next_one() -> None:
+    fleet = fleet_of()
+    assert not fleet.on_message(topic("state"), b"\x00\x01", START_NS)
+    assert fleet.objects(START_NS) == ()
+    assert fleet.problem.startswith("uagv/v2/acme/7/state: a message is not one of VDA 5050")
+    fleet.on_message(topic("state"), at(1.0, 2.0), START_NS)
+    assert fleet.problem == ""
+
+
 def test_the_number_of_agvs_is_bounded() -> None:
     fleet = fleet_of()
     for serial in range(MAX_AGVS + 9):
@@ -82,6 +168,9 @@ def test_the_number_of_agvs_is_bounded() -> None:
     assert len(fleet.objects(START_NS)) == MAX_AGVS
 
 
-@given(st.sampled_from([topic("state"), topic("connection"), "a/b", "////", ""]), st.binary(max_size=99))
+@given(
+    st.sampled_from([topic("state"), topic("connection"), "a/b", "////", "", "a/////state"]),
+    st.binary(max_size=99),
+)
 def test_no_message_raises(name: str, payload: bytes) -> None:
     assert not fleet_of().on_message(name, payload, START_NS)

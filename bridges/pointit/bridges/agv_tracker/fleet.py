@@ -6,18 +6,17 @@ from dataclasses import dataclass, field
 from pointit.bridges.agv_tracker.config import AgvTrackerConfig
 from pointit.schemas import NS_PER_S, TrackedObject
 from pointit.vda5050.agv_messages import (
+    LOST_CONNECTIONS,
     Connection,
     HeaderCheck,
     LastPose,
-    State,
     Visualization,
     parse,
     velocity_on_map,
 )
+from pointit.vda5050.agv_topic import AgvTopic, agv_of_topic
+from pointit.vda5050.tolerant_model import UnreadableFields
 
-TOPICS = ("+/+/+/+/connection", "+/+/+/+/state", "+/+/+/+/visualization")
-LEVELS = 5
-"""Number of levels of a topic."""
 MAX_AGVS = 500
 """Limit of AGVs."""
 SILENT_S = 35.0
@@ -34,11 +33,17 @@ MOVING_MPS = 0.01
 class _Agv:
     """An AGV, and its newest place."""
 
+    prefix: str
+    """Levels of its topics before the manufacturer. Some AGVs report by two versions: the first counts."""
     headers: dict[str, HeaderCheck] = field(default_factory=dict[str, HeaderCheck])
+    """By kind of message, as the two below."""
+    unreadable: dict[str, UnreadableFields] = field(default_factory=dict[str, UnreadableFields])
+    problems: dict[str, str] = field(default_factory=dict[str, str])
+    """Sentences about its messages."""
     place: tuple[float, float] | None = None
     """On its map, m. None if it is not known."""
     velocity: tuple[float, float] = (0.0, 0.0)
-    yaw_rad: float = 0.0
+    yaw_rad: float | None = 0.0
     sigma_m: float | None = None
     heard_ns: int = 0
 
@@ -51,30 +56,35 @@ class Fleet:
         self._left_out = frozenset(config.leave_out)
         self._agvs: dict[str, _Agv] = {}
 
+    @property
+    def problem(self) -> str:
+        """Return a sentence if messages or fields cannot be read, else `""`."""
+        problems = [each for agv in self._agvs.values() for each in agv.problems.values() if each]
+        more = f" ({len(problems) - 1} more)" if problems[1:] else ""
+        return f"{problems[0]}{more}" if problems else ""
+
     def on_message(self, topic: str, payload: object, now_ns: int) -> bool:
-        """Take a message of the broker. Return False if it is none of an AGV."""
-        levels = topic.split("/")
-        if len(levels) != LEVELS:
+        """Use a message of the broker, as far as it can be read. Return False if it is none of an AGV."""
+        source = agv_of_topic(topic)
+        if source is None:
             return False
-        name, kind = "/".join(levels[2:4]), levels[4]
-        message = (
-            parse(Connection, payload)
-            if kind == "connection"
-            else parse(State, payload)
-            if kind == "state"
-            else parse(Visualization, payload)
-        )
+        kinds: dict[str, type[Connection | Visualization]] = {"connection": Connection}
+        message = parse(kinds.get(source.kind, Visualization), payload)
+        agv, kind = self._agv(source, message), source.kind
+        if agv is None or agv.prefix != source.prefix:
+            return message is not None
+        if agv.place is None:
+            agv.heard_ns = now_ns
         if message is None:
+            agv.problems[kind] = f"{topic[:200]}: a message is not one of VDA 5050: update the AGV"
             return False
+        agv.problems[kind] = agv.unreadable.setdefault(kind, UnreadableFields()).describe(topic, message)
         if isinstance(message, Connection):
-            if agv := self._agvs.get(name):
-                agv.headers.clear()
-                if message.connection_state != "ONLINE":
-                    agv.place = None
-        elif name not in self._left_out and (name in self._agvs or len(self._agvs) < MAX_AGVS):
-            agv = self._agvs.setdefault(name, _Agv())
-            if agv.headers.setdefault(kind, HeaderCheck()).is_new(message.header_id):
-                self._place(agv, message, now_ns)
+            agv.headers.clear()
+            if message.connection_state in LOST_CONNECTIONS:
+                agv.place = None
+        elif agv.headers.setdefault(kind, HeaderCheck()).is_new(message.header_id, message.timestamp):
+            self._place(agv, message, topic, now_ns)
         return True
 
     def objects(self, now_ns: int) -> tuple[TrackedObject, ...]:
@@ -92,12 +102,29 @@ class Fleet:
         """Forget all of them, since the broker is not connected."""
         self._agvs.clear()
 
-    def _place(self, agv: _Agv, message: Visualization, now_ns: int) -> None:
+    def _agv(self, source: AgvTopic, message: Connection | Visualization | None) -> _Agv | None:
+        """Return the sender of a message, a new one if the message shows that it is an AGV, or None."""
+        name = source.name
+        if name in self._left_out:
+            return None
+        if name not in self._agvs and len(self._agvs) < MAX_AGVS:
+            is_agv = isinstance(message, Visualization) and message.agv_position is not None
+            if is_agv or (source.major and not isinstance(message, Connection)):
+                self._agvs[name] = _Agv(source.prefix)
+        return self._agvs.get(name)
+
+    def _place(self, agv: _Agv, message: Visualization, topic: str, now_ns: int) -> None:
         last = LastPose(agv.place, agv.velocity, _age_s(agv, now_ns)) if agv.place else None
-        agv.heard_ns = now_ns
         position = message.agv_position
+        if position is not None or not message.unreadable:
+            agv.heard_ns = now_ns
         if position is None:
             return
+        agv.problems["map"] = ""
+        if self._config.map_id and not position.map_id:
+            agv.problems["map"] = (
+                f"{topic[:200]}: mapId is missing: set it at the AGV, or leave `map_id` empty"
+            )
         if not position.position_initialized or self._config.map_id not in ("", position.map_id):
             agv.place = None
             return

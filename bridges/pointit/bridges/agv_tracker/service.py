@@ -4,7 +4,7 @@ import asyncio
 from typing import ClassVar
 
 from pointit.bridges.agv_tracker.config import AgvTrackerConfig
-from pointit.bridges.agv_tracker.fleet import TOPICS, Fleet
+from pointit.bridges.agv_tracker.fleet import Fleet
 from pointit.maps.frames import aligned, frame_of
 from pointit.runtime.clock import ticks
 from pointit.runtime.errors import ConfigError
@@ -13,6 +13,7 @@ from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import Environment, TrackedObjects
 from pointit.schemas.environment import Frame
 from pointit.schemas.topics import MAP, OBJECTS
+from pointit.vda5050.agv_topic import agv_topics
 
 RATE_HZ = 10.0
 """Rate of the tracked objects, Hz."""
@@ -62,15 +63,10 @@ class AgvTracker(Service[AgvTrackerConfig]):
 
     async def _read(self) -> None:
         async with connected(self._options) as client:
-            await uncancelled(client.subscribe([(topic, 1) for topic in TOPICS]))
+            await uncancelled(client.subscribe([(topic, 1) for topic in agv_topics()]))
             self.bus.clear("broker")
             async for message in client.messages:
-                topic = str(message.topic)
-                is_known = self._fleet.on_message(topic, message.payload, self.clock.now_ns())
-                self.bus.warn(
-                    "messages",
-                    "" if is_known else f"{topic[:200]}: a message is not one of VDA 5050: update the AGV",
-                )
+                self._fleet.on_message(str(message.topic), message.payload, self.clock.now_ns())
 
     def _on_lost(self, problem: str) -> None:
         self.bus.warn("broker", f"{self.config.broker}: {problem}")
@@ -78,6 +74,7 @@ class AgvTracker(Service[AgvTrackerConfig]):
 
     def _publish(self, now_ns: int) -> None:
         objects = self._fleet.objects(now_ns)
+        self.bus.warn("messages", self._fleet.problem)
         if self._frame is not None:
             objects = aligned(objects, self._frame)
         elif self.config.frame:

@@ -297,7 +297,9 @@ names = st.sampled_from(["state", "visualization", "connection", "order", ""])
 steps = st.lists(
     st.one_of(
         st.tuples(st.just("hear"), names, st.binary(max_size=40)),
-        st.tuples(st.just("change"), st.sampled_from(["driving", "orderId", "nodeStates"]), st.text()),
+        st.tuples(
+            st.just("change"), st.sampled_from(["driving", "orderId", "nodeStates"]), st.none() | st.text()
+        ),
         st.tuples(st.just("follow"), st.floats(-5, 5), st.floats(-5, 5)),
         st.tuples(st.just("path"), st.floats(-5, 5), st.floats(-5, 5)),
         st.tuples(st.just("stop"), st.none(), st.none()),

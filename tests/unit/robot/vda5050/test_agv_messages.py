@@ -55,7 +55,7 @@ def test_a_state_of_the_specification_is_understood() -> None:
     assert state is not None
     assert (state.header_id, state.order_id, state.order_update_id) == (15, "1234", 1)
     assert (state.last_node_id, state.last_node_sequence_id) == ("pumpenhaus_1", 4)
-    assert [(node.node_id, node.sequence_id) for node in state.node_states] == [("7", 6)]
+    assert state.is_executing
     assert state.agv_position is not None
     position = state.agv_position
     assert (position.x, position.y, position.theta, position.map_id) == (1.5, -2.25, -1.57, "f1")
@@ -63,8 +63,8 @@ def test_a_state_of_the_specification_is_understood() -> None:
     assert state.velocity is not None
     assert state.velocity.vx == 0.5
     assert [(each.action_id, each.action_status) for each in state.action_states] == [("a1", "RUNNING")]
-    assert state.battery_state is not None
-    assert (state.battery_state.battery_charge, state.driving, blocked_by(state)) == (80.0, True, "")
+    assert (state.charge, state.driving, blocked_by(state)) == (80.0, True, "")
+    assert state.unreadable == {}
 
 
 @pytest.mark.parametrize(
@@ -90,17 +90,7 @@ def test_an_agv_that_takes_no_orders_says_why(change: dict[str, object], sentenc
 
 @pytest.mark.parametrize(
     "payload",
-    [
-        b"",
-        b"null",
-        b"[" * 100_000,
-        STATE.replace("1.5,", "NaN,").encode(),
-        STATE.replace("1.5,", "1e999,").encode(),
-        STATE.replace('"headerId": 15', '"headerId": 4294967296').encode(),
-        STATE.encode() + b" " * 2_000_000,
-        7,
-        None,
-    ],
+    [b"", b"null", b"[" * 100_000, STATE[:-1].encode(), STATE.encode() + b" " * 2_000_000, 7, None],
     ids=lambda payload: str(payload)[:12],
 )
 def test_what_is_no_message_is_none(payload: object) -> None:
@@ -122,7 +112,8 @@ def test_no_state_with_wrong_fields_raises(fields: dict[str, object]) -> None:
 
 def test_messages_that_come_late_or_twice_are_told_from_those_of_a_restarted_agv() -> None:
     check = HeaderCheck()
-    assert [check.is_new(each) for each in (5, 5, 4, 6, 500, 400)] == [True, False, False, True, True, False]
+    ids = (5, 6, 6, 5, 7, 500, 400)
+    assert [check.is_new(each) for each in ids] == [True, True, False, False, True, True, False]
     assert check.is_new(2), "it counts from the start"
     check.forget()
     last = 2**32 - 1

@@ -23,6 +23,7 @@ from pointit.services.robot.robot_driver import (
     TakeOff,
 )
 from pointit.vda5050.agv_messages import (
+    LOST_CONNECTIONS,
     Connection,
     HeaderCheck,
     LastPose,
@@ -31,6 +32,7 @@ from pointit.vda5050.agv_messages import (
     parse,
     velocity_on_map,
 )
+from pointit.vda5050.tolerant_model import UnreadableFields
 
 REPEAT_S = 0.08
 """Age of a report that is repeated while the AGV stands, s. It sends its state when it begins to drive."""
@@ -58,10 +60,16 @@ class Agv:
         self._report: Report = lambda _item: None
         now_ns: Callable[[], int] = around.clock.now_ns
         self._encoder = MessageEncoder(
-            config.interface, config.version, config.manufacturer, config.serial_number, now_ns
+            config.interface,
+            config.version,
+            config.manufacturer,
+            config.serial_number,
+            now_ns,
+            prefix=config.topic_prefix,
         )
         self._orders = AgvOrders(f"{now_ns():x}", config.base_m, 1.0 / config.max_order_rate_hz, self._tell)
         self._headers = {"state": HeaderCheck(), "visualization": HeaderCheck()}
+        self._unreadable = {name: UnreadableFields() for name in (*self._headers, "connection")}
         self._is_up = False
         """True while the broker is connected."""
         self._polls = 0
@@ -97,7 +105,7 @@ class Agv:
         self._polled_s = math.inf  # at the next step
         self._disconnect(
             f"no AGV reports at {self.topic('state')} on {self._config.broker}: switch it on, or correct "
-            "`manufacturer`, `serial_number`, `interface` or `version`"
+            "`manufacturer`, `serial_number`, `interface`, `version` or `topic_prefix` (see `pointit devices`)"
         )
         return self._state_request()
 
@@ -107,25 +115,28 @@ class Agv:
         self._disconnect(reason)
 
     def on_message(self, topic: str, payload: object, now_s: float) -> None:
-        """Take a message of the broker. What does not fit is dropped, and said in health."""
+        """Use a message of the broker, as far as it can be read. Health names the fields that cannot."""
         name = topic.rpartition("/")[2]
         kinds: dict[str, type[Connection | Visualization]] = {"connection": Connection, "state": State}
         message = parse(kinds.get(name, Visualization), payload)
-        problem = (
-            f"{topic}: a message is not one of VDA 5050 {self._config.version} and is dropped; correct "
-            "`version`, or update the AGV"
-        )
-        self._around.health.warn(name, "" if message else problem)
+        if message is None:
+            problem = (
+                f"{topic}: a message is not one of VDA 5050 {self._config.version} and is dropped; correct "
+                "`version`, or update the AGV"
+            )
+        else:
+            problem = self._unreadable[name].describe(topic, message) if name in self._unreadable else ""
+        self._around.health.warn(name, problem)
         if isinstance(message, Connection):
             self._on_connection(message)
         elif message is not None and name in self._headers:
-            if not self._headers[name].is_new(message.header_id):
+            if not self._headers[name].is_new(message.header_id, message.timestamp):
                 return
             self._heard_s = now_s
             if isinstance(message, State):
-                self._is_driving, self._has_other_master = message.driving, has_other_master(message)
-                battery = message.battery_state
-                self._battery = battery.battery_charge / 100 if battery else None
+                self._is_driving = message.driving is not False
+                self._has_other_master = has_other_master(message)
+                self._battery = None if message.charge is None else message.charge / 100
             self._on_pose(message)
             if isinstance(message, State):
                 self._orders.on_state(message)
@@ -181,12 +192,17 @@ class Agv:
                 check.forget()  # it may have been restarted
             return
         state = connection.connection_state
-        told = "the AGV is switched off" if state == "OFFLINE" else "the AGV has lost its connection"
-        self._disconnect(f"{told} ({state}): switch it on, or look at its network")
+        if state in LOST_CONNECTIONS:
+            reason = "the AGV is switched off" if state == "OFFLINE" else "the AGV has lost its connection"
+            self._disconnect(f"{reason} ({state}): switch it on, or look at its network")
 
     def _on_pose(self, message: Visualization) -> None:
         position = message.agv_position
         if position is None:
+            if self._last is None and isinstance(message, State):
+                self._disconnect(
+                    "the AGV reports no agvPosition: PointIt steers AGVs that know where they are"
+                )
             return
         if not position.position_initialized:
             self._disconnect("the AGV does not know where it is: set its position at the vehicle")
@@ -205,7 +221,10 @@ class Agv:
         else:
             self._orders.on_position(place)
         self._lost = ""
-        self._say((*place, 0.0), position.theta, velocity, position.deviation_range)
+        theta = position.theta
+        if theta is None:  # health names it
+            theta = self._last.yaw_rad if self._last else 0.0
+        self._say((*place, 0.0), theta, velocity, position.deviation_range)
 
     def _seen(self) -> LastPose | None:
         if self._last is None:

@@ -29,7 +29,7 @@ Tell = Callable[[int, Outcome, str], None]
 
 def has_other_master(state: State) -> bool:
     """Return True if the AGV carries out an order that is not ours."""
-    return bool(state.node_states) and not state.order_id.startswith(PREFIX)
+    return state.is_executing and not state.order_id.startswith(PREFIX)
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ class AgvOrders:
         """Compare a state, newer than those before, with what was ordered."""
         self._state = state
         self._blocked = OTHER_MASTER if has_other_master(state) else blocked_by(state)
-        self._is_paused = state.paused and bool(state.node_states)
+        self._is_paused = state.paused and state.is_executing
         if has_other_master(state):  # which is not ours to cancel
             self._sent, self._is_cancelling = None, False
             self._finish("failed", OTHER_MASTER)
@@ -256,7 +256,7 @@ class AgvOrders:
                 self._is_accepted = True
                 self._tell(self._number, "accepted", "")
         self._sent = sent
-        if state.node_states:
+        if state.is_executing:
             return
         end = sent.last if sent.is_confirmed else sent.order.nodes[0]  # of what the AGV has accepted
         if sent.is_confirmed:
@@ -283,14 +283,14 @@ class AgvOrders:
             error.is_about("actionId", action_id) for error in state.errors for action_id in self._cancel_ids
         )
         has_cleared = bool(self._blocked)  # by hand, without an answer
-        if not (answered or has_cleared) or state.node_states:
+        if not (answered or has_cleared) or state.is_executing:
             return
         self._is_cancelling = False
         self._end_stop()
 
     def _on_state_without_order(self, state: State) -> None:
         """Cancel our order that nobody steers; else a stop is done."""
-        if state.node_states and not has_other_master(state):
+        if state.is_executing and not has_other_master(state):
             self._cancel()
         elif not self._is_cancelling:
             self._end_stop()

@@ -15,6 +15,7 @@ from pointit.services.robot.drivers.vda5050.agv import Agv, MqttPublication
 from pointit.services.robot.drivers.vda5050.vda5050_config import Vda5050Config
 from pointit.services.robot.robot_driver import Command, Report, RobotPlugin, RobotSpec
 from pointit.vda5050.agv_messages import Connection, State, parse
+from pointit.vda5050.agv_topic import AgvTopic, agv_of_topic, agv_topics
 
 if TYPE_CHECKING:
     import aiomqtt
@@ -22,9 +23,7 @@ if TYPE_CHECKING:
 MAX_AGVS = 500
 """Limit of AGVs on one broker."""
 
-REPORT_TOPICS = ("+/+/+/+/connection", "+/+/+/+/state")
-
-LEVELS = 5
+REPORT_TOPICS = tuple(each for each in agv_topics() if not each.endswith("/visualization"))
 
 TOPICS = (("connection", 1), ("state", 0), ("visualization", 0))
 """Topics of an AGV, with their quality of service by the standard."""
@@ -57,33 +56,30 @@ async def find_agvs_on(host: str, port: int, seconds: float) -> list[FoundDevice
     from aiomqtt import MqttError  # noqa: PLC0415 - an extra
 
     address = host if port == PORT else f"{host}:{port}"
-    found: dict[tuple[str, ...], FoundDevice] = {}
+    found: dict[AgvTopic, FoundDevice] = {}
     # the end of the search, a TimeoutError, is an OSError
     with contextlib.suppress(MqttError, OSError):
         async with asyncio.timeout(seconds), connected({"hostname": host, "port": port}) as client:
             await client.subscribe([(topic, 1) for topic in REPORT_TOPICS])
             async for message in client.messages:
-                levels = str(message.topic).split("/")
-                if len(found) < MAX_AGVS and (agv := _found(address, levels, message.payload)):
-                    found[tuple(levels[: LEVELS - 1])] = agv
+                agv = agv_of_topic(str(message.topic))
+                if agv and len(found) < MAX_AGVS and (device := _found(address, agv, message.payload)):
+                    found[agv._replace(kind="")] = device
     return list(found.values())
 
 
-def _found(address: str, levels: Sequence[str], payload: object) -> FoundDevice | None:
+def _found(address: str, agv: AgvTopic, payload: object) -> FoundDevice | None:
     """Return the AGV that has sent `payload` to a topic, or None if it is no message of an AGV."""
-    interface, major, manufacturer, serial_number, name = levels
-    message = parse(Connection if name == "connection" else State, payload)
-    if message is None or not major.startswith("v"):
+    message = parse(Connection if agv.kind == "connection" else State, payload)
+    if message is None or not (agv.major or message.serial_number):
         return None
     state = message.connection_state if isinstance(message, Connection) else "ONLINE"
-    details = {
-        "broker": address,
-        "interface": interface,
-        "manufacturer": manufacturer,
-        "serial_number": serial_number,
-    }
-    label = f"{manufacturer} {serial_number}: AGV of VDA 5050 {major.removeprefix('v')}, {state}"
-    return FoundDevice(address, label, details)
+    details = {"broker": address, "manufacturer": agv.manufacturer, "serial_number": agv.serial_number}
+    interface, _, level = agv.prefix.partition("/")
+    prefix = {"interface": interface} if level == f"v{agv.major}" else {"topic_prefix": agv.prefix}
+    version = {"version": "1.1.0"} if agv.major == "1" else {}
+    label = f"{agv.manufacturer} {agv.serial_number}: AGV of VDA 5050 {agv.major}".rstrip()
+    return FoundDevice(address, f"{label}, {state}", {**details, **prefix, **version})
 
 
 def check(config: Vda5050Config) -> None:

@@ -63,14 +63,25 @@ class MessageEncoder:
         manufacturer: str,
         serial_number: str,
         now_ns: Callable[[], int],
+        *,
+        prefix: str = "",
     ) -> None:
-        """Write to the AGV `serial_number` of `manufacturer`; `now_ns` is the time, Unix ns."""
+        """Write to the AGV `serial_number` of `manufacturer`.
+
+        Args:
+            interface: first level of the topics.
+            version: of VDA 5050; its first digit is the second level.
+            manufacturer: third level.
+            serial_number: fourth level.
+            now_ns: returns the time, Unix ns.
+            prefix: levels in place of the first two, if the AGV has others.
+        """
         self._version = version
         self._manufacturer = manufacturer
         self._serial_number = serial_number
         self._now_ns = now_ns
         self._sent = Counter[str]()
-        self._prefix = f"{interface}/v{version[0]}/{manufacturer}/{serial_number}"
+        self._prefix = f"{prefix or f'{interface}/v{version[0]}'}/{manufacturer}/{serial_number}"
 
     def topic(self, name: str) -> str:
         """Return the MQTT topic for `name`, such as `order` or `state`."""

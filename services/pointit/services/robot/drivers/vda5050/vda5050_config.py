@@ -16,6 +16,13 @@ class Vda5050Config(BrokerConfig):
     manufacturer: TopicLevel = Field(default="", description="manufacturer of the AGV, as in its topics")
     serial_number: TopicLevel = Field(default="", description="serial number of the AGV, as in its topics")
     interface: TopicLevel = Field(default="uagv", description="first level of the topics")
+    topic_prefix: str = Field(
+        default="",
+        max_length=200,
+        pattern=r"^[^#+\x00]*$",
+        description="levels of the topics before the manufacturer, such as hall/uagv/2.0; interface and "
+        "major version if empty",
+    )
     version: Version = Field(default="2.0.0", description="version of VDA 5050 that the AGV understands")
     map_id: str = Field(
         default="",

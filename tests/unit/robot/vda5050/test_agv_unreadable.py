@@ -1,0 +1,95 @@
+"""An AGV that keeps VDA 5050 only partly: it is steered by what can be read, and health names the rest."""
+
+import json
+
+import pytest
+
+from pointit.services.robot.robot_driver import Follow, FollowPath
+from tests.unit.robot.vda5050.agv_bench import AgvBench
+
+FAR = (9.0, 0.0, 0.0)
+
+
+@pytest.fixture(name="bench")
+def _bench() -> AgvBench:
+    bench = AgvBench()
+    bench.connect()
+    bench.run(0.1)
+    return bench
+
+
+def orders(bench: AgvBench) -> list[str]:
+    return [payload for topic, payload in bench.sent if topic.endswith("/order")]
+
+
+def test_unreadable_fields_are_named_in_health_and_the_agv_is_steered(bench: AgvBench) -> None:
+    for charge in (-1, -2):
+        bench.change(batteryState={"batteryCharge": charge}, errors=None, lastNodeSequenceId=None)
+        bench.run(0.1)
+    assert bench.reports[-1].battery is None
+    assert bench.health.warnings["state"] == (
+        "uagv/v2/acme/7/state: batteryCharge/stateOfCharge is -1; correct it at the AGV, or update its "
+        "software to keep VDA 5050"
+    )
+    bench.change(batteryState={"batteryCharge": 100.4})
+    path = bench.tell(FollowPath, ((1.0, 0.0, 0.0),))
+    bench.run(3.0)
+    assert bench.outcomes(path)[-1] == ("done", "")
+    assert bench.reports[-1].battery == 1.0
+    assert "state" not in bench.health.warnings
+
+
+@pytest.mark.parametrize("header", [{"headerId": 0}, {"headerId": None}, {"headerId": 0, "timestamp": 7}])
+def test_an_agv_without_a_counter_is_steered(header: dict[str, object]) -> None:
+    bench = AgvBench()
+    bench.change(**header)
+    bench.connect()
+    path = 0
+    for run in range(60):
+        bench.run(0.05)
+        bench.hear("state", bench.virtual.state())
+        path = path or (bench.tell(FollowPath, ((1.0, 0.0, 0.0),)) if run else 0)
+    assert bench.outcomes(path)[-1] == ("done", "")
+
+
+def test_an_agv_whose_emergency_stop_cannot_be_read_gets_no_order(bench: AgvBench) -> None:
+    bench.change(safetyState=None)
+    bench.run(0.1)
+    assert "safetyState is missing" in bench.health.warnings["state"]
+    order = bench.tell(Follow, FAR)
+    bench.run(1.0)
+    assert bench.outcomes(order)[-1][0] == "refused"
+    assert "safetyState.eStop is not stated" in bench.outcomes(order)[-1][1]
+    assert orders(bench) == []
+
+
+def test_an_agv_that_does_not_say_that_it_stands_is_not_reported_as_standing(bench: AgvBench) -> None:
+    bench.change(driving=None)
+    bench.run(0.1)
+    bench.is_lossy = lambda _topic: True
+    before = len(bench.reports)
+    bench.run(3.0)
+    assert len(bench.reports) == before
+
+
+def test_an_agv_without_a_position_says_so(bench: AgvBench) -> None:
+    bench.connect()
+    bench.virtual.extra = {"agvPosition": {"x": "?", "y": 1.0}}
+    bench.hear("state", bench.virtual.state())
+    assert bench.lost[-1].startswith("the AGV reports no agvPosition")
+    assert "x is '?'" in bench.health.warnings["state"]
+
+
+def test_a_heading_in_degrees_is_named_and_the_position_is_used(bench: AgvBench) -> None:
+    where = {"x": 2.0, "y": 3.0, "theta": 90.0, "mapId": "hall", "positionInitialized": True}
+    bench.hear("visualization", json.dumps({"headerId": 900, "agvPosition": where}).encode())
+    assert bench.reports[-1].position_m == (2.0, 3.0, 0.0)
+    assert "theta is 90.0" in bench.health.warnings["visualization"]
+
+
+def test_topics_with_other_first_levels_can_be_named() -> None:
+    bench = AgvBench(topic_prefix="/plant/uagv/2.0")
+    publication = bench.agv.on_connected()
+    assert publication[0] == "/plant/uagv/2.0/acme/7/instantActions"
+    bench.hear("state", bench.virtual.state())
+    assert bench.reports[-1].position_m == (0.0, 0.0, 0.0)

@@ -1,0 +1,283 @@
+"""Messages of AGVs that keep VDA 5050 only partly, as Go, C#, C++ and JavaScript clients write them."""
+
+import json
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pointit.vda5050.agv_messages import Connection, HeaderCheck, State, Visualization, blocked_by, parse
+
+PLACE: dict[str, Any] = {"x": 4.0, "y": -2.0, "theta": 1.2, "mapId": "f2", "positionInitialized": True}
+IDLE: dict[str, Any] = {
+    "headerId": 41,
+    "timestamp": "2026-03-02T08:15:00.250Z",
+    "version": "2.1.0",
+    "manufacturer": "Nordlicht",
+    "serialNumber": "T-12",
+    "orderId": "",
+    "orderUpdateId": 0,
+    "lastNodeId": "",
+    "lastNodeSequenceId": 0,
+    "nodeStates": [],
+    "edgeStates": [],
+    "actionStates": [],
+    "driving": False,
+    "agvPosition": PLACE,
+    "batteryState": {"batteryCharge": 63.5, "charging": False},
+    "operatingMode": "AUTOMATIC",
+    "errors": [],
+    "safetyState": {"eStop": "NONE", "fieldViolation": False},
+}
+NONE: set[str] = set()
+
+
+def state(*missing: str, **change: object) -> State:
+    """Return the message with fields changed or missing; it must be understood."""
+    fields = {name: value for name, value in {**IDLE, **change}.items() if name not in missing}
+    parsed = parse(State, json.dumps(fields).encode())
+    assert parsed is not None
+    return parsed
+
+
+def place(**change: object) -> dict[str, object]:
+    return {"agvPosition": {**PLACE, **change}}
+
+
+@pytest.mark.parametrize(
+    ("change", "names"),
+    [
+        ({"errors": None, "actionStates": None, "nodeStates": None}, NONE),  # empty slices of Go
+        ({"orderId": None, "lastNodeId": None, "velocity": None, "paused": None}, NONE),
+        ({"velocity": {"vx": None, "vy": None, "omega": None}}, NONE),
+        ({"errors": [{"errorType": "wear", "errorLevel": "WARNING", "errorReferences": None}]}, NONE),
+        ({"batteryState": {"batteryCharge": None}}, NONE),
+        (place(mapId=None, deviationRange=None), NONE),
+        ({"headerId": "41", "orderUpdateId": "0", "lastNodeSequenceId": 0.0}, NONE),
+        ({"serialNumber": 12, "orderId": 77}, NONE),
+        (place(mapId=3, x="4.0", positionInitialized="true"), NONE),
+        ({"headerId": 1_767_000_000_000}, NONE),  # a time in ms
+        ({"timestamp": "2026-03-02T08:15:00.250"}, NONE),
+        ({"timestamp": "2026-03-02 09:15:00,25+01:00"}, NONE),
+        ({"timestamp": 1_772_439_300_250}, NONE),
+        ({"timestamp": ""}, NONE),
+        ({"zoneSets": [], "instantActionStates": [], "plannedPath": {"trajectory": {}}}, NONE),
+        ({"batteryState": {"batteryCharge": -1}}, {"batteryCharge"}),
+        ({"batteryState": {"batteryCharge": 255}}, {"batteryCharge"}),
+        ({"batteryState": "full"}, {"batteryState"}),
+        (place(deviationRange=-1), {"deviationRange"}),
+        (place(theta=93.0), {"theta"}),  # degrees
+        ({"headerId": -1}, {"headerId"}),
+        ({"timestamp": "yesterday"}, {"timestamp"}),
+        ({"lastNodeSequenceId": -1}, {"lastNodeSequenceId"}),
+        ({"velocity": {"vx": "fast", "vy": 0}}, {"vx"}),
+        ({"driving": "perhaps"}, {"driving"}),
+        (
+            {"actionStates": [{"actionId": "a"}, {"actionId": "b", "actionStatus": "FINISHED"}]},
+            {"actionStatus"},
+        ),
+        ({"errors": ["E 17"]}, {"errors"}),
+        ({"errors": [{"errorType": "x", "errorLevel": "SEVERE"}]}, {"errorLevel"}),
+        ({"operatingMode": "ECO"}, {"operatingMode"}),
+        ({"safetyState": None}, {"safetyState"}),
+        ({"safetyState": {"eStop": None}}, {"eStop"}),
+    ],
+)
+def test_a_field_that_cannot_be_read_is_left_out_by_name_and_all_others_are_used(
+    change: dict[str, object], names: set[str]
+) -> None:
+    parsed = state(**change)
+    assert {each.partition("/")[0] for each in parsed.unreadable} == names
+    assert parsed.agv_position is not None
+    assert (parsed.agv_position.x, parsed.agv_position.y) == (4.0, -2.0)
+    assert not parsed.is_executing
+
+
+def test_an_unreadable_item_of_a_list_leaves_the_others() -> None:
+    parsed = state(actionStates=[7, {"actionId": "b", "actionStatus": "finished"}, {}])
+    assert [(each.action_id, each.action_status) for each in parsed.action_states] == [("b", "FINISHED")]
+    parsed = state(errors=[None, {"errorType": "wheel", "errorLevel": "fatal"}])
+    assert [each.error_type for each in parsed.errors] == ["wheel"]
+
+
+@pytest.mark.parametrize(
+    ("written", "charge"), [(100.4, 100.0), ("57", 57.0), (0, 0.0), (-1, None), (655.35, None), (None, None)]
+)
+def test_a_charge_that_is_no_percentage_is_unknown_and_a_little_above_100_is_full(
+    written: object, charge: float | None
+) -> None:
+    assert state(batteryState={"batteryCharge": written}).charge == charge
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"safetyState": None}, "eStop"),
+        ({"safetyState": "NONE"}, "eStop"),
+        ({"safetyState": {}}, "eStop"),
+        ({"safetyState": {"eStop": None}}, "eStop"),
+        ({"safetyState": {"eStop": ""}}, "eStop"),
+        ({"safetyState": {"eStop": False}}, "eStop"),
+        ({"safetyState": {"eStop": ["NONE"]}}, "eStop"),
+        ({"safetyState": {"eStop": "OK"}}, "eStop is OK"),
+        ({"safetyState": {"eStop": "auto_ack"}}, "emergency stop of the AGV is active"),
+        ({"operatingMode": None}, "operatingMode"),
+        ({"operatingMode": "ECO"}, "mode ECO"),
+        ({"operatingMode": 2}, "mode 2"),
+        ({"operatingMode": "teach_in"}, "mode TEACHIN"),
+        ({"errors": "wheel"}, "errors"),
+        ({"errors": ["wheel"]}, "errors"),
+        ({"errors": [{"errorType": "wheel", "errorLevel": "fatal"}]}, "wheel"),
+        ({"errors": [{"errorType": "wheel", "errorLevel": "SEVERE"}]}, "wheel"),
+        ({"errors": [{"errorType": "wheel", "errorLevel": 4}]}, "wheel"),
+    ],
+)
+def test_safety_that_cannot_be_read_never_counts_as_safe(change: dict[str, object], words: str) -> None:
+    assert words in blocked_by(state(**change))
+
+
+@pytest.mark.parametrize("missing", ["safetyState", "operatingMode"])
+def test_safety_that_is_missing_never_counts_as_safe(missing: str) -> None:
+    parsed = state(missing)
+    assert missing in parsed.unreadable
+    assert blocked_by(parsed)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"safetyState": {"eStop": "none"}},
+        {"safetyState": {"activeEmergencyStop": "NONE"}},  # 3.0
+        {"operatingMode": "Automatic"},
+        {"operatingMode": "semi_automatic"},
+        {"errors": [{"errorType": "x", "errorLevel": "URGENT"}]},  # 3.0
+        {"errors": [{"errorLevel": "WARNING", "errorDescription": None}]},
+        {"errors": None},
+    ],
+)
+def test_other_spellings_and_names_of_version_3_are_understood(change: dict[str, object]) -> None:
+    assert blocked_by(state(**change)) == ""
+
+
+def test_names_of_version_3_are_those_of_version_2() -> None:
+    where = {"x": 1.5, "y": 2.5, "theta": 0.5, "mapId": "hall", "localized": False}
+    parsed = state(
+        "agvPosition", "batteryState", mobileRobotPosition=where, powerSupply={"stateOfCharge": 40.0}
+    )
+    assert parsed.agv_position is not None
+    assert (parsed.agv_position.x, parsed.agv_position.position_initialized) == (1.5, False)
+    assert parsed.charge == 40.0
+    assert parsed.unreadable == {}
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"nodeStates": None, "driving": True}, True),
+        ({"nodeStates": "two", "driving": True}, True),
+        ({"nodeStates": None, "driving": None}, True),
+        ({"nodeStates": None, "driving": False}, False),
+        ({"nodeStates": [None]}, True),
+        ({"nodeStates": [{"nodeId": None, "sequenceId": "x"}]}, True),
+    ],
+)
+def test_an_agv_whose_nodes_cannot_be_read_is_idle_only_if_it_says_that_it_does_not_drive(
+    change: dict[str, object], expected: object
+) -> None:
+    assert state(**change).is_executing == expected
+
+
+@pytest.mark.parametrize("flag", ["perhaps", 2, [], {}])
+def test_a_position_of_which_it_cannot_be_read_whether_it_is_valid_is_not(flag: object) -> None:
+    parsed = state(**place(positionInitialized=flag))
+    assert parsed.agv_position is not None
+    assert not parsed.agv_position.position_initialized
+    assert {each.partition("/")[0] for each in parsed.unreadable} == {"positionInitialized"}
+
+
+@pytest.mark.parametrize("where", [{"x": "here"}, {"x": None}, {"y": 1e9}])
+def test_a_position_without_a_coordinate_is_none_and_the_rest_of_the_state_is_used(
+    where: dict[str, object],
+) -> None:
+    parsed = state(**place(**where))
+    assert parsed.agv_position is None
+    assert {each.partition("/")[0] for each in parsed.unreadable} == set(where)
+    assert parsed.charge == 63.5
+
+
+def test_text_that_is_not_utf_8_and_a_byte_order_mark_lose_no_message() -> None:
+    text = json.dumps({**IDLE, "manufacturer": "Bär"}, ensure_ascii=False)
+    for payload in (text.encode("latin-1"), b"\xef\xbb\xbf" + text.encode(), text.encode() + b"\0"):
+        parsed = parse(State, payload)
+        assert parsed is not None
+        assert parsed.charge == 63.5
+
+
+@pytest.mark.parametrize("payload", [b"{}", b'{"state": "ON"}', b'"ON"', b"[]", b"21.5"])
+def test_json_of_other_devices_is_no_message(payload: bytes) -> None:
+    assert parse(State, payload) is None
+    assert parse(Visualization, payload) is None
+
+
+@pytest.mark.parametrize(
+    ("written", "read"),
+    [
+        ("ONLINE", "ONLINE"),
+        ("online", "ONLINE"),
+        ("CONNECTION_BROKEN", "CONNECTIONBROKEN"),
+        ("HIBERNATING",) * 2,
+    ],
+)
+def test_spellings_of_a_connection_are_understood(written: str, read: str) -> None:
+    connection = parse(Connection, json.dumps({"headerId": None, "connectionState": written}).encode())
+    assert connection is not None
+    assert (connection.connection_state, connection.unreadable) == (read, {})
+
+
+def test_an_unknown_connection_is_reported_by_name() -> None:
+    connection = parse(Connection, b'{"connectionState": "UP"}')
+    assert connection is not None
+    assert set(connection.unreadable) == {"connectionState"}
+
+
+@pytest.mark.parametrize(
+    ("headers", "expected"),
+    [
+        # id and time, s
+        ([(0, None)] * 5, [True] * 5),  # a constant id
+        ([(None, None)] * 3, [True] * 3),  # none
+        ([(0, 50.0)] * 4, [True] * 4),  # a constant id and a constant time
+        ([(None, 1.0), (None, 2.0), (None, 1.5), (None, 2.0), (None, 3.0)], [True, True, False, False, True]),
+        ([(0, 1.0), (0, 2.0), (0, 1.5), (0, 2.0), (0, 3.0)], [True, True, False, False, True]),
+        ([(58, 1.0), (59, 2.0), (1, 3.0), (2, 4.0), (1, 3.0)], [True, True, True, True, False]),  # restart
+        ([(58, 1.0), (59, 2.0), *[(58, 1.0)] * 6], [True, True, *[False] * 6]),  # late by their time
+        (
+            [(58, None), (59, None), (1, None), (2, None), (3, None), (4, None)],
+            [True, True, False, False, True, True],
+        ),
+        ([(58, 9000.0), (59, 9001.0), (60, 3.0), (61, 4.0)], [True] * 4),  # its clock is set back
+        ([(7, 9000.0), (7, 9001.0), (7, 3.0), (7, 4.0)], [True] * 4),
+        ([(900, 9000.0), (901, 9001.0), (1, 3.0), (2, 4.0)], [True] * 4),  # restart without a clock
+        ([(5, 50.0), (6, 50.0), (6, 50.0), (5, 50.0), (7, 50.0)], [True, True, False, False, True]),
+        ([(5, 1.0), (7, 3.0), (6, 2.0), (8, 4.0)], [True, True, False, True]),
+    ],
+)
+def test_late_and_repeated_messages_are_ignored_and_no_counter_freezes_an_agv(
+    headers: list[tuple[int | None, float | None]], expected: list[bool]
+) -> None:
+    check = HeaderCheck()
+    assert [check.is_new(*each) for each in headers] == expected
+
+
+@given(st.lists(st.tuples(st.none() | st.integers(0, 200), st.none() | st.floats(0, 1e10)), max_size=30))
+def test_whatever_an_agv_counts_it_is_heard_again_soon(
+    headers: list[tuple[int | None, float | None]],
+) -> None:
+    check = HeaderCheck()
+    for each in headers:
+        check.is_new(*each)
+    newest = max((time or 0.0 for _, time in headers), default=0.0)
+    assert any(check.is_new(0, newest + late_s) for late_s in (1.0, 2.0, 3.0)), "its time rises"
+    check.is_new(150, None)
+    assert any(check.is_new(number, None) for number in (1, 2, 3)), "it counts from the start"

@@ -136,9 +136,9 @@ def test_an_agv_that_drives_and_whose_position_cannot_be_read_is_not_shown_where
     now_ns = START_NS
     for seconds in range(1, 5):
         now_ns = START_NS + seconds * NS_PER_S
-        fleet.on_message(
-            topic("state"), at(**{"x": 1.0, "y": 0.0, "number": 1 + seconds, "vx": 1.0, **where}), now_ns
-        )
+        place: dict[str, Any] = {"x": 1.0, "y": 0.0, "vx": 1.0, **where}
+        place["number"] = 1 + seconds
+        fleet.on_message(topic("state"), at(**place), now_ns)
     assert places(fleet, now_ns) == {}
     assert next(iter(where)) in fleet.problem
 

@@ -105,7 +105,7 @@ class Agv:
         self._polled_s = math.inf  # at the next step
         self._disconnect(
             f"no AGV reports at {self.topic('state')} on {self._config.broker}: switch it on, or correct "
-            "`manufacturer`, `serial_number`, `interface`, `version` or `topic_prefix` (see `pointit devices`)"
+            "`manufacturer`, `serial_number`, `interface`, `version` or `topic_prefix`"
         )
         return self._state_request()
 

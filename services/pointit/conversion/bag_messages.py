@@ -8,6 +8,7 @@ from typing import Any
 from pointit.bridges.ros2.inbound import checks
 from pointit.bridges.ros2.outbound.person import STATES
 from pointit.bridges.ros2.routing.conversion_state import KINDS, lane_name
+from pointit.bridges.ros2.routing.frames import frame_name
 from pointit.geometry import rotation, vector
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
@@ -93,6 +94,7 @@ class BagMessages:
     def ray(self, value: Any, user: str, time_ns: int) -> Taken:
         """Convert a geometry_msgs/PoseStamped of a ray, from the eyes along x."""
         what = f"the ray of {user}"
+        _check_frame(value.header.frame_id, f"{user}{PERSON}", what)
         origin_m = _sound(checks.place(value.pose.position, what))
         turned = _sound(checks.quaternion(value.pose.orientation, what))
         way = vector.normalized(rotation.rotate(turned, AHEAD))
@@ -102,14 +104,15 @@ class BagMessages:
 
     def mocap(self, value: Any, user: str, time_ns: int) -> Taken:
         """Convert a geometry_msgs/PoseStamped of motion capture: the truth."""
+        _check_frame(value.header.frame_id, WORLD, f"the pose of {user}")
         at, turned = value.pose.position, value.pose.orientation
         yield self._pose(at, turned, value.header, user, time_ns, method="external")
 
     def tf(self, value: Any, _: str, time_ns: int) -> Taken:
         """Convert a tf2_msgs/TFMessage: the frames of people, by whatever they were found."""
         for each in value.transforms:
-            frame = each.child_frame_id.removeprefix("/")
-            if each.header.frame_id.removeprefix("/") == WORLD and frame.endswith(PERSON):
+            frame = frame_name(each.child_frame_id)
+            if frame_name(each.header.frame_id) == WORLD and frame.endswith(PERSON):
                 moved = each.transform
                 user = frame.removesuffix(PERSON)
                 yield self._pose(
@@ -220,6 +223,16 @@ ROUTES = (
     Route("/selected_packages", "conveyor_msgs/msg/PackageUIDList", BagMessages.selected),
 )
 """Topics of the ROS toolkit that a recording has a place for."""
+
+
+def _check_frame(name: str, wanted: str, what: str) -> None:
+    """Check that a message is in the frame `wanted`, or names none.
+
+    Raises:
+        UnusableError: If it names another one.
+    """
+    if frame_name(name) not in ("", wanted):
+        raise UnusableError(f"{what} is in the frame {checks.named(name)}: transform it to {wanted!r} first")
 
 
 def _sound(value: Any) -> Any:

@@ -183,6 +183,29 @@ def test_a_person_of_a_bag(tmp_path: Path, storage: StoragePlugin) -> None:
     ]
 
 
+def test_a_pose_is_taken_from_the_frame_that_it_states_only(tmp_path: Path) -> None:
+    rays, places = "/user1/pointing_ray", "/user1/mocap_pose"
+    said: list[Said] = []
+    for count, (topic, name) in enumerate(
+        (
+            *((places, name) for name in ("", "world", "/world", "optitrack")),
+            *((rays, name) for name in ("", "/user1/human_footprint", "world")),
+        )
+    ):
+        value = pose(1.0 + count, (1.0, 2.0, 0.0))
+        value.header.frame_id = name
+        said.append((1.0 + count, topic, POSE, value))
+    source = bag(tmp_path / "bag", said)
+    assert {key: len(each) for key, each in imported(source).items()} == {
+        "users/user1/pose": 3,
+        "users/user1/ray": 2,
+    }
+    (tmp_path / "session.mcap").unlink()
+    output = run(source).output
+    assert "the pose of user1 is in the frame 'optitrack': transform it to 'world' first" in output
+    assert "the ray of user1 is in the frame 'world'" in output
+
+
 def test_packages_and_pointers_get_their_places_by_the_map(tmp_path: Path, room: Path) -> None:
     found = imported(
         bag(

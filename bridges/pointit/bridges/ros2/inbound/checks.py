@@ -38,6 +38,14 @@ def place(value: Any, what: str) -> Vec3 | str:
     return (x, y, z)
 
 
+def velocity(value: Any, what: str) -> Vec3 | str:
+    """Return a geometry_msgs/Vector3 in m/s, or why it cannot be used."""
+    x, y, z = float(value.x), float(value.y), float(value.z)
+    if not all(abs(each) <= FARTHEST for each in (x, y, z)):
+        return f"{what} is no velocity: ({x:g}, {y:g}, {z:g}) m/s; send m/s, or a covariance of -1 if unknown"
+    return (x, y, z)
+
+
 def heading(turned: Quaternion, what: str) -> float | str:
     """Return the azimuth of the x axis, rad, or the rejection."""
     ahead = rotation.rotate(turned, (1.0, 0.0, 0.0))

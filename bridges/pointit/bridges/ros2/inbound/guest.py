@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from pointit.bridges.ros2.inbound import checks
 from pointit.bridges.ros2.routing.conversion_state import ConversionState
+from pointit.bridges.ros2.routing.frames import frame_name
 from pointit.bridges.ros2.routing.route_types import BusOutput, ConversionContext, ConversionWarning, Taken
 from pointit.geometry import rotation, vector
 from pointit.schemas import Interaction, PointingRay, UserProfile
@@ -44,8 +45,8 @@ class Rays:
         if guest is None:
             return ()
         what = f"the ray of {about.name}"
-        frame = value.header.frame_id
-        if frame not in ("", about.frame):
+        frame = frame_name(value.header.frame_id)
+        if frame not in ("", frame_name(about.frame)):
             return (
                 ConversionWarning(
                     f"{what} is in the frame {checks.named(frame)}: send it in {about.frame!r}"

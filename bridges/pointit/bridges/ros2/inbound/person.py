@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from pointit.bridges.ros2.inbound import checks
-from pointit.bridges.ros2.message_format import holds_text
 from pointit.bridges.ros2.routing.conversion_state import ConversionState
+from pointit.bridges.ros2.routing.frames import frame_name, holds_frame
 from pointit.bridges.ros2.routing.route_types import BusOutput, ConversionContext, ConversionWarning, Taken
 from pointit.geometry.rotation import Quaternion
 from pointit.schemas import NS_PER_S, ButtonEvent, SetPose, UserPose, WristSample
@@ -94,8 +94,8 @@ class Poses:
 
     def mocap(self, value: Any, about: ConversionContext) -> Taken:
         """Convert a geometry_msgs/PoseStamped."""
-        frame = value.header.frame_id
-        if frame not in ("", about.frame):
+        frame = frame_name(value.header.frame_id)
+        if frame not in ("", frame_name(about.frame)):
             here = f"the pose of {about.name} is in the frame {checks.named(frame)}"
             return (ConversionWarning(f"{here}: send it in {about.frame!r}"),)
         return self._pose(value.pose.position, value.pose.orientation, value.header.stamp, about)
@@ -107,17 +107,17 @@ class Poses:
     def tf_static(self, value: Any, about: ConversionContext) -> Taken:
         """Convert a static tf2_msgs/TFMessage: a person's pose, published once."""
         for each in value.transforms[:MAX_TRANSFORMS]:
-            if each.header.frame_id == about.frame:
+            if frame_name(each.header.frame_id) == frame_name(about.frame):
                 if len(self._static) >= MAX_TRANSFORMS:
                     del self._static[next(iter(self._static))]
-                self._static[each.child_frame_id] = each
+                self._static[frame_name(each.child_frame_id)] = each
         return tuple(
             said for each, user in _of_people(value, about) for said in self._stands(each, user, about)
         )
 
     def meet(self, about: ConversionContext) -> Taken:
         """Return the pose of a person who has just joined, if published before: it is not repeated."""
-        each = self._static.get(about.scene.frames.person(about.name))
+        each = self._static.get(frame_name(about.scene.frames.person(about.name)))
         return () if each is None else self._stands(each, about.name, about)
 
     def _stands(self, each: Any, user: str, about: ConversionContext) -> Taken:
@@ -160,16 +160,16 @@ class Poses:
 
 def people_in(cdr: bytes, scene: ConversionState) -> tuple[str, ...]:
     """Return the known people whose frames are named in `cdr`; decoding takes 200 times as long."""
-    return tuple(user for user in scene.people if holds_text(cdr, scene.frames.person(user)))
+    return tuple(user for user in scene.people if holds_frame(cdr, scene.frames.person(user)))
 
 
 def _of_people(value: Any, about: ConversionContext) -> Iterator[tuple[Any, str]]:
     """Yield the transforms from {W} to a known person's {H}, and the person."""
     scene = about.scene
-    frames = {scene.frames.person(user): user for user in scene.people}
+    frames = {frame_name(scene.frames.person(user)): user for user in scene.people}
     for each in value.transforms[:MAX_TRANSFORMS]:
-        user = frames.get(each.child_frame_id)
-        if user is not None and each.header.frame_id == about.frame:
+        user = frames.get(frame_name(each.child_frame_id))
+        if user is not None and frame_name(each.header.frame_id) == frame_name(about.frame):
             yield each, user
 
 

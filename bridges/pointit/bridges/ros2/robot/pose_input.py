@@ -4,12 +4,13 @@ from collections.abc import Callable
 from typing import Any
 
 from pointit.bridges.ros2.graph.backend import SENSOR, Backend, Closable, Qos
+from pointit.bridges.ros2.routing.frames import frame_name
 from pointit.bridges.ros2.tracking.config import TF, PoseSource
 from pointit.bridges.ros2.tracking.sightings import READERS, Sighting
-from pointit.bridges.ros2.tracking.trackers import Motion, captured, frame_pose
+from pointit.bridges.ros2.tracking.trackers import FrameLookup, Motion, captured, stated_velocity
 from pointit.bridges.ros2.tracking.transforms import AT_ORIGIN, TransformBuffer, compose, yaw
 from pointit.bridges.ros2.types.types import Types
-from pointit.geometry import rotation, vector
+from pointit.geometry import vector
 from pointit.plugins import NS_PER_S, RobotReport
 from pointit.schemas import FARTHEST
 
@@ -23,10 +24,14 @@ class PoseReader:
 
     def __init__(self, source: PoseSource, frame: str) -> None:
         self._source = source
-        self._known = {frame: AT_ORIGIN}
+        self._known = {frame_name(frame): AT_ORIGIN}
         self._buffer = TransformBuffer()
         self._motion = Motion()
         self._last_ns = 0
+        self._yaw_rad: float | None = None
+        """That of the last report, for a message without a heading."""
+        self.problem = ""
+        """What of the newest message cannot be used, and why, or `""`."""
         if source.type == TF:
             self._buffer.want(source.frame)
 
@@ -36,7 +41,7 @@ class PoseReader:
 
     def transforms(self, value: Any, now_ns: int, *, is_static: bool) -> RobotReport | str:
         """Return the report, or a sentence why there is none, or `""`, after a tf2_msgs/TFMessage."""
-        problems = list(self._buffer.take(value, is_static=is_static))
+        problems = list(self._buffer.take(value, is_static=is_static, now_ns=now_ns))
         source = self._source
         if source.type != TF or is_static:
             return problems[0] if problems else ""
@@ -58,24 +63,30 @@ class PoseReader:
     def _report(self, seen: Sighting, stamp_ns: int, now_ns: int) -> RobotReport | str:
         source = self._source
         own = "" if source.type == TF else source.frame
-        frame = frame_pose(seen.frame or own, self._buffer, self._known, now_ns, source.stale_s)
+        lookup = FrameLookup(self._buffer, self._known, now_ns, source.stale_s)
+        frame = lookup.pose(seen.frame or own)
         if isinstance(frame, str):
             return frame
+        if not seen.has_heading and self._yaw_rad is None:
+            return seen.notes[0]
         stamp_ns = max(stamp_ns - round(source.latency_s * NS_PER_S), 0)
         if 0 <= self._last_ns - stamp_ns < NS_PER_S or 0 < stamp_ns - self._last_ns < SOONEST_NS:
             return ""  # overtaken, told twice, or too soon
         pose = compose(frame, seen.pose)
-        if seen.velocity_mps is None:
+        velocity_mps = stated_velocity(seen, own, pose, lookup)
+        problems = (*seen.notes, velocity_mps) if isinstance(velocity_mps, str) else seen.notes
+        if velocity_mps is None or isinstance(velocity_mps, str):
             velocity_mps = self._motion.velocity_mps("", pose.position_m, stamp_ns)
-        else:
-            velocity_mps = rotation.rotate(pose.orientation, seen.velocity_mps)
         if max(vector.norm(pose.position_m), vector.norm(velocity_mps)) > FARTHEST:
             return "the robot's pose is outside any room, or it is faster than anything: send metres and m/s"
         self._last_ns = stamp_ns
+        self.problem = "; ".join(problems)
+        if seen.has_heading or self._yaw_rad is None:
+            self._yaw_rad = yaw(pose.orientation)
         return RobotReport(
             stamp_ns=stamp_ns,
             position_m=pose.position_m,
-            yaw_rad=yaw(pose.orientation),
+            yaw_rad=self._yaw_rad,
             velocity_mps=velocity_mps,
             position_sigma_m=seen.sigma_m,
         )
@@ -138,5 +149,5 @@ class PoseInput:
             if found:
                 self._on_problem(found)
             return
-        self._on_problem("")
+        self._on_problem(self._reader.problem)
         self._on_report(found)

@@ -5,6 +5,8 @@
 
 import re
 
+from pointit.bridges.ros2.message_format import holds_text
+
 WORLD = "{world}"
 """Stands for the frame {W} in a route."""
 PERSON = "{person}"
@@ -13,7 +15,26 @@ PERSON = "{person}"
 MAX_NAMES = 10_000
 """Maximum number of distinct names."""
 
+FIXED_FRAMES = frozenset({"earth", "map", "odom", "world"})
+"""Frames of REP 105 that no robot carries along, also in a namespace, as in agv1/odom."""
+
 _NOT_ROS = re.compile(r"[^A-Za-z0-9_]")
+
+
+def frame_name(name: str) -> str:
+    """Return the name of a frame as tf2 has it: without the slash that old drivers begin it with."""
+    return name.lstrip("/")
+
+
+def is_fixed(name: str) -> bool:
+    """Return True if a frame is fixed to the ground by its name."""
+    return name.rpartition("/")[2] in FIXED_FRAMES
+
+
+def holds_frame(cdr: bytes, name: str) -> bool:
+    """Return True if the CDR of a message has the frame `name`, with or without a slash."""
+    name = frame_name(name)
+    return holds_text(cdr, name) or holds_text(cdr, f"/{name}")
 
 
 class RosNames:

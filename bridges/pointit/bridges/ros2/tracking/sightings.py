@@ -8,6 +8,7 @@ import numpy as np
 
 from pointit.bridges.ros2.inbound import checks
 from pointit.bridges.ros2.routing.conversion_state import ConversionState
+from pointit.bridges.ros2.routing.frames import frame_name
 from pointit.bridges.ros2.tracking.transforms import Pose
 from pointit.geometry.rotation import IDENTITY
 from pointit.geometry.vector import Vec3
@@ -18,8 +19,10 @@ PACKAGES = "conveyor_msgs/PackageList"
 MAX_OBJECTS = 500
 """Maximum number of objects of one message; others are left out."""
 MAX_ID = 64
-UNMEASURED_M2 = 1e3
-"""A variance from which drivers mean that they do not measure the coordinate."""
+UNMEASURED = 1e3
+"""A variance from which drivers mean that they do not measure the coordinate, m² or (m/s)²."""
+UNKNOWN = -1.0
+"""First number of a covariance that is unknown; PX4 has NaN there."""
 
 
 class Sighting(NamedTuple):
@@ -33,9 +36,13 @@ class Sighting(NamedTuple):
     kind: str = ""
     size_m: float = 0.0
     velocity_mps: Vec3 | None = None
-    """In the object's own frame, or None if the message does not tell."""
+    """None if the message does not tell."""
+    velocity_frame: str = ""
+    """Frame of the velocity as the message names it, or `""` for the object's own."""
     sigma_m: float | None = None
     has_heading: bool = True
+    notes: tuple[str, ...] = ()
+    """What of the message cannot be used, and why."""
     on: tuple[SurfaceKind, str, float] | None = None
     """The line that it is on, and its centre's arc length there, m."""
 
@@ -58,11 +65,16 @@ def pose_with_covariance(value: Any) -> Seen:
 
 
 def odometry(value: Any) -> Seen:
-    """Return the object of a nav_msgs/Odometry; its twist is in the object's own frame."""
+    """Return the object of a nav_msgs/Odometry; its twist is in the frame `child_frame_id`."""
     found = _posed(value.header.frame_id, value.pose.pose, value.pose.covariance, "the pose")
-    if isinstance(found, Sighting):
-        velocity_mps = checks.place(value.twist.twist.linear, "the velocity")
-        found = velocity_mps if isinstance(velocity_mps, str) else found._replace(velocity_mps=velocity_mps)
+    variance = float(value.twist.covariance[0])
+    if isinstance(found, Sighting) and variance != UNKNOWN and not variance >= UNMEASURED:
+        velocity_mps = checks.velocity(value.twist.twist.linear, "the twist")
+        if isinstance(velocity_mps, str):
+            found = found._replace(notes=(*found.notes, velocity_mps))
+        else:
+            frame = frame_name(value.child_frame_id)
+            found = found._replace(velocity_mps=velocity_mps, velocity_frame=frame)
     return value.header.stamp, [found]
 
 
@@ -88,18 +100,16 @@ READERS: dict[str, Reader] = {
 def sigma(covariance: Any) -> float | str | None:
     """Return 1 sigma along the worst direction by a pose covariance of 36 numbers, m, or the rejection.
 
-    None if it is unknown: all 0 or -1, as ROS has it. A coordinate with a huge variance is not measured, and
-    left out.
+    None if it is unknown: all 0, or -1 or NaN at the beginning. A coordinate whose variance is huge, negative
+    or NaN is not measured, and left out.
     """
-    matrix = np.asarray(covariance, dtype=float)
-    if matrix.shape != (36,) or not np.isfinite(matrix).all():
-        return "the covariance has a number that is not finite"
-    place = matrix.reshape(6, 6)[:3, :3]
-    measured = np.diag(place) < UNMEASURED_M2
-    if not measured.any() or place[0, 0] == -1.0:
+    place = np.asarray(covariance, dtype=float).reshape(6, 6)[:3, :3]
+    variances = np.diag(place)
+    measured = (variances >= 0.0) & (variances < UNMEASURED)
+    if not measured.any() or not variances[0] >= 0.0:
         return None
-    place = place[np.ix_(measured, measured)]
-    if np.abs(place).max() > UNMEASURED_M2:
+    place = np.nan_to_num(place[np.ix_(measured, measured)])
+    if np.abs(place).max() > UNMEASURED:
         return "the covariance is none: a number beside its diagonal is larger than those on it"
     largest = float(np.linalg.eigvalsh((place + place.T) / 2.0)[-1])
     return math.sqrt(largest) if largest > 0.0 else None
@@ -110,12 +120,19 @@ def _posed(frame: str, pose: Any, covariance: Any, what: str) -> Sighting | str:
     if isinstance(position_m, str):
         return position_m
     turned = checks.quaternion(pose.orientation, what)
-    if isinstance(turned, str):
-        return turned
     sigma_m = None if covariance is None else sigma(covariance)
+    notes: list[str] = []
+    if isinstance(turned, str):
+        notes.append(turned)
     if isinstance(sigma_m, str):
-        return f"{what}: {sigma_m}"
-    return Sighting(frame, Pose(position_m, turned), sigma_m=sigma_m)
+        notes.append(f"{what}: {sigma_m}")
+    return Sighting(
+        frame_name(frame),
+        Pose(position_m, IDENTITY if isinstance(turned, str) else turned),
+        sigma_m=None if isinstance(sigma_m, str) else sigma_m,
+        has_heading=not isinstance(turned, str),
+        notes=tuple(notes),
+    )
 
 
 def _package(value: Any, scene: ConversionState) -> Sighting | str:
@@ -156,15 +173,16 @@ def _detections(value: Any) -> Iterator[Sighting | str]:
         if isinstance(found, str):
             yield found
             continue
-        sizes_m = checks.place(each.bbox.size, f"the size of {what}")
-        if isinstance(sizes_m, str) or min(sizes_m) < 0.0:
-            yield sizes_m if isinstance(sizes_m, str) else f"the size of {what} is negative"
-            continue
+        size = each.bbox.size
+        sizes_m = (float(size.x), float(size.y), float(size.z))
+        is_size = all(0.0 <= side_m <= FARTHEST for side_m in sizes_m)
+        problem = f"the size of {what} is {sizes_m} m, and left out: send metres, 0 if it is unknown"
         yield found._replace(
             name=each.id[:MAX_ID] or str(count),
             kind="" if best is None else best.hypothesis.class_id[:MAX_ID],
-            size_m=max(sizes_m),
+            size_m=max(sizes_m) if is_size else 0.0,
             has_heading=found.pose.orientation != IDENTITY,
+            notes=found.notes if is_size else (*found.notes, problem),
         )
 
 

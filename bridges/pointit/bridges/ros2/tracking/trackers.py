@@ -6,6 +6,7 @@ from collections.abc import Container, Mapping
 from typing import Any, NamedTuple
 
 from pointit.bridges.ros2.routing.conversion_state import ConversionState
+from pointit.bridges.ros2.routing.frames import frame_name, is_fixed
 from pointit.bridges.ros2.routing.route_types import BusOutput, ConversionContext, ConversionWarning, Taken
 from pointit.bridges.ros2.tracking.config import TF, TrackerConfig
 from pointit.bridges.ros2.tracking.sightings import PACKAGES, READERS, Sighting, packages
@@ -66,9 +67,13 @@ class Tracker:
         stamp_ns = max(stamp_ns - round(self._config.latency_s * NS_PER_S), 0)
         if 0 < self._stamp_ns - stamp_ns < NS_PER_S or stamp_ns == self._stamp_ns:
             return ()  # overtaken, or told twice
-        made = [each if isinstance(each, str) else self._object(each, stamp_ns, about) for each in seen]
+        notes: list[str] = []
+        made = [
+            each if isinstance(each, str) else self._object(each, stamp_ns, about, notes) for each in seen
+        ]
         objects = {each.id: each for each in made if isinstance(each, TrackedObject)}
-        problems = tuple(ConversionWarning(each) for each in made if isinstance(each, str))
+        notes += [each for each in made if isinstance(each, str)]
+        problems = tuple(map(ConversionWarning, dict.fromkeys(notes)))
         if problems and not objects:
             return problems
         self._motion.keep(objects)
@@ -82,20 +87,25 @@ class Tracker:
         )
         return (BusOutput(OBJECTS, self._name, message), *problems)
 
-    def _object(self, seen: Sighting, stamp_ns: int, about: ConversionContext) -> TrackedObject | str:
+    def _object(
+        self, seen: Sighting, stamp_ns: int, about: ConversionContext, notes: list[str]
+    ) -> TrackedObject | str:
+        """Return the object, or why there is none; adds to `notes` what of the message is left out."""
         config, scene = self._config, about.scene
-        known = roots(scene)
-        frame = frame_pose(seen.frame or config.frame, self._buffer, known, about.stamp_ns, config.stale_s)
+        lookup = FrameLookup(self._buffer, roots(scene), about.stamp_ns, config.stale_s)
+        frame = lookup.pose(seen.frame or config.frame)
         if isinstance(frame, str):
             return frame
         pose = compose(frame, seen.pose)
         position_m = pose.position_m
         base = config.id or self._name
         identity = f"{base}-{seen.name}" if seen.name else base
-        if seen.velocity_mps is None:
+        velocity_mps = stated_velocity(seen, config.frame, pose, lookup)
+        notes += seen.notes
+        if isinstance(velocity_mps, str):
+            notes.append(velocity_mps)
+        if velocity_mps is None or isinstance(velocity_mps, str):
             velocity_mps = self._motion.velocity_mps(identity, position_m, stamp_ns)
-        else:
-            velocity_mps = rotation.rotate(pose.orientation, seen.velocity_mps)
         if max(vector.norm(position_m), vector.norm(velocity_mps)) > FARTHEST:
             return f"{identity} is outside the room, or faster than anything: send metres and m/s"
         surface, surface_id, along_m = seen.on or ("none", "", 0.0)
@@ -127,7 +137,7 @@ class TfInput:
 
     def moving(self, value: Any, about: ConversionContext) -> Taken:
         """Convert a tf2_msgs/TFMessage of /tf."""
-        problems = map(ConversionWarning, self._buffer.take(value, is_static=False))
+        problems = map(ConversionWarning, self._buffer.take(value, is_static=False, now_ns=about.stamp_ns))
         looked = (tracker.look(about) for tracker in self._trackers.values())
         return (*problems, *itertools.chain.from_iterable(looked))
 
@@ -143,28 +153,55 @@ class TfInput:
 def roots(scene: ConversionState) -> dict[str, Pose]:
     """Return the frames in ROS whose pose in {W} is known without transforms: {W}, and those of the map."""
     frames = () if scene.room is None else scene.room.frames
-    known = {frame.id: Pose(frame.position_m, frame.orientation_xyzw) for frame in frames}
-    return {scene.frames.world: AT_ORIGIN} | known
+    known = {frame_name(frame.id): Pose(frame.position_m, frame.orientation_xyzw) for frame in frames}
+    return {frame_name(scene.frames.world): AT_ORIGIN} | known
 
 
-def frame_pose(
-    frame: str, buffer: TransformBuffer, known: Mapping[str, Pose], now_ns: int, stale_s: float
-) -> Pose | str:
-    """Return the pose of the frame of a message in the one that `known` begins with, or the rejection.
+class FrameLookup(NamedTuple):
+    """Poses of frames at one time."""
+
+    buffer: TransformBuffer
+    known: Mapping[str, Pose]
+    """Frames whose pose needs no transform. Poses are in the first one."""
+    now_ns: int
+    """The time, Unix ns."""
+    stale_s: float
+    """Maximum age of moving transforms."""
+
+    def pose(self, name: str) -> Pose | str:
+        """Return the pose of the frame `name`, `""` for the first known one, or the rejection."""
+        name = frame_name(name)
+        if not name:
+            return AT_ORIGIN
+        if name in self.known:
+            return self.known[name]
+        placed = self.buffer.placed(name, self.known, self.now_ns, self.stale_s)
+        return placed if isinstance(placed, str) else placed.pose
+
+
+def stated_velocity(seen: Sighting, own_frame: str, pose: Pose, lookup: FrameLookup) -> Vec3 | str | None:
+    """Return the velocity that a message states, why it cannot be used, or None if it states none.
+
+    A twist is in the frame that the message names. It is the object's own, whose pose is that of the message,
+    unless it is that of the pose, a frame of the map, or one fixed to the ground by its name.
 
     Args:
-        frame: its name in ROS; `""`: that one itself.
-        buffer: the transforms.
-        known: frames whose pose needs none.
-        now_ns: the time, Unix ns.
-        stale_s: maximum age of moving transforms.
+        seen: the object.
+        own_frame: frame of the pose if the message names none.
+        pose: pose of the object in the first known frame.
+        lookup: poses of other frames.
     """
-    if not frame:
-        return AT_ORIGIN
-    if frame in known:
-        return known[frame]
-    placed = buffer.placed(frame, known, now_ns, stale_s)
-    return placed if isinstance(placed, str) else placed.pose
+    name = seen.velocity_frame
+    if seen.velocity_mps is None:
+        return None
+    if name and (name in (seen.frame or frame_name(own_frame), *lookup.known) or is_fixed(name)):
+        frame = lookup.pose(name)
+        return (
+            f"the twist is left out: {frame}"
+            if isinstance(frame, str)
+            else rotation.rotate(frame.orientation, seen.velocity_mps)
+        )
+    return rotation.rotate(pose.orientation, seen.velocity_mps) if seen.has_heading else None
 
 
 def captured(stamp: Any, now_ns: int, what: str, stale_s: float) -> int | str:

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 from pointit.bridges.ros2.inbound import checks
-from pointit.bridges.ros2.message_format import holds_text
+from pointit.bridges.ros2.routing.frames import frame_name, holds_frame
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
@@ -62,16 +62,22 @@ class TransformBuffer:
     def want(self, frame: str) -> None:
         """Remember that `frame` matters."""
         if len(self._wanted) < MAX_TRANSFORMS:
-            self._wanted[frame] = None
+            self._wanted[frame_name(frame)] = None
 
     def wanted_in(self, cdr: bytes) -> tuple[str, ...]:
         """Return the frames in the CDR of a tf2_msgs/TFMessage that some pose was asked for by."""
-        return tuple(frame for frame in self._wanted if holds_text(cdr, frame))
+        return tuple(frame for frame in self._wanted if holds_frame(cdr, frame))
 
-    def take(self, value: Any, *, is_static: bool) -> Iterator[str]:
-        """Store the transforms of a tf2_msgs/TFMessage; yields a sentence for each that cannot be used."""
+    def take(self, value: Any, *, is_static: bool, now_ns: int = 0) -> Iterator[str]:
+        """Store the transforms of a tf2_msgs/TFMessage; yields a sentence for each that cannot be used.
+
+        Args:
+            value: the message.
+            is_static: it is one of /tf_static.
+            now_ns: the time of moving transforms without a stamp, Unix ns.
+        """
         for each in value.transforms[:MAX_TRANSFORMS]:
-            problem = self._store(each, is_static=is_static)
+            problem = self._store(each, None if is_static else now_ns)
             if problem:
                 yield problem
 
@@ -84,7 +90,7 @@ class TransformBuffer:
             at_ns: the time for which it is needed, Unix ns.
             stale_s: maximum time between `at_ns` and a moving transform.
         """
-        pose, stamp_ns, here = AT_ORIGIN, None, frame
+        pose, stamp_ns, here = AT_ORIGIN, None, frame_name(frame)
         for _ in range(MAX_CHAIN):
             self.want(here)
             if here in roots:
@@ -111,8 +117,9 @@ class TransformBuffer:
             pose, here = compose(link.pose, pose), link.parent
         return f"the transforms of {checks.named(frame)} go round in a circle: end one of their publishers"
 
-    def _store(self, each: Any, *, is_static: bool) -> str:
-        child, parent = str(each.child_frame_id), str(each.header.frame_id)
+    def _store(self, each: Any, now_ns: int | None) -> str:
+        """Store a transform; `now_ns` is None if it is static."""
+        child, parent = frame_name(each.child_frame_id), frame_name(each.header.frame_id)
         what = f"the transform from {checks.named(parent)} to {checks.named(child)}"
         if child == parent:
             return f"{what} leads from a frame to itself: end its publisher"
@@ -123,7 +130,7 @@ class TransformBuffer:
         if isinstance(turned, str):
             return turned
         stamp = each.header.stamp
-        stamp_ns = None if is_static else int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
+        stamp_ns = None if now_ns is None else int(stamp.sec) * NS_PER_S + int(stamp.nanosec) or now_ns
         before = self._links.pop(child, None)
         if before is not None and not is_newer(stamp_ns, before.stamp_ns):
             self._links[child] = before

@@ -1,0 +1,306 @@
+"""Poses as drivers of others write them, in CDR by the serializer of rosbags: read field by field."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pointit.bridges.ros2.inbound.person import people_in
+from pointit.bridges.ros2.robot.pose_input import PoseReader
+from pointit.bridges.ros2.routing.conversion_state import ConversionState
+from pointit.bridges.ros2.routing.route_types import BusOutput, ConversionWarning
+from pointit.bridges.ros2.tracking.config import PoseSource, TrackerConfig
+from pointit.bridges.ros2.tracking.routes import tracker_routes
+from pointit.bridges.ros2.tracking.transforms import AT_ORIGIN, TransformBuffer
+from pointit.plugins import NS_PER_S, RobotReport
+from pointit.schemas import TrackedObject, TrackedObjects, UserPose, WristSample
+from pointit.schemas.environment import Frame
+from tests.unit.ros2.scenes import NOW_NS, ROOM, into, jazzy
+from tests.unit.ros2.tracking.rosbags_values import (
+    BACKWARDS,
+    LEFT,
+    NAN,
+    STORE,
+    Quaternion,
+    decoded,
+    header,
+    matrix,
+    message,
+    odometry,
+    posed,
+    transforms,
+    vector,
+)
+
+
+def reader(frame: str = "map") -> PoseReader:
+    return PoseReader(PoseSource(type="nav_msgs/Odometry", topic="/agv1/odom"), frame)
+
+
+def report(value: Any, robot: PoseReader | None = None, *, now_ns: int = NOW_NS) -> RobotReport:
+    found = (robot or reader()).message(value, now_ns)
+    assert isinstance(found, RobotReport), found
+    return found
+
+
+@pytest.mark.parametrize(
+    ("frame", "child", "turned", "expected"),
+    [
+        ("map", "base_link", BACKWARDS, (-0.5, 0.0, 0.0)),
+        ("map", "", BACKWARDS, (-0.5, 0.0, 0.0)),
+        ("map", "agv1/base_footprint", LEFT, (0.0, 0.5, 0.0)),
+        ("map", "map", BACKWARDS, (0.5, 0.0, 0.0)),
+        ("map", "/map", LEFT, (0.5, 0.0, 0.0)),
+        ("/map", "map", LEFT, (0.5, 0.0, 0.0)),
+        ("", "map", LEFT, (0.5, 0.0, 0.0)),
+    ],
+)
+def test_a_twist_is_in_the_frame_that_the_message_names(
+    frame: str, child: str, turned: Quaternion, expected: tuple[float, float, float]
+) -> None:
+    found = report(odometry(frame=frame, child=child, turned=turned))
+    assert found.velocity_mps == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("frame", ["agv1/odom", "map"])
+def test_a_twist_in_a_fixed_frame_that_is_turned_in_the_room_is_turned(frame: str) -> None:
+    robot = reader()
+    still = decoded("tf2_msgs/msg/TFMessage", transforms(("map", "agv1/odom", 3.0), turned=LEFT))
+    assert robot.transforms(still, NOW_NS, is_static=True) == ""
+    found = report(odometry(frame=frame, child="agv1/odom", turned=BACKWARDS), robot)
+    assert found.velocity_mps == pytest.approx((0.0, 0.5, 0.0))
+
+
+def test_a_twist_in_a_fixed_frame_that_no_transform_leads_to_is_left_out_and_named() -> None:
+    robot = reader()
+    second_ns = NOW_NS + NS_PER_S // 10
+    for stamp_ns, x in ((NOW_NS, 1.0), (second_ns, 1.1)):
+        found = report(odometry(child="odom", x=x, stamp_ns=stamp_ns), robot, now_ns=second_ns)
+    assert found.velocity_mps[0] > 0.0, "by its positions"
+    assert robot.problem.startswith("the twist is left out: no transform leads from 'odom' to 'map'")
+
+
+@pytest.mark.parametrize(
+    ("covariance", "sigma_m"),
+    [
+        (matrix(*(NAN,) * 6, rest=NAN), None),
+        (matrix(NAN, 0.0, 0.0), None),  # PX4
+        (matrix(-1.0), None),
+        (matrix(*(-1.0,) * 6, rest=-1.0), None),
+        (matrix(), None),
+        (matrix(0.04, 0.09, NAN, NAN, NAN, 0.1), 0.3),
+        (matrix(0.1, 0.1, 1.7976931348623157e308, 1.7976931348623157e308), math.sqrt(0.1)),  # kobuki
+        (matrix(0.04, 0.09, math.inf), 0.3),
+        (matrix(0.04, 0.09, -1.0), 0.3),
+        (matrix(0.04, 0.04, 0.04, rest=NAN), 0.2),
+        (matrix(math.inf, math.inf, math.inf), None),
+    ],
+)
+def test_a_covariance_that_is_unknown_leaves_the_pose(covariance: Any, sigma_m: float | None) -> None:
+    robot = reader()
+    found = report(odometry(covariance=covariance), robot)
+    assert found.position_m == (1.0, 2.0, 0.0)
+    assert found.position_sigma_m == (None if sigma_m is None else pytest.approx(sigma_m))
+    assert robot.problem == ""
+
+
+def test_a_covariance_that_is_none_is_named_and_leaves_the_pose() -> None:
+    robot = reader()
+    found = report(odometry(covariance=matrix(0.1, 0.1, 0.1, rest=1e9)), robot)
+    assert (found.position_m, found.position_sigma_m) == ((1.0, 2.0, 0.0), None)
+    assert "the covariance is none" in robot.problem
+
+
+@pytest.mark.parametrize("speed_mps", [NAN, math.inf, 1e9])
+def test_a_twist_that_is_no_velocity_is_named_as_such_and_leaves_the_pose(speed_mps: float) -> None:
+    robot = reader()
+    found = report(odometry(forward_mps=speed_mps), robot)
+    assert (found.position_m, found.velocity_mps) == ((1.0, 2.0, 0.0), (0.0, 0.0, 0.0))
+    assert robot.problem.startswith("the twist is no velocity: (")
+    again = odometry(stamp_ns=NOW_NS + NS_PER_S // 10)
+    report(again, robot, now_ns=NOW_NS + NS_PER_S // 10)
+    assert robot.problem == ""
+
+
+@pytest.mark.parametrize("variance", [-1.0, 1e6])
+def test_a_twist_that_is_not_measured_is_found_by_the_positions(variance: float) -> None:
+    robot = reader()
+    found = [
+        report(
+            odometry(
+                x=0.1 * step,
+                forward_mps=0.0,
+                twist_covariance=matrix(variance),
+                stamp_ns=NOW_NS + step * NS_PER_S // 10,
+            ),
+            robot,
+            now_ns=NOW_NS + NS_PER_S,
+        )
+        for step in range(10)
+    ]
+    assert found[-1].velocity_mps[0] > 0.9
+
+
+@pytest.mark.parametrize("turned", [(0.0, 0.0, 0.0, 0.0), (NAN, NAN, NAN, NAN)])
+def test_a_robot_without_a_heading_keeps_its_last_one_and_has_none_before(turned: Quaternion) -> None:
+    robot = reader()
+    refused = robot.message(odometry(turned=turned), NOW_NS)
+    assert isinstance(refused, str)
+    assert "is not a rotation" in refused
+    report(odometry(turned=LEFT), robot)
+    later_ns = NOW_NS + NS_PER_S // 10
+    found = report(odometry(turned=turned, x=1.2, stamp_ns=later_ns), robot, now_ns=later_ns)
+    assert found.position_m == (1.2, 2.0, 0.0)
+    assert found.yaw_rad == pytest.approx(math.pi / 2)
+    assert "is not a rotation" in robot.problem
+
+
+@pytest.mark.parametrize("frame", ["map", "/map", "//map"])
+@pytest.mark.parametrize("configured", ["map", "/map"])
+def test_a_slash_before_a_frame_makes_no_difference(frame: str, configured: str) -> None:
+    assert report(odometry(frame=frame), reader(configured)).position_m == (1.0, 2.0, 0.0)
+
+
+def test_a_frame_of_another_namespace_is_another_one() -> None:
+    refused = reader().message(odometry(frame="/agv2/map"), NOW_NS)
+    assert isinstance(refused, str)
+    assert refused.startswith("no transform leads from 'agv2/map' to 'map': publish one on /tf or /tf_static")
+
+
+@pytest.mark.parametrize("name", ["agv1/base_link", "/agv1/base_link"])
+def test_transforms_with_slashes_are_heard_and_chained(name: str) -> None:
+    robot = PoseReader(PoseSource(type="tf", frame=name), "/map")
+    sent = transforms(("/map", "/agv1/odom", 1.0), ("agv1/odom", "/agv1/base_link", 2.0))
+    cdr = bytes(STORE.serialize_cdr(sent, "tf2_msgs/msg/TFMessage"))
+    assert robot.is_wanted(cdr)
+    found = robot.transforms(jazzy().decode("tf2_msgs/msg/TFMessage", cdr), NOW_NS, is_static=False)
+    assert isinstance(found, RobotReport)
+    assert found.position_m == pytest.approx((3.0, 0.0, 0.0))
+
+
+def test_a_moving_transform_without_a_stamp_is_as_old_as_its_arrival() -> None:
+    buffer = TransformBuffer()
+    value = decoded("tf2_msgs/msg/TFMessage", transforms(("map", "base_link", 1.0), stamp_ns=0))
+    assert list(buffer.take(value, is_static=False, now_ns=NOW_NS)) == []
+    placed = buffer.placed("base_link", {"map": AT_ORIGIN}, NOW_NS, 1.0)
+    assert not isinstance(placed, str)
+    assert placed.stamp_ns == NOW_NS
+    assert isinstance(buffer.placed("base_link", {"map": AT_ORIGIN}, NOW_NS + 2 * NS_PER_S, 1.0), str)
+
+
+def tracked(type_: str, value: Any, **config: Any) -> tuple[list[TrackedObject], list[str]]:
+    """Return the objects of a tracker after a message, and its warnings."""
+    source: Any = {"type": type_, "topic": "/x", **config}
+    row = tracker_routes({"seen": TrackerConfig.model_validate(source)})[0]
+    scene = ConversionState(jazzy(), world="/map")
+    frame = Frame(id="lab", position_m=(0.0, 0.0, 0.0), orientation_xyzw=LEFT)
+    scene.take("", ROOM.model_copy(update={"frames": (frame,)}), NOW_NS)
+    objects: list[TrackedObject] = []
+    warnings: list[str] = []
+    for each in row.convert(value, "", scene, now_ns=NOW_NS, wall_ns=NOW_NS):
+        if isinstance(each, ConversionWarning):
+            warnings.append(each.sentence)
+        elif isinstance(each.what, TrackedObjects):
+            objects += each.what.objects
+    return objects, warnings
+
+
+def test_a_tracker_reads_odometry_as_a_robots_driver_does() -> None:
+    ((item,), warnings) = tracked("nav_msgs/Odometry", odometry(frame="/map", child="lab"))
+    assert item.velocity_mps == pytest.approx((0.0, 0.5, 0.0)), "in a frame of the site's map"
+    assert warnings == []
+    ((item,), warnings) = tracked("nav_msgs/Odometry", odometry(covariance=matrix(NAN), forward_mps=NAN))
+    assert (item.position_m, item.position_sigma_m) == ((1.0, 2.0, 0.0), None)
+    assert len(warnings) == 1
+    assert warnings[0].startswith("the twist is no velocity")
+
+
+@pytest.mark.parametrize("turned", [(0.0, 0.0, 0.0, 0.0), (NAN, 0.0, 0.0, 1.0)])
+def test_an_object_whose_orientation_is_not_set_is_where_it_is_without_a_heading(turned: Quaternion) -> None:
+    name = "geometry_msgs/msg/PoseStamped"
+    value = decoded(name, message(name, header("/map"), posed(1.0, turned)))
+    ((item,), warnings) = tracked("geometry_msgs/PoseStamped", value)
+    assert (item.position_m, item.yaw_rad) == ((1.0, 2.0, 0.0), None)
+    assert ["is not a rotation" in each for each in warnings] == [True]
+
+
+def test_a_detection_whose_size_or_covariance_is_unknown_is_where_it_is() -> None:
+    name = "vision_msgs/msg/Detection3DArray"
+    result = message(
+        "vision_msgs/msg/ObjectHypothesisWithPose",
+        message("vision_msgs/msg/ObjectHypothesis", "cup", 0.9),
+        message("geometry_msgs/msg/PoseWithCovariance", posed(0.0), matrix(NAN, rest=NAN)),
+    )
+    boxes = (vector(NAN, NAN, NAN), vector(-1.0, 0.2, 0.2), vector(0.1, 0.3, 0.2))
+    found = [
+        message(
+            "vision_msgs/msg/Detection3D",
+            header("/map"),
+            [result],
+            message("vision_msgs/msg/BoundingBox3D", posed(float(number)), size),
+            str(number),
+        )
+        for number, size in enumerate(boxes)
+    ]
+    items, warnings = tracked("vision_msgs/Detection3DArray", decoded(name, message(name, header(""), found)))
+    assert [(each.position_m[0], each.length_m) for each in items] == [(0.0, 0.0), (1.0, 0.0), (2.0, 0.3)]
+    assert [each.partition(" is ")[0] for each in warnings] == [
+        "the size of detection '0'",
+        "the size of detection '1'",
+    ]
+
+
+def scene_of(user: str) -> ConversionState:
+    scene = ConversionState(jazzy(), world="/map", person="/{user}/feet")
+    scene.person(user).is_here = True
+    return scene
+
+
+def outputs_of(route: str, value: Any, *, user: str = "", scene: ConversionState | None = None) -> list[Any]:
+    converted: Sequence[Any] = into(route).convert(
+        value, user, scene or scene_of("anna"), now_ns=NOW_NS, wall_ns=NOW_NS
+    )
+    return [each.what for each in converted if isinstance(each, BusOutput)]
+
+
+@pytest.mark.parametrize(("parent", "child"), [("map", "anna/feet"), ("/map", "/anna/feet")])
+def test_a_persons_pose_is_read_with_and_without_slashes(parent: str, child: str) -> None:
+    scene = scene_of("anna")
+    sent = transforms((parent, child, 4.0))
+    cdr = bytes(STORE.serialize_cdr(sent, "tf2_msgs/msg/TFMessage"))
+    assert people_in(cdr, scene) == ("anna",)
+    (pose,) = outputs_of("tf_in", jazzy().decode("tf2_msgs/msg/TFMessage", cdr), scene=scene)
+    assert isinstance(pose, UserPose)
+    assert pose.position_m == (4.0, 0.0, 0.0)
+    name = "geometry_msgs/msg/PoseStamped"
+    (pose,) = outputs_of("mocap_pose", decoded(name, message(name, header(parent), posed(5.0))), user="anna")
+    assert pose.position_m == (5.0, 2.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("turned", "variance", "is_read"),
+    [
+        (LEFT, 0.0, True),  # all 0: unknown
+        (LEFT, NAN, True),
+        (LEFT, -1.0, False),  # measures none
+        ((0.0, 0.0, 0.0, 0.0), 0.0, False),
+    ],
+)
+def test_an_imu_is_read_by_what_it_says_of_its_orientation(
+    turned: Quaternion,
+    variance: float,
+    is_read: bool,  # noqa: FBT001 - a row of the table
+) -> None:
+    name = "sensor_msgs/msg/Imu"
+    three = np.array([variance, *(0.0,) * 8])
+    value = message(
+        name,
+        header("/imu_link"),
+        message("geometry_msgs/msg/Quaternion", *turned),
+        three,
+        *(vector(NAN), np.full(9, NAN), vector(NAN), np.full(9, NAN)),
+    )
+    found = outputs_of("imu_in", decoded(name, value), user="anna")
+    assert [type(each) for each in found] == ([WristSample] if is_read else [])

@@ -115,6 +115,7 @@ ROOMS = {
         (
             *(f"tests/unit/{name}" for name in ("agv_tracker", "goal", "robot", "robot_replay")),
             *("tests/integration/scenario/test_robots.py", "tests/devices/test_vda5050.py"),
+            "tests/devices/test_vda5050_tolerance.py",
             "tests/devices/vda5050_agv",
         ),
         (

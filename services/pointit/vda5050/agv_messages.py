@@ -11,7 +11,16 @@ from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar
 from pydantic import AliasChoices, Field, StringConstraints
 from pydantic_core import from_json
 
-from pointit.vda5050.tolerant_model import COUNTS, Count, Number, Seconds, Text, TolerantModel, Word
+from pointit.vda5050.tolerant_model import (
+    COUNTS,
+    Count,
+    Number,
+    Seconds,
+    Text,
+    TolerantModel,
+    Word,
+    read_tolerantly,
+)
 
 MAX_BYTES = 1 << 20
 """Maximum size of a message."""
@@ -35,6 +44,8 @@ ACTIVE_STOPS = frozenset({"AUTOACK", "MANUAL", "REMOTE"})
 MODES = frozenset({"AUTOMATIC", "SEMIAUTOMATIC", "MANUAL", "SERVICE", "TEACHIN", "STARTUP", "INTERVENED"})
 HARMLESS_LEVELS = frozenset({"WARNING", "URGENT", "CRITICAL"})
 """Levels of errors with which an AGV accepts new orders."""
+IF_UNREADABLE = {"positionInitialized": False, "localized": False, "errorLevel": "FATAL"}
+"""Values of fields that state something unreadable, where the default would be harmless."""
 LOST_CONNECTIONS = frozenset({"OFFLINE", "CONNECTIONBROKEN", "HIBERNATING"})
 
 
@@ -59,7 +70,6 @@ class AgvPosition(TolerantModel):
     """Pose on a map."""
 
     NEEDED: ClassVar[tuple[str, ...]] = ("theta",)
-    IF_UNREADABLE: ClassVar[Mapping[str, object]] = {"position_initialized": False}
 
     x: Number
     y: Number
@@ -107,7 +117,6 @@ class AgvError(TolerantModel):
     """Active error."""
 
     KNOWN_WORDS: ClassVar[Mapping[str, frozenset[str]]] = {"error_level": HARMLESS_LEVELS | {"FATAL"}}
-    IF_UNREADABLE: ClassVar[Mapping[str, object]] = {"error_level": "FATAL"}
 
     error_type: Text = "error"
     error_level: Word = "WARNING"
@@ -186,10 +195,10 @@ def parse(kind: type[M], payload: object) -> M | None:
         return None
     text = bytes(payload).decode("utf-8-sig", "replace").rstrip("\0")
     try:
-        message = kind.model_validate(from_json(text), context=dict[str, str]())
-    except ValueError:
+        message = read_tolerantly(kind, from_json(text), IF_UNREADABLE)
+    except ValueError:  # no JSON
         return None
-    return message if message.model_fields_set else None
+    return message if message and message.model_fields_set else None
 
 
 class LastPose(NamedTuple):

@@ -1,8 +1,8 @@
-"""Base of messages of AGVs, which is read field by field: what cannot be understood is left out by name."""
+"""Messages that are read field by field: what cannot be understood is left out, and reported by name."""
 
 import datetime as dt
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, cast
+from typing import Annotated, Any, ClassVar, TypeVar
 
 from pydantic import (
     AliasChoices,
@@ -13,14 +13,15 @@ from pydantic import (
     PrivateAttr,
     StringConstraints,
     ValidationError,
-    ValidationInfo,
-    ValidatorFunctionWrapHandler,
-    field_validator,
 )
 from pydantic.alias_generators import to_camel
 
 COUNTS = 1 << 32
 """Number of different values of a counter."""
+MAX_ERRORS = 1000
+"""Maximum number of errors of a message of which the rest is used."""
+MAX_ROUNDS = 8
+"""Maximum number of times that a message is read: parts are nested less deeply."""
 MAX_SHOWN = 40
 """Maximum number of characters of a value in a sentence."""
 MAX_NAMES = 4
@@ -60,10 +61,7 @@ Word = Annotated[str, BeforeValidator(_word)]
 
 
 class TolerantModel(BaseModel):
-    """A part of a message. Null counts as missing, an unreadable value becomes the default of its field.
-
-    Unreadable items of a list are left out. A part of which a required field is unreadable is so itself.
-    """
+    """A message, or a part of one, that `read_tolerantly` makes."""
 
     model_config = ConfigDict(
         frozen=True,
@@ -78,50 +76,58 @@ class TolerantModel(BaseModel):
     """Fields that are reported if they are missing, since there is no value to assume."""
     KNOWN_WORDS: ClassVar[Mapping[str, frozenset[str]]] = {}
     """Fields of type `Word` of which other values are reported."""
-    IF_UNREADABLE: ClassVar[Mapping[str, object]] = {}
-    """Values of fields whose default must not be assumed if the message states something unreadable."""
 
     _unreadable: dict[str, str] = PrivateAttr(default_factory=dict[str, str])
 
     @property
     def unreadable(self) -> Mapping[str, str]:
-        """Return what is wrong with each field of the message that could not be read, by its name."""
+        """Return the problem of each field of the message that cannot be read, by its name."""
         return self._unreadable
 
-    @field_validator("*", mode="wrap")
-    @classmethod
-    def _read(cls, value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
-        name = cast("str", info.field_name)
-        field = cls.model_fields[name]
-        default = field.get_default(call_default_factory=True)
-        if value is None and not field.is_required():
-            return default
-        try:
-            result = handler(value)
-        except ValidationError as error:
-            _note(info, cls._label(name), value, error)
-            if field.is_required():
-                raise
-            return _readable_items(value, handler) or cls.IF_UNREADABLE.get(name, default)
-        if result not in cls.KNOWN_WORDS.get(name, (result,)):
-            _note(info, cls._label(name), value)
-        return result
-
     def model_post_init(self, context: Any, /) -> None:
-        """Report what is missing."""
+        """Report missing and unknown values in `context`, the problems of the message by field."""
         if context is None:
             return
         self._unreadable = context
         for name in self.NEEDED:
             if getattr(self, name) in (None, ""):
                 context.setdefault(self._label(name), "is missing")
+        for name, words in self.KNOWN_WORDS.items():
+            word = getattr(self, name)
+            if word and word not in words:
+                context.setdefault(self._label(name), f"is {word!r}")
 
     @classmethod
     def _label(cls, name: str) -> str:
+        """Return the name of a field in version 2 of the standard."""
         field = cls.model_fields[name]
         if isinstance(field.validation_alias, AliasChoices):
-            return "/".join(map(str, field.validation_alias.choices))
+            return str(field.validation_alias.choices[0])
         return field.alias or name
+
+
+T = TypeVar("T", bound=TolerantModel)
+
+
+def read_tolerantly(kind: type[T], data: Any, if_unreadable: Mapping[str, object]) -> T | None:
+    """Return the message in decoded JSON, or None if it is none.
+
+    Null counts as missing. Unreadable values are removed from `data`, so that their fields have the defaults,
+    and unreadable items are removed from lists. A part of which a required field is unreadable is so itself.
+
+    Args:
+        kind: the class of the message.
+        data: changed.
+        if_unreadable: values instead of unreadable ones, by field, where the default must not be assumed.
+    """
+    problems: dict[str, str] = {}
+    for _ in range(MAX_ROUNDS):
+        try:
+            return kind.model_validate(data, context=problems)
+        except ValidationError as error:
+            if error.error_count() > MAX_ERRORS or not _remove(data, error, problems, if_unreadable):
+                return None
+    return None
 
 
 class UnreadableFields:
@@ -143,25 +149,28 @@ class UnreadableFields:
         )
 
 
-def _note(info: ValidationInfo, label: str, value: object, error: ValidationError | None = None) -> None:
-    """Remember an unreadable field, unless the part that is to blame has been noted as such."""
-    notes: dict[str, str] | None = info.context
-    if notes is None:
-        return
-    first = error.errors(include_url=False)[0] if error else None
-    if first is None or not first["loc"] or isinstance(first["loc"][-1], int):
-        text = repr(first["input"] if first else value)
-        notes.setdefault(label, f"is {text[:MAX_SHOWN]}")
-    elif first["type"] == "missing":
-        notes.setdefault(str(first["loc"][-1]), "is missing")
-
-
-def _readable_items(value: object, handler: ValidatorFunctionWrapHandler) -> list[Any]:
-    """Return those items of a list that can be read."""
-    items: list[Any] = []
-    for each in cast("list[object]", value) if isinstance(value, list) else ():
-        try:
-            items += handler([each])
-        except ValidationError:
-            continue
-    return items
+def _remove(
+    data: Any, error: ValidationError, problems: dict[str, str], if_unreadable: Mapping[str, object]
+) -> bool:
+    """Remove from `data` what is in `error`, and add it to `problems`. Return False if nothing is left."""
+    paths: set[tuple[str | int, ...]] = set()
+    for each in error.errors(include_url=False):
+        path, value = each["loc"], each["input"]
+        name = next((str(step) for step in reversed(path) if isinstance(step, str)), "")
+        if each["type"] == "missing":
+            path, value = path[:-1], "missing"
+            problems.setdefault(name, "is missing")
+        elif value is not None:
+            problems.setdefault(name, f"is {repr(value)[:MAX_SHOWN]}")
+        if not path:
+            return False
+        paths.add(path)
+    for path in sorted(paths, reverse=True):  # the last items of lists first, which keeps the other indices
+        part = data
+        for step in path[:-1]:
+            part = part[step]
+        if path[-1] in if_unreadable and part[path[-1]] is not None:
+            part[path[-1]] = if_unreadable[str(path[-1])]
+        else:
+            del part[path[-1]]
+    return True

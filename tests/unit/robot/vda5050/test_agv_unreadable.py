@@ -28,8 +28,8 @@ def test_unreadable_fields_are_named_in_health_and_the_agv_is_steered(bench: Agv
         bench.run(0.1)
     assert bench.reports[-1].battery is None
     assert bench.health.warnings["state"] == (
-        "uagv/v2/acme/7/state: batteryCharge/stateOfCharge is -1; correct it at the AGV, or update its "
-        "software to keep VDA 5050"
+        "uagv/v2/acme/7/state: batteryCharge is -1; correct it at the AGV, or update its software to keep "
+        "VDA 5050"
     )
     bench.change(batteryState={"batteryCharge": 100.4})
     path = bench.tell(FollowPath, ((1.0, 0.0, 0.0),))

@@ -31,7 +31,7 @@ class PoseReader:
         self._yaw_rad: float | None = None
         """That of the last report, for a message without a heading."""
         self.problem = ""
-        """What of the newest message cannot be used, and why, or `""`."""
+        """Parts of the newest message that cannot be used, with the reasons, or `""`."""
         if source.type == TF:
             self._buffer.want(source.frame)
 

@@ -42,7 +42,7 @@ class Sighting(NamedTuple):
     sigma_m: float | None = None
     has_heading: bool = True
     notes: tuple[str, ...] = ()
-    """What of the message cannot be used, and why."""
+    """Parts of the message that cannot be used, with the reasons."""
     on: tuple[SurfaceKind, str, float] | None = None
     """The line that it is on, and its centre's arc length there, m."""
 

@@ -39,6 +39,7 @@ from pointit.services.listener.referents import NO_RAYS, Spoken
 from pointit.services.listener.service import Listener
 from pointit.services.pointing.service import Pointing
 from tests.support.bench import START_NS, Bench, ManualClock, memory_bench, until
+from tests.support.commands import change
 from tests.unit.listener.gestures import EYES, at_ns, gesture, thing
 
 USER = "anna"
@@ -127,12 +128,16 @@ async def test_person_with_a_listener_alone_is_not_present() -> None:
     """A person whose process has ended can join again while their listener runs on."""
     async with room() as here:
         await here.bench.settle()
+        services: set[str] = set()
+        people: set[str] = set()
         bus = here.bench.bus
-        assert await bus.list_present(SERVICE_ALIVE) == {f"listener.{USER}"}
-        assert await bus.list_present(USER_ALIVE) == set()
+        bus.watch(SERVICE_ALIVE, lambda name, is_here: change(services, name, here=is_here))
+        bus.watch(USER_ALIVE, lambda name, is_here: change(people, name, here=is_here))
+        await here.bench.settle()
+        assert (services, people) == ({f"listener.{USER}"}, set())
         here.bench.start(Pointing, user=USER)
         await here.bench.settle()
-        assert await bus.list_present(USER_ALIVE) == {USER}
+        assert people == {USER}
 
 
 async def test_nobody_else_is_answered_for_and_others_rays_are_not_kept() -> None:

@@ -6,6 +6,7 @@ import json
 import math
 import os
 import sys
+import time
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
@@ -83,6 +84,43 @@ async def test_streams_are_read_by_another_process_at_the_times_of_capture(
     for samples, ages in ages_s:
         for (_, stamp_s), age_s in zip(samples, ages, strict=True):
             assert begin_s - 1e-6 <= stamp_s + age_s <= end_s + 1e-6
+
+
+INLET_OF_RAYS = """
+import json, sys, pylsl
+inlets = []
+for kind in ("ray", "cursor"):
+    (info,) = pylsl.resolve_byprop("source_id", f"pointit-{sys.argv[1]}-P02-{kind}", 1, 20.0)
+    inlets.append(pylsl.StreamInlet(info, max_buflen=60))
+    inlets[-1].open_stream(20.0)
+print("open", flush=True)
+print(json.dumps([[inlet.pull_sample(20.0)[1] for _ in range(int(sys.argv[2]))] for inlet in inlets]))
+"""
+
+
+@pytest.mark.wall_time
+async def test_ray_and_cursor_of_one_message_have_one_time_that_never_goes_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "lsl_api.cfg").write_text("[multicast]\nResolveScope = machine\n[log]\nlevel = -3\n")
+    monkeypatch.setenv("LSLAPICFG", str(tmp_path / "lsl_api.cfg"))
+    count, study = 40, f"delayed{os.getpid()}"
+    outlets = LslOutlets(study, "P02")
+    other = await asyncio.create_subprocess_exec(
+        sys.executable, "-c", INLET_OF_RAYS, study, str(count), stdout=-1, env={**os.environ}
+    )
+    assert other.stdout is not None
+    assert await other.stdout.readline() == b"open\n"
+    for number in range(count):
+        now_ns = time.monotonic_ns()
+        if number % 8 == 4:
+            time.sleep(0.03)  # noqa: ASYNC251 - a busy machine, between the site's clock and LSL's
+        outlets.send(Cursor(stamp_ns=now_ns - S // 50), now_ns)
+    rays_s, cursors_s = json.loads(await other.stdout.readline())
+    assert await other.wait() == 0
+    assert len(rays_s) == count
+    assert rays_s == cursors_s
+    assert rays_s == sorted(rays_s)
 
 
 def test_session_marks_each_attempt_and_sends_what_it_hears(

@@ -36,6 +36,8 @@ class LslOutlets:
         lsl: Any = importlib.import_module("pylsl")
         self._clock = lsl.local_clock
         self._outlets: dict[str, Any] = {}
+        self._last_captures: dict[type[object], tuple[int, float]] = {}
+        """Time of capture of the last message: site time, ns, and LSL time, s. By its type."""
         for stream, channels in CHANNELS.items():
             is_text = len(channels) == 1
             kind, form = ("Markers", lsl.cf_string) if is_text else ("Position", lsl.cf_float32)
@@ -49,17 +51,28 @@ class LslOutlets:
 
     def mark(self, **marker: object) -> None:
         """Send a marker of this moment."""
-        self._push("markers", [json.dumps(marker)], 0)
+        self._outlets["markers"].push_sample([json.dumps(marker)], self._clock())
 
     def send(self, message: object, now_ns: int) -> None:
         """Send a cursor, with its ray, or a selection, that has arrived at `now_ns` of the site's time."""
         if isinstance(message, Cursor):
-            age_ns = now_ns - message.stamp_ns
-            self._push("ray", [*(message.origin_m or NOT_KNOWN), *(message.direction or NOT_KNOWN)], age_ns)
-            self._push("cursor", list(message.point_m or NOT_KNOWN), age_ns)
+            stamp_s = self._capture_s(message, now_ns)
+            ray = [*(message.origin_m or NOT_KNOWN), *(message.direction or NOT_KNOWN)]
+            self._outlets["ray"].push_sample(ray, stamp_s)
+            self._outlets["cursor"].push_sample(list(message.point_m or NOT_KNOWN), stamp_s)
         elif isinstance(message, SelectionEvent):
             text = message.model_dump_json(include={"event", "object_id", "user"})
-            self._push("selection", [text], now_ns - message.stamp_ns)
+            self._outlets["selection"].push_sample([text], self._capture_s(message, now_ns))
 
-    def _push(self, stream: str, sample: list[Any], age_ns: int) -> None:
-        self._outlets[stream].push_sample(sample, self._clock() - age_ns / NS_PER_S)
+    def _capture_s(self, message: Cursor | SelectionEvent, now_ns: int) -> float:
+        """Return the time of capture of `message` by LSL's clock, s: the same in all streams of the message.
+
+        LSL's clock is read after `now_ns`, after any delay between. So the time is at least that of an earlier
+        capture.
+        """
+        stamp_s = self._clock() - (now_ns - message.stamp_ns) / NS_PER_S
+        last_ns, last_s = self._last_captures.get(type(message), (message.stamp_ns, stamp_s))
+        if message.stamp_ns >= last_ns:
+            stamp_s = max(stamp_s, last_s)
+        self._last_captures[type(message)] = (message.stamp_ns, stamp_s)
+        return float(stamp_s)

@@ -216,9 +216,9 @@ class StudySite:
             now_ns = self.site.now_ns()
             if isinstance(message, Cursor):
                 self._heard_ns, self._cursor = now_ns, message
+            self.on_message(message, now_ns)  # first, as LSL pairs its clock with this time
             if self.attempt is not None:
                 handle(self.attempt, message, now_ns)
-            self.on_message(message, now_ns)
 
     async def _follow_robots(self) -> None:
         async for name, state in self.site.messages(topics.ROBOT_STATE).items():

@@ -128,11 +128,12 @@ class Foxglove(Service[FoxgloveConfig]):
         self._scene.take(message, name, self._loop.time())
         if isinstance(message, Environment):
             self.bus.warn("map", "; ".join(self._scene.problems[:3]))
-        self._send_log(self._event_log.take(message, name, self.clock.now_ns()))
-        self._mirror(topic, message, name)
+        now_ns = self.clock.now_ns()
+        self._send_log(self._event_log.take(message, name, now_ns))
+        self._mirror(topic, message, name, now_ns)
         self._schedule_frame()
 
-    def _mirror(self, topic: Topic[Any], message: Message, name: str) -> None:
+    def _mirror(self, topic: Topic[Any], message: Message, name: str, now_ns: int) -> None:
         key = topic.at(name)
         mirrored = self._mirrored.get(key)
         if mirrored is None:
@@ -145,12 +146,12 @@ class Foxglove(Service[FoxgloveConfig]):
             self._mirrored[key] = mirrored
         mirrored.message, mirrored.is_new = message, True
         if topic.delivery is Delivery.EVENT:  # each event counts, not only the newest
-            self._send(mirrored)
+            self._send(mirrored, now_ns)
 
-    def _send(self, mirrored: _Mirrored) -> None:
+    def _send(self, mirrored: _Mirrored, now_ns: int) -> None:
         mirrored.is_new = False
         if mirrored.channel.has_sinks():
-            mirrored.channel.log(mirrored.plain.to_json(mirrored.message), log_time=self.clock.now_ns())
+            mirrored.channel.log(mirrored.plain.to_json(mirrored.message), log_time=now_ns)
 
     def _send_log(self, lines: Sequence[Line]) -> None:
         if self._server.viewers.of(LOG):
@@ -210,7 +211,7 @@ class Foxglove(Service[FoxgloveConfig]):
                 self._server.show(part, self._scene.draw(part, now_ns), now_ns)
         for mirrored in self._mirrored.values():
             if mirrored.is_new:
-                self._send(mirrored)
+                self._send(mirrored, now_ns)
         if self._scene.is_moving:  # without further messages, moving objects have to expire
             self._fade_timer.start(self.config.forget_s)
 

@@ -3,7 +3,6 @@
 import asyncio
 import shutil
 import sys
-import wave
 from collections.abc import AsyncIterator
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from pointit.runtime.errors import ConfigError
 from pointit.schemas import NS_PER_S
 from pointit.speech.recogniser import RATE_HZ
 from pointit.speech.standard_input import blocks_of
+from pointit.speech.wav_file import read_wav
 
 BLOCK_S = 0.05
 BLOCK = round(BLOCK_S * RATE_HZ) * 2
@@ -31,17 +31,7 @@ class WavFile:
         Raises:
             ConfigError: If it is no WAV file of 16 kHz, 16 bits and one channel.
         """
-        try:
-            with wave.open(str(path), "rb") as file:
-                form = (file.getframerate(), file.getsampwidth(), file.getnchannels())
-                self._samples = file.readframes(file.getnframes())
-        except (OSError, EOFError, wave.Error) as error:
-            why = getattr(error, "strerror", None) or error
-            raise ConfigError(f"{path}: no WAV file that can be read: {why}") from error
-        if form != (RATE_HZ, 2, 1):
-            raise ConfigError(
-                f"{path}: must have 16 kHz, 16 bits and one channel: `sox IN -r 16k -b 16 -c 1 OUT`"
-            )
+        self._samples = read_wav(path)
         self._clock = clock
 
     async def blocks(self) -> AsyncIterator[tuple[int, bytes]]:

@@ -4,8 +4,7 @@ A CSV file has no date: its time 0 becomes `EPOCH_NS`.
 """
 
 import heapq
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +33,7 @@ from pointit.services.imu_bridge.arm_frame import MOUNTINGS, ArmFrame
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.pointing.config import PointingConfig
 from pointit.services.robot_replay.trajectory import Trajectory
+from pointit.sim.motion_table import rows_of
 from pointit.sim.recordings import (
     OPERATOR,
     Array,
@@ -72,7 +72,9 @@ FOLLOWS = ("pointing_at_moving_drone", "tracking_moving_drone_segment")
 """Kinds in the indexes of the public recordings in which the person follows the robot."""
 
 
-def csv_entries(path: Path, *, user: str, mounting: str) -> Iterator[Entry]:
+def csv_entries(
+    path: Path, *, user: str, mounting: str, note: Callable[[str], None] = lambda _: None
+) -> Iterator[Entry]:
     """Return the entries of the recording at `path`, in order of time.
 
     The person is `user`. With a robot in the file they follow it with the finger, unless the index beside it
@@ -80,7 +82,8 @@ def csv_entries(path: Path, *, user: str, mounting: str) -> Iterator[Entry]:
     head's marker is their true position.
 
     An arm is that of the public recordings' operator, and a replay computes its rays. Points on the floor
-    (`px`, `py`) become rays from the eyes.
+    (`px`, `py`) become rays from the eyes. What is lost in a row has no entry at its time; `note` is called
+    with a sentence about the gaps.
 
     Raises:
         ConfigError: If it cannot be read, or there is no such `mounting`.
@@ -92,13 +95,20 @@ def csv_entries(path: Path, *, user: str, mounting: str) -> Iterator[Entry]:
     follows = indexed is None or indexed.get("kind") in FOLLOWS
     if is_floor_csv(path):
         floor = read_floor_csv(path)
+        _note_all(floor, note)
         return _entries(floor, user, [], _rays(floor, user), follows=follows)
     recorded = read_imu_csv(path)
+    _note_all(recorded, note)
     profile = entry(EPOCH_NS, PROFILE, user, UserProfile(stamp_ns=EPOCH_NS, body=OPERATOR))
     begins = [profile, _configuration("pointing", user, PointingConfig())]
     return _entries(
         recorded, user, begins, _arm(recorded, user, ArmFrame(MOUNTINGS[mounting])), follows=follows
     )
+
+
+def _note_all(motion: Motion, note: Callable[[str], None]) -> None:
+    for sentence in motion.notes:
+        note(sentence)
 
 
 def _indexed(path: Path) -> dict[str, Any] | None:
@@ -150,20 +160,19 @@ def _configuration(service: str, user: str, config: Config) -> Entry:
 
 
 def _arm(recorded: ImuRecording, user: str, arm: ArmFrame) -> Iterator[Entry]:
-    times_ns, sensors = _times_ns(recorded), recorded.orientation_xyzw.tolist()
-    for count, (time_ns, (x, y, z, w)) in enumerate(zip(times_ns, sensors, strict=True), start=1):
-        sample = ImuSample(stamp_ns=time_ns, seq=count, orientation_xyzw=arm.orientation((x, y, z, w)))
-        yield entry(time_ns, IMU, user, sample)
+    times_ns = _times_ns(recorded)
+    for count, (row, (x, y, z, w)) in enumerate(rows_of(recorded.orientation_xyzw), start=1):
+        orientation = arm.orientation((x, y, z, w))
+        sample = ImuSample(stamp_ns=times_ns[row], seq=count, orientation_xyzw=orientation)
+        yield entry(times_ns[row], IMU, user, sample)
 
 
 def _rays(recorded: FloorRecording, user: str) -> Iterator[Entry]:
-    eyes_m, count = recorded.eye_height_m, 0
-    for time_ns, (x, y) in zip(_times_ns(recorded), recorded.floor_m.tolist(), strict=True):
-        if math.isfinite(x) and math.isfinite(y):
-            count += 1
-            way = vector.normalized((x, y, -eyes_m))
-            ray = PointingRay(stamp_ns=time_ns, seq=count, origin_m=(0.0, 0.0, eyes_m), direction=way)
-            yield entry(time_ns, RAY, user, ray)
+    eyes_m, times_ns = recorded.eye_height_m, _times_ns(recorded)
+    for count, (row, (x, y)) in enumerate(rows_of(recorded.floor_m), start=1):
+        way = vector.normalized((x, y, -eyes_m))
+        ray = PointingRay(stamp_ns=times_ns[row], seq=count, origin_m=(0.0, 0.0, eyes_m), direction=way)
+        yield entry(times_ns[row], RAY, user, ray)
 
 
 def _robot(motion: Motion) -> Iterator[Entry]:
@@ -174,9 +183,11 @@ def _robot(motion: Motion) -> Iterator[Entry]:
 
 
 def _head(motion: Motion, heads_m: Array, user: str) -> Iterator[Entry]:
-    for count, (time_ns, (x, y, z)) in enumerate(zip(_times_ns(motion), heads_m.tolist(), strict=True), 1):
+    times_ns = _times_ns(motion)
+    for count, (row, (x, y, z)) in enumerate(rows_of(heads_m), start=1):
         person = TrackedObject(id=user, kind=PERSON, position_m=(x, y, z))
-        yield entry(time_ns, OBJECTS, TRACKER, TrackedObjects(stamp_ns=time_ns, seq=count, objects=(person,)))
+        report = TrackedObjects(stamp_ns=times_ns[row], seq=count, objects=(person,))
+        yield entry(times_ns[row], OBJECTS, TRACKER, report)
 
 
 def _times_ns(motion: Motion) -> list[int]:

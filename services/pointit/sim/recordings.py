@@ -1,8 +1,6 @@
 """Recordings of people: a wrist's orientation over time, and the true positions of the robot and the head."""
 
-import csv
-import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,26 +8,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pointit.runtime.errors import ConfigError
-from pointit.schemas import FARTHEST, BodyMeasures
+from pointit.schemas import BodyMeasures
+from pointit.sim.motion_columns import FLOOR, HEAD, ORIENTATION, ROBOT, TIME
+from pointit.sim.motion_table import MotionTable, has_columns
+from pointit.sim.plausibility import position_problems
 
 Array = NDArray[np.float64]
 
 UNIT_TOLERANCE = 0.01
 """Largest deviation of a recorded quaternion's norm from 1, before normalization."""
 
-LATEST_S = 1e12
 LONGEST_S = 1e9
 """Thirty years: in nanoseconds it fits 64 bits, also added to other times."""
 
-MAX_BYTES = 64_000_000
-"""An hour at 1000 Hz; more would use too much memory of a service."""
-
-_EMPTY: list[str] = []
-_TIME = "t"
-_ORIENTATION = ("qx", "qy", "qz", "qw")
-_ROBOT = ("robot_x", "robot_y", "robot_z")
-_HEAD = ("head_x", "head_y", "head_z")
-_FLOOR = ("px", "py")
+BODIES = {"robot": ROBOT, "head": HEAD, "points": FLOOR}
+"""Columns of positions by body."""
 
 MARKER_OVER_EYES_M = 0.115
 """Height of the head's marker over the eyes in recordings of points on the floor."""
@@ -46,11 +39,13 @@ class Motion:
 
     path: Path
     t_s: Array
-    """n, never falling, the first is 0."""
+    """n, rising, the first is 0."""
     robot_m: Array | None = None
-    """n x 3, {W}."""
+    """n x 3, {W}; NaN in rows without it."""
     head_m: Array | None = None
-    """n x 3, {W}: the marker on top of the head."""
+    """n x 3, {W}: the marker on top of the head; NaN in rows without it."""
+    notes: tuple[str, ...] = ()
+    """Sentences about what is missing in the file."""
 
     @property
     def duration_s(self) -> float:
@@ -63,7 +58,8 @@ class ImuRecording(Motion):
     """A recorded wrist with motion capture."""
 
     orientation_xyzw: Array
-    """n x 4, norm 1, as recorded: rotates vectors of the *sensor* (not of the arm) into {H}."""
+    """n x 4, norm 1, as recorded: rotates vectors of the *sensor* (not of the arm) into {H}; NaN in rows
+    without it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,152 +74,103 @@ class FloorRecording(Motion):
 def is_floor_csv(path: Path) -> bool:
     """Return True if the CSV file at `path` has points on the floor instead of orientations."""
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            header = [name.strip() for name in next(csv.reader(file), _EMPTY)]
-    except (OSError, UnicodeDecodeError, csv.Error):
+        return has_columns(path, FLOOR) and not any(has_columns(path, (name,)) for name in ORIENTATION)
+    except ConfigError:
         return False
-    return set(_FLOOR) <= set(header) and not set(_ORIENTATION) & set(header)
 
 
 def read_floor_csv(path: Path) -> FloorRecording:
     """Return the recording in a CSV file with the columns `t,px,py,robot_x,…,head_x,…`.
 
     Raises:
-        ConfigError: As `read_imu_csv`. Cells of `px` and `py` may be empty.
+        ConfigError: As `read_imu_csv`.
     """
-    columns, values = _read(path, (_TIME, *_FLOOR, *_ROBOT, *_HEAD), (), gaps=_FLOOR)
-    table = np.array(values, dtype=np.float64)
-    t_s = _times_s(path, columns, table)
-    part = _parts(columns, table)
+    table = MotionTable(path, (TIME, *FLOOR, *ROBOT, *HEAD), ())
+    t_s = _times_s(path, table)
+    bodies = _bodies(path, table, t_s)
+    head_m = bodies.get("head")
+    if head_m is None:
+        raise ConfigError(
+            f"{path}: the head ('head_x', …) is lost in all rows; it tells the height of the eyes"
+        )
     return FloorRecording(
         path=path,
         t_s=t_s,
-        floor_m=part(_FLOOR),
-        robot_m=part(_ROBOT),
-        head_m=part(_HEAD),
-        eye_height_m=float(np.mean(part(_HEAD)[:, 2])) - MARKER_OVER_EYES_M,
+        floor_m=bodies.get("points", np.full((len(t_s), 2), np.nan)),
+        robot_m=bodies.get("robot"),
+        head_m=head_m,
+        eye_height_m=float(np.nanmean(head_m[:, 2])) - MARKER_OVER_EYES_M,
+        notes=tuple(table.notes),
     )
 
 
 def read_imu_csv(path: Path) -> ImuRecording:
     """Return the recording in a CSV file with the columns `t,qw,qx,qy,qz[,robot_x,…][,head_x,…]`.
 
-    Other columns are ignored; the order does not matter.
+    Other columns are ignored, and the order does not matter. Names may state units: `t_ms`, `robot_x [mm]`.
 
     Raises:
-        ConfigError: If it cannot be read, is too long, a column or value is missing, a value is not a number
-            within bounds, a quaternion is far from norm 1, the time goes backwards, or there are no rows.
-            Names file, line, column and value.
+        ConfigError: If it cannot be read, is too long, a column is missing, a value is not a number within
+            bounds, a quaternion is far from norm 1, the time does not rise, rates, speeds or distances are
+            implausible for seconds and metres, or there are no rows. Names file, line, column and value.
     """
-    columns, values = _read(path, (_TIME, *_ORIENTATION), (_ROBOT, _HEAD))
-    table = np.array(values, dtype=np.float64)
-    lines = table[:, 0].astype(int)
-    t_s = _times_s(path, columns, table)
-    part = _parts(columns, table)
-    orientation = part(_ORIENTATION)
+    table = MotionTable(path, (TIME, *ORIENTATION), (ROBOT, HEAD))
+    t_s = _times_s(path, table)
+    orientation = table.vectors("orientation", ORIENTATION)
+    if np.isnan(orientation).all():
+        raise ConfigError(f"{path}, line {table.lines[0]}, columns 'qw' to 'qz': are missing in all rows")
     norms = np.linalg.norm(orientation, axis=1)
     off = np.flatnonzero(np.abs(norms - 1.0) > UNIT_TOLERANCE)
     if len(off):
         row = int(off[0])
         raise ConfigError(
-            f"{path}, line {lines[row]}, columns 'qw' to 'qz': a quaternion of norm 1 was expected, "
+            f"{path}, line {table.lines[row]}, columns 'qw' to 'qz': a quaternion of norm 1 was expected, "
             f"got norm {norms[row]:.6g}"
         )
+    bodies = _bodies(path, table, t_s)
     return ImuRecording(
         path=path,
         t_s=t_s,
         orientation_xyzw=orientation / norms[:, None],
-        robot_m=part(_ROBOT) if _ROBOT[0] in columns else None,
-        head_m=part(_HEAD) if _HEAD[0] in columns else None,
+        robot_m=bodies.get("robot"),
+        head_m=bodies.get("head"),
+        notes=tuple(table.notes),
     )
 
 
-def _read(
-    path: Path, wanted: Sequence[str], optional: Sequence[Sequence[str]], gaps: Sequence[str] = ()
-) -> tuple[dict[str, int], list[list[float]]]:
-    """Return the indices of the columns that are used, and their numbers; NaN for empty cells of `gaps`."""
-    try:
-        size = path.stat().st_size
-        if size > MAX_BYTES:
-            raise ConfigError(
-                f"{path}: has {size / 1e6:.1f} MB and at most {MAX_BYTES / 1e6:.0f} MB are read; "
-                "cut it into pieces"
-            )
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = csv.reader(file)
-            header = [name.strip() for name in next(rows, _EMPTY)]
-            columns = _columns(path, header, wanted, optional)
-            values = _values(path, rows, columns, gaps)
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise ConfigError(f"{path}: is not a CSV text file ({error})") from error
-    return columns, values
+def _bodies(path: Path, table: MotionTable, t_s: Array) -> dict[str, Array]:
+    """Return the positions of the bodies in `table`, without those that are lost in all rows.
+
+    Raises:
+        ConfigError: If their unit is not stated, and is likely not metres.
+    """
+    columns = {body: names for body, names in BODIES.items() if names[0] in table.names}
+    bodies = {body: table.vectors(body, names) for body, names in columns.items()}
+    bodies = {body: vectors for body, vectors in bodies.items() if np.isfinite(vectors).all(axis=1).any()}
+    problems: list[str] = []
+    for body, (reason, unit) in position_problems(t_s, bodies).items():
+        names = columns[body]
+        if table.states_units(names):
+            table.notes.append(f"{reason}; check the unit that its columns state")
+        else:
+            titles = f"columns {table.title(names[0])!r} to {table.title(names[-1])!r}"
+            problems.append(f"{titles}: {reason}; {_remedy(names, unit)}")
+    if problems:
+        raise ConfigError(f"{path}, {', and '.join(problems)}")
+    return bodies
 
 
-def _columns(
-    path: Path, header: Sequence[str], wanted: Sequence[str], optional: Sequence[Sequence[str]]
-) -> dict[str, int]:
-    wanted = [*wanted, *(name for group in optional if set(group) & set(header) for name in group)]
-    for name in wanted:
-        if name not in header:
-            found = ", ".join(header) or "nothing"
-            raise ConfigError(f"{path}, line 1: column {name!r} is missing, found {found}")
-        if header.count(name) > 1:
-            raise ConfigError(f"{path}, line 1: column {name!r} is there more than once")
-    return {name: header.index(name) for name in wanted}
+def _remedy(names: Sequence[str], unit: str) -> str:
+    likely = ", ".join(f"{name}_{unit}" for name in names)
+    return f"they are likely in {unit}: name them {likely}, or {names[0]}_m, … if they are in metres"
 
 
-def _values(
-    path: Path, rows: Iterator[list[str]], columns: dict[str, int], gaps: Sequence[str]
-) -> list[list[float]]:
-    """Return the numbers of `columns`, row by row, with the line number in front."""
-    line = 1
-    values: list[list[float]] = []
-    for line, row in enumerate(rows, start=2):
-        if not row:  # an empty line, as at the end of many files
-            continue
-        numbers = [float(line)]
-        for name, index in columns.items():
-            text = row[index] if index < len(row) else ""
-            if not text and name in gaps:
-                numbers.append(math.nan)
-                continue
-            try:
-                number = float(text)
-            except ValueError:
-                number = math.nan
-            most = LATEST_S if name == _TIME else FARTHEST
-            if not abs(number) <= most:
-                raise ConfigError(
-                    f"{path}, line {line}, column {name!r}: a number within {most:g} was expected, "
-                    f"got {text!r}"
-                )
-            numbers.append(number)
-        values.append(numbers)
-    if not values:
-        raise ConfigError(f"{path}, line {line}: there is a header but no samples")
-    return values
-
-
-def _parts(columns: dict[str, int], table: Array) -> Callable[[Sequence[str]], Array]:
-    where = {name: index for index, name in enumerate(columns, start=1)}
-    return lambda names: table[:, [where[name] for name in names]]
-
-
-def _times_s(path: Path, columns: dict[str, int], table: Array) -> Array:
-    lines = table[:, 0].astype(int)
-    t_s = _parts(columns, table)([_TIME])[:, 0]
-    back = np.flatnonzero(np.diff(t_s) < 0.0)
-    if len(back):
-        row = int(back[0]) + 1
-        raise ConfigError(
-            f"{path}, line {lines[row]}, column {_TIME!r}: time goes backwards, "
-            f"{t_s[row]:g} after {t_s[row - 1]:g}"
-        )
+def _times_s(path: Path, table: MotionTable) -> Array:
+    """Return the times from the first one."""
+    t_s = table.times()
     if t_s[-1] - t_s[0] > LONGEST_S:
         raise ConfigError(
-            f"{path}, line {lines[-1]}, column {_TIME!r}: the recording is {t_s[-1] - t_s[0]:g} s long and "
-            f"at most {LONGEST_S:g} s can be played; is its time in seconds?"
+            f"{path}, line {table.lines[-1]}, column {table.title(TIME)!r}: the recording is "
+            f"{t_s[-1] - t_s[0]:g} s long and at most {LONGEST_S:g} s can be played; is its time in seconds?"
         )
     return np.asarray(t_s - t_s[0], dtype=np.float64)

@@ -106,6 +106,56 @@ def test_the_command_writes_a_recording_that_is_not_overwritten(motion: Path, tm
     invoke("import", str(motion), "--to", str(path), "--overwrite")
 
 
+LOST = {"robot_x": "0", "robot_y": "0", "robot_z": "0.0"}, {"head_x": "", "head_y": "", "head_z": ""}
+LOST_ARM = dict.fromkeys(("qw", "qx", "qy", "qz"), "NaN")
+
+
+def test_lost_markers_have_no_entries_and_their_gaps_are_printed(motion: Path, tmp_path: Path) -> None:
+    with motion.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    for lost, gap in zip((*LOST, LOST_ARM), (range(10, 20), range(30, 35), range(40, 43)), strict=True):
+        for row in gap:
+            rows[row] |= lost
+    path = motion.with_name("gaps.csv")
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, rows[0], delimiter=";")
+        writer.writeheader()
+        writer.writerows(rows)
+    result = CliRunner().invoke(command, ["import", str(path), "--to", str(tmp_path / "gaps.mcap")])
+    assert result.exit_code == 0
+    times: dict[str, list[int]] = {}
+    with Recording.open(tmp_path / "gaps.mcap") as recording:
+        for entry in recording.entries():
+            times.setdefault(entry.key, []).append(round((entry.time_ns - EPOCH_NS) * 30 / NS_PER_S))
+            if isinstance(entry.body, TrackedObjects):
+                assert vector.norm(entry.body.objects[0].position_m) > 0.5
+    every = set(range(91))
+    assert set(times[OBJECTS.at("robot")]) == every - {*range(10, 20)}
+    assert set(times[OBJECTS.at("mocap")]) == every - {*range(30, 35)}
+    assert set(times[IMU.at("user1")]) == every - {*range(40, 43)}
+    gaps = (("orientation ('qx' to 'qw')", 3, 0.13, 42), ("robot ('robot_x' to 'robot_z')", 10, 0.37, 12))
+    assert result.stderr.splitlines() == [
+        f"note: {body}: missing in {count} of 91 rows, 1 gap of up to {gap_s:.2f} s, "
+        f"the first in line {line}; left out"
+        for body, count, gap_s, line in (*gaps, ("head ('head_x' to 'head_z')", 5, 0.2, 32))
+    ]
+
+
+def test_a_file_in_milliseconds_is_refused_until_its_column_says_so(motion: Path, tmp_path: Path) -> None:
+    with motion.open(newline="") as file:
+        header, *rows = list(csv.reader(file))
+    path, to = motion.with_name("ms.csv"), str(tmp_path / "ms.mcap")
+    lines = [",".join([f"{float(row[0]) * 1000:.3f}", *row[1:]]) for row in rows]
+    path.write_text("\n".join([",".join(header), *lines]))
+    with pytest.raises(ConfigError, match=r"likely in ms \(30 Hz\): name the column t_ms, or t_s"):
+        invoke("import", str(path), "--to", to)
+    assert not Path(to).exists()
+    path.write_text("\n".join([",".join(["Time [ms]", *header[1:]]), *lines]))
+    invoke("import", str(path), "--to", to)
+    with Recording.open(Path(to)) as recording:
+        assert recording.ended_ns - recording.began_ns == 3 * NS_PER_S
+
+
 def test_mistakes_are_told_and_nothing_is_written(motion: Path, tmp_path: Path) -> None:
     path = tmp_path / "session.mcap"
     with pytest.raises(ConfigError, match="there is no such mounting; there are plus_x, minus_x"):

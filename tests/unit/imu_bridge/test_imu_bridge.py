@@ -147,6 +147,21 @@ async def test_a_replay_may_loop_and_skips_what_is_past(tmp_path: Path) -> None:
     assert (stamps_ns[0] - start_ns) % 100_000_000 == 0
 
 
+@in_virtual_time
+async def test_a_replay_leaves_out_lost_orientations(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    rows = [(t / 10, float(t not in (3, 4)), 0.0, 0.0, 0.0) for t in range(11)]
+    source = ReplaySource(ReplayConfig(recording=str(recording(tmp_path, rows))), VirtualClock())
+    items: list[Item] = []
+    running = asyncio.create_task(source.run(items.append))
+    await until(lambda: len(items) == 9)
+    running.cancel()
+    await asyncio.gather(running, return_exceptions=True)
+    assert all(isinstance(item, Reading) and item.world_from_sensor == (0, 0, 0, 1) for item in items)
+    assert "missing in 2 of 11 rows, 1 gap of up to 0.30 s" in caplog.text
+
+
 @pytest.mark.parametrize(
     ("values", "said"),
     [

@@ -48,6 +48,14 @@ def test_samples_that_share_a_time_make_one_report_with_finite_velocity() -> Non
     assert trajectory.report(1, 0).objects[0].velocity_mps == pytest.approx((1.0, 0.0, 0.0))
 
 
+def test_a_lost_robot_has_no_report() -> None:
+    trajectory = Trajectory(recording([0.0, 0.1, 0.2, 0.3], [0.0, float("nan"), 0.4, 0.6]))
+    assert trajectory.times_ns == [0, 200_000_000, 300_000_000]
+    assert [trajectory.report(index, 0).objects[0].velocity_mps[0] for index in range(3)] == pytest.approx(
+        [2.0, 2.0, 2.0]
+    )
+
+
 async def test_each_report_comes_when_it_is_due_with_its_own_stamp(tmp_path: Path) -> None:
     clock = VirtualClock()
     start_ns = clock.now_ns() + 1_000_000_000

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from pointit.runtime.errors import ConfigError
-from pointit.sim.recordings import MAX_BYTES, read_imu_csv
+from pointit.sim.csv_rows import MAX_BYTES
+from pointit.sim.recordings import read_imu_csv
 from tests.support.data import data_file
 
 HEADER = "t,qw,qx,qy,qz"
@@ -41,11 +42,24 @@ def test_rounded_quaternions_are_made_unit(tmp_path: Path) -> None:
         ("", ["line 1", "'t'", "missing", "nothing"]),
         (HEADER + ",qx\n0,1,0,0,0,0\n", ["line 1", "'qx'", "more than once"]),
         (HEADER + "\n", ["line 1", "no samples"]),
-        (HEADER + "\n0,1,0,0,0\n1,1,nan,0,0\n", ["line 3", "'qx'", "'nan'"]),
+        (HEADER + "\n0,1,0,0,0\n1,1,much,0,0\n", ["line 3", "'qx'", "'much'"]),
         (HEADER + "\n0,1,0,0,0\n1e13,1,0,0,0\n", ["line 3", "'t'", "'1e13'", "within 1e+12"]),
         (HEADER + "\n0,1,0,0,0\n2e9,1,0,0,0\n", ["line 3", "'t'", "2e+09 s long", "in seconds?"]),
         (HEADER + ROBOT + "\n0,1,0,0,0,1,1e7,3\n", ["line 2", "'robot_y'", "'1e7'", "within 1e+06"]),
-        (HEADER + ROBOT + "\n0,1,0,0,0,1,,3\n", ["line 2", "'robot_y'", "''"]),
+        (HEADER + "\n0,,0,0,0\n1,nan,nan,nan,nan\n", ["line 2", "'qw' to 'qz'", "missing in all rows"]),
+        (HEADER + "\n,1,0,0,0\n", ["line 2", "'t'", "''"]),
+        (
+            HEADER + "\n0,1,0,0,0\n.1,1,0,0,0\n.1,1,0,0,0\n",
+            ["line 4", "'t'", "stands still", "0.1 after 0.1"],
+        ),
+        (HEADER + "\n0,02,1,0,0,0\n", ["line 2", "6 cells", "header 5", "separate the cells by semicolons"]),
+        ("t;qw;qx;qy;qz\n0;1,0;0;0;0\n0,1;0.6;0,8;0;0\n", ["line 3", "'qw'", "'0.6'"]),
+        ("t;qw;qx;qy;qz\n0;1.000,0;0;0;0\n", ["line 2", "'qw'", "'1.000,0'"]),
+        ("t [fortnight],qw,qx,qy,qz\n0,1,0,0,0\n", ["line 1", "'t [fortnight]'", "'fortnight'", "ms, us"]),
+        ("t [m],qw,qx,qy,qz\n0,1,0,0,0\n", ["line 1", "'t [m]'", "the unit 'm'"]),
+        ("t,qw [deg],qx,qy,qz\n0,1,0,0,0\n", ["line 1", "'qw [deg]'", "the unit 'deg'"]),
+        ("t_ms,t [s],qw,qx,qy,qz\n0,0,1,0,0,0\n", ["line 1", "'t_ms' and 't [s]'", "rename all but one"]),
+        ("t,yaw_deg,pitch,roll\n0,1,0,0\n", ["line 1", "'qx' is missing", "write quaternions"]),
         (HEADER + "\n0,1,0,0,0\n\n2,1,0,0,0\n1,1,0,0,0\n", ["line 5", "'t'", "backwards", "1 after 2"]),
     ],
 )

@@ -40,17 +40,22 @@ def _add(path: Path, subject: str, yaw_rad: float | None, reading: Reading) -> N
         reading.skip(path, "it has no positions of robot and head")
         return
     check_times(path, recorded.t_s)
-    check_reach(path, recorded.robot_m, recorded.head_m, "robot ('robot_x', …) and head ('head_x', …)")
+    is_whole = np.isfinite(np.hstack([recorded.orientation_xyzw, recorded.robot_m, recorded.head_m])).all(
+        axis=1
+    )
+    t_s, orientation_xyzw = recorded.t_s[is_whole], recorded.orientation_xyzw[is_whole]
+    robot_m, head_m = recorded.robot_m[is_whole], recorded.head_m[is_whole]
+    check_reach(path, robot_m, head_m, "robot ('robot_x', …) and head ('head_x', …)")
     arm = ArmFrame(MOUNTINGS[MOUNTING])
     # the radio data, 50 Hz with gaps, was resampled to 30 Hz: repeated samples are old
-    fresh = np.append(True, np.any(np.diff(recorded.orientation_xyzw, axis=0) != 0.0, axis=1))
-    sensors: list[Quaternion] = [tuple(row) for row in recorded.orientation_xyzw[fresh].tolist()]
+    fresh = np.append(True, np.any(np.diff(orientation_xyzw, axis=0) != 0.0, axis=1))
+    sensors: list[Quaternion] = [tuple(row) for row in orientation_xyzw[fresh].tolist()]
     origins_m, directions = eye_finger_rays((arm.orientation(each) for each in sensors), OPERATOR)
     following = FollowRecording(
         set=NAME,
         subject=subject,
-        pointings=Pointings(recorded.t_s[fresh], origins_m, directions, recorded.robot_m[fresh]),
-        heads_m=recorded.head_m[fresh],
+        pointings=Pointings(t_s[fresh], origins_m, directions, robot_m[fresh]),
+        heads_m=head_m[fresh],
         eye_height_m=eye_height_m(OPERATOR),
         yaw_rad=yaw_rad,
     )

@@ -43,7 +43,8 @@ def command(
     """Make a recording of SOURCE, for `pointit export`, `pointit page` and `pointit evaluate`.
 
     SOURCE is a CSV file of an arm (columns t, qw, qx, qy, qz; also robot_x and head_x, y, z of motion
-    capture), one of points on the floor (t, px, py with robot and head), or a ROS 2 bag of the ROS toolkit:
+    capture), one of points on the floor (t, px, py with robot and head), in seconds and metres or with units
+    in the names, as t_ms and robot_x [mm]; or a ROS 2 bag of the ROS toolkit:
     its folder, or an .mcap or .db3 file. `pointit replay` computes rays from a file of an arm, and the
     position of who follows a robot. Nothing else that is imported can be replayed.
 
@@ -69,7 +70,10 @@ def _import_csv(
     from pointit.conversion.import_csv import csv_entries  # noqa: PLC0415 - only what is needed is loaded
     from pointit.conversion.recording_file import write_recording  # noqa: PLC0415 - needs an extra
 
-    entries = csv_entries(source, user=user, mounting=mounting)
+    def note(sentence: str) -> None:
+        click.echo(f"note: {sentence}", err=True)
+
+    entries = csv_entries(source, user=user, mounting=mounting, note=note)
     return write_recording(entries, recording, SITE, overwrite=overwrite, tick=tick)
 
 

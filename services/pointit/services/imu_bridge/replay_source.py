@@ -43,8 +43,11 @@ class ReplaySource:
         recording = read_imu_csv(Path(config.recording))
         self._config = config
         self._clock = clock
-        self._times_ns: list[int] = np.rint(recording.t_s * NS_PER_S).astype(np.int64).tolist()
-        self._orientations: list[list[float]] = recording.orientation_xyzw.tolist()
+        for sentence in recording.notes:
+            log.warning("%s: %s", recording.path, sentence)
+        is_known = np.isfinite(recording.orientation_xyzw).all(axis=1)
+        self._times_ns: list[int] = np.rint(recording.t_s[is_known] * NS_PER_S).astype(np.int64).tolist()
+        self._orientations: list[list[float]] = recording.orientation_xyzw[is_known].tolist()
 
     async def run(self, deliver: Deliver) -> None:
         """Deliver the samples, once or in a loop; then wait to be cancelled.

@@ -32,7 +32,10 @@ class RobotReplay(Service[RobotReplayConfig]):
         """
         super().__init__(config, context)
         self.validate_config(config)
-        self._trajectory = Trajectory(read_imu_csv(Path(config.recording)), config.robot_id)
+        recording = read_imu_csv(Path(config.recording))
+        for sentence in recording.notes:
+            log.warning("%s: %s", recording.path, sentence)
+        self._trajectory = Trajectory(recording, config.robot_id)
         self._objects = self.bus.publisher(OBJECTS, config.tracker)
 
     @classmethod

@@ -13,7 +13,7 @@ LATENCY_SIGMA_S = 0.02
 
 
 class Trajectory:
-    """The reports of a recording, one a sample; samples that share a time make one report."""
+    """The reports of a recording, one a sample with a position; samples that share a time make one report."""
 
     def __init__(self, recording: Motion, robot_id: str = "robot") -> None:
         """Read the robot of `recording`; its velocity comes from finite differences.
@@ -23,12 +23,14 @@ class Trajectory:
         """
         if recording.robot_m is None:
             raise ConfigError(
-                f"{recording.path}: has no columns 'robot_x', 'robot_y', 'robot_z': no robot to replay"
+                f"{recording.path}: has no positions in 'robot_x', 'robot_y', 'robot_z': no robot to replay"
             )
-        times_ns, first = np.unique(np.rint(recording.t_s * NS_PER_S).astype(np.int64), return_index=True)
+        is_known = np.isfinite(recording.robot_m).all(axis=1)
+        t_s, robot_m = recording.t_s[is_known], recording.robot_m[is_known]
+        times_ns, first = np.unique(np.rint(t_s * NS_PER_S).astype(np.int64), return_index=True)
         if len(times_ns) < 2:
             raise ConfigError(f"{recording.path}: a robot that moves needs two samples at different times")
-        places = recording.robot_m[first]
+        places = robot_m[first]
         self._robot_id = robot_id
         self._places: list[list[float]] = places.tolist()
         velocities = np.empty_like(places)

@@ -65,10 +65,10 @@ class LslOutlets:
             self._outlets["selection"].push_sample([text], self._capture_s(message, now_ns))
 
     def _capture_s(self, message: Cursor | SelectionEvent, now_ns: int) -> float:
-        """Return the time of capture of `message` by LSL's clock, s: the same in all streams of the message.
+        """Return the time of capture of `message` by LSL's clock, s: the same in all its streams.
 
-        LSL's clock is read after `now_ns`, after any delay between. So the time is at least that of an earlier
-        capture.
+        LSL's clock is read after `now_ns`, and a busy machine delays it. So that times do not go back, it is
+        at least the time of an earlier capture.
         """
         stamp_s = self._clock() - (now_ns - message.stamp_ns) / NS_PER_S
         last_ns, last_s = self._last_captures.get(type(message), (message.stamp_ns, stamp_s))

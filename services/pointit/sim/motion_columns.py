@@ -1,0 +1,76 @@
+"""Names and units of the columns of a recorded motion, as people and programs write them."""
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from pointit.maps.column_units import LENGTHS_M, TIMES_S, split_unit
+
+TIME = "t"
+ORIENTATION = ("qx", "qy", "qz", "qw")
+ROBOT = ("robot_x", "robot_y", "robot_z")
+HEAD = ("head_x", "head_y", "head_z")
+FLOOR = ("px", "py")
+
+_ALIASES: dict[str, tuple[str, ...]] = {
+    TIME: ("t", "time", "timestamp", "ts", "stamp", "elapsed", "elapsedtime", "datetime", "epoch"),
+    **{
+        name: (name, *(word + name[1:] for word in ("quat", "quaternion", "orientation")))
+        for name in ORIENTATION
+    },
+    **{
+        name: (body + axis, f"{body}pos{axis}", f"{body}position{axis}")
+        for name in (*ROBOT, *HEAD)
+        for body, axis in [name.split("_")]
+    },
+    **{name: (name,) for name in FLOOR},
+}
+"""Names without blanks and underscores, by name in the documentation. The first that a file has is used."""
+
+_WITHOUT_UNIT = {"": 1.0, "1": 1.0, "unitless": 1.0}
+_TIMES_S = {"": 1.0, **TIMES_S}
+_LENGTHS_M = {"": 1.0, **LENGTHS_M}
+_CAMEL = re.compile(r"(?<=[a-z\d])(?=[A-Z])")
+
+SUGGESTED_UNITS = {TIME: ("s", "ms", "us", "ns", "min"), "": ("m", "cm", "mm", "in", "ft")}
+"""Units named in messages, by column; `""`: positions."""
+
+
+class Column(NamedTuple):
+    """One column that is used."""
+
+    position: int
+    """Index in the rows."""
+    title: str
+    """Its name in the file."""
+    unit: str
+    """`""` if the file does not state it."""
+    factor: float = 1.0
+    """What the unit is in SI units."""
+
+
+def units_of(name: str) -> Mapping[str, float]:
+    """Return the known units of a column, and what they are in SI units."""
+    if name in ORIENTATION:
+        return _WITHOUT_UNIT
+    return _TIMES_S if name == TIME else _LENGTHS_M
+
+
+def find_columns(header: Sequence[str]) -> dict[str, list[Column]]:
+    """Return the columns for each name of the documentation that the file has."""
+    by_title: dict[str, list[Column]] = {}
+    for index, cell in enumerate(header):
+        title, unit = split_unit(cell if re.search(r"[\[({<]", cell) else _CAMEL.sub("_", cell))
+        by_title.setdefault(title.replace("_", ""), []).append(Column(index, cell, unit))
+    found: dict[str, list[Column]] = {}
+    for name, aliases in _ALIASES.items():
+        exact = [Column(index, cell, "") for index, cell in enumerate(header) if cell == name]
+        columns = exact or next((by_title[alias] for alias in aliases if alias in by_title), [])
+        if columns:
+            found[name] = columns
+    return found
+
+
+def is_header(cells: Sequence[str]) -> bool:
+    """Return True if `cells` are names of columns, at least two of them known."""
+    return len(find_columns(cells)) > 1

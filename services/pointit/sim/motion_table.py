@@ -1,0 +1,264 @@
+"""Columns of a recorded motion in a CSV file, in SI units, with gaps where values are missing."""
+
+import csv
+import datetime as dt
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pointit.maps.column_units import split_unit, unit_name
+from pointit.runtime.errors import ConfigError
+from pointit.schemas import FARTHEST
+from pointit.sim.csv_rows import CsvRows, read_csv
+from pointit.sim.motion_columns import (
+    ORIENTATION,
+    SUGGESTED_UNITS,
+    TIME,
+    Column,
+    find_columns,
+    is_header,
+    units_of,
+)
+from pointit.sim.plausibility import period_problem
+
+Array = NDArray[np.float64]
+
+MAX_TIME_S = 1e12
+"""Maximum absolute time, s."""
+
+_NAN = ("nan", "-nan", "+nan", "nan(ind)", "-nan(ind)", "-1.#ind", "1.#qnan")
+MISSING = frozenset((*_NAN, "-", "--", "?", "na", "n/a", "#n/a", "null", "none", "nil", "missing"))
+"""Cells of lost values, in lower case, besides empty ones."""
+
+_LOST = re.compile(r"-?9{4,}")
+"""Coordinates of a lost marker in some programs, if all of it have one such value."""
+
+
+class MotionTable:
+    """The columns of a file that are used, in SI units."""
+
+    def __init__(self, path: Path, required: Sequence[str], optional: Sequence[Sequence[str]]) -> None:
+        """Read the columns `required`, and those of each group of `optional` of which the file has one.
+
+        Raises:
+            ConfigError: If it cannot be read, is too long, a column is missing, twice or has an unknown unit,
+                a cell is no number within bounds, or there are no rows. Names file, line, column and value.
+        """
+        self._path = path
+        self._has_commas = self._has_points = False
+        """A number with a decimal comma, or point, was read."""
+        self._late = ""
+        """Error message about the first time beyond `MAX_TIME_S`, or `""`."""
+        self.notes: list[str] = []
+        """Sentences about what is missing or left out."""
+        source = read_csv(path, is_header)
+        names = find_columns(source.header)
+        present = [name for group in optional if names.keys() & set(group) for name in group]
+        self._header_line = source.header_line
+        self._columns = {name: self._column(name, names, source.header) for name in (*required, *present)}
+        lines: list[int] = []
+        values: list[list[float]] = []
+        try:
+            for line, row in self._whole_rows(source):
+                if values or not self._read_units(row):
+                    lines.append(line)
+                    values.append([self._value(line, *each, row) for each in self._columns.items()])
+        except csv.Error as error:
+            raise ConfigError(f"{path}: is not a CSV text file ({error})") from error
+        if not values:
+            raise ConfigError(f"{path}, line {self._header_line}: there is a header but no samples")
+        self.lines = np.array(lines, dtype=np.int64)
+        """n: line in the file of each row."""
+        self._values = np.array(values, dtype=np.float64)
+
+    @property
+    def names(self) -> Sequence[str]:
+        """Return the columns that were read, by the names of the documentation."""
+        return tuple(self._columns)
+
+    def title(self, name: str) -> str:
+        """Return the name of a column in the file."""
+        return self._columns[name].title
+
+    def states_units(self, names: Sequence[str]) -> bool:
+        """Return True if the file states the units of all `names`."""
+        return all(self._columns[name].unit for name in names)
+
+    def times(self) -> Array:
+        """Return the times, n, s.
+
+        Raises:
+            ConfigError: If they do not rise, or are likely not in the unit that the file states, or seconds.
+        """
+        times_s = self._values[:, self.names.index(TIME)]
+        falls = np.flatnonzero(np.diff(times_s) <= 0.0)
+        if len(falls):
+            row = int(falls[0]) + 1
+            what = "time stands still" if times_s[row] == times_s[row - 1] else "time goes backwards"
+            raise ConfigError(
+                f"{self._path}, line {self.lines[row]}, column {self.title(TIME)!r}: {what}, "
+                f"{times_s[row]:.12g} after {times_s[row - 1]:.12g} s; each row needs a later time than the "
+                "one before: write more digits, or remove it"
+            )
+        if problem := period_problem(times_s):
+            if not self._columns[TIME].unit:
+                raise ConfigError(f"{self._path}, column {self.title(TIME)!r}: {problem}")
+            self.notes.append(
+                f"{self.title(TIME)!r}: {problem.partition(';')[0]}; check the unit that it states"
+            )
+        if self._late:
+            raise ConfigError(self._late)
+        return times_s
+
+    def vectors(self, body: str, names: Sequence[str]) -> Array:
+        """Return columns side by side, n x k, SI. Rows in which the body is lost are NaN, and noted.
+
+        It is lost where a value is missing, where all are exactly 0, or all are the same 9999….
+        """
+        vectors = self._values[:, [self.names.index(name) for name in names]]
+        is_same = (vectors == vectors[:, :1]).all(axis=1)
+        is_marked = np.zeros(len(vectors), dtype=bool)
+        for row in np.flatnonzero(is_same & (vectors[:, 0] != 0.0)).tolist():
+            value = vectors[row, 0] / self._columns[names[0]].factor
+            is_marked[row] = _LOST.fullmatch(f"{value:.0f}") is not None
+        is_lost = ~np.isfinite(vectors).all(axis=1) | (vectors == 0.0).all(axis=1) | is_marked
+        if is_lost.any():
+            times_s = self._values[:, self.names.index(TIME)]
+            ends = np.flatnonzero(np.diff(is_lost.astype(int), prepend=0, append=0)).reshape(-1, 2)
+            longest_s = max(
+                times_s[min(end, len(times_s) - 1)] - times_s[max(begin - 1, 0)] for begin, end in ends
+            )
+            gaps = f"{len(ends)} gap{'' if len(ends) == 1 else 's'} of up to {longest_s:.2f} s"
+            self.notes.append(
+                f"{body} ({self.title(names[0])!r} to {self.title(names[-1])!r}): missing in {is_lost.sum()} "
+                f"of {len(is_lost)} rows, {gaps}, the first in line {self.lines[int(ends[0][0])]}; left out"
+            )
+        return np.where(is_lost[:, None], np.nan, vectors)
+
+    def _column(self, name: str, names: Mapping[str, Sequence[Column]], header: Sequence[str]) -> Column:
+        at, columns = f"{self._path}, line {self._header_line}", names.get(name, ())
+        known = [column for column in columns if column.unit in units_of(name)] or columns
+        if not known:
+            angles = {"yaw", "pitch", "roll"} & {split_unit(cell)[0] for cell in header}
+            hint = (
+                "; angles state no order of rotation, write quaternions"
+                if angles and name in ORIENTATION
+                else ""
+            )
+            found = ", ".join(header) or "nothing"
+            raise ConfigError(f"{at}: column {name!r} is missing, found {found}{hint}")
+        if len(known) > 1:
+            titles = " and ".join(repr(column.title) for column in known)
+            raise ConfigError(f"{at}: column {name!r} is there more than once: {titles}; rename all but one")
+        if known[0].unit not in units_of(name):
+            units = ", ".join(SUGGESTED_UNITS.get(name, SUGGESTED_UNITS[""]))
+            raise ConfigError(
+                f"{at}, column {known[0].title!r}: the unit {known[0].unit!r} is unknown; "
+                f"{'write none' if name in ORIENTATION else f'write one of {units}'}"
+            )
+        return _with_unit(name, known[0], known[0].unit)
+
+    def _read_units(self, row: Sequence[str]) -> bool:
+        """Return True if `row` has units, as some programs write below the names, and use them."""
+        cells = {
+            name: row[each.position] if each.position < len(row) else ""
+            for name, each in self._columns.items()
+        }
+        units = {name: unit_name(cell.strip("[](){}")) for name, cell in cells.items()}
+        if not any(units.values()) or any(unit not in units_of(name) for name, unit in units.items()):
+            return False
+        self._columns = {
+            name: each if each.unit else _with_unit(name, each, units[name])
+            for name, each in self._columns.items()
+        }
+        return True
+
+    def _whole_rows(self, source: CsvRows) -> Iterator[tuple[int, list[str]]]:
+        """Yield the rows. A last one that was not written to its end is left out, and noted."""
+        length = len(source.header)
+        last: tuple[int, list[str]] | None = None
+        for line, row in source.rows:
+            if any(row[length:]):
+                raise ConfigError(
+                    f"{self._path}, line {line}: has {len(row)} cells, and the header {length}; if its "
+                    "numbers have decimal commas, separate the cells by semicolons"
+                )
+            if last is not None:
+                yield last
+            last = line, row
+        if last is not None and source.is_cut and len(last[1]) < length:
+            self.notes.append(f"line {last[0]}: is cut off, left out")
+        elif last is not None:
+            yield last
+
+    def _value(self, line: int, name: str, column: Column, row: Sequence[str]) -> float:
+        """Return a cell in SI units, NaN if it is missing."""
+        text = row[column.position] if column.position < len(row) else ""
+        value, limit = self._number(text) * column.factor, MAX_TIME_S if name == TIME else FARTHEST
+        if abs(value) <= limit:
+            return value
+        error = (
+            f"{self._path}, line {line}, column {column.title!r}: a number within {limit:g} was expected, "
+            f"got {text!r}"
+        )
+        if name == TIME:
+            if math.isnan(value):
+                value = _clock_time_s(text)
+                self._columns[TIME] = column._replace(unit=column.unit or "s")
+            if not math.isfinite(value):
+                raise ConfigError(error)
+            if abs(value) > MAX_TIME_S:  # the time between samples may tell its unit
+                self._late = self._late or error
+            return value
+        if not text or text.lower() in MISSING or _LOST.fullmatch(text.partition(".")[0]):
+            return math.nan
+        raise ConfigError(error)
+
+    def _number(self, text: str) -> float:
+        """Return the number in `text`, NaN if there is none. A file has decimal points or decimal commas."""
+        if "," in text:
+            self._has_commas = True
+            text = text.replace(",", "_" if self._has_points or "." in text else ".")
+        elif "." in text:
+            self._has_points = True
+            if self._has_commas:
+                return math.nan
+        try:
+            return math.nan if "_" in text else float(text.strip("'"))
+        except ValueError:
+            return math.nan
+
+
+def _with_unit(name: str, column: Column, unit: str) -> Column:
+    return column._replace(unit=unit, factor=units_of(name)[unit])
+
+
+def _clock_time_s(text: str) -> float:
+    """Return a time of day or a date with time (ISO 8601; UTC if it states no zone), s; NaN if it is none."""
+    try:
+        if re.fullmatch(r"\d{1,2}:\d\d:\d\d([.,]\d+)?", text):
+            hours, minutes, seconds = text.replace(",", ".").split(":")
+            return int(hours) * 3600.0 + int(minutes) * 60.0 + float(seconds)
+        time = dt.datetime.fromisoformat(text.replace(",", "."))
+    except ValueError:
+        return math.nan
+    return (time if time.tzinfo else time.replace(tzinfo=dt.UTC)).timestamp()
+
+
+def has_columns(path: Path, names: Sequence[str]) -> bool:
+    """Return True if the header of the CSV file at `path` has all `names`.
+
+    Raises:
+        ConfigError: If it cannot be read.
+    """
+    return set(names) <= find_columns(read_csv(path, is_header).header).keys()
+
+
+def rows_of(vectors: Array) -> Iterator[tuple[int, list[float]]]:
+    """Yield number and values of the rows of `vectors` without NaN."""
+    for row in np.flatnonzero(np.isfinite(vectors).all(axis=1)).tolist():
+        yield row, vectors[row].tolist()

@@ -1,6 +1,5 @@
 """A ROS 2 bag (SQLite or MCAP) of the ROS toolkit as entries of a recording."""
 
-import struct
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -9,6 +8,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from pointit.conversion.bag_file import UNREADABLE, OpenBag, is_bag, open_bag, unpack_message
 from pointit.conversion.bag_messages import ROUTES, BagMessages, Route, UnusableError
 from pointit.recording.entries import Entry, entry
 from pointit.runtime.errors import ConfigError
@@ -18,9 +18,6 @@ from pointit.schemas.errors import KeyNameError
 from pointit.schemas.topics import MAP, check_name
 
 try:
-    import apsw
-    from rosbags.rosbag2 import Reader, ReaderError
-
     from pointit.bridges.ros2.types.types import Types
 except ImportError as error:
     raise ConfigError(f"ROS 2 bags need {remedy('ros2')}") from error
@@ -28,11 +25,7 @@ except ImportError as error:
 MAX_BYTES = 1_000_000
 """Longer messages are left out unread."""
 
-SUFFIXES = (".db3", ".mcap")
-METADATA = "metadata.yaml"
-"""File in the folder of a bag."""
-
-UNREADABLE = (ReaderError, OSError, apsw.Error, struct.error, ValueError, KeyError, TypeError, AssertionError)
+__all__ = ["Bag", "is_bag"]
 
 
 @dataclass
@@ -46,6 +39,8 @@ class Bag:
     """Messages that were taken, by topic."""
     left_out: dict[str, str] = field(default_factory=dict[str, str])
     """Reasons why topics, or the first of their messages that were, are left out: by topic."""
+    notes: list[str] = field(default_factory=list[str])
+    """Sentences about what is missing in the bag."""
 
     def entries(self) -> Iterator[Entry]:
         """Yield the entries in the order of the bag.
@@ -54,28 +49,31 @@ class Bag:
             ConfigError: If it cannot be read.
         """
         try:
-            with Reader(self.path) as reader:
+            with open_bag(self.path) as bag:
+                self.notes += bag.notes
                 if self.room is not None:
-                    began_ns = reader.start_time
+                    began_ns = bag.began_ns
                     yield entry(began_ns, MAP, "", self.room.model_copy(update={"stamp_ns": began_ns}))
-                yield from self._read(reader)
+                yield from self._read(bag)
         except UNREADABLE as error:
-            raise ConfigError(f"{self.path}: cannot be read as a ROS 2 bag ({error})") from error
+            raise ConfigError(
+                f"{self.path}: cannot be read as a ROS 2 bag ({error}); copy or repair it"
+            ) from error
 
-    def _read(self, reader: Reader) -> Iterator[Entry]:
+    def _read(self, bag: OpenBag) -> Iterator[Entry]:
         types, messages = Types("jazzy"), BagMessages(self.room)
         routes: dict[int, tuple[Route, str]] = {}
-        for connection in reader.connections:
+        for connection in bag.connections:
             why, route, user = self._route(types, connection)
             if route is None:
                 self.left_out[connection.topic] = why
             else:
                 routes[connection.id] = route, user
-        wanted = [each for each in reader.connections if each.id in routes]
-        for connection, time_ns, data in reader.messages(wanted) if wanted else ():
+        wanted = [each for each in bag.connections if each.id in routes]
+        for connection, time_ns, data in bag.messages(wanted) if wanted else ():
             route, user = routes[connection.id]
             try:
-                value = types.decode(route.type, bytes(data), max_bytes=MAX_BYTES)
+                value = types.decode(route.type, unpack_message(bytes(data)), max_bytes=MAX_BYTES)
                 yield from route.take(messages, value, user, max(0, time_ns))
             except ValidationError as error:
                 self.left_out.setdefault(connection.topic, summarize_validation_error(error))
@@ -102,8 +100,3 @@ class Bag:
             except KeyNameError as error:
                 return str(error), None, ""
         return "a recording has no place for it", None, ""
-
-
-def is_bag(path: Path) -> bool:
-    """Return True if `path` has the form of a bag."""
-    return (path / METADATA).is_file() or path.suffix in SUFFIXES

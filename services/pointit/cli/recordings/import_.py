@@ -85,13 +85,16 @@ def _import_bag(
     from pointit.maps.file import load_map  # noqa: PLC0415 - only what is needed is loaded
 
     if not is_bag(source):
-        raise ConfigError(
-            f"{source}: is neither a CSV file nor a ROS 2 bag; give the folder of a bag, or its .mcap or .db3"
-        )
+        hint = "give the folder of a bag, or its .mcap or .db3"
+        if source.suffix.lower() == ".bag":
+            hint = f"of a ROS 1 bag, `rosbags-convert --src {source} --dst FOLDER` makes one"
+        raise ConfigError(f"{source}: is neither a CSV file nor a ROS 2 bag; {hint}")
     bag = Bag(source, None if room is None else load_map(room, 0))
     try:
         return write_recording(bag.entries(), recording, SITE, overwrite=overwrite, tick=tick)
     finally:  # also if nothing could be taken
+        for sentence in bag.notes:
+            click.echo(f"note: {sentence}", err=True)
         for topic, taken in bag.taken.items():
             click.echo(f"{topic}: {taken} messages")
         for topic, why in bag.left_out.items():

@@ -16,7 +16,9 @@ from rosbags.rosbag2.storage_mcap import DECOMPRESSORS
 from pointit.recording.container import MAX_RECORD_BYTES, DamagedError, is_container, message_content, parse
 from pointit.recording.container import Place as RecordPlace
 from pointit.recording.container import message_times as message_head
-from pointit.recording.library import Channel, Opcode, Schema, ZstdDecompressor, ZstdError
+from pointit.recording.head import METADATA
+from pointit.recording.library import Channel, Metadata, Opcode, Schema, ZstdDecompressor, ZstdError
+from pointit.runtime.errors import ConfigError
 
 _RECORD = struct.Struct("<BQ")
 """Opcode and length before each record."""
@@ -45,6 +47,7 @@ def read_mcap(path: Path) -> Iterator[BagMessage]:
 
     Raises:
         DamagedError: If it is none, or after the last message, what is wrong with the rest.
+        ConfigError: If it is a recording of PointIt.
     """
     schemas: dict[int, str] = {}
     connections: dict[int, BagConnection] = {}
@@ -60,6 +63,10 @@ def read_mcap(path: Path) -> Iterator[BagMessage]:
                 if channel.message_encoding == "cdr":
                     msgtype = schemas.get(channel.schema_id, "")
                     connections[channel.id] = BagConnection(channel.id, channel.topic, msgtype)
+            elif opcode == Opcode.METADATA and parse(content, Metadata).name == METADATA:
+                raise ConfigError(
+                    f"{path}: is a recording of PointIt; give it to `pointit export`, `page` or `replay`"
+                )
             elif opcode == Opcode.MESSAGE and len(content) >= _MESSAGE_BYTES:
                 place = RecordPlace(opcode, 0, len(content))
                 number, time_ns = message_head(content, place)

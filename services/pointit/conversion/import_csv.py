@@ -3,6 +3,7 @@
 A CSV file has no date: its time 0 becomes `EPOCH_NS`.
 """
 
+import codecs
 import heapq
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -117,7 +118,7 @@ def _indexed(path: Path) -> dict[str, Any] | None:
     if not index.exists():
         return None
     try:
-        found = _INDEXED.validate_json(index.read_bytes())
+        found = _INDEXED.validate_json(index.read_bytes().removeprefix(codecs.BOM_UTF8))
     except OSError as error:
         raise ConfigError(f"{index}: cannot be read ({error.strerror or error})") from error
     except ValidationError as error:

@@ -91,8 +91,9 @@ class Recording:
             file = path.open("rb")
             try:
                 if not container.is_container(file):
+                    kind = "MCAP" if path.stat().st_size else "it is empty"
                     raise RecordingError(  # noqa: TRY301
-                        f"{path} is no recording (MCAP): give a file that PointIt recorded"
+                        f"{path} is no recording ({kind}): give a file that PointIt recorded"
                     )
                 return cls(path, file)
             except BaseException:

@@ -1,5 +1,6 @@
 """Views of cameras: the image positions of the pixels of named strips and lamps in each photograph."""
 
+import codecs
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -120,7 +121,7 @@ def read_survey(path: Path) -> Survey:
     """
     try:
         with path.open("rb") as file:
-            data = file.read(MAX_FILE + 1)
+            data = file.read(MAX_FILE + 1).removeprefix(codecs.BOM_UTF8)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
     if len(data) > MAX_FILE:

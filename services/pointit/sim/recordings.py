@@ -104,6 +104,19 @@ def read_floor_csv(path: Path) -> FloorRecording:
     )
 
 
+def read_robot_csv(path: Path) -> Motion:
+    """Return the robot in a CSV file with the columns `t,robot_x,robot_y,robot_z`.
+
+    Raises:
+        ConfigError: As `read_imu_csv`.
+    """
+    table = MotionTable(path, (TIME, *ROBOT), ())
+    t_s = _times_s(path, table)
+    return Motion(
+        path=path, t_s=t_s, robot_m=_bodies(path, table, t_s).get("robot"), notes=tuple(table.notes)
+    )
+
+
 def read_imu_csv(path: Path) -> ImuRecording:
     """Return the recording in a CSV file with the columns `t,qw,qx,qy,qz[,robot_x,…][,head_x,…]`.
 

@@ -126,7 +126,9 @@ async def test_events_come_all_and_the_log_begins_with_what_was(site: Site) -> N
         await until(lambda: len(one.all("/users/anna/feedback")) == 20)
         await until(lambda: sum("no " in line["message"] for line in one.all("/log")) == 20)
         lines_ns = [time_ns for time_ns, line in one.frames["/log"] if "no " in line["message"]]
-        assert lines_ns == [time_ns for time_ns, _ in one.frames["/users/anna/feedback"]], "one time a message"
+        assert lines_ns == [time_ns for time_ns, _ in one.frames["/users/anna/feedback"]], (
+            "one time a message"
+        )
 
 
 async def test_a_flood_is_thinned_to_the_rate_and_the_newest_arrives(site: Site) -> None:

@@ -90,7 +90,7 @@ def test_points_on_the_floor_become_rays_from_the_eyes(tmp_path: Path) -> None:
 def test_who_flies_the_robot_is_not_taken_for_one_who_follows_it(tmp_path: Path) -> None:
     track = write_track(tmp_path, Stand(), duration_s=1.0)
     index = {"files": [{"file": track.name, "interface": "POINTING"}]}
-    (track.parent / "index.json").write_text(json.dumps(index))
+    (track.parent / "index.json").write_text(json.dumps(index), encoding="utf-8-sig")
     keys = {entry.key for entry in csv_entries(track, user="anna", mounting="minus_x")}
     assert keys == {RAY.at("anna"), OBJECTS.at("robot"), OBJECTS.at("mocap")}
 

@@ -13,7 +13,7 @@ from pointit.schemas.topics import OBJECTS
 from pointit.services.robot_replay.config import RobotReplayConfig
 from pointit.services.robot_replay.service import RobotReplay
 from pointit.services.robot_replay.trajectory import Trajectory
-from pointit.sim.recordings import ImuRecording
+from pointit.sim.recordings import ImuRecording, read_robot_csv
 from tests.support.bench import memory_bench, until
 
 CSV = "t,qw,qx,qy,qz,robot_x,robot_y,robot_z\n"
@@ -91,6 +91,15 @@ async def test_without_a_start_it_starts_at_once_and_what_is_past_is_left_out(tm
         bench.start(RobotReplay, RobotReplayConfig(recording=path, start_ns=start_ns))
         await until(lambda: bool(reports) and reports[-1].seq == 31, what="the last report")
         assert reports[0].seq > 20
+
+
+def test_a_robot_needs_no_orientations(tmp_path: Path) -> None:
+    path = tmp_path / "robot.csv"
+    path.write_text("t_ms;robot_x_mm;robot_y_mm;robot_z_mm\n0;1000;0;500\n100;1200;0;500\n200;1400,0;0;500\n")
+    report = Trajectory(read_robot_csv(path)).report(1, 0)
+    assert report.stamp_ns == 100_000_000
+    assert report.objects[0].position_m == pytest.approx((1.2, 0.0, 0.5))
+    assert report.objects[0].velocity_mps == pytest.approx((2.0, 0.0, 0.0))
 
 
 @pytest.mark.parametrize(("path", "what"), [("", "recording: is missing"), ("/none.csv", "cannot be read")])

@@ -16,6 +16,13 @@ def test_a_survey_is_the_same_after_json() -> None:
     assert parse_survey(to_json(survey)) == survey
 
 
+def test_a_survey_that_an_editor_gave_a_byte_order_mark_is_read(tmp_path: Path) -> None:
+    survey = Survey(tuple(specs()), tuple(LAMPS), tuple(photographs(2)))
+    path = tmp_path / "views.json"
+    path.write_bytes(b"\xef\xbb\xbf" + to_json(survey))
+    assert read_survey(path) == survey
+
+
 @pytest.mark.parametrize(
     ("data", "says"),
     [

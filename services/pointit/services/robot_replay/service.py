@@ -12,7 +12,7 @@ from pointit.schemas import NS_PER_S
 from pointit.schemas.topics import OBJECTS
 from pointit.services.robot_replay.config import RobotReplayConfig
 from pointit.services.robot_replay.trajectory import Trajectory
-from pointit.sim.recordings import read_imu_csv
+from pointit.sim.recordings import read_robot_csv
 
 log = logging.getLogger(__name__)
 
@@ -32,7 +32,7 @@ class RobotReplay(Service[RobotReplayConfig]):
         """
         super().__init__(config, context)
         self.validate_config(config)
-        recording = read_imu_csv(Path(config.recording))
+        recording = read_robot_csv(Path(config.recording))
         for sentence in recording.notes:
             log.warning("%s: %s", recording.path, sentence)
         self._trajectory = Trajectory(recording, config.robot_id)

@@ -148,7 +148,7 @@ class _Part:
 
 
 def _open_damaged(path: Path, spare: Path) -> OpenBag:
-    """Return what can be read of a damaged bag, by copies of files in the empty folder `spare` if need be."""
+    """Return the readable part of a damaged bag. Copies of files are made in the empty folder `spare`."""
     metadata = _Metadata(path if path.is_dir() else path.parent)
     files, notes = _storages(path), list[str]()
     if path.is_dir():
@@ -177,7 +177,7 @@ def _open_damaged(path: Path, spare: Path) -> OpenBag:
 
 
 class _Metadata:
-    """What metadata.yaml states, as far as it can be read."""
+    """Contents of a bag's metadata.yaml, as far as it can be read."""
 
     def __init__(self, folder: Path) -> None:
         self.counts: dict[str, int] = {}

@@ -93,13 +93,8 @@ def _delimiter(line: str) -> str:
 def _cells(line: str, delimiter: str) -> list[str]:
     """Return the cells of a header, which some programs write as a comment."""
     line = _COMMENT_MARK.sub("", line, count=1) if line.lstrip().startswith(COMMENTS) else line
-    return next(
-        (
-            [cell.strip() for cell in row]
-            for row in csv.reader([line], delimiter=delimiter, skipinitialspace=True)
-        ),
-        [],
-    )
+    rows = list(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
+    return [cell.strip() for cell in rows[0]] if rows else []
 
 
 def _rows(lines: Iterator[str], delimiter: str, before: int) -> Iterator[tuple[int, list[str]]]:

@@ -46,7 +46,7 @@ class Column(NamedTuple):
     unit: str
     """`""` if the file does not state it."""
     factor: float = 1.0
-    """What the unit is in SI units."""
+    """Size of the unit in SI units."""
 
 
 def units_of(name: str) -> Mapping[str, float]:
@@ -65,9 +65,9 @@ def find_columns(header: Sequence[str]) -> dict[str, list[Column]]:
     found: dict[str, list[Column]] = {}
     for name, aliases in _ALIASES.items():
         exact = [Column(index, cell, "") for index, cell in enumerate(header) if cell == name]
-        columns = exact or next((by_title[alias] for alias in aliases if alias in by_title), [])
-        if columns:
-            found[name] = columns
+        alias = next((each for each in aliases if each in by_title), None)
+        if exact or alias is not None:
+            found[name] = exact or by_title[str(alias)]
     return found
 
 

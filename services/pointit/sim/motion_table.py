@@ -201,9 +201,10 @@ class MotionTable:
         value, limit = self._number(text) * column.factor, MAX_TIME_S if name == TIME else FARTHEST
         if abs(value) <= limit:
             return value
+        remedy = "write seconds, or ISO 8601" if name == TIME else "correct it, or leave a lost value empty"
         error = (
             f"{self._path}, line {line}, column {column.title!r}: a number within {limit:g} was expected, "
-            f"got {text!r}"
+            f"got {text!r}; {remedy}"
         )
         if name == TIME:
             if math.isnan(value):

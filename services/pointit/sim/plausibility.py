@@ -44,7 +44,7 @@ def period_problem(times: Array) -> str:
 
 
 def position_problems(times_s: Array, bodies: Mapping[str, Array]) -> dict[str, tuple[str, str]]:
-    """Return what is implausible of bodies whose positions are likely not in metres, and their likely unit.
+    """Return the problem and the likely unit of bodies whose positions are likely not in metres, by body.
 
     Args:
         times_s: n, rising.

@@ -206,10 +206,8 @@ def test_a_damaged_chunk_is_left_out_and_the_others_are_read(tmp_path: Path) -> 
 
 def test_a_recording_of_pointit_is_no_bag(tmp_path: Path) -> None:
     imported(bag(tmp_path / "take", SAID[:5]))
-    recording = shutil.copy(tmp_path / "session.mcap", tmp_path / "own.mcap")
-    assert f"{recording}: is a recording of PointIt; give it to" in str(
-        run(recording, "--overwrite").exception
-    )
+    recording = (tmp_path / "session.mcap").rename(tmp_path / "own.mcap")
+    assert f"{recording}: is a recording of PointIt; give it to" in str(run(recording).exception)
 
 
 def test_a_bag_of_ros_1_is_named_with_its_converter(tmp_path: Path) -> None:

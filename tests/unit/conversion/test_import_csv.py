@@ -141,6 +141,13 @@ def test_lost_markers_have_no_entries_and_their_gaps_are_printed(motion: Path, t
     ]
 
 
+@pytest.mark.parametrize("name", ["arm.tsv", "arm.txt", "ARM.CSV"])
+def test_tables_with_tabs_are_imported_whatever_their_suffix(motion: Path, tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    path.write_text(motion.read_text().replace(",", "\t"))
+    assert invoke("import", str(path), "--to", str(tmp_path / "session.mcap")).endswith(": 277 entries\n")
+
+
 def test_a_file_in_milliseconds_is_refused_until_its_column_says_so(motion: Path, tmp_path: Path) -> None:
     with motion.open(newline="") as file:
         header, *rows = list(csv.reader(file))

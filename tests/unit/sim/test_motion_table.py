@@ -70,17 +70,17 @@ def test_times_are_read_in_the_unit_of_their_name(
     check(read(tmp_path, text_of((title, *ARM[1:], *BODIES), rows)))
 
 
-@pytest.mark.parametrize(
-    ("titles", "per_m"),
-    [
-        (lambda name: f"{name}_mm", 1e3),
-        (lambda name: f"{name.upper()} [mm]", 1e3),
-        (lambda name: f"{name.replace('_', ' pos ').title()} (cm)", 1e2),
-        (lambda name: name.replace("_", ".") + "_in", 1 / 0.0254),
-        (lambda name: f"{name}/ft", 1 / 0.3048),
-        (lambda name: f"{name}_m", 1.0),
-    ],
-)
+TITLES: list[tuple[Callable[[str], str], float]] = [
+    (lambda name: f"{name}_mm", 1e3),
+    (lambda name: f"{name.upper()} [mm]", 1e3),
+    (lambda name: f"{name.replace('_', ' pos ').title()} (cm)", 1e2),
+    (lambda name: name.replace("_", ".") + "_in", 1 / 0.0254),
+    (lambda name: f"{name}/ft", 1 / 0.3048),
+    (lambda name: f"{name}_m", 1.0),
+]
+
+
+@pytest.mark.parametrize(("titles", "per_m"), TITLES)
 def test_positions_are_read_in_the_unit_of_their_name(
     tmp_path: Path, titles: Callable[[str], str], per_m: float
 ) -> None:
@@ -95,15 +95,15 @@ def test_each_column_has_its_own_unit_and_a_row_of_units_is_one(tmp_path: Path) 
     check(read(tmp_path, text_of((*ARM, *BODIES), [units, *rows])))
 
 
-@pytest.mark.parametrize(
-    "stamp",
-    [
-        lambda time_s: f"2026-03-29T01:59:{59 + time_s:012.9f}Z" if time_s < 1 else "",
-        lambda time_s: f"2026-11-21 12:30:{7 + time_s:09.6f}",
-        lambda time_s: f"2026-11-21T12:30:{7 + time_s:06.3f}+01:00",
-        lambda time_s: f"9:05:{7 + time_s:06.3f}",
-    ],
-)
+STAMPS: list[Callable[[float], str]] = [
+    lambda time_s: f"2026-03-29T01:59:{59 + time_s:012.9f}Z" if time_s < 1 else "",
+    lambda time_s: f"2026-11-21 12:30:{7 + time_s:09.6f}",
+    lambda time_s: f"2026-11-21T12:30:{7 + time_s:06.3f}+01:00",
+    lambda time_s: f"9:05:{7 + time_s:06.3f}",
+]
+
+
+@pytest.mark.parametrize("stamp", STAMPS)
 def test_dates_and_times_of_day_are_times(tmp_path: Path, stamp: Callable[[float], str]) -> None:
     rows: list[Row] = [[stamp(float(row[0])), *row[1:]] for row in motion()]
     check(read(tmp_path, text_of((*ARM, *BODIES), rows)))
@@ -113,34 +113,33 @@ def decimal_comma(text: str) -> str:
     return text.replace(".", ",")
 
 
-@pytest.mark.parametrize(
-    "dialect",
-    [
-        lambda header, rows: "\ufeff" + text_of(header, rows, end="\r\n"),
-        lambda header, rows: decimal_comma(text_of(header, rows, ";")),
-        lambda header, rows: "sep=;\r\n" + decimal_comma(text_of(header, rows, ";", "\r\n")),
-        lambda header, rows: text_of(header, rows, "\t"),
-        lambda header, rows: text_of(header, rows, ", "),
-        lambda header, rows: text_of(header, rows, "   "),
-        lambda header, rows: "# " + text_of(header, rows, " "),
-        lambda header, rows: "%" + text_of(header, rows),
-        lambda header, rows: text_of(header, rows, end="\r"),
-        lambda header, rows: text_of([f'"{each}"' for each in header], rows),
-        lambda header, rows: text_of([f" '{each}' " for each in header], rows),
-        lambda header, rows: text_of([each.upper() for each in header], rows),
-        lambda header, rows: text_of(header, [*rows[:9], [""] * 11, [], *rows[9:], ["#", "end"]]),
-        lambda header, rows: text_of(header, rows, ",", ",\n"),
-        lambda header, rows: "Take,3\nDate,2026-11-21\n\n" + text_of(header, rows),
-        lambda header, rows: text_of(header, rows).encode("utf-16"),
-        lambda header, rows: text_of([f"{header[0]} [s]", *header[1:], "T [°C]"], rows).encode("cp1252"),
-        lambda header, rows: text_of(
-            header, [[f'"{cell:.9f}"'.replace(".", ",") for cell in row] for row in rows]
-        ),
-    ],
-)
-def test_dialects_of_spreadsheets_and_programs_are_read(
-    tmp_path: Path, dialect: Callable[[Sequence[str], Sequence[Row]], str | bytes]
-) -> None:
+Dialect = Callable[[Sequence[str], Sequence[Row]], str | bytes]
+DIALECTS: list[Dialect] = [
+    lambda header, rows: "\ufeff" + text_of(header, rows, end="\r\n"),
+    lambda header, rows: decimal_comma(text_of(header, rows, ";")),
+    lambda header, rows: "sep=;\r\n" + decimal_comma(text_of(header, rows, ";", "\r\n")),
+    lambda header, rows: text_of(header, rows, "\t"),
+    lambda header, rows: text_of(header, rows, ", "),
+    lambda header, rows: text_of(header, rows, "   "),
+    lambda header, rows: "# " + text_of(header, rows, " "),
+    lambda header, rows: "%" + text_of(header, rows),
+    lambda header, rows: text_of(header, rows, end="\r"),
+    lambda header, rows: text_of([f'"{each}"' for each in header], rows),
+    lambda header, rows: text_of([f" '{each}' " for each in header], rows),
+    lambda header, rows: text_of([each.upper() for each in header], rows),
+    lambda header, rows: text_of(header, [*rows[:9], [""] * 11, [], *rows[9:], ["#", "end"]]),
+    lambda header, rows: text_of(header, rows, ",", ",\n"),
+    lambda header, rows: "Take,3\nDate,2026-11-21\n\n" + text_of(header, rows),
+    lambda header, rows: text_of(header, rows).encode("utf-16"),
+    lambda header, rows: text_of([f"{header[0]} [s]", *header[1:], "T [°C]"], rows).encode("cp1252"),
+    lambda header, rows: text_of(
+        header, [[f'"{cell:.9f}"'.replace(".", ",") for cell in row] for row in rows]
+    ),
+]
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_dialects_of_spreadsheets_and_programs_are_read(tmp_path: Path, dialect: Dialect) -> None:
     check(read(tmp_path, dialect((*ARM, *BODIES), motion())))
 
 

@@ -57,11 +57,19 @@ def command(
         def tick(done: int) -> None:
             tell(f"{done} messages")
 
-        if source.suffix.lower() == ".csv":
+        if _is_table(source):
             count = _import_csv(source, recording, user, mounting, overwrite=overwrite, tick=tick)
         else:
             count = _import_bag(source, recording, room, overwrite=overwrite, tick=tick)
     click.echo(f"{recording}: {count} entries")
+
+
+def _is_table(source: Path) -> bool:
+    """Return True if `source` is a CSV file by its suffix, or a text file with columns of a motion."""
+    from pointit.sim.motion_table import has_columns  # noqa: PLC0415 - only what is needed is loaded
+
+    suffix = source.suffix.lower()
+    return suffix in (".csv", ".tsv") or (suffix == ".txt" and has_columns(source, ("t",)))
 
 
 def _import_csv(

@@ -154,8 +154,15 @@ async def test_a_replay_leaves_out_lost_orientations(
     rows = [(t / 10, float(t not in (3, 4)), 0.0, 0.0, 0.0) for t in range(11)]
     source = ReplaySource(ReplayConfig(recording=str(recording(tmp_path, rows))), VirtualClock())
     items: list[Item] = []
-    running = asyncio.create_task(source.run(items.append))
-    await until(lambda: len(items) == 9)
+    is_over = asyncio.Event()
+
+    def deliver(item: Item) -> None:
+        items.append(item)
+        if len(items) == 9:
+            is_over.set()
+
+    running = asyncio.create_task(source.run(deliver))
+    await is_over.wait()
     running.cancel()
     await asyncio.gather(running, return_exceptions=True)
     assert all(isinstance(item, Reading) and item.world_from_sensor == (0, 0, 0, 1) for item in items)

@@ -6,7 +6,6 @@ import json
 import math
 import os
 import sys
-import time
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
@@ -104,7 +103,15 @@ async def test_ray_and_cursor_of_one_message_have_one_time_that_never_goes_back(
 ) -> None:
     (tmp_path / "lsl_api.cfg").write_text("[multicast]\nResolveScope = machine\n[log]\nlevel = -3\n")
     monkeypatch.setenv("LSLAPICFG", str(tmp_path / "lsl_api.cfg"))
-    count, study = 40, f"delayed{os.getpid()}"
+    pylsl = importlib.import_module("pylsl")  # it reads the file as it is loaded
+    count, study, begin_s, passed_s = 40, f"delayed{os.getpid()}", pylsl.local_clock(), 0.0
+
+    def local_clock() -> float:
+        nonlocal passed_s
+        passed_s += 1e-4
+        return float(begin_s + passed_s)
+
+    monkeypatch.setattr(pylsl, "local_clock", local_clock)
     outlets = LslOutlets(study, "P02")
     other = await asyncio.create_subprocess_exec(
         sys.executable, "-c", INLET_OF_RAYS, study, str(count), stdout=-1, env={**os.environ}
@@ -112,15 +119,16 @@ async def test_ray_and_cursor_of_one_message_have_one_time_that_never_goes_back(
     assert other.stdout is not None
     assert await other.stdout.readline() == b"open\n"
     for number in range(count):
-        now_ns = time.monotonic_ns()
-        if number % 8 == 4:
-            time.sleep(0.03)  # noqa: ASYNC251 - a busy machine, between the site's clock and LSL's
-        outlets.send(Cursor(stamp_ns=now_ns - S // 50), now_ns)
+        passed_s = number / 100 + (0.03 if number % 8 == 4 else 0.0)  # a busy machine, after the site's clock
+        outlets.send(Cursor(stamp_ns=(number + 1) * S // 100), (number + 3) * S // 100)
     rays_s, cursors_s = json.loads(await other.stdout.readline())
     assert await other.wait() == 0
     assert len(rays_s) == count
     assert rays_s == cursors_s
     assert rays_s == sorted(rays_s)
+    errors_s = [stamp_s - begin_s - number / 100 + 0.02 for number, stamp_s in enumerate(rays_s)]
+    assert 0.0 < min(errors_s) < 0.001
+    assert max(errors_s) < 0.031
 
 
 def test_session_marks_each_attempt_and_sends_what_it_hears(

@@ -6,16 +6,19 @@ https://www.home-assistant.io/integrations/mqtt, "MQTT discovery", "Event" and "
 import json
 import re
 import zlib
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from pointit.runtime.host.extras import pointit_version
+from pointit.runtime.mqtt.payload_words import is_on
 from pointit.schemas import SelectedObject, SelectionEvent
 from pointit.schemas.environment import Thing
 
 PREFIX = "homeassistant"
 """Usual prefix of topics of the discovery."""
+BIRTH_TOPIC = f"{PREFIX}/status"
+"""Usual topic of Home Assistant's birth message, `online`."""
 SET = "/set"
 """End of the topic of a switch's commands, `ON` and `OFF`."""
 ONLINE, OFFLINE = "online", "offline"
@@ -50,13 +53,18 @@ class Announcements:
         return f"{PREFIX}/+/{self._node}/+/config"
 
     @property
+    def all_states(self) -> str:
+        """Return the filter of states of switches."""
+        return f"pointit/{_id_of(self.site)}/things/+"
+
+    @property
     def commands(self) -> str:
         """Return the filter of commands to switches."""
-        return f"pointit/{_id_of(self.site)}/things/+{SET}"
+        return self.all_states + SET
 
     def command(self, things: Sequence[Thing], topic: str, payload: object) -> tuple[str, bool] | None:
         """Return a switch among `things` and the state that a message commands, or None if it does not."""
-        on = {b"ON": True, b"OFF": False}.get(payload) if isinstance(payload, bytes) else None
+        on = is_on(payload)
         names = (each.id for each in things if each.mode == "switch" and self._topic(each.id) + SET == topic)
         name = next(names, None)
         return None if name is None or on is None else (name, on)
@@ -72,7 +80,6 @@ class Announcements:
             "name": thing.label or thing.id,
             "unique_id": f"{self._node}_{name}",
             "state_topic": topic,
-            "availability_topic": self.status_topic,
             "device": {
                 "identifiers": [self._node],
                 "name": f"PointIt {self.site}",
@@ -82,32 +89,40 @@ class Announcements:
         }
         if thing.mode == "switch":
             config |= {
+                "availability_topic": self.status_topic,
                 "value_template": "{{ value_json.state }}",
                 "json_attributes_topic": topic,
                 "command_topic": topic + SET,
             }
-        else:
+        else:  # without availability: an event that is available again looks like one that happens
             config["event_types"] = ["pointed"] if thing.mode == "button" else list(EVENTS.values())
         return Publication(topic=self._config_topic(thing), payload=json.dumps(config), retain=True)
 
     def outdated(self, topics: Sequence[str], things: Sequence[Thing]) -> list[Publication]:
-        """Return empty messages for those of `topics` that announce none of `things`."""
-        known = {self._config_topic(thing) for thing in things}
+        """Return empty messages for those of `topics` that are of none of `things`."""
+        known = {
+            self.status_topic,
+            *(self._config_topic(thing) for thing in things),
+            *(self._topic(thing.id) for thing in things if thing.mode == "switch"),
+        }
         return [Publication(topic=each, payload="", retain=True) for each in topics if each not in known]
 
-    def states(self, things: Sequence[Thing], selected: Sequence[SelectedObject]) -> list[Publication]:
-        """Return the states of all switches; `selected`: all objects that are selected."""
-        users = {each.id: each.user for each in selected}
+    def switched_on(self, things: Sequence[Thing], retained: Mapping[str, object]) -> set[str]:
+        """Return the switches among `things` that were on by what the broker retains, payloads by topic."""
+        switches = (thing.id for thing in things if thing.mode == "switch")
+        return {each for each in switches if is_on(retained.get(self._topic(each)))}
+
+    def states(
+        self, things: Sequence[Thing], selected: Sequence[SelectedObject], without: Collection[str]
+    ) -> list[Publication]:
+        """Return the states of all switches but `without`; `selected`: all objects that are selected."""
+        owners = {each.id: each for each in selected}
         return [
             Publication(
-                topic=self._topic(thing.id),
-                payload=json.dumps(
-                    {"state": "ON" if thing.id in users else "OFF", "user": users.get(thing.id, "")}
-                ),
-                retain=True,
+                topic=self._topic(thing.id), payload=json.dumps(_state(owners.get(thing.id))), retain=True
             )
             for thing in things
-            if thing.mode == "switch"
+            if thing.mode == "switch" and thing.id not in without
         ]
 
     def event(self, thing: Thing, event: SelectionEvent) -> Publication | None:
@@ -124,6 +139,12 @@ class Announcements:
     def _config_topic(self, thing: Thing) -> str:
         kind = "switch" if thing.mode == "switch" else "event"
         return f"{PREFIX}/{kind}/{self._node}/{_id_of(thing.id)}/config"
+
+
+def _state(switched_on: SelectedObject | None) -> dict[str, Any]:
+    if switched_on is None:
+        return {"state": "OFF", "user": "", "confidence": None}
+    return {"state": "ON", "user": switched_on.user, "confidence": switched_on.confidence}
 
 
 def _id_of(name: str) -> str:

@@ -3,19 +3,22 @@
 import asyncio
 import contextlib
 import logging
+import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
-from urllib.parse import urlsplit
 
-from pointit.cli.things.home_assistant import OFFLINE, ONLINE, Announcements, Publication
+from pointit.cli.things.home_assistant import BIRTH_TOPIC, OFFLINE, ONLINE, Announcements, Publication
 from pointit.launch.plan.watcher import News
 from pointit.runtime.bus.contract import Bus, Closable
+from pointit.runtime.config.config import Layers
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.runtime.mqtt.broker import client_options, connected, keep_connected, require_client, uncancelled
-from pointit.runtime.mqtt.broker_config import BrokerConfig
-from pointit.schemas import Environment, Selection, SelectionEvent, SetThing
+from pointit.runtime.mqtt.broker_config import FORM, BrokerConfig
+from pointit.runtime.mqtt.payload_words import is_online
+from pointit.schemas import Environment, ReadHistory, Selection, SelectionEvent, SetThing
 from pointit.schemas.environment import Thing
-from pointit.schemas.topics import SELECTION, SELECTION_EVENTS, SET_THING
+from pointit.schemas.topics import READ_HISTORY, SELECTION, SELECTION_EVENTS, SET_THING
+from pointit.services.selector.outputs import TOLD_AGAIN
 
 if TYPE_CHECKING:
     import aiomqtt
@@ -28,29 +31,28 @@ RETRY_S = 2.0
 """Pause before the next connection, s."""
 OLD_FOUND_S = 0.5
 """Time in which a broker sends what it retains of earlier announcements, s."""
+RESTORE_PAUSES_S = (0.0, 0.5, 1.0, 2.0, 4.0)
+"""Pauses before each try to switch on what was on before a restart, s."""
+LOG_PERIOD_S = 600.0
+"""Minimum time between two log lines with the same cause, s."""
+MAX_CAUSES = 100
+"""Maximum number of causes whose times are kept. Beyond it all are logged again."""
 MAX_QUEUED = 100
 """Maximum number of events that wait for the broker."""
 
 
-def broker_of(address: str) -> BrokerConfig:
+def broker_of(address: str, ca_file: str = "") -> BrokerConfig:
     """Return the broker at `HOST`, `HOST:PORT` or `mqtt[s]://[USER@]HOST[:PORT]`.
 
     Raises:
         ConfigError: If it is none of these, or the extra is missing.
     """
     require_client("things by MQTT")
-    url = address if "://" in address else f"mqtt://{address}"
-    try:
-        parts = urlsplit(url)
-        port = f":{parts.port}" if parts.port else ""
-    except ValueError as error:
-        raise ConfigError(f"--mqtt {address}: {str(error).lower()}") from error
-    if parts.scheme not in ("mqtt", "mqtts") or not parts.hostname or parts.password or parts.path.strip("/"):
-        raise ConfigError(
-            f"--mqtt {address}: write HOST, HOST:PORT or mqtts://USER@HOST; the password is in MQTT_PASSWORD"
-        )
-    host = f"[{parts.hostname}]" if ":" in parts.hostname else parts.hostname
-    return BrokerConfig(broker=host + port, tls=parts.scheme == "mqtts", username=parts.username or "")
+    if not address:
+        raise ConfigError(f"--mqtt: {FORM}")
+    layers = Layers()
+    layers.add({"broker": address, "ca_file": ca_file}, "--mqtt")
+    return layers.build(BrokerConfig)
 
 
 class MqttThings:
@@ -61,12 +63,22 @@ class MqttThings:
         self._config = config
         self._options = client_options(config)
         self._things: dict[str, Thing] = {}
-        self._has_map = False
+        self._has_map = asyncio.Event()
         self._selection = Selection(stamp_ns=0)
+        self._has_selection = asyncio.Event()
+        self._retained: dict[str, object] = {}
+        """Payloads by topic that the broker had retained at the first connection."""
+        self._has_retained = asyncio.Event()
+        self._restoring: set[str] | None = None
+        """Switches that are about to be switched on again. None until they are known."""
+        self._shown: dict[str, str] = {}
+        """Payloads by topic that the broker has retained."""
         self._events: asyncio.Queue[Publication] = asyncio.Queue(MAX_QUEUED)
         self._changed = asyncio.Event()
         self._is_connected = False
         self._problem = ""
+        self._logged_s: dict[str, float] = {}
+        """Times at which causes were logged."""
         self._sent = 0
         self._dropped = 0
 
@@ -74,9 +86,9 @@ class MqttThings:
         """Subscribe on `bus`, and connect. Return the subscriptions, and what ends the connection."""
         del news
         self._bus, self._announcements = bus, Announcements(bus.site)
-        running = asyncio.create_task(self._run(), name="things by MQTT")
         ending = contextlib.ExitStack()
-        ending.callback(running.cancel)
+        for run, name in ((self._run, "things by MQTT"), (self._restore, "switches by MQTT")):
+            ending.callback(asyncio.create_task(run(), name=name).cancel)
         return (
             ending,
             bus.subscribe(SELECTION_EVENTS, self._on_event),
@@ -86,7 +98,7 @@ class MqttThings:
     def on_map(self, environment: Environment) -> None:
         """Announce the things of the map, and take back those that are gone."""
         self._things = {thing.id: thing for thing in environment.things}
-        self._has_map = True
+        self._has_map.set()
         self._changed.set()
 
     def on_service(self, instance: str, *, is_present: bool) -> None:
@@ -98,28 +110,77 @@ class MqttThings:
 
     def _on_selection(self, selection: Selection, _name: str) -> None:
         self._selection = selection
+        self._has_selection.set()
         self._changed.set()
 
     def _on_event(self, event: SelectionEvent, _name: str) -> None:
         thing = self._things.get(event.object_id)
         publication = self._announcements.event(thing, event) if thing is not None else None
-        if publication is None:
+        # what was told before a restart of the selector has been published
+        if publication is None or event.reason.endswith(TOLD_AGAIN):
             return
         # what was pointed at while there was no broker would happen long after
         if not self._is_connected or self._events.full():
             self._dropped += 1
-            log.warning("%s was pointed at, and the broker does not know", event.thing)
+            self._log(f"{self._config.broker}: what people point at is lost until the broker takes it again")
             return
         self._events.put_nowait(publication)
+
+    async def _restore(self) -> None:
+        """Switch on what the broker has retained as on, which restarts forget, unless a person switched it off."""
+        for known in (self._has_retained, self._has_map, self._has_selection):
+            await known.wait()
+        forgotten = self._announcements.switched_on([*self._things.values()], self._retained)
+        self._restoring = forgotten - self._selected()
+        self._changed.set()
+        if not self._restoring:
+            return
+        try:
+            events = (await self._bus.call(READ_HISTORY, ReadHistory())).events
+        except PointItError:  # there is no journal
+            events = ()
+        last = {event.object_id: event for event in events if event.event in ("selected", "deselected")}
+        await asyncio.gather(*(self._switch_on(each, last.get(each)) for each in self._restoring))
+
+    async def _switch_on(self, thing_id: str, last: SelectionEvent | None) -> None:
+        """Switch on a switch whose last event is `last`, unless somebody switches it meanwhile."""
+        restoring = self._restoring or set()
+        problem = ""
+        for pause_s in RESTORE_PAUSES_S if last is None or last.is_on else ():
+            await asyncio.sleep(pause_s)
+            if thing_id in self._selected() or thing_id not in restoring:
+                break
+            try:
+                user = USER if last is None else last.user
+                await self._bus.call(SET_THING, SetThing(thing=thing_id, on=True), user)
+            except PointItError as error:  # its lamp or object may come later
+                problem = str(error)
+        else:
+            if problem:
+                self._log(f"{thing_id} was on before the restart and is off now: {problem}")
+        restoring.discard(thing_id)
+        self._changed.set()
+
+    def _selected(self) -> set[str]:
+        return {each.id for each in self._selection.objects}
 
     async def _run(self) -> None:
         has_user = bool(self._config.username)
         await keep_connected(self._serve, self._on_lost, has_user=has_user, retry_s=RETRY_S)
 
     def _on_lost(self, problem: str) -> None:
-        if problem != self._problem:
-            log.warning("%s: %s", self._config.broker, problem)
         self._problem = problem
+        self._log(f"{self._config.broker}: {problem}")
+
+    def _log(self, cause: str) -> None:
+        """Log a warning, each cause once per `LOG_PERIOD_S`."""
+        now_s = asyncio.get_running_loop().time()
+        if now_s - self._logged_s.get(cause, -math.inf) < LOG_PERIOD_S:
+            return
+        if len(self._logged_s) >= MAX_CAUSES:
+            self._logged_s.clear()
+        self._logged_s[cause] = now_s
+        log.warning("%s", cause)
 
     async def _serve(self) -> None:
         from aiomqtt import MqttError, Will  # noqa: PLC0415 - an extra
@@ -127,13 +188,17 @@ class MqttThings:
         status = self._announcements.status_topic
         will = Will(status, OFFLINE, qos=1, retain=True)
         async with connected({**self._options, "will": will}) as client:
-            old = await self._announced_before(client)
+            retained = await self._read_retained(client)
+            if not self._has_retained.is_set():
+                self._retained = retained
+                self._has_retained.set()
+            self._shown = dict.fromkeys(retained, "")
             self._problem = ""
             self._is_connected = True
             self._changed.set()
             try:
                 async with asyncio.TaskGroup() as tasks:
-                    tasks.create_task(self._publish_states(client, old), name="states by MQTT")
+                    tasks.create_task(self._publish_states(client), name="states by MQTT")
                     tasks.create_task(self._publish_events(client), name="events by MQTT")
                     tasks.create_task(self._obey(client), name="commands by MQTT")
             finally:
@@ -145,41 +210,45 @@ class MqttThings:
                     async with asyncio.timeout(OLD_FOUND_S):
                         await client.publish(status, OFFLINE, qos=1, retain=True)
 
-    async def _announced_before(self, client: "aiomqtt.Client") -> list[str]:
-        """Return the topics of announcements that the broker has retained."""
-        found: list[str] = []
-        await client.subscribe(self._announcements.found, qos=1)
+    async def _read_retained(self, client: "aiomqtt.Client") -> dict[str, object]:
+        """Return the announcements and states that the broker has retained: payloads by topic."""
+        retained: dict[str, object] = {}
+        filters = (self._announcements.found, self._announcements.all_states)
+        await client.subscribe([(each, 1) for each in filters])
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(OLD_FOUND_S):
                 async for message in client.messages:
-                    found += [message.topic.value] if message.payload else []
-        await client.unsubscribe(self._announcements.found)
-        return found
+                    if message.payload and message.retain:
+                        retained[message.topic.value] = message.payload
+        await client.unsubscribe([*filters])
+        return retained
 
-    async def _publish_states(self, client: "aiomqtt.Client", old: Sequence[str]) -> None:
+    async def _publish_states(self, client: "aiomqtt.Client") -> None:
         """Publish announcements and states when they have changed."""
-        shown: dict[str, str] = dict.fromkeys(old, "")
         while True:
             await self._changed.wait()
             self._changed.clear()
-            if not self._has_map:
+            if not self._has_map.is_set():
                 continue
             things = list(self._things.values())
-            outdated = self._announcements.outdated(
-                [each for each in shown if each.endswith("/config")], things
-            )
+            outdated = self._announcements.outdated([*self._shown], things)
             wanted = [
                 *outdated,
                 *(self._announcements.discovery(thing) for thing in things),
-                *self._announcements.states(things, self._selection.objects),
+                *self._states(things),
                 Publication(topic=self._announcements.status_topic, payload=ONLINE, retain=True),
             ]
             for each in wanted:
-                if shown.get(each.topic) != each.payload or each in outdated:
+                if self._shown.get(each.topic) != each.payload or each in outdated:
                     await uncancelled(client.publish(each.topic, each.payload, qos=1, retain=True))
-                    shown[each.topic] = each.payload
+                    self._shown[each.topic] = each.payload
             for each in outdated:
-                del shown[each.topic]
+                self._shown.pop(each.topic, None)
+
+    def _states(self, things: Sequence[Thing]) -> Sequence[Publication]:
+        if self._restoring is None:  # what is on is not known yet
+            return ()
+        return self._announcements.states(things, self._selection.objects, without=self._restoring)
 
     async def _publish_events(self, client: "aiomqtt.Client") -> None:
         while True:
@@ -191,14 +260,22 @@ class MqttThings:
 
     async def _obey(self, client: "aiomqtt.Client") -> None:
         """Switch things as the broker says, until the connection is lost, which raises MqttError."""
-        await uncancelled(client.subscribe(self._announcements.commands, qos=1))
+        await uncancelled(client.subscribe([(self._announcements.commands, 1), (BIRTH_TOPIC, 1)]))
         async for message in client.messages:
             topic = message.topic.value
+            if topic == BIRTH_TOPIC:
+                if is_online(message.payload):
+                    self._shown.clear()  # announces a device again that was deleted there
+                    self._changed.set()
+                continue
             command = self._announcements.command([*self._things.values()], topic, message.payload)
             if command is None or message.retain:  # a retained command is of another time
-                log.warning("%s is no command to a switch, and ignored", topic)
+                self._log(f"{topic} is no command to a switch, and ignored")
                 continue
+            thing_id, on = command
+            if self._restoring:
+                self._restoring.discard(thing_id)
             try:
-                await self._bus.call(SET_THING, SetThing(thing=command[0], on=command[1]), USER)
+                await self._bus.call(SET_THING, SetThing(thing=thing_id, on=on), USER)
             except PointItError as error:
-                log.warning("%s: %s", topic, error)
+                self._log(f"{topic}: {error}")

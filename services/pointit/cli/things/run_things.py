@@ -14,13 +14,24 @@ from pointit.launch.plan.scenario import Scenario
 from pointit.launch.plan.scenario_catalog import room_of
 from pointit.launch.plan.watcher import MakeWatcher
 
-mqtt_option = click.option(
-    "--mqtt",
-    default="",
-    metavar="BROKER",
-    help="announce the things of the map to Home Assistant at this MQTT broker, HOST or "
-    "mqtts://USER@HOST (password: variable MQTT_PASSWORD), and publish when they are pointed at",
-)
+
+def mqtt_options(function: Any) -> Any:
+    """Add the options of a broker."""
+    broker = click.option(
+        "--mqtt",
+        default="",
+        metavar="BROKER",
+        help="announce the things of the map to Home Assistant at this MQTT broker, HOST or "
+        "mqtts://USER@HOST (password: variable MQTT_PASSWORD), and publish when they are pointed at",
+    )
+    authority = click.option(
+        "--mqtt-ca-file",
+        default="",
+        metavar="FILE",
+        help="file with the certificate of the authority of --mqtt mqtts://…, if it is one of your own; "
+        "default: the variable MQTT_CA_FILE, else those that the system trusts",
+    )
+    return broker(authority(function))
 
 
 def _options(function: Any) -> Any:
@@ -33,7 +44,7 @@ def _options(function: Any) -> Any:
         "points at the thing; both may have {thing}, {user}, {confidence} and {state} (on or off). FILE.yaml "
         "has several, `THING: PROGRAM or URL`. Repeatable",
     )
-    return on(mqtt_option(function))
+    return on(mqtt_options(function))
 
 
 def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Added:
@@ -46,8 +57,8 @@ def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Ad
             if room is not None:
                 reaction.check(room)
         watchers.append(lambda _launches: Reactions(reactions))
-    if options["mqtt"]:
-        config = broker_of(options["mqtt"])
+    if options["mqtt"] or options["mqtt_ca_file"]:
+        config = broker_of(options["mqtt"], options["mqtt_ca_file"])
         watchers.append(lambda _launches: MqttThings(config))
     return Added(watchers=watchers)
 
@@ -68,7 +79,7 @@ def summary_lines(summary: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-THINGS_PART = RunPart(heading="Things", names=("on", "mqtt"), options=_options, add=_add)
+THINGS_PART = RunPart(heading="Things", names=("on", "mqtt", "mqtt_ca_file"), options=_options, add=_add)
 THINGS_DISPLAY = DisplayPart(
     rows=lambda _monitor, _width: None, lines=lambda _monitor: (), summary=summary_lines
 )

@@ -13,7 +13,7 @@ from pointit.cli.common.output import Row, Section, json_option, say, show
 from pointit.cli.common.site_link import PATIENCE_S, AtSite, LatestMessage, join_site, quiet, site_options
 from pointit.cli.things.mqtt_events import MqttThings, broker_of
 from pointit.cli.things.reactions import Reaction, Reactions, reactions_in
-from pointit.cli.things.run_things import mqtt_option, summary_lines
+from pointit.cli.things.run_things import mqtt_options, summary_lines
 from pointit.launch.plan.watcher import Watcher
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.errors import NoMessageError, RequestError
@@ -106,8 +106,8 @@ async def _try(thing: str, user: str, *, on: bool | None, **at: Unpack[AtSite]) 
 
 @click.command("react", params=site_options())
 @click.argument("on", nargs=-1, metavar="[FILE.yaml|THING=PROGRAM|THING=URL]...")
-@mqtt_option
-def react_to_things(*, on: tuple[str, ...], mqtt: str, **at: Unpack[AtSite]) -> int:
+@mqtt_options
+def react_to_things(*, on: tuple[str, ...], mqtt: str, mqtt_ca_file: str, **at: Unpack[AtSite]) -> int:
     """Start programs and tell web servers when people point at things of a running site, until Ctrl-C.
 
     The arguments are values of `--on` of `pointit run`; FILE.yaml has several, `THING: PROGRAM or URL`. A
@@ -121,8 +121,8 @@ def react_to_things(*, on: tuple[str, ...], mqtt: str, **at: Unpack[AtSite]) -> 
     quiet()
     reactions = [each for text in on for each in reactions_in(text)]
     watchers: list[Watcher] = [Reactions(reactions)] if reactions else []
-    if mqtt:
-        watchers.append(MqttThings(broker_of(mqtt)))
+    if mqtt or mqtt_ca_file:
+        watchers.append(MqttThings(broker_of(mqtt, mqtt_ca_file)))
     if not watchers:
         raise click.UsageError(
             "nothing to do: name a FILE.yaml, THING=PROGRAM or THING=URL, or --mqtt BROKER"

@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import importlib.util
 import os
+import secrets
 import ssl
 from collections.abc import AsyncGenerator, Awaitable, Callable, Coroutine
 from pathlib import Path
@@ -12,15 +13,21 @@ from typing import TYPE_CHECKING, Any
 from pointit.runtime.errors import ConfigError, first_cause
 from pointit.runtime.host.extras import remedy
 from pointit.runtime.mqtt.broker_config import BrokerConfig
+from pointit.runtime.mqtt.broker_errors import (
+    CA_FILE,
+    CLIENT_ID,
+    CONNECT_TIMEOUT_S,
+    PASSWORD,
+    check_server,
+    describe_error,
+    transport_error,
+)
 
 if TYPE_CHECKING:
     import aiomqtt
 
-CONNECT_S = 5.0
-"""Maximum time to connect, s."""
 END_S = 0.3
 """Maximum time to take leave, s."""
-PASSWORD = "MQTT_PASSWORD"  # noqa: S105 - the name of a variable
 QUEUED_MESSAGES = 1000
 """Maximum number of unread messages."""
 
@@ -48,17 +55,31 @@ def client_options(config: BrokerConfig) -> dict[str, Any]:
             password = Path(config.password_file).read_text(encoding="utf-8").rstrip("\r\n")
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"password_file: {config.password_file} cannot be read ({error})") from error
-    try:
-        context = ssl.create_default_context(cafile=config.ca_file or None) if config.tls else None
-    except OSError as error:  # SSLError is one
-        raise ConfigError(f"ca_file: {config.ca_file} cannot be used ({error})") from error
     return {
         "hostname": host,
         "port": port,
+        # the same after a loss: the broker then ends the former connection before the next one begins
+        "identifier": f"{CLIENT_ID}{secrets.token_hex(5)}",
         "username": config.username or None,
         "password": password,
-        "tls_context": context,
+        "tls_context": _tls_context(config.ca_file) if config.tls else None,
     }
+
+
+def _tls_context(ca_file: str) -> ssl.SSLContext:
+    file, name = (ca_file, "ca_file") if ca_file else (os.environ.get(CA_FILE), CA_FILE)
+    try:
+        context = ssl.create_default_context(cafile=file or None)
+    except OSError as error:  # SSLError is one
+        raise ConfigError(
+            f"{name}: {file} cannot be used ({error}): name a file with certificates in the form PEM"
+        ) from error
+    if (
+        file
+    ):  # own authorities often lack extensions that Python requires from 3.13 on, or certify only themselves
+        context.verify_flags &= ~ssl.VERIFY_X509_STRICT
+        context.verify_flags |= ssl.VERIFY_X509_PARTIAL_CHAIN
+    return context
 
 
 @contextlib.asynccontextmanager
@@ -66,23 +87,25 @@ async def connected(options: dict[str, Any]) -> "AsyncGenerator[aiomqtt.Client]"
     """Yield a client that is connected with `options` of `aiomqtt.Client`.
 
     Raises:
-        OSError: If nothing can be reached.
+        OSError: If nothing can be reached. BrokerError: the cause is known.
         aiomqtt.MqttError: If the broker refuses, does not answer, or goes away.
     """
     import aiomqtt  # noqa: PLC0415 - an extra
 
+    server = options["hostname"], options["port"], options.get("tls_context")
     # aiomqtt connects in a thread that cannot be interrupted and leaves a socket of a failed handshake open
-    async with asyncio.timeout(CONNECT_S):
-        _reader, writer = await asyncio.open_connection(
-            options["hostname"], options["port"], ssl=options.get("tls_context")
-        )
-    writer.transport.abort()
+    await check_server(*server)
     client = aiomqtt.Client(
-        **options, timeout=CONNECT_S, keepalive=15, max_queued_incoming_messages=QUEUED_MESSAGES
+        **options, timeout=CONNECT_TIMEOUT_S, keepalive=15, max_queued_incoming_messages=QUEUED_MESSAGES
     )
     opening = asyncio.ensure_future(client.__aenter__())
     try:
-        await asyncio.shield(opening)  # cancelled in the middle, it would leave a socket and a task
+        try:
+            await asyncio.shield(opening)  # cancelled in the middle, it would leave a socket and a task
+        except aiomqtt.MqttCodeError:
+            raise
+        except aiomqtt.MqttError as error:  # without an answer
+            raise await transport_error(*server) or error from error
         yield client
     finally:
         with contextlib.suppress(aiomqtt.MqttError, OSError):  # TimeoutError is one
@@ -127,12 +150,3 @@ async def uncancelled(call: Awaitable[object]) -> None:
     task = asyncio.current_task()
     if task is not None and task.cancelling():
         raise asyncio.CancelledError
-
-
-def describe_error(error: BaseException, *, has_user: bool) -> str:
-    """Return the meaning of an error of a broker, and the remedy, for a person."""
-    text = str(error) or "no answer"
-    if "uthor" in text or "password" in text:  # "Not authorized", "Bad user name or password"
-        action = "correct" if has_user else "set"
-        return f"the broker refuses the connection ({text}): {action} `username` and {PASSWORD}"
-    return f"the broker cannot be reached ({text}): start it, or correct its address"

@@ -1,13 +1,20 @@
 """Parameters of a connection to an MQTT broker."""
 
-from urllib.parse import urlsplit
+from collections.abc import Mapping
+from typing import Any, Self, cast
+from urllib.parse import SplitResult, unquote, urlsplit
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
+from pydantic_core import PydanticCustomError
 
 from pointit.runtime.config.config import Config
+from pointit.runtime.config.validation_message import DESCRIBED
 
 PORT = 1883
 TLS_PORT = 8883
+SCHEMES = {"mqtt": False, "tcp": False, "mqtts": True, "ssl": True, "tls": True}
+"""True for schemes of encrypted connections."""
+FORM = "write HOST, HOST:PORT or mqtts://USER@HOST; the password is in MQTT_PASSWORD"
 
 
 def split_address(address: str) -> tuple[str, int | None]:
@@ -25,24 +32,74 @@ def split_address(address: str) -> tuple[str, int | None]:
 class BrokerConfig(Config):
     """A broker, and how to log in to it."""
 
-    broker: str = Field(default="", description="HOST or HOST:PORT of the broker")
+    broker: str = Field(
+        default="", description="HOST or HOST:PORT of the broker; mqtts://USER@HOST sets `tls` and `username`"
+    )
     tls: bool = Field(default=False, description="encrypt the connection; the default port is 8883 then")
     ca_file: str = Field(
-        default="", description="file with the authority of the broker's certificate; the system's if empty"
+        default="",
+        description="file with the authority of the broker's certificate; if empty, the variable "
+        "MQTT_CA_FILE has it, or it is one that the system trusts",
     )
     username: str = Field(default="", description="user name at the broker, if it asks for one")
     password_file: str = Field(
         default="", description="file with the password; the variable MQTT_PASSWORD has it if empty"
     )
 
+    @model_validator(mode="before")
+    @classmethod
+    def _split_url(cls, values: object) -> object:
+        """Put the parts of a URL into the fields that they are of."""
+        if not isinstance(values, Mapping):
+            return values
+        fields = dict(cast("Mapping[str, Any]", values))
+        url = fields.get("broker")
+        if isinstance(url, str) and "://" in url:
+            parts = _url_parts(url)
+            fields["broker"] = parts.netloc.rpartition("@")[2]
+            if SCHEMES[parts.scheme]:
+                fields["tls"] = True
+            if (user := unquote(parts.username or "")) and fields.setdefault("username", user) != user:
+                raise _described("`broker` and `username` name different users: leave one of both out")
+        return fields
+
     @field_validator("broker")
     @classmethod
     def _is_address(cls, broker: str) -> str:
-        if broker:
-            split_address(broker)
+        try:
+            if broker:
+                split_address(broker)
+        except ValueError as error:
+            # what is in front of an @ may be a password
+            raise _described(f"{FORM} (got {broker.rpartition('@')[2]!r})") from error
         return broker
+
+    @model_validator(mode="after")
+    def _encrypts_for_its_authority(self) -> Self:
+        if self.ca_file and not self.tls:
+            raise _described(
+                "`ca_file` is for encrypted connections: set `tls`, or write mqtts:// in front of the broker"
+            )
+        return self
 
     def address(self) -> tuple[str, int]:
         """Return the host and the port of the broker."""
         host, port = split_address(self.broker)
         return host, port if port is not None else TLS_PORT if self.tls else PORT
+
+
+def _url_parts(url: str) -> SplitResult:
+    """Return the parts of the URL of a broker. Errors do not quote it: it may have a password."""
+    try:
+        parts = urlsplit(url)
+        is_broker = parts.scheme in SCHEMES and parts.hostname and parts.password is None
+    except ValueError:
+        is_broker = False
+    if not is_broker or parts.path.strip("/") or parts.query or parts.fragment:
+        raise _described(FORM)
+    return parts
+
+
+def _described(text: str) -> PydanticCustomError:
+    """Return an error of which the message is `text` alone, without the value."""
+    return PydanticCustomError(DESCRIBED, "{text}", {"text": text})

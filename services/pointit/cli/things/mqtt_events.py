@@ -127,7 +127,7 @@ class MqttThings:
         self._events.put_nowait(publication)
 
     async def _restore(self) -> None:
-        """Switch on what the broker has retained as on, which restarts forget, unless a person switched it off."""
+        """Switch on what the broker has retained as on, unless somebody had switched it off."""
         for known in (self._has_retained, self._has_map, self._has_selection):
             await known.wait()
         forgotten = self._announcements.switched_on([*self._things.values()], self._retained)

@@ -10,12 +10,14 @@ from urllib.parse import quote, urlsplit
 
 from pointit.cli.things.program import check_placeholders, filled
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.certificate_errors import certificate_error_in, describe_certificate_error
 from pointit.runtime.host.extras import remedy
 
 TIMEOUT_S = 5.0
 """Maximum time of a try, s."""
 PAUSES_S = (1.0, 4.0)
 """Pauses before the second and the third try, s."""
+TRUST = "set the variable SSL_CERT_FILE to a file with its authority's certificate"
 TOO_MANY_REQUESTS = 429
 SERVER_ERROR = 500
 
@@ -73,7 +75,11 @@ class Webhook:
             except (TimeoutError, httpx.TimeoutException):
                 problem = f"did not answer within {TIMEOUT_S:g} s"
             except (httpx.HTTPError, httpx.InvalidURL, OSError) as error:
-                problem = f"could not be reached ({str(error) or type(error).__name__})"
+                refusal = certificate_error_in(error)
+                cause = str(error) or type(error).__name__
+                if refusal is not None:
+                    cause = describe_certificate_error(refusal, "the server", TRUST)
+                problem = f"could not be reached ({cause})"
             else:
                 if answer.is_success:
                     return ""

@@ -60,7 +60,7 @@ class BrokerConfig(Config):
             if SCHEMES[parts.scheme]:
                 fields["tls"] = True
             if (user := unquote(parts.username or "")) and fields.setdefault("username", user) != user:
-                raise _described("`broker` and `username` name different users: leave one of both out")
+                raise described_error("`broker` and `username` name different users: leave one of both out")
         return fields
 
     @field_validator("broker")
@@ -71,13 +71,13 @@ class BrokerConfig(Config):
                 split_address(broker)
         except ValueError as error:
             # what is in front of an @ may be a password
-            raise _described(f"{FORM} (got {broker.rpartition('@')[2]!r})") from error
+            raise described_error(f"{FORM} (got {broker.rpartition('@')[2]!r})") from error
         return broker
 
     @model_validator(mode="after")
     def _encrypts_for_its_authority(self) -> Self:
         if self.ca_file and not self.tls:
-            raise _described(
+            raise described_error(
                 "`ca_file` is for encrypted connections: set `tls`, or write mqtts:// in front of the broker"
             )
         return self
@@ -96,10 +96,10 @@ def _url_parts(url: str) -> SplitResult:
     except ValueError:
         is_broker = False
     if not is_broker or parts.path.strip("/") or parts.query or parts.fragment:
-        raise _described(FORM)
+        raise described_error(FORM)
     return parts
 
 
-def _described(text: str) -> PydanticCustomError:
+def described_error(text: str) -> PydanticCustomError:
     """Return an error of which the message is `text` alone, without the value."""
     return PydanticCustomError(DESCRIBED, "{text}", {"text": text})

@@ -58,17 +58,16 @@ async def check_server(host: str, port: int, context: ssl.SSLContext | None) -> 
 async def transport_error(host: str, port: int, context: ssl.SSLContext | None) -> BrokerError | None:
     """Return why the server at `host` and `port` does not answer a CONNECT, or None if that is unknown."""
     broker = f"the broker at {_shown(host, port)}"
+    if context is None:
+        text = (
+            f"{broker} encrypts at this port: set `tls` (mqtts:// in front of its address), or name its port "
+            "without encryption, usually 1883"
+        )
+        return BrokerError(text) if await encrypts(host, port) else None
     try:
-        async with asyncio.timeout(PROBE_TIMEOUT_S):
-            if context is None:
-                async with _opened(host, port, _unverified()):
-                    return BrokerError(
-                        f"{broker} encrypts at this port: set `tls` (mqtts:// in front of its address), or "
-                        "name its port without encryption, usually 1883"
-                    )
-            async with _opened(host, port, context) as (reader, writer):
-                writer.write(CONNECT)
-                await reader.read(1)
+        async with asyncio.timeout(PROBE_TIMEOUT_S), _opened(host, port, context) as (reader, writer):
+            writer.write(CONNECT)
+            await reader.read(1)
     except ssl.SSLError as error:
         if "CERTIFICATE_REQUIRED" in (error.reason or ""):
             return BrokerError(
@@ -80,18 +79,31 @@ async def transport_error(host: str, port: int, context: ssl.SSLContext | None) 
     return None
 
 
+async def encrypts(host: str, port: int, timeout_s: float = PROBE_TIMEOUT_S) -> bool:
+    """Return True if the server at `host` and `port` completes a TLS handshake within `timeout_s`."""
+    try:
+        async with asyncio.timeout(timeout_s), _opened(host, port, _unverified()):
+            return True
+    except OSError:  # SSLError and TimeoutError are some
+        return False
+
+
+def refuses_login(error: BaseException) -> bool:
+    """Return True if the broker refuses the user name or the password, or asks for one."""
+    return _return_code(error) in (*BAD_PASSWORD, *NOT_AUTHORIZED)
+
+
 def describe_error(error: BaseException, *, has_user: bool) -> str:
     """Return the meaning of an error of a broker, and the remedy, for a person."""
     text = str(error) or "no answer"
     if isinstance(error, BrokerError):
         return text
-    code = getattr(error, "rc", None)
-    code = getattr(code, "value", code)
+    code = _return_code(error)
     if code in BAD_CLIENT_ID:
         return f"the broker refuses the client identifier ({text}): allow those that begin with {CLIENT_ID}"
     if code in BAD_PROTOCOL:
         return f"the broker refuses MQTT 3.1.1 ({text}): update it, or allow this version"
-    if code in (*BAD_PASSWORD, *NOT_AUTHORIZED):
+    if refuses_login(error):
         action = "correct" if has_user else "set"
         also = f"; allow client identifiers that begin with {CLIENT_ID}" if code in NOT_AUTHORIZED else ""
         return (
@@ -99,6 +111,12 @@ def describe_error(error: BaseException, *, has_user: bool) -> str:
             f"`password_file`{also}"
         )
     return f"the broker cannot be reached ({text}): start it, or correct its address"
+
+
+def _return_code(error: BaseException) -> int | None:
+    """Return the code of an `aiomqtt.MqttCodeError`, or None if it is another error."""
+    code = getattr(error, "rc", None)
+    return getattr(code, "value", code)
 
 
 async def _answers_plain(host: str, port: int) -> bool:

@@ -4,15 +4,23 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple, cast
 
+from pointit.runtime.mqtt.payload_words import parsed
 from pointit.schemas.base import Rgb
 
 FULL = 254
 """Full brightness of Zigbee; Home Assistant's scale ends at 255, which Zigbee2MQTT does not take."""
-TOPICS = ("zigbee2mqtt/bridge/devices", "homeassistant/light/#", "homeassistant/device/#")
+DEVICES = "/bridge/devices"
+"""End of the topic of Zigbee2MQTT's devices; before it is the base topic, which may have slashes."""
+TOPICS = (
+    *(f"{base}{DEVICES}" for base in ("+", "+/+", "+/+/+")),
+    *("homeassistant/light/#", "homeassistant/device/#"),
+)
 """Topics of the announcements, which brokers retain."""
 ABBREVIATIONS = {
     "availability": "avty",
     "availability_topic": "avty_t",
+    "payload_available": "pl_avail",
+    "payload_not_available": "pl_not_avail",
     "command_topic": "cmd_t",
     "components": "cmps",
     "device": "dev",
@@ -21,6 +29,8 @@ ABBREVIATIONS = {
     "topic": "t",
 }
 """Short names of keys in Home Assistant's discovery."""
+WORDS = ("payload_available", "payload_not_available")
+"""Keys of the words by which a light tells that it is online and offline."""
 COLOR_MODES = {"hs", "rgb", "rgbw", "rgbww", "xy"}
 LONGEST_TEXT = 200
 """Names and topics that are longer are left out."""
@@ -40,32 +50,6 @@ def command(color: Rgb) -> bytes:
     return json.dumps(message, separators=(",", ":")).encode()
 
 
-def availability(payload: object) -> bool | None:
-    """Return True if a lamp tells that it is online, False for offline, None for anything else.
-
-    Args:
-        payload: `online` or `offline`, or an object with one of them as `state`.
-    """
-    value = parsed(payload)
-    if isinstance(value, dict):
-        value = cast("dict[str, Any]", value).get("state")
-    return {"online": True, "offline": False}.get(value) if isinstance(value, str) else None
-
-
-def parsed(payload: object) -> object:
-    """Return the value of a message that is JSON, its text if it is not, or None if it is no text."""
-    if not isinstance(payload, bytes | bytearray):
-        return None
-    try:
-        text = payload.decode()
-    except UnicodeDecodeError:
-        return None
-    try:
-        return json.loads(text)
-    except (ValueError, RecursionError):
-        return text
-
-
 class AnnouncedLight(NamedTuple):
     """A light that takes commands in JSON."""
 
@@ -75,13 +59,16 @@ class AnnouncedLight(NamedTuple):
     availability: str
     """Topic that tells if it is online, or `""`."""
     has_color: bool
+    payload_available: str = ""
+    """Word there for online, or `""` for the usual ones."""
+    payload_not_available: str = ""
 
 
 def announced_lights(topic: str, payload: object) -> list[AnnouncedLight]:
     """Return the lights that a message announces, whatever it holds."""
     value = parsed(payload)
-    if topic == TOPICS[0]:
-        return list(_zigbee_lights(topic.partition("/")[0], value))
+    if topic.endswith(DEVICES):
+        return list(_zigbee_lights(topic.removesuffix(DEVICES), value))
     if not topic.endswith("/config") or not isinstance(value, dict):
         return []
     config = cast("dict[str, Any]", value)
@@ -119,10 +106,12 @@ def _light(config: Mapping[str, Any], shared: Mapping[str, Any]) -> Iterator[Ann
         return
     device = _mapping(_get(shared, "device"))
     name = _text(config.get("name")) or _text(device.get("name")) or topic
-    listed = [_get(_mapping(each), "topic") for each in _items(_get(config, "availability"))]
-    availability = _topic(config, _get(config, "availability_topic") or (listed[-1] if listed else ""))
+    listed = [_mapping(each) for each in _items(_get(config, "availability"))]
+    own, source = _get(config, "availability_topic"), listed[-1] if listed else {}
+    availability = _topic(config, own or _get(source, "topic"))
+    words = (_text(_get(config if own else source, name)) for name in WORDS)
     modes = {_text(mode) for mode in _items(_get(config, "supported_color_modes"))}
-    yield AnnouncedLight(name, topic, availability, bool(modes & COLOR_MODES))
+    yield AnnouncedLight(name, topic, availability, bool(modes & COLOR_MODES), *words)
 
 
 def _get(config: Mapping[str, Any], key: str) -> object:

@@ -2,29 +2,55 @@
 
 from typing import Annotated, Self
 
-from pydantic import Field, StringConstraints, model_validator
+from pydantic import BeforeValidator, Field, StringConstraints, model_validator
 
 from pointit.runtime.config.config import Config
-from pointit.runtime.mqtt.broker_config import BrokerConfig
+from pointit.runtime.mqtt.broker_config import BrokerConfig, described_error
+from pointit.runtime.mqtt.payload_words import is_online
+from pointit.services.led_driver.output.mqtt.light_protocol import WORDS
 from pointit.services.led_driver.outputs import OutputConfig
 
 LAMP = "{lamp}"
 """Placeholder of a lamp's id in `MqttConfig.topic`."""
 SET = "/set"
 """End of a command topic of Zigbee2MQTT."""
+ZIGBEE = ("zigbee", "z2m")
+"""Parts of the name of a base topic of Zigbee2MQTT."""
 Topic = Annotated[str, StringConstraints(max_length=1000, pattern=r"^[^#+\x00]*$")]
 
 
-class LampTopics(Config):
+def _payload(value: object) -> object:
+    """Return a word of a device. YAML does not tell which word it read as true."""
+    if isinstance(value, bool):
+        raise described_error('write the word in quotes as the device sends it, such as "true" or "on"')
+    return str(value) if isinstance(value, int | float) else value
+
+
+Payload = Annotated[str, BeforeValidator(_payload), StringConstraints(max_length=200)]
+
+
+class AvailabilityConfig(Config):
+    """Topic and words by which lamps tell if they are online."""
+
+    availability: Topic = Field(
+        default="",
+        description="topic that tells online or offline; {lamp} stands for the id; /availability in place of "
+        "/set if empty",
+    )
+    payload_available: Payload = Field(
+        default="",
+        description="word there for online, if PointIt does not know it (`pointit doctor` says so)",
+    )
+    payload_not_available: Payload = Field(default="", description="word there for offline, likewise")
+
+
+class LampTopics(AvailabilityConfig):
     """Topics of one lamp."""
 
     topic: Topic = Field(default="", description="topic of its commands; by `topic` of the output if empty")
-    availability: Topic = Field(
-        default="", description="topic that tells online or offline; /availability in place of /set if empty"
-    )
 
 
-class MqttConfig(BrokerConfig, OutputConfig):
+class MqttConfig(AvailabilityConfig, BrokerConfig, OutputConfig):
     """Lamps of the map as smart lamps on an MQTT broker (Zigbee2MQTT, Home Assistant's JSON schema)."""
 
     kind: str = Field(default="mqtt", description="kind of controller")
@@ -69,9 +95,32 @@ class MqttConfig(BrokerConfig, OutputConfig):
 
     def availability_topics(self, lamp_id: str) -> tuple[str, ...]:
         """Return the topics that tell if a lamp is online: all of them must say so, or nothing."""
-        if lamp_id in self.lamps and (own := self.lamps[lamp_id].availability):
-            return (own,)
+        if own := self._of_lamp(lamp_id, "availability"):
+            return (own.replace(LAMP, lamp_id),)
         topic = self.command_topic(lamp_id)
         if not topic.endswith(SET) or topic.count("/") < 2:
             return ()
-        return (f"{topic.removesuffix(SET)}/availability", f"{topic.partition('/')[0]}/bridge/state")
+        return (
+            f"{topic.removesuffix(SET)}/availability",
+            *(f"{base}/bridge/state" for base in _bases(topic)),
+        )
+
+    def is_online(self, lamp_id: str, topic: str, payload: bytes) -> bool | None:
+        """Return what a message on an availability topic tells of a lamp, or None if it is not understood."""
+        if topic.endswith("/bridge/state") and not self._of_lamp(lamp_id, "availability"):
+            return is_online(payload)
+        words = (self._of_lamp(lamp_id, name) for name in WORDS)
+        return is_online(payload, *words)
+
+    def _of_lamp(self, lamp_id: str, name: str) -> str:
+        """Return the value of the field `name` of a lamp, or that of the output if the lamp has none."""
+        own = getattr(self.lamps[lamp_id], name) if lamp_id in self.lamps else ""
+        return own or getattr(self, name)
+
+
+def _bases(topic: str) -> list[str]:
+    """Return the possible base topics of Zigbee2MQTT in a lamp's topic: names of lamps have slashes, too."""
+    levels = topic.removesuffix(SET).split("/")[:-1]
+    named = [any(word in level.casefold() for word in ZIGBEE) for level in levels]
+    first = named.index(True) if any(named) else 0
+    return ["/".join(levels[:end]) for end in range(first + 1, len(levels) + 1)]

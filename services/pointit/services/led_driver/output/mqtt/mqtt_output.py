@@ -2,21 +2,26 @@
 
 import asyncio
 import contextlib
-import secrets
 from collections.abc import Sequence
 from contextlib import AbstractAsyncContextManager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.mqtt.broker import client_options, connected, keep_connected, require_client, uncancelled
 from pointit.runtime.mqtt.broker_config import PORT
+from pointit.runtime.mqtt.broker_errors import encrypts, refuses_login
 from pointit.runtime.mqtt.broker_search import find_on_brokers
 from pointit.schemas import Lamp
 from pointit.schemas.base import Rgb
 from pointit.services.led_driver.output.mqtt import light_protocol
 from pointit.services.led_driver.output.mqtt.lamp_commands import DARK, LampCommands
-from pointit.services.led_driver.output.mqtt.light_protocol import TOPICS, AnnouncedLight, announced_lights
+from pointit.services.led_driver.output.mqtt.light_protocol import (
+    TOPICS,
+    WORDS,
+    AnnouncedLight,
+    announced_lights,
+)
 from pointit.services.led_driver.output.mqtt.mqtt_config import MqttConfig
 from pointit.services.led_driver.output.output_health import OutputHealth
 from pointit.services.led_driver.outputs import LedOutput
@@ -34,6 +39,12 @@ OFF_S = 0.4
 ONLINE, OFFLINE = b"online", b"offline"
 MAX_LAMPS = 500
 """Limit of lamps on one broker."""
+TLS_SHARE = 0.2
+"""Share of the time of a search that is left to find out if a broker that does not answer encrypts."""
+MAX_PAYLOAD = 1000
+"""Limit of an availability message, bytes."""
+MAX_SHOWN = 40
+"""Characters of a message that are shown."""
 
 
 class MqttLamps:
@@ -54,13 +65,11 @@ class MqttLamps:
         self._commands = LampCommands(config.lamp_rate_hz, config.max_rate_hz)
         self._changed = asyncio.Event()
         self._lamps: tuple[str, ...] = ()
-        self._online: dict[str, bool] = {}
+        self._payloads: dict[str, bytes] = {}
         """Last message of each availability topic."""
         self._subscribed: set[str] = set()
         self._guarded: set[str] = set()
         """Lamps that the last will of a connection switches off."""
-        # the same after a loss: the broker then ends connections that it has not missed, before others begin
-        self._client_id = f"pointit{secrets.token_hex(5)}"
 
     def set_lamps(self, lamps: Sequence[Lamp]) -> None:
         """Set the map's lamps. Reports in health those that are configured and not in the map."""
@@ -90,7 +99,7 @@ class MqttLamps:
         status = self._config.status_topic
         async with self._connected(0, status, OFFLINE, retain=True) as client:
             self._health.clear("broker")
-            self._online.clear()
+            self._payloads.clear()
             self._subscribed.clear()
             self._guarded.clear()
             self._tell_availability()
@@ -110,7 +119,7 @@ class MqttLamps:
         """Connect as client `number`, with a last `will` on `topic`; without if that is `""`."""
         from aiomqtt import Will  # noqa: PLC0415 - an extra
 
-        options = self._options | {"identifier": f"{self._client_id}-{number}"}
+        options = self._options | {"identifier": f"{self._options['identifier']}-{number}"}
         return connected(options | ({"will": Will(topic, will, qos=1, retain=retain)} if topic else {}))
 
     async def _guard(self, tasks: asyncio.TaskGroup) -> None:
@@ -173,19 +182,26 @@ class MqttLamps:
 
     async def _read(self, client: "aiomqtt.Client") -> None:
         async for message in client.messages:
-            online = light_protocol.availability(message.payload)
-            if online is not None:
-                self._online[str(message.topic)] = online
-                self._tell_availability()
-                self._changed.set()
+            payload = message.payload if isinstance(message.payload, bytes) else b""
+            self._payloads[str(message.topic)] = payload[:MAX_PAYLOAD]
+            self._tell_availability()
+            self._changed.set()
 
     def _tell_availability(self) -> None:
-        offline = [
-            lamp_id
-            for lamp_id in self._lamps
-            if not all(self._online.get(topic, True) for topic in self._config.availability_topics(lamp_id))
-        ]
+        offline: list[str] = []
+        unknown: dict[str, str] = {}
+        for lamp_id in self._lamps:
+            for topic in self._config.availability_topics(lamp_id):
+                payload = self._payloads.get(topic, b"")  # empty where the broker has nothing retained
+                online = self._config.is_online(lamp_id, topic, payload) if payload else True
+                if online is None:
+                    unknown[topic] = repr(payload.decode(errors="replace")[:MAX_SHOWN])
+                elif not online and lamp_id not in offline:
+                    offline.append(lamp_id)
         self._commands.set_offline(offline)
+        told = ", ".join(f"{topic} tells {text}" for topic, text in unknown.items())
+        remedy = "set `payload_available` and `payload_not_available` to the words for online and offline"
+        self._health.warn("availability", f"{told}: {remedy}" if told else "")
         who = ", ".join(offline)
         self._health.warn(
             "lamps", f"offline: {who}; switch them on at the wall, or look into their bridge" if who else ""
@@ -219,10 +235,11 @@ async def find_lamps_on(host: str, port: int, seconds: float) -> list[FoundDevic
 
     lights: dict[str, AnnouncedLight] = {}
     address = host if port == PORT else f"{host}:{port}"
+    server: dict[str, Any] = {"hostname": host, "port": port}
     reached = False
     try:
         # TimeoutError, at the end of the search, is an OSError
-        async with asyncio.timeout(seconds), connected({"hostname": host, "port": port}) as client:
+        async with asyncio.timeout(seconds - TLS_SHARE * seconds), connected(server) as client:
             reached = True
             await client.subscribe([(topic, 0) for topic in TOPICS])
             async for message in client.messages:
@@ -230,10 +247,13 @@ async def find_lamps_on(host: str, port: int, seconds: float) -> list[FoundDevic
                     if len(lights) < MAX_LAMPS:
                         lights.setdefault(light.topic, light)
     except MqttError as error:
-        if not reached and "uthor" in str(error):
+        if not reached and refuses_login(error):
             return [FoundDevice(address, "MQTT broker that asks for a user name", {"broker": address})]
     except OSError:
         pass
+    if not reached and await encrypts(host, port, TLS_SHARE * seconds):
+        url = f"mqtts://{address}"
+        return [FoundDevice(url, "MQTT broker that encrypts: write the name that its certificate has")]
     if not lights:
         return [FoundDevice(address, "MQTT broker on which no lamp announces itself")] if reached else []
     return [_found(address, light) for light in lights.values()]
@@ -241,8 +261,14 @@ async def find_lamps_on(host: str, port: int, seconds: float) -> list[FoundDevic
 
 def _found(address: str, light: AnnouncedLight) -> FoundDevice:
     kind = "lamp with colour" if light.has_color else "lamp without colour"
-    details = {"broker": address, "topic": light.topic, "availability": light.availability}
-    return FoundDevice(address, f"{light.name}: {kind}, topic {light.topic}", {"name": light.name, **details})
+    details = {
+        "name": light.name,
+        "broker": address,
+        "topic": light.topic,
+        "availability": light.availability,
+    }
+    words = {name: word for name in WORDS if (word := getattr(light, name))}
+    return FoundDevice(address, f"{light.name}: {kind}, topic {light.topic}", details | words)
 
 
 MQTT = LedOutput(

@@ -4,22 +4,24 @@ import itertools
 import json
 from typing import Any
 
+import aiomqtt
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from pointit.runtime.mqtt.payload_words import is_on, is_online
 from pointit.schemas.base import Rgb
 from pointit.services.led_driver.output.mqtt.lamp_commands import DARK, LampCommands
 from pointit.services.led_driver.output.mqtt.light_protocol import (
     TOPICS,
     AnnouncedLight,
     announced_lights,
-    availability,
     command,
 )
 from pointit.services.led_driver.output.mqtt.mqtt_config import MqttConfig
 
+ZIGBEE_TOPIC = "zigbee2mqtt/bridge/devices"
 ZIGBEE = """[
   {"ieee_address": "0x00", "type": "Coordinator", "friendly_name": "Coordinator", "definition": null},
   {"friendly_name": "kitchen/desk", "definition": {"model": "9290022166", "exposes": [
@@ -32,6 +34,10 @@ ZIGBEE = """[
 ]"""
 ESPHOME = """{"schema": "json", "brightness": true, "sup_clrm": ["rgb"], "name": "", "dev": {"name": "Strip"},
   "cmd_t": "strip/light/main/command", "avty_t": "strip/status", "uniq_id": "ESPlightmain"}"""
+TASMOTA = """{"schema": "json", "name": "Spot", "cmd_t": "cmnd/spot/Json", "avty_t": "tele/spot/LWT",
+  "pl_avail": "Online", "pl_not_avail": "Offline"}"""
+OWN_WORDS = """{"schema": "json", "name": "Bar", "cmd_t": "bar/set",
+  "avty": [{"t": "bridge"}, {"t": "bar/state", "pl_avail": "here", "pl_not_avail": "away"}]}"""
 BASE = """{"~": "home/lamp", "schema": "json", "command_topic": "~/set", "name": "Lamp",
   "availability": [{"topic": "bridge"}, {"t": "~/status"}]}"""
 DEVICE = """{"dev": {"name": "Panel"}, "cmps": {
@@ -67,22 +73,75 @@ def test_hue_times_brightness_is_the_colour(color: Rgb) -> None:
         (b"offline", False),
         (b'{"state":"online"}', True),
         (b'{"state": "offline", "since": 1}', False),
+        (b"Online", True),  # Tasmota, `tele/DEVICE/LWT`
+        (b"Offline\0", False),
+        (b" ONLINE\r\n", True),
+        (b'"online"', True),
+        (b"\xef\xbb\xbfonline", True),
+        (b"connected", True),
+        (
+            b'{"status":"disconnected_unclean","firmware":"milight-hub","reset_reason":"External System"}',
+            False,
+        ),
+        (b"true", True),  # Shelly
+        (b"False", False),
+        (b"1", True),
+        (b"0", False),
+        (b"2", True),  # mqtt-smarthome: with its hardware
+        (b'{"time":1700000000000,"value":false,"nodeId":5}', False),  # zwave-js-ui
+        (b'{"Online": true}', True),
+        (b"ready", True),  # Homie, `$state`
+        (b"lost", False),
         (b"", None),
         (b'{"state": {}}', None),
+        (b'{"state": "ON", "brightness": 254}', None),  # a lamp that is off is reachable, too
+        (b"OFF", None),
+        (b"1.0", None),
+        (b"null", None),
         (b"\xff", None),
         (b"[" * 100_000, None),
         (None, None),
     ],
 )
-def test_availability_is_read_in_both_forms_and_nothing_else(payload: object, expected: object) -> None:
-    assert availability(payload) is expected
+def test_availability_is_read_in_the_words_of_many_makers_and_nothing_else(
+    payload: object, expected: object
+) -> None:
+    assert is_online(payload) is expected
+
+
+def test_own_words_for_availability_replace_the_usual_ones() -> None:
+    words = ("Level 2", "gone")
+    assert [is_online(text, *words) for text in (b"level 2", b"gone", b'{"state":"GONE"}')] == [
+        True,
+        False,
+        False,
+    ]
+    assert [is_online(text, *words) for text in (b"online", b"offline", b"2")] == [None, None, None]
+    assert [is_online(text, "2") for text in (b"2", b"1", b"0")] == [True, None, False]
+
+
+@pytest.mark.parametrize(
+    ("payload", "expected"),
+    [
+        (b"ON", True),
+        (b"off", False),
+        (b"true", True),
+        (b"0", False),
+        (b'{"state": "ON"}', True),
+        (b"on?", None),
+        (b"toggle", None),
+        (b"\xff", None),
+    ],
+)
+def test_a_command_to_a_switch_is_read_in_the_words_of_others(payload: bytes, expected: object) -> None:
+    assert is_on(payload) is expected
 
 
 @pytest.mark.parametrize(
     ("topic", "payload", "expected"),
     [
         (
-            TOPICS[0],
+            ZIGBEE_TOPIC,
             ZIGBEE,
             [
                 AnnouncedLight(
@@ -111,6 +170,16 @@ def test_availability_is_read_in_both_forms_and_nothing_else(payload: object, ex
             DEVICE,
             [AnnouncedLight("Panel", "panel/set", "", has_color=True)],
         ),
+        (
+            "homeassistant/light/spot/config",
+            TASMOTA,
+            [AnnouncedLight("Spot", "cmnd/spot/Json", "tele/spot/LWT", False, "Online", "Offline")],
+        ),
+        (
+            "homeassistant/light/bar/config",
+            OWN_WORDS,
+            [AnnouncedLight("Bar", "bar/set", "bar/state", False, "here", "away")],
+        ),
         ("homeassistant/light/lamp/state", BASE, []),
     ],
 )
@@ -129,7 +198,9 @@ ANY_JSON = st.recursive(
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(WORDS, inner, max_size=6),
     max_leaves=20,
 )
-ANY_TOPIC = st.sampled_from((TOPICS[0], "homeassistant/light/a/config", "homeassistant/device/a/config", "x"))
+ANY_TOPIC = st.sampled_from(
+    (ZIGBEE_TOPIC, "homeassistant/light/a/config", "homeassistant/device/a/config", "x")
+)
 
 
 @given(ANY_TOPIC, ANY_JSON.map(lambda value: json.dumps(value).encode()) | st.binary(max_size=50))
@@ -137,7 +208,7 @@ def test_no_announcement_raises(topic: str, payload: bytes) -> None:
     for light in announced_lights(topic, payload):
         assert light.topic
         assert light.name
-    availability(payload)
+    is_online(payload)
 
 
 def test_topics_are_those_of_zigbee2mqtt_or_as_configured() -> None:
@@ -153,9 +224,64 @@ def test_topics_are_those_of_zigbee2mqtt_or_as_configured() -> None:
     assert [own.availability_topics(lamp_id) for lamp_id in "abc"] == [(), ("x/up",), ()]
 
 
+def test_lights_of_a_zigbee2mqtt_with_levels_in_its_base_topic_are_found() -> None:
+    for base in ("zigbee2mqtt", "home/zigbee2mqtt", "de/home/z2m"):
+        topic = f"{base}/bridge/devices"
+        assert any(aiomqtt.Topic(topic).matches(each) for each in TOPICS)
+        lights = announced_lights(topic, ZIGBEE.encode())
+        assert [light.topic for light in lights] == [f"{base}/kitchen/desk/set", f"{base}/bulb/set"]
+
+
+@pytest.mark.parametrize(
+    ("topic", "bases"),
+    [
+        ("home/zigbee2mqtt/{lamp}/set", ["home/zigbee2mqtt"]),
+        ("de/home/Zigbee2MQTT-2/{lamp}/set", ["de/home/Zigbee2MQTT-2"]),
+        ("home/zigbee2mqtt/kitchen/{lamp}/set", ["home/zigbee2mqtt", "home/zigbee2mqtt/kitchen"]),
+        ("house/lights/{lamp}/set", ["house", "house/lights"]),
+    ],
+)
+def test_the_bridge_of_a_base_topic_with_levels_tells_if_it_is_online(topic: str, bases: list[str]) -> None:
+    expected = [f"{topic.removesuffix('/set')}/availability", *(f"{base}/bridge/state" for base in bases)]
+    config = MqttConfig(broker="hub", topic=topic)
+    assert [*config.availability_topics("desk")] == [each.replace("{lamp}", "desk") for each in expected]
+    own = MqttConfig.model_validate(
+        {"broker": "hub", "lamps": {"a": {"topic": topic.replace("{lamp}", "b")}}}
+    )
+    assert [*own.availability_topics("a")] == [each.replace("{lamp}", "b") for each in expected]
+
+
+def test_availability_is_configured_for_a_lamp_or_for_all_lamps_of_an_output() -> None:
+    config = MqttConfig.model_validate(
+        {
+            "broker": "hub",
+            "topic": "cmnd/{lamp}/set",
+            "availability": "tele/{lamp}/LWT",
+            "payload_available": "up",
+            "lamps": {"a": {}, "b": {"availability": "b/level", "payload_available": 7}},
+        }
+    )
+    assert [config.availability_topics(each) for each in "ab"] == [("tele/a/LWT",), ("b/level",)]
+    assert [config.is_online("a", "tele/a/LWT", text) for text in (b"up", b"online", b"Offline")] == [
+        True,
+        None,
+        False,
+    ]
+    assert [config.is_online("b", "b/level", text) for text in (b"7", b"up", b"0")] == [True, None, False]
+
+
+def test_the_words_of_a_lamp_are_not_those_of_its_bridge() -> None:
+    config = MqttConfig(broker="hub", payload_available="here", payload_not_available="away")
+    own, bridge = config.availability_topics("desk")
+    assert config.is_online("desk", own, b"here") is True
+    assert config.is_online("desk", bridge, b'{"state":"online"}') is True
+
+
 @pytest.mark.parametrize(
     "wrong",
     [
+        {"payload_available": True},
+        {"lamps": {"a": {"payload_not_available": False}}},
         {"broker": "http://hub"},
         {"broker": ":1883"},
         {"topic": "zigbee2mqtt/all/set"},

@@ -60,7 +60,7 @@ class BrokerConfig(Config):
             if SCHEMES[parts.scheme]:
                 fields["tls"] = True
             if (user := unquote(parts.username or "")) and fields.setdefault("username", user) != user:
-                raise described_error("`broker` and `username` name different users: leave one of both out")
+                raise described_error("broker: it and `username` name different users: leave one of both out")
         return fields
 
     @field_validator("broker")
@@ -96,7 +96,7 @@ def _url_parts(url: str) -> SplitResult:
     except ValueError:
         is_broker = False
     if not is_broker or parts.path.strip("/") or parts.query or parts.fragment:
-        raise described_error(FORM)
+        raise described_error(f"broker: {FORM}")
     return parts
 
 

@@ -19,7 +19,7 @@ PROBE_TIMEOUT_S = 2.0
 CONNECT = bytes.fromhex("100c00044d5154540402000f0000")
 """CONNECT of MQTT 3.1.1: a clean session, no client identifier, no user name."""
 CONNACK = b"\x20"
-BAD_PROTOCOL, BAD_CLIENT_ID, BAD_PASSWORD, NOT_AUTHORIZED = (1, 132), (2, 133), (4, 134), (5, 135)
+BAD_CLIENT_ID, BAD_PASSWORD, NOT_AUTHORIZED = (2, 133), (4, 134), (5, 135)
 """Return codes of CONNACK: of MQTT 3.1.1, and of 5, to which paho converts them."""
 TRUST = f"set `ca_file` (--mqtt-ca-file, variable {CA_FILE}) to a file with its authority's certificate"
 
@@ -101,8 +101,6 @@ def describe_error(error: BaseException, *, has_user: bool) -> str:
     code = _return_code(error)
     if code in BAD_CLIENT_ID:
         return f"the broker refuses the client identifier ({text}): allow those that begin with {CLIENT_ID}"
-    if code in BAD_PROTOCOL:
-        return f"the broker refuses MQTT 3.1.1 ({text}): update it, or allow this version"
     if refuses_login(error):
         action = "correct" if has_user else "set"
         also = f"; allow client identifiers that begin with {CLIENT_ID}" if code in NOT_AUTHORIZED else ""

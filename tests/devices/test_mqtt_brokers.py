@@ -5,7 +5,7 @@ import contextlib
 import logging
 import ssl
 import sys
-from collections.abc import AsyncGenerator, Iterator
+from collections.abc import AsyncGenerator, Generator
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +15,9 @@ from pointit.cli.things import mqtt_events
 from pointit.cli.things.mqtt_events import MqttThings, broker_of
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.mqtt import broker_errors
-from pointit.runtime.mqtt.broker import client_options, connected, describe_error
+from pointit.runtime.mqtt.broker import client_options, connected, keep_connected
 from pointit.runtime.mqtt.broker_config import BrokerConfig
+from pointit.runtime.mqtt.broker_errors import describe_error
 from pointit.services.led_driver.output.mqtt.mqtt_output import find_lamps_on
 from tests.support.bench import memory_bench, until
 from tests.support.buses import free_port, is_listening
@@ -29,7 +30,7 @@ OPEN = "allow_anonymous true\nuser root\n"
 @contextlib.contextmanager
 def encrypting(
     folder: Path, host: str = "localhost", more: str = "", days: float = 30.0
-) -> Iterator[tuple[int, Path]]:
+) -> Generator[tuple[int, Path]]:
     """Run a broker with a certificate of its own for `host`. Yield its port and the file of its authority."""
     authority, certificate, key = issue(folder, host, days=days)
     options = f"{OPEN}certfile {certificate}\nkeyfile {key}\n{more}"
@@ -60,7 +61,7 @@ async def answering(answer: bytes) -> AsyncGenerator[int]:
 
 
 async def problem(**parameters: Any) -> str:
-    """Return why a broker cannot be connected to, or `""` if it can."""
+    """Return the error message for a broker that cannot be connected to, or `""`."""
     config = BrokerConfig.model_validate(parameters)
     await until(lambda: is_listening(config.address()[1]), what="the broker")
     try:
@@ -185,7 +186,6 @@ async def test_one_cause_is_one_line_of_the_log_however_often_it_is_met(
 ) -> None:
     monkeypatch.setattr(mqtt_events, "RETRY_S", 0.01)
     tries = 0
-    keep_connected = mqtt_events.keep_connected
 
     async def counting(serve: Any, on_lost: Any, **options: Any) -> None:
         async def try_once() -> None:

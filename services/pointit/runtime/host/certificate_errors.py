@@ -9,7 +9,7 @@ OTHER_NAMES = (62, 64)
 
 
 def describe_certificate_error(error: ssl.SSLCertVerificationError, server: str, trust: str) -> str:
-    """Return why the certificate of a server is not accepted, and the remedy.
+    """Return the reason for which the certificate of a server is not accepted, and the remedy.
 
     Args:
         error: error of the handshake.

@@ -90,13 +90,14 @@ class BrokerConfig(Config):
 
 def _url_parts(url: str) -> SplitResult:
     """Return the parts of the URL of a broker. Errors do not quote it: it may have a password."""
+    error = described_error(f"broker: {FORM}")
     try:
         parts = urlsplit(url)
-        is_broker = parts.scheme in SCHEMES and parts.hostname and parts.password is None
     except ValueError:
-        is_broker = False
-    if not is_broker or parts.path.strip("/") or parts.query or parts.fragment:
-        raise described_error(f"broker: {FORM}")
+        raise error from None  # its text has the URL
+    is_address = parts.scheme in SCHEMES and parts.hostname and parts.password is None
+    if not is_address or parts.path.strip("/") or parts.query or parts.fragment:
+        raise error
     return parts
 
 

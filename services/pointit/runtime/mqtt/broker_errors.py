@@ -56,7 +56,7 @@ async def check_server(host: str, port: int, context: ssl.SSLContext | None) -> 
 
 
 async def transport_error(host: str, port: int, context: ssl.SSLContext | None) -> BrokerError | None:
-    """Return why the server at `host` and `port` does not answer a CONNECT, or None if that is unknown."""
+    """Return the reason for which a server does not answer a CONNECT, or None if it is unknown."""
     broker = f"the broker at {_shown(host, port)}"
     if context is None:
         text = (

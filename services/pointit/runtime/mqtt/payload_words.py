@@ -8,7 +8,7 @@ FIELDS = ("state", "status", "availability", "available", "online", "connected",
 ONLINE = frozenset(
     ("online", "connected", "available", "alive", "awake", "up", "ready", "alert", "true", "yes", "1", "2")
 )
-"""Of Zigbee2MQTT, ESPHome, WLED, Tasmota, Shelly, milight-hub, zwave-js-ui, Homie and mqtt-smarthome.
+"""Words of Zigbee2MQTT, ESPHome, WLED, Tasmota, Shelly, milight-hub, zwave-js-ui, Homie and mqtt-smarthome.
 
 `on` and `off` are not among them: they are the state of a lamp, which is reachable in both."""
 OFFLINE = frozenset(

@@ -106,7 +106,7 @@ class MqttConfig(AvailabilityConfig, BrokerConfig, OutputConfig):
         )
 
     def is_online(self, lamp_id: str, topic: str, payload: bytes) -> bool | None:
-        """Return what a message on an availability topic tells of a lamp, or None if it is not understood."""
+        """Return True if a message on an availability topic says that the lamp is online, None if neither."""
         if topic.endswith("/bridge/state") and not self._of_lamp(lamp_id, "availability"):
             return is_online(payload)
         words = (self._of_lamp(lamp_id, name) for name in WORDS)

@@ -182,8 +182,7 @@ class MqttLamps:
 
     async def _read(self, client: "aiomqtt.Client") -> None:
         async for message in client.messages:
-            payload = message.payload if isinstance(message.payload, bytes) else b""
-            self._payloads[str(message.topic)] = payload[:MAX_PAYLOAD]
+            self._payloads[str(message.topic)] = message.payload[:MAX_PAYLOAD]
             self._tell_availability()
             self._changed.set()
 

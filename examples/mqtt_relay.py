@@ -9,6 +9,7 @@ import argparse
 import asyncio
 import json
 import logging
+import ssl
 
 import aiomqtt
 
@@ -55,8 +56,11 @@ async def main() -> None:
     parser = argparse.ArgumentParser(description="Relay selections to an MQTT broker.")
     parser.add_argument("--broker", default="127.0.0.1", help="address of the broker")
     parser.add_argument("--port", type=int, default=1883)
+    parser.add_argument("--ca-file", help="authority of a broker that encrypts, usually at port 8883")
     given = parser.parse_args()
-    async with pointit.connect() as site, aiomqtt.Client(given.broker, given.port) as broker:
+    tls = ssl.create_default_context(cafile=given.ca_file) if given.ca_file else None
+    broker = aiomqtt.Client(given.broker, given.port, tls_context=tls)
+    async with pointit.connect() as site, broker:
         await relay(site, broker)
 
 

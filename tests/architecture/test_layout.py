@@ -59,7 +59,7 @@ DEVICES = {
 HARMLESS = (
     *("pointit.runtime.config", "pointit.runtime.errors", "pointit.runtime.bus.timeliness"),
     *("pointit.runtime.host.extras", "pointit.runtime.host.store"),
-    *("pointit.runtime.link", "pointit.runtime.mqtt.broker_config"),
+    *("pointit.runtime.link", "pointit.runtime.mqtt.broker_config", "pointit.runtime.mqtt.payload_words"),
 )
 """Parts of the runtime that cores may import: they know no bus, no clock and no loop."""
 LONGEST = 400

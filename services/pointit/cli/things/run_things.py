@@ -57,8 +57,9 @@ def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Ad
             if room is not None:
                 reaction.check(room)
         watchers.append(lambda _launches: Reactions(reactions))
-    if options["mqtt"] or options["mqtt_ca_file"]:
-        config = broker_of(options["mqtt"], options["mqtt_ca_file"])
+    ca_file = options.get("mqtt_ca_file", "")
+    if options["mqtt"] or ca_file:
+        config = broker_of(options["mqtt"], ca_file)
         watchers.append(lambda _launches: MqttThings(config))
     return Added(watchers=watchers)
 

@@ -1,0 +1,59 @@
+"""Things of a run on an MQTT broker, and what a smart home finds there."""
+
+import asyncio
+import contextlib
+import json
+from collections.abc import AsyncGenerator, Mapping
+from typing import Any
+
+from pointit.cli.things.mqtt_events import MqttThings, broker_of
+from pointit.schemas import Environment, SelectionEvent
+from pointit.schemas.environment import Thing, ThingMode
+from pointit.schemas.topics import SELECTION_EVENTS
+from tests.support.bench import Bench
+
+Heard = list[tuple[str, bytes]]
+
+
+def thing(name: str, mode: ThingMode = "button", label: str = "") -> Thing:
+    return Thing(id=name, center_m=(1.0, 2.0, 1.0), size_m=(0.2, 0.2, 0.2), mode=mode, label=label)
+
+
+def room(*things: Thing) -> Environment:
+    return Environment(stamp_ns=1, name="shop", things=things)
+
+
+ROOM = room(thing("screws", label="Screws, 4 mm"), thing("radio", "switch"), thing("seat", "claim"))
+
+
+@contextlib.asynccontextmanager
+async def published(port: int, bench: Bench) -> AsyncGenerator[MqttThings]:
+    watcher = MqttThings(broker_of(f"127.0.0.1:{port}"))
+    listening = watcher.attach(bench.bus, lambda _text, _user: None)
+    try:
+        yield watcher
+    finally:
+        for each in listening:
+            each.close()
+        ended = [task for task in asyncio.all_tasks() if task.get_name().endswith("by MQTT")]
+        await asyncio.gather(*ended, return_exceptions=True)
+
+
+def point(bench: Bench, name: str, event: str = "selected") -> None:
+    fields = {"stamp_ns": 1, "event": event, "object_id": name, "user": "anna", "confidence": 0.9}
+    bench.put(SELECTION_EVENTS, SelectionEvent.model_validate(fields))
+
+
+def found(heard: Heard) -> Mapping[str, Any]:
+    """Return the announcements that are in force, by their kind and the id of their thing."""
+    last = {topic: payload for topic, payload in heard if topic.endswith("/config")}
+    split = {topic: topic.split("/") for topic in last}
+    return {f"{split[topic][1]} {split[topic][3]}": json.loads(text) for topic, text in last.items() if text}
+
+
+def told(heard: Heard, topic: str) -> list[Any]:
+    return [json.loads(payload) for at, payload in heard if at == topic]
+
+
+def state_topic(bench: Bench) -> str:
+    return f"pointit/{bench.bus.site}/things/radio"

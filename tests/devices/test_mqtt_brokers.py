@@ -143,11 +143,14 @@ async def test_a_broker_that_waits_for_more_of_a_handshake_is_told_not_to_encryp
         assert "does not encrypt at this port" in await problem(broker=f"mqtts://127.0.0.1:{port}")
 
 
-async def test_a_broker_that_asks_for_a_client_certificate_says_so(tmp_path: Path) -> None:
+async def test_a_broker_that_asks_for_a_client_certificate_says_so(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     more = f"cafile {tmp_path / 'ca.pem'}\nrequire_certificate true\n"
     with encrypting(tmp_path, more=more) as (port, authority):
         text = await problem(broker=f"mqtts://localhost:{port}", ca_file=str(authority))
     assert "asks for a certificate of the client" in text
+    assert caplog.messages == [], "the caller logs it, once"
 
 
 async def test_a_refused_client_identifier_is_among_the_causes_that_are_told(tmp_path: Path) -> None:

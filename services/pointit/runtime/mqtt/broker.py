@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import importlib.util
+import logging
 import os
 import secrets
 import ssl
@@ -30,6 +31,8 @@ END_S = 0.3
 """Maximum time to take leave, s."""
 QUEUED_MESSAGES = 1000
 """Maximum number of unread messages."""
+_paho_log = logging.getLogger("pointit.paho")
+_paho_log.setLevel(logging.CRITICAL)  # its errors are raised, too, and it would log them at every try
 
 
 def require_client(what: str) -> None:
@@ -96,7 +99,11 @@ async def connected(options: dict[str, Any]) -> "AsyncGenerator[aiomqtt.Client]"
     # aiomqtt connects in a thread that cannot be interrupted and leaves a socket of a failed handshake open
     await check_server(*server)
     client = aiomqtt.Client(
-        **options, timeout=CONNECT_TIMEOUT_S, keepalive=15, max_queued_incoming_messages=QUEUED_MESSAGES
+        **options,
+        timeout=CONNECT_TIMEOUT_S,
+        keepalive=15,
+        max_queued_incoming_messages=QUEUED_MESSAGES,
+        logger=_paho_log,
     )
     opening = asyncio.ensure_future(client.__aenter__())
     try:

@@ -65,9 +65,8 @@ async def transport_error(host: str, port: int, context: ssl.SSLContext | None) 
         )
         return BrokerError(text) if await encrypts(host, port) else None
     try:
-        async with asyncio.timeout(PROBE_TIMEOUT_S), _opened(host, port, context) as (reader, writer):
-            writer.write(CONNECT)
-            await reader.read(1)
+        async with asyncio.timeout(PROBE_TIMEOUT_S), _opened(host, port, context) as (reader, _writer):
+            await reader.read(1)  # of TLS 1.3, a refusal follows the handshake
     except ssl.SSLError as error:
         if "CERTIFICATE_REQUIRED" in (error.reason or ""):
             return BrokerError(

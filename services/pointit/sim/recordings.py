@@ -9,14 +9,12 @@ from numpy.typing import NDArray
 
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import BodyMeasures
+from pointit.schemas.base import NORM_TOLERANCE
 from pointit.sim.motion_columns import FLOOR, HEAD, ORIENTATION, ROBOT, TIME
 from pointit.sim.motion_table import MotionTable, has_columns
 from pointit.sim.plausibility import position_problems
 
 Array = NDArray[np.float64]
-
-UNIT_TOLERANCE = 0.01
-"""Largest deviation of a recorded quaternion's norm from 1, before normalization."""
 
 LONGEST_S = 1e9
 """Thirty years: in nanoseconds it fits 64 bits, also added to other times."""
@@ -133,7 +131,7 @@ def read_imu_csv(path: Path) -> ImuRecording:
     if np.isnan(orientation).all():
         raise ConfigError(f"{path}, line {table.lines[0]}, columns 'qw' to 'qz': are missing in all rows")
     norms = np.linalg.norm(orientation, axis=1)
-    off = np.flatnonzero(np.abs(norms - 1.0) > UNIT_TOLERANCE)
+    off = np.flatnonzero(np.abs(norms - 1.0) > NORM_TOLERANCE)
     if len(off):
         row = int(off[0])
         raise ConfigError(

@@ -6,13 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.services.imu_bridge.serial.text_line import (
-    ButtonLine,
-    LineError,
-    LineParser,
-    LineSplitter,
-    QuaternionLine,
-)
+from pointit.services.imu_bridge.serial.line_parser import ButtonLine, LineError, LineParser, QuaternionLine
+from pointit.services.imu_bridge.serial.text_line import LineSplitter
 
 
 def quaternion(line: bytes, parser: LineParser | None = None) -> QuaternionLine:

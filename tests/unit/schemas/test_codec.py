@@ -158,7 +158,7 @@ def test_an_error_is_one_short_line() -> None:
         ({"stamp_ns": 1.5}, r"stamp_ns.*integer.*1\.5"),
         ({"stamp_ns": -1}, r"stamp_ns.*greater than or equal to 0.*-1"),
         ({"orientation_xyzw": (0.0, 0.0, 1.0)}, r"orientation_xyzw\.3.*required"),
-        ({"orientation_xyzw": (0.0, 0.0, 0.0, 1.01)}, r"orientation_xyzw: must have norm 1, has 1\.01"),
+        ({"orientation_xyzw": (0.0, 0.0, 0.0, 1.06)}, r"orientation_xyzw: a quaternion of norm 1\.06, not 1"),
         ({"battery": 1.01}, r"battery.*less than or equal to 1.*1\.01"),
         ({"orientation_wxyz": UPRIGHT}, r"orientation_wxyz: Extra inputs"),
     ],

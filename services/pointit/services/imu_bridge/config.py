@@ -7,6 +7,7 @@ from pydantic import Field, field_validator, model_validator
 
 from pointit.geometry.rotation import Quaternion
 from pointit.runtime.config.plugins import PluginConfig, PluginGroup
+from pointit.schemas.base import QuaternionXyzw
 from pointit.services.imu_bridge.arm_frame import MOUNTINGS, from_roll_pitch_yaw
 from pointit.services.imu_bridge.sources import SOURCES, ImuSource
 
@@ -31,7 +32,7 @@ class ImuBridgeConfig(PluginConfig):
         "finger); a measurement of `pointit person calibrate mounting` with the same source and mounting "
         "is stored and overrides it",
     )
-    mounting_xyzw: tuple[float, float, float, float] | None = Field(
+    mounting_xyzw: QuaternionXyzw | None = Field(
         default=None,
         description="sensor_from_arm as a quaternion x, y, z, w; overrides `mounting` and, at each start, "
         "the stored measurement",
@@ -79,15 +80,6 @@ class ImuBridgeConfig(PluginConfig):
         if source not in SOURCES.names:
             raise ValueError(f"use one of {', '.join(SOURCES.names)}")
         return source
-
-    @field_validator("mounting_xyzw")
-    @classmethod
-    def _unit(
-        cls, value: tuple[float, float, float, float] | None
-    ) -> tuple[float, float, float, float] | None:
-        if value is not None and abs(math.hypot(*value) - 1.0) > 0.01:
-            raise ValueError(f"must have norm 1, has {math.hypot(*value):.4g}")
-        return value
 
     @model_validator(mode="after")
     def _one_rotation(self) -> Self:

@@ -8,11 +8,10 @@ from typing import Literal, Protocol, runtime_checkable
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Feedback
+from pointit.schemas.base import NORM_TOLERANCE
 
 MAX_ITEMS_PER_S = 1000
 """Items per second of the clock beyond which the rest of that second is refused."""
-UNIT_TOLERANCE = 0.05
-"""Largest deviation of the squared norm of an orientation from 1."""
 MAX_RATE_RADPS = 100.0
 """Largest angular velocity of a raw reading, rad/s; gyroscopes reach 70."""
 MAX_ACCELERATION_MPS2 = 1000.0
@@ -146,10 +145,9 @@ class ReadingCheck:
 def fault(item: Item) -> str:
     """Return an error message if the values of `item` cannot be used, else `""`."""
     if isinstance(item, Reading):
-        x, y, z, w = item.world_from_sensor
-        norm2 = x * x + y * y + z * z + w * w
-        if not abs(norm2 - 1.0) <= UNIT_TOLERANCE:  # also if it is not a number
-            return f"delivers orientations of norm {norm2**0.5:.3g}; they are dropped: it must be 1"
+        norm = math.hypot(*item.world_from_sensor)
+        if not abs(norm - 1.0) <= NORM_TOLERANCE:  # also if it is not a number
+            return f"delivers orientations of norm {norm:.3g}; they are dropped: it must be 1"
         return time_fault(item.stamp_ns, item.device_time_ns)
     if isinstance(item, RawReading):
         rate_radps = math.hypot(*item.angular_velocity_radps)

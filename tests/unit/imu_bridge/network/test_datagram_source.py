@@ -91,7 +91,7 @@ async def test_all_that_waits_is_read_at_once_and_the_newest_orientation_and_eac
         wrist.items.clear()
         sent_ns = time.time_ns()
         for number in range(40):
-            phone.say(b"%d,0.6,0.8,0,0" % (1000 * number + 2) if number < 39 else b"99000,0.8,0.6,0,0")
+            phone.say(b"%d,0.6,0.8,0,0" % (1000 * number + 1002) if number < 39 else b"99000,0.8,0.6,0,0")
             if number % 4 == 0:
                 phone.say(b"button")
         turns = 0
@@ -103,7 +103,7 @@ async def test_all_that_waits_is_read_at_once_and_the_newest_orientation_and_eac
         assert [type(item) for item in wrist.items] == [*([Reading, Press] * 10), Reading]
         *pressed, newest = wrist.of(Reading)
         assert [each.device_time_ns for each in pressed] == [
-            1000 * (1000 * number + 2) for number in range(0, 40, 4)
+            1000 * (1000 * number + 1002) for number in range(0, 40, 4)
         ]
         assert newest.device_time_ns == 99_000_000
         assert newest.world_from_sensor == pytest.approx((0.6, 0.0, 0.0, 0.8))

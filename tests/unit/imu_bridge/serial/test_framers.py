@@ -15,7 +15,8 @@ from pointit.services.imu_bridge.serial.bno085 import Bno085Framer
 from pointit.services.imu_bridge.serial.config import Format, SerialConfig
 from pointit.services.imu_bridge.serial.detection import Detection
 from pointit.services.imu_bridge.serial.framer import Framer
-from pointit.services.imu_bridge.serial.text_line import LONGEST_LINE, TextFramer
+from pointit.services.imu_bridge.serial.line_parser import LONGEST_LINE
+from pointit.services.imu_bridge.serial.text_line import TextFramer
 from pointit.services.imu_bridge.serial.witmotion import LENGTH as WITMOTION_LENGTH
 from pointit.services.imu_bridge.serial.witmotion import WitMotionFramer
 from pointit.services.imu_bridge.serial.ximu3 import LONGEST, Ximu3Framer

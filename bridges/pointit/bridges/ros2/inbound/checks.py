@@ -9,7 +9,7 @@ from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
 from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
 from pointit.schemas import FARTHEST, NS_PER_S
-from pointit.schemas.base import UNIT_TOLERANCE
+from pointit.schemas.base import NORM_TOLERANCE
 
 LATE_NS = 10 * NS_PER_S
 """Stamps further in the past belong to another clock."""
@@ -25,7 +25,7 @@ def quaternion(value: Any, what: str) -> Quaternion | str:
     """Return a geometry_msgs/Quaternion with norm 1, or the rejection."""
     q = (float(value.x), float(value.y), float(value.z), float(value.w))
     norm = math.hypot(*q)
-    if not abs(norm - 1.0) <= UNIT_TOLERANCE:  # false for NaN as well
+    if not abs(norm - 1.0) <= NORM_TOLERANCE:  # false for NaN as well
         return f"{what} is not a rotation: the norm of its quaternion is {norm:.4g}; send one with norm 1"
     return rotation.normalized(q)
 

@@ -5,19 +5,17 @@
 The fusion has no time and no number on the wire. Without its whole configuration it sends zeros or nothing.
 """
 
-import math
 import struct
 from dataclasses import dataclass
 from typing import Literal
 
-from pointit.geometry.rotation import Quaternion, normalized
+from pointit.geometry.rotation import Quaternion
 from pointit.schemas import Feedback
+from pointit.schemas.base import unit_quaternion
 
 SERVICE = "326a9000-85cb-9195-d9dd-464cfbbae75a"
 COMMAND = "326a9001-85cb-9195-d9dd-464cfbbae75a"
 NOTIFY = "326a9006-85cb-9195-d9dd-464cfbbae75a"
-NORM_TOLERANCE = 0.1
-"""Largest deviation of a quaternion's norm from 1: zeros are a fusion that is not configured."""
 READ = 0x80
 Accelerometer = Literal["BMI160", "BMI270"]
 ACCELEROMETERS: dict[int, Accelerometer] = {1: "BMI160", 4: "BMI270"}
@@ -83,8 +81,10 @@ def parse(frame: bytes) -> Notification | None:
         return ModuleInfo(module, data[0], data[1]) if len(data) >= 2 else ModuleInfo(module, None)
     if (module, register) == (0x19, 0x07) and len(data) == 16:
         w, x, y, z = struct.unpack("<4f", data)
-        norm = math.sqrt(w * w + x * x + y * y + z * z)
-        return Orientation(normalized((x, y, z, w))) if abs(norm - 1.0) <= NORM_TOLERANCE else None
+        try:
+            return Orientation(unit_quaternion((x, y, z, w)))
+        except ValueError:  # zeros are a fusion that is not configured
+            return None
     if (module, register) == (0x01, 0x01) and len(data) == 1:
         return ButtonState(data[0] != 0)
     if (module, register) == (0x11, 0x8C) and len(data) == 3:

@@ -3,11 +3,11 @@
 payload = u32 time in µs, then f32 w, x, y, z; little-endian
 """
 
-import math
 import struct
 from dataclasses import dataclass
 
-from pointit.geometry.rotation import Quaternion, normalized
+from pointit.geometry.rotation import Quaternion
+from pointit.schemas.base import unit_quaternion
 
 CONTROL = "15172001-4947-11e9-8646-d663bd873d93"
 SHORT_PAYLOAD = "15172004-4947-11e9-8646-d663bd873d93"
@@ -15,7 +15,6 @@ BATTERY = "15173001-4947-11e9-8646-d663bd873d93"
 START = bytes.fromhex("010105")
 STOP = bytes.fromhex("010005")
 """Payload 5: orientation as a quaternion."""
-NORM_TOLERANCE = 0.1
 WRAP_US = 2**32
 
 
@@ -32,8 +31,10 @@ def parse(data: bytes) -> Payload | None:
     if len(data) < 20:
         return None
     time_us, w, x, y, z = struct.unpack_from("<I4f", data)
-    norm = math.sqrt(w * w + x * x + y * y + z * z)
-    return Payload(time_us, normalized((x, y, z, w))) if abs(norm - 1.0) <= NORM_TOLERANCE else None
+    try:
+        return Payload(time_us, unit_quaternion((x, y, z, w)))
+    except ValueError:
+        return None
 
 
 def parse_battery(data: bytes) -> float | None:

@@ -2,14 +2,11 @@
 
 import math
 from collections.abc import Sequence
-from typing import Literal
 
-from pointit.geometry.rotation import Quaternion, normalized
+from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
-from pointit.services.imu_bridge.reading import UNIT_TOLERANCE
-
-Order = Literal["wxyz", "xyzw"]
-"""Order of a quaternion's numbers."""
+from pointit.schemas.base import unit_quaternion
+from pointit.services.imu_bridge.streams.json_content import Order
 
 
 class DatagramError(ValueError):
@@ -23,10 +20,10 @@ def orientation(numbers: Sequence[float], order: Order) -> Quaternion:
         DatagramError: If their norm is not 1, or one is not finite.
     """
     a, b, c, d = numbers
-    norm2 = a * a + b * b + c * c + d * d
-    if not abs(norm2 - 1.0) <= UNIT_TOLERANCE:  # also if it is not a number
-        raise DatagramError(f"has a quaternion of norm {norm2**0.5:.3g}, not 1")
-    return normalized((b, c, d, a) if order == "wxyz" else (a, b, c, d))
+    try:
+        return unit_quaternion((b, c, d, a) if order == "wxyz" else (a, b, c, d))
+    except ValueError as error:
+        raise DatagramError(f"has {error}") from error
 
 
 def vector(numbers: Sequence[float], scale: float = 1.0) -> Vec3:

@@ -15,6 +15,7 @@ from pointit.services.imu_bridge.network.port_source import PortSource
 from pointit.services.imu_bridge.network.sender_choice import MOST_OTHERS, RESTARTED_S, SenderChoice
 from pointit.services.imu_bridge.network.udp_server import Address
 from pointit.services.imu_bridge.reading import Disconnected, Item, Reconnected
+from pointit.services.imu_bridge.streams.sensor_choice import SensorChoice
 
 STEP_S = 0.5
 LOST_S = 3.0
@@ -38,6 +39,12 @@ class DatagramConfig(Config):
         default="", description="IP address of the device; the first that sends something readable if empty"
     )
 
+    sensor: str = Field(
+        default="",
+        description="the sensor that is used if several send: its IP address, or its name or number in their "
+        "messages; the first if empty",
+    )
+
     @field_validator("sender")
     @classmethod
     def _ip(cls, value: str) -> str:
@@ -46,12 +53,31 @@ class DatagramConfig(Config):
         except ValueError as error:
             raise ValueError("must be an IP address; leave it empty for the first that sends") from error
 
+    @property
+    def sensor_address(self) -> str:
+        """Return `sensor` if it is an IP address, else `sender`."""
+        try:
+            return str(ipaddress.ip_address(self.sensor))
+        except ValueError:
+            return self.sender
+
+    @property
+    def sensor_name(self) -> str:
+        """Return `sensor` if it is a name in messages, else `""`."""
+        return "" if self.sensor_address != self.sender else self.sensor
+
 
 class Decoder(ABC):
     """Reads the datagrams of one device, from its connection on."""
 
     doubt: str = ""
     """Sentence about what was guessed of its format, with what to set, or `""`."""
+    problem: str = ""
+    """Clause about what could not be read in a datagram beside what could, or `""`. The owner resets it."""
+    unused: str = ""
+    """Clause about what arrives while there is no orientation, or `""`."""
+    sensors: SensorChoice | None = None
+    """Choice among the sensors that one sender names, or None if it names none."""
 
     @abstractmethod
     def items(self, data: bytes, stamp_ns: int) -> Sequence[Item]:
@@ -79,7 +105,10 @@ class DatagramSource(PortSource):
         self._make_decoder = decoder
         self._decoders: dict[Address, Decoder] = {}
         """Decoders of the sender in use, or of those that have sent no reading yet."""
-        self._senders = SenderChoice(config.sender)
+        self._senders = SenderChoice(config.sensor_address, excludes_rivals=True)
+        self._is_chosen = config.sensor != "" or config.sender != ""
+        self._sensors: dict[str, SensorChoice] = {}
+        """Choices of senders by their IP address, which outlast a connection."""
         self._read_s: float | None = None
         """Time of the last reading, or None while out of reach."""
         self._bad_s: float | None = None
@@ -99,17 +128,16 @@ class DatagramSource(PortSource):
             return
         sender = self._senders.name(address)
         is_new = self._read_s is None or sender != self._senders.used
-        decoder = self._decoders.get(sender)
-        if decoder is None:
-            if len(self._decoders) >= MOST_OTHERS:
-                del self._decoders[next(iter(self._decoders))]
-            decoder = self._decoders[sender] = self._make_decoder()
+        decoder = self._decoders.get(sender) or self._new_decoder(sender)
+        items: Sequence[Item] = ()
         try:
             items = decoder.items(data, self._clock.now_ns())
         except DatagramError as error:
-            self._bad_s, self._bad = now_s, f"the last, from {address[0]}, {error}"
+            decoder.problem = str(error)
+        if decoder.problem:
+            self._bad_s, self._bad = now_s, f"the last, from {address[0]}, {decoder.problem}"
             self._bad_count += 1
-            return
+            decoder.problem = ""
         if not items:
             return
         self._senders.use(sender, now_s)
@@ -120,6 +148,16 @@ class DatagramSource(PortSource):
         for item in items:
             self._pass_on(item)
 
+    def _new_decoder(self, sender: Address) -> Decoder:
+        host, decoder = sender[0], self._make_decoder()
+        for known in (self._decoders, self._sensors):
+            if len(known) >= MOST_OTHERS:
+                del known[next(iter(known))]
+        if decoder.sensors is not None:
+            decoder.sensors = self._sensors.setdefault(host, decoder.sensors)
+        self._decoders[sender] = decoder
+        return decoder
+
     def _step(self, now_s: float) -> None:
         used = self._senders.used
         host = "" if used is None else used[0]
@@ -129,12 +167,17 @@ class DatagramSource(PortSource):
             self._deliver(Disconnected(f"{host} sends nothing any more: check its app and its network"))
         place = self._server.place
         missing = f"no reading arrives at UDP port {place}: start the app and let it send to this machine"
-        self._health.warn("silent", "" if host else f"{missing}{self._only_here}")  # later, `Disconnected`
-        others = ", ".join(self._senders.others(now_s))
+        unused = next((each.unused for each in self._decoders.values() if each.unused), "")
+        missing = f"UDP port {place} {unused}" if unused else f"{missing}{self._only_here}"
+        self._health.warn("silent", "" if host else missing)  # later, `Disconnected`
+        choices = [self._sensors[host]] if host in self._sensors else self._sensors.values()
+        self._health.warn("sensors", next((each.warning for each in choices if each.warning), ""))
+        others = "" if self._is_chosen else ", ".join(self._senders.others(now_s))
         self._health.warn(
             "others",
-            f"{others} sends to port {place}, too, and is not used: set {self._name}.sender, or another port "
-            f"in one of the apps (one that was restarted is used after {RESTARTED_S:g} s)"
+            f"{others} sends to port {place}, too, and is not used: set {self._name}.sensor to the address "
+            "of the one on the wrist, or another port in one of the apps (one that was restarted is used "
+            f"after {RESTARTED_S:g} s)"
             if others
             else "",
         )

@@ -1,18 +1,18 @@
 """Wrists that speak Open Sound Control: NGIMU, and apps of phones such as GyrOSC, ZIG SIM and Sensors2OSC."""
 
 import math
-import struct
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final, Literal
 
 from pydantic import Field, field_validator
 
-from pointit.schemas import NS_PER_S
 from pointit.services.imu_bridge.network.contents import DatagramError, Order, orientation, vector
 from pointit.services.imu_bridge.network.datagram_source import DatagramConfig, DatagramSource, Decoder
+from pointit.services.imu_bridge.network.osc_message import OscMessage, parse_each
 from pointit.services.imu_bridge.reading import Battery, Item, Press, RawReading, Reading
+from pointit.services.imu_bridge.serial.fifth_number import is_unit
 from pointit.services.imu_bridge.sources import ImuSource
+from pointit.services.imu_bridge.streams.sensor_choice import SensorChoice
 
 GRAVITY_MPS2 = 9.80665
 ORDERS: Final[dict[str, Order]] = {
@@ -29,34 +29,8 @@ ZIG_SIM = "/ZIGSIM/"
 """Beginning of addresses of ZIG SIM on iPhones; before, and on Android, they begin with the device's name."""
 SENSORS = "/sensors"
 """NGIMU's rates, °/s, then its accelerations, g."""
-LONGEST_DATAGRAM = 8192
-MOST_MESSAGES = 64
-DEEPEST = 4
-"""Bundles within bundles that are read."""
-IMMEDIATELY = 1
-"""Time tag of a bundle without a time."""
-UNIX_S = 2_208_988_800
-"""Seconds from OSC's epoch, 1900, to that of Unix."""
-_BUNDLE = b"#bundle\0"
-_NUMBERS = {
-    "i": struct.Struct(">i"),
-    "f": struct.Struct(">f"),
-    "h": struct.Struct(">q"),
-    "d": struct.Struct(">d"),
-}
-_SIZES = {"t": 8, "c": 4, "r": 4, "m": 4}
-"""Sizes of arguments that are passed over, bytes."""
-_CONSTANTS: dict[str, float] = {"T": 1.0, "F": 0.0, "I": 1.0}
-
-
-@dataclass(frozen=True, slots=True)
-class OscMessage:
-    """An address and the numbers behind it; other arguments are left out."""
-
-    address: str
-    numbers: tuple[float, ...]
-    time_ns: int | None
-    """Time of its bundle, or None: Unix ns of the sender, ns since its start if its clock was never set."""
+MOST_SHOWN = 4
+"""Number of addresses without an orientation that a warning names."""
 
 
 class OscConfig(DatagramConfig):
@@ -97,6 +71,9 @@ class OscDecoder(Decoder):
         self._zig_sim = ""
         """Address of the orientations of a ZIG SIM that has introduced itself, or `""`."""
         self._battery: Battery | None = None
+        self.sensors = SensorChoice("osc.sensor", config.sensor_name)
+        self._addresses: dict[str, None] = {}
+        """Addresses of messages that were not used."""
 
     def items(self, data: bytes, stamp_ns: int) -> Sequence[Item]:
         """Return the readings and events of a datagram.
@@ -104,14 +81,24 @@ class OscDecoder(Decoder):
         Raises:
             DatagramError: If it is not OSC, or its orientation is none.
         """
-        found = [self._item(message, stamp_ns) for message in parse(data)]
-        return [item for item in found if item is not None]
+        messages, problem = parse_each(data)
+        items: list[Item] = []
+        for message in messages:
+            try:
+                item = self._item(message, stamp_ns)
+            except DatagramError as error:
+                problem = problem or f"{message.address} {error}"
+            else:
+                items += [] if item is None else [item]
+        if problem and not items:
+            raise DatagramError(problem)
+        self.problem = problem or self.problem
+        return items
 
     def _item(self, message: OscMessage, stamp_ns: int) -> Item | None:
         address, numbers = message.address, message.numbers
-        if self._is_orientation(address) and len(numbers) >= 4:
-            self._has_orientation = True
-            return Reading(stamp_ns, orientation(numbers[:4], self._order(address)), message.time_ns)
+        if self._is_orientation(address):
+            return self._reading(message, stamp_ns)
         if address == SENSORS and len(numbers) >= 6 and not self._has_orientation:
             rates = vector(numbers[0:3], math.radians(1.0))
             return RawReading(stamp_ns, rates, vector(numbers[3:6], GRAVITY_MPS2), message.time_ns)
@@ -119,9 +106,44 @@ class OscDecoder(Decoder):
             return self._changed_battery(numbers)
         if address.endswith("/deviceinfo"):
             self._zig_sim, self.doubt = f"{address.removesuffix('deviceinfo')}quaternion", ""
-        if address.rpartition("/")[2] == "button" and (not numbers or numbers[-1] > 0):
-            return Press(stamp_ns)
+        if address.rpartition("/")[2] == "button":
+            is_pressed = not numbers or numbers[-1] > 0
+            return Press(stamp_ns) if is_pressed and not self._is_of_other(address) else None
+        if not self._has_orientation and len(self._addresses) < MOST_SHOWN:
+            self._addresses[address] = None
+            self.unused = (
+                f"gets messages ({', '.join(self._addresses)}), but none with a quaternion: switch it on in "
+                "the app, or set osc.address"
+            )
         return None
+
+    def _reading(self, message: OscMessage, stamp_ns: int) -> Reading | None:
+        """Return the orientation in `message`, or None if it is of another sensor, or has none.
+
+        Raises:
+            DatagramError: If it cannot be read.
+        """
+        numbers, names = message.numbers, message.strings
+        is_numbered = message.types[:1] != message.types[1:2] or (
+            not is_unit(numbers[:4]) and is_unit(numbers[1:5])
+        )
+        if len(numbers) > 4 and is_numbered:
+            numbers, names = numbers[1:], (*names, f"{numbers[0]:g}")
+        if len(numbers) < 4:
+            reason = message.problem or f"has {len(numbers)} numbers, 4 were expected"
+            self.problem = f"{message.address} {reason}"
+            return None
+        turned = orientation(numbers[:4], self._order(message.address))
+        self._has_orientation, self.unused = True, ""
+        if not self.sensors.accepts(message.address, *names):
+            return None
+        return Reading(stamp_ns, turned, message.time_ns)
+
+    def _is_of_other(self, address: str) -> bool:
+        """Return True if an event at `address` stands beside the orientation of another sensor only."""
+        place = address.rpartition("/")[0]
+        others = {each.rpartition("/")[0] for each in self.sensors.others}
+        return place in others and place != (self.sensors.used or "").rpartition("/")[0]
 
     def _is_orientation(self, address: str) -> bool:
         return address == self._config.address or (
@@ -165,83 +187,3 @@ OSC = ImuSource(
     argument_optional=True,
     example="9000",
 )
-
-
-def parse(data: bytes) -> list[OscMessage]:
-    """Return the messages of a datagram, also those of bundles in it.
-
-    Raises:
-        DatagramError: If it is not OSC.
-    """
-    if len(data) > LONGEST_DATAGRAM:
-        raise DatagramError(f"has {len(data)} bytes, more than {LONGEST_DATAGRAM}")
-    messages: list[OscMessage] = []
-    try:
-        _read(data, None, 0, messages)
-    except (struct.error, ValueError, OverflowError) as error:
-        raise DatagramError(f"is not OSC: {error}") from error
-    return messages
-
-
-def _read(data: bytes, time_ns: int | None, depth: int, messages: list[OscMessage]) -> None:
-    if not data.startswith(_BUNDLE):
-        if len(messages) < MOST_MESSAGES:
-            messages.append(_message(data, time_ns))
-        return
-    if depth >= DEEPEST:
-        raise ValueError("too many bundles in bundles")
-    (tag,) = struct.unpack_from(">Q", data, len(_BUNDLE))
-    if tag > IMMEDIATELY:
-        seconds = tag >> 32
-        seconds -= UNIX_S if seconds >= UNIX_S else 0
-        time_ns = seconds * NS_PER_S + ((tag & 0xFFFFFFFF) * NS_PER_S >> 32)
-    at = len(_BUNDLE) + 8
-    while at < len(data):
-        (size,) = struct.unpack_from(">i", data, at)
-        at += 4
-        if size <= 0 or at + size > len(data):
-            raise ValueError(f"an element of {size} bytes")
-        _read(data[at : at + size], time_ns, depth + 1, messages)
-        at += size
-
-
-def _message(data: bytes, time_ns: int | None) -> OscMessage:
-    address, at = _text(data, 0)
-    if not address.startswith("/"):
-        raise ValueError("an address without /")
-    if at >= len(data):  # old senders leave the types out if there is no argument
-        return OscMessage(address, (), time_ns)
-    types, at = _text(data, at)
-    if not types.startswith(","):
-        raise ValueError("no types of arguments")
-    numbers: list[float] = []
-    for kind in types[1:]:
-        if kind in _NUMBERS:
-            numbers.append(float(_NUMBERS[kind].unpack_from(data, at)[0]))
-            at += _NUMBERS[kind].size
-        elif kind in _CONSTANTS:
-            numbers.append(_CONSTANTS[kind])
-        else:
-            at = _behind(kind, data, at)
-    if at > len(data):
-        raise ValueError("a cut-off argument")
-    return OscMessage(address, tuple(numbers), time_ns)
-
-
-def _behind(kind: str, data: bytes, at: int) -> int:
-    """Return where the argument at `at`, which is no number, ends."""
-    if kind in "sS":
-        return _text(data, at)[1]
-    if kind == "b":
-        (size,) = struct.unpack_from(">I", data, at)
-        return int(at + 4 + size + -size % 4)
-    if kind in _SIZES:
-        return at + _SIZES[kind]
-    if kind in "N[]":
-        return at
-    raise ValueError(f"an argument of the unknown type {kind!r}")
-
-
-def _text(data: bytes, at: int) -> tuple[str, int]:
-    end = data.index(b"\0", at)  # raises ValueError
-    return data[at:end].decode("ascii"), end + 4 - (end - at) % 4

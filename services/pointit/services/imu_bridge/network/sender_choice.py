@@ -10,6 +10,7 @@ restarted, s."""
 OTHERS_S = 5.0
 """Time for which another sender is named, s."""
 MOST_OTHERS = 8
+MOST_RIVALS = 64
 ROAMING = 8
 """Number of other ports of its machine, while it is silent, that show a new port for each datagram."""
 
@@ -17,9 +18,13 @@ ROAMING = 8
 class SenderChoice:
     """Chooses one of the senders, each an address and a port, and remembers the others."""
 
-    def __init__(self, wanted: str = "") -> None:
-        """Use a sender at the IP address `wanted`, or the first if it is `""`."""
+    def __init__(self, wanted: str = "", *, excludes_rivals: bool = False) -> None:
+        """Use a sender at the IP address `wanted`, or the first if it is `""`.
+
+        `excludes_rivals`: one that was heard side by side with the one in use never replaces it.
+        """
         self._wanted = wanted
+        self._excludes_rivals = excludes_rivals
         self.used: Address | None = None
         """Sender in use."""
         self._heard_s = 0.0
@@ -28,6 +33,8 @@ class SenderChoice:
         """Other ports of its machine that were heard since it was."""
         self._roaming = ""
         """Machine that sends each datagram from another port, or `""`."""
+        self._rivals: set[Address] = set()
+        """Senders that were heard side by side with the one in use."""
 
     def name(self, address: Address) -> Address:
         """Return `address`, or its machine with the port 0 if it sends each datagram from another port."""
@@ -49,7 +56,7 @@ class SenderChoice:
         is_beside = self.used is not None and address[0] == self.used[0]
         patience_s = min(patience_s, RESTARTED_S) if is_beside else patience_s
         is_free = self.used is None or self.is_used(address) or now_s - self._heard_s > patience_s
-        if is_free and self._wanted in ("", address[0]):
+        if is_free and self._wanted in ("", address[0]) and (self._wanted or not self._is_rival(address)):
             return True
         if is_beside:
             self._ports.add(address[1])
@@ -62,9 +69,14 @@ class SenderChoice:
 
     def use(self, address: Address, now_s: float) -> None:
         """Use `address`, which has sent something readable."""
+        if self._excludes_rivals and address == self.used and len(self._rivals) < MOST_RIVALS:
+            self._rivals |= {each if each[0] == address[0] else (each[0], 0) for each in self._others}
         self.used, self._heard_s = address, now_s
         self._ports.clear()
         self._others.pop(address, None)
+
+    def _is_rival(self, address: Address) -> bool:
+        return address in self._rivals or (address[0], 0) in self._rivals
 
     def others(self, now_s: float) -> list[str]:
         """Return the other senders of the last seconds: their address, with the port if it is that in use."""

@@ -12,21 +12,21 @@ from pointit.schemas import NS_PER_S
 from pointit.services.imu_bridge.network.contents import DatagramError, Order, orientation, vector
 from pointit.services.imu_bridge.network.datagram_source import DatagramConfig, DatagramSource, Decoder
 from pointit.services.imu_bridge.reading import Item, Press, RawReading, Reading
-from pointit.services.imu_bridge.serial.text_line import ButtonLine, LineError, LineParser
+from pointit.services.imu_bridge.serial.fifth_number import Fifth
+from pointit.services.imu_bridge.serial.line_parser import ButtonLine, LineError, LineParser
 from pointit.services.imu_bridge.sources import ImuSource
+from pointit.services.imu_bridge.streams.json_content import ContentError, names_in, quaternions
+from pointit.services.imu_bridge.streams.quoted_data import quoted
+from pointit.services.imu_bridge.streams.sensor_choice import SensorChoice
 
 LONGEST_DATAGRAM = 4096
 MOST_LINES = 64
-DEEPEST = 4
-"""Objects within objects in which a quaternion is searched."""
 TOGETHER_NS = NS_PER_S // 10
 """Largest age of the acceleration that belongs to a rate, ns."""
 DAY_NS = 24 * 3600 * NS_PER_S
 _WEARMOCAP = struct.Struct(">28f")
 _ANDROID = "android.sensor."
 _ORIENTATIONS = frozenset({"game_rotation_vector", "rotation_vector"})
-_QUATERNION_KEYS = frozenset({"quaternion", "quat", "q", "orientation"})
-_NAMES = (("x", "y", "z", "w"), ("qx", "qy", "qz", "qw"))
 
 
 class UdpConfig(DatagramConfig):
@@ -41,6 +41,9 @@ class UdpConfig(DatagramConfig):
     order: Order = Field(
         default="wxyz", description="order of the quaternion's numbers in lines of text and in lists of JSON"
     )
+    fifth: Fifth = Field(
+        default="auto", description="meaning of a fifth number in a line of text, as of `serial.fifth`"
+    )
 
 
 class UdpDecoder(Decoder):
@@ -48,7 +51,8 @@ class UdpDecoder(Decoder):
 
     def __init__(self, config: UdpConfig) -> None:
         self._order: Order = config.order
-        self._lines = LineParser(config.order)
+        self._lines = LineParser(config.order, config.fifth)
+        self.sensors = SensorChoice("udp.sensor", config.sensor_name)
         self._kind = ""
         """Android's sensor whose orientations are used, the first that came, or `""`."""
         self._acceleration: Vec3 | None = None
@@ -65,7 +69,7 @@ class UdpDecoder(Decoder):
         if len(data) > LONGEST_DATAGRAM:
             raise DatagramError(f"has {len(data)} bytes, more than {LONGEST_DATAGRAM}")
         text = data.strip()
-        if text.startswith(b"{"):
+        if text.startswith((b"{", b"[{")):
             return self._json(text, stamp_ns)
         if len(data) == _WEARMOCAP.size and not text.isascii():
             return [self._wearmocap(data, stamp_ns)]
@@ -77,30 +81,47 @@ class UdpDecoder(Decoder):
             try:
                 parsed = self._lines.parse(line)
             except LineError as error:
-                raise DatagramError(f"{line[:40]!r}, {error}") from error
+                self.problem = f"{quoted(line)} {error}"
+                continue
             if isinstance(parsed, ButtonLine):
-                found.append(Press(stamp_ns, parsed.gesture))
-            elif parsed is not None:
+                if not self.sensors.is_other(*parsed.names):
+                    found.append(Press(stamp_ns, parsed.gesture))
+            elif parsed is not None and self.sensors.accepts(*parsed.names):
                 found.append(Reading(stamp_ns, parsed.orientation_xyzw, parsed.device_time_ns))
+        if self.problem and not found:
+            raise DatagramError(self.problem)
         return found
 
     def _json(self, text: bytes, stamp_ns: int) -> Sequence[Item]:
         try:
-            item = self._content(json.loads(text), stamp_ns)
+            content = json.loads(text)
+        except (ValueError, RecursionError) as error:
+            try:
+                return self._text(text, stamp_ns)  # {w:1,x:0,y:0,z:0}, which is not JSON
+            except DatagramError:
+                raise DatagramError(f"{quoted(text)} cannot be read as JSON: {error}") from error
+        try:
+            return self._content(content, stamp_ns)
         except DatagramError:
             raise
-        except (ValueError, TypeError, OverflowError, RecursionError) as error:
-            raise DatagramError(f"cannot be read as JSON: {error}") from error
-        return [] if item is None else [item]
+        except ContentError as error:
+            raise DatagramError(f"{quoted(text)} {error}") from error
+        except (ValueError, TypeError, OverflowError) as error:
+            raise DatagramError(f"{quoted(text)} has a wrong value: {error}") from error
 
-    def _content(self, content: dict[str, Any], stamp_ns: int) -> Item | None:
-        values = content.get("values")
+    def _content(self, content: Any, stamp_ns: int) -> Sequence[Item]:
+        values = content.get("values") if isinstance(content, dict) else None
         if _is_list(values):
-            return self._android(content, _numbers(values), stamp_ns)
-        four = _quaternion(content, self._order)
-        if four is None:
-            raise DatagramError("has no quaternion")
-        return Reading(stamp_ns, orientation(four, "xyzw"), _time_ns(content))
+            if not self.sensors.accepts(*names_in(content)):
+                return []
+            item = self._android(content, _numbers(values), stamp_ns)
+            return [] if item is None else [item]
+        time_ns = _time_ns(content) if isinstance(content, dict) else None
+        return [
+            Reading(stamp_ns, each.orientation_xyzw, time_ns)
+            for each in quaternions(content, self._order)
+            if self.sensors.accepts(*each.names)
+        ]
 
     def _android(self, content: Mapping[str, Any], values: list[float], stamp_ns: int) -> Item | None:
         time_ns = _time_ns(content)
@@ -140,10 +161,6 @@ def _is_list(value: Any) -> TypeGuard[list[Any]]:
     return isinstance(value, list)
 
 
-def _is_object(value: Any) -> TypeGuard[dict[str, Any]]:
-    return isinstance(value, dict)
-
-
 def _numbers(values: Sequence[Any]) -> list[float]:
     return [float(value) for value in values[:16]]
 
@@ -151,22 +168,6 @@ def _numbers(values: Sequence[Any]) -> list[float]:
 def _time_ns(content: Mapping[str, Any]) -> int | None:
     time_ns = content.get("timestamp")
     return time_ns if isinstance(time_ns, int) and 0 <= time_ns < 2**62 else None
-
-
-def _quaternion(content: Mapping[str, Any], order: Order, depth: int = 0) -> Sequence[float] | None:
-    """Return x, y, z, w of the first quaternion in `content`, by name or as a list in `order`, or None."""
-    named = {f"{key}".casefold(): value for key, value in content.items()}
-    for names in _NAMES:
-        if all(name in named for name in names):
-            return _numbers([named[name] for name in names])
-    for key, value in named.items():
-        if key in _QUATERNION_KEYS and _is_list(value) and len(value) == 4:
-            return orientation(_numbers(value), order)
-        if _is_object(value) and depth < DEEPEST:
-            found = _quaternion(value, order, depth + 1)
-            if found is not None:
-                return found
-    return None
 
 
 UDP = ImuSource(

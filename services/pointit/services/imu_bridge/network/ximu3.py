@@ -5,7 +5,7 @@ import json
 import math
 from collections.abc import Sequence
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from pointit.runtime.clock import Clock
 from pointit.runtime.config.plugins import FoundDevice
@@ -36,9 +36,15 @@ class Ximu3Config(DatagramConfig):
         le=65535,
         description="UDP port to which the device sends, its `udpSend`; each person has another",
     )
+    sensor: str = Field(default="", description="IP address of the device, as `sender`")
     commands: int = Field(
         default=9000, ge=1, le=65535, description="UDP port of the device for commands, its `udpReceive`"
     )
+
+    @field_validator("sensor")
+    @classmethod
+    def _sensor_ip(cls, value: str) -> str:
+        return DatagramConfig.model_validate({"port": 1, "sender": value}).sender
 
 
 class Ximu3Decoder(Decoder):

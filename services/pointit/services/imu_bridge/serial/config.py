@@ -5,7 +5,8 @@ from typing import Literal
 from pydantic import Field
 
 from pointit.runtime.config.config import Config
-from pointit.services.imu_bridge.serial.text_line import Fifth, Order
+from pointit.services.imu_bridge.serial.fifth_number import Fifth
+from pointit.services.imu_bridge.streams.json_content import Order
 
 Format = Literal["text", "witmotion", "bno085", "ximu3"]
 
@@ -32,8 +33,13 @@ class SerialConfig(Config):
     order: Order = Field(default="wxyz", description="order of the quaternion's numbers in a line of text")
     fifth: Fifth = Field(
         default="auto",
-        description="meaning of a fifth number in a line of text: a leading time in µs or a trailing "
-        "accuracy; auto: a time if the first number is beyond ±1.1",
+        description="meaning of a fifth number in a line of text: a number of a sensor, a leading time in µs "
+        "or a trailing accuracy; auto: before the quaternion a sensor if it is whole and at most 255, else a "
+        "time; behind it an accuracy",
+    )
+    sensor: str = Field(
+        default="",
+        description="name, number or address of the sensor whose lines of text are used; the first if empty",
     )
     configure: bool = Field(
         default=True,

@@ -15,6 +15,7 @@ from pointit.services.imu_bridge.serial.framer import Framer
 from pointit.services.imu_bridge.serial.text_line import TextFramer
 from pointit.services.imu_bridge.serial.witmotion import WitMotionFramer
 from pointit.services.imu_bridge.serial.ximu3 import Ximu3Framer
+from pointit.services.imu_bridge.streams.sensor_choice import SensorChoice
 
 TRY_S = 1.0
 """Time for which a speed is tried after its first byte, s."""
@@ -39,8 +40,8 @@ class FormatRow:
 
     label: str
     """Name for people."""
-    make: Callable[[SerialConfig, int], Framer]
-    """Makes a framer for a port with a speed, bits per second."""
+    make: Callable[[SerialConfig, int, SensorChoice], Framer]
+    """Makes a framer for a port with a speed, bits per second, and the choice of a sensor."""
     bauds: tuple[int, ...]
     """Speeds of such devices."""
     enough: int
@@ -50,22 +51,20 @@ class FormatRow:
 FORMATS: Final[dict[Format, FormatRow]] = {
     "text": FormatRow(
         label="lines of text",
-        make=lambda config, _baud: TextFramer(config.order, config.fifth),
+        make=lambda config, _baud, sensors: TextFramer(config.order, config.fifth, sensors),
         bauds=witmotion.BAUDS,
         enough=1,
     ),
     "witmotion": FormatRow(
         label="WitMotion",
-        make=lambda config, baud: WitMotionFramer(configure=config.configure, baud=baud),
+        make=lambda config, baud, _sensors: WitMotionFramer(configure=config.configure, baud=baud),
         bauds=witmotion.BAUDS,
         enough=3,
     ),
     "bno085": FormatRow(
-        label="BNO085 (UART-RVC)", make=lambda _config, _baud: Bno085Framer(), bauds=(bno085.BAUD,), enough=3
+        label="BNO085 (UART-RVC)", make=lambda *_: Bno085Framer(), bauds=(bno085.BAUD,), enough=3
     ),
-    "ximu3": FormatRow(
-        label="x-IMU3", make=lambda _config, _baud: Ximu3Framer(), bauds=witmotion.BAUDS, enough=1
-    ),
+    "ximu3": FormatRow(label="x-IMU3", make=lambda *_: Ximu3Framer(), bauds=witmotion.BAUDS, enough=1),
 }
 
 
@@ -90,12 +89,20 @@ class Found:
         return f"{self.label} at {self.baud} baud"
 
 
+def sensor_choice(config: SerialConfig) -> SensorChoice:
+    """Return the choice of a sensor in lines of text."""
+    return SensorChoice("serial.sensor", config.sensor, is_noisy=True)
+
+
 class Detection:
     """Tries formats side by side and speeds in turn until one format is recognized."""
 
-    def __init__(self, config: SerialConfig, first: Found | None = None) -> None:
-        """Begin with the speed of `first`, if it is known from an earlier connection."""
+    def __init__(
+        self, config: SerialConfig, first: Found | None = None, sensors: SensorChoice | None = None
+    ) -> None:
+        """Begin with the speed of `first` and the choice `sensors`, if known from an earlier connection."""
         self._config = config
+        self._sensors = sensor_choice(config) if sensors is None else sensors
         self._formats: tuple[Format, ...] = tuple(FORMATS) if config.format == "auto" else (config.format,)
         rows = [FORMATS[name] for name in self._formats]
         self._bauds = (config.baud,) if config.baud else rows[0].bauds
@@ -126,8 +133,15 @@ class Detection:
         """Return the formats and speeds in question, for a warning."""
         return (
             f"tried {', '.join(FORMATS[name].label for name in self._formats)} at "
-            f"{', '.join(map(str, self._bauds))} baud"
+            f"{', '.join(map(str, self._bauds))} baud{self._text_problem}"
         )
+
+    @property
+    def _text_problem(self) -> str:
+        """Return a clause about the last line if it is text, or `""`."""
+        framer = self._candidates.get("text", self.framer)
+        is_readable = isinstance(framer, TextFramer) and framer.reason.startswith("'")
+        return f"; the last line, {framer.reason}" if framer is not None and is_readable else ""
 
     def feed(self, data: bytes, stamp_ns: int, now_s: float) -> list[Item]:
         """Return the items in `data`, which arrived at `stamp_ns`, or now, `now_s`, of any clock in s."""
@@ -162,7 +176,7 @@ class Detection:
 
     def _begin(self) -> None:
         self._candidates = {
-            name: FORMATS[name].make(self._config, self.baud)
+            name: FORMATS[name].make(self._config, self.baud, self._sensors)
             for name in self._formats
             if self.baud in FORMATS[name].bauds or self._config.baud
         }

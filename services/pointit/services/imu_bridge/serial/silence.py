@@ -1,5 +1,7 @@
 """A connected serial device that sends nothing readable."""
 
+from pointit.services.imu_bridge.streams.quoted_data import quoted
+
 SHOWN_BYTES = 32
 """Number of first bytes in the warning."""
 
@@ -45,6 +47,6 @@ class SilenceWatch:
         if not self.heard_bytes:
             return f"{where}, not one byte: check the cable and that the device sends"
         return (
-            f"{where}: {self.heard_bytes} bytes, the first {self._first.hex(' ')}; {tried}; check baud and "
-            "format"
+            f"{where}: {self.heard_bytes} bytes, the first {quoted(self._first)}; {tried}; check baud and "
+            "format, or what the device sends"
         )

@@ -16,7 +16,7 @@ from pointit.runtime.service.surroundings import HealthSink
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.reading import Deliver, Disconnected, Item, Reconnected
 from pointit.services.imu_bridge.serial.config import SerialConfig
-from pointit.services.imu_bridge.serial.detection import Detection, Found
+from pointit.services.imu_bridge.serial.detection import Detection, Found, sensor_choice
 from pointit.services.imu_bridge.serial.framer import FLASH_S, Framer
 from pointit.services.imu_bridge.serial.ports import Answer, ask_ports, discover, set_speed, several
 from pointit.services.imu_bridge.serial.silence import SilenceWatch
@@ -52,6 +52,9 @@ class SerialSource:
         self._lost = asyncio.Event()
         """Set when a port that a search has found is gone: the wrist may come back at another."""
         self._port: serial.Serial | None = None
+        self._sensors = sensor_choice(config)
+        self._others = ""
+        """Warning about other sensors that is shown."""
         self._detection = Detection(config)
         self._ready: collections.deque[Item] = collections.deque(maxlen=CAPACITY)
         self._urgent: collections.deque[bytes] = collections.deque(maxlen=4)
@@ -135,7 +138,7 @@ class SerialSource:
     def _read(self, port: serial.Serial, stopping: threading.Event) -> None:
         """Read until asked to stop; runs in the port's thread."""
         self._post(Reconnected())
-        self._detection = detection = Detection(self._config, self._first)
+        self._detection = detection = Detection(self._config, self._first, self._sensors)
         self._port = port
         watch = SilenceWatch(self._name, self._config.timeout_s, time.monotonic())
         told: Found | None = None
@@ -201,6 +204,9 @@ class SerialSource:
         self._health.warn("silent", message)
 
     def _watch_bad(self, framer: Framer, now_s: float) -> None:
+        if self._sensors.warning != self._others:
+            self._others = self._sensors.warning
+            self._thread.post(self._health.warn, "sensors", self._others)
         if framer.bad:
             self.bad_lines += framer.bad
             framer.bad = 0

@@ -8,7 +8,7 @@ import math
 import struct
 from typing import Final
 
-from pointit.geometry import rotation
+from pointit.schemas.base import unit_quaternion
 from pointit.services.imu_bridge.arm_frame import from_roll_pitch_yaw
 from pointit.services.imu_bridge.reading import Item, RawReading, Reading, Reconnected
 from pointit.services.imu_bridge.serial.framer import EULER, QUATERNION, RAW, Framer, PacketCutter, Preference
@@ -89,10 +89,13 @@ class WitMotionFramer(Framer):
     def _item(self, kind: int, values: tuple[int, int, int, int], stamp_ns: int) -> Item | None:
         a, b, c, d = values
         if kind == ORIENTATION:
-            norm = math.hypot(a, b, c, d) / FULL_SCALE
-            if abs(norm - 1.0) > 0.1 or not self._preference.accepts(QUATERNION):
+            try:
+                turned = unit_quaternion((b / FULL_SCALE, c / FULL_SCALE, d / FULL_SCALE, a / FULL_SCALE))
+            except ValueError as error:
+                self.bad += LENGTH
+                self.reason = f"a packet has {error}"
                 return None
-            return Reading(stamp_ns, rotation.normalized((float(b), float(c), float(d), float(a))))
+            return Reading(stamp_ns, turned) if self._preference.accepts(QUATERNION) else None
         if kind == ANGLES and self._preference.accepts(EULER):
             return Reading(stamp_ns, from_roll_pitch_yaw(a * RAD, b * RAD, c * RAD))
         if kind == ACCELERATION:

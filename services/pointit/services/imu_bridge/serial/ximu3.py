@@ -12,8 +12,8 @@ import struct
 from collections.abc import Sequence
 from typing import Final
 
-from pointit.geometry import rotation
 from pointit.schemas import Feedback
+from pointit.schemas.base import unit_quaternion
 from pointit.services.imu_bridge.arm_frame import from_roll_pitch_yaw
 from pointit.services.imu_bridge.reading import Battery, Item, Press, RawReading, Reading, Signal
 from pointit.services.imu_bridge.serial.framer import EULER, QUATERNION, RAW, Framer, Preference
@@ -22,7 +22,6 @@ LONGEST = 512
 """Longest message that is waited for, bytes; the longest with numbers has 91."""
 G_MPS2 = 9.80665
 MAX_TIME_US = 2**53
-NORM_TOLERANCE = 0.1
 NORMAL_COLOR = b'{"colour":null}\n'
 """Gives the LED back to the device."""
 ARGUMENTS: Final = {"Q": 4, "A": 3, "I": 6, "B": 3, "W": 2, "O": 1}
@@ -162,8 +161,9 @@ class Ximu3Framer(Framer):
             world_from_sensor = from_roll_pitch_yaw(roll, pitch, yaw)
             return Reading(stamp_ns, world_from_sensor, time_ns) if self._preference.accepts(EULER) else None
         w, x, y, z = values[:4]
-        norm = math.hypot(w, x, y, z)
-        if abs(norm - 1.0) > NORM_TOLERANCE:
-            raise MessageError(f"has a quaternion of norm {norm:.3g}, not 1")
+        try:
+            world_from_sensor = unit_quaternion((x, y, z, w))
+        except ValueError as error:
+            raise MessageError(f"has {error}") from error
         self._preference.accepts(QUATERNION)
-        return Reading(stamp_ns, rotation.normalized((x, y, z, w)), time_ns)
+        return Reading(stamp_ns, world_from_sensor, time_ns)

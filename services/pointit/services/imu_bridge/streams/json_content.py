@@ -1,0 +1,165 @@
+"""Quaternions in JSON of apps and sketches, each with what names its sensor."""
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, TypeGuard
+
+from pointit.geometry.rotation import Quaternion
+from pointit.schemas.base import unit_quaternion
+
+Order = Literal["wxyz", "xyzw"]
+"""Order of a quaternion's numbers in a list."""
+MAX_DEPTH = 5
+"""Objects within objects that are searched."""
+MAX_QUATERNIONS = 64
+MAX_NAME = 64
+"""Largest number of characters of a sensor's name."""
+ID_KEYS = frozenset({
+    "id", "sensor", "name", "device", "mac", "uuid", "address", "addr", "imu", "node", "tracker", "serial",
+    "serialnumber", "sn", "label", "source", "board", "channel", "index", "joint", "bone", "segment", "limb",
+    "part", "bodypart", "hand", "side", "location", "position", "player", "user", "person",
+})  # fmt: skip
+"""Names of fields that tell sensors apart, without separators; also with one of `_ID_ENDS` behind them."""
+_ID_ENDS = ("", "id", "name", "address", "number")
+_ID_FIELDS = frozenset(key + end for key in ID_KEYS for end in _ID_ENDS)
+_KINDS = frozenset({
+    "quaternion", "quat", "q", "orientation", "rotation", "attitude", "pose", "motion", "sensordata", "data",
+    "payload", "message", "msg", "values", "reading", "readings", "sensor", "sensors", "device", "devices",
+    "imu", "imus", "gamerotationvector", "rotationvector",
+})  # fmt: skip
+"""Names of fields that hold orientations and do not tell sensors apart."""
+_LISTS = frozenset({"quaternion", "quat", "q", "orientation", "rotation"})
+_ANGLES = frozenset({"yaw", "pitch", "roll", "heading", "euler", "ypr", "rpy"})
+_PREFIX = re.compile(r"(?:quaternion|quat|q|orientation|orient|rotation|rot)(?=[wxyzrijk0-3s]\Z|real\Z)")
+_COMPONENTS = {
+    "w": "w",
+    "x": "x",
+    "y": "y",
+    "z": "z",
+    "r": "w",
+    "real": "w",
+    "s": "w",
+    "i": "x",
+    "j": "y",
+    "k": "z",
+}
+_NUMBERED = {"0": "w", "1": "x", "2": "y", "3": "z"}
+
+
+class ContentError(ValueError):
+    """No quaternion can be read; the message is a clause whose subject is the content."""
+
+
+@dataclass(frozen=True, slots=True)
+class NamedQuaternion:
+    """world_from_sensor, scalar last and with norm 1."""
+
+    orientation_xyzw: Quaternion
+    names: tuple[str, ...]
+    """Names, numbers or addresses of its sensor."""
+
+
+def component(key: str) -> tuple[str, bool]:
+    """Return the component w, x, y or z that a field's name means, or `""`, and whether it says quaternion.
+
+    q0 to q3 are w, x, y, z, as Madgwick and the makers of DMPs count them.
+    """
+    plain = _plain(key)
+    rest = _PREFIX.sub("", plain, count=1)
+    if rest == plain:
+        return _COMPONENTS.get(plain, ""), False
+    return _COMPONENTS.get(rest, "") or _NUMBERED.get(rest, ""), True
+
+
+def is_id(key: str) -> bool:
+    """Return True if the field `key` tells sensors apart, such as `sensor_id`."""
+    return _plain(key) in _ID_FIELDS
+
+
+def quaternions(content: Any, order: Order) -> list[NamedQuaternion]:
+    """Return all quaternions in parsed JSON, by name or as a list in `order`.
+
+    Raises:
+        ContentError: If there is none, or its norm is wrong.
+    """
+    found: list[NamedQuaternion] = []
+    for each in _search(content, order, (), 0):
+        found.append(each)
+        if len(found) >= MAX_QUATERNIONS:
+            break
+    if not found:
+        has_angles = _is_object(content) and any(_plain(key) in _ANGLES for key in content)
+        remedy = "angles only: let it send quaternions" if has_angles else "no quaternion"
+        raise ContentError(f"has {remedy}")
+    return found
+
+
+def names_in(content: Mapping[str, Any], depth: int = 0) -> tuple[str, ...]:
+    """Return the values of those fields of `content` that tell sensors apart."""
+    names: list[str] = []
+    for key, value in content.items():
+        if not is_id(key):
+            continue
+        if isinstance(value, str | int) and not isinstance(value, bool):
+            names.append(f"{value}"[:MAX_NAME])
+        elif _is_object(value) and depth < MAX_DEPTH:
+            names += names_in(value, depth + 1)
+    return tuple(names)
+
+
+def _search(content: Any, order: Order, names: tuple[str, ...], depth: int) -> Iterator[NamedQuaternion]:
+    if depth > MAX_DEPTH:
+        return
+    if _is_list(content):
+        for number, each in enumerate(content):
+            if _is_object(each):
+                own = (*names, f"{number}") if len(content) > 1 and not names_in(each) else names
+                yield from _search(each, order, own, depth + 1)
+        return
+    if not _is_object(content):
+        return
+    names = tuple(dict.fromkeys((*names, *names_in(content))))
+    four = _components(content)
+    if four is not None:
+        yield NamedQuaternion(four, names)
+    for key, value in content.items():
+        plain = _plain(key)
+        if plain in _LISTS and _is_list(value) and len(value) == 4 and not any(map(_is_object, value)):
+            yield NamedQuaternion(_rotation(value, order), names)
+        elif _is_object(value) or _is_list(value):
+            own = names if plain in _KINDS or is_id(key) else (*names, key[:MAX_NAME])
+            yield from _search(value, order, own, depth + 1)
+
+
+def _components(content: Mapping[str, Any]) -> Quaternion | None:
+    """Return the quaternion whose components are fields of `content`, or None."""
+    values: dict[tuple[str, bool], Any] = {component(key): value for key, value in content.items()}
+    for says_quaternion in (True, False):
+        four = [values.get((each, says_quaternion)) for each in "xyzw"]
+        if all(isinstance(each, str | int | float) and not isinstance(each, bool) for each in four):
+            return _rotation(four, "xyzw")
+    return None
+
+
+def _rotation(values: list[Any], order: Order) -> Quaternion:
+    try:
+        a, b, c, d = map(float, values)
+    except (ValueError, TypeError, OverflowError) as error:
+        raise ContentError(f"has {values} where numbers were expected"[:120]) from error
+    try:
+        return unit_quaternion((b, c, d, a) if order == "wxyz" else (a, b, c, d))
+    except ValueError as error:
+        raise ContentError(f"has {error}") from error
+
+
+def _plain(key: str) -> str:
+    return re.sub(r"[\W_]", "", f"{key}".casefold())
+
+
+def _is_object(value: Any) -> TypeGuard[dict[str, Any]]:
+    return isinstance(value, dict)
+
+
+def _is_list(value: Any) -> TypeGuard[list[Any]]:
+    return isinstance(value, list)

@@ -279,6 +279,34 @@ async def test_wrist_is_chosen_among_several(wanted: Callable[[Sequence[BumbleWr
 
 
 @in_virtual_time
+async def test_of_two_boards_of_one_name_the_first_is_used_for_good_and_the_other_named() -> None:
+    async with worn(METAMOTION, SimulatedMetaMotion(), SimulatedMetaMotion()) as session:
+        await session.until(lambda: bool(session.of(Reading)))
+        (used,) = [each for each in session.wrists if each.is_connected]
+        (other,) = [each for each in session.wrists if each is not used]
+        warning = session.health.warnings["sensors"]
+        assert f"MetaWear ({used.address}, " in warning
+        assert f"not MetaWear ({other.address}, " in warning
+        assert "set metamotion.sensor to the address of the right one" in warning
+        await used.vanish()
+        await session.until(
+            lambda: f"{used.address.lower()} is not heard" in session.health.warnings.get("link", "")
+        )
+        assert not other.is_connected
+        assert len(session.of(Reconnected)) == 1
+
+
+@pytest.mark.parametrize("wanted", [second_serial_number, second_address])
+@in_virtual_time
+async def test_sensor_names_a_wrist_as_address_does(wanted: Callable[[Sequence[BumbleWrist]], str]) -> None:
+    boards = SimulatedMetaMotion(serial_number="05E1F2"), SimulatedMetaMotion(serial_number="05E1F3")
+    async with worn(METAMOTION, *boards, parameters={"sensor": wanted}) as session:
+        await session.until(lambda: bool(session.of(Reading)))
+        assert [each.is_connected for each in session.wrists] == [False, True]
+        assert "sensors" not in session.health.warnings
+
+
+@in_virtual_time
 async def test_board_is_stopped_and_disconnected_at_the_end() -> None:
     board = SimulatedMetaMotion()
     async with worn(METAMOTION, board) as session:

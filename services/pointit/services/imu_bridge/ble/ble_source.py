@@ -10,16 +10,10 @@ from pointit.runtime.clock import Clock
 from pointit.runtime.service.surroundings import WarningSink
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.ble.button import ButtonChange, Gesture
-from pointit.services.imu_bridge.ble.radio import (
-    CONNECT_S,
-    END_S,
-    Advertisement,
-    client_of,
-    describe_error,
-    scanning,
-)
+from pointit.services.imu_bridge.ble.radio import CONNECT_S, END_S, Advertisement, client_of, describe_error
 from pointit.services.imu_bridge.ble.timed_button import TimedButton
 from pointit.services.imu_bridge.ble.wrist import BleConfig, Connection, LinkError, Wrist
+from pointit.services.imu_bridge.ble.wrist_search import WristSearch
 from pointit.services.imu_bridge.reading import (
     Deliver,
     Disconnected,
@@ -31,8 +25,6 @@ from pointit.services.imu_bridge.reading import (
 )
 
 log = logging.getLogger(__name__)
-SCAN_S = 5.0
-"""Duration of a scan, s. After one without a result there is a warning, and the next begins."""
 SILENCE_S = 2.0
 """Time without a reading after which a connected wrist is configured again, then reset, s."""
 ASK_S = 60.0
@@ -44,8 +36,6 @@ MAX_WAIT_S = 5.0
 """Waits between connections: doubled from the first to the last while they are short."""
 MANY = 10
 """Number of notifications without a reading from which a wrist is not called silent."""
-NAMED = 5
-"""Number of wrists within reach that a warning names."""
 SHORT_S = 10.0
 """Connections below this count as short, s."""
 SERIAL_NUMBER = "00002a25-0000-1000-8000-00805f9b34fb"
@@ -66,11 +56,10 @@ class BleSource:
     def __init__(self, wrist: Wrist, config: BleConfig, clock: Clock, warnings: WarningSink) -> None:
         self._wrist = wrist
         self._config = config
-        self._wanted = config.address.lower()
+        self._wanted = config.wanted.lower()
         self._clock = clock
         self._warnings = warnings
-        self._others: set[str] = set()
-        """Addresses of wrists with another serial number than the wanted one."""
+        self._search = WristSearch(wrist.kind, config, warnings, self._warn)
         self._is_open = False
         """True while items are delivered."""
         self._was_open = False
@@ -99,7 +88,7 @@ class BleSource:
         while True:
             lasted_s = 0.0
             try:
-                found = await self._find()
+                found = await self._search.find()
                 label = f"{self._wrist.kind.label} {found.address}"
                 began_s = loop.time()
                 try:
@@ -125,54 +114,6 @@ class BleSource:
                 deliver(Disconnected(problem))
             await asyncio.sleep(wait_s)
 
-    async def _find(self) -> Advertisement:
-        while True:
-            heard: dict[str, Advertisement] = {}
-            found: asyncio.Future[Advertisement] = asyncio.get_running_loop().create_future()
-            listener = functools.partial(self._on_advertisement, heard, found)
-            with contextlib.suppress(TimeoutError):
-                async with scanning(self._config.adapter, listener), asyncio.timeout(SCAN_S):
-                    return await found
-            self._others.clear()
-            self._warn(self._absence(heard))
-
-    def _on_advertisement(
-        self,
-        heard: dict[str, Advertisement],
-        found: asyncio.Future[Advertisement],
-        advertisement: Advertisement,
-    ) -> None:
-        if advertisement.address.lower() != self._wanted and not self._wrist.kind.includes(advertisement):
-            return
-        heard[advertisement.address] = advertisement
-        if (
-            not found.done()
-            and advertisement.address not in self._others
-            and self._is_eligible(advertisement)
-        ):
-            found.set_result(advertisement)
-
-    def _is_eligible(self, advertisement: Advertisement) -> bool:
-        """Return True unless it cannot be the wanted one. Serial numbers are known when it is connected."""
-        is_address = ":" in self._wanted or self._wanted.count("-") == 4
-        if is_address:
-            return advertisement.address.lower() == self._wanted
-        is_name = self._wanted.startswith(tuple(name.lower() for name in self._wrist.kind.names))
-        return not is_name or advertisement.name.lower().startswith(self._wanted)
-
-    def _absence(self, heard: dict[str, Advertisement]) -> str:
-        what = f"no {self._wrist.kind.label}"
-        if self._wanted:
-            what = f"{self._wrist.kind.label} {self._config.address}"
-        labels = [each.label for each in heard.values()]
-        more = f" and {len(labels) - NAMED} more" if len(labels) > NAMED else ""
-        others = (", ".join(labels[:NAMED]) or "none") + more
-        verb = "is not heard" if self._wanted else "is heard"
-        return (
-            f"{what} {verb}; searching: switch it on, bring it near, and disconnect it from other programs "
-            f"and phones (others within reach: {others})"
-        )
-
     async def _use(self, found: Advertisement) -> None:
         """Connect, and deliver until the connection is lost. Returns if it is not the wanted wrist."""
         lost = asyncio.Event()
@@ -183,9 +124,10 @@ class BleSource:
             async with asyncio.timeout(CONNECT_S):
                 await client.connect()
                 if not await self._is_wanted(found, connection):
-                    self._others.add(found.address)
+                    self._search.refused.add(found.address)
                     return
                 is_wanted = True
+                self._search.used = found.address.lower()
                 self._wrist.begin(found.address)
                 for characteristic in self._wrist.notifications:
                     await client.start_notify(

@@ -40,7 +40,12 @@ class MetaMotionConfig(BleConfig):
 class MetaMotion(Wrist):
     """The commands and the notifications of a board."""
 
-    kind = Kind(label="MetaMotion", names=("MetaWear", "MetaMotion"), services=frozenset({protocol.SERVICE}))
+    kind = Kind(
+        label="MetaMotion",
+        plugin="metamotion",
+        names=("MetaWear", "MetaMotion"),
+        services=frozenset({protocol.SERVICE}),
+    )
     notifications = (protocol.NOTIFY,)
 
     def __init__(self, config: MetaMotionConfig) -> None:

@@ -34,7 +34,9 @@ class WitMotionBleConfig(BleConfig):
 class WitMotionBle(Wrist):
     """The commands and the notifications of a sensor."""
 
-    kind = Kind(label="WitMotion", names=("WT",), services=frozenset({protocol.SERVICE}))
+    kind = Kind(
+        label="WitMotion", plugin="witmotion_ble", names=("WT",), services=frozenset({protocol.SERVICE})
+    )
     notifications = (protocol.NOTIFY,)
 
     def __init__(self, config: WitMotionBleConfig) -> None:

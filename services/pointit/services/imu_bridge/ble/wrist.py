@@ -32,9 +32,15 @@ class BleConfig(Config):
         description="address (macOS: its identifier), serial number or first letters of the name, as "
         "`pointit devices` lists them; the first one found if empty",
     )
+    sensor: str = Field(default="", description="the same as `address`, as for other kinds of sources")
     adapter: str = Field(
         default="", description="Bluetooth adapter on Linux, such as hci1; the system's usual one if empty"
     )
+
+    @property
+    def wanted(self) -> str:
+        """Return the address, serial number or first letters of the name that is wanted, or `""`."""
+        return self.sensor or self.address
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,6 +49,8 @@ class Kind:
 
     label: str
     """Name for people."""
+    plugin: str
+    """Name of its source, as in parameters."""
     names: tuple[str, ...]
     """First letters of its advertised names."""
     services: frozenset[str] = frozenset()

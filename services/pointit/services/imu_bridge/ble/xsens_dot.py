@@ -23,7 +23,7 @@ class XsensDotConfig(BleConfig):
 class XsensDot(Wrist):
     """The commands and the notifications of a sensor."""
 
-    kind = Kind(label="Xsens DOT", names=("Xsens DOT", "Movella DOT"))
+    kind = Kind(label="Xsens DOT", plugin="xsens_dot", names=("Xsens DOT", "Movella DOT"))
     notifications = (protocol.SHORT_PAYLOAD, protocol.BATTERY)
 
     def __init__(self) -> None:

@@ -13,9 +13,9 @@ UNIT_TOLERANCE = 1e-3
 """Accepted deviation of the norm of a unit vector from 1 (float32 devices)."""
 
 NORM_TOLERANCE = 0.05
-"""Largest deviation of a quaternion's norm from 1, whoever sends it. Within, it is normalized: two decimals
+"""Largest deviation of a quaternion's norm from 1 at which it is normalized, for all sources. Two decimals
 deviate by up to 0.01, 8-bit integers by 0.008, a mean of two orientations 45° apart by 0.02. Zeros, angles
-and shifted columns are beyond."""
+and shifted columns exceed it."""
 
 
 def _unit(values: tuple[float, ...]) -> tuple[float, ...]:

@@ -76,8 +76,10 @@ class Decoder(ABC):
     """Clause about what could not be read in a datagram beside what could, or `""`. The owner resets it."""
     unused: str = ""
     """Clause about what arrives while there is no orientation, or `""`."""
-    sensors: SensorChoice | None = None
-    """Choice among the sensors that one sender names, or None if it names none."""
+
+    def __init__(self, sensors: SensorChoice) -> None:
+        """Use one of the `sensors` that a sender names."""
+        self.sensors = sensors
 
     @abstractmethod
     def items(self, data: bytes, stamp_ns: int) -> Sequence[Item]:
@@ -150,11 +152,11 @@ class DatagramSource(PortSource):
 
     def _new_decoder(self, sender: Address) -> Decoder:
         host, decoder = sender[0], self._make_decoder()
-        for known in (self._decoders, self._sensors):
-            if len(known) >= MOST_OTHERS:
-                del known[next(iter(known))]
-        if decoder.sensors is not None:
-            decoder.sensors = self._sensors.setdefault(host, decoder.sensors)
+        if len(self._decoders) >= MOST_OTHERS:
+            del self._decoders[next(iter(self._decoders))]
+        if len(self._sensors) >= MOST_OTHERS:
+            del self._sensors[next(iter(self._sensors))]
+        decoder.sensors = self._sensors.setdefault(host, decoder.sensors)
         self._decoders[sender] = decoder
         return decoder
 

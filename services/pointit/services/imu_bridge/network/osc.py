@@ -6,12 +6,13 @@ from typing import Final, Literal
 
 from pydantic import Field, field_validator
 
-from pointit.services.imu_bridge.network.contents import DatagramError, Order, orientation, vector
+from pointit.services.imu_bridge.network.contents import DatagramError, orientation, vector
 from pointit.services.imu_bridge.network.datagram_source import DatagramConfig, DatagramSource, Decoder
 from pointit.services.imu_bridge.network.osc_message import OscMessage, parse_each
 from pointit.services.imu_bridge.reading import Battery, Item, Press, RawReading, Reading
 from pointit.services.imu_bridge.serial.fifth_number import is_unit
 from pointit.services.imu_bridge.sources import ImuSource
+from pointit.services.imu_bridge.streams.json_content import Order
 from pointit.services.imu_bridge.streams.sensor_choice import SensorChoice
 
 GRAVITY_MPS2 = 9.80665
@@ -66,12 +67,12 @@ class OscDecoder(Decoder):
     """Reads the messages of one device. Its rates are used until it sends an orientation."""
 
     def __init__(self, config: OscConfig) -> None:
+        super().__init__(SensorChoice("osc.sensor", config.sensor_name))
         self._config = config
         self._has_orientation = False
         self._zig_sim = ""
         """Address of the orientations of a ZIG SIM that has introduced itself, or `""`."""
         self._battery: Battery | None = None
-        self.sensors = SensorChoice("osc.sensor", config.sensor_name)
         self._addresses: dict[str, None] = {}
         """Addresses of messages that were not used."""
 

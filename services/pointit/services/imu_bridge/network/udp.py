@@ -9,13 +9,19 @@ from pydantic import Field
 
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
-from pointit.services.imu_bridge.network.contents import DatagramError, Order, orientation, vector
+from pointit.services.imu_bridge.network.contents import DatagramError, orientation, vector
 from pointit.services.imu_bridge.network.datagram_source import DatagramConfig, DatagramSource, Decoder
 from pointit.services.imu_bridge.reading import Item, Press, RawReading, Reading
 from pointit.services.imu_bridge.serial.fifth_number import Fifth
 from pointit.services.imu_bridge.serial.line_parser import ButtonLine, LineError, LineParser
 from pointit.services.imu_bridge.sources import ImuSource
-from pointit.services.imu_bridge.streams.json_content import ContentError, names_in, quaternions
+from pointit.services.imu_bridge.streams.json_content import (
+    ContentError,
+    Order,
+    is_object,
+    names_in,
+    quaternions,
+)
 from pointit.services.imu_bridge.streams.quoted_data import quoted
 from pointit.services.imu_bridge.streams.sensor_choice import SensorChoice
 
@@ -50,9 +56,9 @@ class UdpDecoder(Decoder):
     """Reads the datagrams of one device. Its rates are used until it sends an orientation."""
 
     def __init__(self, config: UdpConfig) -> None:
+        super().__init__(SensorChoice("udp.sensor", config.sensor_name))
         self._order: Order = config.order
         self._lines = LineParser(config.order, config.fifth)
-        self.sensors = SensorChoice("udp.sensor", config.sensor_name)
         self._kind = ""
         """Android's sensor whose orientations are used, the first that came, or `""`."""
         self._acceleration: Vec3 | None = None
@@ -110,13 +116,12 @@ class UdpDecoder(Decoder):
             raise DatagramError(f"{quoted(text)} has a wrong value: {error}") from error
 
     def _content(self, content: Any, stamp_ns: int) -> Sequence[Item]:
-        values = content.get("values") if isinstance(content, dict) else None
-        if _is_list(values):
+        if is_object(content) and _is_list(values := content.get("values")):
             if not self.sensors.accepts(*names_in(content)):
                 return []
             item = self._android(content, _numbers(values), stamp_ns)
             return [] if item is None else [item]
-        time_ns = _time_ns(content) if isinstance(content, dict) else None
+        time_ns = _time_ns(content) if is_object(content) else None
         return [
             Reading(stamp_ns, each.orientation_xyzw, time_ns)
             for each in quaternions(content, self._order)

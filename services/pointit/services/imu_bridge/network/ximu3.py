@@ -18,6 +18,7 @@ from pointit.services.imu_bridge.reading import Item
 from pointit.services.imu_bridge.serial.framer import FLASH_S
 from pointit.services.imu_bridge.serial.ximu3 import Ximu3Framer
 from pointit.services.imu_bridge.sources import ImuSource
+from pointit.services.imu_bridge.streams.sensor_choice import SensorChoice
 
 ANNOUNCEMENTS = 10000
 """UDP port to which each device announces itself once a second."""
@@ -51,6 +52,7 @@ class Ximu3Decoder(Decoder):
     """Reads the datagrams of one device, each of which holds whole messages."""
 
     def __init__(self) -> None:
+        super().__init__(SensorChoice("ximu3.sensor"))
         self.framer = Ximu3Framer()
 
     def items(self, data: bytes, stamp_ns: int) -> Sequence[Item]:

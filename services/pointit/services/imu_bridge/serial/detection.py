@@ -62,9 +62,14 @@ FORMATS: Final[dict[Format, FormatRow]] = {
         enough=3,
     ),
     "bno085": FormatRow(
-        label="BNO085 (UART-RVC)", make=lambda *_: Bno085Framer(), bauds=(bno085.BAUD,), enough=3
+        label="BNO085 (UART-RVC)",
+        make=lambda _config, _baud, _sensors: Bno085Framer(),
+        bauds=(bno085.BAUD,),
+        enough=3,
     ),
-    "ximu3": FormatRow(label="x-IMU3", make=lambda *_: Ximu3Framer(), bauds=witmotion.BAUDS, enough=1),
+    "ximu3": FormatRow(
+        label="x-IMU3", make=lambda _config, _baud, _sensors: Ximu3Framer(), bauds=witmotion.BAUDS, enough=1
+    ),
 }
 
 

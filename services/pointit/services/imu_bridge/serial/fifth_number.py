@@ -9,6 +9,8 @@ from pointit.schemas.base import NORM_TOLERANCE
 
 Fifth = Literal["auto", "time", "accuracy", "sensor"]
 """Meaning of a fifth number in a line."""
+ROUNDING_TOLERANCE = 0.011
+"""Largest deviation of the norm of a unit quaternion whose numbers have two decimals, with a margin."""
 MAX_SENSOR = 255
 """Largest number of a sensor in front of a quaternion; a larger one is the device's time in µs."""
 MEMORY = 16
@@ -55,6 +57,11 @@ class FifthNumber:
         if fits_behind != fits_front:
             self._is_behind = fits_behind
         elif fits_behind and self._is_behind is None and self._fifth == "auto":
+            fits_behind, fits_front = (
+                is_unit(four, ROUNDING_TOLERANCE) for four in (numbers[:4], numbers[1:])
+            )
+            if fits_behind != fits_front:
+                return fits_behind
             raise ValueError(
                 "has five numbers, of which the first and the last four are a quaternion: set the parameter "
                 "`fifth` to time, sensor or accuracy"
@@ -62,9 +69,9 @@ class FifthNumber:
         return bool(self._is_behind)
 
 
-def is_unit(four: Sequence[float]) -> bool:
+def is_unit(four: Sequence[float], tolerance: float = NORM_TOLERANCE) -> bool:
     """Return True if `four` numbers may be a quaternion."""
-    return abs(math.hypot(*four) - 1.0) <= NORM_TOLERANCE
+    return abs(math.hypot(*four) - 1.0) <= tolerance
 
 
 def is_sensor_number(number: float) -> bool:
@@ -73,7 +80,7 @@ def is_sensor_number(number: float) -> bool:
 
 
 def _returns(numbers: Sequence[float]) -> int:
-    """Return how often whole `numbers` fall back to an earlier one, as those of sensors do."""
+    """Return the number of times that whole `numbers` fall back to an earlier one, as those of sensors do."""
     return sum(
         number < numbers[at - 1] and number in list(numbers)[: at - 1] and number == round(number)
         for at, number in enumerate(numbers)

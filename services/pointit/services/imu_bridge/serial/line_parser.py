@@ -54,7 +54,16 @@ _OTHER_NAMES = frozenset({
     "temp", "areal", "aworld", "gravity", "linear",
 })  # fmt: skip
 """Names of lines with other numbers that may look like a quaternion."""
-_TIME_NS = {"us": 1e3, "tus": 1e3, "timeus": 1e3, "micros": 1e3, "ms": 1e6, "tms": 1e6, "timems": 1e6}
+_TIME_NS = {
+    "us": 1e3,
+    "tus": 1e3,
+    "timeus": 1e3,
+    "micros": 1e3,
+    "millis": 1e6,
+    "ms": 1e6,
+    "tms": 1e6,
+    "timems": 1e6,
+}
 """Fields with the device's time whose names state the unit, ns."""
 _QUATERNIONS = "let it send quaternions (MPU6050_DMP6: define OUTPUT_READABLE_QUATERNION)"
 Gesture = Literal["press", "double", "hold"]
@@ -178,13 +187,14 @@ class LineParser:
         return self._quaternion(numbers, label)
 
     def _quaternion(self, numbers: list[float], label: str) -> QuaternionLine:
-        names, time_ns, four = [*_names(label)], None, numbers
+        names, time_ns = [*_names(label)], None
+        four: Sequence[float] = numbers
         if len(numbers) == 5:
             try:
-                four, number, time_us = self._fifth.split(numbers)
+                four, sensor, time_us = self._fifth.split(numbers)
             except ValueError as error:
                 raise LineError(str(error)) from error
-            names.append(number)
+            names.append(sensor)
             time_ns = None if time_us is None else _time_ns(time_us * 1e3)
         elif len(numbers) == 6 and is_unit(numbers[2:]) and not is_unit(numbers[:4]):
             four = numbers[2:]

@@ -89,7 +89,7 @@ def quaternions(content: Any, order: Order) -> list[NamedQuaternion]:
         if len(found) >= MAX_QUATERNIONS:
             break
     if not found:
-        has_angles = _is_object(content) and any(_plain(key) in _ANGLES for key in content)
+        has_angles = is_object(content) and any(_plain(key) in _ANGLES for key in content)
         remedy = "angles only: let it send quaternions" if has_angles else "no quaternion"
         raise ContentError(f"has {remedy}")
     return found
@@ -103,7 +103,7 @@ def names_in(content: Mapping[str, Any], depth: int = 0) -> tuple[str, ...]:
             continue
         if isinstance(value, str | int) and not isinstance(value, bool):
             names.append(f"{value}"[:MAX_NAME])
-        elif _is_object(value) and depth < MAX_DEPTH:
+        elif is_object(value) and depth < MAX_DEPTH:
             names += names_in(value, depth + 1)
     return tuple(names)
 
@@ -113,11 +113,11 @@ def _search(content: Any, order: Order, names: tuple[str, ...], depth: int) -> I
         return
     if _is_list(content):
         for number, each in enumerate(content):
-            if _is_object(each):
+            if is_object(each):
                 own = (*names, f"{number}") if len(content) > 1 and not names_in(each) else names
                 yield from _search(each, order, own, depth + 1)
         return
-    if not _is_object(content):
+    if not is_object(content):
         return
     names = tuple(dict.fromkeys((*names, *names_in(content))))
     four = _components(content)
@@ -125,9 +125,9 @@ def _search(content: Any, order: Order, names: tuple[str, ...], depth: int) -> I
         yield NamedQuaternion(four, names)
     for key, value in content.items():
         plain = _plain(key)
-        if plain in _LISTS and _is_list(value) and len(value) == 4 and not any(map(_is_object, value)):
+        if plain in _LISTS and _is_list(value) and len(value) == 4 and not any(map(is_object, value)):
             yield NamedQuaternion(_rotation(value, order), names)
-        elif _is_object(value) or _is_list(value):
+        elif is_object(value) or _is_list(value):
             own = names if plain in _KINDS or is_id(key) else (*names, key[:MAX_NAME])
             yield from _search(value, order, own, depth + 1)
 
@@ -157,7 +157,8 @@ def _plain(key: str) -> str:
     return re.sub(r"[\W_]", "", f"{key}".casefold())
 
 
-def _is_object(value: Any) -> TypeGuard[dict[str, Any]]:
+def is_object(value: Any) -> TypeGuard[dict[str, Any]]:
+    """Return True if parsed JSON is an object."""
     return isinstance(value, dict)
 
 

@@ -21,10 +21,13 @@ export function fromAngles(alpha: number, beta: number, gamma: number): Quaterni
   ];
 }
 
-/** The quaternion made one long; null where that cannot be: a sensor has not begun, or is broken. */
+/** Largest deviation of a quaternion's norm from 1 at which it is normalized: NORM_TOLERANCE of pointit/schemas/base.py. */
+const NORM_TOLERANCE = 0.05;
+
+/** The quaternion with norm 1; null if its norm is beyond the tolerance: the sensor has not begun, or is broken. */
 export function normalized(q: ArrayLike<number> | null | undefined): Quaternion | null {
   if (!q || q.length !== 4) return null;
   const [x, y, z, w] = [q[0]!, q[1]!, q[2]!, q[3]!];
   const norm = Math.hypot(x, y, z, w);
-  return norm > 0.5 && norm < 2 ? [x / norm, y / norm, z / norm, w / norm] : null;
+  return Math.abs(norm - 1) <= NORM_TOLERANCE ? [x / norm, y / norm, z / norm, w / norm] : null;
 }

@@ -47,7 +47,8 @@ test("what is no rotation is none", () => {
   assert.equal(normalized([0, 0, 0, 0]), null);
   assert.equal(normalized([0, 0, Number.NaN, 1]), null);
   assert.equal(normalized([0, 0, 1]), null);
-  assert.deepEqual(normalized([0, 0, 0, 1.1]), [0, 0, 0, 1]);
+  assert.deepEqual(normalized([0, 0, 0, 1.04]), [0, 0, 0, 1]);
+  assert.equal(normalized([0, 0, 0, 1.06]), null);
 });
 
 test("readings go out at once, but not closer together than agreed", () => {

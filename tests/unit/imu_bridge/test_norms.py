@@ -1,4 +1,4 @@
-"""One tolerance of a quaternion's norm, whoever sends it: within, it is normalized; beyond, it is refused."""
+"""One tolerance of a quaternion's norm for all sources: within, it is normalized; beyond, it is refused."""
 
 import json
 import math

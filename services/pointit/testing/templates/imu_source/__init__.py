@@ -78,7 +78,7 @@ def parse(line: bytes) -> Quaternion | None:
     except ValueError:
         return None
     norm = math.hypot(w, x, y, z)
-    if not abs(norm - 1.0) < 0.1:  # NaN is not, either
+    if not abs(norm - 1.0) < 0.05:  # NaN is not, either
         return None
     return (x / norm, y / norm, z / norm, w / norm)
 

@@ -187,7 +187,7 @@ async def test_source_without_its_settings_is_refused(values: dict[str, object],
 
 
 def test_a_mounting_that_is_no_rotation_is_refused() -> None:
-    with pytest.raises(ValueError, match="norm 1"):
+    with pytest.raises(ValueError, match="a quaternion of norm 2, not 1"):
         ImuBridgeConfig(mounting_xyzw=(0, 0, 0, 2))
 
 

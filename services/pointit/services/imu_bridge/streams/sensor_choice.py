@@ -29,7 +29,9 @@ class SensorChoice:
         self.used: str | None = None
         """Name of the sensor in use; `""` if it has none."""
         self._seen: set[str] = set()
-        """Names that were read once and are not confirmed."""
+        """Names that were read."""
+        self._has_repeated = False
+        """True if a name was read twice, so that numbers in names are those of sensors."""
         self._has_counts = False
         """True if numbers in names are counts or times."""
         self._count = 0
@@ -42,9 +44,18 @@ class SensorChoice:
             names = tuple(name for name in names if not _NUMBER.match(name))
         name = " ".join(filter(None, names))
         self._count += 1
+        is_new = name not in self._seen
+        if is_new and len(self._seen) <= MAX_NUMBERS:
+            self._seen.add(name)
+            if len(self._seen) > MAX_NUMBERS and not (self._has_repeated or self._has_counts):
+                self._has_counts, self.used = True, None
+                self._others.clear()
+                self._seen.clear()
+                return self.accepts(*names)
+        self._has_repeated |= not is_new
         if self._wanted:
             is_used = self._wanted == name.casefold() or self._wanted in _WORD.findall(name.casefold())
-        elif self.used is None and not self._is_confirmed(name, names):
+        elif self.used is None and self._is_noisy and is_new and name:
             return False
         else:
             is_used = self.used is None or name.casefold() == self.used.casefold()
@@ -79,14 +90,3 @@ class SensorChoice:
             f"several sensors send in one stream: {used} is used, not {others}; set {self._parameter} to "
             "the one on the wrist"
         )
-
-    def _is_confirmed(self, name: str, names: tuple[str, ...]) -> bool:
-        """Return True unless `name` must be repeated. Many numbers without repetition are counts."""
-        is_numbered = any(map(_NUMBER.match, names))
-        if not (is_numbered or (self._is_noisy and name)) or name in self._seen:
-            return True
-        self._seen.add(name)
-        if len(self._seen) > MAX_NUMBERS:
-            self._has_counts = True
-            self._seen.clear()
-        return False

@@ -5,14 +5,11 @@ import math
 import struct
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from pydantic import ValidationError
 from pythonosc.osc_message_builder import build_msg
 
-from pointit.bridges.ros2.inbound import checks
-from pointit.bridges.web.wire import Turn
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import WristSample
 from pointit.schemas.base import NORM_TOLERANCE
@@ -82,15 +79,6 @@ def by_plugin(q: Quaternion) -> Quaternion | None:
     return None if fault(Reading(0, q)) else XYZW
 
 
-def by_ros(q: Quaternion) -> Quaternion | None:
-    turned = checks.quaternion(SimpleNamespace(**dict(zip("xyzw", q, strict=True))), "the arm")
-    return None if isinstance(turned, str) else turned
-
-
-def by_phone(q: Quaternion) -> Quaternion | None:
-    return Turn(q=q, t_ms=1.0).q
-
-
 def by_message(q: Quaternion) -> Quaternion | None:
     return WristSample(stamp_ns=1, seq=1, orientation_xyzw=q).orientation_xyzw
 
@@ -101,7 +89,7 @@ def by_mounting(q: Quaternion) -> Quaternion | None:
 
 SOURCES: list[Callable[[Quaternion], Quaternion | None]] = [
     by_line, by_json, by_osc, by_ximu3, by_witmotion, by_metamotion, by_xsens_dot, by_tracker, by_plugin,
-    by_ros, by_phone, by_message, by_mounting,
+    by_message, by_mounting,
 ]  # fmt: skip
 
 

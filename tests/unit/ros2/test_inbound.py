@@ -104,6 +104,13 @@ def test_a_rotation_is_the_wrist_of_an_arm() -> None:
     assert math.asin(ahead[2]) == pytest.approx(elevation_rad)
 
 
+@pytest.mark.parametrize("norm", [0.951, 1.004, 1.049])
+def test_a_rotation_whose_norm_is_nearly_1_is_normalized(norm: float) -> None:
+    q = (0.5 * norm, -0.5 * norm, 0.5 * norm, 0.5 * norm)
+    turned = said(taken(into("rotation_in"), arm(q))).orientation_xyzw
+    assert turned == pytest.approx((0.5, -0.5, 0.5, 0.5))
+
+
 @pytest.mark.parametrize("q", [(0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.06), (1.0, 1.0, 1.0, 1.0)])
 def test_a_rotation_that_is_none_is_refused(q: Quaternion) -> None:
     assert "norm 1" in warned(taken(into("rotation_in"), arm(q)))

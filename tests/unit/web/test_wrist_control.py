@@ -286,3 +286,11 @@ def test_an_empty_or_endless_room_has_a_place_too() -> None:
     assert len(places(floor)) == 0
     assert choose_pose(floor) == ((0.0, 0.0, 0.0), 0.0)
     assert middle(floor)[0] > 0.0
+
+
+@pytest.mark.parametrize("norm", [0.951, 1.004, 1.049])
+def test_norm_of_a_phone_that_is_nearly_1_is_normalized_and_another_one_refused(norm: float) -> None:
+    half = 0.5 * norm
+    assert Turn(q=(half, -half, half, half), t_ms=1.0).q == pytest.approx((0.5, -0.5, 0.5, 0.5))
+    with pytest.raises(ValueError, match="a quaternion of norm"):
+        Turn(q=(1.2 * norm, 0.0, 0.0, 0.0), t_ms=1.0)

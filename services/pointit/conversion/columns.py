@@ -15,6 +15,7 @@ from typing import IO, Annotated, Any, NamedTuple, Self, Union, get_args, get_or
 
 from pydantic import TypeAdapter
 
+from pointit.conversion.spreadsheet_text import neutralize_formula
 from pointit.runtime.errors import ConfigError
 from pointit.schemas.base import SchemaModel
 
@@ -50,9 +51,6 @@ COVARIANCE = tuple(
 )
 """Components of a `Covariance`: name, unit in the name, unit."""
 
-UNSAFE = ("=", "+", "-", "@", "\t", "\r")
-"""Beginnings of a text that spreadsheets take for a formula; an apostrophe is put before it."""
-
 _LIST = TypeAdapter(Any)
 
 PART = ".part"
@@ -71,11 +69,6 @@ class Column(NamedTuple):
     about: str
     get: Callable[[Any], Cell]
     """Returns the cell of a message. None if it is empty."""
-
-
-def text(value: str) -> str:
-    """Return `value` so that no spreadsheet takes it for a formula."""
-    return f"'{value}" if value.startswith(UNSAFE) else value
 
 
 def columns_of(kind: type[SchemaModel], without: tuple[str, ...] = ()) -> list[Column]:
@@ -159,7 +152,7 @@ def _inside(get: Callable[[Any], Any], of: Callable[[Any], Any]) -> Callable[[An
 def _cell(value: Any) -> Cell:
     if isinstance(value, bool):
         return "true" if value else "false"
-    return text(value) if isinstance(value, str) else value
+    return neutralize_formula(value) if isinstance(value, str) else value
 
 
 def _json(values: Any) -> str:

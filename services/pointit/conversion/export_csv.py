@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from pointit.conversion.acts import Act, ActDetector, SelectionRow
-from pointit.conversion.columns import Column, Tables, columns_of, text
+from pointit.conversion.columns import Column, Tables, columns_of
+from pointit.conversion.spreadsheet_text import neutralize_formula
 from pointit.recording.entries import Entry, Exchange
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import (
@@ -125,7 +126,7 @@ class _Export:
         if columns is None:
             columns = self._columns[row.key] = _columns(row)
             self._tables.create(FILES[row.key], columns)
-        time = (text(name),) if row.placeholder else ()
+        time = (neutralize_formula(name),) if row.placeholder else ()
         first = ((message.stamp_ns - self._began_ns) / NS_PER_S, message.stamp_ns, *time)
         rest = columns[len(first) :]
         parts = message.objects if isinstance(message, TrackedObjects) else (message,)
@@ -164,7 +165,7 @@ class _Export:
             key,
             exchange.query.model_dump_json(),
             None if reply is None else reply.model_dump_json(),
-            text(exchange.refusal),
+            neutralize_formula(exchange.refusal),
         )
         self._tables.write(REQUESTS, cells)
 

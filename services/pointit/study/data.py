@@ -1,140 +1,126 @@
-"""The folder of a study: tables that survive kill -9, and what has been done so far."""
+"""The folder of a study: its study, and of each participant trials, answers and what has been done so far."""
 
 import contextlib
-import csv
 import datetime as dt
-import io
-import os
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import yaml
+from pydantic import Field, StrictBool
 
-from pointit.runtime.config.yaml_file import read_yaml
-from pointit.runtime.errors import ConfigError, PointItError
+from pointit.runtime.config.config import Config, Layers
+from pointit.runtime.config.yaml_file import parse_yaml, read_yaml
+from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.atomic_file import write_atomically
-from pointit.study.columns import COUNTS, FIXED, NUMBERS, OUTCOMES, REPEATED, columns_of
+from pointit.study.append_only_csv import AppendOnlyCsv, column_changes, free_path, rewritten_sentence
+from pointit.study.columns import FIXED, REPEATED, columns_of
 from pointit.study.model import Study, read_study
+from pointit.study.table_file import NUMBER, Row, joined_rows, parse_table, table_files, table_line
 
 STUDY, COLUMNS_FILE, TRIALS, PARTICIPANT, ANSWERS = (
     "study.yaml", "columns.csv", "trials.csv", "participant.yaml", "answers.csv",
 )  # fmt: skip
 ANSWER_COLUMNS = ("participant", "questionnaire", "item", "condition", "block", "value")
-Row = dict[str, str]
-NUMBER = re.compile(r"[+-]?\d+(\.\d*)?(e[+-]?\d+)?")
+ATTEMPT = ("trial", "attempt")
+"""Columns that name a row of the trials of a participant."""
+ANSWER = ("questionnaire", "block", "item")
+"""Columns that name a row of the answers of a participant."""
+MAX_TIMEOUTS = 2.0
+"""Maximum time of a trial in timeouts of the study. A longer one was never measured."""
+Note = Callable[[str], object]
+"""Receives a sentence on what was changed, or is left out."""
 
 
-class AppendOnlyCsv:
-    """A CSV file of which each row is on the disk when `append` returns, or not there at all."""
+def no_note(_: str) -> None:
+    """Ignore a sentence."""
 
-    def __init__(self, path: Path, columns: Sequence[str]) -> None:
-        """Open or create the table; a row that was cut off by a crash is removed.
 
-        Raises: ConfigError: If it cannot be read or written, has other columns, or another process writes it.
-        """
-        self.path = path
-        self._columns = columns
-        head = _line(columns)
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = path.open("a+b", buffering=0)
-        except OSError as error:
-            raise ConfigError(f"{path}: cannot be used ({error.strerror or error})") from error
-        with contextlib.ExitStack() as unless_used:
-            unless_used.callback(self._file.close)
-            _lock(self._file, path)
-            self._file.seek(0)
-            content = self._file.read()
-            whole = content[: content.rfind(b"\n") + 1]
-            if whole != content:
-                self._file.truncate(len(whole))
-            if not whole:
-                self._write(head)
-            elif not whole.startswith(head):
-                raise ConfigError(f"{path}: has other columns than this study; use another folder")
-            self.rows = read_table(path, columns)
-            unless_used.pop_all()
+class ParticipantRecord(Config):
+    """What is read of `participant.yaml`. It has more, and people may add their own."""
 
-    def append(self, *rows: Mapping[str, object]) -> None:
-        """Add rows and wait until they are on the disk.
-
-        Raises: PointItError: If they cannot be written. Nothing of them is there then.
-        """
-        texts = [{name: _text(row.get(name)) for name in self._columns} for row in rows]
-        self._write(b"".join(_line(list(row.values())) for row in texts))
-        self.rows += texts
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
-
-    def _write(self, line: bytes) -> None:
-        size = os.fstat(self._file.fileno()).st_size
-        try:
-            written = self._file.write(line)
-            os.fsync(self._file.fileno())
-        except OSError as error:
-            written, reason = 0, error.strerror
-        else:
-            reason = "no space left"
-        if written != len(line):
-            self._file.truncate(size)
-            raise PointItError(
-                f"{self.path}: a row cannot be written ({reason}); all earlier ones are there: make room, "
-                "then give the same command to go on"
-            )
+    pseudonym: str | int | None = None
+    simulated: StrictBool | None = None
+    order: tuple[str, ...] | None = None
+    consented: StrictBool | None = None
+    begun: str | dt.datetime | None = None
+    ended: str | dt.datetime | None = None
+    clock_apart_s: float | None = Field(default=None, ge=0)
+    configuration: tuple[dict[str, Any], ...] | None = None
 
 
 class StudyFolder:
     """The data of a study."""
 
-    def __init__(self, path: Path, study: Study, source: str) -> None:
+    def __init__(self, path: Path, study: Study, source: str, on_note: Note = no_note) -> None:
         """Create the folder, or open that of the same study.
 
         Args:
             path: the folder.
             study: the study.
             source: content of its YAML file.
+            on_note: called with a sentence on what crashes and other programs have changed.
 
         Raises:
             ConfigError: If the folder holds another study, or cannot be written.
         """
         self.path = path
         self.columns = columns_of(list(study.factors))
+        self._study = study
+        self._on_note = on_note
         copy = path / STUDY
-        if copy.exists() and copy.read_text(encoding="utf-8") != source:
-            raise ConfigError(f"{copy} differs from the study; use another folder, or that file")
         if not copy.exists():
             if (path / COLUMNS_FILE).exists():
                 raise ConfigError(f"{path / COLUMNS_FILE} is not of this study; use another folder")
-            table = "".join(_line(row).decode() for row in [("column", "unit", "meaning"), *self.columns])
-            write_atomically(path / COLUMNS_FILE, table.encode(), mode=0o644)
+            table = b"".join(map(table_line, [("column", "unit", "meaning"), *self.columns]))
+            write_atomically(path / COLUMNS_FILE, table, mode=0o644)
             write_atomically(copy, source.encode(), mode=0o644)
+        elif changed := _difference(read_yaml(copy), parse_yaml(source.encode(), "the study")):
+            raise ConfigError(f"{copy} differs from the study; use another folder, or that file (see {changed})")
 
     def trials(self, participant: str) -> AppendOnlyCsv:
-        """Return the table of the trials of `participant`."""
-        return AppendOnlyCsv(self.path / participant / TRIALS, [name for name, _, _ in self.columns])
+        """Return the table of the trials of `participant`.
+
+        Raises: ConfigError: If it cannot be used, another process writes it, or rows are lost or damaged.
+        """
+        path = self.path / participant / TRIALS
+        check_begun(path.parent)
+        table = AppendOnlyCsv(path, [name for name, _, _ in self.columns], ATTEMPT, self._on_note)
+        with contextlib.ExitStack() as unless_used:
+            unless_used.callback(table.close)
+            check_trials(self._study, path, table.rows)
+            unless_used.pop_all()
+        return table
 
     def answers(self, participant: str) -> AppendOnlyCsv:
         """Return the table of the answers of `participant`."""
-        return AppendOnlyCsv(self.path / participant / ANSWERS, ANSWER_COLUMNS)
+        return AppendOnlyCsv(self.path / participant / ANSWERS, ANSWER_COLUMNS, ANSWER, self._on_note)
 
     def about(self, participant: str) -> dict[str, Any]:
         """Return the content of `participant.yaml`, empty if they have not begun."""
         return read_about(self.path / participant)
 
     def put_about(self, participant: str, about: Mapping[str, Any]) -> None:
-        """Replace the content of `participant.yaml`."""
-        text = yaml.safe_dump(dict(about), sort_keys=False, allow_unicode=True)
-        write_atomically(self.path / participant / PARTICIPANT, text.encode(), mode=0o644, durable=True)
+        """Replace the content of `participant.yaml`. One that people have edited is kept beside it."""
+        path = self.path / participant / PARTICIPANT
+        if path.exists() and (content := path.read_bytes()) != _yaml(read_yaml(path)):
+            aside = free_path(path.with_name(f"edited_{PARTICIPANT}"))
+            write_atomically(aside, content, mode=0o644, durable=True)
+            self._on_note(f"{path}: somebody has edited it; their file is kept as {aside.name}.")
+        write_atomically(path, _yaml(about), mode=0o644, durable=True)
 
     def recording(self, participant: str) -> Path:
         """Return a free path for the next recording of `participant`."""
-        folder = self.path / participant
-        names = (f"session{'' if number == 1 else f'_{number}'}.mcap" for number in range(1, 10_000))
-        return next(path for name in names if not (path := folder / name).exists())
+        return free_path(self.path / participant / "session.mcap")
+
+
+def _yaml(about: Mapping[str, Any]) -> bytes:
+    return str(yaml.safe_dump(dict(about), sort_keys=False, allow_unicode=True)).encode()
+
+
+def _difference(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
+    """Return the first key whose value differs, or `""`. Comments, line ends and quotes are no difference."""
+    return next((key for key in {**one, **other} if one.get(key) != other.get(key)), "")
 
 
 def study_in(folder: Path) -> Study:
@@ -147,52 +133,108 @@ def study_in(folder: Path) -> Study:
 
 
 def read_about(folder: Path) -> dict[str, Any]:
-    """Return the content of `participant.yaml` in `folder`, empty if there is none."""
-    path = folder / PARTICIPANT
-    return read_yaml(path) if path.exists() else {}
+    """Return the content of `participant.yaml` in `folder`, empty if there is none.
 
-
-def read_table(
-    path: Path, columns: Iterable[str] = FIXED, on_cut: Callable[[str], object] = lambda _: None
-) -> list[Row]:
-    """Return the rows of a table, without a last line that a crash has cut off, of which `on_cut` is told.
-
-    Raises: ConfigError: If the table cannot be read, lacks one of `columns`, or a value is damaged.
+    Raises: ConfigError: If it cannot be read, or a value is of another kind than the study writes.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: cannot be read ({error})") from error
-    whole = text[: text.rfind("\n") + 1]
-    reader = csv.reader(io.StringIO(whole, newline=""), strict=True)
-    rows: list[Row] = []
-    try:
-        header = next(reader, list[str]())
-        if header and (missing := sorted(set(columns) - set(header))):
-            raise ConfigError(f"{path}: no column {missing[0]}; restore the table as the study wrote it")
-        rows += [_row(header, values) for values in reader]
-    except (ValueError, csv.Error) as error:
-        raise ConfigError(f"{path}, line {reader.line_num}: {error}; correct or delete the line") from error
-    if whole != text:
-        on_cut(f"The last line of {path.parent.name}/{path.name} is not whole and left out.")
+    path = folder / PARTICIPANT
+    if not path.exists():
+        return {}
+    about = read_yaml(path)
+    layers = Layers()
+    layers.add({name: about[name] for name in ParticipantRecord.model_fields if name in about}, str(path))
+    layers.build(ParticipantRecord)
+    return about
+
+
+def check_begun(folder: Path) -> None:
+    """Check that a participant who has begun has a table. Raises: ConfigError: If it is gone or empty."""
+    path = folder / TRIALS
+    if (not path.exists() or not path.stat().st_size) and read_about(folder).get("begun"):
+        raise ConfigError(
+            f"{path}: is {'empty' if path.exists() else 'missing'}, but {folder.name} has begun; restore it "
+            f"from a backup, or move {folder} away to begin again"
+        )
+
+
+def read_trials(study: Study, folder: Path, on_note: Note = no_note, on_change: Note = no_note) -> list[Row]:
+    """Return the rows of the trials of the participant in `folder`.
+
+    Args:
+        study: the study.
+        folder: folder of the participant.
+        on_note: called with a sentence on what is left out.
+        on_change: called with a sentence on a file that another program has rewritten.
+
+    Raises: ConfigError: If a file cannot be read, or a value is damaged.
+    """
+    check_begun(folder)
+    columns = [name for name, _, _ in columns_of(list(study.factors))]
+    rows = read_table(folder / TRIALS, columns, on_note, on_change)
+    check_trials(study, folder / TRIALS, rows)
     return rows
 
 
-def _row(header: Sequence[str], values: Sequence[str]) -> Row:
-    """Return a row of a table. Raises ValueError if it is damaged."""
-    if len(values) != len(header):
-        raise ValueError(f"not {len(header)} values")
-    row = dict(zip(header, values, strict=True))
-    for name in filter(row.__contains__, COUNTS):
-        if not row[name].isdecimal() or len(row[name]) > 9:
-            raise ValueError(f"{name} is {row[name]!r}, not a whole number")
-    for name in filter(row.__contains__, NUMBERS):
-        if row[name] and not NUMBER.fullmatch(row[name]):
-            raise ValueError(f"{name} is {row[name]!r}, not a number or empty")
-    if (outcome := row.get("outcome", "hit")) not in OUTCOMES:
-        raise ValueError(f"outcome is {outcome!r}, not one of {', '.join(OUTCOMES)}")
-    dt.datetime.fromisoformat(row.get("began_utc") or "2000-01-01")
-    return row
+def read_answers(folder: Path, on_note: Note = no_note, on_change: Note = no_note) -> list[Row]:
+    """Return the rows of the answers of the participant in `folder`, as `read_trials` does."""
+    if not (folder / ANSWERS).exists():
+        return []
+    return read_table(folder / ANSWERS, ANSWER_COLUMNS, on_note, on_change)
+
+
+def read_table(
+    path: Path, columns: Iterable[str] = FIXED, on_note: Note = no_note, on_change: Note = no_note
+) -> list[Row]:
+    """Return the rows of the table whose first file is `path`; sentences are those of `read_trials`.
+
+    Raises: ConfigError: If a file cannot be read, lacks one of `columns`, or a value is damaged.
+    """
+    wanted = tuple(columns)
+    files = table_files(path)
+    tables = [parse_table(file, wanted) for file in files]
+    for file, table in zip(files, tables, strict=True):
+        name = f"{file.parent.name}/{file.name}"
+        if table.tail:
+            on_note(f"The last line of {name} is not whole and left out.")
+        if added := [each for each in table.columns if each and each not in wanted]:
+            on_note(f"Column {', '.join(added)} of {name} is not of the study and left out.")
+        if changes := column_changes(table, wanted):
+            on_change(rewritten_sentence(file, changes))
+    return joined_rows(tables)
+
+
+def check_trials(study: Study, path: Path, rows: Iterable[Row]) -> None:
+    """Check the rows of a participant; a name or level that a program took for a number gets its own text.
+
+    Raises: ConfigError: If a level is not of the study, or a time is longer than the study allows.
+    """
+    most_s = MAX_TIMEOUTS * study.timeout_s
+    for row in rows:
+        row["participant"] = _as_written(row["participant"], [path.parent.name])
+        for name, factor in study.factors.items():
+            row[name] = _as_written(row[name], factor.levels)
+            if row[name] not in factor.levels:
+                raise ConfigError(f"{path}: {name} {row[name]!r} is not of the study; correct it")
+        for name in ("first_hover_s", "selection_s"):
+            if row[name] and float(row[name]) > most_s:
+                raise ConfigError(
+                    f"{path}: trial {row['trial']}: {name} is {row[name]}, but a trial ends after "
+                    f"{study.timeout_s:g} s; a spreadsheet may have removed its decimal point: restore the "
+                    "table from a backup"
+                )
+
+
+def _as_written(text: str, known: Iterable[str]) -> str:
+    """Return the one of `known` texts that means the same number or truth value as `text`, else `text`."""
+    same = [each for each in known if each == text or _value(each) == _value(text)]
+    return text if text in same or len(same) != 1 else same[0]
+
+
+def _value(text: str) -> str | float:
+    number = text.replace(",", ".", 1)
+    if NUMBER.fullmatch(number):
+        return float(number)
+    return text.casefold() if text.casefold() in ("true", "false") else text
 
 
 def counts(row: Row) -> bool:
@@ -203,28 +245,3 @@ def counts(row: Row) -> bool:
 def done_trials(rows: Sequence[Row]) -> set[int]:
     """Return the numbers of the trials that are done."""
     return {int(row["trial"]) for row in rows if counts(row)}
-
-
-def _text(value: object) -> str:
-    if value is None:
-        return ""
-    if isinstance(value, bool):
-        return str(int(value))
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
-
-
-def _line(values: Sequence[str]) -> bytes:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerow([" ".join(value.splitlines()) for value in values])
-    return text.getvalue().encode()
-
-
-def _lock(file: Any, path: Path) -> None:
-    try:
-        import fcntl  # noqa: PLC0415 - not on Windows
-    except ImportError:
-        return
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
-        raise ConfigError(f"{path}: another process runs this participant") from error

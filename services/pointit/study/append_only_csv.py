@@ -1,0 +1,198 @@
+"""Tables to which rows are added: each row survives kill -9, and a spreadsheet that saves the same file."""
+
+import contextlib
+import itertools
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pointit.conversion.spreadsheet_text import neutralize_formula
+from pointit.runtime.errors import ConfigError, PointItError
+from pointit.runtime.host.atomic_file import write_atomically
+from pointit.study.columns import COUNTS, NUMBERS
+from pointit.study.table_file import Row, Table, joined_rows, parse_table, table_files, table_line
+
+PLAIN = frozenset((*COUNTS, *NUMBERS, "item", "value"))
+"""Columns of numbers, whose minus sign begins no formula."""
+
+
+class AppendOnlyCsv:
+    """A table of which each row is on the disk when `append` returns, or not there at all.
+
+    Rows are added only to a file that has exactly the bytes that are written here. Beside one that another
+    program has rewritten, also meanwhile, they go on in a further file: `trials_2.csv` beside `trials.csv`.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        columns: Sequence[str],
+        key: Sequence[str] = (),
+        on_note: Callable[[str], object] = lambda _: None,
+    ) -> None:
+        """Open or create the table. A row that was cut off by a crash is moved to a file of its own.
+
+        Args:
+            path: the first file.
+            columns: columns of the study.
+            key: columns whose values name a row; all columns if empty.
+            on_note: called with a sentence on what a crash or another program has changed.
+
+        Raises: ConfigError: If it cannot be read or written, or another process writes it.
+        """
+        self.path = path
+        self._columns = columns
+        self._key = key or columns
+        self._on_note = on_note
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._lock = path.open("a+b")
+        except OSError as error:
+            raise ConfigError(f"{path}: cannot be used ({error.strerror or error})") from error
+        with contextlib.ExitStack() as unless_used:
+            unless_used.callback(self._lock.close)
+            _lock(self._lock, path)
+            files = table_files(path)
+            tables = [parse_table(file, columns) for file in files]
+            self.rows = joined_rows(tables)
+            self._open(files[-1], tables[-1])
+            unless_used.pop_all()
+
+    def append(self, *rows: Mapping[str, object]) -> None:
+        """Add rows and wait until they are on the disk.
+
+        Raises: PointItError: If they cannot be written. Nothing of them is there then.
+        """
+        self._restore_removed_rows()
+        texts = [{name: _text(row.get(name)) for name in self._columns} for row in rows]
+        self._write(texts)
+        self.rows += texts
+
+    def close(self) -> None:
+        """Close the file. Raises: PointItError: If rows that were removed cannot be written again."""
+        try:
+            self._restore_removed_rows()
+        finally:
+            self._file.close()
+            self._lock.close()
+
+    def _open(self, file: Path, table: Table) -> None:
+        """Open `file` to append rows, or a further one if another program has written it."""
+        if changes := column_changes(table, self._columns):
+            further = free_path(self.path)
+            self._on_note(f"{rewritten_sentence(file, changes)} New rows go to {further.name}.")
+            file, table = further, Table([], (), b"")
+        try:
+            self._file = file.open("a+b", buffering=0)
+            with contextlib.ExitStack() as unless_used:
+                unless_used.callback(self._file.close)
+                if table.tail:
+                    aside = free_path(file.with_name(f"incomplete_{file.name}"))
+                    write_atomically(aside, table.tail, mode=0o644, durable=True)
+                    self._on_note(f"{file}: the last row was cut off and is moved to {aside.name}.")
+                    self._file.truncate(file.stat().st_size - len(table.tail))
+                self._written = _state(self._file.fileno())
+                if not file.stat().st_size:
+                    self._write_lines(table_line(self._columns))
+                unless_used.pop_all()
+        except OSError as error:
+            raise ConfigError(f"{file}: cannot be used ({error.strerror or error})") from error
+
+    def _restore_removed_rows(self) -> None:
+        """Write rows again that another program has removed: a spreadsheet, say, that was open meanwhile."""
+        with contextlib.suppress(FileNotFoundError):
+            if _state(self._file.name) == self._written:
+                return
+        self._file.close()
+        files = table_files(self.path)
+        tables = [self._parse_whatever_is_there(file) for file in files]
+        self._open(files[-1], tables[-1])
+        there = {self._key_of(row) for table in tables for row in table.rows}
+        if removed := [row for row in self.rows if self._key_of(row) not in there]:
+            self._on_note(
+                f"{self.path}: another program has removed {len(removed)} rows; they are written again."
+            )
+            self._write(removed)
+
+    def _parse_whatever_is_there(self, file: Path) -> Table:
+        if not file.exists():
+            return Table([], (), b"")
+        try:
+            return parse_table(file, self._columns)
+        except ConfigError as error:
+            self._on_note(str(error))
+            return Table([], ("it cannot be read",), b"")
+
+    def _key_of(self, row: Row) -> tuple[str, ...]:
+        return tuple(row[name] for name in self._key)
+
+    def _write(self, rows: Iterable[Row]) -> None:
+        self._write_lines(b"".join(table_line(spreadsheet_row(row).values()) for row in rows))
+
+    def _write_lines(self, lines: bytes) -> None:
+        size = os.fstat(self._file.fileno()).st_size
+        try:
+            written = self._file.write(lines)
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            written, reason = 0, error.strerror
+        else:
+            reason = "no space left"
+        if is_missing := written != len(lines):
+            self._file.truncate(size)
+        self._written = _state(self._file.fileno())
+        if is_missing:
+            raise PointItError(
+                f"{self._file.name}: a row cannot be written ({reason}); all earlier ones are there: make "
+                "room, then give the same command to go on"
+            )
+
+
+def column_changes(table: Table, columns: Sequence[str]) -> tuple[str, ...]:
+    """Return what another program has changed in a file of a table, also in its `columns`."""
+    if not table.columns or table.columns == tuple(columns):
+        return table.changes
+    added = [name for name in table.columns if name and name not in columns]
+    return (*table.changes, f"added column {added[0]}" if added else "columns in another order")
+
+
+def rewritten_sentence(file: Path, changes: Sequence[str]) -> str:
+    """Return a sentence on a file that another program has written."""
+    return f"{file}: another program has rewritten it ({', '.join(changes)}); it is read, and left as it is."
+
+
+def spreadsheet_row(row: Row) -> Row:
+    """Return a row with texts that no spreadsheet takes for a formula."""
+    return {name: text if name in PLAIN else neutralize_formula(text) for name, text in row.items()}
+
+
+def free_path(path: Path) -> Path:
+    """Return `path`, or the first of those with `_2`, `_3` and so on, where no file is."""
+    further = (path.with_stem(f"{path.stem}_{number}") for number in itertools.count(2))
+    return next(each for each in itertools.chain([path], further) if not each.exists())
+
+
+def _state(file: int | str) -> tuple[int, ...]:
+    """Return what differs when another program has written or replaced a file."""
+    stat = os.stat(file)  # noqa: PTH116 - of a descriptor, too
+    return stat.st_dev, stat.st_ino, stat.st_size, stat.st_mtime_ns
+
+
+def _text(value: object) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return str(int(value))
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _lock(file: Any, path: Path) -> None:
+    try:
+        import fcntl  # noqa: PLC0415 - not on Windows
+    except ImportError:
+        return
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        raise ConfigError(f"{path}: another process runs this participant") from error

@@ -1,0 +1,290 @@
+"""Tables of a study, read as the study or any other program has written them.
+
+Spreadsheets and statistics programs change encoding, line ends, separators, decimal marks, quotes, and the
+order of rows and columns. What can be understood is read. `Table.changes` lists the differences from what
+`AppendOnlyCsv` writes. Only a table without any may be appended to.
+"""
+
+import codecs
+import csv
+import datetime as dt
+import io
+import math
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from pointit.conversion.spreadsheet_text import restore_formula
+from pointit.runtime.errors import ConfigError
+from pointit.study.columns import COUNTS, NUMBERS, OUTCOMES
+
+Row = dict[str, str]
+NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?", re.IGNORECASE)
+COUNT = re.compile(r"(\d{1,9})(\.0*)?")
+GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
+"""Number whose commas may separate thousands."""
+SEPARATORS = {",": "", ";": "semicolons", "\t": "tabs", "|": "vertical bars"}
+"""Name by separator of values; `""` for the one that is written."""
+LINE_ENDS = {"\n": "", "\r\n": "CRLF line ends", "\r": "CR line ends"}
+ENCODINGS = (
+    (codecs.BOM_UTF8, "utf-8", "a byte order mark"),
+    (codecs.BOM_UTF32_LE, "utf-32-le", "UTF-32"),
+    (codecs.BOM_UTF32_BE, "utf-32-be", "UTF-32"),
+    (codecs.BOM_UTF16_LE, "utf-16-le", "UTF-16"),
+    (codecs.BOM_UTF16_BE, "utf-16-be", "UTF-16"),
+)
+"""Byte order mark, encoding, name. UTF-32 is before UTF-16, whose mark it begins with."""
+NOT_KNOWN = ("", "NA")
+"""Number that is not known, as the study and R write it."""
+MAX_ERROR_APART_M = 0.01
+"""Maximum difference between the column `error_m` and the distance of its two points, m."""
+
+
+class Table(NamedTuple):
+    """The content of a table."""
+
+    rows: list[Row]
+    """Values by column, in the order of the file. Numbers have a decimal point."""
+    changes: tuple[str, ...]
+    """Differences from the bytes that the study writes; empty if rows can be appended."""
+    tail: bytes
+    """Last row that was cut off while it was written. It is not in `rows`."""
+    columns: tuple[str, ...] = ()
+    """Names of its columns in the order of the file, empty if it has no header."""
+
+
+class _Record(NamedTuple):
+    """A line of a table, and its number from 1."""
+
+    line: int
+    values: list[str]
+
+
+def table_files(path: Path) -> list[Path]:
+    """Return the files of a table, in the order in which they were begun: `path`, and those beside it."""
+    further = {
+        int(found[1]): file
+        for file in path.parent.glob(f"{path.stem}_*{path.suffix}")
+        if (found := re.fullmatch(r"_([2-9]|[1-9]\d{1,5})", file.stem.removeprefix(path.stem)))
+    }
+    return [path, *(further[number] for number in sorted(further))]
+
+
+def joined_rows(tables: Iterable[Table]) -> list[Row]:
+    """Return the rows of all files of a table, each once, in the order in which they were measured.
+
+    The rows of files that another program has written, which may have sorted them, are sorted.
+    """
+    tables = list(tables)
+    rows = [row for table in tables for row in table.rows]
+    if len(tables) > 1:
+        rows = [*{tuple(sorted(row.items())): row for row in rows}.values()]
+    if any(table.changes for table in tables):
+        rows.sort(key=lambda row: [int(row[name]) for name in ("trial", "attempt") if name in row])
+    return rows
+
+
+def table_line(values: Iterable[str]) -> bytes:
+    """Return a line of a table as the study writes it."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerow([" ".join(value.splitlines()) for value in values])
+    return text.getvalue().encode()
+
+
+def parse_table(path: Path, columns: Iterable[str]) -> Table:
+    """Return the content of a table.
+
+    Raises: ConfigError: If the table cannot be read, lacks one of `columns`, or a value is damaged.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
+    encoding, changes, begin = _encoding(content)
+    cut = content.rfind(b"\n") + 1 if encoding == "utf-8" and b"\r" not in content else len(content)
+    if not cut and table_line(columns).startswith(content):
+        return Table([], tuple(changes), content)  # the header was cut off
+    text = _decode(path, content[begin:cut], encoding)
+    separator, header, records = _split(path, text, columns)
+    canonical = b"".join(table_line(record.values) for record in (header, *records)) if header else b""
+    tail = b""
+    if canonical == content[:cut]:
+        tail = content[cut:]
+    elif cut < len(content):  # other programs leave out the last line end
+        text += _decode(path, content[cut:], encoding)
+        separator, header, records = _split(path, text, columns)
+    if header is None:
+        return Table([], tuple(changes), tail)
+    names = [name.strip() for name in header.values]
+    rows, has_commas = _rows(path, names, records)
+    changes += [name for end, name in LINE_ENDS.items() if name and end in _line_ends(text)]
+    changes += filter(None, [SEPARATORS[separator], "decimal commas" if has_commas else ""])
+    if not changes and canonical != content[:cut]:
+        changes.append("quotes, spaces or empty cells")
+    return Table(rows, tuple(changes), tail, tuple(names))
+
+
+def _encoding(content: bytes) -> tuple[str, list[str], int]:
+    """Return the encoding of a table, its name if it is another one, and the number of bytes of its mark."""
+    for mark, encoding, name in ENCODINGS:
+        if content.startswith(mark):
+            return encoding, [name], len(mark)
+    if b"\0" in content[:2]:
+        return ("utf-16-le" if content[0] else "utf-16-be"), ["UTF-16"], 0
+    return "utf-8", [], 0
+
+
+def _decode(path: Path, content: bytes, encoding: str) -> str:
+    try:
+        return content.decode(encoding)
+    except UnicodeDecodeError as error:
+        line = 1 + content[: error.start].count(b"\n")
+        raise ConfigError(
+            f"{path}: cannot be read: line {line} is not {encoding.upper()}, another program has saved it in "
+            "another encoding; save it as CSV UTF-8, or restore it from a backup"
+        ) from error
+
+
+def _line_ends(text: str) -> set[str]:
+    return set(re.findall(r"\r\n|\r|\n", text))
+
+
+def _split(path: Path, text: str, columns: Iterable[str]) -> tuple[str, _Record | None, list[_Record]]:
+    """Return the separator, the header (None if there is none) and the other lines that are not empty.
+
+    Raises: ConfigError: If a column is missing or there twice, or a quote is not closed.
+    """
+    wanted = set(columns)
+    separator, is_wrapped = _separator(text, wanted)
+    records = _records(path, text, separator)
+    if is_wrapped:
+        lines = [next(filter(None, record.values)) for record in records]
+        return _split(path, "".join(f"{line}\n" for line in lines), columns)
+    if not records:
+        return separator, None, []
+    names = [name.strip() for name in records[0].values]
+    if missing := sorted(wanted - set(names)):
+        raise ConfigError(f"{path}: no column {missing[0]}; restore the table as the study wrote it")
+    if twice := sorted(name for name in set(names) if name and names.count(name) > 1):
+        raise ConfigError(f"{path}: column {twice[0]} is there twice; delete the one that was added")
+    return separator, records[0], records[1:]
+
+
+def _separator(text: str, wanted: set[str]) -> tuple[str, bool]:
+    """Return the separator with which the first line has most of the columns `wanted`.
+
+    The second value is True if spreadsheets with another separator have made one cell of each line.
+    """
+    lines = (line for line in re.split("[\r\n]+", text) if re.search(r"\w", line))
+    first = next((line for line in lines if not line.lower().startswith("sep=")), "")
+    best = (-1, ",", False)
+    for separator in SEPARATORS:
+        values = next(csv.reader([first], delimiter=separator), [])
+        best = max(best, (len(wanted.intersection(map(str.strip, values))), separator, False), key=_known)
+        cells = [*filter(None, values)]
+        if len(cells) == 1 and cells[0] != first:
+            inner = max(len(wanted.intersection(cells[0].split(each))) for each in SEPARATORS)
+            best = max(best, (inner, separator, True), key=_known)
+    return best[1:]
+
+
+def _known(candidate: tuple[int, str, bool]) -> int:
+    return candidate[0]
+
+
+def _records(path: Path, text: str, separator: str) -> list[_Record]:
+    if begin := int(text[:4].lower() == "sep="):  # a line for Excel
+        text = re.sub(r"\A.*[\r\n]+", "", text)
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
+    records: list[_Record] = []
+    try:
+        records += [
+            _Record(begin + reader.line_num, values) for values in reader if any(map(str.strip, values))
+        ]
+    except csv.Error as error:
+        line = begin + reader.line_num
+        raise ConfigError(f"{path}, line {line}: {error}; correct or delete the line") from error
+    return records
+
+
+def _rows(path: Path, names: Sequence[str], records: Sequence[_Record]) -> tuple[list[Row], bool]:
+    """Return the rows, and True if numbers have decimal commas."""
+    at = [place for place, name in enumerate(names) if name in (*NUMBERS, *COUNTS)]
+    numbers = [record.values[place] for record in records for place in at if place < len(record.values)]
+    has_commas = any("," in number for number in numbers)
+    is_decimal = has_commas and not any("." in number for number in numbers)
+    rows: list[Row] = []
+    for record in records:
+        try:
+            rows.append(_row(names, record.values, is_decimal=is_decimal))
+        except ValueError as error:
+            raise ConfigError(f"{path}, line {record.line}: {error}; correct or delete the line") from error
+    return rows, has_commas
+
+
+def _row(names: Sequence[str], values: Sequence[str], *, is_decimal: bool) -> Row:
+    """Return a row of a table. Raises ValueError if it is damaged."""
+    missing = len(names) - len(values)
+    if any(map(str.strip, values[len(names) :])):
+        raise ValueError(f"not {len(names)} values")
+    row = dict(zip(names, [*map(str.strip, values), *[""] * missing], strict=False))
+    if missing > 0 and not (
+        row.get("outcome") == "skipped" and row.get("began_utc")
+    ):  # then the rest is empty
+        raise ValueError(f"not {len(names)} values")
+    row.pop("", None)
+    for name in COUNTS:
+        if name in row:
+            row[name] = _count(name, row[name].replace(",", "."))
+    for name in NUMBERS:
+        if name in row:
+            row[name] = _number(name, row[name], is_decimal=is_decimal)
+    for name in row.keys() - {*COUNTS, *NUMBERS}:
+        row[name] = restore_formula(row[name])
+    if (outcome := row.get("outcome", "hit")) not in OUTCOMES:
+        raise ValueError(f"outcome is {outcome!r}, not one of {', '.join(OUTCOMES)}")
+    if began := row.get("began_utc"):
+        row["began_utc"] = _time(began)
+    _check_error(row)
+    return row
+
+
+def _count(name: str, text: str) -> str:
+    if (found := COUNT.fullmatch(text)) is None:
+        raise ValueError(f"{name} is {text!r}, not a whole number")
+    return found[1]
+
+
+def _number(name: str, text: str, *, is_decimal: bool) -> str:
+    if text in NOT_KNOWN:
+        return ""
+    if "," in text and (is_decimal or not GROUPED.fullmatch(text)):
+        text = text.replace(",", ".", 1)
+    if not NUMBER.fullmatch(text):
+        raise ValueError(f"{name} is {text!r}, not a number or empty")
+    return text
+
+
+def _time(text: str) -> str:
+    try:
+        time = dt.datetime.fromisoformat(text)
+    except ValueError:
+        time = None
+    if time is None or ":" not in text:
+        raise ValueError(f"began_utc is {text!r}, not a time such as 2026-01-31T10:00:00.5+00:00")
+    return text if time.tzinfo else f"{text}+00:00"
+
+
+def _check_error(row: Row) -> None:
+    """Check the columns that state the same length twice: spreadsheets take 1.333 for 1333 or a date.
+
+    Raises: ValueError: If they differ.
+    """
+    points = [row.get(f"{point}_{axis}_m", "") for point in ("target", "selected") for axis in "xyz"]
+    if not row.get("error_m") or not all(points):
+        return
+    x, y, z, *selected = map(float, points)
+    error_m, apart_m = float(row["error_m"]), math.dist((x, y, z), selected)
+    if abs(error_m - apart_m) > max(MAX_ERROR_APART_M, 1e-3 * apart_m):
+        raise ValueError(f"error_m is {error_m:g}, but target and selected point are {apart_m:g} m apart")

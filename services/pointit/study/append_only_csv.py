@@ -45,6 +45,7 @@ class AppendOnlyCsv:
         self._columns = columns
         self._key = key or columns
         self._on_note = on_note
+        self._replayed = frozenset[tuple[str, ...]]()
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._lock = path.open("a+b")
@@ -66,8 +67,13 @@ class AppendOnlyCsv:
         """
         self._restore_removed_rows()
         texts = [{name: _text(row.get(name)) for name in self._columns} for row in rows]
-        self._write(texts)
+        self._write([row for row in texts if self._key_of(row) not in self._replayed])
         self.rows += texts
+
+    def replay(self) -> None:
+        """Begin again without rows. Those that are in the file already are not written a second time."""
+        self._replayed = frozenset(map(self._key_of, self.rows))
+        self.rows = []
 
     def close(self) -> None:
         """Close the file. Raises: PointItError: If rows that were removed cannot be written again."""
@@ -128,7 +134,8 @@ class AppendOnlyCsv:
         return tuple(row[name] for name in self._key)
 
     def _write(self, rows: Iterable[Row]) -> None:
-        self._write_lines(b"".join(table_line(spreadsheet_row(row).values()) for row in rows))
+        if lines := b"".join(table_line(spreadsheet_row(row).values()) for row in rows):
+            self._write_lines(lines)
 
     def _write_lines(self, lines: bytes) -> None:
         size = os.fstat(self._file.fileno()).st_size

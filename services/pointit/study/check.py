@@ -1,18 +1,27 @@
 """Check of a study's folder: what is missing or wrong."""
 
 import datetime as dt
-from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from pointit.runtime.errors import ConfigError
-from pointit.study.data import TRIALS, Row, counts, done_trials, read_about, read_table, study_in
+from pointit.study.data import (
+    TRIALS,
+    check_begun,
+    counts,
+    done_trials,
+    read_about,
+    read_answers,
+    read_trials,
+    study_in,
+)
 from pointit.study.model import SHIPPED, Study
 from pointit.study.order import imbalance
-from pointit.study.plan import plan_of
+from pointit.study.plan import check_sequences, plan_of, row_errors
 from pointit.study.session import CLOCK_APART_S
 from pointit.study.site.scenario import check_services
+from pointit.study.table_file import Row
 
 
 class Finding(NamedTuple):
@@ -31,25 +40,34 @@ def check_folder(folder: Path) -> list[Finding]:
     """
     study = study_in(folder)
     findings: list[Finding] = []
-    if study.scenario in SHIPPED:  # another one is beside the file, which may be elsewhere
+    of_site = [check_services] if study.scenario in SHIPPED else []  # another one may be elsewhere
+    for check in (*of_site, check_sequences):
         try:
-            check_services(study)
+            check(study)
         except ConfigError as error:
             findings.append(Finding("error", "", str(error)))
     begun: dict[str, list[Row]] = {}
-    for path in sorted(folder.glob(f"*/{TRIALS}")):
-        name = path.parent.name
+    for path in sorted(each for each in folder.iterdir() if each.is_dir()):
+        name = path.name
         try:
-            begun[name] = read_table(path)
+            about = read_about(path)
+            check_begun(path)
+            if not (path / TRIALS).exists():
+                continue
+            notes: list[str] = []
+            begun[name] = read_trials(study, path, notes.append, notes.append)
+            read_answers(path, notes.append, notes.append)
         except ConfigError as error:
             findings.append(Finding("error", name, str(error)))
             continue
+        findings += [Finding("note", name, note) for note in notes]
         if name not in study.people:
             findings.append(Finding("error", name, "does not take part in the study; remove the folder"))
         else:
-            findings += _of_one(study, name, path.parent, begun[name])
+            findings += _of_one(study, name, about, begun[name])
     findings += [Finding("error", "", text) for text in _twice(begun, folder)]
-    missing = [name for name in study.people if name not in begun]
+    damaged = {finding.participant for finding in findings}
+    missing = [name for name in study.people if name not in begun.keys() | damaged]
     if missing:
         findings.append(Finding("note", "", f"not begun: {', '.join(missing)}"))
     orders = [plan_of(study, name).order for name in study.people if name in begun]
@@ -64,8 +82,8 @@ def check_folder(folder: Path) -> list[Finding]:
     return sorted(findings, key=lambda finding: finding.severity != "error")
 
 
-def _of_one(study: Study, name: str, folder: Path, rows: list[Row]) -> Iterator[Finding]:
-    plan, about = plan_of(study, name), read_about(folder)
+def _of_one(study: Study, name: str, about: Mapping[str, Any], rows: list[Row]) -> Iterator[Finding]:
+    plan = plan_of(study, name)
     missing = sorted({trial.number for trial in plan.trials} - done_trials(rows))
     if missing:
         some = ", ".join(map(str, missing[:5])) + (" ..." if len(missing) > 5 else "")
@@ -76,16 +94,13 @@ def _of_one(study: Study, name: str, folder: Path, rows: list[Row]) -> Iterator[
         )
     if about.get("order", list(plan.order)) != list(plan.order):
         yield Finding("error", name, f"had the order {about['order']}, the plan has {list(plan.order)}")
-    by_number = {trial.number: trial for trial in plan.trials}
-    for row in rows:
-        trial = by_number.get(int(row["trial"]))
-        if trial is None or any(row.get(factor) != level for factor, level in trial.cell.items()):
-            yield Finding("error", name, f"trial {row['trial']} is not that of the plan")
-    if twice := [key for key, n in Counter((row["trial"], row["attempt"]) for row in rows).items() if n > 1]:
-        yield Finding("error", name, f"attempt {twice[0][1]} at trial {twice[0][0]} is there twice")
+    if (pseudonym := str(about.get("pseudonym", name))) != name:
+        yield Finding("error", name, f"{name} has the participant.yaml of {pseudonym}")
+    for text in row_errors(plan, rows):
+        yield Finding("error", name, text)
     if skipped := [row["trial"] for row in rows if counts(row) and row["outcome"] == "skipped"]:
         yield Finding("note", name, f"skipped: trial {', '.join(skipped)}")
-    if not about.get("simulated"):  # virtual time begins again after a crash
+    if not about.get("simulated"):  # of earlier versions, virtual time began again after a crash
         yield from _clocks(name, rows, float(about.get("clock_apart_s", 0.0)))
 
 
@@ -93,7 +108,7 @@ def _clocks(name: str, rows: list[Row], apart_s: float) -> Iterator[Finding]:
     if apart_s > CLOCK_APART_S:
         yield Finding("error", name, f"the wrist's clock is {apart_s:g} s apart from the site's")
     before: Row | None = None
-    for row in rows:
+    for row in filter(_began, rows):
         if before is not None:
             least_s = float(before["selection_s"] or 0.0)
             passed_s = (_time(row) - _time(before)).total_seconds()
@@ -111,12 +126,12 @@ def _twice(begun: dict[str, list[Row]], folder: Path) -> Iterator[str]:
     for name, rows in begun.items():
         said = {row["participant"] for row in rows} | {str(read_about(folder / name).get("pseudonym", name))}
         for other in sorted(said):
-            if (first := owners.setdefault(other, name)) != name or other != name:
-                yield (
-                    f"{other} is there twice, in {first} and {name}"
-                    if first != name
-                    else f"{name} has data of {other}"
-                )
+            if (first := owners.setdefault(other, name)) != name:
+                yield f"{other} is there twice, in {first} and {name}"
+
+
+def _began(row: Row) -> str:
+    return row["began_utc"]
 
 
 def _time(row: Row) -> dt.datetime:

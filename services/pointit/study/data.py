@@ -3,8 +3,9 @@
 import contextlib
 import datetime as dt
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from copy import copy
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import yaml
 from pydantic import Field, StrictBool
@@ -26,6 +27,11 @@ ATTEMPT = ("trial", "attempt")
 """Columns that name a row of the trials of a participant."""
 ANSWER = ("questionnaire", "block", "item")
 """Columns that name a row of the answers of a participant."""
+RECORD = (
+    *("pseudonym", "simulated", "group", "seed", "order", "versions", "consented", "begun", "configuration"),
+    *("clock_apart_s", "ended"),
+)
+"""Keys of `participant.yaml` that the study writes."""
 MAX_TIMEOUTS = 2.0
 """Maximum time of a trial in timeouts of the study. A longer one was never measured."""
 Note = Callable[[str], object]
@@ -39,14 +45,14 @@ def no_note(_: str) -> None:
 class ParticipantRecord(Config):
     """What is read of `participant.yaml`. It has more, and people may add their own."""
 
-    pseudonym: str | int | None = None
-    simulated: StrictBool | None = None
-    order: tuple[str, ...] | None = None
-    consented: StrictBool | None = None
-    begun: str | dt.datetime | None = None
-    ended: str | dt.datetime | None = None
-    clock_apart_s: float | None = Field(default=None, ge=0)
-    configuration: tuple[dict[str, Any], ...] | None = None
+    pseudonym: str | int = ""
+    simulated: StrictBool = False
+    order: tuple[str, ...] = ()
+    consented: StrictBool = False
+    begun: str | dt.datetime = ""
+    ended: str | dt.datetime = ""
+    clock_apart_s: float = Field(default=0.0, ge=0)
+    configuration: tuple[dict[str, Any], ...] = ()
 
 
 class StudyFolder:
@@ -68,15 +74,25 @@ class StudyFolder:
         self.columns = columns_of(list(study.factors))
         self._study = study
         self._on_note = on_note
-        copy = path / STUDY
-        if not copy.exists():
+        self.is_replayed = False
+        """True if sessions begin again and write only what is not there yet."""
+        study_file = path / STUDY
+        if not study_file.exists():
             if (path / COLUMNS_FILE).exists():
                 raise ConfigError(f"{path / COLUMNS_FILE} is not of this study; use another folder")
             table = b"".join(map(table_line, [("column", "unit", "meaning"), *self.columns]))
             write_atomically(path / COLUMNS_FILE, table, mode=0o644)
-            write_atomically(copy, source.encode(), mode=0o644)
-        elif changed := _difference(read_yaml(copy), parse_yaml(source.encode(), "the study")):
-            raise ConfigError(f"{copy} differs from the study; use another folder, or that file (see {changed})")
+            write_atomically(study_file, source.encode(), mode=0o644)
+        elif changed := _difference(read_yaml(study_file), parse_yaml(source.encode(), "the study")):
+            raise ConfigError(
+                f"{study_file} differs from the study; use another folder, or that file (see {changed})"
+            )
+
+    def replayed(self) -> Self:
+        """Return this folder for sessions that begin again."""
+        folder = copy(self)
+        folder.is_replayed = True
+        return folder
 
     def trials(self, participant: str) -> AppendOnlyCsv:
         """Return the table of the trials of `participant`.
@@ -89,16 +105,22 @@ class StudyFolder:
         with contextlib.ExitStack() as unless_used:
             unless_used.callback(table.close)
             check_trials(self._study, path, table.rows)
+            if self.is_replayed:
+                table.replay()
             unless_used.pop_all()
         return table
 
     def answers(self, participant: str) -> AppendOnlyCsv:
         """Return the table of the answers of `participant`."""
-        return AppendOnlyCsv(self.path / participant / ANSWERS, ANSWER_COLUMNS, ANSWER, self._on_note)
+        table = AppendOnlyCsv(self.path / participant / ANSWERS, ANSWER_COLUMNS, ANSWER, self._on_note)
+        if self.is_replayed:
+            table.replay()
+        return table
 
     def about(self, participant: str) -> dict[str, Any]:
         """Return the content of `participant.yaml`, empty if they have not begun."""
-        return read_about(self.path / participant)
+        about = read_about(self.path / participant)
+        return {name: about[name] for name in about if not self.is_replayed or name not in RECORD}
 
     def put_about(self, participant: str, about: Mapping[str, Any]) -> None:
         """Replace the content of `participant.yaml`. One that people have edited is kept beside it."""

@@ -1,16 +1,23 @@
 """The full list of trials of a participant, and what is left of it."""
 
+import itertools
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from pointit.runtime.errors import ConfigError
-from pointit.study.data import Row, done_trials
+from pointit.study.data import done_trials
 from pointit.study.model import Study
 from pointit.study.order import square
+from pointit.study.table_file import Row
 from pointit.study.tasks.scene import Trial
+from pointit.study.tasks.targets import Tapping
+
+MIN_SEQUENCE_TRIALS = 5
+"""Minimum number of movements of a sequence that has a throughput. The standard's circles have 9 to 25."""
+MAX_ADVISED_REPETITIONS = 100
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,6 +92,61 @@ def _shuffled(study: Study, rng: np.random.Generator, count: int | None = None) 
     return [cells[int(each)] for _ in range(rounds) for each in rng.permutation(len(cells))][:count]
 
 
+def row_errors(plan: Plan, rows: Iterable[Row]) -> Iterator[str]:
+    """Yield a sentence on each row that is not of `plan`, or is there twice."""
+    by_number = {trial.number: trial for trial in plan.trials}
+    for row in rows:
+        trial = by_number.get(int(row["trial"]))
+        if trial is None or any(row.get(factor) != level for factor, level in trial.cell.items()):
+            yield f"trial {row['trial']} is not that of the plan"
+    if twice := [key for key, n in Counter((row["trial"], row["attempt"]) for row in rows).items() if n > 1]:
+        yield f"attempt {twice[0][1]} at trial {twice[0][0]} is there twice"
+    if others := sorted({row["participant"] for row in rows} - {plan.participant}):
+        yield f"{plan.participant} has data of {others[0]}"
+
+
+def check_sequences(study: Study) -> None:
+    """Check that each block of a tapping study has a sequence of which there is a throughput.
+
+    Raises: ConfigError: If a condition has fewer movements of one distance and width than
+        `MIN_SEQUENCE_TRIALS` in a block, even if all trials are hits.
+    """
+    if not isinstance(study.task, Tapping) or (short := _shortest_sequence(study))[0] >= MIN_SEQUENCE_TRIALS:
+        return
+    movements, condition = short
+    more = range(study.repetitions + 1, MAX_ADVISED_REPETITIONS)
+    copies = (study.model_copy(update={"repetitions": each}) for each in more)
+    enough = (copy.repetitions for copy in copies if _shortest_sequence(copy)[0] >= MIN_SEQUENCE_TRIALS)
+    raise ConfigError(
+        f"repetitions: {study.repetitions}: {f'{condition}: ' if condition else ''}a block has {movements} "
+        f"movements with one distance and width, of which the first trial is none, and throughput needs "
+        f"{MIN_SEQUENCE_TRIALS}; use repetitions: {next(enough, MAX_ADVISED_REPETITIONS)} or more"
+    )
+
+
+def _shortest_sequence(study: Study) -> tuple[int, str]:
+    """Return the fewest movements of one condition, distance and width in a block, and the condition."""
+    distances = {cell: study.task_in(dict(cell)).model_dump()["distance_m"] for cell in _cells(study)}
+    shortest: list[tuple[int, str]] = []
+    for name in study.people:
+        plan = plan_of(study, name)
+        for number in range(1, len(plan.order) + 1):
+            trials = [trial for trial in plan.block(number) if not trial.practice]
+            cells = [tuple(trial.cell.items()) for trial in trials]
+            moved = Counter((cell, distances[before]) for before, cell in itertools.pairwise(cells))
+            for cell in set(cells):
+                most = max((count for (to, _), count in moved.items() if to == cell), default=0)
+                shortest.append((most, condition_of(dict(cell))))
+    return min(shortest)
+
+
+def _cells(study: Study) -> Iterator[tuple[tuple[str, str], ...]]:
+    """Yield all combinations of levels, in the order of `Trial.cell`."""
+    for parts in itertools.product(*(study.cells(vary) for vary in ("between", "block", "trial"))):
+        levels = {name: level for part in parts for name, level in part.items()}
+        yield tuple((name, levels[name]) for name in study.factors)
+
+
 class Progress:
     """The trials that are left. A crash at any time loses at most the attempt that was going on."""
 
@@ -93,7 +155,7 @@ class Progress:
         self._trials = {trial.number: trial for trial in plan.trials}
         self._left = sorted(self._trials.keys() - done_trials(rows))
         self._attempts = Counter(int(row["trial"]) for row in rows)
-        self._last = int(rows[-1]["trial"]) if rows else None
+        self._last = max((int(row["trial"]) for row in rows), default=None)
 
     @property
     def left(self) -> int:

@@ -4,6 +4,7 @@ import contextlib
 import json
 import math
 import platform
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -11,11 +12,12 @@ from typing import Any
 import pointit
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import ConfigError, PointItError
+from pointit.study.append_only_csv import AppendOnlyCsv
 from pointit.study.columns import REPEATED, utc
-from pointit.study.data import AppendOnlyCsv, StudyFolder
+from pointit.study.data import StudyFolder
 from pointit.study.measure import Attempt, load_end_rule
 from pointit.study.model import Study
-from pointit.study.plan import Progress, condition_of, plan_of
+from pointit.study.plan import Progress, condition_of, plan_of, row_errors
 from pointit.study.questionnaires import scale_of
 from pointit.study.site.lsl import LslOutlets
 from pointit.study.site.scenario import scenario_file, scenes_of
@@ -31,6 +33,16 @@ CLOCK_APART_S = 0.5
 
 class StoppedError(PointItError):
     """The experimenter has stopped the session; it can go on later."""
+
+
+def check_simulated(participant: str, about: Mapping[str, Any], *, simulated: bool) -> None:
+    """Check that a participant, about whom `about` is known, goes on as they have begun.
+
+    Raises: ConfigError: If they are simulated and were a person, or the other way round.
+    """
+    if about.get("simulated", simulated) != simulated:
+        whose = "a person" if simulated else "a simulated person"
+        raise ConfigError(f"{participant} was begun by {whose}; give another participant or --to")
 
 
 class Session:
@@ -51,14 +63,16 @@ class Session:
         self._setup = setup
         self._plan = plan_of(study, participant)
         self._end_rule = load_end_rule(study.end, study.folder)
+        self._about: dict[str, Any] = folder.about(participant)
         self._table: AppendOnlyCsv = folder.trials(participant)
         self._progress = Progress(self._plan, self._table.rows)
-        self._about: dict[str, Any] = folder.about(participant)
+        data = folder.path / participant
+        problem = next((f"{data}: {each}" for each in row_errors(self._plan, self._table.rows)), "")
         if not self._progress.left and self._about.get("ended"):
+            problem = problem or f"{participant} has finished; give another one, or move {data} away"
+        if problem:
             self._table.close()
-            raise ConfigError(
-                f"{participant} has finished; give another one, or move {folder.path / participant} away"
-            )
+            raise ConfigError(problem)
         self._joined: StudySite | None = None
         self._scenes: list[Scene] = []
         """Scenes of the block, by `Trial.place`."""
@@ -95,10 +109,8 @@ class Session:
 
     async def _begin(self) -> None:
         simulated = bool(self._setup.person) or not self._setup.imu
-        if self._about.get("simulated", simulated) != simulated:
-            whose = "a person" if simulated else "a simulated person"
-            raise ConfigError(f"{self._participant} was begun by {whose}; give another participant or --to")
-        if not self._about:
+        check_simulated(self._participant, self._about, simulated=simulated)
+        if "seed" not in self._about:
             self._put(
                 pseudonym=self._participant,
                 simulated=simulated,
@@ -266,9 +278,9 @@ class Session:
         if block < 1 or not self._study.questionnaires:
             return
         with contextlib.closing(self._folder.answers(self._participant)) as table:
-            answered = {(row["questionnaire"], row["block"]) for row in table.rows}
+            answered = Counter((row["questionnaire"], row["block"]) for row in table.rows)
             for scale in map(scale_of, self._study.questionnaires):
-                if (scale.name, str(block)) in answered:
+                if answered[scale.name, str(block)] >= len(scale.items):
                     continue
                 about = {"participant": self._participant, "questionnaire": scale.name, "block": block}
                 about |= {"condition": self._plan.order[block - 1]}

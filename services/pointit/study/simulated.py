@@ -6,10 +6,11 @@ from collections.abc import Callable
 import numpy as np
 
 import pointit
-from pointit.study.data import StudyFolder
+from pointit.study.data import StudyFolder, read_trials
 from pointit.study.model import Study, Value
+from pointit.study.plan import Progress, plan_of
 from pointit.study.questionnaires import Scale
-from pointit.study.session import Session
+from pointit.study.session import Session, check_simulated
 from pointit.study.site.study_site import SiteOptions
 from pointit.study.step import Step
 from pointit.study.view import Command, Status
@@ -73,10 +74,26 @@ def simulate(
     *,
     record: bool = False,
 ) -> None:
-    """Run what is left for `participant`, simulated; the same study gives the same data.
+    """Run all trials of `participant`, simulated, and write what is not there yet.
 
-    Raises: ConfigError: If they have finished. PointItError: If a service fails, or data cannot be written.
+    The same study gives the same data, also if it was interrupted: a simulated person who began in the middle
+    of a block would have another arm, another time and other answers.
+
+    Raises: ConfigError: If they have finished, or were begun by a person. PointItError: If a service fails,
+        or data cannot be written.
     """
-    view = SimulatedView(study.seed + study.people.index(participant), on_status)
+    about = folder.about(participant)
+    check_simulated(participant, about, simulated=True)
     setup = SiteOptions(record=record, person=person_of(study, participant))
-    pointit.run_virtually(Session(study, folder, participant, view, setup).run())
+
+    def run(data: StudyFolder) -> None:
+        view = SimulatedView(study.seed + study.people.index(participant), on_status)
+        pointit.run_virtually(Session(study, data, participant, view, setup).run())
+
+    is_interrupted = bool(about) and not about.get("ended")
+    run(folder.replayed() if is_interrupted else folder)
+    if (
+        is_interrupted
+        and Progress(plan_of(study, participant), read_trials(study, folder.path / participant)).left
+    ):
+        run(folder)  # what an experimenter had stopped or skipped

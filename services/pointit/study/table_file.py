@@ -109,7 +109,7 @@ def parse_table(path: Path, columns: Iterable[str]) -> Table:
     separator, header, records = _split(path, text, columns)
     canonical = b"".join(table_line(record.values) for record in (header, *records)) if header else b""
     tail = b""
-    if canonical == content[:cut]:
+    if header and canonical == content[:cut]:
         tail = content[cut:]
     elif cut < len(content):  # other programs leave out the last line end
         text += _decode(path, content[cut:], encoding)

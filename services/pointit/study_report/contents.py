@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 
-from pointit.study_report import comparisons, figures, mixed, scores, tapping
+from pointit.study_report import comparisons, figures, mixed, scores, sequences, tapping
 from pointit.study_report.model import MEASURES, Trials
 
 _FILE = resources.files("pointit.study_report") / "sections.yaml"
@@ -54,7 +54,7 @@ def sections(study: Trials) -> Iterator[Section]:
     yield Section("Learning", ABOUT["learning"], _both("learning"))
     for unit, title in (("m", "Throughput and Fitts' law"), ("deg", "Throughput and Fitts' law of angles")):
         if study.has(f"target_width_{unit}"):
-            steps = [Step(tapping.throughput, (unit,))]
+            steps = [Step(sequences.throughput, (unit,)), Step(sequences.omissions, (unit,))]
             for index in ("m",) if unit == "m" else ("deg", "kopper"):
                 steps += [Step(figures.fitts, (index,)), Step(tapping.fitts, (index,))]
             yield Section(title, ABOUT[unit], tuple(steps))

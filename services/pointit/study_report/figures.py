@@ -103,8 +103,8 @@ def fitts(study: Trials, index: Index = "m") -> Figure:
     figure, axes = _axes(6)
     for place, row in enumerate(tapping.fitts(study, index)):
         group = tuple((factor, row[factor]) for factor in study.factors if factor in row)
-        bits, times = points[group]
-        whole = times[~np.isnan(times).any(axis=1)].mean(axis=0)
+        bits = points[group].bits
+        whole = points[group].times.mean(axis=0)
         colour = COLOURS[place % 7]
         axes.plot(bits, whole, "o", color=colour, ms=5, label=study.label(level for _, level in group))
         ends = np.array([bits.min(), bits.max()])

@@ -6,7 +6,7 @@ from functools import cached_property
 from pathlib import Path
 
 from pointit.runtime.errors import ConfigError
-from pointit.study.data import Row
+from pointit.study.table_file import Row
 
 MEASURES: Mapping[str, str] = {
     "selection_s": "time to selection, s",

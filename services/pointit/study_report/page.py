@@ -11,6 +11,7 @@ from pointit.runtime.host.extras import pointit_version
 from pointit.study_report import figures
 from pointit.study_report.contents import capital, sections
 from pointit.study_report.model import Trials
+from pointit.study_report.sequences import omission_notes
 from pointit.study_report.table import RESAMPLES, Table
 
 STYLE = (resources.files("pointit.study_report") / "report.css").read_text(encoding="utf-8")
@@ -61,6 +62,11 @@ def report(study: Trials, folder: str, tell: Callable[[str], object] = lambda _:
     return "\n".join(parts), json.dumps(book, indent=1, ensure_ascii=False) + "\n"
 
 
+def notes_of(study: Trials) -> list[str]:
+    """Return sentences on all that is left out of the report of `study`."""
+    return [*study.notes, *omission_notes(study)]
+
+
 def _head(study: Trials) -> str:
     count = len(study.participants)
     facts = f"{count} participant{'s' * (count != 1)}, {len(study.counted)} trials"
@@ -68,7 +74,7 @@ def _head(study: Trials) -> str:
     for factor in study.factors:
         kind = "within" if study.is_within(factor) else "between"
         facts += f"; factor {factor} ({kind} participants): {', '.join(study.levels(factor))}"
-    notes = [*study.notes]
+    notes = notes_of(study)
     if count == 1:
         notes.append("One participant: there are no intervals over participants and no tests.")
     listed = "".join(f"<li>{escape(note)}</li>" for note in notes)

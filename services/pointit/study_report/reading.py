@@ -8,8 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from pointit.runtime.errors import ConfigError
+from pointit.study.append_only_csv import spreadsheet_row
 from pointit.study.columns import COUNTS, NUMBERS, columns_of
-from pointit.study.data import ANSWER_COLUMNS, ANSWERS, TRIALS, Row, counts, read_table, study_in
+from pointit.study.data import TRIALS, counts, read_answers, read_trials, study_in
+from pointit.study.table_file import Row
 from pointit.study_report.model import TrialRow, Trials
 
 
@@ -23,22 +25,17 @@ def trials(folder: str | Path) -> Trials:
     folder = Path(folder)
     study = study_in(folder)
     levels = {name: tuple(factor.levels) for name, factor in study.factors.items()}
-    columns = [name for name, _, _ in columns_of(list(levels))]
     notes: list[str] = []
     rows: list[TrialRow] = []
     answers: list[Row] = []
     for path in sorted(folder.glob(f"*/{TRIALS}")):
-        lines = read_table(path, columns, notes.append)
+        lines = read_trials(study, path.parent, notes.append)
         if twice := {row.participant for row in rows} & {line["participant"] for line in lines}:
             raise ConfigError(f"{path}: {min(twice)} is also in another folder; move one of them away")
         if not lines:
             notes.append(f"{path.parent.name} has no trial.")
-        for name, known in levels.items():
-            if unknown := {line[name] for line in lines} - {*known}:
-                raise ConfigError(f"{path}: {name} {min(unknown)!r} is not of the study; correct it")
         rows += [_trial(line, levels) for line in lines]
-        if (answered := path.with_name(ANSWERS)).exists():
-            answers += read_table(answered, ANSWER_COLUMNS, notes.append)
+        answers += read_answers(path.parent, notes.append)
     rows.sort(key=lambda row: (row.participant, row.block, row.trial, row.attempt))
     found = Trials(folder=folder, title=study.name, stated=levels, rows=tuple(rows), answers=tuple(answers))
     if not found.counted:
@@ -52,12 +49,15 @@ def write_all_trials(folder: str | Path, to: str | Path) -> list[Path]:
     Numbers stay as they are written in the first, and are numbers in the second, null if they are not known.
     Returns the files. Raises: ConfigError: As of `trials`.
     """
-    rows = [row for path in sorted(Path(folder).glob(f"*/{TRIALS}")) for row in read_table(path)]
+    study = study_in(Path(folder))
+    names = [name for name, _, _ in columns_of(list(study.factors))]
+    paths = sorted(Path(folder).glob(f"*/{TRIALS}"))
+    rows = [row for path in paths for row in read_trials(study, path.parent)]
     target = Path(to) / "all_trials.csv"
     with target.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+        writer = csv.DictWriter(file, names, extrasaction="ignore", lineterminator="\n")
         writer.writeheader()
-        writer.writerows(rows)
+        writer.writerows(map(spreadsheet_row, rows))
     if importlib.util.find_spec("pyarrow") is None:
         return [target]
     arrow = importlib.import_module("pyarrow")
@@ -66,7 +66,7 @@ def write_all_trials(folder: str | Path, to: str | Path) -> list[Path]:
         name: arrow.array([row[name] for row in rows], arrow.string())
         if name not in kinds
         else arrow.array([float(row[name]) if row[name] else None for row in rows]).cast(kinds[name])
-        for name in rows[0]
+        for name in names
     }
     parquet = target.with_suffix(".parquet")
     importlib.import_module("pyarrow.parquet").write_table(arrow.table(columns), parquet)

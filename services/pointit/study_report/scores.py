@@ -6,8 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from pointit.runtime.errors import ConfigError
-from pointit.study.data import NUMBER
 from pointit.study.questionnaires import NASA_TLX, SUS
+from pointit.study.table_file import NUMBER
 from pointit.study_report.model import Trials
 from pointit.study_report.table import Table, summary
 

@@ -10,8 +10,8 @@
   distal pointing tasks in virtual reality. IEEE TVCG (arXiv 2505.03027): Fitts' index of angles fits best.
 """
 
-from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -20,7 +20,7 @@ from scipy import stats
 
 from pointit.runtime.errors import ConfigError
 from pointit.study_report.model import SELECTED, TARGET, TrialRow, Trials
-from pointit.study_report.table import Table, percentile_interval, resample_indices, summary
+from pointit.study_report.table import Table, percentile_interval, resample_indices
 
 Unit = Literal["m", "deg"]
 Index = Literal["m", "deg", "kopper"]
@@ -29,8 +29,6 @@ Floats = NDArray[np.float64]
 
 WIDTHS_PER_SD = float(np.sqrt(2 * np.pi * np.e))
 """4.133: the width that 96 % of normally distributed selections hit, in standard deviations."""
-LEAST_TRIALS = 5
-"""Least trials of a sequence. The standard's circles have 9 to 25."""
 KOPPER_EXPONENT = 3
 """k of Kopper et al. (2010), for angles in degrees."""
 MOST_UNEVEN = 1.05
@@ -140,53 +138,19 @@ def effective(distance: Floats, error: Floats, before: Floats, seconds: Floats) 
     return Effective(float(moved[known].mean()), width, float(seconds[known].mean()))
 
 
-def throughput(study: Trials, unit: Unit = "m") -> Table:
-    """Return the throughput of each `Group`: the mean over participants of the means of their sequences.
-
-    A sequence is the trials of a block with the same condition, distance and width. A movement begins at the
-    target before, so that a block's first trial is not counted. Selections further from the target than half
-    the distance are gross errors and left out (Soukoreff and MacKenzie, 2004). Times include reaction and
-    dwell. Errors in degrees are those in metres, at the distance of the target.
-
-    Raises: ConfigError: If no sequence has `LEAST_TRIALS`.
-    """
-    found: dict[Group, dict[str, list[Effective]]] = defaultdict(lambda: defaultdict(list))
-    gross: Counter[Group] = Counter()
-    sequences: dict[tuple[object, ...], list[Movement]] = defaultdict(list)
-    for each in movements(study):
-        row = each.trial
-        needed = ("selection_s", f"target_distance_{unit}", f"target_width_{unit}")
-        if row.outcome in ("hit", "wrong") and not np.isnan(each.error_m) and row.numbers.keys() >= {*needed}:
-            sequences[row.participant, row.block, row.levels, each.size_m].append(each)
-    for moved in sequences.values():
-        group = moved[0].group
-        distance, error, before = (
-            np.array(column) for column in zip(*(_in(one, unit) for one in moved), strict=True)
-        )
-        far = np.abs(error) > distance / 2
-        gross[group] += int(far.sum())
-        error[far] = np.nan
-        if np.sum(~np.isnan(error)) < LEAST_TRIALS or np.nanstd(error) == 0:
-            continue
-        seconds = np.array([one.trial.numbers["selection_s"] for one in moved])
-        found[group][moved[0].trial.participant].append(effective(distance, error, before, seconds))
-    if not found:
-        raise ConfigError(
-            f"{study.folder}: no block has {LEAST_TRIALS} selections in a row with one distance and width in"
-            f" {unit}, so there is no throughput; it is of tapping tasks"
-        )
-    table = Table()
-    for group, by_participant in found.items():
-        people = [[(each.throughput, each.bits, *each) for each in one] for one in by_participant.values()]
-        means = np.array([np.mean(one, axis=0) for one in people])
-        _, *mean = (float(each) for each in means.mean(axis=0))
-        names = ("effective_bits", f"effective_distance_{unit}", f"effective_width_{unit}", "movement_s")
-        columns = summary(
-            means[:, 0].tolist(), "throughput_bit_per_s", np.mean, sequences=sum(map(len, people))
-        )
-        more = dict(zip(names, mean, strict=True))
-        table.append({**dict(group), **columns, **more, "left_out": gross[group]})
-    return table
+def groups_of_participants(study: Trials, groups: Iterable[Group]) -> dict[str, list[Group]]:
+    """Return those of `groups` that each participant should have: those with their levels between people."""
+    between = [factor for factor in study.factors if not study.is_within(factor)]
+    own = {
+        row.participant: {name: row.levels[study.index(name)] for name in between} for row in study.counted
+    }
+    all_groups = list(dict.fromkeys(groups))
+    return {
+        participant: [
+            group for group in all_groups if all(levels.get(name, level) == level for name, level in group)
+        ]
+        for participant, levels in own.items()
+    }
 
 
 def bits(distance: Floats, width: Floats, index: Index = "m") -> Floats:
@@ -196,42 +160,78 @@ def bits(distance: Floats, width: Floats, index: Index = "m") -> Floats:
     return np.asarray(np.log2(distance / width + 1))
 
 
-def fitts_points(study: Trials, index: Index = "m") -> dict[Group, tuple[Floats, Floats]]:
-    """Return for each condition the indices of difficulty (k,) and times of the participants (n, k), s.
+class FittsPoints(NamedTuple):
+    """Times of a condition by difficulty, of participants who have all sizes in each of their conditions."""
 
-    A time is the mean of a participant's hits with that distance and width, NaN if there is none.
-    """
+    bits: Floats
+    """Indices of difficulty, shape (k,)."""
+    times: Floats
+    """Means of the hits of each participant, shape (n, k), s."""
+    left_out: int
+    """Number of the other participants."""
+
+
+def fitts_points(study: Trials, index: Index = "m") -> dict[Group, FittsPoints]:
+    """Return the points of the regression of each condition that has three indices of difficulty."""
     names = ("target_distance_deg", "target_width_deg")
     cells: dict[Group, dict[tuple[float, float], list[TrialRow]]] = defaultdict(lambda: defaultdict(list))
     for each in movements(study):
         if each.trial.outcome == "hit" and (index == "m" or each.trial.numbers.keys() >= {*names}):
             cells[each.group][each.size_m].append(each.trial)
-    found: dict[Group, tuple[Floats, Floats]] = {}
-    for group, sizes in cells.items():
-        size = np.array(sorted(sizes))
-        people = sorted({row.participant for rows in sizes.values() for row in rows})
-        times = np.full((len(people), len(size)), np.nan)
-        for column, rows in enumerate(sizes[key] for key in sorted(sizes)):
-            for place, who in enumerate(people):
-                if own := [row.numbers["selection_s"] for row in rows if row.participant == who]:
-                    times[place, column] = np.mean(own)
-            if index != "m":
-                size[column] = np.mean([[row.numbers[name] for name in names] for row in rows], axis=0)
-        found[group] = bits(size[:, 0], size[:, 1], index), times
+    difficulty = {group: _difficulty(sizes, index) for group, sizes in cells.items()}
+    cells = {group: cells[group] for group, values in difficulty.items() if len({*values.tolist()}) >= 3}
+    own_groups = groups_of_participants(study, cells)
+    times = {group: _times(sizes) for group, sizes in cells.items()}
+    whole = {
+        group: {name for name, own in people.items() if None not in own} for group, people in times.items()
+    }
+    found: dict[Group, FittsPoints] = {}
+    for group, people in times.items():
+        own = [
+            people[name] for name in sorted(people) if all(name in whole[each] for each in own_groups[name])
+        ]
+        points = np.array(own, dtype=np.float64).reshape(-1, len(cells[group]))
+        found[group] = FittsPoints(difficulty[group], points, len(people) - len(own))
     return found
+
+
+def _times(sizes: Mapping[tuple[float, float], Sequence[TrialRow]]) -> dict[str, list[float | None]]:
+    """Return each participant's mean time for each of the sorted `sizes`, s, None if they have no hit."""
+    found: dict[str, list[float | None]] = {}
+    for name in {row.participant for rows in sizes.values() for row in rows}:
+        own = [
+            [row.numbers["selection_s"] for row in sizes[size] if row.participant == name]
+            for size in sorted(sizes)
+        ]
+        found[name] = [float(np.mean(each)) if each else None for each in own]
+    return found
+
+
+def _difficulty(sizes: Mapping[tuple[float, float], Sequence[TrialRow]], index: Index) -> Floats:
+    """Return the index of difficulty of each of the sorted `sizes`, in degrees of their trials' means."""
+    if index == "m":
+        distance, width = np.array(sorted(sizes)).T
+        return bits(distance, width)
+    names = ("target_distance_deg", "target_width_deg")
+    means = [
+        np.mean([[row.numbers[name] for name in names] for row in sizes[size]], axis=0)
+        for size in sorted(sizes)
+    ]
+    distance, width = np.array(means).T
+    return bits(distance, width, index)
 
 
 def fitts(study: Trials, index: Index = "m") -> Table:
     """Return the regression of the time over the index of difficulty, of each `Group`.
 
     The points are the means over participants. Intervals are bootstrap intervals over participants.
+    `left_out` is the number of participants who lack a distance or width here or in another condition.
 
     Raises: ConfigError: If no condition has three indices of difficulty.
     """
     table = Table()
-    for group, (difficulty, times) in fitts_points(study, index).items():
-        whole = times[~np.isnan(times).any(axis=1)]
-        if len(set(difficulty.tolist())) < 3 or not len(whole):
+    for group, (difficulty, whole, left_out) in fitts_points(study, index).items():
+        if not len(whole):
             continue
         fit = stats.linregress(difficulty, whole.mean(axis=0))
         limits: list[float | None] = [None] * 4
@@ -250,7 +250,7 @@ def fitts(study: Trials, index: Index = "m") -> Table:
         }
         row |= {"intercept_low": limits[0], "intercept_high": limits[1], "slope_s_per_bit": float(fit.slope)}
         row |= {"slope_low": limits[2], "slope_high": limits[3], "r2": float(fit.rvalue) ** 2}
-        table.append({**dict(group), **row})
+        table.append({**dict(group), **row, "left_out": left_out})
     if not table:
         raise ConfigError(
             f"{study.folder}: no condition has three different distances or widths of all its"
@@ -259,7 +259,7 @@ def fitts(study: Trials, index: Index = "m") -> Table:
     return table
 
 
-def _in(moved: Movement, unit: Unit) -> tuple[float, float, float]:
+def length_in(moved: Movement, unit: Unit) -> tuple[float, float, float]:
     """Return distance, error along the line and the error before in `unit`."""
     if unit == "m":
         return moved.distance_m, moved.error_m, moved.before_m

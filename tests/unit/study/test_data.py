@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from pointit.runtime.errors import ConfigError, PointItError
-from pointit.study.data import AppendOnlyCsv, StudyFolder, read_table
+from pointit.study.append_only_csv import AppendOnlyCsv
+from pointit.study.data import StudyFolder, read_table
 from pointit.study.model import Study
 
 COLUMNS = ("trial", "reason")

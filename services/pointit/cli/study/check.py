@@ -8,6 +8,7 @@ from pointit.cli.common.output import Section, json_option, say, show
 from pointit.runtime.service.shutdown import EXIT_FAILED
 from pointit.study.check import Finding, check_folder
 from pointit.study.model import read_study
+from pointit.study.plan import check_sequences
 from pointit.study.site.scenario import check_ready
 
 
@@ -17,15 +18,17 @@ from pointit.study.site.scenario import check_ready
 def command(*, path: Path, as_json: bool) -> int:
     """Find missing trials, wrong clocks, broken balance and mixed-up participants in FOLDER.
 
-    Of the FILE of a study, check what would stop it later: values of services in all cells, pictures, and
-    the function that ends a trial. The exit code is 1 if something is wrong. What is only not done yet is a
-    note.
+    Of the FILE of a study, check what would stop it later: values of services in all cells, pictures, the
+    function that ends a trial, and blocks with too few trials for a throughput. The exit code is 1 if
+    something is wrong. What is only not done yet is a note.
 
     Example: pointit study check three_methods-data
     """
     findings: list[Finding] = []
     if path.is_file():
-        check_ready(read_study(path))
+        study = read_study(path)
+        check_ready(study)
+        check_sequences(study)
     else:
         findings = check_folder(path)
     if findings or as_json:

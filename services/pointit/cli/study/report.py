@@ -45,7 +45,7 @@ def command(*, folder: Path, to: Path | None) -> None:
         tables = study_report.write_all_trials(folder, target)
     except OSError as error:
         raise ConfigError(f"{target}: cannot be written ({error.strerror or error})") from error
-    for note in study.notes:
+    for note in page.notes_of(study):
         click.echo(f"note: {note}", err=True)
     for path in (target / "report.html", target / "report.ipynb", *tables):
         click.echo(path)

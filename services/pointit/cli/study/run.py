@@ -69,7 +69,8 @@ def command(
         given |= {"--listen": listen, "--page": in_page, "--lan": lan, "--lsl": lsl}
         _check_simulated(study, simulated, [name for name, value in given.items() if value])
     pictures = check_ready(study)
-    folder = StudyFolder(to or Path(f"{study.name}-data"), study, file.read_text(encoding="utf-8"))
+    source = file.read_text(encoding="utf-8-sig")
+    folder = StudyFolder(to or Path(f"{study.name}-data"), study, source, lambda text: say(text, err=True))
     people = study.people[:simulated]
     left = [name for name in people if not folder.about(name).get("ended")]
     if not participant and not left:

@@ -33,7 +33,7 @@ class Said(Config):
     """A message of the participant's page."""
 
     id: int = Field(description="number of the text or questionnaire that is answered")
-    agrees: bool = True
+    agrees: bool | None = Field(default=None, description="answer to a consent; nothing else is one")
     answers: tuple[int, ...] = Field(default=(), max_length=MAX_ANSWERS)
 
 
@@ -75,7 +75,8 @@ class PageView:
             {"text": step.text, "alt": step.alt, "image": index(step.image) if step.image else None}
             for step in steps
         ]
-        return (await self._ask({"show": "text", "steps": shown, "go": go})).agrees
+        message = await self._ask({"show": "text", "steps": shown, "go": go})
+        return go != "agree" or message.agrees is True
 
     async def ask(self, scale: Scale) -> list[int]:
         """Show a questionnaire until all its items are answered. Raises as `tell` does."""
@@ -127,8 +128,8 @@ class PageView:
         """Obey a message of a page; return what is wrong with it, or `""`."""
         try:
             if page == "participant":
-                return self._on_answer(Said.model_validate_json(text))
-            return self._on_order(Order.model_validate_json(text))
+                return self._on_answer(Said.model_validate_json(text, strict=True))
+            return self._on_order(Order.model_validate_json(text, strict=True))
         except ValidationError as error:
             first = error.errors(include_url=False, include_input=False)[0]
             return f"{'.'.join(map(str, first['loc'])) or 'message'}: {first['msg']}"
@@ -151,6 +152,8 @@ class PageView:
     def _on_answer(self, said: Said) -> str:
         if self._answer is None or self._answer.done() or said.id != self._number:
             return ""  # another page was faster
+        if self._shown.get("go") == "agree" and said.agrees is None:
+            return "agrees: write true or false; without it there is no consent"
         if self._scale is not None and (problem := _problem(self._scale, said.answers)):
             return problem
         self._answer.set_result(said)

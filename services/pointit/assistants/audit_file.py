@@ -51,8 +51,10 @@ class AuditFile:
             if self._path.exists() and self._path.stat().st_size > MAX_BYTES:
                 self._path.replace(self._path.with_name(OLDER))
             self._path.touch(mode=0o600)
-            with self._path.open("a", encoding="utf-8") as file:
-                file.write(f"{line}\n")
+            with self._path.open("a+b") as file:
+                file.seek(max(0, file.tell() - 1))
+                is_cut_off = file.read() not in (b"", b"\n")  # a record begins a line
+                file.write(b"\n" * is_cut_off + line.encode() + b"\n")
         except OSError as error:
             raise PointItError(
                 f"the audit cannot be written, so nothing is done: {error.strerror or error}; make room, or "

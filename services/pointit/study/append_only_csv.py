@@ -46,9 +46,11 @@ class AppendOnlyCsv:
         self._key = key or columns
         self._on_note = on_note
         self._replayed = frozenset[tuple[str, ...]]()
+        self._written: tuple[int, ...] | None = None
+        """State of the file after the last row, None while there is no file to which rows can be added."""
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._lock = path.open("a+b")
+            self._lock = self._open_file = path.open("a+b", buffering=0)
         except OSError as error:
             raise ConfigError(f"{path}: cannot be used ({error.strerror or error})") from error
         with contextlib.ExitStack() as unless_used:
@@ -80,25 +82,24 @@ class AppendOnlyCsv:
         try:
             self._restore_removed_rows()
         finally:
-            self._file.close()
+            self._open_file.close()
             self._lock.close()
 
     def _open(self, file: Path, table: Table) -> None:
-        """Open `file` to append rows, or a further one if another program has written it."""
+        """Open `file` to append rows. If another program has written it, the next row opens a further one."""
         if changes := column_changes(table, self._columns):
-            further = free_path(self.path)
-            self._on_note(f"{rewritten_sentence(file, changes)} New rows go to {further.name}.")
-            file, table = further, Table([], (), b"")
+            self._file, self._written = free_path(self.path), None
+            self._on_note(f"{rewritten_sentence(file, changes)} New rows go to {self._file.name}.")
+            return
         try:
-            self._file = file.open("a+b", buffering=0)
             with contextlib.ExitStack() as unless_used:
-                unless_used.callback(self._file.close)
+                opened = self._open_file = unless_used.enter_context(file.open("a+b", buffering=0))
                 if table.tail:
                     aside = free_path(file.with_name(f"incomplete_{file.name}"))
                     write_atomically(aside, table.tail, mode=0o644, durable=True)
                     self._on_note(f"{file}: the last row was cut off and is moved to {aside.name}.")
-                    self._file.truncate(file.stat().st_size - len(table.tail))
-                self._written = _state(self._file.fileno())
+                    opened.truncate(file.stat().st_size - len(table.tail))
+                self._file, self._written = file, _state(opened.fileno())
                 if not file.stat().st_size:
                     self._write_lines(table_line(self._columns))
                 unless_used.pop_all()
@@ -108,9 +109,9 @@ class AppendOnlyCsv:
     def _restore_removed_rows(self) -> None:
         """Write rows again that another program has removed: a spreadsheet, say, that was open meanwhile."""
         with contextlib.suppress(FileNotFoundError):
-            if _state(self._file.name) == self._written:
+            if self._written is None or _state(self._file) == self._written:
                 return
-        self._file.close()
+        self._open_file.close()
         files = table_files(self.path)
         tables = [self._parse_whatever_is_there(file) for file in files]
         self._open(files[-1], tables[-1])
@@ -135,23 +136,26 @@ class AppendOnlyCsv:
 
     def _write(self, rows: Iterable[Row]) -> None:
         if lines := b"".join(table_line(spreadsheet_row(row).values()) for row in rows):
+            if self._written is None:
+                self._open(self._file, Table([], (), b""))
             self._write_lines(lines)
 
     def _write_lines(self, lines: bytes) -> None:
-        size = os.fstat(self._file.fileno()).st_size
+        file = self._open_file
+        size = os.fstat(file.fileno()).st_size
         try:
-            written = self._file.write(lines)
-            os.fsync(self._file.fileno())
+            written = file.write(lines)
+            os.fsync(file.fileno())
         except OSError as error:
             written, reason = 0, error.strerror
         else:
             reason = "no space left"
         if is_missing := written != len(lines):
-            self._file.truncate(size)
-        self._written = _state(self._file.fileno())
+            file.truncate(size)
+        self._written = _state(file.fileno())
         if is_missing:
             raise PointItError(
-                f"{self._file.name}: a row cannot be written ({reason}); all earlier ones are there: make "
+                f"{self._file}: a row cannot be written ({reason}); all earlier ones are there: make "
                 "room, then give the same command to go on"
             )
 
@@ -160,7 +164,7 @@ def column_changes(table: Table, columns: Sequence[str]) -> tuple[str, ...]:
     """Return what another program has changed in a file of a table, also in its `columns`."""
     if not table.columns or table.columns == tuple(columns):
         return table.changes
-    added = [name for name in table.columns if name and name not in columns]
+    added = [name for name in table.columns if name not in columns]
     return (*table.changes, f"added column {added[0]}" if added else "columns in another order")
 
 
@@ -180,7 +184,7 @@ def free_path(path: Path) -> Path:
     return next(each for each in itertools.chain([path], further) if not each.exists())
 
 
-def _state(file: int | str) -> tuple[int, ...]:
+def _state(file: int | Path) -> tuple[int, ...]:
     """Return what differs when another program has written or replaced a file."""
     stat = os.stat(file)  # noqa: PTH116 - of a descriptor, too
     return stat.st_dev, stat.st_ino, stat.st_size, stat.st_mtime_ns

@@ -1,6 +1,7 @@
 """Check of a study's folder: what is missing or wrong."""
 
 import datetime as dt
+import itertools
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -70,7 +71,7 @@ def check_folder(folder: Path) -> list[Finding]:
     missing = [name for name in study.people if name not in begun.keys() | damaged]
     if missing:
         findings.append(Finding("note", "", f"not begun: {', '.join(missing)}"))
-    orders = [plan_of(study, name).order for name in study.people if name in begun]
+    orders = [plan_of(study, name).order for name in study.people if name not in missing]
     if broken := imbalance(orders, study.order):
         findings.append(
             Finding(
@@ -98,6 +99,8 @@ def _of_one(study: Study, name: str, about: Mapping[str, Any], rows: list[Row]) 
         yield Finding("error", name, f"{name} has the participant.yaml of {pseudonym}")
     for text in row_errors(plan, rows):
         yield Finding("error", name, text)
+    if any(int(one["trial"]) > int(two["trial"]) for one, two in itertools.pairwise(rows)):
+        yield Finding("note", name, "trials are not in the order of their plan: they were sorted otherwise")
     if skipped := [row["trial"] for row in rows if counts(row) and row["outcome"] == "skipped"]:
         yield Finding("note", name, f"skipped: trial {', '.join(skipped)}")
     if not about.get("simulated"):  # of earlier versions, virtual time began again after a crash

@@ -218,7 +218,7 @@ def read_table(
         name = f"{file.parent.name}/{file.name}"
         if table.tail:
             on_note(f"The last line of {name} is not whole and left out.")
-        if added := [each for each in table.columns if each and each not in wanted]:
+        if added := [each for each in table.columns if each not in wanted]:
             on_note(f"Column {', '.join(added)} of {name} is not of the study and left out.")
         if changes := column_changes(table, wanted):
             on_change(rewritten_sentence(file, changes))

@@ -37,6 +37,7 @@ ENCODINGS = (
 """Byte order mark, encoding, name. UTF-32 is before UTF-16, whose mark it begins with."""
 NOT_KNOWN = ("", "NA")
 """Number that is not known, as the study and R write it."""
+REMEDY = "correct or delete the line, or restore the table from a backup"
 MAX_ERROR_APART_M = 0.01
 """Maximum difference between the column `error_m` and the distance of its two points, m."""
 
@@ -116,13 +117,20 @@ def parse_table(path: Path, columns: Iterable[str]) -> Table:
         separator, header, records = _split(path, text, columns)
     if header is None:
         return Table([], tuple(changes), tail)
-    names = [name.strip() for name in header.values]
+    names = _names(header, records)
     rows, has_commas = _rows(path, names, records)
+    if not all(names):
+        changes.append("empty columns")
     changes += [name for end, name in LINE_ENDS.items() if name and end in _line_ends(text)]
     changes += filter(None, [SEPARATORS[separator], "decimal commas" if has_commas else ""])
-    if not changes and canonical != content[:cut]:
-        changes.append("quotes, spaces or empty cells")
-    return Table(rows, tuple(changes), tail, tuple(names))
+    is_ours = canonical == content[:cut] and all(
+        row.get(name, "") in (value, restore_formula(value))
+        for row, record in zip(rows, records, strict=True)
+        for name, value in zip(names, record.values, strict=False)
+    )
+    if not changes and not is_ours:
+        changes.append("other quotes, spaces or numbers")
+    return Table(rows, tuple(changes), tail, tuple(filter(None, names)))
 
 
 def _encoding(content: bytes) -> tuple[str, list[str], int]:
@@ -204,8 +212,17 @@ def _records(path: Path, text: str, separator: str) -> list[_Record]:
         ]
     except csv.Error as error:
         line = begin + reader.line_num
-        raise ConfigError(f"{path}, line {line}: {error}; correct or delete the line") from error
+        raise ConfigError(f"{path}, line {line}: {error}; {REMEDY}") from error
     return records
+
+
+def _names(header: _Record, records: Sequence[_Record]) -> list[str]:
+    """Return the names of the columns: `""` of one without name and values, else its number from 1."""
+    names = [name.strip() for name in header.values]
+    for place, name in enumerate(names):
+        if not name and any(record.values[place : place + 1] not in ([], [""]) for record in records):
+            names[place] = str(place + 1)
+    return names
 
 
 def _rows(path: Path, names: Sequence[str], records: Sequence[_Record]) -> tuple[list[Row], bool]:
@@ -219,7 +236,7 @@ def _rows(path: Path, names: Sequence[str], records: Sequence[_Record]) -> tuple
         try:
             rows.append(_row(names, record.values, is_decimal=is_decimal))
         except ValueError as error:
-            raise ConfigError(f"{path}, line {record.line}: {error}; correct or delete the line") from error
+            raise ConfigError(f"{path}, line {record.line}: {error}; {REMEDY}") from error
     return rows, has_commas
 
 

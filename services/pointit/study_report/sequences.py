@@ -125,7 +125,7 @@ def throughput(study: Trials, unit: Unit = "m") -> Table:
         total = len(found.short) + len(found.unmatched)
         raise ConfigError(
             f"{study.folder}: no participant has {MIN_SEQUENCE_TRIALS} selections in a row with one distance"
-            f" and width in {unit} in each condition, so there is no throughput, which is of tapping tasks: of"
+            f" and width in {unit} in each condition, so there is no throughput (it is of tapping tasks): of"
             f" {total} sequences {len(found.short)} are shorter, {len(found.unmatched)} have no counterpart"
         )
     names = ("effective_bits", f"effective_distance_{unit}", f"effective_width_{unit}", "movement_s")
@@ -173,7 +173,7 @@ def omissions(study: Trials, unit: Unit = "m") -> Table:
 
 
 def omission_notes(study: Trials, unit: Unit = "m") -> list[str]:
-    """Return a sentence for each condition whose throughput lacks sequences, none if there is no throughput."""
+    """Return a sentence for each condition whose throughput lacks sequences, none without a throughput."""
     notes: list[str] = []
     table = omissions(study, unit)
     for row in table if any(row["used"] for row in table) else ():

@@ -1,33 +1,42 @@
 """Rows are whole or not there: after a crash in the middle of one, on a full disk, with two processes."""
 
+import csv
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.study.append_only_csv import AppendOnlyCsv
+from pointit.study.check import check_folder
 from pointit.study.data import StudyFolder, read_table
-from pointit.study.model import Study
+from pointit.study.model import Study, read_study
 
 COLUMNS = ("trial", "reason")
 DAMAGED = ("trial", "attempt", "selection_s")
 
 
-def test_row_that_a_crash_has_cut_off_is_removed_at_each_byte(tmp_path: Path) -> None:
+def test_row_that_a_crash_has_cut_off_is_moved_to_a_file_of_its_own_at_each_byte(tmp_path: Path) -> None:
     table = AppendOnlyCsv(tmp_path / "t.csv", COLUMNS)
     table.append({"trial": 1, "reason": 'said "no", and\nleft'})
     whole = table.path.read_bytes()
     table.append({"trial": 2, "reason": "x"})
     table.close()
     content = table.path.read_bytes()
-    for size in range(len(whole), len(content)):
+    for number, size in enumerate(range(len(whole), len(content))):
         table.path.write_bytes(content[:size])
-        again = AppendOnlyCsv(table.path, COLUMNS)
+        notes: list[str] = []
+        again = AppendOnlyCsv(table.path, COLUMNS, on_note=notes.append)
         assert [row["trial"] for row in again.rows] == ["1"]
         again.append({"trial": 2, "reason": "x"})
         again.close()
         assert table.path.read_bytes() == content
+        aside = tmp_path / f"incomplete_t{f'_{number}' if number > 1 else ''}.csv"
+        if size > len(whole):
+            assert aside.read_bytes() == content[len(whole) : size]
+            assert notes == [f"{table.path}: the last row was cut off and is moved to {aside.name}."]
+    assert len([*tmp_path.iterdir()]) == 1 + number
 
 
 @pytest.mark.parametrize(
@@ -78,3 +87,168 @@ def test_participant_runs_once_at_a_time_and_a_folder_holds_one_study(tmp_path: 
         StudyFolder(tmp_path, study, "name: s")
     with pytest.raises(ConfigError, match="differs from the study; use another folder"):
         StudyFolder(tmp_path / "data", study, "name: other")
+
+
+def saved_in_place(path: Path, content: bytes) -> None:
+    path.write_bytes(content)
+
+
+def saved_as_another_file(path: Path, content: bytes) -> None:
+    path.with_suffix(".tmp").write_bytes(content)
+    path.with_suffix(".tmp").replace(path)
+
+
+def deleted(path: Path, content: bytes) -> None:
+    del content
+    path.unlink()
+
+
+@pytest.mark.parametrize("save", [saved_in_place, saved_as_another_file, deleted])
+@pytest.mark.parametrize("ends_first", [True, False])
+@pytest.mark.parametrize("dialect", [b"\n", b"\r\n", b"no table"])
+def test_spreadsheet_that_saves_while_rows_are_added_removes_none(
+    tmp_path: Path, save: Callable[[Path, bytes], None], dialect: bytes, *, ends_first: bool
+) -> None:
+    path, notes = tmp_path / "t.csv", list[str]()
+    table = AppendOnlyCsv(path, COLUMNS, ("trial",), notes.append)
+    table.append({"trial": 1, "reason": "a"})
+    opened = path.read_bytes()
+    table.append({"trial": 2, "reason": "b"})
+    saved = dialect if b" " in dialect else opened.replace(b"\n", dialect)
+    save(path, saved)
+    if not ends_first:
+        table.append({"trial": 3, "reason": "c"})
+    table.close()
+    wanted = ["1", "2"] if ends_first else ["1", "2", "3"]
+    if save is not deleted and dialect != b"\n":
+        assert path.read_bytes() == saved
+    if save is not deleted and b" " in dialect:
+        path.unlink()
+        assert [row["trial"] for row in read_table(tmp_path / "t_2.csv", COLUMNS)] == wanted
+        return
+    assert [row["trial"] for row in read_table(path, COLUMNS)] == wanted
+    assert any("removed" in note for note in notes)
+
+
+def test_texts_are_no_formulas_for_spreadsheets_and_come_back(tmp_path: Path) -> None:
+    columns = ("trial", "reason", "error_m", "value")
+    texts = ["=1+1", "+1", "-1", "@a", "\tx", "'quoted", "plain", "-"]
+    table = AppendOnlyCsv(tmp_path / "t.csv", columns)
+    table.append(
+        *({"trial": n, "reason": text, "error_m": -0.5, "value": -3} for n, text in enumerate(texts))
+    )
+    table.close()
+    with table.path.open(newline="") as file:
+        cells = [row["reason"] for row in csv.DictReader(file)]
+    assert cells == ["'=1+1", "'+1", "'-1", "'@a", "'\tx", "'quoted", "plain", "'-"]
+    assert b",-0.5,-3\n" in table.path.read_bytes()
+    again = AppendOnlyCsv(table.path, columns)
+    assert [row["reason"] for row in again.rows] == texts
+    again.append({"trial": 9})
+    again.close()
+    assert [each.name for each in tmp_path.iterdir()] == ["t.csv"]
+
+
+STUDY = """name: s
+participants: ['01', '02']
+timeout_s: 10
+task: {kind: reach}
+factors: {width: {levels: {'0.30': {task.width_m: 0.3}, '0.5': {task.width_m: 0.5}}}}
+"""
+
+
+def study_folder(path: Path, text: str = STUDY, notes: list[str] | None = None) -> StudyFolder:
+    (path / "s.yaml").write_text(text)
+    return StudyFolder(
+        path / "data", read_study(path / "s.yaml"), text, (notes if notes is not None else []).append
+    )
+
+
+def measured(path: Path, *rows: dict[str, object]) -> Path:
+    """Return the table of participant 01 with `rows`, and what they have begun."""
+    folder = study_folder(path)
+    table = folder.trials("01")
+    usual = {"participant": "01", "block": 1, "attempt": 1, "practice": False, "width": "0.30"}
+    table.append(*({**usual, "outcome": "hit", "trial": n, **row} for n, row in enumerate(rows, 1)))
+    table.close()
+    folder.put_about("01", {"pseudonym": "01", "simulated": False, "seed": 0, "begun": "2026-02-03 10:00"})
+    return table.path
+
+
+def test_names_that_a_spreadsheet_takes_for_numbers_are_those_of_the_study(tmp_path: Path) -> None:
+    path = measured(tmp_path, {"selection_s": 2.5})
+    path.write_bytes(path.read_bytes().replace(b"01,", b"1,", 1).replace(b"0.30", b"0.3"))
+    table = study_folder(tmp_path).trials("01")
+    table.close()
+    assert [(row["participant"], row["width"]) for row in table.rows] == [("01", "0.30")]
+    assert not [each for each in check_folder(tmp_path / "data") if each.severity == "error"]
+
+
+def test_time_without_its_decimal_point_is_refused_by_run_and_check(tmp_path: Path) -> None:
+    path = measured(tmp_path, {"selection_s": 2.5})
+    content = path.read_bytes().replace(b"2.5", b"25")
+    path.write_bytes(content)
+    with pytest.raises(
+        ConfigError, match="trial 1: selection_s is 25, but a trial ends after 10 s"
+    ) as refused:
+        study_folder(tmp_path).trials("01")
+    assert str(refused.value) in [each.text for each in check_folder(tmp_path / "data")]
+    assert path.read_bytes() == content
+
+
+@pytest.mark.parametrize("content", [None, b""])
+def test_lost_table_of_somebody_who_has_begun_is_not_begun_again(
+    tmp_path: Path, content: bytes | None
+) -> None:
+    path = measured(tmp_path, {})
+    path.unlink()
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(ConfigError, match=r"trials\.csv: is (missing|empty), but 01 has begun") as refused:
+        study_folder(tmp_path).trials("01")
+    assert str(refused.value) in [each.text for each in check_folder(tmp_path / "data")]
+
+
+def test_files_that_an_editor_has_saved_differ_in_nothing_that_counts(tmp_path: Path) -> None:
+    measured(tmp_path, {})
+    copy = tmp_path / "data/study.yaml"
+    copy.write_bytes(
+        b"\xef\xbb\xbf# ours\r\n" + copy.read_bytes().replace(b"\n", b"\r\n").replace(b"'", b'"')
+    )
+    about = tmp_path / "data/01/participant.yaml"
+    about.write_bytes(b"\xef\xbb\xbf# left-handed\r\n" + about.read_bytes().replace(b"\n", b"\r\n"))
+    edited, notes = about.read_bytes(), list[str]()
+    folder = study_folder(tmp_path, notes=notes)
+    known = folder.about("01")
+    assert (known["pseudonym"], known["simulated"]) == ("01", False)
+    folder.put_about("01", {**known, "seed": 1})
+    folder.put_about("01", {**known, "seed": 2})
+    assert about.with_name("edited_participant.yaml").read_bytes() == edited
+    assert len(notes) == len([*about.parent.glob("edited*")]) == 1
+    with pytest.raises(ConfigError, match=r"differs from the study; use another folder.*see timeout_s"):
+        study_folder(tmp_path, STUDY.replace("timeout_s: 10", "timeout_s: 20"))
+
+
+@pytest.mark.parametrize(
+    ("line", "sentence"),
+    [
+        ("consented: 'no'", "consented: write true or false"),
+        ("simulated: 1", "simulated: write true or false"),
+        ("clock_apart_s: 0,7", "clock_apart_s: write a number"),
+        ("order: slow", "order: write a list"),
+        ("ended: no", "ended"),
+        ("ended: [", "is not YAML"),
+    ],
+)
+def test_record_of_a_participant_that_is_damaged_is_said_by_run_and_check(
+    tmp_path: Path, line: str, sentence: str
+) -> None:
+    measured(tmp_path, {})
+    with (tmp_path / "data/01/participant.yaml").open("a") as file:
+        file.write(line + "\n" if not line.startswith("simulated") else "")
+    if line.startswith("simulated"):
+        about = tmp_path / "data/01/participant.yaml"
+        about.write_text(about.read_text().replace("simulated: false", line))
+    with pytest.raises(ConfigError, match=sentence) as refused:
+        study_folder(tmp_path).about("01")
+    assert str(refused.value) in [each.text for each in check_folder(tmp_path / "data")]

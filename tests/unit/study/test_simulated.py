@@ -9,6 +9,7 @@ import pytest
 
 import pointit
 from pointit.runtime.errors import ConfigError, PointItError
+from pointit.study import simulated
 from pointit.study.check import check_folder
 from pointit.study.columns import columns_of
 from pointit.study.data import ANSWER_COLUMNS, StudyFolder, read_table
@@ -75,12 +76,54 @@ def test_study_goes_on_at_the_trial_after_kill_9_at_each_step(
     simulate(study, folder, "P01", lambda _status: None)
     rows = read_table(folder.path / "P01/trials.csv")
     assert [(row["trial"], row["attempt"]) for row in rows] == [(str(n), "1") for n in range(1, 5)]
-    targets = [row["target"] for row in read_table(whole[1].path / "P01/trials.csv")]
-    assert [row["target"] for row in rows] == targets
-    assert len(read_table(folder.path / "P01/answers.csv", ANSWER_COLUMNS)) == 2 * 10
+    for name in ("trials.csv", "answers.csv", "participant.yaml"):
+        assert (folder.path / "P01" / name).read_bytes() == (whole[1].path / "P01" / name).read_bytes()
     assert all(
         finding.severity == "note" and not finding.participant for finding in check_folder(folder.path)
     )
+
+
+def test_interrupted_participant_goes_on_with_the_same_bytes_where_a_person_differs_from_trial_to_trial(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The person tires, blocks restart the site, and answers and attempts to repeat are random, too."""
+    text = SMALL.replace("repetitions: 2", "repetitions: 3").replace(
+        "{kind: reach}", "{kind: reach, others: 2}"
+    )
+    text += "practice: 1\nconsent: Do you agree?\n"
+    text = text.replace("gauge: {selector.method: gauge}", "gauge: {selector.method: gauge, pointing.min_cutoff_hz: 2.0}")
+    text = text.replace("hold: {selector.method: hold}", "hold: {selector.method: hold, pointing.min_cutoff_hz: 1.5}")
+    study, done = small(tmp_path / "done", text)
+    lossy = {"user-sim.wristband.dropout_share": 0.5, "user-sim.wristband.dropout_burst_s": 4.0}
+    monkeypatch.setattr(simulated, "LIGHT", {**simulated.LIGHT, **lossy})
+    simulate(study, done, "P02", lambda _status: None)
+    whole_bytes = {file.name: file.read_bytes() for file in (done.path / "P02").iterdir()}
+    assert b"repeated: no ray" in whole_bytes["trials.csv"]
+    attempts = len(read_table(done.path / "P02/trials.csv"))
+    for stop in (1, attempts // 2, attempts - 1):
+        study, folder = small(tmp_path / str(stop), text)
+        shutil.copytree(done.path / "P02", folder.path / "P02")
+        table = folder.path / "P02/trials.csv"
+        lines = whole_bytes["trials.csv"].splitlines(keepends=True)
+        table.write_bytes(b"".join(lines[: stop + 1]) + lines[stop + 1][:9])
+        (folder.path / "P02/answers.csv").unlink()
+        folder.put_about("P02", {**folder.about("P02"), "ended": ""})
+        simulate(study, folder, "P02", lambda _status: None)
+        found = {file.name: file.read_bytes() for file in (folder.path / "P02").iterdir()}
+        assert found.pop("incomplete_trials.csv") == lines[stop + 1][:9]
+        assert found == whole_bytes
+
+
+def test_participant_whom_an_experimenter_stopped_is_finished_when_simulated(tmp_path: Path) -> None:
+    study, folder = small(tmp_path)
+    with pytest.raises(StoppedError):
+        pointit.run_virtually(_session(study, folder, [(3, "pointing", Command("stop"))]).run())
+    simulate(study, folder, "P01", lambda _status: None)
+    rows = read_table(folder.path / "P01/trials.csv")
+    assert [(row["trial"], row["attempt"]) for row in rows if not row["reason"]] == [
+        *(("1", "1"), ("2", "1"), ("4", "1"), ("3", "2"))
+    ]
+    assert folder.about("P01")["ended"]
 
 
 class _Experimenter(SimulatedView):

@@ -46,7 +46,7 @@ def command(ctx: click.Context, *, shell: str | None, is_printed: bool) -> None:
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(script, encoding="utf-8")
-        if start is not None and (not start.exists() or line not in start.read_text(encoding="utf-8")):
+        if start is not None and (not start.exists() or line.encode() not in start.read_bytes()):
             with start.open("a", encoding="utf-8") as opened:
                 opened.write(f"\n# completion of pointit\n{line}")
     except OSError as error:

@@ -1,0 +1,199 @@
+"""Tables that spreadsheets, statistics programs and editors have rewritten are read, or refused in words."""
+
+import codecs
+import csv
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pointit.runtime.errors import ConfigError
+from pointit.study.append_only_csv import AppendOnlyCsv
+from pointit.study.data import read_table
+
+OURS = """\
+participant,block,trial,attempt,practice,method,reason,outcome,began_utc,selection_s,error_m,\
+target_x_m,target_y_m,target_z_m,selected_x_m,selected_y_m,selected_z_m
+ada,1,1,1,0,slow,,hit,2026-02-03T10:00:00.25+00:00,2.5,0.5,1.5,-0.25,0.9,1.5,0.25,0.9
+ada,1,2,1,0,slow,"repeated: coughed, twice",skipped,2026-02-03T10:00:04+00:00,,,,,,,,
+ada,1,2,2,0,slow,,wrong,2026-02-03T10:00:09+00:00,1.125,0.125,1.25,0.5,0.9,1.25,0.5,1.025
+"""
+HEADER, *ROWS = csv.reader(OURS.splitlines())
+EXPECTED = [dict(zip(HEADER, row, strict=True)) for row in ROWS]
+KEY = ("trial", "attempt")
+
+
+def written(
+    lines: Sequence[Sequence[str]] = (HEADER, *ROWS),
+    *,
+    separator: str = ",",
+    end: str = "\r\n",
+    quoting: bool = False,
+    comma: bool = False,
+) -> str:
+    """Return a table as another program writes it."""
+    text = io.StringIO(newline="")
+    rows = [
+        [
+            cell.replace(".", ",") if comma and lines[0][place].endswith(("_s", "_m")) else cell
+            for place, cell in enumerate(line)
+        ]
+        for line in lines[1:]
+    ]
+    style = csv.QUOTE_ALL if quoting else csv.QUOTE_MINIMAL
+    csv.writer(text, delimiter=separator, lineterminator=end, quoting=style).writerows([lines[0], *rows])
+    return text.getvalue()
+
+
+def cell_of_each_line(text: str, tail: str) -> str:
+    """Return a table of which a spreadsheet with another separator has made one column."""
+    lines = text.splitlines()
+    return "".join('"' + line.replace('"', '""') + f'"{tail}\r\n' for line in lines)
+
+
+REWRITTEN = {
+    "excel macintosh": written(end="\r").encode(),
+    "excel windows": written().encode(),
+    "excel utf-8": codecs.BOM_UTF8 + written().encode(),
+    "excel german": codecs.BOM_UTF8 + written(separator=";", comma=True).encode(),
+    "excel unicode text": written(separator="\t").encode("utf-16"),
+    "utf-16 big endian": codecs.BOM_UTF16_BE + written(end="\n").encode("utf-16-be"),
+    "utf-16 without a mark": written(end="\n").encode("utf-16-le"),
+    "one column": cell_of_each_line(OURS, "").encode(),
+    "one column and empty ones": cell_of_each_line(OURS, ";;;").encode(),
+    "line for excel": b"sep=;\r\n" + written(separator=";", comma=True).encode(),
+    "google sheets": written().rstrip().encode(),
+    "libreoffice, all quoted": written(end="\n", quoting=True).encode(),
+    "libreoffice, semicolons": written(end="\n", separator=";").encode(),
+    "half of the line ends": written().replace("\r\n", "\n", 2).encode(),
+    "empty columns": "".join(f"{line},,,\n" for line in OURS.splitlines()).encode(),
+    "empty rows": (OURS + "," * 16 + "\n" + "," * 16 + "\n").encode(),
+    "spaces": OURS.replace(",1,", ", 1,", 1).encode(),
+    "sorted": written([HEADER, *ROWS[::-1]]).encode(),
+    "columns in another order": written([line[::-1] for line in (HEADER, *ROWS)]).encode(),
+    "row names of R": "".join(
+        ",".join([f'"{n or ""}"', *(f'"{c}"' if not c[-1:].isdigit() else c for c in row)]) + "\n"
+        for n, row in enumerate((HEADER, *ROWS))
+    ).encode(),
+    "NA of R": OURS.replace(",,,,,,,,", ",NA,NA,NA,NA,NA,NA,NA,NA").encode(),
+    "floats of pandas": OURS.replace("ada,1,2,2,0", "ada,1.0,2.0,2.0,0.0").encode(),
+    "exponent": written().replace(",0.125,", ",1.25E-01,").encode(),
+    "time without a zone": written().replace("09+00:00", "09").encode(),
+    "no zeros before the point": written().replace(",0.9", ",.9").replace(",-0.25", ",-.25").encode(),
+    "trailing cells are left out": written().replace(",,,,,,,,\r\n", "\r\n").encode(),
+}
+NUMBERS = [name for name in HEADER if name.endswith(("_s", "_m"))]
+
+
+def same(rows: Sequence[dict[str, str]]) -> list[dict[str, object]]:
+    """Return rows of the study's columns, with numbers as numbers."""
+    return [
+        {name: float(row[name]) if name in NUMBERS and row[name] else row[name] for name in HEADER}
+        for row in sorted(rows, key=lambda row: (row["trial"], row["attempt"]))
+    ]
+
+
+@pytest.mark.parametrize("program", REWRITTEN)
+def test_table_of_another_program_is_read_and_rows_go_on_beside_it(tmp_path: Path, program: str) -> None:
+    path = tmp_path / "trials.csv"
+    path.write_bytes(REWRITTEN[program])
+    assert same(read_table(path, HEADER)) == same(EXPECTED)
+    notes: list[str] = []
+    table = AppendOnlyCsv(path, HEADER, KEY, notes.append)
+    assert same(table.rows) == same(EXPECTED)
+    assert "another program has rewritten it" in notes[0]
+    assert "New rows go to trials_2.csv" in notes[0]
+    assert not (tmp_path / "trials_2.csv").exists()
+    new = {**EXPECTED[0], "trial": "3", "reason": ""}
+    table.append(new)
+    table.close()
+    assert path.read_bytes() == REWRITTEN[program]
+    assert same(read_table(path, HEADER)) == same([*EXPECTED, new])
+    again = AppendOnlyCsv(path, HEADER, KEY)
+    again.append({**new, "trial": "4"})
+    again.close()
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["trials.csv", "trials_2.csv"]
+    assert len((tmp_path / "trials_2.csv").read_text().splitlines()) == 3
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    order=st.permutations(range(len(HEADER))),
+    rows=st.permutations(ROWS),
+    separator=st.sampled_from([",", ";", "\t", "|"]),
+    end=st.sampled_from(["\n", "\r\n", "\r"]),
+    encoding=st.sampled_from(["utf-8", "utf-8-sig", "utf-16", "utf-32"]),
+    quoting=st.booleans(),
+    comma=st.booleans(),
+    empty=st.integers(0, 2),
+)
+def test_any_mixture_of_dialects_has_the_same_values(
+    tmp_path_factory: pytest.TempPathFactory,
+    *,
+    order: list[int],
+    rows: list[list[str]],
+    separator: str,
+    end: str,
+    encoding: str,
+    quoting: bool,
+    comma: bool,
+    empty: int,
+) -> None:
+    lines = [[line[place] for place in order] + [""] * empty for line in (HEADER, *rows)]
+    text = written(lines, separator=separator, end=end, quoting=quoting, comma=comma)
+    path = tmp_path_factory.getbasetemp() / "any.csv"
+    path.write_bytes(text.encode(encoding))
+    assert same(read_table(path, HEADER)) == same(EXPECTED)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "sentence"),
+    [
+        (
+            ",2.5,",
+            ",2. May,",
+            "line 2: selection_s is '2. May', not a number or empty; correct or delete the",
+        ),
+        ("1.125", '"1,125"', "line 4: selection_s is '1,125', not a number or empty"),
+        (",0.5,1.5", ",5,1.5", "line 2: error_m is 5, but target and selected point are 0.5 m apart"),
+        ("2026-02-03T10:00:09+00:00", "03.02.2026 10:00", "line 4: began_utc is '03.02.2026 10:00', not a"),
+        ("2026-02-03T10:00:09+00:00", "2026-02-03", "line 4: began_utc is '2026-02-03', not a time such as"),
+        ("participant,", "Teilnehmer,", "no column participant; restore the table as the study wrote it"),
+        ("reason,outcome", "outcome,outcome", "no column reason; restore the table"),
+        ("participant,", "participant,participant,", "column participant is there twice; delete the one"),
+        ("coughed", "hust\xf6te", "cannot be read: line 3 is not UTF-8, another program has saved it in an"),
+        (',"repeated', ',repeated"', "line 3: selection_s is '2026-02-03T10:00:04+00:00', not a"),
+        ("0.9,1.25,0.5,1.025", "0.9", "line 4: not 17 values"),
+        ("ada,1,2,2", "ada,1,2.5,2", "line 4: trial is '2.5', not a whole number"),
+    ],
+)
+def test_damage_is_said_with_its_line_and_the_file_stays(
+    tmp_path: Path, before: str, after: str, sentence: str
+) -> None:
+    path = tmp_path / "trials.csv"
+    assert before in OURS
+    path.write_bytes(OURS.replace(before, after, 1).encode("latin-1"))
+    content = path.read_bytes()
+    for read in (read_table, AppendOnlyCsv):
+        with pytest.raises(ConfigError) as refused:
+            read(path, HEADER)
+        assert sentence in str(refused.value)
+        assert "\n" not in str(refused.value)
+    assert path.read_bytes() == content
+    assert [each.name for each in tmp_path.iterdir()] == ["trials.csv"]
+
+
+def test_column_that_people_have_added_is_named_and_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "ada" / "trials.csv"
+    path.parent.mkdir()
+    lines = [[*HEADER, "comment", ""], *([*row, "tired", "x"] for row in ROWS)]
+    path.write_text(written(lines, end="\n"), newline="")
+    notes: list[str] = []
+    read_table(path, HEADER, notes.append)
+    assert notes == ["Column comment, 19 of ada/trials.csv is not of the study and left out."]
+    changes: list[str] = []
+    AppendOnlyCsv(path, HEADER, KEY, changes.append).close()
+    assert "added column comment" in changes[0]

@@ -161,7 +161,7 @@ class AppendOnlyCsv:
 
 
 def column_changes(table: Table, columns: Sequence[str]) -> tuple[str, ...]:
-    """Return what another program has changed in a file of a table, also in its `columns`."""
+    """Return the changes of another program in a file of a table, also those of its `columns`."""
     if not table.columns or table.columns == tuple(columns):
         return table.changes
     added = [name for name in table.columns if name not in columns]
@@ -185,7 +185,7 @@ def free_path(path: Path) -> Path:
 
 
 def _state(file: int | Path) -> tuple[int, ...]:
-    """Return what differs when another program has written or replaced a file."""
+    """Return device, inode, size and time of a file: they differ after another program has saved it."""
     stat = os.stat(file)  # noqa: PTH116 - of a descriptor, too
     return stat.st_dev, stat.st_ino, stat.st_size, stat.st_mtime_ns
 

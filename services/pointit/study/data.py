@@ -43,7 +43,7 @@ def no_note(_: str) -> None:
 
 
 class ParticipantRecord(Config):
-    """What is read of `participant.yaml`. It has more, and people may add their own."""
+    """The keys of `participant.yaml` that are read. It has more, and people may add their own."""
 
     pseudonym: str | int = ""
     simulated: StrictBool = False

@@ -48,7 +48,7 @@ class Table(NamedTuple):
     rows: list[Row]
     """Values by column, in the order of the file. Numbers have a decimal point."""
     changes: tuple[str, ...]
-    """Differences from the bytes that the study writes; empty if rows can be appended."""
+    """Differences from the bytes that the study writes. Rows are appended only if there are none."""
     tail: bytes
     """Last row that was cut off while it was written. It is not in `rows`."""
     columns: tuple[str, ...] = ()

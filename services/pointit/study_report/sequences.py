@@ -37,7 +37,7 @@ class TapSequence(NamedTuple):
 
 
 class Sequences(NamedTuple):
-    """What a study has for its throughput, and what it has not."""
+    """The sequences of a study by their use for its throughput."""
 
     groups: tuple[Group, ...]
     """All conditions, in their order."""

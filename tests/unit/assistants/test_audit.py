@@ -65,3 +65,15 @@ def test_people_and_objects_are_no_filter_of_calls(audit: AuditFile) -> None:
     audit.begin("", "viewer", "things", {})
     with pytest.raises(ConfigError, match="--assistants: has no --user"):
         shown("--user", "anna")
+
+
+def test_record_after_a_line_that_has_no_end_begins_a_line(audit: AuditFile) -> None:
+    """A crash cuts the last line off, and editors leave out the last line end."""
+    first = audit.begin("", "viewer", "things", {})
+    path = site_folder("lab", FOLDER) / FILE
+    path.write_bytes(path.read_bytes().rstrip())
+    audit.end(first, "done")
+    with path.open("ab") as file:
+        file.write(b'{"stamp_ns": 17')
+    second = audit.begin("", "viewer", "lamps", {})
+    assert [each["call"] for each in read_audit("lab")] == [first, first, second]

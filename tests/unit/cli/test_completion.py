@@ -114,6 +114,16 @@ def test_it_is_installed_once(home: Path, shell: str, script: str, start: str | 
         assert text == f'alias l=ls\n\n# completion of pointit\nsource "{home / script}"\n'
 
 
+def test_start_file_in_another_encoding_keeps_its_bytes(home: Path) -> None:
+    before = b"alias gr\xfc\xdfe=ls"  # Latin-1, and no line end
+    (home / ".bashrc").write_bytes(before)
+    for _ in range(2):
+        assert CliRunner().invoke(command, ["completion", "bash"]).exit_code == 0
+    content = (home / ".bashrc").read_bytes()
+    assert content.startswith(before + b"\n# completion of pointit\nsource ")
+    assert content.count(b"source ") == 1
+
+
 def test_bash_completes_with_the_installed_line(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     CliRunner().invoke(command, ["completion", "bash"])
     program = home / "bin" / "pointit"

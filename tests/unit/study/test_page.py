@@ -66,6 +66,42 @@ async def test_questionnaire_ends_by_a_whole_answer_to_it_only() -> None:
     assert shown(view)["show"] == "wait"
 
 
+@pytest.mark.parametrize(
+    ("answer", "problem"),
+    [
+        ("", "agrees: write true or false"),
+        (', "agrees": null', "agrees: write true or false"),
+        (', "agrees": "true"', "agrees: Input should be a valid boolean"),
+        (', "agrees": "yes"', "agrees: Input should be a valid boolean"),
+        (', "agrees": 1', "agrees: Input should be a valid boolean"),
+        (', "agrees": [true]', "agrees: Input should be a valid boolean"),
+    ],
+)
+async def test_nothing_but_true_is_a_consent(answer: str, problem: str) -> None:
+    view = PageView("small", "P01")
+    telling = await begun(view.tell(Step(text="Do you agree?"), go="agree"))
+    number = shown(view)["id"]
+    assert view.hear("participant", f'{{"id": {number}{answer}}}').startswith(problem)
+    assert shown(view)["id"] == number, "still asked"
+    assert view.hear("participant", f'{{"id": {number}, "agrees": false}}') == ""
+    assert await telling is False
+    telling = await begun(view.tell(Step(text="Do you agree?"), go="agree"))
+    assert view.hear("participant", f'{{"id": {number + 1}, "agrees": true}}') == ""
+    assert await telling is True
+
+
+async def test_instruction_needs_no_consent_and_answers_are_whole_numbers() -> None:
+    view = PageView("small", "P01")
+    telling = await begun(view.tell(Step(text="Read."), go="begin"))
+    assert view.hear("participant", f'{{"id": {shown(view)["id"]}}}') == ""
+    assert await telling is True
+    asking = await begun(view.ask(SUS))
+    for answers in ('["3"]', "[true]", "[3.0]"):
+        message = f'{{"id": {shown(view)["id"]}, "answers": {answers}}}'
+        assert view.hear("participant", message).startswith("answers.0: Input should be a valid integer")
+    asking.cancel()
+
+
 async def test_experimenter_can_only_stop_while_the_participant_reads() -> None:
     view = PageView("small", "P01")
     view.status(STATUS)

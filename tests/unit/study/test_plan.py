@@ -5,19 +5,27 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pointit.cli.study.check import command as check
 from pointit.runtime.errors import ConfigError
+from pointit.study.check import check_folder
+from pointit.study.data import StudyFolder
 from pointit.study.model import Study, read_study
 from pointit.study.order import imbalance, square
-from pointit.study.plan import plan_of
+from pointit.study.plan import check_sequences, plan_of
 
 BASE = {"name": "s", "task": {"kind": "reach"}}
 
 
 def study(**fields: object) -> Study:
     return Study.model_validate({**BASE, **fields}, strict=False)
+
+
+def factor_text(vary: str, name: str) -> str:
+    return f"{{vary: {vary}, levels: {{x: {{task.{name}: 0.6}}, y: {{task.{name}: 0.9}}}}}}"
 
 
 def factor(levels: int, vary: str, parameter: str) -> dict[str, object]:
@@ -138,3 +146,54 @@ def test_bad_study_is_refused_in_one_sentence(tmp_path: Path, change: str, sente
     assert "{" not in str(refused.value)
     assert str(refused.value).startswith(str(file))
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ("repetitions: 4", "repetitions: 4: a: a block has 3 movements with one distance and width"),
+        ("repetitions: 5", "throughput needs 5; use repetitions: 6 or more"),
+        ("repetitions: 6", ""),
+        ("repetitions: 5\npractice: 3", "a block has 4 movements"),
+        (f"repetitions: 6\nfactors: {{w: {factor_text('trial', 'width_m')}}}", ""),
+        (f"repetitions: 5\nfactors: {{w: {factor_text('trial', 'width_m')}}}", "use repetitions: 6 or more"),
+        (f"repetitions: 4\nfactors: {{w: {factor_text('between', 'width_m')}}}", "a block has 3 movements"),
+        ("repetitions: 4\ntask: {kind: tapping, strip: '0', distance_m: 1.5}", "a block has 3 movements"),
+        ("repetitions: 1\ntask: {kind: reach}", ""),
+    ],
+)
+def test_check_refuses_tapping_whose_blocks_have_no_throughput(
+    tmp_path: Path, change: str, sentence: str
+) -> None:
+    lines = {
+        "name": "name: s",
+        "participants": "participants: 6",
+        "scenario": "scenario: strips" if "strip:" in change else "scenario: space",
+        "task": "task: {kind: tapping, width_m: 0.6, distance_m: 1.5, center_m: [5.0, 0.5, 1.5]}",
+        "factors": "factors: {m: {levels: {a: {selector.method: hold}, b: {selector.method: gauge}}}}",
+    }
+    for line in change.splitlines():
+        lines[line.partition(":")[0]] = line
+    file = tmp_path / "s.yaml"
+    file.write_text("\n".join(lines.values()))
+    checked = CliRunner().invoke(check, [str(file)])
+    assert sentence in str(checked.exception or "")
+    assert (checked.exit_code == 0) == (sentence == "")
+    StudyFolder(tmp_path / "data", read_study(file), file.read_text())
+    texts = [found.text for found in check_folder(tmp_path / "data") if found.severity == "error"]
+    assert texts == ([str(checked.exception)] if sentence else [])
+
+
+def test_advised_repetitions_are_enough_where_distances_alternate_at_random(tmp_path: Path) -> None:
+    file = tmp_path / "s.yaml"
+    text = "name: s\nparticipants: 3\ntask: {kind: tapping}\n"
+    text += f"factors: {{d: {factor_text('trial', 'distance_m')}}}\n"
+    file.write_text(text + "repetitions: 6\n")
+    with pytest.raises(ConfigError, match=r"use repetitions: (\d+) or more") as refused:
+        check_sequences(read_study(file))
+    advised = int(str(refused.value).split("use repetitions: ")[1].split()[0])
+    file.write_text(text + f"repetitions: {advised - 1}\n")
+    with pytest.raises(ConfigError):
+        check_sequences(read_study(file))
+    file.write_text(text + f"repetitions: {advised}\n")
+    check_sequences(read_study(file))

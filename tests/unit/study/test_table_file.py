@@ -43,8 +43,10 @@ def written(
         ]
         for line in lines[1:]
     ]
-    style = csv.QUOTE_ALL if quoting else csv.QUOTE_MINIMAL
-    csv.writer(text, delimiter=separator, lineterminator=end, quoting=style).writerows([lines[0], *rows])
+    writer = csv.writer(
+        text, delimiter=separator, lineterminator=end, quoting=csv.QUOTE_ALL if quoting else csv.QUOTE_MINIMAL
+    )
+    writer.writerows([lines[0], *rows])
     return text.getvalue()
 
 

@@ -3,6 +3,7 @@
 import contextlib
 import itertools
 import os
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ from pointit.conversion.spreadsheet_text import neutralize_formula
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.runtime.host.atomic_file import write_atomically
 from pointit.study.columns import COUNTS, NUMBERS
-from pointit.study.table_file import Row, Table, joined_rows, parse_table, table_files, table_line
+from pointit.study.table_file import Row, Table, parse_table, table_line
 
 PLAIN = frozenset((*COUNTS, *NUMBERS, "item", "value"))
 """Columns of numbers, whose minus sign begins no formula."""
@@ -158,6 +159,30 @@ class AppendOnlyCsv:
                 f"{self._file}: a row cannot be written ({reason}); all earlier ones are there: make "
                 "room, then give the same command to go on"
             )
+
+
+def table_files(path: Path) -> list[Path]:
+    """Return the files of a table, in the order in which they were begun: `path`, and those beside it."""
+    further = {
+        int(found[1]): file
+        for file in path.parent.glob(f"{path.stem}_*{path.suffix}")
+        if (found := re.fullmatch(r"_([2-9]|[1-9]\d{1,5})", file.stem.removeprefix(path.stem)))
+    }
+    return [path, *(further[number] for number in sorted(further))]
+
+
+def joined_rows(tables: Iterable[Table]) -> list[Row]:
+    """Return the rows of all files of a table, each once, in the order in which they were measured.
+
+    The rows of files that another program has written, which may have sorted them, are sorted.
+    """
+    tables = list(tables)
+    rows = [row for table in tables for row in table.rows]
+    if len(tables) > 1:
+        rows = [*{tuple(sorted(row.items())): row for row in rows}.values()]
+    if any(table.changes for table in tables):
+        rows.sort(key=lambda row: [int(row[name]) for name in ("trial", "attempt") if name in row])
+    return rows
 
 
 def column_changes(table: Table, columns: Sequence[str]) -> tuple[str, ...]:

@@ -14,10 +14,17 @@ from pointit.runtime.config.config import Config, Layers
 from pointit.runtime.config.yaml_file import parse_yaml, read_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.atomic_file import write_atomically
-from pointit.study.append_only_csv import AppendOnlyCsv, column_changes, free_path, rewritten_sentence
+from pointit.study.append_only_csv import (
+    AppendOnlyCsv,
+    column_changes,
+    free_path,
+    joined_rows,
+    rewritten_sentence,
+    table_files,
+)
 from pointit.study.columns import FIXED, REPEATED, columns_of
 from pointit.study.model import Study, read_study
-from pointit.study.table_file import NUMBER, Row, joined_rows, parse_table, table_files, table_line
+from pointit.study.table_file import NUMBER, Row, parse_table, table_line
 
 STUDY, COLUMNS_FILE, TRIALS, PARTICIPANT, ANSWERS = (
     "study.yaml", "columns.csv", "trials.csv", "participant.yaml", "answers.csv",
@@ -34,6 +41,8 @@ RECORD = (
 """Keys of `participant.yaml` that the study writes."""
 MAX_TIMEOUTS = 2.0
 """Maximum time of a trial in timeouts of the study. A longer one was never measured."""
+MAX_DEG = 180.0
+"""Maximum angle between two directions, deg."""
 Note = Callable[[str], object]
 """Receives a sentence on what was changed, or is left out."""
 
@@ -137,7 +146,8 @@ class StudyFolder:
 
 
 def _yaml(about: Mapping[str, Any]) -> bytes:
-    return str(yaml.safe_dump(dict(about), sort_keys=False, allow_unicode=True)).encode()
+    text = yaml.safe_dump(dict(about), sort_keys=False, allow_unicode=True)
+    return text.encode()
 
 
 def _difference(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
@@ -228,21 +238,21 @@ def read_table(
 def check_trials(study: Study, path: Path, rows: Iterable[Row]) -> None:
     """Check the rows of a participant; a name or level that a program took for a number gets its own text.
 
-    Raises: ConfigError: If a level is not of the study, or a time is longer than the study allows.
+    Raises: ConfigError: If a level is not of the study, or a time or an angle is above its limit.
     """
-    most_s = MAX_TIMEOUTS * study.timeout_s
+    limits = dict.fromkeys(("first_hover_s", "selection_s"), MAX_TIMEOUTS * study.timeout_s)
+    limits |= dict.fromkeys(("error_deg", "target_distance_deg", "target_width_deg"), MAX_DEG)
     for row in rows:
         row["participant"] = _as_written(row["participant"], [path.parent.name])
         for name, factor in study.factors.items():
             row[name] = _as_written(row[name], factor.levels)
             if row[name] not in factor.levels:
                 raise ConfigError(f"{path}: {name} {row[name]!r} is not of the study; correct it")
-        for name in ("first_hover_s", "selection_s"):
-            if row[name] and float(row[name]) > most_s:
+        for name, limit in limits.items():
+            if row[name] and float(row[name]) > limit:
                 raise ConfigError(
-                    f"{path}: trial {row['trial']}: {name} is {row[name]}, but a trial ends after "
-                    f"{study.timeout_s:g} s; a spreadsheet may have removed its decimal point: restore the "
-                    "table from a backup"
+                    f"{path}: trial {row['trial']}: {name} is {row[name]}, limit {limit:g}; a spreadsheet "
+                    "may have removed its decimal point: restore the table from a backup"
                 )
 
 

@@ -90,10 +90,8 @@ def simulate(
         view = SimulatedView(study.seed + study.people.index(participant), on_status)
         pointit.run_virtually(Session(study, data, participant, view, setup).run())
 
-    is_interrupted = bool(about) and not about.get("ended")
-    run(folder.replayed() if is_interrupted else folder)
-    if (
-        is_interrupted
-        and Progress(plan_of(study, participant), read_trials(study, folder.path / participant)).left
-    ):
+    is_finished = bool(about.get("ended"))
+    run(folder if is_finished else folder.replayed())
+    plan = plan_of(study, participant)
+    if not is_finished and Progress(plan, read_trials(study, folder.path / participant)).left:
         run(folder)  # what an experimenter had stopped or skipped

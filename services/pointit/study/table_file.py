@@ -62,30 +62,6 @@ class _Record(NamedTuple):
     values: list[str]
 
 
-def table_files(path: Path) -> list[Path]:
-    """Return the files of a table, in the order in which they were begun: `path`, and those beside it."""
-    further = {
-        int(found[1]): file
-        for file in path.parent.glob(f"{path.stem}_*{path.suffix}")
-        if (found := re.fullmatch(r"_([2-9]|[1-9]\d{1,5})", file.stem.removeprefix(path.stem)))
-    }
-    return [path, *(further[number] for number in sorted(further))]
-
-
-def joined_rows(tables: Iterable[Table]) -> list[Row]:
-    """Return the rows of all files of a table, each once, in the order in which they were measured.
-
-    The rows of files that another program has written, which may have sorted them, are sorted.
-    """
-    tables = list(tables)
-    rows = [row for table in tables for row in table.rows]
-    if len(tables) > 1:
-        rows = [*{tuple(sorted(row.items())): row for row in rows}.values()]
-    if any(table.changes for table in tables):
-        rows.sort(key=lambda row: [int(row[name]) for name in ("trial", "attempt") if name in row])
-    return rows
-
-
 def table_line(values: Iterable[str]) -> bytes:
     """Return a line of a table as the study writes it."""
     text = io.StringIO()
@@ -110,9 +86,10 @@ def parse_table(path: Path, columns: Iterable[str]) -> Table:
     separator, header, records = _split(path, text, columns)
     canonical = b"".join(table_line(record.values) for record in (header, *records)) if header else b""
     tail = b""
-    if header and canonical == content[:cut]:
+    if header and canonical == content[:cut] and not _is_sorted_row(header, records, content[cut:]):
         tail = content[cut:]
-    elif cut < len(content):  # other programs leave out the last line end
+    elif cut < len(content):  # other programs leave it out
+        changes.append("no last line end")
         text += _decode(path, content[cut:], encoding)
         separator, header, records = _split(path, text, columns)
     if header is None:
@@ -154,6 +131,19 @@ def _decode(path: Path, content: bytes, encoding: str) -> str:
         ) from error
 
 
+def _is_sorted_row(header: _Record, records: Sequence[_Record], last: bytes) -> bool:
+    """Return True if the `last` line is a whole row of an earlier attempt: a program has sorted the rows."""
+    values = next(csv.reader([last.decode(errors="replace")]), list[str]())
+    if len(values) != len(header.values) or not {"trial", "attempt"} <= {*header.values}:
+        return False
+    at = [header.values.index(name) for name in ("trial", "attempt")]
+    attempts = [[each[place] for place in at] for each in (*(record.values for record in records), values)]
+    if not all(text.isdecimal() for each in attempts for text in each):
+        return False
+    numbers = [[*map(int, each)] for each in attempts]
+    return numbers != sorted(numbers)
+
+
 def _line_ends(text: str) -> set[str]:
     return set(re.findall(r"\r\n|\r|\n", text))
 
@@ -188,7 +178,7 @@ def _separator(text: str, wanted: set[str]) -> tuple[str, bool]:
     first = next((line for line in lines if not line.lower().startswith("sep=")), "")
     best = (-1, ",", False)
     for separator in SEPARATORS:
-        values = next(csv.reader([first], delimiter=separator), [])
+        values = next(csv.reader([first], delimiter=separator), list[str]())
         best = max(best, (len(wanted.intersection(map(str.strip, values))), separator, False), key=_known)
         cells = [*filter(None, values)]
         if len(cells) == 1 and cells[0] != first:

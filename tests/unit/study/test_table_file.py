@@ -75,6 +75,7 @@ REWRITTEN = {
     "empty rows": (OURS + "," * 16 + "\n" + "," * 16 + "\n").encode(),
     "spaces": OURS.replace(",1,", ", 1,", 1).encode(),
     "sorted": written([HEADER, *ROWS[::-1]]).encode(),
+    "sorted by a script": written([HEADER, *ROWS[::-1]], end="\n").rstrip().encode(),
     "columns in another order": written([line[::-1] for line in (HEADER, *ROWS)]).encode(),
     "row names of R": "".join(
         ",".join([f'"{n or ""}"', *(f'"{c}"' if not c[-1:].isdigit() else c for c in row)]) + "\n"

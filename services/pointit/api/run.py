@@ -21,6 +21,7 @@ from pointit.launch.plan.settings import check_settings
 from pointit.launch.run.service_group import ServiceGroup
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import WallClock
+from pointit.runtime.config.yaml_file import WrittenFloat, WrittenInt
 from pointit.runtime.errors import ConfigError, PointItError, first_cause
 from pointit.runtime.host.state_file import using_state_directory
 from pointit.runtime.link.link import Link
@@ -129,7 +130,7 @@ def run(
 
 def _setting(name: str, value: object) -> str:
     try:
-        return f"{name}={json.dumps(value)}"
+        return f"{name}={value if isinstance(value, WrittenInt | WrittenFloat) else json.dumps(value)}"
     except (TypeError, ValueError) as error:
         raise ConfigError(f"settings: {name} cannot be {value!r}: {error}") from error
 

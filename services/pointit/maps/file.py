@@ -213,19 +213,14 @@ def _placed(points: NDArray[np.float64], entry: CloudEntry) -> NDArray[np.float6
 
 
 def _wrong_names(section: str, entries: Any) -> Iterator[tuple[str, str]]:
-    """Yield names that cannot be in a key, and names that differ in YAML but not here (`1`, `"1"`)."""
+    """Yield names that cannot be in a key."""
     if not isinstance(entries, dict):
         return  # the model reports it
-    seen: set[str] = set()
-    for key in cast("dict[object, object]", entries):
-        name = str(key)
+    for name in cast("dict[str, object]", entries):
         try:
             check_name(name)
         except KeyNameError as error:
             yield section, str(error)
-        if name in seen:
-            yield section, f"{name} is defined twice; rename one of them"
-        seen.add(name)
 
 
 def _mistakes(error: ValidationError) -> list[tuple[str, str]]:

@@ -12,6 +12,7 @@ from pointit.geometry.rotation import Quaternion, from_yaw
 from pointit.geometry.rotation import normalized as normalized_quaternion
 from pointit.geometry.vector import Vec3, norm, normalized
 from pointit.runtime.config.validation_message import format_value
+from pointit.runtime.config.yaml_file import FLAGS, written_text
 from pointit.schemas import FARTHEST
 from pointit.schemas.environment import ThingMode
 
@@ -135,9 +136,10 @@ def _finite(value: object, unit: str) -> float:
 
 
 def _name(value: object) -> str:
-    if isinstance(value, bool) or not isinstance(value, str | int | float):
+    name = written_text(value)
+    if not isinstance(name, str):
         raise ValueError(f"write the name of a belt, not {format_value(value)}")  # noqa: TRY004 - pydantic's
-    return str(value)
+    return name
 
 
 class LinePart(NamedTuple):
@@ -172,6 +174,7 @@ _Along = Annotated[float, BeforeValidator(lambda value: _finite(value, "metres a
 _Degrees = Annotated[float, BeforeValidator(lambda value: _finite(value, "degrees"))]
 _Height = Annotated[float, BeforeValidator(lambda value: _finite(value, "metres above the floor"))]
 _Name = Annotated[str, BeforeValidator(_name)]
+_TEXT = BeforeValidator(written_text)
 _KIND = _if(
     lambda value: value in ("keep_in", "keep_out"),
     "keep_in (robots stay inside) or keep_out (they stay outside)",
@@ -181,7 +184,7 @@ _FILE = _if(
     "the path of a .ply or .xyz file, relative to the map",
 )
 _PIXELS = _if(
-    lambda value: type(value) is int and 0 < value <= MAX_PIXELS,
+    lambda value: isinstance(value, int) and not isinstance(value, bool) and 0 < value <= MAX_PIXELS,
     f"a whole number of pixels from 1 to {MAX_PIXELS}",
 )
 _DIRECTION = _if(
@@ -193,9 +196,13 @@ _LIGHT = BeforeValidator(lambda value: _part(value, "strip", "the name of a lamp
 _AT = BeforeValidator(
     lambda value: _part(value, "belt", "object, for the tracked object of that name", is_name=value == OBJECT)
 )
-_FLAG = _if(lambda value: isinstance(value, bool), "true or false")
+_FLAG = _if(
+    lambda value: isinstance(value, bool) or (isinstance(value, str) and value.lower() in FLAGS),
+    "true or false",
+)
 _DWELL = _if(
-    lambda value: type(value) in (int, float) and 0.1 <= value <= 10, "a number of seconds from 0.1 to 10"
+    lambda value: isinstance(value, int | float) and not isinstance(value, bool) and 0.1 <= value <= 10,
+    "a number of seconds from 0.1 to 10",
 )
 _LABEL = _if(
     lambda value: isinstance(value, str) and 0 < len(value) <= MAX_LABEL and value.isprintable(),
@@ -313,7 +320,7 @@ class ThingEntry(_Entry):
     mode: Annotated[ThingMode, _MODE] = "button"
     press: Annotated[bool, _FLAG] = False
     dwell_s: Annotated[float, _DWELL] | None = None
-    label: Annotated[str, _LABEL] = ""
+    label: Annotated[str, _LABEL, _TEXT] = ""
     at: Annotated[str | LinePart, _AT] | None = None
 
     @property

@@ -5,11 +5,10 @@ import re
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from pointit.maps.file import shipped_maps
 from pointit.maps.model import OBJECT
 from pointit.replay.levels import ReplayError
+from pointit.runtime.config.yaml_file import dump_yaml
 from pointit.schemas import Environment, Thing
 
 MAX_NAME = 64
@@ -26,7 +25,7 @@ def write_room(room: Environment, folder: Path) -> Path | None:
     if room.clouds:
         return None
     path = folder / f"{_UNSAFE.sub('_', room.name)[:MAX_NAME] or 'map'}.yaml"
-    path.write_text(yaml.safe_dump(_sections(room), sort_keys=False), encoding="utf-8")
+    path.write_text(dump_yaml(_sections(room)), encoding="utf-8")
     return path
 
 

@@ -7,11 +7,10 @@ from copy import copy
 from pathlib import Path
 from typing import Any, Self
 
-import yaml
 from pydantic import Field, StrictBool
 
 from pointit.runtime.config.config import Config, Layers
-from pointit.runtime.config.yaml_file import parse_yaml, read_yaml
+from pointit.runtime.config.yaml_file import dump_yaml, parse_yaml, read_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.atomic_file import write_atomically
 from pointit.study.append_only_csv import (
@@ -146,7 +145,7 @@ class StudyFolder:
 
 
 def _yaml(about: Mapping[str, Any]) -> bytes:
-    text = yaml.safe_dump(dict(about), sort_keys=False, allow_unicode=True)
+    text = dump_yaml(dict(about))
     return text.encode()
 
 

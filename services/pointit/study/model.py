@@ -6,12 +6,19 @@ import re
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, PrivateAttr, field_validator, model_validator
+from pydantic import (
+    Field,
+    PrivateAttr,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+    field_validator,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
 from pointit.runtime.config.config import Config, Layers
 from pointit.runtime.config.validation_message import DESCRIBED
-from pointit.runtime.config.yaml_file import read_yaml
+from pointit.runtime.config.yaml_file import WrittenFloat, WrittenInt, read_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import KeyNameError
 from pointit.schemas.topics import check_name
@@ -23,7 +30,15 @@ from pointit.study.tasks.robots import Localize, Steer
 from pointit.study.tasks.targets import Packages, Places, Reach, Tapping
 
 Task = Annotated[Reach | Tapping | Packages | Places | Steer | Localize, Field(discriminator="kind")]
-Value = bool | int | float | str
+
+
+def _with_text(value: object, validate_value: ValidatorFunctionWrapHandler) -> object:
+    """Return `value` if it is valid. A number stays one that has its text, for a service's field of text."""
+    valid: object = validate_value(value)
+    return value if isinstance(value, WrittenInt | WrittenFloat) else valid
+
+
+Value = Annotated[bool | int | float | str, WrapValidator(_with_text)]
 NAME = re.compile(r"[a-z][a-z0-9_]*")
 FUNCTION = re.compile(r"[\w/.-]+\.py:[A-Za-z_]\w*")
 TASK = "task."

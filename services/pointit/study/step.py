@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 from pydantic import Field, model_validator
 
 from pointit.runtime.config.config import Config
+from pointit.runtime.config.yaml_file import written_text
 from pointit.runtime.errors import ConfigError
 
 MAX_BYTES = 16 * 1024 * 1024
@@ -25,7 +26,8 @@ class Step(Config):
     @model_validator(mode="before")
     @classmethod
     def _of_text(cls, given: Any) -> Any:
-        return {"text": given} if isinstance(given, str) else given
+        text = written_text(given)
+        return {"text": text} if isinstance(text, str) else given
 
 
 class Picture(NamedTuple):

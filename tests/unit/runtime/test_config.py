@@ -93,7 +93,7 @@ def test_later_sources_win_field_by_field() -> None:
         ({"parts": [{"name": "a"}, {"nme": "b"}]}, "file.yaml: parts.1.name: is missing; give it a value"),
         ({"by_name": {"a": {"name": "x", "szie": 1}}}, "by_name.a: no parameter szie; did you mean size?"),
         ({"span": "wide"}, "file.yaml: span: name a span in m (got 'wide')"),
-        ({"count": -1, "label": 3, "x": 1}, "(got -1) (and 2 more mistakes)"),
+        ({"count": -1, "label": [3], "x": 1}, "(got -1) (and 2 more mistakes)"),
     ],
 )
 def test_a_mistake_in_a_file_names_file_field_and_value(values: dict[str, object], sentence: str) -> None:
@@ -185,9 +185,9 @@ def test_yaml_files(tmp_path: Path) -> None:
         (b"\xff\xfe\x00", "is not YAML"),
         (b"- 1\n- 2\n", "a mapping of names to values was expected, got list"),
         (b"a: !!python/object/apply:os.getcwd []\n", "is not YAML in line 1"),
-        (b"a: 1\nb: 2\na: 3\n", "is not YAML in line 3 ('a' stands there twice, keep one)"),
+        (b"a: 1\nb: 2\na: 3\n", "is not YAML in line 3 ('a' is in line 1 too, keep one)"),
         (b"a: 1\nb: 0x" + b"f" * 100_000, "is not YAML in line 2 (a number has more than 1000 digits)"),
-        (b"a: " + b":".join([b"59"] * 10_000), "is not YAML in line 1 (a number has more than 1000 digits)"),
+        (b"a: !!int " + b"5:" * 10_000, "is not YAML in line 1 (a number has more than 1000 digits)"),
         (b"a: " + b"[" * 150 + b"]" * 150, "is nested too deeply"),
         (BOMB, "is not YAML in line 6 (its aliases unfold to more than"),
         (MERGED_BOMB, "is not YAML in line 11 (its aliases unfold to more than"),
@@ -214,13 +214,8 @@ def test_a_hundred_thousand_levels_are_one_sentence(tmp_path: Path) -> None:
 
 def test_merged_keys_may_be_overridden(tmp_path: Path) -> None:
     file = tmp_path / "merged.yaml"
-    file.write_text("a: &a {x: 1, y: 2}\nb: &b {<<: *a, y: 3}\nc: {<<: *b, y: 4}\n1: one\n'1': two\n")
-    assert read_yaml(file) == {
-        "a": {"x": 1, "y": 2},
-        "b": {"x": 1, "y": 3},
-        "c": {"x": 1, "y": 4},
-        "1": "two",
-    }
+    file.write_text("a: &a {x: 1, y: 2}\nb: &b {<<: *a, y: 3}\nc: {<<: [*b, *a], y: 4}\n")
+    assert read_yaml(file) == {"a": {"x": 1, "y": 2}, "b": {"x": 1, "y": 3}, "c": {"x": 1, "y": 4}}
 
 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:

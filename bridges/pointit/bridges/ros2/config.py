@@ -9,6 +9,7 @@ from pydantic import Field, field_validator
 from pointit.bridges.ros2.graph.backend import Distro
 from pointit.bridges.ros2.tracking.config import TF, TrackerConfig
 from pointit.runtime.config.config import Config
+from pointit.runtime.config.yaml_file import written_text
 from pointit.schemas.topics import check_name
 
 NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
@@ -104,7 +105,8 @@ class Ros2Config(Config):
     @field_validator("people", mode="before")
     @classmethod
     def _one_is_a_word(cls, value: object) -> object:
-        return (value,) if isinstance(value, str) else value
+        word = written_text(value)
+        return (word,) if isinstance(word, str) else value
 
     @field_validator("people")
     @classmethod

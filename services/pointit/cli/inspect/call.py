@@ -13,7 +13,7 @@ from pointit.cli.common.output import Row, Section, json_option, print_json, say
 from pointit.cli.common.site_link import AtSite, default_address_note, join_site, quiet, site_options
 from pointit.cli.common.topic_names import filled
 from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S
-from pointit.runtime.config.config import Layers
+from pointit.runtime.config.config import Layers, validate
 from pointit.runtime.config.parameters import ParameterInfo, iter_parameters
 from pointit.runtime.config.similar_names import nearest
 from pointit.runtime.errors import ConfigError
@@ -134,7 +134,7 @@ def build(request: AnyRequest, values: Iterable[str]) -> Query:
         except ConfigError as error:
             raise UnknownNameError(str(error)) from error
     try:
-        query: Query = request.query.model_validate(layers.values, strict=False)
+        query: Query = validate(request.query, layers.values, strict=False)
     except ValidationError as error:
         raise UnknownNameError(f"{request.key}: {_complaint(request, error)}") from error
     return query

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-import yaml
 
 from pointit.bridges.ros2.config import NAME, BackendConfig
 from pointit.cli.common.lazy import UnknownNameError
@@ -20,6 +19,7 @@ from pointit.maps.checks.examine import examined
 from pointit.maps.file import parse_map_file
 from pointit.runtime.config.config import Layers
 from pointit.runtime.config.parameters import ParameterInfo, iter_parameters
+from pointit.runtime.config.yaml_file import dump_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.atomic_file import write_atomically
 from pointit.runtime.host.extras import remedy
@@ -34,9 +34,6 @@ MODE = "client"
 ANSWER_S = 5.0
 STANDARD = Path("-")
 """Stands for standard output."""
-
-_Dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
-"""The C dumper, if PyYAML has it, as for reading."""
 
 
 def _leaves() -> list[ParameterInfo]:
@@ -162,7 +159,7 @@ def _write(node: str, tree: Mapping[str, Any], output: Path | None) -> None:
     if output == STANDARD:
         output = None
     text = f"# The map of the ROS node {node}, from its parameters.\n"
-    text += yaml.dump(dict(tree), Dumper=_Dumper, sort_keys=False, allow_unicode=True)
+    text += dump_yaml(dict(tree))
     content = text.encode()
     name = f"the map of {node}" if output is None else str(output)
     path = Path("map.yaml") if output is None else output

@@ -16,13 +16,11 @@ from typing import Any, NamedTuple, cast
 import yaml
 
 from pointit.maps.edit.edits import Add, Edit, Remove, SetValue
-from pointit.runtime.config.yaml_file import Loader, parse_yaml
+from pointit.runtime.config.yaml_file import Loader, compose_yaml, parse_yaml, quoted, written_text
 from pointit.runtime.errors import RefusedError
 
 DIGITS = 6
 """Decimal places of numbers that are written."""
-PLAIN = re.compile(r"\w(?:[\w. /-]*\w)?", re.ASCII)
-"""Texts that need no quotes, unless they read as another type."""
 LINE_END = re.compile(r"\r\n|[\n\r\x85\u2028\u2029]")
 
 Data = dict[str, Any]
@@ -75,9 +73,9 @@ def _whole(data: Data) -> Data:
 
 
 def _plain(value: Any) -> Any:
-    """Return a copy that shares nothing, with texts as keys and numbers as they are written."""
+    """Return a copy that shares nothing."""
     if isinstance(value, dict):
-        return {str(key): _plain(each) for key, each in cast("dict[object, Any]", value).items()}
+        return {key: _plain(each) for key, each in cast("Data", value).items()}
     if isinstance(value, list | tuple):
         return [_plain(each) for each in cast("Sequence[Any]", value)]
     return value
@@ -137,7 +135,7 @@ def _set(entry: Data, key: str, value: Any) -> None:
 
 def _rename(data: Data, section: str, names: Mapping[str, str], is_set: set[tuple[str, str]]) -> None:
     for holder, key in [*_references(data, section, is_set)]:
-        holder[key] = names.get(str(holder[key]), holder[key])
+        holder[key] = names.get(str(written_text(holder[key])), holder[key])
     entries = cast("Data", data[section])
     data[section] = {}
     for name, entry in entries.items():
@@ -178,15 +176,15 @@ def _flow(value: Any) -> str:
     if isinstance(value, list):
         return "[" + ", ".join(_flow(each) for each in cast("Sequence[Any]", value)) + "]"
     if isinstance(value, str):
-        return value if PLAIN.fullmatch(value) and yaml.safe_load(value) == value else json.dumps(value)
+        return quoted(value)
     if isinstance(value, float):
         return f"{value:.{DIGITS}f}".rstrip("0").rstrip(".")
     return json.dumps(value)
 
 
 def _key(name: str) -> str:
-    """Return a name as YAML. A number needs no quotes if it reads as the same text."""
-    return name if PLAIN.fullmatch(name) and str(yaml.safe_load(name)) == name else json.dumps(name)
+    """Return a name as YAML. A number needs no quotes if every reader has the same text for it."""
+    return name if re.fullmatch("0|[1-9][0-9]*", name) else quoted(name)
 
 
 class _Document:
@@ -196,7 +194,7 @@ class _Document:
         self._text = text
         self._newline = "\r\n" if "\r\n" in text else "\n"
         self._lines = [0, *(match.end() for match in LINE_END.finditer(text))]
-        root: Any = yaml.compose(text, Loader=Loader)
+        root = compose_yaml(text)
         self._pairs: list[tuple[Any, Any]] = [] if root is None else root.value
 
     def holding(self, data: Data, names: Names) -> str:
@@ -246,7 +244,7 @@ class _Document:
 
     def _mapping(self, node: Any, value: Data, names: Mapping[str, str]) -> Iterator[_Splice]:
         pairs = [(key, below) for key, below in node.value if not key.tag.endswith(":merge")]
-        old = [str(_value(key)) for key, _ in pairs]
+        old = [str(key.value) for key, _ in pairs]
         new = [names.get(name, name) for name in old]
         for (key, below), before, name in zip(pairs, old, new, strict=True):
             if name not in value:

@@ -3,7 +3,7 @@
 Later sources win: defaults, files in order, `POINTIT_<SERVICE>__<FIELD>` variables, options.
 """
 
-import datetime as dt
+import copy
 import difflib
 import json
 import re
@@ -11,13 +11,14 @@ import typing
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TypeVar, cast
 
-import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from pointit.runtime.config.validation_message import describe_validation_error
+from pointit.runtime.config.yaml_file import load_yaml, written_text
 from pointit.runtime.errors import ConfigError
 
 C = TypeVar("C", bound="Config")
+M = TypeVar("M", bound=BaseModel)
 _SECRET = re.compile(r"token|passw(or)?d|passphrase|secret|credential|key$", re.IGNORECASE)
 """Part of the name of a field that is left out, at any depth."""
 _USER_INFO = re.compile(r"(?<=://)[^/\s]*@")
@@ -62,10 +63,10 @@ class Layers:
         A single word or number stays text, for the field to read: `no` may be a name, `7` an id.
         """
         try:
-            value = yaml.safe_load(text)
-        except yaml.YAMLError as error:
+            value = load_yaml(text, source)
+        except ConfigError as error:
             raise ConfigError(f"{source}: is not a value ({text!r})") from error
-        is_word = isinstance(value, str | bool | int | float | dt.date)
+        is_word = isinstance(value, str | bool | int | float)
         nested: Any = text.strip() if is_word and not text.lstrip().startswith(("'", '"')) else value
         for name in reversed(path[1:]):
             nested = {name: nested}
@@ -88,7 +89,7 @@ class Layers:
             ConfigError: names the source, the field, the value and what is wrong with it.
         """
         try:
-            return kind.model_validate(self.values)
+            return validate(kind, self.values)
         except ValidationError as error:
             loc = tuple(str(part) for part in error.errors(include_url=False)[0]["loc"])
             raise ConfigError(f"{self._source_of(loc)}: {describe_validation_error(error, kind)}") from error
@@ -118,6 +119,36 @@ class Layers:
             if source is not None:
                 return source
         return "configuration"
+
+
+def validate(kind: type[M], values: object, *, strict: bool | None = None) -> M:
+    """Return `values` as a `kind`. In a field of text, a number, true or false is its text in the file.
+
+    Raises:
+        ValidationError: If a value is wrong.
+    """
+    try:
+        return kind.model_validate(values, strict=strict)
+    except ValidationError as error:
+        details = [each for each in error.errors(include_url=False) if each["type"] == "string_type"]
+        names = [each["loc"] for each in details if each["input"] is not written_text(each["input"])]
+        if not names:
+            raise
+    values = copy.deepcopy(values)
+    for loc in names:
+        _make_text(values, loc)
+    return kind.model_validate(values, strict=strict)
+
+
+def _make_text(values: Any, loc: Sequence[int | str]) -> None:
+    """Replace the value at `loc` by its text. Alternatives of a union in it, such as `str`, are skipped."""
+    inner, holder, last = values, values, loc[-1]
+    for part in loc:
+        if part in (
+            inner if isinstance(inner, dict) else range(len(inner)) if isinstance(inner, list) else ()
+        ):
+            holder, last, inner = inner, part, inner[part]
+    holder[last] = written_text(inner)
 
 
 def published_parameters(config: Config) -> str:

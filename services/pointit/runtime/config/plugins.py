@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
-from pointit.runtime.config.config import Config
+from pointit.runtime.config.config import Config, validate
 from pointit.runtime.config.installed import OURS, InstalledGroup
 from pointit.runtime.config.validation_message import DESCRIBED, first_mistake
 from pointit.runtime.errors import ConfigError
@@ -113,7 +113,7 @@ class PluginGroup(InstalledGroup[P]):
         """
         kind = self.get(name).config
         try:
-            return kind.model_validate(values)
+            return validate(kind, values)
         except ValidationError as error:
             below, text = first_mistake(error, kind)
             raise _described((*loc, *below), text, values) from error

@@ -5,11 +5,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 import pointit
 from pointit.launch.plan.scenario_catalog import room_of
-from pointit.runtime.config.yaml_file import read_yaml
+from pointit.runtime.config.yaml_file import dump_yaml, read_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.atomic_file import write_atomically
 from pointit.study.measure import load_end_rule
@@ -34,7 +32,7 @@ def scenario_file(study: Study, recording: Path | None = None) -> Path:
     if Path(room).suffix:
         site["pui"]["map"] = str((path.parent / room).absolute())
     copy = recording.with_name("scenario.yaml")
-    write_atomically(copy, yaml.safe_dump(content, sort_keys=False).encode(), mode=0o644)
+    write_atomically(copy, dump_yaml(content).encode(), mode=0o644)
     return copy
 
 

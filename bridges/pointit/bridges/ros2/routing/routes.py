@@ -25,7 +25,7 @@ from pointit.bridges.ros2.outbound.humans_table import of_ros4hri
 from pointit.bridges.ros2.outbound.table import outward
 from pointit.bridges.ros2.routing.conversion_state import KINDS
 from pointit.bridges.ros2.routing.route_types import InboundRoute, OutboundRoute, ServiceRoute
-from pointit.runtime.config.config import Config
+from pointit.runtime.config.config import Config, validate
 from pointit.runtime.config.validation_message import describe_validation_error, unknown_parameter_message
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError
@@ -155,7 +155,7 @@ def read_routes(path: Path) -> RoutesFile:
         ConfigError: If it cannot be read or used.
     """
     try:
-        return RoutesFile.model_validate(read_yaml(path))
+        return validate(RoutesFile, read_yaml(path))
     except ValidationError as error:
         raise ConfigError(f"{path}: {describe_validation_error(error, RoutesFile)}") from error
 

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from pointit.runtime.config.config import validate
 from pointit.runtime.config.validation_message import describe_validation_error
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError
@@ -54,7 +55,7 @@ def read_schedule(path: Path) -> ScheduleFile:
         ConfigError: If it cannot be read or used; names the file, the field and the value.
     """
     try:
-        return ScheduleFile.model_validate(read_yaml(path))
+        return validate(ScheduleFile, read_yaml(path))
     except ValidationError as error:
         raise ConfigError(f"{path}: {describe_validation_error(error, ScheduleFile)}") from error
 

@@ -2,9 +2,10 @@
 
 import math
 from collections import Counter
-from typing import Literal, Self
+from collections.abc import Mapping
+from typing import Literal, Self, cast
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from pointit.runtime.config.config import Config
 from pointit.schemas.base import Vec3
@@ -92,6 +93,15 @@ class SpotlightConfig(OutputConfig):
     user: str = Field(
         default="", description="person whom the beam follows; who began to point last if empty"
     )
+
+    @field_validator("fixed_channels", mode="before")
+    @classmethod
+    def _are_different(cls, value: object) -> object:
+        keys = cast("Mapping[object, object]", value) if isinstance(value, Mapping) else ()
+        numbers = Counter(str(key).strip().lstrip("+0") for key in keys)
+        if twice := [number for number, uses in numbers.items() if uses > 1]:
+            raise ValueError(f"channel {twice[0]} is there twice; keep one")
+        return value
 
     @model_validator(mode="after")
     def _is_consistent(self) -> Self:

@@ -15,6 +15,7 @@ import click
 from pointit.cli.commands import COMMANDS, OLD_SPELLINGS
 from pointit.cli.common.installed_commands import LABORATORY, Installed
 from pointit.cli.common.lazy import COMPLETE, Entry, LazyGroup, print_help_without_action, walk
+from pointit.runtime.host.text_output import escape_unencodable
 
 EXAMPLES = (
     ("pointit run", "a person in a room with a conveyor, in your browser; then point yourself"),
@@ -172,6 +173,7 @@ command = front()
 
 def main() -> NoReturn:
     """Run the command line; entry point of `pointit` and `python -m pointit.cli`."""
+    escape_unencodable()
     if len(sys.argv) == 1 and COMPLETE not in os.environ:
         click.echo("`pointit` alone is `pointit run`; `pointit --help` shows all commands", err=True)
         sys.argv.append("run")

@@ -127,7 +127,8 @@ def print_json(value: Any, *, indent: int | None = 2) -> None:
 
 def to_json(value: Any, *, indent: int | None = None) -> str:
     """Return `value` as JSON; bytes become hexadecimal text."""
-    return _escaped(json.dumps(value, indent=indent, default=_plain, ensure_ascii=False))
+    is_ascii = not (sys.stdout.encoding or "utf-8").lower().startswith("utf")
+    return _escaped(json.dumps(value, indent=indent, default=_plain, ensure_ascii=is_ascii))
 
 
 def to_line(value: Any) -> str:
@@ -152,6 +153,12 @@ def _key(key: str) -> str:
 
 def _escaped(text: str) -> str:
     return _UNMINDED.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+
+
+def print_file(content: str | bytes) -> None:
+    """Print what a file would have. A pipe gets it in UTF-8, as files are, whatever its encoding."""
+    is_text = isinstance(content, str) and sys.stdout.isatty()
+    click.echo(content if is_text or isinstance(content, bytes) else content.encode(), nl=False)
 
 
 def write_line(line: str) -> bool:

@@ -26,7 +26,11 @@ def remembered(words: Sequence[str], load: Load) -> click.Command:
         words: of the command, behind `pointit`.
         load: called if they are not known.
     """
-    path = platformdirs.user_cache_path("pointit", appauthor=False) / "completion" / f"{'-'.join(words)}.json"
+    try:
+        folder = platformdirs.user_cache_path("pointit", appauthor=False) / "completion"
+    except RuntimeError:  # there is no home directory
+        return load()
+    path = folder / f"{'-'.join(words)}.json"
     state = _state_of_sources()
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
         saved = json.loads(path.read_text(encoding="utf-8"))

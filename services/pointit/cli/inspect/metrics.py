@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from pointit.cli.common.option_types import host_port
+from pointit.cli.common.output import print_file
 from pointit.cli.common.site_link import join_site, quiet, site_options
 from pointit.launch.page.page import is_available, page_unavailable_error
 from pointit.runtime.bus.contract import Bus
@@ -70,7 +71,7 @@ async def _print(metrics: "SiteMetrics", site: str, connect: tuple[str, ...]) ->
         _attach(bus, metrics)
         await asyncio.sleep(LISTEN_S)
     content, _ = exposition(metrics, TEXT)
-    click.echo(content.decode(), nl=False)
+    print_file(content.decode())
     return EXIT_FAILED if metrics.is_empty else 0
 
 

@@ -6,6 +6,7 @@ import click
 
 from pointit.cli.common.completed_names import maps
 from pointit.cli.common.option_types import Finite
+from pointit.cli.common.output import print_file
 from pointit.cli.maps.check import print_findings
 from pointit.maps import exchange
 from pointit.maps.checks.examine import examined
@@ -119,6 +120,6 @@ def export(*, name_or_path: str, kind: str, view: str, cell_m: float, output: Pa
 
 def _write(output: Path | None, content: str) -> None:
     if output is None:
-        click.echo(content, nl=False)
+        print_file(content)
     else:
         write_new(output, content)

@@ -10,7 +10,7 @@ import click
 from pointit.bridges.ros2.config import NAME, BackendConfig
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.option_types import Finite
-from pointit.cli.common.output import INTERRUPTED
+from pointit.cli.common.output import INTERRUPTED, print_file
 from pointit.cli.common.panels import PanelCommand
 from pointit.cli.common.site_link import notify_if_slow, quiet
 from pointit.cli.maps.check import print_findings
@@ -167,7 +167,7 @@ def _write(node: str, tree: Mapping[str, Any], output: Path | None) -> None:
     has_errors = any(each.severity == "error" for each in findings)
     if not has_errors:
         if output is None:
-            click.echo(text, nl=False)
+            print_file(text)
         elif output.exists() and not output.is_file():
             try:
                 output.write_bytes(content)  # /dev/null or a pipe: must not be replaced by a file

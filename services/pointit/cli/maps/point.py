@@ -13,7 +13,7 @@ import click
 from pointit.cli.common import site_link
 from pointit.cli.common.keyboard import has_keyboard, keys
 from pointit.cli.common.option_types import Finite
-from pointit.cli.common.output import INTERRUPTED, say
+from pointit.cli.common.output import INTERRUPTED, print_file, say
 from pointit.cli.common.panels import PanelCommand
 from pointit.cli.maps import stand
 from pointit.geometry.vector import Vec3, norm, subtract
@@ -127,7 +127,7 @@ async def _run(user: str, work: Work, output: Path | None, **at: Unpack[site_lin
         except asyncio.CancelledError:
             return INTERRUPTED
     if output is None:
-        click.echo(text, nl=False)
+        print_file(text)
     else:
         write_new(output, text)
     return code

@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 
+from pointit.cli.common.output import print_file
 from pointit.cli.common.panels import PanelCommand
 from pointit.cli.maps.check import print_findings
 from pointit.cli.maps.scan_live import live_options, scan_live
@@ -120,7 +121,7 @@ def command(
         write_new(path, text)
         print_findings(str(path), has, findings, err=True)
     else:
-        click.echo(text, nl=False)
+        print_file(text)
     for sentence in _sentences(scan):
         click.echo(sentence, err=True)
     found: list[ScannedStrip | ScannedLamp] = [*scan.strips.values(), *scan.lamps.values()]

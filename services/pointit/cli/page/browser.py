@@ -1,5 +1,6 @@
 """Opens the page in the default browser, once it is present and if there is a desktop."""
 
+import contextlib
 import logging
 import os
 import sys
@@ -39,7 +40,10 @@ class BrowserWindow:
 
     def __init__(self, file: Path) -> None:
         self._file = file
-        self._copy = Path.home() / f"pointit-{file.name}" if SNAPS.is_dir() else None
+        self._copy: Path | None = None
+        if SNAPS.is_dir():
+            with contextlib.suppress(RuntimeError):  # there is no home directory
+                self._copy = Path.home() / f"pointit-{file.name}"
         self._is_open = False
         self._lock = threading.Lock()
         """Held while the copy is written or removed."""

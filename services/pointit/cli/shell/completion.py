@@ -35,13 +35,10 @@ def command(ctx: click.Context, *, shell: str | None, is_printed: bool) -> None:
     if is_printed:
         click.echo(script)
         return
-    if name == "fish":
-        folder = Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config")
-        file, start = folder / "fish/completions/pointit.fish", None
-    else:
-        file = platformdirs.user_data_path("pointit", appauthor=False) / f"completion.{name}"
-        zsh = Path(os.environ.get("ZDOTDIR", Path.home()), ".zshrc")
-        start = zsh if name == "zsh" else Path.home() / ".bashrc"
+    try:
+        file, start = _files(name)
+    except RuntimeError as error:
+        raise ConfigError("there is no home directory; set HOME, or print the script with --print") from error
     line = f'source "{file}"\n'
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
@@ -55,3 +52,17 @@ def command(ctx: click.Context, *, shell: str | None, is_printed: bool) -> None:
         ) from error
     where = f"{file}" if start is None else f"{file}, which {start} loads"
     click.echo(f"completion for {name} is in {where}; open a new terminal to use it")
+
+
+def _files(shell: str) -> tuple[Path, Path | None]:
+    """Return the script's file, and the file that loads it, if one has to.
+
+    Raises:
+        RuntimeError: If there is no home directory.
+    """
+    if shell == "fish":
+        folder = Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config")
+        return folder / "fish/completions/pointit.fish", None
+    file = platformdirs.user_data_path("pointit", appauthor=False) / f"completion.{shell}"
+    home = os.environ.get("ZDOTDIR") if shell == "zsh" else None
+    return file, Path(home or Path.home()) / f".{shell}rc"

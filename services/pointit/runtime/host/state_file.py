@@ -38,11 +38,30 @@ def using_state_directory(path: Path) -> Generator[None]:
 
 
 def state_directory() -> Path:
-    """Return the state directory: `$POINTIT_STATE`, or the system's default. It need not exist."""
+    """Return the state directory: `$POINTIT_STATE`, or the system's default. It need not exist.
+
+    Raises:
+        ConfigError: If neither the variable nor a home directory is set.
+    """
     if (used := _used.get()) is not None:
         return used
     named = os.environ.get(VARIABLE, "")
-    return Path(named) if named else platformdirs.user_state_path("pointit", appauthor=False)
+    try:
+        return Path(named) if named else platformdirs.user_state_path("pointit", appauthor=False)
+    except RuntimeError as error:  # a user id without a name, and no HOME
+        raise ConfigError(f"there is no home directory; set HOME, or {VARIABLE} to a folder") from error
+
+
+def expand_home(text: str) -> Path:
+    """Return the path `text`, in which `~` and `~USER` are a home directory.
+
+    Raises:
+        ConfigError: If there is none.
+    """
+    try:
+        return Path(text).expanduser()
+    except RuntimeError as error:
+        raise ConfigError(f"{text}: there is no such home directory; set HOME, or write the path") from error
 
 
 def site_folder(site: str, service: str) -> Path:

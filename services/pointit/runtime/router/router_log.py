@@ -37,7 +37,8 @@ def captured_log(wanted: str, take: Callable[[str], None], marks: Sequence[bytes
     source, sink = os.pipe()
     os.dup2(sink, STDOUT)
     os.close(sink)
-    shown, sys.stdout = sys.stdout, os.fdopen(os.dup(before), "w", buffering=1, encoding="utf-8")
+    shown = sys.stdout
+    sys.stdout = os.fdopen(os.dup(before), "w", 1, encoding=shown.encoding, errors=shown.errors)
     threading.Thread(target=_read, args=(source, take, marks), name="zenoh-log", daemon=True).start()
     os.environ.pop("NO_COLOR", None)
     zenoh.init_log_from_env_or(wanted)

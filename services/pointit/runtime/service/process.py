@@ -17,6 +17,7 @@ from pointit.runtime.config.config import Config, Layers, check_spelling, enviro
 from pointit.runtime.config.parameters import iter_parameters
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError, PointItError
+from pointit.runtime.host.text_output import escape_unencodable
 from pointit.runtime.host.threads import exit_now, has_running_threads
 from pointit.runtime.link.link import Link
 from pointit.runtime.link.options import link_of, link_options
@@ -54,6 +55,7 @@ def run_program(command: click.Command, *, at_once: bool = False) -> NoReturn:
 
     `at_once`: skip `atexit` handlers of others, too.
     """
+    escape_unencodable()
     try:
         run_command(command)
     except SystemExit as end:

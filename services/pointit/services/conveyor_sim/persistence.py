@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from pointit.runtime.host.state_file import expand_home
 from pointit.runtime.host.store import Layout, Store
 from pointit.schemas import NS_PER_S, Environment, SelectionEvent
 from pointit.schemas.base import Count, Ns, SchemaModel
@@ -164,5 +165,5 @@ def fingerprint(environment: Environment, config: ConveyorSimConfig) -> str:
     text = json.dumps([parts, settings], sort_keys=True)
     if config.schedule:
         with contextlib.suppress(OSError):
-            text += Path(config.schedule).expanduser().read_text(encoding="utf-8", errors="replace")
+            text += expand_home(config.schedule).read_text(encoding="utf-8", errors="replace")
     return hashlib.sha256(text.encode()).hexdigest()

@@ -6,12 +6,12 @@ import logging
 import re
 import tempfile
 import time
-from pathlib import Path
 from typing import ClassVar
 
 from pointit.recording.head import make_head
 from pointit.runtime.bus.contract import AnyTopic, Undecoded
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.state_file import expand_home
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S, Message
 from pointit.schemas.topics import ANY, IMU, PRESENCES, RAY, SERVICE_ALIVE, TOPICS, WRIST, Presence
@@ -45,7 +45,7 @@ class Recorder(Service[RecorderConfig]):
     @classmethod
     def validate_config(cls, config: RecorderConfig) -> None:
         """Check that a file can be made in the folder, and that there are topics to leave out."""
-        folder = Path(config.file or "x").expanduser().resolve().parent
+        folder = expand_home(config.file or "x").resolve().parent
         if not folder.is_dir():
             raise ConfigError(f"{config.file}: its folder does not exist; create it, or record elsewhere")
         try:
@@ -66,7 +66,7 @@ class Recorder(Service[RecorderConfig]):
         super().__init__(config, context)
         add_all_rows()  # their services may run in other processes
         now_ns = self.clock.now_ns()
-        path = Path(config.file or f"pointit-{self.bus.site}-{now_ns // NS_PER_S}.mcap").expanduser()
+        path = expand_home(config.file or f"pointit-{self.bus.site}-{now_ns // NS_PER_S}.mcap")
         head = make_head(
             self.bus.site, now_ns, seed=config.seed, without=config.without, pseudonyms=config.pseudonyms
         )

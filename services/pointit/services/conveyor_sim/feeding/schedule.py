@@ -12,6 +12,7 @@ from pointit.runtime.config.config import validate
 from pointit.runtime.config.validation_message import describe_validation_error
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.state_file import expand_home
 from pointit.services.conveyor_sim.config import ConveyorSimConfig, KindNumber
 from pointit.services.conveyor_sim.feeding.feed import Feeder, FeedSpec, configured
 
@@ -135,7 +136,7 @@ def scheduled(config: ConveyorSimConfig, belts: Mapping[str, object], seed: int)
     """
     if not config.schedule:
         return None
-    path = Path(config.schedule).expanduser()
+    path = expand_home(config.schedule)
     steps: list[Step] = []
     for name, entry in read_schedule(path).steps.items():
         feeders: list[Feeder] = []
@@ -156,7 +157,7 @@ def check_schedule(config: ConveyorSimConfig) -> None:
         ConfigError: If it cannot be used; names the file, the step and what to do.
     """
     if config.schedule:
-        path = Path(config.schedule).expanduser()
+        path = expand_home(config.schedule)
         for name, entry in read_schedule(path).steps.items():
             for feeder_name, feeder in entry.feeders.items():
                 _supply(f"{path}: step {name}, feeder {feeder_name!r}", feeder, config)

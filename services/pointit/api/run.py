@@ -21,7 +21,7 @@ from pointit.launch.plan.settings import check_settings
 from pointit.launch.run.service_group import ServiceGroup
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import WallClock
-from pointit.runtime.config.yaml_file import WrittenFloat, WrittenInt
+from pointit.runtime.config.yaml_values import WrittenFloat, WrittenInt
 from pointit.runtime.errors import ConfigError, PointItError, first_cause
 from pointit.runtime.host.state_file import using_state_directory
 from pointit.runtime.link.link import Link

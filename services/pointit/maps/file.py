@@ -186,7 +186,8 @@ def to_message(path: Path, file: MapFile, clouds: Clouds, stamp_ns: int) -> Envi
     Raises:
         ConfigError: If it is too large for a message.
     """
-    room = environment(file, clouds, name=path.stem, stamp_ns=stamp_ns)
+    name = path.stem.encode(errors="backslashreplace").decode()  # bytes that are no UTF-8 are no text
+    room = environment(file, clouds, name=name, stamp_ns=stamp_ns)
     size = len(encode(room))
     if size > Environment.max_bytes:
         raise ConfigError(

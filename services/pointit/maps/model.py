@@ -12,7 +12,7 @@ from pointit.geometry.rotation import Quaternion, from_yaw
 from pointit.geometry.rotation import normalized as normalized_quaternion
 from pointit.geometry.vector import Vec3, norm, normalized
 from pointit.runtime.config.validation_message import format_value
-from pointit.runtime.config.yaml_file import FLAGS, written_text
+from pointit.runtime.config.yaml_values import FLAGS, written_text
 from pointit.schemas import FARTHEST
 from pointit.schemas.environment import ThingMode
 

@@ -5,10 +5,10 @@ import re
 from pathlib import Path
 from typing import Any
 
+from pointit.maps.edit.yaml_writer import dump_yaml
 from pointit.maps.file import shipped_maps
 from pointit.maps.model import OBJECT
 from pointit.replay.levels import ReplayError
-from pointit.runtime.config.yaml_file import dump_yaml
 from pointit.schemas import Environment, Thing
 
 MAX_NAME = 64

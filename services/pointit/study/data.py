@@ -9,8 +9,9 @@ from typing import Any, Self
 
 from pydantic import Field, StrictBool
 
+from pointit.maps.edit.yaml_writer import dump_yaml
 from pointit.runtime.config.config import Config, Layers
-from pointit.runtime.config.yaml_file import dump_yaml, parse_yaml, read_yaml
+from pointit.runtime.config.yaml_file import parse_yaml, read_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.atomic_file import write_atomically
 from pointit.study.append_only_csv import (
@@ -145,8 +146,7 @@ class StudyFolder:
 
 
 def _yaml(about: Mapping[str, Any]) -> bytes:
-    text = dump_yaml(dict(about))
-    return text.encode()
+    return dump_yaml(dict(about)).encode()
 
 
 def _difference(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:

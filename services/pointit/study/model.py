@@ -18,7 +18,8 @@ from pydantic_core import PydanticCustomError
 
 from pointit.runtime.config.config import Config, Layers
 from pointit.runtime.config.validation_message import DESCRIBED
-from pointit.runtime.config.yaml_file import WrittenFloat, WrittenInt, read_yaml
+from pointit.runtime.config.yaml_file import read_yaml
+from pointit.runtime.config.yaml_values import WrittenFloat, WrittenInt
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import KeyNameError
 from pointit.schemas.topics import check_name

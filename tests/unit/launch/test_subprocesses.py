@@ -12,7 +12,7 @@ from typing import Literal
 
 import psutil
 import pytest
-import yaml
+from pydantic import BaseModel
 
 from pointit.cli.display.summary import check_writable
 from pointit.launch.run.service_group import Processes, last_log_error
@@ -101,7 +101,7 @@ async def test_a_child_that_fails_says_why(caplog: pytest.LogCaptureFixture) -> 
         return "window_s: soon\n"
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(yaml, "safe_dump", spoil)
+        patch.setattr(BaseModel, "model_dump_json", spoil)
         await group.__aenter__()
     try:
         await until(lambda: len(caplog.records) == 2, PATIENCE_S, "both reports")

@@ -16,10 +16,10 @@ from pointit.cli.common.site_link import notify_if_slow, quiet
 from pointit.cli.maps.check import print_findings
 from pointit.launch.plan.extras import has_extra
 from pointit.maps.checks.examine import examined
+from pointit.maps.edit.yaml_writer import dump_yaml
 from pointit.maps.file import parse_map_file
 from pointit.runtime.config.config import Layers
 from pointit.runtime.config.parameters import ParameterInfo, iter_parameters
-from pointit.runtime.config.yaml_file import dump_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.atomic_file import write_atomically
 from pointit.runtime.host.extras import remedy

@@ -15,7 +15,6 @@ from typing import Literal, Self
 
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.clock import Clock
-from pointit.runtime.config.yaml_file import dump_yaml
 from pointit.runtime.link.link import Link
 from pointit.runtime.service.service import Launch, run_services
 from pointit.schemas.topics import SERVICE_ALIVE
@@ -158,7 +157,7 @@ class Processes:
         try:
             for launch in self._launches:
                 path = self.folder / f"{launch.instance}.yaml"
-                path.write_text(dump_yaml(launch.config.model_dump(mode="json")), encoding="utf-8")
+                path.write_text(launch.config.model_dump_json(), encoding="utf-8")
             for launch in self._launches:
                 await self._start(launch)
         except BaseException:

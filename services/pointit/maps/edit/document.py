@@ -16,7 +16,9 @@ from typing import Any, NamedTuple, cast
 import yaml
 
 from pointit.maps.edit.edits import Add, Edit, Remove, SetValue
-from pointit.runtime.config.yaml_file import Loader, compose_yaml, parse_yaml, quoted, written_text
+from pointit.maps.edit.yaml_writer import quoted
+from pointit.runtime.config.yaml_file import compose_yaml, parse_yaml
+from pointit.runtime.config.yaml_values import Loader, written_text
 from pointit.runtime.errors import RefusedError
 
 DIGITS = 6

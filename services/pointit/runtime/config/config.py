@@ -3,6 +3,7 @@
 Later sources win: defaults, files in order, `POINTIT_<SERVICE>__<FIELD>` variables, options.
 """
 
+import contextlib
 import copy
 import difflib
 import json
@@ -14,7 +15,8 @@ from typing import Any, TypeVar, cast
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from pointit.runtime.config.validation_message import describe_validation_error
-from pointit.runtime.config.yaml_file import load_yaml, written_text
+from pointit.runtime.config.yaml_file import load_yaml
+from pointit.runtime.config.yaml_values import written_text
 from pointit.runtime.errors import ConfigError
 
 C = TypeVar("C", bound="Config")
@@ -142,11 +144,9 @@ def validate(kind: type[M], values: object, *, strict: bool | None = None) -> M:
 
 def _make_text(values: Any, loc: Sequence[int | str]) -> None:
     """Replace the value at `loc` by its text. Alternatives of a union in it, such as `str`, are skipped."""
-    inner, holder, last = values, values, loc[-1]
+    holder, last, inner = values, loc[-1], values
     for part in loc:
-        if part in (
-            inner if isinstance(inner, dict) else range(len(inner)) if isinstance(inner, list) else ()
-        ):
+        with contextlib.suppress(KeyError, IndexError, TypeError):
             holder, last, inner = inner, part, inner[part]
     holder[last] = written_text(inner)
 

@@ -5,88 +5,22 @@ Keys are literal text: most are names. Values are those of YAML 1.2; a warning s
 
 import functools
 import logging
-import re
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import yaml
 
+from pointit.runtime.config.yaml_values import MERGE, TEXT, Loader, disputes_of
 from pointit.runtime.errors import ConfigError
 
 log = logging.getLogger(__name__)
 
 MAX_YAML_DEPTH = 100
-MAX_YAML_INT = 1000
-"""Characters of a whole number: Python does not show those with some thousands of digits."""
 MAX_YAML_UNFOLDED = 200_000
 """Values that stand in a file only as aliases; to check so many takes a second."""
 MAX_YAML_BYTES = 4 * 1024 * 1024
 """Size limit of a file. The C loader takes some seconds for it."""
 MAX_WARNINGS = 1000
-
-Loader: Any = type(
-    "Loader", (getattr(yaml, "CSafeLoader", yaml.SafeLoader),), {"yaml_implicit_resolvers": {}}
-)
-"""The one in C where PyYAML has it, a large map in a second instead of ten; with values as here."""
-Dumper: Any = type("Dumper", (getattr(yaml, "CSafeDumper", yaml.SafeDumper),), {})
-"""Puts text in quotes that a reader of YAML 1.1 or 1.2 would take for another value."""
-
-_TAG = "tag:yaml.org,2002:"
-MERGE = f"{_TAG}merge"
-_DISPUTED = f"{_TAG}disputed"
-"""Text that is a truth value, a number or a date in YAML 1.1 only: `on`, `12:30`, `2026-11-26`."""
-_DIGITS = "+-.0123456789"
-_RESOLVERS = (
-    ("bool", "tTfF", "true|True|TRUE|false|False|FALSE"),
-    ("null", ("~", "n", "N", ""), "~|null|Null|NULL|"),
-    ("merge", "<", "<<"),
-    ("int", _DIGITS, "[-+]?(0b[01][01_]*|0o[0-7][0-7_]*|0x[0-9a-fA-F][0-9a-fA-F_]*|[0-9][0-9_]*)"),
-    ("float", _DIGITS, r"[-+]?(\.[0-9][0-9_]*|[0-9][0-9_]*(\.[0-9_]*)?)([eE][-+]?[0-9]+)?"),
-    ("float", _DIGITS, r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)"),
-)
-"""Values of plain text: tag, first letters, pattern."""
-FLAGS = {"yes": "true", "on": "true", "no": "false", "off": "false"}
-"""Words of YAML 1.1 for true and false, which are text here and which a field of type bool understands."""
-_DISPUTED_INT = re.compile("[-+]?(0b|0o|0+([1-9][0-9]|[89]))|.*_")
-_BASES = {"0b": 2, "0o": 8, "0x": 16}
-_PLAIN = re.compile(r"\w(?:[\w. /-]*\w)?", re.ASCII)
-
-
-class WrittenInt(int):
-    """A whole number with its text in the file, which may be a name: `010`."""
-
-    text: str
-
-    def __repr__(self) -> str:
-        return self.text
-
-
-class WrittenFloat(float):
-    """A number with its text in the file, which may be a name: `1.10`."""
-
-    text: str
-
-    def __repr__(self) -> str:
-        return self.text
-
-
-def written_text(value: object) -> object:
-    """Return the text in the file of `value` if it is a number, true or false, else `value`."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    return str(value) if isinstance(value, int | float) else value
-
-
-def quoted(text: str) -> str:
-    """Return `text` as YAML on one line, in quotes unless all readers take it for the same text without."""
-    if _PLAIN.fullmatch(text) and yaml.dump([text], Dumper=Dumper, default_flow_style=True) == f"[{text}]\n":
-        return text
-    return yaml.dump(text, Dumper=Dumper, default_style='"', width=2**30, allow_unicode=True).rstrip("\n")
-
-
-def dump_yaml(data: object) -> str:
-    """Return `data`, such as a result of `read_yaml`, as YAML with the same names and values."""
-    return yaml.dump(data, Dumper=Dumper, sort_keys=False, allow_unicode=True)
 
 
 def check_nesting_depth(text: str) -> None:
@@ -140,7 +74,7 @@ def parse_yaml(content: bytes, path: Path | str) -> dict[str, Any]:
         return {}
     if not isinstance(data, dict):
         raise ConfigError(f"{path}: a mapping of names to values was expected, got {type(data).__name__}")
-    return data
+    return cast("dict[str, Any]", data)
 
 
 def load_yaml(text: str, source: Path | str) -> Any:
@@ -162,12 +96,11 @@ def load_yaml(text: str, source: Path | str) -> Any:
         raise ConfigError(f"{source}: is not YAML{where} ({problem})") from error
     finally:
         loader.dispose()
-    if disputed := vars(loader).get("disputed"):
-        others = sorted({line for line, _ in disputed[1:]})
-        more = (
-            f"; line {', '.join(map(str, others[:10]))}{', ...' * (len(others) > 10)}, too" if others else ""
-        )
-        _warn_once(f"{source}: line {disputed[0][0]}: {disputed[0][1]}{more}")
+    if disputed := sorted(disputes_of(loader)):
+        line, warning = disputed[0]
+        others = [str(each) for each in sorted({each for each, _ in disputed} - {line})]
+        more = f"; line {', '.join(others[:10])}{', ...' * (len(others) > 10)}, too" if others else ""
+        _warn_once(f"{source}: line {line}: {warning}{more}")
     return data
 
 
@@ -246,7 +179,7 @@ def _name_keys(root: yaml.Node) -> None:
                     problem_mark=key.start_mark,
                 )
             lines[key.value] = key.start_mark.line + 1
-            text = yaml.ScalarNode(f"{_TAG}str", key.value, key.start_mark, key.end_mark, key.style)
+            text = yaml.ScalarNode(TEXT, key.value, key.start_mark, key.end_mark, key.style)
             node.value[index] = text, value  # the key's own node may be an anchor
 
 
@@ -256,65 +189,6 @@ def _is_alias(node: Any, key: yaml.Node) -> bool:
     return all(each.start_mark.index < key.start_mark.index for each in nodes)
 
 
-def _int(loader: Any, node: yaml.ScalarNode) -> int:
-    text = node.value
-    if len(text) > MAX_YAML_INT:
-        raise yaml.MarkedYAMLError(
-            problem=f"a number has more than {MAX_YAML_INT} digits", problem_mark=node.start_mark
-        )
-    digits = text.replace("_", "").lower()
-    value = int(digits, _BASES.get(digits.lstrip("+-")[:2], 10))
-    if _DISPUTED_INT.match(text):
-        _note_dispute(loader, node, f", as a number {value} here; write {value}, or")
-    return value if str(value) == text else _written(WrittenInt(value), text)
-
-
-def _float(loader: Any, node: yaml.ScalarNode) -> float:
-    text = node.value
-    value = float(text.replace("_", "").lower().replace(".inf", "inf").replace(".nan", "nan"))
-    if "_" in text:
-        _note_dispute(loader, node, f", as a number {value} here; write {value}, or")
-    return value if str(value) == text else _written(WrittenFloat(value), text)
-
-
-def _disputed_text(loader: Any, node: yaml.ScalarNode) -> str:
-    flag = FLAGS.get(node.value.lower())
-    _note_dispute(loader, node, f"; write {flag}, or" if flag else "; write")
-    return str(node.value)
-
-
-def _written(value: Any, text: str) -> Any:
-    value.text = text
-    return value
-
-
-def _note_dispute(loader: Any, node: yaml.ScalarNode, remedy: str) -> None:
-    """Add the line of `node` to `loader`, and the warning about it."""
-    warning = f'readers of YAML disagree about {node.value}{remedy} "{node.value}" for text'
-    vars(loader).setdefault("disputed", []).append((node.start_mark.line + 1, warning))
-
-
 @functools.lru_cache(MAX_WARNINGS)
 def _warn_once(sentence: str) -> None:
     log.warning("%s", sentence)
-
-
-def _add_resolvers() -> None:
-    for name, first, pattern in _RESOLVERS:
-        for kind in (Loader, Dumper):
-            kind.add_implicit_resolver(_TAG + name, re.compile(rf"(?:{pattern})\Z"), first)
-    for letter, rows in yaml.SafeLoader.yaml_implicit_resolvers.items():
-        for tag, pattern in rows:
-            if tag.removeprefix(_TAG) in ("bool", "int", "float", "timestamp"):
-                Loader.add_implicit_resolver(_DISPUTED, pattern, [letter])
-
-
-_add_resolvers()
-Loader.add_constructor(f"{_TAG}int", _int)
-Loader.add_constructor(f"{_TAG}float", _float)
-Loader.add_constructor(_DISPUTED, _disputed_text)
-Loader.add_constructor(MERGE, Loader.construct_scalar)
-Dumper.add_representer(WrittenInt, lambda dumper, value: dumper.represent_scalar(f"{_TAG}int", value.text))
-Dumper.add_representer(
-    WrittenFloat, lambda dumper, value: dumper.represent_scalar(f"{_TAG}float", value.text)
-)

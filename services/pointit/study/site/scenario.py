@@ -7,7 +7,8 @@ from typing import Any
 
 import pointit
 from pointit.launch.plan.scenario_catalog import room_of
-from pointit.runtime.config.yaml_file import dump_yaml, read_yaml
+from pointit.maps.edit.yaml_writer import dump_yaml
+from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.atomic_file import write_atomically
 from pointit.study.measure import load_end_rule

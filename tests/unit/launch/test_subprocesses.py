@@ -16,6 +16,7 @@ from pydantic import BaseModel
 
 from pointit.cli.display.summary import check_writable
 from pointit.launch.run.service_group import Processes, last_log_error
+from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch
 from pointit.services.pointing.service import Pointing
@@ -72,7 +73,7 @@ async def test_they_live_and_end_with_the_block_and_leave_nothing() -> None:
         assert set(children(group)) == {"selector", "pointing.anna"}
         assert all(child.returncode is None for child in children(group).values())
         assert all(os.getpgid(child.pid) == child.pid for child in children(group).values())
-        written = yaml.safe_load((group.folder / "selector.yaml").read_text())
+        written = read_yaml(group.folder / "selector.yaml")
         assert written == Selector.CONFIG().model_dump(mode="json")
     assert all(child.returncode is not None for child in children(group).values())
     assert not group.folder.exists()

@@ -1,0 +1,155 @@
+"""Names in maps: keys and references are the same literal text, through edits, exports and imports."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import TypeAdapter
+
+from pointit.maps import exchange
+from pointit.maps.edit.document import edited
+from pointit.maps.edit.edits import Edit
+from pointit.maps.edit.yaml_writer import dump_yaml
+from pointit.maps.file import load_map, parse_map_file
+from pointit.replay.room import write_room
+from pointit.runtime.errors import ConfigError
+
+EDITS: TypeAdapter[list[Edit]] = TypeAdapter(list[Edit])
+LINE = "[[0, 0, 1], [2, 0, 1]]"
+WORDS = (
+    "00",
+    "02",
+    "012",
+    "1_2",
+    "3e2",
+    "1.20",
+    "on",
+    "OFF",
+    "no",
+    "y",
+    "null",
+    "true",
+    "False",
+    "0x2F",
+    "0o7",
+)
+NAMES = st.sampled_from((*WORDS, "2026-11-26", "2024-99-99", "08", "8", "8.0")) | st.from_regex(
+    r"[A-Za-z0-9_][A-Za-z0-9_.\-]{0,5}", fullmatch=True
+)
+ROOM = f"""\
+lamps:
+  no: {{position: [0, 0, 1]}}  # the first
+  1_2: {{position: [1, 0, 1]}}
+strips: {{02: {{line: {LINE}, pixels: 60}}, 2: {{line: {LINE}, pixels: 50}}}}
+belts: {{1.20: {{centerline: {LINE}, width: 1}}, 3e2: {{centerline: {LINE}, width: 1}}}}
+links: [{{from: 1.20, to: 3e2}}]
+bays: {{01: 3e2, 1: 1.20}}
+things:
+  on: {{light: no, mode: switch, label: 1.0}}
+  off: {{light: 1_2, press: on}}
+  0x2F: {{light: {{strip: 02, from: 0.1, to: 1}}}}
+  12e3: {{at: {{belt: 3e2, from: 0.1, to: 1}}}}
+"""
+
+
+def edit(text: str, *edits: dict[str, Any]) -> str:
+    return edited(text.encode(), EDITS.validate_python(edits), Path("room.yaml")).decode()
+
+
+def room_of(text: str, folder: Path) -> Any:
+    path = folder / "room.yaml"
+    path.write_text(text, encoding="utf-8")
+    return load_map(str(path), 1)
+
+
+def test_names_and_references_are_the_text_of_the_file(tmp_path: Path) -> None:
+    room = room_of(ROOM, tmp_path)
+    assert [lamp.id for lamp in room.lamps] == ["no", "1_2"]
+    assert {strip.id: strip.pixels for strip in room.strips} == {"02": 60, "2": 50}
+    assert [(link.source, link.target) for link in room.links] == [("1.20", "3e2")]
+    assert {bay.id: bay.belt for bay in room.bays} == {"01": "3e2", "1": "1.20"}
+    things = {thing.id: thing for thing in room.things}
+    assert list(things) == ["on", "off", "0x2F", "12e3"]
+    assert (things["on"].lamp, things["on"].label) == ("no", "1.0")
+    assert (things["off"].lamp, things["off"].press) == ("1_2", True)
+    assert things["0x2F"].strip == "02"
+
+
+def test_a_lamp_called_true_is_found(tmp_path: Path) -> None:
+    text = "lamps: {true: {position: [0, 0, 1]}}\nthings: {false: {light: true}}\n"
+    (thing,) = room_of(text, tmp_path).things
+    assert (thing.id, thing.lamp) == ("false", "true")
+
+
+@pytest.mark.parametrize(
+    ("word", "pixels"), [("060", 60), ("0x3C", 60), ("6_0", 60), ("+60", 60), ("0o74", 60)]
+)
+def test_numbers_are_those_of_yaml_1_2(word: str, pixels: int) -> None:
+    file = parse_map_file(f"strips: {{a: {{line: {LINE}, pixels: {word}}}}}".encode(), Path("room.yaml"))
+    assert file.strips["a"].pixels == pixels
+
+
+@pytest.mark.parametrize("name", ["12:30", "~", "=", "<<", ".inf", "-1"])
+def test_a_name_that_no_key_can_have_is_refused_as_it_is_written(name: str) -> None:
+    with pytest.raises(ConfigError, match="use 1 to 64 letters") as caught:
+        parse_map_file(f"lamps:\n  {name}: {{position: [0, 0, 1]}}\n".encode(), Path("room.yaml"))
+    assert f"lamps: name {name!r}" in str(caught.value)
+
+
+def test_an_edit_keeps_other_names_and_renames_references() -> None:
+    result = edit(
+        ROOM,
+        {"op": "rename", "section": "lamps", "name": "no", "to": "010"},
+        {"op": "rename", "section": "strips", "name": "02", "to": "1e5"},
+        {"op": "set", "section": "things", "name": "off", "key": "label", "value": "0x1"},
+        {"op": "add", "section": "lamps", "name": "2.50", "value": {"position": [1, 1, 1]}},
+    )
+    assert "# the first" in result
+    file = parse_map_file(result.encode(), Path("room.yaml"))
+    assert list(file.lamps) == ["010", "1_2", "2.50"]
+    assert list(file.strips) == ["1e5", "2"]
+    assert file.things["on"].light == "010"
+    assert file.things["0x2F"].light[0] == "1e5"  # type: ignore[index]
+    assert file.things["off"].label == "0x1"
+
+
+@given(st.lists(NAMES, min_size=2, max_size=6, unique=True), st.data())
+def test_an_edited_map_has_the_same_names_for_every_reader(names: list[str], data: st.DataObject) -> None:
+    ruamel = pytest.importorskip("ruamel.yaml")
+    first, *others = names
+    lamps = {name: {"position": [0.0, 0.0, 1.0]} for name in others}
+    text = dump_yaml({"lamps": lamps, "things": {name: {"light": name, "label": name} for name in others}})
+    old = data.draw(st.sampled_from(others))
+    result = edit(text, {"op": "rename", "section": "lamps", "name": old, "to": first})
+    wanted = {name: first if name == old else name for name in others}
+    for tree in (yaml.safe_load(result), ruamel.YAML(typ="safe", pure=True).load(result)):
+        assert [str(name) for name in tree["lamps"]] == list(wanted.values())  # 7 may be plain
+        assert {name: each["light"] for name, each in tree["things"].items()} == wanted
+    file = parse_map_file(result.encode(), Path("room.yaml"))
+    assert {name: each.light for name, each in file.things.items()} == wanted
+
+
+@given(st.lists(NAMES, min_size=1, max_size=6, unique=True))
+def test_an_exported_map_is_imported_with_its_names(names: list[str]) -> None:
+    strips = {name: {"line": [[0, 0, row], [1, 0, row]], "pixels": 5} for row, name in enumerate(names)}
+    file = parse_map_file(dump_yaml({"strips": strips}).encode(), Path("room.yaml"))
+    again = exchange.strips_text(exchange.from_csv(exchange.to_csv(file)))
+    assert list(parse_map_file(again.encode(), Path("room.yaml")).strips) == names
+
+
+def test_a_recorded_map_is_written_with_its_names(tmp_path: Path) -> None:
+    room = room_of(ROOM, tmp_path)
+    (tmp_path / "again").mkdir()
+    path = write_room(room, tmp_path / "again")
+    assert path is not None
+    again = load_map(str(path), 1)
+    assert again.things == room.things
+    assert again.bays == room.bays
+
+
+def test_json_with_a_name_twice_is_refused() -> None:
+    with pytest.raises(ConfigError, match="'seg' is there twice, keep one"):
+        exchange.from_segments('{"seg": [{"start": 0, "stop": 9}], "seg": []}')

@@ -278,3 +278,9 @@ def test_file_that_is_wrong_is_one_sentence(tmp_path: Path, text: str, sentence:
     path.write_text(text)
     with pytest.raises(ConfigError, match=sentence):
         list(reactions_in(str(path)))
+
+
+def test_a_things_name_in_a_file_of_reactions_is_its_literal_text(tmp_path: Path) -> None:
+    path = tmp_path / "reactions.yaml"
+    path.write_text("no: echo 1\n01: echo 2\n1: [echo 3, echo 4]\n1.10: echo 5\n")
+    assert [each.thing for each in reactions_in(str(path))] == ["no", "01", "1", "1", "1.10"]

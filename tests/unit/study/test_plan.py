@@ -9,6 +9,7 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import pointit
 from pointit.cli.study.check import command as check
 from pointit.runtime.errors import ConfigError
 from pointit.study.check import check_folder
@@ -197,3 +198,25 @@ def test_advised_repetitions_are_enough_where_distances_alternate_at_random(tmp_
         check_sequences(read_study(file))
     file.write_text(text + f"repetitions: {advised}\n")
     check_sequences(read_study(file))
+
+
+def test_names_in_studies_are_literal_text(tmp_path: Path) -> None:
+    file = tmp_path / "s.yaml"
+    file.write_text(
+        "name: s\nparticipants: [01, 1, 2e1, on]\norder: as_written\ntask: {kind: reach, strips: [010]}\n"
+        "settings: {led-driver.state_lamp: 010, led-driver.max_rate_hz: 060}\n"
+        "factors: {m: {vary: between, levels: {on: {pui.map: 1.10}, off: {pui.map: no}}}}\n"
+        "instructions: {on: 12:30, off: 7}\n"
+    )
+    study = read_study(file)
+    assert study.people == ("01", "1", "2e1", "on")
+    assert study.task.model_dump()["strips"] == ("010",)
+    assert list(study.factors["m"].levels) == ["on", "off"]
+    assert {level: step.text for level, step in study.instructions.items()} == {"on": "12:30", "off": "7"}
+    run = pointit.run(settings=study.services({"m": "off"}))
+    with pytest.raises(ConfigError, match="map 'no' is not shipped"):
+        run.check()
+    settings = {name: value for name, value in study.services({"m": "on"}).items() if name != "pui.map"}
+    (driver,) = (each for each in pointit.run(settings=settings).check() if each.service.NAME == "led-driver")
+    assert driver.config.model_dump()["state_lamp"] == "010"
+    assert driver.config.model_dump()["max_rate_hz"] == 60.0

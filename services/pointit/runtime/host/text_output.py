@@ -2,9 +2,11 @@
 
 import io
 import sys
+from typing import cast
 
 
 def escape_unencodable() -> None:
     """Make standard output escape letters that its encoding lacks, as standard error does."""
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")
+    output: object = sys.stdout  # a test, or a program without a console, has another or none
+    if isinstance(output, io.TextIOWrapper):
+        cast("io.TextIOWrapper", output).reconfigure(errors="backslashreplace")

@@ -2,7 +2,6 @@
 
 import math
 from collections import Counter
-from collections.abc import Mapping
 from typing import Literal, Self, cast
 
 from pydantic import Field, field_validator, model_validator
@@ -97,11 +96,13 @@ class SpotlightConfig(OutputConfig):
     @field_validator("fixed_channels", mode="before")
     @classmethod
     def _are_different(cls, value: object) -> object:
-        keys = cast("Mapping[object, object]", value) if isinstance(value, Mapping) else ()
-        numbers = Counter(str(key).strip().lstrip("+0") for key in keys)
+        if not isinstance(value, dict):
+            return value  # the field's type reports it
+        channels = cast("dict[object, object]", value)
+        numbers = Counter(str(key).strip().lstrip("+0") for key in channels)
         if twice := [number for number, uses in numbers.items() if uses > 1]:
             raise ValueError(f"channel {twice[0]} is there twice; keep one")
-        return value
+        return channels
 
     @model_validator(mode="after")
     def _is_consistent(self) -> Self:

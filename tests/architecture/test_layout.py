@@ -58,7 +58,7 @@ DEVICES = {
 """Modules beside `service.py` that wait for devices or time, or write files; no cores."""
 HARMLESS = (
     *("pointit.runtime.config", "pointit.runtime.errors", "pointit.runtime.bus.timeliness"),
-    *("pointit.runtime.host.extras", "pointit.runtime.host.store"),
+    *("pointit.runtime.host.extras", "pointit.runtime.host.state_file", "pointit.runtime.host.store"),
     *("pointit.runtime.link", "pointit.runtime.mqtt.broker_config", "pointit.runtime.mqtt.payload_words"),
 )
 """Parts of the runtime that cores may import: they know no bus, no clock and no loop."""

@@ -14,8 +14,6 @@ from click.testing import CliRunner
 
 from pointit.cli.common.lazy import COMPLETE
 from pointit.cli.main import command
-from pointit.cli.page import browser
-from pointit.cli.page.browser import BrowserWindow
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.state_file import VARIABLE, expand_home, state_directory
 from pointit.services.conveyor_sim.config import ConveyorSimConfig
@@ -121,11 +119,3 @@ def test_completion_is_not_installed_but_printed_without_a_home_directory(shell:
 def test_names_are_completed_without_a_home_directory() -> None:
     found = ShellComplete(command, {}, "pointit", COMPLETE).get_completions(["topic", "hz"], "--al")
     assert [each.value for each in found] == ["--all"]
-
-
-@pytest.mark.usefixtures("homeless")
-def test_the_browser_opens_the_page_without_a_home_directory(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setattr(browser, "SNAPS", tmp_path)
-    assert BrowserWindow(tmp_path / "page.html")._copy is None

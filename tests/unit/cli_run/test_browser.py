@@ -2,6 +2,7 @@
 
 import threading
 from pathlib import Path
+from typing import NoReturn
 from urllib.parse import unquote, urlsplit
 
 import pytest
@@ -106,3 +107,12 @@ async def test_run_that_ends_sooner_leaves_no_copy(
 )
 def test_a_browser_needs_a_desktop(environment: dict[str, str], platform: str, *, desktop: bool) -> None:
     assert browser.has_desktop(environment, platform) is desktop
+
+
+def test_the_page_is_opened_without_a_home_directory(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def unknown() -> NoReturn:
+        raise RuntimeError
+
+    monkeypatch.setattr(browser, "SNAPS", tmp_path)
+    monkeypatch.setattr(Path, "home", unknown)
+    assert browser.BrowserWindow(tmp_path / "page.html")._copy is None

@@ -179,8 +179,9 @@ def _name_keys(root: yaml.Node) -> None:
                     problem_mark=key.start_mark,
                 )
             lines[key.value] = key.start_mark.line + 1
-            text = yaml.ScalarNode(TEXT, key.value, key.start_mark, key.end_mark, key.style)
-            node.value[index] = text, value  # the key's own node may be an anchor
+            if key.tag != TEXT:  # its own node may be an anchor, with another value elsewhere
+                text = yaml.ScalarNode(TEXT, key.value, key.start_mark, key.end_mark, key.style)
+                node.value[index] = text, value
 
 
 def _is_alias(node: Any, key: yaml.Node) -> bool:

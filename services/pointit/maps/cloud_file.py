@@ -1,35 +1,40 @@
 """Reads point clouds: PLY (text or binary) and plain text with a point per line (XYZ, TXT, CSV, PTS, ASC)."""
 
 import itertools
-import re
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TextIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pointit.maps.ply_file import AXES, binary_vertices, read_ply_header
+from pointit.maps.point_files.cloud_text import MAX_HEADER_LINES, text_layout, unit_in_comments
+from pointit.maps.point_files.ply_body import ascii_vertex_lines, binary_vertices
+from pointit.maps.point_files.ply_header import read_ply_header
+from pointit.maps.point_files.point_columns import Triple
 from pointit.runtime.config.validation_message import format_value, join_names
 from pointit.runtime.errors import ConfigError
 
 Points = NDArray[np.float64]
+Wanted = Sequence[str | int]
+"""Columns of x, y and z that a map names: by name or by number from 1. Empty: the file says it."""
 
 MAX_POINTS = 5_000_000
 """Limit of the points of one cloud: 120 MB in memory, some seconds to read."""
 
 SUFFIXES = (".ply", ".xyz", ".txt", ".csv", ".pts", ".asc")
 
-_MAX_HEADER_LINES = 1000
 
+def read_cloud(path: Path, columns: Wanted = (), scale: float = 1.0) -> Points:
+    """Return the points in the file at `path`, n x 3, in its frame, m.
 
-def read_cloud(path: Path) -> Points:
-    """Return the points in the file at `path`, n x 3, in the file's units and frame.
+    They are multiplied with the unit that the file states, or with `scale` if it states none.
 
     Raises:
-        ConfigError: If it is invalid. One sentence with file, problem and remedy.
+        ConfigError: If it is invalid, or states another unit than `scale`. One sentence with file, problem
+            and remedy.
     """
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
@@ -37,7 +42,7 @@ def read_cloud(path: Path) -> Points:
     try:
         if path.exists() and not (path.is_file() or path.is_dir()):  # reading a pipe would block
             raise ConfigError(f"{path}: is not a file; give the file itself")
-        points = _read_ply(path) if suffix == ".ply" else _read_text(path)
+        points, units_m = (_read_ply if suffix == ".ply" else _read_text)(path, columns)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
     except UnicodeDecodeError as error:
@@ -51,7 +56,21 @@ def read_cloud(path: Path) -> Points:
             f"{path}: {len(points) - int(good.sum())} of {len(points)} points are not finite, the first is "
             f"point {first + 1} {format_value(points[first].tolist())}; remove them"
         )
+    with np.errstate(over="ignore"):  # the caller checks the result
+        points *= _factors(path, units_m, scale)
     return points
+
+
+def _factors(path: Path, units_m: Triple | None, scale: float) -> Points:
+    """Return what x, y and z are multiplied with."""
+    if units_m is None or scale in (1.0, *units_m):
+        return np.array(units_m or (scale,) * 3)
+    if set(units_m) != {1.0}:
+        raise ConfigError(
+            f"{path}: states a unit of {units_m[0]:g} m, and the map has scale {scale:g}; "
+            "remove scale from the map"
+        )
+    return np.full(3, scale)
 
 
 def _check_size(path: Path, count: int, how_many: str) -> None:
@@ -62,65 +81,64 @@ def _check_size(path: Path, count: int, how_many: str) -> None:
         )
 
 
-def _read_ply(path: Path) -> Points:
-    header = read_ply_header(path)
-    wanted = header.vertex.rows
-    _check_size(path, wanted, str(wanted))
+def _read_ply(path: Path, wanted: Wanted) -> tuple[Points, Triple | None]:
+    header = read_ply_header(path, wanted)
+    rows = header.vertex.rows
+    _check_size(path, rows, str(rows))
     if header.order:
         points = binary_vertices(path, header)
     else:
-        with path.open(encoding="ascii", errors="replace") as file:
+        with path.open(encoding="latin-1") as file:
             file.seek(header.body)
             skip = min(sum(each.rows for each in header.before), sys.maxsize)
-            points = _table(path, file, columns=header.columns, skip=skip, max_rows=max(wanted, 1))[:wanted]
-    if len(points) < wanted:
-        raise ConfigError(f"{path}: is cut off, {len(points)} of {wanted} points are there; copy it again")
-    return points
+            lines: Iterable[str] = file
+            columns = header.columns
+            if header.is_list_before_points:
+                lines, columns = ascii_vertex_lines(itertools.islice(file, skip, None), header), [0, 1, 2]
+                skip = 0
+            points = _table(path, lines, columns=columns, skip=skip, max_rows=max(rows, 1))[:rows]
+    if len(points) < rows:
+        raise ConfigError(f"{path}: is cut off, {len(points)} of {rows} points are there; copy it again")
+    return points, unit_in_comments(header.comments)
 
 
-def _read_text(path: Path) -> Points:
-    with path.open(encoding="utf-8-sig") as file:
-        skip, delimiter, columns = _text_layout(path, file)
-        file.seek(0)
-        points = _table(path, file, columns=columns, skip=skip, max_rows=MAX_POINTS + 1, delimiter=delimiter)
+def _read_text(path: Path, wanted: Wanted) -> tuple[Points, Triple | None]:
+    with path.open("rb") as binary:
+        is_wide = binary.read(2) in (b"\xff\xfe", b"\xfe\xff")
+
+    def text() -> TextIO:  # a header may have letters of another code page
+        if is_wide:
+            return path.open(encoding="utf-16")
+        return path.open(encoding="utf-8-sig", errors="surrogateescape")
+
+    with text() as file:
+        sample = list(itertools.islice(file, MAX_HEADER_LINES))
+    try:
+        layout = text_layout(sample, wanted)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from error
+    with text() as file:
+        lines: Iterable[str] = file
+        if layout.has_decimal_comma:
+            lines = (line.replace(",", ".") for line in file)
+        points = _table(
+            path,
+            lines,
+            columns=layout.columns.indices,
+            skip=layout.skip,
+            max_rows=MAX_POINTS + 1,
+            delimiter=layout.delimiter,
+        )
     _check_size(path, len(points), "more")
-    return points
-
-
-def _text_layout(path: Path, file: TextIO) -> tuple[int, str | None, list[int]]:
-    """Return the number of lines before the points, the delimiter (None: blanks), and columns of x, y, z.
-
-    They are the first three columns, unless a header names them.
-    """
-    first, columns = "", [0, 1, 2]
-    for number, line in enumerate(itertools.islice(file, _MAX_HEADER_LINES)):
-        names = re.findall(r"\w+", line.lower())
-        if {"x", "y", "z"} <= set(names):
-            columns = [names.index(axis) for axis in AXES]
-        text = line.split("#")[0].strip()
-        delimiter = next((each for each in ",;" if each in text), None)
-        try:
-            words = text.split(delimiter)
-            numbers = [float(words[column]) for column in columns]
-        except (ValueError, IndexError):
-            numbers = []  # names of columns, comments, number of points
-        if numbers:
-            return number, delimiter, columns
-        first = first or line.strip()
-    if not first:
-        return 0, None, columns
-    raise ConfigError(
-        f"{path}: no line begins with x, y and z, the first is {format_value(first)}; "
-        "write three numbers per line"
-    )
+    return points, layout.columns.units_m
 
 
 def _table(
     path: Path,
-    file: TextIO,
+    lines: Iterable[str],
     *,
     columns: Sequence[int],
-    skip: int,
+    skip: int = 0,
     max_rows: int,
     delimiter: str | None = None,
 ) -> Points:
@@ -128,12 +146,22 @@ def _table(
         warnings.simplefilter("ignore", UserWarning)  # no rows: the caller reports it
         try:
             return np.loadtxt(
-                file, usecols=columns, skiprows=skip, max_rows=max_rows, delimiter=delimiter, ndmin=2
+                lines,
+                usecols=columns,
+                skiprows=skip,
+                max_rows=max_rows,
+                delimiter=delimiter,
+                ndmin=2,
+                quotechar='"',
             )
         except UnicodeDecodeError:
             raise
         except ValueError as error:
             reason = str(error).splitlines()[0].removesuffix(".")
+            if r"\udc" in reason:  # bytes that are no UTF-8
+                raise ConfigError(
+                    f"{path}: is not text; give the points as text, or as a binary .ply"
+                ) from error
             raise ConfigError(
                 f"{path}: below its header a row is not x, y, z ({reason}); correct or remove it"
             ) from error

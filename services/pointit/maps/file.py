@@ -172,7 +172,8 @@ def read_clouds(path: Path, file: MapFile) -> Clouds:
     reader = import_room("pointit.maps.cloud_file", "reading point clouds")
     for name, entry in file.clouds.items():
         try:
-            clouds[name] = _placed(reader.read_cloud(path.parent / entry.file), entry)
+            points = reader.read_cloud(path.parent / entry.file, entry.columns, entry.scale)
+            clouds[name] = _placed(points, entry)
         except ConfigError as error:
             mistakes.append((f"clouds.{name}.file", str(error)))
     if mistakes:
@@ -197,9 +198,8 @@ def to_message(path: Path, file: MapFile, clouds: Clouds, stamp_ns: int) -> Envi
     return room
 
 
-def _placed(points: NDArray[np.float64], entry: CloudEntry) -> NDArray[np.float64]:
+def _placed(placed: NDArray[np.float64], entry: CloudEntry) -> NDArray[np.float64]:
     with np.errstate(over="ignore", invalid="ignore"):  # checked below
-        placed = points * entry.scale
         if entry.yaw_deg:
             c, s = math.cos(math.radians(entry.yaw_deg)), math.sin(math.radians(entry.yaw_deg))
             placed[:, :2] = placed[:, :2] @ np.array([[c, s], [-s, c]])

@@ -183,6 +183,13 @@ _FILE = _if(
     lambda value: isinstance(value, str) and value != "" and "\0" not in value,
     "the path of a .ply or .xyz file, relative to the map",
 )
+_COLUMNS = _if(
+    lambda value: (
+        isinstance(value, list)
+        and [type(each) in (int, str) for each in cast("list[object]", value)] == [True] * 3
+    ),
+    "the columns of x, y and z, by their names or numbers from 1, such as [4, 5, 6]",
+)
 _PIXELS = _if(
     lambda value: isinstance(value, int) and not isinstance(value, bool) and 0 < value <= MAX_PIXELS,
     f"a whole number of pixels from 1 to {MAX_PIXELS}",
@@ -305,6 +312,7 @@ class CloudEntry(_Entry):
     """A point cloud in a file: its points times `scale`, rotated by `yaw_deg` about z, plus `position`."""
 
     file: Annotated[str, _FILE]
+    columns: Annotated[tuple[str | int, ...], _COLUMNS] = ()
     scale: _Metres = 1.0
     yaw_deg: _Degrees = 0.0
     position: _Point = (0.0, 0.0, 0.0)

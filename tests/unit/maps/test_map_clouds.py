@@ -94,8 +94,10 @@ BROKEN = {
     "no_vertex.ply": (ply("ascii", XYZ).replace(b"vertex", b"corner"), "has no element vertex"),
     "no_z.ply": (ply("ascii", XYZ.replace("float z", "float w")), "have x, y, w, not z once"),
     "list.ply": (
-        ply("binary_little_endian", "property list uchar int near\n" + XYZ),
-        "element vertex has the list near"),
+        ply("binary_little_endian", "property list uchar int near\n" + XYZ) + b"\xff" * 50,
+        "is cut off, 0 of 3 points are there"),
+    "list_of_x.ply": (
+        ply("ascii", XYZ.replace("float x", "list uchar float x")) + b"1 2 3 4\n", "x is a list"),
     "short.ply": (
         ply("binary_little_endian", XYZ) + POINTS.astype("<f4").tobytes()[:-1],
         "is cut off, 2 of 3 points are there"),

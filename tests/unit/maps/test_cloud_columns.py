@@ -1,0 +1,258 @@
+"""Point clouds of other programs: columns by name, units, dialects of text, lists of PLY."""
+
+import contextlib
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pointit.maps.checks.examine import examined
+from pointit.maps.cloud_file import read_cloud
+from pointit.maps.file import load_map_and_clouds, read_map_file
+from pointit.runtime.errors import ConfigError
+
+POINTS = np.array([[0.25, 1.5, 2.0], [-3.0, 0.75, 1.25], [4.5, -2.0, 0.5], [1.0, 1.0, 1.0]])
+MM = POINTS * 1000.0
+
+
+def rows(points: np.ndarray, delimiter: str = ",", before: str = "", after: str = "") -> str:
+    return "".join(f"{before}{delimiter.join(f'{v:g}' for v in point)}{after}\n" for point in points)
+
+
+def counted(points: np.ndarray, delimiter: str) -> str:
+    return "".join(
+        f"{number}{delimiter}{line}\n" for number, line in enumerate(rows(points, delimiter).splitlines())
+    )
+
+
+TEXTS = {
+    "names_of_two_words.csv": "Frame No,Return Id,X,Y,Z,Gain\n" + rows(POINTS, before="7,1,", after=",9"),
+    "bracketed_metres.csv": "X (m),Y (m),Z (m),Range (m)\n" + rows(POINTS, after=",5"),
+    "millimetres.csv": "x [mm];y [mm];z [mm]\n" + rows(MM, ";"),
+    "centimetres.csv": "PosX(cm),PosY(cm),PosZ(cm)\n" + rows(POINTS * 100.0),
+    "inches.csv": "X/in,Y/in,Z/in\n" + rows(POINTS / 0.0254),
+    "feet.txt": "X [ft] Y [ft] Z [ft]\n" + rows(POINTS / 0.3048, " "),
+    "unit_of_each_axis.csv": "X_mm,Y_mm,Z_m\n" + rows(POINTS * [1000, 1000, 1]),
+    "units_below_names.csv": "X,Y,Z\n(mm),(mm),(mm)\n" + rows(MM),
+    "unit_in_comment.xyz": "# scan 12\n# Units: mm\n" + rows(MM, " "),
+    "behind_slashes.asc": "//X,Y,Z,R,G,B\n4\n" + rows(POINTS, after=",1,2,3"),
+    "hash_and_tab.txt": "#\tX\tY\tZ\n" + rows(POINTS, "\t"),
+    "hash_is_the_index.txt": "#\tX\tY\tZ\n" + counted(POINTS, "\t"),
+    "quoted.csv": '"Point X","Point Y","Point Z"\n' + rows(POINTS),
+    "everything_quoted.csv": '"x","y","z"\n'
+    + "".join(",".join(f'"{v:g}"' for v in point) + "\n" for point in POINTS),
+    "normals_first.csv": '"Normals:0","Normals:1","Normals:2","Points:0","Points:1","Points:2"\n'
+    + rows(POINTS, before="0,0,1,"),
+    "axes_in_another_order.csv": "z,x,y\n" + rows(POINTS[:, [2, 0, 1]]),
+    "of_a_map.csv": "Easting,Northing,Elevation\n" + rows(POINTS),
+    "decimal_commas.csv": "X;Y;Z\n" + rows(POINTS, ";").replace(".", ","),
+    "decimal_commas.xyz": rows(POINTS, " ").replace(".", ","),
+    "decimal_commas_later.txt": "x\ty\tz\n1\t1\t1\n" + rows(POINTS, "\t").replace(".", ","),
+    "trailing_delimiters.csv": "x;y;z;\n" + rows(POINTS, ";", after=";"),
+    "count_and_colors.pts": "4\n" + rows(POINTS, " ", after=" -500 10 20 30"),
+    "cr.csv": ("x,y,z\n" + rows(POINTS)).replace("\n", "\r"),
+    "spreadsheet.csv": "\ufeffsep=;\r\nX;Y;Z\r\n" + rows(POINTS, ";").replace("\n", "\r\n"),
+    "label_first.csv": "label,x,y,z\n" + rows(POINTS, before="wall,"),
+}
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_columns_are_found_by_name_and_units_converted(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    path.write_bytes(TEXTS[name].encode())
+    points = read_cloud(path)[-len(POINTS) :]
+    np.testing.assert_allclose(points, POINTS, rtol=1e-5)
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "latin-1"])
+def test_a_header_may_be_in_another_encoding(tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "any.txt"
+    path.write_bytes(("x\ty\tz\tWinkel [°]\n" + rows(POINTS, "\t", after="\t3")).encode(encoding))
+    np.testing.assert_array_equal(read_cloud(path), POINTS)
+
+
+AMBIGUOUS = {
+    "other_names.csv": (
+        "stamp,lat,lon,alt\n" + rows(POINTS, before="1,"), "(stamp, lat, lon, alt)|columns: ["),
+    "two_positions.csv": (
+        "pos_x,pos_y,pos_z,world_x,world_y,world_z\n" + rows(POINTS, after=",1,2,3"),
+        "does not say which columns are x, y and z|world_z|columns: [",
+    ),
+    "names_twice.csv": ("x,y,z,X,Y,Z\n" + rows(POINTS, after=",1,2,3"), "does not say which|columns: ["),
+    "index.txt": (counted(POINTS, " "), "the first counts the rows|columns: [2, 3, 4]"),
+    "blank_in_a_name.txt": (
+        "Slot ID X Y Z\n" + rows(POINTS, " ", before="1 "),
+        "header has 5 columns (Slot, ID, X, Y, Z) and its rows have 4|columns: [",
+    ),
+    "commas_between_decimal_commas.csv": (
+        "X,Y,Z\n" + rows(POINTS[:1] + 0.125).replace(".", ","), "decimal commas?"),
+    "angles.csv": ("X (deg),Y (deg),Z (m)\n" + rows(POINTS), "'X (deg)' has the unit deg"),
+    "one_unit.csv": ("X (mm),Y,Z\n" + rows(POINTS), "'Y' has no unit"),
+    "no_rows.csv": ("x,y,z\na,b,c\n", "no row below its header (x, y, z)"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", AMBIGUOUS)
+def test_ambiguous_columns_are_refused_with_the_header_and_the_remedy(tmp_path: Path, name: str) -> None:
+    content, parts = AMBIGUOUS[name]
+    path = tmp_path / name
+    path.write_text(content)
+    with pytest.raises(ConfigError) as caught:
+        read_cloud(path)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: ")
+    assert ";" in message
+    for part in parts.split("|"):
+        assert part in message
+
+
+def cloud_of(folder: Path, content: str, keys: str) -> np.ndarray:
+    (folder / "scan.csv").write_text(content)
+    path = folder / "room.yaml"
+    path.write_text(f"clouds: {{scan: {{file: scan.csv{keys}}}}}")
+    return load_map_and_clouds(str(path), 0)[1]["scan"]
+
+
+TWO = "Id,Sensor X,Sensor Y,Sensor Z,Room X,Room Y,Room Z\n" + rows(MM, before="4,9,9,9,")
+
+
+@pytest.mark.parametrize("columns", ["[Room X, Room Y, Room Z]", "[room_x, room_y, room_z]", "[5, 6, 7]"])
+def test_a_map_names_the_columns_of_a_cloud(tmp_path: Path, columns: str) -> None:
+    points = cloud_of(tmp_path, TWO, f", columns: {columns}, scale: 0.001")
+    np.testing.assert_allclose(points, POINTS, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"),
+    [
+        ("[Room X, Room Y, Room W]", "'Room W' of columns is no column, its columns are Id, Sensor X"),
+        ("[5, 6, 8]", "8 of columns is no column.*numbers from 1 to 7"),
+        ("[5, 6, 0]", "0 of columns is no column"),
+        ("[5, 6]", "clouds.scan.columns: write the columns of x, y and z"),
+        ("[5, 6, true]", "clouds.scan.columns: write the columns of x, y and z"),
+        ("Room", "clouds.scan.columns: write the columns of x, y and z"),
+    ],
+)
+def test_a_column_that_does_not_exist_is_named(tmp_path: Path, columns: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        cloud_of(tmp_path, TWO, f", columns: {columns}")
+
+
+def test_columns_of_a_text_without_names_have_numbers(tmp_path: Path) -> None:
+    content = counted(POINTS, ",")
+    np.testing.assert_array_equal(cloud_of(tmp_path, content, ", columns: [2, 3, 4]"), POINTS)
+    with pytest.raises(ConfigError, match="'X' of columns is no column, it has 4 columns, no names"):
+        cloud_of(tmp_path, content, ", columns: [X, Y, Z]")
+
+
+def test_a_scale_that_repeats_the_unit_is_no_second_conversion(tmp_path: Path) -> None:
+    content = "X [mm],Y [mm],Z [mm]\n" + rows(MM)
+    np.testing.assert_allclose(cloud_of(tmp_path, content, ", scale: 0.001"), POINTS, rtol=1e-5)
+    with pytest.raises(
+        ConfigError, match=r"states a unit of 0.001 m, and the map has scale 0.5; remove scale"
+    ):
+        cloud_of(tmp_path, content, ", scale: 0.5")
+    np.testing.assert_allclose(
+        cloud_of(tmp_path, "X [m],Y [m],Z [m]\n" + rows(POINTS), ", scale: 0.5"), POINTS / 2
+    )
+
+
+XYZ = "property float x\nproperty float y\nproperty float z\n"
+FACES = "property list uchar int vertex_indices\n"
+
+
+def ply(kind: str, elements: str) -> bytes:
+    return f"ply\nformat {kind} 1.0\nobj_info Generated\ncomment by hand\n{elements}end_header\n".encode()
+
+
+def faces(order: str, sizes: list[int]) -> bytes:
+    return b"".join(struct.pack(f"{order}B{size}i", size, *range(size)) for size in sizes)
+
+
+def with_views(order: str) -> bytes:
+    """Return vertices, each with a list of another size before y."""
+    return b"".join(
+        struct.pack(f"{order}fB{n}Hff", point[0], n, *range(n), point[1], point[2])
+        for n, point in enumerate(POINTS)
+    )
+
+
+VERTEX = f"element vertex {len(POINTS)}\n{XYZ}"
+VIEWS = (
+    f"element vertex {len(POINTS)}\nproperty float x\nproperty list uchar ushort view\n"
+    "property float y\nproperty float z\n"
+)
+LITTLE = POINTS.astype("<f4").tobytes()
+TEXT = rows(POINTS, " ").encode()
+PLYS = {
+    "no_faces_first": ply("binary_little_endian", f"element face 0\n{FACES}{VERTEX}") + LITTLE,
+    "triangles_first": ply("binary_little_endian", f"element face 5\n{FACES}{VERTEX}")
+    + faces("<", [3] * 5)
+    + LITTLE,
+    "empty_faces_first": ply("binary_little_endian", f"element face 4\n{FACES}{VERTEX}")
+    + faces("<", [0] * 4)
+    + LITTLE,
+    "polygons_first": ply("binary_big_endian", f"element face 3\n{FACES}{VERTEX}")
+    + faces(">", [3, 0, 5])
+    + POINTS.astype(">f4").tobytes(),
+    "list_in_vertex": ply("binary_little_endian", VIEWS) + with_views("<"),
+    "list_in_vertex_big": ply("binary_big_endian", VIEWS) + with_views(">"),
+    "list_in_vertex_text": ply("ascii", VIEWS)
+    + "".join(
+        f"{x} {n} {'7 ' * n}{y} {z}\n" for n, (x, y, z) in enumerate(POINTS.tolist())
+    ).encode(),
+    "faces_first_text": ply("ascii", f"element face 2\n{FACES}{VERTEX}") + b"3 0 1 2\n0\n" + TEXT,
+    "byte_order_mark": b"\xef\xbb\xbf" + ply("ascii", VERTEX) + TEXT,
+    "byte_order_mark_binary": b"\xef\xbb\xbf" + ply("binary_little_endian", VERTEX) + LITTLE,
+    "cr": (ply("ascii", VERTEX) + TEXT).replace(b"\n", b"\r"),
+    "cr_binary": ply("binary_little_endian", VERTEX).replace(b"\n", b"\r") + LITTLE,
+    "crlf_binary": ply("binary_little_endian", VERTEX).replace(b"\n", b"\r\n") + LITTLE,
+    "capitals": ply("ascii", VERTEX.replace("float x", "double X").replace("float y", "double Y")) + TEXT,
+    "unit": ply("ascii", VERTEX).replace(b"by hand", b"unit: mm") + rows(MM, " ").encode(),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", PLYS)
+def test_vertices_are_found_beside_lists_and_in_any_line_ends(tmp_path: Path, name: str) -> None:
+    path = tmp_path / f"{name}.ply"
+    path.write_bytes(PLYS[name])
+    np.testing.assert_allclose(read_cloud(path), POINTS, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "name", ["polygons_first", "list_in_vertex", "triangles_first", "list_in_vertex_text"]
+)
+def test_a_ply_with_lists_that_is_cut_off_is_refused(tmp_path: Path, name: str) -> None:
+    path = tmp_path / f"{name}.ply"
+    path.write_bytes(PLYS[name][:-5])
+    with pytest.raises(ConfigError, match=r"is cut off, \d of 4 points are there|a row is not x, y, z"):
+        read_cloud(path)
+
+
+def test_a_map_names_the_properties_of_a_ply(tmp_path: Path) -> None:
+    path = tmp_path / "named.ply"
+    path.write_bytes(ply("binary_little_endian", VERTEX.replace("float ", "float p")) + LITTLE)
+    with pytest.raises(ConfigError, match=r"its vertices have px, py, pz, .*columns: \[px, py, pz\]"):
+        read_cloud(path)
+    np.testing.assert_allclose(read_cloud(path, ("px", "py", "pz")), POINTS)
+
+
+@given(st.text(alphabet='xyzXYZ ,;\t#/[]m()0123456789.-\n\r"', max_size=200))
+def test_no_text_is_a_fault(tmp_path_factory: pytest.TempPathFactory, text: str) -> None:
+    path = tmp_path_factory.getbasetemp() / "any_text.csv"
+    path.write_bytes(text.encode())
+    for columns in ((), (1, 2, 3), ("x", "y", "z")):
+        with contextlib.suppress(ConfigError):
+            assert read_cloud(path, columns).shape[1] == 3
+
+
+def test_the_message_about_columns_names_the_cloud_of_the_map(tmp_path: Path) -> None:
+    (tmp_path / "scan.csv").write_text("a,b,c\n" + rows(POINTS))
+    path = tmp_path / "room.yaml"
+    path.write_text("clouds: {scan: {file: scan.csv}}")
+    _, findings = examined("room", path, lambda: read_map_file(path))
+    assert [each.where for each in findings] == ["clouds.scan.file"]
+    assert "scan.csv: its header does not say which columns are x, y and z (a, b, c)" in findings[0].text

@@ -22,8 +22,9 @@ from pointit.runtime.config.validation_message import (
     join_names,
     more_errors_suffix,
 )
-from pointit.runtime.config.yaml_file import parse_yaml, read_yaml
+from pointit.runtime.config.yaml_file import MAX_YAML_BYTES, parse_yaml, read_yaml
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.atomic_file import read_limited
 from pointit.runtime.host.optional_rooms import import_room
 from pointit.schemas import FARTHEST, Environment, KeyNameError, encode
 from pointit.schemas.topics import check_name
@@ -31,6 +32,7 @@ from pointit.schemas.topics import check_name
 PACKAGE = "pointit.maps"
 FOLDER = "shipped"
 SUFFIX = ".yaml"
+MAX_KEYS = 80_000
 
 Clouds = dict[str, NDArray[np.float64]]
 """Points in {W}, n x 3, by the cloud's id."""
@@ -123,6 +125,8 @@ def read_map_file(path: Path) -> MapFile:
     Raises:
         ConfigError: If it is invalid. One sentence with file, key, value and remedy.
     """
+    if path.is_file():  # a pipe can be read once
+        _check_keys(read_limited(path, MAX_YAML_BYTES), path)
     return _map_of(read_yaml(path), path)
 
 
@@ -132,7 +136,17 @@ def parse_map_file(content: bytes, path: Path) -> MapFile:
     Raises:
         ConfigError: If it is invalid. One sentence with file, key, value and remedy.
     """
+    _check_keys(content, path)
     return _map_of(parse_yaml(content, path), path)
+
+
+def _check_keys(content: bytes, path: Path) -> None:
+    """Check that reading takes seconds at most: what has more keys is too large for a message."""
+    if (keys := content.count(b":")) > MAX_KEYS:
+        raise ConfigError(
+            f"{path}: has {keys} keys, limit {MAX_KEYS}, and a map holds about 20000 lamps; "
+            "split it into several sites"
+        )
 
 
 def _map_of(sections: Mapping[str, Any], path: Path) -> MapFile:

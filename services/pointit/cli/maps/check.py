@@ -1,7 +1,9 @@
 """`pointit map check`: errors and warnings of a map."""
 
 import re
-from collections.abc import Sequence
+import threading
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
 
 import click
 
@@ -17,6 +19,8 @@ MAX_PRINTED = 100
 """Maximum of printed findings; a file in millimetres or of another kind has thousands."""
 OLD_LAMPS = re.compile(rb"^leds:", re.MULTILINE)
 """Section of lamps in maps of the ROS toolkit and of version 0.1."""
+SLOW_S = 2.0
+"""Time after which a notice says that the map is being read, s."""
 LONGEST = 1000
 """Limit of one finding in characters, since it contains names from the file."""
 
@@ -50,7 +54,7 @@ def command(
 
     Example: pointit map check ./site.yaml
     """
-    with map_path(name_or_path) as path:
+    with map_path(name_or_path) as path, _notify_if_slow(f"reading {name_or_path} …"):
         has, findings = examined(str(path), path, lambda: read_map_file(path), person_m, poses_m)
         if has and OLD_LAMPS.search(path.read_bytes()):
             click.echo(f"note: {name_or_path}: `leds` is now `lamps`; both are read", err=True)
@@ -61,6 +65,18 @@ def command(
         print_findings(name_or_path, has, findings)
     if any(strict or each.severity == "error" for each in findings):
         raise SystemExit(1)
+
+
+@contextmanager
+def _notify_if_slow(text: str) -> Generator[None]:
+    """Print `text` to standard error if the block takes longer than `SLOW_S`."""
+    timer = threading.Timer(SLOW_S, lambda: click.echo(text, err=True))
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 def print_findings(name: str, has: str, findings: Sequence[Finding], *, err: bool = False) -> None:

@@ -6,29 +6,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pointit.geometry.polygon import Polygon
-from pointit.geometry.vector import Vec3
 from pointit.maps.checks.belts import check_belts
+from pointit.maps.checks.extent import check_extent
 from pointit.maps.checks.finding import Finding, error, warning
+from pointit.maps.checks.lamps import check_lamps
 from pointit.maps.checks.strips import check_lines, check_strips
-from pointit.maps.checks.things import check_things, line_places
+from pointit.maps.checks.things import check_things
 from pointit.maps.lanes import broken_references, lanes_of
 from pointit.maps.model import FenceEntry, MapFile
 
-FLOOR_M = 0.0
-
-HIGHEST_LAMP_M = 5.0
-
-SAME_PLACE_M = 0.01
-
-ONE_BEARING_M = 0.2
-"""Width of a column of lamps that has the same bearing from everywhere, m."""
-
-LEAST_SPREAD_DEG = 5.0
-
 THINNEST_M = 0.001
-
-WIDEST_M = 1000.0
-"""Extent of a room above which its unit is probably millimetres, m."""
 
 Point = tuple[float, float]
 
@@ -57,55 +44,21 @@ def check_map(
         for index, link in enumerate(file.links)
         if link.source in lanes and link.target in lanes
     ]
+    wrong_units = list(check_extent(file, clouds))
     found = [
+        *wrong_units,
         *broken,
         *check_belts(file, lanes, links),
         *check_lines(file),
         *check_strips(file),
-        *_check_lamps({name: lamp.position for name, lamp in file.lamps.items()}, person_m),
+        *check_lamps(file.lamps, person_m, has_heights=not wrong_units),
         *_check_solids(file),
         *_check_clouds(clouds),
         *check_fences(file.fences),
         *check_things(file, clouds, [*((person_m,) if person_m else ()), *poses_m]),
         *_check_twins(file),
-        *_check_extent(file),
     ]
     return sorted(found, key=lambda each: each.severity)
-
-
-def _check_lamps(lamps: Mapping[str, Vec3], person_m: Point | None) -> Iterator[Finding]:
-    for name, (_, _, z) in lamps.items():
-        if z < FLOOR_M:
-            yield error(f"lamps.{name}", f"is {-z:g} m below the floor; correct its z")
-        elif z > HIGHEST_LAMP_M:
-            yield warning(
-                f"lamps.{name}",
-                f"is {z:g} m high, where pointing is difficult; mount it below {HIGHEST_LAMP_M:g} m",
-            )
-    names, places = list(lamps), np.array(list(lamps.values()))
-    for index, name in enumerate(names):
-        near = np.linalg.norm(places[:index] - places[index], axis=1) < SAME_PLACE_M
-        if near.any():  # report one pair only
-            other = names[int(near.argmax())]
-            yield error(f"lamps.{name}", f"is where {other} is, {list(lamps[name])}; correct one of them")
-    if len(lamps) < 2:
-        yield warning(
-            "lamps",
-            f"{'there is one lamp' if lamps else 'there are no lamps'} and localizing by pointing needs two; "
-            "add lamps, or say where people stand",
-        )
-    elif _one_bearing(list(lamps.values()), person_m):
-        seen = "one above the other" if person_m is None else f"in one direction from {list(person_m)}"
-        yield error("lamps", f"all lie {seen}, which determines no position; move one of them aside")
-
-
-def _one_bearing(places: Sequence[Vec3], person_m: Point | None) -> bool:
-    flat = np.array(places)[:, :2]
-    if person_m is None:
-        return bool(np.linalg.norm(flat - flat[0], axis=1).max() < ONE_BEARING_M)
-    bearings = np.arctan2(*(flat - person_m).T[::-1])
-    apart = np.degrees(np.abs(np.angle(np.exp(1j * (bearings - bearings[0])))))
-    return bool(apart.max() < LEAST_SPREAD_DEG)
 
 
 def _check_solids(file: MapFile) -> Iterator[Finding]:
@@ -146,13 +99,6 @@ def _twins(section: str, entries: Mapping[str, object]) -> Iterator[Finding]:
         if place in seen:
             yield warning(f"{section}.{name}", f"is exactly where {seen[place]} is; remove it, or correct it")
         seen.setdefault(place, name)
-
-
-def _check_extent(file: MapFile) -> Iterator[Finding]:
-    places = line_places(file)
-    extent = float(np.ptp(np.array(places), axis=0).max()) if places else 0.0
-    if extent > WIDEST_M:
-        yield warning("map", f"is {extent:.0f} m wide; give positions in metres, if these are millimetres")
 
 
 def check_fences(fences: Mapping[str, FenceEntry]) -> Iterator[Finding]:

@@ -194,6 +194,10 @@ _PIXELS = _if(
     lambda value: isinstance(value, int) and not isinstance(value, bool) and 0 < value <= MAX_PIXELS,
     f"a whole number of pixels from 1 to {MAX_PIXELS}",
 )
+_OFFSET = _if(
+    lambda value: value is None or (type(value) is int and 0 <= value < 2**18),
+    "the number of the strip's first pixel on the wire, from 0",
+)
 _DIRECTION = _if(
     lambda value: not isinstance(value, bool) and value in (1, -1),
     "1, or -1 where pixel 0 sits at the line's last point",
@@ -234,6 +238,7 @@ class StripEntry(_Entry):
     pixels: Annotated[int, _PIXELS]
     direction: Annotated[Literal[1, -1], _DIRECTION] = 1
     length: _Metres | None = None
+    offset: Annotated[int | None, _OFFSET] = None
 
 
 class BeltEntry(_Entry):

@@ -1,5 +1,6 @@
 """`pointit map import` and `pointit map export`: files of WLED, xLights and others."""
 
+from itertools import islice
 from pathlib import Path
 
 import click
@@ -10,11 +11,17 @@ from pointit.cli.common.output import print_file
 from pointit.cli.maps.check import print_findings
 from pointit.maps import exchange
 from pointit.maps.checks.examine import examined
+from pointit.maps.checks.strips import has_detours
 from pointit.maps.edit.new_file import write_new
 from pointit.maps.file import map_path, parse_map_file, read_map_file
+from pointit.maps.light_files.wire import unused_pixels
+from pointit.maps.model import StripEntry
+from pointit.runtime.config.validation_message import join_names
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.atomic_file import read_limited
 
+MAX_NOTES = 20
+"""Limit of notes about the pixels in no strip."""
 MAX_FILE = 16 * 2**20
 FORMATS = ("csv", "segments", "ledmap")
 OUTPUT = click.option(
@@ -46,9 +53,14 @@ CELL = click.option(
     metavar="N",
     help="pixels a metre of segments",
 )
+@click.option(
+    "--preset", type=click.IntRange(min=0), metavar="N", help="number of the preset in WLED's presets.json"
+)
 @CELL
 @OUTPUT
-def import_(*, source: Path, kind: str, per_metre: float, cell_m: float, output: Path | None) -> None:
+def import_(
+    *, source: Path, kind: str, per_metre: float, preset: int | None, cell_m: float, output: Path | None
+) -> None:
     """Make a map of FILE: strips with their lines and pixels.
 
     csv has a pixel a line: x,y,z in metres, as xLights and mapping programs write them, with a header or
@@ -58,6 +70,33 @@ def import_(*, source: Path, kind: str, per_metre: float, cell_m: float, output:
 
     Example: pointit map import state.json --as segments --per-metre 30 -o wled.yaml
     """
+    text = _read_text(source)
+    try:
+        if kind == "csv":
+            strips = exchange.from_csv(text)
+        elif kind == "ledmap":
+            strips = exchange.from_ledmap(text, cell_m)
+        else:
+            strips = _strips_of_segments(text, preset, 1.0 / per_metre)
+    except ConfigError as error:
+        raise ConfigError(f"{source}: {error}") from None
+    for first, last in islice(unused_pixels(strips), MAX_NOTES):
+        click.echo(f"note: pixels {first} to {last} of the wire are in no strip and stay dark", err=True)
+    if uneven := [name for name, strip in strips.items() if has_detours(strip)]:
+        names = join_names(uneven[:MAX_NOTES])
+        click.echo(
+            f"note: {names}: pixels are irregular, so that the line makes detours between them", err=True
+        )
+    content = exchange.strips_text(strips)
+    path = output or Path(f"{source.stem}.yaml")
+    has, findings = examined(str(path), path, lambda: parse_map_file(content.encode(), path))
+    print_findings(str(path), has, findings, err=True)
+    if not has:
+        raise ConfigError(f"{source}: makes no map that can be read, see above; correct the file")
+    _write(output, content)
+
+
+def _read_text(source: Path) -> str:
     try:
         data = read_limited(source, MAX_FILE + 1)
         text = data.decode("utf-8-sig")
@@ -67,22 +106,16 @@ def import_(*, source: Path, kind: str, per_metre: float, cell_m: float, output:
         raise ConfigError(f"{source}: no text file") from None
     if len(data) > MAX_FILE:
         raise ConfigError(f"{source}: more than {MAX_FILE} bytes")
-    try:
-        if kind == "csv":
-            strips = exchange.from_csv(text)
-        elif kind == "ledmap":
-            strips = exchange.from_ledmap(text, cell_m)
-        else:
-            strips = exchange.laid_out(exchange.from_segments(text), 1.0 / per_metre)
-    except ConfigError as error:
-        raise ConfigError(f"{source}: {error}") from None
-    content = exchange.strips_text(strips)
-    path = output or Path(f"{source.stem}.yaml")
-    has, findings = examined(str(path), path, lambda: parse_map_file(content.encode(), path))
-    print_findings(str(path), has, findings, err=True)
-    if not has:
-        raise ConfigError(f"{source}: makes no map that can be read, see above; correct the file")
-    _write(output, content)
+    return text
+
+
+def _strips_of_segments(text: str, preset: int | None, pitch_m: float) -> dict[str, StripEntry]:
+    segments = exchange.from_segments(text, preset)
+    for name, each in segments.items():
+        if each.rows > 1:
+            size = f"{each.columns} x {each.rows}"
+            click.echo(f"note: {name} is a matrix of {size} pixels, laid out as one line", err=True)
+    return exchange.laid_out(segments, pitch_m)
 
 
 @click.command("export")

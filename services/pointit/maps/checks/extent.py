@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from pointit.geometry.polyline import Polyline
 from pointit.maps.checks.finding import Finding, warning
+from pointit.maps.checks.strips import is_even
 from pointit.maps.checks.things import line_places
 from pointit.maps.model import MapFile
 
@@ -19,8 +20,6 @@ MAX_WIDTH_M = 1000.0
 """Horizontal extent above which the unit is probably another, m."""
 MIN_DENSITY = 1.5
 """Pixels per metre of strips below which the unit is probably another. Strips have 30 to 144, strings 5."""
-FEW_PIXELS = 5
-"""Number of pixels below which a strip says nothing about the unit."""
 _USUAL_WIDTH_M = 6.0
 _USUAL_HEIGHT_M = 2.0
 _USUAL_DENSITY = 60.0
@@ -29,8 +28,9 @@ _UNITS_M = {"centimetres": 0.01, "millimetres": 0.001}
 
 def check_extent(file: MapFile, clouds: Mapping[str, NDArray[np.float64]]) -> Iterator[Finding]:
     """Yield a map and clouds with extents of a room in another unit; `clouds` are n x 3, in {W}."""
-    solids = (*file.boxes.values(), *file.cylinders.values(), *file.spheres.values())
-    centers = [solid.center for solid in solids]
+    centers = [box.center for box in file.boxes.values()]
+    centers += [cylinder.center for cylinder in file.cylinders.values()]
+    centers += [sphere.center for sphere in file.spheres.values()]
     centers += [thing.center for thing in file.things.values() if thing.center is not None]
     places = np.array([*line_places(file), *centers]).reshape(-1, 3)
     if len(places):
@@ -59,9 +59,7 @@ def _extent(width_m: float, height_m: float) -> str:
 def _density(file: MapFile) -> float:
     """Return the median of the pixels per metre of strips, infinite if none has enough pixels."""
     densities = [
-        strip.pixels / Polyline(strip.line).length_m
-        for strip in file.strips.values()
-        if strip.pixels >= FEW_PIXELS
+        strip.pixels / Polyline(strip.line).length_m for strip in file.strips.values() if is_even(strip)
     ]
     return float(np.median(densities)) if densities else math.inf
 

@@ -57,9 +57,10 @@ def _at_one_place(places: NDArray[np.float64]) -> list[tuple[int, int]]:
     earlier = first[inverse.reshape(-1)]
     found = {int(index): int(earlier[index]) for index in np.flatnonzero(earlier != np.arange(len(places)))}
     if len(distinct) > 1:
-        away_m, near = KDTree(distinct).query(distinct, k=2)
-        for row in np.flatnonzero(away_m[:, 1] < SAME_PLACE_M):
-            pair = sorted((int(first[row]), int(first[near[row, 1]])))
+        nearest = KDTree(distinct).query(distinct, k=[2])  # the first one is the lamp itself
+        away_m, near = (np.asarray(each).reshape(-1) for each in nearest)
+        for row in np.flatnonzero(away_m < SAME_PLACE_M):
+            pair = sorted((int(first[row]), int(first[int(near[row])])))
             found.setdefault(pair[1], pair[0])
     return sorted(found.items())
 

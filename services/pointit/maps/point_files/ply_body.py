@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,18 +30,11 @@ def binary_vertices(path: Path, header: PlyHeader) -> NDArray[np.float64]:
         table = np.fromfile(path, dtype=row, count=min(rows, header.vertex.rows), offset=offset)
         with np.errstate(invalid="ignore"):  # a signalling NaN, rejected later like other NaNs
             return np.column_stack([table[f"f{column}"].astype(np.float64) for column in header.columns])
-    starts = np.array(
-        list(_rows_of(data, offset, header.vertex, header.order, header.columns)), dtype=np.int64
-    )
+    offsets = list(_rows_of(data, offset, header.vertex, header.order, header.columns))
+    starts = np.array(offsets, dtype=np.int64).reshape(-1, 3)
+    kinds = [header.order + header.vertex.properties[column].kind for column in header.columns]
     with np.errstate(invalid="ignore"):
-        return np.column_stack(
-            [
-                _values_at(data, starts[:, at], header.order + header.vertex.properties[column].kind)
-                for at, column in enumerate(header.columns)
-            ]
-            if len(starts)
-            else np.zeros((3, 0))
-        )
+        return np.column_stack([_values_at(data, starts[:, at], kind) for at, kind in enumerate(kinds)])
 
 
 def ascii_vertex_lines(lines: Iterable[str], header: PlyHeader) -> Iterator[str]:
@@ -108,8 +102,8 @@ def _rows_of(
 
     The offset of the property behind the last one is the end of the row.
     """
-    content = memoryview(data)
-    byte_order = "little" if order == "<" else "big"
+    content = data.tobytes()
+    byte_order: Literal["little", "big"] = "little" if order == "<" else "big"
     sizes = [np.dtype(each.kind).itemsize for each in element.properties]
     count_sizes = [
         np.dtype(each.count_kind).itemsize if each.count_kind else 0 for each in element.properties
@@ -119,7 +113,7 @@ def _rows_of(
         for size, count_size in zip(sizes, count_sizes, strict=True):
             starts.append(offset)
             if count_size:
-                count = int.from_bytes(content[offset : offset + count_size], byte_order)  # type: ignore[arg-type]
+                count = int.from_bytes(content[offset : offset + count_size], byte_order)
                 offset += count_size + count * size
             else:
                 offset += size
@@ -131,4 +125,5 @@ def _rows_of(
 
 def _values_at(data: NDArray[np.uint8], starts: NDArray[np.int64], kind: str) -> NDArray[np.float64]:
     size = np.dtype(kind).itemsize
-    return data[starts[:, None] + np.arange(size)].view(kind)[:, 0].astype(np.float64)
+    values: NDArray[np.float64] = data[starts[:, None] + np.arange(size)].view(kind)[:, 0].astype(np.float64)
+    return values

@@ -1,0 +1,1 @@
+"""Files of LED programs: tables of pixels, WLED's JSON, and strips through pixels."""

@@ -1,0 +1,120 @@
+"""Tables of pixels: CSV of xLights, of programs that map LEDs with cameras, and of spreadsheets."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pointit.maps.column_units import split_unit
+from pointit.maps.point_files.point_columns import cells_of, delimiter_of, is_number, point_columns
+from pointit.runtime.config.validation_message import join_names
+from pointit.runtime.errors import ConfigError
+from pointit.schemas import FARTHEST
+
+MAX_POINTS = 100_000
+STRIP_COLUMNS = ("strip", "name", "string", "model")
+PIXEL_COLUMNS = ("pixel", "index", "number", "node", "led", "id")
+WIRE_COLUMNS = ("wire",)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TablePixel:
+    """A line of a table."""
+
+    line: int
+    """Number of the line, from 1."""
+    strip: str
+    """Name of its strip, `""` if the table has none."""
+    number: int | None
+    """Its number on its strip, or on the wire. None if the table has none."""
+    point: NDArray[np.float64]
+    """Position, m."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Columns:
+    points: tuple[int, int, int]
+    units_m: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    strip: int | None = None
+    number: int | None = None
+
+
+def pixels_of(text: str) -> tuple[list[TablePixel], bool]:
+    """Return the pixels of a CSV, and True if their numbers are those of the wire rather than of strips.
+
+    Raises:
+        ConfigError: If a line is no pixel, or the header does not say which columns are x, y and z.
+    """
+    columns: _Columns | None = None
+    found: list[TablePixel] = []
+    is_of_wire = False
+    for line, row in _rows(text):
+        if columns is None:
+            if not any(map(is_number, row)):
+                columns, is_of_wire = _named(row)
+                continue
+            columns = _unnamed(line, row)
+        if len(found) == MAX_POINTS:
+            raise ConfigError(f"more than {MAX_POINTS} pixels; split the file")
+        found.append(_pixel(line, row, columns))
+    return found, is_of_wire
+
+
+def _rows(text: str) -> Iterator[tuple[int, list[str]]]:
+    """Yield number and cells of the lines that are neither empty nor comments."""
+    for line, content in enumerate(text.splitlines(), 1):
+        bare = content.strip()
+        if bare.startswith("[") and bare.rstrip(",]") != bare:  # as Python writes lists of lists
+            bare = bare.strip("[], ")
+        if bare and not bare.startswith(("#", "//")) and not bare.lower().startswith("sep="):
+            cells = cells_of(bare, delimiter_of(bare))
+            if any(cells):
+                yield line, cells
+
+
+def _named(header: Sequence[str]) -> tuple[_Columns, bool]:
+    columns = point_columns(header)
+    if columns is None:
+        raise ConfigError(
+            f"its header does not say which columns are x, y and z ({join_names(header)}); "
+            "rename them to x, y, z, with their unit, such as 'x [mm]', if it is not metres"
+        )
+    names = [split_unit(cell)[0] for cell in header]
+
+    def column(known: Sequence[str]) -> int | None:
+        return next((names.index(name) for name in known if name in names), None)
+
+    wire = column(WIRE_COLUMNS)
+    return _Columns(
+        points=columns.indices,
+        units_m=columns.units_m or (1.0, 1.0, 1.0),
+        strip=column(STRIP_COLUMNS),
+        number=column(PIXEL_COLUMNS) if wire is None else wire,
+    ), wire is not None
+
+
+def _unnamed(line: int, row: Sequence[str]) -> _Columns:
+    if len(row) == 3:
+        return _Columns(points=(0, 1, 2))
+    if len(row) == 4 and row[0].isdecimal():
+        return _Columns(points=(1, 2, 3), number=0)
+    raise ConfigError(
+        f"line {line}: has {len(row)} columns without names; write x,y,z in metres, or pixel,x,y,z, "
+        "or add a line with the names of the columns"
+    )
+
+
+def _pixel(line: int, row: Sequence[str], columns: _Columns) -> TablePixel:
+    shown = repr(",".join(row)[:60])
+    try:
+        point = np.array([float(row[index].replace(",", ".")) for index in columns.points]) * columns.units_m
+        number = None if columns.number is None else float(row[columns.number].replace(",", "."))
+        strip = "" if columns.strip is None or columns.strip >= len(row) else row[columns.strip]
+    except (IndexError, ValueError):
+        raise ConfigError(f"line {line}: {shown} is no pixel; write x,y,z in metres") from None
+    if not np.all(np.abs([*point, number or 0.0]) <= FARTHEST):
+        raise ConfigError(f"line {line}: {shown} is no pixel; write numbers up to {FARTHEST:g}")
+    if number is not None and (number < 0 or number != int(number)):
+        raise ConfigError(f"line {line}: {shown} has the number {number:g}; write whole numbers from 0")
+    return TablePixel(line=line, strip=strip, number=None if number is None else int(number), point=point)

@@ -1,0 +1,202 @@
+"""Strips through pixels: an even line for each run of pixels, which puts all of them where the file has them.
+
+A strip of a map has its pixels evenly along its line. Pixels of other programs have gaps, bends, other
+pitches, slack between them, and may share a position. A run is divided where even pixels cannot show it. What
+is irregular throughout keeps one strip: its line makes a detour between two pixels that are nearer than the
+others, as the wire does.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pointit.geometry.polyline import Polyline
+from pointit.maps.model import MAX_PIXELS
+
+Array = NDArray[np.float64]
+
+MIN_GAP = 1.7
+"""Step between two pixels, in steps around it, from which another strip begins. A grid's diagonal is 1.4."""
+MAX_SLACK = 6.0
+"""Step, in steps, from which another strip begins even if the pixels are irregular throughout."""
+MAX_OFFSET = 0.1
+"""Distance of a pixel of a strip from that of the file, in steps, up to which it is the same."""
+MAX_OFFSET_M = 0.005
+"""Limit of that distance, m."""
+EVEN = 0.05
+"""Difference of two steps, in steps, up to which both are the same."""
+MAX_BENDS = 0.2
+"""Share of steps round a bend, up to which a run is an even strip."""
+MIN_PIECE = 5
+"""Mean number of pixels of the parts into which an irregular run is divided by pitch."""
+_AROUND = 5
+"""Number of steps on either side of a step to which it is compared."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FittedStrip:
+    """Consecutive pixels, evenly along a line."""
+
+    first: int
+    """Index of its first pixel among those of the file."""
+    pixels: int
+    line: Array
+    """Vertices, n x 3, m. The line reaches half a pixel beyond its ends."""
+
+
+def fit_strips(points: Array, numbers: NDArray[np.intp], usual: float) -> Iterator[FittedStrip]:
+    """Yield the strips through `points` in their order. A strip ends before a number that is skipped.
+
+    Args:
+        points: positions of pixels, n x 3, m.
+        numbers: their numbers on the wire, n, ascending.
+        usual: length of a pixel that is alone, m.
+    """
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    for start, stop in _parts(np.flatnonzero(np.diff(numbers) != 1), len(points)):
+        run = steps[start : stop - 1]
+        gaps = np.flatnonzero(_is_gap(run))
+        if len(run) >= MIN_PIECE and len(run) < MIN_PIECE * len(gaps):  # irregular throughout
+            gaps = np.flatnonzero(run > MAX_SLACK * median_step(run))
+        for low, high in _parts(gaps, stop - start):
+            for first in range(start + low, start + high, MAX_PIXELS):
+                last = min(first + MAX_PIXELS, start + high)
+                yield from _fit(points[first:last], first, usual)
+
+
+def pixels_along(line: Array, pixels: int) -> Array:
+    """Return the positions of a strip's pixels from the line's first vertex on, n x 3, m."""
+    whole = Polyline(line.tolist())
+    return whole.points_at((np.arange(pixels) + 0.5) * whole.length_m / pixels)
+
+
+def _parts(cuts: NDArray[np.intp], count: int) -> Iterator[tuple[int, int]]:
+    """Yield the ranges between cuts; a cut is the index of the pixel before it."""
+    edges = [0, *(int(cut) + 1 for cut in cuts), count]
+    yield from ((low, high) for low, high in pairwise(edges) if high > low)
+
+
+def median_step(steps: Array) -> float:
+    """Return the median of the steps that are not zero, 0 if all are."""
+    moved = steps[steps > 0.0]
+    return float(np.median(moved)) if len(moved) else 0.0
+
+
+def _is_gap(steps: Array) -> NDArray[np.bool_]:
+    """Return True for steps that are longer than those before and those behind."""
+    if len(steps) < 2:
+        return np.zeros(len(steps), dtype=np.bool_)
+    moved = np.where(steps > 0.0, steps, np.nan)
+    blank = np.full(_AROUND, np.nan)
+    windows = np.lib.stride_tricks.sliding_window_view(np.r_[blank, moved, blank], _AROUND)
+    usual = np.fmax(_lower_medians(windows[: len(steps)]), _lower_medians(windows[_AROUND + 1 :]))
+    return steps > MIN_GAP * np.where(np.isnan(usual), np.inf, usual)
+
+
+def _lower_medians(windows: Array) -> Array:
+    """Return the lower median of each row without its NaN, NaN if it has nothing else."""
+    counts = np.count_nonzero(~np.isnan(windows), axis=1)
+    middle = np.maximum(counts - 1, 0) // 2
+    medians: Array = np.sort(windows, axis=1)[np.arange(len(windows)), middle]
+    return medians
+
+
+def _fit(points: Array, first: int, usual: float) -> Iterator[FittedStrip]:
+    """Yield the strips of a run, `first` of the file on; `usual` is the step where the run has none."""
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    step = median_step(steps) or usual
+    limit = min(MAX_OFFSET * min(step, usual), MAX_OFFSET_M)
+    even = steps[np.abs(steps - step) <= EVEN * step]
+    candidates: list[Callable[[], Array]] = [lambda: _smooth(points, step, limit)]
+    if len(even) >= (1 - MAX_BENDS) * len(steps):
+        pitch = float(even.mean()) if len(even) else step
+        candidates.insert(0, lambda: _bent(points, pitch, EVEN))
+    for candidate in candidates:
+        line = candidate()
+        if np.linalg.norm(pixels_along(line, len(points)) - points, axis=1).max() <= limit:
+            yield FittedStrip(first=first, pixels=len(points), line=line)
+            return
+    cuts = _pitch_changes(steps, MAX_OFFSET * step)
+    if cuts and len(points) / (len(cuts) + 1) >= MIN_PIECE:
+        for low, high in _parts(np.array(cuts), len(points)):
+            yield from _fit(points[low:high], first + low, usual)
+        return
+    yield FittedStrip(first=first, pixels=len(points), line=_bent(points, float(steps.max()) or usual, 1e-6))
+
+
+def _pitch_changes(steps: Array, limit: float) -> list[int]:
+    """Return the pixels behind which the pitch changes, or which a longer step follows."""
+    along = np.r_[0.0, np.cumsum(steps)][:, None]
+    kept = _vertices(np.arange(len(along), dtype=np.float64), along, limit)
+    cuts: list[int] = []
+    for low, high in pairwise(kept):
+        if high - low == 1:  # a step alone is a gap
+            cuts.append(low)
+        elif high < len(along) - 1:
+            cuts.append(high)
+    return sorted({cut for cut in cuts if cut < len(along) - 1})
+
+
+def _smooth(points: Array, step: float, limit: float) -> Array:
+    """Return the line through the corners of evenly spaced pixels."""
+    kept = _vertices(np.arange(len(points), dtype=np.float64), points, limit)
+    return _with_ends(points[kept], step)
+
+
+def _bent(points: Array, pitch: float, tolerance: float) -> Array:
+    """Return the line through all pixels, `pitch` long between two of them, with a detour where need be.
+
+    The detour goes on in the direction from which the line comes, so that it is the corner of a bent strip.
+    Steps that are shorter by a share of up to `tolerance` have none.
+    """
+    moves = np.diff(points, axis=0)
+    lengths = np.linalg.norm(moves, axis=1)
+    moved = np.flatnonzero(lengths > 0.0)
+    towards = moves[moved[0]] / lengths[moved[0]] if len(moved) else np.array([1.0, 0.0, 0.0])
+    nodes = [points[0]]
+    for point, move, length in zip(points, moves, lengths, strict=False):
+        if length < pitch * (1 - tolerance):
+            ahead = (pitch**2 - length**2) / (2.0 * (pitch - float(move @ towards)))
+            nodes.append(point + ahead * towards)
+        nodes.append(point + move)
+        if length > 0.0:
+            last = nodes[-1] - nodes[-2]
+            towards = last / np.linalg.norm(last)
+    line = np.array(nodes)
+    along = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))]
+    return _with_ends(line[_vertices(along, line, min(EVEN / 10 * pitch, MAX_OFFSET_M / 10))], pitch)
+
+
+def _with_ends(vertices: Array, step: float) -> Array:
+    """Return the line through `vertices`, half a `step` longer at both ends."""
+    moves = np.diff(vertices, axis=0)
+    moves = moves[np.linalg.norm(moves, axis=1) > 0.0]
+    ends = (moves[0], moves[-1]) if len(moves) else (np.array([1.0, 0.0, 0.0]),) * 2
+    before, behind = (end / np.linalg.norm(end) * step / 2 for end in ends)
+    inner = vertices if len(moves) else vertices[:0]
+    return np.vstack([vertices[0] - before, *inner[1:-1], vertices[-1] + behind])
+
+
+def _vertices(at: Array, points: Array, limit: float) -> list[int]:
+    """Return the indices of points between which all others are within `limit` of where `at` has them.
+
+    Douglas-Peucker, with the position along the line in place of the nearest one.
+    """
+    kept, stack = {0, len(points) - 1}, [(0, len(points) - 1)]
+    while stack:
+        low, high = stack.pop()
+        if high - low < 2:
+            continue
+        share = (at[low + 1 : high] - at[low]) / (at[high] - at[low])
+        apart = np.linalg.norm(
+            points[low + 1 : high] - points[low] - share[:, None] * (points[high] - points[low]), axis=1
+        )
+        worst = int(np.argmax(apart))
+        if apart[worst] > limit:
+            corner = low + 1 + worst
+            kept.add(corner)
+            stack += [(low, corner), (corner, high)]
+    return sorted(kept)

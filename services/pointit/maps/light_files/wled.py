@@ -1,0 +1,223 @@
+"""WLED's JSON: segments of a state, a preset or the configured outputs, and the cells of a ledmap."""
+
+import json
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, cast
+
+from pointit.runtime.config.validation_message import format_value, join_names
+from pointit.runtime.errors import ConfigError
+
+MAX_CELLS = 1_000_000
+"""Limit of the cells of a ledmap."""
+GAP = -1
+"""Cell of a ledmap without a pixel."""
+_NO_PIXEL = 65535
+"""Number from which on WLED takes a cell of a ledmap as a gap."""
+_EXAMPLE = '{"seg": [{"start": 0, "stop": 60, "n": "desk"}]}'
+_WHOLE = re.compile(r"\s*[+-]?[0-9]{1,18}\s*")
+Json = Mapping[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class WledSegment:
+    """Pixels that WLED shows as one."""
+
+    name: str
+    number: int
+    """Its id."""
+    start: int | None
+    """Number of its first pixel on the wire. None in a matrix, where the wire is not told."""
+    columns: int
+    rows: int
+    """1, unless it is a part of a matrix."""
+
+    @property
+    def pixels(self) -> int:
+        """Return the number of its pixels."""
+        return self.columns * self.rows
+
+
+def read_segments(text: str, preset: int | None = None) -> list[WledSegment]:
+    """Return the segments with pixels: of a state, of what has one, of presets, or the configured outputs.
+
+    Args:
+        text: JSON of `/json`, `/json/state`, `/json/cfg`, `presets.json`, or a list of segments.
+        preset: number of the preset. None: the only one, or any if all have the same segments.
+
+    Raises:
+        ConfigError: If there are none, or several presets differ. One sentence.
+    """
+    data = _read_json(text)
+    if isinstance(data, dict):
+        state = cast("Json", data)
+        state = state["state"] if isinstance(state.get("state"), dict) else state
+        if preset is not None or (state and all(key.isdecimal() for key in state)):
+            state = _preset(state, preset)
+        elif outputs := _list(_inside(state, "hw", "led", "ins")):
+            return _used([_output(number, each) for number, each in enumerate(outputs)])
+        data = state.get("seg", state if {"stop", "len"} & state.keys() else None)
+        data = [data] if isinstance(data, dict) else data
+    if not isinstance(data, list):
+        raise ConfigError(f"has no segments of WLED; give its state, such as {_EXAMPLE}")
+    segments = [_segment(number, each) for number, each in enumerate(_list(data))]
+    if any(each.rows > 1 for each in segments if each):  # one wire through a matrix, in an order of its own
+        segments = [each and replace(each, start=None) for each in segments]
+    return _used(segments)
+
+
+def read_ledmap(text: str) -> tuple[list[tuple[int, int, int]], int]:
+    """Return number, column and row (from 0, the first at the top) of each pixel, and the number of rows.
+
+    Raises:
+        ConfigError: If it is no ledmap with width and height, or a pixel is in two cells. One sentence.
+    """
+    data = _read_json(text)
+    if not (cells := _list(_inside(data, "map"))):
+        raise ConfigError('is no ledmap of WLED; give {"width": 2, "height": 1, "map": [0, 1]}')
+    if len(cells) > MAX_CELLS:
+        raise ConfigError(f"map has {len(cells)} cells, limit {MAX_CELLS}; give a smaller one")
+    for key in ("width", "height"):
+        if key not in data:
+            raise ConfigError(
+                f"has no {key}, without which a ledmap has no positions; add width and height of the grid"
+            )
+    width, height = _whole(data["width"], "width"), _whole(data["height"], "height")
+    if width * height != len(cells) or width < 1:
+        raise ConfigError(
+            f"width {width} times height {height} are {width * height} cells, and map has {len(cells)}; "
+            "correct them"
+        )
+    places: dict[int, int] = {}
+    for index, value in enumerate(cells):
+        number = _whole(value, f"cell {index} of map")
+        if number < 0 or number >= _NO_PIXEL:
+            continue
+        if (other := places.setdefault(number, index)) != index:
+            first, second = (f"column {at % width}, row {at // width}" for at in (other, index))
+            raise ConfigError(
+                f"pixel {number} is in two cells ({first}; {second}); remove it from one, write -1"
+            )
+    if not places:
+        raise ConfigError("has no pixels, all cells are -1; write their numbers")
+    return [(number, at % width, at // width) for number, at in sorted(places.items())], height
+
+
+def _used(segments: Sequence[WledSegment | None]) -> list[WledSegment]:
+    if not (used := [each for each in segments if each]):
+        raise ConfigError("has no segments with pixels; save it with its bounds (stop above start)")
+    return used
+
+
+def _segment(number: int, data: Any) -> WledSegment | None:
+    """Return a segment, None if WLED does not use it."""
+    if not isinstance(data, dict):
+        raise ConfigError(f"segment {number} is {format_value(data)}; write such as {_EXAMPLE}")
+    data = cast("Json", data)
+    where = f"segment {data.get('id', number)}"
+    if not {"stop", "len"} & data.keys():
+        raise ConfigError(f"{where} has neither stop nor len; save the segments with their bounds")
+    start = _count(data, "start", where, 0)
+    stop = _count(data, "stop", where, 0) if "stop" in data else start + _count(data, "len", where, 0)
+    start_y = _count(data, "startY", where, 0)
+    rows = max(1, _count(data, "stopY", where, start_y + 1)) - start_y
+    if stop <= start:
+        return None
+    if rows < 1:
+        raise ConfigError(
+            f"{where} has startY {start_y} and stopY {start_y + rows}; stopY must be above startY"
+        )
+    return WledSegment(
+        name=str(data.get("n") or ""),
+        number=_whole(data.get("id", number), f"id of segment {number}"),
+        start=start,
+        columns=stop - start,
+        rows=rows,
+    )
+
+
+def _output(number: int, data: Any) -> WledSegment | None:
+    """Return the pixels of an output of WLED's configuration, None if it has none."""
+    if not isinstance(data, dict):
+        raise ConfigError(f"output {number} of hw.led.ins is {format_value(data)}; give WLED's cfg.json")
+    where = f"output {number} of hw.led.ins"
+    length, start = (_count(cast("Json", data), key, where, 0) for key in ("len", "start"))
+    name = f"output_{number}"
+    return WledSegment(name=name, number=number, start=start, columns=length, rows=1) if length else None
+
+
+def _preset(data: Json, wanted: int | None) -> Json:
+    """Return the state of the preset `wanted`, or of any if all have the same segments."""
+    presets = {number: cast("Json", each) for number, each in data.items() if _has_bounds(each)}
+    if not presets:
+        raise ConfigError("has no preset with segments; save one in WLED with *Save segment bounds*")
+    if wanted is not None:
+        if str(wanted) not in presets:
+            raise ConfigError(f"has no preset {wanted} with segments; use one of {join_names(presets)}")
+        return presets[str(wanted)]
+    kinds = {json.dumps([_bounds(each) for each in _segments_of(preset)]) for preset in presets.values()}
+    if len(kinds) > 1:
+        names = [f"{number} ({each['n']})" if each.get("n") else number for number, each in presets.items()]
+        raise ConfigError(f"presets {join_names(names)} have other segments; choose one by --preset")
+    return next(iter(presets.values()))
+
+
+def _segments_of(preset: Json) -> Iterator[Json]:
+    segments = preset.get("seg")
+    for each in _list(segments) or [segments]:
+        if isinstance(each, dict):
+            yield cast("Json", each)
+
+
+def _bounds(segment: Json) -> list[Any]:
+    return [segment.get(key) for key in ("start", "stop", "startY", "stopY", "n")]
+
+
+def _has_bounds(preset: object) -> bool:
+    if not isinstance(preset, dict):
+        return False
+    return any(each.get("stop") for each in _segments_of(cast("Json", preset)))
+
+
+def _inside(data: Any, *keys: str) -> Any:
+    for key in keys:
+        data = cast("Json", data).get(key) if isinstance(data, dict) else None
+    return data
+
+
+def _list(value: object) -> list[Any]:
+    """Return `value`, an empty list if it is none."""
+    return list(cast("Sequence[Any]", value)) if isinstance(value, list) else []
+
+
+def _count(data: Json, key: str, where: str, otherwise: int) -> int:
+    if (value := data.get(key)) is None:
+        return otherwise
+    if (number := _whole(value, f"{key} of {where}")) < 0:
+        raise ConfigError(f"{key} of {where} is {number}; write a whole number from 0")
+    return number
+
+
+def _whole(value: object, where: str) -> int:
+    """Return the whole number `value`, which may be written as 60.0 or "60"."""
+    if isinstance(value, str) and _WHOLE.fullmatch(value):
+        return int(value)
+    if isinstance(value, bool) or not isinstance(value, int | float) or value != value // 1:
+        raise ConfigError(f"{where} is {format_value(value)}; write a whole number")
+    return int(value)
+
+
+def _read_json(text: str) -> Any:
+    try:
+        return json.loads(text, object_pairs_hook=_unique)
+    except (ValueError, RecursionError) as error:
+        raise ConfigError(f"is no JSON: {error}; export it again") from None
+
+
+def _unique(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
+    names = Counter(name for name, _ in pairs)
+    if len(names) < len(pairs):
+        raise ValueError(f"{names.most_common(1)[0][0]!r} is there twice, keep one")
+    return dict(pairs)

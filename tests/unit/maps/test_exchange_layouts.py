@@ -1,0 +1,371 @@
+"""Layouts of LEDs as other programs write them: the same lights after import, and after export and import."""
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from pointit.maps import exchange
+from pointit.maps.checks.check import check_map
+from pointit.maps.light_files.wire import first_pixels, unused_pixels
+from pointit.maps.model import MapFile, StripEntry
+from pointit.runtime.errors import ConfigError
+from pointit.schemas import Strip
+from pointit.services.led_driver.output.pixel_map import map_pixels
+
+Lights = dict[int, NDArray[np.float64]]
+"""Positions by the number on the wire."""
+
+
+def lights(strips: dict[str, StripEntry]) -> Lights:
+    firsts = first_pixels(strips)
+    return {
+        firsts[name] + pixel: point
+        for name, strip in strips.items()
+        for pixel, point in enumerate(exchange.positions(strip))
+    }
+
+
+def assert_same_lights(given_: Lights, expected: Lights, within_m: float) -> None:
+    assert sorted(given_) == sorted(expected)
+    away = {number: float(np.linalg.norm(given_[number] - expected[number])) for number in expected}
+    assert max(away.values()) <= within_m, away
+
+
+def ledmap(rows: list[str]) -> str:
+    """Return the ledmap of a drawing in which numbers stand apart and `.` is a gap."""
+    grid = [[-1 if cell == "." else int(cell) for cell in row.split()] for row in rows]
+    cells = [number for row in grid for number in row]
+    return json.dumps({"n": "x", "width": len(grid[0]), "height": len(grid), "map": cells})
+
+
+def cells_of(rows: list[str], cell_m: float) -> Lights:
+    return {
+        int(cell): np.array([column, 0.0, len(rows) - 1 - row]) * cell_m
+        for row, line in enumerate(rows)
+        for column, cell in enumerate(line.split())
+        if cell != "."
+    }
+
+
+DRAWINGS = {
+    "a cell without a pixel": ["0 1 2 . 3 4 5"],
+    "pixels alone": ["0 1 . . . . . 2 . . . . 3 4 5 6"],
+    "numbers skipped behind the turns": ["14 13 12 11", " 6  7  8  9", " 3  2  1  0"],
+    "a wire that begins later": ["8 9 10 11"],
+    "a diagonal": ["0 . . .", ". 1 . .", ". . 2 .", ". . . 3"],
+    "another pitch": ["0 1 2 3 4 5 . 6 . 7 . 8 . 9 . 10"],
+    "two pixels": ["0 . . . . . . 1"],
+    "one pixel": [". 3 ."],
+    "a letter": [". 6 7 8", "5 . . .", "4 . . .", "3 . . .", ". 2 1 0"],
+}
+
+
+@pytest.mark.parametrize("name", DRAWINGS)
+def test_pixels_of_a_ledmap_stay_in_their_cells_with_their_numbers(name: str) -> None:
+    rows = DRAWINGS[name]
+    strips = exchange.from_ledmap(ledmap(rows), 0.1)
+    assert_same_lights(lights(strips), cells_of(rows, 0.1), 0.006)
+
+
+def test_pixels_that_a_ledmap_skips_are_in_no_strip() -> None:
+    strips = exchange.from_ledmap(ledmap(DRAWINGS["numbers skipped behind the turns"]), 0.1)
+    assert list(unused_pixels(strips)) == [(4, 5), (10, 10)]
+    assert [strip.offset for strip in strips.values()] == [None, 6, 11]
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        ({"map": [0, 1, 2]}, "has no width, without which a ledmap has no positions; add width and height"),
+        ({"map": [0, 1], "width": 2}, "has no height"),
+        ({"map": [0, 1, 2], "width": 2, "height": 2}, "width 2 times height 2 are 4 cells, and map has 3"),
+        (
+            {"map": [0, 1, 1, 2], "width": 2, "height": 2},
+            r"pixel 1 is in two cells \(column 1, row 0; column 0",
+        ),
+        ({"map": [-1, -1], "width": 2, "height": 1}, "all cells are -1"),
+        ({"map": [0, None], "width": 2, "height": 1}, "cell 1 of map is None; write a whole number"),
+        ({"map": [0, 1.5], "width": 2, "height": 1}, "cell 1 of map is 1.5; write a whole number"),
+        ({"map": {}, "width": 2, "height": 1}, "is no ledmap of WLED"),
+        ([0, 1], "is no ledmap of WLED"),
+    ],
+)
+def test_a_ledmap_without_positions_is_refused_with_the_remedy(data: Any, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        exchange.from_ledmap(json.dumps(data), 0.05)
+
+
+def test_numbers_of_a_ledmap_may_be_text_and_65535_is_a_gap_as_in_wled() -> None:
+    text = json.dumps({"width": "3", "height": 1.0, "map": ["0", 65535, 1.0], "n": "x", "physical": []})
+    assert sorted(lights(exchange.from_ledmap(text, 0.05))) == [0, 1]
+
+
+COORDINATE = st.integers(-30, 30).map(lambda number: number / 10)
+POINT = st.tuples(COORDINATE, COORDINATE, COORDINATE)
+
+
+@st.composite
+def maps(draw: st.DrawFn) -> MapFile:
+    """Draw a map with bent strips of several pitches, in either direction, with numbers that are skipped."""
+    strips: dict[str, dict[str, Any]] = {}
+    end = 0
+    for name in draw(st.lists(st.sampled_from(["desk", "wall", "strip_1", "7"]), max_size=4, unique=True)):
+        line = draw(st.lists(POINT, min_size=2, max_size=5, unique=True))
+        pixels = draw(st.integers(1, 40))
+        skipped = draw(st.sampled_from([0, 0, 1, 7]))
+        direction = draw(st.sampled_from([1, -1]))
+        strips[name] = {"line": [list(point) for point in line], "pixels": pixels, "direction": direction}
+        strips[name]["offset"] = end + skipped if skipped else None
+        end += skipped + pixels
+    return MapFile.model_validate({"strips": strips})
+
+
+@settings(max_examples=60)
+@given(maps())
+def test_csv_gives_back_all_lights_with_their_numbers(file: MapFile) -> None:
+    expected = lights(file.strips)
+    if len(np.unique(np.round(list(expected.values()), 5), axis=0)) < 2:
+        return
+    back = exchange.from_csv(exchange.to_csv(file))
+    assert_same_lights(lights(back), expected, 0.006)
+    again = exchange.from_csv(exchange.to_csv(MapFile.model_validate({"strips": dumped(back)})))
+    assert_same_lights(lights(again), lights(back), 0.006)
+
+
+def dumped(strips: dict[str, StripEntry]) -> dict[str, Any]:
+    return {
+        name: {**strip.model_dump(), "line": [list(point) for point in strip.line]}
+        for name, strip in strips.items()
+    }
+
+
+@st.composite
+def grids(draw: st.DrawFn) -> dict[tuple[int, int], int]:
+    """Draw numbers by cell: walks in a grid with jumps, bends and skipped numbers."""
+    cells: dict[tuple[int, int], int] = {}
+    number, at = draw(st.integers(0, 5)), (draw(st.integers(0, 9)), draw(st.integers(0, 9)))
+    for _ in range(draw(st.integers(1, 40))):
+        cells.setdefault(at, number)
+        number += 1 + draw(st.sampled_from([0, 0, 0, 0, 0, 1, 3]))
+        jump = draw(st.sampled_from([(1, 0), (1, 0), (1, 0), (0, 1), (-1, 0), (1, 1), (2, 0), (5, 3)]))
+        at = ((at[0] + jump[0]) % 10, (at[1] + jump[1]) % 10)
+    return cells
+
+
+@settings(max_examples=60)
+@given(grids())
+def test_a_ledmap_is_the_same_after_import_and_export(cells: dict[tuple[int, int], int]) -> None:
+    grid = np.full((10, 10), -1)
+    for (column, row), number in cells.items():
+        grid[row, column] = number
+    text = json.dumps({"width": 10, "height": 10, "map": grid.ravel().tolist()})
+    strips = exchange.from_ledmap(text, 0.05)
+    places = {number: np.array([column, 0.0, 9 - row]) * 0.05 for (column, row), number in cells.items()}
+    assert_same_lights(lights(strips), places, 0.006)
+    back = json.loads(exchange.to_ledmap(MapFile.model_validate({"strips": dumped(strips)}), "front", 0.05))
+    rows, columns = np.nonzero(grid >= 0)
+    trimmed = grid[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
+    assert np.array(back["map"]).reshape(back["height"], back["width"]).tolist() == trimmed.tolist()
+
+
+def csv_of(points: NDArray[np.float64], header: str = "x,y,z\n") -> str:
+    return header + "".join(",".join(f"{value:.5f}" for value in point) + "\n" for point in points)
+
+
+def spiral(turns: float, count: int) -> NDArray[np.float64]:
+    share = np.linspace(0.0, 1.0, count) ** 1.5
+    angle, radius = 2 * np.pi * turns * share, 0.9 - 0.7 * share
+    return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), 2.0 * share])
+
+
+RANDOM = np.random.default_rng(7)
+TREES = {
+    "two pixels at each place": np.repeat(spiral(4, 40), 2, axis=0),
+    "bunches": np.repeat(spiral(3, 20), RANDOM.integers(1, 5, 20), axis=0),
+    "uneven steps": spiral(5, 120),
+    "no order": RANDOM.uniform(-1, 1, (80, 3)),
+    "noise": np.column_stack([np.arange(60) * 0.05, *RANDOM.normal(0, 0.004, (2, 60))]),
+    "bunch at the start": np.vstack([np.zeros((6, 3)), [[0.1 * n, 0, 0] for n in range(1, 20)]]),
+    "two pitches": np.array([[n / 60, 0, 0] for n in range(60)] + [[1 + n / 30, 0, 0] for n in range(30)]),
+    "one missing": np.array([[n / 30, 0, 1] for n in range(40) if n != 17]),
+}
+
+
+@pytest.mark.parametrize("name", TREES)
+def test_irregular_pixels_stay_where_they_are(name: str) -> None:
+    points = TREES[name]
+    strips = exchange.from_csv(csv_of(points))
+    assert_same_lights(lights(strips), dict(enumerate(points)), 0.006)
+    assert len(strips) <= max(10, len(points) / 5), "most pixels share a strip"
+    findings = check_map(MapFile.model_validate({"strips": dumped(strips)}), {})
+    assert not [each.text for each in findings if "put vertices in order" in each.text]
+
+
+def test_two_pitches_and_a_missing_pixel_are_strips_without_detours() -> None:
+    for name, count in (("two pitches", 2), ("one missing", 2)):
+        strips = exchange.from_csv(csv_of(TREES[name]))
+        assert [len(strip.line) for strip in strips.values()] == [2] * count
+
+
+def test_pixels_at_one_place_are_refused_with_the_remedy() -> None:
+    with pytest.raises(ConfigError, match=r"all pixels are at \[1.0, 2.0, 3.0\]; .* as a lamp"):
+        exchange.from_csv("1,2,3\n1,2,3\n")
+
+
+def test_a_pixel_alone_in_its_strip_is_a_strip_of_one() -> None:
+    strips = exchange.from_csv("x,y,z,strip\n0,0,0,a\n0.1,0,0,a\n0,1,0,b\n")
+    assert {name: strip.pixels for name, strip in strips.items()} == {"a": 2, "b": 1}
+    np.testing.assert_allclose(exchange.positions(strips["b"]), [[0, 1, 0]], atol=1e-6)
+
+
+TABLES = {
+    "a program that maps LEDs with a camera": (
+        "index,x,y,z,xn,yn,zn,error\n0,0,0,0,1,0,0,0.1\n1,0.1,0,0,1,0,0,0.1\n4,0.4,0,0,1,0,0,0.1\n"
+        "5,0.5,0,0,1,0,0,0.1\n", [0, 1, 4, 5]),
+    "nodes from 1, in millimetres": (
+        "Node;X [mm];Y [mm];Z [mm]\n3;200;0;0\n1;0;0;0\n2;100;0;0\n", [0, 1, 2]),
+    "lists of Python": ("[0, 0, 0]\n[0.1, 0, 0]\n[0.2, 0, 0]\n", [0, 1, 2]),
+    "decimal commas and tabs": ("X\tY\tZ\n0\t0\t0\n0,1\t0\t0\n", [0, 1]),
+    "numbers of each strip": (
+        "x,y,z,strip,pixel\n0,0,0,a,0\n0.1,0,0,a,1\n0.3,0,0,a,3\n0.4,1,0,b,1\n0.3,1,0,b,0\n", [0, 1, 3, 4, 5]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_tables_of_other_programs_keep_their_numbers(name: str) -> None:
+    text, numbers = TABLES[name]
+    found = lights(exchange.from_csv(text))
+    assert sorted(found) == numbers
+    if numbers != [0, 1, 3, 4, 5]:
+        for number, point in found.items():
+            np.testing.assert_allclose(point, [0.1 * number, 0, 0], atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("x,y,z,pixel\n0,0,0,1\n1,0,0,1\n", "line 3: pixel 1 is in line 2, too; correct one of them"),
+        ("x,y,z,pixel\n0,0,0,0.5\n1,0,0,1\n", "has the number 0.5; write whole numbers"),
+        ("a,b,c\n0,0,0\n1,0,0\n", r"does not say which columns are x, y and z \(a, b, c\); rename them"),
+        ("0,0,0,0.5\n1,0,0,0.5\n1,2,3,4,5\n", "line 1: has 4 columns without names|line 3"),
+        ("1,2,3,4,5\n", "line 1: has 5 columns without names; .*add a line with the names"),
+        ("x [deg],y [deg],z [m]\n0,0,0\n", "has the unit deg"),
+    ],
+)
+def test_a_table_that_cannot_be_understood_is_refused_with_the_remedy(text: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        exchange.from_csv(text)
+
+
+STATE = {
+    "on": True,
+    "bri": 128,
+    "mainseg": 0,
+    "seg": [
+        {"id": 0, "start": 5, "stop": 35, "len": 30, "grp": 2, "spc": 1, "of": 3, "rev": True, "mi": True,
+         "n": "shelf", "col": [[255, 0, 0], [0, 0, 0], [0, 0, 0]]},
+        {"id": 1, "start": 40, "stop": 60, "grp": 1, "spc": 0, "of": 0, "n": ""},
+        {"stop": 0},
+        {"stop": 0},
+    ],
+}  # fmt: skip
+FIRST, SECOND = STATE["seg"][:2]  # type: ignore[index]
+SOURCES = {
+    "a state": STATE,
+    "state and info": {"state": STATE, "info": {"leds": {"count": 60}}, "effects": ["Solid"]},
+    "a list": STATE["seg"],
+    "presets with the same segments": {
+        "0": {}, "1": {**STATE, "n": "Red"}, "4": {**STATE, "n": "Blue"}, "7": {"playlist": {"ps": [1, 4]}, "on": True}
+    },
+    "lengths, text and missing numbers": {
+        "seg": [{"id": 0, "start": "5", "len": 30.0, "n": "shelf"}, {"id": 1, "start": 40, "stop": 60, "n": None}]
+    },
+    "outputs": {"hw": {"led": {"total": 60, "ins": [
+        {"start": 5, "len": 30, "pin": [2], "type": 22}, {"start": 40, "len": 20, "pin": [4], "skip": 0}]}}},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SOURCES)
+def test_segments_have_their_pixels_on_the_wire(name: str) -> None:
+    segments = exchange.from_segments(json.dumps(SOURCES[name]))
+    names = ["output_0", "output_1"] if name == "outputs" else ["shelf", "segment_1"]
+    assert list(segments) == names
+    assert [(each.start, each.pixels) for each in segments.values()] == [(5, 30), (40, 20)]
+    strips = exchange.laid_out(segments, 0.02)
+    assert [strip.offset for strip in strips.values()] == [5, 40]
+    back = json.loads(exchange.to_segments(MapFile.model_validate({"strips": dumped(strips)})))["seg"]
+    assert [(each["start"], each["stop"]) for each in back] == [(5, 35), (40, 60)]
+
+
+@pytest.mark.parametrize("segment", [FIRST, {"seg": FIRST}, {"state": {"seg": FIRST}}])
+def test_one_segment_may_stand_without_a_list(segment: Any) -> None:
+    assert [each.pixels for each in exchange.from_segments(json.dumps(segment)).values()] == [30]
+
+
+def test_segments_of_a_matrix_have_the_pixels_of_all_rows() -> None:
+    segments = exchange.from_segments(json.dumps({"seg": [
+        {"id": 0, "start": 0, "stop": 12, "startY": 0, "stopY": 5, "n": "screen"},
+        {"id": 1, "start": 2, "stop": 6, "startY": 5, "stopY": 8, "rY": True, "tp": True},
+        {"id": 2, "start": 0, "stop": 0, "startY": 0, "stopY": 0},
+    ]}))  # fmt: skip
+    assert {name: each.pixels for name, each in segments.items()} == {"screen": 60, "segment_1": 12}
+    assert [strip.offset for strip in exchange.laid_out(segments, 0.02).values()] == [None, None]
+
+
+OTHER = {"n": "Party", "seg": [{"id": 0, "start": 0, "stop": 9}]}
+
+
+def test_presets_with_other_segments_are_chosen_by_number() -> None:
+    text = json.dumps({"0": {}, "1": {**STATE, "n": "Red"}, "2": OTHER})
+    with pytest.raises(ConfigError, match=r"presets 1 \(Red\), 2 \(Party\) have other segments; .* --preset"):
+        exchange.from_segments(text)
+    assert [each.pixels for each in exchange.from_segments(text, 2).values()] == [9]
+    with pytest.raises(ConfigError, match="has no preset 3 with segments; use one of 1, 2"):
+        exchange.from_segments(text, 3)
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        ({"seg": [{"id": 4, "start": 0, "stop": "all"}]}, "stop of segment 4 is 'all'; write a whole number"),
+        (
+            {"seg": [{"id": 4, "start": -3, "stop": 9}]},
+            "start of segment 4 is -3; write a whole number from 0",
+        ),
+        ({"seg": [{"id": 4, "n": "desk"}]}, "segment 4 has neither stop nor len"),
+        ({"seg": [{"start": 0, "stop": 9, "startY": 4, "stopY": 2}]}, "has startY 4 and stopY 2"),
+        ({"seg": [{"stop": 0}, {"stop": 0}]}, "has no segments with pixels"),
+        ({"seg": [7]}, "segment 0 is 7"),
+        ({"0": {}, "1": {"on": True, "n": "Off"}}, "has no preset with segments"),
+        ({"info": {}}, "has no segments of WLED"),
+    ],
+)
+def test_segments_that_cannot_be_understood_are_named(data: Any, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        exchange.from_segments(json.dumps(data))
+
+
+def test_an_output_shows_strips_at_their_offsets() -> None:
+    line = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))
+    strips = [Strip(id="a", line_m=line, pixels=4, offset=2), Strip(id="b", line_m=line, pixels=3)]
+    pixel_map, problems = map_pixels((), strips)
+    assert (pixel_map.pixels, problems) == (9, [])
+
+
+def test_strips_that_share_pixels_of_the_wire_are_found() -> None:
+    line = [[0, 0, 0], [1, 0, 0]]
+    file = MapFile.model_validate(
+        {"strips": {
+            "a": {"line": line, "pixels": 30},
+            "b": {"line": [[0, 1, 0], [1, 1, 0]], "pixels": 30, "offset": 29},
+            "c": {"line": [[0, 2, 0], [1, 2, 0]], "pixels": 30},
+        }}
+    )  # fmt: skip
+    found = [(each.where, each.text) for each in check_map(file, {}) if "wire" in each.text]
+    assert [where for where, _ in found] == ["strips.b"]
+    assert "has pixels of the wire that a has, too" in found[0][1]

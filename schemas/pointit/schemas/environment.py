@@ -44,10 +44,6 @@ class Strip(SchemaModel):
     line_m: Line
     pixels: Annotated[int, Field(gt=0, le=4096)]
     direction: Annotated[Literal[1, -1], Field(description="-1: pixel 0 sits at the line's last vertex")] = 1
-    offset: Annotated[
-        int | None,
-        Field(ge=0, lt=2**18, description="of pixel 0 on the wire; None: next to the strip before"),
-    ] = None
 
 
 class Belt(SchemaModel):

@@ -62,7 +62,7 @@ def read_cloud(path: Path, columns: Wanted = (), scale: float = 1.0) -> Points:
 
 
 def _factors(path: Path, units_m: Triple | None, scale: float) -> Points:
-    """Return what x, y and z are multiplied with."""
+    """Return the factors of x, y and z."""
     if units_m is None or scale in (1.0, *units_m):
         return np.array(units_m or (scale,) * 3)
     if set(units_m) != {1.0}:

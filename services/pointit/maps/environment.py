@@ -35,8 +35,8 @@ def environment(
         name=name,
         lamps=tuple(Lamp(id=key, position_m=lamp.position) for key, lamp in file.lamps.items()),
         strips=tuple(
-            Strip(id=key, line_m=each.line, **each.model_dump(include={"pixels", "direction", "offset"}))
-            for key, each in file.strips.items()
+            Strip(id=key, line_m=strip.line, pixels=strip.pixels, direction=strip.direction)
+            for key, strip in file.strips.items()
         ),
         belts=tuple(
             Belt(id=key, line_m=belt.centerline, width_m=belt.width) for key, belt in file.belts.items()

@@ -220,7 +220,10 @@ def from_ledmap(text: str, cell_m: float) -> dict[str, StripEntry]:
 
 
 def strips_text(strips: Mapping[str, StripEntry]) -> str:
-    """Return the text of a map of `strips`."""
+    """Return the text of a map of `strips`.
+
+    If numbers of the wire are skipped, it ends with the segments that an output needs, as a comment.
+    """
     lines = ["strips:"]
     for name, strip in strips.items():
         lines += [
@@ -229,4 +232,8 @@ def strips_text(strips: Mapping[str, StripEntry]) -> str:
             f"    pixels: {strip.pixels}",
         ]
         lines += [f"    offset: {strip.offset}"] * (strip.offset is not None)
+    if any(strip.offset is not None for strip in strips.values()):
+        lines += ["# Numbers of the wire are skipped: describe its output by", "# segments:"]
+        for name, first in first_pixels(strips).items():
+            lines.append(f"#   - {{strip: {json.dumps(name)}, offset: {first}}}")
     return "\n".join([*lines, ""])

@@ -1,21 +1,25 @@
 """Layouts of LEDs as other programs write them: the same lights after import, and after export and import."""
 
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from pointit.maps import exchange
 from pointit.maps.checks.check import check_map
+from pointit.maps.file import parse_map_file
 from pointit.maps.light_files.wire import first_pixels, unused_pixels
 from pointit.maps.model import MapFile, StripEntry
 from pointit.runtime.errors import ConfigError
-from pointit.schemas import Strip
+from pointit.schemas import Strip, StripFrame, StripsFrame
 from pointit.services.led_driver.output.pixel_map import map_pixels
+from pointit.services.led_driver.outputs import Segment
 
 Lights = dict[int, NDArray[np.float64]]
 """Positions by the number on the wire."""
@@ -225,14 +229,15 @@ def test_a_pixel_alone_in_its_strip_is_a_strip_of_one() -> None:
 
 TABLES = {
     "a program that maps LEDs with a camera": (
-        "index,x,y,z,xn,yn,zn,error\n0,0,0,0,1,0,0,0.1\n1,0.1,0,0,1,0,0,0.1\n4,0.4,0,0,1,0,0,0.1\n"
-        "5,0.5,0,0,1,0,0,0.1\n", [0, 1, 4, 5]),
+        "index,x,y,z,xn,yn,zn,error\n" + "".join(f"{n},{n / 10},0,0,1,0,0,0.1\n" for n in (0, 1, 4, 5)),
+        [0, 1, 4, 5]),
     "nodes from 1, in millimetres": (
         "Node;X [mm];Y [mm];Z [mm]\n3;200;0;0\n1;0;0;0\n2;100;0;0\n", [0, 1, 2]),
     "lists of Python": ("[0, 0, 0]\n[0.1, 0, 0]\n[0.2, 0, 0]\n", [0, 1, 2]),
     "decimal commas and tabs": ("X\tY\tZ\n0\t0\t0\n0,1\t0\t0\n", [0, 1]),
     "numbers of each strip": (
-        "x,y,z,strip,pixel\n0,0,0,a,0\n0.1,0,0,a,1\n0.3,0,0,a,3\n0.4,1,0,b,1\n0.3,1,0,b,0\n", [0, 1, 3, 4, 5]),
+        "x,y,z,strip,pixel\n0,0,0,a,0\n0.1,0,0,a,1\n0.3,0,0,a,3\n0.5,0,0,b,1\n0.4,0,0,b,0\n",
+        [0, 1, 3, 4, 5]),
 }  # fmt: skip
 
 
@@ -241,9 +246,8 @@ def test_tables_of_other_programs_keep_their_numbers(name: str) -> None:
     text, numbers = TABLES[name]
     found = lights(exchange.from_csv(text))
     assert sorted(found) == numbers
-    if numbers != [0, 1, 3, 4, 5]:
-        for number, point in found.items():
-            np.testing.assert_allclose(point, [0.1 * number, 0, 0], atol=1e-3)
+    for number, point in found.items():
+        np.testing.assert_allclose(point, [0.1 * number, 0, 0], atol=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -280,10 +284,12 @@ SOURCES = {
     "state and info": {"state": STATE, "info": {"leds": {"count": 60}}, "effects": ["Solid"]},
     "a list": STATE["seg"],
     "presets with the same segments": {
-        "0": {}, "1": {**STATE, "n": "Red"}, "4": {**STATE, "n": "Blue"}, "7": {"playlist": {"ps": [1, 4]}, "on": True}
+        "0": {}, "1": {**STATE, "n": "Red"}, "4": {**STATE, "n": "Blue"},
+        "7": {"playlist": {"ps": [1, 4]}, "on": True},
     },
     "lengths, text and missing numbers": {
-        "seg": [{"id": 0, "start": "5", "len": 30.0, "n": "shelf"}, {"id": 1, "start": 40, "stop": 60, "n": None}]
+        "seg": [
+            {"id": 0, "start": "5", "len": 30.0, "n": "shelf"}, {"id": 1, "start": 40, "stop": 60, "n": None}]
     },
     "outputs": {"hw": {"led": {"total": 60, "ins": [
         {"start": 5, "len": 30, "pin": [2], "type": 22}, {"start": 40, "len": 20, "pin": [4], "skip": 0}]}}},
@@ -350,11 +356,23 @@ def test_segments_that_cannot_be_understood_are_named(data: Any, message: str) -
         exchange.from_segments(json.dumps(data))
 
 
-def test_an_output_shows_strips_at_their_offsets() -> None:
-    line = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))
-    strips = [Strip(id="a", line_m=line, pixels=4, offset=2), Strip(id="b", line_m=line, pixels=3)]
-    pixel_map, problems = map_pixels((), strips)
-    assert (pixel_map.pixels, problems) == (9, [])
+def test_a_map_with_skipped_numbers_ends_with_the_segments_of_its_output() -> None:
+    strips = exchange.from_ledmap(ledmap(["5 6 7 . . 12 11 10"]), 0.1)
+    text = exchange.strips_text(strips)
+    assert parse_map_file(text.encode(), Path("x.yaml")).strips == strips
+    described = yaml.safe_load("\n".join(line[2:] for line in text.splitlines()[-3:]))
+    segments = [Segment.model_validate(each) for each in described["segments"]]
+    in_message = [Strip(id=name, line_m=each.line, pixels=each.pixels) for name, each in strips.items()]
+    pixel_map, problems = map_pixels(segments, in_message)
+    assert problems == []
+    frames = [StripFrame(id=name, rgb=bytes(range(1, 10))) for name in strips]
+    shown = pixel_map.output_bytes(StripsFrame(stamp_ns=0, strips=tuple(frames)))
+    lit = bytes(range(1, 10))
+    assert shown == bytes(15) + lit + bytes(6) + lit
+
+
+def test_a_map_without_skipped_numbers_has_no_segments() -> None:
+    assert "#" not in exchange.strips_text(exchange.from_ledmap(ledmap(["0 1 2 . . 3 4 5"]), 0.1))
 
 
 def test_strips_that_share_pixels_of_the_wire_are_found() -> None:

@@ -81,7 +81,11 @@ def import_(
     except ConfigError as error:
         raise ConfigError(f"{source}: {error}") from None
     for first, last in islice(unused_pixels(strips), MAX_NOTES):
-        click.echo(f"note: pixels {first} to {last} of the wire are in no strip and stay dark", err=True)
+        click.echo(
+            f"note: pixels {first} to {last} of the wire are in no strip; "
+            "describe the output by the segments at the end of the map",
+            err=True,
+        )
     if uneven := [name for name, strip in strips.items() if has_detours(strip)]:
         names = join_names(uneven[:MAX_NOTES])
         click.echo(

@@ -95,7 +95,7 @@ def map_pixels(
     """
     problems: list[str] = []
     by_id = {strip.id: strip for strip in strips}
-    segments = segments or [Segment(strip=strip.id, offset=strip.offset) for strip in by_id.values()]
+    segments = segments or [Segment(strip=name) for name in by_id]
     colors = len(segments[0].order) if segments else len(_COLORS)
     used = [by_id[name] for name in dict.fromkeys(segment.strip for segment in segments) if name in by_id]
     ends = np.cumsum([0, *(3 * strip.pixels for strip in used)])

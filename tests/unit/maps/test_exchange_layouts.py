@@ -177,7 +177,7 @@ def test_a_ledmap_is_the_same_after_import_and_export(cells: dict[tuple[int, int
     assert np.array(back["map"]).reshape(back["height"], back["width"]).tolist() == trimmed.tolist()
 
 
-def csv_of(points: NDArray[np.float64], header: str = "x,y,z\n") -> str:
+def csv_of(points: NDArray[Any], header: str = "x,y,z\n") -> str:
     return header + "".join(",".join(f"{value:.5f}" for value in point) + "\n" for point in points)
 
 
@@ -188,7 +188,7 @@ def spiral(turns: float, count: int) -> NDArray[np.float64]:
 
 
 RANDOM = np.random.default_rng(7)
-TREES = {
+TREES: dict[str, NDArray[Any]] = {
     "two pixels at each place": np.repeat(spiral(4, 40), 2, axis=0),
     "bunches": np.repeat(spiral(3, 20), RANDOM.integers(1, 5, 20), axis=0),
     "uneven steps": spiral(5, 120),
@@ -266,7 +266,7 @@ def test_a_table_that_cannot_be_understood_is_refused_with_the_remedy(text: str,
         exchange.from_csv(text)
 
 
-STATE = {
+STATE: dict[str, Any] = {
     "on": True,
     "bri": 128,
     "mainseg": 0,
@@ -278,8 +278,8 @@ STATE = {
         {"stop": 0},
     ],
 }  # fmt: skip
-FIRST, SECOND = STATE["seg"][:2]  # type: ignore[index]
-SOURCES = {
+FIRST, SECOND = STATE["seg"][:2]
+SOURCES: dict[str, Any] = {
     "a state": STATE,
     "state and info": {"state": STATE, "info": {"leds": {"count": 60}}, "effects": ["Solid"]},
     "a list": STATE["seg"],

@@ -54,7 +54,7 @@ def command(
 
     Example: pointit map check ./site.yaml
     """
-    with map_path(name_or_path) as path, _notify_if_slow(f"reading {name_or_path} …"):
+    with map_path(name_or_path) as path, notify_if_slow(f"reading {name_or_path} …"):
         has, findings = examined(str(path), path, lambda: read_map_file(path), person_m, poses_m)
         if has and OLD_LAMPS.search(path.read_bytes()):
             click.echo(f"note: {name_or_path}: `leds` is now `lamps`; both are read", err=True)
@@ -68,7 +68,7 @@ def command(
 
 
 @contextmanager
-def _notify_if_slow(text: str) -> Generator[None]:
+def notify_if_slow(text: str) -> Generator[None]:
     """Print `text` to standard error if the block takes longer than `SLOW_S`."""
     timer = threading.Timer(SLOW_S, lambda: click.echo(text, err=True))
     timer.daemon = True

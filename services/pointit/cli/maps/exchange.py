@@ -1,5 +1,6 @@
 """`pointit map import` and `pointit map export`: files of WLED, xLights and others."""
 
+from collections.abc import Mapping
 from itertools import islice
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import click
 from pointit.cli.common.completed_names import maps
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import print_file
-from pointit.cli.maps.check import print_findings
+from pointit.cli.maps.check import notify_if_slow, print_findings
 from pointit.maps import exchange
 from pointit.maps.checks.examine import examined
 from pointit.maps.checks.strips import has_detours
@@ -70,30 +71,21 @@ def import_(
 
     Example: pointit map import state.json --as segments --per-metre 30 -o wled.yaml
     """
-    text = _read_text(source)
-    try:
-        if kind == "csv":
-            strips = exchange.from_csv(text)
-        elif kind == "ledmap":
-            strips = exchange.from_ledmap(text, cell_m)
-        else:
-            strips = _strips_of_segments(text, preset, 1.0 / per_metre)
-    except ConfigError as error:
-        raise ConfigError(f"{source}: {error}") from None
-    for first, last in islice(unused_pixels(strips), MAX_NOTES):
-        click.echo(
-            f"note: pixels {first} to {last} of the wire are in no strip; "
-            "describe the output by the segments at the end of the map",
-            err=True,
-        )
-    if uneven := [name for name, strip in strips.items() if has_detours(strip)]:
-        names = join_names(uneven[:MAX_NOTES])
-        click.echo(
-            f"note: {names}: pixels are irregular, so that the line makes detours between them", err=True
-        )
-    content = exchange.strips_text(strips)
     path = output or Path(f"{source.stem}.yaml")
-    has, findings = examined(str(path), path, lambda: parse_map_file(content.encode(), path))
+    with notify_if_slow(f"reading {source} …"):
+        text = _read_text(source)
+        try:
+            if kind == "csv":
+                strips = exchange.from_csv(text)
+            elif kind == "ledmap":
+                strips = exchange.from_ledmap(text, cell_m)
+            else:
+                strips = _strips_of_segments(text, preset, 1.0 / per_metre)
+        except ConfigError as error:
+            raise ConfigError(f"{source}: {error}") from None
+        _print_notes(strips)
+        content = exchange.strips_text(strips)
+        has, findings = examined(str(path), path, lambda: parse_map_file(content.encode(), path))
     print_findings(str(path), has, findings, err=True)
     if not has:
         raise ConfigError(f"{source}: makes no map that can be read, see above; correct the file")
@@ -111,6 +103,20 @@ def _read_text(source: Path) -> str:
     if len(data) > MAX_FILE:
         raise ConfigError(f"{source}: more than {MAX_FILE} bytes")
     return text
+
+
+def _print_notes(strips: Mapping[str, StripEntry]) -> None:
+    for first, last in islice(unused_pixels(strips), MAX_NOTES):
+        click.echo(
+            f"note: pixels {first} to {last} of the wire are in no strip; "
+            "describe the output by the segments at the end of the map",
+            err=True,
+        )
+    if uneven := [name for name, strip in strips.items() if has_detours(strip)]:
+        names = join_names(uneven[:MAX_NOTES])
+        click.echo(
+            f"note: {names}: pixels are irregular, so that the line makes detours between them", err=True
+        )
 
 
 def _strips_of_segments(text: str, preset: int | None, pitch_m: float) -> dict[str, StripEntry]:

@@ -59,10 +59,11 @@ def read_segments(text: str, preset: int | None = None) -> list[WledSegment]:
         elif outputs := _list(_inside(state, "hw", "led", "ins")):
             return _used([_output(number, each) for number, each in enumerate(outputs)])
         data = state.get("seg", state if {"stop", "len"} & state.keys() else None)
-        data = [data] if isinstance(data, dict) else data
+        if isinstance(data, dict):
+            data = [cast("Json", data)]
     if not isinstance(data, list):
         raise ConfigError(f"has no segments of WLED; give its state, such as {_EXAMPLE}")
-    segments = [_segment(number, each) for number, each in enumerate(_list(data))]
+    segments = [_segment(number, each) for number, each in enumerate(cast("Sequence[Any]", data))]
     if any(each.rows > 1 for each in segments if each):  # one wire through a matrix, in an order of its own
         segments = [each and replace(each, start=None) for each in segments]
     return _used(segments)

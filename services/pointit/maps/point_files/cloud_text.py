@@ -54,7 +54,7 @@ def unit_in_comments(comments: Iterable[str]) -> Triple | None:
     """Return the length of one unit of x, y and z that a comment states (`units: mm`), m, or None."""
     for comment in comments:
         if (match := _UNIT_IN_COMMENT.search(comment)) and (name := unit_name(match[1])) in LENGTHS_M:
-            return (LENGTHS_M[name],) * 3
+            return LENGTHS_M[name], LENGTHS_M[name], LENGTHS_M[name]
     return None
 
 

@@ -56,7 +56,7 @@ def cells_of(line: str, delimiter: str | None) -> list[str]:
     if delimiter is None:
         cells = _UNIT_BEHIND_BLANK.sub("", text).split()
     elif '"' in text:
-        cells = next(csv.reader([text], delimiter=delimiter, skipinitialspace=True), [])
+        cells = next(csv.reader([text], delimiter=delimiter, skipinitialspace=True), list[str]())
     else:
         cells = text.split(delimiter)
     cells = [cell.strip().strip("\"'").strip() for cell in cells]

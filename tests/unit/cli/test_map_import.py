@@ -1,0 +1,68 @@
+"""`pointit map import` and `export`: notes, presets, and the same numbers on the wire."""
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from pointit.cli.maps import check
+from pointit.cli.maps.exchange import export, import_
+from pointit.maps.file import read_map_file
+
+
+def imported(source: Path, kind: str, *options: str) -> Result:
+    room = source.with_suffix(".yaml")
+    arguments = [str(source), "--as", kind, "-o", str(room), *options]
+    return CliRunner().invoke(import_, arguments, catch_exceptions=False)
+
+
+def test_skipped_numbers_are_reported_and_exported_again(tmp_path: Path) -> None:
+    source = tmp_path / "ledmap1.json"
+    source.write_text(json.dumps({"width": 4, "height": 2, "map": [9, 8, 7, 6, 0, 1, 2, 3]}))
+    result = imported(source, "ledmap", "--cell", "0.1")
+    assert "note: pixels 4 to 5 of the wire are in no strip" in result.stderr
+    room = source.with_suffix(".yaml")
+    assert [strip.offset for strip in read_map_file(room).strips.values()] == [None, 6]
+    arguments = [str(room), "--as", "ledmap", "--cell", "0.1"]
+    back = json.loads(CliRunner().invoke(export, arguments, catch_exceptions=False).stdout)
+    assert back["map"] == [9, 8, 7, 6, 0, 1, 2, 3]
+
+
+def test_irregular_pixels_and_a_matrix_are_reported(tmp_path: Path) -> None:
+    pixels = tmp_path / "tree.csv"
+    pixels.write_text("x,y,z\n" + "".join(f"{n // 2 * 0.1},0,1\n" for n in range(20)))
+    assert (
+        "note: strip_1: pixels are irregular, so that the line makes detours"
+        in imported(pixels, "csv").stderr
+    )
+    state = tmp_path / "state.json"
+    state.write_text(json.dumps({"seg": {"start": 0, "stop": 8, "startY": 0, "stopY": 4, "n": "wall"}}))
+    assert (
+        "note: wall is a matrix of 8 x 4 pixels, laid out as one line" in imported(state, "segments").stderr
+    )
+
+
+def test_a_preset_is_chosen(tmp_path: Path) -> None:
+    presets = tmp_path / "presets.json"
+    segments = {str(n): {"seg": [{"id": 0, "start": 0, "stop": 10 * n}, {"stop": 0}]} for n in (1, 2)}
+    presets.write_text(json.dumps({"0": {}, **segments}))
+    imported(presets, "segments", "--preset", "2")
+    assert [strip.pixels for strip in read_map_file(presets.with_suffix(".yaml")).strips.values()] == [20]
+
+
+def test_a_notice_is_printed_only_if_reading_takes_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    printed: list[str] = []
+
+    def echo(text: str, *, err: bool) -> None:
+        assert err
+        printed.append(text)
+
+    monkeypatch.setattr("click.echo", echo)
+    with check.notify_if_slow("reading a …"):
+        pass
+    monkeypatch.setattr(check, "SLOW_S", 0.0)
+    with check.notify_if_slow("reading b …"):
+        while not printed:
+            pass
+    assert printed == ["reading b …"]

@@ -3,7 +3,7 @@
 import asyncio
 import contextlib
 import json
-from collections.abc import AsyncGenerator, Callable, Generator
+from collections.abc import AsyncGenerator, Callable
 from dataclasses import dataclass, field
 
 import pytest
@@ -62,16 +62,21 @@ async def serving(*statuses: int) -> AsyncGenerator[Server]:
 @pytest.fixture(autouse=True)
 def impatience(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(webhook, "PAUSES_S", (0.01, 0.01))
+    for name in ("NO_PROXY", "no_proxy", "HTTP_PROXY", "http_proxy", "all_proxy"):
+        monkeypatch.delenv(name, raising=False)
 
 
-@contextlib.contextmanager
-def reacting(bench: Bench, url: str) -> Generator[Reactions]:
+@contextlib.asynccontextmanager
+async def reacting(bench: Bench, url: str) -> AsyncGenerator[Reactions]:
     watcher = Reactions([Reaction.parse(f"screws={url}")])
     with contextlib.ExitStack() as ending:
         for each in watcher.attach(bench.bus, lambda _text, _user: None):
             ending.callback(each.close)
         watcher.on_map(ROOM)
         yield watcher
+        requests = {task for task in asyncio.all_tasks() if task.get_name().startswith("screws: ")}
+    if requests:  # cancelled now, and ended soon
+        await asyncio.wait(requests)
 
 
 def point(bench: Bench, user: str = "anna") -> None:
@@ -79,33 +84,43 @@ def point(bench: Bench, user: str = "anna") -> None:
     bench.put(SELECTION_EVENTS, SelectionEvent.model_validate(fields))
 
 
+def counts(watcher: Reactions) -> tuple[int, int, int]:
+    """Return how many reactions were started, are done and have failed."""
+    summary = watcher.summary()["reactions"]
+    return summary["started"], summary["done"], summary["failed"]
+
+
 def failed(watcher: Reactions) -> Callable[[], bool]:
     return lambda: watcher.summary()["reactions"]["failed"] > 0
 
 
 async def test_the_server_gets_one_request_with_what_happened() -> None:
-    async with memory_bench() as bench, serving(204) as server:
-        with reacting(bench, f"http://127.0.0.1:{server.port}/hook?by={{user}}") as watcher:
-            point(bench, "anna b&c")
-            await until(lambda: bool(server.bodies), what="the request")
-            assert server.heads[0].startswith("POST /hook?by=anna%20b%26c HTTP/1.1\r\n")
-            assert json.loads(server.bodies[0]) == {
-                "thing": "screws", "user": "anna b&c", "state": "on", "confidence": 0.88, "stamp_ns": 7,
-            }  # fmt: skip
-            assert watcher.summary()["reactions"] == {"started": 1, "failed": 0, "failures": []}
+    async with (
+        memory_bench() as bench,
+        serving(204) as server,
+        reacting(bench, f"http://127.0.0.1:{server.port}/hook?by={{user}}") as watcher,
+    ):
+        point(bench, "anna b&c")
+        await until(lambda: bool(server.bodies), what="the request")
+        assert server.heads[0].startswith("POST /hook?by=anna%20b%26c HTTP/1.1\r\n")
+        assert json.loads(server.bodies[0]) == {
+            "thing": "screws", "user": "anna b&c", "state": "on", "confidence": 0.88, "stamp_ns": 7,
+        }  # fmt: skip
+        await until(lambda: counts(watcher) == (1, 1, 0), what="the answer")
 
 
 async def test_a_busy_server_is_asked_again_with_the_same_key() -> None:
-    async with memory_bench() as bench, serving(503, 429, 200) as server:
-        with reacting(bench, f"http://127.0.0.1:{server.port}/") as watcher:
-            point(bench)
-            await until(lambda: len(server.bodies) == 3, what="the third request")
-            keys = [
-                line for head in server.heads for line in head.splitlines() if "idempotency" in line.lower()
-            ]
-            assert len(keys) == 3
-            assert len(set(keys)) == 1
-            assert not failed(watcher)()
+    async with (
+        memory_bench() as bench,
+        serving(503, 429, 200) as server,
+        reacting(bench, f"http://127.0.0.1:{server.port}/") as watcher,
+    ):
+        point(bench)
+        await until(lambda: len(server.bodies) == 3, what="the third request")
+        keys = [line for head in server.heads for line in head.splitlines() if "idempotency" in line.lower()]
+        assert len(keys) == 3
+        assert len(set(keys)) == 1
+        assert not failed(watcher)()
 
 
 @pytest.mark.parametrize(
@@ -120,44 +135,130 @@ async def test_a_failure_is_a_sentence_without_the_secret(
     monkeypatch: pytest.MonkeyPatch, status: int, requests: int, sentence: str
 ) -> None:
     monkeypatch.setattr(webhook, "TIMEOUT_S", 60.0)
-    async with memory_bench() as bench, serving(status) as server:
-        with reacting(bench, f"http://127.0.0.1:{server.port}/secret") as watcher:
-            point(bench)
-            await until(failed(watcher), what="the failure")
-            assert watcher.summary()["reactions"]["failures"] == [sentence.replace("PORT", str(server.port))]
-            assert len(server.bodies) == requests
+    async with (
+        memory_bench() as bench,
+        serving(status) as server,
+        reacting(bench, f"http://127.0.0.1:{server.port}/secret") as watcher,
+    ):
+        point(bench)
+        await until(failed(watcher), what="the failure")
+        assert watcher.summary()["reactions"]["failures"] == [sentence.replace("PORT", str(server.port))]
+        assert len(server.bodies) == requests
 
 
 async def test_a_server_that_stalls_is_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(webhook, "TIMEOUT_S", 0.2)
-    async with memory_bench() as bench, serving(STALLED) as server:  # which may not read all three in time
-        with reacting(bench, f"http://127.0.0.1:{server.port}/secret") as watcher:
-            point(bench)
-            await until(failed(watcher), what="the failure")
-            (sentence,) = watcher.summary()["reactions"]["failures"]
-            assert (
-                sentence == f"screws: http://127.0.0.1:{server.port}/... did not answer within 0.2 s, 3 times"
-            )
+    async with (
+        memory_bench() as bench,
+        serving(STALLED) as server,  # which may not read all three in time
+        reacting(bench, f"http://127.0.0.1:{server.port}/secret") as watcher,
+    ):
+        point(bench)
+        await until(failed(watcher), what="the failure")
+        (sentence,) = watcher.summary()["reactions"]["failures"]
+        assert sentence == f"screws: http://127.0.0.1:{server.port}/... did not answer within 0.2 s, 3 times"
 
 
 async def test_no_server_is_a_failure() -> None:
-    async with memory_bench() as bench:
-        with reacting(bench, f"http://me:secret@127.0.0.1:{free_port()}/") as watcher:
-            point(bench)
-            await until(failed(watcher), what="the failure")
-            (sentence,) = watcher.summary()["reactions"]["failures"]
-            assert "could not be reached" in sentence
-            assert "secret" not in sentence
+    async with (
+        memory_bench() as bench,
+        reacting(bench, f"http://me:secret@127.0.0.1:{free_port()}/") as watcher,
+    ):
+        point(bench)
+        await until(failed(watcher), what="the failure")
+        (sentence,) = watcher.summary()["reactions"]["failures"]
+        assert "could not be reached" in sentence
+        assert "secret" not in sentence
 
 
 async def test_a_flood_at_a_stalled_server_is_bounded_and_named() -> None:
     async with memory_bench() as bench, serving(STALLED) as server:
-        with reacting(bench, f"http://127.0.0.1:{server.port}/") as watcher:
+        async with reacting(bench, f"http://127.0.0.1:{server.port}/") as watcher:
             for _ in range(50):
                 point(bench)
             await until(lambda: len(server.bodies) == MAX_AT_ONCE, what="the requests")
             summary = watcher.summary()["reactions"]
-            assert (summary["started"], summary["failed"]) == (MAX_AT_ONCE, 50 - MAX_AT_ONCE)
+            assert (summary["started"], summary["dropped"]) == (MAX_AT_ONCE, 50 - MAX_AT_ONCE)
+        assert counts(watcher) == (MAX_AT_ONCE, 0, MAX_AT_ONCE)
+
+
+async def test_end_of_the_run_before_an_answer_is_a_failure() -> None:
+    async with memory_bench() as bench, serving(STALLED) as server:
+        async with reacting(bench, f"http://127.0.0.1:{server.port}/") as watcher:
+            point(bench)
+            await until(lambda: bool(server.bodies), what="the request")
+            assert counts(watcher) == (1, 0, 0)
+        assert counts(watcher) == (1, 0, 1)
+        (sentence,) = watcher.summary()["reactions"]["failures"]
+        assert sentence.endswith("/... had not answered when the run ended")
+
+
+async def test_end_of_the_run_between_two_tries_is_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(webhook, "PAUSES_S", (1000.0,))
+    async with memory_bench() as bench, serving(503) as server:
+        async with reacting(bench, f"http://127.0.0.1:{server.port}/") as watcher:
+            point(bench)
+            await until(lambda: bool(server.bodies), what="the request")
+        assert counts(watcher) == (1, 0, 1)
+
+
+PROXIES = {
+    "scheme of a desktop": "socks://127.0.0.1:9/",
+    "no such scheme": "quic://127.0.0.1:9",
+    "not installed": "socks5://127.0.0.1:9",
+    "no URL": "http://[::1",
+    "port": "http://proxy:port",
+}
+
+
+@pytest.mark.parametrize("proxy", PROXIES.values(), ids=PROXIES.keys())
+async def test_server_of_this_network_gets_the_request_whatever_the_proxy(
+    monkeypatch: pytest.MonkeyPatch, proxy: str
+) -> None:
+    monkeypatch.setenv("ALL_PROXY", proxy)
+    async with (
+        memory_bench() as bench,
+        serving(204) as server,
+        reacting(bench, f"http://127.0.0.1:{server.port}/") as watcher,
+    ):
+        point(bench)
+        await until(lambda: len(server.bodies) == 1, what="the request")
+        await until(lambda: counts(watcher) == (1, 1, 0), what="the answer")
+
+
+@pytest.mark.parametrize("proxy", PROXIES.values(), ids=PROXIES.keys())
+async def test_proxy_that_cannot_be_used_is_a_failure_that_names_the_remedy(
+    monkeypatch: pytest.MonkeyPatch, proxy: str
+) -> None:
+    monkeypatch.setenv("ALL_PROXY", proxy)
+    async with memory_bench() as bench, reacting(bench, "http://hooks.example/") as watcher:
+        point(bench)
+        await until(failed(watcher), what="the failure")
+        assert counts(watcher) == (1, 0, 1)
+        (sentence,) = watcher.summary()["reactions"]["failures"]
+        assert "screws: http://hooks.example/... cannot be reached by the proxy" in sentence
+        assert "or name its host in no_proxy" in sentence
+
+
+async def test_server_of_the_internet_is_asked_by_the_proxy(monkeypatch: pytest.MonkeyPatch) -> None:
+    async with memory_bench() as bench, serving(204) as proxy:
+        monkeypatch.setenv("ALL_PROXY", f"http://127.0.0.1:{proxy.port}")
+        async with reacting(bench, "http://hooks.example/shop") as watcher:
+            point(bench)
+            await until(lambda: counts(watcher) == (1, 1, 0), what="the answer")
+        assert proxy.heads[0].startswith("POST http://hooks.example/shop HTTP/1.1\r\n")
+
+
+@pytest.mark.parametrize(
+    ("host", "expected"),
+    [
+        *((host, True) for host in ("localhost", "127.3.2.1", "[::1]", "192.168.7.9", "10.1.2.3:8080")),
+        *((host, True) for host in ("[fd12::3]:80", "[fe80::1]", "169.254.3.4", "hub.local.", "hub")),
+        *((host, False) for host in ("8.8.8.8", "[2606:4700::1]", "hub.local.example.org", "example.org")),
+    ],
+)
+def test_hosts_of_this_network_need_no_proxy(host: str, *, expected: bool) -> None:
+    assert webhook.is_local(f"https://me@{host}/path") == expected
 
 
 @pytest.mark.parametrize(

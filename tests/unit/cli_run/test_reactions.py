@@ -3,11 +3,13 @@
 import asyncio
 import os
 import signal
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from pointit.cli.things import program, reactions
 from pointit.cli.things.program import Program
@@ -172,7 +174,7 @@ async def test_ninth_program_is_not_started_and_named(machine: Machine) -> None:
         await settled()
         assert len(machine.started) == MAX_AT_ONCE
         assert run_summary(watcher) == [
-            "Reactions: 8 started, 1 failed.",
+            "Reactions: 8 started, 1 not started.",
             "screws: true was not started, as 8 reactions still run.",
         ]
         machine.started[0].code.set_result(0)
@@ -196,6 +198,84 @@ async def test_programs_end_with_the_scenario_and_are_no_failures(machine: Machi
         assert machine.started[0].signals == [signal.SIGTERM, signal.SIGKILL]
         assert run_summary(watcher) == ["Reactions: 1 started."]
         assert asyncio.all_tasks() == {asyncio.current_task()}
+
+
+class UnexpectedError(Exception):
+    """An error that no target is expected to raise."""
+
+
+class Scripted:
+    """A target whose reactions each wait, then return or raise what the test gives."""
+
+    interruption = "was interrupted"
+
+    def __init__(self) -> None:
+        self.waiting: list[asyncio.Future[str]] = []
+
+    def describe(self, _values: Mapping[str, str]) -> str:
+        return "scripted"
+
+    async def react(self, _values: Mapping[str, str]) -> str:
+        self.waiting.append(asyncio.get_running_loop().create_future())
+        return await self.waiting[-1]
+
+
+@settings(deadline=None)
+@given(
+    actions=st.lists(st.sampled_from(["point", "turn", "done", "problem", "error", "cancel"]), max_size=40)
+)
+def test_started_reactions_are_done_or_have_failed_when_the_run_has_ended(actions: list[str]) -> None:
+    """Whatever they return or raise, and whenever the run ends."""
+
+    async def run() -> None:
+        async with memory_bench() as bench:
+            target = Scripted()
+            watcher = Reactions([Reaction(thing="screws", target=target)])
+            listening = watcher.attach(bench.bus, lambda _text, _user: None)
+            watcher.on_map(ROOM)
+            pointed = 0
+            for action in actions:
+                if action == "point":
+                    point(bench, "screws")
+                    pointed += 1
+                elif action == "turn":
+                    await asyncio.sleep(0)
+                elif pending := [each for each in target.waiting if not each.done()]:
+                    if action == "error":
+                        pending[0].set_exception(UnexpectedError())
+                    elif action == "cancel":
+                        pending[0].cancel()
+                    else:
+                        pending[0].set_result("" if action == "done" else "has failed")
+            await bench.settle()
+            for each in reversed(listening):
+                each.close()
+            counts = watcher.summary()["reactions"]
+            assert counts["started"] == counts["done"] + counts["failed"]
+            assert counts["started"] + counts["dropped"] == pointed
+            assert len(counts["failures"]) == min(
+                counts["failed"] + counts["dropped"], reactions.MAX_FAILURES
+            )
+            await settled()
+
+    asyncio.run(run())
+
+
+@in_virtual_time
+async def test_unexpected_error_is_a_failure_that_names_it() -> None:
+    async with memory_bench() as bench:
+        target = Scripted()
+        watcher = Reactions([Reaction(thing="screws", target=target)])
+        watcher.attach(bench.bus, lambda _text, _user: None)
+        watcher.on_map(ROOM)
+        point(bench, "screws")
+        await settled()
+        target.waiting[0].set_exception(UnexpectedError("too hot"))
+        await settled()
+        assert run_summary(watcher) == [
+            "Reactions: 1 started, 1 failed.",
+            "screws: scripted stopped by an unexpected error (UnexpectedError: too hot).",
+        ]
 
 
 @in_virtual_time

@@ -9,7 +9,7 @@ import shutil
 import signal
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import ClassVar, Self
 
 from pointit.runtime.config.similar_names import nearest
 from pointit.runtime.errors import ConfigError
@@ -41,6 +41,8 @@ class Program:
     arguments: Sequence[str]
     is_shown: bool = False
     """Its output goes to that of this process."""
+    interruption: ClassVar[str] = ""
+    """A program that ends with the run has not failed."""
 
     @classmethod
     def parse(cls, line: str) -> Self:

@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import logging
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Coroutine, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, Self, cast
@@ -22,7 +22,7 @@ from pointit.schemas.topics import SELECTION_EVENTS
 log = logging.getLogger(__name__)
 
 MAX_AT_ONCE = 8
-"""Maximum number of reactions at a time. Further ones are dropped, and count as failures."""
+"""Maximum number of reactions at a time. Further ones are dropped."""
 MAX_FAILURES = 20
 """Number of last failures in the summary. Earlier ones are only counted."""
 FILES = (".yaml", ".yml")
@@ -35,7 +35,12 @@ class Target(Protocol):
         """Return a description for logs."""
         ...
 
-    async def react(self, values: Mapping[str, str], /) -> str:
+    @property
+    def interruption(self) -> str:
+        """Return what went wrong if the end of the run interrupts it, or `""`."""
+        ...
+
+    def react(self, values: Mapping[str, str], /) -> Coroutine[Any, Any, str]:
         """Do it. Return what went wrong, or `""`. `values`: those of placeholders, and `stamp_ns`."""
         ...
 
@@ -101,9 +106,11 @@ class Reactions:
         """Do those of `reactions` whose thing is pointed at."""
         self._reactions = reactions
         self._room: Environment | None = None
-        self._running = set[asyncio.Task[None]]()
-        self._started = 0
+        self._running: dict[asyncio.Task[str], tuple[str, Target]] = {}
+        """Reactions without a result, with their description."""
+        self._done = 0
         self._failed = 0
+        self._dropped = 0
         self._failures: deque[str] = deque(maxlen=MAX_FAILURES)
 
     def attach(self, bus: Bus, news: News) -> Sequence[Closable]:
@@ -120,15 +127,19 @@ class Reactions:
             try:
                 reaction.check(environment)
             except ConfigError as error:
-                self._fail(str(error))
+                self._report(str(error))
 
     def on_service(self, instance: str, *, is_present: bool) -> None:
         """Ignore services."""
 
     def summary(self) -> Mapping[str, Any]:
-        """Return the number of reactions that were started and that failed, and sentences on these."""
-        counts = {"started": self._started, "failed": self._failed, "failures": list(self._failures)}
-        return {"reactions": counts}
+        """Return the number of reactions by result, and sentences on failures.
+
+        Those that were started are done, have failed, or still run; at the end of the run, none does.
+        """
+        counts = {"done": self._done, "failed": self._failed, "dropped": self._dropped}
+        started = self._done + self._failed + len(self._running)
+        return {"reactions": {"started": started, **counts, "failures": list(self._failures)}}
 
     def _on_event(self, event: SelectionEvent, _name: str) -> None:
         for reaction in self._reactions:
@@ -143,24 +154,43 @@ class Reactions:
             "state": "on" if event.is_on else "off",
             "stamp_ns": str(event.stamp_ns),
         }
-        about = f"{event.thing}: {target.describe(values)}"
+        description = f"{event.thing}: {target.describe(values)}"
         if len(self._running) >= MAX_AT_ONCE:
-            self._fail(f"{about} was not started, as {MAX_AT_ONCE} reactions still run")
+            self._dropped += 1
+            self._report(f"{description} was not started, as {MAX_AT_ONCE} reactions still run")
             return
-        self._started += 1
-        task = asyncio.create_task(self._run(about, target, values), name=about)
-        self._running.add(task)
-        task.add_done_callback(self._running.discard)
+        task = asyncio.create_task(target.react(values), name=description)
+        self._running[task] = description, target
+        task.add_done_callback(self._settle)
 
-    async def _run(self, about: str, target: Target, values: Mapping[str, str]) -> None:
-        if problem := await target.react(values):
-            self._fail(f"{about} {problem}")
+    def _settle(self, task: asyncio.Task[str]) -> None:
+        """Count the result of `task`, unless the end of the run has counted it."""
+        error = None if task.cancelled() else task.exception()
+        if task not in self._running:
+            return
+        description, target = self._running.pop(task)
+        if error is not None:
+            problem = f"stopped by an unexpected error ({type(error).__name__}: {error})"
+        else:
+            problem = target.interruption if task.cancelled() else task.result()
+        self._count(description, problem)
 
-    def _fail(self, sentence: str) -> None:
+    def _count(self, description: str, problem: str) -> None:
+        if problem:
+            self._failed += 1
+            self._report(f"{description} {problem}")
+        else:
+            self._done += 1
+
+    def _report(self, sentence: str) -> None:
         log.warning("%s", sentence)
-        self._failed += 1
         self._failures.append(sentence)
 
     def _end(self) -> None:
-        for task in self._running:
-            task.cancel()
+        for task in list(self._running):
+            if task.done():
+                self._settle(task)
+            else:
+                task.cancel()
+                description, target = self._running.pop(task)
+                self._count(description, target.interruption)

@@ -69,6 +69,7 @@ def summary_lines(summary: Mapping[str, Any]) -> list[str]:
     lines: list[str] = []
     if reactions := summary.get("reactions"):
         failed = f", {reactions['failed']} failed" if reactions["failed"] else ""
+        failed += f", {reactions['dropped']} not started" if reactions["dropped"] else ""
         lines += [
             f"Reactions: {reactions['started']} started{failed}.",
             *(f"{e}." for e in reactions["failures"]),

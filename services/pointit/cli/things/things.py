@@ -140,16 +140,16 @@ async def _react(watchers: Sequence[Watcher], reactions: Sequence[Reaction], **a
             for watcher in watchers:
                 watcher.on_map(environment)
 
-        with contextlib.ExitStack() as ending:
-            for watcher in watchers:
-                for each in watcher.attach(bus, lambda _line, _user: None):
-                    ending.callback(each.close)
-            bus.subscribe(MAP, on_map)
-            say(f"reacting to things of map {room.name}; Ctrl-C ends it")
-            try:
-                await asyncio.Event().wait()
-            finally:
+        try:
+            with contextlib.ExitStack() as ending:
                 for watcher in watchers:
-                    for line in summary_lines(watcher.summary()):
-                        say(line)
+                    for each in watcher.attach(bus, lambda _line, _user: None):
+                        ending.callback(each.close)
+                bus.subscribe(MAP, on_map)
+                say(f"reacting to things of map {room.name}; Ctrl-C ends it")
+                await asyncio.Event().wait()
+        finally:  # when all reactions have ended
+            for watcher in watchers:
+                for line in summary_lines(watcher.summary()):
+                    say(line)
     return 0

@@ -1,11 +1,13 @@
 """Requests to web servers when people point at a thing."""
 
 import asyncio
+import contextlib
 import importlib.util
+import ipaddress
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Self
+from typing import ClassVar, Self
 from urllib.parse import quote, urlsplit
 
 from pointit.cli.things.program import check_placeholders, filled
@@ -27,6 +29,7 @@ class Webhook:
     """A URL that gets a request with a JSON object: `thing`, `user`, `state`, `confidence`, `stamp_ns`."""
 
     url: str
+    interruption: ClassVar[str] = "had not answered when the run ended"
 
     @classmethod
     def parse(cls, url: str) -> Self:
@@ -70,7 +73,16 @@ class Webhook:
         for pause_s in (0.0, *PAUSES_S):
             await asyncio.sleep(pause_s)
             try:
-                async with asyncio.timeout(TIMEOUT_S), httpx.AsyncClient(timeout=TIMEOUT_S) as client:
+                # an own transport uses no proxy of the environment
+                transport = httpx.AsyncHTTPTransport() if is_local(url) else None
+                connection = httpx.AsyncClient(timeout=TIMEOUT_S, transport=transport)
+            except (ValueError, ImportError, httpx.InvalidURL) as error:
+                return (
+                    f"cannot be reached by the proxy that this environment names ({error}): correct "
+                    "all_proxy, http_proxy and https_proxy, or name its host in no_proxy"
+                )
+            try:
+                async with asyncio.timeout(TIMEOUT_S), connection as client:
                     answer = await client.post(url, content=json.dumps(body), headers=headers)
             except (TimeoutError, httpx.TimeoutException):
                 problem = f"did not answer within {TIMEOUT_S:g} s"
@@ -87,3 +99,15 @@ class Webhook:
                 if answer.status_code < SERVER_ERROR and answer.status_code != TOO_MANY_REQUESTS:
                     return problem
         return f"{problem}, {1 + len(PAUSES_S)} times"
+
+
+def is_local(url: str) -> bool:
+    """Return True if the host of `url` is this machine or in its network, to which no proxy leads.
+
+    These are loopback, private and link-local addresses, names without a dot, and those below `.local` and
+    `.localhost`.
+    """
+    host = (urlsplit(url).hostname or "").rstrip(".")
+    with contextlib.suppress(ValueError):
+        return ipaddress.ip_address(host).is_private
+    return "." not in host or host.endswith((".local", ".localhost"))

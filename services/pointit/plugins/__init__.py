@@ -49,6 +49,7 @@ from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
 from pointit.runtime.clock import Clock, sleep, ticks
 from pointit.runtime.config.config import Config
+from pointit.runtime.config.network_address import AddressConfig, format_address
 from pointit.runtime.config.plugins import DevicePlugin, Discover, FoundDevice, Plugin, PluginGroup
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.host.state_file import StateFile
@@ -115,6 +116,7 @@ from pointit.services.service_plugin import SERVICES, ServicePlugin
 __all__ = [
     "GROUPS",
     "NS_PER_S",
+    "AddressConfig",
     "AnyOutput",
     "Battery",
     "BeamOutput",
@@ -182,6 +184,7 @@ __all__ = [
     "TakeOff",
     "Topic",
     "View",
+    "format_address",
     "rotation",
     "sleep",
     "ticks",

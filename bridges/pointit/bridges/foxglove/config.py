@@ -2,12 +2,12 @@
 
 from pydantic import Field
 
-from pointit.runtime.config.config import Config
+from pointit.runtime.config.network_address import AddressConfig
 from pointit.schemas.base import Rgb
 from pointit.schemas.environment import KIND_COLORS
 
 
-class FoxgloveConfig(Config):
+class FoxgloveConfig(AddressConfig):
     """Listening address of the viewers' server, and rates."""
 
     host: str = Field(

@@ -3,6 +3,7 @@
 from pydantic import Field
 
 from pointit.runtime.config.config import Config
+from pointit.runtime.config.network_address import AddressConfig
 
 
 class Place(Config):
@@ -12,7 +13,7 @@ class Place(Config):
     yaw_deg: float = Field(default=0.0, description="azimuth of {H}'s x axis in {W}, °")
 
 
-class WebConfig(Config):
+class WebConfig(AddressConfig):
     """Address of the page, access to it, rates."""
 
     host: str = Field(default="127.0.0.1", description="listening address, not encrypted")

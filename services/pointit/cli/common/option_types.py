@@ -5,8 +5,9 @@ from typing import Any
 
 import click
 
+from pointit.runtime.config.network_address import parse_address
+
 Point = tuple[float, float]
-MAX_PORT = 65535
 
 
 class Finite(click.FloatRange):
@@ -47,10 +48,13 @@ def host_port(_ctx: click.Context, _parameter: click.Parameter, text: str | None
     """
     if text is None:
         return None
-    host, _, port = text.rpartition(":")
-    if not host or not port.isdecimal() or int(port) > MAX_PORT:
-        raise click.BadParameter(f"{text!r} is not an address; write one such as 127.0.0.1:9464")
-    return host.removeprefix("[").removesuffix("]"), int(port)
+    try:
+        host, port = parse_address(text)
+    except ValueError as error:
+        raise click.BadParameter(str(error)) from error
+    if port is None:
+        raise click.BadParameter(f"{text!r} has no port; write an address such as 127.0.0.1:9464")
+    return host, port
 
 
 person_option = click.option(

@@ -17,6 +17,7 @@ from pointit.launch.plan.launches import PAGE
 from pointit.launch.plan.settings import Settings, layers_of, service_of
 from pointit.runtime.errors import ConfigError, ListenError
 from pointit.runtime.host.extras import remedy
+from pointit.runtime.host.name_lookup import resolve
 from pointit.runtime.link.addresses import own_address
 from pointit.runtime.service.service import AnyService, Launch
 from pointit.services import registry
@@ -156,10 +157,10 @@ def _port(host: str, port: int, usual: int, *, is_asked: bool, option: str) -> i
 
 def _probe(host: str, port: int) -> int:
     """Return `port` (0: any) if it can be bound, with SO_REUSEADDR as the server uses it."""
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    family, address = resolve(host, port, socket.SOCK_STREAM)[0]
     with socket.socket(family, socket.SOCK_STREAM) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        probe.bind((host, port))
+        probe.bind(address)
         probe.listen(1)
         number: int = probe.getsockname()[1]
     return number

@@ -5,10 +5,30 @@ import contextlib
 import ipaddress
 import socket
 import threading
+from collections.abc import Sequence
+
+Resolved = tuple[socket.AddressFamily, tuple[str, int] | tuple[str, int, int, int] | tuple[int, bytes]]
+"""Family, and the address that sockets of this family take, with the scope of a link-local one."""
 
 
-async def look_up(host: str) -> str:
-    """Return an IPv4 address of `host`, a name or an address.
+def resolve(host: str, port: int, kind: socket.SocketKind) -> list[Resolved]:
+    """Return the addresses of `host`, a name or an address, those of IPv4 first. Blocks.
+
+    Devices with a name for both often listen at IPv4 alone.
+
+    Raises:
+        OSError: If there is none.
+    """
+    try:
+        answers = socket.getaddrinfo(host, port, type=kind)
+    except UnicodeError as error:  # a label of more than 63 characters
+        raise OSError(str(error)) from error
+    addresses: list[Resolved] = [(family, address) for family, _, _, _, address in answers]
+    return sorted(addresses, key=lambda each: each[0] != socket.AF_INET)
+
+
+async def look_up(host: str, port: int = 0) -> Sequence[Resolved]:
+    """Return what `resolve` returns for datagrams.
 
     The thread ends with the resolver's answer, or with the process: unlike a thread of the loop's own, it
     delays no end of the loop.
@@ -17,28 +37,27 @@ async def look_up(host: str) -> str:
         OSError: If there is none.
     """
     with contextlib.suppress(ValueError):
-        return str(ipaddress.IPv4Address(host))
+        return [(socket.AF_INET, (str(ipaddress.IPv4Address(host)), port))]
     loop = asyncio.get_running_loop()
-    answer: asyncio.Future[str] = loop.create_future()
+    answer: asyncio.Future[Sequence[Resolved]] = loop.create_future()
 
-    def settle(address: str, error: Exception | None) -> None:
+    def settle(addresses: Sequence[Resolved], error: Exception | None) -> None:
         if answer.done():  # cancelled
             return
         if error is None:
-            answer.set_result(address)
+            answer.set_result(addresses)
         else:
             answer.set_exception(error)
 
     def ask() -> None:
-        address, error = "", None
+        addresses: Sequence[Resolved] = ()
+        error = None
         try:
-            address = str(socket.getaddrinfo(host, None, socket.AF_INET, socket.SOCK_DGRAM)[0][4][0])
+            addresses = resolve(host, port, socket.SOCK_DGRAM)
         except OSError as raised:
             error = raised
-        except UnicodeError as raised:  # a label of more than 63 characters
-            error = OSError(str(raised))
         with contextlib.suppress(RuntimeError):  # the loop is gone
-            loop.call_soon_threadsafe(settle, address, error)
+            loop.call_soon_threadsafe(settle, addresses, error)
 
     threading.Thread(target=ask, name=f"look up {host}", daemon=True).start()
     return await answer

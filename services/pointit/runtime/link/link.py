@@ -4,6 +4,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from pointit.runtime.config.network_address import MAX_PORT
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.credentials import Credentials
 
@@ -14,7 +15,6 @@ ENDPOINT = re.compile(
     r"(tcp|udp|tls|quic|ws)/(\[[\w:.%]+\]|[^/:\s]+):(?P<port>\d{1,5})([?#]\S*)?|(serial|unixsock-stream|unixpipe|vsock)/\S+"
 )
 """Addresses that Zenoh accepts: host and port, or those of other protocols (`serial//dev/ttyUSB0`)."""
-MAX_PORT = 65535
 ROUTER_LOST = "router at {where} lost {ago_s:.0f} s ago; trying again"
 """Sentence in the health of every service of a process that has lost its router."""
 LEASE_MS = 3000

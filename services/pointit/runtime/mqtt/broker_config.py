@@ -8,6 +8,7 @@ from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from pointit.runtime.config.config import Config
+from pointit.runtime.config.network_address import parse_address
 from pointit.runtime.config.validation_message import DESCRIBED
 
 PORT = 1883
@@ -15,18 +16,6 @@ TLS_PORT = 8883
 SCHEMES = {"mqtt": False, "tcp": False, "mqtts": True, "ssl": True, "tls": True}
 """True for schemes of encrypted connections."""
 FORM = "write HOST, HOST:PORT or mqtts://USER@HOST; the password is in MQTT_PASSWORD"
-
-
-def split_address(address: str) -> tuple[str, int | None]:
-    """Return host and port of `HOST` or `HOST:PORT`; the port is None if there is none.
-
-    Raises:
-        ValueError: If it is neither.
-    """
-    parts = urlsplit(f"//{address}")
-    if not parts.hostname or parts.username is not None or parts.path or parts.query or parts.fragment:
-        raise ValueError("write HOST or HOST:PORT")
-    return parts.hostname, parts.port
 
 
 class BrokerConfig(Config):
@@ -68,7 +57,7 @@ class BrokerConfig(Config):
     def _is_address(cls, broker: str) -> str:
         try:
             if broker:
-                split_address(broker)
+                parse_address(broker)
         except ValueError as error:
             # what is in front of an @ may be a password
             raise described_error(f"{FORM} (got {broker.rpartition('@')[2]!r})") from error
@@ -84,7 +73,7 @@ class BrokerConfig(Config):
 
     def address(self) -> tuple[str, int]:
         """Return the host and the port of the broker."""
-        host, port = split_address(self.broker)
+        host, port = parse_address(self.broker)
         return host, port if port is not None else TLS_PORT if self.tls else PORT
 
 

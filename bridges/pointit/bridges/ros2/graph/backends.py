@@ -14,9 +14,10 @@ from pointit.bridges.ros2.over_rclpy.backend import opened_rclpy
 from pointit.bridges.ros2.over_zenoh.backend import ZenohBackend
 from pointit.bridges.ros2.over_zenoh.rmw_zenoh import RmwZenoh
 from pointit.bridges.ros2.over_zenoh.token import BRIDGE, ENCLAVE
+from pointit.runtime.config.network_address import MAX_PORT, parse_address
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.foreign_zenoh.raw_session import RawLink, open_raw_session
-from pointit.runtime.link.link import ENDPOINT, MAX_PORT
+from pointit.runtime.link.link import ENDPOINT
 from pointit.runtime.service.surroundings import WarningSink
 
 log = logging.getLogger(__name__)
@@ -99,12 +100,15 @@ async def opened(
 
 async def _mode_at(endpoint: str) -> Literal["peer", "router"]:
     """Return the mode for `auto` at `endpoint`; whatever answers there is assumed to be the router."""
-    host, _, port = endpoint.partition("/")[2].rpartition(":")
-    if host.strip("[]") not in LOOPBACK or not port.isdigit():
+    try:
+        host, port = parse_address(endpoint.partition("/")[2])
+    except ValueError:  # with Zenoh's options
+        return "peer"
+    if host not in LOOPBACK or port is None:
         return "peer"
     try:
         async with asyncio.timeout(ANSWER_S):
-            _, writer = await asyncio.open_connection(host.strip("[]"), int(port))
+            _, writer = await asyncio.open_connection(host, port)
     except (OSError, TimeoutError):
         return "router"
     writer.close()

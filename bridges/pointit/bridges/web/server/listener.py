@@ -22,7 +22,9 @@ from starlette.types import ASGIApp
 from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.server import ServerState
 
+from pointit.runtime.config.network_address import format_address
 from pointit.runtime.errors import ListenError
+from pointit.runtime.host.name_lookup import resolve
 
 log = logging.getLogger(__name__)
 
@@ -64,16 +66,18 @@ def bind(host: str, port: int, option: str) -> socket.socket:
     Raises:
         ListenError: If the port is taken, or the address is not this machine's; names both and what to do.
     """
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    listener = socket.socket(family, socket.SOCK_STREAM)
+    listener = None
     try:
+        family, address = resolve(host, port, socket.SOCK_STREAM)[0]
+        listener = socket.socket(family, socket.SOCK_STREAM)
         if sys.platform == "win32":
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_EXCLUSIVEADDRUSE, 1)
         else:
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listener.bind((host, port))
+        listener.bind(address)
     except (OSError, OverflowError) as error:
-        listener.close()
+        if listener is not None:
+            listener.close()
         reason = getattr(error, "strerror", None) or str(error)
         raise ListenError(
             f"port {port} of {host} is not available for the page ({reason}); "
@@ -85,7 +89,7 @@ def bind(host: str, port: int, option: str) -> socket.socket:
 
 def url(scheme: str, host: str, port: int) -> str:
     """Return the address of a listener, without a path."""
-    return f"{scheme}://[{host}]:{port}" if ":" in host else f"{scheme}://{host}:{port}"
+    return f"{scheme}://{format_address(host, port)}"
 
 
 def most_connections() -> int:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from pydantic import Field, field_validator
 
 from pointit.runtime.clock import Clock
-from pointit.runtime.config.config import Config
+from pointit.runtime.config.network_address import AddressConfig
 from pointit.runtime.service.surroundings import HealthSink
 from pointit.services.imu_bridge.network.contents import DatagramError
 from pointit.services.imu_bridge.network.port_source import PortSource
@@ -24,7 +24,7 @@ BAD_S = 10.0
 """Time for which datagrams that cannot be read are told, s."""
 
 
-class DatagramConfig(Config):
+class DatagramConfig(AddressConfig):
     """A sender of datagrams."""
 
     port: int = Field(

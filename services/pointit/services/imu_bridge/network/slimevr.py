@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pydantic import Field, field_validator
 
 from pointit.runtime.clock import Clock
-from pointit.runtime.config.config import Config
+from pointit.runtime.config.network_address import AddressConfig
 from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.service.surroundings import HealthSink
 from pointit.schemas import Feedback
@@ -63,7 +63,7 @@ async def discover(seconds: float) -> Sequence[FoundDevice]:
     return [found[identity] for identity in sorted(found)]
 
 
-class SlimevrConfig(Config):
+class SlimevrConfig(AddressConfig):
     """A SlimeVR tracker."""
 
     tracker: str = Field(

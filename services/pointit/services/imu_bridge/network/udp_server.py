@@ -6,10 +6,14 @@ import socket
 import sys
 from collections.abc import Callable, Container
 
+from pointit.runtime.config.network_address import format_address
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.surroundings import NullHealth, WarningSink
 
 Address = tuple[str, int]
+SocketAddress = tuple[str, int] | tuple[str, int, int, int]
+MAPPED = "::ffff:"
+"""Beginning of an address of IPv4 at a socket of IPv6 (RFC 4291, 2.5.5.2)."""
 LONGEST_DATAGRAM = 65536
 MOST_AT_ONCE = 512
 """Datagrams that are read before other work of the loop has its turn. Linux keeps about 300 small ones."""
@@ -58,7 +62,7 @@ class UdpServer(asyncio.DatagramProtocol):
     @property
     def place(self) -> str:
         """Return host and port, for people."""
-        return f"{self._host}:{self._port}"
+        return format_address(self._host, self._port)
 
     async def run(self) -> None:
         """Listen until cancelled."""
@@ -100,7 +104,7 @@ class UdpServer(asyncio.DatagramProtocol):
             link.setblocking(False)
             link.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
             link.bind(server.getsockname())
-            link.connect(address)
+            link.connect(_socket_address(address, server.family))
         except OSError:  # what comes from there may still arrive at the server
             link.close()
             return
@@ -120,7 +124,7 @@ class UdpServer(asyncio.DatagramProtocol):
                 data, sender = waiting.recvfrom(LONGEST_DATAGRAM)
             except OSError:  # that was all, or nobody listens there any more
                 break
-            self._on_datagram(data, (sender[0], sender[1]))  # another's, if it came before `connect`
+            self._on_datagram(data, _address(sender))  # another's, if it came before `connect`
         self._on_read()
 
     def send(self, data: bytes, address: Address) -> None:
@@ -130,11 +134,12 @@ class UdpServer(asyncio.DatagramProtocol):
                 self._links[address].send(data)
         elif self._transport is not None:
             with contextlib.suppress(OSError):  # a lost datagram, as any other
-                self._transport.sendto(data, address)
+                family = self._transport.get_extra_info("socket").family
+                self._transport.sendto(data, _socket_address(address, family))
 
-    def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
+    def datagram_received(self, data: bytes, addr: SocketAddress) -> None:
         """Pass a datagram on, and those that wait behind it."""
-        self._on_datagram(data, (addr[0], addr[1]))
+        self._on_datagram(data, _address(addr))
         if self._waiting is None:
             self._on_read()
         else:
@@ -152,6 +157,23 @@ class UdpServer(asyncio.DatagramProtocol):
     def _warn(self, error: OSError) -> None:
         reason = error.strerror or str(error)
         self._health.warn("port", f"UDP port {self.place} cannot be opened ({reason}): {self._remedy}")
+
+
+def _address(sender: SocketAddress) -> Address:
+    """Return an address of IPv4 also at a socket of IPv6, and a link-local one with its interface."""
+    host, port, *rest = sender
+    if len(rest) == 2 and rest[1]:
+        host = f"{host}%{socket.if_indextoname(rest[1])}"
+    return host.removeprefix(MAPPED) if "." in host else host, port
+
+
+def _socket_address(address: Address, family: socket.AddressFamily) -> SocketAddress:
+    """Return what a socket of this `family` takes for `address`. Raises OSError if there is no such link."""
+    host, port = address
+    if family != socket.AF_INET6:
+        return address
+    host, _, link = (f"{MAPPED}{host}" if ":" not in host else host).partition("%")
+    return host, port, 0, socket.if_nametoindex(link) if link else 0
 
 
 class _Problem(NullHealth):

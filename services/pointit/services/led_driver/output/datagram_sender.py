@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from pointit.runtime.host.name_lookup import look_up
+from pointit.runtime.host.name_lookup import Resolved, look_up
 from pointit.services.led_driver.output.output_health import OutputHealth
 from pointit.services.led_driver.outputs import FRAME_RATE
 
@@ -84,7 +84,7 @@ class DatagramSender:
         self._age_s: float | None = None
         self._changed = asyncio.Event()
         self._number = 0
-        self._address = ""
+        self._addresses: Sequence[Resolved] = ()
         self.light_s = 0.0
         """Time from `send` to the last datagram of the last new payload, s; 0.0 before the first."""
 
@@ -103,7 +103,7 @@ class DatagramSender:
             while True:
                 try:
                     if self._destination.host:
-                        self._address = await look_up(self._destination.host)
+                        self._addresses = await look_up(self._destination.host, self._destination.port)
                     with self._open() as sock:
                         await self._send_payloads(sock)
                 except OSError as error:
@@ -118,17 +118,34 @@ class DatagramSender:
             raise
 
     def _open(self) -> socket.socket:
-        """Return a socket, which is connected if there is an address, so that errors come back."""
-        sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        """Return a socket, which is connected if there is an address, so that errors come back.
+
+        Raises:
+            OSError: No network leads to any of the addresses.
+        """
+        if not self._destination.host:
+            return self._open_family(socket.AF_INET)  # multicast
+        error = OSError("its name has no address")
+        for family, address in self._addresses:
+            sock = self._open_family(family)
+            try:
+                sock.connect(address)
+            except OSError as raised:
+                sock.close()
+                error = raised
+            else:
+                return sock
+        raise error
+
+    def _open_family(self, family: socket.AddressFamily) -> socket.socket:
+        sock = socket.socket(family, socket.SOCK_DGRAM)
         try:
             sock.setblocking(False)
-            if self._destination.is_broadcast:
+            if family == socket.AF_INET and self._destination.is_broadcast:
                 sock.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
-            if self._destination.interface:
+            if family == socket.AF_INET and self._destination.interface:
                 interface = socket.inet_aton(self._destination.interface)
                 sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, interface)
-            if self._address:
-                sock.connect((self._address, self._destination.port))
         except BaseException:
             sock.close()
             raise

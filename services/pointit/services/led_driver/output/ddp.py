@@ -8,6 +8,7 @@ from typing import Any, cast
 
 from pydantic import Field
 
+from pointit.runtime.config.network_address import AddressConfig, format_address
 from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.name_lookup import look_up
@@ -90,11 +91,11 @@ def described(host: str, name: str, info: object) -> FoundDevice:
     return FoundDevice(host, ", ".join(words), details)
 
 
-class DdpConfig(OutputConfig):
+class DdpConfig(AddressConfig, OutputConfig):
     """A pixel controller in the network that takes DDP, such as WLED."""
 
     kind: str = Field(default="ddp", description="kind of controller")
-    host: str = Field(default="", description="name or address of the controller")
+    host: str = Field(default="", description="name or address of the controller, or HOST:PORT")
     port: int = Field(default=ddp_protocol.PORT, gt=0, le=65535, description="UDP port of the controller")
     max_rate_hz: float = Field(
         default=66.0, gt=0, le=1000, description="maximum number of frames per second; WLED shows up to 66"
@@ -110,7 +111,7 @@ def _make(config: DdpConfig, around: Surroundings) -> NetworkOutput:
         raise ConfigError("host: is missing; give the controller's name or address, as in --output ddp:HOST")
     destination = Destination(host=config.host, port=config.port)
     wire = Wire(encode=_encode, max_rate_hz=config.max_rate_hz)
-    address = config.host if config.port == ddp_protocol.PORT else f"{config.host}:{config.port}"
+    address = config.host if config.port == ddp_protocol.PORT else format_address(config.host, config.port)
     return NetworkOutput(config, destination, wire, around.health, address)
 
 

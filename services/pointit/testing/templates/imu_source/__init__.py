@@ -6,7 +6,7 @@ import math
 from pydantic import Field
 
 from pointit.plugins import (
-    Config,
+    AddressConfig,
     ConfigError,
     Deliver,
     ImuSource,
@@ -14,13 +14,14 @@ from pointit.plugins import (
     Reading,
     Reconnected,
     Surroundings,
+    format_address,
 )
 
 RETRY_S = 0.5
 LONGEST_LINE = 1000
 
 
-class SourceConfig(Config):
+class SourceConfig(AddressConfig):
     """Address of the device."""
 
     host: str = Field(default="", description="name or address of the device")
@@ -38,7 +39,7 @@ class Source:
 
     async def run(self, deliver: Deliver) -> None:
         """Deliver readings until cancelled."""
-        address = f"{self._config.host}:{self._config.port}"
+        address = format_address(self._config.host, self._config.port)
         while True:
             try:
                 await self._connect_and_read(deliver)

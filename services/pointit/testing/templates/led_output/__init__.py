@@ -6,7 +6,16 @@ from collections.abc import Sequence
 
 from pydantic import Field
 
-from pointit.plugins import ConfigError, LedOutput, OutputConfig, Strip, StripsFrame, Surroundings
+from pointit.plugins import (
+    AddressConfig,
+    ConfigError,
+    LedOutput,
+    OutputConfig,
+    Strip,
+    StripsFrame,
+    Surroundings,
+    format_address,
+)
 
 RETRY_S = 0.5
 CONNECT_S = 3.0
@@ -14,7 +23,7 @@ KEEP_ALIVE_S = 0.5
 DARK_S = 0.5
 
 
-class OutputParameters(OutputConfig):
+class OutputParameters(AddressConfig, OutputConfig):
     """Address of the controller."""
 
     host: str = Field(default="", description="name or address of the controller")
@@ -51,7 +60,7 @@ class Output:
 
     async def run(self) -> None:
         """Send until cancelled, then switch the strips off."""
-        address = f"{self._config.host}:{self._config.port}"
+        address = format_address(self._config.host, self._config.port)
         while True:
             try:
                 await self._connect_and_send()

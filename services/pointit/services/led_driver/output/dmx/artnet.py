@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 from pydantic import Field
 
+from pointit.runtime.config.network_address import AddressConfig
 from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host import extras
@@ -88,11 +89,11 @@ def _device(node: Node) -> FoundDevice:
     return FoundDevice(node.address, label, {"universes": universes, "report": node.report})
 
 
-class ArtnetConfig(OutputConfig):
+class ArtnetConfig(AddressConfig, OutputConfig):
     """A node of Art-Net."""
 
     kind: str = Field(default="artnet", description="kind of controller")
-    host: str = Field(default="", description="name or address of the node, or a broadcast address")
+    host: str = Field(default="", description="name or address of the node, broadcast address, or HOST:PORT")
     port: int = Field(default=PORT, gt=0, le=65535, description="UDP port of the node")
     universe: int = Field(
         default=0,

@@ -8,6 +8,7 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
+from pointit.runtime.config.network_address import AddressConfig
 from pointit.runtime.service.surroundings import Surroundings
 from pointit.services.led_driver.output.datagram_sender import Datagram, Destination
 from pointit.services.led_driver.output.dmx.e131_protocol import (
@@ -28,12 +29,12 @@ MULTICAST = "multicast"
 """Value of `host` that means the multicast group of each universe."""
 
 
-class E131Config(OutputConfig):
+class E131Config(AddressConfig, OutputConfig):
     """A receiver of E1.31 (sACN)."""
 
     kind: str = Field(default="e131", description="kind of controller")
     host: str = Field(
-        default="", description="name or address of the receiver, or `multicast` for all of a network"
+        default="", description="name or address of the receiver, HOST:PORT, or `multicast` for a network"
     )
     port: int = Field(default=PORT, gt=0, le=65535, description="UDP port of the receiver")
     interface: str = Field(
@@ -61,7 +62,9 @@ def check_interface(host: str, interface: str) -> None:
         try:
             ipaddress.IPv4Address(interface)
         except ValueError as error:
-            raise ValueError(f"interface: {interface!r} is not an IPv4 address of this machine") from error
+            raise ValueError(
+                f"interface: {interface!r} is not an IPv4 address of this machine, which multicast needs"
+            ) from error
     elif host == MULTICAST:
         raise ValueError("interface: multicast needs the address of this machine in the lights' network")
 

@@ -7,6 +7,7 @@ from typing import Literal, Self, cast
 from pydantic import Field, field_validator, model_validator
 
 from pointit.runtime.config.config import Config
+from pointit.runtime.config.network_address import AddressConfig
 from pointit.schemas.base import Vec3
 from pointit.services.led_driver.output.dmx.artnet_protocol import MAX_PORT_ADDRESS
 from pointit.services.led_driver.output.dmx.e131 import check_interface
@@ -43,12 +44,13 @@ class ChannelMap(Config):
         return self
 
 
-class SpotlightConfig(OutputConfig):
+class SpotlightConfig(AddressConfig, OutputConfig):
     """A moving head whose beam follows a cursor."""
 
     kind: str = Field(default="spotlight", description="kind of controller")
     host: str = Field(
-        default="", description="name or address of the DMX node, or `multicast` (E1.31) for all of a network"
+        default="",
+        description="name or address of the DMX node, HOST:PORT, or `multicast` (E1.31) for all of a network",
     )
     protocol: Literal["e131", "artnet"] = Field(default="e131", description="protocol of the node")
     port: int | None = Field(

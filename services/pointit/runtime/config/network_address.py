@@ -1,0 +1,89 @@
+"""Network addresses as people write them: `HOST`, `HOST:PORT` and `[IPV6]:PORT`."""
+
+import ipaddress
+import re
+from collections.abc import Mapping
+from typing import Any, cast
+
+from pydantic import model_validator
+from pydantic_core import PydanticCustomError
+
+from pointit.runtime.config.config import Config
+from pointit.runtime.config.validation_message import DESCRIBED
+
+MAX_PORT = 65535
+_BRACKETED = re.compile(r"\[([^\[\]]*)\](?::(.*))?")
+_NO_NAME = re.compile(r"[\s/@?#%\\\[\]]")
+_NUMBER = re.compile(r"[0-9]+|0[xX][0-9a-fA-F]*")
+
+
+def parse_address(text: str) -> tuple[str, int | None]:
+    """Return host and port of `HOST` or `HOST:PORT`; the port is None if there is none.
+
+    An IPv6 address stands in brackets if a port follows it. The returned host has none.
+
+    Raises:
+        ValueError: If it is neither, or its numbers are no address or no port.
+    """
+    stripped = text.strip()
+    if match := _BRACKETED.fullmatch(stripped):
+        host, port = _numeric_host(ipaddress.IPv6Address, match[1], text), match[2]
+    elif stripped.count(":") > 1:
+        host, port = _numeric_host(ipaddress.IPv6Address, stripped, text), None
+    else:
+        host, colon, after = stripped.partition(":")
+        port = after if colon else None
+        if not host or _NO_NAME.search(host):
+            raise _error(text)
+        if _NUMBER.fullmatch(host.removesuffix(".").rpartition(".")[2]):
+            # a resolver reads 192.168.1 as 192.168.0.1, and 010 as 8
+            host = _numeric_host(ipaddress.IPv4Address, host, text)
+    if port is None:
+        return host, None
+    if not (port.isascii() and port.isdecimal()):
+        raise _error(text)
+    if int(port) > MAX_PORT:
+        raise ValueError(f"port {port} is above {MAX_PORT}: correct it")
+    return host, int(port)
+
+
+def _numeric_host(kind: type[ipaddress.IPv4Address | ipaddress.IPv6Address], host: str, text: str) -> str:
+    try:
+        return str(kind(host))
+    except ValueError as error:
+        raise _error(text) from error
+
+
+def _error(text: str) -> ValueError:
+    return ValueError(f"{text!r} is not an address: write HOST or HOST:PORT, for IPv6 ::1 or [::1]:PORT")
+
+
+def format_address(host: str, port: int) -> str:
+    """Return `HOST:PORT`, with brackets around an IPv6 address."""
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+
+
+def _described(problem: str) -> PydanticCustomError:
+    return PydanticCustomError(DESCRIBED, "{text}", {"text": f"host: {problem}"})
+
+
+class AddressConfig(Config):
+    """Base of parameters that have a `host` and a `port`: `host` may be `HOST:PORT`, which sets both."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _split_host(cls, values: object) -> object:
+        if not isinstance(values, Mapping):
+            return values
+        fields = cast("Mapping[str, Any]", values)
+        if not isinstance(text := fields.get("host"), str) or not text:
+            return fields
+        try:
+            host, port = parse_address(text)
+        except ValueError as error:
+            raise _described(str(error)) from error
+        if port is None:
+            return {**fields, "host": host}
+        if str(fields.get("port") or port).strip() != str(port):
+            raise _described(f"{text} and port {fields['port']} differ: remove one of the ports")
+        return {**fields, "host": host, "port": port}

@@ -1,0 +1,88 @@
+"""Addresses that people write, and the only parser of them."""
+
+import ipaddress
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import Field, ValidationError
+
+from pointit.runtime.config.network_address import AddressConfig, format_address, parse_address
+
+HOSTS = st.one_of(
+    st.ip_addresses().map(str),
+    st.from_regex(r"[a-z]([a-z0-9-]{0,20}[a-z])?(\.[a-z]{2,8}){0,3}", fullmatch=True),
+    st.ip_addresses(v=6, network="fe80::/10").map(lambda address: f"{address}%eth0"),
+)
+
+
+@given(host=HOSTS, port=st.integers(0, 65535))
+def test_host_and_port_that_are_written_are_those_that_are_read(host: str, port: int) -> None:
+    assert parse_address(format_address(host, port)) == (host, port)
+    assert parse_address(host) == (host, None)
+
+
+@pytest.mark.parametrize(
+    ("text", "address"),
+    [
+        ("[::1]", ("::1", None)),
+        ("0:0:0:0:0:0:0:1", ("::1", None)),
+        ("[FE80::a%wlan0]:80", ("fe80::a%wlan0", 80)),
+        ("::ffff:10.1.2.3", ("::ffff:a01:203", None)),
+        (" strip.local. ", ("strip.local.", None)),
+        ("strip_1:4048", ("strip_1", 4048)),
+        ("2-strip", ("2-strip", None)),
+    ],
+)
+def test_spellings_of_an_address_are_read(text: str, address: tuple[str, int | None]) -> None:
+    host, port = parse_address(text)
+    assert port == address[1]
+    if ":" in host and "%" not in host:
+        assert ipaddress.ip_address(host) == ipaddress.ip_address(address[0])
+    else:
+        assert host == address[0]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("", ":80", "strip:", "strip:http", "strip:8_0", "strip:+8", "strip:\u0662", "a b"),
+        *("http://strip", "strip/", "me@strip", "[strip]", "[10.0.0.1]:80", "[::1", "::1]:80", "[::1]80"),
+        *("10.0.1", "10.0.0.256", "10.0.0.010", "0x7f.0x1", "4048", "fe80::1%", "::1:99999"),
+    ],
+)
+def test_text_that_is_no_address_is_refused_with_the_spelling(text: str) -> None:
+    with pytest.raises(ValueError, match=r"is not an address: write HOST or HOST:PORT, for IPv6 ::1 or"):
+        parse_address(text)
+
+
+def test_port_that_does_not_exist_is_refused_with_the_limit() -> None:
+    with pytest.raises(ValueError, match="port 65536 is above 65535"):
+        parse_address("strip:65536")
+
+
+class Device(AddressConfig):
+    host: str = ""
+    port: int = Field(default=4048, gt=0)
+
+
+def test_port_of_the_host_sets_the_port() -> None:
+    assert Device.model_validate({"host": "[::1]:5"}) == Device(host="::1", port=5)
+    assert Device.model_validate({"host": "[::1]"}) == Device(host="::1", port=4048)
+    assert Device.model_validate({"host": "::1", "port": "7"}) == Device(host="::1", port=7)
+    assert Device.model_validate({"host": "strip:7", "port": "7"}) == Device(host="strip", port=7)
+    written = Device(host="fe80::1%eth0", port=9)
+    assert Device.model_validate(written.model_dump()) == written
+
+
+@pytest.mark.parametrize(
+    ("values", "sentence"),
+    [
+        ({"host": "strip:5", "port": 6}, "host: strip:5 and port 6 differ: remove one of the ports"),
+        ({"host": "http://strip"}, "host: 'http://strip' is not an address"),
+        ({"host": "strip:0"}, "greater than 0"),
+    ],
+)
+def test_host_that_cannot_be_used_is_one_sentence(values: dict[str, object], sentence: str) -> None:
+    with pytest.raises(ValidationError, match=sentence):
+        Device.model_validate(values)

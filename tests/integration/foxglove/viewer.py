@@ -1,25 +1,29 @@
-"""A viewer that is not Foxglove's: it speaks `foxglove.sdk.v1` over a websocket of its own."""
+"""A viewer that is not Foxglove's: it speaks the protocol over a websocket of its own."""
 
 import asyncio
 import base64
 import json
 import struct
-from collections.abc import AsyncGenerator
+from collections.abc import AsyncGenerator, Sequence
 from contextlib import asynccontextmanager
 from typing import Any
 
 import websockets
 from websockets.asyncio.client import ClientConnection
+from websockets.typing import Subprotocol
 
 from tests.integration.foxglove.protobuf import Reader
 
 MESSAGE_DATA = 1
+SDK = "foxglove.sdk.v1"
 
 
 class Viewer:
     def __init__(self, socket: ClientConnection, wanted: frozenset[str] | None) -> None:
         self._socket = socket
         self._wanted = wanted
+        self.subprotocol = socket.subprotocol
+        """Name that the server has chosen."""
         self.info: dict[str, Any] = {}
         self.channels: dict[str, dict[str, Any]] = {}
         """Advertised channels by topic."""
@@ -95,8 +99,11 @@ class Viewer:
 
 
 @asynccontextmanager
-async def viewer(address: str, *wanted: str, everything: bool = False) -> AsyncGenerator[Viewer]:
-    async with websockets.connect(address, subprotocols=["foxglove.sdk.v1"]) as socket:  # type: ignore[list-item]
+async def viewer(
+    address: str, *wanted: str, everything: bool = False, subprotocols: Sequence[str] = (SDK,)
+) -> AsyncGenerator[Viewer]:
+    names = [Subprotocol(name) for name in subprotocols]
+    async with websockets.connect(address, subprotocols=names) as socket:
         one = Viewer(socket, None if everything else frozenset(wanted))
         listening = asyncio.create_task(one.listen(), name="viewer")
         try:

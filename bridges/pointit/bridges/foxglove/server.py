@@ -14,6 +14,8 @@ from foxglove.websocket import ChannelView, Client, ServerListener, WebSocketSer
 
 from pointit.bridges.foxglove.event_log import Line
 from pointit.bridges.foxglove.scene import PARTS, Part
+from pointit.bridges.foxglove.subprotocol_relay import SubprotocolRelay
+from pointit.runtime.config.network_address import format_address
 from pointit.runtime.errors import ListenError
 from pointit.schemas.catalogue.json_channel import Schema
 
@@ -82,34 +84,35 @@ class Server:
         self.viewers = Viewers(hand_over, tell)
         self._context = foxglove.Context()
         self._server: WebSocketServer | None = None
+        self._relay: SubprotocolRelay | None = None
         self._pictures: dict[Part, PictureChannel] = {
             part: _channel_of(part)(picture_topic(part), context=self._context) for part in PARTS
         }
         self._log = LogChannel(LOG, context=self._context)
 
-    def open(self, name: str, host: str, port: int) -> str:
+    async def open(self, name: str, host: str, port: int) -> str:
         """Listen on `host` and `port` (0: any free one); return the address.
 
         Raises:
             ListenError: If the address is taken or not of this machine.
         """
+        self._server = foxglove.start_server(
+            name=name,
+            host="127.0.0.1",
+            port=0,
+            capabilities=[],
+            server_listener=self.viewers,
+            context=self._context,
+            message_backlog_size=BACKLOG,
+        )
+        self._relay = SubprotocolRelay(self._server.port)
         try:
-            self._server = foxglove.start_server(
-                name=name,
-                host=host,
-                port=port,
-                capabilities=[],
-                server_listener=self.viewers,
-                context=self._context,
-                message_backlog_size=BACKLOG,
-            )
-        except (RuntimeError, ValueError) as error:
-            reason = str(error).rpartition(": ")[2].partition(" (os error")[0]
+            return f"ws://{format_address(host, await self._relay.open(host, port))}"
+        except OSError as error:
             raise ListenError(
-                f"cannot listen on {host} port {port} for viewers ({reason}); end what listens there, or "
-                "give another --port or --host"
+                f"cannot listen on {host} port {port} for viewers ({error.strerror or error}); end what "
+                "listens there, or give another --port or --host"
             ) from error
-        return f"ws://{f'[{host}]' if ':' in host else host}:{self._server.port}"
 
     def channel(self, topic: str, schema: Schema) -> foxglove.Channel:
         """Return a new channel for JSON."""
@@ -123,10 +126,12 @@ class Server:
         """Send a line to the viewers of the log."""
         self._log.log(line.log(), log_time=line.at_ns)
 
-    def close(self) -> None:
+    async def close(self) -> None:
         """Disconnect all viewers and stop listening."""
         if self._server is not None:
             self._server.stop()
+        if self._relay is not None:
+            await self._relay.close()
 
 
 def picture_topic(part: Part) -> str:

@@ -90,10 +90,10 @@ class Foxglove(Service[FoxgloveConfig]):
             ListenError: If the address is taken or not of this machine.
         """
         config = self.config
-        address = self._server.open(f"PointIt {self.bus.site}", config.host, config.port)
-        if config.host in EVERYWHERE:
-            address = f"ws://{own_address(socket.gethostname())}:{address.rpartition(':')[2]}"
         try:
+            address = await self._server.open(f"PointIt {self.bus.site}", config.host, config.port)
+            if config.host in EVERYWHERE:
+                address = f"ws://{own_address(socket.gethostname())}:{address.rpartition(':')[2]}"
             log.info("open a connection to %s in Foxglove or Lichtblick, and import %s", address, LAYOUT)
             if config.host not in LOOPBACK:
                 log.warning(
@@ -101,7 +101,7 @@ class Foxglove(Service[FoxgloveConfig]):
                 )
             await asyncio.Event().wait()
         finally:
-            self._server.close()
+            await self._server.close()
 
     def _subscribe(self, topic: Topic[Any]) -> Subscription:
         return self.bus.subscribe(topic, functools.partial(self._on_message, topic))

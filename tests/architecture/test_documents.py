@@ -1,5 +1,6 @@
 """Files, scripts and commands that the documents name exist."""
 
+import os
 import re
 from pathlib import Path
 
@@ -200,3 +201,11 @@ def test_every_finding_of_doctor_has_a_row_of_troubleshooting() -> None:
 def test_the_page_has_the_glossary_of_the_documents() -> None:
     built = ROOT / "bridges/pointit/bridges/web/static/glossary.md"
     assert built.read_bytes() == (ROOT / "docs/reference/glossary.md").read_bytes(), "run scripts/page"
+
+
+def test_readme_names_the_commands_to_try_and_to_test_it() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    (section,) = [part for part in text.split("\n## ") if part.startswith("Try it\n")]
+    for name in ("demo", "test"):
+        assert re.search(rf"(`|^)scripts/{name}\b", section, re.MULTILINE), name
+        assert os.access(ROOT / "scripts" / name, os.X_OK)

@@ -19,7 +19,7 @@ is_new_enough() { "$1" -c 'import sys; sys.exit(sys.version_info < (3, 11))' >/d
 # Prints the newest Python that will do, or nothing; $BASE_PYTHON goes before all others.
 find_python() {
     local candidate
-    for candidate in ${BASE_PYTHON:+"$BASE_PYTHON"} python3.13 python3.12 python3.11 python3; do
+    for candidate in ${BASE_PYTHON:+"$BASE_PYTHON"} python3.14 python3.13 python3.12 python3.11 python3; do
         if command -v "$candidate" >/dev/null && is_new_enough "$candidate"; then
             command -v "$candidate"
             return
@@ -102,10 +102,29 @@ pip_install() {
     by_pip "$sentence, by pip" "$@"
 }
 
+# Prints what is missing here to build those libraries of EXTRAS that have no wheel for this Python (vqf, pocketsphinx
+# from 3.14 on), or nothing.
+missing_for_build() {
+    case ",$1,${LOCKED:+dev,}" in *,fusion,* | *,speech,* | *,test,* | *,dev,*) ;; *) return ;; esac
+    "$PYTHON" -c '
+import importlib.util, os, pathlib, shutil, sys, sysconfig
+if sys.version_info >= (3, 14) and not all(map(importlib.util.find_spec, ("vqf", "pocketsphinx"))):
+    has = {"a C compiler": os.environ.get("CC") or shutil.which("cc") or shutil.which("gcc"),
+           "a C++ compiler": os.environ.get("CXX") or shutil.which("c++") or shutil.which("g++"),
+           "Python.h": (pathlib.Path(sysconfig.get_path("include")) / "Python.h").exists()}
+    print(*(name for name, found in has.items() if not found), sep=", ")
+'
+}
+
 # install EXTRAS, with commas between them: from what the index has now, or, with LOCKED set, exactly what
 # requirements/ci.txt names, by hash. `lab` is a package in this checkout, not an extra: no index has it.
 install() {
-    local extras=",${1:-}," packages
+    local extras=",${1:-}," packages missing
+    missing="$(missing_for_build "${1:-}" || true)"
+    if [ -n "$missing" ]; then
+        BUILD_PROBLEM="the extras fusion and speech are built for Python 3.14 and newer, and $missing is missing here; on Debian and Ubuntu: apt install build-essential python3-dev"
+        say "${0##*/}: $BUILD_PROBLEM"
+    fi
     if [ -z "${LOCKED:-}" ]; then
         case "$extras" in
             *,lab,* | *,test,* | *,dev,*) packages=(-e "$ROOT/lab") ;;
@@ -138,7 +157,7 @@ ensure_venv() {
     if [ ! -e "$VENV" ]; then make_venv; fi
     if ! install "$extra"; then
         tail -n 20 "$LOG" >&2
-        die "PointIt could not be installed into .venv; what was said stands above"
+        die "${BUILD_PROBLEM:-PointIt could not be installed into .venv; what was said stands above}"
     fi
     printf '%s\n' "$wanted" >"$VENV/.installed${extra:+-$extra}"
 }

@@ -16,7 +16,10 @@ PYTHON = """#!/bin/sh
 echo "python $*" >> "$CALLS"
 case "$1" in
     -c)
-        case "$2" in "import pip"*) test -e "${0%/*}/pip"; exit ;; esac
+        case "$2" in
+            "import pip"*) test -e "${0%/*}/pip"; exit ;;
+            *Python.h*) echo "${NOT_THERE:-}" ;;
+        esac
         exit "${OLD:-0}" ;;
 esac
 case "$1 $2" in

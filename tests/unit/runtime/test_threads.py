@@ -84,16 +84,20 @@ async def test_a_result_that_comes_with_the_cancelling_is_discarded(turns: int) 
 
 
 async def test_an_error_raised_after_cancellation_is_discarded() -> None:
+    may_fail = threading.Event()
+
     def fail() -> int:
+        may_fail.wait(PATIENCE_S)
         raise KeyError("no")
 
     dropped: list[int] = []
     task = asyncio.create_task(in_daemon_thread(fail, "fails", discard=dropped.append))
     await asyncio.sleep(0)
+    task.cancel()
+    may_fail.set()
     for thread in threading.enumerate():
         if thread.name == "fails":
             thread.join(PATIENCE_S)
-    task.cancel()
     with pytest.raises(asyncio.CancelledError):
         await task
     assert not dropped

@@ -41,7 +41,7 @@ class ShardedSite:
         self.records: list[Record] = []
         self._folder = Path(tempfile.mkdtemp())
         weakref.finalize(self, shutil.rmtree, self._folder)
-        self._journal = Journal(self._folder, restore_within_s=1e6)
+        self._journal = self._open_journal()
         self._journal.begin(at(0.0))
         self.arbiter = SelectionEngine(self.config, self._record)
         self.is_running = True
@@ -65,6 +65,11 @@ class ShardedSite:
             for shard in self.shards.values():
                 shard.set_present(user, True, at(0.0))
         self.meet()
+
+    def _open_journal(self) -> Journal:
+        journal = Journal(self._folder, restore_within_s=1e6)
+        weakref.finalize(self, journal.close)
+        return journal
 
     @property
     def now_ns(self) -> int:
@@ -137,7 +142,7 @@ class ShardedSite:
 
     def start_arbiter(self) -> None:
         """Start another arbiter with the journal of the one before."""
-        self._journal = Journal(self._folder, restore_within_s=1e6)
+        self._journal = self._open_journal()
         kept = self._journal.begin(self.now_ns)
         assert self._journal.problem == ""
         self.arbiter = SelectionEngine(self.config, self._record)

@@ -37,6 +37,7 @@ SECURE = re.compile(r"(?:tls|quic)/(?:\[(?P<ipv6>[^\]]+)\]|(?P<host>[^/:]+)):(?P
 PASSWORD_FORM = re.compile(rb"[A-Za-z0-9_-]+")
 """Characters of a password."""
 
+NO_SECURED_ROUTER = "{} is not a router of a secured site; give its address with --connect"
 X509_TOO_OLD, X509_TOO_YOUNG, X509_OTHER_HOST = 10, 9, (62, 64)
 """OpenSSL's verify codes: expired; not yet valid; the certificate names another host or address."""
 
@@ -192,12 +193,12 @@ def connection_refusal(credentials: Credentials, endpoint: str) -> str:
             is_secured = True
             secured.recv(1)  # the router's verdict on our certificate follows the handshake
     except ssl.SSLError as error:
-        return _handshake_problem(error, endpoint, credentials)
+        if is_secured or not isinstance(error, ssl.SSLEOFError):  # its answer to OpenSSL 3.5 and newer
+            return _handshake_problem(error, endpoint, credentials)
+        return PassingRefusal(NO_SECURED_ROUTER.format(endpoint))
     except OSError:  # includes a time-out, which means success once the connection is secured
         if not is_secured:
-            return PassingRefusal(
-                f"{endpoint} is not a router of a secured site; give its address with --connect"
-            )
+            return PassingRefusal(NO_SECURED_ROUTER.format(endpoint))
     if credentials.link.password:
         return PassingRefusal(
             f"the router at {endpoint} refuses {name}'s password, or is too busy to check it; if that "

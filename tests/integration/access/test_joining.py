@@ -181,6 +181,19 @@ async def test_a_router_without_certificates_is_told(site: SiteFolder) -> None:
         assert "is not a router of a secured site" in await refused(link)
 
 
+async def test_a_server_that_closes_during_the_handshake_is_no_router(site: SiteFolder) -> None:
+    """As a router without certificates does, if it is asked by OpenSSL 3.5 or newer."""
+
+    async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.read(65536)
+        writer.close()
+
+    async with await asyncio.start_server(answer, "127.0.0.1", 0) as server:
+        port = server.sockets[0].getsockname()[1]
+        link = Link(site="lab", connect=(f"tls/127.0.0.1:{port}",), credentials=credentials_of(site, "anna"))
+        assert "is not a router of a secured site" in await refused(link)
+
+
 @pytest.mark.parametrize("password", [False, True], ids=["certificates", "passwords"])
 async def test_who_comes_while_the_router_opens_again_waits(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, *, password: bool

@@ -85,7 +85,7 @@ def point(bench: Bench, user: str = "anna") -> None:
 
 
 def counts(watcher: Reactions) -> tuple[int, int, int]:
-    """Return how many reactions were started, are done and have failed."""
+    """Return the numbers of reactions that were started, are done and have failed."""
     summary = watcher.summary()["reactions"]
     return summary["started"], summary["done"], summary["failed"]
 

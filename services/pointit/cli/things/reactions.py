@@ -37,7 +37,7 @@ class Target(Protocol):
 
     @property
     def interruption(self) -> str:
-        """Return what went wrong if the end of the run interrupts it, or `""`."""
+        """Return the problem if the end of the run interrupts it, or `""`."""
         ...
 
     def react(self, values: Mapping[str, str], /) -> Coroutine[Any, Any, str]:

@@ -28,7 +28,7 @@ def resolve(host: str, port: int, kind: socket.SocketKind) -> list[Resolved]:
 
 
 async def look_up(host: str, port: int = 0) -> Sequence[Resolved]:
-    """Return what `resolve` returns for datagrams.
+    """Return the addresses for datagrams that `resolve` finds.
 
     The thread ends with the resolver's answer, or with the process: unlike a thread of the loop's own, it
     delays no end of the loop.

@@ -168,7 +168,7 @@ def _address(sender: SocketAddress) -> Address:
 
 
 def _socket_address(address: Address, family: socket.AddressFamily) -> SocketAddress:
-    """Return what a socket of this `family` takes for `address`. Raises OSError if there is no such link."""
+    """Return `address` as a socket of this `family` takes it. Raises OSError if there is no such link."""
     host, port = address
     if family != socket.AF_INET6:
         return address

@@ -5,7 +5,7 @@ import os
 import signal
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 from hypothesis import given, settings
@@ -207,7 +207,7 @@ class UnexpectedError(Exception):
 class Scripted:
     """A target whose reactions each wait, then return or raise what the test gives."""
 
-    interruption = "was interrupted"
+    interruption: ClassVar[str] = "was interrupted"
 
     def __init__(self) -> None:
         self.waiting: list[asyncio.Future[str]] = []

@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import Field, ValidationError
 
-from pointit.runtime.config.network_address import AddressConfig, format_address, parse_address
+from pointit.runtime.config.network_address import format_address, parse_address
+from pointit.runtime.host.address_config import AddressConfig
 
 HOSTS = st.one_of(
     st.ip_addresses().map(str),

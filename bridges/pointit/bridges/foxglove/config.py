@@ -2,7 +2,7 @@
 
 from pydantic import Field
 
-from pointit.runtime.config.network_address import AddressConfig
+from pointit.runtime.host.address_config import AddressConfig
 from pointit.schemas.base import Rgb
 from pointit.schemas.environment import KIND_COLORS
 

@@ -3,7 +3,7 @@
 from pydantic import Field
 
 from pointit.runtime.config.config import Config
-from pointit.runtime.config.network_address import AddressConfig
+from pointit.runtime.host.address_config import AddressConfig
 
 
 class Place(Config):

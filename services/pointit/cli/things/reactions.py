@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Coroutine, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, Self, cast
+from typing import Any, ClassVar, Protocol, Self, cast
 
 from pointit.api.reactions import check_things, is_reaction
 from pointit.cli.things.program import Program
@@ -31,13 +31,11 @@ FILES = (".yaml", ".yml")
 class Target(Protocol):
     """Program or webhook."""
 
+    interruption: ClassVar[str]
+    """Problem if the end of the run interrupts it, or `""`."""
+
     def describe(self, values: Mapping[str, str], /) -> str:
         """Return a description for logs."""
-        ...
-
-    @property
-    def interruption(self) -> str:
-        """Return the problem if the end of the run interrupts it, or `""`."""
         ...
 
     def react(self, values: Mapping[str, str], /) -> Coroutine[Any, Any, str]:

@@ -2,14 +2,6 @@
 
 import ipaddress
 import re
-from collections.abc import Mapping
-from typing import Any, cast
-
-from pydantic import model_validator
-from pydantic_core import PydanticCustomError
-
-from pointit.runtime.config.config import Config
-from pointit.runtime.config.validation_message import DESCRIBED
 
 MAX_PORT = 65535
 _BRACKETED = re.compile(r"\[([^\[\]]*)\](?::(.*))?")
@@ -61,29 +53,3 @@ def _error(text: str) -> ValueError:
 def format_address(host: str, port: int) -> str:
     """Return `HOST:PORT`, with brackets around an IPv6 address."""
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
-
-
-def _described(problem: str) -> PydanticCustomError:
-    return PydanticCustomError(DESCRIBED, "{text}", {"text": f"host: {problem}"})
-
-
-class AddressConfig(Config):
-    """Base of parameters that have a `host` and a `port`: `host` may be `HOST:PORT`, which sets both."""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _split_host(cls, values: object) -> object:
-        if not isinstance(values, Mapping):
-            return values
-        fields = cast("Mapping[str, Any]", values)
-        if not isinstance(text := fields.get("host"), str) or not text:
-            return fields
-        try:
-            host, port = parse_address(text)
-        except ValueError as error:
-            raise _described(str(error)) from error
-        if port is None:
-            return {**fields, "host": host}
-        if str(fields.get("port") or port).strip() != str(port):
-            raise _described(f"{text} and port {fields['port']} differ: remove one of the ports")
-        return {**fields, "host": host, "port": port}

@@ -20,7 +20,7 @@ def resolve(host: str, port: int, kind: socket.SocketKind) -> list[Resolved]:
         OSError: If there is none.
     """
     try:
-        answers = socket.getaddrinfo(host, port, type=kind)
+        answers = socket.getaddrinfo(host, port, socket.AF_UNSPEC, kind)
     except UnicodeError as error:  # a label of more than 63 characters
         raise OSError(str(error)) from error
     addresses: list[Resolved] = [(family, address) for family, _, _, _, address in answers]

@@ -11,7 +11,7 @@ from pointit.runtime.config.network_address import format_address, parse_address
 from pointit.runtime.host.address_config import AddressConfig
 
 HOSTS = st.one_of(
-    st.ip_addresses().map(str),
+    st.ip_addresses().filter(lambda address: not (address.version == 6 and address.is_link_local)).map(str),
     st.from_regex(r"[a-z]([a-z0-9-]{0,20}[a-z])?(\.[a-z]{2,8}){0,3}", fullmatch=True),
     st.ip_addresses(v=6, network="fe80::/10").map(lambda address: f"{address}%eth0"),
 )
@@ -54,6 +54,12 @@ def test_spellings_of_an_address_are_read(text: str, address: tuple[str, int | N
 )
 def test_text_that_is_no_address_is_refused_with_the_spelling(text: str) -> None:
     with pytest.raises(ValueError, match=r"is not an address: write HOST or HOST:PORT, for IPv6 ::1 or"):
+        parse_address(text)
+
+
+@pytest.mark.parametrize("text", ["fe80::1", "[febf::1]:80"])
+def test_link_local_address_needs_an_interface(text: str) -> None:
+    with pytest.raises(ValueError, match=r"add this machine.s interface, as in fe.+::1%eth0"):
         parse_address(text)
 
 

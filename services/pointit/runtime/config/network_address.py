@@ -41,9 +41,14 @@ def parse_address(text: str) -> tuple[str, int | None]:
 
 def _numeric_host(kind: type[ipaddress.IPv4Address | ipaddress.IPv6Address], host: str, text: str) -> str:
     try:
-        return str(kind(host))
+        address = kind(host)
     except ValueError as error:
         raise _error(text) from error
+    if isinstance(address, ipaddress.IPv6Address) and address.is_link_local and not address.scope_id:
+        raise ValueError(
+            f"{host} is in more than one network: add this machine's interface, as in {host}%eth0"
+        )
+    return str(address)
 
 
 def _error(text: str) -> ValueError:

@@ -235,7 +235,7 @@ def test_files_that_an_editor_has_saved_differ_in_nothing_that_counts(tmp_path: 
         ("simulated: 1", "simulated: write true or false"),
         ("clock_apart_s: 0,7", "clock_apart_s: write a number"),
         ("order: slow", "order: write a list"),
-        ("ended: no", "ended"),
+        ("ended: [1, 2]", "ended"),
         ("ended: [", "is not YAML"),
     ],
 )

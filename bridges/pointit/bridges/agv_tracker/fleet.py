@@ -8,13 +8,13 @@ from pointit.schemas import NS_PER_S, TrackedObject
 from pointit.vda5050.agv_messages import (
     LOST_CONNECTIONS,
     Connection,
-    HeaderCheck,
     LastPose,
     Visualization,
     parse,
     velocity_on_map,
 )
 from pointit.vda5050.agv_topic import AgvTopic, agv_of_topic
+from pointit.vda5050.header_check import HeaderCheck
 from pointit.vda5050.tolerant_model import UnreadableFields
 
 MAX_AGVS = 500

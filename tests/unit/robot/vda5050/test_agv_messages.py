@@ -16,7 +16,6 @@ from pointit.services.robot.drivers.vda5050.master_messages import (
 )
 from pointit.vda5050.agv_messages import (
     Connection,
-    HeaderCheck,
     LastPose,
     State,
     Visualization,
@@ -108,18 +107,6 @@ def test_no_state_with_wrong_fields_raises(fields: dict[str, object]) -> None:
     state = parse(State, json.dumps({**json.loads(STATE), **fields}).encode())
     if state is not None:
         assert len(blocked_by(state)) < 1000
-
-
-def test_messages_that_come_late_or_twice_are_told_from_those_of_a_restarted_agv() -> None:
-    check = HeaderCheck()
-    ids = (5, 6, 6, 5, 7, 500, 400)
-    assert [check.is_new(each) for each in ids] == [True, True, False, False, True, True, False]
-    assert check.is_new(2), "it counts from the start"
-    check.forget()
-    last = 2**32 - 1
-    assert [check.is_new(each) for each in (last, 0, last)] == [True, True, False]
-    check.forget()
-    assert check.is_new(0)
 
 
 def written_node(number: int, **place: float) -> dict[str, object]:

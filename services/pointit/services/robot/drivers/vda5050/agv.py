@@ -25,13 +25,13 @@ from pointit.services.robot.robot_driver import (
 from pointit.vda5050.agv_messages import (
     LOST_CONNECTIONS,
     Connection,
-    HeaderCheck,
     LastPose,
     State,
     Visualization,
     parse,
     velocity_on_map,
 )
+from pointit.vda5050.header_check import HeaderCheck
 from pointit.vda5050.tolerant_model import UnreadableFields
 
 REPEAT_S = 0.08

@@ -8,10 +8,20 @@ import math
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar
 
-from pydantic import AliasChoices, Field, StringConstraints
+from pydantic import AliasChoices, Field, StringConstraints, model_validator
 from pydantic_core import from_json
 
-from pointit.vda5050.tolerant_model import Count, Number, Seconds, Text, TolerantModel, Word, read_tolerantly
+from pointit.vda5050.tolerant_model import (
+    Count,
+    Items,
+    Json,
+    Number,
+    Seconds,
+    Text,
+    TolerantModel,
+    Word,
+    read_tolerantly,
+)
 
 MAX_BYTES = 1 << 20
 """Maximum size of a message."""
@@ -26,7 +36,10 @@ ACTIVE_STOPS = frozenset({"AUTOACK", "MANUAL", "REMOTE"})
 MODES = frozenset({"AUTOMATIC", "SEMIAUTOMATIC", "MANUAL", "SERVICE", "TEACHIN", "STARTUP", "INTERVENED"})
 HARMLESS_LEVELS = frozenset({"WARNING", "URGENT", "CRITICAL"})
 """Levels of errors with which an AGV accepts new orders."""
-IF_UNREADABLE = {"positionInitialized": False, "localized": False, "errorLevel": "FATAL"}
+IF_UNREADABLE = {
+    **dict.fromkeys(("positionInitialized", "position_initialized", "localized"), False),
+    **dict.fromkeys(("errorLevel", "error_level"), "FATAL"),
+}
 """Values of fields that state something unreadable, where the default would be harmless."""
 LOST_CONNECTIONS = frozenset({"OFFLINE", "CONNECTIONBROKEN", "HIBERNATING"})
 
@@ -43,9 +56,10 @@ class _MessageWithHeader(TolerantModel):
 class Connection(_MessageWithHeader):
     """Connection of the AGV to its broker. CONNECTIONBROKEN is its last will."""
 
+    NEEDED: ClassVar[tuple[str, ...]] = ("connection_state",)
     KNOWN_WORDS: ClassVar[Mapping[str, frozenset[str]]] = {"connection_state": LOST_CONNECTIONS | {"ONLINE"}}
 
-    connection_state: Word
+    connection_state: Word = ""
 
 
 class AgvPosition(TolerantModel):
@@ -63,6 +77,14 @@ class AgvPosition(TolerantModel):
     """False if the message states something unreadable, True if it states nothing."""
     deviation_range: Annotated[float, Field(ge=0, le=1e6)] | None = None
     """Deviation of the position, m, if the AGV knows it."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_coordinates(cls, data: Json) -> Json:
+        """Add unused coordinates if the AGV does not know where it is, and states none."""
+        if isinstance(data, dict) and False in (data.get("positionInitialized"), data.get("localized")):
+            return data | {name: 0.0 for name in ("x", "y", "theta") if data.get(name) is None}
+        return data
 
 
 class Velocity(TolerantModel):
@@ -103,7 +125,7 @@ class AgvError(TolerantModel):
     error_type: Text = "error"
     error_level: Word = "WARNING"
     error_description: Annotated[str, StringConstraints(max_length=10_000)] = ""
-    error_references: list[Reference] = Field(default_factory=list[Reference])
+    error_references: Annotated[list[Reference], Items] = Field(default_factory=list[Reference])
 
     def describe(self) -> str:
         """Return type and description, on one short line."""
@@ -144,13 +166,13 @@ class State(Visualization):
     order_update_id: Count = 0
     last_node_id: Text = ""
     last_node_sequence_id: Count = 0
-    node_states: list[Any] | None = None
+    node_states: Annotated[list[Any] | None, Items] = None
     """Nodes that are still to be reached. Their number counts, not their content."""
-    action_states: list[ActionState] = Field(default_factory=list[ActionState])
+    action_states: Annotated[list[ActionState], Items] = Field(default_factory=list[ActionState])
     driving: bool | None = None
     paused: bool = False
     operating_mode: Word = ""
-    errors: list[AgvError] = Field(default_factory=list[AgvError])
+    errors: Annotated[list[AgvError], Items] = Field(default_factory=list[AgvError])
     battery_state: BatteryState | None = Field(
         default=None, validation_alias=AliasChoices("batteryState", "powerSupply")
     )

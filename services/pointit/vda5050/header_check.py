@@ -20,7 +20,7 @@ class HeaderCheck:
         """That of the newest message, or None if it states none."""
         self._stamp_s: float | None = None
         self._has_varied = False
-        """True if header id or timestamp tells the newest message from the one before."""
+        """True if the header id tells the newest message from the one before. A time may be in whole s."""
         self._late_count = 0
 
     def is_new(self, header_id: int | None, stamp_s: float | None = None) -> bool:
@@ -37,7 +37,7 @@ class HeaderCheck:
             self._late_count += 1
             if -LATE_S <= later_s < 0.0 or self._late_count <= MAX_LATE:
                 return False
-        self._has_varied = step != 0 or later_s != 0.0
+        self._has_varied = step != 0
         self._late_count = 0
         self._header_id, self._stamp_s = header_id, stamp_s
         return True

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, TypeVar
 
 from pydantic import (
+    AfterValidator,
     AliasChoices,
     BaseModel,
     BeforeValidator,
@@ -13,6 +14,7 @@ from pydantic import (
     PrivateAttr,
     StringConstraints,
     ValidationError,
+    model_validator,
 )
 from pydantic.alias_generators import to_camel
 
@@ -27,6 +29,9 @@ MAX_SHOWN = 40
 MAX_NAMES = 4
 """Maximum number of fields in a sentence."""
 
+Json = dict[str, Any] | list[Any] | str | float | None
+"""Decoded JSON."""
+
 
 def _word(value: object) -> str:
     """Return a value of an enumeration in the spelling of version 2: `Auto_Ack` is AUTOACK."""
@@ -35,29 +40,37 @@ def _word(value: object) -> str:
     return "".join(each for each in str(value).upper() if each.isalnum())[:MAX_SHOWN]
 
 
-def _seconds(value: object) -> object:
-    """Return the time of an ISO 8601 timestamp, or of a number of s, ms, µs or ns, Unix s."""
-    if isinstance(value, str):
-        text = value.strip()
-        if not text:
-            return None
-        try:
-            value = float(text)
-        except ValueError:
-            time = dt.datetime.fromisoformat(text)
-            return (time if time.tzinfo else time.replace(tzinfo=dt.UTC)).timestamp()
-    if isinstance(value, int | float):
-        for _ in range(3):
-            value = value / 1000.0 if value > 1e11 else value
+def _time(value: object) -> object:
+    """Return the time of an ISO 8601 timestamp, Unix s, and numbers as they are."""
+    if not isinstance(value, str):
+        return value
+    text = value.strip()
+    try:
+        return float(text) if text else None
+    except ValueError:
+        time = dt.datetime.fromisoformat(text)
+        return (time if time.tzinfo else time.replace(tzinfo=dt.UTC)).timestamp()
+
+
+def _seconds(value: float) -> float:
+    """Return the s of a time in s, ms, µs or ns."""
+    for _ in range(3):
+        value = value / 1000.0 if value > 1e11 else value
     return value
+
+
+def _items(value: object) -> object:
+    """Return a list. Lua writes an empty one as an empty object."""
+    return [] if value == {} else value
 
 
 Text = Annotated[str, StringConstraints(max_length=500)]
 Number = Annotated[float, Field(ge=-1e6, le=1e6)]
 Count = Annotated[int, Field(ge=0, lt=COUNTS)]
-Seconds = Annotated[float | None, BeforeValidator(_seconds)]
+Seconds = Annotated[Annotated[float, AfterValidator(_seconds)] | None, BeforeValidator(_time)]
 Word = Annotated[str, BeforeValidator(_word)]
 """Value of an enumeration. Unknown ones are kept, for the caller to decide about."""
+Items = BeforeValidator(_items)
 
 
 class TolerantModel(BaseModel):
@@ -78,6 +91,13 @@ class TolerantModel(BaseModel):
     """Fields of type `Word` of which other values are reported."""
 
     _unreadable: dict[str, str] = PrivateAttr(default_factory=dict[str, str])
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_nulls(cls, data: Json) -> Json:
+        if not isinstance(data, dict):
+            return data
+        return {name: each for name, each in data.items() if each is not None}
 
     @property
     def unreadable(self) -> Mapping[str, str]:
@@ -161,7 +181,7 @@ def _remove(
             path, value = path[:-1], "missing"
             problems.setdefault(name, "is missing")
         elif value is not None:
-            problems.setdefault(name, f"is {repr(value)[:MAX_SHOWN]}")
+            problems.setdefault(name, f"is {_shorten(repr(value))}")
         if not path:
             return False
         paths.add(path)
@@ -169,8 +189,12 @@ def _remove(
         part = data
         for step in path[:-1]:
             part = part[step]
-        if path[-1] in if_unreadable and part[path[-1]] is not None:
+        if path[-1] in if_unreadable:
             part[path[-1]] = if_unreadable[str(path[-1])]
         else:
             del part[path[-1]]
     return True
+
+
+def _shorten(text: str) -> str:
+    return text if len(text) <= MAX_SHOWN else f"{text[: MAX_SHOWN - 3]}..."

@@ -85,6 +85,14 @@ def test_an_agv_without_a_counter_or_with_one_that_starts_again_is_shown_where_i
     assert places(fleet)["acme-8"] == (5.0, 0.0)
 
 
+def test_an_agv_that_loses_its_position_and_states_none_is_not_shown_where_it_was() -> None:
+    fleet = fleet_of()
+    fleet.on_message(topic("state"), at(1.0, 2.0), START_NS)
+    lost = at(None, None, number=2, theta=None, positionInitialized=False)
+    fleet.on_message(topic("state"), lost, START_NS)
+    assert (places(fleet), fleet.problem) == ({}, "")
+
+
 @pytest.mark.parametrize(
     "prefix", ["uagv/2.0", "uagv/2.1.0", "/uagv/v2", "uagv", "plant/hall 3/uagv/v3", "robots"]
 )

@@ -40,7 +40,7 @@ STATE = f"""{{{HEADER}, "orderId": "1234", "orderUpdateId": 1, "zoneSetId": "",
   "operatingMode": "AUTOMATIC", "errors": [], "informations": [{{"infoType": "x", "infoLevel": "DEBUG"}}],
   "safetyState": {{"eStop": "NONE", "fieldViolation": false}}, "vendorField": [1, 2]}}"""
 anything = st.recursive(
-    st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_size=9),
+    st.none() | st.booleans() | st.floats() | st.integers() | st.just(10**400) | st.text(max_size=9),
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=9), inner, max_size=3),
     max_leaves=6,
 )

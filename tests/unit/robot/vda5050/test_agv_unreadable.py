@@ -80,6 +80,22 @@ def test_an_agv_without_a_position_says_so(bench: AgvBench) -> None:
     assert "x is '?'" in bench.health.warnings["state"]
 
 
+def test_an_agv_that_loses_its_position_and_states_none_is_not_where_it_was(bench: AgvBench) -> None:
+    bench.change(agvPosition={"x": None, "y": None, "theta": None, "positionInitialized": False})
+    bench.hear("state", bench.virtual.state())
+    assert bench.lost[-1].startswith("the AGV does not know where it is")
+
+
+def test_an_agv_that_states_no_map_is_told_so_if_one_is_wanted() -> None:
+    bench = AgvBench(map_id="hall")
+    bench.change(agvPosition={"x": 1.0, "y": 2.0, "theta": 0.0, "mapId": None})
+    bench.connect()
+    bench.hear("state", bench.virtual.state())
+    assert bench.lost[-1] == (
+        "the AGV states no mapId, and `map_id` is 'hall': set it at the AGV, or leave `map_id` empty"
+    )
+
+
 def test_a_heading_in_degrees_is_named_and_the_position_is_used(bench: AgvBench) -> None:
     where = {"x": 2.0, "y": 3.0, "theta": 90.0, "mapId": "hall", "positionInitialized": True}
     bench.hear("visualization", json.dumps({"headerId": 900, "agvPosition": where}).encode())
@@ -87,8 +103,9 @@ def test_a_heading_in_degrees_is_named_and_the_position_is_used(bench: AgvBench)
     assert "theta is 90.0" in bench.health.warnings["visualization"]
 
 
-def test_topics_with_other_first_levels_can_be_named() -> None:
-    bench = AgvBench(topic_prefix="/plant/uagv/2.0")
+@pytest.mark.parametrize("prefix", ["/plant/uagv/2.0", "/plant/uagv/2.0/"])
+def test_topics_with_other_first_levels_can_be_named(prefix: str) -> None:
+    bench = AgvBench(topic_prefix=prefix)
     publication = bench.agv.on_connected()
     assert publication[0] == "/plant/uagv/2.0/acme/7/instantActions"
     bench.hear("state", bench.virtual.state())

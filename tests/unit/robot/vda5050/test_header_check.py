@@ -26,8 +26,10 @@ def test_messages_that_come_late_or_twice_are_told_from_those_of_a_restarted_agv
         ([(0, None)] * 5, [True] * 5),  # a constant id
         ([(None, None)] * 3, [True] * 3),  # none
         ([(0, 50.0)] * 4, [True] * 4),  # a constant id and a constant time
-        ([(None, 1.0), (None, 2.0), (None, 1.5), (None, 2.0), (None, 3.0)], [True, True, False, False, True]),
-        ([(0, 1.0), (0, 2.0), (0, 1.5), (0, 2.0), (0, 3.0)], [True, True, False, False, True]),
+        ([(None, 1.0), (None, 2.0), (None, 1.5), (None, 2.0), (None, 3.0)], [True, True, False, True, True]),
+        ([(0, 1.0), (0, 2.0), (0, 1.5), (0, 2.0), (0, 3.0)], [True, True, False, True, True]),
+        ([(0, 1.0), (0, 1.0), (0, 2.0), (0, 2.0), (0, 2.0)], [True] * 5),  # a clock of whole seconds
+        ([(None, 1.0), (None, 1.0), (None, 2.0), (None, 2.0)], [True] * 4),
         ([(58, 1.0), (59, 2.0), (1, 3.0), (2, 4.0), (1, 3.0)], [True, True, True, True, False]),  # restart
         ([(58, 1.0), (59, 2.0), *[(58, 1.0)] * 6], [True, True, *[False] * 6]),  # late by their time
         (

@@ -60,6 +60,8 @@ def place(**change: object) -> dict[str, object]:
         ({"timestamp": "2026-03-02 09:15:00,25+01:00"}, NONE),
         ({"timestamp": 1_772_439_300_250}, NONE),
         ({"timestamp": ""}, NONE),
+        ({"nodeStates": {}, "errors": {}, "actionStates": {}}, NONE),  # empty tables of Lua
+        (place(positionInitialized=False, x=4.0, y=-2.0, theta=None), NONE),
         ({"zoneSets": [], "instantActionStates": [], "plannedPath": {"trajectory": {}}}, NONE),
         ({"batteryState": {"batteryCharge": -1}}, {"batteryCharge"}),
         ({"batteryState": {"batteryCharge": 255}}, {"batteryCharge"}),
@@ -68,6 +70,7 @@ def place(**change: object) -> dict[str, object]:
         (place(theta=93.0), {"theta"}),  # degrees
         ({"headerId": -1}, {"headerId"}),
         ({"timestamp": "yesterday"}, {"timestamp"}),
+        ({"timestamp": 10**400}, {"timestamp"}),
         ({"lastNodeSequenceId": -1}, {"lastNodeSequenceId"}),
         ({"velocity": {"vx": "fast", "vy": 0}}, {"vx"}),
         ({"driving": "perhaps"}, {"driving"}),
@@ -90,6 +93,10 @@ def test_a_field_that_cannot_be_read_is_left_out_by_name_and_all_others_are_used
     assert parsed.agv_position is not None
     assert (parsed.agv_position.x, parsed.agv_position.y) == (4.0, -2.0)
     assert not parsed.is_executing
+
+
+def test_a_long_value_is_shortened_visibly() -> None:
+    assert state(timestamp="x" * 99).unreadable["timestamp"] == f"is '{'x' * 36}..."
 
 
 def test_an_unreadable_item_of_a_list_leaves_the_others() -> None:
@@ -156,6 +163,31 @@ def test_safety_that_is_missing_never_counts_as_safe(missing: str) -> None:
 )
 def test_other_spellings_and_names_of_version_3_are_understood(change: dict[str, object]) -> None:
     assert blocked_by(state(**change)) == ""
+
+
+@pytest.mark.parametrize("flag", ["positionInitialized", "localized"])
+def test_an_agv_that_does_not_know_where_it_is_need_not_state_a_position(flag: str) -> None:
+    parsed = state(agvPosition={"x": None, "y": None, "theta": None, flag: False})
+    assert parsed.agv_position is not None
+    assert not parsed.agv_position.position_initialized
+    assert parsed.unreadable == {}
+
+
+def test_names_of_version_3_are_read_beside_empty_fields_of_version_2() -> None:
+    where = {"x": 1.5, "y": 2.5, "theta": 0.5, "mapId": "hall", "localized": True}
+    parsed = state(
+        agvPosition=None, mobileRobotPosition=where, batteryState=None, powerSupply={"stateOfCharge": 40.0}
+    )
+    assert parsed.agv_position is not None
+    assert (parsed.agv_position.x, parsed.charge, parsed.unreadable) == (1.5, 40.0, {})
+
+
+def test_safety_in_snake_case_that_cannot_be_read_never_counts_as_safe() -> None:
+    where = {"x": 1.0, "y": 2.0, "theta": 0.0, "position_initialized": "perhaps"}
+    parsed = state("agvPosition", agv_position=where, errors=[{"error_type": "wheel", "error_level": [4]}])
+    assert parsed.agv_position is not None
+    assert not parsed.agv_position.position_initialized
+    assert "wheel" in blocked_by(parsed)
 
 
 def test_names_of_version_3_are_those_of_version_2() -> None:
@@ -233,7 +265,8 @@ def test_spellings_of_a_connection_are_understood(written: str, read: str) -> No
     assert (connection.connection_state, connection.unreadable) == (read, {})
 
 
-def test_an_unknown_connection_is_reported_by_name() -> None:
-    connection = parse(Connection, b'{"connectionState": "UP"}')
+@pytest.mark.parametrize("written", ["UP", "", None, []])
+def test_a_connection_that_cannot_be_read_is_reported_by_name(written: object) -> None:
+    connection = parse(Connection, json.dumps({"headerId": 3, "connectionState": written}).encode())
     assert connection is not None
     assert set(connection.unreadable) == {"connectionState"}

@@ -207,10 +207,14 @@ class Agv:
         if not position.position_initialized:
             self._disconnect("the AGV does not know where it is: set its position at the vehicle")
             return
-        if self._config.map_id not in ("", position.map_id):
+        map_id = self._config.map_id
+        if map_id not in ("", position.map_id):
             self._disconnect(
-                f"the AGV is on map {position.map_id[:50]!r}, and not on {self._config.map_id!r}: correct "
-                "`map_id`, or drive it back"
+                f"the AGV is on map {position.map_id[:50]!r}, and not on {map_id!r}: correct `map_id`, or "
+                "drive it back"
+                if position.map_id
+                else f"the AGV states no mapId, and `map_id` is {map_id!r}: set it at the AGV, or leave "
+                "`map_id` empty"
             )
             return
         self._map_id = position.map_id

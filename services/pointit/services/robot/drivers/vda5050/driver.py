@@ -79,7 +79,7 @@ def _found(address: str, agv: AgvTopic, payload: object) -> FoundDevice | None:
     prefix = {"interface": interface} if level == f"v{agv.major}" else {"topic_prefix": agv.prefix}
     version = {"version": "1.1.0"} if agv.major == "1" else {}
     label = f"{agv.manufacturer} {agv.serial_number}: AGV of VDA 5050 {agv.major}".rstrip()
-    return FoundDevice(address, f"{label}, {state}", {**details, **prefix, **version})
+    return FoundDevice(address, f"{label}, {state or 'no connectionState'}", {**details, **prefix, **version})
 
 
 def check(config: Vda5050Config) -> None:

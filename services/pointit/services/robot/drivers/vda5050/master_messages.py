@@ -81,7 +81,8 @@ class MessageEncoder:
         self._serial_number = serial_number
         self._now_ns = now_ns
         self._sent = Counter[str]()
-        self._prefix = f"{prefix or f'{interface}/v{version[0]}'}/{manufacturer}/{serial_number}"
+        first_levels = prefix.rstrip("/") or f"{interface}/v{version[0]}"
+        self._prefix = f"{first_levels}/{manufacturer}/{serial_number}"
 
     def topic(self, name: str) -> str:
         """Return the MQTT topic for `name`, such as `order` or `state`."""

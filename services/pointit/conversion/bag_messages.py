@@ -110,14 +110,21 @@ class BagMessages:
 
     def tf(self, value: Any, _: str, time_ns: int) -> Taken:
         """Convert a tf2_msgs/TFMessage: the frames of people, by whatever they were found."""
+        problems: list[UnusableError] = []
         for each in value.transforms:
-            frame = frame_name(each.child_frame_id)
-            if frame_name(each.header.frame_id) == WORLD and frame.endswith(PERSON):
-                moved = each.transform
-                user = frame.removesuffix(PERSON)
+            frame, moved = frame_name(each.child_frame_id), each.transform
+            if not frame.endswith(PERSON):
+                continue
+            user = frame.removesuffix(PERSON)
+            try:
+                _check_frame(each.header.frame_id, WORLD, f"the pose of {user}")
                 yield self._pose(
                     moved.translation, moved.rotation, each.header, user, time_ns, method="fixed"
                 )
+            except UnusableError as error:
+                problems.append(error)  # the others count
+        if problems:
+            raise problems[0]
 
     def state(self, value: Any, user: str, time_ns: int) -> Taken:
         """Convert a conveyor_msgs/State of the supervisor."""

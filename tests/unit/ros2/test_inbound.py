@@ -176,9 +176,10 @@ def test_tf_gives_the_poses_of_the_people_who_are_known() -> None:
     row, scene = into("tf_in"), furnished()
     scene.person("user1")
     scene.person("user2")
-    frames = [("base_link", "odom"), ("user1/human_footprint",), ("user2/human_footprint", "odom")]
-    one = output(taken(row, tf(*(frame_of(*each) for each in (*frames, ("user3/human_footprint",)))), scene))
-    assert (one.at, one.name) == (POSE, "user1")
+    frames = [("base_link", "odom"), ("user1/human_footprint",), ("user3/human_footprint",)]
+    found = taken(row, tf(*(frame_of(*each) for each in [*frames, ("user2/human_footprint", "odom")])), scene)
+    assert [(each.at, each.name) for each in found[:-1] if isinstance(each, BusOutput)] == [(POSE, "user1")]
+    assert warned(found[-1:]) == "the pose of user2 is in the frame 'odom': send it in 'world'"
     assert scene.person("user1").tf_until_ns == NOW_NS + HEARD_NS
     assert scene.person("user2").tf_until_ns == 0
 
@@ -199,6 +200,7 @@ def test_a_static_frame_tells_the_pose_once() -> None:
     assert one.what.yaw_rad == pytest.approx(1.0)
     assert scene.person("user1").tf_until_ns > NOW_NS + 3600 * NS_PER_S
     assert "not a position" in warned(taken(row, tf(frame_of("user1/human_footprint", x=1e9)), scene))
+    assert "in the frame 'map'" in warned(taken(row, tf(frame_of("user1/human_footprint", "map")), scene))
 
 
 def test_a_static_frame_that_was_told_before_its_person_came_is_theirs_when_they_come() -> None:

@@ -1,23 +1,20 @@
 """Poses as drivers of others write them, in CDR by the serializer of rosbags: read field by field."""
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 import pytest
 
-from pointit.bridges.ros2.inbound.person import people_in
 from pointit.bridges.ros2.robot.pose_input import PoseReader
 from pointit.bridges.ros2.routing.conversion_state import ConversionState
-from pointit.bridges.ros2.routing.route_types import BusOutput, ConversionWarning
+from pointit.bridges.ros2.routing.route_types import ConversionWarning
 from pointit.bridges.ros2.tracking.config import PoseSource, TrackerConfig
 from pointit.bridges.ros2.tracking.routes import tracker_routes
 from pointit.bridges.ros2.tracking.transforms import AT_ORIGIN, TransformBuffer
 from pointit.plugins import NS_PER_S, RobotReport
-from pointit.schemas import TrackedObject, TrackedObjects, UserPose, WristSample
+from pointit.schemas import TrackedObject, TrackedObjects
 from pointit.schemas.environment import Frame
-from tests.unit.ros2.scenes import NOW_NS, ROOM, into, jazzy
+from tests.unit.ros2.scenes import NOW_NS, ROOM, jazzy
 from tests.unit.ros2.tracking.rosbags_values import (
     BACKWARDS,
     LEFT,
@@ -250,57 +247,3 @@ def test_a_detection_whose_size_or_covariance_is_unknown_is_where_it_is() -> Non
         "the size of detection '0'",
         "the size of detection '1'",
     ]
-
-
-def scene_of(user: str) -> ConversionState:
-    scene = ConversionState(jazzy(), world="/map", person="/{user}/feet")
-    scene.person(user).is_here = True
-    return scene
-
-
-def outputs_of(route: str, value: Any, *, user: str = "", scene: ConversionState | None = None) -> list[Any]:
-    converted: Sequence[Any] = into(route).convert(
-        value, user, scene or scene_of("anna"), now_ns=NOW_NS, wall_ns=NOW_NS
-    )
-    return [each.what for each in converted if isinstance(each, BusOutput)]
-
-
-@pytest.mark.parametrize(("parent", "child"), [("map", "anna/feet"), ("/map", "/anna/feet")])
-def test_a_persons_pose_is_read_with_and_without_slashes(parent: str, child: str) -> None:
-    scene = scene_of("anna")
-    sent = transforms((parent, child, 4.0))
-    cdr = bytes(STORE.serialize_cdr(sent, "tf2_msgs/msg/TFMessage"))
-    assert people_in(cdr, scene) == ("anna",)
-    (pose,) = outputs_of("tf_in", jazzy().decode("tf2_msgs/msg/TFMessage", cdr), scene=scene)
-    assert isinstance(pose, UserPose)
-    assert pose.position_m == (4.0, 0.0, 0.0)
-    name = "geometry_msgs/msg/PoseStamped"
-    (pose,) = outputs_of("mocap_pose", decoded(name, message(name, header(parent), posed(5.0))), user="anna")
-    assert pose.position_m == (5.0, 2.0, 0.0)
-
-
-@pytest.mark.parametrize(
-    ("turned", "variance", "is_read"),
-    [
-        (LEFT, 0.0, True),  # all 0: unknown
-        (LEFT, NAN, True),
-        (LEFT, -1.0, False),  # measures none
-        ((0.0, 0.0, 0.0, 0.0), 0.0, False),
-    ],
-)
-def test_an_imu_is_read_by_what_it_says_of_its_orientation(
-    turned: Quaternion,
-    variance: float,
-    is_read: bool,  # noqa: FBT001 - a row of the table
-) -> None:
-    name = "sensor_msgs/msg/Imu"
-    three = np.array([variance, *(0.0,) * 8])
-    value = message(
-        name,
-        header("/imu_link"),
-        message("geometry_msgs/msg/Quaternion", *turned),
-        three,
-        *(vector(NAN), np.full(9, NAN), vector(NAN), np.full(9, NAN)),
-    )
-    found = outputs_of("imu_in", decoded(name, value), user="anna")
-    assert [type(each) for each in found] == ([WristSample] if is_read else [])

@@ -94,10 +94,8 @@ class Poses:
 
     def mocap(self, value: Any, about: ConversionContext) -> Taken:
         """Convert a geometry_msgs/PoseStamped."""
-        frame = frame_name(value.header.frame_id)
-        if frame not in ("", frame_name(about.frame)):
-            here = f"the pose of {about.name} is in the frame {checks.named(frame)}"
-            return (ConversionWarning(f"{here}: send it in {about.frame!r}"),)
+        if frame_name(value.header.frame_id) and not _is_in_room(value, about):
+            return (_other_frame(value, about.name, about),)
         return self._pose(value.pose.position, value.pose.orientation, value.header.stamp, about)
 
     def tf(self, value: Any, about: ConversionContext) -> Taken:
@@ -107,18 +105,23 @@ class Poses:
     def tf_static(self, value: Any, about: ConversionContext) -> Taken:
         """Convert a static tf2_msgs/TFMessage: a person's pose, published once."""
         for each in value.transforms[:MAX_TRANSFORMS]:
-            if frame_name(each.header.frame_id) == frame_name(about.frame):
+            if _is_in_room(each, about):
                 if len(self._static) >= MAX_TRANSFORMS:
                     del self._static[next(iter(self._static))]
                 self._static[frame_name(each.child_frame_id)] = each
-        return tuple(
-            said for each, user in _of_people(value, about) for said in self._stands(each, user, about)
-        )
+        return tuple(self._static_poses(value, about))
 
     def meet(self, about: ConversionContext) -> Taken:
         """Return the pose of a person who has just joined, if published before: it is not repeated."""
         each = self._static.get(frame_name(about.scene.frames.person(about.name)))
         return () if each is None else self._stands(each, about.name, about)
+
+    def _static_poses(self, value: Any, about: ConversionContext) -> Iterator[BusOutput | ConversionWarning]:
+        for each, user in _of_people(value, about):
+            if _is_in_room(each, about):
+                yield from self._stands(each, user, about)
+            else:
+                yield _other_frame(each, user, about)
 
     def _stands(self, each: Any, user: str, about: ConversionContext) -> Taken:
         """Return the pose by a transform of /tf_static, or a warning. A guest has no localizer to query."""
@@ -135,6 +138,9 @@ class Poses:
 
     def _moving(self, value: Any, about: ConversionContext) -> Iterator[BusOutput | ConversionWarning]:
         for each, user in _of_people(value, about):
+            if not _is_in_room(each, about):
+                yield _other_frame(each, user, about)
+                continue
             about.scene.person(user).tf_until_ns = about.stamp_ns + HEARD_NS
             since_ns = about.stamp_ns - self._sent_ns.get(user, -SOONEST_NS)
             if 0 <= since_ns < SOONEST_NS:
@@ -164,13 +170,23 @@ def people_in(cdr: bytes, scene: ConversionState) -> tuple[str, ...]:
 
 
 def _of_people(value: Any, about: ConversionContext) -> Iterator[tuple[Any, str]]:
-    """Yield the transforms from {W} to a known person's {H}, and the person."""
+    """Yield the transforms to a known person's {H}, and the person."""
     scene = about.scene
     frames = {frame_name(scene.frames.person(user)): user for user in scene.people}
     for each in value.transforms[:MAX_TRANSFORMS]:
         user = frames.get(frame_name(each.child_frame_id))
-        if user is not None and frame_name(each.header.frame_id) == frame_name(about.frame):
+        if user is not None:
             yield each, user
+
+
+def _is_in_room(value: Any, about: ConversionContext) -> bool:
+    """Return True if a stamped value is in {W}."""
+    return frame_name(value.header.frame_id) == frame_name(about.frame)
+
+
+def _other_frame(value: Any, user: str, about: ConversionContext) -> ConversionWarning:
+    frame = checks.named(frame_name(value.header.frame_id))
+    return ConversionWarning(f"the pose of {user} is in the frame {frame}: send it in {about.frame!r}")
 
 
 def _placed(at: Any, turned: Any, user: str) -> tuple[tuple[float, float, float], float] | str:

@@ -37,16 +37,17 @@ class CsvRows(NamedTuple):
     """Cells of the header, without blanks around them."""
     rows: Iterator[tuple[int, list[str]]]
     """Line and cells of each row that has any. Reading it raises `csv.Error`."""
+    delimiter: str
     is_cut: bool
     """True if the last line has no end, as in a file whose writer was ended."""
 
 
-def read_csv(path: Path, is_header: Callable[[Sequence[str]], bool]) -> CsvRows:
+def read_csv(path: Path, count_known: Callable[[Sequence[str]], int]) -> CsvRows:
     """Return the header and rows of the file at `path`.
 
     Args:
         path: CSV file.
-        is_header: returns True for the cells of the header. If no line is one, the first is returned.
+        count_known: returns the number of known names in a line's cells. The line with most is the header.
 
     Raises:
         ConfigError: If it cannot be read, is too long, or is no text.
@@ -63,12 +64,13 @@ def read_csv(path: Path, is_header: Callable[[Sequence[str]], bool]) -> CsvRows:
         raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
     lines = io.StringIO(text, newline=None)
     first = list(itertools.islice(lines, MAX_HEADER_LINES))
-    headers = (number for number, line in enumerate(first) if is_header(_cells(line, _delimiter(line))))
-    index = next(headers, next((number for number, line in enumerate(first) if line.strip()), 0))
+    scores = [(count_known(_cells(line, _delimiter(line))), bool(line.strip())) for line in first]
+    index = scores.index(max(scores)) if scores else 0
     line = first[index] if first else ""
     delimiter = _delimiter(line)
     rows = _rows(itertools.chain(first[index + 1 :], lines), delimiter, index + 1)
-    return CsvRows(index + 1, _cells(line, delimiter), rows, not text.endswith(("\n", "\r")))
+    is_cut = not text.endswith(("\n", "\r"))
+    return CsvRows(index + 1, _cells(line, delimiter), rows, delimiter, is_cut)
 
 
 def _decode(path: Path, data: bytes) -> str:
@@ -80,7 +82,9 @@ def _decode(path: Path, data: bytes) -> str:
             text = data.decode("cp1252")  # a spreadsheet's µ or °
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: is not a CSV text file ({error})") from error
-    if "\0" in text or not (text.isascii() or re.search("[A-Za-z]", text)):
+    if "\0" in text:
+        raise ConfigError(f"{path}: is not a CSV text file (it has zero bytes); write it as UTF-8 text")
+    if not (text.isascii() or re.search("[A-Za-z]", text)):
         raise ConfigError(f"{path}: is not a CSV text file (it has no names of columns)")
     return text
 

@@ -71,6 +71,6 @@ def find_columns(header: Sequence[str]) -> dict[str, list[Column]]:
     return found
 
 
-def is_header(cells: Sequence[str]) -> bool:
-    """Return True if `cells` are names of columns, at least two of them known."""
-    return len(find_columns(cells)) > 1
+def count_known(cells: Sequence[str]) -> int:
+    """Return the number of names of the documentation for which `cells` have a column."""
+    return len(find_columns(cells))

@@ -2,6 +2,7 @@
 
 import csv
 import datetime as dt
+import itertools
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,8 +20,8 @@ from pointit.sim.motion_columns import (
     SUGGESTED_UNITS,
     TIME,
     Column,
+    count_known,
     find_columns,
-    is_header,
     units_of,
 )
 from pointit.sim.plausibility import period_problem
@@ -49,13 +50,13 @@ class MotionTable:
                 a cell is no number within bounds, or there are no rows. Names file, line, column and value.
         """
         self._path = path
-        self._has_commas = self._has_points = False
-        """A number with a decimal comma, or point, was read."""
+        self._decimal_mark = ""
+        """`"."` or `","` once a number with one was read: a file has only one of them."""
         self._late = ""
         """Error message about the first time beyond `MAX_TIME_S`, or `""`."""
         self.notes: list[str] = []
         """Sentences about what is missing or left out."""
-        source = read_csv(path, is_header)
+        source = read_csv(path, count_known)
         names = find_columns(source.header)
         present = [name for group in optional if names.keys() & set(group) for name in group]
         self._header_line = source.header_line
@@ -66,7 +67,10 @@ class MotionTable:
             for line, row in self._whole_rows(source):
                 if values or not self._read_units(row):
                     lines.append(line)
-                    values.append([self._value(line, *each, row) for each in self._columns.items()])
+                    values.append(
+                        self._plain_numbers(row)
+                        or [self._value(line, *each, row) for each in self._columns.items()]
+                    )
         except csv.Error as error:
             raise ConfigError(f"{path}: is not a CSV text file ({error})") from error
         if not values:
@@ -180,20 +184,41 @@ class MotionTable:
     def _whole_rows(self, source: CsvRows) -> Iterator[tuple[int, list[str]]]:
         """Yield the rows. A last one that was not written to its end is left out, and noted."""
         length = len(source.header)
-        last: tuple[int, list[str]] | None = None
-        for line, row in source.rows:
-            if any(row[length:]):
-                raise ConfigError(
-                    f"{self._path}, line {line}: has {len(row)} cells, and the header {length}; if its "
-                    "numbers have decimal commas, separate the cells by semicolons"
+        end: tuple[int, list[str]] = (0, [])
+        for (line, row), (next_line, _) in itertools.pairwise(itertools.chain(source.rows, [end])):
+            is_short = len(row) < length
+            if is_short and source.is_cut and not next_line:
+                self.notes.append(f"line {line}: is cut off, left out")
+                continue
+            if any(row[length:]) or (is_short and source.delimiter == " "):
+                remedy = (
+                    "write NaN for a lost value, or separate the cells by commas"
+                    if is_short
+                    else "name each column; if numbers have decimal commas, separate the cells by semicolons"
                 )
-            if last is not None:
-                yield last
-            last = line, row
-        if last is not None and source.is_cut and len(last[1]) < length:
-            self.notes.append(f"line {last[0]}: is cut off, left out")
-        elif last is not None:
-            yield last
+                raise ConfigError(
+                    f"{self._path}, line {line}: has {len(row)} cells, and the header {length}; {remedy}"
+                )
+            yield line, row
+
+    def _plain_numbers(self, row: Sequence[str]) -> list[float]:
+        """Return the numbers in `row` in SI units, or `[]` if one is missing or needs `_value`.
+
+        Most rows have only plain numbers, and this is faster.
+        """
+        columns = self._columns.values()
+        try:
+            cells = [row[each.position] for each in columns]
+            text = "".join(cells)
+            if "," in text or "_" in text or self._decimal_mark == ",":
+                return []
+            numbers = [float(cell) * each.factor for cell, each in zip(cells, columns, strict=True)]
+        except (IndexError, ValueError):
+            return []
+        if abs(numbers[0]) > MAX_TIME_S or not max(map(abs, numbers[1:])) <= FARTHEST:
+            return []
+        self._decimal_mark = "." if "." in text else self._decimal_mark
+        return numbers
 
     def _value(self, line: int, name: str, column: Column, row: Sequence[str]) -> float:
         """Return a cell in SI units, NaN if it is missing."""
@@ -202,9 +227,11 @@ class MotionTable:
         if abs(value) <= limit:
             return value
         remedy = "write seconds, or ISO 8601" if name == TIME else "correct it, or leave a lost value empty"
+        if set(text) & ({",", "."} - {self._decimal_mark}) and self._decimal_mark:
+            remedy = f"numbers before it have the decimal mark {self._decimal_mark!r}: {remedy}"
         error = (
             f"{self._path}, line {line}, column {column.title!r}: a number within {limit:g} was expected, "
-            f"got {text!r}; {remedy}"
+            f"got {text[:40]!r}; {remedy}"
         )
         if name == TIME:
             if math.isnan(value):
@@ -220,18 +247,14 @@ class MotionTable:
         raise ConfigError(error)
 
     def _number(self, text: str) -> float:
-        """Return the number in `text`, NaN if there is none. A file has decimal points or decimal commas."""
-        if "," in text:
-            self._has_commas = True
-            text = text.replace(",", "_" if self._has_points or "." in text else ".")
-        elif "." in text:
-            self._has_points = True
-            if self._has_commas:
-                return math.nan
+        """Return the number in `text`, NaN if there is none or it has another decimal mark than the file."""
         try:
-            return math.nan if "_" in text else float(text.strip("'"))
+            number = float(text.strip("'").replace("_", "?").replace(",", "."))
         except ValueError:
             return math.nan
+        mark = next((each for each in ",." if each in text), self._decimal_mark)
+        self._decimal_mark = self._decimal_mark or mark
+        return number if mark == self._decimal_mark else math.nan
 
 
 def _with_unit(name: str, column: Column, unit: str) -> Column:
@@ -250,13 +273,13 @@ def _clock_time_s(text: str) -> float:
     return (time if time.tzinfo else time.replace(tzinfo=dt.UTC)).timestamp()
 
 
-def has_columns(path: Path, names: Sequence[str]) -> bool:
-    """Return True if the header of the CSV file at `path` has all `names`.
+def column_names(path: Path) -> set[str]:
+    """Return the names of the documentation for which the CSV file at `path` has a column.
 
     Raises:
         ConfigError: If it cannot be read.
     """
-    return set(names) <= find_columns(read_csv(path, is_header).header).keys()
+    return set(find_columns(read_csv(path, count_known).header))
 
 
 def rows_of(vectors: Array) -> Iterator[tuple[int, list[float]]]:

@@ -11,7 +11,7 @@ from pointit.runtime.errors import ConfigError
 from pointit.schemas import BodyMeasures
 from pointit.schemas.base import NORM_TOLERANCE
 from pointit.sim.motion_columns import FLOOR, HEAD, ORIENTATION, ROBOT, TIME
-from pointit.sim.motion_table import MotionTable, has_columns
+from pointit.sim.motion_table import MotionTable, column_names
 from pointit.sim.plausibility import position_problems
 
 Array = NDArray[np.float64]
@@ -72,9 +72,10 @@ class FloorRecording(Motion):
 def is_floor_csv(path: Path) -> bool:
     """Return True if the CSV file at `path` has points on the floor instead of orientations."""
     try:
-        return has_columns(path, FLOOR) and not any(has_columns(path, (name,)) for name in ORIENTATION)
+        names = column_names(path)
     except ConfigError:
         return False
+    return names >= {*FLOOR} and not names & {*ORIENTATION}
 
 
 def read_floor_csv(path: Path) -> FloorRecording:

@@ -143,6 +143,54 @@ def test_dialects_of_spreadsheets_and_programs_are_read(tmp_path: Path, dialect:
     check(read(tmp_path, dialect((*ARM, *BODIES), motion())))
 
 
+@pytest.mark.parametrize(("separator", "cell_mark"), [(";", "."), (",", "."), (";", ",")])
+@pytest.mark.parametrize("time_mark", [".", ","])
+def test_times_of_day_and_numbers_may_have_different_decimal_marks(
+    tmp_path: Path, separator: str, cell_mark: str, time_mark: str
+) -> None:
+    rows: list[Row] = []
+    for row in motion():
+        time = f'"2026-11-21 12:30:07.{round(float(row[0]) * 1000):03d}"'.replace(".", time_mark)
+        rows.append([time, *(f"{cell:.9g}".replace(".", cell_mark) for cell in row[1:])])
+    check(read(tmp_path, text_of((*ARM, *BODIES), rows, separator)))
+
+
+def test_a_file_with_two_decimal_marks_is_refused_with_both(tmp_path: Path) -> None:
+    rows = [*motion()[:9], *([f'"{cell:.6f}"'.replace(".", ",") for cell in row] for row in motion()[9:])]
+    with pytest.raises(ConfigError, match=r"line 11.* got '0,180000'; numbers before it have .* mark '\.'"):
+        read(tmp_path, text_of((*ARM, *BODIES), rows))
+
+
+@pytest.mark.parametrize("separator", [" ", "    "])
+def test_a_lost_value_that_blanks_hide_is_refused(tmp_path: Path, separator: str) -> None:
+    rows = motion()
+    rows[5][5:8] = ["", "", ""]
+    with pytest.raises(ConfigError, match="line 7: has 8 cells, and the header 11; write NaN for a lost"):
+        read(tmp_path, text_of((*ARM, *BODIES), rows, separator))
+
+
+def test_a_quote_without_an_end_makes_a_short_message(tmp_path: Path) -> None:
+    text = text_of((*ARM, *BODIES), motion())
+    with pytest.raises(ConfigError, match="line 41, column 't'") as caught:
+        read(tmp_path, text.replace("\n0.1,", '\n"0.1,'))
+    assert len(str(caught.value)) < len(str(tmp_path)) + 250
+
+
+def test_the_line_with_most_known_names_is_the_header(tmp_path: Path) -> None:
+    preamble = "Time,Timestamp,T [s]\nExported,t qw qx\n\n# head_x is the cap\n"
+    check(read(tmp_path, preamble + text_of((*ARM, *BODIES), motion())))
+    motive = (
+        "Format Version,1.23,Take Name,Take 1\n\n,,Rotation,Rotation\nFrame,Time (Seconds),X,Y\n0,0,0,1\n"
+    )
+    with pytest.raises(ConfigError, match="line 4: column 'qx' is missing, found Frame, Time"):
+        read(tmp_path, motive)
+
+
+def test_zero_bytes_of_a_logger_without_power_are_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"has zero bytes"):
+        read(tmp_path, text_of(ARM, [row[:5] for row in motion()]) + "\0" * 512)
+
+
 @pytest.mark.parametrize("unit", ["ms", "us", "ns"])
 @pytest.mark.parametrize("rate_hz", [20, 60, 200, 1000])
 @pytest.mark.parametrize("start_s", [0.0, 3600.0, 1_732_600_000.0])

@@ -66,10 +66,10 @@ def command(
 
 def _is_table(source: Path) -> bool:
     """Return True if `source` is a CSV file by its suffix, or a text file with columns of a motion."""
-    from pointit.sim.motion_table import has_columns  # noqa: PLC0415 - only what is needed is loaded
+    from pointit.sim.motion_table import column_names  # noqa: PLC0415 - only what is needed is loaded
 
     suffix = source.suffix.lower()
-    return suffix in (".csv", ".tsv") or (suffix == ".txt" and has_columns(source, ("t",)))
+    return suffix in (".csv", ".tsv") or (suffix == ".txt" and "t" in column_names(source))
 
 
 def _import_csv(

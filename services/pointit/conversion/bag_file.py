@@ -4,8 +4,8 @@ import itertools
 import os
 import re
 import shutil
-import struct
 import tempfile
+from collections import deque
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
@@ -21,8 +21,7 @@ from pointit.runtime.host.extras import remedy
 from pointit.schemas import NS_PER_S
 
 try:
-    import apsw
-    from rosbags.rosbag2 import Reader, ReaderError
+    from rosbags.rosbag2 import Reader
 
     from pointit.conversion.damaged_bag import (
         BagConnection,
@@ -49,12 +48,6 @@ REPAIRS = {
     ".db3": "`sqlite3 {0} .recover | sqlite3 whole.db3` writes a whole file",
 }
 """Commands that repair a file, by suffix."""
-
-UNREADABLE = (
-    *(ReaderError, OSError, EOFError, apsw.Error, struct.error),
-    *(ValueError, LookupError, TypeError, AssertionError),
-)
-"""Exceptions of rosbags about what is no bag, or damaged."""
 
 _PARTS = re.compile(r"(\d+)")
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
@@ -86,7 +79,8 @@ def open_bag(path: Path) -> Generator[OpenBag]:
         try:
             if not any(map(journals_of, _storages(path))):  # rosbags does not read them
                 reader = stack.enter_context(Reader(path))
-        except UNREADABLE:
+                deque(reader.messages(), maxlen=0)  # the damage may be in the last message
+        except Exception:  # noqa: BLE001 - those of rosbags, SQLite and the packings
             reader = None
         if reader is not None:
             yield OpenBag(reader.connections, reader.start_time, reader.messages)

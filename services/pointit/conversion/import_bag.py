@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from pointit.conversion.bag_file import UNREADABLE, OpenBag, is_bag, open_bag, unpack_message
+from pointit.conversion.bag_file import OpenBag, is_bag, open_bag, unpack_message
 from pointit.conversion.bag_messages import ROUTES, BagMessages, Route, UnusableError
 from pointit.recording.entries import Entry, entry
 from pointit.runtime.errors import ConfigError
@@ -55,10 +55,8 @@ class Bag:
                     began_ns = bag.began_ns
                     yield entry(began_ns, MAP, "", self.room.model_copy(update={"stamp_ns": began_ns}))
                 yield from self._read(bag)
-        except UNREADABLE as error:
-            raise ConfigError(
-                f"{self.path}: cannot be read as a ROS 2 bag ({error}); copy or repair it"
-            ) from error
+        except OSError as error:
+            raise ConfigError(f"{self.path}: cannot be read ({error.strerror or error})") from error
 
     def _read(self, bag: OpenBag) -> Iterator[Entry]:
         types, messages = Types("jazzy"), BagMessages(self.room)

@@ -5,6 +5,7 @@ import sqlite3
 from pathlib import Path
 
 import pytest
+from mcap.reader import make_reader
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
@@ -202,6 +203,23 @@ def test_a_damaged_chunk_is_left_out_and_the_others_are_read(tmp_path: Path) -> 
     result = run(source)
     assert "note: other.mcap: has a chunk whose checksum differs; " in result.stderr
     assert 0.5 * COUNT < len(imported(source, "--overwrite")[IMU_KEY]) < COUNT
+
+
+@pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.LZ4, CompressionType.ZSTD])
+def test_zeros_amid_a_file_whose_end_is_whole_lose_only_their_chunk(
+    tmp_path: Path, compression: CompressionType
+) -> None:
+    source = plain_mcap(tmp_path / "other.mcap", chunks=True, compression=compression)
+    with source.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    begin = summary.chunk_indexes[2].chunk_start_offset + 100
+    data = source.read_bytes()
+    source.write_bytes(data[:begin] + bytes(64) + data[begin + 64 :])
+    result = run(source)
+    assert result.exit_code == 0, result.exception
+    assert result.stderr.startswith("note: other.mcap: ")
+    assert 0.1 * COUNT < len(imported(source, "--overwrite")[IMU_KEY]) < COUNT
 
 
 def test_a_recording_of_pointit_is_no_bag(tmp_path: Path) -> None:

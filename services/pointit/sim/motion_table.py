@@ -2,10 +2,12 @@
 
 import csv
 import datetime as dt
+import functools
 import itertools
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
@@ -52,8 +54,6 @@ class MotionTable:
         self._path = path
         self._decimal_mark = ""
         """`"."` or `","` once a number with one was read: a file has only one of them."""
-        self._late = ""
-        """Error message about the first time beyond `MAX_TIME_S`, or `""`."""
         self.notes: list[str] = []
         """Sentences about what is missing or left out."""
         source = read_csv(path, count_known)
@@ -61,6 +61,7 @@ class MotionTable:
         present = [name for group in optional if names.keys() & set(group) for name in group]
         self._header_line = source.header_line
         self._columns = {name: self._column(name, names, source.header) for name in (*required, *present)}
+        self._cells = itemgetter(*(column.position for column in self._columns.values()))
         lines: list[int] = []
         values: list[list[float]] = []
         try:
@@ -77,7 +78,7 @@ class MotionTable:
             raise ConfigError(f"{path}, line {self._header_line}: there is a header but no samples")
         self.lines = np.array(lines, dtype=np.int64)
         """n: line in the file of each row."""
-        self._values = np.array(values, dtype=np.float64)
+        self._values = np.array(values, dtype=np.float64) * [each.factor for each in self._columns.values()]
 
     @property
     def names(self) -> Sequence[str]:
@@ -114,8 +115,11 @@ class MotionTable:
             self.notes.append(
                 f"{self.title(TIME)!r}: {problem.partition(';')[0]}; check the unit that it states"
             )
-        if self._late:
-            raise ConfigError(self._late)
+        if len(late := np.flatnonzero(np.abs(times_s) > MAX_TIME_S)):
+            raise ConfigError(
+                f"{self._path}, line {self.lines[late[0]]}, column {self.title(TIME)!r}: a number within "
+                f"{MAX_TIME_S:g} was expected, got {times_s[late[0]]:.12g} s; write seconds, or ISO 8601"
+            )
         return times_s
 
     def vectors(self, body: str, names: Sequence[str]) -> Array:
@@ -201,30 +205,35 @@ class MotionTable:
                 )
             yield line, row
 
+    @functools.cached_property
+    def _plain_limit(self) -> float:
+        """Return the number up to which all columns are within `FARTHEST`, once their units are known."""
+        return FARTHEST / max(each.factor for each in self._columns.values())
+
     def _plain_numbers(self, row: Sequence[str]) -> list[float]:
-        """Return the numbers in `row` in SI units, or `[]` if one is missing or needs `_value`.
+        """Return the numbers in `row` in the file's units, or `[]` if one is missing or needs `_value`.
 
         Most rows have only plain numbers, and this is faster.
         """
-        columns = self._columns.values()
         try:
-            cells = [row[each.position] for each in columns]
+            cells = self._cells(row)
             text = "".join(cells)
             if "," in text or "_" in text or self._decimal_mark == ",":
                 return []
-            numbers = [float(cell) * each.factor for cell, each in zip(cells, columns, strict=True)]
+            time, *numbers = map(float, cells)
         except (IndexError, ValueError):
             return []
-        if abs(numbers[0]) > MAX_TIME_S or not max(map(abs, numbers[1:])) <= FARTHEST:
+        limit = self._plain_limit
+        if not (math.isfinite(time) and min(numbers) >= -limit and max(numbers) <= limit):
             return []
         self._decimal_mark = "." if "." in text else self._decimal_mark
-        return numbers
+        return [time, *numbers]
 
     def _value(self, line: int, name: str, column: Column, row: Sequence[str]) -> float:
-        """Return a cell in SI units, NaN if it is missing."""
+        """Return a cell in the unit of its column, NaN if it is missing."""
         text = row[column.position] if column.position < len(row) else ""
-        value, limit = self._number(text) * column.factor, MAX_TIME_S if name == TIME else FARTHEST
-        if abs(value) <= limit:
+        value, limit = self._number(text), MAX_TIME_S if name == TIME else FARTHEST
+        if abs(value * column.factor) <= limit:
             return value
         remedy = "write seconds, or ISO 8601" if name == TIME else "correct it, or leave a lost value empty"
         if set(text) & ({",", "."} - {self._decimal_mark}) and self._decimal_mark:
@@ -235,13 +244,11 @@ class MotionTable:
         )
         if name == TIME:
             if math.isnan(value):
-                value = _clock_time_s(text)
+                value = _clock_time_s(text) / column.factor
                 self._columns[TIME] = column._replace(unit=column.unit or "s")
             if not math.isfinite(value):
                 raise ConfigError(error)
-            if abs(value) > MAX_TIME_S:  # the time between samples may tell its unit
-                self._late = self._late or error
-            return value
+            return value  # the time between samples may tell its unit, if it is too large
         if not text or text.lower() in MISSING or _LOST.fullmatch(text.partition(".")[0]):
             return math.nan
         raise ConfigError(error)

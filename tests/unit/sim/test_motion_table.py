@@ -156,8 +156,30 @@ def test_times_of_day_and_numbers_may_have_different_decimal_marks(
 
 
 def test_a_file_with_two_decimal_marks_is_refused_with_both(tmp_path: Path) -> None:
-    rows = [*motion()[:9], *([f'"{cell:.6f}"'.replace(".", ",") for cell in row] for row in motion()[9:])]
+    rows = motion()
+    rows[9:] = [[f'"{cell:.6f}"'.replace(".", ",") for cell in row] for row in rows[9:]]
     with pytest.raises(ConfigError, match=r"line 11.* got '0,180000'; numbers before it have .* mark '\.'"):
+        read(tmp_path, text_of((*ARM, *BODIES), rows))
+
+
+@pytest.mark.parametrize(
+    ("unit", "cell"), [("km", "1001"), ("mm", "1000000001"), ("m", "-1e7"), ("m", "Inf")]
+)
+def test_positions_beyond_the_limit_are_refused_in_any_unit(tmp_path: Path, unit: str, cell: str) -> None:
+    rows = motion()
+    rows[5][5] = cell
+    header = (*ARM, *(f"{name}_{unit}" for name in BODIES))
+    with pytest.raises(
+        ConfigError, match=f"line 7, column 'robot_x_{unit}': .* within 1e.06 .* got '{cell}'"
+    ):
+        read(tmp_path, text_of(header, rows))
+
+
+@pytest.mark.parametrize("lost", ["", "NaN", "inf"])
+def test_a_row_without_a_time_is_refused(tmp_path: Path, lost: str) -> None:
+    rows = motion()
+    rows[5][0] = lost
+    with pytest.raises(ConfigError, match=f"line 7, column 't': a number .* got '{lost}'; write seconds"):
         read(tmp_path, text_of((*ARM, *BODIES), rows))
 
 

@@ -43,7 +43,7 @@ def test_rounded_quaternions_are_made_unit(tmp_path: Path) -> None:
         (HEADER + ",qx\n0,1,0,0,0,0\n", ["line 1", "'qx'", "more than once"]),
         (HEADER + "\n", ["line 1", "no samples"]),
         (HEADER + "\n0,1,0,0,0\n1,1,much,0,0\n", ["line 3", "'qx'", "'much'"]),
-        (HEADER + "\n0,1,0,0,0\n1e13,1,0,0,0\n", ["line 3", "'t'", "'1e13'", "within 1e+12"]),
+        (HEADER + "\n0,1,0,0,0\n1e13,1,0,0,0\n", ["line 3", "'t'", "1e+13 s", "within 1e+12"]),
         (HEADER + "\n0,1,0,0,0\n2e9,1,0,0,0\n", ["line 3", "'t'", "2e+09 s long", "in seconds?"]),
         (HEADER + ROBOT + "\n0,1,0,0,0,1,1e7,3\n", ["line 2", "'robot_y'", "'1e7'", "within 1e+06"]),
         (HEADER + "\n0,,0,0,0\n1,nan,nan,nan,nan\n", ["line 2", "'qw' to 'qz'", "missing in all rows"]),

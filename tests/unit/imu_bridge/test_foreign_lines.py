@@ -32,6 +32,10 @@ XYZW = (0.64, 0.0, -0.48, 0.6)
         ("\ufeff0.6,0.64,0,-0.48\0", ()),
         ("\x1b[0;32mquat 0.6 0.64 0 -0.48\x1b[0m", ()),
         ("QUAT,0.6,0.64,0,-0.48", ()),
+        ("I (12345) BNO: w=0.6 x=0.64 y=0 z=-0.48", ("BNO",)),  # ESP-IDF
+        ("[ 12345][I][main.cpp:42] loop(): quat 0.6 0.64 0 -0.48", ("loop",)),  # ESP32, Arduino
+        ("[00:00:01.250,000] <inf> wrist: 0.6 0.64 0 -0.48", ("wrist",)),  # Zephyr
+        ("192.168.1.20 0.6 0.64 0 -0.48", ("192.168.1.20",)),
     ],
 )
 def test_quaternions_of_known_sketches_are_read(line: str, names: tuple[str, ...]) -> None:
@@ -58,6 +62,8 @@ def test_time_is_read_from_a_field_whose_name_states_the_unit_and_else_not() -> 
         ("q1:0.6 q2:0.64 q3:0 q4:-0.48", "q1 or q4 may be w"),
         ("qW:1 qX:0 qY:0 qZ:0 qW:1 qX:0 qY:0 qZ:0", "has qW twice: .* in its own line"),
         ("1,0,0,0,0,1,0,0", "has 8 numbers, .* in its own line"),
+        ("wrist:1,0,0,0;elbow:0.8,0,0.6,0", "has several quaternions: .* in its own line"),
+        ("wrist,1,0,0,0,elbow,0.8,0,0.6,0", "has several quaternions: .* in its own line"),
         ("wrist: nan,0,0,1", "'nan'"),
         ("ovf 0 0 0 1", "'ovf'"),
         ("0 " * 200, "400 bytes, limit 256"),

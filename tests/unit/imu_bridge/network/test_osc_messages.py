@@ -137,3 +137,16 @@ def test_addresses_without_an_orientation_are_named() -> None:
     assert decoder.unused == ""
     items(decoder, "/quaternion", 1.0, 0.0)
     assert decoder.problem == "/quaternion has 2 numbers, 4 were expected"
+
+
+def test_numbers_before_and_behind_a_quaternion_are_told_apart_by_norms_and_returns() -> None:
+    for before in ([n / 100 for n in range(200)], list(range(200))):  # a time, a count
+        decoder = OscDecoder(OscConfig())
+        found = [item for each in before for item in items(decoder, "/quaternion", each, *WXYZ)]
+        assert len(found) > 180
+        assert decoder.sensors.warning == ""
+    decoder = OscDecoder(OscConfig())
+    found = [item for n in range(40) for item in items(decoder, "/quaternion", *WXYZ, n // 20)]
+    assert found == [Reading(NOW, XYZW)] * 40  # an accuracy
+    level = [item for _ in range(9) for item in items(OscDecoder(OscConfig()), "/quaternion", 1, 0, 0, 0, 3)]
+    assert level == [Reading(NOW, (0.0, 0.0, 0.0, 1.0))] * 9  # whole numbers, as Max sends them

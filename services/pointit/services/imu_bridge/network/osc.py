@@ -10,7 +10,7 @@ from pointit.services.imu_bridge.network.contents import DatagramError, orientat
 from pointit.services.imu_bridge.network.datagram_source import DatagramConfig, DatagramSource, Decoder
 from pointit.services.imu_bridge.network.osc_message import OscMessage, parse_each
 from pointit.services.imu_bridge.reading import Battery, Item, Press, RawReading, Reading
-from pointit.services.imu_bridge.serial.fifth_number import is_unit
+from pointit.services.imu_bridge.serial.fifth_number import FifthNumber
 from pointit.services.imu_bridge.sources import ImuSource
 from pointit.services.imu_bridge.streams.json_content import Order
 from pointit.services.imu_bridge.streams.sensor_choice import SensorChoice
@@ -72,6 +72,7 @@ class OscDecoder(Decoder):
         self._has_orientation = False
         self._zig_sim = ""
         """Address of the orientations of a ZIG SIM that has introduced itself, or `""`."""
+        self._fifth = FifthNumber()
         self._battery: Battery | None = None
         self._addresses: dict[str, None] = {}
         """Addresses of messages that were not used."""
@@ -125,15 +126,15 @@ class OscDecoder(Decoder):
             DatagramError: If it cannot be read.
         """
         numbers, names = message.numbers, message.strings
-        is_numbered = message.types[:1] != message.types[1:2] or (
-            not is_unit(numbers[:4]) and is_unit(numbers[1:5])
-        )
-        if len(numbers) > 4 and is_numbered:
-            numbers, names = numbers[1:], (*names, f"{numbers[0]:g}")
         if len(numbers) < 4:
             reason = message.problem or f"has {len(numbers)} numbers, 4 were expected"
             self.problem = f"{message.address} {reason}"
             return None
+        if len(numbers) > 4:
+            split = self._fifth.split(numbers[:5], is_behind=message.types[:1] == message.types[1:2])
+            if split is None:
+                return None
+            numbers, names = tuple(split[0]), (*names, split[1])
         turned = orientation(numbers[:4], self._order(message.address))
         self._has_orientation, self.unused = True, ""
         if not self.sensors.accepts(message.address, *names):

@@ -34,8 +34,8 @@ class SerialConfig(Config):
     fifth: Fifth = Field(
         default="auto",
         description="meaning of a fifth number in a line of text: a number of a sensor, a leading time in µs "
-        "or a trailing accuracy; auto: before the quaternion a sensor if it is whole and at most 255, else a "
-        "time; behind it an accuracy",
+        "or a trailing accuracy; auto: before the quaternion a sensor if it returns, else a time; behind it "
+        "an accuracy, unless it comes round and round",
     )
     sensor: str = Field(
         default="",

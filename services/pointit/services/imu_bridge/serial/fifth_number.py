@@ -1,4 +1,4 @@
-"""Number beside the four of a quaternion in a line of text: on which side it stands, and its meaning."""
+"""Number beside the four of a quaternion: on which side it stands, and its meaning."""
 
 import math
 from collections import deque
@@ -12,45 +12,102 @@ Fifth = Literal["auto", "time", "accuracy", "sensor"]
 ROUNDING_TOLERANCE = 0.011
 """Largest deviation of the norm of a unit quaternion whose numbers have two decimals, with a margin."""
 MAX_SENSOR = 255
-"""Largest number of a sensor in front of a quaternion; a larger one is the device's time in µs."""
-MEMORY = 16
-"""Number of lines over which fifth numbers are compared."""
-MIN_RETURNS = 4
-"""Number of returns of a number behind the quaternion within `MEMORY` lines if several sensors send."""
+"""Largest number in front of a quaternion that may be that of a sensor although it never was read before."""
+MEMORY = 64
+"""Number of lines over which numbers in front are compared."""
+MAX_RISES = 16
+"""Number of lines over which the numbers of sensors rise by one each before they return, or a single one is repeated."""
+MAX_JUMPS = 4
+"""The same if they rise by more than one each."""
+MAX_OPEN = 16
+"""Number of lines that are passed over while both halves may be the quaternion: a clock starts at 0."""
+MEMORY_BEHIND = 16
+"""Number of lines in which numbers behind the quaternion come round and round if they are of sensors."""
+
+
+class LeadingNumber:
+    """Tells whether the number in front of the quaternions of one stream is that of a sensor or a time."""
+
+    def __init__(self) -> None:
+        self._newest: deque[float] = deque(maxlen=MEMORY)
+        self._returns = self._rises = self._jumps = 0
+        self._is_sensor: bool | None = None
+
+    def is_sensor(self, number: float) -> bool | None:
+        """Return True for the number of a sensor, False for a time, None while it may be either.
+
+        Whole numbers that return to earlier ones are those of sensors, also if they were taken for a time;
+        others that rise, are not whole or exceed `MAX_SENSOR` are times.
+        """
+        before = self._newest[-1] if self._newest else number
+        count, is_whole = self._newest.count(number), number == round(number)
+        self._newest.append(number)
+        if self._is_sensor:
+            return True
+        self._returns += is_whole and number < before and count > 0
+        self._rises += number > before
+        self._jumps += number > before + 1
+        is_beyond = not (is_whole and 0 <= number <= MAX_SENSOR)
+        # a clock that is started again may return once
+        if self._returns > (self._is_sensor is False) or (count >= MAX_RISES and not self._rises):
+            self._is_sensor = is_whole
+        elif is_beyond or self._rises >= MAX_RISES or self._jumps >= MAX_JUMPS:
+            self._is_sensor = False
+        return self._is_sensor
 
 
 class FifthNumber:
     """Separates the fifth number of the lines of one stream, by the norms of both halves.
 
-    In front it is the number of a sensor if it is whole and at most `MAX_SENSOR`, or returns to earlier
-    values; else a time. Behind it is an accuracy unless it returns to earlier values again and again.
+    In front it is what `LeadingNumber` tells. Behind it is an accuracy, unless it comes round and round.
     """
 
     def __init__(self, fifth: Fifth = "auto") -> None:
         self._fifth: Fifth = fifth
         self._is_behind: bool | None = None
         """Side in the newest line in which the norms told it."""
-        self._is_sensor = fifth == "sensor"
-        """True if it is the number of a sensor, whatever its size."""
-        self._newest: deque[float] = deque(maxlen=MEMORY)
+        self._open = 0
+        """Number of lines in which they did not."""
+        self._leading = LeadingNumber()
+        self._behind: deque[float] = deque(maxlen=MEMORY_BEHIND)
+        self._is_sensor_behind = False
 
-    def split(self, numbers: Sequence[float]) -> tuple[Sequence[float], str, float | None]:
+    def split(
+        self, numbers: Sequence[float], *, is_behind: bool | None = None
+    ) -> tuple[Sequence[float], str, float | None] | None:
         """Return the quaternion's four numbers, the sensor's number or `""`, and the time, µs, or None.
 
-        Raises:
-            ValueError: If the norms do not tell the side.
-        """
-        is_behind = self._side(numbers)
-        four, beside = (numbers[:4], numbers[4]) if is_behind else (numbers[1:], numbers[0])
-        if self._fifth == "auto" and not self._is_sensor:
-            self._newest.append(beside)
-            self._is_sensor = _returns(self._newest) >= (MIN_RETURNS if is_behind else 1)
-        is_small = self._fifth == "auto" and not is_behind and is_sensor_number(beside)
-        if self._is_sensor or is_small:
-            return four, f"{beside:.9g}", None
-        return four, "", None if is_behind else beside
+        None for the first lines in which its side or meaning is open. `is_behind` is the side if the norms do
+        not tell it.
 
-    def _side(self, numbers: Sequence[float]) -> bool:
+        Raises:
+            ValueError: If the side stays open.
+        """
+        is_behind = self._side(numbers, otherwise=is_behind)
+        if is_behind is None:
+            return None
+        four, beside = (numbers[:4], numbers[4]) if is_behind else (numbers[1:], numbers[0])
+        if self._fifth == "auto":
+            is_sensor = self._comes_round(beside) if is_behind else self._leading.is_sensor(beside)
+        else:
+            is_sensor = self._fifth == "sensor"
+        if is_sensor is None:
+            return None
+        return four, f"{beside:.9g}" if is_sensor else "", None if is_sensor or is_behind else beside
+
+    def _comes_round(self, number: float) -> bool:
+        newest = self._behind
+        newest.append(number)
+        period = len(set(newest))
+        self._is_sensor_behind = self._is_sensor_behind or (
+            len(newest) == MEMORY_BEHIND
+            and 1 < period <= MEMORY_BEHIND // 2
+            and all(each == round(each) for each in newest)
+            and all(newest[at] == newest[at - period] for at in range(period, MEMORY_BEHIND))
+        )
+        return self._is_sensor_behind
+
+    def _side(self, numbers: Sequence[float], *, otherwise: bool | None) -> bool | None:
         if self._fifth in ("time", "accuracy"):
             return self._fifth == "accuracy"
         fits_behind, fits_front = is_unit(numbers[:4]), is_unit(numbers[1:])
@@ -62,6 +119,9 @@ class FifthNumber:
             )
             if fits_behind != fits_front:
                 return fits_behind
+            self._open += 1
+            if otherwise is not None or self._open <= MAX_OPEN:
+                return otherwise
             raise ValueError(
                 "has five numbers, of which the first and the last four are a quaternion: set the parameter "
                 "`fifth` to time, sensor or accuracy"
@@ -72,17 +132,3 @@ class FifthNumber:
 def is_unit(four: Sequence[float], tolerance: float = NORM_TOLERANCE) -> bool:
     """Return True if `four` numbers may be a quaternion."""
     return abs(math.hypot(*four) - 1.0) <= tolerance
-
-
-def is_sensor_number(number: float) -> bool:
-    """Return True if a number in front of a quaternion is that of a sensor by itself."""
-    return number == round(number) and 0 <= number <= MAX_SENSOR
-
-
-def _returns(numbers: Sequence[float]) -> int:
-    """Return the number of times that whole `numbers` fall back to an earlier one, as those of sensors do."""
-    return sum(
-        number < numbers[at - 1] and number in list(numbers)[: at - 1] and number == round(number)
-        for at, number in enumerate(numbers)
-        if at
-    )

@@ -20,7 +20,7 @@ from typing import Literal, cast
 
 from pointit.geometry.rotation import Quaternion
 from pointit.schemas.base import unit_quaternion
-from pointit.services.imu_bridge.serial.fifth_number import Fifth, FifthNumber, is_sensor_number, is_unit
+from pointit.services.imu_bridge.serial.fifth_number import Fifth, FifthNumber, LeadingNumber, is_unit
 from pointit.services.imu_bridge.streams.json_content import (
     ContentError,
     Order,
@@ -42,6 +42,8 @@ _BUTTON = re.compile(r"(?:([^:]+):\s*)?(?:button|b)(?:[:,;\s]+(press|double|hold
 _SEPARATOR = re.compile(r"[,;|\s]+")
 _WORD = re.compile(r"[^\W_](?:[\w.:\-]*\w)?")
 _COLOR = re.compile(r"\x1b\[[\d;]*m")
+_LOG = re.compile(r"[EWIDV] \([\d:. ]+\) |\[[\d:., ]+\](?: <\w+> |\[[EWIDV]\]\[[^\]]*\] )")
+"""Level and time of ESP-IDF, Zephyr and the ESP32's Arduino core before a logged line."""
 _BRACKETS = str.maketrans("[](){}<>\"'", " " * 10)
 _NO_NUMBER = re.compile(r"(?<![^\W_])[+-]?(?:nan|inf|infinity|ovf|null|none)(?![^\W_])", re.IGNORECASE)
 _KINDS = frozenset({"quaternion", "quaternions", "quat", "quats", "q", "game", "rotation", "vector"})
@@ -103,6 +105,8 @@ class LineParser:
         """Set the `order` and the meaning of a `fifth` number, see `FifthNumber`."""
         self._order: Order = order
         self._fifth = FifthNumber(fifth)
+        self._leading = (LeadingNumber(), LeadingNumber())
+        """Two numbers in front, such as a sensor's and a time."""
 
     def parse(self, line: bytes) -> QuaternionLine | ButtonLine | None:
         """Return the content of `line`, or None for an empty line, a comment, or another kind of reading.
@@ -116,6 +120,8 @@ class LineParser:
             text = _COLOR.sub("", line.decode()).strip(" \t\r\n\0\ufeff")
         except UnicodeDecodeError as error:
             raise LineError("is not text") from error
+        if log := _LOG.match(text):
+            text = text[log.end() :].lstrip()
         if not text or text.startswith("#"):
             return None
         if button := _BUTTON.match(text):
@@ -178,37 +184,45 @@ class LineParser:
             return None
         if words & _ANGLES:
             raise AnglesError(f"has angles: {_QUATERNIONS}")
-        if found is None or (label and not any(map(str.isalpha, label)) and ":" not in text):
+        is_name = any(map(str.isalpha, label)) or ":" in text or label.count(".") == 3
+        if found is None or (label and not is_name):
             word = next((each for each in _SEPARATOR.split(text) if not re.fullmatch(_REAL, each)), text)
             raise LineError(f"has {word[:20]!r} where a number was expected")
         numbers = [float(word) for word in _SEPARATOR.split(text[found.end(1) :].lstrip(" :=,;|\t")) if word]
         if not all(map(math.isfinite, numbers)):
             raise LineError(f"has {max(numbers, key=abs)}, a number that is not finite")
+        if len(numbers) >= 4 and len(re.findall(rf"(?<![\w.]){_REAL}(?![\w.:])", label)) > 2:
+            raise LineError("has several quaternions: send that of each sensor in its own line")
         return self._quaternion(numbers, label)
 
-    def _quaternion(self, numbers: list[float], label: str) -> QuaternionLine:
+    def _quaternion(self, numbers: list[float], label: str) -> QuaternionLine | None:
         names, time_ns = [*_names(label)], None
         four: Sequence[float] = numbers
         if len(numbers) == 5:
             try:
-                four, sensor, time_us = self._fifth.split(numbers)
+                split = self._fifth.split(numbers)
             except ValueError as error:
                 raise LineError(str(error)) from error
+            if split is None:
+                return None
+            four, sensor, time_us = split
             names.append(sensor)
             time_ns = None if time_us is None else _time_ns(time_us * 1e3)
-        elif len(numbers) == 6 and is_unit(numbers[2:]) and not is_unit(numbers[:4]):
+        elif len(numbers) == 6 and is_unit(numbers[2:]):
             four = numbers[2:]
-            for number in numbers[:2]:
-                if is_sensor_number(number):
-                    names.append(f"{number:g}")
+            are_sensors = [of.is_sensor(each) for of, each in zip(self._leading, numbers, strict=False)]
+            if None in are_sensors:
+                return None
+            for number, is_sensor in zip(numbers, are_sensors, strict=False):
+                if is_sensor:
+                    names.append(f"{number:.9g}")
                 else:
                     time_ns = _time_ns(number * 1e3)
         elif len(numbers) != 4:
             after = f" after {label.strip()[:20]!r}" if label.strip() else ""
-            hint = {3: f"; if they are angles, {_QUATERNIONS}", 8: ", those of each sensor in its own line"}
-            raise LineError(
-                f"has {len(numbers)} numbers{after}, 4 or 5 were expected{hint.get(len(numbers), '')}"
-            )
+            hint = f"; if they are angles, {_QUATERNIONS}" if len(numbers) == 3 else ""
+            hint = ", those of each sensor in its own line" if len(numbers) >= 8 else hint
+            raise LineError(f"has {len(numbers)} numbers{after}, 4 or 5 were expected{hint}")
         a, b, c, d = four
         turned = _unit((b, c, d, a) if self._order == "wxyz" else (a, b, c, d))
         return QuaternionLine(turned, time_ns, tuple(filter(None, names)))

@@ -101,7 +101,9 @@ def names_in(content: Mapping[str, Any], depth: int = 0) -> tuple[str, ...]:
     for key, value in content.items():
         if not is_id(key):
             continue
-        if isinstance(value, str | int) and not isinstance(value, bool):
+        if isinstance(value, float):  # some languages have no other numbers
+            names.append(f"{value:.15g}")
+        elif isinstance(value, str | int) and not isinstance(value, bool):
             names.append(f"{value}"[:MAX_NAME])
         elif is_object(value) and depth < MAX_DEPTH:
             names += names_in(value, depth + 1)

@@ -1,14 +1,19 @@
 """Choice of one sensor among those whose readings arrive in one stream."""
 
 import re
+from collections import Counter
+from itertools import chain
 
 MAX_OTHERS = 8
 """Number of other sensors that a warning names."""
-MAX_NUMBERS = 64
-"""Number of different numbers without a repetition from which they are counts or times, not sensors."""
+MAX_NAMES = 64
+"""Number of different names from which counts or times may be among them."""
+MIN_READINGS = 4
+"""Smallest mean number of readings of each, else they are: counts that begin again return as well."""
+MIN_SHARED = 8
+"""Smallest number of such names that share what tells sensors apart."""
 FORGET_AFTER = 500
 """Number of readings after which a sensor that is not heard any more is not named any more."""
-_NUMBER = re.compile(r"[\d.:]+\Z")
 _WORD = re.compile(r"[\w.\-]+")
 
 
@@ -28,47 +33,56 @@ class SensorChoice:
         self._is_noisy = is_noisy
         self.used: str | None = None
         """Name of the sensor in use; `""` if it has none."""
-        self._seen: set[str] = set()
+        self._used_count = 0
+        """Number of its last reading."""
+        self._seen: set[tuple[str, ...]] = set()
         """Names that were read."""
-        self._has_repeated = False
-        """True if a name was read twice, so that numbers in names are those of sensors."""
-        self._has_counts = False
-        """True if numbers in names are counts or times."""
+        self._shared: frozenset[str] | None = None
+        """Names that tell sensors apart if others are counts or times, else None."""
         self._count = 0
         self._others: dict[str, int] = {}
         """Names of other sensors, and the number of the last reading of each."""
 
     def accepts(self, *names: str) -> bool:
         """Return True if a reading of the sensor with `names`, such as a label and a number, is used."""
-        if self._has_counts:
-            names = tuple(name for name in names if not _NUMBER.match(name))
-        name = " ".join(filter(None, names))
+        names = self._names(names)
+        name = " ".join(names)
         self._count += 1
-        is_new = name not in self._seen
-        if is_new and len(self._seen) <= MAX_NUMBERS:
-            self._seen.add(name)
-            if len(self._seen) > MAX_NUMBERS and not (self._has_repeated or self._has_counts):
-                self._has_counts, self.used = True, None
+        is_new = names not in self._seen and len(self._seen) <= MAX_NAMES
+        if is_new:
+            self._seen.add(names)
+            is_full = len(self._seen) > MAX_NAMES
+            if is_full and self._shared is None and self._count < MIN_READINGS * MAX_NAMES:
+                counts = Counter(chain.from_iterable(self._seen))
+                self._shared = frozenset(each for each, count in counts.items() if count >= MIN_SHARED)
+                self.used = None
                 self._others.clear()
                 self._seen.clear()
                 return self.accepts(*names)
-        self._has_repeated |= not is_new
+        is_doubtful = is_new and not self._wanted and (self._is_noisy or any(map(str.isdigit, name)))
+        if self.used == "" and name and self._count - self._used_count > MAX_NAMES:
+            self.used = None  # numbers are known as those of sensors after some readings
         if self._wanted:
-            is_used = self._wanted == name.casefold() or self._wanted in _WORD.findall(name.casefold())
+            words = {name, *names, *_WORD.findall(name)}
+            is_used = self._wanted in map(str.casefold, words)
         elif self.used is None and self._is_noisy and is_new and name:
             return False
         else:
             is_used = self.used is None or name.casefold() == self.used.casefold()
         if is_used:
-            self.used = name
+            self.used, self._used_count = name, self._count
             self._others.pop(name, None)
-        elif name in self._others or len(self._others) < MAX_OTHERS:
+        elif name in self._others or (len(self._others) < MAX_OTHERS and not is_doubtful):
             self._others[name] = self._count
         return is_used
 
+    def _names(self, names: tuple[str, ...]) -> tuple[str, ...]:
+        """Return those of `names` that tell sensors apart."""
+        return tuple(each for each in names if each and (self._shared is None or each in self._shared))
+
     def is_other(self, *names: str) -> bool:
         """Return True if an event of the sensor with `names` is not of the one in use."""
-        name = " ".join(filter(None, names))
+        name = " ".join(self._names(names))
         return name in self._others or (bool(name) and self.used is not None and name != self.used)
 
     @property

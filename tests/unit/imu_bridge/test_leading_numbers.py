@@ -1,0 +1,123 @@
+"""Numbers and names in front of quaternions: sensors, clocks that start at 0, counts and ids of messages."""
+
+from collections.abc import Sequence
+
+import pytest
+
+from pointit.services.imu_bridge.network.udp import UdpConfig, UdpDecoder
+from pointit.services.imu_bridge.reading import Reading
+from pointit.services.imu_bridge.serial.fifth_number import MAX_RISES
+from pointit.services.imu_bridge.serial.text_line import TextFramer
+from pointit.services.imu_bridge.streams.sensor_choice import MAX_NAMES, SensorChoice
+
+ARM, OTHER = (0.6, 0.0, 0.0, 0.8), (0.0, 0.0, 0.8, 0.6)
+"""Orientations xyzw of the wrist and of another sensor."""
+
+
+def text(xyzw: Sequence[float]) -> str:
+    x, y, z, w = xyzw
+    return ",".join(f"{value:.4f}" for value in (w, x, y, z))
+
+
+def read_lines(lines: Sequence[str], kind: str) -> tuple[list[Reading], str]:
+    """Return the readings and the warning about other sensors."""
+    if kind == "cable":
+        framer = TextFramer(sensors=(sensors := SensorChoice("serial.sensor", is_noisy=True)))
+        items = framer.feed("\n".join(["", *lines, ""]).encode(), 0)
+        assert framer.bad == 0, framer.reason
+    else:
+        decoder = UdpDecoder(UdpConfig())
+        items = [item for line in lines for item in decoder.items(line.encode(), 0)]
+        sensors = decoder.sensors
+    return [item for item in items if isinstance(item, Reading)], sensors.warning
+
+
+LEVEL = (0.0, 0.05, 0.0, 0.9987)
+N = 300
+
+
+@pytest.mark.parametrize("kind", ["cable", "network"])
+@pytest.mark.parametrize("xyzw", [ARM, LEVEL, (0.0, 0.0, 0.0, 1.0)])
+@pytest.mark.parametrize(
+    "times",
+    [
+        [f"{10_000 * n}" for n in range(N)],  # µs
+        [f"{10 * n}" for n in range(N)],  # ms
+        [f"{200 + 10 * n}" for n in range(N)],
+        [f"{n}" for n in range(N)],
+        [f"{n / 100:.2f}" for n in range(N)],  # s
+        [f"{n / 50}" for n in range(N)],
+        [f"{10 * (n if n < 30 else n - 30)}" for n in range(N)],  # the board is started again
+    ],
+)
+def test_clocks_that_start_at_0_are_no_sensors(times: list[str], xyzw: Sequence[float], kind: str) -> None:
+    readings, warning = read_lines([f"{time},{text(xyzw)}" for time in times], kind)
+    assert warning == ""
+    assert len(readings) >= N - MAX_RISES - 1
+    assert all(each.device_time_ns is not None for each in readings)
+    named, warning = read_lines([f"3,{time},{text(ARM)}" for time in times], kind)
+    assert warning == ""
+    assert len(named) >= N - MAX_RISES - 2
+    assert all(each.device_time_ns is not None for each in named)
+
+
+@pytest.mark.parametrize("kind", ["cable", "network"])
+@pytest.mark.parametrize(
+    ("mine", "others"),
+    [
+        ("0,{}", "1,{}"),
+        ("1,{}", "5,{}"),
+        ("0,{t},{}", "1,{t},{}"),
+        ("{t},0,{}", "{t},1,{}"),
+        ("wrist {t}: {}", "elbow {t}: {}"),
+    ],
+)
+def test_two_sensors_beside_a_clock_that_starts_at_0_are_told_apart(
+    mine: str, others: str, kind: str
+) -> None:
+    lines = [(mine, others)[n % 2].format(text((ARM, OTHER)[n % 2]), t=5 * n) for n in range(N)]
+    readings, warning = read_lines(lines, kind)
+    assert all(each.world_from_sensor == pytest.approx(ARM) for each in readings[len(readings) // 3 :])
+    assert len(readings) > N // 2 - 40
+    assert "several sensors send in one stream" in warning
+
+
+@pytest.mark.parametrize("kind", ["cable", "network"])
+def test_accuracy_that_changes_now_and_then_is_no_sensor(kind: str) -> None:
+    lines = [f"{text(ARM)},{2 + (n * 7 % 10 > 6)}" for n in range(N)]
+    readings, warning = read_lines(lines, kind)
+    assert (len(readings), warning) == (N, "")
+
+
+@pytest.mark.parametrize(
+    "names", [[f"{n % 30 if n < 60 else n - 60}" for n in range(N)], [f"{7919 * n:x}-a" for n in range(N)]]
+)
+def test_counts_that_begin_again_and_ids_of_messages_name_no_sensor(names: list[str]) -> None:
+    sensors = SensorChoice("udp.sensor")
+    accepted = [sensors.accepts("phone", name) for name in names[:30]]
+    assert sensors.warning == ""
+    accepted += [sensors.accepts("phone", name) for name in names[30:]]
+    assert all(accepted[2 * MAX_NAMES :])
+    assert sensors.used == "phone"
+
+
+def test_sensor_is_found_by_each_of_its_names() -> None:
+    for wanted in ("3", "aa:bb:cc:00:11:22", "Left", "3 aa:bb:cc:00:11:22 left hand"):
+        assert SensorChoice("udp.sensor", wanted).accepts("3", "AA:BB:CC:00:11:22", "left hand")
+    assert not SensorChoice("udp.sensor", "aa:bb:cc:00:11:23").accepts("3", "AA:BB:CC:00:11:22")
+
+
+def test_whole_numbers_with_a_point_are_ids_in_json() -> None:
+    decoder = UdpDecoder(UdpConfig(sensor="2"))
+    for number, xyzw in ((1, OTHER), (2, ARM)) * 3:
+        x, y, z, w = xyzw
+        read = decoder.items(f'{{"id": {number}.0, "q": [{w}, {x}, {y}, {z}]}}'.encode(), 0)
+        assert len(read) == (number == 2)
+
+
+def test_time_that_several_sensors_share_is_no_sensor() -> None:
+    names = ("wrist", "elbow", "hand", "chest", "head")
+    lines = [f"{name},{5000 + 10 * n},{text(ARM)}" for n in range(50) for name in names]
+    readings, _ = read_lines(lines, "network")
+    assert len(readings) == 50
+    assert all(each.device_time_ns is not None for each in readings)

@@ -16,7 +16,7 @@ MAX_SENSOR = 255
 MEMORY = 64
 """Number of lines over which numbers in front are compared."""
 MAX_RISES = 16
-"""Number of lines over which the numbers of sensors rise by one each before they return, or a single one is repeated."""
+"""Number of lines over which numbers of sensors rise by one each before they return, or one is repeated."""
 MAX_JUMPS = 4
 """The same if they rise by more than one each."""
 MAX_OPEN = 16

@@ -12,10 +12,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from pointit.recording.container import MAX_RECORD_BYTES, DamagedError
 from pointit.recording.library import ZstdDecompressor, ZstdError
+from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import remedy
 from pointit.schemas import NS_PER_S
@@ -178,8 +177,8 @@ class _Metadata:
         """Messages by the name of the file, in the order of the bag."""
         self.digests: dict[str, str] = {}
         """Hashes of types by topic."""
-        with suppress(OSError, UnicodeDecodeError, yaml.YAMLError, LookupError, TypeError, AttributeError):
-            stated = yaml.safe_load((folder / METADATA).read_text())["rosbag2_bagfile_information"]
+        with suppress(ConfigError, LookupError, TypeError, AttributeError):
+            stated = read_yaml(folder / METADATA)["rosbag2_bagfile_information"]
             self.counts = {Path(name).name: 0 for name in stated["relative_file_paths"]}
             self.counts |= {
                 Path(each["path"]).name: each["message_count"] for each in stated.get("files", [])

@@ -12,7 +12,7 @@ from pointit.geometry.rotation import Quaternion, from_yaw
 from pointit.geometry.rotation import normalized as normalized_quaternion
 from pointit.geometry.vector import Vec3, norm, normalized
 from pointit.runtime.config.validation_message import format_value
-from pointit.runtime.config.yaml_values import FLAGS, written_text
+from pointit.runtime.config.yaml_values import FLAGS, WrittenInt, written_text
 from pointit.schemas import FARTHEST
 from pointit.schemas.environment import ThingMode
 
@@ -186,16 +186,16 @@ _FILE = _if(
 _COLUMNS = _if(
     lambda value: (
         isinstance(value, list)
-        and [type(each) in (int, str) for each in cast("list[object]", value)] == [True] * 3
+        and [type(each) in (int, WrittenInt, str) for each in cast("list[object]", value)] == [True] * 3
     ),
     "the columns of x, y and z, by their names or numbers from 1, such as [4, 5, 6]",
 )
 _PIXELS = _if(
-    lambda value: isinstance(value, int) and not isinstance(value, bool) and 0 < value <= MAX_PIXELS,
+    lambda value: type(value) in (int, WrittenInt) and 0 < value <= MAX_PIXELS,
     f"a whole number of pixels from 1 to {MAX_PIXELS}",
 )
 _OFFSET = _if(
-    lambda value: value is None or (type(value) is int and 0 <= value < 2**18),
+    lambda value: value is None or (type(value) in (int, WrittenInt) and 0 <= value < 2**18),
     "the number of the strip's first pixel on the wire, from 0",
 )
 _DIRECTION = _if(

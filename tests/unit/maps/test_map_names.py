@@ -88,8 +88,11 @@ def test_a_lamp_called_true_is_found(tmp_path: Path) -> None:
     ("word", "pixels"), [("060", 60), ("0x3C", 60), ("6_0", 60), ("+60", 60), ("0o74", 60)]
 )
 def test_numbers_are_those_of_yaml_1_2(word: str, pixels: int) -> None:
-    file = parse_map_file(f"strips: {{a: {{line: {LINE}, pixels: {word}}}}}".encode(), Path("room.yaml"))
-    assert file.strips["a"].pixels == pixels
+    text = f"strips: {{a: {{line: {LINE}, pixels: {word}, offset: {word}}}}}\n"
+    text += f"clouds: {{a: {{file: a.xyz, columns: [{word}, 5, z]}}}}\n"
+    file = parse_map_file(text.encode(), Path("room.yaml"))
+    assert (file.strips["a"].pixels, file.strips["a"].offset) == (pixels, pixels)
+    assert file.clouds["a"].columns == (pixels, 5, "z")
 
 
 @pytest.mark.parametrize("name", ["12:30", "~", "=", "<<", ".inf", "-1"])

@@ -106,14 +106,14 @@ pip_install() {
 # from 3.14 on), or nothing.
 missing_for_build() {
     case ",$1,${LOCKED:+dev,}" in *,fusion,* | *,speech,* | *,test,* | *,dev,*) ;; *) return ;; esac
-    "$PYTHON" -c '
+    "$PYTHON" - <<'END'
 import importlib.util, os, pathlib, shutil, sys, sysconfig
 if sys.version_info >= (3, 14) and not all(map(importlib.util.find_spec, ("vqf", "pocketsphinx"))):
     has = {"a C compiler": os.environ.get("CC") or shutil.which("cc") or shutil.which("gcc"),
            "a C++ compiler": os.environ.get("CXX") or shutil.which("c++") or shutil.which("g++"),
            "Python.h": (pathlib.Path(sysconfig.get_path("include")) / "Python.h").exists()}
     print(*(name for name, found in has.items() if not found), sep=", ")
-'
+END
 }
 
 # install EXTRAS, with commas between them: from what the index has now, or, with LOCKED set, exactly what

@@ -16,11 +16,9 @@ PYTHON = """#!/bin/sh
 echo "python $*" >> "$CALLS"
 case "$1" in
     -c)
-        case "$2" in
-            "import pip"*) test -e "${0%/*}/pip"; exit ;;
-            *Python.h*) echo "${NOT_THERE:-}" ;;
-        esac
+        case "$2" in "import pip"*) test -e "${0%/*}/pip"; exit ;; esac
         exit "${OLD:-0}" ;;
+    -) echo "${NOT_THERE:-}"; exit ;;
 esac
 case "$1 $2" in
     "-m venv")
@@ -95,5 +93,5 @@ class Machine:
 
     @property
     def calls(self) -> list[str]:
-        asked = re.compile(r"python (-c|-m ensurepip|-m pip config list)")
+        asked = re.compile(r"python (-$|-c|-m ensurepip|-m pip config list)")
         return [call for call in self.calls_file.read_text().splitlines() if not asked.match(call)]

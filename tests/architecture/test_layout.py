@@ -29,6 +29,7 @@ DEVICES = {
             ble/wrist_search.py ble/witmotion_ble.py ble/xsens_dot.py network/datagram_source.py
             network/port_source.py network/slimevr.py network/udp_server.py network/ximu3.py
             replay_source.py serial/ports.py serial/source.py simulated.py sources.py""",
+        "foxglove": "server.py subprotocol_relay.py",
         "keeper": "record.py",
         "recorder": "file_series.py sink.py",
         "led-driver": """
@@ -58,7 +59,8 @@ DEVICES = {
 """Modules beside `service.py` that wait for devices or time, or write files; no cores."""
 HARMLESS = (
     *("pointit.runtime.config", "pointit.runtime.errors", "pointit.runtime.bus.timeliness"),
-    *("pointit.runtime.host.extras", "pointit.runtime.host.state_file", "pointit.runtime.host.store"),
+    *("pointit.runtime.host.address_config", "pointit.runtime.host.extras"),
+    *("pointit.runtime.host.state_file", "pointit.runtime.host.store"),
     *("pointit.runtime.link", "pointit.runtime.mqtt.broker_config", "pointit.runtime.mqtt.payload_words"),
 )
 """Parts of the runtime that cores may import: they know no bus, no clock and no loop."""

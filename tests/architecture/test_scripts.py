@@ -23,45 +23,6 @@ def machine(tmp_path: Path) -> Machine:
     return Machine(tmp_path)
 
 
-@pytest.mark.parametrize("others", [(), ("python3.13", "python3"), ("python3.11",)])
-def test_newest_python_makes_the_environment(machine: Machine, others: tuple[str, ...]) -> None:
-    for name in ("python3.14", *others):
-        machine.add(name, PYTHON)
-    machine.add("uv", UV.replace("python3 ", "python3.14 "))
-    machine.run("demo", SELF=str(machine.bin / "python3.14"))
-    assert machine.calls[0] == f"uv venv --quiet --python {machine.bin}/python3.14 {machine.root}/.venv"
-
-
-@pytest.mark.parametrize("extra", ["fusion", "speech", "test", "dev", "web"])
-def test_missing_compiler_is_named_before_and_after_pip_fails(machine: Machine, extra: str) -> None:
-    machine.add("python3", PYTHON)
-    options = {"NOT_THERE": "a C++ compiler, Python.h", "NO_NET": "g++: not found", "NO_UV": "1"}
-    done = machine.run("setup", extra, **options)
-    sentence = (
-        "setup: the extras fusion and speech are built for Python 3.14 and newer, and a C++ compiler, "
-        "Python.h is missing here; on Debian and Ubuntu: apt install build-essential python3-dev"
-    )
-    lines = done.stderr.splitlines()
-    assert done.returncode == 1
-    assert "g++: not found" in lines
-    if extra == "web":
-        assert sentence not in lines
-    else:
-        assert (lines[0], lines[-1]) == (sentence, sentence)
-
-
-def test_compiler_is_looked_for_by_the_python_of_the_environment(machine: Machine) -> None:
-    """The real check, in this Python, which has all it needs or is too old to need anything."""
-    machine.add("python3", f'#!/bin/sh\nexec {sys.executable} "$@"\n')
-    check = "source scripts/lib.sh; PYTHON=python3; missing_for_build fusion; missing_for_build web"
-    path = f"{machine.bin}:{os.environ['PATH']}"
-    done = subprocess.run(
-        [machine.bin / "bash", "-c", check], cwd=machine.root, env={"PATH": path},
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    assert done.stdout.strip() == "" == done.stderr
-
-
 @pytest.mark.parametrize("script", ["demo", "test", "setup"])
 def test_without_a_python_one_sentence_says_so(machine: Machine, script: str) -> None:
     done = machine.run(script)
@@ -404,46 +365,3 @@ def test_ci_runs_pages_that_fell_once_more(machine: Machine, alone: int) -> None
     done = machine.run("../.ci/run")
     assert done.returncode == alone
     assert ("UNSTABLE: tests/docs/test_pages.py::test_a[b] failed beside" in done.stdout) == (alone == 0)
-
-
-OTHER_PYTHON = """#!/bin/sh
-case "$*" in
-    *last-failed*) exit "$ALONE" ;;
-    *pytest*) for each in "$@"; do case "$each" in cache_dir=*) cache="${each#*=}/v/cache" ;; esac; done
-        mkdir -p "$cache" && echo '{"tests/a.py::test_a": true}' > "$cache/lastfailed" && exit 1 ;;
-esac
-"""
-
-
-@pytest.mark.parametrize("alone", [0, 1])
-def test_what_fails_with_other_versions_runs_once_more(machine: Machine, alone: int) -> None:
-    shutil.copytree(ROOT / ".ci", machine.root / ".ci")
-    bin_ = machine.root / ".venv" / "bin"
-    bin_.mkdir(parents=True)
-    (bin_ / "python").symlink_to(sys.executable)
-    for path in (bin_ / "uv", machine.root / ".venv-lowest" / "bin" / "python"):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(OTHER_PYTHON if path.name == "python" else "#!/bin/sh\n", encoding="utf-8")
-        path.chmod(0o755)
-    machine.add("python3.11", '#!/bin/sh\n[ "$1" = -c ]\n')
-    done = machine.run("../.ci/versions", ALONE=str(alone), PYTEST_CACHE=str(machine.root))
-    assert done.returncode == alone
-    assert ("UNSTABLE with lowest" in done.stdout) == (alone == 0)
-    assert (machine.root / "unstable").exists() == (alone == 0)
-
-
-def test_python_that_is_missing_is_installed_by_the_tool_beside_the_checkout_or_absent(
-    machine: Machine,
-) -> None:
-    shutil.copytree(ROOT / ".ci", machine.root / ".ci")
-    bin_ = machine.root / ".venv" / "bin"
-    bin_.mkdir(parents=True)
-    (bin_ / "python").symlink_to(sys.executable)
-    tool = machine.root.parent / "shared" / "tools" / "python-3.14"
-    tool.parent.mkdir(parents=True)
-    tool.write_text('#!/bin/sh\necho "tool $*" >> "$CALLS"; echo "no mirror" >&2; exit 1\n', encoding="utf-8")
-    tool.chmod(0o755)
-    done = machine.run("../.ci/versions")
-    assert "tool /opt/python-3.14" in machine.calls
-    assert "no mirror" in done.stderr
-    assert "absent  python 3.13 is not on this machine: nothing was tested with it" in done.stdout

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.cli.things import program, reactions
@@ -220,45 +220,38 @@ class Scripted:
         return await self.waiting[-1]
 
 
-@settings(deadline=None)
 @given(
     actions=st.lists(st.sampled_from(["point", "turn", "done", "problem", "error", "cancel"]), max_size=40)
 )
-def test_started_reactions_are_done_or_have_failed_when_the_run_has_ended(actions: list[str]) -> None:
+@in_virtual_time
+async def test_started_reactions_are_done_or_have_failed_when_the_run_has_ended(actions: list[str]) -> None:
     """Whatever they return or raise, and whenever the run ends."""
-
-    async def run() -> None:
-        async with memory_bench() as bench:
-            target = Scripted()
-            watcher = Reactions([Reaction(thing="screws", target=target)])
-            listening = watcher.attach(bench.bus, lambda _text, _user: None)
-            watcher.on_map(ROOM)
-            pointed = 0
-            for action in actions:
-                if action == "point":
-                    point(bench, "screws")
-                    pointed += 1
-                elif action == "turn":
-                    await asyncio.sleep(0)
-                elif pending := [each for each in target.waiting if not each.done()]:
-                    if action == "error":
-                        pending[0].set_exception(UnexpectedError())
-                    elif action == "cancel":
-                        pending[0].cancel()
-                    else:
-                        pending[0].set_result("" if action == "done" else "has failed")
-            await bench.settle()
-            for each in reversed(listening):
-                each.close()
-            counts = watcher.summary()["reactions"]
-            assert counts["started"] == counts["done"] + counts["failed"]
-            assert counts["started"] + counts["dropped"] == pointed
-            assert len(counts["failures"]) == min(
-                counts["failed"] + counts["dropped"], reactions.MAX_FAILURES
-            )
-            await settled()
-
-    asyncio.run(run())
+    async with memory_bench() as bench:
+        target = Scripted()
+        watcher = Reactions([Reaction(thing="screws", target=target)])
+        listening = watcher.attach(bench.bus, lambda _text, _user: None)
+        watcher.on_map(ROOM)
+        for action in actions:
+            pending = [each for each in target.waiting if not each.done()]
+            if action == "point":
+                point(bench, "screws")
+            elif action == "turn":
+                await asyncio.sleep(0)
+            elif pending and action == "error":
+                pending[0].set_exception(UnexpectedError())
+            elif pending and action == "cancel":
+                pending[0].cancel()
+            elif pending:
+                pending[0].set_result("" if action == "done" else "has failed")
+        await bench.settle()
+        for each in reversed(listening):
+            each.close()
+        counts = watcher.summary()["reactions"]
+        assert counts["started"] == counts["done"] + counts["failed"]
+        assert counts["started"] + counts["dropped"] == actions.count("point")
+        sentences = counts["failed"] + counts["dropped"]
+        assert len(counts["failures"]) == min(sentences, reactions.MAX_FAILURES)
+        await settled()
 
 
 @in_virtual_time

@@ -18,7 +18,6 @@ from pointit.services.led_driver.outputs import OUTPUTS
 from tests.support.bench import until
 from tests.support.running_source import Health
 
-pytestmark = pytest.mark.wall_time
 STRIP = Strip(id="a", line_m=((0, 0, 0), (1, 0, 0)), pixels=2)
 MARKS = {"ddp": b"\x41", "artnet": b"Art-Net\0", "e131": b"\0\x10\0\0ASC-E1.17\0\0\0", "spotlight": b"\0\x10"}
 """First bytes of each output's datagrams."""

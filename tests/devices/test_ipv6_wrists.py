@@ -11,8 +11,6 @@ from tests.support.bench import until
 from tests.support.buses import free_udp_port
 from tests.support.running_source import Health, phone_at
 
-pytestmark = pytest.mark.wall_time
-
 
 @pytest.mark.parametrize(("host", "family"), [("127.0.0.1", socket.AF_INET), ("::1", socket.AF_INET6)])
 async def test_sender_has_the_address_that_people_write_and_gets_answers(

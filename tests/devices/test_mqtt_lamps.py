@@ -201,6 +201,26 @@ async def test_a_bridge_below_a_base_topic_with_levels_tells_that_its_lamps_are_
         await until(lambda: "offline: desk, door;" in str(health.warnings), what="both lamps")
 
 
+async def test_the_bridge_with_the_longest_base_topic_is_that_of_the_lamp(port: int) -> None:
+    """A bridge that is gone has left its last state at a shorter one."""
+    await until(lambda: is_listening(port), what="the broker")
+    async with aiomqtt.Client("127.0.0.1", port) as bridge:
+        await bridge.publish("zigbee2mqtt/bridge/state", '{"state":"offline"}', qos=1, retain=True)
+        await bridge.publish("zigbee2mqtt/attic/bridge/state", "offline", qos=1, retain=True)
+        async with lamps_on(port, topic="zigbee2mqtt/attic/{lamp}/set") as (_output, health):
+            await until(lambda: "offline: desk, door;" in str(health.warnings), what="both lamps")
+            await bridge.publish("zigbee2mqtt/attic/bridge/state", "online", qos=1, retain=True)
+            await until(lambda: not health.warnings, what="both lamps to be back")
+
+
+async def test_the_state_is_found_in_a_long_message(port: int) -> None:
+    await until(lambda: is_listening(port), what="the broker")
+    message = json.dumps({"networks": ["x" * 2000], "state": "offline"})
+    async with lamps_on(port) as (_output, health), aiomqtt.Client("127.0.0.1", port) as hub:
+        await hub.publish("zigbee2mqtt/desk/availability", message, qos=1, retain=True)
+        await until(lambda: "offline: desk;" in str(health.warnings), what="the lamp")
+
+
 async def test_a_broker_that_comes_late_or_restarts_gets_all_colours(tmp_path: Path) -> None:
     port = free_port()
     async with lamps_on(port) as (output, health):

@@ -43,6 +43,8 @@ BASE = """{"~": "home/lamp", "schema": "json", "command_topic": "~/set", "name":
 DEVICE = """{"dev": {"name": "Panel"}, "cmps": {
   "a": {"p": "light", "schema": "json", "cmd_t": "panel/set", "supported_color_modes": ["hs"]},
   "b": {"p": "sensor", "stat_t": "panel/state"}, "c": {"p": "light", "cmd_t": "panel/plain"}}}"""
+SHARED = """{"dev": {"name": "Shelf"}, "avty": {"t": "shelf/link", "pl_avail": "up"},
+  "cmps": {"a": {"p": "light", "schema": "json", "cmd_t": "shelf/set", "name": null}}}"""
 
 
 @pytest.mark.parametrize(
@@ -92,11 +94,19 @@ def test_hue_times_brightness_is_the_colour(color: Rgb) -> None:
         (b'{"Online": true}', True),
         (b"ready", True),  # Homie, `$state`
         (b"lost", False),
+        (b"Connection Lost", False),  # ESPEasy
+        (b"1.0", True),
+        (b'{"idx":"beca","ip":"192.168.1.7","alive":false}', False),
+        (b'{"val":2,"ts":1700000000}', True),
+        (b'{"state":"ON","brightness":254,"availability":"offline"}', False),
+        (b'{"status":null,"online":true}', True),
+        (b'{"status":{"value":"Dead","since":3}}', False),
+        (b'{"state":{"state":{"state":"online"}}}', None),
         (b"", None),
         (b'{"state": {}}', None),
         (b'{"state": "ON", "brightness": 254}', None),  # a lamp that is off is reachable, too
         (b"OFF", None),
-        (b"1.0", None),
+        (b"1.5", None),
         (b"null", None),
         (b"\xff", None),
         (b"[" * 100_000, None),
@@ -118,6 +128,10 @@ def test_own_words_for_availability_replace_the_usual_ones() -> None:
     ]
     assert [is_online(text, *words) for text in (b"online", b"offline", b"2")] == [None, None, None]
     assert [is_online(text, "2") for text in (b"2", b"1", b"0")] == [True, None, False]
+    assert [is_online(text, "1.50", "null") for text in (b"1.50", b"null", b"1")] == [True, False, None]
+    whole = ('{"link":"ok"}', '{"link":"bad"}')
+    assert [is_online(text, *whole) for text in (b'{"link":"ok"}', b'{"link":"bad"}\n')] == [True, False]
+    assert is_online(b"other", " ") is None
 
 
 @pytest.mark.parametrize(
@@ -180,6 +194,11 @@ def test_a_command_to_a_switch_is_read_in_the_words_of_others(payload: bytes, ex
             OWN_WORDS,
             [AnnouncedLight("Bar", "bar/set", "bar/state", False, "here", "away")],
         ),
+        (
+            "homeassistant/device/shelf/config",
+            SHARED,
+            [AnnouncedLight("Shelf", "shelf/set", "shelf/link", False, "up")],
+        ),
         ("homeassistant/light/lamp/state", BASE, []),
     ],
 )
@@ -237,8 +256,8 @@ def test_lights_of_a_zigbee2mqtt_with_levels_in_its_base_topic_are_found() -> No
     [
         ("home/zigbee2mqtt/{lamp}/set", ["home/zigbee2mqtt"]),
         ("de/home/Zigbee2MQTT-2/{lamp}/set", ["de/home/Zigbee2MQTT-2"]),
-        ("home/zigbee2mqtt/kitchen/{lamp}/set", ["home/zigbee2mqtt", "home/zigbee2mqtt/kitchen"]),
-        ("house/lights/{lamp}/set", ["house", "house/lights"]),
+        ("home/zigbee2mqtt/kitchen/{lamp}/set", ["home/zigbee2mqtt/kitchen", "home/zigbee2mqtt"]),
+        ("house/lights/{lamp}/set", ["house/lights", "house"]),
     ],
 )
 def test_the_bridge_of_a_base_topic_with_levels_tells_if_it_is_online(topic: str, bases: list[str]) -> None:

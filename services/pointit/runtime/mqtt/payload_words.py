@@ -1,32 +1,40 @@
 """Words by which devices of other makers tell one state: plain, in JSON, or as a field of an object. Pure."""
 
+import functools
 import json
+from collections.abc import Sequence
 from typing import Any, cast
 
-FIELDS = ("state", "status", "availability", "available", "online", "connected", "value")
-"""Fields of an object that have the state, the first that there is."""
-ONLINE = frozenset(
-    ("online", "connected", "available", "alive", "awake", "up", "ready", "alert", "true", "yes", "1", "2")
+FIELDS = (
+    *("state", "status", "availability", "available", "online", "connected", "connection", "reachable"),
+    *("alive", "lwt", "value", "val"),
 )
-"""Words of Zigbee2MQTT, ESPHome, WLED, Tasmota, Shelly, milight-hub, zwave-js-ui, Homie and mqtt-smarthome.
+"""Fields of an object that may have the state. The first of which the word is known has it."""
+ONLINE = frozenset(
+    (
+        *("online", "connected", "available", "reachable", "alive", "awake", "up", "ready", "alert"),
+        *("true", "yes", "1", "2"),
+    )
+)
+"""Words of Zigbee2MQTT, ESPHome, ESPEasy, WLED, Tasmota, Shelly, milight-hub, zwave-js-ui, Homie and others.
 
 `on` and `off` are not among them: they are the state of a lamp, which is reachable in both."""
 OFFLINE = frozenset(
     (
-        *("offline", "disconnected", "disconnected_clean", "disconnected_unclean", "unavailable", "dead"),
-        *("asleep", "sleeping", "down", "init", "lost", "false", "no", "0"),
+        *("offline", "disconnected", "disconnected_clean", "disconnected_unclean", "connection lost"),
+        *("unavailable", "not available", "not_available", "unreachable", "dead", "asleep", "sleeping"),
+        *("down", "init", "lost", "false", "no", "0"),
     )
 )
+MAX_DEPTH = 2
+"""Limit of objects in one another, of which the fields are read."""
 ON, OFF = frozenset(("on", "true", "1")), frozenset(("off", "false", "0"))
 
 
 def parsed(payload: object) -> object:
     """Return the value of a message that is JSON, its text if it is not, or None if it is no text."""
-    if not isinstance(payload, bytes | bytearray):
-        return None
-    try:
-        text = payload.decode("utf-8-sig").strip("\0 \t\r\n")
-    except UnicodeDecodeError:
+    text = _text(payload)
+    if text is None:
         return None
     try:
         return json.loads(text)
@@ -34,15 +42,11 @@ def parsed(payload: object) -> object:
         return text
 
 
-def word_in(payload: object) -> str:
-    """Return the word of a message in small letters, or `""` if it has none."""
-    value = parsed(payload)
-    if isinstance(value, dict):
-        fields = {key.casefold(): each for key, each in cast("dict[str, Any]", value).items()}
-        value = next((fields[name] for name in FIELDS if name in fields), None)
-    if isinstance(value, bool | int):
-        return str(value).casefold()
-    return value.strip().casefold() if isinstance(value, str) else ""
+@functools.lru_cache(1000)  # a device sends the same ones, and each is read for many lamps
+def words_in(payload: object) -> Sequence[str]:
+    """Return the words of a message in small letters: all of it, then its value in JSON or its fields."""
+    text = _text(payload)
+    return [] if text is None else [text.casefold(), *_words(parsed(payload), depth=MAX_DEPTH)]
 
 
 def is_online(payload: object, online: str = "", offline: str = "") -> bool | None:
@@ -50,20 +54,38 @@ def is_online(payload: object, online: str = "", offline: str = "") -> bool | No
 
     Args:
         payload: the message.
-        online: word for online, in place of the usual ones if not empty.
+        online: word for online, or the whole message, in place of the usual words if not empty.
         offline: word for offline, likewise.
     """
-    return _choose(word_in(payload), _own(online) or ONLINE, _own(offline) or OFFLINE)
+    return _choose(words_in(payload), _own(online) or ONLINE, _own(offline) or OFFLINE)
 
 
 def is_on(payload: object) -> bool | None:
     """Return True if a message switches on, False for off, None for anything else."""
-    return _choose(word_in(payload), ON, OFF)
+    return _choose(words_in(payload), ON, OFF)
+
+
+def _text(payload: object) -> str | None:
+    if not isinstance(payload, bytes | bytearray):
+        return None
+    try:
+        return payload.decode("utf-8-sig").strip("\0 \t\r\n")
+    except UnicodeDecodeError:
+        return None
+
+
+def _words(value: object, depth: int) -> list[str]:
+    if isinstance(value, dict) and depth:
+        fields = {key.casefold(): each for key, each in cast("dict[str, Any]", value).items()}
+        return [word for name in FIELDS if name in fields for word in _words(fields[name], depth - 1)]
+    if isinstance(value, float) and value.is_integer():
+        value = int(value)
+    return [str(value).strip().casefold()] if isinstance(value, bool | int | str) else []
 
 
 def _own(word: str) -> frozenset[str]:
-    return frozenset((word.strip().casefold(),)) if word else frozenset()
+    return frozenset((word.strip().casefold(),)) - {""}
 
 
-def _choose(word: str, true: frozenset[str], false: frozenset[str]) -> bool | None:
-    return True if word in true else False if word in false else None
+def _choose(words: Sequence[str], true: frozenset[str], false: frozenset[str]) -> bool | None:
+    return next((word in true for word in words if word in true or word in false), None)

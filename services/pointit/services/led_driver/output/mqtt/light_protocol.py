@@ -73,13 +73,13 @@ def announced_lights(topic: str, payload: object) -> list[AnnouncedLight]:
         return []
     config = cast("dict[str, Any]", value)
     if topic.startswith("homeassistant/light/"):
-        return list(_light(config, config))
+        return list(_light(config))
     components = _mapping(_get(config, "components"))
     return [
         light
         for component in components.values()
         if _get(_mapping(component), "platform") == "light"
-        for light in _light(_mapping(component), config)
+        for light in _light({**config, **_mapping(component)})
     ]
 
 
@@ -99,15 +99,16 @@ def _zigbee_lights(base: str, devices: object) -> Iterator[AnnouncedLight]:
         yield AnnouncedLight(name, f"{base}/{name}/set", f"{base}/{name}/availability", color)
 
 
-def _light(config: Mapping[str, Any], shared: Mapping[str, Any]) -> Iterator[AnnouncedLight]:
-    """Yield the light of `config`, if it takes JSON. `shared`: what it has in common with its device."""
+def _light(config: Mapping[str, Any]) -> Iterator[AnnouncedLight]:
+    """Yield the light of `config`, if it takes JSON."""
     topic = _topic(config, _get(config, "command_topic"))
     if config.get("schema") != "json" or not topic:
         return
-    device = _mapping(_get(shared, "device"))
+    device = _mapping(_get(config, "device"))
     name = _text(config.get("name")) or _text(device.get("name")) or topic
-    listed = [_mapping(each) for each in _items(_get(config, "availability"))]
-    own, source = _get(config, "availability_topic"), listed[-1] if listed else {}
+    several = _get(config, "availability")
+    listed = [_mapping(each) for each in (_items(several) or [several])]
+    own, source = _get(config, "availability_topic"), listed[-1]
     availability = _topic(config, own or _get(source, "topic"))
     words = (_text(_get(config if own else source, name)) for name in WORDS)
     modes = {_text(mode) for mode in _items(_get(config, "supported_color_modes"))}

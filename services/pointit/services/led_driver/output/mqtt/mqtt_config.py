@@ -12,6 +12,8 @@ from pointit.services.led_driver.outputs import OutputConfig
 
 LAMP = "{lamp}"
 """Placeholder of a lamp's id in `MqttConfig.topic`."""
+BRIDGE = "/bridge/state"
+"""End of the topic by which a Zigbee2MQTT tells if it is online."""
 SET = "/set"
 """End of a command topic of Zigbee2MQTT."""
 ZIGBEE = ("zigbee", "z2m")
@@ -94,20 +96,20 @@ class MqttConfig(AvailabilityConfig, BrokerConfig, OutputConfig):
         return own or self.topic.replace(LAMP, lamp_id)
 
     def availability_topics(self, lamp_id: str) -> tuple[str, ...]:
-        """Return the topics that tell if a lamp is online: all of them must say so, or nothing."""
+        """Return the topics that tell if a lamp is online: all of them must say so, or nothing.
+
+        Of those of bridges, the first on which there is anything counts: the lamp is at that one.
+        """
         if own := self._of_lamp(lamp_id, "availability"):
             return (own.replace(LAMP, lamp_id),)
         topic = self.command_topic(lamp_id)
         if not topic.endswith(SET) or topic.count("/") < 2:
             return ()
-        return (
-            f"{topic.removesuffix(SET)}/availability",
-            *(f"{base}/bridge/state" for base in _bases(topic)),
-        )
+        return (f"{topic.removesuffix(SET)}/availability", *(f"{base}{BRIDGE}" for base in _bases(topic)))
 
     def is_online(self, lamp_id: str, topic: str, payload: bytes) -> bool | None:
         """Return True if a message on an availability topic says that the lamp is online, None if neither."""
-        if topic.endswith("/bridge/state") and not self._of_lamp(lamp_id, "availability"):
+        if topic.endswith(BRIDGE) and not self._of_lamp(lamp_id, "availability"):
             return is_online(payload)
         words = (self._of_lamp(lamp_id, name) for name in WORDS)
         return is_online(payload, *words)
@@ -119,8 +121,11 @@ class MqttConfig(AvailabilityConfig, BrokerConfig, OutputConfig):
 
 
 def _bases(topic: str) -> list[str]:
-    """Return the possible base topics of Zigbee2MQTT in a lamp's topic: names of lamps have slashes, too."""
+    """Return the possible base topics of Zigbee2MQTT in a lamp's topic, the longest first.
+
+    Names of lamps have slashes, too.
+    """
     levels = topic.removesuffix(SET).split("/")[:-1]
     named = [any(word in level.casefold() for word in ZIGBEE) for level in levels]
     first = named.index(True) if any(named) else 0
-    return ["/".join(levels[:end]) for end in range(first + 1, len(levels) + 1)]
+    return ["/".join(levels[:end]) for end in range(len(levels), first, -1)]

@@ -22,7 +22,7 @@ from pointit.services.led_driver.output.mqtt.light_protocol import (
     AnnouncedLight,
     announced_lights,
 )
-from pointit.services.led_driver.output.mqtt.mqtt_config import MqttConfig
+from pointit.services.led_driver.output.mqtt.mqtt_config import BRIDGE, MqttConfig
 from pointit.services.led_driver.output.output_health import OutputHealth
 from pointit.services.led_driver.outputs import LedOutput
 
@@ -41,7 +41,7 @@ MAX_LAMPS = 500
 """Limit of lamps on one broker."""
 TLS_SHARE = 0.2
 """Share of the time of a search that is left to find out if a broker that does not answer encrypts."""
-MAX_PAYLOAD = 1000
+MAX_PAYLOAD = 20_000
 """Limit of an availability message, bytes."""
 MAX_SHOWN = 40
 """Characters of a message that are shown."""
@@ -190,16 +190,22 @@ class MqttLamps:
         offline: list[str] = []
         unknown: dict[str, str] = {}
         for lamp_id in self._lamps:
-            for topic in self._config.availability_topics(lamp_id):
-                payload = self._payloads.get(topic, b"")  # empty where the broker has nothing retained
-                online = self._config.is_online(lamp_id, topic, payload) if payload else True
+            # payloads are empty where the broker has nothing retained any more
+            topics = [each for each in self._config.availability_topics(lamp_id) if self._payloads.get(each)]
+            bridges = [each for each in topics if each.endswith(BRIDGE)]
+            for topic in (each for each in topics if each not in bridges[1:]):
+                payload = self._payloads[topic]
+                online = self._config.is_online(lamp_id, topic, payload)
                 if online is None:
                     unknown[topic] = repr(payload.decode(errors="replace")[:MAX_SHOWN])
                 elif not online and lamp_id not in offline:
                     offline.append(lamp_id)
         self._commands.set_offline(offline)
         told = ", ".join(f"{topic} tells {text}" for topic, text in unknown.items())
-        remedy = "set `payload_available` and `payload_not_available` to the words for online and offline"
+        remedy = (
+            "set `availability` to the topic that tells if the lamp is online, and `payload_available` and "
+            "`payload_not_available` to its words for online and offline"
+        )
         self._health.warn("availability", f"{told}: {remedy}" if told else "")
         who = ", ".join(offline)
         self._health.warn(

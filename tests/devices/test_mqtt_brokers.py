@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from cryptography.x509.oid import ExtendedKeyUsageOID
 
 from pointit.cli.things import mqtt_events
 from pointit.cli.things.mqtt_events import MqttThings, broker_of
@@ -29,10 +30,10 @@ OPEN = "allow_anonymous true\nuser root\n"
 
 @contextlib.contextmanager
 def encrypting(
-    folder: Path, host: str = "localhost", more: str = "", days: float = 30.0
+    folder: Path, host: str = "localhost", more: str = "", **limits: Any
 ) -> Generator[tuple[int, Path]]:
     """Run a broker with a certificate of its own for `host`. Yield its port and the file of its authority."""
-    authority, certificate, key = issue(folder, host, days=days)
+    authority, certificate, key = issue(folder, host, **limits)
     options = f"{OPEN}certfile {certificate}\nkeyfile {key}\n{more}"
     with broker(folder, options=options) as port:
         yield port, authority
@@ -113,9 +114,9 @@ async def test_strict_checks_of_python_3_13_do_not_refuse_an_authority_of_ones_o
 @pytest.mark.parametrize(
     ("host", "days", "said"),
     [
-        ("localhost", -1.0, "has expired: renew it there"),
-        ("hub.home", 30.0, "is for other names ("),
-        ("192.168.1.5", 30.0, "is for other names ("),
+        ("localhost", -1.0, ", or of its authority, has expired: renew it there"),
+        ("hub.home", 30.0, " is for other names ("),
+        ("192.168.1.5", 30.0, " is for other names ("),
     ],
 )
 async def test_a_certificate_that_is_not_accepted_is_told_with_its_fault(
@@ -123,7 +124,21 @@ async def test_a_certificate_that_is_not_accepted_is_told_with_its_fault(
 ) -> None:
     with encrypting(tmp_path, host, days=days) as (port, authority):
         text = await problem(broker=f"mqtts://localhost:{port}", ca_file=str(authority))
-    assert text.startswith(f"the certificate of the broker at localhost:{port} {said}")
+    assert text.startswith(f"the certificate of the broker at localhost:{port}{said}")
+
+
+async def test_a_certificate_for_another_purpose_is_not_told_to_lack_an_authority(tmp_path: Path) -> None:
+    with encrypting(tmp_path, purpose=ExtendedKeyUsageOID.CLIENT_AUTH) as (port, authority):
+        text = await problem(broker=f"mqtts://localhost:{port}", ca_file=str(authority))
+    assert text.startswith(f"the certificate of the broker at localhost:{port} cannot be used (")
+    assert text.endswith("issue another one there")
+
+
+async def test_a_broker_that_takes_tls_1_3_only_and_is_named_by_its_address_is_connected_to(
+    tmp_path: Path,
+) -> None:
+    with encrypting(tmp_path, "127.0.0.1", more="tls_version tlsv1.3\n") as (port, authority):
+        assert await problem(broker=f"mqtts://127.0.0.1:{port}", ca_file=str(authority)) == ""
 
 
 async def test_encryption_and_its_absence_are_told_when_they_do_not_match(tmp_path: Path) -> None:

@@ -10,7 +10,9 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import NameOID
 
 
-def issue(folder: Path, host: str, *, days: float = 30.0) -> tuple[Path, Path, Path]:
+def issue(
+    folder: Path, host: str, *, days: float = 30.0, purpose: x509.ObjectIdentifier | None = None
+) -> tuple[Path, Path, Path]:
     """Write an authority, the certificate of a server `host` and its key, and return the three files.
 
     The authority has no key identifiers, as those of old instructions.
@@ -19,6 +21,7 @@ def issue(folder: Path, host: str, *, days: float = 30.0) -> tuple[Path, Path, P
         folder: folder of the files.
         host: name or address that the server has in its certificate.
         days: time until the certificate expires; negative if it has expired.
+        purpose: the only purpose for which the certificate is issued, or None if there is no limit.
     """
     now = dt.datetime.now(dt.UTC)
     keys = [ec.generate_private_key(ec.SECP256R1()) for _ in range(2)]
@@ -39,6 +42,8 @@ def issue(folder: Path, host: str, *, days: float = 30.0) -> tuple[Path, Path, P
             .not_valid_before(start)
             .not_valid_after(now + dt.timedelta(days=days if index else 30.0))
         )
+        if index and purpose is not None:
+            builder = builder.add_extension(x509.ExtendedKeyUsage([purpose]), critical=False)
         certificate = builder.add_extension(extension, critical=False).sign(keys[0], hashes.SHA256())
         made.append(certificate.public_bytes(serialization.Encoding.PEM))
     made.append(

@@ -6,6 +6,8 @@ from collections.abc import Iterator
 NOT_YET_VALID, EXPIRED = 9, 10
 OTHER_NAMES = (62, 64)
 """Codes of OpenSSL (`X509_V_ERR_…`): a host name, an IP address that the certificate does not have."""
+UNKNOWN_AUTHORITY = (2, 18, 19, 20, 21)
+"""Codes for an issuer that is not among the trusted ones, the certificate itself included."""
 
 
 def describe_certificate_error(error: ssl.SSLCertVerificationError, server: str, trust: str) -> str:
@@ -16,16 +18,19 @@ def describe_certificate_error(error: ssl.SSLCertVerificationError, server: str,
         server: the server, such as `the broker at hub:8883`.
         trust: what makes an unknown authority trusted, such as "set `ca_file` to its certificate".
     """
-    if error.verify_code == EXPIRED:
-        return f"the certificate of {server} has expired: renew it there"
-    if error.verify_code == NOT_YET_VALID:
+    code, reason = error.verify_code, error.verify_message.rstrip(".")
+    if code == EXPIRED:
+        return f"the certificate of {server}, or of its authority, has expired: renew it there"
+    if code == NOT_YET_VALID:
         return f"the certificate of {server} is not valid yet by the clock of this machine: set the clock"
-    if error.verify_code in OTHER_NAMES:
+    if code in OTHER_NAMES:
         return (
-            f"the certificate of {server} is for other names ({error.verify_message}): use a name that it "
-            "has, or issue one for this name"
+            f"the certificate of {server} is for other names ({reason}): use a name that it has, or issue "
+            "one with this name, or address, as its subject alternative name"
         )
-    return f"the certificate of {server} is not trusted ({error.verify_message}): {trust}"
+    if code in UNKNOWN_AUTHORITY:
+        return f"the certificate of {server} is not trusted ({reason}): {trust}"
+    return f"the certificate of {server} cannot be used ({reason}): issue another one there"
 
 
 def certificate_error_in(error: BaseException | None) -> ssl.SSLCertVerificationError | None:

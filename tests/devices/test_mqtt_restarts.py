@@ -52,6 +52,7 @@ class Selector:
         self._bench.put(SELECTION, Selection(stamp_ns=1, objects=chosen))
 
     async def _set(self, query: SetThing, user: str) -> Done:
+        assert query.is_restored
         self.switched.append((query.thing, query.on, user))
         if not self.has_lamp:
             raise RefusedError("there is no button or switch radio now")

@@ -144,10 +144,11 @@ class ReleaseObject(Query):
 class SetThing(Query):
     """Fire a thing, or switch it, without pointing at it: for who tries it, or knows its true state."""
 
+    version: ClassVar[int] = 2
+
     thing: Annotated[Id, Field(min_length=1), WithJsonSchema({"type": "string", "minLength": 1})]
-    on: Annotated[bool | None, Field(description="state of a switch; None toggles it, or fires a button")] = (
-        None
-    )
+    on: Annotated[bool | None, Field(description="state of a switch; None toggles, or fires a button")] = None
+    is_restored: Annotated[bool, Field(description="state before a restart: nothing reacts")] = False
 
 
 class SetWorkspace(Query):

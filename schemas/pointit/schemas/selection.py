@@ -7,6 +7,8 @@ from pydantic import Field
 from pointit.schemas.base import Fraction, Id, Many, Message, Ns, SchemaModel
 from pointit.schemas.environment import ThingMode
 
+RESTORED = "was on before a restart"  # in the reason of an event, to which nothing reacts
+
 
 class SelectedObject(SchemaModel):
     """One selected object."""
@@ -76,8 +78,8 @@ class SelectionEvent(Message):
         return self.event == "selected"
 
     def is_reaction(self, mode: ThingMode) -> bool:
-        """Return True if a thing of `mode` fired, or was switched; not if a button or a claim is over."""
-        return self.is_on or (self.event == "deselected" and mode == "switch")
+        """Return True if a thing of `mode` fired, or was switched; not if it was restored, or is over."""
+        return RESTORED not in self.reason and (self.is_on or (mode, self.event) == ("switch", "deselected"))
 
 
 class Claim(Message):

@@ -31,7 +31,7 @@ def is_reaction(event: SelectionEvent, names: Collection[str], room: Environment
     if names and event.object_id not in names:
         return False
     if room is None:
-        return bool(names) and event.is_on
+        return bool(names) and event.is_reaction("button")
     return any(thing.id == event.object_id and event.is_reaction(thing.mode) for thing in room.things)
 
 

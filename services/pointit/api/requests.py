@@ -87,9 +87,9 @@ class SelectRequests(_Requests[D], Generic[D, R, S]):
         """
         return self._do(topics.RELEASE_OBJECT, user, object_id=object_id, take_over=take_over)
 
-    def set_thing(self, user: str, thing: str, *, on: bool | None = None) -> D:
-        """Fire a thing of the map, or switch it on or off, without pointing. `user` is who does it."""
-        return self._do(topics.SET_THING, user, thing=thing, on=on)
+    def set_thing(self, user: str, thing: str, *, on: bool | None = None, is_restored: bool = False) -> D:
+        """Fire a thing of the map, or switch it, without pointing, as `user`. Nothing reacts if restored."""
+        return self._do(topics.SET_THING, user, thing=thing, on=on, is_restored=is_restored)
 
     def method(self, name: str | None = None, *, dwell_s: float | None = None) -> R:
         """Set how dwelling selects, and for how long (s). Without values, only return the settings in use.

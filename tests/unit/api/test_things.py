@@ -16,6 +16,7 @@ from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import Environment, Selection, SelectionEvent
 from pointit.schemas.environment import Thing, ThingMode
+from pointit.schemas.selection import RESTORED
 from pointit.schemas.topics import MAP, SELECTION, SELECTION_EVENTS
 from tests.contract.public_api import in_memory
 from tests.support.bench import PATIENCE_S, Bench, in_virtual_time, until
@@ -78,6 +79,13 @@ def test_before_the_map_has_come_only_a_named_thing_fires(
 ) -> None:
     told = {"stamp_ns": 1, "event": event, "object_id": "screws", "user": "anna", "cause": "dwell"}
     assert is_reaction(SelectionEvent.model_validate(told), names, None) == counts
+
+
+def test_nothing_reacts_to_a_switch_that_is_restored_after_a_restart() -> None:
+    fields = {"stamp_ns": 1, "event": "selected", "object_id": "radio", "user": "anna"}
+    for more in ("", "; told again after a restart of the selector"):
+        event = SelectionEvent.model_validate({**fields, "reason": RESTORED + more})
+        assert not any(is_reaction(event, ("radio",), room) for room in (ROOM, None))
 
 
 @in_virtual_time

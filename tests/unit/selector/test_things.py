@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
-from pointit.schemas import ButtonEvent, Cursor, Environment, Feedback, Hover, SelectionEvent, Thing
+from pointit.schemas import ButtonEvent, Cursor, Environment, Feedback, Hover, SelectionEvent, SetThing, Thing
+from pointit.schemas.selection import RESTORED
 from pointit.services.pui.things import TRACKER, listing
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.objects.seen_objects import MAX_SOLIDS, SeenObjects
@@ -130,7 +131,9 @@ def test_a_tracked_object_does_what_the_map_says_of_it_while_it_is_tracked() -> 
     assert room.press() == [("selected", "cart")]
     assert room.events[-1].kind == "the cart"
     stay("other", 0.2)
-    told = [output.message for output in room.engine.set_thing("anna", "cart", None, at(room.time_s))]
+    told = [
+        output.message for output in room.engine.set_thing("anna", SetThing(thing="cart"), at(room.time_s))
+    ]
     assert [each.text for each in told if isinstance(each, Feedback)] == [
         "there is no button or switch cart now"
     ]
@@ -226,7 +229,7 @@ def test_of_a_crowd_of_boxes_those_nearest_to_the_ray_are_seen(aimed: int) -> No
 
 def set_thing(room: Things, name: str, *, on: bool | None = None) -> tuple[list[str], list[str]]:
     """Return the events, and the texts of the cues."""
-    outputs = room.engine.set_thing("home", name, on, at(room.time_s))
+    outputs = room.engine.set_thing("home", SetThing(thing=name, on=on), at(room.time_s))
     messages = [output.message for output in outputs]
     events: list[str] = [each.event for each in messages if isinstance(each, SelectionEvent)]
     room.take(outputs)
@@ -237,7 +240,10 @@ def test_programs_switch_switches_and_fire_buttons() -> None:
     room = Things(thing("radio", mode="switch"), thing("screws", 1.0))
     room.point(80.0, 0.1)
     assert set_thing(room, "radio", on=True) == (["selected"], [])
-    assert _done_message(room.engine.set_thing("home", "radio", False, at(room.time_s))) == "radio deselected"
+    assert (
+        _done_message(room.engine.set_thing("home", SetThing(thing="radio", on=False), at(room.time_s)))
+        == "radio deselected"
+    )
     set_thing(room, "radio", on=True)
     assert set_thing(room, "radio", on=True) == ([], [])
     assert set_thing(room, "radio") == (["deselected"], [])
@@ -246,6 +252,15 @@ def test_programs_switch_switches_and_fire_buttons() -> None:
     assert set_thing(room, "screws") == ([], ["screws is a button, which goes off by itself"])
     assert room.point(80.0, 1.0) == [("deselected", "screws")]
     assert set_thing(room, "screws", on=True) == (["selected"], [])
+
+
+def test_the_event_of_a_switch_that_is_restored_says_so() -> None:
+    room = Things(thing("radio", mode="switch"))
+    room.point(80.0, 0.1)
+    query = SetThing(thing="radio", on=True, is_restored=True)
+    told = [output.message for output in room.engine.set_thing("anna", query, at(room.time_s))]
+    assert [each.reason for each in told if isinstance(each, SelectionEvent)] == [RESTORED]
+    assert [one.id for one in room.engine.selection(at(room.time_s)).objects] == ["radio"]
 
 
 def test_programs_change_nothing_that_is_owned_or_unknown() -> None:

@@ -30,7 +30,7 @@ USER = "mqtt"
 RETRY_S = 2.0
 """Pause before the next connection, s."""
 OLD_FOUND_S = 0.5
-"""Time in which a broker sends what it retains of earlier announcements, s."""
+"""Time in which a broker sends the next of what it retains of earlier announcements, s."""
 RESTORE_PAUSES_S = (0.0, 0.5, 1.0, 2.0, 4.0)
 """Pauses before each try to switch on what was on before a restart, s."""
 LOG_PERIOD_S = 600.0
@@ -152,7 +152,7 @@ class MqttThings:
                 break
             try:
                 user = USER if last is None else last.user
-                await self._bus.call(SET_THING, SetThing(thing=thing_id, on=True), user)
+                await self._bus.call(SET_THING, SetThing(thing=thing_id, on=True, is_restored=True), user)
             except PointItError as error:  # its lamp or object may come later
                 problem = str(error)
         else:
@@ -216,9 +216,10 @@ class MqttThings:
         filters = (self._announcements.found, self._announcements.all_states)
         await client.subscribe([(each, 1) for each in filters])
         with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(OLD_FOUND_S):
+            async with asyncio.timeout(OLD_FOUND_S) as ending:
                 async for message in client.messages:
                     if message.payload and message.retain:
+                        ending.reschedule(asyncio.get_running_loop().time() + OLD_FOUND_S)
                         retained[message.topic.value] = message.payload
         await client.unsubscribe([*filters])
         return retained
@@ -269,8 +270,13 @@ class MqttThings:
                     self._changed.set()
                 continue
             command = self._announcements.command([*self._things.values()], topic, message.payload)
-            if command is None or message.retain:  # a retained command is of another time
-                self._log(f"{topic} is no command to a switch, and ignored")
+            if message.retain:
+                self._log(f"{topic} is retained, thus old, and ignored: send commands without `retain`")
+                continue
+            if command is None:
+                self._log(
+                    f"{topic} is no command to a switch, and ignored: send ON or OFF to a switch of the map"
+                )
                 continue
             thing_id, on = command
             if self._restoring:

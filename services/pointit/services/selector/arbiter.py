@@ -4,7 +4,8 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
-from pointit.schemas import NS_PER_S, Claim, ConveyorState, Selection, SelectionEvent
+from pointit.schemas import NS_PER_S, Claim, ConveyorState, Selection, SelectionEvent, SetThing
+from pointit.schemas.selection import RESTORED
 from pointit.services.selector.claim_budget import ClaimBudget
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.objects.departures import OWN, Departures
@@ -289,20 +290,16 @@ class Arbiter:
             return [self._publisher.cue(user, "refused", f"object {object_id} {status}", now_ns)]
         outputs = self._publish(user, records, now_ns)
         if entry.user != user and records[0].event != "refused":
-            done = "taken over" if take_over else "released"
-            text = f"{entry.kind or 'object'} was {done} by {user}"
+            text = f"{entry.kind or 'object'} was {'taken over' if take_over else 'released'} by {user}"
             outputs.append(self._publisher.cue(entry.user, "deselected", text, now_ns))
         return outputs
 
-    def set_thing(self, user: str, thing: str, on: bool | None, now_ns: int) -> list[Output]:  # noqa: FBT001
-        """Fire a button or switch a switch without pointing. Returns nothing if its state is `on` already.
-
-        `user` is the caller. `on`: state of a switch, or None to toggle it.
-        """
+    def set_thing(self, user: str, query: SetThing, now_ns: int) -> list[Output]:
+        """Fire a button or switch a switch, as `user`. Returns nothing if its state is that already."""
+        thing, on = query.thing, query.on
         tracked, is_on = self._positions.objects.get(thing), self._ownership.is_selected(thing)
         if tracked is None or tracked.mode == "claim":
-            text = f"there is no button or switch {thing} now"
-            return [self._publisher.cue(user, "refused", text, now_ns)]
+            return [self._publisher.cue(user, "refused", f"there is no button or switch {thing} now", now_ns)]
         if on is is_on:
             return []
         if tracked.mode == "button" and (is_on or on is False):
@@ -310,6 +307,8 @@ class Arbiter:
             return [self._publisher.cue(user, "refused", text, now_ns)]
         self._reservations.free(thing)
         record = self._ledger.toggle(thing, tracked.kind, user, now_ns, cause="", mode=tracked.mode)
+        if query.is_restored and record.event != "refused":
+            record = record._replace(reason=RESTORED)
         return self._publish(user, [record], now_ns)
 
     def _close(self, left: Sequence[Record], now_ns: int) -> list[Output]:
@@ -320,9 +319,8 @@ class Arbiter:
         return [Output("", self.selection(now_ns))] if left else []
 
     def _publish(self, user: str, records: Sequence[Record], now_ns: int) -> list[Output]:
-        outputs: list[Output] = []
-        if any(record.event != "refused" for record in records):
-            outputs.append(Output("", self.selection(now_ns)))
+        is_changed = any(record.event != "refused" for record in records)
+        outputs = [Output("", self.selection(now_ns))] if is_changed else []
         for record in records:
             outputs += self._publisher.event(record)
             if record.cause not in DEEDS:

@@ -58,12 +58,11 @@ class SelectionPublisher:
 
     def cues(self, user: str, records: Iterable[Record], now_ns: int) -> list[Output]:
         """Return a cue for `user` for each thing that they did or tried to do."""
-        outputs: list[Output] = []
-        for record in records:
-            if record.event != "left":
-                text = record.reason or f"{record.kind or 'object'} {record.event}"
-                outputs.append(self.cue(user, record.event, text, now_ns))
-        return outputs
+        return [
+            self.cue(user, record.event, record.reason or f"{record.kind or 'object'} {record.event}", now_ns)
+            for record in records
+            if record.event != "left"
+        ]
 
     def cue(self, user: str, kind: Kind, text: str, now_ns: int) -> Output:
         """Return the cue `kind` for `user`."""

@@ -135,7 +135,7 @@ class SiteRole:
         return Done(message=_done_message(outputs))
 
     async def _set_thing(self, query: SetThing, user: str) -> Done:
-        outputs = self._put(self.engine.set_thing(user, query.thing, query.on, self._clock.now_ns()))
+        outputs = self._put(self.engine.set_thing(user, query, self._clock.now_ns()))
         if not outputs:
             return Done(message=f"{query.thing} is {'on' if query.on else 'off'} already")
         return Done(message=_done_message(outputs))

@@ -137,12 +137,7 @@ class Site:
         self._check_open()
 
     async def wait(self) -> None:
-        """Wait until the site is closed or this is cancelled, while functions of `on_pointed` are called.
-
-        Raises:
-            BusClosedError: If the site is closed, as soon as it is.
-            PointItError: If a service of `run` has failed, as soon as it has.
-        """
+        """Wait until the site is closed, while functions of `on_pointed` are called. Raises as `sleep`."""
         await self._ended.wait()
         self._check_open()
 

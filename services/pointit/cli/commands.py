@@ -81,10 +81,7 @@ SITE_USER = """Add, remove and list the people of a site; the router follows wit
 Example: pointit site user add carla --folder lab
 """
 
-SITE_SERVICE = """Add identities that have the rights of one service.
-
-Use them for bridges and for services of other packages, instead of the identity `services`, which has the
-rights of all shared services.
+SITE_SERVICE = """Add identities with the rights of one service, not of all shared ones.
 
 Example: pointit site service add foxglove --folder lab
 """

@@ -49,10 +49,9 @@ from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
 from pointit.runtime.clock import Clock, sleep, ticks
 from pointit.runtime.config.config import Config
-from pointit.runtime.config.network_address import format_address
 from pointit.runtime.config.plugins import DevicePlugin, Discover, FoundDevice, Plugin, PluginGroup
 from pointit.runtime.errors import ConfigError, RefusedError
-from pointit.runtime.host.address_config import AddressConfig
+from pointit.runtime.host.address_config import AddressConfig, format_address
 from pointit.runtime.host.state_file import StateFile
 from pointit.runtime.service.service import Context, Service
 from pointit.runtime.service.surroundings import HealthSink, Surroundings

@@ -1,7 +1,5 @@
 """Files that are replaced: all or nothing, for their owner, on the disk if asked; states of one person."""
 
-import contextlib
-import multiprocessing
 import os
 import stat
 from pathlib import Path
@@ -10,10 +8,8 @@ import pytest
 from pydantic import BaseModel
 
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.host import state_file
 from pointit.runtime.host.atomic_file import read_limited, write_atomically
 from pointit.runtime.host.state_file import MAX_BYTES, StateFile
-from pointit.runtime.host.store import acquire_lock
 from pointit.schemas import KeyNameError
 
 
@@ -97,40 +93,6 @@ def test_a_stored_value_is_read_again_by_the_same_person_only_until_it_is_erased
     assert stat.S_IMODE(file.path.stat().st_mode) == 0o600
     assert file.erase()
     assert file.read() is None
-
-
-class Counted(BaseModel):
-    count: int = 0
-
-
-def count_up(path: Path) -> None:
-    def add_one(stored: Counted | None) -> Counted:
-        return Counted(count=(stored.count if stored else 0) + 1)
-
-    for _ in range(50):
-        StateFile.at(path, Counted).update(add_one)
-
-
-def test_no_update_of_two_processes_is_lost(tmp_path: Path) -> None:
-    context = multiprocessing.get_context("spawn")
-    path = tmp_path / "count.json"
-    processes = [context.Process(target=count_up, args=(path,)) for _ in range(2)]
-    for process in processes:
-        process.start()
-    for process in processes:
-        process.join()
-        assert process.exitcode == 0
-    assert StateFile.at(path, Counted).read() == Counted(count=100)
-
-
-def test_an_update_waits_for_no_lock_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(state_file, "LOCK_TIMEOUT_S", 0.0)
-    path = tmp_path / "count.json"
-    lock = acquire_lock(path.with_suffix(".lock"))
-    assert lock is not None
-    with contextlib.closing(lock), pytest.raises(ConfigError, match="another process is changing it"):
-        StateFile.at(path, Counted).update(lambda _stored: Counted())
-    assert not path.exists()
 
 
 @pytest.mark.parametrize("text", ["", "{", '{"size": "big"}', "[1]", "x" * (MAX_BYTES + 2)])

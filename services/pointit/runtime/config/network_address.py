@@ -53,8 +53,3 @@ def _numeric_host(kind: type[ipaddress.IPv4Address | ipaddress.IPv6Address], hos
 
 def _error(text: str) -> ValueError:
     return ValueError(f"{text!r} is not an address: write HOST or HOST:PORT, for IPv6 ::1 or [::1]:PORT")
-
-
-def format_address(host: str, port: int) -> str:
-    """Return `HOST:PORT`, with brackets around an IPv6 address."""
-    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"

@@ -35,3 +35,8 @@ class AddressConfig(Config):
         if str(fields.get("port") or port).strip() != str(port):
             raise _described(f"{text} and port {fields['port']} differ: remove one of the ports")
         return {**fields, "host": host, "port": port}
+
+
+def format_address(host: str, port: int) -> str:
+    """Return `HOST:PORT`, with brackets around an IPv6 address."""
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"

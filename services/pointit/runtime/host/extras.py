@@ -9,10 +9,7 @@ CHECKOUT = Path(__file__).parents[4]
 
 
 def remedy(extra: str) -> str:
-    """Return the command that installs `extra`, in backticks: in a checkout its script, else pip's.
-
-    `lab`, the laboratory, is a package of its own that no index has.
-    """
+    """Return the command that installs `extra`, or the package `lab`, in backticks: a script, else pip's."""
     if (CHECKOUT / "scripts" / "setup").is_file():
         return f"`scripts/setup {extra}` in the folder of PointIt"
     if extra == "lab":

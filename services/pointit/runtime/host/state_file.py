@@ -2,8 +2,7 @@
 
 import contextlib
 import os
-import sqlite3
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from contextvars import ContextVar
 from pathlib import Path
 from typing import Generic, Self, TypeVar
@@ -13,7 +12,6 @@ from pydantic import BaseModel, ValidationError
 
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.atomic_file import read_limited, write_atomically
-from pointit.runtime.host.store import acquire_lock
 from pointit.schemas import summarize_validation_error
 from pointit.schemas.topics import check_name
 
@@ -21,7 +19,6 @@ T = TypeVar("T", bound=BaseModel)
 VARIABLE = "POINTIT_STATE"
 """Names another state directory."""
 MAX_BYTES = 64 * 1024
-LOCK_TIMEOUT_S = 2.0
 
 
 _used: ContextVar[Path | None] = ContextVar("state directory", default=None)
@@ -131,22 +128,6 @@ class StateFile(Generic[T]):
             ConfigError: If it cannot be written. Names the file.
         """
         write_atomically(self.path, (value.model_dump_json(indent=2) + "\n").encode())
-
-    def update(self, change: Callable[[T | None], T]) -> None:
-        """Replace the stored value by `change(value)`. Other processes that update it wait.
-
-        Raises:
-            ConfigError: If a value cannot be read, used or written, or is locked for `LOCK_TIMEOUT_S`.
-        """
-        try:
-            self.path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-            lock = acquire_lock(self.path.with_suffix(".lock"), LOCK_TIMEOUT_S)
-        except (OSError, sqlite3.Error) as error:
-            raise ConfigError(f"{self.path}: cannot be locked ({error})") from error
-        if lock is None:
-            raise ConfigError(f"{self.path}: another process is changing it; try again in a moment")
-        with contextlib.closing(lock):
-            self.write(change(self.read()))
 
     def erase(self) -> bool:
         """Erase the stored value. Return True if there was one.

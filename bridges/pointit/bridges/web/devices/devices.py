@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pointit.bridges.web.devices.locked_update import update_stored
 from pointit.bridges.web.devices.pattern import PATTERN_S, pattern
 from pointit.bridges.web.devices.process import JsonObject, run_command
 from pointit.bridges.web.devices.wire import MAX_DEVICES, ConnectDevice, ConnectedDevice, StoredDevices
@@ -314,7 +315,7 @@ class Devices:
                 raise RefusedError(f"{MAX_DEVICES} devices are stored, which is the most: forget one first")
             return StoredDevices(devices=(*kept, *added))
 
-        self._file.update(change)
+        update_stored(self._file, change)
 
     def _device(self, device_id: str) -> ConnectedDevice:
         running = self._running.get(device_id)

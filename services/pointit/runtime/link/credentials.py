@@ -193,7 +193,7 @@ def connection_refusal(credentials: Credentials, endpoint: str) -> str:
             is_secured = True
             secured.recv(1)  # the router's verdict on our certificate follows the handshake
     except ssl.SSLError as error:
-        if is_secured or not isinstance(error, ssl.SSLEOFError):  # its answer to OpenSSL 3.5 and newer
+        if is_secured or not isinstance(error, ssl.SSLEOFError | ssl.SSLZeroReturnError):  # to OpenSSL 3.5
             return _handshake_problem(error, endpoint, credentials)
         return PassingRefusal(NO_SECURED_ROUTER.format(endpoint))
     except OSError:  # includes a time-out, which means success once the connection is secured

@@ -78,7 +78,8 @@ def test_what_fails_with_other_versions_runs_once_more(machine: Machine, alone: 
         path.write_text(OTHER_PYTHON if path.name == "python" else "#!/bin/sh\n", encoding="utf-8")
         path.chmod(0o755)
     machine.add("python3.11", '#!/bin/sh\n[ "$1" = -c ]\n')
-    done = machine.run("../.ci/versions", ALONE=str(alone), PYTEST_CACHE=str(machine.root))
+    folders = {"PYTEST_CACHE": str(machine.root), "PYTHONS": str(machine.root)}
+    done = machine.run("../.ci/versions", ALONE=str(alone), **folders)
     assert done.returncode == alone
     assert ("UNSTABLE with lowest" in done.stdout) == (alone == 0)
     assert (machine.root / "unstable").exists() == (alone == 0)

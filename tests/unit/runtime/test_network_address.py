@@ -48,6 +48,7 @@ def test_spellings_of_an_address_are_read(text: str, address: tuple[str, int | N
     "text",
     [
         *("", ":80", "strip:", "strip:http", "strip:8_0", "strip:+8", "strip:\u0662", "a b"),
+        *("strip..local", ".local:80", "..", "strip\0", "a" * 64, f"strip.{'a' * 64}.local:80"),
         *("http://strip", "strip/", "me@strip", "[strip]", "[10.0.0.1]:80", "[::1", "::1]:80", "[::1]80"),
         *("10.0.1", "10.0.0.256", "10.0.0.010", "0x7f.0x1", "4048", "fe80::1%", "::1:99999"),
     ],

@@ -5,7 +5,7 @@ import re
 
 MAX_PORT = 65535
 _BRACKETED = re.compile(r"\[([^\[\]]*)\](?::(.*))?")
-_NO_NAME = re.compile(r"[\s/@?#%\\\[\]]")
+_NO_NAME = re.compile(r"[\s\0/@?#%\\\[\]]|^\.|\.\.|[^.]{64}")
 _NUMBER = re.compile(r"[0-9]+|0[xX][0-9a-fA-F]*")
 
 

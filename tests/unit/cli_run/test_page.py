@@ -107,6 +107,13 @@ def test_the_local_network_is_told_where_it_is_opened() -> None:
     assert config.host == "127.0.0.1"  # what is not encrypted stays on this machine
 
 
+def test_port_in_the_host_is_that_of_the_page() -> None:
+    port = free_port()
+    page = page_of(Settings(settings=[f"web.host=127.0.0.1:{port}"]))
+    assert page.config.port == port
+    assert page.url.startswith(f"http://127.0.0.1:{port}/")
+
+
 def test_a_page_that_is_passed_on_is_told_where_it_is_opened() -> None:
     made = page_with(published_port=4321)
     assert made.url.startswith("http://127.0.0.1:4321/?token=")

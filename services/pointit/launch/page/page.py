@@ -107,7 +107,8 @@ def page_of(
     sources = {"defaults of the page": usual, "scenario": below or {}, "command line": asked or {}}
     layers = layers_of(PAGE, sources, chosen)
     config = layers.build(WebConfig)
-    ports = {"port": _port(config.host, config.port, PORT, is_asked="port" in layers.values, option=option)}
+    is_asked = "port" in config.model_fields_set  # by itself, or in the host
+    ports = {"port": _port(config.host, config.port, PORT, is_asked=is_asked, option=option)}
     if config.lan:
         is_asked = "lan_port" in layers.values
         ports["lan_port"] = _port("", config.lan_port, LAN_PORT, is_asked=is_asked, option="web.lan_port")

@@ -48,6 +48,13 @@ FLOODER = "127.0.0.2"
 """Another address of this machine than that of a browser."""
 
 
+@pytest.mark.parametrize("address", ["127.0.0.1", FLOODER])
+def test_without_a_host_all_addresses_of_this_machine_are_listened_at(address: str) -> None:
+    with bind("", 0, "--port") as bound:
+        bound.listen()
+        socket.create_connection((address, bound.getsockname()[1])).close()
+
+
 async def opened(listener: Listener, address: str = "127.0.0.1", said: bytes = b"") -> socket.socket:
     """Return a connection of `address` on which nothing more than `said` was said, and nothing is read."""
     client = socket.socket()

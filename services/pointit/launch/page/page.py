@@ -158,8 +158,7 @@ def _port(host: str, port: int, usual: int, *, is_asked: bool, option: str) -> i
 
 def _probe(host: str, port: int) -> int:
     """Return `port` (0: any) if it can be bound, with SO_REUSEADDR as the server uses it."""
-    # "" is all addresses of this machine, which a resolver does not know
-    family, address = resolve(host, port, socket.SOCK_STREAM)[0] if host else (socket.AF_INET, ("", port))
+    family, address = resolve(host, port, socket.SOCK_STREAM)[0]
     with socket.socket(family, socket.SOCK_STREAM) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         probe.bind(address)

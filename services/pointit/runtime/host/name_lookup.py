@@ -14,13 +14,13 @@ Resolved = tuple[socket.AddressFamily, tuple[str, int] | tuple[str, int, int, in
 def resolve(host: str, port: int, kind: socket.SocketKind) -> list[Resolved]:
     """Return the addresses of `host`, a name or an address, those of IPv4 first. Blocks.
 
-    Devices with a name for both often listen at IPv4 alone.
+    Devices with a name for both often listen at IPv4 alone. `""` is all addresses of this machine.
 
     Raises:
         OSError: If there is none.
     """
     try:
-        answers = socket.getaddrinfo(host, port, socket.AF_UNSPEC, kind)
+        answers = socket.getaddrinfo(host or "0.0.0.0", port, socket.AF_UNSPEC, kind)  # noqa: S104 - asked for
     except UnicodeError as error:  # a label of more than 63 characters
         raise OSError(str(error)) from error
     addresses: list[Resolved] = [(family, address) for family, _, _, _, address in answers]

@@ -240,6 +240,18 @@ async def test_proxy_that_cannot_be_used_is_a_failure_that_names_the_remedy(
         assert "or name its host in no_proxy" in sentence
 
 
+async def test_certificates_that_are_not_there_are_a_failure_that_names_the_variable(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("SSL_CERT_FILE", "/nowhere/authority.pem")
+    async with memory_bench() as bench, reacting(bench, "https://hooks.example/") as watcher:
+        point(bench)
+        await until(failed(watcher), what="the failure")
+        assert counts(watcher) == (1, 0, 1)
+        (sentence,) = watcher.summary()["reactions"]["failures"]
+        assert "was not sent, as the file of SSL_CERT_FILE cannot be used" in sentence
+
+
 async def test_server_of_the_internet_is_asked_by_the_proxy(monkeypatch: pytest.MonkeyPatch) -> None:
     async with memory_bench() as bench, serving(204) as proxy:
         monkeypatch.setenv("ALL_PROXY", f"http://127.0.0.1:{proxy.port}")

@@ -81,6 +81,8 @@ class Webhook:
                     f"cannot be reached by the proxy that this environment names ({error}): correct "
                     "all_proxy, http_proxy and https_proxy, or name its host in no_proxy"
                 )
+            except OSError as error:
+                return f"was not sent, as the file of SSL_CERT_FILE cannot be used ({error}): correct it"
             try:
                 async with asyncio.timeout(TIMEOUT_S), connection as client:
                     answer = await client.post(url, content=json.dumps(body), headers=headers)

@@ -33,6 +33,8 @@ class WledSegment:
     columns: int
     rows: int
     """1, unless it is a part of a matrix."""
+    row: int = 0
+    """Row of a matrix in which it begins."""
 
     @property
     def pixels(self) -> int:
@@ -64,7 +66,7 @@ def read_segments(text: str, preset: int | None = None) -> list[WledSegment]:
     if not isinstance(data, list):
         raise ConfigError(f"has no segments of WLED; give its state, such as {_EXAMPLE}")
     segments = [_segment(number, each) for number, each in enumerate(cast("Sequence[Any]", data))]
-    if any(each.rows > 1 for each in segments if each):  # one wire through a matrix, in an order of its own
+    if any(each.rows > 1 or each.row for each in segments if each):  # a wire in an order of its own
         segments = [each and replace(each, start=None) for each in segments]
     return _used(segments)
 
@@ -136,6 +138,7 @@ def _segment(number: int, data: Any) -> WledSegment | None:
         start=start,
         columns=stop - start,
         rows=rows,
+        row=start_y,
     )
 
 

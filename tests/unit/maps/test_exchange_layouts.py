@@ -233,6 +233,8 @@ TABLES = {
         [0, 1, 4, 5]),
     "nodes from 1, in millimetres": (
         "Node;X [mm];Y [mm];Z [mm]\n3;200;0;0\n1;0;0;0\n2;100;0;0\n", [0, 1, 2]),
+    "a unit in a comment": ("# Units: cm\nx,y,z\n0,0,0\n10,0,0\n20,0,0\n", [0, 1, 2]),
+    "a unit in a comment, without names": ("// units in mm\n0,0,0\n100,0,0\n", [0, 1]),
     "lists of Python": ("[0, 0, 0]\n[0.1, 0, 0]\n[0.2, 0, 0]\n", [0, 1, 2]),
     "decimal commas and tabs": ("X\tY\tZ\n0\t0\t0\n0,1\t0\t0\n", [0, 1]),
     "numbers of each strip": (

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pointit.maps.column_units import split_unit
-from pointit.maps.point_files.point_columns import cells_of, delimiter_of, is_number, point_columns
+from pointit.maps.point_files.cloud_text import unit_in_comments
+from pointit.maps.point_files.point_columns import Triple, cells_of, delimiter_of, is_number, point_columns
 from pointit.runtime.config.validation_message import join_names
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import FARTHEST
@@ -35,7 +36,7 @@ class TablePixel:
 @dataclass(frozen=True, kw_only=True)
 class _Columns:
     points: tuple[int, int, int]
-    units_m: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    units_m: Triple
     strip: int | None = None
     number: int | None = None
 
@@ -47,14 +48,15 @@ def pixels_of(text: str) -> tuple[list[TablePixel], bool]:
         ConfigError: If a line is no pixel, or the header does not say which columns are x, y and z.
     """
     columns: _Columns | None = None
+    unit_m = unit_in_comments(filter(_is_comment, text.splitlines())) or (1.0, 1.0, 1.0)
     found: list[TablePixel] = []
     is_of_wire = False
     for line, row in _rows(text):
         if columns is None:
             if not any(map(is_number, row)):
-                columns, is_of_wire = _named(row)
+                columns, is_of_wire = _named(row, unit_m)
                 continue
-            columns = _unnamed(line, row)
+            columns = _unnamed(line, row, unit_m)
         if len(found) == MAX_POINTS:
             raise ConfigError(f"more than {MAX_POINTS} pixels; split the file")
         found.append(_pixel(line, row, columns))
@@ -67,13 +69,17 @@ def _rows(text: str) -> Iterator[tuple[int, list[str]]]:
         bare = content.strip()
         if bare.startswith("[") and bare.rstrip(",]") != bare:  # as Python writes lists of lists
             bare = bare.strip("[], ")
-        if bare and not bare.startswith(("#", "//")) and not bare.lower().startswith("sep="):
+        if bare and not _is_comment(bare) and not bare.lower().startswith("sep="):
             cells = cells_of(bare, delimiter_of(bare))
             if any(cells):
                 yield line, cells
 
 
-def _named(header: Sequence[str]) -> tuple[_Columns, bool]:
+def _is_comment(line: str) -> bool:
+    return line.lstrip().startswith(("#", "//"))
+
+
+def _named(header: Sequence[str], unit_m: Triple) -> tuple[_Columns, bool]:
     columns = point_columns(header)
     if columns is None:
         raise ConfigError(
@@ -88,17 +94,17 @@ def _named(header: Sequence[str]) -> tuple[_Columns, bool]:
     wire = column(WIRE_COLUMNS)
     return _Columns(
         points=columns.indices,
-        units_m=columns.units_m or (1.0, 1.0, 1.0),
+        units_m=columns.units_m or unit_m,
         strip=column(STRIP_COLUMNS),
         number=column(PIXEL_COLUMNS) if wire is None else wire,
     ), wire is not None
 
 
-def _unnamed(line: int, row: Sequence[str]) -> _Columns:
+def _unnamed(line: int, row: Sequence[str], unit_m: Triple) -> _Columns:
     if len(row) == 3:
-        return _Columns(points=(0, 1, 2))
+        return _Columns(points=(0, 1, 2), units_m=unit_m)
     if len(row) == 4 and row[0].isdecimal():
-        return _Columns(points=(1, 2, 3), number=0)
+        return _Columns(points=(1, 2, 3), units_m=unit_m, number=0)
     raise ConfigError(
         f"line {line}: has {len(row)} columns without names; write x,y,z in metres, or pixel,x,y,z, "
         "or add a line with the names of the columns"

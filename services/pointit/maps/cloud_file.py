@@ -91,10 +91,10 @@ def _read_ply(path: Path, wanted: Wanted) -> tuple[Points, Triple | None]:
         with path.open(encoding="latin-1") as file:
             file.seek(header.body)
             skip = min(sum(each.rows for each in header.before), sys.maxsize)
-            lines: Iterable[str] = file
+            lines: Iterable[str] = filter(str.strip, file) if skip else file  # blank lines are no rows
             columns = header.columns
             if header.is_list_before_points:
-                lines, columns = ascii_vertex_lines(itertools.islice(file, skip, None), header), [0, 1, 2]
+                lines, columns = ascii_vertex_lines(itertools.islice(lines, skip, None), header), [0, 1, 2]
                 skip = 0
             points = _table(path, lines, columns=columns, skip=skip, max_rows=max(rows, 1))[:rows]
     if len(points) < rows:

@@ -205,6 +205,9 @@ PLYS = {
         f"{x} {n} {'7 ' * n}{y} {z}\n" for n, (x, y, z) in enumerate(POINTS.tolist())
     ).encode(),
     "faces_first_text": ply("ascii", f"element face 2\n{FACES}{VERTEX}") + b"3 0 1 2\n0\n" + TEXT,
+    "blank_line_between_faces": ply("ascii", f"element face 2\n{FACES}{VERTEX}")
+    + b"3 0 1 2\n\n3 1 2 3\n"
+    + TEXT,
     "byte_order_mark": b"\xef\xbb\xbf" + ply("ascii", VERTEX) + TEXT,
     "byte_order_mark_binary": b"\xef\xbb\xbf" + ply("binary_little_endian", VERTEX) + LITTLE,
     "cr": (ply("ascii", VERTEX) + TEXT).replace(b"\n", b"\r"),

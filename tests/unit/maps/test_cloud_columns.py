@@ -91,6 +91,7 @@ AMBIGUOUS = {
         "X,Y,Z\n" + rows(POINTS[:1] + 0.125).replace(".", ","), "decimal commas?"),
     "angles.csv": ("X (deg),Y (deg),Z (m)\n" + rows(POINTS), "'X (deg)' has the unit deg"),
     "one_unit.csv": ("X (mm),Y,Z\n" + rows(POINTS), "'Y' has no unit"),
+    "no_positions.csv": ("t,gyro_x,gyro_y,gyro_z\n" + rows(POINTS, before="1,"), "does not say which|gyro_z"),
     "no_rows.csv": ("x,y,z\na,b,c\n", "no row below its header (x, y, z)"),
 }  # fmt: skip
 

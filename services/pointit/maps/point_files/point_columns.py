@@ -18,7 +18,8 @@ _JOINED_STEMS = ("p", "pos", "position", "pt", "point", "points", "coord", "loc"
 """Words to which programs append the axis without a blank, `PosX`."""
 _OTHER_VECTORS = {
     *("n", "normal", "normals", "ori", "orientation", "rot", "rotation", "dir", "direction"),
-    *("v", "vel", "velocity", "acc", "acceleration"),
+    *("v", "vel", "velocity", "acc", "accel", "acceleration"),
+    *("gyro", "mag", "size", "scale", "sigma", "std"),
 }
 """Words in names of vectors that are no positions."""
 _MAP_AXES = {"easting": "x", "northing": "y", "elevation": "z", "altitude": "z", "height": "z"}

@@ -92,6 +92,9 @@ AMBIGUOUS = {
     "angles.csv": ("X (deg),Y (deg),Z (m)\n" + rows(POINTS), "'X (deg)' has the unit deg"),
     "one_unit.csv": ("X (mm),Y,Z\n" + rows(POINTS), "'Y' has no unit"),
     "no_positions.csv": ("t,gyro_x,gyro_y,gyro_z\n" + rows(POINTS, before="1,"), "does not say which|gyro_z"),
+    "renamed_ptx.pts": (
+        "4\n1\n1 2 3\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n1 2 3 1\n" + rows(POINTS, " "),
+        "is a PTX|export it as PTS or PLY"),
     "no_rows.csv": ("x,y,z\na,b,c\n", "no row below its header (x, y, z)"),
 }  # fmt: skip
 

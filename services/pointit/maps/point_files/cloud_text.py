@@ -25,6 +25,8 @@ FIRST_THREE = PointColumns(indices=(0, 1, 2))
 
 _ROWS_WITH_INDEX = 3
 """Number of rows from which a first column of consecutive whole numbers is an index."""
+_PTX_CELLS = [1, 1, 3, 3, 3, 3, 4, 4, 4, 4]
+"""Numbers in the first lines of a PTX: columns, rows, pose of the scanner, transformation."""
 _COMMENT = re.compile(r" *(?:#|//|%)+ *")
 _UNIT_IN_COMMENT = re.compile(r"\bunits?\b\s*[:=]?\s*(?:(?:is|are|in)\s)?\s*([a-zµμ]+)", re.IGNORECASE)
 
@@ -68,6 +70,8 @@ def text_layout(sample: Sequence[str], wanted: Sequence[str | int]) -> TextLayou
     Raises:
         ConfigError: If it does not say which columns are x, y and z. Does not name the file.
     """
+    if [len(line.split()) for line in sample[: len(_PTX_CELLS)]] == _PTX_CELLS:
+        raise ConfigError("is a PTX, which begins with the pose of its scanner; export it as PTS or PLY")
     header = _Header()
     first, comments = "", list[str]()
     for number, line in enumerate(sample):

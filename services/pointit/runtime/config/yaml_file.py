@@ -89,9 +89,9 @@ def load_yaml(text: str, source: Path | str) -> Any:
         data = None if root is None else loader.construct_document(root)
     except RecursionError as error:
         raise ConfigError(f"{source}: is nested too deeply") from error
-    except (yaml.YAMLError, ValueError) as error:  # ValueError: !!timestamp 2024-99-99
+    except (yaml.YAMLError, ValueError, LookupError, AttributeError) as error:  # of tags: !!bool x
         mark = getattr(error, "problem_mark", None)
-        where = f" in line {mark.line + 1}" if mark is not None else ""
+        where = f" in line {mark.line + 1}" if mark else " at a tag" * (not isinstance(error, yaml.YAMLError))
         problem = " ".join(str(getattr(error, "problem", None) or error).split())
         raise ConfigError(f"{source}: is not YAML{where} ({problem})") from error
     finally:

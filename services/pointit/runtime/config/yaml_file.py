@@ -130,15 +130,15 @@ def _check_aliases(root: yaml.Node) -> None:
         RecursionError: If it is nested too deeply.
         yaml.MarkedYAMLError: If its aliases unfold to too much.
     """
-    sizes: dict[int, int] = {}  # with everything below; 1 while it is counted: an anchor may hold itself
-    depths: dict[int, int] = {}
+    sizes: dict[int, int] = {}  # with everything below
+    depths: dict[int, int] = {}  # not there while it is counted: an anchor that holds itself has no end
     written = 0
     waiting: list[tuple[Any, list[Any] | None]] = [(root, None)]
     while waiting:
         node, inner = waiting.pop()
         if inner is not None:
             sizes[id(node)] += sum([sizes[id(each)] for each in inner])
-            depths[id(node)] += max([depths[id(each)] for each in inner], default=0)
+            depths[id(node)] = 1 + max([depths.get(id(each), MAX_YAML_DEPTH) for each in inner], default=0)
             if depths[id(node)] > MAX_YAML_DEPTH:
                 raise RecursionError
             if sizes[id(node)] > written + MAX_YAML_UNFOLDED:
@@ -150,7 +150,7 @@ def _check_aliases(root: yaml.Node) -> None:
             is_mapping = isinstance(node, yaml.MappingNode)
             below: list[Any] = [each for pair in node.value for each in pair] if is_mapping else node.value
             inner = [each for each in below if not isinstance(each, yaml.ScalarNode)]
-            sizes[id(node)], depths[id(node)] = 1 + len(below) - len(inner), 1
+            sizes[id(node)] = 1 + len(below) - len(inner)
             written += sizes[id(node)]
             waiting.append((node, inner))
             waiting += [(each, None) for each in inner]
@@ -159,7 +159,7 @@ def _check_aliases(root: yaml.Node) -> None:
 def _name_keys(root: yaml.Node) -> None:
     """Make all keys text. Check that no mapping has one twice: PyYAML drops the first silently."""
     waiting: list[Any] = [root]
-    visited: set[int] = set()  # an anchor may hold itself
+    visited: set[int] = set()
     while waiting:
         node = waiting.pop()
         if id(node) in visited or isinstance(node, yaml.ScalarNode):

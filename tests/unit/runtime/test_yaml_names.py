@@ -237,6 +237,15 @@ def test_a_value_on_which_readers_agree_is_not_reported(word: str, caplog: pytes
     assert not caplog.records
 
 
+@pytest.mark.parametrize("word", ["on", "010", "1_0", "2026-11-26"])
+def test_a_word_of_set_is_text_and_not_reported(word: str, caplog: pytest.LogCaptureFixture) -> None:
+    layers = Layers()
+    layers.add_text(("name",), word, f"--set x.name={word}")
+    layers.add_environment({"POINTIT_X__STATE": word}, "POINTIT_X__")
+    assert layers.values == {"name": word, "state": word}
+    assert not caplog.records
+
+
 def test_values_of_set_keep_names_in_lists_and_mappings() -> None:
     layers = Layers()
     layers.add_text(("users",), "[on, 01, 2e1, true]", "--set")

@@ -96,7 +96,7 @@ def load_yaml(text: str, source: Path | str) -> Any:
         raise ConfigError(f"{source}: is not YAML{where} ({problem})") from error
     finally:
         loader.dispose()
-    if disputed := sorted(disputes_of(loader)):
+    if (disputed := sorted(disputes_of(loader))) and not isinstance(root, yaml.ScalarNode):  # of --set
         line, warning = disputed[0]
         others = [str(each) for each in sorted({each for each, _ in disputed} - {line})]
         more = f"; line {', '.join(others[:10])}{', ...' * (len(others) > 10)}, too" if others else ""

@@ -181,11 +181,18 @@ def read_about(folder: Path) -> dict[str, Any]:
 def check_begun(folder: Path) -> None:
     """Check that a participant who has begun has a table. Raises: ConfigError: If it is gone or empty."""
     path = folder / TRIALS
-    if (not path.exists() or not path.stat().st_size) and read_about(folder).get("begun"):
+    if (not path.exists() or _is_blank(path)) and read_about(folder).get("begun"):
         raise ConfigError(
             f"{path}: is {'empty' if path.exists() else 'missing'}, but {folder.name} has begun; restore it "
             f"from a backup, or move {folder} away to begin again"
         )
+
+
+def _is_blank(path: Path) -> bool:
+    try:
+        return not path.read_bytes().strip()
+    except OSError:  # `parse_table` raises it with its reason
+        return False
 
 
 def read_trials(study: Study, folder: Path, on_note: Note = no_note, on_change: Note = no_note) -> list[Row]:

@@ -80,6 +80,7 @@ def parse_table(path: Path, columns: Iterable[str]) -> Table:
         raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
     encoding, changes, begin = _encoding(content)
     cut = content.rfind(b"\n") + 1 if encoding == "utf-8" and b"\r" not in content else len(content)
+    cut = max(begin, cut)
     if not cut and table_line(columns).startswith(content):
         return Table([], tuple(changes), content)  # the header was cut off
     text = _decode(path, content[begin:cut], encoding)
@@ -93,7 +94,7 @@ def parse_table(path: Path, columns: Iterable[str]) -> Table:
         text += _decode(path, content[cut:], encoding)
         separator, header, records = _split(path, text, columns)
     if header is None:
-        return Table([], tuple(changes), tail)
+        return Table([], (*changes, *(["no header"] if content else [])), tail)
     names = _names(header, records)
     rows, has_commas = _rows(path, names, records)
     if not all(names):

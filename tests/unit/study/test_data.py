@@ -195,7 +195,7 @@ def test_time_without_its_decimal_point_is_refused_by_run_and_check(tmp_path: Pa
     assert path.read_bytes() == content
 
 
-@pytest.mark.parametrize("content", [None, b""])
+@pytest.mark.parametrize("content", [None, b"", b"\n", b" \r\n"])
 def test_lost_table_of_somebody_who_has_begun_is_not_begun_again(
     tmp_path: Path, content: bytes | None
 ) -> None:

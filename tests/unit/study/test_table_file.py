@@ -189,6 +189,17 @@ def test_damage_is_said_with_its_line_and_the_file_stays(
     assert [each.name for each in tmp_path.iterdir()] == ["trials.csv"]
 
 
+@pytest.mark.parametrize("content", [b"\n", b"\r\n\r\n", codecs.BOM_UTF8, codecs.BOM_UTF8 + b"\n"])
+def test_rows_go_on_beside_a_table_without_a_header(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "trials.csv"
+    path.write_bytes(content)
+    table = AppendOnlyCsv(path, HEADER, KEY)
+    table.append(*EXPECTED)
+    table.close()
+    assert path.read_bytes() == content
+    assert same(read_table(path, HEADER)) == same(EXPECTED)
+
+
 def test_column_that_people_have_added_is_named_and_left_out(tmp_path: Path) -> None:
     path = tmp_path / "ada" / "trials.csv"
     path.parent.mkdir()

@@ -134,7 +134,7 @@ def _decode(path: Path, content: bytes, encoding: str) -> str:
 
 def _is_sorted_row(header: _Record, records: Sequence[_Record], last: bytes) -> bool:
     """Return True if the `last` line is a whole row of an earlier attempt: a program has sorted the rows."""
-    values = next(csv.reader([last.decode(errors="replace")]), list[str]())
+    values = next(csv.reader([last[: csv.field_size_limit()].decode(errors="replace")]), list[str]())
     if len(values) != len(header.values) or not {"trial", "attempt"} <= {*header.values}:
         return False
     at = [header.values.index(name) for name in ("trial", "attempt")]
@@ -177,6 +177,7 @@ def _separator(text: str, wanted: set[str]) -> tuple[str, bool]:
     """
     lines = (line for line in re.split("[\r\n]+", text) if re.search(r"\w", line))
     first = next((line for line in lines if not line.lower().startswith("sep=")), "")
+    first = first[: csv.field_size_limit()]  # `_records` refuses a longer value
     best = (-1, ",", False)
     for separator in SEPARATORS:
         values = next(csv.reader([first], delimiter=separator), list[str]())

@@ -200,6 +200,26 @@ def test_rows_go_on_beside_a_table_without_a_header(tmp_path: Path, content: byt
     assert same(read_table(path, HEADER)) == same(EXPECTED)
 
 
+@pytest.mark.parametrize(
+    "content", [b"x" * 200_000, OURS.replace("\n", "," + "x" * 200_000 + "\n", 1).encode()]
+)
+def test_value_that_no_table_has_is_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "trials.csv"
+    path.write_bytes(content)
+    with pytest.raises(ConfigError, match="line 1: field larger than field limit"):
+        AppendOnlyCsv(path, HEADER, KEY)
+    assert path.read_bytes() == content
+
+
+def test_zeros_that_a_power_cut_has_left_are_moved_to_a_file_of_their_own(tmp_path: Path) -> None:
+    path = tmp_path / "trials.csv"
+    zeros = bytes(200_000)
+    path.write_bytes(OURS.encode() + zeros)
+    AppendOnlyCsv(path, HEADER, KEY).close()
+    assert path.read_bytes() == OURS.encode()
+    assert (tmp_path / "incomplete_trials.csv").read_bytes() == zeros
+
+
 def test_column_that_people_have_added_is_named_and_left_out(tmp_path: Path) -> None:
     path = tmp_path / "ada" / "trials.csv"
     path.parent.mkdir()

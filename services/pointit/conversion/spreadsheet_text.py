@@ -6,9 +6,9 @@ UNSAFE = ("=", "+", "-", "@", "\t", "\r")
 
 def neutralize_formula(text: str) -> str:
     """Return `text` so that no spreadsheet takes it for a formula."""
-    return f"'{text}" if text.startswith(UNSAFE) else text
+    return f"'{text}" if text.lstrip("'").startswith(UNSAFE) else text
 
 
 def restore_formula(text: str) -> str:
     """Return the text of which `neutralize_formula` has made `text`."""
-    return text[1:] if text.startswith("'") and text[1:].startswith(UNSAFE) else text
+    return text[1:] if text.startswith("'") and text.lstrip("'").startswith(UNSAFE) else text

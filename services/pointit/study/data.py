@@ -269,6 +269,7 @@ def _as_written(text: str, known: Iterable[str]) -> str:
 
 
 def _value(text: str) -> str | float:
+    text = " ".join(text.split())  # `table_line` and `parse_table` leave the rest out
     number = text.replace(",", ".", 1)
     if NUMBER.fullmatch(number):
         return float(number)

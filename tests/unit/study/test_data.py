@@ -185,6 +185,22 @@ def test_names_that_a_spreadsheet_takes_for_numbers_are_those_of_the_study(tmp_p
     assert not [each for each in check_folder(tmp_path / "data") if each.severity == "error"]
 
 
+@pytest.mark.parametrize("level", [" wide", "wide ", "two\\nlines", "'=wide", "''-wide", "=wide"])
+def test_any_name_of_a_level_is_read_back(tmp_path: Path, level: str) -> None:
+    study_folder(tmp_path, STUDY.replace("'0.30'", f'"{level}"'))
+    level = level.replace("\\n", "\n")
+    folder = StudyFolder(
+        tmp_path / "data", read_study(tmp_path / "s.yaml"), (tmp_path / "s.yaml").read_text()
+    )
+    usual = {"participant": "01", "block": 1, "trial": 1, "attempt": 1, "practice": False, "width": level}
+    table = folder.trials("01")
+    table.append({**usual, "outcome": "hit"})
+    table.close()
+    again = folder.trials("01")
+    again.close()
+    assert [row["width"] for row in again.rows] == [level]
+
+
 def test_time_without_its_decimal_point_is_refused_by_run_and_check(tmp_path: Path) -> None:
     path = measured(tmp_path, {"selection_s": 2.5})
     content = path.read_bytes().replace(b"2.5", b"25")

@@ -6,7 +6,8 @@ from collections.abc import Callable
 import numpy as np
 
 import pointit
-from pointit.study.data import StudyFolder, read_trials
+from pointit.runtime.errors import ConfigError
+from pointit.study.data import PARTICIPANT, TRIALS, StudyFolder, read_trials
 from pointit.study.model import Study, Value
 from pointit.study.plan import Progress, plan_of
 from pointit.study.questionnaires import Scale
@@ -79,11 +80,17 @@ def simulate(
     The same study gives the same data, also if it was interrupted: a simulated person who began in the middle
     of a block would have another arm, another time and other answers.
 
-    Raises: ConfigError: If they have finished, or were begun by a person. PointItError: If a service fails,
-        or data cannot be written.
+    Raises: ConfigError: If they have finished, or may have been begun by a person. PointItError: If a service
+        fails, or data cannot be written.
     """
     about = folder.about(participant)
     check_simulated(participant, about, simulated=True)
+    data = folder.path / participant
+    if "simulated" not in about and (data / TRIALS).exists() and read_trials(study, data):
+        raise ConfigError(
+            f"{data / PARTICIPANT}: does not state whether the trials are of a person; restore it from a "
+            f"backup, or move {data} away"
+        )
     setup = SiteOptions(record=record, person=person_of(study, participant))
 
     def run(data: StudyFolder) -> None:

@@ -14,6 +14,7 @@ from pointit.study.check import check_folder
 from pointit.study.columns import columns_of
 from pointit.study.data import ANSWER_COLUMNS, StudyFolder, read_table
 from pointit.study.model import Study
+from pointit.study.plan import plan_of
 from pointit.study.session import Session, StoppedError
 from pointit.study.simulated import SimulatedView, person_of, simulate
 from pointit.study.site.study_site import SiteOptions
@@ -304,3 +305,19 @@ def test_task_that_the_room_has_not_is_refused(task: str, sentence: str, tmp_pat
     study, folder = small(tmp_path, f"name: one\nparticipants: 1\ntask: {task}\norder: as_written\n")
     with pytest.raises(PointItError, match=sentence):
         simulate(study, folder, "P01", lambda _status: None)
+
+
+@pytest.mark.parametrize("record", [None, "", "pseudonym: P01\n"])
+def test_trials_that_may_be_of_a_person_get_no_simulated_ones(tmp_path: Path, record: str | None) -> None:
+    study, folder = small(tmp_path)
+    table = folder.trials("P01")
+    trial = plan_of(study, "P01").trials[0]
+    usual = {"participant": "P01", "block": 1, "trial": 1, "attempt": 1, "practice": False, **trial.cell}
+    table.append({**usual, "outcome": "hit"})
+    table.close()
+    content = table.path.read_bytes()
+    if record is not None:
+        (table.path.parent / "participant.yaml").write_text(record)
+    with pytest.raises(ConfigError, match=r"participant\.yaml: does not state whether the trials are of"):
+        simulate(study, folder, "P01", lambda _status: None)
+    assert table.path.read_bytes() == content

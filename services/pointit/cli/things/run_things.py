@@ -21,15 +21,14 @@ def mqtt_options(function: Any) -> Any:
         "--mqtt",
         default="",
         metavar="BROKER",
-        help="announce the things of the map to Home Assistant at this MQTT broker, HOST or "
-        "mqtts://USER@HOST (password: variable MQTT_PASSWORD), and publish when they are pointed at",
+        help="announce things to Home Assistant at this MQTT broker, HOST or mqtts://USER@HOST "
+        "(password: variable MQTT_PASSWORD), and publish when they are pointed at",
     )
     authority = click.option(
         "--mqtt-ca-file",
         default="",
         metavar="FILE",
-        help="file with the certificate of the authority of --mqtt mqtts://…, if it is one of your own; "
-        "default: the variable MQTT_CA_FILE, else those that the system trusts",
+        help="certificate of your own authority, for --mqtt mqtts://…  [default: variable MQTT_CA_FILE]",
     )
     return broker(authority(function))
 

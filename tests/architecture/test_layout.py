@@ -59,7 +59,7 @@ DEVICES = {
 """Modules beside `service.py` that wait for devices or time, or write files; no cores."""
 HARMLESS = (
     *("pointit.runtime.config", "pointit.runtime.errors", "pointit.runtime.bus.timeliness"),
-    *("pointit.runtime.host.address_config", "pointit.runtime.host.extras"),
+    *("pointit.runtime.address_config", "pointit.runtime.host.extras"),
     *("pointit.runtime.host.state_file", "pointit.runtime.host.store"),
     *("pointit.runtime.link", "pointit.runtime.mqtt.broker_config", "pointit.runtime.mqtt.payload_words"),
 )

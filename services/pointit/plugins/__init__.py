@@ -47,11 +47,11 @@ from typing import Any
 
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
+from pointit.runtime.address_config import AddressConfig, format_address
 from pointit.runtime.clock import Clock, sleep, ticks
 from pointit.runtime.config.config import Config
 from pointit.runtime.config.plugins import DevicePlugin, Discover, FoundDevice, Plugin, PluginGroup
 from pointit.runtime.errors import ConfigError, RefusedError
-from pointit.runtime.host.address_config import AddressConfig, format_address
 from pointit.runtime.host.state_file import StateFile
 from pointit.runtime.service.service import Context, Service
 from pointit.runtime.service.surroundings import HealthSink, Surroundings

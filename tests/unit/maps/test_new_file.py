@@ -1,7 +1,7 @@
 """New maps on a disk that is full or has no links, and beside another writer."""
 
 import resource
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from pointit.runtime.errors import ConfigError
 
 
 @contextmanager
-def file_size_limit(limit: int) -> Iterator[None]:
+def file_size_limit(limit: int) -> Generator[None]:
     """Let the system refuse to write more than `limit` bytes to a file, as a full disk does."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))

@@ -23,7 +23,7 @@ def count_up(path: Path) -> None:
         return Counted(count=(stored.count if stored else 0) + 1)
 
     for _ in range(50):
-        update_stored(StateFile.at(path, Counted), add_one)
+        update_stored(StateFile[Counted].at(path, Counted), add_one)
 
 
 def test_no_update_of_two_processes_is_lost(tmp_path: Path) -> None:
@@ -35,7 +35,7 @@ def test_no_update_of_two_processes_is_lost(tmp_path: Path) -> None:
     for process in processes:
         process.join()
         assert process.exitcode == 0
-    assert StateFile.at(path, Counted).read() == Counted(count=100)
+    assert StateFile[Counted].at(path, Counted).read() == Counted(count=100)
 
 
 def test_an_update_waits_for_no_lock_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -44,5 +44,5 @@ def test_an_update_waits_for_no_lock_for_ever(tmp_path: Path, monkeypatch: pytes
     lock = acquire_lock(path.with_suffix(".lock"))
     assert lock is not None
     with contextlib.closing(lock), pytest.raises(ConfigError, match="another process is changing it"):
-        update_stored(StateFile.at(path, Counted), lambda _stored: Counted())
+        update_stored(StateFile[Counted].at(path, Counted), lambda _stored: Counted())
     assert not path.exists()

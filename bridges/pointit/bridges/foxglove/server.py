@@ -15,8 +15,8 @@ from foxglove.websocket import ChannelView, Client, ServerListener, WebSocketSer
 from pointit.bridges.foxglove.event_log import Line
 from pointit.bridges.foxglove.scene import PARTS, Part
 from pointit.bridges.foxglove.subprotocol_relay import SubprotocolRelay
+from pointit.runtime.address_config import format_address
 from pointit.runtime.errors import ListenError
-from pointit.runtime.host.address_config import format_address
 from pointit.schemas.catalogue.json_channel import Schema
 
 BACKLOG = 256

@@ -2,8 +2,8 @@
 
 from pydantic import Field
 
+from pointit.runtime.address_config import AddressConfig
 from pointit.runtime.config.config import Config
-from pointit.runtime.host.address_config import AddressConfig
 
 
 class Place(Config):

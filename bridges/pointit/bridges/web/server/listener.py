@@ -22,8 +22,8 @@ from starlette.types import ASGIApp
 from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.server import ServerState
 
+from pointit.runtime.address_config import format_address
 from pointit.runtime.errors import ListenError
-from pointit.runtime.host.address_config import format_address
 from pointit.runtime.host.name_lookup import resolve
 
 log = logging.getLogger(__name__)

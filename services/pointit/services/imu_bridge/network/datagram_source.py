@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 
 from pydantic import Field, field_validator
 
+from pointit.runtime.address_config import AddressConfig
 from pointit.runtime.clock import Clock
-from pointit.runtime.host.address_config import AddressConfig
 from pointit.runtime.service.surroundings import HealthSink
 from pointit.services.imu_bridge.network.contents import DatagramError
 from pointit.services.imu_bridge.network.port_source import PortSource

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 from pydantic import Field, field_validator
 
+from pointit.runtime.address_config import AddressConfig
 from pointit.runtime.clock import Clock
 from pointit.runtime.config.plugins import FoundDevice
-from pointit.runtime.host.address_config import AddressConfig
 from pointit.runtime.service.surroundings import HealthSink
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.network import slimevr_protocol as protocol

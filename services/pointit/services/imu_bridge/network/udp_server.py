@@ -6,8 +6,8 @@ import socket
 import sys
 from collections.abc import Callable, Container
 
+from pointit.runtime.address_config import format_address
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.address_config import format_address
 from pointit.runtime.service.surroundings import NullHealth, WarningSink
 
 Address = tuple[str, int]

@@ -8,9 +8,9 @@ from typing import Any, cast
 
 from pydantic import Field
 
+from pointit.runtime.address_config import AddressConfig, format_address
 from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.address_config import AddressConfig, format_address
 from pointit.runtime.host.name_lookup import look_up
 from pointit.runtime.host.service_browser import NetworkService, browse
 from pointit.runtime.service.surroundings import Surroundings

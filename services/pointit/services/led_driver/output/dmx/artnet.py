@@ -8,10 +8,10 @@ from collections.abc import Sequence
 
 from pydantic import Field
 
+from pointit.runtime.address_config import AddressConfig
 from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host import extras
-from pointit.runtime.host.address_config import AddressConfig
 from pointit.runtime.service.surroundings import Surroundings
 from pointit.services.led_driver.output.datagram_sender import Datagram, Destination
 from pointit.services.led_driver.output.dmx.artnet_protocol import (

@@ -8,7 +8,7 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
-from pointit.runtime.host.address_config import AddressConfig
+from pointit.runtime.address_config import AddressConfig
 from pointit.runtime.service.surroundings import Surroundings
 from pointit.services.led_driver.output.datagram_sender import Datagram, Destination
 from pointit.services.led_driver.output.dmx.e131_protocol import (

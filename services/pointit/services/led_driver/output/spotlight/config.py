@@ -6,8 +6,8 @@ from typing import Literal, Self, cast
 
 from pydantic import Field, field_validator, model_validator
 
+from pointit.runtime.address_config import AddressConfig
 from pointit.runtime.config.config import Config
-from pointit.runtime.host.address_config import AddressConfig
 from pointit.schemas.base import Vec3
 from pointit.services.led_driver.output.dmx.artnet_protocol import MAX_PORT_ADDRESS
 from pointit.services.led_driver.output.dmx.e131 import check_interface

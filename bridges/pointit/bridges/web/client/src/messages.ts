@@ -1802,7 +1802,11 @@ export interface SetSpeed {
  */
 export interface SetThing {
   /**
-   * state of a switch; None toggles it, or fires a button
+   * state before a restart: nothing reacts
+   */
+  is_restored: boolean;
+  /**
+   * state of a switch; None toggles, or fires a button
    */
   on: boolean | null;
   thing: string;

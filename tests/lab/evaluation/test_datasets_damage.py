@@ -52,7 +52,7 @@ def test_times_in_other_units_are_refused(tmp_path: Path, write: Callable[..., P
     scaled(path, factor, "t")
     said = refused(lambda: read_trials(tmp_path), path)
     assert "column 't'" in said
-    assert "is it in seconds?" in said
+    assert "in seconds" in said, "the remedy says which unit is expected"
 
 
 def test_time_goes_forwards(tmp_path: Path) -> None:
@@ -64,8 +64,8 @@ def test_time_goes_forwards(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("write", "columns", "said"),
     [
-        (write_motion, ["robot_x"], "robot ('robot_x', …) and head ('head_x', …) are"),
-        (write_motion, ["robot", "head"], "at most 100 m were expected; are they in metres"),
+        (write_motion, ["robot_x"], "robot_x_m, … if they are in metres"),
+        (write_motion, ["robot", "head"], "name them head_x_mm, head_y_mm, head_z_mm"),
         (write_track, ["head_x"], "line 2: robot"),
         (write_track, ["px", "py"], "columns 'px', 'py': half of the points on the floor"),
     ],

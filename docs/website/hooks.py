@@ -23,6 +23,7 @@ ELSEWHERE = {
 """Pages whose files are in other folders of the repository, and their paths below `docs`."""
 SOURCES = {
     "schemas/catalogue/messages": "reference/messages.md",
+    "services/pointit": "reference/modules.md",
     "services/pointit/__init__.pyi": "reference/api-names.md",
     "services/pointit/cli/commands.py": "reference/commands.md",
     "services/pointit/launch/scenarios": "reference/scenarios.md",

@@ -1,7 +1,9 @@
 """Pages of the reference, generated from the code whenever the site is built."""
 
+import ast
 import typing
 from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
 from typing import Any
 
 import click
@@ -25,6 +27,7 @@ from pointit.schemas.base import Query
 from pointit.schemas.topics import REQUESTS, TOPICS
 from pointit.services.registry import PROCESSES
 
+ROOT = Path(__file__).parents[2]
 WIDTH = 100
 """Columns of the help texts."""
 
@@ -219,6 +222,25 @@ def plug_ins() -> Iterator[str]:
         yield table(("name", "what it is"), rows)
 
 
+def modules() -> Iterator[str]:
+    """Yield every module of the product, by folder, with the first sentence of its docstring."""
+    yield "# Modules"
+    yield (
+        "Every module with the first sentence of its docstring. "
+        "[Architecture](../explanation/architecture.md) has the folders in order, and the way of the data."
+    )
+    for source in (ROOT / "schemas", ROOT / "services", ROOT / "bridges"):
+        folders: dict[Path, list[Path]] = {}
+        for path in sorted(source.rglob("*.py")):
+            folders.setdefault(path.parent, []).append(path)
+        for folder, paths in folders.items():
+            found = [(path, ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))) for path in paths]
+            rows = [(f"`{path.name}`", docstring.split("\n\n")[0]) for path, docstring in found if docstring]
+            if rows:
+                yield f"## {folder.relative_to(source).as_posix()}"
+                yield table(("module", "content"), rows)
+
+
 def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
     """Return a Markdown table."""
     columns = list(head)
@@ -245,6 +267,7 @@ PAGES: dict[str, Callable[[], Iterator[str]]] = {
     "reference/api-names.md": api,
     "reference/parameters.md": parameters,
     "reference/messages.md": messages,
+    "reference/modules.md": modules,
     "reference/commands.md": commands,
     "reference/plug-ins.md": plug_ins,
     "reference/scenarios.md": scenarios,

@@ -96,6 +96,16 @@ def unknown_scripts(text: str) -> set[str]:
     return {script for script in scripts if not (ROOT / script).is_file()}
 
 
+@pytest.mark.parametrize(
+    ("pages", "most"),
+    [("explanation/architecture.md", 150), ("decisions/*.md", 40), ("how-to/adding.md", 110)],
+)
+def test_pages_for_maintainers_stay_short(pages: str, most: int) -> None:
+    found = [*(ROOT / "docs").glob(pages)]
+    assert found
+    assert {path.name: lines for path in found if (lines := len(path.read_text().splitlines())) > most} == {}
+
+
 @documents
 def test_links_paths_and_scripts_exist(path: Path) -> None:
     text = path.read_text(encoding="utf-8")

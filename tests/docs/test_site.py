@@ -42,6 +42,7 @@ def test_reference_is_generated_from_the_code() -> None:
     assert 'id="cursorv' in page("messages")
     assert "pointit doctor" in page("commands")
     assert "send_a_robot" in page("scenarios")
+    assert "one_euro.py" in page("modules")
 
 
 @pytest.mark.usefixtures("_built")

@@ -20,6 +20,9 @@ MEMORY_S = 1.5
 """Time for which own movements are remembered, s."""
 ADAPTATION = 0.3
 """Share of the correction of one reach that is carried into the next."""
+ADOPTION = 0.6
+"""The same where a thing's light or a message says what helped, which people adopt as a strategy (Taylor,
+Krakauer and Ivry 2014) rather than adapt to."""
 LOST_S = 0.7
 """Time without a cursor after a reach until the person searches for it, s."""
 SEARCH_RAD = tuple(math.radians(step) for step in (-5.0, 5.0, -10.0, 10.0))
@@ -47,6 +50,10 @@ class Correction:
         self._period_ns = round(config.correction_period_s * NS_PER_S)
         self._delay_ns = round(config.visual_delay_s * NS_PER_S)
         self._learned: Pair = (0.0, 0.0)
+        self._confirmed_rad: Pair | None = None
+        """Correction that light or a message has confirmed at this goal, rad, or None"""
+        self._confirms = False
+        """True if the last sight is exact: a cursor on the goal's line, or the goal's own light."""
         self.now_rad: Pair = (0.0, 0.0)
         """Current correction of azimuth and elevation, rad."""
         self._done: deque[tuple[int, Pair]] = deque()
@@ -77,12 +84,14 @@ class Correction:
     def settle(self, left: Goal, goal: Goal) -> None:
         """Change from goal `left` to `goal`. A part of the correction remains, as adaptation.
 
-        It applies to the next goal with a cursor. Without a cursor the person aims along their finger.
+        It applies to the next goal with a cursor. Without a cursor the person aims along their finger. Only
+        a confirmed correction remains: nobody adapts to an error that they do not see.
         """
-        if left.closed_loop and not self.is_lost:
+        if self._confirmed_rad is not None and left.closed_loop:
+            share = ADAPTATION if left.on_line else ADOPTION
             self._learned = (
-                self._learned[0] + ADAPTATION * (self.now_rad[0] - self._learned[0]),
-                self._learned[1] + ADAPTATION * (self.now_rad[1] - self._learned[1]),
+                self._learned[0] + share * (self._confirmed_rad[0] - self._learned[0]),
+                self._learned[1] + share * (self._confirmed_rad[1] - self._learned[1]),
             )
         self.now_rad = self._learned if goal.closed_loop else (0.0, 0.0)
 
@@ -91,6 +100,7 @@ class Correction:
         self._look_from_ns = self._newest_ns = self.steady_since_ns = reached_ns
         self._next_ns = reached_ns + self._delay_ns
         self._seen.clear()
+        self._confirmed_rad = None
         self._searches = 0
         self._aside_rad = None
         self._is_turning = False
@@ -111,8 +121,8 @@ class Correction:
         away = vector.direction(azimuth + did[0] + self._beside[0], elevation + did[1] + self._beside[1])
         return vector.add(self._stance.eyes_m, vector.scale(away, math.dist(target, self._stance.eyes_m)))
 
-    def see(self, point_m: Vec3, at_ns: int, goal: Goal) -> None:
-        """Process the position of the cursor at `at_ns`."""
+    def see(self, point_m: Vec3, at_ns: int, goal: Goal, *, confirms: bool = True) -> None:
+        """Process the position of the cursor at `at_ns`. `confirms`: it is exact, as far as people see."""
         target, did = goal.point_at(at_ns), self._recall(at_ns)
         if target is None or did is None:
             return
@@ -124,6 +134,7 @@ class Correction:
         self._searches = 0
         self._aside_rad = None
         self._seen.append(self._beside)
+        self._confirms = confirms
 
     def wait(self, now_ns: int) -> None:
         """Search for nothing now: what shows the cursor is visible, but has not followed the hand yet."""
@@ -137,12 +148,19 @@ class Correction:
         shown, intended = self._stance.sight_of(point_m), self._stance.sight_of(target)
         self._aside_rad = did[0] - vector.wrap(shown[0] - intended[0])
 
-    def turn(self, turn_rad: Pair, at_ns: int, now_ns: int) -> None:
-        """Turn by a cue's angles to the right and up, relative to the ray of `at_ns`."""
-        did = self._recall(at_ns)
-        if did is None:
+    def turn(self, turn_rad: Pair, at_ns: int, now_ns: int, goal: Goal, named_m: Vec3 | None) -> None:
+        """Turn by a cue's angles to the right and up, relative to the ray of `at_ns`.
+
+        They lead to the thing that the cue names, at `named_m` if it is visible, and from there to the goal.
+        """
+        target, did = goal.point_at(at_ns), self._recall(at_ns)
+        if target is None or did is None:
             return
-        self.now_rad = _held((did[0] - turn_rad[0], did[1] + turn_rad[1]))
+        named, intended = self._stance.sight_of(named_m or target), self._stance.sight_of(target)
+        azimuth = did[0] - turn_rad[0] - vector.wrap(named[0] - intended[0])
+        self.now_rad = _held((azimuth, did[1] + turn_rad[1] - (named[1] - intended[1])))
+        if named_m is not None:
+            self._confirmed_rad = self.now_rad
         self._newest_ns = now_ns
         self._searches = 0
         self._is_turning = True
@@ -166,6 +184,7 @@ class Correction:
             unknown = [math.fsum(axis) / len(self._seen) for axis in zip(*self._seen, strict=True)]
             self._seen.clear()
             if math.hypot(self.now_rad[0] + unknown[0], self.now_rad[1] + unknown[1]) < self._content_rad:
+                self._confirm()
                 return False
             self.now_rad = _held(
                 (
@@ -173,11 +192,16 @@ class Correction:
                     self.now_rad[1] - self._share() * (self.now_rad[1] + unknown[1]),
                 )
             )
+            self._confirm()
             return True
         if abs(now_ns - self._newest_ns) > self._delay_ns + LOST_S * NS_PER_S:
             self._search(now_ns)
             return True
         return False
+
+    def _confirm(self) -> None:
+        if self._confirms:
+            self._confirmed_rad = self.now_rad
 
     def _share(self) -> float:
         return self._gain * (1.0 + self._spread * float(self._rng.standard_normal()))

@@ -35,7 +35,9 @@ class Goal:
     speed_mps: float = 0.0
     object_id: str = ""
     on_line: bool = True
-    """False for an object at which no strip or belt shows the cursor."""
+    """False for an object at which no strip or belt shows the cursor: its own light does, or nothing."""
+    lit: bool = False
+    """True if the object's own light shows that the person points at it."""
     robot: str = ""
     """Robot that follows the hand and so shows the cursor, or `""`: light does."""
     presses: int = 0
@@ -72,5 +74,6 @@ def on_object(seen: SeenObject, sight: Sight, *, closed_loop: bool) -> Goal:
         along_m=thing.surface_position_m,
         speed_mps=thing.surface_speed_mps,
         object_id=thing.id,
-        on_line=seen.key is not None,
+        on_line=seen.key is not None and not thing.lit,
+        lit=thing.lit,
     )

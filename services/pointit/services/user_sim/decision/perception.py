@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from pointit.geometry import vector
-from pointit.schemas import NS_PER_S
+from pointit.schemas import NS_PER_S, Feedback
 from pointit.services.user_sim.decision.belief import Belief
 from pointit.services.user_sim.decision.correction import Correction
 from pointit.services.user_sim.decision.goal import IN_AIR_M, Goal
@@ -37,6 +37,8 @@ class Perception:
         self.things = ObjectBeliefs()
         self.cursor: SeenCursor | None = None
         """Own cursor at the last look."""
+        self._answering_id = ""
+        """Thing whose light has shown last that the ray is on it, or `""`: a cursor has shown it."""
         self._cursor_ns = 0
 
     def update(self, now_ns: int, goal: Goal) -> None:
@@ -44,15 +46,19 @@ class Perception:
         for cue in self._sight.cues:
             self.belief.on_cue(cue, now_ns)
             if cue.turn_rad is not None and goal.closed_loop:
-                self._correction.turn(cue.turn_rad, cue.stamp_ns, now_ns)
+                named = self._sight.find(cue.target_id, now_ns)
+                named_m = None if named is None else named.thing.position_m
+                self._correction.turn(cue.turn_rad, cue.stamp_ns, now_ns, goal, named_m)
             if cue.cue in ("selected", "deselected", "refused") and self.belief.state == "pointing":
-                self._on_selection_cue(cue.cue, now_ns, goal)
+                self._on_selection_cue(cue, now_ns, goal)
         if now_ns < self._next_ns <= now_ns + self._period_ns:
             return
         self._next_ns = now_ns + self._period_ns
         if self.belief.state == "pointing" and goal.robot:
             self._watch(now_ns, goal)
         elif self.belief.state == "pointing":
+            if (not goal.on_line and not goal.lit) or self.things.status(goal.object_id) == "mine":
+                self._correction.wait(now_ns)  # no light would show that a search succeeds, or it has
             self._look(now_ns, goal)
 
     def _watch(self, now_ns: int, goal: Goal) -> None:
@@ -69,44 +75,68 @@ class Perception:
 
     def _look(self, now_ns: int, goal: Goal) -> None:
         frame_ns = self._sight.frame_ns
-        if frame_ns is None or frame_ns == self._frame_ns:
-            return
-        self._frame_ns = frame_ns
-        self._looks += 1
+        is_new, self._frame_ns = frame_ns is not None and frame_ns != self._frame_ns, frame_ns
+        self._looks += is_new
         is_round = self._looks % ROUND == 0
-        if not is_round and not goal.closed_loop:
+        if not goal.closed_loop and not (is_new and is_round):
             return
         objects = self._sight.objects(now_ns)
-        eyes = self._sight.eyes
-        if goal.closed_loop:
+        answering = self._answering(goal, objects) if goal.closed_loop else None
+        if answering is not None:  # the light may be far from the thing, so that it is no cursor
+            self.cursor, self._answering_id, self._cursor_ns = None, answering.thing.id, now_ns
+            self._see_answer(answering, now_ns - self._sight.delay_ns, goal)
+        elif is_new and frame_ns is not None and goal.closed_loop:
             self._find_cursor(frame_ns, goal, objects)
-        for seen in objects:
-            key = seen.key
-            if key is not None and (is_round or seen.thing.id == goal.object_id):
-                looks = eyes.looks(seen.thing.kind, key, seen.along_m(frame_ns), seen.thing.length_m)
-                self.things.see(seen.thing.id, looks, now_ns)
+        for seen in objects if is_new else ():
+            if is_round or seen.thing.id == goal.object_id:
+                self.things.see(seen.thing.id, self._sight.looks(seen), now_ns)
+
+    def _see_answer(self, answering: SeenObject, at_ns: int, goal: Goal) -> None:
+        is_goal = answering.thing.id == goal.object_id
+        self._correction.see(answering.thing.position_m, at_ns, goal, confirms=is_goal)
+
+    def _answering(self, goal: Goal, objects: list[SeenObject]) -> SeenObject | None:
+        """Return the thing whose own light shows that the ray is on it, rather the goal than another one."""
+        sight, things = self._sight, self.things
+        shown = [
+            seen
+            for seen in objects
+            if seen.thing.lit and things.status(seen.thing.id) != "mine" and sight.shows_own_color(seen)
+        ]
+        return min(shown, key=lambda seen: seen.thing.id != goal.object_id, default=None)
 
     def _find_cursor(self, frame_ns: int, goal: Goal, objects: list[SeenObject]) -> None:
         expected_m = self._correction.expected_m(frame_ns, goal)
         self.cursor = self._sight.eyes.cursor(goal.kind, expected_m, _spans(objects, frame_ns))
         if self.cursor is not None:
-            self._cursor_ns = frame_ns
-            self._correction.see(self.cursor.point_m, frame_ns, goal)
+            self._answering_id, self._cursor_ns = "", frame_ns
+            self._correction.see(self.cursor.point_m, frame_ns, goal, confirms=goal.on_line)
             return
         mark_m = self._sight.eyes.mark(goal.kind)
         if mark_m is not None:
             self._correction.see_mark(mark_m, frame_ns, goal)
 
-    def _on_selection_cue(self, cue: str, now_ns: int, goal: Goal) -> None:
-        """Relate a cue of selecting to the object under the own cursor, or to the goal."""
-        if object_id := self._under_cursor(now_ns) or goal.object_id:
+    def _on_selection_cue(self, cue: Feedback, now_ns: int, goal: Goal) -> None:
+        """Relate a cue of selecting to the object under the own cursor, or that it names, or to the goal."""
+        object_id = self._under_cursor(now_ns) or goal.object_id
+        if not goal.on_line and goal.closed_loop:
+            named = [
+                seen for seen in self._sight.objects(now_ns) if cue.text == f"{seen.thing.kind} {cue.cue}"
+            ]
+            seen = min(named, key=lambda seen: seen.thing.id != goal.object_id, default=None)
+            if seen is not None:
+                object_id = seen.thing.id
+                self._see_answer(seen, cue.stamp_ns, goal)
+        if object_id:
             told: dict[str, Status] = {"selected": "mine", "deselected": "free", "refused": "theirs"}
-            self.things.believe(object_id, told[cue], now_ns)
+            self.things.believe(object_id, told[cue.cue], now_ns)
 
     def _under_cursor(self, now_ns: int) -> str:
         cursor, at_ns = self.cursor, self._cursor_ns
-        if cursor is None or not 0 <= now_ns - at_ns < STILL_S * NS_PER_S:
+        if not 0 <= now_ns - at_ns < STILL_S * NS_PER_S:
             return ""
+        if cursor is None:
+            return self._answering_id
         best, least_m = "", float("inf")
         for seen in self._sight.objects(now_ns):
             if seen.key != (cursor.kind, cursor.line_id):

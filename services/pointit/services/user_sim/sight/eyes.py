@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from pointit.geometry.vector import Vec3
 from pointit.schemas import Environment, StripsFrame, UserProfile
+from pointit.schemas.base import Rgb
 from pointit.services.user_sim.sight.observed_appearance import (
     DARKEST,
     ObservedAppearance,
@@ -85,6 +86,8 @@ class Eyes:
 
     def __init__(self) -> None:
         self._pixels = Pixels(Environment(stamp_ns=0, name="nothing"))
+        self._lights: dict[Key, list[tuple[float, float]]] = {}
+        """Parts of strips that are lights of things, as arc lengths from and to, m."""
         self._frame: StripsFrame | None = None
         self._codes: list[int] | None = None
         self._array: NDArray[np.int32] = np.empty(0, dtype=np.int32)
@@ -100,6 +103,9 @@ class Eyes:
     def learn(self, room: Environment) -> None:
         """Set the map."""
         self._pixels = Pixels(room)
+        self._lights = {}
+        for thing in room.things:
+            self._lights.setdefault(("strip", thing.strip), []).append(thing.part_m)
         self._codes = None
 
     def set_profile(self, profile: UserProfile) -> None:
@@ -112,6 +118,11 @@ class Eyes:
         """Set the current frame, without decoding it."""
         self._frame = frame
         self._codes = None
+
+    def is_own(self, color: Rgb) -> bool:
+        """Return True if `color` is the own one at any brightness."""
+        red, green, blue = color
+        return self._own.share(red << 16 | green << 8 | blue) > 0.0
 
     def line(self, key: Key) -> ShownLine | None:
         """Return the pixels of the strip or belt `key`, or None."""
@@ -127,7 +138,8 @@ class Eyes:
             expected_m: felt point of the hand, {W}.
             things: intervals of things, as their margins may have the same colour.
         """
-        runs = self._runs(kind)
+        # the margin of a thing's light is not where the ray is, as the thing is beside it
+        runs = [run for run in self._runs(kind) if self._where(run, kind, self._lights) != "end"]
         best: tuple[float, _Run, Vec3] | None = None
         lying: dict[Key, list[tuple[float, float]]] = {}
         for key, start_m, end_m in things if runs else ():

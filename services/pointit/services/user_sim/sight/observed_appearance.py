@@ -28,6 +28,9 @@ FULL = 1.5
 GAP = 0.6
 """Maximum relative brightness of a pixel of the pattern of a selected thing."""
 
+BRIGHTER = 1.2
+"""Minimum brightness of an own mark relative to a thing of the same colour. Selected ones are 1.27 darker."""
+
 UNKNOWN_DIM = 105.0
 """Brightness of unselected things of a kind that was never seen unmarked."""
 
@@ -119,11 +122,17 @@ class UsualLooks:
         body = known[0] if known is not None else _commonest(shown[1:-1])
         is_plain = [is_same_hue(code, body) for code in shown]
         bodies = [code for code, is_it in zip(shown, is_plain, strict=True) if is_it]
-        if is_plain[0] and is_plain[-1] and not any(own_color.share(code) > 0.0 for code in shown[:2]):
+        is_own_hue = own_color.share(body) > 0.0  # then only brightness tells the own marks from the thing
+        if is_plain[0] and is_plain[-1] and (not is_own_hue or len(set(shown)) == 1):
             usual = _commonest(bodies)
             self._dim[kind] = (usual, brightness(usual))
             return ObservedAppearance(marked=False, full=False, hidden=False, own=False, foreign=False)
-        ends = [code for code in (shown[0], shown[-1]) if not is_same_hue(code, body)]
+        dimmest = min(map(brightness, bodies), default=0)
+        ends = [
+            code
+            for code in (shown[0], shown[-1])
+            if not is_same_hue(code, body) or (is_own_hue and brightness(code) > BRIGHTER * dimmest)
+        ]
         is_own = [own_color.share(code) > 0.0 for code in ends]
         own, foreign = any(is_own), not all(is_own)
         if not bodies:  # covered by a cursor or another thing

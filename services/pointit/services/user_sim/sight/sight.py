@@ -20,6 +20,7 @@ from pointit.schemas import (
     UserProfile,
 )
 from pointit.services.user_sim.sight.eyes import Eyes
+from pointit.services.user_sim.sight.observed_appearance import ObservedAppearance
 from pointit.services.user_sim.sight.pixels import Key, Kind, drawable
 
 FRESH_S = 1.0
@@ -62,7 +63,7 @@ class Sight:
 
     def __init__(self, delay_s: float, deadlines_m: Mapping[str, float] | None = None) -> None:
         """Create with a delay. `deadlines_m`: by belt, arc length from which it is too late for a package."""
-        self._delay_ns = round(delay_s * NS_PER_S)
+        self.delay_ns = round(delay_s * NS_PER_S)
         self._deadlines_m = dict(deadlines_m or {})
         self._delayed: deque[tuple[int, Message, str]] = deque()
         self._robots: dict[str, RobotState] = {}
@@ -80,13 +81,15 @@ class Sight:
         self._fed: set[str] = set()
         """Belts to which others lead."""
         self._colors: dict[str, LampColor] = {}
+        self._lamps: dict[str, str] = {}
+        """Lamp of each thing that has one."""
         self.profile_ns: int | None = None
         """Time of the first profile, ns. The system is present from then on."""
 
     def show(self, now_ns: int, message: Message, name: str = "") -> None:
         """Show `message`, which is perceived after the delay."""
         if len(self._delayed) < MAX_DELAYED:
-            self._delayed.append((now_ns + self._delay_ns, message, name))
+            self._delayed.append((now_ns + self.delay_ns, message, name))
 
     def look(self, now_ns: int) -> None:
         """Process messages whose delay is over."""
@@ -98,7 +101,7 @@ class Sight:
     def objects(self, now_ns: int) -> list[SeenObject]:
         """Return all visible objects."""
         fresh_ns = round(FRESH_S * NS_PER_S)
-        oldest_ns, newest_ns = now_ns - self._delay_ns - fresh_ns, now_ns + fresh_ns
+        oldest_ns, newest_ns = now_ns - self.delay_ns - fresh_ns, now_ns + fresh_ns
         for name in [n for n, (stamp, _) in self._trackers.items() if not oldest_ns <= stamp <= newest_ns]:
             del self._trackers[name]
         return [
@@ -110,14 +113,14 @@ class Sight:
         fresh_ns = round(FRESH_S * NS_PER_S)
         for stamp, things in self._trackers.values():
             thing = things.get(object_id)
-            if thing is not None and -fresh_ns <= now_ns - stamp <= self._delay_ns + fresh_ns:
+            if thing is not None and -fresh_ns <= now_ns - stamp <= self.delay_ns + fresh_ns:
                 return SeenObject(thing, stamp)
         return None
 
     def robots(self, now_ns: int) -> dict[str, RobotState]:
         """Return the robots in the room by name. Only what is visible of one counts: kind, place, speed."""
         fresh_ns = round(FRESH_S * NS_PER_S)
-        oldest_ns, newest_ns = now_ns - self._delay_ns - fresh_ns, now_ns + fresh_ns
+        oldest_ns, newest_ns = now_ns - self.delay_ns - fresh_ns, now_ns + fresh_ns
         return {
             name: state for name, state in self._robots.items() if oldest_ns <= state.stamp_ns <= newest_ns
         }
@@ -128,6 +131,21 @@ class Sight:
             if any(shown.color) and lamp in self.lamps_m:
                 return lamp
         return ""
+
+    def shows_own_color(self, seen: SeenObject) -> bool:
+        """Return True if the light of `seen`, on a strip or a lamp, has the person's colour."""
+        if seen.key is not None:
+            looks = self.looks(seen)
+            return looks is not None and looks.own and not looks.hidden
+        lamp = self._colors.get(self._lamps.get(seen.thing.id, ""))
+        return lamp is not None and self.eyes.is_own(lamp.color)
+
+    def looks(self, seen: SeenObject) -> ObservedAppearance | None:
+        """Return the appearance of `seen` in the current frame, or None if it is not visible enough."""
+        if seen.key is None or self.frame_ns is None:
+            return None
+        along_m = seen.along_m(self.frame_ns)
+        return self.eyes.looks(seen.thing.kind, seen.key, along_m, seen.thing.length_m)
 
     def lines_of(self, kind: Kind) -> list[Polyline]:
         """Return the lines of all strips, or of all belts."""
@@ -206,7 +224,7 @@ class Sight:
     def _notice(self, due_ns: int, message: Message, name: str) -> None:
         match message:
             case StripsFrame():
-                self.frame_ns = due_ns - self._delay_ns
+                self.frame_ns = due_ns - self.delay_ns
                 self.eyes.open(message)
             case TrackedObjects():
                 self._trackers[name] = (message.stamp_ns, {thing.id: thing for thing in message.objects})
@@ -229,6 +247,7 @@ class Sight:
         self.lamps_m = {lamp.id: lamp.position_m for lamp in room.lamps}
         self.lines = {("strip", strip.id): line for strip, line in drawable(room.strips)}
         self.lines |= {("belt", belt.id): line for belt, line in drawable(room.belts)}
+        self._lamps = {thing.id: thing.lamp for thing in room.things}
         self._bays = {bay.belt for bay in room.bays}
         self._fed = {link.target for link in room.links}
         self._links = {}

@@ -4,8 +4,7 @@ Cues differ in all three, so that each sense alone tells them apart. The colours
 palette (Color Universal Design, 2008), distinguishable by colour-blind people, and differ in lightness.
 """
 
-from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from pointit.schemas.base import Rgb
 
@@ -16,9 +15,8 @@ MOST_FLASHES = 3
 """In a second: more can cause seizures (WCAG 2.2, 2.3.1)."""
 
 
-@dataclass(frozen=True, slots=True)
-class MultimodalCue:
-    """A cue for the ear, the skin and the eye."""
+class MultimodalCue(NamedTuple):
+    """A cue for the ear, the skin and the eye, with the fields of `Feedback`."""
 
     chime: Chime
     haptic_ms: tuple[int, ...]

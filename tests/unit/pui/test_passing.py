@@ -221,3 +221,28 @@ async def test_the_service_publishes_the_cue(method: str, advice: str) -> None:
         assert [cue.text for cue in cues] == [passed.text]
         assert advice in passed.text  # the nearest by angle, or in metres
         assert (cues[0].cue, cues[0].target_id) == ("target", passed.surface_id)
+
+
+def miss(someone: PersonCursor, from_s: float, to_s: float) -> str:
+    for stamp_ns in range(int(from_s * NS_PER_S), int(to_s * NS_PER_S), STEP_NS):
+        someone.cursor(aimed(0.0, -20.0, stamp_ns))
+    return someone.passing.hint
+
+
+def test_hint_comes_after_a_minute_of_missing_everything_and_ends_with_a_hit() -> None:
+    someone = person()
+    assert miss(someone, 0.0, 59.0) == ""
+    assert miss(someone, 59.0, 61.0) == "you point 20° below strip s: raise your arm"
+    someone.cursor(aimed(0.0, 0.0, 62 * NS_PER_S))
+    assert someone.passing.hint == ""
+    assert miss(someone, 62.0, 120.0) == ""
+
+
+def test_a_resting_arm_is_no_miss() -> None:
+    someone = person()
+    miss(someone, 0.0, 50.0)
+    for stamp_ns in range(50 * NS_PER_S, 200 * NS_PER_S, STEP_NS):
+        someone.cursor(aimed(0.0, -60.0, stamp_ns))
+    assert someone.passing.hint == ""
+    assert miss(someone, 200.0, 205.0) == ""
+    assert miss(someone, 205.0, 215.0) != ""

@@ -4,6 +4,7 @@ import asyncio
 import functools
 import math
 import os
+import re
 from pathlib import Path
 from typing import Any
 
@@ -122,6 +123,21 @@ async def test_without_a_pose_there_is_no_cursor_and_health_says_why() -> None:
         await here.pose()
         assert (await here.point_at(PLACE)).surface == "strip"
         assert len(here.cursors) == 1
+        await here.until_health(lambda warnings: warnings == ())
+
+
+async def test_health_hints_at_localizing_again_after_a_minute_without_a_hit_until_the_next_hit() -> None:
+    async with room() as here:
+        await here.pose()
+        for _ in range(620):
+            here.clock.advance(0.08)
+            await here.point(vector.direction(0.0, math.radians(60.0)))
+        hint = re.compile(
+            r"anna has pointed past everything for a minute \(you point \d+° above .*: lower your arm\): "
+            r"localize again .*`pointit person calibrate mounting anna`"
+        )
+        await here.until_health(lambda warnings: any(hint.match(text) for text in warnings))
+        await here.point_at(PLACE)
         await here.until_health(lambda warnings: warnings == ())
 
 

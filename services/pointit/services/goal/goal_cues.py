@@ -15,15 +15,6 @@ class CueFactory:
         self, cue: Cue, text: str, now_ns: int, place_m: Vec3 | None = None, *, sign_of: Cue | None = None
     ) -> Feedback:
         """Return a cue that looks, sounds and feels like `sign_of`, or as usual; `place_m` is in {W}."""
-        sign = SIGNS[sign_of or cue]
         self._count += 1
-        return Feedback(
-            stamp_ns=now_ns,
-            seq=self._count,
-            cue=cue,
-            text=text,
-            chime=sign.chime,
-            haptic_ms=sign.haptic_ms,
-            color=sign.color,
-            point_m=place_m,
-        )
+        sign = SIGNS[sign_of or cue]._asdict()
+        return Feedback(stamp_ns=now_ns, seq=self._count, cue=cue, text=text, point_m=place_m, **sign)

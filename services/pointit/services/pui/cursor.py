@@ -76,7 +76,7 @@ class PersonCursor:
     ) -> None:
         """Create without a pose; with `lamps`, every cursor lists those near the ray."""
         self._surfaces = surfaces
-        self._passing = Passing(surfaces)
+        self.passing = Passing(surfaces)
         self._lamps = lamps
         self._start = start
         self._workspace: Workspace | None = None
@@ -105,7 +105,7 @@ class PersonCursor:
     def use(self, surfaces: Surfaces, lamps: NearbyLamps | None) -> None:
         """Point at `surfaces` and `lamps`, of another map, from now on."""
         self._surfaces, self._lamps = surfaces, lamps
-        self._passing = Passing(surfaces)
+        self.passing = Passing(surfaces)
 
     def set_pose(self, pose: UserPose, now_ns: int | None = None) -> None:
         """Set the pose that came at `now_ns`, None if there is only one source.
@@ -151,7 +151,7 @@ class PersonCursor:
 
     def _change_workspace(self, workspace: Workspace | None) -> None:
         self._workspace, self._is_chosen = workspace, True
-        self._passing.end()
+        self.passing.end()
 
     def _anchor(self, query: SetWorkspace, tracked: Tracked, stamp_ns: int) -> Vec3:
         if query.anchor == "pointer":
@@ -169,7 +169,7 @@ class PersonCursor:
     def clear(self, stamp_ns: int) -> Cursor | None:
         """Return the empty cursor that removes the one shown, or None if none is shown."""
         self._point = None
-        self._passing.end()
+        self.passing.end()
         if not self._is_chosen:
             self._workspace = None  # created again where they point next
         if not self._shown:
@@ -200,23 +200,23 @@ class PersonCursor:
 
     def cue(self) -> Feedback | None:
         """Return a cue if the person has pointed past everything for a while with the last ray."""
-        return None if self._point is not None else self._passing.cue(self._newest_ns)
+        return None if self._point is not None else self.passing.cue(self._newest_ns)
 
     def _cursor(self, cast: _Cast) -> Cursor:
         self._seq += 1
         eyes, direction, feet, stamp_ns = cast
         if not is_in_range(eyes):  # a pose beyond the limits of messages
             self._point = None
-            self._passing.end()
+            self.passing.end()
             return Cursor(stamp_ns=stamp_ns, seq=self._seq)
         lamps = () if self._lamps is None else self._lamps.near(eyes, direction)
         met = self._met(eyes, direction, feet)
         if met is None or not is_in_range(met[2].point_m):
             self._point = passed = None
             if self._workspace is None:
-                passed = self._passing.miss(eyes, direction, stamp_ns)
+                passed = self.passing.miss(eyes, direction, stamp_ns)
             else:
-                self._passing.end()
+                self.passing.end()
             return _calculated_cursor(
                 stamp_ns=stamp_ns,
                 seq=self._seq,
@@ -227,7 +227,7 @@ class PersonCursor:
             )
         (surface, solid), name, (_, position_m, point_m, miss_m, miss_rad, range_m, uv_m) = met
         self._point = point_m
-        self._passing.end()
+        self.passing.end()
         return _calculated_cursor(
             stamp_ns=stamp_ns,
             seq=self._seq,

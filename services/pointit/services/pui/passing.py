@@ -20,6 +20,9 @@ PATIENCE_NS = 3 * NS_PER_S // 2
 AGAIN_NS = 6 * NS_PER_S
 """Minimum time between two cues, ns."""
 
+HINT_NS = 60 * NS_PER_S
+"""Time of pointing past everything, without a hit in between, before the hint to localize again, ns."""
+
 REST_RAD = math.radians(-55.0)
 """Elevation of the ray below which the arm rests. There is no cue then."""
 
@@ -43,11 +46,13 @@ class Passing:
         self._looked_ns = 0
         self._since_ns: int | None = None
         self._cued_ns: int | None = None
-        self._cues = 0
+        self._cues = self._missed_ns = 0
+        self.hint = ""
+        """Last message to a person who has missed everything for `HINT_NS`, else `""`."""
 
     def end(self) -> None:
         """Reset: the ray meets something, or the person stopped pointing."""
-        self._since_ns = None
+        self._since_ns, self._missed_ns, self.hint = None, 0, ""
 
     def miss(self, origin_m: Vec3, direction: Vec3, stamp_ns: int) -> Passed | None:
         """Return the thing nearest to a ray that passes everything, or None while the arm rests."""
@@ -58,12 +63,14 @@ class Passing:
             self._since_ns, self._looked_ns = stamp_ns, stamp_ns - LOOK_NS
         if not 0 <= stamp_ns - self._looked_ns < LOOK_NS:
             self._looked_ns = stamp_ns
+            self._missed_ns += LOOK_NS
             found = self._things.nearest(origin_m, direction)
             is_long = stamp_ns - self._since_ns >= PATIENCE_NS
             if found is None or not is_in_range(found[1].point_m):
                 self._passed = None
             else:
                 self._passed = _passed(*found, origin_m, direction, is_long=is_long)
+                self.hint = self._passed.text if self._missed_ns > HINT_NS and is_long else self.hint
         return self._passed
 
     def cue(self, stamp_ns: int) -> Feedback | None:
@@ -75,16 +82,10 @@ class Passing:
             return None
         self._cued_ns = stamp_ns
         self._cues += 1
-        sign = SIGNS["target"]
+        sign = SIGNS["target"]._asdict() | {"color": None, "target_id": passed.surface_id}
+        turn_rad = (passed.right_rad, passed.up_rad)
         return Feedback(
-            stamp_ns=stamp_ns,
-            seq=self._cues,
-            cue="target",
-            text=passed.text,
-            chime=sign.chime,
-            haptic_ms=sign.haptic_ms,
-            target_id=passed.surface_id,
-            turn_rad=(passed.right_rad, passed.up_rad),
+            stamp_ns=stamp_ns, seq=self._cues, cue="target", text=passed.text, turn_rad=turn_rad, **sign
         )
 
 

@@ -210,6 +210,7 @@ class Pui(Service[PuiConfig]):
     def _on_lost(self, user: str) -> None:
         self._persons.pop(user, None)
         self.bus.clear(f"pose of {user}")
+        self.bus.clear(f"misses of {user}")
 
     def _on_objects(self, objects: TrackedObjects, tracker: str) -> None:
         self._room.tracked.on_objects(tracker, objects)
@@ -306,9 +307,13 @@ class Pui(Service[PuiConfig]):
             self._judge(user)
         else:
             self._put(cursor, user)
-            cue = person.cue()
-            if cue is not None:
+            if (cue := person.cue()) is not None:
                 self._cue(cue, user)
+        hint = person.passing.hint and (
+            f"{user} has pointed past everything for a minute ({person.passing.hint}): localize again (hold "
+            f"the button); if that does not help, `pointit person calibrate mounting {user}`"
+        )
+        self.bus.warn(f"misses of {user}", hint)
 
     def _on_presence(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         # their state stays: it is published once, and some of their services may still run
@@ -316,6 +321,7 @@ class Pui(Service[PuiConfig]):
         if person is not None and not present and self._share.serves(user):
             self._put(person.clear(self.clock.now_ns()), user)
             self.bus.clear(f"pose of {user}")
+            self.bus.clear(f"misses of {user}")
 
     def _judge(self, user: str, *, warn: bool = True) -> None:
         """Warn in health if rays of `user` give no cursor for lack of a pose."""
@@ -328,10 +334,9 @@ class Pui(Service[PuiConfig]):
             )
 
     def _cue(self, cue: Feedback, user: str) -> None:
-        publisher = self._cues.get(user)
-        if publisher is None:
-            publisher = self._cues[user] = self.bus.publisher(FEEDBACK, user)
-        publisher.put(cue)
+        if user not in self._cues:
+            self._cues[user] = self.bus.publisher(FEEDBACK, user)
+        self._cues[user].put(cue)
 
     def _put(self, cursor: Cursor | None, user: str) -> None:
         if cursor is None:

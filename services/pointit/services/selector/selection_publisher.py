@@ -75,13 +75,4 @@ class SelectionPublisher:
 
 def make_cue(kind: Kind, text: str, stamp_ns: int, seq: int) -> Feedback:
     """Return the multimodal cue of `kind`, as defined in `SIGNS`."""
-    sign = SIGNS[kind]
-    return Feedback(
-        stamp_ns=stamp_ns,
-        seq=seq,
-        cue=kind,
-        text=text,
-        chime=sign.chime,
-        haptic_ms=sign.haptic_ms,
-        color=sign.color,
-    )
+    return Feedback(stamp_ns=stamp_ns, seq=seq, cue=kind, text=text, **SIGNS[kind]._asdict())

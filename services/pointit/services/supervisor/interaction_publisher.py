@@ -50,17 +50,9 @@ class InteractionPublisher:
     def cue(self, now_ns: int, cue: Cue, text: str, target_id: str = "", *, waits: bool = False) -> Feedback:
         """Return a cue. It comes without its colour if lamps would flash too often."""
         self._cues += 1
-        sign = SIGNS[cue]
+        sign = SIGNS[cue]._asdict() | ({} if self._may_flash(now_ns) else {"color": None})
         return Feedback(
-            stamp_ns=now_ns,
-            seq=self._cues,
-            cue=cue,
-            text=text,
-            chime=sign.chime,
-            haptic_ms=sign.haptic_ms,
-            color=sign.color if self._may_flash(now_ns) else None,
-            target_id=target_id,
-            waits=waits,
+            stamp_ns=now_ns, seq=self._cues, cue=cue, text=text, target_id=target_id, waits=waits, **sign
         )
 
     def _may_flash(self, now_ns: int) -> bool:

@@ -14,6 +14,7 @@ from pointit.schemas import (
     Localization,
     SelectedObject,
     Selection,
+    SetLamp,
     Thing,
     TrackedObjects,
     UserProfile,
@@ -190,3 +191,29 @@ def test_what_moves_over_the_light_of_a_thing_is_above_it() -> None:
     assert frame is not None
     shown = colors(frame.strips[0].rgb)
     assert [color == DIM for color in shown[2:8]] == [True, True, False, False, True, True]
+
+
+async def test_colour_that_a_thing_overrides_is_reported_as_not_shown_and_why() -> None:
+    async with memory_bench(clock=ManualClock(NOW_NS)) as bench:
+        await started(bench, FAST.model_copy(update={"cursor_timeout_s": 60.0}))
+        bench.put(at.MAP, ROOM)
+        for user, color in (("anna", ANNA), ("ben", BEN)):
+            bench.put(at.PROFILE, UserProfile(stamp_ns=1, cursor_color=color), user)
+        bench.put(at.SELECTION, selection(("radio", "anna")))
+        await bench.settle()
+
+        async def reply(lamp: str, color: Color | None) -> str:
+            return (await bench.bus.call(at.SET_LAMP, SetLamp(color=color), lamp)).message
+
+        assert await reply("lamp", GREEN) == (
+            "lamp lamp shows #c86400, as anna has selected radio; #006400 when that ends"
+        )
+        assert await reply("lamp", ANNA) == "lamp lamp shows #c86400"
+        assert await reply("other", GREEN) == "lamp other shows #006400"
+        bench.put(at.SELECTION, selection())
+        bench.put(at.HOVER, hover(0.0), "anna")
+        bench.put(at.HOVER, hover(0.0), "ben")
+        await bench.settle()
+        assert await reply("lamp", GREEN) == (
+            "lamp lamp shows #3c1e00, as anna and ben point at radio; #006400 when that ends"
+        )

@@ -230,7 +230,11 @@ class LedDriver(Service[LedDriverConfig]):
             return Done(message=f"lamp {lamp_id} is given back")
         people = [lease.user for lease in self._lights.lamps.queue.service().leases if not lease.ahead]
         later = f" once {', '.join(people)} need no lamps any more" if people else ""
-        return Done(message=f"lamp {lamp_id} shows #{bytes(query.color).hex()}{later}")
+        color, things = f"#{bytes(query.color).hex()}", self._lights.things
+        shown = things.colors(self.clock.now_ns()).get(lamp_id, query.color)
+        if shown != query.color and not people:
+            color, later = f"#{bytes(shown).hex()}", f", as {things.reason(lamp_id)}; {color} when that ends"
+        return Done(message=f"lamp {lamp_id} shows {color}{later}")
 
     async def _show_pixels(self, query: ShowPixels, _name: str) -> Done:
         until_ns = self.clock.now_ns() + int(query.for_s * self.clock.speed * NS_PER_S)

@@ -88,6 +88,14 @@ class ThingLamps:
         nearest |= {lamp: (1.0, user) for lamp, user in self._owners.items()}
         return {lamp: self._shade(user, level) for lamp, (level, user) in nearest.items()}
 
+    def reason(self, lamp: str) -> str:
+        """Return the reason for the colour of a lamp that is in `colors`."""
+        thing = next(thing for thing, its_lamp in self.lamps.items() if its_lamp == lamp)
+        if lamp in self._owners:
+            return f"{self._owners[lamp]} has selected {thing}"
+        users = sorted(user for user, hovered in self._hovered.items() if hovered.lamp == lamp)
+        return f"{' and '.join(users)} {'points' if len(users) == 1 else 'point'} at {thing}"
+
     def _shade(self, user: str, level: float) -> Rgb:
         red, green, blue = (round(value * level) for value in self._color_of(user))
         return (red, green, blue)

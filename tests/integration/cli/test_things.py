@@ -41,6 +41,21 @@ async def test_things_have_their_light_and_how_often_they_fired(site: Site) -> N
     ]
 
 
+async def test_activations_of_earlier_maps_are_not_counted(site: Site) -> None:
+    queries: list[ReadHistory] = []
+
+    async def mixed_history(query: ReadHistory, _name: str) -> ReadHistoryReply:
+        queries.append(query)
+        events = [happened("screws", "selected").model_copy(update={"stamp_ns": ns}) for ns in (5, 6, 9)]
+        return ReadHistoryReply(events=tuple(events))
+
+    site.bus.publisher(MAP).put(Environment(stamp_ns=6, name="shop", things=(SCREWS, RADIO)))
+    site.bus.serve(READ_HISTORY, mixed_history)
+    ended = await site.pointit("things", "list", "--json")
+    assert [query.since_ns for query in queries] == [6]
+    assert [row["fired"] for row in json.loads(ended.out)["things"]] == [2, 0]
+
+
 async def test_map_without_things_is_said(site: Site) -> None:
     site.bus.publisher(MAP).put(Environment(stamp_ns=1, name="shop"))
     ended = await site.pointit("things", "list")

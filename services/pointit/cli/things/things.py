@@ -28,8 +28,8 @@ from pointit.schemas.topics import MAP, READ_HISTORY, SET_THING
 def list_things(*, as_json: bool, **at: Unpack[AtSite]) -> int:
     """List the things of a site's map: mode, light, and how often each fired.
 
-    Counts are among the last 200 events in the selector's journal; - means that no selector replies. The
-    exit code is 1 if the map has no things.
+    Counts begin when the site loaded this map, among the last 200 events in the selector's journal since
+    then; - means that no selector replies. The exit code is 1 if the map has no things.
 
     Example: pointit things list --json
     """
@@ -42,7 +42,7 @@ async def _list(*, as_json: bool, **at: Unpack[AtSite]) -> int:
         room = await _map(bus)
         events: Sequence[SelectionEvent] | None
         try:
-            events = (await bus.call(READ_HISTORY, ReadHistory())).events
+            events = (await bus.call(READ_HISTORY, ReadHistory(since_ns=room.stamp_ns))).events
         except RequestError as error:
             say(f"how often things fired is unknown: {error}", err=True)
             events = None
@@ -61,8 +61,15 @@ async def _map(bus: Bus) -> Environment:
 
 
 def rows(room: Environment, events: Sequence[SelectionEvent] | None) -> tuple[Row, ...]:
-    """Return a row for each thing. `events`: those that are counted, or None if unknown."""
-    fired = Counter(event.thing for event in events or () if event.is_on and is_reaction(event, (), room))
+    """Return a row for each thing. `events`: those of which are counted, or None if unknown.
+
+    Earlier ones than the map are of another map, or of another run, that may have things of the same names.
+    """
+    fired = Counter(
+        event.thing
+        for event in events or ()
+        if event.stamp_ns >= room.stamp_ns and event.is_on and is_reaction(event, (), room)
+    )
     return tuple(
         {
             "thing": thing.id,

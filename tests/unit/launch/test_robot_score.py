@@ -3,7 +3,7 @@
 from typing import Any
 
 from pointit.geometry.vector import Vec3
-from pointit.launch.robots.robot_watcher import RobotsScore, score_lines
+from pointit.launch.robots.robot_watcher import RobotsScore, goal_lines, score_lines
 from pointit.schemas import Environment, Goal, RobotState
 from pointit.schemas.environment import Fence
 
@@ -44,21 +44,55 @@ def test_a_goal_is_reached_where_the_robot_ends_near_it() -> None:
     score = RobotsScore()
     for goal_ns, end_m in ((5, 2.0), (7, 1.0)):
         score.on_state("rover", state((0.5, 0.5, 0.0), "idle"))
-        sent = Goal(
-            stamp_ns=goal_ns,
-            position_m=(2.0, 0.5, 0.0),
-            robot="rover",
-            yaw_rad=0.0,
-            age_s=0.0,
-            position_sigma_m=0.1,
-            clearance_m=2.0,
-            proposed_ns=goal_ns,
-            confirmed_by="press",
-        )
-        score.on_goal(sent)
+        score.on_goal(sent(goal_ns=goal_ns))
         score.on_state("rover", state((0.6, 0.5, 0.0), goal_ns=goal_ns))
         score.on_state("rover", state((end_m, 0.5, 0.0), "idle"))
     assert score_lines(score.as_dict()) == ["rover reached 1 of 2 goals."]
+
+
+def sent(robot: str = "rover", goal_ns: int = 5, x_m: float = 2.0) -> Goal:
+    return Goal(
+        stamp_ns=goal_ns,
+        position_m=(x_m, 0.5, 0.0),
+        robot=robot,
+        yaw_rad=0.0,
+        age_s=0.0,
+        position_sigma_m=0.1,
+        clearance_m=2.0,
+        proposed_ns=goal_ns,
+        confirmed_by="press",
+    )
+
+
+def test_summary_has_the_person_and_the_distance_of_each_landing_and_goal() -> None:
+    score = RobotsScore([(1.0, 1.0, 0.0)])
+    for user, y in (("anna", 1.1), ("anna", 1.05), ("ben", 1.2)):
+        score.on_state("quad", state((1.0, y, 0.2), user=user))
+        score.on_state("quad", state((1.0, y, 0.1), "landing", user=user))
+        score.on_state("quad", state((1.0, y, 0.0), "landed"))  # it is free then
+    score.on_state("rover", state((0.5, 0.5, 0.0), "idle"))
+    for goal_ns, end_m in ((5, 2.0), (7, 1.9)):
+        score.on_goal(sent(goal_ns=goal_ns), "ben")
+        score.on_state("rover", state((0.6, 0.5, 0.0), goal_ns=goal_ns))
+        score.on_state("rover", state((end_m, 0.5, 0.0), "idle"))
+    anna, ben = "landed 2 times for anna, 0.10 and 0.05 m", "landed once for ben, 0.20 m"
+    assert score_lines(score.as_dict()) == [
+        f"quad {anna} from the place; {ben} from the place.",
+        "rover reached 2 of 2 goals of ben, 0.00 and 0.10 m from them.",
+    ]
+    assert score.as_dict()["quad"]["people"]["anna"]["landed_off_m"] == [0.1, 0.05]
+    assert score.goals_without_robot == {}
+
+
+def test_goals_that_no_robot_takes_are_in_the_summary_with_their_person() -> None:
+    score = RobotsScore()
+    score.on_goal(sent("", x_m=1.0), "anna")
+    score.on_goal(sent("", x_m=2.0), "anna")
+    assert goal_lines(score.goals_without_robot) == [
+        "anna sent a robot 2 times, last to 2.00, 0.50 m (1 sigma 0.10 m at most); none drives here."
+    ]
+    score.on_state("rover", state((0.5, 0.5, 0.0), "idle"))
+    assert score.goals_without_robot == {}
 
 
 def test_each_crossing_of_a_fence_counts_once() -> None:

@@ -9,7 +9,7 @@ from rich.text import Text
 
 from pointit.cli.display.display_part import DisplayPart
 from pointit.cli.display.people_view import ROOMY_WIDTH, color_of
-from pointit.launch.robots.robot_watcher import RobotWatcher, score_lines
+from pointit.launch.robots.robot_watcher import RobotWatcher, goal_lines, score_lines
 from pointit.launch.run.monitor import Monitor
 from pointit.schemas import RobotState
 
@@ -61,7 +61,7 @@ def _robots(monitor: Monitor) -> list[tuple[str, RobotState]]:
 
 
 def _summary(summary: Mapping[str, Any]) -> list[str]:
-    return score_lines(summary.get("robots", {}))
+    return score_lines(summary.get("robots", {})) + goal_lines(summary.get("goals_without_robot", {}))
 
 
 ROBOTS_DISPLAY = DisplayPart(rows=robot_lines, lines=reason_lines, summary=_summary)

@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from pointit.geometry.polygon import Polygon
@@ -33,27 +33,45 @@ def spots_of(launches: Sequence[Launch]) -> tuple[Vec3, ...]:
 
 
 @dataclass
+class SteeringScore:
+    """Results of one person with one robot."""
+
+    landed_off_m: list[float] = field(default_factory=list[float])
+    """Horizontal distance of each landing from the nearest of the spots, or from where it was sent."""
+    landings: int = 0
+    goals: int = 0
+    reached_off_m: list[float] = field(default_factory=list[float])
+    """Horizontal distance from each goal that was reached."""
+    goals_reached: int = 0
+
+    def add(self, off_m: float, *, is_landing: bool) -> None:
+        """Count a landing or a goal that was reached, `off_m` from it, infinite if unknown."""
+        self.landings += is_landing
+        self.goals_reached += not is_landing
+        distances_m = self.landed_off_m if is_landing else self.reached_off_m
+        if len(distances_m) < MAX_LANDINGS and math.isfinite(off_m):
+            distances_m.append(round(off_m, 3))
+
+
+@dataclass
 class RobotScore:
     """Counts of one robot."""
 
-    landings: int = 0
-    landed_off_m: list[float] = field(default_factory=list[float])
-    """Horizontal distance of each landing from the nearest of the spots, or from where it was sent."""
-    goals: int = 0
-    """Goals that it began."""
-    goals_reached: int = 0
+    people: dict[str, SteeringScore] = field(default_factory=dict[str, SteeringScore])
+    """By the person who steered it last, `""` if nobody is known."""
     fences_crossed: int = 0
     """Number of times that its centre crossed a fence."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return it for the summary."""
-        off_m = [round(each, 3) for each in self.landed_off_m]
+        each = self.people.values()
         return {
-            "landings": self.landings,
-            "landed_off_m": off_m,
-            "goals": self.goals,
-            "goals_reached": self.goals_reached,
+            "landings": sum(one.landings for one in each),
+            "landed_off_m": [off_m for one in each for off_m in one.landed_off_m],
+            "goals": sum(one.goals for one in each),
+            "goals_reached": sum(one.goals_reached for one in each),
             "fences_crossed": self.fences_crossed,
+            "people": {user: asdict(one) for user, one in sorted(self.people.items())},
         }
 
 
@@ -68,7 +86,11 @@ class RobotsScore:
         self._before: dict[str, RobotState] = {}
         self._outside: dict[str, frozenset[str]] = {}
         self._sent_m: dict[str, Vec3] = {}
-        """Place where each robot was last sent to."""
+        """Position to which each robot was last sent."""
+        self._users: dict[str, str] = {}
+        """Person who last steered each robot."""
+        self.unclaimed: dict[str, list[tuple[float, float, float]]] = {}
+        """Position and its 1 sigma, m, of goals that are for no robot of the site, by person."""
         self.robots: dict[str, RobotScore] = {}
         """Score of each robot."""
 
@@ -78,10 +100,16 @@ class RobotsScore:
         self._areas = {fence.id: Polygon(fence.outline_m) for fence in environment.fences}
         self._outside.clear()
 
-    def on_goal(self, goal: Goal) -> None:
-        """Note where a robot is sent to."""
+    def on_goal(self, goal: Goal, user: str = "") -> None:
+        """Store the position to which `user` sends a robot."""
         if goal.robot in self.robots:
             self._sent_m[goal.robot] = goal.position_m
+            self._users[goal.robot] = user or self._users.get(goal.robot, "")
+        elif len(self.unclaimed) < MAX_ROBOTS or user in self.unclaimed:
+            goals = self.unclaimed.setdefault(user, [])
+            x_m, y_m, _ = goal.position_m
+            del goals[: -MAX_LANDINGS + 1]
+            goals.append((round(x_m, 2), round(y_m, 2), round(goal.position_sigma_m, 3)))
 
     def on_state(self, robot: str, state: RobotState) -> None:
         """Update from a state of `robot`."""
@@ -94,6 +122,8 @@ class RobotsScore:
             crossed = self._crossed(state.position_m)
             score.fences_crossed += len(crossed - self._outside.get(robot, crossed))
             self._outside[robot] = crossed
+        self._users[robot] = state.user or self._users.get(robot, "")
+        person = score.people.setdefault(self._users[robot], SteeringScore())
         before = self._before.get(robot)
         self._before[robot] = state
         if before is None:
@@ -101,25 +131,26 @@ class RobotsScore:
         if state.target_m is not None:
             self._sent_m[robot] = state.target_m
         if state.phase == "landed" and before.phase == "landing":
-            self._landed(robot, score, state.position_m)
-        if state.goal_ns not in (0, before.goal_ns):
-            score.goals += 1
+            person.add(self._landed_off_m(robot, state.position_m), is_landing=True)
         is_done = before.goal_ns not in (0, state.goal_ns)
-        if is_done and self._away_m(robot, state.position_m) <= ARRIVED_M:
-            score.goals_reached += 1
+        if is_done and (off_m := self._away_m(robot, state.position_m)) <= ARRIVED_M:
+            person.add(off_m, is_landing=False)
+        person.goals += state.goal_ns not in (0, before.goal_ns)
 
     def as_dict(self) -> dict[str, dict[str, Any]]:
         """Return the scores by robot, for the summary."""
         return {name: score.as_dict() for name, score in sorted(self.robots.items())}
 
-    def _landed(self, robot: str, score: RobotScore, position_m: Vec3) -> None:
-        score.landings += 1
-        off_m = min(
+    @property
+    def goals_without_robot(self) -> dict[str, list[tuple[float, float, float]]]:
+        """Return `unclaimed` if no robot is known, as any robot may take them, else nothing."""
+        return {} if self.robots else self.unclaimed
+
+    def _landed_off_m(self, robot: str, position_m: Vec3) -> float:
+        return min(
             (math.dist(position_m[:2], spot_m[:2]) for spot_m in self._spots_m),
             default=self._away_m(robot, position_m),
         )
-        if len(score.landed_off_m) < MAX_LANDINGS and math.isfinite(off_m):
-            score.landed_off_m.append(off_m)
 
     def _away_m(self, robot: str, position_m: Vec3) -> float:
         sent_m = self._sent_m.get(robot)
@@ -140,18 +171,36 @@ def score_lines(robots: dict[str, dict[str, Any]]) -> list[str]:
     """Return one sentence for each robot that landed, had a goal or crossed a fence."""
     lines: list[str] = []
     for name, score in robots.items():
-        did: list[str] = []
-        if score["landings"]:
-            off = [f"{each:.2f}" for each in score["landed_off_m"]]
-            where = f", {_listed(off)} m from the place" if off else ""
-            did.append(f"landed {_times(score['landings'])}{where}")
-        if score["goals"]:
-            did.append(f"reached {score['goals_reached']} of {score['goals']} goals")
+        did = [line for user, one in score["people"].items() for line in _person_lines(user, one)]
         if score["fences_crossed"]:
             did.append(f"crossed fences {_times(score['fences_crossed'])}")
         if did:
             lines.append(f"{name} {'; '.join(did)}.")
     return lines
+
+
+def _person_lines(user: str, score: Mapping[str, Any]) -> list[str]:
+    lines: list[str] = []
+    if score["landings"]:
+        person = f" for {user}" if user else ""
+        lines.append(f"landed {_times(score['landings'])}{person}{_off(score['landed_off_m'], 'the place')}")
+    if score["goals"]:
+        person = f" of {user}{_off(score['reached_off_m'], 'them')}" if user else ""
+        lines.append(f"reached {score['goals_reached']} of {score['goals']} goals{person}")
+    return lines
+
+
+def _off(distances_m: Sequence[float], target: str) -> str:
+    return f", {_listed([f'{each:.2f}' for each in distances_m])} m from {target}" if distances_m else ""
+
+
+def goal_lines(goals: Mapping[str, Sequence[Sequence[float]]]) -> list[str]:
+    """Return one sentence for each person whose goals no robot could reach, with the last of them."""
+    return [
+        f"{user} sent a robot {_times(len(sent))}, last to {sent[-1][0]:.2f}, {sent[-1][1]:.2f} m "
+        f"(1 sigma {max(each[2] for each in sent):.2f} m at most); none drives here."
+        for user, sent in sorted(goals.items())
+    ]
 
 
 def _times(count: int) -> str:
@@ -186,10 +235,7 @@ class RobotWatcher:
             for line in self.monitor.take(state, robot):
                 news(line, state.user)
 
-        return (
-            bus.subscribe(ROBOT_STATE, on_state),
-            bus.subscribe(GOAL, lambda goal, _user: self.score.on_goal(goal)),
-        )
+        return (bus.subscribe(ROBOT_STATE, on_state), bus.subscribe(GOAL, self.score.on_goal))
 
     def on_map(self, environment: Environment) -> None:
         """Take the fences."""
@@ -202,7 +248,7 @@ class RobotWatcher:
 
     def summary(self) -> Mapping[str, Any]:
         """Return the scores by robot."""
-        return {"robots": self.score.as_dict()}
+        return {"robots": self.score.as_dict(), "goals_without_robot": self.score.goals_without_robot}
 
 
 class RobotMonitor:

@@ -19,4 +19,4 @@ def cook(site: pointit.Site | pointit.SyncSite) -> None:
 if __name__ == "__main__":
     with pointit.open() as joined:
         cook(joined)
-        joined.sleep(3600)
+        joined.wait()  # until Ctrl-C

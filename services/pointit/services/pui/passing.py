@@ -82,7 +82,8 @@ class Passing:
             return None
         self._cued_ns = stamp_ns
         self._cues += 1
-        sign = SIGNS["target"]._asdict() | {"color": None, "target_id": passed.surface_id}
+        sign = SIGNS["target"]._asdict()
+        sign |= {"color": None, "target_id": passed.surface_id}
         turn_rad = (passed.right_rad, passed.up_rad)
         return Feedback(
             stamp_ns=stamp_ns, seq=self._cues, cue="target", text=passed.text, turn_rad=turn_rad, **sign

@@ -308,7 +308,9 @@ class Pui(Service[PuiConfig]):
         else:
             self._put(cursor, user)
             if (cue := person.cue()) is not None:
-                self._cue(cue, user)
+                if user not in self._cues:
+                    self._cues[user] = self.bus.publisher(FEEDBACK, user)
+                self._cues[user].put(cue)
         hint = person.passing.hint and (
             f"{user} has pointed past everything for a minute ({person.passing.hint}): localize again (hold "
             f"the button); if that does not help, `pointit person calibrate mounting {user}`"
@@ -332,11 +334,6 @@ class Pui(Service[PuiConfig]):
                 f"pose of {user}",
                 f"{user} points but no pose is known: start their localizer, or press the button to localize",
             )
-
-    def _cue(self, cue: Feedback, user: str) -> None:
-        if user not in self._cues:
-            self._cues[user] = self.bus.publisher(FEEDBACK, user)
-        self._cues[user].put(cue)
 
     def _put(self, cursor: Cursor | None, user: str) -> None:
         if cursor is None:

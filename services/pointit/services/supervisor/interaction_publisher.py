@@ -50,7 +50,8 @@ class InteractionPublisher:
     def cue(self, now_ns: int, cue: Cue, text: str, target_id: str = "", *, waits: bool = False) -> Feedback:
         """Return a cue. It comes without its colour if lamps would flash too often."""
         self._cues += 1
-        sign = SIGNS[cue]._asdict() | ({} if self._may_flash(now_ns) else {"color": None})
+        sign = SIGNS[cue]._asdict()
+        sign["color"] = sign["color"] if self._may_flash(now_ns) else None
         return Feedback(
             stamp_ns=now_ns, seq=self._cues, cue=cue, text=text, target_id=target_id, waits=waits, **sign
         )

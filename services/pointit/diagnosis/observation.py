@@ -2,13 +2,20 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Literal
 
+from pointit.diagnosis.stopped_processes import StoppedProcess
 from pointit.diagnosis.writers import start_command
 from pointit.runtime.link.outage import SILENT_S
-from pointit.schemas import Deployment, ExpectedService, Health
+from pointit.schemas import NS_PER_S, Deployment, ExpectedService, Health
 from pointit.schemas.system import RUN
 from pointit.schemas.table_types import NAME
+
+STARTING_S = 10.0
+"""Time after the start of a process within which others that begin with it may be missing, s."""
+FIRST_S = 30.0
+"""Time after the publication of a deployment within which none of its services need be present, s."""
 
 Severity = Literal["error", "warning", "note"]
 Code = Literal[
@@ -18,6 +25,8 @@ Code = Literal[
     "absent",
     "left",
     "silent",
+    "stopped",
+    "no-cursor",
     "twice",
     "stale",
     "failing",
@@ -26,6 +35,7 @@ Code = Literal[
     "degraded",
     "slow",
     "clock",
+    "disk",
     "unsure",
     "old-anchor",
 ]
@@ -42,7 +52,16 @@ class Finding:
     sentence: str
     remedy: str
     follows: bool = False
-    """It follows from another finding: the outage of the whole site, or a slow service before this one."""
+    """True if another finding is its cause, which is reported instead."""
+    topic: str = ""
+    """Key of the topic that is late, invalid or lost, or `""`."""
+    services: tuple[str, ...] = ()
+    """Instances with the problem, if there are several."""
+
+    @property
+    def instances(self) -> tuple[str, ...]:
+        """Return the instances with the problem. None if it is the whole site's."""
+        return self.services or ((self.service,) if self.service else ())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,6 +90,12 @@ class Observation:
     deployments: Mapping[str, Deployment] = field(default_factory=dict[str, Deployment])
     host: str = ""
     """Host name of the observer's machine."""
+    stopped: tuple[StoppedProcess, ...] = ()
+    """Stopped processes of PointIt on the observer's machine."""
+    now_ns: int | None = None
+    """Time of the observer's clock, Unix ns. None: unknown."""
+    is_patient: bool = True
+    """False if what is still starting counts as missing, since the observer has waited long enough."""
     speed: float = 1.0
     """Speed of the site's clock: rates of slow simulations are slow."""
     other_sites: tuple[str, ...] = ()
@@ -79,11 +104,25 @@ class Observation:
     """Reason for which this identity may not view the site, or `""`."""
     options: str = ""
     """Options by which a command reaches this site from here, ` --site hall`. `""` if the defaults do."""
+    identities: str = ""
+    """Folder of the observer's identity and probably of others, if the site is secured, else `""`."""
 
-    @property
+    @cached_property
     def expected(self) -> dict[str, str]:
         """Return `expected_services` of the deployments."""
         return expected_services(self.deployments, self.options)
+
+    @cached_property
+    def services_of(self) -> dict[str, frozenset[str]]:
+        """Return the instances of each deployment, by its name."""
+        return {
+            name: frozenset(expected_services({name: deployment}))
+            for name, deployment in self.deployments.items()
+        }
+
+    def credentials_of(self, name: str) -> str:
+        """Return the option by which `name` joins a secured site, or `""` if the site is open."""
+        return f" --credentials {self.identities}/{name}" if self.identities else ""
 
     def newest(self, instance: str) -> Health | None:
         """Return the last report of `instance`, or None."""
@@ -98,6 +137,22 @@ class Observation:
     def is_silent(self, instance: str) -> bool:
         """Return True if `instance` has not reported for too long."""
         return self.silence_s(instance) > SILENT_S
+
+    def has_just_begun(self, instance: str) -> bool:
+        """Return True if `instance` reports and has run for less than `STARTING_S`."""
+        health = self.newest(instance)
+        if health is None or instance not in self.present:
+            return False
+        return health.uptime_s + self.silence_s(instance) < STARTING_S
+
+    def is_starting(self, deployment: str) -> bool:
+        """Return True if services of `deployment` may be missing because it has begun a moment ago."""
+        if not self.is_patient:
+            return False
+        services = self.services_of[deployment]
+        limit_s = STARTING_S if services & self.present else FIRST_S
+        age_ns = -1 if self.now_ns is None else self.now_ns - self.deployments[deployment].stamp_ns
+        return 0 <= age_ns < limit_s * NS_PER_S or any(map(self.has_just_begun, services))
 
 
 def expected_services(deployments: Mapping[str, Deployment], options: str = "") -> dict[str, str]:

@@ -4,9 +4,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from pointit.diagnosis.observation import Finding, Observation
-from pointit.runtime.link.outage import AGAIN, LOST, find_outage
-
-GONE = ("absent", "left", "silent")
+from pointit.diagnosis.presence import GONE
+from pointit.runtime.link.outage import AGAIN, Outage, find_outage
 
 
 def unreachable(connect: Sequence[str], *, is_refused: bool, is_secured: bool) -> Finding:
@@ -25,21 +24,27 @@ def unreachable(connect: Sequence[str], *, is_refused: bool, is_secured: bool) -
     )
 
 
-def fold_outage(findings: Sequence[Finding], seen: Observation) -> list[Finding]:
-    """Return `findings`; in an outage with the finding of it, from which the others of that cause follow."""
-    gone = {each.service for each in findings if each.code in GONE}
-    warnings = [each.sentence for each in findings if each.code == "warning"]
-    found = find_outage(seen.present | seen.expected.keys() | gone, gone, warnings)
-    if found is None:
-        return list(findings)
-    outage = _finding(found.sentence, found.remedy)
-    folded = [
-        replace(each, follows=each.code in (*GONE, "stale") or bool(LOST.search(each.sentence)))
-        for each in findings
-    ]
-    if not any(each.follows and each.severity == "error" for each in folded):
-        outage = replace(outage, severity="warning")  # what it cannot reach is not expected here
-    return [outage, *folded]
+def find_lost_router(symptoms: Sequence[Finding], seen: Observation) -> Finding | None:
+    """Return the finding of a lost router, if services say that they have lost it."""
+    outage = _outage(symptoms, seen)
+    if outage is None or not outage.is_router:
+        return None
+    finding = _finding(outage.sentence, outage.remedy)
+    is_error = any(each.code in GONE and each.severity == "error" for each in symptoms)
+    # else what it cannot reach is not expected here
+    return finding if is_error else replace(finding, severity="warning")
+
+
+def find_mass_outage(symptoms: Sequence[Finding], seen: Observation) -> Finding | None:
+    """Return the finding of most services of the site that are gone together."""
+    outage = _outage(symptoms, seen)
+    return None if outage is None else _finding(outage.sentence, outage.remedy)
+
+
+def _outage(symptoms: Sequence[Finding], seen: Observation) -> Outage | None:
+    gone = {each.service for each in symptoms if each.code in GONE}
+    warnings = [each.sentence for each in symptoms if each.code == "warning"]
+    return find_outage(seen.present | seen.expected.keys() | gone, gone, warnings)
 
 
 def _finding(sentence: str, remedy: str) -> Finding:

@@ -14,6 +14,9 @@ from pointit.services.registry import person_of
 GRACE_S = 3.0
 """Uptime within which a service need not have received all inputs, s."""
 
+STALE_S = 1.0
+"""Minimum age of an input that has ended, s. A busy machine makes pauses, which end."""
+
 PAUSES = (CURSOR, HOVER)
 """Topics with a rate that pause while no person points."""
 
@@ -25,6 +28,8 @@ def stale_inputs(seen: Observation) -> Iterator[Finding]:
         for topic, key in _rated(health, "in"):
             if health is None or not _is_old(key, topic, seen, health.uptime_s):
                 continue
+            if key.age_s is not None and key.age_s < _span_s(seen, instance):
+                continue  # messages came between its last two reports
             able = present_writers(topic, health.user or ANY, seen.present)
             writers = [each for each in able if not is_bridge(each) and _is_read(seen, instance, topic, each)]
             if writers and (topic not in PAUSES or _written(seen, topic, writers)):
@@ -39,7 +44,7 @@ def stale_inputs(seen: Observation) -> Iterator[Finding]:
                 remedy = _look_at(seen, writers[0])
             age = "never came" if key.age_s is None else f"is {key.age_s:.1f} s old"
             sentence = f"its input {topic.key} {age}, though {' and '.join(writers)} should write it"
-            yield Finding("error", "stale", instance, sentence, remedy)
+            yield Finding("error", "stale", instance, sentence, remedy, topic=topic.key)
 
 
 def _is_read(seen: Observation, instance: str, topic: AnyTopic, writer: str) -> bool:
@@ -78,7 +83,13 @@ def _is_old(key: KeyHealth | None, topic: AnyTopic, seen: Observation, uptime_s:
         return False
     if key.age_s is None:
         return uptime_s > GRACE_S
-    return key.age_s > topic.stale_after_s / min(seen.speed, 1.0)
+    return key.age_s > max(topic.stale_after_s / min(seen.speed, 1.0), STALE_S)
+
+
+def _span_s(seen: Observation, instance: str) -> float:
+    """Return the time between the last two reports of `instance`, s, or 0 if there is one only."""
+    reports = seen.reports.get(instance, ())
+    return reports[-1].received_s - reports[-2].received_s if len(reports) > 1 else 0.0
 
 
 def _written(seen: Observation, topic: AnyTopic, writers: Sequence[str]) -> bool:

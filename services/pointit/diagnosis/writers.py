@@ -37,6 +37,14 @@ def start_command(service: str, which: str = "") -> str:
     return f"pointit service run {service}" + (f" {option} {which}{people}" if which else "")
 
 
+def restart_remedy(instance: str, options: str) -> str:
+    """Return the remedy that starts `instance`, if it should run at all. `options` reach the site."""
+    if instance.partition(".")[0].partition("-")[0] == "router":
+        return "if it should run: pointit router --site-folder FOLDER"
+    command = start_command(*split_instance(instance))
+    return f"if it should run: {command}{options}" if command else "if it should run, start it where it ran"
+
+
 def present_writers(topic: AnyTopic, name: str, present: Iterable[str]) -> list[str]:
     """Return the instances among `present` that may write `topic` at `name` (`*` or `""`: any)."""
     if topic in ACCOUNTS:

@@ -12,8 +12,10 @@ from pointit.schemas import Deployment, ExpectedService, Health, KeyHealth, Quan
 from pointit.schemas.system import split_instance
 from pointit.schemas.topics import CURSOR, FEEDBACK, HOVER, IMU, RAY, Topic
 from pointit.services.localizer.certainty import POSITION_SIGMA, SURE_DEG, UNSURE_DEG, UNSURE_M, YAW_SIGMA
+from pointit.services.registry import person_of
 
 NOW_S = 103.0
+SHARED = ("pui", "selector")
 BEGAN_S = 100.0
 
 
@@ -32,12 +34,16 @@ def health(instance: str, *keys: KeyHealth, **fields: Any) -> Health:
 
 
 def observation(*newest: Health, before: Sequence[Health] = (), **fields: Any) -> Observation:
-    """Return an observation with `newest` reports of now and `before` reports of a second earlier."""
+    """Return an observation with `newest` reports of now and `before` reports of a second earlier.
+
+    If they are of people, what people need is present.
+    """
     reports: dict[str, list[Report]] = {}
     for time_s, messages in ((NOW_S - 1.1, before), (NOW_S - 0.1, newest)):
         for message in messages:
             reports.setdefault(message.instance, []).append(Report(received_s=time_s, health=message))
-    values: dict[str, Any] = {"present": frozenset(reports), **fields}
+    shared = SHARED if any(map(person_of, reports)) else ()
+    values: dict[str, Any] = {"present": frozenset((*reports, *shared)), **fields}
     return Observation(began_s=BEGAN_S, now_s=NOW_S, reports=reports, **values)
 
 
@@ -129,7 +135,7 @@ def test_restarted_is_not_twice() -> None:
     assert not diagnose(observation(health("pui", pid=8, uptime_s=0.5), before=[health("pui", pid=7)]))
 
 
-@pytest.mark.parametrize("age_s", [0.5, None])
+@pytest.mark.parametrize("age_s", [1.5, None])
 def test_stale_input_though_the_writer_runs(age_s: float | None) -> None:
     source = health("user-sim.anna", key(IMU, "out", age_s))
     reader = health("pointing.anna", key(IMU, "in", age_s))
@@ -150,7 +156,7 @@ def test_stale_input_is_explained_by_what_the_writer_says() -> None:
 
 def test_stale_input_that_is_written_is_lost_in_between() -> None:
     finding = only(
-        observation(health("user-sim.anna", key(IMU, "out")), health("pointing.anna", key(IMU, "in", 0.5)))
+        observation(health("user-sim.anna", key(IMU, "out")), health("pointing.anna", key(IMU, "in", 1.5)))
     )
     assert "does write it: what is between the two?" in finding.remedy
 
@@ -167,10 +173,10 @@ def test_stale_is_said_of_the_first_cause_only() -> None:
 
 
 def test_stale_because_the_writer_is_silent_is_the_writers_finding() -> None:
-    reports = {"pui": [Report(received_s=BEGAN_S + 3, health=health("pui", key(RAY, "in", 3.0)))]}
-    seen = Observation(
-        began_s=BEGAN_S, now_s=BEGAN_S + 3.4, present=frozenset({"pui", "pointing.anna"}), reports=reports
-    )
+    heard = (health("pui", key(RAY, "in", 3.0)), health("selector"))
+    reports = {each.instance: [Report(received_s=BEGAN_S + 3, health=each)] for each in heard}
+    present = frozenset({*reports, "pointing.anna"})
+    seen = Observation(began_s=BEGAN_S, now_s=BEGAN_S + 3.4, present=present, reports=reports)
     assert only(seen).code == "silent"
 
 
@@ -179,7 +185,7 @@ def test_stale_because_the_writer_is_silent_is_the_writers_finding() -> None:
     [
         (None, health("pointing.anna", key(IMU, "in", 9.0))),  # nobody is there who should write
         (health("user-sim.ben", key(IMU, "out")), health("pointing.anna", key(IMU, "in", 9.0))),  # not hers
-        (health("user-sim.anna", key(IMU, "out")), health("pointing.anna", key(IMU, "in", 0.19))),  # fresh
+        (health("user-sim.anna", key(IMU, "out")), health("pointing.anna", key(IMU, "in", 0.9))),  # a pause
         (
             health("user-sim.anna", key(IMU, "out")),
             health("pointing.anna", key(IMU, "in", None), uptime_s=1.0),  # has just begun
@@ -193,7 +199,10 @@ def test_stale_because_the_writer_is_silent_is_the_writers_finding() -> None:
     ],
 )
 def test_old_input_that_is_no_fault(writer: Health | None, reader: Health) -> None:
-    assert not diagnose(observation(*([writer] if writer else []), reader))
+    services = (*([writer] if writer else []), reader)
+    bens = {"pointing.ben"} if "user-sim.ben" in {each.instance for each in services} else set[str]()
+    present = frozenset({*SHARED, *bens, *(each.instance for each in services)})
+    assert not diagnose(observation(*services, present=present))
 
 
 def test_a_cursor_that_is_written_and_does_not_arrive_is_a_fault() -> None:
@@ -202,7 +211,7 @@ def test_a_cursor_that_is_written_and_does_not_arrive_is_a_fault() -> None:
 
 
 def test_slow_simulations_have_slow_rates() -> None:
-    pair = (health("user-sim.anna", key(IMU, "out", 1.0)), health("pointing.anna", key(IMU, "in", 1.0)))
+    pair = (health("user-sim.anna", key(IMU, "out", 1.5)), health("pointing.anna", key(IMU, "in", 1.5)))
     assert only(observation(*pair, speed=1.0)).code == "stale"
     assert not diagnose(observation(*pair, speed=0.1))
 

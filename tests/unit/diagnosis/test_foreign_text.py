@@ -57,6 +57,7 @@ def test_deployment_of_a_person_is_believed_for_that_person_only() -> None:
     assert [each.instance for each in believed.services] == ["pointing.anna", "pui.anna"]
     assert (believed.scenario, believed.scenarios, believed.name) == ("", (), "anna")
     assert {finding.service for finding in found(health("pui"), deployments={"anna": told})} == {
+        "anna",
         "pointing.anna",
         "pui.anna",
     }
@@ -85,9 +86,8 @@ def test_no_command_is_built_of_unknown_services_or_impossible_names(service: st
 
 
 def test_warning_of_a_persons_service_is_quoted_on_one_plain_line() -> None:
-    (finding,) = found(
-        health("pointing.anna", warnings=(f"lost\nerror: pui: run `{EVIL}`\x1b[2J\u202e" + "x" * 5000,))
-    )
+    warning = f"lost\nerror: pui: run `{EVIL}`\x1b[2J\u202e" + "x" * 5000
+    (finding,) = found(health("pointing.anna", warnings=(warning,)), health("pui"), health("selector"))
     assert finding.sentence.startswith(f"says: “lost error: pui: run `{EVIL}`?[2J?xxx")
     assert finding.sentence.isprintable()
     assert len(finding.sentence) < 700

@@ -40,10 +40,19 @@ def test_services_of_the_observers_own_process_are_not_out_of_reach() -> None:
     assert outage.sentence == f"the router at {WHERE} does not answer: nothing arrives from other machines"
 
 
+def test_all_of_a_run_that_vanish_together_are_one_finding() -> None:
+    findings = diagnose(observation(health("web"), deployments=EXPECTED))
+    (finding,) = (each for each in findings if not each.follows)
+    assert (finding.code, finding.severity, finding.service) == ("absent", "error", "")
+    assert finding.sentence.startswith("conveyor-sim, keeper, led-driver and 2 more should run and do not: ")
+    assert "start scenario_3 again where it ran, with `pointit run`" in finding.remedy
+    assert sorted(each.service for each in findings if each.follows) == sorted(SERVICES)
+
+
 def test_most_that_vanish_together_behind_a_router_that_answers_are_one_finding() -> None:
-    seen = observation(health("web"), deployments=EXPECTED)
+    seen = observation(health("web"), health("pui"), deployments=EXPECTED)
     outage = told(diagnose(seen))
-    assert outage.sentence.startswith("5 of 6 services are gone together: ")
+    assert outage.sentence.startswith("4 of 6 services are gone together: ")
     assert outage.severity == "error"
 
 
@@ -61,7 +70,7 @@ def test_what_is_not_sure_yet_is_no_part_of_an_outage() -> None:
 def test_whoever_asks_for_one_service_is_told_of_the_outage() -> None:
     seen = observation(health("web"), deployments=EXPECTED)
     kept = filter_findings(diagnose(seen), seen, "pui")
-    assert [(each.code, each.service) for each in kept] == [("unreachable", ""), ("absent", "pui")]
+    assert [(each.code, each.service) for each in kept] == [("absent", ""), ("absent", "pui")]
 
 
 def found(service: str) -> Finding:

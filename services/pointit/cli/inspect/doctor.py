@@ -1,11 +1,12 @@
 """`pointit doctor`: running services, stale data, problems and remedies."""
 
 import asyncio
+import contextlib
+import dataclasses
 import datetime as dt
 import socket
 import time
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +17,12 @@ from pointit.cli.common import site_link
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED, Row, Section, console, json_option, print_json, print_table
 from pointit.cli.site.identities_table import expiring, section, visible_rows
+from pointit.diagnosis.causes import may_pass
 from pointit.diagnosis.diagnose import diagnose, filter_findings, is_about, is_healthy
 from pointit.diagnosis.observation import Finding, Observation, Report
 from pointit.diagnosis.outage import unreachable
+from pointit.diagnosis.presence import is_anything_starting
+from pointit.diagnosis.stopped_processes import stopped_processes
 from pointit.runtime.errors import ConnectError
 from pointit.runtime.host.extras import CHECKOUT
 from pointit.runtime.link.link import DEFAULT_ENDPOINT, DEFAULT_SITE, Link
@@ -36,7 +40,16 @@ MIN_S = 1.2
 """Minimum listening time: long enough for services that report once a second."""
 
 LONGEST_S = SILENT_S + 0.4
-"""Maximum listening time: services not heard by then count as silent."""
+"""Listening time after which services not heard count as silent."""
+
+CONFIRM_S = 6.0
+"""Listening time in which a pause of a busy machine passes: its own start makes one, too."""
+
+STARTS_S = 30.0
+"""Listening time after which a service that is starting counts as missing."""
+
+CHECK_S = 0.5
+"""Period of checks if nothing arrives."""
 
 HELP = CHECKOUT / "docs/how-to/troubleshooting.md"
 """Page with a line for the code of each finding, in a checkout."""
@@ -67,9 +80,10 @@ def command(
 ) -> int:
     """Show what runs on a site, what is stale, what is wrong and what to do.
 
-    Listens for one to three seconds. The exit code is 0 if all is well, 1 if something is wrong (notes about
-    past problems do not count), 130 if Ctrl-C ended it before it had a result. With --only it is also 1 if
-    nothing of that name runs. On a secured site it also shows when certificates expire.
+    Listens for one to six seconds, and longer while services start. The exit code is 0 if all is well, 1 if
+    something is wrong (notes about past problems do not count), 130 if Ctrl-C ended it before it had a
+    result. With --only it is also 1 if nothing of that name runs. On a secured site it also shows when
+    certificates expire.
 
     Example: pointit doctor --only pui
     """
@@ -94,9 +108,22 @@ def command(
 
 
 def _options(link: Link) -> str:
-    """Return the options by which another command reaches the same site; "" if the defaults do."""
+    """Return the options by which another command reaches the same site; "" if the defaults do.
+
+    Of a secured site these are the credentials of each identity.
+    """
+    if link.credentials is not None:
+        return ""
     site = "" if link.site == DEFAULT_SITE else f" --site {link.site}"
     return site + "".join(f" --connect {each}" for each in link.connect if each != DEFAULT_ENDPOINT)
+
+
+def _identities(link: Link) -> str:
+    """Return the folder of the identities of a secured site, as far as it is here, else `""`."""
+    if link.credentials is None:
+        return ""
+    folder = link.credentials.folder.parent
+    return str(folder) if (folder / "supervisor").is_dir() else "FOLDER/identities"
 
 
 class _Look:
@@ -123,35 +150,47 @@ class _Look:
         bus.watch(SERVICE_ALIVE, self._on_presence)
         bus.watch(SHARD_ALIVE, lambda name, here: (self._shards.add if here else self._shards.discard)(name))
         await asyncio.sleep(MIN_S)
-        end_s = self._began_s + LONGEST_S
-        while not self._is_enough() and (left_s := end_s - time.monotonic()) > 0:
+        while time.monotonic() < self._began_s + self._listening_s(self._observe(bus.link)):
             self._news.clear()
-            try:
-                async with asyncio.timeout(left_s):
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(CHECK_S):
                     await self._news.wait()
-            except TimeoutError:
-                break
         sees_nobody = not self._present and not self._deployments
         is_open = sees_nobody and bus.link.credentials is None  # with credentials there is a site
-        self.seen = Observation(
+        self.seen = dataclasses.replace(
+            self._observe(bus.link),
+            is_patient=False,
+            other_sites=await sites_at(bus.link) if is_open else (),
+            denied=await bus.denial_reason("reads", HEALTH, ANY) if sees_nobody else "",
+        )
+
+    def _observe(self, link: Link) -> Observation:
+        reports, now_s = self._reports, time.monotonic()
+        return Observation(
             began_s=self._began_s,
-            now_s=time.monotonic(),
+            now_s=now_s,
             present=frozenset(self._present),
             left=frozenset(self._ever - self._present),
             shards=frozenset(self._shards),
-            reports=self._reports,
-            deployments=self._deployments,
+            reports={name: tuple(reports[name]) for name in reports},
+            deployments=dict(self._deployments),
             host=socket.gethostname(),
+            stopped=stopped_processes(link.site, link.addresses),
+            now_ns=time.time_ns(),
             speed=self._speed,
-            other_sites=await sites_at(bus.link) if is_open else (),
-            denied=await bus.denial_reason("reads", HEALTH, ANY) if sees_nobody else "",
-            options=_options(bus.link),
+            options=_options(link),
+            identities=_identities(link),
         )
 
-    def _is_enough(self) -> bool:
-        wanted = {each for each in self._present if not self._only or is_about(each, self._only)}
-        heard = all(len(self._reports.get(instance, ())) >= 2 for instance in wanted)
-        return heard and (bool(wanted) or not self._only)
+    def _listening_s(self, seen: Observation) -> float:
+        """Return how long to listen: longer while services start, or while a problem may pass."""
+        wanted = {each for each in seen.present if not self._only or is_about(each, self._only)}
+        heard = all(len(seen.reports.get(instance, ())) >= 2 for instance in wanted)
+        if is_anything_starting(seen):
+            return STARTS_S
+        if not heard or (self._only and not wanted):
+            return LONGEST_S
+        return CONFIRM_S if any(map(may_pass, diagnose(seen))) else 0.0
 
     def _on_presence(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         (self._present.add if present else self._present.discard)(instance)
@@ -204,7 +243,8 @@ def _show(
                 "site": site,
                 "healthy": healthy,
                 "services": [_record(seen, instance) for instance in instances],
-                "findings": [asdict(finding) for finding in findings],
+                "findings": [dataclasses.asdict(finding) for finding in findings if not finding.follows],
+                "consequences": [dataclasses.asdict(finding) for finding in findings if finding.follows],
                 "identities": known,
                 "deployments": {
                     name: item.model_dump(exclude={"services": {"__all__": {"command"}}})  # others' commands

@@ -25,6 +25,7 @@ class Outage:
 
     sentence: str
     remedy: str
+    is_router: bool = False
 
 
 def find_outage(known: Collection[str], gone: Collection[str], warnings: Iterable[str]) -> Outage | None:
@@ -37,7 +38,7 @@ def find_outage(known: Collection[str], gone: Collection[str], warnings: Iterabl
     if lost := next(filter(None, map(LOST.search, warnings)), None):
         sentence = f"the router at {lost['where']} does not answer: "
         sentence += f"{most} out of reach" if is_most else "nothing arrives from other machines"
-        return Outage(sentence, AGAIN)
+        return Outage(sentence, AGAIN, is_router=True)
     if not is_most:
         return None
     return Outage(

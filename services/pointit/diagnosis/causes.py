@@ -1,0 +1,289 @@
+"""Deepest causes of symptoms: machine, process, person, stream, in this order. Pure.
+
+Each explanation takes the symptoms that no deeper cause has explained, and returns causes. What a cause
+explains is not a problem of its own.
+"""
+
+import re
+from collections import defaultdict
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+from pointit.diagnosis.observation import Code, Finding, Observation
+from pointit.diagnosis.outage import find_lost_router, find_mass_outage
+from pointit.diagnosis.presence import CHAIN, GONE, listed
+from pointit.diagnosis.processes import gone_processes, stopped_services
+from pointit.diagnosis.symptoms import latency_s
+from pointit.diagnosis.writers import row_of
+from pointit.runtime.bus.contract import AnyTopic
+from pointit.runtime.link.outage import LOST
+from pointit.schemas.system import split_instance
+from pointit.services.registry import person_of
+
+DISORDERED = re.compile(
+    r"came later than others before them|were older than those before them|older than|ahead of this machine's"
+    r" clock|synchronize the|out of order"
+)
+"""Warnings about the times of messages."""
+CLOCK = re.compile(r"the clock of machine (?P<host>\S+) is ")
+UNWRITABLE = re.compile(r"cannot be written|disk is full|No space left|cannot be used \(")
+"""Warnings about files."""
+RIGHTS = re.compile(r"(?:this identity \()?(?P<name>[\w.-]+)\)? may (?:not|do nothing)\b")
+"""Warnings about what an identity lacks, of its own process and of the router."""
+INVALID = re.compile(
+    r"were invalid and were dropped, the last of (?P<writer>.*?) \((?P<reason>.*)\): look at"
+)
+TWICE = re.compile(r" runs twice: here and as ")
+
+
+PASSING = ("slow", "stale", "silent")
+"""Codes of findings that a short load can cause."""
+SEVERITIES = ("error", "warning", "note")
+"""The worst first."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A finding, and the symptoms that it explains."""
+
+    finding: Finding
+    explains: Callable[[Finding], bool]
+    symptom: Finding | None = None
+    """The symptom in whose place `finding` is, if it is not `finding` itself."""
+
+
+Symptoms = Sequence[Finding]
+Explanation = Callable[[Symptoms, Observation], Iterator[Cause]]
+
+
+def explain(symptoms: Symptoms, seen: Observation) -> list[Finding]:
+    """Return the causes, the symptoms without a cause, and with `follows` those that have one."""
+    causes: list[Finding] = []
+    explained: list[Finding] = []
+    unexplained = list(symptoms)
+    for explanation in EXPLANATIONS:
+        for cause in explanation(tuple(unexplained), seen):
+            causes.append(cause.finding)
+            left: list[Finding] = []
+            for each in unexplained:
+                if each not in (cause.finding, cause.symptom):
+                    (explained if cause.explains(each) else left).append(each)
+            unexplained = left
+    return [*causes, *unexplained, *(replace(each, follows=True) for each in explained)]
+
+
+def may_pass(finding: Finding) -> bool:
+    """Return True if a short load can cause `finding`: it counts if it lasts."""
+    return finding.code in PASSING or bool(DISORDERED.search(finding.sentence))
+
+
+def _lost_router(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
+    if finding := find_lost_router(symptoms, seen):
+        yield Cause(
+            finding,
+            lambda each: each.code in (*GONE, "stale", "no-cursor") or bool(LOST.search(each.sentence)),
+        )
+
+
+def _clock(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
+    del seen
+    for host, cause in _groups(symptoms, CLOCK, "host").items():
+        is_far = any(word in cause[0].sentence for word in ("refused", "too old"))
+
+        def explains(each: Finding, cause: Symptoms = cause, *, is_far: bool = is_far) -> bool:
+            is_late = each.code in ("stale", "slow", "no-cursor") or bool(DISORDERED.search(each.sentence))
+            return each in cause or (is_late and (is_far or each.code == "slow"))
+
+        del host
+        yield Cause(cause[0], explains)
+
+
+def _disk(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
+    by_host: dict[str, list[Finding]] = defaultdict(list)
+    for each in symptoms:
+        if each.code == "warning" and UNWRITABLE.search(each.sentence):
+            health = seen.newest(each.service)
+            by_host[health.host if health else ""].append(each)
+    yield from (_first_of(group, "disk") for group in by_host.values())
+
+
+def _rights(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
+    for name, group in _groups([each for each in symptoms if each.code == "warning"], RIGHTS, "name").items():
+        own = sorted(group, key=lambda each: each.service.startswith("router"))
+        services = {each.service for each in group}
+        cause, follow = _first_of(own, "denied"), _consequences(services, seen)
+
+        def is_theirs(each: Finding, name: str = name) -> bool:
+            return each.code in GONE and split_instance(each.service)[1] == name
+
+        yield _also(_also(cause, follow), is_theirs)
+
+
+def _stopped(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
+    for finding in stopped_services(symptoms, seen):
+        yield _process_cause(finding, seen)
+
+
+def _ended(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
+    for finding in gone_processes(symptoms, seen):
+        yield _process_cause(finding, seen)
+
+
+def _mass(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
+    if finding := find_mass_outage(symptoms, seen):
+        yield Cause(finding, lambda each: each.code in (*GONE, "stale", "slow", "no-cursor"))
+
+
+def _gone(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
+    for each in symptoms:
+        if each.code in GONE:
+            yield Cause(each, _consequences({each.service}, seen))
+
+
+def _no_cursor(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
+    for each in symptoms:
+        if each.code == "no-cursor":
+            yield Cause(each, _consequences(set(each.services), seen))
+
+
+def _process_cause(finding: Finding, seen: Observation) -> Cause:
+    services = set(finding.services)
+    follow = _consequences(services, seen)
+    return Cause(finding, lambda each: (each.code in GONE and each.service in services) or follow(each))
+
+
+def _duplicates(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
+    twice = [each for each in symptoms if each.code == "twice" or TWICE.search(each.sentence)]
+    by_remark: dict[str, list[Finding]] = defaultdict(list)
+    for each in twice:
+        pids = re.search(r"processes (.*)$", each.sentence)
+        by_remark[pids[1] if pids else ""].append(each)
+    if len(by_remark) > 1:  # the services' own words on it
+        first = next(key for key in by_remark if key)
+        by_remark[first] += by_remark.pop("", [])
+    for group in by_remark.values():
+        group.sort(key=lambda each: each.code != "twice")
+        services = {each.service for each in group}
+        cause, follow = _first_of(group, "twice"), _consequences(services, seen)
+        yield _also(cause, follow)
+
+
+def _invalid(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
+    """Explain messages that several services drop by what writes them."""
+    del seen
+    invalid = [each for each in symptoms if INVALID.search(each.sentence) or _is_invalid_counter(each)]
+    reasons = {each.topic: found for each in invalid if (found := INVALID.search(each.sentence))}
+    by_writer: dict[str, list[Finding]] = defaultdict(list)
+    for each in invalid:
+        by_writer[reasons[each.topic]["writer"] if each.topic in reasons else each.topic].append(each)
+    for group in by_writer.values():
+        group.sort(key=lambda each: (SEVERITIES.index(each.severity), each.code == "warning"))
+        cause = _first_of(group, group[0].code)
+        if cause.finding.code != "warning" and (reason := reasons.get(cause.finding.topic)):
+            remedy = f"look at what writes them, the last of {reason['writer']} ({reason['reason']}): "
+            cause = replace(cause, finding=replace(cause.finding, remedy=remedy + cause.finding.remedy))
+        yield cause
+
+
+def _is_invalid_counter(each: Finding) -> bool:
+    return each.code in ("failing", "failed") and "were invalid" in each.sentence
+
+
+def _slow(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
+    late = [each for each in symptoms if each.code == "slow" or DISORDERED.search(each.sentence)]
+    if late:
+        first = min(late, key=lambda each: (_position(each), latency_s(seen.newest(each.service))))
+        yield Cause(first, lambda each: each in late or each.code == "stale")
+
+
+def _position(finding: Finding) -> int:
+    """Return how far from the wrist the service's first input is late, in steps of `CHAIN`."""
+    keys = [topic.key for topic in CHAIN]
+    if finding.topic in keys:
+        return keys.index(finding.topic)
+    row = row_of(split_instance(finding.service)[0])
+    reads = [topic.key for topic in row.reads] if row else []
+    return min((keys.index(key) for key in reads if key in keys), default=len(keys))
+
+
+def _same_words(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
+    """Explain what several services of one process say in the same words, such as of their connection."""
+    del seen
+    by_sentence: dict[str, list[Finding]] = defaultdict(list)
+    for each in symptoms:
+        if each.code == "warning":
+            by_sentence[each.sentence.removeprefix("says: “").removesuffix("”")].append(each)
+    yield from (_first_of(group, "warning") for group in by_sentence.values() if len(group) > 1)
+
+
+EXPLANATIONS: tuple[Explanation, ...] = (
+    _lost_router, _clock, _disk, _rights, _stopped, _ended, _mass, _gone, _no_cursor, _duplicates, _invalid,
+    _slow, _same_words,
+)  # fmt: skip
+"""From the deepest causes to the nearest."""
+
+
+def _groups(symptoms: Symptoms, pattern: re.Pattern[str], name: str) -> dict[str, list[Finding]]:
+    groups: dict[str, list[Finding]] = defaultdict(list)
+    for each in symptoms:
+        if found := pattern.search(each.sentence):
+            groups[found[name]].append(each)
+    return groups
+
+
+def _also(cause: Cause, follows: Callable[[Finding], bool]) -> Cause:
+    return replace(cause, explains=lambda each: cause.explains(each) or follows(each))
+
+
+def _first_of(group: Symptoms, code: Code) -> Cause:
+    """Return the first of `group` as the cause of the others, which it names."""
+    first = group[0]
+    services = tuple(dict.fromkeys(each.service for each in group if each.service))
+    others = [each for each in services if each != first.service]
+    also = f" (also {listed(others)})" if others else ""
+    cause = replace(first, code=code, sentence=f"{first.sentence}{also}", services=services)
+    return Cause(cause, lambda each: each in group, first)
+
+
+def _consequences(services: Collection[str], seen: Observation) -> Callable[[Finding], bool]:
+    """Return a test for symptoms of others that follow if `services` do nothing, or do it wrongly."""
+    written = {topic for each in services for topic in _topics(each, "writes")}
+    names = {split_instance(each)[0] for each in services}
+    affected = _readers(services, seen)
+
+    def follows(each: Finding) -> bool:
+        if each.code == "no-cursor":
+            return bool(names & {split_instance(instance)[0] for instance in each.services})
+        if each.service not in affected:
+            return False
+        if each.code in ("stale", "slow"):
+            return True
+        is_mentioned = any(topic.key in each.sentence for topic in written) or any(
+            re.search(rf"\b{re.escape(name)}\b", each.sentence) for name in names
+        )
+        return each.code == "warning" and (is_mentioned or bool(DISORDERED.search(each.sentence)))
+
+    return follows
+
+
+def _readers(services: Collection[str], seen: Observation) -> set[str]:
+    """Return `services` and those that read what they write, directly or through others."""
+    affected = set(services)
+    new = set(services)
+    while new:
+        written = [(person_of(each), topic) for each in new for topic in _topics(each, "writes")]
+        new = {
+            each
+            for each in seen.present - affected
+            if any(
+                topic in _topics(each, "reads") and (not person or person_of(each) in ("", person))
+                for person, topic in written
+            )
+        }
+        affected |= new
+    return affected
+
+
+def _topics(instance: str, way: str) -> tuple[AnyTopic, ...]:
+    row = row_of(split_instance(instance)[0])
+    return () if row is None else getattr(row, way)

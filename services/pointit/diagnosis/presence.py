@@ -1,0 +1,148 @@
+"""Services that are missing, and people without a cursor because of them. Pure."""
+
+from collections.abc import Iterator, Sequence
+
+from pointit.diagnosis.observation import Finding, Observation
+from pointit.diagnosis.writers import present_writers, restart_remedy, row_of
+from pointit.runtime.bus.contract import AnyTopic
+from pointit.schemas.system import RUN, split_instance
+from pointit.schemas.topics import CURSOR, HOVER, IMU, RAY
+from pointit.services.registry import person_of
+
+CHAIN: tuple[AnyTopic, ...] = (IMU, RAY, CURSOR, HOVER)
+"""Topics from a wrist to a selection. Each is made of the one before it."""
+SHARED_REMEDY = (
+    "start what all people share again where it ran, with `pointit run --site-only{credentials}`; if its "
+    "process is stopped there, continue it: `kill -CONT PID`"
+)
+MAX_LISTED = 4
+"""Number of names that a sentence lists."""
+GONE = ("absent", "left", "silent")
+"""Codes of findings of a service that does nothing."""
+
+
+def find_missing(seen: Observation) -> Iterator[Finding]:
+    """Find services that should run and do not, or do not report."""
+    starting = {
+        instance
+        for name, services in seen.services_of.items()
+        if seen.is_starting(name)
+        for instance in services
+    }
+    for instance, remedy in seen.expected.items():
+        if instance not in seen.present and instance not in starting:
+            yield Finding("error", "absent", instance, "should run and does not", remedy)
+    for instance in seen.left - seen.present - seen.expected.keys():
+        sentence = "was present and has left: ended, killed, stopped or cut off"
+        yield Finding("warning", "left", instance, sentence, restart_remedy(instance, seen.options))
+    for instance in filter(seen.is_silent, seen.present):
+        health = seen.newest(instance)
+        sentence = (
+            f"is present but has not reported for {seen.silence_s(instance):.0f} s: is it stopped, "
+            "overloaded or cut off?"
+        )
+        again = seen.expected.get(instance, restart_remedy(instance, seen.options))
+        process = f"process {health.pid}" if health else "its process"
+        remedy = f"look at {process} (stopped: `kill -CONT`); else {again}"
+        yield Finding("error", "silent", instance, sentence, remedy)
+
+
+def find_empty_site(seen: Observation) -> Iterator[Finding]:
+    """Find a site where nothing runs, or that may not be viewed."""
+    if seen.denied:
+        yield Finding("error", "denied", "", seen.denied, "")
+    elif not seen.present and not seen.expected and seen.other_sites:
+        are = "a site is" if len(seen.other_sites) == 1 else "sites are"
+        sentence = f"no service runs on this site, but {are} there: {', '.join(seen.other_sites)}"
+        yield Finding("error", "empty", "", sentence, f"name the right one: --site {seen.other_sites[0]}")
+    elif not seen.present and not seen.expected:
+        remedy = (
+            "start with `pointit run`, or name the right site with --site, or its address with --connect (of "
+            "a run with --ros2: tcp/127.0.0.1:7448)"
+        )
+        yield Finding("error", "empty", "", "the router answers, but no service runs on this site", remedy)
+    elif not seen.expected and all(map(is_router, seen.present)):
+        remedy = (
+            "start what all people share with `pointit run --site-only --credentials FOLDER/identities/"
+            "supervisor`, then each person with `pointit person add NAME --credentials NAME`"
+        )
+        yield Finding("error", "empty", "", "nothing but the router runs on this site yet", remedy)
+
+
+def find_people_without_cursor(seen: Observation) -> Iterator[Finding]:
+    """Find people whose pointing has no effect, since a service that it needs is not present."""
+    people = {
+        person: services
+        for person, services in _services_by_person(seen).items()
+        if _missing_writers(seen, person, services)
+    }
+    if not people or is_anything_starting(seen):
+        return
+    lacking = {each for person in people for each in _missing_writers(seen, person, people[person])}
+    names = sorted(people)
+    without = "cursor" if lacking & {"pui", "pointing"} else "selections"
+    have = f"has no {without}" if len(names) == 1 else f"have no {without}"
+    run = "does not run" if len(lacking) == 1 else "do not run"
+    sentence = f"{listed(names)} {have}: {listed(sorted(lacking))} {run} on this site"
+    remedy = SHARED_REMEDY.format(credentials=seen.credentials_of("supervisor"))
+    if lacking == {"pointing"}:
+        remedy = restart_remedy(f"pointing.{names[0]}", seen.options)
+    subject = names[0] if len(names) == 1 else ""
+    pointing = sorted(each for services in people.values() for each in services)
+    yield Finding("error", "no-cursor", subject, sentence, remedy, services=(*sorted(lacking), *pointing))
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return `a, b and c`, or of more than four `a, b, c and 3 more`."""
+    if len(names) > MAX_LISTED:
+        return f"{', '.join(names[: MAX_LISTED - 1])} and {len(names) - MAX_LISTED + 1} more"
+    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
+
+
+def _missing_writers(seen: Observation, person: str, services: list[str]) -> set[str]:
+    """Return the services that are not present and that `person`, who has `services`, needs for pointing."""
+    written = [topic for topic in CHAIN if present_writers(topic, person, seen.present)]
+    own = {topic for each in services for topic in _writes(each)}
+    if not own & {IMU, RAY}:
+        return set()
+    needed = CHAIN[1:3] if _does_without_selector(seen, person) else CHAIN[1:]
+    return {topic.writers[0] for topic in needed if topic not in written}
+
+
+def _does_without_selector(seen: Observation, person: str) -> bool:
+    """Return True if nothing is selected on the site: a run has no selector, or the person sends robots."""
+    runs = [services for name, services in seen.services_of.items() if name.startswith(RUN)]
+    is_run_without = bool(runs) and not any("selector" in services for services in runs)
+    return is_run_without or f"goal.{person}" in seen.present
+
+
+def _writes(instance: str) -> tuple[AnyTopic, ...]:
+    row = row_of(split_instance(instance)[0])
+    return () if row is None else row.writes
+
+
+def _services_by_person(seen: Observation) -> dict[str, list[str]]:
+    services: dict[str, list[str]] = {}
+    for instance in sorted(seen.present):
+        if person := person_of(instance):
+            services.setdefault(person, []).append(instance)
+    return services
+
+
+def is_anything_starting(seen: Observation) -> bool:
+    """Return True if a service that is missing may be starting."""
+    if not seen.is_patient:
+        return False
+    are_new = [
+        all(map(seen.has_just_begun, services))
+        for person, services in _services_by_person(seen).items()
+        if _missing_writers(seen, person, services)
+    ]
+    return (bool(are_new) and all(are_new)) or any(
+        seen.is_starting(name) and not services <= seen.present for name, services in seen.services_of.items()
+    )
+
+
+def is_router(instance: str) -> bool:
+    """Return True if `instance` is a router's account of itself."""
+    return instance.partition(".")[0].partition("-")[0] == "router"

@@ -1,0 +1,144 @@
+"""Symptoms in services' reports: duplicates, counters, warnings, uncertain poses, slowness. Pure."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+from pointit.diagnosis.observation import Finding, Observation, Report
+from pointit.runtime.bus.timeliness import LONGEST_HOST
+from pointit.schemas import Health
+from pointit.schemas.system import split_instance
+from pointit.schemas.text import one_line, round_beyond
+from pointit.schemas.topics import TOPICS, Delivery
+from pointit.services.localizer.certainty import (
+    ANCHOR_AGE,
+    OLD_ANCHOR_S,
+    POSITION_SIGMA,
+    SURE_DEG,
+    UNSURE_DEG,
+    UNSURE_M,
+    YAW_SIGMA,
+    figure,
+)
+from pointit.services.registry import person_of
+
+SLOW_S = 0.1
+"""Latency from capture to output, 99th percentile, above which pointing feels detached from the hand, s."""
+STARTING_S = 5.0
+"""Time after its start in which a service is not called slow, s: others are loading modules beside it."""
+UNCERTAIN = "uncertain"
+"""Word in the localizer's own warnings about the pose."""
+
+
+def latency_s(health: Health | None) -> float:
+    """Return its latency from capture to output, 99th percentile, s."""
+    return 0.0 if health is None or health.latency is None else health.latency.p99_s
+
+
+def find_in_reports(seen: Observation) -> Iterator[Finding]:
+    """Find what reports state: duplicates, faults, warnings, uncertain poses and high latencies."""
+    for instance, reports in seen.reports.items():
+        if instance not in seen.present or not reports:
+            continue
+        health = reports[-1].health
+        yield from _twice(seen, instance, reports)
+        yield from _counters(instance, reports[0].health, health)
+        yield from _certainty(instance, health)
+        for sentence in map(one_line, health.warnings):
+            remedy = "" if _says_what_to_do(sentence) else "look at its log, which has details"
+            told = f"says: “{sentence}”" if person_of(instance) else sentence
+            topic = next((row.key for row in TOPICS if row.key in sentence), "")
+            yield Finding("warning", "warning", instance, told, remedy, topic=topic)
+        if health.status == "degraded" and not health.warnings:
+            sentence = "reports itself as degraded without a reason"
+            yield Finding("warning", "degraded", instance, sentence, "look at its log")
+        late_s = [latency_s(each.health) for each in reports if each.health.uptime_s >= STARTING_S]
+        if min(late_s, default=0.0) > SLOW_S:
+            sentence = (
+                f"its output is {late_s[-1] * 1e3:.0f} ms behind the person "
+                f"(99th percentile; {SLOW_S * 1e3:.0f} ms is too much)"
+            )
+            remedy = (
+                "is the machine overloaded, are two machines' clocks apart, or has a link to LEDs "
+                "more pixels than it carries?"
+            )
+            yield Finding("warning", "slow", instance, sentence, remedy)
+
+
+def _says_what_to_do(warning: str) -> bool:
+    """Return True if a warning continues after the problem: `...; do this`, `...: do this`."""
+    return any(mark in warning for mark in ("; ", ": ", "`"))
+
+
+def _twice(seen: Observation, instance: str, reports: Sequence[Report]) -> Iterator[Finding]:
+    """Find two processes under one name. One that was only restarted is younger than our observation."""
+    watched_s = seen.now_s - seen.began_s
+    ages_s = {
+        (report.health.host, report.health.pid): report.health.uptime_s + seen.now_s - report.received_s
+        for report in reports
+    }
+    if len(ages_s) > 1 and min(ages_s.values()) > watched_s:
+        pids = " and ".join(f"{pid} on {one_line(host, LONGEST_HOST) or '?'}" for host, pid in sorted(ages_s))
+        remedy = "end all but one, or give each person their own --user"
+        yield Finding("error", "twice", instance, f"runs more than once: processes {pids}", remedy)
+
+
+def _counters(instance: str, first: Health, last: Health) -> Iterator[Finding]:
+    """Find counters that should be 0: an error while one grows, a note afterwards."""
+    before = {(key.key, key.direction): key for key in first.keys}
+    for key in last.keys:
+        old = before.get((key.key, key.direction), key)
+        pattern = one_line(key.key)
+        invalid = f"messages on {pattern} were invalid, and were dropped"
+        other_version = "a writer of another version? `pointit --version` on both machines"
+        lost = "the network loses more than can be fetched again: look at the link between the machines"
+        # for other topics only the newest counts
+        is_event = any(row.key == pattern and row.delivery is Delivery.EVENT for row in TOPICS)
+        dropped = f"events on {pattern} were dropped: it reads too slowly"
+        for finding in (
+            *_counter(instance, key.invalid, old.invalid, invalid, other_version),
+            *_counter(instance, key.lost, old.lost, f"events on {pattern} never arrived", lost),
+            *_counter(instance, key.dropped * is_event, old.dropped, dropped, "is its machine overloaded?"),
+        ):
+            yield replace(finding, topic=pattern)
+    yield from _counter(
+        instance, last.errors, first.errors, "of its handlers' calls failed", "its log has the traceback"
+    )
+
+
+def _certainty(instance: str, health: Health) -> Iterator[Finding]:
+    """Find a pose that is uncertain, and the remedy."""
+    where_m, yaw_deg = figure(health, POSITION_SIGMA), figure(health, YAW_SIGMA)
+    age_s = figure(health, ANCHOR_AGE)
+    if any(UNCERTAIN in sentence for sentence in health.warnings):
+        return  # it reports this itself, with a remedy
+    who = split_instance(instance)[1] or "NAME"
+    point = f"have them point at one lamp: `pointit person anchor {who}`, or press the button twice"
+    if where_m is not None and where_m > UNSURE_M:
+        sentence = (
+            f"the person's position is uncertain by {round_beyond(where_m, UNSURE_M, 2)} m "
+            f"(1 sigma, limit {UNSURE_M:g} m)"
+        )
+        remedy = (
+            f"let them localize again: hold the button, or `pointit person press {who} --gesture hold`; "
+            "point at more lamps with --targets"
+        )
+        yield Finding("warning", "unsure", instance, sentence, remedy)
+    elif yaw_deg is not None and yaw_deg > UNSURE_DEG:
+        sentence = (
+            f"the person's yaw is uncertain by {round_beyond(yaw_deg, UNSURE_DEG)}° "
+            f"(1 sigma, limit {UNSURE_DEG:g}°)"
+        )
+        sentence += "" if age_s is None else f", the last anchor is {age_s:.0f} s old"
+        yield Finding("warning", "unsure", instance, sentence, point)
+    elif age_s is not None and age_s > OLD_ANCHOR_S and (yaw_deg is None or yaw_deg > SURE_DEG):
+        sentence = f"the last anchor is {age_s / 60:.0f} min old, and the IMU's yaw drifts"
+        yield Finding("warning", "old-anchor", instance, sentence, point)
+
+
+def _counter(instance: str, now: int, then: int, sentence: str, remedy: str) -> Iterator[Finding]:
+    if not now:
+        return
+    if now > then:
+        yield Finding("error", "failing", instance, f"{now} {sentence}, and the number grows", remedy)
+    else:
+        yield Finding("note", "failed", instance, f"{now} {sentence}, not any more", remedy)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pointit.diagnosis.observation import Code, Finding, Observation
 from pointit.diagnosis.outage import find_lost_router, find_mass_outage
 from pointit.diagnosis.presence import CHAIN, GONE, listed
-from pointit.diagnosis.processes import gone_processes, stopped_services
+from pointit.diagnosis.processes import gone_processes, starved_machines, stopped_services
 from pointit.diagnosis.symptoms import latency_s
 from pointit.diagnosis.writers import row_of
 from pointit.runtime.bus.contract import AnyTopic
@@ -36,7 +36,7 @@ INVALID = re.compile(
 TWICE = re.compile(r" runs twice: here and as ")
 
 
-PASSING = ("slow", "stale", "silent")
+PASSING = ("slow", "stale", "silent", "starved")
 """Codes of findings that a short load can cause."""
 SEVERITIES = ("error", "warning", "note")
 """The worst first."""
@@ -196,6 +196,26 @@ def _slow(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
         yield Cause(first, lambda each: each in late or each.code == "stale")
 
 
+def _stale(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
+    """Explain old inputs by the first of them on the way from the wrist, of each writer."""
+    stale = sorted((each for each in symptoms if each.code == "stale"), key=_position)
+    while stale:
+        first = stale[0]
+        follow = _consequences(set(first.services[1:]), seen)
+        yield Cause(first, follow)
+        stale = [each for each in stale[1:] if not follow(each)]
+
+
+def _starved(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
+    for finding in starved_machines(filter(may_pass, symptoms), seen):
+        follow = _consequences(set(finding.services), seen)
+
+        def explains(each: Finding, finding: Finding = finding) -> bool:
+            return each.service in finding.services and may_pass(each)
+
+        yield _also(Cause(finding, explains), follow)
+
+
 def _position(finding: Finding) -> int:
     """Return how far from the wrist the service's first input is late, in steps of `CHAIN`."""
     keys = [topic.key for topic in CHAIN]
@@ -217,8 +237,8 @@ def _same_words(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
 
 
 EXPLANATIONS: tuple[Explanation, ...] = (
-    _lost_router, _clock, _disk, _rights, _stopped, _ended, _mass, _gone, _no_cursor, _duplicates, _invalid,
-    _slow, _same_words,
+    _lost_router, _clock, _disk, _rights, _stopped, _starved, _ended, _mass, _gone, _no_cursor, _duplicates,
+    _invalid, _slow, _stale, _same_words,
 )  # fmt: skip
 """From the deepest causes to the nearest."""
 

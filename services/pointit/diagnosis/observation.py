@@ -1,6 +1,6 @@
 """Observation of a running site, and the type of its findings."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal
@@ -11,10 +11,13 @@ from pointit.runtime.link.outage import SILENT_S
 from pointit.schemas import NS_PER_S, Deployment, ExpectedService, Health
 from pointit.schemas.system import RUN
 from pointit.schemas.table_types import NAME
+from pointit.services.registry import person_of
 
 STARTING_S = 10.0
 """Time after the start of a process within which others that begin with it may be missing, s."""
-FIRST_S = 30.0
+BUSY_START_S = 5.0
+"""Time after its start in which a process may be busy, s: others are loading modules beside it."""
+FIRST_S = 60.0
 """Time after the publication of a deployment within which none of its services need be present, s."""
 
 Severity = Literal["error", "warning", "note"]
@@ -26,6 +29,7 @@ Code = Literal[
     "left",
     "silent",
     "stopped",
+    "starved",
     "no-cursor",
     "twice",
     "stale",
@@ -110,7 +114,7 @@ class Observation:
     @cached_property
     def expected(self) -> dict[str, str]:
         """Return `expected_services` of the deployments."""
-        return expected_services(self.deployments, self.options)
+        return expected_services(self.deployments, self.options_of)
 
     @cached_property
     def services_of(self) -> dict[str, frozenset[str]]:
@@ -124,10 +128,22 @@ class Observation:
         """Return the option by which `name` joins a secured site, or `""` if the site is open."""
         return f" --credentials {self.identities}/{name}" if self.identities else ""
 
+    def options_of(self, instance: str) -> str:
+        """Return the options of the command that starts `instance` on this site."""
+        return self.options + self.credentials_of(person_of(instance) or "supervisor")
+
     def newest(self, instance: str) -> Health | None:
         """Return the last report of `instance`, or None."""
         reports = self.reports.get(instance)
         return reports[-1].health if reports else None
+
+    def period_s(self, instance: str) -> float:
+        """Return the mean time between reports of `instance`, s. 0 if it reported once, or has just begun."""
+        reports = [each.health for each in self.reports.get(instance, ())]
+        if len(reports) < 2 or reports[0].pid != reports[-1].pid or reports[0].uptime_s < BUSY_START_S:
+            return 0.0
+        count = reports[-1].seq - reports[0].seq
+        return (reports[-1].uptime_s - reports[0].uptime_s) / count if count > 0 else 0.0
 
     def silence_s(self, instance: str) -> float:
         """Return the time since the last report of `instance`, s."""
@@ -155,17 +171,19 @@ class Observation:
         return 0 <= age_ns < limit_s * NS_PER_S or any(map(self.has_just_begun, services))
 
 
-def expected_services(deployments: Mapping[str, Deployment], options: str = "") -> dict[str, str]:
+def expected_services(
+    deployments: Mapping[str, Deployment], options_of: Callable[[str], str] = lambda _: ""
+) -> dict[str, str]:
     """Return the instances that should run, each with the remedy that starts it again.
 
     Commands in deployments are never shown, since others have written them, and operators copy.
 
     Args:
         deployments: by name.
-        options: see `Observation.options`.
+        options_of: see `Observation.options_of`.
     """
     return {
-        instance: _again(service, name.removeprefix(RUN), options)
+        instance: _again(service, name.removeprefix(RUN), options_of(service.instance))
         for name, deployment in deployments.items()
         for service in deployment.believed(name).services
         if NAME.match(instance := service.instance)
@@ -173,7 +191,7 @@ def expected_services(deployments: Mapping[str, Deployment], options: str = "") 
 
 
 def _again(service: ExpectedService, started_by: str, options: str) -> str:
-    """Return the remedy that restarts `service` of `started_by`. `options` reach the site."""
+    """Return the remedy that restarts `service` of `started_by`. `options` join the site."""
     if not service.command:
         return f"it runs inside the process that started {started_by}: start that again"
     command = start_command(service.service, service.user or service.name)

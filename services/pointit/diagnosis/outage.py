@@ -5,12 +5,21 @@ from dataclasses import replace
 
 from pointit.diagnosis.observation import Finding, Observation
 from pointit.diagnosis.presence import GONE
+from pointit.diagnosis.stopped_processes import CONTINUE, StoppedProcess
 from pointit.runtime.link.outage import AGAIN, Outage, find_outage
 
 
-def unreachable(connect: Sequence[str], *, is_refused: bool, is_secured: bool) -> Finding:
-    """Return the finding of an observer that cannot join; `is_refused`: nothing listens at `connect`."""
+def unreachable(
+    connect: Sequence[str], stopped: Sequence[StoppedProcess], *, is_refused: bool, is_secured: bool
+) -> Finding:
+    """Return the finding of an observer that cannot join.
+
+    `is_refused`: nothing listens at `connect`. `stopped`: processes of this machine that may be the router.
+    """
     where = ", ".join(connect)
+    if not is_refused and (pid := next((each.pid for each in stopped if each.may_route), 0)):
+        sentence = f"the router at {where} does not answer: process {pid} is stopped (Ctrl-Z or SIGSTOP)"
+        return replace(_finding(sentence, CONTINUE.format(pid=pid)), code="stopped")
     if not is_refused:
         return _finding(
             f"the router at {where} does not answer", f"{AGAIN}; or give another address by --connect"

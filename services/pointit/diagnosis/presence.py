@@ -34,14 +34,16 @@ def find_missing(seen: Observation) -> Iterator[Finding]:
             yield Finding("error", "absent", instance, "should run and does not", remedy)
     for instance in seen.left - seen.present - seen.expected.keys():
         sentence = "was present and has left: ended, killed, stopped or cut off"
-        yield Finding("warning", "left", instance, sentence, restart_remedy(instance, seen.options))
+        yield Finding(
+            "warning", "left", instance, sentence, restart_remedy(instance, seen.options_of(instance))
+        )
     for instance in filter(seen.is_silent, seen.present):
         health = seen.newest(instance)
         sentence = (
             f"is present but has not reported for {seen.silence_s(instance):.0f} s: is it stopped, "
             "overloaded or cut off?"
         )
-        again = seen.expected.get(instance, restart_remedy(instance, seen.options))
+        again = seen.expected.get(instance, restart_remedy(instance, seen.options_of(instance)))
         process = f"process {health.pid}" if health else "its process"
         remedy = f"look at {process} (stopped: `kill -CONT`); else {again}"
         yield Finding("error", "silent", instance, sentence, remedy)
@@ -86,10 +88,11 @@ def find_people_without_cursor(seen: Observation) -> Iterator[Finding]:
     sentence = f"{listed(names)} {have}: {listed(sorted(lacking))} {run} on this site"
     remedy = SHARED_REMEDY.format(credentials=seen.credentials_of("supervisor"))
     if lacking == {"pointing"}:
-        remedy = restart_remedy(f"pointing.{names[0]}", seen.options)
+        pointing = f"pointing.{names[0]}"
+        remedy = restart_remedy(pointing, seen.options_of(pointing))
     subject = names[0] if len(names) == 1 else ""
-    pointing = sorted(each for services in people.values() for each in services)
-    yield Finding("error", "no-cursor", subject, sentence, remedy, services=(*sorted(lacking), *pointing))
+    theirs = sorted(each for services in people.values() for each in services)
+    yield Finding("error", "no-cursor", subject, sentence, remedy, services=(*sorted(lacking), *theirs))
 
 
 def listed(names: Sequence[str]) -> str:

@@ -1,13 +1,21 @@
 """Services that do nothing because the process that they run in is stopped or has ended. Pure."""
 
 from collections import defaultdict
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 
 from pointit.diagnosis.observation import Code, Finding, Observation
 from pointit.diagnosis.presence import GONE, listed
-from pointit.diagnosis.stopped_processes import StoppedProcess
+from pointit.diagnosis.stopped_processes import CONTINUE, StoppedProcess
+from pointit.runtime.bus.timeliness import LONGEST_HOST
+from pointit.runtime.service.service import HEALTH_PERIOD_S
 from pointit.schemas.system import RUN
+from pointit.schemas.text import one_line
 from pointit.services.registry import person_of
+
+STARVED_S = 1.5 * HEALTH_PERIOD_S
+"""Mean time between reports above which a process gets too little processor time, s."""
+LATE_S = 1.2 * HEALTH_PERIOD_S
+"""The same, s, if its output is late."""
 
 
 def stopped_services(symptoms: Sequence[Finding], seen: Observation) -> Iterator[Finding]:
@@ -23,8 +31,37 @@ def stopped_services(symptoms: Sequence[Finding], seen: Observation) -> Iterator
             sentence = (
                 f"process {process.pid} is stopped (Ctrl-Z or SIGSTOP): {listed(services)} {do} nothing"
             )
-            remedy = f"continue it: `kill -CONT {process.pid}`, or `fg` in its terminal"
+            remedy = CONTINUE.format(pid=process.pid)
             yield Finding("error", "stopped", _subject(services), sentence, remedy, services=tuple(services))
+
+
+def starved_machines(late: Iterable[Finding], seen: Observation) -> Iterator[Finding]:
+    """Find machines with processes that get too little processor time, which explains `late` symptoms."""
+    affected = {each.service for each in late}
+    by_host: dict[str, dict[int, list[str]]] = defaultdict(lambda: defaultdict(list))
+    for instance in sorted(seen.present):
+        if (health := seen.newest(instance)) is not None:
+            by_host[health.host][health.pid].append(instance)
+    for host, processes in by_host.items():
+        periods_s = {pid: min(map(seen.period_s, services)) for pid, services in processes.items()}
+        starved = {
+            pid: period_s
+            for pid, period_s in periods_s.items()
+            if period_s > STARVED_S or (period_s > LATE_S and not affected.isdisjoint(processes[pid]))
+        }
+        if not starved:
+            continue
+        services = sorted(each for pid in starved for each in processes[pid])
+        pid = max(starved, key=lambda each: starved[each])
+        names = f"process {pid}" if len(starved) == 1 else f"{len(starved)} processes"
+        where = one_line(host, LONGEST_HOST) or "?"
+        get = "gets" if len(starved) == 1 else "get"
+        sentence = (
+            f"{names} of machine {where} ({listed(services)}) {get} too little processor time: reports come "
+            f"every {starved[pid]:.1f} s instead of every {HEALTH_PERIOD_S:g} s"
+        )
+        remedy = "is the machine overloaded (`top`), or its processor time limited? end other programs there"
+        yield Finding("warning", "starved", _subject(services), sentence, remedy, services=tuple(services))
 
 
 def gone_processes(symptoms: Sequence[Finding], seen: Observation) -> Iterator[Finding]:
@@ -64,9 +101,9 @@ def _processes(gone: Collection[str], seen: Observation) -> dict[str, set[str]]:
     for instance in seen.reports:
         if (health := seen.newest(instance)) is not None:
             by_pid[health.host, health.pid].add(instance)
-    for (host, pid), services in by_pid.items():
-        if len(services) > 1 and services <= left:
-            processes[f"process {pid} of {host}"] = services
+    for (host, pid), heard in by_pid.items():
+        if len(heard) > 1 and heard <= left:
+            processes[f"process {pid} of {host}"] = heard
     return processes
 
 

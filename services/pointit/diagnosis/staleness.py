@@ -44,7 +44,9 @@ def stale_inputs(seen: Observation) -> Iterator[Finding]:
                 remedy = _look_at(seen, writers[0])
             age = "never came" if key.age_s is None else f"is {key.age_s:.1f} s old"
             sentence = f"its input {topic.key} {age}, though {' and '.join(writers)} should write it"
-            yield Finding("error", "stale", instance, sentence, remedy, topic=topic.key)
+            yield Finding(
+                "error", "stale", instance, sentence, remedy, topic=topic.key, services=(instance, *writers)
+            )
 
 
 def _is_read(seen: Observation, instance: str, topic: AnyTopic, writer: str) -> bool:

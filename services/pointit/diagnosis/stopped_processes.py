@@ -10,6 +10,8 @@ from pointit.schemas.system import instance_of
 
 PROGRAM = re.compile(r"(?:.*/)?pointit(?:\.exe)?|pointit\.(?:cli|services\.\w+|bridges\.\w+)")
 """Name of the program or module by which a process is one of PointIt."""
+CONTINUE = "continue it: `kill -CONT {pid}`, or `fg` in its terminal"
+"""Remedy of a stopped process."""
 STOPPED = ("T", "t")
 """States of a process that was stopped by a signal, or by a debugger."""
 
@@ -21,6 +23,11 @@ class StoppedProcess:
     pid: int
     arguments: tuple[str, ...]
     """Command line from the program's name or module on: `pointit`, `person`, `add`, `anna`."""
+
+    @property
+    def may_route(self) -> bool:
+        """Return True if other processes may connect to it."""
+        return self.arguments[1:2] in (("run",), ("router",))
 
     def may_run(self, instance: str, deployment: str = "") -> bool:
         """Return True if it runs `instance`, which belongs to `deployment` (`""`: that is unknown)."""

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from pointit.diagnosis.observation import Finding, Observation, Report
+from pointit.diagnosis.observation import BUSY_START_S, Finding, Observation, Report
 from pointit.runtime.bus.timeliness import LONGEST_HOST
 from pointit.schemas import Health
 from pointit.schemas.system import split_instance
@@ -23,8 +23,6 @@ from pointit.services.registry import person_of
 
 SLOW_S = 0.1
 """Latency from capture to output, 99th percentile, above which pointing feels detached from the hand, s."""
-STARTING_S = 5.0
-"""Time after its start in which a service is not called slow, s: others are loading modules beside it."""
 UNCERTAIN = "uncertain"
 """Word in the localizer's own warnings about the pose."""
 
@@ -51,10 +49,10 @@ def find_in_reports(seen: Observation) -> Iterator[Finding]:
         if health.status == "degraded" and not health.warnings:
             sentence = "reports itself as degraded without a reason"
             yield Finding("warning", "degraded", instance, sentence, "look at its log")
-        late_s = [latency_s(each.health) for each in reports if each.health.uptime_s >= STARTING_S]
-        if min(late_s, default=0.0) > SLOW_S:
+        late_s = sorted(latency_s(each.health) for each in reports if each.health.uptime_s >= BUSY_START_S)
+        if late_s and (usual_s := late_s[(len(late_s) - 1) // 2]) > SLOW_S:
             sentence = (
-                f"its output is {late_s[-1] * 1e3:.0f} ms behind the person "
+                f"its output is {usual_s * 1e3:.0f} ms behind the person "
                 f"(99th percentile; {SLOW_S * 1e3:.0f} ms is too much)"
             )
             remedy = (

@@ -38,7 +38,7 @@ def start_command(service: str, which: str = "") -> str:
 
 
 def restart_remedy(instance: str, options: str) -> str:
-    """Return the remedy that starts `instance`, if it should run at all. `options` reach the site."""
+    """Return the remedy that starts `instance`, if it should run at all. `options` join the site."""
     if instance.partition(".")[0].partition("-")[0] == "router":
         return "if it should run: pointit router --site-folder FOLDER"
     command = start_command(*split_instance(instance))

@@ -5,6 +5,7 @@ import contextlib
 import functools
 import logging
 import socket
+import time
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -276,6 +277,7 @@ class Web(Service[WebConfig]):
             viewers=len(self._pages),
             lan_url=self._lan.url,
             speed=self.clock.speed,
+            now_ns=time.time_ns(),
         )
         return status.model_copy(update={"devices": self._devices.lines()})
 

@@ -80,11 +80,24 @@ class SiteModel:
         self._forget(self._deployments.over(self.present, now_s))
 
     def status(
-        self, people: Sequence[PersonLine], now_s: float, *, viewers: int, lan_url: str, speed: float
+        self,
+        people: Sequence[PersonLine],
+        now_s: float,
+        *,
+        viewers: int,
+        lan_url: str,
+        speed: float,
+        now_ns: int | None = None,
     ) -> Status:
         """Return the status of the site, see `SiteObservation.status`."""
         return self._sight.status(
-            self._deployments.known, people, now_s, viewers=viewers, lan_url=lan_url, speed=speed
+            self._deployments.known,
+            people,
+            now_s,
+            viewers=viewers,
+            lan_url=lan_url,
+            speed=speed,
+            now_ns=now_ns,
         )
 
     def _forget(self, keys: Iterable[Key]) -> None:

@@ -3,6 +3,7 @@
 import math
 from collections import deque
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 
 from pointit.bridges.web.wire import FindingLine, PersonLine, ServiceLine, Status
 from pointit.diagnosis.diagnose import diagnose
@@ -78,10 +79,11 @@ class SiteObservation:
         viewers: int = 0,
         lan_url: str = "",
         speed: float = 1.0,
+        now_ns: int | None = None,
     ) -> Status:
-        """Return the status of the site now."""
+        """Return the status of the site now, at `now_ns` of the wall clock, Unix ns, if that is known."""
         self._forget_left(expected_services(deployments), now_s)
-        seen = self._seen(deployments, now_s, speed)
+        seen = replace(self._seen(deployments, now_s, speed), now_ns=now_ns)
         return Status(
             services=tuple(self._services(seen))[:MAX_LINES],
             findings=tuple(

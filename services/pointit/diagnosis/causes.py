@@ -6,30 +6,26 @@ explains is not a problem of its own.
 
 import re
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
+from pointit.diagnosis.consequences import DISORDERED, find_consequences
 from pointit.diagnosis.observation import Code, Finding, Observation
 from pointit.diagnosis.outage import find_lost_router, find_mass_outage
-from pointit.diagnosis.presence import CHAIN, GONE, listed
+from pointit.diagnosis.presence import CHAIN, GONE, is_router, listed
 from pointit.diagnosis.processes import gone_processes, starved_machines, stopped_services
 from pointit.diagnosis.symptoms import latency_s
 from pointit.diagnosis.writers import row_of
-from pointit.runtime.bus.contract import AnyTopic
 from pointit.runtime.link.outage import LOST
 from pointit.schemas.system import split_instance
-from pointit.services.registry import person_of
 
-DISORDERED = re.compile(
-    r"came later than others before them|were older than those before them|older than|ahead of this machine's"
-    r" clock|synchronize the|out of order"
-)
-"""Warnings about the times of messages."""
 CLOCK = re.compile(r"the clock of machine (?P<host>\S+) is ")
-UNWRITABLE = re.compile(r"cannot be written|disk is full|No space left|cannot be used \(")
+UNWRITABLE = re.compile(r"cannot be written|disk is full|No space left on device")
 """Warnings about files."""
-RIGHTS = re.compile(r"(?:this identity \()?(?P<name>[\w.-]+)\)? may (?:not|do nothing)\b")
-"""Warnings about what an identity lacks, of its own process and of the router."""
+RIGHTS = re.compile(
+    r"this identity \((?P<own>[^)]+)\) may (?:not|do nothing)\b|^(?P<denied>[\w.-]+) may not\b"
+)
+"""Warnings about what an identity lacks: of its own process, and of the router."""
 INVALID = re.compile(
     r"were invalid and were dropped, the last of (?P<writer>.*?) \((?P<reason>.*)\): look at"
 )
@@ -86,16 +82,24 @@ def _lost_router(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
 
 
 def _clock(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
-    del seen
-    for host, cause in _groups(symptoms, CLOCK, "host").items():
+    by_host: dict[str, list[Finding]] = defaultdict(list)
+    for each in symptoms:
+        if found := CLOCK.search(each.sentence):
+            by_host[found["host"]].append(each)
+    hosts = {health.host for name in seen.reports if (health := seen.newest(name))}
+    for reporter in {"", *(each.service for group in by_host.values() for each in group)}:
+        health = seen.newest(reporter)
+        if len(by_host) > 1 and by_host.keys() >= hosts - {health.host if health else seen.host}:
+            first, *others = by_host.values()  # the clock that is wrong is the reporter's
+            by_host = {"": [*first, *(each for group in others for each in group)]}
+    for cause in by_host.values():
         is_far = any(word in cause[0].sentence for word in ("refused", "too old"))
 
         def explains(each: Finding, cause: Symptoms = cause, *, is_far: bool = is_far) -> bool:
             is_late = each.code in ("stale", "slow", "no-cursor") or bool(DISORDERED.search(each.sentence))
             return each in cause or (is_late and (is_far or each.code == "slow"))
 
-        del host
-        yield Cause(cause[0], explains)
+        yield replace(_first_of(cause, cause[0].code), explains=explains)
 
 
 def _disk(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
@@ -108,10 +112,15 @@ def _disk(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
 
 
 def _rights(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
-    for name, group in _groups([each for each in symptoms if each.code == "warning"], RIGHTS, "name").items():
-        own = sorted(group, key=lambda each: each.service.startswith("router"))
+    by_name: dict[str, list[Finding]] = defaultdict(list)
+    for each in symptoms:
+        found = RIGHTS.search(each.sentence) if each.code == "warning" else None
+        if found and (found["own"] or is_router(each.service)):
+            by_name[found["own"] or found["denied"]].append(each)
+    for name, group in by_name.items():
+        own = sorted(group, key=lambda each: is_router(each.service))
         services = {each.service for each in group}
-        cause, follow = _first_of(own, "denied"), _consequences(services, seen)
+        cause, follow = _first_of(own, "denied"), find_consequences(services, seen)
 
         def is_theirs(each: Finding, name: str = name) -> bool:
             return each.code in GONE and split_instance(each.service)[1] == name
@@ -137,18 +146,18 @@ def _mass(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
 def _gone(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
     for each in symptoms:
         if each.code in GONE:
-            yield Cause(each, _consequences({each.service}, seen))
+            yield Cause(each, find_consequences({each.service}, seen))
 
 
 def _no_cursor(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
     for each in symptoms:
         if each.code == "no-cursor":
-            yield Cause(each, _consequences(set(each.services), seen))
+            yield Cause(each, find_consequences(set(each.services), seen))
 
 
 def _process_cause(finding: Finding, seen: Observation) -> Cause:
     services = set(finding.services)
-    follow = _consequences(services, seen)
+    follow = find_consequences(services, seen)
     return Cause(finding, lambda each: (each.code in GONE and each.service in services) or follow(each))
 
 
@@ -164,7 +173,7 @@ def _duplicates(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
     for group in by_remark.values():
         group.sort(key=lambda each: each.code != "twice")
         services = {each.service for each in group}
-        cause, follow = _first_of(group, "twice"), _consequences(services, seen)
+        cause, follow = _first_of(group, "twice"), find_consequences(services, seen)
         yield _also(cause, follow)
 
 
@@ -189,26 +198,20 @@ def _is_invalid_counter(each: Finding) -> bool:
     return each.code in ("failing", "failed") and "were invalid" in each.sentence
 
 
-def _slow(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
-    late = [each for each in symptoms if each.code == "slow" or DISORDERED.search(each.sentence)]
-    if late:
-        first = min(late, key=lambda each: (_position(each), latency_s(seen.newest(each.service))))
-        yield Cause(first, lambda each: each in late or each.code == "stale")
-
-
-def _stale(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
-    """Explain old inputs by the first of them on the way from the wrist, of each writer."""
-    stale = sorted((each for each in symptoms if each.code == "stale"), key=_position)
-    while stale:
-        first = stale[0]
-        follow = _consequences(set(first.services[1:]), seen)
+def _late(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
+    """Explain what is late, or does not come, by the first of it on the way from the wrist."""
+    late = [each for each in symptoms if may_pass(each)]
+    late.sort(key=lambda each: (_position(each), latency_s(seen.newest(each.service))))
+    while late:
+        first = late[0]
+        follow = find_consequences(first.instances, seen)
         yield Cause(first, follow)
-        stale = [each for each in stale[1:] if not follow(each)]
+        late = [each for each in late[1:] if not follow(each)]
 
 
 def _starved(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
     for finding in starved_machines(filter(may_pass, symptoms), seen):
-        follow = _consequences(set(finding.services), seen)
+        follow = find_consequences(set(finding.services), seen)
 
         def explains(each: Finding, finding: Finding = finding) -> bool:
             return each.service in finding.services and may_pass(each)
@@ -238,17 +241,9 @@ def _same_words(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
 
 EXPLANATIONS: tuple[Explanation, ...] = (
     _lost_router, _clock, _disk, _rights, _stopped, _starved, _ended, _mass, _gone, _no_cursor, _duplicates,
-    _invalid, _slow, _stale, _same_words,
+    _invalid, _late, _same_words,
 )  # fmt: skip
 """From the deepest causes to the nearest."""
-
-
-def _groups(symptoms: Symptoms, pattern: re.Pattern[str], name: str) -> dict[str, list[Finding]]:
-    groups: dict[str, list[Finding]] = defaultdict(list)
-    for each in symptoms:
-        if found := pattern.search(each.sentence):
-            groups[found[name]].append(each)
-    return groups
 
 
 def _also(cause: Cause, follows: Callable[[Finding], bool]) -> Cause:
@@ -263,47 +258,3 @@ def _first_of(group: Symptoms, code: Code) -> Cause:
     also = f" (also {listed(others)})" if others else ""
     cause = replace(first, code=code, sentence=f"{first.sentence}{also}", services=services)
     return Cause(cause, lambda each: each in group, first)
-
-
-def _consequences(services: Collection[str], seen: Observation) -> Callable[[Finding], bool]:
-    """Return a test for symptoms of others that follow if `services` do nothing, or do it wrongly."""
-    written = {topic for each in services for topic in _topics(each, "writes")}
-    names = {split_instance(each)[0] for each in services}
-    affected = _readers(services, seen)
-
-    def follows(each: Finding) -> bool:
-        if each.code == "no-cursor":
-            return bool(names & {split_instance(instance)[0] for instance in each.services})
-        if each.service not in affected:
-            return False
-        if each.code in ("stale", "slow"):
-            return True
-        is_mentioned = any(topic.key in each.sentence for topic in written) or any(
-            re.search(rf"\b{re.escape(name)}\b", each.sentence) for name in names
-        )
-        return each.code == "warning" and (is_mentioned or bool(DISORDERED.search(each.sentence)))
-
-    return follows
-
-
-def _readers(services: Collection[str], seen: Observation) -> set[str]:
-    """Return `services` and those that read what they write, directly or through others."""
-    affected = set(services)
-    new = set(services)
-    while new:
-        written = [(person_of(each), topic) for each in new for topic in _topics(each, "writes")]
-        new = {
-            each
-            for each in seen.present - affected
-            if any(
-                topic in _topics(each, "reads") and (not person or person_of(each) in ("", person))
-                for person, topic in written
-            )
-        }
-        affected |= new
-    return affected
-
-
-def _topics(instance: str, way: str) -> tuple[AnyTopic, ...]:
-    row = row_of(split_instance(instance)[0])
-    return () if row is None else getattr(row, way)

@@ -294,6 +294,15 @@ def test_invalid_messages_are_one_finding_that_names_their_writer() -> None:
     assert "user1 (orientation_xyzw: not of length 1)" in finding.remedy
 
 
+def test_the_wrong_clock_of_the_observer_is_one_finding() -> None:
+    site = router_with_people()
+    for name in site.processes:
+        change(site, name, ahead_s=-2.0)
+    site.options["host"] = "tablet"
+    (finding,) = problems(diagnose(site.seen()))
+    assert finding.code == "clock"
+
+
 def test_messages_that_were_invalid_are_one_note() -> None:
     site = one_process()
     seen = site.seen()

@@ -220,7 +220,7 @@ def _starved(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
 
 
 def _position(finding: Finding) -> int:
-    """Return how far from the wrist the service's first input is late, in steps of `CHAIN`."""
+    """Return the index in `CHAIN` of the first topic that is late, or that the service reads."""
     keys = [topic.key for topic in CHAIN]
     if finding.topic in keys:
         return keys.index(finding.topic)

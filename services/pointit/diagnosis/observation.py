@@ -17,7 +17,7 @@ STARTING_S = 10.0
 """Time after the start of a process within which others that begin with it may be missing, s."""
 BUSY_START_S = 5.0
 """Time after its start in which a process may be busy, s: others are loading modules beside it."""
-FIRST_S = 60.0
+FIRST_S = 120.0
 """Time after the publication of a deployment within which none of its services need be present, s."""
 
 Severity = Literal["error", "warning", "note"]

@@ -36,7 +36,7 @@ def unreachable(
 def find_lost_router(symptoms: Sequence[Finding], seen: Observation) -> Finding | None:
     """Return the finding of a lost router, if services say that they have lost it."""
     outage = _outage(symptoms, seen)
-    if outage is None or not outage.is_router:
+    if outage is None or outage.remedy != AGAIN:
         return None
     finding = _finding(outage.sentence, outage.remedy)
     is_error = any(each.code in GONE and each.severity == "error" for each in symptoms)

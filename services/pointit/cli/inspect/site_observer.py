@@ -27,7 +27,7 @@ LONGEST_S = SILENT_S + 0.4
 CONFIRM_S = 6.0
 """Listening time in which a pause of a busy machine passes: its own start makes one, too."""
 
-STARTS_S = 60.0
+STARTS_S = 120.0
 """Listening time after which a service that is starting counts as missing."""
 
 CHECK_S = 0.5
@@ -110,7 +110,7 @@ class SiteObserver:
         )
 
     def _listening_s(self, seen: Observation) -> float:
-        """Return how long to listen: longer while services start, or while a problem may pass."""
+        """Return the listening time, s: longer while services start, or while a problem may pass."""
         wanted = {each for each in seen.present if not self._only or is_about(each, self._only)}
         heard = all(len(seen.reports.get(instance, ())) >= 2 for instance in wanted)
         if is_anything_starting(seen):

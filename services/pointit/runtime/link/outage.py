@@ -25,7 +25,6 @@ class Outage:
 
     sentence: str
     remedy: str
-    is_router: bool = False
 
 
 def find_outage(known: Collection[str], gone: Collection[str], warnings: Iterable[str]) -> Outage | None:
@@ -38,7 +37,7 @@ def find_outage(known: Collection[str], gone: Collection[str], warnings: Iterabl
     if lost := next(filter(None, map(LOST.search, warnings)), None):
         sentence = f"the router at {lost['where']} does not answer: "
         sentence += f"{most} out of reach" if is_most else "nothing arrives from other machines"
-        return Outage(sentence, AGAIN, is_router=True)
+        return Outage(sentence, AGAIN)
     if not is_most:
         return None
     return Outage(

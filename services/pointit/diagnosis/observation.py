@@ -18,7 +18,10 @@ STARTING_S = 10.0
 BUSY_START_S = 5.0
 """Time after its start in which a process may be busy, s: others are loading modules beside it."""
 FIRST_S = 120.0
-"""Time after the publication of a deployment within which none of its services need be present, s."""
+"""Time after the publication of a deployment within which none of its processes need be present, s.
+
+Python loads them all at once, which takes a busy machine a minute and more.
+"""
 
 Severity = Literal["error", "warning", "note"]
 Code = Literal[
@@ -166,7 +169,9 @@ class Observation:
         if not self.is_patient:
             return False
         services = self.services_of[deployment]
-        limit_s = STARTING_S if services & self.present else FIRST_S
+        commands = {each.command for each in self.deployments[deployment].services}
+        are_loading = len(commands) > 1 and not services & self.present  # in processes of their own
+        limit_s = FIRST_S if are_loading else STARTING_S
         age_ns = -1 if self.now_ns is None else self.now_ns - self.deployments[deployment].stamp_ns
         return 0 <= age_ns < limit_s * NS_PER_S or any(map(self.has_just_begun, services))
 

@@ -216,7 +216,7 @@ def _starved(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
         def explains(each: Finding, finding: Finding = finding) -> bool:
             return each.service in finding.services and may_pass(each)
 
-        yield _also(Cause(finding, explains), follow)
+        yield _also(Cause(finding=finding, explains=explains), follow)
 
 
 def _position(finding: Finding) -> int:
@@ -247,7 +247,10 @@ EXPLANATIONS: tuple[Explanation, ...] = (
 
 
 def _also(cause: Cause, follows: Callable[[Finding], bool]) -> Cause:
-    return replace(cause, explains=lambda each: cause.explains(each) or follows(each))
+    def explains(each: Finding) -> bool:
+        return cause.explains(each) or follows(each)
+
+    return replace(cause, explains=explains)
 
 
 def _first_of(group: Symptoms, code: Code) -> Cause:

@@ -47,7 +47,7 @@ class Process:
     period_s: float = 1.0
     """Time between its reports."""
     warnings: tuple[str, ...] = ()
-    """Of each of its services."""
+    """Warnings of each of its services."""
     is_present: bool = True
     silence_s: float = 0.0
 

@@ -1,7 +1,7 @@
 """The grammar of spoken commands: words to a command with what it is about, and the same for recognisers."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
@@ -22,6 +22,10 @@ _SWITCH = {"turn", "switch"}
 _SMALL = {"on", "off", "the", "is", "one", "robot"}
 YES = {"yes", "yeah", "okay"}
 NO = {"no", "wrong", "neither"}
+_ARTICLES = {"the", "a", "an", "my", "our"}
+_PREPOSITIONS = {"to", "at", "in", "into", "onto", "over", "near", "by", "from", "with", "beside", "under"}
+_FILLERS = {"it", "them", "him", "her", "me", "please", "now", "right", "just", "up", "down", "back", "and"}
+_WITHOUT_OBJECT = {"go", "drive", "what"}
 RESERVED = frozenset({*_VERBS, *_DEICTIC, *_SWITCH, *_SMALL, *YES, *NO})
 """Words of all rooms, which no thing's verb may be."""
 PLACES: frozenset[Deictic] = frozenset(("here", "there"))
@@ -50,6 +54,8 @@ class Command:
     """Object of the verb, or None if there is none."""
     to: Mention | None = None
     """Destination, or None if there is none."""
+    unknown_name: str = ""
+    """Words in the place of the object that name nothing in the room, or `""`."""
 
     @property
     def mentions(self) -> tuple[Mention, ...]:
@@ -120,11 +126,13 @@ def parse(words: Sequence[Word], vocabulary: Vocabulary) -> Command | None:
     """Return the command in `words`, or None if there is none. Words that mean nothing here are skipped."""
     names = vocabulary.names
     texts = [_text(word) for word in words]
-    verb = _verb(texts, vocabulary.verbs)
+    verb, begin = _verb(texts, vocabulary.verbs)
     if verb is None:
         return None
     objects: list[Mention] = []
     places: list[Mention] = []
+    known = set[int]()
+    """Indices of the words of mentions."""
     index = 0
     while index < len(texts):
         name, length = _name_at(texts, index, names)
@@ -133,32 +141,58 @@ def parse(words: Sequence[Word], vocabulary: Vocabulary) -> Command | None:
         elif (word := _DEICTIC.get(texts[index])) is not None:
             mention = Mention(word=word, at_ns=(words[index].start_ns + words[index].end_ns) // 2)
             (places if word in PLACES else objects).append(mention)
+            length = 1
+        known.update(range(index, index + length))
         index += max(length, 1)
+    unknown_name = "" if objects else _unknown_name(texts, known, begin)
     if verb == "stop":  # of a robot by its name or of all: stopping waits for no doubt
         return Command(verb=verb, about=next((each for each in objects if each.name), None))
     if verb in ("put", "send"):
         to = places[-1] if places else objects[1] if len(objects) > 1 else None
-        return Command(verb=verb, about=objects[0] if objects else None, to=to)
+        about = objects[0] if objects else None
+        return Command(verb=verb, about=about, to=to, unknown_name=unknown_name)
     about = next(iter([*objects, *places]), None)
-    return Command(verb=verb, about=about)
+    return Command(verb=verb, about=about, unknown_name=unknown_name)
 
 
 def _text(word: Word) -> str:
     return word.text.lower().strip(".,;:!?")  # some recognisers write sentences
 
 
-def _verb(texts: Sequence[str], own: Iterable[str]) -> str | None:
+def _verb(texts: Sequence[str], own: Iterable[str]) -> tuple[str | None, int]:
+    """Return the verb, or None if there is none, and the index of its first word."""
     if any(text in ("stop", "halt") for text in texts):
-        return "stop"
+        return "stop", 0
     for index, text in enumerate(texts):
         if text in _SWITCH:
             rest = texts[index + 1 :]
-            return "on" if "on" in rest else "off" if "off" in rest else None
+            return "on" if "on" in rest else "off" if "off" in rest else None, index
         if text in own:
-            return text
+            return text, index
         if (verb := _VERBS.get(text)) is not None:
-            return verb
-    return None
+            return verb, index
+    return None, 0
+
+
+def _unknown_name(texts: Sequence[str], known: Collection[int], begin: int) -> str:
+    """Return the words that stand where the object of the verb at `begin` would, and name nothing, or `""`.
+
+    Behind a preposition is a destination. Without an article only a verb that needs an object has one.
+    """
+    kinds = "".join("m" if at in known else _kind(text) for at, text in enumerate(texts))[begin + 1 :]
+    needs_object = texts[begin] not in _WITHOUT_OBJECT
+    found = re.search(r"(?<!p)a(u+)|^f*(u+)" if needs_object else r"(?<!p)a(u+)", kinds)
+    if found is None:
+        return ""
+    first, end = found.span(found.lastindex or 1)
+    return " ".join(texts[begin + 1 + first : begin + 1 + end])
+
+
+def _kind(text: str) -> str:
+    """Return the kind of a word: article, preposition, filler or unknown."""
+    if text in _ARTICLES:
+        return "a"
+    return "p" if text in _PREPOSITIONS else "f" if text in RESERVED | _FILLERS else "u"
 
 
 def _name_at(texts: Sequence[str], index: int, names: Names) -> tuple[str, int]:

@@ -162,14 +162,14 @@ class Interpreter:
             return
         found: list[Referent] = []
         try:
-            if command.verb != "stop":
-                self._check_age(speech)
+            self._check_command(speech, command)
             await self._settle(command)
-            decisions = [await self._decide(command, mention) for mention in command.mentions]
+            asked = [await self._decide(command, mention) for mention in command.mentions]
+            decisions = [self._possible(command, asked, index) for index in range(len(asked))]
             meant: list[Sequence[Referent]] = []
-            for asked in decisions:  # after all were looked up: questions outlast the memory of rays
+            for decision in decisions:  # after all were looked up: questions outlast the memory of rays
                 self._check_not_stopped(command, stops)
-                meant.append(await self._clear(speech, command, asked, found))
+                meant.append(await self._clear(speech, command, decision, found))
                 found.extend(meant[-1])
             message = await self._act(command, meant, stops)
         except (NotUnderstood, RequestError) as error:
@@ -188,10 +188,13 @@ class Interpreter:
             raise NotUnderstood("; ".join([*done, str(error)])) from error
         return "; ".join(done)
 
-    def _check_age(self, speech: Speech) -> None:
+    def _check_command(self, speech: Speech, command: Command) -> None:
+        """Check the age of the words, and that they name all that the verb needs."""
         age_s = (self._clock.now_ns() - speech.words[-1].end_ns) / NS_PER_S
-        if age_s > OLDEST_S:
+        if age_s > OLDEST_S and command.verb != "stop":
             raise NotUnderstood(f"that was said {age_s:.0f} s ago: say it again")
+        if problem := self._verbs[command.verb].problem(self._site, command, ()):
+            raise NotUnderstood(problem)
 
     def _check_not_stopped(self, command: Command, stops: int) -> None:
         if command.verb != "stop" and stops != self._stops:
@@ -230,6 +233,25 @@ class Interpreter:
             unclear = f"{'where' if is_place else 'what'} {mention.word!r} is, is not clear: {AGAIN}"
             raise NotUnderstood(reply.message or unclear)
         return decision
+
+    def _possible(self, command: Command, decisions: Sequence[Decision], index: int) -> Decision:
+        """Return a decision without the candidates about which asking leads to a refusal.
+
+        Raises:
+            NotUnderstood: If none is left.
+        """
+        decision = decisions[index]
+        if decision.do != "ask":
+            return decision
+        first = [each.candidates[0] for each in decisions]
+        problems = [
+            self._verbs[command.verb].problem(self._site, command, [*first[:index], one, *first[index + 1 :]])
+            for one in decision.candidates
+        ]
+        if all(problems):
+            raise NotUnderstood(problems[0])
+        possible = [one for one, problem in zip(decision.candidates, problems, strict=True) if not problem]
+        return Decision("ask", possible)
 
     async def _clear(
         self, speech: Speech, command: Command, decision: Decision, before: Sequence[Referent]

@@ -33,14 +33,26 @@ class Packages:
         if awaited is not None and not awaited.done() and event.user == self._user:
             awaited.set_result(event)
 
+    def problem(self, one: Referent, place_m: Vec3 | None = None) -> str:
+        """Return the reason not to take `one`, and not to send it to the bay at `place_m`, or `""`."""
+        tracked = self._find(one)
+        if tracked is None:
+            return f"{one.name} has left"
+        bay = None if place_m is None else self._bay(place_m)
+        if bay == "":
+            return "no bay is near that place: nothing is attached to putting it there"
+        if tracked.press and (bay is None or bay != tracked.bay):
+            return f"{one.name} wants a press: point at it, and press the button"
+        return ""
+
     async def take(self, one: Referent) -> str:
         """Select `one` for the person.
 
         Raises:
             RefusedError: If the selector refuses, or does not decide.
         """
-        if self._object(one).press:
-            raise RefusedError(f"{one.name} wants a press: point at it, and press the button")
+        if problem := self.problem(one):
+            raise RefusedError(problem)
         stamp_ns = self._clock.now_ns()
         self._awaited[stamp_ns] = decided = asyncio.get_running_loop().create_future()
         self._claims.put(
@@ -69,6 +81,8 @@ class Packages:
         Raises:
             RefusedError: If no bay is there, or it does not go there. It is the person's in this case, too.
         """
+        if problem := self.problem(one, place_m):
+            raise RefusedError(problem)
         bay = self._bay(place_m)
         if self._object(one).bay == bay:
             return f"{one.name} goes to bay {bay} already"
@@ -83,17 +97,18 @@ class Packages:
             waited_s += PERIOD_S
         return f"{taken}, and goes to bay {bay}"
 
+    def _find(self, one: Referent) -> TrackedObject | None:
+        tracked = (each for listed in self._room.objects.values() for each in listed.objects)
+        return next((each for each in tracked if each.id == one.name), None)
+
     def _object(self, one: Referent) -> TrackedObject:
-        for listed in self._room.objects.values():
-            for each in listed.objects:
-                if each.id == one.name:
-                    return each
-        raise RefusedError(f"{one.name} has left")
+        if (tracked := self._find(one)) is None:
+            raise RefusedError(f"{one.name} has left")
+        return tracked
 
     def _bay(self, place_m: Vec3) -> str:
+        """Return the bay near a place, or `""` if there is none."""
         away = {
             vector.norm(vector.subtract(there_m, place_m)): bay for bay, there_m in self._room.bays.items()
         }
-        if not away or min(away) > NEAR_M:
-            raise RefusedError("no bay is near that place: nothing is attached to putting it there")
-        return away[min(away)]
+        return away[min(away)] if away and min(away) <= NEAR_M else ""

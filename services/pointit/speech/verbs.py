@@ -7,6 +7,7 @@ from typing import TypeAlias
 
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.clock import Clock
+from pointit.runtime.config.similar_names import did_you_mean
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import Referent, SendRobot, SetThing, StopRobot
 from pointit.schemas.person import ReferentKind
@@ -14,6 +15,9 @@ from pointit.schemas.topics import SEND_ROBOT, SET_THING, STOP_ROBOT
 from pointit.speech.grammar import Command
 from pointit.speech.packages import Packages
 from pointit.speech.room import SpokenRoom
+
+MAX_NAMES = 8
+"""Number of names of the room that a message lists."""
 
 
 @dataclass(frozen=True)
@@ -36,60 +40,114 @@ Raises:
 """
 
 
+Check: TypeAlias = Callable[[VerbContext, Command, Sequence[Referent]], str]
+"""Returns the reason why a command would be refused, or `""`, as far as the room tells it.
+
+The referents are those of its mentions, in order. Empty: before they are known.
+"""
+
+
+def _no_problem(_site: VerbContext, _command: Command, _found: Sequence[Referent]) -> str:
+    return ""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Verb:
-    """Kinds and things that a verb may be about, and its action."""
+    """Kinds and things that a verb may be about, its checks and its action."""
 
     act: Action
+    problem: Check = _no_problem
     kinds: Sequence[ReferentKind] = ("thing",)
     """Kinds of its objects; any if there are none."""
     things: Collection[str] = ()
     """Things of the map that have this verb; all if there are none. What is not among them is not meant."""
 
 
+def _lacking(site: VerbContext, command: Command, question: str, remedy: str) -> str:
+    """Return the message that a command lacks its object, with the name that is none of the room."""
+    if not command.unknown_name:
+        return f"{question} {remedy}"
+    names = sorted(set(site.room.names.values()))
+    more = f" and {len(names) - MAX_NAMES} more" if len(names) > MAX_NAMES else ""
+    near = did_you_mean(command.unknown_name, names)
+    hint = f"name one of {', '.join(names[:MAX_NAMES])}{more}, or" if names and not near else f"{near} or"
+    return f"nothing here is called {command.unknown_name!r}: {hint.strip()} {remedy}"
+
+
+def _fire_problem(site: VerbContext, command: Command, found: Sequence[Referent]) -> str:
+    if command.about is None and not found:
+        verb, word = ("take", "") if command.verb == "take" else ("turn", f" {command.verb}")
+        return _lacking(site, command, f"{verb} what{word}?", f"point at it, and say `{verb} that{word}`")
+    if not found:
+        return ""
+    one, thing = found[0], site.room.thing(found[0].name)
+    label = site.room.label(one)
+    if one.kind == "object" and command.verb == "take":
+        return site.packages.problem(one)
+    if one.kind != "thing":
+        return f"{one.name} is no thing of the map: nothing is attached to taking it"
+    if thing is not None and thing.press:
+        return f"{label} wants a press: point at it, and press the button"
+    is_switch = one.name in site.room.switches or command.verb == "take"
+    return "" if is_switch else f"{label} is no switch: say `take that`"
+
+
 async def _fire(site: VerbContext, command: Command, found: Sequence[Referent]) -> str:
     """Fire the thing as if the person had pointed at it, or select the object."""
-    if not found:
-        verb, word = ("take", "") if command.verb == "take" else ("turn", f" {command.verb}")
-        raise RefusedError(f"{verb} what{word}? point at it, and say `{verb} that{word}`")
+    if problem := _fire_problem(site, command, found):
+        raise RefusedError(problem)
     one = found[0]
-    if one.kind == "object" and command.verb == "take":
+    if one.kind == "object":
         return await site.packages.take(one)
-    if one.kind != "thing":
-        raise RefusedError(f"{one.name} is no thing of the map: nothing is attached to taking it")
-    thing = site.room.thing(one.name)
-    if thing is not None and thing.press:
-        raise RefusedError(f"{site.room.label(one)} wants a press: point at it, and press the button")
     on = {"on": True, "off": False}.get(command.verb)
-    if on is not None and one.name not in site.room.switches:
-        raise RefusedError(f"{site.room.label(one)} is no switch: say `take that`")
+    thing = site.room.thing(one.name)
     if thing is not None and thing.mode == "button":
         on = True  # a button that staying on it has just fired is meant, not a second time
     return (await site.bus.call(SET_THING, SetThing(thing=one.name, on=on), site.user)).message
 
 
+def _send_problem(site: VerbContext, command: Command, found: Sequence[Referent]) -> str:
+    if command.about is None and command.unknown_name:
+        return _lacking(site, command, "", f"point at it, and say `{command.verb} that there`")
+    if command.to is None:
+        return "where to? say `there` while you point at the place"
+    if not found:
+        return ""
+    place, about = found[-1], found[0] if command.about is not None else None
+    if about is not None and about.kind not in ("robot", "object"):
+        return f"{site.room.label(about)} is no robot, and nothing is attached to moving it"
+    if place.place_m is None:
+        return f"the place of {place.name or 'that'} is not known"
+    if about is not None and about.kind == "object":
+        return site.packages.problem(about, place.place_m)
+    state = None if about is None else site.room.robots.get(about.name)
+    if state is not None and state.user not in ("", site.user):
+        return f"{about.name if about else ''} is steered by {state.user}: wait until it is free"
+    return ""
+
+
 async def _send(site: VerbContext, command: Command, found: Sequence[Referent]) -> str:
     """Send a robot to a place, by the person's service `goal`, which checks it as a place pointed at."""
-    if command.to is None:
-        raise RefusedError("where to? say `there` while you point at the place")
-    place, about = found[-1], found[0] if command.about is not None else None
-    if place.place_m is None:
-        raise RefusedError(f"the place of {place.name or 'that'} is not known")
+    place_m = found[-1].place_m if found else None
+    if (problem := _send_problem(site, command, found)) or place_m is None:
+        raise RefusedError(problem)
+    about = found[0] if command.about is not None else None
     if about is not None and about.kind == "object":
-        return await site.packages.to_bay(about, place.place_m)
-    if about is not None and about.kind != "robot":
-        raise RefusedError(f"{about.name} is no robot, and nothing is attached to moving it")
+        return await site.packages.to_bay(about, place_m)
     robot = about.name if about is not None else next(iter(site.room.robots_of(site.user)), "")
     if not robot and len(site.room.robots) == 1:
         robot = next(iter(site.room.robots))
-    query = SendRobot(position_m=place.place_m, robot=robot)
-    return (await site.bus.call(SEND_ROBOT, query, site.user)).message
+    return (await site.bus.call(SEND_ROBOT, SendRobot(position_m=place_m, robot=robot), site.user)).message
+
+
+def _what_problem(site: VerbContext, command: Command, found: Sequence[Referent]) -> str:
+    if command.about is not None or found:
+        return ""
+    return _lacking(site, command, "what is what?", "point at it, and say `what is this`")
 
 
 async def _what(site: VerbContext, _command: Command, found: Sequence[Referent]) -> str:
     """Say what it is."""
-    if not found:
-        raise RefusedError("what is what? point at it, and say `what is this`")
     one = found[0]
     return f"{one.kind} {site.room.label(one)}, sure by {one.probability:.0%}"
 
@@ -110,12 +168,12 @@ async def _stop(site: VerbContext, _command: Command, found: Sequence[Referent])
 
 
 VERBS: Mapping[str, Verb] = {
-    "take": Verb(act=_fire, kinds=("thing", "object", "robot")),
-    "on": Verb(act=_fire),
-    "off": Verb(act=_fire),
-    "put": Verb(act=_send, kinds=("robot", "thing", "object")),
-    "send": Verb(act=_send, kinds=("robot", "object")),
-    "what": Verb(act=_what, kinds=()),
+    "take": Verb(act=_fire, problem=_fire_problem, kinds=("thing", "object", "robot")),
+    "on": Verb(act=_fire, problem=_fire_problem),
+    "off": Verb(act=_fire, problem=_fire_problem),
+    "put": Verb(act=_send, problem=_send_problem, kinds=("robot", "thing", "object")),
+    "send": Verb(act=_send, problem=_send_problem, kinds=("robot", "object")),
+    "what": Verb(act=_what, problem=_what_problem, kinds=()),
     "stop": Verb(act=_stop, kinds=("robot",)),
 }
 """The verbs of all rooms; `turn on` and `turn off` are of switches only."""
@@ -126,11 +184,16 @@ def verb_of_things(
 ) -> Verb:
     """Return a verb of some things of the map. `do` gets verb and thing, and returns a sentence."""
 
+    def problem(site: VerbContext, command: Command, found: Sequence[Referent]) -> str:
+        verb = command.verb
+        if command.about is None and not found:
+            return _lacking(site, command, f"{verb} what?", f"point at it, and say `{verb} that`")
+        is_attached = not found or found[0].name in things
+        return "" if is_attached else f"nothing is attached to `{verb}` of {site.room.label(found[0])}"
+
     async def act(site: VerbContext, command: Command, found: Sequence[Referent]) -> str:
-        if not found:
-            raise RefusedError(f"{command.verb} what? point at it, and say `{command.verb} that`")
-        if found[0].name not in things:
-            raise RefusedError(f"nothing is attached to `{command.verb}` of {site.room.label(found[0])}")
+        if reason := problem(site, command, found):
+            raise RefusedError(reason)
         return await do(site, command.verb, found[0])
 
-    return Verb(act=act, things=things)
+    return Verb(act=act, problem=problem, things=things)

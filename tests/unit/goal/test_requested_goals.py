@@ -34,7 +34,7 @@ def test_a_person_who_comes_near_before_the_robot_obeys_keeps_it_where_it_is() -
 @pytest.mark.parametrize(
     ("robot", "place", "why"),
     [
-        ("", BEYOND, "no robot ''; there are quad, rover"),
+        ("", BEYOND, "say which robot; there are quad, rover"),
         ("tank", BEYOND, "no robot 'tank'"),
         ("quad", BEYOND, "it follows where you point"),
         ("rover", QUAD, "quad stands there"),

@@ -23,6 +23,7 @@ from pointit.schemas import (
     Understood,
     Word,
 )
+from pointit.schemas.person import ReferentKind
 from pointit.schemas.topics import (
     FIND_REFERENTS,
     MAP,
@@ -124,6 +125,6 @@ def sure(kind: str, name: str) -> Referents:
     return Referents(candidates=(one,), none=0.05, rays=100)
 
 
-def either(*names: str) -> Referents:
-    candidates = tuple(Referent(kind="thing", name=name, probability=0.45) for name in names)
+def either(*names: str, kind: ReferentKind = "thing") -> Referents:
+    candidates = tuple(Referent(kind=kind, name=name, probability=0.45) for name in names)
     return Referents(candidates=candidates, none=0.1, rays=100)

@@ -1,6 +1,7 @@
 """Reactions to spoken commands: requests, questions by light, refusals, and any flood of words."""
 
 import asyncio
+from collections.abc import Sequence
 
 import pytest
 
@@ -83,7 +84,7 @@ async def test_stop_is_of_what_was_said_before_it_too() -> None:
 @in_virtual_time
 async def test_all_words_are_looked_up_before_a_question_outlasts_the_memory_of_rays() -> None:
     async with room() as here:
-        here.found = {"that": either("radio", HOSTILE), "there": sure("place", "floor")}
+        here.found = {"that": either("rover", "cart", kind="robot"), "there": sure("place", "floor")}
         here.say("put that there")
         await here.result()
         assert len(here.queries(FindReferents)) == 2
@@ -92,6 +93,82 @@ async def test_all_words_are_looked_up_before_a_question_outlasts_the_memory_of_
         here.say("put that there")
         await here.result(4)
         assert "where 'there' is, is not clear" in here.understood[3].message, "without a question before"
+
+
+@pytest.mark.parametrize(
+    ("text", "names", "message"),
+    [
+        ("put that there", ("radio", HOSTILE), "Radio is no robot, and nothing is attached to moving it"),
+        ("put that", ("radio", HOSTILE), "where to? say `there` while you point at the place"),
+        ("take that", ("kettle",), "kettle wants a press: point at it, and press the button"),
+    ],
+)
+@in_virtual_time
+async def test_what_would_be_refused_for_each_candidate_is_refused_without_a_question(
+    text: str, names: Sequence[str], message: str
+) -> None:
+    async with room() as here:
+        unsure = Referents(candidates=either(*names).candidates, none=0.25, rays=100)
+        here.found = {"that": unsure, "there": sure("place", "floor")}
+        here.say(text)
+        said = await here.result()
+        assert (said.result, said.message) == ("refused", message)
+
+
+@in_virtual_time
+async def test_candidates_that_cannot_be_moved_are_not_asked_about() -> None:
+    async with room() as here:
+        candidates = (*either("radio").candidates, *either("rover", kind="robot").candidates)
+        here.found["that"] = Referents(candidates=candidates, none=0.1, rays=100)
+        here.found["there"] = sure("place", "floor")
+        here.say("put that there")
+        assert (await here.result()).message == "rover? Say yes, or press, while it blinks"
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ("take the hammer", "hammer"),
+        ("take hammer", "hammer"),
+        ("put the hammer there", "hammer"),
+        ("put hammer there", "hammer"),
+        ("send the big crane there", "big crane"),
+        ("what is the time", "time"),
+        ("heat my soup please", "soup"),
+        ("turn on the lights", "lights"),
+        ("turn the lights off", "lights"),
+    ],
+)
+@in_virtual_time
+async def test_a_name_that_nothing_has_is_named_and_no_other_thing_is_moved(text: str, name: str) -> None:
+    async with room() as here:
+        here.found["there"] = sure("place", "floor")
+        here.say(text)
+        said = await here.result()
+        assert said.result == "refused"
+        assert said.message.startswith(f"nothing here is called {name!r}: name one of bay 1, bay 3, kettle,")
+        assert here.queries(SendRobot) == []
+
+
+@pytest.mark.parametrize("text", ["go straight over there", "put it there now", "drive to the door there"])
+@in_virtual_time
+async def test_words_that_are_no_object_do_not_keep_the_robot_from_going(text: str) -> None:
+    async with room() as here:
+        here.found["there"] = sure("place", "floor")
+        here.say(text)
+        assert (await here.result()).result == "done"
+
+
+@in_virtual_time
+async def test_what_was_done_is_as_probable_as_what_was_said_makes_it() -> None:
+    async with room() as here:
+        floor = Referent(kind="place", name="floor_2", probability=0.04, place_m=PLACE)
+        near = Referent(kind="thing", name="radio", probability=0.955)
+        here.found["there"] = Referents(candidates=(near, floor), none=0.005, rays=100)
+        here.say("go there")
+        done = await here.result()
+        assert (done.result, [one.name for one in done.referents]) == ("done", ["floor_2"])
+        assert done.referents[0].probability > 0.85
 
 
 @in_virtual_time
@@ -259,7 +336,10 @@ async def test_only_switches_are_turned_on_by_their_names_too() -> None:
         here.say(f"turn the {HOSTILE.replace('-', ' ')} on")
         assert (await here.result()).message == f"{HOSTILE} is no switch: say `take that`"
         here.say("turn the raydio on")
-        assert (await here.result(2)).message == "turn what on? point at it, and say `turn that on`"
+        missing = (
+            "nothing here is called 'raydio': did you mean radio? or point at it, and say `turn that on`"
+        )
+        assert (await here.result(2)).message == missing
         assert here.queries(SetThing) == []
 
 

@@ -9,6 +9,7 @@ from typing import Literal
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
+from pointit.runtime.config.similar_names import nearest
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import (
     NS_PER_S,
@@ -188,7 +189,8 @@ class RobotSteering:
         """
         name = robot or self.robot
         if name not in self._robots:
-            raise RefusedError(f"no robot {name!r}; there are {', '.join(sorted(self._robots)) or 'none'}")
+            hint = nearest(name, sorted(self._robots)) if self._robots else "no robot reports its place"
+            raise RefusedError(f"there is no robot {name!r}; {hint}" if name else f"say which robot; {hint}")
         if self._robots[name][0].kind == "quadrotor":
             raise RefusedError(f"{name} is not sent: take it by pointing, it follows where you point")
         if reason := self._request_problem(name, place_m, now_ns):

@@ -22,7 +22,10 @@ class Decision(NamedTuple):
 
     do: Literal["act", "ask", "refuse"]
     candidates: Sequence[Referent]
-    """The referents, or those to ask about, the most probable first. Empty if refused."""
+    """The referents, or those to ask about, the most probable first. Empty if refused.
+
+    Their probabilities are those among what fits.
+    """
 
 
 def decide(
@@ -46,7 +49,10 @@ def decide(
     total = found.none + sum(one.probability for one in fitting)
     if not fitting or total <= 0.0:
         return Decision("refuse", ())
-    chances = [one.probability / total for one in fitting]
+    chances = [min(one.probability / total, 1.0) for one in fitting]
+    fitting = [
+        one.model_copy(update={"probability": chance}) for one, chance in zip(fitting, chances, strict=True)
+    ]
     if chances[0] >= SURE:
         return Decision("act", fitting[:1])
     if chances[0] < ASKED or sum(chances[:2]) < EITHER:

@@ -1,6 +1,6 @@
 /** Guidance for new users over the scene: one sentence, and its actions. */
 
-import type { Hover, Interaction } from "./messages";
+import type { Hover, Interaction, TrackedObject } from "./messages";
 
 export interface Situation {
   /** This page may take the person's wrist; may pair a phone. */
@@ -14,16 +14,22 @@ export interface Situation {
   hover: Hover | null;
   /** What is hovered, in words. */
   hovered: string;
+  /** Effect of selecting what is hovered. */
+  mode: TrackedObject["mode"];
+  /** It is selected by the button. */
+  isPressed: boolean;
+  /** All objects here are. */
+  areAllPressed: boolean;
   /** This person has selected what is hovered. */
   isTheirs: boolean;
   scenario: string;
   /** Objects can be selected here. */
   canSelect: boolean;
-  /** What was selected in the last seconds by this person, in words; empty: nothing. */
+  /** What this person selected in the last seconds, as "fired the kettle"; empty: nothing. */
   success: string;
   /** It was not one of those to select. */
   isWrong: boolean;
-  /** How much this person has selected now. */
+  /** How many objects are this person's own now. */
   count: number;
 }
 
@@ -45,8 +51,27 @@ const GOALS: Record<string, string> = {
 };
 
 /** What there is to do in a scenario for who points with the mouse. */
-export function goal(scenario: string, canSelect: boolean): string {
-  return GOALS[scenario] ?? (canSelect ? "Move onto an object and stay on it until it is full." : "Move the mouse: the arm follows it.");
+export function goal(scenario: string, canSelect: boolean, areAllPressed: boolean): string {
+  const select = areAllPressed ? "Move onto an object and press the button." : "Move onto an object and stay on it until it is full.";
+  return GOALS[scenario] ?? (canSelect ? select : "Move the mouse: the arm follows it.");
+}
+
+/** The object under the cursor: its state, and what staying or pressing does. */
+function hoveredText({ hovered, mode, isPressed, isTheirs }: Situation, hover: Hover): { text: string; progress: number | null } {
+  if (hover.action === "refuse") {
+    const why = !hover.taken_by ? "it is too late for it" : mode === "claim" ? `${hover.taken_by} has it` : `${hover.taken_by} is about to use it`;
+    return { text: `${hovered} cannot be had: ${why}.`, progress: null };
+  }
+  const isPress = isPressed || hover.progress >= 1; // a full one that has not fired waits for the button
+  if (hover.action === "deselect") {
+    const does = mode === "switch" ? "is on" : "is yours", ends = mode === "switch" ? "switches it off" : "takes it back";
+    return { text: `${hovered} ${does}; ${isPress ? "the button" : "staying"} ${ends}.`, progress: hover.progress };
+  }
+  if (isTheirs || hover.action === "") {
+    const isOn = isTheirs || hover.is_selected, owned = hover.taken_by ? `belongs to ${hover.taken_by}` : isOn ? "is yours" : "is free again";
+    return { text: `${hovered} ${{ claim: owned, button: "has fired", switch: isOn ? "is on" : "is off" }[mode]}. Go on with the next.`, progress: null };
+  }
+  return { text: isPress ? `${hovered}: press the button.` : `${hovered}: stay on it …`, progress: hover.progress };
 }
 
 /** Choose the guidance. */
@@ -63,21 +88,12 @@ export function guidance(now: Situation): Guidance {
     return { ...none, mode: "point", title: "You are the arm. First the system finds your place.", text: now.interaction?.next_step ?? "" };
   }
   if (now.success && now.isWrong) {
-    return { ...none, mode: "wrong", title: `You selected ${now.success}, which is not wanted.`, text: "Stay on it again to take it back." };
+    return { ...none, mode: "wrong", title: `You ${now.success}, which is not wanted.`, text: "Select it again to take it back." };
   }
   if (now.success) {
-    return { ...none, mode: "success", title: `You selected ${now.success}!`, text: now.count > 1 ? `${now.count} are yours now. Go on with the next.` : "Go on with the next." };
+    return { ...none, mode: "success", title: `You ${now.success}!`, text: now.count > 1 ? `${now.count} are yours now. Go on with the next.` : "Go on with the next." };
   }
   const title = "You are the arm now.";
-  const { hover } = now;
-  if (hover?.object_id && now.canSelect) {
-    if (hover.action === "refuse") return { mode: "point", title, text: `${now.hovered} cannot be had: ${hover.taken_by ? `${hover.taken_by} has it` : "it is too late for it"}.`, progress: null };
-    if (hover.action === "deselect") return { mode: "point", title, text: `${now.hovered} is yours; staying takes it back.`, progress: hover.progress };
-    if (now.isTheirs || (hover.is_selected && hover.action === "")) {
-      const text = hover.taken_by ? `${now.hovered} belongs to ${hover.taken_by}. Go on with the next.` : `${now.hovered} is yours. Go on with the next.`;
-      return { mode: "point", title, text, progress: null };
-    }
-    return { mode: "point", title, text: `${now.hovered}: stay on it …`, progress: hover.progress };
-  }
-  return { mode: "point", title, text: goal(now.scenario, now.canSelect), progress: null };
+  if (now.hover?.object_id && now.canSelect) return { mode: "point", title, ...hoveredText(now, now.hover) };
+  return { mode: "point", title, text: goal(now.scenario, now.canSelect, now.areAllPressed), progress: null };
 }

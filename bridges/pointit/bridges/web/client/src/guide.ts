@@ -7,7 +7,8 @@ import { guidance, type Guidance } from "./guidance";
 import type { SelectionEvent } from "./messages";
 import type { Mouse } from "./mouse";
 import type { Pairing } from "./panel/pairing";
-import { isNamed, thing } from "./words";
+import { thingsOf } from "./site/site";
+import { isNamed, modeOf, objectOf, outcome, ownCount, thing } from "./words";
 
 const SUCCESS_MS = 2500;
 /** The card is a chip after so long, ms: it lies over the scene. */
@@ -65,17 +66,19 @@ export function makeGuide(host: HTMLElement, controls: Controls, mouse: Mouse, p
   const self: Guide = {
     update() {
       const person = controls.mine ?? controls.person;
-      const user = person?.user ?? "";
+      const user = person?.user ?? "", objects = thingsOf(site);
       const now = guidance({
         mayTake: controls.mayDo("take"), mayPair: controls.mayDo("pair"), isSimulated: controls.isSimulated(user),
         movedBy: person?.line?.moved_by ?? "own", isMine: person !== null && person === controls.mine,
         interaction: person?.interaction ?? null, hover: person?.hover ?? null,
-        hovered: capital(thing(site, person?.hover?.object_id ?? "")), scenario: controls.scenario,
+        hovered: capital(thing(site, person?.hover?.object_id ?? "")), mode: modeOf(site, person?.hover?.object_id ?? ""),
+        isPressed: objectOf(site, person?.hover?.object_id ?? "")?.press ?? false,
+        areAllPressed: objects.length > 0 && objects.every(({ object }) => object.press), scenario: controls.scenario,
         isTheirs: site.selection?.objects.some(({ id, user: owner }) => id === person?.hover?.object_id && owner === user) ?? false,
         canSelect: controls.isPresent("selector"),
         success: success.user === user && performance.now() - success.at < SUCCESS_MS ? success.what : "",
         isWrong: success.isWrong,
-        count: site.selection?.objects.filter((each) => each.user === user).length ?? 0,
+        count: ownCount(site, user),
       });
       const isShown = site.connected && now.mode !== "none" && person !== null;
       show(host, isShown);
@@ -97,7 +100,7 @@ export function makeGuide(host: HTMLElement, controls: Controls, mouse: Mouse, p
     },
     selected(event) {
       success = {
-        what: `${isNamed(site, event.object_id) ? "" : "a "}${thing(site, event.object_id, event.kind)}`, user: event.user, isWrong: !controls.isWanted(event.kind), at: performance.now(),
+        what: `${outcome(site, event).toLowerCase()} ${isNamed(site, event.object_id) ? "" : "a "}${thing(site, event.object_id, event.kind)}`, user: event.user, isWrong: !controls.isWanted(event.kind), at: performance.now(),
       };
       setTimeout(() => self.update(), SUCCESS_MS + 50);
     },

@@ -75,8 +75,8 @@ test("the glossary is plain text, of the first table only", () => {
 });
 
 const situation: Situation = {
-  mayTake: true, mayPair: true, isSimulated: true, movedBy: "own", isMine: false, interaction: null, hover: null, hovered: "", isTheirs: false,
-  scenario: "scenario_4", canSelect: true, success: "", isWrong: false, count: 0,
+  mayTake: true, mayPair: true, isSimulated: true, movedBy: "own", isMine: false, interaction: null, hover: null, hovered: "", mode: "claim", isPressed: false,
+  areAllPressed: false, isTheirs: false, scenario: "scenario_4", canSelect: true, success: "", isWrong: false, count: 0,
 };
 const interaction = (state: "idle" | "localizing" | "pointing"): Situation["interaction"] => ({ ahead: [], is_unsure: false, next_step: "next", reason: "", seq: 0, stamp_ns: 0, state });
 const hover: NonNullable<Situation["hover"]> = {
@@ -100,7 +100,35 @@ test("a newcomer is told one thing at a time", () => {
   const taken = guidance({ ...mine, hover: { ...hover, action: "refuse", taken_by: "ben" }, hovered: "Red package" });
   assert.equal(taken.progress, null);
   assert.match(taken.text, /ben has it/);
-  assert.equal(guidance({ ...mine, success: "a red package", count: 2 }).title, "You selected a red package!");
-  const wrong = guidance({ ...mine, success: "a blue package", isWrong: true, count: 2 });
+  assert.equal(guidance({ ...mine, success: "selected a red package", count: 2 }).title, "You selected a red package!");
+  const wrong = guidance({ ...mine, success: "selected a blue package", isWrong: true, count: 2 });
   assert.deepEqual([wrong.mode, wrong.title], ["wrong", "You selected a blue package, which is not wanted."]);
+});
+
+const pointing: Situation = { ...situation, movedBy: "mouse", isMine: true, interaction: interaction("pointing"), scenario: "shelf", hovered: "The kettle" };
+
+test("a thing that wants a press is pressed, not stayed on", () => {
+  const kettle: Situation = { ...pointing, mode: "button", isPressed: true, hover: { ...hover, progress: 0.3 } };
+  assert.deepEqual([guidance(kettle).text, guidance(kettle).progress], ["The kettle: press the button.", 0.3]);
+  const radio: Situation = { ...kettle, mode: "switch", hover: { ...hover, action: "deselect", is_selected: true } };
+  assert.equal(guidance(radio).text, "The kettle is on; the button switches it off.");
+  assert.equal(guidance({ ...kettle, hover: null, areAllPressed: true }).text, "Move onto an object and press the button.");
+});
+
+test("what is full and has not fired waits for the button, whatever makes it wait", () => {
+  assert.equal(guidance({ ...pointing, hover: { ...hover, progress: 1 } }).text, "The kettle: press the button.");
+  assert.equal(guidance({ ...pointing, hover }).text, "The kettle: stay on it …");
+});
+
+test("buttons and switches are nobody's own", () => {
+  const text = (mode: Situation["mode"], change: Partial<typeof hover>, isTheirs = false) => guidance({ ...pointing, mode, isTheirs, hover: { ...hover, ...change } }).text;
+  assert.equal(text("button", { action: "", is_selected: true }, true), "The kettle has fired. Go on with the next.");
+  assert.equal(text("switch", { action: "deselect", is_selected: true }), "The kettle is on; staying switches it off.");
+  assert.equal(text("switch", { action: "", progress: 0 }), "The kettle is off. Go on with the next.");
+  assert.equal(text("claim", { action: "deselect", is_selected: true }), "The kettle is yours; staying takes it back.");
+  assert.equal(text("claim", { action: "", progress: 0 }), "The kettle is free again. Go on with the next.");
+  assert.equal(text("button", { action: "refuse", taken_by: "ben" }), "The kettle cannot be had: ben is about to use it.");
+  assert.equal(text("claim", { action: "refuse" }), "The kettle cannot be had: it is too late for it.");
+  const fired = guidance({ ...pointing, success: "fired the kettle", count: 0 });
+  assert.deepEqual([fired.title, fired.text], ["You fired the kettle!", "Go on with the next."]);
 });

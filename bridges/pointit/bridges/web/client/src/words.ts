@@ -44,6 +44,16 @@ export function objectOf(site: Site, id: string): TrackedObject | null {
   return null;
 }
 
+/** Effect of selecting the object. */
+export function modeOf(site: Site, id: string): TrackedObject["mode"] {
+  return objectOf(site, id)?.mode ?? "claim";
+}
+
+/** Number of objects that are `user`'s own: buttons and switches are nobody's. */
+export function ownCount(site: Site, user: string): number {
+  return site.selection?.objects.filter((each) => each.user === user && modeOf(site, each.id) === "claim").length ?? 0;
+}
+
 /** Whether the object is one of the map's things, which have names of their own. */
 export function isNamed(site: Site, id: string): boolean {
   const object = objectOf(site, id);
@@ -78,7 +88,7 @@ const OUTCOMES = { claim: ["Selected", "Taken back"], button: ["Fired", ""], swi
 
 /** Name of a selection or its end, by the object's mode; "" if there is nothing to tell. */
 export function outcome(site: Site, { object_id: id, event }: SelectionEvent): string {
-  return OUTCOMES[objectOf(site, id)?.mode ?? "claim"][event === "selected" ? 0 : 1];
+  return OUTCOMES[modeOf(site, id)][event === "selected" ? 0 : 1];
 }
 
 /** Text of a selection event in the log. */

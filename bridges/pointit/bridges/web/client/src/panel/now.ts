@@ -44,7 +44,7 @@ export function nowPart(controls: Controls): Part {
     if (!isOn || !hover) return;
     gauge.value = hover.progress;
     const what = capital(thing(site, hover.object_id));
-    write(gaugeText, hover.action === "refuse" ? `${what}: taken${hover.taken_by ? ` by ${hover.taken_by}` : ""}` : what);
+    write(gaugeText, hover.action === "refuse" ? `${what}: ${hover.taken_by ? `taken by ${hover.taken_by}` : "too late"}` : what);
   }
 
   return {

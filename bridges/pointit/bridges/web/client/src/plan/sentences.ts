@@ -13,6 +13,9 @@ export interface Row {
   text: string;
 }
 
+/** Selected or not, in words, by the effect of selecting. */
+const STATES = { claim: ["selected", "not selected"], button: ["fired", "ready"], switch: ["switched on", "off"] } as const;
+
 /** People in counting order: activity and target. */
 export function peopleRows(site: Site): Row[] {
   return [...site.people.values()].sort((a, b) => byName(a.user, b.user)).map((person) => ({
@@ -33,7 +36,8 @@ export function objectRows(site: Site): (Row & { object: TrackedObject })[] {
   const short = shortNames(all.map(({ id }) => id));
   return all.sort((a, b) => byName(a.id, b.id)).map((object) => {
     const owner = owners.get(object.id), holder = holders.get(object.id);
-    const state = owner ? `selected by ${owner}` : holder ? `${holder} is about to select it` : "not selected";
+    const [on, off] = STATES[object.mode];
+    const state = owner ? `${on} by ${owner}` : holder ? `${holder} is about to select it` : off;
     return { key: object.id, name: isBox(object) ? thing(site, object.id) : `${thing(site, object.id)} ${short.get(object.id)!}`, text: `${whereItIs(object)}; ${state}`, object };
   });
 }

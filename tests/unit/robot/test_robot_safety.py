@@ -19,8 +19,9 @@ from pointit.schemas.environment import Fence
 from pointit.schemas.topics import MAP
 from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.robot_driver import RobotReport
+from pointit.services.robot.safety.people import People
 from pointit.services.robot.safety.safety import Safety
-from tests.unit.robot.flight import CURSOR_S, ROBOT, ROOM, Pilotage, flown
+from tests.unit.robot.flight import CURSOR_S, ROBOT, ROOM, Pilotage, cursor_at, flown
 from tests.unit.robot.steered_robot import START_NS, TICK, Steered, fence
 
 HALL = fence("keep_in", (-3, -3), (3, -3), (3, 3), (-3, 3), high_m=2.0)
@@ -173,9 +174,55 @@ def test_a_quadrotor_does_not_take_off_beside_a_person() -> None:
     landed = RobotReport(robot.now_ns, (0.0, 0.0, 0.0))
     robot.safety.on_report(landed, robot.now_ns)
     said = robot.safety.take_problem("ada", robot.now_ns)
-    assert said == "quad would hover 0.4 m too near to ada: carry it away, or make room"
+    assert said == (
+        "quad would hover 0.4 m too near to ada: carry it away, or let ada step back and localize again: "
+        "the known position does not follow them"
+    )
     robot.place("ada", (0.0, -2.0, 0.0))
     assert robot.safety.take_problem("ada", robot.now_ns) == ""
+
+
+def test_who_is_beside_a_quadrotor_by_an_estimate_is_told_its_sigma_and_who_is_tracked_to_make_room() -> None:
+    config = RobotConfig(driver="sim", kind="quadrotor", radius_m=0.2)
+    robot = steered(config, ada=(0.0, -0.8, 0.0))
+    robot.safety.on_report(RobotReport(robot.now_ns, (0.0, 0.0, 0.0)), robot.now_ns)
+    pose = UserPose(stamp_ns=robot.now_ns, position_m=(0.0, -0.8, 0.0), yaw_rad=0.0, method="static_targets")
+    covariance = (0.09, 0.0, 0.0, 0.0, 0.04, *pose.covariance[5:])
+    robot.safety.on_pose("ada", pose.model_copy(update={"covariance": covariance}))
+    problem = robot.safety.take_problem("ada", robot.now_ns)
+    assert "the known position (1 sigma 0.30 m) does not follow" in problem
+    robot.safety.on_pose("ada", pose.model_copy(update={"method": "external"}))
+    assert robot.safety.take_problem("ada", robot.now_ns).endswith("carry it away, or make room")
+
+
+@pytest.mark.parametrize(
+    ("cursor_s", "pointing_s", "text"),
+    [
+        (12.0, 0.1, "quad waits for ada's first cursor; if none comes, look at the wrist's battery and link"),
+        (None, 0.1, "quad waits for ada's first cursor; if none comes, look at the wrist's battery and link"),
+        (0.31, 5.0, "the last cursor of ada is 0.4 s old: look at the wrist's battery and link"),
+        (-0.31, 5.0, "ada's arm is 0.4 s ahead of this machine: synchronize the two clocks"),
+        (0.29, 5.0, None),
+    ],
+)
+def test_the_age_of_a_cursor_from_before_a_localization_is_no_sign_of_a_lost_wrist(
+    cursor_s: float | None, pointing_s: float, text: str | None
+) -> None:
+    people, now_ns = People(RobotConfig(cursor_timeout_s=0.3), "quad"), START_NS + 20 * NS_PER_S
+
+    def state_ago(state: str, seconds: float) -> Interaction:
+        stamp_ns = now_ns - round(seconds * NS_PER_S)
+        return Interaction.model_validate({"stamp_ns": stamp_ns, "state": state, "next_step": "point"})
+
+    people.on_pose("ada", UserPose(stamp_ns=now_ns, position_m=(0.0, -1.0, 0.0), yaw_rad=0.0))
+    people.on_interaction("ada", state_ago("localizing", pointing_s + 5.0))
+    people.on_interaction("ada", state_ago("pointing", pointing_s))
+    people.on_interaction("ada", state_ago("pointing", 0.0))  # another sentence, not another beginning
+    if cursor_s is not None:
+        stamp_ns = now_ns - round(cursor_s * NS_PER_S)
+        people.on_cursor("ada", cursor_at((0.0, 0.0, 0.0), stamp_ns))
+    stop = people.cursor_stop_reason("ada", now_ns, follows=True)
+    assert (stop and stop.text) == text
 
 
 def test_a_quadrotor_passes_over_a_low_volume_and_a_ground_robot_under_a_high_one() -> None:

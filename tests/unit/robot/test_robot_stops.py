@@ -161,7 +161,7 @@ STOPS: dict[str, Case] = {
     "the pointing ends (button)": Case(interacting(state="idle"), 0.05, "anna is not pointing"),
     "the person's supervisor ends": Case(end_of_supervisor, 0.05, "anna is not pointing"),
     "the person's services end": Case(end_of_services, 0.05, ""),
-    "the IMU or its link is silent": Case(silent_arm, 0.4, "the last data of anna's arm", frees=False),
+    "the IMU or its link is silent": Case(silent_arm, 0.4, "the last cursor of anna", frees=False),
     "the person points past everything": Case(pointing_past, 0.1, "", frees=False),
     "the cursor's sigma is too large": Case(
         standing(covariance=UNSURE), 0.1, "m only, limit 0.5 m", frees=False

@@ -13,6 +13,7 @@ from pointit.services.robot.safety.obstacles import CylinderObstacle
 LEVEL_WORKSPACE = "workspace/horizontal"
 EXTERNAL_S = 2.0
 """Age of a pose from an external tracker, which comes all the time, at which it is stale."""
+LINK = "the wrist's battery and link"
 FORGOTTEN_S = 600.0
 """Time after which a person whose services have ended is no longer kept clear of."""
 
@@ -26,6 +27,8 @@ class People:
         self._level: frozenset[str] = frozenset()
         self._poses: dict[str, UserPose] = {}
         self._interactions: dict[str, Interaction] = {}
+        self._pointing_since_ns: dict[str, int] = {}
+        """Time since which each person points. There are no cursors while they are localized."""
         self._cursors: dict[str, Cursor] = {}
         self._pointed: dict[str, Cursor] = {}
         """The last cursor of each person that is on something."""
@@ -51,6 +54,9 @@ class People:
 
     def on_interaction(self, user: str, interaction: Interaction) -> None:
         """Update a person's interaction."""
+        before = self._interactions.get(user)
+        if interaction.state == "pointing" and (before is None or before.state != "pointing"):
+            self._pointing_since_ns[user] = interaction.stamp_ns
         self._interactions[user] = interaction
 
     def on_cursor(self, user: str, cursor: Cursor) -> None:
@@ -73,6 +79,15 @@ class People:
             for user, pose in self._poses.items()
         )
 
+    def room_remedy(self, name: str) -> str:
+        """Return the remedy for too little room beside a person. Only a tracked position follows them."""
+        pose = self._poses.get(name)
+        if pose is None or pose.method == "external":
+            return "make room"
+        sigma_m = _place_sigma_m(pose)
+        known = f"the known position (1 sigma {sigma_m:.2f} m)" if sigma_m > 0.0 else "the known position"
+        return f"let {name} step back and localize again: {known} does not follow them"
+
     def stop_reason(self, user: str, now_ns: int) -> StopReason | None:
         """Return the reason not to do what `user` wants, whatever they point at, or None."""
         if gone := self.presence_stop_reason(user):
@@ -89,7 +104,7 @@ class People:
             return StopReason("pose", f"{user}'s position is unknown: localize first", is_freeing=True)
         age_s = (now_ns - pose.stamp_ns) / NS_PER_S
         if pose.method == "external" and age_s > EXTERNAL_S:
-            text = f"{user}'s position is {age_s:.1f} s old: look at the tracker that gives it"
+            text = f"{user}'s position is {round_beyond(age_s, EXTERNAL_S)} s old: look at the tracker that gives it"
             return StopReason("pose", text, is_freeing=False)
         if interaction.is_unsure:
             text = f"{user}'s direction has become uncertain: press twice, then point at a lamp once"
@@ -114,16 +129,15 @@ class People:
         timeout_s = (
             config.cursor_timeout_s if follows else max(config.cursor_timeout_s, config.report_timeout_s)
         )
-        if cursor is None:
-            text = f"there are no data of {user}'s arm: look at the wrist's battery and link"
-            return StopReason("cursor", text, is_freeing=False)
-        age_s = (now_ns - cursor.stamp_ns) / NS_PER_S
+        age_s = math.inf if cursor is None else (now_ns - cursor.stamp_ns) / NS_PER_S
         if abs(age_s) > timeout_s:
-            text = (
-                f"the last data of {user}'s arm are {age_s:.1f} s old: look at the wrist's battery and link"
-            )
-            if age_s < 0.0:
-                text = f"{user}'s arm is {-age_s:.1f} s ahead of this machine: synchronize the two clocks"
+            pointing_s = (now_ns - self._pointing_since_ns.get(user, 0)) / NS_PER_S
+            text = f"the last cursor of {user} is {round_beyond(age_s, timeout_s)} s old: look at {LINK}"
+            if age_s >= pointing_s:  # none came while they were localized, so that its age tells nothing
+                text = f"{self._robot} waits for {user}'s first cursor; if none comes, look at {LINK}"
+            elif age_s < 0.0:
+                ahead_s = round_beyond(-age_s, timeout_s)
+                text = f"{user}'s arm is {ahead_s} s ahead of this machine: synchronize the two clocks"
             return StopReason("cursor", text, is_freeing=False)
         if not follows:
             return None

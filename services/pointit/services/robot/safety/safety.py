@@ -104,7 +104,8 @@ class Safety:
             return ""
         short_m = -region.clearance_m(blocker, hover_m)
         near = f"{round_beyond(short_m)} m too near to {blocker.name}"
-        return f"{self._robot} would hover {near}: carry it away, or make room"
+        remedy = self._people.room_remedy(blocker.name) if blocker.kind == "people" else "make room"
+        return f"{self._robot} would hover {near}: carry it away, or {remedy}"
 
     def target_problem(self, user: str, points_m: Sequence[Vec3], now_ns: int, *, sigma_m: float) -> str:
         """Return the reason not to go along points, known to `sigma_m` (1 sigma), or `""`."""

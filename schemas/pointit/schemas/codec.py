@@ -8,6 +8,7 @@ from pydantic import BaseModel, ValidationError
 
 from pointit.schemas.base import Message, Query, SchemaModel
 from pointit.schemas.errors import DecodeError
+from pointit.schemas.text import describe_mistake
 
 P = TypeVar("P", bound=SchemaModel)
 
@@ -73,7 +74,7 @@ def summarize_validation_error(error: ValidationError) -> str:
     value = _REPR.repr(first["input"])  # the whole of it may be a million numbers
     shown = value if len(value) <= 60 else value[:57] + "..."
     more = f", and {len(details) - 1} more" if len(details) > 1 else ""
-    return f"{where}: {first['msg'].removeprefix('Value error, ')} (got {shown}){more}"
+    return f"{where}: {describe_mistake(first)} (got {shown}){more}"
 
 
 def _is_newer(kind: type[SchemaModel], schema: str) -> bool:

@@ -61,13 +61,13 @@ async def items(site: Site) -> Items:
     return Items(items=tuple(found[:MAX_ITEMS]), left_out=max(0, len(found) - MAX_ITEMS))
 
 
-async def find(site: Site, name: str) -> Item:
-    """Return the item of this `name`, by its name or else by its label.
+async def find(site: Site, name: str, kind: str = "") -> Item:
+    """Return the item of this `name`, by its name or else by its label; of `kind` only, if given.
 
     Raises:
         PointItError: If nothing is, or several are. Names what is similar.
     """
-    every = (await items(site)).items
+    every = [each for each in (await items(site)).items if kind in ("", each.kind)]
     wanted = plain(name).casefold()
     for matches in (
         [each for each in every if each.name == name],
@@ -79,9 +79,9 @@ async def find(site: Site, name: str) -> Item:
             kinds = ", ".join(f"{each.kind} {each.name!r}" for each in matches[:4])
             raise PointItError(f"{plain(name)!r} may be {kinds}: use a name that only one has")
     known = [each.name for each in every]
-    raise PointItError(
-        f"nothing is called {plain(name)!r}; {nearest(name, known) if known else 'nothing is there'}"
-    )
+    noun = f"no {kind}" if kind else "nothing"
+    hint = nearest(name, known) if known else f"{noun} is there"
+    raise PointItError(f"{noun} is called {plain(name)!r}; {hint}")
 
 
 def _of_map(site: Site, room: Environment) -> Iterable[Item]:

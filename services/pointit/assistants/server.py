@@ -2,16 +2,17 @@
 
 from typing import Any
 
-from mcp.server.mcpserver import MCPServer
-from mcp.server.mcpserver.exceptions import ResourceError
+from mcp.server.mcpserver import Context, MCPServer
+from mcp.server.mcpserver.exceptions import ResourceError, ToolError
 from mcp.types import ToolAnnotations
-from pydantic import BaseModel
+from pydantic import BaseModel, ValidationError
 
 from pointit.assistants.data import MAX_SENTENCE, Items, People, plain, refusal
 from pointit.assistants.room_items import items, people
 from pointit.assistants.tools import Tools
 from pointit.errors import PointItError, SchemaError
 from pointit.runtime.host.extras import pointit_version
+from pointit.schemas.codec import summarize_validation_error
 
 INSTRUCTIONS = """PointIt knows what each person in a room points at, as they speak.
 
@@ -39,9 +40,25 @@ class LiveState(BaseModel):
     robots: dict[str, str]
 
 
+class SiteServer(MCPServer[Any]):
+    """A server whose refusals of arguments are sentences, without the library's links."""
+
+    async def call_tool(
+        self, name: str, arguments: dict[str, Any], context: Context[Any, Any] | None = None
+    ) -> Any:
+        """Call a tool. Raises ToolError with the first wrong argument, its value and the limit."""
+        try:
+            return await super().call_tool(name, arguments, context)
+        except ToolError as error:
+            if not isinstance(error.__cause__, ValidationError):
+                raise
+            reason = refusal(summarize_validation_error(error.__cause__))
+            raise ToolError(f"Error executing tool {name}: {reason}") from error
+
+
 def make_server(tools: Tools) -> MCPServer[Any]:
     """Return the server."""
-    server = MCPServer[Any]("pointit", title="PointIt", instructions=INSTRUCTIONS, version=pointit_version())
+    server = SiteServer("pointit", title="PointIt", instructions=INSTRUCTIONS, version=pointit_version())
     add, guarded = server.add_tool, tools.guarded
     add(guarded(tools.who_is_here, needs="viewer"), annotations=LOOK)
     add(guarded(tools.things, needs="viewer"), annotations=LOOK)

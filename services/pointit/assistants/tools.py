@@ -204,9 +204,9 @@ class Tools:
         if bool(thing) == (place is not None):
             raise PointItError("name a thing or a place, one of them")
         await check_present(site, user)
-        machine = await find(site, robot)
-        if machine.kind != "robot" or machine.position_m is None:
-            raise PointItError(f"{machine.kind} {machine.name!r} is no robot")
+        machine = await find(site, robot, "robot")
+        if machine.position_m is None:
+            raise PointItError(f"nobody knows where robot {machine.name!r} is")
         goal = place
         if goal is None:
             target = await find(site, thing)

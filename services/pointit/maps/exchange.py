@@ -17,6 +17,7 @@ from pointit.maps.light_files.wire import first_pixels
 from pointit.maps.light_files.wled import GAP, MAX_CELLS, WledSegment, read_ledmap, read_segments
 from pointit.maps.model import MapFile, StripEntry
 from pointit.runtime.errors import ConfigError
+from pointit.schemas.text import describe_mistake
 
 Array = NDArray[np.float64]
 
@@ -129,7 +130,7 @@ def _entry(line: Sequence[Sequence[float]], pixels: int, offset: int | None = No
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])
-        raise ConfigError(f"a strip of {pixels} pixels: {where}: {first['msg']}") from None
+        raise ConfigError(f"a strip of {pixels} pixels: {where}: {describe_mistake(first)}") from None
 
 
 def _free(name: str, *taken: Container[str]) -> str:

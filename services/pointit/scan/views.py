@@ -14,6 +14,7 @@ from pointit.maps.model import MAX_PIXELS
 from pointit.runtime.config.validation_message import format_value
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import KeyNameError
+from pointit.schemas.text import describe_mistake
 from pointit.schemas.topics import check_name
 
 MAX_VIEWS = 64
@@ -143,7 +144,9 @@ def parse_survey(data: bytes | str) -> Survey:
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])
-        raise ConfigError(f"{where + ': ' if where else ''}{first['msg']}: no file of views") from None
+        raise ConfigError(
+            f"{where + ': ' if where else ''}{describe_mistake(first)}: no file of views"
+        ) from None
     check_survey(survey.strips, survey.lamps, survey.views)
     return survey
 

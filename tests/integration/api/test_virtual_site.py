@@ -89,7 +89,7 @@ def test_a_script_sees_people_point_and_sends_requests() -> None:
         assert site.latest.pose.wait("user1", patience_s=5.0).stamp_ns > 0
         with pytest.raises(RefusedError, match="nothing to take back"):
             site.select.undo("nobody")
-        with pytest.raises(SchemaError, match="brightness: Input should be less than or equal to 1"):
+        with pytest.raises(SchemaError, match="brightness: must be at most 1"):
             site.leds.brightness(7)
         assert site.press("user1").state == "idle"
     with pytest.raises(BusClosedError, match="the site is closed"):

@@ -74,7 +74,7 @@ async def test_a_refusal_and_no_answer_are_one_sentence_each(site: Site) -> None
         (("users/anna/imu",), "is a topic (orientation of the arm)"),
         (("localizer/*/start",), "user '*': use 1 to 64"),
         (("conveyor/set_speed",), "conveyor/set_speed: speed_mps is missing: write speed_mps=VALUE, float"),
-        (("conveyor/set_speed", "speed_mps=9"), "speed_mps: Input should be less than or equal to 5 (got"),
+        (("conveyor/set_speed", "speed_mps=9"), "speed_mps: must be at most 5 (got"),
         (("conveyor/set_speed", "speed_mps=.nan"), "speed_mps: "),
         (("conveyor/set_speed", "speed=1"), "no field 'speed'; did you mean speed_mps?"),
         (("conveyor/set_speed", "speed_mps"), "'speed_mps': write FIELD=VALUE"),

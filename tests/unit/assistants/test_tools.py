@@ -206,7 +206,9 @@ async def test_a_robot_is_sent_in_the_name_of_a_person(assistant: Assistant, pla
     for fields in wrong:
         reason = await assistant.refused("send_robot", robot="rover", user="anna", **fields)
         assert reason == "name a thing or a place, one of them"
-    assert "is no robot" in await assistant.refused("send_robot", robot="kettle", user="anna", thing="radio")
+    for name in ("kettle", "tank"):
+        refused = await assistant.refused("send_robot", robot=name, user="anna", thing="radio")
+        assert refused == f"no robot is called {name!r}; there are rover", "only robots are listed"
     assert len(played.asked) == 2
 
 
@@ -231,6 +233,25 @@ async def test_numbers_without_sense_reach_no_robot(assistant: Assistant, played
         asked: dict[str, Any] = {"robot": "rover", "user": "anna", "place": place}
         assert (await assistant.client.call_tool("send_robot", asked)).is_error
     assert not played.asked
+
+
+async def test_wrong_arguments_are_refused_in_one_sentence_without_links(assistant: Assistant) -> None:
+    asked: list[tuple[str, dict[str, Any], str]] = [
+        ("wait_for_pointing", {"user": "anna", "timeout": 500}, "timeout: must be at most 120 (got 500)"),
+        ("wait_for_pointing", {}, "user: is missing; give it a value (got {})"),
+        (
+            "what_is_pointed_at",
+            {"user": "anna", "seconds_ago": "soon"},
+            "seconds_ago: write a number (got 'soon')",
+        ),
+        (
+            "send_robot",
+            {"robot": "", "user": "anna"},
+            "robot: String should have at least 1 character (got '')",
+        ),
+    ]
+    for tool, arguments, sentence in asked:
+        assert await assistant.refused(tool, **arguments) == sentence
 
 
 async def test_a_text_goes_to_all_who_are_there(assistant: Assistant, played: Played) -> None:

@@ -141,7 +141,7 @@ def message_of(hostile: Hostile, schema: str, content: bytes, key: str = "users/
     [
         ("ImuSample.v1", b"not json", "Invalid JSON"),
         ("ImuSample.v1", b'{"stamp_ns": "soon"}', "stamp_ns"),
-        ("Nonsense.v1", b"{}", "Field required"),
+        ("Nonsense.v1", b"{}", "is missing"),
         ("ImuSample.v1", b"[" * 10_000, "ImuSample"),
         ("ImuSample.v1", b" " * 10**6, "at most"),
     ],

@@ -9,26 +9,11 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
+from pointit.schemas.text import describe_mistake
+
 MAX_SHOWN = 60
 """Characters of a value that are worth showing."""
 
-_WANTED = {
-    "greater_than": "must be above {gt}",
-    "greater_than_equal": "must be at least {ge}",
-    "less_than": "must be below {lt}",
-    "less_than_equal": "must be at most {le}",
-    "finite_number": "must be a finite number",
-    "literal_error": "use one of {expected}",
-    "bool": "write true or false",
-    "dict": "write a mapping of names to values",
-    "float": "write a number",
-    "int": "write a whole number",
-    "list": "write a list such as [a, b]",
-    "path": "write the path of a file",
-    "string": "write text",
-    "tuple": "write a list such as [a, b]",
-}
-"""Advice by pydantic's error type, or by its first word (`int_parsing`, `int_type`)."""
 DESCRIBED = "described"
 """Error type of pydantic whose message is already written for people."""
 
@@ -101,13 +86,7 @@ def _wanted(detail: ErrorDetails, kind: type[BaseModel]) -> str:
     if what in ("model_type", "model_attributes_type", "dataclass_type"):
         model = _model_at(kind, detail["loc"])
         return f"write a mapping with {join_names(field_names(model))}" if model else "write a mapping"
-    wanted = _WANTED.get(what) or (
-        _WANTED.get(what.partition("_")[0]) if what.endswith(("_type", "_parsing", "_from_float")) else None
-    )
-    if wanted is None:
-        return detail["msg"].removeprefix("Value error, ")
-    limits = {name: str(value).removesuffix(".0") for name, value in detail.get("ctx", {}).items()}
-    return wanted.format(**limits)
+    return describe_mistake(detail)
 
 
 def _model_at(kind: type[BaseModel], loc: Sequence[int | str]) -> type[BaseModel] | None:

@@ -9,6 +9,7 @@ from typing import Any, Literal, get_args
 from pydantic import Field, ValidationError
 
 from pointit.runtime.config.config import Config
+from pointit.schemas.text import describe_mistake
 from pointit.study.questionnaires import Scale
 from pointit.study.session import StoppedError
 from pointit.study.step import Picture, Step
@@ -132,7 +133,7 @@ class PageView:
             return self._on_order(Order.model_validate_json(text, strict=True))
         except ValidationError as error:
             first = error.errors(include_url=False, include_input=False)[0]
-            return f"{'.'.join(map(str, first['loc'])) or 'message'}: {first['msg']}"
+            return f"{'.'.join(map(str, first['loc'])) or 'message'}: {describe_mistake(first)}"
 
     @property
     def _is_asking(self) -> bool:

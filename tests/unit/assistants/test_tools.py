@@ -239,16 +239,8 @@ async def test_wrong_arguments_are_refused_in_one_sentence_without_links(assista
     asked: list[tuple[str, dict[str, Any], str]] = [
         ("wait_for_pointing", {"user": "anna", "timeout": 500}, "timeout: must be at most 120 (got 500)"),
         ("wait_for_pointing", {}, "user: is missing; give it a value (got {})"),
-        (
-            "what_is_pointed_at",
-            {"user": "anna", "seconds_ago": "soon"},
-            "seconds_ago: write a number (got 'soon')",
-        ),
-        (
-            "send_robot",
-            {"robot": "", "user": "anna"},
-            "robot: String should have at least 1 character (got '')",
-        ),
+        ("what_is_pointed_at", {"user": "a", "seconds_ago": "x"}, "seconds_ago: write a number (got 'x')"),
+        ("send_robot", {"robot": "", "user": "a"}, "robot: String should have at least 1 character (got '')"),
     ]
     for tool, arguments, sentence in asked:
         assert await assistant.refused(tool, **arguments) == sentence

@@ -104,7 +104,8 @@ class People:
             return StopReason("pose", f"{user}'s position is unknown: localize first", is_freeing=True)
         age_s = (now_ns - pose.stamp_ns) / NS_PER_S
         if pose.method == "external" and age_s > EXTERNAL_S:
-            text = f"{user}'s position is {round_beyond(age_s, EXTERNAL_S)} s old: look at the tracker that gives it"
+            old_s = round_beyond(age_s, EXTERNAL_S)
+            text = f"{user}'s position is {old_s} s old: look at the tracker that gives it"
             return StopReason("pose", text, is_freeing=False)
         if interaction.is_unsure:
             text = f"{user}'s direction has become uncertain: press twice, then point at a lamp once"

@@ -17,6 +17,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from pointit.runtime.config.config import Config, Layers
+from pointit.runtime.config.similar_names import nearest
 from pointit.runtime.config.validation_message import DESCRIBED
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.config.yaml_values import WrittenFloat, WrittenInt
@@ -170,6 +171,13 @@ class Study(Config):
         layers = Layers()
         layers.add(values, f"task in {', '.join(cell.values()) or 'the study'}")
         return layers.build(type(self.task))
+
+    @field_validator("scenario")
+    @classmethod
+    def _known_scenario(cls, scenario: str) -> str:
+        if scenario not in SHIPPED and not scenario.endswith((".yaml", ".yml")):
+            raise _described(f"no scenario {scenario!r}: give a .yaml file, or {nearest(scenario, SHIPPED)}")
+        return scenario
 
     @field_validator("participants")
     @classmethod

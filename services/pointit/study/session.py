@@ -1,5 +1,6 @@
 """A session: one participant does what is left of their plan, on a site that the session starts."""
 
+import asyncio
 import contextlib
 import json
 import math
@@ -100,6 +101,13 @@ class Session:
             await self._ask_after(self._plan.trials[-1].block)
             joined, rows = self._joined, self._table.rows
             self._put(ended=utc(joined.site.now_ns()) if joined else rows[-1]["began_utc"])
+
+    @property
+    def stop_sentence(self) -> str:
+        """Position in the study, and how to go on from there."""
+        trial = self._progress.current
+        where = "after the last trial" if trial is None else f"at trial {trial.number}"
+        return f"{self._participant} is stopped {where}; the same command goes on there"
 
     @property
     def _here(self) -> StudySite:
@@ -213,6 +221,11 @@ class Session:
                     else:
                         attempt.abandon(f"{REPEATED}: {command.name} by the experimenter")
                         later = command if command.name in ("pause", "stop") else None
+        except asyncio.CancelledError:  # Ctrl-C; simulated people repeat all that they did
+            if not self._setup.person and attempt.outcome is None:
+                attempt.abandon(f"{REPEATED}: interrupted")
+                self._table.append({**row, **attempt.columns()})
+            raise
         finally:
             await room.hide()
         return attempt, later
@@ -233,9 +246,7 @@ class Session:
     async def _obey(self, command: Command, trial: Trial) -> None:
         """Obey a command between two attempts. Raises: StoppedError: If it is `stop`."""
         if command.name == "stop":
-            raise StoppedError(
-                f"{self._participant} is stopped at trial {trial.number}; the same command goes on there"
-            )
+            raise StoppedError(self.stop_sentence)
         if command.name == "repeat":
             self._progress.repeat()
         elif command.name == "skip":

@@ -323,6 +323,8 @@ def test_unknown_thing_is_refused_before_the_run(monkeypatch: pytest.MonkeyPatch
     scenario = read_scenario("scenario_2")
     with pytest.raises(ConfigError, match=r"^scews: the map has no thing 'scews'; did you mean screws\?"):
         THINGS_PART.add(scenario, Choices(), {"on": ("scews=true",), "mqtt": ""})
+    with pytest.raises(ConfigError, match=r"^scews: the map has no thing"):  # no program either
+        THINGS_PART.add(scenario, Choices(), {"on": ("scews=./nothing-here.sh",), "mqtt": ""})
     (make,) = THINGS_PART.add(scenario, Choices(), {"on": ("screws=true",), "mqtt": ""}).watchers
     assert isinstance(make([]), Reactions)
     assert not THINGS_PART.add(scenario, Choices(), {"on": (), "mqtt": ""}).watchers

@@ -66,6 +66,18 @@ def marks(monitor: Monitor, name: str = "0", width: int = 100) -> str:
     return lines[row + 1][FRAME + NAME_WIDTH :]
 
 
+@pytest.mark.parametrize("count", [1, MAX_STRIPS + 1])
+async def test_names_of_strips_are_whole_where_there_is_room_and_marked_where_they_are_cut(count: int) -> None:
+    names = ("infeed_north_left", "infeed_north_right", *(f"s{n}" for n in range(count - 1)))
+    monitor = monitor_of(*(strip(name) for name in names))
+    wide = "\n".join(shown(monitor, 100))
+    assert "infeed_north_left " in wide
+    assert "infeed_north_right " in wide
+    narrow = "\n".join(shown(monitor, 50))
+    assert "infeed_north_left" not in narrow
+    assert "infeed_nort… " in narrow
+
+
 async def test_mark_shows_that_the_site_is_recorded() -> None:
     bus, monitor = MemoryBus(), monitor_of()
     monitor.attach(bus)

@@ -16,7 +16,7 @@ from pointit.services.led_driver.output.datagram_sender import Datagram, Destina
 from pointit.services.led_driver.output.ddp import described
 from pointit.services.led_driver.output.ddp_protocol import encode_frame
 from pointit.services.led_driver.output.dmx import artnet_protocol, e131_protocol
-from pointit.services.led_driver.output.dmx.artnet import ArtnetStream, broadcast_addresses
+from pointit.services.led_driver.output.dmx.artnet import ArtnetStream, broadcast_addresses, merge_reply
 from pointit.services.led_driver.output.dmx.e131 import E131Config, E131Stream
 from pointit.services.led_driver.output.dmx.stream import pixels_wire
 from pointit.services.led_driver.output.pixel_map import map_pixels
@@ -132,6 +132,16 @@ def test_several_universes_are_shown_at_once_by_a_sync_packet() -> None:
 def test_node_that_answers_is_read() -> None:
     node = artnet_protocol.Node("192.168.1.7", "A node in the attic", "#0001 [1] ok", (0x125, 0x126))
     assert artnet_protocol.read_reply(REPLY) == node
+
+
+def test_a_node_that_replies_for_each_four_ports_is_one_node_with_all_universes() -> None:
+    nodes: dict[str, artnet_protocol.Node] = {}
+    for name, universes in (("wall", (4, 5)), ("", (0, 1, 2, 3)), ("wall", (4, 5))):
+        merge_reply(nodes, artnet_protocol.Node("10.0.0.7", name, "", universes))
+    merge_reply(nodes, artnet_protocol.Node("10.0.0.8", "wall", "", (0,)))
+    assert [(each.address, each.universes) for each in nodes.values()] == [
+        ("10.0.0.7", (0, 1, 2, 3, 4, 5)), ("10.0.0.8", (0,))
+    ]  # fmt: skip
 
 
 @given(st.one_of(st.binary(max_size=300), st.integers(0, len(REPLY)).map(lambda size: REPLY[:size])))

@@ -124,6 +124,10 @@ def test_each_participant_has_each_cell_equally_often_and_orders_balance_in_each
             "factors: {m: {vary: trial, levels: {a: {task.width: 1}, b: {task.width: 2}}}}",
             "task in a: no parameter width; did you mean width_m",
         ),
+        ("task: {kind: reaching}", "task.kind: no kind 'reaching'; did you mean reach?"),
+        ("task: {kind: dance}", "task.kind: no kind 'dance'; there are reach, tapping, packages, places,"),
+        ("scenario: strip", "no scenario 'strip': give a .yaml file, or did you mean strips?"),
+        ("scenario: hall", "'hall': give a .yaml file, or there are belts, robots, space, strips"),
         ("questionnaires: [sus, sus]", "sus is there twice: their answers could not be told apart"),
         (
             f"factors: {{m: {{levels: {{{', '.join(f'l{n}: {{x.y: {n}}}' for n in range(1001))}}}}}}}",

@@ -23,6 +23,7 @@ from pointit.services.led_driver.outputs import FRAME_RATE
 REFRESH_HZ = 8
 """Refresh rate of the view, which is drawn in a thread of its own."""
 NAME_WIDTH = 8
+MAX_NAME_SHARE = 0.3  # of the width; a longer name ends with `…`
 BORDER_WIDTH = 4
 """Columns of the frame and its padding."""
 MAX_STRIPS = 6
@@ -107,7 +108,7 @@ class View:
                 light = [
                     line
                     for strip in environment.strips
-                    for line in _strip(monitor, strip, max(1, width - NAME_WIDTH))
+                    for line in _strip(monitor, strip, width, _name_width(environment.strips, width))
                 ]
             parts += [((STRIPS, -row), line) for row, line in enumerate(light)]
             if monitor.lamps:
@@ -129,20 +130,29 @@ class View:
         return parts
 
 
-def _strip(monitor: Monitor, strip: Strip, width: int) -> list[Text]:
+def _name_width(strips: Sequence[Strip], width: int) -> int:
+    longest = max(len(strip.id) for strip in strips) + 1
+    return max(NAME_WIDTH, min(longest, int(MAX_NAME_SHARE * width)))
+
+
+def _name(strip: Strip, width: int) -> str:
+    return f"{strip.id} " if len(strip.id) < width else f"{strip.id[: width - 2]}… "
+
+
+def _strip(monitor: Monitor, strip: Strip, width: int, name_width: int) -> list[Text]:
     """Return a strip's pixels as coloured half blocks, two pixels per cell, and the cursors below."""
     pixels = pixels_along(monitor.frame, strip)
-    cells = min(width, (len(pixels) + 1) // 2)
-    line = Text(f"{strip.id:<{NAME_WIDTH}.{NAME_WIDTH}}", style="bold", no_wrap=True)
+    cells = max(1, min(width - name_width, (len(pixels) + 1) // 2))
+    line = Text(f"{_name(strip, name_width):<{name_width}}", style="bold", no_wrap=True)
     _light(line, pixels, cells)
-    marks = Text(" " * (NAME_WIDTH + cells), no_wrap=True)
+    marks = Text(" " * (name_width + cells), no_wrap=True)
     length = Polyline(strip.line_m).length_m
     cursors = sorted(monitor.cursors.items())
     for user, cursor in cursors:
         if cursor.surface == "strip" and cursor.surface_id == strip.id:
             cell = min(cells - 1, int(cursor.position_m / length * cells))
             mark = Text("▲" if len(cursors) == 1 else user[-1], style=people_view.color_of(monitor, user))
-            at = NAME_WIDTH + cell
+            at = name_width + cell
             marks = Text.assemble(marks[:at], mark, marks[at + 1 :], no_wrap=True)
     return [line, marks]
 
@@ -164,10 +174,11 @@ def _light(line: Text, pixels: Sequence[tuple[int, int, int]], cells: int) -> No
 def _side_by_side(monitor: Monitor, strips: Sequence[Strip], width: int) -> list[Text]:
     """Return many strips to scale, as many in a row as fit; cursors show only by their light."""
     lengths_m = [Polyline(strip.line_m).length_m for strip in strips]
-    scale = min(CELLS_PER_M, (width - NAME_WIDTH) / max(lengths_m))
+    name_width = _name_width(strips, width)
+    scale = min(CELLS_PER_M, (width - name_width) / max(lengths_m))
     rows = [Text(no_wrap=True)]
     for strip, length_m in zip(strips, lengths_m, strict=True):
-        name = f"{strip.id:.{NAME_WIDTH}} "
+        name = _name(strip, name_width)
         cells = max(1, int(length_m * scale))
         if rows[-1].cell_len and rows[-1].cell_len + GAP_WIDTH + len(name) + cells > width:
             rows.append(Text(no_wrap=True))

@@ -1,13 +1,15 @@
 """`pointit study run`: an experiment, with people or with simulated ones."""
 
+import asyncio
 import importlib.util
+from functools import partial
 from pathlib import Path
 
 import click
 
 from pointit.cli.common.keyboard import check_keyboard, key_bytes
 from pointit.cli.common.output import say
-from pointit.cli.common.progress import interruptible, progress
+from pointit.cli.common.progress import ProgressCallback, interruptible, progress
 from pointit.cli.study.terminal import TerminalView
 from pointit.launch.plan.extras import has_extra
 from pointit.runtime.errors import ConfigError
@@ -22,6 +24,7 @@ from pointit.study.simulated import simulate
 from pointit.study.site.lsl import check_lsl
 from pointit.study.site.scenario import check_ready
 from pointit.study.site.study_site import SiteOptions
+from pointit.study.view import Status
 
 PATH = click.Path(path_type=Path)
 
@@ -90,7 +93,7 @@ def command(
         check_keyboard("--page or --simulated")
     records = importlib.util.find_spec("mcap") is not None if record is None else record
     if record is None and not records:
-        say("no recording: it needs the extra `record`; the tables are written", err=True)
+        say(f"no recording: it needs {remedy('record')}; the tables are written", err=True)
     setup = SiteOptions(imu=imu, output=output, localize=localize, listen=listen, record=records, lsl=lsl)
     name = participant or left[0]
     view = PageView(study.name, name, pictures) if in_page else TerminalView()
@@ -110,7 +113,9 @@ def _check_simulated(study: Study, simulated: int, given: list[str]) -> None:
 async def _run(session: Session, data: Path, view: PageView | TerminalView, *, lan: bool) -> int:
     if isinstance(view, TerminalView):
         with key_bytes(view.on_bytes):
-            say(f"\n{await _outcome(session, data)}")
+            said = await _outcome(session, data)
+            click.echo()
+            say(said)
         return 0
     from pointit.study.page.server import served  # noqa: PLC0415 - needs the extra `web`
 
@@ -129,16 +134,29 @@ async def _outcome(session: Session, data: Path) -> str:
         await session.run()
     except StoppedError as stopped:
         return str(stopped)
+    except asyncio.CancelledError:  # Ctrl-C
+        click.echo()  # behind the line that changes
+        say(session.stop_sentence)
+        raise
     return f"{data.name} has finished; the data are in {data}"
+
+
+def _tell_trial(tell: ProgressCallback, last: int, now: Status) -> None:
+    tell(now.participant, last - now.left)
 
 
 def _simulate(study: Study, folder: StudyFolder, people: list[str], record: bool) -> int:  # noqa: FBT001
     trials = {name: len(plan_of(study, name).trials) for name in people}
     done = 0
-    with interruptible(), progress(sum(trials.values())) as tell:
-        for name in people:
-            last = done + trials[name]
-            simulate(study, folder, name, lambda now: tell(now.participant, last - now.left), record=record)  # noqa: B023
-            done = last
+    try:
+        with interruptible(), progress(sum(trials.values())) as tell:
+            for name in people:
+                last = done + trials[name]
+                report = partial(_tell_trial, tell, last)
+                simulate(study, folder, name, report, record=record)
+                done = last
+    except KeyboardInterrupt:
+        say(f"stopped; what was measured is in {folder.path}, and the same command goes on there", err=True)
+        raise
     say(f"{len(people)} simulated participants have done {done} trials; the data are in {folder.path}")
     return 0

@@ -51,11 +51,11 @@ class Reaction:
     target: Target
 
     @classmethod
-    def parse(cls, text: str) -> Self:
-        """Return the reaction in `THING=PROGRAM ARGUMENTS...` or `THING=URL`.
+    def parse(cls, text: str, room: Environment | None = None) -> Self:
+        """Return the reaction in `THING=PROGRAM ARGUMENTS...` or `THING=URL`. `room`: the map, if known.
 
         Raises:
-            ConfigError: If it is none, or what it names cannot be used.
+            ConfigError: If it is none, the map lacks the thing, or what it names cannot be used.
         """
         thing, _, line = (part.strip() for part in text.partition("="))
         if not thing or not line:
@@ -64,6 +64,8 @@ class Reaction:
             )
         is_url = line.startswith(("http://", "https://"))
         try:
+            if room is not None:
+                check_things([thing], room)
             return cls(thing=thing, target=Webhook.parse(line) if is_url else Program.parse(line))
         except ConfigError as error:
             raise ConfigError(f"{thing}: {error}") from error
@@ -76,14 +78,16 @@ class Reaction:
             raise ConfigError(f"{self.thing}: {error}") from error
 
 
-def reactions_in(text: str) -> Iterator[Reaction]:
+def reactions_in(text: str, room: Environment | None = None) -> Iterator[Reaction]:
     """Yield the reactions of a value of `--on`: one, or those of a file `THING: [PROGRAM or URL, ...]`.
+
+    `room`: the map, if known.
 
     Raises:
         ConfigError: If one cannot be used, or the file is none.
     """
     if "=" in text or not text.endswith(FILES):
-        yield Reaction.parse(text)
+        yield Reaction.parse(text, room)
         return
     for thing, lines in read_yaml(Path(text)).items():
         for line in cast("list[object]", lines) if isinstance(lines, list) else [lines]:
@@ -92,7 +96,7 @@ def reactions_in(text: str) -> Iterator[Reaction]:
                     f"{text}: {thing}: write a program or a URL, or a list of them, not {line!r}"
                 )
             try:
-                yield Reaction.parse(f"{thing}={line}")
+                yield Reaction.parse(f"{thing}={line}", room)
             except ConfigError as error:
                 raise ConfigError(f"{text}: {error}") from error
 

@@ -49,12 +49,9 @@ def _options(function: Any) -> Any:
 def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Added:
     """Return the watchers; ConfigError: no such program, thing or extra, or no address of a broker."""
     watchers: list[MakeWatcher] = []
-    reactions = [each for text in options["on"] for each in reactions_in(text)]
+    room = room_of(site_launches(scenario, choices)) if options["on"] else None
+    reactions = [each for text in options["on"] for each in reactions_in(text, room)]
     if reactions:
-        room = room_of(site_launches(scenario, choices))
-        for reaction in reactions:
-            if room is not None:
-                reaction.check(room)
         watchers.append(lambda _launches: Reactions(reactions))
     ca_file = options.get("mqtt_ca_file", "")
     if options["mqtt"] or ca_file:

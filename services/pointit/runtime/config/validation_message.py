@@ -9,6 +9,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
+from pointit.runtime.config.similar_names import nearest
 from pointit.schemas.text import describe_mistake
 
 MAX_SHOWN = 60
@@ -37,6 +38,10 @@ def first_mistake(error: ValidationError, kind: type[BaseModel]) -> tuple[tuple[
         text = unknown_parameter_message(str(name), () if model is None else field_names(model))
     elif first["type"] == "missing":
         text = _missing(first)
+    elif first["type"] == "union_tag_invalid":
+        loc = (*loc, first["ctx"]["discriminator"].strip("'"))
+        known, tag = first["ctx"]["expected_tags"].replace("'", "").split(", "), first["ctx"]["tag"]
+        text = f"no {loc[-1]} {tag!r}; {nearest(tag, known)}"
     elif first["type"] == DESCRIBED:
         text = first["msg"]
     else:

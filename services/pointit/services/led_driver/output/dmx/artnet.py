@@ -5,6 +5,7 @@ import contextlib
 import ipaddress
 import socket
 from collections.abc import Sequence
+from dataclasses import replace
 
 from pydantic import Field
 
@@ -39,7 +40,7 @@ async def find_nodes(seconds: float) -> Sequence[FoundDevice]:
     """
     addresses = broadcast_addresses()
     loop = asyncio.get_running_loop()
-    found: dict[tuple[str, tuple[int, ...]], Node] = {}
+    found: dict[str, Node] = {}
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         sock.setblocking(False)
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -59,10 +60,17 @@ async def find_nodes(seconds: float) -> Sequence[FoundDevice]:
                     await asyncio.sleep(0)  # a flood must not keep the time-out from ending this
                     node = read_reply(await loop.sock_recv(sock, PACKET_BYTES))
                     if node is not None:
-                        found[node.address, node.universes] = node
+                        merge_reply(found, node)
         except TimeoutError:
             pass
     return [_device(node) for _, node in sorted(found.items())]
+
+
+def merge_reply(nodes: dict[str, Node], reply: Node) -> None:
+    """Add `reply` to the nodes by address. A node with more than four ports replies once for each four."""
+    known = nodes.setdefault(reply.address, reply)
+    universes = tuple(sorted({*known.universes, *reply.universes}))
+    nodes[reply.address] = replace(known, universes=universes, name=known.name or reply.name)
 
 
 def broadcast_addresses() -> list[str]:

@@ -18,20 +18,7 @@ from pointit.runtime.errors import (
 from pointit.schemas.errors import DecodeError, KeyNameError, SchemaError
 
 __all__ = [
-    "AccessDeniedError",
-    "BusClosedError",
-    "BusError",
-    "ConfigError",
-    "ConnectError",
-    "DecodeError",
-    "KeyNameError",
-    "ListenError",
-    "NoAnswerError",
-    "NoMessageError",
-    "PointItError",
-    "RefusedError",
-    "RequestError",
-    "SchemaError",
-    "VersionError",
-    "WrongSiteError",
-]
+    "AccessDeniedError", "BusClosedError", "BusError", "ConfigError", "ConnectError", "DecodeError",
+    "KeyNameError", "ListenError", "NoAnswerError", "NoMessageError", "PointItError", "RefusedError",
+    "RequestError", "SchemaError", "VersionError", "WrongSiteError",
+]  # fmt: skip

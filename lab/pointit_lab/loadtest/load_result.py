@@ -5,6 +5,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from pointit.schemas.text import round_beyond
+
 P99_MS = 50.0
 """Limit of the 99th percentile from wrist to light: more feels detached from the hand."""
 
@@ -112,14 +114,18 @@ class LoadResult:
         """Return the reason why the load was not carried, or `""` if it was."""
         p99_ms = quantile_ms(self.light_s, 0.99)
         if self.sent_share < MIN_SENT:
-            return f"only {self.sent_share:.0%} of the samples could be sent"
+            return (
+                f"only {round_beyond(100 * self.sent_share, 100 * MIN_SENT, 0)}% of the samples could be sent"
+            )
         if p99_ms is None:
             return "no light followed any sample"
         if self.dropped > MAX_DROPPED:
             return f"{self.dropped:.1%} of the samples were dropped"
         if self.lost is not None and self.lost > MAX_DROPPED:
             return f"{self.lost:.1%} of the cursors did not reach the lights"
-        return "" if p99_ms <= P99_MS else f"p99 is {p99_ms:.0f} ms, above {P99_MS:.0f} ms"
+        return (
+            "" if p99_ms <= P99_MS else f"p99 is {round_beyond(p99_ms, P99_MS, 0)} ms, above {P99_MS:.0f} ms"
+        )
 
     def row(self) -> dict[str, Any]:
         """Return a row of the table."""

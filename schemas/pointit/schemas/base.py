@@ -34,7 +34,7 @@ def unit_quaternion(values: tuple[float, float, float, float]) -> tuple[float, f
     norm = math.hypot(*values)
     if not abs(norm - 1.0) <= NORM_TOLERANCE:  # false for NaN as well
         limits = f"{1 - NORM_TOLERANCE:g} to {1 + NORM_TOLERANCE:g}"
-        raise ValueError(f"a quaternion of norm {norm:.4g}, not 1 ({limits} is normalized): scale it to 1")
+        raise ValueError(f"a quaternion of norm {norm:.7g}, not 1 ({limits} is normalized): scale it to 1")
     a, b, c, d = values
     return (a / norm, b / norm, c / norm, d / norm)
 

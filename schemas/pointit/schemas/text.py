@@ -9,23 +9,14 @@ LONGEST_SENTENCE = 600
 """Characters of a foreign sentence that are shown."""
 
 _WANTED = {
-    "greater_than": "must be above {gt}",
-    "greater_than_equal": "must be at least {ge}",
-    "less_than": "must be below {lt}",
-    "less_than_equal": "must be at most {le}",
-    "finite_number": "must be a finite number",
-    "literal_error": "use one of {expected}",
-    "bool": "write true or false",
-    "dict": "write a mapping of names to values",
-    "float": "write a number",
-    "int": "write a whole number",
-    "list": "write a list such as [a, b]",
-    "path": "write the path of a file",
-    "string": "write text",
-    "missing": "is missing; give it a value",
+    "greater_than": "must be above {gt}", "greater_than_equal": "must be at least {ge}",
+    "less_than": "must be below {lt}", "less_than_equal": "must be at most {le}",
+    "finite_number": "must be a finite number", "literal_error": "use one of {expected}",
+    "bool": "write true or false", "dict": "write a mapping of names to values", "float": "write a number",
+    "int": "write a whole number", "list": "write a list such as [a, b]", "path": "write the path of a file",
+    "string": "write text", "tuple": "write a list such as [a, b]", "missing": "is missing; give it a value",
     "extra_forbidden": "is no field of it; leave it out",
-    "tuple": "write a list such as [a, b]",
-}
+}  # fmt: skip
 """Advice by pydantic's error type, or by its first word (`int_parsing`, `int_type`)."""
 
 _SPACE = re.compile(r"\s+")

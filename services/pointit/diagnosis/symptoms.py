@@ -52,7 +52,7 @@ def find_in_reports(seen: Observation) -> Iterator[Finding]:
         late_s = sorted(latency_s(each.health) for each in reports if each.health.uptime_s >= BUSY_START_S)
         if late_s and (usual_s := late_s[(len(late_s) - 1) // 2]) > SLOW_S:
             sentence = (
-                f"its output is {usual_s * 1e3:.0f} ms behind the person "
+                f"its output is {round_beyond(usual_s * 1e3, SLOW_S * 1e3, 0)} ms behind the person "
                 f"(99th percentile; {SLOW_S * 1e3:.0f} ms is too much)"
             )
             remedy = (

@@ -221,7 +221,7 @@ def _placed(placed: NDArray[np.float64], entry: CloudEntry) -> NDArray[np.float6
     farthest = float(np.abs(placed).max())
     if not farthest <= FARTHEST:
         raise ConfigError(
-            f"{entry.file}: a coordinate is {farthest:g}, limit {FARTHEST:g} m; "
+            f"{entry.file}: a coordinate is {farthest:.9g}, limit {FARTHEST:g} m; "
             "move it near the room's origin with scale and position"
         )
     return placed

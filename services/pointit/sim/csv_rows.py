@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from pointit.runtime.errors import ConfigError
+from pointit.schemas.text import round_beyond
 
 MAX_BYTES = 64_000_000
 """Limit of a file: an hour at 1000 Hz. More would use too much memory of a service."""
@@ -56,7 +57,8 @@ def read_csv(path: Path, count_known: Callable[[Sequence[str]], int]) -> CsvRows
         size = path.stat().st_size
         if size > MAX_BYTES:
             raise ConfigError(
-                f"{path}: has {size / 1e6:.1f} MB and at most {MAX_BYTES / 1e6:.0f} MB are read; "
+                f"{path}: has {round_beyond(size / 1e6, MAX_BYTES / 1e6)} MB and at most "
+                f"{MAX_BYTES / 1e6:.0f} MB are read; "
                 "cut it into pieces"
             )
         text = _decode(path, path.read_bytes())

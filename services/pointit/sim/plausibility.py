@@ -26,6 +26,13 @@ _PERIOD_S, _HEAD_M, _DISTANCE_M = 0.02, 1.6, 2.5
 """Usual values, by which the likeliest unit is chosen."""
 
 
+def round_figures_beyond(value: float, limit: float, figures: int = 4) -> str:
+    """Return `value` with as many significant figures, at least `figures`, as show its side of `limit`."""
+    while figures < 17 and (float(f"{value:.{figures}g}") - limit) * (value - limit) <= 0.0 != value - limit:
+        figures += 1
+    return f"{value:.{figures}g}"
+
+
 def period_problem(times: Array) -> str:
     """Return an error message if `times` (n, rising) are likely not in seconds, else `""`."""
     if len(times) < 3:
@@ -36,9 +43,10 @@ def period_problem(times: Array) -> str:
     likely = _likely_unit(period_s, _PERIOD_S, {unit: TIMES_S[unit] for unit in ("ms", "us", "ns", "min")})
     in_unit_s = period_s * TIMES_S[likely]
     is_plausible = MIN_PERIOD_S <= in_unit_s <= MAX_PERIOD_S
+    shown = round_figures_beyond(period_s, MAX_PERIOD_S if period_s > MAX_PERIOD_S else MIN_PERIOD_S)
     unit = f"it is likely in {likely} ({1.0 / in_unit_s:.4g} Hz): name the column t_{likely}, or t_s"
     return (
-        f"samples are {period_s:.4g} s apart, plausible are {MIN_PERIOD_S:g} to {MAX_PERIOD_S:g} s; "
+        f"samples are {shown} s apart, plausible are {MIN_PERIOD_S:g} to {MAX_PERIOD_S:g} s; "
         f"{unit if is_plausible else 'write seconds, and name the column t_s'} if it is in seconds"
     )
 
@@ -61,11 +69,18 @@ def position_problems(times_s: Array, bodies: Mapping[str, Array]) -> dict[str, 
         height_m = abs(float(np.nanmedian(positions[:, 2]))) if name == "head" else 0.0
         speed_mps = _speed_mps(times_s, positions)
         if height_m > MAX_HEAD_M:
-            reason = f"the head is {height_m:.4g} m above the floor, limit {MAX_HEAD_M:g} m"
-        elif speed_mps > MAX_SPEEDS_MPS[name]:
-            reason = f"the {name} moves at {speed_mps:.4g} m/s, limit {MAX_SPEEDS_MPS[name]:g} m/s"
+            reason = (
+                f"the head is {round_figures_beyond(height_m, MAX_HEAD_M)} m above the floor, limit "
+                f"{MAX_HEAD_M:g} m"
+            )
+        elif speed_mps > (limit_mps := MAX_SPEEDS_MPS[name]):
+            shown = round_figures_beyond(speed_mps, limit_mps)
+            reason = f"the {name} moves at {shown} m/s, limit {limit_mps:g} m/s"
         elif distance_m > MAX_DISTANCE_M:
-            reason = f"distances are {distance_m:.4g} m, limit {MAX_DISTANCE_M:g} m"
+            reason = (
+                f"distances are {round_figures_beyond(distance_m, MAX_DISTANCE_M)} m, limit "
+                f"{MAX_DISTANCE_M:g} m"
+            )
         else:
             continue
         units, usual_m = (

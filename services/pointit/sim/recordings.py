@@ -12,7 +12,7 @@ from pointit.schemas import BodyMeasures
 from pointit.schemas.base import NORM_TOLERANCE
 from pointit.sim.motion_columns import FLOOR, HEAD, ORIENTATION, ROBOT, TIME
 from pointit.sim.motion_table import MotionTable, column_names
-from pointit.sim.plausibility import position_problems
+from pointit.sim.plausibility import position_problems, round_figures_beyond
 
 Array = NDArray[np.float64]
 
@@ -183,6 +183,7 @@ def _times_s(path: Path, table: MotionTable) -> Array:
     if t_s[-1] - t_s[0] > LONGEST_S:
         raise ConfigError(
             f"{path}, line {table.lines[-1]}, column {table.title(TIME)!r}: the recording is "
-            f"{t_s[-1] - t_s[0]:g} s long and at most {LONGEST_S:g} s can be played; is its time in seconds?"
+            f"{round_figures_beyond(t_s[-1] - t_s[0], LONGEST_S, 6)} s long and at most {LONGEST_S:g} s "
+            "can be played; is its time in seconds?"
         )
     return np.asarray(t_s - t_s[0], dtype=np.float64)

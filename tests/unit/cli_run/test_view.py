@@ -67,7 +67,7 @@ def marks(monitor: Monitor, name: str = "0", width: int = 100) -> str:
 
 
 @pytest.mark.parametrize("count", [1, MAX_STRIPS + 1])
-async def test_names_of_strips_are_whole_where_there_is_room_and_marked_where_they_are_cut(count: int) -> None:
+async def test_names_of_strips_are_whole_where_there_is_room_else_marked_as_cut(count: int) -> None:
     names = ("infeed_north_left", "infeed_north_right", *(f"s{n}" for n in range(count - 1)))
     monitor = monitor_of(*(strip(name) for name in names))
     wide = "\n".join(shown(monitor, 100))

@@ -20,7 +20,7 @@ from pointit.schemas.text import one_line, plain
 Row = Mapping[str, Any]
 
 PIPE_WIDTH = 1000
-"""Width without a terminal, in columns: one line per row, for grep."""
+"""Width without a terminal or the variable COLUMNS, in columns: one line per row, for grep."""
 
 ROOMY_WIDTH = 130
 """A terminal with fewer columns does not show a table's `roomy` ones."""
@@ -108,7 +108,7 @@ def _harmless(text: Text) -> Text:
 
 def console() -> Console:
     """Return a console on standard output, as wide as the terminal, before a pager too, or as the rows."""
-    width = None if sys.stdout.isatty() else PIPE_WIDTH
+    width = None if sys.stdout.isatty() or "COLUMNS" in os.environ else PIPE_WIDTH
     if sys.stderr.isatty() and not sys.stdout.isatty():  # `pointit list | less`
         with contextlib.suppress(OSError):
             width = os.get_terminal_size(sys.stderr.fileno()).columns or width

@@ -23,7 +23,6 @@ from pointit.services.led_driver.outputs import FRAME_RATE
 REFRESH_HZ = 8
 """Refresh rate of the view, which is drawn in a thread of its own."""
 NAME_WIDTH = 8
-MAX_NAME_SHARE = 0.3  # of the width; a longer name ends with `…`
 BORDER_WIDTH = 4
 """Columns of the frame and its padding."""
 MAX_STRIPS = 6
@@ -131,8 +130,7 @@ class View:
 
 
 def _name_width(strips: Sequence[Strip], width: int) -> int:
-    longest = max(len(strip.id) for strip in strips) + 1
-    return max(NAME_WIDTH, min(longest, int(MAX_NAME_SHARE * width)))
+    return max(NAME_WIDTH, min(max(len(strip.id) for strip in strips) + 1, int(0.3 * width)))
 
 
 def _name(strip: Strip, width: int) -> str:

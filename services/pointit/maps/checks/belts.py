@@ -12,6 +12,7 @@ from pointit.maps.checks.finding import Finding, error, warning
 from pointit.maps.lanes import Lane, enters_at, leaves_at
 from pointit.maps.model import LinkEntry, MapFile
 from pointit.runtime.config.validation_message import join_names
+from pointit.schemas.text import round_beyond
 
 AT_END_M = 0.05
 """Distance within which a position is at a line's end, m."""
@@ -53,7 +54,8 @@ def _check_link(index: int, link: LinkEntry, lanes: Lanes) -> Iterator[Finding]:
         if bare > width:
             yield error(
                 where,
-                f"{source.name} at {leaves:.3g} m and {target.name} at {enters:.3g} m are {bare:.2f} m "
+                f"{source.name} at {leaves:.3g} m and {target.name} at {enters:.3g} m are "
+                f"{round_beyond(bare, width, 2)} m "
                 f"apart, more than a belt's width of {width:g} m; correct the positions, or the lines",
             )
     if enters > target.line.length_m - AT_END_M:

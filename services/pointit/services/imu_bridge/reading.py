@@ -166,7 +166,7 @@ def event_fault(item: Press | Battery | Signal | Reconnected | Disconnected) -> 
     if isinstance(item, Press):
         return time_fault(item.stamp_ns, None)
     if isinstance(item, Battery) and not 0.0 <= item.level <= 1.0:
-        return f"delivers a battery level of {item.level:.3g}; it is dropped: it must be 0 to 1"
+        return f"delivers a battery level of {item.level:.7g}; it is dropped: it must be 0 to 1"
     if isinstance(item, Signal) and not math.isfinite(item.dbm):
         return f"delivers a signal of {item.dbm:.3g} dBm; it is dropped"
     return ""

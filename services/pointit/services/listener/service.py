@@ -7,6 +7,7 @@ from typing import ClassVar, TypeVar
 from pointit.runtime.errors import RefusedError
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S, Cursor, FindReferents, Message, Referents, Speech, topics
+from pointit.schemas.text import round_beyond
 from pointit.services.listener.config import ListenerConfig
 from pointit.services.listener.memory import PointingMemory
 from pointit.services.listener.recogniser_clock import RecogniserClock
@@ -60,7 +61,7 @@ class Listener(Service[ListenerConfig]):
         ago_s = (now_ns - at_ns) / NS_PER_S
         if ago_s > self._memory.memory_s:
             kept = f"only the last {self._memory.memory_s:g} s are kept"
-            raise RefusedError(f"that was {ago_s:.1f} s ago: {kept}")
+            raise RefusedError(f"that was {round_beyond(ago_s, self._memory.memory_s)} s ago: {kept}")
         if ago_s < -AHEAD_S:
             raise RefusedError(f"that is {-ago_s:.1f} s ahead of the site's time: synchronize the clocks")
         self._memory.forget(now_ns)

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 
 from pointit.schemas import NS_PER_S, Localization, PointingOffset
+from pointit.schemas.text import round_beyond
 
 CANCELLED = "Localizing was cancelled."
 STOPPED = "You stopped."
@@ -87,12 +88,10 @@ MAX_RAD = math.radians(45.0)
 def offset_problem(offset: PointingOffset) -> str:
     """Return an error message if the mean error of `offset` exceeds 45°, else `""`."""
     worst_rad = max(abs(offset.azimuth[0]), abs(offset.elevation[0]))
-    if worst_rad <= MAX_RAD:
-        return ""
-    return (
-        f"an offset of {math.degrees(worst_rad):.0f}° exceeds the limit of "
-        f"{math.degrees(MAX_RAD):.0f}°; are its angles in radians?"
-    )
+    worst_deg, limit_deg = math.degrees(worst_rad), math.degrees(MAX_RAD)
+    worst = round_beyond(worst_deg, limit_deg, 0)
+    text = f"an offset of {worst}° exceeds the limit of {limit_deg:.0f}°; are its angles in radians?"
+    return text if worst_deg > limit_deg else ""
 
 
 def offset_in_use(user: str, offset: PointingOffset) -> str:

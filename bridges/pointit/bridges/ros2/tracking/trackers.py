@@ -15,6 +15,7 @@ from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
 from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
 from pointit.schemas import FARTHEST, NS_PER_S, TrackedObject, TrackedObjects
+from pointit.schemas.text import round_beyond
 from pointit.schemas.topics import OBJECTS
 
 ROBOT = "robot"
@@ -213,9 +214,10 @@ def captured(stamp: Any, now_ns: int, what: str, stale_s: float) -> int | str:
     if -MAX_AHEAD_NS <= age_ns <= stale_s * NS_PER_S:
         return stamp_ns
     side = "old" if age_ns > 0 else "ahead of the site's clock"
+    limit_s = stale_s if age_ns > 0 else MAX_AHEAD_NS / NS_PER_S
     return (
-        f"{what} is {abs(age_ns) / NS_PER_S:.1f} s {side}, limit "
-        f"{stale_s if age_ns > 0 else MAX_AHEAD_NS / NS_PER_S:g} s: synchronize the clocks, or let "
+        f"{what} is {round_beyond(abs(age_ns) / NS_PER_S, limit_s)} s {side}, limit {limit_s:g} s: "
+        "synchronize the clocks, or let "
         "both follow /clock"
     )
 

@@ -16,6 +16,7 @@ from pointit.bridges.web.wire import Hello
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import pointit_version
 from pointit.schemas import NS_PER_S, pack
+from pointit.schemas.text import round_beyond
 
 RATE_HZ = 30
 """Frames of a recorded second, Hz."""
@@ -50,7 +51,8 @@ def page_file(past: Past, tick: Callable[[float], None] = lambda _: None) -> str
     length_s = past.timeline().length_s
     if length_s > LONGEST_S:
         raise ConfigError(
-            f"{past.timeline().title}: {length_s:.0f} s from its first to its last message are too long for "
+            f"{past.timeline().title}: {round_beyond(length_s, LONGEST_S, 0)} s from its first to its "
+            "last message are too long for "
             f"a page (limit {LONGEST_S:.0f} s, a clock may have leapt); record a shorter session"
         )
     hello = Hello(version=pointit_version(), site=past.site, role="viewer", requests=(), deeds=())

@@ -3,6 +3,7 @@
 import asyncio
 
 from pointit.runtime.service.surroundings import HealthSink
+from pointit.schemas.text import round_beyond
 from pointit.services.led_driver.output.power import Load
 
 LIMIT_SHOWN_S = 2.0
@@ -44,7 +45,8 @@ class OutputHealth:
             self._limited_s = now_s
             self.warn(
                 "current",
-                f"frames need up to {load.wanted_a:.1f} A and are dimmed to {limit_a} A; lower the "
+                f"frames need up to {round_beyond(load.wanted_a, limit_a or 0.0)} A and are dimmed to "
+                f"{limit_a} A; lower the "
                 "brightness, or give more power and raise `max_current_a`",
             )
         elif now_s - self._limited_s >= LIMIT_SHOWN_S:

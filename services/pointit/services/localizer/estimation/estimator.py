@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from pointit.schemas.text import round_beyond
 from pointit.services.localizer.estimation.angular_residuals import Array, Rays, angular_errors
 from pointit.services.localizer.estimation.levenberg_marquardt import evaluate_costs, initial_poses, minimize
 from pointit.services.localizer.estimation.refinement import LATENCY, NoiseModel, effective_samples, refine
@@ -208,9 +209,10 @@ def check_solution(
 def _missed(residual_rad: float, rays: Rays, limit_rad: float) -> str:
     if _is_one_view(rays):
         return ONE_VIEW
+    limit_deg = math.degrees(limit_rad)
     return (
-        f"the rays miss the targets by {math.degrees(residual_rad):.1f}° and at most "
-        f"{math.degrees(limit_rad):.1f}° is accepted; point at each target, arm straight"
+        f"the rays miss the targets by {round_beyond(math.degrees(residual_rad), limit_deg)}° and at most "
+        f"{limit_deg:.3g}° is accepted; point at each target, arm straight"
     )
 
 
@@ -234,10 +236,11 @@ def _stated(solution: Solution, trust: SolverSettings) -> str:
     what, sigma_m, limit_m = "the pose", solution.position_sigma_m, trust.max_position_sigma_m
     if solution.scatter:
         what, sigma_m, limit_m = f"a cursor {AWAY_M:g} m away", solution.miss_m, MAX_MISS_RATIO * limit_m
+    yaw_deg, limit_deg = math.degrees(solution.yaw_sigma_rad), math.degrees(trust.max_yaw_sigma_rad)
     return (
-        f"{what} is uncertain by {min(sigma_m, 99.0):.2f} m and "
-        f"{min(math.degrees(solution.yaw_sigma_rad), 180.0):.1f}° and at most "
-        f"{limit_m:.2f} m, {math.degrees(trust.max_yaw_sigma_rad):.1f}° are accepted"
+        f"{what} is uncertain by {round_beyond(min(sigma_m, 99.0), limit_m, 2)} m and "
+        f"{round_beyond(min(yaw_deg, 180.0), limit_deg)}° and at most {limit_m:.3g} m, {limit_deg:.3g}° "
+        "are accepted"
     )
 
 

@@ -127,9 +127,10 @@ class KnownRobots:
             return Refusal(f"robot {robot} is not tracked now; start its tracker, or point at a lamp")
         if math.hypot(*seen.robot.velocity_mps) > STANDS_MPS:
             return Refusal(f"robot {robot} moves; let it stand, then point at it")
-        if (seen.robot.position_sigma_m or 0.0) > MAX_SIGMA_M:
+        if (sigma_m := seen.robot.position_sigma_m or 0.0) > MAX_SIGMA_M:
             return Refusal(
-                f"the place of robot {robot} is uncertain by {seen.robot.position_sigma_m:.1f} m and at most "
+                f"the place of robot {robot} is uncertain by {round_beyond(sigma_m, MAX_SIGMA_M)} m and "
+                "at most "
                 f"{MAX_SIGMA_M:g} m is accepted; point at a lamp"
             )
         return Lamp(id=robot, position_m=seen.robot.position_m)

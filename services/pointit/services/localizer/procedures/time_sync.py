@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from pointit.schemas import NS_PER_S, PointingRay
 from pointit.schemas.base import Vec3
+from pointit.schemas.text import round_beyond
 from pointit.services.localizer.estimation import rays as ray_math
 from pointit.services.localizer.estimation.angular_residuals import Array
 from pointit.services.localizer.estimation.estimator import Pointings, SolverSettings
@@ -128,7 +129,8 @@ class Track:
         gap_s = float(np.median(np.diff(stamps))) / NS_PER_S if len(stamps) > 2 else 0.0
         if gap_s > 0.9 * MAX_GAP_S:
             return (
-                f"robot {robot} is reported by tracker {tracker} at {1.0 / gap_s:.1f} Hz and at least "
+                f"robot {robot} is reported by tracker {tracker} at {round_beyond(1.0 / gap_s, MIN_HZ)} "
+                "Hz and at least "
                 f"{MIN_HZ:g} Hz are needed; set the tracker to a higher rate"
             )
         ahead_s = (self.newest_ns - ray_ns) / NS_PER_S

@@ -65,12 +65,12 @@ def _staying(config: SelectorConfig, dwell_s: float) -> SelectorConfig:
         if not 0.0 < sparse_s <= MAX_DWELL_S:
             raise ValueError(
                 f"with {dwell_s:g} s the gauge of an isolated object would take "
-                f"{sparse_s:g} s, limit {MAX_DWELL_S:g} s: choose a shorter time"
+                f"{sparse_s:.9g} s, limit {MAX_DWELL_S:g} s: choose a shorter time"
             )
         own = {"gauge": config.gauge.model_copy(update={"full_s": dwell_s, "sparse_full_s": sparse_s})}
     elif dwell_s < config.timestep_s:
         raise ValueError(
-            f"{dwell_s:g} s is less than the timestep of {config.timestep_s:g} s of method "
+            f"{dwell_s:.9g} s is less than the timestep of {config.timestep_s:g} s of method "
             f"{config.method}: choose a longer time, or the gauge"
         )
     return config.model_copy(update=own)

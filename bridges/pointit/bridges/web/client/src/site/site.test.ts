@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { encode } from "@msgpack/msgpack";
-import type { Health, SelectionEvent } from "../messages";
+import type { Health, SelectionEvent, TrackedObject, TrackedObjects } from "../messages";
 import type { Ask, PersonLine, Status } from "../wire";
 import { Keeper } from "./apply";
 import { Asks, Refusal } from "./asks";
@@ -10,7 +10,7 @@ import { losses, rates } from "./figures";
 import { Episodes, matching, note } from "./log";
 import { outage } from "../outage";
 import { emptySite, isSent, LOG_LINES } from "./site";
-import { called, eventLine } from "../words";
+import { called, eventLine, ownCount } from "../words";
 import { LatencyHistory, quantile, quantiles, SiteClock } from "./timing";
 
 const cursor = (seq: number): Uint8Array => encode({ seq, stamp_ns: 5, point_m: [1, 2, 3] });
@@ -198,6 +198,15 @@ test("an object is called by its kind and the end of its id", () => {
   assert.equal(called(site, "a1b2-24"), "object 24");
   const event = { event: "refused", object_id: "a1b2-24", kind: "red", user: "anna", reason: "a1b2-24 is gone" } as SelectionEvent;
   assert.equal(eventLine(site, event).text, "could not change red 24: 24 is gone");
+});
+
+test("buttons that fired are not counted as a person's own", () => {
+  const site = emptySite();
+  const object = (id: string, mode: "claim" | "button" | "switch") => ({ id, mode }) as TrackedObject;
+  site.objects.set("things", { stamp_ns: 0, seq: 0, objects: [object("kettle", "button"), object("radio", "switch"), object("box", "claim")] } as unknown as TrackedObjects);
+  const owned = (id: string, user: string) => ({ id, user, kind: "", since_ns: 0, confidence: null });
+  site.selection = { stamp_ns: 0, seq: 0, objects: [owned("kettle", "ada"), owned("radio", "ada"), owned("box", "ada"), owned("gone", "ada"), owned("other", "ben")], reserved: [], method: null, dwell_s: null };
+  assert.equal(ownCount(site, "ada"), 2);
 });
 
 const health = (user: string, key: string, rate: number): Health => ({

@@ -1,4 +1,4 @@
-"""Text for people: foreign text made safe to show, mistakes in data, rounded numbers."""
+"""Text for people: foreign text made safe to show, mistakes in data, rounded numbers; secrets are hidden."""
 
 import re
 import unicodedata
@@ -19,7 +19,27 @@ _WANTED = {
 }  # fmt: skip
 """Advice by pydantic's error type, or by its first word (`int_parsing`, `int_type`)."""
 
+SECRET_NAME = re.compile(
+    r"token|passw(or)?d|passphrase|secret|credential|authorization|cookie|key$", re.IGNORECASE
+)
+"""Part of the name of a field whose value is a secret."""
 _SPACE = re.compile(r"\s+")
+_WEB_ADDRESS = re.compile(r"\b(https?|wss?)://([^\s'\"<>`]{1,4096})", re.IGNORECASE)
+_HOST = re.compile(r"(\[[^\]]*\]|[^:]*)(:\d*)?")
+_NAME = r"(?:token|passw(?:or)?d|passphrase|secret|(?:api|access|private)[_-]?key)s?"
+_HIDDEN = (
+    re.compile(r"(://)[^\s'\"<>`]{1,256}(?=@)"),
+    re.compile(r"(?<![\w.+%-])()[\w.+%-]{1,64}:[^\s@/'\"]{1,128}(?=@[\w\[])"),
+    re.compile(
+        r"(?i)((?:authorization|cookie|x-[\w-]{0,32}(?:key|token))['\"]?\s?[:=,]\s?(?:b?['\"])?)[^'\"\n]{1,4096}"
+    ),
+    re.compile(r"(?i)\b(bearer )[\w+/=.~-]{6,}"),
+    re.compile(
+        rf"(?i)({_NAME}(?:['\"]\s?[:,]\s?|['\"]?\s?=\s?)|--[\w-]{{0,32}}{_NAME}\s)"
+        r"(?:b?\"[^\"]{1,4096}\"?|b?'[^']{1,4096}'?|[^\s,;&'\")\]}]{1,4096})"
+    ),
+)
+"""Patterns of secrets; their group stays. Lengths are bounded: text of a peer must not take long."""
 
 
 def plain(text: str) -> str:
@@ -34,6 +54,27 @@ def one_line(text: str, most: int = LONGEST_SENTENCE) -> str:
     """Return `text` as `plain`, on one line and of at most `most` characters."""
     shown = plain(_SPACE.sub(" ", text[: 2 * most]).strip())
     return shown if len(shown) <= most else f"{shown[: most - 1]}…"
+
+
+def hide_secrets(text: str) -> str:
+    """Return `text` without what may be a secret.
+
+    Scheme and host of web addresses stay, as paths may have tokens. In other addresses and `USER:PASSWORD@`,
+    user and password become `***`, and so do the values of `token=`, `"password":` and similar names, and of
+    the headers Authorization and Cookie.
+    """
+    text = _WEB_ADDRESS.sub(_shown_web_address, text)
+    for pattern in _HIDDEN:
+        text = pattern.sub(r"\1***", text)
+    return text
+
+
+def _shown_web_address(match: re.Match[str]) -> str:
+    address = match[2].rstrip(".,;:!)]")
+    authority, *after = re.split(r"[/?#]", address, maxsplit=1)
+    host = authority.rpartition("@")[2]
+    host = host if _HOST.fullmatch(host) else "***"  # a password with a slash in it
+    return f"{match[1]}://{host}{'/...' if any(after) else '/' * len(after)}{match[2][len(address) :]}"
 
 
 def _plain(letter: str) -> str:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from pointit.cli.things import webhook
+from pointit.cli.things import http_status, webhook
 from pointit.cli.things.reactions import MAX_AT_ONCE, Reaction, Reactions
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import Environment, SelectionEvent
@@ -270,7 +270,7 @@ async def test_server_of_the_internet_is_asked_by_the_proxy(monkeypatch: pytest.
     ],
 )
 def test_hosts_of_this_network_need_no_proxy(host: str, *, expected: bool) -> None:
-    assert webhook.is_local(f"https://me@{host}/path") == expected
+    assert http_status.is_local(f"https://me@{host}/path") == expected
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from pointit.runtime.bus.contract import Bus, Closable
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import Environment, SelectionEvent
+from pointit.schemas.text import hide_secrets
 from pointit.schemas.topics import SELECTION_EVENTS
 
 log = logging.getLogger(__name__)
@@ -186,7 +187,7 @@ class Reactions:
 
     def _report(self, sentence: str) -> None:
         log.warning("%s", sentence)
-        self._failures.append(sentence)
+        self._failures.append(hide_secrets(sentence))
 
     def _end(self) -> None:
         for task in list(self._running):

@@ -10,6 +10,7 @@ from pointit.runtime.bus.local_broker import Participant
 from pointit.runtime.bus.mailbox import Mailbox
 from pointit.runtime.errors import BusClosedError, NoAnswerError, PointItError, RefusedError
 from pointit.schemas import Message, Query, Reply
+from pointit.schemas.text import hide_secrets
 from pointit.schemas.topics import ANY, Delivery, Presence, Request, Topic
 
 M = TypeVar("M", bound=Message)
@@ -190,10 +191,11 @@ class RequestHandler(Declaration, Generic[Q, R]):
         except RefusedError:
             raise
         except PointItError as error:  # a sentence for a person already
-            raise RefusedError(str(error)) from error
+            raise RefusedError(hide_secrets(str(error))) from error
         except Exception as error:
             log.exception("%s failed", key)
-            raise RefusedError(f"{server} failed on {key}: {type(error).__name__}: {error}") from error
+            cause = hide_secrets(f"{type(error).__name__}: {error}")
+            raise RefusedError(f"{server} failed on {key}: {cause}") from error
         return reply
 
 

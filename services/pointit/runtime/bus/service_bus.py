@@ -35,6 +35,7 @@ from pointit.runtime.bus.instrumented import (
 from pointit.runtime.bus.metrics import DurationWindow, ReaderCounts, TopicMeter, steady_time
 from pointit.runtime.clock import Clock
 from pointit.schemas import NS_PER_S, Figure, Health, KeyHealth, Message, Query, Reply
+from pointit.schemas.text import hide_secrets
 from pointit.schemas.topics import ANY, SERVED, Presence, Request, Topic
 
 M = TypeVar("M", bound=Message)
@@ -275,7 +276,7 @@ class ServiceBus:
         self._latency.per_s = NS_PER_S * self._clock.speed
         trouble = (self.problem,) if self.problem else ()
         complaints = (each for meter in self._meters.values() for each in meter.warnings(now_s))
-        warnings = (*trouble, *complaints, *self._warnings.values())
+        warnings = tuple(map(hide_secrets, (*trouble, *complaints, *self._warnings.values())))
         return Health(
             stamp_ns=time.time_ns(),
             seq=self._seq,

@@ -7,7 +7,6 @@ import contextlib
 import copy
 import difflib
 import json
-import re
 import typing
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TypeVar, cast
@@ -18,12 +17,10 @@ from pointit.runtime.config.validation_message import describe_validation_error
 from pointit.runtime.config.yaml_file import load_yaml
 from pointit.runtime.config.yaml_values import written_text
 from pointit.runtime.errors import ConfigError
+from pointit.schemas.text import SECRET_NAME, hide_secrets
 
 C = TypeVar("C", bound="Config")
 M = TypeVar("M", bound=BaseModel)
-_SECRET = re.compile(r"token|passw(or)?d|passphrase|secret|credential|key$", re.IGNORECASE)
-"""Part of the name of a field that is left out, at any depth."""
-_USER_INFO = re.compile(r"(?<=://)[^/\s]*@")
 
 
 class Config(BaseModel):
@@ -67,7 +64,8 @@ class Layers:
         try:
             value = load_yaml(text, source)
         except ConfigError as error:
-            raise ConfigError(f"{source}: is not a value ({text!r})") from error
+            shown = "" if SECRET_NAME.search(path[-1]) else f" ({text!r})"
+            raise ConfigError(f"{source}: is not a value{shown}") from error
         is_word = isinstance(value, str | bool | int | float)
         nested: Any = text.strip() if is_word and not text.lstrip().startswith(("'", '"')) else value
         for name in reversed(path[1:]):
@@ -155,7 +153,7 @@ def published_parameters(config: Config) -> str:
     """Return the parameters of `config` as JSON for everybody on the site.
 
     Fields of `Config.SECRETS` are left out, and so are those at any depth whose name says that they are
-    secret: `api_token`, `password`, `client_secret`, `key`. User and password in an address become `***`.
+    secret: `api_token`, `password`, `client_secret`, `key`. `hide_secrets` is applied to all text.
     """
     values = json.loads(config.model_dump_json(exclude=set(config.SECRETS), fallback=str))
     return json.dumps(_without_secrets(values))
@@ -164,10 +162,10 @@ def published_parameters(config: Config) -> str:
 def _without_secrets(value: object) -> Any:
     if isinstance(value, dict):
         fields = cast("dict[str, object]", value).items()
-        return {name: _without_secrets(each) for name, each in fields if not _SECRET.search(name)}
+        return {name: _without_secrets(each) for name, each in fields if not SECRET_NAME.search(name)}
     if isinstance(value, list):
         return [_without_secrets(each) for each in cast("list[object]", value)]
-    return _USER_INFO.sub("***@", value) if isinstance(value, str) else value
+    return hide_secrets(value) if isinstance(value, str) else value
 
 
 PREFIX = "POINTIT_"

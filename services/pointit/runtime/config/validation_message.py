@@ -10,7 +10,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from pointit.runtime.config.similar_names import nearest
-from pointit.schemas.text import describe_mistake
+from pointit.schemas.text import SECRET_NAME, describe_mistake
 
 MAX_SHOWN = 60
 """Characters of a value that are worth showing."""
@@ -45,7 +45,8 @@ def first_mistake(error: ValidationError, kind: type[BaseModel]) -> tuple[tuple[
     elif first["type"] == DESCRIBED:
         text = first["msg"]
     else:
-        text = f"{_wanted(first, kind)} (got {format_value(first['input'])})"
+        is_secret = any(SECRET_NAME.search(str(part)) for part in loc)
+        text = _wanted(first, kind) + ("" if is_secret else f" (got {format_value(first['input'])})")
     return loc, text + more_errors_suffix(len(details) - 1)
 
 

@@ -6,8 +6,30 @@ import sys
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
+from pointit.schemas.text import hide_secrets
+
 if TYPE_CHECKING:  # a process without a terminal loads no rich
     from rich.console import Console
+
+
+class SecretFilter(logging.Filter):
+    """Filter that hides secrets in messages and tracebacks, whichever library logs them."""
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Replace message and traceback of `record` by those without secrets. Return True."""
+        try:
+            message = record.getMessage()
+        except (TypeError, ValueError, KeyError):  # logging would print the arguments
+            message = f"{record.msg} {record.args}"
+        record.msg, record.args = hide_secrets(message), None
+        if record.exc_info:
+            record.exc_text = hide_secrets(logging.Formatter().formatException(record.exc_info))
+            record.exc_info = None
+        return True
+
+
+if logging.lastResort is not None:  # the handler of commands that set up none
+    logging.lastResort.addFilter(SecretFilter())
 
 
 class JsonFormatter(logging.Formatter):
@@ -21,8 +43,8 @@ class JsonFormatter(logging.Formatter):
             "logger": record.name,
             "message": record.getMessage(),
         }
-        if record.exc_info:
-            entry["traceback"] = self.formatException(record.exc_info)
+        if record.exc_text:
+            entry["traceback"] = record.exc_text
         return json.dumps(entry)
 
 
@@ -34,11 +56,12 @@ def setup_logging(level: str = "info", console: "Console | None" = None) -> None
         from pointit.runtime.service.plain_console import PlainConsole  # noqa: PLC0415 - as above
 
         handler: logging.Handler = RichHandler(
-            console=console or PlainConsole(stderr=True), show_path=False, rich_tracebacks=True, markup=False
+            console=console or PlainConsole(stderr=True), show_path=False, markup=False
         )
         handler.setFormatter(logging.Formatter("%(message)s", datefmt="%H:%M:%S"))
     else:
         handler = logging.StreamHandler(sys.stderr)
         handler.setFormatter(JsonFormatter())
+    handler.addFilter(SecretFilter())
     logging.basicConfig(level=level.upper(), handlers=[handler], force=True)
     logging.getLogger("asyncio").setLevel(logging.WARNING)

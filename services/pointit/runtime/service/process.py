@@ -28,7 +28,7 @@ from pointit.runtime.service.shutdown import EXIT_FAILED, exit_with_parent, run_
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import SchemaError
 from pointit.schemas.system import check_user
-from pointit.schemas.text import plain
+from pointit.schemas.text import hide_secrets, plain
 from pointit.schemas.topics import SERVICE_ALIVE, check_name
 
 log = logging.getLogger(__name__)
@@ -78,14 +78,14 @@ def run_command(command: click.Command, arguments: list[str] | None = None) -> N
         error.show()
         sys.exit(error.exit_code)
     except PointItError as error:
-        click.echo(f"Error: {plain(str(error))}", err=True)
+        click.echo(f"Error: {plain(hide_secrets(str(error)))}", err=True)
         sys.exit(EXIT_USAGE if isinstance(error, ConfigError | SchemaError) else EXIT_FAILED)
     except Exception as error:
         if isinstance(error, OSError) and error.errno == errno.ENOSPC:
             click.echo(f"Error: the disk is full: {error.filename or 'the output'} is cut off", err=True)
             sys.exit(EXIT_FAILED)
         log.critical("fault of the program", exc_info=error)
-        what = plain(f"{type(error).__name__}: {error}")
+        what = plain(hide_secrets(f"{type(error).__name__}: {error}"))
         click.echo(f"Error: a fault of PointIt itself ({what}), see the log", err=True)
         sys.exit(EXIT_FAULT)
     sys.exit(result if isinstance(result, int) else 0)

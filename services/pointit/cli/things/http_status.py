@@ -1,0 +1,120 @@
+"""HTTP requests of which only the status of the response is read, within limits of time and size.
+
+A server can neither stall the event loop nor fill the memory: the connection ends after the headers, no body is
+read or decoded, and no redirect is followed.
+"""
+
+import contextlib
+import importlib
+import ipaddress
+import ssl
+from collections.abc import Iterable
+from typing import Any, cast
+from urllib.request import getproxies, proxy_bypass
+
+import httpcore
+import httpx
+
+MAX_HEAD_BYTES = 16384
+"""Maximum size of a response up to the end of its headers, and of interim responses before it."""
+MAX_READ_BYTES = 1024
+"""Maximum size of one read: the event loop runs other tasks between two reads."""
+
+
+def open_pool(url: httpx.URL) -> httpcore.AsyncConnectionPool:
+    """Return a pool of connections to the server of `url`, by the proxy of the environment, if any.
+
+    Blocks while it reads certificates: call it in a thread.
+
+    Raises:
+        OSError: If the file of SSL_CERT_FILE cannot be used.
+        ValueError, ImportError, httpx.InvalidURL: If the proxy cannot be used.
+    """
+    return httpcore.AsyncConnectionPool(
+        ssl_context=httpx.create_ssl_context(), proxy=_proxy_to(url), network_backend=_LimitedBackend()
+    )
+
+
+async def post(pool: httpcore.AsyncConnectionPool, request: httpx.Request) -> tuple[int, str]:
+    """Send `request` and return status and reason of the response, of which no body is read.
+
+    Raises:
+        httpcore.NetworkError, httpcore.ProtocolError, httpcore.ProxyError: If there is no response, or its
+            head exceeds `MAX_HEAD_BYTES`.
+    """
+    async with pool.stream(
+        request.method, _address(request.url), headers=request.headers.raw, content=request.content
+    ) as response:
+        reason = cast("bytes", response.extensions.get("reason_phrase", b""))
+        return response.status, reason.decode("ascii", errors="replace")
+
+
+def is_local(url: str) -> bool:
+    """Return True if the host of `url` is this machine or in its network, to which no proxy leads.
+
+    These are loopback, private and link-local addresses, names without a dot, and those below `.local` and
+    `.localhost`.
+    """
+    host = httpx.URL(url).host.rstrip(".")
+    with contextlib.suppress(ValueError):
+        return ipaddress.ip_address(host).is_private
+    return "." not in host or host.endswith((".local", ".localhost"))
+
+
+def _proxy_to(url: httpx.URL) -> httpcore.Proxy | None:
+    proxies = getproxies()
+    address = proxies.get(url.scheme) or proxies.get("all")
+    if not address or is_local(str(url)) or proxy_bypass(url.host):
+        return None
+    proxy = httpx.Proxy(address if "://" in address else f"http://{address}")
+    if proxy.url.scheme.startswith("socks"):
+        importlib.import_module("socksio")
+    return httpcore.Proxy(url=_address(proxy.url), auth=proxy.raw_auth)
+
+
+def _address(url: httpx.URL) -> httpcore.URL:
+    return httpcore.URL(scheme=url.raw_scheme, host=url.raw_host, port=url.port, target=url.raw_path)
+
+
+class _LimitedBackend(httpcore.AnyIOBackend):
+    async def connect_tcp(
+        self,
+        host: str,
+        port: int,
+        timeout: float | None = None,  # noqa: ASYNC109 - the base's
+        local_address: str | None = None,
+        socket_options: Iterable[Any] | None = None,
+    ) -> httpcore.AsyncNetworkStream:
+        return _LimitedStream(await super().connect_tcp(host, port, timeout, local_address, socket_options))
+
+
+class _LimitedStream(httpcore.AsyncNetworkStream):
+    """Stream of which at most `MAX_HEAD_BYTES` can be read."""
+
+    def __init__(self, stream: httpcore.AsyncNetworkStream, left: int = MAX_HEAD_BYTES) -> None:
+        self._stream = stream
+        self._left = left
+
+    async def read(self, max_bytes: int, timeout: float | None = None) -> bytes:  # noqa: ASYNC109
+        if not self._left:
+            raise httpcore.RemoteProtocolError(f"the headers of its answer exceed {MAX_HEAD_BYTES} bytes")
+        data = await self._stream.read(min(max_bytes, MAX_READ_BYTES, self._left), timeout)
+        self._left -= len(data)
+        return data
+
+    async def write(self, buffer: bytes, timeout: float | None = None) -> None:  # noqa: ASYNC109
+        await self._stream.write(buffer, timeout)
+
+    async def aclose(self) -> None:
+        await self._stream.aclose()
+
+    async def start_tls(
+        self,
+        ssl_context: ssl.SSLContext,
+        server_hostname: str | None = None,
+        timeout: float | None = None,  # noqa: ASYNC109
+    ) -> httpcore.AsyncNetworkStream:
+        return _LimitedStream(await self._stream.start_tls(ssl_context, server_hostname, timeout), self._left)
+
+    def get_extra_info(self, info: str) -> Any:
+        return self._stream.get_extra_info(info)

@@ -18,11 +18,12 @@ from pointit.plugins import FoundDevice, Surroundings
 from pointit.schemas import Strip, StripFrame, StripsFrame
 from pointit.schemas.topics import HEALTH
 from pointit.services.led_driver.guarded_output import GuardedOutput
-from pointit.services.led_driver.output.ddp import find_wled
+from pointit.services.led_driver.output.ddp import find_wled, read_info
 from pointit.services.led_driver.output.dmx.e131 import E131Config, make_e131
 from pointit.testing import PtyDevice, UdpDevice
 from tests.support.bench import until
 from tests.support.buses import free_udp_port
+from tests.support.hostile_server import Chunks, forever, hostile_server
 from tests.support.pace import Patience
 from tests.support.wled import Packet, announcement, served_info
 
@@ -217,6 +218,25 @@ async def write_for_ever(reader: asyncio.StreamReader, writer: asyncio.StreamWri
             async with asyncio.timeout(0.1):
                 await reader.read()
     writer.close()
+
+
+INFOS: dict[str, Chunks] = {
+    "endless": forever(b"x" * 65536, b"HTTP/1.1 200 OK\r\n\r\n"),
+    "endless headers": forever(b"a: b\r\n" * 1000, b"HTTP/1.1 200 OK\r\n"),
+    "nested": lambda _: [b"HTTP/1.1 200 OK\r\n\r\n" + b"[" * 60_000],
+    "a number": lambda _: [b"HTTP/1.1 200 OK\r\n\r\n" + b"9" * 60_000],
+    "a redirect": lambda _: [b"HTTP/1.1 302 Found\r\nLocation: /json/info\r\n\r\n"],
+    "no text": lambda _: [b"HTTP/1.1 200 OK\r\n\r\n\xff\xff"],
+}
+
+
+@pytest.mark.parametrize("info", INFOS.values(), ids=INFOS.keys())
+async def test_description_of_a_controller_is_read_up_to_its_limit(info: Chunks) -> None:
+    with hostile_server(info) as server:
+        assert await read_info("127.0.0.1", server.port) is None
+        assert await asyncio.to_thread(server.closed.wait, 30)
+        assert len(server.requests) == 1
+    assert server.sent < 16_000_000
 
 
 async def test_controller_in_the_network_is_found_beside_others_that_answer_nonsense(web_port: int) -> None:

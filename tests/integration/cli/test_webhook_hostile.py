@@ -45,7 +45,9 @@ async def test_compressed_body_is_neither_asked_for_nor_decoded() -> None:
 
 BODIES: dict[str, Chunks] = {
     "endless": forever(b"x" * 65536, OK + b"\r\n"),
-    "endless chunks": forever(b"fff0\r\n" + b"x" * 0xFFF0 + b"\r\n", OK + b"Transfer-Encoding: chunked\r\n\r\n"),
+    "endless chunks": forever(
+        b"fff0\r\n" + b"x" * 0xFFF0 + b"\r\n", OK + b"Transfer-Encoding: chunked\r\n\r\n"
+    ),
     "one byte a second": drip(OK + b"Content-Length: 500\r\n\r\n" + b"x" * 500, 0.0),
     "less than announced": lambda _: [OK + b"Content-Length: 99999999\r\n\r\nx"],
 }

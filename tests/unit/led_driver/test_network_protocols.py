@@ -243,6 +243,18 @@ def test_controller_is_described_by_its_name_pixels_and_version() -> None:
     assert found.details == {"pixels": 120, "version": "0.15.1"}
 
 
+def test_name_and_version_of_a_controller_are_short_text_without_controls() -> None:
+    info = {"name": "a\x1b[2J" + "x" * 100_000, "ver": "1" * 100_000}
+    found = described("10.0.0.9", "wled-1", info)
+    assert len(found.label) < 200
+    assert found.label.startswith("a?[2Jx")
+    assert len(str(found.details["version"])) <= 64
+    nested: object = "x"
+    for _ in range(20_000):
+        nested = [nested]
+    assert described("10.0.0.9", "wled-1", {"name": nested, "ver": nested}).label == "wled-1"
+
+
 @given(st.recursive(st.none() | st.integers() | st.text(), lambda some: st.dictionaries(st.text(), some)))
 def test_controller_that_describes_itself_oddly_is_listed_all_the_same(info: object) -> None:
     assert described("10.0.0.9", "wled-1", info).address == "10.0.0.9"

@@ -1,7 +1,7 @@
 """HTTP requests of which only the status of the response is read, within limits of time and size.
 
-A server can neither stall the event loop nor fill the memory: the connection ends after the headers, no body is
-read or decoded, and no redirect is followed.
+A server can neither stall the event loop nor fill the memory: the connection ends after the headers, no body
+is read or decoded, and no redirect is followed.
 """
 
 import contextlib

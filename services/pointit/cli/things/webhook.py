@@ -94,7 +94,12 @@ class Webhook:
             except (TimeoutError, httpcore.TimeoutException):
                 problem = f"did not answer within {TIMEOUT_S:g} s"
             # UnicodeError: no name of a host, such as with a label of more than 63 characters
-            except (httpcore.NetworkError, httpcore.ProtocolError, httpcore.ProxyError, UnicodeError) as error:
+            except (
+                httpcore.NetworkError,
+                httpcore.ProtocolError,
+                httpcore.ProxyError,
+                UnicodeError,
+            ) as error:
                 problem = f"could not be reached ({_cause(error)})"
             else:
                 if SUCCESS <= status < REDIRECT:

@@ -7,6 +7,9 @@ from typing import NamedTuple
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import remedy
 
+MAX_SERVICES = 256
+"""Maximum number of services of a kind whose addresses are asked for. Further ones are ignored."""
+
 
 class NetworkService(NamedTuple):
     """A service in the local network."""
@@ -36,7 +39,7 @@ async def browse(kind: str, seconds: float) -> list[NetworkService]:
 
     def on_change(zeroconf: Zeroconf, service_type: str, name: str, state_change: ServiceStateChange) -> None:
         del zeroconf, service_type
-        if state_change is not ServiceStateChange.Removed:
+        if state_change is not ServiceStateChange.Removed and len(names) < MAX_SERVICES:
             names.add(name)
 
     found: list[NetworkService] = []

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pointit.runtime.errors import ConfigError, first_cause
+from pointit.runtime.host.atomic_file import read_limited
 from pointit.runtime.host.extras import remedy
 from pointit.runtime.mqtt.broker_config import BrokerConfig
 from pointit.runtime.mqtt.broker_errors import (
@@ -23,14 +24,20 @@ from pointit.runtime.mqtt.broker_errors import (
     describe_error,
     transport_error,
 )
+from pointit.schemas.text import one_line
 
 if TYPE_CHECKING:
     import aiomqtt
 
+MAX_PASSWORD_BYTES = 65535
+"""Maximum length of a password in MQTT."""
+MAX_TOPIC = 100
+"""Characters of an invalid topic that are logged."""
 END_S = 0.3
 """Maximum time to take leave, s."""
 QUEUED_MESSAGES = 1000
 """Maximum number of unread messages."""
+log = logging.getLogger(__name__)
 _paho_log = logging.getLogger("pointit.paho")
 _paho_log.setLevel(logging.CRITICAL)  # its errors are raised, too, and it would log them at every try
 
@@ -55,9 +62,23 @@ def client_options(config: BrokerConfig) -> dict[str, Any]:
     password = os.environ.get(PASSWORD) if config.username else None
     try:
         if config.password_file:
-            password = Path(config.password_file).read_text(encoding="utf-8").rstrip("\r\n")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"password_file: {config.password_file} cannot be read ({error})") from error
+            content = read_limited(Path(config.password_file), MAX_PASSWORD_BYTES + 1)
+            password = content.decode().rstrip("\r\n")
+    except FileNotFoundError as error:
+        raise ConfigError(
+            f"password_file: {config.password_file} does not exist; correct the path"
+        ) from error
+    except UnicodeDecodeError:  # its text and the chained error have bytes of the password
+        raise ConfigError(
+            f"password_file: {config.password_file} is not in UTF-8; save it as UTF-8"
+        ) from None
+    except ConfigError as error:
+        raise ConfigError(f"password_file: {error}") from error
+    if password is not None and len(password) > MAX_PASSWORD_BYTES:
+        raise ConfigError(
+            f"password_file: {config.password_file} exceeds {MAX_PASSWORD_BYTES} bytes; "
+            "name a file that holds the password only"
+        )
     return {
         "hostname": host,
         "port": port,
@@ -105,6 +126,7 @@ async def connected(options: dict[str, Any]) -> "AsyncGenerator[aiomqtt.Client]"
         max_queued_incoming_messages=QUEUED_MESSAGES,
         logger=_paho_log,
     )
+    _skip_invalid_topics(client)
     opening = asyncio.ensure_future(client.__aenter__())
     try:
         try:
@@ -119,6 +141,31 @@ async def connected(options: dict[str, Any]) -> "AsyncGenerator[aiomqtt.Client]"
             async with asyncio.timeout(END_S):
                 await opening
                 await client.__aexit__(None, None, None)
+        client._client._sock_close()  # noqa: SLF001 - aiomqtt leaves it open if an exception ended it
+
+
+def _skip_invalid_topics(client: "aiomqtt.Client") -> None:
+    """Replace the receiver of messages by one that ignores those whose topic is not valid, with one warning.
+
+    An exception of the receiver has paho handle the same packet again and again, and read no other.
+    """
+    receive = client._client.on_message  # noqa: SLF001 - aiomqtt has no other way
+    is_logged = False
+
+    def on_message(*arguments: Any) -> None:
+        nonlocal is_logged
+        try:
+            receive(*arguments)
+        except ValueError as error:
+            if not is_logged:
+                topic = error.object if isinstance(error, UnicodeDecodeError) else error
+                log.warning(
+                    "messages whose topic is not valid are ignored, first %s: correct their sender",
+                    one_line(str(topic), MAX_TOPIC),
+                )
+            is_logged = True
+
+    client._client.on_message = on_message  # noqa: SLF001 - as above
 
 
 async def keep_connected(

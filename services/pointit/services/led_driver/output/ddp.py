@@ -14,6 +14,7 @@ from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.name_lookup import look_up
 from pointit.runtime.host.service_browser import NetworkService, browse
 from pointit.runtime.service.surroundings import Surroundings
+from pointit.schemas.text import one_line
 from pointit.services.led_driver.output import ddp_protocol
 from pointit.services.led_driver.output.datagram_sender import Datagram, Destination
 from pointit.services.led_driver.output.network_output import NetworkOutput, Wire
@@ -24,6 +25,8 @@ SERVICE = "_wled._tcp"
 ANSWER_S = 1.0
 """Maximum time for the description of a controller, s."""
 MAX_INFO_BYTES = 65536
+MAX_WORD = 64
+"""Characters of a controller's name and version that are shown."""
 MAX_PIXELS = 65536
 """Largest number of pixels that a controller is believed to have."""
 
@@ -40,7 +43,7 @@ async def find_wled(seconds: float) -> Sequence[FoundDevice]:
 
 async def _describe(service: NetworkService) -> FoundDevice:
     host = service.host if await _is_resolved(service.host) else service.address
-    return described(host, service.name, await _ask(service.address, service.port))
+    return described(host, service.name, await read_info(service.address, service.port))
 
 
 async def _is_resolved(host: str) -> bool:
@@ -55,18 +58,21 @@ async def _is_resolved(host: str) -> bool:
     return True
 
 
-async def _ask(address: str, port: int) -> object:
-    """Return the controller's description of itself, or None. Follows no redirect and uses no proxy."""
+async def read_info(address: str, port: int) -> object:
+    """Return the controller's description of itself, or None.
+
+    Reads at most `MAX_INFO_BYTES` within `ANSWER_S`, follows no redirect and uses no proxy.
+    """
     answer = b""
     with contextlib.suppress(OSError):  # TimeoutError is one
         async with asyncio.timeout(ANSWER_S):
             reader, writer = await asyncio.open_connection(address, port)
             try:
                 writer.write(f"GET /json/info HTTP/1.0\r\nHost: {address}\r\n\r\n".encode())
-                while len(answer) < MAX_INFO_BYTES and (part := await reader.read(MAX_INFO_BYTES)):
+                while part := await reader.read(MAX_INFO_BYTES - len(answer)):
                     answer += part
             finally:
-                writer.close()
+                writer.transport.abort()
     head, _, body = answer.partition(b"\r\n\r\n")
     try:
         return json.loads(body) if head.split(b" ")[1:2] == [b"200"] else None
@@ -79,14 +85,17 @@ def described(host: str, name: str, info: object) -> FoundDevice:
     values = cast("dict[str, Any]", info) if isinstance(info, dict) else {}
     leds = values.get("leds")
     pixels = cast("dict[str, Any]", leds).get("count") if isinstance(leds, dict) else None
-    own_name, version = values.get("name"), values.get("ver")
-    words = [str(own_name or name)]
+    own_name, version = (
+        one_line(value, MAX_WORD) if isinstance(value := values.get(field), str) else ""
+        for field in ("name", "ver")
+    )
+    words = [own_name or name]
     details: dict[str, str | float] = {}
     if type(pixels) is int and 0 < pixels <= MAX_PIXELS:
         details["pixels"] = pixels
         words.append(f"{pixels} pixels")
     if version:
-        details["version"] = str(version)
+        details["version"] = version
         words.append(f"WLED {version}")
     return FoundDevice(host, ", ".join(words), details)
 

@@ -26,6 +26,7 @@ FOUND = {
 LIGHT = {"kind": "light", "plugin": "ddp", "address": "kitchen.local", "name": "shelf"}
 WRIST = {"kind": "wrist", "plugin": "slimevr", "address": "02:00", "name": "anna"}
 AT = "tcp/127.0.0.1:1"
+BEGIN = process.BEGIN
 LIKE_A_DEVICE = """
 import json, pathlib, sys
 with pathlib.Path({file!r}).open("a") as file:
@@ -71,7 +72,7 @@ def wearers() -> list[str]:
     for child in psutil.Process().children():
         with contextlib.suppress(psutil.Error):
             lines.append(child.cmdline())
-    return [line[line.index("add") + 1] for line in lines if "person" in line and "add" in line]
+    return [line[-1] for line in lines if "person" in line and "add" in line]
 
 
 async def room(bench: Bench, page: Page) -> None:
@@ -137,7 +138,7 @@ async def test_a_light_is_connected_tested_remembered_and_forgotten(started: Pat
         shown.append(query)
         return Done()
 
-    expected = ["output", "add", "ddp:kitchen.local", "--strip", "shelf", "--json"]
+    expected = ["output", "add", "--strip=shelf", "--json"]
     async with memory_bench() as bench:
         bench.bus.serve(topics.SHOW_PIXELS, show)
         async with serving(bench, devices_at=AT) as server, server.page() as page:
@@ -154,8 +155,27 @@ async def test_a_light_is_connected_tested_remembered_and_forgotten(started: Pat
         async with serving(bench, devices_at=AT) as server, server.page() as page:
             await page.ask(deed="find_devices")
             assert not line(page, "light")
-    assert [each[:6] for each in commands(started)] == [expected, expected]
-    assert commands(started)[0][6:] == ["--site", bench.bus.site, "--connect", AT]
+    expected += ["--site", bench.bus.site, "--connect", AT, "--", "ddp:kitchen.local"]
+    assert commands(started) == [expected, expected]
+
+
+async def test_device_whose_name_begins_with_a_dash_is_no_option(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its command comes to the device, with a sentence, and not to the help or another option."""
+    monkeypatch.setattr(process, "BEGIN", BEGIN)
+    stored = [
+        {"kind": "light", "plugin": "--help", "name": "shelf", "label": "a"},
+        {"kind": "wrist", "plugin": "udp", "name": "-anna", "label": "c"},
+    ]
+    async with memory_bench() as bench:
+        file = site_folder(bench.bus.site, "web") / "devices.json"
+        file.parent.mkdir(parents=True)
+        file.write_text(json.dumps({"devices": stored}))
+        async with serving(bench, devices_at="tcp/127.0.0.1:9") as server, server.page() as page:
+            await until(lambda: len(page.status.get("devices", ())) == 2)
+            await until(lambda: all(each["problem"] for each in page.status["devices"]), patience_s=120.0)
+            problems = {each["label"]: each["problem"] for each in page.status["devices"]}
+    assert "no LED output '--help' is installed" in problems["a"]
+    assert "user '-anna': use 1 to 64 letters" in problems["c"]
 
 
 async def test_a_wrist_is_a_person_whose_mounting_is_checked(started: Path) -> None:
@@ -177,9 +197,10 @@ async def test_a_wrist_is_a_person_whose_mounting_is_checked(started: Path) -> N
             in (await page.ask(deed="connect_device", query={**WRIST, "name": "a b"}))["error"]
         )
     (arguments, measure) = commands(started)
-    assert arguments[:5] == ["person", "add", "anna", "--imu", "slimevr:02:00"]
-    assert arguments[-2:] == ["--set", "imu-bridge.slimevr.host=0.0.0.0"], "it is on another machine"
-    assert measure[:4] == ["person", "calibrate", "mounting", "anna"]
+    assert arguments[:3] == ["person", "add", "--imu=slimevr:02:00"]
+    assert "--set=imu-bridge.slimevr.host=0.0.0.0" in arguments, "it is on another machine"
+    assert arguments[-2:] == ["--", "anna"]
+    assert (measure[:3], measure[-2:]) == (["person", "calibrate", "mounting"], ["--", "anna"])
 
 
 async def test_a_device_that_two_pages_connect_and_rename_has_one_process(started: Path) -> None:
@@ -196,7 +217,7 @@ async def test_a_device_that_two_pages_connect_and_rename_has_one_process(starte
             assert [answer["error"] for answer in await asyncio.gather(*asked)] == ["", ""]
         await until(lambda: [each["name"] for each in page.status["devices"]] == ["carla"])
         await until(lambda: wearers() == ["carla"], what="one process")
-        await until(lambda: bool(commands(started)) and commands(started)[-1][2] == "carla")
+        await until(lambda: bool(commands(started)) and commands(started)[-1][-1] == "carla")
 
 
 async def test_a_stored_light_waits_while_the_run_has_its_controller_as_output(started: Path) -> None:

@@ -215,9 +215,9 @@ class Devices:
             running.said = line
             self.changed()
 
-        measure = ("person", "calibrate", "mounting", device.name, "--non-interactive", "--json")
+        measure = ("person", "calibrate", "mounting", "--non-interactive", "--json", *self._link)
         try:
-            problem = await run_command((*measure, *self._link), on_said, result.update)
+            problem = await run_command((*measure, "--", device.name), on_said, result.update)
         finally:
             on_said("")
         if problem:
@@ -265,14 +265,16 @@ class Devices:
         self.changed()
 
     def _arguments(self, device: ConnectedDevice) -> tuple[str, ...]:
+        """Return the command of `device`. A name that begins with `-` is no option: it follows `=` or `--`."""
         if device.kind == "light":
-            return ("output", "add", device.option, "--strip", device.name, "--json", *self._link)
+            return ("output", "add", f"--strip={device.name}", "--json", *self._link, "--", device.option)
         settings = [f"mounting={MOUNTINGS[device.plugin]}"] if device.plugin in MOUNTINGS else []
         settings += [f"{device.plugin}.host=0.0.0.0"] if device.is_remote else []
         return (
-            *("person", "add", device.name, "--imu", device.option, "--no-view", *self._link),
+            *("person", "add", f"--imu={device.option}", "--no-view", *self._link),
             *(["--localize"] if self._localizes else []),
-            *(part for setting in settings for part in ("--set", f"{IMU_BRIDGE}.{setting}")),
+            *(f"--set={IMU_BRIDGE}.{setting}" for setting in settings),
+            *("--", device.name),
         )
 
     @property

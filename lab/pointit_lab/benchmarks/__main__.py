@@ -14,6 +14,7 @@ import click
 from rich.console import Console
 from rich.table import Table
 
+from pointit.runtime.host.atomic_file import replaced_file
 from pointit.runtime.host.state_file import VARIABLE
 from pointit.runtime.service.shutdown import SWITCH_INTERVAL_S
 from pointit_lab.benchmarks import (
@@ -222,7 +223,8 @@ def _measure_bridges(
 
 def _write(path: Path | None, result: dict[str, Any]) -> None:
     if path is not None:
-        path.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+        with replaced_file(path) as part:
+            part.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
 
 
 def latency_table(latency_result: dict[str, Any]) -> Table:

@@ -9,6 +9,7 @@ import click
 
 from pointit.cli.common.output import to_json
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.atomic_file import replaced_file
 from pointit_lab.evaluation.recordings.data_folder import VARIABLE
 
 MAX_JOBS = 8
@@ -78,8 +79,6 @@ def write_json(document: dict[str, Any], file: Path | None) -> bool:
     if str(file) == "-":
         click.echo(text)
         return True
-    try:
-        file.write_text(text + "\n", encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"{file}: cannot be written ({error.strerror or error})") from error
+    with replaced_file(file) as part:
+        part.write_text(text + "\n", encoding="utf-8")
     return False

@@ -7,6 +7,7 @@ from pathlib import Path
 from pointit.recording.entries import Entry, RecordingError
 from pointit.recording.head import Head, make_head
 from pointit.recording.writer import RecordingWriter
+from pointit.runtime.host.atomic_file import replaced_file
 
 PART = ".part"
 """Suffix of the file until it is complete."""
@@ -24,17 +25,10 @@ def new_recording(path: Path, head: Head, *, overwrite: bool = False) -> Generat
     """
     if path.exists() and not overwrite:
         raise RecordingError(f"{path}: exists already; give another file, or --overwrite to replace it")
-    part = path.with_name(f"{path.name}{PART}")
-    try:
-        with part.open("wb") as file:
-            writer = RecordingWriter(file, head)
-            yield writer
-            writer.close()
-        part.replace(path)
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be written ({error.strerror or error})") from error
-    finally:
-        part.unlink(missing_ok=True)
+    with replaced_file(path) as part, part.open("wb") as file:
+        writer = RecordingWriter(file, head)
+        yield writer
+        writer.close()
 
 
 def write_recording(

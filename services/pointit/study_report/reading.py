@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.atomic_file import replaced_file
 from pointit.study.append_only_csv import spreadsheet_row
 from pointit.study.columns import COUNTS, NUMBERS, columns_of
 from pointit.study.data import TRIALS, counts, read_answers, read_trials, study_in
@@ -54,7 +55,7 @@ def write_all_trials(folder: str | Path, to: str | Path) -> list[Path]:
     paths = sorted(Path(folder).glob(f"*/{TRIALS}"))
     rows = [row for path in paths for row in read_trials(study, path.parent)]
     target = Path(to) / "all_trials.csv"
-    with target.open("w", newline="", encoding="utf-8") as file:
+    with replaced_file(target) as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, names, extrasaction="ignore", lineterminator="\n")
         writer.writeheader()
         writer.writerows(map(spreadsheet_row, rows))
@@ -69,7 +70,8 @@ def write_all_trials(folder: str | Path, to: str | Path) -> list[Path]:
         for name in names
     }
     parquet = target.with_suffix(".parquet")
-    importlib.import_module("pyarrow.parquet").write_table(arrow.table(columns), parquet)
+    with replaced_file(parquet) as part:
+        importlib.import_module("pyarrow.parquet").write_table(arrow.table(columns), part)
     return [target, parquet]
 
 

@@ -14,9 +14,9 @@ from rich.console import Console
 
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import print_table
-from pointit.cli.common.topic_names import Wanted, resolve, resolve_all
 from pointit.cli.inspect.call import build, requests
 from pointit.cli.inspect.hz import RateMeter
+from pointit.cli.inspect.topic_names import Wanted, resolve, resolve_all
 from pointit.cli.inspect.track import TrackerMeters, Tracking, show
 from pointit.cli.main import command
 from pointit.schemas import NS_PER_S, ImuSample, TrackedObject, TrackedObjects, topics

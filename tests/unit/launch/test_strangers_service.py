@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from pointit.access.rights import rights_of
-from pointit.cli.common.topic_names import resolve
+from pointit.cli.inspect.topic_names import resolve
 from pointit.cli.run.list import plugins
 from pointit.diagnosis.writers import silence_reason, start_command
 from pointit.launch.plan.launches import Choices, site_launches, user_launches

@@ -18,7 +18,7 @@ from pointit.bridges.foxglove.scene import PARTS, Scene
 from pointit.bridges.foxglove.server import LOG, Server, picture_topic
 from pointit.runtime.bus.contract import Subscription
 from pointit.runtime.clock import Timer
-from pointit.runtime.link.addresses import own_address
+from pointit.runtime.host.own_address import own_address
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import Environment, Message
 from pointit.schemas.catalogue.json_channel import JsonChannel, channel_name

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.atomic_file import replaced_file
 from pointit.runtime.host.extras import remedy
 from pointit_lab.evaluation.selection.row import SelectionMetrics, SelectionRow
 
@@ -70,10 +71,8 @@ def plot(rows: Sequence[SelectionRow], path: Path) -> None:
             axis.set_xticks(range(len(names)), names, rotation=40, ha="right", fontsize=7)
             axis.set_ylim(bottom=0.0)
     all_axes[0][0].legend(fontsize=7)
-    try:
-        figure.savefig(path)  # pyright: ignore[reportUnknownMemberType] - matplotlib's own stub
-    except OSError as error:
-        raise ConfigError(f"--plot {path}: cannot be written ({error.strerror or error})") from error
+    with replaced_file(path) as part:
+        figure.savefig(part)  # pyright: ignore[reportUnknownMemberType] - matplotlib's own stub
 
 
 def _shown(value: float | None) -> float:

@@ -13,6 +13,8 @@ import platformdirs
 from click.shell_completion import CompletionItem
 
 from pointit.cli.common.completed_names import NAMES, beginning
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.atomic_file import write_atomically
 
 Load = Callable[[], click.Command]
 
@@ -37,11 +39,8 @@ def remembered(words: Sequence[str], load: Load) -> click.Command:
         if saved["state"] == state:
             return _command(saved, words, load)
     saved = {"state": state, **_described(load())}
-    with contextlib.suppress(OSError):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_suffix(f".{os.getpid()}")
-        part.write_text(json.dumps(saved), encoding="utf-8")
-        part.replace(path)
+    with contextlib.suppress(ConfigError):
+        write_atomically(path, json.dumps(saved).encode())
     return _command(saved, words, load)
 
 

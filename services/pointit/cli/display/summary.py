@@ -14,6 +14,7 @@ from pointit.cli.display.display_part import DisplayPart
 from pointit.launch.plan.plan import Plan
 from pointit.launch.run.monitor import Monitor
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.atomic_file import replaced_file
 from pointit.services.localizer.certainty import position_sigma_m, yaw_sigma_deg
 
 
@@ -111,10 +112,8 @@ def write_summary(plan: Plan, monitor: Monitor, duration_s: float, parts: Sequen
         if plan.afterword:
             click.echo(plan.afterword)
     if plan.summary is not None:
-        try:
-            plan.summary.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
-        except OSError as error:
-            raise ConfigError(f"{plan.summary}: cannot be written ({error.strerror or error})") from error
+        with replaced_file(plan.summary) as file:
+            file.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
 
 
 def summary_lines(summary: Mapping[str, Any], parts: Sequence[DisplayPart] = ()) -> list[str]:

@@ -11,7 +11,7 @@ from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import Row, Section, json_option, print_json, say, show, to_line
 from pointit.cli.common.site_link import AtSite, default_address_note, join_site, quiet, site_options
-from pointit.cli.common.topic_names import filled
+from pointit.cli.inspect.topic_names import filled
 from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S
 from pointit.runtime.config.config import Layers, validate
 from pointit.runtime.config.parameters import ParameterInfo, iter_parameters

@@ -9,7 +9,7 @@ import click
 
 from pointit.cli.common.output import json_option, to_json, to_line, write_line
 from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
-from pointit.cli.common.topic_names import Wanted, resolve
+from pointit.cli.inspect.topic_names import Wanted, resolve
 from pointit.diagnosis.writers import silence_reason
 from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus

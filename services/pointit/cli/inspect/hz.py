@@ -12,7 +12,7 @@ from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import Section, console, json_option, print_table, to_json, write_line
 from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
-from pointit.cli.common.topic_names import EVERYTHING, Wanted, resolve_all
+from pointit.cli.inspect.topic_names import EVERYTHING, Wanted, resolve_all
 from pointit.runtime.bus.contract import AnyTopic
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.atomic_file import replaced_file
 from pointit.schemas import SchemaError
 from pointit.schemas.catalogue import asyncapi, catalogue
 from pointit.schemas.catalogue.asyncapi import Kind
@@ -92,7 +93,8 @@ def write_folder(folder: Path, files: dict[str, bytes]) -> None:
         for path, content in files.items():
             target = folder / path
             target.parent.mkdir(parents=True, exist_ok=True)
-            target.write_bytes(content)
+            with replaced_file(target) as part:
+                part.write_bytes(content)
     except OSError as error:
         raise ConfigError(f"{error.filename}: cannot be written ({error.strerror})") from error
 

@@ -21,7 +21,7 @@ from pointit.maps.file import parse_map_file
 from pointit.runtime.config.config import Layers
 from pointit.runtime.config.parameters import ParameterInfo, iter_parameters
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.atomic_file import write_atomically
+from pointit.runtime.host.atomic_file import replaced_file
 from pointit.runtime.host.extras import remedy
 from pointit.runtime.service.shutdown import run_until_shutdown
 
@@ -168,13 +168,9 @@ def _write(node: str, tree: Mapping[str, Any], output: Path | None) -> None:
     if not has_errors:
         if output is None:
             print_file(text)
-        elif output.exists() and not output.is_file():
-            try:
-                output.write_bytes(content)  # /dev/null or a pipe: must not be replaced by a file
-            except OSError as error:
-                raise ConfigError(f"{output}: cannot be written ({error.strerror or error})") from error
         else:
-            write_atomically(output.resolve(), content, mode=0o644)
+            with replaced_file(output) as part:
+                part.write_bytes(content)
     print_findings(name, has, findings, err=output is None or has_errors)
     if has_errors:
         click.echo(f"{name}: not written because of errors; correct the parameters of {node}", err=True)

@@ -11,6 +11,7 @@ import click
 
 from pointit.plugins import GROUPS
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.atomic_file import replaced_file
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.selector.config import SelectorConfig
 
@@ -58,7 +59,8 @@ def command(*, kind: str, name: str, folder: Path | None) -> None:
         place = target / path
         try:
             place.parent.mkdir(parents=True, exist_ok=True)
-            place.write_text(text, encoding="utf-8")
+            with replaced_file(place) as part:
+                part.write_text(text, encoding="utf-8")
         except OSError as error:
             raise ConfigError(
                 f"{place} cannot be written ({error.strerror}): give another --folder"

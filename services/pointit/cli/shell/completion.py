@@ -9,6 +9,7 @@ from click.shell_completion import BashComplete, FishComplete, ShellComplete, Zs
 
 from pointit.cli.common.lazy import COMPLETE
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.atomic_file import replaced_file
 
 SHELLS: dict[str, type[ShellComplete]] = {"bash": BashComplete, "zsh": ZshComplete, "fish": FishComplete}
 ZSH_SETUP = "(( $+functions[compdef] )) || { autoload -Uz compinit && compinit }\n"
@@ -42,7 +43,8 @@ def command(ctx: click.Context, *, shell: str | None, is_printed: bool) -> None:
     line = f'source "{file}"\n'
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(script, encoding="utf-8")
+        with replaced_file(file) as part:
+            part.write_text(script, encoding="utf-8")
         if start is not None and (not start.exists() or line.encode() not in start.read_bytes()):
             with start.open("a", encoding="utf-8") as opened:
                 opened.write(f"\n# completion of pointit\n{line}")

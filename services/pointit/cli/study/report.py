@@ -8,6 +8,7 @@ import click
 
 from pointit.cli.common.progress import interruptible, progress
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.atomic_file import replaced_file
 from pointit.runtime.host.extras import remedy
 
 
@@ -40,8 +41,9 @@ def command(*, folder: Path, to: Path | None) -> None:
         target.mkdir(parents=True, exist_ok=True)
         with interruptible(), progress() as tell:
             html, notebook = page.report(study, _seen_from(target, folder), tell)
-        (target / "report.html").write_text(html, encoding="utf-8")
-        (target / "report.ipynb").write_text(notebook, encoding="utf-8")
+        for name, text in (("report.html", html), ("report.ipynb", notebook)):
+            with replaced_file(target / name) as part:
+                part.write_text(text, encoding="utf-8")
         tables = study_report.write_all_trials(folder, target)
     except OSError as error:
         raise ConfigError(f"{target}: cannot be written ({error.strerror or error})") from error

@@ -19,6 +19,7 @@ from pointit.maps.picture.belts import draw_bays, draw_belts, draw_links, draw_s
 from pointit.maps.picture.floor import extent, floor_edges
 from pointit.maps.picture.palette import CLOUD, INK, KEEP_IN, KEEP_OUT, LAMP, ON_TOP, SOLID, Axes
 from pointit.maps.picture.solids import draw_solids
+from pointit.runtime.host.atomic_file import replaced_file
 from pointit.schemas import Environment
 from pointit.schemas.environment import Fence
 
@@ -61,13 +62,14 @@ def draw_map(
     `told_apart`: share of things that pointing tells apart from a place, by which the floor is coloured.
 
     Raises:
-        OSError: If the file cannot be written.
+        ConfigError: If the file cannot be written.
     """
     settings: Any = mpl  # its stubs list every parameter there is
     with settings.rc_context(_STYLE):
         figure: Any = map_figure(room, clouds, title, person_m, told_apart=told_apart)
         metadata = {"Date": None} if path.suffix.lower() == ".svg" else None  # reproducible
-        figure.savefig(path, dpi=DPI, metadata=metadata, bbox_inches="tight", pad_inches=0.15)
+        with replaced_file(path) as part:
+            figure.savefig(part, dpi=DPI, metadata=metadata, bbox_inches="tight", pad_inches=0.15)
 
 
 def map_figure(

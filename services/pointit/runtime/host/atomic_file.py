@@ -1,8 +1,11 @@
 """Files that are read with a limit, and replaced as a whole: readers find the old or the new content."""
 
+import contextlib
+import errno
 import os
+import secrets
 import sys
-import tempfile
+from collections.abc import Generator
 from pathlib import Path
 
 from pointit.runtime.errors import ConfigError
@@ -33,31 +36,56 @@ def write_atomically(path: Path, content: bytes, *, mode: int = 0o600, durable: 
     Raises:
         ConfigError: If it cannot be written. Names the file.
     """
+    with replaced_file(path, mode=mode, durable=durable) as part:
+        part.write_bytes(content)
+
+
+@contextlib.contextmanager
+def replaced_file(path: Path, *, mode: int | None = None, durable: bool = False) -> Generator[Path]:
+    """Yield the path of a new file, which replaces `path` when the body ends, and is deleted if it raises.
+
+    `mode` and `durable`: as for `write_atomically`. Without a mode, as for files that a person keeps, the mode is
+    that of the replaced file, or the system's, links are followed, and a write-protected file is an error. What
+    is no file, such as /dev/stdout or a pipe, is yielded itself then.
+
+    Raises:
+        ConfigError: If it cannot be written, which leaves `path` as it was. Names the file.
+    """
     try:
-        for folder in reversed(path.parents):  # `parents=True` would give its mode to the last one only
-            folder.mkdir(exist_ok=True, mode=0o700)
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}")  # mode 0600
+        target = path.resolve() if mode is None else path
+        if mode is not None:
+            for folder in reversed(path.parents):  # `parents=True` would give its mode to the last one only
+                folder.mkdir(exist_ok=True, mode=0o700)
+        elif path.parts[1:2] in (("dev",), ("proc",)) or (target.exists() and not target.is_file()):
+            yield path
+            return
+        elif target.exists():
+            if not os.access(target, os.W_OK):
+                raise PermissionError(errno.EACCES, "it is write-protected")
+            mode = target.stat().st_mode
+        # the suffix tells writers the format
+        part = target.with_name(f".{target.stem[:100]}.{secrets.token_hex(4)}{target.suffix}")
         try:
-            with os.fdopen(handle, "wb") as file:
-                file.write(content)
-                if durable:
-                    file.flush()
-                    os.fsync(file.fileno())
-            Path(name).chmod(mode)
-            Path(name).replace(path)
-        except BaseException:
-            Path(name).unlink(missing_ok=True)
-            raise
+            part.touch(0o666 if mode is None else 0o600, exist_ok=False)
+            yield part
+            if durable:
+                _sync(part)
+            if mode is not None:
+                part.chmod(mode)
+            part.replace(target)
+        finally:
+            part.unlink(missing_ok=True)
         if durable:
-            _settle(path.parent)
+            _sync(path.parent)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be written ({error.strerror or error})") from error
 
 
-def _settle(folder: Path) -> None:
-    if sys.platform == "win32":  # it opens no folders
+def _sync(path: Path) -> None:
+    is_folder = path.is_dir()
+    if is_folder and sys.platform == "win32":  # it opens no folders
         return
-    handle = os.open(folder, os.O_RDONLY)
+    handle = os.open(path, os.O_RDONLY if is_folder else os.O_RDWR)
     try:
         os.fsync(handle)
     finally:

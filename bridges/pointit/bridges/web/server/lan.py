@@ -13,8 +13,8 @@ from starlette.types import ASGIApp
 from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.server.listener import Listener, bind, url
 from pointit.runtime.errors import ConfigError, ListenError, RefusedError
+from pointit.runtime.host.own_address import found_addresses
 from pointit.runtime.host.state_file import site_folder
-from pointit.runtime.link.addresses import found_addresses
 
 if TYPE_CHECKING:
     from pointit.bridges.web.server.certificate import Certificate

@@ -1,25 +1,12 @@
 """New maps on a disk that is full or has no links, and beside another writer."""
 
-import resource
-from collections.abc import Generator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
 from pointit.maps.edit.new_file import write_new
 from pointit.runtime.errors import ConfigError
-
-
-@contextmanager
-def file_size_limit(limit: int) -> Generator[None]:
-    """Let the system refuse to write more than `limit` bytes to a file, as a full disk does."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+from tests.support.full_disk import file_size_limit
 
 
 def test_no_file_is_left_when_the_disk_is_full(tmp_path: Path) -> None:

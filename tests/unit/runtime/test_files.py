@@ -8,9 +8,10 @@ import pytest
 from pydantic import BaseModel
 
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.atomic_file import read_limited, write_atomically
+from pointit.runtime.host.atomic_file import read_limited, replaced_file, write_atomically
 from pointit.runtime.host.state_file import MAX_BYTES, StateFile
 from pointit.schemas import KeyNameError
+from tests.support.full_disk import file_size_limit
 
 
 def names(folder: Path) -> list[str]:
@@ -75,6 +76,68 @@ def test_only_what_must_last_waits_for_the_disk(tmp_path: Path, monkeypatch: pyt
     assert waited == []
     write_atomically(tmp_path / "x", b"", durable=True)
     assert waited == ([False] if os.name == "nt" else [False, True])  # the file, then its name
+
+
+def test_kept_file_has_the_modes_of_the_system_or_of_the_file_before(tmp_path: Path) -> None:
+    other = tmp_path / "other"
+    other.touch()
+    for mode in (mode_of(other), 0o640):
+        with replaced_file(tmp_path / "x.json") as part:
+            assert part.suffix == ".json"
+            part.write_text("new")
+        assert mode_of(tmp_path / "x.json") == mode
+        (tmp_path / "x.json").chmod(0o640)
+    assert names(tmp_path) == ["other", "x.json"]
+
+
+def test_kept_file_is_as_it_was_if_its_writer_fails(tmp_path: Path) -> None:
+    (tmp_path / "x").write_text("old")
+    with pytest.raises(ZeroDivisionError), replaced_file(tmp_path / "x") as part:
+        part.write_text(f"half{1 // 0}")
+    assert ((tmp_path / "x").read_text(), names(tmp_path)) == ("old", ["x"])
+
+
+def test_links_to_a_kept_file_stay(tmp_path: Path) -> None:
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "x").symlink_to(tmp_path / "folder" / "y")
+    for text in ("a", "b"):
+        with replaced_file(tmp_path / "x") as part:
+            part.write_text(text)
+        assert (tmp_path / "x").is_symlink()
+        assert (tmp_path / "folder" / "y").read_text() == text
+
+
+def test_what_is_no_file_is_written_to(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    reader = os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        with replaced_file(tmp_path / "pipe") as part:
+            part.write_text("through")
+        assert os.read(reader, 100) == b"through"
+    finally:
+        os.close(reader)
+    with replaced_file(Path("/dev/null")) as part:
+        part.write_text("away")
+    assert Path("/dev/null").is_char_device()
+    with (
+        pytest.raises(ConfigError, match="/dev/full: cannot be written"),
+        replaced_file(Path("/dev/full")) as part,
+    ):
+        part.write_text("too much")
+    with pytest.raises(ConfigError, match=r"cannot be written"), replaced_file(tmp_path) as part:
+        part.write_text("a folder")
+
+
+@pytest.mark.parametrize("mode", [None, 0o600])
+def test_full_disk_leaves_the_earlier_file_and_nothing_else(tmp_path: Path, mode: int | None) -> None:
+    (tmp_path / "x").write_text("old")
+    with (
+        file_size_limit(1000),
+        pytest.raises(ConfigError, match=r"/x: cannot be written"),
+        replaced_file(tmp_path / "x", mode=mode) as part,
+    ):
+        part.write_bytes(bytes(100_000))
+    assert ((tmp_path / "x").read_text(), names(tmp_path)) == ("old", ["x"])
 
 
 class Shoe(BaseModel):

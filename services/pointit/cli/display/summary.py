@@ -112,8 +112,8 @@ def write_summary(plan: Plan, monitor: Monitor, duration_s: float, parts: Sequen
         if plan.afterword:
             click.echo(plan.afterword)
     if plan.summary is not None:
-        with replaced_file(plan.summary) as file:
-            file.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+        with replaced_file(plan.summary) as part:
+            part.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
 
 
 def summary_lines(summary: Mapping[str, Any], parts: Sequence[DisplayPart] = ()) -> list[str]:

@@ -188,8 +188,6 @@ class RequestHandler(Declaration, Generic[Q, R]):
             reply = await self._server(query, name)
             if not isinstance(reply, self.request.reply):
                 raise TypeError(f"the reply is a {type(reply).__name__}, not a {self.request.reply.__name__}")  # noqa: TRY301
-        except RefusedError:
-            raise
         except PointItError as error:  # a sentence for a person already
             raise RefusedError(hide_secrets(str(error))) from error
         except Exception as error:

@@ -10,6 +10,7 @@ from pointit.runtime.bus.timeliness import STRAY_NS, STREAMS
 from pointit.runtime.clock import Clock
 from pointit.runtime.errors import BusClosedError
 from pointit.schemas import NS_PER_S, Message, Query, Reply, ServedRequest
+from pointit.schemas.text import hide_secrets
 from pointit.schemas.topics import Delivery, Request
 
 M = TypeVar("M", bound=Message)
@@ -165,7 +166,9 @@ class ServedPublisher:
             try:
                 reply = await server(query, name)
             except Exception as error:
-                self._put(asked_ns, request.at(name), query, None, str(error) or type(error).__name__)
+                self._put(
+                    asked_ns, request.at(name), query, None, hide_secrets(str(error)) or type(error).__name__
+                )
                 raise
             self._put(asked_ns, request.at(name), query, reply, "")
             return reply

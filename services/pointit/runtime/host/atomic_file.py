@@ -44,9 +44,9 @@ def write_atomically(path: Path, content: bytes, *, mode: int = 0o600, durable: 
 def replaced_file(path: Path, *, mode: int | None = None, durable: bool = False) -> Generator[Path]:
     """Yield the path of a new file, which replaces `path` when the body ends, and is deleted if it raises.
 
-    `mode` and `durable`: as for `write_atomically`. Without a mode, as for files that a person keeps, the mode is
-    that of the replaced file, or the system's, links are followed, and a write-protected file is an error. What
-    is no file, such as /dev/stdout or a pipe, is yielded itself then.
+    `mode` and `durable` are those of `write_atomically`. Without a mode, for files that a person keeps, it is
+    that of the replaced file, or the system's. Then links are followed, a write-protected file is an error,
+    and what is no file, such as /dev/stdout or a pipe, is yielded itself.
 
     Raises:
         ConfigError: If it cannot be written, which leaves `path` as it was. Names the file.

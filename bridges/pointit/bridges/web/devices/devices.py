@@ -265,7 +265,7 @@ class Devices:
         self.changed()
 
     def _arguments(self, device: ConnectedDevice) -> tuple[str, ...]:
-        """Return the command of `device`. A name that begins with `-` is no option: it follows `=` or `--`."""
+        """Return the command of `device`. Names follow `=` or `--`: one that begins with `-` is no option."""
         if device.kind == "light":
             return ("output", "add", f"--strip={device.name}", "--json", *self._link, "--", device.option)
         settings = [f"mounting={MOUNTINGS[device.plugin]}"] if device.plugin in MOUNTINGS else []

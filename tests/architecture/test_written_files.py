@@ -1,0 +1,58 @@
+"""Files that a person keeps are replaced as a whole: a full disk or a crash leaves the earlier one."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+ROOMS = ("services/pointit", "bridges/pointit", "schemas/pointit", "lab/pointit_lab")
+WRITERS = {"write_text", "write_bytes", "savefig", "write_table"}
+OWN_WAY = {
+    "bridges/pointit/bridges/web/wrists/pairing.py": "a picture in memory",
+    "lab/pointit_lab/benchmarks/against.py": "temporary",
+    "lab/pointit_lab/benchmarks/ros2.py": "temporary",
+    "lab/pointit_lab/devices/harnesses/imu.py": "temporary",
+    "lab/pointit_lab/loadtest/network/routers.py": "temporary",
+    "services/pointit/assistants/audit_file.py": "lines that are appended",
+    "services/pointit/cli/maps/scan_live.py": "temporary",
+    "services/pointit/cli/shell/completion.py": "a line appended to the start file of a shell",
+    "services/pointit/conversion/bag_file.py": "temporary",
+    "services/pointit/conversion/columns.py": "files of a folder, all replaced at the end",
+    "services/pointit/launch/run/service_group.py": "temporary",
+    "services/pointit/maps/edit/new_file.py": "complete before it has its name",
+    "services/pointit/replay/room.py": "temporary",
+    "services/pointit/services/recorder/file_series.py": "a recording, written for hours",
+    "services/pointit/study/append_only_csv.py": "rows that are appended",
+    "services/pointit/study_report/figures.py": "text in memory",
+}
+"""Modules that write without `replaced_file`, with the reason."""
+
+
+def writes(path: Path) -> list[int]:
+    """Return the lines that write a file which is not one of `replaced_file`."""
+    found: list[int] = []
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Attribute):
+            continue
+        names = {each.id for each in (node.func.value, *node.args) if isinstance(each, ast.Name)}
+        mode = next((each.value for each in node.args if isinstance(each, ast.Constant)), "")
+        is_open = node.func.attr == "open" and isinstance(mode, str) and set(mode) & set("wax")
+        if (node.func.attr in WRITERS or (is_open and len(mode) <= 3)) and not names & {"part", "formatter"}:
+            found.append(node.lineno)
+    return found
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_each_file_is_written_beside_and_then_renamed(room: str) -> None:
+    found = {
+        f"{path.relative_to(ROOT)}:{line}"
+        for path in (ROOT / room).rglob("*.py")
+        for line in writes(path)
+        if str(path.relative_to(ROOT)) not in OWN_WAY
+    }
+    assert not found, "use `replaced_file` of runtime/host/atomic_file.py, its file called `part`"
+
+
+def test_modules_with_a_way_of_their_own_exist() -> None:
+    assert [path for path in OWN_WAY if not (ROOT / path).exists()] == []

@@ -1,6 +1,7 @@
 """Files that a person keeps are replaced as a whole: a full disk or a crash leaves the earlier one."""
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -37,8 +38,8 @@ def writes(path: Path) -> list[int]:
             continue
         names = {each.id for each in (node.func.value, *node.args) if isinstance(each, ast.Name)}
         mode = next((each.value for each in node.args if isinstance(each, ast.Constant)), "")
-        is_open = node.func.attr == "open" and isinstance(mode, str) and set(mode) & set("wax")
-        if (node.func.attr in WRITERS or (is_open and len(mode) <= 3)) and not names & {"part", "formatter"}:
+        is_open = node.func.attr == "open" and isinstance(mode, str) and re.fullmatch(r"[wax][bt+]*", mode)
+        if (node.func.attr in WRITERS or is_open) and not names & {"part", "formatter"}:
             found.append(node.lineno)
     return found
 

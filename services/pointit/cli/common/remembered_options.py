@@ -13,8 +13,6 @@ import platformdirs
 from click.shell_completion import CompletionItem
 
 from pointit.cli.common.completed_names import NAMES, beginning
-from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.atomic_file import write_atomically
 
 Load = Callable[[], click.Command]
 
@@ -39,8 +37,11 @@ def remembered(words: Sequence[str], load: Load) -> click.Command:
         if saved["state"] == state:
             return _command(saved, words, load)
     saved = {"state": state, **_described(load())}
-    with contextlib.suppress(ConfigError):
-        write_atomically(path, json.dumps(saved).encode())
+    with contextlib.suppress(OSError):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part = path.with_suffix(f".{os.getpid()}")
+        part.write_text(json.dumps(saved), encoding="utf-8")
+        part.replace(path)
     return _command(saved, words, load)
 
 

@@ -149,7 +149,7 @@ def _skip_invalid_topics(client: "aiomqtt.Client") -> None:
 
     An exception of the receiver has paho handle the same packet again and again, and read no other.
     """
-    receive = client._client.on_message  # noqa: SLF001 - aiomqtt has no other way
+    receive: Any = client._client.on_message  # noqa: SLF001 - aiomqtt has no other way
     is_logged = False
 
     def on_message(*arguments: Any) -> None:

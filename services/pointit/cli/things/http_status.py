@@ -45,7 +45,8 @@ async def post(pool: httpcore.AsyncConnectionPool, request: httpx.Request) -> tu
     async with pool.stream(
         request.method, _address(request.url), headers=request.headers.raw, content=request.content
     ) as response:
-        reason = cast("bytes", response.extensions.get("reason_phrase", b""))
+        extensions: dict[str, Any] = {**response.extensions}  # pyright: ignore[reportUnknownMemberType]
+        reason: bytes = extensions.get("reason_phrase", b"")
         return response.status, reason.decode("ascii", errors="replace")
 
 
@@ -76,7 +77,10 @@ def _address(url: httpx.URL) -> httpcore.URL:
     return httpcore.URL(scheme=url.raw_scheme, host=url.raw_host, port=url.port, target=url.raw_path)
 
 
-class _LimitedBackend(httpcore.AnyIOBackend):
+class _LimitedBackend(httpcore.AsyncNetworkBackend):
+    def __init__(self) -> None:
+        self._backend = cast("httpcore.AsyncNetworkBackend", httpcore.AnyIOBackend())
+
     async def connect_tcp(
         self,
         host: str,
@@ -85,7 +89,8 @@ class _LimitedBackend(httpcore.AnyIOBackend):
         local_address: str | None = None,
         socket_options: Iterable[Any] | None = None,
     ) -> httpcore.AsyncNetworkStream:
-        return _LimitedStream(await super().connect_tcp(host, port, timeout, local_address, socket_options))
+        stream = await self._backend.connect_tcp(host, port, timeout, local_address, socket_options)
+        return _LimitedStream(stream)
 
 
 class _LimitedStream(httpcore.AsyncNetworkStream):

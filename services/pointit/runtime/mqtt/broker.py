@@ -126,7 +126,8 @@ async def connected(options: dict[str, Any]) -> "AsyncGenerator[aiomqtt.Client]"
         max_queued_incoming_messages=QUEUED_MESSAGES,
         logger=_paho_log,
     )
-    _skip_invalid_topics(client)
+    paho: Any = client._client  # noqa: SLF001  # pyright: ignore[reportPrivateUsage] - aiomqtt has no other way
+    _skip_invalid_topics(paho)
     opening = asyncio.ensure_future(client.__aenter__())
     try:
         try:
@@ -141,15 +142,15 @@ async def connected(options: dict[str, Any]) -> "AsyncGenerator[aiomqtt.Client]"
             async with asyncio.timeout(END_S):
                 await opening
                 await client.__aexit__(None, None, None)
-        client._client._sock_close()  # noqa: SLF001 - aiomqtt leaves it open if an exception ended it
+        paho._sock_close()  # noqa: SLF001 - aiomqtt leaves it open if an exception ended the connection
 
 
-def _skip_invalid_topics(client: "aiomqtt.Client") -> None:
+def _skip_invalid_topics(paho: Any) -> None:
     """Replace the receiver of messages by one that ignores those whose topic is not valid, with one warning.
 
     An exception of the receiver has paho handle the same packet again and again, and read no other.
     """
-    receive: Any = client._client.on_message  # noqa: SLF001 - aiomqtt has no other way
+    receive = paho.on_message
     is_logged = False
 
     def on_message(*arguments: Any) -> None:
@@ -165,7 +166,7 @@ def _skip_invalid_topics(client: "aiomqtt.Client") -> None:
                 )
             is_logged = True
 
-    client._client.on_message = on_message  # noqa: SLF001 - as above
+    paho.on_message = on_message
 
 
 async def keep_connected(

@@ -1,6 +1,7 @@
 """Types of the rows of the topic table: key, message and delivery."""
 
 import re
+import unicodedata
 from dataclasses import dataclass
 from enum import Enum
 from typing import Generic, TypeVar
@@ -73,13 +74,21 @@ def check_name(name: str, what: str = "name") -> str:
     """Return `name` if it can stand in a key.
 
     Raises:
-        KeyNameError: Names the valid characters.
+        KeyNameError: Names the valid characters, and a valid name.
     """
     if not NAME.match(name):
         raise KeyNameError(
-            f"{what} {name!r}: use 1 to 64 letters, digits, '_', '-' or '.', no leading '-' or '.'"
+            f"{what} {name!r}: use 1 to 64 letters, digits, '_', '-' or '.', no leading '-' or '.', "
+            f"such as {valid_name(name) or 'a1'}"
         )
     return name
+
+
+def valid_name(text: str) -> str:
+    """Return a name like `text` that can stand in a key, `""` if it has neither letters nor digits."""
+    plain = "".join(each for each in unicodedata.normalize("NFKD", text) if not unicodedata.combining(each))
+    name = re.sub(r"[^A-Za-z0-9_.-]+", "_", plain).lstrip("-.")[:64]
+    return name if name.strip("_.-") else ""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -235,7 +235,10 @@ def _wrong_names(section: str, entries: Any) -> Iterator[tuple[str, str]]:
         try:
             check_name(name)
         except KeyNameError as error:
-            yield section, str(error)
+            yield (
+                section,
+                f"{error}{', and give it the label ' + format_value(name) if section == 'things' else ''}",
+            )
 
 
 def _mistakes(error: ValidationError) -> list[tuple[str, str]]:

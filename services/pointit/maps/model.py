@@ -207,10 +207,7 @@ _LIGHT = BeforeValidator(lambda value: _part(value, "strip", "the name of a lamp
 _AT = BeforeValidator(
     lambda value: _part(value, "belt", "object, for the tracked object of that name", is_name=value == OBJECT)
 )
-_FLAG = _if(
-    lambda value: isinstance(value, bool) or (isinstance(value, str) and value.lower() in FLAGS),
-    "true or false",
-)
+_FLAG = _if(lambda value: isinstance(value, bool | str) and str(value).lower() in FLAGS, "true or false")
 _DWELL = _if(
     lambda value: isinstance(value, int | float) and not isinstance(value, bool) and 0.1 <= value <= 10,
     "a number of seconds from 0.1 to 10",

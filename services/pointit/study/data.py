@@ -5,13 +5,14 @@ import datetime as dt
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from pathlib import Path
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
-from pydantic import Field, StrictBool
+from pydantic import BeforeValidator, Field, StrictBool
 
 from pointit.maps.edit.yaml_writer import dump_yaml
 from pointit.runtime.config.config import Config, Layers
 from pointit.runtime.config.yaml_file import parse_yaml, read_yaml
+from pointit.runtime.config.yaml_values import FLAGS
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.atomic_file import write_atomically
 from pointit.study.append_only_csv import (
@@ -51,13 +52,21 @@ def no_note(_: str) -> None:
     """Ignore a sentence."""
 
 
+def _flag(value: object) -> object:
+    """Return `value` if it is true or false, also in a word of YAML 1.1. A number is neither."""
+    return FLAGS[value.lower()] == "true" if isinstance(value, str) and value.lower() in FLAGS else value
+
+
+Flag = Annotated[StrictBool, BeforeValidator(_flag)]
+
+
 class ParticipantRecord(Config):
     """The keys of `participant.yaml` that are read. It has more, and people may add their own."""
 
     pseudonym: str | int = ""
-    simulated: StrictBool = False
+    simulated: Flag = False
     order: tuple[str, ...] = ()
-    consented: StrictBool = False
+    consented: Flag = False
     begun: str | dt.datetime = ""
     ended: str | dt.datetime = ""
     clock_apart_s: float = Field(default=0.0, ge=0)
@@ -174,8 +183,8 @@ def read_about(folder: Path) -> dict[str, Any]:
     about = read_yaml(path)
     layers = Layers()
     layers.add({name: about[name] for name in ParticipantRecord.model_fields if name in about}, str(path))
-    layers.build(ParticipantRecord)
-    return about
+    record = layers.build(ParticipantRecord)
+    return {**about, **{flag: getattr(record, flag) for flag in ("simulated", "consented") if flag in about}}
 
 
 def check_begun(folder: Path) -> None:

@@ -78,10 +78,19 @@ def test_names_and_references_are_the_text_of_the_file(tmp_path: Path) -> None:
     assert things["0x2F"].strip == "02"
 
 
-def test_a_lamp_called_true_is_found(tmp_path: Path) -> None:
-    text = "lamps: {true: {position: [0, 0, 1]}}\nthings: {false: {light: true}}\n"
+@pytest.mark.parametrize("name", ["true", "True", "TRUE", "False"])
+def test_a_lamp_called_true_is_found(tmp_path: Path, name: str) -> None:
+    text = (
+        f"lamps: {{{name}: {{position: [0, 0, 1]}}}}\nthings: {{false: {{light: {name}, label: {name}}}}}\n"
+    )
     (thing,) = room_of(text, tmp_path).things
-    assert (thing.id, thing.lamp) == ("false", "true")
+    assert (thing.id, thing.lamp, thing.label) == ("false", name, name)
+
+
+@pytest.mark.parametrize(("word", "value"), [("True", True), ("y", True), ("FALSE", False), ("No", False)])
+def test_a_flag_is_any_word_of_yaml_1_1(word: str, value: bool) -> None:
+    text = f"things: {{a: {{center: [0, 0, 1], size: [1, 1, 1], press: {word}}}}}"
+    assert parse_map_file(text.encode(), Path("room.yaml")).things["a"].press is value
 
 
 @pytest.mark.parametrize(
@@ -95,11 +104,24 @@ def test_numbers_are_those_of_yaml_1_2(word: str, pixels: int) -> None:
     assert file.clouds["a"].columns == (pixels, 5, "z")
 
 
-@pytest.mark.parametrize("name", ["12:30", "~", "=", "<<", ".inf", "-1"])
-def test_a_name_that_no_key_can_have_is_refused_as_it_is_written(name: str) -> None:
-    with pytest.raises(ConfigError, match="use 1 to 64 letters") as caught:
-        parse_map_file(f"lamps:\n  {name}: {{position: [0, 0, 1]}}\n".encode(), Path("room.yaml"))
-    assert f"lamps: name {name!r}" in str(caught.value)
+@pytest.mark.parametrize(
+    ("name", "valid"),
+    [
+        *(("12:30", "12_30"), ("~", "a1"), ("=", "a1"), ("<<", "a1"), (".inf", "inf"), ("-1", "1")),
+        *(("Büro links", "Buro_links"), ("a/b", "a_b")),
+    ],
+)
+def test_a_name_that_no_key_can_have_is_refused_with_one_to_write(name: str, valid: str) -> None:
+    for section, entry, more in (
+        ("lamps", "{position: [0, 0, 1]}", ""),
+        ("things", "{center: [0, 0, 1], size: [1, 1, 1]}", f", and give it the label {name!r}"),
+    ):
+        with pytest.raises(ConfigError, match="use 1 to 64 letters") as caught:
+            parse_map_file(f"{section}:\n  {name}: {entry}\n".encode(), Path("room.yaml"))
+        assert str(caught.value).startswith(f"room.yaml: {section}: name {name!r}: ")
+        assert str(caught.value).endswith(f", such as {valid}{more}")
+        file = parse_map_file(f"{section}:\n  {valid}: {entry}\n".encode(), Path("room.yaml"))
+        assert [*getattr(file, section)] == [valid]
 
 
 def test_an_edit_keeps_other_names_and_renames_references() -> None:
@@ -154,5 +176,5 @@ def test_a_recorded_map_is_written_with_its_names(tmp_path: Path) -> None:
 
 
 def test_json_with_a_name_twice_is_refused() -> None:
-    with pytest.raises(ConfigError, match="'seg' is there twice, keep one"):
+    with pytest.raises(ConfigError, match="^the key 'seg' occurs twice; keep one"):
         exchange.from_segments('{"seg": [{"start": 0, "stop": 9}], "seg": []}')

@@ -223,5 +223,5 @@ def _read_json(text: str) -> Any:
 def _unique(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
     names = Counter(name for name, _ in pairs)
     if len(names) < len(pairs):
-        raise ValueError(f"{names.most_common(1)[0][0]!r} is there twice, keep one")
+        raise ConfigError(f"the key {names.most_common(1)[0][0]!r} occurs twice; keep one")
     return dict(pairs)

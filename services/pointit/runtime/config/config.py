@@ -21,6 +21,7 @@ from pointit.schemas.text import SECRET_NAME, hide_secrets
 
 C = TypeVar("C", bound="Config")
 M = TypeVar("M", bound=BaseModel)
+_TEXT_ERRORS = ("string_type", "path_type", "literal_error")
 
 
 class Config(BaseModel):
@@ -57,17 +58,14 @@ class Layers:
         self._lay(values, source)
 
     def add_text(self, path: Sequence[str], text: str, source: str) -> None:
-        """Override one value, given as YAML text (`0.5`, `[1, 2]`, `red`).
-
-        A single word or number stays text, for the field to read: `no` may be a name, `7` an id.
-        """
+        """Override one value, given as YAML text (`0.5`, `[1, 2]`, `red`) and read as in files."""
         try:
             value = load_yaml(text, source)
         except ConfigError as error:
             shown = "" if SECRET_NAME.search(path[-1]) else f" ({text!r})"
             raise ConfigError(f"{source}: is not a value{shown}") from error
-        is_word = isinstance(value, str | bool | int | float)
-        nested: Any = text.strip() if is_word and not text.lstrip().startswith(("'", '"')) else value
+        is_plain = isinstance(value, str) and not text.lstrip().startswith(("'", '"'))
+        nested: Any = text.strip() if is_plain else value  # with what follows ` #`
         for name in reversed(path[1:]):
             nested = {name: nested}
         if len(path) > 1:  # one entry of a mapping, which is changed and not replaced
@@ -130,7 +128,7 @@ def validate(kind: type[M], values: object, *, strict: bool | None = None) -> M:
     try:
         return kind.model_validate(values, strict=strict)
     except ValidationError as error:
-        details = [each for each in error.errors(include_url=False) if each["type"] == "string_type"]
+        details = [each for each in error.errors(include_url=False) if each["type"] in _TEXT_ERRORS]
         names = [each["loc"] for each in details if each["input"] is not written_text(each["input"])]
         if not names:
             raise

@@ -10,7 +10,7 @@ from typing import Any, cast
 
 import yaml
 
-from pointit.runtime.config.yaml_values import MERGE, TEXT, Loader, disputes_of
+from pointit.runtime.config.yaml_values import MERGE, TEXT, ContentError, Loader, disputes_of
 from pointit.runtime.errors import ConfigError
 
 log = logging.getLogger(__name__)
@@ -93,7 +93,12 @@ def load_yaml(text: str, source: Path | str) -> Any:
         mark = getattr(error, "problem_mark", None)
         where = f" in line {mark.line + 1}" if mark else " at a tag" * (not isinstance(error, yaml.YAMLError))
         problem = " ".join(str(getattr(error, "problem", None) or error).split())
-        raise ConfigError(f"{source}: is not YAML{where} ({problem})") from error
+        text = (
+            f"{where.removeprefix(' in ')}: {problem}"
+            if isinstance(error, ContentError)
+            else f"is not YAML{where} ({problem})"
+        )
+        raise ConfigError(f"{source}: {text}") from error
     finally:
         loader.dispose()
     if (disputed := sorted(disputes_of(loader))) and not isinstance(root, yaml.ScalarNode):  # of --set
@@ -109,7 +114,8 @@ def compose_yaml(text: str) -> Any:
 
     Raises:
         RecursionError: If it is nested too deeply.
-        yaml.YAMLError: If it is not YAML, has a key twice, or its aliases unfold to too much.
+        yaml.YAMLError: If it is not YAML.
+        ContentError: If it has a key twice, or its aliases unfold to too much.
     """
     check_nesting_depth(text)
     loader = Loader(text)
@@ -128,7 +134,7 @@ def _check_aliases(root: yaml.Node) -> None:
 
     Raises:
         RecursionError: If it is nested too deeply.
-        yaml.MarkedYAMLError: If its aliases unfold to too much.
+        ContentError: If its aliases unfold to too much.
     """
     sizes: dict[int, int] = {}  # with everything below
     depths: dict[int, int] = {}  # not there while it is counted: an anchor that holds itself has no end
@@ -142,8 +148,8 @@ def _check_aliases(root: yaml.Node) -> None:
             if depths[id(node)] > MAX_YAML_DEPTH:
                 raise RecursionError
             if sizes[id(node)] > written + MAX_YAML_UNFOLDED:
-                raise yaml.MarkedYAMLError(
-                    problem=f"its aliases unfold to more than {MAX_YAML_UNFOLDED} values, write them out",
+                raise ContentError(
+                    problem=f"aliases unfold to more than {MAX_YAML_UNFOLDED} values; write them out",
                     problem_mark=node.start_mark,
                 )
         elif id(node) not in sizes:
@@ -174,8 +180,8 @@ def _name_keys(root: yaml.Node) -> None:
             if not isinstance(key, yaml.ScalarNode) or (key.tag == MERGE and _is_alias(value, key)):
                 continue
             if key.value in lines:
-                raise yaml.MarkedYAMLError(
-                    problem=f"{key.value!r} is in line {lines[key.value]} too, keep one",
+                raise ContentError(
+                    problem=f"the key {key.value!r} occurs twice, first in line {lines[key.value]}; keep one",
                     problem_mark=key.start_mark,
                 )
             lines[key.value] = key.start_mark.line + 1

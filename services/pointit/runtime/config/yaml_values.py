@@ -20,7 +20,7 @@ _DISPUTED = f"{_TAG}disputed"
 """Text that is a truth value, a number or a date in YAML 1.1 only: `on`, `12:30`, `2026-11-26`."""
 _DIGITS = "+-.0123456789"
 _RESOLVERS = (
-    ("bool", "tTfF", "true|True|TRUE|false|False|FALSE"),
+    ("bool", "tf", "true|false"),
     ("null", ("~", "n", "N", ""), "~|null|Null|NULL|"),
     ("merge", "<", "<<"),
     ("int", _DIGITS, "[-+]?(0b[01][01_]*|0o[0-7][0-7_]*|0x[0-9a-fA-F][0-9a-fA-F_]*|[0-9][0-9_]*)"),
@@ -28,10 +28,15 @@ _RESOLVERS = (
     ("float", _DIGITS, r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)"),
 )
 """Values of plain text: tag, first letters, pattern."""
-FLAGS = {"yes": "true", "on": "true", "no": "false", "off": "false"}
-"""Words of YAML 1.1 for true and false, which are text here and which a field of type bool understands."""
+FLAGS = {"yes": "true", "on": "true", "y": "true", "true": "true"}
+FLAGS |= {"no": "false", "off": "false", "n": "false", "false": "false"}
+"""Words of YAML 1.1, lower case. All but `true` and `false` are text, which a field of type bool understands."""
 _DISPUTED_NUMBER = re.compile(r"[-+]?(0b|0o|0+([1-9][0-9]|[89])[0-9]*\Z)|.*_")
 _BASES = {"0b": 2, "0o": 8, "0x": 16}
+
+
+class ContentError(yaml.MarkedYAMLError):
+    """Valid YAML that is not read: its problem is a sentence without the line."""
 
 
 class _Written:
@@ -69,7 +74,7 @@ def _note_dispute(loader: Any, node: yaml.ScalarNode, remedy: str) -> None:
 
 def _int(loader: Any, node: yaml.ScalarNode) -> int:
     if len(node.value) > MAX_YAML_INT:
-        raise yaml.MarkedYAMLError(
+        raise ContentError(
             problem=f"a number has more than {MAX_YAML_INT} digits", problem_mark=node.start_mark
         )
     digits = node.value.replace("_", "").lower()

@@ -235,10 +235,8 @@ def _wrong_names(section: str, entries: Any) -> Iterator[tuple[str, str]]:
         try:
             check_name(name)
         except KeyNameError as error:
-            yield (
-                section,
-                f"{error}{', and give it the label ' + format_value(name) if section == 'things' else ''}",
-            )
+            label = f", and give it the label {format_value(name)}" if section == "things" else ""
+            yield section, f"{error}{label}"
 
 
 def _mistakes(error: ValidationError) -> list[tuple[str, str]]:

@@ -248,7 +248,8 @@ def test_a_value_on_which_readers_disagree_is_reported_once(
 
 
 @pytest.mark.parametrize(
-    "word", ["60", "-1.5", "1e-3", "007", "0", "0x1F", "'060'", '"on"', "true", "y", "~", ".inf"]
+    "word",
+    ["60", "-1.5", "1e-3", "007", "0", "0x1F", "'060'", '"on"', "true", "True", "FALSE", "y", "~", ".inf"],
 )
 def test_a_value_on_which_readers_agree_is_not_reported(word: str, caplog: pytest.LogCaptureFixture) -> None:
     parse_yaml(f"a: {word}\non: 1\n060: 2\n".encode(), f"{word}.yaml")

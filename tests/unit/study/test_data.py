@@ -256,7 +256,7 @@ def test_files_that_an_editor_has_saved_differ_in_nothing_that_counts(tmp_path: 
         ("OFF", False),
     ],
 )
-def test_consent_may_be_written_as_in_yaml_1_1(tmp_path: Path, word: str, value: bool) -> None:
+def test_consent_may_be_written_as_in_yaml_1_1(tmp_path: Path, word: str, value: object) -> None:
     measured(tmp_path, {})
     with (tmp_path / "data/01/participant.yaml").open("a") as file:
         file.write(f"consented: {word}\n")

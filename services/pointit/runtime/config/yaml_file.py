@@ -89,16 +89,13 @@ def load_yaml(text: str, source: Path | str) -> Any:
         data = None if root is None else loader.construct_document(root)
     except RecursionError as error:
         raise ConfigError(f"{source}: is nested too deeply") from error
+    except ContentError as error:
+        raise ConfigError(f"{source}: line {error.line}: {error}") from error
     except (yaml.YAMLError, ValueError, LookupError, AttributeError) as error:  # of tags: !!bool x
         mark = getattr(error, "problem_mark", None)
         where = f" in line {mark.line + 1}" if mark else " at a tag" * (not isinstance(error, yaml.YAMLError))
         problem = " ".join(str(getattr(error, "problem", None) or error).split())
-        text = (
-            f"{where.removeprefix(' in ')}: {problem}"
-            if isinstance(error, ContentError)
-            else f"is not YAML{where} ({problem})"
-        )
-        raise ConfigError(f"{source}: {text}") from error
+        raise ConfigError(f"{source}: is not YAML{where} ({problem})") from error
     finally:
         loader.dispose()
     if (disputed := sorted(disputes_of(loader))) and not isinstance(root, yaml.ScalarNode):  # of --set
@@ -114,8 +111,7 @@ def compose_yaml(text: str) -> Any:
 
     Raises:
         RecursionError: If it is nested too deeply.
-        yaml.YAMLError: If it is not YAML.
-        ContentError: If it has a key twice, or its aliases unfold to too much.
+        yaml.YAMLError: If it is not YAML, has a key twice, or its aliases unfold to too much.
     """
     check_nesting_depth(text)
     loader = Loader(text)
@@ -149,8 +145,7 @@ def _check_aliases(root: yaml.Node) -> None:
                 raise RecursionError
             if sizes[id(node)] > written + MAX_YAML_UNFOLDED:
                 raise ContentError(
-                    problem=f"aliases unfold to more than {MAX_YAML_UNFOLDED} values; write them out",
-                    problem_mark=node.start_mark,
+                    f"aliases unfold to more than {MAX_YAML_UNFOLDED} values; write them out", node
                 )
         elif id(node) not in sizes:
             is_mapping = isinstance(node, yaml.MappingNode)
@@ -181,8 +176,7 @@ def _name_keys(root: yaml.Node) -> None:
                 continue
             if key.value in lines:
                 raise ContentError(
-                    problem=f"the key {key.value!r} occurs twice, first in line {lines[key.value]}; keep one",
-                    problem_mark=key.start_mark,
+                    f"the key {key.value!r} occurs twice, first in line {lines[key.value]}; keep one", key
                 )
             lines[key.value] = key.start_mark.line + 1
             if key.tag != TEXT:  # its own node may be an anchor, with another value elsewhere

@@ -21,6 +21,7 @@ _DISPUTED = f"{_TAG}disputed"
 _DIGITS = "+-.0123456789"
 _RESOLVERS = (
     ("bool", "tf", "true|false"),
+    ("str", "TF", "True|TRUE|False|FALSE"),  # no value of Python keeps its text
     ("null", ("~", "n", "N", ""), "~|null|Null|NULL|"),
     ("merge", "<", "<<"),
     ("int", _DIGITS, "[-+]?(0b[01][01_]*|0o[0-7][0-7_]*|0x[0-9a-fA-F][0-9a-fA-F_]*|[0-9][0-9_]*)"),
@@ -30,13 +31,17 @@ _RESOLVERS = (
 """Values of plain text: tag, first letters, pattern."""
 FLAGS = {"yes": "true", "on": "true", "y": "true", "true": "true"}
 FLAGS |= {"no": "false", "off": "false", "n": "false", "false": "false"}
-"""Words of YAML 1.1, lower case. All but `true` and `false` are text, which a field of type bool understands."""
+"""Words of YAML 1.1 in lower case. All but `true` and `false` are text, which a bool field understands."""
 _DISPUTED_NUMBER = re.compile(r"[-+]?(0b|0o|0+([1-9][0-9]|[89])[0-9]*\Z)|.*_")
 _BASES = {"0b": 2, "0o": 8, "0x": 16}
 
 
-class ContentError(yaml.MarkedYAMLError):
-    """Valid YAML that is not read: its problem is a sentence without the line."""
+class ContentError(yaml.YAMLError):
+    """Problem of valid YAML, in the line of a node, from 1."""
+
+    def __init__(self, problem: str, node: yaml.Node) -> None:
+        super().__init__(problem)
+        self.line = node.start_mark.line + 1
 
 
 class _Written:
@@ -74,9 +79,7 @@ def _note_dispute(loader: Any, node: yaml.ScalarNode, remedy: str) -> None:
 
 def _int(loader: Any, node: yaml.ScalarNode) -> int:
     if len(node.value) > MAX_YAML_INT:
-        raise ContentError(
-            problem=f"a number has more than {MAX_YAML_INT} digits", problem_mark=node.start_mark
-        )
+        raise ContentError(f"a number has more than {MAX_YAML_INT} digits; write text in quotes", node)
     digits = node.value.replace("_", "").lower()
     value = int(digits, _BASES.get(digits.lstrip("+-")[:2], 10))
     return _written(loader, node, value, WrittenInt)

@@ -10,10 +10,10 @@ from typing import TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from pointit.maps.point_files.cloud_text import MAX_HEADER_LINES, text_layout, unit_in_comments
+from pointit.maps.point_files.cloud_text import MAX_HEADER_LINES, text_layout
 from pointit.maps.point_files.ply_body import ascii_vertex_lines, binary_vertices
 from pointit.maps.point_files.ply_header import read_ply_header
-from pointit.maps.point_files.point_columns import Triple
+from pointit.maps.point_files.stated_units import StatedUnit, unit_factors, units_in_comments
 from pointit.runtime.config.validation_message import format_value, join_names
 from pointit.runtime.errors import ConfigError
 
@@ -27,10 +27,10 @@ MAX_POINTS = 5_000_000
 SUFFIXES = (".ply", ".xyz", ".txt", ".csv", ".pts", ".asc")
 
 
-def read_cloud(path: Path, columns: Wanted = (), scale: float = 1.0) -> Points:
+def read_cloud(path: Path, columns: Wanted = (), scale: float | None = None) -> Points:
     """Return the points in the file at `path`, n x 3, in its frame, m.
 
-    They are multiplied with the unit that the file states, or with `scale` if it states none.
+    They are multiplied with the unit that the file states, or with `scale` if it states none, or several.
 
     Raises:
         ConfigError: If it is invalid, or states another unit than `scale`. One sentence with file, problem
@@ -42,7 +42,7 @@ def read_cloud(path: Path, columns: Wanted = (), scale: float = 1.0) -> Points:
     try:
         if path.exists() and not (path.is_file() or path.is_dir()):  # reading a pipe would block
             raise ConfigError(f"{path}: is not a file; give the file itself")
-        points, units_m = (_read_ply if suffix == ".ply" else _read_text)(path, columns)
+        points, units = (_read_ply if suffix == ".ply" else _read_text)(path, columns)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
     except UnicodeDecodeError as error:
@@ -56,21 +56,13 @@ def read_cloud(path: Path, columns: Wanted = (), scale: float = 1.0) -> Points:
             f"{path}: {len(points) - int(good.sum())} of {len(points)} points are not finite, the first is "
             f"point {first + 1} {format_value(points[first].tolist())}; remove them"
         )
+    try:
+        factors = unit_factors(units, scale, ", or write scale in the map")
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from error
     with np.errstate(over="ignore"):  # the caller checks the result
-        points *= _factors(path, units_m, scale)
+        points *= factors
     return points
-
-
-def _factors(path: Path, units_m: Triple | None, scale: float) -> Points:
-    """Return the factors of x, y and z."""
-    if units_m is None or scale in (1.0, *units_m):
-        return np.array(units_m or (scale,) * 3)
-    if set(units_m) != {1.0}:
-        raise ConfigError(
-            f"{path}: states a unit of {units_m[0]:g} m, and the map has scale {scale:g}; "
-            "remove scale from the map"
-        )
-    return np.full(3, scale)
 
 
 def _check_size(path: Path, count: int, how_many: str) -> None:
@@ -81,7 +73,7 @@ def _check_size(path: Path, count: int, how_many: str) -> None:
         )
 
 
-def _read_ply(path: Path, wanted: Wanted) -> tuple[Points, Triple | None]:
+def _read_ply(path: Path, wanted: Wanted) -> tuple[Points, Sequence[StatedUnit]]:
     header = read_ply_header(path, wanted)
     rows = header.vertex.rows
     _check_size(path, rows, str(rows))
@@ -99,10 +91,10 @@ def _read_ply(path: Path, wanted: Wanted) -> tuple[Points, Triple | None]:
             points = _table(path, lines, columns=columns, skip=skip, max_rows=max(rows, 1))[:rows]
     if len(points) < rows:
         raise ConfigError(f"{path}: is cut off, {len(points)} of {rows} points are there; copy it again")
-    return points, unit_in_comments(header.comments)
+    return points, (*header.units, *units_in_comments(header.comments))
 
 
-def _read_text(path: Path, wanted: Wanted) -> tuple[Points, Triple | None]:
+def _read_text(path: Path, wanted: Wanted) -> tuple[Points, Sequence[StatedUnit]]:
     with path.open("rb") as binary:
         is_wide = binary.read(2) in (b"\xff\xfe", b"\xfe\xff")
 
@@ -130,7 +122,7 @@ def _read_text(path: Path, wanted: Wanted) -> tuple[Points, Triple | None]:
             delimiter=layout.delimiter,
         )
     _check_size(path, len(points), "more")
-    return points, layout.columns.units_m
+    return points, layout.units
 
 
 def _table(

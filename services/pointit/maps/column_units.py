@@ -1,11 +1,12 @@
 """Units in the names of a table's columns: `X [mm]`, `t (ms)`, `pos_x_mm`, `"Z/ft"`."""
 
 import re
+import unicodedata
 
 LENGTHS_M = {
-    **dict.fromkeys(("m", "metre", "metres", "meter", "meters"), 1.0),
+    **dict.fromkeys(("m", "metre", "metres", "meter", "meters", "metro", "metros", "metri"), 1.0),
     **dict.fromkeys(("dm", "decimetre", "decimetres", "decimeter", "decimeters"), 0.1),
-    **dict.fromkeys(("cm", "centimetre", "centimetres", "centimeter", "centimeters"), 0.01),
+    **dict.fromkeys(("cm", "centimetre", "centimetres", "centimeter", "centimeters", "zentimeter"), 0.01),
     **dict.fromkeys(("mm", "millimetre", "millimetres", "millimeter", "millimeters"), 0.001),
     **dict.fromkeys(
         ("um", "micron", "microns", "micrometre", "micrometres", "micrometer", "micrometers"), 1e-6
@@ -51,7 +52,8 @@ def split_unit(column: str) -> tuple[str, str]:
 
 def unit_name(text: str) -> str:
     """Return `text` in the spelling of the keys of `LENGTHS_M` and `TIMES_S`."""
-    plain = text.strip().lower().translate(_MICRO).rstrip(".")
+    letters = unicodedata.normalize("NFKD", text.strip().lower())
+    plain = "".join(each for each in letters if not unicodedata.combining(each)).translate(_MICRO).rstrip(".")
     return plain if plain in LENGTHS_M else _words(plain)
 
 

@@ -315,7 +315,7 @@ class CloudEntry(_Entry):
 
     file: Annotated[str, _FILE]
     columns: Annotated[tuple[str | int, ...], _COLUMNS] = ()
-    scale: _Metres = 1.0
+    scale: _Metres | None = None
     yaw_deg: _Degrees = 0.0
     position: _Point = (0.0, 0.0, 0.0)
 

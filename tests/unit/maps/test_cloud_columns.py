@@ -113,6 +113,130 @@ def test_ambiguous_columns_are_refused_with_the_header_and_the_remedy(tmp_path: 
         assert part in message
 
 
+COMMENTS = {
+    "coordinates in mm": 0.001,
+    "All coordinates are given in millimetres.": 0.001,
+    "X Y Z in cm": 0.01,
+    "X, Y, Z [mm]": 0.001,
+    "points (ft)": 0.3048,
+    "Values in feet, exported by hand": 0.3048,
+    "positions of the markers are stored in m": 1.0,
+    "length unit = inch": 0.0254,
+    "UNITS MILLIMETERS": 0.001,
+    "LENGTH_UNIT: cm": 0.01,
+    "Unit of length: mm": 0.001,
+    "1 unit = 0.01 m": 0.01,
+    "Units: mm, mm, mm": 0.001,
+    "Einheit: mm": 0.001,
+    "Koordinaten in Zentimeter": 0.01,
+    "unité : millimètre": 0.001,
+    "units: US survey feet": 1200 / 3937,
+    "coordinates in the frame of the room": 1.0,
+    "unit vectors, accuracy in mm: 3": 1.0,
+    "voxel size 10 mm": 1.0,
+    "scanned in Meter Street": 1.0,
+}
+
+
+@pytest.mark.parametrize("comment", COMMENTS)
+@pytest.mark.parametrize("form", ["# {}\n", "// {}\nx y z\n", "x y z\n# {}\n", "ply"])
+def test_a_unit_in_a_comment_is_read(tmp_path: Path, comment: str, form: str) -> None:
+    path = tmp_path / "scan.xyz"
+    content = rows(POINTS / COMMENTS[comment], " ")
+    if form == "ply":
+        path = tmp_path / "scan.ply"
+        head = ply("ascii", VERTEX).replace(b"by hand", comment.encode())
+        path.write_bytes(head + content.encode())
+    else:
+        path.write_text(form.format(comment) + content, encoding="utf-8")
+    np.testing.assert_allclose(read_cloud(path), POINTS, rtol=1e-5)
+
+
+PREAMBLES = {
+    "a_line_of_the_program.csv": "Device;Scanner 3000\nUnit;mm\nx;y;z\n" + rows(MM, ";"),
+    "units_above_names.csv": "mm,mm,mm\nx,y,z\n" + rows(MM),
+    "units_of_the_first_columns_only.csv": "x,y,z,label\n[mm],[mm],[mm],\n" + rows(MM, after=",wall"),
+    "units_of_each_column.csv": "t,x,y,z\ns,mm,mm,mm\n" + rows(MM, before="1,"),
+    "behind_the_rows.xyz": rows(MM, " ") + "# units: mm\n",
+    "the_same_twice.csv": "# units: mm\nx [mm],y [mm],z [mm]\n(mm),(mm),(mm)\n" + rows(MM),
+}
+
+
+@pytest.mark.parametrize("name", PREAMBLES)
+def test_a_unit_around_the_names_is_read(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    path.write_text(PREAMBLES[name])
+    np.testing.assert_allclose(read_cloud(path), POINTS, rtol=1e-5)
+
+
+CONTRADICTIONS = {
+    "# Units: mm\n# Units: m\n": "states two units, 'Units: mm' and 'Units: m'; keep the right one",
+    "# units in cm\n# coordinates in mm\n": "states two units, 'units in cm' and 'coordinates in mm'",
+    "# Units: mm\nx [cm],y [cm],z [cm]\n": "states two units, column 'x [cm]' and 'Units: mm'",
+    "x [cm],y [cm],z [cm]\nmm,mm,mm\n": "states two units, column 'x [cm]' and the row mm, mm, mm",
+    "x,y,z\nmm,mm,s\n": "the row mm, mm, s is no known length of x, y and z each",
+    "x,y,z\n[furlong],[furlong],[furlong]\n": "the row [furlong], [furlong], [furlong] is no known length",
+    "# Units: mm, m\nx,y,z\n": "'Units: mm, m' has 2 units for x, y and z",
+    "# units: furlongs\nx,y,z\n": "'units: furlongs' has the unit furlongs, which is no known length",
+}
+
+
+@pytest.mark.parametrize("header", CONTRADICTIONS)
+def test_contradicting_units_are_refused_with_both_and_a_scale_decides(tmp_path: Path, header: str) -> None:
+    content = header + rows(POINTS)
+    with pytest.raises(ConfigError) as caught:
+        cloud_of(tmp_path, content, "")
+    assert f"scan.csv: {CONTRADICTIONS[header]}" in str(caught.value)
+    assert str(caught.value).endswith(", or write scale in the map")
+    for scale in (1, 0.001):
+        np.testing.assert_allclose(cloud_of(tmp_path, content, f", scale: {scale}"), POINTS * scale)
+
+
+def test_contradicting_units_of_a_ply_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "scan.ply"
+    path.write_bytes(ply("ascii", VERTEX).replace(b"by hand", b"units: mm\ncomment units: cm") + TEXT)
+    with pytest.raises(ConfigError, match=r"scan.ply: states two units, 'units: mm' and 'units: cm'"):
+        read_cloud(path)
+
+
+COLORED = {
+    "red_first.xyz": "".join(f"255 {n} 0 {x} {y} {z}\n" for n, (x, y, z) in enumerate(POINTS + 0.5)),
+    "with_alpha.txt": "".join(f"{9 * n}, 0, 255, 255, {x}, {y}, {z}\n" for n, (x, y, z) in enumerate(POINTS)),
+    "millimetres.pts": "4\n"
+    + "".join(f"9 {n} 0 {x:.0f} {y:.0f} {z:.0f}\n" for n, (x, y, z) in enumerate(MM)),
+    "shares.xyz": "".join(f"{n / 9} 0.5 1 {x} {y} {z}\n" for n, (x, y, z) in enumerate(POINTS)),
+    "after_a_comment.xyz": "# my scan\n" + "".join(f"1 2 3 {x} {y} {z}\n# p\n" for x, y, z in POINTS),
+}
+
+
+@pytest.mark.parametrize("name", COLORED)
+def test_colours_before_coordinates_without_names_are_refused(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    path.write_text(COLORED[name])
+    with pytest.raises(ConfigError, match=r"the first three may be colours; .* such as columns: \[4, 5, 6\]"):
+        read_cloud(path)
+    assert len(read_cloud(path, (1, 2, 3))) == len(POINTS)
+
+
+UNIT_CUBE = np.array([[0.25, 0.5, 0.0], [1.0, 0.75, 0.5]])
+PLAIN = {
+    "colours_behind.xyz": rows(POINTS, " ", after=" 255 0 10"),
+    "colours_behind_a_cube.xyz": rows(UNIT_CUBE, " ", after=" 255 0 10"),
+    "colours_and_intensity_behind_a_cube.pts": rows(UNIT_CUBE, " ", after=" -700 255 0 10"),
+    "normals_behind_a_cube.xyz": rows(UNIT_CUBE, " ", after=" 0.6 -0.8 0"),
+    "normals_behind_whole_numbers.xyz": rows(np.array([[1, 2, 3], [4, 5, 6]]), " ", after=" 0 0.6 0.8"),
+    "shares_of_colours_behind_a_cube.xyz": rows(UNIT_CUBE, " ", after=" 0.1 1 0.4"),
+    "whole_metres_with_intensity.xyz": rows(np.array([[1, 2, 3], [4, 5, 6]]), " ", after=" 0.5"),
+}
+
+
+@pytest.mark.parametrize("name", PLAIN)
+def test_coordinates_before_colours_or_normals_are_read(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    path.write_text(PLAIN[name])
+    np.testing.assert_allclose(read_cloud(path), np.loadtxt(path)[:, :3])
+
+
 def cloud_of(folder: Path, content: str, keys: str) -> np.ndarray:
     (folder / "scan.csv").write_text(content)
     path = folder / "room.yaml"
@@ -150,6 +274,39 @@ def test_columns_of_a_text_without_names_have_numbers(tmp_path: Path) -> None:
     np.testing.assert_array_equal(cloud_of(tmp_path, content, ", columns: [2, 3, 4]"), POINTS)
     with pytest.raises(ConfigError, match="'X' of columns is no column, it has 4 columns, no names"):
         cloud_of(tmp_path, content, ", columns: [X, Y, Z]")
+
+
+@pytest.mark.parametrize("columns", ["[1, 2, 3]", "[a, b, c]", "['a [mm]', 'b [mm]', 'c [mm]']"])
+@pytest.mark.parametrize(
+    "header",
+    ["a [mm],b [mm],c [mm]\n", "# made by hand\n# a [mm], b [mm], c [mm]\n", "a,b,c\nmm,mm,mm\n",
+     "# units: mm\na,b,c\n", "a (mm);b (mm);c (mm)\n"],
+)  # fmt: skip
+def test_columns_that_a_map_names_have_the_units_of_their_names(
+    tmp_path: Path, columns: str, header: str
+) -> None:
+    if "[mm]" in columns and "[mm]" not in header:
+        columns = "[a, b, c]"
+    content = header + rows(MM, ";" if ";" in header else ",")
+    np.testing.assert_allclose(cloud_of(tmp_path, content, f", columns: {columns}"), POINTS, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("header", "problem"),
+    [
+        ("a [mm],b,c\n", "column 'b' has no unit, others have"),
+        ("a [deg],b [deg],c [m]\n", "column 'a [deg]' has the unit deg"),
+    ],
+)
+def test_columns_whose_names_state_other_units_need_a_scale(
+    tmp_path: Path, header: str, problem: str
+) -> None:
+    with pytest.raises(ConfigError) as caught:
+        cloud_of(tmp_path, header + rows(POINTS), ", columns: [1, 2, 3]")
+    assert problem in str(caught.value)
+    np.testing.assert_allclose(
+        cloud_of(tmp_path, header + rows(POINTS), ", columns: [1, 2, 3], scale: 1"), POINTS
+    )
 
 
 def test_a_scale_that_repeats_the_unit_is_no_second_conversion(tmp_path: Path) -> None:

@@ -46,7 +46,7 @@ def check_extent(file: MapFile, clouds: Mapping[str, NDArray[np.float64]]) -> It
         width_m, height_m = max(extent_m[:2]), extent_m[2]
         if height_m > MAX_CLOUD_HEIGHT_M or width_m > MAX_WIDTH_M:
             unit = _likely_unit(width_m, height_m)
-            scale = file.clouds[name].scale * _UNITS_M[unit]
+            scale = (file.clouds[name].scale or 1.0) * _UNITS_M[unit]
             yield warning(
                 f"clouds.{name}", f"{_extent(width_m, height_m)}; set scale: {scale:g}, if these are {unit}"
             )

@@ -7,8 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pointit.maps.column_units import split_unit
-from pointit.maps.point_files.cloud_text import unit_in_comments
-from pointit.maps.point_files.point_columns import Triple, cells_of, delimiter_of, is_number, point_columns
+from pointit.maps.point_files.point_columns import cells_of, delimiter_of, is_number, point_columns
+from pointit.maps.point_files.stated_units import (
+    StatedUnit,
+    Triple,
+    unit_factors,
+    units_in_comments,
+    units_of_row,
+)
 from pointit.runtime.config.validation_message import join_names
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import FARTHEST
@@ -36,9 +42,11 @@ class TablePixel:
 @dataclass(frozen=True, kw_only=True)
 class _Columns:
     points: tuple[int, int, int]
-    units_m: Triple
+    units: Sequence[StatedUnit] = ()
     strip: int | None = None
     number: int | None = None
+    is_of_wire: bool = False
+    """True if the name of the column with numbers says that they are those of the wire."""
 
 
 def pixels_of(text: str) -> tuple[list[TablePixel], bool]:
@@ -48,19 +56,24 @@ def pixels_of(text: str) -> tuple[list[TablePixel], bool]:
         ConfigError: If a line is no pixel, or the header does not say which columns are x, y and z.
     """
     columns: _Columns | None = None
-    unit_m = unit_in_comments(filter(_is_comment, text.splitlines())) or (1.0, 1.0, 1.0)
-    found: list[TablePixel] = []
-    is_of_wire = False
+    units = units_in_comments(filter(_is_comment, text.splitlines()))
+    rows: list[tuple[int, Sequence[str]]] = []
     for line, row in _rows(text):
         if columns is None:
-            if not any(map(is_number, row)):
-                columns, is_of_wire = _named(row, unit_m)
+            is_header = not any(map(is_number, row))
+            columns = _named(row) if is_header else _unnamed(line, row)
+            if is_header:
                 continue
-            columns = _unnamed(line, row, unit_m)
-        if len(found) == MAX_POINTS:
+        if not rows and (of_row := units_of_row(row, columns.points)):
+            units = *units, *of_row
+            continue
+        if len(rows) == MAX_POINTS:
             raise ConfigError(f"more than {MAX_POINTS} pixels; split the file")
-        found.append(_pixel(line, row, columns))
-    return found, is_of_wire
+        rows.append((line, row))
+    if columns is None:
+        return [], False
+    factors = unit_factors((*columns.units, *units))
+    return [_pixel(line, row, columns, factors) for line, row in rows], columns.is_of_wire
 
 
 def _rows(text: str) -> Iterator[tuple[int, list[str]]]:
@@ -79,7 +92,7 @@ def _is_comment(line: str) -> bool:
     return line.lstrip().startswith(("#", "//"))
 
 
-def _named(header: Sequence[str], unit_m: Triple) -> tuple[_Columns, bool]:
+def _named(header: Sequence[str]) -> _Columns:
     columns = point_columns(header)
     if columns is None:
         raise ConfigError(
@@ -94,27 +107,28 @@ def _named(header: Sequence[str], unit_m: Triple) -> tuple[_Columns, bool]:
     wire = column(WIRE_COLUMNS)
     return _Columns(
         points=columns.indices,
-        units_m=columns.units_m or unit_m,
+        units=columns.units,
         strip=column(STRIP_COLUMNS),
         number=column(PIXEL_COLUMNS) if wire is None else wire,
-    ), wire is not None
+        is_of_wire=wire is not None,
+    )
 
 
-def _unnamed(line: int, row: Sequence[str], unit_m: Triple) -> _Columns:
+def _unnamed(line: int, row: Sequence[str]) -> _Columns:
     if len(row) == 3:
-        return _Columns(points=(0, 1, 2), units_m=unit_m)
+        return _Columns(points=(0, 1, 2))
     if len(row) == 4 and row[0].isdecimal():
-        return _Columns(points=(1, 2, 3), units_m=unit_m, number=0)
+        return _Columns(points=(1, 2, 3), number=0)
     raise ConfigError(
         f"line {line}: has {len(row)} columns without names; write x,y,z in metres, or pixel,x,y,z, "
         "or add a line with the names of the columns"
     )
 
 
-def _pixel(line: int, row: Sequence[str], columns: _Columns) -> TablePixel:
+def _pixel(line: int, row: Sequence[str], columns: _Columns, factors: Triple) -> TablePixel:
     shown = repr(",".join(row)[:60])
     try:
-        point = np.array([float(row[index].replace(",", ".")) for index in columns.points]) * columns.units_m
+        point = np.array([float(row[index].replace(",", ".")) for index in columns.points]) * factors
         number = None if columns.number is None else float(row[columns.number].replace(",", "."))
         strip = "" if columns.strip is None or columns.strip >= len(row) else row[columns.strip]
     except (IndexError, ValueError):

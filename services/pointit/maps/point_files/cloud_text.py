@@ -1,19 +1,27 @@
 """Structure of a text with a point a line: lines before the points, delimiter, columns, unit."""
 
+import contextlib
 import itertools
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from pointit.maps.column_units import LENGTHS_M, unit_name
+import numpy as np
+
 from pointit.maps.point_files.point_columns import (
+    AXES,
     PointColumns,
-    Triple,
     cells_of,
     delimiter_of,
     is_number,
     named_columns,
     point_columns,
+)
+from pointit.maps.point_files.stated_units import (
+    StatedUnit,
+    units_in_comments,
+    units_of_row,
+    without_unit_of_axes,
 )
 from pointit.runtime.config.validation_message import format_value, join_names
 from pointit.runtime.errors import ConfigError
@@ -23,12 +31,13 @@ SURROGATE = re.compile("[\udc80-\udcff]")
 """Bytes that are no UTF-8."""
 FIRST_THREE = PointColumns(indices=(0, 1, 2))
 
+_COLORED = 5
+"""Number of columns from which more may be colours and coordinates."""
 _ROWS_WITH_INDEX = 3
 """Number of rows from which a first column of consecutive whole numbers is an index."""
 _PTX_CELLS = [1, 1, 3, 3, 3, 3, 4, 4, 4, 4]
 """Numbers in the first lines of a PTX: columns, rows, pose of the scanner, transformation."""
 _COMMENT = re.compile(r" *(?:#|//|%)+ *")
-_UNIT_IN_COMMENT = re.compile(r"\bunits?\b\s*[:=]?\s*(?:(?:is|are|in)\s)?\s*([a-zµμ]+)", re.IGNORECASE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,6 +50,8 @@ class TextLayout:
     """Character between columns, None for blanks."""
     has_decimal_comma: bool = False
     columns: PointColumns = FIRST_THREE
+    units: tuple[StatedUnit, ...] = ()
+    """Units that names, a row below them, and comments state."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,14 +61,8 @@ class _Header:
     cells: Sequence[str] = ()
     columns: PointColumns | None = None
     """x, y and z. None if the names do not say it."""
-
-
-def unit_in_comments(comments: Iterable[str]) -> Triple | None:
-    """Return the length of one unit of x, y and z that a comment states (`units: mm`), m, or None."""
-    for comment in comments:
-        if (match := _UNIT_IN_COMMENT.search(comment)) and (name := unit_name(match[1])) in LENGTHS_M:
-            return LENGTHS_M[name], LENGTHS_M[name], LENGTHS_M[name]
-    return None
+    unit_row: Sequence[str] = ()
+    """Cells of a row above or below the names that has units."""
 
 
 def text_layout(sample: Sequence[str], wanted: Sequence[str | int]) -> TextLayout:
@@ -87,20 +92,31 @@ def text_layout(sample: Sequence[str], wanted: Sequence[str | int]) -> TextLayou
             columns = _columns_of_rows(
                 [cells_of(each, delimiter) for each in rows], wanted, header, delimiter
             )
-            if columns.units_m is None:
-                columns = replace(columns, units_m=unit_in_comments(comments))
+            comments += filter(_COMMENT.match, rows)
             return TextLayout(
                 skip=number,
                 delimiter=delimiter,
                 has_decimal_comma=delimiter != "," and any("," in each for each in rows),
                 columns=columns,
+                units=(
+                    *columns.units,
+                    *units_of_row(header.unit_row, columns.indices),
+                    *units_in_comments(comments),
+                ),
             )
         first = first or line.strip()
         if comment:
-            comments.append(text)
-        header = _next_header(
-            header, cells_of(text, delimiter), is_comment=comment is not None, wanted=wanted
+            names = without_unit_of_axes(text)
+            cells = cells_of(names, delimiter_of(names.strip()))
+        is_prose = comment is not None and (
+            bool(units_in_comments([text])) or (len(cells) == len(AXES) and not wanted)
         )
+        earlier, header = (
+            header,
+            _next_header(header, cells, wanted, is_comment=comment is not None, is_prose=is_prose),
+        )
+        if header is earlier or is_prose:
+            comments.append(text)
     if not first:
         return TextLayout()
     if header.columns:
@@ -115,34 +131,35 @@ def text_layout(sample: Sequence[str], wanted: Sequence[str | int]) -> TextLayou
 
 
 def _next_header(
-    header: _Header, cells: Sequence[str], *, is_comment: bool, wanted: Sequence[str | int]
+    header: _Header, cells: Sequence[str], wanted: Sequence[str | int], *, is_comment: bool, is_prose: bool
 ) -> _Header:
-    """Return the header after the line with `cells`, which is no row."""
+    """Return the header after the line with `cells`, which is no row. Prose has no names but x, y and z."""
     if len(cells) < 3 or any(map(is_number, cells)):
         return header
-    if header.columns and len(cells) == len(header.cells):  # units below the names
-        units = [unit_name(cells[index].strip("[](){}")) for index in header.columns.indices]
-        if header.columns.units_m is None and all(unit in LENGTHS_M for unit in units):
-            x, y, z = (LENGTHS_M[unit] for unit in units)
-            return replace(header, columns=replace(header.columns, units_m=(x, y, z)))
+    if units := units_of_row(cells, _indices(wanted, header, len(cells))):
+        is_unit_row = units[0].units_m is not None or (bool(header.cells) and not is_comment)
+        return replace(header, unit_row=cells) if is_unit_row else header
+    if header.columns and len(cells) == len(header.cells):
         return header
     if columns := None if wanted else point_columns(cells):
-        return _Header(cells=cells, columns=columns)
-    is_prose = is_comment and len(cells) == 3 and not wanted
-    return header if header.columns or is_prose else _Header(cells=cells)
+        return replace(header, cells=cells, columns=columns)
+    return header if header.columns or is_prose else replace(header, cells=cells)
+
+
+def _indices(wanted: Sequence[str | int], header: _Header, count: int) -> tuple[int, int, int] | tuple[()]:
+    """Return the columns of x, y and z in a row of `count` cells, empty if `wanted` are not there."""
+    with contextlib.suppress(ConfigError):
+        columns = named_columns(wanted, header.cells, count) if wanted else header.columns
+        return (columns or FIRST_THREE).indices
+    return ()
 
 
 def _is_row(cells: Sequence[str], wanted: Sequence[str | int], header: _Header) -> bool:
     """Return True if `cells` have numbers where x, y and z are."""
     if len(cells) > 2 and all(map(is_number, cells)):
         return True
-    indices = (header.columns or FIRST_THREE).indices
-    if wanted:
-        try:
-            indices = named_columns(wanted, header.cells, len(cells)).indices
-        except ConfigError:
-            return False
-    return len(cells) > max(indices) and all(is_number(cells[index]) for index in indices)
+    indices = _indices(wanted, header, len(cells))
+    return len(cells) > max(indices, default=len(cells)) and all(is_number(cells[index]) for index in indices)
 
 
 def _columns_of_rows(
@@ -170,6 +187,11 @@ def _columns_of_rows(
             f"has {count} columns, names of {len(names)}, and the first counts the rows; write in the map "
             "which are x, y and z by number, such as columns: [2, 3, 4]"
         )
+    if shifted is None and count > len(names) and _has_colors_first(rows):
+        raise ConfigError(
+            f"has {count} columns without names, of which the first three may be colours; write in the map "
+            "which are x, y and z by number, such as columns: [4, 5, 6]"
+        )
     return shifted or FIRST_THREE
 
 
@@ -179,6 +201,25 @@ def _has_index(rows: Sequence[Sequence[str]]) -> bool:
     if len(numbers) < _ROWS_WITH_INDEX or not all(each.isdecimal() for each in numbers):
         return False
     return all(int(after) == int(before) + 1 for before, after in itertools.pairwise(numbers))
+
+
+def _has_colors_first(rows: Sequence[Sequence[str]]) -> bool:
+    """Return True if the first three of six or more columns look like colours, and later ones do not."""
+    cells = [row for row in rows if len(row) > _COLORED and all(map(is_number, row))]
+    count = min(map(len, cells), default=0)
+    numbers = np.array([[float(cell.replace(",", ".")) for cell in row[:count]] for row in cells])
+    if not count or numbers[:, :3].min() < 0:
+        return False
+    are_bytes = (
+        (numbers == np.floor(numbers)).all(axis=0) & (numbers.min(axis=0) >= 0) & (numbers.max(axis=0) <= 255)
+    )
+    has_colors_later = any(are_bytes[at : at + 3].all() for at in range(3, count - 2))
+    has_normals = np.allclose(np.linalg.norm(numbers[:, 3:6], axis=1), 1.0, atol=0.02)
+    limit = 255.0 if all(cell.isdecimal() for row in cells for cell in row[:3]) else 1.0
+    is_beyond = (
+        numbers[:, 3:].min() < 0 or numbers[:, 3:].max() > limit or (limit > 1 and not are_bytes[3:].all())
+    )
+    return bool(numbers[:, :3].max() <= limit and is_beyond and not has_colors_later and not has_normals)
 
 
 def _which_columns(header: Sequence[str]) -> str:

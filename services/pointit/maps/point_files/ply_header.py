@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from pointit.maps.point_files.point_columns import AXES, named_columns
+from pointit.maps.point_files.stated_units import StatedUnit
 from pointit.runtime.config.validation_message import format_value, join_names
 from pointit.runtime.errors import ConfigError
 
@@ -71,6 +72,8 @@ class PlyHeader:
     vertex: Element
     columns: list[int]
     """Indices of x, y and z among the properties of a vertex."""
+    units: Sequence[StatedUnit]
+    """Units that the names of these properties state."""
     comments: list[str]
 
     @property
@@ -99,7 +102,7 @@ def read_ply_header(path: Path, wanted: Sequence[str | int] = ()) -> PlyHeader:
     vertex = elements[index]
     names = [each.name for each in vertex.properties]
     try:
-        columns = list(named_columns(wanted or AXES, names, len(names)).indices)
+        columns = named_columns(wanted or AXES, names, len(names))
     except ConfigError as error:
         if wanted:
             raise ConfigError(f"{path}: {error}") from error
@@ -108,11 +111,17 @@ def read_ply_header(path: Path, wanted: Sequence[str | int] = ()) -> PlyHeader:
             f"{path}: its vertices have {join_names(names) or 'nothing'}, not {join_names(missing)} once; "
             "export it with x, y and z, or write in the map which they are, such as columns: [px, py, pz]"
         ) from error
-    for column in columns:
+    for column in columns.indices:
         if vertex.properties[column].count_kind:
             raise ConfigError(f"{path}: {names[column]} is a list; export it with a number x, y and z each")
     return PlyHeader(
-        order=order, body=body, before=elements[:index], vertex=vertex, columns=columns, comments=comments
+        order=order,
+        body=body,
+        before=elements[:index],
+        vertex=vertex,
+        columns=list(columns.indices),
+        units=columns.units,
+        comments=comments,
     )
 
 
@@ -128,7 +137,7 @@ def _read_lines(path: Path, file: BinaryIO) -> tuple[str, list[Element], list[st
     comments: list[str] = []
     for number in range(2, MAX_HEADER_LINES + 2):
         line = _read_line(file, end)
-        words = line.decode("ascii", errors="replace").split()
+        words = line.decode(errors="replace").split()
         if not line:
             break
         if words == ["end_header"] and order is not None:

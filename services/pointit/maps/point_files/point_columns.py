@@ -1,4 +1,4 @@
-"""Columns x, y and z of a table: its dialect, their names, numbers and units."""
+"""Columns x, y and z of a table: its dialect, their names and numbers."""
 
 import csv
 import re
@@ -6,11 +6,10 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from pointit.maps.column_units import LENGTHS_M, split_unit
+from pointit.maps.column_units import split_unit
+from pointit.maps.point_files.stated_units import StatedUnit, unit_factors, units_of_names
 from pointit.runtime.config.validation_message import format_value, join_names
 from pointit.runtime.errors import ConfigError
-
-Triple = tuple[float, float, float]
 
 AXES = ("x", "y", "z")
 _DIGITS = ("0", "1", "2")
@@ -32,8 +31,8 @@ class PointColumns:
     """Columns of x, y and z."""
 
     indices: tuple[int, int, int]
-    units_m: Triple | None = None
-    """Length of one unit of each, m. None if the names state no units."""
+    units: tuple[StatedUnit, ...] = ()
+    """Units that their names state."""
 
 
 def delimiter_of(row: str) -> str | None:
@@ -86,7 +85,9 @@ def point_columns(header: Sequence[str]) -> PointColumns | None:
     if any(len(indices) > 1 for indices in chosen.values()):
         return None
     x, y, z = (chosen[axis][0] for axis in AXES)
-    return PointColumns(indices=(x, y, z), units_m=stated_units_m([header[index] for index in (x, y, z)]))
+    units = units_of_names([header[index] for index in (x, y, z)])
+    unit_factors(units, remedy=", such as 'X [mm]', or write columns and scale in the map")
+    return PointColumns(indices=(x, y, z), units=units)
 
 
 def named_columns(wanted: Sequence[str | int], header: Sequence[str], count: int) -> PointColumns:
@@ -113,10 +114,8 @@ def named_columns(wanted: Sequence[str | int], header: Sequence[str], count: int
             )
         indices += at
     x, y, z = indices
-    stated = all(split_unit(header[index])[1] in LENGTHS_M for index in indices) if header else False
-    return PointColumns(
-        indices=(x, y, z), units_m=stated_units_m([header[index] for index in indices]) if stated else None
-    )
+    units = units_of_names([header[index] for index in indices]) if header else ()
+    return PointColumns(indices=(x, y, z), units=units)
 
 
 def is_number(cell: str) -> bool:
@@ -141,23 +140,3 @@ def _stem_and_axis(name: str) -> tuple[str, str]:
     if len(words) == 2 and words[0] in _JOINED_STEMS and words[1] in _DIGITS:
         return f"{words[0]}_*", AXES[_DIGITS.index(words[1])]
     return name, ""
-
-
-def stated_units_m(columns: Sequence[str]) -> Triple | None:
-    """Return the lengths of one unit of x, y and z that the names of their columns state, m, or None.
-
-    Raises:
-        ConfigError: If a unit is not a length, or some have one and others none.
-    """
-    units = [split_unit(column)[1] for column in columns]
-    if not any(units):
-        return None
-    for column, unit in zip(columns, units, strict=True):
-        if unit not in LENGTHS_M:
-            problem = f"has the unit {unit}, which is no known length" if unit else "has no unit, others have"
-            raise ConfigError(
-                f"column {format_value(column)} {problem}; rename it, such as 'X [mm]', "
-                "or write columns and scale in the map"
-            )
-    x, y, z = (LENGTHS_M[unit] for unit in units)
-    return x, y, z

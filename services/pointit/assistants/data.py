@@ -6,6 +6,7 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field
 
 from pointit.schemas.base import Vec3
+from pointit.schemas.text import hide_secrets
 
 MAX_NAME = 64
 """Limit of characters of a label in a result. Names of people, lamps, things and robots are no longer."""
@@ -27,7 +28,7 @@ def plain(text: str, limit: int = MAX_NAME) -> str:
 
 def refusal(text: str) -> str:
     """Return the reason of a refusal as quoted data."""
-    return json.dumps({"refused": plain(text, MAX_SENTENCE)}, ensure_ascii=False)
+    return json.dumps({"refused": plain(hide_secrets(text), MAX_SENTENCE)}, ensure_ascii=False)
 
 
 class _Result(BaseModel):

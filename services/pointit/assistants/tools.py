@@ -24,6 +24,7 @@ from pointit.errors import AccessDeniedError, PointItError, SchemaError
 from pointit.schemas import NS_PER_S, RobotState
 from pointit.schemas.base import FARTHEST, Vec3
 from pointit.schemas.person import Deictic
+from pointit.schemas.text import hide_secrets
 from pointit.schemas.topics import ROBOT_STATE
 
 Role = Literal["operator", "viewer"]
@@ -101,7 +102,7 @@ class Tools:
             yield
             outcome = "done"
         except (PointItError, SchemaError) as error:
-            outcome, text = "refused", str(error)
+            outcome, text = "refused", hide_secrets(str(error))
             raise
         except asyncio.CancelledError:
             outcome = "cancelled"

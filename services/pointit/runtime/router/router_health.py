@@ -12,6 +12,7 @@ import zenoh
 
 from pointit.runtime.zenoh.wire_format import encoding_of
 from pointit.schemas import Figure, Health, encode
+from pointit.schemas.text import hide_secrets
 from pointit.schemas.topics import HEALTH, SERVICE_ALIVE
 
 SERVICE = "router"
@@ -47,7 +48,7 @@ class RouterHealthPublisher:
             host=socket.gethostname(),
             uptime_s=time.monotonic() - self._began_s,
             status="degraded" if warnings else "ok",
-            warnings=tuple(warnings),
+            warnings=tuple(map(hide_secrets, warnings)),
             figures=(
                 Figure(name="refused", value=float(refused)),
                 Figure(name="sessions", value=float(sessions)),

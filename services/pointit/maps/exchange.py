@@ -3,8 +3,7 @@
 import csv
 import io
 import json
-import re
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from itertools import count
 
 import numpy as np
@@ -16,15 +15,23 @@ from pointit.maps.light_files.strip_fit import FittedStrip, fit_strips, median_s
 from pointit.maps.light_files.wire import first_pixels
 from pointit.maps.light_files.wled import GAP, MAX_CELLS, WledSegment, read_ledmap, read_segments
 from pointit.maps.model import MapFile, StripEntry
+from pointit.runtime.config.validation_message import format_value
 from pointit.runtime.errors import ConfigError
+from pointit.schemas.table_types import valid_name
 from pointit.schemas.text import describe_mistake
 
 Array = NDArray[np.float64]
 
 LONE_PIXEL_M = 0.02
 """Length of a strip of one pixel in a file without any step from pixel to pixel, m."""
+Note = Callable[[str], object]
+"""Receives a sentence on what differs from the file."""
 VIEWS = {"top": (0, 1), "front": (0, 2), "side": (1, 2)}
 """Axes that become columns and rows of a ledmap."""
+
+
+def no_note(_: str) -> None:
+    """Ignore a sentence."""
 
 
 def positions(strip: StripEntry) -> Array:
@@ -51,15 +58,17 @@ def to_csv(file: MapFile) -> str:
     return text.getvalue()
 
 
-def from_csv(text: str) -> dict[str, StripEntry]:
+def from_csv(text: str, on_note: Note = no_note) -> dict[str, StripEntry]:
     """Return the strips of a CSV with one pixel a line.
 
     Columns are found by name: x, y, z with their units, strip (or name), pixel (or index, led), and wire.
-    Without names they are x, y, z, or pixel, x, y, z. A strip ends where the next pixel is far away, or a
-    number is skipped. Corners are found.
+    Without names they are x, y, z, or pixel, x, y, z. Numbers that no two strips share are those of the wire.
+    A strip ends where the next pixel is far away, or a number is skipped. Corners are found. `on_note`
+    receives a sentence on each name that no map can have, which becomes another one.
 
     Raises:
-        ConfigError: If a line is not such, or there are too many. Names the line.
+        ConfigError: If a line is not such, there are too many, or the numbers may be those of strips or of
+            the wire. Names the line.
     """
     pixels, is_of_wire = pixels_of(text)
     groups: dict[str, list[TablePixel]] = {}
@@ -69,6 +78,7 @@ def from_csv(text: str) -> dict[str, StripEntry]:
         raise ConfigError("there are no pixels: write one a line, as x,y,z in metres")
     stated = [pixel.number for pixel in pixels if pixel.number is not None]
     base = 1 if stated and not is_of_wire and min(stated) == 1 else 0
+    is_of_wire = is_of_wire or (bool(stated) and _runs_on(groups, base))
     found: list[tuple[str, int, FittedStrip]] = []
     usual_m = _usual_step(groups.values())
     end = 0
@@ -78,7 +88,33 @@ def from_csv(text: str) -> dict[str, StripEntry]:
             numbers += end
             end = int(numbers[-1]) + 1
         found += [(name, int(numbers[each.first]), each) for each in fit_strips(points, numbers, usual_m)]
-    return _named_strips(found, {*groups})
+    return _named_strips(found, {*groups}, on_note)
+
+
+def _runs_on(groups: Mapping[str, Sequence[TablePixel]], base: int) -> bool:
+    """Return True if the numbers of pixels run on over all strips, as those of one wire.
+
+    Raises:
+        ConfigError: If some run on, and others begin again.
+    """
+    numbers = {name: [pixel.number or 0 for pixel in group] for name, group in groups.items()}
+    strips: dict[int, str] = {}
+    shared = ""
+    for name, each in numbers.items():
+        for number in each:
+            if strips.setdefault(number, name) != name:
+                shared = shared or f"{number} is in strips {strips[number]} and {name}"
+    if not shared:
+        return True
+    last = min(map(max, numbers.values()))
+    for name, each in numbers.items():  # strips that begin again have most numbers up to `last`
+        within = sum(number <= last for number in each)
+        if within <= (last - base + 1) / 2 and len(each) >= 2 * within:
+            raise ConfigError(
+                f"pixel numbers begin again and run on: {shared}, and {name} has {min(each)} to {max(each)}; "
+                f"number each strip from {base}, or call the column wire and number all pixels of the wire"
+            )
+    return False
 
 
 def _in_order(name: str, group: Sequence[TablePixel], base: int) -> tuple[NDArray[np.intp], Array]:
@@ -108,15 +144,17 @@ def _usual_step(groups: Iterable[Sequence[TablePixel]]) -> float:
 
 
 def _named_strips(
-    found: Iterable[tuple[str, int, FittedStrip]], names: Container[str]
+    found: Iterable[tuple[str, int, FittedStrip]], names: Container[str], on_note: Note = no_note
 ) -> dict[str, StripEntry]:
     """Return entries of strips, given by name (`""`: none), number of the first pixel, and line."""
     strips: dict[str, StripEntry] = {}
     end = 0
     for name, first, each in found:
-        key = (
-            name if name and name not in strips else _free(name or f"strip_{len(strips) + 1}", strips, names)
-        )
+        plain = valid_name(name)
+        is_free = name and name == plain and name not in strips
+        key = name if is_free else _free(plain or f"strip_{len(strips) + 1}", strips, names)
+        if name != plain:
+            on_note(f"strip {format_value(name)} is called {key}, a name that a map can have")
         line = [[round(float(value), 6) for value in vertex] for vertex in each.line]
         strips[key] = _entry(line, each.pixels, None if first == end else first)
         end = first + each.pixels
@@ -152,18 +190,21 @@ def to_segments(file: MapFile) -> str:
     return json.dumps({"seg": segments})
 
 
-def from_segments(text: str, preset: int | None = None) -> dict[str, WledSegment]:
+def from_segments(text: str, preset: int | None = None, on_note: Note = no_note) -> dict[str, WledSegment]:
     """Return the segments of WLED by name: of a state, a preset, or the configured outputs.
 
-    What a map's names cannot have becomes `_`, and a second segment of a name gets a number.
+    What a map's names cannot have becomes `_`, which `on_note` receives as a sentence, and a second segment
+    of a name gets a number.
 
     Raises:
         ConfigError: If it is not such.
     """
     segments: dict[str, WledSegment] = {}
     for each in read_segments(text, preset):
-        name = re.sub(r"[^A-Za-z0-9_.-]+", "_", each.name).lstrip("-.")[:64]
-        segments[_free(name or f"segment_{each.number}", segments)] = each
+        name = _free(valid_name(each.name) or f"segment_{each.number}", segments)
+        if valid_name(each.name) != each.name:
+            on_note(f"segment {format_value(each.name)} is called {name}, a name that a map can have")
+        segments[name] = each
     return segments
 
 

@@ -1,6 +1,7 @@
 """Layouts of LEDs as other programs write them: the same lights after import, and after export and import."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -252,6 +253,110 @@ def test_tables_of_other_programs_keep_their_numbers(name: str) -> None:
         np.testing.assert_allclose(point, [0.1 * number, 0, 0], atol=1e-3)
 
 
+def table(numbers: dict[str, list[int]], header: str = "strip,pixel,x,y,z") -> str:
+    """Return a table of strips one above the other, of which the pixels have these numbers."""
+    lines = [header]
+    for row, (name, each) in enumerate(numbers.items()):
+        lines += [f"{name},{number},{(number - each[0]) / 10},0,{row}" for number in each]
+    return "\n".join([*lines, ""])
+
+
+CONVENTIONS: dict[str, tuple[dict[str, list[int]], dict[str, int]]] = {
+    "runs on": ({"a": [0, 1], "b": [2, 3]}, {"a": 0, "b": 2}),
+    "runs on from 1": ({"a": [1, 2, 3], "b": [4, 5]}, {"a": 0, "b": 3}),
+    "runs on, the last strip first": ({"b": [5, 6, 7], "a": [0, 1, 2, 3, 4]}, {"b": 5, "a": 0}),
+    "runs on, numbers between are unused": ({"a": [0, 1, 2], "b": [6, 7]}, {"a": 0, "b": 6}),
+    "runs on over three": ({"a": [0, 1], "b": [2, 3, 4], "c": [5]}, {"a": 0, "b": 2, "c": 5}),
+    "begins again": ({"a": [0, 1], "b": [0, 1]}, {"a": 0, "b": 2}),
+    "begins again from 1": ({"a": [1, 2, 3], "b": [1, 2]}, {"a": 0, "b": 3}),
+    "begins again, other lengths": ({"a": [0], "b": [0, 1, 2, 3], "c": [0, 1]}, {"a": 0, "b": 1, "c": 5}),
+    "begins again, one is longer": ({"a": [0, 1, 2], "b": [*range(9)]}, {"a": 0, "b": 3}),
+}
+
+
+@pytest.mark.parametrize("name", CONVENTIONS)
+def test_numbers_of_strips_and_of_the_wire_are_told_apart(name: str) -> None:
+    numbers, firsts = CONVENTIONS[name]
+    strips = exchange.from_csv(table(numbers))
+    assert first_pixels(strips) == firsts
+    assert {key: strip.pixels for key, strip in strips.items()} == {
+        k: len(each) for k, each in numbers.items()
+    }
+
+
+@pytest.mark.parametrize(
+    ("numbers", "message"),
+    [
+        ({"a": [0, 1, 2], "b": [3, 4, 5], "c": [0, 1, 2]}, "0 is in strips a and c, and b has 3 to 5"),
+        ({"a": [0, 1, 2, 3], "b": [3, 4, 5, 6]}, "3 is in strips a and b, and b has 3 to 6"),
+        ({"a": [0, 1, 2, 3], "b": [2, 4, 5, 6, 7]}, "2 is in strips a and b, and b has 2 to 7"),
+    ],
+)
+def test_numbers_that_run_on_and_begin_again_are_refused(numbers: dict[str, list[int]], message: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        exchange.from_csv(table(numbers))
+    assert str(caught.value) == (
+        f"pixel numbers begin again and run on: {message}; "
+        "number each strip from 0, or call the column wire and number all pixels of the wire"
+    )
+    wire = exchange.from_csv(table({"a": [0, 1], "b": [2, 3]}, "strip,wire,x,y,z"))
+    assert first_pixels(wire) == {"a": 0, "b": 2}
+
+
+def test_numbers_of_pixels_that_a_camera_lost_are_those_of_strips() -> None:
+    strips = exchange.from_csv(table({"a": [0, 2, 3, 4], "b": [1, 2, 4]}))
+    assert sorted(lights(strips)) == [0, 2, 3, 4, 6, 7, 9]
+
+
+def test_names_that_no_map_can_have_are_replaced_and_reported() -> None:
+    notes: list[str] = []
+    numbers = {"my strip/1": [0, 1], "Küche": [0, 1], "my_strip_1": [0, 1], "客厅": [0, 1], "-": [0, 1]}
+    strips = exchange.from_csv(table(numbers), notes.append)
+    assert list(strips) == ["my_strip_1_2", "Kuche", "my_strip_1", "strip_4", "strip_5"]
+    assert list(parse_map_file(exchange.strips_text(strips).encode(), Path("x.yaml")).strips) == list(strips)
+    assert notes == [
+        f"strip {name!r} is called {new}, a name that a map can have"
+        for name, new in zip(numbers, strips, strict=True)
+        if name != new
+    ]
+
+
+def test_names_of_segments_that_no_map_can_have_are_reported() -> None:
+    notes: list[str] = []
+    text = json.dumps({"seg": [{"id": 0, "start": 0, "stop": 9, "n": "Living room 💡"}]})
+    assert list(exchange.from_segments(text, None, notes.append)) == ["Living_room_"]
+    assert notes == ["segment 'Living room 💡' is called Living_room_, a name that a map can have"]
+
+
+@pytest.mark.parametrize(
+    "header",
+    ["x,y,z\nmm,mm,mm\n", "x,y,z,strip\n[mm],[mm],[mm],\n",  "# coordinates in mm\nx,y,z\n",
+     "x (mm),y (mm),z (mm)\nmm,mm,mm\n", "strip;x;y;z\n;(mm);(mm);(mm)\n"],
+)  # fmt: skip
+def test_units_of_a_table_are_read_as_those_of_a_point_cloud(header: str) -> None:
+    delimiter = ";" if ";" in header else ","
+    cells = [["a"] * header.startswith("strip") + [f"{100 * n}", "0", "0"] for n in range(3)]
+    text = header + "".join(delimiter.join(row) + "\n" for row in cells)
+    assert_same_lights(lights(exchange.from_csv(text)), {n: np.array([n / 10, 0, 0]) for n in range(3)}, 1e-6)
+
+
+@pytest.mark.parametrize(
+    ("header", "message"),
+    [
+        (
+            "# units: mm\n# units: cm\nx,y,z\n",
+            "states two units, 'units: mm' and 'units: cm'; keep the right",
+        ),
+        ("x [cm],y [cm],z [cm]\nmm,mm,mm\n", "states two units, column 'x [cm]' and the row mm, mm, mm"),
+        ("x,y,z\nmm,px,mm\n", "the row mm, px, mm is no known length of x, y and z each; rename it"),
+    ],
+)
+def test_units_of_a_table_that_contradict_are_refused(header: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=re.escape(message)) as caught:
+        exchange.from_csv(header + "0,0,0\n1,0,0\n")
+    assert "map" not in str(caught.value)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -323,6 +428,34 @@ def test_segments_of_a_matrix_have_the_pixels_of_all_rows() -> None:
     ]}))  # fmt: skip
     assert {name: each.pixels for name, each in segments.items()} == {"screen": 60, "segment_1": 12}
     assert [strip.offset for strip in exchange.laid_out(segments, 0.02).values()] == [None, None]
+
+
+SCREEN = {"id": 0, "start": 0, "stop": 16, "startY": 0, "stopY": 8, "n": "screen"}
+SHELF = {"id": 1, "start": 128, "stop": 158, "startY": 0, "stopY": 1, "n": "shelf"}
+INFO = {"leds": {"count": 158, "matrix": {"w": 16, "h": 8}}}
+MATRICES: dict[str, Any] = {
+    "a strip behind a matrix": ({"seg": [SCREEN, SHELF]}, {"screen": 0, "shelf": 128}),
+    "a strip that does not begin there": (
+        {"seg": [SCREEN, {**SHELF, "start": 140, "stop": 150}]}, {"screen": 0, "shelf": 140}),
+    "a strip before the matrix in the list": ({"seg": [SHELF, SCREEN]}, {"screen": 0, "shelf": 128}),
+    "a strip without rows": (
+        {"seg": [SCREEN, {"id": 1, "start": 128, "stop": 158, "n": "shelf"}]}, {"screen": 0, "shelf": 128}),
+    "the matrix is larger than its segments": (
+        {"state": {"seg": [{**SCREEN, "stop": 4, "stopY": 4}, {**SHELF, "start": 130, "stop": 140}]},
+         "info": INFO},
+        {"screen": 0, "shelf": 130}),
+    "a part of the first row": (
+        {"state": {"seg": [{**SCREEN, "stop": 4, "stopY": 2}, {**SHELF, "start": 9, "stop": 16}]},
+         "info": INFO},
+        {"screen": 0, "shelf": 8}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MATRICES)
+def test_a_strip_behind_a_matrix_keeps_its_start(name: str) -> None:
+    data, firsts = MATRICES[name]
+    strips = exchange.laid_out(exchange.from_segments(json.dumps(data)), 0.02)
+    assert first_pixels(strips) == firsts
 
 
 OTHER = {"n": "Party", "seg": [{"id": 0, "start": 0, "stop": 9}]}

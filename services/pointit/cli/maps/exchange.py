@@ -76,7 +76,7 @@ def import_(
         text = _read_text(source)
         try:
             if kind == "csv":
-                strips = exchange.from_csv(text)
+                strips = exchange.from_csv(text, _print_note)
             elif kind == "ledmap":
                 strips = exchange.from_ledmap(text, cell_m)
             else:
@@ -105,26 +105,27 @@ def _read_text(source: Path) -> str:
     return text
 
 
+def _print_note(sentence: str) -> None:
+    click.echo(f"note: {sentence}", err=True)
+
+
 def _print_notes(strips: Mapping[str, StripEntry]) -> None:
     for first, last in islice(unused_pixels(strips), MAX_NOTES):
-        click.echo(
-            f"note: pixels {first} to {last} of the wire are in no strip; "
-            "describe the output by the segments at the end of the map",
-            err=True,
+        _print_note(
+            f"pixels {first} to {last} of the wire are in no strip; "
+            "describe the output by the segments at the end of the map"
         )
     if uneven := [name for name, strip in strips.items() if has_detours(strip)]:
         names = join_names(uneven[:MAX_NOTES])
-        click.echo(
-            f"note: {names}: pixels are irregular, so that the line makes detours between them", err=True
-        )
+        _print_note(f"{names}: pixels are irregular, so that the line makes detours between them")
 
 
 def _strips_of_segments(text: str, preset: int | None, pitch_m: float) -> dict[str, StripEntry]:
-    segments = exchange.from_segments(text, preset)
+    segments = exchange.from_segments(text, preset, _print_note)
     for name, each in segments.items():
         if each.rows > 1:
             size = f"{each.columns} x {each.rows}"
-            click.echo(f"note: {name} is a matrix of {size} pixels, laid out as one line", err=True)
+            _print_note(f"{name} is a matrix of {size} pixels, laid out as one line")
     return exchange.laid_out(segments, pitch_m)
 
 

@@ -52,7 +52,7 @@ def read_segments(text: str, preset: int | None = None) -> list[WledSegment]:
     Raises:
         ConfigError: If there are none, or several presets differ. One sentence.
     """
-    data = _read_json(text)
+    data = whole = _read_json(text)
     if isinstance(data, dict):
         state = cast("Json", data)
         state = state["state"] if isinstance(state.get("state"), dict) else state
@@ -66,9 +66,7 @@ def read_segments(text: str, preset: int | None = None) -> list[WledSegment]:
     if not isinstance(data, list):
         raise ConfigError(f"has no segments of WLED; give its state, such as {_EXAMPLE}")
     segments = [_segment(number, each) for number, each in enumerate(cast("Sequence[Any]", data))]
-    if any(each.rows > 1 or each.row for each in segments if each):  # a wire in an order of its own
-        segments = [each and replace(each, start=None) for each in segments]
-    return _used(segments)
+    return _behind_matrix(_used(segments), _matrix_size(whole))
 
 
 def read_ledmap(text: str) -> tuple[list[tuple[int, int, int]], int]:
@@ -112,6 +110,27 @@ def _used(segments: Sequence[WledSegment | None]) -> list[WledSegment]:
     if not (used := [each for each in segments if each]):
         raise ConfigError("has no segments with pixels; save it with its bounds (stop above start)")
     return used
+
+
+def _matrix_size(data: Any) -> tuple[int, int]:
+    """Return columns and rows of the matrix that `/json` states, 0 if it does not."""
+    if not isinstance(size := _inside(data, "info", "leds", "matrix"), dict):
+        return 0, 0
+    return _count(size, "w", "matrix", 0), _count(size, "h", "matrix", 0)
+
+
+def _behind_matrix(segments: list[WledSegment], size: tuple[int, int]) -> list[WledSegment]:
+    """Return `segments`, those of a matrix first and without start: its wire has an order of its own.
+
+    A segment of one row is behind the matrix if it starts at or after its last pixel.
+    """
+    of_matrix = [each for each in segments if each.rows > 1 or each.row]
+    if not of_matrix and min(size) < 2:
+        return segments
+    columns = max(size[0], *(each.start + each.columns for each in of_matrix if each.start is not None), 0)
+    rows = max(size[1], *(each.row + each.rows for each in of_matrix), 0)
+    behind = [each for each in segments if each not in of_matrix and (each.start or 0) >= columns * rows]
+    return [*(replace(each, start=None) for each in segments if each not in behind), *behind]
 
 
 def _segment(number: int, data: Any) -> WledSegment | None:

@@ -113,7 +113,9 @@ def units_of_row(cells: Sequence[str], indices: Sequence[int]) -> tuple[StatedUn
 
 def units_in_comments(comments: Iterable[str]) -> tuple[StatedUnit, ...]:
     """Return the units that comments state in prose: `Units: mm`, `coordinates in mm`, `1 unit = 0.01 m`."""
-    return tuple(stated for comment in comments for stated in _units_in(comment.strip()[:_MAX_COMMENT]))
+    return tuple(
+        stated for comment in comments for stated in _units_in(comment.strip("#/% \r\n")[:_MAX_COMMENT])
+    )
 
 
 def without_unit_of_axes(comment: str) -> str:

@@ -15,7 +15,7 @@ from pointit.maps.light_files.strip_fit import FittedStrip, fit_strips, median_s
 from pointit.maps.light_files.wire import first_pixels
 from pointit.maps.light_files.wled import GAP, MAX_CELLS, WledSegment, read_ledmap, read_segments
 from pointit.maps.model import MapFile, StripEntry
-from pointit.runtime.config.validation_message import format_value
+from pointit.runtime.config.validation_message import format_value, join_names
 from pointit.runtime.errors import ConfigError
 from pointit.schemas.table_types import valid_name
 from pointit.schemas.text import describe_mistake
@@ -64,13 +64,15 @@ def from_csv(text: str, on_note: Note = no_note) -> dict[str, StripEntry]:
     Columns are found by name: x, y, z with their units, strip (or name), pixel (or index, led), and wire.
     Without names they are x, y, z, or pixel, x, y, z. Numbers that no two strips share are those of the wire.
     A strip ends where the next pixel is far away, or a number is skipped. Corners are found. `on_note`
-    receives a sentence on each name that no map can have, which becomes another one.
+    receives a sentence on columns without use, and on each name that no map can have and that is replaced.
 
     Raises:
         ConfigError: If a line is not such, there are too many, or the numbers may be those of strips or of
             the wire. Names the line.
     """
-    pixels, is_of_wire = pixels_of(text)
+    pixels, is_of_wire, unused = pixels_of(text)
+    if unused:
+        on_note(f"columns {join_names(unused)} are not used")
     groups: dict[str, list[TablePixel]] = {}
     for pixel in pixels:
         groups.setdefault(pixel.strip, []).append(pixel)

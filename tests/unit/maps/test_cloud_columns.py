@@ -55,6 +55,10 @@ TEXTS = {
     "count_and_colors.pts": "4\n" + rows(POINTS, " ", after=" -500 10 20 30"),
     "cr.csv": ("x,y,z\n" + rows(POINTS)).replace("\n", "\r"),
     "spreadsheet.csv": "\ufeffsep=;\r\nX;Y;Z\r\n" + rows(POINTS, ";").replace("\n", "\r\n"),
+    "marker_reference.csv": "# CoordinateSystem: Local Coordinates (mm)\n#Label,X/East,Y/North,Z/Altitude\n"
+    + rows(MM, before="target 1,"),
+    "unit_behind_the_names.txt": "X Y Z # mm\n" + rows(MM, " "),
+    "unit_alone.xyz": "# [mm]\n" + rows(MM, " "),
     "label_first.csv": "label,x,y,z\n" + rows(POINTS, before="wall,"),
 }
 
@@ -82,6 +86,15 @@ AMBIGUOUS = {
         "does not say which columns are x, y and z|world_z|columns: [",
     ),
     "names_twice.csv": ("x,y,z,X,Y,Z\n" + rows(POINTS, after=",1,2,3"), "does not say which|columns: ["),
+    "minus_sign.csv": ("x,y,z\n1,\N{MINUS SIGN}2,3\n" + rows(POINTS), "line 2: '1,\u22122,3' is not x, y, z"),
+    "lost_value.csv": ("x,y,z\n1,n/a,3\n" + rows(POINTS), "line 2: '1,n/a,3' is not x, y, z; correct"),
+    "time_first.txt": (
+        "".join(f"{n / 100:.2f} {line}\n" for n, line in enumerate(rows(POINTS, " ").splitlines() * 2)),
+        "the first counts the rows|columns: [2, 3, 4]"),
+    "row_and_column_first.xyz": (
+        "".join(f"7 {n * n} {line} 1 2 3\n" for n, line in enumerate(rows(POINTS + 0.1, " ").splitlines())),
+        "the first 2 may be no coordinates|columns: [3, 4, 5]"),
+    "intensity_first.xyz": (rows(POINTS + 0.1, " ", before="-700 "), "the first 1 may be|columns: [2, 3, 4]"),
     "index.txt": (counted(POINTS, " "), "the first counts the rows|columns: [2, 3, 4]"),
     "blank_in_a_name.txt": (
         "Slot ID X Y Z\n" + rows(POINTS, " ", before="1 "),

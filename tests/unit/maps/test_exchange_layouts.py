@@ -303,6 +303,26 @@ def test_numbers_that_run_on_and_begin_again_are_refused(numbers: dict[str, list
     assert first_pixels(wire) == {"a": 0, "b": 2}
 
 
+@pytest.mark.parametrize(
+    "header",
+    ["Strip Name,Pixel No.", "strip_id,pixel_id", "Model,Node", "String,LED #", "Strang,Nummer",
+     "fixture,led_index", "Strand,Number", "name,idx"],
+)  # fmt: skip
+def test_names_of_strips_and_numbers_are_found_in_columns_of_other_names(header: str) -> None:
+    notes: list[str] = []
+    text = table({"a": [1, 0, 2], "b": [1, 0]}, f"{header},x,y,z")
+    strips = exchange.from_csv(text, notes.append)
+    assert {name: strip.pixels for name, strip in strips.items()} == {"a": 3, "b": 2}
+    assert exchange.positions(strips["b"])[0].tolist() == pytest.approx([-0.1, 0, 1], abs=1e-4)
+    assert notes == []
+
+
+def test_columns_that_are_not_used_are_reported() -> None:
+    notes: list[str] = []
+    exchange.from_csv("Universe,Channel,x,y,z\n1,1,0,0,0\n1,4,0.1,0,0\n", notes.append)
+    assert notes == ["columns Universe, Channel are not used"]
+
+
 def test_numbers_of_pixels_that_a_camera_lost_are_those_of_strips() -> None:
     strips = exchange.from_csv(table({"a": [0, 2, 3, 4], "b": [1, 2, 4]}))
     assert sorted(lights(strips)) == [0, 2, 3, 4, 6, 7, 9]

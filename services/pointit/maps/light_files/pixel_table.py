@@ -20,9 +20,10 @@ from pointit.runtime.errors import ConfigError
 from pointit.schemas import FARTHEST
 
 MAX_POINTS = 100_000
-STRIP_COLUMNS = ("strip", "name", "string", "model")
-PIXEL_COLUMNS = ("pixel", "index", "number", "node", "led", "id")
+STRIP_COLUMNS = ("strip", "name", "string", "model", "strand", "fixture", "strang", "streifen")
+PIXEL_COLUMNS = ("pixel", "index", "number", "node", "led", "id", "no", "nr", "num", "idx", "nummer")
 WIRE_COLUMNS = ("wire",)
+"""Words in names of columns, the more telling ones first: `strip`, `Strip Name`, `LED No.`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,10 +48,12 @@ class _Columns:
     number: int | None = None
     is_of_wire: bool = False
     """True if the name of the column with numbers says that they are those of the wire."""
+    unused: tuple[str, ...] = ()
+    """Names of other columns."""
 
 
-def pixels_of(text: str) -> tuple[list[TablePixel], bool]:
-    """Return the pixels of a CSV, and True if their numbers are those of the wire rather than of strips.
+def pixels_of(text: str) -> tuple[list[TablePixel], bool, Sequence[str]]:
+    """Return the pixels of a CSV, True if their numbers are stated to be of the wire, and unused columns.
 
     Raises:
         ConfigError: If a line is no pixel, or the header does not say which columns are x, y and z.
@@ -71,9 +74,9 @@ def pixels_of(text: str) -> tuple[list[TablePixel], bool]:
             raise ConfigError(f"more than {MAX_POINTS} pixels; split the file")
         rows.append((line, row))
     if columns is None:
-        return [], False
+        return [], False, ()
     factors = unit_factors((*columns.units, *units))
-    return [_pixel(line, row, columns, factors) for line, row in rows], columns.is_of_wire
+    return [_pixel(line, row, columns, factors) for line, row in rows], columns.is_of_wire, columns.unused
 
 
 def _rows(text: str) -> Iterator[tuple[int, list[str]]]:
@@ -99,18 +102,22 @@ def _named(header: Sequence[str]) -> _Columns:
             f"its header does not say which columns are x, y and z ({join_names(header)}); "
             "rename them to x, y, z, with their unit, such as 'x [mm]', if it is not metres"
         )
-    names = [split_unit(cell)[0] for cell in header]
+    names = [{*split_unit(cell)[0].split("_")} for cell in header]
 
     def column(known: Sequence[str]) -> int | None:
-        return next((names.index(name) for name in known if name in names), None)
+        words = {*known, *PIXEL_COLUMNS, "name"}
+        return next((at for word in known for at, each in enumerate(names) if {word} <= each <= words), None)
 
-    wire = column(WIRE_COLUMNS)
+    strip, wire = column(STRIP_COLUMNS), column(WIRE_COLUMNS)
+    number = column(PIXEL_COLUMNS) if wire is None else wire
+    used = {*columns.indices, strip, number}
     return _Columns(
         points=columns.indices,
         units=columns.units,
-        strip=column(STRIP_COLUMNS),
-        number=column(PIXEL_COLUMNS) if wire is None else wire,
+        strip=strip,
+        number=number,
         is_of_wire=wire is not None,
+        unused=tuple(each for at, each in enumerate(header) if each and at not in used),
     )
 
 

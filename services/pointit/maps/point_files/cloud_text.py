@@ -35,6 +35,11 @@ _COLORED = 5
 """Number of columns from which more may be colours and coordinates."""
 _ROWS_WITH_INDEX = 3
 """Number of rows from which a first column of consecutive whole numbers is an index."""
+_MINUS = "\N{MINUS SIGN}"
+_STEPS_OF_TIME = 5
+"""Number of equal steps from which a first column is the time of rows."""
+_MAX_STEP_CHANGE = 0.05
+"""Share of a step by which these differ at most."""
 _PTX_CELLS = [1, 1, 3, 3, 3, 3, 4, 4, 4, 4]
 """Numbers in the first lines of a PTX: columns, rows, pose of the scanner, transformation."""
 _COMMENT = re.compile(r" *(?:#|//|%)+ *")
@@ -104,6 +109,11 @@ def text_layout(sample: Sequence[str], wanted: Sequence[str | int]) -> TextLayou
                     *units_in_comments(comments),
                 ),
             )
+        if header.columns and len(cells) == len(header.cells) and _has_number(cells, header.columns.indices):
+            raise ConfigError(
+                f"line {number + 1}: {format_value(SURROGATE.sub('?', line.strip()))} is not x, y, z; "
+                "correct or remove it"
+            )
         first = first or line.strip()
         if comment:
             names = without_unit_of_axes(text)
@@ -117,6 +127,7 @@ def text_layout(sample: Sequence[str], wanted: Sequence[str | int]) -> TextLayou
         )
         if header is earlier or is_prose:
             comments.append(text)
+        comments += text.split("#")[1:]
     if not first:
         return TextLayout()
     if header.columns:
@@ -192,15 +203,36 @@ def _columns_of_rows(
             f"has {count} columns without names, of which the first three may be colours; write in the map "
             "which are x, y and z by number, such as columns: [4, 5, 6]"
         )
+    if shifted is None and count > len(names) and (whole := _whole_columns(rows)):
+        raise ConfigError(
+            f"has {count} columns without names, of which the first {whole} may be no coordinates; write in "
+            f"the map which are x, y and z by number, such as columns: {[whole + 1, whole + 2, whole + 3]}"
+        )
     return shifted or FIRST_THREE
 
 
+def _has_number(cells: Sequence[str], indices: Sequence[int]) -> bool:
+    return any(is_number(cells[index].replace(_MINUS, "-")) for index in indices)
+
+
 def _has_index(rows: Sequence[Sequence[str]]) -> bool:
-    """Return True if the first column counts the rows."""
-    numbers = [row[0] for row in rows if row]
-    if len(numbers) < _ROWS_WITH_INDEX or not all(each.isdecimal() for each in numbers):
+    """Return True if the first column counts the rows, or has their time."""
+    numbers = [row[0] for row in rows if len(row) > 3 and all(map(is_number, row))]
+    if len(numbers) < _ROWS_WITH_INDEX:
         return False
-    return all(int(after) == int(before) + 1 for before, after in itertools.pairwise(numbers))
+    if all(each.isdecimal() for each in numbers):
+        return all(int(after) == int(before) + 1 for before, after in itertools.pairwise(numbers))
+    steps = np.diff([float(each.replace(",", ".")) for each in numbers])
+    are_equal = len(steps) >= _STEPS_OF_TIME and steps.max() - steps.min() < _MAX_STEP_CHANGE * steps.min()
+    return bool(are_equal)
+
+
+def _whole_columns(rows: Sequence[Sequence[str]]) -> int:
+    """Return the number of first columns with whole numbers before three with others, 0 if there are none."""
+    cells = [row for row in rows if len(row) > 3 and all(map(is_number, row))]
+    are_whole = [all(cell.lstrip("-").isdecimal() for cell in column) for column in zip(*cells, strict=False)]
+    whole = are_whole.index(False) if False in are_whole else 0
+    return whole if len(cells) >= _ROWS_WITH_INDEX and are_whole[whole : whole + 3] == [False] * 3 else 0
 
 
 def _has_colors_first(rows: Sequence[Sequence[str]]) -> bool:

@@ -22,6 +22,8 @@ _OTHER_VECTORS = {
 }
 """Words in names of vectors that are no positions."""
 _MAP_AXES = {"easting": "x", "northing": "y", "elevation": "z", "altitude": "z", "height": "z"}
+_MAP_WORDS = {"east", "north", "altitude"}
+"""Words beside an axis: `X/East`."""
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 _UNIT_BEHIND_BLANK = re.compile(r"(?<=\S)\s+(?=[\[({])")
 
@@ -129,7 +131,7 @@ def is_number(cell: str) -> bool:
 
 def _stem_and_axis(name: str) -> tuple[str, str]:
     """Return `name` with `*` for its axis, and the axis; `""` if it is not of one."""
-    words = name.split("_")
+    words = [word for word in name.split("_") if word not in _MAP_WORDS] or name.split("_")
     axes = [word for word in words if word in AXES]
     if len(axes) == 1:
         return "_".join("*" if word in AXES else word for word in words), axes[0]

@@ -12,7 +12,7 @@ Triple = tuple[float, float, float]
 
 _WORD = r"([a-zµμáéíóúèà]+(?:[ _-](?:survey[ _-])?f(?:ee|oo)t)?)(?!\w)"
 _NUMBER = r"([0-9]*\.?[0-9]+(?:e[+-]?[0-9]+)?)?"
-_UNIT_WORD = r"(?:(?:units?|unidad(?:es)?|einheit(?:en)?|maßeinheit|unit[éàe]s?)(?!\w))"
+_UNIT_WORD = r"(?:(?:units?|unidad(?:es)?|einheit(?:en)?|maßeinheit|scale|unit[éàe]s?)(?!\w))"
 _AXES = r"x[\s,;/]+y[\s,;/]+(?:and\s+)?z"
 _SUBJECT = (
     rf"(?:{_AXES}|xyz|coordinates?|coords?|positions?|points?|vertices|values?|lengths?|distances?|dimensions?|"
@@ -32,6 +32,8 @@ _STATEMENTS = (
     re.compile(rf"(?<![a-z]){_SUBJECT}\s*[\[(]\s*(){_WORD}\s*[\])]", re.IGNORECASE),
 )
 """Statements in prose. The groups are a factor and a unit."""
+_ALONE = re.compile(rf"[\[(]?()(?!in\b){_WORD}[\])]?", re.IGNORECASE)
+"""A unit without other words."""
 _UNKNOWN = re.compile(r"\W*(?:units|(?:\w+[ _-])?length[ _-]units?)\s*[:=]\s*([^\W\d]+)\W*", re.IGNORECASE)
 """A unit that stands alone in a comment."""
 _MAX_COMMENT = 500
@@ -124,8 +126,9 @@ def without_unit_of_axes(comment: str) -> str:
 
 
 def _units_in(comment: str) -> Iterable[StatedUnit]:
-    for pattern in _STATEMENTS:
-        for match in pattern.finditer(comment):
+    alone = _ALONE.fullmatch(comment)
+    for matches in ([alone] if alone else [], *(pattern.finditer(comment) for pattern in _STATEMENTS)):
+        for match in matches:
             factor, word = match.groups()
             units = [unit_name(word)]
             at = match.end()

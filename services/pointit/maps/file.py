@@ -229,9 +229,7 @@ def _placed(placed: NDArray[np.float64], entry: CloudEntry) -> NDArray[np.float6
 
 def _wrong_names(section: str, entries: Any) -> Iterator[tuple[str, str]]:
     """Yield names that cannot be in a key."""
-    if not isinstance(entries, dict):
-        return  # the model reports it
-    for name in cast("dict[str, object]", entries):
+    for name in cast("dict[str, object]", entries) if isinstance(entries, dict) else ():
         try:
             check_name(name)
         except KeyNameError as error:
@@ -285,9 +283,8 @@ def contents(file: MapFile, clouds: Mapping[str, NDArray[np.float64]]) -> str:
         (len(file.frames), "frame", ""),
         (len(file.things), "thing", ""),
     )
-    plural = {"box": "boxes"}
     return ", ".join(
-        f"{count} {word if count == 1 else plural.get(word, word + 's')}{more}"
+        f"{count} {word}{'' if count == 1 else 'es' if word == 'box' else 's'}{more}"
         for count, word, more in counts
         if count
     )

@@ -68,10 +68,8 @@ class Layers:
         nested: Any = text.strip() if is_plain else value  # with what follows ` #`
         for name in reversed(path[1:]):
             nested = {name: nested}
-        if len(path) > 1:  # one entry of a mapping, which is changed and not replaced
-            self._lay({path[0]: nested}, source)
-        else:
-            self.add({path[0]: nested}, source)
+        add = self._lay if len(path) > 1 else self.add  # one entry of a mapping is changed
+        add({path[0]: nested}, source)
 
     def add_environment(self, environment: Mapping[str, str], prefix: str) -> None:
         """Lay variables `<prefix>A__B` on top as `a.b`."""
@@ -104,19 +102,15 @@ class Layers:
             here = (*path, key)
             self._sources[here] = source
             if isinstance(value, Mapping):
-                current = into.get(key)
-                below = typing.cast("dict[str, Any]", current) if isinstance(current, dict) else {}
-                into[key] = below
-                self._merge(below, typing.cast("Mapping[str, Any]", value), here, source)
+                if not isinstance(into.get(key), dict):
+                    into[key] = {}
+                self._merge(into[key], typing.cast("Mapping[str, Any]", value), here, source)
             else:
                 into[key] = value
 
     def _source_of(self, loc: tuple[str, ...]) -> str:
-        for length in range(len(loc), -1, -1):
-            source = self._sources.get(loc[:length])
-            if source is not None:
-                return source
-        return "configuration"
+        sources = (self._sources.get(loc[:length]) for length in range(len(loc), -1, -1))
+        return next(filter(None, sources), "configuration")
 
 
 def validate(kind: type[M], values: object, *, strict: bool | None = None) -> M:

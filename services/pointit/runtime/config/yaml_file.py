@@ -90,7 +90,8 @@ def load_yaml(text: str, source: Path | str) -> Any:
     except RecursionError as error:
         raise ConfigError(f"{source}: is nested too deeply") from error
     except ContentError as error:
-        raise ConfigError(f"{source}: line {error.line}: {error}") from error
+        problem, node = error.args
+        raise ConfigError(f"{source}: line {node.start_mark.line + 1}: {problem}") from error
     except (yaml.YAMLError, ValueError, LookupError, AttributeError) as error:  # of tags: !!bool x
         mark = getattr(error, "problem_mark", None)
         where = f" in line {mark.line + 1}" if mark else " at a tag" * (not isinstance(error, yaml.YAMLError))
@@ -175,9 +176,8 @@ def _name_keys(root: yaml.Node) -> None:
             if not isinstance(key, yaml.ScalarNode) or (key.tag == MERGE and _is_alias(value, key)):
                 continue
             if key.value in lines:
-                raise ContentError(
-                    f"the key {key.value!r} occurs twice, first in line {lines[key.value]}; keep one", key
-                )
+                problem = f"the key {key.value!r} occurs twice, first in line {lines[key.value]}; keep one"
+                raise ContentError(problem, key)
             lines[key.value] = key.start_mark.line + 1
             if key.tag != TEXT:  # its own node may be an anchor, with another value elsewhere
                 text = yaml.ScalarNode(TEXT, key.value, key.start_mark, key.end_mark, key.style)

@@ -37,11 +37,7 @@ _BASES = {"0b": 2, "0o": 8, "0x": 16}
 
 
 class ContentError(yaml.YAMLError):
-    """Problem of valid YAML, in the line of a node, from 1."""
-
-    def __init__(self, problem: str, node: yaml.Node) -> None:
-        super().__init__(problem)
-        self.line = node.start_mark.line + 1
+    """Problem of valid YAML, and its node."""
 
 
 class _Written:

@@ -116,7 +116,8 @@ def _matrix_size(data: Any) -> tuple[int, int]:
     """Return columns and rows of the matrix that `/json` states, 0 if it does not."""
     if not isinstance(size := _inside(data, "info", "leds", "matrix"), dict):
         return 0, 0
-    return _count(size, "w", "matrix", 0), _count(size, "h", "matrix", 0)
+    columns, rows = (_count(cast("Json", size), key, "matrix", 0) for key in ("w", "h"))
+    return columns, rows
 
 
 def _behind_matrix(segments: list[WledSegment], size: tuple[int, int]) -> list[WledSegment]:

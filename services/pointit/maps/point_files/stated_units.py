@@ -65,7 +65,8 @@ def unit_factors(stated: Sequence[StatedUnit], scale: float | None = None, remed
         ConfigError: If statements differ, one is not understood, or `scale` is another one. Does not name the
             file.
     """
-    scaled = (1.0 if scale is None else scale,) * 3
+    factor = 1.0 if scale is None else scale
+    scaled = factor, factor, factor
     if not stated:
         return scaled
     first = stated[0]

@@ -10,7 +10,7 @@ from typing import Any, cast
 
 import yaml
 
-from pointit.runtime.config.yaml_values import MERGE, TEXT, ContentError, Loader, disputes_of
+from pointit.runtime.config.yaml_values import MERGE, TEXT, YamlContentError, Loader, disputes_of
 from pointit.runtime.errors import ConfigError
 
 log = logging.getLogger(__name__)
@@ -89,7 +89,7 @@ def load_yaml(text: str, source: Path | str) -> Any:
         data = None if root is None else loader.construct_document(root)
     except RecursionError as error:
         raise ConfigError(f"{source}: is nested too deeply") from error
-    except ContentError as error:
+    except YamlContentError as error:
         problem, node = error.args
         raise ConfigError(f"{source}: line {node.start_mark.line + 1}: {problem}") from error
     except (yaml.YAMLError, ValueError, LookupError, AttributeError) as error:  # of tags: !!bool x
@@ -131,7 +131,7 @@ def _check_aliases(root: yaml.Node) -> None:
 
     Raises:
         RecursionError: If it is nested too deeply.
-        ContentError: If its aliases unfold to too much.
+        YamlContentError: If its aliases unfold to too much.
     """
     sizes: dict[int, int] = {}  # with everything below
     depths: dict[int, int] = {}  # not there while it is counted: an anchor that holds itself has no end
@@ -145,7 +145,7 @@ def _check_aliases(root: yaml.Node) -> None:
             if depths[id(node)] > MAX_YAML_DEPTH:
                 raise RecursionError
             if sizes[id(node)] > written + MAX_YAML_UNFOLDED:
-                raise ContentError(
+                raise YamlContentError(
                     f"aliases unfold to more than {MAX_YAML_UNFOLDED} values; write them out", node
                 )
         elif id(node) not in sizes:
@@ -177,7 +177,7 @@ def _name_keys(root: yaml.Node) -> None:
                 continue
             if key.value in lines:
                 problem = f"the key {key.value!r} occurs twice, first in line {lines[key.value]}; keep one"
-                raise ContentError(problem, key)
+                raise YamlContentError(problem, key)
             lines[key.value] = key.start_mark.line + 1
             if key.tag != TEXT:  # its own node may be an anchor, with another value elsewhere
                 text = yaml.ScalarNode(TEXT, key.value, key.start_mark, key.end_mark, key.style)

@@ -29,14 +29,14 @@ _RESOLVERS = (
     ("float", _DIGITS, r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)"),
 )
 """Values of plain text: tag, first letters, pattern."""
-FLAGS = {"yes": "true", "on": "true", "y": "true", "true": "true"}
-FLAGS |= {"no": "false", "off": "false", "n": "false", "false": "false"}
+FLAGS = dict.fromkeys(("yes", "on", "y", "true"), "true")
+FLAGS.update(dict.fromkeys(("no", "off", "n", "false"), "false"))
 """Words of YAML 1.1 in lower case. All but `true` and `false` are text, which a bool field understands."""
 _DISPUTED_NUMBER = re.compile(r"[-+]?(0b|0o|0+([1-9][0-9]|[89])[0-9]*\Z)|.*_")
 _BASES = {"0b": 2, "0o": 8, "0x": 16}
 
 
-class ContentError(yaml.YAMLError):
+class YamlContentError(yaml.YAMLError):
     """Problem of valid YAML, and its node."""
 
 
@@ -75,7 +75,7 @@ def _note_dispute(loader: Any, node: yaml.ScalarNode, remedy: str) -> None:
 
 def _int(loader: Any, node: yaml.ScalarNode) -> int:
     if len(node.value) > MAX_YAML_INT:
-        raise ContentError(f"a number has more than {MAX_YAML_INT} digits; write text in quotes", node)
+        raise YamlContentError(f"a number has more than {MAX_YAML_INT} digits; write text in quotes", node)
     digits = node.value.replace("_", "").lower()
     value = int(digits, _BASES.get(digits.lstrip("+-")[:2], 10))
     return _written(loader, node, value, WrittenInt)

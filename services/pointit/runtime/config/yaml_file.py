@@ -10,7 +10,7 @@ from typing import Any, cast
 
 import yaml
 
-from pointit.runtime.config.yaml_values import MERGE, TEXT, YamlContentError, Loader, disputes_of
+from pointit.runtime.config.yaml_values import MERGE, TEXT, Loader, YamlContentError, disputes_of
 from pointit.runtime.errors import ConfigError
 
 log = logging.getLogger(__name__)

@@ -29,8 +29,8 @@ _RESOLVERS = (
     ("float", _DIGITS, r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)"),
 )
 """Values of plain text: tag, first letters, pattern."""
-FLAGS = dict.fromkeys(("yes", "on", "y", "true"), "true")
-FLAGS.update(dict.fromkeys(("no", "off", "n", "false"), "false"))
+_TRUE, _FALSE = ("yes", "on", "y", "true"), ("no", "off", "n", "false")
+FLAGS = dict.fromkeys(_TRUE, "true") | dict.fromkeys(_FALSE, "false")
 """Words of YAML 1.1 in lower case. All but `true` and `false` are text, which a bool field understands."""
 _DISPUTED_NUMBER = re.compile(r"[-+]?(0b|0o|0+([1-9][0-9]|[89])[0-9]*\Z)|.*_")
 _BASES = {"0b": 2, "0o": 8, "0x": 16}

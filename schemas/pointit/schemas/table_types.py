@@ -88,7 +88,7 @@ def valid_name(text: str) -> str:
     """Return a name like `text` that can stand in a key, `""` if it has neither letters nor digits."""
     plain = "".join(each for each in unicodedata.normalize("NFKD", text) if not unicodedata.combining(each))
     name = re.sub(r"[^A-Za-z0-9_.-]+", "_", plain).lstrip("-.")[:64]
-    return name if name.strip("_.-") else ""
+    return name if name == text or name.strip("_.-") else ""
 
 
 @dataclass(frozen=True, kw_only=True)

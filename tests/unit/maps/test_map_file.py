@@ -259,7 +259,7 @@ BROKEN = [
     ("lamps: {a: {position: [1, 2, .nan]}}", "lamps.a.position: |nan"),
     ("lamps: {a: {position: [1, 2, 3], color: red}}", "lamps.a.color: is not known|'red'|remove it"),
     ("lamps: {'a/b': {position: [1, 2, 3]}}", "lamps: |'a/b'|letters"),
-    ("lamps: {1: {position: [1, 2, 3]}, '1': {position: [1, 2, 3]}}", "('1' is in line 1 too"),
+    ("lamps: {1: {position: [1, 2, 3]}, '1': {position: [1, 2, 3]}}", "the key '1' occurs twice"),
     ("strips: {s: {line: [[0, 0, 0], [1, 0, 0]], direction: 1}}", "strips.s.pixels: is missing"),
     ("strips: {s: {line: [[0, 0, 0]], pixels: 9, direction: 1}}", "strips.s.line: |at least two points"),
     ("strips: {s: {line: [[0, 0, 0], [1, 0]], pixels: 9, direction: 1}}", "strips.s.line: vertex 1: |[1, 0]"),

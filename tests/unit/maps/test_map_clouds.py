@@ -189,7 +189,7 @@ def test_a_cloud_is_scaled_turned_and_moved(tmp_path: Path) -> None:
 
 
 def test_a_cloud_out_of_the_world_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"clouds.shelf.file: .* a coordinate is 1e\+08, limit 1e\+06 m"):
+    with pytest.raises(ConfigError, match=r"clouds.shelf.file: .* a coordinate is 100000000, limit 1e\+06 m"):
         placed(tmp_path, ", scale: 1000000")
     (tmp_path / "far.xyz").write_text("1e308 0 -1e308\n")
     path = tmp_path / "far.yaml"

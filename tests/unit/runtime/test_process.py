@@ -187,7 +187,7 @@ def test_help_documents_every_parameter(capsys: pytest.CaptureFixture[str]) -> N
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--rate-hz", "-1"], "--rate-hz: rate_hz: must be above 0 (got '-1')"),
+        (["--rate-hz", "-1"], "--rate-hz: rate_hz: must be above 0 (got -1)"),
         (["--arm.length-m", "long"], "--arm.length-m: arm.length_m: write a number"),
         (["--config", "absent.yaml"], "absent.yaml: cannot be read"),
         (["--user", "a/b"], "user 'a/b': use 1 to 64 letters"),

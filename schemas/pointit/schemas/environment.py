@@ -284,7 +284,7 @@ class BeltSpeed(SchemaModel):
 class BayCount(SchemaModel):
     """Counts of the objects that came out at a bay."""
 
-    bay: Id
+    bay: Annotated[Id, Field(description="empty: at the end of a belt without a bay")]
     kind: Id
     count: Count
     selected: Annotated[Count, Field(description="number of selected ones among them")] = 0
@@ -310,7 +310,7 @@ class ConveyorState(Message):
     belts: Annotated[Many[BeltSpeed], Field(description="those with a speed of their own")] = ()
     bays: Many[BayCount] = ()
     refused: Annotated[Count, Field(description="selections that came past the point of no return")] = 0
-    step: Annotated[Id, Field(description="of a feeding schedule, or empty without one")] = ""
+    step: Annotated[Id, Field(description="of a feeding schedule, or empty; `end`: nothing more is fed")] = ""
     feeding: Annotated[bool, Field(description="false while the feeders are stopped")] = True
     departures: Annotated[
         Many[Departure], Field(description="the latest objects that left and were selected, oldest first")

@@ -13,7 +13,7 @@ from pointit.maps.file import load_map
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import AddPackage, ResetConveyor, SetSpeed
 from pointit.schemas.topics import ADD_PACKAGE, MAP, RESET_CONVEYOR, SET_SPEED
-from pointit.services.conveyor_sim.feeding.schedule import check_schedule, read_schedule
+from pointit.services.conveyor_sim.feeding.schedule import END, check_schedule, read_schedule
 from pointit.services.conveyor_sim.plant import Plant
 from tests.support.bench import ManualClock, until
 from tests.support.data import data_file
@@ -267,3 +267,45 @@ async def test_feeders_rest_on_after_a_restart_and_with_another_map() -> None:
     async with shift(clock, feeder=feeder) as third:
         await third.go(1)
         assert third.states[-1].feeding
+
+
+def test_after_the_last_package_the_state_says_so_and_feeding_starts_again_on_request() -> None:
+    belts = plant(FORK, feeder={"sequence": ["red", "blue"], "interval_s": 1.0, "count": 3})
+    belts.step(S)
+    assert belts.state(0).step == ""
+    belts.step(60 * S)
+    assert (belts.state(0).step, belts.fed, belts.size) == (END, 3, 0)
+    belts.set_feeding(is_on=False)
+    belts.step(70 * S)
+    belts.set_feeding(is_on=True)
+    belts.step(71 * S)
+    assert belts.state(0).step == ""
+    belts.step(140 * S)
+    assert (belts.state(0).step, belts.fed) == (END, 6)
+    belts.reset()
+    assert (belts.state(0).step, belts.fed) == ("", 0)
+
+
+def test_a_schedule_that_is_over_starts_again_with_its_speed(tmp_path: Path) -> None:
+    belts = Plant(VR, config(schedule=written(tmp_path)), seed=1, start_ns=0)
+    belts.step(40 * S)
+    assert (belts.state(0).step, belts.state(0).speed_mps) == (END, 2.0)
+    belts.set_feeding(is_on=True)
+    assert (belts.state(0).step, belts.state(0).speed_mps) == ("-1", 0.5)
+
+
+@pytest.mark.parametrize("feeder", [{"sequence": []}, {"interval_s": 1.0}])
+def test_feeders_without_packages_or_without_a_count_never_end(feeder: dict[str, object]) -> None:
+    belts = plant(FORK, feeder=feeder)
+    belts.step(100 * S)
+    assert belts.state(0).step == ""
+
+
+def test_packages_that_leave_where_no_bay_is_are_counted_by_kind() -> None:
+    belts = plant(lanes(2.0), feeder={"sequence": ["red", "blue"], "interval_s": 1.0, "count": 4})
+    belts.step(S // 2)
+    first = belts.tracked(0).objects[0].id
+    belts.select({first: "anna"}, belts.now_ns)
+    belts.step(60 * S)
+    counts = {(each.bay, each.kind): (each.count, each.selected) for each in belts.state(0).bays}
+    assert counts == {("", "red"): (2, 1), ("", "blue"): (2, 0)}

@@ -176,6 +176,10 @@ class Status(WireModel):
     viewers: Annotated[int, Field(ge=0)]
     lan_url: Annotated[str, Field(description="address in the local network; empty if closed")] = ""
     devices: tuple[DeviceLine, ...] = ()
+    run: Annotated[
+        Literal["runs", "starts", "over"],
+        Field(description="`starts`: services of another scenario are missing yet; `over`: ended on purpose"),
+    ] = "runs"
 
 
 class Answer(WireModel):

@@ -34,7 +34,7 @@ class Dispatch:
         """Number of packages that left, at a bay or at the end of a belt."""
         self.refused = 0
         self.counts: dict[tuple[str, str], tuple[int, int]] = {}
-        """By bay and kind: number of packages that came out, and of selected ones among them."""
+        """By bay (`""`: the end of a belt) and kind: number of packages that left, and of selected ones."""
         self.departures: deque[Departure] = deque(maxlen=DEPARTURES)
         """The latest packages that left and were selected, or were selected too late."""
 
@@ -90,11 +90,9 @@ class Dispatch:
         user = package.user
         if user or package.refused:
             self.departures.append(Departure(object_id=package.id, stamp_ns=now_ns, bay=bay, user=user))
-        if not bay:
-            return _event("left", package, now_ns, user=user)
         count, selected = self.counts.get((bay, package.kind), (0, 0))
         self.counts[bay, package.kind] = (count + 1, selected + bool(user))
-        return _event("dispatched", package, now_ns, user=user, bay=bay)
+        return _event("dispatched" if bay else "left", package, now_ns, user=user, bay=bay)
 
     def bays(self) -> tuple[BayCount, ...]:
         """Return the counts as message parts."""

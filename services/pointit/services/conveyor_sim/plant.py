@@ -8,7 +8,7 @@ from pointit.schemas.environment import BeltSpeed
 from pointit.services.conveyor_sim.config import ConveyorSimConfig
 from pointit.services.conveyor_sim.dispatch import Dispatch
 from pointit.services.conveyor_sim.feeding.infeed import Infeed
-from pointit.services.conveyor_sim.feeding.schedule import Feeders
+from pointit.services.conveyor_sim.feeding.schedule import END, Feeders
 from pointit.services.conveyor_sim.from_map import UnusableMapError, network_of
 from pointit.services.conveyor_sim.network.routes import Routes
 from pointit.services.conveyor_sim.tracking import ground_truth_objects
@@ -129,7 +129,7 @@ class Plant:
 
     def state(self, now_ns: int) -> ConveyorState:
         """Return speeds and counts, stamped `now_ns`."""
-        dispatch, schedule = self._dispatch, self._feeders.schedule
+        dispatch = self._dispatch
         return ConveyorState(
             stamp_ns=now_ns,
             speed_mps=self._speed_mps,
@@ -141,7 +141,7 @@ class Plant:
             ),
             bays=dispatch.bays(),
             refused=dispatch.refused,
-            step=schedule.name if schedule else "",
+            step=self._feeders.step,
             feeding=self.is_feeding,
             departures=tuple(dispatch.departures),
         )
@@ -169,8 +169,10 @@ class Plant:
         self.changes += 1
 
     def set_feeding(self, *, is_on: bool) -> None:
-        """Turn the feeders on or off from the last step on."""
+        """Turn the feeders on or off from the last step on. If they have ended, on restarts them."""
         self._feeders.is_on = is_on
+        if is_on and self._feeders.step == END:
+            self._restart_feeders()
         self.changes += 1
 
     def add(self, kind: str, belt: str, length_m: float, position: float | None = None) -> str:
@@ -191,9 +193,7 @@ class Plant:
         self._dispatch.reset()
         self._intake.fed = 0
         self._pending.clear()
-        self._feeders.restart()
-        if self._feeders.schedule is not None:
-            self._run_at(self._feeders.schedule.step.speed_mps)
+        self._restart_feeders()
         self._fill()
         self.changes += 1
 
@@ -238,6 +238,11 @@ class Plant:
             self._turn(belt, speed_mps)
         self.changes += 1
 
+    def _restart_feeders(self) -> None:
+        self._feeders.restart()
+        if self._feeders.schedule is not None:
+            self._run_at(self._feeders.schedule.step.speed_mps)
+
     def _turn(self, belt: str, speed_mps: float) -> None:
         self._traffic.set_speed(belt, speed_mps)
         self._intake.turn(belt, speed_mps)
@@ -257,10 +262,10 @@ class Plant:
             feeder.tick(elapsed_s)
         schedule = self._feeders.schedule
         if schedule is not None:
-            was = schedule.name
+            was = schedule.index
             if schedule.tick(elapsed_s):
                 self._run_at(schedule.step.speed_mps)
-            self.changes += schedule.name != was
+            self.changes += schedule.index != was
         return events
 
     def _bay_at(self, package: Package) -> str:

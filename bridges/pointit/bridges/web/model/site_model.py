@@ -55,9 +55,12 @@ class SiteModel:
         elif isinstance(message, Health):
             self._sight.report(name, message, now_s)
         elif isinstance(message, Deployment):
-            if self._deployments.is_another(message):
-                self._sight.reset(now_s)
+            is_another, has_run = self._deployments.is_another(message), self._deployments.has_run
             self._forget(self._deployments.put(name, message, now_s))
+            if has_run and not self._deployments.has_run:
+                self._sight.end_run(now_s)
+            elif is_another:
+                self._sight.begin_run(now_s)
             self._began_ns[name] = min(message.stamp_ns, now_ns)  # the time of a slow simulation lags behind
             runs = {run for run in self._deployments.known if run.startswith(RUN)}
             self._began_ns = {run: ns for run, ns in self._began_ns.items() if run in runs}

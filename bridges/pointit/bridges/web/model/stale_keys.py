@@ -83,9 +83,15 @@ class Deployments:
         """When a service of each deployment was last present, s."""
         self.known: dict[str, Deployment] = {}
 
+    @property
+    def has_run(self) -> bool:
+        """Return True if a scenario runs."""
+        return any(known.scenario for known in self.known.values())
+
     def is_another(self, deployment: Deployment) -> bool:
-        """Return True if `deployment` begins another scenario than the last one."""
-        return bool(deployment.scenario) and self._scenario not in ("", deployment.scenario)
+        """Return True if `deployment` begins another scenario than the last one, or the same again."""
+        is_new = self._scenario != deployment.scenario or not self.has_run
+        return bool(deployment.scenario and self._scenario) and is_new
 
     def put(self, name: str, deployment: Deployment, now_s: float) -> list[Key]:
         """Add a deployment, and return the names of those that are over.

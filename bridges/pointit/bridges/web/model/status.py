@@ -23,6 +23,12 @@ GRACE_S = 2.0
 SETTLE_S = 2.0
 """Time (s) that services of the previous scenario have to leave after another one has begun."""
 
+ENDING_S = 30.0
+"""Time (s) that services of a run have to leave after its end."""
+
+STARTING_S = 15.0
+"""Services that another scenario expects may be absent or silent this long (s) after it has begun."""
+
 MAX_LINES = 256
 """Maximum number of findings, or services, sent to a page."""
 
@@ -39,8 +45,12 @@ class SiteObservation:
         self._missed_s: dict[str, float] = {}
         """Time of the first expectation, by expected service that was never present."""
         self._reports: dict[str, deque[Report]] = {}
-        self._reset_s = -math.inf
-        """Start of the scenario that runs."""
+        self._began_run_s = -math.inf
+        """Start of the scenario that runs, if another one ran before."""
+        self._settled_s = -math.inf
+        """Until then services may leave: their run has ended, or another scenario has replaced theirs."""
+        self._is_over = False
+        """The last run has ended on purpose."""
 
     @property
     def present(self) -> frozenset[str]:
@@ -54,12 +64,19 @@ class SiteObservation:
             self._left_s.pop(instance, None)
             self._missed_s.pop(instance, None)
         elif self._since_s.pop(instance, None) is not None:
-            self._left_s[instance] = now_s
+            if now_s >= self._settled_s:
+                self._left_s[instance] = now_s
             self._reports.pop(instance, None)
 
-    def reset(self, now_s: float) -> None:
-        """Reset after another scenario was begun: services of the previous one are not missing."""
-        self._reset_s = now_s
+    def end_run(self, now_s: float) -> None:
+        """Note that the run has ended on purpose: services that leave from now on are not missing."""
+        self._is_over, self._settled_s = True, now_s + ENDING_S
+
+    def begin_run(self, now_s: float) -> None:
+        """Note that another scenario has begun: services of the previous one are not missing."""
+        self._is_over, self._began_run_s, self._settled_s = False, now_s, now_s + SETTLE_S
+        self._left_s.clear()
+        self._missed_s.clear()
 
     def report(self, instance: str, health: Health, now_s: float) -> None:
         """Store the report of `instance` if it is present."""
@@ -84,7 +101,9 @@ class SiteObservation:
         """Return the status of the site now, at `now_ns` of the wall clock, Unix ns, if that is known."""
         self._forget_left(expected_services(deployments), now_s)
         seen = replace(self._seen(deployments, now_s, speed), now_ns=now_ns)
+        is_starting = bool(self._missed_s) and now_s < self._began_run_s + STARTING_S
         return Status(
+            run="over" if self._is_over else "starts" if is_starting else "runs",
             services=tuple(self._services(seen))[:MAX_LINES],
             findings=tuple(
                 FindingLine.model_validate(finding, from_attributes=True)
@@ -111,8 +130,7 @@ class SiteObservation:
         return seen
 
     def _forget_left(self, expected: Collection[str], now_s: float) -> None:
-        gone_by_s = max(now_s - LEFT_S, self._reset_s + SETTLE_S)
-        for name in [n for n, left_s in self._left_s.items() if left_s < gone_by_s and n not in expected]:
+        for name in [n for n, left_s in self._left_s.items() if left_s < now_s - LEFT_S and n not in expected]:
             del self._left_s[name]
 
     def _services(self, seen: Observation) -> list[ServiceLine]:
@@ -124,8 +142,11 @@ class SiteObservation:
 
     def _is_sure(self, finding: Finding, now_s: float) -> bool:
         name = finding.service
+        is_starting = name not in self._left_s and now_s < self._began_run_s + STARTING_S
+        if finding.code in {"absent", "silent", "stale"} and is_starting:
+            return False
         if finding.code == "absent":
             return now_s - self._left_s.get(name, self._missed_s.get(name, now_s)) >= GRACE_S
         if finding.code == "silent":
             return now_s - self._since_s.get(name, now_s) > SILENT_S
-        return True
+        return finding.code != "empty" or not self._is_over

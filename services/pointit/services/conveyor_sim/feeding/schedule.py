@@ -16,6 +16,9 @@ from pointit.runtime.host.state_file import expand_home
 from pointit.services.conveyor_sim.config import ConveyorSimConfig, KindNumber
 from pointit.services.conveyor_sim.feeding.feed import Feeder, FeedSpec, configured
 
+END = "end"
+"""Name of the step after the last one, when nothing more is fed."""
+
 _Share = Annotated[float, Field(ge=0, le=1e6)]
 _Interval = Annotated[float, Field(gt=0, le=3600)]
 
@@ -97,11 +100,6 @@ class Schedule:
     def step(self) -> Step:
         """Return the current step, or the last one."""
         return self._steps[min(self.index, len(self._steps) - 1)]
-
-    @property
-    def name(self) -> str:
-        """Return the name of the step, `end` after the last one."""
-        return "end" if self.is_over else self.step.name
 
     @property
     def is_over(self) -> bool:
@@ -224,6 +222,14 @@ class Feeders:
         """False while they pause."""
         self.schedule = scheduled(config, belts, seed)
         self._configured = configured(config, entries, seed)
+
+    @property
+    def step(self) -> str:
+        """Return the name of the schedule's step, `""` without one, `end` after the last package or step."""
+        if self.schedule is None:
+            has_ended = any(each.taken for each in self.all) and all(each.is_done for each in self.all)
+            return END if has_ended else ""
+        return END if self.schedule.is_over else self.schedule.step.name
 
     @property
     def all(self) -> Sequence[Feeder]:

@@ -31,6 +31,7 @@ import { mapRoomPart } from "./panel/map_room";
 import { makeTimeline } from "./past/timeline";
 import { makeScenario } from "./scenario";
 import { isCutOff, outage } from "./outage";
+import { makeRunEnd } from "./run";
 import { keepSettings, loadSettings, type Settings } from "./settings";
 import { makeShortcuts } from "./shortcuts";
 import { phaseOf, steeredBy } from "./site/robots";
@@ -40,7 +41,7 @@ import { Stage } from "./stage";
 import { applyTheme, watchSystem } from "./theme";
 import { Toasts } from "./toasts";
 import type { ViewStats } from "./view";
-import { called, outcome, plainly, stateTitle } from "./words";
+import { called, friendly, outcome, plainly, stateTitle } from "./words";
 
 declare global {
   interface Window {
@@ -74,6 +75,7 @@ const connection = new Connection(site, recording ? await import("./past/recorde
   onNews: () => wake(),
   onHello: () => tuning.forget(),
   onStatus: () => {
+    controls.follow();
     mouse.update();
     pairing.update();
     refresh();
@@ -85,7 +87,7 @@ const connection = new Connection(site, recording ? await import("./past/recorde
 });
 const controls = new Controls(site, settings, connection, new Toasts(at("toasts")), () => refresh());
 const mouse = new Mouse(controls, () => stage.view, document.querySelector<HTMLElement>(".stage")!);
-const stage: Stage = new Stage(at("view"), at("cameras"), at("chip"), ["lost", "outage", "progress", "guide", "cameras", "stop", "toasts", "chip"].map(at), ["guide", "chip"].map(at), controls, (place) => mouse.aim(place), () => {
+const stage: Stage = new Stage(at("view"), at("cameras"), at("chip"), ["lost", "outage", "ended", "progress", "guide", "cameras", "stop", "toasts", "chip"].map(at), ["guide", "chip"].map(at), controls, (place) => mouse.aim(place), () => {
   mouse.renew();
   wake();
 });
@@ -100,6 +102,7 @@ const panel = makePanel(at("panel"), controls, [
   { name: "Health", icon: "pulse", parts: [healthPart(controls, () => stage.view?.stats ?? null), messagesPart(controls)] },
 ]);
 const stop = stopAll(at("stop"), controls);
+const runEnd = makeRunEnd(at("ended"), controls);
 const timeline = makeTimeline(at("timeline"), controls, (text) => say(text, false));
 const help = makeHelp((): readonly Shortcut[] => shortcuts, settings);
 const shortcuts = makeShortcuts({ controls, mouse, stage, belts, look, pairing, panel, help, timeline });
@@ -147,7 +150,8 @@ function frame(): void {
   if (!isStale && now - refreshed < PANEL_MS) return;
   refreshed = now;
   isStale = false;
-  for (const part of [panel, guide, scenario, stop, stage, timeline]) part.update();
+  for (const part of [runEnd, panel, guide, scenario, stop, stage, timeline]) part.update();
+  if (!site.connected) showLost();
   showHeader();
   showOutage();
   announce();
@@ -157,28 +161,34 @@ function frame(): void {
 function tell(happened: Happened): void {
   const mine = controls.mine?.user ?? "";
   if ("feedback" in happened) {
-    if (happened.user !== mine) return;
     const { feedback } = happened;
+    if (!controls.isOwn({ user: happened.user, stampNs: feedback.stamp_ns })) return;
     // whether a selection deserves praise depends on the object, which its event has
     if (settings.sound && (feedback.cue !== "selected" || feedback.point_m)) chime(feedback.chime);
     if (feedback.point_m && feedback.text) controls.toasts.show(feedback.cue === "selected" ? "done" : "info", capital(feedback.text));
     return;
   }
-  const { event } = happened;
+  const { event } = happened, id = event.object_id;
   if (event.user !== (mine || controls.user)) return;
-  const what = called(site, event.object_id, event.kind), isWrong = !controls.isWanted(event.kind);
+  const isLeaving = event.event === "dispatched" || event.event === "left";
+  const isOwn = controls.isOwn({ user: event.user, stampNs: event.stamp_ns }) && (!isLeaving || controls.hasSelected(id));
+  const what = called(site, id, event.kind), isWrong = !controls.isWanted(event.kind), who = isOwn ? "" : `${event.user}: `;
   if (event.event === "selected") {
-    guide.selected(event);
-    if (settings.sound && mine) chime(isWrong ? "buzz" : "tick");
-    say(`${isWrong ? "Not wanted" : outcome(site, event)}: ${what}`, mine !== "", isWrong);
-  } else if (isWrong && (event.event === "dispatched" || event.event === "left")) {
-    if (settings.sound && mine) chime("buzz");
-    say(`Not wanted, and left${event.bay ? ` at bay ${event.bay}` : ""}: ${what}`, mine !== "", true);
+    if (isOwn) {
+      controls.setSelected(id, true);
+      guide.selected(event);
+      if (settings.sound) chime(isWrong ? "buzz" : "tick");
+    }
+    say(`${who}${isWrong ? "Not wanted" : outcome(site, event)}: ${what}`, isOwn, isWrong);
+  } else if (isWrong && isLeaving) {
+    if (settings.sound && isOwn) chime("buzz");
+    say(`${who}Not wanted, and left${event.bay ? ` at bay ${event.bay}` : ""}: ${what}`, isOwn, true);
   } else if (event.event === "deselected") {
     const ended = outcome(site, event);
-    if (ended) say(`${ended}: ${what}`, mine !== "");
+    controls.setSelected(id, false);
+    if (ended) say(`${who}${ended}: ${what}`, isOwn);
   }
-  else if (event.event === "refused" && mine) controls.toasts.show("info", plainly(event) || `${capital(what)} could not be selected.`);
+  else if (event.event === "refused" && isOwn) controls.toasts.show("info", plainly(event) || `${capital(what)} could not be selected.`);
   isStale = true;
 }
 
@@ -195,7 +205,7 @@ function announce(): void {
   const interaction = controls.person?.interaction;
   const robot = steeredBy(site, controls.user);
   const steers = robot ? ` ${robot.name}: ${phaseOf(robot.state)}. ${robot.state.reason}` : "";
-  const now = interaction ? `${controls.user}: ${stateTitle(interaction.state)}. ${site.timeline ? "" : interaction.next_step}${steers}` : "";
+  const now = interaction ? `${controls.user}: ${stateTitle(interaction.state)}. ${site.timeline ? "" : friendly(site, interaction.next_step)}${steers}` : "";
   if (now === announced) return;
   announced = now;
   write(at("said"), now);
@@ -208,10 +218,10 @@ function showHeader(): void {
   const wrong = site.status?.findings.filter((each) => each.severity !== "note" && !each.follows).length ?? 0;
   panel.count(1, wrong, wrong === 1 ? "warning" : "warnings");
   const pill = at("pill"), isLost = !site.connected || isCutOff(site);
-  mark(pill, "data-state", isLost ? "lost" : wrong ? "warning" : past ? "past" : "live");
-  mark(pill.querySelector("use")!, "href", `#icon-${isLost ? "close" : wrong ? "warning" : past ? "history" : "live"}`);
+  mark(pill, "data-state", runEnd.isOver ? "past" : isLost ? "lost" : wrong ? "warning" : past ? "past" : "live");
+  mark(pill.querySelector("use")!, "href", `#icon-${runEnd.isOver ? "stop" : isLost ? "close" : wrong ? "warning" : past ? "history" : "live"}`);
   const median = !isLost && !past ? connection.latency.total(performance.now()).p50 : null;
-  write(at("pill-text"), site.connected ? (past ? "Past" : isLost ? "Cut off" : "Live") : site.hello ? "Lost" : "Connecting");
+  write(at("pill-text"), runEnd.isOver ? "Ended" : site.connected ? (past ? "Past" : isLost ? "Cut off" : "Live") : site.hello ? "Lost" : "Connecting");
   write(at("pill-latency"), median === null ? "" : `· ${milliseconds(median)}`);
   show(at("recorded"), site.connected && controls.isPresent("recorder") && !past);
   show(at("looks-on"), site.connected && site.hello?.role === "viewer" && !past);
@@ -239,14 +249,23 @@ function showOutage(): void {
   write(at("outage-text"), text);
 }
 
+let attempts = 0;
+
 function showConnection(isConnected: boolean, attempt: number): void {
-  const isLost = !isConnected && (site.hello !== null || attempt > 1 || connection.isRefused);
+  attempts = attempt;
+  runEnd.update();
+  showLost();
+  document.body.classList.toggle("stale", !isConnected && site.hello !== null);
+}
+
+/** Say that the connection is lost; not when the run has ended, which is said instead. */
+function showLost(): void {
+  const isLost = !site.connected && !runEnd.isOver && (site.hello !== null || attempts > 1 || connection.isRefused), attempt = attempts;
   show(at("lost"), isLost);
   const text = connection.isRefused ? "PointIt was restarted: open the link that it prints." : site.hello && attempt <= 6
     ? "The connection is lost. What you see is old; trying again …"
     : attempt > 3 ? "PointIt does not answer. Open the link that it printed when it was started." : "Connecting …";
   write(at("lost-text"), isLost ? text : "");
-  document.body.classList.toggle("stale", isLost && site.hello !== null);
 }
 
 window.pointit = {

@@ -6,7 +6,7 @@ import type { Connection } from "./site/connection";
 import { byName } from "./format";
 import { seenRobots } from "./site/robots";
 import type { Settings } from "./settings";
-import type { Person, Site } from "./site/site";
+import { siteNow, type Person, type Site } from "./site/site";
 import type { Toasts } from "./toasts";
 import { SERVERS, type RequestKey } from "./topics";
 import type { Hello } from "./wire";
@@ -15,6 +15,10 @@ type Deed = Hello["deeds"][number];
 
 export class Controls {
   private chosen = "";
+  /** Objects that this page has selected, and since when (site time, ns) it moves whose wrist. */
+  private readonly own = new Set<string>();
+  private lastHeld = "";
+  private holds = { user: "", sinceNs: Infinity };
 
   constructor(
     readonly site: Site, readonly settings: Settings, readonly connection: Connection, readonly toasts: Toasts,
@@ -39,6 +43,31 @@ export class Controls {
       if (person.line?.is_mine && person.line.moved_by === "mouse") return person;
     }
     return null;
+  }
+
+  /** Note whose wrist this page's mouse moves, after each status. */
+  follow(): void {
+    const user = this.mine?.user ?? "";
+    if (user === this.holds.user || !this.site.connected) return;
+    if (user && user !== this.lastHeld) this.own.clear();
+    this.lastHeld = user || this.lastHeld;
+    this.holds = { user, sinceNs: user ? siteNow(this.site) : Infinity };
+  }
+
+  /** Whether this page's mouse caused what happened to `user` at `stampNs`, not whoever pointed before. */
+  isOwn({ user, stampNs }: { user: string; stampNs: number }): boolean {
+    return user !== "" && user === this.holds.user && stampNs >= this.holds.sinceNs;
+  }
+
+  /** Note that this page has selected an object, or not any more. */
+  setSelected(id: string, isSelected: boolean): void {
+    if (isSelected) this.own.add(id);
+    else this.own.delete(id);
+  }
+
+  /** Whether this page has selected the object. */
+  hasSelected(id: string): boolean {
+    return this.own.has(id);
   }
 
   choose(user: string): void {
@@ -75,9 +104,14 @@ export class Controls {
     return all.find((each) => each.scenario)?.scenario ?? all.find((each) => each.services.some((s) => !s.user))?.name ?? "";
   }
 
+  /** Kinds to select; empty: all. */
+  get targetKinds(): readonly string[] {
+    return [...new Set([...this.site.deployments.values()].flatMap((each) => each.target_kinds ?? []))];
+  }
+
   /** Whether an object of this kind is one to select; of a scenario that names no kinds, every object is. */
   isWanted(kind: string): boolean {
-    const kinds = [...this.site.deployments.values()].flatMap((each) => each.target_kinds ?? []);
+    const kinds = this.targetKinds;
     return !kind || kinds.length === 0 || kinds.includes(kind);
   }
 
@@ -94,6 +128,7 @@ export class Controls {
       return reply;
     } catch (error) {
       if (!(error instanceof Refusal)) throw error;
+      if (!this.site.connected) return null; // which is said over the scene
       this.toasts.show("error", error.message);
       return null;
     }
@@ -117,8 +152,8 @@ export class Controls {
     if (stopped.length) this.toasts.show("done", `Stopped: ${stopped.join(", ")}.`);
   }
 
-  press(): void {
-    if (this.mayDo("press") && this.user) void this.ask({ deed: "press", name: this.user }, { isQuiet: true });
+  press(user = this.user): void {
+    if (this.mayDo("press") && user) void this.ask({ deed: "press", name: user }, { isQuiet: true });
   }
 
   localize(): void {

@@ -1,6 +1,10 @@
 /** Guidance for new users over the scene: one sentence, and its actions. */
 
 import type { Hover, Interaction, TrackedObject } from "./messages";
+import { robotStep, type RobotSituation } from "./robot_guidance";
+
+/** What there is to do: point at something, stay on it, press; or it does what was asked, or cannot. */
+export type Step = "aim" | "hold" | "press" | "following" | "stopped";
 
 export interface Situation {
   /** This page may take the person's wrist; may pair a phone. */
@@ -16,12 +20,19 @@ export interface Situation {
   hovered: string;
   /** Effect of selecting what is hovered. */
   mode: TrackedObject["mode"];
-  /** It is selected by the button. */
-  isPressed: boolean;
-  /** All objects here are. */
+  /** All objects here want a press. */
   areAllPressed: boolean;
-  /** This person has selected what is hovered. */
+  /** This person has selected what is hovered; this page did it. */
   isTheirs: boolean;
+  isOwn: boolean;
+  /** What is hovered is selected by the button. */
+  wantsPress: boolean;
+  /** Robots that the person steers or may steer; null where nobody steers any. */
+  robots: RobotSituation | null;
+  /** A place for a robot is proposed. */
+  isProposed: boolean;
+  /** That all packages have passed, with the result; empty: they have not. */
+  passed: string;
   scenario: string;
   /** Objects can be selected here. */
   canSelect: boolean;
@@ -29,14 +40,17 @@ export interface Situation {
   success: string;
   /** It was not one of those to select. */
   isWrong: boolean;
-  /** How many objects are this person's own now. */
+  /** How many objects of this person are their own now; this page selected them. */
   count: number;
 }
 
 export interface Guidance {
-  mode: "none" | "invite" | "idle" | "point" | "success" | "wrong" | "phone";
+  mode: "none" | "invite" | "idle" | "point" | "success" | "wrong" | "phone" | "passed";
+  step: Step;
   title: string;
   text: string;
+  /** Name of the button that presses the one at the wrist; empty: there is none. */
+  press: string;
   /** How full the gauge is; null: none shows. */
   progress: number | null;
 }
@@ -46,8 +60,8 @@ const GOALS: Record<string, string> = {
   scenario_2: "Move the mouse along a strip: the light follows you.",
   scenario_3: "Move onto a red segment and stay on it until it is full.",
   scenario_4: "Move onto a red package and stay on it until it is full.",
-  scenario_5: "Point at the quadrotor and press the button: it takes off and follows you. Press again: it lands there.",
-  scenario_6: "Point at the robot and press the button. Then stay on each place of its way, and press again: it goes there.",
+  send_a_robot: "Stay on a place of the floor: it is proposed for a robot.",
+  shelf: "Move onto a box and stay on it until it fires.",
 };
 
 /** What there is to do in a scenario for who points with the mouse. */
@@ -57,33 +71,36 @@ export function goal(scenario: string, canSelect: boolean, areAllPressed: boolea
 }
 
 /** The object under the cursor: its state, and what staying or pressing does. */
-function hoveredText({ hovered, mode, isPressed, isTheirs }: Situation, hover: Hover): { text: string; progress: number | null } {
-  if (hover.action === "refuse") {
-    const why = !hover.taken_by ? "it is too late for it" : mode === "claim" ? `${hover.taken_by} has it` : `${hover.taken_by} is about to use it`;
-    return { text: `${hovered} cannot be had: ${why}.`, progress: null };
+function onObject({ hovered, mode, wantsPress, isTheirs, isOwn }: Situation, hover: Hover): Partial<Guidance> {
+  const { taken_by: other, progress, action } = hover;
+  if (action === "refuse") {
+    const why = !other ? "it is too late for it" : mode === "claim" ? `${other} has it` : `${other} is about to use it`;
+    return { step: "stopped", text: `${hovered} cannot be had: ${why}.` };
   }
-  const isPress = isPressed || hover.progress >= 1; // a full one that has not fired waits for the button
-  if (hover.action === "deselect") {
+  if (action !== "deselect" && (isTheirs || action === "")) {
+    const isOn = isTheirs || hover.is_selected;
+    const owned = other ? `belongs to ${other}` : !isOn ? "is free again" : isOwn ? "is yours" : "is selected already";
+    return { step: "following", text: `${hovered} ${{ claim: owned, button: "has fired", switch: isOn ? "is on" : "is off" }[mode]}. Go on with the next.` };
+  }
+  const step = wantsPress ? "press" as const : "hold" as const, press = wantsPress ? "Press" : "";
+  if (action === "deselect") {
     const does = mode === "switch" ? "is on" : "is yours", ends = mode === "switch" ? "switches it off" : "takes it back";
-    return { text: `${hovered} ${does}; ${isPress ? "the button" : "staying"} ${ends}.`, progress: hover.progress };
+    return { step, press, progress, text: `${hovered} ${does}; ${wantsPress ? "the button" : "staying"} ${ends}.` };
   }
-  if (isTheirs || hover.action === "") {
-    const isOn = isTheirs || hover.is_selected, owned = hover.taken_by ? `belongs to ${hover.taken_by}` : isOn ? "is yours" : "is free again";
-    return { text: `${hovered} ${{ claim: owned, button: "has fired", switch: isOn ? "is on" : "is off" }[mode]}. Go on with the next.`, progress: null };
-  }
-  return { text: isPress ? `${hovered}: press the button.` : `${hovered}: stay on it …`, progress: hover.progress };
+  return { step, press, progress, text: `${hovered}: ${wantsPress ? "press the button." : "stay on it …"}` };
 }
 
 /** Choose the guidance. */
 export function guidance(now: Situation): Guidance {
-  const none: Guidance = { mode: "none", title: "", text: "", progress: null };
+  const none: Guidance = { mode: "none", step: "aim", title: "", text: "", press: "", progress: null };
+  if (now.passed) return { ...none, mode: "passed", title: now.passed };
   if (!now.isMine) {
     if (now.movedBy === "phone") return { ...none, mode: "phone", title: "A phone points.", text: now.interaction?.next_step ?? "" };
     if (now.movedBy === "mouse" || !now.isSimulated || !(now.mayTake || now.mayPair)) return none;
-    return { ...none, mode: "invite", title: "This is a simulation. Take over:", text: "" };
+    return { ...none, mode: "invite", title: "This is a simulation. Take over:" };
   }
   const state = now.interaction?.state ?? "pointing";
-  if (state === "idle") return { ...none, mode: "idle", title: "Your arm rests.", text: now.interaction?.next_step ?? "" };
+  if (state === "idle") return { ...none, mode: "idle", step: "press", title: "Your arm rests.", text: now.interaction?.next_step ?? "", press: "Start pointing" };
   if (state === "localizing") {
     return { ...none, mode: "point", title: "You are the arm. First the system finds your place.", text: now.interaction?.next_step ?? "" };
   }
@@ -93,7 +110,9 @@ export function guidance(now: Situation): Guidance {
   if (now.success) {
     return { ...none, mode: "success", title: `You ${now.success}!`, text: now.count > 1 ? `${now.count} are yours now. Go on with the next.` : "Go on with the next." };
   }
-  const title = "You are the arm now.";
-  if (now.hover?.object_id && now.canSelect) return { mode: "point", title, ...hoveredText(now, now.hover) };
-  return { mode: "point", title, text: goal(now.scenario, now.canSelect, now.areAllPressed), progress: null };
+  const here: Guidance = { ...none, mode: "point", title: "You are the arm now." };
+  if (now.hover?.object_id && now.canSelect) return { ...here, ...onObject(now, now.hover) };
+  if (now.robots) return { ...here, ...robotStep(now.robots) };
+  if (now.isProposed) return { ...here, step: "hold", text: "This place is proposed. Point elsewhere, then here again: that sends it." };
+  return { ...here, text: goal(now.scenario, now.canSelect, now.areAllPressed) };
 }

@@ -7,15 +7,21 @@ import { guidance, type Guidance } from "./guidance";
 import type { SelectionEvent } from "./messages";
 import type { Mouse } from "./mouse";
 import type { Pairing } from "./panel/pairing";
-import { thingsOf } from "./site/site";
-import { isNamed, modeOf, objectOf, outcome, ownCount, thing } from "./words";
+import { robotSituation } from "./robot_guidance";
+import { passedSentence } from "./run";
+import { steeredBy } from "./site/robots";
+import { proposalOf, thingsOf, type Person } from "./site/site";
+import { friendly, isNamed, modeOf, objectOf, outcome, ownCount, pressTitle, thing } from "./words";
 
 const SUCCESS_MS = 2500;
 /** The card is a chip after so long, ms: it lies over the scene. */
 const LONG_MS = 10_000;
 const SIGNS: Record<Guidance["mode"], string> = {
-  none: "point", invite: "point", point: "point", idle: "pause", success: "check", wrong: "close", phone: "phone",
+  none: "point", invite: "point", point: "point", idle: "pause", success: "check", wrong: "close", phone: "phone", passed: "check",
 };
+const STEP_SIGNS: Partial<Record<Guidance["step"], string>> = { press: "button", following: "play", stopped: "warning" };
+/** An object that wants no press stays full for less, ms. */
+const FULL_MS = 400;
 
 export interface Guide {
   update(): void;
@@ -28,7 +34,7 @@ const isTouch = matchMedia("(hover: none) and (pointer: coarse)").matches;
 
 export function makeGuide(host: HTMLElement, controls: Controls, mouse: Mouse, pairing: Pairing): Guide {
   const { site } = controls;
-  let isShort = false, topic = "", since = 0;
+  let isShort = false, topic = "", since = 0, steered = "", full = { id: "", since: 0 };
   let success = { what: "", user: "", isWrong: false, at: -Infinity };
   const button = (symbol: string, name: string, shortcut: string, className: string, run: () => void): HTMLButtonElement =>
     el("button", { type: "button", className, onclick: run, ...(shortcut ? { "aria-keyshortcuts": shortcut } : {}) },
@@ -38,14 +44,15 @@ export function makeGuide(host: HTMLElement, controls: Controls, mouse: Mouse, p
   const gauge = el("progress", { max: 1, value: 0, "aria-label": "How full it is" });
   const take = button("mouse", isTouch ? "Point with your finger" : "Point with the mouse", "", "primary", () => void mouse.take());
   const phone = button("phone", "Point with your phone", "", "", () => pairing.open());
-  const press = button("button", "Start pointing", "Space", "primary", () => controls.press());
+  const press = button("button", "Start pointing", "Space", "primary", () => controls.press(controls.mine?.user));
+  const again = button("play", "Again", "", "primary", () => void controls.ask({ key: "conveyor/reset" }, { isQuiet: true }));
   const give = button("undo", "Give back", "Escape", "", () => void release());
   const shrink = el("button", { type: "button", className: "quiet", "aria-label": "Make it small", onclick: () => {
     isShort = true;
     self.update();
     take.focus();
   } }, icon("close"));
-  host.append(sign, el("div", { className: "words" }, title, text, gauge), el("div", { className: "does" }, take, phone, press, give), shrink);
+  host.append(sign, el("div", { className: "words" }, title, text, gauge), el("div", { className: "does" }, take, phone, press, again, give), shrink);
 
   async function release(): Promise<void> {
     if (controls.mine) await mouse.give();
@@ -63,30 +70,42 @@ export function makeGuide(host: HTMLElement, controls: Controls, mouse: Mouse, p
     isShort ||= now - since > LONG_MS && !host.matches(":hover, :focus-within");
   }
 
+  /** Whether the object in `hover` waits for a press: it says so, or its gauge stays full. */
+  function wantsPress({ hover, interaction }: Person): boolean {
+    const id = hover && hover.progress >= 1 ? hover.object_id : "", now = performance.now();
+    if (id !== full.id) full = { id, since: now };
+    const isHeld = id !== "" && now - full.since > FULL_MS && pressTitle(interaction) === "Confirm";
+    return isHeld || (objectOf(site, hover?.object_id ?? "")?.press ?? false);
+  }
+
   const self: Guide = {
     update() {
       const person = controls.mine ?? controls.person;
-      const user = person?.user ?? "", objects = thingsOf(site);
+      const user = person?.user ?? "", hovered = person?.hover?.object_id ?? "", objects = thingsOf(site);
+      steered = steeredBy(site, user)?.name ?? steered;
       const now = guidance({
         mayTake: controls.mayDo("take"), mayPair: controls.mayDo("pair"), isSimulated: controls.isSimulated(user),
         movedBy: person?.line?.moved_by ?? "own", isMine: person !== null && person === controls.mine,
-        interaction: person?.interaction ?? null, hover: person?.hover ?? null,
-        hovered: capital(thing(site, person?.hover?.object_id ?? "")), mode: modeOf(site, person?.hover?.object_id ?? ""),
-        isPressed: objectOf(site, person?.hover?.object_id ?? "")?.press ?? false,
-        areAllPressed: objects.length > 0 && objects.every(({ object }) => object.press), scenario: controls.scenario,
-        isTheirs: site.selection?.objects.some(({ id, user: owner }) => id === person?.hover?.object_id && owner === user) ?? false,
+        interaction: person?.interaction ? { ...person.interaction, next_step: friendly(site, person.interaction.next_step) } : null, hover: person?.hover ?? null,
+        hovered: capital(thing(site, hovered)), mode: modeOf(site, hovered), scenario: controls.scenario,
+        areAllPressed: objects.length > 0 && objects.every(({ object }) => object.press),
+        isTheirs: site.selection?.objects.some(({ id, user: owner }) => id === hovered && owner === user) ?? false,
+        isOwn: controls.hasSelected(hovered), wantsPress: person !== null && wantsPress(person),
+        robots: person && robotSituation(site, person, steered), isProposed: person !== null && proposalOf(person) !== null,
+        passed: passedSentence(site, controls),
         canSelect: controls.isPresent("selector"),
         success: success.user === user && performance.now() - success.at < SUCCESS_MS ? success.what : "",
         isWrong: success.isWrong,
-        count: ownCount(site, user),
+        count: ownCount(site, user, (id) => controls.hasSelected(id)),
       });
-      const isShown = site.connected && now.mode !== "none" && person !== null;
+      const isShown = site.connected && site.status?.run !== "over" && now.mode !== "none" && person !== null;
       show(host, isShown);
       if (!isShown) return;
       mark(host, "data-mode", now.mode);
+      mark(host, "data-step", now.step);
       shorten(now.mode);
       mark(host, "data-short", isShort ? "" : null);
-      mark(sign.firstElementChild!, "href", `#icon-${SIGNS[now.mode]}`);
+      mark(sign.firstElementChild!, "href", `#icon-${(now.mode === "point" ? STEP_SIGNS[now.step] : "") || SIGNS[now.mode]}`);
       write(title, now.title);
       write(text, now.text);
       show(text, now.text !== "");
@@ -94,8 +113,10 @@ export function makeGuide(host: HTMLElement, controls: Controls, mouse: Mouse, p
       gauge.value = now.progress ?? 0;
       show(take, now.mode === "invite" && controls.mayDo("take"));
       show(phone, now.mode === "invite" && controls.mayDo("pair") && !isTouch);
-      show(press, now.mode === "idle" && controls.mayDo("press"));
-      show(give, now.mode !== "invite" && controls.mayDo("give"));
+      show(press, now.press !== "" && controls.mayDo("press"));
+      write(press.querySelector("span")!, now.press || "Press");
+      show(again, now.mode === "passed" && controls.may("conveyor/reset"));
+      show(give, now.mode !== "invite" && (person.line?.moved_by ?? "own") !== "own" && controls.mayDo("give"));
       show(shrink, now.mode === "invite" && !isShort);
     },
     selected(event) {

@@ -16,7 +16,7 @@ type Known = Pick<Site, "status">;
 
 /** Whether the site as a whole is out of reach. */
 export function isCutOff(site: Known): boolean {
-  return whole(site)?.severity === "error";
+  return site.status?.run === "runs" && whole(site)?.severity === "error";
 }
 
 function whole({ status }: Known): FindingLine | undefined {
@@ -26,6 +26,7 @@ function whole({ status }: Known): FindingLine | undefined {
 
 /** One sentence for people; empty while all run. */
 export function outage({ status }: Known): string {
+  if (status && status.run !== "runs") return ""; // services leave or start as they should
   const site = whole({ status });
   if (site) return `${capital(site.sentence)}; ${site.remedy}`;
   for (const [service, effect] of Object.entries(EFFECTS)) {

@@ -75,8 +75,8 @@ test("the glossary is plain text, of the first table only", () => {
 });
 
 const situation: Situation = {
-  mayTake: true, mayPair: true, isSimulated: true, movedBy: "own", isMine: false, interaction: null, hover: null, hovered: "", mode: "claim", isPressed: false,
-  areAllPressed: false, isTheirs: false, scenario: "scenario_4", canSelect: true, success: "", isWrong: false, count: 0,
+  mayTake: true, mayPair: true, isSimulated: true, movedBy: "own", isMine: false, interaction: null, hover: null, hovered: "", mode: "claim", isTheirs: false, isOwn: false,
+  wantsPress: false, areAllPressed: false, robots: null, isProposed: false, passed: "", scenario: "scenario_4", canSelect: true, success: "", isWrong: false, count: 0,
 };
 const interaction = (state: "idle" | "localizing" | "pointing"): Situation["interaction"] => ({ ahead: [], is_unsure: false, next_step: "next", reason: "", seq: 0, stamp_ns: 0, state });
 const hover: NonNullable<Situation["hover"]> = {
@@ -94,7 +94,8 @@ test("a newcomer is told one thing at a time", () => {
   assert.equal(guidance({ ...mine, hover, hovered: "Red package" }).progress, 0.4);
   for (const own of [{ hover: { ...hover, action: "" as const, is_selected: true } }, { hover, isTheirs: true }]) {
     const had = guidance({ ...mine, hovered: "Red package", ...own });
-    assert.equal(had.text, "Red package is yours. Go on with the next.");
+    assert.equal(had.text, "Red package is selected already. Go on with the next.", "by whoever pointed before");
+    assert.equal(guidance({ ...mine, hovered: "Red package", ...own, isOwn: true }).text, "Red package is yours. Go on with the next.");
     assert.equal(had.progress, null);
   }
   const taken = guidance({ ...mine, hover: { ...hover, action: "refuse", taken_by: "ben" }, hovered: "Red package" });
@@ -108,15 +109,15 @@ test("a newcomer is told one thing at a time", () => {
 const pointing: Situation = { ...situation, movedBy: "mouse", isMine: true, interaction: interaction("pointing"), scenario: "shelf", hovered: "The kettle" };
 
 test("a thing that wants a press is pressed, not stayed on", () => {
-  const kettle: Situation = { ...pointing, mode: "button", isPressed: true, hover: { ...hover, progress: 0.3 } };
+  const kettle: Situation = { ...pointing, mode: "button", wantsPress: true, hover: { ...hover, progress: 0.3 } };
   assert.deepEqual([guidance(kettle).text, guidance(kettle).progress], ["The kettle: press the button.", 0.3]);
   const radio: Situation = { ...kettle, mode: "switch", hover: { ...hover, action: "deselect", is_selected: true } };
   assert.equal(guidance(radio).text, "The kettle is on; the button switches it off.");
-  assert.equal(guidance({ ...kettle, hover: null, areAllPressed: true }).text, "Move onto an object and press the button.");
+  assert.equal(guidance({ ...kettle, scenario: "my_room", hover: null, areAllPressed: true }).text, "Move onto an object and press the button.");
 });
 
 test("what is full and has not fired waits for the button, whatever makes it wait", () => {
-  assert.equal(guidance({ ...pointing, hover: { ...hover, progress: 1 } }).text, "The kettle: press the button.");
+  assert.equal(guidance({ ...pointing, wantsPress: true, hover: { ...hover, progress: 1 } }).text, "The kettle: press the button.");
   assert.equal(guidance({ ...pointing, hover }).text, "The kettle: stay on it …");
 });
 

@@ -4,6 +4,8 @@ import { el, icon } from "./dom";
 
 type Kind = "done" | "info" | "wrong" | "error";
 const STAYS_MS: Record<Kind, number> = { done: 3500, info: 4500, wrong: 4500, error: 8000 };
+/** A toast with a button stays so long, ms. */
+const ACTION_MS = 15_000;
 const ICONS: Record<Kind, string> = { done: "check", info: "info", wrong: "close", error: "warning" };
 const MOST = 3;
 
@@ -11,7 +13,8 @@ export class Toasts {
   /** @param host is a live region in the page. */
   constructor(private readonly host: HTMLElement) {}
 
-  show(kind: Kind, text: string): void {
+  /** @param action a button in it, for which it stays longer. */
+  show(kind: Kind, text: string, action?: { name: string; run: () => void }): void {
     for (const other of this.host.querySelectorAll(".toast")) {
       if (other.querySelector("span")?.textContent === text) other.remove();
     }
@@ -19,8 +22,18 @@ export class Toasts {
     if (kind === "error") {
       toast.append(el("button", { className: "quiet", type: "button", "aria-label": "Close", onclick: () => toast.remove() }, icon("close")));
     }
+    if (action) {
+      toast.append(el("button", { type: "button", onclick: () => {
+        toast.remove();
+        action.run();
+      } }, el("span", { text: action.name })));
+    }
     this.host.append(toast);
     while (this.host.children.length > MOST) this.host.firstElementChild!.remove();
-    setTimeout(() => toast.remove(), STAYS_MS[kind]);
+    const end = (): void => {
+      if (action && toast.matches(":hover, :focus-within")) setTimeout(end, STAYS_MS[kind]);
+      else toast.remove();
+    };
+    setTimeout(end, action ? ACTION_MS : STAYS_MS[kind]);
   }
 }

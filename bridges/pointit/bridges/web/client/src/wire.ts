@@ -503,6 +503,10 @@ export interface Status {
    */
   lan_url: string;
   people: PersonLine[];
+  /**
+   * `starts`: services of another scenario are missing yet; `over`: ended on purpose
+   */
+  run: "runs" | "starts" | "over";
   services: ServiceLine[];
   viewers: number;
 }

@@ -5,18 +5,30 @@ import { isBox } from "./geometry/looks";
 import type { Interaction, SelectionEvent, TrackedObject } from "./messages";
 import type { LogLine, Site } from "./site/site";
 
-/** Titles of scenarios; others are shown by their names. */
-const SCENARIOS: Record<string, string> = {
-  scenario_1: "Lamps: point at them",
-  scenario_2: "Strips: move the cursor",
-  scenario_3: "Strips: select the red segments",
-  scenario_4: "Conveyor: select the red packages",
-  scenario_5: "Quadrotor: fly it by pointing",
-  scenario_6: "Ground robot: send it by pointing",
+/** Titles of scenarios, with a sentence each; others are shown by their names. */
+const SCENARIOS: Record<string, readonly [title: string, sentence: string]> = {
+  scenario_1: ["Lamps: point at them", "Each lamp shows by its colour how near you point."],
+  scenario_2: ["Strips: move the cursor", "A light on the LED strips follows where you point."],
+  scenario_3: ["Strips: select the red segments", "Coloured segments run along the strips; stay on each red one until it is full."],
+  scenario_4: ["Conveyor: select the red packages", "Packages run over a conveyor; those that you select leave at bay 1."],
+  scenario_5: ["Quadrotor: fly it by pointing", "Take the quadrotor by a press; it hovers where you point, and lands there."],
+  scenario_6: ["Ground robot: send it by pointing", "Take the robot by a press, point out its way, and send it."],
+  send_a_robot: ["Floor: choose a place for a robot", "Point at a place, then elsewhere, then there again: it becomes a goal. No robot drives here."],
+  shelf: ["Shelf: things that react", "Stay on a box until it fires; the radio is a switch, the kettle wants a press."],
 };
 
 export function scenarioTitle(name: string): string {
-  return SCENARIOS[name] ?? capital(name.replaceAll("_", " "));
+  return SCENARIOS[name]?.[0] ?? capital(name.replaceAll("_", " "));
+}
+
+/** Sentence on a scenario; a file's own has none. */
+export function scenarioSentence(name: string): string {
+  return SCENARIOS[name]?.[1] ?? "From a file of your own.";
+}
+
+/** Whether the scenario comes with PointIt. */
+export function isShipped(name: string): boolean {
+  return Object.hasOwn(SCENARIOS, name);
 }
 
 const STATES: Record<Interaction["state"], string> = {
@@ -49,9 +61,9 @@ export function modeOf(site: Site, id: string): TrackedObject["mode"] {
   return objectOf(site, id)?.mode ?? "claim";
 }
 
-/** Number of objects that are `user`'s own: buttons and switches are nobody's. */
-export function ownCount(site: Site, user: string): number {
-  return site.selection?.objects.filter((each) => each.user === user && modeOf(site, each.id) === "claim").length ?? 0;
+/** Number of objects that are `user`'s own, of those that are `counted`: buttons and switches are nobody's. */
+export function ownCount(site: Site, user: string, counted: (id: string) => boolean = () => true): number {
+  return site.selection?.objects.filter((each) => each.user === user && modeOf(site, each.id) === "claim" && counted(each.id)).length ?? 0;
 }
 
 /** Whether the object is one of the map's things, which have names of their own. */
@@ -60,11 +72,30 @@ export function isNamed(site: Site, id: string): boolean {
   return object !== null && isBox(object);
 }
 
+/** Name of something of the map, shown to people: `led_2` of a lamp is `lamp 2`, `behind_left` is `behind left`. */
+export function placeName(id: string, noun: string): string {
+  const number = /^(?:led|lamp|strip|box)?[_\- ]?(\d+)$/i.exec(id)?.[1];
+  return number === undefined ? id.replace(/[_-]+/g, " ").trim() || id : `${noun} ${number}`;
+}
+
+/** A sentence of a service with the names of lamps as they are shown. */
+export function friendly({ map }: Pick<Site, "map">, sentence: string): string {
+  return (map?.lamps ?? []).reduce((text, { id }) => {
+    const shown = placeName(id, "lamp");
+    return shown === id || !text.includes(id) ? text : text.replace(new RegExp(`(?<![\\w-])${id.replace(/[^\w]/g, "\\$&")}(?![\\w-])`, "g"), shown);
+  }, sentence);
+}
+
+/** What runs on the conveyor. */
+export function nounOf(site: Site): "segment" | "package" {
+  return site.map?.belts.length === 0 ? "segment" : "package";
+}
+
 /** `red package`, `blue segment`, `screws`. */
 export function thing(site: Site, id: string, kind = ""): string {
   const object = objectOf(site, id);
   if (object && isBox(object)) return object.kind || id;
-  const noun = object?.surface === "strip" ? "segment" : object?.surface === "belt" || site.conveyor ? "package" : "object";
+  const noun = object?.surface === "strip" ? "segment" : object?.surface === "belt" ? "package" : site.conveyor ? nounOf(site) : "object";
   return [kind || object?.kind, noun].filter(Boolean).join(" ");
 }
 

@@ -17,6 +17,8 @@ export interface Wish {
   readonly height: number;
   /** Of two that want one place, the greater has it; 0 or less: of something small, whose label stays close to it or is left out. */
   readonly rank: number;
+  /** Where its upper left corner was: it stays there while there is room, so that it does not jump about. */
+  readonly kept?: { readonly x: number; readonly y: number };
 }
 
 /** Between labels, px. */
@@ -39,7 +41,9 @@ export function placed(wishes: readonly Wish[], taken: readonly Rect[], picture:
   for (const i of turns) {
     const wish = wishes[i]!, { width, height } = wish;
     const x = held(wish.x - width / 2, picture.width - width), y = held(wish.y - height, picture.height - height);
-    const at = nearest({ x, y, width, height }, full, picture, reachOf(wish.rank));
+    const kept = wish.kept && { ...wish.kept, width, height };
+    const canStay = kept && isWithin(kept, picture) && Math.hypot(kept.x - x, kept.y - y) < reachOf(wish.rank) && !full.some((each) => meet(kept, each));
+    const at = canStay ? { x: kept.x, y: kept.y } : nearest({ x, y, width, height }, full, picture, reachOf(wish.rank));
     found[i] = at;
     if (at) full.push({ ...at, width, height });
   }
@@ -58,7 +62,7 @@ function nearest(wanted: Rect, all: readonly Rect[], picture: Size, reach: numbe
   }
   for (const x of columns) {
     for (const y of rows) {
-      if (x < 0 || y < 0 || x + wanted.width > picture.width || y + wanted.height > picture.height) continue;
+      if (!isWithin({ ...wanted, x, y }, picture)) continue;
       const apart = Math.hypot(x - wanted.x, y - wanted.y);
       if (apart >= least || full.some((each) => meet({ ...wanted, x, y }, each))) continue;
       best = { x, y };
@@ -66,6 +70,10 @@ function nearest(wanted: Rect, all: readonly Rect[], picture: Size, reach: numbe
     }
   }
   return best;
+}
+
+function isWithin({ x, y, width, height }: Rect, picture: Size): boolean {
+  return x >= 0 && y >= 0 && x + width <= picture.width && y + height <= picture.height;
 }
 
 const held = (value: number, most: number): number => Math.max(0, Math.min(value, most));

@@ -35,8 +35,11 @@ export function beltsPart(controls: Controls): Belts {
     return reply ? speed : null;
   }
 
+  /** After the last package, feeding starts again. */
+  const isFed = (): boolean => (site.conveyor?.feeding ?? false) && site.conveyor?.step !== "end";
+
   function feedOrRest(): void {
-    if (site.conveyor) void controls.ask({ key: "conveyor/set_feeding", query: { feeding: !site.conveyor.feeding } }, { isQuiet: true });
+    if (site.conveyor) void controls.ask({ key: "conveyor/set_feeding", query: { feeding: !isFed() } }, { isQuiet: true });
   }
 
   const speed = slider({ label: "Speed", min: 0, max: 1.5, step: 0.05, text: (value) => `${value.toFixed(2)} m/s`, send: setSpeed });
@@ -71,7 +74,7 @@ export function beltsPart(controls: Controls): Belts {
       const state = site.conveyor;
       const mayRun = controls.may("conveyor/set_speed");
       const mayAdd = controls.may("conveyor/add_package");
-      show(element, state !== null && (mayRun || mayAdd || state.bays.length > 0));
+      show(element, state !== null && (mayRun || mayAdd || state.bays.some(({ bay }) => bay)));
       if (!state) return;
       show(speed.element, mayRun);
       show(halt, mayRun);
@@ -85,13 +88,13 @@ export function beltsPart(controls: Controls): Belts {
       write(addName, hasBelts ? "Add a package" : "Add a segment");
       write(haltName, `${isStill ? "Start" : "Stop"} the ${hasBelts ? "belts" : "segments"}`);
       mark(haltIcon.firstElementChild!, "href", isStill ? "#icon-play" : "#icon-stop");
-      write(feedName, `${state.feeding ? "Stop" : "Start"} feeding`);
-      mark(feedIcon.firstElementChild!, "href", state.feeding ? "#icon-pause" : "#icon-play");
+      write(feedName, isFed() ? "Stop feeding" : state.step === "end" ? "Feed again" : "Start feeding");
+      mark(feedIcon.firstElementChild!, "href", isFed() ? "#icon-pause" : "#icon-play");
       const offered = kindsHere();
       if (!offered.includes(kind)) kind = offered[0]!;
       kinds.offer(offered.map((name) => ({ value: name, label: capital(name), swatch: cssColor(kindColor(name)) })));
       kinds.set(kind);
-      showBays(state.bays);
+      showBays(state.bays.filter(({ bay }) => bay));
     },
   };
 

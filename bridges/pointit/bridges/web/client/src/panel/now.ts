@@ -6,10 +6,13 @@ import { el, icon, key, mark, show, write } from "../dom";
 import { byName, capital } from "../format";
 import { cssColor } from "../geometry/looks";
 import { standingOf } from "../site/site";
-import { pressTitle, stateTitle, thing } from "../words";
+import { friendly, pressTitle, stateTitle, thing } from "../words";
 import type { Part } from "./part";
 
 const ICONS = { idle: "pause", localizing: "place", pointing: "point" } as const;
+
+/** Time without people after which it is said, ms: they come a little later than the rest of a scenario. */
+const NOBODY_MS = 3000;
 
 export function nowPart(controls: Controls): Part {
   const { site } = controls;
@@ -32,6 +35,7 @@ export function nowPart(controls: Controls): Part {
   const actions = el("div", { className: "pairs" }, localize, cancel, undo, clear);
   const place = el("p", { className: "muted" });
   const nobody = el("p", { className: "muted", text: "Nobody is here yet. Add a person: pointit person add anna" });
+  let nobodySince = Infinity;
   const body = el("div", { className: "now" }, el("div", { className: "state" }, badge, el("div", {}, state, next)), gaugeRow);
   const viewer = el("p", { className: "muted" });
   const element = el("section", { className: "part", "aria-label": "Now" }, who.element, nobody, body, place, viewer, press, actions);
@@ -59,7 +63,9 @@ export function nowPart(controls: Controls): Part {
       show(who.element, users.length > 1);
       show(viewer, site.hello?.role === "viewer");
       write(viewer, site.timeline ? "This is the past: nothing in it can be changed." : "This page only looks on. The operator's link lets you control.");
-      show(nobody, users.length === 0 && site.status !== null && !site.timeline);
+      const isNobody = users.length === 0 && site.connected && site.status?.run === "runs" && !site.timeline;
+      nobodySince = isNobody ? Math.min(nobodySince, performance.now()) : Infinity;
+      show(nobody, performance.now() - nobodySince > NOBODY_MS);
       const interaction = controls.person?.interaction ?? null;
       show(body, interaction !== null);
       const now = interaction?.state ?? "idle";
@@ -70,7 +76,7 @@ export function nowPart(controls: Controls): Part {
       write(place, stands ? `The position of ${controls.user} is not yet measured; the assumed one is shown.` : `The position of ${controls.user} is not known, so they are not shown.`);
       const name = users.length > 1 ? `${controls.user}: ${stateTitle(now).toLowerCase()}` : stateTitle(now);
       write(state, interaction ? name : "");
-      write(next, controls.person?.cursor?.passed?.text || (site.timeline ? "" : interaction?.next_step ?? ""));
+      write(next, controls.person?.cursor?.passed?.text || (site.timeline ? "" : friendly(site, interaction?.next_step ?? "")));
       write(pressText, pressTitle(interaction));
       show(press, controls.mayDo("press") && controls.user !== "");
       const progress = controls.person?.localization;

@@ -1,8 +1,8 @@
-/** Number of people, and whether they are localized first. Changes restart the scenario. */
+/** Number of people, and whether they are localized first; a button restarts the scenario with them. */
 
 import { choice } from "../choice";
 import type { Controls } from "../controls";
-import { el, folded, show } from "../dom";
+import { el, folded, show, write } from "../dom";
 import type { Scenario } from "../scenario";
 import type { Part } from "./part";
 
@@ -10,19 +10,34 @@ const MOST = 4;
 
 export function peoplePart(controls: Controls, scenario: Scenario): Part {
   const { site } = controls;
-  const count = choice("How many", (value) => void scenario.run(controls.scenario, { users: Number(value) }),
+  /** Chosen and not yet running; null: as it runs. */
+  let wanted: number | null = null, localizes: boolean | null = null;
+  const count = choice("How many", (value) => choose(() => (wanted = Number(value))),
     Array.from({ length: MOST }, (_, index) => ({ value: String(index + 1), label: String(index + 1) })));
-  const finds = el("input", { type: "checkbox", onchange: () => void scenario.run(controls.scenario, { localizes: finds.checked }) });
+  const finds = el("input", { type: "checkbox", onchange: () => choose(() => (localizes = finds.checked)) });
   const found = el("label", { className: "check" }, finds, el("span", { text: "Find them by their pointing at lamps" }));
-  const element = folded("People", false, count.element, found,
-    el("p", { className: "muted", text: "Both options restart the scenario." }));
+  const name = el("span", {}), restart = el("button", { type: "button", onclick: () => {
+    scenario.run(controls.scenario, { ...(wanted ? { users: wanted } : {}), ...(localizes === null ? {} : { localizes }) });
+  } }, name);
+  const element = folded("People", false, count.element, found, restart);
+
+  function choose(set: () => void): void {
+    set();
+    controls.changed();
+  }
+
   return {
     element,
     update() {
       show(element, controls.may("run/scenario"));
-      count.set(String(site.people.size));
+      if (wanted === site.people.size || site.status?.run !== "runs") wanted = null;
+      if (localizes === controls.localizes || site.status?.run !== "runs") localizes = null;
+      count.set(String(wanted ?? site.people.size));
       show(found, (site.map?.lamps.length ?? 0) > 0);
-      if (finds.checked !== controls.localizes) finds.checked = controls.localizes;
+      finds.checked = localizes ?? controls.localizes;
+      const people = wanted ?? site.people.size;
+      show(restart, wanted !== null || localizes !== null);
+      write(name, `Restart with ${people === 1 ? "1 person" : `${people} people`}${localizes === null ? "" : localizes ? ", found by pointing" : ", at known places"}`);
     },
   };
 }

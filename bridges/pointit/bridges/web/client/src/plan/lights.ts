@@ -4,6 +4,7 @@ import type { Environment, StripsFrame } from "../messages";
 import { isOfThing, type Site } from "../site/site";
 import { cssColor } from "../geometry/looks";
 import { edges, paths } from "./runs";
+import { placeName } from "../words";
 import { draw, set, show, xy } from "./svg";
 import type { Lanes } from "./lanes";
 
@@ -36,7 +37,7 @@ export class Lights {
       const halo = draw(group, "circle", { class: "plan-halo", r: 16 });
       const target = draw(group, "circle", { class: "plan-target", r: 15 });
       const bulb = draw(group, "circle", { class: "plan-lamp", r: 7 });
-      if (!isOfThing(map, lamp.id)) draw(group, "text", { class: "plan-name", y: -21, "text-anchor": "middle" }, lamp.id);
+      if (!isOfThing(map, lamp.id)) draw(group, "text", { class: "plan-name", y: -21, "text-anchor": "middle" }, placeName(lamp.id, "lamp"));
       const note = draw(group, "text", { class: "plan-note", y: 32, "text-anchor": "middle" });
       this.lamps.set(lamp.id, { bulb, halo, target, note });
     }

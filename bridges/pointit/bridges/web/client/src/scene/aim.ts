@@ -32,7 +32,9 @@ export class Aim {
   private last: { x: number; y: number } | null = null;
   private readonly listeners = new AbortController();
 
-  constructor(private readonly picture: Picture, private readonly wake: () => void, private readonly drag: (dx: number, dy: number) => void) {
+  constructor(private readonly picture: Picture, private readonly wake: () => void, private readonly drag: (dx: number, dy: number) => void,
+    /** The mouse has moved: whether that changes what is drawn while it does not aim. */
+    private readonly hovers: () => boolean) {
     const { canvas } = picture, { signal } = this.listeners;
     canvas.addEventListener("pointerdown", (event) => {
       if (event.pointerType === "touch") this.fingers.add(event.pointerId);
@@ -50,6 +52,12 @@ export class Aim {
       this.isOver = false;
       wake();
     }, { signal });
+  }
+
+  /** Where a mouse is over the picture, px from its upper left corner; null: nowhere. */
+  get place(): readonly [number, number] | null {
+    const { width, height } = this.picture;
+    return this.isOver ? [((this.pointer.x + 1) / 2) * width, ((1 - this.pointer.y) / 2) * height] : null;
   }
 
   set(on: boolean): void {
@@ -70,6 +78,7 @@ export class Aim {
     const box = this.picture.canvas.getBoundingClientRect();
     this.pointer.set(((event.clientX - box.left) / box.width) * 2 - 1, 1 - ((event.clientY - box.top) / box.height) * 2);
     this.isOver = !isDrag;
+    if (!this.on && this.hovers()) this.wake();
     if (!this.on || isDrag) return;
     this.pending = true;
     this.wake();

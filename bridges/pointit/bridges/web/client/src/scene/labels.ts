@@ -19,6 +19,8 @@ interface Label {
   used: boolean;
   placed: string;
   rank: number;
+  /** Where it went aside, px from its wish, and until when it stays there (`performance.now()`). */
+  aside: { x: number; y: number; until: number } | null;
   /** Of the element, px; 0: to be measured. */
   width: number;
   height: number;
@@ -26,8 +28,10 @@ interface Label {
 
 /** Rank of names of lamps and things: aside of a head, rather than left out. */
 export const NAME = 0.5;
-/** Half of what is kept free about a head that is far away, px. */
-const LEAST_HEAD_PX = 4;
+/** Half of what is kept free about something that is far away, px. */
+const MIN_HALF_PX = 4;
+/** A label that had to go aside stays there so long, ms: what is in its way may move. */
+const ASIDE_MS = 3000;
 
 /** Labels of one frame: `begin`, `add` …, `end`. */
 export class Labels {
@@ -37,8 +41,8 @@ export class Labels {
   private theme: Theme | null = null;
   /** What lies over the picture, px from its upper left corner; no label goes there. */
   covered: readonly Rect[] = [];
-  /** Heads of people in this frame: middle, {W}, and radius, m; no label goes there either. */
-  private readonly heads: { at: Read3; radius: number }[] = [];
+  /** People, robots and objects in this frame: middle, {W}, width and height, m; no label goes there either. */
+  private readonly freed: { at: Read3; wide: number; tall: number }[] = [];
 
   constructor(host: HTMLElement) {
     this.layer.setAttribute("aria-hidden", "true");
@@ -49,7 +53,7 @@ export class Labels {
   begin(theme: Theme): void {
     if (theme !== this.theme) this.clear();
     this.theme = theme;
-    this.heads.length = 0;
+    this.freed.length = 0;
     for (const label of this.labels.values()) label.used = false;
   }
 
@@ -57,7 +61,7 @@ export class Labels {
   add(key: string, at: Read3, up: number, pieces: readonly Piece[], color = "", rank = 0): void {
     let label = this.labels.get(key);
     if (!label) {
-      label = { element: this.make(), shown: "", at: [0, 0, 0], used: true, placed: "nowhere yet", rank, width: 0, height: 0 };
+      label = { element: this.make(), shown: "", at: [0, 0, 0], used: true, placed: "nowhere yet", rank, aside: null, width: 0, height: 0 };
       this.labels.set(key, label);
     }
     label.used = true;
@@ -82,14 +86,14 @@ export class Labels {
     }));
   }
 
-  /** Keep a head free of labels. */
-  keepFree(at: Read3, radius: number): void {
-    this.heads.push({ at, radius });
+  /** Keep something free of labels: upright, about its middle `at`, `wide` across the floor. */
+  keepFree(at: Read3, wide: number, tall: number): void {
+    this.freed.push({ at, wide, tall });
   }
 
   /** Put them where the camera sees their places, beside each other and beside what covers the picture. */
   end(camera: THREE.PerspectiveCamera, width: number, height: number): void {
-    const seen: Label[] = [], wishes: Wish[] = [];
+    const seen: Label[] = [], wishes: Wish[] = [], now = performance.now();
     for (const [key, label] of this.labels) {
       if (!label.used) {
         label.element.remove();
@@ -107,19 +111,27 @@ export class Labels {
         label.height = label.element.offsetHeight;
       }
       seen.push(label);
-      wishes.push({ x: (x + 1) * width * 0.5, y: (1 - y) * height * 0.5, width: label.width, height: label.height, rank: label.rank });
+      const wish = { x: (x + 1) * width * 0.5, y: (1 - y) * height * 0.5, width: label.width, height: label.height, rank: label.rank };
+      const { aside } = label;
+      wishes.push(aside && now < aside.until ? { ...wish, kept: { x: wish.x + aside.x, y: wish.y + aside.y } } : wish);
     }
-    placed(wishes, [...this.covered, ...this.heads.flatMap((head) => this.seen(head, camera, width, height))], { width, height }).forEach((at, i) =>
-      put(seen[i]!, at ? `translate(${at.x.toFixed(1)}px, ${at.y.toFixed(1)}px)` : ""));
+    placed(wishes, [...this.covered, ...this.freed.flatMap((each) => this.seen(each, camera, width, height))], { width, height }).forEach((at, i) => {
+      const label = seen[i]!, wish = wishes[i]!;
+      put(label, at ? `translate(${at.x.toFixed(1)}px, ${at.y.toFixed(1)}px)` : "");
+      const x = at ? at.x - wish.x : 0, y = at ? at.y - wish.y : 0, isAside = at !== null && Math.hypot(x + wish.width / 2, y + wish.height) > 1;
+      if (!isAside) label.aside = null;
+      else if (!label.aside || now >= label.aside.until || Math.hypot(x - label.aside.x, y - label.aside.y) > 0.01) label.aside = { x, y, until: now + ASIDE_MS };
+    });
   }
 
-  /** The square that a head takes up in the picture, px; none behind the camera. */
-  private seen({ at, radius }: { at: Read3; radius: number }, camera: THREE.PerspectiveCamera, width: number, height: number): Rect[] {
+  /** The part of the picture that something takes up, px; none behind the camera. */
+  private seen({ at, wide, tall }: { at: Read3; wide: number; tall: number }, camera: THREE.PerspectiveCamera, width: number, height: number): Rect[] {
     const away = -this.point.set(...at).applyMatrix4(camera.matrixWorldInverse).z;
-    if (away <= 0) return [];
+    if (away <= camera.near) return [];
     this.point.applyMatrix4(camera.projectionMatrix);
-    const half = Math.max((radius * height) / (2 * away * Math.tan((camera.fov * Math.PI) / 360)), LEAST_HEAD_PX);
-    return [{ x: (this.point.x + 1) * width * 0.5 - half, y: (1 - this.point.y) * height * 0.5 - half, width: 2 * half, height: 2 * half }];
+    const perM = height / (2 * away * Math.tan((camera.fov * Math.PI) / 360)), down = Math.abs(camera.matrixWorld.elements[10]!);
+    const x = Math.max((wide * perM) / 2, MIN_HALF_PX), y = Math.max(((tall * Math.sqrt(1 - down * down) + wide * down) * perM) / 2, MIN_HALF_PX);
+    return [{ x: (this.point.x + 1) * width * 0.5 - x, y: (1 - this.point.y) * height * 0.5 - y, width: 2 * x, height: 2 * y }];
   }
 
   private make(): HTMLElement {

@@ -17,6 +17,8 @@ const STALE_MS = 2000;
 const NAME_M = 2.15;
 /** A head's middle is about where its eyes are; this is more than half its height, m. */
 const HEAD_M = 0.16;
+/** Width of what is kept free about a body, m. */
+const BODY_M = 0.5;
 /** A goal's flag is so high, m. */
 const FLAG_M = 0.8;
 const RAISE_PER_S = 4;
@@ -114,7 +116,9 @@ export class People {
     this.uncertainty(person, feet, color, isStale, isAssumed);
     if (cursor && points) this.pointing(person, arm, origin, color, pattern, isStale, isOwn);
     if (!isOwn) {
-      this.around.labels.keepFree(eyesOf(measures, feet), HEAD_M);
+      const eyes = eyesOf(measures, feet), head = eyes[2] - feet[2] + HEAD_M;
+      this.around.labels.keepFree([feet[0], feet[1], feet[2] + head / 2], BODY_M, head);
+      this.around.labels.keepFree(eyes, 2 * HEAD_M, 2 * HEAD_M);
       this.around.labels.add(`user ${person.user}`, feet, measures.footprint_to_neck_m + measures.neck_to_eyes_m + 0.26,
         [{ text: person.user }, ...(isAssumed ? [{ text: "· place to be found" }] : [])], cssColor(color), 2);
     }

@@ -8,13 +8,14 @@ import type { Rect } from "../geometry/placing";
 import type { Vec3 } from "../geometry/vec";
 import type { Environment } from "../messages";
 import { seenRobots } from "../site/robots";
-import { isOfThing, siteNow, standingOf, type Site } from "../site/site";
+import { siteNow, standingOf, type Site } from "../site/site";
 import type { Camera, MakeView, View, ViewOptions, ViewStats } from "../view";
 import { Aim } from "./aim";
 import { drawApart, floorAt } from "./apart";
 import { Cameras } from "./cameras";
 import { DARK, Kit, LIGHT, type Theme } from "./kit";
 import { Labels, NAME } from "./labels";
+import { Names } from "./names";
 import { People } from "./people";
 import { Picture } from "./picture";
 import { counts, state } from "./state";
@@ -34,6 +35,8 @@ class Scene implements View {
   private readonly isStill = matchMedia("(prefers-reduced-motion: reduce)").matches;
   private theme: Theme = DARK;
   private world: World | null = null;
+  private names: Names | null = null;
+  private overName = "";
   private apart: Apart | null = null;
   private site: Site | null = null;
   private mapVersion = -1;
@@ -68,7 +71,7 @@ class Scene implements View {
     this.camera = new Cameras(this.picture, this.isStill, () => this.wake());
     this.aim = new Aim(this.picture, () => this.wake(), (dx, dy) => {
       if (this.camera.mode === "eyes") this.camera.drag(dx, dy);
-    });
+    }, () => this.isOverAnother());
     this.aim.set(false);
     this.build(NOTHING);
   }
@@ -175,6 +178,7 @@ class Scene implements View {
     if (this.picture.isLost) return;
     const kit = new Kit(this.picture.stats.software, this.theme);
     this.world = makeWorld(kit, map, this.bounds, this.labels, this.isStill);
+    this.names = new Names(map);
     if (this.apart) drawApart(kit, this.apart);
     this.picture.light(this.theme, this.bounds);
     this.picture.scene.add(kit.group);
@@ -232,10 +236,13 @@ class Scene implements View {
     world.strips.set(site.strips);
     world.lamps.set(site.lamps, this.theme.dark);
     world.lamps.mark(world.marks);
-    for (const [id, at] of world.lamps.places) if (!isOfThing(site.map, id)) this.labels.add(`lamp ${id}`, at, 0.16, [{ text: id }], "", NAME);
-    this.nameSolids(site.map ?? NOTHING);
+    const { camera, width, height } = this.picture;
+    for (const { key, at, up, text } of this.names?.shown(site, this.aim.place, camera, width, height) ?? []) this.labels.add(key, at, up, [{ text }], "", NAME);
     world.things.set(site);
     let moves = world.things.place(now_ns);
+    for (const { placed, size, up } of world.things.byId.values()) {
+      this.labels.keepFree([placed.at[0], placed.at[1], placed.at[2] + up], Math.hypot(size[0], size[1]), size[2]);
+    }
     if (site.connected) moves = world.belts.run(passed) || moves;
     const at = site.speed ? now : this.toldAt; // nobody grows old in a past that is paused
     moves = world.people.draw(site, at, seconds, this.camera.mode === "eyes" ? this.camera.user : "") || moves;
@@ -245,14 +252,12 @@ class Scene implements View {
     return moves;
   }
 
-  /** Names of what stands still, where there is room; strips of belts go without, the belts are known by what is on them. */
-  private nameSolids(map: Environment): void {
-    const name = (kind: string, id: string, at: Vec3, up: number) => this.labels.add(`${kind} ${id}`, at, up, [{ text: id }], "", -1);
-    for (const { id, center_m, size_m } of map.boxes) name("box", id, center_m, size_m[2] / 2 + 0.05);
-    for (const { id, center_m, radius_m } of map.spheres) name("sphere", id, center_m, radius_m + 0.05);
-    for (const { id, center_m, height_m } of map.cylinders) name("cylinder", id, center_m, height_m + 0.05);
-    if (map.belts.length) return;
-    for (const [id, line] of this.world?.strips.lines ?? []) name("strip", id, line.pointAt(line.length / 2), 0.08);
+  /** Whether the mouse has come over something else with a name. */
+  private isOverAnother(): boolean {
+    const { camera, width, height } = this.picture, { place } = this.aim;
+    const key = (place && this.names?.hovered(place, camera, width, height)?.key) ?? "", isAnother = key !== this.overName;
+    this.overName = key;
+    return isAnother;
   }
 
   dispose(): void {

@@ -16,14 +16,7 @@ from pointit.bridges.web.model.stale_keys import (
     keys_of_service,
 )
 from pointit.bridges.web.model.stale_keys import SILENT_S as TRACKER_SILENT_S
-from pointit.bridges.web.model.status import (
-    GRACE_S,
-    KEPT_S,
-    LEFT_S,
-    SETTLE_S,
-    STARTING_S,
-    SiteObservation,
-)
+from pointit.bridges.web.model.status import GRACE_S, KEPT_S, LEFT_S, SETTLE_S, STARTING_S, SiteObservation
 from pointit.bridges.web.pages.latest_values import LatestValueCache
 from pointit.bridges.web.playback.recent import Recent
 from pointit.bridges.web.wire import Status

@@ -166,11 +166,10 @@ class RunningScenario:
         self.monitor.detach()  # what was last said of people who now leave is for the summary
         if not self.has_ended:  # else it failed and stays in the deployment as missing
             self._notice.retract()
-        first = [each.group for each in self._companions if not each.beside.WAIT_S]
-        await asyncio.gather(*(group.end() for group in (self._cast, *first) if group is not None))
-        for each in self._companions:
-            if each.beside.WAIT_S and each.group is not None:
-                await each.group.end()
+        last = sorted(self._companions, key=lambda each: each.beside.WAIT_S)  # a page shows the end
+        for group in (self._cast, *(each.group for each in last)):
+            if group is not None:
+                await group.end()
         if self._cast is not None:
             self._cast.check()
 

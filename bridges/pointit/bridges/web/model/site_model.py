@@ -55,17 +55,20 @@ class SiteModel:
         elif isinstance(message, Health):
             self._sight.report(name, message, now_s)
         elif isinstance(message, Deployment):
-            is_another, has_run = self._deployments.is_another(message), self._deployments.has_run
-            self._forget(self._deployments.put(name, message, now_s))
-            if has_run and not self._deployments.has_run:
-                self._sight.end_run(now_s)
-            elif is_another:
-                self._sight.begin_run(now_s)
-            self._began_ns[name] = min(message.stamp_ns, now_ns)  # the time of a slow simulation lags behind
-            runs = {run for run in self._deployments.known if run.startswith(RUN)}
-            self._began_ns = {run: ns for run, ns in self._began_ns.items() if run in runs}
-            self.hub.began_ns = min(self._began_ns.values(), default=0)
+            self._take_deployment(name, message, now_ns, now_s)
         return True
+
+    def _take_deployment(self, name: str, deployment: Deployment, now_ns: int, now_s: float) -> None:
+        is_another, has_run = self._deployments.is_another(deployment), self._deployments.has_run
+        self._forget(self._deployments.put(name, deployment, now_s))
+        if has_run and not self._deployments.has_run:
+            self._sight.end_run(now_s)
+        elif is_another:
+            self._sight.begin_run(now_s)
+        self._began_ns[name] = min(deployment.stamp_ns, now_ns)  # the time of a slow simulation lags behind
+        runs = {run for run in self._deployments.known if run.startswith(RUN)}
+        self._began_ns = {run: ns for run, ns in self._began_ns.items() if run in runs}
+        self.hub.began_ns = min(self._began_ns.values(), default=0)
 
     def set_service(self, instance: str, present: bool, now_s: float) -> None:  # noqa: FBT001 - the bus's signature
         """Update the presence of `instance`."""

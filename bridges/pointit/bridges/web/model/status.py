@@ -130,7 +130,9 @@ class SiteObservation:
         return seen
 
     def _forget_left(self, expected: Collection[str], now_s: float) -> None:
-        for name in [n for n, left_s in self._left_s.items() if left_s < now_s - LEFT_S and n not in expected]:
+        for name in [
+            n for n, left_s in self._left_s.items() if left_s < now_s - LEFT_S and n not in expected
+        ]:
             del self._left_s[name]
 
     def _services(self, seen: Observation) -> list[ServiceLine]:

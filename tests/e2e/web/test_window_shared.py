@@ -98,7 +98,7 @@ async def test_viewer_is_offered_and_granted_nothing(browser: Browser, shared_si
     await expect(page.locator("#panel .press")).to_be_hidden()
     for name in ("Undo", "Clear", "Localize", *belts):
         await expect(page.get_by_role("button", name=name)).to_be_hidden()
-    await expect(page.get_by_role("combobox", name="Scenario")).to_be_hidden()
+    await expect(page.get_by_role("button", name="Choose what to run")).to_be_hidden()
     await expect(page.get_by_role("radio", name="Mouse")).to_be_hidden()
     for key in "m", " ", "p", "s", "x", "q":
         await page.locator("body").press(key)

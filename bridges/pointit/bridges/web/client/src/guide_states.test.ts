@@ -25,6 +25,9 @@ test("a button is aimed at, stayed on and pressed, each with its own words, and 
   assert.deepEqual(said({ hover: { ...hover, progress: 1 }, wantsPress: true }), ["press", "The kettle: press the button.", "Press"]);
   assert.deepEqual(said({ hover: { ...hover, progress: 1, action: "deselect" }, mode: "claim", wantsPress: true }), ["press", "The kettle is yours; the button takes it back.", "Press"]);
   assert.deepEqual(said({ hover: { ...hover, progress: 1 } }), ["hold", "The kettle: stay on it …", ""], "without a press it fires by itself");
+  for (const wantsPress of [true, false]) {
+    assert.deepEqual(said({ hover: { ...hover, progress: 0, action: "" }, wantsPress }), ["following", "The kettle has fired. Go on with the next.", ""]);
+  }
   assert.equal(said({ hover: { ...hover, action: "refuse", taken_by: "ben" }, wantsPress: true })[0], "stopped");
   assert.deepEqual([guidance({ ...mine, interaction: { ...mine.interaction!, state: "idle" } })].map(({ step, press }) => [step, press]), [["press", "Start pointing"]]);
 });
@@ -52,7 +55,7 @@ test("a quadrotor has words before, during and after flight, and the reason of a
   assert.match(steps({ user: "ada", phase: "taking_off" }, { robot: "quad", mode: "follow" }).text, /takes off/);
   assert.deepEqual(steps({ user: "ada", phase: "idle" }, { robot: "quad", mode: "follow" }).press, "Land here");
   assert.match(steps({ user: "ada", phase: "landing" }, { robot: "quad", mode: "land" }).text, /lands where you pointed/);
-  assert.deepEqual(steps({ user: "ada", phase: "moving", reason: "ben is 0.4 m away: wait" }, { robot: "quad", mode: "follow" }), { step: "stopped", text: "Quad stands: ben is 0.4 m away: wait" });
+  assert.deepEqual(steps({ user: "ada", phase: "moving", reason: "ben is 0.4 m away: wait" }, { robot: "quad", mode: "follow" }), { step: "stopped", text: "Quad stands: ben is 0.4 m away: wait", press: "Land here" });
   const halted = steps({ phase: "stopped", reason: "from the page: point at it to take it" }, {}, "quad");
   assert.deepEqual(halted, { step: "stopped", text: "Quad was stopped: from the page: point at it to take it" });
   assert.equal(steps({ phase: "landed" }, {}, "quad").step, "aim", "after an ordinary flight");

@@ -54,7 +54,10 @@ export function robotStep(now: RobotSituation): Pick<Guidance, "step" | "text"> 
 }
 
 function steeredStep(now: RobotSituation, { kind, phase, reason, name }: RobotLine, Name: string): ReturnType<typeof robotStep> {
-  if (reason || phase === "stopped" || phase === "lost") return { step: "stopped", text: `${Name} ${phase === "lost" ? "is not heard" : "stands"}${reason ? `: ${reason}` : "."}` };
+  if (reason || phase === "stopped" || phase === "lost") {
+    const canLand = kind === "quadrotor" && (phase === "idle" || phase === "moving");
+    return { step: "stopped", text: `${Name} ${phase === "lost" ? "is not heard" : "stands"}${reason ? `: ${reason}` : "."}`, ...(canLand ? { press: "Land here" } : {}) };
+  }
   if (kind === "quadrotor") {
     if (now.isLanding || phase === "landing") return { step: "following", text: `${Name} lands where you pointed …` };
     if (phase === "landed" || phase === "taking_off") return { step: "following", text: `${Name} is yours and takes off …` };

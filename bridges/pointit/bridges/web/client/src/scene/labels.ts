@@ -33,6 +33,15 @@ const MIN_HALF_PX = 4;
 /** A label that had to go aside stays there so long, ms: what is in its way may move. */
 const ASIDE_MS = 3000;
 
+/** Something that is upright about its middle `at`, {W}, m; its label of that key stands on it. */
+interface Freed {
+  readonly at: Read3;
+  readonly wide: number;
+  readonly deep: number;
+  readonly tall: number;
+  readonly key: string;
+}
+
 /** Labels of one frame: `begin`, `add` …, `end`. */
 export class Labels {
   private readonly layer = document.createElement("div");
@@ -41,8 +50,8 @@ export class Labels {
   private theme: Theme | null = null;
   /** What lies over the picture, px from its upper left corner; no label goes there. */
   covered: readonly Rect[] = [];
-  /** People, robots and objects in this frame: middle, {W}, width and height, m; no label goes there either. */
-  private readonly freed: { at: Read3; wide: number; tall: number }[] = [];
+  /** People, robots and objects in this frame; no label goes there either. */
+  private readonly freed: Freed[] = [];
 
   constructor(host: HTMLElement) {
     this.layer.setAttribute("aria-hidden", "true");
@@ -86,14 +95,20 @@ export class Labels {
     }));
   }
 
-  /** Keep something free of labels: upright, about its middle `at`, `wide` across the floor. */
-  keepFree(at: Read3, wide: number, tall: number): void {
-    this.freed.push({ at, wide, tall });
+  /** Keep something free of labels, that of `key` stands on it; its size in m. */
+  keepFree(at: Read3, wide: number, deep: number, tall: number, key = ""): void {
+    this.freed.push({ at, wide, deep, tall, key });
   }
 
   /** Put them where the camera sees their places, beside each other and beside what covers the picture. */
   end(camera: THREE.PerspectiveCamera, width: number, height: number): void {
-    const seen: Label[] = [], wishes: Wish[] = [], now = performance.now();
+    const seen: Label[] = [], wishes: Wish[] = [], now = performance.now(), taken = [...this.covered], tops = new Map<string, number>();
+    for (const each of this.freed) {
+      const rect = this.seen(each, camera, width, height);
+      if (!rect) continue;
+      taken.push(rect);
+      if (each.key) tops.set(each.key, rect.y);
+    }
     for (const [key, label] of this.labels) {
       if (!label.used) {
         label.element.remove();
@@ -111,11 +126,11 @@ export class Labels {
         label.height = label.element.offsetHeight;
       }
       seen.push(label);
-      const wish = { x: (x + 1) * width * 0.5, y: (1 - y) * height * 0.5, width: label.width, height: label.height, rank: label.rank };
+      const wish = { x: (x + 1) * width * 0.5, y: Math.min((1 - y) * height * 0.5, tops.get(key) ?? Infinity), width: label.width, height: label.height, rank: label.rank };
       const { aside } = label;
       wishes.push(aside && now < aside.until ? { ...wish, kept: { x: wish.x + aside.x, y: wish.y + aside.y } } : wish);
     }
-    placed(wishes, [...this.covered, ...this.freed.flatMap((each) => this.seen(each, camera, width, height))], { width, height }).forEach((at, i) => {
+    placed(wishes, taken, { width, height }).forEach((at, i) => {
       const label = seen[i]!, wish = wishes[i]!;
       put(label, at ? `translate(${at.x.toFixed(1)}px, ${at.y.toFixed(1)}px)` : "");
       const x = at ? at.x - wish.x : 0, y = at ? at.y - wish.y : 0, isAside = at !== null && Math.hypot(x + wish.width / 2, y + wish.height) > 1;
@@ -124,14 +139,14 @@ export class Labels {
     });
   }
 
-  /** The part of the picture that something takes up, px; none behind the camera. */
-  private seen({ at, wide, tall }: { at: Read3; wide: number; tall: number }, camera: THREE.PerspectiveCamera, width: number, height: number): Rect[] {
+  /** The part of the picture that something takes up, px; null behind the camera. */
+  private seen({ at, wide, deep, tall }: Freed, camera: THREE.PerspectiveCamera, width: number, height: number): Rect | null {
     const away = -this.point.set(...at).applyMatrix4(camera.matrixWorldInverse).z;
-    if (away <= camera.near) return [];
+    if (away <= camera.near) return null;
     this.point.applyMatrix4(camera.projectionMatrix);
     const perM = height / (2 * away * Math.tan((camera.fov * Math.PI) / 360)), down = Math.abs(camera.matrixWorld.elements[10]!);
-    const x = Math.max((wide * perM) / 2, MIN_HALF_PX), y = Math.max(((tall * Math.sqrt(1 - down * down) + wide * down) * perM) / 2, MIN_HALF_PX);
-    return [{ x: (this.point.x + 1) * width * 0.5 - x, y: (1 - this.point.y) * height * 0.5 - y, width: 2 * x, height: 2 * y }];
+    const x = Math.max((wide * perM) / 2, MIN_HALF_PX), y = Math.max(((tall * Math.sqrt(1 - down * down) + deep * down) * perM) / 2, MIN_HALF_PX);
+    return { x: (this.point.x + 1) * width * 0.5 - x, y: (1 - this.point.y) * height * 0.5 - y, width: 2 * x, height: 2 * y };
   }
 
   private make(): HTMLElement {

@@ -44,7 +44,7 @@ test("while a person is localized every lamp has its name, once", () => {
 test("a label that went aside stays there while there is room, and comes back otherwise", () => {
   const picture = { width: 400, height: 400 }, wish = { x: 100, y: 100, width: 40, height: 20, rank: 1 };
   const [aside] = placed([wish], [{ x: 90, y: 70, width: 30, height: 40 }], picture);
-  assert.notDeepEqual(aside, { x: 80, y: 80 });
+  assert.ok(aside!.x !== 80 || aside!.y !== 80);
   assert.deepEqual(placed([{ ...wish, kept: aside! }], [], picture), [aside]);
   assert.deepEqual(placed([wish], [], picture), [{ x: 80, y: 80 }]);
   assert.deepEqual(placed([{ ...wish, kept: aside! }], [{ ...aside!, width: 40, height: 20 }], picture), [{ x: 80, y: 80 }]);

@@ -117,8 +117,8 @@ export class People {
     if (cursor && points) this.pointing(person, arm, origin, color, pattern, isStale, isOwn);
     if (!isOwn) {
       const eyes = eyesOf(measures, feet), head = eyes[2] - feet[2] + HEAD_M;
-      this.around.labels.keepFree([feet[0], feet[1], feet[2] + head / 2], BODY_M, head);
-      this.around.labels.keepFree(eyes, 2 * HEAD_M, 2 * HEAD_M);
+      this.around.labels.keepFree([feet[0], feet[1], feet[2] + head / 2], BODY_M, BODY_M / 2, head);
+      this.around.labels.keepFree(eyes, 2 * HEAD_M, 2 * HEAD_M, 2 * HEAD_M);
       this.around.labels.add(`user ${person.user}`, feet, measures.footprint_to_neck_m + measures.neck_to_eyes_m + 0.26,
         [{ text: person.user }, ...(isAssumed ? [{ text: "· place to be found" }] : [])], cssColor(color), 2);
     }

@@ -81,7 +81,7 @@ export class Robots {
     }
     marks.add(isFlying ? at : floor, 1.35 * radius, color, { pattern: owner?.pattern ?? "solid", thick: 0.12, alpha });
     this.way(robot, at, color, alpha);
-    labels.keepFree(at, 2.2 * radius, radius);
+    labels.keepFree(at, 2.2 * radius, 2.2 * radius, radius, `robot ${name}`);
     const pieces: Piece[] = [{ text: name }];
     if (state.user) pieces.push({ text: state.user, color });
     for (const { user, probability } of meantBy(site, name)) {

@@ -240,8 +240,8 @@ class Scene implements View {
     for (const { key, at, up, text } of this.names?.shown(site, this.aim.place, camera, width, height) ?? []) this.labels.add(key, at, up, [{ text }], "", NAME);
     world.things.set(site);
     let moves = world.things.place(now_ns);
-    for (const { placed, size, up } of world.things.byId.values()) {
-      this.labels.keepFree([placed.at[0], placed.at[1], placed.at[2] + up], Math.hypot(size[0], size[1]), size[2]);
+    for (const { object, placed, size, up } of world.things.byId.values()) {
+      this.labels.keepFree([placed.at[0], placed.at[1], placed.at[2] + up], Math.max(size[0], size[1]), Math.min(size[0], size[1]), size[2], `thing ${object.id}`);
     }
     if (site.connected) moves = world.belts.run(passed) || moves;
     const at = site.speed ? now : this.toldAt; // nobody grows old in a past that is paused

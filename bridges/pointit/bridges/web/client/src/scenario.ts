@@ -77,6 +77,7 @@ export function makeScenario(host: HTMLElement, progress: HTMLElement, controls:
   async function start(scenario: string, as: RunOptions): Promise<void> {
     const before = { scenario: controls.scenario, as: { users: site.people.size, localizes: controls.localizes } };
     dialog.close();
+    controls.toasts.endActions();
     to = scenario;
     since = performance.now();
     isAccepted = false;

@@ -13,6 +13,11 @@ export class Toasts {
   /** @param host is a live region in the page. */
   constructor(private readonly host: HTMLElement) {}
 
+  /** Remove toasts with a button: what it would do no longer fits. */
+  endActions(): void {
+    for (const button of this.host.querySelectorAll(".action")) button.closest(".toast")!.remove();
+  }
+
   /** @param action a button in it, for which it stays longer. */
   show(kind: Kind, text: string, action?: { name: string; run: () => void }): void {
     for (const other of this.host.querySelectorAll(".toast")) {
@@ -23,7 +28,8 @@ export class Toasts {
       toast.append(el("button", { className: "quiet", type: "button", "aria-label": "Close", onclick: () => toast.remove() }, icon("close")));
     }
     if (action) {
-      toast.append(el("button", { type: "button", onclick: () => {
+      this.endActions();
+      toast.append(el("button", { type: "button", className: "action", onclick: () => {
         toast.remove();
         action.run();
       } }, el("span", { text: action.name })));

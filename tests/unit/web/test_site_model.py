@@ -407,6 +407,13 @@ def test_a_run_that_ended_on_purpose_is_over_without_an_alarm_and_one_that_died_
     assert (died.tick(13.0).run, len(died.tick(14.0).findings)) == ("runs", len(SERVICES) + 1)
 
 
+def test_a_person_who_comes_after_the_run_has_ended_is_no_ended_run() -> None:
+    restart = Restart()
+    restart.end("run.scenario_4", 10.0)
+    restart.take("anna", deployment("pointing.anna"), 20.0)
+    assert restart.tick(20.0).run == "runs"
+
+
 def test_a_person_who_ends_alone_ends_no_run() -> None:
     restart = Restart()
     restart.take("anna", deployment("pointing.anna"), 2.0)

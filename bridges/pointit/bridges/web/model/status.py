@@ -103,7 +103,7 @@ class SiteObservation:
         seen = replace(self._seen(deployments, now_s, speed), now_ns=now_ns)
         is_starting = bool(self._missed_s) and now_s < self._began_run_s + STARTING_S
         return Status(
-            run="over" if self._is_over else "starts" if is_starting else "runs",
+            run="over" if self._is_over and not deployments else "starts" if is_starting else "runs",
             services=tuple(self._services(seen))[:MAX_LINES],
             findings=tuple(
                 FindingLine.model_validate(finding, from_attributes=True)

@@ -309,6 +309,9 @@ export interface Configuration {
  * Counts of the objects that came out at a bay.
  */
 export interface BayCount {
+  /**
+   * empty: at the end of a belt without a bay
+   */
   bay: string;
   count: number;
   kind: string;
@@ -381,7 +384,7 @@ export interface ConveyorState {
    */
   stamp_ns: number;
   /**
-   * of a feeding schedule, or empty without one
+   * of a feeding schedule, or empty; `end`: nothing more is fed
    */
   step: string;
 }

@@ -1,7 +1,7 @@
 /** The run: how many of the objects to select were selected, whether feeding is over, and its end. */
 
 import type { Controls } from "./controls";
-import { mark, show, write } from "./dom";
+import { show, write } from "./dom";
 import type { Site } from "./site/site";
 import { isShipped, nounOf } from "./words";
 
@@ -62,7 +62,6 @@ export function makeRunEnd(host: HTMLElement, controls: Controls): RunEnd {
       show(host, self.isOver);
       const again = isShipped(scenario) ? ` Start it again in a terminal: pointit run ${scenario}` : " Start it again where it was started.";
       write(text, self.isOver ? `The run has ended${result}.${again}` : "");
-      mark(document.body, "data-run", self.isOver ? "over" : null);
     },
   };
   return self;

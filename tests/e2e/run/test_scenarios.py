@@ -40,6 +40,7 @@ async def test_the_simulated_person_selects_all_that_is_red_only(commands: Comma
     run = commands.start_program(
         *("run", "scenario_3", "--duration", "60", "--speed", "2", "--seed", "1", "--no-view"),
         *("--set", "user-sim.mind.lapse_share=0"),  # a wrong intention selects a wrong one
+        *("--set", "conveyor-sim.feeder.count=22"),  # all have passed before the end
         *("--summary", str(path)),
         *listen(),
     )

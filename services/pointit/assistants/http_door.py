@@ -2,37 +2,83 @@
 
 import asyncio
 import contextlib
+import json
 import time
-from typing import Any
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any, get_args
 
-from mcp.server.auth.middleware.bearer_auth import AuthenticatedUser
-from mcp.server.auth.provider import AccessToken
 from mcp.server.mcpserver import MCPServer
+from mcp.server.streamable_http_manager import StreamableHTTPSessionManager
+from mcp.server.transport_security import RequestBodyLimitMiddleware
+from mcp.types import InitializeRequest
+from pydantic import ValidationError
 from starlette.responses import PlainTextResponse
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from pointit.assistants.tools import SCOPE_KEY
+from pointit.assistants.tools import SCOPE_KEY, Role
 from pointit.bridges.web.server import exposure_check
 from pointit.bridges.web.server.access import Access
 from pointit.bridges.web.server.app import REFUSAL_S, request_info
 from pointit.bridges.web.server.listener import Listener, bind, url
 from pointit.errors import ConfigError
+from pointit.runtime.config.validation_message import describe_validation_error
 
 PATH = "/mcp"
 MAX_BODY = 64 * 1024
 """Limit of a request, bytes: no tool takes as much."""
-MAX_SESSIONS = 64
+BODY_TIMEOUT_S = 10.0
+"""Timeout of receiving the body of a request, s."""
+MAX_SESSIONS = 32
+"""Limit of sessions of each token: those of viewers take none of the operator's."""
+SESSION_IDLE_S = 300.0
+"""Time after which a session without a request or an open stream ends, s."""
+MAX_REQUESTS = 128
+"""Limit of simultaneous requests of each token: for each session its stream, and three calls."""
 TICK_S = 1.0
 """Interval of checks for idle connections, s."""
 NEEDS_TOKEN = "a token of the page is needed: Authorization: Bearer ...; see docs/how-to/assistants.md\n"  # noqa: S105
 
 
+class SlowBodyError(Exception):
+    """The body of a request is not complete within `BODY_TIMEOUT_S`."""
+
+
+class HandshakeCheck:
+    """Refuses a malformed `initialize`, to which the library replies with an error and a session."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one request, whose body is complete."""
+        messages = [await receive()]
+        try:
+            body = json.loads(messages[0].get("body", b""))
+            if isinstance(body, dict) and body.get("method") == "initialize":
+                InitializeRequest.model_validate(body)
+        except ValidationError as error:
+            text = f"initialize: {describe_validation_error(error, InitializeRequest)}\n"
+            await PlainTextResponse(text, 400)(scope, receive, send)
+            return
+        except (ValueError, RecursionError):
+            pass  # no JSON, which the library refuses
+
+        async def replay() -> Message:
+            return messages.pop() if messages else await receive()
+
+        await self._app(scope, replay, send)
+
+
 class TokenMiddleware:
     """Lets requests in by the page's tokens: with its host, no foreign origin, as operator or viewer."""
 
-    def __init__(self, app: ASGIApp, doors: Access) -> None:
-        self._app = app
+    def __init__(self, apps: Mapping[Role, ASGIApp], doors: Access) -> None:
+        self._apps = {
+            role: RequestBodyLimitMiddleware(HandshakeCheck(app), MAX_BODY) for role, app in apps.items()
+        }
         self._doors = doors
+        self._requests: Counter[Role] = Counter()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request."""
@@ -49,11 +95,39 @@ class TokenMiddleware:
                 await asyncio.sleep(REFUSAL_S)
             bearer = {"WWW-Authenticate": "Bearer"}
             await PlainTextResponse(NEEDS_TOKEN, 401, headers=bearer)(scope, receive, send)
+        elif self._requests[role] >= MAX_REQUESTS:
+            text = f"{MAX_REQUESTS} requests with the {role}'s token are open, the limit: end some of them\n"
+            await PlainTextResponse(text, 503)(scope, receive, send)
         else:
             scope[SCOPE_KEY] = role
-            # by this a session belongs to the role that began it
-            scope["user"] = AuthenticatedUser(AccessToken(token="", client_id=role, scopes=[]))
-            await self._app(scope, receive, send)
+            self._requests[role] += 1
+            try:
+                await self._apps[role](scope, _timed(receive), send)
+            except SlowBodyError:
+                text = f"the request is not complete after {BODY_TIMEOUT_S:g} s: send it at once\n"
+                await PlainTextResponse(text, 408)(scope, receive, send)
+            finally:
+                self._requests[role] -= 1
+
+
+def _timed(receive: Receive) -> Receive:
+    """Return `receive`, which raises `SlowBodyError` while the body is incomplete for too long."""
+    ends_s = asyncio.get_running_loop().time() + BODY_TIMEOUT_S
+    is_complete = False
+
+    async def timed() -> Message:
+        nonlocal is_complete
+        if is_complete:
+            return await receive()
+        try:
+            async with asyncio.timeout_at(ends_s):
+                message = await receive()
+        except TimeoutError:
+            raise SlowBodyError from None
+        is_complete = not message.get("more_body", False)
+        return message
+
+    return timed
 
 
 class HttpDoor:
@@ -72,11 +146,19 @@ class HttpDoor:
                 "other machines come through an SSH tunnel"
             )
         doors.know_hosts([host])
-        app = server.streamable_http_app(
-            streamable_http_path=PATH, max_request_body_size=MAX_BODY, max_sessions=MAX_SESSIONS, host=host
-        )
-        self._sessions = server.session_manager
-        self._listener = Listener(TokenMiddleware(app, doors), bind(host, port, "--listen"))
+        apps: dict[Role, ASGIApp] = {}
+        self._managers: list[StreamableHTTPSessionManager] = []
+        for role in get_args(Role):  # sessions of one role are unknown to the other one
+            apps[role] = server.streamable_http_app(
+                streamable_http_path=PATH,
+                max_sessions=MAX_SESSIONS,
+                session_idle_timeout=SESSION_IDLE_S,
+                host=host,
+            )
+            self._managers.append(server.session_manager)
+        self.app = TokenMiddleware(apps, doors)
+        """ASGI application, which works while `run` does."""
+        self._listener = Listener(self.app, bind(host, port, "--listen"))
         self.url = f"{url('http', host, self._listener.port)}{PATH}"
         """Address for clients."""
 
@@ -84,7 +166,8 @@ class HttpDoor:
         """Serve until cancelled."""
         async with contextlib.AsyncExitStack() as stack:
             stack.push_async_callback(self._listener.close)
-            await stack.enter_async_context(self._sessions.run())
+            for manager in self._managers:
+                await stack.enter_async_context(manager.run())
             await self._listener.start()
             while True:
                 await asyncio.sleep(TICK_S)

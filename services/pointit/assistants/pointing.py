@@ -4,7 +4,7 @@ from collections.abc import Collection
 
 from pointit.api.site import Site
 from pointit.assistants.data import MAX_SENTENCE, PossibleReferent, PossibleReferents, Waited, plain
-from pointit.assistants.room_items import check_present
+from pointit.assistants.room_items import check_present, current
 from pointit.errors import AccessDeniedError, NoAnswerError
 from pointit.schemas import NS_PER_S
 from pointit.schemas.person import Deictic
@@ -27,9 +27,14 @@ async def pointed(site: Site, user: str, at_ns: int | None, word: Deictic = "") 
     await check_present(site, user)
     try:
         found = await site.listener.referents(user, at_ns, word=word)
-    except AccessDeniedError:
-        raise
     except NoAnswerError as error:
+        if isinstance(error, AccessDeniedError) or site.problem:  # a lost site has no services
+            raise
+        if f"listener.{user}" in await current(site.services()):
+            raise NoAnswerError(
+                f"listener.{user} runs, but does not answer in time: its machine is busy, or it is stopped; "
+                "ask again, or see `pointit doctor`"
+            ) from error
         raise NoAnswerError(
             f"nobody keeps where {user} points: run `pointit service run listener --user {user}`"
         ) from error

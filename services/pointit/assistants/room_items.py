@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable
 
+from pointit.api.feed import Feed
 from pointit.api.site import Site
 from pointit.assistants.data import MAX_ITEMS, Item, Items, People, Person, plain
 from pointit.errors import PointItError
@@ -16,13 +17,17 @@ OWN_TRACKERS = ("things", "robot.")
 """Beginnings of trackers that list things of the map and robots."""
 
 
+async def current(names: Feed[frozenset[str]]) -> frozenset[str]:
+    """Return the names of `names` now, and close it."""
+    try:
+        return await anext(names)
+    finally:
+        names.close()
+
+
 async def present(site: Site) -> frozenset[str]:
     """Return the names of the people who are present."""
-    feed = site.people()
-    try:
-        return await anext(feed)
-    finally:
-        feed.close()
+    return await current(site.people())
 
 
 async def check_present(site: Site, user: str) -> None:

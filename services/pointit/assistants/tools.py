@@ -5,6 +5,7 @@ import contextlib
 import datetime as dt
 import inspect
 import math
+from collections import Counter
 from collections.abc import Awaitable, Callable, Generator
 from typing import Annotated, Any, Literal
 
@@ -34,6 +35,8 @@ Ctx = Context[Any, Any]
 SCOPE_KEY = "pointit.role"
 """Key of an HTTP request's scope that holds the role of its token."""
 MAX_WAIT_S = 120.0
+MAX_CALLS = 16
+"""Limit of simultaneous calls of one tool by one role. Those that wait ask the listener 5 times a second."""
 SET_OFF_S = 4.0
 """Time within which a robot that was sent sets off, s."""
 OLD_S = 1.0
@@ -57,6 +60,8 @@ class Tools:
         self._most: Role = most
         self._unknown: Role = "viewer" if is_remote else most
         self._lights = Lights()
+        self._calls: Counter[tuple[str, Role]] = Counter()
+        """Running calls by tool and role."""
 
     def guarded(self, tool: Callable[..., Awaitable[Any]], *, needs: Role) -> Callable[..., Awaitable[Any]]:
         """Return `tool` for the server: called with the site, for the role `needs` only, and audited.
@@ -67,11 +72,10 @@ class Tools:
         async def called(ctx: Ctx, **asked: Any) -> Any:
             role = self.role_of(ctx)
             try:
-                with self.recorded(caller_of(ctx), role, tool.__name__, asked):
+                name = tool.__name__
+                with self.recorded(caller_of(ctx), role, name, asked), self._counted(name, role):
                     if role not in (needs, "operator"):
-                        raise AccessDeniedError(
-                            f"{tool.__name__} needs the operator's token, this is a viewer's"
-                        )
+                        raise AccessDeniedError(f"{name} needs the operator's token, this is a viewer's")
                     return await tool(self.site, **asked)
             except (PointItError, SchemaError) as error:
                 raise ToolError(refusal(str(error))) from error
@@ -109,6 +113,17 @@ class Tools:
             raise
         finally:
             self._audit.end(call, outcome, text)
+
+    @contextlib.contextmanager
+    def _counted(self, tool: str, role: Role) -> Generator[None]:
+        """Count a call while the block runs. Raises PointItError if too many run."""
+        if self._calls[tool, role] >= MAX_CALLS:
+            raise PointItError(f"{MAX_CALLS} calls of {tool} run, the limit: wait until one has ended")
+        self._calls[tool, role] += 1
+        try:
+            yield
+        finally:
+            self._calls[tool, role] -= 1
 
     def role_of(self, context: Ctx) -> Role:
         """Return the role of the caller of this request."""

@@ -1,80 +1,24 @@
 """Streamable HTTP: the genuine client, tokens of the page, roles, foreign names, and who is cut off."""
 
 import asyncio
-import contextlib
-from collections.abc import AsyncGenerator
 
 import httpx
-import httpx2
 import pytest
-from mcp import Client
-from mcp.client.streamable_http import streamable_http_client
 
 from pointit.api.site import Site
 from pointit.assistants.audit_file import FOLDER, AuditFile, read_audit
 from pointit.assistants.http_door import MAX_BODY, HttpDoor
 from pointit.assistants.server import make_server
 from pointit.assistants.site_door import SiteDoor
-from pointit.assistants.tools import Role, Tools
+from pointit.assistants.tools import Tools
 from pointit.bridges.web.server.access import Access
 from pointit.errors import ConfigError
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import WallClock
 from pointit.runtime.host.state_file import site_folder
-from pointit.schemas import Cursor, Done, FindReferents, Referents, StopRobot, topics
+from pointit.schemas import Cursor, topics
+from tests.integration.assistants.served import HEADERS, HELLO, OPERATOR, SITE, VIEWER, client_of, served
 from tests.support.bench import until
-
-SITE = "shop"
-OPERATOR, VIEWER = "operator-operator-token", "viewer-viewer-viewer-token"
-HELLO = {
-    "jsonrpc": "2.0", "id": 1, "method": "initialize",
-    "params": {
-        "protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": {"name": "test", "version": "1"}
-    },
-}  # fmt: skip
-HEADERS = {"Accept": "application/json, text/event-stream", "Content-Type": "application/json"}
-
-
-async def stopped(_query: StopRobot, robot: str) -> Done:
-    return Done(message=f"{robot} stands")
-
-
-async def found(_query: FindReferents, _user: str) -> Referents:
-    return Referents()
-
-
-@contextlib.asynccontextmanager
-async def served(most: Role = "operator") -> AsyncGenerator[tuple[str, MemoryBus]]:
-    """Yield the address of a server, and the bus of its site."""
-    bus = MemoryBus()
-    bus.announce(topics.USER_ALIVE, "anna")
-    bus.serve(topics.STOP_ROBOT, stopped)
-    bus.serve(topics.FIND_REFERENTS, found)
-
-    door = SiteDoor(lambda: Site.on(bus, WallClock()), "site shop")
-    server = make_server(Tools(door, AuditFile(site_folder(SITE, FOLDER)), most, is_remote=True))
-    http = HttpDoor(server, Access(OPERATOR, VIEWER), "127.0.0.1", 0)
-    async with door.opened():
-        serving = asyncio.create_task(http.run())
-        try:
-            yield http.url, bus
-        finally:
-            # sse-starlette has one task for each loop, which waits for the end of the process
-            watching = {each for each in asyncio.all_tasks() if "_shutdown_watcher" in repr(each.get_coro())}
-            for task in (serving, *watching):
-                task.cancel()
-            await asyncio.wait({serving, *watching})
-            await bus.close()
-
-
-@contextlib.asynccontextmanager
-async def client_of(url: str, token: str, mode: str = "auto") -> AsyncGenerator[Client]:
-    headers = {"Authorization": f"Bearer {token}"}
-    async with (
-        httpx2.AsyncClient(headers=headers, timeout=30.0) as http,
-        Client(streamable_http_client(url, http_client=http), mode=mode) as client,
-    ):
-        yield client
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])

@@ -12,6 +12,7 @@ from pointit.assistants.data import MAX_NAME
 from pointit.assistants.light import TURN_S
 from pointit.assistants.tools import ns_of
 from pointit.errors import PointItError, SchemaError
+from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import ButtonEvent, FindReferents, Say, SendRobot, TrackedObject, TrackedObjects, topics
 from tests.support.bench import until
@@ -76,6 +77,20 @@ def test_a_time_of_a_word_without_zone_or_sense_is_refused(text: str) -> None:
 async def test_who_is_not_there_is_said(assistant: Assistant) -> None:
     reason = await assistant.refused("what_is_pointed_at", user="ben")
     assert reason == "'ben' is not there; present: anna"
+
+
+@pytest.mark.parametrize("is_there", [False, True])
+async def test_a_listener_is_reported_missing_only_if_it_is(*, is_there: bool) -> None:
+    bus = MemoryBus()
+    played = Played(bus)
+    bus.announce(topics.USER_ALIVE, "anna")
+    if is_there:
+        bus.announce(topics.SERVICE_ALIVE, "listener.anna")
+    async with assistant_of(played) as assistant:
+        text = await assistant.refused("what_is_pointed_at", user="anna")
+    assert ("run `pointit service run listener --user anna`" in text) != is_there
+    assert ("listener.anna runs, but does not answer in time" in text) == is_there
+    await bus.close()
 
 
 async def test_waiting_ends_when_two_looks_agree(assistant: Assistant, played: Played) -> None:

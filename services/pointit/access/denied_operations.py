@@ -12,6 +12,7 @@ begin with a colour is the rest of a key, forged to blame another identity.
 import re
 import threading
 from collections import Counter, defaultdict
+from collections.abc import Callable
 
 from pointit.access import rejected_connections
 from pointit.access.limits import max_rate_hz
@@ -92,7 +93,9 @@ FILTER = (
 class DeniedOperations:
     """Counts operations that a router has denied, and excessive writes. Thread-safe."""
 
-    def __init__(self) -> None:
+    def __init__(self, on_identity: Callable[[], object] = bool) -> None:
+        """Count from now on. `on_identity` is called in the thread of `take` when one becomes known."""
+        self._on_identity = on_identity
         self._lock = threading.Lock()
         """Needed as the log is read in a separate thread."""
         self.total = 0
@@ -112,11 +115,11 @@ class DeniedOperations:
         self._let_in: dict[str, str] = {}
         """By thread: its last line, if that allows something."""
 
-    def take(self, line: str) -> None:
-        """Process one line of the log."""
+    def take(self, line: str, times: int = 0) -> None:
+        """Process one line of the log, or one that came `times` times among others that are left out."""
         if line.startswith(OWN):
             with self._lock:
-                self._take(line)
+                self._take(line, max(times, 1), in_order=not times)
 
     def take_sentences(self, elapsed_s: float) -> dict[str, str]:
         """Return the denials and excessive writes of the last `elapsed_s`, and reset them.
@@ -131,11 +134,11 @@ class DeniedOperations:
         """Return the identity of a connection, or `""` if it has not done anything yet."""
         return self._names.get(connection, "").rpartition("/")[0]
 
-    def _take(self, line: str) -> None:
+    def _take(self, line: str, times: int, *, in_order: bool) -> None:
         at = line.find(THREAD) + len(THREAD)
         end = line.find(")", at)
         where = line[at:end]
-        before = self._let_in.pop(where, "")
+        before = self._let_in.pop(where, "") if in_order else ""
         if line.startswith(rejected_connections.TARGET, end + 2):  # a newcomer controls parts of the rest
             self._take_other(line, where, "")
             return
@@ -145,17 +148,18 @@ class DeniedOperations:
         elif line.startswith(SLOWED_TARGET, end + 2):
             slowed = line[line.find(PUSH) :]
             if FROM in slowed and (slowed in self._slowed or len(self._slowed) < MAX_WRITTEN):
-                self._slowed[slowed] += 1
+                self._slowed[slowed] += times
         elif decision < 0:
             self._take_other(line, where, before)
         elif self._working_out.get(where, 0) and "Using cached" not in line[:decision]:
             self._working_out[where] -= 1
             self._read(line)
         elif line.startswith("un", decision - 2):
-            self._count(line, LATE_VERBS if "/@adv" in line else VERBS)
+            self._count(line, LATE_VERBS if "/@adv" in line else VERBS, times)
         else:
-            self._let_in[where] = line
-            self._take_let_in(line)
+            if in_order:
+                self._let_in[where] = line
+            self._take_let_in(line, times)
 
     def _take_sentences(self, elapsed_s: float) -> dict[str, str]:
         slowed = self._take_slowed()
@@ -178,7 +182,7 @@ class DeniedOperations:
             counted.clear()
         return sentences
 
-    def _take_let_in(self, line: str) -> None:
+    def _take_let_in(self, line: str, times: int) -> None:
         """Count writes, without regular expressions since this runs for every message."""
         at = line.find(WRITES)
         if at < 0:
@@ -188,13 +192,13 @@ class DeniedOperations:
             self._read(line)
             if len(self._written) >= MAX_WRITTEN:
                 return
-        self._written[written] += 1
+        self._written[written] += times
 
     def _take_other(self, line: str, where: str, before: str) -> None:
         plain = COLOR.sub("", line)
         if before and plain.endswith(DROPPED):
             if SELF_TEST not in before:
-                self._count(before, TOO_LONG_VERBS)
+                self._count(before, TOO_LONG_VERBS, 1)
         elif self._strangers.take(plain, where):
             self.total += 1
 
@@ -209,26 +213,28 @@ class DeniedOperations:
             # The client chooses the name of the connection, possibly one that another client had before.
             if connection not in self._names and len(self._names) >= MAX_NAMES:
                 self._names.pop(next(iter(self._names)))
-            self._names[connection] = known[1]
+            if self._names.get(connection) != known[1]:
+                self._names[connection] = known[1]
+                self._on_identity()
         return connection, message.removeprefix("Declare/Undeclare ").removeprefix("Declare "), key
 
     def _identity_of(self, connection: str) -> str:
         name = self._names.get(connection, f"connection {connection[:8]}")
         return name.rpartition("/")[0] or name
 
-    def _count(self, line: str, verbs: dict[str, str]) -> None:
+    def _count(self, line: str, verbs: dict[str, str], times: int) -> None:
         read = self._read(line)
         verb = verbs.get(read[1]) if read is not None else None
         if read is None or verb is None:
             return
         connection, _, key = read
-        self.total += 1
+        self.total += times
         who = self._identity_of(connection)
         if who not in self._attempts and len(self._attempts) >= MAX_NAMES:
             return
         attempts, attempt = self._attempts[who], (verb, _without(key))
         if attempt in attempts or len(attempts) < MAX_NAMES:
-            attempts[attempt] += 1
+            attempts[attempt] += times
 
     def _take_slowed(self) -> set[str]:
         """Count what was dropped as too frequent as written, or as denied where the others of its key were.

@@ -63,7 +63,7 @@ class Limits:
         """Connections by session and address, in order of arrival. Their identity may be known later."""
         self._excess: dict[str, float] = {}
         """Number of messages beyond `MAX_HZ` by identity, which shrinks again at lower rates."""
-        self._held: dict[str, float] = {}
+        self.held: dict[str, float] = {}
         """Identities that are cut off, and the end of that time."""
         self._unread: dict[Connection, tuple[int, int]] = {}
         """Waiting bytes of a connection, and number of consecutive checks with the same value."""
@@ -85,7 +85,7 @@ class Limits:
         self._hold({name: rate for name, rate in rates_hz.items() if roles.get(name) in LIMITED}, now_s)
         cut: list[Connection] = []
         messages: dict[str, str] = {}
-        for name in self._held:
+        for name in self.held:
             own = by_identity.pop(name, [])
             cut += own
             messages[name] = (
@@ -129,12 +129,12 @@ class Limits:
         }
 
     def _hold(self, rates_hz: Mapping[str, float], now_s: float) -> None:
-        self._held = {name: held for name, held in self._held.items() if held > now_s}
+        self.held = {name: held for name, held in self.held.items() if held > now_s}
         for name in {*self._excess, *rates_hz}:
             messages = self._excess.get(name, 0.0) + rates_hz.get(name, 0.0) - MAX_HZ
             self._excess[name] = max(0.0, min(BURST, messages))
             if messages >= BURST:
-                self._held[name] = now_s + HOLD_S
+                self.held[name] = now_s + HOLD_S
         self._excess = {name: messages for name, messages in self._excess.items() if messages}
 
 

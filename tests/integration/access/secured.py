@@ -51,10 +51,11 @@ def make_site(
     dashboard_rate_hz: float = 0.0,
     names: dict[str, Role] | None = None,
     days: float = 30.0,
+    host: str = "127.0.0.1",
 ) -> SiteFolder:
     folder = SiteFolder(path)
     state = SiteState(
-        site=site, hosts=("127.0.0.1",), port=free_port(), days=days, password=password,
+        site=site, hosts=(host,), port=free_port(), days=days, password=password,
         dashboard_rate_hz=dashboard_rate_hz, identities={},
     )  # fmt: skip
     folder.create(state, NAMES if names is None else names, now())

@@ -118,6 +118,33 @@ def test_what_is_let_in_and_dropped_is_too_long() -> None:
     assert sentences(self_test, dropped) == [], "its reader has left"
 
 
+def test_lines_that_are_left_out_count_as_often_as_they_came() -> None:
+    refused, count = DeniedOperations(), 7000
+    write = f"{HEAD}{ANNA} is authorized to Put (ingress) on pointit/lab/users/anna/imu"
+    refused.take(write)
+    refused.take(f"{HEAD}{AGAIN} unauthorized to Put (ingress) on pointit/lab/map", count)
+    refused.take(write, count)
+    dropped = HEAD.replace("::access_control", "") + "Msg intercepted!"
+    refused.take(dropped, count)  # after any other line, as the order is lost
+    (sentence,) = refused.take_sentences(1.0).values()
+    assert (
+        f"may not write map ({count} times): refused and writes users/anna/imu {count + 1} times" in sentence
+    )
+    assert "long" not in sentence
+    assert (refused.total, refused.rates_hz) == (count, {"lab/anna": count + 1})
+
+
+def test_who_has_a_new_connection_is_reported_at_once_and_once() -> None:
+    """Of a site by passwords only the log tells."""
+    known: list[str] = []
+    refused = DeniedOperations(lambda: known.append("x"))
+    for connection in ("12ab", "12ab", "34cd"):
+        user = f"{connection} on Interface(lo)+Username(lab/anna/2)+Transport(Tls)+{connection}"
+        refused.take(f"{HEAD}{user} is authorized to Put (ingress) on pointit/lab/users/anna/imu")
+    assert known == ["x", "x"]
+    assert refused.identity("34cd") == "lab/anna"
+
+
 def test_who_writes_too_often_is_told() -> None:
     let_in = f"{ANNA} is authorized to Put (ingress) on pointit/lab/users/anna/imu"
     assert sentences(*[let_in] * int(FLOOD_HZ)) == []

@@ -9,7 +9,7 @@ import pytest
 
 from pointit.runtime.router import router
 from pointit.runtime.router.router import Router
-from pointit.runtime.router.router_log import MOST_LINES, _read
+from pointit.runtime.router.router_log import MAX_LINES, TIME_BYTES, _read
 from tests.support.bench import until
 
 pytestmark = pytest.mark.wall_time
@@ -26,7 +26,7 @@ class Session:
 
 def test_without_connections_no_sockets_are_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     """To find them, all that this process has open is looked at, in the loop."""
-    cut: list[list[tuple[str, int]]] = []
+    cut: list[set[tuple[str, int]]] = []
     looks: list[bool] = []
 
     def unread() -> dict[tuple[str, int], int]:
@@ -43,7 +43,7 @@ def test_without_connections_no_sockets_are_looked_for(monkeypatch: pytest.Monke
     assert (cut, looks) == ([], [])
     routing.cut([by_quic, by_tls])
     assert routing.unread([by_quic, by_tls]) == {by_tls: 5}
-    assert cut == [[("10.0.0.7", 40_000)]]
+    assert cut == [{("10.0.0.7", 40_000)}]
 
 
 async def test_a_session_that_opens_after_cancellation_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -71,11 +71,16 @@ async def test_a_session_that_opens_after_cancellation_is_closed(monkeypatch: py
 MARK = b"unauthorized"
 
 
-def read(lines: list[bytes]) -> list[str]:
-    """Return the lines accepted of `lines`, which arrive at once."""
+Lines = list[tuple[str, int]]
+
+
+def read(lines: list[bytes]) -> Lines:
+    """Return the lines accepted of `lines`, which arrive at once, and their numbers."""
     source, sink = os.pipe()
-    taken: list[str] = []
-    thread = threading.Thread(target=_read, args=(source, taken.append, (MARK,)))
+    taken: Lines = []
+    thread = threading.Thread(
+        target=_read, args=(source, lambda line, times: taken.append((line, times)), (MARK,))
+    )
     thread.start()
     with os.fdopen(sink, "wb") as pipe:
         pipe.write(b"".join(line + b"\n" for line in lines))
@@ -84,12 +89,35 @@ def read(lines: list[bytes]) -> list[str]:
     return taken
 
 
+def line(text: bytes, second: int = 0) -> bytes:
+    return b"\x1b[2m2026-11-26T21:08:%02d.476835Z\x1b[0m \x1b[35mTRACE\x1b[0m %s" % (second, text)
+
+
+def number_of(text: str, taken: Lines) -> int:
+    return sum(max(times, 1) for each, times in taken if each.startswith("\x1b") and each.endswith(text))
+
+
 def test_every_line_is_taken_where_there_are_few() -> None:
-    assert read([b"one", b"two \xff", b""]) == ["one", "two \N{REPLACEMENT CHARACTER}", ""]
+    assert read([b"one", b"two \xff", b""]) == [("one", 0), ("two \N{REPLACEMENT CHARACTER}", 0), ("", 0)]
 
 
-def test_of_too_many_lines_those_with_a_mark_are_taken_and_others_are_left_out() -> None:
-    count = 20 * MOST_LINES
-    taken = read([*[b"x"] * count, b"anna is unauthorized", *[b"x"] * count])
-    assert "anna is unauthorized" in taken
-    assert len(taken) < count
+def test_equal_lines_beyond_the_limit_are_counted_exactly_and_taken_rarely() -> None:
+    count = 20 * MAX_LINES
+    taken = read([line(b"anna" if at % 4 else b"ben", at % 60) for at in range(count)])
+    assert number_of("ben", taken) == count / 4
+    assert number_of("anna", taken) == 3 * count / 4
+    assert len(taken) < 2 * MAX_LINES
+
+
+def test_of_too_many_different_lines_those_with_a_mark_are_taken_and_others_are_left_out() -> None:
+    count = 20 * MAX_LINES
+    taken = read([*(line(b"x%d" % at) for at in range(count)), line(b"anna is unauthorized")])
+    assert number_of("anna is unauthorized", taken) == 1
+    assert len(taken) < count / 2
+
+
+def test_rest_of_a_key_with_a_line_break_becomes_no_line_of_zenoh() -> None:
+    """It has as many characters before the forged text as Zenoh's time has."""
+    forged = b"x" * TIME_BYTES + b"ben is unauthorized"
+    taken = read([*[line(b"x")] * MAX_LINES, *[forged] * 3])
+    assert number_of("ben is unauthorized", taken) == 0

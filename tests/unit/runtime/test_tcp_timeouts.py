@@ -10,14 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from pointit.runtime.host.tcp_timeouts import (
-    LINGER,
-    disable_linger,
-    release_udp_ports,
-    set_user_timeout,
-    tcp_sockets,
-)
+from pointit.runtime.host.tcp_timeouts import LINGER, disable_linger, set_user_timeout, tcp_sockets
 from pointit.runtime.link.link import LEASE_MS, Link, ports_of
+from pointit.runtime.router.peer_sockets import cut, peer, release_udp_ports, unread
 from pointit.runtime.zenoh.session import close_session, open_session
 from tests.support.buses import free_port
 
@@ -101,6 +96,31 @@ def test_udp_ports_are_released_and_their_sockets_stay_open(listening: socket.so
             closed.recv(1)
         assert (listening.getsockname()[1], other.getsockname()) == (port, its_port)
         assert release_udp_ports({port}) == 0
+
+
+@pytest.mark.parametrize(
+    ("family", "host"), [("::1", "::1"), ("::", "127.0.0.1"), ("127.0.0.1", "127.0.0.1")]
+)
+def test_only_the_connection_of_a_peer_is_closed_in_whatever_way_its_address_is_written(
+    family: str, host: str
+) -> None:
+    """Sockets of both versions write an IPv4 address as one of IPv6."""
+    version = socket.AF_INET6 if ":" in family else socket.AF_INET
+    with (
+        socket.create_server((family, 0), family=version, dualstack_ipv6=family == "::") as server,
+        socket.create_connection((host, server.getsockname()[1])) as client,
+        server.accept()[0] as accepted,
+        socket.create_connection((host, server.getsockname()[1])) as other,
+        server.accept()[0] as its_end,
+    ):
+        address, port = client.getsockname()[:2]
+        spellings = {address, accepted.getpeername()[0], *([f"{address}%1"] if ":" in address else ())}
+        for each in spellings:
+            assert unread()[peer(each, port)] == 0
+        assert cut({peer(accepted.getpeername()[0], port)}) == 1
+        assert client.recv(1) == b""
+        its_end.sendall(b"x")
+        assert other.recv(1) == b"x"
 
 
 def test_nothing_is_found_where_no_descriptor_is_left() -> None:

@@ -1,6 +1,7 @@
 """`pointit router`: connects several machines."""
 
 import asyncio
+import contextlib
 import json
 import logging
 from collections import Counter
@@ -128,7 +129,20 @@ def _of_sites(folders: Sequence[Path], uplinks: tuple[str, ...]) -> Router:
 
 
 async def _guard(router: Router, most_connections: int = MAX_CONNECTIONS) -> int:
-    refused, limits = DeniedOperations(), Limits(most_connections)
+    loop, limits = asyncio.get_running_loop(), Limits(most_connections)
+
+    def close_blocked() -> None:
+        """Close connections of identities that are cut off, as soon as they are made."""
+        if limits.held:
+            held = [each for each in _connections(router, refused) if each.identity in limits.held]
+            router.cut(each.address for each in held if each.can_be_cut)
+
+    def on_identity() -> None:
+        with contextlib.suppress(RuntimeError):  # the loop is gone
+            loop.call_soon_threadsafe(close_blocked)
+
+    refused = DeniedOperations(on_identity)
+    router.on_connection = close_blocked
     with captured_log(FILTER, refused.take, MARKS):
         await router.open()
         try:
@@ -141,35 +155,40 @@ async def _guard(router: Router, most_connections: int = MAX_CONNECTIONS) -> int
     return 0
 
 
+def _connections(router: Router, refused: DeniedOperations) -> list[Connection]:
+    return [
+        Connection(
+            identity=name.rpartition("/")[0] or refused.identity(session), session=session, address=address
+        )
+        for session, name, address in router.links()
+    ]
+
+
 async def _tell(router: Router, refused: DeniedOperations, limits: Limits) -> None:
     """Report denied operations in the log and to doctor, at most every `TELL_S`.
 
     Connections beyond the limit of an identity are closed.
     """
     loop, recent = asyncio.get_running_loop(), RecentDenials()
-    before_s = loop.time()
+    before_s, logged = loop.time(), set[str]()
     while True:
         await asyncio.sleep(TELL_S)
         now_s = loop.time()
         sentences = refused.take_sentences(now_s - before_s)
         before_s = now_s
-        connections = [
-            Connection(
-                identity=name.rpartition("/")[0] or refused.identity(session),
-                session=session,
-                address=address,
-            )
-            for session, name, address in router.links()
-        ]
+        connections = _connections(router, refused)
         excess, exceeding = limits.excess(connections, router.roles, refused.rates_hz, now_s)
         router.cut(each.address for each in excess)
         by_address = {each.address: each for each in connections}
         waiting = router.unread(by_address)
         stuck = limits.stuck({by_address[address]: count for address, count in waiting.items()})
-        for kind, told in {"refused": sentences, "excess": exceeding, "stuck": stuck}.items():
+        messages = {"refused": sentences, "excess": exceeding, "stuck": stuck}
+        for kind, told in messages.items():
             for sentence in told.values():
-                log.warning("%s", sentence)
+                if sentence not in logged:  # what lasts is logged once
+                    log.warning("%s", sentence)
             recent.add(told, now_s, kind)
+        logged = {sentence for told in messages.values() for sentence in told.values()}
         sessions = Counter(each.identity.partition("/")[0] for each in connections)
         router.report(recent.of, refused.total, sessions)
 

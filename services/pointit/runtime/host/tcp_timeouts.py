@@ -8,14 +8,9 @@ the sockets have one, and those that a listening socket accepts inherit it.
 Where Zenoh closes a connection, it waits likewise until the other end has acknowledged all (`SO_LINGER`),
 40 ms or more, in a thread that reads all connections that a router has accepted: a hundred rejected
 strangers would block all others for seconds. Without it the system does the rest in the background.
-
-A QUIC listener that Zenoh has closed keeps its UDP port until its last connection has ended: those of clients
-that came back while it closed were never accepted, and end after 30 s.
 """
 
 import contextlib
-import ipaddress
-import os
 import socket
 import struct
 import sys
@@ -23,7 +18,6 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 
 OPEN_FILES = Path("/proc/self/fd")
-COUNT = struct.Struct("i")
 LINGER = struct.Struct("ii")
 """Whether, and for how long, s."""
 
@@ -64,54 +58,6 @@ def disable_linger(ports: Collection[int]) -> int:
             lingers, _ = LINGER.unpack(found.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, LINGER.size))
             if lingers and not _ports_of(found).isdisjoint(ports):
                 found.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, LINGER.pack(0, 0))
-                count += 1
-    return count
-
-
-def unread() -> dict[tuple[str, int], int]:
-    """Return the unacknowledged bytes (`TIOCOUTQ`) of each connection, by peer address and port."""
-    found: dict[tuple[str, int], int] = {}
-    if sys.platform != "linux":
-        return found
-    import fcntl  # noqa: PLC0415 - other systems have none
-    import termios  # noqa: PLC0415 - as above
-
-    for each in tcp_sockets():
-        with contextlib.suppress(OSError):  # closed meanwhile, or it listens
-            host, port = each.getpeername()[:2]
-            (count,) = COUNT.unpack(fcntl.ioctl(each, termios.TIOCOUTQ, bytes(COUNT.size)))
-            found[host.removeprefix("::ffff:"), port] = count
-    return found
-
-
-def cut(peers: Collection[tuple[str, int]]) -> int:
-    """End the connections of this process from `peers`, each address and port; return how many were."""
-    wanted = {(ipaddress.ip_address(host), port) for host, port in peers}
-    count = 0
-    for found in tcp_sockets():
-        with contextlib.suppress(OSError, ValueError):  # closed meanwhile, or it listens
-            host, port = found.getpeername()[:2]
-            address = ipaddress.ip_address(host)
-            if (getattr(address, "ipv4_mapped", None) or address, port) in wanted:
-                found.shutdown(socket.SHUT_RDWR)
-                count += 1
-    return count
-
-
-def release_udp_ports(ports: Collection[int]) -> int:
-    """Take away the UDP ports of closed listeners: sockets without a port get their descriptors.
-
-    Nothing else of this process may open or close files meanwhile, on whose descriptor one could fall.
-
-    Returns:
-        Number of sockets that had one of `ports`, 0 where they cannot be found.
-    """
-    count = 0
-    for found in own_sockets(socket.SOCK_DGRAM):
-        with contextlib.suppress(OSError), socket.socket(found.family, socket.SOCK_DGRAM) as empty:
-            empty.setblocking(False)
-            if found.getsockname()[1] in ports:  # looked at last: its owner may close it meanwhile
-                os.dup2(empty.fileno(), found.fileno(), inheritable=False)
                 count += 1
     return count
 

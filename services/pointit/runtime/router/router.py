@@ -20,9 +20,11 @@ from typing import Any
 import zenoh
 
 from pointit.runtime.errors import ConfigError, ListenError
-from pointit.runtime.host.tcp_timeouts import cut, disable_linger, release_udp_ports, set_user_timeout, unread
+from pointit.runtime.host.tcp_timeouts import disable_linger, set_user_timeout
 from pointit.runtime.link.link import LEASE_MS, Link, ports_of
+from pointit.runtime.router.peer_sockets import Peer, cut, peer, release_udp_ports, unread
 from pointit.runtime.router.router_health import RouterHealthPublisher
+from pointit.runtime.zenoh.connections import Connections
 from pointit.runtime.zenoh.session import CLOSE_PATIENCE_S, close_session, open_cancellable, open_session
 from pointit.schemas.table_types import NAME
 
@@ -84,6 +86,8 @@ class Router:
     def __init__(self, make: Callable[[], str], folder: Path, files: Sequence[Path]) -> None:
         """Prepare. Nothing is opened yet.
 
+        `on_connection` may be set before it is opened.
+
         `make` returns the configuration as it should be now, JSON5, or raises `ConfigError`. It names
         files as seen from `folder`. A change of `files` reopens the router.
         """
@@ -95,6 +99,9 @@ class Router:
         self._sites: tuple[str, ...] = ()
         self._joins_another = False
         self._session: zenoh.Session | None = None
+        self._connections: Connections | None = None
+        self.on_connection: Callable[[], object] = bool
+        """Called in the loop after each change of `links`."""
         self.roles: dict[str, str] = {}
         """By identity, `SITE/NAME`; as `pointit site` has written them."""
         self._accounts: dict[str, RouterHealthPublisher] = {}
@@ -132,14 +139,14 @@ class Router:
 
     def cut(self, addresses: Iterable[str]) -> None:
         """End the connections from `addresses`, as `links` returns them; those by QUIC stay."""
-        if peers := [peer for address in addresses if (peer := _peer(address)) is not None]:
+        if peers := {found for address in addresses if (found := _peer(address)) is not None}:
             cut(peers)
 
     def unread(self, addresses: Iterable[str]) -> dict[str, int]:
         """Return the bytes that wait for the peers connected from `addresses`, where known."""
-        peers = {address: peer for address in addresses if (peer := _peer(address)) is not None}
+        peers = {address: found for address in addresses if (found := _peer(address)) is not None}
         waiting = unread() if peers else {}
-        return {address: waiting[peer] for address, peer in peers.items() if peer in waiting}
+        return {address: waiting[found] for address, found in peers.items() if found in waiting}
 
     async def reload_on_change(self) -> None:
         """Route until cancelled, and reopen after a change of a file. Unusable changes are ignored."""
@@ -162,6 +169,8 @@ class Router:
     async def close(self, patience_s: float = CLOSE_PATIENCE_S) -> None:
         """Route no more; wait so long until nothing of the session is left."""
         session, self._session = self._session, None
+        if self._connections is not None:
+            self._connections.close()
         self._accounts.clear()
         if session is not None:
             await close_session(session, patience_s=patience_s)
@@ -185,6 +194,7 @@ class Router:
 
     def _begin(self, session: zenoh.Session) -> None:
         self._session = session
+        self._connections = Connections(session, self._listens, self.on_connection)
         self._accounts = {
             site: RouterHealthPublisher(session, site, joins_another=self._joins_another)
             for site in self._sites
@@ -212,9 +222,9 @@ class Router:
         return tuple(found)
 
 
-def _peer(address: str) -> tuple[str, int] | None:
+def _peer(address: str) -> Peer | None:
     found = PEER.match(address)
-    return None if found is None else (found[1], int(found[2]))
+    return None if found is None else peer(found[1], int(found[2]))
 
 
 def _endpoints(config: zenoh.Config, key: str) -> list[str]:

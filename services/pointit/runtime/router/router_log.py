@@ -7,19 +7,28 @@ import os
 import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Generator, Sequence
 
 import zenoh
 
 CHUNK_BYTES = 256 * 1024
 STDOUT = 1
-MOST_LINES = 20_000
-"""Lines that are taken in a second, and so many again that hold a mark; further ones are left out. Zenoh
-waits until its log is read, and with it everybody whose messages it carries."""
+MAX_LINES = 5000
+"""Limit of lines per second that are taken one by one. Of further ones, equal lines are counted and taken
+once, at most as many that hold a mark, and as many others. Zenoh waits until its log is read, and with it
+everybody whose messages it carries."""
+OWN = b"\x1b["
+"""First bytes of each line of Zenoh. A line without them is the rest of a key with a line break."""
+TIME_BYTES = len("\x1b[2m2026-03-01T00:00:00.000000Z\x1b[0m ")
+"""Length of the time at the start of each line of Zenoh."""
+
+TakeLine = Callable[[str, int], None]
+"""Takes a line, and 0 if it follows the one before, else how often it was among lines that were left out."""
 
 
 @contextlib.contextmanager
-def captured_log(wanted: str, take: Callable[[str], None], marks: Sequence[bytes] = ()) -> Generator[None]:
+def captured_log(wanted: str, take: TakeLine, marks: Sequence[bytes] = ()) -> Generator[None]:
     """Give each line of Zenoh's log to `take`, in another thread; what else is printed goes where it did.
 
     In colours, whatever NO_COLOR says: the rest of a key that holds a line break is told by having none.
@@ -51,18 +60,21 @@ def captured_log(wanted: str, take: Callable[[str], None], marks: Sequence[bytes
         sys.stdout = shown
 
 
-def _read(source: int, take: Callable[[str], None], marks: Sequence[bytes]) -> None:
-    rest, began_s, count, marked = b"", time.monotonic(), 0, 0
+def _read(source: int, take: TakeLine, marks: Sequence[bytes]) -> None:
+    rest, began_s, count = b"", time.monotonic(), 0
+    distinct = {True: 0, False: 0}
     with os.fdopen(source, "rb", buffering=0) as pipe:
         while chunk := pipe.read(CHUNK_BYTES):
             *lines, rest = (rest + chunk).split(b"\n")
             if time.monotonic() - began_s >= 1.0:
-                began_s, count, marked = time.monotonic(), 0, 0
-            taken = lines[: max(MOST_LINES - count, 0)]
+                began_s, count, distinct = time.monotonic(), 0, {True: 0, False: 0}
+            taken = lines[: max(MAX_LINES - count, 0)]
             count += len(lines)
-            if len(taken) < len(lines) and marked < MOST_LINES:
-                more = [line for line in lines[len(taken) :] if any(mark in line for mark in marks)]
-                marked += len(more)
-                taken += more
             for line in taken:
-                take(line.decode(errors="replace"))
+                take(line.decode(errors="replace"), 0)
+            further = [line for line in lines[len(taken) :] if line.startswith(OWN)]
+            for text, times in Counter(line[TIME_BYTES:] for line in further).items():
+                is_marked = any(mark in text for mark in marks)
+                if distinct[is_marked] < MAX_LINES:
+                    distinct[is_marked] += 1
+                    take((further[0][:TIME_BYTES] + text).decode(errors="replace"), times)

@@ -2,6 +2,7 @@
 """Attackers of a secured site, and the warnings to its operator.
 
 As a program, `python -m tests.faults.attackers SITE-FOLDER NAME RATE KEYS…` floods keys under an identity.
+When it is cut off, it connects again within milliseconds.
 """
 
 import asyncio
@@ -214,7 +215,7 @@ def flooding(site: Site, name: str, rate_hz: float, *keys: str) -> Generator[Com
 
 def flood(folder: SiteFolder, name: str, rate_hz: float, keys: Sequence[str]) -> None:
     """Write until killed; say once a second how often."""
-    with Member(folder, name) as somebody:
+    with Member(folder, name, retry_ms=1) as somebody:
         payloads = {key: _payload(key) for key in keys}
         began_s = time.monotonic()
         sys.stdout.write("begins\n")

@@ -121,12 +121,17 @@ def wait(condition: Callable[[], bool], what: str, meanwhile: Callable[[], objec
 class Member:
     """One identity's session, without our bus around it: what somebody with bad intentions would use."""
 
-    def __init__(self, folder: SiteFolder, name: str) -> None:
+    def __init__(self, folder: SiteFolder, name: str, *, retry_ms: int = 0) -> None:
+        """Open it. `retry_ms`: time until it connects again when its connection has ended. 0: as our own."""
         self.name = name
         patience = Patience(PATIENCE_S)
+        config = configuration(link_of(folder, name))
+        if retry_ms:
+            retry = {"period_init_ms": retry_ms, "period_max_ms": retry_ms, "period_increase_factor": 1}
+            config.insert_json5("connect/retry", json.dumps(retry))
         while True:
             try:
-                self.session = zenoh.open(configuration(link_of(folder, name)))
+                self.session = zenoh.open(config)
                 break
             except zenoh.ZError:  # the router is busy, or opens again
                 if patience.is_over():

@@ -1,0 +1,45 @@
+"""`pointit` as a program that prints what it holds: `python -m tests.e2e.run.soaked PERIOD_S ARGUMENT…`.
+
+Each period it writes a line of JSON to standard error: memory, open files, threads, tasks of its event loop.
+"""
+
+import asyncio
+import json
+import sys
+import threading
+import time
+from asyncio.base_events import BaseEventLoop
+
+import psutil
+
+from pointit.cli.__main__ import begin
+
+loops: list[BaseEventLoop] = []
+run_forever = BaseEventLoop.run_forever
+
+
+def noted(loop: BaseEventLoop) -> None:
+    loops.append(loop)
+    run_forever(loop)
+
+
+def report(period_s: float) -> None:
+    process, began_s = psutil.Process(), time.monotonic()
+    while True:
+        time.sleep(period_s)
+        tasks = sum(len(asyncio.all_tasks(loop)) for loop in set(loops) if loop.is_running())
+        sample = {
+            "soak_s": round(time.monotonic() - began_s, 1),
+            "memory_mb": round(process.memory_info().rss / 1e6, 1),
+            "files": process.num_fds(),
+            "threads": process.num_threads(),
+            "tasks": tasks,
+        }
+        sys.stderr.write(json.dumps(sample) + "\n")
+
+
+if __name__ == "__main__":
+    BaseEventLoop.run_forever = noted  # type: ignore[method-assign]
+    threading.Thread(target=report, args=(float(sys.argv[1]),), daemon=True).start()
+    sys.argv = ["pointit", *sys.argv[2:]]
+    begin()

@@ -135,7 +135,7 @@ def test_lines_that_are_left_out_count_as_often_as_they_came() -> None:
 
 
 def test_who_has_a_new_connection_is_reported_at_once_and_once() -> None:
-    """Of a site by passwords only the log tells."""
+    """Only the log names those of a site by passwords."""
     known: list[str] = []
     refused = DeniedOperations(lambda: known.append("x"))
     for connection in ("12ab", "12ab", "34cd"):

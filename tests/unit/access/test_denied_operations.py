@@ -124,8 +124,7 @@ def test_lines_that_are_left_out_count_as_often_as_they_came() -> None:
     refused.take(write)
     refused.take(f"{HEAD}{AGAIN} unauthorized to Put (ingress) on pointit/lab/map", count)
     refused.take(write, count)
-    dropped = HEAD.replace("::access_control", "") + "Msg intercepted!"
-    refused.take(dropped, count)  # after any other line, as the order is lost
+    refused.take(HEAD.replace("::access_control", "") + "Msg intercepted!", count)  # after any other line
     (sentence,) = refused.take_sentences(1.0).values()
     assert (
         f"may not write map ({count} times): refused and writes users/anna/imu {count + 1} times" in sentence

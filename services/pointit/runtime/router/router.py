@@ -100,7 +100,7 @@ class Router:
         self._joins_another = False
         self._session: zenoh.Session | None = None
         self._connections: Connections | None = None
-        self.on_connection: Callable[[], object] = bool
+        self.on_connection: Callable[[], None] = lambda: None
         """Called in the loop after each change of `links`."""
         self.roles: dict[str, str] = {}
         """By identity, `SITE/NAME`; as `pointit site` has written them."""

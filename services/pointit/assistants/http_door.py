@@ -6,7 +6,7 @@ import json
 import time
 from collections import Counter
 from collections.abc import Mapping
-from typing import Any, get_args
+from typing import Any, cast, get_args
 
 from mcp.server.mcpserver import MCPServer
 from mcp.server.streamable_http_manager import StreamableHTTPSessionManager
@@ -54,8 +54,8 @@ class HandshakeCheck:
         """Serve one request, whose body is complete."""
         messages = [await receive()]
         try:
-            body = json.loads(messages[0].get("body", b""))
-            if isinstance(body, dict) and body.get("method") == "initialize":
+            body: object = json.loads(messages[0].get("body", b""))
+            if isinstance(body, dict) and ("method", "initialize") in cast("dict[str, Any]", body).items():
                 InitializeRequest.model_validate(body)
         except ValidationError as error:
             text = f"initialize: {describe_validation_error(error, InitializeRequest)}\n"

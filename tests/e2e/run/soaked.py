@@ -39,7 +39,7 @@ def report(period_s: float) -> None:
 
 
 if __name__ == "__main__":
-    BaseEventLoop.run_forever = noted  # type: ignore[method-assign]
+    setattr(BaseEventLoop, "run_forever", noted)  # noqa: B010 - types forbid another method
     threading.Thread(target=report, args=(float(sys.argv[1]),), daemon=True).start()
     sys.argv = ["pointit", *sys.argv[2:]]
     begin()

@@ -78,9 +78,11 @@ def read(lines: list[bytes]) -> Lines:
     """Return the lines accepted of `lines`, which arrive at once, and their numbers."""
     source, sink = os.pipe()
     taken: Lines = []
-    thread = threading.Thread(
-        target=_read, args=(source, lambda line, times: taken.append((line, times)), (MARK,))
-    )
+
+    def take(line: str, times: int) -> None:
+        taken.append((line, times))
+
+    thread = threading.Thread(target=_read, args=(source, take, (MARK,)))
     thread.start()
     with os.fdopen(sink, "wb") as pipe:
         pipe.write(b"".join(line + b"\n" for line in lines))

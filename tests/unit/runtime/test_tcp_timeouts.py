@@ -118,7 +118,9 @@ def test_only_the_connection_of_a_peer_is_closed_in_whatever_way_its_address_is_
         for each in spellings:
             assert unread()[peer(each, port)] == 0
         assert cut({peer(accepted.getpeername()[0], port)}) == 1
-        assert client.recv(1) == b""
+        assert accepted.recv(1) == b""
+        accepted.sendall(b"x")
+        assert client.recv(1) == b"x", "what waits is still sent"
         its_end.sendall(b"x")
         assert other.recv(1) == b"x"
 

@@ -46,12 +46,16 @@ def unread() -> dict[Peer, int]:
 
 
 def cut(peers: Collection[Peer]) -> int:
-    """End the connections of this process from `peers`, each address and port; return how many were."""
+    """End the connections of this process from `peers`, each address and port; return how many were.
+
+    Nothing more is read of them, so Zenoh closes them. If they could not be written either, Zenoh might wait for
+    one of them for 5 s, and with it all others: measured in one of three floods.
+    """
     count = 0
     for found in tcp_sockets():
         with contextlib.suppress(OSError, ValueError):  # closed meanwhile, or it listens
             if peer(*found.getpeername()[:2]) in peers:
-                found.shutdown(socket.SHUT_RDWR)
+                found.shutdown(socket.SHUT_RD)
                 count += 1
     return count
 

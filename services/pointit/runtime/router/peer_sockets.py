@@ -48,8 +48,8 @@ def unread() -> dict[Peer, int]:
 def cut(peers: Collection[Peer]) -> int:
     """End the connections of this process from `peers`, each address and port; return how many were.
 
-    Nothing more is read of them, so Zenoh closes them. If they could not be written either, Zenoh might wait for
-    one of them for 5 s, and with it all others: measured in one of three floods.
+    Nothing more is read of them, so Zenoh closes them. If they could not be written either, Zenoh might wait
+    5 s for one of them, and with it all others: measured in one of three floods.
     """
     count = 0
     for found in tcp_sockets():

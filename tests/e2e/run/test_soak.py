@@ -10,14 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from pointit.bridges.web.playback.recent import WINDOW_S
 from tests.e2e.run.test_page import address_of
 from tests.support.bare_pages import look_on
 from tests.support.commands import Command, Commands, onlooker
 
 DURATION_S = float(os.environ.get("POINTIT_SOAK_S", "1200"))
-WARM_UP_S = min(WINDOW_S, 0.5 * DURATION_S)
-"""Time until the page's last minutes are full, s. In shorter runs memory still grows by them."""
+WARM_UP_S = min(600.0, 0.5 * DURATION_S)
+"""Time until the page's last ten minutes are full, s. In shorter runs memory still grows by them."""
 PERIOD_S = 5.0
 VISIT_S = 2.0
 """Duration of each visit of the page, one after another, beside one page that stays open, s."""

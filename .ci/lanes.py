@@ -72,7 +72,7 @@ ROOMS = {
                 "tests/devices/test_mqtt_lamps.py",
                 "tests/devices/test_network_wrists.py",
                 "tests/e2e/run/test_page.py",
-                "tests/integration/assistants/test_http.py",
+                "tests/integration/assistants",
                 "tests/e2e/run/test_assistants.py",
                 "tests/unit/cli/test_scan_live.py",
                 "tests/unit/study/test_page.py",

@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 from pointit.runtime.errors import ConfigError
+from pointit.study.columns import counts, done_trials
 from pointit.study.data import (
     TRIALS,
     check_begun,
-    counts,
-    done_trials,
+    check_record,
     read_about,
     read_answers,
-    read_trials,
+    read_any_trials,
     study_in,
 )
 from pointit.study.model import SHIPPED, Study
@@ -56,8 +56,10 @@ def check_folder(folder: Path) -> list[Finding]:
             if not (path / TRIALS).exists():
                 continue
             notes: list[str] = []
-            begun[name] = read_trials(study, path, notes.append, notes.append)
-            read_answers(path, notes.append, notes.append)
+            begun[name] = read_any_trials(study, path, notes.append, notes.append)
+            if name in study.people:
+                read_answers(study, path, notes.append, notes.append)
+            check_record(path, about, begun[name])
         except ConfigError as error:
             findings.append(Finding("error", name, str(error)))
             continue

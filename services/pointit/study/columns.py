@@ -1,8 +1,9 @@
-"""Columns of trials.csv: names, units, meanings."""
+"""Columns of trials.csv: names, units, meanings. Rows that count."""
 
 import csv
 import datetime as dt
 import io
+from collections.abc import Iterable, Mapping
 from importlib import resources
 from typing import Literal, get_args
 
@@ -33,3 +34,13 @@ def columns_of(factors: list[str]) -> list[tuple[str, str, str]]:
 def utc(stamp_ns: int) -> str:
     """Return a time as ISO 8601, UTC, to the microsecond."""
     return dt.datetime.fromtimestamp(stamp_ns / 1e9, dt.UTC).isoformat(timespec="microseconds")
+
+
+def counts(row: Mapping[str, str]) -> bool:
+    """Return True if an attempt counts, so that its trial is done."""
+    return not row["reason"].startswith(REPEATED)
+
+
+def done_trials(rows: Iterable[Mapping[str, str]]) -> set[int]:
+    """Return the numbers of the trials that are done."""
+    return {int(row["trial"]) for row in rows if counts(row)}

@@ -2,7 +2,7 @@
 
 import contextlib
 import datetime as dt
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from copy import copy
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -23,9 +23,10 @@ from pointit.study.append_only_csv import (
     rewritten_sentence,
     table_files,
 )
-from pointit.study.columns import FIXED, REPEATED, columns_of
+from pointit.study.columns import FIXED, columns_of
 from pointit.study.model import Study, read_study
-from pointit.study.table_file import NUMBER, Row, parse_table, table_line
+from pointit.study.plan import check_answers, check_trials, check_values
+from pointit.study.table_file import Row, parse_table, table_line
 
 STUDY, COLUMNS_FILE, TRIALS, PARTICIPANT, ANSWERS = (
     "study.yaml", "columns.csv", "trials.csv", "participant.yaml", "answers.csv",
@@ -40,10 +41,6 @@ RECORD = (
     *("clock_apart_s", "ended"),
 )
 """Keys of `participant.yaml` that the study writes."""
-MAX_TIMEOUTS = 2.0
-"""Maximum time of a trial in timeouts of the study. A longer one was never measured."""
-MAX_DEG = 180.0
-"""Maximum angle between two directions, deg."""
 Note = Callable[[str], object]
 """Receives a sentence on what was changed, or is left out."""
 
@@ -130,9 +127,14 @@ class StudyFolder:
 
     def answers(self, participant: str) -> AppendOnlyCsv:
         """Return the table of the answers of `participant`."""
-        table = AppendOnlyCsv(self.path / participant / ANSWERS, ANSWER_COLUMNS, ANSWER, self._on_note)
-        if self.is_replayed:
-            table.replay()
+        path = self.path / participant / ANSWERS
+        table = AppendOnlyCsv(path, ANSWER_COLUMNS, ANSWER, self._on_note)
+        with contextlib.ExitStack() as unless_used:
+            unless_used.callback(table.close)
+            check_answers(self._study, path, table.rows)
+            if self.is_replayed:
+                table.replay()
+            unless_used.pop_all()
         return table
 
     def about(self, participant: str) -> dict[str, Any]:
@@ -213,20 +215,43 @@ def read_trials(study: Study, folder: Path, on_note: Note = no_note, on_change: 
         on_note: called with a sentence on what is left out.
         on_change: called with a sentence on a file that another program has rewritten.
 
-    Raises: ConfigError: If a file cannot be read, or a value is damaged.
+    Raises: ConfigError: If a file cannot be read, a value is damaged, or a row is not of their plan.
     """
-    check_begun(folder)
-    columns = [name for name, _, _ in columns_of(list(study.factors))]
-    rows = read_table(folder / TRIALS, columns, on_note, on_change)
+    rows = read_any_trials(study, folder, on_note, on_change)
     check_trials(study, folder / TRIALS, rows)
     return rows
 
 
-def read_answers(folder: Path, on_note: Note = no_note, on_change: Note = no_note) -> list[Row]:
+def read_any_trials(
+    study: Study, folder: Path, on_note: Note = no_note, on_change: Note = no_note
+) -> list[Row]:
+    """Return rows as `read_trials` does, also those that are not of the participant's plan."""
+    check_begun(folder)
+    columns = [name for name, _, _ in columns_of(list(study.factors))]
+    rows = read_table(folder / TRIALS, columns, on_note, on_change)
+    check_values(study, folder / TRIALS, rows)
+    return rows
+
+
+def read_answers(study: Study, folder: Path, on_note: Note = no_note, on_change: Note = no_note) -> list[Row]:
     """Return the rows of the answers of the participant in `folder`, as `read_trials` does."""
     if not (folder / ANSWERS).exists():
         return []
-    return read_table(folder / ANSWERS, ANSWER_COLUMNS, on_note, on_change)
+    rows = read_table(folder / ANSWERS, ANSWER_COLUMNS, on_note, on_change)
+    check_answers(study, folder / ANSWERS, rows)
+    return rows
+
+
+def check_record(folder: Path, about: Mapping[str, Any], rows: Iterable[Row]) -> None:
+    """Check that the record of the participant in `folder` states whether `rows` are of a person.
+
+    Raises: ConfigError: If there are rows, and `about`, the content of `participant.yaml`, does not state it.
+    """
+    if any(rows) and "simulated" not in about:
+        raise ConfigError(
+            f"{folder / PARTICIPANT}: does not state whether the trials are of a person; restore it from a "
+            f"backup, or move {folder} away"
+        )
 
 
 def read_table(
@@ -248,48 +273,3 @@ def read_table(
         if changes := column_changes(table, wanted):
             on_change(rewritten_sentence(file, changes))
     return joined_rows(tables)
-
-
-def check_trials(study: Study, path: Path, rows: Iterable[Row]) -> None:
-    """Check the rows of a participant; a name or level that a program took for a number gets its own text.
-
-    Raises: ConfigError: If a level is not of the study, or a time or an angle is above its limit.
-    """
-    limits = dict.fromkeys(("first_hover_s", "selection_s"), MAX_TIMEOUTS * study.timeout_s)
-    limits |= dict.fromkeys(("error_deg", "target_distance_deg", "target_width_deg"), MAX_DEG)
-    for row in rows:
-        row["participant"] = _as_written(row["participant"], [path.parent.name])
-        for name, factor in study.factors.items():
-            row[name] = _as_written(row[name], factor.levels)
-            if row[name] not in factor.levels:
-                raise ConfigError(f"{path}: {name} {row[name]!r} is not of the study; correct it")
-        for name, limit in limits.items():
-            if row[name] and float(row[name]) > limit:
-                raise ConfigError(
-                    f"{path}: trial {row['trial']}: {name} is {row[name]}, limit {limit:g}; a spreadsheet "
-                    "may have removed its decimal point: restore the table from a backup"
-                )
-
-
-def _as_written(text: str, known: Iterable[str]) -> str:
-    """Return the one of `known` texts that means the same number or truth value as `text`, else `text`."""
-    same = [each for each in known if each == text or _value(each) == _value(text)]
-    return text if text in same or len(same) != 1 else same[0]
-
-
-def _value(text: str) -> str | float:
-    text = " ".join(text.split())  # `table_line` and `parse_table` leave the rest out
-    number = text.replace(",", ".", 1)
-    if NUMBER.fullmatch(number):
-        return float(number)
-    return text.casefold() if text.casefold() in ("true", "false") else text
-
-
-def counts(row: Row) -> bool:
-    """Return True if an attempt counts, so that its trial is done."""
-    return not row["reason"].startswith(REPEATED)
-
-
-def done_trials(rows: Sequence[Row]) -> set[int]:
-    """Return the numbers of the trials that are done."""
-    return {int(row["trial"]) for row in rows if counts(row)}

@@ -1,23 +1,33 @@
-"""The full list of trials of a participant, and what is left of it."""
+"""The full list of trials of a participant, the check of rows against it, and the trials that are left."""
 
 import itertools
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from pointit.runtime.errors import ConfigError
-from pointit.study.data import done_trials
+from pointit.study.columns import done_trials
 from pointit.study.model import Study
 from pointit.study.order import square
-from pointit.study.table_file import Row
+from pointit.study.table_file import NUMBER, Row
 from pointit.study.tasks.scene import Trial
 from pointit.study.tasks.targets import Tapping
 
 MIN_SEQUENCE_TRIALS = 5
 """Minimum number of movements of a sequence that has a throughput. The standard's circles have 9 to 25."""
 MAX_ADVISED_REPETITIONS = 100
+MAX_TIMEOUTS = 2.0
+"""Maximum time of a trial in timeouts of the study. A longer one was never measured."""
+MAX_DEG = 180.0
+"""Maximum angle between two directions, deg."""
+MAX_SPEED_DEG_S = 2000.0
+"""Maximum mean speed of a ray, deg/s. The fastest turns of a forearm reach about 1000."""
+MIXED = "a spreadsheet may have changed it: restore the table from a backup"
+MAX_ROOM_M = 1000.0
+"""Maximum length in a room, m."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,17 +102,98 @@ def _shuffled(study: Study, rng: np.random.Generator, count: int | None = None) 
     return [cells[int(each)] for _ in range(rounds) for each in rng.permutation(len(cells))][:count]
 
 
+def check_values(study: Study, path: Path, rows: Iterable[Row]) -> None:
+    """Check the rows of a participant; a name or level that a program took for a number gets its own text.
+
+    Raises: ConfigError: If a level is not of the study, or a number is negative or above its limit.
+    """
+    longest_s = MAX_TIMEOUTS * study.timeout_s
+    limits = dict.fromkeys(("first_hover_s", "selection_s"), longest_s)
+    limits |= dict.fromkeys(("error_deg", "target_distance_deg", "target_width_deg"), MAX_DEG)
+    limits |= dict.fromkeys(("error_m", "target_distance_m", "target_width_m"), MAX_ROOM_M)
+    limits |= {"path_length_deg": MAX_SPEED_DEG_S * longest_s, "corrections": MAX_SPEED_DEG_S * longest_s}
+    for row in rows:
+        row["participant"] = _as_written(row["participant"], [path.parent.name])
+        for name, factor in study.factors.items():
+            row[name] = _as_written(row[name], factor.levels)
+            if row[name] not in factor.levels:
+                raise ConfigError(f"{path}: {name} {row[name]!r} is not of the study; correct it")
+        for name, limit in limits.items():
+            number = float(row[name] or 0.0)
+            if number < 0.0:
+                raise ConfigError(
+                    f"{path}: trial {row['trial']}: {name} is {row[name]}, which is below 0; restore the "
+                    "table from a backup"
+                )
+            if number > limit:
+                raise ConfigError(
+                    f"{path}: trial {row['trial']}: {name} is {row[name]}, limit {limit:g}; a spreadsheet "
+                    "may have removed its decimal point: restore the table from a backup"
+                )
+
+
+def check_trials(study: Study, path: Path, rows: Sequence[Row]) -> None:
+    """Check the values of rows as `check_values` does, and that they are of the participant's plan.
+
+    Raises: ConfigError: If a value is damaged, or a row is of another trial, condition or participant.
+    """
+    check_values(study, path, rows)
+    for text in row_errors(plan_of(study, path.parent.name), rows):
+        raise ConfigError(f"{path.parent}: {text}")
+
+
+def check_answers(study: Study, path: Path, rows: Iterable[Row]) -> None:
+    """Check that each answer is of the condition that its block has in the participant's plan.
+
+    Raises: ConfigError: If an answer is of another participant or another condition of the plan.
+    """
+    plan = plan_of(study, path.parent.name)
+    for row in rows:
+        row["participant"] = _as_written(row["participant"], [plan.participant])
+        row["condition"] = _as_written(row["condition"], plan.order)
+        if row["participant"] != plan.participant:
+            raise ConfigError(f"{path}: {plan.participant} has answers of {row['participant']}; {MIXED}")
+        conditions = plan.order[int(row["block"]) - 1 : int(row["block"])]
+        if row["condition"] in plan.order and row["condition"] not in conditions:
+            raise ConfigError(
+                f"{path}: block {row['block']} has condition {row['condition']!r}, in the plan "
+                f"{''.join(map(repr, conditions)) or 'there is no such block'}; {MIXED}"
+            )
+
+
 def row_errors(plan: Plan, rows: Iterable[Row]) -> Iterator[str]:
     """Yield a sentence on each row that is not of `plan`, or is there twice."""
     by_number = {trial.number: trial for trial in plan.trials}
+    rows = list(rows)
     for row in rows:
         trial = by_number.get(int(row["trial"]))
-        if trial is None or any(row.get(factor) != level for factor, level in trial.cell.items()):
-            yield f"trial {row['trial']} is not that of the plan"
+        levels = {} if trial is None else trial.cell
+        differing = [name for name, level in levels.items() if row.get(name) != level]
+        if trial is None:
+            yield f"trial {row['trial']} is not that of the plan, which has {len(plan.trials)}; {MIXED}"
+        for name in differing[:1]:
+            yield (
+                f"trial {row['trial']} is not that of the plan: {name} is {row.get(name)!r}, in the plan "
+                f"{levels[name]!r}; {MIXED}"
+            )
     if twice := [key for key, n in Counter((row["trial"], row["attempt"]) for row in rows).items() if n > 1]:
         yield f"attempt {twice[0][1]} at trial {twice[0][0]} is there twice"
     if others := sorted({row["participant"] for row in rows} - {plan.participant}):
         yield f"{plan.participant} has data of {others[0]}"
+
+
+def _as_written(text: str, known: Iterable[str]) -> str:
+    """Return the one of `known` texts that means the same number or truth value as `text`, else `text`."""
+    same = [each for each in known if each == text or _value(each) == _value(text)]
+    return text if text in same or len(same) != 1 else same[0]
+
+
+def _value(text: str) -> str | float:
+    text = " ".join(text.split())  # `table_line` and `parse_table` leave the rest out
+    number = text.replace(",", ".", 1)
+    if NUMBER.fullmatch(number):
+        return float(number)
+    return text.casefold() if text.casefold() in ("true", "false") else text
 
 
 def check_sequences(study: Study) -> None:

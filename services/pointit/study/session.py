@@ -6,8 +6,9 @@ import json
 import math
 import platform
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pointit
@@ -15,15 +16,16 @@ from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.study.append_only_csv import AppendOnlyCsv
 from pointit.study.columns import REPEATED, utc
-from pointit.study.data import StudyFolder
+from pointit.study.data import StudyFolder, check_record
 from pointit.study.measure import Attempt, load_end_rule
 from pointit.study.model import Study
-from pointit.study.plan import Progress, condition_of, plan_of, row_errors
+from pointit.study.plan import Progress, condition_of, plan_of
 from pointit.study.questionnaires import scale_of
 from pointit.study.site.lsl import LslOutlets
 from pointit.study.site.scenario import scenario_file, scenes_of
 from pointit.study.site.study_site import SiteOptions, StudySite
 from pointit.study.step import Step
+from pointit.study.table_file import Row
 from pointit.study.tasks.scene import Scene, Trial
 from pointit.study.view import BREAK, Command, Status, StudyView
 
@@ -36,14 +38,16 @@ class StoppedError(PointItError):
     """The experimenter has stopped the session; it can go on later."""
 
 
-def check_simulated(participant: str, about: Mapping[str, Any], *, simulated: bool) -> None:
-    """Check that a participant, about whom `about` is known, goes on as they have begun.
+def check_simulated(folder: Path, about: Mapping[str, Any], rows: Iterable[Row], *, simulated: bool) -> None:
+    """Check that the participant in `folder`, about whom `about` is known, goes on as they have begun.
 
-    Raises: ConfigError: If they are simulated and were a person, or the other way round.
+    Raises: ConfigError: If they are simulated and were a person, or the other way round, or nothing states of
+        which of both the `rows` are.
     """
+    check_record(folder, about, rows)
     if about.get("simulated", simulated) != simulated:
-        whose = "a person" if simulated else "a simulated person"
-        raise ConfigError(f"{participant} was begun by {whose}; give another participant or --to")
+        owner = "a person" if simulated else "a simulated person"
+        raise ConfigError(f"{folder.name} was begun by {owner}; give another participant or --to")
 
 
 class Session:
@@ -68,12 +72,9 @@ class Session:
         self._table: AppendOnlyCsv = folder.trials(participant)
         self._progress = Progress(self._plan, self._table.rows)
         data = folder.path / participant
-        problem = next((f"{data}: {each}" for each in row_errors(self._plan, self._table.rows)), "")
         if not self._progress.left and self._about.get("ended"):
-            problem = problem or f"{participant} has finished; give another one, or move {data} away"
-        if problem:
             self._table.close()
-            raise ConfigError(problem)
+            raise ConfigError(f"{participant} has finished; give another one, or move {data} away")
         self._joined: StudySite | None = None
         self._scenes: list[Scene] = []
         """Scenes of the block, by `Trial.place`."""
@@ -117,7 +118,8 @@ class Session:
 
     async def _begin(self) -> None:
         simulated = bool(self._setup.person) or not self._setup.imu
-        check_simulated(self._participant, self._about, simulated=simulated)
+        folder = self._folder.path / self._participant
+        check_simulated(folder, self._about, self._table.rows, simulated=simulated)
         if "seed" not in self._about:
             self._put(
                 pseudonym=self._participant,

@@ -6,8 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 import pointit
-from pointit.runtime.errors import ConfigError
-from pointit.study.data import PARTICIPANT, TRIALS, StudyFolder, read_trials
+from pointit.study.data import TRIALS, StudyFolder, read_trials
 from pointit.study.model import Study, Value
 from pointit.study.plan import Progress, plan_of
 from pointit.study.questionnaires import Scale
@@ -84,13 +83,9 @@ def simulate(
         fails, or data cannot be written.
     """
     about = folder.about(participant)
-    check_simulated(participant, about, simulated=True)
     data = folder.path / participant
-    if "simulated" not in about and (data / TRIALS).exists() and read_trials(study, data):
-        raise ConfigError(
-            f"{data / PARTICIPANT}: does not state whether the trials are of a person; restore it from a "
-            f"backup, or move {data} away"
-        )
+    rows = read_trials(study, data) if (data / TRIALS).exists() else []
+    check_simulated(data, about, rows, simulated=True)
     setup = SiteOptions(record=record, person=person_of(study, participant))
 
     def run(data: StudyFolder) -> None:

@@ -270,7 +270,7 @@ def _number(name: str, text: str, *, is_decimal: bool) -> str:
         return ""
     if "," in text and (is_decimal or not GROUPED.fullmatch(text)):
         text = text.replace(",", ".", 1)
-    if not NUMBER.fullmatch(text):
+    if not NUMBER.fullmatch(text) or math.isinf(float(text)):
         raise ValueError(f"{name} is {text!r}, not a number or empty")
     return text
 

@@ -10,8 +10,8 @@ from pathlib import Path
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.atomic_file import replaced_file
 from pointit.study.append_only_csv import spreadsheet_row
-from pointit.study.columns import COUNTS, NUMBERS, columns_of
-from pointit.study.data import TRIALS, counts, read_answers, read_trials, study_in
+from pointit.study.columns import COUNTS, NUMBERS, columns_of, counts
+from pointit.study.data import TRIALS, check_record, read_about, read_answers, read_trials, study_in
 from pointit.study.table_file import Row
 from pointit.study_report.model import TrialRow, Trials
 
@@ -20,8 +20,8 @@ def trials(folder: str | Path) -> Trials:
     """Return the trials and answers of the study in `folder`, of all participants.
 
     Empty numbers are not known. A last line that is not whole, of a participant who is writing or whose
-    writer was killed, is left out with a note. Raises: ConfigError: If there is no study or trial, a
-    participant is there twice, a column is missing, or a value cannot be used.
+    writer was killed, is left out with a note. Raises: ConfigError: If there is no study or trial, a column
+    is missing, a value cannot be used, or a row is not of the plan of its participant.
     """
     folder = Path(folder)
     study = study_in(folder)
@@ -31,12 +31,14 @@ def trials(folder: str | Path) -> Trials:
     answers: list[Row] = []
     for path in sorted(folder.glob(f"*/{TRIALS}")):
         lines = read_trials(study, path.parent, notes.append)
-        if twice := {row.participant for row in rows} & {line["participant"] for line in lines}:
-            raise ConfigError(f"{path}: {min(twice)} is also in another folder; move one of them away")
+        try:
+            check_record(path.parent, read_about(path.parent), lines)
+        except ConfigError as error:
+            notes.append(f"{error}.")
         if not lines:
             notes.append(f"{path.parent.name} has no trial.")
         rows += [_trial(line, levels) for line in lines]
-        answers += read_answers(path.parent, notes.append)
+        answers += read_answers(study, path.parent, notes.append)
     rows.sort(key=lambda row: (row.participant, row.block, row.trial, row.attempt))
     found = Trials(folder=folder, title=study.name, stated=levels, rows=tuple(rows), answers=tuple(answers))
     if not found.counted:

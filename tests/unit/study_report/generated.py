@@ -46,9 +46,12 @@ def write_study(
     errors is a fifth of the width. `learning` is the exponent of the trial's number. `between`: people have a
     `group`, of which b is twice as slow. `sized`: distance and width are factors.
     """
+    sizes = [*dict.fromkeys(ring[0] for ring in rings)], [*dict.fromkeys(ring[1] for ring in rings)]
+    in_block = (targets + 1) * (1 if sized else len(rings))
     write_yaml(
         folder,
         people,
+        in_block,
         method=("block", dict.fromkeys(effects, "x.y")),
         **({"group": ("between", {"a": "x.z", "b": "x.z"})} if between else {}),
         **({"distance": ("block", {f"{ring[0]:g}": "task.distance_m" for ring in rings})} if sized else {}),
@@ -64,6 +67,11 @@ def write_study(
         for method in (*effects,) if number % 2 else reversed((*effects,)):
             for distance, width in rings:
                 block += 1
+                cell = [*effects].index(method)
+                if sized:
+                    cell = cell * len(sizes[0]) + sizes[0].index(distance)
+                    cell = cell * len(sizes[1]) + sizes[1].index(width)
+                first = in_block * cell + (0 if sized else (targets + 1) * ((block - 1) % len(rings))) + 1
                 radius = distance / (2 * math.cos(math.pi / (2 * targets)))
                 for trial in range(targets + 1):
                     angle = 2 * math.pi * (trial * (targets // 2) % targets) / targets
@@ -93,7 +101,7 @@ def write_study(
                         {
                             "participant": name,
                             "block": block,
-                            "trial": len(rows) + 1,
+                            "trial": first + trial,
                             "attempt": 1,
                             "practice": 0,
                             **({"method": method} if len(effects) > 1 else {}),
@@ -109,28 +117,40 @@ def write_study(
                         }
                     )
         write_rows(folder / name / "trials.csv", rows)
+        (folder / name / "participant.yaml").write_text("simulated: false\n", encoding="utf-8")
     write_rows(
         folder / "columns.csv", [{"column": "selection_s", "unit": "s", "meaning": "time to selection"}]
     )
 
 
-def write_yaml(folder: Path, people: int, **factors: tuple[str, dict[str, str]]) -> None:
-    """Write `study.yaml` with factors: how each varies, and by level the parameter that it sets."""
+def write_yaml(folder: Path, people: int, in_block: int, **factors: tuple[str, dict[str, str]]) -> None:
+    """Write `study.yaml` with factors: how each varies, and by level the parameter that it sets.
+
+    A block has `in_block` trials.
+    """
     named: dict[str, object] = {}
     for name, (vary, levels) in factors.items():
         if len(levels) > 1:
             values = {level: {each: 0.1 + n} for n, (level, each) in enumerate(levels.items())}
             named[name] = {"vary": vary, "levels": values}
     study = {"name": "made", "participants": people * 2, "order": "as_written", "factors": named}
+    study |= {"repetitions": in_block}
     folder.mkdir(parents=True, exist_ok=True)
     text = yaml.safe_dump({**study, "task": {"kind": "tapping"}}, sort_keys=False)
     (folder / "study.yaml").write_text(text, encoding="utf-8")
 
 
 def write_answers(folder: Path, participant: str, sheets: Mapping[tuple[str, str], list[float]]) -> None:
-    """Write answers by questionnaire and condition."""
+    """Write answers by questionnaire and condition; each condition is a block, in their order."""
+    blocks = [*dict.fromkeys(condition for _, condition in sheets)]
     rows: list[dict[str, object]] = [
-        dict(zip(ANSWER_COLUMNS, (participant, name, item, condition, 1, f"{value:g}"), strict=True))
+        dict(
+            zip(
+                ANSWER_COLUMNS,
+                (participant, name, item, condition, blocks.index(condition) + 1, f"{value:g}"),
+                strict=True,
+            )
+        )
         for (name, condition), values in sheets.items()
         for item, value in enumerate(values, 1)
     ]

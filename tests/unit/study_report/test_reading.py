@@ -8,7 +8,7 @@ import pytest
 
 from pointit import study_report
 from pointit.errors import PointItError
-from tests.unit.study_report.generated import RINGS, write_answers, write_study, write_yaml
+from tests.unit.study_report.generated import RINGS, write_answers, write_study
 
 
 @pytest.fixture
@@ -73,7 +73,7 @@ def headed(folder: Path) -> None:
         (edited("P02,1,2,1", "P02,1,2\nP02,1,2,1"), r"line 3: not \d+ values; correct or delete the line"),
         (replaced("study.yaml", b"factors: ["), "study.yaml: is not YAML in line 2"),
         (replaced("P02/trials.csv", b"\xff"), "cannot be read"),
-        (copied, "P04/trials.csv: P01 is also in another folder; move one of them away"),
+        (copied, "P04: P04 has data of P01"),
     ],
 )
 def test_damaged_folder_is_one_sentence(
@@ -132,7 +132,10 @@ def test_last_attempt_counts_and_practice_and_attempts_to_be_repeated_do_not(fol
 
 def test_levels_are_in_the_order_of_the_study(folder: Path) -> None:
     assert study_report.trials(folder).levels("method") == ("dwell", "press")
-    write_yaml(folder, 3, method=("block", dict.fromkeys(("press", "other", "dwell"), "x.y")))
+    write_study(folder, {"press": 1.0, "other": 1.0, "dwell": 1.0}, people=3, rings=RINGS[:1])
+    for path in folder.glob("*/trials.csv"):
+        lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+        path.write_text("".join(line for line in lines if ",other," not in line), encoding="utf-8")
     study = study_report.trials(folder)
     assert study.conditions == (("press",), ("dwell",))
     assert study.title == "made"

@@ -13,11 +13,27 @@ from typing import IO, NamedTuple
 
 from rosbags.rosbag2.storage_mcap import DECOMPRESSORS
 
-from pointit.recording.container import MAX_RECORD_BYTES, DamagedError, is_container, message_content, parse
+from pointit.recording.container import (
+    DAMAGED,
+    MAX_RECORD_BYTES,
+    DamagedError,
+    is_container,
+    message_content,
+    next_chunk,
+    parse,
+)
 from pointit.recording.container import Place as RecordPlace
 from pointit.recording.container import message_times as message_head
 from pointit.recording.head import METADATA
-from pointit.recording.library import Channel, Metadata, Opcode, Schema, ZstdDecompressor, ZstdError
+from pointit.recording.library import (
+    MCAP0_MAGIC,
+    Channel,
+    Metadata,
+    Opcode,
+    Schema,
+    ZstdDecompressor,
+    ZstdError,
+)
 from pointit.runtime.errors import ConfigError
 
 _RECORD = struct.Struct("<BQ")
@@ -49,50 +65,103 @@ def read_mcap(path: Path) -> Iterator[BagMessage]:
         DamagedError: If it is none, or after the last message, what is wrong with the rest.
         ConfigError: If it is a recording of PointIt.
     """
-    schemas: dict[int, str] = {}
-    connections: dict[int, BagConnection] = {}
     with path.open("rb") as file:
         if not is_container(file):
             raise DamagedError("does not begin as an MCAP file")
-        for opcode, content in _records(file, path.stat().st_size):
+        size = path.stat().st_size
+        topics = _Topics(path)
+        with contextlib.suppress(DamagedError):  # a damaged chunk may have descriptions that the end repeats
+            for opcode, content in _records(file, size):
+                topics.add(opcode, content)
+        try:
+            for opcode, content in _records(file, size):
+                if opcode == Opcode.MESSAGE and len(content) >= _MESSAGE_BYTES:
+                    place = RecordPlace(opcode, 0, len(content))
+                    number, time_ns = message_head(content, place)
+                    if (connection := topics.connection(number)) is not None:
+                        yield connection, time_ns, message_content(content, place)
+        except DamagedError as error:
+            raise DamagedError(f"{error}{topics.problem}") from error
+        if topics.problem:
+            raise DamagedError(topics.problem.removeprefix(", and "))
+
+
+class _Topics:
+    """The topics of a file by the number of their channel."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._schemas: dict[int, str] = {}
+        self._channels: dict[int, BagConnection | None] = {}
+        self._unknown = 0
+
+    def add(self, opcode: int, content: bytes) -> None:
+        """Add what a record describes. One that is damaged is ignored.
+
+        Raises: ConfigError: If it is that of a recording of PointIt.
+        """
+        with contextlib.suppress(DamagedError):
             if opcode == Opcode.SCHEMA:
                 schema = parse(content, Schema)
-                schemas[schema.id] = schema.name
+                self._schemas.setdefault(schema.id, schema.name)
             elif opcode == Opcode.CHANNEL:
                 channel = parse(content, Channel)
-                if channel.message_encoding == "cdr":
-                    msgtype = schemas.get(channel.schema_id, "")
-                    connections[channel.id] = BagConnection(channel.id, channel.topic, msgtype)
+                msgtype = self._schemas.get(channel.schema_id, "")
+                connection = BagConnection(channel.id, channel.topic, msgtype)
+                if channel.message_encoding != "cdr":
+                    self._channels.setdefault(channel.id, None)
+                elif msgtype:
+                    self._channels[channel.id] = connection
             elif opcode == Opcode.METADATA and parse(content, Metadata).name == METADATA:
                 raise ConfigError(
-                    f"{path}: is a recording of PointIt; give it to `pointit export`, `page` or `replay`"
+                    f"{self._path}: is a recording of PointIt; give it to `pointit export`, `page` or "
+                    "`replay`"
                 )
-            elif opcode == Opcode.MESSAGE and len(content) >= _MESSAGE_BYTES:
-                place = RecordPlace(opcode, 0, len(content))
-                number, time_ns = message_head(content, place)
-                if number in connections:
-                    yield connections[number], time_ns, message_content(content, place)
+
+    def connection(self, number: int) -> BagConnection | None:
+        """Return the topic of the channel `number`, or None if it is unknown or has no ROS messages."""
+        self._unknown += number not in self._channels
+        return self._channels.get(number)
+
+    @property
+    def problem(self) -> str:
+        """Return a clause on the messages whose channel is not described, or `""`."""
+        return f", and {self._unknown} messages have lost their description" if self._unknown else ""
 
 
 def _records(file: IO[bytes], size: int) -> Iterator[tuple[int, bytes]]:
-    """Yield opcode and content of the records of a file of `size` bytes, also of those in chunks."""
-    offset, damage = file.tell(), ""
+    """Yield opcode and content of the records of a file of `size` bytes, also of those in chunks.
+
+    Raises: DamagedError: After the last record, if some are damaged or missing.
+    """
+    offset, damage, is_ended = len(MCAP0_MAGIC), "", False
     while offset + _RECORD.size <= size:
         file.seek(offset)
         opcode, length = _RECORD.unpack(file.read(_RECORD.size))
+        is_unknown = opcode == DAMAGED or opcode > Opcode.DATA_END
+        if is_unknown or (opcode == Opcode.CHUNK and offset + _RECORD.size + length > size):
+            if is_ended:
+                break
+            following = next_chunk(file, offset + 1)
+            if following is not None or is_unknown:
+                damage = damage or "is damaged between two chunks"
+                offset = size if following is None else following
+                continue
         offset += _RECORD.size
+        file.seek(offset)
         content = file.read(min(length, size - offset, MAX_RECORD_BYTES))
         if opcode == Opcode.CHUNK:
             data, problem = _unpacked(content)
-            damage = damage or problem
+            damage = damage or (problem if offset + length <= size else f"is cut off after {size} bytes")
             yield from _inner_records(data)
         elif len(content) == length:
             yield opcode, content
         offset += length
-        if opcode in (Opcode.DATA_END, Opcode.FOOTER):
+        is_ended = is_ended or opcode in (Opcode.DATA_END, Opcode.FOOTER)
+        if opcode == Opcode.FOOTER:
             break
-    else:
-        raise DamagedError(f"is cut off after {size} bytes")
+    if not damage and not is_ended:
+        damage = f"is cut off after {size} bytes"
     if damage:
         raise DamagedError(damage)
 

@@ -6,6 +6,7 @@ a file says about itself (its index, its statistics) is trusted.
 
 import io
 import os
+import re
 import struct
 import zlib
 from collections.abc import Iterator
@@ -39,11 +40,12 @@ _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 """Channel, sequence, log time and publish time before each message's content."""
 
-_CHUNK = struct.Struct("<BQ36sQ")
-"""Opcode and length, times, size, checksum and packing, and number of packed bytes of a chunk."""
-
-_ZSTD, _ZSTD_AT = b"\x04\x00\x00\x00zstd", 37
-"""Packing of a recorder's chunk, and its place in the record."""
+_CHUNK_START = re.compile(rb"\x06(?=(.{8}).{28}(\x04\0\0\0zstd|\x03\0\0\0lz4|\0\0\0\0)(.{8}))", re.DOTALL)
+"""Opcode of a chunk, and behind it the length of the record, the packing, and the number of packed bytes."""
+_CHUNK_BYTES = 28 + 8
+"""Bytes of a chunk's record, without its head, beside its packing and the packed bytes."""
+_MAX_CHUNK_START = 64
+"""Maximum number of bytes up to the packed bytes."""
 
 BLOCK_BYTES = 1024 * 1024
 """Bytes in which a chunk is looked for at once."""
@@ -94,7 +96,7 @@ def records(file: IO[bytes]) -> Iterator[Place]:
         if is_damaged or place.offset + length > size:
             if not is_data:
                 return
-            found = _next_chunk(file, offset + 1)
+            found = next_chunk(file, offset + 1)
             if found is None:
                 raise DamagedError(f"it {'is damaged' if is_damaged else 'ends'} in the middle")
             place = Place(DAMAGED, offset, found - offset)
@@ -103,21 +105,17 @@ def records(file: IO[bytes]) -> Iterator[Place]:
         is_data = is_data and opcode != Opcode.DATA_END
 
 
-def _next_chunk(file: IO[bytes], offset: int) -> int | None:
+def next_chunk(file: IO[bytes], offset: int) -> int | None:
     """Return the offset of the first record from `offset` on that has the form of a whole chunk, or None."""
     size = file.seek(0, os.SEEK_END)
     while offset < size:
         file.seek(offset)
-        data = file.read(BLOCK_BYTES + _CHUNK.size)
-        packing = data.find(_ZSTD, _ZSTD_AT)
-        while packing >= 0:
-            start = packing - _ZSTD_AT
-            if data[start] == Opcode.CHUNK and start + _CHUNK.size <= len(data):
-                _, length, _, packed = _CHUNK.unpack_from(data, start)
-                end = offset + start + _HEAD.size + length
-                if end <= size and length == packed + _CHUNK.size - _HEAD.size:
-                    return offset + start
-            packing = data.find(_ZSTD, packing + 1)
+        data = file.read(BLOCK_BYTES + _MAX_CHUNK_START)
+        for match in _CHUNK_START.finditer(data, 0, BLOCK_BYTES + _MAX_CHUNK_START):
+            length, packed = (int.from_bytes(match[each], "little") for each in (1, 3))
+            is_whole = offset + match.start() + _HEAD.size + length <= size
+            if is_whole and length == _CHUNK_BYTES + len(match[2]) + packed:
+                return offset + match.start()
         offset += BLOCK_BYTES
     return None
 

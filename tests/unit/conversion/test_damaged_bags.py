@@ -1,5 +1,6 @@
 """Bags as crashed recorders, full disks and interrupted copies leave them; written by third-party writers."""
 
+import re
 import shutil
 import sqlite3
 from pathlib import Path
@@ -220,6 +221,42 @@ def test_zeros_amid_a_file_whose_end_is_whole_lose_only_their_chunk(
     assert result.exit_code == 0, result.exception
     assert result.stderr.startswith("note: other.mcap: ")
     assert 0.1 * COUNT < len(imported(source, "--overwrite")[IMU_KEY]) < COUNT
+
+
+@pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.LZ4, CompressionType.ZSTD])
+@pytest.mark.parametrize(("at_byte", "value"), [(1, b"\xff" * 8), (0, b"\0"), (60, b"\xa5" * 9)])
+def test_damage_in_the_first_chunk_loses_only_its_messages(
+    tmp_path: Path, compression: CompressionType, at_byte: int, value: bytes
+) -> None:
+    """Types and channels are in the first chunk alone, and once more at the end."""
+    source = plain_mcap(tmp_path / "other.mcap", chunks=True, compression=compression)
+    with source.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    lost = summary.chunk_indexes[0].message_index_length  # 16 bytes a message
+    begin = summary.chunk_indexes[0].chunk_start_offset + at_byte
+    data = source.read_bytes()
+    source.write_bytes(data[:begin] + value + data[begin + len(value) : -20])  # its index is lost, too
+    result = run(source)
+    assert result.exit_code == 0, result.exception
+    assert result.stderr.startswith("note: other.mcap: "), result.stderr
+    assert "damaged" in result.stderr or "chunk" in result.stderr
+    kept = len(imported(source, "--overwrite")[IMU_KEY])
+    assert kept == COUNT - (lost - 15) // 16
+
+
+def test_messages_whose_channel_is_described_nowhere_are_counted(tmp_path: Path) -> None:
+    source = plain_mcap(tmp_path / "other.mcap", chunks=True)
+    with source.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    begin = summary.chunk_indexes[0].chunk_start_offset + 60
+    data = source.read_bytes()
+    source.write_bytes(data[:begin] + b"\xa5" * 9 + data[begin + 9 : -len(data) // 3])
+    message = str(run(source).exception)
+    assert re.search(r"has a chunk whose checksum differs, and \d\d+ messages have lost their", message), (
+        message
+    )
 
 
 def test_a_recording_of_pointit_is_no_bag(tmp_path: Path) -> None:

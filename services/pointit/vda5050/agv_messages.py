@@ -120,10 +120,12 @@ class Reference(TolerantModel):
 class AgvError(TolerantModel):
     """Active error."""
 
+    NEEDED: ClassVar[tuple[str, ...]] = ("error_level",)
     KNOWN_WORDS: ClassVar[Mapping[str, frozenset[str]]] = {"error_level": HARMLESS_LEVELS | {"FATAL"}}
 
     error_type: Text = "error"
-    error_level: Word = "WARNING"
+    error_level: Word = ""
+    """Required in versions 1.1 to 3.0. An error without it may be FATAL: then the AGV needs help."""
     error_description: Annotated[str, StringConstraints(max_length=10_000)] = ""
     error_references: Annotated[list[Reference], Items] = Field(default_factory=list[Reference])
 
@@ -258,4 +260,11 @@ def blocked_by(state: State) -> str:
     if "errors" in state.unreadable:
         return f"errors {state.unreadable['errors']}: look after the AGV, and update its software"
     fatal = next((error for error in state.errors if error.error_level not in HARMLESS_LEVELS), None)
-    return f"the AGV needs help ({fatal.describe()}): look after it" if fatal else ""
+    if fatal is None:
+        return ""
+    if not fatal.error_level:
+        return (
+            f"the AGV states an error without errorLevel, which may be FATAL ({fatal.describe()}): look "
+            "after it, and update its software"
+        )
+    return f"the AGV needs help ({fatal.describe()}): look after it"

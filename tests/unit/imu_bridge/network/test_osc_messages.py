@@ -117,6 +117,38 @@ def test_second_sensor_is_reported_and_not_read(
         assert ("set osc.sensor" in decoder.sensors.warning) is not bool(sensor)
 
 
+@pytest.mark.parametrize(
+    ("numbers", "second"),
+    [
+        ((*WXYZ, 0.8, 0.0, 0.0, 0.6), "2"),
+        ((*WXYZ, 0.8, 0.0, 0.0, 0.6, 1.0, 0.0, 0.0, 0.0), "2"),
+        ((12.5, *WXYZ, 0.8, 0.0, 0.0, 0.6), "2"),  # behind a time
+        ((4, *WXYZ, 9, 0.8, 0.0, 0.0, 0.6), "9"),  # behind their numbers
+        ((*WXYZ, 3, 0.8, 0.0, 0.0, 0.6, 2), "2"),  # before their accuracies
+    ],
+)
+def test_each_quaternion_of_a_message_is_a_sensor_of_its_own(numbers: tuple[float, ...], second: str) -> None:
+    for sensor, orientation in (("", XYZW), (second, (0.0, 0.0, 0.6, 0.8))):
+        decoder = OscDecoder(OscConfig(sensor=sensor))
+        found = [item for _ in range(4) for item in items(decoder, "/quaternion", *numbers)]
+        assert found == [Reading(NOW, pytest.approx(orientation))] * 4  # type: ignore[arg-type]
+        assert ("set osc.sensor" in decoder.sensors.warning) is not bool(sensor)
+
+
+def test_position_in_front_of_a_quaternion_is_no_orientation() -> None:
+    decoder = OscDecoder(OscConfig())
+    found = [item for x in (5.2, 0.3, -1.0) for item in items(decoder, "/quat", x, 2.1, -20.7, *WXYZ)]
+    assert found == [Reading(NOW, XYZW)] * 3
+    assert decoder.sensors.warning == ""
+
+
+def test_numbers_behind_a_quaternion_that_are_none_name_no_sensor() -> None:
+    decoder = OscDecoder(OscConfig())
+    found = [item for n in range(30) for item in items(decoder, "/quaternion", *WXYZ, 9.8, 0.1, n / 10, 3.0)]
+    assert found == [Reading(NOW, XYZW)] * 30
+    assert decoder.sensors.warning == ""
+
+
 def test_button_beside_the_orientation_of_another_sensor_is_not_the_arms() -> None:
     decoder = OscDecoder(OscConfig())
     items(decoder, "/hand/quaternion", *XYZW)

@@ -80,6 +80,7 @@ def place(**change: object) -> dict[str, object]:
         ),
         ({"errors": ["E 17"]}, {"errors"}),
         ({"errors": [{"errorType": "x", "errorLevel": "SEVERE"}]}, {"errorLevel"}),
+        ({"errors": [{"errorType": "x", "errorDescription": "no level"}]}, {"errorLevel"}),
         ({"operatingMode": "ECO"}, {"operatingMode"}),
         ({"safetyState": None}, {"safetyState"}),
         ({"safetyState": {"eStop": None}}, {"eStop"}),
@@ -136,6 +137,11 @@ def test_a_charge_that_is_no_percentage_is_unknown_and_a_little_above_100_is_ful
         ({"errors": [{"errorType": "wheel", "errorLevel": "fatal"}]}, "wheel"),
         ({"errors": [{"errorType": "wheel", "errorLevel": "SEVERE"}]}, "wheel"),
         ({"errors": [{"errorType": "wheel", "errorLevel": 4}]}, "wheel"),
+        ({"errors": [{"errorType": "wheel"}]}, r"without errorLevel, which may be FATAL (wheel)"),
+        ({"errors": [{"errorType": "wheel", "errorLevel": None}]}, "without errorLevel"),
+        ({"errors": [{"errorType": "wheel", "errorLevel": ""}]}, "without errorLevel"),
+        ({"errors": [{"errorType": "wheel", "errorLevel": "  "}]}, "without errorLevel"),
+        ({"errors": [{"errorType": "ok", "errorLevel": "WARNING"}, {"error_type": "arm"}]}, "FATAL (arm)"),
     ],
 )
 def test_safety_that_cannot_be_read_never_counts_as_safe(change: dict[str, object], words: str) -> None:

@@ -10,7 +10,7 @@ from pointit.services.imu_bridge.network.contents import DatagramError, orientat
 from pointit.services.imu_bridge.network.datagram_source import DatagramConfig, DatagramSource, Decoder
 from pointit.services.imu_bridge.network.osc_message import OscMessage, parse_each
 from pointit.services.imu_bridge.reading import Battery, Item, Press, RawReading, Reading
-from pointit.services.imu_bridge.serial.fifth_number import FifthNumber
+from pointit.services.imu_bridge.serial.fifth_number import FifthNumber, is_unit
 from pointit.services.imu_bridge.sources import ImuSource
 from pointit.services.imu_bridge.streams.json_content import Order
 from pointit.services.imu_bridge.streams.sensor_choice import SensorChoice
@@ -61,6 +61,28 @@ class OscConfig(DatagramConfig):
         if value and not value.startswith("/"):
             raise ValueError("must begin with /, such as /gyrosc/quat")
         return value
+
+
+def several_quaternions(numbers: Sequence[float]) -> list[tuple[Sequence[float], str]]:
+    """Return the quaternions of a message with those of several sensors, or with one behind a position.
+
+    Each comes with the number of its sensor: the one in front of it, else its position in the message from 1.
+    Empty if the numbers are of another kind.
+    """
+    for start, size in ((0, 4), (1, 5), (0, 5)):
+        groups = [numbers[at : at + size] for at in range(0, len(numbers), size)]
+        fours = [group[start : start + 4] for group in groups]
+        if len(groups) < 2 or len(numbers) % size or not all(map(is_unit, fours)):
+            continue
+        fronts = {group[0] for group in groups}
+        has_numbers = start > 0 and len(fronts) == len(groups) and all(each == round(each) for each in fronts)
+        names = [f"{group[0]:.9g}" if has_numbers else f"{n}" for n, group in enumerate(groups, 1)]
+        return [*zip(fours, names, strict=True)]
+    if len(numbers) >= 9 and len(numbers) % 4 == 1:  # a time or count in front
+        return several_quaternions(numbers[1:])
+    if len(numbers) == 7 and is_unit(numbers[3:]) and not is_unit(numbers[:4]):
+        return [(numbers[3:], "")]
+    return []
 
 
 class OscDecoder(Decoder):
@@ -125,21 +147,24 @@ class OscDecoder(Decoder):
         Raises:
             DatagramError: If it cannot be read.
         """
-        numbers, names = message.numbers, message.strings
+        numbers = message.numbers
         if len(numbers) < 4:
             reason = message.problem or f"has {len(numbers)} numbers, 4 were expected"
             self.problem = f"{message.address} {reason}"
             return None
-        if len(numbers) > 4:
+        quaternions = several_quaternions(numbers)
+        if not quaternions and len(numbers) > 4:
             split = self._fifth.split(numbers[:5], is_behind=message.types[:1] == message.types[1:2])
             if split is None:
                 return None
-            numbers, names = tuple(split[0]), (*names, split[1])
-        turned = orientation(numbers[:4], self._order(message.address))
-        self._has_orientation, self.unused = True, ""
-        if not self.sensors.accepts(message.address, *names):
-            return None
-        return Reading(stamp_ns, turned, message.time_ns)
+            quaternions = [(split[0], split[1])]
+        reading: Reading | None = None
+        for four, name in quaternions or [(numbers, "")]:
+            turned = orientation(four, self._order(message.address))
+            self._has_orientation, self.unused = True, ""
+            if self.sensors.accepts(message.address, *message.strings, name) and reading is None:
+                reading = Reading(stamp_ns, turned, message.time_ns)
+        return reading
 
     def _is_of_other(self, address: str) -> bool:
         """Return True if an event at `address` stands beside the orientation of another sensor only."""

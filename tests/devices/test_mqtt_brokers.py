@@ -276,6 +276,8 @@ def test_an_address_of_a_broker_may_be_a_url_in_every_parameter(
         ({"broker": "hub", "ca_file": "ca.pem"}, "`ca_file` is for encrypted connections"),
         ({"broker": "ws://hub"}, "write HOST"),
         ({"broker": "mqtt://hub/topic"}, "write HOST"),
+        ({"broker": "hub:0"}, "hub:0: no broker is at port 0: write its port, or the host alone"),
+        ({"broker": "mqtts://[::1]:0"}, "no broker is at port 0"),
     ],
 )
 def test_parameters_of_a_broker_that_contradict_each_other_are_refused(

@@ -17,11 +17,11 @@ from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from pointit.assistants.tools import SCOPE_KEY, Role
-from pointit.bridges.web.server import exposure_check
 from pointit.bridges.web.server.access import Access
 from pointit.bridges.web.server.app import REFUSAL_S, request_info
 from pointit.bridges.web.server.listener import Listener, bind, url
 from pointit.errors import ConfigError
+from pointit.runtime.config.network_address import is_loopback
 from pointit.runtime.config.validation_message import describe_validation_error
 
 PATH = "/mcp"
@@ -140,7 +140,7 @@ class HttpDoor:
             ConfigError: If other machines could reach it.
             ListenError: If the port is taken.
         """
-        if not exposure_check.is_loopback(host):
+        if not is_loopback(host):
             raise ConfigError(
                 f"--listen {host}:{port}: what goes there is not encrypted; listen at 127.0.0.1, and let "
                 "other machines come through an SSH tunnel"

@@ -4,15 +4,10 @@ from collections.abc import Mapping
 from typing import Any, cast
 
 from pydantic import model_validator
-from pydantic_core import PydanticCustomError
 
 from pointit.runtime.config.config import Config
 from pointit.runtime.config.network_address import parse_address
-from pointit.runtime.config.validation_message import DESCRIBED
-
-
-def _described(problem: str) -> PydanticCustomError:
-    return PydanticCustomError(DESCRIBED, "{text}", {"text": f"host: {problem}"})
+from pointit.runtime.config.validation_message import described_error
 
 
 class AddressConfig(Config):
@@ -21,19 +16,17 @@ class AddressConfig(Config):
     @model_validator(mode="before")
     @classmethod
     def _split_host(cls, values: object) -> object:
-        if not isinstance(values, Mapping):
-            return values
-        fields = cast("Mapping[str, Any]", values)
+        fields = cast("Mapping[str, Any]", values if isinstance(values, Mapping) else {})
         if not isinstance(text := fields.get("host"), str) or not text:
-            return fields
+            return values
         try:
             host, port = parse_address(text)
         except ValueError as error:
-            raise _described(str(error)) from error
+            raise described_error(f"host: {error}") from error
         if port is None:
             return {**fields, "host": host}
         if str(fields.get("port") or port).strip() != str(port):
-            raise _described(f"{text} and port {fields['port']} differ: remove one of the ports")
+            raise described_error(f"host: {text} and port {fields['port']} differ: remove one of the ports")
         return {**fields, "host": host, "port": port}
 
 

@@ -14,11 +14,10 @@ from pydantic import (
     field_validator,
     model_validator,
 )
-from pydantic_core import PydanticCustomError
 
 from pointit.runtime.config.config import Config, Layers
 from pointit.runtime.config.similar_names import nearest
-from pointit.runtime.config.validation_message import DESCRIBED
+from pointit.runtime.config.validation_message import described_error
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.config.yaml_values import WrittenFloat, WrittenInt
 from pointit.runtime.errors import ConfigError
@@ -69,15 +68,15 @@ class Factor(Config):
         (first, wanted), *others = self.levels.items()
         for level, parameters in others:
             if different := wanted.keys() ^ parameters.keys():
-                raise _described(
+                raise described_error(
                     f"level {level} and level {first} must set the same parameters; {min(different)} is "
                     "only in one"
                 )
         for name in wanted:
             if "." not in name:
-                raise _described(f"{name} is no parameter: write SERVICE.PARAMETER, or task.PARAMETER")
+                raise described_error(f"{name} is no parameter: write SERVICE.PARAMETER, or task.PARAMETER")
             if self.vary == "trial" and not name.startswith(TASK):
-                raise _described(f"{name} cannot change from trial to trial: use vary: block")
+                raise described_error(f"{name} cannot change from trial to trial: use vary: block")
         return self
 
 
@@ -176,7 +175,8 @@ class Study(Config):
     @classmethod
     def _known_scenario(cls, scenario: str) -> str:
         if scenario not in SHIPPED and not scenario.endswith((".yaml", ".yml")):
-            raise _described(f"no scenario {scenario!r}: give a .yaml file, or {nearest(scenario, SHIPPED)}")
+            near = nearest(scenario, SHIPPED)
+            raise described_error(f"no scenario {scenario!r}: give a .yaml file, or {near}")
         return scenario
 
     @field_validator("participants")
@@ -226,24 +226,24 @@ class Study(Config):
         levels = [level for factor in self.factors.values() for level in factor.levels]
         cells = math.prod(len(factor.levels) for factor in self.factors.values())
         if cells > MOST_CELLS:
-            raise _described(f"the factors have {cells} combinations of levels; {MOST_CELLS} at most")
+            raise described_error(f"the factors have {cells} combinations of levels; {MOST_CELLS} at most")
         for name in self.factors:
             if not NAME.fullmatch(name) or name in FIXED:
-                raise _described(
+                raise described_error(
                     f"factor {name}: use another name; it is a column of trials.csv or not a word"
                 )
         if unknown := self.instructions.keys() - set(levels):
-            raise _described(f"instructions: there is no level {min(unknown)}")
+            raise described_error(f"instructions: there is no level {min(unknown)}")
         set_by: dict[str, str] = {}
         for name, factor in self.factors.items():
             for parameter in next(iter(factor.levels.values())):
                 if set_by.setdefault(parameter, name) != name:
-                    raise _described(f"{parameter} is set by the factors {set_by[parameter]} and {name}")
+                    raise described_error(f"{parameter} is set by the factors {set_by[parameter]} and {name}")
         blocks = len(self.cells("block"))
         needed = len(square(self.order, blocks)) * len(self.cells("between"))
         if len(self.people) % needed:
             least = math.ceil(len(self.people) / needed) * needed
-            raise _described(
+            raise described_error(
                 f"{len(self.people)} participants cannot balance {blocks} conditions in order {self.order}"
                 + (f" and {len(self.cells('between'))} groups" if self.factors_of("between") else "")
                 + f"; use a multiple of {needed}, such as {least}"
@@ -268,8 +268,3 @@ def read_study(path: Path) -> Study:
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
     return study
-
-
-def _described(text: str) -> PydanticCustomError:
-    """Return an error of which the message is `text` alone, without the value."""
-    return PydanticCustomError(DESCRIBED, "{text}", {"text": text})

@@ -6,6 +6,7 @@ import json
 from collections.abc import AsyncGenerator, Callable
 from dataclasses import dataclass, field
 
+import httpx
 import pytest
 
 from pointit.cli.things import http_status, webhook
@@ -208,6 +209,8 @@ PROXIES = {
     "not installed": "socks5://127.0.0.1:9",
     "no URL": "http://[::1",
     "port": "http://proxy:port",
+    "port that no system has": "http://127.0.0.1:999999",
+    "port without a scheme": "proxy:70000",
 }
 
 
@@ -261,6 +264,49 @@ async def test_server_of_the_internet_is_asked_by_the_proxy(monkeypatch: pytest.
         assert proxy.heads[0].startswith("POST http://hooks.example/shop HTTP/1.1\r\n")
 
 
+@pytest.mark.parametrize("exception", ["[::1]", "::1, [2606:4700::5]", "*.example", "[fe80::1]:80"])
+async def test_addresses_in_no_proxy_do_not_stop_requests_by_the_proxy(
+    monkeypatch: pytest.MonkeyPatch, exception: str
+) -> None:
+    monkeypatch.setenv("no_proxy", exception)
+    async with memory_bench() as bench, serving(204) as proxy:
+        monkeypatch.setenv("http_proxy", f"127.0.0.1:{proxy.port}")
+        async with reacting(bench, "http://hooks.other/shop") as watcher:
+            point(bench)
+            await until(lambda: counts(watcher) == (1, 1, 0), what="the answer")
+        assert proxy.heads[0].startswith("POST http://hooks.other/shop HTTP/1.1\r\n")
+
+
+@pytest.mark.parametrize(
+    ("exceptions", "url", "has_proxy"),
+    [
+        ("[2606:4700::5]", "http://[2606:4700::5]:8080/a", False),
+        ("2606:4700::5", "http://[2606:4700::5]/a", False),
+        ("example.org", "https://hooks.example.org/a", False),
+        (".example.org", "https://me@hooks.example.org:444/a", False),
+        ("hooks.example.org:444", "https://hooks.example.org:444/a", False),
+        ("example.org", "https://badexample.org/a", True),
+        ("[2606:4700::5]", "http://[2606:4700::6]/a", True),
+    ],
+)
+def test_hosts_in_no_proxy_are_asked_directly(
+    monkeypatch: pytest.MonkeyPatch, exceptions: str, url: str, *, has_proxy: bool
+) -> None:
+    monkeypatch.setenv("no_proxy", exceptions)
+    monkeypatch.setenv("all_proxy", "http://proxy:3128")
+    assert http_status.proxy_address(httpx.URL(url)) == ("http://proxy:3128" if has_proxy else None)
+
+
+async def test_name_that_no_system_can_look_up_is_a_failure_with_one_try() -> None:
+    async with memory_bench() as bench, reacting(bench, "http://xn--/hook") as watcher:
+        point(bench)
+        await until(failed(watcher), what="the failure")
+        assert counts(watcher) == (1, 0, 1)
+        (sentence,) = watcher.summary()["reactions"]["failures"]
+        assert "http://xn--/... cannot be reached, as its address is none (" in sentence
+        assert sentence.endswith("): correct it")
+
+
 @pytest.mark.parametrize(
     ("host", "expected"),
     [
@@ -279,6 +325,8 @@ def test_hosts_of_this_network_need_no_proxy(host: str, *, expected: bool) -> No
         ("http://", "has no host"),
         ("https:///path", "has no host"),
         ("http://[::1/", "is no URL"),
+        ("http://hub:999999/", r"is no URL: write"),
+        ("http://192.168.1/hook", r"is no URL: write"),
         ("http://x/{usr}", "did you mean user"),
     ],
 )

@@ -321,3 +321,18 @@ async def test_a_process_that_does_not_end_is_killed(monkeypatch: pytest.MonkeyP
     done, _ = await asyncio.wait({running}, timeout=30.0)  # it would sleep for a minute
     assert done
     assert running.cancelled()
+
+
+async def test_command_that_is_cancelled_again_leaves_no_process(started: Path) -> None:
+    for rounds in (0, 1, 2, 3, 5, 8, 40):
+        running = asyncio.create_task(process.run_command(["wrist"], lambda _: None, lambda _: None))
+        for _ in range(rounds):
+            await asyncio.sleep(0)
+        if rounds == 40:
+            await until(lambda: bool(started.read_text()), what="the command to run")
+        for _ in range(3):
+            running.cancel()
+            await asyncio.sleep(0)
+        with pytest.raises(asyncio.CancelledError):
+            await running
+        assert not psutil.Process().children(), rounds

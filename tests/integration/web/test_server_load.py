@@ -187,31 +187,27 @@ SAID = st.fixed_dictionaries(
 ANYTHING = SAID | JSON.map(json.dumps) | st.text(max_size=100) | st.binary(max_size=100)
 
 
-async def test_whatever_pages_say_the_server_lives(caplog: pytest.LogCaptureFixture) -> None:
-    loop = asyncio.get_running_loop()
-    async with memory_bench() as bench, serving(bench) as server:
-        reports = bench.collect(HEALTH, "web")
-        cookie = await server.cookie()
+@given(st.lists(st.lists(ANYTHING, max_size=30), min_size=1, max_size=10))
+@settings(max_examples=5, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
+def test_whatever_pages_say_the_server_lives(
+    caplog: pytest.LogCaptureFixture, sessions: list[list[str | bytes]]
+) -> None:
+    async def say() -> None:
+        async with memory_bench() as bench, serving(bench) as server:
+            reports = bench.collect(HEALTH, "web")
+            cookie = await server.cookie()
+            for messages in sessions:
+                async with server.connect(cookie) as page:
+                    with contextlib.suppress(ConnectionClosed):
+                        for each in messages:
+                            await page.send(each)
+            async with server.page() as page:
+                assert page.hello is not None
+            await until(lambda: bool(reports))
+            assert reports[-1].errors == 0
 
-        async def say(said: list[str | bytes]) -> None:
-            async with server.connect(cookie) as page:
-                with contextlib.suppress(ConnectionClosed):
-                    for each in said:
-                        await page.send(each)
-
-        @settings(
-            max_examples=25, suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture]
-        )
-        @given(st.lists(ANYTHING, max_size=30))
-        def fuzz(said: list[str | bytes]) -> None:
-            asyncio.run_coroutine_threadsafe(say(said), loop).result(60)
-
-        await asyncio.to_thread(fuzz)
-        async with server.page() as page:
-            assert page.hello is not None
-        await until(lambda: bool(reports))
-        assert reports[-1].errors == 0
-        assert not [record for record in caplog.records if record.exc_info]
+    asyncio.run(say())
+    assert not [record for record in caplog.records if record.exc_info]
 
 
 @given(st.lists(st.binary(max_size=200), max_size=10))

@@ -182,17 +182,6 @@ def test_what_is_told_of_the_command_line_has_no_secrets() -> None:
     assert told == ["run", "--set", "web.operator_token=…", "--set", "web.port=1", "--set=web.viewer_token=…"]
 
 
-@pytest.mark.parametrize(
-    ("host", "is_here"),
-    [
-        *((host, True) for host in ("127.0.0.1", "127.8.8.8", "::1", "localhost")),
-        *((host, False) for host in ("0.0.0.0", "::", "192.168.1.5", "plant.local", "127.0.0.1.evil")),  # noqa: S104
-    ],
-)
-def test_loopback_is_this_machine_alone(host: str, *, is_here: bool) -> None:
-    assert dashboard.is_loopback(host) is is_here
-
-
 def invoke(monkeypatch: pytest.MonkeyPatch, *arguments: str, has_extra: bool = True) -> BaseException | None:
     for module in ("pointit.cli.page.run_page", "pointit.cli.page.dashboard"):
         monkeypatch.setattr(f"{module}.is_available", lambda: has_extra)
@@ -205,6 +194,46 @@ def test_a_dashboard_is_not_opened_to_a_network_without_encryption(monkeypatch: 
     assert isinstance(error, ConfigError)
     assert str(error).startswith("--host 192.168.1.5: a page on a network needs HTTPS")
     assert "use --lan" in str(error)
+
+
+@pytest.mark.parametrize(
+    ("host", "port", "is_lan", "values"),
+    [
+        ("[::1]", None, False, {"host": "::1"}),
+        ("[::1]:8123", None, False, {"host": "::1", "port": 8123}),
+        ("localhost:0", None, False, {"host": "localhost", "port": 0}),
+        (" 127.0.0.1 ", 8123, False, {"host": "127.0.0.1", "port": 8123}),
+        ("[::]", None, True, {"lan": True, "lan_address": ""}),
+        (
+            "192.168.1.5:8500",
+            8123,
+            True,
+            {"lan": True, "lan_address": "192.168.1.5", "lan_port": 8500, "port": 8123},
+        ),
+        ("[fd00::5]", None, True, {"lan": True, "lan_address": "fd00::5"}),
+    ],
+)
+def test_address_of_a_dashboard_may_have_brackets_and_a_port(
+    host: str, port: int | None, values: dict[str, object], *, is_lan: bool
+) -> None:
+    assert dashboard._asked(port, host, is_lan=is_lan) == values
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("--host", "[::1"), "--host: '[::1' is not an address: write HOST or HOST:PORT"),
+        (("--host", "::1:99999"), "--host: '::1:99999' is not an address"),
+        (("--host", "[::1]:5", "--port", "6"), "--host [::1]:5 and --port 6 differ: remove one of the ports"),
+        (("--host", "[fd00::5]"), "--host [fd00::5]: a page on a network needs HTTPS"),
+    ],
+)
+def test_address_that_a_dashboard_cannot_use_is_one_sentence(
+    monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], sentence: str
+) -> None:
+    error = invoke(monkeypatch, "dashboard", *arguments)
+    assert isinstance(error, ConfigError)
+    assert str(error).startswith(sentence)
 
 
 @pytest.mark.parametrize(

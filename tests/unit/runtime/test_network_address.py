@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from pydantic import Field, ValidationError
 
 from pointit.runtime.address_config import AddressConfig, format_address
-from pointit.runtime.config.network_address import parse_address
+from pointit.runtime.config.network_address import is_loopback, parse_address
 
 HOSTS = st.one_of(
     st.ip_addresses().filter(lambda address: not (address.version == 6 and address.is_link_local)).map(str),
@@ -56,6 +56,19 @@ def test_spellings_of_an_address_are_read(text: str, address: tuple[str, int | N
 def test_text_that_is_no_address_is_refused_with_the_spelling(text: str) -> None:
     with pytest.raises(ValueError, match=r"is not an address: write HOST or HOST:PORT, for IPv6 ::1 or"):
         parse_address(text)
+
+
+@pytest.mark.parametrize(
+    ("address", "expected"),
+    [
+        *((host, True) for host in ("127.0.0.1", "127.8.8.8", "::1", "localhost", "[::1]", "[::1]:80")),
+        *((host, True) for host in ("0:0:0:0:0:0:0:1", "LocalHost", "localhost.", " localhost:8090 ")),
+        *((host, False) for host in ("0.0.0.0", "::", "192.168.1.5", "plant.local", "127.0.0.1.evil")),  # noqa: S104
+        *((host, False) for host in ("localhost.evil", "127.evil", "[::]", "", "[::1", "2001:db8::1")),
+    ],
+)
+def test_loopback_is_this_machine_alone(address: str, *, expected: bool) -> None:
+    assert is_loopback(address) is expected
 
 
 @pytest.mark.parametrize("text", ["fe80::1", "[febf::1]:80"])

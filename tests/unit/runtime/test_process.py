@@ -232,6 +232,11 @@ def test_an_invalid_port_is_named(
     assert "another PointIt" not in error
 
 
+def test_port_0_is_none_to_connect_to(capsys: pytest.CaptureFixture[str]) -> None:
+    assert ended(service_command(Sample), "--user", "anna", "--connect", "tcp/127.0.0.1:0") == 2
+    assert "'tcp/127.0.0.1:0': there is no port 0; use one up to 65535" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "patience_s"),
     [((), CLOCK_PATIENCE_S), (("--clock", "site"), ASKED_CLOCK_PATIENCE_S), (("--clock", "wall"), None)],

@@ -42,6 +42,9 @@ def test_listening_address_is_chosen() -> None:
     assert choose_address("", ["192.168.1.20", "10.0.0.7"]) == "192.168.1.20"
     assert choose_address("10.0.0.7", ["192.168.1.20"]) == "10.0.0.7"
     assert choose_address("FD00::5", []) == "fd00::5"
+    assert choose_address("[fd00::5]", []) == "fd00::5"
+    with pytest.raises(ConfigError, match=r"'10\.0\.0\.7:80' has a port; .* lan_port: 80"):
+        choose_address("10.0.0.7:80", [])
     with pytest.raises(ConfigError, match=r"no address in a local network.*lan_address"):
         choose_address("", [])
     with pytest.raises(ConfigError, match=r"lan_address: 'wlan0' is not an address"):

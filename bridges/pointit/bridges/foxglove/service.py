@@ -18,6 +18,7 @@ from pointit.bridges.foxglove.scene import PARTS, Scene
 from pointit.bridges.foxglove.server import LOG, Server, picture_topic
 from pointit.runtime.bus.contract import Subscription
 from pointit.runtime.clock import Timer
+from pointit.runtime.config.network_address import is_loopback
 from pointit.runtime.host.own_address import own_address
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import Environment, Message
@@ -38,8 +39,6 @@ FAST = tuple(topic for topic in SHOWN if topic.delivery is Delivery.LATEST and t
 
 LOOK_S = 3.0
 """Time (s) for which they are read after a service has started or the last viewer has left."""
-
-LOOPBACK = ("127.0.0.1", "::1", "localhost")
 
 EVERYWHERE = ("0.0.0.0", "::")  # noqa: S104 - told apart
 """Hosts that stand for all addresses of this machine, and that no viewer can open."""
@@ -95,7 +94,7 @@ class Foxglove(Service[FoxgloveConfig]):
             if config.host in EVERYWHERE:
                 address = f"ws://{own_address(socket.gethostname())}:{address.rpartition(':')[2]}"
             log.info("open a connection to %s in Foxglove or Lichtblick, and import %s", address, LAYOUT)
-            if config.host not in LOOPBACK:
+            if not is_loopback(config.host):
                 log.warning(
                     "every machine that can reach %s sees everything that happens at this site", address
                 )

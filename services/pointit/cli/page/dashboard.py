@@ -1,7 +1,6 @@
 """`pointit dashboard`: the page for a site that runs elsewhere."""
 
 import contextlib
-import ipaddress
 import sys
 from typing import Any
 
@@ -26,6 +25,7 @@ from pointit.launch.run.run_site import CLOCK_PATIENCE_S
 from pointit.launch.run.running_scenario import PRESENCE_PATIENCE_S
 from pointit.runtime.bus.contract import list_present
 from pointit.runtime.bus.site_clock import SiteClock
+from pointit.runtime.config.network_address import is_loopback, parse_address
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.link import Link
 from pointit.runtime.link.options import link_of
@@ -84,28 +84,28 @@ def command(
     )
 
 
-def _asked(port: int | None, host: str, *, is_lan: bool) -> dict[str, Any]:
+def _asked(port: int | None, address: str, *, is_lan: bool) -> dict[str, Any]:
+    try:
+        host, own_port = parse_address(address) if address else ("", None)
+    except ValueError as error:
+        raise ConfigError(f"--host: {error}") from error
     asked: dict[str, Any] = {} if port is None else {"port": port}
+    if own_port is not None:
+        name = "lan_port" if is_lan and not is_loopback(host) else "port"
+        if asked.setdefault(name, own_port) != own_port:
+            raise ConfigError(f"--host {address} and --port {port} differ: remove one of the ports")
     if is_lan:
         asked["lan"] = True
     if host and not is_loopback(host):
         if not is_lan:
             raise ConfigError(
-                f"--host {host}: a page on a network needs HTTPS, or its token could be intercepted; "
+                f"--host {address}: a page on a network needs HTTPS, or its token could be intercepted; "
                 "use --lan, which enables it"
             )
         asked["lan_address"] = "" if host in EVERYWHERE else host
     elif host:
         asked["host"] = host
     return asked
-
-
-def is_loopback(host: str) -> bool:
-    """Return True if `host` is reachable only from this machine."""
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
 
 
 async def _serve(page: Page, link: Link, *, is_open: bool, view_only: bool) -> int:

@@ -10,10 +10,13 @@ import ipaddress
 import ssl
 from collections.abc import Iterable
 from typing import Any, cast
+from urllib.parse import urlsplit
 from urllib.request import getproxies, proxy_bypass
 
 import httpcore
 import httpx
+
+from pointit.runtime.config.network_address import parse_address
 
 MAX_HEAD_BYTES = 16384
 """Maximum size of a response up to the end of its headers, and of interim responses before it."""
@@ -62,12 +65,27 @@ def is_local(url: str) -> bool:
     return "." not in host or host.endswith((".local", ".localhost"))
 
 
-def _proxy_to(url: httpx.URL) -> httpcore.Proxy | None:
+def proxy_address(url: httpx.URL) -> str | None:
+    """Return the address of the proxy that the environment names for `url`, or None.
+
+    Raises:
+        ValueError: If it is no address.
+    """
     proxies = getproxies()
     address = proxies.get(url.scheme) or proxies.get("all")
-    if not address or is_local(str(url)) or proxy_bypass(url.host):
+    names = (url.netloc.decode("ascii"), url.host, f"[{url.host}]")  # no_proxy may have ::1 or [::1]
+    if not address or is_local(str(url)) or any(map(proxy_bypass, names)):
         return None
-    proxy = httpx.Proxy(address if "://" in address else f"http://{address}")
+    address = address if "://" in address else f"http://{address}"
+    parse_address(urlsplit(address).netloc.rpartition("@")[2])
+    return address
+
+
+def _proxy_to(url: httpx.URL) -> httpcore.Proxy | None:
+    address = proxy_address(url)
+    if address is None:
+        return None
+    proxy = httpx.Proxy(address)
     if proxy.url.scheme.startswith("socks"):
         importlib.import_module("socksio")
     return httpcore.Proxy(url=_address(proxy.url), auth=proxy.raw_auth)

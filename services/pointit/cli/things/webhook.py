@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, ClassVar, Self
 from urllib.parse import quote, urlsplit
 
 from pointit.cli.things.program import check_placeholders, filled
+from pointit.runtime.config.network_address import parse_address
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.certificate_errors import certificate_error_in, describe_certificate_error
 from pointit.runtime.host.extras import pointit_version, remedy
@@ -46,6 +47,8 @@ class Webhook:
         try:
             parts = urlsplit(url)
             host, _port = parts.hostname, parts.port
+            if host:
+                parse_address(parts.netloc.rpartition("@")[2])
         except ValueError as error:
             # an unquoted / in a password ends the host, and the error has the rest of it
             raise ConfigError(

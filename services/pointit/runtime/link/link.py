@@ -49,7 +49,7 @@ def check_addresses(link: Link) -> None:
         found = ENDPOINT.fullmatch(endpoint)
         if not found:
             raise ConfigError(f"{endpoint!r} is no address; write one like {DEFAULT_ENDPOINT}")
-        if found["port"] and int(found["port"]) > MAX_PORT:
+        if found["port"] and not (endpoint in link.connect) <= int(found["port"]) <= MAX_PORT:
             raise ConfigError(f"{endpoint!r}: there is no port {found['port']}; use one up to {MAX_PORT}")
     if link.credentials is not None:
         for endpoint in link.connect:

@@ -5,11 +5,10 @@ from typing import Any, Self, cast
 from urllib.parse import SplitResult, unquote, urlsplit
 
 from pydantic import Field, field_validator, model_validator
-from pydantic_core import PydanticCustomError
 
 from pointit.runtime.config.config import Config
 from pointit.runtime.config.network_address import parse_address
-from pointit.runtime.config.validation_message import DESCRIBED
+from pointit.runtime.config.validation_message import described_error
 
 PORT = 1883
 TLS_PORT = 8883
@@ -56,11 +55,12 @@ class BrokerConfig(Config):
     @classmethod
     def _is_address(cls, broker: str) -> str:
         try:
-            if broker:
-                parse_address(broker)
+            port = parse_address(broker)[1] if broker else None
         except ValueError as error:
             # what is in front of an @ may be a password
             raise described_error(f"{FORM} (got {broker.rpartition('@')[2]!r})") from error
+        if port == 0:
+            raise described_error(f"{broker}: no broker is at port 0: write its port, or the host alone")
         return broker
 
     @model_validator(mode="after")
@@ -88,8 +88,3 @@ def _url_parts(url: str) -> SplitResult:
     if not is_address or parts.path.strip("/") or parts.query or parts.fragment:
         raise error
     return parts
-
-
-def described_error(text: str) -> PydanticCustomError:
-    """Return an error of which the message is `text` alone, without the value."""
-    return PydanticCustomError(DESCRIBED, "{text}", {"text": text})

@@ -14,7 +14,7 @@ from pointit.bridges.ros2.over_rclpy.backend import opened_rclpy
 from pointit.bridges.ros2.over_zenoh.backend import ZenohBackend
 from pointit.bridges.ros2.over_zenoh.rmw_zenoh import RmwZenoh
 from pointit.bridges.ros2.over_zenoh.token import BRIDGE, ENCLAVE
-from pointit.runtime.config.network_address import MAX_PORT, parse_address
+from pointit.runtime.config.network_address import MAX_PORT, is_loopback, parse_address
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.foreign_zenoh.raw_session import RawLink, open_raw_session
 from pointit.runtime.link.link import ENDPOINT
@@ -24,7 +24,6 @@ log = logging.getLogger(__name__)
 
 REMEDY = "start one with `ros2 run rmw_zenoh_cpp rmw_zenohd`, or set mode to router to be it"
 
-LOOPBACK = ("127.0.0.1", "::1", "localhost")
 ANSWER_S = 1.0
 """Time (s) within which a router on this machine accepts a connection."""
 
@@ -104,7 +103,7 @@ async def _mode_at(endpoint: str) -> Literal["peer", "router"]:
         host, port = parse_address(endpoint.partition("/")[2])
     except ValueError:  # with Zenoh's options
         return "peer"
-    if host not in LOOPBACK or port is None:
+    if not is_loopback(host) or port is None:
         return "peer"
     try:
         async with asyncio.timeout(ANSWER_S):

@@ -27,7 +27,7 @@ JsonObject = dict[str, Any]
 async def run_command(
     arguments: Sequence[str], on_said: Callable[[str], None], on_told: Callable[[JsonObject], None]
 ) -> str:
-    """Run `pointit` until it ends or this task is cancelled, which ends it.
+    """Run `pointit` until it ends or this task is cancelled, which ends it. Returns when it has ended.
 
     Args:
         arguments: its command line, without `pointit`.
@@ -37,6 +37,19 @@ async def run_command(
     Returns:
         `""` if it succeeded, else the reason in one sentence.
     """
+    running = asyncio.create_task(_run_child(arguments, on_said, on_told))
+    try:
+        return await asyncio.shield(running)
+    finally:
+        running.cancel()  # once: a second time, it would leave the process behind
+        while not running.done():
+            with contextlib.suppress(asyncio.CancelledError):
+                await asyncio.wait([running])
+
+
+async def _run_child(
+    arguments: Sequence[str], on_said: Callable[[str], None], on_told: Callable[[JsonObject], None]
+) -> str:
     try:
         child = await asyncio.create_subprocess_exec(
             *(sys.executable, "-c", BEGIN, *arguments),
@@ -112,3 +125,8 @@ async def _end(child: asyncio.subprocess.Process) -> None:
         child.stdin.close()  # left to the garbage collector, it may outlive the loop, which it needs
         with contextlib.suppress(OSError):
             await child.stdin.wait_closed()
+    with contextlib.suppress(TimeoutError):  # a grandchild may hold the pipes
+        async with asyncio.timeout(STOP_PATIENCE_S):
+            for stream in filter(None, (child.stdout, child.stderr)):
+                while await stream.read(MAX_LINE_BYTES):
+                    pass

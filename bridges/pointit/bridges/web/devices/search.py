@@ -1,6 +1,5 @@
 """Search for wrists and lights within reach of this machine."""
 
-import ipaddress
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,6 +8,7 @@ from pydantic import ValidationError
 from pointit.bridges.web.devices.wire import ConnectDevice, ConnectedDevice
 from pointit.plugins import GROUPS
 from pointit.plugins.device_search import SearchResult, search, words
+from pointit.runtime.config.network_address import is_loopback
 from pointit.runtime.config.plugins import FoundDevice
 
 SEARCH_S = 3.0
@@ -71,7 +71,4 @@ def _device(kind: str, result: SearchResult, found: FoundDevice) -> ConnectedDev
 
 def _is_remote(address: str | float) -> bool:
     """Return True if `address` is that of another machine."""
-    try:
-        return not ipaddress.ip_address(str(address)).is_loopback
-    except ValueError:
-        return False
+    return bool(address) and not is_loopback(str(address))

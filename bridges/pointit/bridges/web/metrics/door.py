@@ -10,10 +10,10 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 
-from pointit.bridges.web.server import exposure_check
 from pointit.bridges.web.server.access import Access, new_token
 from pointit.bridges.web.server.app import REFUSAL_S, SecurityMiddleware, asked_of
 from pointit.bridges.web.server.listener import Listener, bind
+from pointit.runtime.config.network_address import is_loopback
 from pointit.runtime.errors import ConfigError
 
 PATH = "/metrics"
@@ -62,7 +62,7 @@ class MetricsServer:
             ConfigError: If other machines could reach it.
             ListenError: If the port is taken.
         """
-        if not exposure_check.is_loopback(host):
+        if not is_loopback(host):
             raise ConfigError(
                 f"--listen {host}:{port}: other machines could read the metrics, which are not encrypted; "
                 f"listen at 127.0.0.1, and let them read {PATH} of the page, by HTTPS and with its token"

@@ -1,11 +1,10 @@
 """Check of the configured exposure: who could reach the page and log in."""
 
-import contextlib
-import ipaddress
 import os
 from pathlib import Path
 
 from pointit.bridges.web.config import WebConfig
+from pointit.runtime.config.network_address import is_loopback
 from pointit.runtime.errors import ConfigError
 
 CONTAINER = "container"
@@ -40,13 +39,6 @@ def address(config: WebConfig, port: int) -> tuple[str, int]:
     """Return host and port of the page's address if it listens at `port`."""
     host = config.host if is_loopback(config.host) else "127.0.0.1"
     return host, config.published_port or port
-
-
-def is_loopback(host: str) -> bool:
-    """Return True if `host` is reachable from this machine only."""
-    with contextlib.suppress(ValueError):
-        return ipaddress.ip_address(host).is_loopback
-    return host == "localhost"
 
 
 def _is_contained() -> bool:

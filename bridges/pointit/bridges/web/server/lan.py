@@ -12,6 +12,7 @@ from starlette.types import ASGIApp
 
 from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.server.listener import Listener, bind, url
+from pointit.runtime.config.network_address import parse_address
 from pointit.runtime.errors import ConfigError, ListenError, RefusedError
 from pointit.runtime.host.own_address import found_addresses
 from pointit.runtime.host.state_file import site_folder
@@ -37,11 +38,14 @@ def choose_address(configured: str, found: list[str]) -> str:
             )
         return found[0]
     try:
-        parsed = ipaddress.ip_address(configured)
+        host, port = parse_address(configured)
+        parsed = ipaddress.ip_address(host)
     except ValueError as error:
         raise ConfigError(
             f"lan_address: {configured!r} is not an address; write it like 192.168.1.20, or leave it empty"
         ) from error
+    if port is not None:
+        raise ConfigError(f"lan_address: {configured!r} has a port; write {host}, and lan_port: {port}")
     if parsed.is_unspecified or parsed.is_multicast:
         raise ConfigError(
             f"lan_address: {configured} is not the address of one machine; "

@@ -4,14 +4,9 @@ import asyncio
 from abc import ABC, abstractmethod
 
 from pointit.runtime.clock import Clock, Timer
+from pointit.runtime.config.network_address import is_loopback
 from pointit.runtime.service.surroundings import HealthSink
-from pointit.services.imu_bridge.network.udp_server import (
-    ANY_HOST,
-    LOOPBACK,
-    Address,
-    DatagramLimit,
-    UdpServer,
-)
+from pointit.services.imu_bridge.network.udp_server import ANY_HOST, Address, DatagramLimit, UdpServer
 from pointit.services.imu_bridge.reading import Deliver, Item, Reading
 
 PERIOD_S = 0.002
@@ -43,7 +38,7 @@ class PortSource(ABC):
         self._server = UdpServer(
             *place, health, self._on_datagram, self._on_read, remedy=remedy, is_shared=is_shared
         )
-        self._is_local = place[0].startswith(LOOPBACK)
+        self._is_local = is_loopback(place[0])
         self._newest: Reading | None = None
         """Orientation that is not delivered yet."""
         self._delivered_s = 0.0

@@ -21,8 +21,6 @@ RETRY_S = 2.0
 """Wait before a port is opened again, s."""
 ANY_HOST = "0.0.0.0"  # noqa: S104 - no default of any parameter
 """Host of all networks of this machine."""
-LOOPBACK = ("127.", "::1", "localhost")
-"""Beginnings of addresses at which only this machine is heard."""
 
 
 class UdpServer(asyncio.DatagramProtocol):

@@ -36,6 +36,13 @@ XYZW = (0.64, 0.0, -0.48, 0.6)
         ("[ 12345][I][main.cpp:42] loop(): quat 0.6 0.64 0 -0.48", ("loop",)),  # ESP32, Arduino
         ("[00:00:01.250,000] <inf> wrist: 0.6 0.64 0 -0.48", ("wrist",)),  # Zephyr
         ("192.168.1.20 0.6 0.64 0 -0.48", ("192.168.1.20",)),
+        ("0,6;0,64;0;-0,48", ()),  # decimal commas
+        ("quat 0,6 0,64 0,0 -0,48", ()),
+        ("w=0,60 x=0,64 y=0,00 z=-0,48", ()),
+        ("wrist: 0,6\t0,64\t0\t-0,48", ("wrist",)),
+        ("12:30:15.123 -> quat\t0.60\t0.64\t0.00\t-0.48", ()),  # Arduino's serial monitor
+        ("2026-03-02T09:01:02.5Z,0.6,0.64,0,-0.48", ()),
+        ("2026-03-02 09:01:02,500; 0.6; 0.64; 0; -0.48", ()),
     ],
 )
 def test_quaternions_of_known_sketches_are_read(line: str, names: tuple[str, ...]) -> None:
@@ -43,6 +50,37 @@ def test_quaternions_of_known_sketches_are_read(line: str, names: tuple[str, ...
     assert isinstance(parsed, QuaternionLine)
     assert parsed.orientation_xyzw == pytest.approx(XYZW)
     assert parsed.names == names
+
+
+def test_number_of_a_sensor_before_commas_is_no_decimal() -> None:
+    parser = LineParser()
+    for _ in range(3):
+        for sensor in ("1", "2"):
+            parsed = parser.parse(f"{sensor},1,0,0,0".encode())
+    assert isinstance(parsed, QuaternionLine)
+    assert (parsed.orientation_xyzw, parsed.names) == ((0.0, 0.0, 0.0, 1.0), ("2",))
+
+
+@pytest.mark.parametrize("line", ["Accel x: 0.6 y: 0.0 z: 0.8 w: 0.0", "gravity: x=0 y=0 z=1 w=0"])
+def test_other_vectors_with_four_components_are_no_quaternion(line: str) -> None:
+    assert LineParser().parse(line.encode()) is None
+
+
+@pytest.mark.parametrize("name", ["acceleration", "linearAcceleration", "mag", "gravity", "position", "gyro"])
+def test_other_vectors_of_json_are_no_quaternion(name: str) -> None:
+    vector = {"x": 0.6, "y": 0.0, "z": 0.8, "w": 0.0}
+    own = {"x": XYZW[0], "y": XYZW[1], "z": XYZW[2], "w": XYZW[3]}
+    found = quaternions({name: vector, "quat": own}, "wxyz")
+    assert [each.orientation_xyzw for each in found] == [pytest.approx(XYZW)]
+    with pytest.raises(ContentError, match="has no quaternion"):
+        quaternions({name: vector}, "wxyz")
+
+
+def test_quaternion_of_core_motion_is_read_by_its_names() -> None:
+    fields = {f"motionQuaternion{axis}": f"{value}" for axis, value in zip("XYZW", XYZW, strict=True)}
+    rates = {"motionRotationRateX": "0.5", "motionGravityX": "1.0", "gyroRotationX": "0.2"}
+    (found,) = quaternions({**rates, **fields, "loggingTime": "2026-03-02 09:01:02"}, "wxyz")
+    assert found.orientation_xyzw == pytest.approx(XYZW)
 
 
 def test_time_is_read_from_a_field_whose_name_states_the_unit_and_else_not() -> None:

@@ -42,8 +42,13 @@ _BUTTON = re.compile(r"(?:([^:]+):\s*)?(?:button|b)(?:[:,;\s]+(press|double|hold
 _SEPARATOR = re.compile(r"[,;|\s]+")
 _WORD = re.compile(r"[^\W_](?:[\w.:\-]*\w)?")
 _COLOR = re.compile(r"\x1b\[[\d;]*m")
-_LOG = re.compile(r"[EWIDV] \([\d:. ]+\) |\[[\d:., ]+\](?: <\w+> |\[[EWIDV]\]\[[^\]]*\] )")
-"""Level and time of ESP-IDF, Zephyr and the ESP32's Arduino core before a logged line."""
+_LOG = re.compile(
+    r"[EWIDV] \([\d:. ]+\) |\[[\d:., ]+\](?: <\w+> |\[[EWIDV]\]\[[^\]]*\] )|\d\d:\d\d:\d\d\.\d{3} -?> "
+    r"|\d{4}-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d(?:[.,]\d+)?)?(?:Z|[+-]\d\d:?\d\d)?[,;\s]+"
+)
+"""Level and time of ESP-IDF, Zephyr, the ESP32's Arduino core, serial monitors and loggers before a line."""
+_COMMA_NUMBER = re.compile(r"((?:[^\W\d]\w*[:=])?[+-]?\d+),(\d+)")
+_PLAIN_NUMBER = re.compile(r"(?:[^\W\d]\w*[:=])?[+-]?\d+")
 _BRACKETS = str.maketrans("[](){}<>\"'", " " * 10)
 _NO_NUMBER = re.compile(r"(?<![^\W_])[+-]?(?:nan|inf|infinity|ovf|null|none)(?![^\W_])", re.IGNORECASE)
 _KINDS = frozenset({"quaternion", "quaternions", "quat", "quats", "q", "game", "rotation", "vector"})
@@ -128,7 +133,7 @@ class LineParser:
             return ButtonLine(cast("Gesture", (button[2] or "press").lower()), _names(button[1] or ""))
         if wrong := _NO_NUMBER.search(text):
             raise LineError(f"has {wrong[0]!r} where a number was expected")
-        text = text.translate(_BRACKETS).strip()
+        text = _with_points(text.translate(_BRACKETS).strip())
         named = self._components(text)
         return named if named is not None else self._columns(text)
 
@@ -170,6 +175,8 @@ class LineParser:
             x, y, z = (each or 0.0 for each in four[:3])
             w = four[3] if four[3] is not None else _left_out({key.lower() for key, _, _ in fields}, x, y, z)
             start = min(at for key, _, at in fields if component(key)[0])
+            if not says_quaternion and _is_other_reading(_PAIR.sub(" ", text[:start])):
+                return None
             ids = [number for key, number, _ in fields if is_id(key)]
             return QuaternionLine(
                 _unit((x, y, z, w)), _time_field(fields), (*_names(_PAIR.sub(" ", text[:start])), *ids)
@@ -179,10 +186,9 @@ class LineParser:
     def _columns(self, text: str) -> QuaternionLine | None:
         found = _COLUMNS.match(text)
         label = text if found is None else found[1]
-        words = {word.lower() for word in _WORD.findall(label)}
-        if words & _OTHER_NAMES and not words & _KINDS:
+        if _is_other_reading(label):
             return None
-        if words & _ANGLES:
+        if {word.lower() for word in _WORD.findall(label)} & _ANGLES:
             raise AnglesError(f"has angles: {_QUATERNIONS}")
         is_name = any(map(str.isalpha, label)) or ":" in text or label.count(".") == 3
         if found is None or (label and not is_name):
@@ -226,6 +232,22 @@ class LineParser:
         a, b, c, d = four
         turned = _unit((b, c, d, a) if self._order == "wxyz" else (a, b, c, d))
         return QuaternionLine(turned, time_ns, tuple(filter(None, names)))
+
+
+def _with_points(text: str) -> str:
+    """Return `text` with points in its numbers if they have decimal commas, as in `0,6; 0,8; 0; 0`."""
+    words = re.split(r"([;|\s]+)", text)
+    numbers = [word for word in words if _COMMA_NUMBER.fullmatch(word)]
+    others = [word for word in words if _PLAIN_NUMBER.fullmatch(word)]
+    if not numbers or len(numbers) + len(others) < 4 or "." in text:
+        return text
+    return "".join(_COMMA_NUMBER.sub(r"\1.\2", word) if word in numbers else word for word in words)
+
+
+def _is_other_reading(label: str) -> bool:
+    """Return True if a label is of numbers that are no quaternion, such as accelerations."""
+    words = {word.lower() for word in _WORD.findall(label)}
+    return bool(words & _OTHER_NAMES) and not words & _KINDS
 
 
 def _names(label: str) -> tuple[str, ...]:

@@ -31,7 +31,15 @@ _KINDS = frozenset({
 """Names of fields that hold orientations and do not tell sensors apart."""
 _LISTS = frozenset({"quaternion", "quat", "q", "orientation", "rotation"})
 _ANGLES = frozenset({"yaw", "pitch", "roll", "heading", "euler", "ypr", "rpy"})
-_PREFIX = re.compile(r"(?:quaternion|quat|q|orientation|orient|rotation|rot)(?=[wxyzrijk0-3s]\Z|real\Z)")
+_VECTORS = re.compile(
+    r"(?:raw|lin|linear|user|local|world|angular|device|motion)*(?:acc(?:el(?:eration|erometer)?)?|"
+    r"gyr(?:o(?:scope)?)?|mag(?:net(?:ometer|ic(?:field)?))?|grav(?:ity)?|pos(?:ition)?|translation|"
+    r"velocity|rotationrate|euler(?:angles)?|scale)s?"
+)
+"""Names of fields with other vectors, which may have a component w."""
+_PREFIX = re.compile(
+    r"(?:motion|device|attitude)?(?:quaternion|quat|q|orientation|orient|rotation|rot)(?=[wxyzrijk0-3s]\Z|real\Z)"
+)
 _COMPONENTS = {
     "w": "w",
     "x": "x",
@@ -129,7 +137,7 @@ def _search(content: Any, order: Order, names: tuple[str, ...], depth: int) -> I
         plain = _plain(key)
         if plain in _LISTS and _is_list(value) and len(value) == 4 and not any(map(is_object, value)):
             yield NamedQuaternion(_rotation(value, order), names)
-        elif is_object(value) or _is_list(value):
+        elif (is_object(value) or _is_list(value)) and not _VECTORS.fullmatch(plain):
             own = names if plain in _KINDS or is_id(key) else (*names, key[:MAX_NAME])
             yield from _search(value, order, own, depth + 1)
 

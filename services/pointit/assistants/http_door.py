@@ -21,7 +21,7 @@ from pointit.bridges.web.server.access import Access
 from pointit.bridges.web.server.app import REFUSAL_S, request_info
 from pointit.bridges.web.server.listener import Listener, bind, url
 from pointit.errors import ConfigError
-from pointit.runtime.config.network_address import is_loopback
+from pointit.runtime.address_config import is_loopback
 from pointit.runtime.config.validation_message import describe_validation_error
 
 PATH = "/mcp"

@@ -1,13 +1,15 @@
-"""Base of parameters with an address in the network."""
+"""Base of parameters with an address in the network, and the check for loopback."""
 
+import ipaddress
 from collections.abc import Mapping
 from typing import Any, cast
 
 from pydantic import model_validator
+from pydantic_core import PydanticCustomError
 
 from pointit.runtime.config.config import Config
 from pointit.runtime.config.network_address import parse_address
-from pointit.runtime.config.validation_message import described_error
+from pointit.runtime.config.validation_message import DESCRIBED
 
 
 class AddressConfig(Config):
@@ -33,3 +35,17 @@ class AddressConfig(Config):
 def format_address(host: str, port: int) -> str:
     """Return `HOST:PORT`, with brackets around an IPv6 address."""
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+
+
+def described_error(text: str) -> PydanticCustomError:
+    """Return an error of which the message is `text` alone, without the value."""
+    return PydanticCustomError(DESCRIBED, "{text}", {"text": text})
+
+
+def is_loopback(address: str) -> bool:
+    """Return True if `address`, as of `parse_address`, is reachable from this machine only."""
+    try:
+        host = parse_address(address)[0].lower().removesuffix(".")
+        return host == "localhost" or ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False

@@ -15,9 +15,9 @@ from pydantic import (
     model_validator,
 )
 
+from pointit.runtime.address_config import described_error
 from pointit.runtime.config.config import Config, Layers
 from pointit.runtime.config.similar_names import nearest
-from pointit.runtime.config.validation_message import described_error
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.config.yaml_values import WrittenFloat, WrittenInt
 from pointit.runtime.errors import ConfigError

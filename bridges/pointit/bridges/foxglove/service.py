@@ -16,9 +16,9 @@ from pointit.bridges.foxglove.config import FoxgloveConfig
 from pointit.bridges.foxglove.event_log import EventLog, Line
 from pointit.bridges.foxglove.scene import PARTS, Scene
 from pointit.bridges.foxglove.server import LOG, Server, picture_topic
+from pointit.runtime.address_config import is_loopback
 from pointit.runtime.bus.contract import Subscription
 from pointit.runtime.clock import Timer
-from pointit.runtime.config.network_address import is_loopback
 from pointit.runtime.host.own_address import own_address
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import Environment, Message

@@ -23,9 +23,10 @@ from pointit.launch.page.page_tokens import kept_tokens
 from pointit.launch.plan.settings import Settings
 from pointit.launch.run.run_site import CLOCK_PATIENCE_S
 from pointit.launch.run.running_scenario import PRESENCE_PATIENCE_S
+from pointit.runtime.address_config import is_loopback
 from pointit.runtime.bus.contract import list_present
 from pointit.runtime.bus.site_clock import SiteClock
-from pointit.runtime.config.network_address import is_loopback, parse_address
+from pointit.runtime.config.network_address import parse_address
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.link import Link
 from pointit.runtime.link.options import link_of

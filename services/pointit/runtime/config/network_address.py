@@ -39,15 +39,6 @@ def parse_address(text: str) -> tuple[str, int | None]:
     return host, int(port)
 
 
-def is_loopback(address: str) -> bool:
-    """Return True if `address`, as of `parse_address`, is reachable from this machine only."""
-    try:
-        host = parse_address(address)[0].lower().removesuffix(".")
-        return host == "localhost" or ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
-
-
 def _numeric_host(kind: type[ipaddress.IPv4Address | ipaddress.IPv6Address], host: str, text: str) -> str:
     try:
         address = kind(host)

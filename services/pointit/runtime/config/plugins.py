@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from pydantic import ValidationError
-from pydantic_core import InitErrorDetails
+from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from pointit.runtime.config.config import Config, validate
 from pointit.runtime.config.installed import OURS, InstalledGroup
-from pointit.runtime.config.validation_message import described_error, first_mistake
+from pointit.runtime.config.validation_message import DESCRIBED, first_mistake
 from pointit.runtime.errors import ConfigError
 
 
@@ -120,7 +120,8 @@ class PluginGroup(InstalledGroup[P]):
 
 
 def _described(loc: tuple[int | str, ...], text: str, value: object) -> ValidationError:
-    details = InitErrorDetails(type=described_error(text), loc=loc, input=value)
+    error = PydanticCustomError(DESCRIBED, "{text}", {"text": text})
+    details = InitErrorDetails(type=error, loc=loc, input=value)
     return ValidationError.from_exception_data("plug-in", [details])
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
-from pydantic_core import ErrorDetails, PydanticCustomError
+from pydantic_core import ErrorDetails
 
 from pointit.runtime.config.similar_names import nearest
 from pointit.schemas.text import SECRET_NAME, describe_mistake
@@ -17,11 +17,6 @@ MAX_SHOWN = 60
 
 DESCRIBED = "described"
 """Error type of pydantic whose message is already written for people."""
-
-
-def described_error(text: str) -> PydanticCustomError:
-    """Return an error of which the message is `text` alone, without the value."""
-    return PydanticCustomError(DESCRIBED, "{text}", {"text": text})
 
 
 def describe_validation_error(error: ValidationError, kind: type[BaseModel]) -> str:

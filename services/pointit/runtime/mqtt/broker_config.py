@@ -6,9 +6,9 @@ from urllib.parse import SplitResult, unquote, urlsplit
 
 from pydantic import Field, field_validator, model_validator
 
+from pointit.runtime.address_config import described_error
 from pointit.runtime.config.config import Config
 from pointit.runtime.config.network_address import parse_address
-from pointit.runtime.config.validation_message import described_error
 
 PORT = 1883
 TLS_PORT = 8883

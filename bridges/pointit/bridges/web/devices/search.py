@@ -8,7 +8,7 @@ from pydantic import ValidationError
 from pointit.bridges.web.devices.wire import ConnectDevice, ConnectedDevice
 from pointit.plugins import GROUPS
 from pointit.plugins.device_search import SearchResult, search, words
-from pointit.runtime.config.network_address import is_loopback
+from pointit.runtime.address_config import is_loopback
 from pointit.runtime.config.plugins import FoundDevice
 
 SEARCH_S = 3.0

@@ -13,7 +13,7 @@ from starlette.routing import Route
 from pointit.bridges.web.server.access import Access, new_token
 from pointit.bridges.web.server.app import REFUSAL_S, SecurityMiddleware, asked_of
 from pointit.bridges.web.server.listener import Listener, bind
-from pointit.runtime.config.network_address import is_loopback
+from pointit.runtime.address_config import is_loopback
 from pointit.runtime.errors import ConfigError
 
 PATH = "/metrics"

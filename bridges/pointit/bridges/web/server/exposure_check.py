@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 
 from pointit.bridges.web.config import WebConfig
-from pointit.runtime.config.network_address import is_loopback
+from pointit.runtime.address_config import is_loopback
 from pointit.runtime.errors import ConfigError
 
 CONTAINER = "container"

@@ -3,8 +3,8 @@
 import asyncio
 from abc import ABC, abstractmethod
 
+from pointit.runtime.address_config import is_loopback
 from pointit.runtime.clock import Clock, Timer
-from pointit.runtime.config.network_address import is_loopback
 from pointit.runtime.service.surroundings import HealthSink
 from pointit.services.imu_bridge.network.udp_server import ANY_HOST, Address, DatagramLimit, UdpServer
 from pointit.services.imu_bridge.reading import Deliver, Item, Reading

@@ -4,8 +4,8 @@ from typing import Annotated, Self
 
 from pydantic import BeforeValidator, Field, StringConstraints, model_validator
 
+from pointit.runtime.address_config import described_error
 from pointit.runtime.config.config import Config
-from pointit.runtime.config.validation_message import described_error
 from pointit.runtime.mqtt.broker_config import BrokerConfig
 from pointit.runtime.mqtt.payload_words import is_online
 from pointit.services.led_driver.output.mqtt.light_protocol import WORDS

@@ -52,7 +52,7 @@ DEVICES = {
             routing/input_subscription.py routing/guests.py routing/inbox.py routing/outbox.py
             graph/graph_monitor.py parameters/map_of_node.py parameters/node_parameters.py
             robot/driver.py robot/navigator.py routing/site.py over_rclpy/backend.py
-            over_rclpy/seat.py over_rclpy/services.py over_rclpy/topics.py over_zenoh/backend.py
+            over_rclpy/dds_context.py over_rclpy/services.py over_rclpy/topics.py over_zenoh/backend.py
             over_zenoh/endpoint_context.py over_zenoh/services.py over_zenoh/topics.py""",
     }.items()
 }

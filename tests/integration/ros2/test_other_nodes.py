@@ -84,7 +84,7 @@ def outbox_of(node: Node) -> Outbox:
     """Return the way out to ROS through `node`, as the service wires it."""
     clock = ManualClock()
     bus = ServiceBus(MemoryBus(LocalBroker()), clock, "ros2", "ros2")
-    site = Site(bus=bus, clock=clock, backend=node.backend, scene=ConversionState(Types("jazzy")))
+    site = Site(bus=bus, clock=clock, backend=node.backend, state=ConversionState(Types("jazzy")))
     outbox = Outbox(routes().outward, site, unread=False)
     node.backend.watch(outbox.look)
     return outbox
@@ -145,5 +145,5 @@ async def test_nodes_with_tokens_are_not_reported(at: Graphs) -> None:
         await arrives(lambda: writer.put(cdr_of(len(to_robot))), to_robot, count)
         await arrives(lambda: back.put(cdr_of(len(to_node))), to_node, count)
         node.backend._look()
-    assert not node.backend._roster.graph().unseen
+    assert not node.backend._directory.graph().unseen
     assert not node.shown.ever

@@ -168,7 +168,7 @@ async def bench(types: Types, table: Routes | None = None, *, unread: bool = Fal
     inner, other = MemoryBus(exchange), MemoryBus(exchange)
     bus = ServiceBus(inner, clock, "ros2", "ros2")
     backend, scene = FakeBackend(), ConversionState(types)
-    site = Site(bus=bus, clock=clock, backend=backend, scene=scene)
+    site = Site(bus=bus, clock=clock, backend=backend, state=scene)
     table = table or routes()
     outbox = Outbox(table.outward, site, unread=unread)
     inbox = Inbox(table.inward, table.served, site)

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.bridges.ros2.graph.backend import Distro
-from pointit.bridges.ros2.over_rclpy.library import class_of
+from pointit.bridges.ros2.over_rclpy.rclpy_library import class_of
 from pointit.bridges.ros2.types.definitions import INTERFACES, Definitions
 from pointit.bridges.ros2.types.foreign import NAVIGATE_TO_POSE, actions
 from pointit.bridges.ros2.types.rihs01 import Rihs01

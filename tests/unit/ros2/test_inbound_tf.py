@@ -2,7 +2,7 @@
 
 import pytest
 
-from pointit.bridges.ros2.inbound.person import HEARD_NS, MAX_TRANSFORMS, SOONEST_NS
+from pointit.bridges.ros2.inbound.person import MAX_TF_AGE_NS, MAX_TRANSFORMS, SOONEST_NS
 from pointit.bridges.ros2.routing.route_types import BusOutput, ConversionContext
 from pointit.schemas import NS_PER_S
 from pointit.schemas.topics import POSE, SET_POSE
@@ -18,7 +18,7 @@ def test_tf_gives_the_poses_of_the_people_who_are_known() -> None:
     found = taken(row, tf(*(frame_of(*each) for each in [*frames, ("user2/human_footprint", "odom")])), scene)
     assert [(each.at, each.name) for each in found[:-1] if isinstance(each, BusOutput)] == [(POSE, "user1")]
     assert warned(found[-1:]) == "the pose of user2 is in the frame 'odom': send it in 'world'"
-    assert scene.person("user1").tf_until_ns == NOW_NS + HEARD_NS
+    assert scene.person("user1").tf_until_ns == NOW_NS + MAX_TF_AGE_NS
     assert scene.person("user2").tf_until_ns == 0
 
 

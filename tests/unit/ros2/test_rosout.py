@@ -11,8 +11,8 @@ from pointit.bridges.ros2.outbound.rosout import (
     ERROR,
     INFO,
     MAX_AT_ONCE,
+    MAX_REPORTS,
     MAX_SERVICES,
-    MAX_TOLD,
     OVER_REPORTS,
     REPORTS_PER_LINE,
     WARN,
@@ -169,9 +169,9 @@ def test_who_has_much_to_say_says_it_bit_by_bit_and_what_is_not_over_is_bounded(
     assert len(log.says(report, 4 * REPORTS_PER_LINE)) == 4
     assert log.says(report, 100) == []
     words = [f"{''.join(pair)} is gone" for pair in itertools.product("abcdefghij", repeat=2)]
-    assert len(words) > MAX_TOLD
+    assert len(words) > MAX_REPORTS
     report = health(*words, instance="bounded")
-    assert len(log.says(report, MAX_TOLD * REPORTS_PER_LINE * 2)) == MAX_TOLD
+    assert len(log.says(report, MAX_REPORTS * REPORTS_PER_LINE * 2)) == MAX_REPORTS
     assert len(log.says(health(words[0], instance="bounded"), OVER_REPORTS + 10)) > 0, "and goes on"
 
 

@@ -49,7 +49,7 @@ class Ros2(Service[Ros2Config]):
         types = Types(config.backend.distro)
         self._leave_out(_unusable(self._table, types))
         file = self._table.file
-        self._scene = ConversionState(types, world=file.world, person=file.person, kinds=file.kinds)
+        self._state = ConversionState(types, world=file.world, person=file.person, kinds=file.kinds)
         self._people, self._services = PresenceCache("user"), PresenceCache("service")
 
     def _leave_out(self, unusable: Mapping[str, str]) -> None:
@@ -95,7 +95,7 @@ class Ros2(Service[Ros2Config]):
         )
         async with contextlib.AsyncExitStack() as stack:
             stack.push_async_callback(backend.close)
-            site = Site(bus=self.bus, clock=self.clock, backend=backend, scene=self._scene)
+            site = Site(bus=self.bus, clock=self.clock, backend=backend, state=self._state)
             outbox = Outbox(self._table.outward, site, unread=self.config.unread)
             stack.callback(outbox.close)
             inbox = Inbox(self._table.inward, self._table.served, site)
@@ -126,12 +126,12 @@ class Ros2(Service[Ros2Config]):
             self._show(outbox, topic, message, name)
 
     def _show(self, outbox: Outbox, topic: Topic[Any], message: Message, name: str) -> None:
-        self._scene.take(name, message, self.clock.now_ns())
+        self._state.take(name, message, self.clock.now_ns())
         outbox.take(topic, message, name)
 
     def _meet(self, outbox: Outbox, inbox: Inbox, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's
         if present:
-            self._scene.person(user).is_here = True  # their frame is known from now on
+            self._state.person(user).is_here = True  # their frame is known from now on
             outbox.join(user)
             inbox.join(user)
             for topic, message in self._people.on_join(user):
@@ -140,7 +140,7 @@ class Ros2(Service[Ros2Config]):
             self._people.on_leave(user)
             outbox.leave(user)
             inbox.leave(user)
-            self._scene.forget(user)
+            self._state.forget(user)
 
     def _mind(self, outbox: Outbox, guests: Guests, instance: str, present: bool) -> None:  # noqa: FBT001 - as above
         guests.on_presence(instance, present)

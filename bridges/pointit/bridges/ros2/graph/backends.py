@@ -83,13 +83,13 @@ async def opened(
     finally:
         waiting.close()
     try:
-        dialect = RmwZenoh(
+        rmw = RmwZenoh(
             session=session.zid,
             node=config.node,
             domain=config.domain_id,
             enclave=BRIDGE if is_bridge else ENCLAVE,
         )
-        return ZenohBackend(session, dialect, warnings, config, now_ns)
+        return ZenohBackend(session, rmw, warnings, config, now_ns)
     except ValueError as error:
         await session.close()
         raise ConfigError(f"node: {error}") from error

@@ -58,16 +58,16 @@ def heading(turned: Quaternion, what: str) -> float | str:
     return vector.azimuth(ahead)
 
 
-def stamp(value: Any, about: ConversionContext, what: str) -> tuple[int, str]:
+def stamp(value: Any, context: ConversionContext, what: str) -> tuple[int, str]:
     """Return the time of capture, Unix ns, and a warning, or `""`. A bad stamp is replaced by now."""
     stamp_ns = int(value.sec) * NS_PER_S + int(value.nanosec)
     if stamp_ns == 0:
-        return about.stamp_ns, ""
-    apart_ns = stamp_ns - about.stamp_ns
+        return context.stamp_ns, ""
+    apart_ns = stamp_ns - context.stamp_ns
     if -LATE_NS <= apart_ns <= MAX_AHEAD_NS:
         return max(stamp_ns, 0), ""
     side = "ahead of" if apart_ns > 0 else "behind"
-    return about.stamp_ns, (
+    return context.stamp_ns, (
         f"{what} is stamped {abs(apart_ns) / NS_PER_S:.1f} s {side} the site's clock, and counts as of its "
         "arrival: synchronize the clocks, or let both follow /clock"
     )

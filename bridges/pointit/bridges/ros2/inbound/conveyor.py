@@ -31,7 +31,7 @@ EVERY_STRIP = 0xFF
 """Mask of LED channels."""
 
 
-def belt_command(value: Any, about: ConversionContext) -> Taken:
+def belt_command(value: Any, context: ConversionContext) -> Taken:
     """Convert a conveyor_msgs/BeltCommand: a speed for every belt, or for some."""
     names, speeds = list(value.name), [float(each) for each in value.velocity]
     if not names or len(names) != len(speeds) or len(names) > MAX_BELTS:
@@ -44,13 +44,13 @@ def belt_command(value: Any, about: ConversionContext) -> Taken:
     taken: list[BusOutput | ConversionWarning] = []
     belts: dict[float, list[str]] = {}
     for name, speed_mps in zip(names, speeds, strict=True):
-        lane = None if name == ALL else lane_of(name, about.scene.lanes)
+        lane = None if name == ALL else lane_of(name, context.state.lanes)
         if problem := _too_fast("/belt_cmd", speed_mps):
             taken.append(ConversionWarning(problem))
         elif name == ALL:
             taken.append(_at_speed(speed_mps))
         elif lane is None:
-            there_are = ", ".join(about.scene.lanes[:20]) or "none"
+            there_are = ", ".join(context.state.lanes[:20]) or "none"
             taken.append(
                 ConversionWarning(f"/belt_cmd: there is no belt {checks.named(name)}; there are {there_are}")
             )
@@ -60,16 +60,16 @@ def belt_command(value: Any, about: ConversionContext) -> Taken:
     return tuple(taken)
 
 
-def feed(value: Any, _about: ConversionContext) -> Taken:
+def feed(value: Any, _context: ConversionContext) -> Taken:
     """Convert a std_msgs/Bool: start or stop the feeders."""
     return (BusOutput(topics.SET_FEEDING, "", SetFeeding(feeding=bool(value.data))),)
 
 
-def add_package(value: Any, about: ConversionContext) -> Taken:
+def add_package(value: Any, context: ConversionContext) -> Taken:
     """Convert a std_msgs/UInt8: add an object of that kind to the first lane."""
-    kind = about.scene.kinds.kind(int(value.data))
+    kind = context.state.kinds.kind(int(value.data))
     if kind is None:
-        return (ConversionWarning(_no_kind("/add_package", int(value.data), about)),)
+        return (ConversionWarning(_no_kind("/add_package", int(value.data), context)),)
     return (BusOutput(topics.ADD_PACKAGE, "", AddPackage(kind=kind)),)
 
 
@@ -80,14 +80,14 @@ class AddPack:
         self._open: dict[int, Any] = {}
         """Open requests to our conveyor by requested number."""
 
-    def asks(self, request: Any, about: ConversionContext) -> BusOutput | ConversionWarning:
+    def asks(self, request: Any, context: ConversionContext) -> BusOutput | ConversionWarning:
         """Convert a request."""
         uid, belt, position = int(request.uid), int(request.belt), float(request.position)
-        scene = about.scene
-        taken = {scene.uids.number(item.id) for item in scene.tracked()}
-        kind, lanes = scene.kinds.kind(int(request.kind)), scene.lanes
+        state = context.state
+        taken = {state.uids.number(item.id) for item in state.tracked()}
+        kind, lanes = state.kinds.kind(int(request.kind)), state.lanes
         if kind is None:
-            return ConversionWarning(_no_kind("add_pack", int(request.kind), about))
+            return ConversionWarning(_no_kind("add_pack", int(request.kind), context))
         if belt >= len(lanes):
             return ConversionWarning(
                 f"add_pack: there is no belt {belt}: there are {len(lanes)}, counted from 0"
@@ -100,46 +100,48 @@ class AddPack:
         if uid > MAX_NUMBER or uid in self._open or uid in taken:
             return ConversionWarning(f"add_pack: uid {uid} is taken or beyond {MAX_NUMBER}: ask for another")
         self._open[uid] = request
-        scene.uids.reserve(uid)
+        state.uids.reserve(uid)
         return BusOutput(
             topics.ADD_PACKAGE,
             "",
             AddPackage(kind=kind, lane=lanes[belt], position=None if is_at_start else position),
         )
 
-    def answers(self, request: Any, reply: Reply | None, about: ConversionContext) -> Any:
+    def answers(self, request: Any, reply: Reply | None, context: ConversionContext) -> Any:
         """Return the response, and bind the caller's number to the new object."""
-        uids, uid = about.scene.uids, int(request.uid)
+        uids, uid = context.state.uids, int(request.uid)
         if self._open.get(uid) is request:
             del self._open[uid]
             uids.end_reservation(uid)
             if isinstance(reply, AddPackageReply):
                 uids.bind(uid, reply.object_id)
         is_added = isinstance(reply, AddPackageReply)
-        return about.scene.types.make("conveyor_msgs/srv/AddPack_Response", result=is_added)
+        return context.state.types.make("conveyor_msgs/srv/AddPack_Response", result=is_added)
 
 
-def set_belt_speed(request: Any, _about: ConversionContext) -> BusOutput | ConversionWarning:
+def set_belt_speed(request: Any, _context: ConversionContext) -> BusOutput | ConversionWarning:
     """Convert a request to `set_belt_speed`: a speed for every belt."""
     speed_mps = float(request.speed)
     problem = _too_fast("set_belt_speed", speed_mps)
     return ConversionWarning(problem) if problem else _at_speed(speed_mps)
 
 
-def reset(_request: Any, _about: ConversionContext) -> BusOutput | ConversionWarning:
+def reset(_request: Any, _context: ConversionContext) -> BusOutput | ConversionWarning:
     """Convert a request to empty the conveyor."""
     return BusOutput(topics.RESET_CONVEYOR, "", ResetConveyor())
 
 
-def set_brightness(request: Any, about: ConversionContext) -> BusOutput | ConversionWarning:
+def set_brightness(request: Any, context: ConversionContext) -> BusOutput | ConversionWarning:
     """Convert a request to dim all strips, or those with channels (`id` in `/led_strips`) in the mask."""
     brightness, mask = float(request.brightness), int(request.channel_index_mask)
     if not math.isfinite(brightness):
         return ConversionWarning(f"set_brightness: brightness {brightness} was asked for: send 0 to 1")
     strips: tuple[str, ...] = ()
     if mask != EVERY_STRIP:
-        room = about.scene.room
-        channels = {strip.id: about.scene.channels.number(strip.id) for strip in room.strips} if room else {}
+        room = context.state.room
+        channels = (
+            {strip.id: context.state.channels.number(strip.id) for strip in room.strips} if room else {}
+        )
         strips = tuple(name for name, number in channels.items() if mask >> number & 1)
         if not strips:
             there_are = ", ".join(f"{number} {name}" for name, number in channels.items()) or "none"
@@ -152,9 +154,9 @@ def set_brightness(request: Any, about: ConversionContext) -> BusOutput | Conver
     )
 
 
-def set_yaw_origin(_request: Any, about: ConversionContext) -> BusOutput | ConversionWarning:
+def set_yaw_origin(_request: Any, context: ConversionContext) -> BusOutput | ConversionWarning:
     """Convert a request to make the arm's current direction x of {H}."""
-    return BusOutput(topics.SET_YAW_ORIGIN, about.name, SetYawOrigin())
+    return BusOutput(topics.SET_YAW_ORIGIN, context.name, SetYawOrigin())
 
 
 def _at_speed(speed_mps: float, belts: tuple[str, ...] = ()) -> BusOutput:
@@ -167,5 +169,5 @@ def _too_fast(who: str, speed_mps: float) -> str:
     return f"{who}: a speed of {speed_mps:g} m/s was asked for: send one within ±{FASTEST_MPS:g} m/s"
 
 
-def _no_kind(who: str, number: int, about: ConversionContext) -> str:
-    return f"{who}: kind {number} means nothing here: there are {about.scene.kinds}"
+def _no_kind(who: str, number: int, context: ConversionContext) -> str:
+    return f"{who}: kind {number} means nothing here: there are {context.state.kinds}"

@@ -36,20 +36,20 @@ class Rays:
     def __init__(self) -> None:
         self._counts: dict[str, int] = {}
 
-    def __call__(self, value: Any, about: ConversionContext) -> Taken:
+    def __call__(self, value: Any, context: ConversionContext) -> Taken:
         """Convert a geometry_msgs/PoseStamped. The first ones only make the person present.
 
         A ray published before the subscription is known would give them a cursor.
         """
-        guest = about.scene.guests.get(about.name)
+        guest = context.state.guests.get(context.name)
         if guest is None:
             return ()
-        what = f"the ray of {about.name}"
+        what = f"the ray of {context.name}"
         frame = frame_name(value.header.frame_id)
-        if frame not in ("", frame_name(about.frame)):
+        if frame not in ("", frame_name(context.frame)):
             return (
                 ConversionWarning(
-                    f"{what} is in the frame {checks.named(frame)}: send it in {about.frame!r}"
+                    f"{what} is in the frame {checks.named(frame)}: send it in {context.frame!r}"
                 ),
             )
         origin_m = checks.place(value.pose.position, what)
@@ -61,12 +61,12 @@ class Rays:
         guest.is_heard = True
         if not guest.is_here:
             return ()
-        stamp_ns, problem = checks.stamp(value.header.stamp, about, what)
-        count = self._counts[about.name] = self._counts.get(about.name, 0) + 1
+        stamp_ns, problem = checks.stamp(value.header.stamp, context, what)
+        count = self._counts[context.name] = self._counts.get(context.name, 0) + 1
         way = vector.normalized(rotation.rotate(turned, AHEAD))
         ray = PointingRay(stamp_ns=stamp_ns, seq=count, origin_m=origin_m, direction=way)
-        said = BusOutput(RAY, about.name, ray)
-        return (said, ConversionWarning(problem)) if problem else (said,)
+        output = BusOutput(RAY, context.name, ray)
+        return (output, ConversionWarning(problem)) if problem else (output,)
 
 
 class Subscriptions:
@@ -76,18 +76,18 @@ class Subscriptions:
         self._counts: dict[str, int] = {}
         self._looks: dict[str, _Look] = {}
 
-    def __call__(self, value: Any, about: ConversionContext) -> Taken:
+    def __call__(self, value: Any, context: ConversionContext) -> Taken:
         """Convert a conveyor_msgs/PUISubscription; repetitions are dropped."""
-        scene, name = about.scene, value.user_name
-        user = next((each for each in scene.guests if scene.names.of(each) == name), None)
+        state, name = context.state, value.user_name
+        user = next((each for each in state.guests if state.names.of(each) == name), None)
         if user is None:
-            is_ours = any(scene.names.of(each) == name for each in scene.people)
+            is_ours = any(state.names.of(each) == name for each in state.people)
             return () if is_ours or not value.subscribe else (_stranger(name),)
-        guest = scene.guests[user]
+        guest = state.guests[user]
         was, guest.is_subscribed = guest.is_subscribed, bool(value.subscribe)
         if not guest.is_subscribed:
             why = "they want no cursor any more"
-            return (interaction(scene, user, about.stamp_ns, why),) if was else ()
+            return (interaction(state, user, context.stamp_ns, why),) if was else ()
         guest.is_heard = True
         look = _look(value, user)
         taken: list[BusOutput | ConversionWarning] = []
@@ -95,15 +95,15 @@ class Subscriptions:
             taken.append(ConversionWarning(look))
         elif not was or look != self._looks.get(user):
             self._looks[user] = look
-            taken.append(self._profile(user, look, about))
+            taken.append(self._profile(user, look, context))
         if not was:
-            taken.append(interaction(scene, user, about.stamp_ns, "they want a cursor"))
+            taken.append(interaction(state, user, context.stamp_ns, "they want a cursor"))
         return tuple(taken)
 
-    def _profile(self, user: str, look: _Look, about: ConversionContext) -> BusOutput:
+    def _profile(self, user: str, look: _Look, context: ConversionContext) -> BusOutput:
         count = self._counts[user] = self._counts.get(user, 0) + 1
         profile = UserProfile(
-            stamp_ns=about.stamp_ns,
+            stamp_ns=context.stamp_ns,
             seq=count,
             cursor_color=look.color,
             cursor_colormap=look.colormap,
@@ -112,17 +112,17 @@ class Subscriptions:
         return BusOutput(PROFILE, user, profile)
 
 
-def interaction(scene: ConversionState, user: str, stamp_ns: int, reason: str) -> BusOutput:
+def interaction(state: ConversionState, user: str, stamp_ns: int, reason: str) -> BusOutput:
     """Return the state of the interaction of the guest `user`, as far as known."""
-    guest = scene.guests[user]
+    guest = state.guests[user]
     guest.steps += 1
-    state = Interaction(
+    message = Interaction(
         stamp_ns=stamp_ns,
         seq=guest.steps,
         state="pointing" if guest.is_subscribed else "idle",
         reason=f"in ROS: {reason}",
     )
-    return BusOutput(INTERACTION, user, state)
+    return BusOutput(INTERACTION, user, message)
 
 
 def _stranger(name: str) -> ConversionWarning:

@@ -23,7 +23,8 @@ SOURCE = "ros2"
 SOONEST_NS = NS_PER_S // 30
 """Minimum interval of one person's poses from /tf."""
 
-HEARD_NS = 2 * NS_PER_S
+NO_ORIENTATION = "has no orientation: the IMU states that it measures none; add a filter that computes one"
+MAX_TF_AGE_NS = 2 * NS_PER_S
 """Time for which a publisher of a person's frame is assumed to continue."""
 FOR_EVER_NS = 2**63 - 1
 
@@ -37,27 +38,24 @@ class Wrist:
     def __init__(self) -> None:
         self._counts: dict[str, int] = {}
 
-    def rotation(self, value: Any, about: ConversionContext) -> Taken:
+    def rotation(self, value: Any, context: ConversionContext) -> Taken:
         """Convert a geometry_msgs/QuaternionStamped."""
-        return self._turned(value, checks.quaternion(value.quaternion, _arm(about)), about)
+        return self._turned(value, checks.quaternion(value.quaternion, _arm(context)), context)
 
-    def imu(self, value: Any, about: ConversionContext) -> Taken:
+    def imu(self, value: Any, context: ConversionContext) -> Taken:
         """Convert a sensor_msgs/Imu; only its orientation is used."""
         if float(value.orientation_covariance[0]) == -1.0:
-            why = (
-                f"{_arm(about)} has no orientation: the IMU says that it measures none; let a filter make one"
-            )
-            return (ConversionWarning(why),)
-        return self._turned(value, checks.quaternion(value.orientation, _arm(about)), about)
+            return (ConversionWarning(f"{_arm(context)} {NO_ORIENTATION}"),)
+        return self._turned(value, checks.quaternion(value.orientation, _arm(context)), context)
 
-    def _turned(self, value: Any, turned: Quaternion | str, about: ConversionContext) -> Taken:
+    def _turned(self, value: Any, turned: Quaternion | str, context: ConversionContext) -> Taken:
         if isinstance(turned, str):
             return (ConversionWarning(turned),)
-        stamp_ns, problem = checks.stamp(value.header.stamp, about, _arm(about))
-        count = self._counts[about.name] = self._counts.get(about.name, 0) + 1
+        stamp_ns, problem = checks.stamp(value.header.stamp, context, _arm(context))
+        count = self._counts[context.name] = self._counts.get(context.name, 0) + 1
         sample = WristSample(stamp_ns=stamp_ns, seq=count, orientation_xyzw=turned)
-        said = BusOutput(WRIST, about.name, sample)
-        return (said, ConversionWarning(problem)) if problem else (said,)
+        output = BusOutput(WRIST, context.name, sample)
+        return (output, ConversionWarning(problem)) if problem else (output,)
 
 
 class Button:
@@ -67,15 +65,15 @@ class Button:
         self._down: dict[str, bool] = {}
         self._counts: dict[str, int] = {}
 
-    def __call__(self, value: Any, about: ConversionContext) -> Taken:
+    def __call__(self, value: Any, context: ConversionContext) -> Taken:
         """Convert a std_msgs/Bool."""
-        was_down = self._down.get(about.name, False)
-        self._down[about.name] = bool(value.data)
+        was_down = self._down.get(context.name, False)
+        self._down[context.name] = bool(value.data)
         if was_down or not value.data:
             return ()
-        count = self._counts[about.name] = self._counts.get(about.name, 0) + 1
+        count = self._counts[context.name] = self._counts.get(context.name, 0) + 1
         return (
-            BusOutput(BUTTON, about.name, ButtonEvent(stamp_ns=about.stamp_ns, seq=count, source=SOURCE)),
+            BusOutput(BUTTON, context.name, ButtonEvent(stamp_ns=context.stamp_ns, seq=count, source=SOURCE)),
         )
 
     def forget(self, user: str) -> None:
@@ -92,101 +90,103 @@ class Poses:
         self._static: dict[str, Any] = {}
         """Static transforms in {W} by frame, also of people who may come later."""
 
-    def mocap(self, value: Any, about: ConversionContext) -> Taken:
+    def mocap(self, value: Any, context: ConversionContext) -> Taken:
         """Convert a geometry_msgs/PoseStamped."""
-        if frame_name(value.header.frame_id) and not _is_in_room(value, about):
-            return (_other_frame(value, about.name, about),)
-        return self._pose(value.pose.position, value.pose.orientation, value.header.stamp, about)
+        if frame_name(value.header.frame_id) and not _is_in_room(value, context):
+            return (_other_frame(value, context.name, context),)
+        return self._pose(value.pose.position, value.pose.orientation, value.header.stamp, context)
 
-    def tf(self, value: Any, about: ConversionContext) -> Taken:
+    def tf(self, value: Any, context: ConversionContext) -> Taken:
         """Convert a tf2_msgs/TFMessage: transforms of known people."""
-        return tuple(self._moving(value, about))
+        return tuple(self._moving(value, context))
 
-    def tf_static(self, value: Any, about: ConversionContext) -> Taken:
+    def tf_static(self, value: Any, context: ConversionContext) -> Taken:
         """Convert a static tf2_msgs/TFMessage: a person's pose, published once."""
         for each in value.transforms[:MAX_TRANSFORMS]:
-            if _is_in_room(each, about):
+            if _is_in_room(each, context):
                 if len(self._static) >= MAX_TRANSFORMS:
                     del self._static[next(iter(self._static))]
                 self._static[frame_name(each.child_frame_id)] = each
-        return tuple(self._static_poses(value, about))
+        return tuple(self._static_poses(value, context))
 
-    def meet(self, about: ConversionContext) -> Taken:
+    def meet(self, context: ConversionContext) -> Taken:
         """Return the pose of a person who has just joined, if published before: it is not repeated."""
-        each = self._static.get(frame_name(about.scene.frames.person(about.name)))
-        return () if each is None else self._stands(each, about.name, about)
+        each = self._static.get(frame_name(context.state.frames.person(context.name)))
+        return () if each is None else self._stands(each, context.name, context)
 
-    def _static_poses(self, value: Any, about: ConversionContext) -> Iterator[BusOutput | ConversionWarning]:
-        for each, user in _of_people(value, about):
-            if _is_in_room(each, about):
-                yield from self._stands(each, user, about)
+    def _static_poses(
+        self, value: Any, context: ConversionContext
+    ) -> Iterator[BusOutput | ConversionWarning]:
+        for each, user in _of_people(value, context):
+            if _is_in_room(each, context):
+                yield from self._stands(each, user, context)
             else:
-                yield _other_frame(each, user, about)
+                yield _other_frame(each, user, context)
 
-    def _stands(self, each: Any, user: str, about: ConversionContext) -> Taken:
+    def _stands(self, each: Any, user: str, context: ConversionContext) -> Taken:
         """Return the pose by a transform of /tf_static, or a warning. A guest has no localizer to query."""
-        moved, now = each.transform, about.scene.types.make("builtin_interfaces/msg/Time")
-        if user in about.scene.guests:
-            about.scene.person(user).tf_until_ns = FOR_EVER_NS
-            return self._pose(moved.translation, moved.rotation, now, about._replace(name=user))
+        moved, now = each.transform, context.state.types.make("builtin_interfaces/msg/Time")
+        if user in context.state.guests:
+            context.state.person(user).tf_until_ns = FOR_EVER_NS
+            return self._pose(moved.translation, moved.rotation, now, context._replace(name=user))
         found = _placed(moved.translation, moved.rotation, user)
         if isinstance(found, str):
             return (ConversionWarning(found),)
-        about.scene.person(user).tf_until_ns = FOR_EVER_NS
+        context.state.person(user).tf_until_ns = FOR_EVER_NS
         position_m, yaw_rad = found
         return (BusOutput(SET_POSE, user, SetPose(position_m=position_m, yaw_rad=yaw_rad)),)
 
-    def _moving(self, value: Any, about: ConversionContext) -> Iterator[BusOutput | ConversionWarning]:
-        for each, user in _of_people(value, about):
-            if not _is_in_room(each, about):
-                yield _other_frame(each, user, about)
+    def _moving(self, value: Any, context: ConversionContext) -> Iterator[BusOutput | ConversionWarning]:
+        for each, user in _of_people(value, context):
+            if not _is_in_room(each, context):
+                yield _other_frame(each, user, context)
                 continue
-            about.scene.person(user).tf_until_ns = about.stamp_ns + HEARD_NS
-            since_ns = about.stamp_ns - self._sent_ns.get(user, -SOONEST_NS)
+            context.state.person(user).tf_until_ns = context.stamp_ns + MAX_TF_AGE_NS
+            since_ns = context.stamp_ns - self._sent_ns.get(user, -SOONEST_NS)
             if 0 <= since_ns < SOONEST_NS:
                 continue
-            self._sent_ns[user] = about.stamp_ns
-            one = about._replace(name=user)
+            self._sent_ns[user] = context.stamp_ns
+            one = context._replace(name=user)
             yield from self._pose(each.transform.translation, each.transform.rotation, each.header.stamp, one)
 
-    def _pose(self, at: Any, turned: Any, stamp: Any, about: ConversionContext) -> Taken:
-        user = about.name
+    def _pose(self, at: Any, turned: Any, stamp: Any, context: ConversionContext) -> Taken:
+        user = context.name
         found = _placed(at, turned, user)
         if isinstance(found, str):
             return (ConversionWarning(found),)
         position_m, yaw_rad = found
-        stamp_ns, problem = checks.stamp(stamp, about, f"the pose of {user}")
+        stamp_ns, problem = checks.stamp(stamp, context, f"the pose of {user}")
         count = self._counts[user] = self._counts.get(user, 0) + 1
         pose = UserPose(
             stamp_ns=stamp_ns, seq=count, position_m=position_m, yaw_rad=yaw_rad, method="external"
         )
-        said = BusOutput(POSE, user, pose)
-        return (said, ConversionWarning(problem)) if problem else (said,)
+        output = BusOutput(POSE, user, pose)
+        return (output, ConversionWarning(problem)) if problem else (output,)
 
 
-def people_in(cdr: bytes, scene: ConversionState) -> tuple[str, ...]:
+def people_in(cdr: bytes, state: ConversionState) -> tuple[str, ...]:
     """Return the known people whose frames are named in `cdr`; decoding takes 200 times as long."""
-    return tuple(user for user in scene.people if holds_frame(cdr, scene.frames.person(user)))
+    return tuple(user for user in state.people if holds_frame(cdr, state.frames.person(user)))
 
 
-def _of_people(value: Any, about: ConversionContext) -> Iterator[tuple[Any, str]]:
+def _of_people(value: Any, context: ConversionContext) -> Iterator[tuple[Any, str]]:
     """Yield the transforms to a known person's {H}, and the person."""
-    scene = about.scene
-    frames = {frame_name(scene.frames.person(user)): user for user in scene.people}
+    state = context.state
+    frames = {frame_name(state.frames.person(user)): user for user in state.people}
     for each in value.transforms[:MAX_TRANSFORMS]:
         user = frames.get(frame_name(each.child_frame_id))
         if user is not None:
             yield each, user
 
 
-def _is_in_room(value: Any, about: ConversionContext) -> bool:
+def _is_in_room(value: Any, context: ConversionContext) -> bool:
     """Return True if a stamped value is in {W}."""
-    return frame_name(value.header.frame_id) == frame_name(about.frame)
+    return frame_name(value.header.frame_id) == frame_name(context.frame)
 
 
-def _other_frame(value: Any, user: str, about: ConversionContext) -> ConversionWarning:
+def _other_frame(value: Any, user: str, context: ConversionContext) -> ConversionWarning:
     frame = checks.named(frame_name(value.header.frame_id))
-    return ConversionWarning(f"the pose of {user} is in the frame {frame}: send it in {about.frame!r}")
+    return ConversionWarning(f"the pose of {user} is in the frame {frame}: send it in {context.frame!r}")
 
 
 def _placed(at: Any, turned: Any, user: str) -> tuple[tuple[float, float, float], float] | str:
@@ -202,5 +202,5 @@ def _placed(at: Any, turned: Any, user: str) -> tuple[tuple[float, float, float]
     return yaw_rad if isinstance(yaw_rad, str) else (position_m, yaw_rad)
 
 
-def _arm(about: ConversionContext) -> str:
-    return f"the arm of {about.name}"
+def _arm(context: ConversionContext) -> str:
+    return f"the arm of {context.name}"

@@ -49,13 +49,13 @@ def inward() -> tuple[InboundRoute, ...]:
             *("imu_in", "/{user}/imu_in", "sensor_msgs/msg/Imu"),
             *(SENSOR, (topics.WRIST,), wrist.imu),
             rate_hz=200.0,
-            about="how a person's arm is turned: the arm's frame, x to the finger, in theirs",
+            context="how a person's arm is turned: the arm's frame, x to the finger, in theirs",
         ),
         InboundRoute(
             *("mocap_pose", "/{user}/mocap_pose", "geometry_msgs/msg/PoseStamped"),
             *(SENSOR, (topics.POSE,), poses.mocap),
             rate_hz=30.0,
-            about="where a person stands: their frame in the world",
+            context="where a person stands: their frame in the world",
         ),
         InboundRoute(
             *("tf_in", "/tf", "tf2_msgs/msg/TFMessage"),
@@ -63,32 +63,32 @@ def inward() -> tuple[InboundRoute, ...]:
             max_bytes=_TF_BYTES,
             bytes_hz=_TF_BYTES_HZ,
             people=people_in,
-            about="the same from who publishes the person's frame, straight in the world's",
+            context="the same from who publishes the person's frame, straight in the world's",
         ),
         InboundRoute(
             *("tf_static_in", "/tf_static", "tf2_msgs/msg/TFMessage"),
             *(Qos(depth=100, latched=True), (topics.SET_POSE, topics.POSE), poses.tf_static),
             meets=poses.meet,
             max_bytes=_TF_BYTES,
-            about="where a person stands, told once",
+            context="where a person stands, told once",
         ),
         InboundRoute(
             *("clock_in", "/clock", "rosgraph_msgs/msg/Clock"),
             *(Qos(depth=1, reliable=False), (topics.CLOCK,), SimTimeInput()),
             enabled=False,
-            about="a simulator's time for the whole site; off, as it moves everything",
+            context="a simulator's time for the whole site; off, as it moves everything",
         ),
         InboundRoute(
             *("rotation_in", "/{user}/metawear_ros/rotation", "geometry_msgs/msg/QuaternionStamped"),
             *(SENSOR, (topics.WRIST,), wrist.rotation),
             rate_hz=200.0,
-            about="as imu_in, from the ROS toolkit's driver",
+            context="as imu_in, from the ROS toolkit's driver",
         ),
         InboundRoute(
             *("button_in", "/{user}/metawear_ros/button", "std_msgs/msg/Bool"),
             *(_STREAM, (topics.BUTTON,), button),
             forgets=button.forget,
-            about="a person's button: pressed when it becomes true",
+            context="a person's button: pressed when it becomes true",
         ),
         InboundRoute(
             *("pointing_ray_in", "/{user}/pointing_ray", "geometry_msgs/msg/PoseStamped"),
@@ -96,29 +96,29 @@ def inward() -> tuple[InboundRoute, ...]:
             rate_hz=200.0,
             frame=PERSON,
             of_guests=True,
-            about="the ray of who has ROS nodes only: from the eyes along x",
+            context="the ray of who has ROS nodes only: from the eyes along x",
         ),
         InboundRoute(
             *("subscription_in", "/PUI_subscription", "conveyor_msgs/msg/PUISubscription"),
             *(_STREAM, (topics.INTERACTION, topics.PROFILE), Subscriptions()),
             of_guests=True,
-            about="who of them wants a cursor, and of what colour",
+            context="who of them wants a cursor, and of what colour",
         ),
         InboundRoute(
             *("belt_cmd", "/belt_cmd", "conveyor_msgs/msg/BeltCommand"),
             *(_STREAM, (topics.SET_SPEED,), conveyor.belt_command),
-            about='speeds of belts, "*": of all',
+            context='speeds of belts, "*": of all',
         ),
         InboundRoute(
             *("feed", "/feed", "std_msgs/msg/Bool"),
             *(_STREAM, (topics.SET_FEEDING,), conveyor.feed),
             rate_hz=10.0,
-            about="whether the feeders give packages; belts run on",
+            context="whether the feeders give packages; belts run on",
         ),
         InboundRoute(
             *("add_package", "/add_package", "std_msgs/msg/UInt8"),
             *(_STREAM, (topics.ADD_PACKAGE,), conveyor.add_package),
-            about="put an object of that kind on the first belt",
+            context="put an object of that kind on the first belt",
         ),
     )
 
@@ -132,27 +132,27 @@ def served() -> tuple[ServiceRoute, ...]:
             *(topics.ADD_PACKAGE, add_pack.asks),
             answers=add_pack.answers,
             has_result=True,
-            about="put an object on a belt, under a number of the caller's",
+            context="put an object on a belt, under a number of the caller's",
         ),
         ServiceRoute(
             *("set_belt_speed", "/set_belt_speed", "conveyor_msgs/srv/SetBeltSpeed"),
             *(topics.SET_SPEED, conveyor.set_belt_speed),
-            about="speed of all belts",
+            context="speed of all belts",
         ),
         ServiceRoute(
             *("reset_pack_sim", "/reset_pack_sim", "std_srvs/srv/Empty"),
             *(topics.RESET_CONVEYOR, conveyor.reset),
-            about="empty the conveyor",
+            context="empty the conveyor",
         ),
         ServiceRoute(
             *("set_yaw_origin", "/{user}/metawear_ros/set_yaw_origin", "std_srvs/srv/Empty"),
             *(topics.SET_YAW_ORIGIN, conveyor.set_yaw_origin),
-            about="the arm points ahead now",
+            context="the arm points ahead now",
         ),
         ServiceRoute(
             *("set_brightness", "/set_brightness", "led_strip_msgs/srv/SetBrightness"),
             *(topics.SET_BRIGHTNESS, conveyor.set_brightness),
-            about="dim all strips, or those of some channels",
+            context="dim all strips, or those of some channels",
         ),
     )
 
@@ -167,37 +167,39 @@ class SimTimeInput:
 
     def __init__(self) -> None:
         self._last: _Sample | None = None
-        self._told = _Sample(0, 0)
+        self._last_sample = _Sample(0, 0)
         self._speed = 1.0
         self._wait_ns = FIRST_NS
         self._count = 0
 
-    def __call__(self, value: Any, about: ConversionContext) -> Taken:
+    def __call__(self, value: Any, context: ConversionContext) -> Taken:
         """Convert a rosgraph_msgs/Clock."""
-        now = _Sample(about.wall_ns, int(value.clock.sec) * NS_PER_S + int(value.clock.nanosec))
-        if now.sim_ns < 0:
+        sample = _Sample(context.wall_ns, int(value.clock.sec) * NS_PER_S + int(value.clock.nanosec))
+        if sample.sim_ns < 0:
             return (
-                ConversionWarning(f"/clock says {now.sim_ns / NS_PER_S:.1f} s: times before 0 are left out"),
+                ConversionWarning(
+                    f"/clock says {sample.sim_ns / NS_PER_S:.1f} s: times before 0 are left out"
+                ),
             )
-        last, self._last = self._last, now
-        if last is None or _has_jumped(last, now):
+        last, self._last = self._last, sample
+        if last is None or _has_jumped(last, sample):
             self._wait_ns = FIRST_NS
-            return self._tick(now)
-        passed_ns = now.wall_ns - self._told.wall_ns
+            return self._tick(sample)
+        passed_ns = sample.wall_ns - self._last_sample.wall_ns
         if passed_ns < self._wait_ns:
             return ()
         self._wait_ns = TICK_NS
-        self._speed = min(max((now.sim_ns - self._told.sim_ns) / passed_ns, SLOWEST), FASTEST)
-        return self._tick(now)
+        self._speed = min(max((sample.sim_ns - self._last_sample.sim_ns) / passed_ns, SLOWEST), FASTEST)
+        return self._tick(sample)
 
-    def _tick(self, now: _Sample) -> Taken:
-        self._told = now
+    def _tick(self, sample: _Sample) -> Taken:
+        self._last_sample = sample
         self._count += 1
-        tick = ClockTick(stamp_ns=now.wall_ns, seq=self._count, sim_ns=now.sim_ns, speed=self._speed)
+        tick = ClockTick(stamp_ns=sample.wall_ns, seq=self._count, sim_ns=sample.sim_ns, speed=self._speed)
         return (BusOutput(CLOCK, "", tick),)
 
 
-def _has_jumped(last: _Sample, now: _Sample) -> bool:
+def _has_jumped(last: _Sample, sample: _Sample) -> bool:
     """Return True if the simulated clock was stepped, or the wall clock was set back."""
-    passed_ns, ran_ns = now.wall_ns - last.wall_ns, now.sim_ns - last.sim_ns
+    passed_ns, ran_ns = sample.wall_ns - last.wall_ns, sample.sim_ns - last.sim_ns
     return not 0 <= ran_ns <= JUMP_NS + passed_ns * FASTEST

@@ -16,37 +16,39 @@ MAX_PACKAGES = 2000
 _NONE = np.empty(0, dtype=np.uint32)
 
 
-def packages(_message: Message, about: ConversionContext) -> Converted:
+def packages(_message: Message, context: ConversionContext) -> Converted:
     """Return the objects of all trackers on belts and strips, without things of the map.
 
     The message has no place for others.
     """
-    scene = about.scene
+    state = context.state
     made: list[Any] = []
-    things = set[str]() if scene.room is None else {thing.id for thing in scene.room.fixed_things}
-    for item in scene.tracked():
+    things = set[str]() if state.room is None else {thing.id for thing in state.room.fixed_things}
+    for item in state.tracked():
         if item.id in things:
             continue
-        place = _along(scene, item.surface, item.surface_id, item.surface_position_m)
+        place = _along(state, item.surface, item.surface_id, item.surface_position_m)
         if place is not None and len(made) < MAX_PACKAGES:
-            made.append(_package(scene, item, place))
-    return values.stamped(about, "conveyor_msgs/msg/PackageList", packages=made)
+            made.append(_package(state, item, place))
+    return values.stamped(context, "conveyor_msgs/msg/PackageList", packages=made)
 
 
-def selected(selection: Selection, about: ConversionContext) -> Converted:
+def selected(selection: Selection, context: ConversionContext) -> Converted:
     """Return all selected objects, of every owner."""
-    uids = [about.scene.uids.number(item.id) for item in selection.objects]
-    return (about.scene.types.make("conveyor_msgs/msg/PackageUIDList", uids=np.array(uids, dtype=np.uint32)),)
+    uids = [context.state.uids.number(item.id) for item in selection.objects]
+    return (
+        context.state.types.make("conveyor_msgs/msg/PackageUIDList", uids=np.array(uids, dtype=np.uint32)),
+    )
 
 
-def pointers(_message: Message, about: ConversionContext) -> Converted:
+def pointers(_message: Message, context: ConversionContext) -> Converted:
     """Return every person's cursor, with an empty strip name if it is on no line, as in the ROS toolkit."""
-    scene = about.scene
-    made = [_pointer(scene, user) for user in sorted(scene.people)]
-    return (scene.types.make("conveyor_msgs/msg/PointerList", pointers=made),)
+    state = context.state
+    made = [_pointer(state, user) for user in sorted(state.people)]
+    return (state.types.make("conveyor_msgs/msg/PointerList", pointers=made),)
 
 
-def step_number(state: ConveyorState, about: ConversionContext) -> Converted:
+def step_number(state: ConveyorState, context: ConversionContext) -> Converted:
     """Return the number of the feeding schedule's step, or nothing without a step."""
     try:
         number = int(state.step)
@@ -54,30 +56,30 @@ def step_number(state: ConveyorState, about: ConversionContext) -> Converted:
         return ()
     if not -(2**31) <= number < 2**31:
         return ()
-    return (about.scene.types.make("std_msgs/msg/Int32", data=number),)
+    return (context.state.types.make("std_msgs/msg/Int32", data=number),)
 
 
-def _package(scene: ConversionState, item: TrackedObject, place: Any) -> Any:
-    return scene.types.make(
+def _package(state: ConversionState, item: TrackedObject, place: Any) -> Any:
+    return state.types.make(
         "conveyor_msgs/msg/Package",
-        uid=scene.uids.number(item.id),
+        uid=state.uids.number(item.id),
         position=place,
-        type=scene.kinds.number(item.kind),
+        type=state.kinds.number(item.kind),
         length=item.length_m,
     )
 
 
-def _pointer(scene: ConversionState, user: str) -> Any:
-    types = scene.types
-    person = scene.people[user]
+def _pointer(state: ConversionState, user: str) -> Any:
+    types = state.types
+    person = state.people[user]
     profile = person.profile
-    name = scene.names.of(user)
-    cursor = scene.pointing(user)
-    place = cursor and _along(scene, cursor.surface, cursor.surface_id, cursor.position_m)
+    name = state.names.of(user)
+    cursor = state.pointing(user)
+    place = cursor and _along(state, cursor.surface, cursor.surface_id, cursor.position_m)
     if cursor is None or place is None:
         return types.make("conveyor_msgs/msg/Pointer", user_name=name)
     hovered = "" if person.hover is None else person.hover.object_id
-    over = np.array([scene.uids.number(hovered)], dtype=np.uint32) if hovered else _NONE
+    over = np.array([state.uids.number(hovered)], dtype=np.uint32) if hovered else _NONE
     return types.make(
         "conveyor_msgs/msg/Pointer",
         position=place,
@@ -90,12 +92,12 @@ def _pointer(scene: ConversionState, user: str) -> Any:
     )
 
 
-def _along(scene: ConversionState, surface: SurfaceKind, surface_id: str, position_m: float) -> Any | None:
+def _along(state: ConversionState, surface: SurfaceKind, surface_id: str, position_m: float) -> Any | None:
     """Return the position as a share of the line's length, or None if the line is not on the map."""
-    line = scene.lines.get((surface, surface_id))
+    line = state.lines.get((surface, surface_id))
     if line is None:
         return None
     share = min(max(position_m / line.length_m, 0.0), 1.0)
-    return scene.types.make(
+    return state.types.make(
         "conveyor_msgs/msg/PositionOnStrip", name=values.text(lane_name(surface, surface_id)), position=share
     )

@@ -36,10 +36,10 @@ Place = Iterable[float]
 class MarkerBuilder:
     """Builds markers with one stamp, in one frame."""
 
-    def __init__(self, about: ConversionContext, lifetime_s: float = 0.0) -> None:
-        """Build for the route of `about`; lifetime 0 is for ever."""
-        self._types: Types = about.scene.types
-        self._header = values.header(self._types, about.stamp_ns, about.frame)
+    def __init__(self, context: ConversionContext, lifetime_s: float = 0.0) -> None:
+        """Build for the route of `context`; lifetime 0 is for ever."""
+        self._types: Types = context.state.types
+        self._header = values.header(self._types, context.stamp_ns, context.frame)
         seconds, rest_ns = divmod(round(lifetime_s * NS_PER_S), NS_PER_S)
         self._lifetime = self._types.make("builtin_interfaces/msg/Duration", sec=seconds, nanosec=rest_ns)
 

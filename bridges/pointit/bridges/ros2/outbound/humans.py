@@ -42,92 +42,92 @@ class KnownPeople:
     def __init__(self) -> None:
         self._ids: dict[str, None] = {}
 
-    def __call__(self, _message: Message, about: ConversionContext) -> Converted:
+    def __call__(self, _message: Message, context: ConversionContext) -> Converted:
         """Return their IDs."""
-        for person in _here(about.scene):
+        for person in _here(context.state):
             self._ids.pop(person, None)
             self._ids[person] = None
         self._ids = dict.fromkeys(list(self._ids)[-MAX_KNOWN:])
-        return _ids(about, list(self._ids))
+        return _ids(context, list(self._ids))
 
 
-def tracked_people(_message: Message, about: ConversionContext) -> Converted:
+def tracked_people(_message: Message, context: ConversionContext) -> Converted:
     """Return the IDs of all who are here and have a position."""
-    return _ids(about, _here(about.scene))
+    return _ids(context, _here(context.state))
 
 
-def tracked_bodies(_message: Message, about: ConversionContext) -> Converted:
+def tracked_bodies(_message: Message, context: ConversionContext) -> Converted:
     """Return the IDs of their bodies."""
-    return _ids(about, [BODY.format(user=person) for person in _here(about.scene)])
+    return _ids(context, [BODY.format(user=person) for person in _here(context.state)])
 
 
-def anonymous(_place: UserPose, about: ConversionContext) -> Converted:
+def anonymous(_user_pose: UserPose, context: ConversionContext) -> Converted:
     """Return false: a person's name is a permanent ID."""
-    return (about.scene.types.make("std_msgs/msg/Bool", data=False),)
+    return (context.state.types.make("std_msgs/msg/Bool", data=False),)
 
 
-def body_id(_place: UserPose, about: ConversionContext) -> Converted:
+def body_id(_user_pose: UserPose, context: ConversionContext) -> Converted:
     """Return the ID of a person's body."""
-    return (about.scene.types.make("std_msgs/msg/String", data=_body(about)),)
+    return (context.state.types.make("std_msgs/msg/String", data=_body(context)),)
 
 
-def location_confidence(place: UserPose, about: ConversionContext) -> Converted:
+def location_confidence(user_pose: UserPose, context: ConversionContext) -> Converted:
     """Return the probability that the person is within `NEAR_M` of the position."""
-    return (about.scene.types.make("std_msgs/msg/Float32", data=confidence(place)),)
+    return (context.state.types.make("std_msgs/msg/Float32", data=confidence(user_pose)),)
 
 
-def confidence(place: UserPose) -> float:
+def confidence(user_pose: UserPose) -> float:
     """Return a lower bound of the probability that the person is within `NEAR_M` of the position, 0 to 1.
 
     Distribution function of Rayleigh's distribution, with the largest 1 sigma of the horizontal position.
     """
-    xx, xy, _, _, yy, *_ = place.covariance
+    xx, xy, _, _, yy, *_ = user_pose.covariance
     variance = (xx + yy) / 2.0 + math.hypot((xx - yy) / 2.0, xy)
     return 1.0 if variance <= 0.0 else -math.expm1(-(NEAR_M**2) / (2.0 * variance))
 
 
-def candidate_match(_place: UserPose, about: ConversionContext) -> Converted:
+def candidate_match(_user_pose: UserPose, context: ConversionContext) -> Converted:
     """Return the match of a person's body with the person, for hri_person_manager."""
-    make = about.scene.types.make
+    make = context.state.types.make
     match = make("hri_msgs/msg/IdsMatch")
-    match.id1, match.id1_type = _body(about), match.BODY
-    match.id2, match.id2_type = about.scene.names.of(about.name), match.PERSON
+    match.id1, match.id1_type = _body(context), match.BODY
+    match.id2, match.id2_type = context.state.names.of(context.name), match.PERSON
     match.confidence = 1.0
     return (match,)
 
 
-def person_frame(place: UserPose, about: ConversionContext) -> Converted:
+def person_frame(user_pose: UserPose, context: ConversionContext) -> Converted:
     """Return the frame `person_<id>`: the head's."""
-    at_m = vector.add(place.position_m, (0.0, 0.0, _eyes_m(about)))
-    child = f"person_{about.scene.names.of(about.name)}"
-    return (transforms(about, [(child, at_m, _facing(place, about))]),)
+    at_m = vector.add(user_pose.position_m, (0.0, 0.0, _eyes_m(context)))
+    child = f"person_{context.state.names.of(context.name)}"
+    return (transforms(context, [(child, at_m, _facing(user_pose, context))]),)
 
 
-def body_frame(place: UserPose, about: ConversionContext) -> Converted:
+def body_frame(user_pose: UserPose, context: ConversionContext) -> Converted:
     """Return the frame `body_<id>`, midway between the hips, x to where the arm points."""
-    at_m = vector.add(place.position_m, (0.0, 0.0, HIPS * _eyes_m(about)))
-    return (transforms(about, [(f"body_{_body(about)}", at_m, _facing(place, about))]),)
+    at_m = vector.add(user_pose.position_m, (0.0, 0.0, HIPS * _eyes_m(context)))
+    return (transforms(context, [(f"body_{_body(context)}", at_m, _facing(user_pose, context))]),)
 
 
-def head_frame(_place: UserPose, about: ConversionContext) -> Converted:
+def head_frame(_user_pose: UserPose, context: ConversionContext) -> Converted:
     """Return the frame `head_<id>` at the eyes, in that of the body."""
-    above_m = (0.0, 0.0, (1.0 - HIPS) * _eyes_m(about))
-    return (transforms(about, [(f"head_{_body(about)}", above_m, rotation.IDENTITY)]),)
+    above_m = (0.0, 0.0, (1.0 - HIPS) * _eyes_m(context))
+    return (transforms(context, [(f"head_{_body(context)}", above_m, rotation.IDENTITY)]),)
 
 
-def joint_states(_sample: ImuSample, about: ConversionContext) -> Converted:
+def joint_states(_sample: ImuSample, context: ConversionContext) -> Converted:
     """Return the angles of the pointing arm's shoulder, and 0 for all other joints."""
-    person, types = about.scene.person(about.name), about.scene.types
+    person, types = context.state.person(context.name), context.state.types
     angles = dict.fromkeys(JOINTS, 0.0)
     if person.arm is not None:
         side = person.profile.hand[0]
         arm = vector.rotate_z(person.arm, -person.facing_rad)
         angles[f"{side}_y_shoulder"], angles[f"{side}_p_shoulder"] = shoulder(arm, is_left=side == "l")
-    body = _body(about)
+    body = _body(context)
     return (
         types.make(
             "sensor_msgs/msg/JointState",
-            header=values.header(types, about.stamp_ns, ""),
+            header=values.header(types, context.stamp_ns, ""),
             name=[f"{joint}_{body}" for joint in angles],
             position=list(angles.values()),
         ),
@@ -145,26 +145,26 @@ def shoulder(arm: Vec3, *, is_left: bool) -> tuple[float, float]:
     return math.atan2(x, outward), math.atan2(math.hypot(x, y), -z)
 
 
-def _here(scene: ConversionState) -> list[str]:
+def _here(state: ConversionState) -> list[str]:
     """Return the IDs of all who are here and have a position, in order."""
-    there = (user for user, person in scene.people.items() if person.is_here and person.pose is not None)
-    return sorted(map(scene.names.of, there))
+    there = (user for user, person in state.people.items() if person.is_here and person.pose is not None)
+    return sorted(map(state.names.of, there))
 
 
-def _ids(about: ConversionContext, ids: list[str]) -> Converted:
-    types = about.scene.types
-    header = values.header(types, about.stamp_ns, "")
+def _ids(context: ConversionContext, ids: list[str]) -> Converted:
+    types = context.state.types
+    header = values.header(types, context.stamp_ns, "")
     return (types.make("hri_msgs/msg/IdsList", header=header, ids=ids),)
 
 
-def _body(about: ConversionContext) -> str:
-    return BODY.format(user=about.scene.names.of(about.name))
+def _body(context: ConversionContext) -> str:
+    return BODY.format(user=context.state.names.of(context.name))
 
 
-def _eyes_m(about: ConversionContext) -> float:
-    body = about.scene.person(about.name).profile.body
+def _eyes_m(context: ConversionContext) -> float:
+    body = context.state.person(context.name).profile.body
     return body.footprint_to_neck_m + body.neck_to_eyes_m
 
 
-def _facing(place: UserPose, about: ConversionContext) -> rotation.Quaternion:
-    return rotation.from_yaw(place.yaw_rad + about.scene.person(about.name).facing_rad)
+def _facing(user_pose: UserPose, context: ConversionContext) -> rotation.Quaternion:
+    return rotation.from_yaw(user_pose.yaw_rad + context.state.person(context.name).facing_rad)

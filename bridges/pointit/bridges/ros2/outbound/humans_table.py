@@ -38,7 +38,7 @@ def _lists() -> tuple[OutboundRoute, ...]:
         repeat_hz=LISTED_HZ,
         yields=True,
         has_end=True,
-        about="who is here and has a position",
+        context="who is here and has a position",
     )
     return (
         tracked,
@@ -47,14 +47,14 @@ def _lists() -> tuple[OutboundRoute, ...]:
             name="known_people",
             ros="/humans/persons/known",
             by=humans.KnownPeople(),
-            about="who has been here since the bridge started",
+            context="who has been here since the bridge started",
         ),
         replace(
             tracked,
             name="tracked_bodies",
             ros="/humans/bodies/tracked",
             by=humans.tracked_bodies,
-            about="the bodies of who is here",
+            context="the bodies of who is here",
         ),
     )
 
@@ -67,7 +67,7 @@ def _people() -> tuple[OutboundRoute, ...]:
             rate_hz=LISTED_HZ,
             on_change=True,
             yields=True,
-            about="false: people have names",
+            context="false: people have names",
         ),
         OutboundRoute(
             *("body_id", f"{PERSON}/body_id", "std_msgs/msg/String"),
@@ -76,7 +76,7 @@ def _people() -> tuple[OutboundRoute, ...]:
             on_change=True,
             yields=True,
             has_end=True,
-            about="a person's body",
+            context="a person's body",
         ),
         OutboundRoute(
             *("location_confidence", f"{PERSON}/location_confidence", "std_msgs/msg/Float32"),
@@ -85,13 +85,13 @@ def _people() -> tuple[OutboundRoute, ...]:
             repeat_hz=LISTED_HZ,
             yields=True,
             has_end=True,
-            about="probability that a person is within 0.5 m of their position",
+            context="probability that a person is within 0.5 m of their position",
         ),
         OutboundRoute(
             *("joint_states", f"{BODY}/joint_states", "sensor_msgs/msg/JointState"),
             *(Qos(depth=1), (topics.IMU,), humans.joint_states),
             rate_hz=JOINTS_HZ,
-            about="the shoulder of the pointing arm; all other joints are 0",
+            context="the shoulder of the pointing arm; all other joints are 0",
         ),
         OutboundRoute(
             *("candidate_matches", "/humans/candidate_matches", "hri_msgs/msg/IdsMatch"),
@@ -99,7 +99,7 @@ def _people() -> tuple[OutboundRoute, ...]:
             is_each=True,
             rate_hz=MATCHED_HZ,
             repeat_hz=MATCHED_HZ,
-            about="whose body it is, for hri_person_manager",
+            context="whose body it is, for hri_person_manager",
         ),
     )
 
@@ -113,7 +113,7 @@ def _frames() -> tuple[OutboundRoute, ...]:
         repeat_hz=TF_HZ,
         yields=True,
         yields_to=TRACKED,
-        about="`person_<id>` at the head",
+        context="`person_<id>` at the head",
     )
     return (
         person,
@@ -122,7 +122,7 @@ def _frames() -> tuple[OutboundRoute, ...]:
             name="body_tf",
             by=humans.body_frame,
             yields=False,
-            about="`body_<id>` at the hips, x to where the arm points",
+            context="`body_<id>` at the hips, x to where the arm points",
         ),
         replace(
             person,
@@ -130,6 +130,6 @@ def _frames() -> tuple[OutboundRoute, ...]:
             frame=f"body_{humans.BODY}",
             by=humans.head_frame,
             yields=False,
-            about="`head_<id>` at the eyes, in the body's frame",
+            context="`head_<id>` at the eyes, in the body's frame",
         ),
     )

@@ -35,37 +35,37 @@ GLASS = 0.35
 """Opacity of solids, so that objects behind them are visible."""
 
 
-def map_markers(room: Environment, about: ConversionContext) -> Converted:
+def map_markers(room: Environment, context: ConversionContext) -> Converted:
     """Return the map's markers, after one that deletes the previous map's."""
-    pen = MarkerBuilder(about)
-    drawn = _room(pen, about.scene, room)
-    made = [pen.blank(), *islice(drawn, MAX_MARKERS)]
+    markers = MarkerBuilder(context)
+    drawn = _room(markers, context.state, room)
+    made = [markers.blank(), *islice(drawn, MAX_MARKERS)]
     if next(drawn, None) is not None:
         words = f"the map has more than the {MAX_MARKERS} things that are drawn"
-        made.append(pen.label(words, "more", 0, (0.0, 0.0, 2.8), 0.3))
-    return (pen.array(made),)
+        made.append(markers.label(words, "more", 0, (0.0, 0.0, 2.8), 0.3))
+    return (markers.array(made),)
 
 
-def _room(pen: MarkerBuilder, scene: ConversionState, room: Environment) -> Iterator[Any]:
+def _room(markers: MarkerBuilder, state: ConversionState, room: Environment) -> Iterator[Any]:
     widths_m = {belt.id: belt.width_m for belt in room.belts}
-    for number, ((kind, name), line) in enumerate(scene.lines.items()):
+    for number, ((kind, name), line) in enumerate(state.lines.items()):
         if kind == "belt":
             corners_m = ribbon(line, widths_m[name])
             one_m = (1.0, 1.0, 1.0)
-            yield pen.shape("triangles", "belts", number, size_m=one_m, rgb=BELT, places_m=corners_m)
+            yield markers.shape("triangles", "belts", number, size_m=one_m, rgb=BELT, places_m=corners_m)
         else:
             size_m = (STRIP_M, 0.0, 0.0)
-            yield pen.shape("line", "strips", number, size_m=size_m, rgb=STRIP, places_m=_vertices(line))
+            yield markers.shape("line", "strips", number, size_m=size_m, rgb=STRIP, places_m=_vertices(line))
     for number, lamp in enumerate(room.lamps):
         size_m = (LAMP_M, LAMP_M, LAMP_M)
-        yield pen.shape("sphere", "lamps", number, size_m=size_m, rgb=LAMP, at_m=lamp.position_m)
+        yield markers.shape("sphere", "lamps", number, size_m=size_m, rgb=LAMP, at_m=lamp.position_m)
         above_m = vector.add(lamp.position_m, (0.0, 0.0, LAMP_M))
-        yield pen.label(lamp.id, "lamps/names", number, above_m, 0.1)
-    yield from _fences(pen, room)
-    yield from _solids(pen, room)
+        yield markers.label(lamp.id, "lamps/names", number, above_m, 0.1)
+    yield from _fences(markers, room)
+    yield from _solids(markers, room)
 
 
-def _fences(pen: MarkerBuilder, room: Environment) -> Iterator[Any]:
+def _fences(markers: MarkerBuilder, room: Environment) -> Iterator[Any]:
     """Yield the outlines of fences at their lowest and highest place; one without end at the floor only."""
     for number, fence in enumerate(room.fences):
         rgb = KEEP_IN if fence.kind == "keep_in" else KEEP_OUT
@@ -74,15 +74,15 @@ def _fences(pen: MarkerBuilder, room: Environment) -> Iterator[Any]:
             corners_m = [(x, y, height_m) for x, y in (*fence.outline_m, fence.outline_m[0])]
             size_m = (STRIP_M, 0.0, 0.0)
             group = f"fences/{fence.kind}/{level}"
-            yield pen.shape("line", group, number, size_m=size_m, rgb=rgb, places_m=corners_m)
+            yield markers.shape("line", group, number, size_m=size_m, rgb=rgb, places_m=corners_m)
         x, y = fence.outline_m[0]
-        yield pen.label(fence.id, "fences/names", number, (x, y, max(heights_m) + LAMP_M), LAMP_M)
+        yield markers.label(fence.id, "fences/names", number, (x, y, max(heights_m) + LAMP_M), LAMP_M)
 
 
-def _solids(pen: MarkerBuilder, room: Environment) -> Iterator[Any]:
+def _solids(markers: MarkerBuilder, room: Environment) -> Iterator[Any]:
     for number, box in enumerate((*room.boxes, *room.fixed_things)):
         turned = rotation.from_yaw(box.yaw_rad)
-        yield pen.shape(
+        yield markers.shape(
             *("cube", "boxes", number),
             size_m=box.size_m,
             rgb=SOLID,
@@ -92,13 +92,13 @@ def _solids(pen: MarkerBuilder, room: Environment) -> Iterator[Any]:
         )
     for number, thing in enumerate(room.fixed_things):
         above_m = vector.add(thing.center_m, (0.0, 0.0, thing.size_m[2] / 2.0 + LAMP_M))
-        yield pen.label(thing.label or thing.id, "things/names", number, above_m, LAMP_M)
+        yield markers.label(thing.label or thing.id, "things/names", number, above_m, LAMP_M)
     for number, plane in enumerate(room.planes):
         u, v = plane_axes(plane.normal)
         wide_m, high_m = plane.size_m or (ENDLESS_M, ENDLESS_M)
         turned = _of_axes(u, v)
         size_m = (wide_m, high_m, THIN_M)
-        yield pen.shape(
+        yield markers.shape(
             *("cube", "planes", number),
             size_m=size_m,
             rgb=SOLID,
@@ -109,17 +109,19 @@ def _solids(pen: MarkerBuilder, room: Environment) -> Iterator[Any]:
     for number, each in enumerate(room.cylinders):
         size_m = (2.0 * each.radius_m, 2.0 * each.radius_m, each.height_m)
         middle_m = vector.add(each.center_m, (0.0, 0.0, each.height_m / 2.0))
-        yield pen.shape("cylinder", "cylinders", number, size_m=size_m, rgb=SOLID, alpha=GLASS, at_m=middle_m)
+        yield markers.shape(
+            "cylinder", "cylinders", number, size_m=size_m, rgb=SOLID, alpha=GLASS, at_m=middle_m
+        )
     for number, ball in enumerate(room.spheres):
         wide_m = 2.0 * ball.radius_m
         size_m = (wide_m, wide_m, wide_m)
-        yield pen.shape(
+        yield markers.shape(
             "sphere", "spheres", number, size_m=size_m, rgb=SOLID, alpha=GLASS, at_m=ball.center_m
         )
     for number, cloud in enumerate(room.clouds):
         size_m = vector.subtract(cloud.high_m, cloud.low_m)
         middle_m = vector.scale(vector.add(cloud.low_m, cloud.high_m), 0.5)
-        yield pen.shape("cube", "clouds", number, size_m=size_m, rgb=SOLID, alpha=0.1, at_m=middle_m)
+        yield markers.shape("cube", "clouds", number, size_m=size_m, rgb=SOLID, alpha=0.1, at_m=middle_m)
 
 
 def ribbon(line: Polyline, width_m: float) -> list[Vec3]:

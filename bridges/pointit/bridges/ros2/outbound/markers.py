@@ -66,18 +66,18 @@ class Markers:
     def __init__(self) -> None:
         self._drawn: dict[tuple[str, int], None] = {}
 
-    def __call__(self, _message: Message, about: ConversionContext) -> Converted:
+    def __call__(self, _message: Message, context: ConversionContext) -> Converted:
         """Return the scene's markers."""
-        pen = MarkerBuilder(about, LIFETIME_S)
-        scene = about.scene
-        people = sorted(scene.people)[:MAX_PEOPLE]
-        made = [marker for user in people for marker in _person(pen, scene, user)]
-        made += _objects(pen, scene)
-        made += robots(pen, scene)
+        markers = MarkerBuilder(context, LIFETIME_S)
+        state = context.state
+        people = sorted(state.people)[:MAX_PEOPLE]
+        made = [marker for user in people for marker in _person(markers, state, user)]
+        made += _objects(markers, state)
+        made += robots(markers, state)
         now = {(marker.ns, marker.id): None for marker in made}
-        gone = [pen.gone(*key) for key in self._drawn if key not in now]
+        gone = [markers.gone(*key) for key in self._drawn if key not in now]
         self._drawn = now
-        return (pen.array(gone + made),)
+        return (markers.array(gone + made),)
 
 
 def ellipse(pose: UserPose) -> tuple[float, float, float] | None:
@@ -90,15 +90,15 @@ def ellipse(pose: UserPose) -> tuple[float, float, float] | None:
     return long_m, max(short_m, SMALLEST_M), float(np.arctan2(axes[1, 1], axes[0, 1]))
 
 
-def _person(pen: MarkerBuilder, scene: ConversionState, user: str) -> Iterator[Any]:
-    person = scene.people[user]
+def _person(markers: MarkerBuilder, state: ConversionState, user: str) -> Iterator[Any]:
+    person = state.people[user]
     rgb = person.profile.cursor_color
     if person.pose is not None:
         place_m = person.pose.position_m
-        yield pen.label(user, f"{user}/name", 0, vector.add(place_m, (0.0, 0.0, NAME_M)))
+        yield markers.label(user, f"{user}/name", 0, vector.add(place_m, (0.0, 0.0, NAME_M)))
         rim = ellipse(person.pose)
         if rim is not None:
-            yield pen.shape(
+            yield markers.shape(
                 "cylinder",
                 f"{user}/place",
                 0,
@@ -108,13 +108,13 @@ def _person(pen: MarkerBuilder, scene: ConversionState, user: str) -> Iterator[A
                 turned=rotation.from_yaw(rim[2]),
                 alpha=0.3,
             )
-    yield from _pointing(pen, scene, user, person, rgb)
+    yield from _pointing(markers, state, user, person, rgb)
 
 
 def _pointing(
-    pen: MarkerBuilder, scene: ConversionState, user: str, person: Person, rgb: Rgb
+    markers: MarkerBuilder, state: ConversionState, user: str, person: Person, rgb: Rgb
 ) -> Iterator[Any]:
-    cursor = scene.pointing(user)
+    cursor = state.pointing(user)
     if cursor is None:
         return
     if cursor.origin_m is not None and cursor.direction is not None:
@@ -122,37 +122,37 @@ def _pointing(
         end_m = vector.add(cursor.origin_m, vector.scale(cursor.direction, length_m))
         alpha = 0.3 if cursor.point_m is None else 0.8
         ends_m = (cursor.origin_m, end_m)
-        yield pen.shape("arrow", f"{user}/ray", 0, size_m=RAY_M, rgb=rgb, alpha=alpha, places_m=ends_m)
+        yield markers.shape("arrow", f"{user}/ray", 0, size_m=RAY_M, rgb=rgb, alpha=alpha, places_m=ends_m)
     if cursor.point_m is not None:
         size_m = (CURSOR_M, CURSOR_M, CURSOR_M)
-        yield pen.shape("sphere", f"{user}/cursor", 0, size_m=size_m, rgb=rgb, at_m=cursor.point_m)
+        yield markers.shape("sphere", f"{user}/cursor", 0, size_m=size_m, rgb=rgb, at_m=cursor.point_m)
         hover = person.hover
         if hover is not None and hover.object_id and hover.progress > 0.0:
             above_m = vector.add(cursor.point_m, (0.0, 0.0, 0.15))
-            yield pen.label(f"{hover.progress:.0%} {hover.action}", f"{user}/progress", 0, above_m)
+            yield markers.label(f"{hover.progress:.0%} {hover.action}", f"{user}/progress", 0, above_m)
 
 
-def _objects(pen: MarkerBuilder, scene: ConversionState) -> Iterator[Any]:
-    selection = scene.selection
+def _objects(markers: MarkerBuilder, state: ConversionState) -> Iterator[Any]:
+    selection = state.selection
     owners = {} if selection is None else {item.id: item.user for item in selection.objects}
     left_out = 0
-    steered = scene.robots  # drawn on their own
-    for count, item in enumerate(item for item in scene.tracked() if item.id not in steered):
+    steered = state.robots  # drawn on their own
+    for count, item in enumerate(item for item in state.tracked() if item.id not in steered):
         if count < MAX_OBJECTS:
-            yield from _object(pen, scene, item, owners.get(item.id))
+            yield from _object(markers, state, item, owners.get(item.id))
         else:
             left_out += 1
     if left_out:
-        yield pen.label(f"{left_out} more objects are not drawn", "more_objects", 0, (0.0, 0.0, 2.5), 0.3)
+        yield markers.label(f"{left_out} more objects are not drawn", "more_objects", 0, (0.0, 0.0, 2.5), 0.3)
 
 
 def _object(
-    pen: MarkerBuilder, scene: ConversionState, item: TrackedObject, owner: str | None
+    markers: MarkerBuilder, state: ConversionState, item: TrackedObject, owner: str | None
 ) -> Iterator[Any]:
-    number = scene.uids.number(item.id)
+    number = state.uids.number(item.id)
     rgb = KIND_COLORS.get(item.kind, OTHER_COLOR)
     length_m = item.length_m or USUAL_M
-    line = scene.lines.get((item.surface, item.surface_id))
+    line = state.lines.get((item.surface, item.surface_id))
     at_m, turned, size_m = item.position_m, rotation.IDENTITY, (length_m, length_m, length_m)
     if line is not None:
         ahead = line.tangent_at(item.surface_position_m)
@@ -164,43 +164,45 @@ def _object(
             size_m = (length_m, min(max(0.75 * length_m, 0.1), 0.34), high_m)
             at_m = vector.add(at_m, (0.0, 0.0, high_m / 2.0))
     shape: Shape = "sphere" if line is None else "cube"
-    yield pen.shape(shape, "objects", number, size_m=size_m, rgb=rgb, at_m=at_m, turned=turned)
+    yield markers.shape(shape, "objects", number, size_m=size_m, rgb=rgb, at_m=at_m, turned=turned)
     if owner is not None:
         around_m = vector.add(size_m, (GROWN_M, GROWN_M, GROWN_M))
-        whose = scene.people[owner].profile.cursor_color if owner in scene.people else OTHER_COLOR
-        yield pen.shape(
+        whose = state.people[owner].profile.cursor_color if owner in state.people else OTHER_COLOR
+        yield markers.shape(
             shape, "selected", number, size_m=around_m, rgb=whose, at_m=at_m, turned=turned, alpha=0.35
         )
 
 
-def robots(pen: MarkerBuilder, scene: ConversionState) -> Iterator[Any]:
+def robots(markers: MarkerBuilder, state: ConversionState) -> Iterator[Any]:
     """Yield the markers of all robots, and of the way-points that people have set."""
-    for name, state in sorted(scene.robots.items()):
-        yield from _robot(pen, scene, name, state)
-    for user, person in sorted(scene.people.items()):
+    for name, robot_state in sorted(state.robots.items()):
+        yield from _robot(markers, state, name, robot_state)
+    for user, person in sorted(state.people.items()):
         waypoints_m = () if person.steering is None else person.steering.waypoints_m
         size_m = (SPOT_M, SPOT_M, SPOT_M)
         for number, place_m in enumerate(waypoints_m):
             rgb = person.profile.cursor_color
-            yield pen.shape("sphere", f"{user}/waypoints", number, size_m=size_m, rgb=rgb, at_m=place_m)
+            yield markers.shape("sphere", f"{user}/waypoints", number, size_m=size_m, rgb=rgb, at_m=place_m)
 
 
-def _robot(pen: MarkerBuilder, scene: ConversionState, name: str, state: RobotState) -> Iterator[Any]:
-    owner = scene.people.get(state.user)
+def _robot(
+    markers: MarkerBuilder, state: ConversionState, name: str, robot_state: RobotState
+) -> Iterator[Any]:
+    owner = state.people.get(robot_state.user)
     rgb = OTHER_COLOR if owner is None else owner.profile.cursor_color
-    is_halted = state.phase in {"stopped", "lost"}
-    group, at_m, wide_m = f"robot {name}", state.position_m, 2.0 * state.radius_m
-    size_m = (wide_m, wide_m, HIGH_M[state.kind])
+    is_halted = robot_state.phase in {"stopped", "lost"}
+    group, at_m, wide_m = f"robot {name}", robot_state.position_m, 2.0 * robot_state.radius_m
+    size_m = (wide_m, wide_m, HIGH_M[robot_state.kind])
     body = HALTED if is_halted else rgb
-    yield pen.shape("cylinder", group, 0, size_m=size_m, rgb=body, at_m=at_m)
-    ahead = vector.scale(vector.direction(state.yaw_rad, 0.0), max(1.5 * state.radius_m, 0.1))
+    yield markers.shape("cylinder", group, 0, size_m=size_m, rgb=body, at_m=at_m)
+    ahead = vector.scale(vector.direction(robot_state.yaw_rad, 0.0), max(1.5 * robot_state.radius_m, 0.1))
     ends_m = (at_m, vector.add(at_m, ahead))
-    yield pen.shape("arrow", f"{group}/front", 0, size_m=FRONT_M, rgb=body, places_m=ends_m)
-    words = f"{name}: {state.phase}" + (f", {state.user}" if state.user else "")
-    yield pen.label(words, f"{group}/name", 0, vector.add(at_m, (0.0, 0.0, LABEL_M)))
-    if state.position_sigma_m:
-        spread_m = 2.0 * SIGMAS * state.position_sigma_m
-        yield pen.shape(
+    yield markers.shape("arrow", f"{group}/front", 0, size_m=FRONT_M, rgb=body, places_m=ends_m)
+    words = f"{name}: {robot_state.phase}" + (f", {robot_state.user}" if robot_state.user else "")
+    yield markers.label(words, f"{group}/name", 0, vector.add(at_m, (0.0, 0.0, LABEL_M)))
+    if robot_state.position_sigma_m:
+        spread_m = 2.0 * SIGMAS * robot_state.position_sigma_m
+        yield markers.shape(
             *("cylinder", f"{group}/place", 0),
             size_m=(spread_m, spread_m, 0.01),
             rgb=rgb,
@@ -208,12 +210,12 @@ def _robot(pen: MarkerBuilder, scene: ConversionState, name: str, state: RobotSt
             turned=rotation.IDENTITY,
             alpha=0.3,
         )
-    plan = scene.plan(name)
+    plan = state.plan(name)
     if plan is not None and plan.line_m:
         line_m = (at_m, *plan.line_m)
-        yield pen.shape("line", f"{group}/plan", 0, size_m=(PLAN_M, 0.0, 0.0), rgb=rgb, places_m=line_m)
-    if state.target_m is not None:
+        yield markers.shape("line", f"{group}/plan", 0, size_m=(PLAN_M, 0.0, 0.0), rgb=rgb, places_m=line_m)
+    if robot_state.target_m is not None:
         spot_m = (SPOT_M, SPOT_M, SPOT_M)
-        yield pen.shape(
-            "sphere", f"{group}/target", 0, size_m=spot_m, rgb=rgb, at_m=state.target_m, alpha=0.6
+        yield markers.shape(
+            "sphere", f"{group}/target", 0, size_m=spot_m, rgb=rgb, at_m=robot_state.target_m, alpha=0.6
         )

@@ -31,27 +31,27 @@ MIN_SIGMA_RAD = math.radians(1.0)
 _MIN_VARIANCES = np.array([MIN_SIGMA_M**2] * 3 + [MIN_SIGMA_RAD**2] * 3)
 
 
-def pointing_ray(ray: PointingRay, about: ConversionContext) -> Converted:
+def pointing_ray(ray: PointingRay, context: ConversionContext) -> Converted:
     """Return the ray as a pose whose x axis is its direction."""
     way = ray.direction
     turned = rotation.from_azimuth_elevation(vector.azimuth(way), vector.elevation(way))
-    return _stamped_pose(about, ray.origin_m, turned)
+    return _stamped_pose(context, ray.origin_m, turned)
 
 
-def rotation_of_arm(sample: ImuSample, about: ConversionContext) -> Converted:
+def rotation_of_arm(sample: ImuSample, context: ConversionContext) -> Converted:
     """Return the arm's orientation in {H}."""
-    turned = values.quaternion(about.scene.types, sample.orientation_xyzw)
-    return values.stamped(about, "geometry_msgs/msg/QuaternionStamped", quaternion=turned)
+    turned = values.quaternion(context.state.types, sample.orientation_xyzw)
+    return values.stamped(context, "geometry_msgs/msg/QuaternionStamped", quaternion=turned)
 
 
-def imu(sample: ImuSample, about: ConversionContext) -> Converted:
+def imu(sample: ImuSample, context: ConversionContext) -> Converted:
     """Return the sample with all vectors in {H}, since the arm has no published frame."""
-    types = about.scene.types
+    types = context.state.types
     turned = sample.orientation_xyzw
     turning, push = sample.angular_velocity_radps, sample.acceleration_mps2
     nothing = (0.0, 0.0, 0.0)
     return values.stamped(
-        about,
+        context,
         "sensor_msgs/msg/Imu",
         orientation=values.quaternion(types, turned),
         orientation_covariance=_ZEROS,
@@ -62,41 +62,41 @@ def imu(sample: ImuSample, about: ConversionContext) -> Converted:
     )
 
 
-def pose(place: UserPose, about: ConversionContext) -> Converted:
+def pose(user_pose: UserPose, context: ConversionContext) -> Converted:
     """Return {H} in {W}."""
-    return _stamped_pose(about, place.position_m, rotation.from_yaw(place.yaw_rad))
+    return _stamped_pose(context, user_pose.position_m, rotation.from_yaw(user_pose.yaw_rad))
 
 
-def pose_with_covariance(place: UserPose, about: ConversionContext) -> Converted:
+def pose_with_covariance(user_pose: UserPose, context: ConversionContext) -> Converted:
     """Return {H} in {W} and its covariance: rows and columns x, y, z, roll, pitch, yaw; no variance is 0."""
-    types = about.scene.types
+    types = context.state.types
     spread = np.zeros((6, 6))
-    spread[np.ix_((0, 1, 5), (0, 1, 5))] = np.array(place.covariance).reshape(3, 3)
-    spread[2, 2] = place.z_sigma_m**2
+    spread[np.ix_((0, 1, 5), (0, 1, 5))] = np.array(user_pose.covariance).reshape(3, 3)
+    spread[2, 2] = user_pose.z_sigma_m**2
     np.fill_diagonal(spread, np.maximum(spread.diagonal(), _MIN_VARIANCES))
-    stands = values.pose(types, place.position_m, rotation.from_yaw(place.yaw_rad))
+    stands = values.pose(types, user_pose.position_m, rotation.from_yaw(user_pose.yaw_rad))
     known = types.make("geometry_msgs/msg/PoseWithCovariance", pose=stands, covariance=spread.ravel())
-    return values.stamped(about, "geometry_msgs/msg/PoseWithCovarianceStamped", pose=known)
+    return values.stamped(context, "geometry_msgs/msg/PoseWithCovarianceStamped", pose=known)
 
 
-def transform(place: UserPose, about: ConversionContext) -> Converted:
+def transform(user_pose: UserPose, context: ConversionContext) -> Converted:
     """Return {H} in {W} for /tf; nothing while another ROS node publishes that frame."""
-    scene = about.scene
-    now_ns = about.stamp_ns if about.is_again else scene.now_ns
-    if now_ns < scene.person(about.name).tf_until_ns:
+    state = context.state
+    now_ns = context.stamp_ns if context.is_again else state.now_ns
+    if now_ns < state.person(context.name).tf_until_ns:
         return ()
-    child = scene.frames.person(about.name)
-    turned = rotation.from_yaw(place.yaw_rad)
-    return (transforms(about, [(child, place.position_m, turned)]),)
+    child = state.frames.person(context.name)
+    turned = rotation.from_yaw(user_pose.yaw_rad)
+    return (transforms(context, [(child, user_pose.position_m, turned)]),)
 
 
-def transforms(about: ConversionContext, children: list[tuple[str, Vec3, rotation.Quaternion]]) -> Any:
+def transforms(context: ConversionContext, children: list[tuple[str, Vec3, rotation.Quaternion]]) -> Any:
     """Return one message with the frames `children`, in the frame of the route."""
-    types = about.scene.types
+    types = context.state.types
     made = [
         types.make(
             "geometry_msgs/msg/TransformStamped",
-            header=values.header(types, about.stamp_ns, about.frame),
+            header=values.header(types, context.stamp_ns, context.frame),
             child_frame_id=child,
             transform=types.make(
                 "geometry_msgs/msg/Transform",
@@ -109,47 +109,47 @@ def transforms(about: ConversionContext, children: list[tuple[str, Vec3, rotatio
     return types.make("tf2_msgs/msg/TFMessage", transforms=made)
 
 
-def cursor(spot: Cursor, about: ConversionContext) -> Converted:
+def cursor(cursor: Cursor, context: ConversionContext) -> Converted:
     """Return the point where the ray meets the room; nothing if it does not."""
-    if spot.point_m is None:
+    if cursor.point_m is None:
         return ()
-    point = values.point(about.scene.types, spot.point_m)
-    return values.stamped(about, "geometry_msgs/msg/PointStamped", point=point)
+    point = values.point(context.state.types, cursor.point_m)
+    return values.stamped(context, "geometry_msgs/msg/PointStamped", point=point)
 
 
-def goal(wish: Goal, about: ConversionContext) -> Converted:
+def goal(request: Goal, context: ConversionContext) -> Converted:
     """Return a robot's goal, and its heading there; nothing if it is for a robot that we steer."""
-    if wish.robot:
+    if request.robot:
         return ()
-    return _stamped_pose(about, wish.position_m, rotation.from_yaw(wish.yaw_rad))
+    return _stamped_pose(context, request.position_m, rotation.from_yaw(request.yaw_rad))
 
 
-def button(event: ButtonEvent, about: ConversionContext) -> Converted:
+def button(event: ButtonEvent, context: ConversionContext) -> Converted:
     """Return the button down and up, twice for a double press."""
-    make = about.scene.types.make
+    make = context.state.types.make
     press = (make("std_msgs/msg/Bool", data=True), make("std_msgs/msg/Bool", data=False))
     return press * 2 if event.gesture == "double" else press
 
 
-def state(interaction: Interaction, about: ConversionContext) -> Converted:
+def state(interaction: Interaction, context: ConversionContext) -> Converted:
     """Return the state of the interaction, as a transition of the ROS toolkit's supervisor."""
-    make, told = about.scene.types.make, STATES[interaction.state]
-    return (make("conveyor_msgs/msg/State", node_name=SUPERVISOR, state=told),)
+    make, value = context.state.types.make, STATES[interaction.state]
+    return (make("conveyor_msgs/msg/State", node_name=SUPERVISOR, state=value),)
 
 
-def is_pointing(interaction: Interaction, about: ConversionContext) -> Converted:
+def is_pointing(interaction: Interaction, context: ConversionContext) -> Converted:
     """Return a ROS Bool, true while the person points."""
-    return (about.scene.types.make("std_msgs/msg/Bool", data=interaction.state == "pointing"),)
+    return (context.state.types.make("std_msgs/msg/Bool", data=interaction.state == "pointing"),)
 
 
-def subscription(interaction: Interaction, about: ConversionContext) -> Converted:
+def subscription(interaction: Interaction, context: ConversionContext) -> Converted:
     """Return a cursor subscription, or its end, for the ROS toolkit's `pui_node`."""
-    types = about.scene.types
-    profile = about.scene.person(about.name).profile
+    types = context.state.types
+    profile = context.state.person(context.name).profile
     return (
         types.make(
             "conveyor_msgs/msg/PUISubscription",
-            user_name=about.scene.names.of(about.name),
+            user_name=context.state.names.of(context.name),
             subscribe=interaction.state == "pointing",
             pointer_color=values.color(types, profile.cursor_color),
             pointer_cmap=values.text(profile.cursor_colormap),
@@ -158,6 +158,6 @@ def subscription(interaction: Interaction, about: ConversionContext) -> Converte
     )
 
 
-def _stamped_pose(about: ConversionContext, place_m: Vec3, turned: rotation.Quaternion) -> Converted:
-    pose = values.pose(about.scene.types, place_m, turned)
-    return values.stamped(about, "geometry_msgs/msg/PoseStamped", pose=pose)
+def _stamped_pose(context: ConversionContext, place_m: Vec3, turned: rotation.Quaternion) -> Converted:
+    pose = values.pose(context.state.types, place_m, turned)
+    return values.stamped(context, "geometry_msgs/msg/PoseStamped", pose=pose)

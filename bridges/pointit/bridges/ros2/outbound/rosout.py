@@ -22,7 +22,7 @@ MAX_AT_ONCE = 16
 """Maximum burst of lines of one service; further ones are delayed."""
 REPORTS_PER_LINE = 5
 """Reports until a further line of a service may be sent."""
-MAX_TOLD = 64
+MAX_REPORTS = 64
 """Maximum number of findings of one service that are not over; others wait."""
 MAX_SERVICES = 1000
 """Maximum number of services; further ones are ignored."""
@@ -37,7 +37,7 @@ Line = tuple[int, str]
 
 
 @dataclass(slots=True)
-class _Told:
+class _Report:
     """A finding that was sent and is not over."""
 
     level: int
@@ -54,7 +54,7 @@ class _Service:
     spent: int = 0
     """Reports until the full burst is available again."""
     last: Health | None = None
-    told: dict[str, _Told] = field(default_factory=dict[str, _Told])
+    reports: dict[str, _Report] = field(default_factory=dict[str, _Report])
     """By message, as last worded."""
 
     def hear(self, health: Health) -> Iterator[Line]:
@@ -63,32 +63,32 @@ class _Service:
         now = _findings(self.name, health, self.last)
         self.last = health
         self._match(now)
-        for sentence in [each for each, told in self.told.items() if told.missed >= OVER_REPORTS]:
+        for sentence in [each for each, report in self.reports.items() if report.missed >= OVER_REPORTS]:
             if self._may():
-                del self.told[sentence]
+                del self.reports[sentence]
                 yield INFO, f"over: {sentence}"
         for sentence, level in now.items():
-            told = self.told.get(sentence)
-            has_room = len(self.told) < MAX_TOLD if told is None else level > told.level
+            report = self.reports.get(sentence)
+            has_room = len(self.reports) < MAX_REPORTS if report is None else level > report.level
             if has_room and self._may():
-                self.told[sentence] = _Told(level)
+                self.reports[sentence] = _Report(level)
                 yield level, sentence
 
     def _match(self, now: dict[str, int]) -> None:
         """Count missing findings. Messages that differ in numbers only, as growing counts, are the same."""
         reworded: collections.defaultdict[str, list[str]] = collections.defaultdict(list)
         for sentence in now:
-            if sentence not in self.told:
+            if sentence not in self.reports:
                 reworded[_NUMBER.sub("0", sentence)].append(sentence)
-        for sentence in [each for each in self.told if each not in now]:
+        for sentence in [each for each in self.reports if each not in now]:
             worded = reworded.get(_NUMBER.sub("0", sentence))
             if worded:
-                self.told[worded.pop(0)] = self.told.pop(sentence)
+                self.reports[worded.pop(0)] = self.reports.pop(sentence)
             else:
-                self.told[sentence].missed += 1
+                self.reports[sentence].missed += 1
         for sentence in now:
-            if sentence in self.told:
-                self.told[sentence].missed = 0
+            if sentence in self.reports:
+                self.reports[sentence].missed = 0
 
     def _may(self) -> bool:
         """Return True, and count the line, if one more may be sent."""
@@ -106,19 +106,19 @@ class Rosout:
         self._gone: collections.OrderedDict[str, int] = collections.OrderedDict()
         """Spent bursts of services that are gone: a crash loop gets no new burst."""
 
-    def __call__(self, health: Health, about: ConversionContext) -> Converted:
+    def __call__(self, health: Health, context: ConversionContext) -> Converted:
         """Return the log lines of one service's report, none while nothing changes."""
-        service = self._services.get(about.name)
+        service = self._services.get(context.name)
         if service is None:
             if len(self._services) >= MAX_SERVICES:
                 return ()
-            spent = self._gone.pop(about.name, 0)
-            service = self._services[about.name] = _Service(about.name, spent)
-        types = about.scene.types
-        stamp, name = values.time(types, about.stamp_ns), values.text(f"pointit.{about.name}")
+            spent = self._gone.pop(context.name, 0)
+            service = self._services[context.name] = _Service(context.name, spent)
+        types = context.state.types
+        stamp, name = values.time(types, context.stamp_ns), values.text(f"pointit.{context.name}")
         return tuple(
-            types.make("rcl_interfaces/msg/Log", stamp=stamp, level=level, name=name, msg=values.text(said))
-            for level, said in service.hear(health)
+            types.make("rcl_interfaces/msg/Log", stamp=stamp, level=level, name=name, msg=values.text(output))
+            for level, output in service.hear(health)
         )
 
     def forget(self, instance: str) -> None:
@@ -144,6 +144,6 @@ def _findings(name: str, health: Health, before: Health | None) -> dict[str, int
     found: dict[str, int] = {}
     for each in diagnose(seen):  # the worst first
         if each.service == name and each.severity in LEVELS:
-            said = f"{each.sentence}; {each.remedy}" if each.remedy else each.sentence
-            found.setdefault(values.text(said), LEVELS[each.severity])
+            output = f"{each.sentence}; {each.remedy}" if each.remedy else each.sentence
+            found.setdefault(values.text(output), LEVELS[each.severity])
     return found

@@ -6,24 +6,24 @@ from pointit.geometry import rotation
 from pointit.schemas import SelectionEvent
 
 
-def turned_on(event: SelectionEvent, about: ConversionContext) -> Converted:
+def turned_on(event: SelectionEvent, context: ConversionContext) -> Converted:
     """Return a detection if a thing fired or was switched on, else nothing."""
-    return _detection(event, about) if event.is_on else ()
+    return _detection(event, context) if event.is_on else ()
 
 
-def turned_off(event: SelectionEvent, about: ConversionContext) -> Converted:
+def turned_off(event: SelectionEvent, context: ConversionContext) -> Converted:
     """Return a detection if a switch went off, else nothing."""
-    return () if event.is_on else _detection(event, about)
+    return () if event.is_on else _detection(event, context)
 
 
-def _detection(event: SelectionEvent, about: ConversionContext) -> Converted:
+def _detection(event: SelectionEvent, context: ConversionContext) -> Converted:
     """Return a detection of the person's target: the thing as its only hypothesis, and the thing's box."""
-    scene = about.scene
-    things = () if scene.room is None else scene.room.things
+    state = context.state
+    things = () if state.room is None else state.room.things
     if not any(thing.id == event.object_id and event.is_reaction(thing.mode) for thing in things):
         return ()
-    make = scene.types.make
-    found = next((item for item in scene.tracked() if item.id == event.object_id), None)
+    make = state.types.make
+    found = next((item for item in state.tracked() if item.id == event.object_id), None)
     hypothesis = make(
         "vision_msgs/msg/ObjectHypothesis",
         class_id=values.text(event.object_id),
@@ -35,8 +35,8 @@ def _detection(event: SelectionEvent, about: ConversionContext) -> Converted:
         length_m = found.length_m
         box = make(
             "vision_msgs/msg/BoundingBox3D",
-            center=values.pose(scene.types, found.position_m, rotation.from_yaw(found.yaw_rad or 0.0)),
-            size=values.vector3(scene.types, found.size_m or (length_m, length_m, length_m)),
+            center=values.pose(state.types, found.position_m, rotation.from_yaw(found.yaw_rad or 0.0)),
+            size=values.vector3(state.types, found.size_m or (length_m, length_m, length_m)),
         )
     who = values.text(event.user)
-    return values.stamped(about, "vision_msgs/msg/Detection3D", id=who, results=[result], bbox=box)
+    return values.stamped(context, "vision_msgs/msg/Detection3D", id=who, results=[result], bbox=box)

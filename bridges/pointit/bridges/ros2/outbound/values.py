@@ -29,10 +29,10 @@ def header(types: Types, stamp_ns: int, frame: str) -> Any:
     return types.make("std_msgs/msg/Header", stamp=time(types, stamp_ns), frame_id=frame)
 
 
-def stamped(about: ConversionContext, kind: str, **fields: Any) -> Converted:
-    """Return a message of type `kind` with the header of `about` and these fields."""
-    types = about.scene.types
-    return (types.make(kind, header=header(types, about.stamp_ns, about.frame), **fields),)
+def stamped(context: ConversionContext, kind: str, **fields: Any) -> Converted:
+    """Return a message of type `kind` with the header of `context` and these fields."""
+    types = context.state.types
+    return (types.make(kind, header=header(types, context.stamp_ns, context.frame), **fields),)
 
 
 def point(types: Types, place_m: Vec3) -> Any:

@@ -17,10 +17,10 @@ from pointit.bridges.ros2.config import BackendConfig
 from pointit.bridges.ros2.graph.backend import Closable, Graph, Qos, RosType, Server, Writer
 from pointit.bridges.ros2.graph.backend_warnings import BackendWarnings
 from pointit.bridges.ros2.graph.graph_monitor import GraphMonitor
-from pointit.bridges.ros2.over_rclpy.api import EndInfo, Executor, Node, RosContext
+from pointit.bridges.ros2.over_rclpy.dds_context import DdsContext, NullEndpoint
 from pointit.bridges.ros2.over_rclpy.graph import GraphReader
-from pointit.bridges.ros2.over_rclpy.library import Rclpy, loaded
-from pointit.bridges.ros2.over_rclpy.seat import DdsContext, NullEndpoint
+from pointit.bridges.ros2.over_rclpy.rclpy_library import Rclpy, loaded
+from pointit.bridges.ros2.over_rclpy.rclpy_types import EndInfo, Executor, Node, RosContext
 from pointit.bridges.ros2.over_rclpy.services import DdsClient, DdsServiceServer
 from pointit.bridges.ros2.over_rclpy.topics import DdsReader, DdsWriter
 from pointit.bridges.ros2.routing.calls import Calls
@@ -119,7 +119,7 @@ class RclpyBackend:
         self.node = config.node
         self._loop = asyncio.get_running_loop()
         self._warnings = BackendWarnings(warnings)
-        self._seat = DdsContext(
+        self._context = DdsContext(
             joined.rclpy,
             joined.node,
             self._warnings,
@@ -129,10 +129,10 @@ class RclpyBackend:
         )
         self._reader = GraphReader(joined.rclpy, joined.node, name=config.node, domain=config.domain_id)
         # The distribution does not matter here: DDS distinguishes types by their names.
-        self._outlook = GraphMonitor(
+        self._graph_monitor = GraphMonitor(
             self._warnings, domain=config.domain_id, distro="", needs=NEEDS, matching="type"
         )
-        self.watch = self._outlook.watch
+        self.watch = self._graph_monitor.watch
         self._clients: dict[tuple[str, RosType], DdsClient] = {}
         self._calls = Calls()
         self._is_left = threading.Event()
@@ -145,31 +145,31 @@ class RclpyBackend:
     @property
     def problem(self) -> str:
         """Return an error message if the connection itself fails, else `""`."""
-        if self._seat.is_closed or self._joined.context.ok():
+        if self._context.is_closed or self._joined.context.ok():
             return ""
         return "rclpy was shut down elsewhere in this process; start the bridge again"
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Return explanations why nothing happens where nothing is wrong: no nodes, no subscribers."""
-        return self._outlook.notes
+        return self._graph_monitor.notes
 
     def advertise(self, topic: str, kind: RosType, qos: Qos) -> Writer:
         """Declare a publisher of the resolved name `topic`; it is silent where this ROS lacks the type."""
         infos = self._joined.node.get_publishers_info_by_topic
-        return self._declared(kind, topic, lambda built: DdsWriter(self._seat, topic, built, qos), infos)
+        return self._declared(kind, topic, lambda built: DdsWriter(self._context, topic, built, qos), infos)
 
     def subscribe(self, topic: str, kind: RosType, qos: Qos, handler: Callable[[bytes], None]) -> Closable:
         """Call `handler(cdr)` for what others publish; what we publish ourselves never comes back."""
         infos = self._joined.node.get_subscriptions_info_by_topic
         return self._declared(
-            kind, topic, lambda built: DdsReader(self._seat, topic, built, qos, handler), infos
+            kind, topic, lambda built: DdsReader(self._context, topic, built, qos, handler), infos
         )
 
     def serve(self, service: str, kind: RosType, server: Server) -> Closable:
         """Answer requests to `service`, unless this ROS lacks its type."""
         return self._declared(
-            kind, service, lambda built: DdsServiceServer(self._seat, service, built, server)
+            kind, service, lambda built: DdsServiceServer(self._context, service, built, server)
         )
 
     def _declared(
@@ -180,12 +180,12 @@ class RclpyBackend:
         infos: Callable[[str], Sequence[EndInfo]] | None = None,
     ) -> End | NullEndpoint:
         """Return the endpoint that `declare` makes of the built type; `infos` returns those of its kind."""
-        self._seat.check_open()
-        built = self._seat.class_of(kind)
-        end = None if built is None else self._seat.declared(kind, name, lambda: declare(built))
+        self._context.check_open()
+        built = self._context.class_of(kind)
+        end = None if built is None else self._context.declared(kind, name, lambda: declare(built))
         if end is None:
             return NullEndpoint()
-        if infos is not None and self._seat.is_other(kind, name, infos):
+        if infos is not None and self._context.is_other(kind, name, infos):
             end.close()
             return NullEndpoint()
         self._look_timer.start(SETTLE_S)
@@ -198,25 +198,25 @@ class RclpyBackend:
             TimeoutError: If no node serves it, or not within `timeout_s`; or this ROS lacks its type.
             BusClosedError: If the backend was closed meanwhile.
         """
-        self._seat.check_open()
+        self._context.check_open()
         client = self._clients.get((service, kind))
         if client is None:
-            types = self._seat.class_of(kind)
+            types = self._context.class_of(kind)
             if types is None:
                 raise TimeoutError(f"ROS service {service}: this ROS lacks {kind.name}")
-            client = self._clients[service, kind] = DdsClient(self._seat, service, types)
+            client = self._clients[service, kind] = DdsClient(self._context, service, types)
         return await self._calls.answered(client.call(request, timeout_s=timeout_s), f"call {service}")
 
     async def close(self) -> None:
         """Leave the graph; no handler runs afterwards."""
-        if self._seat.is_closed:
+        if self._context.is_closed:
             return
-        self._seat.is_closed = True
-        self._seat.dispatcher.close()
+        self._context.is_closed = True
+        self._context.dispatcher.close()
         self._look_timer.cancel()
-        self._outlook.close()
+        self._graph_monitor.close()
         self._calls.close()
-        for end in tuple(self._seat.ends):
+        for end in tuple(self._context.ends):
             end.close()
         self._warnings.close()
         await in_daemon_thread(self._leave, "rclpy-close")
@@ -245,7 +245,7 @@ class RclpyBackend:
 
     def _in_loop(self, what: Callable[[], None]) -> None:
         try:
-            self._loop.call_soon_threadsafe(lambda: None if self._seat.is_closed else what())
+            self._loop.call_soon_threadsafe(lambda: None if self._context.is_closed else what())
         except RuntimeError:  # the loop is closed
             self._is_left.set()
 
@@ -271,7 +271,7 @@ class RclpyBackend:
                 f"another ROS node is called {self.node}: neither sees what the other has; "
                 "set node to another name in one of them, and if it is another PointIt bridge domain_id, too"
             )
-        self._outlook.show(graph, wrong)
+        self._graph_monitor.show(graph, wrong)
 
     def _warn_of_environment(self) -> None:
         """Warn if environment variables of ROS differ from the configuration."""

@@ -4,8 +4,8 @@ import collections
 from collections.abc import Sequence
 
 from pointit.bridges.ros2.graph.backend import Endpoint, EndpointKind, Graph, RosType
-from pointit.bridges.ros2.over_rclpy.api import EndInfo, NamesAndTypes, Node
-from pointit.bridges.ros2.over_rclpy.library import Rclpy
+from pointit.bridges.ros2.over_rclpy.rclpy_library import Rclpy
+from pointit.bridges.ros2.over_rclpy.rclpy_types import EndInfo, NamesAndTypes, Node
 
 MAX_NODES = 2000
 """Maximum number of nodes read."""

@@ -7,8 +7,8 @@ import threading
 from typing import Any
 
 from pointit.bridges.ros2.graph.backend import Server, check_cdr
-from pointit.bridges.ros2.over_rclpy.api import Reply, ServiceClass
-from pointit.bridges.ros2.over_rclpy.seat import DdsContext
+from pointit.bridges.ros2.over_rclpy.dds_context import DdsContext
+from pointit.bridges.ros2.over_rclpy.rclpy_types import Reply, ServiceClass
 from pointit.runtime.errors import RefusedError
 
 log = logging.getLogger(__name__)
@@ -22,55 +22,55 @@ LOOK_S = 0.05
 class DdsServiceServer:
     """Answers one service."""
 
-    def __init__(self, seat: DdsContext, service: str, types: ServiceClass, server: Server) -> None:
+    def __init__(self, context: DdsContext, service: str, types: ServiceClass, server: Server) -> None:
         """Declare.
 
         rclpy sends what a callback returns. A waiting callback would block all others, and a coroutine makes
         the executor repeat the request. So the callback returns the request, and `send_response`, which the
         executor calls with that and the header to answer to, hands both to the loop.
         """
-        self._seat = seat
-        self._service = service
+        self._context = context
+        self._name = service
         self._types = types
         self._server = server
         self._tasks: set[asyncio.Task[None]] = set()
         self._closed = False
         self._is_made = threading.Event()
-        self._desk = seat.node.create_service(types, service, self._on_request)
-        self._send = self._desk.send_response
-        self._desk.send_response = self._on_header
+        self._service = context.node.create_service(types, service, self._on_request)
+        self._send = self._service.send_response
+        self._service.send_response = self._on_header
         self._is_made.set()
-        seat.ends.add(self)
+        context.ends.add(self)
 
     def close(self) -> None:
         """Stop serving; open requests are dropped."""
         if not self._closed:
             self._closed = True
-            if not self._seat.is_closed:
-                self._seat.node.destroy_service(self._desk)
+            if not self._context.is_closed:
+                self._context.node.destroy_service(self._service)
             for task in self._tasks:
                 task.cancel()
-            self._seat.ends.discard(self)
+            self._context.ends.discard(self)
 
     def _on_request(self, request: object, _response: object) -> bytes:  # on the executor's thread
         self._is_made.wait()
-        return self._seat.rclpy.serialize(request)
+        return self._context.rclpy.serialize(request)
 
     def _on_header(self, request: bytes, header: object) -> None:  # on the executor's thread
         with contextlib.suppress(RuntimeError):  # the loop is closed
-            self._seat.loop.call_soon_threadsafe(self._begin, request, header)
+            self._context.loop.call_soon_threadsafe(self._begin, request, header)
 
     def _begin(self, request: bytes, header: object) -> None:
-        if self._closed or self._seat.is_closed:
+        if self._closed or self._context.is_closed:
             return
-        if len(self._tasks) >= MAX_OPEN or len(request) > self._seat.max_bytes:
+        if len(self._tasks) >= MAX_OPEN or len(request) > self._context.max_bytes:
             what = "too many requests are open" if len(self._tasks) >= MAX_OPEN else "it was too long"
-            self._seat.warnings.show_briefly(
-                f"requests to {self._service}", f"a request to {self._service} was refused: {what}"
+            self._context.warnings.show_briefly(
+                f"requests to {self._name}", f"a request to {self._name} was refused: {what}"
             )
             self._answer(self._types.Response(), header)
             return
-        task = self._seat.loop.create_task(self._work(request, header), name=f"answer {self._service}")
+        task = self._context.loop.create_task(self._work(request, header), name=f"answer {self._name}")
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
@@ -79,33 +79,33 @@ class DdsServiceServer:
         try:
             cdr = await self._server(request)
             check_cdr(cdr)
-            response = self._seat.rclpy.deserialize(cdr, self._types.Response)
+            response = self._context.rclpy.deserialize(cdr, self._types.Response)
         except RefusedError:  # DDS has no place for the reason, which the bridge's warnings have
             response = self._types.Response()
         except Exception:  # a server must not raise, but its client must not wait for ever either
-            log.exception("a request to %s could not be answered", self._service)
+            log.exception("a request to %s could not be answered", self._name)
             response = self._types.Response()
         self._answer(response, header)
 
     def _answer(self, response: object, header: object) -> None:
-        if self._closed or self._seat.is_closed:
+        if self._closed or self._context.is_closed:
             return
         try:
             self._send(response, header)
         except RuntimeError as error:  # an error of rcl: the client may be gone
-            log.warning("an answer of %s could not be sent: %s", self._service, error)
+            log.warning("an answer of %s could not be sent: %s", self._name, error)
 
 
 class DdsClient:
     """Client of one service."""
 
-    def __init__(self, seat: DdsContext, service: str, types: ServiceClass) -> None:
-        self._seat = seat
-        self._service = service
+    def __init__(self, context: DdsContext, service: str, types: ServiceClass) -> None:
+        self._context = context
+        self._name = service
         self._types = types
         self._closed = False
-        self._client = seat.node.create_client(types, service)
-        seat.ends.add(self)
+        self._client = context.node.create_client(types, service)
+        context.ends.add(self)
 
     async def call(self, request: bytes, *, timeout_s: float) -> bytes:
         """Return the response's CDR.
@@ -116,9 +116,9 @@ class DdsClient:
         """
         check_cdr(request)
         try:
-            value = self._seat.rclpy.deserialize(request, self._types.Request)
+            value = self._context.rclpy.deserialize(request, self._types.Request)
         except Exception as error:  # any error of the installed version
-            raise ValueError(f"{self._service}: this ROS cannot read the request ({error})") from error
+            raise ValueError(f"{self._name}: this ROS cannot read the request ({error})") from error
         lacking = "no node serves it"
         reply: Reply | None = None
         try:
@@ -126,27 +126,27 @@ class DdsClient:
                 while not self._client.service_is_ready():  # noqa: ASYNC110 - rclpy has no event for it
                     await asyncio.sleep(LOOK_S)
                 lacking = "its server did not answer"
-                outcome: asyncio.Future[object] = self._seat.loop.create_future()
+                outcome: asyncio.Future[object] = self._context.loop.create_future()
                 reply = self._client.call_async(value)
                 reply.add_done_callback(lambda done: self._on_reply(done, outcome))
-                return self._seat.rclpy.serialize(await outcome)
+                return self._context.rclpy.serialize(await outcome)
         except TimeoutError as error:
-            raise TimeoutError(f"ROS service {self._service}: {lacking} within {timeout_s:g} s") from error
+            raise TimeoutError(f"ROS service {self._name}: {lacking} within {timeout_s:g} s") from error
         finally:
-            if reply is not None and not self._closed and not self._seat.is_closed:
+            if reply is not None and not self._closed and not self._context.is_closed:
                 self._client.remove_pending_request(reply)
 
     def close(self) -> None:
         """Stop calling."""
         if not self._closed:
             self._closed = True
-            if not self._seat.is_closed:
-                self._seat.node.destroy_client(self._client)
-            self._seat.ends.discard(self)
+            if not self._context.is_closed:
+                self._context.node.destroy_client(self._client)
+            self._context.ends.discard(self)
 
     def _on_reply(self, reply: Reply, outcome: "asyncio.Future[object]") -> None:  # on the executor's thread
         with contextlib.suppress(RuntimeError):  # the loop is closed
-            self._seat.loop.call_soon_threadsafe(_settle, reply, outcome)
+            self._context.loop.call_soon_threadsafe(_settle, reply, outcome)
 
 
 def _settle(reply: Reply, outcome: "asyncio.Future[Any]") -> None:

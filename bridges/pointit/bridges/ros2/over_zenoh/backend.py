@@ -31,7 +31,7 @@ class ZenohBackend:
     def __init__(
         self,
         session: RawSession,
-        dialect: RmwZenoh,
+        rmw: RmwZenoh,
         warnings: WarningSink,
         config: BackendConfig,
         now_ns: Callable[[], int],
@@ -42,19 +42,19 @@ class ZenohBackend:
         self._loop = asyncio.get_running_loop()
         self._warnings = BackendWarnings(warnings)
         self._refreshing: asyncio.TimerHandle | None = None
-        self._roster = LivelinessDirectory(dialect.read, config.domain_id, self._refresh_soon)
-        self._seat = EndpointContext(
-            session, dialect, self._warnings, self._roster, now_ns, config.max_message_bytes
+        self._directory = LivelinessDirectory(rmw.read, config.domain_id, self._refresh_soon)
+        self._context = EndpointContext(
+            session, rmw, self._warnings, self._directory, now_ns, config.max_message_bytes
         )
-        self._outlook = GraphMonitor(
+        self._graph_monitor = GraphMonitor(
             self._warnings, domain=config.domain_id, distro=config.distro, needs=NEEDS, matching="definition"
         )
-        self.watch = self._outlook.watch
+        self.watch = self._graph_monitor.watch
         self._clients: dict[tuple[str, RosType], ServiceClient] = {}
         self._calls = Calls()
         session.on_change = self._refresh_soon
-        self._announcement = self._seat.announce(dialect.node_token())
-        session.watch_tokens(dialect.tokens, self._roster.change)
+        self._announcement = self._context.announce(rmw.node_token())
+        session.watch_tokens(rmw.tokens, self._directory.change)
         self._refresh_soon()
         self._looking = self._loop.call_later(UNSEEN_S, self._look)
 
@@ -66,19 +66,19 @@ class ZenohBackend:
     @property
     def notes(self) -> tuple[str, ...]:
         """Return explanations why nothing happens where nothing is wrong: no nodes, no subscribers."""
-        return self._outlook.notes
+        return self._graph_monitor.notes
 
     def advertise(self, topic: str, kind: RosType, qos: Qos) -> TopicWriter:
         """Declare a publisher of the resolved name `topic`."""
-        return TopicWriter(self._seat, topic, kind, qos)
+        return TopicWriter(self._context, topic, kind, qos)
 
     def subscribe(self, topic: str, kind: RosType, qos: Qos, handler: Callable[[bytes], None]) -> TopicReader:
         """Call `handler(cdr)` for what others publish; what we publish ourselves never comes back."""
-        return TopicReader(self._seat, topic, kind, qos, handler)
+        return TopicReader(self._context, topic, kind, qos, handler)
 
     def serve(self, service: str, kind: RosType, server: Server) -> RosServiceServer:
         """Answer requests to `service`."""
-        return RosServiceServer(self._seat, service, kind, server)
+        return RosServiceServer(self._context, service, kind, server)
 
     async def call(self, service: str, kind: RosType, request: bytes, *, timeout_s: float) -> bytes:
         """Return the CDR of a server's response.
@@ -91,7 +91,7 @@ class ZenohBackend:
             raise BusClosedError("the backend was closed")
         client = self._clients.get((service, kind))
         if client is None:
-            client = self._clients[service, kind] = ServiceClient(self._seat, service, kind)
+            client = self._clients[service, kind] = ServiceClient(self._context, service, kind)
         return await self._calls.answered(client.call(request, timeout_s=timeout_s), f"call {service}")
 
     async def close(self) -> None:
@@ -101,10 +101,10 @@ class ZenohBackend:
         self._looking.cancel()
         if self._refreshing is not None:
             self._refreshing.cancel()
-        self._outlook.close()
+        self._graph_monitor.close()
         self._calls.close()
         self._session.stop()  # so that endpoints do not undeclare themselves one by one
-        for end in tuple(self._seat.ends):
+        for end in tuple(self._context.ends):
             end.close()
         await self._session.close()
         self._warnings.close()
@@ -113,13 +113,13 @@ class ZenohBackend:
         """Update the topics that exchange messages with us, with or without a token."""
         self._looking.cancel()
         ends: set[tuple[EndpointKind, str]] = set()
-        for end in self._seat.ends:
+        for end in self._context.ends:
             if isinstance(end, TopicWriter) and end.is_read:
                 ends.add(("subscriber", end.topic))
             elif isinstance(end, TopicReader) and end.has_heard:
                 end.has_heard = False
                 ends.add(("publisher", end.topic))
-        self._roster.exchange(ends)
+        self._directory.exchange(ends)
         self._looking = self._loop.call_later(UNSEEN_S, self._look)
 
     def _refresh_soon(self) -> None:
@@ -130,4 +130,4 @@ class ZenohBackend:
         self._refreshing = None
         if self._session.is_closed:
             return
-        self._outlook.show(self._roster.graph(), {"router": self.problem} if self.problem else {})
+        self._graph_monitor.show(self._directory.graph(), {"router": self.problem} if self.problem else {})

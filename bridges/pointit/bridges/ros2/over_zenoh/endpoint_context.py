@@ -16,9 +16,9 @@ class EndpointContext:
     """The session, the encoding of ROS in it, and the ids of our own endpoints."""
 
     session: RawSession
-    dialect: RmwZenoh
+    rmw: RmwZenoh
     warnings: BackendWarnings
-    roster: LivelinessDirectory
+    directory: LivelinessDirectory
     """Nodes and endpoints, ours included."""
     now_ns: Callable[[], int]
     """Clock for attachments."""
@@ -31,7 +31,7 @@ class EndpointContext:
 
     def is_own_gid(self, gid: bytes) -> bool:
         """Return True if messages with `gid` are to be ignored: they are ours or of another PointIt."""
-        return gid in self.gids or gid in self.roster.bridged
+        return gid in self.gids or gid in self.directory.bridged
 
     def announce(self, token: str) -> "Announcement":
         """Keep `token` in the graph until the result is closed."""
@@ -41,34 +41,34 @@ class EndpointContext:
 class Announcement:
     """A token of ours."""
 
-    def __init__(self, seat: EndpointContext, token: str) -> None:
-        self._seat = seat
+    def __init__(self, context: EndpointContext, token: str) -> None:
+        self._context = context
         self._text = token
-        self._token: Closable | None = seat.session.token(token)
-        seat.roster.announce(token)
+        self._token: Closable | None = context.session.token(token)
+        context.directory.announce(token)
 
     def close(self) -> None:
         """Remove it from the graph."""
         token, self._token = self._token, None
         if token is not None:
             token.close()
-            self._seat.roster.retract(self._text)
+            self._context.directory.retract(self._text)
 
 
 class SequenceCounter:
     """Numbers the messages of an endpoint of ours."""
 
-    def __init__(self, seat: EndpointContext, token: str) -> None:
-        self._seat = seat
-        self._gid = seat.dialect.gid(token)
+    def __init__(self, context: EndpointContext, token: str) -> None:
+        self._context = context
+        self._gid = context.rmw.gid(token)
         self._seq = 0
-        seat.gids.add(self._gid)
+        context.gids.add(self._gid)
 
     def next(self) -> Attachment:
         """Return the attachment of the next message."""
         self._seq += 1
-        return Attachment(sequence=self._seq, stamp_ns=self._seat.now_ns(), gid=self._gid)
+        return Attachment(sequence=self._seq, stamp_ns=self._context.now_ns(), gid=self._gid)
 
     def close(self) -> None:
         """Send no more."""
-        self._seat.gids.discard(self._gid)
+        self._context.gids.discard(self._gid)

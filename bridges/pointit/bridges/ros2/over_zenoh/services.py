@@ -25,74 +25,74 @@ AT_ONCE_S = 0.05
 class RosServiceServer:
     """Answers one service."""
 
-    def __init__(self, seat: EndpointContext, service: str, kind: RosType, server: Server) -> None:
+    def __init__(self, context: EndpointContext, service: str, kind: RosType, server: Server) -> None:
         """Declare. The presence token comes last, so that clients that see it find a server."""
-        self._seat = seat
+        self._context = context
         self._service = service
         self._server = server
         self._answering: dict[tuple[bytes, int] | int, asyncio.Task[None]] = {}
-        self._desk = seat.session.queryable(
-            seat.dialect.key(service, kind), self._on_ask, max_bytes=seat.max_bytes
+        self._queryable = context.session.queryable(
+            context.rmw.key(service, kind), self._on_query, max_bytes=context.max_bytes
         )
-        self._token = seat.announce(seat.dialect.endpoint_token("server", service, kind, SERVICE))
-        seat.ends.add(self)
+        self._token = context.announce(context.rmw.endpoint_token("server", service, kind, SERVICE))
+        context.ends.add(self)
 
     def close(self) -> None:
         """Stop serving; open requests are dropped."""
-        if not self._seat.session.is_closed:
+        if not self._context.session.is_closed:
             self._token.close()
-            self._desk.close()
+            self._queryable.close()
         for task in self._answering.values():
             task.cancel()
-        self._seat.ends.discard(self)
+        self._context.ends.discard(self)
 
-    def _on_ask(self, ask: IncomingQuery) -> None:
+    def _on_query(self, query: IncomingQuery) -> None:
         try:
-            origin = self._seat.dialect.unpack(ask.attachment)
+            origin = self._context.rmw.unpack(query.attachment)
         except ValueError as error:
             why = f"dropped a request to {self._service}: {error}"
-            self._seat.warnings.show_briefly(f"attachments of {self._service}", why)
-            self._start(id(ask), ask.refuse(str(error)))
+            self._context.warnings.show_briefly(f"attachments of {self._service}", why)
+            self._start(id(query), query.refuse(str(error)))
             return
         mark = origin.gid, origin.sequence
         if mark in self._answering:
-            self._start(id(ask), ask.refuse("duplicate sequence number"))
+            self._start(id(query), query.refuse("duplicate sequence number"))
         else:
-            self._start(mark, self._answer(ask, origin))
+            self._start(mark, self._answer(query, origin))
 
     def _start(self, mark: tuple[bytes, int] | int, work: Coroutine[Any, Any, None]) -> None:
         task = asyncio.get_running_loop().create_task(work, name=f"answer {self._service}")
         self._answering[mark] = task
         task.add_done_callback(lambda _task: self._answering.pop(mark, None))
 
-    async def _answer(self, ask: IncomingQuery, origin: Attachment) -> None:
+    async def _answer(self, query: IncomingQuery, origin: Attachment) -> None:
         try:
-            response = await self._server(ask.payload)
+            response = await self._server(query.payload)
             check_cdr(response)
         except asyncio.CancelledError:
-            ask.drop()
+            query.drop()
             raise
         except RefusedError as error:
-            await ask.refuse(str(error))
+            await query.refuse(str(error))
             return
         except Exception as error:  # a server must not raise, but its client must not wait for ever either
             log.exception("a request to %s could not be answered", self._service)
-            await ask.refuse(f"{type(error).__name__}: {error}")
+            await query.refuse(f"{type(error).__name__}: {error}")
             return
-        await ask.answer(response, self._seat.dialect.pack(replace(origin, stamp_ns=self._seat.now_ns())))
+        await query.answer(response, self._context.rmw.pack(replace(origin, stamp_ns=self._context.now_ns())))
 
 
 class ServiceClient:
     """Client of one service."""
 
-    def __init__(self, seat: EndpointContext, service: str, kind: RosType) -> None:
-        self._seat = seat
+    def __init__(self, context: EndpointContext, service: str, kind: RosType) -> None:
+        self._context = context
         self._service = service
-        token = seat.dialect.endpoint_token("client", service, kind, SERVICE)
-        self._querier = seat.session.querier(seat.dialect.key(service, kind), max_bytes=seat.max_bytes)
-        self._sender = SequenceCounter(seat, token)
-        self._token = seat.announce(token)
-        seat.ends.add(self)
+        token = context.rmw.endpoint_token("client", service, kind, SERVICE)
+        self._querier = context.session.querier(context.rmw.key(service, kind), max_bytes=context.max_bytes)
+        self._sender = SequenceCounter(context, token)
+        self._token = context.announce(token)
+        context.ends.add(self)
 
     async def call(self, request: bytes, *, timeout_s: float) -> bytes:
         """Return the response's CDR.
@@ -126,7 +126,7 @@ class ServiceClient:
     async def _ask(self, request: bytes, refusals: list[str]) -> bytes | None:
         """Return the first good response, or None, with the reasons of rejections added to `refusals`."""
         origin = self._sender.next()
-        attachment = self._seat.dialect.pack(origin)
+        attachment = self._context.rmw.pack(origin)
         async with contextlib.aclosing(self._querier.ask(request, attachment)) as answers:
             async for answer in answers:
                 reason = answer.refusal or self._objection(answer, origin)
@@ -138,7 +138,7 @@ class ServiceClient:
     def _objection(self, answer: QueryReply, origin: Attachment) -> str:
         """Return the rejection of `answer` to the request from `origin`, or `""`."""
         try:
-            echo = self._seat.dialect.unpack(answer.attachment)
+            echo = self._context.rmw.unpack(answer.attachment)
         except ValueError as error:
             return f"its answer was dropped: {error}"
         if (echo.gid, echo.sequence) != (origin.gid, origin.sequence):
@@ -147,8 +147,8 @@ class ServiceClient:
 
     def close(self) -> None:
         """Stop calling."""
-        if not self._seat.session.is_closed:
+        if not self._context.session.is_closed:
             self._token.close()
             self._querier.close()
         self._sender.close()
-        self._seat.ends.discard(self)
+        self._context.ends.discard(self)

@@ -66,7 +66,7 @@ class _IgnoredWarnings:
 
 async def fetched(
     config: BackendConfig,
-    wish: FetchRequest,
+    request: FetchRequest,
     *,
     say: Say = log.info,
     telling: Telling = lambda _: contextlib.nullcontext(),
@@ -75,7 +75,7 @@ async def fetched(
 
     Args:
         config: how to join the ROS graph.
-        wish: which map of which node.
+        request: which map of which node.
         say: prints which file was read instead of the node.
         telling: wraps each wait, with a description.
 
@@ -96,41 +96,41 @@ async def fetched(
         parameters = NodeParameters(
             backend,
             types,
-            wish.node,
+            request.node,
             domain=config.domain_id,
-            appears_s=wish.timeout_s if config.kind == "dds" else min(APPEARS_S, wish.timeout_s),
-            timeout_s=wish.timeout_s,
+            appears_s=request.timeout_s if config.kind == "dds" else min(APPEARS_S, request.timeout_s),
+            timeout_s=request.timeout_s,
             max_bytes=config.max_message_bytes,
             needs=NEEDS if config.kind == "rmw_zenoh" else "",
         )
-        with telling(f"asking {wish.node} for its parameters …"):
-            return await _taken(parameters, wish, say)
+        with telling(f"asking {request.node} for its parameters …"):
+            return await _taken(parameters, request, say)
     finally:
         await backend.close()
 
 
-async def _taken(parameters: NodeParameters, wish: FetchRequest, say: Say) -> dict[str, Any]:
+async def _taken(parameters: NodeParameters, request: FetchRequest, say: Say) -> dict[str, Any]:
     names = await parameters.names()
-    holder = wish.usual if wish.parameter is None else wish.parameter
-    if wish.parameter is not None and holder not in names:
-        raise ConfigError(f"node {wish.node} has no parameter {holder!r}; {_there(names)}")
-    if wish.prefix is None and holder in names:
+    holder = request.usual if request.parameter is None else request.parameter
+    if request.parameter is not None and holder not in names:
+        raise ConfigError(f"node {request.node} has no parameter {holder!r}; {_there(names)}")
+    if request.prefix is None and holder in names:
         held = (await parameters.values([holder])).get(holder)
         if isinstance(held, str) and held.strip():
-            return _of_text(held, f"parameter {holder} of {wish.node}", say)
-        if wish.parameter is not None:
+            return _of_text(held, f"parameter {holder} of {request.node}", say)
+        if request.parameter is not None:
             raise ConfigError(
-                f"parameter {holder} of {wish.node} is {_kind(held)}, not the text of a map or its path; "
+                f"parameter {holder} of {request.node} is {_kind(held)}, not the text of a map or its path; "
                 "--parameter names another"
             )
-    prefix = (wish.prefix or "").rstrip(".")
+    prefix = (request.prefix or "").rstrip(".")
     values = await parameters.values(of_maps(names, prefix))
     if not values:
-        raise ConfigError(_nothing(wish, names))
+        raise ConfigError(_nothing(request, names))
     try:
         return tree_of(values, prefix)
     except ValueError as error:
-        raise ConfigError(f"node {wish.node}: {error}") from error
+        raise ConfigError(f"node {request.node}: {error}") from error
 
 
 def _of_text(text: str, where: str, say: Say) -> dict[str, Any]:
@@ -159,11 +159,11 @@ def _is_file(path: Path) -> bool:
         return False
 
 
-def _nothing(wish: FetchRequest, names: Sequence[str]) -> str:
-    if wish.prefix:
-        what = f"no parameter of {wish.node} begins with '{wish.prefix.rstrip('.')}.'"
+def _nothing(request: FetchRequest, names: Sequence[str]) -> str:
+    if request.prefix:
+        what = f"no parameter of {request.node} begins with '{request.prefix.rstrip('.')}.'"
     else:
-        what = f"nothing in the parameters of {wish.node} is a map"
+        what = f"nothing in the parameters of {request.node} is a map"
     below = prefixes(names)
     if below:
         advice = f"try --prefix {shown(below[0], MAX_PATH)}"

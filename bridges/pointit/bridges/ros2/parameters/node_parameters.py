@@ -73,7 +73,7 @@ class NodeParameters:
             NoAnswerError: If it is absent (names those present), serves no parameters, or answers too late.
             ConfigError: If it has too many.
         """
-        await self._meet()
+        await self._on_presence()
         response = await self._ask(LIST, LIST_SUFFIX, prefixes=[], depth=0)
         names: list[str] = response.result.names
         if len(names) > MAX_PARAMETERS:
@@ -107,7 +107,7 @@ class NodeParameters:
                     found[name] = value
         return found
 
-    async def _meet(self) -> None:
+    async def _on_presence(self) -> None:
         """Wait until the node is seen to serve its parameters by our definitions."""
         graph = Graph(nodes=frozenset(), endpoints=frozenset())
         changed = asyncio.Event()

@@ -57,7 +57,7 @@ class Guests:
         """Time of our checks: while the loop is blocked, nothing is received and no time passes."""
         self._timer: asyncio.TimerHandle | None = None
         for user in dict.fromkeys(self._instances.values()):
-            site.scene.names.of(user)  # reserved: another person with the same ROS name gets a different one
+            site.state.names.of(user)  # reserved: another person with the same ROS name gets a different one
             self._admit(user)
         if self._instances:
             self._mind()
@@ -77,29 +77,29 @@ class Guests:
             return
         (self._leaders.add if present else self._leaders.discard)(instance)
         leaders = sorted(each for each in self._leaders if self._instances[each] == user)
-        if leaders and user in self._site.scene.guests:
+        if leaders and user in self._site.state.guests:
             self._dismiss(user, leaders[0])
-        elif not leaders and user not in self._site.scene.guests:
-            self._site.bus.clear(_about(user))
+        elif not leaders and user not in self._site.state.guests:
+            self._site.bus.clear(_context(user))
             self._admit(user)
 
     def close(self) -> None:
         """Remove all guests."""
         if self._timer is not None:
             self._timer.cancel()
-        for user, guest in self._site.scene.guests.items():
+        for user, guest in self._site.state.guests.items():
             self._end(user, guest, "the bridge has ended")
             for end in self._ends.pop(user):
                 end.close()
 
     def _admit(self, user: str) -> None:
-        self._site.scene.guests[user] = Guest()
+        self._site.state.guests[user] = Guest()
         self._ends[user] = [self._inbox.listen(route, user) for route in self._routes if "{" in route.ros]
         self._show_again(user)
 
     def _dismiss(self, user: str, leader: str) -> None:
         """Remove a guest in favour of PointIt services, which publish the state of the interaction."""
-        del self._site.scene.guests[user]
+        del self._site.state.guests[user]
         for end in self._ends.pop(user):
             end.close()
         for route in self._lasting:
@@ -107,13 +107,13 @@ class Guests:
         self._show_again(user)
         self._leave(user)
         self._site.bus.warn(
-            _about(user),
+            _context(user),
             f"{user} is named in `people`, whose nodes are all ROS nodes, and has {leader} here: ROS is not "
             "heard for them; end either of the two",
         )
 
     def _show_again(self, user: str) -> None:
-        if user in self._site.scene.people:
+        if user in self._site.state.people:
             self._outbox.join(user)
 
     def _mind(self) -> None:
@@ -121,7 +121,7 @@ class Guests:
             LOOK_S, self._mind
         )  # rescheduled first, so that it is repeated after an error
         self._now_s += LOOK_S
-        for user, guest in self._site.scene.guests.items():
+        for user, guest in self._site.state.guests.items():
             self._judge(user, guest)
 
     def _judge(self, user: str, guest: Guest) -> None:
@@ -135,16 +135,16 @@ class Guests:
             self._end(user, guest, "nothing of theirs comes any more")
 
     def _has_ray(self, user: str) -> bool:
-        scene = self._site.scene
-        return any("{" in route.ros and route.ros_name(scene, user) in self._given for route in self._routes)
+        state = self._site.state
+        return any("{" in route.ros and route.ros_name(state, user) in self._given for route in self._routes)
 
     def _come(self, user: str, guest: Guest) -> None:
         if guest.is_here:
             return
-        scene, bus = self._site.scene, self._site.bus
+        state, bus = self._site.state, self._site.bus
         if not guest.is_subscribed:
             now_ns = self._site.clock.now_ns()
-            self._inbox.publish(interaction(scene, user, now_ns, "they have not asked for a cursor"))
+            self._inbox.publish(interaction(state, user, now_ns, "they have not asked for a cursor"))
         self._tokens[user] = bus.announce(USER_ALIVE, user)
         guest.is_here = True
         log.info("%s is here, as ROS nodes say", user)
@@ -152,7 +152,7 @@ class Guests:
     def _end(self, user: str, guest: Guest, reason: str) -> None:
         if guest.is_subscribed:
             guest.is_subscribed = False
-            self._inbox.publish(interaction(self._site.scene, user, self._site.clock.now_ns(), reason))
+            self._inbox.publish(interaction(self._site.state, user, self._site.clock.now_ns(), reason))
         if guest.is_here:
             guest.is_here = False
             self._leave(user)
@@ -165,5 +165,5 @@ class Guests:
             token.close()
 
 
-def _about(user: str) -> str:
+def _context(user: str) -> str:
     return f"guest {user}"

@@ -56,10 +56,10 @@ class Inbox:
         if user not in self._names:
             self._names.add(user)
             self._declare(user)
-            told = ConversionContext(self._site.scene, user, self._site.clock.now_ns())
+            context = ConversionContext(self._site.state, user, self._site.clock.now_ns())
             for route in self._routes:
-                if route.meets is not None and (taken := route.meets(told)):
-                    self._take(taken, _about(route, self._site.scene, ""))
+                if route.meets is not None and (taken := route.meets(context)):
+                    self._take(taken, _subject(route, self._site.state, ""))
 
     def leave(self, user: str) -> None:
         """Unsubscribe from the routes about `user`."""
@@ -71,7 +71,7 @@ class Inbox:
         rows: tuple[InboundRoute | ServiceRoute, ...] = (*self._routes, *self._services)
         for route in rows:
             if "{" in route.ros:
-                self._site.bus.clear(_about(route, self._site.scene, user))
+                self._site.bus.clear(_subject(route, self._site.state, user))
         for route in self._routes:
             if route.forgets is not None:
                 route.forgets(user)
@@ -80,19 +80,19 @@ class Inbox:
 
     def listen(self, route: InboundRoute, name: str) -> Closable:
         """Receive what `route` has about `name` until the returned endpoint is closed."""
-        return InputSubscription(route, name, self._site, functools.partial(self._hear, route, name))
+        return InputSubscription(route, name, self._site, functools.partial(self._on_message, route, name))
 
     def stop_writing(self, route: InboundRoute, name: str) -> None:
         """Stop publishing messages of `route` about `name`: another writer does."""
         for at in route.into:
             if at.at(name) in self._publishers:
                 self._publishers.pop(at.at(name))[1].close()
-        self._site.bus.clear(_about(route, self._site.scene, name))
+        self._site.bus.clear(_subject(route, self._site.state, name))
 
-    def publish(self, said: BusOutput) -> None:
+    def publish(self, output: BusOutput) -> None:
         """Publish on our bus."""
-        if not isinstance(said.at, Request) and isinstance(said.what, Message):
-            self._publisher(said.at, said.name).put(said.what)
+        if not isinstance(output.at, Request) and isinstance(output.what, Message):
+            self._publisher(output.at, output.name).put(output.what)
 
     def on_graph(self, graph: Graph) -> None:
         """Leave services to other nodes that offer them."""
@@ -126,7 +126,7 @@ class Inbox:
             if bool(name) != ("{" in route.ros):
                 continue
             key = route.name, name
-            if route.yields and route.ros_name(self._site.scene, name) in self._served:
+            if route.yields and route.ros_name(self._site.state, name) in self._served:
                 self._take_up(key)
                 self._back[key] = None
                 if key in self._ends:
@@ -142,10 +142,10 @@ class Inbox:
         key = route.name, name
         self._take_up(key)
         if key not in self._ends:
-            scene = self._site.scene
+            state = self._site.state
             self._ends[key] = self._site.backend.serve(
-                route.ros_name(scene, name),
-                scene.types.kind(route.type),
+                route.ros_name(state, name),
+                state.types.kind(route.type),
                 functools.partial(self._answer, route, name),
             )
 
@@ -154,28 +154,28 @@ class Inbox:
         if timer is not None:
             timer.cancel()
 
-    def _hear(self, route: InboundRoute, name: str, cdr: bytes) -> None:
-        scene, clock = self._site.scene, self._site.clock
-        about = _about(route, scene, name)
+    def _on_message(self, route: InboundRoute, name: str, cdr: bytes) -> None:
+        state, clock = self._site.state, self._site.clock
+        subject = _subject(route, state, name)
         try:
-            value = scene.types.decode(route.type, cdr, max_bytes=route.max_bytes)
+            value = state.types.decode(route.type, cdr, max_bytes=route.max_bytes)
         except ValueError as error:
-            self._site.bus.warn(about, f"what came {about} was dropped: {error}")
+            self._site.bus.warn(subject, f"what came {subject} was dropped: {error}")
             return
-        taken = route.convert(value, name, scene, now_ns=clock.now_ns(), wall_ns=self._wall.now_ns())
-        self._take(taken, about)
+        taken = route.convert(value, name, state, now_ns=clock.now_ns(), wall_ns=self._wall.now_ns())
+        self._take(taken, subject)
 
-    def _take(self, taken: Taken, about: str) -> None:
+    def _take(self, taken: Taken, subject: str) -> None:
         """Publish and query. The route's warning is cleared when all queries have succeeded, not before."""
         warned = [each for each in taken if isinstance(each, ConversionWarning)]
-        wishes = [each for each in taken if isinstance(each, BusOutput) and isinstance(each.at, Request)]
-        if warned or not wishes:
-            self._warn(about, warned)
-        for said in taken:
-            if isinstance(said, BusOutput):
-                self.publish(said)
-        if wishes:
-            self._ask_soon(wishes, about, is_well=not warned)
+        outputs = [each for each in taken if isinstance(each, BusOutput) and isinstance(each.at, Request)]
+        if warned or not outputs:
+            self._warn(subject, warned)
+        for output in taken:
+            if isinstance(output, BusOutput):
+                self.publish(output)
+        if outputs:
+            self._ask_soon(outputs, subject, is_well=not warned)
 
     def _publisher(self, topic: Topic[Any], name: str) -> Publisher[Any]:
         key = topic.at(name)
@@ -183,20 +183,22 @@ class Inbox:
             self._publishers[key] = name, self._site.bus.publisher(topic, name)
         return self._publishers[key][1]
 
-    def _ask_soon(self, wishes: list[BusOutput], about: str, *, is_well: bool) -> None:
-        asked = wishes[: MAX_ASKED - self._open]
-        if len(asked) < len(wishes):
+    def _ask_soon(self, outputs: list[BusOutput], subject: str, *, is_well: bool) -> None:
+        accepted = outputs[: MAX_ASKED - self._open]
+        if len(accepted) < len(outputs):
             is_well = False
-            self._site.bus.warn(about, f"what came {about} was dropped: {MAX_ASKED} wishes are open already")
-        self._open += len(asked)
+            self._site.bus.warn(
+                subject, f"what came {subject} was dropped: {MAX_ASKED} wishes are open already"
+            )
+        self._open += len(accepted)
 
         async def ask() -> None:
             try:
-                replies = await asyncio.gather(*(self._ask(said, about) for said in asked))
+                replies = await asyncio.gather(*(self._ask(output, subject) for output in accepted))
             finally:
-                self._open -= len(asked)
+                self._open -= len(accepted)
             if is_well and not any(isinstance(each, str) for each in replies):
-                self._site.bus.clear(about)
+                self._site.bus.clear(subject)
 
         self._run(ask)
 
@@ -205,13 +207,13 @@ class Inbox:
         self._asked.add(task)
         task.add_done_callback(self._asked.discard)
 
-    async def _ask(self, said: BusOutput, about: str) -> Reply | str:
+    async def _ask(self, output: BusOutput, subject: str) -> Reply | str:
         """Return the reply, or the reason of a refusal, which is a warning too."""
         try:
-            reply: Reply = await self._site.bus.call(said.at, said.what, said.name)  # type: ignore[arg-type]  # a row of both kinds
+            reply: Reply = await self._site.bus.call(output.at, output.what, output.name)  # type: ignore[arg-type]  # a row of both kinds
         except (BusError, RequestError) as error:
-            sentence = f"what came {about} was not done: {error}"
-            self._site.bus.warn(about, sentence)
+            sentence = f"what came {subject} was not done: {error}"
+            self._site.bus.warn(subject, sentence)
             return sentence
         return reply
 
@@ -221,38 +223,38 @@ class Inbox:
         Raises:
             RefusedError: If it was refused, and its response has no field for that.
         """
-        scene = self._site.scene
-        types = scene.types
-        about = _about(route, scene, name)
+        state = self._site.state
+        types = state.types
+        subject = _subject(route, state, name)
         response = types.response_of(route.type)
         try:
             value = types.decode(types.request_of(route.type), cdr, max_bytes=route.max_bytes)
         except ValueError as error:
-            sentence = f"what came {about} was refused: {error}"
-            self._site.bus.warn(about, sentence)
+            sentence = f"what came {subject} was refused: {error}"
+            self._site.bus.warn(subject, sentence)
             if not route.has_result:
                 raise RefusedError(sentence) from error
             return types.encode(response, types.make(response))
-        told = ConversionContext(scene, name, self._site.clock.now_ns(), wall_ns=self._wall.now_ns())
-        asked = route.asks(value, told)
+        context = ConversionContext(state, name, self._site.clock.now_ns(), wall_ns=self._wall.now_ns())
+        request = route.asks(value, context)
         reply: Reply | str = ""
         try:
-            if isinstance(asked, ConversionWarning):
-                reply = asked.sentence
-                self._warn(about, [asked])
+            if isinstance(request, ConversionWarning):
+                reply = request.sentence
+                self._warn(subject, [request])
             else:
-                reply = await self._ask(asked, about)
+                reply = await self._ask(request, subject)
                 if not isinstance(reply, str):
-                    self._site.bus.clear(about)
+                    self._site.bus.clear(subject)
         finally:  # also when this is cancelled: the route may wait for the result
-            answer = route.response(value, None if isinstance(reply, str) else reply, told)
+            answer = route.response(value, None if isinstance(reply, str) else reply, context)
         if isinstance(reply, str) and not route.has_result:
             raise RefusedError(reply)
         return types.encode(response, answer)
 
-    def _warn(self, about: str, warned: list[ConversionWarning]) -> None:
-        self._site.bus.warn(about, "; ".join(each.sentence for each in warned[:3]))
+    def _warn(self, subject: str, warned: list[ConversionWarning]) -> None:
+        self._site.bus.warn(subject, "; ".join(each.sentence for each in warned[:3]))
 
 
-def _about(route: InboundRoute | ServiceRoute, scene: ConversionState, name: str) -> str:
-    return f"from {route.ros_name(scene, name)}{route.reader}"
+def _subject(route: InboundRoute | ServiceRoute, state: ConversionState, name: str) -> str:
+    return f"from {route.ros_name(state, name)}{route.reader}"

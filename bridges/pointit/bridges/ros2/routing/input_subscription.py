@@ -30,14 +30,14 @@ class InputSubscription:
         self._warnings = BackendWarnings(site.bus)
         self._take = take
         self._loop = asyncio.get_running_loop()
-        self._count = RateLimiter(route.rate_hz)
-        self._bytes = RateLimiter(route.bytes_hz, early_s=BURST_S)
+        self._message_limiter = RateLimiter(route.rate_hz)
+        self._byte_limiter = RateLimiter(route.bytes_hz, early_s=BURST_S)
         self._waiting: dict[str, bytes] = {}
         """Newest message by person, or by `""` if messages name no people; as received."""
         self._timer = Timer(site.bus.call_later, self._due)
-        self._ros = route.ros_name(site.scene, name)
-        kind = site.scene.types.kind(route.type)
-        self._end = site.backend.subscribe(self._ros, kind, route.qos, self._hear)
+        self._ros = route.ros_name(site.state, name)
+        kind = site.state.types.kind(route.type)
+        self._end = site.backend.subscribe(self._ros, kind, route.qos, self._on_message)
 
     def close(self) -> None:
         """Unsubscribe."""
@@ -45,12 +45,12 @@ class InputSubscription:
         self._timer.cancel()
         self._warnings.close()
 
-    def _hear(self, cdr: bytes) -> None:
+    def _on_message(self, cdr: bytes) -> None:
         route = self._route
         if len(cdr) > route.max_bytes or (route.rate_hz is None and route.bytes_hz is None):
             self._take(cdr)  # too long messages are rejected unread
             return
-        people = ("",) if route.people is None else route.people(cdr, self._site.scene)
+        people = ("",) if route.people is None else route.people(cdr, self._site.state)
         if not people:
             return
         wait_s = self._wait_s()
@@ -60,7 +60,7 @@ class InputSubscription:
         for each in people:
             self._waiting.pop(each, None)  # keeps the order: no message is followed by an older one
             self._waiting[each] = cdr
-        if route.bytes_hz is not None and self._bytes.wait_s(self._loop.time()) > 0.0:
+        if route.bytes_hz is not None and self._byte_limiter.wait_s(self._loop.time()) > 0.0:
             self._warnings.show_briefly(
                 f"amount from {self._ros}",
                 f"{self._ros} brings more of people than the {route.bytes_hz / 1e6:g} MB a second that are "
@@ -78,10 +78,10 @@ class InputSubscription:
 
     def _wait_s(self) -> float:
         now_s = self._loop.time()
-        return max(self._count.wait_s(now_s), self._bytes.wait_s(now_s))
+        return max(self._message_limiter.wait_s(now_s), self._byte_limiter.wait_s(now_s))
 
     def _pass(self, cdr: bytes) -> None:
         now_s = self._loop.time()
-        self._count.sent(now_s)
-        self._bytes.sent(now_s, len(cdr))
+        self._message_limiter.sent(now_s)
+        self._byte_limiter.sent(now_s, len(cdr))
         self._take(cdr)

@@ -29,7 +29,7 @@ class _Line:
         """Whether the ROS graph shows a subscriber."""
         self._unread = unread
         self._is_read = False
-        self._pace = RateLimiter(route.rate_hz)
+        self._rate_limiter = RateLimiter(route.rate_hz)
         self._loop = asyncio.get_running_loop()
         self._writer: Writer | None = None
         self._waiting: dict[str, tuple[Message, str]] = {}
@@ -63,7 +63,7 @@ class _Line:
     def close(self) -> None:
         """Remove it from the graph, after its last value."""
         if self.route.has_end:
-            types = self._site.scene.types
+            types = self._site.state.types
             self._put(types.encode(self.route.type, types.make(self.route.type)))
         for timer in (self._due_timer, self._repeat_timer, self._reclaim_timer):
             timer.cancel()
@@ -73,7 +73,7 @@ class _Line:
         self._site.bus.clear(self.ros)
 
     def _open(self) -> None:
-        kind = self._site.scene.types.kind(self.route.type)
+        kind = self._site.state.types.kind(self.route.type)
         self._writer = self._site.backend.advertise(self.ros, kind, self.route.qos)
         self._sent = {}
 
@@ -84,9 +84,9 @@ class _Line:
 
     def take(self, message: Message, name: str) -> None:
         """Send `message` as soon as the route's rate allows; of delayed ones, the newest."""
-        wait_s = self._pace.wait_s(self._loop.time())
+        wait_s = self._rate_limiter.wait_s(self._loop.time())
         if not self._due_timer.is_running and wait_s <= 0.0:
-            self._pace.sent(self._loop.time())
+            self._rate_limiter.sent(self._loop.time())
             self._send(message, name)
             return
         self._waiting[self._whose(name)] = message, name
@@ -103,7 +103,7 @@ class _Line:
 
     def _due(self) -> None:
         waiting, self._waiting = self._waiting, {}
-        self._pace.sent(self._loop.time())
+        self._rate_limiter.sent(self._loop.time())
         for message, name in waiting.values():
             self._send(message, name)
 
@@ -116,9 +116,9 @@ class _Line:
     def _write(self, message: Message, name: str, *, again_ns: int | None = None) -> None:
         if self._writer is None or not (self._has_readers or self._keeps or self._unread):
             return
-        encode = self._site.scene.types.encode
+        encode = self._site.state.types.encode
         try:
-            values = self.route.convert(message, name, self._site.scene, again_ns=again_ns)
+            values = self.route.convert(message, name, self._site.state, again_ns=again_ns)
             cdrs = tuple([encode(self.route.type, value) for value in values])
         except ValueError as error:
             self._is_refused = True
@@ -200,7 +200,7 @@ class Outbox:
     def take(self, topic: Topic[Message], message: Message, name: str) -> None:
         """Send `message`, which the scene has got, by all its routes."""
         for route in self._routes.get(topic, ()):
-            if route.is_theirs and name in self._site.scene.guests:
+            if route.is_theirs and name in self._site.state.guests:
                 continue
             line = self._line(route, name if "{" in route.ros else "")
             if line is not None:
@@ -208,7 +208,7 @@ class Outbox:
 
     def join(self, user: str) -> None:
         """Add the routes about `user`, without those that a guest's own nodes publish."""
-        is_guest = user in self._site.scene.guests
+        is_guest = user in self._site.state.guests
         for route in {route.name: route for routes in self._routes.values() for route in routes}.values():
             if "{user}" not in route.ros:
                 continue
@@ -254,7 +254,7 @@ class Outbox:
                     "names", f"only {MAX_LINES} names are shown to ROS; end what writes so many keys"
                 )
                 return None
-            ros = route.ros_name(self._site.scene, name)
+            ros = route.ros_name(self._site.state, name)
             line = self._lines[key] = _Line(route, ros, self._site, self._has_reader, unread=self._unread)
             self._yield(line)
         return line

@@ -18,7 +18,7 @@ MAX_BYTES = 16 * 1024
 class ConversionContext(NamedTuple):
     """Context of a conversion."""
 
-    scene: ConversionState
+    state: ConversionState
     name: str
     """Name for the placeholder: a user or lamp; `""` if there is none."""
     stamp_ns: int
@@ -67,14 +67,14 @@ class _Route:
     """Name in ROS whose other publishers it yields to, or `""` for its own."""
     frame: str = WORLD
     """`WORLD`, `PERSON`, or a name with `{user}`."""
-    about: str
+    context: str
     reader: str = ""
     """Appended to the subject of warnings, where several routes read one topic."""
 
-    def ros_name(self, scene: ConversionState, name: str) -> str:
+    def ros_name(self, state: ConversionState, name: str) -> str:
         """Return the name in ROS for `name`, which is a user, a lamp, or empty."""
         head, opening, rest = self.ros.partition("{")
-        return head + scene.names.of(name) + rest.partition("}")[2] if opening else head
+        return head + state.names.of(name) + rest.partition("}")[2] if opening else head
 
 
 @dataclass(frozen=True)
@@ -110,13 +110,13 @@ class OutboundRoute(_Route):
     """Delay between the values of one message: a button is down for this time."""
 
     def convert(
-        self, message: Message, name: str, scene: ConversionState, *, again_ns: int | None = None
+        self, message: Message, name: str, state: ConversionState, *, again_ns: int | None = None
     ) -> Converted:
         """Return the ROS values of `message`; `again_ns`: it is repeated at this time."""
         is_again = again_ns is not None
         stamp_ns = message.stamp_ns if again_ns is None else again_ns
-        frame = scene.frames.resolve(self.frame, name)
-        return self.by(message, ConversionContext(scene, name, stamp_ns, frame, is_again=is_again))
+        frame = state.frames.resolve(self.frame, name)
+        return self.by(message, ConversionContext(state, name, stamp_ns, frame, is_again=is_again))
 
 
 @dataclass(frozen=True)
@@ -143,10 +143,10 @@ class InboundRoute(_Route):
     of_guests: bool = False
     """For guests only, present or not: it makes them present."""
 
-    def convert(self, value: Any, name: str, scene: ConversionState, *, now_ns: int, wall_ns: int) -> Taken:
+    def convert(self, value: Any, name: str, state: ConversionState, *, now_ns: int, wall_ns: int) -> Taken:
         """Return messages, queries and warnings; never raises."""
         return self.by(
-            value, ConversionContext(scene, name, now_ns, scene.frames.resolve(self.frame, name), wall_ns)
+            value, ConversionContext(state, name, now_ns, state.frames.resolve(self.frame, name), wall_ns)
         )
 
 
@@ -167,8 +167,8 @@ class ServiceRoute(_Route):
     has_result: bool = False
     """The response says whether it was done. Without, a refused request gets an error."""
 
-    def response(self, request: Any, reply: Reply | None, about: ConversionContext) -> Any:
+    def response(self, request: Any, reply: Reply | None, context: ConversionContext) -> Any:
         """Return the ROS response to a request, from our reply or None if it was refused."""
         if self.answers is not None:
-            return self.answers(request, reply, about)
-        return about.scene.types.make(about.scene.types.response_of(self.type))
+            return self.answers(request, reply, context)
+        return context.state.types.make(context.state.types.response_of(self.type))

@@ -15,4 +15,4 @@ class Site:
     bus: ServiceBus
     clock: Clock
     backend: Backend
-    scene: ConversionState
+    state: ConversionState

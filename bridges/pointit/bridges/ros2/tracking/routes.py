@@ -30,7 +30,7 @@ def tracker_routes(configs: Mapping[str, TrackerConfig]) -> tuple[InboundRoute, 
             *(SENSOR, (OBJECTS,), trackers[name].read),
             rate_hz=RATE_HZ,
             max_bytes=MAX_BYTES,
-            about=f"objects of {name}",
+            context=f"objects of {name}",
         )
         for name, config in configs.items()
         if config.type != TF
@@ -44,13 +44,13 @@ def tracker_routes(configs: Mapping[str, TrackerConfig]) -> tuple[InboundRoute, 
             people=tf.frames_in,
             reader=" for trackers",
             max_bytes=MAX_BYTES,
-            about="frames of trackers",
+            context="frames of trackers",
         ),
         InboundRoute(
             *("trackers: tf_static", "/tf_static", "tf2_msgs/msg/TFMessage"),
             *(Qos(depth=100, latched=True), (OBJECTS,), tf.static),
             reader=" for trackers",
             max_bytes=MAX_BYTES,
-            about="fixed frames of trackers",
+            context="fixed frames of trackers",
         ),
     )

@@ -83,9 +83,9 @@ def detections(value: Any) -> Seen:
     return value.header.stamp, list(_detections(value))
 
 
-def packages(value: Any, scene: ConversionState) -> Seen:
+def packages(value: Any, state: ConversionState) -> Seen:
     """Return the objects of a conveyor_msgs/PackageList, which are on belts and strips of the map."""
-    return value.header.stamp, [_package(each, scene) for each in value.packages[:MAX_OBJECTS]]
+    return value.header.stamp, [_package(each, state) for each in value.packages[:MAX_OBJECTS]]
 
 
 READERS: dict[str, Reader] = {
@@ -135,25 +135,25 @@ def _posed(frame: str, pose: Any, covariance: Any, what: str) -> Sighting | str:
     )
 
 
-def _package(value: Any, scene: ConversionState) -> Sighting | str:
+def _package(value: Any, state: ConversionState) -> Sighting | str:
     uid, name, share = int(value.uid), value.position.name, float(value.position.position)
     what = f"package {uid}"
     strip = name.removeprefix("strip_")
     places: tuple[tuple[SurfaceKind, str], ...] = (("belt", name), ("strip", name), ("strip", strip))
-    place = next((each for each in places if each in scene.lines), None)
+    place = next((each for each in places if each in state.lines), None)
     if place is None:
-        there_are = ", ".join(each for _, each in list(scene.lines)[:20]) or "none"
+        there_are = ", ".join(each for _, each in list(state.lines)[:20]) or "none"
         return f"{what} is on {checks.named(name)}, which is no line of the map; there are {there_are}"
     length_m = float(value.length)
     if not (0.0 <= share <= 1.0 and 0.0 <= length_m <= FARTHEST):
         return f"{what} is at {share:g} of {name}, {length_m:g} m long: send 0 (start) to 1 (end), and metres"
-    line = scene.lines[place]
+    line = state.lines[place]
     along_m = share * line.length_m
     return Sighting(
-        frame=scene.frames.world,
+        frame=state.frames.world,
         pose=Pose(line.point_at(along_m), IDENTITY),
         name=str(uid),
-        kind=scene.kinds.kind(int(value.type)) or "",
+        kind=state.kinds.kind(int(value.type)) or "",
         size_m=length_m,
         has_heading=False,
         on=(place[0], place[1], along_m),

@@ -45,32 +45,32 @@ class Tracker:
         if config.type == TF:
             buffer.want(config.frame)
 
-    def read(self, value: Any, about: ConversionContext) -> Taken:
+    def read(self, value: Any, context: ConversionContext) -> Taken:
         """Convert a message of the topic."""
         config = self._config
-        seen = packages(value, about.scene) if config.type == PACKAGES else READERS[config.type](value)
-        stamp_ns = captured(seen[0], about.stamp_ns, f"what {config.topic} tells", config.stale_s)
+        seen = packages(value, context.state) if config.type == PACKAGES else READERS[config.type](value)
+        stamp_ns = captured(seen[0], context.stamp_ns, f"what {config.topic} tells", config.stale_s)
         if isinstance(stamp_ns, str):
             return (ConversionWarning(stamp_ns),)
-        return self._objects(seen[1], stamp_ns, about)
+        return self._objects(seen[1], stamp_ns, context)
 
-    def look(self, about: ConversionContext) -> Taken:
+    def look(self, context: ConversionContext) -> Taken:
         """Return the object of type tf by the newest transforms, or nothing if none has come."""
         config = self._config
-        placed = self._buffer.placed(config.frame, roots(about.scene), about.stamp_ns, config.stale_s)
+        placed = self._buffer.placed(config.frame, roots(context.state), context.stamp_ns, config.stale_s)
         if isinstance(placed, str):
             return (ConversionWarning(f"tracker {self._name}: {placed}"),)
-        stamp_ns = about.stamp_ns if placed.stamp_ns is None else placed.stamp_ns
-        seen = Sighting(about.scene.frames.world, placed.pose)
-        return self._objects([seen], stamp_ns, about)
+        stamp_ns = context.stamp_ns if placed.stamp_ns is None else placed.stamp_ns
+        seen = Sighting(context.state.frames.world, placed.pose)
+        return self._objects([seen], stamp_ns, context)
 
-    def _objects(self, seen: list[Sighting | str], stamp_ns: int, about: ConversionContext) -> Taken:
+    def _objects(self, seen: list[Sighting | str], stamp_ns: int, context: ConversionContext) -> Taken:
         stamp_ns = max(stamp_ns - round(self._config.latency_s * NS_PER_S), 0)
         if 0 < self._stamp_ns - stamp_ns < NS_PER_S or stamp_ns == self._stamp_ns:
             return ()  # overtaken, or told twice
         notes: list[str] = []
         made = [
-            each if isinstance(each, str) else self._object(each, stamp_ns, about, notes) for each in seen
+            each if isinstance(each, str) else self._object(each, stamp_ns, context, notes) for each in seen
         ]
         objects = {each.id: each for each in made if isinstance(each, TrackedObject)}
         notes += [each for each in made if isinstance(each, str)]
@@ -89,11 +89,11 @@ class Tracker:
         return (BusOutput(OBJECTS, self._name, message), *problems)
 
     def _object(
-        self, seen: Sighting, stamp_ns: int, about: ConversionContext, notes: list[str]
+        self, seen: Sighting, stamp_ns: int, context: ConversionContext, notes: list[str]
     ) -> TrackedObject | str:
         """Return the object, or why there is none; adds to `notes` what of the message is left out."""
-        config, scene = self._config, about.scene
-        lookup = FrameLookup(self._buffer, roots(scene), about.stamp_ns, config.stale_s)
+        config, state = self._config, context.state
+        lookup = FrameLookup(self._buffer, roots(state), context.stamp_ns, config.stale_s)
         frame = lookup.pose(seen.frame or config.frame)
         if isinstance(frame, str):
             return frame
@@ -112,8 +112,8 @@ class Tracker:
         surface, surface_id, along_m = seen.on or ("none", "", 0.0)
         speed_mps = 0.0
         if seen.on is not None:
-            speed_mps = vector.dot(velocity_mps, scene.lines[seen.on[:2]].tangent_at(along_m))
-            scene.uids.claim(int(seen.name), identity)
+            speed_mps = vector.dot(velocity_mps, state.lines[seen.on[:2]].tangent_at(along_m))
+            state.uids.claim(int(seen.name), identity)
         return TrackedObject(
             id=identity,
             kind=config.kind or seen.kind or ROBOT,
@@ -136,26 +136,26 @@ class TfInput:
         self._buffer = buffer
         self._trackers = trackers
 
-    def moving(self, value: Any, about: ConversionContext) -> Taken:
+    def moving(self, value: Any, context: ConversionContext) -> Taken:
         """Convert a tf2_msgs/TFMessage of /tf."""
-        problems = map(ConversionWarning, self._buffer.take(value, is_static=False, now_ns=about.stamp_ns))
-        looked = (tracker.look(about) for tracker in self._trackers.values())
+        problems = map(ConversionWarning, self._buffer.take(value, is_static=False, now_ns=context.stamp_ns))
+        looked = (tracker.look(context) for tracker in self._trackers.values())
         return (*problems, *itertools.chain.from_iterable(looked))
 
-    def static(self, value: Any, _about: ConversionContext) -> Taken:
+    def static(self, value: Any, _context: ConversionContext) -> Taken:
         """Convert a tf2_msgs/TFMessage of /tf_static."""
         return tuple(map(ConversionWarning, self._buffer.take(value, is_static=True)))
 
-    def frames_in(self, cdr: bytes, _scene: ConversionState) -> tuple[str, ...]:
+    def frames_in(self, cdr: bytes, _state: ConversionState) -> tuple[str, ...]:
         """Return the frames in `cdr` that matter."""
         return self._buffer.wanted_in(cdr)
 
 
-def roots(scene: ConversionState) -> dict[str, Pose]:
+def roots(state: ConversionState) -> dict[str, Pose]:
     """Return the frames in ROS whose pose in {W} is known without transforms: {W}, and those of the map."""
-    frames = () if scene.room is None else scene.room.frames
+    frames = () if state.room is None else state.room.frames
     known = {frame_name(frame.id): Pose(frame.position_m, frame.orientation_xyzw) for frame in frames}
-    return {frame_name(scene.frames.world): AT_ORIGIN} | known
+    return {frame_name(state.frames.world): AT_ORIGIN} | known
 
 
 class FrameLookup(NamedTuple):

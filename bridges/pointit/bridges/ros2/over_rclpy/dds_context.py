@@ -8,9 +8,9 @@ from typing import Any, TypeVar
 
 from pointit.bridges.ros2.graph.backend import Closable, RosType
 from pointit.bridges.ros2.graph.backend_warnings import BackendWarnings
-from pointit.bridges.ros2.over_rclpy.api import EndInfo, Node
 from pointit.bridges.ros2.over_rclpy.graph import full_name, hash_of
-from pointit.bridges.ros2.over_rclpy.library import Rclpy, class_of
+from pointit.bridges.ros2.over_rclpy.rclpy_library import Rclpy, class_of
+from pointit.bridges.ros2.over_rclpy.rclpy_types import EndInfo, Node
 from pointit.bridges.ros2.types.definitions import INTERFACES
 from pointit.runtime.bus.dispatcher import Dispatcher
 from pointit.runtime.errors import BusClosedError

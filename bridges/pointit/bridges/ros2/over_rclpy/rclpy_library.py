@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pointit.bridges.ros2.graph.backend import Qos
-from pointit.bridges.ros2.over_rclpy.api import Executor, Node, Profile, RosContext
+from pointit.bridges.ros2.over_rclpy.rclpy_types import Executor, Node, Profile, RosContext
 from pointit.runtime.errors import ConfigError
 
 

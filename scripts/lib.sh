@@ -28,7 +28,7 @@ find_python() {
 }
 
 # quietly SENTENCE COMMAND...: runs it without a word; says SENTENCE when it takes more than two seconds, with the
-# seconds on a terminal, and leaves its output in $LOG.
+# seconds on a terminal, and leaves the output of one that failed in $LOG.
 quietly() {
     local sentence=$1 tenths=0 job status=0
     shift
@@ -47,6 +47,7 @@ quietly() {
     done
     wait "$job" || status=$?
     trap - INT TERM
+    [ "$status" -ne 0 ] || rm "$LOG"
     return "$status"
 }
 

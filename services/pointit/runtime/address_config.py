@@ -17,7 +17,7 @@ class AddressConfig(Config):
 
     @model_validator(mode="before")
     @classmethod
-    def _split_host(cls, values: object) -> object:
+    def _split_host(cls, values: Any) -> Any:
         fields = cast("Mapping[str, Any]", values if isinstance(values, Mapping) else {})
         if not isinstance(text := fields.get("host"), str) or not text:
             return values

@@ -54,9 +54,7 @@ def test_quaternions_of_known_sketches_are_read(line: str, names: tuple[str, ...
 
 def test_number_of_a_sensor_before_commas_is_no_decimal() -> None:
     parser = LineParser()
-    for _ in range(3):
-        for sensor in ("1", "2"):
-            parsed = parser.parse(f"{sensor},1,0,0,0".encode())
+    *_, parsed = [parser.parse(f"{sensor},1,0,0,0".encode()) for sensor in ("1", "2") * 3]
     assert isinstance(parsed, QuaternionLine)
     assert (parsed.orientation_xyzw, parsed.names) == ((0.0, 0.0, 0.0, 1.0), ("2",))
 

@@ -39,8 +39,9 @@ def first_mistake(error: ValidationError, kind: type[BaseModel]) -> tuple[tuple[
     elif first["type"] == "missing":
         text = _missing(first)
     elif first["type"] == "union_tag_invalid":
-        loc = (*loc, first["ctx"]["discriminator"].strip("'"))
-        known, tag = first["ctx"]["expected_tags"].replace("'", "").split(", "), first["ctx"]["tag"]
+        context = first.get("ctx", {})
+        loc = (*loc, context["discriminator"].strip("'"))
+        known, tag = context["expected_tags"].replace("'", "").split(", "), context["tag"]
         text = f"no {loc[-1]} {tag!r}; {nearest(tag, known)}"
     elif first["type"] == DESCRIBED:
         text = first["msg"]

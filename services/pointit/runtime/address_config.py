@@ -17,10 +17,12 @@ class AddressConfig(Config):
 
     @model_validator(mode="before")
     @classmethod
-    def _split_host(cls, values: Any) -> Any:
-        fields = cast("Mapping[str, Any]", values if isinstance(values, Mapping) else {})
-        if not isinstance(text := fields.get("host"), str) or not text:
+    def _split_host(cls, values: object) -> object:
+        if not isinstance(values, Mapping):
             return values
+        fields = cast("Mapping[str, Any]", values)
+        if not isinstance(text := fields.get("host"), str) or not text:
+            return fields
         try:
             host, port = parse_address(text)
         except ValueError as error:

@@ -14,6 +14,8 @@ from pointit.schemas.table_types import NAME
 from pointit.services.registry import person_of
 
 STARTING_S = 10.0
+"""Time after the start of a service within which others of its process may be missing, s."""
+LOADING_S = 30.0
 """Time after the start of a process within which others that begin with it may be missing, s."""
 BUSY_START_S = 5.0
 """Time after its start in which a process may be busy, s: others are loading modules beside it."""
@@ -157,12 +159,12 @@ class Observation:
         """Return True if `instance` has not reported for too long."""
         return self.silence_s(instance) > SILENT_S
 
-    def has_just_begun(self, instance: str) -> bool:
-        """Return True if `instance` reports and has run for less than `STARTING_S`."""
+    def has_just_begun(self, instance: str, limit_s: float = STARTING_S) -> bool:
+        """Return True if `instance` reports and has run for less than `limit_s`."""
         health = self.newest(instance)
         if health is None or instance not in self.present:
             return False
-        return health.uptime_s + self.silence_s(instance) < STARTING_S
+        return health.uptime_s + self.silence_s(instance) < limit_s
 
     def is_starting(self, deployment: str) -> bool:
         """Return True if services of `deployment` may be missing because it has begun a moment ago."""
@@ -170,10 +172,12 @@ class Observation:
             return False
         services = self.services_of[deployment]
         commands = {each.command for each in self.deployments[deployment].services}
-        are_loading = len(commands) > 1 and not services & self.present  # in processes of their own
-        limit_s = FIRST_S if are_loading else STARTING_S
+        start_s = LOADING_S if len(commands) > 1 else STARTING_S  # in processes of their own
+        limit_s = FIRST_S if len(commands) > 1 and not services & self.present else start_s
         age_ns = -1 if self.now_ns is None else self.now_ns - self.deployments[deployment].stamp_ns
-        return 0 <= age_ns < limit_s * NS_PER_S or any(map(self.has_just_begun, services))
+        return 0 <= age_ns < limit_s * NS_PER_S or any(
+            self.has_just_begun(each, start_s) for each in services
+        )
 
 
 def expected_services(

@@ -225,7 +225,7 @@ async def test_a_stopped_service_is_noticed(commands: Commands, endpoint: str) -
             os.kill(pid, signal.SIGCONT)
         assert ended.code == 1
         (finding,) = (item for item in reported(ended)["findings"] if item["service"] == "pui")
-        assert finding["code"] in {"silent", "absent"}
+        assert finding["code"] == "stopped"
         await doctor_is_content(commands, endpoint)
 
 

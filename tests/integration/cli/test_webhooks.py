@@ -303,7 +303,7 @@ async def test_name_that_no_system_can_look_up_is_a_failure_with_one_try() -> No
         await until(failed(watcher), what="the failure")
         assert counts(watcher) == (1, 0, 1)
         (sentence,) = watcher.summary()["reactions"]["failures"]
-        assert "http://xn--/... cannot be reached, as its address is none (" in sentence
+        assert "http://xn--/... was not sent, as its address is not valid (" in sentence
         assert sentence.endswith("): correct it")
 
 

@@ -324,6 +324,7 @@ async def test_a_process_that_does_not_end_is_killed(monkeypatch: pytest.MonkeyP
 
 
 async def test_command_that_is_cancelled_again_leaves_no_process(started: Path) -> None:
+    others = {*psutil.Process().children()}
     for rounds in (0, 1, 2, 3, 5, 8, 40):
         running = asyncio.create_task(process.run_command(["wrist"], lambda _: None, lambda _: None))
         for _ in range(rounds):
@@ -335,4 +336,4 @@ async def test_command_that_is_cancelled_again_leaves_no_process(started: Path) 
             await asyncio.sleep(0)
         with pytest.raises(asyncio.CancelledError):
             await running
-        assert not psutil.Process().children(), rounds
+        assert {*psutil.Process().children()} <= others, rounds

@@ -16,10 +16,11 @@ from pointit.bridges.web.model.stale_keys import (
     keys_of_service,
 )
 from pointit.bridges.web.model.stale_keys import SILENT_S as TRACKER_SILENT_S
-from pointit.bridges.web.model.status import GRACE_S, KEPT_S, LEFT_S, SETTLE_S, STARTING_S, SiteObservation
+from pointit.bridges.web.model.status import GRACE_S, KEPT_S, LEFT_S, SETTLE_S, SiteObservation
 from pointit.bridges.web.pages.latest_values import LatestValueCache
 from pointit.bridges.web.playback.recent import Recent
 from pointit.bridges.web.wire import Status
+from pointit.diagnosis.observation import LOADING_S
 from pointit.runtime.link.outage import SILENT_S
 from pointit.schemas import (
     Deployment,
@@ -354,9 +355,9 @@ class Restart:
     def take(self, name: str, message: Deployment, now_s: float) -> None:
         self.site.take(DEPLOYMENT, name, message, round(now_s * 1e9), now_s)
 
-    def tick(self, now_s: float) -> Status:
+    def tick(self, now_s: float, uptime_s: float = 0.0) -> Status:
         for instance in self.site.present:
-            report = health(service=instance.partition(".")[0], instance=instance)
+            report = health(service=instance.partition(".")[0], instance=instance, uptime_s=uptime_s)
             self.site.take(HEALTH, instance, report, round(now_s * 1e9), now_s)
         self.status.append(self.site.status([], now_s, viewers=1, lan_url="", speed=1.0))
         return self.status[-1]
@@ -389,9 +390,9 @@ def test_a_service_that_never_starts_or_leaves_soon_after_the_start_is_missing()
         restart.site.set_service(instance, True, 17.0)
     restart.site.set_service("selector", False, 18.0 + SETTLE_S)
     restart.tick(18.0 + SETTLE_S)
-    assert codes(restart.tick(18.0 + SETTLE_S + GRACE_S)) == [("error", "selector")]
-    late = restart.tick(16.0 + STARTING_S + 1.0)
-    assert codes(late) == [("error", "pui"), ("error", "selector")]
+    late = restart.tick(18.0 + SETTLE_S + LOADING_S, LOADING_S)
+    assert codes(late) == [("error", "pui"), ("error", "selector"), ("error", "user1")]
+    assert [each.follows for each in late.findings] == [False, False, True], "no cursor, for want of pui"
     assert late.run == "runs"
 
 

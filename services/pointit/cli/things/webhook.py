@@ -74,8 +74,8 @@ class Webhook:
 
         try:
             request = self._request(values)
-        except httpx.InvalidURL as error:
-            return f"was not sent, as its address is not valid ({error}): correct the placeholders' values"
+        except (httpx.InvalidURL, UnicodeError) as error:
+            return f"was not sent, as its address is not valid ({error}): correct it"
         problem = ""
         for pause_s in (0.0, *PAUSES_S):
             await asyncio.sleep(pause_s)

@@ -122,7 +122,7 @@ def test_angles_beside_quaternions_are_no_problem() -> None:
     [
         ({"yaw": 1.0, "pitch": 2.0, "roll": 3.0}, "has angles only: let it send quaternions"),
         ({"quat": [1, "a", 0, 0]}, "where numbers were expected"),
-        ({"q": [1, 1, 0, 0]}, "a quaternion of norm 1.414, not 1"),
+        ({"q": [1, 1, 0, 0]}, "a quaternion of norm 1.414214, not 1"),
         ({"temperature": 20}, "has no quaternion"),
         ([1, 2, 3], "has no quaternion"),
     ],
@@ -164,3 +164,24 @@ def test_warning_of_silence_shows_text_and_why_it_is_not_read() -> None:
         warning = watch.step(data, detection.good, number / 10, detection.tried) or warning
     assert r"the first 'Gyroskop µ\typr\t1.5" in warning
     assert "has angles: let it send quaternions" in warning
+
+
+@pytest.mark.parametrize(
+    "key", ["ch", "dev", "port", "mux", "body", "sensor_index", "sensorNo", "sensor_num"]
+)
+def test_numbers_of_sensors_in_json_tell_two_sensors_apart(key: str) -> None:
+    assert [quaternions({key: n, "quat": [1, 0, 0, 0]}, "wxyz")[0].names for n in (0, 1)] == [("0",), ("1",)]
+
+
+def test_a_count_behind_a_name_and_a_colon_is_no_part_of_the_name() -> None:
+    parsed = [LineParser().parse(f"wrist:{n}:1,0,0,0".encode()) for n in (1000, 1010)]
+    assert all("wrist" in each.names for each in parsed if isinstance(each, QuaternionLine))
+    assert all(isinstance(each, QuaternionLine) for each in parsed)
+    address = LineParser().parse(b"C4:1D:22:03:04:05 1,0,0,0")
+    assert isinstance(address, QuaternionLine)
+    assert address.names == ("C4:1D:22:03:04:05",)
+
+
+@pytest.mark.parametrize("line", ["Calib: 1 0 0 0", "cal,1,0,0,0", "status 0 0 1 0"])
+def test_states_of_calibration_are_no_orientation(line: str) -> None:
+    assert not isinstance(LineParser().parse(line.encode()), QuaternionLine)

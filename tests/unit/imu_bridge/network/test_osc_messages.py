@@ -65,7 +65,7 @@ def test_message_that_cannot_be_read_is_named_while_the_others_are_used() -> Non
     decoder = OscDecoder(OscConfig())
     wrong = packed("/ZIGSIM/head/quaternion", ",ffff", struct.pack(">4f", 1, 1, 0, 0))
     assert decoder.items(bundled(ROTATION, wrong), NOW) == [Reading(NOW, XYZW)]
-    assert decoder.problem.startswith("/ZIGSIM/head/quaternion has a quaternion of norm 1.414, not 1")
+    assert decoder.problem.startswith("/ZIGSIM/head/quaternion has a quaternion of norm 1.414214, not 1")
 
 
 @pytest.mark.parametrize(

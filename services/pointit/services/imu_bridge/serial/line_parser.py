@@ -40,7 +40,8 @@ _COLUMNS = re.compile(
 _PAIR = re.compile(rf"([^\W\d_][\w.\-]*)\s*[:=,\s]\s*({_REAL})(?![\w.:])")
 _BUTTON = re.compile(r"(?:([^:]+):\s*)?(?:button|b)(?:[:,;\s]+(press|double|hold))?\Z", re.IGNORECASE)
 _SEPARATOR = re.compile(r"[,;|\s]+")
-_WORD = re.compile(r"[^\W_](?:[\w.:\-]*\w)?")
+_WORD = re.compile(r"[0-9a-fA-F]{1,4}(?:::?[0-9a-fA-F]{1,4}){3,}|[^\W_](?:[\w.\-]*\w)?")
+"""A word, or an address of Bluetooth or IPv6, which has colons."""
 _COLOR = re.compile(r"\x1b\[[\d;]*m")
 _LOG = re.compile(
     r"[EWIDV] \([\d:. ]+\) |\[[\d:., ]+\](?: <\w+> |\[[EWIDV]\]\[[^\]]*\] )|\d\d:\d\d:\d\d\.\d{3} -?> "
@@ -57,8 +58,8 @@ _GENERIC = frozenset({"sensor", "imu", "id", "device"})
 """Words that tell sensors apart only with another word or number."""
 _ANGLES = frozenset({"ypr", "rpy", "yaw", "pitch", "roll", "angle", "angles"})
 _OTHER_NAMES = frozenset({
-    "orientation", "calibration", "euler", "heading", "raw", "uncal", "unical", "accel", "gyro", "mag",
-    "temp", "areal", "aworld", "gravity", "linear",
+    "orientation", "calibration", "calib", "cal", "status", "euler", "heading", "raw", "uncal", "unical", "accel",
+    "gyro", "mag", "temp", "areal", "aworld", "gravity", "linear",
 })  # fmt: skip
 """Names of lines with other numbers that may look like a quaternion."""
 _TIME_NS = {

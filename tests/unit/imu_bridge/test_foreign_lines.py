@@ -166,9 +166,7 @@ def test_warning_of_silence_shows_text_and_why_it_is_not_read() -> None:
     assert "has angles: let it send quaternions" in warning
 
 
-@pytest.mark.parametrize(
-    "key", ["ch", "dev", "port", "mux", "body", "sensor_index", "sensorNo", "sensor_num"]
-)
+@pytest.mark.parametrize("key", ["ch", "dev", "port", "mux", "body", "sensor_index", "sensorNo", "imu_num"])
 def test_numbers_of_sensors_in_json_tell_two_sensors_apart(key: str) -> None:
     assert [quaternions({key: n, "quat": [1, 0, 0, 0]}, "wxyz")[0].names for n in (0, 1)] == [("0",), ("1",)]
 

@@ -58,8 +58,8 @@ _GENERIC = frozenset({"sensor", "imu", "id", "device"})
 """Words that tell sensors apart only with another word or number."""
 _ANGLES = frozenset({"ypr", "rpy", "yaw", "pitch", "roll", "angle", "angles"})
 _OTHER_NAMES = frozenset({
-    "orientation", "calibration", "calib", "cal", "status", "euler", "heading", "raw", "uncal", "unical", "accel",
-    "gyro", "mag", "temp", "areal", "aworld", "gravity", "linear",
+    "orientation", "calibration", "calib", "cal", "status", "euler", "heading", "raw", "uncal", "unical",
+    "accel", "gyro", "mag", "temp", "areal", "aworld", "gravity", "linear",
 })  # fmt: skip
 """Names of lines with other numbers that may look like a quaternion."""
 _TIME_NS = {

@@ -18,8 +18,8 @@ MAX_NAME = 64
 ID_KEYS = frozenset({
     "id", "sensor", "name", "device", "mac", "uuid", "address", "addr", "imu", "node", "tracker", "serial",
     "serialnumber", "sn", "label", "source", "board", "channel", "index", "joint", "bone", "segment", "limb",
-    "part", "bodypart", "body", "hand", "side", "location", "position", "player", "user", "person", "ch", "dev",
-    "port", "mux", "topic",
+    "part", "bodypart", "body", "hand", "side", "location", "position", "player", "user", "person", "ch",
+    "dev", "port", "mux", "topic",
 })  # fmt: skip
 """Names of fields that tell sensors apart, without separators; also with one of `_ID_ENDS` behind them."""
 _ID_ENDS = ("", "id", "name", "address", "number", "index", "idx", "no", "num", "nr")

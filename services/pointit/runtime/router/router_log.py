@@ -14,7 +14,7 @@ import zenoh
 
 CHUNK_BYTES = 256 * 1024
 STDOUT = 1
-MAX_LINES = 5000
+MAX_LINES = 20_000
 """Limit of lines per second that are taken one by one. Of further ones, equal lines are counted and taken
 once, at most as many that hold a mark, and as many others. Zenoh waits until its log is read, and with it
 everybody whose messages it carries."""

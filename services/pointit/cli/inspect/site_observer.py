@@ -113,7 +113,7 @@ class SiteObserver:
         """Return the listening time, s: longer while services start, or while a problem may pass."""
         wanted = {each for each in seen.present if not self._only or is_about(each, self._only)}
         heard = all(len(seen.reports.get(instance, ())) >= 2 for instance in wanted)
-        if is_anything_starting(seen):
+        if not seen.stopped and is_anything_starting(seen):
             return STARTS_S
         if not heard or (self._only and not wanted):
             return LONGEST_S

@@ -104,7 +104,7 @@ export class Controls {
     return all.find((each) => each.scenario)?.scenario ?? all.find((each) => each.services.some((s) => !s.user))?.name ?? "";
   }
 
-  /** Kinds to select; empty: all. */
+  /** Kinds to select. Empty means all. */
   get targetKinds(): readonly string[] {
     return [...new Set([...this.site.deployments.values()].flatMap((each) => each.target_kinds ?? []))];
   }

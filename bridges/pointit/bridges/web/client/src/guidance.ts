@@ -31,12 +31,12 @@ export interface Situation {
   robots: RobotSituation | null;
   /** A place for a robot is proposed. */
   isProposed: boolean;
-  /** That all packages have passed, with the result; empty: they have not. */
+  /** Sentence that all packages have passed, with the result. Empty if they have not. */
   passed: string;
   scenario: string;
   /** Objects can be selected here. */
   canSelect: boolean;
-  /** What this person selected in the last seconds, as "fired the kettle"; empty: nothing. */
+  /** Last selection of this person, such as "fired the kettle". Empty after some seconds. */
   success: string;
   /** It was not one of those to select. */
   isWrong: boolean;
@@ -49,7 +49,7 @@ export interface Guidance {
   step: Step;
   title: string;
   text: string;
-  /** Name of the button that presses the one at the wrist; empty: there is none. */
+  /** Label of the button that acts as a press at the wrist. Empty if it is hidden. */
   press: string;
   /** How full the gauge is; null: none shows. */
   progress: number | null;

@@ -5,7 +5,7 @@ import { steeredBy } from "./site/robots";
 
 const MOVERS = { mouse: "a mouse", phone: "a phone", own: "their own device" } as const;
 
-/** Sentences about what would be lost; empty: nothing. */
+/** Sentences about what would be lost. Empty if nothing is lost. */
 export function losses(controls: Controls): string[] {
   const { site } = controls, lost: string[] = [];
   for (const { user, line } of site.people.values()) {

@@ -48,7 +48,7 @@ DEVICES = {
              playback/server.py model/told_apart.py model/map_editor.py scan/door.py scan/session.py
              scan/solver_process.py scan/lights.py""",
         "ros2": """
-            graph/backends.py routing/calls.py graph/backend_warnings.py
+            graph/backends.py graph/calls.py graph/backend_warnings.py graph/node_backend.py
             routing/input_subscription.py routing/guests.py routing/inbox.py routing/outbox.py
             graph/graph_monitor.py parameters/map_of_node.py parameters/node_parameters.py
             robot/driver.py robot/navigator.py routing/site.py over_rclpy/backend.py

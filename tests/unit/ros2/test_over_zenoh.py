@@ -291,11 +291,11 @@ def rmw() -> RmwZenoh:
 
 def test_we_write_the_tokens_of_a_genuine_node_one_after_the_other() -> None:
     """The fixture is one node with 26 endpoints, numbered as it declared them."""
-    genuine = {int(text.split("/")[4]): (text, gid) for text, gid in golden("wire")["tokens"]}
+    genuine = {int(text.split("/")[4]): (text, identity) for text, identity in golden("wire")["tokens"]}
     ours = rmw()
     assert ours.node_token() == genuine[0][0]
     for number in range(1, len(genuine)):
-        text, gid = genuine[number]
+        text, identity = genuine[number]
         seen = ours.read(text)
         assert seen.endpoint is not None
         endpoint = seen.endpoint
@@ -303,7 +303,7 @@ def test_we_write_the_tokens_of_a_genuine_node_one_after_the_other() -> None:
         assert endpoint.qos is not None
         token = ours.endpoint_token(endpoint.kind, endpoint.name, endpoint.type, endpoint.qos)
         assert token == text
-        assert ours.gid(token).hex() == gid
+        assert gid(token).hex() == identity
 
 
 def test_bridges_of_pointit_know_each_other_by_their_enclave_whatever_they_are_called() -> None:
@@ -334,11 +334,10 @@ def test_bridges_of_pointit_know_each_other_by_their_enclave_whatever_they_are_c
 )
 def test_an_attachment_is_one_or_a_sentence(data: bytes | None) -> None:
     if data is not None and len(data) == 33 and data[16] == 16:
-        origin = rmw().unpack(data)
-        assert rmw().pack(origin) == data
+        assert packed(unpacked(data)) == data
     else:
         with pytest.raises(ValueError, match="attachment"):
-            rmw().unpack(data)
+            unpacked(data)
 
 
 @pytest.mark.parametrize("chunks", ["5\x1b[2J/{}/{}", "7/\x1b[2J/{1}", "7/{0}/\n\x1b[2J"])

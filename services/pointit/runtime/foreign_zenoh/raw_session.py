@@ -1,7 +1,7 @@
 """A session on a foreign Zenoh network, with keys unchanged, raw bytes and attachments.
 
-All input passes from Zenoh's threads through bounded queues to the loop that opened the session. No call
-in the loop waits for a reader elsewhere.
+Samples arrive on Zenoh's threads, all else in the loop that opened the session. No call in the loop waits for
+a reader elsewhere.
 """
 
 import logging
@@ -14,11 +14,11 @@ import zenoh
 from pointit.runtime.bus.contract import Closable
 from pointit.runtime.bus.dispatcher import Dispatcher
 from pointit.runtime.errors import BusClosedError, BusError, ConfigError, ConnectError, ListenError
-from pointit.runtime.foreign_zenoh.pubsub import PlainTraffic, RawPublisher, RawSample, RawSubscriber
+from pointit.runtime.foreign_zenoh.pubsub import RawPublisher, RawSample
 from pointit.runtime.foreign_zenoh.queries import IncomingQuery, RawQuerier, RawQueryable
 from pointit.runtime.link.link import ENDPOINT
 from pointit.runtime.zenoh.connections import Connections
-from pointit.runtime.zenoh.declarations import Declaration
+from pointit.runtime.zenoh.declarations import Declaration, declare_caching_subscriber, declare_subscriber
 from pointit.runtime.zenoh.liveliness import LivelinessSubscriber
 from pointit.runtime.zenoh.session import close_session, config_of, is_in_use
 from pointit.runtime.zenoh.session import open_first as open_session
@@ -133,12 +133,12 @@ class RawSession:
     def __init__(self, session: zenoh.Session, link: RawLink) -> None:
         """Use `session`, which is closed with this; `open_raw_session` is the usual way in."""
         self.zid = str(session.info.zid())
-        self.is_closed = False
+        self.dispatcher = Dispatcher()
+        """Wakes the loop; closed with this session."""
         self.on_change: Callable[[], None] | None = None
         """Called when `problem` has changed."""
         self._session = session
         self._link = link
-        self._dispatcher = Dispatcher()
         self._connections = Connections(session, (link.endpoint,), self._on_connections)
         self._had_router = False
         self._was_left = False
@@ -166,33 +166,25 @@ class RawSession:
         return RawPublisher(self._session, key, kept, reliable)
 
     def subscriber(
-        self,
-        key: str,
-        handler: Callable[[RawSample], None],
-        *,
-        capacity: int,
-        max_bytes: int,
-        on_loss: Callable[[PlainTraffic], None] | None = None,
-        kept: int = 0,
-        reliable: bool = True,
-    ) -> RawSubscriber:
-        """Call `handler` for what others put to `key`.
+        self, key: str, handler: Callable[[RawSample], None], *, kept: int = 0, reliable: bool = True
+    ) -> Closable:
+        """Call `handler`, on Zenoh's threads, for what others put to `key`, which may have wildcards.
 
-        `key` may have wildcards. `capacity`: messages that wait for the loop, without the oldest; `on_loss`
-        is called in the loop when some were dropped. Payloads beyond `max_bytes` are dropped unread. `kept`:
-        how many of a writer's last messages to fetch from caches; `reliable`: fetch those lost on the way.
+        `kept`: how many of a writer's last messages to fetch from caches; `reliable`: fetch those lost on the
+        way, too.
         """
         self._check_open()
-        return RawSubscriber(
-            self._session,
-            key,
-            self._dispatcher,
-            handler,
-            on_loss=on_loss,
-            capacity=capacity,
-            max_bytes=max_bytes,
-            kept=kept,
-            reliable=reliable,
+
+        def on_sample(sample: zenoh.Sample) -> None:
+            if sample.kind == zenoh.SampleKind.PUT:
+                handler(RawSample(sample))
+
+        return Declaration(
+            declare_caching_subscriber(
+                self._session, key, on_sample, history=kept, recovers=reliable, is_announced=True
+            )
+            if kept
+            else declare_subscriber(self._session, key, on_sample)
         )
 
     def token(self, key: str) -> Closable:
@@ -203,22 +195,21 @@ class RawSession:
     def watch_tokens(self, pattern: str, handler: Callable[[Mapping[str, bool]], None]) -> Closable:
         """Call `handler` with added (True) and removed (False) tokens of `pattern`, now and on changes."""
         self._check_open()
-        return LivelinessSubscriber(self._session, pattern, handler, self._dispatcher)
+        return LivelinessSubscriber(self._session, pattern, handler, self.dispatcher)
 
     def queryable(self, key: str, handler: Callable[[IncomingQuery], None], *, max_bytes: int) -> Closable:
         """Call `handler` in the loop for every question to `key`; it must answer each, once."""
         self._check_open()
-        return RawQueryable(self._session, key, self._dispatcher, handler, max_bytes)
+        return RawQueryable(self._session, key, self.dispatcher, handler, max_bytes)
 
     def querier(self, key: str, *, max_bytes: int) -> RawQuerier:
         """Declare a querier at `key`. Answers longer than `max_bytes` are dropped unread."""
         self._check_open()
-        return RawQuerier(self._session, key, self._dispatcher, max_bytes)
+        return RawQuerier(self._session, key, self.dispatcher, max_bytes)
 
     def stop(self) -> None:
         """Run no handler any more, and declare nothing: the first half of `close`."""
-        self.is_closed = True
-        self._dispatcher.close()
+        self.dispatcher.close()
 
     async def close(self) -> None:
         """Close. No handler runs afterwards, and all declarations are removed."""
@@ -228,11 +219,11 @@ class RawSession:
             await close_session(self._session)
 
     def _check_open(self) -> None:
-        if self.is_closed:
+        if self.dispatcher.is_closed:
             raise BusClosedError("the session was closed")
 
     def _on_connections(self) -> None:
-        if self.is_closed:
+        if self.dispatcher.is_closed:
             return
         self._had_router |= any(self._connections.routers.values())
         before, self._problem = self._problem, self.problem

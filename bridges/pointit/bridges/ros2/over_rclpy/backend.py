@@ -4,7 +4,6 @@ One thread spins rclpy's executor; its events reach the loop through bounded que
 changes in the graph (ros2/rclpy#929), so it is read once a second, and after every declaration of ours.
 """
 
-import asyncio
 import functools
 import logging
 import os
@@ -15,15 +14,13 @@ from typing import Any, TypeVar
 
 from pointit.bridges.ros2.config import BackendConfig
 from pointit.bridges.ros2.graph.backend import Closable, Graph, Qos, RosType, Server, Writer
-from pointit.bridges.ros2.graph.backend_warnings import BackendWarnings
-from pointit.bridges.ros2.graph.graph_monitor import GraphMonitor
+from pointit.bridges.ros2.graph.node_backend import NodeBackend
 from pointit.bridges.ros2.over_rclpy.dds_context import DdsContext, NullEndpoint
 from pointit.bridges.ros2.over_rclpy.graph import GraphReader
 from pointit.bridges.ros2.over_rclpy.rclpy_library import Rclpy, loaded
 from pointit.bridges.ros2.over_rclpy.rclpy_types import EndInfo, Executor, Node, RosContext
 from pointit.bridges.ros2.over_rclpy.services import DdsClient, DdsServiceServer
 from pointit.bridges.ros2.over_rclpy.topics import DdsReader, DdsWriter
-from pointit.bridges.ros2.routing.calls import Calls
 from pointit.runtime.clock import Timer
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.threads import in_daemon_thread
@@ -107,38 +104,24 @@ async def opened_rclpy(config: BackendConfig, warnings: WarningSink) -> "RclpyBa
     return RclpyBackend(joined, config, warnings)
 
 
-class RclpyBackend:
+class RclpyBackend(NodeBackend[DdsContext]):
     """Our node; see `pointit.bridges.ros2.graph.backend.Backend` for the contract.
 
     It owns `joined`, which it begins to spin; is to be made in the loop.
     """
 
     def __init__(self, joined: RclpyNode, config: BackendConfig, warnings: WarningSink) -> None:
+        context = DdsContext(joined.rclpy, joined.node, config, warnings)
+        # The distribution does not matter here: DDS distinguishes types by their names.
+        super().__init__(context, config, distro="", needs=NEEDS, matching="type")
         self._joined = joined
         self._config = config
-        self.node = config.node
-        self._loop = asyncio.get_running_loop()
-        self._warnings = BackendWarnings(warnings)
-        self._context = DdsContext(
-            joined.rclpy,
-            joined.node,
-            self._warnings,
-            name=config.node,
-            distro=config.distro,
-            max_bytes=config.max_message_bytes,
-        )
+        self._warnings = context.warnings
         self._reader = GraphReader(joined.rclpy, joined.node, name=config.node, domain=config.domain_id)
-        # The distribution does not matter here: DDS distinguishes types by their names.
-        self._graph_monitor = GraphMonitor(
-            self._warnings, domain=config.domain_id, distro="", needs=NEEDS, matching="type"
-        )
-        self.watch = self._graph_monitor.watch
-        self._clients: dict[tuple[str, RosType], DdsClient] = {}
-        self._calls = Calls()
         self._is_left = threading.Event()
         self._spinning = threading.Thread(target=self._spin, name="rclpy-spin", daemon=True)
         self._spinning.start()
-        self._look_timer = Timer(self._loop.call_later, self._look)
+        self._look_timer = Timer(context.loop.call_later, self._look)
         self._warn_of_environment()
         self._look_timer.start(0.0)
 
@@ -148,11 +131,6 @@ class RclpyBackend:
         if self._context.is_closed or self._joined.context.ok():
             return ""
         return "rclpy was shut down elsewhere in this process; start the bridge again"
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Return explanations why nothing happens where nothing is wrong: no nodes, no subscribers."""
-        return self._graph_monitor.notes
 
     def advertise(self, topic: str, kind: RosType, qos: Qos) -> Writer:
         """Declare a publisher of the resolved name `topic`; it is silent where this ROS lacks the type."""
@@ -191,34 +169,19 @@ class RclpyBackend:
         self._look_timer.start(SETTLE_S)
         return end
 
-    async def call(self, service: str, kind: RosType, request: bytes, *, timeout_s: float) -> bytes:
-        """Return the CDR of a server's response.
-
-        Raises:
-            TimeoutError: If no node serves it, or not within `timeout_s`; or this ROS lacks its type.
-            BusClosedError: If the backend was closed meanwhile.
-        """
-        self._context.check_open()
-        client = self._clients.get((service, kind))
-        if client is None:
-            types = self._context.class_of(kind)
-            if types is None:
-                raise TimeoutError(f"ROS service {service}: this ROS lacks {kind.name}")
-            client = self._clients[service, kind] = DdsClient(self._context, service, types)
-        return await self._calls.answered(client.call(request, timeout_s=timeout_s), f"call {service}")
+    def _client(self, service: str, kind: RosType) -> DdsClient:
+        types = self._context.class_of(kind)
+        if types is None:
+            raise TimeoutError(f"ROS service {service}: this ROS lacks {kind.name}")
+        return DdsClient(self._context, service, types)
 
     async def close(self) -> None:
         """Leave the graph; no handler runs afterwards."""
         if self._context.is_closed:
             return
-        self._context.is_closed = True
         self._context.dispatcher.close()
         self._look_timer.cancel()
-        self._graph_monitor.close()
-        self._calls.close()
-        for end in tuple(self._context.ends):
-            end.close()
-        self._warnings.close()
+        self._close_endpoints()
         await in_daemon_thread(self._leave, "rclpy-close")
 
     def _leave(self) -> None:
@@ -245,7 +208,7 @@ class RclpyBackend:
 
     def _in_loop(self, what: Callable[[], None]) -> None:
         try:
-            self._loop.call_soon_threadsafe(lambda: None if self._context.is_closed else what())
+            self._context.loop.call_soon_threadsafe(lambda: None if self._context.is_closed else what())
         except RuntimeError:  # the loop is closed
             self._is_left.set()
 

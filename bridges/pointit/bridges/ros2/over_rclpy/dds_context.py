@@ -1,19 +1,19 @@
 """Context shared by the endpoints of the backend on rclpy, and the types built in this ROS."""
 
-import asyncio
 import collections
 import math
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
-from pointit.bridges.ros2.graph.backend import Closable, RosType
-from pointit.bridges.ros2.graph.backend_warnings import BackendWarnings
+from pointit.bridges.ros2.config import BackendConfig
+from pointit.bridges.ros2.graph.backend import RosType
+from pointit.bridges.ros2.graph.node_backend import NodeContext
 from pointit.bridges.ros2.over_rclpy.graph import full_name, hash_of
 from pointit.bridges.ros2.over_rclpy.rclpy_library import Rclpy, class_of
 from pointit.bridges.ros2.over_rclpy.rclpy_types import EndInfo, Node
 from pointit.bridges.ros2.types.definitions import INTERFACES
 from pointit.runtime.bus.dispatcher import Dispatcher
-from pointit.runtime.errors import BusClosedError
+from pointit.runtime.service.surroundings import WarningSink
 
 End = TypeVar("End")
 
@@ -27,31 +27,16 @@ COARSE_NS = 1000
 """Resolution of times, which a middleware may cut down to microseconds."""
 
 
-class DdsContext:
+class DdsContext(NodeContext):
     """Our node, and the loop of its endpoints."""
 
-    def __init__(
-        self, rclpy: Rclpy, node: Node, warnings: BackendWarnings, *, name: str, distro: str, max_bytes: int
-    ) -> None:
-        """`max_bytes`: of foreign messages; longer ones are dropped unread."""
+    def __init__(self, rclpy: Rclpy, node: Node, config: BackendConfig, warnings: WarningSink) -> None:
+        super().__init__(config, warnings, Dispatcher())
         self.rclpy = rclpy
         self.node = node
-        self.warnings = warnings
-        self.name = name
-        self.max_bytes = max_bytes
-        self.loop = asyncio.get_running_loop()
-        self.dispatcher = Dispatcher()
         self.echoes: dict[str, LoopbackFilter] = collections.defaultdict(LoopbackFilter)
         """By topic."""
-        self.ends: set[Closable] = set()
-        """Declared endpoints, without those that failed."""
-        self.is_closed = False
-        self._distro = distro
-
-    def check_open(self) -> None:
-        """Raise `BusClosedError` when the backend is closed."""
-        if self.is_closed:
-            raise BusClosedError("the backend was closed")
+        self._config = config
 
     def class_of(self, kind: RosType) -> Any:
         """Return the Python class of a type, or None, with a warning, if it is not built in this ROS."""
@@ -64,7 +49,7 @@ class DdsContext:
                     f"build them with `colcon build --base-paths {INTERFACES}`, source install/setup.bash"
                 )
             else:
-                remedy = f"install ros-{self._distro}-{package.replace('_', '-')}"
+                remedy = f"install ros-{self._config.distro}-{package.replace('_', '-')}"
             self.warnings.show(
                 f"package {package}",
                 f"this ROS has no types of {package}, whose topics and services are left out; {remedy} and "
@@ -97,7 +82,8 @@ class DdsContext:
         installed = {
             hash_of(info)
             for info in infos(name)
-            if full_name(info.node_name, info.node_namespace) == self.name and info.topic_type == kind.name
+            if full_name(info.node_name, info.node_namespace) == self._config.node
+            and info.topic_type == kind.name
         } - {""}
         if not installed or kind.hash in installed or not kind.hash.startswith("RIHS01_"):
             return False

@@ -7,6 +7,7 @@ import threading
 from typing import Any
 
 from pointit.bridges.ros2.graph.backend import Server, check_cdr
+from pointit.bridges.ros2.graph.node_backend import RosEndpoint, ServiceServer
 from pointit.bridges.ros2.over_rclpy.dds_context import DdsContext
 from pointit.bridges.ros2.over_rclpy.rclpy_types import Reply, ServiceClass
 from pointit.runtime.errors import RefusedError
@@ -19,7 +20,7 @@ LOOK_S = 0.05
 """Interval (s) of checking for a server, of which rclpy does not notify."""
 
 
-class DdsServiceServer:
+class DdsServiceServer(ServiceServer[DdsContext]):
     """Answers one service."""
 
     def __init__(self, context: DdsContext, service: str, types: ServiceClass, server: Server) -> None:
@@ -29,12 +30,8 @@ class DdsServiceServer:
         the executor repeat the request. So the callback returns the request, and `send_response`, which the
         executor calls with that and the header to answer to, hands both to the loop.
         """
-        self._context = context
-        self._name = service
+        super().__init__(context, service, server)
         self._types = types
-        self._server = server
-        self._tasks: set[asyncio.Task[None]] = set()
-        self._closed = False
         self._is_made = threading.Event()
         self._service = context.node.create_service(types, service, self._on_request)
         self._send = self._service.send_response
@@ -42,15 +39,8 @@ class DdsServiceServer:
         self._is_made.set()
         context.ends.add(self)
 
-    def close(self) -> None:
-        """Stop serving; open requests are dropped."""
-        if not self._closed:
-            self._closed = True
-            if not self._context.is_closed:
-                self._context.node.destroy_service(self._service)
-            for task in self._tasks:
-                task.cancel()
-            self._context.ends.discard(self)
+    def _undeclare(self) -> None:
+        self._context.node.destroy_service(self._service)
 
     def _on_request(self, request: object, _response: object) -> bytes:  # on the executor's thread
         self._is_made.wait()
@@ -61,49 +51,42 @@ class DdsServiceServer:
             self._context.loop.call_soon_threadsafe(self._begin, request, header)
 
     def _begin(self, request: bytes, header: object) -> None:
-        if self._closed or self._context.is_closed:
+        if self.is_closed or self._context.is_closed:
             return
         if len(self._tasks) >= MAX_OPEN or len(request) > self._context.max_bytes:
             what = "too many requests are open" if len(self._tasks) >= MAX_OPEN else "it was too long"
             self._context.warnings.show_briefly(
-                f"requests to {self._name}", f"a request to {self._name} was refused: {what}"
+                f"requests to {self.name}", f"a request to {self.name} was refused: {what}"
             )
             self._answer(self._types.Response(), header)
             return
-        task = self._context.loop.create_task(self._work(request, header), name=f"answer {self._name}")
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
+        self._start(id(header), self._work(request, header))
 
     async def _work(self, request: bytes, header: object) -> None:
-        response: object
+        types = self._types
         try:
-            cdr = await self._server(request)
-            check_cdr(cdr)
-            response = self._context.rclpy.deserialize(cdr, self._types.Response)
+            response = await self._response(
+                request, lambda cdr: self._context.rclpy.deserialize(cdr, types.Response)
+            )
         except RefusedError:  # DDS has no place for the reason, which the bridge's warnings have
-            response = self._types.Response()
-        except Exception:  # a server must not raise, but its client must not wait for ever either
-            log.exception("a request to %s could not be answered", self._name)
-            response = self._types.Response()
+            response = types.Response()
         self._answer(response, header)
 
     def _answer(self, response: object, header: object) -> None:
-        if self._closed or self._context.is_closed:
+        if self.is_closed or self._context.is_closed:
             return
         try:
             self._send(response, header)
         except RuntimeError as error:  # an error of rcl: the client may be gone
-            log.warning("an answer of %s could not be sent: %s", self._name, error)
+            log.warning("an answer of %s could not be sent: %s", self.name, error)
 
 
-class DdsClient:
+class DdsClient(RosEndpoint[DdsContext]):
     """Client of one service."""
 
     def __init__(self, context: DdsContext, service: str, types: ServiceClass) -> None:
-        self._context = context
-        self._name = service
+        super().__init__(context, service)
         self._types = types
-        self._closed = False
         self._client = context.node.create_client(types, service)
         context.ends.add(self)
 
@@ -118,7 +101,7 @@ class DdsClient:
         try:
             value = self._context.rclpy.deserialize(request, self._types.Request)
         except Exception as error:  # any error of the installed version
-            raise ValueError(f"{self._name}: this ROS cannot read the request ({error})") from error
+            raise ValueError(f"{self.name}: this ROS cannot read the request ({error})") from error
         lacking = "no node serves it"
         reply: Reply | None = None
         try:
@@ -131,18 +114,13 @@ class DdsClient:
                 reply.add_done_callback(lambda done: self._on_reply(done, outcome))
                 return self._context.rclpy.serialize(await outcome)
         except TimeoutError as error:
-            raise TimeoutError(f"ROS service {self._name}: {lacking} within {timeout_s:g} s") from error
+            raise TimeoutError(f"ROS service {self.name}: {lacking} within {timeout_s:g} s") from error
         finally:
-            if reply is not None and not self._closed and not self._context.is_closed:
+            if reply is not None and not self.is_closed and not self._context.is_closed:
                 self._client.remove_pending_request(reply)
 
-    def close(self) -> None:
-        """Stop calling."""
-        if not self._closed:
-            self._closed = True
-            if not self._context.is_closed:
-                self._context.node.destroy_client(self._client)
-            self._context.ends.discard(self)
+    def _undeclare(self) -> None:
+        self._context.node.destroy_client(self._client)
 
     def _on_reply(self, reply: Reply, outcome: "asyncio.Future[object]") -> None:  # on the executor's thread
         with contextlib.suppress(RuntimeError):  # the loop is closed

@@ -5,6 +5,9 @@ from dataclasses import dataclass
 
 GID_BYTES = 16
 
+OLD_FIELDS = (b"source_gid", b"sequence_number")
+"""Field names of attachments before Humble 0.1.2 and Jazzy 0.2.4."""
+
 _FORMAT = struct.Struct("<qqB16s")
 
 
@@ -34,12 +37,19 @@ def packed(attachment: Attachment) -> bytes:
         raise ValueError(f"{attachment} does not fit ({error})") from error
 
 
-def unpacked(data: bytes) -> Attachment:
-    """Return the attachment in `data`.
+def unpacked(data: bytes | None) -> Attachment:
+    """Return the attachment in `data`, which may be foreign.
 
     Raises:
-        ValueError: If it is not 33 bytes with a matching length field.
+        ValueError: If it is none: not 33 bytes with a matching length field.
     """
+    if data is None:
+        raise ValueError("they have no attachment, so no node of rmw_zenoh has sent them")
+    if any(field in data for field in OLD_FIELDS):
+        raise ValueError(
+            "their attachment is of an rmw_zenoh before 0.1.2 (Humble) or 0.2.4 (Jazzy), whose nodes and "
+            "newer ones crash each other; update ros-*-rmw-zenoh-cpp there"
+        )
     if len(data) != _FORMAT.size:
         raise ValueError(f"an attachment of {len(data)} bytes, rmw_zenoh's has {_FORMAT.size}")
     sequence, stamp_ns, length, sender = _FORMAT.unpack(data)

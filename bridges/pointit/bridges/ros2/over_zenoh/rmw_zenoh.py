@@ -1,22 +1,16 @@
-"""ROS as `rmw_zenoh_cpp` encodes it on Zenoh, by keys, tokens and attachments."""
+"""Our node as `rmw_zenoh_cpp` encodes it on Zenoh, by keys and tokens."""
 
 import itertools
 
 from pointit.bridges.ros2.graph.backend import Endpoint, EndpointKind, Qos, RosType
 from pointit.bridges.ros2.message_format import shown
-from pointit.bridges.ros2.over_zenoh.attachment import Attachment, packed, unpacked
 from pointit.bridges.ros2.over_zenoh.graph import Seen
-from pointit.bridges.ros2.over_zenoh.keys import EVERY_TOKEN, data_key, resolved
+from pointit.bridges.ros2.over_zenoh.keys import data_key, resolved
 from pointit.bridges.ros2.over_zenoh.token import BRIDGE, ENCLAVE, EndpointToken, NodeToken, gid, parsed
-
-OLD_FIELDS = (b"source_gid", b"sequence_number")
-"""Field names of attachments before Humble 0.1.2 and Jazzy 0.2.4."""
 
 
 class RmwZenoh:
     """Encoder and decoder for one session of ours with one node; numbers its entities."""
-
-    tokens = EVERY_TOKEN
 
     def __init__(self, *, session: str, node: str, domain: int, enclave: str = ENCLAVE) -> None:
         """Begin with the node.
@@ -97,26 +91,3 @@ class RmwZenoh:
         )
         origin = gid(token) if is_bridge else None
         return Seen(node=found.node, domain=found.domain, endpoint=endpoint, bridge_gid=origin)
-
-    def gid(self, token: str) -> bytes:
-        """Return the 16 bytes that name the endpoint with this token."""
-        return gid(token)
-
-    def pack(self, origin: Attachment) -> bytes:
-        """Return the 33 bytes; ROS nodes abort on others."""
-        return packed(origin)
-
-    def unpack(self, attachment: bytes | None) -> Attachment:
-        """Return a foreign attachment.
-
-        Raises:
-            ValueError: If it is none; the message says why.
-        """
-        if attachment is None:
-            raise ValueError("they have no attachment, so no node of rmw_zenoh has sent them")
-        if any(field in attachment for field in OLD_FIELDS):
-            raise ValueError(
-                "their attachment is of an rmw_zenoh before 0.1.2 (Humble) or 0.2.4 (Jazzy), whose nodes and "
-                "newer ones crash each other; update ros-*-rmw-zenoh-cpp there"
-            )
-        return unpacked(attachment)

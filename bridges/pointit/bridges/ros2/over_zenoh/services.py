@@ -2,18 +2,14 @@
 
 import asyncio
 import contextlib
-import logging
-from collections.abc import Coroutine
 from dataclasses import replace
-from typing import Any
 
 from pointit.bridges.ros2.graph.backend import SERVICE, RosType, Server, check_cdr
-from pointit.bridges.ros2.over_zenoh.attachment import Attachment
-from pointit.bridges.ros2.over_zenoh.endpoint_context import EndpointContext, SequenceCounter
+from pointit.bridges.ros2.graph.node_backend import RosEndpoint, ServiceServer
+from pointit.bridges.ros2.over_zenoh.attachment import Attachment, packed, unpacked
+from pointit.bridges.ros2.over_zenoh.endpoint_context import EndpointContext
 from pointit.runtime.errors import RefusedError
 from pointit.runtime.foreign_zenoh.queries import IncomingQuery, QueryReply
-
-log = logging.getLogger(__name__)
 
 EMPTY_RETRY_S = (0.005, 0.02, 0.05)
 """Delays before a request that reached no server is repeated: a new server is not known at once."""
@@ -22,76 +18,55 @@ AT_ONCE_S = 0.05
 """A request that ended without an answer within this time (s) reached no server; later, the server died."""
 
 
-class RosServiceServer:
+class RosServiceServer(ServiceServer[EndpointContext]):
     """Answers one service."""
 
     def __init__(self, context: EndpointContext, service: str, kind: RosType, server: Server) -> None:
         """Declare. The presence token comes last, so that clients that see it find a server."""
-        self._context = context
-        self._service = service
-        self._server = server
-        self._answering: dict[tuple[bytes, int] | int, asyncio.Task[None]] = {}
+        super().__init__(context, service, server)
         self._queryable = context.session.queryable(
             context.rmw.key(service, kind), self._on_query, max_bytes=context.max_bytes
         )
-        self._token = context.announce(context.rmw.endpoint_token("server", service, kind, SERVICE))
+        self._token = context.announce("server", service, kind, SERVICE)
         context.ends.add(self)
 
-    def close(self) -> None:
-        """Stop serving; open requests are dropped."""
-        if not self._context.session.is_closed:
-            self._token.close()
-            self._queryable.close()
-        for task in self._answering.values():
-            task.cancel()
-        self._context.ends.discard(self)
+    def _undeclare(self) -> None:
+        self._token.close()
+        self._queryable.close()
 
     def _on_query(self, query: IncomingQuery) -> None:
         try:
-            origin = self._context.rmw.unpack(query.attachment)
+            origin = unpacked(query.attachment)
         except ValueError as error:
-            why = f"dropped a request to {self._service}: {error}"
-            self._context.warnings.show_briefly(f"attachments of {self._service}", why)
+            why = f"dropped a request to {self.name}: {error}"
+            self._context.warnings.show_briefly(f"attachments of {self.name}", why)
             self._start(id(query), query.refuse(str(error)))
             return
         mark = origin.gid, origin.sequence
-        if mark in self._answering:
+        if mark in self._tasks:
             self._start(id(query), query.refuse("duplicate sequence number"))
         else:
             self._start(mark, self._answer(query, origin))
 
-    def _start(self, mark: tuple[bytes, int] | int, work: Coroutine[Any, Any, None]) -> None:
-        task = asyncio.get_running_loop().create_task(work, name=f"answer {self._service}")
-        self._answering[mark] = task
-        task.add_done_callback(lambda _task: self._answering.pop(mark, None))
-
     async def _answer(self, query: IncomingQuery, origin: Attachment) -> None:
         try:
-            response = await self._server(query.payload)
-            check_cdr(response)
+            response = await self._response(query.payload, bytes)
         except asyncio.CancelledError:
             query.drop()
             raise
         except RefusedError as error:
             await query.refuse(str(error))
-            return
-        except Exception as error:  # a server must not raise, but its client must not wait for ever either
-            log.exception("a request to %s could not be answered", self._service)
-            await query.refuse(f"{type(error).__name__}: {error}")
-            return
-        await query.answer(response, self._context.rmw.pack(replace(origin, stamp_ns=self._context.now_ns())))
+        else:
+            await query.answer(response, packed(replace(origin, stamp_ns=self._context.now_ns())))
 
 
-class ServiceClient:
+class ServiceClient(RosEndpoint[EndpointContext]):
     """Client of one service."""
 
     def __init__(self, context: EndpointContext, service: str, kind: RosType) -> None:
-        self._context = context
-        self._service = service
-        token = context.rmw.endpoint_token("client", service, kind, SERVICE)
+        super().__init__(context, service)
         self._querier = context.session.querier(context.rmw.key(service, kind), max_bytes=context.max_bytes)
-        self._sender = SequenceCounter(context, token)
-        self._token = context.announce(token)
+        self._token = context.announce("client", service, kind, SERVICE)
         context.ends.add(self)
 
     async def call(self, request: bytes, *, timeout_s: float) -> bytes:
@@ -101,7 +76,7 @@ class ServiceClient:
             TimeoutError: If there is no server, or no answer of it in time.
         """
         check_cdr(request)
-        loop = asyncio.get_running_loop()
+        loop = self._context.loop
         refusals: list[str] = []
         lacking = "no node serves it"
         try:
@@ -119,15 +94,14 @@ class ServiceClient:
                     await asyncio.sleep(wait_s)
         except TimeoutError as error:
             why = "; ".join(dict.fromkeys([*refusals, f"{lacking} within {timeout_s:g} s"]))
-            raise TimeoutError(f"ROS service {self._service}: {why}") from error
+            raise TimeoutError(f"ROS service {self.name}: {why}") from error
         why = "; ".join(dict.fromkeys(refusals)) or GONE
-        raise TimeoutError(f"ROS service {self._service}: {why}")
+        raise TimeoutError(f"ROS service {self.name}: {why}")
 
     async def _ask(self, request: bytes, refusals: list[str]) -> bytes | None:
         """Return the first good response, or None, with the reasons of rejections added to `refusals`."""
-        origin = self._sender.next()
-        attachment = self._context.rmw.pack(origin)
-        async with contextlib.aclosing(self._querier.ask(request, attachment)) as answers:
+        origin = self._token.next()
+        async with contextlib.aclosing(self._querier.ask(request, packed(origin))) as answers:
             async for answer in answers:
                 reason = answer.refusal or self._objection(answer, origin)
                 if not reason:
@@ -138,17 +112,13 @@ class ServiceClient:
     def _objection(self, answer: QueryReply, origin: Attachment) -> str:
         """Return the rejection of `answer` to the request from `origin`, or `""`."""
         try:
-            echo = self._context.rmw.unpack(answer.attachment)
+            echo = unpacked(answer.attachment)
         except ValueError as error:
             return f"its answer was dropped: {error}"
         if (echo.gid, echo.sequence) != (origin.gid, origin.sequence):
             return "its answer was dropped: it is to another request"
         return ""
 
-    def close(self) -> None:
-        """Stop calling."""
-        if not self._context.session.is_closed:
-            self._token.close()
-            self._querier.close()
-        self._sender.close()
-        self._context.ends.discard(self)
+    def _undeclare(self) -> None:
+        self._token.close()
+        self._querier.close()

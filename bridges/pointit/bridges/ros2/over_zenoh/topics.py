@@ -5,37 +5,34 @@ from collections.abc import Callable
 
 import xxhash
 
-from pointit.bridges.ros2.graph.backend import Qos, RosType, check_cdr
-from pointit.bridges.ros2.over_zenoh.endpoint_context import EndpointContext, SequenceCounter
-from pointit.runtime.foreign_zenoh.pubsub import PlainTraffic, RawSample, RawSubscriber
+from pointit.bridges.ros2.graph.backend import Closable, Qos, RosType, check_cdr
+from pointit.bridges.ros2.graph.node_backend import MessageQueue, RosEndpoint
+from pointit.bridges.ros2.over_zenoh.attachment import packed, unpacked
+from pointit.bridges.ros2.over_zenoh.endpoint_context import EndpointContext
+from pointit.runtime.foreign_zenoh.pubsub import RawSample
 
-MIN_CAPACITY = 64
-"""Minimum number of messages queued for the loop, even if a topic's QoS keeps fewer."""
 REMEMBERED = 16
 """Minimum number of a topic's messages that are remembered to drop duplicates."""
 
 
-class TopicWriter:
+class TopicWriter(RosEndpoint[EndpointContext]):
     """Publisher of one topic."""
 
     def __init__(self, context: EndpointContext, topic: str, kind: RosType, qos: Qos) -> None:
         """Declare. The presence token comes last: peers that see it find a publisher."""
-        token = context.rmw.endpoint_token("publisher", topic, kind, qos)
-        self.topic = topic
-        self._context = context
+        super().__init__(context, topic)
         # Zenoh's caches do not expire: with a lifespan nothing is cached, rather than everything for ever.
         # Subscribers of a latched topic still receive later messages.
         self._writer = context.session.publisher(
             context.rmw.key(topic, kind), kept=qos.depth if qos.lasts else 0, reliable=qos.reliable
         )
-        self._sender = SequenceCounter(context, token)
-        self._token = context.announce(token)
+        self._token = context.announce("publisher", topic, kind, qos)
         context.ends.add(self)
 
     @property
     def is_read(self) -> bool:
         """Return True if Zenoh knows a subscriber, with or without a token; False for a latched topic."""
-        return not self._context.session.is_closed and self._writer.is_read
+        return not self._context.is_closed and self._writer.is_read
 
     def put(self, cdr: bytes) -> None:
         """Send; returns at once, and never blocks on readers.
@@ -45,66 +42,61 @@ class TopicWriter:
             BusClosedError: If this writer or its backend is closed.
         """
         check_cdr(cdr)
-        self._writer.put(cdr, self._context.rmw.pack(self._sender.next()))
+        self._writer.put(cdr, packed(self._token.next()))
 
-    def close(self) -> None:
-        """Stop publishing."""
-        if not self._context.session.is_closed:
-            self._token.close()
-            self._writer.close()
-        self._sender.close()
-        self._context.ends.discard(self)
+    def _undeclare(self) -> None:
+        self._token.close()
+        self._writer.close()
 
 
-class TopicReader:
+class TopicReader(RosEndpoint[EndpointContext]):
     """Subscription of one topic, without messages of ourselves and of other PointIt bridges."""
 
     def __init__(
         self, context: EndpointContext, topic: str, kind: RosType, qos: Qos, handler: Callable[[bytes], None]
     ) -> None:
         """Declare; `handler` gets the CDR of messages."""
-        self.topic = topic
+        super().__init__(context, topic)
         self.has_heard = False
         """Messages have come since this was last set to False."""
-        self._context = context
         self._kind = kind
         self._handler = handler
         self._malformed = 0
         self._has_arrived = False
         self._recent: collections.OrderedDict[bytes, None] = collections.OrderedDict()
         self._remembered = max(qos.depth, REMEMBERED)
-        rmw, session = context.rmw, context.session
         # Receives misrouted messages of this topic; undeclared after the first message, good or not.
-        self._misrouted: RawSubscriber | None = session.subscriber(
-            rmw.misrouted_keys(topic), self._on_misrouted, capacity=1, max_bytes=context.max_bytes
-        )
-        self._reader = session.subscriber(
-            rmw.key(topic, kind),
-            self._on_sample,
-            on_loss=self._on_loss,
-            capacity=max(qos.depth, MIN_CAPACITY),
-            max_bytes=context.max_bytes,
-            kept=qos.depth if qos.latched else 0,
-            reliable=qos.reliable,
-        )
-        self._token = context.announce(rmw.endpoint_token("subscriber", topic, kind, qos))
+        self._misrouted = self._subscribed(context.rmw.misrouted_keys(topic), self._on_misrouted, None)
+        self._reader = self._subscribed(context.rmw.key(topic, kind), self._on_sample, qos)
+        self._token = context.announce("subscriber", topic, kind, qos)
         context.ends.add(self)
 
-    def close(self) -> None:
-        """Stop receiving."""
-        if not self._context.session.is_closed:
-            self._token.close()
-            self._reader.close()
-            self._end_misrouted()
-        self._context.ends.discard(self)
+    def _subscribed(
+        self, key: str, handler: Callable[[RawSample], None], qos: Qos | None
+    ) -> tuple[Closable, ...]:
+        """Return a subscriber and its queue."""
+        context = self._context
+        queue = MessageQueue(context, self.name, handler, qos)
+        subscriber = context.session.subscriber(
+            key,
+            lambda sample: queue.put(sample, is_oversized=sample.is_oversized(context.max_bytes)),
+            kept=qos.depth if qos and qos.latched else 0,
+            reliable=qos is not None and qos.reliable,
+        )
+        return subscriber, queue
+
+    def _undeclare(self) -> None:
+        for each in (self._token, *self._reader):
+            each.close()
+        self._end_misrouted()
 
     def _on_sample(self, sample: RawSample) -> None:
         try:
-            origin = self._context.rmw.unpack(sample.attachment)
+            origin = unpacked(sample.attachment)
         except ValueError as error:
             self._malformed += 1
             self._context.warnings.show_briefly(
-                f"attachments of {self.topic}", f"dropped {self._malformed} messages on {self.topic}: {error}"
+                f"attachments of {self.name}", f"dropped {self._malformed} messages on {self.name}: {error}"
             )
             return
         if self._context.is_own_gid(origin.gid):
@@ -127,29 +119,24 @@ class TopicReader:
             self._recent.popitem(last=False)
         return False
 
-    def _on_loss(self, traffic: PlainTraffic) -> None:
-        context = self._context
-        context.warnings.show_losses(self.topic, traffic.oversized, traffic.overrun, context.max_bytes)
-
     def _on_misrouted(self, sample: RawSample) -> None:
-        why = self._context.rmw.misrouting_reason(sample.key, self.topic, self._kind)
+        why = self._context.rmw.misrouting_reason(sample.key, self.name, self._kind)
         if why and not self._is_of_bridge(sample):
-            self._context.warnings.show(f"stray {self.topic}", why)
+            self._context.warnings.show(f"stray {self.name}", why)
             self._close_misrouted()  # one is enough: another robot may publish many
 
     def _is_of_bridge(self, sample: RawSample) -> bool:
         """Return True if it is from another PointIt, where misrouting is intended."""
         try:
-            origin = self._context.rmw.unpack(sample.attachment)
+            return self._context.is_own_gid(unpacked(sample.attachment).gid)
         except ValueError:
             return False
-        return self._context.is_own_gid(origin.gid)
 
     def _end_misrouted(self) -> None:
         self._close_misrouted()
-        self._context.warnings.clear(f"stray {self.topic}")
+        self._context.warnings.clear(f"stray {self.name}")
 
     def _close_misrouted(self) -> None:
-        if self._misrouted is not None:
-            self._misrouted.close()
-            self._misrouted = None
+        for each in self._misrouted:
+            each.close()
+        self._misrouted = ()

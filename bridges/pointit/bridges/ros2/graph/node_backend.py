@@ -1,0 +1,224 @@
+"""Parts of a node in the ROS graph that are the same for every middleware."""
+
+import abc
+import asyncio
+import collections
+import logging
+import threading
+from collections.abc import Callable, Coroutine, Hashable
+from typing import Any, Generic, Protocol, TypeVar
+
+from pointit.bridges.ros2.config import BackendConfig
+from pointit.bridges.ros2.graph.backend import Closable, Qos, RosType, Server, check_cdr
+from pointit.bridges.ros2.graph.backend_warnings import BackendWarnings
+from pointit.bridges.ros2.graph.calls import Calls
+from pointit.bridges.ros2.graph.findings import Matching
+from pointit.bridges.ros2.graph.graph_monitor import GraphMonitor
+from pointit.runtime.bus.dispatcher import Dispatcher
+from pointit.runtime.errors import BusClosedError, RefusedError
+from pointit.runtime.service.surroundings import WarningSink
+
+log = logging.getLogger(__name__)
+
+MIN_CAPACITY = 64
+"""Minimum number of messages queued for the loop, even if a topic's QoS keeps fewer."""
+
+
+class NodeContext:
+    """State that the endpoints of one node share. Is made in the loop."""
+
+    def __init__(self, config: BackendConfig, warnings: WarningSink, dispatcher: Dispatcher) -> None:
+        self.warnings = BackendWarnings(warnings)
+        self.dispatcher = dispatcher
+        self.loop = asyncio.get_running_loop()
+        self.max_bytes = config.max_message_bytes
+        """Maximum size of foreign messages; longer ones are dropped unread."""
+        self.ends: set[Closable] = set()
+        """Declared endpoints, kept alive here, without those that failed."""
+
+    @property
+    def is_closed(self) -> bool:
+        """Return True if the backend is closed."""
+        return self.dispatcher.is_closed
+
+    def check_open(self) -> None:
+        """Raise `BusClosedError` when the backend is closed."""
+        if self.is_closed:
+            raise BusClosedError("the backend was closed")
+
+
+C = TypeVar("C", bound=NodeContext)
+T = TypeVar("T")
+
+
+class RosEndpoint(abc.ABC, Generic[C]):
+    """An endpoint of our node."""
+
+    def __init__(self, context: C, name: str) -> None:
+        self.name = name
+        """Resolved name of its topic or service."""
+        self.is_closed = False
+        self._context = context
+
+    def close(self) -> None:
+        """Leave the graph; no handler runs afterwards."""
+        if not self.is_closed:
+            self.is_closed = True
+            if not self._context.is_closed:
+                self._undeclare()
+            self._context.ends.discard(self)
+
+    @abc.abstractmethod
+    def _undeclare(self) -> None:
+        """Withdraw the declarations of the middleware, which is still open."""
+
+
+class ServiceServer(RosEndpoint[C]):
+    """Answers requests to one service, each in a task."""
+
+    def __init__(self, context: C, service: str, server: Server) -> None:
+        super().__init__(context, service)
+        self._server = server
+        self._tasks: dict[Hashable, asyncio.Task[None]] = {}
+        """Tasks of open requests, by the id of the request."""
+
+    def close(self) -> None:
+        """Stop serving; open requests are dropped."""
+        super().close()
+        for task in self._tasks.values():
+            task.cancel()
+
+    def _start(self, request: Hashable, work: Coroutine[Any, Any, None]) -> None:
+        task = self._tasks[request] = self._context.loop.create_task(work, name=f"answer {self.name}")
+        task.add_done_callback(lambda _task: self._tasks.pop(request, None))
+
+    async def _response(self, request: bytes, decode: Callable[[bytes], T]) -> T:
+        """Return the decoded response of the server.
+
+        Raises:
+            RefusedError: If it refuses, or has failed: its client must not wait for ever.
+        """
+        try:
+            response = await self._server(request)
+            check_cdr(response)
+            return decode(response)
+        except RefusedError:
+            raise
+        except Exception as error:
+            log.exception("a request to %s could not be answered", self.name)
+            raise RefusedError(f"{type(error).__name__}: {error}") from error
+
+
+class MessageQueue(Generic[T]):
+    """Messages of one topic on their way from threads of the middleware to the loop."""
+
+    def __init__(
+        self, context: NodeContext, topic: str, handler: Callable[[T], None], qos: Qos | None
+    ) -> None:
+        """Call `handler` in the loop. `qos` None: only the newest message waits, and losses are not shown."""
+        self._context = context
+        self._topic = topic
+        self._handler = handler
+        self._lock = threading.Lock()
+        capacity = 1 if qos is None else max(qos.depth, MIN_CAPACITY)
+        self._messages: collections.deque[T] = collections.deque(maxlen=capacity)
+        self._reports_losses = qos is not None
+        self._is_scheduled = False
+        self._is_closed = False
+        self.oversized = 0
+        """Number of messages dropped because they were too long."""
+        self.overrun = 0
+        """Number of messages dropped because the loop was busy."""
+        self._lost = 0
+        """Number of dropped messages at the last warning."""
+
+    def put(self, message: T, *, is_oversized: bool) -> None:
+        """Add a message, or count it as dropped. Any thread."""
+        with self._lock:
+            if is_oversized:
+                self.oversized += 1
+            else:
+                self.overrun += len(self._messages) == self._messages.maxlen
+                self._messages.append(message)
+            if self._is_scheduled:
+                return
+            self._is_scheduled = True
+        self._context.dispatcher.schedule(self)
+
+    def close(self) -> None:
+        """Handle no more."""
+        self._is_closed = True
+
+    def drain(self) -> None:
+        """Handle the waiting messages. Runs in the loop."""
+        with self._lock:
+            messages = tuple(self._messages)
+            self._messages.clear()
+            self._is_scheduled = False
+            oversized, overrun = self.oversized, self.overrun
+        if oversized + overrun != self._lost and self._reports_losses and not self._is_closed:
+            self._lost = oversized + overrun
+            self._context.warnings.show_losses(self._topic, oversized, overrun, self._context.max_bytes)
+        for message in messages:
+            if self._is_closed or self._context.is_closed:
+                return
+            try:
+                self._handler(message)
+            except Exception:
+                if self._context.dispatcher.should_log(self._topic, "error"):
+                    log.exception("what arrived on %s could not be handled", self._topic)
+
+
+class Client(Protocol):
+    """Client of one service."""
+
+    async def call(self, request: bytes, *, timeout_s: float) -> bytes:
+        """Return the response's CDR; raises as `Backend.call`."""
+        ...
+
+
+class NodeBackend(abc.ABC, Generic[C]):
+    """Our node without its endpoints; see `pointit.bridges.ros2.graph.backend.Backend` for the contract."""
+
+    def __init__(
+        self, context: C, config: BackendConfig, *, distro: str, needs: str, matching: Matching
+    ) -> None:
+        """Begin with an empty graph; `distro`, `needs` and `matching` as for `findings`."""
+        self.node = config.node
+        self._context = context
+        self._graph_monitor = GraphMonitor(
+            context.warnings, domain=config.domain_id, distro=distro, needs=needs, matching=matching
+        )
+        self.watch = self._graph_monitor.watch
+        self._clients: dict[tuple[str, RosType], Client] = {}
+        self._calls = Calls()
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Return explanations why nothing happens where nothing is wrong: no nodes, no subscribers."""
+        return self._graph_monitor.notes
+
+    async def call(self, service: str, kind: RosType, request: bytes, *, timeout_s: float) -> bytes:
+        """Return the CDR of a server's response.
+
+        Raises:
+            TimeoutError: If no node serves it, or not within `timeout_s`; or it refuses; or we lack its type.
+            BusClosedError: If the backend was closed meanwhile.
+        """
+        self._context.check_open()
+        client = self._clients.get((service, kind))
+        if client is None:
+            client = self._clients[service, kind] = self._client(service, kind)
+        return await self._calls.answered(client.call(request, timeout_s=timeout_s), f"call {service}")
+
+    @abc.abstractmethod
+    def _client(self, service: str, kind: RosType) -> Client:
+        """Return a new client of `service`."""
+
+    def _close_endpoints(self) -> None:
+        """Close all but the connection, which no longer calls us."""
+        self._graph_monitor.close()
+        self._calls.close()
+        for end in tuple(self._context.ends):
+            end.close()
+        self._context.warnings.close()

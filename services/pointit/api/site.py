@@ -16,7 +16,7 @@ from pointit.api.press import press
 from pointit.api.reactions import F, check_things, is_reaction, react
 from pointit.api.requests import Lamp
 from pointit.api.tracker import Tracker
-from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S, Closable, Publisher, Subscription
+from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S, Closable, Subscription
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import Clock
 from pointit.runtime.errors import AccessDeniedError, PointItError
@@ -71,7 +71,7 @@ class Site:
         self._present: dict[str, PresentNames] = {}
         self._watches: list[Closable] = []
         self._reactions = set[asyncio.Task[None]]()
-        self._speakers: dict[str, Publisher[Speech]] = {}
+        self._speech = functools.cache(functools.partial(bus.publisher, topics.SPEECH))
         self.latest = Latest(bus, self._check_open)
         """The newest messages by topic and name."""
         send = self.call
@@ -247,9 +247,7 @@ class Site:
             raise AccessDeniedError(denied)
         stamp_ns = words[-1].end_ns if words else self._clock.now_ns()
         speech = Speech(stamp_ns=stamp_ns, words=tuple(words), is_final=is_final, recogniser="api")
-        publisher = self._speakers.get(user) or self._bus.publisher(topics.SPEECH, user)
-        self._speakers[user] = publisher
-        publisher.put(speech)
+        self._speech(user).put(speech)
 
     async def referents(self, user: str, at_ns: int | None = None, within_s: float = 1.0) -> Referents:
         """Return the candidates for a word of `user` at `at_ns`; see `listener.referents`.

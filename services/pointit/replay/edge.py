@@ -2,12 +2,13 @@
 
 import asyncio
 import contextlib
+import functools
 from typing import Any
 
 from pointit.recording.entries import Entry, Exchange
 from pointit.replay.clock import RecordingClock
 from pointit.replay.levels import CALLED_BY_SERVICES
-from pointit.runtime.bus.contract import AnyTopic, Bus, Closable, Publisher
+from pointit.runtime.bus.contract import AnyTopic, Bus, Closable
 from pointit.runtime.errors import RequestError
 from pointit.schemas import NS_PER_S, Message, Query
 from pointit.schemas.topics import CLOCK, Presence, Request, Topic
@@ -24,18 +25,13 @@ class Edge:
 
     def __init__(self, bus: Bus) -> None:
         self._bus = bus
-        self._publishers: dict[str, Publisher[Any]] = {}
-        """By key."""
+        self._publisher = functools.cache(bus.publisher)
         self._tokens: dict[str, Closable] = {}
         """By key: who is present."""
 
     def put(self, topic: AnyTopic, name: str, message: Message) -> None:
         """Write `message`."""
-        key = topic.at(name)
-        publisher = self._publishers.get(key)
-        if publisher is None:
-            publisher = self._publishers[key] = self._bus.publisher(topic, name)
-        publisher.put(message)
+        self._publisher(topic, name).put(message)
 
     def repeat(self, entry: Entry) -> None:
         """Write the message of `entry`, or announce or end the presence that it says.

@@ -1,6 +1,7 @@
 """The live view of a run in the terminal, with the keyboard as a person's button."""
 
 import contextlib
+import functools
 import time
 from collections.abc import Callable, Generator, Sequence
 
@@ -11,7 +12,6 @@ from pointit.cli.common.keyboard import has_keyboard, keys
 from pointit.cli.display.display_part import DisplayPart
 from pointit.cli.display.view import REFRESH_HZ, View
 from pointit.launch.run.running_scenario import RunningScenario
-from pointit.runtime.bus.contract import Publisher
 from pointit.schemas import ButtonEvent
 from pointit.schemas.topics import BUTTON
 
@@ -36,14 +36,12 @@ def on_screen(
     if console is None:
         yield
         return
-    buttons: dict[str, Publisher[ButtonEvent]] = {}
+    button = functools.cache(functools.partial(stage.bus.publisher, BUTTON))
 
     def press() -> None:
         person = _first_person(stage)
-        if person and person not in buttons:
-            buttons[person] = stage.bus.publisher(BUTTON, person)
         if person:
-            buttons[person].put(ButtonEvent(stamp_ns=stage.clock.now_ns(), source="keyboard"))
+            button(person).put(ButtonEvent(stamp_ns=stage.clock.now_ns(), source="keyboard"))
 
     def left_s() -> float:
         over_s = end_s()

@@ -4,12 +4,13 @@ It is the only writer of lamps, and decides which person may localize by which o
 """
 
 import asyncio
+import functools
 from collections import Counter
 from operator import attrgetter
 from typing import ClassVar
 
 from pointit.geometry.colormap import UnknownColormapError
-from pointit.runtime.bus.contract import Publisher
+from pointit.runtime.clock import Timer
 from pointit.runtime.errors import RefusedError
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import (
@@ -80,12 +81,12 @@ class LedDriver(Service[LedDriverConfig]):
         super().__init__(config, context)
         self._lights = LightState(config)
         self._pacer = FrameLimiter(config.max_rate_hz, config.patience_s)
-        self._frame_timer: asyncio.TimerHandle | None = None
-        self._expiry_timer: asyncio.TimerHandle | None = None
-        self._lamp_timer: asyncio.TimerHandle | None = None
-        self._shown_timer: asyncio.TimerHandle | None = None
+        self._frame_timer = Timer(self.bus.call_later, self._draw)
+        self._expiry_timer = Timer(self.bus.call_later, self._expire)
+        self._lamp_timer = Timer(self.bus.call_later, self._shine)
+        self._shown_timer = Timer(self.bus.call_later, self._wish)
         self._lamps_s = -LAMP_PERIOD_S
-        self._lamps: dict[str, Publisher[LampColor]] = {}
+        self._lamp = functools.cache(functools.partial(self.bus.publisher, LAMP_COLOR))
         self._lit: dict[str, Rgb] = {}
         """Last published colours of the lamps."""
         self._lamp_seqs = Counter[str]()
@@ -128,8 +129,7 @@ class LedDriver(Service[LedDriverConfig]):
         finally:
             self._ended = True
             for timer in (self._frame_timer, self._expiry_timer, self._lamp_timer, self._shown_timer):
-                if timer is not None:
-                    timer.cancel()
+                timer.cancel()
             self._light(dict.fromkeys(self._lit, DARK))
 
     def _on_map(self, environment: Environment, _name: str) -> None:
@@ -242,9 +242,8 @@ class LedDriver(Service[LedDriverConfig]):
             self._lights.show(query.lit, until_ns)
         except ValueError as error:
             raise RefusedError(str(error)) from error
-        if self._shown_timer is not None:
-            self._shown_timer.cancel()
-        self._shown_timer = self.bus.call_later(query.for_s, self._wish)
+        self._shown_timer.cancel()
+        self._shown_timer.start(query.for_s)
         self._draw()  # at once: the caller waits for the light
         return Done(message=f"shown for {query.for_s:g} s")
 
@@ -256,12 +255,10 @@ class LedDriver(Service[LedDriverConfig]):
         if wait_s == 0.0:
             self._draw()
         elif wait_s is not None:
-            self._frame_timer = self.bus.call_later(wait_s, self._draw)
+            self._frame_timer.start(wait_s)
 
     def _draw(self) -> None:
-        if self._frame_timer is not None:
-            self._frame_timer.cancel()
-            self._frame_timer = None
+        self._frame_timer.cancel()
         self._pacer.drawn(asyncio.get_running_loop().time())
         now_ns = self.clock.now_ns()
         frame = self._lights.frame(now_ns, max((output.light_s for output in self._changed), default=0.0))
@@ -287,20 +284,12 @@ class LedDriver(Service[LedDriverConfig]):
             self._look_at_lamps_in(0.0)
 
     def _look_at_lamps_in(self, wait_s: float) -> None:
-        if self._ended:
-            return
-        loop = asyncio.get_running_loop()
-        at_s = max(loop.time() + wait_s, self._lamps_s + LAMP_PERIOD_S)
-        if self._lamp_timer is not None:
-            if self._lamp_timer.when() <= at_s:
-                return
-            self._lamp_timer.cancel()
-        self._lamp_timer = self.bus.call_later(max(at_s - loop.time(), 0.0), self._shine)
+        if not self._ended:
+            period_left_s = self._lamps_s + LAMP_PERIOD_S - asyncio.get_running_loop().time()
+            self._lamp_timer.start(max(wait_s, period_left_s, 0.0))
 
     def _shine(self) -> None:
-        if self._lamp_timer is not None:
-            self._lamp_timer.cancel()
-            self._lamp_timer = None
+        self._lamp_timer.cancel()
         if self._ended:
             return
         self._lamps_s = asyncio.get_running_loop().time()
@@ -320,10 +309,8 @@ class LedDriver(Service[LedDriverConfig]):
         for lamp_id, color in sorted(colors.items(), key=lambda each: each[1] != DARK):
             if self._lit.get(lamp_id) == color:
                 continue
-            if lamp_id not in self._lamps:
-                self._lamps[lamp_id] = self.bus.publisher(LAMP_COLOR, lamp_id)
             self._lamp_seqs[lamp_id] += 1
-            self._lamps[lamp_id].put(
+            self._lamp(lamp_id).put(
                 LampColor(stamp_ns=self.clock.now_ns(), seq=self._lamp_seqs[lamp_id], color=color)
             )
             for output in self._outputs:
@@ -335,15 +322,9 @@ class LedDriver(Service[LedDriverConfig]):
         end_ns = self._lights.content.next_change_ns()
         if end_ns is None:
             return
-        wait_s = (end_ns - now_ns) / NS_PER_S / self.clock.speed
-        if self._expiry_timer is not None:
-            if self._expiry_timer.when() <= asyncio.get_running_loop().time() + wait_s:
-                return
-            self._expiry_timer.cancel()
-        self._expiry_timer = self.bus.call_later(wait_s, self._expire)
+        self._expiry_timer.start((end_ns - now_ns) / NS_PER_S / self.clock.speed)
 
     def _expire(self) -> None:
-        self._expiry_timer = None
         now_ns = self.clock.now_ns()
         end_ns = self._lights.content.next_change_ns()
         if end_ns is not None and end_ns <= now_ns:

@@ -5,6 +5,7 @@ those of its people.
 """
 
 import asyncio
+import functools
 import math
 from pathlib import Path
 from typing import ClassVar, NamedTuple
@@ -19,7 +20,6 @@ from pointit.schemas import (
     Cursor,
     Done,
     Environment,
-    Feedback,
     Interaction,
     PointingRay,
     SetTolerance,
@@ -84,8 +84,8 @@ class Pui(Service[PuiConfig]):
         )
         self._twins = TwinFinder()
         self._persons: dict[str, PersonCursor] = {}
-        self._cursors: dict[str, Publisher[Cursor]] = {}
-        self._cues: dict[str, Publisher[Feedback]] = {}
+        self._cursors = functools.cache(functools.partial(self.bus.publisher, CURSOR))
+        self._cues = functools.cache(functools.partial(self.bus.publisher, FEEDBACK))
         nowhere = Environment(stamp_ns=0, name="")
         self._room = _Room(Surfaces(nowhere, may_be_empty=True), None, Tracked(nowhere))
         self._has_map = bool(config.map_to_read)
@@ -308,9 +308,7 @@ class Pui(Service[PuiConfig]):
         else:
             self._put(cursor, user)
             if (cue := person.cue()) is not None:
-                if user not in self._cues:
-                    self._cues[user] = self.bus.publisher(FEEDBACK, user)
-                self._cues[user].put(cue)
+                self._cues(user).put(cue)
         hint = person.passing.hint and (
             f"{user} has pointed past everything for a minute ({person.passing.hint}): localize again (hold "
             f"the button); if that does not help, `pointit person calibrate mounting {user}`"
@@ -336,12 +334,8 @@ class Pui(Service[PuiConfig]):
             )
 
     def _put(self, cursor: Cursor | None, user: str) -> None:
-        if cursor is None:
-            return
-        publisher = self._cursors.get(user)
-        if publisher is None:
-            publisher = self._cursors[user] = self.bus.publisher(CURSOR, user)
-        publisher.put(cursor)
+        if cursor is not None:
+            self._cursors(user).put(cursor)
 
 
 def _full_name(name_or_path: str) -> str:

@@ -1,6 +1,5 @@
 """Guests: people all of whose nodes are ROS nodes, by configuration; present while those are received."""
 
-import asyncio
 import logging
 from collections.abc import Iterable
 
@@ -12,6 +11,7 @@ from pointit.bridges.ros2.routing.outbox import Outbox
 from pointit.bridges.ros2.routing.route_types import InboundRoute
 from pointit.bridges.ros2.routing.site import Site
 from pointit.runtime.bus.contract import Closable
+from pointit.runtime.clock import Timer
 from pointit.schemas.topics import INTERACTION, POSE, RAY, USER_ALIVE
 from pointit.services.registry import PROCESSES
 
@@ -55,7 +55,7 @@ class Guests:
         """Names that other nodes publish, without those of other PointIts, which are ignored here."""
         self._now_s = 0.0
         """Time of our checks: while the loop is blocked, nothing is received and no time passes."""
-        self._timer: asyncio.TimerHandle | None = None
+        self._timer = Timer(site.bus.call_later, self._mind)
         for user in dict.fromkeys(self._instances.values()):
             site.state.names.of(user)  # reserved: another person with the same ROS name gets a different one
             self._admit(user)
@@ -85,8 +85,7 @@ class Guests:
 
     def close(self) -> None:
         """Remove all guests."""
-        if self._timer is not None:
-            self._timer.cancel()
+        self._timer.cancel()
         for user, guest in self._site.state.guests.items():
             self._end(user, guest, "the bridge has ended")
             for end in self._ends.pop(user):
@@ -117,9 +116,7 @@ class Guests:
             self._outbox.join(user)
 
     def _mind(self) -> None:
-        self._timer = self._site.bus.call_later(
-            LOOK_S, self._mind
-        )  # rescheduled first, so that it is repeated after an error
+        self._timer.start(LOOK_S)  # first, so that it is repeated after an error
         self._now_s += LOOK_S
         for user, guest in self._site.state.guests.items():
             self._judge(user, guest)

@@ -104,6 +104,27 @@ class Closable(Protocol):
         ...
 
 
+class Declaration:
+    """Something declared: undone once, by itself or with all that `held` lists."""
+
+    def __init__(self, undo: Callable[[], object], held: "dict[Declaration, None] | None" = None) -> None:
+        self._undo: Callable[[], object] | None = undo
+        self._held = {} if held is None else held
+        self._held[self] = None
+
+    @property
+    def is_closed(self) -> bool:
+        """Return True if it was closed."""
+        return self._undo is None
+
+    def close(self) -> None:
+        """Undo it, once."""
+        undo, self._undo = self._undo, None
+        if undo is not None:
+            self._held.pop(self, None)
+            undo()
+
+
 class Publisher(Closable, Protocol[M_contra]):
     """Writes one key."""
 

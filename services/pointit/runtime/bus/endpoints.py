@@ -5,7 +5,14 @@ import logging
 from collections.abc import Callable, Sequence
 from typing import Any, Generic, TypeVar
 
-from pointit.runtime.bus.contract import MAX_IN_FLIGHT, AnyTopic, Recall, Server, SubscriptionStats
+from pointit.runtime.bus.contract import (
+    MAX_IN_FLIGHT,
+    AnyTopic,
+    Declaration,
+    Recall,
+    Server,
+    SubscriptionStats,
+)
 from pointit.runtime.bus.local_broker import Participant
 from pointit.runtime.bus.mailbox import Mailbox
 from pointit.runtime.errors import BusClosedError, NoAnswerError, PointItError, RefusedError
@@ -20,22 +27,6 @@ R = TypeVar("R", bound=Reply)
 log = logging.getLogger(__name__)
 
 
-class Declaration:
-    """Something declared: undone once, by itself or with its bus."""
-
-    def __init__(self, bus: Participant, undo: Callable[[], None]) -> None:
-        self._bus = bus
-        self._undo: Callable[[], None] | None = undo
-        bus.declarations.add(self)
-
-    def close(self) -> None:
-        """Undo it, once."""
-        undo, self._undo = self._undo, None
-        if undo is not None:
-            self._bus.declarations.discard(self)
-            undo()
-
-
 class MemoryPublisher(Declaration, Generic[M]):
     """Hands messages to the readers of this process as they are: they are frozen."""
 
@@ -44,6 +35,7 @@ class MemoryPublisher(Declaration, Generic[M]):
     ) -> None:
         """Write `topic.at(name)`; `send` gets each message for the readers of other processes."""
         topic.at(name)  # raises on a name that cannot stand in the key
+        self._bus = bus
         self._name = name
         self._mailboxes = bus.exchange.readers_of(topic).matching(name)
         self._send = send
@@ -52,7 +44,7 @@ class MemoryPublisher(Declaration, Generic[M]):
         self._message = topic.message
         self._last: M | None = None
         self._open = True
-        super().__init__(bus, self._undeclare)
+        super().__init__(self._undeclare, bus.declarations)
 
     def put(self, message: M) -> None:
         """Send `message`."""
@@ -86,7 +78,7 @@ class MailboxSubscription(Declaration):
         self._readers = bus.exchange.readers_of(topic)
         self._name = name
         self._readers.add(name, mailbox)
-        super().__init__(bus, self._undeclare)
+        super().__init__(self._undeclare, bus.declarations)
         if topic.delivery is Delivery.STATE:
             for key, state in bus.exchange.states.get(topic.key, {}).items():
                 if name in (ANY, key):
@@ -112,7 +104,7 @@ class RetainedStateServer(Declaration):
         self._keys = frozenset(topic.key for topic in topics)
         self._keepings = bus.exchange.keepings
         self._keepings.append(self)
-        super().__init__(bus, self._undeclare)
+        super().__init__(self._undeclare, bus.declarations)
         for topic in topics:
             for wanted, mailbox in bus.exchange.readers_of(topic):
                 self.deliver(topic, wanted, mailbox)
@@ -138,7 +130,7 @@ class PresenceWatcher(Declaration):
         self._open = True
         self._watchers = bus.exchange.watchers.setdefault(presence.key, [])
         self._watchers.append(self)
-        super().__init__(bus, self._undeclare)
+        super().__init__(self._undeclare, bus.declarations)
 
     def notify(self, name: str, present: bool) -> None:  # noqa: FBT001 - the handler's own signature
         """Say that `name` is there or gone; in the loop, never from within a call of the watched."""
@@ -160,12 +152,13 @@ class RequestHandler(Declaration, Generic[Q, R]):
 
     def __init__(self, bus: Participant, request: Request[Q, R], server: Server[Q, R], name: str) -> None:
         self.request = request
+        self._bus = bus
         self.wanted = name if request.placeholder else ANY
         self._server = server
         self._answers: set[asyncio.Task[R]] = set()
         self._desks = bus.exchange.desks.setdefault(request.key, [])
         self._desks.append(self)
-        super().__init__(bus, self._undeclare)
+        super().__init__(self._undeclare, bus.declarations)
 
     def handle(self, query: Q, name: str) -> asyncio.Task[R]:
         """Begin to answer `query`; the task raises nothing but `RefusedError`."""

@@ -4,7 +4,14 @@ import logging
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
-from pointit.runtime.bus.contract import Closable, Handler, Publisher, Server, Subscription, SubscriptionStats
+from pointit.runtime.bus.contract import (
+    Declaration,
+    Handler,
+    Publisher,
+    Server,
+    Subscription,
+    SubscriptionStats,
+)
 from pointit.runtime.bus.metrics import FULL, DurationWindow, ReaderCounts, TopicMeter, steady_time
 from pointit.runtime.bus.timeliness import STRAY_NS, STREAMS
 from pointit.runtime.clock import Clock
@@ -105,27 +112,13 @@ def instrument_handler(
     return filter_and_time
 
 
-class Declared:
-    """Declaration of a service, which holds it until it is closed."""
-
-    def __init__(self, inner: Closable, held: "dict[Declared, None]") -> None:
-        self._inner = inner
-        self._held = held
-        held[self] = None
-
-    def close(self) -> None:
-        """Undeclare."""
-        self._inner.close()
-        self._held.pop(self, None)
-
-
-class MeteredSubscription(Declared):
+class MeteredSubscription(Declaration):
     """A subscription, whose counts its meter keeps when it is closed."""
 
     def __init__(
-        self, inner: Subscription, held: dict[Declared, None], meter: TopicMeter, counts: ReaderCounts
+        self, inner: Subscription, held: dict[Declaration, None], meter: TopicMeter, counts: ReaderCounts
     ) -> None:
-        super().__init__(inner, held)
+        super().__init__(inner.close, held)
         self._meter = meter
         self._counts = counts
         counts.traffic = inner.traffic

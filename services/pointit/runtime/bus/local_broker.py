@@ -6,7 +6,7 @@ import weakref
 from collections.abc import Coroutine, Iterator
 from typing import Any, Protocol, TypeVar
 
-from pointit.runtime.bus.contract import AnyTopic, Closable
+from pointit.runtime.bus.contract import AnyTopic, Declaration
 from pointit.runtime.bus.dispatcher import Dispatcher
 from pointit.runtime.bus.mailbox import Mailbox
 from pointit.runtime.errors import PointItError
@@ -125,7 +125,7 @@ class Participant:
     def __init__(self, exchange: LocalBroker | None = None) -> None:
         """Join `exchange`, or a new one; must be called in the loop that will run handlers and tasks."""
         self.exchange = exchange if exchange is not None else LocalBroker()
-        self.declarations: set[Closable] = set()
+        self.declarations: dict[Declaration, None] = {}
         self.dispatcher = Dispatcher()
         self._loop = asyncio.get_running_loop()
         self._closed = self._loop.create_future()

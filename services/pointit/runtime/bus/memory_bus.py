@@ -12,6 +12,7 @@ from pointit.runtime.bus.contract import (
     REQUEST_TIMEOUT_S,
     AnyTopic,
     Closable,
+    Declaration,
     Handler,
     Recall,
     Server,
@@ -19,7 +20,6 @@ from pointit.runtime.bus.contract import (
     Tap,
 )
 from pointit.runtime.bus.endpoints import (
-    Declaration,
     MailboxSubscription,
     MemoryPublisher,
     PresenceWatcher,
@@ -115,7 +115,7 @@ class MemoryBus(Participant):
                 del counts[name]
                 self._tell(presence, name, False)
 
-        return Declaration(self, undo)
+        return Declaration(undo, self.declarations)
 
     def watch(self, presence: Presence, handler: Callable[[str, bool], None]) -> Closable:
         """Call `handler(name, present)` now and on every change."""

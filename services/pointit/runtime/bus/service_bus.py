@@ -17,6 +17,7 @@ from pointit.runtime.bus.contract import (
     AnyTopic,
     Bus,
     Closable,
+    Declaration,
     Handler,
     Publisher,
     Recall,
@@ -26,7 +27,6 @@ from pointit.runtime.bus.contract import (
     Undecoded,
 )
 from pointit.runtime.bus.instrumented import (
-    Declared,
     InstrumentedPublisher,
     MeteredSubscription,
     ServedPublisher,
@@ -63,9 +63,9 @@ class ServiceBus:
         self._steps = DurationWindow()
         self._latency = DurationWindow(NS_PER_S * clock.speed)
         """Ages by the clock of the service, ns."""
-        self._declared: dict[Declared, None] = {}
+        self._declared: dict[Declaration, None] = {}
         self._publishers: list[Publisher[Any]] = []
-        self._tokens: dict[Declared, None] = {}
+        self._tokens: dict[Declaration, None] = {}
         self._warnings: dict[str, str] = {}
         self._figures: dict[tuple[str, str], Figure] = {}
         self._errors = 0
@@ -135,7 +135,7 @@ class ServiceBus:
 
     def serve_retained(self, topics: Sequence[AnyTopic], recall: Recall) -> Closable:
         """Answer for the writers of `topics`, which are states, that are gone."""
-        return Declared(self._bus.serve_retained(topics, recall), self._declared)
+        return Declaration(self._bus.serve_retained(topics, recall).close, self._declared)
 
     def serve(self, request: Request[Q, R], server: Server[Q, R], name: str = ANY) -> Closable:
         """Answer `request`."""
@@ -145,7 +145,7 @@ class ServiceBus:
                 self.account(SERVED), self._clock, service=self._service, instance=self._instance
             )
         served = self._bus.serve(request, self._served.reporting(request, server), name)
-        return Declared(served, self._declared)
+        return Declaration(served.close, self._declared)
 
     async def call(
         self, request: Request[Q, R], query: Q, name: str = "", *, timeout_s: float = REQUEST_TIMEOUT_S
@@ -155,7 +155,7 @@ class ServiceBus:
 
     def announce(self, presence: Presence, name: str) -> Closable:
         """Be present under `name` until closed."""
-        return Declared(self._bus.announce(presence, name), self._tokens)
+        return Declaration(self._bus.announce(presence, name).close, self._tokens)
 
     def watch(self, presence: Presence, handler: Callable[[str, bool], None]) -> Closable:
         """Call `handler(name, present)` now and on every change."""
@@ -167,7 +167,7 @@ class ServiceBus:
                 self._errors += 1
                 raise
 
-        return Declared(self._bus.watch(presence, counted), self._declared)
+        return Declaration(self._bus.watch(presence, counted).close, self._declared)
 
     def call_later(self, delay_s: float, callback: Callable[[], None]) -> asyncio.TimerHandle:
         """Call `callback` in the loop after `delay_s` of the wall, unless the service has ended by then.

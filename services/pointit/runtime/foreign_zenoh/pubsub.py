@@ -7,8 +7,9 @@ from typing import Any
 import zenoh
 from zenoh import ext
 
+from pointit.runtime.bus.contract import Declaration
 from pointit.runtime.errors import BusClosedError
-from pointit.runtime.zenoh.declarations import Declaration, declare_publisher
+from pointit.runtime.zenoh.declarations import declare_publisher
 
 HEARTBEAT_S = 0.5
 """Period (s) after which a reader notices that it lost the last message of a reliable, caching writer."""
@@ -62,7 +63,7 @@ class RawPublisher(Declaration):
     def __init__(self, session: zenoh.Session, key: str, kept: int, reliable: bool) -> None:  # noqa: FBT001
         missed = ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=HEARTBEAT_S) if reliable else None
         self._writer = declare_publisher(session, key, cache=kept, missed=missed)
-        super().__init__(self._writer)
+        super().__init__(self._writer.undeclare)
 
     @property
     def is_read(self) -> bool:

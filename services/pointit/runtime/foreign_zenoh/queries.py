@@ -12,10 +12,10 @@ from typing import Any
 import zenoh
 from zenoh.handlers import Callback
 
+from pointit.runtime.bus.contract import Declaration
 from pointit.runtime.bus.dispatcher import Dispatcher
 from pointit.runtime.foreign_zenoh.pubsub import bytes_of, is_oversized
 from pointit.runtime.host.threads import in_daemon_thread
-from pointit.runtime.zenoh.declarations import Declaration
 from pointit.runtime.zenoh.queries import declare_queryable, refuse
 
 MAX_OPEN = 64
@@ -84,7 +84,7 @@ class RawQueryable(Declaration):
         self._loop = asyncio.get_running_loop()
         self._lock = threading.Lock()
         self._open = 0
-        super().__init__(declare_queryable(session, key, self._on_query))
+        super().__init__(declare_queryable(session, key, self._on_query).undeclare)
 
     def _on_query(self, query: zenoh.Query) -> None:  # on Zenoh's threads
         if reason := self._objection(query):
@@ -143,7 +143,7 @@ class RawQuerier(Declaration):
             priority=zenoh.Priority.DATA_LOW,
             allowed_destination=zenoh.Locality.REMOTE,
         )
-        super().__init__(self._querier)
+        super().__init__(self._querier.undeclare)
 
     async def wait_for_server(self) -> None:
         """Return when a queryable exists at this key."""

@@ -11,14 +11,14 @@ from typing import Any, Literal
 
 import zenoh
 
-from pointit.runtime.bus.contract import Closable
+from pointit.runtime.bus.contract import Closable, Declaration
 from pointit.runtime.bus.dispatcher import Dispatcher
 from pointit.runtime.errors import BusClosedError, BusError, ConfigError, ConnectError, ListenError
 from pointit.runtime.foreign_zenoh.pubsub import RawPublisher, RawSample
 from pointit.runtime.foreign_zenoh.queries import IncomingQuery, RawQuerier, RawQueryable
 from pointit.runtime.link.link import ENDPOINT
 from pointit.runtime.zenoh.connections import Connections
-from pointit.runtime.zenoh.declarations import Declaration, declare_caching_subscriber, declare_subscriber
+from pointit.runtime.zenoh.declarations import declare_caching_subscriber, declare_subscriber
 from pointit.runtime.zenoh.liveliness import LivelinessSubscriber
 from pointit.runtime.zenoh.session import close_session, config_of, is_in_use
 from pointit.runtime.zenoh.session import open_first as open_session
@@ -179,18 +179,17 @@ class RawSession:
             if sample.kind == zenoh.SampleKind.PUT:
                 handler(RawSample(sample))
 
-        return Declaration(
-            declare_caching_subscriber(
-                self._session, key, on_sample, history=kept, recovers=reliable, is_announced=True
-            )
-            if kept
-            else declare_subscriber(self._session, key, on_sample)
+        if not kept:
+            return Declaration(declare_subscriber(self._session, key, on_sample).undeclare)
+        declared = declare_caching_subscriber(
+            self._session, key, on_sample, history=kept, recovers=reliable, is_announced=True
         )
+        return Declaration(declared.undeclare)
 
     def token(self, key: str) -> Closable:
         """Declare the token `key` until closed, or until this process dies."""
         self._check_open()
-        return Declaration(self._session.liveliness().declare_token(key))
+        return Declaration(self._session.liveliness().declare_token(key).undeclare)
 
     def watch_tokens(self, pattern: str, handler: Callable[[Mapping[str, bool]], None]) -> Closable:
         """Call `handler` with added (True) and removed (False) tokens of `pattern`, now and on changes."""

@@ -18,24 +18,6 @@ class Declared(Protocol):
         ...
 
 
-class Declaration:
-    """A declaration, withdrawn when it is closed, once. Keep tokens: unreferenced ones are withdrawn."""
-
-    def __init__(self, declared: Declared) -> None:
-        self._declared: Declared | None = declared
-
-    @property
-    def is_closed(self) -> bool:
-        """Return True if it was closed; its session may be closed without."""
-        return self._declared is None
-
-    def close(self) -> None:
-        """Withdraw it."""
-        declared, self._declared = self._declared, None
-        if declared is not None:
-            declared.undeclare()
-
-
 def declare_publisher(
     session: zenoh.Session,
     key: str,

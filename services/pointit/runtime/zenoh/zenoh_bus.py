@@ -18,13 +18,14 @@ from pointit.runtime.bus.contract import (
     REQUEST_TIMEOUT_S,
     AnyTopic,
     Closable,
+    Declaration,
     Handler,
     Recall,
     Server,
     Subscription,
     Tap,
 )
-from pointit.runtime.bus.endpoints import Declaration, MemoryPublisher
+from pointit.runtime.bus.endpoints import MemoryPublisher
 from pointit.runtime.bus.mailbox import Mailbox, TapMailbox
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import AccessDeniedError, NoAnswerError
@@ -229,7 +230,7 @@ class ZenohBus(MemoryBus):
             for each in elsewhere:
                 each.undeclare()
 
-        return Declaration(self, undo)
+        return Declaration(undo, self.declarations)
 
     def _want(self, verb: str, key: str) -> None:
         if self._self_test is not None:

@@ -129,7 +129,9 @@ def commands() -> Iterator[str]:
     yield "# Commands"
     yield "`pointit COMMAND --help` prints the same."
     root = front()
-    yield from _command(root, click.Context(root, info_name="pointit", terminal_width=WIDTH), 1)
+    yield from _command(
+        root, click.Context(root, info_name="pointit", terminal_width=WIDTH, show_default=True), 1
+    )
 
 
 def _command(command: click.Command, context: click.Context, depth: int) -> Iterator[str]:

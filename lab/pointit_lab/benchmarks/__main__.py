@@ -85,18 +85,11 @@ def _resolved(_context: click.Context, _option: click.Parameter, commit: str | N
 
 
 @click.command()
-@click.option(
-    "--duration",
-    type=click.FloatRange(0.5),
-    default=5.0,
-    show_default=True,
-    help="seconds for each measurement",
-)
+@click.option("--duration", type=click.FloatRange(0.5), default=5.0, help="seconds for each measurement")
 @click.option(
     "--rate",
     type=click.FloatRange(1.0, 1000.0),
     default=RATE_HZ,
-    show_default=True,
     help="samples per second of one wrist, for latency",
 )
 @click.option("--json", "path", type=click.Path(path_type=Path), help="write everything to this file")
@@ -112,7 +105,6 @@ def _resolved(_context: click.Context, _option: click.Parameter, commit: str | N
     "--rounds",
     type=click.IntRange(1),
     default=COMPARISON_ROUNDS,
-    show_default=True,
     help="how often --against measures both trees",
 )
 def main(

@@ -69,7 +69,6 @@ def _options(command: Callable[..., None]) -> Callable[..., None]:
     "--baselines/--no-baselines",
     " /--only-ours",
     default=True,
-    show_default=True,
     help="also run the baselines on the same trials, which needs most of the time",
 )
 @click.option(

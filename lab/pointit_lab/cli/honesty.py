@@ -29,7 +29,6 @@ from pointit_lab.evaluation.recordings.data_folder import recordings_folder
     "--seed",
     type=click.IntRange(min=0),
     default=0,
-    show_default=True,
     metavar="SEED",
     help="seed of the first simulated person, incremented for each",
 )

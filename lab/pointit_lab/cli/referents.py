@@ -32,21 +32,9 @@ NOTES = (
 
 @click.command("referents")
 @click.option(
-    "--people",
-    type=click.IntRange(1, 100_000),
-    default=200,
-    show_default=True,
-    metavar="N",
-    help="people for each scene",
+    "--people", type=click.IntRange(1, 100_000), default=200, metavar="N", help="people for each scene"
 )
-@click.option(
-    "--seed",
-    type=click.IntRange(min=0),
-    default=FIRST_SEED,
-    show_default=True,
-    metavar="SEED",
-    help="first seed",
-)
+@click.option("--seed", type=click.IntRange(min=0), default=FIRST_SEED, metavar="SEED", help="first seed")
 @JOBS
 @JSON
 def referents(*, people: int, seed: int, jobs: int, json_file: Path | None) -> None:

@@ -23,7 +23,6 @@ BENCHES = ("landing", "workspace", IDENTIFICATION, CHOICE, FOLLOWING)
     "--people",
     type=click.IntRange(1, 10_000),
     default=24,
-    show_default=True,
     metavar="N",
     help="simulated people in each condition, each with a seed of their own",
 )
@@ -31,7 +30,6 @@ BENCHES = ("landing", "workspace", IDENTIFICATION, CHOICE, FOLLOWING)
     "--seed",
     type=click.IntRange(min=0),
     default=0,
-    show_default=True,
     metavar="SEED",
     help="seed of the first person, incremented for each",
 )

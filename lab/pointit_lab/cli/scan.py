@@ -38,20 +38,9 @@ POINTING_NOTES = (
 
 
 @click.command("scan")
-@click.option(
-    "--rooms", type=click.IntRange(1, 10_000), default=50, show_default=True, metavar="N", help="random rooms"
-)
-@click.option(
-    "--seed",
-    type=click.IntRange(min=0),
-    default=FIRST_SEED,
-    show_default=True,
-    metavar="SEED",
-    help="first seed",
-)
-@click.option(
-    "--views", type=click.IntRange(3, 20), default=8, show_default=True, metavar="N", help="views at most"
-)
+@click.option("--rooms", type=click.IntRange(1, 10_000), default=50, metavar="N", help="random rooms")
+@click.option("--seed", type=click.IntRange(min=0), default=FIRST_SEED, metavar="SEED", help="first seed")
+@click.option("--views", type=click.IntRange(3, 20), default=8, metavar="N", help="views at most")
 @click.option(
     "--advised", is_flag=True, help="people go where the scan advises them to, until it is complete"
 )

@@ -40,7 +40,6 @@ UNSEEN_SEED = 2000
     "--trials",
     type=click.IntRange(1, 100_000),
     default=25,
-    show_default=True,
     metavar="N",
     help="trials of each condition and method; differences between methods need 20",
 )
@@ -48,7 +47,6 @@ UNSEEN_SEED = 2000
     "--seed",
     type=click.IntRange(min=0),
     default=UNSEEN_SEED,
-    show_default=True,
     metavar="SEED",
     help="seed of the first trial, incremented for each; parameters were chosen with seeds below "
     f"{UNSEEN_SEED} only",

@@ -35,40 +35,16 @@ NOTES = (
 
 @click.command("things")
 @click.option(
-    "--trials",
-    type=click.IntRange(1, 100_000),
-    default=400,
-    show_default=True,
-    metavar="N",
-    help="reaches of each row",
+    "--trials", type=click.IntRange(1, 100_000), default=400, metavar="N", help="reaches of each row"
 )
 @click.option(
-    "--people",
-    type=click.IntRange(0, 1000),
-    default=20,
-    show_default=True,
-    metavar="N",
-    help="people who point elsewhere",
+    "--people", type=click.IntRange(0, 1000), default=20, metavar="N", help="people who point elsewhere"
 )
 @click.option(
-    "--minutes",
-    type=click.FloatRange(0.1, 600),
-    default=10.0,
-    show_default=True,
-    metavar="T",
-    help="for so long each",
+    "--minutes", type=click.FloatRange(0.1, 600), default=10.0, metavar="T", help="for so long each"
 )
-@click.option(
-    "--seed",
-    type=click.IntRange(min=0),
-    default=FIRST_SEED,
-    show_default=True,
-    metavar="SEED",
-    help="first seed",
-)
-@click.option(
-    "--method", default="estimate", show_default=True, metavar="NAME", help="method of the selector"
-)
+@click.option("--seed", type=click.IntRange(min=0), default=FIRST_SEED, metavar="SEED", help="first seed")
+@click.option("--method", default="estimate", metavar="NAME", help="method of the selector")
 @JOBS
 @JSON
 def things(

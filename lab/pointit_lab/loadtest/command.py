@@ -54,31 +54,19 @@ class Counts(click.ParamType[tuple[int, ...]]):
     "--users",
     type=Counts(MAX_USERS),
     default="10",
-    show_default=True,
     metavar="N[,N]",
     help="number of people; several are measured in turn",
 )
 @click.option(
-    "--rate",
-    "rate_hz",
-    type=Finite(min=1, max=1000),
-    default=100.0,
-    show_default=True,
-    help="samples per second of each person",
+    "--rate", "rate_hz", type=Finite(min=1, max=1000), default=100.0, help="samples per second of each person"
 )
 @click.option(
-    "--duration",
-    "duration_s",
-    type=Finite(min=0.5, max=86_400),
-    default=10.0,
-    show_default=True,
-    help="measuring time, s",
+    "--duration", "duration_s", type=Finite(min=0.5, max=86_400), default=10.0, help="measuring time, s"
 )
 @click.option(
     "--layout",
     type=click.Choice(["one", "users", "services"]),
     default="one",
-    show_default=True,
     help="all in one process; people's services sharded over processes; one process per service",
 )
 @click.option(

@@ -155,7 +155,7 @@ def front() -> click.Group:
         entries=COMMANDS,
         callback=print_help_without_action,
         invoke_without_command=True,
-        context_settings={"help_option_names": ["-h", "--help", "--help-all"]},
+        context_settings={"help_option_names": ["-h", "--help", "--help-all"], "show_default": True},
         help=(
             "Point at things and the things react.\n\n"
             "Start with `pointit run`, which `pointit` alone is: it needs no hardware or configuration. "

@@ -29,11 +29,21 @@ UNITS_S = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 
 
 @click.command("audit")
-@click.option("--site", default=DEFAULT_SITE, show_default=True, help="name of the site")
-@click.option("--user", default="", metavar="NAME", help="only events by this person or on their objects")
-@click.option("--object", "object_id", default="", metavar="ID", help="one object only")
+@click.option("--site", default=DEFAULT_SITE, help="name of the site")
 @click.option(
-    "--since", default="", metavar="WHEN", help="such as 30min, 2h, 7d, 2026-03-01 or 2026-03-01T14:30"
+    "--user",
+    default="",
+    show_default=False,
+    metavar="NAME",
+    help="only events by this person or on their objects",
+)
+@click.option("--object", "object_id", default="", show_default=False, metavar="ID", help="one object only")
+@click.option(
+    "--since",
+    default="",
+    show_default=False,
+    metavar="WHEN",
+    help="such as 30min, 2h, 7d, 2026-03-01 or 2026-03-01T14:30",
 )
 @click.option("--last", type=click.IntRange(1, MOST), metavar="N", help="the last N events only")
 @click.option("--assistants", is_flag=True, help="instead, what assistants asked and did by `pointit mcp`")

@@ -39,7 +39,6 @@ BOUNDS = (("ge", "from"), ("gt", "above"), ("le", "to"), ("lt", "below"))
     "timeout_s",
     type=Finite(min=0.1, max=600),
     default=REQUEST_TIMEOUT_S,
-    show_default=True,
     help="time to wait for the reply, s",
 )
 @json_option

@@ -38,10 +38,11 @@ STYLES = {"error": "red", "warning": "yellow", "note": "dim"}
     "timeout_s",
     type=Finite(min=0),
     default=site_link.PATIENCE_S,
-    show_default=True,
     help="time to look for the site, s",
 )
-@click.option("--only", default="", metavar="NAME", help="look at this service or person only")
+@click.option(
+    "--only", default="", show_default=False, metavar="NAME", help="look at this service or person only"
+)
 @click.option(
     "--site-folder",
     "folder",

@@ -28,12 +28,7 @@ def window_options(default_s: float, note: str = "") -> Decorator:
     def add(function: Callable[..., Any]) -> Callable[..., Any]:
         watch = click.option("--watch", is_flag=True, help="repeat until Ctrl-C, once a window")
         window = click.option(
-            "--window",
-            "window_s",
-            type=Finite(min=0.1),
-            default=default_s,
-            show_default=True,
-            help=f"measuring time, s{note}",
+            "--window", "window_s", type=Finite(min=0.1), default=default_s, help=f"measuring time, s{note}"
         )
         return window(watch(function))
 

@@ -28,7 +28,6 @@ LISTEN_S = 2.2
     metavar="HOST:PORT",
     callback=host_port,
     default="127.0.0.1:9464",
-    show_default=True,
     help="loopback address to serve at; port 0: any free one",
 )
 @click.option("--once", is_flag=True, help="print the metrics instead, after two seconds")

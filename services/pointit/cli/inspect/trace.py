@@ -48,13 +48,7 @@ MAX_WAITING = 65536
     "trace", params=site_options(), cls=PanelCommand, usual=("count", "watch", "as_json", "connect")
 )
 @click.argument("user")
-@click.option(
-    "--count",
-    type=click.IntRange(1, 100_000),
-    default=250,
-    show_default=True,
-    help="number of samples to measure",
-)
+@click.option("--count", type=click.IntRange(1, 100_000), default=250, help="number of samples to measure")
 @click.option("--watch", is_flag=True, help="repeat until Ctrl-C, every --count samples")
 @json_option
 def command(user: str, *, count: int, watch: bool, as_json: bool, **at: Unpack[AtSite]) -> int:

@@ -37,7 +37,6 @@ CELL = click.option(
     "cell_m",
     type=Finite(0.001, 10),
     default=0.05,
-    show_default=True,
     metavar="M",
     help="size of a cell of a ledmap, m",
 )
@@ -47,12 +46,7 @@ CELL = click.option(
 @click.argument("source", metavar="FILE", type=click.Path(path_type=Path, dir_okay=False))
 @click.option("--as", "kind", type=click.Choice(FORMATS), required=True, help="format of FILE")
 @click.option(
-    "--per-metre",
-    type=Finite(1, 1000),
-    default=60.0,
-    show_default=True,
-    metavar="N",
-    help="pixels a metre of segments",
+    "--per-metre", type=Finite(1, 1000), default=60.0, metavar="N", help="pixels a metre of segments"
 )
 @click.option(
     "--preset", type=click.IntRange(min=0), metavar="N", help="number of the preset in WLED's presets.json"
@@ -133,11 +127,7 @@ def _strips_of_segments(text: str, preset: int | None, pitch_m: float) -> dict[s
 @click.argument("name_or_path", metavar="MAP", shell_complete=maps)
 @click.option("--as", "kind", type=click.Choice(FORMATS), required=True, help="format to write")
 @click.option(
-    "--view",
-    type=click.Choice(list(exchange.VIEWS)),
-    default="front",
-    show_default=True,
-    help="from where a ledmap is seen",
+    "--view", type=click.Choice(list(exchange.VIEWS)), default="front", help="from where a ledmap is seen"
 )
 @CELL
 @OUTPUT

@@ -85,7 +85,6 @@ def _options() -> list[click.Parameter]:
     "timeout_s",
     type=Finite(min=0.1, max=600),
     default=ANSWER_S,
-    show_default=True,
     help="timeout to find the node, on DDS, and for its reply, s",
 )
 def command(

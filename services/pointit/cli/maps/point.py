@@ -56,7 +56,6 @@ Work = Callable[["PointingSession"], Awaitable[tuple[str, int]]]
     "kind",
     type=click.Choice(list(CORNERS)),
     default="lamp",
-    show_default=True,
     help="what the names are; of boxes, screens and tables the corners are pointed at",
 )
 @click.option(

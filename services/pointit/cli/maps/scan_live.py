@@ -126,19 +126,21 @@ def live_options(function: F) -> F:
     for add in (
         click.argument("run_options", nargs=-1, type=click.UNPROCESSED),
         click.option("--simulated", is_flag=True, help="a simulated camera in a simulated room"),
-        click.option("--leds", default="", metavar="OUTPUT", help="output, as for `pointit run`"),
+        click.option(
+            "--leds", default="", show_default=False, metavar="OUTPUT", help="output, as for `pointit run`"
+        ),
         click.option(
             "--leds-per-m",
             "per_m",
             type=Finite(2, 1000),
             default=60.0,
-            show_default=True,
             help="of the strips; the page asks for each",
         ),
         click.option(
             "--map",
             "map_name",
             default="",
+            show_default=False,
             metavar="MAP",
             help="map with the strips, anywhere; with --simulated, the room",
         ),

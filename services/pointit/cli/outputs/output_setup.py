@@ -49,7 +49,13 @@ def setup_options(function: F) -> F:
             help="YAML file that maps services to parameters, as for `pointit run`",
         ),
         click.option(
-            "--output", "--leds", "output", default="", metavar="OUTPUT", help="output, as for `pointit run`"
+            "--output",
+            "--leds",
+            "output",
+            default="",
+            show_default=False,
+            metavar="OUTPUT",
+            help="output, as for `pointit run`",
         ),
         click.argument("scenario", default=USUAL, shell_complete=scenarios),
     ):

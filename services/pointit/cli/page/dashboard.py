@@ -46,7 +46,10 @@ from pointit.schemas.topics import SERVICE_ALIVE
 )
 @port_option("--port")
 @click.option(
-    "--host", default="", help="address to listen on  [default: localhost only; with --lan, all addresses]"
+    "--host",
+    default="",
+    show_default=False,
+    help="address to listen on  [default: localhost only; with --lan, all addresses]",
 )
 @click.option("--lan", is_flag=True, help="also open the page to the local network, by HTTPS")
 @browser_option

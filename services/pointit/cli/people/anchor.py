@@ -28,7 +28,6 @@ def timeout_option(default_s: float = 30.0) -> click.Option:
         ["--timeout", "timeout_s"],
         type=Finite(min=1, max=600),
         default=default_s,
-        show_default=True,
         help="timeout of one pointing, s",
     )
 

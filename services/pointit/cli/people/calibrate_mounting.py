@@ -57,20 +57,10 @@ class GuidanceOptions:
 )
 @click.argument("user")
 @click.option(
-    "--seconds",
-    "rest_s",
-    type=Finite(min=0.3, max=30),
-    default=2.0,
-    show_default=True,
-    help="rest of the arm in each pose, s",
+    "--seconds", "rest_s", type=Finite(min=0.3, max=30), default=2.0, help="rest of the arm in each pose, s"
 )
 @click.option(
-    "--timeout",
-    "timeout_s",
-    type=Finite(min=1, max=600),
-    default=30.0,
-    show_default=True,
-    help="timeout for each rest, s",
+    "--timeout", "timeout_s", type=Finite(min=1, max=600), default=30.0, help="timeout for each rest, s"
 )
 @click.option("--yes", is_flag=True, help="use the result without confirmation")
 @click.option(

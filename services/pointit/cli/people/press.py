@@ -19,7 +19,6 @@ from pointit.schemas.topics import BUTTON, check_name
     "--gesture",
     type=click.Choice(["press", "double", "hold"]),
     default="press",
-    show_default=True,
     help="press: start or stop; double: point at one lamp to correct the pose; hold: localize again",
 )
 @json_option

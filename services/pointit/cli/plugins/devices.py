@@ -21,9 +21,7 @@ SECTIONS = {
 
 
 @click.command("devices")
-@click.option(
-    "--seconds", type=Finite(min=0.1, max=60), default=3.0, show_default=True, help="time for the search, s"
-)
+@click.option("--seconds", type=Finite(min=0.1, max=60), default=3.0, help="time for the search, s")
 @json_option
 def command(*, seconds: float, as_json: bool) -> None:
     """Find wrists, outputs and robots within reach: on serial ports, by Bluetooth, in the network.

@@ -23,13 +23,8 @@ SITE = "imported"
     help="the recording to write, such as session.mcap",
 )
 @click.option("--overwrite", is_flag=True, help="replace FILE if it exists")
-@click.option("--user", default="user1", show_default=True, help="of a CSV file: the person's name")
-@click.option(
-    "--mounting",
-    default="minus_x",
-    show_default=True,
-    help="of a CSV file: the sensor on the arm, as in a Myo",
-)
+@click.option("--user", default="user1", help="of a CSV file: the person's name")
+@click.option("--mounting", default="minus_x", help="of a CSV file: the sensor on the arm, as in a Myo")
 @click.option(
     "--map",
     "room",

@@ -46,7 +46,6 @@ MAX_FIELDS = 3
     "level",
     type=click.Choice(list(SERVICES)),
     default="edge",
-    show_default=True,
     help="what is taken from the recording: what devices wrote, or also rays and poses, or also cursors",
 )
 @click.option(
@@ -66,7 +65,6 @@ MAX_FIELDS = 3
     "outputs",
     type=click.Choice(["none", "recorded"]),
     default="none",
-    show_default=True,
     help="with --live: outputs that are driven, those at the recorded addresses or none",
 )
 @json_option

@@ -117,7 +117,9 @@ async def _list(*, as_json: bool, **at: Unpack[AtSite]) -> int:
 @click.command("stop", params=site_options())
 @click.argument("names", nargs=-1, metavar="[NAME]...")
 @click.option("--all", "everything", is_flag=True, help="stop all robots of the site")
-@click.option("--reason", default="", metavar="TEXT", help="why, for who steers it, in a few words")
+@click.option(
+    "--reason", default="", show_default=False, metavar="TEXT", help="why, for who steers it, in a few words"
+)
 @json_option
 def stop(
     names: tuple[str, ...], *, everything: bool, reason: str, as_json: bool, **at: Unpack[AtSite]

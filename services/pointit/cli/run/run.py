@@ -57,13 +57,13 @@ def _explain(context: click.Context, _parameter: click.Parameter, wanted: bool) 
 @click.option(
     "--users",
     default=1,
-    show_default=True,
     type=click.IntRange(0, 64),
     help="number of people; with 0, add them later with `pointit person add`",
 )
 @click.option(
     "--method",
     default="",
+    show_default=False,
     metavar="METHOD",
     help="selection method. hold: on the object at every timestep of a window; fraction: at "
     "most of them; gauge: a gauge fills during steady pointing, and drains otherwise; "
@@ -74,6 +74,7 @@ def _explain(context: click.Context, _parameter: click.Parameter, wanted: bool) 
     "--leds",  # of version 0.1
     "output",
     default="",
+    show_default=False,
     metavar="OUTPUT",
     help="controller of lights: ddp:HOST (WLED), expander:PORT; `pointit plugin list` lists others",
 )
@@ -84,9 +85,7 @@ def _explain(context: click.Context, _parameter: click.Parameter, wanted: bool) 
     "`--set ros2.backend.distro=kilted`, domain and more: `pointit service run ros2 --help`",
 )
 @click.option("--site-only", is_flag=True, help="only shared services; add people with `pointit person add`")
-@click.option(
-    "--speed", default=1.0, show_default=True, type=Finite(0.1, 20), help="factor of simulated time"
-)
+@click.option("--speed", default=1.0, type=Finite(0.1, 20), help="factor of simulated time")
 @run_options.part_options
 @click.option("--summary", type=click.Path(path_type=Path), help="write the summary to this file, as JSON")
 @click.option("--json", "as_json", is_flag=True, help="print the summary as JSON")

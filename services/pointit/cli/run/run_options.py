@@ -72,7 +72,6 @@ def shared_options(function: Any) -> Any:
             click.option(
                 "--seed",
                 default=0,
-                show_default=True,
                 type=click.IntRange(min=0),
                 help="seed of all random number generators: people, packages, simulated devices",
             ),

@@ -40,7 +40,6 @@ BESIDE = ("ca.pem", "cert.pem", "key.pem", "users.txt")
     "--listen",
     multiple=True,
     default=(DEFAULT_ENDPOINT,),
-    show_default=True,
     help="address to listen on; tcp/0.0.0.0:7447 admits any other machine",
 )
 @click.option(
@@ -67,7 +66,6 @@ BESIDE = ("ca.pem", "cert.pem", "key.pem", "users.txt")
     "--most-connections",
     type=click.IntRange(1, 1000),
     default=MAX_CONNECTIONS,
-    show_default=True,
     help="maximum of simultaneous connections of one identity; the newest beyond it are closed",
 )
 def command(

@@ -39,6 +39,7 @@ folder_option = click.option(
     "--site-folder",  # name in `router` and `doctor`
     type=click.Path(path_type=Path),
     default=Path(),
+    show_default=False,
     help="the site's folder  [default: this one; for init, ./NAME]",
 )
 
@@ -46,33 +47,27 @@ folder_option = click.option(
 @click.command("init", cls=PanelCommand, usual=("users", "guests", "hosts", "port", "password", "folder"))
 @click.argument("name")
 @folder_option
-@click.option("--users", default="", help="names of people, anna,ben, or their number: user1, user2, …")
+@click.option(
+    "--users",
+    default="",
+    show_default=False,
+    help="names of people, anna,ben, or their number: user1, user2, …",
+)
 @click.option(
     "--guests",
     default=4,
-    show_default=True,
     type=click.IntRange(0, MOST),
     help="number of spare identities guest1, guest2, … for later use",
 )
-@click.option(
-    "--dashboards",
-    default=1,
-    show_default=True,
-    type=click.IntRange(0, MOST),
-    help="number of view-only identities",
-)
+@click.option("--dashboards", default=1, type=click.IntRange(0, MOST), help="number of view-only identities")
 @click.option(
     "--host",
     "hosts",
     multiple=True,
     help="name or address of the router, may be repeated  [default: 127.0.0.1]",
 )
-@click.option(
-    "--port", default=DEFAULT_PORT, show_default=True, type=click.IntRange(1, 65535), help="the router's port"
-)
-@click.option(
-    "--days", default=DEFAULT_DAYS, show_default=True, type=Finite(1, 3653), help="lifetime of certificates"
-)
+@click.option("--port", default=DEFAULT_PORT, type=click.IntRange(1, 65535), help="the router's port")
+@click.option("--days", default=DEFAULT_DAYS, type=Finite(1, 3653), help="lifetime of certificates")
 @click.option(
     "--password",
     is_flag=True,
@@ -82,7 +77,6 @@ folder_option = click.option(
 @click.option(
     "--dashboard-rate",
     default=DASHBOARD_HZ,
-    show_default=True,
     type=Finite(0, 1000),
     help="rate limit of each key for dashboards, Hz; 0: none. With a limit they connect by UDP (QUIC)",
 )

@@ -31,14 +31,10 @@ from pointit.study.simulated import simulate
     help="mean of B minus mean of A, in the unit of the measure, or as a share of A, such as -10%"
     "  [default: that of the pilot]",
 )
-@click.option("--measure", default="selection_s", show_default=True, help="column of trials.csv")
-@click.option(
-    "--most", default=100, show_default=True, type=click.IntRange(4, 1000), help="most participants"
-)
-@click.option(
-    "--runs", default=2000, show_default=True, type=click.IntRange(100, 100_000), help="studies of each size"
-)
-@click.option("--seed", default=0, show_default=True, type=click.IntRange(0), help="of the draws")
+@click.option("--measure", default="selection_s", help="column of trials.csv")
+@click.option("--most", default=100, type=click.IntRange(4, 1000), help="most participants")
+@click.option("--runs", default=2000, type=click.IntRange(100, 100_000), help="studies of each size")
+@click.option("--seed", default=0, type=click.IntRange(0), help="of the draws")
 @json_option
 def command(
     *,

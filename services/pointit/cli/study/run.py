@@ -32,12 +32,32 @@ PATH = click.Path(path_type=Path)
 @click.command("run")
 @click.argument("file", metavar="FILE", type=PATH)
 @click.option("--to", type=PATH, metavar="DIR", help="folder of the data; by default NAME-data")
-@click.option("--participant", default="", metavar="NAME", help="who takes part; by default the next one")
+@click.option(
+    "--participant",
+    default="",
+    show_default=False,
+    metavar="NAME",
+    help="who takes part; by default the next one",
+)
 @click.option("--simulated", type=click.IntRange(min=1), metavar="N", help="first N participants, simulated")
-@click.option("--imu", default="", metavar="SOURCE", help="the participant's wrist, as for `pointit run`")
-@click.option("--output", default="", metavar="OUTPUT", help="output of light, as for `pointit run`")
+@click.option(
+    "--imu",
+    default="",
+    show_default=False,
+    metavar="SOURCE",
+    help="the participant's wrist, as for `pointit run`",
+)
+@click.option(
+    "--output", default="", show_default=False, metavar="OUTPUT", help="output of light, as for `pointit run`"
+)
 @click.option("--localize", is_flag=True, help="the participant points at lamps first, to be located")
-@click.option("--listen", default="", metavar="ADDRESS", help="address for dashboards: tcp/127.0.0.1:7447")
+@click.option(
+    "--listen",
+    default="",
+    show_default=False,
+    metavar="ADDRESS",
+    help="address for dashboards: tcp/127.0.0.1:7447",
+)
 @click.option("--record/--no-record", default=None, help="write session.mcap; by default of people only")
 @click.option("--lsl", is_flag=True, help="streams in the Lab Streaming Layer, open to the local network")
 @click.option("--page", "in_page", is_flag=True, help="show it in two browser pages, not in the terminal")

@@ -38,9 +38,7 @@ END_PATIENCE_S = 15.0
 @click.argument("user")
 @click.option("--text", metavar="FILE", help="lines `TIME WORD`, or of words alone; - is standard input")
 @click.option("--audio", metavar="FILE", help="a WAV file, - for raw samples of 16 kHz, or `microphone`")
-@click.option(
-    "--recogniser", default="pocketsphinx", show_default=True, metavar="NAME", help="of --audio; a plug-in"
-)
+@click.option("--recogniser", default="pocketsphinx", metavar="NAME", help="of --audio; a plug-in")
 @click.option(
     "--verb",
     "verbs",

@@ -20,6 +20,7 @@ def mqtt_options(function: Any) -> Any:
     broker = click.option(
         "--mqtt",
         default="",
+        show_default=False,
         metavar="BROKER",
         help="announce things to Home Assistant at this MQTT broker, HOST or mqtts://USER@HOST "
         "(password: variable MQTT_PASSWORD), and publish when they are pointed at",
@@ -27,6 +28,7 @@ def mqtt_options(function: Any) -> Any:
     authority = click.option(
         "--mqtt-ca-file",
         default="",
+        show_default=False,
         metavar="FILE",
         help="certificate of your own authority, for --mqtt mqtts://…  [default: variable MQTT_CA_FILE]",
     )

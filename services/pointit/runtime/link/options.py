@@ -25,12 +25,11 @@ def link_options() -> list[click.Parameter]:
             callback=_take_credentials,
             help=f"folder that `pointit site` has made, for a secured site; or {VARIABLE}",
         ),
-        _OfCredentials(["--site"], default=DEFAULT_SITE, show_default=True, help="name of the site"),
+        _OfCredentials(["--site"], default=DEFAULT_SITE, help="name of the site"),
         _OfCredentials(
             ["--connect"],
             multiple=True,
             default=(DEFAULT_ENDPOINT,),
-            show_default=True,
             help="address of a `pointit run` or `pointit router`",
         ),
         click.Option(["--listen"], multiple=True, help="listen here instead of connecting"),

@@ -151,7 +151,6 @@ def _command(
             ["--clock"],
             type=click.Choice(["site", "wall"]),
             default="site",
-            show_default=True,
             help="the simulated time that the site publishes (wall time while there is none), or wall time",
         ),
         log_option(),
@@ -230,7 +229,6 @@ def log_option() -> click.Option:
         ["--log-level"],
         type=click.Choice(["debug", "info", "warning", "error"]),
         default="info",
-        show_default=True,
         help="what to log",
     )
 

@@ -189,7 +189,8 @@ class RawSession:
     def token(self, key: str) -> Closable:
         """Declare the token `key` until closed, or until this process dies."""
         self._check_open()
-        return Declaration(self._session.liveliness().declare_token(key).undeclare)
+        token: Any = self._session.liveliness().declare_token(key)
+        return Declaration(token.undeclare)
 
     def watch_tokens(self, pattern: str, handler: Callable[[Mapping[str, bool]], None]) -> Closable:
         """Call `handler` with added (True) and removed (False) tokens of `pattern`, now and on changes."""

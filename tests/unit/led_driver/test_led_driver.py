@@ -91,6 +91,32 @@ async def test_objects_move_on_between_messages_and_show_their_state() -> None:
         assert (shown[5], shown[8]) == ((255, 255, 255), (9, 9, 9))  # one pixel at each end has to do
 
 
+async def test_an_object_of_a_slow_tracker_moves_on_without_any_message() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        frames = await started(bench)
+        bench.put(at.OBJECTS, package(clock, speed_mps=1.0), "conveyor")
+        assert set(pixels(await next_frame(frames), "a")) == {3, 4, 5, 6}
+        for _ in range(4):
+            clock.advance(0.05)
+            await asyncio.sleep(0.05)
+        assert set(pixels(frames[-1], "a")) == {5, 6, 7, 8}
+
+
+async def test_a_person_who_points_at_no_object_still_causes_no_frame() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench:
+        frames = await started(bench)
+        for object_id in ("p1", ""):
+            bench.put(at.HOVER, Hover(stamp_ns=1, object_id=object_id), "anna")
+            await next_frame(frames)
+        count = len(frames)
+        for _ in range(10):
+            bench.put(at.HOVER, Hover(stamp_ns=1), "anna")
+            await asyncio.sleep(0.02)
+        assert len(frames) == count
+
+
 async def test_trackers_do_not_take_each_others_objects_away() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:

@@ -169,8 +169,8 @@ class LedDriver(Service[LedDriverConfig]):
 
     def _on_hover(self, hover: Hover, user: str) -> None:
         now_ns = self.clock.now_ns()
-        self._lights.content.set_hover(user, hover, now_ns)
-        self._wish()
+        if self._lights.content.set_hover(user, hover, now_ns):
+            self._wish()
         if self._lights.things.lamps:
             change = self._lights.things.on_hover(user, hover, now_ns)
             if change == "lamps":

@@ -29,6 +29,8 @@ from pointit.services.led_driver.picture.render import CursorMark, Segments, tai
 T = TypeVar("T")
 BLINK_NS = NS_PER_S // 2
 """Time for which the pixel nearest to a ray that points past everything is lit, then dark: 1 Hz."""
+MOTION_PERIOD_NS = NS_PER_S // 25
+"""Time after which moving objects are drawn again without a new message, ns: some trackers send 5 a second."""
 NOWHERE = Cursor(stamp_ns=0)
 
 
@@ -40,6 +42,8 @@ class _Placed:
     at_m: Array
     half_m: Array
     speed_mps: Array
+    moves: bool
+    """True if an object moves."""
     forth: NDArray[np.bool_]
     tail_m: tuple[Array, Array] | None
     stamp_ns: NDArray[np.int64]
@@ -66,6 +70,8 @@ class StripContent:
         self._new_ns: int | None = None
         self._blink_ns: int | None = None
         """Time of the next change of a blinking pixel, ns."""
+        self._motion_ns: int | None = None
+        """Time at which moving objects are drawn again, ns. None if no object moves."""
         self._placed: _Placed | None = None
         self._looks: Appearance | None = None
 
@@ -102,12 +108,14 @@ class StripContent:
         """People whose cursor had not expired at the last call of `forget`."""
         return frozenset(self._cursors)
 
-    def set_hover(self, user: str, hover: Hover, now_ns: int) -> None:
-        """Set `user`'s hovered object."""
+    def set_hover(self, user: str, hover: Hover, now_ns: int) -> bool:
+        """Set `user`'s hovered object. Return False if they hover nothing, as before: no pixel changes."""
         before = self._hovers.get(user)
-        if hover.object_id or (before is not None and before[1].object_id):
-            self._looks = None  # most people hover nothing, as before
         self._hovers[user] = (now_ns, hover)
+        if not hover.object_id and (before is None or not before[1].object_id):
+            return False
+        self._looks = None
+        return True
 
     def set_objects(self, tracker: str, objects: TrackedObjects, now_ns: int) -> None:
         """Set all objects of `tracker`."""
@@ -140,11 +148,10 @@ class StripContent:
             self._placed = self._looks = None
 
     def next_change_ns(self) -> int | None:
-        """Return the time of the next expiry without new messages, or of the next blink."""
+        """Return the time of the next expiry without new messages, blink or step of a moving object."""
         ends = [at + self._cursor_timeout_ns for at, _ in (*self._cursors.values(), *self._hovers.values())]
         ends += [at + self._objects_timeout_ns for at, _ in self._objects.values()]
-        if self._blink_ns is not None:
-            ends.append(self._blink_ns)
+        ends += [at for at in (self._blink_ns, self._motion_ns) if at is not None]
         return min(ends, default=None)
 
     def pop_newest_capture_ns(self) -> int | None:
@@ -225,6 +232,7 @@ class StripContent:
                 placed.kinds, placed.ids, hovers, self._selection, self._profiles
             )
         looks = self._looks
+        self._motion_ns = now_ns + MOTION_PERIOD_NS if placed.moves else None
         # never beyond the timeout, and a clock ahead of ours must not move them backwards
         elapsed_ns = np.maximum(np.minimum(now_ns - placed.stamp_ns, self._objects_timeout_ns), 0)
         return Segments(
@@ -256,6 +264,7 @@ class StripContent:
             at_m=np.array([item.surface_position_m for _, item, _ in rows]),
             half_m=half_m,
             speed_mps=speed_mps,
+            moves=bool(speed_mps.any()),
             forth=speed_mps >= 0.0,
             tail_m=tails(self._layout, lines, half_m, speed_mps, self._style),
             stamp_ns=np.array([stamp_ns for _, _, stamp_ns in rows], dtype=np.int64),

@@ -109,7 +109,7 @@ CURSOR = Topic(
 )
 HOVER = Topic(
     key="users/{user}/hover", message=pointing.Hover, delivery=_LATEST, rate_hz=50, writers=("selector",),
-    about="object under the cursor",
+    about="object under the cursor; while there is none, 5 a second",
 )
 CLAIM = Topic(
     key="users/{user}/claim", message=selection.Claim, delivery=_EVENT, rate_hz=None,

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.schemas import TrackedObjects
+from pointit.schemas import Hover, TrackedObjects
 from tests.unit.selector.room import Room, at, package
 
 
@@ -21,6 +21,20 @@ def test_the_first_who_points_steadily_reserves_the_object() -> None:
     assert not room.selections[-1].reserved
     room.stay(3.0, 50.0, anna=5.0, ben=5.0)
     assert len(room.events) == 2  # told once
+
+
+def test_who_points_at_nothing_is_told_at_once_and_then_five_times_a_second() -> None:
+    room = Room(package("a", 5.0))
+    room.stay(0.3, 50.0, anna=5.0)
+    assert len(room.hovers["anna"]) == 15
+    room.stay(0.02, 50.0, anna=8.0)
+    assert room.hovers["anna"][15:] == [Hover(stamp_ns=room.now_ns, seq=16)]
+    room.stay(1.0, 50.0, anna=8.0)
+    assert [hover.seq for hover in room.hovers["anna"][16:]] == [17, 18, 19, 20, 21]
+    room.stay(0.02, 50.0, anna=5.0)
+    assert room.hovers["anna"][-1].object_id == "a"
+    room.stay(0.02, 50.0, anna=8.0)
+    assert not room.hovers["anna"][-1].object_id
 
 
 def test_who_waits_for_a_reserved_object_is_told_why() -> None:

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Literal
 
-from pointit.schemas import ButtonEvent, Claim, Cursor, Environment, Hover, TrackedObjects
+from pointit.schemas import NS_PER_S, ButtonEvent, Claim, Cursor, Environment, Hover, TrackedObjects
 from pointit.schemas.base import unchecked
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.methods.method import MakeMethod, is_by_angle
@@ -15,6 +15,9 @@ from pointit.services.selector.objects.view import View
 from pointit.services.selector.outputs import CHANGES, Action, Output
 from pointit.services.selector.ownership.ownership import Ownership
 from pointit.services.selector.selection_publisher import make_cue
+
+EMPTY_PERIOD_NS = NS_PER_S // 5
+"""Time between hovers without an object, ns. The first one after an object comes at once."""
 
 _empty_hover = unchecked(Hover)
 
@@ -64,6 +67,8 @@ class HoverEngine:
         self._people: dict[str, PersonPointer] = {}
         self._sent: Counter[str] = Counter()
         """Number of hovers by person."""
+        self._empty_ns: dict[str, int] = {}
+        """Stamp of the last hover of each person whose last hover had no object, ns."""
 
     def use(self, config: SelectorConfig) -> None:
         """Change the method or its times."""
@@ -103,7 +108,10 @@ class HoverEngine:
         return pointer.is_timely(stamp_ns)
 
     def on_cursor(self, user: str, cursor: Cursor) -> list[Output]:
-        """Process a timely cursor of `user`. Return their hover, claims, and cues without a number."""
+        """Process a timely cursor of `user`. Return their hover, claims, and cues without a number.
+
+        While they hover nothing, a hover is returned every `EMPTY_PERIOD_NS` only.
+        """
         pointer = self._people[user]
         now_ns = cursor.stamp_ns
         view = None if self._is_by_metres else self._scene.view_from(cursor)
@@ -130,7 +138,8 @@ class HoverEngine:
         standing: tuple[Action, str] = ("", "")
         if object_id is not None:
             standing = self._standing(user, pointer, object_id, pointed.progress, now_ns)
-        outputs = [Output(user, self._hover(user, cursor, view, pointed, standing))]
+        hover = self._hover(user, cursor, view, pointed, standing)
+        outputs = [] if hover is None else [Output(user, hover)]
         wanted = object_id if is_shown and standing[0] in CHANGES else None
         if wanted is not None and not self._is_reserved(user, wanted, now_ns):
             outputs.append(Output(user, Claim(stamp_ns=now_ns, object_id=wanted, wish="reserve")))
@@ -160,6 +169,7 @@ class HoverEngine:
     def forget(self, user: str) -> None:
         """Forget the pointing of `user`, for whom another selector points from now on."""
         self._people.pop(user, None)
+        self._empty_ns.pop(user, None)
 
     def renew(self) -> None:
         """Note that what people rest on may be selected already, since owners are known only now."""
@@ -213,15 +223,21 @@ class HoverEngine:
         view: View | None,
         pointed: PointerResult,
         standing: tuple[Action, str],
-    ) -> Hover:
+    ) -> Hover | None:
+        object_id, stamp_ns = pointed.object_id, cursor.stamp_ns
+        empty_ns = self._empty_ns.pop(user, None)
+        if object_id is None:
+            if empty_ns is not None and 0 <= stamp_ns - empty_ns < EMPTY_PERIOD_NS:
+                self._empty_ns[user] = empty_ns
+                return None
+            self._empty_ns[user] = stamp_ns
         self._sent[user] += 1
         seq = self._sent[user]
-        object_id = pointed.object_id
         if object_id is None:
-            return _empty_hover(stamp_ns=cursor.stamp_ns, seq=seq)
+            return _empty_hover(stamp_ns=stamp_ns, seq=seq)
         snapped = None if view is None else view.snapped(object_id, cursor, self._snap_rad)
         return Hover(
-            stamp_ns=cursor.stamp_ns,
+            stamp_ns=stamp_ns,
             seq=seq,
             object_id=object_id,
             progress=pointed.progress,

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from pointit.schemas import ButtonEvent, Claim, Cursor, Feedback, TrackedObjects
+from pointit.schemas import ButtonEvent, Claim, Cursor, Feedback, Hover, TrackedObjects
 from pointit.services.selector.arbiter import Arbiter
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.hover_engine import HoverEngine, PointingEngine
@@ -44,7 +44,7 @@ class SelectionEngine(PointingEngine, Arbiter):
             return []
         self.on_activity(user, now_ns)
         outputs = self._hovers.on_cursor(user, cursor)
-        if len(outputs) > 1:  # mostly there is a hover alone
+        if not all(isinstance(output.message, Hover) for output in outputs):
             outputs = self._decide(outputs)
         return outputs + self.news(now_ns) if self._is_news else outputs
 

@@ -98,7 +98,8 @@ class Selector(Service[SelectorConfig]):
         self._put(self._engine.on_objects(tracker, objects))
 
     def _on_cursor(self, cursor: Cursor, user: str) -> None:
-        self._put(self._engine.on_cursor(user, cursor))
+        if outputs := self._engine.on_cursor(user, cursor):
+            self._put(outputs)
 
     def _on_button(self, button: ButtonEvent, user: str) -> None:
         self._put(self._engine.on_button(user, button))

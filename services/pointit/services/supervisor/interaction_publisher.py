@@ -30,11 +30,11 @@ class InteractionPublisher:
         is_unsure: bool = False,
     ) -> list[Interaction]:
         """Return the state of the interaction, unless it equals the last one."""
-        news = (state, reason, next_step, ahead, is_unsure)
-        if news == self._shown:
+        update = (state, reason, next_step, ahead, is_unsure)
+        if update == self._shown:
             return []
         self._seq += 1
-        self._shown = news
+        self._shown = update
         return [
             Interaction(
                 stamp_ns=now_ns,

@@ -55,7 +55,7 @@ class LifeCycle:
         """Stamp of the newest pose, ns. None: no pose is known."""
         self._is_unsure = False
         """True if the yaw of the pose is so uncertain that an anchor is needed."""
-        self._heard_ns = 0
+        self._imu_ns = 0
         """Time of the wrist's last sample, or of the start of listening, ns."""
         self._over_ns = 0
         """Time at which the last attempt ended, ns. Anything that began earlier is over."""
@@ -104,7 +104,7 @@ class LifeCycle:
 
     def imu(self, sample: ImuSample, now_ns: int) -> list[Output]:
         """Record a sample of the wrist. A timely one may start pointing, or resume it."""
-        self._heard_ns = now_ns
+        self._imu_ns = now_ns
         if self._stage != "idle":
             return []
         is_timely = abs(now_ns - sample.stamp_ns) <= self._config.imu_timeout_s * NS_PER_S
@@ -117,16 +117,16 @@ class LifeCycle:
         self._is_unsure = pose.method != "external" and pose.covariance[8] > unsure_rad**2
         return [*self._show(now_ns)]
 
-    def localization(self, news: Localization, now_ns: int) -> list[Output]:
+    def localization(self, localization: Localization, now_ns: int) -> list[Output]:
         """Process the localizer's progress. Messages older than the current localization are ignored."""
         if self._attempt is not None:
-            event = self._attempt.classify(news, self._pose_ns)
+            event = self._attempt.classify(localization, self._pose_ns)
         else:
-            event = self._classify_unexpected(news, now_ns)
+            event = self._classify_unexpected(localization, now_ns)
         if event is None:
             return []
-        reason = news.reason if event in ("refused", "cancelled") else ""
-        return self._on(event, now_ns, reason=reason, news=news)
+        reason = localization.reason if event in ("refused", "cancelled") else ""
+        return self._on(event, now_ns, reason=reason, localization=localization)
 
     def on_start_accepted(self, run: int) -> list[Output]:
         """Process the reply to a `Start`. It is cancelled if the person rests again."""
@@ -166,21 +166,21 @@ class LifeCycle:
 
     @property
     def _silent_ns(self) -> int:
-        return self._heard_ns + round(self._config.imu_timeout_s * NS_PER_S)
+        return self._imu_ns + round(self._config.imu_timeout_s * NS_PER_S)
 
-    def _classify_unexpected(self, news: Localization, now_ns: int) -> Event | None:
-        """Return the event that `news` is without an attempt. Other clients' attempts count with a target."""
-        activity = self._before.resumable_activity(news) if self._stage == "idle" else ""
+    def _classify_unexpected(self, localization: Localization, now_ns: int) -> Event | None:
+        """Return the event that `localization` is without an attempt. Other clients' attempts count with a target."""
+        activity = self._before.resumable_activity(localization) if self._stage == "idle" else ""
         if activity == "pointing":
             self._readiness.on_interrupted(now_ns)
             return None
         if activity == "localizing":
             return "recovered"
-        began_ns = news.since_ns or news.stamp_ns
-        is_new = news.phase == "sampling" and began_ns >= self._over_ns and not self._pending_cancels
-        if not is_new or not news.target_id:
+        began_ns = localization.since_ns or localization.stamp_ns
+        is_new = localization.phase == "sampling" and began_ns >= self._over_ns and not self._pending_cancels
+        if not is_new or not localization.target_id:
             return None
-        return "anchor requested" if news.purpose == "anchor" else "pose requested"
+        return "anchor requested" if localization.purpose == "anchor" else "pose requested"
 
     def _holds(self, condition: Condition, now_ns: int) -> bool:
         is_known = self._pose_ns is not None
@@ -202,7 +202,7 @@ class LifeCycle:
                 return self._readiness.may_resume(now_ns) and is_known and not must_ask
 
     def _on(
-        self, event: Event, now_ns: int, *, reason: str = "", news: Localization | None = None
+        self, event: Event, now_ns: int, *, reason: str = "", localization: Localization | None = None
     ) -> list[Output]:
         """Make the transition of `event`, if there is one. `reason` replaces that of the table."""
         rows = (row for row in TABLE[self._stage] if event in row.events)
@@ -211,20 +211,20 @@ class LifeCycle:
             return []
         before = self._before_attempt
         self._reason = reason or row.reason or self._reason
-        self._enter(before if row.then == "before" else row.then, now_ns, news)
+        self._enter(before if row.then == "before" else row.then, now_ns, localization)
         requests = [request for effect in row.effects for request in self._apply(effect, before, now_ns)]
-        return [*requests, *self._tell(row.cue, now_ns, news)]
+        return [*requests, *self._tell(row.cue, now_ns, localization)]
 
     @property
     def _before_attempt(self) -> Literal["idle", "pointing"]:
         stage = self._stage if self._attempt is None else self._attempt.before
         return "pointing" if stage == "pointing" else "idle"
 
-    def _enter(self, then: Stage, now_ns: int, news: Localization | None) -> None:
+    def _enter(self, then: Stage, now_ns: int, localization: Localization | None) -> None:
         before = self._before_attempt
-        since_ns = now_ns if news is None else min(now_ns, news.stamp_ns)
+        since_ns = now_ns if localization is None else min(now_ns, localization.stamp_ns)
         if then not in ("idle", self._stage) and before == "idle":
-            self._heard_ns = now_ns  # the silence counts from here, as there was no listening before
+            self._imu_ns = now_ns  # the silence counts from here, as there was no listening before
         if then in ("idle", "pointing"):
             if self._attempt is not None:
                 self._over_ns = since_ns  # of the localizer, as the next attempt may have begun right then
@@ -255,7 +255,9 @@ class LifeCycle:
                     self._readiness.on_interrupted(now_ns)
         return []
 
-    def _tell(self, outcome: Cue | Literal[""], now_ns: int, news: Localization | None) -> list[Output]:
+    def _tell(
+        self, outcome: Cue | Literal[""], now_ns: int, localization: Localization | None
+    ) -> list[Output]:
         attempt, cue = self._attempt, self._publisher.cue
         if attempt is None:
             rest: Cue = "refused" if outcome == "refused" else "stopped"
@@ -263,7 +265,7 @@ class LifeCycle:
             text = self._pointing if last == "started" else self._reason
             first = [cue(now_ns, outcome, self._reason)] if outcome and outcome != last else []
             return [*first, *self._show(now_ns), cue(now_ns, last, text)]
-        is_target_due = news is not None and attempt.follow(news, now_ns)
+        is_target_due = localization is not None and attempt.follow(localization, now_ns)
         shown, target = self._show(now_ns), attempt.target_id
         named = outcome or ("target" if is_target_due else "")
         cues = [cue(now_ns, named, attempt.next_step, target, waits=not target)] if named else []

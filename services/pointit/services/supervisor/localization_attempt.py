@@ -43,17 +43,17 @@ class LocalizationAttempt:
         self.next_step = user_messages.WAIT
         self.ahead, self.target_id, self._aimed = (), "", None
 
-    def classify(self, news: Localization, pose_ns: int | None) -> Event | None:
-        """Return the event that `news` is for this attempt, or None.
+    def classify(self, localization: Localization, pose_ns: int | None) -> Event | None:
+        """Return the event that `localization` is for this attempt, or None.
 
         `pose_ns`: stamp of the newest pose. None: no pose is known.
         """
-        if news.stamp_ns < self.since_ns:
+        if localization.stamp_ns < self.since_ns:
             return None
         is_anchor = self.stage == "anchoring"
-        if (news.purpose == "anchor") != is_anchor:
+        if (localization.purpose == "anchor") != is_anchor:
             return "lost" if is_anchor and self.is_answered else None
-        match news.phase:
+        match localization.phase:
             case "sampling":
                 return "target"
             case "solved":
@@ -70,24 +70,24 @@ class LocalizationAttempt:
             case "idle":
                 return "lost"
 
-    def follow(self, news: Localization, now_ns: int) -> bool:
+    def follow(self, localization: Localization, now_ns: int) -> bool:
         """Update target and queue. Return True if a cue is due, once per target.
 
         A change of the robot's candidate while the person follows theirs is no new target.
         """
-        self.ahead = news.ahead
-        if news.ahead:
+        self.ahead = localization.ahead
+        if localization.ahead:
             self.counted_ns = now_ns
-            self.next_step = user_messages.queue(news.ahead)
+            self.next_step = user_messages.queue(localization.ahead)
             was_aimed, self._aimed, self.target_id = self._aimed is not None, None, ""
             return was_aimed
-        if not news.target_id:
+        if not localization.target_id:
             if not self.target_id:
                 self.next_step = user_messages.WAIT
             return False
-        if news.target_index > self._reached:  # the timeout is per lamp
-            self._reached, self.counted_ns = news.target_index, now_ns
-        aimed, self._aimed = self._aimed, (news.since_ns, news.target_index)
-        self.next_step = user_messages.aim(news)
-        self.target_id = news.target_id
+        if localization.target_index > self._reached:  # the timeout is per lamp
+            self._reached, self.counted_ns = localization.target_index, now_ns
+        aimed, self._aimed = self._aimed, (localization.since_ns, localization.target_index)
+        self.next_step = user_messages.aim(localization)
+        self.target_id = localization.target_id
         return aimed != self._aimed

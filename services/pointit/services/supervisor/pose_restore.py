@@ -33,22 +33,27 @@ class PoseRestorer:
 
     def pose(self, pose: UserPose) -> None:
         """Update the pose. The pose from a new localizer's configuration does not replace a measured one."""
-        kept = self._pose
+        stored_pose = self._pose
         is_configured = pose.method == "fixed" and not any(pose.covariance)
-        if self._new_ns is not None and is_configured and kept is not None and any(kept.covariance):
+        if (
+            self._new_ns is not None
+            and is_configured
+            and stored_pose is not None
+            and any(stored_pose.covariance)
+        ):
             return
         self._pose = pose
         self._new_ns = None
         self._is_away = False
 
-    def localization(self, news: Localization, now_ns: int) -> None:
+    def localization(self, localization: Localization, now_ns: int) -> None:
         """Process the localizer's progress."""
-        self._is_sampling = news.phase == "sampling"
+        self._is_sampling = localization.phase == "sampling"
         pose = self._pose
-        if pose is None or news.phase != "idle":
+        if pose is None or localization.phase != "idle":
             return
         was_set_back = pose.stamp_ns > now_ns + MAX_AHEAD_NS  # the clock, so that stamps do not compare
-        if news.stamp_ns > pose.stamp_ns or was_set_back:
+        if localization.stamp_ns > pose.stamp_ns or was_set_back:
             self._renew(now_ns)
 
     def localizer(self, now_ns: int, *, is_present: bool) -> None:

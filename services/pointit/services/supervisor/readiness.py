@@ -64,14 +64,14 @@ class InteractionResume:
         """Discard it, as the person has done something else."""
         self._before = None
 
-    def resumable_activity(self, news: Localization) -> Literal["", "localizing", "pointing"]:
-        """Return the activity to resume after the localizer's message `news`, or `""`. Works once."""
+    def resumable_activity(self, localization: Localization) -> Literal["", "localizing", "pointing"]:
+        """Return the activity to resume after the localizer's message `localization`, or `""`. Works once."""
         before, self._before = self._before, None
         if before is None or before.state == "idle":
             return ""
         if before.state == "pointing":
-            return "pointing" if news.stamp_ns <= before.stamp_ns else ""
-        is_same = news.purpose == "pose" and 0 < news.since_ns <= before.stamp_ns + GRACE_NS
-        if not is_same or news.phase not in {"sampling", "solved"}:
+            return "pointing" if localization.stamp_ns <= before.stamp_ns else ""
+        is_same = localization.purpose == "pose" and 0 < localization.since_ns <= before.stamp_ns + GRACE_NS
+        if not is_same or localization.phase not in {"sampling", "solved"}:
             return ""
-        return "localizing" if news.phase == "sampling" else "pointing"
+        return "localizing" if localization.phase == "sampling" else "pointing"

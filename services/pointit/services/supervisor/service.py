@@ -49,7 +49,7 @@ class Supervisor(Service[SupervisorConfig]):
         self._restorer = PoseRestorer()
         self._requests: asyncio.Queue[Start | Cancel | SetPose] = asyncio.Queue()
         self._moved = asyncio.Event()
-        self._offsets = StateFile(PointingOffset, self.user, OFFSET_PURPOSE)
+        self._offset_file = StateFile(PointingOffset, self.user, OFFSET_PURPOSE)
         self._offset = self._read_offset()
         self._setting = asyncio.Lock()
         self._profile_seq = 0
@@ -83,18 +83,18 @@ class Supervisor(Service[SupervisorConfig]):
         self._restorer.pose(pose)
         self._do(self._cycle.pose(pose, self.clock.now_ns()))
 
-    def _on_localization(self, news: Localization, _user: str) -> None:
+    def _on_localization(self, localization: Localization, _user: str) -> None:
         now_ns = self.clock.now_ns()
-        self._restorer.localization(news, now_ns)
-        self._do(self._cycle.localization(news, now_ns))
+        self._restorer.localization(localization, now_ns)
+        self._do(self._cycle.localization(localization, now_ns))
         word = self._last
         if (
             word is not None
             and word.state == self._cycle.state == "pointing"
-            and news.stamp_ns > word.stamp_ns
+            and localization.stamp_ns > word.stamp_ns
         ):
             # a restarted localizer perhaps: a later supervisor must see that pointing continued after it
-            self._last = word.model_copy(update={"stamp_ns": news.stamp_ns})
+            self._last = word.model_copy(update={"stamp_ns": localization.stamp_ns})
             self._has_last.set()
 
     def _on_interaction(self, before: Interaction, _user: str) -> None:
@@ -220,9 +220,9 @@ class Supervisor(Service[SupervisorConfig]):
     async def _store_offset(self) -> str:
         try:
             if self._offset is None:
-                await asyncio.to_thread(self._offsets.erase)
+                await asyncio.to_thread(self._offset_file.erase)
             else:
-                await asyncio.to_thread(self._offsets.write, self._offset)
+                await asyncio.to_thread(self._offset_file.write, self._offset)
         except ConfigError as error:
             self.bus.warn("offset", f"the person's pointing offset is not stored: {error}")
             return str(error)
@@ -231,13 +231,13 @@ class Supervisor(Service[SupervisorConfig]):
 
     def _read_offset(self) -> PointingOffset | None:
         try:
-            kept = self._offsets.read()
+            offset = self._offset_file.read()
         except ConfigError as error:
             self.bus.warn("offset", f"the person's pointing offset is not used: {error}")
             return None
-        if kept is not None:
-            log.info("%s", offset_in_use(self.user, kept))
-        return kept
+        if offset is not None:
+            log.info("%s", offset_in_use(self.user, offset))
+        return offset
 
     def _put_profile(self) -> None:
         self._profile_seq += 1

@@ -50,13 +50,15 @@ def too_long(timeout_s: float) -> str:
     return f"Localizing got no further in {timeout_s:g} s; is the localizer running, and the target in sight?"
 
 
-def aim(news: Localization) -> str:
+def aim(localization: Localization) -> str:
     """Return the next step while localizing: the current target."""
-    if news.purpose == "anchor":
-        return f"Point at {news.target_id} with your arm straight and stay on it; no cursor is shown."
-    is_one_of = news.target_count > 1 and not news.candidates  # otherwise it is the number of robots
-    which = f" ({news.target_index + 1} of {news.target_count})" if is_one_of else ""
-    return f"Point at {news.target_id} and stay on it{which}."
+    if localization.purpose == "anchor":
+        return f"Point at {localization.target_id} with your arm straight and stay on it; no cursor is shown."
+    is_one_of = (
+        localization.target_count > 1 and not localization.candidates
+    )  # otherwise it is the number of robots
+    which = f" ({localization.target_index + 1} of {localization.target_count})" if is_one_of else ""
+    return f"Point at {localization.target_id} and stay on it{which}."
 
 
 def queue(ahead: Sequence[str]) -> str:

@@ -33,7 +33,7 @@ from pointit.schemas.topics import (
     USER_ALIVE,
 )
 from pointit.services.listener import recogniser_clock
-from pointit.services.listener.memory import MOST, PointingMemory
+from pointit.services.listener.memory import MAX_CURSORS, PointingMemory
 from pointit.services.listener.recogniser_clock import TYPICAL_S, WORDS, RecogniserClock
 from pointit.services.listener.referents import NO_RAYS, Spoken
 from pointit.services.listener.service import Listener
@@ -278,8 +278,8 @@ def test_the_memory_is_bounded_in_time_and_number_and_ignores_late_cursors() -> 
     assert memory.between(at_ns(9.0), at_ns(10.0)) == [
         each for each in cursors if at_ns(9.0) <= each.stamp_ns <= at_ns(10.0)
     ]
-    for index in range(2 * MOST):
+    for index in range(2 * MAX_CURSORS):
         memory.add(cursors[-1].model_copy(update={"stamp_ns": cursors[-1].stamp_ns + index}))
-    assert len(memory.between(0, 2**62)) == MOST
+    assert len(memory.between(0, 2**62)) == MAX_CURSORS
     memory.add(Cursor(stamp_ns=5, origin_m=EYES, direction=(1.0, 0.0, 0.0)))
     assert [each.stamp_ns for each in memory.between(0, 2**62)] == [5], "the clock was set back"

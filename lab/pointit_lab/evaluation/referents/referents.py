@@ -13,7 +13,7 @@ from pointit.geometry import vector
 from pointit.schemas import NS_PER_S, Cursor
 from pointit.services.listener.decision import decide
 from pointit.services.listener.referents import MODEL, ReferentModel, Spoken, referents
-from pointit.services.listener.surroundings import Target
+from pointit.services.listener.room import Target
 from pointit_lab.evaluation.referents.speakers import NOTHING, WORD_S, Scene, Utterance, speak
 from pointit_lab.evaluation.things.things import Share
 

@@ -44,8 +44,8 @@ def decide(
     kept = [one for one in found.candidates if not kinds or one.kind in kinds]
     fitting = [one for one in kept if names is None or one.name in names]
     if several:
-        meant = [one for one in fitting if one.probability >= EACH]
-        return Decision("act" if meant else "refuse", meant)
+        certain = [one for one in fitting if one.probability >= EACH]
+        return Decision("act" if certain else "refuse", certain)
     total = found.none + sum(one.probability for one in fitting)
     if not fitting or total <= 0.0:
         return Decision("refuse", ())

@@ -5,7 +5,7 @@ from collections import deque
 
 from pointit.schemas import NS_PER_S, Cursor
 
-MOST = 4096
+MAX_CURSORS = 4096
 """Limit of cursors that are kept, whatever their rate."""
 
 
@@ -14,7 +14,7 @@ class PointingMemory:
 
     def __init__(self, memory_s: float) -> None:
         self._memory_ns = round(memory_s * NS_PER_S)
-        self._cursors: deque[Cursor] = deque(maxlen=MOST)
+        self._cursors: deque[Cursor] = deque(maxlen=MAX_CURSORS)
 
     @property
     def memory_s(self) -> float:
@@ -23,13 +23,13 @@ class PointingMemory:
 
     def add(self, cursor: Cursor) -> None:
         """Keep `cursor`. One that is older than the last is ignored, unless the clock was set back."""
-        kept = self._cursors
-        if kept and cursor.stamp_ns < kept[-1].stamp_ns:
-            if kept[-1].stamp_ns - cursor.stamp_ns < NS_PER_S:
+        cursors = self._cursors
+        if cursors and cursor.stamp_ns < cursors[-1].stamp_ns:
+            if cursors[-1].stamp_ns - cursor.stamp_ns < NS_PER_S:
                 return
-            kept.clear()
+            cursors.clear()
         if cursor.origin_m is not None and cursor.direction is not None:
-            kept.append(cursor)
+            cursors.append(cursor)
         self.forget(cursor.stamp_ns)
 
     def forget(self, now_ns: int) -> None:
@@ -39,7 +39,7 @@ class PointingMemory:
 
     def between(self, first_ns: int, last_ns: int) -> list[Cursor]:
         """Return the cursors from `first_ns` to `last_ns`."""
-        kept = list(self._cursors)
-        first = bisect_left(kept, first_ns, key=lambda cursor: cursor.stamp_ns)
-        last = bisect_left(kept, last_ns + 1, key=lambda cursor: cursor.stamp_ns)
-        return kept[first:last]
+        cursors = list(self._cursors)
+        first = bisect_left(cursors, first_ns, key=lambda cursor: cursor.stamp_ns)
+        last = bisect_left(cursors, last_ns + 1, key=lambda cursor: cursor.stamp_ns)
+        return cursors[first:last]

@@ -48,33 +48,33 @@ class RecogniserClock:
         if speech.words and speech.is_final:
             self._ahead_s.append((speech.words[-1].end_ns - now_ns) / NS_PER_S)
 
-    def on_word(self, said: Spoken) -> None:
+    def on_word(self, spoken: Spoken) -> None:
         """Note a word that is asked about; it is looked at later."""
-        if said.word not in ("", "these") and all(each.at_ns != said.at_ns for each in self._asked):
-            self._asked.append(said)
+        if spoken.word not in ("", "these") and all(each.at_ns != spoken.at_ns for each in self._asked):
+            self._asked.append(spoken)
 
     def compare(self, memory: PointingMemory, now_ns: int) -> bool:
         """Compare words with gestures that are complete by now. Return True if there was any."""
-        window_ns, is_news = round(WINDOW_S * NS_PER_S), False
+        window_ns, has_compared = round(WINDOW_S * NS_PER_S), False
         while self._asked:
-            said = self._asked[0]
-            times_ns = (said.at_ns, *said.others_ns)
+            spoken = self._asked[0]
+            times_ns = (spoken.at_ns, *spoken.others_ns)
             if max(times_ns) + window_ns > now_ns:
                 break
             self._asked.popleft()
             cursors = memory.between(min(times_ns) - window_ns, max(times_ns) + window_ns)
             if not cursors:
                 continue
-            times_s = np.array([(each.stamp_ns - said.at_ns) / NS_PER_S for each in cursors])
+            times_s = np.array([(each.stamp_ns - spoken.at_ns) / NS_PER_S for each in cursors])
             directions = np.array([each.direction for each in cursors], dtype=np.float64)
             stays = stays_of(times_s, directions, MODEL)
-            words_s = sorted((each - said.at_ns) / NS_PER_S for each in times_ns)
+            words_s = sorted((each - spoken.at_ns) / NS_PER_S for each in times_ns)
             shares = chances(stays, words_s, words_s.index(0.0), MODEL)
             begin_s = stays[int(np.argmax(shares))].begin_s
             if max(shares) > 0.0 and math.isfinite(begin_s):
                 self._lags_s.append(begin_s)
-                is_news = True
-        return is_news
+                has_compared = True
+        return has_compared
 
     @property
     def problem(self) -> str:

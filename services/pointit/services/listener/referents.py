@@ -16,8 +16,8 @@ import numpy as np
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor, Referent, Referents
 from pointit.schemas.person import Deictic
+from pointit.services.listener.room import Target
 from pointit.services.listener.stays import Floats, Stay, TimingModel, chances, stays_of
-from pointit.services.listener.surroundings import Target
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +33,7 @@ class ReferentModel(TimingModel):
     low_rad: float = math.radians(3.0)
     """Mean by which people point lower than what they mean."""
     careless: float = 0.02
-    """Share of careless gestures, such as with a bent arm, which are less exact by `CARELESS`."""
+    """Share of careless gestures, such as with a bent arm, which are less exact by `CARELESS_FACTOR`."""
     any_target: float = 0.8
     """Probability before the rays that one of the targets is meant."""
 
@@ -41,12 +41,12 @@ class ReferentModel(TimingModel):
 MODEL = ReferentModel()
 USUAL_WAY_RAD = math.radians(39.0)
 """Way of the arm from which `sideways_rad` holds; for a shorter one it is less in proportion."""
-CARELESS = 2.5
+CARELESS_FACTOR = 2.5
 FIELD_SR = math.radians(80.0) * math.radians(50.0)
 """Solid angle over which rays spread that are meant for none of the targets."""
-LISTED = 8
+MAX_CANDIDATES = 8
 """Largest number of candidates of a reply, and four times as many of `these`."""
-LEAST = 0.005
+MIN_PROBABILITY = 0.005
 """Least probability of a candidate of a reply."""
 SWEPT = 0.3
 """The same of `these`: a ray that swept between two of them does not count for both."""
@@ -86,7 +86,7 @@ class Spoken:
 
 
 def referents(
-    cursors: Sequence[Cursor], targets: Sequence[Target], said: Spoken, model: ReferentModel = MODEL
+    cursors: Sequence[Cursor], targets: Sequence[Target], spoken: Spoken, model: ReferentModel = MODEL
 ) -> Referents:
     """Return the candidates for a word, with their probabilities.
 
@@ -97,50 +97,52 @@ def referents(
         model: constants.
     """
     if not cursors:
-        return _without_rays(said)
+        return _without_rays(spoken)
     origins = np.array([cursor.origin_m for cursor in cursors], dtype=np.float64)
     directions = np.array([cursor.direction for cursor in cursors], dtype=np.float64)
-    times_s = np.array([(cursor.stamp_ns - said.at_ns) / NS_PER_S for cursor in cursors])
-    if said.word == "these":
+    times_s = np.array([(cursor.stamp_ns - spoken.at_ns) / NS_PER_S for cursor in cursors])
+    if spoken.word == "these":
         return _swept(targets, _densities(origins, directions, targets, model), model)
     stays = stays_of(times_s, directions, model)
-    words_s = sorted((0.0, *((each - said.at_ns) / NS_PER_S for each in said.others_ns)))
+    words_s = sorted((0.0, *((each - spoken.at_ns) / NS_PER_S for each in spoken.others_ns)))
     shares = np.array(chances(stays, words_s, words_s.index(0.0), model))
     means = [slice(stay.first, stay.last + 1) for stay in stays]
     sights = np.array([directions[each].mean(axis=0) for each in means])
     ways = np.minimum(np.array([stay.way_rad for stay in stays]) / USUAL_WAY_RAD, 1.0)
-    sideways = np.hypot(math.hypot(model.pose_rad, said.yaw_sigma_rad), model.sideways_rad * ways)
+    sideways = np.hypot(math.hypot(model.pose_rad, spoken.yaw_sigma_rad), model.sideways_rad * ways)
     at = np.array([origins[each].mean(axis=0) for each in means])
     flat, unseen = 1.0 / FIELD_SR, 1.0 - float(shares.sum())
     likelihoods = _densities(at, sights, targets, model, sideways) @ shares + unseen * flat
-    priors = _priors(targets, origins, said.word) * model.any_target
+    priors = _priors(targets, origins, spoken.word) * model.any_target
     weights = priors * likelihoods
     rest = (1.0 - float(priors.sum())) * flat
-    own = rest * OWN_PLACE if said.word == "here" and said.own_m is not None else 0.0
+    own = rest * OWN_PLACE if spoken.word == "here" and spoken.own_m is not None else 0.0
     total = float(weights.sum()) + rest
-    found = [
+    candidates = [
         Referent(kind=one.kind, name=one.name, probability=min(float(w) / total, 1.0), place_m=one.center_m)
         for one, w in zip(targets, weights, strict=True)
     ]
     best = int(np.argmax(shares))
     if shares[best] > 0.0:
-        share = (rest - own) * OF_PLACES[said.word] * float(shares[best]) / total
-        found.append(_place(cursors, stays[best], share))
-    if own and said.own_m is not None:
-        found.append(Referent(kind="place", name=said.user, probability=own / total, place_m=said.own_m))
-    return _listed(found, len(cursors))
+        share = (rest - own) * OF_PLACES[spoken.word] * float(shares[best]) / total
+        candidates.append(_place(cursors, stays[best], share))
+    if own and spoken.own_m is not None:
+        candidates.append(
+            Referent(kind="place", name=spoken.user, probability=own / total, place_m=spoken.own_m)
+        )
+    return _ranked(candidates, len(cursors))
 
 
-def _without_rays(said: Spoken) -> Referents:
-    if said.word != "here" or said.own_m is None:
+def _without_rays(spoken: Spoken) -> Referents:
+    if spoken.word != "here" or spoken.own_m is None:
         return Referents(message=NO_RAYS)
-    own = Referent(kind="place", name=said.user, probability=OWN_PLACE, place_m=said.own_m)
+    own = Referent(kind="place", name=spoken.user, probability=OWN_PLACE, place_m=spoken.own_m)
     return Referents(candidates=(own,), none=1.0 - OWN_PLACE, message=NO_RAYS)
 
 
-def _listed(found: list[Referent], rays: int) -> Referents:
-    found.sort(key=lambda one: -one.probability)
-    kept = tuple(one for one in found[:LISTED] if one.probability >= LEAST)
+def _ranked(candidates: list[Referent], rays: int) -> Referents:
+    candidates.sort(key=lambda one: -one.probability)
+    kept = tuple(one for one in candidates[:MAX_CANDIDATES] if one.probability >= MIN_PROBABILITY)
     none = 1.0 - math.fsum(one.probability for one in kept)
     return Referents(candidates=kept, none=min(max(none, 0.0), 1.0), rays=rays)
 
@@ -171,11 +173,11 @@ def _densities(
     root = math.sqrt(2.0 * math.pi)
     squares = right**2 + up**2
     exact = np.exp(-0.5 * squares) / (2.0 * wide + root * sideways) / (2.0 * high + root * model.upwards_rad)
-    spread = root * CARELESS
-    careless = np.exp(-0.5 * squares / CARELESS**2) / (2.0 * wide + spread * sideways)
+    spread = root * CARELESS_FACTOR
+    careless = np.exp(-0.5 * squares / CARELESS_FACTOR**2) / (2.0 * wide + spread * sideways)
     careless = careless / (2.0 * high + spread * model.upwards_rad)
-    found: Floats = (1.0 - model.careless) * exact + model.careless * careless
-    return found
+    densities: Floats = (1.0 - model.careless) * exact + model.careless * careless
+    return densities
 
 
 def _priors(targets: Sequence[Target], origins: Floats, word: Deictic) -> Floats:
@@ -213,11 +215,11 @@ def _swept(targets: Sequence[Target], densities: Floats, model: ReferentModel) -
         return Referents(rays=rays)
     weights = model.any_target / len(targets) * densities
     nearest = (weights / (weights.sum(axis=0) + (1.0 - model.any_target) / FIELD_SR)).max(axis=1)
-    found = [
+    candidates = [
         Referent(kind=one.kind, name=one.name, probability=float(chance), place_m=one.center_m)
         for one, chance in zip(targets, nearest, strict=True)
         if chance >= SWEPT
     ]
-    found.sort(key=lambda one: -one.probability)
-    none = math.prod(1.0 - one.probability for one in found)
-    return Referents(candidates=tuple(found[: 4 * LISTED]), none=none, rays=rays)
+    candidates.sort(key=lambda one: -one.probability)
+    none = math.prod(1.0 - one.probability for one in candidates)
+    return Referents(candidates=tuple(candidates[: 4 * MAX_CANDIDATES]), none=none, rays=rays)

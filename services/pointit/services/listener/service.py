@@ -12,7 +12,7 @@ from pointit.services.listener.config import ListenerConfig
 from pointit.services.listener.memory import PointingMemory
 from pointit.services.listener.recogniser_clock import RecogniserClock
 from pointit.services.listener.referents import Spoken, referents
-from pointit.services.listener.surroundings import Room
+from pointit.services.listener.room import Room
 
 M = TypeVar("M", bound=Message)
 
@@ -32,7 +32,7 @@ class Listener(Service[ListenerConfig]):
         super().__init__(config, context)
         self._memory = PointingMemory(config.memory_s)
         self._room = room = Room()
-        self._words = RecogniserClock(config.clock_s)
+        self._recogniser_clock = RecogniserClock(config.clock_s)
         self.bus.serve(topics.FIND_REFERENTS, self._find, self.user)
         self.bus.watch(topics.USER_ALIVE, self._on_presence)
         self.bus.subscribe(topics.MAP, lambda environment, _name: room.on_map(environment))
@@ -44,16 +44,16 @@ class Listener(Service[ListenerConfig]):
 
     def _on_cursor(self, cursor: Cursor, _user: str) -> None:
         self._memory.add(cursor)
-        if self._words.compare(self._memory, self.clock.now_ns()):
-            self.bus.warn("clock", self._words.problem)
+        if self._recogniser_clock.compare(self._memory, self.clock.now_ns()):
+            self.bus.warn("clock", self._recogniser_clock.problem)
 
     def _on_presence(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         if not present:
             self._room.on_absence(user)
 
     def _on_speech(self, speech: Speech, _user: str) -> None:
-        self._words.on_speech(speech, self.clock.now_ns())
-        self.bus.warn("clock", self._words.problem)
+        self._recogniser_clock.on_speech(speech, self.clock.now_ns())
+        self.bus.warn("clock", self._recogniser_clock.problem)
 
     async def _find(self, query: FindReferents, user: str) -> Referents:
         now_ns = self.clock.now_ns()
@@ -66,7 +66,7 @@ class Listener(Service[ListenerConfig]):
             raise RefusedError(f"that is {-ago_s:.1f} s ahead of the site's time: synchronize the clocks")
         self._memory.forget(now_ns)
         pose = self._room.poses.get(user)
-        said = Spoken(
+        spoken = Spoken(
             at_ns=at_ns,
             word=query.word,
             others_ns=query.others_ns,
@@ -75,9 +75,9 @@ class Listener(Service[ListenerConfig]):
             own_m=None if pose is None else pose.position_m,
             yaw_sigma_rad=0.0 if pose is None else math.sqrt(max(pose.covariance[8], 0.0)),
         )
-        self._words.on_word(said)
+        self._recogniser_clock.on_word(spoken)
         targets = self._room.targets(user, at_ns, now_ns)
-        return referents(self._memory.between(*said.span_ns), targets, said)
+        return referents(self._memory.between(*spoken.span_ns), targets, spoken)
 
 
 def _into(kept: dict[str, M]) -> Callable[[M, str], None]:

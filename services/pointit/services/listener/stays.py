@@ -71,17 +71,17 @@ def stays_of(times_s: Floats, directions: Floats, model: TimingModel) -> list[St
     if not runs:
         slowest = int(np.argmin(speeds))
         runs = [(slowest, slowest)]
-    found: list[Stay] = []
+    stays: list[Stay] = []
     before: Floats | None = None
     for first, last in runs:
         direction = directions[first : last + 1].mean(axis=0)
         way = math.inf if before is None else _angle(before, direction)
         begin_s = -math.inf if first == 0 else float(times_s[first])
-        if found and way <= CORRECTED_RAD and _is_short(found[-1], begin_s):
-            found[-1] = found[-1]._replace(weight=CORRECTED)
-        found.append(Stay(first, last, begin_s, float(times_s[last]), way))
+        if stays and way <= CORRECTED_RAD and _is_short(stays[-1], begin_s):
+            stays[-1] = stays[-1]._replace(weight=CORRECTED)
+        stays.append(Stay(first, last, begin_s, float(times_s[last]), way))
         before = direction
-    return found
+    return stays
 
 
 def chances(stays: Sequence[Stay], words_s: Sequence[float], which: int, model: TimingModel) -> list[float]:
@@ -101,11 +101,13 @@ def chances(stays: Sequence[Stay], words_s: Sequence[float], which: int, model: 
 
 def _messages(rows: Sequence[Sequence[float]], count: int, model: TimingModel) -> list[float]:
     """Return the fit of the words before, for each stay that the next word may have."""
-    told = [1.0] * count
+    weights_before = [1.0] * count
     for row in rows:
-        mine = [fit * each for fit, each in zip(row, told, strict=True)]
-        told = [model.missed + model.shared * mine[index] + math.fsum(mine[:index]) for index in range(count)]
-    return told
+        mine = [fit * each for fit, each in zip(row, weights_before, strict=True)]
+        weights_before = [
+            model.missed + model.shared * mine[index] + math.fsum(mine[:index]) for index in range(count)
+        ]
+    return weights_before
 
 
 def _fit(stay: Stay, at_s: float, model: TimingModel) -> float:

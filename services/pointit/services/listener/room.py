@@ -17,7 +17,7 @@ CHEST_M = 1.2
 """Height of a person's middle, m."""
 PERSON_M = (0.5, 0.5, 1.2)
 """Extent of a person who is pointed at, m."""
-MOST = 2000
+MAX_TARGETS = 2000
 """Limit of targets that are considered."""
 ROBOT_TRACKER = "robot."
 """Beginning of the names of trackers that list one robot, which reports its state, too."""
@@ -53,16 +53,16 @@ class Room:
 
     def targets(self, user: str, at_ns: int, now_ns: int) -> list[Target]:
         """Return all targets of `user` where they were at `at_ns`; positions are predicted by velocities."""
-        found = [*self._objects(at_ns, now_ns), *self._robots(at_ns, now_ns)]
-        found += [
+        targets = [*self._objects(at_ns, now_ns), *self._robots(at_ns, now_ns)]
+        targets += [
             Target(kind="person", name=name, center_m=_raised(pose.position_m, CHEST_M), size_m=PERSON_M)
             for name, pose in self.poses.items()
             if name != user
         ]
-        return found[:MOST]
+        return targets[:MAX_TARGETS]
 
     def _objects(self, at_ns: int, now_ns: int) -> list[Target]:
-        found: list[Target] = []
+        targets: list[Target] = []
         for tracker, listed in _recent(self.objects, now_ns).items():
             if tracker.startswith(ROBOT_TRACKER) and tracker.removeprefix(ROBOT_TRACKER) in self.robots:
                 continue
@@ -70,7 +70,7 @@ class Room:
                 wide_m = max(one.size_m[:2]) if one.size_m else one.length_m
                 high_m = one.size_m[2] if one.size_m else 0.0
                 passed_s = (at_ns - listed.stamp_ns) / NS_PER_S
-                found.append(
+                targets.append(
                     Target(
                         kind="thing" if one.id in self.things else "object",
                         name=one.id,
@@ -78,20 +78,22 @@ class Room:
                         size_m=(wide_m, wide_m, high_m),
                     )
                 )
-        return found
+        return targets
 
     def _robots(self, at_ns: int, now_ns: int) -> list[Target]:
-        found: list[Target] = []
+        targets: list[Target] = []
         for name, state in _recent(self.robots, now_ns).items():
             passed_s = (at_ns - state.stamp_ns) / NS_PER_S
             center_m = vector.add(state.position_m, vector.scale(state.velocity_mps, passed_s))
             wide_m = 2.0 * state.radius_m
-            found.append(Target(kind="robot", name=name, center_m=center_m, size_m=(wide_m, wide_m, wide_m)))
-        return found
+            targets.append(
+                Target(kind="robot", name=name, center_m=center_m, size_m=(wide_m, wide_m, wide_m))
+            )
+        return targets
 
 
-def _recent(told: Mapping[str, M], now_ns: int) -> dict[str, M]:
-    return {name: each for name, each in told.items() if abs(now_ns - each.stamp_ns) <= GONE_S * NS_PER_S}
+def _recent(messages: Mapping[str, M], now_ns: int) -> dict[str, M]:
+    return {name: each for name, each in messages.items() if abs(now_ns - each.stamp_ns) <= GONE_S * NS_PER_S}
 
 
 def _raised(place_m: Vec3, by_m: float) -> Vec3:

@@ -30,7 +30,7 @@ RESERVED = frozenset({*_VERBS, *_DEICTIC, *_SWITCH, *_SMALL, *YES, *NO})
 """Words of all rooms, which no thing's verb may be."""
 PLACES: frozenset[Deictic] = frozenset(("here", "there"))
 DIGITS = ["zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine"]
-MOST_NAMES = 200
+MAX_NAMES = 200
 """Largest number of names in a grammar."""
 
 
@@ -107,7 +107,7 @@ def names_of(names: Iterable[str]) -> Names:
     """Return `names` by their spoken words; the first one of two that sound alike."""
     found: dict[tuple[str, ...], str] = {}
     for name in names:
-        if (words := spoken(name)) and len(found) < MOST_NAMES:
+        if (words := spoken(name)) and len(found) < MAX_NAMES:
             found.setdefault(words, name)
     return found
 

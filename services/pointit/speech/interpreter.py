@@ -35,9 +35,9 @@ LOOK_S = 0.2
 """Time in which the robots that are there are found, s."""
 OLDEST_S = 8.0
 """Age of an utterance from which it is not followed."""
-MOST_WAITING = 4
+MAX_WAITING = 4
 """Number of utterances that may wait for an earlier one; further ones are refused."""
-MOST_CHARACTERS = 4096
+MAX_CHARACTERS = 4096
 """Largest length of `Understood.text`."""
 AGAIN = "point at it, and say it again"
 
@@ -53,7 +53,7 @@ class Interpreter:
         """Subscribe to the person's words; `verbs` replace or add some, each said by its name."""
         self._bus, self._clock, self._user = bus, clock, user
         self._room = room = SpokenRoom()
-        self._site = VerbContext(bus, clock, user, room, Packages(bus, clock, user, room))
+        self._context = VerbContext(bus, clock, user, room, Packages(bus, clock, user, room))
         self._verbs: dict[str, Verb] = {**VERBS, **(verbs or {})}
         self._question = Question(bus, clock, user, room)
         self._waiting: deque[tuple[Speech, int]] = deque()
@@ -144,7 +144,7 @@ class Interpreter:
             stopping = asyncio.get_running_loop().create_task(following)
             self._stopping.add(stopping)
             stopping.add_done_callback(self._stopped)
-        elif len(self._waiting) >= MOST_WAITING:
+        elif len(self._waiting) >= MAX_WAITING:
             self._publish(speech, command, (), "refused", "too many words at once: say it again, slowly")
         else:
             self._waiting.append((speech, self._stops))
@@ -183,7 +183,7 @@ class Interpreter:
         try:
             for found in product(*meant):
                 self._check_not_stopped(command, stops)
-                done.append(await self._verbs[command.verb].act(self._site, command, found))
+                done.append(await self._verbs[command.verb].act(self._context, command, found))
         except (NotUnderstood, RequestError) as error:
             raise NotUnderstood("; ".join([*done, str(error)])) from error
         return "; ".join(done)
@@ -193,7 +193,7 @@ class Interpreter:
         age_s = (self._clock.now_ns() - speech.words[-1].end_ns) / NS_PER_S
         if age_s > OLDEST_S and command.verb != "stop":
             raise NotUnderstood(f"that was said {age_s:.0f} s ago: say it again")
-        if problem := self._verbs[command.verb].problem(self._site, command, ()):
+        if problem := self._verbs[command.verb].problem(self._context, command, ()):
             raise NotUnderstood(problem)
 
     def _check_not_stopped(self, command: Command, stops: int) -> None:
@@ -245,7 +245,9 @@ class Interpreter:
             return decision
         first = [each.candidates[0] for each in decisions]
         problems = [
-            self._verbs[command.verb].problem(self._site, command, [*first[:index], one, *first[index + 1 :]])
+            self._verbs[command.verb].problem(
+                self._context, command, [*first[:index], one, *first[index + 1 :]]
+            )
             for one in decision.candidates
         ]
         if all(problems):
@@ -276,7 +278,7 @@ class Interpreter:
         understood = Understood.model_validate(
             {
                 "stamp_ns": speech.stamp_ns,
-                "text": " ".join(word.text for word in speech.words)[:MOST_CHARACTERS],
+                "text": " ".join(word.text for word in speech.words)[:MAX_CHARACTERS],
                 "command": "" if command is None else command.verb,
                 "referents": tuple(found),
                 "result": result,

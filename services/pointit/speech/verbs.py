@@ -47,7 +47,7 @@ The referents are those of its mentions, in order. Empty: before they are known.
 """
 
 
-def _no_problem(_site: VerbContext, _command: Command, _found: Sequence[Referent]) -> str:
+def _no_problem(_context: VerbContext, _command: Command, _referents: Sequence[Referent]) -> str:
     return ""
 
 
@@ -63,104 +63,105 @@ class Verb:
     """Things of the map that have this verb; all if there are none. What is not among them is not meant."""
 
 
-def _lacking(site: VerbContext, command: Command, question: str, remedy: str) -> str:
+def _lacking(context: VerbContext, command: Command, question: str, remedy: str) -> str:
     """Return the message that a command lacks its object, with the name that is none of the room."""
     if not command.unknown_name:
         return f"{question} {remedy}"
-    names = sorted(set(site.room.names.values()))
+    names = sorted(set(context.room.names.values()))
     more = f" and {len(names) - MAX_NAMES} more" if len(names) > MAX_NAMES else ""
     near = did_you_mean(command.unknown_name, names)
     hint = f"name one of {', '.join(names[:MAX_NAMES])}{more}, or" if names and not near else f"{near} or"
     return f"nothing here is called {command.unknown_name!r}: {hint.strip()} {remedy}"
 
 
-def _fire_problem(site: VerbContext, command: Command, found: Sequence[Referent]) -> str:
-    if command.about is None and not found:
+def _fire_problem(context: VerbContext, command: Command, referents: Sequence[Referent]) -> str:
+    if command.about is None and not referents:
         verb, word = ("take", "") if command.verb == "take" else ("turn", f" {command.verb}")
-        return _lacking(site, command, f"{verb} what{word}?", f"point at it, and say `{verb} that{word}`")
-    if not found:
+        return _lacking(context, command, f"{verb} what{word}?", f"point at it, and say `{verb} that{word}`")
+    if not referents:
         return ""
-    one, thing = found[0], site.room.thing(found[0].name)
-    label = site.room.label(one)
+    one, thing = referents[0], context.room.thing(referents[0].name)
+    label = context.room.label(one)
     if one.kind == "object" and command.verb == "take":
-        return site.packages.problem(one)
+        return context.packages.problem(one)
     if one.kind != "thing":
         return f"{one.name} is no thing of the map: nothing is attached to taking it"
     if thing is not None and thing.press:
         return f"{label} wants a press: point at it, and press the button"
-    is_switch = one.name in site.room.switches or command.verb == "take"
+    is_switch = one.name in context.room.switches or command.verb == "take"
     return "" if is_switch else f"{label} is no switch: say `take that`"
 
 
-async def _fire(site: VerbContext, command: Command, found: Sequence[Referent]) -> str:
+async def _fire(context: VerbContext, command: Command, referents: Sequence[Referent]) -> str:
     """Fire the thing as if the person had pointed at it, or select the object."""
-    if problem := _fire_problem(site, command, found):
+    if problem := _fire_problem(context, command, referents):
         raise RefusedError(problem)
-    one = found[0]
+    one = referents[0]
     if one.kind == "object":
-        return await site.packages.take(one)
+        return await context.packages.take(one)
     on = {"on": True, "off": False}.get(command.verb)
-    thing = site.room.thing(one.name)
+    thing = context.room.thing(one.name)
     if thing is not None and thing.mode == "button":
         on = True  # a button that staying on it has just fired is meant, not a second time
-    return (await site.bus.call(SET_THING, SetThing(thing=one.name, on=on), site.user)).message
+    return (await context.bus.call(SET_THING, SetThing(thing=one.name, on=on), context.user)).message
 
 
-def _send_problem(site: VerbContext, command: Command, found: Sequence[Referent]) -> str:
+def _send_problem(context: VerbContext, command: Command, referents: Sequence[Referent]) -> str:
     if command.about is None and command.unknown_name:
-        return _lacking(site, command, "", f"point at it, and say `{command.verb} that there`")
+        return _lacking(context, command, "", f"point at it, and say `{command.verb} that there`")
     if command.to is None:
         return "where to? say `there` while you point at the place"
-    if not found:
+    if not referents:
         return ""
-    place, about = found[-1], found[0] if command.about is not None else None
+    place, about = referents[-1], referents[0] if command.about is not None else None
     if about is not None and about.kind not in ("robot", "object"):
-        return f"{site.room.label(about)} is no robot, and nothing is attached to moving it"
+        return f"{context.room.label(about)} is no robot, and nothing is attached to moving it"
     if place.place_m is None:
         return f"the place of {place.name or 'that'} is not known"
     if about is not None and about.kind == "object":
-        return site.packages.problem(about, place.place_m)
-    state = None if about is None else site.room.robots.get(about.name)
-    if state is not None and state.user not in ("", site.user):
+        return context.packages.problem(about, place.place_m)
+    state = None if about is None else context.room.robots.get(about.name)
+    if state is not None and state.user not in ("", context.user):
         return f"{about.name if about else ''} is steered by {state.user}: wait until it is free"
     return ""
 
 
-async def _send(site: VerbContext, command: Command, found: Sequence[Referent]) -> str:
+async def _send(context: VerbContext, command: Command, referents: Sequence[Referent]) -> str:
     """Send a robot to a place, by the person's service `goal`, which checks it as a place pointed at."""
-    place_m = found[-1].place_m if found else None
-    if (problem := _send_problem(site, command, found)) or place_m is None:
+    place_m = referents[-1].place_m if referents else None
+    if (problem := _send_problem(context, command, referents)) or place_m is None:
         raise RefusedError(problem)
-    about = found[0] if command.about is not None else None
+    about = referents[0] if command.about is not None else None
     if about is not None and about.kind == "object":
-        return await site.packages.to_bay(about, place_m)
-    robot = about.name if about is not None else next(iter(site.room.robots_of(site.user)), "")
-    if not robot and len(site.room.robots) == 1:
-        robot = next(iter(site.room.robots))
-    return (await site.bus.call(SEND_ROBOT, SendRobot(position_m=place_m, robot=robot), site.user)).message
+        return await context.packages.to_bay(about, place_m)
+    robot = about.name if about is not None else next(iter(context.room.robots_of(context.user)), "")
+    if not robot and len(context.room.robots) == 1:
+        robot = next(iter(context.room.robots))
+    query = SendRobot(position_m=place_m, robot=robot)
+    return (await context.bus.call(SEND_ROBOT, query, context.user)).message
 
 
-def _what_problem(site: VerbContext, command: Command, found: Sequence[Referent]) -> str:
-    if command.about is not None or found:
+def _what_problem(context: VerbContext, command: Command, referents: Sequence[Referent]) -> str:
+    if command.about is not None or referents:
         return ""
-    return _lacking(site, command, "what is what?", "point at it, and say `what is this`")
+    return _lacking(context, command, "what is what?", "point at it, and say `what is this`")
 
 
-async def _what(site: VerbContext, _command: Command, found: Sequence[Referent]) -> str:
+async def _what(context: VerbContext, _command: Command, referents: Sequence[Referent]) -> str:
     """Say what it is."""
-    one = found[0]
-    return f"{one.kind} {site.room.label(one)}, sure by {one.probability:.0%}"
+    one = referents[0]
+    return f"{one.kind} {context.room.label(one)}, sure by {one.probability:.0%}"
 
 
-async def _stop(site: VerbContext, _command: Command, found: Sequence[Referent]) -> str:
+async def _stop(context: VerbContext, _command: Command, referents: Sequence[Referent]) -> str:
     """Stop the robot that is meant, those of the person, or all."""
-    named = [one.name for one in found if one.kind == "robot"]
-    there = sorted(site.room.present_robots.union(site.room.robots))
-    robots = named or site.room.robots_of(site.user) or there
+    named = [one.name for one in referents if one.kind == "robot"]
+    there = sorted(context.room.present_robots.union(context.room.robots))
+    robots = named or context.room.robots_of(context.user) or there
     if not robots:
         raise RefusedError("there is no robot to stop")
-    query = StopRobot(reason=f"{site.user} said stop")
-    calls = (site.bus.call(STOP_ROBOT, query, robot) for robot in robots)
+    query = StopRobot(reason=f"{context.user} said stop")
+    calls = (context.bus.call(STOP_ROBOT, query, robot) for robot in robots)
     for done in await asyncio.gather(*calls, return_exceptions=True):  # a refusal leaves no other one driving
         if isinstance(done, BaseException):
             raise done
@@ -184,16 +185,16 @@ def verb_of_things(
 ) -> Verb:
     """Return a verb of some things of the map. `do` gets verb and thing, and returns a sentence."""
 
-    def problem(site: VerbContext, command: Command, found: Sequence[Referent]) -> str:
+    def problem(context: VerbContext, command: Command, referents: Sequence[Referent]) -> str:
         verb = command.verb
-        if command.about is None and not found:
-            return _lacking(site, command, f"{verb} what?", f"point at it, and say `{verb} that`")
-        is_attached = not found or found[0].name in things
-        return "" if is_attached else f"nothing is attached to `{verb}` of {site.room.label(found[0])}"
+        if command.about is None and not referents:
+            return _lacking(context, command, f"{verb} what?", f"point at it, and say `{verb} that`")
+        is_attached = not referents or referents[0].name in things
+        return "" if is_attached else f"nothing is attached to `{verb}` of {context.room.label(referents[0])}"
 
-    async def act(site: VerbContext, command: Command, found: Sequence[Referent]) -> str:
-        if reason := problem(site, command, found):
+    async def act(context: VerbContext, command: Command, referents: Sequence[Referent]) -> str:
+        if reason := problem(context, command, referents):
             raise RefusedError(reason)
-        return await do(site, command.verb, found[0])
+        return await do(context, command.verb, referents[0])
 
     return Verb(act=act, problem=problem, things=things)

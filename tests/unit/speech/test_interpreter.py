@@ -20,7 +20,7 @@ from pointit.schemas import (
     TrackedObjects,
 )
 from pointit.schemas.topics import CLAIM, OBJECTS, ROBOT_STATE, SELECTION_EVENTS
-from pointit.speech.interpreter import MOST_WAITING, Interpreter
+from pointit.speech.interpreter import MAX_WAITING, Interpreter
 from tests.support.bench import in_virtual_time, until
 from tests.unit.speech.spoken_room import HOSTILE, PLACE, ROVER, USER, Room, either, room, sure
 
@@ -230,9 +230,9 @@ async def test_what_is_not_final_waits_and_a_flood_of_words_is_bounded() -> None
         here.found = {"that": either("radio", HOSTILE)}
         for _ in range(200):  # of 50 words: 10 000 words
             here.say("take that " + "word " * 48)
-        await until(lambda: len(here.understood) >= 200 - MOST_WAITING)
+        await until(lambda: len(here.understood) >= 200 - MAX_WAITING)
         flooded = [one for one in here.understood if "too many words" in one.message]
-        assert len(flooded) >= 200 - MOST_WAITING - 1
+        assert len(flooded) >= 200 - MAX_WAITING - 1
         here.say("what is that")
         assert (await here.result(len(here.understood) + 1)).result in ("refused", "done")
 

@@ -12,10 +12,10 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, BodyMeasures, Lamp, PointingRay, UserPose
 from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution, SolverSettings
 from pointit.services.localizer.estimation.rays import Mean, believed, mean, unfiltered
-from pointit.services.localizer.procedures.facing import HeadingWindow
+from pointit.services.localizer.procedures.heading_window import HeadingWindow
 from pointit.services.localizer.procedures.hold import Hold
 from pointit.services.localizer.procedures.static_targets import StaticTargets
-from pointit.services.localizer.verification.holds import held, odd_lamps, without_spikes
+from pointit.services.localizer.verification.holds import held, outlier_lamps, without_spikes
 from pointit.services.pointing.arm_ray import ArmRay
 from tests.support.known import known
 from tests.unit.localizer.person import EYES_M, START_NS, Person, config, pointings, solved, told
@@ -110,7 +110,7 @@ def test_one_pointing_at_another_lamp_does_not_count_when_five_others_agree() ->
     for seed in range(20):
         wrong = seed % len(LAMPS)
         person, pointings = pointed(seed, LAMPS, wrong=wrong)
-        assert odd_lamps(pointings, SolverSettings()) in {(wrong,), ()}
+        assert outlier_lamps(pointings, SolverSettings()) in {(wrong,), ()}
         found = held(pointings, SolverSettings())
         if isinstance(found, Solution):
             taken += 1
@@ -130,7 +130,7 @@ def test_one_of_three_or_four_pointings_at_another_lamp_makes_no_sure_wrong_pose
 
 
 def test_pointings_that_agree_leave_none_out() -> None:
-    assert {odd_lamps(pointed(seed, LAMPS)[1], SolverSettings()) for seed in range(20)} == {()}
+    assert {outlier_lamps(pointed(seed, LAMPS)[1], SolverSettings()) for seed in range(20)} == {()}
 
 
 @pytest.mark.parametrize("turn", ["across", "backwards"])

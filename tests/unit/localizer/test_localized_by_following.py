@@ -84,25 +84,25 @@ class _Pair:
 
     def __init__(self, config: LocalizerConfig, course: Course) -> None:
         self._course = course
-        self._locating = PoseManager(USER, config)
+        self._pose_manager = PoseManager(USER, config)
         self._cycle = LifeCycle(SupervisorConfig(localize=True, localization_method="moving_target"))
         self._now_ns = self._step_ns = START_NS
         self._supervised(self._cycle.begin(START_NS))
-        self._located(self._locating.begin(START_NS))
+        self._located(self._pose_manager.begin(START_NS))
         self._supervised(self._cycle.button(ButtonEvent(stamp_ns=START_NS), START_NS))
 
     def live(self, time_s: float, robot_m: Array, direction: tuple[float, float, float]) -> None:
         self._now_ns = now_ns = START_NS + round(time_s * NS_PER_S)
         x, y, z = robot_m.tolist()
         robot = TrackedObject(id="drone", kind="robot", position_m=(x, y, z))
-        self._locating.on_objects(TrackedObjects(stamp_ns=now_ns, objects=(robot,)), "room")
+        self._pose_manager.on_objects(TrackedObjects(stamp_ns=now_ns, objects=(robot,)), "room")
         sample = ImuSample(stamp_ns=now_ns, orientation_xyzw=IDENTITY)
         self._supervised(self._cycle.imu(sample, now_ns))
         ray = PointingRay(stamp_ns=now_ns, origin_m=(0.0, 0.0, EYES_M), direction=direction)
-        self._located(self._locating.on_ray(ray, now_ns))
+        self._located(self._pose_manager.on_ray(ray, now_ns))
         if now_ns >= self._step_ns:
             self._step_ns = now_ns + round(NS_PER_S / STEPS_HZ)
-            self._located(self._locating.step(now_ns))
+            self._located(self._pose_manager.step(now_ns))
         self._supervised(self._cycle.tick(now_ns))
 
     def _located(self, outputs: list[LocalizerOutput]) -> None:
@@ -117,16 +117,16 @@ class _Pair:
     def _supervised(self, outputs: list[SupervisorOutput]) -> None:
         for output in outputs:
             if isinstance(output, Start):
-                answer = self._locating.start("moving_target", self._now_ns)
+                answer = self._pose_manager.start("moving_target", self._now_ns)
                 assert isinstance(answer, Response)
                 self._located([*answer.outputs])  # published before the answer is sent
                 self._supervised(self._cycle.on_start_accepted(output.run))
             elif isinstance(output, Cancel):
-                self._located([*self._locating.cancel(self._now_ns).outputs])
+                self._located([*self._pose_manager.cancel(self._now_ns).outputs])
                 self._cycle.on_cancel_reply(self._now_ns)
             elif isinstance(output, Interaction):
                 self._course.states.append(output.state)
-                self._locating.on_interaction(output)
+                self._pose_manager.on_interaction(output)
                 if output.state == "pointing":
                     self._course.pointing_s = min(
                         self._course.pointing_s, (self._now_ns - START_NS) / NS_PER_S

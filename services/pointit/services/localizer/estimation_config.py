@@ -13,7 +13,7 @@ from pointit.services.localizer.estimation.estimator import SolverSettings
 FREE_HEIGHT_M = 10.0
 """Standard deviation of an unknown height."""
 
-_TRUST = SolverSettings()
+_SETTINGS = SolverSettings()
 _DRIFT = DriftSettings()
 
 
@@ -34,79 +34,79 @@ class TrustConfig(Config):
     """Noise of rays, and acceptance limits of poses."""
 
     ray_sigma_deg: float = Field(
-        default=_degrees(_TRUST.ray_sigma_rad),
+        default=_degrees(_SETTINGS.ray_sigma_rad),
         gt=0,
         le=30,
         description="1 sigma sideways of pointing at moving targets, degrees",
     )
     elevation_sigma_deg: float = Field(
-        default=_degrees(_TRUST.elevation_sigma_rad), gt=0, le=30, description="the same upwards, degrees"
+        default=_degrees(_SETTINGS.elevation_sigma_rad), gt=0, le=30, description="the same upwards, degrees"
     )
     act_sigma_deg: float = Field(
-        default=_degrees(_TRUST.act_sigma_rad),
+        default=_degrees(_SETTINGS.act_sigma_rad),
         gt=0,
         le=30,
         description="1 sigma sideways of one pointing at a target at rest, degrees",
     )
     bias_sigma_deg: float = Field(
-        default=_degrees(_TRUST.bias_sigma_rad),
+        default=_degrees(_SETTINGS.bias_sigma_rad),
         gt=0,
         le=45,
         description="1 sigma of people's elevation bias, degrees; ~1 once known",
     )
     body_sigma_m: float = Field(
-        default=_TRUST.body_sigma_m, ge=0, le=1, description="1 sigma of the eyes' horizontal position, m"
+        default=_SETTINGS.body_sigma_m, ge=0, le=1, description="1 sigma of the eyes' horizontal position, m"
     )
     height_sigma_m: float = Field(
-        default=_TRUST.height_sigma_m, ge=0, le=1, description="1 sigma of the height of the eyes, m"
+        default=_SETTINGS.height_sigma_m, ge=0, le=1, description="1 sigma of the height of the eyes, m"
     )
     independent_hz: float = Field(
-        default=_TRUST.independent_hz,
+        default=_SETTINGS.independent_hz,
         gt=0,
         le=100,
         description="independent pointings per second, Hz: a hold counts as one",
     )
     latency_sigma_s: float = Field(
-        default=_TRUST.latency_sigma_s,
+        default=_SETTINGS.latency_sigma_s,
         ge=0,
         le=10,
         description="moving_target: 1 sigma of the latency of a tracker that does not state it "
         "(`TrackedObjects.latency_sigma_s`), s",
     )
-    min_samples: int = Field(default=_TRUST.min_samples, ge=4, le=8192, description="rays needed, count")
+    min_samples: int = Field(default=_SETTINGS.min_samples, ge=4, le=8192, description="rays needed, count")
     model_sigma_deg: float = Field(
-        default=_degrees(_TRUST.model_sigma_rad),
+        default=_degrees(_SETTINGS.model_sigma_rad),
         ge=0,
         le=45,
         description="1 sigma of a constant error of the rays, fixed to the body: eyes or finger "
         "off the model, degrees",
     )
     max_residual_deg: float = Field(
-        default=_degrees(_TRUST.max_residual_rad),
+        default=_degrees(_SETTINGS.max_residual_rad),
         gt=0,
         le=90,
         description="moving_target: rms angle above which the person did not follow it, degrees",
     )
     max_act_residual_deg: float = Field(
-        default=_degrees(_TRUST.max_act_residual_rad),
+        default=_degrees(_SETTINGS.max_act_residual_rad),
         gt=0,
         le=90,
         description="static_targets: rms angle above which the person did not point at the lamps, degrees",
     )
     bias_sigma_limit: float = Field(
-        default=_TRUST.bias_sigma_limit,
+        default=_SETTINGS.bias_sigma_limit,
         gt=0,
         le=10,
         description="sigmas of the elevation bias beyond which the person did not point",
     )
     max_position_sigma_m: float = Field(
-        default=_TRUST.max_position_sigma_m,
+        default=_SETTINGS.max_position_sigma_m,
         gt=0,
         le=10,
         description="poses less certain than this are refused, m; of following, cursors by 1.2 times it",
     )
     max_yaw_sigma_deg: float = Field(
-        default=_degrees(_TRUST.max_yaw_sigma_rad),
+        default=_degrees(_SETTINGS.max_yaw_sigma_rad),
         gt=0,
         le=90,
         description="poses less certain than this are refused, degrees",

@@ -26,7 +26,7 @@ from pointit.services.localizer.estimation.estimator import Refusal
 from pointit.services.localizer.outputs import Output, WithdrawPose
 from pointit.services.localizer.procedure_runner import ProcedureRunner
 from pointit.services.localizer.procedures.external_pose import ExternalPose
-from pointit.services.localizer.procedures.facing import HeadingWindow
+from pointit.services.localizer.procedures.heading_window import HeadingWindow
 from pointit.services.localizer.tracking.pose_tracking import PoseTracker
 from pointit.services.localizer.tracking.yaw_origin import YawOrigin
 
@@ -53,8 +53,8 @@ class PoseManager:
         self._user = user
         self._config = config
         self._tracking = PoseTracker(config.drift.settings(), follow=config.track_drift)
-        self._outside = ExternalPose()
-        self._facing = HeadingWindow()
+        self._external_pose = ExternalPose()
+        self._heading_window = HeadingWindow()
         self._origin = YawOrigin()
         self._procedures = ProcedureRunner(user, config, self._tracking)
         self._is_cursor_shown = False
@@ -69,7 +69,7 @@ class PoseManager:
     @property
     def is_followed(self) -> bool:
         """Return True if the pose must be checked periodically."""
-        return self._tracking.follows or self._outside.pose is not None
+        return self._tracking.follows or self._external_pose.pose is not None
 
     def begin(self, now_ns: int) -> list[Output]:
         """Publish the idle phase, and start what the configuration starts automatically."""
@@ -95,7 +95,7 @@ class PoseManager:
 
     def on_ray(self, ray: PointingRay, now_ns: int) -> list[Output]:
         """Process a ray of the person."""
-        self._facing.add(ray)
+        self._heading_window.add(ray)
         self._procedures.on_ray(ray)
         changed = self._tracking.on_ray(ray, now_ns)
         return [] if changed is None else [changed]
@@ -109,7 +109,7 @@ class PoseManager:
         before, self._drivers[robot] = self._drivers.get(robot), state.user
         if before is None or before == self._user or state.user != self._user or not self._tracking.follows:
             return []
-        mean = self._facing.mean(now_ns)
+        mean = self._heading_window.mean(now_ns)
         if self._config.anchor_at_robots is False or isinstance(mean, Refusal):
             return []
         return self._procedures.taken_robot(state, robot, mean, now_ns)
@@ -124,16 +124,16 @@ class PoseManager:
         change = self._origin.add(sample)
         out: list[Output] = []
         if change:
-            self._facing = HeadingWindow()
+            self._heading_window = HeadingWindow()
             pose = self._tracking.on_yaw_origin_changed(now_ns, is_restarted=change == "restarted")
             out = [*self._procedures.on_yaw_origin_changed(now_ns), *([] if pose is None else [pose])]
         if not self._is_cursor_shown and not self._procedures.is_following:
             self._tracking.on_orientation(sample.orientation_xyzw, sample.stamp_ns, now_ns)
         return out
 
-    def on_interaction(self, news: Interaction) -> None:
+    def on_interaction(self, interaction: Interaction) -> None:
         """Update the interaction state of the person."""
-        self._is_cursor_shown = news.state == "pointing"
+        self._is_cursor_shown = interaction.state == "pointing"
         if self._is_cursor_shown:
             self._tracking.end_rest()
 
@@ -141,7 +141,7 @@ class PoseManager:
         """Stop localizing if a tracker publishes the pose."""
         if pose.method != "external":
             return []
-        is_first = self._outside.hear(pose, now_ns)
+        is_first = self._external_pose.hear(pose, now_ns)
         self._tracking.set_external(pose)
         if not is_first:
             return []
@@ -165,12 +165,12 @@ class PoseManager:
 
     def figures(self, now_ns: int) -> Iterator[tuple[str, float | None, str]]:
         """Yield name, value and unit of the health metrics. None removes a metric."""
-        yield "external pose", 1.0 if self._outside.pose is not None else None, ""
+        yield "external pose", 1.0 if self._external_pose.pose is not None else None, ""
         yield from self._tracking.figures(now_ns)
 
     def problem(self, now_ns: int) -> str:
         """Return a problem of the pose and what to do, or `""` if there is none."""
-        if self._outside.pose is not None and not self._outside.is_fresh(now_ns):
+        if self._external_pose.pose is not None and not self._external_pose.is_fresh(now_ns):
             return self._silent(now_ns)
         if self._tracking.has_lost_yaw:
             user = self._user
@@ -190,11 +190,11 @@ class PoseManager:
     def start(self, method: Method | None, now_ns: int) -> Response | Refusal:
         """Start localization by `method` or as configured. A refused start stops nothing."""
         method = method or self._config.method
-        if taken := self._outside.busy_reason(self._user, now_ns):
+        if taken := self._external_pose.busy_reason(self._user, now_ns):
             return Refusal(taken)
         if method == "fixed":
             out = self._procedures.stop(now_ns)
-            self._outside.take_over()
+            self._external_pose.take_over()
             out.append(self._tracking.set_exact(self._config.fixed(now_ns), now_ns))
             out.append(Localization(stamp_ns=now_ns, phase="solved", progress=1.0))
             return Response("the pose is fixed by the configuration", out)
@@ -206,7 +206,7 @@ class PoseManager:
         )
         if isinstance(begun, Refusal):
             return begun
-        self._outside.take_over()
+        self._external_pose.take_over()
         return Response(self._queued() or f"localizing by {method.replace('_', ' ')}", begun)
 
     def cancel(self, now_ns: int) -> Response:
@@ -216,10 +216,10 @@ class PoseManager:
 
     def set_pose(self, query: SetPose, now_ns: int) -> Response | Refusal:
         """Set the pose on request."""
-        if taken := self._outside.busy_reason(self._user, now_ns):
+        if taken := self._external_pose.busy_reason(self._user, now_ns):
             return Refusal(taken)
         out = self._procedures.stop(now_ns)
-        self._outside.take_over()
+        self._external_pose.take_over()
         pose = UserPose(
             stamp_ns=now_ns,
             position_m=query.position_m,
@@ -236,17 +236,17 @@ class PoseManager:
 
     def set_heading(self, azimuth_rad: float, now_ns: int) -> Response | Refusal:
         """Set the yaw from the direction `azimuth_rad` at which the person points now."""
-        if taken := self._outside.busy_reason(self._user, now_ns):
+        if taken := self._external_pose.busy_reason(self._user, now_ns):
             return Refusal(taken)
         if self._procedures.is_busy:
             return Refusal(f"{self._user} is being localized now; wait until that is done, or cancel it")
-        mean = self._facing.mean(now_ns)
+        mean = self._heading_window.mean(now_ns)
         if isinstance(mean, Refusal):
             return mean
-        if self._tracking.base is None or self._outside.pose is not None:
+        if self._tracking.base is None or self._external_pose.pose is not None:
             if self._config.method != "fixed":
                 return Refusal(self._nowhere())
-            self._outside.take_over()
+            self._external_pose.take_over()
             self._tracking.set_exact(self._config.fixed(now_ns), now_ns)
         result = self._tracking.heading(mean, azimuth_rad, now_ns)
         pose = self._tracking.pose(now_ns)
@@ -261,9 +261,9 @@ class PoseManager:
             return Refusal(f"{self._user} is being localized now; wait until that is done, or cancel it")
         if self._tracking.base is None:
             return Refusal(self._nowhere())
-        if self._outside.pose is not None and not self._outside.is_fresh(now_ns):
+        if self._external_pose.pose is not None and not self._external_pose.is_fresh(now_ns):
             return Refusal(self._silent(now_ns))
-        out = self._procedures.anchor(lamp_id, self._facing.eyes_m, now_ns)
+        out = self._procedures.anchor(lamp_id, self._heading_window.eyes_m, now_ns)
         if isinstance(out, Refusal):
             return out
         return Response(self._queued() or f"point at {self._procedures.lit}", out)
@@ -284,7 +284,7 @@ class PoseManager:
         )
 
     def _silent(self, now_ns: int) -> str:
-        age_s = self._outside.age_s(now_ns)
+        age_s = self._external_pose.age_s(now_ns)
         return (
             f"the tracker that gave the pose of {self._user} is silent for {age_s:.0f} s; start it again, or "
             "localize"

@@ -36,7 +36,7 @@ REPUBLISH_NS = NS_PER_S
 """Period at which progress or waiting is published again, from which led-driver knows that it goes on."""
 
 
-ARBITER_PATIENCE_NS = 10 * NS_PER_S
+ARBITER_TIMEOUT_NS = 10 * NS_PER_S
 """Time for led-driver to come back, before people who wait begin as if alone, ns."""
 
 
@@ -155,7 +155,7 @@ class ProcedureRunner:
         if running is None:
             return []
         if isinstance(running, QueuedPointing):
-            is_alone = self._gone_ns is not None and now_ns - self._gone_ns > ARBITER_PATIENCE_NS
+            is_alone = self._gone_ns is not None and now_ns - self._gone_ns > ARBITER_TIMEOUT_NS
             return self._wait_on(running, () if is_alone else running.ahead, now_ns)
         out = self._process_outputs(running.step(now_ns), now_ns)
         if isinstance(self._running, LampProcedure) and abs(now_ns - self._published_ns) >= REPUBLISH_NS:
@@ -275,11 +275,11 @@ class ProcedureRunner:
     def _most_informative(self, lamps: Sequence[Lamp], eyes_m: float, now_ns: int) -> Lamp:
         place, covariance = self._tracking.uncertainty(now_ns)
         drift = self._config.drift.settings()
-        acuity = ObservationModel(
+        observation_model = ObservationModel(
             ray_sigma_rad=drift.anchor_sigma_rad, elevation_sigma_rad=drift.elevation_sigma_rad, eyes_m=eyes_m
         )
         places = [lamp.position_m for lamp in lamps]
-        return lamps[best_for_yaw(places, place, covariance, acuity, floor_m=self._config.floor_m)]
+        return lamps[best_for_yaw(places, place, covariance, observation_model, floor_m=self._config.floor_m)]
 
     def _process_outputs(self, outputs: Sequence[Output], now_ns: int) -> list[Output]:
         """Return a procedure's outputs, its pose as tracked; drop a procedure that has ended."""

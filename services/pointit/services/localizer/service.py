@@ -83,7 +83,7 @@ class Localizer(Service[LocalizerConfig]):
 
     def __init__(self, config: LocalizerConfig, context: Context) -> None:
         super().__init__(config, context)
-        self._locating = PoseManager(self.user, config)
+        self._pose_manager = PoseManager(self.user, config)
         self._busy = asyncio.Event()
         self._followed = asyncio.Event()
         self._sent: Counter[str] = Counter()
@@ -93,7 +93,7 @@ class Localizer(Service[LocalizerConfig]):
         """Keys that were ahead of this machine's clock when they were read last."""
         self._progress = self.bus.publisher(LOCALIZATION, self.user)
         self._anchors = self.bus.publisher(ANCHOR, self.user)
-        self._emit(self._locating.begin(self.clock.now_ns()))
+        self._emit(self._pose_manager.begin(self.clock.now_ns()))
         self.bus.subscribe(LAMP_LEASES, self._on_leases)
         self.bus.watch(SERVICE_ALIVE, self._on_service)
         self.bus.subscribe(MAP, self._on_map)
@@ -118,63 +118,63 @@ class Localizer(Service[LocalizerConfig]):
                 group.create_task(self._step(), name=f"localizer.{self.user} procedure")
                 group.create_task(self._follow(), name=f"localizer.{self.user} drift")
         finally:
-            self._emit(self._locating.stop(self.clock.now_ns()))
+            self._emit(self._pose_manager.stop(self.clock.now_ns()))
 
     async def _step(self) -> None:
         while True:
             await self._busy.wait()
             await sleep(self.clock, 1.0 / STEP_HZ)
-            self._emit(self._locating.step(self.clock.now_ns()))
+            self._emit(self._pose_manager.step(self.clock.now_ns()))
 
     async def _follow(self) -> None:
         while True:
             await self._followed.wait()
             now_ns = self.clock.now_ns()
-            self._emit(self._locating.due(now_ns))
+            self._emit(self._pose_manager.due(now_ns))
             self._show(now_ns)
-            await sleep(self.clock, self._locating.wait_s(now_ns))
+            await sleep(self.clock, self._pose_manager.wait_s(now_ns))
 
     def _show(self, now_ns: int) -> None:
-        for name, value, unit in self._locating.figures(now_ns):
+        for name, value, unit in self._pose_manager.figures(now_ns):
             self.bus.set_metric(name, value, unit)
-        self.bus.warn("pose", self._locating.problem(now_ns))
+        self.bus.warn("pose", self._pose_manager.problem(now_ns))
 
     def _on_map(self, environment: Environment, _name: str) -> None:
-        self._emit(self._locating.on_map(environment, self.clock.now_ns()))
+        self._emit(self._pose_manager.on_map(environment, self.clock.now_ns()))
 
     def _on_leases(self, leases: LampLeases, _name: str) -> None:
-        self._emit(self._locating.on_leases(leases, self.clock.now_ns()))
+        self._emit(self._pose_manager.on_leases(leases, self.clock.now_ns()))
 
     def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         if instance == ARBITER and not present:
-            self._locating.on_leases_gone(self.clock.now_ns())
+            self._pose_manager.on_leases_gone(self.clock.now_ns())
 
-    def _on_interaction(self, news: Interaction, _user: str) -> None:
-        self._locating.on_interaction(news)
+    def _on_interaction(self, interaction: Interaction, _user: str) -> None:
+        self._pose_manager.on_interaction(interaction)
 
     def _on_pose(self, pose: UserPose, _user: str) -> None:
-        self._emit(self._locating.on_pose(pose, self.clock.now_ns()))
+        self._emit(self._pose_manager.on_pose(pose, self.clock.now_ns()))
 
     def _on_ray(self, ray: PointingRay, _user: str) -> None:
         now_ns = self.clock.now_ns()
         if self._is_timely(RAY.key, ray.stamp_ns, now_ns):
-            outputs = self._locating.on_ray(ray, now_ns)
+            outputs = self._pose_manager.on_ray(ray, now_ns)
             if outputs:
                 self._emit(outputs)
 
     def _on_imu(self, sample: ImuSample, _user: str) -> None:
         now_ns = self.clock.now_ns()
         if self._is_timely(IMU.key, sample.stamp_ns, now_ns):
-            outputs = self._locating.on_imu(sample, now_ns)
+            outputs = self._pose_manager.on_imu(sample, now_ns)
             if outputs:
                 self._emit(outputs)
 
     def _on_objects(self, objects: TrackedObjects, tracker: str) -> None:
         if self._is_timely(OBJECTS.key, objects.stamp_ns, self.clock.now_ns()):
-            self._locating.on_objects(objects, tracker)
+            self._pose_manager.on_objects(objects, tracker)
 
     def _on_robot(self, state: RobotState, robot: str) -> None:
-        self._emit(self._locating.on_robot(state, robot, self.clock.now_ns()))
+        self._emit(self._pose_manager.on_robot(state, robot, self.clock.now_ns()))
 
     def _is_timely(self, key: str, stamp_ns: int, now_ns: int) -> bool:
         """Return True if `stamp_ns` is at most `MAX_AHEAD_NS` in the future; otherwise warn."""
@@ -194,19 +194,19 @@ class Localizer(Service[LocalizerConfig]):
         return False
 
     async def _start(self, query: StartLocalization, _user: str) -> Done:
-        return self._done(self._locating.start(query.method, self.clock.now_ns()))
+        return self._done(self._pose_manager.start(query.method, self.clock.now_ns()))
 
     async def _cancel(self, _query: CancelLocalization, _user: str) -> Done:
-        return self._done(self._locating.cancel(self.clock.now_ns()))
+        return self._done(self._pose_manager.cancel(self.clock.now_ns()))
 
     async def _set_pose(self, query: SetPose, _user: str) -> Done:
-        return self._done(self._locating.set_pose(query, self.clock.now_ns()))
+        return self._done(self._pose_manager.set_pose(query, self.clock.now_ns()))
 
     async def _set_heading(self, query: SetHeading, _user: str) -> Done:
-        return self._done(self._locating.set_heading(query.azimuth_rad, self.clock.now_ns()))
+        return self._done(self._pose_manager.set_heading(query.azimuth_rad, self.clock.now_ns()))
 
     async def _point_anchor(self, query: PointAnchor, _user: str) -> Done:
-        return self._done(self._locating.point_anchor(query.lamp, self.clock.now_ns()))
+        return self._done(self._pose_manager.point_anchor(query.lamp, self.clock.now_ns()))
 
     def _done(self, answer: Response | Refusal) -> Done:
         """Publish the outputs of an answer and return the reply.
@@ -231,8 +231,8 @@ class Localizer(Service[LocalizerConfig]):
                     self._anchors.put(output.model_copy(update={"seq": self._next(ANCHOR.key)}))
                 case WithdrawPose():
                     self._withdraw_pose()
-        self._set(self._busy, is_on=self._locating.is_busy)
-        self._set(self._followed, is_on=self._locating.is_followed)
+        self._set(self._busy, is_on=self._pose_manager.is_busy)
+        self._set(self._followed, is_on=self._pose_manager.is_followed)
 
     @staticmethod
     def _set(event: asyncio.Event, *, is_on: bool) -> None:

@@ -8,18 +8,18 @@ from pointit.services.localizer.drift.model import RATE, YAW, AnchorMeasurement,
 from pointit.services.localizer.drift.state import Innovation
 
 
-def innovation(means: Array, sight: AnchorMeasurement, late_s: float) -> Innovation:
+def innovation(means: Array, measurement: AnchorMeasurement, late_s: float) -> Innovation:
     """Return azimuth and elevation of a pointing, `late_s` old, minus those that each state expects."""
     then = means.copy()
     then[:, YAW] -= late_s * then[:, RATE]
-    expected, slope, _ = predicted_bearing(then, sight)
+    expected, slope, _ = predicted_bearing(then, measurement)
     slope[:, :, RATE] = -late_s * slope[:, :, YAW]
-    value = np.array([sight.azimuth_rad, sight.elevation_rad]) - expected
+    value = np.array([measurement.azimuth_rad, measurement.elevation_rad]) - expected
     value[:, 0] = np.remainder(value[:, 0] + math.pi, math.tau) - math.pi
     return Innovation(value, slope)
 
 
-def predicted_bearing(means: Array, sight: AnchorMeasurement) -> tuple[Array, Array, Array]:
+def predicted_bearing(means: Array, measurement: AnchorMeasurement) -> tuple[Array, Array, Array]:
     """Return the bearing of the target from the person's eyes.
 
     Args:
@@ -32,11 +32,11 @@ def predicted_bearing(means: Array, sight: AnchorMeasurement) -> tuple[Array, Ar
     """
     yaw = means[:, YAW]
     cos_yaw, sin_yaw = np.cos(yaw), np.sin(yaw)
-    eye_x = cos_yaw * sight.origin_m[0] - sin_yaw * sight.origin_m[1]
-    eye_y = sin_yaw * sight.origin_m[0] + cos_yaw * sight.origin_m[1]
-    east = sight.target_m[0] - means[:, X] - eye_x
-    north = sight.target_m[1] - means[:, Y] - eye_y
-    up = sight.target_m[2] - sight.origin_m[2]
+    eye_x = cos_yaw * measurement.origin_m[0] - sin_yaw * measurement.origin_m[1]
+    eye_y = sin_yaw * measurement.origin_m[0] + cos_yaw * measurement.origin_m[1]
+    east = measurement.target_m[0] - means[:, X] - eye_x
+    north = measurement.target_m[1] - means[:, Y] - eye_y
+    up = measurement.target_m[2] - measurement.origin_m[2]
     away = np.maximum(np.hypot(east, north), 1e-9)
     square = away * away
     lower = -up / (square + up * up)

@@ -155,7 +155,7 @@ class DriftFilter:
         """
         self.set_time(now_ns)
         settings = self._settings
-        sight = AnchorMeasurement(
+        measurement = AnchorMeasurement(
             stamp_ns=stamp_ns,
             target_m=(target_m[0], target_m[1], target_m[2] - self._floor_m),
             origin_m=origin_m,
@@ -163,19 +163,19 @@ class DriftFilter:
             elevation_rad=vector.elevation(direction_h) - elevation_bias_rad,
             spread_rad=spread_rad,
         )
-        rejection = self._untimely(stamp_ns) or self._unusable(sight, direction_h, samples)
+        rejection = self._untimely(stamp_ns) or self._unusable(measurement, direction_h, samples)
         if rejection:
             return AnchorResult(accepted=False, reason=rejection)
         state = self._state
         state.advance(stamp_ns)
         late_s = state.late_s(stamp_ns)
-        level = math.cos(sight.elevation_rad)
+        level = math.cos(measurement.elevation_rad)
         azimuth_sigma = math.hypot(settings.anchor_sigma_rad, spread_rad) / level
         noise = np.diag([azimuth_sigma**2, settings.elevation_sigma_rad**2 + spread_rad**2])
         sideways = settings.turned_sigma_rad / level
         elsewhere = np.diag([sideways**2, settings.outlier_elevation_sigma_rad**2])
-        seen = innovation(state.means, sight, late_s)
-        off = -innovation(state.moments()[0][None], sight, late_s).value[0]
+        seen = innovation(state.means, measurement, late_s)
+        off = -innovation(state.moments()[0][None], measurement, late_s).value[0]
         sigmas = state.innovation_sigmas(seen, noise)
         usual, moved, missed = state.update(
             seen,
@@ -307,13 +307,19 @@ class DriftFilter:
             return ""
         return f"the pointing is {late_s:.0f} s old; check the IMU's radio and the clocks, and point again"
 
-    def _unusable(self, sight: AnchorMeasurement, direction_h: Vec3, samples: int) -> str:
-        values = (*sight.target_m, *sight.origin_m, *direction_h, sight.elevation_rad, sight.spread_rad)
+    def _unusable(self, measurement: AnchorMeasurement, direction_h: Vec3, samples: int) -> str:
+        values = (
+            *measurement.target_m,
+            *measurement.origin_m,
+            *direction_h,
+            measurement.elevation_rad,
+            measurement.spread_rad,
+        )
         if samples < 1 or not all(map(math.isfinite, values)) or vector.norm(direction_h) == 0.0:
             return "no usable ray came while the person pointed; see the IMU"
-        if abs(sight.elevation_rad) > self._settings.max_elevation_rad:
+        if abs(measurement.elevation_rad) > self._settings.max_elevation_rad:
             return "the target is too steeply above or below; choose one farther away"
-        if predicted_bearing(self._state.moments()[0][None], sight)[2][0] < NEAREST_M:
+        if predicted_bearing(self._state.moments()[0][None], measurement)[2][0] < NEAREST_M:
             return "the person would stand on the target; choose one farther away"
         return ""
 

@@ -87,7 +87,7 @@ class RestDetector:
         self._sum_x, self._sum_y, self._sum_yaw = 0.0, 0.0, 0.0
         self._recent: deque[_Turn] = deque(maxlen=self._delay + 1)
         """Bins that may belong to the beginning of a movement."""
-        self._kept: list[_Turn] = []
+        self._turns: list[_Turn] = []
         self._to_settle = self._delay
 
     def end(self) -> RestYawRate | None:
@@ -139,7 +139,7 @@ class RestDetector:
         self._count = self._sum_ns = self._bin_start_ns = 0
         self._sum_x = self._sum_y = self._sum_yaw = 0.0
         self._recent.clear()
-        self._kept.clear()
+        self._turns.clear()
         self._to_settle = self._delay
 
     def _close(self) -> RestYawRate | None:
@@ -158,24 +158,24 @@ class RestDetector:
         if self._to_settle > 0:
             self._to_settle -= 1
             return None
-        self._kept.append(oldest)
-        if oldest[0] - self._kept[0][0] < self._settings.longest_s * NS_PER_S:
+        self._turns.append(oldest)
+        if oldest[0] - self._turns[0][0] < self._settings.longest_s * NS_PER_S:
             return None
         rate = self._finish()
-        self._kept.clear()
+        self._turns.clear()
         return rate
 
     def _finish(self) -> RestYawRate | None:
-        settings, kept = self._settings, self._kept
-        if len(kept) < 3:
+        settings, turns = self._settings, self._turns
+        if len(turns) < 3:
             return None
-        start_ns = kept[0][0]
-        span_s = (kept[-1][0] - start_ns) / NS_PER_S
+        start_ns = turns[0][0]
+        span_s = (turns[-1][0] - start_ns) / NS_PER_S
         if span_s < settings.shortest_s:
             return None
-        times = [(turn[0] - start_ns) / NS_PER_S for turn in kept]
+        times = [(turn[0] - start_ns) / NS_PER_S for turn in turns]
         rates, spreads = zip(
-            *(_line(times, [turn[axis] for turn in kept]) for axis in (1, 2, 3)), strict=True
+            *(_line(times, [turn[axis] for turn in turns]) for axis in (1, 2, 3)), strict=True
         )
         share = math.sqrt(24.0 * settings.correlation_s / span_s) / span_s
         """Standard deviation of the rate per rms of a correlated wander: least squares over `span_s`."""

@@ -29,10 +29,10 @@ from pointit.services.localizer.drift.model import (
 MAX_COMPONENTS = 8
 """Number of components that are kept."""
 
-LEAST_WEIGHT = 1e-6
+MIN_WEIGHT = 1e-6
 """Components that are less probable are dropped."""
 
-LEAST_SIGMA = 1e-6
+MIN_SIGMA = 1e-6
 """Lower bound of measurement noise (rad, rad/s, m)."""
 
 
@@ -125,7 +125,7 @@ class DriftState:
         across = slope.swapaxes(1, 2)
         means, covariances, scores = list[Array](), list[Array](), list[Array]()
         for case in cases:
-            noise = case.noise + np.eye(len(case.noise)) * LEAST_SIGMA**2
+            noise = case.noise + np.eye(len(case.noise)) * MIN_SIGMA**2
             widened = self.covariances + np.diag(case.widened)
             total = slope @ widened @ across + noise
             gain = np.linalg.solve(total, slope @ widened).swapaxes(1, 2)
@@ -138,9 +138,9 @@ class DriftState:
         score = np.concatenate(scores)
         weights = np.exp(score - score.max())
         likeliest = np.argsort(-weights, kind="stable")[:MAX_COMPONENTS]
-        kept = likeliest[weights[likeliest] >= LEAST_WEIGHT * weights.sum()]
-        self.weights = weights[kept] / weights[kept].sum()
-        self.means, self.covariances = np.concatenate(means)[kept], np.concatenate(covariances)[kept]
+        indices = likeliest[weights[likeliest] >= MIN_WEIGHT * weights.sum()]
+        self.weights = weights[indices] / weights[indices].sum()
+        self.means, self.covariances = np.concatenate(means)[indices], np.concatenate(covariances)[indices]
         self._bound()
         return np.asarray(weights.reshape(len(cases), -1).sum(axis=1) / weights.sum())
 

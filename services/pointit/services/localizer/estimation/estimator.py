@@ -51,7 +51,7 @@ FARTHEST_TARGET_M = 1000.0
 SAME_VIEW_RAD = math.radians(2.0)
 """Rays within this have one direction."""
 
-NOWHERE = "these rays meet nowhere in the world; point at each target, arm straight"
+NO_COMMON_POINT = "these rays meet nowhere in the world; point at each target, arm straight"
 
 ONE_VIEW = (
     "the arm was held in one direction while there were several targets; "
@@ -64,7 +64,7 @@ LEVEL_M = 0.1
 
 def solve(
     pointings: Pointings,
-    trust: SolverSettings | None = None,
+    settings: SolverSettings | None = None,
     *,
     floor_m: float = 0.0,
     start: Solution | None = None,
@@ -75,42 +75,44 @@ def solve(
     solved once more without the worst tenth of them.
 
     Args:
-        pointings: at least `trust.min_samples`, at two or more places.
+        pointings: at least `settings.min_samples`, at two or more places.
         trust: weights and limits.
         floor_m: height in {W} of the floor on which the person stands.
         start: a pose found before, used as an additional start.
     """
-    trust = trust if trust is not None else SolverSettings()
+    settings = settings if settings is not None else SolverSettings()
     count = len(pointings)
-    if count < trust.min_samples:
-        return Refusal(f"only {count} rays were gathered and {trust.min_samples} are needed; check the IMU")
+    if count < settings.min_samples:
+        return Refusal(
+            f"only {count} rays were gathered and {settings.min_samples} are needed; check the IMU"
+        )
     targets = pointings.targets_m
     spread_m = np.ptp(targets, axis=0)
     if float(spread_m.max()) < SAME_PLACE_M:
         return Refusal("all pointing was at one place; point at two or more different ones")
     if float(spread_m[:2].max()) < SAME_PLACE_M:
         return Refusal("all targets are above one another, so the direction is open; add one to the side")
-    timely = in_time(pointings, trust.latency_s)
+    timely = in_time(pointings, settings.latency_s)
     summary = blocks(timely)
     centre = np.array([*targets[:, :2].mean(axis=0), floor_m])  # keeps numbers small wherever the origin is
-    rays = trust.rays(summary.pointings, centre)
-    weights = trust.weights()
-    found = () if start is None else (_pose_of(start, centre, trust),)
+    rays = settings.rays(summary.pointings, centre)
+    weights = settings.weights()
+    found = () if start is None else (_pose_of(start, centre, settings),)
     first = np.vstack([initial_poses(rays, weights), *found])
     poses = _out_of_reach(rays, minimize(rays, first, weights))
     if not len(poses):
-        return Refusal(NOWHERE)
-    solution = _solution(rays, summary, poses, trust)
-    missed = _missed_rad(trust.rays(timely, centre), poses[0])
+        return Refusal(NO_COMMON_POINT)
+    solution = _solution(rays, summary, poses, settings)
+    missed = _missed_rad(settings.rays(timely, centre), poses[0])
     if solution.late_s:
-        late = trust.rays(in_time(timely, solution.late_s, summary), centre)
-        late_rad = _missed_rad(late, _pose_of(solution, np.zeros(3), trust))
+        late = settings.rays(in_time(timely, solution.late_s, summary), centre)
+        late_rad = _missed_rad(late, _pose_of(solution, np.zeros(3), settings))
         missed = min(missed, late_rad, key=lambda each: float(each @ each))
     residual_rad = math.sqrt(float(np.mean(missed * missed)))
-    limit_rad = trust.residual_limit_rad(is_still=summary.is_still)
-    if residual_rad > limit_rad and trust.trims:
+    limit_rad = settings.residual_limit_rad(is_still=summary.is_still)
+    if residual_rad > limit_rad and settings.trims:
         kept = missed <= np.quantile(missed, 1.0 - TRIMMED)
-        again = solve(pointings.only(kept), trust.trimmed(LESS), floor_m=floor_m, start=start)
+        again = solve(pointings.only(kept), settings.trimmed(LESS), floor_m=floor_m, start=start)
         if isinstance(again, Solution):
             return again
     solution = replace(
@@ -121,7 +123,7 @@ def solve(
         samples=count,
     )
     place_m = (float(poses[0, 0]), float(poses[0, 1]))
-    return check_solution(solution, place_m, rays, trust, limit_rad)
+    return check_solution(solution, place_m, rays, settings, limit_rad)
 
 
 def _out_of_reach(rays: Rays, poses: Array) -> Array:
@@ -132,15 +134,15 @@ def _out_of_reach(rays: Rays, poses: Array) -> Array:
     return np.asarray(poses[nearest >= NEAREST_M], dtype=np.float64)
 
 
-def _solution(rays: Rays, summary: Blocks, poses: Array, trust: SolverSettings) -> Solution:
+def _solution(rays: Rays, summary: Blocks, poses: Array, settings: SolverSettings) -> Solution:
     """Return the likeliest of `poses` about the centre; its covariance includes the alternatives."""
-    noise = trust.noise_model(is_still=summary.is_still)
-    odds = _odds(rays, summary, poses, trust, noise) if len(poses) > 1 else np.ones(1)
-    likely = odds >= NEGLIGIBLE
+    noise = settings.noise_model(is_still=summary.is_still)
+    probabilities = _probabilities(rays, summary, poses, settings, noise) if len(poses) > 1 else np.ones(1)
+    likely = probabilities >= NEGLIGIBLE
     likely[0] = True
     found = [refine(rays, pose, summary, noise) for pose in poses[likely]]
     best, spread = found[0][0], np.zeros_like(found[0][1])
-    for (state, covariance, _), share in zip(found, odds[likely], strict=True):
+    for (state, covariance, _), share in zip(found, probabilities[likely], strict=True):
         off = state - best
         off[2] = math.remainder(float(off[2]), math.tau)
         spread += share * (covariance + np.outer(off, off))
@@ -150,29 +152,31 @@ def _solution(rays: Rays, summary: Blocks, poses: Array, trust: SolverSettings) 
         x_m=x_m,
         y_m=y_m,
         yaw_rad=math.remainder(yaw_rad, math.tau),
-        bias_rad=trust.bias_rad + bias_rad,
+        bias_rad=settings.bias_rad + bias_rad,
         bias_sigma_rad=sigma[3],
         covariance=spread[:3, :3],
         residual_rad=0.0,
         samples=0,
         z_m=z_m,
         z_sigma_m=sigma[4],
-        latency_s=trust.latency_s + latency_s,
+        latency_s=settings.latency_s + latency_s,
         late_s=latency_s if abs(latency_s) > 2.0 * sigma[LATENCY] else 0.0,
         latency_sigma_s=sigma[LATENCY],
         of_latency=spread[:3, LATENCY],
-        alternative=float(1.0 - odds[0]),
+        alternative=float(1.0 - probabilities[0]),
         scatter=0.0 if summary.is_still else found[0][2],
     )
 
 
-def _odds(rays: Rays, summary: Blocks, poses: Array, trust: SolverSettings, noise: NoiseModel) -> Array:
+def _probabilities(
+    rays: Rays, summary: Blocks, poses: Array, settings: SolverSettings, noise: NoiseModel
+) -> Array:
     """Return the probability (k) of each of `poses` (k x 5)."""
     sample_weights = effective_samples(summary, noise.independent_hz)
-    weights = replace(trust.weights(), sigma_rad=noise.sigma_rad)
+    weights = replace(settings.weights(), sigma_rad=noise.sigma_rad)
     costs = evaluate_costs(rays, poses, weights, sample_weights)
-    odds: Array = np.exp(costs.min() - costs)
-    return np.asarray(odds / odds.sum(), dtype=np.float64)
+    probabilities: Array = np.exp(costs.min() - costs)
+    return np.asarray(probabilities / probabilities.sum(), dtype=np.float64)
 
 
 def _missed_rad(rays: Rays, pose: Array) -> Array:
@@ -181,29 +185,31 @@ def _missed_rad(rays: Rays, pose: Array) -> Array:
     return np.asarray(2.0 * np.arctan(0.5 * np.hypot(left, above)), dtype=np.float64).ravel()
 
 
-def _pose_of(solution: Solution, centre: Array, trust: SolverSettings) -> Array:
+def _pose_of(solution: Solution, centre: Array, settings: SolverSettings) -> Array:
     place = [solution.x_m - centre[0], solution.y_m - centre[1]]
-    return np.array([*place, solution.yaw_rad, solution.bias_rad - trust.bias_rad, solution.z_m])
+    return np.array([*place, solution.yaw_rad, solution.bias_rad - settings.bias_rad, solution.z_m])
 
 
 def check_solution(
-    solution: Solution, place_m: tuple[float, float], rays: Rays, trust: SolverSettings, limit_rad: float
+    solution: Solution, place_m: tuple[float, float], rays: Rays, settings: SolverSettings, limit_rad: float
 ) -> Solution | Refusal:
     """Return `solution`, or the refusal if it is not good enough."""
     residual_rad = solution.residual_rad
     away_m = float(np.median(np.abs(rays.targets - complex(*place_m))))
     is_finite = math.isfinite(away_m + residual_rad) and bool(np.isfinite(solution.covariance).all())
     if away_m > FARTHEST_TARGET_M or not is_finite:
-        return Refusal(ONE_VIEW if _is_one_view(rays) else NOWHERE)
+        return Refusal(ONE_VIEW if _is_one_view(rays) else NO_COMMON_POINT)
     if residual_rad > limit_rad:
         return Refusal(_missed(residual_rad, rays, limit_rad), residual_rad)
-    if abs(solution.bias_rad - trust.bias_rad) > trust.bias_sigma_limit * trust.bias_sigma_rad:
+    if abs(solution.bias_rad - settings.bias_rad) > settings.bias_sigma_limit * settings.bias_sigma_rad:
         return Refusal(
             f"the rays would lie {math.degrees(solution.bias_rad):+.0f}° too high all the time, which is not "
             "pointing; point at each target, arm straight",
             residual_rad,
         )
-    return solution if trust.accepts(solution) else Refusal(_unsure(solution, rays, trust), residual_rad)
+    return (
+        solution if settings.accepts(solution) else Refusal(_unsure(solution, rays, settings), residual_rad)
+    )
 
 
 def _missed(residual_rad: float, rays: Rays, limit_rad: float) -> str:
@@ -216,27 +222,27 @@ def _missed(residual_rad: float, rays: Rays, limit_rad: float) -> str:
     )
 
 
-def _unsure(solution: Solution, rays: Rays, trust: SolverSettings) -> str:
-    stated = _stated(solution, trust)
+def _unsure(solution: Solution, rays: Rays, settings: SolverSettings) -> str:
+    stated = _stated(solution, settings)
     if _is_one_view(rays):
         return f"{stated}: the targets lie in one direction; add one far to the side"
     if float(np.max(np.abs(rays.heights))) < LEVEL_M:
         return f"{stated}: all targets are at the height of the eyes; add one below the waist"
     if solution.alternative > 1.0 / (1.0 + math.exp(AMBIGUOUS_COST)):
         return f"{stated}: two places fit the pointing equally well; add a target in another direction"
-    if trust.accepts(replace(solution, covariance=solution.timely, of_latency=np.zeros(3))):
+    if settings.accepts(replace(solution, covariance=solution.timely, of_latency=np.zeros(3))):
         return (
-            f"{stated}: the latency of what tracks the target is uncertain by {trust.latency_sigma_s:.2f} s; "
+            f"{stated}: the latency of what tracks the target is uncertain by {settings.latency_sigma_s:.2f} s; "
             "have the tracker state its `latency_sigma_s`, or the target move slower"
         )
     return f"{stated}; point longer or at one more target, below the waist or far to the side"
 
 
-def _stated(solution: Solution, trust: SolverSettings) -> str:
-    what, sigma_m, limit_m = "the pose", solution.position_sigma_m, trust.max_position_sigma_m
+def _stated(solution: Solution, settings: SolverSettings) -> str:
+    what, sigma_m, limit_m = "the pose", solution.position_sigma_m, settings.max_position_sigma_m
     if solution.scatter:
         what, sigma_m, limit_m = f"a cursor {AWAY_M:g} m away", solution.miss_m, MAX_MISS_RATIO * limit_m
-    yaw_deg, limit_deg = math.degrees(solution.yaw_sigma_rad), math.degrees(trust.max_yaw_sigma_rad)
+    yaw_deg, limit_deg = math.degrees(solution.yaw_sigma_rad), math.degrees(settings.max_yaw_sigma_rad)
     return (
         f"{what} is uncertain by {round_beyond(min(sigma_m, 99.0), limit_m, 2)} m and "
         f"{round_beyond(min(yaw_deg, 180.0), limit_deg)}° and at most {limit_m:.3g} m, {limit_deg:.3g}° "

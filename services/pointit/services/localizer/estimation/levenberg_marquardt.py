@@ -24,7 +24,7 @@ PARALLEL = 1e-6
 STARTS = 24
 """Number of evenly spaced yaws to evaluate first."""
 
-KEPT = 5
+MAX_POSES = 5
 """Largest number of starts: the lowest yaws among those that are lower than their neighbours."""
 
 HUBER = 1.5
@@ -45,7 +45,7 @@ CONVERGED, NEARLY = 3e-4, 3e-3
 """Metres and radians: largest step of a converged descent, and of rivals, of which the cost is needed."""
 
 _DAMPING = 1e-3
-_LEAST, _AGAIN, _STUCK = 1e-6, 1e-2, 1e3
+_MIN_DAMPING, _AGAIN, _STUCK = 1e-6, 1e-2, 1e3
 """Damping: lower bound, least value after a bad step, and the value at which a descent is stuck."""
 _TINY = 1e-9
 _EYE = np.eye(PARAMETERS)
@@ -93,7 +93,7 @@ def initial_poses(rays: Rays, weights: Weights) -> Array:
     best, lowest = np.argmin(costs, axis=0), costs.min(axis=0)
     valley = (lowest <= np.roll(lowest, 1)) & (lowest <= np.roll(lowest, -1))
     chosen = np.flatnonzero(valley)
-    chosen = chosen[np.argsort(lowest[chosen])][:KEPT]
+    chosen = chosen[np.argsort(lowest[chosen])][:MAX_POSES]
     return np.asarray(poses[best[chosen], chosen], dtype=np.float64)
 
 
@@ -107,9 +107,9 @@ def minimize(rays: Rays, poses: Array, weights: Weights) -> Array:
     costs, slopes, hessians = _linearized(rays, poses, weights)
     for number in range(ITERATIONS):
         if number == SETTLED:
-            kept = _apart(poses, costs)
-            poses, costs, slopes = poses[kept], costs[kept], slopes[kept]
-            hessians, damping = hessians[kept], damping[kept]
+            indices = _apart(poses, costs)
+            poses, costs, slopes = poses[indices], costs[indices], slopes[indices]
+            hessians, damping = hessians[indices], damping[indices]
         diagonal = hessians.diagonal(axis1=1, axis2=2)
         damped = hessians + (damping[:, None] * diagonal + _TINY)[:, :, None] * _EYE
         try:
@@ -129,7 +129,9 @@ def minimize(rays: Rays, poses: Array, weights: Weights) -> Array:
             hessians = np.where(better[:, None, None], new_hessians, hessians)
         # a rejected step does not count as convergence, however small; growing damping ends such descents
         sizes = np.where(better | (damping > _STUCK), np.abs(steps).max(axis=1), np.inf)
-        damping = np.where(better, np.maximum(damping * 0.1, _LEAST), np.maximum(damping * 10.0, _AGAIN))
+        damping = np.where(
+            better, np.maximum(damping * 0.1, _MIN_DAMPING), np.maximum(damping * 10.0, _AGAIN)
+        )
         if number >= SETTLED and sizes[np.argmin(costs)] < CONVERGED and sizes.max() < NEARLY:
             break
     return np.asarray(poses[_apart(poses, costs)], dtype=np.float64)
@@ -137,14 +139,14 @@ def minimize(rays: Rays, poses: Array, weights: Weights) -> Array:
 
 def _apart(poses: Array, costs: Array) -> list[int]:
     """Return the indices of distinct poses up to `RIVAL_COST` above the lowest, in order of cost."""
-    kept: list[int] = []
+    indices: list[int] = []
     for index in np.argsort(costs):
-        if costs[index] > costs[kept[0] if kept else index] + RIVAL_COST:
+        if costs[index] > costs[indices[0] if indices else index] + RIVAL_COST:
             break
-        steps = [np.abs(poses[index, :3] - poses[other, :3]) for other in kept]
+        steps = [np.abs(poses[index, :3] - poses[other, :3]) for other in indices]
         if all(max(dx, dy, abs(math.remainder(turn, math.tau))) > SAME_POSE for dx, dy, turn in steps):
-            kept.append(int(index))
-    return kept
+            indices.append(int(index))
+    return indices
 
 
 def huber_weight(sizes: Array) -> Array:

@@ -20,10 +20,10 @@ from pointit.services.localizer.estimation.levenberg_marquardt import minimize
 from pointit.services.localizer.estimation.sample_blocks import Pointings, blocks, in_time
 from pointit.services.localizer.estimation.solution import Refusal, Solution, SolverSettings
 
-LEAST_SLOPE = 0.5
+MIN_SLOPE = 0.5
 """Halfway between a sensor along the arm and one across."""
 
-LEAST_HELD_SLOPE = 0.25
+MIN_HELD_SLOPE = 0.25
 """The same of pointing at lamps: people exaggerate heights less than they understate them."""
 
 BACKWARDS_SLOPE = -0.5
@@ -32,7 +32,7 @@ BACKWARDS_SLOPE = -0.5
 FEWEST_HOLDS = 4
 """Pointings at lamps whose azimuths show that they were meant, even if the rays miss."""
 
-LEAST_SPREAD_RAD = math.radians(0.8)
+MIN_SPREAD_RAD = math.radians(0.8)
 """Smallest standard deviation of the target's elevation that gives a slope."""
 
 LARGEST_SIGMA = 0.25
@@ -71,38 +71,38 @@ class Slope:
     @property
     def is_wrong(self) -> bool:
         """Return True if the sensor is certainly not along the arm; few pointings need a wider margin."""
-        return self.value + (1.0 + 6.0 / self.freedom) * self.sigma < LEAST_SLOPE
+        return self.value + (1.0 + 6.0 / self.freedom) * self.sigma < MIN_SLOPE
 
-    def follows(self, trust: SolverSettings) -> bool:
+    def follows(self, settings: SolverSettings) -> bool:
         """Return True if the azimuths alone show that the arm follows the robot."""
-        return self.freedom >= FOLLOWS_FREEDOM and self.sideways_rad <= FOLLOWS * trust.ray_sigma_rad
+        return self.freedom >= FOLLOWS_FREEDOM and self.sideways_rad <= FOLLOWS * settings.ray_sigma_rad
 
     @property
     def is_doubtful(self) -> bool:
         """Return True if the sensor is rather across the arm than along it."""
-        return self.value < LEAST_SLOPE and self.sigma < LARGEST_SIGMA
+        return self.value < MIN_SLOPE and self.sigma < LARGEST_SIGMA
 
 
 def mounting_fault(
-    pointings: Pointings, result: Solution | Refusal, trust: SolverSettings, floor_m: float
+    pointings: Pointings, result: Solution | Refusal, settings: SolverSettings, floor_m: float
 ) -> str:
     """Return a message about the sensor's mounting, or `""` if no fault is found.
 
     A wrong mounting may also be the reason why the rays miss, so refused rays are examined, too, if their
     azimuths follow the robot.
     """
-    found = _best_fit(pointings, result, trust, floor_m)
-    if isinstance(found, Refusal):
+    fit = _best_fit(pointings, result, settings, floor_m)
+    if isinstance(fit, Refusal):
         return ""
-    independent = trust.independent_hz * pointings.span_s
-    slope = mounting_slope(pointings, found, trust, floor_m, independent=independent)
-    if slope is None or (found is not result and not slope.follows(trust)):
+    independent = settings.independent_hz * pointings.span_s
+    slope = mounting_slope(pointings, fit, settings, floor_m, independent=independent)
+    if slope is None or (fit is not result and not slope.follows(settings)):
         return ""
     if slope.is_wrong:
         is_back = slope.value < BACKWARDS_SLOPE
         does, how = ("sink where it rises", "backwards on") if is_back else ("do not rise with it", "across")
         return MOUNTED.format("robot", does, how)
-    if found is result and slope.is_doubtful:
+    if fit is result and slope.is_doubtful:
         return (
             f"the rays rise and sink only {max(slope.value, 0.0):.1f} times as much as the robot; keep "
             "following it with the arm straight, and if this stays run `pointit person calibrate "
@@ -112,19 +112,19 @@ def mounting_fault(
 
 
 def held_mounting_fault(
-    pointings: Pointings, result: Solution | Refusal, trust: SolverSettings, floor_m: float, *, holds: int
+    pointings: Pointings, result: Solution | Refusal, settings: SolverSettings, floor_m: float, *, holds: int
 ) -> str:
     """Return a message about the mounting of a sensor with which lamps were pointed at, or `""`."""
-    found = _best_fit(pointings, result, trust, floor_m)
-    if isinstance(found, Refusal):
+    fit = _best_fit(pointings, result, settings, floor_m)
+    if isinstance(fit, Refusal):
         return ""
-    slope = mounting_slope(pointings, found, trust, floor_m, independent=float(holds))
-    if slope is None or slope.value >= LEAST_HELD_SLOPE:
+    slope = mounting_slope(pointings, fit, settings, floor_m, independent=float(holds))
+    if slope is None or slope.value >= MIN_HELD_SLOPE:
         return ""
-    are_meant = holds >= FEWEST_HOLDS and slope.sideways_rad <= FOLLOWS * trust.act_sigma_rad
-    if found is not result and not are_meant:
+    are_meant = holds >= FEWEST_HOLDS and slope.sideways_rad <= FOLLOWS * settings.act_sigma_rad
+    if fit is not result and not are_meant:
         return ""
-    is_back = slope.value < -LEAST_HELD_SLOPE
+    is_back = slope.value < -MIN_HELD_SLOPE
     does, how = (
         ("are low at high ones", "backwards on") if is_back else ("do not rise to high ones", "across")
     )
@@ -132,37 +132,40 @@ def held_mounting_fault(
 
 
 def _best_fit(
-    pointings: Pointings, result: Solution | Refusal, trust: SolverSettings, floor_m: float
+    pointings: Pointings, result: Solution | Refusal, settings: SolverSettings, floor_m: float
 ) -> Solution | Refusal:
     """Return `result`, or the pose that was refused because the rays miss or it is uncertain."""
     if isinstance(result, Solution) or result.residual_rad is None:
         return result
     unlimited = replace(
-        trust.unlimited(), max_residual_rad=math.inf, max_act_residual_rad=math.inf, bias_sigma_limit=math.inf
+        settings.unlimited(),
+        max_residual_rad=math.inf,
+        max_act_residual_rad=math.inf,
+        bias_sigma_limit=math.inf,
     )
     return solve(pointings, unlimited, floor_m=floor_m)
 
 
 def mounting_slope(
-    pointings: Pointings, solution: Solution, trust: SolverSettings, floor_m: float, *, independent: float
+    pointings: Pointings, solution: Solution, settings: SolverSettings, floor_m: float, *, independent: float
 ) -> Slope | None:
     """Return the slope by least squares, or None if the target's elevation hardly changes or is not known."""
     if not len(pointings):
         return None
     freedom = independent - FEWEST
-    means = blocks(in_time(pointings, trust.latency_s + solution.late_s)).pointings
+    means = blocks(in_time(pointings, settings.latency_s + solution.late_s)).pointings
     place_m = np.array([solution.x_m, solution.y_m, floor_m])
-    rays = trust.rays(means, place_m)
-    weights = trust.weights()
+    rays = settings.rays(means, place_m)
+    weights = settings.weights()
     weights = replace(weights, sigma_rad=weights.sigma_rad * np.array([[1.0], [FREE_ELEVATION]]))
-    start = np.array([[0.0, 0.0, solution.yaw_rad, solution.bias_rad - trust.bias_rad, solution.z_m]])
+    start = np.array([[0.0, 0.0, solution.yaw_rad, solution.bias_rad - settings.bias_rad, solution.z_m]])
     pose = minimize(rays, start, weights)[0]
     turned: Complex = np.exp(1j * float(pose[2])) * rays.origins * np.conj(rays.inverse_azimuth)
     eyes = complex(float(pose[0]), float(pose[1])) + turned
     seen: Array = np.arctan2(rays.heights - pose[4], np.abs(rays.targets - eyes))
     seen -= seen.mean()
     spread_rad = float(np.sqrt(np.mean(seen**2)))
-    if spread_rad < LEAST_SPREAD_RAD or freedom <= 0.0:
+    if spread_rad < MIN_SPREAD_RAD or freedom <= 0.0:
         return None
     measured: Array = rays.elevations_rad - rays.elevations_rad.mean()
     value = float(np.mean(seen * measured)) / spread_rad**2

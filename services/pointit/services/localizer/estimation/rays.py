@@ -15,7 +15,7 @@ from pointit.schemas import FARTHEST, PointingRay
 from pointit.services.localizer.estimation.angular_residuals import Array
 from pointit.services.localizer.estimation.estimator import SolverSettings
 
-LEAST_BIAS_SIGMA_RAD = math.radians(1.0)
+MIN_BIAS_SIGMA_RAD = math.radians(1.0)
 """Lower bound of an elevation's standard deviation, whatever its calibration (pointing.md §3)."""
 
 
@@ -41,17 +41,17 @@ def origins(rays: Sequence[PointingRay]) -> Array:
     return np.array([ray.origin_m for ray in rays], dtype=np.float64).reshape(-1, 3)
 
 
-def believed(trust: SolverSettings, rays: Iterable[PointingRay]) -> SolverSettings:
-    """Return `trust` with the elevation uncertainty of the person's calibration, which leaves no known bias.
+def believed(settings: SolverSettings, rays: Iterable[PointingRay]) -> SolverSettings:
+    """Return `settings` with the elevation uncertainty of the person's calibration, which leaves no known bias.
 
     Only if all rays are of a calibrated person; the largest sigma counts.
     """
     sigmas = [ray.elevation_sigma_rad for ray in rays]
     known = [sigma for sigma in sigmas if sigma is not None]
     if not known or len(known) < len(sigmas):
-        return trust
-    sigma_rad = max(LEAST_BIAS_SIGMA_RAD, min(max(known), trust.bias_sigma_rad))
-    return replace(trust, bias_rad=0.0, bias_sigma_rad=sigma_rad)
+        return settings
+    sigma_rad = max(MIN_BIAS_SIGMA_RAD, min(max(known), settings.bias_sigma_rad))
+    return replace(settings, bias_rad=0.0, bias_sigma_rad=sigma_rad)
 
 
 @dataclass(frozen=True, slots=True)

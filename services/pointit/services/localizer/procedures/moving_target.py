@@ -72,7 +72,7 @@ class MovingTarget(Procedure):
     _rays: RayWindow
     _tracks: dict[tuple[str, str], Track]
     """By tracker and id; those reported last are at the end."""
-    _meant: TargetDisambiguator
+    _disambiguator: TargetDisambiguator
     _fits: list[Fit]
     """Result of the last solution, the best first."""
     _surest: tuple[Solution, int] | None
@@ -93,7 +93,7 @@ class MovingTarget(Procedure):
         super().__init__(config)
         self.wrist_sigma_s: float | None = None
         """1 sigma of the time of the rays, as the wrist states it. None if it does not."""
-        self._trust = config.believed()
+        self._settings = config.believed()
         self._clear(0)
 
     @property
@@ -155,7 +155,7 @@ class MovingTarget(Procedure):
         self._due_ns = now_ns
         self._rays = RayWindow(self._config.window_s)
         self._tracks = {}
-        self._meant = TargetDisambiguator(self._config.robot_id)
+        self._disambiguator = TargetDisambiguator(self._config.robot_id)
         self._fits = []
         self._solution = None
         self._newest_ray_ns = self._tried_ns = -1
@@ -172,24 +172,24 @@ class MovingTarget(Procedure):
             return Refusal("no rays come; check that the IMU is on and sends")
         self._forget_left(self._newest_ray_ns)
         self._span_s = 0.0
-        trust = self._rays.believed(self._trust)
-        solved = [(key[1], track, self._solve(key, track, trust)) for key, track in self._tracks.items()]
+        settings = self._rays.believed(self._settings)
+        solved = [(key[1], track, self._solve(key, track, settings)) for key, track in self._tracks.items()]
         if not solved:
             return Refusal("the robot is not tracked any more; check its tracker")
-        independent = 1.0 + trust.independent_hz * self._span_s
+        independent = 1.0 + settings.independent_hz * self._span_s
         results = [(object_id, each) for object_id, _, each in solved]
-        self._fits = rank_by_posterior(results, independent, trust.ray_sigma_rad)
-        result = self._meant.choose(self._fits)
+        self._fits = rank_by_posterior(results, independent, settings.ray_sigma_rad)
+        result = self._disambiguator.choose(self._fits)
         if self._surest is not None:  # a person who points elsewhere now has the same mounting as before
             return result
         meant = next((track for _, track, each in solved if each is result), None)
         if meant is None:  # refused because two robots move in the same way, not because of one robot's rays
             return result
         pointings, floor_m = self._rays.pointings(meant), self._config.floor_m
-        if isinstance(result, Refusal) and has_settled(pointings, result, trust, floor_m=floor_m):
+        if isinstance(result, Refusal) and has_settled(pointings, result, settings, floor_m=floor_m):
             self._rays.forget_older_half()
             return result
-        wrong = mounting_fault(pointings, result, trust, floor_m)
+        wrong = mounting_fault(pointings, result, settings, floor_m)
         if not wrong and isinstance(result, Solution):
             wrong = self._unsure(pointings, result)
         return Refusal(wrong, result.residual_rad) if wrong else result
@@ -212,7 +212,7 @@ class MovingTarget(Procedure):
             if is_left and track.newest_ns < oldest_ns:
                 del self._tracks[key]
 
-    def _solve(self, key: tuple[str, str], track: Track, trust: SolverSettings) -> Solution | Refusal:
+    def _solve(self, key: tuple[str, str], track: Track, settings: SolverSettings) -> Solution | Refusal:
         tracker, robot = key
         fault = track.fault(robot, tracker, self._newest_ray_ns)
         track.is_reported = False
@@ -224,10 +224,10 @@ class MovingTarget(Procedure):
             return Refusal("keep following the robot with the arm straight")
         if float(np.ptp(pointings.targets_m, axis=0).max()) < SAME_PLACE_M:
             return Refusal(f"{robot} stands still: follow it with the arm as soon as it moves")
-        tracker_s = trust.latency_sigma_s if track.latency_sigma_s is None else track.latency_sigma_s
+        tracker_s = settings.latency_sigma_s if track.latency_sigma_s is None else track.latency_sigma_s
         wrist_s = WRIST_SIGMA_S if self.wrist_sigma_s is None else self.wrist_sigma_s
-        trust = replace(trust, latency_sigma_s=math.hypot(tracker_s, wrist_s))
-        return followed(pointings, trust, floor_m=self._config.floor_m, start=self._solution)
+        settings = replace(settings, latency_sigma_s=math.hypot(tracker_s, wrist_s))
+        return followed(pointings, settings, floor_m=self._config.floor_m, start=self._solution)
 
     def _is_late(self, now_ns: int) -> bool:
         return now_ns - self.since_ns >= self._config.give_up_s * NS_PER_S
@@ -254,7 +254,7 @@ class MovingTarget(Procedure):
         del phase
         several = [fit for fit in self._fits if fit.probability > 0.0] if len(self._fits) > 1 else []
         return {
-            "target_id": self._meant.object_id,
+            "target_id": self._disambiguator.object_id,
             "target_count": len(self._tracks),
             "samples": len(self._rays),
             "candidates": tuple(

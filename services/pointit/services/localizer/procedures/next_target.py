@@ -34,26 +34,26 @@ VAGUE_M = 10.0
 VAGUE_RAD = math.pi
 """Standard deviations of an unknown pose."""
 
-_TRUST = SolverSettings()
+_SETTINGS = SolverSettings()
 
 
 @dataclass(frozen=True, kw_only=True)
 class ObservationModel:
     """Noise of a hold, which is one pointing, however long: a reach errs until the next one."""
 
-    ray_sigma_rad: float = _TRUST.act_sigma_rad
+    ray_sigma_rad: float = _SETTINGS.act_sigma_rad
     """Standard deviation of one pointing sideways."""
-    elevation_sigma_rad: float = _TRUST.elevation_sigma_rad
+    elevation_sigma_rad: float = _SETTINGS.elevation_sigma_rad
     """The same upwards."""
-    bias_sigma_rad: float = _TRUST.bias_sigma_rad
+    bias_sigma_rad: float = _SETTINGS.bias_sigma_rad
     """Standard deviation of the person's elevation bias."""
-    body_sigma_m: float = _TRUST.body_sigma_m
+    body_sigma_m: float = _SETTINGS.body_sigma_m
     """Standard deviation of the eyes' position, which makes near targets less informative."""
     eyes_m: float = EYES_M
     """Eye height above the floor."""
 
 
-def fisher_information(targets_m: Array, eyes_m: Array, acuity: ObservationModel) -> Array:
+def fisher_information(targets_m: Array, eyes_m: Array, observation_model: ObservationModel) -> Array:
     """Return the information about (x, y, yaw, bias) of one hold at each target.
 
     Args:
@@ -76,8 +76,8 @@ def fisher_information(targets_m: Array, eyes_m: Array, acuity: ObservationModel
     slopes[..., 1, 0] = sin_el * east / distance  # upwards
     slopes[..., 1, 1] = sin_el * north / distance
     slopes[..., 1, 3] = 1.0
-    sigmas = np.array([acuity.ray_sigma_rad, acuity.elevation_sigma_rad])
-    variance = sigmas**2 + (acuity.body_sigma_m / distance[..., None]) ** 2
+    sigmas = np.array([observation_model.ray_sigma_rad, observation_model.elevation_sigma_rad])
+    variance = sigmas**2 + (observation_model.body_sigma_m / distance[..., None]) ** 2
     gained: Array = np.einsum("pnij,pnik,pni->pnjk", slopes, slopes, 1.0 / variance)
     return gained
 
@@ -95,7 +95,7 @@ def log_det_information(information_of_pose: Array) -> Array:
 def next_target(
     lamps_m: Sequence[Vec3],
     visits: Sequence[int],
-    acuity: ObservationModel,
+    observation_model: ObservationModel,
     *,
     floor_m: float = 0.0,
     place_m: tuple[float, float] | None = None,
@@ -113,9 +113,9 @@ def next_target(
     """
     lamps, counts = np.array(lamps_m, dtype=np.float64), np.array(visits)
     places = _room(lamps) if place_m is None else np.array([place_m])
-    eyes = np.column_stack([places, np.full(len(places), floor_m + acuity.eyes_m)])
-    gained = fisher_information(lamps, eyes, acuity)
-    sofar = np.einsum("n,pnij->pij", counts, gained) + prior(acuity)
+    eyes = np.column_stack([places, np.full(len(places), floor_m + observation_model.eyes_m)])
+    gained = fisher_information(lamps, eyes, observation_model)
+    sofar = np.einsum("n,pnij->pij", counts, gained) + prior(observation_model)
     after = sofar[:, None] + gained  # places x lamps
     if not counts.any():  # of the best pair, the more informative one by itself
         pairs = log_det_information(after[:, :, None] + gained[:, None, :]).mean(axis=0)
@@ -128,9 +128,9 @@ def next_target(
     return int(np.argmax(np.where(fewest, gains, -np.inf)))
 
 
-def prior(acuity: ObservationModel) -> Array:
+def prior(observation_model: ObservationModel) -> Array:
     """Return the prior information (4 x 4) about (x, y, yaw, bias)."""
-    return np.diag([VAGUE_M**-2, VAGUE_M**-2, VAGUE_RAD**-2, acuity.bias_sigma_rad**-2])
+    return np.diag([VAGUE_M**-2, VAGUE_M**-2, VAGUE_RAD**-2, observation_model.bias_sigma_rad**-2])
 
 
 def _room(lamps: Array) -> Array:
@@ -147,7 +147,7 @@ def best_for_yaw(
     lamps_m: Sequence[Vec3],
     place_m: tuple[float, float],
     covariance: Array,
-    acuity: ObservationModel,
+    observation_model: ObservationModel,
     *,
     floor_m: float = 0.0,
 ) -> int:
@@ -164,8 +164,8 @@ def best_for_yaw(
         floor_m: height of the floor in {W}.
     """
     lamps = np.array(lamps_m, dtype=np.float64)
-    eyes = np.array([[*place_m, floor_m + acuity.eyes_m]])
-    gained: Array = fisher_information(lamps, eyes, acuity)[0][:, :3, :3]
+    eyes = np.array([[*place_m, floor_m + observation_model.eyes_m]])
+    gained: Array = fisher_information(lamps, eyes, observation_model)[0][:, :3, :3]
     left = np.linalg.solve(np.eye(3) + covariance @ gained, np.broadcast_to(covariance, gained.shape))
     near: Array = np.linalg.norm(lamps[:, :2] - eyes[0, :2], axis=1)
     return (

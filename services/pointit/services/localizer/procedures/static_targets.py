@@ -24,7 +24,7 @@ from pointit.services.localizer.outputs import Output, pose_message
 from pointit.services.localizer.procedures.lamp_procedure import LampProcedure
 from pointit.services.localizer.procedures.lamps import max_holds, usable
 from pointit.services.localizer.procedures.next_target import EYES_M, ObservationModel, next_target
-from pointit.services.localizer.verification.holds import held, odd_lamps
+from pointit.services.localizer.verification.holds import held, outlier_lamps
 
 MIN_LAMPS = 2
 """Number of lamps before a pose can be solved."""
@@ -36,11 +36,11 @@ class StaticTargets(LampProcedure):
     def __init__(self, lamps: Sequence[Lamp], config: LocalizerConfig) -> None:
         """Create the procedure for `lamps`, at least one, in the order of lighting."""
         self._lamps = tuple(lamps)
-        self._trust = config.believed()
+        self._settings = config.believed()
         self._max_holds = max_holds(config, len(self._lamps))
         shared = self._max_holds if config.order == "given" or config.targets else MIN_LAMPS
         super().__init__(
-            (lamp.id for lamp in lamps), config, -(-self._trust.min_samples // shared), "start again"
+            (lamp.id for lamp in lamps), config, -(-self._settings.min_samples // shared), "start again"
         )
 
     @property
@@ -61,19 +61,19 @@ class StaticTargets(LampProcedure):
     def _next_lamp(self) -> Lamp:
         if self._config.order == "given":
             return self._lamps[len(self._holds)]
-        trust, rays, solution = self._trust, self._rays, self._solution
-        acuity = ObservationModel(
-            ray_sigma_rad=trust.act_sigma_rad,
-            elevation_sigma_rad=trust.elevation_sigma_rad,
-            bias_sigma_rad=ray_math.believed(trust, rays).bias_sigma_rad,
-            body_sigma_m=trust.body_sigma_m,
+        settings, rays, solution = self._settings, self._rays, self._solution
+        observation_model = ObservationModel(
+            ray_sigma_rad=settings.act_sigma_rad,
+            elevation_sigma_rad=settings.elevation_sigma_rad,
+            bias_sigma_rad=ray_math.believed(settings, rays).bias_sigma_rad,
+            body_sigma_m=settings.body_sigma_m,
             eyes_m=rays[-1].origin_m[2] if rays else EYES_M,
         )
         chosen = [lamp.id for _, lamp in self._holds]
         best = next_target(
             [lamp.position_m for lamp in self._lamps],
             [chosen.count(lamp.id) for lamp in self._lamps],
-            acuity,
+            observation_model,
             floor_m=self._config.floor_m,
             place_m=None if solution is None else (solution.x_m, solution.y_m),
         )
@@ -115,7 +115,7 @@ class StaticTargets(LampProcedure):
         return solve(self._pointings(), self._believed().unlimited(), floor_m=self._config.floor_m)
 
     def _believed(self) -> SolverSettings:
-        return ray_math.believed(self._trust, self._rays)
+        return ray_math.believed(self._settings, self._rays)
 
     def _pointings(self) -> Pointings:
         rays = self._rays
@@ -140,8 +140,12 @@ class StaticTargets(LampProcedure):
         ]
 
     def _left_out(self) -> str:
-        odd = odd_lamps(self._pointings(), self._believed(), floor_m=self._config.floor_m)
-        return f"the pointing at {self._lit[odd[0]]} missed it by far and does not count" if odd else ""
+        outliers = outlier_lamps(self._pointings(), self._believed(), floor_m=self._config.floor_m)
+        return (
+            f"the pointing at {self._lit[outliers[0]]} missed it by far and does not count"
+            if outliers
+            else ""
+        )
 
     @property
     def _lit(self) -> list[str]:

@@ -66,9 +66,9 @@ class RayWindow:
         rays = self._rays
         return (rays[0].stamp_ns, rays[len(rays) // 2].stamp_ns) if rays else (-1, -1)
 
-    def believed(self, trust: SolverSettings) -> SolverSettings:
-        """Return `trust` with the person's calibration; see `rays.believed`."""
-        return ray_math.believed(trust, self._rays)
+    def believed(self, settings: SolverSettings) -> SolverSettings:
+        """Return `settings` with the person's calibration; see `rays.believed`."""
+        return ray_math.believed(settings, self._rays)
 
     def pointings(self, track: "Track") -> Pointings:
         """Return the rays with the position of `track` at each one's time; rays without one are left out."""

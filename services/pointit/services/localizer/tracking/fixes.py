@@ -12,7 +12,7 @@ GIVEN_SIGMA_M = 0.05
 GIVEN_SIGMA_RAD = math.radians(15.0)
 """Standard deviations of a pose that was set, once pointing corrects it."""
 
-DOUBT: Array = np.diag([GIVEN_SIGMA_M**2, GIVEN_SIGMA_M**2, GIVEN_SIGMA_RAD**2])
+FIX_COVARIANCE: Array = np.diag([GIVEN_SIGMA_M**2, GIVEN_SIGMA_M**2, GIVEN_SIGMA_RAD**2])
 """The same as a covariance of x, y, yaw."""
 
 

@@ -20,7 +20,7 @@ from pointit.services.localizer.estimation.angular_residuals import Array
 from pointit.services.localizer.estimation.rays import Mean
 from pointit.services.localizer.outputs import AnchorOutcome, anchor_message, covariance_of, followed
 from pointit.services.localizer.tracking.bias import Bias
-from pointit.services.localizer.tracking.fixes import DOUBT, is_exact, to_fix
+from pointit.services.localizer.tracking.fixes import FIX_COVARIANCE, is_exact, to_fix
 from pointit.services.localizer.tracking.pose_publication import PosePublishTimer, figures
 
 NO_POSE = "no pose is known yet; localize first, or set one"
@@ -41,7 +41,7 @@ class PoseTracker:
         """
         self._settings = settings if settings is not None else DriftSettings()
         self._may_follow = follow
-        self._still = RestDetector()
+        self._rest_detector = RestDetector()
         self._publish_timer = PosePublishTimer()
         self._base: UserPose | None = None
         """The pose as it was found or set."""
@@ -131,11 +131,11 @@ class PoseTracker:
         """Update the rest detector; only while no cursor is shown."""
         if self._filter is None or not self._follows:
             return
-        self._rested(self._still.add(orientation_xyzw, stamp_ns), now_ns)
+        self._rested(self._rest_detector.add(orientation_xyzw, stamp_ns), now_ns)
 
     def end_rest(self) -> None:
         """End the present rest: the arm follows something from now on."""
-        self._rested(self._still.end())
+        self._rested(self._rest_detector.end())
 
     def on_yaw_origin_changed(self, now_ns: int, *, is_restarted: bool) -> UserPose | None:
         """Make the yaw unknown after a change of the IMU's yaw origin. Return the pose to publish.
@@ -147,7 +147,7 @@ class PoseTracker:
             is_restarted: the device was restarted, so that its drift is unknown, too.
         """
         if is_restarted:
-            self._still = RestDetector()
+            self._rest_detector = RestDetector()
         else:
             self.end_rest()
         base = self._base
@@ -177,9 +177,9 @@ class PoseTracker:
             self._filter.set_time(now_ns)
         base = self._base
         if base is None:
-            nowhere = UserPose(stamp_ns=0, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0)
+            unknown_pose = UserPose(stamp_ns=0, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0)
             result = AnchorResult(accepted=False, reason=NO_POSE)
-            return AnchorOutcome(anchor_message(lamp, mean, nowhere, result), is_done=False)
+            return AnchorOutcome(anchor_message(lamp, mean, unknown_pose, result), is_done=False)
         before = self._at(base, mean.stamp_ns)
         is_only_measured = self._is_outside and not rejection
         rejection = MEASURED if is_only_measured else rejection
@@ -242,7 +242,7 @@ class PoseTracker:
         if self._base is None:
             raise ValueError(NO_POSE)
         now = self._at(self._base, now_ns)
-        covariance = nearest_psd(covariance_of(now)) + (0.0 if self._is_estimated else DOUBT)
+        covariance = nearest_psd(covariance_of(now)) + (0.0 if self._is_estimated else FIX_COVARIANCE)
         return now.position_m[:2], bounded_covariance(covariance, self._settings)
 
     def figures(self, now_ns: int) -> Iterator[tuple[str, float | None, str]]:
@@ -259,7 +259,7 @@ class PoseTracker:
         self._filter = None
         self._is_estimated = self._is_outside = self._has_lost_yaw = False
         self._follows = follow
-        self._still = RestDetector()
+        self._rest_detector = RestDetector()
 
     def _rested(self, measured: RestYawRate | None, now_ns: int | None = None) -> None:
         if measured is not None and self._filter is not None and self._follows:
@@ -277,8 +277,8 @@ class PoseTracker:
         return self._filter
 
     def _doubtful(self, pose: UserPose, stamp_ns: int) -> DriftFilter:
-        """Return a filter that starts at `pose` with the uncertainty `DOUBT`."""
-        return DriftFilter(to_fix(pose, covariance_of(pose) + DOUBT, stamp_ns), self._settings)
+        """Return a filter that starts at `pose` with the uncertainty `FIX_COVARIANCE`."""
+        return DriftFilter(to_fix(pose, covariance_of(pose) + FIX_COVARIANCE, stamp_ns), self._settings)
 
     def _believe(self) -> None:
         self._is_estimated = True

@@ -42,55 +42,57 @@ UNSETTLED = "the rays do not follow the robot closely yet; keep following it wit
 
 
 def followed(
-    pointings: Pointings, trust: SolverSettings, *, floor_m: float = 0.0, start: Solution | None = None
+    pointings: Pointings, settings: SolverSettings, *, floor_m: float = 0.0, start: Solution | None = None
 ) -> Solution | Refusal:
     """Return the pose of rays at one moving target, or the refusal if they may not follow it."""
     pointings = without_spikes(pointings)
-    result = solve(pointings, trust, floor_m=floor_m, start=start)
+    result = solve(pointings, settings, floor_m=floor_m, start=start)
     if isinstance(result, Refusal):
         return result
-    reason = doubt(pointings, result, trust, floor_m=floor_m)
+    reason = rejection_reason(pointings, result, settings, floor_m=floor_m)
     return Refusal(reason, result.residual_rad) if reason else result
 
 
-def doubt(pointings: Pointings, found: Solution, trust: SolverSettings, *, floor_m: float = 0.0) -> str:
-    """Return the reason not to take the pose `found` although it is certain, or `""`."""
-    half = solve(newest_half(pointings), trust.unlimited(), floor_m=floor_m, start=found)
-    is_noisy = pointings.span_s >= NOISY_S and (half.residual_rad or 0.0) >= AS_MUCH * found.residual_rad
-    if not is_settled(pointings, found.residual_rad, trust, NOISY if is_noisy else CLOSE):
+def rejection_reason(
+    pointings: Pointings, solution: Solution, settings: SolverSettings, *, floor_m: float = 0.0
+) -> str:
+    """Return the reason not to take the pose `solution` although it is certain, or `""`."""
+    half = solve(newest_half(pointings), settings.unlimited(), floor_m=floor_m, start=solution)
+    is_noisy = pointings.span_s >= NOISY_S and (half.residual_rad or 0.0) >= AS_MUCH * solution.residual_rad
+    if not is_settled(pointings, solution.residual_rad, settings, NOISY if is_noisy else CLOSE):
         return UNSETTLED
-    return "" if isinstance(half, Refusal) or half.differs(found) <= AGREEING else CHANGED
+    return "" if isinstance(half, Refusal) or half.differs(solution) <= AGREEING else CHANGED
 
 
 def is_settled(
-    pointings: Pointings, residual_rad: float, trust: SolverSettings, least: float = CLOSE
+    pointings: Pointings, residual_rad: float, settings: SolverSettings, min_sigmas: float = CLOSE
 ) -> bool:
     """Return True if rays that miss by `residual_rad` rms follow the target, and move because it does.
 
-    `least`: rms that is close enough, however few they are, in sigmas of a ray.
+    `min_sigmas`: rms that is close enough, however few they are, in sigmas of a ray.
     """
     level = np.hypot(pointings.directions[:, 0], pointings.directions[:, 1])
     headings = pointings.directions[:, 0] + 1j * pointings.directions[:, 1]
     azimuths = np.angle(headings * np.conj(headings.mean()))
     elevations = np.arctan2(pointings.directions[:, 2], level)
     variance = float(np.var(azimuths * level) + np.var(elevations))
-    limit_rad = trust.ray_sigma_rad * max(least, CLOSE_PER_S * pointings.span_s)
+    limit_rad = settings.ray_sigma_rad * max(min_sigmas, CLOSE_PER_S * pointings.span_s)
     return residual_rad**2 <= min(limit_rad**2, (1.0 - EXPLAINED) * variance)
 
 
 def has_settled(
-    pointings: Pointings, missed: Refusal, trust: SolverSettings, *, floor_m: float = 0.0
+    pointings: Pointings, missed: Refusal, settings: SolverSettings, *, floor_m: float = 0.0
 ) -> bool:
     """Return True if the newest half of the rays follows the target closely and all of them do not.
 
     Then the arm came late: the older half is of no use.
     """
     pointings = without_spikes(pointings)
-    if missed.residual_rad is None or is_settled(pointings, missed.residual_rad, trust):
+    if missed.residual_rad is None or is_settled(pointings, missed.residual_rad, settings):
         return False
     half = newest_half(pointings)
-    found = solve(half, trust.unlimited(), floor_m=floor_m)
-    return isinstance(found, Solution) and is_settled(half, found.residual_rad, trust)
+    solution = solve(half, settings.unlimited(), floor_m=floor_m)
+    return isinstance(solution, Solution) and is_settled(half, solution.residual_rad, settings)
 
 
 def newest_half(pointings: Pointings) -> Pointings:

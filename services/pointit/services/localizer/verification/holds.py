@@ -21,10 +21,10 @@ from pointit.services.localizer.estimation.solution import Refusal, Solution, So
 AGREEING = 1.2
 """Largest rms of holds that agree, in sigmas of one pointing sideways."""
 
-LEAST_OTHERS = 4
+MIN_OTHER_LAMPS = 4
 """Lamps that must agree without another one for it to be left out: three determine a pose almost exactly."""
 
-MOST_LAMPS = 12
+MAX_LAMPS = 12
 """Number of lamps, the first ones, of which each pair is tried as swapped."""
 
 IMPROVED = 0.5
@@ -50,7 +50,7 @@ within 40 ms (pointing.md §7)."""
 
 def held(
     pointings: Pointings,
-    trust: SolverSettings,
+    settings: SolverSettings,
     *,
     floor_m: float = 0.0,
     start: Solution | None = None,
@@ -61,23 +61,23 @@ def held(
     `lamps`: their ids, in the order of first holds. The refusal names those that are swapped in the map.
     """
     steady = without_spikes(pointings)
-    result = solve(steady, trust, floor_m=floor_m, start=start)
+    result = solve(steady, settings, floor_m=floor_m, start=start)
     numbers = lamp_numbers(steady)
-    wrong = held_mounting_fault(steady, result, trust, floor_m, holds=len(np.unique(numbers)))
+    wrong = held_mounting_fault(steady, result, settings, floor_m, holds=len(np.unique(numbers)))
     if wrong:
         return Refusal(wrong, result.residual_rad)
-    if result.residual_rad is None or result.residual_rad <= AGREEING * trust.act_sigma_rad:
+    if result.residual_rad is None or result.residual_rad <= AGREEING * settings.act_sigma_rad:
         return result
-    odd = odd_lamps(pointings, trust, floor_m=floor_m)
-    if len(odd) == 2:
-        first, second = (lamps[each] if lamps else f"number {each + 1}" for each in odd)
+    outliers = outlier_lamps(pointings, settings, floor_m=floor_m)
+    if len(outliers) == 2:
+        first, second = (lamps[each] if lamps else f"number {each + 1}" for each in outliers)
         return Refusal(SWAPPED.format(first, second), result.residual_rad)
-    if odd:
-        return solve(steady.only(numbers != odd[0]), trust, floor_m=floor_m, start=start)
+    if outliers:
+        return solve(steady.only(numbers != outliers[0]), settings, floor_m=floor_m, start=start)
     return result if isinstance(result, Refusal) else Refusal(CONTRADICT, result.residual_rad)
 
 
-def odd_lamps(pointings: Pointings, trust: SolverSettings, *, floor_m: float = 0.0) -> tuple[int, ...]:
+def outlier_lamps(pointings: Pointings, settings: SolverSettings, *, floor_m: float = 0.0) -> tuple[int, ...]:
     """Return the lamp that is missed while the others agree, or the two with which all agree if swapped.
 
     They are numbered by their first holds. Empty if neither explains the rays by far.
@@ -85,22 +85,24 @@ def odd_lamps(pointings: Pointings, trust: SolverSettings, *, floor_m: float = 0
     steady = without_spikes(pointings)
     numbers = lamp_numbers(steady)
     count = int(numbers.max(initial=-1)) + 1
-    unlimited = replace(trust.unlimited(), max_act_residual_rad=math.inf)
+    unlimited = replace(settings.unlimited(), max_act_residual_rad=math.inf)
     any_bias = replace(unlimited, bias_sigma_limit=math.inf)
-    whole = solve(steady, any_bias, floor_m=floor_m) if count > LEAST_OTHERS else None
-    if not isinstance(whole, Solution) or whole.residual_rad <= AGREEING * trust.act_sigma_rad:
+    whole = solve(steady, any_bias, floor_m=floor_m) if count > MIN_OTHER_LAMPS else None
+    if not isinstance(whole, Solution) or whole.residual_rad <= AGREEING * settings.act_sigma_rad:
         return ()
     places_m = steady.targets_m[np.unique(numbers, return_index=True)[1]]
-    limit_rad = min(AGREEING * trust.act_sigma_rad, IMPROVED * whole.residual_rad)
-    for size, most in ((1, count), (2, min(count, MOST_LAMPS))):
+    limit_rad = min(AGREEING * settings.act_sigma_rad, IMPROVED * whole.residual_rad)
+    for size, most in ((1, count), (2, min(count, MAX_LAMPS))):
         found: list[tuple[float, tuple[int, ...], Solution]] = []
-        for odd in combinations(range(most), size):
+        for outliers in combinations(range(most), size):
             order = np.arange(count)
-            order[list(odd)] = odd[::-1]
+            order[list(outliers)] = outliers[::-1]
             swapped = replace(steady, targets_m=places_m[order][numbers])
-            fit = solve(steady.only(numbers != odd[0]) if size == 1 else swapped, unlimited, floor_m=floor_m)
+            fit = solve(
+                steady.only(numbers != outliers[0]) if size == 1 else swapped, unlimited, floor_m=floor_m
+            )
             if isinstance(fit, Solution):
-                found.append((fit.residual_rad, odd, fit))
+                found.append((fit.residual_rad, outliers, fit))
         rms, best, fit = min(found, key=lambda each: each[0], default=(math.inf, (), whole))
         missed = (_miss_rad(steady.only(numbers == number), fit, floor_m) for number in best)
         if rms <= limit_rad and min(missed) >= MISSED_RAD:

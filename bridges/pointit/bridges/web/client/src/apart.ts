@@ -10,7 +10,7 @@ const PATIENCE_MS = 60_000;
 export const APART_KEY = "T";
 
 export class ApartToggle {
-  readonly button = el("button", { type: "button", "aria-label": "Told apart", "aria-keyshortcuts": APART_KEY, onclick: () => this.toggle() }, icon("floor"), el("span", { text: "Told apart" }), key(APART_KEY));
+  readonly button = el("button", { type: "button", "aria-keyshortcuts": APART_KEY, onclick: () => this.toggle() }, icon("floor"), el("span", { text: "Told apart" }), key(APART_KEY));
   readonly legend: HTMLElement;
   /** What the floor shows, or null. */
   shown: Apart | null = null;
@@ -64,7 +64,7 @@ export class ApartToggle {
 
   private async ask(version: number): Promise<void> {
     this.asked = version;
-    const reply = await this.controls.ask({ deed: "told_apart" }, { patienceMs: PATIENCE_MS });
+    const reply = await this.controls.ask({ deed: "told_apart" }, PATIENCE_MS);
     if (!this.isOn || this.asked !== version) return;
     if (reply) this.put(reply as unknown as Apart);
     else this.toggle();

@@ -17,7 +17,7 @@ import { Mouse } from "./mouse";
 import { beltsPart } from "./panel/belts";
 import { mapPart } from "./edit/part";
 import { healthPart } from "./panel/health";
-import { lookPart } from "./panel/look";
+import { makeLook } from "./panel/look";
 import { messagesPart } from "./panel/messages";
 import { moverPart } from "./panel/mover";
 import { nowPart } from "./panel/now";
@@ -26,6 +26,7 @@ import { makePanel } from "./panel/panel";
 import { peoplePart } from "./panel/people";
 import { robotsPart, stopAll } from "./panel/robots";
 import { speechPart } from "./panel/speech";
+import { thingsPart } from "./panel/things";
 import { tuningPart } from "./panel/tuning";
 import { mapRoomPart } from "./panel/map_room";
 import { makeTimeline } from "./past/timeline";
@@ -52,6 +53,8 @@ declare global {
 
 /** Panels are brought up to date so often at most, ms. */
 const PANEL_MS = 150;
+/** Index of the health tab. */
+const HEALTH = 2;
 
 const at = (id: string): HTMLElement => document.getElementById(id)!;
 const site = emptySite();
@@ -96,19 +99,21 @@ const guide = makeGuide(at("guide"), controls, mouse, pairing);
 const scenario = makeScenario(at("scenario"), at("progress"), controls);
 const belts = beltsPart(controls);
 const tuning = tuningPart(controls);
-const look = lookPart(controls, changeLook);
+const look = makeLook(controls, changeLook);
 const panel = makePanel(at("panel"), controls, [
-  { name: "Control", icon: "sliders", parts: [nowPart(controls), speechPart(controls), robotsPart(controls), moverPart(controls, mouse, pairing), belts, peoplePart(controls, scenario), devicesPart(controls), mapRoomPart(controls), tuning, mapPart(controls), look] },
+  { name: "Control", icon: "sliders", parts: [nowPart(controls), thingsPart(controls), robotsPart(controls), moverPart(controls, mouse, pairing), belts, speechPart(controls)] },
+  { name: "Set up", icon: "map", parts: [peoplePart(controls, scenario), devicesPart(controls), mapPart(controls), mapRoomPart(controls), tuning] },
   { name: "Health", icon: "pulse", parts: [healthPart(controls, () => stage.view?.stats ?? null), messagesPart(controls)] },
 ]);
 const stop = stopAll(at("stop"), controls);
 const runEnd = makeRunEnd(at("ended"), controls);
 const timeline = makeTimeline(at("timeline"), controls, (text) => say(text, false));
-const help = makeHelp((): readonly Shortcut[] => shortcuts, settings);
+const help = makeHelp((): readonly Shortcut[] => shortcuts, () => stage.gestures);
 const shortcuts = makeShortcuts({ controls, mouse, stage, belts, look, pairing, panel, help, timeline });
 listen(shortcuts, () => settings.shortcuts);
 at("help").addEventListener("click", () => help.open());
-at("pill").addEventListener("click", () => panel.open(1));
+at("settings").addEventListener("click", () => look.open());
+at("pill").addEventListener("click", () => panel.open(HEALTH));
 at("visit").addEventListener("click", () => connection.visit(site.timeline === null));
 at("retry").addEventListener("click", () => connection.hurry());
 watchSystem(() => changeLook("theme"));
@@ -169,14 +174,15 @@ function tell(happened: Happened): void {
     return;
   }
   const { event } = happened, id = event.object_id;
-  if (event.user !== (mine || controls.user)) return;
+  isStale = true;
+  if (controls.tellTakenBack(event) || event.user !== (mine || controls.user)) return;
   const isLeaving = event.event === "dispatched" || event.event === "left";
   const isOwn = controls.isOwn({ user: event.user, stampNs: event.stamp_ns }) && (!isLeaving || controls.hasSelected(id));
   const what = called(site, id, event.kind), isWrong = !controls.isWanted(event.kind), who = isOwn ? "" : `${event.user}: `;
   if (event.event === "selected") {
     if (isOwn) {
       controls.setSelected(id, true);
-      guide.selected(event);
+      if (event.cause !== "undo" && event.cause !== "release") guide.selected(event);
       if (settings.sound) chime(isWrong ? "buzz" : "tick");
     }
     say(`${who}${isWrong ? "Not wanted" : outcome(site, event)}: ${what}`, isOwn, isWrong);
@@ -189,7 +195,6 @@ function tell(happened: Happened): void {
     if (ended) say(`${who}${ended}: ${what}`, isOwn);
   }
   else if (event.event === "refused" && isOwn) controls.toasts.show("info", plainly(event) || `${capital(what)} could not be selected.`);
-  isStale = true;
 }
 
 /** Tell in words: as a toast, which is read out, or only to be read out. */
@@ -216,12 +221,12 @@ function showHeader(): void {
   write(at("site"), [site.hello?.site, past?.title].filter(Boolean).join(" · "));
   showVisit();
   const wrong = site.status?.findings.filter((each) => each.severity !== "note" && !each.follows).length ?? 0;
-  panel.count(1, wrong, wrong === 1 ? "warning" : "warnings");
-  const pill = at("pill"), isLost = !site.connected || isCutOff(site);
-  mark(pill, "data-state", runEnd.isOver ? "past" : isLost ? "lost" : wrong ? "warning" : past ? "past" : "live");
+  panel.count(HEALTH, wrong, wrong === 1 ? "warning" : "warnings");
+  const pill = at("pill"), isLoading = site.status === null && at("lost").hidden, isLost = !isLoading && (!site.connected || isCutOff(site));
+  mark(pill, "data-state", runEnd.isOver ? "past" : isLoading ? "loading" : isLost ? "lost" : wrong ? "warning" : past ? "past" : "live");
   mark(pill.querySelector("use")!, "href", `#icon-${runEnd.isOver ? "stop" : isLost ? "close" : wrong ? "warning" : past ? "history" : "live"}`);
   const median = !isLost && !past ? connection.latency.total(performance.now()).p50 : null;
-  write(at("pill-text"), runEnd.isOver ? "Ended" : site.connected ? (past ? "Past" : isLost ? "Cut off" : "Live") : site.hello ? "Lost" : "Connecting");
+  write(at("pill-text"), runEnd.isOver ? "Ended" : isLoading ? "Connecting" : !site.connected ? "Lost" : past ? "Past" : isLost ? "Cut off" : "Live");
   write(at("pill-latency"), median === null ? "" : `· ${milliseconds(median)}`);
   show(at("recorded"), site.connected && controls.isPresent("recorder") && !past);
   show(at("looks-on"), site.connected && site.hello?.role === "viewer" && !past);

@@ -23,6 +23,16 @@ let groups = 0;
 /** Time (ms) for which a new choice is shown before the value in use replaces it. */
 const HOLD_MS = 1500;
 
+/** Characters of a label that four columns have room for, three, or two; an icon or a swatch takes as much as three. */
+const ROOM = [[6, 4], [10, 3], [17, 2]] as const;
+
+/** Number of columns with which the rows are as even as can be: two and two rather than three and one. */
+export function columnsOf(options: readonly Option[]): number {
+  const longest = Math.max(...options.map(({ label, icon: symbol, swatch }) => label.length + (symbol || swatch ? 3 : 0)));
+  const most = ROOM.find(([room]) => longest <= room)?.[1] ?? 1;
+  return Math.ceil(options.length / Math.ceil(options.length / most)) || 1;
+}
+
 export function choice(legend: string, onChoose: (value: string) => void, options: readonly Option[] = []): Choice {
   const group = `choice-${++groups}`;
   const row = el("div", { className: "choice" });
@@ -43,6 +53,7 @@ export function choice(legend: string, onChoose: (value: string) => void, option
       if (signature === offered) return;
       const isFocused = row.contains(document.activeElement);
       offered = signature;
+      row.style.setProperty("--columns", String(columnsOf(next)));
       row.replaceChildren(...next.map((option) => {
         const input = el("input", { type: "radio", name: group, value: option.value, onchange: () => {
           current = option.value;

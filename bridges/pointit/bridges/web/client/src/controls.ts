@@ -3,15 +3,27 @@
 import type { Reply, Wish } from "./site/asks";
 import { Refusal } from "./site/asks";
 import type { Connection } from "./site/connection";
-import { byName } from "./format";
+import { byName, capital } from "./format";
+import type { SelectionEvent } from "./messages";
 import { seenRobots } from "./site/robots";
 import type { Settings } from "./settings";
 import { siteNow, type Person, type Site } from "./site/site";
+import { hasTakenBack } from "./site/things";
 import type { Toasts } from "./toasts";
 import { SERVERS, type RequestKey } from "./topics";
 import type { Hello } from "./wire";
+import { called, friendly, listed, modeOf, outcome } from "./words";
 
 type Deed = Hello["deeds"][number];
+
+/** An undo or a clear that this page has asked for, and the names of its objects. */
+interface TakenBack {
+  readonly cause: "undo" | "clear";
+  readonly user: string;
+  readonly names: string[];
+  /** Names of those for which it was too late. */
+  readonly late: string[];
+}
 
 export class Controls {
   private chosen = "";
@@ -19,6 +31,8 @@ export class Controls {
   private readonly own = new Set<string>();
   private lastHeld = "";
   private holds = { user: "", sinceNs: Infinity };
+  /** What this page undid or cleared last; its events may come in several batches. */
+  private takenBack: TakenBack | null = null;
 
   constructor(
     readonly site: Site, readonly settings: Settings, readonly connection: Connection, readonly toasts: Toasts,
@@ -120,18 +134,23 @@ export class Controls {
     return this.isPresent("user-sim", user);
   }
 
-  /** Send a request, and show its message or the reason of a refusal. Returns the reply, or null if refused. */
-  async ask(wish: Wish, { isQuiet = false, patienceMs }: { isQuiet?: boolean; patienceMs?: number } = {}): Promise<Reply | null> {
+  /** Send a request, and show the reason of a refusal. Returns the reply, or null if refused. */
+  async ask(wish: Wish, patienceMs?: number): Promise<Reply | null> {
     try {
-      const reply = await this.connection.ask(wish, patienceMs);
-      if (!isQuiet && typeof reply["message"] === "string" && reply["message"]) this.toasts.show("info", reply["message"]);
-      return reply;
+      return await this.connection.ask(wish, patienceMs);
     } catch (error) {
       if (!(error instanceof Refusal)) throw error;
       if (!this.site.connected) return null; // which is said over the scene
-      this.toasts.show("error", error.message);
+      this.toasts.show("error", friendly(this.site, error.message));
       return null;
     }
+  }
+
+  /** Send a request, and show the message of its reply as well. */
+  async askAloud(wish: Wish, patienceMs?: number): Promise<Reply | null> {
+    const reply = await this.ask(wish, patienceMs), message = reply?.["message"];
+    if (typeof message === "string" && message) this.toasts.show("info", capital(friendly(this.site, message)));
+    return reply;
   }
 
   /** Whether this page may stop robots: every robot, since the reply says if its service does not answer. */
@@ -147,29 +166,65 @@ export class Controls {
   /** Stop robots, all by default; each is asked for itself, so that one that does not answer holds up no other. */
   async stopRobots(robots: readonly string[] = this.stoppable): Promise<void> {
     const replies = await Promise.all(robots.map((name) =>
-      this.ask({ key: "robots/{robot}/stop", name, query: { reason: "from the page" } }, { isQuiet: true })));
+      this.ask({ key: "robots/{robot}/stop", name, query: { reason: "from the page" } })));
     const stopped = robots.filter((_, i) => replies[i]);
     if (stopped.length) this.toasts.show("done", `Stopped: ${stopped.join(", ")}.`);
   }
 
   press(user = this.user): void {
-    if (this.mayDo("press") && user) void this.ask({ deed: "press", name: user }, { isQuiet: true });
+    if (this.mayDo("press") && user) void this.ask({ deed: "press", name: user });
   }
 
   localize(): void {
-    if (this.may("localizer/{user}/start")) void this.ask({ key: "localizer/{user}/start", name: this.user });
+    if (this.may("localizer/{user}/start")) void this.askAloud({ key: "localizer/{user}/start", name: this.user });
   }
 
   cancel(): void {
-    if (this.may("localizer/{user}/cancel")) void this.ask({ key: "localizer/{user}/cancel", name: this.user });
+    if (this.may("localizer/{user}/cancel")) void this.askAloud({ key: "localizer/{user}/cancel", name: this.user });
+  }
+
+  /** Whether the person has selected something that they can clear: what a button fired ends by itself. */
+  get canClear(): boolean {
+    const { site, user } = this;
+    return site.selection?.objects.some((each) => each.user === user && modeOf(site, each.id) !== "button") ?? false;
+  }
+
+  /** Whether an action of the person since the start of the selector can be undone. */
+  get canUndo(): boolean {
+    return this.canClear || hasTakenBack(this.site, this.user);
   }
 
   undo(): void {
-    if (this.may("selector/{user}/undo")) void this.ask({ key: "selector/{user}/undo", name: this.user });
+    if (this.may("selector/{user}/undo")) void this.takeBack("undo", this.canUndo);
   }
 
   clear(): void {
-    if (this.may("selector/{user}/clear")) void this.ask({ key: "selector/{user}/clear", name: this.user });
+    if (this.may("selector/{user}/clear")) void this.takeBack("clear", this.canClear);
+  }
+
+  private async takeBack(cause: TakenBack["cause"], can: boolean): Promise<void> {
+    const { user } = this;
+    if (!can) return this.toasts.show("info", `There is nothing to ${cause} for ${user}.`);
+    const asked: TakenBack = { cause, user, names: [], late: [] };
+    this.takenBack = asked;
+    if (!(await this.ask({ key: `selector/{user}/${cause}`, name: user })) && this.takenBack === asked) this.takenBack = null;
+  }
+
+  /**
+   * Tell of an undone or cleared object, if this page asked for it: all of one action in one toast.
+   * Returns whether it did.
+   */
+  tellTakenBack(event: SelectionEvent): boolean {
+    const asked = this.takenBack, { site } = this;
+    if (!asked || event.cause !== asked.cause || event.user !== asked.user) return false;
+    if (event.event === "refused" && asked.cause === "undo") return true; // which the answer says
+    const what = called(site, event.object_id, event.kind), { names, late } = asked, isClear = asked.cause === "clear";
+    (event.event === "refused" ? late : names).push(what);
+    this.setSelected(event.object_id, event.event === "selected");
+    const does = isClear ? "Cleared" : `${outcome(site, event)}${event.event === "selected" ? " again" : ""}`;
+    const text = [names.length ? `${does}: ${listed(names)}.` : "", late.length ? `Too late for ${listed(late)}.` : ""].filter(Boolean).join(" ");
+    this.toasts.show(names.length ? "done" : "info", text, { action: isClear && names.length ? { name: "Undo", run: () => this.undo() } : undefined, topic: asked });
+    return true;
   }
 
   /** Whether people are localized by pointing at lamps; otherwise their poses are configured. */

@@ -1,5 +1,8 @@
 /** The little that pages need to make elements; text only, never markup from strings. */
 
+/** On a phone or tablet: a finger points, and a phone cannot scan its own screen. */
+export const isTouch = (): boolean => matchMedia("(hover: none) and (pointer: coarse)").matches;
+
 type Child = Node | string | null;
 type Attributes = Record<string, string | number | boolean | ((event: Event) => void)>;
 
@@ -66,6 +69,18 @@ export function key(name: string): HTMLElement {
 export function section(title: string, ...children: Child[]): HTMLElement {
   const id = `s-${title.toLowerCase().replaceAll(/[^a-z]+/g, "-")}`;
   return el("section", { className: "part", "aria-labelledby": id }, el("h2", { id, text: title }), ...children);
+}
+
+let sheets = 0;
+
+/** A dialog in the page, with a button that closes it; its title may be an element that is written later. */
+export function sheet(title: string | HTMLElement, ...children: Child[]): HTMLDialogElement {
+  const head = typeof title === "string" ? el("h2", { text: title }) : title;
+  head.id ||= `sheet-${++sheets}`;
+  const close = el("button", { type: "button", className: "quiet", "aria-label": "Close", onclick: () => dialog.close() }, icon("close"));
+  const dialog = el("dialog", { className: "sheet", "aria-labelledby": head.id }, el("header", {}, head, close), ...children);
+  document.body.append(dialog);
+  return dialog;
 }
 
 /** A part that can be folded. */

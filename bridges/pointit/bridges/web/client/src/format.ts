@@ -57,3 +57,10 @@ export function rendererName(text: string): string {
   const parts = inner.split(", ");
   return (parts[1] ?? inner).replace(/^ANGLE Metal Renderer: /, "").replace(/ \(0x[0-9A-F]+\)/i, "").replace(/ (Direct3D|OpenGL|Vulkan).*$/, "");
 }
+
+/** Number that a person typed, with a comma or a point, and with or without `unit` behind it; null if it is none. */
+export function typedNumber(text: string, unit: string): number | null {
+  const bare = text.trim().replace(/\u2212/g, "-").toLowerCase(), end = unit.toLowerCase();
+  const number = (bare.endsWith(end) ? bare.slice(0, -end.length) : bare).trim().replace(",", ".");
+  return /^[+-]?(\d+\.?\d*|\.\d+)$/.test(number) ? Number(number) : null;
+}

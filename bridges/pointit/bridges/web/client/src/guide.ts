@@ -1,7 +1,7 @@
 /** The card over the scene with guidance for new users. */
 
 import type { Controls } from "./controls";
-import { el, icon, key, mark, show, write } from "./dom";
+import { el, icon, isTouch, key, mark, show, write } from "./dom";
 import { capital } from "./format";
 import { guidance, type Guidance } from "./guidance";
 import type { SelectionEvent } from "./messages";
@@ -29,9 +29,6 @@ export interface Guide {
   selected(event: SelectionEvent): void;
 }
 
-/** On a phone or tablet: a finger points, and a phone cannot scan its own screen. */
-const isTouch = matchMedia("(hover: none) and (pointer: coarse)").matches;
-
 export function makeGuide(host: HTMLElement, controls: Controls, mouse: Mouse, pairing: Pairing): Guide {
   const { site } = controls;
   let isShort = false, topic = "", since = 0, steered = "", full = { id: "", since: 0 };
@@ -42,10 +39,10 @@ export function makeGuide(host: HTMLElement, controls: Controls, mouse: Mouse, p
   const sign = icon("point");
   const title = el("strong", {}), text = el("span", { className: "text" });
   const gauge = el("progress", { max: 1, value: 0, "aria-label": "How full it is" });
-  const take = button("mouse", isTouch ? "Point with your finger" : "Point with the mouse", "", "primary", () => void mouse.take());
+  const take = button("mouse", isTouch() ? "Point with your finger" : "Point with the mouse", "", "primary", () => void mouse.take());
   const phone = button("phone", "Point with your phone", "", "", () => pairing.open());
   const press = button("button", "Start pointing", "Space", "primary", () => controls.press(controls.mine?.user));
-  const again = button("play", "Again", "", "primary", () => void controls.ask({ key: "conveyor/reset" }, { isQuiet: true }));
+  const again = button("play", "Again", "", "primary", () => void controls.ask({ key: "conveyor/reset" }));
   const give = button("undo", "Give back", "Escape", "", () => void release());
   const shrink = el("button", { type: "button", className: "quiet", "aria-label": "Make it small", onclick: () => {
     isShort = true;
@@ -56,7 +53,7 @@ export function makeGuide(host: HTMLElement, controls: Controls, mouse: Mouse, p
 
   async function release(): Promise<void> {
     if (controls.mine) await mouse.give();
-    else await controls.ask({ deed: "give", name: controls.user }, { isQuiet: true });
+    else await controls.ask({ deed: "give", name: controls.user });
   }
 
   /** Make the card a chip after a while, with all its buttons; not under a pointer or the keyboard's focus. */
@@ -112,7 +109,7 @@ export function makeGuide(host: HTMLElement, controls: Controls, mouse: Mouse, p
       mark(gauge, "data-shown", now.progress === null ? null : "");
       gauge.value = now.progress ?? 0;
       show(take, now.mode === "invite" && controls.mayDo("take"));
-      show(phone, now.mode === "invite" && controls.mayDo("pair") && !isTouch);
+      show(phone, now.mode === "invite" && controls.mayDo("pair") && !isTouch());
       show(press, now.press !== "" && controls.mayDo("press"));
       write(press.querySelector("span")!, now.press || "Press");
       show(again, now.mode === "passed" && controls.may("conveyor/reset"));

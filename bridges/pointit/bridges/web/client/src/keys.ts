@@ -5,7 +5,7 @@ export interface Shortcut {
   keys: readonly string[];
   /** As printed. */
   shown: string;
-  does: string;
+  does: string | (() => string);
   /** Whether it is available now; others are not listed. */
   isOffered(): boolean;
   run(event: KeyboardEvent): void;

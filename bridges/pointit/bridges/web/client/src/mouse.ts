@@ -33,7 +33,7 @@ export class Mouse {
     if (controls.mine && controls.mine.user !== user) await this.give();
     controls.choose(user);
     this.isAsking = true;
-    const reply = await controls.ask({ deed: "take", name: user }, { isQuiet: true });
+    const reply = await controls.ask({ deed: "take", name: user });
     this.isAsking = false;
     if (!reply) return;
     this.wanted = user;
@@ -47,7 +47,7 @@ export class Mouse {
     const user = this.controls.mine?.user ?? "";
     this.wanted = "";
     this.hadIt = false;
-    if (user) await this.controls.ask({ deed: "give", name: user }, { isQuiet: true });
+    if (user) await this.controls.ask({ deed: "give", name: user });
   }
 
   /** Set the arm's tremor, degrees rms; returns the accepted value. */
@@ -55,7 +55,7 @@ export class Mouse {
     this.tremor = degrees;
     const user = this.controls.mine?.user;
     if (!user) return degrees;
-    const reply = await this.controls.ask({ deed: "tremor", name: user, query: { rms_deg: degrees } }, { isQuiet: true });
+    const reply = await this.controls.ask({ deed: "tremor", name: user, query: { rms_deg: degrees } });
     return reply ? degrees : null;
   }
 

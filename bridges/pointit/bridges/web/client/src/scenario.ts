@@ -1,7 +1,7 @@
 /** The menu of scenarios in the header, its question before something is lost, and the progress of a start over the scene. */
 
 import type { Controls } from "./controls";
-import { el, icon, mark, renew, show, write } from "./dom";
+import { el, icon, mark, renew, sheet, show, write } from "./dom";
 import { losses } from "./losses";
 import { scenarioSentence, scenarioTitle } from "./words";
 
@@ -33,13 +33,11 @@ export function makeScenario(host: HTMLElement, progress: HTMLElement, controls:
   progress.append(el("div", { className: "spinner", "aria-hidden": "true" }), sentence);
 
   const list = el("ul", { className: "scenarios" });
-  const close = el("button", { type: "button", className: "quiet", "aria-label": "Close", onclick: () => dialog.close() }, icon("close"));
-  const title = el("h2", { id: "scenarios-title" });
+  const title = el("h2");
   const lost = el("ul", { className: "losses" });
   const yes = el("button", { type: "button", className: "primary" }), no = el("button", { type: "button", text: "Go on as it is", onclick: () => dialog.close() });
   const question = el("div", {}, el("p", { text: "This ends for everybody what runs now:" }), lost, el("div", { className: "pairs" }, yes, no));
-  const dialog = el("dialog", { className: "sheet", "aria-labelledby": "scenarios-title" }, el("header", {}, title, close), list, question);
-  document.body.append(dialog);
+  const dialog = sheet(title, list, question);
 
   let to = "";
   let since = 0;
@@ -82,7 +80,7 @@ export function makeScenario(host: HTMLElement, progress: HTMLElement, controls:
     since = performance.now();
     isAccepted = false;
     controls.changed();
-    const reply = await controls.ask({ key: "run/scenario", query: { scenario, ...as } }, { isQuiet: true, patienceMs: 20_000 });
+    const reply = await controls.ask({ key: "run/scenario", query: { scenario, ...as } }, 20_000);
     if (reply) isAccepted = true;
     // a lost connection is no refusal: the page may have been restarted with the rest
     else if (site.connected) to = "";
@@ -104,7 +102,7 @@ export function makeScenario(host: HTMLElement, progress: HTMLElement, controls:
     back = null;
     const isOther = before !== null && before.scenario !== scenario, people = before?.as.users === 1 ? "1 person" : `${before?.as.users} people`;
     controls.toasts.show("done", `${scenarioTitle(scenario)} is running.`, before && before.as.users
-      ? { name: `Back to ${isOther ? scenarioTitle(before.scenario).replace(/:.*/, "") : people}`, run: () => run(before.scenario, before.as) } : undefined);
+      ? { action: { name: `Back to ${isOther ? scenarioTitle(before.scenario).replace(/:.*/, "") : people}`, run: () => run(before.scenario, before.as) } } : {});
   }
 
   return {

@@ -12,6 +12,7 @@ import type { Panel } from "./panel/panel";
 import type { Timeline } from "./past/timeline";
 import type { Stage } from "./stage";
 import { byName } from "./format";
+import { movingOf, nounOf } from "./words";
 import type { Camera } from "./view";
 
 export interface ShortcutTargets {
@@ -65,13 +66,13 @@ export function makeShortcuts({ controls, mouse, stage, belts, look, pairing, pa
     { keys: ["q"], shown: "Q", does: "Point with a phone: show the QR code", isOffered: () => controls.mayDo("pair"), run: () => pairing.open() },
     { keys: ["l"], shown: "L", does: "Localize the person again", isOffered: () => controls.canLocalize, run: () => controls.localize() },
     { keys: ["c"], shown: "C", does: "Cancel that", isOffered: () => controls.localizes && controls.may("localizer/{user}/cancel"), run: () => controls.cancel() },
-    { keys: ["u"], shown: "U", does: "Take back the last selection", isOffered: () => controls.may("selector/{user}/undo"), run: () => controls.undo() },
+    { keys: ["u"], shown: "U", does: "Undo the last selection of the person", isOffered: () => controls.may("selector/{user}/undo"), run: () => controls.undo() },
     { keys: ["x"], shown: "X", does: "Clear all that the person has selected", isOffered: () => controls.may("selector/{user}/clear"), run: () => controls.clear() },
-    { keys: ["p"], shown: "P", does: "Add a package", isOffered: () => controls.may("conveyor/add_package"), run: () => belts.add() },
-    { keys: ["s"], shown: "S", does: "Stop the belts, or start them", isOffered: () => controls.may("conveyor/set_speed"), run: () => belts.halt() },
+    { keys: ["p"], shown: "P", does: () => `Add a ${nounOf(controls.site)}`, isOffered: () => controls.may("conveyor/add_package"), run: () => belts.add() },
+    { keys: ["s"], shown: "S", does: () => `Stop the ${movingOf(controls.site)}, or start them`, isOffered: () => controls.may("conveyor/set_speed"), run: () => belts.halt() },
     { keys: ["r"], shown: "R", does: "Stop all robots", isOffered: () => controls.stoppable.length > 0, run: () => void controls.stopRobots() },
-    { keys: ["-"], shown: "−", does: "Slower belts", isOffered: () => controls.may("conveyor/set_speed"), run: () => belts.faster(-SPEED_STEP) },
-    { keys: ["+", "="], shown: "+", does: "Faster belts", isOffered: () => controls.may("conveyor/set_speed"), run: () => belts.faster(SPEED_STEP) },
+    { keys: ["-"], shown: "−", does: () => `Slower ${movingOf(controls.site)}`, isOffered: () => controls.may("conveyor/set_speed"), run: () => belts.faster(-SPEED_STEP) },
+    { keys: ["+", "="], shown: "+", does: () => `Faster ${movingOf(controls.site)}`, isOffered: () => controls.may("conveyor/set_speed"), run: () => belts.faster(SPEED_STEP) },
     {
       keys: ["n"], shown: "N", does: "The next person", isOffered: () => controls.site.people.size > 1,
       run: () => {
@@ -81,7 +82,7 @@ export function makeShortcuts({ controls, mouse, stage, belts, look, pairing, pa
     },
     camera("1", "room", "See the room"), camera("2", "top", "See it from above"), camera("3", "eyes", "See it with the person's eyes"),
     { keys: [APART_KEY.toLowerCase()], shown: APART_KEY, does: "Which things are told apart from where? Colour the floor", isOffered: () => stage.apart.isOffered, run: () => stage.apart.toggle() },
-    { keys: ["h"], shown: "H", does: "Controls, or health", isOffered: () => true, run: () => panel.turn() },
+    { keys: ["h"], shown: "H", does: "Control, set-up, or health", isOffered: () => true, run: () => panel.turn() },
     { keys: ["v"], shown: "V", does: "Sounds on or off", isOffered: () => true, run: () => look.toggleSound() },
     { keys: ["?"], shown: "?", does: "This help", isOffered: () => true, run: () => help.open(), isSafe: true },
   ];

@@ -1,39 +1,51 @@
-/** A slider with its name and its value; it shows the value that the server confirmed. */
+/** A slider with its name, its value, which can be typed as well, and the way back; it shows the value that the server confirmed. */
 
-import { el, write } from "./dom";
+import { el, icon, mark } from "./dom";
+import { typedNumber } from "./format";
 
 export interface SliderOptions {
   label: string;
   min: number;
   max: number;
   step: number;
-  /** As shown and as read out. */
-  text(value: number): string;
-  /** Called while it is moved, at most one call at a time; returns the value in use then, or nothing. */
+  /** Unit, as shown behind the value and as read out. */
+  unit: string;
+  /** Default value; that with which the site began, if it is left out. */
+  usual?: number;
+  /** Called while it is moved, at most one call at a time, and with what was typed; returns the value in use then, or null if it is refused. */
   send(value: number): Promise<number | null>;
+  /** Called with the sentence on text that is no number. */
+  onInvalid(problem: string): void;
 }
 
 export interface Slider {
   readonly element: HTMLElement;
-  /** Value in use at the site; not shown while the slider is being moved. */
+  /** Value in use at the site, not shown while the slider is being moved; null: its service has gone, and with it the default. */
   set(value: number | null): void;
 }
 
 let sliders = 0;
 
-export function slider(options: SliderOptions): Slider {
-  const id = `slider-${++sliders}`;
-  const input = el("input", { type: "range", id, min: options.min, max: options.max, step: options.step });
-  const output = el("output", { for: id, text: "–" });
-  let inUse: number | null = null;
+export function slider({ label, min, max, step, unit, usual, send: request, onInvalid }: SliderOptions): Slider {
+  const id = `slider-${++sliders}`, digits = (String(step).split(".")[1] ?? "").length;
+  const input = el("input", { type: "range", id, min, max, step });
+  const field = el("input", { type: "text", inputmode: "decimal", autocomplete: "off", "aria-label": `${label} in ${unit}`, value: "–" });
+  const reset = el("button", { type: "button", className: "quiet reset", hidden: true, onclick: () => void back() }, icon("undo"));
+  let inUse: number | null = null, start: number | null = usual ?? null;
   let isBusy = false;
   let wanted: number | null = null;
   let movedAt = -Infinity;
 
+  const text = (value: number): string => String(Number(value.toFixed(Math.max(digits, 2))));
+
   function display(value: number): void {
-    const text = options.text(value);
-    write(output, text);
-    if (input.getAttribute("aria-valuetext") !== text) input.setAttribute("aria-valuetext", text);
+    if (document.activeElement !== field || isBusy) field.value = text(value);
+    mark(input, "aria-valuetext", `${text(value)} ${unit}`);
+    const isUsual = start === null || Math.abs(value - start) < step / 2;
+    if (isUsual && document.activeElement === reset) input.focus();
+    reset.hidden = isUsual;
+    if (start !== null) reset.title = `Back to ${text(start)} ${unit}`;
+    mark(reset, "aria-label", `${label}: ${reset.title.toLowerCase()}`);
   }
 
   function settle(): void {
@@ -44,33 +56,49 @@ export function slider(options: SliderOptions): Slider {
     display(inUse);
   }
 
-  async function send(): Promise<void> {
+  async function send(value: number): Promise<void> {
+    wanted = value;
+    display(value);
     if (isBusy) return;
     isBusy = true;
     while (wanted !== null) {
-      const value = wanted;
+      const next: number = wanted;
       wanted = null;
-      const answered = await options.send(value);
+      const answered = await request(next);
       if (answered !== null) inUse = answered;
     }
-    isBusy = false;
     movedAt = performance.now();
     settle();
+    isBusy = false;
   }
 
-  input.addEventListener("input", () => {
-    wanted = Number(input.value);
-    display(wanted);
-    void send();
+  async function back(): Promise<void> {
+    if (start !== null) await send(start);
+  }
+
+  input.addEventListener("input", () => void send(Number(input.value)));
+  field.addEventListener("focus", () => field.select());
+  field.addEventListener("blur", () => {
+    if (inUse !== null && !isBusy) field.value = text(inUse);
+  });
+  field.addEventListener("change", () => {
+    const value = typedNumber(field.value, unit);
+    if (value !== null) return void send(value);
+    onInvalid(`${label}: “${field.value.trim()}” is no number. Type one in ${unit}, such as ${text(inUse ?? min)}.`);
+    if (inUse !== null) field.value = text(inUse);
   });
   return {
-    element: el("div", { className: "slider" }, el("label", { for: id, text: options.label }), output, input),
+    element: el("div", { className: "slider" }, el("label", { for: id, text: label }), reset, el("span", { className: "typed" }, field, el("span", { text: unit })), input),
     set(value) {
+      if (value === null) {
+        inUse = null;
+        start = usual ?? null;
+      }
       // the site's own state lags behind the answer a little
-      if (isBusy || value === null || performance.now() - movedAt < 500) return;
-      if (value === inUse && output.textContent !== "–") return;
+      if (isBusy || value === null || value === inUse || performance.now() - movedAt < 500) return;
       inUse = value;
-      settle();
+      start ??= value;
+      if (document.activeElement !== field) settle();
     },
   };
 }

@@ -3,10 +3,11 @@
 import { ApartToggle } from "./apart";
 import { choice } from "./choice";
 import type { Controls } from "./controls";
-import { show, write } from "./dom";
+import { el, show, write } from "./dom";
 import type { Edges } from "./geometry/framing";
 import type { Rect } from "./geometry/placing";
 import type { Vec3 } from "./geometry/vec";
+import { PlanList } from "./plan/list";
 import { makePlan } from "./plan/plan";
 import { isDark } from "./theme";
 import type { Camera, MakeView, View } from "./view";
@@ -29,10 +30,17 @@ export class Stage {
   view: View | null = null;
   /** The room has been drawn once. */
   isDrawn = false;
+  private readonly list = new PlanList({ follow: (id) => this.follow(id) });
+  /** Person whose arm this page moves, and the id that they keep pointing at, chosen from the list; or "". */
+  private pointing = "";
+  private followed = "";
   private readonly cameras = choice("View from", (value) => this.look(value as Camera));
   readonly apart: ApartToggle;
   private camera: Camera = "room";
   private user = "";
+  private readonly hint = el("p", { className: "hint", text: "Drag turns the view, the wheel zooms" });
+  /** A hand has moved the view: it needs no hint. */
+  private wasTurned = false;
   private making = 0;
   private failures = 0;
 
@@ -49,10 +57,14 @@ export class Stage {
     private readonly cards: readonly HTMLElement[], private readonly edgeCards: readonly HTMLElement[], private readonly controls: Controls, private readonly onAim: (at: Vec3) => void, private readonly onNew: () => void,
   ) {
     this.cameras.element.classList.add("bare");
+    host.parentElement!.append(this.list.element);
     this.apart = new ApartToggle(controls, () => this.view?.setApart(this.apart.shown));
-    cameras.append(this.apart.legend, this.cameras.element, this.apart.button);
+    cameras.append(this.hint, this.apart.legend, this.cameras.element, this.apart.button);
     host.addEventListener("pointermove", ({ clientX, clientY }) => this.apart.over(this.view?.floorAt(clientX, clientY) ?? null));
     host.addEventListener("pointerleave", () => this.apart.over(null));
+    const turned = (): void => void (this.wasTurned = true);
+    host.addEventListener("wheel", turned, { capture: true, passive: true });
+    host.addEventListener("pointermove", ({ buttons }) => buttons && turned(), true);
   }
 
   /** Make the view that is wanted, or, where it cannot be had, the plan. */
@@ -77,6 +89,13 @@ export class Stage {
     if (!this.view) return;
     try {
       this.view.draw(this.controls.site);
+      const pointing = this.controls.mine?.user ?? "";
+      if (pointing !== this.pointing) {
+        this.pointing = pointing;
+        this.follow("");
+      }
+      this.chase();
+      this.list.update(this.controls.site);
       this.isDrawn ||= this.controls.site.map !== null;
       this.failures = 0;
     } catch (error) {
@@ -84,6 +103,21 @@ export class Stage {
       this.failures += 1;
       if (this.failures === MOST_FAILURES && this.view.stats.renderer !== "SVG") this.giveWay();
     }
+  }
+
+  /** Keep pointing at a lamp, an object or a robot as it moves; "" ends it. */
+  private follow(id: string): void {
+    this.followed = this.pointing && id;
+    this.list.offer(this.pointing !== "", this.followed);
+    this.chase();
+  }
+
+  private chase(): void {
+    if (!this.followed) return;
+    const at = this.view?.placeOf(this.followed), { site } = this.controls;
+    if (!at || site.robots.get(this.followed)?.state?.user === this.pointing) return this.follow(""); // a robot that follows the person would run away
+    this.view!.pointAt(at);
+    this.onAim(at);
   }
 
   look(camera: Camera): void {
@@ -106,9 +140,16 @@ export class Stage {
     this.apart.update();
     view.keepClear?.(this.covered(), this.edges());
     const { software, renderer } = view.stats;
+    show(this.hint, !this.wasTurned && renderer !== "SVG" && this.camera === "room");
     show(this.chip, software);
     write(this.chip, software ? "Drawn simply: no graphics processor" : "");
     this.chip.title = renderer;
+  }
+
+  /** How a hand moves the view, for the help. */
+  get gestures(): readonly (readonly [string, string])[] {
+    if (this.view?.stats.renderer === "SVG") return [["Drag", "Move the plan"], ["Wheel", "Nearer, or farther away"]];
+    return [["Drag", "Turn the view; with two fingers while one points"], ["Right drag", "Move the view; with two fingers, too"], ["Wheel", "Nearer, or farther away; or two fingers"]];
   }
 
   /** What lies over the view, px. */
@@ -137,7 +178,10 @@ export class Stage {
     this.view?.dispose();
     this.view = null;
     this.host.replaceChildren();
-    this.view = make(this.host, { onAim: this.onAim, onLost: () => this.giveWay() });
+    this.view = make(this.host, { onAim: (at) => {
+      if (this.followed) this.follow("");
+      this.onAim(at);
+    }, onLost: () => this.giveWay() });
     this.theme();
     const { cameras } = this.view;
     this.cameras.offer(cameras.map((value) => ({ value, ...CAMERAS[value] })));

@@ -9,7 +9,14 @@ const ACTION_MS = 15_000;
 const ICONS: Record<Kind, string> = { done: "check", info: "info", wrong: "close", error: "warning" };
 const MOST = 3;
 
+interface Action {
+  readonly name: string;
+  run(): void;
+}
+
 export class Toasts {
+  private readonly topics = new WeakMap<Element, unknown>();
+
   /** @param host is a live region in the page. */
   constructor(private readonly host: HTMLElement) {}
 
@@ -18,11 +25,9 @@ export class Toasts {
     for (const button of this.host.querySelectorAll(".action")) button.closest(".toast")!.remove();
   }
 
-  /** @param action a button in it, for which it stays longer. */
-  show(kind: Kind, text: string, action?: { name: string; run: () => void }): void {
-    for (const other of this.host.querySelectorAll(".toast")) {
-      if (other.querySelector("span")?.textContent === text) other.remove();
-    }
+  /** @param action a button in it, for which it stays longer; topic: of the action that it tells of, whose toast it replaces. */
+  show(kind: Kind, text: string, { action, topic = text }: { action?: Action | undefined; topic?: unknown } = {}): void {
+    for (const other of this.host.querySelectorAll(".toast")) if (this.topics.get(other) === topic) other.remove();
     const toast = el("div", { className: "toast", "data-kind": kind }, icon(ICONS[kind]), el("span", { text }));
     if (kind === "error") {
       toast.append(el("button", { className: "quiet", type: "button", "aria-label": "Close", onclick: () => toast.remove() }, icon("close")));
@@ -34,6 +39,7 @@ export class Toasts {
         action.run();
       } }, el("span", { text: action.name })));
     }
+    this.topics.set(toast, topic);
     this.host.append(toast);
     while (this.host.children.length > MOST) this.host.firstElementChild!.remove();
     const end = (): void => {

@@ -47,6 +47,10 @@ export interface View {
   setPointing(on: boolean, user: string): void;
   /** Move the aimed-at point by metres to the right of the view and up (away) in it; for arrow keys. */
   nudge(right: number, away: number): void;
+  /** Show that the person points there, {W}, as chosen from the list; `onAim` is not called. */
+  pointAt(at: Vec3): void;
+  /** Place of a lamp, an object or a robot as it is drawn, {W}; null if it is not there. */
+  placeOf(id: string): Vec3 | null;
   /** The arm rests: show no aim until the person points again. */
   rest(): void;
   /** Remove everything from the page. */

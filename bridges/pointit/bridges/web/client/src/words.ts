@@ -5,6 +5,9 @@ import { isBox } from "./geometry/looks";
 import type { Interaction, SelectionEvent, TrackedObject } from "./messages";
 import type { LogLine, Site } from "./site/site";
 
+/** Names in one sentence; one more is not worth a count. */
+const MOST_NAMES = 3;
+
 /** Titles of scenarios, with a sentence each; others are shown by their names. */
 const SCENARIOS: Record<string, readonly [title: string, sentence: string]> = {
   scenario_1: ["Lamps: point at them", "Each lamp shows by its colour how near you point."],
@@ -91,6 +94,11 @@ export function nounOf(site: Site): "segment" | "package" {
   return site.map?.belts.length === 0 ? "segment" : "package";
 }
 
+/** What moves them, and can be stopped. */
+export function movingOf(site: Site): "segments" | "belts" {
+  return nounOf(site) === "segment" ? "segments" : "belts";
+}
+
 /** `red package`, `blue segment`, `screws`. */
 export function thing(site: Site, id: string, kind = ""): string {
   const object = objectOf(site, id);
@@ -110,12 +118,18 @@ export function called(site: Site, id: string, kind = ""): string {
   return `${kind || objectOf(site, id)?.kind || thing(site, id)} ${ending(id)}`;
 }
 
+/** Names in a sentence: `red 24, red 25 and 3 more`. */
+export function listed(names: readonly string[]): string {
+  const more = names.length - MOST_NAMES;
+  return more > 1 ? `${names.slice(0, MOST_NAMES).join(", ")} and ${more} more` : names.join(", ");
+}
+
 /** Reason of an event of an object, with its id as shown to people, or "" if there is none. */
 export function plainly({ object_id: id, reason }: SelectionEvent): string {
   return id ? reason.replaceAll(id, ending(id)) : reason;
 }
 
-const OUTCOMES = { claim: ["Selected", "Taken back"], button: ["Fired", ""], switch: ["Switched on", "Switched off"] } as const;
+export const OUTCOMES = { claim: ["Selected", "Taken back"], button: ["Fired", ""], switch: ["Switched on", "Switched off"] } as const;
 
 /** Name of a selection or its end, by the object's mode; "" if there is nothing to tell. */
 export function outcome(site: Site, { object_id: id, event }: SelectionEvent): string {

@@ -1,7 +1,7 @@
 /** Devices: those connected, and those within reach of the page's machine, to connect. */
 
 import type { Controls } from "../controls";
-import { el, folded, icon, renew, show, write } from "../dom";
+import { el, icon, renew, section, show, write } from "../dom";
 import { capital } from "../format";
 import type { Part } from "../panel/part";
 import type { DeviceLine } from "../wire";
@@ -24,7 +24,7 @@ export function devicesPart(controls: Controls): Part {
   const list = el("ul", { className: "devices" });
   const why = el("ul", { className: "muted devices" });
   const problems = el("details", { hidden: true }, el("summary", {}, "Not searched", icon("chevron")), why);
-  const element = folded("Devices", false, connected, look, progress, state, list, problems);
+  const element = section("Devices", connected, look, progress, state, list, problems);
   const states = new Map<string, HTMLElement>();
   let found: FoundDevice[] = [];
   let canConnect = false;
@@ -39,7 +39,7 @@ export function devicesPart(controls: Controls): Part {
     const began = performance.now();
     const timer = setInterval(() => { progress.value = (performance.now() - began) / SEARCH_MS; }, 100);
     show(progress, true);
-    const reply = await controls.ask({ deed: "find_devices" }, { isQuiet: true, patienceMs: PATIENCE_MS });
+    const reply = await controls.ask({ deed: "find_devices" }, PATIENCE_MS);
     clearInterval(timer);
     show(progress, false);
     look.disabled = false;
@@ -58,7 +58,7 @@ export function devicesPart(controls: Controls): Part {
   async function connect(device: FoundDevice | DeviceLine, name: string, button: HTMLButtonElement): Promise<void> {
     button.disabled = true;
     const { kind, plugin, address } = device;
-    const reply = await controls.ask({ deed: "connect_device", query: { kind, plugin, address, name } }, { patienceMs: CONNECT_MS });
+    const reply = await controls.askAloud({ deed: "connect_device", query: { kind, plugin, address, name } }, CONNECT_MS);
     button.disabled = false;
     if (reply && kind === "wrist") awaited = String(reply["id"]);
   }
@@ -91,9 +91,9 @@ export function devicesPart(controls: Controls): Part {
     const isWrist = line.kind === "wrist";
     const again = el("button", { type: "button", "aria-label": `Connect ${line.name} again`, onclick: () => void connect(line, line.name, again) }, el("span", { text: "Again" }));
     const act = line.problem && !line.is_on ? again : isWrist
-      ? el("button", { type: "button", "aria-label": `How ${line.name} wears it`, disabled: !line.is_on, onclick: () => wearing.open(line) }, el("span", { text: "Fit" }))
-      : el("button", { type: "button", "aria-label": `Test pattern on strip ${line.name}`, disabled: !line.is_on, onclick: () => void controls.ask({ deed: "show_device", query: { id: line.id } }) }, el("span", { text: "Test" }));
-    const forget = el("button", { type: "button", "aria-label": `Forget ${line.label}`, onclick: () => void controls.ask({ deed: "forget_device", query: { id: line.id } }) }, el("span", { text: "Forget" }));
+      ? el("button", { type: "button", "aria-label": `Fit: how ${line.name} wears it`, disabled: !line.is_on, onclick: () => wearing.open(line) }, el("span", { text: "Fit" }))
+      : el("button", { type: "button", "aria-label": `Test pattern on strip ${line.name}`, disabled: !line.is_on, onclick: () => void controls.askAloud({ deed: "show_device", query: { id: line.id } }) }, el("span", { text: "Test" }));
+    const forget = el("button", { type: "button", "aria-label": `Forget ${line.label}`, onclick: () => void controls.askAloud({ deed: "forget_device", query: { id: line.id } }) }, el("span", { text: "Forget" }));
     const state = el("p", {});
     states.set(line.id, state);
     return el("li", {}, el("strong", { text: isWrist ? line.name : `Strip ${line.name}` }), el("p", { className: "muted", text: `${line.label} · ${line.plugin}` }), state,

@@ -1,7 +1,7 @@
 /** The dialog for who has just put on a wrist: wear it, rest in two poses, point at the room. */
 
 import type { Controls } from "../controls";
-import { el, icon, show, write } from "../dom";
+import { el, sheet, show, write } from "../dom";
 import { capital } from "../format";
 import { Refusal, type Reply, type Wish } from "../site/asks";
 import type { DeviceLine } from "../wire";
@@ -30,7 +30,7 @@ export function fitSentence(reply: Record<string, unknown>): string {
 }
 
 export function wearingDialog(controls: Controls): Wearing {
-  const title = el("h2", { id: "wearing-title" });
+  const title = el("h2");
   const text = el("p", {});
   const poses = el("ol", {},
     el("li", { text: "Point level straight ahead, with the arm stretched and the palm down. Rest for two seconds." }),
@@ -38,9 +38,7 @@ export function wearingDialog(controls: Controls): Wearing {
   const said = el("p", { role: "status" });
   const next = el("button", { type: "button", className: "primary", onclick: () => void go() }, el("span", {}));
   const skip = el("button", { type: "button", onclick: () => enter(step + 1) }, el("span", { text: "Skip" }));
-  const close = el("button", { type: "button", className: "quiet", "aria-label": "Close", onclick: () => dialog.close() }, icon("close"));
-  const dialog = el("dialog", { className: "sheet", "aria-labelledby": "wearing-title" }, el("header", {}, title, close), text, poses, said, el("div", { className: "pairs" }, next, skip));
-  document.body.append(dialog);
+  const dialog = sheet(title, text, poses, said, el("div", { className: "pairs" }, next, skip));
   let device: DeviceLine | null = null;
   let step = 0;
   let isMeasuring = false;

@@ -201,7 +201,7 @@ class Editor {
     this.mapVersion = mapVersion;
     this.canvas.draw(items, chosen, found);
     this.fields.update(chosen, items, chosen ? found.of(chosen) : new Map());
-    write(this.path, `${this.file.path}${edits ? " · changed" : ""}`);
+    write(this.path, `${this.file.path.replace(/^.*[\\/]/, "")}${edits ? " · changed" : ""}`);
     this.undo.disabled = !this.history.canUndo;
     this.redo.disabled = !this.history.canRedo;
     this.save.disabled = !edits || this.file.shipped;

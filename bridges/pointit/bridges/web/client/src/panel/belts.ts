@@ -7,6 +7,7 @@ import { byName, capital } from "../format";
 import { cssColor, KIND_COLORS, kindColor } from "../geometry/looks";
 import type { BayCount } from "../messages";
 import { slider } from "../slider";
+import { called, movingOf, nounOf } from "../words";
 import type { Part } from "./part";
 
 /** Kinds offered while the real ones are unknown. */
@@ -31,18 +32,23 @@ export function beltsPart(controls: Controls): Belts {
 
   async function setSpeed(value: number): Promise<number | null> {
     const speed = Math.round(value * 100) / 100;
-    const reply = await controls.ask({ key: "conveyor/set_speed", query: { speed_mps: speed } }, { isQuiet: true });
+    const reply = await controls.ask({ key: "conveyor/set_speed", query: { speed_mps: speed } });
     return reply ? speed : null;
+  }
+
+  async function addOne(): Promise<void> {
+    const reply = await controls.ask({ key: "conveyor/add_package", query: { kind } });
+    if (reply) controls.toasts.show("done", `Added: ${called(site, String(reply["object_id"] ?? ""), kind)}.`, { topic: "added" });
   }
 
   /** After the last package, feeding starts again. */
   const isFed = (): boolean => (site.conveyor?.feeding ?? false) && site.conveyor?.step !== "end";
 
   function feedOrRest(): void {
-    if (site.conveyor) void controls.ask({ key: "conveyor/set_feeding", query: { feeding: !isFed() } }, { isQuiet: true });
+    if (site.conveyor) void controls.ask({ key: "conveyor/set_feeding", query: { feeding: !isFed() } });
   }
 
-  const speed = slider({ label: "Speed", min: 0, max: 1.5, step: 0.05, text: (value) => `${value.toFixed(2)} m/s`, send: setSpeed });
+  const speed = slider({ label: "Speed", min: 0, max: 1.5, step: 0.05, unit: "m/s", send: setSpeed, onInvalid: (problem) => controls.toasts.show("error", problem) });
   const haltName = el("span", { text: "Stop the belts" });
   const haltIcon = icon("stop");
   const halt = el("button", { type: "button", "aria-keyshortcuts": "S", onclick: () => self.halt() }, haltIcon, haltName, key("S"));
@@ -59,7 +65,7 @@ export function beltsPart(controls: Controls): Belts {
   const self: Belts = {
     element,
     add() {
-      if (controls.may("conveyor/add_package")) void controls.ask({ key: "conveyor/add_package", query: { kind } });
+      if (controls.may("conveyor/add_package")) void addOne();
     },
     halt() {
       const now = site.conveyor?.speed_mps ?? 0;
@@ -75,18 +81,18 @@ export function beltsPart(controls: Controls): Belts {
       const mayRun = controls.may("conveyor/set_speed");
       const mayAdd = controls.may("conveyor/add_package");
       show(element, state !== null && (mayRun || mayAdd || state.bays.some(({ bay }) => bay)));
+      speed.set(state?.speed_mps ?? null);
       if (!state) return;
       show(speed.element, mayRun);
       show(halt, mayRun);
       show(feed, controls.may("conveyor/set_feeding"));
       show(add, mayAdd);
       show(kinds.element, mayAdd);
-      speed.set(state.speed_mps);
       const isStill = state.speed_mps === 0;
-      const hasBelts = (site.map?.belts.length ?? 0) > 0;
-      write(title, hasBelts ? "Belts" : "Segments");
-      write(addName, hasBelts ? "Add a package" : "Add a segment");
-      write(haltName, `${isStill ? "Start" : "Stop"} the ${hasBelts ? "belts" : "segments"}`);
+      const moving = movingOf(site);
+      write(title, capital(moving));
+      write(addName, `Add a ${nounOf(site)}`);
+      write(haltName, `${isStill ? "Start" : "Stop"} the ${moving}`);
       mark(haltIcon.firstElementChild!, "href", isStill ? "#icon-play" : "#icon-stop");
       write(feedName, isFed() ? "Stop feeding" : state.step === "end" ? "Feed again" : "Start feeding");
       mark(feedIcon.firstElementChild!, "href", isFed() ? "#icon-pause" : "#icon-play");

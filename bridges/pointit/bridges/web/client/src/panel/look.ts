@@ -1,17 +1,17 @@
-/** How the page looks and sounds; kept by this browser. */
+/** The settings of the page, behind the gear: how it looks and sounds; kept by this browser. */
 
 import { choice } from "../choice";
 import type { Controls } from "../controls";
-import { el, folded } from "../dom";
+import { el, sheet } from "../dom";
 import type { Settings } from "../settings";
-import type { Part } from "./part";
 
-export interface Look extends Part {
+export interface Look {
+  open(): void;
   toggleSound(): void;
 }
 
 /** @param onChange called with the changed setting, after `settings` has it. */
-export function lookPart(controls: Controls, onChange: (what: keyof Settings) => void): Look {
+export function makeLook(controls: Controls, onChange: (what: keyof Settings) => void): Look {
   const { settings } = controls;
   const theme = choice("Theme", (value) => {
     settings.theme = value as Settings["theme"];
@@ -21,25 +21,28 @@ export function lookPart(controls: Controls, onChange: (what: keyof Settings) =>
     settings.view = value as Settings["view"];
     onChange("view");
   }, [{ value: "auto", label: "Auto" }, { value: "scene", label: "Scene", icon: "cube" }, { value: "plan", label: "Plan", icon: "map" }]);
-  const sound = el("input", { type: "checkbox", onchange: () => setSound(sound.checked) });
-  const element = folded("Page", false, theme.element, view.element,
-    el("label", { className: "check" }, sound, el("span", { text: "Sounds, when I point" })));
-
-  function setSound(isOn: boolean): void {
-    settings.sound = isOn;
-    onChange("sound");
-  }
+  const check = (what: "sound" | "shortcuts", text: string): { box: HTMLInputElement; label: HTMLElement } => {
+    const box = el("input", { type: "checkbox", onchange: () => {
+      settings[what] = box.checked;
+      onChange(what);
+    } });
+    return { box, label: el("label", { className: "check" }, box, el("span", { text })) };
+  };
+  const sound = check("sound", "Sounds, when I point"), keys = check("shortcuts", "Single keys do something (Escape, arrows and ? always do)");
+  const dialog = sheet("Settings of this page", theme.element, view.element, sound.label, keys.label, el("p", { className: "muted", text: "This browser remembers them." }));
 
   return {
-    element,
-    toggleSound() {
-      setSound(!settings.sound);
-      controls.toasts.show("info", settings.sound ? "Sounds are on." : "Sounds are off.");
-    },
-    update() {
+    open() {
       theme.set(settings.theme);
       view.set(settings.view);
-      if (sound.checked !== settings.sound) sound.checked = settings.sound;
+      sound.box.checked = settings.sound;
+      keys.box.checked = settings.shortcuts;
+      dialog.showModal();
+    },
+    toggleSound() {
+      settings.sound = !settings.sound;
+      onChange("sound");
+      controls.toasts.show("info", settings.sound ? "Sounds are on." : "Sounds are off.", { topic: "sound" });
     },
   };
 }

@@ -19,8 +19,8 @@ export function moverPart(controls: Controls, mouse: Mouse, pairing: Pairing): P
   const line = el("p", { className: "muted" });
   const takeOver = el("button", { type: "button", onclick: () => void mouse.take() }, icon("mouse"), el("span", { text: "Take over" }));
   const tremor = slider({
-    label: "Tremor of the mouse's arm", min: 0, max: 3, step: 0.1,
-    text: (value) => (value ? `${value.toFixed(1)}°` : "none"), send: (value) => mouse.shake(value),
+    label: "Tremor of the mouse's arm", min: 0, max: 3, step: 0.1, unit: "°", usual: 0, send: (value) => mouse.shake(value),
+    onInvalid: (problem) => controls.toasts.show("error", problem),
   });
   const pair = el("button", { type: "button", onclick: () => pairing.open() }, icon("phone"), el("span", { text: "Show the QR code" }));
   const unpair = el("button", { type: "button", onclick: () => void controls.ask({ deed: "pair", name: controls.user, query: { off: true } }) },
@@ -30,7 +30,7 @@ export function moverPart(controls: Controls, mouse: Mouse, pairing: Pairing): P
 
   async function release(): Promise<void> {
     if (controls.mine?.user === controls.user) await mouse.give();
-    else await controls.ask({ deed: "give", name: controls.user }, { isQuiet: true });
+    else await controls.ask({ deed: "give", name: controls.user });
     controls.changed();
   }
 

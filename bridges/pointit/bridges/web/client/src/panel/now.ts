@@ -85,6 +85,10 @@ export function nowPart(controls: Controls): Part {
       show(cancel, controls.may("localizer/{user}/cancel") && isLocalizing);
       show(undo, controls.may("selector/{user}/undo"));
       show(clear, controls.may("selector/{user}/clear"));
+      for (const [button, can, what] of [[undo, controls.canUndo, "undo"], [clear, controls.canClear, "clear"]] as const) {
+        if (button.disabled === can) button.disabled = !can;
+        button.title = can ? "" : `There is nothing to ${what}`;
+      }
       show(actions, [localize, cancel, undo, clear].some((each) => !each.hidden));
       showGauge();
     },

@@ -2,13 +2,16 @@
 
 import type { Reply } from "../site/asks";
 import type { Controls } from "../controls";
-import { el, icon, show, write } from "../dom";
+import { el, icon, sheet, show, write } from "../dom";
 import { capital } from "../format";
 
 export interface Pairing {
   open(): void;
   update(): void;
 }
+
+/** State of a pairing whose code no phone has used yet, as the server has it. */
+const WAITING = "waiting for the phone";
 
 /** Groups of a certificate's fingerprint, as phones show them. */
 export function fingerprintLines(fingerprint: string): string {
@@ -29,7 +32,6 @@ function drawing(markup: string): Element | null {
 /** `deed`: `pair` for a wrist, `map_room` for a camera that maps the room. */
 export function pairingDialog(controls: Controls, deed: "pair" | "map_room" = "pair"): Pairing {
   const isWrist = deed === "pair";
-  const id = `${deed}-title`;
   const code = el("div", { className: "qr", role: "img", "aria-label": "QR code that opens the phone's page" });
   const link = el("a", { target: "_blank", rel: "noreferrer" });
   const print = el("code", {});
@@ -42,18 +44,16 @@ export function pairingDialog(controls: Controls, deed: "pair" | "map_room" = "p
   const closed = el("div", { hidden: true },
     el("p", { text: "A phone reaches this page over the local network, encrypted. So far, the page is open to this computer only." }), openLan);
   const wait = el("p", { role: "status" });
-  const close = el("button", { type: "button", className: "quiet", "aria-label": "Close", onclick: () => dialog.close() }, icon("close"));
-  const title = el("h2", { id, text: isWrist ? "Point with your phone" : "Map this room with a phone" });
-  const dialog = el("dialog", { className: "sheet", "aria-labelledby": id }, el("header", {}, title, close), closed, wait, offer);
-  document.body.append(dialog);
-  dialog.addEventListener("close", () => controls.changed());
-  let user = "";
+  const title = el("h2", { text: isWrist ? "Point with your phone" : "Map this room with a phone" });
+  const dialog = sheet(title, closed, wait, offer);
+  dialog.addEventListener("close", () => void forget());
+  let user = "", hadPhone = false;
   let isAsking = false;
   let offeredTo = "";
 
   async function lan(): Promise<void> {
     openLan.disabled = true;
-    const reply = await controls.ask({ deed: "open_lan" }, { isQuiet: true, patienceMs: 15_000 });
+    const reply = await controls.ask({ deed: "open_lan" }, 15_000);
     openLan.disabled = false;
     if (reply) await pair();
   }
@@ -63,11 +63,19 @@ export function pairingDialog(controls: Controls, deed: "pair" | "map_room" = "p
     isAsking = true;
     show(closed, false);
     write(wait, "One moment …");
-    const reply = await controls.ask({ deed, name: isWrist ? user : "" }, { isQuiet: true, patienceMs: 15_000 });
+    const reply = await controls.ask({ deed, name: isWrist ? user : "" }, 15_000);
     isAsking = false;
     write(wait, "");
     if (reply) present(reply);
     else dialog.close();
+  }
+
+  /** Withdraw the code that no phone has used: it is not to be seen again. A phone that was paired before stays known. */
+  async function forget(): Promise<void> {
+    const unused = offeredTo && !hadPhone && controls.site.people.get(offeredTo)?.line?.phone === WAITING ? offeredTo : "";
+    offeredTo = "";
+    if (isWrist && unused) await controls.ask({ deed, name: unused, query: { off: true } });
+    controls.changed();
   }
 
   function present(reply: Reply): void {
@@ -84,6 +92,7 @@ export function pairingDialog(controls: Controls, deed: "pair" | "map_room" = "p
   return {
     open() {
       user = controls.user;
+      hadPhone = ![undefined, "", WAITING].includes(controls.person?.line?.phone);
       if (isWrist) write(title, controls.site.people.size > 1 ? `Point as ${user} with your phone` : "Point with your phone");
       show(offer, false);
       offeredTo = "";
@@ -101,7 +110,7 @@ export function pairingDialog(controls: Controls, deed: "pair" | "map_room" = "p
       if (!dialog.open || !offeredTo) return;
       const line = controls.site.people.get(offeredTo)?.line;
       if (line?.phone && line.moved_by === "phone") {
-        dialog.close();
+        dialog.close(); // the phone is in use: its code stays valid
         controls.toasts.show("done", `The phone points as ${offeredTo} now.`);
       } else if (line?.phone) write(wait, `${capital(line.phone)}.`);
     },

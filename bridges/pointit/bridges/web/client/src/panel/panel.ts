@@ -1,4 +1,4 @@
-/** The side panel: controls and health, as two tabs. */
+/** The side panel: control, set-up and health, as tabs. */
 
 import type { Controls } from "../controls";
 import { el, icon, mark, show, write } from "../dom";
@@ -12,7 +12,7 @@ export interface Tab {
 
 export interface Panel {
   update(): void;
-  /** Show the other tab. */
+  /** Show the next tab. */
   turn(): void;
   open(index: number): void;
   /** A number at a tab's name; 0: none. */
@@ -48,21 +48,32 @@ export function makePanel(host: HTMLElement, controls: Controls, tabs: readonly 
     controls.changed();
   }
 
+  /** The next tab that has something to show, or the one before. */
+  function turn(by: 1 | -1): void {
+    let next = current;
+    do next = (next + by + tabs.length) % tabs.length;
+    while (heads[next]!.hidden && next !== current);
+    open(next);
+  }
+
   function travel(event: KeyboardEvent): void {
-    const by = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
-    if (!by) return;
+    if (event.key !== "ArrowLeft" && event.key !== "ArrowRight") return;
     event.preventDefault();
     event.stopPropagation();
-    open((current + by + tabs.length) % tabs.length);
+    turn(event.key === "ArrowRight" ? 1 : -1);
     heads[current]!.focus();
   }
 
   open(0);
   return {
     open,
-    turn: () => open((current + 1) % tabs.length),
+    turn: () => turn(1),
     update() {
-      for (const part of tabs[current]!.parts) part.update();
+      tabs.forEach(({ parts }, index) => {
+        for (const part of parts) part.update();
+        show(heads[index]!, parts.some(({ element }) => !element.hidden));
+      });
+      if (heads[current]!.hidden) open(0);
     },
     count(index, count, meaning) {
       const badge = badges[index]!;

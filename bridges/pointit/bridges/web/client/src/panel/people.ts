@@ -2,7 +2,7 @@
 
 import { choice } from "../choice";
 import type { Controls } from "../controls";
-import { el, folded, show, write } from "../dom";
+import { el, section, show, write } from "../dom";
 import type { Scenario } from "../scenario";
 import type { Part } from "./part";
 
@@ -19,7 +19,7 @@ export function peoplePart(controls: Controls, scenario: Scenario): Part {
   const name = el("span", {}), restart = el("button", { type: "button", onclick: () => {
     scenario.run(controls.scenario, { ...(wanted ? { users: wanted } : {}), ...(localizes === null ? {} : { localizes }) });
   } }, name);
-  const element = folded("People", false, count.element, found, restart);
+  const element = section("People", count.element, found, restart);
 
   function choose(set: () => void): void {
     set();

@@ -19,7 +19,7 @@ interface Line {
 export function robotsPart(controls: Controls): Part {
   const { site } = controls;
   const lines = new Map<string, Line>();
-  const list = el("ul", { className: "robots" });
+  const list = el("ul", { className: "cards robots" });
   const element = el("section", { className: "part", "aria-labelledby": "s-robots" }, el("h2", { id: "s-robots", text: "Robots" }), list);
 
   function make(name: string): Line {
@@ -58,14 +58,13 @@ export function robotsPart(controls: Controls): Part {
 /** The button over the scene; `host` keeps its place. */
 export function stopAll(host: HTMLElement, controls: Controls): { update(): void } {
   const which = el("span", { className: "which" });
-  const button = el("button", { type: "button", className: "halt", "aria-keyshortcuts": "R", onclick: () => void controls.stopRobots() }, icon("stop"), el("span", { text: "Stop" }), which, key("R"));
-  host.append(button);
+  host.append(el("button", { type: "button", className: "halt", "aria-keyshortcuts": "R", onclick: () => void controls.stopRobots() },
+    icon("stop"), el("span", { text: "Stop" }), " ", which, key("R")));
   return {
     update() {
       const { stoppable } = controls;
       show(host, stoppable.length > 0);
       write(which, stoppable.length > 1 ? "all robots" : stoppable[0] ?? "");
-      mark(button, "aria-label", `Stop ${which.textContent ?? ""}`); // narrow pages show the verb only
     },
   };
 }

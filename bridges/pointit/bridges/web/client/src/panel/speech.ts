@@ -35,7 +35,7 @@ export function speechPart(controls: Controls): Part {
     before = controls.person?.understood ?? null;
     waitsUntil = performance.now() + PATIENCE_MS;
     write(heard, `“${waiting}”`);
-    await controls.ask({ deed: "speak", name: controls.user, query: { words } }, { isQuiet: true });
+    await controls.ask({ deed: "speak", name: controls.user, query: { words } });
   }
 
   return {

@@ -2,7 +2,7 @@
 
 import { choice, type Option } from "../choice";
 import type { Controls } from "../controls";
-import { folded, show } from "../dom";
+import { section, show } from "../dom";
 import { slider } from "../slider";
 import type { RequestKey } from "../topics";
 import type { Part } from "./part";
@@ -27,7 +27,7 @@ export function tuningPart(controls: Controls): Tuning {
   let dwell: number | null = null;
 
   async function askMethod(query: Record<string, unknown>): Promise<number | null> {
-    const reply = await controls.ask({ key: "selector/method", query }, { isQuiet: true });
+    const reply = await controls.ask({ key: "selector/method", query });
     if (!reply) return null;
     const installed = reply["installed"];
     method.offer(methodOptions(Array.isArray(installed) ? installed.map(String) : []));
@@ -37,31 +37,23 @@ export function tuningPart(controls: Controls): Tuning {
   }
 
   async function askTolerance(query: Record<string, unknown>): Promise<number | null> {
-    const reply = await controls.ask({ key: "pui/tolerance", query }, { isQuiet: true });
+    const reply = await controls.ask({ key: "pui/tolerance", query });
     if (!reply) return null;
     const answered = reply["tolerance_rad"];
-    tolerance = typeof answered === "number" ? answered / DEG : null;
+    tolerance = typeof answered === "number" ? Math.round((answered / DEG) * 100) / 100 : null;
     return tolerance;
   }
 
-  async function dim(value: number): Promise<number | null> {
-    const reply = await controls.ask({ key: "leds/brightness", query: { brightness: value } }, { isQuiet: true });
-    return reply ? value : null;
+  async function dim(percent: number): Promise<number | null> {
+    return (await controls.ask({ key: "leds/brightness", query: { brightness: percent / 100 } })) && percent;
   }
 
+  const onInvalid = (problem: string): void => controls.toasts.show("error", problem);
   const method = choice("Method", (value) => void askMethod(METHODS.includes(value) ? { method: value } : { name: value }).then(controls.changed), methodOptions([]));
-  const time = slider({
-    label: "Time on an object", min: 0.2, max: 3, step: 0.05, text: (value) => `${value.toFixed(2)} s`,
-    send: (value) => askMethod({ dwell_s: value }),
-  });
-  const near = slider({
-    label: "Tolerance", min: 0.5, max: 15, step: 0.5, text: (value) => `${value.toFixed(1)}°`,
-    send: (value) => askTolerance({ tolerance_rad: value * DEG }),
-  });
-  const light = slider({
-    label: "Brightness of the strips", min: 0, max: 1, step: 0.05, text: (value) => `${Math.round(value * 100)} %`, send: dim,
-  });
-  const element = folded("Selecting and light", false, method.element, time.element, near.element, light.element);
+  const time = slider({ label: "Time on an object", min: 0.2, max: 3, step: 0.05, unit: "s", send: (value) => askMethod({ dwell_s: value }), onInvalid });
+  const near = slider({ label: "Tolerance", min: 0.5, max: 15, step: 0.5, unit: "°", send: (value) => askTolerance({ tolerance_rad: value * DEG }), onInvalid });
+  const light = slider({ label: "Brightness of the strips", min: 0, max: 100, step: 5, unit: "%", usual: 100, send: dim, onInvalid });
+  const element = section("Selecting and light", method.element, time.element, near.element, light.element);
 
   /** Query the values in use once, as soon as the server is present. */
   function once(key: RequestKey, ask: () => Promise<unknown>): boolean {
@@ -85,9 +77,10 @@ export function tuningPart(controls: Controls): Tuning {
       show(time.element, isSelecting);
       show(near.element, isCasting && tolerance !== null);
       show(light.element, isLit);
-      time.set(dwell);
-      near.set(tolerance);
-      light.set(controls.site.health.get("led-driver")?.figures.find((each) => each.name === "brightness")?.value ?? null);
+      time.set(isSelecting ? dwell : null);
+      near.set(isCasting ? tolerance : null);
+      const brightness = controls.site.health.get("led-driver")?.figures.find((each) => each.name === "brightness")?.value;
+      light.set(brightness === undefined ? null : Math.round(brightness * 100));
       show(element, isSelecting || isCasting || isLit);
     },
   };

@@ -1,4 +1,4 @@
-/** The plan as a list: for those who do not see it, and for those who select by the keyboard alone. */
+/** The site as a list: for those who do not see the scene or the plan, and for those who select by the keyboard alone. */
 
 import { write } from "../dom";
 import type { Site } from "../site/site";
@@ -19,7 +19,7 @@ interface Line {
   button: HTMLButtonElement | null;
 }
 
-/** A collapsible section beside the plan with four lists. */
+/** A collapsible section below the view with lists of people, robots, objects and lamps. */
 export class PlanList {
   readonly element = document.createElement("details");
   private readonly summary = document.createElement("summary");
@@ -36,7 +36,7 @@ export class PlanList {
     const columns = document.createElement("div");
     columns.className = "plan-columns";
     this.element.append(columns);
-    for (const title of ["People", "Robots", "Packages", "Lamps"]) {
+    for (const title of ["People", "Robots", "Objects", "Lamps"]) {
       const section = document.createElement("section"), head = document.createElement("h3"), list = document.createElement("ul");
       head.textContent = title;
       head.id = `plan-list-${title.toLowerCase()}`;
@@ -67,7 +67,7 @@ export class PlanList {
     if (!this.element.open) return;
     this.fill("People", people, false);
     this.fill("Robots", robots, true);
-    this.fill("Packages", objects, true);
+    this.fill("Objects", objects, true);
     this.fill("Lamps", lamps, true);
   }
 
@@ -99,7 +99,7 @@ export class PlanList {
       button.type = "button";
       button.addEventListener("click", () => this.events.follow(this.followed === row.key ? "" : row.key));
       button.setAttribute("aria-label", `Point at ${row.name}`);
-      button.textContent = "Point at it";
+      button.textContent = "Point at"; // its name begins with what is seen
       item.append(" ", button);
     }
     const line = { item, name, text, button };
@@ -116,7 +116,7 @@ export class PlanList {
 
   private say(): void {
     write(this.hint, this.canPoint
-      ? "Choose what to point at; the arm stays on it until you choose again or move the mouse over the plan."
+      ? "Choose what to point at; the arm stays on it until you choose again or move the mouse over the room."
       : "To point from here, take a person's arm first: choose the mouse as who points.");
   }
 }

@@ -1,4 +1,4 @@
-/** The plan: the site from above as SVG. For browsers without WebGL, and, with its list, for everybody. */
+/** The plan: the site from above as SVG, for browsers without WebGL and for everybody who prefers it. */
 
 import "./plan.css";
 import { seenRobots } from "../site/robots";
@@ -13,7 +13,6 @@ import { drawFences } from "./fences";
 import { drawApart, drawBays, drawBelts, drawFloor, drawSolids } from "./ground";
 import { Lanes } from "./lanes";
 import { Lights } from "./lights";
-import { PlanList } from "./list";
 import { Packages } from "./packages";
 import { People } from "./people";
 import { Robots } from "./robots";
@@ -34,7 +33,6 @@ class Plan implements View {
   private readonly bar: { line: SVGElement; text: SVGTextElement };
   private readonly frame = new Frame();
   private readonly gestures: Gestures;
-  private readonly list: PlanList;
   private readonly packages: Packages;
   private readonly people: People;
   private readonly robots: Robots;
@@ -51,7 +49,6 @@ class Plan implements View {
   private isPointing = false;
   private user = "";
   private aim: Vec3 | null = null;
-  private followed = "";
   private drawnAt: number[] = [];
 
   constructor(host: HTMLElement, private readonly options: ViewOptions) {
@@ -68,11 +65,9 @@ class Plan implements View {
     this.packages = new Packages(this.layers.packages, this.layers.letters);
     this.people = new People(this.layers.floor, this.layers.bodies, this.layers.top);
     this.robots = new Robots(this.layers.floor, this.layers.bodies, this.layers.top);
-    this.list = new PlanList({ follow: (what) => this.follow(what) });
-    this.box.append(this.list.element);
     host.append(this.box);
     this.gestures = new Gestures(this.svg, this.frame, {
-      moved: () => this.moved(), points: (x, y) => this.pointAt(x, y), fit: () => this.fit(),
+      moved: () => this.moved(), points: (x, y) => this.pointAtPixel(x, y), fit: () => this.fit(),
     });
     this.sized = new ResizeObserver(() => this.resize());
     this.sized.observe(this.svg);
@@ -92,8 +87,6 @@ class Plan implements View {
     this.people.update(site, this.packages, this.isPointing ? this.user : "");
     this.robots.update(site);
     this.count(site);
-    this.chase();
-    this.list.update(site);
     const now = performance.now();
     this.drawnAt.push(now);
     while (this.drawnAt[0]! < now - 1000) this.drawnAt.shift();
@@ -124,22 +117,31 @@ class Plan implements View {
     this.svg.classList.toggle("plan-pointing", on);
     if (!on) {
       this.aim = null;
-      this.followed = "";
       show(this.layers.aim, false);
     }
-    this.list.offer(on, this.followed);
   }
 
   nudge(right: number, away: number): void {
     if (!this.isPointing) return;
     const cursor = this.site?.people.get(this.user)?.cursor?.point_m;
     const from = this.aim ?? cursor ?? [this.frame.x, this.frame.y, 0];
-    this.follow("");
     this.aimAt(under(this.site?.map ?? null, this.lanes, this.packages.drawn.values(), from[0] + right, from[1] + away, 0.02));
   }
 
+  pointAt(at: Vec3): void {
+    this.aim = at;
+    set(this.layers.aim, "transform", `translate(${xy(at)})`);
+    show(this.layers.aim, true);
+  }
+
+  placeOf(id: string): Vec3 | null {
+    const lamp = this.site?.map?.lamps.find((each) => each.id === id);
+    const at = lamp?.position_m ?? this.robots.places.get(id) ?? this.packages.drawn.get(id)?.at;
+    return at ? [...at] : null;
+  }
+
   rest(): void {
-    if (!this.followed) show(this.layers.aim, false);
+    show(this.layers.aim, false);
   }
 
   dispose(): void {
@@ -171,32 +173,13 @@ class Plan implements View {
     }
   }
 
-  private follow(what: string): void {
-    this.followed = this.isPointing ? what : "";
-    this.list.offer(this.isPointing, this.followed);
-    this.chase();
-  }
-
-  /** Keep pointing at the followed object as it moves, but not at a robot that follows the person. */
-  private chase(): void {
-    if (this.site?.robots.get(this.followed)?.state?.user === this.user) this.follow("");
-    if (!this.followed) return;
-    const lamp = this.site?.map?.lamps.find(({ id }) => id === this.followed);
-    const at = lamp?.position_m ?? this.robots.places.get(this.followed) ?? this.packages.drawn.get(this.followed)?.at;
-    if (at) this.aimAt([...at]);
-    else this.follow("");
-  }
-
-  private pointAt(px: number, py: number): void {
+  private pointAtPixel(px: number, py: number): void {
     const [x, y] = this.frame.toWorld(px, py);
-    if (this.followed) this.follow("");
     this.aimAt(under(this.site?.map ?? null, this.lanes, this.packages.drawn.values(), x, y, NEAR_PX / this.frame.scale));
   }
 
   private aimAt(at: Vec3): void {
-    this.aim = at;
-    set(this.layers.aim, "transform", `translate(${xy(at)})`);
-    show(this.layers.aim, true);
+    this.pointAt(at);
     this.options.onAim(at);
   }
 

@@ -5,7 +5,7 @@ import { standingOf, thingsOf, type Person, type Site } from "../site/site";
 import type { TrackedObject } from "../messages";
 import { byName } from "../format";
 import { isBox } from "../geometry/looks";
-import { stateTitle, thing } from "../words";
+import { placeName, stateTitle, thing } from "../words";
 
 export interface Row {
   key: string;
@@ -53,7 +53,7 @@ export function lampRows(site: Site): (Row & { at: [number, number, number] })[]
     const isLit = site.lamps.get(lamp.id)?.color.some((part) => part > 0) ?? false;
     const who = wanted.get(lamp.id);
     return {
-      key: lamp.id, name: lamp.id, at: [...lamp.position_m],
+      key: lamp.id, name: placeName(lamp.id, "lamp"), at: [...lamp.position_m],
       text: [isLit ? "lit" : "dark", ...(who ? [`${who.join(", ")} is to point at it`] : [])].join("; "),
     };
   });
@@ -71,7 +71,7 @@ function whatTheyDo(person: Person): string {
   const state = person.interaction ? stateTitle(person.interaction.state).toLowerCase() : "nothing heard yet";
   const search = person.localization;
   const isSearching = person.interaction?.state === "localizing" && search?.phase === "sampling" && search.target_id;
-  return isSearching ? `${state}, pointing at ${search.target_id}, ${Math.round(search.progress * 100)} %` : state;
+  return isSearching ? `${state}, pointing at ${placeName(search.target_id, "lamp")}, ${Math.round(search.progress * 100)} %` : state;
 }
 
 function whereTheyStand(person: Person): string[] {
@@ -86,14 +86,20 @@ function whatTheyPointAt(site: Site, person: Person): string[] {
     return [`points at ${thing(site, hover.object_id)}${progress}`];
   }
   const cursor = person.cursor;
-  if (cursor && cursor.surface !== "none") return [`points at ${cursor.surface} ${cursor.surface_id}`];
-  return cursor?.solid ? [`points at ${cursor.solid} ${cursor.surface_id}`] : [];
+  if (cursor && cursor.surface !== "none") return [`points at ${placed(cursor.surface, cursor.surface_id)}`];
+  return cursor?.solid ? [`points at ${placed(cursor.solid, cursor.surface_id)}`] : [];
+}
+
+/** A surface with its name: `strip 3`, `belt main`. */
+function placed(noun: string, id: string): string {
+  const name = placeName(id, noun);
+  return name.startsWith(noun) ? name : `${noun} ${name}`;
 }
 
 function whereItIs(object: TrackedObject): string {
   const to = object.bay ? `, bound for bay ${object.bay}${object.bay_until_ns === 0 ? ", too late to change" : ""}` : "";
   if (object.surface === "belt" || object.surface === "strip") {
-    return `on ${object.surface} ${object.surface_id} at ${object.surface_position_m.toFixed(1)} m${to}`;
+    return `on ${placed(object.surface, object.surface_id)} at ${object.surface_position_m.toFixed(1)} m${to}`;
   }
   const [x, y] = object.position_m;
   return `at ${x.toFixed(1)}, ${y.toFixed(1)} m${to}`;

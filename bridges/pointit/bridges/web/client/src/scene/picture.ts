@@ -70,7 +70,8 @@ export class Picture {
     this.canvas.style.display = "block";
     this.canvas.style.touchAction = "none";
     this.canvas.tabIndex = -1;
-    this.canvas.setAttribute("aria-hidden", "true");
+    this.canvas.setAttribute("role", "img");
+    this.canvas.setAttribute("aria-label", "The room in 3-D; the list below has the same as text");
     this.ratio = software ? SOFTWARE_RATIO : Math.min(devicePixelRatio, 2);
     this.renderer.setPixelRatio(this.ratio);
     this.renderer.shadowMap.enabled = !software;

@@ -161,6 +161,18 @@ class Scene implements View {
     this.options.onAim(this.aim.nudge(right, away, start, this.targets));
   }
 
+  pointAt(at: Vec3): void {
+    this.aim.at = at;
+    this.aim.isResting = false;
+    this.wake();
+  }
+
+  placeOf(id: string): Vec3 | null {
+    const lamp = this.site?.map?.lamps.find((each) => each.id === id), robot = this.world?.robots.places.get(id), thing = this.world?.things.byId.get(id);
+    const at = lamp?.position_m ?? robot;
+    return at ? [...at] : thing ? [thing.placed.at[0], thing.placed.at[1], thing.placed.at[2] + thing.up] : null;
+  }
+
   rest(): void {
     this.aim.isResting = true;
     this.wake();

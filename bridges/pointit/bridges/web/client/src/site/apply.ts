@@ -4,6 +4,7 @@ import { decode } from "@msgpack/msgpack";
 import type { Item } from "./batch";
 import { Episodes, note } from "./log";
 import type { Robot } from "./robots";
+import { noteChange } from "./things";
 import { emptyPerson, siteNow, type Happened, type LogLine, type Person, type Site } from "./site";
 import type { Topics } from "../topics";
 import type { Status } from "../wire";
@@ -70,6 +71,7 @@ const TAKERS: { [K in keyof Shown]: Taker<Shown[K]> } = {
   "objects/{tracker}": ({ site }, message, name) => void site.objects.set(name, message),
   selection: ({ site }, message) => void (site.selection = message),
   "selection/events": (keeper, message) => {
+    noteChange(keeper.site, message);
     keeper.tell("selection/events", message, "");
     happen(keeper.site, { event: message });
   },
@@ -172,6 +174,7 @@ export class Keeper {
   recall(item: Item, knownNs: number): void {
     if (item.payload === null || !Object.hasOwn(LINES, item.topic)) return;
     const message = decode(item.payload) as Topics[Told], stamp = Number(message.stamp_ns), { site } = this;
+    if ("object_id" in message) noteChange(site, message);
     if (stamp <= knownNs) return;
     const ago = (siteNow(site) - stamp) / 1e6 / site.speed;
     this.tell(item.topic as Told, message as never, item.name, Date.now() - ago);
@@ -207,7 +210,7 @@ export class Keeper {
   clear(): void {
     const { site } = this;
     this.known.clear();
-    for (const all of [site.people, site.objects, site.robots, site.lamps, site.health, site.deployments]) all.clear();
+    for (const all of [site.people, site.objects, site.changes, site.robots, site.lamps, site.health, site.deployments]) all.clear();
     Object.assign(site, { status: null, selection: null, strips: null, conveyor: null });
   }
 
@@ -215,6 +218,7 @@ export class Keeper {
   jumped(): void {
     this.warned = new Episodes();
     this.toldNs = 0;
+    this.site.changes.clear();
     this.site.log.length = 0;
     this.site.logged += 1; // the log shows that it has changed
     this.site.fresh.length = 0;

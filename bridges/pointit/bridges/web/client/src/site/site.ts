@@ -57,6 +57,8 @@ export interface Site {
   readonly people: Map<string, Person>;
   /** By tracker. */
   readonly objects: Map<string, TrackedObjects>;
+  /** The last selection and the last deselection of each object, by its id; those of before this page came, too. */
+  readonly changes: Map<string, { selected?: SelectionEvent; deselected?: SelectionEvent }>;
   /** By name. */
   readonly robots: Map<string, Robot>;
   selection: Selection | null;
@@ -94,7 +96,7 @@ export const LOG_LINES = 400;
 export function emptySite(): Site {
   return {
     hello: null, status: null, timeline: null, playing: null, connected: false, lostAt: 0, mapVersion: 0, map: null, people: new Map(),
-    objects: new Map(), robots: new Map(), selection: null, strips: null, lamps: new Map(), conveyor: null, health: new Map(),
+    objects: new Map(), changes: new Map(), robots: new Map(), selection: null, strips: null, lamps: new Map(), conveyor: null, health: new Map(),
     deployments: new Map(), fresh: [], log: [], logged: 0, sentNs: 0, speed: 1, cameAt: 0,
     traffic: { bytes: 0, batches: 0, dropped: 0 }, faults: { count: 0, last: "" },
   };

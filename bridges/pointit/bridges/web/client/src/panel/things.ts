@@ -1,0 +1,56 @@
+/** One tile for each thing of the map: its name and state, what pointing at it does, who fired it last, and a button that tries it. */
+
+import type { Controls } from "../controls";
+import { el, icon, mark, renew, section, show, write } from "../dom";
+import { thingTiles, type ThingTile } from "../site/things";
+import { OUTCOMES } from "../words";
+import type { Part } from "./part";
+
+/** User in the events of a trial, as of `pointit things try`: nobody pointed. */
+const OPERATOR = "operator";
+const ICONS: Record<ThingTile["mode"], string> = { button: "button", switch: "power", claim: "check" };
+
+export function thingsPart(controls: Controls): Part {
+  const { site } = controls;
+  const list = el("ul", { className: "cards things" }), element = section("Things", list);
+  let updates: ((tile: ThingTile) => void)[] = [];
+
+  function card({ id, name, mode }: ThingTile): HTMLLIElement {
+    const state = el("p"), does = el("p", { className: "muted" }), last = el("p", { className: "muted" });
+    const gauge = el("progress", { max: 1, value: 0, "aria-label": `How far ${name} is selected` });
+    const button = el("button", { type: "button", "aria-label": `Try ${name}`, onclick: () => void tryIt() }, el("span", { text: "Try" }));
+    const item = el("li", {}, el("span", { className: "badge" }, icon(ICONS[mode])), el("div", {}, el("strong", { text: name }), state, does, last, gauge), button);
+    let isOn = false;
+
+    async function tryIt(): Promise<void> {
+      const does = OUTCOMES[mode][isOn ? 1 : 0];
+      if (await controls.ask({ key: "selector/{user}/set_thing", name: OPERATOR, query: { thing: id } })) controls.toasts.show("done", `${does}: ${name}.`);
+    }
+
+    updates.push((now) => {
+      isOn = now.isOn;
+      mark(item, "data-on", now.isOn ? "" : null);
+      write(state, now.state);
+      write(does, now.does);
+      write(last, now.last);
+      mark(gauge, "data-shown", now.progress === null ? null : "");
+      gauge.value = now.progress ?? 0;
+      show(button, mode !== "claim" && controls.may("selector/{user}/set_thing"));
+      if (button.disabled === now.canBeTried) button.disabled = !now.canBeTried;
+    });
+    return item;
+  }
+
+  return {
+    element,
+    update() {
+      const tiles = thingTiles(site);
+      show(element, tiles.length > 0);
+      renew(list, JSON.stringify(tiles.map(({ id, name, mode }) => [id, name, mode])), () => {
+        updates = [];
+        return tiles.map(card);
+      });
+      tiles.forEach((tile, index) => updates[index]!(tile));
+    },
+  };
+}

@@ -1,0 +1,81 @@
+/** Things of the map: their states, who fired each last, and what of a person can be undone. */
+
+import { capital, duration } from "../format";
+import type { SelectionEvent, Thing, TrackedObject } from "../messages";
+import { objectOf, OUTCOMES, placeName } from "../words";
+import { siteNow, type Site } from "./site";
+
+/** Limit of objects whose changes are kept; the oldest are dropped. */
+const MAX_CHANGES = 1000;
+/** Younger changes are told without figures, s. */
+const JUST_NOW_S = 2;
+
+/** Keep the event, if it is a selection or a deselection. */
+export function noteChange({ changes }: Site, event: SelectionEvent): void {
+  if (event.event !== "selected" && event.event !== "deselected") return;
+  const before = changes.get(event.object_id);
+  changes.delete(event.object_id);
+  changes.set(event.object_id, { ...before, [event.event]: event });
+  if (changes.size > MAX_CHANGES) changes.delete(changes.keys().next().value!);
+}
+
+/** Whether `user` took back something since the selector started that they can take again: its undo steps end with it. */
+export function hasTakenBack(site: Site, user: string): boolean {
+  const selector = site.status?.services.find(({ instance, present }) => present && instance === "selector");
+  const sinceNs = selector ? siteNow(site) - selector.since_s * 1e9 * site.speed : Infinity;
+  return [...site.changes].some(([id, { selected, deselected }]) => {
+    const object = objectOf(site, id);
+    return object !== null && object.mode !== "button" && deselected?.user === user && deselected.cause !== "undo" && deselected.stamp_ns >= sinceNs
+      && deselected.stamp_ns > (selected?.stamp_ns ?? 0) && !site.selection?.objects.some((each) => each.id === id);
+  });
+}
+
+/** A thing as its tile shows it. */
+export interface ThingTile {
+  readonly id: string;
+  readonly name: string;
+  readonly mode: Thing["mode"];
+  /** Such as `Ready` or `On`. */
+  readonly state: string;
+  readonly isOn: boolean;
+  /** What pointing at it does. */
+  readonly does: string;
+  /** Who fired or switched it last and when, or that nobody did. */
+  readonly last: string;
+  /** How far a person has come with selecting it, 0 to 1; null if nobody points at it. */
+  readonly progress: number | null;
+  /** Whether it can be tried: buttons and switches that are in the room. */
+  readonly canBeTried: boolean;
+}
+
+/** Tiles of all things, in the order of the map. */
+export function thingTiles(site: Site): ThingTile[] {
+  return (site.map?.things ?? []).map((thing) => tile(site, thing, objectOf(site, thing.id)));
+}
+
+function tile(site: Site, thing: Thing, object: TrackedObject | null): ThingTile {
+  const { id, mode } = thing, owner = site.selection?.objects.find((each) => each.id === id)?.user ?? "";
+  const pointing = [...site.people.values()].filter(({ hover }) => hover?.object_id === id);
+  const aims = pointing.map(({ user }) => user).join(", ");
+  const states = { button: ["Fired", "Ready"], switch: ["On", "Off"], claim: [`Taken by ${owner}`, "Free"] } as const;
+  const state = !object ? "Not in the room now" : states[mode][owner ? 0 : 1];
+  return {
+    id, mode, name: capital(object?.kind || thing.label || placeName(id, "thing")), isOn: owner !== "", does: effect(thing), last: lastChange(site, thing),
+    state: object && aims && !owner ? `${state}: ${aims} ${pointing.length === 1 ? "points" : "point"} at it` : state,
+    progress: pointing.length ? Math.max(...pointing.map(({ hover }) => hover!.progress)) : null,
+    canBeTried: object !== null && mode !== "claim",
+  };
+}
+
+function effect({ mode, press, dwell_s: dwell }: Thing): string {
+  const by = press ? "a press while somebody points at it" : dwell ? `staying on it for ${dwell} s` : "staying on it";
+  return { button: `Button: fired by ${by}.`, switch: `Switch: turned by ${by}.`, claim: `Taken, and given back, by ${by}.` }[mode];
+}
+
+function lastChange(site: Site, { id, mode }: Thing): string {
+  const { selected, deselected } = site.changes.get(id) ?? {};
+  const last = mode === "button" || (selected?.stamp_ns ?? 0) >= (deselected?.stamp_ns ?? 0) ? selected : deselected;
+  if (!last) return mode === "button" ? "Not fired yet." : "Not used yet.";
+  const ago = (siteNow(site) - last.stamp_ns) / 1e9 / (site.speed || 1);
+  return `${OUTCOMES[mode][last === selected ? 0 : 1]} by ${last.user || "nobody"} ${ago < JUST_NOW_S ? "just now" : `${duration(ago)} ago`}.`;
+}

@@ -158,7 +158,7 @@ async def test_the_operators_page_lets_a_phone_map_the_room(
 ) -> None:
     window = await Window.open(browser, shared_site.url, theme=theme, scripts=(NO_WEBGL,))
     page = window.page
-    await page.locator("summary", has_text="Map this room").click()
+    await page.get_by_role("tab", name="Set up").click()
     await page.get_by_role("button", name="With a phone").click()
     dialog = page.get_by_role("dialog", name="Map this room with a phone")
     await expect(dialog.get_by_role("img", name="QR code")).to_be_visible()

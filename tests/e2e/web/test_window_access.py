@@ -84,12 +84,19 @@ async def test_axe_finds_nothing_wrong_in_any_state(window: Window) -> None:
                 found[f"{state}, {theme}"] = wrong
 
     await look("scene")
-    await unfold(page)
-    await look("all parts open")
-    await page.get_by_role("tab", name="Health").click()
-    await page.wait_for_timeout(300)
-    await look("health")
+    await page.locator(".plan-list summary").click()
+    await expect(page.locator(".plan-list li").first).to_be_visible()
+    await look("list")
+    await page.locator(".plan-list summary").click()
+    for tab in ("Set up", "Health"):
+        await page.get_by_role("tab", name=tab).click()
+        await unfold(page)
+        await page.wait_for_timeout(300)
+        await look(tab)
     await page.get_by_role("tab", name="Control").click()
+    await page.get_by_role("button", name="Choose what to run").click()
+    await look("scenarios")
+    await page.keyboard.press("Escape")
     await page.get_by_role("button", name="Help and keys").click()
     await look("help")
     await page.keyboard.press("Escape")
@@ -100,9 +107,16 @@ async def test_axe_finds_nothing_wrong_in_any_state(window: Window) -> None:
     await page.get_by_role("button", name="Point with the mouse").click()
     await expect(page.locator("#guide")).to_contain_text("You are the arm now")
     await look("mouse")
+    await page.get_by_role("button", name="Settings of this page").click()
+    await look("settings")
     await page.get_by_role("radio", name="Plan").check(force=True)
+    await page.keyboard.press("Escape")
     await expect(page.locator("svg.plan-map")).to_be_visible()
     await look("plan")
+    await page.get_by_role("button", name="Give back").click()
+    await page.locator("body").press("w")
+    await expect(page.locator(".track").first).to_be_visible()
+    await look("past")
     assert found == {}
 
 
@@ -160,10 +174,9 @@ async def test_a_small_screen_shows_all_and_a_finger_aims(browser: Browser, shar
     tag = "document.getElementById('recorded').hidden = false"  # as while it is recorded
     for width, height in SIZES:
         await page.set_viewport_size({"width": width, "height": height})
-        for tab in ("Control", "Health"):
+        for tab in ("Control", "Set up", "Health"):
             await page.get_by_role("tab", name=tab).tap()
-            if tab == "Control":
-                await unfold(page)
+            await unfold(page)
             assert await page.evaluate(WIDER) <= 0, (width, tab)
             assert await page.evaluate(TALLER) <= 0, (width, tab)
         assert (

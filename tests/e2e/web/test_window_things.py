@@ -1,5 +1,6 @@
 """Things of a map in the page: fired by mouse, and the floor coloured by which are told apart from there."""
 
+import re
 from io import BytesIO
 
 import numpy as np
@@ -99,6 +100,36 @@ async def test_boxes_of_a_shelf_fire_and_a_switch_stays_on(
     await window.until(f"{SELECTED}.length === 0", "the switch is off again")
     await page.context.close()
     assert window.faults == []
+
+
+async def test_tile_of_a_thing_tries_it_and_shows_who_fired_it_last(
+    browser: Browser, shared_site: SitePage
+) -> None:
+    window = await Window.open(browser, shared_site.url, reduced_motion="reduce")
+    page = window.page
+    await window.is_shown()
+    tiles = page.get_by_role("listitem").filter(has=page.get_by_role("button", name="Try"))
+    await expect(tiles).to_have_count(len(SHELF.things))
+    radio = tiles.filter(has_text="Radio")
+    await expect(radio).to_contain_text("Off")
+    await radio.get_by_role("button", name="Try Radio").click()
+    await expect(radio).to_contain_text("Switched on by operator")
+    await expect(page.locator("#toasts")).to_contain_text("Switched on: Radio.")
+    await expect(radio.get_by_text("On", exact=True)).to_be_visible()
+    assert await axe_violations(page) == []
+    await page.reload()
+    await window.is_shown()
+    await expect(radio).to_contain_text("Switched on by operator")  # also to who comes later
+    await radio.get_by_role("button", name="Try Radio").press("Enter")
+    await expect(radio).to_contain_text("Switched off by operator")
+    kettle = tiles.filter(has_text="The kettle")
+    await expect(kettle).to_contain_text("Button: fired by a press while somebody points at it.")
+    await kettle.get_by_role("button").click()
+    await expect(kettle).to_contain_text(re.compile("Fired by operator (just now|\\d+ s ago)"))
+    viewer = await Window.open(browser, shared_site.viewer_url)
+    await expect(viewer.page.get_by_text("Fired by operator")).to_be_visible(timeout=60_000)
+    await expect(viewer.page.get_by_role("button", name="Try")).to_have_count(0)
+    assert window.faults == viewer.faults == []
 
 
 async def test_floor_is_coloured_by_what_is_told_apart_there_for_viewers_too(

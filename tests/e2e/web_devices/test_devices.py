@@ -46,7 +46,7 @@ async def test_a_light_and_a_wrist_are_connected_and_come_back_in_the_next_run(
         site = await running(commands, *arguments, state=state)
         window = await Window.open(browser, site.url, scripts=(NO_WEBGL,))
         page = window.page
-        await page.get_by_text("Devices", exact=True).click()
+        await page.get_by_role("tab", name="Set up").click()
         look = page.get_by_role("button", name="Look for devices")
         kitchen = page.get_by_role("listitem").filter(has_text="Kitchen, 120 pixels")
         found = page.get_by_role("listitem").filter(has_text=MAC)

@@ -8,11 +8,11 @@ import type { SelectionEvent } from "./messages";
 import { seenRobots } from "./site/robots";
 import type { Settings } from "./settings";
 import { siteNow, type Person, type Site } from "./site/site";
-import { hasTakenBack } from "./site/things";
+import { hasSelected, hasTakenBack } from "./site/things";
 import type { Toasts } from "./toasts";
 import { SERVERS, type RequestKey } from "./topics";
 import type { Hello } from "./wire";
-import { called, friendly, listed, modeOf, outcome } from "./words";
+import { called, friendly, listed, outcome } from "./words";
 
 type Deed = Hello["deeds"][number];
 
@@ -183,10 +183,9 @@ export class Controls {
     if (this.may("localizer/{user}/cancel")) void this.askAloud({ key: "localizer/{user}/cancel", name: this.user });
   }
 
-  /** Whether the person has selected something that they can clear: what a button fired ends by itself. */
+  /** Whether the person has selected something that they can clear. */
   get canClear(): boolean {
-    const { site, user } = this;
-    return site.selection?.objects.some((each) => each.user === user && modeOf(site, each.id) !== "button") ?? false;
+    return hasSelected(this.site, this.user);
   }
 
   /** Whether an action of the person since the start of the selector can be undone. */

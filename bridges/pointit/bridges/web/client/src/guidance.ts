@@ -60,7 +60,7 @@ const GOALS: Record<string, string> = {
   scenario_2: "Move the mouse along a strip: the light follows you.",
   scenario_3: "Move onto a red segment and stay on it until it is full.",
   scenario_4: "Move onto a red package and stay on it until it is full.",
-  send_a_robot: "Stay on a place of the floor: it is proposed for a robot.",
+  send_a_robot: "Stay on a place of the floor: it is proposed as a goal. No robot is here to see.",
   shelf: "Move onto a box and stay on it until it fires.",
 };
 

@@ -59,6 +59,11 @@ export function objectOf(site: Site, id: string): TrackedObject | null {
   return null;
 }
 
+/** Whether it is on its last way, and selecting it or taking it back changes nothing any more. */
+export function isTooLate(object: TrackedObject | null): boolean {
+  return Boolean(object?.bay) && object!.bay_until_ns === 0;
+}
+
 /** Effect of selecting the object. */
 export function modeOf(site: Site, id: string): TrackedObject["mode"] {
   return objectOf(site, id)?.mode ?? "claim";

@@ -20,7 +20,8 @@ export function robotsPart(controls: Controls): Part {
   const { site } = controls;
   const lines = new Map<string, Line>();
   const list = el("ul", { className: "cards robots" });
-  const element = el("section", { className: "part", "aria-labelledby": "s-robots" }, el("h2", { id: "s-robots", text: "Robots" }), list);
+  const none = el("p", { className: "muted", text: "No robot is in this room. What you choose is sent as a goal, for a robot that joins; the quadrotor and the ground robot have scenarios of their own." });
+  const element = el("section", { className: "part", "aria-labelledby": "s-robots" }, el("h2", { id: "s-robots", text: "Robots" }), none, list);
 
   function make(name: string): Line {
     const swatch = el("span", { className: "swatch", hidden: true }), text = el("p", { className: "muted" }), reason = el("p", { className: "reason", hidden: true });
@@ -34,7 +35,9 @@ export function robotsPart(controls: Controls): Part {
     element,
     update() {
       const robots = seenRobots(site);
-      show(element, robots.length > 0);
+      const isMissing = robots.length === 0 && controls.isPresent("goal", controls.user);
+      show(element, robots.length > 0 || isMissing);
+      show(none, isMissing);
       for (const [name, { item }] of lines) {
         if (robots.some((robot) => robot.name === name)) continue;
         item.remove();

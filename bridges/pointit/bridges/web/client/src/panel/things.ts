@@ -19,7 +19,7 @@ export function thingsPart(controls: Controls): Part {
     const state = el("p"), does = el("p", { className: "muted" }), last = el("p", { className: "muted" });
     const gauge = el("progress", { max: 1, value: 0, "aria-label": `How far ${name} is selected` });
     const button = el("button", { type: "button", "aria-label": `Try ${name}`, onclick: () => void tryIt() }, el("span", { text: "Try" }));
-    const item = el("li", {}, el("span", { className: "badge" }, icon(ICONS[mode])), el("div", {}, el("strong", { text: name }), state, does, last, gauge), button);
+    const item = el("li", {}, el("span", { className: "badge" }, icon(ICONS[mode])), el("div", {}, el("div", { className: "head" }, el("strong", { text: name }), state), last, does, gauge), button);
     let isOn = false;
 
     async function tryIt(): Promise<void> {

@@ -42,7 +42,8 @@ export function makeTimeline(host: HTMLElement, controls: Controls, say: (text: 
   const slide = el("input", { type: "range", min: 0, max: 1, step: "any", "aria-label": "Position" });
   const rows = el("div", { className: "lanes", role: "group", tabindex: 0, "aria-label": "What each person did" });
   const axis = el("div", { className: "axis", "aria-hidden": "true" });
-  const tracks = el("div", { className: "tracks" }, el("div", { className: "lane slide" }, el("span", {}), el("span", {}), slide), axis, rows);
+  const tip = el("p", { className: "tip", "aria-hidden": "true", hidden: true });
+  const tracks = el("div", { className: "tracks" }, el("div", { className: "lane slide" }, el("span", {}), el("span", {}), slide), axis, rows, tip);
   host.append(
     el("div", { className: "transport" }, button("before", "Event before", "Shift+E", () => self.event(-1)), button("back", "Message before", ",", () => self.step(-1)), playPause,
       button("forth", "Next message", ".", () => self.step(1)), button("next", "Next event", "E", () => self.event(1)), at, ofDay, speed),
@@ -92,17 +93,22 @@ export function makeTimeline(host: HTMLElement, controls: Controls, say: (text: 
   });
   rows.addEventListener("pointermove", (event) => {
     if (rows.hasPointerCapture(event.pointerId)) hold(under(event));
-    else name(event);
+    name(event);
   });
+  rows.addEventListener("pointerleave", () => show(tip, false));
   for (const end of ["pointerup", "pointercancel"]) rows.addEventListener(end, letGo);
 
-  /** Name what the pointer is over. */
+  /** Show the time under the pointer, and what happened then. */
   function name(event: PointerEvent): void {
     const track = (event.target as Element).closest<HTMLElement>(".track");
     const lane = site.timeline?.lanes[Number(track?.dataset["lane"] ?? -1)];
+    show(tip, track !== null && lane !== undefined);
     if (!track || !lane) return;
-    const text = textAt(lane, under(event), (REACH_PX / Math.max(track.clientWidth, 1)) * (site.timeline?.length_s ?? 0));
-    if (track.title !== text) track.title = text;
+    const at = under(event), text = textAt(lane, at, (REACH_PX / Math.max(track.clientWidth, 1)) * (site.timeline?.length_s ?? 0));
+    write(tip, [clock(Math.min(Math.max(at, 0), site.timeline?.length_s ?? 0)), text].filter(Boolean).join(" · "));
+    const { left, top, width } = tracks.getBoundingClientRect();
+    tip.style.left = `${Math.min(Math.max(event.clientX - left - tip.offsetWidth / 2, 0), width - tip.offsetWidth)}px`;
+    tip.style.top = `${track.getBoundingClientRect().top - top - tip.offsetHeight - 5}px`;
   }
 
   function row(lane: Lane, index: number, before: Lane | undefined, length: number): HTMLElement {

@@ -1,6 +1,6 @@
 /** The site as a list: for those who do not see the scene or the plan, and for those who select by the keyboard alone. */
 
-import { write } from "../dom";
+import { icon, write } from "../dom";
 import type { Site } from "../site/site";
 import { lampRows, objectRows, peopleRows, robotRows, type Row } from "./sentences";
 
@@ -23,6 +23,7 @@ interface Line {
 export class PlanList {
   readonly element = document.createElement("details");
   private readonly summary = document.createElement("summary");
+  private readonly count = document.createElement("span");
   private readonly hint = document.createElement("p");
   private readonly lists = new Map<string, { list: HTMLUListElement; head: HTMLElement; lines: Map<string, Line> }>();
   private told = -Infinity;
@@ -32,6 +33,7 @@ export class PlanList {
   constructor(private readonly events: ListEvents) {
     this.element.className = "plan-list";
     this.hint.className = "plan-hint";
+    this.summary.append(this.count, icon("chevron"));
     this.element.append(this.summary, this.hint);
     const columns = document.createElement("div");
     columns.className = "plan-columns";
@@ -63,7 +65,7 @@ export class PlanList {
     const people = peopleRows(site), robots = robotRows(site), objects = objectRows(site), lamps = lampRows(site);
     const count = (many: number, one: string) => `${many} ${one}${many === 1 ? "" : "s"}`;
     const listed = [`${people.length} ${people.length === 1 ? "person" : "people"}`, ...(robots.length ? [count(robots.length, "robot")] : []), count(objects.length, "object"), count(lamps.length, "lamp")];
-    write(this.summary, `As a list: ${listed.join(", ")}`);
+    write(this.count, `As a list: ${listed.join(", ")}`);
     if (!this.element.open) return;
     this.fill("People", people, false);
     this.fill("Robots", robots, true);

@@ -19,6 +19,10 @@ import { Robots } from "./robots";
 import { draw, say, set, show, xy } from "./svg";
 import { under } from "./under";
 
+/** Texts that grow or move are kept inside the plan so often, ms. */
+const CHECK_MS = 1000;
+/** Distance of a text from the plan's edge, px. */
+const EDGE_PX = 6;
 /** The pointer snaps to a lamp or strip within this distance, px. */
 const NEAR_PX = 10;
 const LAYERS = ["apart", "ground", "fences", "belts", "bays", "floor", "packages", "strips", "lamps", "bodies", "letters", "top", "aim"] as const;
@@ -50,6 +54,7 @@ class Plan implements View {
   private user = "";
   private aim: Vec3 | null = null;
   private drawnAt: number[] = [];
+  private checkedAt = -Infinity;
 
   constructor(host: HTMLElement, private readonly options: ViewOptions) {
     this.box.className = "plan";
@@ -88,6 +93,7 @@ class Plan implements View {
     this.robots.update(site);
     this.count(site);
     const now = performance.now();
+    if (now - this.checkedAt > CHECK_MS) this.keepInside();
     this.drawnAt.push(now);
     while (this.drawnAt[0]! < now - 1000) this.drawnAt.shift();
     this.stats.fps = this.drawnAt.length;
@@ -207,6 +213,21 @@ class Plan implements View {
     else this.apply();
   }
 
+  /** Move texts that reach over the edge of the plan, but not what is out of sight, into it. */
+  private keepInside(): void {
+    this.checkedAt = performance.now();
+    const edge = this.svg.getBoundingClientRect(), texts = [...this.world.querySelectorAll("text")];
+    const moves = texts.map((text) => {
+      const { left, right } = text.getBoundingClientRect(), before = parseFloat(text.style.translate) || 0;
+      if (left - before > edge.right || right - before < edge.left) return 0;
+      return Math.max(edge.left + EDGE_PX - (left - before), 0) + Math.min(edge.right - EDGE_PX - (right - before), 0);
+    });
+    texts.forEach((text, i) => {
+      const translate = moves[i] ? `${Math.round(moves[i])}px` : "";
+      if (text.style.translate !== translate) text.style.translate = translate;
+    });
+  }
+
   private apply(): void {
     const { frame } = this;
     set(this.world, "transform", frame.transform);
@@ -214,6 +235,7 @@ class Plan implements View {
     this.layers.strips.setAttribute("stroke-width", String(Math.max(2.4, 300 / frame.scale)));
     this.svg.classList.toggle("plan-near", frame.scale > 250);
     this.svg.classList.toggle("plan-far", frame.scale < 60);
+    this.keepInside();
     const metres = scaleBar(frame.scale), y = frame.height - 16;
     set(this.bar.line, "d", `M14 ${y - 5}V${y}H${14 + metres * frame.scale}V${y - 5}`);
     set(this.bar.text, "y", y - 9);

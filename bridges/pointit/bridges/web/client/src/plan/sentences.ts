@@ -5,7 +5,7 @@ import { standingOf, thingsOf, type Person, type Site } from "../site/site";
 import type { TrackedObject } from "../messages";
 import { byName } from "../format";
 import { isBox } from "../geometry/looks";
-import { placeName, stateTitle, thing } from "../words";
+import { isTooLate, placeName, stateTitle, thing } from "../words";
 
 export interface Row {
   key: string;
@@ -97,7 +97,7 @@ function placed(noun: string, id: string): string {
 }
 
 function whereItIs(object: TrackedObject): string {
-  const to = object.bay ? `, bound for bay ${object.bay}${object.bay_until_ns === 0 ? ", too late to change" : ""}` : "";
+  const to = object.bay ? `, bound for bay ${object.bay}${isTooLate(object) ? ", too late to change" : ""}` : "";
   if (object.surface === "belt" || object.surface === "strip") {
     return `on ${placed(object.surface, object.surface_id)} at ${object.surface_position_m.toFixed(1)} m${to}`;
   }

@@ -2,7 +2,7 @@
 
 import { capital, duration } from "../format";
 import type { SelectionEvent, Thing, TrackedObject } from "../messages";
-import { objectOf, OUTCOMES, placeName } from "../words";
+import { isTooLate, modeOf, objectOf, OUTCOMES, placeName } from "../words";
 import { siteNow, type Site } from "./site";
 
 /** Limit of objects whose changes are kept; the oldest are dropped. */
@@ -25,9 +25,14 @@ export function hasTakenBack(site: Site, user: string): boolean {
   const sinceNs = selector ? siteNow(site) - selector.since_s * 1e9 * site.speed : Infinity;
   return [...site.changes].some(([id, { selected, deselected }]) => {
     const object = objectOf(site, id);
-    return object !== null && object.mode !== "button" && deselected?.user === user && deselected.cause !== "undo" && deselected.stamp_ns >= sinceNs
+    return object !== null && !isTooLate(object) && object.mode !== "button" && deselected?.user === user && deselected.cause !== "undo" && deselected.stamp_ns >= sinceNs
       && deselected.stamp_ns > (selected?.stamp_ns ?? 0) && !site.selection?.objects.some((each) => each.id === id);
   });
+}
+
+/** Whether `user` has selected something that they can clear: what a button fired ends by itself. */
+export function hasSelected(site: Site, user: string): boolean {
+  return site.selection?.objects.some((each) => each.user === user && modeOf(site, each.id) !== "button" && !isTooLate(objectOf(site, each.id))) ?? false;
 }
 
 /** A thing as its tile shows it. */

@@ -123,7 +123,7 @@ async def test_tile_of_a_thing_tries_it_and_shows_who_fired_it_last(
     await radio.get_by_role("button", name="Try Radio").press("Enter")
     await expect(radio).to_contain_text("Switched off by operator")
     kettle = tiles.filter(has_text="The kettle")
-    await expect(kettle).to_contain_text("Button: fired by a press while somebody points at it.")
+    await expect(kettle).to_contain_text("Fires on a press while somebody points at it.")
     await kettle.get_by_role("button").click()
     await expect(kettle).to_contain_text(re.compile("Fired by operator (just now|\\d+ s ago)"))
     viewer = await Window.open(browser, shared_site.viewer_url)

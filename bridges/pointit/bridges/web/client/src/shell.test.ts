@@ -1,6 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { bytes, duration, figure, latencyTick, milliseconds, rendererName } from "./format";
+import { columnsOf } from "./choice";
+import { bytes, duration, figure, latencyTick, milliseconds, rendererName, typedNumber } from "./format";
 import { guidance, type Situation } from "./guidance";
 import { fingerprintLines } from "./panel/pairing";
 import { command, foundDevices, freeName, freeStrips, isConnected, wristFigures } from "./devices/found";
@@ -8,7 +9,7 @@ import { fitSentence } from "./devices/wearing";
 import type { Health } from "./messages";
 import { wordsOf } from "./glossary";
 import { readSettings } from "./settings";
-import { pressTitle } from "./words";
+import { listed, pressTitle } from "./words";
 
 test("numbers as people read them", () => {
   assert.deepEqual([5.9, 61, 7500, 200_000].map(duration), ["5 s", "1 min", "2 h 05 min", "2 d"]);
@@ -132,4 +133,21 @@ test("buttons and switches are nobody's own", () => {
   assert.equal(text("claim", { action: "refuse" }), "The kettle cannot be had: it is too late for it.");
   const fired = guidance({ ...pointing, success: "fired the kettle", count: 0 });
   assert.deepEqual([fired.title, fired.text], ["You fired the kettle!", "Go on with the next."]);
+});
+
+test("options stand in even rows", () => {
+  const columns = (...labels: string[]): number => columnsOf(labels.map((label) => ({ value: label, label })));
+  assert.deepEqual([columns("1"), columns("1", "2", "3", "4"), columns("Gauge", "Hold", "Fraction"), columns("Gauge", "Hold", "Fraction", "Estimate")], [1, 4, 3, 2]);
+  assert.deepEqual([columns("red", "green", "blue", "pink", "gold"), columns("a very long name indeed", "another"), columns()], [3, 1, 1]);
+  assert.equal(columnsOf(["Red", "Green", "Blue", "Gold"].map((label) => ({ value: label, label, swatch: "red" }))), 2);
+});
+
+test("a typed value is read with a comma or its unit, and nothing else", () => {
+  assert.deepEqual(["1.5", "1,5", " 1.5 m/s", "1.5M/S", ".5", "2.", "-1", "+3", "\u22121"].map((text) => typedNumber(text, "m/s")), [1.5, 1.5, 1.5, 1.5, 0.5, 2, -1, 3, -1]);
+  for (const bad of ["", " ", "fast", "1,2,3", "1.2.3", "1e3", "0x10", "NaN", "1 km/h", "m/s", "."]) assert.equal(typedNumber(bad, "m/s"), null, bad);
+  assert.deepEqual([typedNumber("80 %", "%"), typedNumber("12°", "°")], [80, 12]);
+});
+
+test("many names are counted", () => {
+  assert.deepEqual([listed(["a"]), listed(["a", "b", "c", "d"]), listed(["a", "b", "c", "d", "e"])], ["a", "a, b, c, d", "a, b, c and 2 more"]);
 });

@@ -3,7 +3,7 @@
 import { ApartToggle } from "./apart";
 import { choice } from "./choice";
 import type { Controls } from "./controls";
-import { el, show, write } from "./dom";
+import { el, isTouch, show, write } from "./dom";
 import type { Edges } from "./geometry/framing";
 import type { Rect } from "./geometry/placing";
 import type { Vec3 } from "./geometry/vec";
@@ -148,8 +148,9 @@ export class Stage {
 
   /** How a hand moves the view, for the help. */
   get gestures(): readonly (readonly [string, string])[] {
-    if (this.view?.stats.renderer === "SVG") return [["Drag", "Move the plan"], ["Wheel", "Nearer, or farther away"]];
-    return [["Drag", "Turn the view; with two fingers while one points"], ["Right drag", "Move the view; with two fingers, too"], ["Wheel", "Nearer, or farther away; or two fingers"]];
+    if (this.view?.stats.renderer === "SVG") return [["Drag", "Move the plan"], [isTouch() ? "Two fingers" : "Wheel", "Nearer, or farther away"]];
+    if (isTouch()) return [["One finger", "Turn the view; while you are the arm, point"], ["Two fingers", "Move the view, nearer or farther away"]];
+    return [["Drag", "Turn the view"], ["Right drag", "Move the view"], ["Wheel", "Nearer, or farther away"]];
   }
 
   /** What lies over the view, px. */

@@ -73,8 +73,8 @@ function tile(site: Site, thing: Thing, object: TrackedObject | null): ThingTile
 }
 
 function effect({ mode, press, dwell_s: dwell }: Thing): string {
-  const by = press ? "a press while somebody points at it" : dwell ? `staying on it for ${dwell} s` : "staying on it";
-  return { button: `Button: fired by ${by}.`, switch: `Switch: turned by ${by}.`, claim: `Taken, and given back, by ${by}.` }[mode];
+  const when = press ? "on a press while somebody points at it" : dwell ? `when somebody stays on it for ${dwell} s` : "when somebody stays on it";
+  return `${{ button: "Fires", switch: "Switches", claim: "Is taken, and given back," }[mode]} ${when}.`;
 }
 
 function lastChange(site: Site, { id, mode }: Thing): string {

@@ -1,0 +1,75 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import type { SelectionEvent, Thing, TrackedObject } from "../messages";
+import { emptyPerson, emptySite, type Site } from "./site";
+import { hasSelected, hasTakenBack, noteChange, thingTiles } from "./things";
+
+const S = 1e9;
+
+function site(): Site {
+  const all = emptySite(), thing = { dwell_s: null, label: "", press: false } as Thing;
+  const map = { things: [{ ...thing, id: "screws", mode: "button" }, { ...thing, id: "radio", mode: "switch", dwell_s: 2 }, { ...thing, id: "kettle", label: "the kettle", mode: "button", press: true }, { ...thing, id: "box_2", mode: "claim" }] };
+  const objects = map.things.slice(0, 3).map(({ id, mode, label }) => ({ id, mode, kind: label || id, surface: "none", size_m: [1, 1, 1] }) as unknown as TrackedObject);
+  const services = [{ instance: "selector", present: true, since_s: 60 }];
+  Object.assign(all, { map, sentNs: 100 * S, cameAt: performance.now(), status: { services } });
+  all.objects.set("things", { objects } as never);
+  return all;
+}
+
+const event = (what: "selected" | "deselected", id: string, user: string, at_s: number, cause: SelectionEvent["cause"] = "dwell"): SelectionEvent =>
+  ({ event: what, object_id: id, user, cause, stamp_ns: at_s * S, kind: id, reason: "", bay: "", confidence: null, seq: 0 });
+
+function select(all: Site, id: string, user: string, at_s: number): void {
+  noteChange(all, event("selected", id, user, at_s));
+  all.selection = { objects: [{ id, user }], reserved: [] } as never;
+}
+
+test("a tile shows the state of its thing, what it does, and who fired it last", () => {
+  const all = site();
+  assert.deepEqual(thingTiles(all).map(({ name, state, canBeTried }) => [name, state, canBeTried]),
+    [["Screws", "Ready", true], ["Radio", "Off", true], ["The kettle", "Ready", true], ["Thing 2", "Not in the room now", false]]);
+  assert.deepEqual(thingTiles(all).map(({ does }) => does), [
+    "Fires when somebody stays on it.", "Switches when somebody stays on it for 2 s.", "Fires on a press while somebody points at it.", "Is taken, and given back, when somebody stays on it.",
+  ]);
+  assert.deepEqual(thingTiles(all).map(({ last }) => last), ["Not fired yet.", "Not used yet.", "Not fired yet.", "Not used yet."]);
+  select(all, "screws", "anna", 88);
+  assert.deepEqual([thingTiles(all)[0]!.state, thingTiles(all)[0]!.isOn, thingTiles(all)[0]!.last], ["Fired", true, "Fired by anna 12 s ago."]);
+  noteChange(all, event("deselected", "screws", "anna", 89, "")); // a button goes off by itself
+  noteChange(all, event("deselected", "radio", "bob", 99.5));
+  noteChange(all, { ...event("selected", "kettle", "bob", 99), event: "refused" });
+  all.selection = null;
+  assert.deepEqual(thingTiles(all).slice(0, 3).map(({ last }) => last), ["Fired by anna 12 s ago.", "Switched off by bob just now.", "Not fired yet."]);
+});
+
+test("a tile shows who points at its thing", () => {
+  const all = site();
+  all.people.set("anna", Object.assign(emptyPerson("anna"), { hover: { object_id: "radio", progress: 0.4 } }));
+  assert.deepEqual([thingTiles(all)[1]!.state, thingTiles(all)[1]!.progress, thingTiles(all)[0]!.progress], ["Off: anna points at it", 0.4, null]);
+});
+
+test("only what can be taken back is offered: nothing of a button, of others, of before the selector started, or undone already", () => {
+  const all = site(), can = (): boolean[] => [hasSelected(all, "anna"), hasTakenBack(all, "anna")];
+  assert.deepEqual(can(), [false, false]);
+  select(all, "screws", "anna", 90);
+  assert.deepEqual(can(), [false, false], "a button");
+  select(all, "radio", "bob", 91);
+  assert.deepEqual(can(), [false, false], "another's");
+  select(all, "radio", "anna", 92);
+  assert.deepEqual(can(), [true, false]);
+  all.selection = null;
+  noteChange(all, event("deselected", "radio", "anna", 93, "clear"));
+  assert.deepEqual(can(), [false, true], "cleared, which can be undone");
+  noteChange(all, event("deselected", "radio", "anna", 94, "undo"));
+  assert.deepEqual(can(), [false, false], "undone");
+  noteChange(all, event("deselected", "radio", "anna", 39));
+  assert.deepEqual(can(), [false, false], "the selector has started since");
+});
+
+test("an object on its last way cannot be cleared any more", () => {
+  const all = site(), object = { id: "red-1", mode: "claim", kind: "red", surface: "belt", bay: "1", bay_until_ns: 0 } as unknown as TrackedObject;
+  all.objects.set("belt", { objects: [object] } as never);
+  select(all, "red-1", "anna", 92);
+  assert.equal(hasSelected(all, "anna"), false);
+  all.objects.set("belt", { objects: [{ ...object, bay_until_ns: 200 * S }] } as never);
+  assert.equal(hasSelected(all, "anna"), true);
+});

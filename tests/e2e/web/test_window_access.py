@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 import pytest_asyncio
-from playwright.async_api import Browser, Page, expect
+from playwright.async_api import Browser, expect
 
 from tests.e2e.web.axe import violations
 from tests.e2e.web.site import SitePage
@@ -66,13 +66,6 @@ async def window(browser: Browser, shared_site: SitePage) -> AsyncIterator[Windo
     assert opened.faults == []
 
 
-async def unfold(page: Page) -> None:
-    """Open every folded part of the panel."""
-    closed = page.locator("#panel details:not([open]) > summary:visible")
-    while await closed.count():
-        await closed.first.click()
-
-
 async def test_axe_finds_nothing_wrong_in_any_state(window: Window) -> None:
     page = window.page
     found: dict[str, list[str]] = {}
@@ -90,7 +83,6 @@ async def test_axe_finds_nothing_wrong_in_any_state(window: Window) -> None:
     await page.locator(".plan-list summary").click()
     for tab in ("Set up", "Health"):
         await page.get_by_role("tab", name=tab).click()
-        await unfold(page)
         await page.wait_for_timeout(300)
         await look(tab)
     await page.get_by_role("tab", name="Control").click()
@@ -122,7 +114,6 @@ async def test_axe_finds_nothing_wrong_in_any_state(window: Window) -> None:
 
 async def test_tab_reaches_every_control_and_shows_where_it_is(window: Window) -> None:
     page = window.page
-    await unfold(page)
     await page.evaluate("document.activeElement.blur(); scrollTo(0, 0)")
     wanted: list[dict[str, Any]] = await page.evaluate(REACHABLE)
     reached: dict[int, dict[str, Any]] = {}
@@ -176,7 +167,6 @@ async def test_a_small_screen_shows_all_and_a_finger_aims(browser: Browser, shar
         await page.set_viewport_size({"width": width, "height": height})
         for tab in ("Control", "Set up", "Health"):
             await page.get_by_role("tab", name=tab).tap()
-            await unfold(page)
             assert await page.evaluate(WIDER) <= 0, (width, tab)
             assert await page.evaluate(TALLER) <= 0, (width, tab)
         assert (

@@ -20,7 +20,7 @@ LOADING_S = 30.0
 BUSY_START_S = 5.0
 """Time after its start in which a process may be busy, s: others are loading modules beside it."""
 FIRST_S = 120.0
-"""Time after the publication of a deployment within which none of its processes need be present, s.
+"""Time after the publication of a deployment within which none of its processes need have reported, s.
 
 Python loads them all at once, which takes a busy machine a minute and more.
 """
@@ -129,6 +129,11 @@ class Observation:
             for name, deployment in self.deployments.items()
         }
 
+    @cached_property
+    def starting(self) -> frozenset[str]:
+        """Return the instances of deployments that are starting: they may be missing."""
+        return frozenset().union(*(each for name, each in self.services_of.items() if self.is_starting(name)))
+
     def credentials_of(self, name: str) -> str:
         """Return the option by which `name` joins a secured site, or `""` if the site is open."""
         return f" --credentials {self.identities}/{name}" if self.identities else ""
@@ -156,8 +161,9 @@ class Observation:
         return self.now_s - (reports[-1].received_s if reports else self.began_s)
 
     def is_silent(self, instance: str) -> bool:
-        """Return True if `instance` has not reported for too long."""
-        return self.silence_s(instance) > SILENT_S
+        """Return True if `instance` has not reported for too long. While it loads, it need not report."""
+        is_loading = instance in self.starting and not self.reports.get(instance)
+        return self.silence_s(instance) > SILENT_S and not is_loading
 
     def has_just_begun(self, instance: str, limit_s: float = STARTING_S) -> bool:
         """Return True if `instance` reports and has run for less than `limit_s`."""
@@ -173,7 +179,7 @@ class Observation:
         services = self.services_of[deployment]
         commands = {each.command for each in self.deployments[deployment].services}
         start_s = LOADING_S if len(commands) > 1 else STARTING_S  # in processes of their own
-        limit_s = FIRST_S if len(commands) > 1 and not services & self.present else start_s
+        limit_s = FIRST_S if len(commands) > 1 and not services & self.reports.keys() else start_s
         age_ns = -1 if self.now_ns is None else self.now_ns - self.deployments[deployment].stamp_ns
         return 0 <= age_ns < limit_s * NS_PER_S or any(
             self.has_just_begun(each, start_s) for each in services

@@ -23,14 +23,8 @@ GONE = ("absent", "left", "silent")
 
 def find_missing(seen: Observation) -> Iterator[Finding]:
     """Find services that should run and do not, or do not report."""
-    starting = {
-        instance
-        for name, services in seen.services_of.items()
-        if seen.is_starting(name)
-        for instance in services
-    }
     for instance, remedy in seen.expected.items():
-        if instance not in seen.present and instance not in starting:
+        if instance not in seen.present and instance not in seen.starting:
             yield Finding("error", "absent", instance, "should run and does not", remedy)
     for instance in seen.left - seen.present - seen.expected.keys():
         sentence = "was present and has left: ended, killed, stopped or cut off"
@@ -133,7 +127,7 @@ def _services_by_person(seen: Observation) -> dict[str, list[str]]:
 
 
 def is_anything_starting(seen: Observation) -> bool:
-    """Return True if a service that is missing may be starting."""
+    """Return True if a service that is missing, or has not reported yet, may be starting."""
     if not seen.is_patient:
         return False
     are_new = [
@@ -141,9 +135,7 @@ def is_anything_starting(seen: Observation) -> bool:
         for person, services in _services_by_person(seen).items()
         if _missing_writers(seen, person, services)
     ]
-    return (bool(are_new) and all(are_new)) or any(
-        seen.is_starting(name) and not services <= seen.present for name, services in seen.services_of.items()
-    )
+    return (bool(are_new) and all(are_new)) or not seen.starting <= seen.present & seen.reports.keys()
 
 
 def is_router(instance: str) -> bool:

@@ -12,7 +12,7 @@ from pointit.schemas.topics import ANY, CURSOR, HOVER, TOPICS
 from pointit.services.registry import person_of
 
 GRACE_S = 3.0
-"""Uptime within which a service need not have received all inputs, s."""
+"""Uptime within which a service need not have received its inputs, nor written its outputs, s."""
 
 STALE_S = 1.0
 """Minimum age of an input that has ended, s. A busy machine makes pauses, which end."""
@@ -31,14 +31,15 @@ def stale_inputs(seen: Observation) -> Iterator[Finding]:
             if key.age_s is not None and key.age_s < _span_s(seen, instance):
                 continue  # messages came between its last two reports
             able = present_writers(topic, health.user or ANY, seen.present)
-            writers = [each for each in able if not is_bridge(each) and _is_read(seen, instance, topic, each)]
+            old = [each for each in able if not is_bridge(each) and not seen.has_just_begun(each, GRACE_S)]
+            writers = [each for each in old if _is_read(seen, instance, topic, each)]
             if writers and (topic not in PAUSES or _written(seen, topic, writers)):
                 stale.setdefault(instance, []).append((topic, key, writers))
     for instance, inputs in stale.items():
         for topic, key, writers in inputs:
             if _written(seen, topic, writers):
                 remedy = f"{writers[0]} does write it: what is between the two? A link, an access rule?"
-            elif any(writer in stale or seen.is_silent(writer) for writer in writers):
+            elif any(writer in stale or seen.newest(writer) is None for writer in writers):
                 continue  # the writer's own problem is the cause
             else:
                 remedy = _look_at(seen, writers[0])

@@ -58,8 +58,8 @@ class Site:
 
     processes: dict[str, Process]
     deployments: dict[str, Deployment]
-    ages_s: dict[tuple[str, Topic[Any], str], float] = field(default_factory=dict[Any, float])
-    """Ages of the newest message by instance, topic and direction, where it is not fresh."""
+    ages_s: dict[tuple[str, Topic[Any], str], float | None] = field(default_factory=dict[Any, Any])
+    """Ages of the newest message by instance, topic and direction, where it is not fresh. None: never."""
     invalid: dict[tuple[str, Topic[Any]], int] = field(default_factory=dict[Any, int])
     """Growth of the number of invalid messages in each report, by instance and topic."""
     warnings: dict[str, tuple[str, ...]] = field(default_factory=dict[str, tuple[str, ...]])

@@ -19,7 +19,6 @@ from tests.unit.diagnosis.fault_sites import (
     Site,
     deployment,
     one_process,
-    processes,
     router_with_people,
     services_of,
 )
@@ -224,28 +223,6 @@ def has_just_restarted(site: Site) -> Site:
 @pytest.mark.parametrize("state", [is_idle, is_busy, is_starting, has_just_restarted])
 def test_healthy_states_have_no_finding(state: Callable[[Site], Site], kind: str) -> None:
     assert diagnose(state(DEPLOYMENTS[kind]()).seen()) == []
-
-
-def test_what_does_not_come_in_time_after_a_start_is_missing() -> None:
-    seen = is_starting(processes()).seen()
-    assert not is_healthy(diagnose(replace(seen, is_patient=False)))
-    late = processes()
-    late.end("pui")
-    assert [each.code for each in problems(diagnose(late.seen()))] == ["absent"]
-
-
-@pytest.mark.parametrize("kind", ["--processes", "router"])
-def test_processes_take_longer_to_begin_than_services_of_one(kind: str) -> None:
-    site = is_starting(DEPLOYMENTS[kind]())
-    for name in list(site.processes):
-        if name != "router":
-            del site.processes[name]
-    site.processes["web"] = Process(7, "desk", ("web",), ("pointit", "dashboard"))
-    seen = site.seen()
-    assert seen.now_ns is not None
-    later = replace(seen, now_ns=seen.now_ns + 30 * 10**9)
-    assert diagnose(seen) == []
-    assert is_healthy(diagnose(later)) == (kind == "--processes")
 
 
 def test_a_person_whose_process_has_ended_is_one_command() -> None:

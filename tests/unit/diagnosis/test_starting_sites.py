@@ -1,0 +1,103 @@
+"""Sites whose services are starting: nothing is missing before its time, and everything is after it."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+from pointit.diagnosis.diagnose import diagnose, is_healthy
+from pointit.schemas.topics import CURSOR, IMU
+from tests.unit.diagnosis.fault_sites import (
+    DEPLOYMENTS,
+    SHARED,
+    Process,
+    Site,
+    deployment,
+    one_process,
+    processes,
+    services_of,
+)
+from tests.unit.diagnosis.test_fault_table import change, is_starting, problems
+
+
+def test_what_does_not_come_in_time_after_a_start_is_missing() -> None:
+    seen = is_starting(processes()).seen()
+    assert not is_healthy(diagnose(replace(seen, is_patient=False)))
+    late = processes()
+    late.end("pui")
+    assert [each.code for each in problems(diagnose(late.seen()))] == ["absent"]
+
+
+def never_reports(site: Site) -> None:
+    site.processes["pui"] = Process(77, "desk", ("pui",), (), silence_s=60.0)
+
+
+def never_comes(site: Site) -> None:
+    site.end("pui")
+
+
+@pytest.mark.parametrize(("uptime_s", "is_well"), [(29.0, True), (31.0, False)])
+@pytest.mark.parametrize(("fault", "code"), [(never_reports, "silent"), (never_comes, "absent")])
+def test_a_process_may_load_for_thirty_seconds_before_it_counts(
+    fault: Callable[[Site], None], code: str, uptime_s: float, *, is_well: bool
+) -> None:
+    site = processes()
+    for process in site.processes.values():
+        process.uptime_s = uptime_s
+    fault(site)
+    assert [each.code for each in problems(diagnose(site.seen()))] == ([] if is_well else [code])
+    impatient = replace(site.seen(), is_patient=False)
+    assert [each.code for each in problems(diagnose(impatient))] == [code]
+
+
+@pytest.mark.parametrize(("uptime_s", "is_well"), [(9.0, True), (11.0, False)])
+def test_a_service_of_a_running_process_may_start_for_ten_seconds(uptime_s: float, *, is_well: bool) -> None:
+    site = one_process()
+    shared = tuple(each for each in SHARED if each != "pui")
+    change(site, "run", services=(*shared, *services_of("user1", "user2")), uptime_s=uptime_s)
+    assert is_healthy(diagnose(site.seen())) == is_well
+
+
+def test_inputs_from_a_writer_that_has_not_reported_yet_are_its_matter() -> None:
+    site = processes()
+    for process in site.processes.values():
+        process.uptime_s = 20.0
+    never_reports(site)
+    site.ages_s |= {(reader, CURSOR, "in"): None for reader in ("selector", "led-driver")}
+    assert diagnose(site.seen()) == []
+
+
+@pytest.mark.parametrize("kind", ["--processes", "router"])
+def test_processes_take_longer_to_begin_than_services_of_one(kind: str) -> None:
+    site = is_starting(DEPLOYMENTS[kind]())
+    for name in list(site.processes):
+        if name != "router":
+            del site.processes[name]
+    site.processes["web"] = Process(7, "desk", ("web",), ("pointit", "dashboard"))
+    seen = site.seen()
+    assert seen.now_ns is not None
+    later = replace(seen, now_ns=seen.now_ns + 30 * 10**9)
+    assert diagnose(seen) == []
+    assert is_healthy(diagnose(later)) == (kind == "--processes")
+
+
+@pytest.mark.parametrize(("writer_s", "is_well"), [(2.5, True), (3.5, False)])
+@pytest.mark.parametrize("age_s", [None, 0.1])
+def test_what_a_writer_writes_in_its_first_three_seconds_need_not_have_arrived(
+    age_s: float | None, writer_s: float, *, is_well: bool
+) -> None:
+    site = processes()
+    site.processes["user-sim.user1"].uptime_s = writer_s
+    site.ages_s["user-sim.user1", IMU, "out"] = age_s
+    site.ages_s |= {(f"{name}.user1", IMU, "in"): None for name in ("pointing", "localizer", "supervisor")}
+    assert is_healthy(diagnose(site.seen())) == is_well
+
+
+@pytest.mark.parametrize(("age_s", "is_well"), [(119.0, True), (121.0, False)])
+def test_the_first_process_that_is_present_does_not_make_the_others_late(
+    age_s: float, *, is_well: bool
+) -> None:
+    site = processes()
+    site.deployments = {"run.scenario_4": deployment("scenario_4", site.processes.values(), age_s)}
+    site.processes = {"keeper": replace(site.processes["keeper"], silence_s=60.0)}
+    assert is_healthy(diagnose(site.seen())) == is_well

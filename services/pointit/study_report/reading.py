@@ -49,7 +49,8 @@ def trials(folder: str | Path) -> Trials:
 def write_all_trials(folder: str | Path, to: str | Path) -> list[Path]:
     """Write the rows of all participants to `all_trials.csv` in `to`, and to Parquet if pyarrow is installed.
 
-    Numbers stay as they are written in the first, and are numbers in the second, null if they are not known.
+    Rows are in the order of participants and trials. Numbers stay as they are written in the first, and are
+    numbers in the second, null if they are not known.
     Returns the files. Raises: ConfigError: As of `trials`.
     """
     study = study_in(Path(folder))

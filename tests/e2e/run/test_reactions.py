@@ -70,3 +70,19 @@ async def test_program_that_forks_and_never_ends_is_ended_with_the_run(
     programs = json.loads(summary.read_text())["reactions"]
     assert failed in programs["failures"]
     assert programs["failed"] == programs["started"] - 1
+
+
+async def test_listen_names_a_thing_that_the_map_lacks_before_a_program_that_is_missing(
+    commands: Commands, endpoint: str, tmp_path: Path
+) -> None:
+    scenario = tmp_path / "own.yaml"
+    scenario.write_text(SITE)
+    commands.start_program("run", str(scenario), "--users", "0", "--no-view", "--listen", endpoint)
+    async with onlooker(endpoint) as seen:
+        await seen.hears("keeper")
+        seen.bus.publisher(MAP).put(Environment(stamp_ns=1, name="shop", things=THINGS))
+        for thing, mistake in (("nutz", "the map has no thing 'nutz'"), ("nuts", "no program ./heat.sh")):
+            verb = f"heat {thing}=./heat.sh {{user}}"
+            listen = commands.start("listen", "anna", "--text", "-", "--verb", verb, "--connect", endpoint)
+            ended = await listen.end(code=2)
+            assert mistake in ended.err

@@ -9,6 +9,7 @@ from click.testing import CliRunner, Result
 from pointit.cli.maps import check
 from pointit.cli.maps.exchange import export, import_
 from pointit.maps.file import read_map_file
+from pointit.runtime.errors import ConfigError
 
 
 def imported(source: Path, kind: str, *options: str) -> Result:
@@ -49,6 +50,15 @@ def test_a_preset_is_chosen(tmp_path: Path) -> None:
     presets.write_text(json.dumps({"0": {}, **segments}))
     imported(presets, "segments", "--preset", "2")
     assert [strip.pixels for strip in read_map_file(presets.with_suffix(".yaml")).strips.values()] == [20]
+
+
+def test_more_strips_than_a_map_can_have_make_no_map(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pointit.maps.file.MAX_KEYS", 30)  # the real limit takes 27000 strips
+    pixels = tmp_path / "hall.csv"
+    pixels.write_text("strip,x,y,z\n" + "".join(f"s{n},0,0,{n}\ns{n},0.1,0,{n}\n" for n in range(10)))
+    with pytest.raises(ConfigError, match=r"hall.csv: makes no map that can be read, see above"):
+        imported(pixels, "csv")
+    assert not pixels.with_suffix(".yaml").exists()
 
 
 def test_a_notice_is_printed_only_if_reading_takes_long(monkeypatch: pytest.MonkeyPatch) -> None:

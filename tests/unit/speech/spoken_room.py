@@ -99,7 +99,7 @@ class Room:
 async def room() -> AsyncGenerator[Room]:
     async with memory_bench(VirtualClock()) as bench:
         here = Room(bench)
-        interpreter = Interpreter(bench.bus, bench.clock, USER, own_verbs(["heat kettle"]))
+        interpreter = Interpreter(bench.bus, bench.clock, USER, own_verbs(["heat kettle"])[0])
         box = {"center_m": (2.0, 0.0, 1.0), "size_m": (0.2, 0.2, 0.2)}
         things = (
             Thing(id="radio", label="Radio", lamp="led_1", mode="switch", **box),  # type: ignore[arg-type]

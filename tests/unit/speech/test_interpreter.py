@@ -312,17 +312,24 @@ async def test_a_verb_is_of_its_things_alone_and_what_wants_a_press_is_not_fired
 
 @pytest.mark.parametrize(
     "text",
-    ["heat", "heat the kettle=true", "heat2 kettle=true", "heat kettle=no-such-program", "stop kettle=true"],
+    ["heat", "heat the kettle=true", "heat2 kettle=true", "stop kettle=true"],
 )
 def test_a_verb_that_cannot_be_used_is_refused(text: str) -> None:
     with pytest.raises(ConfigError):
         own_verbs([text])
 
 
+def test_a_program_that_is_missing_is_an_error_for_after_the_check_of_the_thing() -> None:
+    verbs, problem = own_verbs(["heat kettle=true", "heat radio=no-such-program", "heat nuts="])
+    assert verbs["heat"].things == {"kettle", "radio", "nuts"}
+    assert str(problem).startswith("heat radio: no program no-such-program")
+    assert own_verbs(["heat kettle=true", "heat nuts"])[1] is None
+
+
 @in_virtual_time
 async def test_a_verb_of_a_thing_that_is_not_there_is_refused_with_those_that_are() -> None:
     async with room() as here:
-        interpreter = Interpreter(here.bench.bus, here.bench.clock, USER, own_verbs(["heat kettel"]))
+        interpreter = Interpreter(here.bench.bus, here.bench.clock, USER, own_verbs(["heat kettel"])[0])
         with pytest.raises(ConfigError, match="the map has no thing 'kettel'; did you mean kettle"):
             await interpreter.wait_for_room(1.0)
 

@@ -96,7 +96,7 @@ async def test_a_verb_starts_its_program_whose_output_is_shown_and_says_if_that_
         site = VerbContext(
             bench.bus, bench.clock, "anna", known, Packages(bench.bus, bench.clock, "anna", known)
         )
-        verb = own_verbs([f"heat kettle={program} {{user}}"])["heat"]
+        verb = own_verbs([f"heat kettle={program} {{user}}"])[0]["heat"]
         with pytest.raises(RefusedError, match=fails) if fails else nullcontext():
             assert await verb.act(site, Command(verb="heat"), [known.named("kettle")]) == "heat kettle"
         assert capfd.readouterr().out == ("" if fails else "anna\n")

@@ -87,7 +87,7 @@ async def _listen(
     from pointit.speech.interpreter import Interpreter  # noqa: PLC0415 - as above
     from pointit.speech.speech_synthesizer import SpeechSynthesizer  # noqa: PLC0415 - as above
 
-    own = own_verbs(verbs)
+    own, problem = own_verbs(verbs)
     async with join_site(**at) as bus:
         if denied := await bus.denial_reason("writes", SPEECH, user):
             raise AccessDeniedError(denied)
@@ -105,6 +105,8 @@ async def _listen(
         publishing: asyncio.Task[int] | None = None
         try:
             await interpreter.wait_for_room(ROOM_PATIENCE_S)
+            if problem is not None:
+                raise problem
             say(f"listening to {user}; Ctrl-C ends it")
             if text is None and audio is None:
                 spoken = _nothing()

@@ -12,12 +12,16 @@ from pointit.speech.grammar import RESERVED, spoken
 from pointit.speech.verbs import Verb, VerbContext, verb_of_things
 
 
-def own_verbs(texts: Sequence[str]) -> dict[str, Verb]:
-    """Return the verbs of `VERB THING=PROGRAM`, `VERB THING=URL` or `VERB THING`.
+def own_verbs(texts: Sequence[str]) -> tuple[dict[str, Verb], ConfigError | None]:
+    """Return the verbs of `VERB THING=PROGRAM`, `VERB THING=URL` or `VERB THING`, and an error of a program.
+
+    The error is the first of a program or URL that cannot be used. The caller raises it when the map has the
+    things: a misspelt thing is the nearer mistake.
 
     Raises:
-        ConfigError: If one is none of these, or what it names cannot be used.
+        ConfigError: If a text is none of these.
     """
+    problem: ConfigError | None = None
     verbs = defaultdict[str, dict[str, Target | None]](dict)
     for text in texts:
         words = text.partition("=")[0].split()
@@ -28,9 +32,14 @@ def own_verbs(texts: Sequence[str]) -> dict[str, Verb]:
         verb, thing = words
         if verb in RESERVED:
             raise ConfigError(f"--verb {text!r}: {verb!r} has a meaning in all rooms; choose another word")
-        target = Reaction.parse(text).target if "=" in text else None
+        target: Target | None = None
+        try:
+            target = Reaction.parse(text).target if "=" in text else None
+        except ConfigError as error:
+            problem = problem or error
         verbs[verb][thing] = replace(target, is_shown=True) if isinstance(target, Program) else target
-    return {verb: verb_of_things(targets.keys(), _starts(targets)) for verb, targets in verbs.items()}
+    own = {verb: verb_of_things(targets.keys(), _starts(targets)) for verb, targets in verbs.items()}
+    return own, problem
 
 
 def _starts(targets: Mapping[str, Target | None]) -> Callable[[VerbContext, str, Referent], Awaitable[str]]:

@@ -171,7 +171,7 @@ export class Labels {
   }
 }
 
-/** Where the label is (a CSS transform); empty: nowhere. */
+/** Position of the label as a CSS transform. It is empty if the label is not shown. */
 function put(label: Label, at: string): void {
   if (at === label.placed) return;
   label.placed = at;

@@ -23,7 +23,7 @@ CLOCK = re.compile(r"the clock of machine (?P<host>\S+) is ")
 UNWRITABLE = re.compile(r"cannot be written|disk is full|No space left on device")
 """Warnings about files."""
 RIGHTS = re.compile(
-    r"this identity \((?P<own>[^)]+)\) may (?:not|do nothing)\b|^(?P<denied>[\w.-]+) may not\b"
+    r"this identity \((?P<own>[^)]+)\) may (?:not|do nothing)\b|^(?:[^\s/]+/)?(?P<denied>[\w.-]+) may not\b"
 )
 """Warnings about what an identity lacks: of its own process, and of the router."""
 INVALID = re.compile(
@@ -121,6 +121,9 @@ def _rights(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
         own = sorted(group, key=lambda each: is_router(each.service))
         services = {each.service for each in group}
         cause, follow = _first_of(own, "denied"), find_consequences(services, seen)
+        if is_router(own[0].service):
+            remedy = f"start it with its own credentials instead of those of {name}, or end it"
+            cause = replace(cause, finding=replace(cause.finding, remedy=remedy))
 
         def is_theirs(each: Finding, name: str = name) -> bool:
             return each.code in GONE and split_instance(each.service)[1] == name

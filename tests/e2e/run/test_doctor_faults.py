@@ -5,7 +5,8 @@ import json
 import os
 import re
 import signal
-from collections.abc import AsyncGenerator, Mapping
+import subprocess
+from collections.abc import AsyncGenerator, Generator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -69,9 +70,24 @@ async def stopped(pid: int) -> AsyncGenerator[None]:
         os.kill(pid, signal.SIGCONT)
 
 
-def run_at(commands: Commands, endpoint: str, *options: str) -> Plant:
+def run_at(commands: Commands, endpoint: str, *options: str, state: Path | None = None) -> Plant:
     arguments = ("run", "scenario_3", "--no-view", "--duration", "3600", *options, "--listen", endpoint)
-    return Plant(commands, ("--connect", endpoint), {}, commands.start_program(*arguments))
+    environment = {"POINTIT_STATE": str(state)} if state else {}
+    run = commands.start_program(*arguments, environment=environment)
+    return Plant(commands, ("--connect", endpoint), {}, run)
+
+
+@contextlib.contextmanager
+def small_disk(path: Path) -> Generator[Path]:
+    """Yield a folder with room for 1 MB."""
+    path.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(path)]
+    if subprocess.run(mount, check=False, capture_output=True).returncode:
+        pytest.skip("a small disk needs the right to mount one")
+    try:
+        yield path
+    finally:
+        subprocess.run(["umount", "--lazy", str(path)], check=True)  # noqa: S607 - as above
 
 
 @pytest.mark.parametrize("options", [(), ("--processes",)], ids=["one process", "--processes"])
@@ -112,6 +128,22 @@ async def test_a_service_of_its_own_process_that_is_stopped_or_killed(
     finding = await plant.finds("absent")
     assert finding["service"] == "pui"
     assert "pointit service run pui" in finding["remedy"]
+
+
+async def test_a_disk_that_becomes_full(commands: Commands, endpoint: str, tmp_path: Path) -> None:
+    with small_disk(tmp_path / "disk") as disk:
+        plant = run_at(commands, endpoint, state=disk)
+        await plant.is_well()
+        with (disk / "filling").open("wb") as filling, contextlib.suppress(OSError):
+            while True:
+                filling.write(bytes(4096))
+                filling.flush()
+        finding = await plant.finds("disk")
+        assert str(disk) in finding["sentence"]
+        assert "make room there" in finding["sentence"]
+        (disk / "filling").unlink()
+        await plant.is_well()
+        await plant.run.stop()
 
 
 @contextlib.asynccontextmanager
@@ -159,6 +191,16 @@ async def test_a_router_with_three_people(commands: Commands, tmp_path: Path) ->
             assert f"process {plant.router.process.pid} is stopped" in finding["sentence"]
         plant.router.kill()
         await plant.finds("unreachable")
+
+
+async def test_a_service_with_the_rights_of_another_person(commands: Commands, tmp_path: Path) -> None:
+    async with secured_plant(commands, tmp_path) as plant:
+        cleo = {"POINTIT_CREDENTIALS": str(tmp_path / "site" / "identities" / "cleo")}
+        commands.start_program("service", "run", "pointing", "--user", "dora", environment=cleo)
+        finding = await plant.finds("denied")
+        assert finding["sentence"].startswith("hall/cleo may not write ")
+        assert "pointing.dora" in finding["sentence"] or "users/dora" in finding["sentence"]
+        assert "those of cleo" in finding["remedy"]
 
 
 async def test_shared_services_that_are_killed_leave_nobody_a_cursor(

@@ -107,7 +107,7 @@ def has_wrong_rights(kind: str, site: Site) -> Site:
             change(site, name, warnings=(MAY_NOT.format(name="operator"),))
     else:
         change(site, "ben", warnings=(MAY_NOT.format(name="cleo"),))
-        site.warnings["router"] = ("cleo may not write users/ben/ray (200 times): refused",)
+        site.warnings["router"] = ("hall/cleo may not write users/ben/ray (200 times): refused",)
     return site
 
 
@@ -249,6 +249,14 @@ def test_services_that_do_not_report_are_one_process_that_is_silent() -> None:
     (finding,) = problems(diagnose(site.seen()))
     assert (finding.code, finding.service) == ("silent", "anna")
     assert "process 3 does not report" in finding.sentence
+
+
+def test_what_the_router_alone_refuses_is_a_matter_of_rights_with_a_remedy() -> None:
+    site = router_with_people()
+    site.warnings["router"] = ("hall/cleo may not write health/pointing.dora: refused",)
+    (finding,) = problems(diagnose(site.seen()))
+    assert (finding.code, finding.service) == ("denied", "router")
+    assert "those of cleo" in finding.remedy
 
 
 def test_two_faults_are_two_findings() -> None:

@@ -134,10 +134,9 @@ async def test_a_disk_that_becomes_full(commands: Commands, endpoint: str, tmp_p
     with small_disk(tmp_path / "disk") as disk:
         plant = run_at(commands, endpoint, state=disk)
         await plant.is_well()
-        with (disk / "filling").open("wb") as filling, contextlib.suppress(OSError):
+        with (disk / "filling").open("wb", buffering=0) as filling, contextlib.suppress(OSError):
             while True:
                 filling.write(bytes(4096))
-                filling.flush()
         finding = await plant.finds("disk")
         assert str(disk) in finding["sentence"]
         assert "make room there" in finding["sentence"]

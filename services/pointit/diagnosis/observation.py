@@ -132,7 +132,9 @@ class Observation:
     @cached_property
     def starting(self) -> frozenset[str]:
         """Return the instances of deployments that are starting: they may be missing."""
-        return frozenset().union(*(each for name, each in self.services_of.items() if self.is_starting(name)))
+        return frozenset[str]().union(
+            *(each for name, each in self.services_of.items() if self.is_starting(name))
+        )
 
     def credentials_of(self, name: str) -> str:
         """Return the option by which `name` joins a secured site, or `""` if the site is open."""

@@ -310,10 +310,7 @@ async def test_a_verb_is_of_its_things_alone_and_what_wants_a_press_is_not_fired
         assert here.queries(SetThing) == [(USER, SetThing(thing="radio", on=True))]
 
 
-@pytest.mark.parametrize(
-    "text",
-    ["heat", "heat the kettle=true", "heat2 kettle=true", "stop kettle=true"],
-)
+@pytest.mark.parametrize("text", ["heat", "heat the kettle=true", "heat2 kettle=true", "stop kettle=true"])
 def test_a_verb_that_cannot_be_used_is_refused(text: str) -> None:
     with pytest.raises(ConfigError):
         own_verbs([text])

@@ -1,4 +1,4 @@
-"""Reads point clouds: PLY (text or binary) and plain text with a point per line (XYZ, TXT, CSV, PTS, ASC)."""
+"""Reads point clouds: PLY (text or binary) and text with a point per line (XYZ, TXT, CSV, PTS, ASC, PCD)."""
 
 import itertools
 import sys
@@ -24,7 +24,7 @@ Wanted = Sequence[str | int]
 MAX_POINTS = 5_000_000
 """Limit of the points of one cloud: 120 MB in memory, some seconds to read."""
 
-SUFFIXES = (".ply", ".xyz", ".txt", ".csv", ".pts", ".asc")
+SUFFIXES = (".ply", ".xyz", ".txt", ".csv", ".pts", ".asc", ".pcd")
 
 
 def read_cloud(path: Path, columns: Wanted = (), scale: float | None = None) -> Points:

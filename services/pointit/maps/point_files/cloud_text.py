@@ -1,13 +1,11 @@
 """Structure of a text with a point a line: lines before the points, delimiter, columns, unit."""
 
 import contextlib
-import itertools
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
+from pointit.maps.point_files.pcd_header import read_pcd_header
 from pointit.maps.point_files.point_columns import (
     AXES,
     PointColumns,
@@ -23,6 +21,7 @@ from pointit.maps.point_files.stated_units import (
     units_of_row,
     without_unit_of_axes,
 )
+from pointit.maps.point_files.unnamed_columns import first_columns_problem
 from pointit.runtime.config.validation_message import format_value, join_names
 from pointit.runtime.errors import ConfigError
 
@@ -31,17 +30,11 @@ SURROGATE = re.compile("[\udc80-\udcff]")
 """Bytes that are no UTF-8."""
 FIRST_THREE = PointColumns(indices=(0, 1, 2))
 
-_COLORED = 5
-"""Number of columns from which more may be colours and coordinates."""
-_ROWS_WITH_INDEX = 3
-"""Number of rows from which a first column of consecutive whole numbers is an index."""
 _MINUS = "\N{MINUS SIGN}"
-_STEPS_OF_TIME = 5
-"""Number of equal steps from which a first column is the time of rows."""
-_MAX_STEP_CHANGE = 0.05
-"""Share of a step by which these differ at most."""
 _PTX_CELLS = [1, 1, 3, 3, 3, 3, 4, 4, 4, 4]
 """Numbers in the first lines of a PTX: columns, rows, pose of the scanner, transformation."""
+_ROW_NAME = re.compile(r"""\s*(["'])[^"']*\1[,;|\s]+[^"',;|\s]""")
+"""Quoted name of a row before numbers without quotes, for which the header of R has no name."""
 _COMMENT = re.compile(r" *(?:#|//|%)+ *")
 
 
@@ -82,6 +75,16 @@ def text_layout(sample: Sequence[str], wanted: Sequence[str | int]) -> TextLayou
     """
     if [len(line.split()) for line in sample[: len(_PTX_CELLS)]] == _PTX_CELLS:
         raise ConfigError("is a PTX, which begins with the pose of its scanner; export it as PTS or PLY")
+    if pcd := read_pcd_header(sample):
+        skip, names = pcd
+        columns = named_columns(wanted, names, len(names)) if wanted else point_columns(names)
+        if columns is None:
+            raise ConfigError(_which_columns(names))
+        return TextLayout(skip=skip, columns=columns)
+    return _layout_of_table(sample, wanted)
+
+
+def _layout_of_table(sample: Sequence[str], wanted: Sequence[str | int]) -> TextLayout:
     header = _Header()
     first, comments = "", list[str]()
     for number, line in enumerate(sample):
@@ -92,6 +95,7 @@ def text_layout(sample: Sequence[str], wanted: Sequence[str | int]) -> TextLayou
         row = text.split("#")[0]
         delimiter = delimiter_of(row.strip())
         cells = cells_of(row, delimiter)
+        header = _with_row_name(header, row, cells, wanted)
         if comment is None and _is_row(cells, wanted, header):
             rows = sample[number:]
             columns = _columns_of_rows(
@@ -137,7 +141,8 @@ def text_layout(sample: Sequence[str], wanted: Sequence[str | int]) -> TextLayou
         )
     raise ConfigError(
         f"no line begins with x, y and z, the first is {format_value(SURROGATE.sub('?', first))}; "
-        "write three numbers per line"
+        "write three numbers per line, or write in the map which columns are x, y and z, such as "
+        "columns: [2, 3, 4]"
     )
 
 
@@ -152,9 +157,19 @@ def _next_header(
         return replace(header, unit_row=cells) if is_unit_row else header
     if header.columns and len(cells) == len(header.cells):
         return header
-    if columns := None if wanted else point_columns(cells):
-        return replace(header, cells=cells, columns=columns)
-    return header if header.columns or is_prose else replace(header, cells=cells)
+    named = _with_names(header, cells, wanted)
+    return named if named.columns or not (header.columns or is_prose) else header
+
+
+def _with_row_name(header: _Header, row: str, cells: Sequence[str], wanted: Sequence[str | int]) -> _Header:
+    """Return `header` with an empty name for the names of rows, if it has none and `row` begins with one."""
+    if len(cells) != len(header.cells) + 1 or not _ROW_NAME.match(row):
+        return header
+    return _with_names(header, ["", *header.cells], wanted)
+
+
+def _with_names(header: _Header, names: Sequence[str], wanted: Sequence[str | int]) -> _Header:
+    return replace(header, cells=names, columns=None if wanted else point_columns(names))
 
 
 def _indices(wanted: Sequence[str | int], header: _Header, count: int) -> tuple[int, int, int] | tuple[()]:
@@ -180,8 +195,10 @@ def _columns_of_rows(
     count, names = len(rows[0]), header.cells
     if len(names) == count + 1 and not names[0]:  # `#` and a tab before the names
         names = names[1:]
-    if wanted:
-        return named_columns(wanted, names, count)
+    problem = first_columns_problem(rows) if len(names) < count else ("", 0)
+    if wanted and not (problem[0] and names and any(isinstance(each, str) for each in wanted)):
+        has_row_names = problem[0] and len(names) == count - 1
+        return named_columns(wanted, ["", *names] if has_row_names else names, count)
     shifted = point_columns(names) if names is not header.cells else header.columns
     if shifted is None and len(names) == count:
         raise ConfigError(_which_columns(names))
@@ -193,21 +210,8 @@ def _columns_of_rows(
             f"its header has {len(names)} columns ({_shown(names)}) and its rows have {count}{problem}; "
             "write in the map which are x, y and z by number, such as columns: [1, 2, 3], or correct the file"
         )
-    if count > 3 and len(names) < count and _has_index(rows):
-        raise ConfigError(
-            f"has {count} columns, names of {len(names)}, and the first counts the rows; write in the map "
-            "which are x, y and z by number, such as columns: [2, 3, 4]"
-        )
-    if shifted is None and count > len(names) and _has_colors_first(rows):
-        raise ConfigError(
-            f"has {count} columns without names, of which the first three may be colours; write in the map "
-            "which are x, y and z by number, such as columns: [4, 5, 6]"
-        )
-    if shifted is None and count > len(names) and (whole := _whole_columns(rows)):
-        raise ConfigError(
-            f"has {count} columns without names, of which the first {whole} may be no coordinates; write in "
-            f"the map which are x, y and z by number, such as columns: {[whole + 1, whole + 2, whole + 3]}"
-        )
+    if problem[0]:
+        raise ConfigError(_first_columns(count, names, problem, rows[0]))
     return shifted or FIRST_THREE
 
 
@@ -215,43 +219,15 @@ def _has_number(cells: Sequence[str], indices: Sequence[int]) -> bool:
     return any(is_number(cells[index].replace(_MINUS, "-")) for index in indices)
 
 
-def _has_index(rows: Sequence[Sequence[str]]) -> bool:
-    """Return True if the first column counts the rows, or has their time."""
-    numbers = [row[0] for row in rows if len(row) > 3 and all(map(is_number, row))]
-    if len(numbers) < _ROWS_WITH_INDEX:
-        return False
-    if all(each.isdecimal() for each in numbers):
-        return all(int(after) == int(before) + 1 for before, after in itertools.pairwise(numbers))
-    steps = np.diff([float(each.replace(",", ".")) for each in numbers])
-    are_equal = len(steps) >= _STEPS_OF_TIME and steps.max() - steps.min() < _MAX_STEP_CHANGE * steps.min()
-    return bool(are_equal)
-
-
-def _whole_columns(rows: Sequence[Sequence[str]]) -> int:
-    """Return the number of first columns with whole numbers before three with others, 0 if there are none."""
-    cells = [row for row in rows if len(row) > 3 and all(map(is_number, row))]
-    are_whole = [all(cell.lstrip("-").isdecimal() for cell in column) for column in zip(*cells, strict=False)]
-    whole = are_whole.index(False) if False in are_whole else 0
-    return whole if len(cells) >= _ROWS_WITH_INDEX and are_whole[whole : whole + 3] == [False] * 3 else 0
-
-
-def _has_colors_first(rows: Sequence[Sequence[str]]) -> bool:
-    """Return True if the first three of six or more columns look like colours, and later ones do not."""
-    cells = [row for row in rows if len(row) > _COLORED and all(map(is_number, row))]
-    count = min(map(len, cells), default=0)
-    numbers = np.array([[float(cell.replace(",", ".")) for cell in row[:count]] for row in cells])
-    if not count or numbers[:, :3].min() < 0:
-        return False
-    are_bytes = (
-        (numbers == np.floor(numbers)).all(axis=0) & (numbers.min(axis=0) >= 0) & (numbers.max(axis=0) <= 255)
+def _first_columns(count: int, names: Sequence[str], problem: tuple[str, int], row: Sequence[str]) -> str:
+    reason, skipped = problem
+    header = f"has {len(names)} names ({_shown(names)}) for {count}" if names else f"has {count}"
+    without = "" if names else " without names"
+    first = format_value(SURROGATE.sub("?", ", ".join(row)))
+    return (
+        f"{header} columns{without}, of which {reason}; its first row is {first}: write in the map which are "
+        f"x, y and z by number, such as columns: {[skipped + 1, skipped + 2, skipped + 3]}"
     )
-    has_colors_later = any(are_bytes[at : at + 3].all() for at in range(3, count - 2))
-    has_normals = np.allclose(np.linalg.norm(numbers[:, 3:6], axis=1), 1.0, atol=0.02)
-    limit = 255.0 if all(cell.isdecimal() for row in cells for cell in row[:3]) else 1.0
-    is_beyond = (
-        numbers[:, 3:].min() < 0 or numbers[:, 3:].max() > limit or (limit > 1 and not are_bytes[3:].all())
-    )
-    return bool(numbers[:, :3].max() <= limit and is_beyond and not has_colors_later and not has_normals)
 
 
 def _which_columns(header: Sequence[str]) -> str:

@@ -116,7 +116,7 @@ def named_columns(wanted: Sequence[str | int], header: Sequence[str], count: int
             )
         indices += at
     x, y, z = indices
-    units = units_of_names([header[index] for index in indices]) if header else ()
+    units = units_of_names([header[index] for index in indices]) if max(indices) < len(header) else ()
     return PointColumns(indices=(x, y, z), units=units)
 
 

@@ -25,6 +25,8 @@ TIMES_S = {
     **dict.fromkeys(("us", "usec", "usecs", "microsecond", "microseconds"), 1e-6),
     **dict.fromkeys(("ns", "nsec", "nsecs", "nanosecond", "nanoseconds"), 1e-9),
     **dict.fromkeys(("min", "minute", "minutes"), 60.0),
+    **dict.fromkeys(("hour", "hours"), 3600.0),
+    **dict.fromkeys(("day", "days"), 86400.0),
 }
 """Durations of the units of time, s."""
 

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 from pointit.runtime.errors import ConfigError
 from pointit.schemas.text import round_beyond
+from pointit.sim.motion_cells import is_lost_cell
 
 MAX_BYTES = 64_000_000
 """Limit of a file: an hour at 1000 Hz. More would use too much memory of a service."""
@@ -107,5 +108,5 @@ def _rows(lines: Iterator[str], delimiter: str, before: int) -> Iterator[tuple[i
     reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
     for row in reader:
         cells = [cell.strip() for cell in row]
-        if any(cells) and not cells[0].startswith(COMMENTS):
+        if any(cells) and (is_lost_cell(cells[0]) or not cells[0].startswith(COMMENTS)):
             yield before + reader.line_num, cells

@@ -32,7 +32,7 @@ _TIMES_S = {"": 1.0, **TIMES_S}
 _LENGTHS_M = {"": 1.0, **LENGTHS_M}
 _CAMEL = re.compile(r"(?<=[a-z\d])(?=[A-Z])")
 
-SUGGESTED_UNITS = {TIME: ("s", "ms", "us", "ns", "min"), "": ("m", "cm", "mm", "in", "ft")}
+SUGGESTED_UNITS = {TIME: ("s", "ms", "us", "ns", "min", "hours", "days"), "": ("m", "cm", "mm", "in", "ft")}
 """Units named in messages, by column; `""`: positions."""
 
 

@@ -1,11 +1,9 @@
 """Columns of a recorded motion in a CSV file, in SI units, with gaps where values are missing."""
 
 import csv
-import datetime as dt
 import functools
 import itertools
 import math
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from operator import itemgetter
 from pathlib import Path
@@ -17,7 +15,9 @@ from pointit.maps.column_units import split_unit, unit_name
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import FARTHEST
 from pointit.sim.csv_rows import CsvRows, read_csv
+from pointit.sim.motion_cells import clock_time_s, is_lost_cell, is_lost_coordinate
 from pointit.sim.motion_columns import (
+    FLOOR,
     ORIENTATION,
     SUGGESTED_UNITS,
     TIME,
@@ -27,18 +27,13 @@ from pointit.sim.motion_columns import (
     units_of,
 )
 from pointit.sim.plausibility import period_problem
+from pointit.sim.track_faults import find_track_faults
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 MAX_TIME_S = 1e12
 """Maximum absolute time, s."""
-
-_NAN = ("nan", "-nan", "+nan", "nan(ind)", "-nan(ind)", "-1.#ind", "1.#qnan")
-MISSING = frozenset((*_NAN, "-", "--", "?", "na", "n/a", "#n/a", "null", "none", "nil", "missing"))
-"""Cells of lost values, in lower case, besides empty ones."""
-
-_LOST = re.compile(r"-?9{4,}")
-"""Coordinates of a lost marker in some programs, if all of it have one such value."""
 
 
 class MotionTable:
@@ -125,27 +120,41 @@ class MotionTable:
     def vectors(self, body: str, names: Sequence[str]) -> Array:
         """Return columns side by side, n x k, SI. Rows in which the body is lost are NaN, and noted.
 
-        It is lost where a value is missing, where all are exactly 0, or all are the same 9999….
+        It is lost where a value is missing, where all are exactly 0, or all are the same 9999…, or a constant
+        far from the rows around it, and where it jumps away for one row.
         """
         vectors = self._values[:, [self.names.index(name) for name in names]]
         is_same = (vectors == vectors[:, :1]).all(axis=1)
         is_marked = np.zeros(len(vectors), dtype=bool)
         for row in np.flatnonzero(is_same & (vectors[:, 0] != 0.0)).tolist():
             value = vectors[row, 0] / self._columns[names[0]].factor
-            is_marked[row] = _LOST.fullmatch(f"{value:.0f}") is not None
-        is_lost = ~np.isfinite(vectors).all(axis=1) | (vectors == 0.0).all(axis=1) | is_marked
-        if is_lost.any():
-            times_s = self._values[:, self.names.index(TIME)]
-            ends = np.flatnonzero(np.diff(is_lost.astype(int), prepend=0, append=0)).reshape(-1, 2)
-            longest_s = max(
-                times_s[min(end, len(times_s) - 1)] - times_s[max(begin - 1, 0)] for begin, end in ends
-            )
-            gaps = f"{len(ends)} gap{'' if len(ends) == 1 else 's'} of up to {longest_s:.2f} s"
-            self.notes.append(
-                f"{body} ({self.title(names[0])!r} to {self.title(names[-1])!r}): missing in {is_lost.sum()} "
-                f"of {len(is_lost)} rows, {gaps}, the first in line {self.lines[int(ends[0][0])]}; left out"
-            )
-        return np.where(is_lost[:, None], np.nan, vectors)
+            is_marked[row] = is_lost_coordinate(f"{value:.0f}") or (names == ORIENTATION and value < 0.0)
+        is_missing = ~np.isfinite(vectors).all(axis=1) | (vectors == 0.0).all(axis=1) | is_marked
+        columns = f"{body} ({self.title(names[0])!r} to {self.title(names[-1])!r})"
+        if is_missing.any():
+            self.notes.append(f"{columns}: missing in {self._rows_text(is_missing)}; left out")
+        known = np.where(is_missing[:, None], np.nan, vectors)
+        is_lost = self._note_faults(columns, known, is_turn=names == ORIENTATION, has_course=names != FLOOR)
+        return np.where(is_lost[:, None], np.nan, known)
+
+    def _note_faults(self, columns: str, vectors: Array, *, is_turn: bool, has_course: bool) -> Mask:
+        """Return True for rows of `vectors` that are lost, n, and note these and jumps."""
+        times_s = self._values[:, self.names.index(TIME)]
+        faults = find_track_faults(times_s, vectors, is_turn=is_turn, has_course=has_course)
+        for is_row, problem, remedy in faults.sentences(vectors):
+            self.notes.append(f"{columns}: {problem} in {self._rows_text(is_row)}; {remedy}")
+        return faults.constant | faults.one_row
+
+    def _rows_text(self, is_row: Mask) -> str:
+        """Return the number of rows, gaps and the first line of the rows `is_row`."""
+        times_s = self._values[:, self.names.index(TIME)]
+        ends = np.flatnonzero(np.diff(is_row.astype(int), prepend=0, append=0)).reshape(-1, 2)
+        longest_s = max(
+            times_s[min(end, len(times_s) - 1)] - times_s[max(begin - 1, 0)] for begin, end in ends
+        )
+        gaps = f"{len(ends)} gap{'' if len(ends) == 1 else 's'} of up to {longest_s:.2f} s"
+        first = self.lines[int(ends[0][0])]
+        return f"{is_row.sum()} of {len(is_row)} rows, {gaps}, the first in line {first}"
 
     def _column(self, name: str, names: Mapping[str, Sequence[Column]], header: Sequence[str]) -> Column:
         at, columns = f"{self._path}, line {self._header_line}", names.get(name, ())
@@ -244,12 +253,12 @@ class MotionTable:
         )
         if name == TIME:
             if math.isnan(value):
-                value = _clock_time_s(text) / column.factor
+                value = clock_time_s(text) / column.factor
                 self._columns[TIME] = column._replace(unit=column.unit or "s")
             if not math.isfinite(value):
                 raise ConfigError(error)
             return value  # the time between samples may tell its unit, if it is too large
-        if not text or text.lower() in MISSING or _LOST.fullmatch(text.partition(".")[0]):
+        if is_lost_cell(text):
             return math.nan
         raise ConfigError(error)
 
@@ -266,18 +275,6 @@ class MotionTable:
 
 def _with_unit(name: str, column: Column, unit: str) -> Column:
     return column._replace(unit=unit, factor=units_of(name)[unit])
-
-
-def _clock_time_s(text: str) -> float:
-    """Return a time of day or a date with time (ISO 8601; UTC if it states no zone), s; NaN if it is none."""
-    try:
-        if re.fullmatch(r"\d{1,2}:\d\d:\d\d([.,]\d+)?", text):
-            hours, minutes, seconds = text.replace(",", ".").split(":")
-            return int(hours) * 3600.0 + int(minutes) * 60.0 + float(seconds)
-        time = dt.datetime.fromisoformat(text.replace(",", "."))
-    except ValueError:
-        return math.nan
-    return (time if time.tzinfo else time.replace(tzinfo=dt.UTC)).timestamp()
 
 
 def column_names(path: Path) -> set[str]:

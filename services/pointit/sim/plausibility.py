@@ -23,7 +23,17 @@ MAX_SPEEDS_MPS = {"robot": 30.0, "head": 10.0, "points": math.inf}
 """Maximum speed, which 90 % of the steps keep to, by body. A point on the floor may have any speed."""
 
 _PERIOD_S, _HEAD_M, _DISTANCE_M = 0.02, 1.6, 2.5
-"""Usual values, by which the likeliest unit is chosen."""
+"""Usual values: the unit that comes nearest is named first."""
+_HEAD_RANGE_M, _DISTANCE_RANGE_M = (0.8, 2.5), (0.03, 20.0)
+"""Usual heights of a head and distances in a room. A unit with which they are others is not named."""
+_TICK_S = 1e-7
+"""Tick of .NET and Windows."""
+_MIN_EPOCH_US = 8e14
+"""Microseconds since 1970 of the year 1995. Ticks of a stopwatch are below."""
+_MAX_FRAME = 1e9
+"""Maximum number of a frame."""
+_EPOCH_TICKS = ((6.29e17, 6.63e17), (1.24e17, 1.57e17))
+"""Ticks since the year 1 and since 1601 of the years from 1995 to 2100."""
 
 
 def round_figures_beyond(value: float, limit: float, figures: int = 4) -> str:
@@ -40,26 +50,48 @@ def period_problem(times: Array) -> str:
     period_s = float(np.median(np.diff(times)))
     if MIN_PERIOD_S <= period_s <= MAX_PERIOD_S:
         return ""
-    likely = _likely_unit(period_s, _PERIOD_S, {unit: TIMES_S[unit] for unit in ("ms", "us", "ns", "min")})
-    in_unit_s = period_s * TIMES_S[likely]
-    is_plausible = MIN_PERIOD_S <= in_unit_s <= MAX_PERIOD_S
     shown = round_figures_beyond(period_s, MAX_PERIOD_S if period_s > MAX_PERIOD_S else MIN_PERIOD_S)
-    unit = f"it is likely in {likely} ({1.0 / in_unit_s:.4g} Hz): name the column t_{likely}, or t_s"
     return (
         f"samples are {shown} s apart, plausible are {MIN_PERIOD_S:g} to {MAX_PERIOD_S:g} s; "
-        f"{unit if is_plausible else 'write seconds, and name the column t_s'} if it is in seconds"
+        f"{_period_remedy(times, period_s)}"
     )
 
 
-def position_problems(times_s: Array, bodies: Mapping[str, Array]) -> dict[str, tuple[str, str]]:
-    """Return the problem and the likely unit of bodies whose positions are likely not in metres, by body.
+def _period_remedy(times: Array, period_s: float) -> str:
+    """Return the likely meaning of `times`, whose median step is `period_s` if they were in seconds."""
+    if any(low <= times[0] <= high for low, high in _EPOCH_TICKS):
+        return (
+            f"they are likely ticks of 100 ns ({1.0 / (period_s * _TICK_S):.3g} Hz): divide them by 1e7, and "
+            "name the column t_s"
+        )
+    if period_s == 1.0 and times[-1] < _MAX_FRAME and (times == np.floor(times)).all():
+        return (
+            "they are likely frame numbers: divide them by the frame rate and name the column t_s, or name "
+            "it t_ms if it is in ms (1000 Hz)"
+        )
+    names = ("ms", "us", "ns", "min", "hours", "days")
+    limits = (MIN_PERIOD_S, MAX_PERIOD_S)
+    units = _likely_units(period_s, _PERIOD_S, limits, {unit: TIMES_S[unit] for unit in names})
+    if not units:
+        return "write seconds, or name the column t_s if it is in seconds"
+    texts = [f"{unit} ({1.0 / (period_s * TIMES_S[unit]):.4g} Hz)" for unit in units]
+    if MIN_PERIOD_S <= (ticks_s := period_s * _TICK_S) <= MAX_PERIOD_S and abs(times[0]) < _MIN_EPOCH_US:
+        texts.append(f"ticks of 100 ns ({1.0 / ticks_s:.4g} Hz)")
+    return f"it is likely in {' or '.join(texts)}: name the column t_{units[0]}, or t_s if it is in seconds"
+
+
+def position_problems(times_s: Array, bodies: Mapping[str, Array]) -> dict[str, tuple[str, list[str]]]:
+    """Return the problem and the likely units of bodies whose positions are likely not in metres, by body.
+
+    There are several units if each explains the positions, and none if none does.
 
     Args:
         times_s: n, rising.
         bodies: n x 3 or n x 2 by body (`robot`, `head`, `points` on the floor), NaN where they are lost.
     """
-    problems: dict[str, tuple[str, str]] = {}
-    for name, positions in bodies.items():
+    problems: dict[str, tuple[str, list[str]]] = {}
+    for name in sorted(bodies, key=lambda name: name != "head"):  # the head's height tells its unit
+        positions = bodies[name]
         others = [each for other, each in bodies.items() if other != name and each.shape == positions.shape]
         distances = [np.linalg.norm(positions, axis=1)]
         distances += [np.linalg.norm(positions - other, axis=1) for other in others]
@@ -83,11 +115,15 @@ def position_problems(times_s: Array, bodies: Mapping[str, Array]) -> dict[str, 
             )
         else:
             continue
-        units, usual_m = (
-            (("mm", "cm", "in", "ft"), _HEAD_M) if name == "head" else (("mm", "cm"), _DISTANCE_M)
+        of_head = problems.get("head", ("", list[str]()))[1]
+        names = of_head if len(of_head) == 1 else ["mm", "cm"]
+        units = _likely_units(
+            distance_m, _DISTANCE_M, _DISTANCE_RANGE_M, {each: LENGTHS_M[each] for each in names}
         )
-        value_m = height_m or distance_m
-        problems[name] = reason, _likely_unit(value_m, usual_m, {unit: LENGTHS_M[unit] for unit in units})
+        if name == "head":
+            lengths_m = {unit: LENGTHS_M[unit] for unit in ("mm", "cm", "in", "ft")}
+            units = _likely_units(height_m, _HEAD_M, _HEAD_RANGE_M, lengths_m) or units
+        problems[name] = reason, units
     return problems
 
 
@@ -104,5 +140,9 @@ def _speed_mps(times_s: Array, positions: Array) -> float:
     return float(np.percentile(steps / np.diff(times_s[is_known]), 90))
 
 
-def _likely_unit(value: float, usual: float, units: Mapping[str, float]) -> str:
-    return min(units, key=lambda unit: abs(math.log(max(value * units[unit], 1e-12) / usual)))
+def _likely_units(
+    value: float, usual: float, limits: tuple[float, float], units: Mapping[str, float]
+) -> list[str]:
+    """Return those of `units` in which `value` is within `limits`, the nearest to `usual` first."""
+    fitting = [unit for unit, size in units.items() if limits[0] <= value * size <= limits[1]]
+    return sorted(fitting, key=lambda unit: abs(math.log(value * units[unit] / usual)))

@@ -160,21 +160,24 @@ def _bodies(path: Path, table: MotionTable, t_s: Array) -> dict[str, Array]:
     bodies = {body: table.vectors(body, names) for body, names in columns.items()}
     bodies = {body: vectors for body, vectors in bodies.items() if np.isfinite(vectors).all(axis=1).any()}
     problems: list[str] = []
-    for body, (reason, unit) in position_problems(t_s, bodies).items():
+    for body, (reason, units) in position_problems(t_s, bodies).items():
         names = columns[body]
         if table.states_units(names):
             table.notes.append(f"{reason}; check the unit that its columns state")
         else:
             titles = f"columns {table.title(names[0])!r} to {table.title(names[-1])!r}"
-            problems.append(f"{titles}: {reason}; {_remedy(names, unit)}")
+            problems.append(f"{titles}: {reason}; {_remedy(names, units)}")
     if problems:
         raise ConfigError(f"{path}, {', and '.join(problems)}")
     return bodies
 
 
-def _remedy(names: Sequence[str], unit: str) -> str:
-    likely = ", ".join(f"{name}_{unit}" for name in names)
-    return f"they are likely in {unit}: name them {likely}, or {names[0]}_m, … if they are in metres"
+def _remedy(names: Sequence[str], units: Sequence[str]) -> str:
+    if not units:
+        return f"write metres, or name them {names[0]}_m, … if they are in metres"
+    likely = ", ".join(f"{name}_{units[0]}" for name in names)
+    metres = f"{names[0]}_m, … if they are in metres"
+    return f"they are likely in {' or '.join(units)}: name them {likely}, or {metres}"
 
 
 def _times_s(path: Path, table: MotionTable) -> Array:

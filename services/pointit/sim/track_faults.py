@@ -71,7 +71,8 @@ class _Track:
         """Return the distances between rows; `q` and `-q` are the same rotation."""
         before, after = self.vectors[first], self.vectors[second]
         apart = np.linalg.norm(after - before, axis=1)
-        return np.minimum(apart, np.linalg.norm(after + before, axis=1)) if self.is_turn else apart
+        turned = np.linalg.norm(after + before, axis=1) if self.is_turn else apart
+        return np.asarray(np.minimum(apart, turned), dtype=np.float64)
 
     def are_far(self, first: NDArray[np.intp], second: NDArray[np.intp], usual_speed: Array) -> Mask:
         """Return True for pairs of rows that are farther apart than `usual_speed`, units/s, explains."""
@@ -105,7 +106,7 @@ def find_track_faults(times_s: Array, vectors: Array, *, is_turn: bool, has_cour
         is_turn: True for quaternions.
         has_course: True if the body moves on from row to row; else only constants are looked for.
     """
-    is_known = np.isfinite(vectors).all(axis=1)
+    is_known = np.asarray(np.isfinite(vectors).all(axis=1), dtype=bool)
     constant = np.zeros(len(vectors), dtype=bool)
     one_row, course = constant.copy(), constant.copy()
     while (more := _constant(_Track(times_s, vectors, is_known, is_turn=is_turn))) is not None:
@@ -153,7 +154,7 @@ def _constant(track: _Track) -> NDArray[np.intp] | None:
     for at in repeated:
         is_value = inverse == at
         if _is_lost(track, is_value, is_one_number=_is_one_number(values[at]) and not track.is_turn):
-            return track.rows[is_value]
+            return np.asarray(track.rows[is_value], dtype=np.intp)
     return None
 
 

@@ -7,7 +7,6 @@ order of rows and columns. What can be understood is read. `Table.changes` lists
 
 import codecs
 import csv
-import datetime as dt
 import io
 import math
 import re
@@ -17,7 +16,7 @@ from typing import NamedTuple
 
 from pointit.conversion.spreadsheet_text import restore_formula
 from pointit.runtime.errors import ConfigError
-from pointit.study.columns import COUNTS, NUMBERS, OUTCOMES
+from pointit.study.columns import COUNTS, MAY_BE_EMPTY, NOT_KNOWN, NUMBERS, OUTCOMES, check_error, parse_time
 
 Row = dict[str, str]
 NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?", re.IGNORECASE)
@@ -35,11 +34,7 @@ ENCODINGS = (
     (codecs.BOM_UTF16_BE, "utf-16-be", "UTF-16"),
 )
 """Byte order mark, encoding, name. UTF-32 is before UTF-16, whose mark it begins with."""
-NOT_KNOWN = ("", "NA")
-"""Number that is not known, as the study and R write it."""
 REMEDY = "correct or delete the line, or restore the table from a backup"
-MAX_ERROR_APART_M = 0.01
-"""Maximum difference between the column `error_m` and the distance of its two points, m."""
 
 
 class Table(NamedTuple):
@@ -108,6 +103,8 @@ def parse_table(path: Path, columns: Iterable[str]) -> Table:
     )
     if not changes and not is_ours:
         changes.append("other quotes, spaces or numbers")
+    if not changes and not _is_in_order(header, records):
+        changes.append("rows in another order")
     return Table(rows, tuple(changes), tail, tuple(filter(None, names)))
 
 
@@ -135,14 +132,18 @@ def _decode(path: Path, content: bytes, encoding: str) -> str:
 def _is_sorted_row(header: _Record, records: Sequence[_Record], last: bytes) -> bool:
     """Return True if the `last` line is a whole row of an earlier attempt: a program has sorted the rows."""
     values = next(csv.reader([last[: csv.field_size_limit()].decode(errors="replace")]), list[str]())
-    if len(values) != len(header.values) or not {"trial", "attempt"} <= {*header.values}:
-        return False
-    at = [header.values.index(name) for name in ("trial", "attempt")]
-    attempts = [[each[place] for place in at] for each in (*(record.values for record in records), values)]
-    if not all(text.isdecimal() for each in attempts for text in each):
-        return False
-    numbers = [[*map(int, each)] for each in attempts]
-    return numbers != sorted(numbers)
+    return len(values) == len(header.values) and not _is_in_order(header, [*records, _Record(0, values)])
+
+
+def _is_in_order(header: _Record, records: Sequence[_Record]) -> bool:
+    """Return True if rows are in the order in which the study writes them."""
+    at = [header.values.index(name) for name in ("trial", "attempt") if name in header.values]
+    at = at or [header.values.index(name) for name in ("block",) if name in header.values]
+    cells = [[record.values[place] for place in at if place < len(record.values)] for record in records]
+    if not all(text.isdecimal() for each in cells for text in each):
+        return True
+    numbers = [[*map(int, each)] for each in cells]
+    return numbers == sorted(numbers)
 
 
 def _line_ends(text: str) -> set[str]:
@@ -219,6 +220,7 @@ def _names(header: _Record, records: Sequence[_Record]) -> list[str]:
 
 def _rows(path: Path, names: Sequence[str], records: Sequence[_Record]) -> tuple[list[Row], bool]:
     """Return the rows, and True if numbers have decimal commas."""
+    records = _with_empty_texts(names, records)
     at = [place for place, name in enumerate(names) if name in (*NUMBERS, *COUNTS)]
     numbers = [record.values[place] for record in records for place in at if place < len(record.values)]
     has_commas = any("," in number for number in numbers)
@@ -230,6 +232,21 @@ def _rows(path: Path, names: Sequence[str], records: Sequence[_Record]) -> tuple
         except ValueError as error:
             raise ConfigError(f"{path}, line {record.line}: {error}; {REMEDY}") from error
     return rows, has_commas
+
+
+def _with_empty_texts(names: Sequence[str], records: Sequence[_Record]) -> Sequence[_Record]:
+    """Return `records` with empty texts where another program has written `NA` into all that were empty."""
+    at = {place for place, name in enumerate(names) if name in MAY_BE_EMPTY}
+    at = {place for place in at if all(any(record.values[place : place + 1]) for record in records)}
+    return [
+        record._replace(
+            values=[
+                "" if place in at and value.strip().lower() in NOT_KNOWN else value
+                for place, value in enumerate(record.values)
+            ]
+        )
+        for record in records
+    ]
 
 
 def _row(names: Sequence[str], values: Sequence[str], *, is_decimal: bool) -> Row:
@@ -254,8 +271,8 @@ def _row(names: Sequence[str], values: Sequence[str], *, is_decimal: bool) -> Ro
     if (outcome := row.get("outcome", "hit")) not in OUTCOMES:
         raise ValueError(f"outcome is {outcome!r}, not one of {', '.join(OUTCOMES)}")
     if began := row.get("began_utc"):
-        row["began_utc"] = _time(began)
-    _check_error(row)
+        row["began_utc"] = parse_time(began)
+    check_error(row)
     return row
 
 
@@ -266,34 +283,10 @@ def _count(name: str, text: str) -> str:
 
 
 def _number(name: str, text: str, *, is_decimal: bool) -> str:
-    if text in NOT_KNOWN:
+    if text.lower() in NOT_KNOWN:
         return ""
     if "," in text and (is_decimal or not GROUPED.fullmatch(text)):
         text = text.replace(",", ".", 1)
     if not NUMBER.fullmatch(text) or math.isinf(float(text)):
         raise ValueError(f"{name} is {text!r}, not a number or empty")
     return text
-
-
-def _time(text: str) -> str:
-    try:
-        time = dt.datetime.fromisoformat(text)
-    except ValueError:
-        time = None
-    if time is None or ":" not in text:
-        raise ValueError(f"began_utc is {text!r}, not a time such as 2026-01-31T10:00:00.5+00:00")
-    return text if time.tzinfo else f"{text}+00:00"
-
-
-def _check_error(row: Row) -> None:
-    """Check the columns that state the same length twice: spreadsheets take 1.333 for 1333 or a date.
-
-    Raises: ValueError: If they differ.
-    """
-    points = [row.get(f"{point}_{axis}_m", "") for point in ("target", "selected") for axis in "xyz"]
-    if not row.get("error_m") or not all(points):
-        return
-    x, y, z, *selected = map(float, points)
-    error_m, apart_m = float(row["error_m"]), math.dist((x, y, z), selected)
-    if abs(error_m - apart_m) > max(MAX_ERROR_APART_M, 1e-3 * apart_m):
-        raise ValueError(f"error_m is {error_m:g}, but target and selected point are {apart_m:g} m apart")

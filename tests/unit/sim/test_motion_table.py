@@ -222,7 +222,7 @@ def test_the_likely_unit_of_times_is_named(tmp_path: Path, unit: str, rate_hz: i
     with pytest.raises(ConfigError, match=r"'t': samples are .* likely ") as caught:
         read(tmp_path, text_of(ARM, rows))
     is_count = rate_hz == 1000 and unit == "ms" and start_s < 1e6  # also frame numbers are such
-    assert (f" in {unit} (" in str(caught.value)) is not is_count
+    assert (f"likely in {unit} (" in str(caught.value)) is not is_count
     assert ("frame numbers" in str(caught.value)) is is_count
     assert f"t_{unit}" in str(caught.value)
     assert read(tmp_path, text_of((f"t_{unit}", *ARM[1:]), rows)).duration_s == pytest.approx(

@@ -76,6 +76,16 @@ REWRITTEN = {
     "spaces": OURS.replace(",1,", ", 1,", 1).encode(),
     "sorted": written([HEADER, *ROWS[::-1]]).encode(),
     "sorted by a script": written([HEADER, *ROWS[::-1]], end="\n").rstrip().encode(),
+    "sorted by pandas": written([HEADER, *ROWS[::-1]], end="\n").encode(),
+    "sorted by selection time": written([HEADER, ROWS[2], ROWS[0], ROWS[1]], end="\n").encode(),
+    "last row first": written([HEADER, ROWS[2], *ROWS[:2]], end="\n").encode(),
+    "NA of R in texts": OURS.replace("slow,,", "slow,NA,")
+    .replace(",,,,,,,,", ",NA,NA,NA,NA,NA,NA,NA,NA")
+    .encode(),
+    "NaN and missing of MATLAB": OURS.replace("slow,,", "slow,<missing>,")
+    .replace(",,,,,,,,", ",NaN,NaN,NaN,NaN,NaN,NaN,NaN,NaN")
+    .encode(),
+    "dots of SAS": OURS.replace(",,,,,,,,", ",.,.,.,.,.,.,.,.").encode(),
     "columns in another order": written([line[::-1] for line in (HEADER, *ROWS)]).encode(),
     "row names of R": "".join(
         ",".join([f'"{n or ""}"', *(f'"{c}"' if not c[-1:].isdigit() else c for c in row)]) + "\n"
@@ -187,6 +197,30 @@ def test_damage_is_said_with_its_line_and_the_file_stays(
         assert "\n" not in str(refused.value)
     assert path.read_bytes() == content
     assert [each.name for each in tmp_path.iterdir()] == ["trials.csv"]
+
+
+def test_reason_of_an_experimenter_is_kept_although_statistics_programs_write_it_for_nothing(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "trials.csv"
+    path.write_text(OURS.replace('"repeated: coughed, twice"', "NA"), newline="")
+    table = AppendOnlyCsv(path, HEADER, KEY)
+    assert [row["reason"] for row in table.rows] == ["", "NA", ""]
+    table.append({**EXPECTED[0], "trial": "3"})
+    table.close()
+    assert [each.name for each in tmp_path.iterdir()] == ["trials.csv"]
+
+
+def test_answers_that_another_program_has_sorted_are_not_appended_to(tmp_path: Path) -> None:
+    path = tmp_path / "answers.csv"
+    columns = ("participant", "questionnaire", "item", "condition", "block", "value")
+    rows = [
+        f"ada,sus,{item},slow,{block},{value}\n" for block, item, value in ((2, 1, 1), (1, 1, 3), (1, 2, 5))
+    ]
+    path.write_text(",".join(columns) + "\n" + "".join(rows), newline="")
+    notes: list[str] = []
+    AppendOnlyCsv(path, columns, ("questionnaire", "block", "item"), notes.append).close()
+    assert "another program has rewritten it (rows in another order)" in notes[0]
 
 
 @pytest.mark.parametrize("content", [b"\n", b"\r\n\r\n", codecs.BOM_UTF8, codecs.BOM_UTF8 + b"\n"])

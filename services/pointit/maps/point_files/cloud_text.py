@@ -205,9 +205,9 @@ def _columns_of_rows(
     counts = {len(row) for row in rows if row}
     is_split = delimiter == "," and 0 < len(names) < count and (len(counts) > 1 or count == 2 * len(names))
     if is_split or (shifted and len(names) > count):
-        problem = " (are there decimal commas?)" if is_split else ""
+        hint = " (are there decimal commas?)" if is_split else ""
         raise ConfigError(
-            f"its header has {len(names)} columns ({_shown(names)}) and its rows have {count}{problem}; "
+            f"its header has {len(names)} columns ({_shown(names)}) and its rows have {count}{hint}; "
             "write in the map which are x, y and z by number, such as columns: [1, 2, 3], or correct the file"
         )
     if problem[0]:

@@ -3,35 +3,28 @@
 import csv
 import io
 import json
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence
-from itertools import count
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
+from pointit.maps.light_files.named_strips import Note, free_name, named_strips, no_note, strip_entry
 from pointit.maps.light_files.pixel_table import TablePixel, pixels_of
 from pointit.maps.light_files.strip_fit import FittedStrip, fit_strips, median_step, pixels_along
 from pointit.maps.light_files.wire import first_pixels
 from pointit.maps.light_files.wled import GAP, MAX_CELLS, WledSegment, read_ledmap, read_segments
+from pointit.maps.light_files.wled_matrix import read_matrix
 from pointit.maps.model import MapFile, StripEntry
 from pointit.runtime.config.validation_message import format_value, join_names
 from pointit.runtime.errors import ConfigError
 from pointit.schemas.table_types import valid_name
-from pointit.schemas.text import describe_mistake
 
 Array = NDArray[np.float64]
 
 LONE_PIXEL_M = 0.02
 """Length of a strip of one pixel in a file without any step from pixel to pixel, m."""
-Note = Callable[[str], object]
-"""Receives a sentence on what differs from the file."""
 VIEWS = {"top": (0, 1), "front": (0, 2), "side": (1, 2)}
 """Axes that become columns and rows of a ledmap."""
-
-
-def no_note(_: str) -> None:
-    """Ignore a sentence."""
 
 
 def positions(strip: StripEntry) -> Array:
@@ -90,7 +83,7 @@ def from_csv(text: str, on_note: Note = no_note) -> dict[str, StripEntry]:
             numbers += end
             end = int(numbers[-1]) + 1
         found += [(name, int(numbers[each.first]), each) for each in fit_strips(points, numbers, usual_m)]
-    return _named_strips(found, {*groups}, on_note)
+    return named_strips(found, {*groups}, on_note)
 
 
 def _runs_on(groups: Mapping[str, Sequence[TablePixel]], base: int) -> bool:
@@ -145,43 +138,6 @@ def _usual_step(groups: Iterable[Sequence[TablePixel]]) -> float:
     return median_step(np.concatenate(steps)) or LONE_PIXEL_M
 
 
-def _named_strips(
-    found: Iterable[tuple[str, int, FittedStrip]], names: Container[str], on_note: Note = no_note
-) -> dict[str, StripEntry]:
-    """Return entries of strips, given by name (`""`: none), number of the first pixel, and line."""
-    strips: dict[str, StripEntry] = {}
-    end = 0
-    for name, first, each in found:
-        plain = valid_name(name)
-        is_free = name and name == plain and name not in strips
-        key = name if is_free else _free(plain or f"strip_{len(strips) + 1}", strips, names)
-        if name != plain:
-            on_note(f"strip {format_value(name)} is called {key}, a name that a map can have")
-        line = [[round(float(value), 6) for value in vertex] for vertex in each.line]
-        strips[key] = _entry(line, each.pixels, None if first == end else first)
-        end = first + each.pixels
-    return strips
-
-
-def _entry(line: Sequence[Sequence[float]], pixels: int, offset: int | None = None) -> StripEntry:
-    """Return a strip. Raises ConfigError if no map can have it."""
-    try:
-        return StripEntry.model_validate({"line": line, "pixels": pixels, "offset": offset})
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise ConfigError(f"a strip of {pixels} pixels: {where}: {describe_mistake(first)}") from None
-
-
-def _free(name: str, *taken: Container[str]) -> str:
-    """Return `name`, with a number if one of `taken` has it."""
-
-    def is_free(key: str) -> bool:
-        return not any(key in each for each in taken)
-
-    return name if is_free(name) else next(filter(is_free, (f"{name[:60]}_{number}" for number in count(2))))
-
-
 def to_segments(file: MapFile) -> str:
     """Return the strips as WLED segments, JSON for its /json/state: one wire, in the order of the map."""
     firsts = first_pixels(file.strips)
@@ -203,7 +159,7 @@ def from_segments(text: str, preset: int | None = None, on_note: Note = no_note)
     """
     segments: dict[str, WledSegment] = {}
     for each in read_segments(text, preset):
-        name = _free(valid_name(each.name) or f"segment_{each.number}", segments)
+        name = free_name(valid_name(each.name) or f"segment_{each.number}", segments)
         if valid_name(each.name) != each.name:
             on_note(f"segment {format_value(each.name)} is called {name}, a name that a map can have")
         segments[name] = each
@@ -217,8 +173,26 @@ def laid_out(segments: Mapping[str, WledSegment], pitch_m: float) -> dict[str, S
     for row, (name, each) in enumerate(segments.items()):
         height_m = round(0.1 * row, 1)
         line = [[0.0, 0.0, height_m], [round(each.pixels * pitch_m, 4), 0.0, height_m]]
-        strips[name] = _entry(line, each.pixels, None if each.start in (None, end) else each.start)
+        strips[name] = strip_entry(line, each.pixels, None if each.start in (None, end) else each.start)
         end = (end if each.start is None else each.start) + each.pixels
+    return strips
+
+
+def from_matrix(text: str, pitch_m: float) -> dict[str, StripEntry]:
+    """Return the strips of the matrix in WLED's configuration, on an upright plane; empty if it has none.
+
+    They follow the wire through the panels. Pixels of the outputs behind the matrix are a strip above it.
+    Raises: ConfigError: If a panel has no size, or two share a cell.
+    """
+    if (matrix := read_matrix(text)) is None:
+        return {}
+    cells, behind = matrix
+    height = max(row for _, row in cells) + 1
+    strips = _strips_in_grid([(number, *cell) for number, cell in enumerate(cells)], height, pitch_m)
+    if behind:
+        height_m = round((height + 1) * pitch_m, 4)
+        line = [[0.0, 0.0, height_m], [round(behind * pitch_m, 4), 0.0, height_m]]
+        strips["behind_matrix"] = strip_entry(line, behind)
     return strips
 
 
@@ -255,12 +229,19 @@ def from_ledmap(text: str, cell_m: float) -> dict[str, StripEntry]:
         ConfigError: If it is not such.
     """
     cells, height = read_ledmap(text)
+    return _strips_in_grid(cells, height, cell_m)
+
+
+def _strips_in_grid(
+    cells: Sequence[tuple[int, int, int]], height: int, cell_m: float
+) -> dict[str, StripEntry]:
+    """Return the strips of pixels, given by number, column and row, on an upright plane."""
     numbers = np.array([number for number, _, _ in cells], dtype=np.intp)
     points = cell_m * np.array(
         [[column, 0.0, height - 1 - row] for _, column, row in cells], dtype=np.float64
     )
     found = [("", int(numbers[each.first]), each) for each in fit_strips(points, numbers, cell_m)]
-    return _named_strips(found, ())
+    return named_strips(found, ())
 
 
 def strips_text(strips: Mapping[str, StripEntry]) -> str:

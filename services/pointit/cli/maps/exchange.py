@@ -1,5 +1,6 @@
 """`pointit map import` and `pointit map export`: files of WLED, xLights and others."""
 
+import codecs
 from collections.abc import Mapping
 from itertools import islice
 from pathlib import Path
@@ -61,7 +62,7 @@ def import_(
     csv has a pixel a line: x,y,z in metres, as xLights and mapping programs write them, with a header or
     without. ledmap is WLED's, with width and height, laid on an upright plane. segments are WLED's names and
     counts (http://WLED/json/state): they have no positions, so strips lie one above the other until they
-    are scanned or moved.
+    are scanned or moved. A matrix in WLED's configuration (cfg.json) is laid out by its panels.
 
     Example: pointit map import state.json --as segments --per-metre 30 -o wled.yaml
     """
@@ -89,11 +90,13 @@ def import_(
 def _read_text(source: Path) -> str:
     try:
         data = read_limited(source, MAX_FILE + 1)
-        text = data.decode("utf-8-sig")
+        is_utf_16 = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+        text = data.decode("utf-16" if is_utf_16 else "utf-8-sig")
     except FileNotFoundError:
         raise ConfigError(f"{source}: there is no such file") from None
-    except UnicodeDecodeError:
-        raise ConfigError(f"{source}: no text file") from None
+    except UnicodeDecodeError as error:
+        line = len(data[: error.start + 1].splitlines())
+        raise ConfigError(f"{source}: line {line} is not UTF-8; save the file as UTF-8") from None
     if len(data) > MAX_FILE:
         raise ConfigError(f"{source}: more than {MAX_FILE} bytes")
     return text
@@ -115,6 +118,8 @@ def _print_notes(strips: Mapping[str, StripEntry]) -> None:
 
 
 def _strips_of_segments(text: str, preset: int | None, pitch_m: float) -> dict[str, StripEntry]:
+    if preset is None and (strips := exchange.from_matrix(text, pitch_m)):
+        return strips
     segments = exchange.from_segments(text, preset, _print_note)
     for name, each in segments.items():
         if each.rows > 1:

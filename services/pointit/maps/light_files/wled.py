@@ -52,13 +52,13 @@ def read_segments(text: str, preset: int | None = None) -> list[WledSegment]:
     Raises:
         ConfigError: If there are none, or several presets differ. One sentence.
     """
-    data = whole = _read_json(text)
+    data = whole = read_json(text)
     if isinstance(data, dict):
         state = cast("Json", data)
         state = state["state"] if isinstance(state.get("state"), dict) else state
         if preset is not None or (state and all(key.isdecimal() for key in state)):
             state = _preset(state, preset)
-        elif outputs := _list(_inside(state, "hw", "led", "ins")):
+        elif outputs := list_of(inside(state, "hw", "led", "ins")):
             return _used([_output(number, each) for number, each in enumerate(outputs)])
         data = state.get("seg", state if {"stop", "len"} & state.keys() else None)
         if isinstance(data, dict):
@@ -75,8 +75,8 @@ def read_ledmap(text: str) -> tuple[list[tuple[int, int, int]], int]:
     Raises:
         ConfigError: If it is no ledmap with width and height, or a pixel is in two cells. One sentence.
     """
-    data = _read_json(text)
-    if not (cells := _list(_inside(data, "map"))):
+    data = read_json(text)
+    if not (cells := list_of(inside(data, "map"))):
         raise ConfigError('is no ledmap of WLED; give {"width": 2, "height": 1, "map": [0, 1]}')
     if len(cells) > MAX_CELLS:
         raise ConfigError(f"map has {len(cells)} cells, limit {MAX_CELLS}; give a smaller one")
@@ -85,7 +85,7 @@ def read_ledmap(text: str) -> tuple[list[tuple[int, int, int]], int]:
             raise ConfigError(
                 f"has no {key}, without which a ledmap has no positions; add width and height of the grid"
             )
-    width, height = _whole(data["width"], "width"), _whole(data["height"], "height")
+    width, height = whole_number(data["width"], "width"), whole_number(data["height"], "height")
     if width * height != len(cells) or width < 1:
         raise ConfigError(
             f"width {width} times height {height} are {width * height} cells, and map has {len(cells)}; "
@@ -93,7 +93,7 @@ def read_ledmap(text: str) -> tuple[list[tuple[int, int, int]], int]:
         )
     places: dict[int, int] = {}
     for index, value in enumerate(cells):
-        number = _whole(value, f"cell {index} of map")
+        number = whole_number(value, f"cell {index} of map")
         if number < 0 or number >= _NO_PIXEL:
             continue
         if (other := places.setdefault(number, index)) != index:
@@ -114,7 +114,7 @@ def _used(segments: Sequence[WledSegment | None]) -> list[WledSegment]:
 
 def _matrix_size(data: Any) -> tuple[int, int]:
     """Return columns and rows of the matrix that `/json` states, 0 if it does not."""
-    if not isinstance(size := _inside(data, "info", "leds", "matrix"), dict):
+    if not isinstance(size := inside(data, "info", "leds", "matrix"), dict):
         return 0, 0
     columns, rows = (_count(cast("Json", size), key, "matrix", 0) for key in ("w", "h"))
     return columns, rows
@@ -154,7 +154,7 @@ def _segment(number: int, data: Any) -> WledSegment | None:
         )
     return WledSegment(
         name=str(data.get("n") or ""),
-        number=_whole(data.get("id", number), f"id of segment {number}"),
+        number=whole_number(data.get("id", number), f"id of segment {number}"),
         start=start,
         columns=stop - start,
         rows=rows,
@@ -181,8 +181,8 @@ def _preset(data: Json, wanted: int | None) -> Json:
         if str(wanted) not in presets:
             raise ConfigError(f"has no preset {wanted} with segments; use one of {join_names(presets)}")
         return presets[str(wanted)]
-    kinds = {json.dumps([_bounds(each) for each in _segments_of(preset)]) for preset in presets.values()}
-    if len(kinds) > 1:
+    kinds = [_used_segments(preset) for preset in presets.values()]
+    if any(each != kinds[0] for each in kinds):
         names = [f"{number} ({each['n']})" if each.get("n") else number for number, each in presets.items()]
         raise ConfigError(f"presets {join_names(names)} have other segments; choose one by --preset")
     return next(iter(presets.values()))
@@ -190,28 +190,32 @@ def _preset(data: Json, wanted: int | None) -> Json:
 
 def _segments_of(preset: Json) -> Iterator[Json]:
     segments = preset.get("seg")
-    for each in _list(segments) or [segments]:
+    for each in list_of(segments) or [segments]:
         if isinstance(each, dict):
             yield cast("Json", each)
 
 
-def _bounds(segment: Json) -> list[Any]:
-    return [segment.get(key) for key in ("start", "stop", "startY", "stopY", "n")]
+def _used_segments(preset: Json) -> list[WledSegment]:
+    """Return the segments with pixels. Presets have more, which fill up their list."""
+    segments = [_segment(number, each) for number, each in enumerate(_segments_of(preset))]
+    used = [replace(each, number=0) for each in segments if each]
+    return sorted(used, key=lambda each: (each.row, each.start or 0))
 
 
 def _has_bounds(preset: object) -> bool:
     if not isinstance(preset, dict):
         return False
-    return any(each.get("stop") for each in _segments_of(cast("Json", preset)))
+    return any(each.get("stop") or each.get("len") for each in _segments_of(cast("Json", preset)))
 
 
-def _inside(data: Any, *keys: str) -> Any:
+def inside(data: Any, *keys: str) -> Any:
+    """Return the value at `keys`, one below the other, None if there is none."""
     for key in keys:
         data = cast("Json", data).get(key) if isinstance(data, dict) else None
     return data
 
 
-def _list(value: object) -> list[Any]:
+def list_of(value: object) -> list[Any]:
     """Return `value`, an empty list if it is none."""
     return list(cast("Sequence[Any]", value)) if isinstance(value, list) else []
 
@@ -219,12 +223,12 @@ def _list(value: object) -> list[Any]:
 def _count(data: Json, key: str, where: str, otherwise: int) -> int:
     if (value := data.get(key)) is None:
         return otherwise
-    if (number := _whole(value, f"{key} of {where}")) < 0:
+    if (number := whole_number(value, f"{key} of {where}")) < 0:
         raise ConfigError(f"{key} of {where} is {number}; write a whole number from 0")
     return number
 
 
-def _whole(value: object, where: str) -> int:
+def whole_number(value: object, where: str) -> int:
     """Return the whole number `value`, which may be written as 60.0 or "60"."""
     if isinstance(value, str) and _WHOLE.fullmatch(value):
         return int(value)
@@ -233,7 +237,8 @@ def _whole(value: object, where: str) -> int:
     return int(value)
 
 
-def _read_json(text: str) -> Any:
+def read_json(text: str) -> Any:
+    """Return the value in `text`. Raises: ConfigError: If it is no JSON, or a key is there twice."""
     try:
         return json.loads(text, object_pairs_hook=_unique)
     except (ValueError, RecursionError) as error:

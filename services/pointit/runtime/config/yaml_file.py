@@ -69,12 +69,11 @@ def parse_yaml(content: bytes, path: Path | str) -> dict[str, Any]:
     try:
         data = load_yaml(content.decode("utf-8"), path)
     except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: is not YAML ({error})") from error
-    if data is None:
-        return {}
-    if not isinstance(data, dict):
+        line = len(content[: error.start + 1].splitlines())
+        raise ConfigError(f"{path}: line {line} is not UTF-8; save the file as UTF-8") from error
+    if not isinstance(data, dict | None):
         raise ConfigError(f"{path}: a mapping of names to values was expected, got {type(data).__name__}")
-    return cast("dict[str, Any]", data)
+    return cast("dict[str, Any]", data or {})
 
 
 def load_yaml(text: str, source: Path | str) -> Any:

@@ -5,6 +5,7 @@ on dark. The palette of the data is that of Okabe and Ito, for all kinds of colo
 """
 
 import re
+import warnings
 from collections.abc import Sequence
 from io import StringIO
 from typing import Any
@@ -120,7 +121,8 @@ def svg(figure: Figure, name: str) -> str:
     """Return `figure` as an SVG element for an HTML page; `name` makes the element's ids its own."""
     text = StringIO()
     settings: Any = mpl  # its stubs list every parameter there is
-    with settings.rc_context(STYLE):
+    with settings.rc_context(STYLE), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing")  # the page has fonts of its own
         saved: Any = figure
         saved.savefig(text, format="svg", metadata={"Date": None, "Creator": None}, bbox_inches="tight")
     shown = text.getvalue()[text.getvalue().index("<svg") :].replace(INK, "currentColor")

@@ -181,7 +181,9 @@ def test_yaml_files(tmp_path: Path) -> None:
     [
         (b"count: 4\narm: [1\nlabel: x\n", "is not YAML in line 3"),
         (b"count: 4\n\tlabel: x\n", "is not YAML in line 2"),
-        (b"\xff\xfe\x00", "is not YAML"),
+        (b"\xff\xfe\x00", "line 1 is not UTF-8; save the file as UTF-8"),
+        ("a: 1\nb: Küche\n".encode("latin-1"), "line 2 is not UTF-8; save the file as UTF-8"),
+        ("a: 1\n".encode("utf-16"), "line 1 is not UTF-8; save the file as UTF-8"),
         (b"- 1\n- 2\n", "a mapping of names to values was expected, got list"),
         (b"a: !!python/object/apply:os.getcwd []\n", "is not YAML in line 1"),
         (b"a: 1\nb: 2\na: 3\n", "line 3: the key 'a' occurs twice, first in line 1; keep one"),

@@ -10,11 +10,13 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner
+from matplotlib.figure import Figure
 
 from pointit import study_report
 from pointit.cli.study.power import command as power_command
 from pointit.cli.study.report import command as report_command
 from pointit.study.columns import COUNTS, NUMBERS
+from pointit.study_report import figures
 from tests.unit.study_report.generated import RINGS, write_answers, write_study
 
 parquet: Any = importlib.import_module("pyarrow.parquet")  # it has no types
@@ -198,3 +200,9 @@ def test_simulated_participants_run_a_study_for_its_power(tmp_path: Path) -> Non
     assert rows[-1]["power"] > rows[0]["power"]
     done = CliRunner().invoke(power_command, ["--factor", "method"])
     assert str(done.exception) == "give either the FILE of a study or --pilot FOLDER"
+
+
+def test_names_in_letters_of_any_script_are_drawn_without_a_warning() -> None:
+    figure: Any = Figure()
+    figure.text(0.1, 0.5, "\U000f0001 \u53a8\u623f")
+    assert "\u53a8\u623f" in figures.svg(figure, "names")

@@ -53,7 +53,13 @@ def command(*, name_or_path: str, picture: Path, person_m: Point | None, shades:
     from pointit.maps.picture.picture import draw_map  # noqa: PLC0415 - takes half a second and an extra
 
     try:
-        draw_map(picture, room, clouds, f"{room.name}: {contents(file, clouds)}", person_m, told_apart=shares)
+        title = f"{room.name}: {contents(file, clouds)}"
+        missing = draw_map(picture, room, clouds, title, person_m, told_apart=shares)
     except OSError as error:
         raise ConfigError(f"-o {picture}: cannot be written ({error.strerror or error})") from error
     click.echo(f"{picture}: {contents(file, clouds)}")
+    if missing:
+        letters = missing if missing.isprintable() else repr(missing)
+        click.echo(
+            f"note: no font here has {letters[:40]}, drawn as ?; install one, such as Noto Sans CJK", err=True
+        )

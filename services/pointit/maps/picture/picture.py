@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pointit.geometry.polyline import Polyline
 from pointit.maps.picture.belts import draw_bays, draw_belts, draw_links, draw_strips
 from pointit.maps.picture.floor import extent, floor_edges
+from pointit.maps.picture.fonts import use_fonts_with_letters
 from pointit.maps.picture.palette import CLOUD, INK, KEEP_IN, KEEP_OUT, LAMP, ON_TOP, SOLID, Axes
 from pointit.maps.picture.solids import draw_solids
 from pointit.runtime.host.atomic_file import replaced_file
@@ -33,6 +34,7 @@ _STYLE: dict[str, Any] = {
     "font.family": "sans-serif",
     "font.size": 8.5,
     "svg.hashsalt": "pointit",
+    "text.parse_math": False,  # names and labels are no formulas
     "axes.edgecolor": "#8a919b",
     "text.color": INK,
     "axes.labelcolor": INK,
@@ -56,8 +58,10 @@ def draw_map(
     person_m: tuple[float, float] | None = None,
     *,
     told_apart: Callable[[float, float], float] | None = None,
-) -> None:
+) -> str:
     """Write a picture of `room` from above to `path` (svg, png, pdf), with clouds (n x 3), a person (x, y).
+
+    Return the letters that no font has, which are drawn as `?`.
 
     `told_apart`: share of things that pointing tells apart from a place, by which the floor is coloured.
 
@@ -67,9 +71,11 @@ def draw_map(
     settings: Any = mpl  # its stubs list every parameter there is
     with settings.rc_context(_STYLE):
         figure: Any = map_figure(room, clouds, title, person_m, told_apart=told_apart)
+        missing = use_fonts_with_letters(figure)
         metadata = {"Date": None} if path.suffix.lower() == ".svg" else None  # reproducible
         with replaced_file(path) as part:
             figure.savefig(part, dpi=DPI, metadata=metadata, bbox_inches="tight", pad_inches=0.15)
+    return missing
 
 
 def map_figure(
